@@ -1,0 +1,141 @@
+"""What the helmsman does: a list of rudder orders, each with the event that ends it."""
+
+from dataclasses import dataclass, replace
+
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.core.units import DEGREE
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One rudder order and when it ends: at a heading, after a time, or never.
+
+    Attributes:
+        order: Rudder angle ordered [rad], positive to starboard.
+        heading: Change of heading since the start that ends the stage [rad]; None if it does not matter.
+        direction: +1 if the heading must rise to that value, -1 if it must fall to it.
+        hold: Time after which the stage ends [s]; None if it does not matter.
+    """
+
+    order: float
+    heading: float | None = None
+    direction: int = 1
+    hold: float | None = None
+
+
+@dataclass(frozen=True)
+class Manoeuvre:
+    """A steering trial as the helmsman knows it.
+
+    Attributes:
+        name: Short name (``zz20``, ``tc25``).
+        kind: Family (``zigzag``, ``turning_circle``, ...), which decides what criteria are read off.
+        stages: Orders in turn; the last one is held to the end.
+        duration: Length [s]; None takes the family's usual one, see :meth:`duration_for`.
+        ship_lengths: The family's usual length as a multiple of L/U0; None is the ship's usual record.
+        speed: Approach speed [m/s]; None is the ship's own.
+    """
+
+    name: str
+    kind: str
+    stages: tuple[Stage, ...]
+    duration: float | None = None
+    ship_lengths: float | None = None
+    speed: float | None = None
+
+    @property
+    def largest_order(self) -> float:
+        """Largest rudder angle that is ordered [rad]."""
+        return max(abs(stage.order) for stage in self.stages)
+
+    def duration_for(self, ship: Particulars) -> float:
+        """Length of the trial on a ship.
+
+        Args:
+            ship: The ship.
+
+        Returns:
+            Time [s]. Turning circles end where the coefficient set stops making sense.
+        """
+        if self.duration is not None:
+            return self.duration
+        usual = ship.record_length if self.ship_lengths is None else self.ship_lengths * ship.time_unit
+        return min(usual, ship.longest_turn) if self.kind == "turning_circle" else usual
+
+    def at_speed(self, speed: float | None) -> "Manoeuvre":
+        """The same trial from another approach speed.
+
+        Args:
+            speed: Approach speed [m/s]; None leaves it.
+
+        Returns:
+            A new manoeuvre.
+        """
+        return self if speed is None else replace(self, speed=speed)
+
+    def check(self, ship: Particulars) -> None:
+        """Refuse what the ship's steering gear cannot do.
+
+        Args:
+            ship: The ship.
+
+        Raises:
+            InputError: If an order goes beyond the rudder stop.
+        """
+        if self.largest_order > ship.rudder_limit + 1e-9:
+            raise InputError(
+                f"manoeuvre {self.name} orders {self.largest_order / DEGREE:.4g} deg of rudder; the {ship.name} stops "
+                f"at {ship.rudder_limit / DEGREE:.4g} deg: write a smaller rudder_deg"
+            )
+
+
+def check_degrees(what: str, value: float, largest: float = 90.0) -> float:
+    """Read an angle that was given in degrees.
+
+    Args:
+        what: The setting's name, for the message.
+        value: What was given [deg].
+        largest: Largest sensible value [deg].
+
+    Returns:
+        The angle [rad].
+
+    Raises:
+        InputError: If it is not between 0 and ``largest``.
+    """
+    if not 0 < value <= largest:
+        raise InputError(f"{what}={value}: expected an angle in degrees between 0 and {largest:g}")
+    return value * DEGREE
+
+
+def side_sign(what: str, side: str) -> int:
+    """Sign of a side.
+
+    Args:
+        what: The setting's name, for the message.
+        side: ``starboard`` or ``port``.
+
+    Returns:
+        +1 for starboard, -1 for port.
+
+    Raises:
+        InputError: If it is neither.
+    """
+    if side not in {"starboard", "port"}:
+        raise InputError(f"{what}={side!r}: write starboard or port")
+    return 1 if side == "starboard" else -1
+
+
+def check_duration(what: str, value: float | None) -> None:
+    """Refuse a time that is not positive.
+
+    Args:
+        what: The setting's name, for the message.
+        value: Time [s] or None.
+
+    Raises:
+        InputError: If it is zero or negative.
+    """
+    if value is not None and not value > 0:
+        raise InputError(f"{what}={value}: expected a time in seconds, more than 0")

@@ -1,0 +1,201 @@
+"""What a ship is to the rest of the program: particulars, inertia and forces; no solver."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from math import inf
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.prime import PrimeSystem
+from manoeuvre_nn.core.units import KNOT, SEA_WATER
+
+
+@dataclass(frozen=True)
+class Particulars:
+    """A ship's main dimensions and steering gear.
+
+    Attributes:
+        name: The ship's name.
+        length: Length between perpendiculars L [m].
+        beam: Beam B [m].
+        draught: Draught T [m].
+        block: Block coefficient C_B [-].
+        speed: Approach speed U0 of the source [m/s].
+        rudder_rate: Turning rate of the rudder [rad/s].
+        rudder_limit: Largest rudder angle [rad].
+        rudder_area_ratio: Rudder area over L T [-].
+        record_length: How long the zigzag record is that the source identifies the ship from [s].
+        sample_interval: Time between samples that resolves the ship's motion [s].
+        longest_turn: Time after which a hard turn of this coefficient set leaves the range where it makes sense [s].
+        rho: Density of the water [kg/m^3].
+        source: Author, year, table.
+    """
+
+    name: str
+    length: float
+    beam: float
+    draught: float
+    block: float
+    speed: float
+    rudder_rate: float
+    rudder_limit: float
+    rudder_area_ratio: float = 0.02
+    record_length: float = 360.0
+    sample_interval: float = 1.0
+    longest_turn: float = inf
+    rho: float = SEA_WATER
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        """Refuse dimensions that no ship has.
+
+        Raises:
+            InputError: If a dimension is not positive, or length, beam and draught are not in that order.
+        """
+        sizes = {k: getattr(self, k) for k in ("length", "beam", "draught", "block", "speed", "rudder_rate")}
+        for key, value in sizes.items():
+            if not value > 0:
+                raise InputError(f"ship {self.name}: {key} is {value}; it must be positive")
+        if not self.length > self.beam > self.draught or self.block > 1:
+            raise InputError(
+                f"ship {self.name}: length {self.length}, beam {self.beam}, draught {self.draught} m, block "
+                f"{self.block}; expected length > beam > draught and block <= 1"
+            )
+
+    def at_speed(self, speed: float) -> "Particulars":
+        """The same ship on another approach speed.
+
+        Args:
+            speed: Approach speed [m/s].
+
+        Returns:
+            New particulars.
+        """
+        return replace(self, speed=speed)
+
+    @property
+    def time_unit(self) -> float:
+        """Time in which the ship sails its own length, L / U0 [s]."""
+        return self.length / self.speed
+
+    @property
+    def mass(self) -> float:
+        """Displacement rho C_B L B T [kg]."""
+        return self.rho * self.block * self.length * self.beam * self.draught
+
+
+class Ship(ABC, nn.Module):
+    """Particulars, inertia and hydrodynamic forces in a prime system: ``M' nudot' = f'(nu, delta)``.
+
+    ``M'`` is constant, so accelerations follow from forces by one multiplication with its inverse. A linear estimate
+    (Clarke's) is a ship too, which is how the part of the forces that is taken as known is handed to the identification.
+
+    Attributes:
+        particulars: Main dimensions and steering gear.
+        prime: The prime system of inertia and forces.
+        inertia: M' [-], shape (3, 3), for surge, sway and yaw.
+    """
+
+    particulars: Particulars
+    prime: PrimeSystem
+    inertia: Tensor
+
+    def __init__(self, particulars: Particulars, prime: PrimeSystem, inertia: Float[Tensor, "3 3"]) -> None:
+        """Store description and inertia.
+
+        Args:
+            particulars: Main dimensions and steering gear.
+            prime: The prime system of inertia and forces.
+            inertia: M' [-].
+        """
+        super().__init__()
+        self.particulars, self.prime = particulars, prime
+        self.register_buffer("inertia", inertia)
+        self.register_buffer("inertia_inverse", torch.linalg.inv(inertia))
+        self.register_buffer("velocity_units", inertia.new_tensor(prime.velocity_units))
+        self.register_buffer("acceleration_units", inertia.new_tensor(prime.acceleration_units))
+
+    @abstractmethod
+    def force(
+        self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]
+    ) -> Float[Tensor, "*batch 3"]:
+        """Right-hand sides of surge, sway and yaw, mass terms such as ``(m + Xvr) v r`` included.
+
+        Args:
+            nu: u, v [m/s], r [rad/s] through the water.
+            delta: Rudder angle [rad], positive turns to starboard.
+
+        Returns:
+            f' [-] in the ship's prime system.
+        """
+
+    @abstractmethod
+    def on_approach(self, speed: float) -> "Ship":
+        """The ship as it comes into a manoeuvre at another approach speed.
+
+        Args:
+            speed: Approach speed [m/s].
+
+        Returns:
+            A new ship; each family says what is scaled and what is held.
+        """
+
+    def acceleration(
+        self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]
+    ) -> Float[Tensor, "*batch 3"]:
+        """Accelerations ``nudot = units M'^-1 f'``.
+
+        Args:
+            nu: u, v [m/s], r [rad/s].
+            delta: Rudder angle [rad], positive turns to starboard.
+
+        Returns:
+            udot, vdot [m/s^2], rdot [rad/s^2].
+        """
+        return self.acceleration_from_force(nu, self.force(nu, delta))
+
+    def acceleration_from_force(
+        self, nu: Float[Tensor, "*batch 3"], force: Float[Tensor, "*batch 3"]
+    ) -> Float[Tensor, "*batch 3"]:
+        """Accelerations that given right-hand sides cause.
+
+        Args:
+            nu: u, v [m/s], r [rad/s]; some families need the speed for their units.
+            force: f' [-].
+
+        Returns:
+            udot, vdot [m/s^2], rdot [rad/s^2].
+        """
+        del nu
+        return force @ self.inertia_inverse.T * self.acceleration_units
+
+    def force_from_acceleration(self, nudot: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
+        """The right-hand sides that cause given accelerations, ``f' = M' nudot'``.
+
+        Args:
+            nudot: udot, vdot [m/s^2], rdot [rad/s^2].
+
+        Returns:
+            f' [-].
+        """
+        return (nudot / self.acceleration_units) @ self.inertia.T
+
+
+def check_speed(ship: Particulars, speed: float) -> None:
+    """Refuse an approach speed that no manoeuvre starts from.
+
+    Args:
+        ship: The ship, for the message.
+        speed: Approach speed [m/s].
+
+    Raises:
+        InputError: If the speed is not positive or more than twice the ship's own (knots taken for m/s).
+    """
+    if not 0 < speed <= 2 * ship.speed:
+        raise InputError(
+            f"approach speed {speed / KNOT:.4g} kn; the {ship.name} was identified at {ship.speed / KNOT:.4g} kn: "
+            f"write manoeuvre.speed_kn between 0 and {2 * ship.speed / KNOT:.3g}"
+        )

@@ -1,0 +1,37 @@
+"""The range of motion in which a manoeuvring model means anything."""
+
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from manoeuvre_nn.core.ship import Particulars
+
+OK = "ok"
+
+
+def inside_physical_range(state: Float[Tensor, "*batch 6"], ship: Particulars) -> Bool[Tensor, "*batch"]:
+    """Whether a state is one that a ship in a manoeuvre can be in.
+
+    Forward speed from -.5 to 2.5 U0, sway up to 1.5 U0, yaw rate up to 3 U0/L (the tightest real circles have 1 to 1.5);
+    a number that is not finite is outside.
+
+    Args:
+        state: u, v, r, x, y, psi.
+        ship: The ship, for U0 and L.
+
+    Returns:
+        True inside.
+    """
+    u, v, r = state[..., 0] / ship.speed, state[..., 1] / ship.speed, state[..., 2] * ship.time_unit
+    return (u > -0.5) & (u < 2.5) & (v.abs() < 1.5) & (r.abs() < 3.0)
+
+
+def left_range(time: float) -> str:
+    """Status of a run that was ended.
+
+    Args:
+        time: When it left the range [s].
+
+    Returns:
+        The status.
+    """
+    return f"left the physical range at {time:.4g} s"

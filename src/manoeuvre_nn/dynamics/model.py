@@ -1,0 +1,301 @@
+"""State and rudder -> rate of state: a reference ship and an identified network are the same thing to a solver."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor, nn
+
+from manoeuvre_nn.core.frames import kinematics
+from manoeuvre_nn.core.ship import Particulars, Ship
+
+
+class Dynamics(ABC, nn.Module):
+    """Equations of motion in the horizontal plane.
+
+    The state is ``(u, v, r, x, y, psi)`` [m/s, m/s, rad/s, m, m, rad].
+    """
+
+    @property
+    @abstractmethod
+    def particulars(self) -> Particulars:
+        """Main dimensions and steering gear of the ship that moves."""
+
+    @abstractmethod
+    def acceleration(
+        self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]
+    ) -> Float[Tensor, "*batch 3"]:
+        """Accelerations in body axes.
+
+        Args:
+            nu: u, v [m/s], r [rad/s].
+            delta: Rudder angle [rad], positive turns to starboard.
+
+        Returns:
+            udot, vdot [m/s^2], rdot [rad/s^2].
+        """
+
+    @abstractmethod
+    def on_approach(self, speed: float) -> "Dynamics":
+        """The same ship coming in at another speed.
+
+        Args:
+            speed: Approach speed [m/s].
+
+        Returns:
+            New dynamics.
+        """
+
+    def forward(
+        self, state: Float[Tensor, "*batch 6"], delta: Float[Tensor, "*batch"]
+    ) -> Float[Tensor, "*batch 6"]:
+        """Rate of the state.
+
+        Args:
+            state: u, v, r, x, y, psi.
+            delta: Rudder angle [rad].
+
+        Returns:
+            Its time derivative.
+        """
+        return torch.cat([self.acceleration(state[..., :3], delta), kinematics(state)], dim=-1)
+
+    def take(self, rows: Int[Tensor, " k"]) -> "Dynamics":
+        """The dynamics of some rows of a batch; one ship for all rows is the same for any of them.
+
+        Args:
+            rows: Row numbers.
+
+        Returns:
+            Dynamics whose batch is those rows.
+        """
+        del rows
+        return self
+
+
+class CalmWater(Dynamics):
+    """A ship that moves by its own coefficients."""
+
+    def __init__(self, ship: Ship) -> None:
+        """Wrap a ship.
+
+        Args:
+            ship: The ship.
+        """
+        super().__init__()
+        self.ship = ship
+
+    @property
+    def particulars(self) -> Particulars:
+        """Those of the ship."""
+        return self.ship.particulars
+
+    def acceleration(
+        self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]
+    ) -> Float[Tensor, "*batch 3"]:
+        """Accelerations by the ship's coefficients.
+
+        Args:
+            nu: u, v [m/s], r [rad/s].
+            delta: Rudder angle [rad].
+
+        Returns:
+            udot, vdot [m/s^2], rdot [rad/s^2].
+        """
+        return self.ship.acceleration(nu, delta)
+
+    def on_approach(self, speed: float) -> "CalmWater":
+        """The ship's own way to take on another approach speed.
+
+        Args:
+            speed: Approach speed [m/s].
+
+        Returns:
+            New dynamics.
+        """
+        return CalmWater(self.ship.on_approach(speed))
+
+
+class IdentifiedShip(Dynamics):
+    """A known part and a network: ``M'_known nudot' = f'_known(nu, delta) + g'(nu, delta)``.
+
+    Attributes:
+        known: Inertia and whatever forces are taken as known (Clarke's linear part, or none).
+        network: Scaled (u, v, r, delta) -> scaled g; see :class:`Scaling`.
+        scaling: What the network's inputs and outputs are in.
+
+    Source:
+        Wang 1996, eqs 4.30-4.35; Rajesh & Bhattacharyya 2009, eqs 10-12.
+    """
+
+    def __init__(self, known: Ship, network: nn.Module, scaling: "Scaling") -> None:
+        """Join the parts.
+
+        Args:
+            known: Known part.
+            network: Scaled inputs (..., 4) -> scaled outputs (..., 3).
+            scaling: Input and output scaling in the known part's prime system.
+        """
+        super().__init__()
+        self.known, self.network, self.scaling = known, network, scaling
+
+    @property
+    def particulars(self) -> Particulars:
+        """Those of the known part."""
+        return self.known.particulars
+
+    def acceleration(
+        self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]
+    ) -> Float[Tensor, "*batch 3"]:
+        """Accelerations from the known part and the network.
+
+        Args:
+            nu: u, v [m/s], r [rad/s].
+            delta: Rudder angle [rad].
+
+        Returns:
+            udot, vdot [m/s^2], rdot [rad/s^2].
+        """
+        inputs = torch.cat([nu / self.known.velocity_units, delta[..., None]], dim=-1)
+        unknown = self.scaling.restore(self.network(self.scaling.inputs(inputs)))
+        return self.known.acceleration_from_force(nu, self.known.force(nu, delta) + unknown)
+
+    def on_approach(self, speed: float) -> "IdentifiedShip":
+        """The known part takes on the speed; a network in the (rho, L, T, U0) system thereby scales with it.
+
+        In the BIS system nothing scales: the network then answers for one shaft speed only.
+
+        Args:
+            speed: Approach speed [m/s].
+
+        Returns:
+            New dynamics that share the network.
+        """
+        return IdentifiedShip(self.known.on_approach(speed), self.network, self.scaling)
+
+
+class Scaling(nn.Module):
+    """Shift and scale between prime variables and what a network sees.
+
+    Attributes:
+        shift: Subtracted from (u', v', r', delta), shape (4,).
+        scale: Divides them then, shape (4,).
+        output_scale: Multiplies the network's outputs, shape (3,).
+    """
+
+    def __init__(
+        self, shift: Float[Tensor, " 4"], scale: Float[Tensor, " 4"], output_scale: Float[Tensor, " 3"]
+    ) -> None:
+        """Store the numbers as buffers, so that a checkpoint holds them.
+
+        Args:
+            shift: Offset of the inputs.
+            scale: Scale of the inputs.
+            output_scale: Scale of the outputs.
+        """
+        super().__init__()
+        self.register_buffer("shift", shift)
+        self.register_buffer("scale", scale)
+        self.register_buffer("output_scale", output_scale)
+
+    def inputs(self, prime: Float[Tensor, "*batch 4"]) -> Float[Tensor, "*batch 4"]:
+        """What the network sees.
+
+        Args:
+            prime: u', v', r', delta.
+
+        Returns:
+            Scaled inputs.
+        """
+        return (prime - self.shift) / self.scale
+
+    def outputs(self, g: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
+        """What the network is trained on.
+
+        Args:
+            g: g1', g2', g3' [-].
+
+        Returns:
+            Scaled targets.
+        """
+        return g / self.output_scale
+
+    def restore(self, outputs: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
+        """From the network's outputs to g'.
+
+        Args:
+            outputs: Scaled outputs.
+
+        Returns:
+            g1', g2', g3' [-].
+        """
+        return outputs * self.output_scale
+
+
+class Stacked(Dynamics):
+    """Different ships or networks of one structure as rows of a batch.
+
+    Row i of every batch that it is given moves by model i; ``torch.func.vmap`` over the stacked parameters.
+    """
+
+    def __init__(self, models: Sequence[Dynamics]) -> None:
+        """Stack models of one class and structure.
+
+        Args:
+            models: One for each row.
+        """
+        super().__init__()
+        self._template = [models[0]]  # in a list, so that its parameters are not registered a second time
+        self.parameters_of_rows, self.buffers_of_rows = torch.func.stack_module_state(list(models))
+
+    @property
+    def particulars(self) -> Particulars:
+        """Those of the first row."""
+        return self._template[0].particulars
+
+    def acceleration(
+        self, nu: Float[Tensor, "rows 3"], delta: Float[Tensor, " rows"]
+    ) -> Float[Tensor, "rows 3"]:
+        """Accelerations of every row by its own model.
+
+        Args:
+            nu: u, v [m/s], r [rad/s].
+            delta: Rudder angle [rad].
+
+        Returns:
+            udot, vdot [m/s^2], rdot [rad/s^2].
+        """
+
+        def one(parameters: dict, buffers: dict, velocity: Tensor, rudder: Tensor) -> Tensor:
+            state = torch.cat([velocity, velocity.new_zeros(3)])
+            return torch.func.functional_call(self._template[0], (parameters, buffers), (state, rudder))[:3]
+
+        return torch.func.vmap(one)(self.parameters_of_rows, self.buffers_of_rows, nu, delta)
+
+    def on_approach(self, speed: float) -> "Stacked":
+        """Not defined for a stack: set the speed of each model before stacking.
+
+        Args:
+            speed: Approach speed [m/s].
+
+        Raises:
+            NotImplementedError: Always.
+        """
+        raise NotImplementedError("set the approach speed of each model before stacking them")
+
+    def take(self, rows: Int[Tensor, " k"]) -> "Stacked":
+        """Only some rows.
+
+        Args:
+            rows: Row numbers.
+
+        Returns:
+            A stack of those models.
+        """
+        part = Stacked.__new__(Stacked)
+        nn.Module.__init__(part)
+        part._template = self._template
+        part.parameters_of_rows = {k: p[rows] for k, p in self.parameters_of_rows.items()}
+        part.buffers_of_rows = {k: b[rows] for k, b in self.buffers_of_rows.items()}
+        return part

@@ -1,0 +1,231 @@
+"""The accurate solution of one manoeuvre: torchdiffeq between events, heading crossings located."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from math import inf
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+from torchdiffeq import odeint, odeint_event
+
+from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage
+from manoeuvre_nn.core.recording import ACCELERATION, Recording
+from manoeuvre_nn.core.ship import check_speed
+from manoeuvre_nn.dynamics.limits import OK, inside_physical_range, left_range
+from manoeuvre_nn.dynamics.model import Dynamics
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is to be simulated: no solving in it.
+
+    Attributes:
+        dynamics: The ship that moves.
+        manoeuvre: What the helmsman does.
+        interval: Time between samples [s]; None takes the ship's usual one.
+    """
+
+    dynamics: Dynamics
+    manoeuvre: Manoeuvre
+    interval: float | None = None
+
+    def on_approach(self) -> tuple[Dynamics, Float[Tensor, " 6"], Float[np.ndarray, " n"]]:
+        """The ship at the manoeuvre's approach speed.
+
+        Returns:
+            Dynamics, initial state (straight ahead at the origin, heading 0) and sample times [s].
+        """
+        speed, ship = self.manoeuvre.speed, self.dynamics.particulars
+        self.manoeuvre.check(ship)
+        dynamics = self.dynamics
+        if speed is not None and speed != ship.speed:
+            check_speed(ship, speed)
+            dynamics = dynamics.on_approach(speed)
+        # Particulars after on_approach: the usual length of a trial follows from the approach speed.
+        ship = dynamics.particulars
+        step = self.interval or ship.sample_interval
+        reference = next(b for b in dynamics.buffers() if b.is_floating_point())
+        state = torch.zeros(6, dtype=reference.dtype)
+        state[0] = ship.speed
+        return dynamics, state, np.arange(0.0, self.manoeuvre.duration_for(ship) + 1e-9, step)
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """A time in which one smooth equation holds: the rudder moves evenly or rests."""
+
+    start: float
+    end: float
+    rudder: float
+    rate: float
+
+    def delta(self, t: Tensor) -> Tensor:
+        return self.rudder + self.rate * (t - self.start)
+
+
+def simulate(problem: Problem, *, rtol: float = 1e-8, atol: float = 1e-9) -> Recording:
+    """Simulate one manoeuvre with torchdiffeq's Dormand-Prince method.
+
+    The rudder turns at its rate, which is solved exactly, so that integration goes piece by piece from kink to kink; the
+    time at which the heading reaches a stage's limit is located by ``odeint_event``.
+
+    Args:
+        problem: Ship and manoeuvre.
+        rtol: Relative tolerance.
+        atol: Absolute tolerance.
+
+    Returns:
+        Recording with u, v, r, x, y, psi, delta, delta_order and exact accelerations. A run that leaves the physical
+        range ends there, and its status says when.
+    """
+    dynamics, state, times = problem.on_approach()
+    options = {"rtol": rtol, "atol": atol, "method": "dopri5"}
+    with torch.no_grad():
+        states, rudders, orders = _integrate(dynamics, problem.manoeuvre, state, times, options)
+        inside = inside_physical_range(states, dynamics.particulars).cpu().numpy()
+    end, status = len(times), OK
+    if not inside.all() or len(inside) < len(times):
+        end = max(int(np.argmin(inside)) if not inside.all() else len(inside), 2)
+        status = left_range(float(times[min(end, len(times) - 1)]))
+    return to_recording(
+        dynamics, problem.manoeuvre, times[:end], states[:end], rudders[:end], orders[:end], status
+    )
+
+
+def to_recording(
+    dynamics: Dynamics,
+    manoeuvre: Manoeuvre,
+    times: Float[np.ndarray, " n"],
+    states: Float[Tensor, "n 6"],
+    rudders: Float[Tensor, " n"],
+    orders: Float[Tensor, " n"],
+    status: str,
+) -> Recording:
+    """Put a solution into a recording, accelerations evaluated from the equations.
+
+    Args:
+        dynamics: The ship that moved.
+        manoeuvre: What was ordered.
+        times: Sample times [s].
+        states: u, v, r, x, y, psi.
+        rudders: Rudder angle [rad].
+        orders: Rudder order [rad].
+        status: ``ok`` or why it was ended.
+
+    Returns:
+        The recording.
+    """
+    with torch.no_grad():
+        nudot = dynamics.acceleration(states[:, :3], rudders).double().cpu().numpy()
+    values = states.double().cpu().numpy()
+    channels = {name: values[:, k] for k, name in enumerate(("u", "v", "r", "x", "y", "psi"))}
+    channels |= {"delta": rudders.double().cpu().numpy(), "delta_order": orders.double().cpu().numpy()}
+    channels |= {name: nudot[:, k] for k, name in enumerate(ACCELERATION)}
+    meta = {"ship": dynamics.particulars.name, "kind": manoeuvre.kind, "manoeuvre": manoeuvre}
+    return Recording(manoeuvre.name, times, channels, status, meta)
+
+
+def _integrate(
+    dynamics: Dynamics, manoeuvre: Manoeuvre, state: Tensor, times: np.ndarray, options: dict
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Walk through stages and pieces; states, rudder angles and orders at the sample times."""
+    ship, stages = dynamics.particulars, list(manoeuvre.stages)
+    now, rudder, course, began = 0.0, 0.0, float(state[5]), 0.0
+    stage = stages.pop(0)
+    states, rudders, orders = [state], [state.new_zeros(())], [state.new_tensor(stage.order)]
+    chunk = (
+        2.0 * ship.time_unit
+    )  # events are looked for in short stretches, so that little is computed in vain
+    while len(states) < len(times) and inside_physical_range(state, ship):
+        piece = _next_piece(stage, now, began, rudder, ship.rudder_rate, min(now + chunk, float(times[-1])))
+        samples = times[len(states) :]
+        samples = samples[samples <= piece.end + 1e-9]
+        solution, reached, state = _solve_piece(dynamics, piece, stage, course, state, samples, options)
+        samples = samples[: len(solution)]
+        states += list(solution)
+        rudders += [piece.delta(state.new_tensor(t)) for t in samples]
+        orders += [state.new_tensor(stage.order)] * len(samples)
+        crossed = reached is not None
+        now = piece.end if reached is None else reached
+        rudder = float(piece.delta(torch.tensor(now, dtype=torch.float64)))
+        if abs(rudder - stage.order) < 1e-12:
+            rudder = stage.order
+        timed_out = stage.hold is not None and now >= began + stage.hold - 1e-9
+        if (crossed or timed_out) and stages:
+            stage, began = stages.pop(0), now
+    return torch.stack(states), torch.stack(rudders), torch.stack(orders)
+
+
+def _next_piece(stage: Stage, now: float, began: float, rudder: float, rate: float, limit: float) -> _Piece:
+    """The longest stretch from now on in which the rudder does one thing."""
+    error = stage.order - rudder
+    arrival = now + abs(error) / rate if error else inf
+    time_out = began + stage.hold if stage.hold is not None else inf
+    end = min(arrival, time_out if time_out > now + 1e-9 else inf, limit)
+    return _Piece(now, end, rudder, float(np.sign(error)) * rate if error else 0.0)
+
+
+def _solve_piece(
+    dynamics: Dynamics,
+    piece: _Piece,
+    stage: Stage,
+    course: float,
+    state: Tensor,
+    samples: np.ndarray,
+    options: dict,
+) -> tuple[Tensor, float | None, Tensor]:
+    """Integrate one piece; states at the samples in it, time of the heading crossing if there is one, final state."""
+
+    def rate(t: Tensor, y: Tensor) -> Tensor:
+        return dynamics(y, piece.delta(t))
+
+    grid = np.unique(np.concatenate([[piece.start], samples, [piece.end]]))
+    grid = grid[np.concatenate([[True], np.diff(grid) > 1e-9])]
+    path = odeint(rate, state, state.new_tensor(grid, dtype=torch.float64), **options)
+    at = np.searchsorted(grid, samples - 1e-9)
+    if stage.heading is None:
+        return path[at], None, path[-1]
+    beyond = _beyond(stage, course)
+    hits = np.flatnonzero([beyond(y) >= 0 for y in path[1:]])
+    if not hits.size:
+        return path[at], None, path[-1]
+    first = int(hits[0])
+    reached, state = _locate(rate, beyond, path[first], grid[first], grid[first + 1], options)
+    return path[at][: int(np.sum(samples <= reached))], reached, state
+
+
+def _beyond(stage: Stage, course: float) -> Callable[[Tensor], Tensor]:
+    """How far the heading is past the stage's limit [rad]."""
+    assert stage.heading is not None
+    limit, direction = course + stage.heading, stage.direction
+    return lambda y: direction * (y[..., 5] - limit)
+
+
+def _locate(
+    rate: Callable, beyond: Callable[[Tensor], Tensor], state: Tensor, start: float, end: float, options: dict
+) -> tuple[float, Tensor]:
+    """Time and state of the crossing between two samples; at once if the limit is already passed."""
+    if beyond(state) >= 0:
+        return start, state
+
+    def event(t: Tensor, y: Tensor) -> Tensor:
+        return torch.stack([beyond(y), t - end - 1.0])  # the second element bounds the search
+
+    begin = torch.tensor(start, dtype=torch.float64)
+    time, path = odeint_event(rate, state, begin, event_fn=event, **options)
+    return float(time), path[-1]
+
+
+def at_interval(problem: Problem, interval: float | None) -> Problem:
+    """The same problem sampled at another interval.
+
+    Args:
+        problem: Ship and manoeuvre.
+        interval: Time between samples [s]; None takes the ship's usual one.
+
+    Returns:
+        A new problem.
+    """
+    return replace(problem, interval=interval)

@@ -1,0 +1,75 @@
+"""Turning circle and pull-out."""
+
+from math import pi
+
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage, check_degrees, check_duration, side_sign
+
+CIRCLE_LENGTHS = 30.0
+"""Ship lengths sailed at approach speed in which an ordinary ship turns well past 360 deg at 25 deg of rudder."""
+
+
+def turning_circle(
+    rudder_deg: float, side: str = "starboard", duration: float | None = None, name: str | None = None
+) -> Manoeuvre:
+    """A turning circle: rudder over and held.
+
+    Args:
+        rudder_deg: Rudder angle [deg].
+        side: Side of the turn.
+        duration: Length of the trial [s]; by default 30 L/U0.
+        name: Short name; by default ``tc25``, to port ``tc25_port``.
+
+    Returns:
+        The manoeuvre.
+
+    Source:
+        IMO MSC/Circ.1053, section 2; Wang 1996, section 3.4.
+    """
+    rudder = check_degrees("manoeuvre rudder_deg", rudder_deg)
+    sign = side_sign("manoeuvre side", side)
+    check_duration("manoeuvre duration", duration)
+    name = name or f"tc{rudder_deg:g}" + ("_port" if sign < 0 else "")
+    return Manoeuvre(
+        name, "turning_circle", (Stage(sign * rudder),), duration=duration, ship_lengths=CIRCLE_LENGTHS
+    )
+
+
+def pull_out(
+    rudder_deg: float,
+    side: str = "starboard",
+    turn_deg: float = 270.0,
+    coast: float | None = None,
+    name: str | None = None,
+) -> Manoeuvre:
+    """A pull-out: a turn, then the rudder amidships while the rate of turn dies out.
+
+    A ship that keeps turning is not straight-line stable; one that settles on the same rate after a turn to either side
+    is.
+
+    Args:
+        rudder_deg: Rudder angle of the turn [deg].
+        side: Side of the turn.
+        turn_deg: Change of heading at which the rudder goes amidships [deg].
+        coast: Length of the whole trial [s]; by default 40 L/U0.
+        name: Short name; by default ``pullout20``.
+
+    Returns:
+        The manoeuvre.
+
+    Raises:
+        InputError: If the angle of the turn is not positive.
+
+    Source:
+        Burcher 1972; IMO MSC/Circ.1053, section 4.
+    """
+    rudder = check_degrees("manoeuvre rudder_deg", rudder_deg)
+    sign = side_sign("manoeuvre side", side)
+    check_duration("manoeuvre coast", coast)
+    if turn_deg <= 0:
+        raise InputError(
+            f"manoeuvre turn_deg={turn_deg}: expected a change of heading in degrees, more than 0"
+        )
+    turn = Stage(sign * rudder, heading=sign * turn_deg * pi / 180, direction=sign)
+    name = name or f"pullout{rudder_deg:g}" + ("_port" if sign < 0 else "")
+    return Manoeuvre(name, "pull_out", (turn, Stage(0.0)), duration=coast, ship_lengths=40.0)

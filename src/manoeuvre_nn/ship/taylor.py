@@ -1,0 +1,208 @@
+"""Ships whose forces are a Taylor series in u, v, r and delta (Abkowitz's form)."""
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import replace
+from math import factorial, prod
+from typing import Literal
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.prime import PrimeSystem
+from manoeuvre_nn.core.ship import Particulars, Ship, check_speed
+
+VARIABLES = "uvrd"
+EQUATIONS = "XYN"
+
+Side = Literal["port", "starboard"]
+Coefficients = Mapping[str, Mapping[str, float]]
+"""Equation (X, Y or N) -> term (``vvr``: v^2 r; ``0``: constant) -> value."""
+
+
+class TaylorForce(nn.Module):
+    """A polynomial in u, v, r, delta for each of X, Y and N.
+
+    ``f'_e = sum_k c_ek prod(variables of term k)``; with ``taylor=True`` a coefficient is a derivative, so that every
+    repeated variable is divided by the factorial of its count (``Yvvv v^3 / 6``), else it multiplies the bare product.
+
+    Attributes:
+        terms: The products that occur, sorted by order.
+        coefficients: Factors of the bare products, shape (terms, 3).
+    """
+
+    def __init__(
+        self, coefficients: Coefficients, *, taylor: bool = True, dtype: torch.dtype = torch.float64
+    ) -> None:
+        """Collect the terms of the three equations.
+
+        Args:
+            coefficients: Equation -> term -> value.
+            taylor: Whether the values are derivatives.
+            dtype: Floating type.
+
+        Raises:
+            InputError: If an equation or a letter is unknown.
+        """
+        super().__init__()
+        self.terms = sorted({_sorted(t) for e in coefficients.values() for t in e}, key=lambda t: (len(t), t))
+        order = max((len(t) for t in self.terms), default=0)
+        # Each product is a product of `order` columns of (1, u, v, r, d): three look-ups instead of powers.
+        columns = [[VARIABLES.index(c) + 1 for c in t] + [0] * (order - len(t)) for t in self.terms]
+        self.register_buffer(
+            "columns", torch.tensor(columns, dtype=torch.long).reshape(len(self.terms), order)
+        )
+        matrix = torch.zeros(len(self.terms), 3, dtype=dtype)
+        for equation, values in coefficients.items():
+            if equation not in EQUATIONS:
+                raise InputError(f"equation {equation!r} of a Taylor series is unknown; choose X, Y or N")
+            for term, value in values.items():
+                share = prod(factorial(n) for n in Counter(term).values()) if taylor and term != "0" else 1
+                matrix[self.terms.index(_sorted(term)), EQUATIONS.index(equation)] += value / share
+        self.register_buffer("coefficients", matrix)
+
+    def forward(self, motion: Float[Tensor, "*batch 4"]) -> Float[Tensor, "*batch 3"]:
+        """Evaluate the three polynomials.
+
+        Args:
+            motion: u', v', r', delta; u' as deviation from the approach speed.
+
+        Returns:
+            X', Y', N'.
+        """
+        return self.products(motion) @ self.coefficients
+
+    def products(self, motion: Float[Tensor, "*batch 4"]) -> Float[Tensor, "*batch terms"]:
+        """The bare products of the series, in the order of ``terms``.
+
+        Args:
+            motion: u', v', r', delta.
+
+        Returns:
+            One column a term.
+        """
+        powers = torch.cat([torch.ones_like(motion[..., :1]), motion], dim=-1)
+        result = motion.new_ones(*motion.shape[:-1], len(self.terms))
+        for column in self.columns.unbind(-1):
+            result = result * powers.index_select(-1, column)
+        return result
+
+
+def _sorted(term: str) -> str:
+    """The term with its letters in the order u, v, r, d, so that Yrvv and Yvvr are one; ``0`` becomes empty."""
+    unknown = set(term) - set(VARIABLES + "0")
+    if unknown:
+        raise InputError(
+            f"term {term!r} of a Taylor series has unknown letters; use u, v, r, d, or 0 for a constant"
+        )
+    return "".join(sorted(term.strip("0"), key=VARIABLES.index))
+
+
+class TaylorShip(Ship):
+    """A ship with a Taylor series about the approach at U0.
+
+    With ``a = (u - U0) / Us``, ``b = v / Us``, ``q = r L / Us``: ``M' nudot' = f'(a, b, q, delta) (Us / U0)^2`` in the
+    prime system of U0, where Us is U0 itself or, with ``scaling="instantaneous"``, ``hypot(u, v)``.
+
+    Attributes:
+        series: The polynomial f'.
+        coefficients: The values as the source prints them.
+    """
+
+    def __init__(
+        self,
+        particulars: Particulars,
+        prime: PrimeSystem,
+        inertia: Mapping[str, float],
+        coefficients: Coefficients,
+        *,
+        positive_rudder_turns_to: Side,
+        taylor: bool = True,
+        scaling: Literal["constant", "instantaneous"] = "constant",
+        dtype: torch.dtype = torch.float64,
+    ) -> None:
+        """Build a ship from a source's tables.
+
+        Args:
+            particulars: Main dimensions and steering gear.
+            prime: Prime system of the coefficients at U0.
+            inertia: ``mx = m'-Xudot'``, ``my = m'-Yvdot'``, ``mz = Iz'-Nrdot'``, ``Yrdot`` and ``Nvdot`` (these two
+                with ``m' xG'`` taken off where the centre of gravity is not the origin).
+            coefficients: Equation -> term -> value, mass terms included (``Yr - m'``, ``Xvr + m'``).
+            positive_rudder_turns_to: The source's sign of the rudder; the package's is starboard.
+            taylor: Whether the values are derivatives (``Yvvv v^3/6``) or plain factors.
+            scaling: Speed that makes velocities non-dimensional.
+            dtype: Floating type.
+        """
+        mass = torch.tensor(
+            [
+                [inertia["mx"], 0.0, 0.0],
+                [0.0, inertia["my"], -inertia.get("Yrdot", 0.0)],
+                [0.0, -inertia.get("Nvdot", 0.0), inertia["mz"]],
+            ],
+            dtype=dtype,
+        )
+        super().__init__(particulars, prime, mass)
+        self.series = TaylorForce(coefficients, taylor=taylor, dtype=dtype)
+        self.coefficients, self._inertia_values = coefficients, inertia
+        self.taylor, self.scaling, self.positive_rudder_turns_to = taylor, scaling, positive_rudder_turns_to
+        self.rudder_sign = 1.0 if positive_rudder_turns_to == "starboard" else -1.0
+
+    def motion(
+        self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]
+    ) -> tuple[Float[Tensor, "*batch 4"], Float[Tensor, "*batch"]]:
+        """The series' own variables.
+
+        Args:
+            nu: u, v [m/s], r [rad/s].
+            delta: Rudder angle [rad], positive turns to starboard.
+
+        Returns:
+            ``(a, b, q, d)`` with the source's rudder sign, and ``Us / U0``.
+        """
+        ratio = torch.ones_like(delta)
+        if self.scaling == "instantaneous":
+            ratio = torch.hypot(nu[..., 0], nu[..., 1]) / self.prime.speed
+        prime = nu / self.velocity_units
+        a, b, q = (prime[..., 0] - 1) / ratio, prime[..., 1] / ratio, prime[..., 2] / ratio
+        return torch.stack([a, b, q, self.rudder_sign * delta], dim=-1), ratio
+
+    def force(
+        self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]
+    ) -> Float[Tensor, "*batch 3"]:
+        """Right-hand sides f'; see :class:`TaylorShip` for the equation.
+
+        Args:
+            nu: u, v [m/s], r [rad/s].
+            delta: Rudder angle [rad], positive turns to starboard.
+
+        Returns:
+            f' [-].
+        """
+        motion, ratio = self.motion(nu, delta)
+        return self.series(motion) * ratio.square()[..., None]
+
+    def on_approach(self, speed: float) -> "TaylorShip":
+        """The ship at another approach speed: the series is about that speed and all forces scale with its square.
+
+        This is what the prime system says of a ship whose shaft speed is set to hold the approach speed.
+
+        Args:
+            speed: Approach speed [m/s].
+
+        Returns:
+            A new ship.
+        """
+        check_speed(self.particulars, speed)
+        return TaylorShip(
+            self.particulars.at_speed(speed),
+            replace(self.prime, speed=speed),
+            self._inertia_values,
+            self.coefficients,
+            positive_rudder_turns_to=self.positive_rudder_turns_to,
+            taylor=self.taylor,
+            scaling=self.scaling,
+            dtype=self.inertia.dtype,
+        )
