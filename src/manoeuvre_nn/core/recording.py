@@ -51,9 +51,7 @@ class Recording:
                     f"recording {self.name}: channel {name} has shape {values.shape}, time has {self.time.shape}"
                 )
         if len(self.time) < 2 or not np.all(np.diff(self.time) > 0):
-            raise InputError(
-                f"recording {self.name}: time must have at least 2 samples and increase throughout"
-            )
+            raise InputError(f"recording {self.name}: time must have at least 2 samples and increase throughout")
 
     def __getitem__(self, channel: str) -> Float[np.ndarray, " n"]:
         """Samples of one channel.
@@ -68,9 +66,7 @@ class Recording:
             InputError: If the recording lacks the channel.
         """
         if channel not in self.channels:
-            raise InputError(
-                f"recording {self.name} has no channel {channel}; it has: {', '.join(self.channels)}"
-            )
+            raise InputError(f"recording {self.name} has no channel {channel}; it has: {', '.join(self.channels)}")
         return self.channels[channel]
 
     def __len__(self) -> int:
@@ -128,9 +124,7 @@ class Recording:
         """
         if times[0] < self.time[0] - 1e-9 or times[-1] > self.time[-1] + 1e-9:
             raise InputError(f"recording {self.name} ends at {self.time[-1]:g} s, asked for {times[-1]:g} s")
-        return replace(
-            self, time=times, channels={k: np.interp(times, self.time, c) for k, c in self.channels.items()}
-        )
+        return replace(self, time=times, channels={k: np.interp(times, self.time, c) for k, c in self.channels.items()})
 
     def with_channels(self, **channels: Float[np.ndarray, " n"]) -> "Recording":
         """The same recording with channels added or replaced.

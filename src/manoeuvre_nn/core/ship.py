@@ -27,6 +27,8 @@ class Particulars:
         rudder_rate: Turning rate of the rudder [rad/s].
         rudder_limit: Largest rudder angle [rad].
         rudder_area_ratio: Rudder area over L T [-].
+        surge_damping: X_u in the (rho, L, T, U0) system that Clarke's linear part is completed with [-].
+        rudder_drag: X_dd likewise [-]; None takes ``-2 Yd``.
         record_length: How long the zigzag record is that the source identifies the ship from [s].
         sample_interval: Time between samples that resolves the ship's motion [s].
         longest_turn: Time after which a hard turn of this coefficient set leaves the range where it makes sense [s].
@@ -43,6 +45,8 @@ class Particulars:
     rudder_rate: float
     rudder_limit: float
     rudder_area_ratio: float = 0.02
+    surge_damping: float = -0.025
+    rudder_drag: float | None = None
     record_length: float = 360.0
     sample_interval: float = 1.0
     longest_turn: float = inf
@@ -119,9 +123,7 @@ class Ship(ABC, nn.Module):
         self.register_buffer("acceleration_units", inertia.new_tensor(prime.acceleration_units))
 
     @abstractmethod
-    def force(
-        self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]
-    ) -> Float[Tensor, "*batch 3"]:
+    def force(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
         """Right-hand sides of surge, sway and yaw, mass terms such as ``(m + Xvr) v r`` included.
 
         Args:
@@ -143,9 +145,7 @@ class Ship(ABC, nn.Module):
             A new ship; each family says what is scaled and what is held.
         """
 
-    def acceleration(
-        self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]
-    ) -> Float[Tensor, "*batch 3"]:
+    def acceleration(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
         """Accelerations ``nudot = units M'^-1 f'``.
 
         Args:

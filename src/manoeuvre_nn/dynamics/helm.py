@@ -129,9 +129,7 @@ class Helm:
         return replace(self, **{n: getattr(self, n).index_copy(0, rows, getattr(part, n)) for n in moving})
 
 
-def helm_of(
-    manoeuvres: Sequence[Manoeuvre], rate: Float[Tensor, " rows"], course: Float[Tensor, " rows"]
-) -> Helm:
+def helm_of(manoeuvres: Sequence[Manoeuvre], rate: Float[Tensor, " rows"], course: Float[Tensor, " rows"]) -> Helm:
     """Put manoeuvres into tensors.
 
     Args:
@@ -145,9 +143,7 @@ def helm_of(
     length = max(len(m.stages) for m in manoeuvres)
     rows = []
     for m in manoeuvres:
-        stages = [
-            (s.order, inf if s.heading is None else s.heading, s.direction, s.hold or inf) for s in m.stages
-        ]
+        stages = [(s.order, inf if s.heading is None else s.heading, s.direction, s.hold or inf) for s in m.stages]
         # The last stage is never left.
         stages[-1] = (stages[-1][0], inf, 1, inf)
         rows.append(stages + [stages[-1]] * (length - len(stages)))

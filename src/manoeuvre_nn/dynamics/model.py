@@ -7,6 +7,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
+from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.frames import kinematics
 from manoeuvre_nn.core.ship import Particulars, Ship
 
@@ -23,9 +24,7 @@ class Dynamics(ABC, nn.Module):
         """Main dimensions and steering gear of the ship that moves."""
 
     @abstractmethod
-    def acceleration(
-        self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]
-    ) -> Float[Tensor, "*batch 3"]:
+    def acceleration(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
         """Accelerations in body axes.
 
         Args:
@@ -47,9 +46,7 @@ class Dynamics(ABC, nn.Module):
             New dynamics.
         """
 
-    def forward(
-        self, state: Float[Tensor, "*batch 6"], delta: Float[Tensor, "*batch"]
-    ) -> Float[Tensor, "*batch 6"]:
+    def forward(self, state: Float[Tensor, "*batch 6"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 6"]:
         """Rate of the state.
 
         Args:
@@ -91,9 +88,7 @@ class CalmWater(Dynamics):
         """Those of the ship."""
         return self.ship.particulars
 
-    def acceleration(
-        self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]
-    ) -> Float[Tensor, "*batch 3"]:
+    def acceleration(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
         """Accelerations by the ship's coefficients.
 
         Args:
@@ -145,9 +140,7 @@ class IdentifiedShip(Dynamics):
         """Those of the known part."""
         return self.known.particulars
 
-    def acceleration(
-        self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]
-    ) -> Float[Tensor, "*batch 3"]:
+    def acceleration(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
         """Accelerations from the known part and the network.
 
         Args:
@@ -244,19 +237,30 @@ class Stacked(Dynamics):
 
         Args:
             models: One for each row.
+
+        Raises:
+            InputError: If the rows differ in more than their tensors: in L, U0, rudder rate or the model's own rules.
         """
         super().__init__()
+        if len({(m.particulars.length, m.particulars.speed, m.particulars.rudder_rate) for m in models}) > 1:
+            raise InputError("stacked models differ in L, U0 or rudder rate; run such ships one after the other")
         self._template = [models[0]]  # in a list, so that its parameters are not registered a second time
         self.parameters_of_rows, self.buffers_of_rows = torch.func.stack_module_state(list(models))
+        with torch.no_grad():
+            # A rule that is not a tensor (sign of the rudder, scaling) would silently be the first row's.
+            unit = self._template[0].particulars
+            nu = next(iter(self.buffers_of_rows.values())).new_tensor([0.8, -0.1, 0.2]) * unit.speed
+            nu, delta = nu / nu.new_tensor([1.0, 1.0, unit.length]), nu.new_tensor(0.2)
+            alone = torch.stack([m.acceleration(nu, delta) for m in models])
+            if not torch.allclose(self.acceleration(nu.expand(len(models), 3), delta.expand(len(models))), alone):
+                raise InputError("stacked models differ in rules, not only in numbers; run them one after the other")
 
     @property
     def particulars(self) -> Particulars:
         """Those of the first row."""
         return self._template[0].particulars
 
-    def acceleration(
-        self, nu: Float[Tensor, "rows 3"], delta: Float[Tensor, " rows"]
-    ) -> Float[Tensor, "rows 3"]:
+    def acceleration(self, nu: Float[Tensor, "rows 3"], delta: Float[Tensor, " rows"]) -> Float[Tensor, "rows 3"]:
         """Accelerations of every row by its own model.
 
         Args:

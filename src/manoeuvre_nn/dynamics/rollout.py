@@ -103,9 +103,7 @@ def _step(dynamics: Dynamics, helm: Helm, state: Tensor, time: float, step: floa
     taken, new, crossed = _smooth_step(dynamics, helm, state, now, torch.full_like(now, step))
     helm = helm.advanced(taken, now + taken, crossed)
     left = step - taken
-    for _ in range(
-        50
-    ):  # a row can meet a crossing, an arrival and a few timed stages within one step, not fifty
+    for _ in range(50):  # a row can meet a crossing, an arrival and a few timed stages within one step, not fifty
         busy = torch.nonzero(left > 1e-9)[:, 0]
         if not len(busy):
             break
@@ -129,9 +127,11 @@ def _smooth_step(
     rows = torch.nonzero(crossed)[:, 0]
     if len(rows):
         shorter = _crossing(before[rows], after[rows], state[rows], new[rows], tau[rows], helm.take(rows))
+        part, part_helm = dynamics.take(rows), helm.take(rows)
+        again = _runge_kutta(part, part_helm, state[rows], shorter)
+        shorter = _corrected(shorter, before[rows], again, tau[rows], part_helm)
         tau = tau.index_copy(0, rows, shorter)
-        again = _runge_kutta(dynamics.take(rows), helm.take(rows), state[rows], shorter)
-        new = new.index_copy(0, rows, again)
+        new = new.index_copy(0, rows, _runge_kutta(part, part_helm, state[rows], shorter))
     return tau, new, crossed
 
 
@@ -150,6 +150,14 @@ def _crossing(before: Tensor, after: Tensor, state: Tensor, new: Tensor, tau: Te
     return torch.where(before >= 0, torch.zeros_like(tau), high * tau)
 
 
+def _corrected(found: Tensor, before: Tensor, state: Tensor, tau: Tensor, helm: Helm) -> Tensor:
+    """One Newton step towards the crossing; it also carries the gradient of the crossing's time, ``-dpsi / r``."""
+    closing = (helm.now(helm.direction) * state[:, 2]).detach()
+    sure = (before < 0) & (closing * tau > 1e-9)
+    step = torch.where(sure, helm.beyond(state[:, 5]) / torch.where(sure, closing, 1.0), 0.0)
+    return torch.minimum((found - step).clamp(min=0.0), tau)
+
+
 def _runge_kutta(dynamics: Dynamics, helm: Helm, state: Tensor, tau: Float[Tensor, " rows"]) -> Tensor:
     """Classical fourth-order step with the rudder's exact angle at the start, middle and end."""
     h = tau[:, None]
@@ -161,9 +169,7 @@ def _runge_kutta(dynamics: Dynamics, helm: Helm, state: Tensor, tau: Float[Tenso
     return state + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
 
 
-def roll_out(
-    dynamics: Dynamics, manoeuvres: Sequence[Manoeuvre], *, step: float | None = None
-) -> list[Recording]:
+def roll_out(dynamics: Dynamics, manoeuvres: Sequence[Manoeuvre], *, step: float | None = None) -> list[Recording]:
     """Run several manoeuvres of one ship or network as one batch and return them as recordings.
 
     Manoeuvres that start at the same speed share a batch; each is as long as the manoeuvre says.
@@ -192,9 +198,7 @@ def roll_out(
     return [done[i] for i in range(len(manoeuvres))]
 
 
-def _recording(
-    runs: Rollout, row: int, dynamics: Dynamics, manoeuvre: Manoeuvre, times: np.ndarray
-) -> Recording:
+def _recording(runs: Rollout, row: int, dynamics: Dynamics, manoeuvre: Manoeuvre, times: np.ndarray) -> Recording:
     """One row of a batch as a recording, cut where it left the physical range."""
     ended = float(runs.ended[row])
     count = max(int(np.sum(times < ended - 1e-9)), 2)

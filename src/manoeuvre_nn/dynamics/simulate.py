@@ -89,9 +89,7 @@ def simulate(problem: Problem, *, rtol: float = 1e-8, atol: float = 1e-9) -> Rec
     if not inside.all() or len(inside) < len(times):
         end = max(int(np.argmin(inside)) if not inside.all() else len(inside), 2)
         status = left_range(float(times[min(end, len(times) - 1)]))
-    return to_recording(
-        dynamics, problem.manoeuvre, times[:end], states[:end], rudders[:end], orders[:end], status
-    )
+    return to_recording(dynamics, problem.manoeuvre, times[:end], states[:end], rudders[:end], orders[:end], status)
 
 
 def to_recording(
@@ -132,12 +130,11 @@ def _integrate(
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Walk through stages and pieces; states, rudder angles and orders at the sample times."""
     ship, stages = dynamics.particulars, list(manoeuvre.stages)
+    stages[-1] = replace(stages[-1], heading=None, hold=None)  # the last order is held to the end
     now, rudder, course, began = 0.0, 0.0, float(state[5]), 0.0
     stage = stages.pop(0)
     states, rudders, orders = [state], [state.new_zeros(())], [state.new_tensor(stage.order)]
-    chunk = (
-        2.0 * ship.time_unit
-    )  # events are looked for in short stretches, so that little is computed in vain
+    chunk = 2.0 * ship.time_unit  # events are looked for in short stretches, so that little is computed in vain
     while len(states) < len(times) and inside_physical_range(state, ship):
         piece = _next_piece(stage, now, began, rudder, ship.rudder_rate, min(now + chunk, float(times[-1])))
         samples = times[len(states) :]

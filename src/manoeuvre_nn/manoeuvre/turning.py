@@ -30,9 +30,7 @@ def turning_circle(
     sign = side_sign("manoeuvre side", side)
     check_duration("manoeuvre duration", duration)
     name = name or f"tc{rudder_deg:g}" + ("_port" if sign < 0 else "")
-    return Manoeuvre(
-        name, "turning_circle", (Stage(sign * rudder),), duration=duration, ship_lengths=CIRCLE_LENGTHS
-    )
+    return Manoeuvre(name, "turning_circle", (Stage(sign * rudder),), duration=duration, ship_lengths=CIRCLE_LENGTHS)
 
 
 def pull_out(
@@ -67,9 +65,7 @@ def pull_out(
     sign = side_sign("manoeuvre side", side)
     check_duration("manoeuvre coast", coast)
     if turn_deg <= 0:
-        raise InputError(
-            f"manoeuvre turn_deg={turn_deg}: expected a change of heading in degrees, more than 0"
-        )
+        raise InputError(f"manoeuvre turn_deg={turn_deg}: expected a change of heading in degrees, more than 0")
     turn = Stage(sign * rudder, heading=sign * turn_deg * pi / 180, direction=sign)
     name = name or f"pullout{rudder_deg:g}" + ("_port" if sign < 0 else "")
     return Manoeuvre(name, "pull_out", (turn, Stage(0.0)), duration=coast, ship_lengths=40.0)

@@ -57,6 +57,4 @@ def esso_190k(
         Rajesh & Bhattacharyya 2009, Table 1. Positive rudder turns to port there.
     """
     speed = SELF_PROPULSION * rpm / RPM_SERVICE
-    return TankerShip(
-        PARTICULARS, VOLUME, COEFFICIENTS, rpm=rpm, self_propulsion=speed, depth=depth, shaft=shaft
-    )
+    return TankerShip(PARTICULARS, VOLUME, COEFFICIENTS, rpm=rpm, self_propulsion=speed, depth=depth, shaft=shaft)

@@ -18,6 +18,8 @@ WANG = Particulars(
     rudder_rate=2.5 * DEGREE,
     rudder_limit=35 * DEGREE,
     rudder_area_ratio=0.02,
+    surge_damping=-0.0253,  # Wang 1996, Table 5.1, column Clarke
+    rudder_drag=-0.04008,
     record_length=360.0,
     source="Wang 1996, Table 3.1",
 )

@@ -84,7 +84,15 @@ class TankerShip(Ship):
             self_propulsion,
         )
         self.depth, self.shaft, self.zeta = depth, shaft, zeta
-        self.k = _at_depth(k, zeta)
+        # A buffer, so that tankers in different depths or at different rpm can be rows of one batch.
+        values = _at_depth(k, zeta) | {"n": rpm * RPM}
+        self._names = tuple(values)
+        self.register_buffer("table", torch.tensor(list(values.values()), dtype=dtype))
+
+    @property
+    def k(self) -> dict[str, Tensor]:
+        """Coefficients at this depth, and the shaft speed n [1/s]."""
+        return dict(zip(self._names, self.table.unbind(), strict=True))
 
     def thrust(self, u: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
         """Propeller thrust over mass, gT.
@@ -95,12 +103,11 @@ class TankerShip(Ship):
         Returns:
             gT [m/s^2].
         """
-        k, n, length = self.k, self.rpm * RPM, self.particulars.length
-        return k["Tuu"] * u.square() / length + k["Tun"] * u * n + length * k["Tnn"] * abs(n) * n
+        k, length = self.k, self.particulars.length
+        n = k["n"]
+        return k["Tuu"] * u.square() / length + k["Tun"] * u * n + length * k["Tnn"] * n.abs() * n
 
-    def force(
-        self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]
-    ) -> Float[Tensor, "*batch 3"]:
+    def force(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
         """Right-hand sides over g (X, Y) and over g/L (N).
 
         Args:
@@ -110,15 +117,14 @@ class TankerShip(Ship):
         Returns:
             f'' [-] in the BIS system.
         """
-        k, n, length = self.k, self.rpm * RPM, self.particulars.length
+        k, length = self.k, self.particulars.length
+        n = k["n"]
         u, v, r, d = nu[..., 0], nu[..., 1], nu[..., 2], -delta
-        beta, race = v / u, k["cun"] * u * n + k["cnn"] * n**2
+        beta, race = v / u, k["cun"] * u * n + k["cnn"] * n.square()
         thrust = length * self.thrust(u)
         cross = race * beta.abs() * beta * d.abs()
         uv, ur, vv, cd = u * v, length * u * r, v.abs() * v, race * d
-        surge = (
-            k["Xuu"] * u.square() + length * k["Xvr"] * v * r + k["Xvv"] * v.square() + (1 - k["t"]) * thrust
-        )
+        surge = k["Xuu"] * u.square() + length * k["Xvr"] * v * r + k["Xvv"] * v.square() + (1 - k["t"]) * thrust
         surge = surge + k["Xccdd"] * race * d.square() + k["Xccbd"] * race * beta * d
         sway = k["Yuv"] * uv + k["Yvv"] * vv + k["Yccd"] * cd + k["Yur"] * ur + k["Yccbbd"] * cross
         yaw = k["Nuv"] * uv + length * k["Nvr"] * v.abs() * r + k["Nccd"] * cd + k["Nur"] * ur

@@ -33,9 +33,7 @@ class TaylorForce(nn.Module):
         coefficients: Factors of the bare products, shape (terms, 3).
     """
 
-    def __init__(
-        self, coefficients: Coefficients, *, taylor: bool = True, dtype: torch.dtype = torch.float64
-    ) -> None:
+    def __init__(self, coefficients: Coefficients, *, taylor: bool = True, dtype: torch.dtype = torch.float64) -> None:
         """Collect the terms of the three equations.
 
         Args:
@@ -51,9 +49,7 @@ class TaylorForce(nn.Module):
         order = max((len(t) for t in self.terms), default=0)
         # Each product is a product of `order` columns of (1, u, v, r, d): three look-ups instead of powers.
         columns = [[VARIABLES.index(c) + 1 for c in t] + [0] * (order - len(t)) for t in self.terms]
-        self.register_buffer(
-            "columns", torch.tensor(columns, dtype=torch.long).reshape(len(self.terms), order)
-        )
+        self.register_buffer("columns", torch.tensor(columns, dtype=torch.long).reshape(len(self.terms), order))
         matrix = torch.zeros(len(self.terms), 3, dtype=dtype)
         for equation, values in coefficients.items():
             if equation not in EQUATIONS:
@@ -94,9 +90,7 @@ def _sorted(term: str) -> str:
     """The term with its letters in the order u, v, r, d, so that Yrvv and Yvvr are one; ``0`` becomes empty."""
     unknown = set(term) - set(VARIABLES + "0")
     if unknown:
-        raise InputError(
-            f"term {term!r} of a Taylor series has unknown letters; use u, v, r, d, or 0 for a constant"
-        )
+        raise InputError(f"term {term!r} of a Taylor series has unknown letters; use u, v, r, d, or 0 for a constant")
     return "".join(sorted(term.strip("0"), key=VARIABLES.index))
 
 
@@ -169,9 +163,7 @@ class TaylorShip(Ship):
         a, b, q = (prime[..., 0] - 1) / ratio, prime[..., 1] / ratio, prime[..., 2] / ratio
         return torch.stack([a, b, q, self.rudder_sign * delta], dim=-1), ratio
 
-    def force(
-        self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]
-    ) -> Float[Tensor, "*batch 3"]:
+    def force(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
         """Right-hand sides f'; see :class:`TaylorShip` for the equation.
 
         Args:

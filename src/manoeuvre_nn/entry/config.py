@@ -1,0 +1,166 @@
+"""From a config to objects: the only place that calls ``hydra.utils.instantiate``."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+from hydra.utils import instantiate
+from omegaconf import DictConfig, ListConfig, OmegaConf
+
+from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.manoeuvre import Manoeuvre
+from manoeuvre_nn.core.units import KNOT
+
+ALLOWED = ("manoeuvre_nn.",)
+"""Where a ``_target_`` may come from: a config can name any function, so it must not."""
+TARGET = "_target_"
+
+
+def register_resolvers() -> None:
+    """Make ``${run_name:...}`` known to OmegaConf."""
+    OmegaConf.register_new_resolver("run_name", _run_name, replace=True)
+
+
+def _run_name(manoeuvre: Any, data: Any) -> str:
+    """Manoeuvres joined, or ``recordings``: what the output folder is called after."""
+    if "files" in data:
+        return "recordings"
+    return "_".join(k for k, v in manoeuvre.items() if k != "speed_kn")
+
+
+def build(config: Any, **more: Any) -> Any:
+    """Make the object that a piece of config describes.
+
+    Args:
+        config: Mapping with ``_target_``.
+        more: Further arguments.
+
+    Returns:
+        The object. Nested containers arrive as plain lists and dicts.
+
+    Raises:
+        InputError: If a ``_target_`` lies outside this package.
+    """
+    plain = OmegaConf.to_container(config, resolve=True, throw_on_missing=True) if _is_config(config) else config
+    for target in targets(plain):
+        if not target.startswith(ALLOWED):
+            raise InputError(f"{TARGET}: {target} is refused; a config may only name things in manoeuvre_nn")
+    return instantiate(plain, _convert_="all", **more)
+
+
+def targets(plain: Any) -> Iterator[str]:
+    """Every import path that a config would run.
+
+    Args:
+        plain: Nested lists and dicts.
+
+    Yields:
+        Import paths.
+    """
+    if isinstance(plain, Mapping):
+        if TARGET in plain:
+            yield str(plain[TARGET])
+        for value in plain.values():
+            yield from targets(value)
+    elif isinstance(plain, Sequence) and not isinstance(plain, str):
+        for value in plain:
+            yield from targets(value)
+
+
+def training_manoeuvres(config: DictConfig) -> list[Manoeuvre]:
+    """The manoeuvres that were chosen with ``manoeuvre=``.
+
+    Args:
+        config: ``cfg.manoeuvre``: one entry a manoeuvre, and ``speed_kn``.
+
+    Returns:
+        Manoeuvres at the approach speed.
+
+    Raises:
+        InputError: If the speed is not positive.
+    """
+    chosen = [v for v in config.values() if _is_config(v) and TARGET in v]
+    return [build(v).at_speed(approach_speed(config)) for v in chosen]
+
+
+def approach_speed(config: DictConfig) -> float | None:
+    """``manoeuvre.speed_kn`` in m/s.
+
+    Args:
+        config: ``cfg.manoeuvre``.
+
+    Returns:
+        Speed [m/s], None for the ship's own.
+
+    Raises:
+        InputError: If it is not a positive number.
+    """
+    speed = config.get("speed_kn")
+    if speed is None:
+        return None
+    if not isinstance(speed, int | float) or not speed > 0:
+        raise InputError(f"manoeuvre.speed_kn={speed}: expected an approach speed in knots, more than 0")
+    return speed * KNOT
+
+
+def named_manoeuvres(names: Sequence[Any], folder: Path, speed: float | None) -> list[Manoeuvre]:
+    """Manoeuvres by the names of their files in ``conf/manoeuvre``.
+
+    Args:
+        names: Names, or ``{name: {setting: value}}``.
+        folder: ``conf/manoeuvre``.
+        speed: Approach speed [m/s]; None is the ship's own.
+
+    Returns:
+        Manoeuvres.
+
+    Raises:
+        InputError: If a name is unknown; the message lists those that exist.
+    """
+    choices = sorted(p.stem for p in folder.glob("*.yaml"))
+    made = []
+    for entry in names:
+        name, settings = next(iter(entry.items())) if isinstance(entry, Mapping) else (entry, {})
+        check_choice("manoeuvre in score", name, choices)
+        described = OmegaConf.merge(OmegaConf.load(folder / f"{name}.yaml"), settings)
+        made.append(build(described).at_speed(speed))
+    return made
+
+
+def as_list(value: Any) -> list[Any]:
+    """``score=zz20`` and ``score=[zz20]`` alike.
+
+    Args:
+        value: A name or a list.
+
+    Returns:
+        Plain list.
+    """
+    if isinstance(value, ListConfig | list | tuple):
+        return list(OmegaConf.to_container(value) if isinstance(value, ListConfig) else value)  # type: ignore
+    return [value]
+
+
+def load_yaml(path: Path) -> Any:
+    """Read a yaml file that a person wrote.
+
+    Args:
+        path: The file.
+
+    Returns:
+        Its content as plain lists and dicts.
+
+    Raises:
+        InputError: If it is missing or is no yaml.
+    """
+    if not path.is_file():
+        raise InputError(f"{path} does not exist: write the path of a yaml file, such as conf/recording/esso_osaka.yaml")
+    try:
+        return yaml.safe_load(path.read_text())
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise InputError(f"{path} is no valid yaml: {str(error).splitlines()[0]}") from error
+
+
+def _is_config(value: Any) -> bool:
+    return isinstance(value, DictConfig | ListConfig)

@@ -1,0 +1,78 @@
+"""One line and exit code 2 for what a person got wrong; a traceback only for what we did."""
+
+import os
+import re
+import sys
+from collections.abc import Callable, Iterator
+
+from hydra.errors import HydraException
+from omegaconf.errors import OmegaConfBaseException
+
+from manoeuvre_nn.core.errors import InputError
+
+WRONG_INPUT = 2
+FAILED_JOBS = 1
+failed_jobs: list[str] = []
+"""Jobs of a sweep that failed; the sweep goes on and ends with exit code 1."""
+
+
+def guarded(main: Callable[[], None]) -> None:
+    """Run an entry point.
+
+    Args:
+        main: The function that ``hydra.main`` made.
+
+    Raises:
+        SystemExit: With code 2 after one line for wrong input, with code 1 if jobs of a sweep failed.
+    """
+    os.environ["HYDRA_FULL_ERROR"] = "1"  # hydra then raises instead of printing its own traceback
+    try:
+        main()
+    except (InputError, HydraException, OmegaConfBaseException) as error:
+        message = explain(error)
+        if message is None:
+            raise
+        print(f"error: {message}", file=sys.stderr)
+        raise SystemExit(WRONG_INPUT) from None
+    if failed_jobs:
+        raise SystemExit(FAILED_JOBS)
+
+
+def explain(error: BaseException) -> str | None:
+    """The one line that a person needs.
+
+    Args:
+        error: What was raised.
+
+    Returns:
+        The line; None if the cause is a fault of the program.
+    """
+    chain = list(_causes(error))
+    for cause in chain:
+        if isinstance(cause, InputError):
+            return str(cause)
+    if any(not isinstance(c, HydraException | OmegaConfBaseException | TypeError | ValueError) for c in chain):
+        return None
+    return _one_line(str(error))
+
+
+def _causes(error: BaseException | None) -> Iterator[BaseException]:
+    while error is not None:
+        yield error
+        error = error.__cause__ or error.__context__
+
+
+def _one_line(text: str) -> str:
+    """Hydra's own messages, shortened: choices are kept, advice about stack traces is not."""
+    missing = re.search(r"Could not find '([^/']+)/([^']+)'", text)
+    if missing:
+        options = re.findall(r"^\t(\S+)", text, flags=re.MULTILINE)
+        return f"{missing[1]}={missing[2]} is unknown; choose one of: {', '.join(options)}"
+    key = re.search(r"Could not override '([^']+)'", text) or re.search(r"Key '([^']+)' is not in struct", text)
+    if key:
+        return f"there is no setting {key[1]}; python train.py --cfg job lists them all"
+    mandatory = re.search(r"Missing mandatory value: (\S+)", text)
+    if mandatory:
+        return f"{mandatory[1]} must be given: write {mandatory[1]}=..."
+    lines = [line.strip() for line in text.splitlines() if line.strip() and "HYDRA_FULL_ERROR" not in line]
+    return " ".join(lines[:3])[:400]

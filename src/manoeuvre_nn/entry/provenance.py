@@ -1,0 +1,116 @@
+"""What a second person needs to make a result again: resolved config, seed, versions."""
+
+import platform
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import yaml
+from omegaconf import DictConfig, OmegaConf
+
+from manoeuvre_nn import __version__
+from manoeuvre_nn.core.errors import InputError
+
+CONFIG, SCORES = "config.yaml", "scores.json"
+LIBRARIES = ("torch", "lightning", "hydra-core", "torchdiffeq", "tensorboard", "numpy", "scipy", "pandas", "matplotlib")
+NOT_COMPARED = {"name", "trainer.progress", "trainer.resume", "trainer.max_epochs"}
+"""Settings in which a resumed run may differ from what it resumes."""
+
+
+def versions() -> dict[str, str]:
+    """Versions of what a result depends on.
+
+    Returns:
+        Name -> version.
+    """
+    found = {"manoeuvre-nn": __version__, "python": platform.python_version(), "platform": platform.platform()}
+    for library in LIBRARIES:
+        try:
+            found[library] = version(library)
+        except PackageNotFoundError:  # pragma: no cover - every library is a dependency
+            found[library] = "not installed"
+    return found
+
+
+def resolved(cfg: DictConfig) -> dict[str, Any]:
+    """The config with every interpolation written out.
+
+    Args:
+        cfg: The config.
+
+    Returns:
+        Plain dicts and lists.
+    """
+    plain = OmegaConf.to_container(cfg, resolve=True)
+    assert isinstance(plain, dict)
+    return {str(k): v for k, v in plain.items()}
+
+
+def write_provenance(cfg: DictConfig, out: Path) -> None:
+    """Write the resolved config and the versions before anything is computed.
+
+    Args:
+        cfg: The config.
+        out: Output folder.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    text = yaml.safe_dump({**resolved(cfg), "versions": versions()}, sort_keys=False, allow_unicode=True)
+    (out / CONFIG).write_text(text)
+
+
+def finished(out: Path) -> bool:
+    """Whether a folder holds a finished run.
+
+    Args:
+        out: Output folder.
+
+    Returns:
+        True if its scores were written.
+    """
+    return (out / SCORES).is_file()
+
+
+def check_same_run(cfg: DictConfig, out: Path) -> None:
+    """Refuse to go on in a folder that holds a run with other settings.
+
+    Args:
+        cfg: The config.
+        out: Output folder.
+
+    Raises:
+        InputError: If a setting differs; the message names it.
+    """
+    if not (out / CONFIG).is_file():
+        return
+    try:
+        before = flat(yaml.safe_load((out / CONFIG).read_text()))
+    except (yaml.YAMLError, AttributeError) as error:
+        raise InputError(f"{out / CONFIG} is damaged: remove the folder or choose another hydra.run.dir") from error
+    before = {k: v for k, v in before.items() if not k.startswith("versions.")}
+    # The round trip through yaml makes both sides the same kind of number.
+    now = flat(yaml.safe_load(yaml.safe_dump(resolved(cfg))))
+    for key in sorted(set(before) | set(now)):
+        if key not in NOT_COMPARED and before.get(key) != now.get(key):
+            raise InputError(
+                f"{out} holds a run with {key}={before.get(key)}, this one has {key}={now.get(key)}: "
+                "choose another hydra.run.dir or remove the folder"
+            )
+
+
+def flat(nested: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested settings as ``a.b.c`` -> value.
+
+    Args:
+        nested: Nested dicts.
+        prefix: What the keys begin with.
+
+    Returns:
+        One level; lists are values.
+    """
+    result: dict[str, Any] = {}
+    for key, value in nested.items():
+        if isinstance(value, dict) and value:
+            result |= flat(value, f"{prefix}{key}.")
+        else:
+            result[f"{prefix}{key}"] = value
+    return result

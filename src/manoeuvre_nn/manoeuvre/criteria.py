@@ -1,0 +1,237 @@
+"""The standard criteria, read off any recording: simulated or measured, from the execute on."""
+
+from collections.abc import Callable
+from math import pi
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from manoeuvre_nn.core.frames import earth_to_body
+from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.manoeuvre.trace import LEAST_RUDDER, Samples, Trace, left_angle, trace
+
+INITIAL_TURN = 10 * DEGREE
+"""Change of heading that the initial turning ability is judged by [rad]."""
+STEADY = 0.02
+"""Largest change of speed and of yaw rate over the last 90 deg of a steady turn [-]."""
+
+
+def criteria(recording: Recording, kind: str, length: float) -> dict[str, float]:
+    """Read the standard criteria off a recording.
+
+    Everything is relative to the execute, the moment at which the rudder first leaves the angle of the approach, and
+    positive for turns to either side. What a recording is too short for is not in the result.
+
+    Args:
+        recording: u, v, r, psi, delta, and x, y for what needs positions.
+        kind: Family of the manoeuvre; one without criteria (``random_rudder``, or empty for unknown) has none.
+        length: L [m].
+
+    Returns:
+        Name with unit -> value. ``turning_circle``: advance_L, transfer_L, tactical_diameter_L, steady_diameter_L,
+        steady_u_m_s, steady_r_deg_s, steady_drift_deg, speed_loss. ``zigzag``: reversals, overshoot_1_deg, ...,
+        period_s, initial_turning_L, initial_turning_time_s. ``pull_out``: residual_rate_deg_s, half_time_s.
+        ``spiral``: neutral_rudder_deg, loop_width_deg, loop_height_deg_s. ``straight``: speed_change, drift_L,
+        heading_change_deg.
+
+    Source:
+        IMO MSC.137(76) and MSC/Circ.1053; SNAME 1989, Guide for Sea Trials, for the spiral and the pull-out.
+    """
+    if kind == "straight":
+        return _straight(recording, length)
+    reader = READERS.get(kind)
+    seen = trace(recording) if reader else None
+    return reader(seen, length) if reader and seen else {}
+
+
+def _turning_circle(seen: Trace, length: float) -> dict[str, float]:
+    """Advance and transfer at 90 deg, tactical diameter at 180 deg, and the steady turn."""
+    found: dict[str, float] = {}
+    quarter, half = seen.time_at(0.5 * pi), seen.time_at(pi)
+    if seen.ahead is not None and seen.abeam is not None:
+        if quarter is not None:
+            found["advance_L"] = float(seen.ahead(quarter)) / length
+            found["transfer_L"] = float(seen.abeam(quarter)) / length
+        if half is not None:
+            found["tactical_diameter_L"] = float(seen.abeam(half)) / length
+    last = seen.turn(seen.time) > float(seen.turn(seen.time[-1])) - 0.5 * pi
+    if half is None or not _is_steady(seen, last & (seen.time > half)):
+        return found
+    u, v, r = (float(_end(seen.time[last], c[last])) for c in (seen.u, seen.v, seen.rate))
+    speed = float(np.hypot(u, v))
+    return found | {
+        "steady_diameter_L": 2 * speed / r / length,
+        "steady_u_m_s": u,
+        "steady_r_deg_s": r / DEGREE,
+        "steady_drift_deg": float(np.arctan2(-v, u)) / DEGREE,
+        "speed_loss": 1 - speed / seen.approach_speed,
+    }
+
+
+def _is_steady(seen: Trace, last: Bool[np.ndarray, " n"]) -> bool:
+    """Whether speed and yaw rate hardly change over the last part of a turn."""
+    if last.sum() < 3:
+        return False
+    time = seen.time[last]
+    slopes = [np.polyfit(time - time[0], c[last], 1)[0] / c[last].mean() for c in (seen.speed, seen.rate)]
+    return bool(np.abs(slopes).max() * (time[-1] - time[0]) < STEADY)
+
+
+def _end(time: Samples, values: Samples) -> float:
+    """Mean over the last fifth of a stretch in time."""
+    return float(values[time >= time[-1] - 0.2 * (time[-1] - time[0])].mean())
+
+
+def _zigzag(seen: Trace, length: float) -> dict[str, float]:
+    """Overshoots beyond the heading at which the rudder was reversed, period and initial turning."""
+    reversals, end = reversal_times(seen)
+    found = {"reversals": float(len(reversals))}
+    ends = [*reversals[1:], end]
+    for k, (start, stop) in enumerate(zip(reversals, ends, strict=False)):
+        side = (-1) ** k
+        peak = seen.peak(start, stop, side)
+        if peak is not None:
+            found[f"overshoot_{k + 1}_deg"] = side * (peak - float(seen.turn(start))) / DEGREE
+    if len(reversals) > 2:  # from rudder to rudder of the same side; the first half-swing starts from a straight course
+        found["period_s"] = reversals[2] - reversals[0]
+    turned = seen.time_at(INITIAL_TURN)
+    if turned is not None:
+        found["initial_turning_L"] = seen.distance(seen.execute, turned) / length
+        found["initial_turning_time_s"] = turned - seen.execute
+    return found
+
+
+def reversal_times(seen: Trace) -> tuple[list[float], float]:
+    """When the helmsman of a zigzag reversed the rudder.
+
+    Args:
+        seen: The trial.
+
+    Returns:
+        Times at which the rudder began to go to the other side [s], and the time at which the last such rudder was given
+        up or the recording ends [s].
+    """
+    level = seen.rudder / np.abs(seen.rudder).max()
+    side = np.where(level > 0.3, 1, np.where(level < -0.3, -1, 0))
+    index = np.maximum.accumulate(np.where(side != 0, np.arange(len(side)), 0))
+    changes = np.flatnonzero(np.diff(side[index]) * (side[index][:-1] != 0)) + 1
+    bounds = [int(np.argmax(side != 0)), *changes.tolist(), len(side)]
+    held = [_held(seen.rudder[a:b]) for a, b in zip(bounds, bounds[1:], strict=False)]
+    pairs = zip(changes.tolist(), held, held[1:], strict=False)
+    times = [left_angle(seen.time, seen.rudder, k, before, after) for k, before, after in pairs]
+    over = bounds[-2] + int(np.argmax(np.abs(level[bounds[-2] :]) > 0.6))
+    given_up = np.flatnonzero(np.abs(level[over:]) < 0.3)
+    return times, float(seen.time[over + given_up[0]] if len(given_up) else seen.time[-1])
+
+
+def _held(rudder: Samples) -> float:
+    """The angle that the rudder was held at between two movements."""
+    return float(np.median(rudder[np.abs(rudder) >= 0.9 * np.abs(rudder).max()]))
+
+
+def _pull_out(seen: Trace, length: float) -> dict[str, float]:
+    """The yaw rate that remains with the rudder amidships, and how fast the rest dies out."""
+    del length
+    level = seen.rudder / np.abs(seen.rudder).max()
+    over = int(np.argmax(level > 0.9))
+    given_up = np.flatnonzero(level[over:] < 0.5)
+    if not len(given_up):
+        return {}
+    middle = over + int(given_up[0])
+    held, amidships = _held(seen.rudder[:middle]), float(np.median(seen.rudder[middle:]))
+    start = left_angle(seen.time, seen.rudder, middle, held, amidships)
+    after = seen.time >= start
+    time, rate = seen.time[after], seen.rate[after]
+    if len(time) < 4:
+        return {}
+    residual = _end(time, rate)
+    found = {"residual_rate_deg_s": residual / DEGREE}
+    first = float(np.interp(start, seen.time, seen.rate))
+    fallen = np.flatnonzero(rate - residual <= 0.5 * (first - residual))
+    if first > residual and len(fallen) and fallen[0] > 0:
+        pair = slice(fallen[0] - 1, fallen[0] + 1)
+        found["half_time_s"] = float(np.interp(-0.5 * (first + residual), -rate[pair], time[pair])) - start
+    return found
+
+
+def _spiral(seen: Trace, length: float) -> dict[str, float]:
+    """Where the two branches of yaw rate over rudder cross zero, and how far they are apart."""
+    del length
+    holds = _holds(seen)
+    if len(holds) < 4:
+        return {}
+    turning = int(np.argmin(holds[:, 0]))
+    branches = (holds[: turning + 1], holds[turning:])
+    neutral = [z for z in (_at_zero(b[:, 1], b[:, 0]) for b in branches) if z is not None]
+    height = [z for z in (_at_zero(b[:, 0] + seen.side * seen.base, b[:, 1]) for b in branches) if z is not None]
+    found = {}
+    if len(neutral) == 2:
+        found["neutral_rudder_deg"] = (seen.side * 0.5 * (neutral[0] + neutral[1]) + seen.base) / DEGREE
+        found["loop_width_deg"] = abs(neutral[0] - neutral[1]) / DEGREE
+    if len(height) == 2:
+        found["loop_height_deg_s"] = abs(height[0] - height[1]) / DEGREE
+    return found
+
+
+def _holds(seen: Trace) -> Float[np.ndarray, "holds 2"]:
+    """Rudder angle of every hold and the yaw rate at its end [rad, rad/s]."""
+    starts, level, count = [0], seen.rudder[0], 1
+    for k, angle in enumerate(seen.rudder[1:], start=1):
+        if abs(angle - level) > LEAST_RUDDER:
+            starts, level, count = [*starts, k], angle, 0
+        count += 1
+        level += (angle - level) / count
+    pieces = [slice(a, b) for a, b in zip(starts, [*starts[1:], len(seen.rudder)], strict=True)]
+    spans = np.array([seen.time[p][-1] - seen.time[p][0] for p in pieces])
+    # On its way from one hold to the next the rudder is nowhere for long.
+    pieces = [p for p, span in zip(pieces, spans, strict=True) if span > 0.3 * spans.max()]
+    return np.array([[_last_median(seen.rudder[p]), _last_fitted(seen.time[p], seen.rate[p])] for p in pieces])
+
+
+def _last_median(values: Samples) -> float:
+    """Median of the second half."""
+    return float(np.median(values[len(values) // 2 :]))
+
+
+def _last_fitted(time: Samples, values: Samples) -> float:
+    """Value at the end of a stretch by a line through its last tenth."""
+    last = time >= time[-1] - 0.1 * (time[-1] - time[0])
+    if last.sum() < 3:
+        return float(values[-1])
+    slope, offset = np.polyfit(time[last] - time[-1], values[last], 1)
+    return float(offset)
+
+
+def _at_zero(along: Samples, values: Samples) -> float | None:
+    """Value where a sampled curve first crosses ``along = 0``, by a straight line; None if it does not."""
+    crossed = np.flatnonzero((along[:-1] * along[1:] <= 0) & (along[:-1] != along[1:]))
+    if not len(crossed):
+        return None
+    k = int(crossed[0])
+    share = along[k] / (along[k] - along[k + 1])
+    return float(values[k] + share * (values[k + 1] - values[k]))
+
+
+def _straight(recording: Recording, length: float) -> dict[str, float]:
+    """Change of speed, drift to starboard of the first heading, and change of heading."""
+    speed = np.hypot(recording["u"], recording["v"])
+    first, last = _end(-recording.time[::-1], speed[::-1]), _end(recording.time, speed)
+    found = {
+        "speed_change": last / first - 1,
+        "heading_change_deg": float(recording["psi"][-1] - recording["psi"][0]) / DEGREE,
+    }
+    if "x" in recording.channels and "y" in recording.channels:
+        north, east = (recording[k][-1] - recording[k][0] for k in ("x", "y"))
+        _, starboard = earth_to_body(north, east, recording["psi"][0])
+        found["drift_L"] = float(starboard) / length
+    return found
+
+
+READERS: dict[str, Callable[[Trace, float], dict[str, float]]] = {
+    "turning_circle": _turning_circle,
+    "zigzag": _zigzag,
+    "pull_out": _pull_out,
+    "spiral": _spiral,
+}
+"""Family of manoeuvres -> what reads its criteria."""

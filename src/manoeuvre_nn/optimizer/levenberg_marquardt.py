@@ -1,0 +1,314 @@
+"""Levenberg-Marquardt for any module and any residual, many independent fits as one batch.
+
+Torch has no second-order optimizer for least squares. This one keeps torch's contract (parameters in, ``step(closure)``,
+``state_dict``), so that Lightning can drive it, and treats independent fits as rows: three networks of one ship or a
+thousand restarts cost little more than one, and each has its own damping and its own reason to stop.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, Literal
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+from torch.nn import Parameter
+
+from manoeuvre_nn.core.errors import InputError, check_choice
+
+Jacobian = Callable[[], "Tensor | Iterable[Tensor]"]
+REASONS = (
+    "",
+    "goal reached",
+    "gradient below min_grad",
+    "mu above mu_max: no step lowers the error any more",
+    "validation error rose max_fail times",
+    "error is not finite",
+)
+RUNNING, GOAL, GRADIENT, DAMPING, VALIDATION, NOT_FINITE = range(len(REASONS))
+
+
+class LevenbergMarquardt(torch.optim.Optimizer):
+    """Damped Gauss-Newton steps ``(J^T J + mu I) d = -J^T e`` on residuals e(w).
+
+    One :meth:`step` is one epoch of TRAINLM: e and J are taken at the present weights, then mu is raised until a step
+    lowers the sum of squares (or mu exceeds ``mu_max``), and lowered after it.
+
+    With ``rows=K`` every parameter has K as its first dimension, the residual has shape (K, N), row k depends on row k
+    of the parameters alone, and K problems are solved side by side.
+
+    Attributes:
+        reasons: Why each row stopped; empty for a row that goes on.
+        evaluations: How often the residual was evaluated.
+
+    Source:
+        Levenberg 1944; Marquardt 1963; Hagan & Menhaj 1994 (TRAINLM's rule); Nielsen 1999 and Madsen, Nielsen & Tingleff
+        2004, algorithm 3.16 (``damping="nielsen"``).
+    """
+
+    def __init__(
+        self,
+        params: Iterable[Parameter],
+        *,
+        rows: int | None = None,
+        mu: float = 1e-3,
+        mu_dec: float = 0.1,
+        mu_inc: float = 10.0,
+        mu_max: float = 1e10,
+        goal: float = 0.0,
+        min_grad: float = 1e-7,
+        max_fail: int = 6,
+        damping: Literal["trainlm", "nielsen"] = "trainlm",
+        jacobian: Jacobian | None = None,
+        max_elements: float = 2e7,
+    ) -> None:
+        """Set up.
+
+        Args:
+            params: Parameters, all of one type.
+            rows: Number of independent problems K; None is one problem.
+            mu: First damping; with ``nielsen`` relative to the largest diagonal element of J^T J [-].
+            mu_dec: Factor after a step that lowers the error [-].
+            mu_inc: Factor after one that does not [-].
+            mu_max: Damping above which a row stops.
+            goal: Mean square error at which a row stops.
+            min_grad: Norm of the gradient of the mean square error at which a row stops.
+            max_fail: Rises of the validation error that stop a row, see :meth:`validate`.
+            damping: ``trainlm`` or ``nielsen``.
+            jacobian: Gives J of shape (K, N, P), or (N, P) without rows, at the present weights, or an iterable of its
+                blocks along N; P runs over the parameters in their order. None takes it from autograd.
+            max_elements: A Jacobian with more elements is never built whole: J^T J is summed from blocks.
+
+        Raises:
+            InputError: If a setting makes no sense.
+        """
+        check_choice("fit.damping", damping, ["trainlm", "nielsen"])
+        if not (mu > 0 and 0 < mu_dec < 1 < mu_inc and mu_max > mu and max_fail >= 1):
+            raise InputError(
+                f"Levenberg-Marquardt with mu={mu}, mu_dec={mu_dec}, mu_inc={mu_inc}, mu_max={mu_max}, max_fail="
+                f"{max_fail}: expected 0 < mu < mu_max, 0 < mu_dec < 1 < mu_inc, max_fail >= 1"
+            )
+        super().__init__(params, {})
+        self._weights: list[Parameter] = [p for group in self.param_groups for p in group["params"]]
+        if rows is not None and any(p.shape[0] != rows for p in self._weights):
+            raise InputError(f"rows={rows}, but parameters have {[tuple(p.shape) for p in self._weights]}")
+        self.rows, self.jacobian, self.max_elements = rows, jacobian, max_elements
+        self.mu_dec, self.mu_inc, self.mu_max = mu_dec, mu_inc, mu_max
+        self.goal, self.min_grad, self.max_fail, self.damping = goal, min_grad, max_fail, damping
+        one = self._weights[0].new_ones(rows or 1)
+        # Reasons and counts are kept as floats of the weights' type: torch casts them to it when a state is loaded.
+        self._state.update(
+            mu=mu * one, nu=2 * one, mse=torch.full_like(one, torch.inf), reason=0 * one, fails=0 * one,
+            best=torch.full_like(one, torch.inf), evaluations=one.new_zeros(()), steps=one.new_zeros(()),
+        )  # fmt: skip
+
+    @property
+    def _state(self) -> dict[str, Any]:
+        return self.state[self._weights[0]]
+
+    @property
+    def mu(self) -> Float[Tensor, " rows"]:
+        """Damping of every row [-]."""
+        return self._state["mu"]
+
+    @property
+    def loss(self) -> Float[Tensor, " rows"]:
+        """Mean square error of every row at the present weights."""
+        return self._state["mse"]
+
+    @property
+    def evaluations(self) -> int:
+        """How often the residual was evaluated."""
+        return int(self._state["evaluations"])
+
+    @property
+    def reasons(self) -> list[str]:
+        """Why each row stopped; empty for a row that goes on."""
+        return [REASONS[int(code)] for code in self._state["reason"]]
+
+    @property
+    def stopped(self) -> bool:
+        """Whether every row has stopped."""
+        return bool((self._state["reason"] != RUNNING).all())
+
+    def step(self, closure: Callable[[], Tensor]) -> Float[Tensor, " rows"]:  # type: ignore[override]
+        """One epoch.
+
+        Args:
+            closure: Gives the residual: (K, N) with rows, else any shape. Only the residual, no backward pass.
+
+        Returns:
+            Mean square error of every row after the step.
+        """
+        if self.stopped:
+            return self.loss
+        residual, normal, gradient = self._linearise(closure)
+        state, count = self._state, residual.shape[1]
+        state["steps"] = state["steps"] + 1
+        state["mse"] = residual.square().mean(1)
+        self._judge(2 * gradient.norm(dim=1) / count)
+        if self.damping == "nielsen" and int(state["steps"]) == 1:
+            state["mu"] = state["mu"] * normal.diagonal(dim1=1, dim2=2).amax(1)
+        start, before = self._flat(), state["mse"]
+        pending = state["reason"] == RUNNING
+        while pending.any():
+            move, solved = self._solve(normal, gradient, pending)
+            self._set(start + move)
+            with torch.no_grad():
+                after = self._rows(closure()).square().mean(1)
+            state["evaluations"] = state["evaluations"] + 1
+            better = pending & solved & (after < before)  # a comparison with NaN is false
+            state["mse"] = torch.where(better, after, state["mse"])
+            start = torch.where(better[:, None], start + move, start)
+            self._damp(pending, better, move, gradient, 0.5 * count * (before - after))
+            pending = pending & ~better & (state["reason"] == RUNNING)
+        self._set(start)
+        self._judge_goal()
+        return self.loss
+
+    @torch.no_grad()
+    def validate(self, mse: Float[Tensor, " rows"]) -> None:
+        """Tell the optimizer the error on data kept back; it remembers the best weights of every row.
+
+        A row whose validation error has risen above its best ``max_fail`` times in a row stops; a row that has stopped
+        takes its best weights back.
+
+        Args:
+            mse: Validation error of every row.
+        """
+        state = self._state
+        mse = mse.to(state["best"])
+        better = mse < state["best"]
+        flat = self._flat()
+        kept = state.get("best_weights", flat)
+        state["best_weights"] = torch.where(better[:, None], flat, kept)
+        state["best"] = torch.where(better, mse, state["best"])
+        state["fails"] = torch.where(better, 0.0, state["fails"] + (mse > state["best"]).to(mse))
+        failed = (state["fails"] >= self.max_fail) & (state["reason"] == RUNNING)
+        state["reason"] = torch.where(failed, float(VALIDATION), state["reason"])
+        self._set(torch.where((state["reason"] != RUNNING)[:, None], state["best_weights"], flat))
+
+    def _judge(self, slope: Float[Tensor, " rows"]) -> None:
+        """Stop rows whose error is not a number, is at the goal, or whose gradient is flat."""
+        state = self._state
+        reason = torch.where(slope < self.min_grad, float(GRADIENT), 0.0)
+        reason = torch.where(state["mse"] <= self.goal, float(GOAL), reason)
+        reason = torch.where(state["mse"].isfinite() & slope.isfinite(), reason, float(NOT_FINITE))
+        state["reason"] = torch.where(state["reason"] == RUNNING, reason.to(state["reason"]), state["reason"])
+
+    def _judge_goal(self) -> None:
+        state = self._state
+        reached = (state["mse"] <= self.goal) & (state["reason"] == RUNNING)
+        state["reason"] = torch.where(reached, float(GOAL), state["reason"])
+
+    def _solve(
+        self, normal: Float[Tensor, "k p p"], gradient: Float[Tensor, "k p"], pending: Bool[Tensor, " k"]
+    ) -> tuple[Float[Tensor, "k p"], Bool[Tensor, " k"]]:
+        """Steps of the pending rows, zero for the others; and which of them could be solved."""
+        identity = torch.eye(normal.shape[-1], dtype=normal.dtype, device=normal.device)
+        # Rows that are not pending get a harmless system, so that one bad row cannot spoil the batch.
+        system = torch.where(pending[:, None, None], normal + self.mu[:, None, None] * identity, identity)
+        factor, info = torch.linalg.cholesky_ex(system)
+        solved = info == 0
+        factor = torch.where(solved[:, None, None], factor, identity)
+        move = -torch.cholesky_solve(gradient[..., None], factor)[..., 0]
+        move = torch.where((pending & solved)[:, None], move, 0.0)
+        return move, solved
+
+    def _damp(
+        self, pending: Tensor, better: Tensor, move: Float[Tensor, "k p"], gradient: Float[Tensor, "k p"], gain: Tensor
+    ) -> None:
+        """New damping of the pending rows; those beyond mu_max stop."""
+        state, mu, nu = self._state, self._state["mu"], self._state["nu"]
+        if self.damping == "trainlm":
+            lower, higher = mu * self.mu_dec, mu * self.mu_inc
+        else:
+            promised = 0.5 * (move * (mu[:, None] * move - gradient)).sum(1)
+            ratio = gain / promised.clamp(min=torch.finfo(mu.dtype).tiny)
+            lower, higher = mu * (1 - (2 * ratio - 1) ** 3).clamp(min=1 / 3), mu * nu
+            state["nu"] = torch.where(pending, torch.where(better, 2.0, 2 * nu), nu)
+        state["mu"] = torch.where(pending, torch.where(better, lower, higher), mu)
+        given_up = pending & ~better & (state["mu"] > self.mu_max)
+        state["reason"] = torch.where(given_up, float(DAMPING), state["reason"])
+
+    def _linearise(self, closure: Callable[[], Tensor]) -> tuple[Tensor, Tensor, Tensor]:
+        """Residual (K, N), J^T J (K, P, P) and J^T e (K, P) at the present weights."""
+        self._state["evaluations"] = self._state["evaluations"] + 1
+        if self.jacobian is not None:
+            with torch.no_grad():
+                residual = self._rows(closure())
+                blocks: Iterator[Tensor] = iter(_blocks(self.jacobian()))
+                return residual, *_normal_equations(residual, blocks, self.rows is None)
+        with torch.enable_grad():
+            residual = self._rows(closure())
+        return residual.detach(), *_normal_equations(residual.detach(), self._autograd_blocks(residual), False)
+
+    def _autograd_blocks(self, residual: Tensor) -> Iterator[Tensor]:
+        """Blocks of J along the residuals, by the cheaper direction that fits into memory."""
+        count = sum(p.numel() for p in self._weights) // len(residual)
+        if residual.shape[1] <= count or residual.numel() * count > self.max_elements:
+            yield from self._reverse_blocks(residual, count)
+        else:
+            yield self._forward_block(residual, count)
+
+    def _reverse_blocks(self, residual: Tensor, count: int) -> Iterator[Tensor]:
+        """Rows of J from vector-Jacobian products, as many at once as memory allows."""
+        rows, total = residual.shape
+        size = max(1, min(total, int(self.max_elements / (rows * max(count, total)))))
+        for first in range(0, total, size):
+            chosen = torch.arange(first, min(first + size, total), device=residual.device)
+            seeds = torch.zeros(len(chosen), rows, total, dtype=residual.dtype, device=residual.device)
+            seeds[torch.arange(len(chosen)), :, chosen] = 1.0
+            parts = torch.autograd.grad(residual, self._weights, seeds, retain_graph=True, is_grads_batched=True)
+            yield torch.cat([p.reshape(len(chosen), rows, -1) for p in parts], -1).movedim(1, 0)
+
+    def _forward_block(self, residual: Tensor, count: int) -> Tensor:
+        """All of J, column by column, from Jacobian-vector products: the derivative of ``J^T w`` by w, which any closure
+        allows, applied to unit vectors of the parameters."""
+        rows, total = residual.shape
+        weight = torch.zeros_like(residual, requires_grad=True)
+        pulled = torch.autograd.grad(residual, self._weights, weight, create_graph=True)
+        unit = torch.eye(count, dtype=residual.dtype, device=residual.device)
+        size = max(1, min(count, int(self.max_elements / (rows * total))))
+        columns = []
+        for chunk in unit.split(size):
+            parts = chunk.split([p.numel() // rows for p in self._weights], dim=1)
+            seeds = [
+                part[:, None].expand(-1, rows, -1).reshape(len(chunk), *p.shape)
+                for part, p in zip(parts, self._weights, strict=True)
+            ]
+            (column,) = torch.autograd.grad(pulled, weight, seeds, retain_graph=True, is_grads_batched=True)
+            columns.append(column)
+        return torch.cat(columns).movedim(0, -1)
+
+    def _rows(self, residual: Tensor) -> Float[Tensor, "k n"]:
+        return residual.reshape(1, -1) if self.rows is None else residual.reshape(self.rows, -1)
+
+    def _flat(self) -> Float[Tensor, "k p"]:
+        return torch.cat([p.detach().reshape(self.rows or 1, -1) for p in self._weights], dim=1)
+
+    @torch.no_grad()
+    def _set(self, flat: Float[Tensor, "k p"]) -> None:
+        rows = self.rows or 1
+        parts = flat.split([p.numel() // rows for p in self._weights], dim=1)
+        for parameter, part in zip(self._weights, parts, strict=True):
+            parameter.copy_(part.reshape(parameter.shape))
+
+
+def _blocks(jacobian: Tensor | Iterable[Tensor]) -> Iterable[Tensor]:
+    return [jacobian] if isinstance(jacobian, Tensor) else jacobian
+
+
+def _normal_equations(residual: Tensor, blocks: Iterable[Tensor], single: bool) -> tuple[Tensor, Tensor]:
+    """Sum J^T J and J^T e over blocks of residuals."""
+    normal: Tensor | None = None
+    gradient: Tensor | None = None
+    first = 0
+    for given in blocks:
+        block = given[None] if single and given.ndim == 2 else given
+        part = residual[:, first : first + block.shape[1]]
+        first += block.shape[1]
+        square, product = block.mT @ block, (block.mT @ part[..., None])[..., 0]
+        normal = square if normal is None else normal + square
+        gradient = product if gradient is None else gradient + product
+    assert normal is not None and gradient is not None and first == residual.shape[1]
+    return normal, gradient

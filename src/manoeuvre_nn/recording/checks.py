@@ -1,0 +1,326 @@
+"""Units, signs and frames of a recording, judged from the recording itself before anything is fitted."""
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float
+
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.frames import body_to_earth, earth_to_body
+from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.core.units import DEGREE, KNOT
+from manoeuvre_nn.recording.accelerations import smoothed
+
+WINDOW = 0.8
+"""Smoothing window of all checks over L/U0."""
+MISFIT = 0.35
+"""Largest misfit between u, v and the track's velocity that is put down to sensors, wind and current [-]."""
+STRONG_EVIDENCE = 4.0
+"""Least ratio of the rudder's coefficient to its standard error for a verdict on its sign."""
+
+Series = Float[np.ndarray, " n"]
+SPEED_RATIOS = {
+    KNOT: "u and v look like knots: write unit: kn",
+    1 / KNOT: "u and v look like m/s, not knots: write unit: m/s",
+    1 / 3.6: "u and v look like km/h: write unit: km/h",
+    3.6: "u and v look like m/s, not km/h: write unit: m/s",
+    1 / 0.3048: "x and y look like feet: write unit: ft",
+    0.3048: "x and y look like metres, not feet: write unit: m",
+    1e-3: "time looks like milliseconds: write unit: ms",
+    1e3: "time looks like seconds, not milliseconds: write unit: s",
+    60.0: "time looks like minutes: write unit: min",
+    1 / 60: "time looks like seconds, not minutes: write unit: s",
+}
+"""Speed over ground over ``hypot(u, v)`` -> what was mistaken."""
+
+
+def check_recording(recording: Recording, ship: Particulars) -> None:
+    """Refuse a recording whose units, signs or frames do not fit each other or the ship.
+
+    Args:
+        recording: As read.
+        ship: The ship.
+
+    Raises:
+        InputError: With the first finding.
+    """
+    for check in CHECKS:
+        finding = check(recording, ship)
+        if finding is not None:
+            raise InputError(f"recording {recording.name}: {finding}")
+
+
+def rudder_unit(recording: Recording, ship: Particulars) -> str | None:
+    """Degrees taken for radians, and the reverse.
+
+    Args:
+        recording: The recording.
+        ship: The ship.
+
+    Returns:
+        The finding, or None.
+    """
+    del ship
+    largest = float(np.abs(recording["delta"]).max())
+    if largest > 1.2:
+        return f"rudder angles reach {largest:.4g} rad; expected at most 1.2 rad: delta looks like degrees: write unit: deg"
+    if 0 < largest < 1.2 * DEGREE and _turns(recording) > 0.5:
+        return (
+            f"rudder angles stay within {largest / DEGREE:.2g} deg while the heading changes by "
+            f"{_turns(recording) / DEGREE:.0f} deg; delta looks like radians, not degrees: write unit: rad"
+        )
+    return None
+
+
+def rudder_stop(recording: Recording, ship: Particulars) -> str | None:
+    """Rudder beyond the ship's stop.
+
+    Args:
+        recording: The recording.
+        ship: The ship.
+
+    Returns:
+        The finding, or None.
+    """
+    largest = float(np.abs(recording["delta"]).max())
+    if largest <= ship.rudder_limit + 1.0 * DEGREE:
+        return None
+    return (
+        f"rudder angles reach {largest / DEGREE:.4g} deg; the {ship.name} stops at {ship.rudder_limit / DEGREE:.4g} deg: "
+        "choose the right ship, or mind the unit and offset of delta"
+    )
+
+
+def speed_unit(recording: Recording, ship: Particulars) -> str | None:
+    """Speed from u and v against the track; with no track of its own, against the ship.
+
+    Args:
+        recording: The recording.
+        ship: The ship.
+
+    Returns:
+        The finding, or None.
+    """
+    if _derived(recording) & {"u", "x"}:
+        return None
+    m = _Motion(recording, ship)
+    fast = m.speed > 0.3 * np.quantile(m.speed, 0.95)
+    ratio = float(np.median(np.hypot(m.north, m.east)[fast] / m.speed[fast]))
+    if 0.75 < ratio < 1.33:
+        return None
+    known = min(SPEED_RATIOS, key=lambda k: abs(np.log(max(ratio, 1e-9) / k)))
+    cause = "mind the units of u, v, x, y and time"
+    if abs(np.log(max(ratio, 1e-9) / known)) < 0.1:
+        cause = SPEED_RATIOS[known]
+    return f"the speed from x, y is {ratio:.4g} times hypot(u, v); expected 1: {cause}"
+
+
+def speed_size(recording: Recording, ship: Particulars) -> str | None:
+    """Speeds that the ship cannot have.
+
+    Args:
+        recording: The recording.
+        ship: The ship.
+
+    Returns:
+        The finding, or None. Slow runs are let pass: a trial may be made at any speed.
+    """
+    speed = np.hypot(recording["u"], recording["v"])
+    usual = float(np.quantile(speed, 0.9))
+    if usual > 1.6 * ship.speed:
+        return (
+            f"the speed reaches {usual:.4g} m/s; the {ship.name} approaches at {ship.speed:.4g} m/s: u and v look like "
+            "knots or km/h: write their unit, or choose the right ship (model scale, full scale)"
+        )
+    if usual < 0.05 * ship.speed:
+        return (
+            f"the speed stays below {usual:.4g} m/s; the {ship.name} approaches at {ship.speed:.4g} m/s: mind the unit of "
+            "u and v, or choose the right ship (model scale, full scale)"
+        )
+    forward = float(np.quantile(recording["u"], 0.95))
+    if forward < 0:
+        return f"u stays below {forward:.3g} m/s, the ship runs astern throughout: write sign: -1 for u"
+    return None
+
+
+def heading_rate(recording: Recording, ship: Particulars) -> str | None:
+    """The rate of the heading against r: units and signs of both.
+
+    Args:
+        recording: The recording.
+        ship: The ship.
+
+    Returns:
+        The finding, or None.
+    """
+    if "r" in _derived(recording):
+        return None
+    m = _Motion(recording, ship)
+    if np.ptp(m.psi) < 0.5 * DEGREE and np.ptp(recording["r"]) == 0:
+        return None
+    slope = _robust_slope(m.r, m.psi_rate)
+    if abs(slope - 1) < 0.2:
+        return None
+    said = f"the heading changes {slope:.3g} times as fast as r says; expected 1: "
+    turning = float(np.quantile(np.abs(m.r), 0.98)) * ship.time_unit
+    if abs(slope * DEGREE - 1) < 0.2:
+        if turning > 0.03:
+            return said + "psi looks like degrees: write unit: deg for psi"
+        return said + "r looks like rad/s, not deg/s: write unit: rad/s for r"
+    if abs(slope / DEGREE - 1) < 0.2:
+        if turning > 4:
+            return said + "r looks like deg/s: write unit: deg/s for r"
+        return said + "psi looks like radians, not degrees: write unit: rad for psi"
+    if abs(slope + 1) < 0.2:
+        if _derived(recording) & {"u", "x"}:
+            return said + "write sign: -1 for psi or for r"
+        turned = _misfit(m, m.u, m.v, m.north, m.east, -m.psi) < _misfit(m, m.u, m.v, m.north, m.east, m.psi)
+        return said + f"write sign: -1 for {'psi' if turned else 'r'}"
+    return said + "mind the units of psi, r and time"
+
+
+def frame(recording: Recording, ship: Particulars) -> str | None:
+    """u and v against the velocity of the track seen in body axes: frames, signs, swapped columns, heading offset.
+
+    Every simple mistake is tried; the one that brings the two together best is named.
+
+    Args:
+        recording: The recording.
+        ship: The ship.
+
+    Returns:
+        The finding, or None.
+    """
+    if _derived(recording) & {"u", "x"}:
+        return None
+    m = _Motion(recording, ship)
+    as_given = _misfit(m, m.u, m.v, m.north, m.east, m.psi)
+    if as_given < MISFIT:
+        return None
+    offset = _heading_offset(m)
+    turned, straight = body_to_earth(m.u, m.v, m.psi), earth_to_body(m.u, m.v, m.psi)
+    remedies = {
+        "u and v look earth-fixed: write frame: earth": _misfit(m, *straight, m.north, m.east, m.psi),
+        "u and v look body-fixed: write frame: body": _misfit(m, *turned, m.north, m.east, m.psi),
+        "u and v look swapped: exchange their columns": _misfit(m, m.v, m.u, m.north, m.east, m.psi),
+        "x and y look swapped (x is north, y east): exchange their columns": _misfit(
+            m, m.u, m.v, m.east, m.north, m.psi
+        ),
+        "write sign: -1 for v": _misfit(m, m.u, -m.v, m.north, m.east, m.psi),
+        "write sign: -1 for u": _misfit(m, -m.u, m.v, m.north, m.east, m.psi),
+        "write sign: -1 for x": _misfit(m, m.u, m.v, -m.north, m.east, m.psi),
+        "write sign: -1 for y": _misfit(m, m.u, m.v, m.north, -m.east, m.psi),
+        "write sign: -1 for psi": _misfit(m, m.u, m.v, m.north, m.east, -m.psi),
+        f"psi looks {offset / DEGREE:.0f} deg off: take that from the heading": _misfit(
+            m, m.u, m.v, m.north, m.east, m.psi - offset
+        ),
+    }
+    cause, best = min(remedies.items(), key=lambda item: item[1])
+    if best > 0.6 * as_given:
+        cause = "mind the columns and signs of u, v, x, y, psi, and reference_point"
+    return f"u, v do not follow from x, y and psi (misfit {as_given:.2g}, expected below {MISFIT}): {cause}"
+
+
+def rudder_sign(recording: Recording, ship: Particulars) -> str | None:
+    """Which way the rudder turns the ship, measured.
+
+    ``rdot = a r + c v + b delta + d`` is fitted, so that a ship that lags behind its rudder, or is unstable on a
+    straight course, does not mislead: what counts is which way a rudder angle *changes* the yaw rate. Outlying samples
+    are left out; samples lie half a smoothing window apart so that their errors are nearly independent. No verdict is
+    given where b is not significant (a rudder that hardly moves).
+
+    Args:
+        recording: The recording.
+        ship: The ship.
+
+    Returns:
+        The finding, or None.
+    """
+    m = _Motion(recording, ship)
+    b, error = _rudder_effect(recording, m, ship)
+    if b > -STRONG_EVIDENCE * error:
+        return None
+    return (
+        "rudder sign opposite to the turn: a positive rudder angle turns the ship to port (rdot = "
+        f"{b * ship.time_unit**2:.2g} delta in units of U0^2/L^2): change rudder_positive_to (or the sign of delta, or "
+        "of r and psi together)"
+    )
+
+
+class _Motion:
+    """Smoothed velocities, and those of the track."""
+
+    def __init__(self, recording: Recording, ship: Particulars) -> None:
+        window = WINDOW * ship.time_unit
+        smooth = {k: smoothed(recording.time, recording[k], window) for k in ("u", "v", "r", "x", "y", "psi")}
+        self.u, self.v, self.r, self.psi = (smooth[k][0] for k in ("u", "v", "r", "psi"))
+        self.r_rate, self.psi_rate = smooth["r"][1], smooth["psi"][1]
+        self.north, self.east = smooth["x"][1], smooth["y"][1]
+        self.speed = np.maximum(np.hypot(self.u, self.v), 1e-9)
+
+
+def _misfit(m: _Motion, u: Series, v: Series, north: Series, east: Series, psi: Series) -> float:
+    """Typical error of u over the typical speed plus that of v over the typical sway of ship and track."""
+    ahead, abeam = earth_to_body(north, east, psi)
+    sway = 0.5 * np.quantile(np.abs(abeam), 0.9) + 0.5 * np.quantile(np.abs(v), 0.9)
+    surge = np.median(np.abs(u - ahead)) / np.median(m.speed)
+    return float(surge + np.median(np.abs(v - abeam)) / max(sway, 1e-9))
+
+
+def _heading_offset(m: _Motion) -> float:
+    """Constant by which psi is ahead of the angle between track velocity and body velocity [rad]."""
+    course = np.arctan2(m.east, m.north) - np.arctan2(m.v, m.u)
+    weight = m.speed > 0.3 * np.quantile(m.speed, 0.95)
+    return float(np.angle(np.mean(np.exp(1j * (m.psi - course)[weight]))))
+
+
+def _robust_slope(x: Series, y: Series) -> float:
+    """Slope of y on x through the origin, twice without the samples that lie far off."""
+    keep = np.abs(x) > 0.2 * np.quantile(np.abs(x), 0.95)
+    for _ in range(3):
+        slope = float(x[keep] @ y[keep] / max(x[keep] @ x[keep], 1e-30))
+        residual = np.abs(y - slope * x)
+        keep = keep & (residual <= 5 * np.median(residual[keep]) + 1e-12)
+    return slope
+
+
+def _rudder_effect(recording: Recording, m: _Motion, ship: Particulars) -> tuple[float, float]:
+    """Coefficient of the rudder in the yaw acceleration [1/s^2] and its standard error."""
+    window = WINDOW * ship.time_unit
+    rudder = smoothed(recording.time, recording["delta"], window)[0]
+    stride = max(round(0.5 * window / float(np.median(np.diff(recording.time)))), 1)
+    columns = np.stack([rudder, m.r, m.v, np.ones_like(m.r)], axis=1)[::stride]
+    target = m.r_rate[::stride]
+    scale = np.maximum(np.abs(columns).max(axis=0), 1e-12)
+    columns = columns / scale
+    keep = np.ones(len(target), dtype=bool)
+    for _ in range(3):
+        values = np.linalg.lstsq(columns[keep], target[keep], rcond=None)[0]
+        residual = target - columns @ values
+        keep = np.abs(residual) <= 4 * 1.4826 * np.median(np.abs(residual[keep])) + 1e-15
+    freedom = max(int(keep.sum()) - columns.shape[1], 1)
+    covariance = np.linalg.pinv(columns[keep].T @ columns[keep]) * (residual[keep] @ residual[keep]) / freedom
+    return float(values[0] / scale[0]), float(np.sqrt(covariance[0, 0]) / scale[0])
+
+
+def _turns(recording: Recording) -> float:
+    """Largest change of heading [rad]."""
+    return float(np.ptp(recording["psi"]))
+
+
+def _derived(recording: Recording) -> set[str]:
+    """Channels that were computed from others."""
+    return set(recording.meta.get("derived", ()))
+
+
+CHECKS: tuple[Callable[[Recording, Particulars], str | None], ...] = (
+    rudder_unit,
+    rudder_stop,
+    speed_unit,
+    speed_size,
+    heading_rate,
+    frame,
+    rudder_sign,
+)
+"""In the order in which a finding is reported: a wrong unit explains what a later check would find."""

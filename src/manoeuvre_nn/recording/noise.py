@@ -1,0 +1,64 @@
+"""What a sensor would have written down: noise, and another sampling rate."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from zlib import crc32
+
+import numpy as np
+
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.recording import Recording
+
+
+def add_noise(recording: Recording, sd: Mapping[str, float], seed: int = 0) -> Recording:
+    """Add white Gaussian noise to some channels.
+
+    Every channel has a random stream of its own, drawn from the seed and the channel's name: whether v carries noise
+    does not change the noise of u.
+
+    Args:
+        recording: What happened.
+        sd: Channel -> standard deviation [SI and radians].
+        seed: Seed.
+
+    Returns:
+        What was written down.
+
+    Raises:
+        InputError: If a standard deviation is negative.
+    """
+    noisy = {}
+    for name, value in sd.items():
+        if not value >= 0:
+            raise InputError(f"noise of {name} is {value}; expected a standard deviation in SI units, 0 or more")
+        stream = np.random.default_rng([seed, crc32(name.encode())])
+        noisy[name] = recording[name] + value * stream.standard_normal(len(recording))
+    return replace(recording.with_channels(**noisy), meta={**recording.meta, "noise": dict(sd)})
+
+
+def resample(recording: Recording, rate_hz: float) -> Recording:
+    """Read a recording off at another, even rate by linear interpolation.
+
+    Nothing is averaged: smooth a noisy recording before its rate is reduced.
+
+    Args:
+        recording: The recording.
+        rate_hz: Samples per second [1/s].
+
+    Returns:
+        The recording at even times from its first sample on.
+
+    Raises:
+        InputError: If the rate is not positive or higher than that of the recording, or leaves fewer than 2 samples.
+    """
+    own = 1 / float(np.median(np.diff(recording.time)))
+    if not 0 < rate_hz <= 1.01 * own:
+        raise InputError(
+            f"rate_hz={rate_hz:g}; recording {recording.name} has {own:.4g} samples a second: write that or less"
+        )
+    count = int(recording.duration * rate_hz + 1e-6) + 1
+    if count < 2:
+        raise InputError(
+            f"rate_hz={rate_hz:g} leaves {count} sample of recording {recording.name}: write a higher rate"
+        )
+    return recording.resampled(recording.time[0] + np.arange(count) / rate_hz)

@@ -1,0 +1,82 @@
+"""How figures look: colours, axes and legends; no pyplot, so no global state."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullLocator
+
+COLOURS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7A5195", "#8C6D31")
+"""Colours that the colour-blind can tell apart (Okabe and Ito 2008, and two more)."""
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
+"""A second way to tell curves apart, for print."""
+RECORDED: dict[str, Any] = {"color": "#4D4D4D", "linestyle": "-", "linewidth": 1.8}
+PREDICTED: dict[str, Any] = {"color": COLOURS[0], "linestyle": (0, (4, 2)), "linewidth": 1.5}
+WIDTH = 5.8
+"""Width of a figure [in]: text stays legible when a phone scales it to its screen."""
+
+
+def plain_axes(axes: Axes, xlabel: str, ylabel: str) -> Axes:
+    """Label an axes and take away what carries no information.
+
+    Args:
+        axes: The axes; changed in place, as all of matplotlib is.
+        xlabel: Horizontal label with unit.
+        ylabel: Vertical label with unit.
+
+    Returns:
+        The same axes.
+    """
+    axes.set_xlabel(xlabel)
+    axes.set_ylabel(ylabel)
+    axes.grid(visible=True, color="#DDDDDD", linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+    return axes
+
+
+def new_figure(height: float, width: float = WIDTH, title: str = "") -> Figure:
+    """An empty figure whose parts make room for one another.
+
+    Args:
+        height: Height [in].
+        width: Width [in].
+        title: Heading.
+
+    Returns:
+        The figure.
+    """
+    figure = Figure(figsize=(width, height), layout="constrained", facecolor="white")
+    if title:
+        figure.suptitle(title, fontsize=11, fontweight="bold")
+    return figure
+
+
+def legend_below(figure: Figure, handles: Sequence[Any], columns: int = 3) -> None:
+    """Put a legend below all axes, where it hides no curve.
+
+    Args:
+        figure: The figure; changed in place.
+        handles: Artists with labels.
+        columns: Entries side by side.
+    """
+    figure.legend(
+        handles=list(handles), loc="outside lower center", ncols=min(columns, len(handles)), frameon=False, fontsize=9
+    )
+
+
+def log_axis(axes: Axes) -> Axes:
+    """Make the vertical axis logarithmic, with plain numbers at 1, 2 and 5.
+
+    Args:
+        axes: The axes; changed in place.
+
+    Returns:
+        The same axes.
+    """
+    axes.set_yscale("log")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    return axes

@@ -1,0 +1,282 @@
+"""What came out of many runs: one table and one figure for the jobs of a sweep."""
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import yaml
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from rich.table import Table
+
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.dynamics.limits import OK
+from manoeuvre_nn.report.style import COLOURS, MARKERS, legend_below, log_axis, new_figure, plain_axes
+from manoeuvre_nn.report.tables import Row, columns, rich_table, to_markdown, write_csv
+
+SCORES, OVERRIDES, ERROR = "scores.json", ".hydra/overrides.yaml", "error.txt"
+"""Files of a job's folder: what it scored, what was swept, and why it failed."""
+MEAN, DEV = "mean dev/L", "dev/L "
+"""Columns of the mean and, followed by its name, of each held-out manoeuvre."""
+RESULTS = ("job", "status", "ended early", MEAN, "seed", "epochs", "stopped", "seconds")
+"""Columns that are not settings, beside those that start with ``dev/L`` or ``relRMSE``."""
+
+
+def sweep_rows(folder: Path) -> list[dict[str, Any]]:
+    """Collect what the jobs of a sweep left behind.
+
+    Args:
+        folder: The sweep's folder; every folder below it that holds scores, overrides or an error is a job.
+
+    Returns:
+        One row a job, by job number: job, overrides, status (``finished``, ``unfinished``, or ``failed:`` and the
+        first line of the error), dev/L of each manoeuvre and their mean, manoeuvres that ended early, relRMSE of g,
+        epochs, seconds. What a damaged or missing file would have told is not in the row.
+
+    Raises:
+        InputError: If there is no job.
+    """
+    jobs = {path.parent for name in (SCORES, ERROR) for path in folder.rglob(name)}
+    jobs |= {path.parents[1] for path in folder.rglob(OVERRIDES)}
+    if not jobs:
+        raise InputError(f"{folder} holds no runs: expected folders with {SCORES}, as train.py -m leaves them")
+    return [_row(job, folder) for job in sorted(jobs, key=lambda path: _natural(str(path.relative_to(folder))))]
+
+
+def _natural(name: str) -> list[tuple[int, str]]:
+    """Sorting key that puts job 10 after job 9."""
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)]
+
+
+def _row(job: Path, folder: Path) -> dict[str, Any]:
+    """Everything about one job."""
+    scores = _read_json(job / SCORES)
+    results = _results(scores) if scores else {}
+    name = str(job.relative_to(folder))
+    return {"job": name, **_overrides(job / OVERRIDES), "status": _status(job, scores), **results}
+
+
+def _status(job: Path, scores: Mapping[str, Any] | None) -> str:
+    """How the job ended."""
+    if (job / ERROR).is_file():
+        lines = (job / ERROR).read_text(errors="replace").strip().splitlines()
+        return f"failed: {lines[0].strip() if lines else 'no message'}"
+    if scores:
+        return "finished"
+    return f"failed: {SCORES} is damaged" if (job / SCORES).is_file() else "unfinished"
+
+
+def _read_json(path: Path) -> dict[str, Any] | None:
+    """What a file holds; None if it is missing, damaged or not a mapping."""
+    try:
+        found = json.loads(path.read_text())
+    except (OSError, ValueError):
+        return None
+    return found if isinstance(found, dict) else None
+
+
+def _overrides(path: Path) -> dict[str, Any]:
+    """Settings that a job was given; numbers as numbers, the rest as text."""
+    try:
+        lines = yaml.safe_load(path.read_text())
+    except (OSError, ValueError, yaml.YAMLError):
+        return {}
+    pairs = [str(line).lstrip("+~").partition("=") for line in lines] if isinstance(lines, list) else []
+    return {key: _value(value) for key, _, value in pairs}
+
+
+def _value(value: str) -> Any:
+    """A number where the text is one."""
+    for kind in (int, float):
+        try:
+            return kind(value)
+        except ValueError:
+            continue
+    return value
+
+
+def _results(scores: Mapping[str, Any]) -> dict[str, Any]:
+    """Columns out of ``scores.json``; only what is there."""
+    judged = _mapping(scores.get("scores"))
+    judged = {name: _mapping(score) for name, score in judged.items()}
+    training = _mapping(scores.get("training"))
+    ended = [name for name, score in judged.items() if score.get("status", OK) != OK]
+    row: dict[str, Any] = {"ended early": " ".join(ended) or None, MEAN: scores.get("mean_dev_L")}
+    row |= {f"{DEV}{name}": score.get("dev_L") for name, score in judged.items()}
+    row |= {f"relRMSE {name}": error for name, error in _mapping(training.get("relrmse")).items()}
+    row |= {"seed": scores.get("seed"), **{name: training.get(name) for name in ("epochs", "stopped", "seconds")}}
+    return {name: value for name, value in row.items() if value is not None}
+
+
+def _mapping(value: Any) -> dict[str, Any]:
+    """The value if it is a mapping; else an empty one."""
+    return value if isinstance(value, dict) else {}
+
+
+def swept(rows: Sequence[Row]) -> list[str]:
+    """Settings that differ between jobs, the one with the most values first and repeats (``seed``) last.
+
+    Args:
+        rows: One a job.
+
+    Returns:
+        Names of settings; all of them if there is but one job.
+    """
+    settings = [name for name in columns(rows) if name not in RESULTS and not name.startswith((DEV, "relRMSE"))]
+    if any("seed" in row for row in rows):
+        settings.append("seed")
+    values = {name: {str(row.get(name)) for row in rows} for name in settings}
+    differ = [name for name in settings if len(values[name]) > 1]
+    return sorted(differ or settings[:1], key=lambda name: (name == "seed", -len(values[name])))
+
+
+def sweep_table(rows: Sequence[Row], title: str = "Sweep") -> Table:
+    """The jobs for the terminal, best first, those without a score last.
+
+    Args:
+        rows: One a job.
+        title: Heading.
+
+    Returns:
+        The table: job, settings that differ, status, mean dev/L, the worst manoeuvre, epochs, seconds.
+    """
+    return rich_table(_short_rows(rows), title)
+
+
+def _short_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Rows with the columns that matter, best first."""
+    names = swept(rows)
+    short = []
+    for row in sorted(rows, key=lambda row: _number(row.get(MEAN), float("inf"))):
+        devs = {name.removeprefix(DEV): _number(value) for name, value in row.items() if name.startswith(DEV)}
+        worst = max(devs, key=lambda name: devs[name]) if devs else None
+        cells = {"job": row["job"], **{_last(name, names): row.get(name) for name in names}, "status": row["status"]}
+        cells |= {MEAN: row.get(MEAN), "worst": worst and f"{worst} {devs[worst]:.3g}"}
+        short.append({
+            **cells,
+            "ended early": row.get("ended early"),
+            "epochs": row.get("epochs"),
+            "seconds": row.get("seconds"),
+        })
+    return [{name: row[name] for name in short[0] if any(r[name] is not None for r in short)} for row in short]
+
+
+def _last(name: str, names: Sequence[str]) -> str:
+    """``network.hidden`` as a heading has room for it: ``hidden``, unless another setting ends in the same word."""
+    last = name.rpartition(".")[2]
+    return last if sum(other.rpartition(".")[2] == last for other in names) == 1 else name
+
+
+def _number(value: Any, otherwise: float = float("nan")) -> float:
+    """A finite number, or another where there is none."""
+    fine = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < float("inf")
+    return float(value) if fine else otherwise
+
+
+def sweep_figure(rows: Sequence[Row]) -> Figure:
+    """dev/L of each held-out manoeuvre against what was swept, logarithmic.
+
+    One setting: a curve a manoeuvre. Several: the one with the most values along the axis, a panel a manoeuvre, a curve
+    a combination of the others. Repeats (same settings, other seed) are points, and the curve goes through their
+    median; a cross is a prediction that was ended early.
+
+    Args:
+        rows: One a job.
+
+    Returns:
+        The figure.
+
+    Raises:
+        InputError: If no job has a score.
+    """
+    manoeuvres = [name.removeprefix(DEV) for name in columns(rows) if name.startswith(DEV)]
+    if not manoeuvres:
+        raise InputError("no job of the sweep has a score, so there is nothing to draw: see the status of each job")
+    along, *others = swept(rows) or ["job"]
+    others = [name for name in others if name != "seed"]
+    series = _series(rows, along, others, manoeuvres)
+    panels = list(dict.fromkeys(panel for panel, _ in series))
+    labels = list(dict.fromkeys(label for _, label in series))
+    ticks = _ticks(rows, along)
+    tall = -(-len(panels) // 2)
+    figure = new_figure(1.2 + 2.6 * tall + 0.18 * len(labels), width=7.0 if len(panels) > 1 else 5.8)
+    grid = figure.subplots(tall, min(len(panels), 2), sharex=True, sharey=True, squeeze=False).ravel()
+    for axes, panel in zip(grid, panels, strict=False):
+        log_axis(plain_axes(axes, along, "held-out dev/L [-]")).set_title(panel, fontsize=10, loc="left")
+        for (where, label), points in series.items():
+            if where == panel:
+                _draw_series(axes, labels.index(label), label, points, ticks)
+    for axes in grid[len(panels) :]:
+        axes.set_visible(False)
+    handles = {
+        line.get_label(): line for axes in grid for line in axes.get_lines() if not line.get_label().startswith("_")
+    }
+    legend_below(figure, [handles[label] for label in labels if label in handles], columns=4 if not others else 2)
+    return figure
+
+
+Point = tuple[Any, float, bool]
+"""Value of the setting along the axis, dev/L, whether the prediction was ended early."""
+
+
+def _series(
+    rows: Sequence[Row], along: str, others: Sequence[str], manoeuvres: Sequence[str]
+) -> dict[tuple[str, str], list[Point]]:
+    """(panel, label) -> points."""
+    series: dict[tuple[str, str], list[Point]] = {}
+    for manoeuvre in manoeuvres:
+        for row in rows:
+            dev = _number(row.get(f"{DEV}{manoeuvre}"))
+            if not dev > 0:
+                continue
+            rest = ", ".join(f"{_last(name, others)} {row.get(name)}" for name in others)
+            key = (manoeuvre, rest) if others else ("", manoeuvre)
+            ended = manoeuvre in str(row.get("ended early", "")).split()
+            series.setdefault(key, []).append((row.get(along), dev, ended))
+    return series
+
+
+def _ticks(rows: Sequence[Row], along: str) -> dict[Any, float] | None:
+    """Places on the axis of values that are not numbers; None if all are."""
+    values = list(dict.fromkeys(row.get(along) for row in rows))
+    if all(isinstance(value, int | float) for value in values):
+        return None
+    return {value: float(place) for place, value in enumerate(values)}
+
+
+def _draw_series(axes: Axes, index: int, label: str, points: list[Point], ticks: dict[Any, float] | None) -> None:
+    """Points of one curve and the line through their medians."""
+    colour, marker = COLOURS[index % len(COLOURS)], MARKERS[index % len(MARKERS)]
+    place = (lambda value: float(value)) if ticks is None else (lambda value: ticks[value])
+    by_place: dict[float, list[float]] = {}
+    for value, dev, ended in points:
+        by_place.setdefault(place(value), []).append(dev)
+        axes.plot(place(value), dev, "x" if ended else marker, color=colour, markersize=6 if ended else 4, label="_")
+    xs = sorted(by_place)
+    axes.plot(
+        xs, [median(by_place[x]) for x in xs], color=colour, linewidth=1.3, label=label, marker=marker, markersize=0.1
+    )
+    if ticks is not None:
+        axes.set_xticks(list(ticks.values()), [str(value) for value in ticks], rotation=30, ha="right")
+    elif len(xs) <= 8:
+        axes.set_xticks(xs, [f"{x:g}" for x in xs])
+
+
+def write_sweep(folder: Path) -> Table:
+    """Write ``sweep.csv`` and ``sweep.md``, and ``sweep.png`` if any job has a score, into the sweep's folder.
+
+    Args:
+        folder: The sweep's folder.
+
+    Returns:
+        The table for the terminal.
+    """
+    rows = sweep_rows(folder)
+    write_csv(folder / "sweep.csv", rows)
+    (folder / "sweep.md").write_text(to_markdown(_short_rows(rows)), encoding="utf-8")
+    if any(name.startswith(DEV) for name in columns(rows)):
+        sweep_figure(rows).savefig(folder / "sweep.png", dpi=150)
+    return sweep_table(rows, f"Sweep {folder.name}")

@@ -1,0 +1,302 @@
+"""Tables for the terminal, for files and for the HTML report; every table is first a list of rows."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.dynamics.limits import OK
+from manoeuvre_nn.manoeuvre.imo import ImoRow
+from manoeuvre_nn.recording.score import JUDGED, Score
+
+Row = Mapping[str, Any]
+"""Column heading -> cell. Cells are numbers, strings, or None where there is nothing."""
+
+MAIN_CRITERIA = ("overshoot_1", "overshoot_2", "period", "advance", "tactical_diameter")
+"""Criteria that the short table shows, by the start of their names; a kind with none of them shows its first three."""
+UNIT_SUFFIXES = {"deg": "deg", "s": "s", "L": "L", "deg_s": "deg/s", "m": "m", "m_s": "m/s"}
+"""Endings of criteria names and the units that they stand for."""
+GOOD, BAD = (
+    frozenset({"ok", "pass", "passed", "met", "yes", "finished"}),
+    frozenset({"fail", "failed", "no", "not met"}),
+)
+"""Words that are shown green and red."""
+
+
+def text(value: Any, digits: int = 4) -> str:
+    """A cell as people read it.
+
+    Args:
+        value: Number, string or None.
+        digits: Significant digits of a number.
+
+    Returns:
+        Text; a dash where there is nothing.
+    """
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.{digits}g}" if abs(value) < 1e4 else f"{value:.{digits - 1}e}"
+    return str(value)
+
+
+def columns(rows: Sequence[Row]) -> list[str]:
+    """Headings of all rows, in the order in which they first appear.
+
+    Args:
+        rows: The rows; they need not have the same columns.
+
+    Returns:
+        Headings without repetition.
+    """
+    return list(dict.fromkeys(name for row in rows for name in row))
+
+
+def criterion_label(name: str) -> tuple[str, str]:
+    """A criterion's name as people read it.
+
+    Args:
+        name: Such as ``overshoot_1_deg`` or ``tactical_diameter_L``.
+
+    Returns:
+        Words and unit: ``overshoot 1``, ``deg``.
+    """
+    for suffix in sorted(UNIT_SUFFIXES, key=len, reverse=True):
+        if name.endswith(f"_{suffix}"):
+            return name.removesuffix(f"_{suffix}").replace("_", " "), UNIT_SUFFIXES[suffix]
+    return name.replace("_", " "), ""
+
+
+def main_criteria(score: Score) -> list[str]:
+    """Names of the criteria that a short table has room for.
+
+    Args:
+        score: A manoeuvre's score.
+
+    Returns:
+        At most three names.
+    """
+    known = [*score.reference, *(name for name in score.criteria if name not in score.reference)]
+    chosen = [name for start in MAIN_CRITERIA for name in known if name.startswith(f"{start}_")]
+    return (chosen or known)[:3]
+
+
+def criteria_text(score: Score) -> str:
+    """Predicted and recorded values of the main criteria, a line each.
+
+    Args:
+        score: A manoeuvre's score.
+
+    Returns:
+        Such as ``overshoot 1: 7.31 (7.05) deg``.
+    """
+    lines = []
+    for name in main_criteria(score):
+        words, unit = criterion_label(name)
+        predicted, recorded = (text(values.get(name), 3) for values in (score.criteria, score.reference))
+        lines.append(f"{words}: {predicted} ({recorded}) {unit}".rstrip())
+    return "\n".join(lines)
+
+
+def score_rows(scores: Iterable[Score]) -> list[dict[str, Any]]:
+    """Scores as rows for files and the HTML report.
+
+    Args:
+        scores: One a manoeuvre.
+
+    Returns:
+        One row a manoeuvre: status, dev/L, nRMSE and the main criteria, predicted (recorded).
+    """
+    return [
+        {
+            "manoeuvre": s.manoeuvre,
+            "status": s.status,
+            "dev/L": s.dev_L,
+            **{f"nRMSE {name}": s.nrmse.get(name) for name in JUDGED},
+            "predicted (recorded)": criteria_text(s),
+        }
+        for s in scores
+    ]
+
+
+def criteria_rows(scores: Iterable[Score]) -> list[dict[str, Any]]:
+    """All criteria of all manoeuvres, predicted beside recorded.
+
+    Args:
+        scores: One a manoeuvre.
+
+    Returns:
+        One row a criterion; the difference is None where either side has no such value.
+    """
+    rows = []
+    for s in scores:
+        for name in dict.fromkeys([*s.reference, *s.criteria]):
+            words, unit = criterion_label(name)
+            values = {"predicted": s.criteria.get(name), "recorded": s.reference.get(name)}
+            rows.append({
+                "manoeuvre": s.manoeuvre,
+                "criterion": words,
+                "unit": unit or "-",
+                **values,
+                "error": s.errors.get(name),
+            })
+    return rows
+
+
+def imo_rows(judged: Iterable[ImoRow]) -> list[dict[str, Any]]:
+    """Verdicts against the IMO standards as rows.
+
+    Args:
+        judged: What :func:`manoeuvre_nn.manoeuvre.imo.imo_table` returns.
+
+    Returns:
+        One row a criterion: criterion, value, limit, verdict.
+    """
+    return [asdict(row) for row in judged]
+
+
+def rich_table(rows: Sequence[Row], title: str = "", digits: int = 3) -> Table:
+    """Rows as a table for the terminal.
+
+    Args:
+        rows: The rows.
+        title: Heading.
+        digits: Significant digits of numbers.
+
+    Returns:
+        The table; numbers stand right, status words are coloured.
+    """
+    table = _bare_table(title)
+    for name in columns(rows):
+        numeric = any(_is_number(row.get(name)) for row in rows)
+        table.add_column(name, justify="right" if numeric else "left", overflow="fold")
+    for row in rows:
+        table.add_row(*(_coloured(text(row.get(name), digits)) for name in columns(rows)))
+    return table
+
+
+def _bare_table(title: str) -> Table:
+    """A table with a rule below the heading and no other lines."""
+    return Table(
+        title=title or None,
+        title_justify="left",
+        title_style="bold",
+        caption_justify="left",
+        box=SIMPLE_HEAD,
+        pad_edge=False,
+        collapse_padding=True,
+    )
+
+
+def score_table(scores: Iterable[Score], title: str = "Held-out manoeuvres") -> Table:
+    """Scores for the terminal, within 100 columns.
+
+    Args:
+        scores: One a manoeuvre.
+        title: Heading.
+
+    Returns:
+        The table: manoeuvre, status, dev/L, nRMSE of u, v, r, psi, main criteria predicted (recorded).
+    """
+    table = _bare_table(title)
+    table.caption = "dev: largest track distance; u v r psi: RMS error / std; criteria: predicted (recorded)"
+    table.add_column("manoeuvre", max_width=14, no_wrap=True)
+    table.add_column("status", max_width=10)
+    for heading in ("dev/L", *JUDGED):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("criteria")
+    for s in scores:
+        numbers = [text(s.dev_L, 3), *(text(s.nrmse.get(name), 2) for name in JUDGED)]
+        table.add_row(s.manoeuvre, _coloured(s.status), *numbers, criteria_text(s))
+    return table
+
+
+def verdict_table(judged: Iterable[ImoRow], title: str = "IMO MSC.137(76), predicted") -> Table:
+    """Verdicts against the IMO standards for the terminal.
+
+    Args:
+        judged: What :func:`manoeuvre_nn.manoeuvre.imo.imo_table` returns.
+        title: Heading.
+
+    Returns:
+        The table.
+    """
+    return rich_table(imo_rows(judged), title)
+
+
+def is_good(cell: str) -> bool | None:
+    """Whether a cell is a good word, a bad one, or neither.
+
+    Args:
+        cell: Its text.
+
+    Returns:
+        True, False, or None.
+    """
+    word = cell.strip().lower()
+    bad = word in BAD or word.startswith(("left the physical range", "failed"))
+    return True if word in GOOD | {OK} else False if bad else None
+
+
+def _coloured(cell: str) -> str:
+    """Rich markup of a cell; brackets in it are shown, not obeyed."""
+    colour = {True: "green", False: "bold red", None: ""}[is_good(cell)]
+    safe = cell.replace("[", "\\[")
+    return f"[{colour}]{safe}[/]" if colour else safe
+
+
+def _is_number(value: Any) -> bool:
+    """Whether a cell is a number to be set right."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def write_csv(path: Path, rows: Sequence[Row]) -> Path:
+    """Write rows with all their digits.
+
+    Args:
+        path: File to write.
+        rows: The rows.
+
+    Returns:
+        The file.
+
+    Raises:
+        InputError: If there are no rows.
+    """
+    if not rows:
+        raise InputError(f"table {path} has no rows; expected at least one")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    pd.DataFrame(list(rows), columns=columns(rows)).to_csv(path, index=False, float_format="%.10g")
+    return path
+
+
+def to_markdown(rows: Sequence[Row], digits: int = 4) -> str:
+    """Rows as a Markdown table.
+
+    Args:
+        rows: The rows.
+        digits: Significant digits of numbers.
+
+    Returns:
+        The table, ending in a line break; empty without rows.
+    """
+    if not rows:
+        return ""
+    names = columns(rows)
+    rules = ["---:" if any(_is_number(row.get(name)) for row in rows) else "---" for name in names]
+    body = [[text(row.get(name), digits) for name in names] for row in rows]
+    lines = [[_cell(name) for name in names], rules, *([_cell(cell) for cell in line] for line in body)]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def _cell(cell: str) -> str:
+    """A cell's text where bars and line breaks would end it."""
+    return cell.replace("\\", "\\\\").replace("|", "\\|").replace("\n", "<br>")

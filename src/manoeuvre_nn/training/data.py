@@ -1,0 +1,390 @@
+"""Lightning data modules: manoeuvres in, (u, v, r, delta) -> g tuples out."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from math import isnan
+from pathlib import Path
+from typing import Literal
+
+import lightning as L
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+from torch.utils.data import DataLoader
+
+from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.manoeuvre import Manoeuvre
+from manoeuvre_nn.core.recording import ACCELERATION, Recording
+from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.dynamics.model import CalmWater
+from manoeuvre_nn.dynamics.simulate import Problem, simulate
+from manoeuvre_nn.recording.accelerations import accelerations
+from manoeuvre_nn.recording.checks import check_recording
+from manoeuvre_nn.recording.held_out import HeldOut, simulated_references
+from manoeuvre_nn.recording.mapping import Mapping as ChannelMapping
+from manoeuvre_nn.recording.noise import add_noise, resample
+from manoeuvre_nn.recording.reader import read_recording
+from manoeuvre_nn.recording.tuples import Tuples, to_tuples
+
+Batch = tuple[Float[Tensor, "n 4"], Float[Tensor, "n 3"], Float[Tensor, "k 4"], Float[Tensor, "k 3"]]
+"""Training inputs and targets, validation inputs and targets."""
+Method = Literal["auto", "exact", "central", "smoother"]
+
+NOISE_UNITS = {
+    "u": ("u", 1.0), "v": ("v", 1.0), "x": ("x", 1.0), "y": ("y", 1.0),
+    "r_deg_s": ("r", DEGREE), "psi_deg": ("psi", DEGREE), "delta_deg": ("delta", DEGREE),
+}  # fmt: skip
+"""Setting of ``data.noise`` -> channel and SI value of its unit."""
+DEFAULT_SCORE = ("zz20", "tc25", "tc25_port")
+"""What a simulated ship is judged by unless ``score=`` says otherwise."""
+
+
+class ManoeuvreData(ABC, L.LightningDataModule):
+    """Tuples of some manoeuvres, and the manoeuvres that a model of them is judged by.
+
+    The whole set is one batch: the sets are small, and the optimizers of this field want all of it or cut it themselves.
+
+    Attributes:
+        known: The known part of the forces; g is what it leaves.
+        recordings: What the tuples are made from, after windowing, resampling and noise.
+        tuples: Inputs and targets in the known part's prime system.
+        held_out: The manoeuvres to judge by.
+    """
+
+    known: Ship
+    recordings: Sequence[Recording]
+    tuples: Tuples
+    held_out: HeldOut
+
+    def __init__(self, known: Ship, *, accelerations: Method, validation: float, seed: int, dtype: torch.dtype) -> None:
+        """Store what is common to all sources.
+
+        Args:
+            known: Known part of the forces.
+            accelerations: ``exact`` (simulations), ``central`` differences, ``smoother``, or ``auto``: exact where they
+                are known and the channels are clean, else the smoother.
+            validation: Share of the tuples that is kept from training for early stopping [-].
+            seed: Seed of the choice of that share and of the noise.
+            dtype: Floating type of the tuples.
+
+        Raises:
+            InputError: If a setting is out of range.
+        """
+        super().__init__()
+        check_choice("data.accelerations", accelerations, ["auto", "exact", "central", "smoother"])
+        if not 0 <= validation < 1:
+            raise InputError(f"data.validation={validation}: expected a share from 0 to below 1")
+        self.known, self.method, self.validation = known, accelerations, validation
+        self.seed, self.dtype = seed, dtype
+
+    @abstractmethod
+    def describe(self) -> str:
+        """What the model is trained on, in words for the report."""
+
+    def prepare(self, recordings: Sequence[Recording], noisy: bool) -> None:
+        """Form the tuples.
+
+        Args:
+            recordings: What to train on.
+            noisy: Whether the channels carry noise, so that accelerations must be smoothed.
+        """
+        clean = not noisy and all(name in r.channels for r in recordings for name in ACCELERATION)
+        method = ("exact" if clean else "smoother") if self.method == "auto" else self.method
+        self.recordings = tuple(accelerations(r, method) for r in recordings)
+        self.tuples = to_tuples(self.recordings, self.known)
+
+    def train_mask(self) -> Bool[Tensor, " n"]:
+        """Which tuples are trained on.
+
+        Returns:
+            True for training, False for validation.
+        """
+        count = len(self.tuples.inputs)
+        kept = torch.ones(count, dtype=torch.bool)
+        chosen = np.random.default_rng(self.seed).permutation(count)[: round(self.validation * count)]
+        kept[torch.as_tensor(chosen, dtype=torch.long)] = False
+        return kept
+
+    def train_dataloader(self) -> DataLoader:
+        """One batch an epoch: all tuples.
+
+        Returns:
+            A loader of one :data:`Batch`.
+        """
+        mask = self.train_mask()
+        x, y = self.tuples.inputs.to(self.dtype), self.tuples.targets.to(self.dtype)
+        batch: Batch = (x[mask], y[mask], x[~mask], y[~mask])
+        return DataLoader([batch], batch_size=None)  # type: ignore[arg-type]
+
+
+class SimulatedData(ManoeuvreData):
+    """Manoeuvres of a reference ship, simulated."""
+
+    def __init__(
+        self,
+        ship: Ship,
+        known: Ship,
+        manoeuvres: Sequence[Manoeuvre],
+        score: Sequence[Manoeuvre],
+        *,
+        length: float | None = None,
+        rate_hz: float | None = None,
+        noise: Mapping[str, float] | None = None,
+        accelerations: Method = "auto",
+        validation: float = 0.0,
+        seed: int = 0,
+        dtype: torch.dtype = torch.float64,
+    ) -> None:
+        """Check everything that can be checked before computing starts.
+
+        Args:
+            ship: The reference ship.
+            known: Known part of the forces.
+            manoeuvres: What to train on.
+            score: What to judge by.
+            length: How much of each manoeuvre is used [s]; None is all of it.
+            rate_hz: Sampling rate [1/s]; None is the ship's usual one.
+            noise: Standard deviations in the units of :data:`NOISE_UNITS`.
+            accelerations: See :class:`ManoeuvreData`.
+            validation: Share kept for early stopping [-].
+            seed: Seed of noise and validation share.
+            dtype: Floating type of the tuples.
+
+        Raises:
+            InputError: If the ship has no coefficients or a setting is out of range.
+        """
+        super().__init__(known, accelerations=accelerations, validation=validation, seed=seed, dtype=dtype)
+        check_simulable(ship)
+        check_positive("data.length", length)
+        check_positive("data.rate_hz", rate_hz)
+        self.noise = noise_in_si(noise or {})
+        for manoeuvre in (*manoeuvres, *score):
+            manoeuvre.check(ship.particulars)
+        if not manoeuvres:
+            raise InputError("manoeuvre=[] names no manoeuvre: write for instance manoeuvre=zz35")
+        self.ship, self.manoeuvres, self.score_manoeuvres = CalmWater(ship), manoeuvres, score
+        self.length, self.rate_hz = length, rate_hz
+        if length is not None:
+            for manoeuvre in manoeuvres:
+                check_length(manoeuvre.name, length, ship.particulars)
+
+    def setup(self, stage: str | None = None) -> None:
+        """Simulate.
+
+        Args:
+            stage: Lightning's stage; nothing depends on it.
+        """
+        del stage
+        if hasattr(self, "tuples"):
+            return
+        made = []
+        for index, manoeuvre in enumerate(self.manoeuvres):
+            # A record longer than the trial's usual length is simulated for as long as it is asked for.
+            asked = manoeuvre if self.length is None else replace(manoeuvre, duration=self.length)
+            record = simulate(Problem(self.ship, asked, interval=1 / self.rate_hz if self.rate_hz else None))
+            made.append(add_noise(record, self.noise, seed=self.seed + index) if self.noise else record)
+        self.prepare(made, noisy=bool(self.noise))
+        references = simulated_references(self.ship, self.score_manoeuvres)
+        self.held_out = HeldOut(references, self.ship.particulars.length)
+
+    def describe(self) -> str:
+        """Ship, manoeuvres, length, rate and noise.
+
+        Returns:
+            A sentence.
+        """
+        names = ", ".join(f"{r.name} ({r.duration:g} s)" for r in self.recordings)
+        noise = ", ".join(f"{k} {v:g}" for k, v in self.noise.items()) or "none"
+        count = len(self.tuples.inputs)
+        return f"{count} tuples of the simulated {self.ship.particulars.name}: {names}; noise (SI): {noise}."
+
+
+class RecordedData(ManoeuvreData):
+    """Measured manoeuvres."""
+
+    def __init__(
+        self,
+        ship: Ship | Particulars,
+        known: Ship,
+        files: Sequence[str],
+        score: Sequence[str],
+        mapping: ChannelMapping,
+        *,
+        folder: str = ".",
+        length: float | None = None,
+        rate_hz: float | None = None,
+        accelerations: Method = "auto",
+        validation: float = 0.0,
+        seed: int = 0,
+        dtype: torch.dtype = torch.float64,
+    ) -> None:
+        """Read and check the files, so that a bad one is refused before computing starts.
+
+        Args:
+            ship: The ship, for its particulars.
+            known: Known part of the forces.
+            files: What to train on, relative to ``folder``.
+            score: What to judge by, relative to ``folder``; empty takes every other recording in the folder.
+            mapping: Columns, units and signs.
+            folder: Where the files are.
+            length: How much of each recording is trained on [s]; None is all of it.
+            rate_hz: Sampling rate that recordings are reduced to [1/s]; None leaves them.
+            accelerations: See :class:`ManoeuvreData`.
+            validation: Share kept for early stopping [-].
+            seed: Seed of the validation share.
+            dtype: Floating type of the tuples.
+
+        Raises:
+            InputError: If no file is named, or one is in both lists.
+        """
+        super().__init__(known, accelerations=accelerations, validation=validation, seed=seed, dtype=dtype)
+        check_positive("data.length", length)
+        check_positive("data.rate_hz", rate_hz)
+        self.particulars = ship if isinstance(ship, Particulars) else ship.particulars
+        where = Path(folder)
+        paths = expand(where, files, "data.files")
+        if not paths:
+            raise InputError("data.files=[] names no recording: write data.files=[FILE,...], relative to data.folder")
+        judged = expand(where, score, "score") or [p for p in sorted(where.glob("*.csv")) if p not in paths]
+        both = sorted({p.name for p in paths} & {p.name for p in judged})
+        if both:
+            raise InputError(f"{', '.join(both)} is both in data.files and in score: a model is judged on unseen runs")
+        if not judged:
+            raise InputError(f"no recording is left in {where} to judge by: write score=[FILE,...]")
+        self._read = [read_recording(p, mapping, self.particulars) for p in paths]
+        self._judged = [read_recording(p, mapping, self.particulars) for p in judged]
+        for record in (*self._read, *self._judged):
+            check_recording(record, self.particulars)
+        if length is not None:
+            check_length("data.length", length, self.particulars)
+        self.length, self.rate_hz = length, rate_hz
+
+    def setup(self, stage: str | None = None) -> None:
+        """Cut, resample, smooth.
+
+        Args:
+            stage: Lightning's stage; nothing depends on it.
+        """
+        del stage
+        if hasattr(self, "tuples"):
+            return
+        cut = [r.between(r.time[0], r.time[0] + min(self.length or r.duration, r.duration)) for r in self._read]
+        smooth = "smoother" if self.method == "auto" else self.method
+        with_rates = [accelerations(r, smooth) for r in cut]
+        self.recordings = tuple(resample(r, self.rate_hz) if self.rate_hz else r for r in with_rates)
+        self.tuples = to_tuples(self.recordings, self.known)
+        # Initial states and references come from the smoothed channels: noise is nothing a model should be asked for.
+        references = tuple(accelerations(r, "smoother") for r in self._judged)
+        self.held_out = HeldOut(references, self.particulars.length)
+
+    def describe(self) -> str:
+        """Files, lengths and rate.
+
+        Returns:
+            A sentence.
+        """
+        names = ", ".join(f"{r.name} ({r.duration:.0f} s)" for r in self.recordings)
+        return f"{len(self.tuples.inputs)} tuples of the measured {self.particulars.name}: {names}."
+
+
+def check_simulable(ship: object) -> None:
+    """Refuse to simulate a ship of which only particulars are known.
+
+    Args:
+        ship: What the config gave.
+
+    Raises:
+        InputError: If it has no coefficients.
+    """
+    if isinstance(ship, Particulars):
+        raise InputError(
+            f"the {ship.name} has particulars but no coefficients and cannot be simulated: write data=recording "
+            "data.folder=FOLDER data.files=[FILE,...], or choose a ship with coefficients"
+        )
+
+
+def check_positive(what: str, value: float | None) -> None:
+    """Refuse a number that is not positive.
+
+    Args:
+        what: The setting.
+        value: Its value or None.
+
+    Raises:
+        InputError: If it is zero or negative.
+    """
+    if value is not None and (not value > 0 or isnan(value)):
+        raise InputError(f"{what}={value}: expected a number more than 0")
+
+
+def check_length(what: str, length: float, ship: Particulars) -> None:
+    """Refuse a record in which a ship hardly begins to turn.
+
+    Args:
+        what: Manoeuvre or setting, for the message.
+        length: Length [s].
+        ship: The ship.
+
+    Raises:
+        InputError: If it is shorter than 2 L/U0.
+    """
+    shortest = 2 * ship.time_unit
+    if length < shortest:
+        raise InputError(
+            f"data.length={length:g} s of {what} is too short for the {ship.name}: write at least {shortest:.0f} s "
+            "(two ship lengths)"
+        )
+
+
+def noise_in_si(noise: Mapping[str, float]) -> dict[str, float]:
+    """Standard deviations as given -> by channel in SI.
+
+    Args:
+        noise: Setting of :data:`NOISE_UNITS` -> standard deviation.
+
+    Returns:
+        Channel -> standard deviation [SI].
+
+    Raises:
+        InputError: If a setting is unknown or negative.
+    """
+    result = {}
+    for key, value in noise.items():
+        check_choice("data.noise", key, list(NOISE_UNITS))
+        if value < 0:
+            raise InputError(f"data.noise.{key}={value}: expected a standard deviation, 0 or more")
+        channel, unit = NOISE_UNITS[key]
+        if value:
+            result[channel] = value * unit
+    return result
+
+
+def expand(folder: Path, names: Sequence[str], what: str) -> list[Path]:
+    """File names and patterns -> paths.
+
+    Args:
+        folder: Where they are.
+        names: Names or patterns such as ``Z_*_05.csv``.
+        what: The setting, for the message.
+
+    Returns:
+        Paths.
+
+    Raises:
+        InputError: If the folder or a file is missing.
+    """
+    if not folder.is_dir():
+        raise InputError(f"data.folder={folder} is not a folder: write the folder that holds the recordings")
+    found: list[Path] = []
+    for name in names:
+        hits = sorted(folder.glob(str(name)))
+        if not hits:
+            there = ", ".join(sorted(p.name for p in folder.glob("*.csv"))[:12]) or "no csv file"
+            raise InputError(f"{what}: {name} is not in {folder}; it holds {there}")
+        found += hits
+    return found
+
+

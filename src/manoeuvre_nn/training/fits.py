@@ -1,0 +1,290 @@
+"""Lightning modules: the two ways to fit a network to tuples."""
+
+from abc import ABC
+from collections.abc import Callable, Sequence
+from typing import Any, Literal
+
+import lightning as L
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from manoeuvre_nn import __version__
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.dynamics.model import IdentifiedShip
+from manoeuvre_nn.optimizer.levenberg_marquardt import LevenbergMarquardt
+from manoeuvre_nn.optimizer.steepest_descent import RateSchedule, SteepestDescent, StoppingRules
+from manoeuvre_nn.training.checkpoint import VERSION_KEY
+from manoeuvre_nn.training.data import Batch
+
+
+class Fit(ABC, L.LightningModule):
+    """A network being fitted to g.
+
+    One epoch sees the whole data set once or, where an iteration is cheap, ``iterations_per_epoch`` times.
+
+    Attributes:
+        dynamics: Known part, network and scaling: the model that is rolled out.
+        stopped: Why the optimizer stopped of its own; empty while it runs.
+    """
+
+    def __init__(self, dynamics: IdentifiedShip, iterations_per_epoch: int) -> None:
+        """Store the model.
+
+        Args:
+            dynamics: Known part, network and scaling.
+            iterations_per_epoch: Iterations of the optimizer in a Lightning epoch.
+
+        Raises:
+            InputError: If the number of iterations is not positive.
+        """
+        super().__init__()
+        if iterations_per_epoch < 1:
+            raise InputError(f"fit.iterations_per_epoch={iterations_per_epoch}: expected at least 1")
+        self.automatic_optimization = False
+        self.dynamics, self.iterations_per_epoch = dynamics, iterations_per_epoch
+        self.stopped = ""
+
+    def rows(self, inputs: Float[Tensor, "n 4"]) -> Float[Tensor, "k n o"]:
+        """Network outputs, one row for each independent network.
+
+        Args:
+            inputs: Scaled inputs.
+
+        Returns:
+            Scaled outputs.
+        """
+        network = self.dynamics.network
+        return network.rows(inputs) if hasattr(network, "rows") else network(inputs)[None]
+
+    def scaled(self, inputs: Float[Tensor, "n 4"], targets: Float[Tensor, "n 3"]) -> tuple[Tensor, Tensor]:
+        """Prime tuples as the network's rows see them.
+
+        Args:
+            inputs: u', v', r', delta.
+            targets: g'.
+
+        Returns:
+            Scaled inputs (n, 4) and scaled targets, one row for each independent network (k, n, o).
+        """
+        x, y = self.dynamics.scaling.inputs(inputs), self.dynamics.scaling.outputs(targets)
+        count = len(self.rows(x[:1]))
+        return x, y.reshape(len(y), count, -1).movedim(1, 0)
+
+    @torch.no_grad()
+    def relative_rmse(self, inputs: Float[Tensor, "n 4"], targets: Float[Tensor, "n 3"]) -> Float[Tensor, " 3"]:
+        """Root mean square error of each g over its root mean square.
+
+        Args:
+            inputs: u', v', r', delta.
+            targets: g'.
+
+        Returns:
+            relRMSE of g1, g2, g3 [-].
+        """
+        g = self.dynamics.scaling.restore(self.dynamics.network(self.dynamics.scaling.inputs(inputs)))
+        return ((g - targets).square().mean(0) / targets.square().mean(0).clamp(min=1e-30)).sqrt()
+
+    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Say which version wrote the checkpoint.
+
+        Args:
+            checkpoint: What Lightning stores.
+        """
+        checkpoint[VERSION_KEY] = __version__
+
+    def finish(self, batch: Batch, loss: Tensor) -> None:
+        """Log the epoch and stop the trainer if the optimizer has.
+
+        Args:
+            batch: The data.
+            loss: Mean square error over all outputs.
+        """
+        self.log("train/mse", loss, prog_bar=True)
+        if self.stopped:
+            self.trainer.should_stop = True
+
+
+class BackpropFit(Fit):
+    """Steepest descent with momentum, rate schedule, shaking and three stopping rules.
+
+    Source:
+        Wang 1996, sections 2.3-2.5 and 4.4.3, eqs 2.11-2.21.
+    """
+
+    def __init__(
+        self,
+        dynamics: IdentifiedShip,
+        *,
+        batch_size: int | None = None,
+        momentum: float = 0.9,
+        schedule: RateSchedule | None = None,
+        stopping: StoppingRules | None = None,
+        iterations_per_epoch: int = 1000,
+        seed: int = 0,
+    ) -> None:
+        """Set up the method.
+
+        Args:
+            dynamics: Known part, network and scaling.
+            batch_size: Samples an iteration: 1 is the thesis' per-sample rule, None all samples.
+            momentum: alpha of eqs 2.20-2.21 [-].
+            schedule: Training rate over iterations; by default the thesis'.
+            stopping: The three rules; by default none but the trainer's number of epochs.
+            iterations_per_epoch: Iterations (weight updates) in a Lightning epoch.
+            seed: Seed of the order in which samples are presented.
+
+        Raises:
+            InputError: If a setting is out of range.
+        """
+        super().__init__(dynamics, iterations_per_epoch)
+        if batch_size is not None and batch_size < 1:
+            raise InputError(f"fit.batch_size={batch_size}: expected at least 1, or null for all samples")
+        self.batch_size, self.momentum, self.seed = batch_size, momentum, seed
+        self.schedule, self.stopping = schedule or RateSchedule(), stopping
+        self.register_buffer("best_test", torch.tensor(torch.inf, dtype=torch.float64))
+
+    def configure_optimizers(self) -> SteepestDescent:
+        """One optimizer for all networks: their gradients do not mix.
+
+        Returns:
+            The optimizer.
+        """
+        return SteepestDescent(self.dynamics.network.parameters(), momentum=self.momentum, schedule=self.schedule)
+
+    def training_step(self, batch: Batch, batch_idx: int) -> None:
+        """Many iterations of steepest descent.
+
+        Args:
+            batch: All tuples.
+            batch_idx: 0.
+        """
+        x, y = self.scaled(batch[0], batch[1])
+        optimizer: Any = self.optimizers()
+        parameters = list(self.dynamics.network.parameters())
+        presentations = self._presentations(len(x))
+        for count, indices in enumerate(presentations, start=1):
+            part, target = (x, y) if indices is None else (x[indices], y[:, indices])
+            loss = (self.rows(part) - target).square().sum() / len(part)
+            for parameter, gradient in zip(parameters, torch.autograd.grad(loss, parameters), strict=True):
+                parameter.grad = gradient
+            # Lightning counts one step an epoch; its wrapper would cost more than the step itself.
+            (optimizer if count == len(presentations) else optimizer.optimizer).step()
+        self._judge(batch, x, y)
+
+    def _presentations(self, count: int) -> Sequence[Tensor | None]:
+        """Sample numbers of each iteration of an epoch; the order depends on seed and epoch alone."""
+        if self.batch_size is None or self.batch_size >= count:
+            return [None] * self.iterations_per_epoch
+        generator = torch.Generator().manual_seed(self.seed * 1_000_003 + self.current_epoch)
+        needed = self.iterations_per_epoch * self.batch_size
+        passes = -(-needed // count)
+        order = torch.cat([torch.randperm(count, generator=generator) for _ in range(passes)])[:needed]
+        return list(order.split(self.batch_size))
+
+    @torch.no_grad()
+    def _judge(self, batch: Batch, x: Tensor, y: Tensor) -> None:
+        """Log the errors and ask the stopping rules."""
+        loss = (self.rows(x) - y).square().mean()
+        test = None
+        if len(batch[2]):
+            held_x, held_y = self.scaled(batch[2], batch[3])
+            test = (self.rows(held_x) - held_y).square().mean()
+            self.best_test = torch.minimum(self.best_test, test.to(self.best_test))
+            self.log("train/validation_mse", test)
+        if self.stopping is not None:
+            iteration = (self.current_epoch + 1) * self.iterations_per_epoch
+            known = None if test is None else float(test)
+            self.stopped = self.stopping.reason(iteration, float(loss), known, float(self.best_test))
+        self.finish(batch, loss)
+
+
+class LevenbergMarquardtFit(Fit):
+    """Levenberg-Marquardt with TRAINLM's parameters; every independent network is a row of one batch.
+
+    Source:
+        Rajesh & Bhattacharyya 2009, section 4; Hagan & Menhaj 1994.
+    """
+
+    def __init__(
+        self,
+        dynamics: IdentifiedShip,
+        *,
+        mu: float = 1e-3,
+        mu_dec: float = 0.1,
+        mu_inc: float = 10.0,
+        mu_max: float = 1e10,
+        goal: float = 0.0,
+        min_grad: float = 1e-13,
+        max_fail: int = 6,
+        damping: Literal["trainlm", "nielsen"] = "trainlm",
+        iterations_per_epoch: int = 1,
+    ) -> None:
+        """Set up the method.
+
+        Args:
+            dynamics: Known part, network and scaling.
+            mu: First damping [-].
+            mu_dec: Factor after a success [-].
+            mu_inc: Factor after a failure [-].
+            mu_max: Damping at which a row gives up [-].
+            goal: Mean square error at which a row is done.
+            min_grad: Gradient norm at which a row is done.
+            max_fail: Rises of the validation error that end a row.
+            damping: ``trainlm`` or ``nielsen``.
+            iterations_per_epoch: Levenberg-Marquardt epochs in a Lightning epoch.
+        """
+        super().__init__(dynamics, iterations_per_epoch)
+        self.options: dict[str, Any] = {
+            "mu": mu,
+            "mu_dec": mu_dec,
+            "mu_inc": mu_inc,
+            "mu_max": mu_max,
+            "goal": goal,
+            "min_grad": min_grad,
+            "max_fail": max_fail,
+            "damping": damping,
+        }
+        self._inputs: Tensor | None = None
+
+    def configure_optimizers(self) -> LevenbergMarquardt:
+        """The optimizer, with the network's own Jacobian where it has one.
+
+        Returns:
+            The optimizer.
+        """
+        network = self.dynamics.network
+        rows = network.rows_count if hasattr(network, "rows_count") else None
+        jacobian = (lambda: network.jacobian(self._inputs)) if hasattr(network, "jacobian") else None
+        return LevenbergMarquardt(network.parameters(), rows=rows, jacobian=jacobian, **self.options)
+
+    def training_step(self, batch: Batch, batch_idx: int) -> None:
+        """One or more Levenberg-Marquardt epochs over all tuples.
+
+        Args:
+            batch: All tuples.
+            batch_idx: 0.
+        """
+        self._inputs, y = self.scaled(batch[0], batch[1])
+        optimizer: Any = self.optimizers()
+        inner: LevenbergMarquardt = optimizer.optimizer
+        for _ in range(self.iterations_per_epoch):
+            optimizer.step(self._closure(self._inputs, y))
+            if len(batch[2]):
+                inner.validate(self._validation_error(batch))
+            if inner.stopped:
+                break
+        self.log("train/mu", float(inner.mu.max()))
+        if inner.stopped:
+            self.stopped = "; ".join(dict.fromkeys(inner.reasons))
+        self.finish(batch, torch.as_tensor(inner.loss).mean())
+
+    def _closure(self, x: Tensor, y: Tensor) -> Callable[[], Tensor]:
+        """Residuals of every row at the present weights."""
+        return lambda: (self.rows(x) - y).flatten(1)
+
+    @torch.no_grad()
+    def _validation_error(self, batch: Batch) -> Tensor:
+        """Mean square error of every row on the tuples kept back."""
+        x, y = self.scaled(batch[2], batch[3])
+        return (self.rows(x) - y).square().mean(dim=(1, 2))
