@@ -11,8 +11,8 @@ OK = "ok"
 def inside_physical_range(state: Float[Tensor, "*batch 6"], ship: Particulars) -> Bool[Tensor, "*batch"]:
     """Whether a state is one that a ship in a manoeuvre can be in.
 
-    Forward speed from -.5 to 2.5 U0, sway up to 1.5 U0, yaw rate up to 3 U0/L (the tightest real circles have 1 to 1.5);
-    a number that is not finite is outside.
+    Forward speed from -.5 to 2.5 U0, sway up to 1.5 U0, yaw rate up to 3 U0/L (the tightest real circles have 1 to
+    1.5); a number that is not finite is outside.
 
     Args:
         state: u, v, r, x, y, psi.

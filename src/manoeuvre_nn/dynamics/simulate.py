@@ -68,8 +68,8 @@ class _Piece:
 def simulate(problem: Problem, *, rtol: float = 1e-8, atol: float = 1e-9) -> Recording:
     """Simulate one manoeuvre with torchdiffeq's Dormand-Prince method.
 
-    The rudder turns at its rate, which is solved exactly, so that integration goes piece by piece from kink to kink; the
-    time at which the heading reaches a stage's limit is located by ``odeint_event``.
+    The rudder turns at its rate, which is solved exactly, so that integration goes piece by piece from kink to kink;
+    the time at which the heading reaches a stage's limit is located by ``odeint_event``.
 
     Args:
         problem: Ship and manoeuvre.

@@ -46,7 +46,8 @@ def build(config: Any, **more: Any) -> Any:
     for target in targets(plain):
         if not target.startswith(ALLOWED):
             raise InputError(f"{TARGET}: {target} is refused; a config may only name things in manoeuvre_nn")
-    return instantiate(plain, _convert_="all", **more)
+    # Objects are given to a partial: handed to instantiate itself, dataclasses would arrive as dicts.
+    return instantiate(plain, _convert_="all", _partial_=True)(**more)
 
 
 def targets(plain: Any) -> Iterator[str]:

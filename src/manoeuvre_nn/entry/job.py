@@ -19,7 +19,6 @@ from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.entry import config as configs
 from manoeuvre_nn.entry.provenance import check_same_run, finished, write_provenance
 from manoeuvre_nn.entry.results import Outcome, draw, print_outcome, write_results
-from manoeuvre_nn.recording.mapping import mapping_from_dict
 from manoeuvre_nn.training.callbacks import MONITOR, GracefulStop, RolloutScore, RunProgress
 from manoeuvre_nn.training.checkpoint import load_weights, read_checkpoint
 from manoeuvre_nn.training.data import DEFAULT_SCORE, ManoeuvreData, RecordedData, check_simulable
@@ -108,7 +107,7 @@ def prepare(cfg: DictConfig, conf: Path) -> Job:
     common = {"ship": ship, "known": known, "seed": int(cfg.seed), "dtype": dtype}
     names = configs.as_list(cfg.score)
     if "files" in cfg.data:
-        data = _recorded(cfg, common, [] if names == ["default"] else names)
+        data = _recorded(cfg, common, [] if names == ["default"] else names, conf)
     else:
         check_simulable(ship)
         speed = configs.approach_speed(cfg.manoeuvre)
@@ -119,12 +118,14 @@ def prepare(cfg: DictConfig, conf: Path) -> Job:
     return Job(data, network, scaling, dtype)
 
 
-def _recorded(cfg: DictConfig, common: dict[str, Any], names: list[str]) -> RecordedData:
-    """The data module for measured files; their mapping is a yaml of its own."""
+def _recorded(cfg: DictConfig, common: dict[str, Any], names: list[str], conf: Path) -> RecordedData:
+    """The data module for measured files; their mapping is a yaml of its own, by path or by name in conf/recording."""
     settings = OmegaConf.to_container(cfg.data, resolve=True, throw_on_missing=True)
     assert isinstance(settings, dict)
-    mapping = mapping_from_dict(configs.load_yaml(Path(settings.pop("mapping"))))
-    return configs.build(settings, **common, score=names, mapping=mapping)
+    named = conf / "recording" / f"{settings['mapping']}.yaml"
+    path = named if named.is_file() else Path(settings["mapping"])
+    settings["mapping"] = configs.load_yaml(path)
+    return configs.build(settings, **common, score=names)
 
 
 def make_fit(cfg: DictConfig, job: Job) -> Fit:

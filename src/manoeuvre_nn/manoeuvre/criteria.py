@@ -109,8 +109,8 @@ def reversal_times(seen: Trace) -> tuple[list[float], float]:
         seen: The trial.
 
     Returns:
-        Times at which the rudder began to go to the other side [s], and the time at which the last such rudder was given
-        up or the recording ends [s].
+        Times at which the rudder began to go to the other side [s], and the time at which the last such rudder was
+        given up or the recording ends [s].
     """
     level = seen.rudder / np.abs(seen.rudder).max()
     side = np.where(level > 0.3, 1, np.where(level < -0.3, -1, 0))

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE
@@ -13,8 +13,7 @@ NOT_JUDGED = "not judged: the resolution asks for {}"
 """Verdict on a trial at another angle than the resolution's."""
 
 
-@dataclass(frozen=True)
-class ImoRow:
+class ImoRow(NamedTuple):
     """One line of the table.
 
     Attributes:
@@ -33,7 +32,8 @@ class ImoRow:
 def overshoot_limits(time_unit: float) -> tuple[float, float, float]:
     """Largest overshoots that are allowed.
 
-    ``5 + L/V / 2`` and ``17.5 + .75 L/V`` in the 10/10 zigzag, constant below 10 s and from 30 s on; 25 deg in the 20/20.
+    ``5 + L/V / 2`` and ``17.5 + .75 L/V`` in the 10/10 zigzag, constant below 10 s and from 30 s on; 25 deg in the
+    20/20 zigzag.
 
     Args:
         time_unit: L/V of the trial [s].
@@ -51,8 +51,8 @@ def overshoot_limits(time_unit: float) -> tuple[float, float, float]:
 def imo_table(values: Mapping[str, Mapping[str, float]], ship: Particulars) -> list[ImoRow]:
     """Hold the criteria of trials against the resolution.
 
-    Only what was run is in the table. Turning circles are judged at 35 deg of rudder or the ship's stop, zigzags at 10/10
-    and 20/20 deg; trials at other angles are listed with the limit of the nearest such trial, but not judged.
+    Only what was run is in the table. Turning circles are judged at 35 deg of rudder or the ship's stop, zigzags at
+    10/10 and 20/20 deg; trials at other angles are listed with the limit of the nearest such trial, but not judged.
 
     Args:
         values: Name of the trial (``tc35``, ``zz10``, ``zz20_port``) -> its criteria.

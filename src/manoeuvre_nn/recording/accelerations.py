@@ -61,7 +61,7 @@ def accelerations(recording: Recording, method: Method = "smoother") -> Recordin
             )
         return recording
     if method == "central":
-        edge = 2 if len(recording) > 2 else 1
+        edge: Literal[1, 2] = 2 if len(recording) > 2 else 1
         slopes = {f"{k}dot": np.gradient(recording[k], recording.time, edge_order=edge) for k in ("u", "v", "r")}
         return recording.with_channels(**slopes)
     given = [k for k in SMOOTHED if k in recording.channels]

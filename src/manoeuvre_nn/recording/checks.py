@@ -13,9 +13,11 @@ from manoeuvre_nn.core.units import DEGREE, KNOT
 from manoeuvre_nn.recording.accelerations import smoothed
 
 WINDOW = 0.8
-"""Smoothing window of all checks over L/U0."""
+"""Smoothing window over L/U0."""
 MISFIT = 0.35
 """Largest misfit between u, v and the track's velocity that is put down to sensors, wind and current [-]."""
+RUDDER_WINDOW = 0.4
+"""Window of the check of the rudder's sign over L/U0: shorter, for the evidence lies where the rudder moves."""
 STRONG_EVIDENCE = 4.0
 """Least ratio of the rudder's coefficient to its standard error for a verdict on its sign."""
 
@@ -64,7 +66,7 @@ def rudder_unit(recording: Recording, ship: Particulars) -> str | None:
     del ship
     largest = float(np.abs(recording["delta"]).max())
     if largest > 1.2:
-        return f"rudder angles reach {largest:.4g} rad; expected at most 1.2 rad: delta looks like degrees: write unit: deg"
+        return f"rudder angles reach {largest:.4g} rad; expected below 1.2: delta looks like degrees: write unit: deg"
     if 0 < largest < 1.2 * DEGREE and _turns(recording) > 0.5:
         return (
             f"rudder angles stay within {largest / DEGREE:.2g} deg while the heading changes by "
@@ -87,8 +89,8 @@ def rudder_stop(recording: Recording, ship: Particulars) -> str | None:
     if largest <= ship.rudder_limit + 1.0 * DEGREE:
         return None
     return (
-        f"rudder angles reach {largest / DEGREE:.4g} deg; the {ship.name} stops at {ship.rudder_limit / DEGREE:.4g} deg: "
-        "choose the right ship, or mind the unit and offset of delta"
+        f"rudder angles reach {largest / DEGREE:.4g} deg; that of the {ship.name} stops at "
+        f"{ship.rudder_limit / DEGREE:.4g} deg: choose the right ship, or mind the unit and offset of delta"
     )
 
 
@@ -135,8 +137,8 @@ def speed_size(recording: Recording, ship: Particulars) -> str | None:
         )
     if usual < 0.05 * ship.speed:
         return (
-            f"the speed stays below {usual:.4g} m/s; the {ship.name} approaches at {ship.speed:.4g} m/s: mind the unit of "
-            "u and v, or choose the right ship (model scale, full scale)"
+            f"the speed stays below {usual:.4g} m/s; the {ship.name} approaches at {ship.speed:.4g} m/s: mind the "
+            "unit of u and v, or choose the right ship (model scale, full scale)"
         )
     forward = float(np.quantile(recording["u"], 0.95))
     if forward < 0:
@@ -181,7 +183,7 @@ def heading_rate(recording: Recording, ship: Particulars) -> str | None:
 
 
 def frame(recording: Recording, ship: Particulars) -> str | None:
-    """u and v against the velocity of the track seen in body axes: frames, signs, swapped columns, heading offset.
+    """Body velocities against those of the track: frames, signs, swapped columns, heading offset.
 
     Every simple mistake is tried; the one that brings the two together best is named.
 
@@ -237,8 +239,7 @@ def rudder_sign(recording: Recording, ship: Particulars) -> str | None:
     Returns:
         The finding, or None.
     """
-    m = _Motion(recording, ship)
-    b, error = _rudder_effect(recording, m, ship)
+    b, error = _rudder_effect(recording, ship)
     if b > -STRONG_EVIDENCE * error:
         return None
     return (
@@ -285,22 +286,22 @@ def _robust_slope(x: Series, y: Series) -> float:
     return slope
 
 
-def _rudder_effect(recording: Recording, m: _Motion, ship: Particulars) -> tuple[float, float]:
+def _rudder_effect(recording: Recording, ship: Particulars) -> tuple[float, float]:
     """Coefficient of the rudder in the yaw acceleration [1/s^2] and its standard error."""
-    window = WINDOW * ship.time_unit
-    rudder = smoothed(recording.time, recording["delta"], window)[0]
-    stride = max(round(0.5 * window / float(np.median(np.diff(recording.time)))), 1)
-    columns = np.stack([rudder, m.r, m.v, np.ones_like(m.r)], axis=1)[::stride]
-    target = m.r_rate[::stride]
+    time, window = recording.time, RUDDER_WINDOW * ship.time_unit
+    (rudder, _), (v, _), (r, rdot) = (smoothed(time, recording[k], window) for k in ("delta", "v", "r"))
+    stride = max(round(0.5 * window / float(np.median(np.diff(time)))), 1)
+    columns, target = np.stack([rudder, r, v, np.ones_like(r)], axis=1)[::stride], rdot[::stride]
     scale = np.maximum(np.abs(columns).max(axis=0), 1e-12)
     columns = columns / scale
     keep = np.ones(len(target), dtype=bool)
     for _ in range(3):
         values = np.linalg.lstsq(columns[keep], target[keep], rcond=None)[0]
         residual = target - columns @ values
-        keep = np.abs(residual) <= 4 * 1.4826 * np.median(np.abs(residual[keep])) + 1e-15
-    freedom = max(int(keep.sum()) - columns.shape[1], 1)
-    covariance = np.linalg.pinv(columns[keep].T @ columns[keep]) * (residual[keep] @ residual[keep]) / freedom
+        used, keep = keep, np.abs(residual) <= 4 * 1.4826 * np.median(np.abs(residual[keep])) + 1e-15
+    freedom = max(int(used.sum()) - columns.shape[1], 1)
+    variance = residual[used] @ residual[used] / freedom
+    covariance = np.linalg.pinv(columns[used].T @ columns[used]) * variance
     return float(values[0] / scale[0]), float(np.sqrt(covariance[0, 0]) / scale[0])
 
 

@@ -1,7 +1,7 @@
 """Manoeuvres that a model is judged by and never trained on."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
@@ -31,6 +31,11 @@ class HeldOut:
     references: tuple[Recording, ...]
     length: float
     rtol: float = 1e-6
+
+    def __post_init__(self) -> None:
+        """Give every reference the ship's length, which figures need."""
+        known = tuple(replace(r, meta={**r.meta, "length": self.length}) for r in self.references)
+        object.__setattr__(self, "references", known)
 
     def predict(self, dynamics: Dynamics, solver: Solver = "torchdiffeq") -> list[Recording]:
         """Run a model through all manoeuvres in closed loop.

@@ -15,7 +15,8 @@ def guess_kind(delta: Float[np.ndarray, " n"]) -> str:
     The rudder's *level* is what it stays below for 90 % of the time. A time during which it stays beyond 60 % of the
     level is an *execute*. Executes mostly at the level, on both sides and with little time between them, are a zigzag;
     on one side alone (course keeping before the turn set aside) they are a turning circle if they last to the end, and
-    a pull-out if there is but one. Five or more held angles in falling and rising order are a spiral. Everything else is a random rudder.
+    a pull-out if there is but one. Five or more held angles in falling and rising order are a spiral. Everything else
+    is a random rudder.
 
     Args:
         delta: Rudder angle at even times [rad].

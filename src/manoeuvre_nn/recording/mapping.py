@@ -141,6 +141,8 @@ def mapping(**settings: Any) -> Mapping:
         if key in given and (not isinstance(given[key], kind) or (kind is not bool and isinstance(given[key], bool))):
             wanted = {"reference_point": "metres, e.g. 0.0", "skip_rows": "a whole number, e.g. 0"}
             raise InputError(f"mapping: {key}={given[key]!r}; write {wanted.get(key, 'true or false')}")
+    if "reference_point" in given:
+        given["reference_point"] = float(given["reference_point"])
     return Mapping(time, channels, **given)
 
 

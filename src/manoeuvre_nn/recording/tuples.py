@@ -55,7 +55,7 @@ def to_tuples(recordings: Sequence[Recording], known: Ship, start: float = 0.0, 
         )
         with torch.no_grad():
             targets = known.force_from_acceleration(nudot) - known.force(nu, delta)
-        inputs = torch.cat([nu / known.velocity_units, delta[:, None]], dim=-1)
+        inputs = torch.cat([nu / known.get_buffer("velocity_units"), delta[:, None]], dim=-1)
         number = torch.full((len(part),), index, dtype=torch.long, device=targets.device)
         parts.append((inputs, targets, time, number))
     return Tuples(*(torch.cat(columns) for columns in zip(*parts, strict=True)))

@@ -10,11 +10,13 @@ from typing import Any
 import yaml
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import NullLocator
 from rich.table import Table
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.dynamics.limits import OK
-from manoeuvre_nn.report.style import COLOURS, MARKERS, legend_below, log_axis, new_figure, plain_axes
+from manoeuvre_nn.report.style import COLOURS, MARKERS, WIDTH, legend_below, log_axis, new_figure, plain_axes
 from manoeuvre_nn.report.tables import Row, columns, rich_table, to_markdown, write_csv
 
 SCORES, OVERRIDES, ERROR = "scores.json", ".hydra/overrides.yaml", "error.txt"
@@ -128,7 +130,7 @@ def swept(rows: Sequence[Row]) -> list[str]:
     settings = [name for name in columns(rows) if name not in RESULTS and not name.startswith((DEV, "relRMSE"))]
     if any("seed" in row for row in rows):
         settings.append("seed")
-    values = {name: {str(row.get(name)) for row in rows} for name in settings}
+    values = {name: {str(row[name]) for row in rows if row.get(name) is not None} for name in settings}
     differ = [name for name in settings if len(values[name]) > 1]
     return sorted(differ or settings[:1], key=lambda name: (name == "seed", -len(values[name])))
 
@@ -141,7 +143,7 @@ def sweep_table(rows: Sequence[Row], title: str = "Sweep") -> Table:
         title: Heading.
 
     Returns:
-        The table: job, settings that differ, status, mean dev/L, the worst manoeuvre, epochs, seconds.
+        The table: job, settings that differ, status, mean dev/L, the worst manoeuvre, seconds.
     """
     return rich_table(_short_rows(rows), title)
 
@@ -153,14 +155,10 @@ def _short_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
     for row in sorted(rows, key=lambda row: _number(row.get(MEAN), float("inf"))):
         devs = {name.removeprefix(DEV): _number(value) for name, value in row.items() if name.startswith(DEV)}
         worst = max(devs, key=lambda name: devs[name]) if devs else None
-        cells = {"job": row["job"], **{_last(name, names): row.get(name) for name in names}, "status": row["status"]}
-        cells |= {MEAN: row.get(MEAN), "worst": worst and f"{worst} {devs[worst]:.3g}"}
-        short.append({
-            **cells,
-            "ended early": row.get("ended early"),
-            "epochs": row.get("epochs"),
-            "seconds": row.get("seconds"),
-        })
+        ended = len(str(row.get("ended early") or "").split())
+        cells = {"job": row["job"], **{_last(name, names): row.get(name) for name in names}}
+        cells |= {"status": f"{ended} ended early" if ended else row["status"], MEAN: row.get(MEAN)}
+        short.append({**cells, "worst": worst and f"{worst} {devs[worst]:.3g}", "seconds": row.get("seconds")})
     return [{name: row[name] for name in short[0] if any(r[name] is not None for r in short)} for row in short]
 
 
@@ -200,21 +198,22 @@ def sweep_figure(rows: Sequence[Row]) -> Figure:
     series = _series(rows, along, others, manoeuvres)
     panels = list(dict.fromkeys(panel for panel, _ in series))
     labels = list(dict.fromkeys(label for _, label in series))
-    ticks = _ticks(rows, along)
+    places = _places([row.get(along) for row in rows])
     tall = -(-len(panels) // 2)
-    figure = new_figure(1.2 + 2.6 * tall + 0.18 * len(labels), width=7.0 if len(panels) > 1 else 5.8)
+    figure = new_figure(1.2 + 2.6 * tall + 0.18 * len(labels), width=7.0 if len(panels) > 1 else WIDTH)
     grid = figure.subplots(tall, min(len(panels), 2), sharex=True, sharey=True, squeeze=False).ravel()
     for axes, panel in zip(grid, panels, strict=False):
         log_axis(plain_axes(axes, along, "held-out dev/L [-]")).set_title(panel, fontsize=10, loc="left")
         for (where, label), points in series.items():
             if where == panel:
-                _draw_series(axes, labels.index(label), label, points, ticks)
+                _draw_series(axes, labels.index(label), points, places)
+        _mark_places(axes, places)
     for axes in grid[len(panels) :]:
         axes.set_visible(False)
-    handles = {
-        line.get_label(): line for axes in grid for line in axes.get_lines() if not line.get_label().startswith("_")
-    }
-    legend_below(figure, [handles[label] for label in labels if label in handles], columns=4 if not others else 2)
+    handles = [Line2D([], [], label=label, linestyle="", **_look(k)) for k, label in enumerate(labels)]
+    if any(ended for points in series.values() for *_, ended in points):
+        handles.append(Line2D([], [], label="ended early", color="black", marker="x", linestyle=""))
+    legend_below(figure, handles, columns=2 if others else 5)
     return figure
 
 
@@ -239,30 +238,48 @@ def _series(
     return series
 
 
-def _ticks(rows: Sequence[Row], along: str) -> dict[Any, float] | None:
-    """Places on the axis of values that are not numbers; None if all are."""
-    values = list(dict.fromkeys(row.get(along) for row in rows))
+def _places(values: Sequence[Any]) -> dict[Any, float]:
+    """Value of the setting -> place on the axis: itself if all are numbers, else its number in turn."""
+    values = list(dict.fromkeys(value for value in values if value is not None))
     if all(isinstance(value, int | float) for value in values):
-        return None
+        return {value: float(value) for value in sorted(values)}
     return {value: float(place) for place, value in enumerate(values)}
 
 
-def _draw_series(axes: Axes, index: int, label: str, points: list[Point], ticks: dict[Any, float] | None) -> None:
-    """Points of one curve and the line through their medians."""
-    colour, marker = COLOURS[index % len(COLOURS)], MARKERS[index % len(MARKERS)]
-    place = (lambda value: float(value)) if ticks is None else (lambda value: ticks[value])
-    by_place: dict[float, list[float]] = {}
+def _look(index: int) -> dict[str, Any]:
+    """Colour and marker of a curve."""
+    return {"color": COLOURS[index % len(COLOURS)], "marker": MARKERS[index % len(MARKERS)], "markersize": 4.5}
+
+
+def _draw_series(axes: Axes, index: int, points: list[Point], places: dict[Any, float]) -> None:
+    """Points of one curve and, where the setting is a number, the line through their medians."""
+    look = _look(index)
+    by_value: dict[Any, list[float]] = {}
     for value, dev, ended in points:
-        by_place.setdefault(place(value), []).append(dev)
-        axes.plot(place(value), dev, "x" if ended else marker, color=colour, markersize=6 if ended else 4, label="_")
-    xs = sorted(by_place)
-    axes.plot(
-        xs, [median(by_place[x]) for x in xs], color=colour, linewidth=1.3, label=label, marker=marker, markersize=0.1
-    )
-    if ticks is not None:
-        axes.set_xticks(list(ticks.values()), [str(value) for value in ticks], rotation=30, ha="right")
-    elif len(xs) <= 8:
-        axes.set_xticks(xs, [f"{x:g}" for x in xs])
+        if value is None:
+            continue
+        by_value.setdefault(value, []).append(dev)
+        axes.plot(places[value], dev, linestyle="", **{**look, "marker": "x" if ended else look["marker"]})
+    values = sorted(by_value, key=lambda value: places[value])
+    if all(not isinstance(value, str) for value in places):
+        axes.plot(
+            [places[v] for v in values], [median(by_value[v]) for v in values], color=look["color"], linewidth=1.3
+        )
+
+
+def _mark_places(axes: Axes, places: dict[Any, float]) -> None:
+    """Ticks at the values that were tried; logarithmic where they go far."""
+    words = any(isinstance(value, str) for value in places)
+    numbers = list(places.values())
+    if words:
+        axes.set_xticks(numbers, [str(value) for value in places])
+        axes.margins(x=0.15)
+        return
+    if numbers and min(numbers) > 0 and max(numbers) >= 30 * min(numbers):
+        axes.set_xscale("log")
+        axes.xaxis.set_minor_locator(NullLocator())
+    if len(numbers) <= 8:
+        axes.set_xticks(numbers, [f"{place:g}" for place in numbers])
 
 
 def write_sweep(folder: Path) -> Table:

@@ -1,0 +1,291 @@
+"""What a run leaves behind: scores, predictions, figures, report, and a table in the terminal."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import lightning as L
+import numpy as np
+import torch
+import yaml
+from lightning.pytorch.loggers import TensorBoardLogger
+from matplotlib.figure import Figure
+from omegaconf import DictConfig
+from rich.console import Console
+
+from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.dynamics.limits import OK
+from manoeuvre_nn.entry.provenance import SCORES, flat, resolved, versions
+from manoeuvre_nn.manoeuvre.imo import ImoRow, imo_table
+from manoeuvre_nn.recording.held_out import HeldOut
+from manoeuvre_nn.recording.score import Score
+from manoeuvre_nn.report.figures import comparison_figures, excitation_figure, force_figure, learning_figure
+from manoeuvre_nn.report.html import write_report
+from manoeuvre_nn.report.tables import imo_rows, score_rows, score_table, verdict_table
+from manoeuvre_nn.training.callbacks import MONITOR, RolloutScore, scalars
+from manoeuvre_nn.training.data import ManoeuvreData
+from manoeuvre_nn.training.fits import Fit
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A finished run.
+
+    Attributes:
+        config: Resolved config.
+        trained_on: Sentence on the data.
+        scores: Held-out manoeuvres.
+        training_scores: The manoeuvres that were trained on, sailed in closed loop.
+        predictions: Prediction of each held-out manoeuvre.
+        references: Recording of each held-out manoeuvre.
+        relative_rmse: relRMSE of g1, g2, g3 on the training tuples [-].
+        times: Time of each training tuple [s].
+        g: Target and network (N, 3) each [-].
+        inputs: Training inputs (N, 4), and those along each held-out manoeuvre.
+        history: Judgements during training.
+        epochs: Epochs trained.
+        seconds: Time that training took [s].
+        stopped: Why it ended.
+        imo: IMO criteria of the predictions.
+        note: How the network of the report was chosen.
+        logger: TensorBoard.
+    """
+
+    config: Mapping[str, Any]
+    trained_on: str
+    scores: Sequence[Score]
+    training_scores: Sequence[Score]
+    predictions: Sequence[Recording]
+    references: Sequence[Recording]
+    relative_rmse: tuple[float, float, float]
+    times: np.ndarray
+    g: tuple[np.ndarray, np.ndarray]
+    inputs: tuple[np.ndarray, Mapping[str, np.ndarray]]
+    history: Sequence[Mapping[str, float]]
+    epochs: int
+    seconds: float
+    stopped: str
+    imo: Sequence[ImoRow]
+    note: str
+    logger: TensorBoardLogger
+
+    @property
+    def mean_dev(self) -> float:
+        """Mean over the held-out manoeuvres of the largest deviation over L [-]."""
+        return float(np.mean([s.dev_L for s in self.scores]))
+
+    @classmethod
+    def of(
+        cls, cfg: DictConfig, fit: Fit, data: ManoeuvreData, judge: RolloutScore, trainer: L.Trainer, seconds: float,
+        interrupted: bool,
+    ) -> "Outcome":  # fmt: skip
+        """Judge the fitted network for the last time.
+
+        Args:
+            cfg: The config.
+            fit: The fit with the weights that are kept.
+            data: What it was trained on.
+            judge: The callback, for its history.
+            trainer: The trainer.
+            seconds: Time that training took [s].
+            interrupted: Whether ctrl-C ended it.
+
+        Returns:
+            The outcome.
+        """
+        fit = fit.double()
+        held_out = data.held_out
+        predictions = held_out.predict(fit.dynamics)
+        scores = held_out.score(predictions)
+        trained = HeldOut(tuple(data.recordings), held_out.length)
+        prediction = trained.predict(fit.dynamics)
+        inputs, targets = data.tuples.inputs.double(), data.tuples.targets.double()
+        with torch.no_grad():
+            scaling = fit.dynamics.scaling
+            g = scaling.restore(fit.dynamics.network(scaling.inputs(inputs)))
+        rmse = tuple(float(e) for e in fit.relative_rmse(inputs, targets))
+        assert isinstance(trainer.logger, TensorBoardLogger)
+        return cls(
+            config=resolved(cfg),
+            trained_on=data.describe(),
+            scores=scores,
+            training_scores=trained.score(prediction),
+            predictions=predictions,
+            references=held_out.references,
+            relative_rmse=(rmse[0], rmse[1], rmse[2]),
+            times=data.tuples.times.numpy(),
+            g=(targets.numpy(), g.numpy()),
+            inputs=(inputs.numpy(), {r.name: _inputs(r, fit) for r in held_out.references}),
+            history=judge.history,
+            epochs=trainer.current_epoch,
+            seconds=seconds,
+            stopped=_why(fit, trainer, interrupted),
+            imo=imo_table({s.manoeuvre: s.criteria for s in scores}, fit.dynamics.particulars),
+            note=_choice(cfg, judge),
+            logger=trainer.logger,
+        )
+
+
+def _inputs(recording: Recording, fit: Fit) -> np.ndarray:
+    """u', v', r', delta along a recording."""
+    units = fit.dynamics.known.velocity_units.double().numpy()
+    return np.column_stack([recording.stacked("u", "v", "r") / units, recording["delta"]])
+
+
+def _why(fit: Fit, trainer: L.Trainer, interrupted: bool) -> str:
+    """Why training ended."""
+    if interrupted:
+        return "ctrl-C"
+    if fit.stopped:
+        return fit.stopped
+    return "all epochs done" if trainer.current_epoch >= (trainer.max_epochs or 0) else "no better held-out score"
+
+
+def _choice(cfg: DictConfig, judge: RolloutScore) -> str:
+    """How the network was chosen: a choice by the held-out score makes that score a little too good."""
+    if cfg.trainer.keep == "last" or not judge.history:
+        return "The network is the last one of the training."
+    best = min(judge.history, key=lambda row: row[MONITOR])
+    return (
+        f"The network is that of epoch {best['epoch']:.0f}, the best of {len(judge.history)} judgements on these very "
+        "manoeuvres (trainer.keep=last takes the last one); a fair figure for new manoeuvres is a little worse."
+    )
+
+
+def draw(reference: Recording, prediction: Recording) -> Mapping[str, Figure]:
+    """Figures of one manoeuvre for TensorBoard.
+
+    Args:
+        reference: What was recorded.
+        prediction: What was predicted.
+
+    Returns:
+        Name -> figure.
+    """
+    return comparison_figures(reference, prediction, float(reference.meta["length"]))
+
+
+def figures(outcome: Outcome) -> dict[str, Figure]:
+    """All figures of a run.
+
+    Args:
+        outcome: What came out.
+
+    Returns:
+        ``manoeuvre/name`` -> figure.
+    """
+    made = {
+        f"{reference.name}/{name}": figure
+        for reference, prediction in zip(outcome.references, outcome.predictions, strict=True)
+        for name, figure in draw(reference, prediction).items()
+    }
+    made["training/forces"] = force_figure(outcome.times, *outcome.g)
+    made["training/excitation"] = excitation_figure(*outcome.inputs)
+    if outcome.history:
+        made["training/learning"] = learning_figure(outcome.history)
+    return made
+
+
+def as_dict(outcome: Outcome) -> dict[str, Any]:
+    """What ``scores.json`` holds.
+
+    Args:
+        outcome: What came out.
+
+    Returns:
+        Plain numbers and strings.
+    """
+    return {
+        "scores": {s.manoeuvre: s.as_dict() for s in outcome.scores},
+        "mean_dev_L": outcome.mean_dev,
+        "trained_on": {s.manoeuvre: s.as_dict() for s in outcome.training_scores},
+        "training": {
+            "relrmse": {f"g{k + 1}": e for k, e in enumerate(outcome.relative_rmse)},
+            "samples": len(outcome.times),
+            "epochs": outcome.epochs,
+            "stopped": outcome.stopped,
+            "seconds": round(outcome.seconds, 3),
+        },
+        "seed": outcome.config["seed"],
+        "chosen": outcome.note,
+        "versions": versions(),
+    }
+
+
+def write_results(outcome: Outcome, out: Path) -> None:
+    """Write predictions, figures, report and TensorBoard's last entries; ``scores.json`` last, as the mark of a whole run.
+
+    Args:
+        outcome: What came out.
+        out: Output folder.
+    """
+    for folder in ("predictions", "figures"):
+        (out / folder).mkdir(parents=True, exist_ok=True)
+    for reference, prediction in zip(outcome.references, outcome.predictions, strict=True):
+        prediction.to_csv(out / "predictions" / f"{reference.name}.csv")
+    drawn = figures(outcome)
+    for name, figure in drawn.items():
+        figure.savefig(out / "figures" / f"{name.replace('/', '_').replace(' ', '_')}.png", dpi=120)
+        outcome.logger.experiment.add_figure(f"final/{name}", figure, outcome.epochs)
+    write_report(
+        out / "report.html",
+        title=f"{outcome.config['name']}: trained and scored",
+        summary=summary(outcome),
+        tables={
+            "Held-out manoeuvres": score_rows(outcome.scores),
+            "Manoeuvres that were trained on, in closed loop": score_rows(outcome.training_scores),
+            "IMO MSC.137(76), predicted": imo_rows(outcome.imo),
+        },
+        figures=drawn,
+        config_yaml=yaml.safe_dump(dict(outcome.config), sort_keys=False, allow_unicode=True),
+        versions=versions(),
+        notes=[outcome.trained_on, outcome.note],
+    )
+    _log_hyperparameters(outcome)
+    (out / SCORES).write_text(json.dumps(as_dict(outcome), indent=1))
+
+
+def _log_hyperparameters(outcome: Outcome) -> None:
+    """The hparams table of TensorBoard, with the final scores."""
+    settings = {k: v for k, v in flat(dict(outcome.config)).items() if isinstance(v, str | int | float | bool)}
+    wanted = {k: v for k, v in scalars(list(outcome.scores)).items() if k.endswith(("dev_L", "left_range"))}
+    errors = {f"final/relrmse_g{k + 1}": e for k, e in enumerate(outcome.relative_rmse)}
+    outcome.logger.log_hyperparams(settings, {f"final/{k}": v for k, v in wanted.items()} | errors)
+    outcome.logger.finalize("success")
+
+
+def summary(outcome: Outcome) -> str:
+    """The verdict in one sentence.
+
+    Args:
+        outcome: What came out.
+
+    Returns:
+        The sentence.
+    """
+    lost = [s.manoeuvre for s in outcome.scores if s.status != OK]
+    worst = max(outcome.scores, key=lambda s: s.dev_L)
+    text = (
+        f"In closed loop on {len(outcome.scores)} held-out manoeuvres the model stays within {worst.dev_L:.3g} L of the "
+        f"recorded tracks (worst: {worst.manoeuvre}; mean {outcome.mean_dev:.3g} L)"
+    )
+    return text + (f"; {', '.join(lost)} left the physical range." if lost else ".")
+
+
+def print_outcome(outcome: Outcome, out: Path, console: Console) -> None:
+    """One table in the terminal and where the rest is.
+
+    Args:
+        outcome: What came out.
+        out: Output folder.
+        console: Where to print.
+    """
+    console.print(score_table(outcome.scores))
+    if any("not judged" not in row.verdict for row in outcome.imo):
+        console.print(verdict_table(outcome.imo))
+    errors = ", ".join(f"g{k + 1} {e:.2e}" for k, e in enumerate(outcome.relative_rmse))
+    console.print(outcome.trained_on)
+    console.print(f"relRMSE on them: {errors}; {outcome.epochs} epochs in {outcome.seconds:.1f} s; {outcome.stopped}.")
+    console.print(f"report: {out / 'report.html'}   dashboard: tensorboard --logdir {out.parent}", soft_wrap=True)
