@@ -19,7 +19,7 @@ def main(cfg: DictConfig) -> None:
     Args:
         cfg: The composed config.
     """
-    from manoeuvre_nn.entry.sweeps import run_job  # torch and lightning take seconds: --help need not wait for them
+    from manoeuvre_nn.entry.run import run_job  # torch and lightning take seconds: --help need not wait for them
 
     run_job(cfg, Path(HydraConfig.get().runtime.output_dir), CONF)
 

@@ -31,11 +31,17 @@ def test_an_unknown_key_is_refused_and_the_known_ones_are_listed(columns):
 
 
 def test_an_unknown_unit_is_refused_and_the_known_ones_are_listed(columns):
-    refused(columns, "unit of u .speed. 'knots' is unknown; choose one of: m/s, kn, km/h", {"u": {"column": "u", "unit": "knots"}})
+    refused(
+        columns,
+        "unit of u .speed. 'knots' is unknown; choose one of: m/s, kn, km/h",
+        {"u": {"column": "u", "unit": "knots"}},
+    )
 
 
 def test_an_angle_is_no_rate_of_turn(columns):
-    refused(columns, "unit of r .* 'deg' is unknown; choose one of: rad/s, deg/s", {"r": {"column": "r", "unit": "deg"}})
+    refused(
+        columns, "unit of r .* 'deg' is unknown; choose one of: rad/s, deg/s", {"r": {"column": "r", "unit": "deg"}}
+    )
 
 
 def test_an_unknown_channel_is_refused(columns):

@@ -6,6 +6,8 @@ from torch import Tensor
 from manoeuvre_nn.core.ship import Particulars
 
 OK = "ok"
+LARGEST = (2.5, 1.5, 3.0)
+"""Largest u/U0, v/U0 and r L/U0 [-]; the tightest real circles have r L/U0 of 1 to 1.5."""
 
 
 def inside_physical_range(state: Float[Tensor, "*batch 6"], ship: Particulars) -> Bool[Tensor, "*batch"]:
@@ -22,7 +24,7 @@ def inside_physical_range(state: Float[Tensor, "*batch 6"], ship: Particulars) -
         True inside.
     """
     u, v, r = state[..., 0] / ship.speed, state[..., 1] / ship.speed, state[..., 2] * ship.time_unit
-    return (u > -0.5) & (u < 2.5) & (v.abs() < 1.5) & (r.abs() < 3.0)
+    return (u > -0.5) & (u < LARGEST[0]) & (v.abs() < LARGEST[1]) & (r.abs() < LARGEST[2])
 
 
 def left_range(time: float) -> str:

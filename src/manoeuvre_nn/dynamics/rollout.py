@@ -55,8 +55,8 @@ def rollout(
     """Run a batch of manoeuvres in closed loop with fixed Runge-Kutta steps.
 
     Rudder kinks and ends of stages are known times and cut a row's step; heading crossings are found on the cubic
-    through heading and yaw rate at both ends of a step, and the step is taken again up to there. Gradients pass through,
-    the crossings' times included.
+    through heading and yaw rate at both ends of a step, and the step is taken again up to there. Gradients pass
+    through, the crossings' times included.
 
     Args:
         dynamics: One ship or network for all rows, or :class:`~manoeuvre_nn.dynamics.model.Stacked` rows.

@@ -13,7 +13,7 @@ from torchdiffeq import odeint, odeint_event
 from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage
 from manoeuvre_nn.core.recording import ACCELERATION, Recording
 from manoeuvre_nn.core.ship import check_speed
-from manoeuvre_nn.dynamics.limits import OK, inside_physical_range, left_range
+from manoeuvre_nn.dynamics.limits import LARGEST, OK, inside_physical_range, left_range
 from manoeuvre_nn.dynamics.model import Dynamics
 
 
@@ -121,7 +121,8 @@ def to_recording(
     channels = {name: values[:, k] for k, name in enumerate(("u", "v", "r", "x", "y", "psi"))}
     channels |= {"delta": rudders.double().cpu().numpy(), "delta_order": orders.double().cpu().numpy()}
     channels |= {name: nudot[:, k] for k, name in enumerate(ACCELERATION)}
-    meta = {"ship": dynamics.particulars.name, "kind": manoeuvre.kind, "manoeuvre": manoeuvre}
+    ship = dynamics.particulars
+    meta = {"ship": ship.name, "kind": manoeuvre.kind, "manoeuvre": manoeuvre, "time_unit": ship.time_unit}
     return Recording(manoeuvre.name, times, channels, status, meta)
 
 
@@ -134,9 +135,10 @@ def _integrate(
     now, rudder, course, began = 0.0, 0.0, float(state[5]), 0.0
     stage = stages.pop(0)
     states, rudders, orders = [state], [state.new_zeros(())], [state.new_tensor(stage.order)]
-    chunk = 2.0 * ship.time_unit  # events are looked for in short stretches, so that little is computed in vain
+    chunk = 3.0 * ship.time_unit  # headings are watched in short stretches, so that little is computed in vain
     while len(states) < len(times) and inside_physical_range(state, ship):
-        piece = _next_piece(stage, now, began, rudder, ship.rudder_rate, min(now + chunk, float(times[-1])))
+        limit = float(times[-1]) if stage.heading is None else min(now + chunk, float(times[-1]))
+        piece = _next_piece(stage, now, began, rudder, ship.rudder_rate, limit)
         samples = times[len(states) :]
         samples = samples[samples <= piece.end + 1e-9]
         solution, reached, state = _solve_piece(dynamics, piece, stage, course, state, samples, options)
@@ -174,9 +176,12 @@ def _solve_piece(
     options: dict,
 ) -> tuple[Tensor, float | None, Tensor]:
     """Integrate one piece; states at the samples in it, time of the heading crossing if there is one, final state."""
+    ship = dynamics.particulars
+    far = 2 * torch.tensor(LARGEST, dtype=state.dtype) * state.new_tensor([ship.speed, ship.speed, 1 / ship.time_unit])
 
     def rate(t: Tensor, y: Tensor) -> Tensor:
-        return dynamics(y, piece.delta(t))
+        # A run that breaks down rests far outside the range: else its steps shrink without end before it is looked at.
+        return dynamics(y, piece.delta(t)) if bool((y[:3].abs() <= far).all()) else torch.zeros_like(y)
 
     grid = np.unique(np.concatenate([[piece.start], samples, [piece.end]]))
     grid = grid[np.concatenate([[True], np.diff(grid) > 1e-9])]

@@ -4,6 +4,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from hydra.errors import HydraException
 from omegaconf.errors import OmegaConfBaseException
@@ -16,6 +17,26 @@ failed_jobs: list[str] = []
 """Jobs of a sweep that failed; the sweep goes on and ends with exit code 1."""
 
 
+@contextmanager
+def one_line() -> Iterator[None]:
+    """Turn wrong input into one line and exit code 2; let faults of the program through.
+
+    Yields:
+        Nothing.
+
+    Raises:
+        SystemExit: With code 2 for wrong input.
+    """
+    try:
+        yield
+    except (InputError, HydraException, OmegaConfBaseException) as error:
+        message = explain(error)
+        if message is None:
+            raise
+        print(f"error: {message}", file=sys.stderr)
+        raise SystemExit(WRONG_INPUT) from None
+
+
 def guarded(main: Callable[[], None]) -> None:
     """Run an entry point.
 
@@ -26,14 +47,8 @@ def guarded(main: Callable[[], None]) -> None:
         SystemExit: With code 2 after one line for wrong input, with code 1 if jobs of a sweep failed.
     """
     os.environ["HYDRA_FULL_ERROR"] = "1"  # hydra then raises instead of printing its own traceback
-    try:
+    with one_line():
         main()
-    except (InputError, HydraException, OmegaConfBaseException) as error:
-        message = explain(error)
-        if message is None:
-            raise
-        print(f"error: {message}", file=sys.stderr)
-        raise SystemExit(WRONG_INPUT) from None
     if failed_jobs:
         raise SystemExit(FAILED_JOBS)
 
@@ -66,7 +81,7 @@ def _one_line(text: str) -> str:
     """Hydra's own messages, shortened: choices are kept, advice about stack traces is not."""
     missing = re.search(r"Could not find '([^/']+)/([^']+)'", text)
     if missing:
-        options = re.findall(r"^\t(\S+)", text, flags=re.MULTILINE)
+        options = re.findall(r"^\t(\w+)$", text, flags=re.MULTILINE)
         return f"{missing[1]}={missing[2]} is unknown; choose one of: {', '.join(options)}"
     key = re.search(r"Could not override '([^']+)'", text) or re.search(r"Key '([^']+)' is not in struct", text)
     if key:

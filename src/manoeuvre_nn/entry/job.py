@@ -120,8 +120,11 @@ def prepare(cfg: DictConfig, conf: Path) -> Job:
 
 def _recorded(cfg: DictConfig, common: dict[str, Any], names: list[str], conf: Path) -> RecordedData:
     """The data module for measured files; their mapping is a yaml of its own, by path or by name in conf/recording."""
-    settings = OmegaConf.to_container(cfg.data, resolve=True, throw_on_missing=True)
+    settings = OmegaConf.to_container(cfg.data, resolve=True)
     assert isinstance(settings, dict)
+    if settings["mapping"] is None:
+        there = ", ".join(sorted(p.stem for p in (conf / "recording").glob("*.yaml")))
+        raise InputError(f"data.mapping is not given: write the path of a yaml that maps columns, or one of: {there}")
     named = conf / "recording" / f"{settings['mapping']}.yaml"
     path = named if named.is_file() else Path(settings["mapping"])
     settings["mapping"] = configs.load_yaml(path)

@@ -55,8 +55,9 @@ def _turning_circle(seen: Trace, length: float) -> dict[str, float]:
             found["transfer_L"] = float(seen.abeam(quarter)) / length
         if half is not None:
             found["tactical_diameter_L"] = float(seen.abeam(half)) / length
-    last = seen.turn(seen.time) > float(seen.turn(seen.time[-1])) - 0.5 * pi
-    if half is None or not _is_steady(seen, last & (seen.time > half)):
+    start = float(seen.turn(seen.time[-1])) - 0.5 * pi
+    last = (seen.turn(seen.time) > start) & (seen.time > seen.execute)
+    if start < pi or not _is_steady(seen, last):
         return found
     u, v, r = (float(_end(seen.time[last], c[last])) for c in (seen.u, seen.v, seen.rate))
     speed = float(np.hypot(u, v))
@@ -222,9 +223,9 @@ def _straight(recording: Recording, length: float) -> dict[str, float]:
         "heading_change_deg": float(recording["psi"][-1] - recording["psi"][0]) / DEGREE,
     }
     if "x" in recording.channels and "y" in recording.channels:
-        north, east = (recording[k][-1] - recording[k][0] for k in ("x", "y"))
-        _, starboard = earth_to_body(north, east, recording["psi"][0])
-        found["drift_L"] = float(starboard) / length
+        north, east = (recording[k] - recording[k][0] for k in ("x", "y"))
+        _, starboard = earth_to_body(north, east, np.full(len(recording), recording["psi"][0]))
+        found["drift_L"] = float(starboard[-1]) / length
     return found
 
 

@@ -1,8 +1,8 @@
 """Levenberg-Marquardt for any module and any residual, many independent fits as one batch.
 
-Torch has no second-order optimizer for least squares. This one keeps torch's contract (parameters in, ``step(closure)``,
-``state_dict``), so that Lightning can drive it, and treats independent fits as rows: three networks of one ship or a
-thousand restarts cost little more than one, and each has its own damping and its own reason to stop.
+Torch has no second-order optimizer for least squares. This one keeps torch's contract (parameters in,
+``step(closure)``, ``state_dict``), so that Lightning can drive it, and treats independent fits as rows: three networks
+of one ship or many restarts are one batch, and each has its own damping and its own reason to stop.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -24,6 +24,7 @@ REASONS = (
     "validation error rose max_fail times",
     "error is not finite",
 )
+LAYER_WIDTH = 16  # elements in the widest layer for one of the residual, assumed when autograd's memory is shared out
 RUNNING, GOAL, GRADIENT, DAMPING, VALIDATION, NOT_FINITE = range(len(REASONS))
 
 
@@ -37,12 +38,17 @@ class LevenbergMarquardt(torch.optim.Optimizer):
     of the parameters alone, and K problems are solved side by side.
 
     Attributes:
+        mu: Damping of every row.
+        loss: Mean square error of every row.
+        stopped: Whether every row has stopped.
         reasons: Why each row stopped; empty for a row that goes on.
         evaluations: How often the residual was evaluated.
 
     Source:
-        Levenberg 1944; Marquardt 1963; Hagan & Menhaj 1994 (TRAINLM's rule); Nielsen 1999 and Madsen, Nielsen & Tingleff
-        2004, algorithm 3.16 (``damping="nielsen"``).
+        Levenberg 1944; Marquardt 1963; Hagan & Menhaj 1994 (TRAINLM's rule); Rajesh & Bhattacharyya 2009, section 4,
+        for mu and its factors, with mu_max 1e10 for the misprinted 1e-10; Nielsen 1999 and Madsen, Nielsen & Tingleff
+        2004, algorithm 3.16 (``damping="nielsen"``). Deviation: mu never falls below the smallest normal number of its
+        type, since from 0 no factor could raise it again.
     """
 
     def __init__(
@@ -146,8 +152,10 @@ class LevenbergMarquardt(torch.optim.Optimizer):
         state["steps"] = state["steps"] + 1
         state["mse"] = residual.square().mean(1)
         self._judge(2 * gradient.norm(dim=1) / count)
+        if "best_mse" in state:  # a validation before the first step could not know the error yet
+            state["best_mse"] = torch.where(state["best_mse"].isinf(), state["mse"], state["best_mse"])
         if self.damping == "nielsen" and int(state["steps"]) == 1:
-            state["mu"] = state["mu"] * normal.diagonal(dim1=1, dim2=2).amax(1)
+            state["mu"] = self._floored(state["mu"] * normal.diagonal(dim1=1, dim2=2).amax(1))
         start, before = self._flat(), state["mse"]
         pending = state["reason"] == RUNNING
         while pending.any():
@@ -169,8 +177,8 @@ class LevenbergMarquardt(torch.optim.Optimizer):
     def validate(self, mse: Float[Tensor, " rows"]) -> None:
         """Tell the optimizer the error on data kept back; it remembers the best weights of every row.
 
-        A row whose validation error has risen above its best ``max_fail`` times in a row stops; a row that has stopped
-        takes its best weights back.
+        A row whose validation error was above its best (or not a number) ``max_fail`` times since that best stops; a
+        row that has stopped, for whatever reason, takes its best weights back.
 
         Args:
             mse: Validation error of every row.
@@ -179,13 +187,16 @@ class LevenbergMarquardt(torch.optim.Optimizer):
         mse = mse.to(state["best"])
         better = mse < state["best"]
         flat = self._flat()
-        kept = state.get("best_weights", flat)
+        kept, kept_mse = state.get("best_weights", flat), state.get("best_mse", state["mse"])
         state["best_weights"] = torch.where(better[:, None], flat, kept)
+        state["best_mse"] = torch.where(better, state["mse"], kept_mse)
         state["best"] = torch.where(better, mse, state["best"])
-        state["fails"] = torch.where(better, 0.0, state["fails"] + (mse > state["best"]).to(mse))
+        state["fails"] = torch.where(better, 0.0, state["fails"] + (~(mse <= state["best"])).to(mse))
         failed = (state["fails"] >= self.max_fail) & (state["reason"] == RUNNING)
         state["reason"] = torch.where(failed, float(VALIDATION), state["reason"])
-        self._set(torch.where((state["reason"] != RUNNING)[:, None], state["best_weights"], flat))
+        over = state["reason"] != RUNNING
+        state["mse"] = torch.where(over, state["best_mse"], state["mse"])
+        self._set(torch.where(over[:, None], state["best_weights"], flat))
 
     def _judge(self, slope: Float[Tensor, " rows"]) -> None:
         """Stop rows whose error is not a number, is at the goal, or whose gradient is flat."""
@@ -226,9 +237,13 @@ class LevenbergMarquardt(torch.optim.Optimizer):
             ratio = gain / promised.clamp(min=torch.finfo(mu.dtype).tiny)
             lower, higher = mu * (1 - (2 * ratio - 1) ** 3).clamp(min=1 / 3), mu * nu
             state["nu"] = torch.where(pending, torch.where(better, 2.0, 2 * nu), nu)
-        state["mu"] = torch.where(pending, torch.where(better, lower, higher), mu)
+        state["mu"] = self._floored(torch.where(pending, torch.where(better, lower, higher), mu))
         given_up = pending & ~better & (state["mu"] > self.mu_max)
         state["reason"] = torch.where(given_up, float(DAMPING), state["reason"])
+
+    @staticmethod
+    def _floored(mu: Tensor) -> Tensor:
+        return mu.clamp(min=torch.finfo(mu.dtype).tiny)
 
     def _linearise(self, closure: Callable[[], Tensor]) -> tuple[Tensor, Tensor, Tensor]:
         """Residual (K, N), J^T J (K, P, P) and J^T e (K, P) at the present weights."""
@@ -253,35 +268,50 @@ class LevenbergMarquardt(torch.optim.Optimizer):
     def _reverse_blocks(self, residual: Tensor, count: int) -> Iterator[Tensor]:
         """Rows of J from vector-Jacobian products, as many at once as memory allows."""
         rows, total = residual.shape
-        size = max(1, min(total, int(self.max_elements / (rows * max(count, total)))))
+        size = min(total, self._at_once(rows * max(count, total)))
         for first in range(0, total, size):
             chosen = torch.arange(first, min(first + size, total), device=residual.device)
             seeds = torch.zeros(len(chosen), rows, total, dtype=residual.dtype, device=residual.device)
             seeds[torch.arange(len(chosen)), :, chosen] = 1.0
-            parts = torch.autograd.grad(residual, self._weights, seeds, retain_graph=True, is_grads_batched=True)
-            yield torch.cat([p.reshape(len(chosen), rows, -1) for p in parts], -1).movedim(1, 0)
+            parts = torch.autograd.grad(
+                residual, self._weights, seeds, retain_graph=True, is_grads_batched=True, allow_unused=True
+            )
+            filled = [
+                seeds.new_zeros(len(chosen), *p.shape) if part is None else part
+                for part, p in zip(parts, self._weights, strict=True)
+            ]
+            yield torch.cat([part.reshape(len(chosen), rows, -1) for part in filled], -1).movedim(1, 0)
 
     def _forward_block(self, residual: Tensor, count: int) -> Tensor:
-        """All of J, column by column, from Jacobian-vector products: the derivative of ``J^T w`` by w, which any closure
-        allows, applied to unit vectors of the parameters."""
+        """All of J by columns: the derivative of ``J^T w`` by w, which any closure allows, times unit vectors."""
         rows, total = residual.shape
         weight = torch.zeros_like(residual, requires_grad=True)
-        pulled = torch.autograd.grad(residual, self._weights, weight, create_graph=True)
+        pulled = torch.autograd.grad(residual, self._weights, weight, create_graph=True, allow_unused=True)
+        used = [k for k, part in enumerate(pulled) if part is not None]
         unit = torch.eye(count, dtype=residual.dtype, device=residual.device)
-        size = max(1, min(count, int(self.max_elements / (rows * total))))
         columns = []
-        for chunk in unit.split(size):
+        for chunk in unit.split(self._at_once(rows * total)):
             parts = chunk.split([p.numel() // rows for p in self._weights], dim=1)
             seeds = [
                 part[:, None].expand(-1, rows, -1).reshape(len(chunk), *p.shape)
                 for part, p in zip(parts, self._weights, strict=True)
             ]
-            (column,) = torch.autograd.grad(pulled, weight, seeds, retain_graph=True, is_grads_batched=True)
+            (column,) = torch.autograd.grad(
+                [pulled[k] for k in used], weight, [seeds[k] for k in used], retain_graph=True, is_grads_batched=True
+            )
             columns.append(column)
         return torch.cat(columns).movedim(0, -1)
 
+    def _at_once(self, elements: int) -> int:
+        """How many derivatives to take at once; on their way they pass layers wider than the residual."""
+        return max(1, int(self.max_elements / (LAYER_WIDTH * elements)))
+
     def _rows(self, residual: Tensor) -> Float[Tensor, "k n"]:
-        return residual.reshape(1, -1) if self.rows is None else residual.reshape(self.rows, -1)
+        if self.rows is None:
+            return residual.reshape(1, -1)
+        if residual.ndim != 2 or len(residual) != self.rows:
+            raise InputError(f"residual of shape {tuple(residual.shape)}: with rows={self.rows} give ({self.rows}, N)")
+        return residual
 
     def _flat(self) -> Float[Tensor, "k p"]:
         return torch.cat([p.detach().reshape(self.rows or 1, -1) for p in self._weights], dim=1)
@@ -310,5 +340,6 @@ def _normal_equations(residual: Tensor, blocks: Iterable[Tensor], single: bool) 
         square, product = block.mT @ block, (block.mT @ part[..., None])[..., 0]
         normal = square if normal is None else normal + square
         gradient = product if gradient is None else gradient + product
-    assert normal is not None and gradient is not None and first == residual.shape[1]
+    if normal is None or gradient is None or first != residual.shape[1]:
+        raise InputError(f"Jacobian of {first} residuals: the closure gives {residual.shape[1]}, in the same order")
     return normal, gradient

@@ -4,7 +4,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import accumulate
-from math import inf
+from math import inf, isfinite
 from typing import Any
 
 import torch
@@ -26,8 +26,8 @@ class RateSchedule:
         shake_iterations: Iterations of a shaking.
 
     Source:
-        Wang 1996, section 4.4.3: 1e-2 for 6000 iterations, 1e-3 for 10 000, 1e-6 for 60 000; then the rate is raised from
-        1e-6 to 1e-3 and restored, periodically (how often and for how long is not stated).
+        Wang 1996, section 4.4.3: 1e-2 for 6000 iterations, 1e-3 for 10 000, 1e-6 for 60 000; then the rate is raised
+        from 1e-6 to 1e-3 and restored, periodically (how often and for how long is not stated).
     """
 
     rates: tuple[float, ...] = (1e-2, 1e-3, 1e-6)
@@ -44,7 +44,8 @@ class RateSchedule:
         """
         object.__setattr__(self, "rates", tuple(self.rates))
         object.__setattr__(self, "iterations", tuple(self.iterations))
-        if not self.rates or len(self.rates) != len(self.iterations) or min(self.rates) <= 0 or min(self.iterations) < 1:
+        matched = self.rates and len(self.rates) == len(self.iterations)
+        if not matched or min(self.rates) <= 0 or min(self.iterations) < 1:
             raise InputError(
                 f"fit.schedule with rates {list(self.rates)} and iterations {list(self.iterations)}: expected as many "
                 "iterations as rates, all positive"
@@ -70,7 +71,7 @@ class RateSchedule:
         into = (iteration - ends[-1]) % self.shake_every
         return self.shake_rate if self.shake_rate and into < self.shake_iterations else self.rates[-1]
 
-    def next_change(self, iteration: int) -> float:
+    def next_change(self, iteration: int) -> int | float:
         """The first later iteration at which the rate may differ.
 
         Args:
@@ -92,16 +93,20 @@ class RateSchedule:
 class StoppingRules:
     """Three rules combined: enough iterations, a small enough error, or a test error that has begun to rise.
 
+    An error that is not finite also ends the fit: no later iteration could mend it.
+
     Attributes:
         max_iterations: Iterations after which the fit ends.
         goal: Mean square error on the training data at which it ends.
         test_rise: Ratio to the best test error so far above which it ends; ``inf`` never.
 
     Source:
-        Wang 1996, section 2.5: "the last three methods are combined".
+        Wang 1996, section 2.5: "the last three methods are combined". Deviation: there the person compares manoeuvres
+        simulated with the trained network with test data after a fixed number of iterations; here the error on test
+        tuples is watched and the fit ends by itself.
     """
 
-    max_iterations: float = inf
+    max_iterations: int | float = inf
     goal: float = 0.0
     test_rise: float = inf
 
@@ -117,6 +122,8 @@ class StoppingRules:
         Returns:
             Why to stop; empty to go on.
         """
+        if not isfinite(error):
+            return "error is not finite"
         if error <= self.goal:
             return "goal reached"
         if iteration >= self.max_iterations:
@@ -129,7 +136,11 @@ class StoppingRules:
 class SteepestDescent(torch.optim.Optimizer):
     """``w(n+1) = w(n) - eta dE/dw + alpha (w(n) - w(n-1))``.
 
-    E is whatever the caller differentiates; the thesis' E is the sum of squares of one sample.
+    The gradients are taken as they stand. The thesis' E is the SUM of squares over the outputs of ONE sample (eq 2.6),
+    and its rates belong to that E: for a mini-batch give the mean of E over the samples, without the factor 1/2 and not
+    divided by the number of outputs. The gradient of the sum over n samples takes rates n times smaller.
+
+    The count of iterations and the moves ``w(n) - w(n-1)`` are in ``state_dict()``; the schedule is not.
 
     Source:
         Wang 1996, eqs 2.20 and 2.21.
@@ -144,11 +155,13 @@ class SteepestDescent(torch.optim.Optimizer):
             schedule: Training rate over iterations.
 
         Raises:
-            InputError: If the momentum is not in [0, 1).
+            InputError: If the momentum is not in [0, 1), or the parameters come in several groups.
         """
         if not 0 <= momentum < 1:
             raise InputError(f"fit.momentum={momentum}: expected 0 or more and less than 1")
         super().__init__(params, {"momentum": momentum, "iteration": 0})
+        if len(self.param_groups) > 1:
+            raise InputError(f"{len(self.param_groups)} groups of parameters: give one, which has one rate")
         self.schedule = schedule
         self._rate, self._until = 0.0, -1.0
         self._moves: list[Tensor] = []
@@ -173,13 +186,14 @@ class SteepestDescent(torch.optim.Optimizer):
             for p in parameters:
                 self.state[p].setdefault("move", torch.zeros_like(p))
             self._moves = [self.state[p]["move"] for p in parameters]
-        if group["iteration"] >= self._until:
+        now = group["iteration"]
+        if now >= self._until:
             # The schedule is asked only when its answer may change: this loop runs hundreds of thousands of times.
-            self._rate, self._until = self.schedule.rate(group["iteration"]), self.schedule.next_change(group["iteration"])
+            self._rate, self._until = self.schedule.rate(now), self.schedule.next_change(now)
         torch._foreach_mul_(self._moves, group["momentum"])
         torch._foreach_add_(self._moves, [p.grad for p in parameters], alpha=-self._rate)
         torch._foreach_add_(parameters, self._moves)
-        group["iteration"] += 1
+        group["iteration"] = now + 1
         return loss
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:

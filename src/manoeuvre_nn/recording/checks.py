@@ -3,7 +3,8 @@
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.frames import body_to_earth, earth_to_body
@@ -18,6 +19,8 @@ MISFIT = 0.35
 """Largest misfit between u, v and the track's velocity that is put down to sensors, wind and current [-]."""
 RUDDER_WINDOW = 0.4
 """Window of the check of the rudder's sign over L/U0: shorter, for the evidence lies where the rudder moves."""
+RECENT = 2.5
+"""How long a movement of the rudder is felt in the yaw rate, over L/U0."""
 STRONG_EVIDENCE = 4.0
 """Least ratio of the rudder's coefficient to its standard error for a verdict on its sign."""
 
@@ -227,10 +230,11 @@ def frame(recording: Recording, ship: Particulars) -> str | None:
 def rudder_sign(recording: Recording, ship: Particulars) -> str | None:
     """Which way the rudder turns the ship, measured.
 
-    ``rdot = a r + c v + b delta + d`` is fitted, so that a ship that lags behind its rudder, or is unstable on a
-    straight course, does not mislead: what counts is which way a rudder angle *changes* the yaw rate. Outlying samples
-    are left out; samples lie half a smoothing window apart so that their errors are nearly independent. No verdict is
-    given where b is not significant (a rudder that hardly moves).
+    ``rdot = a r + b delta + c`` is fitted to the times in which the rudder has moved lately, so that a ship that lags
+    behind its rudder, or is unstable on a straight course, does not mislead: what counts is which way a rudder angle
+    *changes* the yaw rate. Long steady turns are left out, for there r says all that delta does; so are outlying
+    samples. (Sway as a third column is so much like r that it takes the rudder's evidence away.) No verdict is given
+    where b is not significant, as with a rudder that hardly moves.
 
     Args:
         recording: The recording.
@@ -240,7 +244,7 @@ def rudder_sign(recording: Recording, ship: Particulars) -> str | None:
         The finding, or None.
     """
     b, error = _rudder_effect(recording, ship)
-    if b > -STRONG_EVIDENCE * error:
+    if not b < -STRONG_EVIDENCE * error:
         return None
     return (
         "rudder sign opposite to the turn: a positive rudder angle turns the ship to port (rdot = "
@@ -287,22 +291,34 @@ def _robust_slope(x: Series, y: Series) -> float:
 
 
 def _rudder_effect(recording: Recording, ship: Particulars) -> tuple[float, float]:
-    """Coefficient of the rudder in the yaw acceleration [1/s^2] and its standard error."""
+    """Coefficient of the rudder in the yaw acceleration [1/s^2] and its standard error; zeros where it hardly moves."""
     time, window = recording.time, RUDDER_WINDOW * ship.time_unit
-    (rudder, _), (v, _), (r, rdot) = (smoothed(time, recording[k], window) for k in ("delta", "v", "r"))
-    stride = max(round(0.5 * window / float(np.median(np.diff(time)))), 1)
-    columns, target = np.stack([rudder, r, v, np.ones_like(r)], axis=1)[::stride], rdot[::stride]
+    (rudder, _), (r, rdot) = (smoothed(time, recording[k], window) for k in ("delta", "r"))
+    interval = float(np.median(np.diff(time)))
+    # Samples half a window apart have nearly independent errors.
+    stride = max(round(0.5 * window / interval), 1)
+    columns, target = np.stack([rudder, r, np.ones_like(r)], axis=1)[::stride], rdot[::stride]
+    active = _has_moved(rudder, max(round(RECENT * ship.time_unit / interval), 1))[::stride]
+    if active.sum() < 8:
+        return 0.0, 0.0
     scale = np.maximum(np.abs(columns).max(axis=0), 1e-12)
-    columns = columns / scale
-    keep = np.ones(len(target), dtype=bool)
+    columns, large, keep = columns / scale, float(np.quantile(np.abs(target[active]), 0.9)), active
     for _ in range(3):
-        values = np.linalg.lstsq(columns[keep], target[keep], rcond=None)[0]
+        used = keep
+        values = np.linalg.lstsq(columns[used], target[used], rcond=None)[0]
         residual = target - columns @ values
-        used, keep = keep, np.abs(residual) <= 4 * 1.4826 * np.median(np.abs(residual[keep])) + 1e-15
-    freedom = max(int(used.sum()) - columns.shape[1], 1)
-    variance = residual[used] @ residual[used] / freedom
+        spread = 1.4826 * float(np.median(np.abs(residual[used])))
+        keep = active & (np.abs(residual) <= 4 * spread + 0.2 * large)
+    variance = float(residual[used] @ residual[used]) / max(int(used.sum()) - columns.shape[1], 1)
     covariance = np.linalg.pinv(columns[used].T @ columns[used]) * variance
-    return float(values[0] / scale[0]), float(np.sqrt(covariance[0, 0]) / scale[0])
+    return float(values[0] / scale[0]), float(np.sqrt(max(covariance[0, 0], 0.0)) / scale[0])
+
+
+def _has_moved(rudder: Series, count: int) -> Bool[np.ndarray, " n"]:
+    """Whether the rudder has moved by 30 % of its usual angle within the last ``count`` samples."""
+    back = (count - 1) // 2
+    travel = maximum_filter1d(rudder, count, origin=back) - minimum_filter1d(rudder, count, origin=back)
+    return travel > 0.3 * max(float(np.quantile(np.abs(rudder), 0.9)), 1e-6)
 
 
 def _turns(recording: Recording) -> float:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping as AnyMapping
 from dataclasses import dataclass, field, fields
-from typing import Any, Literal
+from typing import Any
 
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.manoeuvre import side_sign
@@ -61,9 +61,9 @@ class Mapping:
 
     time: ChannelMap
     channels: AnyMapping[str, ChannelMap] = field(default_factory=dict)
-    frame: Literal["body", "earth"] = "body"
+    frame: str = "body"
     reference_point: float = 0.0
-    rudder_positive_to: Literal["starboard", "port"] = "starboard"
+    rudder_positive_to: str = "starboard"
     delimiter: str = ","
     header: bool = True
     skip_rows: int = 0

@@ -62,12 +62,12 @@ def track_figure(reference: Recording, prediction: Recording, length: float, tit
     tracks = [track - origin for track in tracks]
     low, high = _limits(tracks)
     wide, high_by = high - low
-    tall = high_by > 1.2 * wide
-    figure = new_figure(5.6 if tall else min(1.9 + WIDTH * high_by / wide + 1.0, 7.6), title=title or reference.name)
+    tall, map_height, rest = high_by > 1.2 * wide, min(0.88 * WIDTH * high_by / wide, 5.2), 1.1
+    figure = new_figure(5.6 if tall else map_height + rest + 1.5, title=title or reference.name)
     if tall:
         map_axes, gap_axes = figure.subplots(1, 2, width_ratios=[0.9, 1.1])
     else:
-        map_axes, gap_axes = figure.subplots(2, 1, height_ratios=[3.0, 1.0])
+        map_axes, gap_axes = figure.subplots(2, 1, height_ratios=[map_height, rest])
     _draw_tracks(map_axes, tracks, (reference, prediction))
     map_axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
     _draw_distance(gap_axes, reference, prediction, length)
@@ -107,7 +107,7 @@ def _ship_shape(y: float, x: float, psi: float) -> Float[np.ndarray, "5 2"]:
 
 def _draw_distance(axes: Axes, reference: Recording, prediction: Recording, length: float) -> None:
     """Distance between the tracks; a prediction that ended early rests, as the score has it."""
-    plain_axes(axes, "time t [s]", "track distance / L [-]")
+    plain_axes(axes, "time t [s]", "distance / L [-]")
     ended = prediction.status != OK
     times = reference.time if ended else reference.time[reference.time <= prediction.time[-1] + 1e-9]
     gaps = [
@@ -149,7 +149,7 @@ def time_series_figure(reference: Recording, prediction: Recording, title: str =
     together = np.ptp(reference["psi"]) < 4.0 * max(np.ptp(reference["delta"]), 1e-3)
     rows = [("psi", "delta"), *(("r",), ("u",), ("v",))] if together else [(name,) for name in PANELS]
     figure = new_figure(1.0 + 1.45 * len(rows), title=title or reference.name)
-    panels = figure.subplots(len(rows), 1, sharex=True)
+    panels = list(figure.subplots(len(rows), 1, sharex=True))
     handles = _recorded_and_predicted()
     for axes, names in zip(panels, rows, strict=True):
         for thin, name in enumerate(names):
@@ -263,14 +263,14 @@ def force_figure(
     label = "time t [s]" if not len(breaks) else "time, recordings end to end [s]"
     for row, (axes, error_axes) in enumerate(grid):
         plain_axes(axes, label if row == 2 else "", f"g{row + 1}′ [-]")
-        plain_axes(error_axes, "time [s]" if row == 2 else "", "")
+        plain_axes(error_axes, "time [s]" if row == 2 else "", "error [-]")
         for values, style in ((g_true, RECORDED), (g_network, PREDICTED)):
             axes.plot(np.insert(clock, breaks, np.nan), np.insert(values[:, row], breaks, np.nan), **style)
         error = np.insert(g_network[:, row] - g_true[:, row], breaks, np.nan)
         error_axes.plot(np.insert(clock, breaks, np.nan), error, color=COLOURS[1], linewidth=1.0)
         for panel in (axes, error_axes):
             panel.ticklabel_format(axis="y", scilimits=(-2, 3), useMathText=True)
-    grid[0, 1].set_title("network - target [-]", fontsize=9, loc="right")
+    grid[0, 1].set_title("network - target", fontsize=9, loc="right")
     grid[2, 1].xaxis.set_major_locator(MaxNLocator(4))
     handles = [Line2D([], [], label="target", **RECORDED), Line2D([], [], label="network", **PREDICTED)]
     legend_below(figure, handles)
@@ -298,7 +298,7 @@ def learning_figure(history: Sequence[Mapping[str, Any]], title: str = "Training
     """
     names = list(dict.fromkeys(name for row in history for name in row))
     panels = {
-        "mean squared error\n(scaled) [-]": [n for n in names if n.endswith("mse") and "relrmse" not in n],
+        "mean squared error\n(scaled) [-]": [n for n in names if n.endswith("mse")],
         "relative RMSE\nof g′ [-]": [n for n in names if "relrmse" in n],
         "held-out\ndev/L [-]": [n for n in names if n.endswith("dev_L")],
     }
@@ -330,7 +330,7 @@ def _draw_learning(axes: Axes, index: int, name: str, epochs: list[float], value
 
 def _positive(history: Sequence[Mapping[str, Any]], name: str) -> tuple[list[float], list[float]]:
     """Epochs and values of a column that a logarithmic axis can show."""
-    pairs = [(row["epoch"], float(row[name])) for row in history if row.get(name) is not None]
+    pairs = [(float(row["epoch"]), float(row[name])) for row in history if row.get(name) is not None]
     pairs = [(epoch, value) for epoch, value in pairs if np.isfinite(value) and value > 0]
     return [epoch for epoch, _ in pairs], [value for _, value in pairs]
 

@@ -3,9 +3,10 @@
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullLocator
+from matplotlib.ticker import Locator, MaxNLocator, NullLocator
 
 COLOURS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7A5195", "#8C6D31")
 """Colours that the colour-blind can tell apart (Okabe and Ito 2008, and two more)."""
@@ -66,8 +67,40 @@ def legend_below(figure: Figure, handles: Sequence[Any], columns: int = 3) -> No
     )
 
 
+class DecadeLocator(Locator):
+    """Ticks of a logarithmic axis: even within a decade, at 1, 2 and 5 over few, at powers of ten over many."""
+
+    def __call__(self) -> list[float]:
+        """Ticks of the axis as it stands.
+
+        Returns:
+            Their places.
+        """
+        assert self.axis is not None
+        return self.tick_values(*self.axis.get_view_interval())
+
+    def tick_values(self, vmin: float, vmax: float) -> list[float]:
+        """Ticks between two values.
+
+        Args:
+            vmin: Lower end.
+            vmax: Upper end.
+
+        Returns:
+            Their places, at most about eight.
+        """
+        low, high = np.sort(np.log10(np.maximum([vmin, vmax], 1e-300)))
+        span = high - low
+        if span < 0.8:
+            places = np.asarray(MaxNLocator(5).tick_values(10.0**low, 10.0**high))
+        else:
+            exponents = np.arange(np.floor(low), np.ceil(high) + 1, 1 if span < 2.2 else np.ceil(span / 6))
+            places = np.multiply.outer(10.0**exponents, [1.0, 2.0, 5.0] if span < 2.2 else [1.0]).ravel()
+        return [float(place) for place in places if 10.0**low * 0.999 <= place <= 10.0**high * 1.001]
+
+
 def log_axis(axes: Axes) -> Axes:
-    """Make the vertical axis logarithmic, with plain numbers at 1, 2 and 5.
+    """Make the vertical axis logarithmic, with plain numbers.
 
     Args:
         axes: The axes; changed in place.
@@ -76,7 +109,7 @@ def log_axis(axes: Axes) -> Axes:
         The same axes.
     """
     axes.set_yscale("log")
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_locator(DecadeLocator())
     axes.yaxis.set_minor_locator(NullLocator())
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
     return axes

@@ -87,7 +87,7 @@ def _overrides(path: Path) -> dict[str, Any]:
     except (OSError, ValueError, yaml.YAMLError):
         return {}
     pairs = [str(line).lstrip("+~").partition("=") for line in lines] if isinstance(lines, list) else []
-    return {key: _value(value) for key, _, value in pairs}
+    return {key: _value(value) for key, equals, value in pairs if equals}
 
 
 def _value(value: str) -> Any:

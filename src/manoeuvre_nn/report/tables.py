@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
+from rich.text import Text
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.dynamics.limits import OK
@@ -160,7 +160,9 @@ def imo_rows(judged: Iterable[ImoRow]) -> list[dict[str, Any]]:
     Returns:
         One row a criterion: criterion, value, limit, verdict.
     """
-    return [asdict(row) for row in judged]
+    return [
+        {"criterion": row.criterion, "value": row.value, "limit": row.limit, "verdict": row.verdict} for row in judged
+    ]
 
 
 def rich_table(rows: Sequence[Row], title: str = "", digits: int = 3) -> Table:
@@ -177,7 +179,7 @@ def rich_table(rows: Sequence[Row], title: str = "", digits: int = 3) -> Table:
     table = _bare_table(title)
     for name in columns(rows):
         numeric = any(_is_number(row.get(name)) for row in rows)
-        table.add_column(name, justify="right" if numeric else "left", overflow="fold")
+        table.add_column(Text(name), justify="right" if numeric else "left", overflow="fold")
     for row in rows:
         table.add_row(*(_coloured(text(row.get(name), digits)) for name in columns(rows)))
     return table
@@ -186,7 +188,7 @@ def rich_table(rows: Sequence[Row], title: str = "", digits: int = 3) -> Table:
 def _bare_table(title: str) -> Table:
     """A table with a rule below the heading and no other lines."""
     return Table(
-        title=title or None,
+        title=Text(title) if title else None,
         title_justify="left",
         title_style="bold",
         caption_justify="left",
@@ -215,7 +217,7 @@ def score_table(scores: Iterable[Score], title: str = "Held-out manoeuvres") -> 
     table.add_column("criteria")
     for s in scores:
         numbers = [text(s.dev_L, 3), *(text(s.nrmse.get(name), 2) for name in JUDGED)]
-        table.add_row(s.manoeuvre, _coloured(s.status), *numbers, criteria_text(s))
+        table.add_row(*map(_coloured, (s.manoeuvre, s.status, *numbers, criteria_text(s))))
     return table
 
 
@@ -246,11 +248,9 @@ def is_good(cell: str) -> bool | None:
     return True if word in GOOD | {OK} else False if bad else None
 
 
-def _coloured(cell: str) -> str:
-    """Rich markup of a cell; brackets in it are shown, not obeyed."""
-    colour = {True: "green", False: "bold red", None: ""}[is_good(cell)]
-    safe = cell.replace("[", "\\[")
-    return f"[{colour}]{safe}[/]" if colour else safe
+def _coloured(cell: str) -> Text:
+    """A cell for the terminal; as it is not markup, brackets in it are shown and not obeyed."""
+    return Text(cell, {True: "green", False: "bold red", None: ""}[is_good(cell)])
 
 
 def _is_number(value: Any) -> bool:

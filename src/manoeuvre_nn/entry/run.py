@@ -1,11 +1,9 @@
-"""Jobs alone and in a sweep: a sweep survives a failing job, can be continued, and ends in one table."""
+"""A job alone or in a sweep: a sweep survives a failing job and can be continued."""
 
 import traceback
 from pathlib import Path
-from typing import Any
 
 from hydra.core.hydra_config import HydraConfig
-from hydra.experimental.callback import Callback
 from hydra.types import RunMode
 from omegaconf import DictConfig
 from rich.console import Console
@@ -13,7 +11,6 @@ from rich.console import Console
 from manoeuvre_nn.entry import guard
 from manoeuvre_nn.entry.config import register_resolvers
 from manoeuvre_nn.entry.job import train
-from manoeuvre_nn.report.sweep import sweep_rows, write_sweep
 
 ERROR = "error.txt"
 
@@ -28,7 +25,8 @@ def run_job(cfg: DictConfig, out: Path, conf: Path) -> None:
     """
     register_resolvers()  # jobs of a sweep run in processes of their own
     if HydraConfig.get().mode != RunMode.MULTIRUN:
-        train(cfg, out, conf)
+        with guard.one_line():  # here, not outside: hydra would put a line of its own before ours
+            train(cfg, out, conf)
         return
     (out / ERROR).unlink(missing_ok=True)
     console = Console(quiet=True)
@@ -42,29 +40,3 @@ def run_job(cfg: DictConfig, out: Path, conf: Path) -> None:
         told = f"failed: {line}"
     job = HydraConfig.get().job
     print(f"#{job.num}  {job.override_dirname}: {told}", flush=True)
-
-
-class SweepTable(Callback):
-    """Hydra's callback: one table over all jobs when a sweep ends."""
-
-    def on_multirun_start(self, config: DictConfig, **kwargs: Any) -> None:
-        """Say where the sweep goes and how to continue it.
-
-        Args:
-            config: The config, hydra's part included.
-            kwargs: Hydra's further arguments.
-        """
-        folder = config.hydra.sweep.dir
-        print(f"sweep into {folder}; to continue it later, add hydra.sweep.dir={folder}", flush=True)
-
-    def on_multirun_end(self, config: DictConfig, **kwargs: Any) -> None:
-        """Write ``sweep.csv``, ``sweep.md`` and ``sweep.png``, and print the table.
-
-        Args:
-            config: The config, hydra's part included.
-            kwargs: Hydra's further arguments.
-        """
-        folder = Path(config.hydra.sweep.dir)
-        Console().print(write_sweep(folder))
-        guard.failed_jobs += [str(r["job"]) for r in sweep_rows(folder) if str(r["status"]).startswith("failed")]
-        print(f"table: {folder / 'sweep.csv'}, {folder / 'sweep.md'}   figure: {folder / 'sweep.png'}")

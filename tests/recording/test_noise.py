@@ -1,0 +1,53 @@
+import numpy as np
+import pytest
+
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.recording.noise import add_noise, resample
+
+
+def test_the_noise_has_the_standard_deviation_that_was_asked_for(zz20):
+    fine = zz20.resampled(np.arange(0, 360, 0.05))
+    noise = add_noise(fine, {"u": 0.2})["u"] - fine["u"]
+    assert noise.std() == pytest.approx(0.2, rel=0.05)
+    assert abs(noise.mean()) < 0.01
+    assert abs(np.corrcoef(noise[1:], noise[:-1])[0, 1]) < 0.05
+
+
+def test_noise_on_one_channel_does_not_change_that_of_another(zz20):
+    alone, both = add_noise(zz20, {"u": 0.1}, seed=4), add_noise(zz20, {"v": 0.1, "u": 0.1}, seed=4)
+    np.testing.assert_array_equal(alone["u"], both["u"])
+    noises = [both[k] - zz20[k] for k in ("u", "v")]
+    assert abs(np.corrcoef(*noises)[0, 1]) < 0.2
+
+
+def test_the_same_seed_gives_the_same_noise_and_another_another(zz20):
+    first, again, other = (add_noise(zz20, {"r": 0.01}, seed=s)["r"] for s in (1, 1, 2))
+    np.testing.assert_array_equal(first, again)
+    assert np.abs(first - other).max() > 0.001
+
+
+def test_no_noise_changes_nothing(zz20):
+    np.testing.assert_array_equal(add_noise(zz20, {"u": 0.0})["u"], zz20["u"])
+
+
+@pytest.mark.parametrize(("sd", "message"), [({"u": -1.0}, "0 or more"), ({"yaw": 1.0}, "no channel yaw")])
+def test_noise_that_makes_no_sense_is_refused(zz20, sd, message):
+    with pytest.raises(InputError, match=message):
+        add_noise(zz20, sd)
+
+
+def test_resampling_keeps_the_samples_that_both_rates_share(zz20):
+    half = resample(zz20, 0.5)
+    np.testing.assert_allclose(half.time, zz20.time[::2])
+    np.testing.assert_allclose(half["psi"], zz20["psi"][::2])
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, 2.0])
+def test_a_rate_that_the_recording_does_not_have_is_refused(zz20, rate):
+    with pytest.raises(InputError, match="has 1 samples a second: write that or less"):
+        resample(zz20, rate)
+
+
+def test_a_rate_that_leaves_nothing_is_refused(zz20):
+    with pytest.raises(InputError, match="write a higher rate"):
+        resample(zz20, 0.001)

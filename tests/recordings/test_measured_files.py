@@ -1,0 +1,117 @@
+"""Real files: set RECORDINGS to the folder that holds them."""
+
+import os
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.recording.accelerations import accelerations
+from manoeuvre_nn.recording.checks import check_recording
+from manoeuvre_nn.recording.mapping import mapping
+from manoeuvre_nn.recording.reader import read_recordings
+from manoeuvre_nn.ship.esso_osaka_model import esso_osaka_model
+from manoeuvre_nn.ship.kvlcc2 import kvlcc2, kvlcc2_hsva
+
+pytestmark = pytest.mark.recordings
+CONF = Path(__file__).parents[2] / "conf" / "recording"
+SETS = {
+    "kvlcc2-hsva-cpmc": ("kvlcc2_hsva", kvlcc2_hsva, 13, "zigzag"),
+    "kvlcc2-marin-free": ("kvlcc2_marin", kvlcc2, 4, "zigzag"),
+    "esso-osaka-frt/zigzag": ("esso_osaka", esso_osaka_model, 7, "zigzag"),
+    "esso-osaka-frt/turning": ("esso_osaka", esso_osaka_model, 10, "turning_circle"),
+    "esso-osaka-frt/random": ("esso_osaka", esso_osaka_model, 8, "random_rudder"),
+}
+
+
+def folder(name):
+    root = os.environ.get("RECORDINGS")
+    if not root:
+        pytest.skip("RECORDINGS is not set: write RECORDINGS=FOLDER with the measured files")
+    if not (Path(root) / name).is_dir():
+        pytest.skip(f"{root} has no folder {name}")
+    return Path(root) / name
+
+
+def read(name, **changes):
+    conf, ship, _, _ = SETS[name]
+    settings = yaml.safe_load((CONF / f"{conf}.yaml").read_text())
+    return read_recordings(folder(name), mapping(**{**settings, **changes}), ship()), ship()
+
+
+@cache
+def plain(name):
+    return read(name)
+
+
+@pytest.fixture(params=SETS)
+def dataset(request):
+    return request.param
+
+
+def test_every_file_is_read_and_passes_all_checks(dataset):
+    records, ship = plain(dataset)
+    assert len(records) == SETS[dataset][2]
+    for record in records:
+        check_recording(record, ship)
+
+
+def test_the_kind_of_manoeuvre_is_guessed_from_the_rudder(dataset):
+    records, _ = read(dataset, kind=None)
+    assert {r.meta["kind"] for r in records} == {SETS[dataset][3]}
+
+
+def test_a_rudder_read_the_wrong_way_round_is_found_in_every_file(dataset):
+    records, ship = plain(dataset)
+    for record in records:
+        with pytest.raises(InputError, match="rudder sign opposite to the turn"):
+            check_recording(record.with_channels(delta=-record["delta"]), ship)
+
+
+def test_headings_in_degrees_taken_for_radians_are_found_in_every_file(dataset):
+    records, ship = plain(dataset)
+    for record in records:
+        with pytest.raises(InputError, match="psi looks like degrees"):
+            check_recording(record.with_channels(psi=np.degrees(record["psi"])), ship)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (lambda r: {"u": r["v"], "v": r["u"]}, "u and v look swapped"),
+        (lambda r: {"v": -r["v"]}, "write sign: -1 for v"),
+        (lambda r: {"u": r["u"] / 0.514444, "v": r["v"] / 0.514444}, "look like knots"),
+        (lambda r: {"r": -r["r"]}, "write sign: -1 for r"),
+    ],
+    ids=["swapped", "sway", "knots", "rate"],
+)
+def test_a_spoilt_file_is_found_in_every_zigzag(changes, message):
+    for name in ("kvlcc2-hsva-cpmc", "kvlcc2-marin-free", "esso-osaka-frt/zigzag"):
+        records, ship = plain(name)
+        for record in records:
+            with pytest.raises(InputError, match=message):
+                check_recording(record.with_channels(**changes(record)), ship)
+
+
+def test_the_model_basins_earth_fixed_velocities_give_the_same_body_velocities():
+    earth = {"u": {"column": "vx_file_mps", "unit": "m/s"}, "v": {"column": "vy_file_mps", "unit": "m/s"}}
+    records, _ = plain("kvlcc2-hsva-cpmc")
+    channels = yaml.safe_load((CONF / "kvlcc2_hsva.yaml").read_text())["channels"]
+    turned, _ = read("kvlcc2-hsva-cpmc", channels=channels | earth, frame="earth")
+    for one, other in zip(records, turned, strict=True):
+        np.testing.assert_allclose(one["u"], other["u"], atol=1e-3)
+        np.testing.assert_allclose(one["v"], other["v"], atol=1e-3)
+
+
+def test_smoothed_accelerations_integrate_back_to_the_recorded_velocities():
+    records, _ = plain("kvlcc2-hsva-cpmc")
+    for record in records:
+        found = accelerations(record)
+        steps = np.diff(record.time)
+        for name in ("u", "v", "r"):
+            rate = found[f"{name}dot"]
+            back = found[name][0] + np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * steps)])
+            assert np.std(back - record[name]) < 0.1 * np.std(record[name])

@@ -1,0 +1,97 @@
+import base64
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from matplotlib.figure import Figure
+
+from manoeuvre_nn.report.figures import time_series_figure
+from manoeuvre_nn.report.html import data_address, write_report
+
+EVIL = "<script>alert('x')</script> & \"quoted\""
+OUTSIDE = ("src", "href", "srcset", "data", "action", "poster")
+
+
+class Page(HTMLParser):
+    """Tags, addresses and text of a page in their order."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.addresses: list[str] = []
+        self.words: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.addresses += [value or "" for name, value in attrs if name in OUTSIDE]
+
+    def handle_data(self, data):
+        self.words.append(data)
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory) -> str:
+    figures = {name: Figure(figsize=(1, 1)) for name in ("zz20/track", "zz20/time series", "training/learning curve")}
+    path = write_report(
+        tmp_path_factory.mktemp("report") / "deep" / "report.html",
+        title=f"Report {EVIL}",
+        summary=f"All went well {EVIL}",
+        tables={
+            f"Scores {EVIL}": [{"manoeuvre": EVIL, "status": "ok", "dev/L": 0.12345}],
+            "All criteria": [{"criterion": str(k)} for k in range(13)],
+            "Nothing": [],
+        },
+        figures=figures,
+        config_yaml=f"ship: {EVIL}",
+        versions={"torch": EVIL},
+        notes=[EVIL],
+    )
+    return Path(path).read_text(encoding="utf-8")
+
+
+def test_nothing_is_loaded_from_anywhere(written):
+    page = Page(written)
+    assert len(page.addresses) == 3
+    assert all(address.startswith("data:image/svg+xml;base64,") for address in page.addresses)
+    assert "link" not in page.tags
+    assert "@import" not in written
+    assert "url(" not in written
+
+
+def test_everything_that_is_given_is_escaped(written):
+    page = Page(written)
+    assert "script" not in page.tags
+    assert "".join(page.words).count(EVIL) == 8
+
+
+def test_the_verdict_comes_before_the_tables_and_these_before_the_figures(written):
+    words = "\n".join(Page(written).words)
+    assert written.index("<p class=") < written.index("<table>") < written.index("<img")
+    assert words.index("All went well") < words.index("Scores") < words.index("\nzz20\n") < words.index("\nTraining\n")
+    assert 'alt="Training: learning curve"' in written
+    assert words.index("Training") < words.index("Resolved configuration")
+
+
+def test_long_tables_are_folded_away_and_empty_ones_left_out(written):
+    assert "13 rows" in written
+    assert Page(written).tags.count("details") == 3
+    assert "Nothing" not in written
+
+
+def test_numbers_stand_right_and_status_words_are_coloured(written):
+    assert '<td class="number">0.123</td>' in written
+    assert '<td class="good">ok</td>' in written
+
+
+def test_the_same_figure_gives_the_same_text(recorded):
+    first, second = (data_address(time_series_figure(recorded, recorded)) for _ in range(2))
+    assert first == second
+    assert b"<svg" in base64.b64decode(first.partition(",")[2])
+
+
+def test_a_report_without_figures_and_tables_can_be_written(tmp_path):
+    path = write_report(
+        tmp_path / "r.html", title="t", summary="s", tables={}, figures={}, config_yaml="", versions={}, notes=[]
+    )
+    assert "table" not in Page(path.read_text()).tags[: Page(path.read_text()).tags.index("details")]
