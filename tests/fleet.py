@@ -37,11 +37,11 @@ SHIPS = {
 TRIALS = {
     trial.name: trial
     for trial in (
-        zigzag(20.0, duration=200.0),
-        zigzag(10.0, 5.0, first="port", executes=3, duration=200.0),
-        turning_circle(25.0, duration=200.0),
-        pull_out(15.0, side="port", turn_deg=30.0, coast=200.0),
-        spiral(10.0, hold=20.0),
+        zigzag(20.0, duration=160.0),
+        zigzag(10.0, 5.0, first="port", executes=3, duration=150.0),
+        turning_circle(25.0, duration=160.0),
+        pull_out(15.0, side="port", turn_deg=30.0, coast=160.0),
+        spiral(10.0, hold=15.0),
         straight(100.0),
         random_rudder(15.0, duration=60.0),
     )

@@ -132,9 +132,9 @@ def test_manoeuvres_of_other_speeds_and_lengths_share_a_call():
 )
 def test_stacked_ships_move_as_each_would_alone(ships):
     models = [CalmWater(s) for s in ships()]
-    together = run(Stacked(models), [zigzag(20.0)] * len(models), 100.0, 2.0)
+    together = run(Stacked(models), [zigzag(20.0, 10.0)] * len(models), 80.0, 4.0, 4.0)
     for k, model in enumerate(models):
-        alone = run(model, [zigzag(20.0)], 100.0, 2.0)
+        alone = run(model, [zigzag(20.0, 10.0)], 80.0, 4.0, 4.0)
         assert torch.allclose(together.states[:, k], alone.states[:, 0], rtol=0, atol=1e-8)
     assert (together.states[-1, 0] - together.states[-1, 1]).abs().max() > 1e-3, "they are different ships"
 
@@ -158,14 +158,29 @@ def test_a_stack_takes_no_other_speed():
 
 def test_a_row_that_diverges_is_ended_and_the_others_go_on_undisturbed():
     models = [CalmWater(mariner()), CalmWater(unstable()), CalmWater(mariner_corrected())]
-    runs = run(Stacked(models), [zigzag(20.0)] * 3, 100.0)
+    runs = run(Stacked(models), [zigzag(20.0)] * 3, 50.0)
     assert runs.ended.isfinite().tolist() == [False, True, False]
     assert runs.states.isfinite().all()
     for k in (0, 2):
-        alone = run(models[k], [zigzag(20.0)], 100.0)
+        alone = run(models[k], [zigzag(20.0)], 50.0)
         assert torch.allclose(runs.states[:, k], alone.states[:, 0], rtol=0, atol=1e-8)
     after = runs.times >= runs.ended[1]
     assert (runs.states[after, 1] == runs.states[after, 1][:1]).all(), "it rests where it ended"
+
+
+class Pushed(CalmWater):
+    """Rudder to starboard pushes the ship astern and rudder to port ahead: it could come back into the range."""
+
+    def acceleration(self, nu, delta):
+        return torch.stack([-delta, 0 * delta, 0 * delta], dim=-1)
+
+
+def test_a_row_that_ended_does_not_come_back_to_life():
+    back_and_forth = Manoeuvre("push", "random_rudder", (Stage(0.5, hold=30.0), Stage(-0.5)), duration=100.0)
+    runs = run(Pushed(mariner()), [back_and_forth, straight()], 100.0)
+    assert 15.0 < runs.ended[0] < 45.0 and runs.ended[1] == inf
+    assert (runs.states[runs.times >= runs.ended[0], 0, 0] < 0).all()
+    assert runs.states[-1, 1, 3] == approx(100 * SPEED)
 
 
 def test_a_run_that_leaves_the_physical_range_ends_there_and_says_when():

@@ -98,11 +98,12 @@ def textbook(damping: str, w: np.ndarray, mu: float, epochs: int) -> tuple[np.nd
 
 
 @pytest.mark.parametrize("damping", DAMPINGS)
+@pytest.mark.parametrize("first", [1e-3, 1e-9])  # the small one is refused many times in a row
 @pytest.mark.parametrize("epochs", [1, 4, 9])
-def test_the_damping_follows_its_rule(damping, epochs):
+def test_the_damping_follows_its_rule(damping, first, epochs):
     w = weights(-1.2, 1.0)
-    optimizer = fit(lambda: rosenbrock(w), [w], epochs, damping=damping)
-    expected, mu = textbook(damping, np.array([-1.2, 1.0]), 1e-3, epochs)
+    optimizer = fit(lambda: rosenbrock(w), [w], epochs, damping=damping, mu=first)
+    expected, mu = textbook(damping, np.array([-1.2, 1.0]), first, epochs)
     np.testing.assert_allclose(w.detach().numpy(), expected, rtol=1e-8)
     assert float(optimizer.mu) == pytest.approx(mu, rel=1e-6)
 
@@ -185,6 +186,20 @@ def test_a_row_stops_at_the_goal():
     assert 1e-12 < float(optimizer.loss) <= 1e-4
 
 
+def test_a_row_that_reaches_the_goal_stops_within_the_same_step():
+    w = weights(0.0)
+    optimizer = fit(lambda: w - 2, [w], 1, mu=1e-12, goal=1e-6)
+    assert optimizer.reasons == ["goal reached"]
+
+
+def test_a_row_that_gives_up_keeps_its_weights():
+    w = weights(-1.2, 1.0)
+    uphill = torch.tensor([[-24.0, -10.0], [1.0, 0.0]], dtype=torch.float64)  # the Jacobian with the wrong sign
+    optimizer = fit(lambda: rosenbrock(w), [w], 1, jacobian=lambda: uphill)
+    assert optimizer.reasons == ["mu above mu_max: no step lowers the error any more"]
+    assert torch.equal(w.detach(), torch.tensor([-1.2, 1.0], dtype=torch.float64))
+
+
 def test_a_row_stops_on_a_flat_gradient():
     x = torch.tensor([1.0, 2.0, 3.0], dtype=torch.float64)
     w = weights(0.0)
@@ -243,7 +258,8 @@ def test_rising_validation_errors_bring_the_best_weights_back():
         return torch.atan(w) - 1
 
     losses = []
-    for first, second in [(3.0, 3.0), (1.0, 2.0), (1.5, 1.9), (1.0, 1.8), (1.6, 1.7), (nan, 1.6)]:
+    # The first row fails at 1.5, 1.6 and nan (1.0 again is no rise); a new best makes the second start counting afresh.
+    for first, second in [(3.0, 3.0), (1.0, 3.5), (1.5, 3.6), (1.0, 2.0), (1.6, 2.1), (nan, 2.2)]:
         losses.append(optimizer.step(residual).clone())
         history.append(w.detach().clone())
         assert optimizer.reasons == ["", ""]

@@ -95,7 +95,7 @@ class Ship(ABC, nn.Module):
     """Particulars, inertia and hydrodynamic forces in a prime system: ``M' nudot' = f'(nu, delta)``.
 
     ``M'`` is constant, so accelerations follow from forces by one multiplication with its inverse. A linear estimate
-    (Clarke's) is a ship too, which is how the part of the forces that is taken as known is handed to the identification.
+    (Clarke's) is a ship too: that is how the known part of the forces is handed to the identification.
 
     Attributes:
         particulars: Main dimensions and steering gear.

@@ -23,8 +23,8 @@ STATE = ("u", "v", "r", "x", "y", "psi")
 def replay(dynamics: Dynamics, recordings: Sequence[Recording], *, start: float = 0.0) -> list[Recording]:
     """Run a model from a recording's state with the recorded rudder, all recordings as one batch.
 
-    Nothing but the rudder is taken from the recording after the start: u, v, r and the track are the model's own. Solved
-    by torchdiffeq's fixed-step fourth-order method, the rudder linear between samples.
+    Nothing but the rudder is taken from the recording after the start: u, v, r and the track are the model's own.
+    Solved by torchdiffeq's fixed-step fourth-order method, the rudder linear between samples.
 
     Args:
         dynamics: The ship or network.
@@ -32,7 +32,7 @@ def replay(dynamics: Dynamics, recordings: Sequence[Recording], *, start: float 
         start: Time after the first sample at which the model takes over [s].
 
     Returns:
-        One prediction a recording, sampled at the ship's usual interval; a run that leaves the physical range ends there.
+        One prediction a recording, sampled at the ship's usual interval; one that leaves the physical range ends there.
 
     Raises:
         InputError: If a recording is shorter than ``start``.
@@ -82,9 +82,7 @@ def _integrate(
         return odeint(rate, first, times.to(first), method="rk4", options={"step_size": step})
 
 
-def _prediction(
-    dynamics: Dynamics, record: Recording, grid: np.ndarray, states: Tensor, rudder: Tensor
-) -> Recording:
+def _prediction(dynamics: Dynamics, record: Recording, grid: np.ndarray, states: Tensor, rudder: Tensor) -> Recording:
     """One row as a recording, cut where it left the physical range."""
     inside = inside_physical_range(states, dynamics.particulars).cpu().numpy()
     end = len(grid) if inside.all() else max(int(np.argmin(inside)), 2)

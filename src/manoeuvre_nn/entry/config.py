@@ -77,9 +77,6 @@ def training_manoeuvres(config: DictConfig) -> list[Manoeuvre]:
 
     Returns:
         Manoeuvres at the approach speed.
-
-    Raises:
-        InputError: If the speed is not positive.
     """
     chosen = [v for v in config.values() if _is_config(v) and TARGET in v]
     return [build(v).at_speed(approach_speed(config)) for v in chosen]
@@ -114,10 +111,7 @@ def named_manoeuvres(names: Sequence[Any], folder: Path, speed: float | None) ->
         speed: Approach speed [m/s]; None is the ship's own.
 
     Returns:
-        Manoeuvres.
-
-    Raises:
-        InputError: If a name is unknown; the message lists those that exist.
+        Manoeuvres. An unknown name is refused with a list of those that exist.
     """
     choices = sorted(p.stem for p in folder.glob("*.yaml"))
     made = []
@@ -156,7 +150,9 @@ def load_yaml(path: Path) -> Any:
         InputError: If it is missing or is no yaml.
     """
     if not path.is_file():
-        raise InputError(f"{path} does not exist: write the path of a yaml file, such as conf/recording/esso_osaka.yaml")
+        raise InputError(
+            f"{path} does not exist: write the path of a yaml file, such as conf/recording/esso_osaka.yaml"
+        )
     try:
         return yaml.safe_load(path.read_text())
     except (yaml.YAMLError, UnicodeDecodeError) as error:

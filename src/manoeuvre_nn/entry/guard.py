@@ -3,7 +3,7 @@
 import os
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 
 from hydra.errors import HydraException
@@ -18,13 +18,16 @@ failed_jobs: list[str] = []
 
 
 @contextmanager
-def one_line() -> Iterator[None]:
+def one_line() -> Generator[None]:
     """Turn wrong input into one line and exit code 2; let faults of the program through.
 
     Yields:
         Nothing.
 
     Raises:
+        InputError: If it is none of the user's making, as the next two.
+        HydraException: The same.
+        OmegaConfBaseException: The same.
         SystemExit: With code 2 for wrong input.
     """
     try:

@@ -6,27 +6,25 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import lightning as L
 import numpy as np
-import torch
 import yaml
-from lightning.pytorch.loggers import TensorBoardLogger
 from matplotlib.figure import Figure
-from omegaconf import DictConfig
+from matplotlib.image import imread
 from rich.console import Console
 
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.limits import OK
-from manoeuvre_nn.entry.provenance import SCORES, flat, resolved, versions
+from manoeuvre_nn.entry.provenance import SCORES, flat, versions
 from manoeuvre_nn.manoeuvre.imo import ImoRow, imo_table
 from manoeuvre_nn.recording.held_out import HeldOut
 from manoeuvre_nn.recording.score import Score
 from manoeuvre_nn.report.figures import comparison_figures, excitation_figure, force_figure, learning_figure
 from manoeuvre_nn.report.html import write_report
 from manoeuvre_nn.report.tables import imo_rows, score_rows, score_table, verdict_table
-from manoeuvre_nn.training.callbacks import MONITOR, RolloutScore, scalars
+from manoeuvre_nn.training.callbacks import scalars
 from manoeuvre_nn.training.data import ManoeuvreData
 from manoeuvre_nn.training.fits import Fit
+from manoeuvre_nn.training.session import Trained
 
 
 @dataclass(frozen=True)
@@ -44,13 +42,8 @@ class Outcome:
         times: Time of each training tuple [s].
         g: Target and network (N, 3) each [-].
         inputs: Training inputs (N, 4), and those along each held-out manoeuvre.
-        history: Judgements during training.
-        epochs: Epochs trained.
-        seconds: Time that training took [s].
-        stopped: Why it ended.
+        trained: How the training went.
         imo: IMO criteria of the predictions.
-        note: How the network of the report was chosen.
-        logger: TensorBoard.
     """
 
     config: Mapping[str, Any]
@@ -63,95 +56,52 @@ class Outcome:
     times: np.ndarray
     g: tuple[np.ndarray, np.ndarray]
     inputs: tuple[np.ndarray, Mapping[str, np.ndarray]]
-    history: Sequence[Mapping[str, float]]
-    epochs: int
-    seconds: float
-    stopped: str
+    trained: Trained
     imo: Sequence[ImoRow]
-    note: str
-    logger: TensorBoardLogger
 
     @property
     def mean_dev(self) -> float:
         """Mean over the held-out manoeuvres of the largest deviation over L [-]."""
         return float(np.mean([s.dev_L for s in self.scores]))
 
-    @classmethod
-    def of(
-        cls, cfg: DictConfig, fit: Fit, data: ManoeuvreData, judge: RolloutScore, trainer: L.Trainer, seconds: float,
-        interrupted: bool,
-    ) -> "Outcome":  # fmt: skip
-        """Judge the fitted network for the last time.
 
-        Args:
-            cfg: The config.
-            fit: The fit with the weights that are kept.
-            data: What it was trained on.
-            judge: The callback, for its history.
-            trainer: The trainer.
-            seconds: Time that training took [s].
-            interrupted: Whether ctrl-C ended it.
+def judge_finally(config: Mapping[str, Any], trained: Trained, data: ManoeuvreData) -> Outcome:
+    """Judge the network that is kept, on the held-out manoeuvres and on those that it was trained on.
 
-        Returns:
-            The outcome.
-        """
-        fit = fit.double()
-        held_out = data.held_out
-        predictions = held_out.predict(fit.dynamics)
-        scores = held_out.score(predictions)
-        trained = HeldOut(tuple(data.recordings), held_out.length)
-        prediction = trained.predict(fit.dynamics)
-        inputs, targets = data.tuples.inputs.double(), data.tuples.targets.double()
-        with torch.no_grad():
-            scaling = fit.dynamics.scaling
-            g = scaling.restore(fit.dynamics.network(scaling.inputs(inputs)))
-        rmse = tuple(float(e) for e in fit.relative_rmse(inputs, targets))
-        assert isinstance(trainer.logger, TensorBoardLogger)
-        return cls(
-            config=resolved(cfg),
-            trained_on=data.describe(),
-            scores=scores,
-            training_scores=trained.score(prediction),
-            predictions=predictions,
-            references=held_out.references,
-            relative_rmse=(rmse[0], rmse[1], rmse[2]),
-            times=data.tuples.times.numpy(),
-            g=(targets.numpy(), g.numpy()),
-            inputs=(inputs.numpy(), {r.name: _inputs(r, fit) for r in held_out.references}),
-            history=judge.history,
-            epochs=trainer.current_epoch,
-            seconds=seconds,
-            stopped=_why(fit, trainer, interrupted),
-            imo=imo_table({s.manoeuvre: s.criteria for s in scores}, fit.dynamics.particulars),
-            note=_choice(cfg, judge),
-            logger=trainer.logger,
-        )
+    Args:
+        config: Resolved config.
+        trained: The training.
+        data: What it was trained on.
+
+    Returns:
+        The outcome.
+    """
+    fit = trained.fit.double()
+    held_out, known = data.held_out, HeldOut(tuple(data.recordings), data.held_out.length)
+    predictions = held_out.predict(fit.dynamics)
+    scores = held_out.score(predictions)
+    inputs, targets = data.tuples.inputs.double(), data.tuples.targets.double()
+    rmse = tuple(float(e) for e in fit.relative_rmse(inputs, targets))
+    return Outcome(
+        config=config,
+        trained_on=data.describe(),
+        scores=scores,
+        training_scores=known.score(known.predict(fit.dynamics)),
+        predictions=predictions,
+        references=held_out.references,
+        relative_rmse=(rmse[0], rmse[1], rmse[2]),
+        times=data.tuples.times.numpy(),
+        g=(targets.numpy(), fit.unknown_force(inputs).numpy()),
+        inputs=(inputs.numpy(), {r.name: _inputs(r, fit) for r in held_out.references}),
+        trained=trained,
+        imo=imo_table({s.manoeuvre: s.criteria for s in scores}, fit.dynamics.particulars),
+    )
 
 
 def _inputs(recording: Recording, fit: Fit) -> np.ndarray:
     """u', v', r', delta along a recording."""
     units = fit.dynamics.known.velocity_units.double().numpy()
     return np.column_stack([recording.stacked("u", "v", "r") / units, recording["delta"]])
-
-
-def _why(fit: Fit, trainer: L.Trainer, interrupted: bool) -> str:
-    """Why training ended."""
-    if interrupted:
-        return "ctrl-C"
-    if fit.stopped:
-        return fit.stopped
-    return "all epochs done" if trainer.current_epoch >= (trainer.max_epochs or 0) else "no better held-out score"
-
-
-def _choice(cfg: DictConfig, judge: RolloutScore) -> str:
-    """How the network was chosen: a choice by the held-out score makes that score a little too good."""
-    if cfg.trainer.keep == "last" or not judge.history:
-        return "The network is the last one of the training."
-    best = min(judge.history, key=lambda row: row[MONITOR])
-    return (
-        f"The network is that of epoch {best['epoch']:.0f}, the best of {len(judge.history)} judgements on these very "
-        "manoeuvres (trainer.keep=last takes the last one); a fair figure for new manoeuvres is a little worse."
-    )
 
 
 def draw(reference: Recording, prediction: Recording) -> Mapping[str, Figure]:
@@ -183,8 +133,8 @@ def figures(outcome: Outcome) -> dict[str, Figure]:
     }
     made["training/forces"] = force_figure(outcome.times, *outcome.g)
     made["training/excitation"] = excitation_figure(*outcome.inputs)
-    if outcome.history:
-        made["training/learning"] = learning_figure(outcome.history)
+    if outcome.trained.history:
+        made["training/learning"] = learning_figure(outcome.trained.history)
     return made
 
 
@@ -204,18 +154,18 @@ def as_dict(outcome: Outcome) -> dict[str, Any]:
         "training": {
             "relrmse": {f"g{k + 1}": e for k, e in enumerate(outcome.relative_rmse)},
             "samples": len(outcome.times),
-            "epochs": outcome.epochs,
-            "stopped": outcome.stopped,
-            "seconds": round(outcome.seconds, 3),
+            "epochs": outcome.trained.epochs,
+            "stopped": outcome.trained.stopped,
+            "seconds": round(outcome.trained.seconds, 3),
         },
         "seed": outcome.config["seed"],
-        "chosen": outcome.note,
+        "chosen": outcome.trained.chosen,
         "versions": versions(),
     }
 
 
 def write_results(outcome: Outcome, out: Path) -> None:
-    """Write predictions, figures, report and TensorBoard's last entries; ``scores.json`` last, as the mark of a whole run.
+    """Write predictions, figures, report and TensorBoard's last entries; ``scores.json`` last, as the mark of the end.
 
     Args:
         outcome: What came out.
@@ -227,8 +177,10 @@ def write_results(outcome: Outcome, out: Path) -> None:
         prediction.to_csv(out / "predictions" / f"{reference.name}.csv")
     drawn = figures(outcome)
     for name, figure in drawn.items():
-        figure.savefig(out / "figures" / f"{name.replace('/', '_').replace(' ', '_')}.png", dpi=120)
-        outcome.logger.experiment.add_figure(f"final/{name}", figure, outcome.epochs)
+        path = out / "figures" / f"{name.replace('/', '_').replace(' ', '_')}.png"
+        figure.savefig(path, dpi=110)
+        figure.set_layout_engine("none")  # laid out once: the report draws it again
+        outcome.trained.dashboard.add_image(f"final/{name}", imread(path), outcome.trained.epochs)
     write_report(
         out / "report.html",
         title=f"{outcome.config['name']}: trained and scored",
@@ -241,7 +193,7 @@ def write_results(outcome: Outcome, out: Path) -> None:
         figures=drawn,
         config_yaml=yaml.safe_dump(dict(outcome.config), sort_keys=False, allow_unicode=True),
         versions=versions(),
-        notes=[outcome.trained_on, outcome.note],
+        notes=[outcome.trained_on, outcome.trained.chosen],
     )
     _log_hyperparameters(outcome)
     (out / SCORES).write_text(json.dumps(as_dict(outcome), indent=1))
@@ -252,8 +204,7 @@ def _log_hyperparameters(outcome: Outcome) -> None:
     settings = {k: v for k, v in flat(dict(outcome.config)).items() if isinstance(v, str | int | float | bool)}
     wanted = {k: v for k, v in scalars(list(outcome.scores)).items() if k.endswith(("dev_L", "left_range"))}
     errors = {f"final/relrmse_g{k + 1}": e for k, e in enumerate(outcome.relative_rmse)}
-    outcome.logger.log_hyperparams(settings, {f"final/{k}": v for k, v in wanted.items()} | errors)
-    outcome.logger.finalize("success")
+    outcome.trained.dashboard.close(settings, {f"final/{k}": v for k, v in wanted.items()} | errors)
 
 
 def summary(outcome: Outcome) -> str:
@@ -268,8 +219,8 @@ def summary(outcome: Outcome) -> str:
     lost = [s.manoeuvre for s in outcome.scores if s.status != OK]
     worst = max(outcome.scores, key=lambda s: s.dev_L)
     text = (
-        f"In closed loop on {len(outcome.scores)} held-out manoeuvres the model stays within {worst.dev_L:.3g} L of the "
-        f"recorded tracks (worst: {worst.manoeuvre}; mean {outcome.mean_dev:.3g} L)"
+        f"In closed loop on {len(outcome.scores)} held-out manoeuvres the model stays within {worst.dev_L:.3g} L of "
+        f"the recorded tracks (worst: {worst.manoeuvre}; mean {outcome.mean_dev:.3g} L)"
     )
     return text + (f"; {', '.join(lost)} left the physical range." if lost else ".")
 
@@ -283,9 +234,11 @@ def print_outcome(outcome: Outcome, out: Path, console: Console) -> None:
         console: Where to print.
     """
     console.print(score_table(outcome.scores))
-    if any("not judged" not in row.verdict for row in outcome.imo):
-        console.print(verdict_table(outcome.imo))
+    judged = [row for row in outcome.imo if not row.verdict.startswith("not judged")]
+    if judged:
+        console.print(verdict_table(judged))
+    how = outcome.trained
     errors = ", ".join(f"g{k + 1} {e:.2e}" for k, e in enumerate(outcome.relative_rmse))
     console.print(outcome.trained_on)
-    console.print(f"relRMSE on them: {errors}; {outcome.epochs} epochs in {outcome.seconds:.1f} s; {outcome.stopped}.")
+    console.print(f"relRMSE on them: {errors}; {how.epochs} epochs in {how.seconds:.1f} s; {how.stopped}.")
     console.print(f"report: {out / 'report.html'}   dashboard: tensorboard --logdir {out.parent}", soft_wrap=True)

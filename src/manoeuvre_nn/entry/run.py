@@ -32,7 +32,11 @@ def run_job(cfg: DictConfig, out: Path, conf: Path) -> None:
     console = Console(quiet=True)
     try:
         outcome = train(cfg, out, conf, console)
-        told = "done before" if outcome is None else f"mean dev {outcome.mean_dev:.3g} L in {outcome.seconds:.0f} s"
+        told = (
+            "done before"
+            if outcome is None
+            else f"mean dev {outcome.mean_dev:.3g} L in {outcome.trained.seconds:.0f} s"
+        )
     except Exception as error:  # whatever it is, the other jobs go on
         out.mkdir(parents=True, exist_ok=True)
         line = guard.explain(error) or f"{type(error).__name__}: {error}"

@@ -20,7 +20,7 @@ from manoeuvre_nn.recording.score import Score
 from manoeuvre_nn.training.fits import Fit
 
 MONITOR = "score/dev_L"
-"""The scalar that checkpoints and early stopping look at: mean over the held-out manoeuvres of the largest deviation."""
+"""What checkpoints and early stopping look at: mean over the held-out manoeuvres of the largest deviation over L."""
 
 Draw = Callable[[Recording, Recording], Mapping[str, Any]]
 """Reference and prediction -> name -> matplotlib figure."""
@@ -75,7 +75,7 @@ class RolloutScore(L.Callback):
         pl_module.log_dict(relative, on_epoch=True)
         mse = float(trainer.callback_metrics.get("train/mse", np.nan))
         self.history.append({"epoch": trainer.current_epoch + 1, "train/mse": mse, **relative, **values})
-        if self.draw and self.figures_every and (len(self.history) - 1) % self.figures_every == 0:
+        if self.draw and self.figures_every and len(self.history) % self.figures_every == 0:
             self._show(trainer, predictions)
 
     def _show(self, trainer: L.Trainer, predictions: list[Recording]) -> None:
@@ -148,8 +148,15 @@ class RunProgress(L.Callback):
         self._shown = monotonic()
         if not self.console.is_terminal:
             return
-        columns = (TextColumn("training"), BarColumn(), TextColumn("epoch {task.completed}/{task.total}  {task.fields[note]}"),
-                   TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())  # fmt: skip
+        epoch = TextColumn("epoch {task.completed}/{task.total}  {task.fields[note]}")
+        columns = (
+            TextColumn("training"),
+            BarColumn(),
+            epoch,
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(),
+        )
         self._bar = Progress(*columns, console=self.console, transient=True)
         self._bar.start()
         self._bar.add_task("fit", total=trainer.max_epochs, completed=trainer.current_epoch, note="")

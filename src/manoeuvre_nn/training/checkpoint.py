@@ -61,4 +61,6 @@ def load_weights(module: torch.nn.Module, path: Path) -> None:
         module.load_state_dict(stored["state_dict"])
     except RuntimeError as error:
         lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-        raise InputError(f"checkpoint {path} is of another network: {lines[1] if len(lines) > 1 else lines[0]}") from error
+        raise InputError(
+            f"checkpoint {path} is of another network: {lines[1] if len(lines) > 1 else lines[0]}"
+        ) from error

@@ -45,7 +45,7 @@ DEFAULT_SCORE = ("zz20", "tc25", "tc25_port")
 class ManoeuvreData(ABC, L.LightningDataModule):
     """Tuples of some manoeuvres, and the manoeuvres that a model of them is judged by.
 
-    The whole set is one batch: the sets are small, and the optimizers of this field want all of it or cut it themselves.
+    The whole set is one batch: sets are small, and the optimizers of this field want all of it or cut it themselves.
 
     Attributes:
         known: The known part of the forces; g is what it leaves.
@@ -231,8 +231,8 @@ class RecordedData(ManoeuvreData):
             mapping: Columns, units and signs.
             folder: Where the files are.
             length: How much of each recording is trained on [s]; None is all of it.
-            rate_hz: Sampling rate that recordings are reduced to [1/s]; None is the ship's usual one, or the recording's
-                own where that is slower.
+            rate_hz: Sampling rate that recordings are reduced to [1/s]; None is the ship's usual one, or the
+                recording's own where that is slower.
             accelerations: See :class:`ManoeuvreData`.
             validation: Share kept for early stopping [-].
             seed: Seed of the validation share.
@@ -392,5 +392,3 @@ def expand(folder: Path, names: Sequence[str], what: str) -> list[Path]:
             raise InputError(f"{what}: {name} is not in {folder}; it holds {there}")
         found += hits
     return found
-
-

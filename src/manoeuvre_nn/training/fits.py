@@ -72,6 +72,19 @@ class Fit(ABC, L.LightningModule):
         return x, y.reshape(len(y), count, -1).movedim(1, 0)
 
     @torch.no_grad()
+    def unknown_force(self, inputs: Float[Tensor, "n 4"]) -> Float[Tensor, "n 3"]:
+        """Unknown forces g' as the network gives them.
+
+        Args:
+            inputs: u', v', r', delta.
+
+        Returns:
+            g1', g2', g3' [-].
+        """
+        scaling = self.dynamics.scaling
+        return scaling.restore(self.dynamics.network(scaling.inputs(inputs)))
+
+    @torch.no_grad()
     def relative_rmse(self, inputs: Float[Tensor, "n 4"], targets: Float[Tensor, "n 3"]) -> Float[Tensor, " 3"]:
         """Root mean square error of each g over its root mean square.
 
@@ -82,7 +95,7 @@ class Fit(ABC, L.LightningModule):
         Returns:
             relRMSE of g1, g2, g3 [-].
         """
-        g = self.dynamics.scaling.restore(self.dynamics.network(self.dynamics.scaling.inputs(inputs)))
+        g = self.unknown_force(inputs)
         return ((g - targets).square().mean(0) / targets.square().mean(0).clamp(min=1e-30)).sqrt()
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:

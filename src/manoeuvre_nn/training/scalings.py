@@ -15,8 +15,9 @@ def make_scaling(kind: str, known: Ship, tuples: Tuples) -> Scaling:
 
     ``source`` is that of the papers: u', v', r', delta as they are in the prime system (Wang: u/U0, v/U0, rL/U0, rad;
     Rajesh: BIS). ``centred`` takes the approach speed off u', so that every input is 0 on the straight course.
-    ``balanced`` also divides g' by its root mean square, which steepest descent needs to get anywhere; Levenberg-Marquardt
-    does not, and extrapolates better without (Mariner, zz35, 8 seeds, median dev on tc25: .05 L against .21 L).
+    ``balanced`` also divides g' by its root mean square, which steepest descent needs to get anywhere;
+    Levenberg-Marquardt does not, and extrapolates better without (Mariner, zz35, 8 seeds, median dev on tc25: .05 L
+    against .21 L).
     ``standard`` subtracts the mean of the training tuples from the inputs and divides inputs and g' by their standard
     deviation.
 

@@ -1,0 +1,203 @@
+"""One training: Lightning's trainer with our callbacks, resumed where it was left, ended with the network to keep."""
+
+import logging
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Any, Literal
+
+import lightning as L
+from lightning.pytorch.callbacks import EarlyStopping, ModelCheckpoint
+from lightning.pytorch.loggers import TensorBoardLogger
+from rich.console import Console
+
+from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.training.callbacks import MONITOR, GracefulStop, RolloutScore, RunProgress
+from manoeuvre_nn.training.checkpoint import load_weights, read_checkpoint
+from manoeuvre_nn.training.data import ManoeuvreData
+from manoeuvre_nn.training.fits import Fit
+
+CHECKPOINTS, DASHBOARD = "checkpoints", "tensorboard"
+
+
+@dataclass(frozen=True)
+class Session:
+    """How long to train and what to keep.
+
+    Attributes:
+        max_epochs: Epochs at most.
+        patience: Judgements without a better score after which training ends; None never.
+        keep: Network that is kept: ``best`` by the held-out score, or ``last``.
+        resume: ``auto`` goes on from the folder's last checkpoint if there is one, ``never`` starts anew, else the path
+            of a checkpoint.
+        accelerator: ``cpu`` or ``gpu``.
+        progress: Whether to show progress.
+    """
+
+    max_epochs: int
+    patience: int | None = None
+    keep: Literal["best", "last"] = "best"
+    resume: str = "auto"
+    accelerator: str = "cpu"
+    progress: bool = True
+
+    def __post_init__(self) -> None:
+        """Check the settings.
+
+        Raises:
+            InputError: If one is out of range.
+        """
+        check_choice("trainer.keep", self.keep, ["best", "last"])
+        check_choice("trainer.accelerator", self.accelerator, ["cpu", "gpu", "cuda", "auto"])
+        for name, value in (("max_epochs", self.max_epochs), ("patience", self.patience)):
+            if value is not None and value < 1:
+                raise InputError(f"trainer.{name}={value}: expected at least 1")
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A training that has ended; the fit holds the weights that are kept.
+
+    Attributes:
+        fit: The fit.
+        epochs: Epochs trained.
+        seconds: Time that it took [s].
+        stopped: Why it ended.
+        history: Judgements, see :class:`~manoeuvre_nn.training.callbacks.RolloutScore`.
+        chosen: How the network was chosen, in words.
+        dashboard: TensorBoard's logger.
+    """
+
+    fit: Fit
+    epochs: int
+    seconds: float
+    stopped: str
+    history: Sequence[Mapping[str, float]]
+    chosen: str
+    dashboard: "Dashboard"
+
+
+class Dashboard:
+    """What may be added to TensorBoard after training."""
+
+    def __init__(self, logger: TensorBoardLogger) -> None:
+        """Wrap Lightning's logger.
+
+        Args:
+            logger: The logger.
+        """
+        self._logger = logger
+
+    def add_image(self, name: str, image: Any, epoch: int) -> None:
+        """Show a picture.
+
+        Args:
+            name: Its name.
+            image: Height x width x colour, 0 to 1.
+            epoch: Epoch that it belongs to.
+        """
+        self._logger.experiment.add_image(name, image, epoch, dataformats="HWC")
+
+    def close(self, settings: Mapping[str, Any], scores: Mapping[str, float]) -> None:
+        """Write the hparams table and end.
+
+        Args:
+            settings: Flat settings of the run.
+            scores: Final scores.
+        """
+        self._logger.log_hyperparams(dict(settings), dict(scores))
+        self._logger.finalize("success")
+
+
+def run(fit: Fit, data: ManoeuvreData, judge: RolloutScore, session: Session, out: Path, console: Console) -> Trained:
+    """Train.
+
+    Args:
+        fit: The fit with its first weights.
+        data: What to train on, set up.
+        judge: The callback that scores held-out manoeuvres.
+        session: How long, and what to keep.
+        out: Output folder: checkpoints and TensorBoard's files go there.
+        console: Where to show progress.
+
+    Returns:
+        What came of it.
+    """
+    _quiet()
+    checkpoint = _resume_from(session, out, console)
+    stored = ModelCheckpoint(
+        dirpath=out / CHECKPOINTS,
+        filename="best",
+        monitor=MONITOR,
+        save_last=True,
+        enable_version_counter=False,
+        every_n_epochs=judge.every,
+        save_on_train_epoch_end=True,
+    )
+    graceful = GracefulStop(console)
+    callbacks: list[L.Callback] = [judge, graceful, stored]
+    if session.progress:
+        callbacks.append(RunProgress(console))
+    if session.patience is not None:
+        callbacks.append(EarlyStopping(MONITOR, patience=session.patience * judge.every, check_on_train_epoch_end=True))
+    logger = TensorBoardLogger(out, name="", version=DASHBOARD, default_hp_metric=False)
+    trainer = L.Trainer(
+        accelerator=session.accelerator,
+        devices=1,
+        max_epochs=session.max_epochs,
+        callbacks=callbacks,
+        logger=logger,
+        log_every_n_steps=1,
+        enable_progress_bar=False,
+        enable_model_summary=False,
+        num_sanity_val_steps=0,
+    )
+    began = perf_counter()
+    trainer.fit(fit, datamodule=data, ckpt_path=checkpoint, weights_only=True)
+    seconds = perf_counter() - began
+    stopped = _why(fit, trainer, graceful.interrupted)
+    if session.keep == "best" and stored.best_model_path:
+        load_weights(fit, Path(stored.best_model_path))
+    chosen = _choice(session, judge)
+    return Trained(fit, trainer.current_epoch, seconds, stopped, judge.history, chosen, Dashboard(logger))
+
+
+def _resume_from(session: Session, out: Path, console: Console) -> str | None:
+    """The checkpoint to go on from, checked before Lightning sees it."""
+    if session.resume == "never":
+        return None
+    path = out / CHECKPOINTS / "last.ckpt" if session.resume == "auto" else Path(session.resume)
+    if session.resume == "auto" and not path.exists():
+        return None
+    epoch = read_checkpoint(path)["epoch"]
+    console.print(f"going on from {path} after epoch {epoch + 1}", soft_wrap=True)
+    return str(path)
+
+
+def _why(fit: Fit, trainer: L.Trainer, interrupted: bool) -> str:
+    """Why training ended."""
+    if interrupted:
+        return "ctrl-C"
+    if fit.stopped:
+        return fit.stopped
+    return "all epochs done" if trainer.current_epoch >= (trainer.max_epochs or 0) else "no better held-out score"
+
+
+def _choice(session: Session, judge: RolloutScore) -> str:
+    """How the network was chosen: a choice by the held-out score makes that score a little too good."""
+    if session.keep == "last" or not judge.history:
+        return "The network is the last one of the training."
+    best = min(judge.history, key=lambda row: row[MONITOR])
+    return (
+        f"The network is that of epoch {best['epoch']:.0f}, the best of {len(judge.history)} judgements on these very "
+        "manoeuvres (trainer.keep=last takes the last one); a fair figure for new manoeuvres is a little worse."
+    )
+
+
+def _quiet() -> None:
+    """Lightning talks of GPUs, workers and folders that mean nothing here; its errors still come through."""
+    for name in ("lightning.pytorch", "lightning.fabric", "lightning.pytorch.utilities.rank_zero"):
+        logging.getLogger(name).setLevel(logging.ERROR)
+    warnings.filterwarnings("ignore", module="lightning.*")
