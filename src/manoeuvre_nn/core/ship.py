@@ -106,6 +106,9 @@ class Ship(ABC, nn.Module):
     particulars: Particulars
     prime: PrimeSystem
     inertia: Tensor
+    inertia_inverse: Tensor
+    velocity_units: Tensor
+    acceleration_units: Tensor
 
     def __init__(self, particulars: Particulars, prime: PrimeSystem, inertia: Float[Tensor, "3 3"]) -> None:
         """Store description and inertia.

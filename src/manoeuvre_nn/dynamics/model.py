@@ -177,6 +177,10 @@ class Scaling(nn.Module):
         output_scale: Multiplies the network's outputs, shape (3,).
     """
 
+    shift: Tensor
+    scale: Tensor
+    output_scale: Tensor
+
     def __init__(
         self, shift: Float[Tensor, " 4"], scale: Float[Tensor, " 4"], output_scale: Float[Tensor, " 3"]
     ) -> None:

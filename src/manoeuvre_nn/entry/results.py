@@ -200,8 +200,13 @@ def write_results(outcome: Outcome, out: Path) -> None:
 
 
 def _log_hyperparameters(outcome: Outcome) -> None:
-    """The hparams table of TensorBoard, with the final scores."""
-    settings = {k: v for k, v in flat(dict(outcome.config)).items() if isinstance(v, str | int | float | bool)}
+    """The hparams table of TensorBoard: the choices and numbers that make a difference, and the final scores."""
+    chosen = {k: v for k, v in flat(dict(outcome.config)).items() if not k.startswith(("trainer.", "scoring."))}
+    settings = {
+        k.removesuffix("._target_"): str(v).rsplit(".", 1)[-1] if k.endswith("_target_") else v
+        for k, v in chosen.items()
+        if isinstance(v, str | int | float | bool)
+    }
     wanted = {k: v for k, v in scalars(list(outcome.scores)).items() if k.endswith(("dev_L", "left_range"))}
     errors = {f"final/relrmse_g{k + 1}": e for k, e in enumerate(outcome.relative_rmse)}
     outcome.trained.dashboard.close(settings, {f"final/{k}": v for k, v in wanted.items()} | errors)

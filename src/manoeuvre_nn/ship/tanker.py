@@ -42,6 +42,10 @@ class TankerShip(Ship):
         ``Xvvzz zeta^2``; "Y_rdot .04" of Table 1 is YT, "N_rdot -.02" is NT, "Yv zeta" is Yvdot zeta.
     """
 
+    table: Tensor
+    race: Tensor
+    thrust_series: Tensor
+
     def __init__(
         self,
         particulars: Particulars,
@@ -129,8 +133,8 @@ class TankerShip(Ship):
         slope, constant = self.race.unbind()
         beta, race, across = v / u, slope * u + constant, v.abs()
         rudder = race * d
-        products = (u.square(), v * r, v.square(), rudder * d, rudder * beta, length * self.thrust(u))
-        products += (u * v, across * v, rudder, u * r, race * beta.abs() * beta * d.abs(), across * r)
+        products = [u.square(), v * r, v.square(), rudder * d, rudder * beta, length * self.thrust(u)]
+        products += [u * v, across * v, rudder, u * r, race * beta.abs() * beta * d.abs(), across * r]
         return torch.stack(products, dim=-1) @ self.table
 
     def on_approach(self, speed: float) -> "TankerShip":

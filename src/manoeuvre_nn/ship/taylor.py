@@ -33,6 +33,9 @@ class TaylorForce(nn.Module):
         coefficients: Factors of the bare products, shape (terms, 3).
     """
 
+    columns: Tensor
+    coefficients: Tensor
+
     def __init__(self, coefficients: Coefficients, *, taylor: bool = True, dtype: torch.dtype = torch.float64) -> None:
         """Collect the terms of the three equations.
 

@@ -81,6 +81,14 @@ class ManoeuvreData(ABC, L.LightningDataModule):
         self.seed, self.dtype = seed, dtype
 
     @abstractmethod
+    def setup(self, stage: str | None = None) -> None:
+        """Make the tuples and the held-out manoeuvres.
+
+        Args:
+            stage: Lightning's stage; nothing depends on it.
+        """
+
+    @abstractmethod
     def describe(self) -> str:
         """What the model is trained on, in words for the report."""
 

@@ -54,7 +54,7 @@ class Fit(ABC, L.LightningModule):
         Returns:
             Scaled outputs.
         """
-        network = self.dynamics.network
+        network: Any = self.dynamics.network
         return network.rows(inputs) if hasattr(network, "rows") else network(inputs)[None]
 
     def scaled(self, inputs: Float[Tensor, "n 4"], targets: Float[Tensor, "n 3"]) -> tuple[Tensor, Tensor]:
@@ -124,6 +124,8 @@ class BackpropFit(Fit):
     Source:
         Wang 1996, sections 2.3-2.5 and 4.4.3, eqs 2.11-2.21.
     """
+
+    best_test: Tensor
 
     def __init__(
         self,
@@ -266,7 +268,7 @@ class LevenbergMarquardtFit(Fit):
         Returns:
             The optimizer.
         """
-        network = self.dynamics.network
+        network: Any = self.dynamics.network
         rows = network.rows_count if hasattr(network, "rows_count") else None
         jacobian = (lambda: network.jacobian(self._inputs)) if hasattr(network, "jacobian") else None
         return LevenbergMarquardt(network.parameters(), rows=rows, jacobian=jacobian, **self.options)
