@@ -15,9 +15,10 @@ from manoeuvre_nn.entry.provenance import check_same_run, finished, resolved, wr
 from manoeuvre_nn.entry.results import Outcome, draw, judge_finally, print_outcome, write_results
 from manoeuvre_nn.training import session
 from manoeuvre_nn.training.callbacks import RolloutScore
-from manoeuvre_nn.training.data import DEFAULT_SCORE, ManoeuvreData, RecordedData, check_simulable
+from manoeuvre_nn.training.data import DEFAULT_SCORE, ManoeuvreData, RecordedData
 from manoeuvre_nn.training.fits import Fit
 from manoeuvre_nn.training.scalings import KINDS, make_scaling
+from manoeuvre_nn.training.settings import check_simulable
 
 DTYPES = {"float64": torch.float64, "float32": torch.float32}
 

@@ -3,7 +3,6 @@
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from math import isnan
 from pathlib import Path
 from typing import Literal
 
@@ -18,7 +17,6 @@ from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import ACCELERATION, Recording
 from manoeuvre_nn.core.ship import Particulars, Ship
-from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.simulate import Problem, simulate
 from manoeuvre_nn.recording.accelerations import accelerations
@@ -28,16 +26,12 @@ from manoeuvre_nn.recording.mapping import Mapping as ChannelMapping
 from manoeuvre_nn.recording.noise import add_noise, resample
 from manoeuvre_nn.recording.reader import read_recording
 from manoeuvre_nn.recording.tuples import Tuples, to_tuples
+from manoeuvre_nn.training.settings import check_length, check_positive, check_simulable, expand, noise_in_si
 
 Batch = tuple[Float[Tensor, "n 4"], Float[Tensor, "n 3"], Float[Tensor, "k 4"], Float[Tensor, "k 3"]]
 """Training inputs and targets, validation inputs and targets."""
 Method = Literal["auto", "exact", "central", "smoother"]
 
-NOISE_UNITS = {
-    "u": ("u", 1.0), "v": ("v", 1.0), "x": ("x", 1.0), "y": ("y", 1.0),
-    "r_deg_s": ("r", DEGREE), "psi_deg": ("psi", DEGREE), "delta_deg": ("delta", DEGREE),
-}  # fmt: skip
-"""Setting of ``data.noise`` -> channel and SI value of its unit."""
 DEFAULT_SCORE = ("zz20", "tc25", "tc25_port")
 """What a simulated ship is judged by unless ``score=`` says otherwise."""
 
@@ -302,101 +296,3 @@ class RecordedData(ManoeuvreData):
         """
         names = ", ".join(f"{r.name} ({r.duration:.0f} s)" for r in self.recordings)
         return f"{len(self.tuples.inputs)} tuples of the measured {self.particulars.name}: {names}."
-
-
-def check_simulable(ship: object) -> None:
-    """Refuse to simulate a ship of which only particulars are known.
-
-    Args:
-        ship: What the config gave.
-
-    Raises:
-        InputError: If it has no coefficients.
-    """
-    if isinstance(ship, Particulars):
-        raise InputError(
-            f"the {ship.name} has particulars but no coefficients and cannot be simulated: write data=recording "
-            "data.folder=FOLDER data.files=[FILE,...], or choose a ship with coefficients"
-        )
-
-
-def check_positive(what: str, value: float | None) -> None:
-    """Refuse a number that is not positive.
-
-    Args:
-        what: The setting.
-        value: Its value or None.
-
-    Raises:
-        InputError: If it is zero or negative.
-    """
-    if value is not None and (not value > 0 or isnan(value)):
-        raise InputError(f"{what}={value}: expected a number more than 0")
-
-
-def check_length(what: str, length: float, ship: Particulars) -> None:
-    """Refuse a record in which a ship hardly begins to turn.
-
-    Args:
-        what: Manoeuvre or setting, for the message.
-        length: Length [s].
-        ship: The ship.
-
-    Raises:
-        InputError: If it is shorter than 2 L/U0.
-    """
-    shortest = 2 * ship.time_unit
-    if length < shortest:
-        raise InputError(
-            f"data.length={length:g} s of {what} is too short for the {ship.name}: write at least {shortest:.0f} s "
-            "(two ship lengths)"
-        )
-
-
-def noise_in_si(noise: Mapping[str, float]) -> dict[str, float]:
-    """Standard deviations as given -> by channel in SI.
-
-    Args:
-        noise: Setting of :data:`NOISE_UNITS` -> standard deviation.
-
-    Returns:
-        Channel -> standard deviation [SI].
-
-    Raises:
-        InputError: If a setting is unknown or negative.
-    """
-    result = {}
-    for key, value in noise.items():
-        check_choice("data.noise", key, list(NOISE_UNITS))
-        if value < 0:
-            raise InputError(f"data.noise.{key}={value}: expected a standard deviation, 0 or more")
-        channel, unit = NOISE_UNITS[key]
-        if value:
-            result[channel] = value * unit
-    return result
-
-
-def expand(folder: Path, names: Sequence[str], what: str) -> list[Path]:
-    """File names and patterns -> paths.
-
-    Args:
-        folder: Where they are.
-        names: Names or patterns such as ``Z_*_05.csv``.
-        what: The setting, for the message.
-
-    Returns:
-        Paths.
-
-    Raises:
-        InputError: If the folder or a file is missing.
-    """
-    if not folder.is_dir():
-        raise InputError(f"data.folder={folder} is not a folder: write the folder that holds the recordings")
-    found: list[Path] = []
-    for name in names:
-        hits = sorted(folder.glob(str(name)))
-        if not hits:
-            there = ", ".join(sorted(p.name for p in folder.glob("*.csv"))[:12]) or "no csv file"
-            raise InputError(f"{what}: {name} is not in {folder}; it holds {there}")
-        found += hits
-    return found
