@@ -32,6 +32,7 @@ class Particulars:
         record_length: How long the zigzag record is that the source identifies the ship from [s].
         sample_interval: Time between samples that resolves the ship's motion [s].
         longest_turn: Time after which a hard turn of this coefficient set leaves the range where it makes sense [s].
+        service_speed: Speed that the ship may reach, whatever it approaches at [m/s]; None is U0.
         rho: Density of the water [kg/m^3].
         source: Author, year, table.
     """
@@ -50,6 +51,7 @@ class Particulars:
     record_length: float = 360.0
     sample_interval: float = 1.0
     longest_turn: float = inf
+    service_speed: float | None = None
     rho: float = SEA_WATER
     source: str = ""
 
@@ -78,7 +80,12 @@ class Particulars:
         Returns:
             New particulars.
         """
-        return replace(self, speed=speed)
+        return replace(self, speed=speed, service_speed=self.top_speed)
+
+    @property
+    def top_speed(self) -> float:
+        """The larger of approach and service speed [m/s]: a slow ship with its shaft at full speed gathers way."""
+        return max(self.speed, self.service_speed or self.speed)
 
     @property
     def time_unit(self) -> float:

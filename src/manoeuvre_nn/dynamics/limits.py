@@ -18,12 +18,13 @@ def inside_physical_range(state: Float[Tensor, "*batch 6"], ship: Particulars) -
 
     Args:
         state: u, v, r, x, y, psi.
-        ship: The ship, for U0 and L.
+        ship: The ship, for L and, as U0, the larger of its approach and service speed.
 
     Returns:
         True inside.
     """
-    u, v, r = state[..., 0] / ship.speed, state[..., 1] / ship.speed, state[..., 2] * ship.time_unit
+    speed = ship.top_speed
+    u, v, r = state[..., 0] / speed, state[..., 1] / speed, state[..., 2] * ship.length / speed
     return (u > -0.5) & (u < LARGEST[0]) & (v.abs() < LARGEST[1]) & (r.abs() < LARGEST[2])
 
 

@@ -177,7 +177,7 @@ def _solve_piece(
 ) -> tuple[Tensor, float | None, Tensor]:
     """Integrate one piece; states at the samples in it, time of the heading crossing if there is one, final state."""
     ship = dynamics.particulars
-    far = 2 * torch.tensor(LARGEST, dtype=state.dtype) * state.new_tensor([ship.speed, ship.speed, 1 / ship.time_unit])
+    far = 2 * torch.tensor(LARGEST, dtype=state.dtype) * state.new_tensor([1.0, 1.0, 1 / ship.length]) * ship.top_speed
 
     def rate(t: Tensor, y: Tensor) -> Tensor:
         # A run that breaks down rests far outside the range: else its steps shrink without end before it is looked at.

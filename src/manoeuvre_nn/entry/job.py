@@ -9,6 +9,7 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.entry import config as configs
 from manoeuvre_nn.entry.provenance import check_same_run, finished, resolved, write_provenance
@@ -81,7 +82,9 @@ def prepare(cfg: DictConfig, conf: Path) -> Job:
     Returns:
         The job.
     """
-    ship = configs.build(cfg.ship)
+    ship, speed = configs.build(cfg.ship), configs.approach_speed(cfg.manoeuvre)
+    if speed is not None and isinstance(ship, Ship):
+        ship = ship.on_approach(speed)  # the known part and g are then in units of this speed
     known = configs.build(cfg.linear, ship=ship)
     settings = OmegaConf.to_container(cfg.network, resolve=True)
     assert isinstance(settings, dict)
