@@ -104,8 +104,9 @@ def test_the_points_of_a_spiral_are_the_steady_ones(spiral):
     assert r == pytest.approx(delta / 20)
 
 
-def test_only_a_spiral_has_a_figure_of_rate_against_rudder(recorded, spiral):
-    assert set(comparison_figures(recorded, recorded, LENGTH)) == {"track", "time series"}
+def test_where_the_rudder_moves_both_ways_there_is_a_figure_of_rate_against_rudder(recorded, spiral):
+    circle = replace(recorded, meta={**recorded.meta, "kind": "turning_circle"})
+    assert set(comparison_figures(circle, circle, LENGTH)) == {"track", "time series"}
     assert "rate against rudder" in comparison_figures(spiral, spiral, LENGTH)
 
 

@@ -76,7 +76,7 @@ def judge_finally(config: Mapping[str, Any], trained: Trained, data: ManoeuvreDa
     Returns:
         The outcome.
     """
-    fit = trained.fit.double()
+    fit = trained.fit.double().cpu()
     held_out, known = data.held_out, HeldOut(tuple(data.recordings), data.held_out.length)
     predictions = held_out.predict(fit.dynamics)
     scores = held_out.score(predictions)

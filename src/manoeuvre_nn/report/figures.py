@@ -214,13 +214,13 @@ def comparison_figures(reference: Recording, prediction: Recording, length: floa
         length: Ship length L [m].
 
     Returns:
-        Name -> figure: ``track``, ``time series``, and for a spiral ``rate against rudder``.
+        Name -> figure: ``track``, ``time series``, and for zigzags and spirals ``rate against rudder``.
     """
     figures = {
         "track": track_figure(reference, prediction, length),
         "time series": time_series_figure(reference, prediction),
     }
-    if reference.meta.get("kind") == "spiral":
+    if reference.meta.get("kind") in {"spiral", "zigzag"}:
         figures["rate against rudder"] = rate_against_rudder_figure(reference, prediction)
     return figures
 

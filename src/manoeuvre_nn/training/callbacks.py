@@ -1,5 +1,6 @@
 """Lightning callbacks: the rollout score, progress in the terminal, a graceful ctrl-C."""
 
+import copy
 import signal
 from collections.abc import Callable, Mapping
 from time import monotonic
@@ -8,6 +9,7 @@ from typing import Any
 
 import lightning as L
 import numpy as np
+import torch
 from lightning.pytorch.loggers import TensorBoardLogger
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -15,6 +17,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.limits import OK
+from manoeuvre_nn.dynamics.model import Dynamics
 from manoeuvre_nn.recording.held_out import HeldOut, Solver
 from manoeuvre_nn.recording.score import Score
 from manoeuvre_nn.training.fits import Fit
@@ -66,11 +69,12 @@ class RolloutScore(L.Callback):
         if (trainer.current_epoch + 1) % self.every and not last:
             return
         assert isinstance(pl_module, Fit)
-        predictions = self.held_out.predict(pl_module.dynamics, self.solver)
+        predictions = self.held_out.predict(for_solvers(pl_module.dynamics), self.solver)
         self.scores = self.held_out.score(predictions)
         values = scalars(self.scores)
         pl_module.log_dict(values, on_epoch=True)
-        errors = pl_module.relative_rmse(*trainer.datamodule.train_dataloader().dataset[0][:2])  # type: ignore
+        inputs, targets = trainer.datamodule.train_dataloader().dataset[0][:2]  # type: ignore[attr-defined]
+        errors = pl_module.relative_rmse(inputs.to(pl_module.device), targets.to(pl_module.device))
         relative = {f"train/relrmse_g{k + 1}": float(e) for k, e in enumerate(errors)}
         pl_module.log_dict(relative, on_epoch=True)
         mse = float(trainer.callback_metrics.get("train/mse", np.nan))
@@ -101,6 +105,21 @@ class RolloutScore(L.Callback):
             state_dict: What :meth:`state_dict` gave.
         """
         self.history = list(state_dict["history"])
+
+
+def for_solvers(dynamics: Dynamics) -> Dynamics:
+    """A model as solvers want it: in double precision on the CPU, where a tolerance of 1e-6 means something.
+
+    Args:
+        dynamics: The model as it is trained.
+
+    Returns:
+        The same if it is that already, else a copy.
+    """
+    parameter = next(dynamics.parameters())
+    if parameter.dtype == torch.float64 and parameter.device.type == "cpu":
+        return dynamics
+    return copy.deepcopy(dynamics).double().cpu()
 
 
 def scalars(scores: list[Score]) -> dict[str, float]:

@@ -1,7 +1,7 @@
 """Lightning modules: the two ways to fit a network to tuples."""
 
 from abc import ABC
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Literal
 
 import lightning as L
@@ -16,6 +16,9 @@ from manoeuvre_nn.optimizer.levenberg_marquardt import LevenbergMarquardt
 from manoeuvre_nn.optimizer.steepest_descent import RateSchedule, SteepestDescent, StoppingRules
 from manoeuvre_nn.training.checkpoint import VERSION_KEY
 from manoeuvre_nn.training.data import Batch
+
+LARGEST_BLOCK = 2e7
+"""Numbers in the largest block of a Jacobian that is built at once: 160 MB in double precision."""
 
 
 class Fit(ABC, L.LightningModule):
@@ -270,8 +273,16 @@ class LevenbergMarquardtFit(Fit):
         """
         network: Any = self.dynamics.network
         rows = network.rows_count if hasattr(network, "rows_count") else None
-        jacobian = (lambda: network.jacobian(self._inputs)) if hasattr(network, "jacobian") else None
+        jacobian = self._jacobian_blocks if hasattr(network, "jacobian") else None
         return LevenbergMarquardt(network.parameters(), rows=rows, jacobian=jacobian, **self.options)
+
+    def _jacobian_blocks(self) -> Iterator[Tensor]:
+        """The network's Jacobian, in as many blocks of samples as memory asks for."""
+        network: Any = self.dynamics.network
+        assert self._inputs is not None
+        per_sample = sum(p.numel() for p in network.parameters()) * len(self.rows(self._inputs[:1])[0][0])
+        for part in self._inputs.split(max(1, int(LARGEST_BLOCK / per_sample))):
+            yield network.jacobian(part)
 
     def training_step(self, batch: Batch, batch_idx: int) -> None:
         """One or more Levenberg-Marquardt epochs over all tuples.

@@ -133,7 +133,7 @@ def run(fit: Fit, data: ManoeuvreData, judge: RolloutScore, session: Session, ou
         monitor=MONITOR,
         save_last=True,
         enable_version_counter=False,
-        every_n_epochs=judge.every,
+        every_n_epochs=1,  # a kill or ctrl-C then costs one epoch, and the last epoch is stored whatever its number
         save_on_train_epoch_end=True,
     )
     graceful = GracefulStop(console)
