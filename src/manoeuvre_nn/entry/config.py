@@ -1,11 +1,13 @@
 """From a config to objects: the only place that calls ``hydra.utils.instantiate``."""
 
-from collections.abc import Iterator, Mapping, Sequence
+import inspect
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from types import NoneType
+from typing import Any, get_args
 
 import yaml
-from hydra.utils import instantiate
+from hydra.utils import get_object, instantiate
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
 from manoeuvre_nn.core.errors import InputError, check_choice
@@ -38,16 +40,78 @@ def build(config: Any, **more: Any) -> Any:
 
     Returns:
         The object. Nested containers arrive as plain lists and dicts.
-
-    Raises:
-        InputError: If a ``_target_`` lies outside this package.
+        A ``_target_`` outside this package is refused, and so is an argument that is unknown or of the wrong kind.
     """
     plain = OmegaConf.to_container(config, resolve=True, throw_on_missing=True) if _is_config(config) else config
     for target in targets(plain):
-        if not target.startswith(ALLOWED):
-            raise InputError(f"{TARGET}: {target} is refused; a config may only name things in manoeuvre_nn")
+        check_target(target)
     # Objects are given to a partial: handed to instantiate itself, dataclasses would arrive as dicts.
-    return instantiate(plain, _convert_="all", _partial_=True)(**more)
+    made = instantiate(plain, _convert_="all", _partial_=True)
+    check_arguments(made.func, {**made.keywords, **more})
+    return made(**more)
+
+
+def check_target(target: str) -> None:
+    """Refuse an import path that leads out of the package, also by way of what its modules import.
+
+    Args:
+        target: Import path.
+
+    Raises:
+        InputError: If it does, or leads nowhere.
+    """
+    refused = InputError(f"{TARGET}: {target} is refused; a config may only name things in manoeuvre_nn")
+    if not target.startswith(ALLOWED):
+        raise refused
+    try:
+        found = get_object(target)
+    except ImportError as error:
+        raise InputError(f"{TARGET}: {target} does not exist") from error
+    if not str(getattr(found, "__module__", "")).startswith(ALLOWED):
+        raise refused
+
+
+def check_arguments(function: Callable[..., Any], settings: Mapping[str, Any]) -> None:
+    """Refuse settings that a function does not know, and words where it expects numbers.
+
+    Args:
+        function: What is to be called.
+        settings: Its keyword arguments.
+
+    Raises:
+        InputError: If one is unknown, missing or of the wrong kind.
+    """
+    try:
+        inspect.signature(function).bind(**settings)
+    except TypeError as error:
+        raise InputError(f"settings of {function.__name__}: {error}") from error
+    for name, parameter in inspect.signature(function).parameters.items():
+        kinds = set(get_args(parameter.annotation) or (parameter.annotation,))
+        if name not in settings or not kinds <= {int, float, bool, NoneType}:
+            continue
+        accepted = tuple(kinds | {int}) if float in kinds else tuple(kinds)
+        if not isinstance(settings[name], accepted):
+            wanted = "a number" if float in kinds else "a whole number" if int in kinds else "true or false"
+            raise InputError(f"{name}={settings[name]}: expected {wanted}{' or null' if NoneType in kinds else ''}")
+
+
+def whole_number(what: str, value: Any, least: int) -> int:
+    """Read a setting that counts something.
+
+    Args:
+        what: Its name.
+        value: What was given.
+        least: Smallest value.
+
+    Returns:
+        The number.
+
+    Raises:
+        InputError: If it is no whole number or too small.
+    """
+    if not isinstance(value, int) or value < least:
+        raise InputError(f"{what}={value}: expected a whole number, {least} or more")
+    return value
 
 
 def targets(plain: Any) -> Iterator[str]:
@@ -112,10 +176,15 @@ def named_manoeuvres(names: Sequence[Any], folder: Path, speed: float | None) ->
 
     Returns:
         Manoeuvres. An unknown name is refused with a list of those that exist.
+
+    Raises:
+        InputError: If an entry is neither.
     """
     choices = sorted(p.stem for p in folder.glob("*.yaml"))
     made = []
     for entry in names:
+        if isinstance(entry, Mapping) and [type(v) for v in entry.values()] != [dict]:
+            raise InputError(f"score has an entry {entry}: write a name, or {{name: {{setting: value}}}}")
         name, settings = next(iter(entry.items())) if isinstance(entry, Mapping) else (entry, {})
         check_choice("manoeuvre in score", name, choices)
         described = OmegaConf.merge(OmegaConf.load(folder / f"{name}.yaml"), settings)

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 
+import yaml
 from hydra.errors import HydraException
 from omegaconf.errors import OmegaConfBaseException
 
@@ -13,6 +14,7 @@ from manoeuvre_nn.core.errors import InputError
 
 WRONG_INPUT = 2
 FAILED_JOBS = 1
+OF_CONFIG = (HydraException, OmegaConfBaseException, yaml.YAMLError)
 failed_jobs: list[str] = []
 """Jobs of a sweep that failed; the sweep goes on and ends with exit code 1."""
 
@@ -28,11 +30,12 @@ def one_line() -> Generator[None]:
         InputError: If it is none of the user's making, as the next two.
         HydraException: The same.
         OmegaConfBaseException: The same.
+        YAMLError: The same.
         SystemExit: With code 2 for wrong input.
     """
     try:
         yield
-    except (InputError, HydraException, OmegaConfBaseException) as error:
+    except (InputError, HydraException, OmegaConfBaseException, yaml.YAMLError) as error:
         message = explain(error)
         if message is None:
             raise
@@ -69,7 +72,7 @@ def explain(error: BaseException) -> str | None:
     for cause in chain:
         if isinstance(cause, InputError):
             return str(cause)
-    if any(not isinstance(c, HydraException | OmegaConfBaseException | TypeError | ValueError) for c in chain):
+    if any(not isinstance(c, (*OF_CONFIG, TypeError, ValueError)) for c in chain):
         return None
     return _one_line(str(error))
 
@@ -82,15 +85,20 @@ def _causes(error: BaseException | None) -> Iterator[BaseException]:
 
 def _one_line(text: str) -> str:
     """Hydra's own messages, shortened: choices are kept, advice about stack traces is not."""
-    missing = re.search(r"Could not find '([^/']+)/([^']+)'", text)
+    missing = re.search(r"Could not find '([^']+)/([^'/]+)'", text)
     if missing:
         options = re.findall(r"^\t(\w+)$", text, flags=re.MULTILINE)
         return f"{missing[1]}={missing[2]} is unknown; choose one of: {', '.join(options)}"
+    missing = re.search(r"Could not load '([^']+)/([^'/]+)'", text)
+    if missing:
+        return f"{missing[1]}={missing[2]} is unknown; python train.py --help lists the choices"
     key = re.search(r"Could not override '([^']+)'", text) or re.search(r"Key '([^']+)' is not in struct", text)
+    full = re.search(r"full_key: (\S+)", text)
     if key:
-        return f"there is no setting {key[1]}; python train.py --cfg job lists them all"
+        return f"there is no setting {(full or key)[1]}; python train.py --cfg job lists them all"
     mandatory = re.search(r"Missing mandatory value: (\S+)", text)
     if mandatory:
-        return f"{mandatory[1]} must be given: write {mandatory[1]}=..."
+        name = (full or mandatory)[1]
+        return f"{name} must be given: write {name}=..."
     lines = [line.strip() for line in text.splitlines() if line.strip() and "HYDRA_FULL_ERROR" not in line]
     return " ".join(lines[:3])[:400]

@@ -16,7 +16,7 @@ from manoeuvre_nn.entry.provenance import check_same_run, finished, resolved, wr
 from manoeuvre_nn.entry.results import Outcome, draw, judge_finally, print_outcome, write_results
 from manoeuvre_nn.training import session
 from manoeuvre_nn.training.callbacks import RolloutScore
-from manoeuvre_nn.training.data import DEFAULT_SCORE, ManoeuvreData, RecordedData
+from manoeuvre_nn.training.data import DEFAULT_SCORE, INSTEAD, ManoeuvreData, RecordedData
 from manoeuvre_nn.training.fits import Fit
 from manoeuvre_nn.training.scalings import KINDS, make_scaling
 from manoeuvre_nn.training.settings import check_simulable
@@ -56,10 +56,10 @@ def train(cfg: DictConfig, out: Path, conf: Path, console: Console | None = None
         What came out; None if the folder already held the finished run.
     """
     console = console or Console()
-    torch.set_num_threads(int(cfg.trainer.threads))
+    torch.set_num_threads(configs.whole_number("trainer.threads", cfg.trainer.threads, 1))
     job = prepare(cfg, conf)
     check_same_run(cfg, out)
-    if finished(out):
+    if finished(out, job.session.max_epochs):
         console.print(f"{out} holds this run already: nothing to do", soft_wrap=True)
         return None
     write_provenance(cfg, out)
@@ -92,9 +92,12 @@ def prepare(cfg: DictConfig, conf: Path) -> Job:
     check_choice("network.scaling", scaling, list(KINDS))
     check_choice("network.dtype", name, list(DTYPES))
     dtype = DTYPES[name]
-    network = configs.build(settings, seed=int(cfg.seed), dtype=dtype)
+    seed = configs.whole_number("seed", cfg.seed, 0)
+    network = configs.build(settings, seed=seed, dtype=dtype)
     lasting = {k: v for k, v in cfg.trainer.items() if k != "threads"}
-    common = {"ship": ship, "known": known, "seed": int(cfg.seed), "dtype": dtype}
+    for kind, given in ((session.Session, lasting), (RolloutScore, {"held_out": None, **cfg.scoring})):
+        configs.check_arguments(kind, given)
+    common = {"ship": ship, "known": known, "seed": seed, "dtype": dtype}
     return Job(_data(cfg, common, conf), network, scaling, dtype, session.Session(**lasting))
 
 
@@ -104,9 +107,11 @@ def _data(cfg: DictConfig, common: dict[str, Any], conf: Path) -> ManoeuvreData:
     if "files" in cfg.data:
         return _recorded(cfg, common, [] if names == ["default"] else names, conf)
     check_simulable(common["ship"])
-    names = list(DEFAULT_SCORE) if names == ["default"] else names
-    score = configs.named_manoeuvres(names, conf / "manoeuvre", configs.approach_speed(cfg.manoeuvre))
     manoeuvres = configs.training_manoeuvres(cfg.manoeuvre)
+    if names == ["default"]:
+        seen = {m.name for m in manoeuvres}
+        names = [INSTEAD[name] if name in seen else name for name in DEFAULT_SCORE]
+    score = configs.named_manoeuvres(names, conf / "manoeuvre", configs.approach_speed(cfg.manoeuvre))
     return configs.build(cfg.data, **common, manoeuvres=manoeuvres, score=score)
 
 
@@ -120,6 +125,7 @@ def _recorded(cfg: DictConfig, common: dict[str, Any], names: list[str], conf: P
     named = conf / "recording" / f"{settings['mapping']}.yaml"
     path = named if named.is_file() else Path(settings["mapping"])
     settings["mapping"] = configs.load_yaml(path)
+    settings["files"] = configs.as_list(settings["files"])
     return configs.build(settings, **common, score=names)
 
 

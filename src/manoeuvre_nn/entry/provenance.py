@@ -1,5 +1,6 @@
 """What a second person needs to make a result again: resolved config, seed, versions."""
 
+import json
 import platform
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -58,16 +59,22 @@ def write_provenance(cfg: DictConfig, out: Path) -> None:
     (out / CONFIG).write_text(text)
 
 
-def finished(out: Path) -> bool:
+def finished(out: Path, max_epochs: int) -> bool:
     """Whether a folder holds a finished run.
 
     Args:
         out: Output folder.
+        max_epochs: Epochs that are asked for.
 
     Returns:
-        True if its scores were written.
+        True if its scores were written, unless ctrl-C ended it or more epochs are asked for than it was given.
     """
-    return (out / SCORES).is_file()
+    try:
+        training = json.loads((out / SCORES).read_text())["training"]
+        stopped, epochs = training["stopped"], training["epochs"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
+    return stopped != "ctrl-C" and not (stopped == "all epochs done" and epochs < max_epochs)
 
 
 def check_same_run(cfg: DictConfig, out: Path) -> None:
@@ -84,7 +91,7 @@ def check_same_run(cfg: DictConfig, out: Path) -> None:
         return
     try:
         before = flat(yaml.safe_load((out / CONFIG).read_text()))
-    except (yaml.YAMLError, AttributeError) as error:
+    except (yaml.YAMLError, AttributeError, UnicodeDecodeError) as error:
         raise InputError(f"{out / CONFIG} is damaged: remove the folder or choose another hydra.run.dir") from error
     before = {k: v for k, v in before.items() if not k.startswith("versions.")}
     # The round trip through yaml makes both sides the same kind of number.

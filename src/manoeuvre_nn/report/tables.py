@@ -210,7 +210,8 @@ def score_table(scores: Iterable[Score], title: str = "Held-out manoeuvres") -> 
     """
     table = _bare_table(title)
     table.caption = "dev: largest track distance; u v r psi: RMS error / std; criteria: predicted (recorded)"
-    table.add_column("manoeuvre", max_width=14, no_wrap=True)
+    # Names of files are long: folded, they can still be told apart.
+    table.add_column("manoeuvre", min_width=10, max_width=16, overflow="fold")
     table.add_column("status", max_width=10)
     for heading in ("dev/L", *JUDGED):
         table.add_column(heading, justify="right", no_wrap=True)

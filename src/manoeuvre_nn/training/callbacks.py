@@ -3,6 +3,7 @@
 import copy
 import signal
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from time import monotonic
 from types import FrameType
 from typing import Any
@@ -10,11 +11,12 @@ from typing import Any
 import lightning as L
 import numpy as np
 import torch
+from lightning.pytorch.callbacks import Checkpoint
 from lightning.pytorch.loggers import TensorBoardLogger
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.limits import OK
 from manoeuvre_nn.dynamics.model import Dynamics
@@ -49,8 +51,9 @@ class RolloutScore(L.Callback):
             draw: Makes the figures of one manoeuvre.
 
         Raises:
-            InputError: If ``every`` is not positive.
+            InputError: If ``every`` is not positive or the solver is unknown.
         """
+        check_choice("scoring.solver", solver, ["torchdiffeq", "rollout"])
         if every < 1:
             raise InputError(f"scoring.every={every}: expected at least 1 epoch")
         self.held_out, self.every, self.solver = held_out, every, solver
@@ -89,6 +92,22 @@ class RolloutScore(L.Callback):
         for reference, prediction in zip(self.held_out.references, predictions, strict=True):
             for name, figure in self.draw(reference, prediction).items():
                 trainer.logger.experiment.add_figure(f"{reference.name}/{name}", figure, trainer.current_epoch + 1)
+
+    def judged(self, epoch: int) -> bool:
+        """Whether an epoch is the one that was judged last.
+
+        Args:
+            epoch: Its number, from 1.
+
+        Returns:
+            True if it was judged.
+        """
+        return bool(self.history) and self.history[-1]["epoch"] == epoch
+
+    @property
+    def best(self) -> dict[str, float]:
+        """The judgement with the smallest mean deviation; the first of equals."""
+        return min(self.history, key=lambda row: row[MONITOR])
 
     def state_dict(self) -> dict[str, Any]:
         """The history, so that a resumed run goes on with it.
@@ -141,6 +160,82 @@ def scalars(scores: list[Score]) -> dict[str, float]:
         values |= {f"{s.manoeuvre}/nrmse_{k}": v for k, v in s.nrmse.items()}
         values |= {f"{s.manoeuvre}/error_{k}": v for k, v in s.errors.items()}
     return values
+
+
+class Patience(L.Callback):
+    """Ends the fit when some judgements in a row brought no better score.
+
+    Lightning's own EarlyStopping asks in every epoch and wants a score in each, also in those that are not judged.
+    """
+
+    def __init__(self, judge: RolloutScore, judgements: int) -> None:
+        """Set up.
+
+        Args:
+            judge: Whose history counts; it must come first among the callbacks.
+            judgements: How many may bring nothing.
+        """
+        self.judge, self.judgements = judge, judgements
+
+    def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Look at the history if this epoch was judged.
+
+        Args:
+            trainer: The trainer.
+            pl_module: The fit.
+        """
+        scores, count = [row[MONITOR] for row in self.judge.history], self.judgements
+        if self.judge.judged(trainer.current_epoch + 1) and len(scores) > count:
+            trainer.should_stop = trainer.should_stop or min(scores[-count:]) >= min(scores[:-count])
+
+
+class Keeper(Checkpoint):
+    """Stores ``last.ckpt`` after every epoch, ``best.ckpt`` after every judgement that is the best so far.
+
+    Lightning's own ModelCheckpoint renews ``last.ckpt`` only together with the best one. The best weights are in
+    ``last.ckpt`` too, so that a run may be resumed in another folder.
+
+    Attributes:
+        best: Weights at the best judgement; empty before the first.
+    """
+
+    def __init__(self, judge: RolloutScore, folder: Path) -> None:
+        """Set up.
+
+        Args:
+            judge: Who says what is best.
+            folder: Where the files go.
+        """
+        self.judge, self.folder = judge, folder
+        self.best: dict[str, torch.Tensor] = {}
+
+    def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Store.
+
+        Args:
+            trainer: The trainer.
+            pl_module: The fit.
+        """
+        if self.judge.judged(trainer.current_epoch + 1) and self.judge.best is self.judge.history[-1]:
+            self.best = {name: value.detach().clone() for name, value in pl_module.state_dict().items()}
+            trainer.save_checkpoint(self.folder / "best.ckpt")
+        trainer.save_checkpoint(self.folder / "last.ckpt")
+
+    def state_dict(self) -> dict[str, Any]:
+        """The best weights.
+
+        Returns:
+            Tensors.
+        """
+        return {"best": self.best}
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Take the best weights up again.
+
+        Args:
+            state_dict: What :meth:`state_dict` gave.
+        """
+        self.best = dict(state_dict["best"])
 
 
 class RunProgress(L.Callback):
@@ -261,5 +356,18 @@ class GracefulStop(L.Callback):
             trainer: The trainer.
             pl_module: The fit.
         """
+        self._give_back()
+
+    def on_exception(self, trainer: L.Trainer, pl_module: L.LightningModule, exception: BaseException) -> None:
+        """Give the signal back: a later ctrl-C is not for this fit.
+
+        Args:
+            trainer: The trainer.
+            pl_module: The fit.
+            exception: What happened.
+        """
+        self._give_back()
+
+    def _give_back(self) -> None:
         if self._before is not None:
             signal.signal(signal.SIGINT, self._before)

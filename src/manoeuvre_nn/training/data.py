@@ -34,6 +34,8 @@ Method = Literal["auto", "exact", "central", "smoother"]
 
 DEFAULT_SCORE = ("zz20", "tc25", "tc25_port")
 """What a simulated ship is judged by unless ``score=`` says otherwise."""
+INSTEAD = {"zz20": "zz15", "tc25": "tc20", "tc25_port": "tc20_port"}
+"""What takes the place of one of them that is trained on."""
 
 
 class ManoeuvreData(ABC, L.LightningDataModule):
@@ -156,7 +158,7 @@ class SimulatedData(ManoeuvreData):
             dtype: Floating type of the tuples.
 
         Raises:
-            InputError: If the ship has no coefficients or a setting is out of range.
+            InputError: If the ship has no coefficients, a manoeuvre is in both lists, or a setting is out of range.
         """
         super().__init__(known, accelerations=accelerations, validation=validation, seed=seed, dtype=dtype)
         check_simulable(ship)
@@ -165,8 +167,13 @@ class SimulatedData(ManoeuvreData):
         self.noise = noise_in_si(noise or {})
         for manoeuvre in (*manoeuvres, *score):
             manoeuvre.check(ship.particulars)
+        both = sorted({m.name for m in manoeuvres} & {m.name for m in score})
+        if both:
+            raise InputError(f"{', '.join(both)} is both in manoeuvre= and in score=: a model is judged on unseen runs")
         if not manoeuvres:
             raise InputError("manoeuvre=[] names no manoeuvre: write for instance manoeuvre=zz35")
+        if not score:
+            raise InputError("score=[] names no manoeuvre to judge by: write for instance score=[zz20]")
         self.ship, self.manoeuvres, self.score_manoeuvres = CalmWater(ship), manoeuvres, score
         self.length, self.rate_hz = length, rate_hz
         if length is not None:

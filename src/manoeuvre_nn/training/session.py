@@ -9,12 +9,11 @@ from time import perf_counter
 from typing import Any, Literal
 
 import lightning as L
-from lightning.pytorch.callbacks import EarlyStopping, ModelCheckpoint
 from lightning.pytorch.loggers import TensorBoardLogger
 from rich.console import Console
 
 from manoeuvre_nn.core.errors import InputError, check_choice
-from manoeuvre_nn.training.callbacks import MONITOR, GracefulStop, RolloutScore, RunProgress
+from manoeuvre_nn.training.callbacks import GracefulStop, Keeper, Patience, RolloutScore, RunProgress
 from manoeuvre_nn.training.checkpoint import load_weights, read_checkpoint
 from manoeuvre_nn.training.data import ManoeuvreData
 from manoeuvre_nn.training.fits import Fit
@@ -127,21 +126,14 @@ def run(fit: Fit, data: ManoeuvreData, judge: RolloutScore, session: Session, ou
     """
     _quiet()
     checkpoint = _resume_from(session, out, console)
-    stored = ModelCheckpoint(
-        dirpath=out / CHECKPOINTS,
-        filename="best",
-        monitor=MONITOR,
-        save_last=True,
-        enable_version_counter=False,
-        every_n_epochs=1,  # a kill or ctrl-C then costs one epoch, and the last epoch is stored whatever its number
-        save_on_train_epoch_end=True,
-    )
-    graceful = GracefulStop(console)
-    callbacks: list[L.Callback] = [judge, graceful, stored]
+    if checkpoint is not None:
+        load_weights(fit, checkpoint)  # refuses another network's in one line; Lightning then restores everything
+    keeper, graceful = Keeper(judge, out / CHECKPOINTS), GracefulStop(console)
+    callbacks: list[L.Callback] = [judge, graceful, keeper]
     if session.progress:
         callbacks.append(RunProgress(console))
     if session.patience is not None:
-        callbacks.append(EarlyStopping(MONITOR, patience=session.patience * judge.every, check_on_train_epoch_end=True))
+        callbacks.append(Patience(judge, session.patience))
     logger = TensorBoardLogger(out, name="", version=DASHBOARD, default_hp_metric=False)
     trainer = L.Trainer(
         accelerator=session.accelerator,
@@ -158,13 +150,15 @@ def run(fit: Fit, data: ManoeuvreData, judge: RolloutScore, session: Session, ou
     trainer.fit(fit, datamodule=data, ckpt_path=checkpoint, weights_only=True)
     seconds = perf_counter() - began
     stopped = _why(fit, trainer, graceful.interrupted)
-    if session.keep == "best" and stored.best_model_path:
-        load_weights(fit, Path(stored.best_model_path))
+    if session.keep == "best" and keeper.best:
+        fit.load_state_dict(keeper.best)
+        if not (out / CHECKPOINTS / "best.ckpt").exists():  # resumed from another folder and nothing better since
+            trainer.save_checkpoint(out / CHECKPOINTS / "best.ckpt")
     chosen = _choice(session, judge)
     return Trained(fit, trainer.current_epoch, seconds, stopped, judge.history, chosen, Dashboard(logger))
 
 
-def _resume_from(session: Session, out: Path, console: Console) -> str | None:
+def _resume_from(session: Session, out: Path, console: Console) -> Path | None:
     """The checkpoint to go on from, checked before Lightning sees it."""
     if session.resume == "never":
         return None
@@ -173,7 +167,7 @@ def _resume_from(session: Session, out: Path, console: Console) -> str | None:
         return None
     epoch = read_checkpoint(path)["epoch"]
     console.print(f"going on from {path} after epoch {epoch + 1}", soft_wrap=True)
-    return str(path)
+    return path
 
 
 def _why(fit: Fit, trainer: L.Trainer, interrupted: bool) -> str:
@@ -189,10 +183,9 @@ def _choice(session: Session, judge: RolloutScore) -> str:
     """How the network was chosen: a choice by the held-out score makes that score a little too good."""
     if session.keep == "last" or not judge.history:
         return "The network is the last one of the training."
-    best = min(judge.history, key=lambda row: row[MONITOR])
     return (
-        f"The network is that of epoch {best['epoch']:.0f}, the best of {len(judge.history)} judgements on these very "
-        "manoeuvres (trainer.keep=last takes the last one); a fair figure for new manoeuvres is a little worse."
+        f"The network is that of epoch {judge.best['epoch']:.0f}, the best of {len(judge.history)} judgements on these "
+        "very manoeuvres (trainer.keep=last takes the last one); a fair figure for new manoeuvres is a little worse."
     )
 
 
