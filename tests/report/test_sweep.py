@@ -145,7 +145,7 @@ def test_the_files_are_written_and_the_best_job_stands_first(sweep):
     with (sweep / "sweep.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [row["job"] for row in rows] == ["7", "8", "9", "10"]
-    best = min(rows, key=lambda row: float(row["mean dev/L"]))["job"]
+    best = min(rows, key=lambda row: float(row["mean dev/L"]))["network.hidden"]
     assert (sweep / "sweep.md").read_text().splitlines()[2].startswith(f"| {best} |")
     lines = shown.splitlines()
     rule = next(k for k, line in enumerate(lines) if "──" in line)

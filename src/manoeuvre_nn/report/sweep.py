@@ -143,7 +143,7 @@ def sweep_table(rows: Sequence[Row], title: str = "Sweep") -> Table:
         title: Heading.
 
     Returns:
-        The table: job, settings that differ, status, mean dev/L, the worst manoeuvre, seconds.
+        The table: settings that differ (else the job), status, mean dev/L, the worst manoeuvre, seconds.
     """
     return rich_table(_short_rows(rows), title)
 
@@ -156,10 +156,13 @@ def _short_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
         devs = {name.removeprefix(DEV): _number(value) for name, value in row.items() if name.startswith(DEV)}
         worst = max(devs, key=lambda name: devs[name]) if devs else None
         ended = len(str(row.get("ended early") or "").split())
-        cells = {"job": row["job"], **{_last(name, names): row.get(name) for name in names}}
+        # The settings that differ say which job it is; its folder's name would only repeat them.
+        named = {_last(name, names): row.get(name) for name in names}
+        cells = named if any(value is not None for value in named.values()) else {"job": row["job"]}
         cells |= {"status": f"{ended} ended early" if ended else row["status"], MEAN: row.get(MEAN)}
         short.append({**cells, "worst": worst and f"{worst} {devs[worst]:.3g}", "seconds": row.get("seconds")})
-    return [{name: row[name] for name in short[0] if any(r[name] is not None for r in short)} for row in short]
+    headings = dict.fromkeys(name for row in short for name in row)
+    return [{n: row.get(n) for n in headings if any(r.get(n) is not None for r in short)} for row in short]
 
 
 def _last(name: str, names: Sequence[str]) -> str:
@@ -208,6 +211,7 @@ def sweep_figure(rows: Sequence[Row]) -> Figure:
             if where == panel:
                 _draw_series(axes, labels.index(label), points, places)
         _mark_places(axes, places)
+        axes.tick_params(labelbottom=True)  # the panel below may be empty
     for axes in grid[len(panels) :]:
         axes.set_visible(False)
     handles = [Line2D([], [], label=label, linestyle="", **_look(k)) for k, label in enumerate(labels)]

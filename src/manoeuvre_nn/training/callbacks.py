@@ -81,7 +81,7 @@ class RolloutScore(L.Callback):
         relative = {f"train/relrmse_g{k + 1}": float(e) for k, e in enumerate(errors)}
         pl_module.log_dict(relative, on_epoch=True)
         mse = float(trainer.callback_metrics.get("train/mse", np.nan))
-        self.history.append({"epoch": trainer.current_epoch + 1, "train/mse": mse, **relative, **values})
+        self.history.append({"epoch": float(trainer.current_epoch + 1), "train/mse": mse, **relative, **values})
         if self.draw and self.figures_every and len(self.history) % self.figures_every == 0:
             self._show(trainer, predictions)
 

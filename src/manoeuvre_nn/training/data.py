@@ -121,7 +121,7 @@ class ManoeuvreData(ABC, L.LightningDataModule):
         mask = self.train_mask()
         x, y = self.tuples.inputs.to(self.dtype), self.tuples.targets.to(self.dtype)
         batch: Batch = (x[mask], y[mask], x[~mask], y[~mask])
-        return DataLoader([batch], batch_size=None)  # type: ignore[arg-type]
+        return DataLoader([batch], batch_size=None, collate_fn=tuple)  # type: ignore[arg-type]
 
 
 class SimulatedData(ManoeuvreData):
