@@ -3,12 +3,14 @@
 import io
 import random
 from collections.abc import Sequence
+from contextlib import nullcontext
 from functools import cache
 from pathlib import Path
 
 import lightning as L
 import numpy as np
 import torch
+from fleet import unchecked
 from rich.console import Console
 
 from manoeuvre_nn.core.ship import Ship
@@ -36,7 +38,8 @@ def simulated(**settings) -> SimulatedData:
     """A Mariner's zz35, 90 s of it, judged by the first minute of zz20."""
     given = {"manoeuvres": [zigzag(35.0)], "score": [zigzag(20.0, duration=60.0)], "length": 90.0} | settings
     data = SimulatedData(*ships(), given.pop("manoeuvres"), given.pop("score"), **given)
-    data.setup()
+    with unchecked():
+        data.setup()
     return data
 
 
@@ -68,9 +71,10 @@ def train(
     every: int = 2,
     extra: Sequence[L.Callback] = (),
     console: Console | None = None,
+    checked: bool = False,
     **settings,
 ) -> tuple[Trained, RolloutScore]:
-    """A whole session; ``extra`` are callbacks that the session does not know of."""
+    """A session; ``extra`` are callbacks that it does not know of; ``checked`` checks shapes and types, and is slow."""
     random.seed()
     np.random.seed(random.randrange(2**31))  # noqa: NPY002  whatever depends on global random states differs each time
     torch.manual_seed(random.randrange(2**31))
@@ -79,7 +83,8 @@ def train(
         judge.setup = lambda trainer, pl_module, stage: trainer.callbacks.extend(extra)  # type: ignore[method-assign]
     quiet = console or Console(file=io.StringIO())
     given = Session(**{"max_epochs": 4} | settings)
-    return session.run(fit, data or usual(), judge, given, out, quiet), judge
+    with nullcontext() if checked else unchecked():
+        return session.run(fit, data or usual(), judge, given, out, quiet), judge
 
 
 class Each(L.Callback):

@@ -11,6 +11,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from manoeuvre_nn import __version__
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.training.session import ALL_EPOCHS, CTRL_C
 
 CONFIG, SCORES = "config.yaml", "scores.json"
 LIBRARIES = ("torch", "lightning", "hydra-core", "torchdiffeq", "tensorboard", "numpy", "scipy", "pandas", "matplotlib")
@@ -74,7 +75,7 @@ def finished(out: Path, max_epochs: int) -> bool:
         stopped, epochs = training["stopped"], training["epochs"]
     except (OSError, ValueError, KeyError, TypeError):
         return False
-    return stopped != "ctrl-C" and not (stopped == "all epochs done" and epochs < max_epochs)
+    return stopped != CTRL_C and not (stopped == ALL_EPOCHS and epochs < max_epochs)
 
 
 def check_same_run(cfg: DictConfig, out: Path) -> None:

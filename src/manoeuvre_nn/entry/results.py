@@ -246,4 +246,5 @@ def print_outcome(outcome: Outcome, out: Path, console: Console) -> None:
     errors = ", ".join(f"g{k + 1} {e:.2e}" for k, e in enumerate(outcome.relative_rmse))
     console.print(outcome.trained_on)
     console.print(f"relRMSE on them: {errors}; {how.epochs} epochs in {how.seconds:.1f} s; {how.stopped}.")
-    console.print(f"report: {out / 'report.html'}   dashboard: tensorboard --logdir {out.parent}", soft_wrap=True)
+    here = out.relative_to(Path.cwd()) if out.is_relative_to(Path.cwd()) else out
+    console.print(f"report: {here / 'report.html'}   dashboard: tensorboard --logdir {here.parent}", soft_wrap=True)

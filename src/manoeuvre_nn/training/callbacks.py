@@ -330,8 +330,10 @@ class GracefulStop(L.Callback):
         self.interrupted = False
         self._before: Any = None
 
-    def on_fit_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+    def on_train_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Take the signal over; not possible outside the main thread, where nobody presses keys.
+
+        Not earlier: when a fit breaks, Lightning restores the handlers that it met before it began to train.
 
         Args:
             trainer: The trainer.
@@ -356,18 +358,5 @@ class GracefulStop(L.Callback):
             trainer: The trainer.
             pl_module: The fit.
         """
-        self._give_back()
-
-    def on_exception(self, trainer: L.Trainer, pl_module: L.LightningModule, exception: BaseException) -> None:
-        """Give the signal back: a later ctrl-C is not for this fit.
-
-        Args:
-            trainer: The trainer.
-            pl_module: The fit.
-            exception: What happened.
-        """
-        self._give_back()
-
-    def _give_back(self) -> None:
         if self._before is not None:
             signal.signal(signal.SIGINT, self._before)

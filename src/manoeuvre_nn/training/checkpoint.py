@@ -31,10 +31,10 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
     except pickle.UnpicklingError as error:
         raise InputError(
             f"checkpoint {path} is refused: it is damaged or holds objects that are not tensors, numbers or names "
-            f"({str(error).splitlines()[0][:120]})"
+            f"({_first_line(error)})"
         ) from error
-    except (RuntimeError, EOFError, OSError, ValueError, KeyError) as error:
-        raise InputError(f"checkpoint {path} cannot be read ({str(error).splitlines()[0][:120]})") from error
+    except Exception as error:  # torch meets bytes that are no checkpoint with whatever they happen to cause
+        raise InputError(f"checkpoint {path} cannot be read ({_first_line(error)})") from error
     if not isinstance(stored, dict) or "state_dict" not in stored or VERSION_KEY not in stored:
         raise InputError(f"{path} is not a checkpoint of manoeuvre-nn: it lacks {VERSION_KEY}")
     version = str(stored[VERSION_KEY])
@@ -44,6 +44,11 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
             f"manoeuvre-nn {version}"
         )
     return stored
+
+
+def _first_line(error: Exception) -> str:
+    """What an error says, or its kind where it says nothing."""
+    return next(iter(str(error).splitlines()), type(error).__name__)[:120]
 
 
 def load_weights(module: torch.nn.Module, path: Path) -> None:

@@ -19,6 +19,8 @@ from manoeuvre_nn.training.data import ManoeuvreData
 from manoeuvre_nn.training.fits import Fit
 
 CHECKPOINTS, DASHBOARD = "checkpoints", "tensorboard"
+CTRL_C, ALL_EPOCHS = "ctrl-C", "all epochs done"
+"""Why a training ended that may be gone on with: interrupted, or more epochs wanted."""
 
 
 @dataclass(frozen=True)
@@ -173,10 +175,10 @@ def _resume_from(session: Session, out: Path, console: Console) -> Path | None:
 def _why(fit: Fit, trainer: L.Trainer, interrupted: bool) -> str:
     """Why training ended."""
     if interrupted:
-        return "ctrl-C"
+        return CTRL_C
     if fit.stopped:
         return fit.stopped
-    return "all epochs done" if trainer.current_epoch >= (trainer.max_epochs or 0) else "no better held-out score"
+    return ALL_EPOCHS if trainer.current_epoch >= (trainer.max_epochs or 0) else "no better held-out score"
 
 
 def _choice(session: Session, judge: RolloutScore) -> str:

@@ -1,0 +1,211 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tiny
+import torch
+from fleet import unchecked
+
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.dynamics.model import CalmWater
+from manoeuvre_nn.dynamics.simulate import Problem, simulate
+from manoeuvre_nn.manoeuvre.turning import turning_circle
+from manoeuvre_nn.manoeuvre.zigzag import zigzag
+from manoeuvre_nn.recording.mapping import mapping
+from manoeuvre_nn.ship.kvlcc2 import kvlcc2
+from manoeuvre_nn.training.data import RecordedData, SimulatedData
+
+COLUMNS = {"u": "m/s", "v": "m/s", "r": "rad/s", "x": "m", "y": "m", "psi": "rad", "delta": "rad"}
+PLAIN = mapping(
+    time={"column": "t [s]", "unit": "s"},
+    channels={name: {"column": f"{name} [{unit}]", "unit": unit} for name, unit in COLUMNS.items()},
+)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """Three runs of the Mariner as files, 120 s at 2 Hz."""
+    where = tmp_path_factory.mktemp("runs")
+    for trial in (zigzag(20.0, duration=120.0), zigzag(35.0, duration=120.0), turning_circle(25.0, duration=120.0)):
+        simulate(Problem(CalmWater(tiny.ships()[0]), trial, interval=0.5)).to_csv(where / f"{trial.name}.csv")
+    return where
+
+
+def recorded(folder, files=("zz35.csv",), score=(), **settings) -> RecordedData:
+    ship, known = tiny.ships()
+    data = RecordedData(ship, known, list(files), list(score), PLAIN, folder=str(folder), **settings)
+    data.setup()
+    return data
+
+
+def test_tuples_equal_the_textbook_formula():
+    data, (ship, known) = tiny.usual(), tiny.ships()
+    (run,), p = data.recordings, ship.particulars
+    unit = p.length / p.speed
+    primed = np.column_stack([run["u"] / p.speed, run["v"] / p.speed, run["r"] * unit, run["delta"]])
+    np.testing.assert_allclose(data.tuples.inputs.numpy(), primed, rtol=1e-13)
+    rates = np.column_stack([run["udot"], run["vdot"], run["rdot"] * p.length]) * unit / p.speed
+    speeds, rudder = torch.as_tensor(run.stacked("u", "v", "r")), torch.as_tensor(run["delta"])
+    g = rates @ known.inertia.numpy().T - known.force(speeds, rudder).numpy()
+    np.testing.assert_allclose(data.tuples.targets.numpy(), g, atol=1e-14)
+    assert np.abs(g).max() > 1e-3
+
+
+def test_known_part_and_g_together_give_the_ships_own_acceleration():
+    data, (ship, known) = tiny.usual(), tiny.ships()
+    nu = torch.as_tensor(data.recordings[0].stacked("u", "v", "r"))
+    delta = data.tuples.inputs[:, 3]
+    whole = known.acceleration_from_force(nu, known.force(nu, delta) + data.tuples.targets)
+    torch.testing.assert_close(whole, ship.acceleration(nu, delta), rtol=1e-9, atol=1e-12)
+
+
+def test_length_and_rate_say_how_many_tuples_there_are():
+    def times(**s):
+        return tiny.simulated(**s).tuples.times.numpy()
+
+    np.testing.assert_allclose(times(length=60.0), np.arange(61.0))
+    np.testing.assert_allclose(times(length=60.0, rate_hz=2.0), np.arange(121) / 2)
+    np.testing.assert_allclose(times(length=60.0, rate_hz=0.5), np.arange(31) * 2.0)
+
+
+def test_a_length_beyond_the_usual_one_is_simulated():
+    data = tiny.simulated(manoeuvres=[zigzag(35.0, duration=60.0)], length=90.0)
+    assert data.recordings[0].duration == 90.0
+
+
+def test_several_manoeuvres_are_put_one_after_the_other():
+    both = tiny.simulated(manoeuvres=[zigzag(35.0), turning_circle(15.0)], length=60.0)
+    alone = [tiny.simulated(manoeuvres=[m], length=60.0).tuples.targets for m in (zigzag(35.0), turning_circle(15.0))]
+    torch.testing.assert_close(both.tuples.targets, torch.cat(alone))
+    assert both.tuples.index.tolist() == [0] * 61 + [1] * 61
+    assert "zz35 (60 s), tc15 (60 s)" in both.describe()
+
+
+def test_noise_is_that_of_the_seed_and_of_the_named_channels():
+    def raw(seed, **noise):
+        return tiny.simulated(length=60.0, rate_hz=5.0, noise=noise, seed=seed, accelerations="central").recordings[0]
+
+    first, again, other = raw(1, u=0.1, r_deg_s=0.2), raw(1, u=0.1, r_deg_s=0.2), raw(2, u=0.1, r_deg_s=0.2)
+    clean = raw(1, u=0.0)
+    assert np.array_equal(first["u"], again["u"]) and not np.array_equal(first["u"], other["u"])
+    assert np.array_equal(first["v"], clean["v"]) and np.array_equal(first["psi"], clean["psi"])
+    assert np.std(first["u"] - clean["u"]) == pytest.approx(0.1, rel=0.15)
+    assert np.std(first["r"] - clean["r"]) == pytest.approx(0.2 * DEGREE, rel=0.15)
+
+
+def test_two_manoeuvres_have_different_noise():
+    data = tiny.simulated(manoeuvres=[zigzag(35.0), zigzag(35.0)], length=60.0, noise={"u": 0.1},
+                          accelerations="central")  # fmt: skip
+    one, two = (r["u"] for r in data.recordings)
+    assert np.abs(one - two).max() > 0.05
+
+
+def test_accelerations_are_exact_where_channels_are_clean_and_smoothed_where_they_are_not():
+    exact = tiny.usual().tuples.targets
+    torch.testing.assert_close(tiny.simulated(accelerations="exact").tuples.targets, exact, rtol=0, atol=0)
+    noisy = tiny.simulated(noise={"v": 1e-12}).tuples.targets
+    smooth = tiny.simulated(accelerations="smoother").tuples.targets
+    torch.testing.assert_close(noisy, smooth, atol=1e-8, rtol=0)
+    assert (noisy - exact).abs().max() > 1e-5
+
+
+def test_validation_tuples_are_kept_from_training():
+    data = tiny.simulated(validation=0.2, seed=5)
+    x, y, held_x, held_y = next(iter(data.train_dataloader()))
+    assert (len(x), len(held_x)) == (73, 18) and (len(y), len(held_y)) == (73, 18)
+    rows = {tuple(row) for row in torch.cat([x, held_x]).tolist()}
+    assert rows == {tuple(row) for row in data.tuples.inputs.tolist()}
+    assert not {tuple(row) for row in x.tolist()} & {tuple(row) for row in held_x.tolist()}
+    assert torch.equal(data.train_mask(), tiny.simulated(validation=0.2, seed=5).train_mask())
+    assert not torch.equal(data.train_mask(), tiny.simulated(validation=0.2, seed=6).train_mask())
+
+
+def test_without_validation_all_tuples_are_trained_on():
+    x, _, held_x, held_y = next(iter(tiny.usual().train_dataloader()))
+    assert len(x) == 91 and held_x.shape == (0, 4) and held_y.shape == (0, 3)
+
+
+def test_single_precision_reaches_the_batch():
+    data = tiny.simulated(dtype=torch.float32)
+    assert {part.dtype for part in next(iter(data.train_dataloader()))} == {torch.float32}
+    assert data.tuples.inputs.dtype == torch.float64
+
+
+@pytest.mark.parametrize(
+    "settings, told, cure",
+    [
+        ({"length": 10.0}, "data.length=10 s of zz35 is too short for the Mariner", "write at least 40 s"),
+        ({"noise": {"w": 0.1}}, "data.noise 'w' is unknown", "choose one of: u, v, x, y, r_deg_s, psi_deg, delta_deg"),
+        ({"noise": {"u": -0.1}}, "data.noise.u=-0.1", "expected a standard deviation, 0 or more"),
+        ({"rate_hz": -1.0}, "data.rate_hz=-1.0", "expected a number more than 0"),
+        ({"rate_hz": float("nan")}, "data.rate_hz=nan", "expected a number more than 0"),
+        ({"length": -5.0}, "data.length=-5.0", "expected a number more than 0"),
+        ({"validation": 1.0}, "data.validation=1.0", "expected a share from 0 to below 1"),
+        ({"accelerations": "guess"}, "data.accelerations 'guess' is unknown", "auto, exact, central, smoother"),
+        ({"manoeuvres": []}, "manoeuvre=[] names no manoeuvre", "write for instance manoeuvre=zz35"),
+        ({"score": []}, "score=[] names no manoeuvre", "write for instance score=[zz20]"),
+        ({"score": [zigzag(40.0)]}, "zz40 orders 40 deg of rudder; the Mariner stops at 35", "a smaller rudder_deg"),
+    ],
+)
+def test_settings_of_simulated_data_are_refused_with_their_cure(settings, told, cure):
+    with unchecked(), pytest.raises(InputError) as refusal:
+        tiny.simulated(**settings)
+    message = str(refusal.value)
+    assert told in message and cure in message.replace(told, "") and "\n" not in message
+
+
+def test_a_ship_without_coefficients_is_not_simulated():
+    with unchecked(), pytest.raises(InputError, match=r"no coefficients .* write data=recording data.folder=FOLDER"):
+        SimulatedData(kvlcc2(), tiny.ships()[1], [zigzag(20.0)], [zigzag(10.0)])
+
+
+def test_measured_files_give_nearly_the_tuples_of_the_simulation_behind_them(folder):
+    measured = recorded(folder, length=90.0, rate_hz=1.0).tuples
+    inside = slice(10, 80)  # a smoother knows least at the ends
+    true = tiny.simulated(length=90.0, accelerations="exact").tuples
+    assert torch.equal(measured.times, true.times)
+    torch.testing.assert_close(measured.inputs[inside], true.inputs[inside], atol=5e-3, rtol=0)
+    spread = true.targets.std(0)
+    # A smoother rounds the kinks of the rudder off.
+    assert ((measured.targets - true.targets)[inside].square().mean(0).sqrt() / spread < 0.2).all()
+
+
+def test_without_a_score_all_other_files_are_judged(folder):
+    data = recorded(folder)
+    assert sorted(r.name for r in data.held_out.references) == ["tc25", "zz20"]
+    assert [r.name for r in data.recordings] == ["zz35"]
+    assert "tuples of the measured Mariner: zz35 (120 s)" in data.describe()
+
+
+def test_a_pattern_names_several_files(folder):
+    data = recorded(folder, files=["zz*.csv"])
+    assert [r.name for r in data.recordings] == ["zz20", "zz35"]
+    assert [r.name for r in data.held_out.references] == ["tc25"]
+
+
+def test_a_measured_record_is_cut_and_reduced_to_the_usual_rate(folder):
+    assert len(recorded(folder).tuples.times) == 121
+    assert recorded(folder, length=50.0, rate_hz=2.0).tuples.times.tolist() == [k / 2 for k in range(101)]
+
+
+@pytest.mark.parametrize(
+    "settings, told",
+    [
+        ({"files": []}, "data.files=[] names no recording: write data.files=[FILE,...], relative to data.folder"),
+        ({"files": ["none.csv"]}, "data.files: none.csv is not in"),
+        ({"score": ["none.csv"]}, "it holds tc25.csv, zz20.csv, zz35.csv"),
+        ({"files": ["zz*.csv"], "score": ["zz35.csv"]}, "zz35.csv is both in data.files and in score"),
+        ({"files": ["*.csv"]}, "no recording is left in"),
+        ({"length": 5.0}, "write at least 40 s"),
+    ],
+)
+def test_lists_of_files_that_make_no_sense_are_refused(folder, settings, told):
+    with pytest.raises(InputError) as refusal:
+        recorded(folder, **settings)
+    assert told in str(refusal.value) and "\n" not in str(refusal.value)
+
+
+def test_a_folder_that_is_none_is_refused(folder):
+    with pytest.raises(InputError, match="none is not a folder: write the folder that holds the recordings"):
+        recorded(folder / "none")
