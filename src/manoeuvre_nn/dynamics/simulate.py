@@ -178,10 +178,14 @@ def _solve_piece(
     """Integrate one piece; states at the samples in it, time of the heading crossing if there is one, final state."""
     ship = dynamics.particulars
     far = 2 * torch.tensor(LARGEST, dtype=state.dtype) * state.new_tensor([1.0, 1.0, 1 / ship.length]) * ship.top_speed
+    steepest = 1e4 * ship.top_speed / ship.time_unit
 
     def rate(t: Tensor, y: Tensor) -> Tensor:
         # A run that breaks down rests far outside the range: else its steps shrink without end before it is looked at.
-        return dynamics(y, piece.delta(t)) if bool((y[:3].abs() <= far).all()) else torch.zeros_like(y)
+        if not bool((y[:3].abs() <= far).all()):
+            return torch.zeros_like(y)
+        # Rates beyond all sense, or not numbers, throw it out there at once: the solver gives up on them.
+        return torch.nan_to_num(dynamics(y, piece.delta(t)), nan=steepest).clamp(-steepest, steepest)
 
     grid = np.unique(np.concatenate([[piece.start], samples, [piece.end]]))
     grid = grid[np.concatenate([[True], np.diff(grid) > 1e-9])]

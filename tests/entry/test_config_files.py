@@ -1,0 +1,179 @@
+from pathlib import Path
+
+import pytest
+import torch
+from omegaconf import OmegaConf
+
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.entry.config import as_list, build, load_yaml, named_manoeuvres, targets, training_manoeuvres
+from manoeuvre_nn.entry.job import make_fit, prepare
+from manoeuvre_nn.manoeuvre.zigzag import zigzag
+from manoeuvre_nn.network.perceptron import wang_network
+
+CONF = Path(__file__).parents[2] / "conf"
+
+
+def options(group: str) -> list[str]:
+    return sorted(p.stem for p in (CONF / group).glob("*.yaml"))
+
+
+FIXED = [name for name in options("manoeuvre") if name.startswith(("zz", "tc"))]
+
+
+def test_there_is_something_to_test():
+    assert len(FIXED) >= 19 and {"mariner", "esso_190k"} <= set(options("ship"))
+
+
+@pytest.mark.parametrize("name", options("manoeuvre"))
+def test_every_manoeuvre_can_be_made_and_a_fixed_one_is_named_as_its_file(name, composed):
+    (made,) = training_manoeuvres(composed(f"manoeuvre={name}").manoeuvre)
+    assert made.largest_order <= 35.1 * torch.pi / 180
+    if name in FIXED:
+        assert made.name == name
+        port = made.stages[0].order < 0
+        assert port == name.endswith("_port")
+
+
+def test_several_manoeuvres_at_one_speed(composed):
+    made = training_manoeuvres(composed("manoeuvre=[zz35,tc20]", "manoeuvre.speed_kn=10").manoeuvre)
+    assert [m.name for m in made] == ["zz35", "tc20"]
+    assert {round(m.speed, 6) for m in made} == {round(10 * 1852 / 3600, 6)}
+
+
+def prepared(composed, *words):
+    return prepare(composed(*words), CONF)
+
+
+@pytest.mark.parametrize("name", options("ship"))
+def test_every_ship_can_be_prepared_or_says_that_it_needs_recordings(name, composed):
+    if name.startswith(("kvlcc2", "esso_osaka")):
+        with pytest.raises(InputError, match="write data=recording"):
+            prepared(composed, f"ship={name}")
+    else:
+        job = prepared(composed, f"ship={name}")
+        assert len(job.data.score_manoeuvres) == 3
+
+
+GIVEN = ["linear.inertia.mx=.8", "linear.inertia.my=1.5", "linear.inertia.mz=.08"]
+
+
+@pytest.mark.parametrize("words", [["linear=clarke"], ["linear=none"], ["linear=given", *GIVEN]], ids=options("linear"))
+def test_every_known_part_can_be_prepared(words, composed):
+    job = prepared(composed, *words)
+    force = job.data.known.force(torch.tensor([7.0, 0.5, 0.01]).double(), torch.tensor(0.2).double())
+    assert bool(force.abs().max() > 0) == (words == ["linear=clarke"])
+
+
+@pytest.mark.parametrize(
+    "words", [[f"{group}={name}"] for group in ("network", "fit", "experiment") for name in options(group)], ids=str
+)
+def test_every_network_fit_and_experiment_can_be_made(words, composed):
+    cfg = composed(*words, "data.length=200", "manoeuvre.speed_kn=null", "score=[zz5]")
+    job = prepare(cfg, CONF)
+    job.data.setup()
+    fit = make_fit(cfg, job)
+    x = job.data.tuples.inputs
+    assert fit.unknown_force(x.to(job.dtype)).shape == (len(x), 3)
+    fit.configure_optimizers()
+
+
+@pytest.mark.parametrize("name", options("recording"))
+def test_every_mapping_can_be_read(name):
+    assert "psi" in build(load_yaml(CONF / "recording" / f"{name}.yaml")).channels
+
+
+def test_the_experiments_are_what_their_sources_did(composed):
+    wang, rajesh = composed("experiment=wang1996"), composed("experiment=rajesh2009")
+    assert (wang.network.hidden, wang.data.length, wang.fit.schedule.rates[2]) == (11, 360, 1e-6)
+    assert wang.fit._target_.endswith("BackpropFit") and "zz35" in wang.manoeuvre
+    assert (rajesh.network.hidden, rajesh.data.length, rajesh.network.scaling) == (15, 1500, "source")
+    assert rajesh.linear._target_.endswith("no_part") and "zz20" in rajesh.manoeuvre
+
+
+def test_no_manoeuvre_of_the_default_score_is_trained_on(composed):
+    for name in ("zz20", "tc25", "tc25_port"):
+        job = prepared(composed, f"manoeuvre={name}")
+        assert name not in {m.name for m in job.data.score_manoeuvres}
+    with pytest.raises(InputError, match="zz20 is both in manoeuvre= and in score="):
+        prepared(composed, "manoeuvre=zz20", "score=[zz20]")
+
+
+def test_a_manoeuvre_to_score_may_have_settings_of_its_own():
+    (made,) = named_manoeuvres([{"zz20": {"duration": 77}}], CONF / "manoeuvre", None)
+    assert (made.name, made.duration) == ("zz20", 77)
+    for wrong in ({"zz20": 5}, {}, {"zz20": {}, "zz10": {}}):
+        with pytest.raises(InputError, match="score has an entry"):
+            named_manoeuvres([wrong], CONF / "manoeuvre", None)
+
+
+ZIGZAG = {"_target_": "manoeuvre_nn.manoeuvre.zigzag.zigzag", "rudder_deg": 20}
+HOSTILE = [
+    {"_target_": "os.system", "command": "true"},
+    {"_target_": "manoeuvre_nn.entry.guard.os.system", "command": "true"},
+    {"_target_": "manoeuvre_nn.training.checkpoint.pickle.loads", "data": b""},
+    {"_target_": "manoeuvre_nn_evil.run"},
+    {"_target_": "manoeuvre_nn.manoeuvre.zigzag.zigzag.__class__"},
+    {"_target_": "builtins.eval"},
+]
+
+
+@pytest.mark.parametrize("hostile", HOSTILE, ids=lambda h: h["_target_"])
+@pytest.mark.parametrize("nest", [lambda h: h, lambda h: ZIGZAG | {"x": [{"deep": h}]}], ids=["plain", "nested"])
+def test_what_lies_outside_the_package_is_refused_and_not_run(hostile, nest, monkeypatch):
+    monkeypatch.setattr("os.system", lambda *_, **__: pytest.fail("it was run"))
+    for form in (nest(hostile), OmegaConf.create(nest({k: v for k, v in hostile.items() if k != "data"}))):
+        with pytest.raises(InputError, match="is refused; a config may only name things in manoeuvre_nn"):
+            build(form)
+
+
+def test_a_target_that_leads_nowhere_is_refused():
+    for name in ("manoeuvre_nn.nope.thing", "manoeuvre_nn.manoeuvre.zigzag.zagzig"):
+        with pytest.raises(InputError, match=f"{name} does not exist"):
+            build({"_target_": name})
+
+
+def test_all_targets_are_found():
+    nested = {"_target_": "a", "x": [{"_target_": "b"}, [{"y": {"_target_": "c"}}]], "z": "_target_"}
+    assert list(targets(nested)) == ["a", "b", "c"]
+
+
+def test_objects_are_passed_on_as_they_are():
+    marker = object()
+    made = build({"_target_": "manoeuvre_nn.entry.config.as_list", "value": 1})
+    assert made == [1]
+    assert build({"_target_": "manoeuvre_nn.entry.config.as_list"}, value=marker) == [marker]
+
+
+@pytest.mark.parametrize(
+    "target, settings, told",
+    [
+        (zigzag, {"rudder_deg": 20, "foo": 1}, "settings of zigzag: got an unexpected keyword argument 'foo'"),
+        (wang_network, {"hidden": "many"}, "hidden=many: expected a whole number"),
+        (wang_network, {"hidden": 3.5}, "hidden=3.5: expected a whole number"),
+        (wang_network, {"spread": "wide"}, "spread=wide: expected a number"),
+        (zigzag, {"rudder_deg": 20, "duration": "long"}, "duration=long: expected a number or null"),
+    ],
+)
+def test_arguments_of_the_wrong_kind_are_refused(target, settings, told):
+    with pytest.raises(InputError) as refusal:
+        build({"_target_": f"{target.__module__}.{target.__name__}", **settings})
+    assert str(refusal.value) == told
+
+
+def test_whole_numbers_do_where_a_number_is_expected():
+    assert build(ZIGZAG | {"duration": 60}).duration == 60
+
+
+def test_a_name_and_a_list_are_alike():
+    assert as_list("zz20") == as_list(["zz20"]) == as_list(OmegaConf.create(["zz20"])) == ["zz20"]
+
+
+def test_a_yaml_that_is_none_is_refused(tmp_path):
+    path = tmp_path / "m.yaml"
+    with pytest.raises(InputError, match="does not exist: write the path of a yaml file"):
+        load_yaml(path)
+    for content in (b"a: [1, 2", b"\xff\xfe\x00", b"a: b: c"):
+        path.write_bytes(content)
+        with pytest.raises(InputError, match="is no valid yaml") as refusal:
+            load_yaml(path)
+        assert "\n" not in str(refusal.value)
