@@ -19,8 +19,10 @@ from manoeuvre_nn.entry.config import register_resolvers
 
 ROOT = Path(__file__).parents[2]
 CONF = ROOT / "conf"
-TINY = ("trainer.max_epochs=4", "scoring.every=2", "scoring.solver=rollout", "data.length=120", "score=[zz20]",
-        "network.hidden=3", "fit.iterations_per_epoch=2")  # fmt: skip
+TINY = (
+    "trainer.max_epochs=4", "scoring.every=2", "scoring.solver=rollout", "data.length=60", "network.hidden=3",
+    "score=[{zz20: {duration: 60}}]", "fit.iterations_per_epoch=2",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -68,7 +68,7 @@ def test_every_known_part_can_be_prepared(words, composed):
     "words", [[f"{group}={name}"] for group in ("network", "fit", "experiment") for name in options(group)], ids=str
 )
 def test_every_network_fit_and_experiment_can_be_made(words, composed):
-    cfg = composed(*words, "data.length=200", "manoeuvre.speed_kn=null", "score=[zz5]")
+    cfg = composed(*words, "data.length=100", "score=[{zz5: {duration: 50}}]")
     job = prepare(cfg, CONF)
     job.data.setup()
     fit = make_fit(cfg, job)

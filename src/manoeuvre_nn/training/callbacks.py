@@ -218,8 +218,14 @@ class Keeper(Checkpoint):
         """
         if self.judge.judged(trainer.current_epoch + 1) and self.judge.best is self.judge.history[-1]:
             self.best = {name: value.detach().clone() for name, value in pl_module.state_dict().items()}
-            trainer.save_checkpoint(self.folder / "best.ckpt")
-        trainer.save_checkpoint(self.folder / "last.ckpt")
+            self._store(trainer, "best.ckpt")
+        self._store(trainer, "last.ckpt")
+
+    def _store(self, trainer: L.Trainer, name: str) -> None:
+        """Write beside the old file and take its place at once, so that a kill in between damages neither."""
+        part = self.folder / f"{name}.part"
+        trainer.save_checkpoint(part)
+        part.replace(self.folder / name)
 
     def state_dict(self) -> dict[str, Any]:
         """The best weights.
