@@ -1,21 +1,24 @@
 """The command line in this process: an import of torch costs more than a tiny run."""
 
+import copy
 import runpy
 import sys
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import pytest
 from fleet import unchecked
 from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
-from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf, open_dict
+from rich.console import Console
 
 from manoeuvre_nn.entry import guard
 from manoeuvre_nn.entry.config import register_resolvers
+from manoeuvre_nn.entry.job import train
 
 ROOT = Path(__file__).parents[2]
 CONF = ROOT / "conf"
@@ -98,14 +101,32 @@ def _composing() -> Generator[None]:
 def composed() -> Callable[..., DictConfig]:
     """``composed("ship=mariner")`` is the config of that command."""
 
-    def config(*words: str) -> DictConfig:
-        with _composing():
-            cfg = compose("train", list(words), return_hydra_config=True)
-        HydraConfig.instance().set_config(cfg)
-        with open_dict(cfg):
-            del cfg["hydra"]
-            cfg.name = "test"
-        OmegaConf.set_struct(cfg, True)
-        return cfg
+    return lambda *words: copy.deepcopy(_config(*words))
 
-    return config
+
+@cache
+def _config(*words: str) -> DictConfig:
+    with _composing():
+        cfg = compose("train", list(words), return_hydra_config=True)
+    with open_dict(cfg):
+        del cfg["hydra"]
+        cfg.name = "test"
+    OmegaConf.set_struct(cfg, True)
+    return cfg
+
+
+@pytest.fixture
+def attempt(composed, capsys) -> Callable[..., Ended]:
+    """``attempt(out, "ship=mariner", ...)`` is the command without hydra's own work, which takes twice as long."""
+
+    def run(out: Path, *words: str) -> Ended:
+        code = 0
+        try:
+            with guard.one_line():
+                train(composed(*words), out, CONF, Console(quiet=True))
+        except SystemExit as end:
+            code = int(end.code or 0)
+        told = capsys.readouterr()
+        return Ended(code, told.out, told.err)
+
+    return run

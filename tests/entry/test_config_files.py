@@ -25,8 +25,8 @@ def test_there_is_something_to_test():
 
 
 @pytest.mark.parametrize("name", options("manoeuvre"))
-def test_every_manoeuvre_can_be_made_and_a_fixed_one_is_named_as_its_file(name, composed):
-    (made,) = training_manoeuvres(composed(f"manoeuvre={name}").manoeuvre)
+def test_every_manoeuvre_can_be_made_and_a_fixed_one_is_named_as_its_file(name):
+    (made,) = named_manoeuvres([name], CONF / "manoeuvre", None)
     assert made.largest_order <= 35.1 * torch.pi / 180
     if name in FIXED:
         assert made.name == name
@@ -177,3 +177,8 @@ def test_a_yaml_that_is_none_is_refused(tmp_path):
         with pytest.raises(InputError, match="is no valid yaml") as refusal:
             load_yaml(path)
         assert "\n" not in str(refusal.value)
+
+
+def test_an_experiment_may_say_what_it_is_scored_on_and_the_command_line_has_the_last_word(composed):
+    assert list(composed("experiment=rajesh2009").score) == ["zz25", "zz15", "zz10", "tc15", "tc20", "tc25"]
+    assert composed("experiment=rajesh2009", "score=zz10").score == "zz10"

@@ -116,18 +116,6 @@ def test_more_epochs_in_the_same_folder_go_on_where_the_run_ended(done, cli, fas
     assert numbers(tmp_path / "run") == numbers(done)
 
 
-def test_a_run_that_broke_off_goes_on(done, cli, fast, tmp_path, monkeypatch):
-    out = tmp_path / "run"
-    monkeypatch.setattr("manoeuvre_nn.entry.job.judge_finally", lambda *_: 1 / 0)
-    with pytest.raises(ZeroDivisionError):
-        cli(*TINY, f"hydra.run.dir={out}")
-    monkeypatch.undo()
-    assert (out / "checkpoints" / "last.ckpt").exists() and not (out / "scores.json").exists()
-    monkeypatch.setattr("manoeuvre_nn.entry.results.figures", lambda outcome: {})
-    assert cli(*TINY, f"hydra.run.dir={out}").code == 0
-    assert numbers(out) == numbers(done)
-
-
 def test_backpropagation_on_a_tanker_runs_too(cli, fast, tmp_path):
     ended = cli("ship=great_lakes_bulker", "fit=backprop", "fit.iterations_per_epoch=5", "fit.batch_size=8",
                 "trainer.max_epochs=2", "data.length=100", "data.validation=.2", "network.dtype=float32",

@@ -10,6 +10,7 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.simulate import Problem, simulate
+from manoeuvre_nn.manoeuvre.straight import straight
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.recording.mapping import mapping
@@ -23,12 +24,18 @@ PLAIN = mapping(
 )
 
 
+def simulated(**settings) -> SimulatedData:
+    """The usual tuples, judged by what is quickly simulated."""
+    return tiny.simulated(**{"score": [straight(45.0)]} | settings)
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
     """Three runs of the Mariner as files, 120 s at 2 Hz."""
     where = tmp_path_factory.mktemp("runs")
     for trial in (zigzag(20.0, duration=120.0), zigzag(35.0, duration=120.0), turning_circle(25.0, duration=120.0)):
-        simulate(Problem(CalmWater(tiny.ships()[0]), trial, interval=0.5)).to_csv(where / f"{trial.name}.csv")
+        with unchecked():
+            simulate(Problem(CalmWater(tiny.ships()[0]), trial, interval=0.5)).to_csv(where / f"{trial.name}.csv")
     return where
 
 
@@ -62,7 +69,7 @@ def test_known_part_and_g_together_give_the_ships_own_acceleration():
 
 def test_length_and_rate_say_how_many_tuples_there_are():
     def times(**s):
-        return tiny.simulated(**s).tuples.times.numpy()
+        return simulated(**s).tuples.times.numpy()
 
     np.testing.assert_allclose(times(length=60.0), np.arange(61.0))
     np.testing.assert_allclose(times(length=60.0, rate_hz=2.0), np.arange(121) / 2)
@@ -70,13 +77,13 @@ def test_length_and_rate_say_how_many_tuples_there_are():
 
 
 def test_a_length_beyond_the_usual_one_is_simulated():
-    data = tiny.simulated(manoeuvres=[zigzag(35.0, duration=60.0)], length=90.0)
+    data = simulated(manoeuvres=[zigzag(35.0, duration=60.0)], length=90.0)
     assert data.recordings[0].duration == 90.0
 
 
 def test_several_manoeuvres_are_put_one_after_the_other():
-    both = tiny.simulated(manoeuvres=[zigzag(35.0), turning_circle(15.0)], length=60.0)
-    alone = [tiny.simulated(manoeuvres=[m], length=60.0).tuples.targets for m in (zigzag(35.0), turning_circle(15.0))]
+    both = simulated(manoeuvres=[zigzag(35.0), turning_circle(15.0)], length=60.0)
+    alone = [simulated(manoeuvres=[m], length=60.0).tuples.targets for m in (zigzag(35.0), turning_circle(15.0))]
     torch.testing.assert_close(both.tuples.targets, torch.cat(alone))
     assert both.tuples.index.tolist() == [0] * 61 + [1] * 61
     assert "zz35 (60 s), tc15 (60 s)" in both.describe()
@@ -84,7 +91,7 @@ def test_several_manoeuvres_are_put_one_after_the_other():
 
 def test_noise_is_that_of_the_seed_and_of_the_named_channels():
     def raw(seed, **noise):
-        return tiny.simulated(length=60.0, rate_hz=5.0, noise=noise, seed=seed, accelerations="central").recordings[0]
+        return simulated(length=60.0, rate_hz=5.0, noise=noise, seed=seed, accelerations="central").recordings[0]
 
     first, again, other = raw(1, u=0.1, r_deg_s=0.2), raw(1, u=0.1, r_deg_s=0.2), raw(2, u=0.1, r_deg_s=0.2)
     clean = raw(1, u=0.0)
@@ -95,7 +102,7 @@ def test_noise_is_that_of_the_seed_and_of_the_named_channels():
 
 
 def test_two_manoeuvres_have_different_noise():
-    data = tiny.simulated(manoeuvres=[zigzag(35.0), zigzag(35.0)], length=60.0, noise={"u": 0.1},
+    data = simulated(manoeuvres=[zigzag(35.0), zigzag(35.0)], length=60.0, noise={"u": 0.1},
                           accelerations="central")  # fmt: skip
     one, two = (r["u"] for r in data.recordings)
     assert np.abs(one - two).max() > 0.05
@@ -103,22 +110,22 @@ def test_two_manoeuvres_have_different_noise():
 
 def test_accelerations_are_exact_where_channels_are_clean_and_smoothed_where_they_are_not():
     exact = tiny.usual().tuples.targets
-    torch.testing.assert_close(tiny.simulated(accelerations="exact").tuples.targets, exact, rtol=0, atol=0)
-    noisy = tiny.simulated(noise={"v": 1e-12}).tuples.targets
-    smooth = tiny.simulated(accelerations="smoother").tuples.targets
+    torch.testing.assert_close(simulated(accelerations="exact").tuples.targets, exact, rtol=0, atol=0)
+    noisy = simulated(noise={"v": 1e-12}).tuples.targets
+    smooth = simulated(accelerations="smoother").tuples.targets
     torch.testing.assert_close(noisy, smooth, atol=1e-8, rtol=0)
     assert (noisy - exact).abs().max() > 1e-5
 
 
 def test_validation_tuples_are_kept_from_training():
-    data = tiny.simulated(validation=0.2, seed=5)
+    data = simulated(validation=0.2, seed=5)
     x, y, held_x, held_y = next(iter(data.train_dataloader()))
     assert (len(x), len(held_x)) == (73, 18) and (len(y), len(held_y)) == (73, 18)
     rows = {tuple(row) for row in torch.cat([x, held_x]).tolist()}
     assert rows == {tuple(row) for row in data.tuples.inputs.tolist()}
     assert not {tuple(row) for row in x.tolist()} & {tuple(row) for row in held_x.tolist()}
-    assert torch.equal(data.train_mask(), tiny.simulated(validation=0.2, seed=5).train_mask())
-    assert not torch.equal(data.train_mask(), tiny.simulated(validation=0.2, seed=6).train_mask())
+    assert torch.equal(data.train_mask(), simulated(validation=0.2, seed=5).train_mask())
+    assert not torch.equal(data.train_mask(), simulated(validation=0.2, seed=6).train_mask())
 
 
 def test_without_validation_all_tuples_are_trained_on():
@@ -127,7 +134,7 @@ def test_without_validation_all_tuples_are_trained_on():
 
 
 def test_single_precision_reaches_the_batch():
-    data = tiny.simulated(dtype=torch.float32)
+    data = simulated(dtype=torch.float32)
     assert {part.dtype for part in next(iter(data.train_dataloader()))} == {torch.float32}
     assert data.tuples.inputs.dtype == torch.float64
 
@@ -150,7 +157,7 @@ def test_single_precision_reaches_the_batch():
 )
 def test_settings_of_simulated_data_are_refused_with_their_cure(settings, told, cure):
     with unchecked(), pytest.raises(InputError) as refusal:
-        tiny.simulated(**settings)
+        simulated(**settings)
     message = str(refusal.value)
     assert told in message and cure in message.replace(told, "") and "\n" not in message
 
@@ -163,7 +170,7 @@ def test_a_ship_without_coefficients_is_not_simulated():
 def test_measured_files_give_nearly_the_tuples_of_the_simulation_behind_them(folder):
     measured = recorded(folder, length=90.0, rate_hz=1.0).tuples
     inside = slice(10, 80)  # a smoother knows least at the ends
-    true = tiny.simulated(length=90.0, accelerations="exact").tuples
+    true = simulated(length=90.0, accelerations="exact").tuples
     assert torch.equal(measured.times, true.times)
     torch.testing.assert_close(measured.inputs[inside], true.inputs[inside], atol=5e-3, rtol=0)
     spread = true.targets.std(0)
