@@ -105,3 +105,12 @@ def test_guarded_reports_wrong_input(monkeypatch, capsys):
         guarded(main)
     assert end.value.code == 2
     assert capsys.readouterr().err == "error: there is no setting a.b; python train.py --cfg job lists them all\n"
+
+
+def test_a_folder_that_cannot_be_written_is_named_in_one_line(tmp_path, capsys):
+    (tmp_path / "file").touch()
+    with pytest.raises(SystemExit) as ended, one_line():
+        (tmp_path / "file" / "run").mkdir(parents=True)
+    assert ended.value.code == 2
+    told = capsys.readouterr().err
+    assert "cannot write" in told and "hydra.run.dir" in told and told.count("\n") == 1

@@ -1,5 +1,6 @@
 """One line and exit code 2 for what a person got wrong; a traceback only for what we did."""
 
+import errno
 import os
 import re
 import sys
@@ -15,6 +16,7 @@ from manoeuvre_nn.core.errors import InputError
 WRONG_INPUT = 2
 FAILED_JOBS = 1
 OF_CONFIG = (HydraException, OmegaConfBaseException, yaml.YAMLError)
+NOT_WRITABLE = (errno.ENOENT, errno.EACCES, errno.ENOTDIR, errno.EEXIST, errno.EROFS, errno.ENOSPC)
 failed_jobs: list[str] = []
 """Jobs of a sweep that failed; the sweep goes on and ends with exit code 1."""
 
@@ -31,6 +33,7 @@ def one_line() -> Generator[None]:
         HydraException: The same.
         OmegaConfBaseException: The same.
         YAMLError: The same.
+        OSError: If it is not that a file or folder cannot be written.
         SystemExit: With code 2 for wrong input.
     """
     try:
@@ -40,6 +43,11 @@ def one_line() -> Generator[None]:
         if message is None:
             raise
         print(f"error: {message}", file=sys.stderr)
+        raise SystemExit(WRONG_INPUT) from None
+    except OSError as error:
+        if error.filename is None or error.errno not in NOT_WRITABLE:
+            raise
+        print(f"error: cannot write {error.filename}: {error.strerror}; choose another hydra.run.dir", file=sys.stderr)
         raise SystemExit(WRONG_INPUT) from None
 
 
