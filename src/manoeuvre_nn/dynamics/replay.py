@@ -89,4 +89,4 @@ def _prediction(dynamics: Dynamics, record: Recording, grid: np.ndarray, states:
     status = OK if inside.all() else left_range(float(grid[end - 1]))
     order = Manoeuvre(record.name, str(record.meta.get("kind", "")), ())
     made = to_recording(dynamics, order, grid[:end], states[:end], rudder[:end], rudder[:end], status)
-    return replace(made, meta={**record.meta, "replayed": True})
+    return replace(made, meta=record.meta)

@@ -222,16 +222,3 @@ def _locate(
     begin = torch.tensor(start, dtype=torch.float64)
     time, path = odeint_event(rate, state, begin, event_fn=event, **options)
     return float(time), path[-1]
-
-
-def at_interval(problem: Problem, interval: float | None) -> Problem:
-    """The same problem sampled at another interval.
-
-    Args:
-        problem: Ship and manoeuvre.
-        interval: Time between samples [s]; None takes the ship's usual one.
-
-    Returns:
-        A new problem.
-    """
-    return replace(problem, interval=interval)

@@ -20,7 +20,7 @@ from manoeuvre_nn.recording.held_out import HeldOut
 from manoeuvre_nn.recording.score import Score
 from manoeuvre_nn.report.figures import comparison_figures, excitation_figure, force_figure, learning_figure
 from manoeuvre_nn.report.html import write_report
-from manoeuvre_nn.report.tables import imo_rows, score_rows, score_table, verdict_table
+from manoeuvre_nn.report.tables import criteria_rows, imo_rows, score_rows, score_table, verdict_table
 from manoeuvre_nn.training.callbacks import scalars
 from manoeuvre_nn.training.data import ManoeuvreData
 from manoeuvre_nn.training.fits import Fit
@@ -189,6 +189,7 @@ def write_results(outcome: Outcome, out: Path) -> None:
             "Held-out manoeuvres": score_rows(outcome.scores),
             "Manoeuvres that were trained on, in closed loop": score_rows(outcome.training_scores),
             "IMO MSC.137(76), predicted": imo_rows(outcome.imo),
+            "All criteria of the held-out manoeuvres": criteria_rows(outcome.scores),
         },
         figures=drawn,
         config_yaml=yaml.safe_dump(dict(outcome.config), sort_keys=False, allow_unicode=True),
