@@ -1,0 +1,74 @@
+"""Predictions that are driven by a recorded rudder."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fleet import unchecked
+
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.dynamics.limits import OK
+from manoeuvre_nn.dynamics.model import CalmWater
+from manoeuvre_nn.dynamics.replay import replay
+from manoeuvre_nn.dynamics.simulate import Problem, simulate
+from manoeuvre_nn.manoeuvre.turning import turning_circle
+from manoeuvre_nn.manoeuvre.zigzag import zigzag
+from manoeuvre_nn.recording.held_out import HeldOut
+from manoeuvre_nn.ship.mariner import WANG, mariner
+from manoeuvre_nn.ship.taylor import TaylorShip
+
+
+def measured(record):
+    """The recording as a towing tank would hand it over: without the helmsman's plan."""
+    return replace(record, meta={k: v for k, v in record.meta.items() if k != "manoeuvre"})
+
+
+@pytest.fixture(scope="module")
+def runs():
+    with unchecked():
+        trials = zigzag(20.0, duration=120.0), turning_circle(25.0, duration=200.0)
+        return [measured(simulate(Problem(CalmWater(mariner()), trial))) for trial in trials]
+
+
+def test_the_ship_that_made_the_recordings_repeats_them_whatever_their_lengths(runs):
+    with unchecked():
+        again = replay(CalmWater(mariner()), runs)
+    for run, own in zip(runs, again, strict=True):
+        assert own.status == OK
+        assert len(own) == len(run)
+        # The rudder is linear between samples of 1 s, its kinks are not on them: a little is lost.
+        assert np.hypot(own["x"] - run["x"], own["y"] - run["y"]).max() < 0.01 * WANG.length
+
+
+def test_a_replay_may_take_over_in_the_middle(runs):
+    with unchecked():
+        (own,) = replay(CalmWater(mariner()), runs[1:], start=100.0)
+    assert own.time[0] == 100.0
+    assert own["x"][0] == runs[1]["x"][100]
+    assert np.hypot(own["x"] - runs[1]["x"][100:], own["y"] - runs[1]["y"][100:]).max() < 0.001 * WANG.length
+
+
+def test_nothing_can_be_replayed_after_the_end(runs):
+    with pytest.raises(InputError, match="nothing is left after 500 s"):
+        replay(CalmWater(mariner()), runs, start=500.0)
+
+
+def test_a_ship_that_breaks_down_is_ended_and_its_numbers_stay_finite(runs):
+    ship = mariner()
+    broken = TaylorShip(
+        WANG, ship.prime, {"mx": 0.177, "my": 0.327, "mz": 0.0175}, {"N": {"r": 1.0, "d": -0.03}},
+        positive_rudder_turns_to="port",
+    )  # fmt: skip
+    with unchecked():
+        own = replay(CalmWater(broken), runs)
+    assert all("left the physical range" in run.status for run in own)
+    assert all(np.isfinite(run[name]).all() for run in own for name in ("u", "v", "r", "x", "y", "psi"))
+
+
+def test_steered_and_replayed_references_keep_their_order(runs):
+    with unchecked():
+        steered = simulate(Problem(CalmWater(mariner()), zigzag(10.0, duration=100.0)))
+        held_out = HeldOut((runs[1], steered, runs[0]), WANG.length)
+        scores = held_out.score(held_out.predict(CalmWater(mariner())))
+    assert [s.manoeuvre for s in scores] == ["tc25", "zz10", "zz20"]
+    assert all(s.dev_L < 0.01 for s in scores)
