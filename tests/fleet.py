@@ -105,5 +105,5 @@ def without_offsets(ship: Ship) -> Ship:
         even = [sum(c in "vrd" for c in term) % 2 == 0 for term in ship.series.terms]
         ship.series.coefficients[even, 1:] = 0.0
     else:
-        ship.table[PRODUCTS.index("LgT"), 1:] = 0.0
+        ship.coefficient_table[PRODUCTS.index("LgT"), 1:] = 0.0
     return ship

@@ -95,10 +95,10 @@ def test_gradients_of_a_zigzag_are_those_of_finite_differences():
 
 def test_gradients_pass_through_the_tanker_too():
     ship = esso_190k()
-    table = ship.table
+    table = ship.coefficient_table
 
     def end(factor):
-        ship.table = table * factor
+        ship.coefficient_table = table * factor
         return run(CalmWater(ship), [zigzag(20.0, 5.0)], 60.0, 4.0, 4.0).states[-1, 0, 3:] / 100
 
     factor = torch.ones(3, dtype=torch.float64, requires_grad=True)

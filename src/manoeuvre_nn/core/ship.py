@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from math import inf
+from math import inf, sqrt
 
 import torch
 from jaxtyping import Float
@@ -11,6 +11,40 @@ from torch import Tensor, nn
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.prime import PrimeSystem
 from manoeuvre_nn.core.units import KNOT, SEA_WATER
+
+
+@dataclass(frozen=True)
+class WindAreas:
+    """What the wind blows on.
+
+    Attributes:
+        frontal: Projected frontal area A_F [m^2].
+        lateral: Projected lateral area A_L [m^2].
+        lateral_centre: Centroid of the lateral area forward of midship s_L [m].
+        length_overall: Length over all [m].
+    """
+
+    frontal: float
+    lateral: float
+    lateral_centre: float
+    length_overall: float
+
+
+@dataclass(frozen=True)
+class Stability:
+    """What a ship heels by.
+
+    Attributes:
+        gm: Metacentric height GM [m].
+        kg: Centre of gravity above the keel KG [m].
+        roll_period: Natural period of roll [s].
+        roll_damping: Damping ratio of roll [-].
+    """
+
+    gm: float
+    kg: float
+    roll_period: float
+    roll_damping: float = 0.08
 
 
 @dataclass(frozen=True)
@@ -34,6 +68,12 @@ class Particulars:
         longest_turn: Time after which a hard turn of this coefficient set leaves the range where it makes sense [s].
         service_speed: Speed that the ship may reach, whatever it approaches at [m/s]; None is U0.
         rho: Density of the water [kg/m^3].
+        displacement: Mass of the ship [kg]; None takes rho C_B L B T.
+        resistance: Calm-water resistance R0 at U0 [N]; None estimates it.
+        thrust_slope: Loss of thrust with speed s: at constant rpm thrust is ``R0 [1 + s (1 - u/U0)]`` [-].
+        rpm: Nominal shaft speed [rpm].
+        wind_areas: What the wind blows on; None estimates it.
+        stability: What the ship heels by; None estimates it.
         source: Author, year, table.
     """
 
@@ -53,6 +93,12 @@ class Particulars:
     longest_turn: float = inf
     service_speed: float | None = None
     rho: float = SEA_WATER
+    displacement: float | None = None
+    resistance: float | None = None
+    thrust_slope: float = 1.0
+    rpm: float = 80.0
+    wind_areas: WindAreas | None = None
+    stability: Stability | None = None
     source: str = ""
 
     def __post_init__(self) -> None:
@@ -94,8 +140,26 @@ class Particulars:
 
     @property
     def mass(self) -> float:
-        """Displacement rho C_B L B T [kg]."""
-        return self.rho * self.block * self.length * self.beam * self.draught
+        """Displacement, rho C_B L B T if the source does not state it [kg]."""
+        return self.displacement or self.rho * self.block * self.length * self.beam * self.draught
+
+    @property
+    def calm_resistance(self) -> float:
+        """Resistance at U0 [N]; where the source is silent, ``C_T = .003`` on Mumford's wetted surface."""
+        surface = 1.7 * self.length * self.draught + self.mass / (self.rho * self.draught)
+        return self.resistance or 0.5 * self.rho * 0.003 * surface * self.speed**2
+
+    @property
+    def above_water(self) -> WindAreas:
+        """What the wind blows on; where the source is silent, a superstructure aft and a freeboard of .04 L."""
+        silhouette = self.length * 0.04 * self.length + 0.012 * self.length**2
+        return self.wind_areas or WindAreas(0.8 * self.beam**2, silhouette, -0.05 * self.length, 1.03 * self.length)
+
+    @property
+    def heeling(self) -> Stability:
+        """What the ship heels by; where the source is silent, GM = .04 B, KG = .8 of .7 B and Weiss' period."""
+        gm = 0.04 * self.beam
+        return self.stability or Stability(gm, 0.56 * self.beam, 0.8 * self.beam / sqrt(gm))
 
 
 class Ship(ABC, nn.Module):
@@ -131,6 +195,64 @@ class Ship(ABC, nn.Module):
         self.register_buffer("inertia_inverse", torch.linalg.inv(inertia))
         self.register_buffer("velocity_units", inertia.new_tensor(prime.velocity_units))
         self.register_buffer("acceleration_units", inertia.new_tensor(prime.acceleration_units))
+
+    @property
+    def table(self) -> Float[Tensor, "terms 3"] | None:
+        """Coefficients that :meth:`products` are multiplied by; None if the forces are no such series."""
+        return None
+
+    @property
+    def terms(self) -> tuple[str, ...]:
+        """Names of the products, one a row of ``table``."""
+        return ()
+
+    def products(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch terms"]:
+        """What the coefficients are multiplied by: ``f' = products @ table``.
+
+        Args:
+            nu: u, v [m/s], r [rad/s] through the water.
+            delta: Rudder angle [rad], positive turns to starboard.
+
+        Raises:
+            NotImplementedError: If the forces are no such series.
+        """
+        del nu, delta
+        raise NotImplementedError
+
+    def shaft_force(
+        self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"], shaft: Float[Tensor, "*batch"]
+    ) -> Float[Tensor, "*batch 3"]:
+        """What a shaft speed other than the nominal one adds to the right-hand sides.
+
+        ``dX = R0 [(1 + s)(n^2/n0^2 - 1) - s (n/n0 - 1) u/U0]``: thrust linear in the advance ratio, equal to the
+        resistance R0 on the approach. Families that model the propeller override it.
+
+        Args:
+            nu: u, v [m/s], r [rad/s] through the water.
+            delta: Rudder angle [rad].
+            shaft: n / n0 [-].
+
+        Returns:
+            Addition to f' [-].
+        """
+        del delta
+        p = self.particulars
+        slope, advance = p.thrust_slope, nu[..., 0] / p.speed
+        surge = (1 + slope) * (shaft.square() - 1) - slope * (shaft - 1) * advance
+        surge = surge * (p.calm_resistance / self.prime.force)
+        return torch.stack([surge, torch.zeros_like(surge), torch.zeros_like(surge)], dim=-1)
+
+    def acceleration_from_si(self, force: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
+        """Accelerations that an external force causes.
+
+        Args:
+            force: X, Y [N], N [N m].
+
+        Returns:
+            udot, vdot [m/s^2], rdot [rad/s^2].
+        """
+        units = force.new_tensor([self.prime.force, self.prime.force, self.prime.moment])
+        return (force / units) @ self.inertia_inverse.T * self.acceleration_units
 
     @abstractmethod
     def force(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:

@@ -46,16 +46,28 @@ class Dynamics(ABC, nn.Module):
             New dynamics.
         """
 
-    def forward(self, state: Float[Tensor, "*batch 6"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 6"]:
+    @property
+    @abstractmethod
+    def hull(self) -> Ship:
+        """The ship whose inertia, dimensions and propeller hold; for an identified ship its known part."""
+
+    def forward(
+        self,
+        state: Float[Tensor, "*batch 6"],
+        delta: Float[Tensor, "*batch"],
+        time: Float[Tensor, "*batch"] | None = None,
+    ) -> Float[Tensor, "*batch 6"]:
         """Rate of the state.
 
         Args:
             state: u, v, r, x, y, psi.
             delta: Rudder angle [rad].
+            time: Time since the start [s]; nothing in calm water depends on it.
 
         Returns:
             Its time derivative.
         """
+        del time
         return torch.cat([self.acceleration(state[..., :3], delta), kinematics(state)], dim=-1)
 
     def take(self, rows: Int[Tensor, " k"]) -> "Dynamics":
@@ -87,6 +99,11 @@ class CalmWater(Dynamics):
     def particulars(self) -> Particulars:
         """Those of the ship."""
         return self.ship.particulars
+
+    @property
+    def hull(self) -> Ship:
+        """The ship itself."""
+        return self.ship
 
     def acceleration(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
         """Accelerations by the ship's coefficients.
@@ -139,6 +156,11 @@ class IdentifiedShip(Dynamics):
     def particulars(self) -> Particulars:
         """Those of the known part."""
         return self.known.particulars
+
+    @property
+    def hull(self) -> Ship:
+        """The known part."""
+        return self.known
 
     def acceleration(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
         """Accelerations from the known part and the network.
@@ -263,6 +285,11 @@ class Stacked(Dynamics):
     def particulars(self) -> Particulars:
         """Those of the first row."""
         return self._template[0].particulars
+
+    @property
+    def hull(self) -> Ship:
+        """That of the first row."""
+        return self._template[0].hull
 
     def acceleration(self, nu: Float[Tensor, "rows 3"], delta: Float[Tensor, " rows"]) -> Float[Tensor, "rows 3"]:
         """Accelerations of every row by its own model.

@@ -3,7 +3,7 @@
 from math import inf
 from typing import Literal
 
-from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.core.ship import Particulars, Stability, WindAreas
 from manoeuvre_nn.core.units import DEGREE, KNOT
 from manoeuvre_nn.ship.tanker import TankerShip
 
@@ -20,6 +20,12 @@ PARTICULARS = Particulars(
     rudder_limit=35 * DEGREE,
     rudder_area_ratio=0.017,
     record_length=1500.0,
+    # Not in the paper, but for the volume: what a ship of this type has; wind and heel need it.
+    displacement=225_500e3,
+    resistance=1889.2e3,
+    rpm=80.0,
+    wind_areas=WindAreas(1150.0, 3300.0, -30.0, 313.0),
+    stability=Stability(6.5, 13.5, 13.6),
     source="Rajesh & Bhattacharyya 2009, section 5.1",
 )
 VOLUME = 220_000.0

@@ -1,7 +1,7 @@
 """A 730-ft Great Lakes bulk carrier."""
 
 from manoeuvre_nn.core.prime import length_draught_system
-from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.core.ship import Particulars, Stability, WindAreas
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.ship.taylor import TaylorShip
 
@@ -20,6 +20,12 @@ PARTICULARS = Particulars(
     rudder_drag=-0.0972,
     record_length=360.0,
     longest_turn=400.0,
+    # Not in the thesis: what a ship of this type has; wind and heel need it.
+    displacement=37_611e3,
+    resistance=179.3e3,
+    rpm=88.0,
+    wind_areas=WindAreas(330.0, 1500.0, -20.0, 222.5),
+    stability=Stability(2.5, 7.6, 11.2),
     source="Wang 1996, Table A.1, after Eda et al. 1982",
 )
 

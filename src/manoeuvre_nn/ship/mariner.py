@@ -3,7 +3,7 @@
 import copy
 
 from manoeuvre_nn.core.prime import length_draught_system, length_system
-from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.core.ship import Particulars, Stability, WindAreas
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.ship.taylor import TaylorShip
 
@@ -21,6 +21,12 @@ WANG = Particulars(
     surge_damping=-0.0253,  # Wang 1996, Table 5.1, column Clarke
     rudder_drag=-0.04008,
     record_length=360.0,
+    # Not in the thesis: what a ship of this type has; wind and heel need it.
+    displacement=16_274e3,
+    resistance=350.1e3,
+    rpm=76.0,
+    wind_areas=WindAreas(420.0, 1650.0, -4.0, 158.0),
+    stability=Stability(0.6, 8.4, 21.5),
     source="Wang 1996, Table 3.1",
 )
 

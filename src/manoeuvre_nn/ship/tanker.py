@@ -42,7 +42,7 @@ class TankerShip(Ship):
         ``Xvvzz zeta^2``; "Y_rdot .04" of Table 1 is YT, "N_rdot -.02" is NT, "Yv zeta" is Yvdot zeta.
     """
 
-    table: Tensor
+    coefficient_table: Tensor
     race: Tensor
     thrust_series: Tensor
 
@@ -100,23 +100,61 @@ class TankerShip(Ship):
         yaw = {"uv": k["Nuv"], "L|v|r": k["Nvr"], "ccd": k["Nccd"], "Lur": k["Nur"], "cross": k["Nccbbd"]}
         yaw["LgT"] = k["NT"]
         table = [[equation.get(name, 0.0) for equation in (surge, sway, yaw)] for name in PRODUCTS]
-        self.register_buffer("table", torch.tensor(table, dtype=dtype) / self.prime.speed**2)
+        self.register_buffer("coefficient_table", torch.tensor(table, dtype=dtype) / self.prime.speed**2)
         race = [k["cun"] * n, k["cnn"] * n**2]
         self.register_buffer("race", torch.tensor(race, dtype=dtype))
         thrust = [k["Tuu"] / length, k["Tun"] * n, length * k["Tnn"] * abs(n) * n]
         self.register_buffer("thrust_series", torch.tensor(thrust, dtype=dtype))
 
-    def thrust(self, u: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
+    @property
+    def table(self) -> Float[Tensor, "terms 3"]:
+        """Coefficients over the BIS unit of acceleration."""
+        return self.coefficient_table
+
+    @property
+    def terms(self) -> tuple[str, ...]:
+        """The products as the source writes them."""
+        return PRODUCTS
+
+    def thrust(
+        self, u: Float[Tensor, "*batch"], shaft: Float[Tensor, "*batch"] | float = 1.0
+    ) -> Float[Tensor, "*batch"]:
         """Propeller thrust over mass, gT.
 
         Args:
             u: Forward speed [m/s].
+            shaft: Shaft speed over the ship's own rpm [-].
 
         Returns:
             gT [m/s^2].
         """
         square, linear, constant = self.thrust_series.unbind()
-        return square * u.square() + linear * u + constant
+        return square * u.square() + linear * shaft * u + constant * shaft**2
+
+    def products(
+        self,
+        nu: Float[Tensor, "*batch 3"],
+        delta: Float[Tensor, "*batch"],
+        shaft: Float[Tensor, "*batch"] | float = 1.0,
+    ) -> Float[Tensor, "*batch terms"]:
+        """What the coefficients of the table are multiplied by, in the order of ``PRODUCTS``.
+
+        Args:
+            nu: u, v [m/s], r [rad/s].
+            delta: Rudder angle [rad], positive turns to starboard.
+            shaft: Shaft speed over the ship's own rpm [-].
+
+        Returns:
+            Products [m^2/s^2].
+        """
+        length = self.particulars.length
+        u, v, r, d = nu[..., 0], nu[..., 1], nu[..., 2] * length, -delta
+        slope, constant = self.race.unbind()
+        beta, race, across = v / u, slope * shaft * u + constant * shaft**2, v.abs()
+        rudder = race * d
+        products = [u.square(), v * r, v.square(), rudder * d, rudder * beta, length * self.thrust(u, shaft)]
+        products += [u * v, across * v, rudder, u * r, race * beta.abs() * beta * d.abs(), across * r]
+        return torch.stack(products, dim=-1)
 
     def force(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
         """Right-hand sides over g (X, Y) and over g/L (N).
@@ -128,14 +166,22 @@ class TankerShip(Ship):
         Returns:
             f'' [-] in the BIS system.
         """
-        length = self.particulars.length
-        u, v, r, d = nu[..., 0], nu[..., 1], nu[..., 2] * length, -delta
-        slope, constant = self.race.unbind()
-        beta, race, across = v / u, slope * u + constant, v.abs()
-        rudder = race * d
-        products = [u.square(), v * r, v.square(), rudder * d, rudder * beta, length * self.thrust(u)]
-        products += [u * v, across * v, rudder, u * r, race * beta.abs() * beta * d.abs(), across * r]
-        return torch.stack(products, dim=-1) @ self.table
+        return self.products(nu, delta) @ self.table
+
+    def shaft_force(
+        self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"], shaft: Float[Tensor, "*batch"]
+    ) -> Float[Tensor, "*batch 3"]:
+        """What another shaft speed changes: thrust, and the race over the rudder.
+
+        Args:
+            nu: u, v [m/s], r [rad/s].
+            delta: Rudder angle [rad].
+            shaft: n / n0 [-].
+
+        Returns:
+            Addition to f'' [-].
+        """
+        return (self.products(nu, delta, shaft) - self.products(nu, delta)) @ self.table
 
     def on_approach(self, speed: float) -> "TankerShip":
         """The tanker at another approach speed; the forces are as they are, ``shaft`` says what the propeller does.

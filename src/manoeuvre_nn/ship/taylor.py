@@ -166,6 +166,29 @@ class TaylorShip(Ship):
         a, b, q = (prime[..., 0] - 1) / ratio, prime[..., 1] / ratio, prime[..., 2] / ratio
         return torch.stack([a, b, q, self.rudder_sign * delta], dim=-1), ratio
 
+    @property
+    def table(self) -> Float[Tensor, "terms 3"]:
+        """Coefficients of the bare products."""
+        return self.series.coefficients
+
+    @property
+    def terms(self) -> tuple[str, ...]:
+        """The products in letters; the constant is empty."""
+        return tuple(self.series.terms)
+
+    def products(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch terms"]:
+        """The bare products, times ``(Us / U0)^2``.
+
+        Args:
+            nu: u, v [m/s], r [rad/s].
+            delta: Rudder angle [rad], positive turns to starboard.
+
+        Returns:
+            One column a term.
+        """
+        motion, ratio = self.motion(nu, delta)
+        return self.series.products(motion) * ratio.square()[..., None]
+
     def force(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
         """Right-hand sides f'; see :class:`TaylorShip` for the equation.
 
@@ -176,8 +199,7 @@ class TaylorShip(Ship):
         Returns:
             f' [-].
         """
-        motion, ratio = self.motion(nu, delta)
-        return self.series(motion) * ratio.square()[..., None]
+        return self.products(nu, delta) @ self.table
 
     def on_approach(self, speed: float) -> "TaylorShip":
         """The ship at another approach speed: the series is about that speed and all forces scale with its square.

@@ -1,0 +1,331 @@
+"""What an effect is to the rest of the program: physics that a calm-water model leaves out, at one of five sites."""
+
+import copy
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from math import pi
+from typing import ClassVar
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.ship import Ship
+
+SITES = ("inflow", "hull", "force", "actuator", "sensor")
+"""Where physics can enter: water velocity, coefficients, added forces, rudder and shaft, what is written down."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of an effect.
+
+    Attributes:
+        name: Its name with the unit as suffix where the field writes it so (``from_deg``, ``force_kN``).
+        unit: Unit of the values.
+        low: Smallest value that is physically sensible.
+        high: Largest.
+        null: Value at which the effect vanishes; None if another parameter makes it vanish (a direction).
+        spread: Prior standard deviation [unit]: how large the effect usually is.
+        starts: Values from which a fit is tried.
+        period: 360 for directions, None otherwise.
+        form: Whether it describes the uncertainty of the formula (a factor on a published curve) rather than the
+            effect: it is estimated with its prior and not reported.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    null: float | None
+    spread: float
+    starts: tuple[float, ...]
+    period: float | None = None
+    form: bool = False
+
+
+@dataclass(frozen=True)
+class Situation:
+    """What an effect sees; all tensors broadcast against each other over the batch.
+
+    Attributes:
+        nu: u, v [m/s], r [rad/s] through the water.
+        nudot: udot, vdot [m/s^2], rdot [rad/s^2] without the effect; needed by few.
+        x: Position north [m].
+        y: Position east [m].
+        psi: Heading, continuous [rad].
+        delta: Rudder blade [rad], positive turns to starboard.
+        shaft: Shaft speed over the nominal one [-].
+        time: Time since the start of the recording [s].
+    """
+
+    nu: Float[Tensor, "*batch 3"]
+    nudot: Float[Tensor, "*batch 3"]
+    x: Float[Tensor, "*batch"]
+    y: Float[Tensor, "*batch"]
+    psi: Float[Tensor, "*batch"]
+    delta: Float[Tensor, "*batch"]
+    shaft: Float[Tensor, "*batch"]
+    time: Float[Tensor, "*batch"]
+
+    @property
+    def u(self) -> Float[Tensor, "*batch"]:
+        """Forward speed through the water [m/s]."""
+        return self.nu[..., 0]
+
+    @property
+    def v(self) -> Float[Tensor, "*batch"]:
+        """Sway speed through the water [m/s]."""
+        return self.nu[..., 1]
+
+    @property
+    def r(self) -> Float[Tensor, "*batch"]:
+        """Yaw rate [rad/s]."""
+        return self.nu[..., 2]
+
+    def with_(self, **changed: Tensor) -> "Situation":
+        """The same with something replaced.
+
+        Args:
+            changed: Attribute = tensor.
+
+        Returns:
+            A new situation.
+        """
+        return replace(self, **changed)
+
+
+class Effect(ABC, nn.Module):
+    """Physics that a calm-water model leaves out, with named parameters that can be fitted.
+
+    Values are tensors with any leading dimensions that broadcast against a situation's batch, so that one call serves
+    many parameter sets: values (k, 1, p) and a situation over n samples give results (k, n, ...). All operations are
+    differentiable in values and situation. Effects of the sites inflow, hull and force change the motion and override
+    :meth:`stream` or :meth:`acceleration`; actuators override :meth:`blade` or have a memory; sensors override
+    :meth:`record`. An effect with a *memory* (roll, engine) has states of its own that are integrated with the ship.
+
+    Attributes:
+        name: Its name in configs and answers.
+        site: One of ``SITES``.
+        family: What it is mistaken for most easily: effects of one family are told apart last.
+        label: Its name in a sentence ("a steady wind").
+        equations: What it disturbs: X, Y, N, kinematics, actuator:rudder, actuator:propeller, sensor:<channel>.
+        fingerprint: How a naval architect recognises it, one sentence.
+        source: Author, year, equation; what deviates.
+        declared: Its parameters in order (``parameters`` is torch's own word).
+        memory: Number of states of its own.
+        ship: The ship that it acts on.
+        values: Parameter values in the parameters' units.
+    """
+
+    name: ClassVar[str]
+    site: ClassVar[str]
+    family: ClassVar[str]
+    label: ClassVar[str]
+    equations: ClassVar[tuple[str, ...]]
+    fingerprint: ClassVar[str]
+    source: ClassVar[str]
+    declared: ClassVar[tuple[Parameter, ...]]
+    memory: ClassVar[int] = 0
+
+    values: Tensor
+
+    def __init__(self, ship: Ship, **values: float) -> None:
+        """Set the values; those not given are the first start of each parameter, or the null of a form parameter.
+
+        Args:
+            ship: The ship that it acts on.
+            values: Parameter = value in its unit.
+
+        Raises:
+            InputError: If a parameter is unknown or out of its bounds.
+        """
+        super().__init__()
+        self._ship = [ship]  # in a list, so that the ship's tensors are not counted as the effect's
+        known = {p.name: p for p in self.declared}
+        for key, value in values.items():
+            if key not in known:
+                raise InputError(f"effect.{self.name}.{key}: unknown parameter; {self.name} has {', '.join(known)}")
+            p = known[key]
+            if not p.low <= value <= p.high:
+                raise InputError(f"effect.{self.name}.{key}={value:g}: expected {p.low:g} to {p.high:g} {p.unit}")
+        given = [values.get(p.name, p.starts[0] if p.null is None or not p.form else p.null) for p in self.declared]
+        self.register_buffer("values", ship.inertia.new_tensor(given))
+
+    @property
+    def ship(self) -> Ship:
+        """The ship that it acts on."""
+        return self._ship[0]
+
+    def at(self, values: Float[Tensor, "*rows p"]) -> "Effect":
+        """The same effect with other values.
+
+        Args:
+            values: Parameter values in the parameters' units.
+
+        Returns:
+            A copy that shares everything else.
+        """
+        made = copy.copy(self)
+        made._buffers = {**self._buffers, "values": values}
+        return made
+
+    def value(self, name: str) -> Float[Tensor, "*rows"]:
+        """One parameter's value.
+
+        Args:
+            name: The parameter.
+
+        Returns:
+            Its value(s) in its unit.
+        """
+        return self.values[..., [p.name for p in self.declared].index(name)]
+
+    def angle(self, name: str) -> Float[Tensor, "*rows"]:
+        """A parameter in degrees as radians.
+
+        Args:
+            name: The parameter.
+
+        Returns:
+            Its value(s) [rad].
+        """
+        return self.value(name) * (pi / 180.0)
+
+    def null(self) -> Float[Tensor, " p"]:
+        """Values at which the effect vanishes.
+
+        Returns:
+            Null values; the first start where a parameter has none.
+        """
+        return self.values.new_tensor([p.starts[0] if p.null is None else p.null for p in self.declared])
+
+    def stream(self, s: Situation) -> Float[Tensor, "*batch 2"]:
+        """Velocity of the water over ground; inflow effects override it.
+
+        Args:
+            s: The situation.
+
+        Returns:
+            North and east [m/s].
+        """
+        return torch.zeros_like(s.nu[..., :2])
+
+    def acceleration(self, s: Situation, memory: Float[Tensor, "*batch m"]) -> Float[Tensor, "*batch 3"]:
+        """What the effect adds to the accelerations; hull and force effects override it.
+
+        Args:
+            s: The situation.
+            memory: The effect's own states.
+
+        Returns:
+            udot, vdot [m/s^2], rdot [rad/s^2].
+        """
+        del memory
+        return torch.zeros_like(s.nu)
+
+    def memory_at_start(self, s: Situation) -> Float[Tensor, "*batch m"]:
+        """Own states on a steady approach.
+
+        Args:
+            s: The situation then.
+
+        Returns:
+            One column a state.
+        """
+        return s.nu.new_zeros(*s.nu.shape[:-1], self.memory)
+
+    def memory_rate(self, s: Situation, memory: Float[Tensor, "*batch m"]) -> Float[Tensor, "*batch m"]:
+        """Rate of the effect's own states.
+
+        Args:
+            s: The situation.
+            memory: Own states.
+
+        Returns:
+            Their rates.
+        """
+        del s
+        return torch.zeros_like(memory)
+
+    def shaft(self, s: Situation, memory: Float[Tensor, "*batch m"]) -> Float[Tensor, "*batch"]:
+        """Shaft speed over the one that was ordered; engine effects override it.
+
+        Args:
+            s: The situation.
+            memory: Own states.
+
+        Returns:
+            Ratio [-].
+        """
+        del memory
+        return torch.ones_like(s.delta)
+
+    def blade(
+        self,
+        before: Float[Tensor, "*batch"],
+        order: Float[Tensor, "*batch"],
+        shown: Float[Tensor, "*batch"],
+        elapsed: Float[Tensor, "*batch"],
+    ) -> Float[Tensor, "*batch"]:
+        """Angle of the rudder blade after a time in which the indicator moved evenly; rudder effects override it.
+
+        Args:
+            before: Blade angle at the start of the time [rad].
+            order: Helm order during it [rad].
+            shown: Indicated angle at its end [rad].
+            elapsed: The time [s].
+
+        Returns:
+            Blade angle at its end [rad].
+        """
+        del before, order, elapsed
+        return shown
+
+    def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
+        """What the recorder writes; sensor effects override it.
+
+        Channels are x, y [m], vn, ve (velocity over ground, north and east) [m/s], psi [rad], r [rad/s], u_log [m/s]
+        and, where recorded, delta [rad] and n [-]; u, v over ground follow from vn, ve and the *recorded* psi.
+
+        Args:
+            channels: What perfect sensors would write.
+            s: The situation, time in its last batch dimension.
+
+        Returns:
+            All channels, some changed.
+        """
+        del s
+        return dict(channels)
+
+
+class ForceEffect(Effect):
+    """An effect that is known as a force: :meth:`force` in SI is turned into accelerations by the ship's inertia."""
+
+    site: ClassVar[str] = "force"
+
+    @abstractmethod
+    def force(self, s: Situation) -> Float[Tensor, "*batch 3"]:
+        """Force and moment in body axes about midship.
+
+        Args:
+            s: The situation.
+
+        Returns:
+            X, Y [N], N [N m].
+        """
+
+    def acceleration(self, s: Situation, memory: Float[Tensor, "*batch m"]) -> Float[Tensor, "*batch 3"]:
+        """Accelerations of the ship, its added masses included, by the force.
+
+        Args:
+            s: The situation.
+            memory: Not used.
+
+        Returns:
+            udot, vdot [m/s^2], rdot [rad/s^2].
+        """
+        del memory
+        return self.ship.acceleration_from_si(self.force(s))
