@@ -284,6 +284,21 @@ class Effect(ABC, nn.Module):
         del before, order, elapsed
         return shown
 
+    def indicated(self, recorded: Float[Tensor, "*batch n"], time: Float[Tensor, " n"]) -> Float[Tensor, "*batch n"]:
+        """True indicator angle behind a recorded one, the inverse of :meth:`record` for the rudder channel.
+
+        Effects that make the recorded rudder late or early override it.
+
+        Args:
+            recorded: Recorded rudder angle [rad].
+            time: Sample times [s].
+
+        Returns:
+            What the indicator showed at these times [rad].
+        """
+        del time
+        return recorded
+
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
         """What the recorder writes; sensor effects override it.
 
