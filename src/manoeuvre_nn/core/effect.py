@@ -44,6 +44,7 @@ class Parameter:
     starts: tuple[float, ...]
     period: float | None = None
     form: bool = False
+    per_run: bool = False
 
 
 @dataclass(frozen=True)

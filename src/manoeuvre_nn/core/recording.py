@@ -18,6 +18,7 @@ ACCELERATION = ("udot", "vdot", "rdot")
 UNITS = {
     "t": "s", "u": "m/s", "v": "m/s", "r": "rad/s", "x": "m", "y": "m", "psi": "rad", "delta": "rad",
     "delta_order": "rad", "udot": "m/s^2", "vdot": "m/s^2", "rdot": "rad/s^2", "n": "1/s",
+    "vn": "m/s", "ve": "m/s", "u_log": "m/s", "shaft": "-",
 }  # fmt: skip
 """Unit of every channel that the program knows; others are kept as they come."""
 

@@ -3,13 +3,16 @@
 from collections.abc import Sequence
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from manoeuvre_nn.core.effect import Effect, Situation
 from manoeuvre_nn.core.frames import kinematics
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.dynamics.model import Dynamics
+
+LONG = 1e6
+"""Time after which every rudder has come to rest [s]; finite, since a rate of 0 times infinity is no number."""
 
 
 class Affected(Dynamics):
@@ -83,7 +86,8 @@ class Affected(Dynamics):
         s = Situation(nu, self.calm.acceleration(nu, delta), x, y, psi, delta, still, time)
         shaft = still
         for effect, own in self._memories(state):
-            shaft = shaft * effect.shaft(s, own)
+            if type(effect).shaft is not Effect.shaft:  # what another shaft speed does costs as much as all forces
+                shaft = shaft * effect.shaft(s, own)
         if shaft is still:
             return s
         extra = self.hull.acceleration_from_force(nu, self.hull.shaft_force(nu, delta, shaft))
@@ -156,10 +160,65 @@ class Affected(Dynamics):
         for k, effect in enumerate(self._effects()):
             shown = effect.blade(before[..., k], order, shown, elapsed)
             angles.append(shown)
-        return torch.stack(angles, dim=-1)
+        return torch.stack(angles or [shown], dim=-1)
+
+    def blade_at_rest(self, delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch k"]:
+        """What :meth:`blade` tends to when the helm has stood still for long.
+
+        Args:
+            delta: Order and indicated angle [rad].
+
+        Returns:
+            The angles behind the indicator, one column an effect [rad].
+        """
+        before = torch.stack([delta] * max(len(self.effects), 1), dim=-1)
+        return self.blade(before, delta, delta, torch.full_like(delta, LONG))
+
+    def indicated(self, recorded: Float[Tensor, "*batch n"], time: Float[Tensor, " n"]) -> Float[Tensor, "*batch n"]:
+        """What the rudder indicator showed: every effect's record undone, the last one's first.
+
+        Args:
+            recorded: Recorded rudder angle [rad].
+            time: Sample times since the start of the recording [s].
+
+        Returns:
+            Indicated angle at these times [rad].
+        """
+        for effect in reversed(self._effects()):
+            recorded = effect.indicated(recorded, time)
+        return recorded
+
+    def recorded(
+        self,
+        states: Float[Tensor, "*batch n"],
+        shown: Float[Tensor, "*batch"],
+        blade: Float[Tensor, "*batch"],
+        time: Float[Tensor, "*batch"],
+    ) -> dict[str, Tensor]:
+        """What perfect sensors would write, changed by every effect in turn; u and v are no sensor's.
+
+        Args:
+            states: Whole states, time in the last batch dimension.
+            shown: Indicated rudder angle [rad].
+            blade: Angle of the rudder blade [rad].
+            time: Time since the start of the recording [s].
+
+        Returns:
+            x, y [m], vn, ve (over ground) [m/s], psi [rad], r [rad/s], u_log [m/s], delta [rad] and shaft [-]; nothing
+            without effects.
+        """
+        if not len(self.effects):
+            return {}
+        s = self.situation(states, blade, time)
+        north, east = self(states, blade, time)[..., 3:5].unbind(-1)
+        channels = {"x": s.x, "y": s.y, "vn": north, "ve": east, "psi": s.psi, "r": s.r, "u_log": s.u}
+        channels |= {"delta": shown, "n": s.shaft}
+        for effect in self._effects():
+            channels = effect.record(channels, s)
+        return {"shaft" if name == "n" else name: values for name, values in channels.items()}
 
     def on_approach(self, speed: float) -> "Affected":
-        """The same ship and effects at another approach speed.
+        """The same ship and effects at another approach speed; what effects do follows the ship.
 
         Args:
             speed: Approach speed [m/s].
@@ -167,4 +226,41 @@ class Affected(Dynamics):
         Returns:
             New dynamics.
         """
-        return Affected(self.calm.on_approach(speed), self._effects())
+        calm = self.calm.on_approach(speed)
+        return Affected(calm, [type(e)(ship=calm.hull).at(e.values) for e in self._effects()])
+
+    def take(self, rows: Int[Tensor, " k"]) -> "Affected":
+        """The dynamics of some rows of a batch; values that differ from row to row are chosen with them.
+
+        Args:
+            rows: Row numbers.
+
+        Returns:
+            Dynamics whose batch is those rows.
+        """
+        calm = self.calm.take(rows)
+        effects = [e if e.values.ndim < 2 else e.at(e.values[rows]) for e in self._effects()]
+        if calm is self.calm and all(a is b for a, b in zip(effects, self._effects(), strict=True)):
+            return self
+        return Affected(calm, effects)
+
+
+def in_words(effects: Sequence[Effect]) -> str:
+    """What acts on a ship, with its values.
+
+    Args:
+        effects: What acts.
+
+    Returns:
+        ``a steady wind (speed=12 m/s, from_deg=90) and ...``; parameters of the formula where they are not the usual.
+    """
+    said = []
+    for effect in effects:
+        pairs = zip(effect.declared, effect.values.tolist(), strict=True)
+        given = [
+            f"{p.name}={value:g}" + ("" if p.name.endswith(f"_{p.unit}") or p.unit == "-" else f" {p.unit}")
+            for p, value in pairs
+            if not (p.form and value == p.null)
+        ]
+        said.append(f"{effect.label} ({', '.join(given)})")
+    return ", ".join(said[:-1]) + " and " * (len(said) > 1) + said[-1] if said else "none"

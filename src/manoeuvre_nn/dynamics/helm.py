@@ -1,6 +1,6 @@
 """The helmsmen of a batch of runs, as tensors: who orders what, and when it ends."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import inf
 
@@ -9,6 +9,9 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
+
+Blade = Callable[[Tensor, Tensor, Tensor, Tensor], Tensor]
+"""Angles behind the indicator, from those before, order, indicated angle and elapsed time: see ``Dynamics.blade``."""
 
 
 @dataclass(frozen=True)
@@ -23,7 +26,8 @@ class Helm:
         rate: Rudder rate [rad/s].
         stage: Stage that each row is in.
         began: Time at which it began [s].
-        rudder: Rudder angle [rad].
+        rudder: Rudder angle that the indicator shows [rad].
+        blade: Angles behind the indicator; the last column is the rudder blade's [rad].
     """
 
     order: Float[Tensor, "rows stages"]
@@ -34,6 +38,7 @@ class Helm:
     stage: Int[Tensor, " rows"]
     began: Float[Tensor, " rows"]
     rudder: Float[Tensor, " rows"]
+    blade: Float[Tensor, "rows k"]
 
     def now(self, table: Float[Tensor, "rows stages"]) -> Float[Tensor, " rows"]:
         """What a table of stages says for the stage that each row is in.
@@ -46,17 +51,23 @@ class Helm:
         """
         return table.gather(1, self.stage[:, None])[:, 0]
 
-    def rudder_after(self, tau: Float[Tensor, " rows"]) -> Float[Tensor, " rows"]:
-        """Rudder angle after a time within the present stage: evenly towards the order, then held.
+    def _towards(self, order: Float[Tensor, " rows"], tau: Float[Tensor, " rows"]) -> Float[Tensor, " rows"]:
+        """Indicated angle after a time within the present stage: evenly towards the order, then held."""
+        reach = self.rate * tau
+        return self.rudder + torch.clamp(order - self.rudder, -reach, reach)
+
+    def blade_after(self, tau: Float[Tensor, " rows"], blade: Blade) -> Float[Tensor, " rows"]:
+        """Angle of the rudder blade after a time within the present stage.
 
         Args:
             tau: Time from now [s].
+            blade: How the blade follows.
 
         Returns:
-            Rudder angle [rad].
+            Blade angle [rad].
         """
-        reach = self.rate * tau
-        return self.rudder + torch.clamp(self.now(self.order) - self.rudder, -reach, reach)
+        order = self.now(self.order)
+        return blade(self.blade, order, self._towards(order, tau), tau)[:, -1]
 
     def smooth_time(self, time: Float[Tensor, " rows"]) -> Float[Tensor, " rows"]:
         """Time from now in which the rudder does one thing: until it arrives or the stage's time is up.
@@ -84,7 +95,7 @@ class Helm:
         return torch.where(limit.isinf(), -inf, self.now(self.direction) * (psi - limit))
 
     def advanced(
-        self, tau: Float[Tensor, " rows"], time: Float[Tensor, " rows"], crossed: Bool[Tensor, " rows"]
+        self, tau: Float[Tensor, " rows"], time: Float[Tensor, " rows"], crossed: Bool[Tensor, " rows"], blade: Blade
     ) -> "Helm":
         """The helm after a time, with stages changed where they ended.
 
@@ -92,17 +103,19 @@ class Helm:
             tau: Time that passed [s].
             time: Time then [s].
             crossed: Rows whose heading reached its limit.
+            blade: How the blade follows.
 
         Returns:
             The helm then.
         """
-        rudder = self.rudder_after(tau)
         order = self.now(self.order)
+        rudder = self._towards(order, tau)
         rudder = torch.where((rudder - order).abs() < 1e-12, order, rudder)
         over = crossed | (time >= self.began + self.now(self.hold) - 1e-9)
         last = self.order.shape[1] - 1
         stage = torch.where(over, (self.stage + 1).clamp(max=last), self.stage)
-        return replace(self, stage=stage, began=torch.where(over, time, self.began), rudder=rudder)
+        began, behind = torch.where(over, time, self.began), blade(self.blade, order, rudder, tau)
+        return replace(self, stage=stage, began=began, rudder=rudder, blade=behind)
 
     def take(self, rows: Int[Tensor, " k"]) -> "Helm":
         """Only some rows.
@@ -125,20 +138,26 @@ class Helm:
         Returns:
             The whole helm.
         """
-        moving = ("stage", "began", "rudder")
+        moving = ("stage", "began", "rudder", "blade")
         return replace(self, **{n: getattr(self, n).index_copy(0, rows, getattr(part, n)) for n in moving})
 
 
-def helm_of(manoeuvres: Sequence[Manoeuvre], rate: Float[Tensor, " rows"], course: Float[Tensor, " rows"]) -> Helm:
+def helm_of(
+    manoeuvres: Sequence[Manoeuvre],
+    rate: Float[Tensor, " rows"],
+    course: Float[Tensor, " rows"],
+    blade: Float[Tensor, "rows k"],
+) -> Helm:
     """Put manoeuvres into tensors.
 
     Args:
         manoeuvres: One for each row.
         rate: Rudder rate [rad/s].
         course: Heading at the start [rad], to which headings of stages are relative.
+        blade: Angles behind the indicator at the start [rad].
 
     Returns:
-        The helm at the start, rudder amidships.
+        The helm at the start, indicator amidships.
     """
     length = max(len(m.stages) for m in manoeuvres)
     rows = []
@@ -149,4 +168,4 @@ def helm_of(manoeuvres: Sequence[Manoeuvre], rate: Float[Tensor, " rows"], cours
         rows.append(stages + [stages[-1]] * (length - len(stages)))
     order, heading, direction, hold = rate.new_tensor(rows).unbind(-1)
     zero = torch.zeros_like(rate)
-    return Helm(order, heading + course[:, None], direction, hold, rate, zero.long(), zero, zero)
+    return Helm(order, heading + course[:, None], direction, hold, rate, zero.long(), zero, zero, blade)

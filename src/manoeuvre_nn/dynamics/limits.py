@@ -10,14 +10,14 @@ LARGEST = (2.5, 1.5, 3.0)
 """Largest u/U0, v/U0 and r L/U0 [-]; the tightest real circles have r L/U0 of 1 to 1.5."""
 
 
-def inside_physical_range(state: Float[Tensor, "*batch 6"], ship: Particulars) -> Bool[Tensor, "*batch"]:
+def inside_physical_range(state: Float[Tensor, "*batch n"], ship: Particulars) -> Bool[Tensor, "*batch"]:
     """Whether a state is one that a ship in a manoeuvre can be in.
 
     Forward speed from -.5 to 2.5 U0, sway up to 1.5 U0, yaw rate up to 3 U0/L (the tightest real circles have 1 to
     1.5); a number that is not finite is outside.
 
     Args:
-        state: u, v, r, x, y, psi.
+        state: u, v, r, x, y, psi and whatever else moves.
         ship: The ship, for L and, as U0, the larger of its approach and service speed.
 
     Returns:

@@ -15,8 +15,14 @@ from manoeuvre_nn.core.ship import Particulars, Ship
 class Dynamics(ABC, nn.Module):
     """Equations of motion in the horizontal plane.
 
-    The state is ``(u, v, r, x, y, psi)`` [m/s, m/s, rad/s, m, m, rad].
+    The state is ``(u, v, r, x, y, psi)`` [m/s, m/s, rad/s, m, m, rad], then ``memory`` states of the model's own. The
+    helm gives an order and the angle that the rudder indicator shows; a ship in calm water has its blade there.
     """
+
+    @property
+    def memory(self) -> int:
+        """Number of states beyond the six of the ship."""
+        return 0
 
     @property
     @abstractmethod
@@ -69,6 +75,85 @@ class Dynamics(ABC, nn.Module):
         """
         del time
         return torch.cat([self.acceleration(state[..., :3], delta), kinematics(state)], dim=-1)
+
+    def start(self, state: Float[Tensor, "*batch 6"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch n"]:
+        """The whole state of a ship on a steady approach.
+
+        Args:
+            state: u, v, r, x, y, psi.
+            delta: Angle of the rudder blade [rad].
+
+        Returns:
+            The same, then the model's own states.
+        """
+        del delta
+        return state
+
+    def blade(
+        self,
+        before: Float[Tensor, "*batch k"],
+        order: Float[Tensor, "*batch"],
+        shown: Float[Tensor, "*batch"],
+        elapsed: Float[Tensor, "*batch"],
+    ) -> Float[Tensor, "*batch k"]:
+        """Rudder angles behind the indicator after a time in which it moved evenly; the last is that of the blade.
+
+        Args:
+            before: The angles at the start of the time [rad].
+            order: Helm order during it [rad].
+            shown: Indicated angle at its end [rad].
+            elapsed: The time [s].
+
+        Returns:
+            The angles at its end [rad].
+        """
+        del before, order, elapsed
+        return shown[..., None]
+
+    def blade_at_rest(self, delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch k"]:
+        """What :meth:`blade` tends to when the helm has stood still for long.
+
+        Args:
+            delta: Order and indicated angle [rad].
+
+        Returns:
+            The angles behind the indicator [rad].
+        """
+        return delta[..., None]
+
+    def indicated(self, recorded: Float[Tensor, "*batch n"], time: Float[Tensor, " n"]) -> Float[Tensor, "*batch n"]:
+        """What the rudder indicator showed, from what the recorder wrote: the same in calm water.
+
+        Args:
+            recorded: Recorded rudder angle [rad].
+            time: Sample times since the start of the recording [s].
+
+        Returns:
+            Indicated angle at these times [rad].
+        """
+        del time
+        return recorded
+
+    def recorded(
+        self,
+        states: Float[Tensor, "*batch n"],
+        shown: Float[Tensor, "*batch"],
+        blade: Float[Tensor, "*batch"],
+        time: Float[Tensor, "*batch"],
+    ) -> dict[str, Tensor]:
+        """Channels that a recorder writes otherwise than they were, or beside them: none in calm water.
+
+        Args:
+            states: Whole states over time.
+            shown: Indicated rudder angle [rad].
+            blade: Angle of the rudder blade [rad].
+            time: Time since the start of the recording [s].
+
+        Returns:
+            Channel -> samples.
+        """
+        del states, shown, blade, time
+        return {}
 
     def take(self, rows: Int[Tensor, " k"]) -> "Dynamics":
         """The dynamics of some rows of a batch; one ship for all rows is the same for any of them.

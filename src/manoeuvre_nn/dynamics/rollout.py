@@ -31,15 +31,17 @@ class Rollout:
 
     Attributes:
         times: Sample times [s].
-        states: u, v, r, x, y, psi.
-        rudders: Rudder angle [rad].
+        states: u, v, r, x, y, psi and the model's own.
+        rudders: Rudder angle that the indicator shows [rad].
+        blades: Angle of the rudder blade [rad].
         orders: Rudder order [rad].
         ended: Time at which a row left the physical range [s]; ``inf`` if it did not.
     """
 
     times: Float[Tensor, " times"]
-    states: Float[Tensor, "times rows 6"]
+    states: Float[Tensor, "times rows n"]
     rudders: Float[Tensor, "times rows"]
+    blades: Float[Tensor, "times rows"]
     orders: Float[Tensor, "times rows"]
     ended: Float[Tensor, " rows"]
 
@@ -47,7 +49,7 @@ class Rollout:
 def rollout(
     dynamics: Dynamics,
     manoeuvres: Sequence[Manoeuvre],
-    start: Float[Tensor, "rows 6"],
+    start: Float[Tensor, "rows n"],
     times: Float[Tensor, " times"],
     *,
     step: float | None = None,
@@ -61,7 +63,7 @@ def rollout(
     Args:
         dynamics: One ship or network for all rows, or :class:`~manoeuvre_nn.dynamics.model.Stacked` rows.
         manoeuvres: One for each row.
-        start: Initial states.
+        start: Whole initial states, as ``Dynamics.start`` makes them.
         times: Sample times [s], evenly spaced from 0.
         step: Largest step [s]; by default 1/20 of L/U0.
 
@@ -71,9 +73,10 @@ def rollout(
     ship = dynamics.particulars
     interval = float(times[1] - times[0])
     parts = ceil(interval / (step or ship.time_unit / STEPS_PER_LENGTH) - 1e-9)
-    helm = helm_of(manoeuvres, start.new_full((len(manoeuvres),), ship.rudder_rate), start[:, 5])
+    amidships = start.new_zeros(len(manoeuvres))
+    helm = helm_of(manoeuvres, amidships + ship.rudder_rate, start[:, 5], dynamics.blade_at_rest(amidships))
     state, ended = start, start.new_full((len(start),), torch.inf)
-    states, rudders, orders = [start], [helm.rudder], [helm.now(helm.order)]
+    states, helms = [start], [helm]
     for first in times[:-1].tolist():
         for k in range(parts):
             state_next, helm = _step(dynamics, helm, state, first + k * interval / parts, interval / parts)
@@ -83,13 +86,13 @@ def rollout(
             ended = torch.where(alive, ended, ended.clamp(max=first + interval))
             state = torch.where(alive[:, None], state, states[-1])
         states.append(state)
-        rudders.append(helm.rudder)
-        orders.append(helm.now(helm.order))
+        helms.append(helm)
         if ended.isfinite().all():
             break
     missing = len(times) - len(states)
-    states, rudders, orders = (x + [x[-1]] * missing for x in (states, rudders, orders))
-    return Rollout(times, torch.stack(states), torch.stack(rudders), torch.stack(orders), ended)
+    helms, states = helms + [helm] * missing, states + [states[-1]] * missing
+    shown, blades = torch.stack([h.rudder for h in helms]), torch.stack([h.blade[:, -1] for h in helms])
+    return Rollout(times, torch.stack(states), shown, blades, torch.stack([h.now(h.order) for h in helms]), ended)
 
 
 def _held(state: Tensor, new: Tensor, ended: Float[Tensor, " rows"]) -> Tensor:
@@ -102,7 +105,7 @@ def _step(dynamics: Dynamics, helm: Helm, state: Tensor, time: float, step: floa
     """One step of all rows; rows in which something happens take it in as many parts as they need."""
     now = torch.full_like(helm.rudder, time)
     taken, new, crossed = _smooth_step(dynamics, helm, state, now, torch.full_like(now, step))
-    helm = helm.advanced(taken, now + taken, crossed)
+    helm = helm.advanced(taken, now + taken, crossed, dynamics.blade)
     left = step - taken
     for _ in range(50):  # a row can meet a crossing, an arrival and a few timed stages within one step, not fifty
         busy = torch.nonzero(left > 1e-9)[:, 0]
@@ -112,7 +115,7 @@ def _step(dynamics: Dynamics, helm: Helm, state: Tensor, time: float, step: floa
         at = time + step - left[busy]
         took, moved, hit = _smooth_step(part, part_helm, new[busy], at, left[busy])
         new = new.index_copy(0, busy, moved)
-        helm = helm.put(busy, part_helm.advanced(took, at + took, hit))
+        helm = helm.put(busy, part_helm.advanced(took, at + took, hit, part.blade))
         left = left.index_copy(0, busy, left[busy] - took)
     return new, helm
 
@@ -122,17 +125,17 @@ def _smooth_step(
 ) -> tuple[Float[Tensor, " rows"], Tensor, Bool[Tensor, " rows"]]:
     """The longest step within the limit in which nothing happens: its length, the state then, rows that crossed."""
     tau = torch.minimum(limit, helm.smooth_time(time).clamp(min=0.0))
-    new = _runge_kutta(dynamics, helm, state, tau)
+    new = _runge_kutta(dynamics, helm, state, time, tau)
     before, after = helm.beyond(state[:, 5]), helm.beyond(new[:, 5])
     crossed = after >= 0
     rows = torch.nonzero(crossed)[:, 0]
     if len(rows):
         shorter = _crossing(before[rows], after[rows], state[rows], new[rows], tau[rows], helm.take(rows))
         part, part_helm = dynamics.take(rows), helm.take(rows)
-        again = _runge_kutta(part, part_helm, state[rows], shorter)
+        again = _runge_kutta(part, part_helm, state[rows], time[rows], shorter)
         shorter = _corrected(shorter, before[rows], again, tau[rows], part_helm)
         tau = tau.index_copy(0, rows, shorter)
-        new = new.index_copy(0, rows, _runge_kutta(part, part_helm, state[rows], shorter))
+        new = new.index_copy(0, rows, _runge_kutta(part, part_helm, state[rows], time[rows], shorter))
     return tau, new, crossed
 
 
@@ -159,14 +162,16 @@ def _corrected(found: Tensor, before: Tensor, state: Tensor, tau: Tensor, helm: 
     return torch.minimum((found - step).clamp(min=0.0), tau)
 
 
-def _runge_kutta(dynamics: Dynamics, helm: Helm, state: Tensor, tau: Float[Tensor, " rows"]) -> Tensor:
-    """Classical fourth-order step with the rudder's exact angle at the start, middle and end."""
-    h = tau[:, None]
-    start, middle, end = helm.rudder, helm.rudder_after(0.5 * tau), helm.rudder_after(tau)
-    k1 = dynamics(state, start)
-    k2 = dynamics(state + 0.5 * h * k1, middle)
-    k3 = dynamics(state + 0.5 * h * k2, middle)
-    k4 = dynamics(state + h * k3, end)
+def _runge_kutta(
+    dynamics: Dynamics, helm: Helm, state: Tensor, time: Float[Tensor, " rows"], tau: Float[Tensor, " rows"]
+) -> Tensor:
+    """Classical fourth-order step with the rudder blade's exact angle at the start, middle and end."""
+    h, half, noon = tau[:, None], 0.5 * tau, time + 0.5 * tau
+    middle, end = helm.blade_after(half, dynamics.blade), helm.blade_after(tau, dynamics.blade)
+    k1 = dynamics(state, helm.blade[:, -1], time)
+    k2 = dynamics(state + 0.5 * h * k1, middle, noon)
+    k3 = dynamics(state + 0.5 * h * k2, middle, noon)
+    k4 = dynamics(state + h * k3, end, time + tau)
     return state + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
 
 
@@ -204,5 +209,5 @@ def _recording(runs: Rollout, row: int, dynamics: Dynamics, manoeuvre: Manoeuvre
     ended = float(runs.ended[row])
     count = max(int(np.sum(times < ended - 1e-9)), 2)
     status = OK if ended > times[-1] + 1e-9 else left_range(ended)
-    columns = (runs.states[:count, row], runs.rudders[:count, row], runs.orders[:count, row])
-    return to_recording(dynamics, manoeuvre, times[:count], *columns, status)
+    states, shown, blades, orders = (x[:count, row] for x in (runs.states, runs.rudders, runs.blades, runs.orders))
+    return to_recording(dynamics, manoeuvre, times[:count], states, shown, orders, status, blades=blades)

@@ -13,6 +13,7 @@ from torchdiffeq import odeint, odeint_event
 from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage
 from manoeuvre_nn.core.recording import ACCELERATION, Recording
 from manoeuvre_nn.core.ship import check_speed
+from manoeuvre_nn.dynamics.helm import Blade
 from manoeuvre_nn.dynamics.limits import LARGEST, OK, inside_physical_range, left_range
 from manoeuvre_nn.dynamics.model import Dynamics
 
@@ -31,11 +32,11 @@ class Problem:
     manoeuvre: Manoeuvre
     interval: float | None = None
 
-    def on_approach(self) -> tuple[Dynamics, Float[Tensor, " 6"], Float[np.ndarray, " n"]]:
+    def on_approach(self) -> tuple[Dynamics, Float[Tensor, " n"], Float[np.ndarray, " times"]]:
         """The ship at the manoeuvre's approach speed.
 
         Returns:
-            Dynamics, initial state (straight ahead at the origin, heading 0) and sample times [s].
+            Dynamics, initial state (straight ahead at the origin, heading 0, rudder amidships) and sample times [s].
         """
         speed, ship = self.manoeuvre.speed, self.dynamics.particulars
         self.manoeuvre.check(ship)
@@ -49,20 +50,27 @@ class Problem:
         reference = next(b for b in dynamics.buffers() if b.is_floating_point())
         state = torch.zeros(6, dtype=reference.dtype)
         state[0] = ship.speed
+        state = dynamics.start(state, dynamics.blade_at_rest(state.new_zeros(()))[-1])
         return dynamics, state, np.arange(0.0, self.manoeuvre.duration_for(ship) + 1e-9, step)
 
 
 @dataclass(frozen=True)
 class _Piece:
-    """A time in which one smooth equation holds: the rudder moves evenly or rests."""
+    """A time in which one smooth equation holds: the indicator moves evenly or rests, the blade follows."""
 
     start: float
     end: float
     rudder: float
     rate: float
+    order: Tensor
+    before: Tensor
+    blade: Blade
 
-    def delta(self, t: Tensor) -> Tensor:
+    def shown(self, t: Tensor) -> Tensor:
         return self.rudder + self.rate * (t - self.start)
+
+    def behind(self, t: Tensor) -> Tensor:
+        return self.blade(self.before, self.order, self.shown(t), t - self.start)
 
 
 def simulate(problem: Problem, *, rtol: float = 1e-8, atol: float = 1e-9) -> Recording:
@@ -77,50 +85,58 @@ def simulate(problem: Problem, *, rtol: float = 1e-8, atol: float = 1e-9) -> Rec
         atol: Absolute tolerance.
 
     Returns:
-        Recording with u, v, r, x, y, psi, delta, delta_order and exact accelerations. A run that leaves the physical
-        range ends there, and its status says when.
+        Recording with u, v, r, x, y, psi, delta, delta_order and exact accelerations, with effects also what
+        :func:`to_recording` adds. A run that leaves the physical range ends there, and its status says when.
     """
     dynamics, state, times = problem.on_approach()
     options = {"rtol": rtol, "atol": atol, "method": "dopri5"}
     with torch.no_grad():
-        states, rudders, orders = _integrate(dynamics, problem.manoeuvre, state, times, options)
+        states, rudders, blades, orders = _integrate(dynamics, problem.manoeuvre, state, times, options)
         inside = inside_physical_range(states, dynamics.particulars).cpu().numpy()
-    end, status = len(times), OK
+    end, status, trial = len(times), OK, problem.manoeuvre
     if not inside.all() or len(inside) < len(times):
         end = max(int(np.argmin(inside)) if not inside.all() else len(inside), 2)
         status = left_range(float(times[min(end, len(times) - 1)]))
-    return to_recording(dynamics, problem.manoeuvre, times[:end], states[:end], rudders[:end], orders[:end], status)
+    states, rudders, blades, orders = states[:end], rudders[:end], blades[:end], orders[:end]
+    return to_recording(dynamics, trial, times[:end], states, rudders, orders, status, blades=blades)
 
 
 def to_recording(
     dynamics: Dynamics,
     manoeuvre: Manoeuvre,
     times: Float[np.ndarray, " n"],
-    states: Float[Tensor, "n 6"],
+    states: Float[Tensor, "n k"],
     rudders: Float[Tensor, " n"],
     orders: Float[Tensor, " n"],
     status: str,
+    *,
+    blades: Float[Tensor, " n"] | None = None,
 ) -> Recording:
     """Put a solution into a recording, accelerations evaluated from the equations.
+
+    With effects, u and v stay those through the water; x, y, psi, r and delta are as sensors write them, and vn, ve
+    (over ground, north and east), u_log (log) and shaft (shaft speed over the nominal one) are added.
 
     Args:
         dynamics: The ship that moved.
         manoeuvre: What was ordered.
         times: Sample times [s].
-        states: u, v, r, x, y, psi.
-        rudders: Rudder angle [rad].
+        states: u, v, r, x, y, psi and the model's own.
+        rudders: Rudder angle that the indicator shows [rad].
         orders: Rudder order [rad].
         status: ``ok`` or why it was ended.
+        blades: Angle of the rudder blade [rad]; None is the indicated one.
 
     Returns:
         The recording.
     """
+    blades, clock = rudders if blades is None else blades, states.new_tensor(times)
+    made = {name: states[:, k] for k, name in enumerate(("u", "v", "r", "x", "y", "psi"))}
     with torch.no_grad():
-        nudot = dynamics.acceleration(states[:, :3], rudders).double().cpu().numpy()
-    values = states.double().cpu().numpy()
-    channels = {name: values[:, k] for k, name in enumerate(("u", "v", "r", "x", "y", "psi"))}
-    channels |= {"delta": rudders.double().cpu().numpy(), "delta_order": orders.double().cpu().numpy()}
-    channels |= {name: nudot[:, k] for k, name in enumerate(ACCELERATION)}
+        nudot = dynamics(states, blades, clock)[:, :3]
+        made |= {"delta": rudders, "delta_order": orders} | dict(zip(ACCELERATION, nudot.unbind(-1), strict=True))
+        made |= dynamics.recorded(states, rudders, blades, clock)
+    channels = {name: values.double().cpu().numpy() for name, values in made.items()}
     ship = dynamics.particulars
     meta = {"ship": ship.name, "kind": manoeuvre.kind, "manoeuvre": manoeuvre, "time_unit": ship.time_unit}
     return Recording(manoeuvre.name, times, channels, status, meta)
@@ -128,42 +144,48 @@ def to_recording(
 
 def _integrate(
     dynamics: Dynamics, manoeuvre: Manoeuvre, state: Tensor, times: np.ndarray, options: dict
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Walk through stages and pieces; states, rudder angles and orders at the sample times."""
+) -> tuple[Tensor, ...]:
+    """Walk through stages and pieces; states, indicated angles, blade angles and orders at the sample times."""
     ship, stages = dynamics.particulars, list(manoeuvre.stages)
     stages[-1] = replace(stages[-1], heading=None, hold=None)  # the last order is held to the end
     now, rudder, course, began = 0.0, 0.0, float(state[5]), 0.0
-    stage = stages.pop(0)
-    states, rudders, orders = [state], [state.new_zeros(())], [state.new_tensor(stage.order)]
+    stage, amidships = stages.pop(0), state.new_zeros(())
+    behind = dynamics.blade_at_rest(amidships)
+    states, rudders, blades, orders = [state], [amidships], [behind[-1]], [state.new_tensor(stage.order)]
     chunk = 3.0 * ship.time_unit  # headings are watched in short stretches, so that little is computed in vain
     while len(states) < len(times) and inside_physical_range(state, ship):
         limit = float(times[-1]) if stage.heading is None else min(now + chunk, float(times[-1]))
-        piece = _next_piece(stage, now, began, rudder, ship.rudder_rate, limit)
+        piece = _next_piece(dynamics, stage, now, began, rudder, behind, limit)
         samples = times[len(states) :]
         samples = samples[samples <= piece.end + 1e-9]
         solution, reached, state = _solve_piece(dynamics, piece, stage, course, state, samples, options)
         samples = samples[: len(solution)]
         states += list(solution)
-        rudders += [piece.delta(state.new_tensor(t)) for t in samples]
-        orders += [state.new_tensor(stage.order)] * len(samples)
+        rudders += [piece.shown(state.new_tensor(t)) for t in samples]
+        blades += [piece.behind(state.new_tensor(t))[-1] for t in samples]
+        orders += [piece.order] * len(samples)
         crossed = reached is not None
         now = piece.end if reached is None else reached
-        rudder = float(piece.delta(torch.tensor(now, dtype=torch.float64)))
+        at = torch.tensor(now, dtype=torch.float64)
+        rudder, behind = float(piece.shown(at)), piece.behind(at)
         if abs(rudder - stage.order) < 1e-12:
             rudder = stage.order
         timed_out = stage.hold is not None and now >= began + stage.hold - 1e-9
         if (crossed or timed_out) and stages:
             stage, began = stages.pop(0), now
-    return torch.stack(states), torch.stack(rudders), torch.stack(orders)
+    return torch.stack(states), torch.stack(rudders), torch.stack(blades), torch.stack(orders)
 
 
-def _next_piece(stage: Stage, now: float, began: float, rudder: float, rate: float, limit: float) -> _Piece:
+def _next_piece(
+    dynamics: Dynamics, stage: Stage, now: float, began: float, rudder: float, before: Tensor, limit: float
+) -> _Piece:
     """The longest stretch from now on in which the rudder does one thing."""
-    error = stage.order - rudder
+    error, rate = stage.order - rudder, dynamics.particulars.rudder_rate
     arrival = now + abs(error) / rate if error else inf
     time_out = began + stage.hold if stage.hold is not None else inf
     end = min(arrival, time_out if time_out > now + 1e-9 else inf, limit)
-    return _Piece(now, end, rudder, float(np.sign(error)) * rate if error else 0.0)
+    moving = float(np.sign(error)) * rate if error else 0.0
+    return _Piece(now, end, rudder, moving, before.new_tensor(stage.order), before, dynamics.blade)
 
 
 def _solve_piece(
@@ -185,7 +207,7 @@ def _solve_piece(
         if not bool((y[:3].abs() <= far).all()):
             return torch.zeros_like(y)
         # Rates beyond all sense, or not numbers, throw it out there at once: the solver gives up on them.
-        return torch.nan_to_num(dynamics(y, piece.delta(t)), nan=steepest).clamp(-steepest, steepest)
+        return torch.nan_to_num(dynamics(y, piece.behind(t)[-1], t), nan=steepest).clamp(-steepest, steepest)
 
     grid = np.unique(np.concatenate([[piece.start], samples, [piece.end]]))
     grid = grid[np.concatenate([[True], np.diff(grid) > 1e-9])]

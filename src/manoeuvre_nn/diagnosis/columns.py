@@ -1,0 +1,205 @@
+"""What effects, coefficients and sensors add to a run: columns of its linear equations."""
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from scipy.linalg import expm
+from torch import Tensor
+
+from manoeuvre_nn.core.effect import Effect, Situation
+from manoeuvre_nn.diagnosis.linear import Columns, Linearised, Rate, shown
+from manoeuvre_nn.diagnosis.runs import CHANNELS, COUNT
+from manoeuvre_nn.dynamics.model import Dynamics
+
+
+def situation(line: Linearised, rate: Rate) -> Situation:
+    """What effects see along a run's track.
+
+    Args:
+        line: The run about its track.
+        rate: Accelerations of the calm-water model.
+
+    Returns:
+        The situation at all samples.
+    """
+    run = line.run
+    state, delta = torch.tensor(line.track), torch.tensor(run.delta)
+    shaft = torch.tensor(run.shaft)
+    nu = state[:, :3]
+    with torch.no_grad():
+        return Situation(nu, rate(nu, delta, shaft), *state[:, 3:6].unbind(-1), delta, shaft, torch.tensor(run.time))  # type: ignore[call-arg]
+
+
+def contribution(
+    effect: Effect, values: Float[np.ndarray, "k p"], line: Linearised, rate: Rate, s: Situation
+) -> Columns:
+    """What an effect adds to a run, for several sets of parameter values at once.
+
+    Args:
+        effect: The effect.
+        values: Parameter values, one set a row.
+        line: The run about its track.
+        rate: Accelerations of the calm-water model.
+        s: The situation along the track.
+
+    Returns:
+        One column a set.
+    """
+    with torch.no_grad():
+        acting = effect.at(s.nu.new_tensor(values)[:, None, :])
+        rows, n = len(values), len(line.run)
+        acceleration = s.nu.new_zeros(rows, n, 3)
+        blade = _blade(acting, line, rows)
+        if blade is not None:
+            here = s.with_(delta=blade)
+            acceleration = acceleration + rate(s.nu.expand(rows, n, 3), blade, s.shaft) - s.nudot
+        else:
+            here = s
+        memory = _memory(acting, s, rows, line.run.step)
+        shaft = acting.shaft(here, memory)
+        if type(effect).shaft is not Effect.shaft and bool((s.shaft == 1).all()):
+            acceleration = acceleration + rate(s.nu.expand(rows, n, 3), s.delta, shaft.expand(rows, n)) - s.nudot
+        acceleration = acceleration + acting.acceleration(here, memory)
+        stream = acting.stream(here).expand(rows, n, 2)
+        moved = _moved(acceleration, stream, s.psi, line.run.step)
+        return Columns(_recorded(acting, line, s, rows), moved.permute(1, 2, 0).numpy())
+
+
+def _blade(acting: Effect, line: Linearised, rows: int) -> Tensor | None:
+    """Angle of the blade at all samples, None if the effect leaves it as indicated."""
+    run = line.run
+    recorded, order = torch.tensor(run.delta), torch.tensor(run.order)
+    if type(acting).indicated is not Effect.indicated:
+        return acting.indicated(recorded.expand(rows, len(run)), torch.tensor(run.time))
+    if type(acting).blade is Effect.blade:
+        return None
+    step, angle = recorded.new_tensor(run.step), recorded[0].expand(rows, 1)
+    angles = [acting.blade(angle, order[0], recorded[0], 0 * step).expand(rows, 1)]
+    for k in range(1, len(run)):
+        angles.append(acting.blade(angles[-1], order[k - 1], recorded[k], step).expand(rows, 1))
+    return torch.cat(angles, dim=-1)
+
+
+def _memory(acting: Effect, s: Situation, rows: int, step: float) -> Tensor:
+    """The effect's own states along the track; their equations are linear in them, with constant factors."""
+    size = acting.memory
+    still = s.nu.new_zeros(rows, len(s.psi), size)
+    if not size:
+        return still
+    forcing = acting.memory_rate(s, still).expand(still.shape)
+    units = torch.eye(size, dtype=still.dtype)
+    matrix = torch.stack(
+        [(acting.memory_rate(s, still + e).expand(still.shape) - forcing)[:, 0] for e in units], dim=-1
+    ).numpy()
+    start = acting.memory_at_start(s).expand(still.shape)[:, 0].numpy()
+    drive = forcing.numpy()
+    result = np.empty(still.shape)
+    for row in range(rows):
+        whole = expm(np.block([[matrix[row] * step, np.eye(size) * step], [np.zeros((size, 2 * size))]]))
+        free, forced = whole[:size, :size], whole[:size, size:]
+        mean = 0.5 * (drive[row, 1:] + drive[row, :-1]) @ forced.T
+        m = start[row]
+        result[row, 0] = m
+        for k in range(len(mean)):
+            m = free @ m + mean[k]
+            result[row, k + 1] = m
+    return torch.tensor(result)
+
+
+def _moved(acceleration: Tensor, stream: Tensor, psi: Tensor, h: float) -> Tensor:
+    """What accelerations and a stream add to u, v, r, x, y, psi within each step."""
+    a = 0.5 * (acceleration[:, 1:] + acceleration[:, :-1])
+    w = 0.5 * (stream[:, 1:] + stream[:, :-1])
+    middle = 0.5 * (psi[1:] + psi[:-1])
+    cos, sin = torch.cos(middle), torch.sin(middle)
+    half = 0.5 * h * h
+    north = h * w[..., 0] + half * (a[..., 0] * cos - a[..., 1] * sin)
+    east = h * w[..., 1] + half * (a[..., 0] * sin + a[..., 1] * cos)
+    return torch.cat([h * a, torch.stack([north, east, half * a[..., 2]], dim=-1)], dim=-1)
+
+
+def _recorded(acting: Effect, line: Linearised, s: Situation, rows: int) -> Float[np.ndarray, "n 8 k"]:
+    """What the effect adds to the measured channels: moving water, and sensors."""
+    n = len(line.run)
+    added = np.zeros((n, COUNT, rows))
+    if type(acting).stream is not Effect.stream:
+        added[:, 2:4] = acting.stream(s).expand(rows, n, 2).permute(1, 2, 0).numpy()
+    if type(acting).record is not Effect.record:
+        true = perfect(s)
+        written = acting.record(true, s)
+        for k, name in enumerate(CHANNELS):
+            added[:, k] += (written[name] - true[name]).expand(rows, n).T.numpy()
+    return added
+
+
+def perfect(s: Situation) -> dict[str, Tensor]:
+    """What perfect sensors write in still water.
+
+    Args:
+        s: The situation.
+
+    Returns:
+        Channel -> samples.
+    """
+    cos, sin = torch.cos(s.psi), torch.sin(s.psi)
+    vn, ve = s.u * cos - s.v * sin, s.u * sin + s.v * cos
+    return {
+        "x": s.x, "y": s.y, "vn": vn, "ve": ve, "psi": s.psi, "r": s.r, "u_log": s.u, "delta": s.delta, "n": s.shaft,
+    }  # fmt: skip
+
+
+def coefficient_columns(dynamics: Dynamics, line: Linearised, s: Situation) -> tuple[Columns, list[str]]:
+    """What each coefficient of the calm-water model adds if it is wrong by all of itself (100 %).
+
+    A model whose forces are no series of coefficients (a network) gets its forces split by equation and by parity
+    instead: its errors are of that kind too.
+
+    Args:
+        dynamics: The calm-water model.
+        line: The run about its track.
+        s: The situation along the track.
+
+    Returns:
+        One column a coefficient and its name; added masses and inertias are the last three.
+    """
+    hull = dynamics.hull
+    with torch.no_grad():
+        parts, names = [], []
+        if hull.table is not None:
+            products = hull.products(s.nu, s.delta)
+            for k, equation in torch.nonzero(hull.table).tolist():
+                force = torch.zeros_like(s.nu)
+                force[:, equation] = products[:, k] * hull.table[k, equation]
+                parts.append(hull.acceleration_from_force(s.nu, force))
+                names.append("XYN"[equation] + (hull.terms[k] or "0"))
+        else:
+            force = hull.force_from_acceleration(s.nudot)
+            calm = hull.force_from_acceleration(dynamics.acceleration(s.nu, torch.zeros_like(s.delta)))
+            for part, label in ((calm, "hull"), (force - calm, "rudder")):
+                for equation in range(3):
+                    only = torch.zeros_like(part)
+                    only[:, equation] = part[:, equation]
+                    parts.append(hull.acceleration_from_force(s.nu, only))
+                    names.append(f"{'XYN'[equation]}{label}")
+        for equation in range(3):
+            lag = torch.zeros_like(s.nudot)
+            lag[:, equation] = -s.nudot[:, equation]
+            parts.append(lag)
+            names.append(f"M{'uvr'[equation]}")
+        a = torch.stack(parts)
+        moved = _moved(a, a.new_zeros(*a.shape[:2], 2), s.psi, line.run.step).permute(1, 2, 0).numpy()
+    return Columns(np.zeros((len(line.run), COUNT, len(names))), moved), names
+
+
+def latency_column(line: Linearised) -> Columns:
+    """What a second of delay of the satellite receiver adds to its channels.
+
+    Args:
+        line: The run about its track.
+
+    Returns:
+        One column.
+    """
+    added = np.zeros((len(line.run), COUNT, 1))
+    added[:, :4, 0] = -np.gradient(shown(line.track)[:, :4], line.run.step, axis=0)
+    return Columns(added, np.zeros((len(line.run) - 1, 6, 1)))

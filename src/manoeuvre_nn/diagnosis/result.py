@@ -1,0 +1,184 @@
+"""What a diagnosis says: plain values, nothing computed here."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Float
+
+Interval = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Value:
+    """A parameter as it was found.
+
+    Attributes:
+        name: Its name.
+        value: Its value.
+        error: Standard error.
+        unit: Unit of both.
+    """
+
+    name: str
+    value: float
+    error: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A candidate for what was left out.
+
+    Attributes:
+        name: Name of the effect, ``unknown`` included.
+        label: The same in words.
+        probability: Of being present, between 0 and 1.
+        evidence: Log Bayes factor of the best hypothesis that contains it over calm water.
+        equations: Where it acts: X, Y, N, kinematics, actuator:rudder, sensor:psi, ...
+        parameters: Its values with standard errors.
+        intervals: Run -> times in which it acts [s]; None: throughout.
+        fingerprint: How it is recognised.
+        source: Where its formula is from.
+    """
+
+    name: str
+    label: str
+    probability: float
+    evidence: float
+    equations: tuple[str, ...]
+    parameters: tuple[Value, ...]
+    intervals: Mapping[str, list[Interval]] | None
+    fingerprint: str
+    source: str
+
+
+@dataclass(frozen=True)
+class Residual:
+    """Force that the calm-water model lacks, over one run.
+
+    Attributes:
+        run: The run.
+        time: Sample times [s].
+        force: X, Y [kN], N [MN m] that must be added to calm water.
+        error: Their standard deviations.
+        left: The same after the model was repaired.
+        windows: Times in which something is missing that was not there before [s].
+    """
+
+    run: str
+    time: Float[np.ndarray, " n"]
+    force: Float[np.ndarray, "n 3"]
+    error: Float[np.ndarray, "n 3"]
+    left: Float[np.ndarray, "n 3"]
+    windows: list[Interval]
+
+
+@dataclass(frozen=True)
+class Location:
+    """Where the mismatch sits.
+
+    Attributes:
+        sites: Site (kinematics or sensors, surge, sway and yaw, rudder, ...) -> log Bayes factor over calm water of
+            allowing anything there.
+        statements: What else is seen, a sentence each: equation, frame, parity, region of state space, windows.
+    """
+
+    sites: Mapping[str, float]
+    statements: list[str]
+
+
+@dataclass(frozen=True)
+class Check:
+    """A test that a claim must pass.
+
+    Attributes:
+        name: What is tested.
+        passed: Whether it holds.
+        text: What was measured, in a sentence.
+    """
+
+    name: str
+    passed: bool
+    text: str
+
+
+@dataclass(frozen=True)
+class Proof:
+    """A held-out run predicted before and after, beside the recording.
+
+    Attributes:
+        run: The run.
+        kind: What was sailed.
+        recorded: t, x, y [m], psi [deg], u, v [m/s] over ground, r [deg/s], u_log [m/s]; NaN in gaps and at outliers.
+        before: The calm-water model's prediction, same columns and times.
+        after: The repaired model's.
+        rmse_before: Channel (pos, psi, u, v, r, u_log) -> RMS error.
+        rmse_after: The same after.
+    """
+
+    run: str
+    kind: str
+    recorded: pd.DataFrame
+    before: pd.DataFrame
+    after: pd.DataFrame
+    rmse_before: Mapping[str, float]
+    rmse_after: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The whole answer.
+
+    Attributes:
+        case: Name of the case or folder.
+        ship: Name of the ship.
+        verdict: ``none``, ``mismatch``.
+        sentence: What a captain needs to know.
+        causes: Candidates, most probable first.
+        model: Names of the effects switched on in the repaired model.
+        alias: Names that these recordings cannot tell from the first cause.
+        location: Where the mismatch sits.
+        residuals: Missing force over each fitted run.
+        checks: Tests that the claim passed or not.
+        runner_up: What speaks for and against the runner-up, a sentence each.
+        proofs: Held-out runs before and after.
+        noise: Channel -> RMS of the noise alone: no prediction can be better.
+        next_steps: What to record next, most useful first.
+        undecided: What cannot be decided with these recordings and why.
+        tracks: Fitted run -> recorded x and y [m], NaN in gaps.
+        settings: Versions, seed, options, for the record.
+        seconds: Time that it took.
+    """
+
+    case: str
+    ship: str
+    verdict: str
+    sentence: str
+    causes: list[Cause]
+    model: list[str]
+    alias: list[str]
+    location: Location
+    residuals: list[Residual]
+    checks: list[Check]
+    runner_up: list[str]
+    proofs: list[Proof]
+    noise: Mapping[str, float]
+    next_steps: list[str]
+    undecided: list[str]
+    tracks: Mapping[str, Float[np.ndarray, "n 2"]] = field(default_factory=dict, repr=False)
+    settings: Mapping[str, str] = field(default_factory=dict)
+    seconds: float = 0.0
+
+    def rmse(self, when: str) -> dict[str, float]:
+        """Errors of all held-out runs together.
+
+        Args:
+            when: ``before`` or ``after``.
+
+        Returns:
+            Channel -> root mean square over the runs of the runs' RMS errors.
+        """
+        tables = [getattr(p, f"rmse_{when}") for p in self.proofs]
+        return {c: float(np.sqrt(np.mean([t[c] ** 2 for t in tables]))) for c in tables[0]} if tables else {}

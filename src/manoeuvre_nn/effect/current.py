@@ -1,0 +1,61 @@
+"""Currents: the water moves and takes the ship with it."""
+
+from typing import ClassVar
+
+from jaxtyping import Float
+from torch import Tensor
+
+from manoeuvre_nn.core.effect import Effect, Parameter, Situation
+from manoeuvre_nn.effect.common import columns, compass, direction
+
+SPEED = Parameter("speed", "m/s", 0.0, 3.0, 0.0, 0.6, (0.5,))
+
+
+class Current(Effect):
+    """A uniform current: a Galilean shift of the track.
+
+    Motion through the water is what it would be without; only the rates of position gain the water's velocity.
+    """
+
+    name = "current"
+    site = "inflow"
+    family = "current"
+    label = "a current"
+    equations = ("kinematics",)
+    fingerprint = "The track drifts in one compass direction; heading, yaw rate and log speed are as in still water."
+    source = "Fossen 2012; Hegrenaes & Hallingstad 2011; IMO MSC/Circ.1053, 3.4.2.5"
+    declared: ClassVar[tuple[Parameter, ...]] = (SPEED, direction("toward_deg"))
+
+    def stream(self, s: Situation) -> Float[Tensor, "*batch 2"]:
+        """Velocity of the water over ground.
+
+        Args:
+            s: The situation.
+
+        Returns:
+            North and east [m/s].
+        """
+        north, east = compass(self.value("toward_deg"))
+        speed = self._speed(s)
+        return columns(speed * north, speed * east)
+
+    def _speed(self, s: Situation) -> Tensor:
+        """Speed of the water at every sample [m/s]."""
+        return self.value("speed") + 0.0 * s.time
+
+
+class TidalCurrent(Current):
+    """A current that gains or loses speed evenly, as a tide does within half an hour."""
+
+    name = "tidal_current"
+    label = "a current that changes with the tide"
+    fingerprint = "Like a current, but the drift of the track grows or fades evenly during the trial."
+    source = "Linear part of V0 + V1 cos(2 pi t / 12.42 h + p), enough for trials of half an hour"
+    declared = (
+        *Current.declared,
+        Parameter("change_m_s_h", "m/s per hour", -3.0, 3.0, 0.0, 0.5, (0.3, -0.3)),
+    )
+
+    def _speed(self, s: Situation) -> Tensor:
+        """Speed of the water at every sample [m/s]; negative where the stream has turned."""
+        return self.value("speed") + self.value("change_m_s_h") / 3600.0 * s.time

@@ -1,0 +1,86 @@
+"""Forces by tugs, thrusters and banks that act for a while."""
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from manoeuvre_nn.core.effect import ForceEffect, Parameter, Situation
+from manoeuvre_nn.effect.common import columns, compass, during, instant
+
+FAMILY = "local force"
+KILO = 1000.0
+FORCE = Parameter("force_kN", "kN", -2000.0, 2000.0, 0.0, 250.0, (100.0, -100.0))
+LEVER = Parameter("lever_m", "m", -200.0, 200.0, None, 60.0, (0.0, 50.0, -50.0))
+INTERVAL = (instant("start_s", 100.0, 200.0), instant("end_s", 300.0, 400.0))
+
+
+class SideForce(ForceEffect):
+    """A constant lateral force for a while, positive to starboard, at a lever forward of midship."""
+
+    name = "side_force"
+    family = FAMILY
+    label = "a side force"
+    equations = ("Y", "N")
+    fingerprint = "Sway and yaw are pushed in a fixed ratio in one interval, on no account of heading or speed."
+    source = "Constant force with a smooth gate in time"
+    declared = (FORCE, LEVER, *INTERVAL)
+
+    def force(self, s: Situation) -> Float[Tensor, "*batch 3"]:
+        """The force and its moment.
+
+        Args:
+            s: The situation.
+
+        Returns:
+            X, Y [N], N [N m].
+        """
+        sway = KILO * self.value("force_kN") * during(s.time, self.value("start_s"), self.value("end_s"))
+        return columns(torch.zeros_like(sway), sway, self._lever() * sway)
+
+    def _lever(self) -> Tensor:
+        """Where it acts, forward of midship [m]."""
+        return self.value("lever_m")
+
+
+class BowThruster(SideForce):
+    """A bow thruster that is left running, positive to starboard, .4 L forward of midship."""
+
+    name = "bow_thruster"
+    label = "a running bow thruster"
+    fingerprint = "Sway and yaw are pushed to the same side in one interval, as by a force at the bow."
+    source = "Constant force with a smooth gate in time; loss by forward speed is not modelled"
+    declared = (FORCE, *INTERVAL)  # type: ignore[assignment]
+
+    def _lever(self) -> Tensor:
+        """Where it acts, forward of midship [m]."""
+        return self.values.new_tensor(0.4 * self.ship.particulars.length)
+
+
+class Tow(ForceEffect):
+    """A tug or tow line that pulls in a direction off the bow, at a lever forward of midship, for a while."""
+
+    name = "tow"
+    family = FAMILY
+    label = "a tow line"
+    equations = ("X", "Y", "N")
+    fingerprint = "All three equations are pushed in fixed ratios in one interval, on no account of heading or speed."
+    source = "X = F cos a, Y = F sin a, N = x_t Y; the line follows the ship"
+    declared = (
+        Parameter("force_kN", "kN", 0.0, 2000.0, 0.0, 250.0, (150.0,)),
+        Parameter("angle_deg", "deg", 0.0, 360.0, None, 360.0, (90.0, 270.0, 0.0, 180.0), period=360.0),
+        LEVER,
+        *INTERVAL,
+    )
+
+    def force(self, s: Situation) -> Float[Tensor, "*batch 3"]:
+        """The force and its moment.
+
+        Args:
+            s: The situation.
+
+        Returns:
+            X, Y [N], N [N m].
+        """
+        pull = KILO * self.value("force_kN") * during(s.time, self.value("start_s"), self.value("end_s"))
+        ahead, starboard = compass(self.value("angle_deg"))
+        return columns(pull * ahead, pull * starboard, self.value("lever_m") * pull * starboard)

@@ -1,0 +1,64 @@
+"""Heel: a roll motion of its own and what it does to the yaw moment."""
+
+from math import pi
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from manoeuvre_nn.core.effect import Effect, Parameter, Situation
+from manoeuvre_nn.core.units import GRAVITY
+
+
+class RollCoupling(Effect):
+    """A yaw moment in proportion to heel, the heel being that of the turn.
+
+    ``phi'' + 2 zeta w0 phi' + w0^2 phi = w0^2 phi_s`` with ``phi_s = -(KG - T/2) (u r + dv/dt) / (g GM)`` and
+    ``N = N_phi phi`` in units of ``.5 rho L^2 T U0^2``; heel to starboard is positive. dv/dt is that of the ship
+    without effects. Own states: heel [rad] and its rate.
+    """
+
+    name = "roll_coupling"
+    site = "force"
+    family = "heel"
+    label = "a yaw moment by heel"
+    equations = ("N",)
+    fingerprint = (
+        "An odd yaw moment as the square of the speed that lags the turn and rings at the roll period."
+    )
+    source = "Son & Nomoto 1982, the terms linear in heel; roll as an oscillator driven by the centripetal acceleration"
+    declared = (Parameter("N_phi", "-", -0.2, 0.2, 0.0, 0.02, (0.01, -0.01)),)
+    memory = 2
+
+    def acceleration(self, s: Situation, memory: Float[Tensor, "*own 2"]) -> Float[Tensor, "*batch 3"]:
+        """Accelerations by the moment of the heel.
+
+        Args:
+            s: The situation.
+            memory: Heel [rad] and its rate [rad/s].
+
+        Returns:
+            udot, vdot [m/s^2], rdot [rad/s^2].
+        """
+        p = self.ship.particulars
+        unit = 0.5 * p.rho * p.length**2 * p.draught * p.speed**2
+        yaw = self.value("N_phi") * unit * memory[..., 0] + 0.0 * s.u
+        return self.ship.acceleration_from_si(torch.stack([0 * yaw, 0 * yaw, yaw], dim=-1))
+
+    def memory_rate(self, s: Situation, memory: Float[Tensor, "*own 2"]) -> Float[Tensor, "*batch 2"]:
+        """The roll equation.
+
+        Args:
+            s: The situation.
+            memory: Heel [rad] and its rate [rad/s].
+
+        Returns:
+            Their rates.
+        """
+        heel = self.ship.particulars.heeling
+        arm = heel.kg - 0.5 * self.ship.particulars.draught
+        steady = -arm / (GRAVITY * heel.gm) * (s.u * s.r + s.nudot[..., 1])
+        phi, rate = memory.unbind(-1)
+        omega = 2 * pi / heel.roll_period
+        roll = omega**2 * (steady - phi) - 2 * heel.roll_damping * omega * rate
+        return torch.stack(torch.broadcast_tensors(rate, roll), dim=-1)

@@ -1,0 +1,170 @@
+"""Wind on the part of the ship above the water."""
+
+from math import pi
+from typing import ClassVar
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from manoeuvre_nn.core.effect import ForceEffect, Parameter, Situation
+from manoeuvre_nn.core.errors import check_choice
+from manoeuvre_nn.core.ship import Ship
+from manoeuvre_nn.effect.common import columns, compass, direction, factor, instant, onset
+
+AIR = 1.225
+"""Density of air [kg/m^3]."""
+COEFFICIENTS = {
+    "cargo_loaded": (0.85, 0.65, 0.55, 0.40),
+    "container_loaded": (0.90, 0.55, 0.55, 0.40),
+    "car_carrier": (0.95, 0.55, 0.60, 0.80),
+    "ferry": (0.90, 0.45, 0.50, 0.80),
+    "gas_carrier": (0.70, 0.60, 0.65, 0.50),
+    "tanker_loaded": (0.70, 0.90, 0.55, 0.40),
+    "tanker_ballast": (0.70, 0.75, 0.55, 0.40),
+    "research": (0.85, 0.55, 0.65, 0.60),
+}
+"""Kind of ship -> transverse resistance CD_t, CD_lAF from ahead and from astern, cross-force parameter."""
+FULL = 0.75
+"""Block coefficient from which a ship without a stated kind is taken for a tanker."""
+SPEED = Parameter("speed", "m/s", 0.0, 30.0, 0.0, 8.0, (10.0,))
+FORM = (
+    factor("cx", 0.2),
+    factor("cy", 0.2),
+    factor("cn", 0.2),
+    Parameter("cn_shift", "-", -0.3, 0.3, 0.0, 0.03, (0.0,), form=True),
+)
+
+
+class SteadyWind(ForceEffect):
+    """A constant true wind, by Blendermann's load functions.
+
+    With the air relative to the ship at angle g (0 from ahead, positive from port) and speed V_rw::
+
+        X = .5 rho V_rw^2 A_F C_X    C_X = -CD_lAF cos g / den
+        Y = .5 rho V_rw^2 A_L C_Y    C_Y = CD_t sin g / den
+        N = Y L_oa [s_L / L_oa - .18 (|g| - pi/2)]
+        den = 1 - (d/2) (1 - CD_lAF A_F / (A_L CD_t)) sin^2 2g
+
+    less the same in still air, which the hull's resistance contains. The wind is taken relative to the ship's motion
+    through the water. The form parameters cx, cy, cn multiply X, Y, N; cn_shift moves the centre of pressure (L_oa).
+    """
+
+    name = "wind_steady"
+    family = "wind and waves"
+    label = "a steady wind"
+    equations = ("X", "Y", "N")
+    fingerprint = (
+        "Forces turn with the compass and grow on upwind headings; the yaw moment changes sign near beam wind."
+    )
+    source = "Blendermann 1994, J. Wind Eng. Ind. Aerodyn. 51; the step of CD_lAF at beam wind is smoothed"
+    declared: ClassVar[tuple[Parameter, ...]] = (SPEED, direction("from_deg"), *FORM)
+
+    def __init__(self, ship: Ship, kind: str | None = None, **values: float) -> None:
+        """Choose the coefficients.
+
+        Args:
+            ship: The ship that it acts on.
+            kind: One of ``COEFFICIENTS``; None is a loaded tanker for a full ship, else a loaded cargo ship.
+            values: Parameter = value in its unit.
+        """
+        kind = kind or ("tanker_loaded" if ship.particulars.block > FULL else "cargo_loaded")
+        check_choice(f"effect.{self.name}.kind", kind, list(COEFFICIENTS))
+        super().__init__(ship, **values)
+        self.coefficients = COEFFICIENTS[kind]
+
+    def force(self, s: Situation) -> Float[Tensor, "*batch 3"]:
+        """Force of the wind beyond that of still air.
+
+        Args:
+            s: The situation.
+
+        Returns:
+            X, Y [N], N [N m].
+        """
+        speed = self._speed(s)
+        north, east = compass(self.value("from_deg"))
+        cos, sin = torch.cos(s.psi), torch.sin(s.psi)
+        ahead = s.u + speed * (north * cos + east * sin)  # the wind blows toward the opposite of where it is from
+        across = s.v + speed * (-north * sin + east * cos)
+        return self._load(ahead, across) - self._load(s.u, s.v)
+
+    def _speed(self, s: Situation) -> Tensor:
+        """Speed of the true wind at every sample [m/s]."""
+        return self.value("speed") + 0.0 * s.time
+
+    def _load(self, ahead: Tensor, across: Tensor) -> Tensor:
+        """Force of air through which the ship moves ahead and to starboard at given speeds [m/s]."""
+        areas, (side, bow, stern, cross) = self.ship.particulars.above_water, self.coefficients
+        square = ahead.square() + across.square() + 1e-12
+        cos, sin = ahead / square.sqrt(), -across / square.sqrt()
+        along = stern + (bow - stern) * torch.sigmoid(cos / 0.05)
+        den = 1 - 0.5 * cross * (1 - along * areas.frontal / (areas.lateral * side)) * (2 * sin * cos).square()
+        pressure = 0.5 * AIR * square / den
+        sway = pressure * side * sin * areas.lateral
+        arm = areas.lateral_centre / areas.length_overall - 0.18 * (torch.atan2(sin.abs(), cos) - pi / 2)
+        yaw = sway * (self.value("cn") * arm + self.value("cn_shift")) * areas.length_overall
+        return columns(-self.value("cx") * pressure * along * cos * areas.frontal, self.value("cy") * sway, yaw)
+
+
+class WindOnset(SteadyWind):
+    """Calm until the wind sets in, then steady."""
+
+    name = "wind_onset"
+    label = "a wind that sets in"
+    fingerprint = "Nothing until a time, then the forces of a steady wind."
+    source = "Blendermann 1994; smooth step in time"
+    declared = (SPEED, direction("from_deg"), instant("start_s", 200.0, 400.0, 100.0), *FORM)
+
+    def _speed(self, s: Situation) -> Tensor:
+        """Speed of the true wind at every sample [m/s]."""
+        return self.value("speed") * onset(s.time, self.value("start_s"))
+
+
+class GustyWind(SteadyWind):
+    """A mean wind and gusts along it: a first-order Markov process of one seeded realisation.
+
+    The realisation is made once in units of the gusts' correlation time, so that their size and time are
+    differentiable; it repeats after ``LAST`` correlation times.
+    """
+
+    name = "wind_gusty"
+    label = "a gusty wind"
+    fingerprint = "A steady wind, and residuals of sway and yaw that wander together in the ratio of the wind's forces."
+    source = "Blendermann 1994; gusts dV = -V/tau dt + sd sqrt(2/tau) dW"
+    declared = (
+        SPEED,
+        direction("from_deg"),
+        Parameter("gust_sd", "m/s", 0.0, 6.0, 0.0, 1.5, (1.5,)),
+        Parameter("gust_time_s", "s", 5.0, 120.0, None, 30.0, (30.0,)),
+        *FORM,
+    )
+    STEP, LAST = 0.02, 600.0
+
+    gusts: Tensor
+
+    def __init__(self, ship: Ship, kind: str | None = None, seed: int = 0, **values: float) -> None:
+        """Draw the gusts.
+
+        Args:
+            ship: The ship that it acts on.
+            kind: One of ``COEFFICIENTS``.
+            seed: Number of the realisation.
+            values: Parameter = value in its unit.
+        """
+        super().__init__(ship, kind, **values)
+        decay = torch.exp(torch.tensor(-self.STEP, dtype=torch.float64))
+        kicks = torch.randn(
+            round(self.LAST / self.STEP) + 1, generator=torch.Generator().manual_seed(seed), dtype=torch.float64
+        )
+        series, scale = [float(kicks[0])], float((1 - decay**2).sqrt())
+        for kick in kicks[1:].tolist():
+            series.append(float(decay) * series[-1] + scale * kick)
+        self.register_buffer("gusts", self.values.new_tensor(series), persistent=False)
+
+    def _speed(self, s: Situation) -> Tensor:
+        """Speed of the true wind at every sample [m/s]."""
+        place = torch.remainder(s.time / self.value("gust_time_s"), self.LAST) / self.STEP
+        low = place.detach().floor().long().clamp(max=len(self.gusts) - 2)
+        gust = self.gusts[low] + (place - low) * (self.gusts[low + 1] - self.gusts[low])
+        return self.value("speed") + self.value("gust_sd") * gust

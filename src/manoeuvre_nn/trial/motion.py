@@ -1,0 +1,181 @@
+"""Fixed-step Runge-Kutta motion of all runs of a case at once: steered by the helm, or driven by a known rudder."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from manoeuvre_nn.trial.helm import Helm, Run, SteeringGear
+from manoeuvre_nn.trial.world import SHAFT_LAG, World
+
+STEP = 0.1
+"""Time step [s]."""
+COARSE = 0.5
+"""Time step where a coarse one will do [s]."""
+
+
+@dataclass(frozen=True)
+class Track:
+    """True motion of all runs, one row for each second.
+
+    Attributes:
+        t: Time [s].
+        state: x, y [m], psi [rad], u, v [m/s], r [rad/s], phi, dphi/dt; shape (times, 8, runs).
+        order: Helm orders [rad].
+        indicator: Angle that the gear shows [rad], one row for each step.
+        n: Shaft speed [rpm].
+        step: Time step [s].
+    """
+
+    t: np.ndarray
+    state: np.ndarray
+    order: np.ndarray
+    indicator: np.ndarray
+    n: np.ndarray
+    step: float
+
+    def shown(self, delay: float = 0.0) -> np.ndarray:
+        """The rudder angle as recorded.
+
+        Args:
+            delay: How late it is [s].
+
+        Returns:
+            Angle [rad], one row for each second.
+        """
+        fine = np.arange(len(self.indicator)) * self.step
+        columns = [np.interp(self.t - delay, fine, column) for column in self.indicator.T]
+        return np.stack(columns, axis=1)
+
+
+def steady_start(world: World, runs: Sequence[Run], settle: float) -> np.ndarray:
+    """Ships at approach speed on their courses.
+
+    Args:
+        world: The world.
+        runs: The runs.
+        settle: How long they then run before t = 0 [s].
+
+    Returns:
+        State, 8 rows; the position is such that nothing is known of it.
+    """
+    state = np.zeros((8, len(runs)))
+    state[2] = np.radians([run.heading_deg for run in runs]) - world.sensors.heading_bias
+    state[3] = world.ship.speed
+    return state
+
+
+def sail(world: World, runs: Sequence[Run], *, step: float = STEP, settle: float = 20.0) -> Track:
+    """Runs with the helm in command: a long approach, then what is recorded.
+
+    Args:
+        world: The ship and its effects.
+        runs: The runs; all are as long as the longest.
+        step: Time step [s].
+        settle: Length of the approach before t = 0 in units of L/U0.
+
+    Returns:
+        The motion from t = 0, with the position at t = 0 as origin.
+    """
+    helm, unit = Helm(world.ship, runs), world.ship.length / world.ship.speed
+    before = -COARSE * np.ceil(settle * unit / COARSE)
+    state = steady_start(world, runs, settle)
+    gear = SteeringGear(world.gear, world.ship.rate, np.zeros(len(runs)))
+    n = np.full(len(runs), world.ship.rpm)
+    for k in range(round(-before / COARSE)):
+        state, n, _ = _step(world, helm, gear, before + k * COARSE, state, n, COARSE)
+    state[:2] = 0.0
+    per_second, last = round(1 / step), max(run.duration for run in runs)
+    states, orders, shafts, indicators = [], [], [], []
+    for k in range(last * per_second + 1):
+        indicators.append(gear.indicator)
+        kept, n_now = state, n
+        state, n, order = _step(world, helm, gear, k * step, state, n, step)
+        if k % per_second == 0:
+            states.append(kept)
+            orders.append(order)
+            shafts.append(n_now)
+    times = np.arange(last + 1.0)
+    return Track(times, np.array(states), np.array(orders), np.array(indicators), np.array(shafts), step)
+
+
+def _step(
+    world: World, helm: Helm, gear: SteeringGear, t: float, state: np.ndarray, n: np.ndarray, step: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """One step under command: state, shaft speed, order."""
+    order = helm.order(t, world.sensors.heading(state[2]), state[5], step)
+    start = gear.blade
+    gear.advance(order, step)
+    new = runge_kutta(world, t, state, start, gear.blade, n, step)
+    return new, turned(world, state[3], n, step), order
+
+
+def turned(world: World, u: np.ndarray, n: np.ndarray, step: float) -> np.ndarray:
+    """Shaft speed after a step.
+
+    Args:
+        world: The world.
+        u: Forward speed [m/s].
+        n: Shaft speed [rpm].
+        step: Time step [s].
+
+    Returns:
+        n [rpm].
+    """
+    if not world.rpm_slope:
+        return n
+    return n + (1 - np.exp(-step / SHAFT_LAG)) * (world.shaft_speed(u) - n)
+
+
+def runge_kutta(
+    world: World, t: float, state: np.ndarray, blade: np.ndarray, blade_after: np.ndarray, n: np.ndarray, step: float
+) -> np.ndarray:
+    """One classical step of fourth order with a rudder that moves evenly.
+
+    Args:
+        world: The world.
+        t: Time [s].
+        state: 8 rows.
+        blade: Blade angle at the start [rad].
+        blade_after: Blade angle at the end [rad].
+        n: Shaft speed [rpm].
+        step: Time step [s].
+
+    Returns:
+        The state after the step.
+    """
+    half, middle = 0.5 * step, 0.5 * (blade + blade_after)
+    k1 = world.derivative(t, state, blade, n)
+    k2 = world.derivative(t + half, state + half * k1, middle, n)
+    k3 = world.derivative(t + half, state + half * k2, middle, n)
+    k4 = world.derivative(t + step, state + step * k3, blade_after, n)
+    return state + step / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
+
+
+def replay(
+    world: World, start: np.ndarray, t: np.ndarray, order: np.ndarray, shown: np.ndarray, *, step: float = COARSE
+) -> np.ndarray:
+    """Runs driven by a rudder that is known once a second.
+
+    Args:
+        world: The world.
+        start: State at the first time, 8 rows.
+        t: Times [s], one second apart.
+        order: Orders [rad], (times, runs).
+        shown: Angles of the indicator [rad], (times, runs).
+        step: Time step [s].
+
+    Returns:
+        States (times, 8, runs).
+    """
+    per_second = round(1 / step)
+    gear = SteeringGear(world.gear, world.ship.rate, shown[0])
+    state, n, states = start, np.where(np.isfinite(start[3]), world.shaft_speed(start[3]), 0.0), [start]
+    for k in range(len(t) - 1):
+        for part in range(per_second):
+            before, share = gear.blade, (part + 1) / per_second
+            gear.show((1 - share) * shown[k] + share * shown[k + 1], order[k], step)
+            state = runge_kutta(world, t[k] + part * step, state, before, gear.blade, n, step)
+            n = turned(world, state[3], n, step)
+        states.append(state)
+    return np.array(states)

@@ -1,0 +1,254 @@
+"""What the recorder makes of the true motion: sensor errors, noise, gaps, outliers, columns and manifest."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from manoeuvre_nn.trial.condition import Tables, scatter
+from manoeuvre_nn.trial.draw import Case
+from manoeuvre_nn.trial.effects import NOISE
+from manoeuvre_nn.trial.forces import Force, Moment
+from manoeuvre_nn.trial.helm import MANOEUVRE_START, Run
+from manoeuvre_nn.trial.motion import Track, sail
+from manoeuvre_nn.trial.ships import TrialShip
+from manoeuvre_nn.trial.size import WARMUP
+from manoeuvre_nn.trial.world import World, build
+
+DECIMALS = {"t": 1, "x_north": 2, "y_east": 2, "sog": 3, "cog": 2, "psi": 2, "u": 3, "v": 3, "u_log": 3, "r": 3}
+DECIMALS |= {"delta_order": 2, "delta": 2, "n": 2}
+UNITS = {"t": "s", "x_north": "m", "y_east": "m", "sog": "m/s", "cog": "deg", "psi": "deg", "u": "m/s", "v": "m/s"}
+UNITS |= {"u_log": "m/s", "r": "deg/s", "delta_order": "deg", "delta": "deg", "n": "rpm"}
+SIGNS = (
+    "psi, cog, r clockwise positive; u forward, v to starboard; a positive rudder angle turns the ship to port"
+)
+GPS = ["x_north", "y_east", "sog", "cog", "u", "v"]
+GAPS = 0.01
+"""Share of samples that a sensor leaves out."""
+TYPICAL = {"X": 0.008, "Y": 0.02, "N": 0.01}
+"""Force and moment of a rudder at 20 deg in units of 0.5 rho L T U0^2 (moment: L)."""
+USUAL = {"u": 0.3, "v": 0.2, "r": 0.35, "d": 0.35}
+"""Size of (u - U0)/U0, v/U0, r L/U0 and d [rad] in a manoeuvre."""
+
+
+def record(case: Case) -> dict[str, pd.DataFrame]:
+    """The recordings of a case.
+
+    Args:
+        case: The case.
+
+    Returns:
+        Table of each run.
+    """
+    rng = np.random.default_rng(case.chance)
+    world = rough_world(case, rng)
+    track = sail(world, case.runs)
+    waves = next((e.parameters for e in case.effects if e.name == "wave_drift"), None)
+    tables = {}
+    for column, run in enumerate(case.runs):
+        table = _channels(case, world, track, column, run, rng)
+        if waves:
+            _shake(table, waves["Hs"], np.radians(waves["from_deg"]), rng)
+        tables[run.name] = _finish(case, table, rng)
+    return tables
+
+
+def rough_world(case: Case, rng: np.random.Generator) -> World:
+    """The world of a case with what is wrong in every case: coefficients, a missing term, a coloured force, gusts.
+
+    Args:
+        case: The case.
+        rng: Source of chance.
+
+    Returns:
+        The world.
+    """
+    tables, names = Tables.of(case.ship), [run.name for run in case.runs]
+    scatter(tables, case.coefficient_sd, rng)
+    seconds, count = max(run.duration for run in case.runs) + 2, len(names)
+    gust_sd = next((e.parameters["gust_sd"] for e in case.effects if e.name == "wind_gusty"), 0.0)
+    gusts = gust_sd * coloured(rng, seconds, (count,), float(rng.uniform(20, 60)))
+    world = build(case.ship, case.effects, names, tables=tables, gusts=gusts)
+    world.forces.append(cubic(case.ship, *case.cubic))
+    unit = case.ship.force_unit * np.array([TYPICAL["X"], TYPICAL["Y"], TYPICAL["N"] * case.ship.length])
+    world.rough = case.roughness * unit[:, None] * coloured(rng, seconds, (3, count), 30.0)
+    return world
+
+
+def coloured(rng: np.random.Generator, seconds: int, shape: tuple[int, ...], tau: float) -> np.ndarray:
+    """First-order Markov noise of standard deviation 1 that starts at 0.
+
+    Args:
+        rng: Source of chance.
+        seconds: Samples, one a second.
+        shape: Independent series.
+        tau: Correlation time [s].
+
+    Returns:
+        The series, time first.
+    """
+    memory = np.exp(-1 / tau)
+    series = np.zeros((seconds, *shape))
+    for k in range(1, seconds):
+        series[k] = memory * series[k - 1] + np.sqrt(1 - memory**2) * rng.standard_normal(shape)
+    return series
+
+
+def cubic(ship: TrialShip, term: str, size: float) -> Force:
+    """A third-order term that the model lacks.
+
+    Args:
+        ship: The ship.
+        term: Equation and three factors.
+        size: Its share in the force of a rudder at 20 deg, at usual values of the factors.
+
+    Returns:
+        The force.
+    """
+    row = "XYN".index(term[0])
+    unit = size * TYPICAL[term[0]] * ship.force_unit * (ship.length if row == 2 else 1.0)
+    unit /= float(np.prod([USUAL[letter] for letter in term[1:]]))
+
+    def force(now: Moment) -> np.ndarray:
+        factors = {
+            "u": now.u / ship.speed - 1,
+            "v": now.v / ship.speed,
+            "r": now.r * ship.length / ship.speed,
+            "d": now.d,
+        }
+        rows = np.zeros((3, now.u.size))
+        rows[row] = unit * factors[term[1]] * factors[term[2]] * factors[term[3]]
+        return rows
+
+    return force
+
+
+def _channels(
+    case: Case, world: World, track: Track, column: int, run: Run, rng: np.random.Generator
+) -> dict[str, np.ndarray]:
+    """Noisy channels of one run, in rad where angles are concerned but for the rudder's and the heading's errors."""
+    rows, sd, faults = run.duration + 1, case.noise, world.sensors
+    t = track.t[:rows]
+    psi, u, r = (track.state[:rows, k, column] for k in (2, 3, 5))
+    position, velocity = antenna(world, track.state[:rows, :6, column], t, case.latency)
+
+    def noise(channel: str) -> np.ndarray:
+        return sd[channel] * rng.standard_normal(rows)
+
+    heading = faults.heading(psi) + np.radians(noise("heading_deg"))
+    north, east = velocity[0] + noise("gps_velocity_m_s"), velocity[1] + noise("gps_velocity_m_s")
+    by_heading = 1 + faults.log_by_heading[0] * np.cos(psi - faults.log_by_heading[1])
+    return {
+        "t": t,
+        "x_north": position[0] + noise("position_m"),
+        "y_east": position[1] + noise("position_m"),
+        "north": north,
+        "east": east,
+        "psi": heading,
+        "r": np.degrees(faults.rate_scale * r + faults.rate_bias) + noise("yaw_rate_deg_s"),
+        "u_log": faults.log_scale * by_heading * u + noise("log_m_s"),
+        "delta_order": np.degrees(track.order[:rows, column]),
+        "delta": np.degrees(track.shown(world.gear.delay)[:rows, column]) + noise("rudder_deg"),
+        "n": track.n[:rows, column] + noise("rpm"),
+    }
+
+
+def antenna(world: World, state: np.ndarray, t: np.ndarray, latency: float) -> tuple[np.ndarray, np.ndarray]:
+    """Position and velocity over ground that the GPS shows, without noise.
+
+    Args:
+        world: The world.
+        state: x, y, psi, u, v, r in time, (times, 6).
+        t: Times [s], one second apart.
+        latency: How late it is [s].
+
+    Returns:
+        North and east [m]; north and east [m/s].
+    """
+    x, y, psi, u, v, r = state.T
+    forward, across = world.sensors.lever
+    ahead, aside = u - r * across, v + r * forward
+    north, east = np.cos(psi), np.sin(psi)
+    drift = np.array(world.sensors.runaway)[:, None]
+    current = np.array(world.current)[:, None]
+    velocity = np.array([ahead * north - aside * east, ahead * east + aside * north]) + current + 2 * drift * t
+    position = np.array([x + forward * north - across * east, y + forward * east + across * north]) + drift * t * t
+    return position - latency * velocity, velocity - latency * np.gradient(velocity, axis=1)
+
+
+def _shake(table: dict[str, np.ndarray], height: float, come_from: float, rng: np.random.Generator) -> None:
+    """Yaw at wave frequencies: a dozen waves between 6 and 14 s, most from the quarters."""
+    frequencies = 2 * np.pi / rng.uniform(6.0, 14.0, 12)
+    phases = rng.uniform(0, 2 * np.pi, 12)
+    t = table["t"][:, None]
+    lever = 0.3 + 0.7 * np.abs(np.sin(2 * (come_from - table["psi"])))
+    size = np.radians(0.008) * height * lever / np.sqrt(6.0)
+    table["psi"] = table["psi"] + size * np.sin(frequencies * t + phases).sum(1)
+    table["r"] = table["r"] + np.degrees(size * (frequencies * np.cos(frequencies * t + phases)).sum(1))
+
+
+def _finish(case: Case, table: dict[str, np.ndarray], rng: np.random.Generator) -> pd.DataFrame:
+    """Columns as recorded: speeds along the recorded heading, degrees, outliers, gaps, decimals."""
+    north, east, psi = table.pop("north"), table.pop("east"), table["psi"]
+    rows = len(psi)
+    table["sog"], table["cog"] = np.hypot(north, east), np.degrees(np.arctan2(east, north)) % 360
+    table["u"] = north * np.cos(psi) + east * np.sin(psi)
+    table["v"] = east * np.cos(psi) - north * np.sin(psi)
+    table["psi"] = np.degrees(psi) % 360
+    frame = pd.DataFrame({name: table[name] for name in DECIMALS})
+    for channels, low, high in ((["x_north", "y_east"], 15.0, 60.0), (["r"], 0.25, 0.6), (["u_log"], 0.7, 1.3)):
+        hit = rng.uniform(size=rows) < case.outliers
+        for channel in channels:
+            frame.loc[hit, channel] += rng.choice([-1.0, 1.0], hit.sum()) * rng.uniform(low, high, hit.sum())
+    for channels in (GPS, ["psi"], ["r"], ["u_log"]):
+        frame.loc[rng.uniform(size=rows) < GAPS, channels] = np.nan
+    frame = frame.round(DECIMALS)
+    frame[["psi", "cog"]] = frame[["psi", "cog"]].where(frame[["psi", "cog"]] < 360.0, frame[["psi", "cog"]] - 360.0)
+    return frame
+
+
+def manifest(case: Case) -> dict[str, Any]:
+    """The manifest that goes with the recordings.
+
+    Args:
+        case: The case.
+
+    Returns:
+        Its fields; nothing of the effects.
+    """
+    ship, runs = case.ship, []
+    for run in case.runs:
+        row = {"run": run.name, "file": f"{run.name}.csv", "split": run.split, "rows": run.duration + 1}
+        row |= {"duration_s": run.duration, "manoeuvre": run.manoeuvre, "first_turn": run.first_turn}
+        runs.append(row | {"initial_heading_deg": run.heading_deg})
+    return {
+        "case": case.name,
+        "ship": ship.name,
+        "particulars": ship.particulars,
+        "wind_areas": ship.wind_areas,
+        "stability": ship.stability,
+        "sample_interval_s": 1.0,
+        "warmup_s": float(WARMUP),
+        "manoeuvre_start_s": MANOEUVRE_START,
+        "nominal_noise_sd": NOISE,
+        "channels": UNITS,
+        "signs": SIGNS,
+        "runs": runs,
+    }
+
+
+def write_case(case: Case, folder: Path) -> None:
+    """Write recordings and manifest; the manifest last, so that a case with one is whole.
+
+    Args:
+        case: The case.
+        folder: The case's own folder.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, table in record(case).items():
+        table.to_csv(folder / f"{name}.csv", index=False)
+    part = folder / "manifest.part"
+    part.write_text(json.dumps(manifest(case), indent=1))
+    part.replace(folder / "manifest.json")
