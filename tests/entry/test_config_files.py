@@ -5,6 +5,8 @@ import torch
 from omegaconf import OmegaConf
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.dynamics.model import CalmWater
+from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.entry.config import as_list, build, load_yaml, named_manoeuvres, targets, training_manoeuvres
 from manoeuvre_nn.entry.job import make_fit, prepare
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
@@ -52,6 +54,28 @@ def test_every_ship_can_be_prepared_or_says_that_it_needs_recordings(name, compo
     else:
         job = prepared(composed, f"ship={name}")
         assert len(job.data.score_manoeuvres) == 3
+
+
+def test_every_effect_can_be_prepared_with_the_values_of_its_file(composed):
+    names = options("effect")
+    cfg = composed(f"effect=[{','.join(names)}]", "manoeuvre.speed_kn=10")
+    effects = {e.name: e for e in prepare(cfg, CONF).data.effects}
+    assert len(names) > 20 and list(effects) == names
+    for name, effect in effects.items():
+        given = {p.name: float(v) for p, v in zip(effect.declared, effect.values, strict=True)}
+        assert given == {k: v for k, v in cfg.effect[name].items() if k in given}, name
+        assert round(effect.ship.particulars.speed, 6) == round(10 * 1852 / 3600, 6)
+
+
+def test_without_effects_the_ship_sails_in_calm_water(composed):
+    assert "effect" not in composed() and prepared(composed).data.effects == []
+    assert type(prepared(composed).data.ship) is CalmWater
+
+
+def test_effects_are_set_on_the_command_line(composed):
+    data = prepared(composed, "effect=[current,wind_steady]", "effect.wind_steady.speed=12").data
+    assert [(e.name, float(e.values[0])) for e in data.effects] == [("current", 0.5), ("wind_steady", 12.0)]
+    assert list(data.ship.effects) == data.effects
 
 
 GIVEN = ["linear.inertia.mx=.8", "linear.inertia.my=1.5", "linear.inertia.mz=.08"]
@@ -152,6 +176,7 @@ def test_objects_are_passed_on_as_they_are():
         (wang_network, {"hidden": 3.5}, "hidden=3.5: expected a whole number"),
         (wang_network, {"spread": "wide"}, "spread=wide: expected a number"),
         (zigzag, {"rudder_deg": 20, "duration": "long"}, "duration=long: expected a number or null"),
+        (Current, {"ship": None, "speed": "fast"}, "speed=fast: expected a number"),
     ],
 )
 def test_arguments_of_the_wrong_kind_are_refused(target, settings, told):

@@ -5,6 +5,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
+import yaml
 from conftest import TINY
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
@@ -123,6 +124,19 @@ def test_backpropagation_on_a_tanker_runs_too(cli, fast, tmp_path):
                 f"hydra.run.dir={tmp_path}/run")  # fmt: skip
     assert ended.code == 0
     assert np.isfinite(scores(tmp_path / "run")["mean_dev_L"])
+
+
+def test_a_run_in_wind_and_current_says_so_and_is_judged_in_them_too(cli, fast, tmp_path, done):
+    ended = cli(*TINY, "effect=[wind_steady,current]", "effect.wind_steady.speed=12")
+    assert ended.code == 0, ended.err
+    told = " ".join(ended.out.split())
+    assert "with a steady wind (speed=12 m/s, from_deg=90) and a current (speed=0.5 m/s, toward_deg=90)" in told
+    (out,) = tmp_path.glob("outputs/*/*")
+    assert out.name.endswith("_mariner_zz35_wind_steady_current")
+    settings = yaml.safe_load((out / "config.yaml").read_text())["effect"]
+    assert (settings["wind_steady"]["speed"], settings["current"]["toward_deg"]) == (12, 90.0)
+    assert "a steady wind (speed=12 m/s" in (out / "report.html").read_text()
+    assert scores(out)["scores"]["zz20"]["dev_L"] > scores(done)["scores"]["zz20"]["dev_L"], "the model is not told"
 
 
 def test_an_empty_command_shows_what_it_would_use(cli):

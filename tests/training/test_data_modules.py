@@ -8,8 +8,11 @@ from fleet import unchecked
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.dynamics.affected import Affected
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.simulate import Problem, simulate
+from manoeuvre_nn.effect.current import Current
+from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.manoeuvre.straight import straight
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
@@ -87,6 +90,32 @@ def test_several_manoeuvres_are_put_one_after_the_other():
     torch.testing.assert_close(both.tuples.targets, torch.cat(alone))
     assert both.tuples.index.tolist() == [0] * 61 + [1] * 61
     assert "zz35 (60 s), tc15 (60 s)" in both.describe()
+
+
+def test_what_effects_do_is_part_of_what_is_learnt():
+    ship, known = tiny.ships()
+    wind = SteadyWind(ship, speed=12.0, from_deg=60.0)
+    data = simulated(effects=[wind, Current(ship, speed=1.0, toward_deg=90.0)], length=60.0)
+    (run,), inputs = data.recordings, data.tuples.inputs
+    nu, delta, course = (torch.as_tensor(c) for c in (run.stacked("u", "v", "r"), run["delta"], run["psi"]))
+    state = torch.cat([nu, torch.zeros(len(run), 2).double(), course[:, None]], dim=-1)
+    with unchecked():
+        rates = Affected(CalmWater(ship), [wind])(state, delta)[:, :3]
+    whole = known.acceleration_from_force(nu, known.force(nu, delta) + data.tuples.targets)
+    torch.testing.assert_close(whole, rates, rtol=1e-9, atol=1e-12)
+    assert (rates - ship.acceleration(nu, delta)).abs().max() > 1e-4
+    torch.testing.assert_close(inputs[:, 0] * ship.particulars.speed, nu[:, 0])
+    (judged,) = data.held_out.references
+    assert judged["ve"][0] == pytest.approx(1.0), "judged in the same current"
+    assert "Mariner with a steady wind (speed=12 m/s, from_deg=60) and a current (" in data.describe()
+    assert "the simulated Mariner: zz35 (60 s)" in simulated(length=60.0).describe()
+
+
+def test_a_current_alone_leaves_nothing_to_learn():
+    ship = tiny.ships()[0]
+    still, drifting = simulated(length=60.0), simulated(effects=[Current(ship)], length=60.0)
+    torch.testing.assert_close(drifting.tuples.inputs, still.tuples.inputs, rtol=0, atol=1e-7)
+    torch.testing.assert_close(drifting.tuples.targets, still.tuples.targets, rtol=0, atol=1e-7)
 
 
 def test_noise_is_that_of_the_seed_and_of_the_named_channels():

@@ -74,9 +74,15 @@ def _blade(acting: Effect, line: Linearised, rows: int) -> Tensor | None:
     if type(acting).blade is Effect.blade:
         return None
     step, angle = recorded.new_tensor(run.step), recorded[0].expand(rows, 1)
-    angles = [acting.blade(angle, order[0], recorded[0], 0 * step).expand(rows, 1)]
-    for k in range(1, len(run)):
-        angles.append(acting.blade(angles[-1], order[k - 1], recorded[k], step).expand(rows, 1))
+    held = torch.cat([order[:1], order[:-1]])
+    here = acting.blade(recorded, held, recorded, step).expand(rows, len(run))
+    if torch.equal(here, acting.blade(recorded + 1.0, held, recorded, step).expand(rows, len(run))):
+        return here  # it has no memory
+    angles, half = [acting.blade(angle, order[0], recorded[0], 0 * step).expand(rows, 1)], 0.5 * step
+    middle = 0.5 * (recorded[1:] + recorded[:-1])
+    for k in range(1, len(run)):  # an order is taken to be given midway between two samples
+        midway = acting.blade(angles[-1], order[k - 1], middle[k - 1], half)
+        angles.append(acting.blade(midway, order[k], recorded[k], half).expand(rows, 1))
     return torch.cat(angles, dim=-1)
 
 
@@ -144,7 +150,7 @@ def perfect(s: Situation) -> dict[str, Tensor]:
     cos, sin = torch.cos(s.psi), torch.sin(s.psi)
     vn, ve = s.u * cos - s.v * sin, s.u * sin + s.v * cos
     return {
-        "x": s.x, "y": s.y, "vn": vn, "ve": ve, "psi": s.psi, "r": s.r, "u_log": s.u, "delta": s.delta, "n": s.shaft,
+        "x": s.x, "y": s.y, "vn": vn, "ve": ve, "psi": s.psi, "r": s.r, "u_log": s.u, "delta": s.delta, "n": torch.ones_like(s.u),
     }  # fmt: skip
 
 

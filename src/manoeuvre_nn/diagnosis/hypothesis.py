@@ -5,7 +5,7 @@ receiver and a coloured force are integrated out *inside* it, the empty hypothes
 coefficients' error are summed over a grid with a prior.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import log, pi, sqrt
 
@@ -17,6 +17,8 @@ from manoeuvre_nn.diagnosis.bench import FORCE_LEVELS, LATENCY_SPREAD, SCATTER_L
 from manoeuvre_nn.diagnosis.columns import contribution
 from manoeuvre_nn.diagnosis.linear import Columns
 
+RANDOM = ("gust_sd", "gust_time_s")
+"""Parameters of a random process: its course is integrated out, so that they have no column of their own."""
 FORCE_PRIOR = 5e-4
 """Scale of the exponential prior of the coloured force's level when physics is named: little may stay unexplained."""
 SCATTER_PRIOR = 0.03
@@ -30,10 +32,12 @@ class Hypothesis:
     Attributes:
         effects: The effects, prototypes without values of their own.
         values: Parameter values of each effect, one row a run; parameters that are not per run are equal in all rows.
+        fixed: Names of parameters that are held at their values.
     """
 
     effects: tuple[Effect, ...]
     values: tuple[Float[np.ndarray, "runs p"], ...]
+    fixed: frozenset[str] = frozenset()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -45,6 +49,8 @@ class Hypothesis:
         found = []
         for k, effect in enumerate(self.effects):
             for j, p in enumerate(effect.declared):
+                if p.name in RANDOM or p.name in self.fixed:
+                    continue
                 runs = range(len(self.values[k])) if p.per_run else [None]
                 found += [Free(k, j, run, p) for run in runs]
         return found
@@ -76,7 +82,7 @@ class Hypothesis:
         Returns:
             Their union.
         """
-        return Hypothesis(self.effects + other.effects, self.values + other.values)
+        return replace(self, effects=self.effects + other.effects, values=self.values + other.values)
 
 
 @dataclass(frozen=True)
@@ -128,6 +134,7 @@ class Judged:
         misfit: Chi-square of the data at the best level.
         best: Force level and scatter level with the highest weight.
         nuisance: Most likely coefficients (relative error) and latencies.
+        random: Sizes of random courses (gusts) with standard errors.
     """
 
     hypothesis: Hypothesis
@@ -137,6 +144,7 @@ class Judged:
     misfit: float = 0.0
     best: tuple[int, int] = (0, 0)
     nuisance: Float[np.ndarray, " k"] = field(default_factory=lambda: np.zeros(0), repr=False)
+    random: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -180,7 +188,8 @@ def linear(bench: Bench, hypothesis: Hypothesis) -> Linear:
         whole, parts, at = None, [], []
         for k, effect in enumerate(hypothesis.effects):
             mine = [(i, f) for i, f in enumerate(free) if f.effect == k and f.run in (None, run)]
-            here = hypothesis.values[k][run]
+            here = hypothesis.values[k][run].copy()
+            here[[p.name == RANDOM[0] for p in effect.declared]] = 0.0
             steps = np.array([_differences(f.parameter) for _, f in mine])
             sets = np.tile(here, (1 + 2 * len(mine), 1))
             for j, (_, f) in enumerate(mine):
@@ -330,18 +339,32 @@ class Court:
         """
         return np.stack([self.bench.gram(g, lin.columns, lin.index, lin.count) for g in levels])
 
-    def posterior(self, lin: Linear, gram: Float[np.ndarray, "g p p"], levels: Sequence[int]) -> Posterior:
+    def posterior(self, lin: Linear, levels: Sequence[int]) -> Posterior:
         """Regression about the hypothesis' values; means are those of the free numbers' change.
 
         Args:
             lin: The hypothesis' columns.
-            gram: Their inner products.
             levels: Grid points.
 
         Returns:
             Evidence, mean, covariance.
         """
-        free, now = lin.hypothesis.free(), lin.hypothesis.vector()
+        return self.regress(lin.hypothesis, self.grams(lin, levels), self.bench.norm[list(levels)])
+
+    def regress(
+        self, hypothesis: Hypothesis, gram: Float[np.ndarray, "g p p"], norm: Float[np.ndarray, " g"]
+    ) -> Posterior:
+        """The same from inner products.
+
+        Args:
+            hypothesis: At its values.
+            gram: Inner products of base and the hypothesis' columns.
+            norm: Log normaliser at each level.
+
+        Returns:
+            Evidence, mean, covariance.
+        """
+        free, now = hypothesis.free(), hypothesis.vector()
         size = self.bench.size
         data = np.zeros(gram.shape[1])
         data[0], data[size] = 1.0, -1.0
@@ -350,7 +373,7 @@ class Court:
         data[size + 1 :] = -shift
         keep = np.r_[0, size, 1:size, size + 1 : size + 1 + len(free)]
         g = gram[:, keep][:, :, keep]
-        found = regress(g, self.bench.norm[list(levels)], self.coefficients, data[keep], self._prior(lin.hypothesis))
+        found = regress(g, norm, self.coefficients, data[keep], self._prior(hypothesis))
         mean = found.mean.copy()
         mean[..., -len(free) :] += shift
         return replace(found, mean=mean)
@@ -371,7 +394,7 @@ class Court:
         trial = hypothesis
         for _ in range(rounds):
             lin = linear(self.bench, trial)
-            found = self.posterior(lin, self.grams(lin, [level]), [level])
+            found = self.posterior(lin, [level])
             value = self._at_point(lin, found, scatter)
             if value > score:
                 gained = value - score
@@ -394,36 +417,71 @@ class Court:
         precision = np.linalg.inv(found.covariance[0, scatter][-m:, -m:])
         return float(found.by_level[0, scatter] - 0.5 * mean @ precision @ mean + 0.5 * np.linalg.slogdet(precision)[1])
 
-    def judge(self, hypothesis: Hypothesis, force_prior: float | None = FORCE_PRIOR) -> Judged:
-        """Evidence of a hypothesis at its values, over all levels.
+    def judge(
+        self, hypothesis: Hypothesis, force_prior: float | None = FORCE_PRIOR, around: int | None = None
+    ) -> Judged:
+        """Evidence of a hypothesis at its values, over all levels that matter.
+
+        Levels are taken on outward from a first one until the best is surrounded by worse ones.
 
         Args:
             hypothesis: It, fitted.
             force_prior: See :func:`log_prior_levels`.
+            around: Force level to begin with; None takes the middle of the grid.
 
         Returns:
             What came out.
         """
-        levels = list(range(len(self.bench.levels)))
         prior = log_prior_levels(self.bench, force_prior)
-        if not hypothesis.effects:
-            size = self.bench.size
-            data = np.eye(size)[0]
-            found = regress(self.bench.base_gram, self.bench.norm, self.coefficients, data, self._prior(hypothesis))
-        else:
-            lin = linear(self.bench, hypothesis)
-            found = self.posterior(lin, self.grams(lin, levels), levels)
-        weighted = found.by_level + prior
-        g, s = np.unravel_index(int(weighted.argmax()), weighted.shape)
+        lin = linear(self.bench, hypothesis) if hypothesis.effects else None
+        side = len(FORCE_LEVELS)
+        known: dict[int, Posterior] = {}
+        best = self.start_level if around is None else around
+        while True:
+            row, column = divmod(best, side)
+            cross = [(row, column), (row + 1, column), (row - 1, column), (row, column + 1), (row, column - 1)]
+            new = [r * side + c for r, c in cross if 0 <= r < side and 0 <= c < side and r * side + c not in known]
+            for level in new:
+                known[level] = self._at_level(hypothesis, lin, level)
+            top = max(known, key=lambda g: float((known[g].by_level[0] + prior[g]).max()))
+            if top == best:
+                break
+            best = top
+        return self.verdict(hypothesis, known, prior)
+
+    def _at_level(self, hypothesis: Hypothesis, lin: Linear | None, level: int) -> Posterior:
+        """Regression at one force level."""
+        if lin is not None:
+            return self.posterior(lin, [level])
+        data = np.eye(self.bench.size)[0]
+        gram, norm = self.bench.base_gram[[level]], self.bench.norm[[level]]
+        return regress(gram, norm, self.coefficients, data, self._prior(hypothesis))
+
+    def verdict(
+        self, hypothesis: Hypothesis, known: Mapping[int, Posterior], prior: Float[np.ndarray, "g s"]
+    ) -> Judged:
+        """Sum over the levels.
+
+        Args:
+            hypothesis: At its values.
+            known: Regression at every force level that was looked at.
+            prior: Log prior of the levels.
+
+        Returns:
+            What came out.
+        """
+        by_level = np.full(prior.shape, -np.inf)
+        for level, found in known.items():
+            by_level[level] = found.by_level[0]
+        weighted = by_level + prior
+        g, s = (int(k) for k in np.unravel_index(int(weighted.argmax()), weighted.shape))
         m = len(hypothesis.free())
-        mean = found.mean[g, s]
+        mean, covariance = known[g].mean[0, s], known[g].covariance[0, s]
         final = hypothesis if not m else _limited(hypothesis, mean[-m:])
         k = len(mean) - m
         evidence = _log_sum(weighted) + _half_lines(hypothesis)
-        return Judged(
-            final, evidence, found.by_level, found.covariance[g, s][k:, k:], float(found.misfit[g, s]),
-            (int(g), int(s)), mean[:k],
-        )  # fmt: skip
+        misfit = float(known[g].misfit[0, s])
+        return Judged(final, evidence, by_level, covariance[k:, k:], misfit, (g, s), mean[:k])
 
 
 def _half_lines(hypothesis: Hypothesis) -> float:

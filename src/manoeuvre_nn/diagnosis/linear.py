@@ -276,7 +276,7 @@ class Whitened:
 
     def _right(self, c: Columns) -> Float[np.ndarray, "size p"]:
         """Right-hand sides of the normal equations."""
-        b = np.einsum("kci,kcp->kip", self.h, self.r_inv[..., None] * c.measured)
+        b = self.h.transpose(0, 2, 1) @ (self.r_inv[..., None] * c.measured)
         pushed = self.q_inv[:, :, :6] @ (c.moved / self.unit[:6, None])
         b[1:] -= pushed
         b[:-1] += self.a.transpose(0, 2, 1) @ pushed

@@ -227,7 +227,7 @@ class Affected(Dynamics):
             New dynamics.
         """
         calm = self.calm.on_approach(speed)
-        return Affected(calm, [type(e)(ship=calm.hull).at(e.values) for e in self._effects()])
+        return Affected(calm, [_aboard(e, calm.hull) for e in self._effects()])
 
     def take(self, rows: Int[Tensor, " k"]) -> "Affected":
         """The dynamics of some rows of a batch; values that differ from row to row are chosen with them.
@@ -239,17 +239,25 @@ class Affected(Dynamics):
             Dynamics whose batch is those rows.
         """
         calm = self.calm.take(rows)
-        effects = [e if e.values.ndim < 2 else e.at(e.values[rows]) for e in self._effects()]
-        if calm is self.calm and all(a is b for a, b in zip(effects, self._effects(), strict=True)):
+        own = [e.values.ndim > 1 and len(e.values) > 1 for e in self._effects()]
+        effects = [e.at(e.values[rows]) if o else e for e, o in zip(self._effects(), own, strict=True)]
+        if calm is self.calm and not any(own):
             return self
         return Affected(calm, effects)
+
+
+def _aboard(effect: Effect, ship: Ship) -> Effect:
+    """The same effect with the same values and choices on another ship."""
+    moved = effect.at(effect.values)
+    moved._ship = [ship]
+    return moved
 
 
 def in_words(effects: Sequence[Effect]) -> str:
     """What acts on a ship, with its values.
 
     Args:
-        effects: What acts.
+        effects: What acts, at least one.
 
     Returns:
         ``a steady wind (speed=12 m/s, from_deg=90) and ...``; parameters of the formula where they are not the usual.
@@ -263,4 +271,4 @@ def in_words(effects: Sequence[Effect]) -> str:
             if not (p.form and value == p.null)
         ]
         said.append(f"{effect.label} ({', '.join(given)})")
-    return ", ".join(said[:-1]) + " and " * (len(said) > 1) + said[-1] if said else "none"
+    return " and ".join([", ".join(said[:-1]), said[-1]] if said[1:] else said)

@@ -55,8 +55,8 @@ def replay(dynamics: Dynamics, recordings: Sequence[Recording], *, start: float 
     )
     first = reference.new_tensor(np.stack([[np.interp(g[0], r.time, r[k]) for k in STATE] for g, r in pairs]))
     with torch.no_grad():
-        blade = _blade(dynamics, order, shown, interval)
-        states = _integrate(dynamics, dynamics.start(first, blade[:, 0]), blade, start, interval)
+        blade = blade_series(dynamics, order, shown, interval)
+        states = integrate(dynamics, dynamics.start(first, blade[:, 0]), blade, start, interval)
     return [
         _prediction(dynamics, r, g, start, states[: len(g), row], *(x[row, : len(g)] for x in (recorded, shown, blade)))
         for row, (g, r) in enumerate(pairs)
@@ -80,7 +80,7 @@ def _wheel(dynamics: Dynamics, times: np.ndarray, record: Recording, like: Tenso
     return recorded, shown, record["delta_order"][np.searchsorted(record.time, times + 1e-9, side="right") - 1]
 
 
-def _blade(
+def blade_series(
     dynamics: Dynamics, order: Float[Tensor, "rows times"], shown: Float[Tensor, "rows times"], interval: float
 ) -> Float[Tensor, "rows times"]:
     """Angle of the rudder blade, sample by sample; an order is taken to be given midway between two samples."""
@@ -93,7 +93,7 @@ def _blade(
     return torch.stack([angles[:, -1] for angles in behind], dim=1)
 
 
-def _integrate(
+def integrate(
     dynamics: Dynamics,
     first: Float[Tensor, "rows n"],
     rudder: Float[Tensor, "rows times"],

@@ -27,9 +27,7 @@ class Bank(ForceEffect):
     family = "local force"
     label = "a bank"
     equations = ("Y", "N")
-    fingerprint = (
-        "Sway and yaw of opposite sense, as the square of the speed, falling with the distance from a line."
-    )
+    fingerprint = "Sway and yaw of opposite sense, as the square of the speed, falling with the distance from a line."
     source = "Form of Norrbin 1974, y_B = (B/2)(1/y_s - 1/y_p); k_Y and k_N are orders of magnitude"
     declared = (
         Parameter("strength", "-", 0.0, 20.0, 0.0, 2.0, (1.0,)),

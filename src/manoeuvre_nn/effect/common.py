@@ -53,7 +53,7 @@ def instant(name: str, *starts: float) -> Parameter:
     Returns:
         The parameter.
     """
-    return Parameter(name, "s", 0.0, 7200.0, None, 600.0, starts)
+    return Parameter(name, "s", 0.0, 7200.0, None, 600.0, starts, per_run=True)
 
 
 def columns(*parts: Float[Tensor, "..."]) -> Float[Tensor, "..."]:

@@ -48,9 +48,7 @@ class PropellerPitchError(ForceEffect):
     family = FAMILY
     label = "a pitch error of the propeller"
     equations = ("X",)
-    fingerprint = (
-        "Another speed on a straight course at the same shaft speed; the surplus grows as speed is lost."
-    )
+    fingerprint = "Another speed on a straight course at the same shaft speed; the surplus grows as speed is lost."
     source = "dT = f T with T = R0 [(1 + s) n^2 - s n u/U0], or the ship's own thrust"
     declared = (Parameter("fraction", "-", -0.6, 0.6, 0.0, 0.15, (0.1, -0.1)),)
 
@@ -79,12 +77,10 @@ class PowerLimit(Effect):
     family = FAMILY
     label = "an engine at its limit"
     equations = ("X",)
-    fingerprint = (
-        "More speed is lost in turns to both sides than by the hull alone; straight runs are right."
-    )
+    fingerprint = "More speed is lost in turns to both sides than by the hull alone; straight runs are right."
     source = "Linear shaft speed along the engine's limit curve; first-order lag"
     declared = (
-        Parameter("rpm_slope", "-", -0.3, 1.0, 0.0, 0.3, (0.2,)),
+        Parameter("rpm_slope", "-", 0.0, 1.0, 0.0, 0.3, (0.2,)),
         Parameter("lag_s", "s", 1.0, 60.0, 8.0, 5.0, (8.0,), form=True),
     )
     memory = 1
@@ -152,7 +148,7 @@ class HullFouling(ForceEffect):
         "Less speed on every heading, straight and turning, as the square of the speed; sway and yaw are right."
     )
     source = "dX = -a R0 (u/U0) |u/U0|; a of .1 to .8 (Schultz 2007)"
-    declared = (Parameter("added_resistance", "-", -0.5, 2.0, 0.0, 0.3, (0.2,)),)
+    declared = (Parameter("added_resistance", "-", 0.0, 2.0, 0.0, 0.3, (0.2,)),)
 
     def force(self, s: Situation) -> Float[Tensor, "*batch 3"]:
         """The added resistance.

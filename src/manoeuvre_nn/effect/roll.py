@@ -23,9 +23,7 @@ class RollCoupling(Effect):
     family = "heel"
     label = "a yaw moment by heel"
     equations = ("N",)
-    fingerprint = (
-        "An odd yaw moment as the square of the speed that lags the turn and rings at the roll period."
-    )
+    fingerprint = "An odd yaw moment as the square of the speed that lags the turn and rings at the roll period."
     source = "Son & Nomoto 1982, the terms linear in heel; roll as an oscillator driven by the centripetal acceleration"
     declared = (Parameter("N_phi", "-", -0.2, 0.2, 0.0, 0.02, (0.01, -0.01)),)
     memory = 2

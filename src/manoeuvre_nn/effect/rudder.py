@@ -33,11 +33,11 @@ class RudderOffset(RudderEffect):
 
     def blade(
         self,
-        before: Float[Tensor, "*batch"],
-        order: Float[Tensor, "*batch"],
-        shown: Float[Tensor, "*batch"],
-        elapsed: Float[Tensor, "*batch"],
-    ) -> Float[Tensor, "*batch"]:
+        before: Float[Tensor, "*#batch"],
+        order: Float[Tensor, "*#batch"],
+        shown: Float[Tensor, "*#batch"],
+        elapsed: Float[Tensor, "*#batch"],
+    ) -> Float[Tensor, "*#batch"]:
         """The indicated angle and the offset.
 
         Args:
@@ -58,19 +58,17 @@ class RudderBacklash(RudderEffect):
 
     name = "rudder_backlash"
     label = "backlash of the rudder"
-    fingerprint = (
-        "After a reversal the ship answers as if the rudder waited; order and turn make a hysteresis loop."
-    )
+    fingerprint = "After a reversal the ship answers as if the rudder waited; order and turn make a hysteresis loop."
     source = "Play operator of total width w: blade = clamp(before, shown - w/2, shown + w/2)"
     declared = (Parameter("width_deg", "deg", 0.0, 6.0, 0.0, 1.5, (1.5,)),)
 
     def blade(
         self,
-        before: Float[Tensor, "*batch"],
-        order: Float[Tensor, "*batch"],
-        shown: Float[Tensor, "*batch"],
-        elapsed: Float[Tensor, "*batch"],
-    ) -> Float[Tensor, "*batch"]:
+        before: Float[Tensor, "*#batch"],
+        order: Float[Tensor, "*#batch"],
+        shown: Float[Tensor, "*#batch"],
+        elapsed: Float[Tensor, "*#batch"],
+    ) -> Float[Tensor, "*#batch"]:
         """The angle before, pushed to within half the play of the indicated one.
 
         Args:
@@ -110,11 +108,11 @@ class RudderSlow(RudderEffect):
 
     def blade(
         self,
-        before: Float[Tensor, "*batch"],
-        order: Float[Tensor, "*batch"],
-        shown: Float[Tensor, "*batch"],
-        elapsed: Float[Tensor, "*batch"],
-    ) -> Float[Tensor, "*batch"]:
+        before: Float[Tensor, "*#batch"],
+        order: Float[Tensor, "*#batch"],
+        shown: Float[Tensor, "*#batch"],
+        elapsed: Float[Tensor, "*#batch"],
+    ) -> Float[Tensor, "*#batch"]:
         """The angle before, moved towards the order; exact while the order is constant.
 
         Args:
@@ -142,11 +140,11 @@ class RudderLag(RudderEffect):
 
     def blade(
         self,
-        before: Float[Tensor, "*batch"],
-        order: Float[Tensor, "*batch"],
-        shown: Float[Tensor, "*batch"],
-        elapsed: Float[Tensor, "*batch"],
-    ) -> Float[Tensor, "*batch"]:
+        before: Float[Tensor, "*#batch"],
+        order: Float[Tensor, "*#batch"],
+        shown: Float[Tensor, "*#batch"],
+        elapsed: Float[Tensor, "*#batch"],
+    ) -> Float[Tensor, "*#batch"]:
         """The angle before, decayed towards the indicated one.
 
         Args:
@@ -169,15 +167,15 @@ class RudderSaturation(RudderEffect):
     label = "a rudder that stops early"
     fingerprint = "Disagreement at large rudder angles only, as if less had been ordered."
     source = "delta = clamp(shown, -limit, limit)"
-    declared = (Parameter("limit_deg", "deg", 5.0, 60.0, 60.0, 15.0, (25.0, 15.0)),)
+    declared = (Parameter("limit_deg", "deg", 5.0, 45.0, 45.0, 10.0, (25.0, 15.0)),)
 
     def blade(
         self,
-        before: Float[Tensor, "*batch"],
-        order: Float[Tensor, "*batch"],
-        shown: Float[Tensor, "*batch"],
-        elapsed: Float[Tensor, "*batch"],
-    ) -> Float[Tensor, "*batch"]:
+        before: Float[Tensor, "*#batch"],
+        order: Float[Tensor, "*#batch"],
+        shown: Float[Tensor, "*#batch"],
+        elapsed: Float[Tensor, "*#batch"],
+    ) -> Float[Tensor, "*#batch"]:
         """The indicated angle as far as the stop.
 
         Args:

@@ -1,22 +1,23 @@
-"""A ship's series taken apart into what the hull does in sway and in turning, and what its mass does."""
+"""A ship's series taken apart: what the hull does in drift and in yaw, what its mass does; and hulls that change."""
 
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import ClassVar, Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Float
-from torch import Tensor, nn
+from torch import Tensor
 
-from manoeuvre_nn.core.effect import Situation
+from manoeuvre_nn.core.effect import Effect, Situation
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.ship import Ship
 
-TANKER = {"uv": "sway", "|v|v": "sway", "Lur": "turn", "L|v|r": "turn", "Lvr": "turn"}
-"""Products of the BIS tanker that the hull makes; all others belong to rudder, propeller or resistance."""
+DRIFT, YAW = {"uv", "|v|v"}, {"Lur", "L|v|r", "Lvr", "vr"}
+"""Products that the hull makes and whose letters do not say so: the BIS tanker's, and v r, which is even."""
 LINEAR = {"v", "uv", "r", "ur", "Lur"}
 GYRATION = 0.25
-"""Radius of gyration in yaw over L [-], where the inertia has to be parted into mass and added mass."""
+"""Radius of gyration in yaw over L [-], where the inertia is parted into mass and added mass."""
 
 
 @runtime_checkable
@@ -26,27 +27,39 @@ class DepthShip(Protocol):
     coefficients: Mapping[str, float]
     zeta: float
 
+    def products(self, nu: Tensor, delta: Tensor, shaft: Tensor | float = 1.0) -> Tensor:
+        """What the coefficients are multiplied by.
+
+        Args:
+            nu: u, v [m/s], r [rad/s].
+            delta: Rudder angle [rad].
+            shaft: Shaft speed over nominal [-].
+        """
+
 
 @dataclass(frozen=True)
 class Parts:
     """Contributions to the right-hand sides f' [-], by what makes them.
 
     Attributes:
-        sway: By the hull's drift: terms with more v than r and no rudder.
-        turn: By the hull's yaw rate, mass terms excluded.
-        mass: ``m' v' r'`` and ``-m' u' r'``.
+        drift: The hull's terms with more v than r and without rudder.
+        yaw: The hull's terms with r, mass terms excluded.
+        mass: ``m' v' r'`` in surge and ``-m' u' r'`` in sway.
     """
 
-    sway: Float[Tensor, "*batch 3"]
-    turn: Float[Tensor, "*batch 3"]
+    drift: Float[Tensor, "*batch 3"]
+    yaw: Float[Tensor, "*batch 3"]
     mass: Float[Tensor, "*batch 3"]
 
 
-class Series(nn.Module):
+class Series:
     """A ship's products and coefficients, sorted.
 
     Attributes:
+        ship: The ship.
         mass: Mass of the ship in its prime system, m' [-].
+        masses: m', m', Iz' [-]: the inertia without added masses.
+        added: Added masses [-].
     """
 
     def __init__(self, ship: Ship, effect: str) -> None:
@@ -59,27 +72,107 @@ class Series(nn.Module):
         Raises:
             InputError: If the ship's forces are no series.
         """
-        super().__init__()
-        if ship.table is None:
-            raise InputError(
-                f"effect.{effect}: the {ship.particulars.name} has no table of coefficients; give a ship with one"
-            )
-        self._ship = [ship]
-        self.mass = ship.particulars.mass / ship.prime.mass
-        kinds = [_kind(t) for t in ship.terms]
-        pure = torch.zeros_like(ship.table)  # coefficients that the mass terms make
-        for k, term in enumerate(ship.terms):
-            if term in {"r", "ur", "Lur"}:
-                pure[k, 1] = -self.mass
-            if term in {"vr", "Lvr"}:
-                pure[k, 0] = self.mass
-        if isinstance(ship, DepthShip):
-            pure = pure / ship.prime.speed**2 
-        hull = ship.table - pure
-        linear = [t in LINEAR for t in ship.terms]
-        self.tables = {
-            "sway": hull * _mask([k == "sway" for k in kinds], hull),
-            "turn": hull * _mask([k == "turn" for k in kinds], hull),
-            "mass": pure,
-        }
-        self.linear = _mask(linear, hull)
+        table = ship.table
+        if table is None:
+            raise InputError(f"effect.{effect}: the {ship.particulars.name} has no coefficients; give a ship with some")
+        self.ship = ship
+        diagonal = ship.inertia.diagonal()
+        # Never more than the inertia in surge: a rounded displacement must not make an added mass negative.
+        self.mass = min(ship.particulars.mass / ship.prime.mass, float(diagonal[0]))
+        self.masses = diagonal.new_tensor([self.mass, self.mass, self.mass * GYRATION**2])
+        self.added = (diagonal - self.masses).clamp(min=0.0)
+        unit = self.mass / ship.prime.speed**2 if isinstance(ship, DepthShip) else self.mass
+        mass = torch.zeros_like(table)
+        for row, term in enumerate(ship.terms):
+            mass[row, 0] = unit if term in {"vr", "Lvr"} else 0.0
+            mass[row, 1] = -unit if term in {"r", "ur", "Lur"} else 0.0
+        kinds, hull = [_kind(t) for t in ship.terms], table - mass
+        self.tables = torch.stack([hull * _rows(kinds, "drift", hull), hull * _rows(kinds, "yaw", hull), mass])
+        self.linear = _rows([t in LINEAR for t in ship.terms], True, hull)
+
+    def parts(self, s: Situation, *, linear: bool = False) -> Parts:
+        """Evaluate the parts.
+
+        Args:
+            s: The situation.
+            linear: Whether only the terms linear in v or r count.
+
+        Returns:
+            Contributions to f'.
+        """
+        tables = self.tables * self.linear if linear else self.tables
+        products = self.ship.products(s.nu, s.delta)
+        return Parts(*(products @ table for table in tables))
+
+
+def _kind(term: str) -> str:
+    """Whether a product is made by the hull's drift, by its yaw, or by something else."""
+    drift, yaw = term.count("v"), term.count("r")
+    if term in DRIFT | YAW:
+        return "drift" if term in DRIFT else "yaw"
+    if set(term) - set("uvr") or (drift + yaw) % 2 == 0:
+        return ""
+    return "drift" if drift > yaw else "yaw"
+
+
+def _rows(kinds: list, kind: object, like: Tensor) -> Tensor:
+    """1 in the rows of one kind, else 0, as a column."""
+    return like.new_tensor([float(k == kind) for k in kinds])[:, None]
+
+
+class HullEffect(Effect):
+    """Coefficients and inertia that are not the ship's: adds ``(M' + dM')^-1 (f' + df') - M'^-1 f'``.
+
+    f' is that of the whole ship, which the situation's accelerations tell.
+    """
+
+    site = "hull"
+    equations: ClassVar[tuple[str, ...]] = ("X", "Y", "N")
+
+    def __init__(self, ship: Ship, **values: float) -> None:
+        """Sort the ship's terms.
+
+        Args:
+            ship: The ship that it acts on; its forces must be a series.
+            values: Parameter = value in its unit.
+        """
+        super().__init__(ship, **values)
+        self._sorted = [Series(ship, self.name)]
+
+    @property
+    def series(self) -> Series:
+        """The ship's terms, sorted anew where the effect was taken to another ship."""
+        if self._sorted[0].ship is not self.ship:
+            self._sorted = [Series(self.ship, self.name)]
+        return self._sorted[0]
+
+    @abstractmethod
+    def change(self, s: Situation) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*rows 3"]]:
+        """What changes.
+
+        Args:
+            s: The situation.
+
+        Returns:
+            df' [-] and the diagonal of dM' [-].
+        """
+
+    def acceleration(self, s: Situation, memory: Float[Tensor, "*own m"]) -> Float[Tensor, "*batch 3"]:
+        """What the changed hull adds.
+
+        Args:
+            s: The situation.
+            memory: Not used.
+
+        Returns:
+            udot, vdot [m/s^2], rdot [rad/s^2].
+        """
+        del memory
+        force, inertia = self.change(s)
+        surge, sway, yaw = (self.ship.force_from_acceleration(s.nudot) + force).unbind(-1)
+        (m11, _, _), (_, m22, m23), (_, m32, m33) = self.ship.inertia.tolist()
+        dx, dy, dz = inertia.unbind(-1)
+        determinant = (m22 + dy) * (m33 + dz) - m23 * m32
+        rates = [surge / (m11 + dx), ((m33 + dz) * sway - m23 * yaw) / determinant]
+        rates.append(((m22 + dy) * yaw - m32 * sway) / determinant)
+        return torch.stack(rates, dim=-1) * self.ship.acceleration_units - s.nudot

@@ -16,11 +16,7 @@ from manoeuvre_nn.effect.sensors import shifted
 
 
 class RudderDelay(RudderEffect):
-    """A recorded rudder angle that is late.
-
-    Whoever drives a ship with such a recording takes :func:`~manoeuvre_nn.effect.sensors.shifted` with the negative
-    delay first.
-    """
+    """A recorded rudder angle that is late."""
 
     name = "rudder_delay"
     site = "sensor"
@@ -43,6 +39,18 @@ class RudderDelay(RudderEffect):
         delay = self.value("delay_s")
         return {k: shifted(c, s.time, delay) if k == "delta" else c for k, c in channels.items()}
 
+    def indicated(self, recorded: Float[Tensor, "*batch n"], time: Float[Tensor, " n"]) -> Float[Tensor, "*batch n"]:
+        """Take the rudder angle from after.
+
+        Args:
+            recorded: Recorded rudder angle [rad].
+            time: Sample times [s].
+
+        Returns:
+            What the indicator showed at these times [rad].
+        """
+        return shifted(recorded, time, -self.value("delay_s"))
+
 
 class RudderAreaLoss(RudderEffect):
     """A share of all forces of the rudder that is missing."""
@@ -51,7 +59,7 @@ class RudderAreaLoss(RudderEffect):
     label = "a loss of rudder area"
     fingerprint = "Everything that the rudder does is smaller by one share, at all angles and to both sides."
     source = "(1 - k) of the terms with the rudder angle"
-    declared = (Parameter("fraction", "-", -0.5, 0.9, 0.0, 0.2, (0.15,)),)
+    declared = (Parameter("fraction", "-", 0.0, 0.9, 0.0, 0.2, (0.15,)),)
 
     def acceleration(self, s: Situation, memory: Float[Tensor, "*own m"]) -> Float[Tensor, "*batch 3"]:
         """What is missing.

@@ -1,10 +1,11 @@
 """Wind on the part of the ship above the water."""
 
-from math import pi
+from math import exp, pi, sqrt
 from typing import ClassVar
 
 import torch
 from jaxtyping import Float
+from scipy.signal import lfilter
 from torch import Tensor
 
 from manoeuvre_nn.core.effect import ForceEffect, Parameter, Situation
@@ -153,13 +154,11 @@ class GustyWind(SteadyWind):
             values: Parameter = value in its unit.
         """
         super().__init__(ship, kind, **values)
-        decay = torch.exp(torch.tensor(-self.STEP, dtype=torch.float64))
-        kicks = torch.randn(
-            round(self.LAST / self.STEP) + 1, generator=torch.Generator().manual_seed(seed), dtype=torch.float64
-        )
-        series, scale = [float(kicks[0])], float((1 - decay**2).sqrt())
-        for kick in kicks[1:].tolist():
-            series.append(float(decay) * series[-1] + scale * kick)
+        count = round(self.LAST / self.STEP) + 1
+        kicks = torch.randn(count, generator=torch.Generator().manual_seed(seed), dtype=torch.float64).numpy()
+        decay = exp(-self.STEP)
+        kicks[1:] *= sqrt(1 - decay**2)
+        series = lfilter([1.0], [1.0, -decay], kicks).tolist()
         self.register_buffer("gusts", self.values.new_tensor(series), persistent=False)
 
     def _speed(self, s: Situation) -> Tensor:

@@ -10,8 +10,10 @@ import yaml
 from hydra.utils import get_object, instantiate
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
+from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
+from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.units import KNOT
 
 ALLOWED = ("manoeuvre_nn.",)
@@ -24,11 +26,11 @@ def register_resolvers() -> None:
     OmegaConf.register_new_resolver("run_name", _run_name, replace=True)
 
 
-def _run_name(manoeuvre: Any, data: Any) -> str:
-    """Manoeuvres joined, or ``recordings``: what the output folder is called after."""
+def _run_name(manoeuvre: Any, data: Any, effect: Any = None) -> str:
+    """Manoeuvres and effects joined, or ``recordings``: what the output folder is called after."""
     if "files" in data:
         return "recordings"
-    return "_".join(k for k, v in manoeuvre.items() if k != "speed_kn")
+    return "_".join([k for k in manoeuvre if k != "speed_kn"] + list(effect or {}))
 
 
 def build(config: Any, **more: Any) -> Any:
@@ -85,14 +87,17 @@ def check_arguments(function: Callable[..., Any], settings: Mapping[str, Any]) -
         inspect.signature(function).bind(**settings)
     except TypeError as error:
         raise InputError(f"settings of {function.__name__}: {error}") from error
-    for name, parameter in inspect.signature(function).parameters.items():
-        kinds = set(get_args(parameter.annotation) or (parameter.annotation,))
-        if name not in settings or not kinds <= {int, float, bool, NoneType}:
+    known = inspect.signature(function).parameters
+    others = next((p for p in known.values() if p.kind is p.VAR_KEYWORD), None)
+    for name, value in settings.items():
+        parameter = known.get(name, others)
+        kinds = set(get_args(parameter.annotation) or (parameter.annotation,)) if parameter else {object}
+        if not kinds <= {int, float, bool, NoneType}:
             continue
         accepted = tuple(kinds | {int}) if float in kinds else tuple(kinds)
-        if not isinstance(settings[name], accepted):
+        if not isinstance(value, accepted):
             wanted = "a number" if float in kinds else "a whole number" if int in kinds else "true or false"
-            raise InputError(f"{name}={settings[name]}: expected {wanted}{' or null' if NoneType in kinds else ''}")
+            raise InputError(f"{name}={value}: expected {wanted}{' or null' if NoneType in kinds else ''}")
 
 
 def whole_number(what: str, value: Any, least: int) -> int:
@@ -144,6 +149,19 @@ def training_manoeuvres(config: DictConfig) -> list[Manoeuvre]:
     """
     chosen = [v for v in config.values() if _is_config(v) and TARGET in v]
     return [build(v).at_speed(approach_speed(config)) for v in chosen]
+
+
+def chosen_effects(config: DictConfig | None, ship: Ship) -> list[Effect]:
+    """What was chosen with ``effect=``, acting on a ship.
+
+    Args:
+        config: ``cfg.effect``: one entry an effect; None if there is none.
+        ship: The ship that they act on.
+
+    Returns:
+        Effects, in the order in which they were named.
+    """
+    return [build(settings, ship=ship) for settings in (config or {}).values()]
 
 
 def approach_speed(config: DictConfig) -> float | None:

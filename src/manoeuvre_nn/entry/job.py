@@ -107,16 +107,20 @@ def _data(cfg: DictConfig, common: dict[str, Any], conf: Path) -> ManoeuvreData:
     if "files" in cfg.data:
         return _recorded(cfg, common, [] if names == ["default"] else names, conf)
     check_simulable(common["ship"])
+    effects = configs.chosen_effects(cfg.get("effect"), common["ship"])
     manoeuvres = configs.training_manoeuvres(cfg.manoeuvre)
     if names == ["default"]:
         seen = {m.name for m in manoeuvres}
         names = [INSTEAD[name] if name in seen else name for name in DEFAULT_SCORE]
     score = configs.named_manoeuvres(names, conf / "manoeuvre", configs.approach_speed(cfg.manoeuvre))
-    return configs.build(cfg.data, **common, manoeuvres=manoeuvres, score=score)
+    return configs.build(cfg.data, **common, manoeuvres=manoeuvres, score=score, effects=effects)
 
 
 def _recorded(cfg: DictConfig, common: dict[str, Any], names: list[str], conf: Path) -> RecordedData:
     """The data module for measured files; their mapping is a yaml of its own, by path or by name in conf/recording."""
+    if cfg.get("effect"):
+        acting = ",".join(cfg.effect)
+        raise InputError(f"effect=[{acting}] acts on simulated ships, data=recording are measured: leave effect= out")
     settings = OmegaConf.to_container(cfg.data, resolve=True)
     assert isinstance(settings, dict)
     if settings["mapping"] is None:

@@ -6,7 +6,7 @@ from typing import Literal
 
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.dynamics.model import CalmWater, Dynamics
+from manoeuvre_nn.dynamics.model import Dynamics
 from manoeuvre_nn.dynamics.replay import replay
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.simulate import Problem, simulate
@@ -70,11 +70,11 @@ class HeldOut:
         return [score(p, r, self.length) for p, r in zip(predictions, self.references, strict=True)]
 
 
-def simulated_references(ship: CalmWater, manoeuvres: Sequence[Manoeuvre]) -> tuple[Recording, ...]:
+def simulated_references(ship: Dynamics, manoeuvres: Sequence[Manoeuvre]) -> tuple[Recording, ...]:
     """What the reference ship does in the held-out manoeuvres.
 
     Args:
-        ship: The reference ship.
+        ship: The reference ship, with whatever acts on it.
         manoeuvres: Manoeuvres to judge by.
 
     Returns:

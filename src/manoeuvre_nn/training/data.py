@@ -13,10 +13,12 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 from torch.utils.data import DataLoader
 
+from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import ACCELERATION, Recording
 from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.dynamics.affected import Affected, in_words
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.simulate import Problem, simulate
 from manoeuvre_nn.recording.accelerations import accelerations
@@ -125,7 +127,11 @@ class ManoeuvreData(ABC, L.LightningDataModule):
 
 
 class SimulatedData(ManoeuvreData):
-    """Manoeuvres of a reference ship, simulated."""
+    """Manoeuvres of a reference ship, simulated in calm water or with what effects do to it.
+
+    Known part and network know nothing of effects: what these do is part of what is learnt, as far as it follows from
+    u, v, r and the rudder.
+    """
 
     def __init__(
         self,
@@ -134,6 +140,7 @@ class SimulatedData(ManoeuvreData):
         manoeuvres: Sequence[Manoeuvre],
         score: Sequence[Manoeuvre],
         *,
+        effects: Sequence[Effect] = (),
         length: float | None = None,
         rate_hz: float | None = None,
         noise: Mapping[str, float] | None = None,
@@ -149,6 +156,7 @@ class SimulatedData(ManoeuvreData):
             known: Known part of the forces.
             manoeuvres: What to train on.
             score: What to judge by.
+            effects: What acts on the ship, in the manoeuvres to judge by too.
             length: How much of each manoeuvre is used [s]; None is all of it.
             rate_hz: Sampling rate [1/s]; None is the ship's usual one.
             noise: Standard deviations in the units of :data:`NOISE_UNITS`.
@@ -174,7 +182,8 @@ class SimulatedData(ManoeuvreData):
             raise InputError("manoeuvre=[] names no manoeuvre: write for instance manoeuvre=zz35")
         if not score:
             raise InputError("score=[] names no manoeuvre to judge by: write for instance score=[zz20]")
-        self.ship, self.manoeuvres, self.score_manoeuvres = CalmWater(ship), manoeuvres, score
+        self.ship = Affected(CalmWater(ship), effects) if effects else CalmWater(ship)
+        self.effects, self.manoeuvres, self.score_manoeuvres = effects, manoeuvres, score
         self.length, self.rate_hz = length, rate_hz
         if length is not None:
             for manoeuvre in manoeuvres:
@@ -200,7 +209,7 @@ class SimulatedData(ManoeuvreData):
         self.held_out = HeldOut(references, self.ship.particulars.length)
 
     def describe(self) -> str:
-        """Ship, manoeuvres, length, rate and noise.
+        """Ship, effects, manoeuvres, length, rate and noise.
 
         Returns:
             A sentence.
@@ -208,7 +217,8 @@ class SimulatedData(ManoeuvreData):
         names = ", ".join(f"{r.name} ({r.duration:g} s)" for r in self.recordings)
         noise = ", ".join(f"{k} {v:g}" for k, v in self.noise.items()) or "none"
         count = len(self.tuples.inputs)
-        return f"{count} tuples of the simulated {self.ship.particulars.name}: {names}; noise (SI): {noise}."
+        acting = f" with {in_words(self.effects)}" if self.effects else ""
+        return f"{count} tuples of the simulated {self.ship.particulars.name}{acting}: {names}; noise (SI): {noise}."
 
 
 class RecordedData(ManoeuvreData):

@@ -176,7 +176,9 @@ def lose_rudder(tables: Tables, fraction: float) -> None:
         tables: Changed in place.
         fraction: What is lost.
     """
-    names = [name for name in tables.k if name[0] in "XYN" and "d" in name[1:] and name[1:] not in {"udz", "vdz", "rdz"}]
+    names = [
+        name for name in tables.k if name[0] in "XYN" and "d" in name[1:] and name[1:] not in {"udz", "vdz", "rdz"}
+    ]
     tables.scale(names, 1 - fraction)
 
 

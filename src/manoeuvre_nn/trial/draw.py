@@ -1,23 +1,28 @@
 """Draws the cases of a trial: ship, runs, effects, and all that makes a recording less than ideal."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from itertools import cycle, islice
 from typing import Any
 
 import numpy as np
 
-from manoeuvre_nn.trial.effects import KINDS, NOISE, UNKNOWN, UNLISTED, Kind, kind_of
+from manoeuvre_nn.trial.case import Case
+from manoeuvre_nn.trial.effects import KINDS, NOISE, UNKNOWN, UNLISTED, Kind
 from manoeuvre_nn.trial.helm import Run
+from manoeuvre_nn.trial.motion import sail
+from manoeuvre_nn.trial.rough import rough_world
 from manoeuvre_nn.trial.ships import TrialShip, trial_ships
-from manoeuvre_nn.trial.size import STRENGTHS, draw_effect
-from manoeuvre_nn.trial.world import Effect
+from manoeuvre_nn.trial.size import STEP, STRENGTHS, draw_effect, in_range
 
 SHARES = {"none": 0.20, "single": 0.50, "pair": 0.12, UNKNOWN: 0.18}
 """How many cases of each sort a trial has."""
 CUBIC = ("Xvvr", "Xrrd", "Yvrd", "Yuvv", "Yurd", "Nvrd", "Nurr", "Nvvr", "Nuud")
 """Small terms of which one is missing from the model in every case; the last three letters are its factors."""
+
+TRIES = 8
+"""How often a case whose ship is thrown out of its range is given other, smaller errors of the coefficients."""
 
 
 @dataclass(frozen=True)
@@ -33,67 +38,6 @@ class Plan:
     ship: str
     kinds: tuple[Kind, ...]
     strengths: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Case:
-    """A case with all that was drawn.
-
-    Attributes:
-        name: Looks random.
-        ship: The ship.
-        runs: The runs.
-        effects: What is concealed.
-        measures: Size of each effect in lengths, or in standard deviations for a sensor.
-        coefficient_sd: Relative standard deviation of the coefficients.
-        cubic: Name and size of the term that the model lacks.
-        roughness: Size of the coloured force.
-        noise: Standard deviation of each sensor's noise.
-        latency: How late the GPS is [s].
-        outliers: Share of samples that are outliers.
-        chance: Seed of all series.
-        salt: Salt of the commitment.
-    """
-
-    name: str
-    ship: TrialShip
-    runs: tuple[Run, ...]
-    effects: tuple[Effect, ...]
-    measures: tuple[float, ...]
-    coefficient_sd: float
-    cubic: tuple[str, float]
-    roughness: float
-    noise: dict[str, float]
-    latency: float
-    outliers: float
-    chance: int
-    salt: str
-
-    def answers(self) -> dict[str, Any]:
-        """What was concealed, as published when a set is opened.
-
-        Returns:
-            Case, ship, verdict and effects.
-        """
-        effects = [_published(e, m) for e, m in zip(self.effects, self.measures, strict=True)]
-        verdict = "mismatch" if effects else "none"
-        return {"case": self.name, "ship": self.ship.name, "verdict": verdict, "effects": effects}
-
-
-def _published(effect: Effect, measure: float) -> dict[str, Any]:
-    """One effect as published."""
-    kind = kind_of(effect.name, effect.detail)
-    return {
-        "name": effect.name,
-        "detail": effect.detail,
-        "strength": effect.strength,
-        "measure": float(f"{measure:.3g}"),
-        "parameters": dict(effect.parameters),
-        "equation": list(kind.accepted[0]),
-        "equation_accepted": [list(place) for place in kind.accepted],
-        "equivalent_names": list(kind.equivalent),
-        "intervals": effect.intervals,
-    }
 
 
 def plans(seed: int, cases: int) -> list[Plan]:
@@ -142,6 +86,32 @@ def _shuffled_cycle(rng: np.random.Generator, items: Sequence[Any]) -> Any:
             yield items[k]
 
 
+def salt_of(seed: int, index: int) -> str:
+    """Salt of a case's commitment.
+
+    Args:
+        seed: Seed of the trial.
+        index: Number of the case.
+
+    Returns:
+        64 hexadecimal digits.
+    """
+    return sha256(np.random.default_rng([seed, 2, index]).bytes(32)).hexdigest()
+
+
+def case_name(seed: int, index: int) -> str:
+    """Name of a case, which tells nothing.
+
+    Args:
+        seed: Seed of the trial.
+        index: Number of the case.
+
+    Returns:
+        ``c`` and six hexadecimal digits.
+    """
+    return "c" + sha256(f"name {salt_of(seed, index)}".encode()).hexdigest()[:6]
+
+
 def draw_case(seed: int, index: int, plan: Plan, nuisance: float = 1.0) -> Case:
     """Draw one case.
 
@@ -154,14 +124,31 @@ def draw_case(seed: int, index: int, plan: Plan, nuisance: float = 1.0) -> Case:
     Returns:
         The case; the same for the same arguments.
     """
+    case = _drawn(seed, index, plan, nuisance)
+    for _ in range(TRIES):
+        if _stays_in_range(case):
+            break
+        case = replace(case, chance=case.chance + 1, coefficient_sd=0.8 * case.coefficient_sd)
+    return case
+
+
+def _stays_in_range(case: Case) -> bool:
+    """Whether all runs of a case stay where the equations hold, tried with large steps."""
+    with np.errstate(all="ignore"):
+        track = sail(rough_world(case, np.random.default_rng(case.chance)), case.runs, step=STEP)
+    return in_range(case.ship, track.state, case.runs)
+
+
+def _drawn(seed: int, index: int, plan: Plan, nuisance: float) -> Case:
+    """One case as it is drawn first."""
     rng = np.random.default_rng([seed, 1, index])
-    salt = sha256(rng.bytes(32)).hexdigest()
+    salt = salt_of(seed, index)
     ship = trial_ships()[plan.ship]
     runs = draw_runs(rng, ship)
     drawn = [draw_effect(rng, ship, k, s, runs) for k, s in zip(plan.kinds, plan.strengths, strict=True)]
     noise = {channel: sd * float(rng.uniform(0.8, 1.3)) for channel, sd in NOISE.items()}
     return Case(
-        name="c" + sha256(f"name {salt}".encode()).hexdigest()[:6],
+        name=case_name(seed, index),
         ship=ship,
         runs=runs,
         effects=tuple(effect for effect, _ in drawn),
@@ -194,8 +181,9 @@ def draw_runs(rng: np.random.Generator, ship: TrialShip) -> tuple[Run, ...]:
     first = str(rng.choice(sides))
     other = sides[first == "port"]
     turn, zigzag = str(rng.choice(turns)), str(rng.choice(zigzags))
-    wanted = [("fit", turn, first), ("fit", zigzag, str(rng.choice(sides)))]
+    wanted: list[tuple[str, str, str | None]] = [("fit", turn, first), ("fit", zigzag, str(rng.choice(sides)))]
     wanted += [("held_out", str(rng.choice([turn, *turns])), other), ("held_out", str(rng.choice(zigzags)), other)]
+    rest: list[tuple[str, str, str | None]]
     rest = [("fit", "spiral", None)] if "spiral" in ship.manoeuvres_s and rng.uniform() < 0.15 else []
     rest += [(split, str(rng.choice(turns + zigzags)), str(rng.choice(sides))) for split in ("fit", "held_out")]
     wanted += rest[: count - 4]

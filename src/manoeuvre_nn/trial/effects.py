@@ -168,7 +168,7 @@ KINDS: tuple[Kind, ...] = (
         _plain("rpm_slope"),
     ),
     Kind("hull_fouling", "propeller and resistance", (("X",),), 0.01, 1.0, _plain("added_resistance")),
-    Kind("ice_resistance", "propeller and resistance", (("X",),), 0.01, 0.8, _force(of="resistance")),
+    Kind("ice_resistance", "propeller and resistance", (("X",),), 0.01, 0.5, _force(of="resistance")),
     Kind("displacement_change", "ship condition", (("X", "Y", "N"), ("Y", "N")), 0.01, 0.3, _factor, SIGN),
     Kind("trim_change", "ship condition", (("Y", "N"), ("X", "Y", "N")), 0.05, 3.5, _plain("trim_m")),
     Kind("roll_coupling", "roll", (("N",),), 5e-4, 0.15, _plain("N_phi", True), SIGN, ships=("mariner",)),

@@ -1,7 +1,7 @@
 """External forces of the listed effects that act on the hull, each from its definition or a public formula.
 
-A force is a function of a :class:`Moment` and gives X, Y [N] and N [N m] as three rows; ``parameters`` hold the names and
-units of the recordings' format.
+A force is a function of a :class:`Moment` and gives X, Y [N] and N [N m] as three rows; ``parameters`` hold the names
+and units of the recordings' format.
 """
 
 from collections.abc import Callable, Mapping

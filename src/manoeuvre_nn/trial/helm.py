@@ -87,9 +87,9 @@ class Helm:
     def _hold_course(self, heading: np.ndarray, rate: np.ndarray, step: float) -> np.ndarray:
         """A PID autopilot; the integral is what the ship needs to run straight."""
         error = heading - self.course
-        self.integral = self.integral + step * error * 0.1 / self.time_unit
+        self.integral = self.integral + step * error * 0.2 / self.time_unit
         self.integral = np.clip(self.integral, -np.radians(15), np.radians(15))
-        return np.clip(0.8 * error + 1.5 * self.time_unit * rate + self.integral, -0.5, 0.5)
+        return np.clip(1.5 * error + 3.0 * self.time_unit * rate + self.integral, -0.5, 0.5)
 
 
 class SteeringGear:

@@ -1,7 +1,7 @@
 """Fixed-step Runge-Kutta motion of all runs of a case at once: steered by the helm, or driven by a known rudder."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -48,24 +48,7 @@ class Track:
         return np.stack(columns, axis=1)
 
 
-def steady_start(world: World, runs: Sequence[Run], settle: float) -> np.ndarray:
-    """Ships at approach speed on their courses.
-
-    Args:
-        world: The world.
-        runs: The runs.
-        settle: How long they then run before t = 0 [s].
-
-    Returns:
-        State, 8 rows; the position is such that nothing is known of it.
-    """
-    state = np.zeros((8, len(runs)))
-    state[2] = np.radians([run.heading_deg for run in runs]) - world.sensors.heading_bias
-    state[3] = world.ship.speed
-    return state
-
-
-def sail(world: World, runs: Sequence[Run], *, step: float = STEP, settle: float = 20.0) -> Track:
+def sail(world: World, runs: Sequence[Run], *, step: float = STEP, settle: float = 24.0) -> Track:
     """Runs with the helm in command: a long approach, then what is recorded.
 
     Args:
@@ -79,12 +62,13 @@ def sail(world: World, runs: Sequence[Run], *, step: float = STEP, settle: float
     """
     helm, unit = Helm(world.ship, runs), world.ship.length / world.ship.speed
     before = -COARSE * np.ceil(settle * unit / COARSE)
-    state = steady_start(world, runs, settle)
-    gear = SteeringGear(world.gear, world.ship.rate, np.zeros(len(runs)))
+    state = np.zeros((8, len(runs)))
+    state[2], state[3] = helm.course - world.sensors.heading_bias, world.ship.speed
+    gear = SteeringGear(replace(world.gear, play=0.0), world.ship.rate, np.zeros(len(runs)))  # no hunting in the play
     n = np.full(len(runs), world.ship.rpm)
     for k in range(round(-before / COARSE)):
         state, n, _ = _step(world, helm, gear, before + k * COARSE, state, n, COARSE)
-    state[:2] = 0.0
+    state[:2], gear.gear = 0.0, world.gear
     per_second, last = round(1 / step), max(run.duration for run in runs)
     states, orders, shafts, indicators = [], [], [], []
     for k in range(last * per_second + 1):

@@ -27,10 +27,10 @@ class TrialShip:
     """
 
     name: str
-    particulars: dict[str, float]
-    wind_areas: dict[str, float]
-    stability: dict[str, float]
-    isherwood: dict[str, float]
+    particulars: dict[str, float | int]
+    wind_areas: dict[str, float | int]
+    stability: dict[str, float | int]
+    isherwood: dict[str, float | int]
     manoeuvres_s: dict[str, int]
     model: dict[str, Any]
 

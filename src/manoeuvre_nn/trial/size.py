@@ -31,8 +31,8 @@ def deviation(ship: TrialShip, effect: Effect, runs: Sequence[Run]) -> float:
         runs: The runs.
 
     Returns:
-        RMS distance over the samples of a run and over runs, in lengths; infinite if the ship is thrown out of the range
-        in which its equations hold.
+        RMS distance over the samples of a run and over runs, in lengths; infinite if the ship is thrown out of the
+        range in which its equations hold.
     """
     names = [run.name for run in runs]
     world = build(ship, [effect], names)
@@ -60,7 +60,7 @@ def in_range(ship: TrialShip, states: np.ndarray, runs: Sequence[Run]) -> bool:
         True if all kept moving ahead, without excessive drift or turning.
     """
     u, v, r = (np.nan_to_num(states[:, k], nan=1e9) for k in (3, 4, 5))
-    good = (u > 0.12 * ship.speed) & (u < 1.7 * ship.speed) & (np.abs(v) < 1.2 * u)
+    good = (u > 0.15 * ship.speed) & (u < 1.7 * ship.speed) & (np.abs(v) < u)
     good &= np.abs(r) * ship.length < 2 * ship.speed
     return all(bool(good[: run.duration + 1, k].all()) for k, run in enumerate(runs))
 

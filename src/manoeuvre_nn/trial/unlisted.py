@@ -14,7 +14,7 @@ Shape = Callable[[TrialShip, Mapping[str, float], Moment], np.ndarray]
 
 
 def _turn_rate(ship: TrialShip, now: Moment) -> np.ndarray:
-    """q = r L/U0."""
+    """Yaw rate r L/U0."""
     return now.r * ship.length / ship.speed
 
 

@@ -210,9 +210,7 @@ _TABLES = {
 }
 
 
-def _add(
-    world: World, effect: Effect, runs: list[str], gusts: np.ndarray | None, tables: condition.Tables
-) -> None:
+def _add(world: World, effect: Effect, runs: list[str], gusts: np.ndarray | None, tables: condition.Tables) -> None:
     """Put one effect where it acts."""
     ship, p, name = world.ship, effect.parameters, effect.name
     acts = forces.gate(effect.intervals, runs)

@@ -1,0 +1,158 @@
+"""Concealed trial: draws cases nobody knows, lets tools answer them, opens the answers and scores.
+
+    python scripts/concealed_trial.py cases=48 seed=7 out=outputs/concealed_trial jobs=2
+
+Three processes: the first writes recordings and the hashes of the answers, the second runs the tools and never gets the
+seed, the third draws the answers again, checks the hashes and scores. Each goes on where it was stopped.
+"""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.trial.stages import Trial, answer, generate, score
+
+ROOT = Path(__file__).resolve().parents[1]
+DEFAULTS = {"cases": "48", "seed": "", "out": "outputs/concealed_trial", "jobs": "2", "nuisance": "1.0"}
+DEFAULTS |= {"methods": "manoeuvre_nn"}
+METHODS = {
+    "manoeuvre_nn": (sys.executable, "diagnose.py", "cases={cases}", "out={out}"),
+    "regression": (sys.executable, "scripts/diagnose_baseline.py", "method=regression", "cases={cases}", "out={out}"),
+    "sindy": (sys.executable, "scripts/diagnose_baseline.py", "method=sindy", "cases={cases}", "out={out}"),
+}
+"""Command of each tool; its answers lie in OUT/answers, or OUT/answers_NAME for the others than the first."""
+
+
+def settings(arguments: list[str]) -> dict[str, str]:
+    """Settings from the command line.
+
+    Args:
+        arguments: ``key=value``, and ``stage=...`` from the script itself.
+
+    Returns:
+        All settings as text.
+
+    Raises:
+        InputError: If an argument is not understood.
+    """
+    known = [*DEFAULTS, "stage"]
+    given = {}
+    for argument in arguments:
+        key, sign, value = argument.partition("=")
+        if not sign or key not in known:
+            raise InputError(f"{argument!r} is not understood; write {' '.join(f'{k}=...' for k in DEFAULTS)}")
+        given[key] = value
+    result = DEFAULTS | given
+    unknown = [name for name in result["methods"].split(",") if name not in METHODS]
+    if unknown:
+        raise InputError(f"methods={result['methods']}: {unknown[0]!r} is unknown; choose from: {', '.join(METHODS)}")
+    return result
+
+
+def number(given: dict[str, str], key: str, least: float) -> int:
+    """A whole number among the settings.
+
+    Args:
+        given: The settings.
+        key: Which one.
+        least: Smallest value.
+
+    Returns:
+        The number.
+
+    Raises:
+        InputError: If it is none, or too small.
+    """
+    text = given[key]
+    if not text.isdecimal() or int(text) < least:
+        raise InputError(f"{key}={text}: write a whole number, {least:.0f} or more")
+    return int(text)
+
+
+def trial_of(given: dict[str, str]) -> Trial:
+    """What is to be drawn.
+
+    Args:
+        given: The settings.
+
+    Returns:
+        The trial.
+
+    Raises:
+        InputError: If a number is none or too small.
+    """
+    try:
+        nuisance = float(given["nuisance"])
+    except ValueError:
+        nuisance = -1.0
+    if not 0 <= nuisance <= 2:
+        raise InputError(f"nuisance={given['nuisance']}: write a number from 0 (the model is exact) to 2")
+    return Trial(number(given, "seed", 0), number(given, "cases", 1), nuisance)
+
+
+def folder_of(out: Path, method: str) -> Path:
+    """Where a tool's answers lie.
+
+    Args:
+        out: Folder of the trial.
+        method: Name of the tool.
+
+    Returns:
+        The folder.
+    """
+    return out / ("answers" if method == next(iter(METHODS)) else f"answers_{method}")
+
+
+def run_stage(given: dict[str, str]) -> None:
+    """One stage, in its own process; the seed comes by standard input where it is needed.
+
+    Args:
+        given: The settings, with ``stage``.
+    """
+    out, jobs, methods = Path(given["out"]), number(given, "jobs", 1), given["methods"].split(",")
+    if given["stage"] == "answer":
+        for method in methods:
+            folder = folder_of(out, method)
+            answer(out / "recordings", folder, METHODS[method], jobs, root=ROOT, method=method)
+        return
+    trial = trial_of(given | {"seed": sys.stdin.read().strip()})
+    if given["stage"] == "generate":
+        generate(trial, out, jobs)
+    else:
+        print(score(trial, out, {method: folder_of(out, method) for method in methods}, jobs))
+
+
+def main(arguments: list[str]) -> int:
+    """Run the three stages one after the other.
+
+    Args:
+        arguments: ``key=value``.
+
+    Returns:
+        Exit code.
+    """
+    given = settings(arguments)
+    if "stage" in given:
+        run_stage(given)
+        return 0
+    trial = trial_of(given)
+    number(given, "jobs", 1)
+    passed_on = [f"{key}={value}" for key, value in given.items() if key != "seed"]
+    for stage in ("generate", "answer", "score"):
+        command = [sys.executable, __file__, f"stage={stage}", *passed_on]
+        seed = "" if stage == "answer" else str(trial.seed)
+        environment = os.environ | {"OMP_NUM_THREADS": "1"}
+        code = subprocess.run(command, input=seed, text=True, env=environment, check=False).returncode
+        if code:
+            return code
+    return 0
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(main(sys.argv[1:]))
+    except InputError as error:
+        print(error, file=sys.stderr)
+        sys.exit(2)

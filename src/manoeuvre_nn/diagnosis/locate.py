@@ -1,0 +1,193 @@
+"""Where the mismatch sits: the force that is missing over time, its windows, frame, parity and region."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import ruptures
+from jaxtyping import Float
+from scipy.linalg import lapack
+
+from manoeuvre_nn.core.effect import SITES
+from manoeuvre_nn.diagnosis.bench import FORCE_LEVELS, Bench, Place, force_time
+from manoeuvre_nn.diagnosis.hypothesis import Hypothesis, linear
+from manoeuvre_nn.diagnosis.linear import SIZE, Columns, Noise, Whitened
+from manoeuvre_nn.diagnosis.result import Interval, Location, Residual
+from manoeuvre_nn.diagnosis.search import Contest
+
+BIN = 10.0
+"""Length of the means in which windows are looked for [s]."""
+DRAWS = 24
+"""Number of posterior samples from which the residual's standard deviation is taken."""
+EQUATIONS = ("surge force X", "sway force Y", "yaw moment N")
+
+
+def residuals(bench: Bench, hypothesis: Hypothesis) -> list[Residual]:
+    """Force that calm water lacks over every run, with and without what was found.
+
+    Any coloured force is allowed, so that the data alone shape it; its standard deviation is taken from samples of the
+    smoother's posterior.
+
+    Args:
+        bench: The fitted runs.
+        hypothesis: What was found; may be empty.
+
+    Returns:
+        One a run.
+    """
+    columns = linear(bench, hypothesis).columns if hypothesis.effects else [None] * len(bench.places)
+    made = []
+    for place, c in zip(bench.places, columns, strict=True):
+        white = _loose(bench, place)
+        before, after = place.line.data, place.line.data
+        if c is not None:
+            sensed = Columns(c.measured[..., :1], _kinematic(c.moved[..., :1]))
+            # What the sensors and the stream do is no force: it is taken out of both.
+            before = _less(before, sensed)
+            after = _less(after, Columns(c.measured[..., :1], c.moved[..., :1]))
+        scale = _kilonewtons(bench, place)
+        force, left = (scale(white.states(x)[:, 6:, 0]) for x in (before, after))
+        error = scale(_spread(white))
+        windows = changes(place.line.run.time, force, np.abs(error))
+        made.append(Residual(place.line.run.name, place.line.run.time, force, np.abs(error), left, windows))
+    return made
+
+
+def _loose(bench: Bench, place: Place) -> Whitened:
+    """The run with any coloured force allowed."""
+    p = bench.dynamics.particulars
+    noise = Noise(place.noise, np.array([0.02, 0.04, 0.04]) * bench.unit, 0.5 * force_time(bench.dynamics))
+    spread = np.array([0.3 * p.speed, 0.3 * p.speed, 0.3 * p.speed / p.length, 50.0, 50.0, 0.3])
+    return Whitened(place.line, noise, spread)
+
+
+def _kinematic(moved: Float[np.ndarray, "steps 6 1"]) -> Float[np.ndarray, "steps 6 1"]:
+    """Only what moves the position: a stream."""
+    only = moved.copy()
+    only[:, :3] = 0.0
+    only[:, 5] = 0.0
+    return only
+
+
+def _less(data: Columns, c: Columns) -> Columns:
+    return Columns(data.measured - c.measured, data.moved - c.moved)
+
+
+def _kilonewtons(bench: Bench, place: Place):  # type: ignore[no-untyped-def]
+    """Accelerations -> kN, kN, MN m."""
+    hull = bench.dynamics.hull
+    units = np.array([hull.prime.force, hull.prime.force, hull.prime.moment]) / np.array([1e3, 1e3, 1e6])
+
+    def scale(a: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+        return hull.force_from_acceleration(hull.inertia.new_tensor(a)).numpy() * units
+
+    return scale
+
+
+def _spread(white: Whitened) -> Float[np.ndarray, "n 3"]:
+    """Posterior standard deviation of the coloured accelerations, from samples."""
+    draws = np.random.default_rng(0).standard_normal((white.shape * SIZE, DRAWS))
+    sample, _ = lapack.dtbtrs(white.factor, np.asfortranarray(draws), uplo="L", trans="T")
+    return (sample.reshape(white.shape, SIZE, DRAWS) * white.unit[None, :, None])[:, 6:].std(axis=-1)
+
+
+def changes(
+    time: Float[np.ndarray, " n"], force: Float[np.ndarray, "n 3"], error: Float[np.ndarray, "n 3"]
+) -> list[Interval]:
+    """Times in which something is missing, when there are times in which nothing is.
+
+    Args:
+        time: Sample times [s].
+        force: Missing force.
+        error: Its standard deviation.
+
+    Returns:
+        Windows [s]; none if the force is missing throughout or nowhere.
+    """
+    width = max(1, round(BIN / (time[1] - time[0])))
+    count = len(time) // width
+    if count < 12:
+        return []
+    z = (force / np.maximum(error, 1e-12))[: count * width].reshape(count, width, 3).mean(axis=1)
+    z = z - np.median(z, axis=0)
+    z = z / (1.4826 * np.median(np.abs(np.diff(z, axis=0)), axis=0) / np.sqrt(2) + 1e-9)
+    ends = ruptures.Pelt(model="l2", min_size=3, jump=1).fit(z).predict(pen=12 * np.log(count))
+    edges = [0, *ends]
+    means = [np.abs(z[a:b].mean(axis=0)).max() for a, b in zip(edges, edges[1:], strict=False)]
+    if len(means) == 1 or min(means) > 2.0:
+        return []
+    return [
+        (float(time[a * width]), float(time[min(b * width, len(time) - 1)]))
+        for a, b, m in zip(edges, edges[1:], means, strict=False)
+        if m > 4.0
+    ]
+
+
+def location(bench: Bench, contest: Contest, found: Sequence[Residual]) -> Location:
+    """Sites by evidence, and what the missing force looks like.
+
+    Args:
+        bench: The fitted runs.
+        contest: What was judged.
+        found: The missing force.
+
+    Returns:
+        Where it sits.
+    """
+    return Location(_sites(bench, contest), _statements(bench, contest, found))
+
+
+def _sites(bench: Bench, contest: Contest) -> dict[str, float]:
+    """Log Bayes factors over calm water: a coloured force in some equations, or the best effect of a site."""
+    free = contest.court.judge(Hypothesis((), ()), force_prior=None, around=contest.none.best[0]).by_level
+    side = len(FORCE_LEVELS)
+    grid = free.max(axis=1).reshape(side, side)
+    still = grid[0, 0]
+    sites = {"surge": grid[:, 0].max() - still, "sway and yaw": grid[0].max() - still}
+    for site in SITES:
+        of_site = [j for j in contest.judged if len(j.names) == 1 and j.hypothesis.effects[0].site == site]
+        if of_site:
+            sites[site] = max(j.evidence for j in of_site) - contest.none.evidence
+    return {k: float(v) for k, v in sites.items() if np.isfinite(v)}
+
+
+def _statements(bench: Bench, contest: Contest, found: Sequence[Residual]) -> list[str]:
+    """Equation, frame, parity and region of the missing force in sentences."""
+    force, error = (np.concatenate([getattr(r, k) for r in found]) for k in ("force", "error"))
+    ratio = np.sqrt(np.mean((force / np.maximum(error, 1e-12)) ** 2, axis=0))
+    said = []
+    for k, name in enumerate(EQUATIONS):
+        unit = "kN" if k < 2 else "MN m"
+        said.append(f"Missing {name}: {np.sqrt(np.mean(force[:, k] ** 2)):.3g} {unit} rms, {ratio[k]:.1f} s.d.")
+    strongest = int(ratio.argmax())
+    if ratio[strongest] < 1.5:
+        return [*said, "Nothing is missing beyond the smoother's own uncertainty."]
+    y = force[:, strongest]
+    psi, r, delta = (np.concatenate([_track(p, n) for p in bench.places]) for n in ("psi", "r", "delta"))
+    turned = max(float(np.ptp(_track(p, "psi"))) for p in bench.places)
+    if turned < np.pi / 2:
+        said.append("Body or earth axes cannot be told: no run turns through 90 deg.")
+    else:
+        body, earth = _explained(y, [np.ones_like(y)]), _explained(y, [np.cos(psi), np.sin(psi)])
+        turning = _explained(y, [r, delta])
+        said.append(
+            f"Of the {EQUATIONS[strongest]}'s variance a constant in body axes explains {body:.0%}, the heading "
+            f"{earth:.0%}, rudder and yaw rate {turning:.0%}."
+        )
+    hard = np.abs(delta) > 0.5 * np.abs(delta).max()
+    if hard.any() and not hard.all():
+        share = float(np.sum(y[hard] ** 2) / np.sum(y**2))
+        said.append(f"{share:.0%} of it falls into the {hard.mean():.0%} of the time with more than half the helm.")
+    return said
+
+
+def _track(place: Place, name: str) -> Float[np.ndarray, " n"]:
+    if name == "delta":
+        return place.line.run.delta
+    return place.line.track[:, {"psi": 5, "r": 2}[name]]
+
+
+def _explained(y: Float[np.ndarray, " n"], basis: list[Float[np.ndarray, " n"]]) -> float:
+    """Share of the second moment that a basis explains."""
+    a = np.stack(basis, axis=-1)
+    fit = a @ np.linalg.lstsq(a, y, rcond=None)[0]
+    return float(1 - np.sum((y - fit) ** 2) / max(np.sum(y**2), 1e-30))

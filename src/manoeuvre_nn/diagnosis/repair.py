@@ -1,0 +1,190 @@
+"""The repaired model: calm water and what was found, free to run with a recorded rudder."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+import torch
+from jaxtyping import Float
+
+from manoeuvre_nn.core.effect import Effect, Situation
+from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.diagnosis.bench import NOMINAL, force_time
+from manoeuvre_nn.diagnosis.columns import contribution, latency_column, perfect, situation
+from manoeuvre_nn.diagnosis.hypothesis import Hypothesis
+from manoeuvre_nn.diagnosis.linear import Columns, Noise, Whitened, calm_rate, linearise
+from manoeuvre_nn.diagnosis.runs import Run
+from manoeuvre_nn.diagnosis.track import first_guess
+from manoeuvre_nn.dynamics.affected import Affected
+from manoeuvre_nn.dynamics.model import Dynamics
+from manoeuvre_nn.dynamics.replay import blade_series, integrate
+
+
+@dataclass(frozen=True)
+class Repaired:
+    """A model that can be run.
+
+    Attributes:
+        calm: Calm-water model.
+        hypothesis: What acts on it; values of row 0 are those of any run, but for times of its own.
+        latency: Delay of the satellite receiver [s].
+    """
+
+    calm: Dynamics
+    hypothesis: Hypothesis
+    latency: float = 0.0
+
+    def acting(self, values: Sequence[Float[np.ndarray, "rows p"]]) -> list[Effect]:
+        """The effects at values of several rows.
+
+        Args:
+            values: One table an effect.
+
+        Returns:
+            Effects.
+        """
+        return [e.at(torch.tensor(v)) for e, v in zip(self.hypothesis.effects, values, strict=True)]
+
+
+def predict(
+    model: Repaired, runs: Sequence[Run], values: Sequence[Float[np.ndarray, "rows p"]] | None = None
+) -> list[pd.DataFrame]:
+    """Free runs from the end of each run's warm-up with its recorded rudder, as its recorder would show them.
+
+    Args:
+        model: The model.
+        runs: The recordings; nothing but the rudder is taken from them after the warm-up.
+        values: Parameters of each run; None takes those of the model.
+
+    Returns:
+        Per run: t, x, y [m], psi [deg, continuous], u, v [m/s] along and across the recorded heading, r [deg/s], u_log.
+    """
+    if values is None:
+        values = [np.repeat(v[:1], len(runs), axis=0) for v in model.hypothesis.values]
+    starts, firsts = [], []
+    for row, run in enumerate(runs):
+        k = int(np.searchsorted(run.time, run.warmup - 1e-9))
+        firsts.append(k)
+        starts.append(start_state(model, run.before(run.time[min(k, len(run) - 2)]), [v[row] for v in values]))
+    step = runs[0].step
+    longest = max(len(run) - k for run, k in zip(runs, firsts, strict=True))
+    wheels = [_wheel(model, run, [v[[row]] for v in values]) for row, run in enumerate(runs)]
+    blade = torch.tensor(np.stack([_padded(w[k:], longest) for w, k in zip(wheels, firsts, strict=True)]))
+    dynamics = Affected(model.calm, model.acting(values))
+    first = torch.tensor(np.stack(starts))
+    with torch.no_grad():
+        states = integrate(dynamics, dynamics.start(first, blade[:, 0]), blade, runs[0].time[firsts[0]], step)
+    return [
+        _written(model, run, k, states[: len(run) - k, row], blade[row, : len(run) - k], [v[[row]] for v in values])
+        for row, (run, k) in enumerate(zip(runs, firsts, strict=True))
+    ]
+
+
+def _padded(values: np.ndarray, length: int) -> np.ndarray:
+    return np.concatenate([values, np.full(length - len(values), values[-1])])
+
+
+def _wheel(model: Repaired, run: Run, values: Sequence[Float[np.ndarray, "1 p"]]) -> Float[np.ndarray, " n"]:
+    """Angle of the blade over the whole run, so that its memory is right when the prediction begins."""
+    acting = Affected(model.calm, model.acting(values))
+    with torch.no_grad():
+        shown = acting.indicated(torch.tensor(run.delta)[None], torch.tensor(run.time))
+        return blade_series(acting, torch.tensor(run.order)[None], shown, run.step)[0].numpy()
+
+
+def start_state(model: Repaired, run: Run, values: Sequence[Float[np.ndarray, " p"]]) -> Float[np.ndarray, " 6"]:
+    """State at the end of the warm-up: the smoother's, with the model and its effects.
+
+    Args:
+        model: The model.
+        run: The run up to there.
+        values: Parameters of this run.
+
+    Returns:
+        u, v, r, x, y, psi; u and v through the water.
+    """
+    rate, p = calm_rate(model.calm), model.calm.particulars
+    unit = p.speed**2 / p.length * np.array([1.0, 1.0, 1.0 / p.length])
+    noise = Noise(NOMINAL, 1e-3 * unit, force_time(model.calm))
+    spread = np.array([0.3 * p.speed, 0.3 * p.speed, 0.3 * p.speed / p.length, 50.0, 50.0, 0.3])
+    track = first_guess(run)
+    for _ in range(3):
+        line = linearise(run, rate, track, noise.force_time)
+        s = situation(line, rate)
+        late = latency_column(line)
+        total = Columns(model.latency * late.measured, model.latency * late.moved)
+        for effect, value in zip(model.hypothesis.effects, values, strict=True):
+            c = contribution(effect, value[None], line, rate, s)
+            total = Columns(total.measured + c.measured, total.moved + c.moved)
+        line = linearise(run, rate, track, noise.force_time, offset=total)
+        track = track + Whitened(line, noise, spread).states(line.data)[:, :6, 0]
+    return track[-1]
+
+
+def _written(
+    model: Repaired, run: Run, first: int, states: torch.Tensor, blade: torch.Tensor, values: Sequence[np.ndarray]
+) -> pd.DataFrame:
+    """What the recorder shows of predicted states."""
+    acting = Affected(model.calm, model.acting(values))
+    time = torch.tensor(run.time[first:])
+    with torch.no_grad():
+        s: Situation = acting.situation(states, blade, time)
+        stream = sum((e.stream(s) for e in acting.effects), torch.zeros_like(s.nu[..., :2]))
+        channels = perfect(s)
+        channels["vn"], channels["ve"] = channels["vn"] + stream[..., 0], channels["ve"] + stream[..., 1]
+        for effect in acting.effects:
+            channels = effect.record(channels, s)
+    c = {k: v.expand(len(time)).numpy() for k, v in channels.items()}
+    for name in ("x", "y", "vn", "ve"):
+        c[name] = c[name] - model.latency * np.gradient(c[name], run.step)
+    cos, sin = np.cos(c["psi"]), np.sin(c["psi"])
+    return pd.DataFrame(
+        {
+            "t": run.time[first:], "x": c["x"], "y": c["y"], "psi": c["psi"] / DEGREE,
+            "u": c["vn"] * cos + c["ve"] * sin, "v": -c["vn"] * sin + c["ve"] * cos,
+            "r": c["r"] / DEGREE, "u_log": c["u_log"],
+        }
+    )  # fmt: skip
+
+
+def recorded(run: Run) -> pd.DataFrame:
+    """A run's recording in the form of a prediction; NaN in gaps and at single-sample outliers.
+
+    Args:
+        run: The run.
+
+    Returns:
+        The same columns from the end of the warm-up.
+    """
+    m = np.where(_outliers(run.measured), np.nan, run.measured)
+    x, y, vn, ve, psi, r, log = m[:, :7].T
+    cos, sin = np.cos(psi), np.sin(psi)
+    table = pd.DataFrame(
+        {"t": run.time, "x": x, "y": y, "psi": psi / DEGREE, "u": vn * cos + ve * sin, "v": -vn * sin + ve * cos,
+         "r": r / DEGREE, "u_log": log}
+    )  # fmt: skip
+    return table[run.time >= run.warmup - 1e-9].reset_index(drop=True)
+
+
+def _outliers(m: Float[np.ndarray, "n 8"]) -> np.ndarray:
+    """Single samples far from both their neighbours' middle."""
+    middle = pd.DataFrame(m).rolling(5, center=True, min_periods=1).median().to_numpy()
+    off = np.abs(m - middle)
+    return off > 8 * (1.4826 * np.nanmedian(off, axis=0) + 1e-9)
+
+
+def errors(prediction: pd.DataFrame, record: pd.DataFrame) -> dict[str, float]:
+    """RMS errors of a prediction per channel; pos is the distance.
+
+    Args:
+        prediction: From :func:`predict`.
+        record: From :func:`recorded`.
+
+    Returns:
+        pos [m], psi [deg], u, v [m/s], r [deg/s], u_log [m/s].
+    """
+    off = prediction[["x", "y", "psi", "u", "v", "r", "u_log"]] - record[["x", "y", "psi", "u", "v", "r", "u_log"]]
+    off["psi"] = (off["psi"] + 180) % 360 - 180
+    off["pos"] = np.hypot(off["x"], off["y"])
+    return {c: float(np.sqrt(np.nanmean(off[c].to_numpy() ** 2))) for c in ("pos", "psi", "u", "v", "r", "u_log")}

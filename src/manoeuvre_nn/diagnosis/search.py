@@ -1,0 +1,188 @@
+"""The contest: every candidate, then combinations, fitted and judged on all recordings together."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import product
+
+import numpy as np
+
+from manoeuvre_nn.core.effect import Effect
+from manoeuvre_nn.diagnosis.bench import Bench
+from manoeuvre_nn.diagnosis.gusts import judge_gusts
+from manoeuvre_nn.diagnosis.hypothesis import RANDOM, Court, Hypothesis, Judged, linear
+from manoeuvre_nn.diagnosis.windows import best_windows
+
+WIDTH = 5
+"""Number of hypotheses that are built upon."""
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Contest:
+    """All hypotheses that were judged.
+
+    Attributes:
+        none: Calm water alone.
+        judged: Everything else, best first.
+        court: Where they were judged.
+    """
+
+    none: Judged
+    judged: list[Judged] = field(repr=False)
+    court: Court = field(repr=False)
+
+
+def contest(bench: Bench, effects: Sequence[Effect], progress: Progress = lambda _: None) -> Contest:
+    """Judge calm water, every effect, and combinations of two.
+
+    Args:
+        bench: The fitted runs.
+        effects: Prototypes of the candidates.
+        progress: Is told which candidate is under test.
+
+    Returns:
+        The contest.
+    """
+    court = Court(bench)
+    none = court.judge(Hypothesis((), ()))
+    singles = []
+    for effect in effects:
+        if effect.name == "wind_gusty":  # a variant of what a steady wind explains: see below
+            continue
+        progress(effect.name)
+        found = single(court, effect, none)
+        if found is not None:
+            singles.append(found)
+    singles.sort(key=lambda j: -j.evidence)
+    pairs = list(_pairs(court, singles, none, progress))
+    judged = sorted(singles + pairs, key=lambda j: -j.evidence)
+    windy = [j for j in judged[:WIDTH] if "wind_steady" in j.names and j.evidence > none.evidence]
+    gusty = next((e for e in effects if e.name == "wind_gusty"), None)
+    if gusty is not None:
+        for j in windy[:3]:
+            progress(" + ".join(j.names).replace("wind_steady", "wind_gusty"))
+            judged.append(judge_gusts(court, j, gusty))
+    judged.sort(key=lambda j: -j.evidence)
+    return Contest(none, judged, court)
+
+
+def single(court: Court, effect: Effect, none: Judged, given: Hypothesis | None = None) -> Judged | None:
+    """Fit and judge one effect, alone or beside others.
+
+    Args:
+        court: Where.
+        effect: The candidate.
+        none: Calm water, for the noise levels at the start.
+        given: Effects that are there already.
+
+    Returns:
+        What came out; None if there is nothing to start from.
+    """
+    level, scatter = none.best
+    tried = []
+    for start in _starts(court, effect, level, scatter, given):
+        hypothesis, score = court.improve(start, level, scatter, rounds=3)
+        tried.append((score, hypothesis))
+    if not tried:
+        return None
+    best = max(tried, key=lambda t: t[0])[1]
+    return settle(court, best, level, scatter)
+
+
+def settle(court: Court, hypothesis: Hypothesis, level: int, scatter: int) -> Judged:
+    """Fit to the end, at the noise levels that the hypothesis itself leaves.
+
+    Args:
+        court: Where.
+        hypothesis: Roughly fitted.
+        level: Force level to begin with.
+        scatter: Scatter level to begin with.
+
+    Returns:
+        What came out.
+    """
+    hypothesis, _ = court.improve(hypothesis, level, scatter)
+    judged = court.judge(hypothesis, around=level)
+    for _ in range(2):
+        before = judged
+        hypothesis, _ = court.improve(judged.hypothesis, *judged.best, rounds=4)
+        judged = court.judge(hypothesis, around=judged.best[0])
+        if judged.evidence < before.evidence + 0.1:
+            return max(before, judged, key=lambda j: j.evidence)
+    return judged
+
+
+def _starts(
+    court: Court, effect: Effect, level: int, scatter: int, given: Hypothesis | None
+) -> Iterator[Hypothesis]:
+    """The two most promising of all starts, by what a linear step from each would gain."""
+    bench = court.bench
+    runs = len(bench.places)
+    grid = np.array(list(product(*[(p.null,) if p.form else p.starts for p in effect.declared])), dtype=float)
+    if any(p.per_run for p in effect.declared):
+        for values in best_windows(court, effect, grid, level, scatter):
+            mine = Hypothesis((effect,), (values,))
+            yield mine if given is None else given.joined(mine)
+        return
+    made = [Hypothesis((effect,), (np.tile(row, (runs, 1)),)) for row in grid]
+    made = made if given is None else [given.joined(h) for h in made]
+    if len(made) > 2:
+        scores = [court.posterior(linear(bench, h), [level]).by_level[0, scatter] for h in made]
+        made = [made[k] for k in np.argsort(scores)[::-1][:2]]
+    yield from made
+
+
+def _pairs(court: Court, singles: Sequence[Judged], none: Judged, progress: Progress) -> Iterator[Judged]:
+    """Two effects at once: all partners of the best few singles, screened by a linear step, the best ones fitted."""
+    worth = [s for s in singles if s.evidence > none.evidence + 3.0]
+    if not worth:
+        return
+    seen: set[frozenset[str]] = set()
+    screened = []
+    for first in worth[:WIDTH]:
+        for second in singles:
+            names = frozenset((*first.names, *second.names))
+            if len(names) < 2 or names in seen or _same_thing(first, second):
+                continue
+            seen.add(names)
+            for partner in _restarts(court, second):
+                both = first.hypothesis.joined(partner)
+                found = court.posterior(linear(court.bench, both), [first.best[0]])
+                screened.append((float(found.by_level[0, first.best[1]]), first, both))
+    screened.sort(key=lambda t: -t[0])
+    done: set[frozenset[str]] = set()
+    for _, first, both in screened:
+        names = frozenset(both.names)
+        if names in done:
+            continue
+        done.add(names)
+        progress(" + ".join(both.names))
+        yield settle(court, both, *first.best)
+        if len(done) >= WIDTH:
+            return
+
+
+def _restarts(court: Court, second: Judged) -> list[Hypothesis]:
+    """Where a partner may stand once another effect explains its part: as alone, or at its other directions."""
+    alone = second.hypothesis
+    effect = alone.effects[0]
+    directions = [j for j, p in enumerate(effect.declared) if p.period]
+    if not directions:
+        return [alone]
+    made = [alone]
+    for angle in range(0, 360, 90):
+        values = alone.values[0].copy()
+        for j, p in enumerate(effect.declared):
+            if not p.form and not p.period and not p.per_run and p.name not in RANDOM:
+                values[:, j] = p.starts[0]
+        values[:, directions[0]] = angle
+        made.append(Hypothesis((effect,), (values,)))
+    return made
+
+
+def _same_thing(first: Judged, second: Judged) -> bool:
+    """Winds are one wind: steady, gusty and setting in are not combined."""
+    wind = {"wind_steady", "wind_gusty", "wind_onset"}
+    local = {"side_force", "bow_thruster", "tow"}
+    both = {*first.names, *second.names}
+    return len(both & wind) > 1 or len(both & local) > 1

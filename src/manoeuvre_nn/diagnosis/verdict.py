@@ -1,0 +1,58 @@
+"""From evidence to a verdict: probabilities of every effect, of none, and of something unknown."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from manoeuvre_nn.diagnosis.hypothesis import Hypothesis, Judged
+from manoeuvre_nn.diagnosis.search import Contest
+
+PRIOR = {"none": 0.25, "single": 0.53, "pair": 0.12, "unknown": 0.10}
+"""Declared base rates: calm water holds, one effect, two, or something that the shelf does not have."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Probabilities.
+
+    Attributes:
+        none: That calm water explains the recordings.
+        unknown: That something acts which the shelf does not have.
+        effects: Of every effect being present.
+        best: The most probable hypothesis with a name; None if there is none.
+        bayes: Log Bayes factor of the best hypothesis of every effect over calm water.
+    """
+
+    none: float
+    unknown: float
+    effects: Mapping[str, float]
+    best: Judged | None
+    bayes: Mapping[str, float]
+
+
+def decide(contest: Contest, temperature: float = 1.0) -> Verdict:
+    """Weigh all hypotheses.
+
+    Args:
+        contest: What was judged.
+        temperature: Log evidences are divided by it: more than 1 where they were found too sure of themselves.
+
+    Returns:
+        The verdict.
+    """
+    free = contest.court.judge(Hypothesis((), ()), force_prior=None)
+    names = sorted({n for j in contest.judged for n in j.names})
+    singles, pairs = len(names), max(len(names) * (len(names) - 1) / 2, 1)
+    weights = [("none", (), contest.none.evidence, PRIOR["none"]), ("unknown", (), free.evidence, PRIOR["unknown"])]
+    for j in contest.judged:
+        prior = PRIOR["single"] / singles if len(j.names) == 1 else PRIOR["pair"] / pairs
+        weights.append(("named", j.names, j.evidence, prior))
+    log_weight = np.array([evidence / temperature + np.log(prior) for *_, evidence, prior in weights])
+    share = np.exp(log_weight - log_weight.max())
+    share /= share.sum()
+    effects = {n: float(sum(p for (_, has, *_), p in zip(weights, share, strict=True) if n in has)) for n in names}
+    named = log_weight[2:]
+    best = contest.judged[int(named.argmax())] if len(named) else None
+    bayes = {n: max(j.evidence for j in contest.judged if n in j.names) - contest.none.evidence for n in names}
+    return Verdict(float(share[0]), float(share[1]), effects, best, bayes)

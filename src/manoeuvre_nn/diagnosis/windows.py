@@ -1,0 +1,97 @@
+"""When a local force acts: the pair of times in each run that the whitened data ask for most."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Float
+
+from manoeuvre_nn.core.effect import Effect
+from manoeuvre_nn.diagnosis.bench import SCATTER_LEVELS, Bench, Place
+from manoeuvre_nn.diagnosis.hypothesis import Court
+from manoeuvre_nn.diagnosis.linear import Columns, Embedded, Whitened
+
+BLOCK = 10.0
+"""Length of the blocks that windows are made of [s]."""
+SHORTEST = 3
+"""Least number of blocks in a window."""
+
+
+def best_windows(
+    court: Court, effect: Effect, grid: Float[np.ndarray, "k p"], level: int, scatter: int
+) -> Iterator[Float[np.ndarray, "runs p"]]:
+    """Start values of an effect with times of its own in every run.
+
+    Args:
+        court: The runs.
+        effect: The effect; its per-run parameters are a start, or a start and an end.
+        grid: Starts of its other parameters.
+        level: Force level at which data are whitened.
+        scatter: Scatter level.
+
+    Yields:
+        Values for every run.
+    """
+    names = [p.name for p in effect.declared]
+    timed = [j for j, p in enumerate(effect.declared) if p.per_run]
+    ends = len(timed) > 1
+    low = 0 if court.bench.levels[level].max() < 1e-3 else len(court.bench.levels) // 3
+    found = [
+        _scan(court.bench, run, low, scatter, open_end=not ends) for run in range(len(court.bench.places))
+    ]
+    others = np.unique(np.delete(grid, timed, axis=1), axis=0)
+    for row in others[:8]:
+        values = np.zeros((len(found), len(names)))
+        values[:, [j for j in range(len(names)) if j not in timed]] = row
+        for run, (start, end, push) in enumerate(found):
+            values[run, timed[0]] = start
+            if ends:
+                values[run, timed[1]] = end
+        if "force_kN" in names:
+            values[:, names.index("force_kN")] = np.median([p for *_, p in found]) or row[0]
+        yield values
+
+
+def _scan(bench: Bench, run: int, level: int, scatter: int, open_end: bool) -> tuple[float, float, float]:
+    """Start and end of the best window of a run, and the lateral force in it [kN]."""
+    place, white = bench.places[run], bench.white[level][run]
+    time, step = place.line.run.time, place.line.run.step
+    edges = np.arange(time[0], time[-1] + BLOCK, BLOCK)
+    count = len(edges) - 1
+    which = np.clip(((time[1:] - step / 2 - edges[0]) / BLOCK).astype(int), 0, count - 1)
+    hull = bench.dynamics.hull
+    moved = np.zeros((len(time) - 1, 6, 2 * count))
+    for k, force in enumerate(((0.0, 1e3, 0.0), (0.0, 0.0, 1e3 * hull.particulars.length))):
+        push = hull.acceleration_from_si(hull.inertia.new_tensor(force)).numpy()
+        moved[np.arange(len(time) - 1)[:, None], np.arange(3), (k * count + which)[:, None]] = push * step
+    blocks = white.embed(Columns(np.zeros((len(time), 8, 2 * count)), moved))
+    gram, right = _projected(bench.base[level][run], blocks, SCATTER_LEVELS[scatter])
+    return _best(gram, right, edges, count, open_end)
+
+
+def _projected(base: Embedded, blocks: Embedded, scatter: float) -> tuple[np.ndarray, np.ndarray]:
+    """Inner products of blocks with themselves and the data, coefficients and latency taken out."""
+    all_base, cross = base.dot(base), base.dot(blocks)
+    nuisance = all_base[1:, 1:] + np.diag(np.r_[np.full(len(all_base) - 2, scatter**-2), 0.25**-2])
+    weights = np.linalg.solve(nuisance, cross[1:])
+    gram = blocks.dot(blocks) - cross[1:].T @ weights
+    return gram, cross[0] - all_base[0, 1:] @ weights
+
+
+def _best(
+    gram: np.ndarray, right: np.ndarray, edges: np.ndarray, count: int, open_end: bool
+) -> tuple[float, float, float]:
+    """The window with the largest likelihood ratio for a constant force and moment in it."""
+    total = np.zeros((2, count + 1))
+    total[:, 1:] = np.cumsum(right.reshape(2, count), axis=1)
+    area = np.zeros((2, 2, count + 1, count + 1))
+    area[:, :, 1:, 1:] = gram.reshape(2, count, 2, count).transpose(0, 2, 1, 3).cumsum(2).cumsum(3)
+    start, end = np.triu_indices(count + 1, SHORTEST)
+    if open_end:
+        keep = end == count
+        start, end = start[keep], end[keep]
+    b = (total[:, end] - total[:, start]).T
+    g = area[:, :, end, end] - area[:, :, start, end] - area[:, :, end, start] + area[:, :, start, start]
+    g = g.transpose(2, 0, 1) + 1e-9 * np.eye(2)
+    amplitude = np.linalg.solve(g, b[..., None])[..., 0]
+    k = int((b * amplitude).sum(axis=1).argmax())
+    return float(edges[start[k]]), float(edges[min(end[k], count)]), float(amplitude[k, 0])

@@ -1,0 +1,181 @@
+"""Shallow water: forces and added masses between keel and bottom."""
+
+from typing import ClassVar
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from manoeuvre_nn.core.effect import Parameter, Situation
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.core.units import KNOT
+from manoeuvre_nn.effect.common import columns, factor
+from manoeuvre_nn.effect.series import DepthShip, HullEffect
+
+FORM = (factor("surge", 0.3), factor("sway", 0.3), factor("yaw", 0.3))
+DEPTH = Parameter("depth_m", "m", 1.0, 1000.0, None, 10.0, (30.0,))
+DEEP = 1000.0
+"""Depth over draught at which no more than 1e-4 of the effect is left."""
+RESISTANCE = 0.16
+"""Added resistance over zeta [-]: Xuuz / Xuu of the BIS tanker."""
+
+
+class ShallowWater(HullEffect):
+    """Water of a given depth under a ship whose coefficients hold for deep water.
+
+    With ``zeta = T / (h - T)``: ships whose set has terms in zeta use these (Xuuz, ..., inertia included), Yuvz with
+    its kink at zeta = .8 rounded. For others the hull's terms and added masses are multiplied by factors, drift terms
+    of sway and yaw by f_Yv and f_Nv, terms in r by f_Nr: the mean of two published sets, which lie about 30 % of the
+    change on either side of it. Resistance grows with .16 zeta. The form parameters multiply the changes.
+
+    The depth may be 1.15 to 25 draughts; deep water is no finite depth, so that the parameter has no null and
+    :meth:`null` takes ``DEEP`` draughts.
+    """
+
+    name = "shallow_water"
+    family = "depth"
+    label = "shallow water"
+    fingerprint = "Wider turns with less drift and less loss of speed, to both sides and on every heading."
+    source = (
+        "Van Berlekom & Goddard 1972; Kijima et al. 1990, f = (1 - T/h)^-q - T/h; Ankudinov et al. 1990 as used by "
+        "Taimuri et al. 2020; q of Nv and the factors of added masses not checked against the print, Yr taken as Nr"
+    )
+    declared: ClassVar[tuple[Parameter, ...]] = (DEPTH, *FORM)
+
+    def __init__(self, ship: Ship, **values: float) -> None:
+        """Take the range of depths from the ship.
+
+        Args:
+            ship: The ship that it acts on, in deep water.
+            values: Parameter = value in its unit.
+
+        Raises:
+            InputError: If the ship is in shallow water already, or its forces are no series.
+        """
+        if isinstance(ship, DepthShip) and ship.zeta > 0:
+            raise InputError(f"effect.{self.name}: the ship is in shallow water already: write ship.depth=inf")
+        draught = ship.particulars.draught
+        depth = Parameter("depth_m", "m", 1.15 * draught, 25 * draught, None, draught, (1.5 * draught, 3 * draught))
+        self.declared = (depth, *type(self).declared[1:])  # type: ignore[misc] # the range is the ship's
+        super().__init__(ship, **values)
+        self._by_depth = _zeta_tables(ship) if isinstance(ship, DepthShip) else None
+
+    def null(self) -> Float[Tensor, " p"]:
+        """Deep water.
+
+        Returns:
+            Values at which next to nothing is left of the effect.
+        """
+        values = super().null()
+        values[0] = DEEP * self.ship.particulars.draught
+        return values
+
+    def _immersion(self, s: Situation) -> Tensor:
+        """Draught over depth [-]."""
+        draught = self.ship.particulars.draught
+        return draught / self.value("depth_m").clamp(min=1.02 * draught) + 0.0 * s.u
+
+    def change(self, s: Situation) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*rows 3"]]:
+        """What the bottom changes.
+
+        Args:
+            s: The situation.
+
+        Returns:
+            df' [-] and the diagonal of dM' [-].
+        """
+        immersion = self._immersion(s)
+        force, inertia = (self._by_zeta if isinstance(self.ship, DepthShip) else self._by_factors)(s, immersion)
+        form = columns(self.value("surge"), self.value("sway"), self.value("yaw"))
+        return form * force, form * inertia
+
+    def _by_zeta(self, s: Situation, immersion: Tensor) -> tuple[Tensor, Tensor]:
+        """By the ship's own terms in zeta."""
+        ship = self.ship
+        assert isinstance(ship, DepthShip) and self._by_depth is not None
+        zeta = (immersion / (1 - immersion))[..., None]
+        products = ship.products(s.nu, s.delta, s.shaft)
+        linear, square, kink = (products @ table for table in self._by_depth)
+        rounded = nn.functional.softplus(zeta - 0.8, beta=50.0)
+        k = ship.coefficients
+        inertia = zeta * s.nu.new_tensor([-k["Xudz"], -k["Yvdz"], -k["Nrdz"]])
+        return linear * zeta + square * zeta.square() + kink * rounded, inertia
+
+    def _by_factors(self, s: Situation, immersion: Tensor) -> tuple[Tensor, Tensor]:
+        """By factors on the ship's deep-water terms."""
+        p, parts = self.ship.particulars, self.series.parts(s)
+        f = depth_factors(p, immersion)
+        zeta, speed = immersion / (1 - immersion), s.u / p.speed
+        resistance = RESISTANCE * zeta * p.calm_resistance / self.ship.prime.force * speed * speed.abs()
+        surge = (f["Yvdot"] - 1) * parts.yaw[..., 0] - resistance
+        sway = (f["Yv"] - 1) * parts.drift[..., 1] + (f["Nr"] - 1) * parts.yaw[..., 1]
+        yaw = (f["Nv"] - 1) * parts.drift[..., 2] + (f["Nr"] - 1) * parts.yaw[..., 2]
+        added = columns(f["Yvdot"] - 1, f["Yvdot"] - 1, f["Nrdot"] - 1) * self.series.added
+        return columns(surge, sway, yaw), added
+
+
+def depth_factors(ship: Particulars, immersion: Float[Tensor, "*batch"]) -> dict[str, Float[Tensor, "*batch"]]:
+    """Factors on deep-water derivatives.
+
+    Args:
+        ship: Main dimensions.
+        immersion: Draught over depth T/h [-].
+
+    Returns:
+        Factors of Yv, Nv, Nr (also for Yr), Yvdot (also for Xudot) and Nrdot.
+
+    Source:
+        Kijima et al. 1990 and Ankudinov et al. 1990 (Taimuri et al. 2020), the mean of both for Yv, Nv and Nr.
+    """
+    gap = 1 / immersion - 1
+    flat = ship.beam / ship.draught
+    wide = ship.block * flat * (1 + ship.beam / ship.length) ** 2
+    k0 = 1 + 0.0775 / gap**2 - 0.011 / gap**3 + 0.000068 / gap**5
+    k1 = (-0.0643 / gap + 0.0724 / gap**2 - 0.0113 / gap**3 + 0.0000767 / gap**5) * wide
+    k2 = 0.137 / (max(flat, 4.0) * gap) * wide**2
+    turning = k0 + k1 / 2 + k2 / 3
+    ankudinov = {"Yv": 1.5 * turning - 0.5, "Nv": k0 + k1 + k2, "Nr": turning}
+    powers = {"Yv": 0.4 * ship.block * flat, "Nv": 0.425 * ship.block * flat}
+    powers["Nr"] = 1.5 - 14.28 * ship.draught / ship.length
+    kijima = {name: (1 - immersion) ** -q - immersion for name, q in powers.items()}
+    mean = {name: 0.5 * (ankudinov[name] + kijima[name]) for name in powers}
+    return mean | {"Yvdot": k0 + k1 * 2 / 3 + k2 * 8 / 15, "Nrdot": k0 + k1 * 8 / 15 + k2 * 40 / 105}
+
+
+def _zeta_tables(ship: Ship) -> Float[Tensor, "3 terms 3"]:
+    """Coefficients of the products that go with zeta, with its square, and with zeta beyond .8."""
+    assert isinstance(ship, DepthShip)
+    k = ship.coefficients
+    tables = torch.zeros(3, len(ship.terms), 3, dtype=ship.inertia.dtype)
+    linear = {"uu": ("Xuuz", "", ""), "Lvr": ("Xvrz", "", ""), "uv": ("", "", "Nuvz"), "|v|v": ("", "Yvvz", "")}
+    linear |= {"Lur": ("", "Yurz", "Nurz"), "cross": ("", "Yccbbdz", "Nccbbdz"), "L|v|r": ("", "", "Nvrz")}
+    for term, names in linear.items():
+        tables[0, ship.terms.index(term)] = tables.new_tensor([k.get(name, 0.0) for name in names])
+    tables[1, ship.terms.index("vv"), 0] = k["Xvvzz"]
+    tables[2, ship.terms.index("uv"), 1] = -0.85  # zeta Yuvz = -.85 (zeta - .8)
+    return tables / ship.prime.speed**2
+
+
+class Squat(ShallowWater):
+    """Shallow water in which the ship sinks in with its speed, so that the water under it becomes less still.
+
+    Sinkage ``C_B S^.81 V_kn^2.08 / 20`` m with the blockage S of a channel ``7.04 B / C_B^.85`` wide; it is kept below
+    half the clearance.
+    """
+
+    name = "squat"
+    label = "shallow water and squat"
+    fingerprint = "As in shallow water, and the more so the faster the ship is."
+    source = "Barrass 1979 and 2004 for sinkage and width of influence; otherwise as shallow_water"
+    declared: ClassVar[tuple[Parameter, ...]] = (DEPTH, *FORM, factor("sinkage", 0.3))
+
+    def _immersion(self, s: Situation) -> Tensor:
+        """Draught under way over depth [-]."""
+        p = self.ship.particulars
+        depth = self.value("depth_m").clamp(min=1.02 * p.draught)
+        blockage = p.draught * p.block**0.85 / (7.04 * depth)
+        knots = (s.u / KNOT).square() + 1e-9
+        sinkage = self.value("sinkage") * p.block / 20 * blockage**0.81 * knots**1.04
+        room = 0.5 * (depth - p.draught)
+        return (p.draught + room * (1 - torch.exp(-sinkage / room))) / depth

@@ -1,0 +1,107 @@
+"""A ship that is heavier, lighter or otherwise trimmed than its coefficients say."""
+
+from typing import ClassVar
+
+from jaxtyping import Float
+from torch import Tensor
+
+from manoeuvre_nn.core.effect import Parameter, Situation
+from manoeuvre_nn.effect.common import columns
+from manoeuvre_nn.effect.series import HullEffect
+
+
+class DisplacementChange(HullEffect):
+    """A mass that is a multiple k of the nominal one.
+
+    Mass, moment of inertia and the terms ``m v r`` and ``-m u r`` are multiplied by k, the hull's forces and added
+    masses by ``k^e``: e is a form parameter, between 0 (none) and 2 (a slender body that draws k times as much).
+    """
+
+    name = "displacement_change"
+    family = "loading"
+    label = "another displacement"
+    fingerprint = "A slower or quicker answer to the rudder on every heading, alike to both sides."
+    source = "Mass terms exactly; hull forces by slender-body theory, between T^0 and T^2"
+    declared: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("factor", "-", 0.5, 1.6, 1.0, 0.15, (1.1, 0.9)),
+        Parameter("hull_exponent", "-", -0.5, 2.5, 1.0, 0.7, (1.0,), form=True),
+    )
+
+    def change(self, s: Situation) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*rows 3"]]:
+        """What the mass changes.
+
+        Args:
+            s: The situation.
+
+        Returns:
+            df' [-] and the diagonal of dM' [-].
+        """
+        parts, mass = self.series.parts(s), self.value("factor")[..., None]
+        hull = mass ** self.value("hull_exponent")[..., None]
+        force = (mass - 1) * parts.mass + (hull - 1) * (parts.drift + parts.yaw)
+        return force, (mass - 1) * self.series.masses + (hull - 1) * self.series.added
+
+
+class Loading(HullEffect):
+    """A draught that is a multiple k of the nominal one, sides being vertical.
+
+    Mass goes with k, hull forces and added masses with ``k^2``, resistance with the wetted surface
+    ``1.7 L T + volume / T``. Rudder and propeller are as they were.
+    """
+
+    name = "loading"
+    family = "loading"
+    label = "another draught"
+    fingerprint = "As another displacement, with another speed on straight courses."
+    source = "Slender-body theory, forces as T^2; Mumford's wetted surface"
+    declared = (Parameter("draught_ratio", "-", 0.4, 1.4, 1.0, 0.15, (1.1, 0.8)),)
+
+    def change(self, s: Situation) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*rows 3"]]:
+        """What the draught changes.
+
+        Args:
+            s: The situation.
+
+        Returns:
+            df' [-] and the diagonal of dM' [-].
+        """
+        parts, p, ratio = self.series.parts(s), self.ship.particulars, self.value("draught_ratio")
+        side = 1.7 * p.length * p.draught
+        wetter = (ratio - 1) * side / (side + p.mass / (p.rho * p.draught))
+        speed = s.u / p.speed
+        surge = -wetter * p.calm_resistance / self.ship.prime.force * speed * speed.abs()
+        mass, hull = ratio[..., None] - 1, ratio[..., None].square() - 1
+        force = mass * parts.mass + hull * (parts.drift + parts.yaw) + columns(surge, 0 * surge, 0 * surge)
+        return force, mass * self.series.masses + hull * self.series.added
+
+
+class TrimChange(HullEffect):
+    """Trim by the stern, which makes a ship steadier on its course.
+
+    With ``t = trim / T``: ``Yv (1 + .67 t)``, ``Yr (1 + .80 t)``, ``Nv - .27 t Yv``, ``Nr (1 + .30 t)`` for the linear
+    terms, those of mass excluded.
+    """
+
+    name = "trim_change"
+    family = "loading"
+    label = "another trim"
+    equations: ClassVar[tuple[str, ...]] = ("Y", "N")
+    fingerprint = "Course stability changes, overshoots most, alike to both sides; straight speed is as it should be."
+    source = "Inoue, Hirano & Kijima 1981, numbers not checked against the print"
+    declared = (Parameter("trim_m", "m", -8.0, 8.0, 0.0, 1.5, (1.0, -1.0)),)
+
+    def change(self, s: Situation) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*rows 3"]]:
+        """What the trim changes.
+
+        Args:
+            s: The situation.
+
+        Returns:
+            df' [-] and the diagonal of dM' [-].
+        """
+        parts = self.series.parts(s, linear=True)
+        trim = self.value("trim_m") / self.ship.particulars.draught
+        sway = trim * (0.67 * parts.drift[..., 1] + 0.80 * parts.yaw[..., 1])
+        yaw = trim * (-0.27 * parts.drift[..., 1] + 0.30 * parts.yaw[..., 2])
+        force = columns(0 * sway, sway, yaw)
+        return force, 0 * force

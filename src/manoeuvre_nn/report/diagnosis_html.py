@@ -1,0 +1,109 @@
+"""A diagnosis as one HTML file that needs nothing else, on a phone, light or dark; and in TensorBoard."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from torch.utils.tensorboard import SummaryWriter
+
+from manoeuvre_nn.diagnosis.result import Diagnosis
+from manoeuvre_nn.report.diagnosis_figures import draw_diagnosis
+from manoeuvre_nn.report.diagnosis_tables import (
+    FOUND,
+    VERDICTS,
+    cause_rows,
+    check_rows,
+    diagnosis_markdown,
+    error_rows,
+    label,
+    main_causes,
+    parameter_rows,
+    runner_up,
+    site_rows,
+)
+from manoeuvre_nn.report.html import data_address
+from manoeuvre_nn.report.tables import columns, is_good, text
+
+CAPTIONS = {
+    "probabilities": "Probability of each cause",
+    "tracks": "Tracks of the held-out runs: recorded, by the calm-water model and by the repaired model",
+    "errors": "RMS errors over the noise, before and after",
+    "where": "Places at which something is missing",
+    "residual": "Missing force over time",
+    "channels": "Channels over time and their errors",
+}
+"""What a screen reader says of each kind of figure."""
+
+
+def diagnosis_html(d: Diagnosis, path: Path) -> None:
+    """Write a diagnosis as a page that needs nothing else; everything that is given as text is escaped.
+
+    The captain's sentence comes first, then causes, proof, place, what speaks against it, and what to do next.
+
+    Args:
+        d: The diagnosis.
+        path: File to write.
+    """
+    page = Environment(
+        loader=PackageLoader("manoeuvre_nn.report", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    ).get_template("diagnosis.html")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(page.render(_context(d)), encoding="utf-8")
+
+
+def log_to_tensorboard(d: Diagnosis, folder: Path) -> None:
+    """Write the figures, the summary, probabilities and errors where TensorBoard finds them.
+
+    Args:
+        d: The diagnosis.
+        folder: Folder of the event file.
+    """
+    scalars = {f"probability/{cause.name}": cause.probability for cause in d.causes}
+    for name, errors in (("before", d.rmse("before")), ("after", d.rmse("after")), ("noise", d.noise)):
+        scalars |= {f"rmse_{name}/{channel}": error for channel, error in errors.items()}
+    with SummaryWriter(str(folder)) as writer:
+        writer.add_text("diagnosis", diagnosis_markdown(d))
+        for name, value in scalars.items():
+            if np.isfinite(value):
+                writer.add_scalar(name, value)
+        for name, figure in draw_diagnosis(d).items():
+            writer.add_figure(name, figure)
+
+
+def _context(d: Diagnosis) -> dict[str, Any]:
+    """Everything that the page shows."""
+    return {
+        "d": d,
+        "verdict": VERDICTS.get(d.verdict, d.verdict),
+        "figures": {name: data_address(figure) for name, figure in draw_diagnosis(d).items()},
+        "captions": CAPTIONS,
+        "alias": ", ".join(label(d, name) for name in d.alias),
+        "second": runner_up(d),
+        "causes": [{k: v for k, v in row.items() if k != FOUND} for row in cause_rows(d, main_causes(d))],
+        "parameters": parameter_rows(main_causes(d)),
+        "errors": error_rows(d),
+        "sites": site_rows(d),
+        "checks": check_rows(d),
+        "everything": _candidate_rows(d),
+        "settings": [{"setting": name, "value": value} for name, value in d.settings.items()],
+        **{function.__name__: function for function in (columns, is_good, text)},
+    }
+
+
+def _candidate_rows(d: Diagnosis) -> list[dict[str, Any]]:
+    """All candidates: how they are recognised, and where the formula is from."""
+    return [
+        {
+            "cause": row["cause"],
+            "probability": row["probability"],
+            "ln B": row["ln B"],
+            "how it is recognised": cause.fingerprint,
+            "source": cause.source,
+        }
+        for cause, row in zip(d.causes, cause_rows(d, d.causes), strict=True)
+    ]

@@ -1,0 +1,140 @@
+import pytest
+import torch
+from fleet import ship_named
+from shelf import DEEP, at, made, situation
+
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.ship import Ship
+from manoeuvre_nn.effect.depth import depth_factors
+from manoeuvre_nn.ship.esso_190k import PARTICULARS, esso_190k
+
+
+def total(effect, s):
+    """Accelerations with the effect."""
+    return s.nudot + effect.acceleration(s, s.nu.new_zeros(len(s.psi), 0))
+
+
+@pytest.mark.parametrize("ratio", [1.2, 1.5, 4.0, 8.0])
+def test_shallow_water_under_the_tanker_is_the_tanker_in_shallow_water(ratio):
+    s, depth = situation("esso_190k", n=8), ratio * PARTICULARS.draught
+    expected = esso_190k(depth=depth).acceleration(s.nu, s.delta)
+    torch.testing.assert_close(total(made("shallow_water", "esso_190k", depth_m=depth), s), expected, rtol=1e-7, atol=0)
+
+
+def test_at_its_kink_the_tankers_curve_is_rounded_by_little():
+    s, depth = situation("esso_190k", n=8), PARTICULARS.draught * (1 + 1 / 0.8)
+    expected = esso_190k(depth=depth).acceleration(s.nu, s.delta)
+    found = total(made("shallow_water", "esso_190k", depth_m=depth), s)
+    assert 0.0 < float((found - expected).abs().max()) < 0.01 * float(expected.abs().max())
+
+
+def test_the_shaft_speed_is_seen_by_the_terms_of_depth():
+    s, depth = situation("esso_190k"), 1.3 * PARTICULARS.draught
+    s = s.with_(shaft=0.7 * s.shaft)
+    deep, shallow = esso_190k(), esso_190k(depth=depth)
+
+    def turning(ship: Ship):
+        force = ship.force(s.nu, s.delta) + ship.shaft_force(s.nu, s.delta, s.shaft)
+        return ship.acceleration_from_force(s.nu, force)
+
+    s = s.with_(nudot=turning(deep))
+    torch.testing.assert_close(total(made("shallow_water", "esso_190k", depth_m=depth), s), turning(shallow))
+
+
+@pytest.mark.parametrize("ship", DEEP)
+@pytest.mark.parametrize("name", ["shallow_water", "squat"])
+def test_the_effect_of_the_bottom_fades_with_depth(ship, name):
+    s, draught = situation(ship), ship_named(ship).particulars.draught
+    sizes = [
+        float((total(made(name, ship, depth_m=r * draught), s) - s.nudot).abs().sum()) for r in (1.3, 2, 5, 12, 24)
+    ]
+    assert sizes[1:] == sorted(sizes[1:], reverse=True) and sizes[-1] < 0.1 * max(sizes[:2])
+
+
+def test_depth_factors_have_the_published_values_at_one_and_a_half_draughts():
+    bulker = ship_named("great_lakes_bulker").particulars
+    f = {k: float(v) for k, v in depth_factors(bulker, torch.tensor(1 / 1.5, dtype=torch.float64)).items()}
+    # By hand: K0 1.224, K1 .0730, K2 .0684, B1/T 3.142; Kijima's powers 1.028, 1.092 and .9685.
+    assert f["Nr"] == pytest.approx((1.564 + 2.231) / 2, rel=2e-3)
+    assert f["Nv"] == pytest.approx((2.129 + 2.653) / 2, rel=2e-3)
+    assert f["Yv"] == pytest.approx((1.846 + 2.428) / 2, rel=2e-3)
+    assert f["Yvdot"] == pytest.approx(1.224 + 0.0730 * 3.142 * 2 / 3 + 0.0684 * 3.142**2 * 8 / 15, rel=2e-3)
+
+
+@pytest.mark.parametrize("ship", DEEP)
+def test_form_parameters_scale_the_changes_of_depth(ship):
+    s = situation(ship)
+    none = made("shallow_water", ship, surge=0.0, sway=0.0, yaw=0.0)
+    torch.testing.assert_close(total(none, s), s.nudot, rtol=1e-12, atol=1e-15)
+    half, full = (made("shallow_water", ship, surge=k).change(s)[0] for k in (0.5, 1.0))
+    torch.testing.assert_close(half[:, 0], 0.5 * full[:, 0])
+    torch.testing.assert_close(half[:, 1:], full[:, 1:])
+
+
+def test_a_ship_in_shallow_water_is_not_put_there_again():
+    with pytest.raises(InputError, match="write ship.depth=inf"):
+        made("shallow_water", "esso_190k_shallow")
+
+
+@pytest.mark.parametrize("ship", DEEP)
+def test_squat_is_shallow_water_at_the_draught_under_way(ship):
+    p = ship_named(ship).particulars
+    depth = 1.3 * p.draught
+    squat, plain = (made(n, ship, depth_m=depth) for n in ("squat", "shallow_water"))
+    slow, fast = at(ship, 0.02 * p.speed, 1e-3), at(ship, 0.5 * p.speed, 0.1 * p.speed)
+    torch.testing.assert_close(squat.change(slow)[1], plain.change(slow)[1], rtol=1e-3, atol=1e-9)
+    knots = 0.5 * p.speed * 3600 / 1852
+    sinkage = p.block * (p.draught * p.block**0.85 / 7.04 / depth) ** 0.81 * knots**2.08 / 20
+    assert 0.1 < sinkage < 0.6
+    immersion = float(squat._immersion(fast)) * depth - p.draught
+    assert 0.7 * sinkage < immersion < sinkage
+
+
+def test_mass_alone_changes_inertia_and_centrifugal_terms():
+    s = situation("esso_190k")
+    u, v, r = s.nu.unbind(-1)
+    found = total(made("displacement_change", "esso_190k", factor=1.1, hull_exponent=0.0), s)
+    gyration = 0.25**2
+    expected = [(1.05 * s.nudot[:, 0] + 0.1 * v * r) / 1.15, (2.02 * s.nudot[:, 1] - 0.1 * u * r) / 2.12]
+    expected.append(0.1232 * s.nudot[:, 2] / (0.1232 + 0.1 * gyration))
+    torch.testing.assert_close(found, torch.stack(expected, dim=-1))
+
+
+@pytest.mark.parametrize("ship", DEEP)
+def test_a_draught_is_a_displacement_with_all_hull_forces_as_its_square(ship):
+    s = situation(ship)
+    loading = total(made("loading", ship, draught_ratio=0.9), s)
+    mass = total(made("displacement_change", ship, factor=0.9, hull_exponent=2.0), s)
+    torch.testing.assert_close(loading[:, 1:], mass[:, 1:])
+    assert bool((loading[:, 0] > mass[:, 0]).all())  # a lighter ship has less wetted surface
+
+
+def slowest(ship: str, trim: float) -> float:
+    """Largest real part of the roots of sway and yaw on a straight course [1/s]."""
+    speed = ship_named(ship).particulars.speed
+
+    def rates(lateral):
+        nu = torch.cat([lateral.new_tensor([speed]), lateral])[None]
+        zero = torch.zeros(1, dtype=torch.float64)
+        s = at(ship, speed).with_(nu=nu, nudot=ship_named(ship).acceleration(nu, zero))
+        return total(made("trim_change", ship, trim_m=trim), s)[0, 1:]
+
+    matrix = torch.autograd.functional.jacobian(rates, torch.full((2,), 1e-9, dtype=torch.float64))
+    return float(torch.linalg.eigvals(matrix).real.max())
+
+
+@pytest.mark.parametrize("ship", DEEP)
+def test_trim_by_the_stern_makes_every_ship_steadier(ship):
+    assert slowest(ship, 1.0) < slowest(ship, 0.0) < slowest(ship, -1.0)
+
+
+def test_parts_of_a_series_add_up_to_its_forces_but_for_rudder_and_resistance():
+    s = situation("great_lakes_bulker")
+    ship = ship_named("great_lakes_bulker")
+    parts = made("loading", ship).series.parts(s)
+    whole = ship.force(s.nu, torch.zeros_like(s.delta))
+    torch.testing.assert_close((parts.drift + parts.yaw + parts.mass)[:, 1:], whole[:, 1:])
+    mass, units = ship.particulars.mass / ship.prime.mass, ship.velocity_units
+    assert mass == pytest.approx(0.1913, rel=1e-3)
+    q = s.r / units[2]
+    torch.testing.assert_close(parts.mass[:, 1], -mass * q)
