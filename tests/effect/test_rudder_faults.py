@@ -38,7 +38,10 @@ def test_a_slow_blade_turns_at_its_own_rate_whatever_is_shown():
     order = [0.0] + [20.0] * 3 + [-20.0] * 4
     blade = follow(made("rudder_slow", "mariner", rate_deg_s=1.2), [0.0] * 8, order)
     assert blade == pytest.approx([0.0, 1.2, 2.4, 3.6, 2.4, 1.2, 0.0, -1.2])
-    assert follow(made("rudder_slow", "mariner", rate_deg_s=1.2), [0.0, 0.0], [0.0, 1.0])[-1] == pytest.approx(1.0)
+    last = [
+        follow(made("rudder_slow", "mariner", rate_deg_s=1.2), [0.0, 0.0], [0.0, 1.0], step)[-1] for step in (1.0, 0.5)
+    ]
+    assert last == pytest.approx([1.0, 0.6])
 
 
 @pytest.mark.parametrize("ship", DEEP)

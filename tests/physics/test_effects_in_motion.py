@@ -72,24 +72,22 @@ def test_effects_at_their_null_leave_every_trial_as_it_is(name):
 
 @SOME_SHIPS
 def test_a_current_that_grows_evenly_moves_the_track_and_nothing_else(name):
-    """North by V t and then by c t^2 / 2, of which all three solutions integrate every part exactly."""
-    calm, moved = CalmWater(ship_named(name)), affected(name, (TidalCurrent, dict(speed=1.0, toward_deg=30.0)))
-    moved.effects[0].values[2] = 3.0  # m/s per hour
-    pairs = list(zip(batched(moved, ZIGZAG, turning_circle(25.0, duration=90.0)),
-                     batched(calm, ZIGZAG, turning_circle(25.0, duration=90.0)), strict=True))  # fmt: skip
-    pairs.append((accurate(moved, ZIGZAG), accurate(calm, ZIGZAG)))
+    """By V t + c t^2 / 2, which fixed steps integrate exactly, the parts of steps at a reversal too."""
+    tide = dict(speed=1.0, toward_deg=30.0, change_m_s_h=3.0)
+    calm, moved = CalmWater(ship_named(name)), affected(name, (TidalCurrent, tide))
+    trials = ZIGZAG, turning_circle(25.0, duration=90.0)
+    exact = accurate(moved, ZIGZAG), accurate(calm, ZIGZAG)
+    late = measured(exact[1].between(20.0, 90.0))  # whose time counts from its first sample
     with unchecked():
-        late = measured(pairs[0][1].between(20.0, 90.0))
-        pairs.append((replay(moved, [late], start=10.0)[0], replay(calm, [late], start=10.0)[0]))
-    for run, still in pairs:
+        replayed = [replay(dynamics, [late], start=10.0)[0] for dynamics in (moved, calm)]
+    pairs = list(zip(batched(moved, *trials), batched(calm, *trials), strict=True))
+    for run, still, began, error in [(*p, 0.0, 1e-8) for p in pairs] + [(*exact, 0.0, 1e-4), (*replayed, 10.0, 1e-8)]:
         for channel in ("u", "v", "r", "psi", "delta", "udot", "vdot", "rdot"):
             assert run[channel] == approx(still[channel], abs=1e-6), channel
-        began = 10.0 if run is pairs[-1][0] else 0.0  # time counts from the first sample of the recording
         t = run.time - run.time[0] + began
         drift = 1.0 * (t - began) + 3.0 / 3600 * (t**2 - began**2) / 2
-        assert run["x"] - still["x"] == approx(drift * np.cos(30 * DEGREE), abs=1e-3)
-        assert run["y"] - still["y"] == approx(drift * np.sin(30 * DEGREE), abs=1e-3)
-    assert len(pairs) == 4 and pairs[-1][0].time[0] == 30.0
+        assert run["x"] - still["x"] == approx(drift * np.cos(30 * DEGREE), abs=error)
+        assert run["y"] - still["y"] == approx(drift * np.sin(30 * DEGREE), abs=error)
 
 
 @SOME_SHIPS

@@ -29,12 +29,12 @@ def clean():
 @pytest.fixture(scope="module")
 def written(clean, tmp_path_factory):
     folder = tmp_path_factory.mktemp("recordings") / clean.name
-    write_case(clean, folder)
+    write_case(clean, folder, 0.5)
     return folder
 
 
 def test_the_same_case_gives_the_same_files(clean, written, tmp_path):
-    write_case(clean, tmp_path / "again")
+    write_case(clean, tmp_path / "again", 0.5)
     names = sorted(path.name for path in written.iterdir())
     assert names == sorted(["manifest.json", *(f"{run.name}.csv" for run in clean.runs)])
     for name in names:
@@ -133,7 +133,7 @@ def test_strengths_are_told_apart_between_their_ranges():
 
 def test_an_effect_moves_the_roll_outs_by_what_its_strength_says():
     ship, rng = trial_ships()["mariner"], np.random.default_rng(2)
-    runs = tuple(replace(run, duration=200) for run in draw_runs(rng, ship)[:2])
+    runs = tuple(replace(run, duration=150) for run in draw_runs(rng, ship)[:1])
     effect, measure = draw_effect(rng, ship, kind_of("current"), "moderate", runs)
     assert effect.strength == "moderate"
     assert 0.18 <= measure <= 0.45

@@ -33,11 +33,11 @@ def at_speed(ship, columns=1):
     return state
 
 
-def held(world, degrees, seconds, columns=1, start=None):
+def held(world, degrees, seconds, columns=1, start=None, step=0.5):
     """States with a rudder that is held from the start."""
     shown = np.full((seconds + 1, columns), np.radians(degrees))
     start = at_speed(world.ship, columns) if start is None else start
-    return replay(world, start, np.arange(seconds + 1.0), shown, shown)
+    return replay(world, start, np.arange(seconds + 1.0), shown, shown, step=step)
 
 
 @pytest.mark.parametrize("name", SHIPS)
@@ -58,7 +58,7 @@ def test_motion_is_that_of_the_published_check_motions(name):
 
 def test_a_ship_without_asymmetry_mirrors_its_turn():
     world = build(SHIPS["great_lakes_bulker"], [], ["a"])
-    starboard, port = held(world, -15.0, 200)[-1], held(world, 15.0, 200)[-1]
+    starboard, port = held(world, -15.0, 150)[-1], held(world, 15.0, 150)[-1]
     mirror = np.array([1, -1, -1, 1, -1, -1, 1, 1.0])[:, None]
     np.testing.assert_allclose(starboard, mirror * port, rtol=1e-12, atol=1e-12)
 
@@ -106,7 +106,7 @@ def test_the_shown_angle_of_a_late_rudder_is_that_of_before():
 
 def test_a_ship_in_a_steady_turn_heels_by_what_the_definition_says():
     ship = SHIPS["mariner"]
-    state = held(build(ship, [Effect("roll_coupling", {"N_phi": 1e-9})], ["a"]), 10.0, 900)
+    state = held(build(ship, [Effect("roll_coupling", {"N_phi": 1e-9})], ["a"]), 10.0, 700, step=1.0)
     u, r, heel = state[-1, 3, 0], state[-1, 5, 0], state[-1, 6, 0]
     steady = -(8.4 - 8.138 / 2) / (9.81 * 0.6) * u * r
     assert heel == pytest.approx(steady, rel=1e-3)
@@ -139,5 +139,7 @@ def test_shallow_water_widens_the_turn(name):
     ship = SHIPS[name]
     shallow = build(ship, [Effect("shallow_water", {"depth_m": 1.4 * ship.draught})], ["a"])
     deep = build(ship, [], ["a"])
-    radius = [state[-1, 3, 0] / abs(state[-1, 5, 0]) for state in (held(w, -15.0, 500) for w in (shallow, deep))]
+    radius = [
+        state[-1, 3, 0] / abs(state[-1, 5, 0]) for state in (held(w, -15.0, 400, step=1.0) for w in (shallow, deep))
+    ]
     assert radius[0] > 1.1 * radius[1]

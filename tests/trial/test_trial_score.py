@@ -57,7 +57,7 @@ def recordings(tmp_path_factory):
     folder = tmp_path_factory.mktemp("set")
     for name in EFFECTS:
         case = case_with(name)
-        write_case(case, folder / case.name)
+        write_case(case, folder / case.name, 0.5)
         (folder / case.name / "answers.json").write_text(json.dumps(case.answers()))
     return folder
 

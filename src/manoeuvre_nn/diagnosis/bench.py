@@ -10,16 +10,16 @@ from jaxtyping import Float, Int
 
 from manoeuvre_nn.core.effect import Situation
 from manoeuvre_nn.diagnosis.columns import coefficient_columns, latency_column, situation
-from manoeuvre_nn.diagnosis.linear import Columns, Embedded, Linearised, Noise, Rate, Whitened, calm_rate, joined
+from manoeuvre_nn.diagnosis.linear import Columns, Embedded, Linearised, Noise, Whitened, calm_rate, joined
 from manoeuvre_nn.diagnosis.runs import Run
 from manoeuvre_nn.diagnosis.track import smooth
 from manoeuvre_nn.dynamics.model import Dynamics
 
 NOMINAL = np.array([0.7, 0.7, 0.04, 0.04, 1.75e-3, 3.5e-4, 0.05, 0.005])
 """First idea of the channels' noise [m, m, m/s, m/s, rad, rad/s, m/s, -]."""
-FORCE_LEVELS = (1e-4, 1e-3, 4e-3, 2e-2)
+FORCE_LEVELS = (1e-4, 1e-3, 3e-3, 8e-3, 2.5e-2)
 """Levels of the coloured acceleration that no hypothesis explains, over U0^2/L (times 1/L in yaw)."""
-SCATTER_LEVELS = (0.003, 0.01, 0.03, 0.08)
+SCATTER_LEVELS = (0.002, 0.01, 0.03, 0.07)
 """Levels of the relative error of the calm-water coefficients."""
 LATENCY, LATENCY_SPREAD = 0.25, 0.25
 """Delay of the satellite receiver [s]: mean and s.d. before the recording is seen."""

@@ -187,6 +187,9 @@ def coefficient_columns(dynamics: Dynamics, line: Linearised, s: Situation) -> t
                     only[:, equation] = part[:, equation]
                     parts.append(hull.acceleration_from_force(s.nu, only))
                     names.append(f"{'XYN'[equation]}{label}")
+        extra, labels = _structural(dynamics, s)
+        parts += extra
+        names += labels
         for equation in range(3):
             lag = torch.zeros_like(s.nudot)
             lag[:, equation] = -s.nudot[:, equation]
@@ -195,6 +198,39 @@ def coefficient_columns(dynamics: Dynamics, line: Linearised, s: Situation) -> t
         a = torch.stack(parts)
         moved = _moved(a, a.new_zeros(*a.shape[:2], 2), s.psi, line.run.step).permute(1, 2, 0).numpy()
     return Columns(np.zeros((len(line.run), COUNT, len(names))), moved), names
+
+
+SURGE_TERMS = ("uu", "vv", "rr", "dd", "vr", "vd", "rd")
+LATERAL_TERMS = ("vV", "rR", "vvv", "vvr", "vrr", "rrr", "vdd", "rdd", "vvd", "rrd", "ddd", "uv", "ur", "ud")
+"""Terms that a published set may lack; a capital letter is a magnitude."""
+TURN = {"u": -0.3, "v": 0.25, "r": 0.7, "d": 0.35}
+"""A tight turn in prime variables: where such a term is weighed."""
+
+
+def _structural(dynamics: Dynamics, s: Situation) -> tuple[list[Tensor], list[str]]:
+    """Accelerations by terms that the model lacks, each as large in a tight turn as the model's own there."""
+    p = dynamics.particulars
+    units = s.nu.new_tensor([p.speed, p.speed, p.speed / p.length])
+    prime = s.nu / units
+    z = {"u": prime[:, 0] - 1, "v": prime[:, 1], "r": prime[:, 2], "d": s.delta}
+    hard = torch.stack([s.nu.new_tensor(1 + TURN["u"]), s.nu.new_tensor(-TURN["v"]), s.nu.new_tensor(TURN["r"])]) * units
+    d = s.nu.new_tensor(TURN["d"])
+    total = dynamics.acceleration(hard, d)
+    rudder = total - dynamics.acceleration(hard, torch.zeros_like(d))
+    size = torch.stack([0.5 * total[0].abs(), rudder[1].abs(), rudder[2].abs()])
+    parts, names = [], []
+    for equation, terms in enumerate((SURGE_TERMS, LATERAL_TERMS, LATERAL_TERMS)):
+        for term in terms:
+            here, there = torch.ones_like(s.psi), 1.0
+            for letter in term:
+                value = z[letter.lower()]
+                here = here * (value.abs() if letter.isupper() else value)
+                there *= abs(TURN[letter.lower()])
+            column = torch.zeros_like(s.nu)
+            column[:, equation] = here * size[equation] / there
+            parts.append(column)
+            names.append(f"{'XYN'[equation]}+{term}")
+    return parts, names
 
 
 def latency_column(line: Linearised) -> Columns:

@@ -19,7 +19,7 @@ from manoeuvre_nn.diagnosis.linear import Columns
 
 RANDOM = ("gust_sd", "gust_time_s")
 """Parameters of a random process: its course is integrated out, so that they have no column of their own."""
-FORCE_PRIOR = 5e-4
+FORCE_PRIOR = 1.5e-3
 """Scale of the exponential prior of the coloured force's level when physics is named: little may stay unexplained."""
 SCATTER_PRIOR = 0.03
 """Scale of the exponential prior of the coefficients' relative error: published scatter is 3 to 6 %."""
@@ -315,7 +315,7 @@ class Court:
             level: Grid point at which fits are made before the noise is known; None takes a middle one.
         """
         self.bench = bench
-        self.start_level = level if level is not None else len(FORCE_LEVELS) + 1
+        self.start_level = level if level is not None else 2 * (len(FORCE_LEVELS) + 1)
 
     @property
     def coefficients(self) -> int:

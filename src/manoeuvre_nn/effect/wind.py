@@ -34,6 +34,7 @@ FORM = (
     factor("cy", 0.2),
     factor("cn", 0.2),
     Parameter("cn_shift", "-", -0.3, 0.3, 0.0, 0.03, (0.0,), form=True),
+    factor("still_air", 0.7, high=2.0),
 )
 
 
@@ -48,7 +49,8 @@ class SteadyWind(ForceEffect):
         den = 1 - (d/2) (1 - CD_lAF A_F / (A_L CD_t)) sin^2 2g
 
     less the same in still air, which the hull's resistance contains. The wind is taken relative to the ship's motion
-    through the water. The form parameters cx, cy, cn multiply X, Y, N; cn_shift moves the centre of pressure (L_oa).
+    through the water. The form parameters cx, cy, cn multiply X, Y, N; cn_shift moves the centre of pressure (L_oa);
+    still_air is the share of the load in still air that the hull's resistance contains.
     """
 
     name = "wind_steady"
@@ -88,7 +90,7 @@ class SteadyWind(ForceEffect):
         cos, sin = torch.cos(s.psi), torch.sin(s.psi)
         ahead = s.u + speed * (north * cos + east * sin)  # the wind blows toward the opposite of where it is from
         across = s.v + speed * (-north * sin + east * cos)
-        return self._load(ahead, across) - self._load(s.u, s.v)
+        return self._load(ahead, across) - self.value("still_air")[..., None] * self._load(s.u, s.v)
 
     def _speed(self, s: Situation) -> Tensor:
         """Speed of the true wind at every sample [m/s]."""

@@ -10,7 +10,7 @@ import pandas as pd
 from manoeuvre_nn.trial.case import Case
 from manoeuvre_nn.trial.effects import NOISE
 from manoeuvre_nn.trial.helm import MANOEUVRE_START, Run
-from manoeuvre_nn.trial.motion import Track, sail
+from manoeuvre_nn.trial.motion import STEP, Track, sail
 from manoeuvre_nn.trial.rough import rough_world
 from manoeuvre_nn.trial.size import WARMUP
 from manoeuvre_nn.trial.world import World
@@ -25,18 +25,19 @@ GAPS = 0.01
 """Share of samples that a sensor leaves out."""
 
 
-def record(case: Case) -> dict[str, pd.DataFrame]:
+def record(case: Case, step: float = STEP) -> dict[str, pd.DataFrame]:
     """The recordings of a case.
 
     Args:
         case: The case.
+        step: Time step of the motion [s].
 
     Returns:
         Table of each run.
     """
     rng = np.random.default_rng(case.chance)
     world = rough_world(case, rng)
-    track = sail(world, case.runs)
+    track = sail(world, case.runs, step=step)
     waves = next((e.parameters for e in case.effects if e.name == "wave_drift"), None)
     tables = {}
     for column, run in enumerate(case.runs):
@@ -161,15 +162,16 @@ def manifest(case: Case) -> dict[str, Any]:
     }
 
 
-def write_case(case: Case, folder: Path) -> None:
+def write_case(case: Case, folder: Path, step: float = STEP) -> None:
     """Write recordings and manifest; the manifest last, so that a case with one is whole.
 
     Args:
         case: The case.
         folder: The case's own folder.
+        step: Time step of the motion [s].
     """
     folder.mkdir(parents=True, exist_ok=True)
-    for name, table in record(case).items():
+    for name, table in record(case, step).items():
         table.to_csv(folder / f"{name}.csv", index=False)
     part = folder / "manifest.part"
     part.write_text(json.dumps(manifest(case), indent=1))

@@ -7,6 +7,7 @@ answers.json; ``out`` holds the tool's answers and takes the scoreboard.
 import json
 import sys
 from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -255,13 +256,12 @@ def gap(case_dir: Path, answer_dir: Path, truth: Mapping[str, Any]) -> dict[str,
     Returns:
         J of all three and the share, at least -1; None where a prediction is missing or nothing could be closed.
     """
-    ship, effects = trial_ships()[truth["ship"]], oracle.effects_of(truth)
+    ship = trial_ships()[truth["ship"]]
     before, after = (oracle.rmse(case_dir, _read_predictions(answer_dir, which)) for which in ("before", "after"))
-    calm = oracle.rmse(case_dir, oracle.predictions(case_dir, []))
+    calm, best = (_simulated(case_dir, json.dumps(which)) for which in ([], truth["effects"]))
     before = before or calm  # a tool without predictions is held against the calm-water model
-    best = None if effects is None else oracle.rmse(case_dir, oracle.predictions(case_dir, effects))
     j_before, j_after, j_best = (None if e is None else oracle.total(ship, e) for e in (before, after, best))
-    closable = bool(effects) and j_before is not None and j_best is not None
+    closable = bool(truth["effects"]) and j_before is not None and j_best is not None
     share = harmed = None
     if j_before is not None and j_best is not None:
         closable = closable and j_before - j_best > CLOSABLE * j_before
@@ -272,6 +272,13 @@ def gap(case_dir: Path, answer_dir: Path, truth: Mapping[str, Any]) -> dict[str,
     errors = {"rmse_before": before, "rmse_after": after, "rmse_oracle": best}
     marks = {"j_before": j_before, "j_after": j_after, "j_oracle": j_best}
     return errors | marks | {"closable": closable, "share": share, "harmed": harmed}
+
+
+@lru_cache(maxsize=512)
+def _simulated(case_dir: Path, published: str) -> dict[str, float] | None:
+    """Errors of the simulator's own predictions, once for all tools; None with an effect that is not known here."""
+    effects = oracle.effects_of({"effects": json.loads(published)})
+    return None if effects is None else oracle.rmse(case_dir, oracle.predictions(case_dir, effects))
 
 
 def _read_predictions(answer_dir: Path, which: str) -> dict[str, pd.DataFrame]:

@@ -115,7 +115,7 @@ def rough_start(world: World, table: pd.DataFrame) -> np.ndarray:
         return float(slope), float(first)
 
     r, first = np.radians(line(table["psi"].to_numpy()))
-    psi = first - (float(faults.heading(np.array(first))) - first)
+    psi = 2 * first - float(faults.heading(np.array([first]))[0])
     heading = np.radians(table["psi"].to_numpy())
     along, across = table["u"].to_numpy(), table["v"].to_numpy()
     drift = 2 * np.array(faults.runaway) * t.mean()

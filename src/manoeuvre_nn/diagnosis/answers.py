@@ -1,0 +1,78 @@
+"""Answers in the form in which concealed cases are scored."""
+
+import json
+import math
+from pathlib import Path
+
+import pandas as pd
+
+from manoeuvre_nn.diagnosis.result import Cause, Diagnosis
+
+OTHER_SIGN = frozenset({"offset_deg"})
+"""Parameters whose sign goes with the rudder's: positive to port in the cases, to starboard in the package."""
+LISTED = frozenset(
+    "wind_steady wind_gusty wind_onset current shallow_water wave_drift rudder_offset rudder_backlash rudder_slow rudder_delay "
+    "rudder_area_loss propeller_side_force propeller_pitch_error power_limit hull_fouling ice_resistance "
+    "displacement_change trim_change roll_coupling side_force bow_thruster heading_bias rate_bias log_scale "
+    "gps_lever_arm unknown".split()
+)
+"""Names that a case may have as its answer."""
+
+
+def write_answer(d: Diagnosis, folder: Path) -> None:
+    """Write ``answer.json`` and the predictions of a case.
+
+    Args:
+        d: The diagnosis.
+        folder: Folder of the answer; it is made.
+    """
+    for when in ("before", "after"):
+        place = folder / "predictions" / when
+        place.mkdir(parents=True, exist_ok=True)
+        for proof in d.proofs:
+            table: pd.DataFrame = getattr(proof, when).copy()
+            table["psi"] = table["psi"] % 360
+            table.to_csv(place / f"{proof.run}.csv", index=False, float_format="%.5f")
+    # Last, and at once: a case with an answer is complete.
+    text = json.dumps(answer(d), indent=1)
+    draft = folder / "answer.json.part"
+    draft.write_text(text + "\n")
+    draft.replace(folder / "answer.json")
+
+
+def answer(d: Diagnosis) -> dict:
+    """The content of ``answer.json``.
+
+    Args:
+        d: The diagnosis.
+
+    Returns:
+        Plain values.
+    """
+    model = d.model if d.model else (["unknown"] if d.verdict == "mismatch" else [])
+    return {
+        "case": d.case,
+        "verdict": d.verdict,
+        "effects": [_effect(c) for c in d.causes if c.name in LISTED and c.probability >= 1e-4],
+        "model": model,
+        "heldout_rmse_before": {k: _number(v) for k, v in d.rmse("before").items()},
+        "heldout_rmse_after": {k: _number(v) for k, v in d.rmse("after").items()},
+    }
+
+
+def _effect(c: Cause) -> dict:
+    intervals = "all" if c.intervals is None else {r: [[round(t, 1) for t in i] for i in v] for r, v in c.intervals.items()}
+    return {
+        "name": c.name,
+        "probability": round(c.probability, 4),
+        "equation": list(c.equations),
+        "intervals": intervals,
+        "parameters": {
+            v.name: [_number(-v.value if v.name in OTHER_SIGN else v.value), _number(v.error), v.unit]
+            for v in c.parameters
+        },
+    }
+
+
+def _number(x: float) -> float | None:
+    return float(f"{x:.5g}") if math.isfinite(x) else None
