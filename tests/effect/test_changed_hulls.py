@@ -109,6 +109,16 @@ def test_a_draught_is_a_displacement_with_all_hull_forces_as_its_square(ship):
     assert bool((loading[:, 0] > mass[:, 0]).all())  # a lighter ship has less wetted surface
 
 
+def test_trim_changes_the_four_linear_derivatives_as_stated():
+    ship = ship_named("great_lakes_bulker")
+    speed, t = ship.particulars.speed, 1.5 / ship.particulars.draught
+    effect, mass = made("trim_change", ship, trim_m=1.5), ship.particulars.mass / ship.prime.mass
+    drift = effect.change(at(ship, speed, 0.1 * speed))[0][0] / 0.1
+    yaw = effect.change(at(ship, speed, 0.0, 0.1 * speed / ship.particulars.length))[0][0] / 0.1
+    assert drift.tolist() == pytest.approx([0.0, 0.67 * t * -0.32535, -0.27 * t * -0.32535])
+    assert yaw.tolist() == pytest.approx([0.0, 0.80 * t * (mass - 0.162), 0.30 * t * -0.04433])
+
+
 def slowest(ship: str, trim: float) -> float:
     """Largest real part of the roots of sway and yaw on a straight course [1/s]."""
     speed = ship_named(ship).particulars.speed

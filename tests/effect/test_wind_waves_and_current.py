@@ -65,6 +65,8 @@ def test_wind_from_the_quarter_is_blendermanns_formula_written_out():
 def test_the_wind_of_the_ships_own_speed_is_in_its_resistance():
     force = made("wind_steady", "mariner", speed=10.0, from_deg=0.0).force(at("mariner", 5.0))
     assert float(force[0, 0]) == pytest.approx(-0.5 * AIR * BOW * FRONT * (15.0**2 - 5.0**2), rel=1e-7)
+    bare = made("wind_steady", "mariner", speed=10.0, from_deg=0.0, still_air=0.0).force(at("mariner", 5.0))
+    assert float(bare[0, 0]) == pytest.approx(-0.5 * AIR * BOW * FRONT * 15.0**2, rel=1e-7)
 
 
 def test_form_parameters_multiply_the_published_curves():

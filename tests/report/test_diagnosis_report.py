@@ -223,8 +223,8 @@ def test_tracks_start_at_the_origin_with_equal_axes_and_keep_their_gaps():
 
 
 def test_headings_recorded_between_0_and_360_are_compared_without_jumps():
-    d = windy()
-    p = d.proofs[0]
+    p = windy().proofs[0]
+    p = replace(p, before=p.before.assign(psi=p.before["psi"] - 720.0))
     assert p.recorded["psi"].max() < 360.0 < p.after["psi"].max()
     shown, beside = channel_figure(p, NOISE, repaired=True).axes[:2]
     assert np.abs(np.diff(drawn(shown, TRUTH)[:, 1])).max() < 5.0

@@ -133,7 +133,7 @@ def test_strengths_are_told_apart_between_their_ranges():
 
 def test_an_effect_moves_the_roll_outs_by_what_its_strength_says():
     ship, rng = trial_ships()["mariner"], np.random.default_rng(2)
-    runs = tuple(replace(run, duration=150) for run in draw_runs(rng, ship)[:1])
+    runs = tuple(replace(run, duration=120) for run in draw_runs(rng, ship)[:1])
     effect, measure = draw_effect(rng, ship, kind_of("current"), "moderate", runs)
     assert effect.strength == "moderate"
     assert 0.18 <= measure <= 0.45

@@ -5,6 +5,7 @@ import json
 import os
 import subprocess
 import sys
+from concurrent.futures import Future
 from pathlib import Path
 
 import pytest
@@ -51,15 +52,9 @@ class InThisProcess:
         return None
 
     def submit(self, function, *arguments):
-        future = stages_future()
+        future = Future()
         future.set_result(function(*arguments))
         return future
-
-
-def stages_future():
-    from concurrent.futures import Future
-
-    return Future()
 
 
 @pytest.fixture

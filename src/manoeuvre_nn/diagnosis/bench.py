@@ -2,13 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import product
 
 import numpy as np
+import torch
 from jaxtyping import Float, Int
 
 from manoeuvre_nn.core.effect import Situation
+from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis.columns import coefficient_columns, latency_column, situation
 from manoeuvre_nn.diagnosis.linear import Columns, Embedded, Linearised, Noise, Whitened, calm_rate, joined
 from manoeuvre_nn.diagnosis.runs import Run
@@ -17,8 +18,8 @@ from manoeuvre_nn.dynamics.model import Dynamics
 
 NOMINAL = np.array([0.7, 0.7, 0.04, 0.04, 1.75e-3, 3.5e-4, 0.05, 0.005])
 """First idea of the channels' noise [m, m, m/s, m/s, rad, rad/s, m/s, -]."""
-FORCE_LEVELS = (1e-4, 1e-3, 3e-3, 8e-3, 2.5e-2)
-"""Levels of the coloured acceleration that no hypothesis explains, over U0^2/L (times 1/L in yaw)."""
+FORCE_LEVELS = (0.003, 0.015, 0.05, 0.15, 0.5)
+"""Levels of the coloured force that no hypothesis explains, over the resistance and the force of 20 deg of rudder."""
 SCATTER_LEVELS = (0.002, 0.01, 0.03, 0.07)
 """Levels of the relative error of the calm-water coefficients."""
 LATENCY, LATENCY_SPREAD = 0.25, 0.25
@@ -44,6 +45,16 @@ class Place:
     force: Float[np.ndarray, "n 3"]
 
 
+@dataclass(frozen=True)
+class _Level:
+    """All runs at one grid point."""
+
+    white: list[Whitened]
+    base: list[Embedded]
+    base_gram: Float[np.ndarray, "p p"]
+    norm: float
+
+
 class Bench:
     """Fitted runs, linearised and whitened at a grid of noise levels.
 
@@ -58,7 +69,7 @@ class Bench:
     """
 
     def __init__(self, dynamics: Dynamics, places: Sequence[Place], coefficients: Sequence[str]) -> None:
-        """Factor every run at every level.
+        """Take the runs.
 
         Args:
             dynamics: Calm-water model.
@@ -67,18 +78,34 @@ class Bench:
         """
         self.dynamics, self.rate = dynamics, calm_rate(dynamics)
         self.places, self.coefficients = list(places), list(coefficients)
-        p = dynamics.particulars
-        self.unit = p.speed**2 / p.length * np.array([1.0, 1.0, 1.0 / p.length])
+        self.unit = typical(dynamics)
         self.levels = np.array(list(product(FORCE_LEVELS, FORCE_LEVELS)))
-        spread = np.array([0.3 * p.speed, 0.3 * p.speed, 0.3 * p.speed / p.length, 50.0, 50.0, 0.3])
-        self.white = [
-            [
-                Whitened(place.line, Noise(place.noise, level[[0, 1, 1]] * self.unit, force_time(dynamics)), spread)
+        self._at: dict[int, _Level] = {}
+
+    def at(self, level: int) -> "_Level":
+        """The runs whitened at a grid point; made when it is first asked for.
+
+        Args:
+            level: Grid point.
+
+        Returns:
+            Whitened runs, their embedded base columns and what follows from them.
+        """
+        if level not in self._at:
+            p = self.dynamics.particulars
+            spread = np.array([0.3 * p.speed, 0.3 * p.speed, 0.3 * p.speed / p.length, 50.0, 50.0, 0.3])
+            force = self.levels[level][[0, 1, 1]] * self.unit
+            white = [
+                Whitened(place.line, Noise(place.noise, force, force_time(self.dynamics)), spread)
                 for place in self.places
             ]
-            for level in self.levels
-        ]
-        self.norm = np.array([sum(w.log_norm for w in row) for row in self.white])
+            base = [w.embed(p.base) for w, p in zip(white, self.places, strict=True)]
+            g = np.zeros((self.size, self.size))
+            for run, e in enumerate(base):
+                where = self.base_index(run)
+                g[np.ix_(where, where)] += e.dot(e)
+            self._at[level] = _Level(white, base, g, sum(w.log_norm for w in white))
+        return self._at[level]
 
     @property
     def size(self) -> int:
@@ -97,21 +124,6 @@ class Bench:
         shared = np.arange(1 + len(self.coefficients))
         return np.append(shared, 1 + len(self.coefficients) + run)
 
-    @cached_property
-    def base(self) -> list[list[Embedded]]:
-        """Base columns embedded, by level and run."""
-        return [[w.embed(p.base) for w, p in zip(row, self.places, strict=True)] for row in self.white]
-
-    @cached_property
-    def base_gram(self) -> Float[np.ndarray, "levels p p"]:
-        """Inner products of the base columns over all runs, by level."""
-        g = np.zeros((len(self.levels), self.size, self.size))
-        for level, row in enumerate(self.base):
-            for run, e in enumerate(row):
-                at = self.base_index(run)
-                g[level][np.ix_(at, at)] += e.dot(e)
-        return g
-
     def gram(
         self, level: int, extra: Sequence[Columns], index: Sequence[Int[np.ndarray, " k"]], count: int
     ) -> Float[np.ndarray, "p p"]:
@@ -126,16 +138,33 @@ class Bench:
         Returns:
             Base first, then the extra ones.
         """
-        n = self.size
+        n, here = self.size, self.at(level)
         g = np.zeros((n + count,) * 2)
-        g[:n, :n] = self.base_gram[level]
+        g[:n, :n] = here.base_gram
         for run, (c, at) in enumerate(zip(extra, index, strict=True)):
-            more = self.white[level][run].embed(c)
-            cross = self.base[level][run].dot(more)
+            more = here.white[run].embed(c)
+            cross = here.base[run].dot(more)
             g[np.ix_(self.base_index(run), n + at)] += cross
             g[np.ix_(n + at, n + at)] += more.dot(more)
         g[n:, :n] = g[:n, n:].T
         return g
+
+
+def typical(dynamics: Dynamics) -> Float[np.ndarray, " 3"]:
+    """Accelerations that are large in a manoeuvre: by the resistance in surge, by 20 deg of rudder in sway and yaw.
+
+    Args:
+        dynamics: Calm-water model.
+
+    Returns:
+        [m/s^2, m/s^2, rad/s^2].
+    """
+    hull, p = dynamics.hull, dynamics.particulars
+    nu = hull.inertia.new_tensor([p.speed, 0.0, 0.0])
+    with torch.no_grad():
+        turned = dynamics.acceleration(nu, nu.new_tensor(20 * DEGREE)) - dynamics.acceleration(nu, nu.new_tensor(0.0))
+        held_back = hull.acceleration_from_si(nu.new_tensor([p.calm_resistance, 0.0, 0.0]))
+    return np.array([float(held_back[0]), float(turned[1].abs()), float(turned[2].abs())])
 
 
 def force_time(dynamics: Dynamics) -> float:

@@ -9,7 +9,7 @@ import pandas as pd
 
 from manoeuvre_nn.core.ship import Particulars, Stability, WindAreas
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.diagnosis.runs import Run, smooth_rudder, smooth_shaft
+from manoeuvre_nn.diagnosis.runs import Run, order_lead, smooth_rudder, smooth_shaft
 
 
 @dataclass(frozen=True)
@@ -66,5 +66,7 @@ def make_run(d: pd.DataFrame, name: str, rate: float, rpm: float, kind: str, hel
     ).astype(float)
     filled = d.interpolate(limit_direction="both")
     order = -filled["delta_order"].to_numpy(float) * DEGREE
-    delta, noise = smooth_rudder(-filled["delta"].to_numpy(float) * DEGREE, order, t[1] - t[0], rate)
-    return Run(name, t, measured, delta, order, smooth_shaft(measured[:, 7]), noise, kind, held, warmup, d)
+    shown = -filled["delta"].to_numpy(float) * DEGREE
+    delta, noise = smooth_rudder(shown, order, t[1] - t[0], rate)
+    lead = order_lead(shown, order, t[1] - t[0], rate)
+    return Run(name, t, measured, delta, order, lead, smooth_shaft(measured[:, 7]), noise, kind, held, warmup, d)

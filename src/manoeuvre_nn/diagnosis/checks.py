@@ -98,7 +98,7 @@ def gram_of(
     n = bench.size
     g = np.zeros((n + lin.count,) * 2)
     for run in runs if runs is not None else range(len(bench.places)):
-        more, base = bench.white[level][run].embed(lin.columns[run]), bench.base[level][run]
+        more, base = bench.at(level).white[run].embed(lin.columns[run]), bench.at(level).base[run]
         at, to = bench.base_index(run), n + lin.index[run]
         g[np.ix_(at, at)] += base.dot(base)
         g[np.ix_(at, to)] += base.dot(more)

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from manoeuvre_nn.core.effect import Effect, Situation
 from manoeuvre_nn.diagnosis.linear import Columns, Linearised, Rate, shown
-from manoeuvre_nn.diagnosis.runs import CHANNELS, COUNT
+from manoeuvre_nn.diagnosis.runs import CHANNELS, COUNT, Run
 from manoeuvre_nn.dynamics.model import Dynamics
 
 
@@ -73,16 +73,41 @@ def _blade(acting: Effect, line: Linearised, rows: int) -> Tensor | None:
         return acting.indicated(recorded.expand(rows, len(run)), torch.tensor(run.time))
     if type(acting).blade is Effect.blade:
         return None
-    step, angle = recorded.new_tensor(run.step), recorded[0].expand(rows, 1)
+    return blade_along(acting, run, recorded.expand(rows, len(run)))
+
+
+def blade_along(acting: Effect, run: Run, shown: Float[Tensor, "rows n"]) -> Float[Tensor, "rows n"]:
+    """Angle of the blade at all samples of a run behind one effect.
+
+    Args:
+        acting: The effect; values of one row each.
+        run: The run, for its orders and the times at which they were given.
+        shown: What the effect is shown: the indicated angle, or the blade behind another effect [rad].
+
+    Returns:
+        Blade angle [rad].
+    """
+    made, still = _behind(acting, run, shown), _behind(acting.at(acting.null()), run, shown[:1])
+    # What the fault does to the blade, not what the gear should have done: orders say that only roughly.
+    return shown + made - still
+
+
+def _behind(acting: Effect, run: Run, shown: Float[Tensor, "rows n"]) -> Float[Tensor, "rows n"]:
+    """Angle behind one effect as it computes it."""
+    order, lead, rows = torch.tensor(run.order), torch.tensor(run.lead), len(shown)
+    step = shown.new_tensor(run.step)
     held = torch.cat([order[:1], order[:-1]])
-    here = acting.blade(recorded, held, recorded, step).expand(rows, len(run))
-    if torch.equal(here, acting.blade(recorded + 1.0, held, recorded, step).expand(rows, len(run))):
+    here = acting.blade(shown, held, shown, step).expand(shown.shape)
+    if torch.equal(here, acting.blade(shown + 1.0, held, shown, step).expand(shown.shape)):
         return here  # it has no memory
-    angles, half = [acting.blade(angle, order[0], recorded[0], 0 * step).expand(rows, 1)], 0.5 * step
-    middle = 0.5 * (recorded[1:] + recorded[:-1])
-    for k in range(1, len(run)):  # an order is taken to be given midway between two samples
-        midway = acting.blade(angles[-1], order[k - 1], middle[k - 1], half)
-        angles.append(acting.blade(midway, order[k], recorded[k], half).expand(rows, 1))
+    angles = [acting.blade(shown[:, :1], order[0], shown[:, :1], 0 * step).expand(rows, 1)]
+    for k in range(1, len(run)):
+        before, now, angle = shown[:, k - 1 : k], shown[:, k : k + 1], angles[-1]
+        if lead[k] > 0:  # the new order came within the step
+            angle = acting.blade(angle, order[k - 1], before, (1 - lead[k]) * step)
+            angles.append(acting.blade(angle, order[k], now, lead[k] * step).expand(rows, 1))
+        else:
+            angles.append(acting.blade(angle, order[k - 1], now, step).expand(rows, 1))
     return torch.cat(angles, dim=-1)
 
 

@@ -39,11 +39,11 @@ def judge_gusts(court: Court, steady: Judged, gusty: Effect) -> Judged:
     grams, norms = np.zeros((len(SIZES), len(levels), size, size)), np.zeros((len(SIZES), len(levels)))
     hidden = [_course(court, steady.hypothesis, wind, run) for run in range(len(bench.places))]
     for g, level in enumerate(levels):
-        norms[:, g] = bench.norm[level]
+        norms[:, g] = bench.at(level).norm
         for run, (c, at) in enumerate(zip(lin.columns, lin.index, strict=True)):
             where = np.concatenate([bench.base_index(run), bench.size + at])
-            white = bench.white[level][run]
-            more, loose, base = white.embed(c), white.embed(hidden[run]), bench.base[level][run]
+            white = bench.at(level).white[run]
+            more, loose, base = white.embed(c), white.embed(hidden[run]), bench.at(level).base[run]
             both = Embedded(np.hstack([base.outer, more.outer]), np.hstack([base.inner, more.inner]))
             own, cross, whole = loose.dot(loose), loose.dot(both), both.dot(both)
             for k, sd in enumerate(SIZES):

@@ -11,6 +11,7 @@ from math import log, pi, sqrt
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.special import log_ndtr
 
 from manoeuvre_nn.core.effect import Effect, Parameter
 from manoeuvre_nn.diagnosis.bench import FORCE_LEVELS, LATENCY_SPREAD, SCATTER_LEVELS, Bench
@@ -19,8 +20,8 @@ from manoeuvre_nn.diagnosis.linear import Columns
 
 RANDOM = ("gust_sd", "gust_time_s")
 """Parameters of a random process: its course is integrated out, so that they have no column of their own."""
-FORCE_PRIOR = 1.5e-3
-"""Scale of the exponential prior of the coloured force's level when physics is named: little may stay unexplained."""
+FORCE_PRIOR = 0.03
+"""Scale of the half-normal prior of the coloured force's levels when physics is named: little may stay unexplained."""
 SCATTER_PRIOR = 0.03
 """Scale of the exponential prior of the coefficients' relative error: published scatter is 3 to 6 %."""
 
@@ -233,14 +234,14 @@ def log_prior_levels(bench: Bench, force_prior: float | None) -> Float[np.ndarra
 
     Args:
         bench: The runs.
-        force_prior: Scale of the exponential prior of the force level; None is flat over the levels.
+        force_prior: Scale of the half-normal prior of the force levels; None is flat over the levels.
 
     Returns:
         Normalised over the grid.
     """
     force = np.zeros(len(bench.levels))
     if force_prior is not None:
-        force = -bench.levels.sum(axis=1) / force_prior
+        force = -0.5 * np.square(bench.levels / force_prior).sum(axis=1)
     scatter = -np.array(SCATTER_LEVELS) / SCATTER_PRIOR
     total = force[:, None] + scatter[None, :]
     return total - _log_sum(total)
@@ -349,7 +350,7 @@ class Court:
         Returns:
             Evidence, mean, covariance.
         """
-        return self.regress(lin.hypothesis, self.grams(lin, levels), self.bench.norm[list(levels)])
+        return self.regress(lin.hypothesis, self.grams(lin, levels), np.array([self.bench.at(g).norm for g in levels]))
 
     def regress(
         self, hypothesis: Hypothesis, gram: Float[np.ndarray, "g p p"], norm: Float[np.ndarray, " g"]
@@ -449,13 +450,26 @@ class Court:
             best = top
         return self.verdict(hypothesis, known, prior)
 
+    def judge_level(self, hypothesis: Hypothesis, level: int) -> float:
+        """Log evidence at one force level, the best scatter.
+
+        Args:
+            hypothesis: It, fitted.
+            level: Force level.
+
+        Returns:
+            Log evidence.
+        """
+        lin = linear(self.bench, hypothesis) if hypothesis.effects else None
+        return float(self._at_level(hypothesis, lin, level).by_level.max())
+
     def _at_level(self, hypothesis: Hypothesis, lin: Linear | None, level: int) -> Posterior:
         """Regression at one force level."""
         if lin is not None:
             return self.posterior(lin, [level])
         data = np.eye(self.bench.size)[0]
-        gram, norm = self.bench.base_gram[[level]], self.bench.norm[[level]]
-        return regress(gram, norm, self.coefficients, data, self._prior(hypothesis))
+        here = self.bench.at(level)
+        return regress(here.base_gram[None], np.array([here.norm]), self.coefficients, data, self._prior(hypothesis))
 
     def verdict(
         self, hypothesis: Hypothesis, known: Mapping[int, Posterior], prior: Float[np.ndarray, "g s"]
@@ -479,19 +493,26 @@ class Court:
         mean, covariance = known[g].mean[0, s], known[g].covariance[0, s]
         final = hypothesis if not m else _limited(hypothesis, mean[-m:])
         k = len(mean) - m
-        evidence = _log_sum(weighted) + _half_lines(hypothesis)
+        evidence = _log_sum(weighted)
+        if m:
+            evidence += _bounded(hypothesis, mean[-m:], np.diag(covariance)[-m:])
         misfit = float(known[g].misfit[0, s])
         return Judged(final, evidence, by_level, covariance[k:, k:], misfit, (g, s), mean[:k])
 
 
-def _half_lines(hypothesis: Hypothesis) -> float:
-    """A parameter that cannot be negative has all its prior on one side of the null: twice the density."""
-    one_sided = [
-        f
-        for f in hypothesis.free()
-        if f.parameter.null is not None and f.parameter.null in (f.parameter.low, f.parameter.high)
-    ]
-    return len(one_sided) * log(2.0)
+def _bounded(hypothesis: Hypothesis, step: Float[np.ndarray, " m"], variance: Float[np.ndarray, " m"]) -> float:
+    """Bounds taken into the evidence: the share of each posterior inside them over the share of each prior."""
+    total = 0.0
+    for f, value, change, v in zip(hypothesis.free(), hypothesis.vector(), step, variance, strict=True):
+        p = f.parameter
+        if not p.period and not p.per_run and p.null is not None:
+            total += _log_inside(p, value + change, sqrt(v)) - _log_inside(p, f.mean(value), f.spread)
+    return total
+
+
+def _log_inside(p: Parameter, mean: float, sd: float) -> float:
+    """Log of the probability that a Gaussian lies within a parameter's bounds."""
+    return float(log_ndtr((p.high - mean) / sd) if mean - p.low > p.high - mean else log_ndtr((mean - p.low) / sd))
 
 
 def _limited(hypothesis: Hypothesis, step: Float[np.ndarray, " m"]) -> Hypothesis:

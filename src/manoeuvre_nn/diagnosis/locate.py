@@ -55,7 +55,7 @@ def residuals(bench: Bench, hypothesis: Hypothesis) -> list[Residual]:
 def _loose(bench: Bench, place: Place) -> Whitened:
     """The run with any coloured force allowed."""
     p = bench.dynamics.particulars
-    noise = Noise(place.noise, np.array([0.02, 0.04, 0.04]) * bench.unit, 0.5 * force_time(bench.dynamics))
+    noise = Noise(place.noise, 0.5 * bench.unit, 0.5 * force_time(bench.dynamics))
     spread = np.array([0.3 * p.speed, 0.3 * p.speed, 0.3 * p.speed / p.length, 50.0, 50.0, 0.3])
     return Whitened(place.line, noise, spread)
 
@@ -138,16 +138,14 @@ def location(bench: Bench, contest: Contest, found: Sequence[Residual]) -> Locat
 
 def _sites(bench: Bench, contest: Contest) -> dict[str, float]:
     """Log Bayes factors over calm water: a coloured force in some equations, or the best effect of a site."""
-    free = contest.court.judge(Hypothesis((), ()), force_prior=None, around=contest.none.best[0]).by_level
     side = len(FORCE_LEVELS)
-    grid = free.max(axis=1).reshape(side, side)
-    still = grid[0, 0]
-    sites = {"surge": grid[:, 0].max() - still, "sway and yaw": grid[0].max() - still}
+    at = [contest.court.judge_level(Hypothesis((), ()), g) for g in (0, side * (side - 2), side - 2)]
+    sites = {"surge": at[1] - at[0], "sway and yaw": at[2] - at[0]}
     for site in SITES:
         of_site = [j for j in contest.judged if len(j.names) == 1 and j.hypothesis.effects[0].site == site]
         if of_site:
             sites[site] = max(j.evidence for j in of_site) - contest.none.evidence
-    return {k: float(v) for k, v in sites.items() if np.isfinite(v)}
+    return {k: float(v) for k, v in sites.items()}
 
 
 def _statements(bench: Bench, contest: Contest, found: Sequence[Residual]) -> list[str]:

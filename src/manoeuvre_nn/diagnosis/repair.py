@@ -11,14 +11,14 @@ from jaxtyping import Float
 from manoeuvre_nn.core.effect import Effect, Situation
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis.bench import NOMINAL, force_time
-from manoeuvre_nn.diagnosis.columns import contribution, latency_column, perfect, situation
+from manoeuvre_nn.diagnosis.columns import blade_along, contribution, latency_column, perfect, situation
 from manoeuvre_nn.diagnosis.hypothesis import Hypothesis
 from manoeuvre_nn.diagnosis.linear import Columns, Noise, Whitened, calm_rate, linearise
 from manoeuvre_nn.diagnosis.runs import Run
 from manoeuvre_nn.diagnosis.track import first_guess
 from manoeuvre_nn.dynamics.affected import Affected
 from manoeuvre_nn.dynamics.model import Dynamics
-from manoeuvre_nn.dynamics.replay import blade_series, integrate
+from manoeuvre_nn.dynamics.replay import integrate
 
 
 @dataclass(frozen=True)
@@ -87,10 +87,14 @@ def _padded(values: np.ndarray, length: int) -> np.ndarray:
 
 def _wheel(model: Repaired, run: Run, values: Sequence[Float[np.ndarray, "1 p"]]) -> Float[np.ndarray, " n"]:
     """Angle of the blade over the whole run, so that its memory is right when the prediction begins."""
-    acting = Affected(model.calm, model.acting(values))
+    blade = torch.tensor(run.delta)[None]
     with torch.no_grad():
-        shown = acting.indicated(torch.tensor(run.delta)[None], torch.tensor(run.time))
-        return blade_series(acting, torch.tensor(run.order)[None], shown, run.step)[0].numpy()
+        for effect, value in zip(model.hypothesis.effects, values, strict=True):
+            acting = effect.at(torch.tensor(value)[:, None, :])
+            blade = acting.indicated(blade, torch.tensor(run.time))
+            if type(effect).blade is not Effect.blade:
+                blade = blade_along(acting, run, blade)
+    return blade[0].numpy()
 
 
 def start_state(model: Repaired, run: Run, values: Sequence[Float[np.ndarray, " p"]]) -> Float[np.ndarray, " 6"]:

@@ -21,6 +21,7 @@ class Run:
         measured: Channels in the order of ``CHANNELS``; NaN where nothing usable was recorded.
         delta: Indicated rudder angle, noise taken out where the rudder rests [rad], positive to starboard.
         order: Helm order [rad]; the indicated angle if it was not recorded.
+        lead: Share of the step before each sample during which a new order was in force already [-].
         shaft: Shaft speed over the nominal one, noise taken out; 1 if it was not recorded or stayed nominal [-].
         rudder_noise: Standard deviation of the noise of the indicated angle [rad].
         kind: What was sailed, as far as known.
@@ -33,6 +34,7 @@ class Run:
     measured: Float[np.ndarray, "n 8"]
     delta: Float[np.ndarray, " n"]
     order: Float[np.ndarray, " n"]
+    lead: Float[np.ndarray, " n"]
     shaft: Float[np.ndarray, " n"]
     rudder_noise: float
     kind: str = ""
@@ -59,7 +61,7 @@ class Run:
             The first part of the run.
         """
         k = self.time <= end + 1e-9
-        rows = {n: getattr(self, n)[k] for n in ("time", "measured", "delta", "order", "shaft")}
+        rows = {n: getattr(self, n)[k] for n in ("time", "measured", "delta", "order", "lead", "shaft")}
         return replace(self, **rows)
 
     def without(self, bad: Bool[np.ndarray, "n 8"]) -> "Run":
@@ -109,6 +111,27 @@ def smooth_rudder(
     if not residuals:
         return result, 0.0
     return result, float(1.4826 * np.median(np.abs(np.concatenate(residuals))))
+
+
+def order_lead(
+    recorded: Float[np.ndarray, " n"], order: Float[np.ndarray, " n"], step: float, rate: float
+) -> Float[np.ndarray, " n"]:
+    """When, between two samples, a new order was given: the nominal gear has moved the indicator since then.
+
+    Args:
+        recorded: Indicated angle [rad].
+        order: Helm order [rad].
+        step: Time between samples [s].
+        rate: Nominal rate of the gear [rad/s].
+
+    Returns:
+        Share of the step before each sample, 0 where the order did not change.
+    """
+    lead = np.zeros_like(order)
+    for k in np.flatnonzero(np.abs(np.diff(order)) > rate * step) + 1:
+        rest = recorded[max(k - 3, 0) : k].mean() if np.ptp(order[max(k - 3, 0) : k]) == 0 else recorded[k - 1]
+        lead[k] = np.clip((recorded[k] - rest) / (np.sign(order[k] - order[k - 1]) * rate * step), 0.0, 1.0)
+    return lead
 
 
 def _despiked(piece: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:

@@ -53,7 +53,7 @@ def best_windows(
 
 def _scan(bench: Bench, run: int, level: int, scatter: int, open_end: bool) -> tuple[float, float, float]:
     """Start and end of the best window of a run, and the lateral force in it [kN]."""
-    place, white = bench.places[run], bench.white[level][run]
+    place, white = bench.places[run], bench.at(level).white[run]
     time, step = place.line.run.time, place.line.run.step
     edges = np.arange(time[0], time[-1] + BLOCK, BLOCK)
     count = len(edges) - 1
@@ -64,7 +64,7 @@ def _scan(bench: Bench, run: int, level: int, scatter: int, open_end: bool) -> t
         push = hull.acceleration_from_si(hull.inertia.new_tensor(force)).numpy()
         moved[np.arange(len(time) - 1)[:, None], np.arange(3), (k * count + which)[:, None]] = push * step
     blocks = white.embed(Columns(np.zeros((len(time), 8, 2 * count)), moved))
-    gram, right = _projected(bench.base[level][run], blocks, SCATTER_LEVELS[scatter])
+    gram, right = _projected(bench.at(level).base[run], blocks, SCATTER_LEVELS[scatter])
     return _best(gram, right, edges, count, open_end)
 
 

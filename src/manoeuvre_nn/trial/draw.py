@@ -1,10 +1,10 @@
 """Draws the cases of a trial: ship, runs, effects, and all that makes a recording less than ideal."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from itertools import cycle, islice
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
@@ -21,6 +21,7 @@ SHARES = {"none": 0.20, "single": 0.50, "pair": 0.12, UNKNOWN: 0.18}
 CUBIC = ("Xvvr", "Xrrd", "Yvrd", "Yuvv", "Yurd", "Nvrd", "Nurr", "Nvvr", "Nuud")
 """Small terms of which one is missing from the model in every case; the last three letters are its factors."""
 
+Item = TypeVar("Item")
 TRIES = 8
 """How often a case whose ship is thrown out of its range is given other, smaller errors of the coefficients."""
 
@@ -79,7 +80,7 @@ def _by_share(cases: int) -> list[str]:
     return [sort for sort, count in counts.items() for _ in range(count)]
 
 
-def _shuffled_cycle(rng: np.random.Generator, items: Sequence[Any]) -> Any:
+def _shuffled_cycle(rng: np.random.Generator, items: Sequence[Item]) -> Iterator[Item]:
     """All items in random order, again and again."""
     while True:
         for k in rng.permutation(len(items)):

@@ -243,10 +243,10 @@ KINDS: tuple[Kind, ...] = (
 """All names of the format's list but ``unknown``."""
 
 
-def _unlisted(detail: str, low: float, high: float, extras: Mapping[str, tuple[float, float]] = {}) -> Kind:  # noqa: B006
+def _unlisted(detail: str, low: float, high: float, **extras: tuple[float, float]) -> Kind:
     """A force or rudder of our own; the size is ``a``."""
     place = unlisted.FORCES[detail][0] if detail in unlisted.FORCES else "actuator:rudder"
-    accepted = RUDDER if detail in unlisted.RUDDERS else ((place,), ("Y", "N"), ("X", "Y", "N"))
+    accepted = RUDDER if detail in unlisted.RUDDERS else ((place,),)
 
     def make(ship: TrialShip, s: float, extra: Extras) -> dict[str, float]:
         others = {k: v for k, v in extra.items() if k != "sign"}
@@ -272,13 +272,13 @@ def _unlisted_sensor(
 
 
 UNLISTED: tuple[Kind, ...] = (
-    _unlisted("cubic_by_heading", 0.003, 1.0, SIGN),
-    _unlisted("lopsided_turn", 2e-4, 0.05, SIGN),
-    _unlisted("beat", 2e-4, 0.03, {"period_s": (25.0, 90.0)}),
+    _unlisted("cubic_by_heading", 0.003, 1.0, **SIGN),
+    _unlisted("lopsided_turn", 2e-4, 0.05, **SIGN),
+    _unlisted("beat", 2e-4, 0.03, period_s=(25.0, 90.0)),
     _unlisted("turn_drag", 5e-4, 0.1),
-    _unlisted("by_speed", 0.001, 0.1, SIGN),
-    _unlisted("striped_water", 2e-4, 0.05, {"stripes_deg": (0.0, 180.0), "spacing": (4.0, 9.0)}),
-    _unlisted("damped_drift", 0.002, 0.5, SIGN),
+    _unlisted("by_speed", 0.001, 0.1, **SIGN),
+    _unlisted("striped_water", 2e-4, 0.05, stripes_deg=(0.0, 180.0), spacing=(4.0, 9.0)),
+    _unlisted("damped_drift", 0.002, 0.5, **SIGN),
     _unlisted("rudder_hole", 0.05, 0.9),
     _unlisted("weak_to_port", 0.02, 0.6),
     _unlisted_sensor("compass_two_beats", 0.3, 6.0, lambda h: 0.7 / NOISE["heading_deg"]),

@@ -61,13 +61,14 @@ def sail(world: World, runs: Sequence[Run], *, step: float = STEP, settle: float
         The motion from t = 0, with the position at t = 0 as origin.
     """
     helm, unit = Helm(world.ship, runs), world.ship.length / world.ship.speed
-    before = -COARSE * np.ceil(settle * unit / COARSE)
+    large = max(step, COARSE)
+    before = -large * np.ceil(settle * unit / large)
     state = np.zeros((8, len(runs)))
     state[2], state[3] = helm.course - world.sensors.heading_bias, world.ship.speed
     gear = SteeringGear(replace(world.gear, play=0.0), world.ship.rate, np.zeros(len(runs)))  # no hunting in the play
     n = np.full(len(runs), world.ship.rpm)
-    for k in range(round(-before / COARSE)):
-        state, n, _ = _step(world, helm, gear, before + k * COARSE, state, n, COARSE)
+    for k in range(round(-before / large)):
+        state, n, _ = _step(world, helm, gear, before + k * large, state, n, large)
     state[:2], gear.gear = 0.0, world.gear
     per_second, last = round(1 / step), max(run.duration for run in runs)
     states, orders, shafts, indicators = [], [], [], []

@@ -258,7 +258,7 @@ def gap(case_dir: Path, answer_dir: Path, truth: Mapping[str, Any]) -> dict[str,
     """
     ship = trial_ships()[truth["ship"]]
     before, after = (oracle.rmse(case_dir, _read_predictions(answer_dir, which)) for which in ("before", "after"))
-    calm, best = (_simulated(case_dir, json.dumps(which)) for which in ([], truth["effects"]))
+    calm, best = _simulated(case_dir, "[]"), _simulated(case_dir, json.dumps(truth["effects"]))
     before = before or calm  # a tool without predictions is held against the calm-water model
     j_before, j_after, j_best = (None if e is None else oracle.total(ship, e) for e in (before, after, best))
     closable = bool(truth["effects"]) and j_before is not None and j_best is not None
