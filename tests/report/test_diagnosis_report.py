@@ -6,6 +6,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.figure import Figure
 from rich.console import Console
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
@@ -146,7 +147,6 @@ def unknown() -> Diagnosis:
 
 
 def brief(d: Diagnosis) -> Diagnosis:
-    """One run of each kind."""
     return replace(d, proofs=d.proofs[:1], residuals=d.residuals[-1:])
 
 
@@ -155,8 +155,9 @@ CASES = {
     "unknown": lambda: replace(unknown(), residuals=unknown().residuals[-1:], proofs=[]),
     "one fitted run and nothing held out": lambda: replace(windy(), proofs=[], residuals=[residual()], tracks={}),
     "nothing at all": lambda: replace(calm(), causes=[], proofs=[], residuals=[], noise={}),
-    "only gaps": lambda: replace(windy(), proofs=[gap()], residuals=[nothing()], tracks={"r01": NOWHERE}),
-    "long names, noise not known": lambda: replace(renamed(brief(windy())), noise={"pos": np.nan}),
+    "only gaps, noise not known, long names": lambda: renamed(
+        replace(windy(), proofs=[gap()], residuals=[nothing()], tracks={"r01": NOWHERE}, noise={"pos": np.nan})
+    ),
 }  # fmt: skip
 
 
@@ -249,6 +250,13 @@ def test_the_band_of_the_missing_force_is_two_standard_deviations_and_windows_en
         widths = np.ptp(corners[corners[:, 0] == 50.0][:, 1])
         assert widths == pytest.approx(4 * r.error[50, k])
         assert drawn(axes, REPAIRED)[:, 1] == pytest.approx(r.left[:, k])
+
+
+def test_a_name_is_no_formula_and_loses_its_middle_when_it_is_long():
+    title = residual_figure(residual(LONG), True).get_suptitle()
+    assert title.startswith("a_run_whose_name")
+    assert title.endswith(r"\$bridge\$_<b>port</b>")
+    assert max(map(len, title.splitlines())) <= 46
 
 
 def test_only_runs_with_windows_are_shown_where_something_is_missing():
@@ -381,10 +389,11 @@ def test_a_page_of_nothing_says_that_nothing_was_proved_and_leaves_out_the_rest(
     assert text.count("<img") == 1
 
 
-def test_tensorboard_gets_the_same_figures_and_the_numbers(tmp_path):
-    d = replace(calm(), residuals=[])
+def test_tensorboard_gets_the_same_figures_and_the_numbers(tmp_path, monkeypatch):
+    d, figures = calm(), {name: Figure((1, 1)) for name in ("probabilities", "residual/r01")}
+    monkeypatch.setattr("manoeuvre_nn.report.diagnosis_html.draw_diagnosis", lambda _: figures)
     log_to_tensorboard(d, tmp_path)
     events = EventAccumulator(str(tmp_path)).Reload()
-    assert set(events.Tags()["images"]) == {"probabilities", "tracks", "errors", "channels/r02"}
+    assert set(events.Tags()["images"]) == set(figures)
     assert events.Scalars("probability/current")[0].value == pytest.approx(0.03)
     assert events.Scalars("rmse_before/pos")[0].value == pytest.approx(d.rmse("before")["pos"])

@@ -61,7 +61,9 @@ def answer(d: Diagnosis) -> dict:
 
 
 def _effect(c: Cause) -> dict:
-    intervals = "all" if c.intervals is None else {r: [[round(t, 1) for t in i] for i in v] for r, v in c.intervals.items()}
+    intervals = (
+        "all" if c.intervals is None else {r: [[round(t, 1) for t in i] for i in v] for r, v in c.intervals.items()}
+    )
     return {
         "name": c.name,
         "probability": round(c.probability, 4),

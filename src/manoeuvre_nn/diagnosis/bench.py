@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
+from threading import Lock
 
 import numpy as np
 import torch
@@ -20,7 +21,7 @@ NOMINAL = np.array([0.7, 0.7, 0.04, 0.04, 1.75e-3, 3.5e-4, 0.05, 0.005])
 """First idea of the channels' noise [m, m, m/s, m/s, rad, rad/s, m/s, -]."""
 FORCE_LEVELS = (0.003, 0.015, 0.05, 0.15, 0.5)
 """Levels of the coloured force that no hypothesis explains, over the resistance and the force of 20 deg of rudder."""
-SCATTER_LEVELS = (0.002, 0.01, 0.03, 0.07)
+SCATTER_LEVELS = (0.002, 0.01, 0.03, 0.07, 0.2)
 """Levels of the relative error of the calm-water coefficients."""
 LATENCY, LATENCY_SPREAD = 0.25, 0.25
 """Delay of the satellite receiver [s]: mean and s.d. before the recording is seen."""
@@ -34,6 +35,7 @@ class Place:
         line: Its equations about its track.
         situation: What effects see along the track.
         noise: S.d. of its channels, their correlation in time taken in.
+        inflation: What that correlation multiplied their variances by.
         base: Data, coefficients and latency as columns.
         force: Coloured acceleration that the track needs [m/s^2, m/s^2, rad/s^2].
     """
@@ -41,6 +43,7 @@ class Place:
     line: Linearised
     situation: Situation
     noise: Float[np.ndarray, " 8"]
+    inflation: Float[np.ndarray, " 8"]
     base: Columns
     force: Float[np.ndarray, "n 3"]
 
@@ -81,6 +84,7 @@ class Bench:
         self.unit = typical(dynamics)
         self.levels = np.array(list(product(FORCE_LEVELS, FORCE_LEVELS)))
         self._at: dict[int, _Level] = {}
+        self._making = Lock()
 
     def at(self, level: int) -> "_Level":
         """The runs whitened at a grid point; made when it is first asked for.
@@ -91,21 +95,25 @@ class Bench:
         Returns:
             Whitened runs, their embedded base columns and what follows from them.
         """
-        if level not in self._at:
-            p = self.dynamics.particulars
-            spread = np.array([0.3 * p.speed, 0.3 * p.speed, 0.3 * p.speed / p.length, 50.0, 50.0, 0.3])
-            force = self.levels[level][[0, 1, 1]] * self.unit
-            white = [
-                Whitened(place.line, Noise(place.noise, force, force_time(self.dynamics)), spread)
-                for place in self.places
-            ]
-            base = [w.embed(p.base) for w, p in zip(white, self.places, strict=True)]
-            g = np.zeros((self.size, self.size))
-            for run, e in enumerate(base):
-                where = self.base_index(run)
-                g[np.ix_(where, where)] += e.dot(e)
-            self._at[level] = _Level(white, base, g, sum(w.log_norm for w in white))
+        with self._making:
+            if level not in self._at:
+                self._at[level] = self._made(level)
         return self._at[level]
+
+    def _made(self, level: int) -> "_Level":
+        """Whiten all runs at a grid point."""
+        p = self.dynamics.particulars
+        spread = np.array([0.3 * p.speed, 0.3 * p.speed, 0.3 * p.speed / p.length, 50.0, 50.0, 0.3])
+        force = self.levels[level][[0, 1, 1]] * self.unit
+        white = [
+            Whitened(place.line, Noise(place.noise, force, force_time(self.dynamics)), spread) for place in self.places
+        ]
+        base = [w.embed(p.base) for w, p in zip(white, self.places, strict=True)]
+        g = np.zeros((self.size, self.size))
+        for run, e in enumerate(base):
+            where = self.base_index(run)
+            g[np.ix_(where, where)] += e.dot(e)
+        return _Level(white, base, g, sum(w.log_norm for w in white))
 
     @property
     def size(self) -> int:
@@ -216,4 +224,4 @@ def place_run(dynamics: Dynamics, run: Run) -> tuple[Place, list[str]]:
     data = line.data
     centred = Columns(data.measured - LATENCY * latency.measured, data.moved - LATENCY * latency.moved)
     base = joined([centred, coefficients, latency])
-    return Place(line, s, found.noise * np.sqrt(found.inflation), base, found.force), names
+    return Place(line, s, found.noise * np.sqrt(found.inflation), found.inflation, base, found.force), names

@@ -31,7 +31,13 @@ def _off_bounds(chosen: Judged) -> Check:
     for f, value in zip(chosen.hypothesis.free(), chosen.hypothesis.vector(), strict=True):
         p = f.parameter
         reach = 0.01 * (p.high - p.low)
-        if not p.form and not p.per_run and not p.period and not p.low + reach < value < p.high - reach and p.null != value:
+        if (
+            not p.form
+            and not p.per_run
+            and not p.period
+            and not p.low + reach < value < p.high - reach
+            and p.null != value
+        ):
             on.append(f"{p.name} = {value:.3g} {p.unit}")
     text = "all parameters are inside their bounds" if not on else f"on a bound: {', '.join(on)}"
     return Check("parameters off their bounds", not on, text)
@@ -58,7 +64,9 @@ def _same_in_all_runs(tried: Contest, chosen: Judged) -> Check:
     chi = float(sum((m - mean) @ w @ (m - mean) for (m, _), w in zip(estimates, weights, strict=True)))
     degrees = len(shared) * (len(estimates) - 1)
     return Check(
-        "same in all runs", chi < degrees + 6 * np.sqrt(2 * degrees), f"chi-square {chi:.1f} for {degrees} degrees of freedom"
+        "same in all runs",
+        chi < degrees + 6 * np.sqrt(2 * degrees),
+        f"chi-square {chi:.1f} for {degrees} degrees of freedom",
     )
 
 
@@ -118,9 +126,7 @@ def nuisance_spread(tried: Contest, scatter: int) -> Float[np.ndarray, " k"]:
         One a base column but for the data.
     """
     bench = tried.court.bench
-    return np.r_[
-        np.full(len(bench.coefficients), SCATTER_LEVELS[scatter]), np.full(len(bench.places), LATENCY_SPREAD)
-    ]
+    return np.r_[np.full(len(bench.coefficients), SCATTER_LEVELS[scatter]), np.full(len(bench.places), LATENCY_SPREAD)]
 
 
 def aliases(tried: Contest, chosen: Judged) -> list[str]:

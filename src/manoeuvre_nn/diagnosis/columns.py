@@ -61,7 +61,7 @@ def contribution(
             acceleration = acceleration + rate(s.nu.expand(rows, n, 3), s.delta, shaft.expand(rows, n)) - s.nudot
         acceleration = acceleration + acting.acceleration(here, memory)
         stream = acting.stream(here).expand(rows, n, 2)
-        moved = _moved(acceleration, stream, s.psi, line.run.step)
+        moved = moved_by(acceleration, stream, s.psi, line.run.step)
         return Columns(_recorded(acting, line, s, rows), moved.permute(1, 2, 0).numpy())
 
 
@@ -137,8 +137,18 @@ def _memory(acting: Effect, s: Situation, rows: int, step: float) -> Tensor:
     return torch.tensor(result)
 
 
-def _moved(acceleration: Tensor, stream: Tensor, psi: Tensor, h: float) -> Tensor:
-    """What accelerations and a stream add to u, v, r, x, y, psi within each step."""
+def moved_by(acceleration: Tensor, stream: Tensor, psi: Tensor, h: float) -> Tensor:
+    """What accelerations and a stream add to the state within each step.
+
+    Args:
+        acceleration: udot, vdot [m/s^2], rdot [rad/s^2] of several columns.
+        stream: North and east [m/s].
+        psi: Heading [rad].
+        h: Time between samples [s].
+
+    Returns:
+        u, v, r, x, y, psi.
+    """
     a = 0.5 * (acceleration[:, 1:] + acceleration[:, :-1])
     w = 0.5 * (stream[:, 1:] + stream[:, :-1])
     middle = 0.5 * (psi[1:] + psi[:-1])
@@ -221,7 +231,7 @@ def coefficient_columns(dynamics: Dynamics, line: Linearised, s: Situation) -> t
             parts.append(lag)
             names.append(f"M{'uvr'[equation]}")
         a = torch.stack(parts)
-        moved = _moved(a, a.new_zeros(*a.shape[:2], 2), s.psi, line.run.step).permute(1, 2, 0).numpy()
+        moved = moved_by(a, a.new_zeros(*a.shape[:2], 2), s.psi, line.run.step).permute(1, 2, 0).numpy()
     return Columns(np.zeros((len(line.run), COUNT, len(names))), moved), names
 
 
@@ -238,7 +248,9 @@ def _structural(dynamics: Dynamics, s: Situation) -> tuple[list[Tensor], list[st
     units = s.nu.new_tensor([p.speed, p.speed, p.speed / p.length])
     prime = s.nu / units
     z = {"u": prime[:, 0] - 1, "v": prime[:, 1], "r": prime[:, 2], "d": s.delta}
-    hard = torch.stack([s.nu.new_tensor(1 + TURN["u"]), s.nu.new_tensor(-TURN["v"]), s.nu.new_tensor(TURN["r"])]) * units
+    hard = (
+        torch.stack([s.nu.new_tensor(1 + TURN["u"]), s.nu.new_tensor(-TURN["v"]), s.nu.new_tensor(TURN["r"])]) * units
+    )
     d = s.nu.new_tensor(TURN["d"])
     total = dynamics.acceleration(hard, d)
     rudder = total - dynamics.acceleration(hard, torch.zeros_like(d))

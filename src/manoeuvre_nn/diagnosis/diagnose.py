@@ -38,6 +38,7 @@ class Question:
         effects: Prototypes of the candidates.
         undecided: What is known from the start to be undecidable, a sentence each.
         settings: For the record.
+        threads: Candidates that are fitted at once.
     """
 
     name: str
@@ -47,6 +48,7 @@ class Question:
     effects: Sequence[Effect]
     undecided: Sequence[str] = ()
     settings: Mapping[str, str] = field(default_factory=dict)
+    threads: int = 1
 
 
 def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnosis:
@@ -62,7 +64,7 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
     began = time.perf_counter()
     progress("tracks and noise")
     stand = bench(question.dynamics, question.fitted)
-    tried = contest(stand, question.effects, progress)
+    tried = contest(stand, question.effects, progress, question.threads)
     verdict = decide(tried)
     progress("proof")
     chosen, proofs, checks = _repair(question, stand, tried, verdict)
@@ -213,8 +215,15 @@ def _causes(question: Question, tried: Contest, verdict: Verdict, chosen: Judged
         e = prototypes[name]
         causes.append(
             Cause(
-                name, e.label, probability, verdict.bayes[name], e.equations, values_of(j, k), intervals(question, j, k),
-                e.fingerprint, e.source,
+                name,
+                e.label,
+                probability,
+                verdict.bayes[name],
+                e.equations,
+                values_of(j, k),
+                intervals(question, j, k),
+                e.fingerprint,
+                e.source,
             )  # fmt: skip
         )
     mismatch = verdict.none < 0.5

@@ -34,7 +34,7 @@ def judge_gusts(court: Court, steady: Judged, gusty: Effect) -> Judged:
     lin = linear(bench, steady.hypothesis)
     wind = steady.names.index("wind_steady")
     # Not the largest levels: a coloured force as large as gusts would only compete with them.
-    levels = np.flatnonzero(bench.levels.max(axis=1) < 2e-3)
+    levels = np.flatnonzero(bench.levels.max(axis=1) < 0.06)
     size = bench.size + lin.count
     grams, norms = np.zeros((len(SIZES), len(levels), size, size)), np.zeros((len(SIZES), len(levels)))
     hidden = [_course(court, steady.hypothesis, wind, run) for run in range(len(bench.places))]
@@ -55,8 +55,7 @@ def judge_gusts(court: Court, steady: Judged, gusty: Effect) -> Judged:
     tried = []
     for k in range(len(SIZES)):
         known = {
-            int(level): court.regress(steady.hypothesis, grams[k, [g]], norms[k, [g]])
-            for g, level in enumerate(levels)
+            int(level): court.regress(steady.hypothesis, grams[k, [g]], norms[k, [g]]) for g, level in enumerate(levels)
         }
         tried.append(court.verdict(steady.hypothesis, known, prior))
     return _chosen(tried, steady.hypothesis, wind, gusty)

@@ -244,10 +244,18 @@ def log_prior_levels(bench: Bench, force_prior: float | None) -> Float[np.ndarra
         force = -0.5 * np.square(bench.levels / force_prior).sum(axis=1)
     scatter = -np.array(SCATTER_LEVELS) / SCATTER_PRIOR
     total = force[:, None] + scatter[None, :]
-    return total - _log_sum(total)
+    return total - log_sum(total)
 
 
-def _log_sum(x: np.ndarray) -> float:
+def log_sum(x: np.ndarray) -> float:
+    """Log of the sum of exponentials.
+
+    Args:
+        x: Logs.
+
+    Returns:
+        The log of their sum.
+    """
     top = float(x.max())
     return top + log(float(np.exp(x - top).sum()))
 
@@ -493,7 +501,7 @@ class Court:
         mean, covariance = known[g].mean[0, s], known[g].covariance[0, s]
         final = hypothesis if not m else _limited(hypothesis, mean[-m:])
         k = len(mean) - m
-        evidence = _log_sum(weighted)
+        evidence = log_sum(weighted)
         if m:
             evidence += _bounded(hypothesis, mean[-m:], np.diag(covariance)[-m:])
         misfit = float(known[g].misfit[0, s])

@@ -1,8 +1,10 @@
 """The contest: every candidate, then combinations, fitted and judged on all recordings together."""
 
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from itertools import product
+from math import inf
 
 import numpy as np
 
@@ -32,29 +34,31 @@ class Contest:
     court: Court = field(repr=False)
 
 
-def contest(bench: Bench, effects: Sequence[Effect], progress: Progress = lambda _: None) -> Contest:
+def contest(bench: Bench, effects: Sequence[Effect], progress: Progress = lambda _: None, threads: int = 1) -> Contest:
     """Judge calm water, every effect, and combinations of two.
 
     Args:
         bench: The fitted runs.
         effects: Prototypes of the candidates.
         progress: Is told which candidate is under test.
+        threads: Candidates that are fitted at once.
 
     Returns:
         The contest.
     """
     court = Court(bench)
     none = court.judge(Hypothesis((), ()))
-    singles = []
-    for effect in effects:
-        if effect.name == "wind_gusty":  # a variant of what a steady wind explains: see below
-            continue
+
+    def alone(effect: Effect) -> Judged | None:
         progress(effect.name)
-        found = single(court, effect, none)
-        if found is not None:
-            singles.append(found)
+        return single(court, effect, none)
+
+    # A gusty wind is a variant of what a steady wind explains: see below.
+    plain = [e for e in effects if e.name != "wind_gusty"]
+    with ThreadPoolExecutor(threads) as pool:
+        singles = [j for j in pool.map(alone, plain) if j is not None]
     singles.sort(key=lambda j: -j.evidence)
-    pairs = list(_pairs(court, singles, none, progress))
+    pairs = list(_pairs(court, singles, none, progress, threads))
     judged = sorted(singles + pairs, key=lambda j: -j.evidence)
     windy = [j for j in judged[:WIDTH] if "wind_steady" in j.names and j.evidence > none.evidence]
     gusty = next((e for e in effects if e.name == "wind_gusty"), None)
@@ -86,10 +90,10 @@ def single(court: Court, effect: Effect, none: Judged, given: Hypothesis | None 
     if not tried:
         return None
     best = max(tried, key=lambda t: t[0])[1]
-    return settle(court, best, level, scatter)
+    return settle(court, best, level, scatter, none.evidence)
 
 
-def settle(court: Court, hypothesis: Hypothesis, level: int, scatter: int) -> Judged:
+def settle(court: Court, hypothesis: Hypothesis, level: int, scatter: int, least: float = -inf) -> Judged:
     """Fit to the end, at the noise levels that the hypothesis itself leaves.
 
     Args:
@@ -97,6 +101,7 @@ def settle(court: Court, hypothesis: Hypothesis, level: int, scatter: int) -> Ju
         hypothesis: Roughly fitted.
         level: Force level to begin with.
         scatter: Scatter level to begin with.
+        least: Evidence that is worth further work.
 
     Returns:
         What came out.
@@ -104,6 +109,8 @@ def settle(court: Court, hypothesis: Hypothesis, level: int, scatter: int) -> Ju
     hypothesis, _ = court.improve(hypothesis, level, scatter)
     judged = court.judge(hypothesis, around=level)
     for _ in range(2):
+        if judged.evidence < least:
+            return judged
         before = judged
         hypothesis, _ = court.improve(judged.hypothesis, *judged.best, rounds=4)
         judged = court.judge(hypothesis, around=judged.best[0])
@@ -112,9 +119,7 @@ def settle(court: Court, hypothesis: Hypothesis, level: int, scatter: int) -> Ju
     return judged
 
 
-def _starts(
-    court: Court, effect: Effect, level: int, scatter: int, given: Hypothesis | None
-) -> Iterator[Hypothesis]:
+def _starts(court: Court, effect: Effect, level: int, scatter: int, given: Hypothesis | None) -> Iterator[Hypothesis]:
     """The two most promising of all starts, by what a linear step from each would gain."""
     bench = court.bench
     runs = len(bench.places)
@@ -132,7 +137,7 @@ def _starts(
     yield from made
 
 
-def _pairs(court: Court, singles: Sequence[Judged], none: Judged, progress: Progress) -> Iterator[Judged]:
+def _pairs(court: Court, singles: Sequence[Judged], none: Judged, progress: Progress, threads: int) -> Iterator[Judged]:
     """Two effects at once: all partners of the best few singles, screened by a linear step, the best ones fitted."""
     worth = [s for s in singles if s.evidence > none.evidence + 3.0]
     if not worth:
@@ -150,16 +155,16 @@ def _pairs(court: Court, singles: Sequence[Judged], none: Judged, progress: Prog
                 found = court.posterior(linear(court.bench, both), [first.best[0]])
                 screened.append((float(found.by_level[0, first.best[1]]), first, both))
     screened.sort(key=lambda t: -t[0])
-    done: set[frozenset[str]] = set()
+    finalists: dict[frozenset[str], tuple[Judged, Hypothesis]] = {}
     for _, first, both in screened:
-        names = frozenset(both.names)
-        if names in done:
-            continue
-        done.add(names)
-        progress(" + ".join(both.names))
-        yield settle(court, both, *first.best)
-        if len(done) >= WIDTH:
-            return
+        finalists.setdefault(frozenset(both.names), (first, both))
+
+    def together(pair: tuple[Judged, Hypothesis]) -> Judged:
+        progress(" + ".join(pair[1].names))
+        return settle(court, pair[1], *pair[0].best)
+
+    with ThreadPoolExecutor(threads) as pool:
+        yield from pool.map(together, list(finalists.values())[:WIDTH])
 
 
 def _restarts(court: Court, second: Judged) -> list[Hypothesis]:

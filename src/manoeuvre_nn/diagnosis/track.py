@@ -9,8 +9,9 @@ from scipy.ndimage import median_filter, uniform_filter1d
 from manoeuvre_nn.diagnosis.linear import SIZE, Columns, Linearised, Noise, Rate, Whitened, linearise, shown
 from manoeuvre_nn.diagnosis.runs import COUNT, Run
 
-SLACK = np.array([1.0, 1.0, 0.03, 0.08])
-"""Prior s.d. of the kinematic slack: stream north and east [m/s], compass [rad], log [-]."""
+SLACK = np.array([1.0, 1.0, 0.03, 0.08, 1e-3, 30.0, 10.0])
+"""Prior s.d. of the kinematic slack: stream north and east [m/s], compass [rad], log [-], rate gyro [rad/s], antenna
+forward and to starboard [m]."""
 SHAFT = 7
 """Channel of the shaft speed: no state explains it, so its misfit is no outlier."""
 OUTLIER = 5.0
@@ -99,9 +100,15 @@ def smooth(run: Run, rate: Rate, noise: Float[np.ndarray, " 8"], force: Float[np
 
 
 def _slack(line: Linearised) -> Columns:
-    """Columns of a uniform stream, a compass error and a log error."""
-    n = len(line.run)
-    c = Columns(np.zeros((n, COUNT, 4)), np.zeros((n - 1, 6, 4)))
+    """Columns of a uniform stream and of compass, log, rate gyro and antenna errors."""
+    n, (r, psi) = len(line.run), (line.track[:, 2], line.track[:, 5])
+    cos, sin = np.cos(psi), np.sin(psi)
+    c = Columns(np.zeros((n, COUNT, 7)), np.zeros((n - 1, 6, 7)))
+    c.measured[:, 5, 4] = 1.0
+    c.measured[:, 0, 5], c.measured[:, 1, 5] = cos, sin
+    c.measured[:, 2, 5], c.measured[:, 3, 5] = -r * sin, r * cos
+    c.measured[:, 0, 6], c.measured[:, 1, 6] = -sin, cos
+    c.measured[:, 2, 6], c.measured[:, 3, 6] = -r * cos, -r * sin
     c.measured[:, 2, 0] = c.measured[:, 3, 1] = c.measured[:, 4, 2] = 1.0
     c.measured[:, 6, 3] = line.track[:, 0]
     c.moved[:, 3, 0] = c.moved[:, 4, 1] = line.run.step

@@ -1,12 +1,13 @@
 """From evidence to a verdict: probabilities of every effect, of none, and of something unknown."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from manoeuvre_nn.diagnosis.hypothesis import Hypothesis, Judged
+from manoeuvre_nn.diagnosis.hypothesis import Judged
 from manoeuvre_nn.diagnosis.search import Contest
+from manoeuvre_nn.diagnosis.unknown import unknown_evidence
 
 PRIOR = {"none": 0.25, "single": 0.53, "pair": 0.12, "unknown": 0.10}
 """Declared base rates: calm water holds, one effect, two, or something that the shelf does not have."""
@@ -41,10 +42,10 @@ def decide(contest: Contest, temperature: float = 1.0) -> Verdict:
     Returns:
         The verdict.
     """
-    free = contest.court.judge(Hypothesis((), ()), force_prior=None)
+    free = unknown_evidence(contest.court, contest.none)
     names = sorted({n for j in contest.judged for n in j.names})
     singles, pairs = len(names), max(len(names) * (len(names) - 1) / 2, 1)
-    weights = [("none", (), contest.none.evidence, PRIOR["none"]), ("unknown", (), free.evidence, PRIOR["unknown"])]
+    weights = [("none", (), contest.none.evidence, PRIOR["none"]), ("unknown", (), free, PRIOR["unknown"])]
     for j in contest.judged:
         prior = PRIOR["single"] / singles if len(j.names) == 1 else PRIOR["pair"] / pairs
         weights.append(("named", j.names, j.evidence, prior))

@@ -35,9 +35,7 @@ def best_windows(
     timed = [j for j, p in enumerate(effect.declared) if p.per_run]
     ends = len(timed) > 1
     low = 0 if court.bench.levels[level].max() < 1e-3 else len(court.bench.levels) // 3
-    found = [
-        _scan(court.bench, run, low, scatter, open_end=not ends) for run in range(len(court.bench.places))
-    ]
+    found = [_scan(court.bench, run, low, scatter, open_end=not ends) for run in range(len(court.bench.places))]
     others = np.unique(np.delete(grid, timed, axis=1), axis=0)
     for row in others[:8]:
         values = np.zeros((len(found), len(names)))

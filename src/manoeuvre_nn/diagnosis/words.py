@@ -11,7 +11,9 @@ from manoeuvre_nn.diagnosis.verdict import Verdict
 
 ADVICE = {
     frozenset({"current", "sensors"}): "reciprocal runs, or a slow turn through 720 deg",
-    frozenset({"wind and waves"}): "a slow turn through 360 deg, and the same zigzag on a heading 90 deg away; log the wind",
+    frozenset({
+        "wind and waves"
+    }): "a slow turn through 360 deg, and the same zigzag on a heading 90 deg away; log the wind",
     frozenset({"wind and waves", "current"}): "a slow turn through 720 deg",
     frozenset({"rudder", "propeller and resistance"}): "a step of the shaft speed at fixed rudder, then coasting",
     frozenset({"propeller and resistance"}): "straight runs at two shaft speeds, then a hard turn",
@@ -43,7 +45,9 @@ def captain(causes: Sequence[Cause], model: Sequence[str], proofs: Sequence[Proo
     said = " and ".join(f"{c.label} ({_values(c)})" for c in named)
     gain = ""
     if proofs:
-        before, after = (np.sqrt(np.mean([getattr(p, w)["pos"] ** 2 for p in proofs])) for w in ("rmse_before", "rmse_after"))
+        before, after = (
+            np.sqrt(np.mean([getattr(p, w)["pos"] ** 2 for p in proofs])) for w in ("rmse_before", "rmse_after")
+        )
         gain = f"; with it the track of runs that were not used is predicted to {after:.0f} m instead of {before:.0f} m"
     return f"The recordings show {said}{gain}."
 
@@ -95,7 +99,9 @@ def next_steps(tried: Contest, verdict: Verdict, chosen: Judged) -> list[str]:
         Sentences, most useful first.
     """
     if verdict.none > 0.5:
-        return ["Nothing more is needed for these manoeuvres; another speed or a harder turn would test the model further."]
+        return [
+            "Nothing more is needed for these manoeuvres; another speed or a harder turn would test the model further."
+        ]
     if not chosen.names:
         return ["Repeat one run on a heading 90 deg away and one at half speed: they show what the misfit depends on."]
     families = {j.names[0]: j.hypothesis.effects[0].family for j in tried.judged if len(j.names) == 1}
@@ -107,4 +113,6 @@ def next_steps(tried: Contest, verdict: Verdict, chosen: Judged) -> list[str]:
         key = frozenset({families.get(chosen.names[0], ""), families.get(rival, "")})
         advice = ADVICE.get(key, "the same manoeuvre at another speed and on a heading 90 deg away")
         said.append(f"To tell {chosen.names[0]} from {rival} ({probability:.0%}): {advice}.")
-    return said or [f"{' and '.join(chosen.names)} stand out clearly; a repeat at another speed would confirm the values."]
+    return said or [
+        f"{' and '.join(chosen.names)} stand out clearly; a repeat at another speed would confirm the values."
+    ]

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 from manoeuvre_nn.core.effect import Effect, Situation
 from manoeuvre_nn.core.frames import kinematics
 from manoeuvre_nn.core.ship import Particulars, Ship
-from manoeuvre_nn.dynamics.model import Dynamics
+from manoeuvre_nn.dynamics.base import Dynamics
 
 LONG = 1e6
 """Time after which every rudder has come to rest [s]; finite, since a rate of 0 times infinity is no number."""

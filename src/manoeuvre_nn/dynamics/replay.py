@@ -12,8 +12,8 @@ from torchdiffeq import odeint
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.dynamics.base import Dynamics
 from manoeuvre_nn.dynamics.limits import OK, inside_physical_range, left_range
-from manoeuvre_nn.dynamics.model import Dynamics
 from manoeuvre_nn.dynamics.rollout import STEPS_PER_LENGTH
 from manoeuvre_nn.dynamics.simulate import to_recording
 

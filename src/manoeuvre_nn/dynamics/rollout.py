@@ -16,9 +16,9 @@ from torch import Tensor
 
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.dynamics.base import Dynamics
 from manoeuvre_nn.dynamics.helm import Helm, helm_of
 from manoeuvre_nn.dynamics.limits import OK, inside_physical_range, left_range
-from manoeuvre_nn.dynamics.model import Dynamics
 from manoeuvre_nn.dynamics.simulate import Problem, to_recording
 
 STEPS_PER_LENGTH = 20

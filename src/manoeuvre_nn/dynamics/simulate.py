@@ -13,9 +13,9 @@ from torchdiffeq import odeint, odeint_event
 from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage
 from manoeuvre_nn.core.recording import ACCELERATION, Recording
 from manoeuvre_nn.core.ship import check_speed
+from manoeuvre_nn.dynamics.base import Dynamics
 from manoeuvre_nn.dynamics.helm import Blade
 from manoeuvre_nn.dynamics.limits import LARGEST, OK, inside_physical_range, left_range
-from manoeuvre_nn.dynamics.model import Dynamics
 
 
 @dataclass(frozen=True)

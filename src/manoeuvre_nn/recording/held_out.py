@@ -6,7 +6,7 @@ from typing import Literal
 
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.dynamics.model import Dynamics
+from manoeuvre_nn.dynamics.base import Dynamics
 from manoeuvre_nn.dynamics.replay import replay
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.simulate import Problem, simulate

@@ -18,12 +18,12 @@ from manoeuvre_nn.trial.size import STEP, STRENGTHS, draw_effect, in_range
 
 SHARES = {"none": 0.20, "single": 0.50, "pair": 0.12, UNKNOWN: 0.18}
 """How many cases of each sort a trial has."""
-CUBIC = ("Xvvr", "Xrrd", "Yvrd", "Yuvv", "Yurd", "Nvrd", "Nurr", "Nvvr", "Nuud")
+CUBIC = ("Xuvv", "Xudd", "Xuvr", "Yvrd", "Yuur", "Yrrd", "Nvrd", "Nuuv", "Nvvr", "Nuud")
 """Small terms of which one is missing from the model in every case; the last three letters are its factors."""
 
 Item = TypeVar("Item")
-TRIES = 8
-"""How often a case whose ship is thrown out of its range is given other, smaller errors of the coefficients."""
+ATTEMPTS, TRIES = 4, 3
+"""A case whose ship is thrown out of its range gets smaller errors of the coefficients, then is drawn again."""
 
 
 @dataclass(frozen=True)
@@ -125,11 +125,12 @@ def draw_case(seed: int, index: int, plan: Plan, nuisance: float = 1.0) -> Case:
     Returns:
         The case; the same for the same arguments.
     """
-    case = _drawn(seed, index, plan, nuisance)
-    for _ in range(TRIES):
-        if _stays_in_range(case):
-            break
-        case = replace(case, chance=case.chance + 1, coefficient_sd=0.8 * case.coefficient_sd)
+    for attempt in range(ATTEMPTS):
+        case = _drawn(seed, index, attempt, plan, nuisance)
+        for _ in range(TRIES):
+            if _stays_in_range(case):
+                return case
+            case = replace(case, chance=case.chance + 1, coefficient_sd=0.7 * case.coefficient_sd)
     return case
 
 
@@ -140,9 +141,9 @@ def _stays_in_range(case: Case) -> bool:
     return in_range(case.ship, track.state, case.runs)
 
 
-def _drawn(seed: int, index: int, plan: Plan, nuisance: float) -> Case:
-    """One case as it is drawn first."""
-    rng = np.random.default_rng([seed, 1, index])
+def _drawn(seed: int, index: int, attempt: int, plan: Plan, nuisance: float) -> Case:
+    """One case as it is drawn first; the salt has stream 2 for itself."""
+    rng = np.random.default_rng([seed, 1 + 2 * attempt, index])
     salt = salt_of(seed, index)
     ship = trial_ships()[plan.ship]
     runs = draw_runs(rng, ship)

@@ -1,0 +1,81 @@
+"""Simulated trials of the Mariner as a diagnosis gets them: sampled, noisy, with effects."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import torch
+from fleet import ship_named, unchecked
+
+from manoeuvre_nn.core.effect import Effect
+from manoeuvre_nn.core.manoeuvre import Manoeuvre
+from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.diagnosis.linear import Linearised, calm_rate, linearise
+from manoeuvre_nn.diagnosis.runs import CHANNELS, Run, order_lead, smooth_rudder
+from manoeuvre_nn.dynamics.affected import Affected
+from manoeuvre_nn.dynamics.model import CalmWater
+from manoeuvre_nn.dynamics.rollout import roll_out
+from manoeuvre_nn.manoeuvre.turning import turning_circle
+from manoeuvre_nn.manoeuvre.zigzag import zigzag
+
+SHIP = ship_named("mariner")
+CALM = CalmWater(SHIP)
+RATE = SHIP.particulars.rudder_rate
+NOISE = np.array([0.8, 0.8, 0.05, 0.05, 0.1 * DEGREE, 0.02 * DEGREE, 0.05, 0.003])
+"""Standard deviations of the channels."""
+SLIGHT = 1e-3 * NOISE
+ZIGZAG = zigzag(20.0, duration=240.0)
+CIRCLE = turning_circle(25.0, duration=240.0)
+PORT = turning_circle(15.0, side="port", duration=240.0)
+
+
+def sailed(trials: Sequence[Manoeuvre], effects: Sequence[Effect] = (), step: float = 0.5) -> list[Recording]:
+    """What happened, to the solver's accuracy."""
+    with unchecked():
+        return roll_out(Affected(CALM, list(effects)) if effects else CALM, list(trials), step=step)
+
+
+def run_of(record: Recording, noise: np.ndarray | float = 0.0, seed: int = 0, **more) -> Run:
+    """A recording as a run: perfect, or with white noise on all channels and a rudder indicator with noise too."""
+    c = record.channels
+    if "vn" not in c:
+        cos, sin = np.cos(c["psi"]), np.sin(c["psi"])
+        c = {**c, "vn": c["u"] * cos - c["v"] * sin, "ve": c["u"] * sin + c["v"] * cos, "u_log": c["u"]}
+    measured = np.stack([*(c[k] for k in CHANNELS[:7]), c.get("shaft", np.ones_like(c["u"]))], axis=-1)
+    g = np.random.default_rng(seed)
+    measured = measured + noise * g.standard_normal(measured.shape)
+    order, shown = c["delta_order"], c["delta"]
+    step = float(record.time[1] - record.time[0])
+    lead, jitter = order_lead(shown, order, step, RATE), 0.0
+    if np.any(noise):
+        shown = shown + 0.1 * DEGREE * g.standard_normal(len(shown))
+        shown, jitter = smooth_rudder(shown, order, step, RATE)
+    made = Run(record.name, record.time, measured, shown, order, lead, np.ones_like(order), jitter)
+    return replace(made, kind=str(record.meta["kind"]), **more)
+
+
+def runs(trials: Sequence[Manoeuvre], effects: Sequence[Effect] = (), noise: np.ndarray | float = NOISE, seed: int = 0):
+    """Trials as runs, the noise of each its own."""
+    return [run_of(r, noise, seed + k) for k, r in enumerate(sailed(trials, effects))]
+
+
+def states_of(record: Recording) -> np.ndarray:
+    """u, v, r, x, y, psi; those that effects on sensors change are as written down."""
+    return record.stacked("u", "v", "r", "x", "y", "psi")
+
+
+def about(run: Run, track: np.ndarray, force_time: float = 20.0) -> Linearised:
+    """A run's equations about a track."""
+    with unchecked():
+        return linearise(run, calm_rate(CALM), track, force_time)
+
+
+def values(effect: Effect, count: int = 1) -> np.ndarray:
+    """An effect's own values, one row a run."""
+    return np.tile(effect.values.numpy(), (count, 1))
+
+
+def tensor(x: np.ndarray) -> torch.Tensor:
+    """The same numbers."""
+    return torch.tensor(x)
