@@ -11,10 +11,12 @@ from manoeuvre_nn.diagnosis.result import Cause, Diagnosis
 OTHER_SIGN = frozenset({"offset_deg"})
 """Parameters whose sign goes with the rudder's: positive to port in the cases, to starboard in the package."""
 LISTED = frozenset(
-    "wind_steady wind_gusty wind_onset current shallow_water wave_drift rudder_offset rudder_backlash rudder_slow rudder_delay "
-    "rudder_area_loss propeller_side_force propeller_pitch_error power_limit hull_fouling ice_resistance "
-    "displacement_change trim_change roll_coupling side_force bow_thruster heading_bias rate_bias log_scale "
-    "gps_lever_arm unknown".split()
+    (
+        "wind_steady wind_gusty wind_onset current shallow_water wave_drift rudder_offset rudder_backlash "
+        "rudder_slow rudder_delay rudder_area_loss propeller_side_force propeller_pitch_error power_limit "
+        "hull_fouling ice_resistance displacement_change trim_change roll_coupling side_force bow_thruster "
+        "heading_bias rate_bias log_scale gps_lever_arm unknown "
+    ).split()
 )
 """Names that a case may have as its answer."""
 

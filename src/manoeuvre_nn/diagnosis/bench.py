@@ -197,7 +197,8 @@ def bench(dynamics: Dynamics, runs: Sequence[Run]) -> Bench:
     Returns:
         The bench.
     """
-    places, names = [], []
+    places: list[Place] = []
+    names: list[str] = []
     for run in runs:
         place, names = place_run(dynamics, run)
         places.append(place)

@@ -1,13 +1,12 @@
 """Folders of recordings as the concealed cases have them: CSV files and a manifest."""
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from manoeuvre_nn.core.ship import Particulars, Stability, WindAreas
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis.runs import Run, order_lead, smooth_rudder, smooth_shaft
 

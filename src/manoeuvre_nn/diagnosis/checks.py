@@ -3,8 +3,9 @@
 import numpy as np
 from jaxtyping import Float
 
-from manoeuvre_nn.diagnosis.bench import SCATTER_LEVELS
-from manoeuvre_nn.diagnosis.hypothesis import LATENCY_SPREAD, Hypothesis, Judged, linear
+from manoeuvre_nn.diagnosis.bench import LATENCY_SPREAD, SCATTER_LEVELS
+from manoeuvre_nn.diagnosis.court import linear
+from manoeuvre_nn.diagnosis.hypothesis import Hypothesis, Judged
 from manoeuvre_nn.diagnosis.result import Check
 from manoeuvre_nn.diagnosis.search import Contest
 

@@ -68,7 +68,7 @@ def contribution(
 def _blade(acting: Effect, line: Linearised, rows: int) -> Tensor | None:
     """Angle of the blade at all samples, None if the effect leaves it as indicated."""
     run = line.run
-    recorded, order = torch.tensor(run.delta), torch.tensor(run.order)
+    recorded = torch.tensor(run.delta)
     if type(acting).indicated is not Effect.indicated:
         return acting.indicated(recorded.expand(rows, len(run)), torch.tensor(run.time))
     if type(acting).blade is Effect.blade:
@@ -185,7 +185,8 @@ def perfect(s: Situation) -> dict[str, Tensor]:
     cos, sin = torch.cos(s.psi), torch.sin(s.psi)
     vn, ve = s.u * cos - s.v * sin, s.u * sin + s.v * cos
     return {
-        "x": s.x, "y": s.y, "vn": vn, "ve": ve, "psi": s.psi, "r": s.r, "u_log": s.u, "delta": s.delta, "n": torch.ones_like(s.u),
+        "x": s.x, "y": s.y, "vn": vn, "ve": ve, "psi": s.psi, "r": s.r, "u_log": s.u,
+        "delta": s.delta, "n": torch.ones_like(s.u),
     }  # fmt: skip
 
 

@@ -10,7 +10,8 @@ from jaxtyping import Float
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.diagnosis import checks as checking
 from manoeuvre_nn.diagnosis.bench import Bench, bench, place_run
-from manoeuvre_nn.diagnosis.hypothesis import RANDOM, Court, Hypothesis, Judged
+from manoeuvre_nn.diagnosis.court import Court
+from manoeuvre_nn.diagnosis.hypothesis import RANDOM, Hypothesis, Judged
 from manoeuvre_nn.diagnosis.locate import location, residuals
 from manoeuvre_nn.diagnosis.repair import Repaired, errors, predict, recorded
 from manoeuvre_nn.diagnosis.result import Cause, Check, Diagnosis, Interval, Proof, Value

@@ -8,8 +8,10 @@ from scipy.linalg import solve_triangular
 
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.diagnosis.columns import contribution
-from manoeuvre_nn.diagnosis.hypothesis import FORCE_PRIOR, Court, Hypothesis, Judged, linear, log_prior_levels
+from manoeuvre_nn.diagnosis.court import Court, linear
+from manoeuvre_nn.diagnosis.hypothesis import Hypothesis, Judged
 from manoeuvre_nn.diagnosis.linear import Columns, Embedded
+from manoeuvre_nn.diagnosis.regression import FORCE_PRIOR, log_prior_levels
 
 SIZES = (0.4, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
 """Standard deviations of gusts that are tried [m/s]."""
@@ -34,7 +36,7 @@ def judge_gusts(court: Court, steady: Judged, gusty: Effect) -> Judged:
     lin = linear(bench, steady.hypothesis)
     wind = steady.names.index("wind_steady")
     # Not the largest levels: a coloured force as large as gusts would only compete with them.
-    levels = np.flatnonzero(bench.levels.max(axis=1) < 0.06)
+    levels = [int(g) for g in np.flatnonzero(bench.levels.max(axis=1) < 0.06)]
     size = bench.size + lin.count
     grams, norms = np.zeros((len(SIZES), len(levels), size, size)), np.zeros((len(SIZES), len(levels)))
     hidden = [_course(court, steady.hypothesis, wind, run) for run in range(len(bench.places))]

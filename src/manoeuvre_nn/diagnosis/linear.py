@@ -1,10 +1,10 @@
 """A run linearised about a smooth track: what a disturbance anywhere in the model does to every sample, whitened.
 
 The unknowns of a run are its states at all samples: u, v, r, x, y, psi and three coloured accelerations (what no
-hypothesis explains). Given the track they obey linear equations with Gaussian noise, so their precision is a band matrix:
-one banded Cholesky factor gives the likelihood of the record with all states integrated out, and the whitened effect of
-any number of columns (parameters, coefficients, sensor faults) at the cost of a band solve. This is the Kalman filter's
-likelihood, computed for hundreds of hypotheses at once; a filter would walk through the samples for each of them.
+hypothesis explains). Given the track they obey linear equations with Gaussian noise, so that their precision is a band
+matrix: one banded Cholesky factor gives the likelihood of the record with all states integrated out, and the whitened
+effect of any number of columns (parameters, coefficients, sensor faults) at the cost of a band solve. This is the
+Kalman filter's likelihood for hundreds of hypotheses at once; a filter would walk through the samples for each of them.
 
 Source:
     The equivalence is in Bell 1994 (SIAM J. Optim. 4:626) and Aravkin et al. 2017 (Automatica 86:63).
@@ -245,6 +245,9 @@ class Whitened:
             line: The run's linear equations.
             noise: Standard deviations.
             start_spread: Prior standard deviation of the first state about the track.
+
+        Raises:
+            LinAlgError: If the precision is not positive definite.
         """
         self.line, run = line, line.run
         n = len(run)

@@ -9,7 +9,8 @@ from scipy.linalg import lapack
 
 from manoeuvre_nn.core.effect import SITES
 from manoeuvre_nn.diagnosis.bench import FORCE_LEVELS, Bench, Place, force_time
-from manoeuvre_nn.diagnosis.hypothesis import Hypothesis, linear
+from manoeuvre_nn.diagnosis.court import linear
+from manoeuvre_nn.diagnosis.hypothesis import Hypothesis
 from manoeuvre_nn.diagnosis.linear import SIZE, Columns, Noise, Whitened
 from manoeuvre_nn.diagnosis.result import Interval, Location, Residual
 from manoeuvre_nn.diagnosis.search import Contest

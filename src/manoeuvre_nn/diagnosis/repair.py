@@ -134,10 +134,11 @@ def _written(
     time = torch.tensor(run.time[first:])
     with torch.no_grad():
         s: Situation = acting.situation(states, blade, time)
-        stream = sum((e.stream(s) for e in acting.effects), torch.zeros_like(s.nu[..., :2]))
+        effects = model.acting(values)
+        stream = sum((e.stream(s) for e in effects), torch.zeros_like(s.nu[..., :2]))
         channels = perfect(s)
         channels["vn"], channels["ve"] = channels["vn"] + stream[..., 0], channels["ve"] + stream[..., 1]
-        for effect in acting.effects:
+        for effect in effects:
             channels = effect.record(channels, s)
     c = {k: v.expand(len(time)).numpy() for k, v in channels.items()}
     for name in ("x", "y", "vn", "ve"):

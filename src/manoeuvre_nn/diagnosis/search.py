@@ -10,8 +10,9 @@ import numpy as np
 
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.diagnosis.bench import Bench
+from manoeuvre_nn.diagnosis.court import Court, linear
 from manoeuvre_nn.diagnosis.gusts import judge_gusts
-from manoeuvre_nn.diagnosis.hypothesis import RANDOM, Court, Hypothesis, Judged, linear
+from manoeuvre_nn.diagnosis.hypothesis import RANDOM, Hypothesis, Judged
 from manoeuvre_nn.diagnosis.windows import best_windows
 
 WIDTH = 5

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import median_filter, uniform_filter1d
 
-from manoeuvre_nn.diagnosis.linear import SIZE, Columns, Linearised, Noise, Rate, Whitened, linearise, shown
+from manoeuvre_nn.diagnosis.linear import Columns, Linearised, Noise, Rate, Whitened, linearise
 from manoeuvre_nn.diagnosis.runs import COUNT, Run
 
 SLACK = np.array([1.0, 1.0, 0.03, 0.08, 1e-3, 30.0, 10.0])

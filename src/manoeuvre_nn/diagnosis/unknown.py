@@ -1,9 +1,9 @@
 """The hypothesis that something acts which the shelf does not have.
 
-It is calm water with everything loose that a name would tie down: a coloured force of any size, coefficients that are off
-by more than the published scatter, and smooth forces that calm water cannot have: other in port than in starboard turns,
-or turning with the compass. It wins where the misfit is real, repeats, and no name fits. Channels whose error is neither
-white nor a constant, a scale or a lever arm are a fault of a sensor that the shelf does not have.
+It is calm water with everything loose that a name would tie down: a coloured force of any size, coefficients that are
+off by more than the published scatter, and smooth forces that calm water cannot have: other in port than in starboard
+turns, or turning with the compass. It wins where the misfit is real, repeats, and no name fits. Channels whose error is
+neither white nor a constant, a scale or a lever arm are a fault of a sensor that the shelf does not have.
 """
 
 from itertools import product
@@ -14,8 +14,10 @@ from jaxtyping import Float
 
 from manoeuvre_nn.diagnosis.bench import LATENCY_SPREAD, Bench, Place
 from manoeuvre_nn.diagnosis.columns import moved_by
-from manoeuvre_nn.diagnosis.hypothesis import Court, Judged, log_sum, regress
+from manoeuvre_nn.diagnosis.court import Court
+from manoeuvre_nn.diagnosis.hypothesis import Judged
 from manoeuvre_nn.diagnosis.linear import Columns
+from manoeuvre_nn.diagnosis.regression import log_sum, regress
 from manoeuvre_nn.diagnosis.runs import CHANNELS
 
 AMPLITUDES = (0.03, 0.1, 0.3)
@@ -63,8 +65,8 @@ def unknown_evidence(court: Court, none: Judged) -> float:
 def strange_sensors(bench: Bench) -> tuple[list[str], float]:
     """Channels whose error no candidate has, and the evidence for them.
 
-    The smoother allows a stream, a compass error, a log error, a rate-gyro error and an antenna off the reference point:
-    what stays coloured is something else.
+    The smoother allows a stream, a compass error, a log error, a rate-gyro error and an antenna off its place: what
+    stays coloured is something else.
 
     Args:
         bench: The runs.

@@ -45,7 +45,10 @@ def decide(contest: Contest, temperature: float = 1.0) -> Verdict:
     free = unknown_evidence(contest.court, contest.none)
     names = sorted({n for j in contest.judged for n in j.names})
     singles, pairs = len(names), max(len(names) * (len(names) - 1) / 2, 1)
-    weights = [("none", (), contest.none.evidence, PRIOR["none"]), ("unknown", (), free, PRIOR["unknown"])]
+    weights: list[tuple[str, tuple[str, ...], float, float]] = [
+        ("none", (), contest.none.evidence, PRIOR["none"]),
+        ("unknown", (), free, PRIOR["unknown"]),
+    ]
     for j in contest.judged:
         prior = PRIOR["single"] / singles if len(j.names) == 1 else PRIOR["pair"] / pairs
         weights.append(("named", j.names, j.evidence, prior))

@@ -6,9 +6,9 @@ import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.core.effect import Effect
-from manoeuvre_nn.diagnosis.bench import SCATTER_LEVELS, Bench, Place
-from manoeuvre_nn.diagnosis.hypothesis import Court
-from manoeuvre_nn.diagnosis.linear import Columns, Embedded, Whitened
+from manoeuvre_nn.diagnosis.bench import SCATTER_LEVELS, Bench
+from manoeuvre_nn.diagnosis.court import Court
+from manoeuvre_nn.diagnosis.linear import Columns, Embedded
 
 BLOCK = 10.0
 """Length of the blocks that windows are made of [s]."""
@@ -40,7 +40,7 @@ def best_windows(
     for row in others[:8]:
         values = np.zeros((len(found), len(names)))
         values[:, [j for j in range(len(names)) if j not in timed]] = row
-        for run, (start, end, push) in enumerate(found):
+        for run, (start, end, _) in enumerate(found):
             values[run, timed[0]] = start
             if ends:
                 values[run, timed[1]] = end

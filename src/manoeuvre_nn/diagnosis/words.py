@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from manoeuvre_nn.diagnosis.hypothesis import Judged
 from manoeuvre_nn.diagnosis.result import Cause, Proof
 from manoeuvre_nn.diagnosis.search import Contest
-from manoeuvre_nn.diagnosis.hypothesis import Judged
 from manoeuvre_nn.diagnosis.verdict import Verdict
 
 ADVICE = {

@@ -7,8 +7,7 @@ velocity over ground. All seven are averaged over windows as long as the ship ne
 form of the same equations: the accelerations are then differences of averaged velocities.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -120,9 +119,20 @@ class Smooth:
         Returns:
             Added to the channels (n, 8, k) and to the accelerations (n, 3, k).
         """
-        c: Columns = contribution(effect, values, self.line, self.rate, self.situation)
+        c = contribution(effect, values, self.line, self.rate, self.situation)
+        return c.measured, self.pushed(c)
+
+    def pushed(self, c: Columns) -> Float[np.ndarray, "n 3 k"]:
+        """Accelerations at the samples of what moves a state within the steps between them.
+
+        Args:
+            c: Columns of the run.
+
+        Returns:
+            In m/s^2, m/s^2, rad/s^2.
+        """
         push = c.moved[:, :3] / self.run.step
-        return c.measured, np.concatenate([push[:1], 0.5 * (push[1:] + push[:-1]), push[-1:]])
+        return np.concatenate([push[:1], 0.5 * (push[1:] + push[:-1]), push[-1:]])
 
 
 def smooth(dynamics: Dynamics, run: Run) -> Smooth:

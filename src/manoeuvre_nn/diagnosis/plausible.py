@@ -1,0 +1,178 @@
+"""Units, signs and frames of a run, judged from the run itself before anything is fitted."""
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.integrate import cumulative_trapezoid
+from scipy.ndimage import median_filter
+
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.frames import earth_to_body
+from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.core.units import DEGREE, KNOT
+from manoeuvre_nn.diagnosis.sheet import Sheet
+from manoeuvre_nn.recording.accelerations import WINDOW, smoothed
+from manoeuvre_nn.recording.checks import frame, rudder_sign, rudder_stop, rudder_unit, speed_size, speed_unit
+
+TURNED = 20 * DEGREE
+"""Change of heading from which rates and frames can be compared."""
+RATES = {
+    1 / DEGREE: "r looks like rad/s",
+    1 / 60: "r looks like deg/min",
+    -1.0: "psi or r has the other sign (both are positive clockwise)",
+}
+"""Rate of the heading over r -> what was mistaken."""
+LOGS = {1 / KNOT: "u_log looks like knots", 3.6: "u_log looks like km/h"}
+"""Logged speed over speed over ground -> what was mistaken."""
+UNITS = "t in s, x_north, y_east in m, sog, u, v, u_log in m/s, cog, psi, delta in deg, r in deg/s, n in rpm"
+REMEDY = f"csv columns are {UNITS}; for others give mapping=FILE.yaml"
+Finding = Callable[[Recording, Particulars], str | None]
+
+
+def check_sheet(sheet: Sheet, ship: Particulars, remedy: str = REMEDY) -> None:
+    """Refuse a run whose units, signs or frames do not fit each other or the ship.
+
+    Args:
+        sheet: The run as it came.
+        ship: The ship.
+        remedy: What to do about a wrong column.
+
+    Raises:
+        InputError: With the first finding.
+    """
+    clean = _without_spikes(sheet, ship)
+    checks: tuple[Finding, ...] = (heading_unit, rudder_unit, rudder_stop, log_unit, shaft_unit, speed_unit, speed_size)
+    if _turned(clean) > TURNED:  # on a straight course there is little but noise to compare
+        checks += (rate_unit, frame)
+    for check in (*checks, course, rudder_sign):
+        finding = check(clean, ship)
+        if finding is not None:
+            raise InputError(f"{sheet.name}: {finding}" + ("" if check is rudder_sign else f"; {remedy}"))
+
+
+def _without_spikes(sheet: Sheet, ship: Particulars) -> Recording:
+    """The run as a recording: gaps filled, single-sample outliers taken out, what is lacking derived."""
+    psi = sheet.filled("psi")
+    c = {k: median_filter(sheet.filled(k), 5, mode="nearest") for k in sheet.channels}
+    c["psi"] = median_filter(psi, 5, mode="nearest")
+    derived = {"u"} if "vn" in sheet.derived else set()
+    c["u"], c["v"] = earth_to_body(c["vn"], c["ve"], c["psi"])
+    if "r" not in c:
+        c["r"] = smoothed(sheet.time, c["psi"], WINDOW * ship.time_unit)[1]
+        derived.add("r")
+    if "x" not in c:
+        c["x"], c["y"] = (cumulative_trapezoid(c[k], sheet.time, initial=0.0) for k in ("vn", "ve"))
+        derived.add("x")
+    return Recording(sheet.name, sheet.time, c, meta={"derived": tuple(derived)})
+
+
+def heading_unit(run: Recording, ship: Particulars) -> str | None:
+    """A heading that hardly changes while the ship turns: radians among degrees.
+
+    Args:
+        run: The run.
+        ship: The ship.
+
+    Returns:
+        The finding, or None.
+    """
+    del ship
+    changed, turned = float(np.ptp(run["psi"])), _turned(run)
+    if changed > 7 * DEGREE or turned < 10 * max(changed, 0.2 * TURNED):
+        return None
+    return (
+        f"psi changes by {changed / DEGREE:.3g} deg in all while the ship turns through {turned / DEGREE:.0f} deg: psi "
+        "looks like radians"
+    )
+
+
+def rate_unit(run: Recording, ship: Particulars) -> str | None:
+    """The rate of the heading against r: units and signs of both.
+
+    Args:
+        run: The run.
+        ship: The ship.
+
+    Returns:
+        The finding, or None.
+    """
+    if "r" in run.meta["derived"]:
+        return None
+    window = WINDOW * ship.time_unit
+    r, rate = smoothed(run.time, run["r"], window)[0], smoothed(run.time, run["psi"], window)[1]
+    # By the sizes for the unit, by their product for the sign: both bear the other's noise.
+    ratio = float(np.sqrt(np.sum(rate**2) / max(np.sum(r**2), 1e-30)) * np.sign(np.sum(rate * r)))
+    if abs(ratio - 1) < 0.4:
+        return None
+    known = min(RATES, key=lambda k: abs(np.log(abs(ratio / k))) + 10 * (ratio * k < 0))
+    cause = RATES[known] if 0.7 < ratio / known < 1.4 else "mind the units of psi, r and t"
+    return f"the heading changes {ratio:.3g} times as fast as r says: {cause}"
+
+
+def course(run: Recording, ship: Particulars) -> str | None:
+    """A ship that does not go where it heads.
+
+    Args:
+        run: The run.
+        ship: The ship.
+
+    Returns:
+        The finding, or None.
+    """
+    del ship
+    off = np.angle(np.exp(1j * (np.arctan2(run["ve"], run["vn"]) - run["psi"])))
+    usual = float(np.median(np.abs(off)))
+    if usual < 60 * DEGREE:
+        return None
+    return (
+        f"the course over ground is {usual / DEGREE:.0f} deg off the heading most of the time: x is north and y east, "
+        "cog and psi are clockwise from north: exchange or turn round those that are not"
+    )
+
+
+def log_unit(run: Recording, ship: Particulars) -> str | None:
+    """The log in another unit than the speed over ground.
+
+    Args:
+        run: The run.
+        ship: The ship.
+
+    Returns:
+        The finding, or None.
+    """
+    del ship
+    if "u_log" not in run.channels:
+        return None
+    ratio = float(np.median(run["u_log"]) / max(np.median(np.hypot(run["vn"], run["ve"])), 1e-9))
+    for known, cause in LOGS.items():
+        if abs(ratio / known - 1) < 0.08:
+            return f"u_log is {ratio:.2f} times the speed over ground: {cause}"
+    return None
+
+
+def shaft_unit(run: Recording, ship: Particulars) -> str | None:
+    """Shaft speed in revolutions per second, or of another ship.
+
+    Args:
+        run: The run.
+        ship: The ship.
+
+    Returns:
+        The finding, or None.
+    """
+    if "n" not in run.channels:
+        return None
+    ratio = float(np.median(run["n"]))
+    if 0.1 < ratio < 5:
+        return None
+    return f"n is {ratio * ship.rpm:.3g} rpm; nominal for the {ship.name} is {ship.rpm:g} rpm: mind the unit of n"
+
+
+def _turned(run: Recording) -> float:
+    """Angle that the ship turns through by compass, track or gyro, whichever says most [rad]."""
+    speed = np.hypot(run["vn"], run["ve"])
+    way = np.unwrap(np.arctan2(run["ve"], run["vn"])[speed > 0.2 * np.quantile(speed, 0.95)])
+    # A gyro's constant error is no turn.
+    yaw = cumulative_trapezoid(run["r"] - np.median(run["r"]), run.time, initial=0.0)
+    return float(max(np.ptp(run["psi"]), np.ptp(way), np.ptp(yaw)))
