@@ -8,7 +8,7 @@ import torch
 from fleet import ship_named, unchecked
 
 from manoeuvre_nn.core.effect import Effect
-from manoeuvre_nn.core.manoeuvre import Manoeuvre
+from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis.linear import Linearised, calm_rate, linearise
@@ -24,10 +24,12 @@ CALM = CalmWater(SHIP)
 RATE = SHIP.particulars.rudder_rate
 NOISE = np.array([0.8, 0.8, 0.05, 0.05, 0.1 * DEGREE, 0.02 * DEGREE, 0.05, 0.003])
 """Standard deviations of the channels."""
-SLIGHT = 1e-3 * NOISE
 ZIGZAG = zigzag(20.0, duration=240.0)
 CIRCLE = turning_circle(25.0, duration=240.0)
 PORT = turning_circle(15.0, side="port", duration=240.0)
+HELM = ((10.0, 30.0), (-10.0, 40.0), (20.0, 30.0), (-5.0, None))
+TIMED = Manoeuvre("timed", "random_rudder", tuple(Stage(a * DEGREE, hold=t) for a, t in HELM), duration=120.0)
+"""Orders by the clock, so that effects do not shift them; the Mariner's rudder arrives on full seconds."""
 
 
 def sailed(trials: Sequence[Manoeuvre], effects: Sequence[Effect] = (), step: float = 0.5) -> list[Recording]:

@@ -53,14 +53,6 @@ def test_a_blade_at_the_nominal_rate_is_where_the_indicator_is(ship):
     assert blade == pytest.approx(shown)
 
 
-def test_a_lagging_blade_approaches_exponentially_in_steps_of_any_length():
-    effect = made("rudder_lag", "mariner", lag_s=4.0)
-    ten = follow(effect, [0.0] + [10.0] * 10)[-1]
-    assert ten == pytest.approx(10 * (1 - exp(-10 / 4)))
-    assert follow(effect, [0.0] + [10.0] * 40, step=0.25)[-1] == pytest.approx(ten)
-    assert follow(effect.at(effect.null()), [0.0, 10.0], step=1e-3)[-1] == pytest.approx(10.0)
-
-
 def test_a_blade_stops_early_on_both_sides():
     blade = follow(made("rudder_saturation", "mariner", limit_deg=18.0), [-30.0, -10.0, 10.0, 30.0])
     assert blade == pytest.approx([-18.0, -10.0, 10.0, 18.0])

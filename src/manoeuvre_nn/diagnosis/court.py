@@ -167,7 +167,8 @@ class Court:
         g = gram[:, keep][:, :, keep]
         found = regress(g, norm, self.coefficients, data[keep], self._prior(hypothesis))
         mean = found.mean.copy()
-        mean[..., -len(free) :] += shift
+        if free:
+            mean[..., -len(free) :] += shift
         return replace(found, mean=mean)
 
     def improve(self, hypothesis: Hypothesis, level: int, scatter: int, rounds: int = 5) -> tuple[Hypothesis, float]:

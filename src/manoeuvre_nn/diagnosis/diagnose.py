@@ -72,7 +72,7 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
     found = residuals(stand, chosen.hypothesis)
     causes = _causes(question, tried, verdict, chosen)
     model = list(chosen.names)
-    mismatch = verdict.none < 0.5
+    mismatch = verdict.mismatch
     where = location(stand, tried, found)
     noise = _noise(stand)
     return Diagnosis(
@@ -106,7 +106,7 @@ def _repair(
     if verdict.best is not None and len(verdict.best.names) > 1:
         parts = [j for j in tried.judged if len(j.names) == 1 and set(j.names) <= set(verdict.best.names)]
         candidates += parts[:1]
-    probable = verdict.none < 0.5 and verdict.unknown < 0.5
+    probable = verdict.mismatch and verdict.unknown < 0.5
     checks: list[Check] = []
     proofs = _proofs(question, none, none)
     before = cost(proofs, question.dynamics, "before")
@@ -114,13 +114,31 @@ def _repair(
         return none, proofs, checks
     for j in candidates:
         made = _proofs(question, none, j)
-        after = cost(made, question.dynamics, "after")
-        helped = not made or after < before
-        text = f"{' + '.join(j.names)}: error on held-out runs {before:.2f} -> {after:.2f} (in units of the scales)"
+        after, gain = cost(made, question.dynamics, "after"), _foreseen(question, j, made)
+        helped = not made or gain > 0
+        text = (
+            f"{' + '.join(j.names)}: free runs {before:.2f} -> {after:.2f} (in units of the scales), "
+            f"log evidence of the held-out runs {gain:+.0f}"
+        )
         checks.append(Check("held-out gain", helped, text if made else "no held-out run: not proved"))
         if helped:
             return j, made, [*checks, *checking.checks(tried, j)]
     return none, proofs, checks
+
+
+def _foreseen(question: Question, judged: Judged, proofs: Sequence[Proof]) -> float:
+    """Log evidence that the found effects, held at their values, add on runs that were not used."""
+    # Free runs alone would not do as a judge: the track of a course-unstable ship depends more on the last per cent of
+    # its coefficients than on any effect. This judges the steps, not the whole course.
+    if not proofs:
+        return 0.0
+    there = bench(question.dynamics, question.held_out)
+    court = Court(there)
+    values = tuple(timed_values(question, judged))
+    effects = judged.hypothesis.effects
+    fixed = frozenset(p.name for e in effects for p in e.declared)
+    level = judged.best[0]
+    return court.judge_level(Hypothesis(effects, values, fixed), level) - court.judge_level(Hypothesis((), ()), level)
 
 
 def cost(proofs: Sequence[Proof], dynamics: Dynamics, when: str) -> float:
@@ -210,7 +228,7 @@ def _causes(question: Question, tried: Contest, verdict: Verdict, chosen: Judged
         j = max((j for j in tried.judged if name in j.names), key=lambda j: j.evidence)
         if name in named:
             j = chosen
-        elif verdict.none < 0.5 and verdict.unknown < 0.5 and named:
+        elif verdict.mismatch and (named or verdict.unknown < 0.5):
             probability = min(probability, 0.49)  # it did not pass the checks
         k = j.names.index(name)
         e = prototypes[name]
@@ -227,10 +245,9 @@ def _causes(question: Question, tried: Contest, verdict: Verdict, chosen: Judged
                 e.source,
             )  # fmt: skip
         )
-    mismatch = verdict.none < 0.5
-    unknown = verdict.unknown if mismatch else min(verdict.unknown, 0.49)
-    if mismatch and not named:
-        unknown = max(unknown, 1 - verdict.none)
+    unknown = verdict.unknown if verdict.mismatch else min(verdict.unknown, 0.49)
+    if verdict.mismatch and not named:
+        unknown = max(unknown, 0.6)
     causes.append(
         Cause("unknown", "something that no candidate explains", unknown, 0.0, _equations(tried), (), None,
               "The misfit is real, and no effect of the shelf removes it.", "")

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
+from jaxtyping import Float
 from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import median_filter
 
@@ -43,7 +44,7 @@ def check_sheet(sheet: Sheet, ship: Particulars, remedy: str = REMEDY) -> None:
     """
     clean = _without_spikes(sheet, ship)
     checks: tuple[Finding, ...] = (heading_unit, rudder_unit, rudder_stop, log_unit, shaft_unit, speed_unit, speed_size)
-    if _turned(clean) > TURNED:  # on a straight course there is little but noise to compare
+    if _turned(clean, ship) > TURNED:  # on a straight course there is little but noise to compare
         checks += (rate_unit, frame)
     for check in (*checks, course, rudder_sign):
         finding = check(clean, ship)
@@ -77,9 +78,8 @@ def heading_unit(run: Recording, ship: Particulars) -> str | None:
     Returns:
         The finding, or None.
     """
-    del ship
-    changed, turned = float(np.ptp(run["psi"])), _turned(run)
-    if changed > 7 * DEGREE or turned < 10 * max(changed, 0.2 * TURNED):
+    changed, turned = float(np.ptp(run["psi"])), _turned(run, ship)
+    if changed > 7 * DEGREE or turned < 10 * max(changed, 0.1 * TURNED):
         return None
     return (
         f"psi changes by {changed / DEGREE:.3g} deg in all while the ship turns through {turned / DEGREE:.0f} deg: psi "
@@ -101,13 +101,18 @@ def rate_unit(run: Recording, ship: Particulars) -> str | None:
         return None
     window = WINDOW * ship.time_unit
     r, rate = smoothed(run.time, run["r"], window)[0], smoothed(run.time, run["psi"], window)[1]
-    # By the sizes for the unit, by their product for the sign: both bear the other's noise.
-    ratio = float(np.sqrt(np.sum(rate**2) / max(np.sum(r**2), 1e-30)) * np.sign(np.sum(rate * r)))
-    if abs(ratio - 1) < 0.4:
+    centred = _ratio(rate - rate.mean(), r - r.mean())  # a constant error of the gyro is no wrong unit
+    ratio = _ratio(rate, r)
+    if min(abs(ratio - 1), abs(centred - 1)) < 0.4:
         return None
     known = min(RATES, key=lambda k: abs(np.log(abs(ratio / k))) + 10 * (ratio * k < 0))
     cause = RATES[known] if 0.7 < ratio / known < 1.4 else "mind the units of psi, r and t"
     return f"the heading changes {ratio:.3g} times as fast as r says: {cause}"
+
+
+def _ratio(rate: Float[np.ndarray, " n"], r: Float[np.ndarray, " n"]) -> float:
+    """By the sizes for the unit and by the product for the sign: unlike a slope it bears noise in both."""
+    return float(np.sqrt(np.sum(rate**2) / max(np.sum(r**2), 1e-30)) * np.sign(np.sum(rate * r)))
 
 
 def course(run: Recording, ship: Particulars) -> str | None:
@@ -120,14 +125,18 @@ def course(run: Recording, ship: Particulars) -> str | None:
     Returns:
         The finding, or None.
     """
-    del ship
-    off = np.angle(np.exp(1j * (np.arctan2(run["ve"], run["vn"]) - run["psi"])))
-    usual = float(np.median(np.abs(off)))
-    if usual < 60 * DEGREE:
+    way = _way(run, ship)
+    off = float(np.median(np.abs(np.angle(np.exp(1j * (way - run["psi"]))))))
+    rates = [
+        np.gradient(smoothed(run.time, angle, WINDOW * ship.time_unit)[0], run.time) for angle in (way, run["psi"])
+    ]
+    mirrored = np.ptp(run["psi"]) > TURNED and np.corrcoef(*rates)[0, 1] < -0.5
+    if off < 60 * DEGREE and not mirrored:
         return None
+    said = "turns to the other side than the heading" if mirrored else f"is {off / DEGREE:.0f} deg off the heading"
     return (
-        f"the course over ground is {usual / DEGREE:.0f} deg off the heading most of the time: x is north and y east, "
-        "cog and psi are clockwise from north: exchange or turn round those that are not"
+        f"the course over ground {said} most of the time: x is north and y east, cog and psi are clockwise from north: "
+        "exchange or turn round those that are not"
     )
 
 
@@ -146,7 +155,7 @@ def log_unit(run: Recording, ship: Particulars) -> str | None:
         return None
     ratio = float(np.median(run["u_log"]) / max(np.median(np.hypot(run["vn"], run["ve"])), 1e-9))
     for known, cause in LOGS.items():
-        if abs(ratio / known - 1) < 0.08:
+        if abs(ratio / known - 1) < 0.12:
             return f"u_log is {ratio:.2f} times the speed over ground: {cause}"
     return None
 
@@ -169,10 +178,20 @@ def shaft_unit(run: Recording, ship: Particulars) -> str | None:
     return f"n is {ratio * ship.rpm:.3g} rpm; nominal for the {ship.name} is {ship.rpm:g} rpm: mind the unit of n"
 
 
-def _turned(run: Recording) -> float:
+def _way(run: Recording, ship: Particulars) -> Float[np.ndarray, " n"]:
+    """Course over ground without jumps, by the track where it was recorded [rad]."""
+    window = WINDOW * ship.time_unit
+    if "x" in run.meta["derived"]:
+        north, east = (smoothed(run.time, run[k], window)[0] for k in ("vn", "ve"))
+    else:
+        north, east = (smoothed(run.time, run[k], window)[1] for k in ("x", "y"))
+    return np.unwrap(np.arctan2(east, north))
+
+
+def _turned(run: Recording, ship: Particulars) -> float:
     """Angle that the ship turns through by compass, track or gyro, whichever says most [rad]."""
     speed = np.hypot(run["vn"], run["ve"])
-    way = np.unwrap(np.arctan2(run["ve"], run["vn"])[speed > 0.2 * np.quantile(speed, 0.95)])
+    way = _way(run, ship)[speed > 0.2 * np.quantile(speed, 0.95)]
     # A gyro's constant error is no turn.
     yaw = cumulative_trapezoid(run["r"] - np.median(run["r"]), run.time, initial=0.0)
     return float(max(np.ptp(run["psi"]), np.ptp(way), np.ptp(yaw)))

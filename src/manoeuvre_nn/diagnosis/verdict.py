@@ -5,12 +5,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from manoeuvre_nn.diagnosis.alarm import LEAST_MORE, raised
 from manoeuvre_nn.diagnosis.hypothesis import Judged
 from manoeuvre_nn.diagnosis.search import Contest
 from manoeuvre_nn.diagnosis.unknown import unknown_evidence
 
 PRIOR = {"none": 0.25, "single": 0.53, "pair": 0.12, "unknown": 0.10}
 """Declared base rates: calm water holds, one effect, two, or something that the shelf does not have."""
+QUIET = 0.6
+"""Least probability of calm water as long as no alarm is raised."""
 
 
 @dataclass(frozen=True)
@@ -18,6 +21,7 @@ class Verdict:
     """Probabilities.
 
     Attributes:
+        mismatch: Whether recordings and calm water differ by more than chance.
         none: That calm water explains the recordings.
         unknown: That something acts which the shelf does not have.
         effects: Of every effect being present.
@@ -25,6 +29,7 @@ class Verdict:
         bayes: Log Bayes factor of the best hypothesis of every effect over calm water.
     """
 
+    mismatch: bool
     none: float
     unknown: float
     effects: Mapping[str, float]
@@ -42,21 +47,33 @@ def decide(contest: Contest, temperature: float = 1.0) -> Verdict:
     Returns:
         The verdict.
     """
-    free = unknown_evidence(contest.court, contest.none)
+    stranger = unknown_evidence(contest.court, contest.none)
+    judged = [j for j in contest.judged if _worth_its_size(contest, j)]
     names = sorted({n for j in contest.judged for n in j.names})
     singles, pairs = len(names), max(len(names) * (len(names) - 1) / 2, 1)
-    weights: list[tuple[str, tuple[str, ...], float, float]] = [
-        ("none", (), contest.none.evidence, PRIOR["none"]),
-        ("unknown", (), free, PRIOR["unknown"]),
-    ]
-    for j in contest.judged:
+    weights: list[tuple[tuple[str, ...], float, float]] = [((), contest.none.evidence, PRIOR["none"])]
+    weights.append((("unknown",), stranger, PRIOR["unknown"]))
+    for j in judged:
         prior = PRIOR["single"] / singles if len(j.names) == 1 else PRIOR["pair"] / pairs
-        weights.append(("named", j.names, j.evidence, prior))
-    log_weight = np.array([evidence / temperature + np.log(prior) for *_, evidence, prior in weights])
+        weights.append((j.names, j.evidence, prior))
+    log_weight = np.array([evidence / temperature + np.log(prior) for _, evidence, prior in weights])
     share = np.exp(log_weight - log_weight.max())
     share /= share.sum()
-    effects = {n: float(sum(p for (_, has, *_), p in zip(weights, share, strict=True) if n in has)) for n in names}
-    named = log_weight[2:]
-    best = contest.judged[int(named.argmax())] if len(named) else None
+    best = judged[int(log_weight[2:].argmax())] if judged else None
+    mismatch = raised(contest, best, stranger)
+    if mismatch:
+        share[0] = min(share[0], 1 - QUIET)
+    elif share[0] < QUIET:
+        share[1:] *= (1 - QUIET) / share[1:].sum()
+        share[0] = QUIET
+    effects = {n: float(sum(p for (has, *_), p in zip(weights, share, strict=True) if n in has)) for n in names}
     bayes = {n: max(j.evidence for j in contest.judged if n in j.names) - contest.none.evidence for n in names}
-    return Verdict(float(share[0]), float(share[1]), effects, best, bayes)
+    return Verdict(mismatch, float(share[0]), float(share[1]), effects, best, bayes)
+
+
+def _worth_its_size(contest: Contest, judged: Judged) -> bool:
+    """A second effect must add more than chance does."""
+    if len(judged.names) < 2:
+        return True
+    parts = [j.evidence for j in contest.judged if len(j.names) == 1 and j.names[0] in judged.names]
+    return judged.evidence > max(parts, default=-np.inf) + LEAST_MORE

@@ -98,7 +98,7 @@ def next_steps(tried: Contest, verdict: Verdict, chosen: Judged) -> list[str]:
     Returns:
         Sentences, most useful first.
     """
-    if verdict.none > 0.5:
+    if not verdict.mismatch:
         return [
             "Nothing more is needed for these manoeuvres; another speed or a harder turn would test the model further."
         ]

@@ -1,6 +1,5 @@
 """A ship whose coefficients were corrected a little: the same series, other numbers."""
 
-import torch
 from jaxtyping import Float
 from torch import Tensor
 

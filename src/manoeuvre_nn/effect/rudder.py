@@ -129,37 +129,6 @@ class RudderSlow(RudderEffect):
         return before + torch.minimum(torch.maximum(order - before, -reach), reach)
 
 
-class RudderLag(RudderEffect):
-    """A blade that follows the indicator as a first-order lag."""
-
-    name = "rudder_lag"
-    label = "a lagging rudder"
-    fingerprint = "Disagreement in proportion to the rate of the rudder, at every speed, also in small changes."
-    source = "tau d(blade)/dt = shown - blade, exact for an indicator that stands at its last angle"
-    declared = (Parameter("lag_s", "s", 0.0, 15.0, 0.0, 3.0, (2.0,)),)
-
-    def blade(
-        self,
-        before: Float[Tensor, "*#batch"],
-        order: Float[Tensor, "*#batch"],
-        shown: Float[Tensor, "*#batch"],
-        elapsed: Float[Tensor, "*#batch"],
-    ) -> Float[Tensor, "*#batch"]:
-        """The angle before, decayed towards the indicated one.
-
-        Args:
-            before: Blade angle at the start [rad].
-            order: Not used.
-            shown: Indicated angle [rad].
-            elapsed: The time [s].
-
-        Returns:
-            Blade angle [rad].
-        """
-        del order
-        return shown + (before - shown) * torch.exp(-elapsed / (self.value("lag_s") + 1e-6))
-
-
 class RudderSaturation(RudderEffect):
     """A blade that stops before the indicator does."""
 

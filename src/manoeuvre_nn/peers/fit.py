@@ -1,4 +1,4 @@
-"""Generalised least squares with errors of unknown covariance, and the Bayesian information criterion of what comes out."""
+"""Generalised least squares with autoregressive errors of unknown covariance, and the information criterion of a fit."""
 
 from dataclasses import dataclass, field
 
@@ -13,6 +13,80 @@ ROUNDS, SWEEPS = 6, 3
 """Most Gauss-Newton steps, and most turns of weighting anew."""
 CLOSE = 0.1
 """Gain of the criterion below which a fit has converged."""
+MEMORY = 0.9
+"""Largest autocorrelation of neighbouring averages."""
+BLOCKS = ((0, 1, 2), (3,), (4,))
+"""Rows whose errors are correlated: the equations with each other, not with the log and the gyro."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What is random in the averaged errors.
+
+    Attributes:
+        memory: Autocorrelation of each row from one average to the next.
+        covariance: Of what is new in each average.
+    """
+
+    memory: Float[np.ndarray, " 5"]
+    covariance: Float[np.ndarray, "5 5"]
+
+    def fresh(self, rows: Float[np.ndarray, "b 5 *k"], parts: list[slice]) -> Float[np.ndarray, "b 5 *k"]:
+        """What is new in each average of a run; the first is all new, and as precise as its variance lets it be.
+
+        Args:
+            rows: Errors or columns.
+            parts: Rows of each run.
+
+        Returns:
+            Same shape.
+
+        Source:
+            Prais & Winsten 1954.
+        """
+        memory = self.memory.reshape(-1, *[1] * (rows.ndim - 2))
+        new = rows.copy()
+        for part in parts:
+            new[part][1:] -= memory * rows[part][:-1]
+            new[part][0] *= np.sqrt(1 - memory**2)
+        return new
+
+    @property
+    def root(self) -> Float[np.ndarray, "5 5"]:
+        """Matrix that makes what is new independent and of variance one."""
+        return np.linalg.cholesky(np.linalg.inv(self.covariance)).T
+
+    def deviance(self, count: int, runs: int) -> float:
+        """Minus twice the log likelihood at its own estimates, up to a constant.
+
+        Args:
+            count: Averages.
+            runs: Runs.
+
+        Returns:
+            The deviance.
+        """
+        return float(count * np.linalg.slogdet(self.covariance)[1] - runs * np.log(1 - self.memory**2).sum())
+
+
+def noise_of(errors: Float[np.ndarray, "b 5"], parts: list[slice]) -> Noise:
+    """Noise estimated from errors.
+
+    Args:
+        errors: Errors.
+        parts: Rows of each run.
+
+    Returns:
+        The noise.
+    """
+    power = (errors**2).sum(axis=0) + 1e-12
+    product = sum((errors[p][1:] * errors[p][:-1]).sum(axis=0) for p in parts)
+    noise = Noise(np.clip(product / power, -MEMORY, MEMORY), np.eye(5))
+    new = noise.fresh(errors, parts)
+    covariance = 1e-8 * np.eye(5)
+    for block in BLOCKS:
+        covariance[np.ix_(block, block)] += new[:, block].T @ new[:, block] / len(new)
+    return Noise(noise.memory, covariance)
 
 
 @dataclass(frozen=True)
@@ -22,108 +96,58 @@ class Fit:
     Attributes:
         guess: It.
         left: Errors that remain.
-        covariance: Of the remaining errors, one average.
+        noise: What they look like.
         penalty: How far formulas, coefficients and latency are from what is known of them, in squared deviations.
         spread: Covariance of the free numbers.
         nuisance: Latency [s] and relative errors of the coefficients.
+        criterion: Bayesian information criterion, smaller is better.
     """
 
     guess: Guess
-    left: Float[np.ndarray, "b 7"] = field(repr=False)
-    covariance: Float[np.ndarray, "7 7"] = field(repr=False)
+    left: Float[np.ndarray, "b 5"] = field(repr=False)
+    noise: Noise = field(repr=False)
     penalty: float
     spread: Float[np.ndarray, "q q"] = field(repr=False)
     nuisance: Float[np.ndarray, " m"] = field(repr=False)
-
-    def criterion(self, stretch: float) -> float:
-        """Bayesian information criterion with an effective sample size, smaller is better.
-
-        Args:
-            stretch: Samples that carry as much as one independent one.
-
-        Returns:
-            ``n log|S| + k log n`` and the penalty, n effective.
-        """
-        n = len(self.left) / stretch
-        return float(n * np.linalg.slogdet(self.covariance)[1] + self.penalty + self.guess.size * np.log(n))
+    criterion: float
 
 
-def covariance_of(errors: Float[np.ndarray, "b 7"]) -> Float[np.ndarray, "7 7"]:
-    """Covariance of errors about zero, regular.
-
-    Args:
-        errors: Errors.
-
-    Returns:
-        Covariance.
-    """
-    return errors.T @ errors / len(errors) + 1e-8 * np.eye(errors.shape[1])
-
-
-def stretch_of(stand: Stand, fit: Fit, lags: int = 12) -> float:
-    """How many averages carry as much as one independent one.
-
-    Args:
-        stand: The runs.
-        fit: What explains them best so far.
-        lags: Longest lag.
-
-    Returns:
-        ``1 + 2 sum rho``, the sum up to the first small autocorrelation.
-    """
-    white = fit.left @ np.linalg.cholesky(np.linalg.inv(fit.covariance))
-    power = float((white**2).sum())
-    total = 1.0
-    for lag in range(1, lags + 1):
-        rho = sum(float((white[p][lag:] * white[p][:-lag]).sum()) for p in stand.parts) / power
-        if rho < 0.05:
-            break
-        total += 2 * rho
-    return total
-
-
-def fit(stand: Stand, guess: Guess, start: Fit | None, stretch: float) -> Fit:
-    """Fit a guess, weighting by the covariance of what it leaves itself.
+def fit(stand: Stand, guess: Guess, start: Fit | None) -> Fit:
+    """Fit a guess, weighting by the noise that it leaves itself.
 
     Args:
         stand: The runs.
         guess: Where to begin.
-        start: Whose covariance to begin with; None takes that of calm water's errors.
-        stretch: Samples that carry as much as one independent one.
+        start: Whose noise to begin with; None takes that of calm water's errors.
 
     Returns:
         The best fit met.
     """
-    weight = covariance_of(stand.errors) if start is None else start.covariance
-    best = descend(stand, guess, weight, stretch)
+    best = descend(stand, guess, noise_of(stand.errors, stand.parts) if start is None else start.noise)
     for _ in range(SWEEPS):
-        again = descend(stand, best.guess, best.covariance, stretch)
-        gain = best.criterion(stretch) - again.criterion(stretch)
+        again = descend(stand, best.guess, best.noise)
+        gain = best.criterion - again.criterion
         best = again if gain > 0 else best
         if gain < CLOSE:
             break
     return best
 
 
-def descend(
-    stand: Stand, guess: Guess, weight: Float[np.ndarray, "7 7"], stretch: float, rounds: int = ROUNDS
-) -> Fit:
-    """Gauss-Newton steps with errors of a given covariance.
+def descend(stand: Stand, guess: Guess, noise: Noise, rounds: int = ROUNDS) -> Fit:
+    """Gauss-Newton steps at a given noise.
 
     Args:
         stand: The runs.
         guess: Where to begin.
-        weight: Covariance of the errors.
-        stretch: Samples that carry as much as one independent one.
+        noise: Of the averaged errors.
         rounds: Most steps.
 
     Returns:
         The best fit met.
     """
-    root = np.linalg.cholesky(np.linalg.inv(weight)).T / np.sqrt(stretch)
-    best, lowest = None, np.inf
+    best, lowest, now, move = None, np.inf, guess, np.zeros(0)
     for _ in range(rounds):
-        found, cost, step = _look(stand, guess, root)
+        found, cost, step = _look(stand, guess, noise)
         if best is None or cost < lowest:
             enough = lowest - cost < CLOSE
             best, lowest, now, move = found, cost, guess, step
@@ -140,32 +164,37 @@ def descend(
     return best
 
 
-def _look(stand: Stand, guess: Guess, root: Float[np.ndarray, "7 7"]) -> tuple[Fit, float, Float[np.ndarray, " q"]]:
+def _look(stand: Stand, guess: Guess, noise: Noise) -> tuple[Fit, float, Float[np.ndarray, " q"]]:
     """The fit of the nuisances at a guess, its cost, and the step to where the guess would be better."""
     errors, slopes = stand.evaluate(guess)
-    q, m = slopes.shape[-1], len(stand.spread)
-    form = np.array([p.form for *_, p in guess.free], dtype=bool)
-    sizes = np.array([p.spread for *_, p in guess.free])
-    off = np.array([p.null - v if p.form and p.null is not None else 0.0 for (*_, p), v in zip(guess.free, guess.vector, strict=True)])  # fmt: skip
-    prior = np.concatenate([np.where(form, 1 / np.maximum(sizes, 1e-12) ** 2, 0.0), _precision(stand)])
-    columns = np.concatenate([slopes, stand.nuisance], axis=-1)
-    white = np.einsum("ij,bjk->bik", root, columns).reshape(-1, q + m)
-    target = (errors @ root.T).reshape(-1)
-    gram = white.T @ white + np.diag(prior)
-    right = white.T @ target
+    q = slopes.shape[-1]
+    white = _white(noise, np.concatenate([slopes, stand.nuisance], axis=-1), stand.parts)
+    target = _white(noise, errors[..., None], stand.parts)[:, 0]
+    off, held, sizes = _known(guess)
+    prior = np.concatenate([held, 1 / np.maximum(stand.spread, 1e-9) ** 2])
+    gram, right = white.T @ white + np.diag(prior), white.T @ target
     nuisance = np.linalg.solve(gram[q:, q:], right[q:])
     left = errors - stand.nuisance @ nuisance
-    penalty = float((nuisance**2 * prior[q:]).sum() + (off**2 * prior[:q]).sum())
+    penalty = float((nuisance**2 * prior[q:]).sum() + (off**2 * held).sum())
     # Numbers without a prior may have no influence here (a direction at speed zero): a touch of ridge.
-    touch = 1e-9 * np.diag(gram) + 1e-300
-    touch[:q] = np.maximum(touch[:q], 1e-6 / np.maximum(sizes, 1e-12) ** 2)
-    spread = np.linalg.inv(gram + np.diag(touch))
-    right[:q] += prior[:q] * off
-    step = (spread @ right)[:q]
-    found = Fit(guess, left, covariance_of(left), penalty, spread[:q, :q], nuisance)
-    return found, float(((left @ root.T) ** 2).sum()) + penalty, step
+    gram[range(q), range(q)] += 1e-4 / np.maximum(sizes, 1e-12) ** 2
+    spread = np.linalg.inv(gram)
+    right[:q] += held * off
+    found = noise_of(left, stand.parts)
+    criterion = found.deviance(len(left), len(stand.parts)) + penalty + guess.size * np.log(len(left))
+    cost = float(((target - white[:, q:] @ nuisance) ** 2).sum()) + penalty
+    return Fit(guess, left, found, penalty, spread[:q, :q], nuisance, criterion), cost, (spread @ right)[:q]
 
 
-def _precision(stand: Stand) -> Float[np.ndarray, " m"]:
-    """Prior precision of the nuisances; none at all is allowed where a spread is zero."""
-    return 1 / np.maximum(stand.spread, 1e-9) ** 2
+def _white(noise: Noise, rows: Float[np.ndarray, "b 5 k"], parts: list[slice]) -> Float[np.ndarray, "m k"]:
+    """Rows of variance one, all averages under each other."""
+    return np.einsum("ij,bjk->bik", noise.root, noise.fresh(rows, parts)).reshape(-1, rows.shape[-1])
+
+
+def _known(guess: Guess) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """How far each free number is from its formula's value, with what precision that is known, and its usual size."""
+    off, held = np.zeros(len(guess.free)), np.zeros(len(guess.free))
+    for m, ((*_, p), value) in enumerate(zip(guess.free, guess.vector, strict=True)):
+        if p.form and p.null is not None:
+            off[m], held[m] = p.null - value, p.spread**-2
+    return off, held, np.array([p.spread for *_, p in guess.free])

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.core.effect import Effect
-from manoeuvre_nn.peers.fit import Fit, covariance_of, descend, fit, stretch_of
+from manoeuvre_nn.peers.fit import Fit, descend, fit
 from manoeuvre_nn.peers.stand import RANDOM, Guess, Stand
 from manoeuvre_nn.peers.windows import placed, timed
 
@@ -35,13 +35,11 @@ class Contest:
         stand: The runs.
         none: Calm water.
         fits: Everything else, best first.
-        stretch: Samples that carry as much as one independent one.
     """
 
     stand: Stand
     none: Fit
     fits: list[Fit]
-    stretch: float
 
     def gain(self, found: Fit) -> float:
         """By how much a fit improves on calm water.
@@ -52,7 +50,7 @@ class Contest:
         Returns:
             Difference of the criteria, positive if it is better.
         """
-        return self.none.criterion(self.stretch) - found.criterion(self.stretch)
+        return self.none.criterion - found.criterion
 
 
 def contest(stand: Stand, effects: Sequence[Effect], progress: Progress = lambda _: None) -> Contest:
@@ -66,45 +64,40 @@ def contest(stand: Stand, effects: Sequence[Effect], progress: Progress = lambda
     Returns:
         All fits.
     """
-    none = fit(stand, Guess(), None, 1.0)
-    stretch = stretch_of(stand, none)
-    none = fit(stand, Guess(), none, stretch)
+    none = fit(stand, Guess(), None)
     fits = []
     for effect in effects:
         progress(effect.name)
-        fits.append(added(stand, none, effect, stretch))
-    first = min(fits, key=lambda f: f.criterion(stretch))
-    stretch = stretch_of(stand, first)
-    first = min(fits, key=lambda f: f.criterion(stretch))
+        fits.append(added(stand, none, effect))
+    first = min(fits, key=lambda f: f.criterion)
     for effect in effects:
         both = {effect.name, first.guess.names[0]}
         if len(both) == 2 and not any(len(both & same) == 2 for same in NOT_TOGETHER):
             progress(" + ".join((*first.guess.names, effect.name)))
-            fits.append(added(stand, first, effect, stretch))
-    return Contest(stand, none, sorted(fits, key=lambda f: f.criterion(stretch)), stretch)
+            fits.append(added(stand, first, effect))
+    return Contest(stand, none, sorted(fits, key=lambda f: f.criterion))
 
 
-def added(stand: Stand, base: Fit, effect: Effect, stretch: float) -> Fit:
+def added(stand: Stand, base: Fit, effect: Effect) -> Fit:
     """The best fit with one more effect.
 
     Args:
         stand: The runs.
         base: What is there already.
         effect: What is to be added.
-        stretch: Samples that carry as much as one independent one.
 
     Returns:
         The fit.
     """
     if timed(effect):
-        return _event(stand, base, effect, stretch)
+        return _event(stand, base, effect)
     tried = []
     for row in _starts(effect):
         guess = base.guess.joined(effect, np.tile(row, (len(stand.tracks), 1)))
-        tried.append(descend(stand, guess, base.covariance, stretch, rounds=2))
-    tried.sort(key=lambda f: f.criterion(stretch))
-    found = [fit(stand, f.guess, f, stretch) for f in tried[:PROMISING]]
-    return min(found, key=lambda f: f.criterion(stretch))
+        tried.append(descend(stand, guess, base.noise, rounds=2))
+    tried.sort(key=lambda f: f.criterion)
+    found = [fit(stand, f.guess, f) for f in tried[:PROMISING]]
+    return min(found, key=lambda f: f.criterion)
 
 
 def _starts(effect: Effect) -> Float[np.ndarray, "k p"]:
@@ -113,10 +106,10 @@ def _starts(effect: Effect) -> Float[np.ndarray, "k p"]:
     return np.array(list(product(*grids)), dtype=float)
 
 
-def _event(stand: Stand, base: Fit, effect: Effect, stretch: float) -> Fit:
+def _event(stand: Stand, base: Fit, effect: Effect) -> Fit:
     """The same for an effect that acts for a while: its times and its values in turn."""
-    left = _at_samples(stand, base.guess, base, None)
-    weight = covariance_of(np.concatenate(left)) * stretch * stand.tracks[0].window / 2
+    left = _at_samples(stand, base, None)
+    weight = _at_a_sample(stand, base)
     tried = []
     for row, size in product(_starts(effect), SIZES):
         values = row.copy()
@@ -125,23 +118,27 @@ def _event(stand: Stand, base: Fit, effect: Effect, stretch: float) -> Fit:
     tried.sort(key=lambda t: -t[1])
     best: Fit | None = None
     for values, _ in tried[:PROMISING]:
-        found = fit(stand, base.guess.joined(effect, values), base, stretch)
+        found = fit(stand, base.guess.joined(effect, values), base)
         for _ in range(3):
-            left = _at_samples(stand, base.guess, found, effect)
-            weight = covariance_of(np.concatenate(_at_samples(stand, found.guess, found, None)))
-            weight *= stretch * stand.tracks[0].window / 2
-            times, _ = placed(stand.tracks, effect, found.guess.values[-1], left, weight)
-            again = fit(stand, base.guess.joined(effect, times), found, stretch)
-            if again.criterion(stretch) >= found.criterion(stretch) - 0.1:
+            left = _at_samples(stand, found, effect)
+            times, _ = placed(stand.tracks, effect, found.guess.values[-1], left, _at_a_sample(stand, found))
+            again = fit(stand, base.guess.joined(effect, times), found)
+            if again.criterion >= found.criterion - 0.1:
                 break
             found = again
-        if best is None or found.criterion(stretch) < best.criterion(stretch):
+        if best is None or found.criterion < best.criterion:
             best = found
     assert best is not None
     return best
 
 
-def _at_samples(stand: Stand, guess: Guess, found: Fit, but: Effect | None) -> list[Float[np.ndarray, "n 7"]]:
+def _at_a_sample(stand: Stand, found: Fit) -> Float[np.ndarray, "5 5"]:
+    """Covariance of the errors as if all that is in an average, and its memory, were in independent samples."""
+    long = 1 / (1 - found.noise.memory)
+    return found.noise.covariance * np.outer(long, long) * stand.tracks[0].window / 2
+
+
+def _at_samples(stand: Stand, found: Fit, but: Effect | None) -> list[Float[np.ndarray, "n 5"]]:
     """Errors at every sample, without what nuisances and effects explain, but for that of one effect.
 
     What explains them is known at the averages and taken as straight lines between them.
@@ -155,6 +152,6 @@ def _at_samples(stand: Stand, guess: Guess, found: Fit, but: Effect | None) -> l
     explained = explained + stand.errors - stand.evaluate(rest)[0]
     result = []
     for track, part in zip(stand.tracks, stand.parts, strict=True):
-        model = [np.interp(track.run.time, track.times, explained[part, c]) for c in range(7)]
+        model = [np.interp(track.run.time, track.times, explained[part, c]) for c in range(5)]
         result.append(track.errors()[0] - np.stack(model, axis=-1))
     return result

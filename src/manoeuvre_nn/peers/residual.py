@@ -22,9 +22,11 @@ from manoeuvre_nn.diagnosis.runs import Run
 from manoeuvre_nn.dynamics.base import Dynamics
 from manoeuvre_nn.recording.accelerations import smoothed
 
-ROWS = ("X", "Y", "N", "log", "gyro", "ahead", "aside")
-"""Equation errors of surge, sway and yaw; speed over ground less log, heading rate less gyro, position less velocity."""
-SMOOTH, AVERAGE = 0.4, 1.0
+ROWS = ("X", "Y", "N", "log", "gyro")
+"""Equation errors of surge, sway and yaw; speed over ground less log; heading rate less gyro."""
+import os
+
+SMOOTH, AVERAGE = 0.4, float(os.environ.get('AVG', '2'))
 """Windows of the local cubics and of the averages over L/U0."""
 LATENCY = 0.25
 """Delay of the satellite receiver before anything is known of it [s]."""
@@ -51,7 +53,7 @@ class Smooth:
     channels: Float[np.ndarray, "n 7"]
     slopes: Float[np.ndarray, "n 7"]
     rate: Rate
-    unit: Float[np.ndarray, " 7"]
+    unit: Float[np.ndarray, " 5"]
     window: int
 
     @property
@@ -79,7 +81,7 @@ class Smooth:
 
     def errors(
         self, added: Float[np.ndarray, "n 8 k"] | None = None, pushed: Float[np.ndarray, "n 3 k"] | None = None
-    ) -> Float[np.ndarray, "k n 7"]:
+    ) -> Float[np.ndarray, "k n 5"]:
         """Equation errors and misfits at every sample, what hypotheses add being taken off.
 
         Args:
@@ -105,9 +107,8 @@ class Smooth:
         force = np.stack([d[..., 6], slope, d[..., 5]], axis=-1) - calm
         if pushed is not None:
             force = force - pushed.transpose(2, 0, 1)
-        north, east = d[..., 0] - vn, d[..., 1] - ve
-        rest = [ground - log, d[..., 4] - r, north * cos + east * sin, east * cos - north * sin]
-        return np.concatenate([force, np.stack(rest, axis=-1)], axis=-1) / self.unit
+        rest = np.stack([ground - log, d[..., 4] - r], axis=-1)
+        return np.concatenate([force, rest], axis=-1) / self.unit
 
     def contribution(self, effect: Effect, values: Float[np.ndarray, "k p"]) -> tuple[np.ndarray, np.ndarray]:
         """What an effect adds to channels and accelerations along the track.
@@ -155,7 +156,7 @@ def smooth(dynamics: Dynamics, run: Run) -> Smooth:
     track = np.stack([log, ve * np.cos(psi) - vn * np.sin(psi), r, x, y, psi], axis=-1)
     line = linearise(run, rate, track, p.time_unit)
     turn = p.speed / p.length
-    unit = np.array([p.speed * turn, p.speed * turn, turn**2, p.speed, turn, p.speed, p.speed])
+    unit = np.array([p.speed * turn, p.speed * turn, turn**2, p.speed, turn])
     window = max(4, 2 * round(0.5 * AVERAGE * p.time_unit / run.step))
     return Smooth(line, situation(line, rate), channels, slopes, rate, unit, window)
 

@@ -30,8 +30,8 @@ def timed(effect: Effect) -> list[int]:
 
 
 def scan(
-    track: Smooth, effect: Effect, values: Float[np.ndarray, " p"], left: Float[np.ndarray, "n 7"],
-    weight: Float[np.ndarray, "7 7"],
+    track: Smooth, effect: Effect, values: Float[np.ndarray, " p"], left: Float[np.ndarray, "n 5"],
+    weight: Float[np.ndarray, "5 5"],
 ) -> tuple[Float[np.ndarray, " p"], float]:  # fmt: skip
     """Times between which a force of given size explains most of the errors.
 
@@ -69,7 +69,7 @@ def scan(
 
 def placed(
     tracks: Sequence[Smooth], effect: Effect, values: Float[np.ndarray, "runs p"], left: Sequence[np.ndarray],
-    weight: Float[np.ndarray, "7 7"],
+    weight: Float[np.ndarray, "5 5"],
 ) -> tuple[Float[np.ndarray, "runs p"], float]:  # fmt: skip
     """The same in several runs.
 

@@ -1,0 +1,82 @@
+"""When a misfit is worth an alarm: how much evidence chance alone produces on clean recordings of this kind."""
+
+import numpy as np
+from jaxtyping import Float
+
+from manoeuvre_nn.diagnosis.checks import gram_of, nuisance_spread
+from manoeuvre_nn.diagnosis.hypothesis import Hypothesis, Judged
+from manoeuvre_nn.diagnosis.search import Contest
+
+DRAWS = 2000
+"""Clean sets of recordings that are drawn."""
+FALSE_ALARMS = 0.01
+"""Share of clean sets that may raise an alarm."""
+LEAST = 4.5
+"""Least log Bayes factor over calm water of a named effect: what the draws' own model cannot know."""
+LEAST_UNKNOWN = 7.0
+"""The same for something unknown, which has no formula to be tied to."""
+LEAST_MORE = 6.0
+"""Least log evidence that a second effect must add."""
+
+
+def threshold(contest: Contest, seed: int = 0) -> float:
+    """Log Bayes factor that the best of all candidates exceeds by chance with probability ``FALSE_ALARMS``.
+
+    Clean recordings of the same ship, manoeuvres, channels and noise are drawn where every candidate is linear: there
+    the score of a candidate is Gaussian with its information matrix, coefficients, latency and coloured force
+    integrated out. Candidates are drawn independently of each other, which errs to the safe side.
+
+    Args:
+        contest: What was judged.
+        seed: Of the draws.
+
+    Returns:
+        The threshold, ``LEAST`` at least.
+    """
+    rng = np.random.default_rng(seed)
+    best = np.full(DRAWS, -np.inf)
+    for judged in contest.judged:
+        if len(judged.names) == 1:
+            information, prior = _information(contest, judged.hypothesis)
+            best = np.maximum(best, _drawn(rng, information, prior))
+    return max(float(np.quantile(best, 1 - FALSE_ALARMS)), LEAST)
+
+
+def _information(contest: Contest, hypothesis: Hypothesis) -> tuple[Float[np.ndarray, "m m"], Float[np.ndarray, " m"]]:
+    """Information on a candidate's numbers under calm water, nuisance integrated out, and their prior spreads."""
+    level, scatter = contest.none.best
+    g, _ = gram_of(contest, hypothesis, level)
+    n = contest.court.bench.size
+    sd = nuisance_spread(contest, scatter)
+    nuisance = g[1:n, 1:n] + np.diag(sd**-2.0)
+    cross = g[1:n, n + 1 :]
+    return g[n + 1 :, n + 1 :] - cross.T @ np.linalg.solve(nuisance, cross), np.array([
+        f.spread for f in hypothesis.free()
+    ])
+
+
+def _drawn(
+    rng: np.random.Generator, information: Float[np.ndarray, "m m"], spread: Float[np.ndarray, " m"]
+) -> Float[np.ndarray, " draws"]:
+    """Log Bayes factors of a candidate over calm water when calm water is right."""
+    a = information * spread[:, None] * spread[None, :]
+    values, vectors = np.linalg.eigh(0.5 * (a + a.T))
+    values = np.clip(values, 0.0, None)
+    del vectors  # the statistic depends on the eigenvalues only
+    z = rng.standard_normal((DRAWS, len(values)))
+    return 0.5 * (z**2 * values / (1 + values)).sum(axis=1) - 0.5 * np.log1p(values).sum()
+
+
+def raised(contest: Contest, best: Judged | None, unknown: float) -> bool:
+    """Whether recordings and calm water differ by more than chance.
+
+    Args:
+        contest: What was judged.
+        best: The best named hypothesis.
+        unknown: Log evidence of something unknown.
+
+    Returns:
+        Whether there is a mismatch.
+    """
+    named = best is not None and best.evidence - contest.none.evidence > threshold(contest)
+    return named or unknown - contest.none.evidence > LEAST_UNKNOWN

@@ -1,0 +1,136 @@
+"""The manifest of a case: what it may say, and a ship as it says it is."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.ship import Ship
+from manoeuvre_nn.core.units import DEGREE
+
+SIZES = {"length_m": "length", "beam_m": "beam", "draft_m": "draught"}
+"""Dimensions that belong to the coefficients: they must be the ship's."""
+SETTINGS = {
+    "rudder_rate_deg_s": ("rudder_rate", DEGREE),
+    "nominal_rpm": ("rpm", 1.0),
+    "calm_water_resistance_kN": ("resistance", 1e3),
+    "displacement_t": ("displacement", 1e3),
+}
+"""Particulars that take the place of the ship's own -> attribute and unit in SI."""
+AREAS = {
+    "frontal_m2": "frontal",
+    "lateral_m2": "lateral",
+    "lateral_centroid_fwd_of_midship_m": "lateral_centre",
+    "length_overall_m": "length_overall",
+}
+HEEL = {"GM_m": "gm", "KG_m": "kg", "roll_period_s": "roll_period", "roll_damping_ratio": "roll_damping"}
+SIGNED = frozenset({"lateral_centroid_fwd_of_midship_m"})
+
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """Read ``manifest.json`` and check all of it that is used.
+
+    Args:
+        folder: Folder of the case.
+
+    Returns:
+        Its content.
+
+    Raises:
+        InputError: If it is missing, no JSON, or says something that cannot be used.
+    """
+    path = folder / "manifest.json"
+    if not path.is_file():
+        raise InputError(f"{path} does not exist: write a folder with a manifest.json and the csv files that it names")
+    try:
+        m = json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, OSError) as error:
+        raise InputError(f"{path} is no valid JSON: {str(error).splitlines()[0]}") from error
+    if not isinstance(m, dict):
+        raise InputError(f"{path} holds a {type(m).__name__}; expected an object with ship, particulars and runs")
+    try:
+        numbers(m)
+        _check_runs(m, folder)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    return m
+
+
+def numbers(m: Mapping[str, Any]) -> dict[str, float]:
+    """All numbers of a manifest that are used.
+
+    Args:
+        m: The manifest.
+
+    Returns:
+        Name -> value; those that are not given are left out.
+
+    Raises:
+        InputError: If one is no number, or not positive.
+    """
+    wanted = {"particulars": [*SIZES, *SETTINGS, "approach_speed_m_s"], "wind_areas": [*AREAS], "stability": [*HEEL]}
+    given = {"warmup_s": m["warmup_s"]} if "warmup_s" in m else {}
+    for part, keys in wanted.items():
+        content = m.get(part, {})
+        if not isinstance(content, Mapping):
+            raise InputError(f"{part} is {content!r}; expected an object of numbers")
+        given |= {key: content[key] for key in keys if key in content}
+    for key, value in given.items():
+        good = isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
+        if not good or (value <= 0 and key not in SIGNED):
+            raise InputError(f"{key} is {value!r}; expected a number" + ("" if key in SIGNED else " more than 0"))
+    return {key: float(value) for key, value in given.items()}
+
+
+def _check_runs(m: Mapping[str, Any], folder: Path) -> None:
+    """Refuse a list of runs that is none, or leads out of the folder."""
+    if "runs" not in m:
+        return
+    entries = m["runs"]
+    if not isinstance(entries, list) or not entries or not all(isinstance(e, dict) for e in entries):
+        raise InputError("runs is no list of runs; expected [{run: r01, file: r01.csv, split: fit}, ...]")
+    for entry in entries:
+        for key in ("run", "file", "split"):
+            if not isinstance(entry.get(key), str):
+                raise InputError(f"a run has {key} {entry.get(key)!r}; expected run, file and split, such as fit")
+        check_choice(f"split of run {entry['run']}", entry["split"], ["fit", "held_out"])
+        for key in ("run", "file"):
+            if Path(entry[key]).name != entry[key] or entry[key].startswith("."):
+                raise InputError(f"{key} {entry[key]!r} is no plain name; expected such as r01 and r01.csv")
+        if not (folder / entry["file"]).is_file():
+            raise InputError(f"run {entry['run']} is in {entry['file']}, which is not in the folder")
+    names = [entry["run"] for entry in entries]
+    if len(set(names)) < len(names):
+        raise InputError(f"runs stand twice: {', '.join(names)}")
+
+
+def adapted(ship: Ship, manifest: Mapping[str, Any]) -> Ship:
+    """A ship at the approach speed, with the areas, stability and engine of a manifest.
+
+    Args:
+        ship: The ship.
+        manifest: What the manifest says; what it does not say stays the ship's own.
+
+    Returns:
+        A new ship.
+
+    Raises:
+        InputError: If the manifest is of a ship of another size.
+    """
+    given, p = numbers(manifest), ship.particulars
+    for key, name in SIZES.items():
+        own = getattr(p, name)
+        if key in given and abs(given[key] / own - 1) > 0.02:
+            raise InputError(f"manifest.json: {key} is {given[key]:g}; that of the {p.name} is {own:g}: another ship?")
+    changed: dict[str, Any] = {name: given[key] * unit for key, (name, unit) in SETTINGS.items() if key in given}
+    areas, heel = ({name: given[key] for key, name in keys.items() if key in given} for keys in (AREAS, HEEL))
+    if areas:
+        changed["wind_areas"] = replace(p.above_water, **areas)
+    if heel:
+        changed["stability"] = replace(p.heeling, **heel)
+    made = ship.on_approach(given.get("approach_speed_m_s", p.speed))
+    made.particulars = replace(made.particulars, **changed)
+    return made

@@ -1,0 +1,295 @@
+"""What an effect adds to a run, against simulations with the effect, loops and solvers."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+import torch
+from fleet import unchecked
+from pytest import approx
+from scipy.integrate import solve_ivp
+from trials import CALM, NOISE, SHIP, TIMED, ZIGZAG, about, run_of, sailed, states_of, values
+
+from manoeuvre_nn.core.effect import Effect
+from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.diagnosis.bench import NOMINAL, place_run
+from manoeuvre_nn.diagnosis.columns import (
+    _memory,
+    blade_along,
+    coefficient_columns,
+    contribution,
+    latency_column,
+    perfect,
+    situation,
+)
+from manoeuvre_nn.diagnosis.linear import Columns, Linearised, Noise, Whitened, calm_rate, joined, linearise, shown
+from manoeuvre_nn.diagnosis.runs import CHANNELS
+from manoeuvre_nn.dynamics.calibrated import Calibrated
+from manoeuvre_nn.effect.current import Current
+from manoeuvre_nn.effect.depth import ShallowWater
+from manoeuvre_nn.effect.local import Tow
+from manoeuvre_nn.effect.propulsion import HullFouling, PowerLimit, PropellerSideForce
+from manoeuvre_nn.effect.roll import RollCoupling
+from manoeuvre_nn.effect.rudder import RudderBacklash, RudderOffset, RudderSaturation, RudderSlow
+from manoeuvre_nn.effect.sensors import GpsDelay, HeadingBias, LeverArm, LogScale, RateBias
+from manoeuvre_nn.effect.steering import RudderDelay
+from manoeuvre_nn.effect.wind import SteadyWind
+
+RATE = calm_rate(CALM)
+LARGE = {
+    e.name: e
+    for e in (
+        Current(SHIP, speed=0.8, toward_deg=60.0),
+        SteadyWind(SHIP, speed=10.0, from_deg=60.0),
+        ShallowWater(SHIP, depth_m=20.0),
+        Tow(SHIP, force_kN=100.0, angle_deg=100.0, start_s=0.0, end_s=500.0),
+        HullFouling(SHIP, added_resistance=0.3),
+        PropellerSideForce(SHIP, force_kN=60.0),
+        PowerLimit(SHIP, rpm_slope=0.4),
+        RollCoupling(SHIP, N_phi=0.02),
+        RudderOffset(SHIP, offset_deg=1.5),
+        RudderSlow(SHIP, rate_deg_s=2.0),
+        RudderBacklash(SHIP, width_deg=5.0),
+        RudderSaturation(SHIP, limit_deg=15.0),
+        RudderDelay(SHIP, delay_s=2.0),
+        HeadingBias(SHIP, bias_deg=1.0),
+        RateBias(SHIP, bias_deg_s=0.03),
+        LogScale(SHIP, factor=1.05),
+        LeverArm(SHIP, dx_m=30.0, dy_m=5.0),
+        GpsDelay(SHIP, delay_s=1.0),
+    )
+}
+"""Effects of every site at sizes that matter."""
+STATES = np.array([1e-3, 1e-3, 1e-5, 1e-2, 1e-2, 1e-4])
+"""Changes of the state within a step that are next to nothing."""
+
+
+@cache
+def truth(name: str) -> tuple[Linearised, Columns]:
+    """A noise-free run with an effect about its own true track, and what the effect adds to it."""
+    effect = LARGE[name]
+    (record,), (calm,) = sailed([TIMED], [effect]), sailed([TIMED])
+    # What a sensor writes down is not where the ship is.
+    line = about(run_of(record), states_of(calm if effect.site == "sensor" else record))
+    return line, added(effect, line)
+
+
+def added(effect: Effect, line: Linearised) -> Columns:
+    with unchecked():
+        return contribution(effect, values(effect), line, RATE, situation(line, RATE))
+
+
+@pytest.mark.parametrize("name", LARGE)
+def test_an_effect_moves_the_ship_as_calm_water_lacks_along_its_true_track(name):
+    line, c = truth(name)
+    missing = -line.defect
+    off = np.abs(c.moved[..., 0] - missing) / (np.abs(missing).max(axis=0) + STATES)
+    # A rudder that comes to rest between two samples is not linear between them.
+    assert np.quantile(off, 0.9, axis=0).max() < 0.01 and off.max() < 0.09
+
+
+@pytest.mark.parametrize("name", LARGE)
+def test_an_effect_changes_the_channels_as_the_recorder_wrote_them(name):
+    line, c = truth(name)
+    assert c.measured[..., 0] == approx(line.residual, abs=1e-9, rel=1e-6)
+
+
+SMALL = [
+    (Current(SHIP, speed=0.05, toward_deg=60.0), 0.01),
+    (SteadyWind(SHIP, speed=0.5, from_deg=60.0), 0.01),
+    (ShallowWater(SHIP, depth_m=185.0), 0.03),
+    (RudderOffset(SHIP, offset_deg=0.1), 0.01),
+    (RudderSlow(SHIP, rate_deg_s=2.0), 0.12),
+    (PowerLimit(SHIP, rpm_slope=0.02), 0.02),
+    (RollCoupling(SHIP, N_phi=5e-4), 0.02),
+    (HeadingBias(SHIP, bias_deg=0.1), 0.01),
+    (LogScale(SHIP, factor=1.01), 0.01),
+    (LeverArm(SHIP, dx_m=3.0, dy_m=1.0), 0.01),
+]
+
+
+@pytest.mark.parametrize("effect, tolerance", SMALL, ids=[e.name for e, _ in SMALL])
+def test_carried_on_by_the_transitions_it_is_the_difference_of_two_simulations(effect, tolerance):
+    """A second route past the smoother: sensitivities about the calm track, summed up over two minutes."""
+    (record,), (calm,) = sailed([TIMED], [effect]), sailed([TIMED])
+    line = about(run_of(calm), states_of(calm))
+    c = added(effect, line)
+    off = np.zeros((len(calm), 9))
+    for k in range(len(calm) - 1):
+        off[k + 1] = line.transition[k] @ off[k]
+        off[k + 1, :6] += c.moved[k, :, 0]
+    predicted = np.einsum("kci,ki->kc", line.observed, off) + c.measured[..., 0]
+    happened = run_of(record).measured - run_of(calm).measured
+    assert np.abs(happened / NOISE).max() > 0.1, "too small to see"
+    left = np.abs(predicted - happened).max(axis=0)
+    assert (left < tolerance * np.abs(happened).max(axis=0) + 2e-3 * NOISE).all()
+
+
+ON_BENCH = (
+    "current", "wind_steady", "shallow_water", "rudder_offset", "rudder_slow", "power_limit", "roll_coupling",
+    "heading_bias", "log_scale", "gps_lever_arm",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ON_BENCH)
+def test_on_the_bench_the_true_values_leave_no_misfit_and_calm_water_much(name):
+    """The smoother knows nothing of the effect; what it lays aside, the effect's columns must take up."""
+    effect, p = LARGE[name], SHIP.particulars
+    run = run_of(sailed([replace(ZIGZAG, duration=160.0)], [effect], step=1.0)[0])
+    with unchecked():
+        place, _ = place_run(CALM, run)
+    force = 1e-3 * p.speed**2 / p.length * np.array([1.0, 1.0, 1.0 / p.length])
+    white = Whitened(place.line, Noise(NOMINAL, force, p.time_unit), np.array([2.0, 2.0, 0.01, 50.0, 50.0, 0.3]))
+    e = white.embed(joined([place.line.data, added(effect, place.line)]))
+    g = e.dot(e)
+    assert g[0, 0] > 100
+    assert g[0, 0] - 2 * g[0, 1] + g[1, 1] < 0.015 * g[0, 0]
+    assert g[0, 1] / g[1, 1] == approx(1.0, abs=0.05), "the size that fits best"
+
+
+def test_several_sets_of_values_are_several_columns():
+    line, _ = truth("wind_steady")
+    effect = LARGE["wind_steady"]
+    sets = np.repeat(values(effect), 3, axis=0)
+    sets[:, 0] = [0.0, 5.0, 10.0]
+    with unchecked():
+        s = situation(line, RATE)
+        many = contribution(effect, sets, line, RATE, s)
+        alone = contribution(effect, sets[1:2], line, RATE, s)
+    assert many.count == 3 and not many.moved[..., 0].any()
+    assert many.moved[..., 1] == approx(alone.moved[..., 0], abs=1e-15)
+
+
+def ordered(run):
+    """Orders and indicator as the helm gives them, second by second."""
+    return run.order, run.delta
+
+
+def test_the_blade_behind_play_moves_only_where_the_indicator_pushes_it():
+    run = truth("rudder_backlash")[0].run
+    half, blade = 2.5 * DEGREE, [run.delta[0]]
+    for shown_now in run.delta[1:]:
+        blade.append(min(max(blade[-1], shown_now - half), shown_now + half))
+    with unchecked():
+        found = blade_along(LARGE["rudder_backlash"].at(torch.tensor([[[5.0]]]).double()), run, deltas(run))
+    assert found[0].numpy() == approx(np.array(blade), abs=1e-12)
+    assert np.abs(blade - run.delta).max() == approx(half)
+
+
+def deltas(run) -> torch.Tensor:
+    return torch.tensor(run.delta)[None]
+
+
+def test_the_blade_of_a_slow_rudder_follows_each_order_from_the_time_at_which_it_was_given():
+    """Orders between samples: a loop of a thousandth of a second, less the same with the nominal gear."""
+    run = truth("rudder_slow")[0].run
+    order = np.interp(run.time, [0, 20, 20.001, 60, 60.001, 120], np.array([0, 0, 12, 12, -12, -12]) * DEGREE)
+    lead = np.zeros_like(order)
+    lead[[21, 61]] = 0.4, 0.7  # given at 20.6 and 60.3 s
+    order[20], order[60] = 0.0, 12 * DEGREE
+
+    def moved(rate: float) -> np.ndarray:
+        fine = np.arange(0, 120.0005, 1e-3)
+        wanted = np.select([fine < 20.6, fine < 60.3], [0.0, 12 * DEGREE], -12 * DEGREE)
+        blade = np.zeros_like(fine)
+        for k in range(1, len(fine)):
+            blade[k] = blade[k - 1] + np.clip(wanted[k - 1] - blade[k - 1], -rate * 1e-3, rate * 1e-3)
+        return blade[::1000]
+
+    nominal = SHIP.particulars.rudder_rate
+    shown_angle = moved(nominal) + 0.01  # an indicator that is off all the time: the fault is added to it
+    made = replace(run, order=order, lead=lead, delta=shown_angle)
+    slow = LARGE["rudder_slow"].at(torch.tensor([[[1.5]], [[2.0]]]).double())
+    with unchecked():
+        found = blade_along(slow, made, deltas(made).expand(2, -1)).numpy()
+    for row, rate in enumerate((1.5, 2.0)):
+        expected = shown_angle + moved(rate * DEGREE) - moved(nominal)
+        assert found[row] == approx(expected, abs=2e-3 * DEGREE)
+
+
+@pytest.mark.parametrize("name", ["roll_coupling", "power_limit"])
+def test_own_states_are_those_of_an_ode_solver_along_the_track(name):
+    line, _ = truth(name)
+    effect = LARGE[name]
+    with unchecked():
+        s = situation(line, RATE)
+        found = _memory(effect.at(effect.values[None, None]), s, 1, line.run.step)[0].numpy()
+    t, p = line.run.time, SHIP.particulars
+    u, r, vdot = line.track[:, 0], line.track[:, 2], s.nudot[:, 1].numpy()
+    if name == "power_limit":
+        at = np.interp
+        limit = 1 - 0.4 * (1 - u / p.speed)
+        path = solve_ivp(lambda x, n: (at(x, t, limit) - n) / 8.0, (0, t[-1]), limit[:1], t_eval=t, max_step=0.5)
+    else:
+        heel = p.heeling
+        steady = -(heel.kg - 0.5 * p.draught) / (9.80665 * heel.gm) * (u * r + vdot)
+        w = 2 * np.pi / heel.roll_period
+
+        def roll(x, y):
+            return [y[1], w * w * (np.interp(x, t, steady) - y[0]) - 2 * heel.roll_damping * w * y[1]]
+
+        path = solve_ivp(roll, (0, t[-1]), [0.0, 0.0], t_eval=t, max_step=0.5)
+    # The drive is taken constant within a step, at its mean.
+    size = np.abs(path.y - path.y[:, :1]).max(axis=1)
+    assert (np.abs(found.T - path.y).max(axis=1) < 0.02 * size).all() and (size > 1e-3).all()
+
+
+def calm_line() -> Linearised:
+    calm = sailed([TIMED])[0]
+    return about(run_of(calm), states_of(calm))
+
+
+def test_a_coefficients_column_is_what_the_corrected_ship_does_within_each_step():
+    line, table = calm_line(), SHIP.table
+    with unchecked():
+        columns, names = coefficient_columns(CALM, line, situation(line, RATE))
+        cases = [(names.index("XYN"[e] + (SHIP.terms[k] or "0")), k, e) for k, e in torch.nonzero(table).tolist()]
+        assert len(cases) > 20
+        for column, k, e in cases:
+            factors = torch.zeros_like(table)
+            factors[k, e] = 1e-3
+            assert_same_step(line, Calibrated(CALM, factors, torch.zeros(3).double()), columns.moved[..., column])
+        for e, letter in enumerate("uvr"):
+            heavy = Calibrated(CALM, torch.zeros_like(table), 1e-3 * torch.eye(3).double()[e])
+            assert_same_step(line, heavy, columns.moved[..., names.index(f"M{letter}")])
+    assert not columns.measured.any()
+
+
+def assert_same_step(line: Linearised, other: Calibrated, moved: np.ndarray):
+    changed = linearise(line.run, calm_rate(other), line.track, 20.0)
+    more = (changed.defect - line.defect) / 1e-3
+    assert (np.abs(moved - more) < 0.02 * np.abs(more).max(axis=0) + 1e-3 * STATES).all()
+
+
+def test_terms_that_the_ship_lacks_weigh_as_much_as_its_rudder_in_a_tight_turn():
+    p = SHIP.particulars
+    hard = np.array([0.7 * p.speed, -0.25 * p.speed, 0.7 * p.speed / p.length, 0.0, 0.0, 0.0])
+    run = run_of(sailed([TIMED])[0]).before(2.0)
+    line = about(replace(run, delta=np.full(3, 0.35)), np.tile(hard, (3, 1)))
+    with unchecked():
+        columns, names = coefficient_columns(CALM, line, situation(line, RATE))
+        nu = torch.tensor(hard[:3])
+        rudder = CALM.acceleration(nu, nu.new_tensor(0.35)) - CALM.acceleration(nu, nu.new_tensor(0.0))
+    for equation, letter in ((1, "Y"), (2, "N")):
+        sizes = [abs(columns.moved[0, equation, k]) for k, n in enumerate(names) if n.startswith(f"{letter}+")]
+        assert len(sizes) > 10 and sizes == approx([sizes[0]] * len(sizes))
+        assert sizes[0] == approx(abs(float(rudder[equation])), rel=0.1)
+
+
+def test_a_late_receiver_shows_where_the_ship_was():
+    line = calm_line()
+    late = latency_column(line)
+    path, t = shown(line.track), line.run.time
+    for k, name in enumerate(CHANNELS):
+        before = np.interp(t - 0.1, t, path[:, k]) if name in {"x", "y", "vn", "ve"} else path[:, k]
+        expected = (before - path[:, k])[2:-2]
+        assert 0.1 * late.measured[2:-2, k, 0] == approx(expected, abs=0.1 * np.abs(expected).max() + 1e-12)
+    assert not late.moved.any() and late.measured[60, 0, 0] == approx(-path[60, 2], rel=0.01)
+
+
+def test_perfect_sensors_write_what_the_linear_equations_observe():
+    line = calm_line()
+    written = perfect(situation(line, RATE))
+    assert np.stack([written[k].numpy() for k in CHANNELS], axis=-1) == approx(shown(line.track), abs=1e-12)
+    assert np.array_equal(written["delta"].numpy(), line.run.delta)

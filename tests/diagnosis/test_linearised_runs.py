@@ -1,0 +1,279 @@
+"""A run as linear equations: derivatives by another route, and the likelihood by dense matrices and by a filter."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+import torch
+from fleet import unchecked
+from pytest import approx
+from trials import CALM, NOISE, SHIP, TIMED, about, run_of, sailed, states_of, tensor
+
+from manoeuvre_nn.diagnosis.bench import SCATTER_LEVELS
+from manoeuvre_nn.diagnosis.linear import Columns, Linearised, Noise, Whitened, calm_rate, joined, linearise, shown
+from manoeuvre_nn.diagnosis.regression import regress
+from manoeuvre_nn.diagnosis.runs import Run
+from manoeuvre_nn.dynamics.affected import Affected
+from manoeuvre_nn.effect.propulsion import PowerLimit
+
+COUNT, STATES = 12, 9
+SPREAD = np.array([0.5, 0.4, 0.004, 30.0, 30.0, 0.1])
+FORCE = Noise(NOISE, np.array([4e-3, 6e-3, 5e-5]), 20.0)
+
+
+@cache
+def short(gaps: bool = True) -> Linearised:
+    """Twelve noisy samples of a turn with a shaft that slows down, about a track that is a little off."""
+    record = sailed([TIMED])[0].between(28.0, 28.0 + COUNT - 1)
+    run = run_of(record, NOISE, seed=3, shaft=np.linspace(1.0, 0.9, COUNT), rudder_noise=0.01)
+    g = np.random.default_rng(5)
+    if gaps:
+        run = run.without(g.random(run.measured.shape) < 0.2)
+    wander = np.array([0.03, 0.03, 1e-4, 0.3, 0.3, 1e-3]) * g.standard_normal((COUNT, 6))
+    return about(run, states_of(record) + wander)
+
+
+def some_columns(line: Linearised, count: int = 3) -> Columns:
+    g = np.random.default_rng(8)
+    moved = g.standard_normal((COUNT - 1, 6, count)) * np.array([0.01, 0.01, 1e-4, 0.1, 0.1, 1e-3])[:, None]
+    return Columns(g.standard_normal((COUNT, 8, count)) * NOISE[:, None], moved)
+
+
+class Dense:
+    """The same linear model with every matrix written out: states of all samples stacked, measured samples kept."""
+
+    def __init__(self, line: Linearised, noise: Noise = FORCE):
+        self.keep, h = np.isfinite(line.run.measured).ravel(), line.run.step
+        decay = np.exp(-h / noise.force_time)
+        tiny = np.array([1e-4, 1e-4, 1e-6, 2e-3, 2e-3, 2e-6]) * np.sqrt(h)
+        blocks = []
+        for push in line.rudder_push * line.run.rudder_noise:
+            q = np.diag(np.concatenate([tiny**2, noise.force**2 * (1 - decay**2)]))
+            q[:3, :3] += np.outer(push, push)
+            blocks.append(q)
+        # States follow from the first one and the pushes: s = reach @ (first, push 1, push 2, ...).
+        n = COUNT * STATES
+        self.reach = np.eye(n)
+        for k in range(1, COUNT):
+            here, before = slice(k * STATES, (k + 1) * STATES), slice((k - 1) * STATES, k * STATES)
+            self.reach[here] += line.transition[k - 1] @ self.reach[before]
+        drive = np.zeros((n, n))
+        drive[:STATES, :STATES] = np.diag(np.concatenate([SPREAD**2, noise.force**2]))
+        for k, q in enumerate(blocks, start=1):
+            drive[k * STATES : (k + 1) * STATES, k * STATES : (k + 1) * STATES] = q
+        self.prior = self.reach @ drive @ self.reach.T
+        watch = np.zeros((COUNT * 8, n))
+        for k in range(COUNT):
+            watch[k * 8 : (k + 1) * 8, k * STATES : (k + 1) * STATES] = line.observed[k]
+        self.watch = watch[self.keep]
+        self.covariance = self.watch @ self.prior @ self.watch.T + np.diag(np.tile(noise.channels**2, COUNT)[self.keep])
+
+    def driven(self, c: Columns) -> np.ndarray:
+        """What disturbances do to the states."""
+        pushes = np.zeros((COUNT, STATES, c.count))
+        pushes[1:, :6] = c.moved
+        return self.reach @ pushes.reshape(-1, c.count)
+
+    def seen(self, c: Columns) -> np.ndarray:
+        """What disturbances do to the measured samples."""
+        return c.measured.reshape(-1, c.count)[self.keep] + self.watch @ self.driven(c)
+
+
+def log_density(x: np.ndarray, covariance: np.ndarray) -> float:
+    return float(-0.5 * (x @ np.linalg.solve(covariance, x) + np.linalg.slogdet(2 * np.pi * covariance)[1]))
+
+
+def close(found, expected, rel=1e-6):
+    assert found == approx(expected, rel=rel, abs=rel * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("gaps", [False, True])
+def test_inner_products_are_those_in_the_metric_of_the_samples_covariance(gaps):
+    line = short(gaps)
+    white, dense = Whitened(line, FORCE, SPREAD), Dense(line)
+    both = joined([line.data, some_columns(line)])
+    c = dense.seen(both)
+    embedded = white.embed(both)
+    close(embedded.dot(embedded), c.T @ np.linalg.solve(dense.covariance, c))
+    assert embedded.dot(white.embed(line.data)).shape == (4, 1)
+
+
+@pytest.mark.parametrize("gaps", [False, True])
+def test_the_normaliser_is_that_of_the_samples_covariance(gaps):
+    line = short(gaps)
+    expected = -0.5 * np.linalg.slogdet(Dense(line).covariance)[1]
+    assert Whitened(line, FORCE, SPREAD).log_norm == approx(expected, abs=1e-6)
+
+
+def test_the_likelihood_is_that_of_a_kalman_filter():
+    line = short()
+    white = Whitened(line, FORCE, SPREAD)
+    e = white.embed(line.data)
+    samples = np.isfinite(line.run.measured).sum()
+    found = white.log_norm - 0.5 * float(e.dot(e)[0, 0]) - 0.5 * samples * np.log(2 * np.pi)
+    assert found == approx(filtered(line), abs=1e-6)
+
+
+def filtered(line: Linearised) -> float:
+    """Log likelihood of a run by a Kalman filter that takes in one channel after the other."""
+    decay = np.exp(-line.run.step / FORCE.force_time)
+    tiny = np.array([1e-4, 1e-4, 1e-6, 2e-3, 2e-3, 2e-6]) * np.sqrt(line.run.step)
+    mean, p = np.zeros(STATES), np.diag(np.concatenate([SPREAD**2, FORCE.force**2]))
+    total = 0.0
+    for k in range(COUNT):
+        if k:
+            a = line.transition[k - 1]
+            push = np.concatenate([line.rudder_push[k - 1] * line.run.rudder_noise, np.zeros(6)])
+            mean = a @ mean + np.concatenate([line.defect[k - 1], np.zeros(3)])
+            p = a @ p @ a.T + np.outer(push, push)
+            p += np.diag(np.concatenate([tiny**2, FORCE.force**2 * (1 - decay**2)]))
+        for c in np.flatnonzero(np.isfinite(line.run.measured[k])):
+            h = line.observed[k, c]
+            s = h @ p @ h + FORCE.channels[c] ** 2
+            e = line.residual[k, c] - h @ mean
+            total -= 0.5 * (e**2 / s + np.log(2 * np.pi * s))
+            mean, p = mean + p @ h * e / s, p - np.outer(p @ h, h @ p) / s
+    return float(total)
+
+
+def test_the_most_likely_states_are_the_mean_of_the_dense_posterior():
+    line = short()
+    white, dense, data = Whitened(line, FORCE, SPREAD), Dense(line), line.data
+    # The data's column carries minus what the model misses: states driven by the defect, corrected by the samples.
+    gain = dense.prior @ dense.watch.T @ np.linalg.inv(dense.covariance)
+    expected = (gain @ dense.seen(data) - dense.driven(data)).reshape(COUNT, STATES)
+    found = white.states(data)[..., 0]
+    for k in range(STATES):
+        close(found[:, k], expected[:, k], 1e-5)
+
+
+@pytest.mark.parametrize("scatter", range(len(SCATTER_LEVELS)))
+def test_the_evidence_is_the_density_of_a_dense_gaussian_with_coefficients_and_parameters_integrated_out(scatter):
+    """Two coefficients, whose spread is the level of scatter, and a parameter with a mean of its own."""
+    line = short()
+    white, dense, columns = Whitened(line, FORCE, SPREAD), Dense(line), some_columns(line)
+    e = white.embed(joined([line.data, columns]))
+    prior = np.array([1.0, 2.0, 3.0])
+    data = np.array([1.0, 0.0, 0.0, -0.7])
+    found = regress(e.dot(e)[None], np.array([white.log_norm]), 2, data, prior)
+    sd = prior * np.array([SCATTER_LEVELS[scatter]] * 2 + [1.0])
+    c, d = dense.seen(columns), dense.seen(line.data)[:, 0]
+    d = d - 0.7 * c[:, 2]
+    whole = dense.covariance + (c * sd**2) @ c.T
+    evidence = found.by_level[0, scatter] - 0.5 * len(d) * np.log(2 * np.pi)
+    assert evidence == approx(log_density(d, whole), abs=1e-6)
+    mean = sd**2 * (c.T @ np.linalg.solve(whole, d))
+    close(found.mean[0, scatter], mean, 1e-6)
+    precision = c.T @ np.linalg.solve(dense.covariance, c) + np.diag(sd**-2)
+    close(found.covariance[0, scatter], np.linalg.inv(precision), 1e-6)
+
+
+def fine_step(state: torch.Tensor, start: float, end: float, shaft: float, h: float, parts: int = 20) -> torch.Tensor:
+    """One sample further by many small steps, the rudder turning evenly; differentiable."""
+    rate = calm_rate(CALM)
+
+    def slope(s, share):
+        cos, sin = torch.cos(s[5]), torch.sin(s[5])
+        delta = s.new_tensor(start) + share * (end - start)
+        a = rate(s[:3], delta, s.new_tensor(shaft)) + s[6:]
+        return torch.cat([a, torch.stack([s[0] * cos - s[1] * sin, s[0] * sin + s[1] * cos, s[2]]), 0 * s[6:]])
+
+    dt = h / parts
+    for k in range(parts):
+        k1 = slope(state, k / parts)
+        k2 = slope(state + 0.5 * dt * k1, (k + 0.5) / parts)
+        k3 = slope(state + 0.5 * dt * k2, (k + 0.5) / parts)
+        k4 = slope(state + dt * k3, (k + 1) / parts)
+        state = state + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    return state
+
+
+@pytest.mark.parametrize("k", [0, 7])
+def test_the_transition_is_the_derivative_of_a_fine_solution_by_autograd(k):
+    line = short()
+    run, h = line.run, line.run.step
+    state = torch.cat([tensor(line.track[k]), torch.zeros(3).double()])
+    shaft = float(run.shaft[k : k + 2].mean())
+    step = (float(run.delta[k]), float(run.delta[k + 1]), shaft, h)
+    with unchecked():
+        jacobian = torch.autograd.functional.jacobian(lambda s: fine_step(s, *step), state).numpy()
+        end = fine_step(state, *step).numpy()
+        turned = fine_step(state, step[0] + 1e-4, step[1] + 1e-4, shaft, h).numpy()
+    jacobian[6:] *= np.exp(-h / 20.0)  # held within the step, forgotten at its end
+    size = np.array([0.05, 0.05, 5e-4, 1.0, 1.0, 2e-3, 1e-3, 1e-3, 1e-5])
+    difference = (line.transition[k] - jacobian) * size / size[:, None]
+    assert np.abs(difference).max() < 1e-3 and line.transition[k, 5, 2] == approx(1.0, rel=0.1)
+    assert line.defect[k] == approx(end[:6] - line.track[k + 1], abs=1e-4)
+    assert line.rudder_push[k] == approx((turned - end)[:3] / 1e-4, rel=5e-3)
+
+
+def test_what_is_observed_is_the_difference_quotient_of_what_sensors_show():
+    line = short()
+    for j, size in enumerate((1e-3, 1e-3, 1e-5, 1e-2, 1e-2, 1e-5)):
+        nudge = size * np.eye(6)[j]
+        slope = (shown(line.track + nudge) - shown(line.track - nudge)) / (2 * size)
+        assert line.observed[:, :, j] == approx(slope, abs=1e-7)
+    assert not line.observed[:, :, 6:].any()
+
+
+def test_perfect_sensors_show_the_rate_of_the_track():
+    with unchecked():
+        record = sailed([TIMED])[0]
+        path, t = shown(states_of(record)), record.time
+    for position, velocity in ((0, 2), (1, 3), (4, 5)):
+        assert np.gradient(path[:, position], t)[1:-1] == approx(path[1:-1, velocity], rel=0.01, abs=0.02)
+    assert np.array_equal(path[:, 6], record["u"]) and (path[:, 7] == 1).all()
+
+
+def test_a_noise_free_run_about_its_own_track_leaves_nothing():
+    record = sailed([TIMED])[0]
+    line = about(run_of(record), states_of(record))
+    assert np.abs(line.residual).max() < 1e-9
+    assert np.abs(line.defect / np.array([1e-3, 1e-3, 1e-5, 1e-3, 1e-3, 1e-5])).max() < 1.0
+
+
+def test_a_heading_that_the_recorder_wraps_is_the_same_heading():
+    record = sailed([TIMED])[0]
+    run = run_of(record, NOISE)
+    turns = np.zeros_like(run.measured)
+    turns[:, 4] = 2 * np.pi * (np.arange(len(run)) % 3 - 1)
+    wrapped = replace(run, measured=run.measured + turns)
+    assert about(wrapped, states_of(record)).residual == approx(about(run, states_of(record)).residual, abs=1e-9)
+
+
+def test_what_a_hypothesis_adds_is_taken_out_of_the_data():
+    line = short()
+    c = some_columns(line, 1)
+    with unchecked():
+        less = linearise(line.run, calm_rate(CALM), line.track, 20.0, offset=c).data
+    present = np.isfinite(line.run.measured)[..., None]
+    close(less.measured, present * (line.data.measured - c.measured))
+    close(less.moved, line.data.moved - c.moved)
+
+
+def test_at_another_shaft_speed_the_rate_is_that_of_a_ship_with_such_an_engine():
+    """An engine that holds 0.8 of the nominal speed, as the ship with effects computes it."""
+    g = torch.Generator().manual_seed(1)
+    draw = torch.rand(5, 4, generator=g).double()
+    u0 = SHIP.particulars.speed
+    nu = torch.stack([u0 * (0.5 + 0.5 * draw[:, 0]), draw[:, 1] - 0.5, 0.02 * (draw[:, 2] - 0.5)], dim=-1)
+    delta, ratio = 0.6 * (draw[:, 3] - 0.5), torch.tensor([0.6, 0.8, 0.9, 1.0, 1.1]).double()
+    engine = Affected(CALM, [PowerLimit(SHIP)])
+    state = torch.cat([nu, torch.zeros(5, 3).double(), ratio[:, None]], dim=-1)
+    expected = engine(state, delta)[:, :3]
+    assert torch.allclose(calm_rate(CALM)(nu, delta, ratio), expected, atol=1e-12)
+    nominal = calm_rate(CALM)(nu, delta, torch.ones(5).double())
+    assert torch.allclose(nominal, CALM.acceleration(nu, delta), atol=1e-12)
+    assert (nominal - expected)[:, 0].abs().argsort()[0] == 3
+
+
+def test_a_run_can_be_cut_and_samples_marked():
+    run: Run = short().run
+    part = run.before(run.time[4])
+    assert len(part) == 5 and part.measured.shape == (5, 8) and len(part.lead) == 5
+    bad = np.zeros_like(run.measured, dtype=bool)
+    bad[3, 2] = True
+    marked = run.without(bad)
+    assert np.isnan(marked.measured[3, 2])
+    assert np.isnan(marked.measured).sum() - np.isnan(run.measured).sum() == int(np.isfinite(run.measured[3, 2]))
