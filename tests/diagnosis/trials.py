@@ -27,13 +27,13 @@ NOISE = np.array([0.8, 0.8, 0.05, 0.05, 0.1 * DEGREE, 0.02 * DEGREE, 0.05, 0.003
 ZIGZAG = zigzag(20.0, duration=240.0)
 CIRCLE = turning_circle(25.0, duration=240.0)
 PORT = turning_circle(15.0, side="port", duration=240.0)
-HELM = ((10.0, 30.0), (-10.0, 40.0), (20.0, 30.0), (-5.0, None))
-TIMED = Manoeuvre("timed", "random_rudder", tuple(Stage(a * DEGREE, hold=t) for a, t in HELM), duration=120.0)
+HELM = ((10.0, 20.0), (-10.0, 25.0), (20.0, 20.0), (-5.0, None))
+TIMED = Manoeuvre("timed", "random_rudder", tuple(Stage(a * DEGREE, hold=t) for a, t in HELM), duration=80.0)
 """Orders by the clock, so that effects do not shift them; the Mariner's rudder arrives on full seconds."""
 
 
-def sailed(trials: Sequence[Manoeuvre], effects: Sequence[Effect] = (), step: float = 0.5) -> list[Recording]:
-    """What happened, to the solver's accuracy."""
+def sailed(trials: Sequence[Manoeuvre], effects: Sequence[Effect] = (), step: float = 1.0) -> list[Recording]:
+    """What happened; steps of a second are good to a millimetre a minute."""
     with unchecked():
         return roll_out(Affected(CALM, list(effects)) if effects else CALM, list(trials), step=step)
 

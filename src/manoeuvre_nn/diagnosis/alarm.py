@@ -11,7 +11,7 @@ DRAWS = 2000
 """Clean sets of recordings that are drawn."""
 FALSE_ALARMS = 0.01
 """Share of clean sets that may raise an alarm."""
-LEAST = 4.5
+LEAST = 6.0
 """Least log Bayes factor over calm water of a named effect: what the draws' own model cannot know."""
 LEAST_UNKNOWN = 7.0
 """The same for something unknown, which has no formula to be tied to."""
@@ -67,16 +67,14 @@ def _drawn(
     return 0.5 * (z**2 * values / (1 + values)).sum(axis=1) - 0.5 * np.log1p(values).sum()
 
 
-def raised(contest: Contest, best: Judged | None, unknown: float) -> bool:
-    """Whether recordings and calm water differ by more than chance.
+def raised(contest: Contest, best: Judged | None) -> bool:
+    """Whether a named hypothesis beats calm water by more than chance.
 
     Args:
         contest: What was judged.
         best: The best named hypothesis.
-        unknown: Log evidence of something unknown.
 
     Returns:
-        Whether there is a mismatch.
+        Whether it raises the alarm.
     """
-    named = best is not None and best.evidence - contest.none.evidence > threshold(contest)
-    return named or unknown - contest.none.evidence > LEAST_UNKNOWN
+    return best is not None and best.evidence - contest.none.evidence > threshold(contest)

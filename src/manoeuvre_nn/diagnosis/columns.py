@@ -7,6 +7,7 @@ from scipy.linalg import expm
 from torch import Tensor
 
 from manoeuvre_nn.core.effect import Effect, Situation
+from manoeuvre_nn.diagnosis.calibrated import Corrections
 from manoeuvre_nn.diagnosis.linear import Columns, Linearised, Rate, shown
 from manoeuvre_nn.diagnosis.runs import CHANNELS, COUNT, Run
 from manoeuvre_nn.dynamics.model import Dynamics
@@ -191,10 +192,7 @@ def perfect(s: Situation) -> dict[str, Tensor]:
 
 
 def coefficient_columns(dynamics: Dynamics, line: Linearised, s: Situation) -> tuple[Columns, list[str]]:
-    """What each coefficient of the calm-water model adds if it is wrong by all of itself (100 %).
-
-    A model whose forces are no series of coefficients (a network) gets its forces split by equation and by parity
-    instead: its errors are of that kind too.
+    """What each correction of the calm-water model adds, by 100 %: coefficients, missing terms, inertias.
 
     Args:
         dynamics: The calm-water model.
@@ -202,73 +200,13 @@ def coefficient_columns(dynamics: Dynamics, line: Linearised, s: Situation) -> t
         s: The situation along the track.
 
     Returns:
-        One column a coefficient and its name; added masses and inertias are the last three.
+        One column a correction, and its name.
     """
-    hull = dynamics.hull
+    corrections = Corrections(dynamics)
     with torch.no_grad():
-        parts, names = [], []
-        if hull.table is not None:
-            products = hull.products(s.nu, s.delta)
-            for k, equation in torch.nonzero(hull.table).tolist():
-                force = torch.zeros_like(s.nu)
-                force[:, equation] = products[:, k] * hull.table[k, equation]
-                parts.append(hull.acceleration_from_force(s.nu, force))
-                names.append("XYN"[equation] + (hull.terms[k] or "0"))
-        else:
-            force = hull.force_from_acceleration(s.nudot)
-            calm = hull.force_from_acceleration(dynamics.acceleration(s.nu, torch.zeros_like(s.delta)))
-            for part, label in ((calm, "hull"), (force - calm, "rudder")):
-                for equation in range(3):
-                    only = torch.zeros_like(part)
-                    only[:, equation] = part[:, equation]
-                    parts.append(hull.acceleration_from_force(s.nu, only))
-                    names.append(f"{'XYN'[equation]}{label}")
-        extra, labels = _structural(dynamics, s)
-        parts += extra
-        names += labels
-        for equation in range(3):
-            lag = torch.zeros_like(s.nudot)
-            lag[:, equation] = -s.nudot[:, equation]
-            parts.append(lag)
-            names.append(f"M{'uvr'[equation]}")
-        a = torch.stack(parts)
+        a = corrections(s.nu, s.delta).permute(1, 0, 2)
         moved = moved_by(a, a.new_zeros(*a.shape[:2], 2), s.psi, line.run.step).permute(1, 2, 0).numpy()
-    return Columns(np.zeros((len(line.run), COUNT, len(names))), moved), names
-
-
-SURGE_TERMS = ("uu", "vv", "rr", "dd", "vr", "vd", "rd")
-LATERAL_TERMS = ("vV", "rR", "vvv", "vvr", "vrr", "rrr", "vdd", "rdd", "vvd", "rrd", "ddd", "uv", "ur", "ud")
-"""Terms that a published set may lack; a capital letter is a magnitude."""
-TURN = {"u": -0.3, "v": 0.25, "r": 0.7, "d": 0.35}
-"""A tight turn in prime variables: where such a term is weighed."""
-
-
-def _structural(dynamics: Dynamics, s: Situation) -> tuple[list[Tensor], list[str]]:
-    """Accelerations by terms that the model lacks, each as large in a tight turn as the model's own there."""
-    p = dynamics.particulars
-    units = s.nu.new_tensor([p.speed, p.speed, p.speed / p.length])
-    prime = s.nu / units
-    z = {"u": prime[:, 0] - 1, "v": prime[:, 1], "r": prime[:, 2], "d": s.delta}
-    hard = (
-        torch.stack([s.nu.new_tensor(1 + TURN["u"]), s.nu.new_tensor(-TURN["v"]), s.nu.new_tensor(TURN["r"])]) * units
-    )
-    d = s.nu.new_tensor(TURN["d"])
-    total = dynamics.acceleration(hard, d)
-    rudder = total - dynamics.acceleration(hard, torch.zeros_like(d))
-    size = torch.stack([0.5 * total[0].abs(), rudder[1].abs(), rudder[2].abs()])
-    parts, names = [], []
-    for equation, terms in enumerate((SURGE_TERMS, LATERAL_TERMS, LATERAL_TERMS)):
-        for term in terms:
-            here, there = torch.ones_like(s.psi), 1.0
-            for letter in term:
-                value = z[letter.lower()]
-                here = here * (value.abs() if letter.isupper() else value)
-                there *= abs(TURN[letter.lower()])
-            column = torch.zeros_like(s.nu)
-            column[:, equation] = here * size[equation] / there
-            parts.append(column)
-            names.append(f"{'XYN'[equation]}+{term}")
-    return parts, names
+    return Columns(np.zeros((len(line.run), COUNT, len(a))), moved), corrections.names
 
 
 def latency_column(line: Linearised) -> Columns:

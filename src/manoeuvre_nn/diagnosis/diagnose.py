@@ -10,6 +10,7 @@ from jaxtyping import Float
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.diagnosis import checks as checking
 from manoeuvre_nn.diagnosis.bench import Bench, bench, place_run
+from manoeuvre_nn.diagnosis.calibrated import Calibrated
 from manoeuvre_nn.diagnosis.court import Court
 from manoeuvre_nn.diagnosis.hypothesis import RANDOM, Hypothesis, Judged
 from manoeuvre_nn.diagnosis.locate import location, residuals
@@ -23,8 +24,8 @@ from manoeuvre_nn.dynamics.model import Dynamics
 
 SCALES = {"pos": 0.02, "psi": 0.5, "u": 0.1, "v": 0.1, "r": 0.03, "u_log": 0.1}
 """Errors that count as one: position in lengths, deg, m/s, m/s, deg/s, m/s."""
-NAMED = 0.5
-"""An effect is switched on in the repaired model from this probability."""
+HARM = 1.05
+"""Growth of the error of free runs from which an effect is not named."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,7 @@ class Question:
         undecided: What is known from the start to be undecidable, a sentence each.
         settings: For the record.
         threads: Candidates that are fitted at once.
+        calibrate: Whether the repaired model has its coefficients corrected too, within their usual scatter.
     """
 
     name: str
@@ -50,6 +52,7 @@ class Question:
     undecided: Sequence[str] = ()
     settings: Mapping[str, str] = field(default_factory=dict)
     threads: int = 1
+    calibrate: bool = True
 
 
 def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnosis:
@@ -72,7 +75,7 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
     found = residuals(stand, chosen.hypothesis)
     causes = _causes(question, tried, verdict, chosen)
     model = list(chosen.names)
-    mismatch = verdict.mismatch
+    mismatch = bool(chosen.names) or verdict.strange
     where = location(stand, tried, found)
     noise = _noise(stand)
     return Diagnosis(
@@ -89,7 +92,7 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
         runner_up=runner_up(tried, verdict),
         proofs=proofs,
         noise=noise,
-        next_steps=next_steps(tried, verdict, chosen),
+        next_steps=next_steps(tried, verdict, chosen, mismatch),
         undecided=list(question.undecided),
         tracks={r.name: r.measured[:, :2] for r in question.fitted},
         settings=question.settings,
@@ -106,7 +109,7 @@ def _repair(
     if verdict.best is not None and len(verdict.best.names) > 1:
         parts = [j for j in tried.judged if len(j.names) == 1 and set(j.names) <= set(verdict.best.names)]
         candidates += parts[:1]
-    probable = verdict.mismatch and verdict.unknown < 0.5
+    probable = verdict.named and verdict.unknown < 0.5
     checks: list[Check] = []
     proofs = _proofs(question, none, none)
     before = cost(proofs, question.dynamics, "before")
@@ -115,7 +118,7 @@ def _repair(
     for j in candidates:
         made = _proofs(question, none, j)
         after, gain = cost(made, question.dynamics, "after"), _foreseen(question, j, made)
-        helped = not made or gain > 0
+        helped = not made or (gain > 0 and after < HARM * before)
         text = (
             f"{' + '.join(j.names)}: free runs {before:.2f} -> {after:.2f} (in units of the scales), "
             f"log evidence of the held-out runs {gain:+.0f}"
@@ -167,6 +170,9 @@ def _proofs(question: Question, none: Judged, judged: Judged) -> list[Proof]:
     places = len(question.fitted)
     latency = 0.25 + float(np.mean(judged.nuisance[-places:])) if len(judged.nuisance) else 0.0
     model = Repaired(question.dynamics, judged.hypothesis, latency if judged.names else 0.0)
+    if judged.names and question.calibrate:
+        shares = question.dynamics.hull.inertia.new_tensor(judged.nuisance[:-places])
+        model = replace(model, calm=Calibrated(question.dynamics, shares))
     values = timed_values(question, judged)
     proofs = []
     for run, b, a in zip(
@@ -228,7 +234,7 @@ def _causes(question: Question, tried: Contest, verdict: Verdict, chosen: Judged
         j = max((j for j in tried.judged if name in j.names), key=lambda j: j.evidence)
         if name in named:
             j = chosen
-        elif verdict.mismatch and (named or verdict.unknown < 0.5):
+        elif verdict.named or verdict.strange:
             probability = min(probability, 0.49)  # it did not pass the checks
         k = j.names.index(name)
         e = prototypes[name]
@@ -245,8 +251,8 @@ def _causes(question: Question, tried: Contest, verdict: Verdict, chosen: Judged
                 e.source,
             )  # fmt: skip
         )
-    unknown = verdict.unknown if verdict.mismatch else min(verdict.unknown, 0.49)
-    if verdict.mismatch and not named:
+    unknown = verdict.unknown if verdict.strange else min(verdict.unknown, 0.49)
+    if verdict.strange and not named:
         unknown = max(unknown, 0.6)
     causes.append(
         Cause("unknown", "something that no candidate explains", unknown, 0.0, _equations(tried), (), None,

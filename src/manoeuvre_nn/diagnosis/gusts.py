@@ -11,10 +11,10 @@ from manoeuvre_nn.diagnosis.columns import contribution
 from manoeuvre_nn.diagnosis.court import Court, linear
 from manoeuvre_nn.diagnosis.hypothesis import Hypothesis, Judged
 from manoeuvre_nn.diagnosis.linear import Columns, Embedded
-from manoeuvre_nn.diagnosis.regression import FORCE_PRIOR, log_prior_levels
+from manoeuvre_nn.diagnosis.regression import FORCE_PRIOR, log_prior_levels, log_sum
 
-SIZES = (0.4, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
-"""Standard deviations of gusts that are tried [m/s]."""
+SHARES = (0.06, 0.1, 0.14, 0.2, 0.28, 0.4)
+"""Standard deviations of gusts over the mean wind that are tried; .1 to .2 is usual."""
 MEMORY = 30.0
 """Correlation time of gusts [s]; 20 to 60 s are usual."""
 KNOTS = 10.0
@@ -38,7 +38,9 @@ def judge_gusts(court: Court, steady: Judged, gusty: Effect) -> Judged:
     # Not the largest levels: a coloured force as large as gusts would only compete with them.
     levels = [int(g) for g in np.flatnonzero(bench.levels.max(axis=1) < 0.06)]
     size = bench.size + lin.count
-    grams, norms = np.zeros((len(SIZES), len(levels), size, size)), np.zeros((len(SIZES), len(levels)))
+    speed = [p.name for p in steady.hypothesis.effects[wind].declared].index("speed")
+    sizes = tuple(share * max(float(steady.hypothesis.values[wind][0, speed]), 1.0) for share in SHARES)
+    grams, norms = np.zeros((len(sizes), len(levels), size, size)), np.zeros((len(sizes), len(levels)))
     hidden = [_course(court, steady.hypothesis, wind, run) for run in range(len(bench.places))]
     for g, level in enumerate(levels):
         norms[:, g] = bench.at(level).norm
@@ -48,28 +50,28 @@ def judge_gusts(court: Court, steady: Judged, gusty: Effect) -> Judged:
             more, loose, base = white.embed(c), white.embed(hidden[run]), bench.at(level).base[run]
             both = Embedded(np.hstack([base.outer, more.outer]), np.hstack([base.inner, more.inner]))
             own, cross, whole = loose.dot(loose), loose.dot(both), both.dot(both)
-            for k, sd in enumerate(SIZES):
+            for k, sd in enumerate(sizes):
                 factor = np.linalg.cholesky(sd**2 * own + np.eye(len(own)))
                 half = solve_triangular(factor, sd * cross, lower=True)
                 grams[k, g][np.ix_(where, where)] += whole - half.T @ half
                 norms[k, g] -= np.log(np.diag(factor)).sum()
     prior = log_prior_levels(bench, FORCE_PRIOR)
     tried = []
-    for k in range(len(SIZES)):
+    for k in range(len(sizes)):
         known = {
             int(level): court.regress(steady.hypothesis, grams[k, [g]], norms[k, [g]]) for g, level in enumerate(levels)
         }
         tried.append(court.verdict(steady.hypothesis, known, prior))
-    return _chosen(tried, steady.hypothesis, wind, gusty)
+    return _chosen(tried, sizes, steady.hypothesis, wind, gusty)
 
 
-def _chosen(tried: list[Judged], hypothesis: Hypothesis, wind: int, gusty: Effect) -> Judged:
+def _chosen(tried: list[Judged], sizes: tuple[float, ...], hypothesis: Hypothesis, wind: int, gusty: Effect) -> Judged:
     """The best size, by a parabola through the three best on a logarithmic scale, as a hypothesis of its own."""
     scores = np.array([j.evidence for j in tried])
     k = int(scores.argmax())
-    size, error = SIZES[k], 0.5 * SIZES[k]
-    if 0 < k < len(SIZES) - 1:
-        at = np.log(SIZES[k - 1 : k + 2])
+    size, error = sizes[k], 0.5 * sizes[k]
+    if 0 < k < len(sizes) - 1:
+        at = np.log(sizes[k - 1 : k + 2])
         curve = np.polyfit(at, scores[k - 1 : k + 2], 2)
         size, error = float(np.exp(-0.5 * curve[1] / curve[0])), float(size / np.sqrt(-2 * curve[0]))
     judged = tried[k]
@@ -81,7 +83,11 @@ def _chosen(tried: list[Judged], hypothesis: Hypothesis, wind: int, gusty: Effec
         new[:, j] = old[:, names.index(p.name)] if p.name in names else (size if p.name == "gust_sd" else MEMORY)
     values[wind] = new
     effects = tuple(gusty if n == wind else e for n, e in enumerate(hypothesis.effects))
-    return replace(judged, hypothesis=Hypothesis(effects, tuple(values)), random={"gust_sd": (size, error)})
+    # Averaged over the sizes, not the best of them: trying many sizes must not pay.
+    evidence = log_sum(scores) - float(np.log(len(scores)))
+    return replace(
+        judged, hypothesis=Hypothesis(effects, tuple(values)), evidence=evidence, random={"gust_sd": (size, error)}
+    )
 
 
 def _course(court: Court, hypothesis: Hypothesis, wind: int, run: int) -> Columns:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from manoeuvre_nn.diagnosis.alarm import LEAST_MORE, raised
+from manoeuvre_nn.diagnosis.alarm import LEAST_MORE, LEAST_UNKNOWN, raised
 from manoeuvre_nn.diagnosis.hypothesis import Judged
 from manoeuvre_nn.diagnosis.search import Contest
 from manoeuvre_nn.diagnosis.unknown import unknown_evidence
@@ -21,7 +21,8 @@ class Verdict:
     """Probabilities.
 
     Attributes:
-        mismatch: Whether recordings and calm water differ by more than chance.
+        named: Whether the best named hypothesis beats calm water by more than chance.
+        strange: Whether something unknown does.
         none: That calm water explains the recordings.
         unknown: That something acts which the shelf does not have.
         effects: Of every effect being present.
@@ -29,7 +30,8 @@ class Verdict:
         bayes: Log Bayes factor of the best hypothesis of every effect over calm water.
     """
 
-    mismatch: bool
+    named: bool
+    strange: bool
     none: float
     unknown: float
     effects: Mapping[str, float]
@@ -60,15 +62,15 @@ def decide(contest: Contest, temperature: float = 1.0) -> Verdict:
     share = np.exp(log_weight - log_weight.max())
     share /= share.sum()
     best = judged[int(log_weight[2:].argmax())] if judged else None
-    mismatch = raised(contest, best, stranger)
-    if mismatch:
+    named, strange = raised(contest, best), stranger - contest.none.evidence > LEAST_UNKNOWN
+    if named or strange:
         share[0] = min(share[0], 1 - QUIET)
     elif share[0] < QUIET:
         share[1:] *= (1 - QUIET) / share[1:].sum()
         share[0] = QUIET
     effects = {n: float(sum(p for (has, *_), p in zip(weights, share, strict=True) if n in has)) for n in names}
     bayes = {n: max(j.evidence for j in contest.judged if n in j.names) - contest.none.evidence for n in names}
-    return Verdict(mismatch, float(share[0]), float(share[1]), effects, best, bayes)
+    return Verdict(named, strange, float(share[0]), float(share[1]), effects, best, bayes)
 
 
 def _worth_its_size(contest: Contest, judged: Judged) -> bool:

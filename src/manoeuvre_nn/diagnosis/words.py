@@ -87,18 +87,19 @@ def _odds(gap: float) -> str:
     return f"1 to {np.exp(min(gap, 13.8)):.0f}" if gap < 13.8 else "less than one in a million"
 
 
-def next_steps(tried: Contest, verdict: Verdict, chosen: Judged) -> list[str]:
+def next_steps(tried: Contest, verdict: Verdict, chosen: Judged, mismatch: bool) -> list[str]:
     """What to record next.
 
     Args:
         tried: The contest.
         verdict: The probabilities.
         chosen: What was found.
+        mismatch: Whether recordings and model differ.
 
     Returns:
         Sentences, most useful first.
     """
-    if not verdict.mismatch:
+    if not mismatch:
         return [
             "Nothing more is needed for these manoeuvres; another speed or a harder turn would test the model further."
         ]

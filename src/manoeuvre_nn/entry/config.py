@@ -164,6 +164,36 @@ def chosen_effects(config: DictConfig | None, ship: Ship) -> list[Effect]:
     return [build(settings, ship=ship) for settings in (config or {}).values()]
 
 
+def with_effects(cfg: DictConfig) -> DictConfig:
+    """Take the effects of ``effects=FILE``, as diagnose.py writes it, among those that were chosen with ``effect=``.
+
+    Args:
+        cfg: The config.
+
+    Returns:
+        The config with the file's entries in ``cfg.effect``.
+
+    Raises:
+        InputError: If the file holds anything else than entries of effects, or one that was chosen already.
+    """
+    if cfg.get("effects") is None:
+        return cfg
+    found, chosen = load_yaml(Path(cfg.effects)), cfg.get("effect") or {}
+    entries = found.values() if isinstance(found, Mapping) else [None]
+    if not all(isinstance(entry, Mapping) and TARGET in entry for entry in entries):
+        raise InputError(
+            f"effects={cfg.effects}: expected entries as in conf/effect, such as an effects.yaml of diagnose.py"
+        )
+    for name, entry in found.items():
+        check_target(str(entry[TARGET]))
+        made = get_object(str(entry[TARGET]))
+        if not (inspect.isclass(made) and issubclass(made, Effect)):
+            raise InputError(f"effects={cfg.effects}: {entry[TARGET]} is no effect")
+        if name in chosen:
+            raise InputError(f"{name} is both in effect= and in {cfg.effects}: leave one out")
+    return OmegaConf.merge(OmegaConf.create(OmegaConf.to_container(cfg)), {"effect": dict(found)})  # type: ignore
+
+
 def approach_speed(config: DictConfig) -> float | None:
     """``manoeuvre.speed_kn`` in m/s.
 
@@ -244,6 +274,20 @@ def load_yaml(path: Path) -> Any:
         return yaml.safe_load(path.read_text())
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise InputError(f"{path} is no valid yaml: {str(error).splitlines()[0]}") from error
+
+
+def load_mapping(name: str, folder: Path) -> Any:
+    """Read how a kind of file is mapped.
+
+    Args:
+        name: Path of a yaml, or the name of one in the folder.
+        folder: ``conf/recording``.
+
+    Returns:
+        Its content.
+    """
+    named = folder / f"{name}.yaml"
+    return load_yaml(named if named.is_file() else Path(str(name)))
 
 
 def _is_config(value: Any) -> bool:

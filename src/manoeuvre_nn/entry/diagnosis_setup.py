@@ -1,4 +1,272 @@
-"""From a config to what a diagnosis is about: the ship or network, the candidates, the runs."""
+"""From a config to what a diagnosis is about: the calm-water model, the candidates, the runs."""
 
+import inspect
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+import yaml
+from hydra.utils import get_object
+from omegaconf import DictConfig, OmegaConf
+
+from manoeuvre_nn.core.effect import Effect
+from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.diagnosis.answers import LISTED
+from manoeuvre_nn.diagnosis.case import Case, read_case, read_runs
+from manoeuvre_nn.diagnosis.diagnose import Question
+from manoeuvre_nn.diagnosis.result import Cause, Diagnosis
+from manoeuvre_nn.diagnosis.runs import CHANNELS
+from manoeuvre_nn.dynamics.base import Dynamics
+from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip, Scaling
+from manoeuvre_nn.entry import config as configs
+from manoeuvre_nn.entry.job import blank_network, fit_of, known_part
+from manoeuvre_nn.entry.provenance import CONFIG, versions
+from manoeuvre_nn.training.checkpoint import load_weights, read_checkpoint
 
 DEFAULT, ALL = "default", "all"
+SENSOR = "sensor:"
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What all cases of a command have in common, checked before anything is computed.
+
+    Attributes:
+        cfg: The config.
+        shelf: Effect -> its entry in conf/effect.
+        wanted: Names of the candidates.
+        model: Network instead of a ship's coefficients; None takes these.
+    """
+
+    cfg: DictConfig
+    shelf: Mapping[str, Mapping[str, Any]]
+    wanted: Sequence[str]
+    model: IdentifiedShip | None
+
+    def case(self, folder: Path) -> Case:
+        """Read a concealed case.
+
+        Args:
+            folder: Its folder.
+
+        Returns:
+            The case.
+        """
+        return read_case(folder, self.cfg.rudder_positive_to, self.model.known if self.model else None)
+
+    def runs(self, conf: Path) -> Case:
+        """Read a person's own runs.
+
+        Args:
+            conf: The folder ``conf``.
+
+        Returns:
+            The case.
+        """
+        c = self.cfg
+        mapping = None if c.mapping is None else configs.build(configs.load_mapping(c.mapping, conf / "recording"))
+        held_out = c.held_out if isinstance(c.held_out, str) else configs.as_list(c.held_out)
+        configs.check_arguments(read_runs, {"folder": None, "warmup": c.warmup_s})
+        return read_runs(
+            Path(c.recordings), self._ship(), held_out,
+            mapping=mapping, rudder_positive_to=c.rudder_positive_to, warmup=c.warmup_s,
+        )  # fmt: skip
+
+    def _ship(self) -> Ship | None:
+        """What was chosen with ship= and model=; None leaves it to a manifest."""
+        ship = configs.build(self.cfg.ship) if self.cfg.get("ship") is not None else None
+        if self.model is None:
+            if isinstance(ship, Particulars):
+                raise InputError(
+                    f"the {ship.name} has particulars but no coefficients: write model=OUT/checkpoints/best.ckpt of a "
+                    "network that was trained on it, or choose a ship with coefficients"
+                )
+            return ship
+        known = self.model.particulars
+        p = ship.particulars if isinstance(ship, Ship) else ship
+        if p is not None and abs(p.length / known.length - 1) > 0.02:
+            raise InputError(f"model={self.cfg.model} is of the {known.name}, ship= is the {p.name}: leave ship= out")
+        return self.model.known
+
+    def question(self, case: Case) -> tuple[Question, list[Effect]]:
+        """What is asked about a case.
+
+        Args:
+            case: The case.
+
+        Returns:
+            The question, and the candidates.
+        """
+        dynamics: Dynamics = CalmWater(case.hull)
+        if self.model is not None:
+            dynamics = IdentifiedShip(case.hull, self.model.network, self.model.scaling)
+        effects, left_out = self.candidates(case)
+        settings = {
+            "ship": case.hull.particulars.name,
+            "model": str(self.cfg.model or "coefficients of the ship"),
+            "candidates": ", ".join(e.name for e in effects),
+            **versions(),
+        }
+        undecided = (*case.undecided, *left_out)
+        return Question(case.name, dynamics, case.fitted, case.held_out, effects, undecided, settings), effects
+
+    def candidates(self, case: Case) -> tuple[list[Effect], list[str]]:
+        """Candidates that a case can say something about.
+
+        Args:
+            case: The case.
+
+        Returns:
+            Prototypes of the effects, and a sentence for each reason to leave some out.
+
+        Raises:
+            InputError: If one that was asked for by name does not suit the ship, or none is left.
+        """
+        recorded = {c for k, c in enumerate(CHANNELS) if any(np.isfinite(r.measured[:, k]).any() for r in case.fitted)}
+        made: list[Effect] = []
+        unseen: list[Effect] = []
+        unsuited: list[str] = []
+        for name in self.wanted:
+            try:
+                effect = _prototype(self.shelf[name], case.hull)
+            except InputError:
+                if self.cfg.candidates not in (DEFAULT, ALL):
+                    raise
+                unsuited.append(name)
+                continue
+            (made if _can_be_seen(effect, recorded) else unseen).append(effect)
+        if not made:
+            raise InputError(
+                f"candidates={self.cfg.candidates}: none of them can be seen in the channels of {case.name}"
+            )
+        said = [f"Not judged, for no channel shows it: {', '.join(e.name for e in unseen)}."] if unseen else []
+        said += [f"Not judged, for the model gives no basis: {', '.join(unsuited)}."] if unsuited else []
+        return made, said
+
+
+def setup(cfg: DictConfig, conf: Path) -> Setup:
+    """Check everything that concerns all cases.
+
+    Args:
+        cfg: The config.
+        conf: The folder ``conf``.
+
+    Returns:
+        What they have in common.
+    """
+    shelf = {path.stem: configs.load_yaml(path) for path in sorted((conf / "effect").glob("*.yaml"))}
+    model = None if cfg.model is None else load_model(Path(cfg.model))
+    return Setup(cfg, shelf, wanted(cfg.candidates, shelf), model)
+
+
+def wanted(chosen: Any, shelf: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Names of the candidates.
+
+    Args:
+        chosen: ``default``, ``all``, a name or a list of names.
+        shelf: Effect -> its entry in conf/effect.
+
+    Returns:
+        Names. An effect with a seed is one realisation of many: unless answers may name it, it cannot be fitted.
+
+    Raises:
+        InputError: If a name is unknown or cannot be fitted.
+    """
+    classes = {name: _class_of(entry) for name, entry in shelf.items()}
+    possible = [n for n, c in classes.items() if n in LISTED or "seed" not in inspect.signature(c).parameters]
+    if chosen == DEFAULT:
+        return [name for name in possible if name in LISTED]
+    names = possible if chosen == ALL else [str(name) for name in configs.as_list(chosen)]
+    for name in names:
+        check_choice("candidate", name, possible)
+    if not names:
+        raise InputError("candidates=[] names no effect: write for instance candidates=[wind_steady,current]")
+    return names
+
+
+def _class_of(entry: Mapping[str, Any]) -> type[Effect]:
+    configs.check_target(entry[configs.TARGET])
+    return get_object(entry[configs.TARGET])
+
+
+def _prototype(entry: Mapping[str, Any], ship: Ship) -> Effect:
+    """An effect with its choices as in conf/effect; values are for the fit to find."""
+    values = {p.name for p in _class_of(entry).declared}
+    return configs.build({k: v for k, v in entry.items() if k not in values}, ship=ship)
+
+
+def _can_be_seen(effect: Effect, recorded: set[str]) -> bool:
+    """Whether it is more than an error of sensors that were not there."""
+    sensors = {e.removeprefix(SENSOR) for e in effect.equations if e.startswith(SENSOR)}
+    return len(sensors) < len(effect.equations) or bool(sensors & (recorded | {"delta"}))
+
+
+def load_model(path: Path) -> IdentifiedShip:
+    """An identified ship from the checkpoint of a training.
+
+    Args:
+        path: ``OUT/checkpoints/best.ckpt`` or ``last.ckpt``; the run's ``OUT/config.yaml`` says what the network is.
+
+    Returns:
+        Known part and network in double precision.
+
+    Raises:
+        InputError: If the checkpoint cannot be used, or its run's config is missing or foreign.
+    """
+    read_checkpoint(path)
+    config = path.resolve().parents[1] / CONFIG
+    if not config.is_file():
+        raise InputError(
+            f"model={path}: there is no {config}, which says what network it is: give it in its run's folder"
+        )
+    content = configs.load_yaml(config)
+    if not isinstance(content, dict) or not {"ship", "linear", "network", "fit", "manoeuvre"} <= set(content):
+        raise InputError(f"model={path}: {config} is no config of train.py")
+    cfg = OmegaConf.create(content)
+    assert isinstance(cfg, DictConfig)
+    _, known = known_part(cfg)
+    network, _, dtype = blank_network(cfg)
+    blank = Scaling(torch.zeros(4), torch.ones(4), torch.ones(3))
+    fit = fit_of(cfg, IdentifiedShip(known, network, blank).to(dtype))
+    load_weights(fit, path)
+    return fit.dynamics.double()
+
+
+def found_effects(d: Diagnosis, effects: Sequence[Effect], shelf: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+    """What was found in the form of entries of conf/effect.
+
+    Args:
+        d: The diagnosis.
+        effects: The candidates.
+        shelf: Effect -> its entry in conf/effect.
+
+    Returns:
+        Effect of the repaired model -> entry with the values found, in the package's signs.
+    """
+    known = {e.name: e for e in effects}
+    return {c.name: {**shelf[c.name], **_values(c, known[c.name])} for c in d.causes if c.name in d.model}
+
+
+def _values(cause: Cause, effect: Effect) -> dict[str, float]:
+    """Values within the effect's bounds; times of an event are those of the first run that shows it."""
+    times = next((times[0] for times in (cause.intervals or {}).values() if times), None)
+    found = dict(zip([p.name for p in effect.declared if p.per_run], times or (), strict=False))
+    found |= {v.name: v.value for v in cause.parameters}
+    bounds = {p.name: (p.low, p.high) for p in effect.declared}
+    return {name: float(f"{np.clip(value, *bounds[name]):.6g}") for name, value in found.items()}
+
+
+def write_effects(found: Mapping[str, Any], sentence: str, path: Path) -> None:
+    """Write what was found so that ``python train.py effects=FILE`` sails with it.
+
+    Args:
+        found: From :func:`found_effects`.
+        sentence: What it is, for the first line.
+        path: File to write.
+    """
+    text = yaml.safe_dump(dict(found), sort_keys=False, allow_unicode=True) if found else "{}\n"
+    path.write_text(f"# {' '.join(sentence.split())}\n# python train.py ship=... effects={path.name}\n{text}")

@@ -6,6 +6,7 @@ import re
 import sys
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import yaml
 from hydra.errors import HydraException
@@ -99,14 +100,20 @@ def _one_line(text: str) -> str:
         return f"{missing[1]}={missing[2]} is unknown; choose one of: {', '.join(options)}"
     missing = re.search(r"Could not load '([^']+)/([^'/]+)'", text)
     if missing:
-        return f"{missing[1]}={missing[2]} is unknown; python train.py --help lists the choices"
+        return f"{missing[1]}={missing[2]} is unknown; python {_program()} --help lists the choices"
     key = re.search(r"Could not override '([^']+)'", text) or re.search(r"Key '([^']+)' is not in struct", text)
     full = re.search(r"full_key: (\S+)", text)
     if key:
-        return f"there is no setting {(full or key)[1]}; python train.py --cfg job lists them all"
+        return f"there is no setting {(full or key)[1]}; python {_program()} --cfg job lists them all"
     mandatory = re.search(r"Missing mandatory value: (\S+)", text)
     if mandatory:
         name = (full or mandatory)[1]
         return f"{name} must be given: write {name}=..."
     lines = [line.strip() for line in text.splitlines() if line.strip() and "HYDRA_FULL_ERROR" not in line]
     return " ".join(lines[:3])[:400]
+
+
+def _program() -> str:
+    """The entry point that was called, for advice."""
+    called = Path(sys.argv[0]).name
+    return called if called == "diagnose.py" else "train.py"

@@ -9,7 +9,7 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from manoeuvre_nn.core.errors import InputError, check_choice
-from manoeuvre_nn.core.ship import Ship
+from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.entry import config as configs
 from manoeuvre_nn.entry.provenance import check_same_run, finished, resolved, write_provenance
@@ -57,6 +57,7 @@ def train(cfg: DictConfig, out: Path, conf: Path, console: Console | None = None
     """
     console = console or Console()
     torch.set_num_threads(configs.whole_number("trainer.threads", cfg.trainer.threads, 1))
+    cfg = configs.with_effects(cfg)
     job = prepare(cfg, conf)
     check_same_run(cfg, out)
     if finished(out, job.session.max_epochs):
@@ -82,23 +83,47 @@ def prepare(cfg: DictConfig, conf: Path) -> Job:
     Returns:
         The job.
     """
+    ship, known = known_part(cfg)
+    network, scaling, dtype = blank_network(cfg)
+    seed = configs.whole_number("seed", cfg.seed, 0)
+    lasting = {k: v for k, v in cfg.trainer.items() if k != "threads"}
+    for kind, given in ((session.Session, lasting), (RolloutScore, {"held_out": None, **cfg.scoring})):
+        configs.check_arguments(kind, given)
+    common = {"ship": ship, "known": known, "seed": seed, "dtype": dtype}
+    return Job(_data(cfg, common, conf), network, scaling, dtype, session.Session(**lasting))
+
+
+def known_part(cfg: DictConfig) -> tuple[Ship | Particulars, Ship]:
+    """The ship at its approach speed and the part of its forces that is taken as known.
+
+    Args:
+        cfg: The config.
+
+    Returns:
+        Ship and known part.
+    """
     ship, speed = configs.build(cfg.ship), configs.approach_speed(cfg.manoeuvre)
     if speed is not None and isinstance(ship, Ship):
         ship = ship.on_approach(speed)  # the known part and g are then in units of this speed
-    known = configs.build(cfg.linear, ship=ship)
+    return ship, configs.build(cfg.linear, ship=ship)
+
+
+def blank_network(cfg: DictConfig) -> tuple[torch.nn.Module, str, torch.dtype]:
+    """The network with its first weights.
+
+    Args:
+        cfg: The config.
+
+    Returns:
+        Network, kind of scaling, floating type.
+    """
     settings = OmegaConf.to_container(cfg.network, resolve=True)
     assert isinstance(settings, dict)
     scaling, name = str(settings.pop("scaling")), str(settings.pop("dtype"))
     check_choice("network.scaling", scaling, list(KINDS))
     check_choice("network.dtype", name, list(DTYPES))
     dtype = DTYPES[name]
-    seed = configs.whole_number("seed", cfg.seed, 0)
-    network = configs.build(settings, seed=seed, dtype=dtype)
-    lasting = {k: v for k, v in cfg.trainer.items() if k != "threads"}
-    for kind, given in ((session.Session, lasting), (RolloutScore, {"held_out": None, **cfg.scoring})):
-        configs.check_arguments(kind, given)
-    common = {"ship": ship, "known": known, "seed": seed, "dtype": dtype}
-    return Job(_data(cfg, common, conf), network, scaling, dtype, session.Session(**lasting))
+    return configs.build(settings, seed=configs.whole_number("seed", cfg.seed, 0), dtype=dtype), scaling, dtype
 
 
 def _data(cfg: DictConfig, common: dict[str, Any], conf: Path) -> ManoeuvreData:
@@ -126,9 +151,7 @@ def _recorded(cfg: DictConfig, common: dict[str, Any], names: list[str], conf: P
     if settings["mapping"] is None:
         there = ", ".join(sorted(p.stem for p in (conf / "recording").glob("*.yaml")))
         raise InputError(f"data.mapping is not given: write the path of a yaml that maps columns, or one of: {there}")
-    named = conf / "recording" / f"{settings['mapping']}.yaml"
-    path = named if named.is_file() else Path(settings["mapping"])
-    settings["mapping"] = configs.load_yaml(path)
+    settings["mapping"] = configs.load_mapping(settings["mapping"], conf / "recording")
     settings["files"] = configs.as_list(settings["files"])
     return configs.build(settings, **common, score=names)
 
@@ -144,7 +167,19 @@ def make_fit(cfg: DictConfig, job: Job) -> Fit:
         The Lightning module.
     """
     scaling = make_scaling(job.scaling, job.data.known, job.data.tuples)
-    dynamics = IdentifiedShip(job.data.known, job.network, scaling).to(job.dtype)
+    return fit_of(cfg, IdentifiedShip(job.data.known, job.network, scaling).to(job.dtype))
+
+
+def fit_of(cfg: DictConfig, dynamics: IdentifiedShip) -> Fit:
+    """Give a model to the chosen method.
+
+    Args:
+        cfg: The config.
+        dynamics: Known part, network and scaling.
+
+    Returns:
+        The Lightning module.
+    """
     settings = OmegaConf.to_container(cfg.fit, resolve=True)
     assert isinstance(settings, dict)
     if "seed" in settings:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
+from manoeuvre_nn.peers.noise import Noise, noise_of
 from manoeuvre_nn.peers.stand import Guess, Stand
 
 LONGEST_STEP = 1.5
@@ -13,82 +14,6 @@ ROUNDS, SWEEPS = 6, 3
 """Most Gauss-Newton steps, and most turns of weighting anew."""
 CLOSE = 0.1
 """Gain of the criterion below which a fit has converged."""
-MEMORY = 0.9
-"""Largest autocorrelation of neighbouring averages."""
-BLOCKS = ((0, 1, 2), (3,), (4,))
-"""Rows whose errors are correlated: the equations with each other, not with the log and the gyro."""
-
-
-@dataclass(frozen=True)
-class Noise:
-    """What is random in the averaged errors.
-
-    Attributes:
-        memory: Autocorrelation of each row from one average to the next.
-        covariance: Of what is new in each average.
-    """
-
-    memory: Float[np.ndarray, " 5"]
-    covariance: Float[np.ndarray, "5 5"]
-
-    def fresh(self, rows: Float[np.ndarray, "b 5 *k"], parts: list[slice]) -> Float[np.ndarray, "b 5 *k"]:
-        """What is new in each average of a run; the first is all new, and as precise as its variance lets it be.
-
-        Args:
-            rows: Errors or columns.
-            parts: Rows of each run.
-
-        Returns:
-            Same shape.
-
-        Source:
-            Prais & Winsten 1954.
-        """
-        memory = self.memory.reshape(-1, *[1] * (rows.ndim - 2))
-        new = rows.copy()
-        for part in parts:
-            new[part][1:] -= memory * rows[part][:-1]
-            new[part][0] *= np.sqrt(1 - memory**2)
-        return new
-
-    @property
-    def root(self) -> Float[np.ndarray, "5 5"]:
-        """Matrix that makes what is new independent and of variance one."""
-        return np.linalg.cholesky(np.linalg.inv(self.covariance)).T
-
-    def deviance(self, count: int, runs: int) -> float:
-        """Minus twice the log likelihood at its own estimates, up to a constant.
-
-        Args:
-            count: Averages.
-            runs: Runs.
-
-        Returns:
-            The deviance.
-        """
-        return float(count * np.linalg.slogdet(self.covariance)[1] - runs * np.log(1 - self.memory**2).sum())
-
-
-def noise_of(errors: Float[np.ndarray, "b 5"], parts: list[slice]) -> Noise:
-    """Noise estimated from errors.
-
-    Args:
-        errors: Errors.
-        parts: Rows of each run.
-
-    Returns:
-        The noise.
-    """
-    power = (errors**2).sum(axis=0) + 1e-12
-    product = sum((errors[p][1:] * errors[p][:-1]).sum(axis=0) for p in parts)
-    noise = Noise(np.clip(product / power, -MEMORY, MEMORY), np.eye(5))
-    new = noise.fresh(errors, parts)
-    covariance = 1e-8 * np.eye(5)
-    for block in BLOCKS:
-        covariance[np.ix_(block, block)] += new[:, block].T @ new[:, block] / len(new)
-    return Noise(noise.memory, covariance)
-
-
 @dataclass(frozen=True)
 class Fit:
     """A guess at its best values.
@@ -168,8 +93,8 @@ def _look(stand: Stand, guess: Guess, noise: Noise) -> tuple[Fit, float, Float[n
     """The fit of the nuisances at a guess, its cost, and the step to where the guess would be better."""
     errors, slopes = stand.evaluate(guess)
     q = slopes.shape[-1]
-    white = _white(noise, np.concatenate([slopes, stand.nuisance], axis=-1), stand.parts)
-    target = _white(noise, errors[..., None], stand.parts)[:, 0]
+    white = noise.white(np.concatenate([slopes, stand.nuisance], axis=-1), stand.parts)
+    target = noise.white(errors[..., None], stand.parts)[:, 0]
     off, held, sizes = _known(guess)
     prior = np.concatenate([held, 1 / np.maximum(stand.spread, 1e-9) ** 2])
     gram, right = white.T @ white + np.diag(prior), white.T @ target
@@ -184,11 +109,6 @@ def _look(stand: Stand, guess: Guess, noise: Noise) -> tuple[Fit, float, Float[n
     criterion = found.deviance(len(left), len(stand.parts)) + penalty + guess.size * np.log(len(left))
     cost = float(((target - white[:, q:] @ nuisance) ** 2).sum()) + penalty
     return Fit(guess, left, found, penalty, spread[:q, :q], nuisance, criterion), cost, (spread @ right)[:q]
-
-
-def _white(noise: Noise, rows: Float[np.ndarray, "b 5 k"], parts: list[slice]) -> Float[np.ndarray, "m k"]:
-    """Rows of variance one, all averages under each other."""
-    return np.einsum("ij,bjk->bik", noise.root, noise.fresh(rows, parts)).reshape(-1, rows.shape[-1])
 
 
 def _known(guess: Guess) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

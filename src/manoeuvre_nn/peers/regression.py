@@ -7,20 +7,27 @@ number of samples that counts is the effective one.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.core.effect import Effect
-from manoeuvre_nn.peers.fit import Fit, descend, fit
+from manoeuvre_nn.effect.wind import GustyWind
+from manoeuvre_nn.peers.fit import CLOSE, Fit, descend, fit
+from manoeuvre_nn.peers.gusts import with_gusts
+from manoeuvre_nn.peers.noise import noise_of
 from manoeuvre_nn.peers.stand import RANDOM, Guess, Stand
-from manoeuvre_nn.peers.windows import placed, timed
+from manoeuvre_nn.peers.windows import Scene, placed, timed
 
 PROMISING = 2
 """Starts of an effect that are fitted to the end."""
-SIZES = (0.5, 1.0, 2.0)
+SHORT = 0.2
+"""Most memory that is granted to noise while an event is looked for."""
+TURNS = 4
+"""Turns of fitting values and times."""
+SIZES = (0.5, 1.0, 2.0, 4.0)
 """Factors on the first size of an event with which its times are looked for."""
 NOT_TOGETHER = ({"wind_steady", "wind_gusty", "wind_onset"}, {"side_force", "bow_thruster"})
 """Names of one thing."""
@@ -66,15 +73,20 @@ def contest(stand: Stand, effects: Sequence[Effect], progress: Progress = lambda
     """
     none = fit(stand, Guess(), None)
     fits = []
-    for effect in effects:
+    gusty = next((e for e in effects if isinstance(e, GustyWind)), None)
+    plain = [e for e in effects if e is not gusty]
+    for effect in plain:
         progress(effect.name)
         fits.append(added(stand, none, effect))
     first = min(fits, key=lambda f: f.criterion)
-    for effect in effects:
+    for effect in plain:
         both = {effect.name, first.guess.names[0]}
         if len(both) == 2 and not any(len(both & same) == 2 for same in NOT_TOGETHER):
             progress(" + ".join((*first.guess.names, effect.name)))
             fits.append(added(stand, first, effect))
+    if gusty is not None:
+        windy = [f for f in fits if "wind_steady" in f.guess.names and f.criterion < none.criterion]
+        fits += [with_gusts(stand, f, gusty) for f in windy]
     return Contest(stand, none, sorted(fits, key=lambda f: f.criterion))
 
 
@@ -108,50 +120,44 @@ def _starts(effect: Effect) -> Float[np.ndarray, "k p"]:
 
 def _event(stand: Stand, base: Fit, effect: Effect) -> Fit:
     """The same for an effect that acts for a while: its times and its values in turn."""
-    left = _at_samples(stand, base, None)
-    weight = _at_a_sample(stand, base)
+    # What calm water leaves contains the event: taken for noise with a long memory, it would hide itself.
+    noise = noise_of(base.left, stand.parts, most=SHORT)
+    scenes = scenes_of(stand, base.guess)
     tried = []
     for row, size in product(_starts(effect), SIZES):
-        values = row.copy()
-        values[0] *= size
-        tried.append(placed(stand.tracks, effect, np.tile(values, (len(stand.tracks), 1)), left, weight))
+        values = np.tile(row, (len(stand.tracks), 1))
+        values[:, 0] *= size
+        tried.append(placed(scenes, effect, values, noise))
     tried.sort(key=lambda t: -t[1])
-    best: Fit | None = None
-    for values, _ in tried[:PROMISING]:
-        found = fit(stand, base.guess.joined(effect, values), base)
-        for _ in range(3):
-            left = _at_samples(stand, found, effect)
-            times, _ = placed(stand.tracks, effect, found.guess.values[-1], left, _at_a_sample(stand, found))
-            again = fit(stand, base.guess.joined(effect, times), found)
-            if again.criterion >= found.criterion - 0.1:
-                break
-            found = again
-        if best is None or found.criterion < best.criterion:
-            best = found
-    assert best is not None
+    found = [_settled(stand, base, effect, values) for values, _ in tried[:PROMISING]]
+    return min(found, key=lambda f: f.criterion)
+
+
+def _settled(stand: Stand, base: Fit, effect: Effect, values: Float[np.ndarray, "runs p"]) -> Fit:
+    """Values at given times, times at given values, until nothing is gained."""
+    best = fit(stand, base.guess.joined(effect, values), base)
+    for _ in range(TURNS):
+        scenes = scenes_of(stand, base.guess.at(best.guess.vector[: len(base.guess.free)]))
+        times, _ = placed(scenes, effect, best.guess.values[-1], best.noise)
+        again = fit(stand, base.guess.joined(effect, times), best)
+        if again.criterion >= best.criterion - CLOSE:
+            break
+        best = again
     return best
 
 
-def _at_a_sample(stand: Stand, found: Fit) -> Float[np.ndarray, "5 5"]:
-    """Covariance of the errors as if all that is in an average, and its memory, were in independent samples."""
-    long = 1 / (1 - found.noise.memory)
-    return found.noise.covariance * np.outer(long, long) * stand.tracks[0].window / 2
+def scenes_of(stand: Stand, guess: Guess) -> list[Scene]:
+    """Runs in which an event is looked for.
 
+    Args:
+        stand: The runs.
+        guess: What else acts.
 
-def _at_samples(stand: Stand, found: Fit, but: Effect | None) -> list[Float[np.ndarray, "n 5"]]:
-    """Errors at every sample, without what nuisances and effects explain, but for that of one effect.
-
-    What explains them is known at the averages and taken as straight lines between them.
+    Returns:
+        One a run.
     """
-    explained = stand.nuisance @ found.nuisance
-    names = [e.name for e in found.guess.effects]
-    rest = found.guess
-    if but is not None:
-        k = names.index(but.name)
-        rest = replace(rest, effects=rest.effects[:k] + rest.effects[k + 1 :], values=rest.values[:k] + rest.values[k + 1 :])  # fmt: skip
-    explained = explained + stand.errors - stand.evaluate(rest)[0]
-    result = []
-    for track, part in zip(stand.tracks, stand.parts, strict=True):
-        model = [np.interp(track.run.time, track.times, explained[part, c]) for c in range(5)]
-        result.append(track.errors()[0] - np.stack(model, axis=-1))
-    return result
+    errors = stand.evaluate(guess)[0]
+    return [
+        Scene(track, errors[part], stand.nuisance[part], stand.spread)
+        for track, part in zip(stand.tracks, stand.parts, strict=True)
+    ]

@@ -66,6 +66,11 @@ class Smooth:
         """Middle of every average [s]."""
         return self.averaged(self.run.time[:, None])[:, 0]
 
+    @cached_property
+    def weights(self) -> Float[np.ndarray, "b n"]:
+        """Weight of every sample in every average."""
+        return self.averaged(np.eye(len(self.run)))
+
     def averaged(self, rows: Float[np.ndarray, "n *k"]) -> Float[np.ndarray, "b *k"]:
         """Averages over windows that overlap by half, under a Hann window.
 

@@ -1,11 +1,13 @@
-"""Events within a run: when a force acts, found as the stretch of time in which it explains most."""
+"""Events within a run: when a force acts, found as the interval in which it explains most."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.core.effect import Effect
+from manoeuvre_nn.peers.noise import Noise
 from manoeuvre_nn.peers.residual import Smooth
 from manoeuvre_nn.peers.stand import Guess
 
@@ -13,8 +15,10 @@ NEVER = 7000.0
 """Start and end of an event that a run does not have [s]."""
 ALWAYS = (-1e4, 1e5)
 """Start and end of an event that lasts all the time [s]."""
-WORTH = 6.0
+WORTH = 3.0
 """Gain in squared deviations below which a run has no event."""
+GRID = 2
+"""Samples between the times that are tried."""
 
 
 def timed(effect: Effect) -> list[int]:
@@ -29,62 +33,78 @@ def timed(effect: Effect) -> list[int]:
     return [c for c, p in enumerate(effect.declared) if p.per_run]
 
 
-def scan(
-    track: Smooth, effect: Effect, values: Float[np.ndarray, " p"], left: Float[np.ndarray, "n 5"],
-    weight: Float[np.ndarray, "5 5"],
-) -> tuple[Float[np.ndarray, " p"], float]:  # fmt: skip
-    """Times between which a force of given size explains most of the errors.
+@dataclass(frozen=True)
+class Scene:
+    """A run in which an event is looked for.
 
-    The squared deviations that it saves add up over the samples, so that the best interval is the one with the largest
-    sum.
-
-    Args:
+    Attributes:
         track: The run.
-        effect: The force.
-        values: Its parameters, times among them.
-        left: Errors at every sample without it.
-        weight: Covariance of the errors at a sample, their correlation in time taken in.
-
-    Returns:
-        The values with new times, and what is saved.
+        left: Averaged errors without the event.
+        nuisance: What is uncertain anyway, as columns of them.
+        spread: Prior standard deviations of that.
     """
-    columns, always = timed(effect), values.copy()
-    always[columns] = ALWAYS[: len(columns)]
-    _, pushed = track.contribution(effect, always[None])
-    root = np.linalg.cholesky(np.linalg.inv(weight)).T
-    unit = pushed[..., 0] / track.unit[:3]
-    push, target = unit @ root[:, :3].T, left @ root.T
-    saved = np.concatenate([[0.0], np.cumsum((2 * target * push - push * push).sum(axis=1))])
-    time = np.append(track.run.time, track.run.time[-1] + track.run.step)
-    if len(columns) == 1:
-        start, end = int(saved.argmin()), len(saved) - 1
-    else:
-        end = int((saved - np.minimum.accumulate(saved)).argmax())
-        start = int(saved[: end + 1].argmin())
-    gain = float(saved[end] - saved[start])
-    new = values.copy()
-    new[columns] = [time[start], time[end]][: len(columns)] if gain > WORTH else NEVER
-    return new, max(gain, 0.0)
+
+    track: Smooth
+    left: Float[np.ndarray, "b 5"]
+    nuisance: Float[np.ndarray, "b 5 m"]
+    spread: Float[np.ndarray, " m"]
+
+    def scan(self, effect: Effect, values: Float[np.ndarray, " p"], noise: Noise) -> tuple[np.ndarray, float]:
+        """Times between which a force of given size explains most of the errors, nuisances integrated out.
+
+        What it does from the start of the run up to any time is whitened once; every interval is a difference of two.
+
+        Args:
+            effect: The force.
+            values: Its parameters, times among them.
+            noise: Of the errors.
+
+        Returns:
+            The values with new times, and the squared deviations that are saved.
+        """
+        columns, always, whole = timed(effect), values.copy(), [slice(0, len(self.left))]
+        always[columns] = ALWAYS[: len(columns)]
+        white = noise.white(self._upto(effect, always), whole)
+        target = noise.white(self.left[..., None], whole)
+        loose = noise.white(self.nuisance * self.spread, whole)
+        kept = np.linalg.inv(np.eye(loose.shape[1]) + loose.T @ loose)
+        seen = white - loose @ (kept @ (loose.T @ white))
+        overlap, gram = (target.T @ seen)[0], white.T @ seen
+        size = np.diag(gram)
+        saved = np.triu(2 * (overlap[None] - overlap[:, None]) - size[None] - size[:, None] + 2 * gram, 1)
+        if len(columns) == 1:
+            saved[:, :-1] = 0.0
+        start, end = np.unravel_index(int(saved.argmax()), saved.shape)
+        run, best, new = self.track.run, float(saved[start, end]), values.copy()
+        times = run.time[0] + GRID * run.step * np.array([start, end])
+        new[columns] = times[: len(columns)] if best > WORTH else NEVER
+        return new, best
+
+    def _upto(self, effect: Effect, always: Float[np.ndarray, " p"]) -> Float[np.ndarray, "b 5 g"]:
+        """What a force that acts up to each time of the grid takes off the averaged errors."""
+        push = self.track.contribution(effect, always[None])[1][..., 0] / self.track.unit[:3]
+        sums = np.cumsum(self.track.weights.T[:, :, None] * push[:, None, :], axis=0)[GRID - 1 :: GRID]
+        rows = np.zeros((len(self.left), 5, len(sums) + 1))
+        rows[:, :3, 1:] = sums.transpose(1, 2, 0)
+        return rows
 
 
 def placed(
-    tracks: Sequence[Smooth], effect: Effect, values: Float[np.ndarray, "runs p"], left: Sequence[np.ndarray],
-    weight: Float[np.ndarray, "5 5"],
-) -> tuple[Float[np.ndarray, "runs p"], float]:  # fmt: skip
-    """The same in several runs.
+    scenes: Sequence[Scene], effect: Effect, values: Float[np.ndarray, "runs p"], noise: Noise
+) -> tuple[Float[np.ndarray, "runs p"], float]:
+    """The best times in several runs.
 
     Args:
-        tracks: The runs.
+        scenes: The runs.
         effect: The force.
         values: Its parameters in each.
-        left: Errors at every sample of each without it.
-        weight: Covariance of the errors at a sample.
+        noise: Of the errors.
 
     Returns:
         Values with new times, and what is saved in all.
     """
-    found = [scan(t, effect, v, e, weight) for t, v, e in zip(tracks, values, left, strict=True)]
-    return np.stack([v for v, _ in found]), sum(gain for _, gain in found)
+    found = [scene.scan(effect, row, noise) for scene, row in zip(scenes, values, strict=True)]
+    return np.stack([row for row, _ in found]), sum(gain for _, gain in found)
 
 
 def intervals(guess: Guess, effect: int, tracks: Sequence[Smooth]) -> dict[str, list[list[float]]] | None:
@@ -103,7 +123,7 @@ def intervals(guess: Guess, effect: int, tracks: Sequence[Smooth]) -> dict[str, 
         return None
     found = {}
     for track, row in zip(tracks, guess.values[effect], strict=True):
-        times = [*row[columns], track.run.time[-1]][:2]
-        acts = times[0] < min(times[1], track.run.time[-1])
-        found[track.run.name] = [[float(max(times[0], 0.0)), float(times[1])]] if acts else []
+        last = float(track.run.time[-1])
+        start, end = [*row[columns], last][:2]
+        found[track.run.name] = [[float(start), float(min(end, last))]] if start < last else []
     return found
