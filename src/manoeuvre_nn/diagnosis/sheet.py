@@ -174,6 +174,8 @@ def to_run(sheet: Sheet, step: float, ship: Particulars, kind: str, held_out: bo
     measured = np.stack([even.channels.get(name, gap) for name in CHANNELS], axis=-1)
     shown = even.filled("delta")
     order = even.filled("order") if "order" in even.channels else estimated_order(shown, step, ship.rudder_rate)
+    if abs(order[0] - shown[0]) > ship.rudder_rate * step:
+        order[0] = shown[0]  # the recording begins with a new order: until then the rudder was at rest
     delta, noise = smooth_rudder(shown, order, step, ship.rudder_rate)
     lead = order_lead(shown, order, step, ship.rudder_rate)
     shaft = smooth_shaft(measured[:, CHANNELS.index("n")])

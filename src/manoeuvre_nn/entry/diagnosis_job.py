@@ -6,7 +6,6 @@ Columns of a csv: see :func:`~manoeuvre_nn.diagnosis.case.read_runs`.
 import traceback
 from pathlib import Path
 from time import monotonic
-from typing import Any
 
 import torch
 from omegaconf import DictConfig, OmegaConf
@@ -33,7 +32,6 @@ OF_ANSWERS = ["candidates", "model", "rudder_positive_to"]
 """Settings that answers of cases depend on; a command with others may not go on in their folder."""
 STEPS = WIDTH + 6
 """Steps of a diagnosis beside one a candidate: pairs, gusts, tracks, proof."""
-Read = Any
 
 
 def run_diagnosis(cfg: DictConfig, out: Path, conf: Path) -> None:
@@ -87,7 +85,7 @@ def answer_cases(cfg: DictConfig, out: Path, conf: Path, console: Console) -> No
         raise InputError("ship= goes with recordings=: the ship of a case is in its manifest.json")
     kept = OmegaConf.masked_copy(cfg, OF_ANSWERS)
     common = setup(cfg, conf)
-    check_same_run(kept, out)
+    check_same_run(kept, out, "out")
     write_provenance(kept, out)
     todo = [f for f in folders if not (out / f.name / ANSWER).is_file()]
     failed = []
@@ -189,7 +187,7 @@ def diagnose_recordings(cfg: DictConfig, out: Path, conf: Path, console: Console
     """
     common = setup(cfg, conf)
     case = common.runs(conf)
-    check_same_run(cfg, out)
+    check_same_run(cfg, out, "out")
     if (out / ANSWER).is_file():
         console.print(f"{out} holds this diagnosis already: nothing to do", soft_wrap=True)
         return

@@ -78,12 +78,13 @@ def finished(out: Path, max_epochs: int) -> bool:
     return stopped != CTRL_C and not (stopped == ALL_EPOCHS and epochs < max_epochs)
 
 
-def check_same_run(cfg: DictConfig, out: Path) -> None:
+def check_same_run(cfg: DictConfig, out: Path, setting: str = "hydra.run.dir") -> None:
     """Refuse to go on in a folder that holds a run with other settings.
 
     Args:
         cfg: The config.
         out: Output folder.
+        setting: What chooses the folder, for the message.
 
     Raises:
         InputError: If a setting differs; the message names it.
@@ -93,7 +94,7 @@ def check_same_run(cfg: DictConfig, out: Path) -> None:
     try:
         before = flat(yaml.safe_load((out / CONFIG).read_text()))
     except (yaml.YAMLError, AttributeError, UnicodeDecodeError) as error:
-        raise InputError(f"{out / CONFIG} is damaged: remove the folder or choose another hydra.run.dir") from error
+        raise InputError(f"{out / CONFIG} is damaged: remove the folder or choose another {setting}") from error
     before = {k: v for k, v in before.items() if not k.startswith("versions.")}
     # The round trip through yaml makes both sides the same kind of number.
     now = flat(yaml.safe_load(yaml.safe_dump(resolved(cfg))))
@@ -101,7 +102,7 @@ def check_same_run(cfg: DictConfig, out: Path) -> None:
         if key not in NOT_COMPARED and before.get(key) != now.get(key):
             raise InputError(
                 f"{out} holds a run with {key}={before.get(key)}, this one has {key}={now.get(key)}: "
-                "choose another hydra.run.dir or remove the folder"
+                f"choose another {setting} or remove the folder"
             )
 
 
