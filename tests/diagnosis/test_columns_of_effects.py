@@ -1,20 +1,21 @@
 """What an effect adds to a run, against simulations with the effect, loops and solvers."""
 
+import copy
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 import torch
-from fleet import unchecked
 from pytest import approx
 from scipy.integrate import solve_ivp
-from trials import CALM, NOISE, SHIP, TIMED, ZIGZAG, about, run_of, sailed, states_of, values
+from trials import CALM, NOISE, SHIP, TIMED, ZIGZAG, about, quickly, run_of, sailed, states_of, values
 
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis.bench import NOMINAL, place_run
+from manoeuvre_nn.diagnosis.calibrated import Calibrated, Corrections
 from manoeuvre_nn.diagnosis.columns import (
     _memory,
     blade_along,
@@ -26,7 +27,7 @@ from manoeuvre_nn.diagnosis.columns import (
 )
 from manoeuvre_nn.diagnosis.linear import Columns, Linearised, Noise, Whitened, calm_rate, joined, linearise, shown
 from manoeuvre_nn.diagnosis.runs import CHANNELS
-from manoeuvre_nn.dynamics.calibrated import Calibrated
+from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.depth import ShallowWater
 from manoeuvre_nn.effect.local import Tow
@@ -82,7 +83,7 @@ def truth(name: str) -> tuple[Linearised, Columns]:
 
 
 def added(effect: Effect, line: Linearised) -> Columns:
-    with unchecked():
+    with quickly():
         return contribution(effect, values(effect), line, RATE, situation(line, RATE))
 
 
@@ -143,7 +144,7 @@ def test_on_the_bench_the_true_values_leave_no_misfit_and_calm_water_much(name):
     """The smoother knows nothing of the effect; what it lays aside, the effect's columns must take up."""
     effect, p = LARGE[name], SHIP.particulars
     run = run_of(sailed([replace(ZIGZAG, duration=160.0)], [effect], step=1.0)[0])
-    with unchecked():
+    with quickly():
         place, _ = place_run(CALM, run)
     force = 1e-3 * p.speed**2 / p.length * np.array([1.0, 1.0, 1.0 / p.length])
     white = Whitened(place.line, Noise(NOMINAL, force, p.time_unit), np.array([2.0, 2.0, 0.01, 50.0, 50.0, 0.3]))
@@ -159,7 +160,7 @@ def test_several_sets_of_values_are_several_columns():
     effect = LARGE["wind_steady"]
     sets = np.repeat(values(effect), 3, axis=0)
     sets[:, 0] = [0.0, 5.0, 10.0]
-    with unchecked():
+    with quickly():
         s = situation(line, RATE)
         many = contribution(effect, sets, line, RATE, s)
         alone = contribution(effect, sets[1:2], line, RATE, s)
@@ -172,7 +173,7 @@ def test_the_blade_behind_play_moves_only_where_the_indicator_pushes_it():
     half, blade = 2.5 * DEGREE, [run.delta[0]]
     for shown_now in run.delta[1:]:
         blade.append(min(max(blade[-1], shown_now - half), shown_now + half))
-    with unchecked():
+    with quickly():
         found = blade_along(LARGE["rudder_backlash"].at(torch.tensor([[[5.0]]]).double()), run, deltas(run))
     assert found[0].numpy() == approx(np.array(blade), abs=1e-12)
     assert np.abs(blade - run.delta).max() == approx(half)
@@ -201,7 +202,7 @@ def test_the_blade_of_a_slow_rudder_follows_each_order_from_the_time_at_which_it
     shown_angle = moved(nominal) + 0.01  # an indicator that is off all the time: the fault is added to it
     made = replace(run, order=order, lead=lead, delta=shown_angle)
     slow = LARGE["rudder_slow"].at(torch.tensor([[[1.5]], [[2.0]]]).double())
-    with unchecked():
+    with quickly():
         found = blade_along(slow, made, deltas(made).expand(2, -1)).numpy()
     for row, rate in enumerate((1.5, 2.0)):
         expected = shown_angle + moved(rate * DEGREE) - moved(nominal)
@@ -212,7 +213,7 @@ def test_the_blade_of_a_slow_rudder_follows_each_order_from_the_time_at_which_it
 def test_own_states_are_those_of_an_ode_solver_along_the_track(name):
     line, _ = truth(name)
     effect = LARGE[name]
-    with unchecked():
+    with quickly():
         s = situation(line, RATE)
         found = _memory(effect.at(effect.values[None, None]), s, 1, line.run.step)[0].numpy()
     t, p = line.run.time, SHIP.particulars
@@ -239,27 +240,65 @@ def calm_line() -> Linearised:
     return about(run_of(calm_record()), states_of(calm_record()))
 
 
-def test_a_coefficients_column_is_what_the_corrected_ship_does_within_each_step():
-    line, table = calm_line(), SHIP.table
-    with unchecked():
+def changed(coefficient: tuple[int, int] | None = None, inertia: int | None = None) -> CalmWater:
+    """The ship with one number of its set, or its inertia in one direction, larger by a thousandth."""
+    ship = copy.deepcopy(SHIP)
+    if coefficient is not None:
+        ship.series.coefficients[coefficient] *= 1.001
+    if inertia is not None:
+        ship.inertia_inverse[inertia] /= 1.001
+    return CalmWater(ship)
+
+
+def test_a_coefficients_column_is_what_a_ship_with_another_number_does_within_each_step():
+    line = calm_line()
+    with quickly():
         columns, names = coefficient_columns(CALM, line, situation(line, RATE))
-        cases = [(names.index("XYN"[e] + (SHIP.terms[k] or "0")), k, e) for k, e in torch.nonzero(table).tolist()]
-        assert len(cases) > 20
-        for column, k, e in cases:
-            factors = torch.zeros_like(table)
-            factors[k, e] = 1e-3
-            assert_same_step(line, Calibrated(CALM, factors, torch.zeros(3).double()), columns.moved[..., column])
-        for e, letter in enumerate("uvr"):
-            heavy = Calibrated(CALM, torch.zeros_like(table), 1e-3 * torch.eye(3).double()[e])
-            assert_same_step(line, heavy, columns.moved[..., names.index(f"M{letter}")])
-    assert not columns.measured.any()
+        entries = torch.nonzero(SHIP.table).tolist()
+        cases = [(names.index("XYN"[e] + (SHIP.terms[k] or "0")), changed((k, e))) for k, e in entries]
+        cases += [(names.index(f"M{letter}"), changed(inertia=e)) for e, letter in enumerate("uvr")]
+        assert len(cases) > 20 and not columns.measured.any()
+        for column, other in cases:
+            more = (linearise(line.run, calm_rate(other), line.track, 20.0).defect - line.defect) / 1e-3
+            off = np.abs(columns.moved[..., column] - more) / (np.abs(more).max(axis=0) + STATES)
+            assert off[:, :3].max() < 0.02 and off.max() < 0.1, names[column]
 
 
-def assert_same_step(line: Linearised, other: Calibrated, moved: np.ndarray):
-    changed = linearise(line.run, calm_rate(other), line.track, 20.0)
-    more = (changed.defect - line.defect) / 1e-3
-    off = np.abs(moved - more) / (np.abs(more).max(axis=0) + STATES)
-    assert off[:, :3].max() < 0.02 and off.max() < 0.1
+def test_a_calibrated_ship_is_one_with_other_numbers():
+    corrections, state = Corrections(CALM), calm_line().track[::7]
+    nu, delta = torch.tensor(state[:, :3]), torch.tensor(calm_line().run.delta[::7])
+    (k, e), shares = torch.nonzero(SHIP.table).tolist()[4], torch.zeros(len(corrections.names)).double()
+    shares[corrections.names.index("XYN"[e] + SHIP.terms[k])] = 1e-3
+    found = Calibrated(CALM, shares).acceleration(nu, delta)
+    assert torch.allclose(found, changed((k, e)).acceleration(nu, delta), rtol=0, atol=1e-12)
+    assert not torch.allclose(found, CALM.acceleration(nu, delta), rtol=0, atol=1e-9)
+    shares = torch.zeros_like(shares)
+    shares[corrections.names.index("Mv")] = 1e-3
+    found = Calibrated(CALM, shares).acceleration(nu, delta)
+    assert torch.allclose(found, changed(inertia=1).acceleration(nu, delta), rtol=2e-6, atol=1e-12)
+    slow = Calibrated(CALM, shares).on_approach(5.0)
+    assert slow.particulars.speed == 5.0 and slow.hull.particulars.speed == 5.0
+
+
+class Opaque(CalmWater):
+    """Accelerations without a set of coefficients behind them, as a network's."""
+
+    @property
+    def hull(self):
+        bare = copy.copy(self.ship)
+        bare.__class__ = type("Bare", (type(self.ship),), {"table": None})
+        return bare
+
+
+def test_a_model_without_coefficients_is_corrected_by_hull_and_rudder():
+    """Both parts by 100 % in every equation are the whole force once more."""
+    corrections, line = Corrections(Opaque(SHIP)), calm_line()
+    nu, delta = torch.tensor(line.track[:, :3]), torch.tensor(line.run.delta)
+    with quickly():
+        rows = corrections(nu, delta)
+    at = [corrections.names.index(f"{e}{part}") for part in ("hull", "rudder") for e in "XYN"]
+    assert torch.allclose(rows[:, at].sum(dim=1), CALM.acceleration(nu, delta), atol=1e-12)
+    assert not rows[delta == 0][:, at[3:]].any(), "a rudder amidships has no force"
 
 
 def test_terms_that_the_ship_lacks_weigh_as_much_as_its_rudder_in_a_tight_turn():
@@ -267,7 +306,7 @@ def test_terms_that_the_ship_lacks_weigh_as_much_as_its_rudder_in_a_tight_turn()
     hard = np.array([0.7 * p.speed, -0.25 * p.speed, 0.7 * p.speed / p.length, 0.0, 0.0, 0.0])
     run = run_of(calm_record()).before(2.0)
     line = about(replace(run, delta=np.full(3, 0.35)), np.tile(hard, (3, 1)))
-    with unchecked():
+    with quickly():
         columns, names = coefficient_columns(CALM, line, situation(line, RATE))
         nu = torch.tensor(hard[:3])
         rudder = CALM.acceleration(nu, nu.new_tensor(0.35)) - CALM.acceleration(nu, nu.new_tensor(0.0))

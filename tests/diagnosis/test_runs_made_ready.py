@@ -60,6 +60,14 @@ def test_a_perfect_indicator_is_left_as_it_is():
     assert smooth == approx(shown, abs=1e-12) and noise == approx(0.0, abs=1e-12)
 
 
+def test_a_rudder_that_turns_from_the_first_sample_on_is_not_blurred():
+    """A recording that begins with the order: the indicator is not yet where the order is."""
+    order, shown = gear([(0.0, 20.0), (60.7, -20.0)])
+    recorded = noisy(shown)
+    smooth, noise = smooth_rudder(recorded, order, 1.0, RATE)
+    assert np.array_equal(smooth[:8], recorded[:8]) and noise == approx(NOISE, rel=0.2)
+
+
 def test_a_spike_at_rest_does_not_move_the_mean():
     order, shown = gear(ZIGZAG)
     recorded = noisy(shown)

@@ -1,7 +1,7 @@
 """All fitted runs of a ship on one bench: what any column adds to any of them, at every level of noise."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from threading import Lock
 
@@ -23,6 +23,8 @@ FORCE_LEVELS = (0.003, 0.015, 0.05, 0.15, 0.5)
 """Levels of the coloured force that no hypothesis explains, over the resistance and the force of 20 deg of rudder."""
 SCATTER_LEVELS = (0.002, 0.01, 0.03, 0.07, 0.2)
 """Levels of the relative error of the calm-water coefficients."""
+SEEN = 0.02
+"""Least signal-to-noise ratio, squared, of a combination of coefficients that is carried along."""
 LATENCY, LATENCY_SPREAD = 0.25, 0.25
 """Delay of the satellite receiver [s]: mean and s.d. before the recording is seen."""
 
@@ -67,7 +69,8 @@ class Bench:
         dynamics: Calm-water model.
         rate: Its accelerations.
         places: The runs.
-        coefficients: Names of the coefficients.
+        coefficients: Names of the combinations of coefficients that the runs can show.
+        rotation: The combinations, one a column: coefficients' errors are ``rotation @`` those of the combinations.
         levels: Level of the coloured acceleration in surge and in sway and yaw, one row a grid point.
     """
 
@@ -81,10 +84,20 @@ class Bench:
         """
         self.dynamics, self.rate = dynamics, calm_rate(dynamics)
         self.places, self.coefficients = list(places), list(coefficients)
+        self.rotation = np.eye(len(self.coefficients))
         self.unit = typical(dynamics)
         self.levels = np.array(list(product(FORCE_LEVELS, FORCE_LEVELS)))
         self._at: dict[int, _Level] = {}
         self._making = Lock()
+        self._turn()
+
+    def _turn(self) -> None:
+        """Keep the combinations of coefficients that the runs can show; the prior is the same in all directions."""
+        k = len(self.coefficients)
+        values, vectors = np.linalg.eigh(self._made(0).base_gram[1 : 1 + k, 1 : 1 + k])
+        self.rotation = vectors[:, values * SCATTER_LEVELS[-1] ** 2 > SEEN]
+        self.coefficients = [f"combination {n + 1}" for n in range(self.rotation.shape[1])]
+        self.places = [replace(p, base=_turned(p.base, self.rotation)) for p in self.places]
 
     def at(self, level: int) -> "_Level":
         """The runs whitened at a grid point; made when it is first asked for.
@@ -156,6 +169,16 @@ class Bench:
             g[np.ix_(n + at, n + at)] += more.dot(more)
         g[n:, :n] = g[:n, n:].T
         return g
+
+
+def _turned(base: Columns, rotation: Float[np.ndarray, "k kept"]) -> Columns:
+    """Base columns with the coefficients' combined."""
+    k = len(rotation)
+
+    def turn(a: np.ndarray) -> np.ndarray:
+        return np.concatenate([a[..., :1], a[..., 1 : 1 + k] @ rotation, a[..., 1 + k :]], axis=-1)
+
+    return Columns(turn(base.measured), turn(base.moved))
 
 
 def typical(dynamics: Dynamics) -> Float[np.ndarray, " 3"]:

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.ship import Particulars, Ship
-from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.core.units import DEGREE, KNOT
 from manoeuvre_nn.diagnosis.manifest import adapted, numbers, read_manifest
 from manoeuvre_nn.diagnosis.plausible import check_sheet
 from manoeuvre_nn.diagnosis.runs import CHANNELS, Run
@@ -84,7 +84,7 @@ def read_case(folder: Path, rudder_positive_to: str = "port", ship: Ship | None 
     m = read_manifest(folder)
     if "ship" not in m or "runs" not in m:
         raise InputError(f"{folder / 'manifest.json'} lacks {'ship' if 'ship' not in m else 'runs'}: it is no case")
-    return _case(folder, m, ship_of(m, ship), _sheets_listed(m["runs"], rudder_positive_to), AUTO, None)
+    return _case(folder, m, ship_of(m, ship), _sheets_listed(m["runs"], rudder_positive_to), AUTO)
 
 
 def read_runs(
@@ -94,7 +94,9 @@ def read_runs(
     *,
     mapping: ChannelMapping | None = None,
     rudder_positive_to: str = "port",
-    warmup: float | None = None,
+    speed_kn: float | None = None,
+    rpm: float | None = None,
+    warmup_s: float | None = None,
 ) -> Case:
     """Read a person's own runs.
 
@@ -109,7 +111,9 @@ def read_runs(
         held_out: Names of the runs to prove by, or ``auto``: the manifest's, else :func:`choose_held_out`.
         mapping: How other columns are read; None takes those above.
         rudder_positive_to: Side that a positive rudder angle turns the ship to; a mapping says so itself.
-        warmup: Time up to which a held-out run may be looked at [s]; None takes the manifest's, or 2 L/U0.
+        speed_kn: Approach speed of the model [kn]; None takes the manifest's, or the ship's own.
+        rpm: Nominal shaft speed [rpm]; the same.
+        warmup_s: Time up to which a held-out run may be looked at [s]; None takes the manifest's, or 2 L/U0.
 
     Returns:
         The case.
@@ -120,8 +124,11 @@ def read_runs(
     if not folder.is_dir():
         raise InputError(f"recordings={folder} is not a folder: write the folder that holds the csv files")
     m = read_manifest(folder) if (folder / "manifest.json").is_file() else {}
+    told = {"approach_speed_m_s": speed_kn and speed_kn * KNOT, "nominal_rpm": rpm}
+    m["particulars"] = {**m.get("particulars", {}), **{k: v for k, v in told.items() if v is not None}}
+    m |= {} if warmup_s is None else {"warmup_s": warmup_s}
     read: Reader = _sheets_listed(m.get("runs"), rudder_positive_to) if mapping is None else _sheets_mapped(mapping)
-    return _case(folder, m, ship_of(m, ship), read, held_out, warmup)
+    return _case(folder, m, ship_of(m, ship), read, held_out)
 
 
 def ship_of(manifest: Mapping[str, Any], ship: Ship | None = None) -> Ship:
@@ -188,13 +195,11 @@ def _sheets_mapped(mapping: ChannelMapping) -> Reader:
     return read
 
 
-def _case(
-    folder: Path, m: Mapping[str, Any], hull: Ship, read: Reader, held_out: Sequence[str] | str, warmup: float | None
-) -> Case:
+def _case(folder: Path, m: Mapping[str, Any], hull: Ship, read: Reader, held_out: Sequence[str] | str) -> Case:
     """Files read and put on even times with the same step, some of them held out."""
     p = hull.particulars
     sheets = read(folder, p)
-    warmup = numbers(m).get("warmup_s", WARMUP * p.time_unit) if warmup is None else warmup
+    warmup = numbers(m).get("warmup_s", WARMUP * p.time_unit)
     listed = {entry["run"]: entry for entry in m.get("runs", ())}
     kinds = {s.name: str(listed.get(s.name, {}).get("manoeuvre") or guess_kind(_even_rudder(s))) for s in sheets}
     if held_out == AUTO and all(s.name in listed for s in sheets):
@@ -205,7 +210,7 @@ def _case(
     step = common_step(sheets, p)
     runs = tuple(to_run(s, step, p, kinds[s.name], split[s.name], warmup) for s in sheets)
     name = str(m.get("case", folder.resolve().name))
-    return Case(name, str(m.get("ship", p.name)), m, runs, hull, undecided(runs))
+    return Case(name, str(m.get("ship", p.name)), m, runs, hull, (*undecided(runs), *derived(sheets)))
 
 
 def _even_rudder(sheet: Sheet) -> Float[np.ndarray, " n"]:
@@ -269,11 +274,29 @@ def undecided(runs: Sequence[Run]) -> tuple[str, ...]:
     moved = max(float(np.ptp(run.delta)) for run in fitted) > STILL
     said = {
         "The rudder never moved: nothing about rudder, hull and loading can be decided.": not moved,
-        "No position: a current and a lever arm of the antenna cannot be told.": not seen["x"],
-        "No speed log: a current is seen in turns only, and the log cannot be judged.": not seen["u_log"],
+        "No position: a lever arm of the antenna cannot be told, and a current by velocities alone.": not seen["x"],
+        "No speed log: a current is told by turns alone, and the log cannot be judged.": not seen["u_log"],
         "No yaw rate: the rate gyro cannot be judged.": not seen["r"],
         "No shaft speed: it counts as nominal, and a power limit looks like added resistance.": not seen["n"],
         "One run: agreement between runs cannot be tested.": len(fitted) == 1,
         "No held-out run: nothing is proved, and an effect is only proposed.": len(fitted) == len(runs),
+    }
+    return tuple(sentence for sentence, true in said.items() if true)
+
+
+def derived(sheets: Sequence[Sheet]) -> tuple[str, ...]:
+    """What had to be made from other channels.
+
+    Args:
+        sheets: The runs as they came.
+
+    Returns:
+        A sentence each.
+    """
+    said = {
+        "No velocity over ground: it was taken from the track.": any("vn" in s.derived for s in sheets),
+        "No helm order: it was taken from the rudder angle, so that a slow gear cannot be told.": any(
+            "order" not in s.channels for s in sheets
+        ),
     }
     return tuple(sentence for sentence, true in said.items() if true)

@@ -63,7 +63,8 @@ def contribution(
         acceleration = acceleration + acting.acceleration(here, memory)
         stream = acting.stream(here).expand(rows, n, 2)
         moved = moved_by(acceleration, stream, s.psi, line.run.step)
-        return Columns(_recorded(acting, line, s, rows), moved.permute(1, 2, 0).numpy())
+        seen = s.with_(shaft=shaft.expand(rows, n))
+        return Columns(_recorded(acting, line, seen, rows), moved.permute(1, 2, 0).numpy())
 
 
 def _blade(acting: Effect, line: Linearised, rows: int) -> Tensor | None:

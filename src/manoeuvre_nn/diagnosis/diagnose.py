@@ -111,12 +111,12 @@ def _repair(
         candidates += parts[:1]
     probable = verdict.named and verdict.unknown < 0.5
     checks: list[Check] = []
-    proofs = _proofs(question, none, none)
+    proofs = _proofs(question, stand, none, none)
     before = cost(proofs, question.dynamics, "before")
     if not probable:
         return none, proofs, checks
     for j in candidates:
-        made = _proofs(question, none, j)
+        made = _proofs(question, stand, none, j)
         after, gain = cost(made, question.dynamics, "after"), _foreseen(question, j, made)
         helped = not made or (gain > 0 and after < HARM * before)
         text = (
@@ -159,10 +159,10 @@ def cost(proofs: Sequence[Proof], dynamics: Dynamics, when: str) -> float:
         return 0.0
     scale = {k: v * (dynamics.particulars.length if k == "pos" else 1.0) for k, v in SCALES.items()}
     rows = [[getattr(p, f"rmse_{when}")[c] / scale[c] for c in SCALES] for p in proofs]
-    return float(np.sqrt(np.mean(np.square(rows))))
+    return float(np.sqrt(np.nanmean(np.square(rows))))  # channels that were not recorded are not judged
 
 
-def _proofs(question: Question, none: Judged, judged: Judged) -> list[Proof]:
+def _proofs(question: Question, stand: Bench, none: Judged, judged: Judged) -> list[Proof]:
     """Held-out runs predicted before and after."""
     if not question.held_out:
         return []
@@ -171,7 +171,7 @@ def _proofs(question: Question, none: Judged, judged: Judged) -> list[Proof]:
     latency = 0.25 + float(np.mean(judged.nuisance[-places:])) if len(judged.nuisance) else 0.0
     model = Repaired(question.dynamics, judged.hypothesis, latency if judged.names else 0.0)
     if judged.names and question.calibrate:
-        shares = question.dynamics.hull.inertia.new_tensor(judged.nuisance[:-places])
+        shares = question.dynamics.hull.inertia.new_tensor(stand.rotation @ judged.nuisance[:-places])
         model = replace(model, calm=Calibrated(question.dynamics, shares))
     values = timed_values(question, judged)
     proofs = []

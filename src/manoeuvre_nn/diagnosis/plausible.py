@@ -175,7 +175,7 @@ def shaft_unit(run: Recording, ship: Particulars) -> str | None:
     ratio = float(np.median(run["n"]))
     if 0.1 < ratio < 5:
         return None
-    return f"n is {ratio * ship.rpm:.3g} rpm; nominal for the {ship.name} is {ship.rpm:g} rpm: mind the unit of n"
+    return f"n is {ratio * ship.rpm:.3g} rpm; nominal for the {ship.name} is {ship.rpm:g} rpm: mind the unit of n, or write rpm="
 
 
 def _way(run: Recording, ship: Particulars) -> Float[np.ndarray, " n"]:

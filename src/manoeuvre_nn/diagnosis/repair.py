@@ -176,7 +176,7 @@ def _outliers(m: Float[np.ndarray, "n 8"]) -> np.ndarray:
     """Single samples far from both their neighbours' middle."""
     middle = pd.DataFrame(m).rolling(5, center=True, min_periods=1).median().to_numpy()
     off = np.abs(m - middle)
-    return off > 8 * (1.4826 * np.nanmedian(off, axis=0) + 1e-9)
+    return off > 8 * (1.4826 * pd.DataFrame(off).median().to_numpy() + 1e-9)
 
 
 def errors(prediction: pd.DataFrame, record: pd.DataFrame) -> dict[str, float]:
@@ -187,9 +187,9 @@ def errors(prediction: pd.DataFrame, record: pd.DataFrame) -> dict[str, float]:
         record: From :func:`recorded`.
 
     Returns:
-        pos [m], psi [deg], u, v [m/s], r [deg/s], u_log [m/s].
+        pos [m], psi [deg], u, v [m/s], r [deg/s], u_log [m/s]; NaN for a channel that was not recorded.
     """
     off = prediction[["x", "y", "psi", "u", "v", "r", "u_log"]] - record[["x", "y", "psi", "u", "v", "r", "u_log"]]
     off["psi"] = (off["psi"] + 180) % 360 - 180
     off["pos"] = np.hypot(off["x"], off["y"])
-    return {c: float(np.sqrt(np.nanmean(off[c].to_numpy() ** 2))) for c in ("pos", "psi", "u", "v", "r", "u_log")}
+    return {c: float(np.sqrt((off[c] ** 2).mean())) for c in ("pos", "psi", "u", "v", "r", "u_log")}

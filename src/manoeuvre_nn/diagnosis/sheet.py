@@ -173,7 +173,8 @@ def to_run(sheet: Sheet, step: float, ship: Particulars, kind: str, held_out: bo
     gap = np.full(len(even.time), np.nan)
     measured = np.stack([even.channels.get(name, gap) for name in CHANNELS], axis=-1)
     shown = even.filled("delta")
-    order = even.filled("order") if "order" in even.channels else estimated_order(shown, step, ship.rudder_rate)
+    given = "order" in even.channels
+    order = even.filled("order") if given else estimated_order(shown, step, ship.rudder_rate)
     if abs(order[0] - shown[0]) > ship.rudder_rate * step:
         order[0] = shown[0]  # the recording begins with a new order: until then the rudder was at rest
     delta, noise = smooth_rudder(shown, order, step, ship.rudder_rate)
@@ -232,7 +233,7 @@ def estimated_order(shown: Float[np.ndarray, " n"], step: float, rate: float) ->
     moving = np.abs(np.gradient(smooth, step)) > 0.25 * rate
     piece = np.cumsum(np.diff(moving, prepend=moving[0]))
     rest = pd.Series(shown).groupby(piece).transform("median").mask(moving)
-    return rest.bfill().fillna(smooth[-1]).to_numpy(float)
+    return rest.bfill().fillna(smooth[-1]).to_numpy(float, copy=True)
 
 
 def _columns(table: Table) -> dict[str, Float[np.ndarray, " n"]]:

@@ -45,10 +45,16 @@ def captain(causes: Sequence[Cause], model: Sequence[str], proofs: Sequence[Proo
     said = " and ".join(f"{c.label} ({_values(c)})" for c in named)
     gain = ""
     if proofs:
-        before, after = (
-            np.sqrt(np.mean([getattr(p, w)["pos"] ** 2 for p in proofs])) for w in ("rmse_before", "rmse_after")
+        channel, what, unit = (
+            ("pos", "track", "m") if np.isfinite(proofs[0].rmse_before["pos"]) else ("psi", "heading", "deg")
         )
-        gain = f"; with it the track of runs that were not used is predicted to {after:.0f} m instead of {before:.0f} m"
+        before, after = (
+            np.sqrt(np.mean([getattr(p, w)[channel] ** 2 for p in proofs])) for w in ("rmse_before", "rmse_after")
+        )
+        gain = (
+            f"; with it the {what} of runs that were not used is predicted to {after:.3g} {unit} instead of "
+            f"{before:.3g} {unit}"
+        )
     return f"The recordings show {said}{gain}."
 
 

@@ -102,7 +102,7 @@ class RudderSlow(RudderEffect):
             values: Parameter = value in its unit.
         """
         nominal = ship.particulars.rudder_rate / DEGREE
-        rate = Parameter("rate_deg_s", "deg/s", 0.05 * nominal, 2 * nominal, nominal, 0.6 * nominal, (0.5 * nominal,))
+        rate = Parameter("rate_deg_s", "deg/s", 0.05 * nominal, nominal, nominal, 0.6 * nominal, (0.5 * nominal,))
         self.declared = (rate,)  # type: ignore[misc] # the null is the ship's
         super().__init__(ship, **values)
 

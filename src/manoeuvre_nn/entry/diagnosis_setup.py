@@ -29,6 +29,8 @@ from manoeuvre_nn.training.checkpoint import load_weights, read_checkpoint
 
 DEFAULT, ALL = "default", "all"
 SENSOR = "sensor:"
+ALWAYS_FITTED = "gps_delay"
+"""The receiver's delay is estimated beside every hypothesis: as a candidate it would stand twice."""
 
 
 @dataclass(frozen=True)
@@ -70,11 +72,10 @@ class Setup:
         c = self.cfg
         mapping = None if c.mapping is None else configs.build(configs.load_mapping(c.mapping, conf / "recording"))
         held_out = c.held_out if isinstance(c.held_out, str) else configs.as_list(c.held_out)
-        configs.check_arguments(read_runs, {"folder": None, "warmup": c.warmup_s})
-        return read_runs(
-            Path(c.recordings), self._ship(), held_out,
-            mapping=mapping, rudder_positive_to=c.rudder_positive_to, warmup=c.warmup_s,
-        )  # fmt: skip
+        told = {key: c[key] for key in ("speed_kn", "rpm", "warmup_s")}
+        configs.check_arguments(read_runs, {"folder": None, **told})
+        read = {"mapping": mapping, "rudder_positive_to": c.rudder_positive_to, **told}
+        return read_runs(Path(c.recordings), self._ship(), held_out, **read)
 
     def _ship(self) -> Ship | None:
         """What was chosen with ship= and model=; None leaves it to a manifest."""
@@ -177,7 +178,8 @@ def wanted(chosen: Any, shelf: Mapping[str, Mapping[str, Any]]) -> list[str]:
         InputError: If a name is unknown or cannot be fitted.
     """
     classes = {name: _class_of(entry) for name, entry in shelf.items()}
-    possible = [n for n, c in classes.items() if n in LISTED or "seed" not in inspect.signature(c).parameters]
+    realised = {n for n, c in classes.items() if "seed" in inspect.signature(c).parameters and n not in LISTED}
+    possible = [name for name in classes if name not in realised and name != ALWAYS_FITTED]
     if chosen == DEFAULT:
         return [name for name in possible if name in LISTED]
     names = possible if chosen == ALL else [str(name) for name in configs.as_list(chosen)]

@@ -1,6 +1,7 @@
 """What a second person needs to make a result again: resolved config, seed, versions."""
 
 import json
+import os
 import platform
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -57,7 +58,9 @@ def write_provenance(cfg: DictConfig, out: Path) -> None:
     """
     out.mkdir(parents=True, exist_ok=True)
     text = yaml.safe_dump({**resolved(cfg), "versions": versions()}, sort_keys=False, allow_unicode=True)
-    (out / CONFIG).write_text(text)
+    part = out / f"{CONFIG}.{os.getpid()}.part"  # two processes may share the folder: neither reads half a file
+    part.write_text(text)
+    part.replace(out / CONFIG)
 
 
 def finished(out: Path, max_epochs: int) -> bool:

@@ -14,6 +14,8 @@ ROUNDS, SWEEPS = 6, 3
 """Most Gauss-Newton steps, and most turns of weighting anew."""
 CLOSE = 0.1
 """Gain of the criterion below which a fit has converged."""
+
+
 @dataclass(frozen=True)
 class Fit:
     """A guess at its best values.
@@ -29,7 +31,7 @@ class Fit:
     """
 
     guess: Guess
-    left: Float[np.ndarray, "b 5"] = field(repr=False)
+    left: Float[np.ndarray, "b 6"] = field(repr=False)
     noise: Noise = field(repr=False)
     penalty: float
     spread: Float[np.ndarray, "q q"] = field(repr=False)

@@ -45,9 +45,7 @@ def with_gusts(stand: Stand, found: Fit, gusty: GustyWind) -> Fit:
                    criterion=found.criterion - gain + count)  # fmt: skip
 
 
-def variance_along(
-    left: Float[np.ndarray, "b 3"], slope: Float[np.ndarray, "b 3"]
-) -> tuple[float, float]:
+def variance_along(left: Float[np.ndarray, "b 3"], slope: Float[np.ndarray, "b 3"]) -> tuple[float, float]:
     """Variance of a random factor on given directions in noise of constant covariance.
 
     Args:

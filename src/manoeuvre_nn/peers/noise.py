@@ -7,8 +7,8 @@ from jaxtyping import Float
 
 MEMORY = 0.9
 """Largest autocorrelation of neighbouring averages."""
-BLOCKS = ((0, 1, 2), (3,), (4,))
-"""Rows whose errors are correlated: the equations with each other, not with the log and the gyro."""
+BLOCKS = ((0, 1, 2), (3,), (4,), (5,))
+"""Rows whose errors are correlated: the equations with each other, not with those of instruments."""
 
 
 @dataclass(frozen=True)
@@ -20,10 +20,10 @@ class Noise:
         covariance: Of what is new in each average.
     """
 
-    memory: Float[np.ndarray, " 5"]
-    covariance: Float[np.ndarray, "5 5"]
+    memory: Float[np.ndarray, " 6"]
+    covariance: Float[np.ndarray, "6 6"]
 
-    def fresh(self, rows: Float[np.ndarray, "b 5 *k"], parts: list[slice]) -> Float[np.ndarray, "b 5 *k"]:
+    def fresh(self, rows: Float[np.ndarray, "b 6 *k"], parts: list[slice]) -> Float[np.ndarray, "b 6 *k"]:
         """What is new in each average of a run; the first is all new, and as precise as its variance lets it be.
 
         Args:
@@ -44,11 +44,11 @@ class Noise:
         return new
 
     @property
-    def root(self) -> Float[np.ndarray, "5 5"]:
+    def root(self) -> Float[np.ndarray, "6 6"]:
         """Matrix that makes what is new independent and of variance one."""
         return np.linalg.cholesky(np.linalg.inv(self.covariance)).T
 
-    def white(self, rows: Float[np.ndarray, "b 5 k"], parts: list[slice]) -> Float[np.ndarray, "m k"]:
+    def white(self, rows: Float[np.ndarray, "b 6 k"], parts: list[slice]) -> Float[np.ndarray, "m k"]:
         """Rows that are independent and of variance one, all averages under each other.
 
         Args:
@@ -73,7 +73,7 @@ class Noise:
         return float(count * np.linalg.slogdet(self.covariance)[1] - runs * np.log(1 - self.memory**2).sum())
 
 
-def noise_of(errors: Float[np.ndarray, "b 5"], parts: list[slice], most: float = MEMORY) -> Noise:
+def noise_of(errors: Float[np.ndarray, "b 6"], parts: list[slice], most: float = MEMORY) -> Noise:
     """Noise estimated from errors.
 
     Args:
@@ -86,9 +86,9 @@ def noise_of(errors: Float[np.ndarray, "b 5"], parts: list[slice], most: float =
     """
     power = (errors**2).sum(axis=0) + 1e-12
     product = sum((errors[p][1:] * errors[p][:-1]).sum(axis=0) for p in parts)
-    noise = Noise(np.clip(product / power, -MEMORY, most), np.eye(5))
+    noise = Noise(np.clip(product / power, -MEMORY, most), np.eye(6))
     new = noise.fresh(errors, parts)
-    covariance = 1e-8 * np.eye(5)
+    covariance = 1e-8 * np.eye(6)
     for block in BLOCKS:
         covariance[np.ix_(block, block)] += new[:, block].T @ new[:, block] / len(new)
     return Noise(noise.memory, covariance)

@@ -116,7 +116,7 @@ class Stand:
         ends = np.cumsum([0, *(len(t.times) for t in self.tracks)])
         return [slice(a, b) for a, b in zip(ends, ends[1:], strict=False)]
 
-    def evaluate(self, guess: Guess) -> tuple[Float[np.ndarray, "b 5"], Float[np.ndarray, "b 5 q"]]:
+    def evaluate(self, guess: Guess) -> tuple[Float[np.ndarray, "b 6"], Float[np.ndarray, "b 6 q"]]:
         """Errors that a guess leaves, and how they fall with each of its free numbers.
 
         Args:
@@ -163,7 +163,7 @@ def _nudged(guess: Guess, run: int) -> tuple[list[Float[np.ndarray, "s p"]], Flo
     return sets, steps
 
 
-def _nuisance(dynamics: Dynamics, track: Smooth, scatter: bool) -> Float[np.ndarray, "b 5 m"]:
+def _nuisance(dynamics: Dynamics, track: Smooth, scatter: bool) -> Float[np.ndarray, "b 6 m"]:
     """What is uncertain under every guess, as columns of the averaged errors."""
     added = np.zeros((len(track.run), 8, 1))
     added[:, :4, 0] = -0.1 * track.slopes[:, :4]

@@ -45,8 +45,8 @@ class Scene:
     """
 
     track: Smooth
-    left: Float[np.ndarray, "b 5"]
-    nuisance: Float[np.ndarray, "b 5 m"]
+    left: Float[np.ndarray, "b 6"]
+    nuisance: Float[np.ndarray, "b 6 m"]
     spread: Float[np.ndarray, " m"]
 
     def scan(self, effect: Effect, values: Float[np.ndarray, " p"], noise: Noise) -> tuple[np.ndarray, float]:
@@ -80,11 +80,11 @@ class Scene:
         new[columns] = times[: len(columns)] if best > WORTH else NEVER
         return new, best
 
-    def _upto(self, effect: Effect, always: Float[np.ndarray, " p"]) -> Float[np.ndarray, "b 5 g"]:
+    def _upto(self, effect: Effect, always: Float[np.ndarray, " p"]) -> Float[np.ndarray, "b 6 g"]:
         """What a force that acts up to each time of the grid takes off the averaged errors."""
         push = self.track.contribution(effect, always[None])[1][..., 0] / self.track.unit[:3]
         sums = np.cumsum(self.track.weights.T[:, :, None] * push[:, None, :], axis=0)[GRID - 1 :: GRID]
-        rows = np.zeros((len(self.left), 5, len(sums) + 1))
+        rows = np.zeros((len(self.left), 6, len(sums) + 1))
         rows[:, :3, 1:] = sums.transpose(1, 2, 0)
         return rows
 

@@ -1,0 +1,145 @@
+"""Forces that act for a while, and winds whose course is random."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+import torch
+from pytest import approx
+from trials import CALM, CIRCLE, NOISE, PORT, SHIP, ZIGZAG, run_of, runs, sailed, values
+
+from manoeuvre_nn.diagnosis.bench import Bench, bench
+from manoeuvre_nn.diagnosis.court import Court
+from manoeuvre_nn.diagnosis.gusts import judge_gusts
+from manoeuvre_nn.diagnosis.hypothesis import Hypothesis
+from manoeuvre_nn.diagnosis.locate import changes, residuals
+from manoeuvre_nn.diagnosis.search import single
+from manoeuvre_nn.diagnosis.windows import best_windows
+from manoeuvre_nn.effect.current import Current
+from manoeuvre_nn.effect.local import SideForce
+from manoeuvre_nn.effect.wind import GustyWind, SteadyWind, WindOnset
+
+pytestmark = pytest.mark.usefixtures("unchecked_types")
+NONE = Hypothesis((), ())
+PUSH = SideForce(SHIP, force_kN=150.0, lever_m=30.0, start_s=83.0, end_s=157.0)
+ONSET = WindOnset(SHIP, speed=14.0, from_deg=110.0, start_s=108.0)
+GUSTS = 2.5
+
+
+@cache
+def stand(name: str) -> Bench:
+    made = {"push": ([CIRCLE, ZIGZAG], [PUSH]), "onset": ([ZIGZAG], [ONSET])}
+    return bench(CALM, runs(*made[name]))
+
+
+@cache
+def gusty() -> tuple[Bench, float]:
+    """Three runs in one wind, the gusts of each their own; and the size that these gusts have."""
+    made, course = [], []
+    for seed, trial in enumerate((CIRCLE, ZIGZAG, PORT)):
+        wind = GustyWind(SHIP, seed=seed, speed=14.0, from_deg=60.0, gust_sd=GUSTS, gust_time_s=30.0)
+        record = sailed([trial], [wind])[0]
+        made.append(run_of(record, NOISE, seed))
+        place = torch.tensor(record.time / 30.0 / wind.STEP).long()
+        course.append(GUSTS * wind.gusts[place])
+    return bench(CALM, made), float(torch.cat(course).std())
+
+
+def test_the_window_of_a_force_is_found_to_a_block_and_by_the_fit_to_five_seconds():
+    court = Court(stand("push"))
+    none = court.judge(NONE)
+    grid = np.array([[100.0, 0.0, 100.0, 300.0]])
+    (first,) = best_windows(court, PUSH, grid, *none.best)
+    assert first[:, 2:] == approx(np.tile([83.0, 157.0], (2, 1)), abs=12.0)
+    assert (first[:, 0] > 50.0).all(), "its side and size"
+    found = single(court, PUSH, none)
+    assert found.evidence > none.evidence + 20
+    table = found.hypothesis.values[0]
+    assert table[:, 2:] == approx(np.tile([83.0, 157.0], (2, 1)), abs=5.0)
+    assert table[0, :2] == approx([150.0, 30.0], rel=0.2)
+
+
+def test_the_time_at_which_a_wind_sets_in_is_found():
+    court = Court(stand("onset"))
+    none = court.judge(NONE)
+    found = single(court, ONSET, none)
+    names = [p.name for p in ONSET.declared]
+    assert found.evidence > none.evidence + 10
+    assert found.hypothesis.values[0][:, names.index("start_s")] == approx([108.0], abs=8.0)
+    assert found.hypothesis.values[0][0, 0] == approx(14.0, abs=4.0)
+
+
+def test_the_size_of_gusts_is_found():
+    stood, size = gusty()
+    court = Court(stood)
+    steady = single(court, SteadyWind(SHIP), court.judge(NONE))
+    found = judge_gusts(court, steady, GustyWind(SHIP))
+    sd, error = found.random["gust_sd"]
+    assert found.names == ("wind_gusty",) and found.evidence > steady.evidence + 5
+    assert sd == approx(size, rel=0.4) and 0 < error < sd
+    names = [p.name for p in GustyWind(SHIP).declared]
+    table = found.hypothesis.values[0]
+    assert (table[:, names.index("gust_sd")] == sd).all() and table[0, 0] == approx(14.0, abs=4.0)
+    assert table[0, names.index("from_deg")] == approx(60.0, abs=20.0)
+
+
+def test_a_steady_wind_gains_nothing_by_gusts():
+    wind = SteadyWind(SHIP, speed=12.0, from_deg=60.0)
+    court = Court(bench(CALM, runs([CIRCLE, ZIGZAG], [wind])))
+    steady = court.judge(Hypothesis((wind,), (values(wind, 2),)))
+    found = judge_gusts(court, steady, GustyWind(SHIP))
+    assert found.evidence < steady.evidence + 1 and found.random["gust_sd"][0] < 2.0
+
+
+def noise(n: int, seed: int = 0) -> np.ndarray:
+    """Missing force in standard deviations, as a smoother leaves it: correlated over some ten seconds."""
+    white = np.random.default_rng(seed).standard_normal((n + 10, 3))
+    return np.stack([np.convolve(w, np.ones(11) / np.sqrt(11), mode="valid") for w in white.T], axis=-1)
+
+
+def test_a_force_in_the_middle_is_one_window():
+    time, force = np.arange(400.0), noise(400)
+    force[150:260, 1] += 8.0
+    (window,) = changes(time, force, np.ones((400, 3)))
+    assert window == approx((150.0, 260.0), abs=10.0)
+
+
+def test_a_force_with_two_equations_is_still_one_window():
+    time, force = np.arange(0.0, 400.0, 0.5), noise(800)
+    force[300:520, 1:] += [8.0, -8.0]
+    (window,) = changes(time, force, np.ones((800, 3)))
+    assert window == approx((150.0, 260.0), abs=10.0)
+
+
+@pytest.mark.parametrize("size", [0.0, 8.0])
+@pytest.mark.parametrize("seed", range(5))
+def test_a_force_that_is_missing_throughout_or_nowhere_has_no_window(size, seed):
+    assert changes(np.arange(400.0), noise(400, seed) + [0.0, size, 0.0], np.ones((400, 3))) == []
+
+
+def test_short_runs_have_no_windows():
+    force = noise(100)
+    force[40:70] += 20.0
+    assert changes(np.arange(100.0), force, np.ones((100, 3))) == []
+
+
+def test_the_missing_force_is_the_one_that_acted_and_is_gone_with_the_repair():
+    stood, truth = stand("push"), Hypothesis((PUSH,), (values(PUSH, 2),))
+    for r in residuals(stood, truth):
+        inside, outside = (r.time > 95) & (r.time < 145), (r.time < 70) | (r.time > 170)
+        # kN and MN m: 150 kN, 30 m forward.
+        assert r.force[inside, 1].mean() == approx(150.0, rel=0.25)
+        assert r.force[inside, 2].mean() == approx(4.5, rel=0.25)
+        assert np.abs(r.force[outside, 1].mean()) < 40 and np.abs(r.left[inside, 1].mean()) < 40
+        z = (r.left / r.error)[10:-10]
+        assert 0.3 < np.sqrt(np.mean(z**2)) < 1.5, "what is left is what the smoother is unsure of"
+        assert (r.error > 0).all() and r.force.shape == r.left.shape == r.error.shape
+
+
+def test_what_a_stream_or_a_sensor_does_is_no_force():
+    current = Current(SHIP, speed=1.0, toward_deg=200.0)
+    stood = bench(CALM, runs([CIRCLE], [current]))
+    (found,) = residuals(stood, Hypothesis((current,), (values(current),)))
+    (blind,) = residuals(stood, NONE)
+    assert found.force == approx(found.left)
+    assert np.sqrt(np.mean(blind.force[:, 1] ** 2)) > 3 * np.sqrt(np.mean(found.force[:, 1] ** 2))

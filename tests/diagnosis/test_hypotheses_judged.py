@@ -1,0 +1,267 @@
+"""Hypotheses fitted and judged: evidence by quadrature and by sums, fits from far off, bounds, standard errors."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from pytest import approx
+from scipy.special import logsumexp
+from trials import CALM, CIRCLE, NOISE, SHIP, ZIGZAG, run_of, runs, sailed, values
+
+from manoeuvre_nn.core.effect import Effect
+from manoeuvre_nn.diagnosis.bench import SCATTER_LEVELS, Bench, bench
+from manoeuvre_nn.diagnosis.columns import contribution
+from manoeuvre_nn.diagnosis.court import Court, linear
+from manoeuvre_nn.diagnosis.hypothesis import Hypothesis
+from manoeuvre_nn.diagnosis.regression import FORCE_PRIOR, log_prior_levels, log_sum, regress
+from manoeuvre_nn.effect.current import Current
+from manoeuvre_nn.effect.local import BowThruster, SideForce
+from manoeuvre_nn.effect.propulsion import HullFouling, PropellerPitchError
+from manoeuvre_nn.effect.rudder import RudderOffset
+from manoeuvre_nn.effect.sensors import HeadingBias, LogScale
+from manoeuvre_nn.effect.wind import GustyWind, SteadyWind
+
+pytestmark = pytest.mark.usefixtures("unchecked_types")
+NONE = Hypothesis((), ())
+ACTING = {
+    "nothing": (),
+    "current": (Current(SHIP, speed=0.7, toward_deg=60.0),),
+    "wind": (SteadyWind(SHIP, speed=10.0, from_deg=60.0),),
+    "thrust": (PropellerPitchError(SHIP, fraction=0.15),),
+    "offset and compass": (RudderOffset(SHIP, offset_deg=1.5), HeadingBias(SHIP, bias_deg=-1.0)),
+}
+LEVEL, SCATTER = 6, 1
+
+
+@cache
+def stand(name: str) -> Bench:
+    """A circle and a zigzag of 240 s on the bench."""
+    return bench(CALM, runs([CIRCLE, ZIGZAG], ACTING[name]))
+
+
+def hypothesis(*effects: Effect) -> Hypothesis:
+    """Effects at their own values in two runs."""
+    return Hypothesis(effects, tuple(values(e, 2) for e in effects))
+
+
+def fitted(court: Court, start: Hypothesis, rounds: int = 12):
+    found, _ = court.improve(start, LEVEL, SCATTER, rounds)
+    return court.judge(found)
+
+
+def test_the_evidence_of_one_unknown_is_the_integral_over_it():
+    """Data d, column c and prior sd in the plane of two vectors, summed up by hand."""
+    g = np.random.default_rng(0)
+    d, c, sd, norm = g.standard_normal(7), g.standard_normal(7), 1.3, -4.2
+    vectors = np.stack([d, c], axis=1)
+    found = regress((vectors.T @ vectors)[None], np.array([norm]), 0, np.array([1.0, 0.0]), np.array([sd]))
+    theta = np.linspace(-12, 12, 20001)
+    density = np.exp(norm - 0.5 * np.sum((d[:, None] - c[:, None] * theta) ** 2, axis=0) - 0.5 * (theta / sd) ** 2)
+    density /= np.sqrt(2 * np.pi) * sd
+    total = np.trapezoid(density, theta)
+    mean = np.trapezoid(theta * density, theta) / total
+    variance = np.trapezoid((theta - mean) ** 2 * density, theta) / total
+    assert found.by_level == approx(np.full((1, len(SCATTER_LEVELS)), np.log(total)))
+    assert found.mean[0, 0, 0] == approx(mean) and found.covariance[0, 0, 0, 0] == approx(variance)
+    assert found.misfit[0, 0] == approx(np.sum((d - c * mean) ** 2) + (mean / sd) ** 2)
+
+
+def test_coefficients_spread_as_the_level_says_and_other_unknowns_as_they_are():
+    g = np.random.default_rng(1)
+    vectors = g.standard_normal((9, 3))
+    gram, norm, prior = (vectors.T @ vectors)[None], np.zeros(1), np.array([2.0, 0.5])
+    data = np.array([1.0, 0.0, 0.0])
+    levels = regress(gram, norm, 1, data, prior)
+    for s, scatter in enumerate(SCATTER_LEVELS):
+        plain = regress(gram, norm, 0, data, prior * [scatter, 1.0])
+        assert levels.by_level[0, s] == approx(plain.by_level[0, 0])
+        assert levels.mean[0, s] == approx(plain.mean[0, 0])
+
+
+def test_the_prior_of_the_levels_sums_to_one_and_favours_little_force():
+    for scale in (None, FORCE_PRIOR):
+        assert logsumexp(log_prior_levels(stand("nothing"), scale)) == approx(0.0, abs=1e-12)
+    held = log_prior_levels(stand("nothing"), FORCE_PRIOR)
+    assert (np.diff(held, axis=1) < 0).all(), "the rarer the larger the scatter"
+    assert held[0, 0] == held.max() and held[-1, -1] == held.min()
+    assert log_sum(np.array([-1000.0, -1000.0])) == approx(-1000 + np.log(2))
+
+
+@pytest.mark.parametrize("name", ["nothing", "current"])
+def test_judging_outward_from_one_level_is_the_sum_over_all_levels(name):
+    court = Court(stand(name))
+    prior = log_prior_levels(stand(name), FORCE_PRIOR)
+    whole = np.stack([
+        regress(
+            court.bench.at(g).base_gram[None], np.array([court.bench.at(g).norm]), court.coefficients,
+            np.eye(court.bench.size)[0], court._prior(NONE),
+        ).by_level[0]
+        for g in range(len(prior))
+    ])  # fmt: skip
+    for around in (0, 12, None):
+        judged = court.judge(NONE, around=around)
+        assert judged.evidence == approx(logsumexp(whole + prior), abs=0.05)
+        assert judged.best == np.unravel_index(np.argmax(whole + prior), whole.shape)
+        seen = np.isfinite(judged.by_level)
+        assert judged.by_level[seen] == approx(whole[seen]) and not seen.all()
+
+
+def test_an_effect_at_zero_is_calm_water():
+    """A speed of 0 adds nothing, so that the data alone are left: the evidence is less what the freedom costs."""
+    court = Court(stand("nothing"))
+    still = Hypothesis((Current(SHIP),), (np.zeros((2, 2)),), frozenset({"toward_deg"}))
+    lin = linear(court.bench, still)
+    assert not any(c.measured[..., 0].any() or c.moved[..., 0].any() for c in lin.columns)
+    judged = court.judge(still)
+    assert -12 < judged.evidence - court.judge(NONE).evidence < 2
+
+
+FAR = [
+    ("current", (Current(SHIP, speed=2.0, toward_deg=300.0),), [0.7, 60.0], [0.01, 1.0]),
+    ("wind", (SteadyWind(SHIP, speed=4.0, from_deg=150.0),), [10.0, 60.0], [2.5, 9.0]),
+    (
+        "offset and compass",
+        (RudderOffset(SHIP, offset_deg=-3.0), HeadingBias(SHIP, bias_deg=4.0)),
+        [1.5, -1.0],
+        [0.4, 0.1],
+    ),
+]
+
+
+@pytest.mark.parametrize("name, start, true, surest", FAR, ids=[f[0] for f in FAR])
+def test_a_fit_reaches_the_true_values_from_far_off(name, start, true, surest):
+    court = Court(stand(name))
+    judged = fitted(court, hypothesis(*start))
+    at = [k for k, f in enumerate(judged.hypothesis.free()) if not f.parameter.form]
+    found, errors = judged.hypothesis.vector()[at], judged.errors[at]
+    assert (np.abs(found - true) < 3.5 * errors + 0.01 * np.abs(true)).all() and (errors < surest).all()
+    assert judged.evidence > court.judge(NONE).evidence + 8
+
+
+def test_standard_errors_are_what_estimates_scatter_by():
+    record, true, z = sailed([ZIGZAG], ACTING["offset and compass"])[0], np.array([1.5, -1.0]), []
+    for seed in range(6):
+        court = Court(bench(CALM, [run_of(record, NOISE, seed)]))
+        start = Hypothesis(ACTING["offset and compass"], tuple(values(e) for e in ACTING["offset and compass"]))
+        judged = fitted(court, start, 4)
+        z.append((judged.hypothesis.vector() - true) / judged.errors)
+    # Chi-square of 12 degrees of freedom: 2.2 and 32.9 are its 0.1 % points.
+    assert 2.2 < np.sum(np.square(z)) < 32.9
+
+
+def test_what_the_data_do_not_say_stays_as_it_was_before():
+    """A scale error of a log that was not recorded: prior mean and spread, and the evidence of calm water."""
+    silent = runs([ZIGZAG])[0]
+    silent.measured[:, 6] = np.nan
+    court = Court(bench(CALM, [silent]))
+    scale = Hypothesis((LogScale(SHIP),), (np.array([[1.05]]),))
+    judged = court.judge(scale)
+    assert judged.hypothesis.vector() == approx([1.0]) and judged.errors == approx([0.08])
+    assert judged.evidence == approx(court.judge(NONE).evidence, abs=1e-6)
+
+
+def test_a_value_outside_its_bounds_gains_no_evidence():
+    """More thrust would be a hull cleaner than clean: fouling below zero, which there is not."""
+    court = Court(stand("thrust"))
+    clean = court.judge(NONE).evidence
+    thrust = fitted(court, hypothesis(PropellerPitchError(SHIP)))
+    fouled = fitted(court, hypothesis(HullFouling(SHIP)))
+    assert thrust.evidence > clean + 6 and thrust.hypothesis.vector() == approx([0.15], abs=0.03)
+    assert fouled.hypothesis.vector() == approx([0.0]) and fouled.evidence < clean + 1.0
+
+
+def test_a_prior_that_its_bound_cuts_in_half_counts_double():
+    """Inside the bounds the evidence is that of a normal prior of any sign and log 2."""
+    court = Court(stand("current"))
+    judged = court.judge(hypothesis(*ACTING["current"]))
+    weighted = judged.by_level + log_prior_levels(court.bench, FORCE_PRIOR)
+    assert judged.evidence - logsumexp(weighted[np.isfinite(weighted)]) == approx(np.log(2), abs=1e-3)
+
+
+def test_directions_go_round_and_long_steps_are_cut():
+    court = Court(stand("current"))
+    found, _ = court.improve(hypothesis(Current(SHIP, speed=0.7, toward_deg=355.0)), LEVEL, SCATTER, rounds=12)
+    assert found.vector()[1] == approx(60.0, abs=2.0)
+    near, _ = court.improve(hypothesis(Current(SHIP, speed=0.7, toward_deg=355.0)), LEVEL, SCATTER, rounds=2)
+    assert abs((near.vector()[1] - 355.0 + 180) % 360 - 180) <= 45.0 + 1e-9
+
+
+def test_free_numbers_go_into_a_vector_and_back():
+    """A force with times of its own in each of two runs, and a wind that is the same in both; gusts have no column."""
+    force, gusts = SideForce(SHIP), GustyWind(SHIP)
+    table = np.array([[100.0, 20.0, 30.0, 90.0], [100.0, 20.0, 40.0, 80.0]])
+    h = Hypothesis((force, gusts), (table, values(gusts, 2)), frozenset({"still_air"}))
+    free = h.free()
+    names = [(f.parameter.name, f.run) for f in free]
+    assert names[:6] == [("force_kN", None), ("lever_m", None), *[(n, r) for n in ("start_s", "end_s") for r in (0, 1)]]
+    assert not {"gust_sd", "gust_time_s", "still_air"} & {n for n, _ in names}
+    assert h.vector()[:6].tolist() == [100.0, 20.0, 30.0, 40.0, 90.0, 80.0]
+    moved = h.vector() + np.arange(len(free))
+    again = h.with_vector(moved)
+    assert again.vector() == approx(moved) and again.values[0].tolist() == [[100, 21, 32, 94], [100, 21, 43, 85]]
+    assert h.values[0] is table and table[0, 0] == 100.0, "the old one is as it was"
+    kept = [p.name in {"gust_sd", "gust_time_s", "still_air"} for p in gusts.declared]
+    assert (again.values[1][:, kept] == h.values[1][:, kept]).all()
+    assert h.joined(h).names == ("side_force", "wind_gusty") * 2
+
+
+def test_columns_of_a_hypothesis_are_its_contribution_and_slopes_in_the_runs_they_belong_to():
+    court, thruster = Court(stand("nothing")), BowThruster(SHIP)
+    table = np.array([[120.0, 60.0, 150.0], [120.0, 90.0, 200.0]])
+    h = Hypothesis((thruster, ACTING["current"][0]), (table, values(ACTING["current"][0], 2)))
+    lin = linear(court.bench, h)
+    names = [(f.parameter.name, f.run) for f in h.free()]
+    assert lin.count == 1 + len(names)
+    for run, place in enumerate(court.bench.places):
+        mine = [k for k, (_, r) in enumerate(names) if r in (None, run)]
+        assert sorted(lin.index[run]) == [0, *(1 + k for k in mine)]
+
+        def whole(at: Hypothesis, place=place, run=run):
+            parts = [
+                contribution(e, v[[run]], place.line, court.bench.rate, place.situation)
+                for e, v in zip(at.effects, at.values, strict=True)
+            ]
+            return sum(p.moved[..., 0] for p in parts), sum(p.measured[..., 0] for p in parts)
+
+        assert lin.columns[run].moved[..., 0] == approx(whole(h)[0], abs=1e-12)
+        assert lin.columns[run].measured[..., 0] == approx(whole(h)[1], abs=1e-12)
+        for column, number in enumerate(lin.index[run][1:], start=1):
+            up = h.vector()
+            size = {"start_s": 2.0, "end_s": 2.0}.get(names[number - 1][0], 0.01)
+            up[number - 1] += size
+            down = up.copy()
+            down[number - 1] -= 2 * size
+            slopes = [
+                (a - b) / (2 * size) for a, b in zip(whole(h.with_vector(up)), whole(h.with_vector(down)), strict=True)
+            ]
+            for found, slope in zip((lin.columns[run].moved, lin.columns[run].measured), slopes, strict=True):
+                assert found[..., column] == approx(slope, abs=0.02 * np.abs(slope).max() + 1e-15)
+
+
+def test_a_bench_adds_up_the_inner_products_of_its_runs():
+    """Base and extra columns of both runs, one by one, with a latency of each run's own."""
+    stood = stand("nothing")
+    h = hypothesis(*ACTING["current"])
+    lin = linear(stood, h)
+    g = stood.gram(LEVEL, lin.columns, lin.index, lin.count)
+    n, k = stood.size, len(stood.coefficients)
+    expected = np.zeros_like(g)
+    for run, place in enumerate(stood.places):
+        wide = np.zeros((n + lin.count, place.base.count + lin.columns[run].count))
+        wide[[*range(1 + k), 1 + k + run, *(n + lin.index[run])], range(wide.shape[1])] = 1.0
+        white = stood.at(LEVEL).white[run]
+        base, more = white.embed(place.base), white.embed(lin.columns[run])
+        blocks = np.block([[base.dot(base), base.dot(more)], [more.dot(base), more.dot(more)]])
+        expected += wide @ blocks @ wide.T
+    assert g == approx(expected, rel=1e-9, abs=1e-9 * np.abs(expected).max())
+    assert stood.at(LEVEL).norm == approx(sum(w.log_norm for w in stood.at(LEVEL).white))
+
+
+def test_effects_that_are_there_are_found_better_than_calm_water_and_others_are_not():
+    court = Court(stand("offset and compass"))
+    clean = court.judge(NONE).evidence
+    both = fitted(court, hypothesis(*ACTING["offset and compass"]))
+    compass = fitted(court, hypothesis(ACTING["offset and compass"][1]))
+    log = fitted(court, hypothesis(LogScale(SHIP)))
+    assert both.evidence > compass.evidence + 4 > clean + 25
+    assert log.evidence < compass.evidence - 25

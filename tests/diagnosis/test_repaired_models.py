@@ -1,0 +1,159 @@
+"""The repaired model running free: predictions of runs that it should know exactly, and errors that are known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from pytest import approx
+from trials import CALM, NOISE, SHIP, ZIGZAG, run_of, sailed, states_of, values
+
+from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage
+from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.diagnosis.hypothesis import Hypothesis
+from manoeuvre_nn.diagnosis.repair import Repaired, errors, predict, recorded, start_state
+from manoeuvre_nn.effect.current import Current, TidalCurrent
+from manoeuvre_nn.effect.depth import ShallowWater
+from manoeuvre_nn.effect.local import BowThruster
+from manoeuvre_nn.effect.propulsion import PowerLimit
+from manoeuvre_nn.effect.roll import RollCoupling
+from manoeuvre_nn.effect.rudder import RudderBacklash, RudderOffset, RudderSlow
+from manoeuvre_nn.effect.sensors import GpsDelay, HeadingBias, LeverArm, LogScale
+from manoeuvre_nn.effect.wind import SteadyWind
+
+pytestmark = pytest.mark.usefixtures("unchecked_types")
+STAGES = ((0.0, 50.0), (15.0, 30.0), (-10.0, 50.0), (20.0, None))
+LATE = Manoeuvre("late", "random_rudder", tuple(Stage(a * DEGREE, hold=t) for a, t in STAGES), duration=200.0)
+"""Straight for 50 s, the warm-up, then turns by the clock."""
+LIMITS = {"pos": 0.5, "psi": 0.1, "u": 0.02, "v": 0.02, "r": 0.01, "u_log": 0.02}
+"""Errors in m, deg, m/s and deg/s that are next to nothing after 160 s."""
+ACTING = [
+    [],
+    [Current(SHIP, speed=1.0, toward_deg=130.0)],
+    [TidalCurrent(SHIP, speed=0.5, toward_deg=130.0, change_m_s_h=3.0)],
+    [SteadyWind(SHIP, speed=12.0, from_deg=40.0)],
+    [ShallowWater(SHIP, depth_m=20.0)],
+    [RudderOffset(SHIP, offset_deg=2.0)],
+    [RudderBacklash(SHIP, width_deg=5.0)],
+    [PowerLimit(SHIP, rpm_slope=0.4)],
+    [RollCoupling(SHIP, N_phi=0.02)],
+    [BowThruster(SHIP, force_kN=150.0, start_s=70.0, end_s=150.0)],
+    [HeadingBias(SHIP, bias_deg=2.0), LogScale(SHIP, factor=1.1)],
+    [LeverArm(SHIP, dx_m=-60.0, dy_m=8.0)],
+    [Current(SHIP, speed=1.0, toward_deg=130.0), RudderOffset(SHIP, offset_deg=-2.0)],
+]
+
+
+def model(effects, latency: float = 0.0, rows: int = 1) -> Repaired:
+    return Repaired(CALM, Hypothesis(tuple(effects), tuple(values(e, rows) for e in effects)), latency)
+
+
+def late_run(effects, noise=0.0, **more):
+    return run_of(sailed([LATE], effects)[0], noise, **more)
+
+
+@pytest.mark.parametrize("effects", ACTING, ids=lambda e: " and ".join(x.name for x in e) or "none")
+def test_the_true_model_predicts_a_noise_free_run_from_the_warm_up_on(effects):
+    run = late_run(effects)
+    (found,) = predict(model(effects), [run])
+    assert found["t"].iloc[0] == 40.0 and len(found) == len(run) - 40
+    wrong = errors(found, recorded(run))
+    assert all(wrong[k] < LIMITS[k] for k in LIMITS), wrong
+    if effects:
+        (blind,) = predict(model([]), [run])
+        assert any(errors(blind, recorded(run))[k] > 10 * wrong[k] + LIMITS[k] for k in LIMITS), "or it shows nothing"
+
+
+def test_a_slow_rudder_is_predicted_but_for_the_samples_in_which_it_arrives():
+    slow = [RudderSlow(SHIP, rate_deg_s=1.3)]
+    run = late_run(slow)
+    own, blind = (errors(predict(model(e), [run])[0], recorded(run)) for e in (slow, []))
+    assert own["pos"] < 2.0 < 10.0 < blind["pos"] and own["psi"] < 0.5 < blind["psi"]
+
+
+def test_a_late_receiver_is_predicted_by_its_latency():
+    run = late_run([GpsDelay(SHIP, delay_s=0.4)])
+    own, blind = (errors(predict(model([], late), [run])[0], recorded(run)) for late in (0.4, 0.0))
+    assert own["pos"] < 0.3 < 2.0 < blind["pos"] and own["v"] < 0.02 < blind["v"]
+
+
+def test_nothing_but_the_rudder_is_taken_from_the_recording_after_the_warm_up():
+    run = late_run([])
+    spoilt = run.measured.copy()
+    spoilt[41:] = 99.0
+    (found,), (again,) = predict(model([]), [run]), predict(model([]), [replace(run, measured=spoilt)])
+    pd.testing.assert_frame_equal(found, again)
+
+
+def test_runs_that_are_predicted_together_are_predicted_as_if_alone():
+    """Of other lengths, and with values of their own: a thruster at other times."""
+    thruster = BowThruster(SHIP, force_kN=150.0, start_s=70.0, end_s=150.0)
+    runs = [late_run([thruster]), late_run([thruster]).before(150.0), run_of(sailed([ZIGZAG])[0])]
+    table = np.array([[150.0, 70.0, 150.0], [150.0, 90.0, 120.0], [80.0, 100.0, 160.0]])
+    repaired = model([thruster])
+    together = predict(repaired, runs, [table])
+    for run, row, found in zip(runs, table, together, strict=True):
+        (alone,) = predict(repaired, [run], [row[None]])
+        pd.testing.assert_frame_equal(found, alone, atol=1e-8)
+
+
+def test_every_run_begins_at_the_end_of_its_own_warm_up():
+    """A force with a time of its own acts at that time, wherever the prediction begins."""
+    thruster = BowThruster(SHIP, force_kN=150.0, start_s=70.0, end_s=150.0)
+    runs = [late_run([thruster]), late_run([thruster], warmup=45.0)]
+    found = predict(model([thruster]), runs)
+    assert [f["t"].iloc[0] for f in found] == [40.0, 45.0]
+    for run, f in zip(runs, found, strict=True):
+        assert errors(f, recorded(run))["pos"] < LIMITS["pos"]
+
+
+def test_the_state_at_the_end_of_the_warm_up_is_better_than_the_samples():
+    """Noise of ten recordings of one approach: u, r and the heading are averaged over it."""
+    record = sailed([LATE])[0]
+    off = []
+    for seed in range(10):
+        run = run_of(record, NOISE, seed).before(40.0)
+        off.append(start_state(model([]), run, []) - states_of(record)[40])
+    rms = np.sqrt(np.mean(np.square(off), axis=0))
+    assert (rms < [0.4 * NOISE[6], NOISE[3], 0.4 * NOISE[5], 0.5 * NOISE[0], 0.6 * NOISE[1], 0.5 * NOISE[4]]).all()
+
+
+def frame(**columns) -> pd.DataFrame:
+    zero = np.zeros(50)
+    return pd.DataFrame({k: zero + columns.get(k, 0.0) for k in ("x", "y", "psi", "u", "v", "r", "u_log")})
+
+
+def test_errors_of_known_offsets_are_these():
+    found = errors(frame(x=3.0, y=-4.0, psi=10.0, u=0.2, v=-0.3, r=0.01, u_log=7.5), frame(psi=9.0, u_log=7.0))
+    assert found == approx({"pos": 5.0, "psi": 1.0, "u": 0.2, "v": 0.3, "r": 0.01, "u_log": 0.5})
+
+
+def test_a_heading_that_passes_north_is_compared_the_short_way():
+    assert errors(frame(psi=719.0), frame(psi=2.0))["psi"] == approx(3.0)
+    assert errors(frame(psi=-179.0), frame(psi=179.0))["psi"] == approx(2.0)
+
+
+def test_gaps_do_not_count():
+    gaps = frame(x=3.0)
+    gaps.loc[10:20, ["x", "u"]] = np.nan
+    assert errors(frame(), gaps)["pos"] == approx(3.0) and errors(frame(), gaps)["u"] == 0.0
+
+
+def test_errors_grow_with_the_distance_as_the_mean_square():
+    one = frame()
+    one.loc[0, "x"] = 10.0
+    assert errors(one, frame())["pos"] == approx(10.0 / np.sqrt(50))
+
+
+def test_a_recording_is_compared_without_its_outliers_and_from_the_warm_up_on():
+    run = late_run([], NOISE)
+    measured = run.measured.copy()
+    measured[100, 0] += 80.0
+    measured[120, 4] += 0.3
+    table, clean = recorded(replace(run, measured=measured)), recorded(run)
+    assert table["t"].iloc[0] == 40.0 and np.isnan(table["x"][60]) and np.isnan(table["psi"][80])
+    assert table["x"].isna().sum() == 1 and table["y"].isna().sum() == 0
+    rest = np.setdiff1d(np.arange(len(table)), [60, 80])
+    assert np.array_equal(table["x"][rest], clean["x"][rest])
+    true = states_of(sailed([LATE])[0])[40:]
+    assert recorded(late_run([]))[["u", "v"]].to_numpy() == approx(true[:, :2], abs=1e-9)
