@@ -64,7 +64,9 @@ def write_runs(folder: Path, runs: Mapping[str, pd.DataFrame]) -> Path:
 
 def manifest(*runs: str, held_out: str = "", **more) -> dict:
     """What a manifest of the Mariner says."""
-    listed = [{"run": r, "file": f"{r}.csv", "split": "held_out" if r == held_out else "fit", "rows": 241} for r in runs]
+    listed = [
+        {"run": r, "file": f"{r}.csv", "split": "held_out" if r == held_out else "fit", "rows": 241} for r in runs
+    ]
     return {
         "case": "c1", "ship": "mariner", "warmup_s": 40.0, "runs": listed,
         "particulars": {

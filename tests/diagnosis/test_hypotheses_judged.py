@@ -1,5 +1,6 @@
 """Hypotheses fitted and judged: evidence by quadrature and by sums, fits from far off, bounds, standard errors."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -9,10 +10,11 @@ from scipy.special import logsumexp
 from trials import CALM, CIRCLE, NOISE, SHIP, ZIGZAG, run_of, runs, sailed, values
 
 from manoeuvre_nn.core.effect import Effect
-from manoeuvre_nn.diagnosis.bench import SCATTER_LEVELS, Bench, bench
+from manoeuvre_nn.diagnosis.bench import LATENCY_SPREAD, SCATTER_LEVELS, Bench, bench, place_run
 from manoeuvre_nn.diagnosis.columns import contribution
 from manoeuvre_nn.diagnosis.court import Court, linear
 from manoeuvre_nn.diagnosis.hypothesis import Hypothesis
+from manoeuvre_nn.diagnosis.linear import Columns
 from manoeuvre_nn.diagnosis.regression import FORCE_PRIOR, log_prior_levels, log_sum, regress
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.local import BowThruster, SideForce
@@ -265,3 +267,38 @@ def test_effects_that_are_there_are_found_better_than_calm_water_and_others_are_
     log = fitted(court, hypothesis(LogScale(SHIP)))
     assert both.evidence > compass.evidence + 4 > clean + 25
     assert log.evidence < compass.evidence - 25
+
+
+def test_effects_held_at_their_values_are_taken_out_of_the_data():
+    """The same data with the effects subtracted by hand, judged as calm water."""
+    stood, h = stand("offset and compass"), hypothesis(*ACTING["offset and compass"])
+    held = replace(h, fixed=frozenset({"offset_deg", "bias_deg"}))
+    lin = linear(stood, held)
+    places = []
+    for place, c in zip(stood.places, lin.columns, strict=True):
+        measured, moved = place.base.measured.copy(), place.base.moved.copy()
+        measured[..., 0] -= c.measured[..., 0]
+        moved[..., 0] -= c.moved[..., 0]
+        places.append(replace(place, base=Columns(measured, moved)))
+    less = Court(Bench(CALM, places, stood.coefficients))
+    assert lin.count == 1 and held.vector().size == 0
+    assert Court(stood).judge_level(held, LEVEL) == approx(less.judge_level(NONE, LEVEL), abs=0.05)
+    assert Court(stood).judge(held).evidence == approx(less.judge(NONE).evidence, abs=0.05)
+
+
+def test_combining_coefficients_loses_no_evidence_and_can_be_undone():
+    """One run with every coefficient on its own, against the few combinations that the run can show."""
+    place, names = place_run(CALM, run_of(sailed([ZIGZAG], ACTING["wind"])[0], NOISE))
+    few = Bench(CALM, [place], names)
+    white = few.at(LEVEL).white[0]
+    e = white.embed(place.base)
+    prior = np.append(np.ones(len(names)), LATENCY_SPREAD)
+    all_of_them = regress(e.dot(e)[None], np.array([white.log_norm]), len(names), np.eye(len(prior) + 1)[0], prior)
+    judged = Court(few).judge(NONE, around=LEVEL)
+    assert len(few.coefficients) < len(names)
+    assert judged.by_level[LEVEL] == approx(all_of_them.by_level[0], abs=0.5)
+    g, s = judged.best
+    e = few.at(g).white[0].embed(place.base)
+    whole = regress(e.dot(e)[None], np.zeros(1), len(names), np.eye(len(prior) + 1)[0], prior).mean[0, s]
+    again = np.append(few.rotation @ judged.nuisance[:-1], judged.nuisance[-1])
+    assert again == approx(whole, abs=0.1 * SCATTER_LEVELS[s])

@@ -68,13 +68,13 @@ def test_a_slow_rudder_is_predicted_but_for_the_samples_in_which_it_arrives():
     slow = [RudderSlow(SHIP, rate_deg_s=1.3)]
     run = late_run(slow)
     own, blind = (errors(predict(model(e), [run])[0], recorded(run)) for e in (slow, []))
-    assert own["pos"] < 2.0 < 10.0 < blind["pos"] and own["psi"] < 0.5 < blind["psi"]
+    assert own["pos"] < 1.0 < 4.0 < blind["pos"] and own["psi"] < 0.3 < 1.0 < blind["psi"]
 
 
 def test_a_late_receiver_is_predicted_by_its_latency():
     run = late_run([GpsDelay(SHIP, delay_s=0.4)])
     own, blind = (errors(predict(model([], late), [run])[0], recorded(run)) for late in (0.4, 0.0))
-    assert own["pos"] < 0.3 < 2.0 < blind["pos"] and own["v"] < 0.02 < blind["v"]
+    assert own["pos"] < 0.3 < 1.0 < blind["pos"] and own["v"] < 0.02 < blind["v"]
 
 
 def test_nothing_but_the_rudder_is_taken_from_the_recording_after_the_warm_up():
@@ -152,8 +152,9 @@ def test_a_recording_is_compared_without_its_outliers_and_from_the_warm_up_on():
     measured[120, 4] += 0.3
     table, clean = recorded(replace(run, measured=measured)), recorded(run)
     assert table["t"].iloc[0] == 40.0 and np.isnan(table["x"][60]) and np.isnan(table["psi"][80])
-    assert table["x"].isna().sum() == 1 and table["y"].isna().sum() == 0
-    rest = np.setdiff1d(np.arange(len(table)), [60, 80])
-    assert np.array_equal(table["x"][rest], clean["x"][rest])
+    rest = np.setdiff1d(np.arange(len(table)), [*range(57, 64), *range(77, 84)])
+    assert clean.isna().sum().max() <= 2, "noise is no outlier"
+    pd.testing.assert_frame_equal(table.loc[rest], clean.loc[rest])
     true = states_of(sailed([LATE])[0])[40:]
-    assert recorded(late_run([]))[["u", "v"]].to_numpy() == approx(true[:, :2], abs=1e-9)
+    perfect = recorded(late_run([]))[["u", "v"]].to_numpy()
+    assert np.abs(perfect - true[:, :2])[np.isfinite(perfect)].max() < 1e-9

@@ -15,7 +15,7 @@ LEAST = 6.0
 """Least log Bayes factor over calm water of a named effect: what the draws' own model cannot know."""
 LEAST_UNKNOWN = 7.0
 """The same for something unknown, which has no formula to be tied to."""
-LEAST_MORE = 6.0
+LEAST_MORE = 7.0
 """Least log evidence that a second effect must add."""
 
 

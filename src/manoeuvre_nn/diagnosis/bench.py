@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 from manoeuvre_nn.core.effect import Situation
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis.columns import coefficient_columns, latency_column, situation
-from manoeuvre_nn.diagnosis.linear import Columns, Embedded, Linearised, Noise, Whitened, calm_rate, joined
+from manoeuvre_nn.diagnosis.linear import Columns, Embedded, Linearised, Noise, Whitened, calm_rate, joined, linearise
 from manoeuvre_nn.diagnosis.runs import Run
 from manoeuvre_nn.diagnosis.track import smooth
 from manoeuvre_nn.dynamics.model import Dynamics
@@ -241,11 +241,36 @@ def place_run(dynamics: Dynamics, run: Run) -> tuple[Place, list[str]]:
     rate, p = calm_rate(dynamics), dynamics.particulars
     unit = p.speed**2 / p.length * np.array([1.0, 1.0, 1.0 / p.length])
     found = smooth(run, rate, NOMINAL, np.array([0.05, 0.1, 0.1]) * unit, force_time(dynamics))
-    line = found.line
-    s = situation(line, rate)
+    return _place(dynamics, found.line, found.noise * np.sqrt(found.inflation), found.inflation, found.force)
+
+
+def moved_track(dynamics: Dynamics, place: Place, track: Float[np.ndarray, "n 6"]) -> tuple[Place, list[str]]:
+    """The same run about another track.
+
+    Args:
+        dynamics: Calm-water model.
+        place: The run.
+        track: u, v, r, x, y, psi.
+
+    Returns:
+        Its new place and the coefficients' names.
+    """
+    line = linearise(place.line.run, calm_rate(dynamics), track, force_time(dynamics))
+    return _place(dynamics, line, place.noise, place.inflation, place.force)
+
+
+def _place(
+    dynamics: Dynamics,
+    line: Linearised,
+    noise: Float[np.ndarray, " 8"],
+    inflation: Float[np.ndarray, " 8"],
+    force: Float[np.ndarray, "n 3"],
+) -> tuple[Place, list[str]]:
+    """A run's base columns about its track."""
+    s = situation(line, calm_rate(dynamics))
     coefficients, names = coefficient_columns(dynamics, line, s)
     latency = latency_column(line)
     data = line.data
     centred = Columns(data.measured - LATENCY * latency.measured, data.moved - LATENCY * latency.moved)
     base = joined([centred, coefficients, latency])
-    return Place(line, s, found.noise * np.sqrt(found.inflation), found.inflation, base, found.force), names
+    return Place(line, s, noise, inflation, base, force), names

@@ -14,10 +14,11 @@ from manoeuvre_nn.diagnosis.calibrated import Calibrated
 from manoeuvre_nn.diagnosis.court import Court
 from manoeuvre_nn.diagnosis.hypothesis import RANDOM, Hypothesis, Judged
 from manoeuvre_nn.diagnosis.locate import location, residuals
+from manoeuvre_nn.diagnosis.refine import refined
 from manoeuvre_nn.diagnosis.repair import Repaired, errors, predict, recorded
 from manoeuvre_nn.diagnosis.result import Cause, Check, Diagnosis, Interval, Proof, Value
 from manoeuvre_nn.diagnosis.runs import Run
-from manoeuvre_nn.diagnosis.search import Contest, Progress, contest
+from manoeuvre_nn.diagnosis.search import Contest, Progress, contest, settle
 from manoeuvre_nn.diagnosis.verdict import Verdict, decide
 from manoeuvre_nn.diagnosis.words import captain, next_steps, runner_up
 from manoeuvre_nn.dynamics.model import Dynamics
@@ -71,6 +72,7 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
     tried = contest(stand, question.effects, progress, question.threads)
     verdict = decide(tried)
     progress("proof")
+    stand = tried.court.bench
     chosen, proofs, checks = _repair(question, stand, tried, verdict)
     found = residuals(stand, chosen.hypothesis)
     causes = _causes(question, tried, verdict, chosen)
@@ -115,8 +117,10 @@ def _repair(
     before = cost(proofs, question.dynamics, "before")
     if not probable:
         return none, proofs, checks
-    for j in candidates:
-        made = _proofs(question, stand, none, j)
+    for first in candidates:
+        there = refined(tried.court.bench, first)
+        j = settle(Court(there), first.hypothesis, *first.best)
+        made = _proofs(question, there, none, j)
         after, gain = cost(made, question.dynamics, "after"), _foreseen(question, j, made)
         helped = not made or (gain > 0 and after < HARM * before)
         text = (
@@ -125,7 +129,7 @@ def _repair(
         )
         checks.append(Check("held-out gain", helped, text if made else "no held-out run: not proved"))
         if helped:
-            return j, made, [*checks, *checking.checks(tried, j)]
+            return j, made, [*checks, *checking.checks(tried, first)]
     return none, proofs, checks
 
 

@@ -118,7 +118,7 @@ def adapted(ship: Ship, manifest: Mapping[str, Any]) -> Ship:
         A new ship.
 
     Raises:
-        InputError: If the manifest is of a ship of another size.
+        InputError: If the manifest is of a ship of another size or speed.
     """
     given, p = numbers(manifest), ship.particulars
     for key, name in SIZES.items():
@@ -131,6 +131,12 @@ def adapted(ship: Ship, manifest: Mapping[str, Any]) -> Ship:
         changed["wind_areas"] = replace(p.above_water, **areas)
     if heel:
         changed["stability"] = replace(p.heeling, **heel)
-    made = ship.on_approach(given.get("approach_speed_m_s", p.speed))
+    speed = given.get("approach_speed_m_s", p.speed)
+    if speed > 2 * p.speed:
+        raise InputError(
+            f"approach speed {speed:.3g} m/s; the {p.name} was identified at {p.speed:.3g} m/s: write speed_kn, or "
+            "approach_speed_m_s in manifest.json, below twice that"
+        )
+    made = ship.on_approach(speed)
     made.particulars = replace(made.particulars, **changed)
     return made

@@ -44,7 +44,9 @@ def check_sheet(sheet: Sheet, ship: Particulars, remedy: str = REMEDY) -> None:
     """
     clean = _without_spikes(sheet, ship)
     checks: tuple[Finding, ...] = (heading_unit, rudder_unit, rudder_stop, log_unit, shaft_unit, speed_unit, speed_size)
-    if _turned(clean, ship) > TURNED:  # on a straight course there is little but noise to compare
+    if (
+        max(_turned(clean, ship), np.ptp(clean["psi"])) > TURNED
+    ):  # on a straight course there is little but noise to compare
         checks += (rate_unit, frame)
     for check in (*checks, course, rudder_sign):
         finding = check(clean, ship)
@@ -78,12 +80,14 @@ def heading_unit(run: Recording, ship: Particulars) -> str | None:
     Returns:
         The finding, or None.
     """
-    changed, turned = float(np.ptp(run["psi"])), _turned(run, ship)
-    if changed > 7 * DEGREE or turned < 10 * max(changed, 0.1 * TURNED):
+    numbers, turned = run["psi"] / DEGREE, _turned(run, ship)
+    if np.ptp(numbers) > 7 or turned < 0.8 * TURNED or np.ptp(run["psi"]) > 0.5 * turned:
+        return None
+    if not 0.6 < np.ptp(np.unwrap(numbers)) / turned < 1.6:
         return None
     return (
-        f"psi changes by {changed / DEGREE:.3g} deg in all while the ship turns through {turned / DEGREE:.0f} deg: psi "
-        "looks like radians"
+        f"psi stays within {np.ptp(numbers):.3g} deg while the ship turns through {turned / DEGREE:.0f} deg: psi looks "
+        "like radians"
     )
 
 
@@ -175,7 +179,10 @@ def shaft_unit(run: Recording, ship: Particulars) -> str | None:
     ratio = float(np.median(run["n"]))
     if 0.1 < ratio < 5:
         return None
-    return f"n is {ratio * ship.rpm:.3g} rpm; nominal for the {ship.name} is {ship.rpm:g} rpm: mind the unit of n, or write rpm="
+    return (
+        f"n is {ratio * ship.rpm:.3g} rpm; nominal for the {ship.name} is {ship.rpm:g} rpm: mind the unit of n, or write "
+        "the nominal one as rpm="
+    )
 
 
 def _way(run: Recording, ship: Particulars) -> Float[np.ndarray, " n"]:
@@ -189,9 +196,9 @@ def _way(run: Recording, ship: Particulars) -> Float[np.ndarray, " n"]:
 
 
 def _turned(run: Recording, ship: Particulars) -> float:
-    """Angle that the ship turns through by compass, track or gyro, whichever says most [rad]."""
+    """Angle that the ship turns through by track or gyro, whichever says more [rad]."""
     speed = np.hypot(run["vn"], run["ve"])
     way = _way(run, ship)[speed > 0.2 * np.quantile(speed, 0.95)]
     # A gyro's constant error is no turn.
     yaw = cumulative_trapezoid(run["r"] - np.median(run["r"]), run.time, initial=0.0)
-    return float(max(np.ptp(run["psi"]), np.ptp(way), np.ptp(yaw)))
+    return float(max(np.ptp(way), np.ptp(yaw)))

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 from math import inf
 
@@ -13,8 +13,11 @@ from manoeuvre_nn.diagnosis.bench import Bench
 from manoeuvre_nn.diagnosis.court import Court, linear
 from manoeuvre_nn.diagnosis.gusts import judge_gusts
 from manoeuvre_nn.diagnosis.hypothesis import RANDOM, Hypothesis, Judged
+from manoeuvre_nn.diagnosis.refine import refined
 from manoeuvre_nn.diagnosis.windows import best_windows
 
+WORTH = 12.0
+"""Evidence of the best effect over calm water from which everything is linearised again about its track."""
 WIDTH = 5
 """Number of hypotheses that are built upon."""
 Progress = Callable[[str], None]
@@ -59,6 +62,9 @@ def contest(bench: Bench, effects: Sequence[Effect], progress: Progress = lambda
     with ThreadPoolExecutor(threads) as pool:
         singles = [j for j in pool.map(alone, plain) if j is not None]
     singles.sort(key=lambda j: -j.evidence)
+    if singles and singles[0].evidence > none.evidence + WORTH:
+        progress("second linearisation")
+        court, none, singles = _again(court, none, singles)
     pairs = list(_pairs(court, singles, none, progress, threads))
     judged = sorted(singles + pairs, key=lambda j: -j.evidence)
     windy = [j for j in judged[:WIDTH] if "wind_steady" in j.names and j.evidence > none.evidence]
@@ -69,6 +75,15 @@ def contest(bench: Bench, effects: Sequence[Effect], progress: Progress = lambda
             judged.append(judge_gusts(court, j, gusty))
     judged.sort(key=lambda j: -j.evidence)
     return Contest(none, judged, court)
+
+
+def _again(court: Court, none: Judged, singles: Sequence[Judged]) -> tuple[Court, Judged, list[Judged]]:
+    """The best few singles and calm water about the track of the best; the others keep their distance to calm water."""
+    there = Court(refined(court.bench, singles[0]))
+    calm = there.judge(Hypothesis((), ()), around=none.best[0])
+    best = [settle(there, j.hypothesis, *j.best) for j in singles[:WIDTH]]
+    rest = [replace(j, evidence=j.evidence - none.evidence + calm.evidence) for j in singles[WIDTH:]]
+    return there, calm, sorted(best + rest, key=lambda j: -j.evidence)
 
 
 def single(court: Court, effect: Effect, none: Judged, given: Hypothesis | None = None) -> Judged | None:

@@ -67,8 +67,10 @@ class Sheet:
 
     @property
     def step(self) -> float:
-        """Usual time between samples [s]."""
-        return float(np.median(np.diff(self.time)))
+        """Usual time between samples [s]: whole seconds or whole samples a second where written times only round it."""
+        usual = float(np.median(np.diff(self.time)))
+        whole = float(round(usual)) if usual > 0.75 else 1.0 / round(1.0 / usual)
+        return whole if abs(usual / whole - 1) < 0.01 else usual
 
     def filled(self, name: str) -> Float[np.ndarray, " n"]:
         """A channel with its gaps filled by straight lines.
@@ -210,7 +212,10 @@ def on_even_times(sheet: Sheet, step: float) -> Sheet:
 def _joined(time: np.ndarray, values: np.ndarray, even: np.ndarray, place: np.ndarray, fast: bool) -> np.ndarray:
     """One channel at even times; ``place`` says which of them each sample is nearest to."""
     if fast:
-        return pd.Series(values).groupby(place).median().reindex(range(len(even))).to_numpy(float)
+        joined = pd.Series(values).groupby(place).median().reindex(range(len(even))).to_numpy(float, copy=True)
+        ends = [0, -1]  # half a step on one side only: its median would be late or early
+        joined[ends] = values[[np.abs(time - even[k]).argmin() for k in ends]]
+        return joined
     good = np.isfinite(values)
     result = np.full(len(even), np.nan)
     hit = np.unique(place[good])

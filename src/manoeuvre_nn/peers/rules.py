@@ -6,7 +6,7 @@ from math import atan2, hypot
 
 import numpy as np
 
-from manoeuvre_nn.peers.sparse import GROUPS, ROWS, Sparse
+from manoeuvre_nn.peers.sparse import GROUPS, MIRROR, ROWS, Sparse
 
 Cell = tuple[str, str]
 Test = Callable[[Sparse], float]
@@ -33,6 +33,10 @@ SHARE = 0.03
 """Share of a rule's evidence that each of its necessary cells has to carry."""
 AGAINST = 0.5
 """Weight of what a rule does not explain."""
+TAME = 0.15
+"""Weight of terms that a symmetric ship has: errors of coefficients make them too, whatever is allowed for that."""
+UNKNOWN, LEFT = 0.08, 0.015
+"""Share of all that terms explain, and of what they leave, that is taken for something unknown."""
 SHORTEST = 4
 """Averages that an event lasts at least."""
 
@@ -106,12 +110,13 @@ def turned(s: Sparse) -> float:
 
 WIND_FREE = (("X", "bias"), ("N", "bias"), ("drift", "bias"), ("drift", "head2"))
 LATERAL = (("drift", "hull"), ("drift", "rudder"), ("drift", "gear"))
+DRIFT = (*LATERAL, ("drift", "head1"), ("drift", "head2"))
 STREAM = (("log", "head1"), ("drift", "head1"))
 RULES: Mapping[str, Rule] = {
     "rate_bias": Rule((("gyro", "bias"),)),
     "log_scale": Rule((("log", "bias"),), test=term("log", "1")),
     "current": Rule(STREAM, test=turned),
-    "heading_bias": Rule((("drift", "bias"),), test=term("drift", "1")),
+    "heading_bias": Rule((("drift", "bias"),), (), DRIFT, term("drift", "1")),
     "gps_lever_arm": Rule((("drift", "hull"),), (("log", "hull"),), test=term("drift", "r")),
     "wind_steady": Rule((("drift", "head1"), ("N", "head1")), (("X", "head1"), ("N", "head2")), WIND_FREE),
     "wave_drift": Rule((("drift", "head1"), ("N", "head2")), (("X", "head1"),), WIND_FREE),
@@ -146,7 +151,8 @@ def scores(s: Sparse) -> dict[str, float]:
         Name and sum of squares in units of the noise; ``side_force`` by an event that the terms leave; ``unknown`` by
         all that there is.
     """
-    cells = {(row, group): s.explained[row][group] for row in ROWS for group in GROUPS}
+    weight = {group: TAME if group in MIRROR else 1.0 for group in GROUPS}
+    cells = {(row, group): weight[group] * s.explained[row][group] for row in ROWS for group in GROUPS}
     total = sum(cells.values())
     found = {}
     for name, rule in RULES.items():
@@ -155,12 +161,8 @@ def scores(s: Sparse) -> dict[str, float]:
         there = counted > 0 and all(cells[c] >= SHARE * counted for c in rule.must)
         found[name] = rule.test(s) * counted - AGAINST * against if there else -AGAINST * total
     found["side_force"] = event(s)[0] - AGAINST * total
-    found["unknown"] = UNKNOWN * (total + float((s.left**2).sum()) - s.left.size)
+    found["unknown"] = UNKNOWN * total + LEFT * max(float((s.left**2).sum()) - s.left.size, 0.0)
     return dict(sorted(found.items(), key=lambda item: -item[1]))
-
-
-UNKNOWN = 0.3
-"""Share of all misfit that something unknown is taken to explain."""
 
 
 def event(s: Sparse) -> tuple[float, dict[int, tuple[float, float]]]:

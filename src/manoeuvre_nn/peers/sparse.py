@@ -43,7 +43,7 @@ LIBRARY = {
     "shaft": ("bias",),
 }
 """Groups that make sense in a row: surge is even in sway, yaw and rudder, instruments know no rudder."""
-MODELS, CHUNK = 30, 6
+MODELS, CHUNK = 30, 4
 """Resampled models of the ensemble, and averages that are resampled together."""
 THRESHOLD, RIDGE = 3.0, 0.05
 """Of sequentially thresholded least squares, for columns of norm one and errors of variance one."""
@@ -51,7 +51,7 @@ SCATTER = 0.06
 """Relative error of every coefficient that calls for no explanation."""
 KEPT = 0.5
 """Share of the ensemble's models in which a term must stand."""
-AVERAGE = 1.0
+AVERAGE = 1.4
 """Window of the averages over L/U0."""
 STARTUP = 60.0
 """Time after which the model's sway speed has forgotten its start [s]."""

@@ -1,0 +1,111 @@
+"""From evidence to probabilities, with contests made up of evidences alone."""
+
+import numpy as np
+import pytest
+from pytest import approx
+from trials import SHIP, values
+
+from manoeuvre_nn.diagnosis import verdict as under_test
+from manoeuvre_nn.diagnosis.alarm import LEAST, LEAST_UNKNOWN, _drawn
+from manoeuvre_nn.diagnosis.court import Court
+from manoeuvre_nn.diagnosis.hypothesis import Hypothesis, Judged
+from manoeuvre_nn.diagnosis.regression import regress
+from manoeuvre_nn.diagnosis.search import Contest
+from manoeuvre_nn.diagnosis.verdict import PRIOR, decide
+from manoeuvre_nn.effect.current import Current
+from manoeuvre_nn.effect.rudder import RudderOffset
+from manoeuvre_nn.effect.sensors import HeadingBias, LogScale
+
+EFFECTS = {e.name: e for e in (Current(SHIP), RudderOffset(SHIP), HeadingBias(SHIP), LogScale(SHIP))}
+CALM_EVIDENCE = -1000.0
+
+
+def judged(evidence: float, *names: str) -> Judged:
+    effects = tuple(EFFECTS[n] for n in names)
+    return Judged(Hypothesis(effects, tuple(values(e) for e in effects)), evidence, np.zeros((1, 1)), np.eye(1))
+
+
+@pytest.fixture
+def decided(monkeypatch):
+    """Decides on log Bayes factors over calm water; what chance can do is known, and so is the stranger."""
+
+    def run(factors: dict, unknown: float = -5.0, temperature: float = 1.0):
+        monkeypatch.setattr(under_test, "unknown_evidence", lambda court, none: CALM_EVIDENCE + unknown)
+        monkeypatch.setattr("manoeuvre_nn.diagnosis.alarm.threshold", lambda contest: LEAST)
+        made = [judged(CALM_EVIDENCE + f, *key.split(" + ")) for key, f in factors.items()]
+        made.sort(key=lambda j: -j.evidence)
+        return decide(Contest(judged(CALM_EVIDENCE), made, object.__new__(Court)), temperature)
+
+    return run
+
+
+SINGLES = {"current": 12.0, "rudder_offset": 3.0, "heading_bias": -1.0, "log_scale": -2.0}
+
+
+@pytest.mark.parametrize("gain", [-3.0, 0.0, LEAST - 0.1, LEAST + 0.1, 20.0])
+@pytest.mark.parametrize("unknown", [-5.0, LEAST_UNKNOWN - 0.1, LEAST_UNKNOWN + 0.1, 30.0])
+@pytest.mark.parametrize("others, temperature", [(-1.0, 1.0), (-30.0, 8.0)])
+def test_single_causes_none_and_unknown_add_up_to_one(decided, gain, unknown, others, temperature):
+    """The last pair is an alarm that the prior speaks against."""
+    v = decided(dict.fromkeys(SINGLES, others) | {"current": gain}, unknown, temperature)
+    assert v.none + v.unknown + sum(v.effects.values()) == approx(1.0)
+    assert all(0 <= p <= 1 for p in (v.none, v.unknown, *v.effects.values()))
+
+
+def test_a_pair_counts_for_both_of_its_effects(decided):
+    v = decided(SINGLES | {"current + rudder_offset": 30.0})
+    only = decided(SINGLES)
+    assert v.best is not None and v.best.names == ("current", "rudder_offset")
+    assert v.effects["current"] == approx(1.0, abs=1e-4) and v.effects["rudder_offset"] == approx(1.0, abs=1e-4)
+    assert only.effects["rudder_offset"] < 0.01
+    assert v.bayes == approx({"current": 30.0, "rudder_offset": 30.0, "heading_bias": -1.0, "log_scale": -2.0})
+
+
+def test_a_second_effect_must_earn_its_place(decided):
+    v = decided(SINGLES | {"current + rudder_offset": 12.5})
+    assert v.best is not None and v.best.names == ("current",) and v.effects["rudder_offset"] < 0.01
+
+
+def test_odds_are_those_of_evidence_times_prior(decided):
+    """Two singles far above calm water."""
+    v = decided({"current": 30.0, "rudder_offset": 28.5, "heading_bias": -9.0}, unknown=28.0)
+    assert v.effects["current"] / v.effects["rudder_offset"] == approx(np.exp(1.5))
+    odds = np.exp(2.0) * PRIOR["single"] / 3 / PRIOR["unknown"]
+    assert v.effects["current"] / v.unknown == approx(odds)
+    mild = decided({"current": 30.0, "rudder_offset": 28.5, "heading_bias": -9.0}, unknown=28.0, temperature=3.0)
+    assert mild.effects["current"] / mild.effects["rudder_offset"] == approx(np.exp(0.5))
+
+
+def test_more_evidence_is_more_probability(decided):
+    found = [decided(SINGLES | {"current": e}) for e in map(float, range(-4, 16))]
+    probability = [v.effects["current"] for v in found]
+    assert (np.diff(probability) > 0).all() and probability[0] < 0.1 and probability[-1] > 0.95
+    assert (np.diff([v.none for v in found]) <= 0).all()
+
+
+def test_what_chance_could_do_is_no_mismatch(decided):
+    quiet, loud = decided(SINGLES | {"current": LEAST - 0.1}), decided(SINGLES | {"current": LEAST + 0.1})
+    assert (quiet.named, loud.named, quiet.strange) == (False, True, False)
+    assert quiet.none > 0.5 > loud.none
+    strange = decided(SINGLES | {"current": 0.0}, unknown=LEAST_UNKNOWN + 0.1)
+    assert strange.strange and not strange.named and strange.none < 0.5
+
+
+def test_nothing_judged_is_calm_water(decided):
+    v = decided({})
+    assert v.best is None and v.effects == {} and v.none > 0.9
+
+
+def test_what_chance_does_to_a_candidate_is_what_regressions_on_noise_find():
+    """Quantiles of log Bayes factors of white data on three columns with priors, two routes."""
+    g = np.random.default_rng(3)
+    columns, spread = g.standard_normal((40, 3)) * [0.5, 1.0, 3.0], np.array([1.0, 0.4, 2.0])
+    factors = []
+    for _ in range(1500):
+        vectors = np.column_stack([g.standard_normal(40), columns])
+        gram = vectors.T @ vectors
+        found = regress(gram[None], np.zeros(1), 0, np.eye(4)[0], spread)
+        factors.append(found.by_level[0, 0] + 0.5 * gram[0, 0])
+    drawn = _drawn(np.random.default_rng(0), columns.T @ columns, spread)
+    at = [0.05, 0.25, 0.5, 0.75, 0.95]
+    assert np.quantile(drawn, at) == approx(np.quantile(factors, at), abs=0.3)
