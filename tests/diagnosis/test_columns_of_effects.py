@@ -14,7 +14,7 @@ from trials import CALM, NOISE, SHIP, TIMED, ZIGZAG, about, quickly, run_of, sai
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.diagnosis.bench import NOMINAL, place_run
+from manoeuvre_nn.diagnosis.bench import NOMINAL, Bench, bench
 from manoeuvre_nn.diagnosis.calibrated import Calibrated, Corrections
 from manoeuvre_nn.diagnosis.columns import (
     _memory,
@@ -25,7 +25,10 @@ from manoeuvre_nn.diagnosis.columns import (
     perfect,
     situation,
 )
+from manoeuvre_nn.diagnosis.court import Court
+from manoeuvre_nn.diagnosis.hypothesis import Hypothesis
 from manoeuvre_nn.diagnosis.linear import Columns, Linearised, Noise, Whitened, calm_rate, joined, linearise, shown
+from manoeuvre_nn.diagnosis.refine import refined
 from manoeuvre_nn.diagnosis.runs import CHANNELS
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.effect.current import Current
@@ -133,26 +136,53 @@ def test_carried_on_by_the_transitions_it_is_the_difference_of_two_simulations(e
     assert (left < tolerance * np.abs(happened).max(axis=0) + 2e-3 * NOISE).all()
 
 
-ON_BENCH = (
-    "current", "wind_steady", "shallow_water", "rudder_offset", "rudder_slow", "power_limit", "roll_coupling",
-    "heading_bias", "log_scale", "gps_lever_arm",
-)  # fmt: skip
+ON_BENCH = {
+    name: LARGE[name]
+    for name in (
+        "current", "wind_steady", "shallow_water", "rudder_offset", "rudder_slow", "power_limit", "roll_coupling",
+        "heading_bias", "log_scale",
+    )
+} | {"gps_lever_arm": LeverArm(SHIP, dx_m=8.0, dy_m=2.0)}  # fmt: skip
+FAR = {"gps_lever_arm": LARGE["gps_lever_arm"], "shallow_water": LARGE["shallow_water"], "wind": LARGE["wind_steady"]}
+"""Effects that the first track may take for something else."""
+
+
+def on_bench(effect: Effect) -> Bench:
+    """A noise-free zigzag; the smoother knows nothing of the effect."""
+    run = run_of(sailed([replace(ZIGZAG, duration=160.0)], [effect])[0])
+    with quickly():
+        return bench(CALM, [run])
+
+
+def misfits(stand: Bench, effect: Effect) -> np.ndarray:
+    """Inner products of the data and the effect's columns at the true values, with next to no other force."""
+    (place,), p = stand.places, SHIP.particulars
+    force = 1e-3 * p.speed**2 / p.length * np.array([1.0, 1.0, 1.0 / p.length])
+    white = Whitened(place.line, Noise(NOMINAL, force, p.time_unit), np.array([2.0, 2.0, 0.01, 50.0, 50.0, 0.3]))
+    e = white.embed(joined([place.line.data, added(effect, place.line)]))
+    return e.dot(e)
 
 
 @pytest.mark.parametrize("name", ON_BENCH)
 def test_on_the_bench_the_true_values_leave_no_misfit_and_calm_water_much(name):
-    """The smoother knows nothing of the effect; what it lays aside, the effect's columns must take up."""
-    effect, p = LARGE[name], SHIP.particulars
-    run = run_of(sailed([replace(ZIGZAG, duration=160.0)], [effect], step=1.0)[0])
-    with quickly():
-        place, _ = place_run(CALM, run)
-    force = 1e-3 * p.speed**2 / p.length * np.array([1.0, 1.0, 1.0 / p.length])
-    white = Whitened(place.line, Noise(NOMINAL, force, p.time_unit), np.array([2.0, 2.0, 0.01, 50.0, 50.0, 0.3]))
-    e = white.embed(joined([place.line.data, added(effect, place.line)]))
-    g = e.dot(e)
+    g = misfits(on_bench(ON_BENCH[name]), ON_BENCH[name])
     assert g[0, 0] > 100
     assert g[0, 0] - 2 * g[0, 1] + g[1, 1] < 0.015 * g[0, 0]
     assert g[0, 1] / g[1, 1] == approx(1.0, abs=0.05), "the size that fits best"
+
+
+@pytest.mark.parametrize("name", FAR)
+def test_about_the_track_of_the_true_hypothesis_less_is_left(name):
+    effect, first = FAR[name], on_bench(FAR[name])
+    held = Hypothesis((effect,), (values(effect),), frozenset(p.name for p in effect.declared))
+    with quickly():
+        second = refined(first, Court(first).judge(held))
+    left = []
+    for stand in (first, second):
+        g = misfits(stand, effect)
+        left.append((g[0, 0] - 2 * g[0, 1] + g[1, 1]) / g[0, 0])
+    assert left[1] < max(0.3 * left[0], 2e-4) < 0.1
+    assert g[0, 1] / g[1, 1] == approx(1.0, abs=0.01)
 
 
 def test_several_sets_of_values_are_several_columns():

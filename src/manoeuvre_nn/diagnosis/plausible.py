@@ -56,9 +56,7 @@ def check_sheet(sheet: Sheet, ship: Particulars, remedy: str = REMEDY) -> None:
 
 def _without_spikes(sheet: Sheet, ship: Particulars) -> Recording:
     """The run as a recording: gaps filled, single-sample outliers taken out, what is lacking derived."""
-    psi = sheet.filled("psi")
     c = {k: median_filter(sheet.filled(k), 5, mode="nearest") for k in sheet.channels}
-    c["psi"] = median_filter(psi, 5, mode="nearest")
     derived = {"u"} if "vn" in sheet.derived else set()
     c["u"], c["v"] = earth_to_body(c["vn"], c["ve"], c["psi"])
     if "r" not in c:
@@ -109,8 +107,13 @@ def rate_unit(run: Recording, ship: Particulars) -> str | None:
     ratio = _ratio(rate, r)
     if min(abs(ratio - 1), abs(centred - 1)) < 0.4:
         return None
-    known = min(RATES, key=lambda k: abs(np.log(abs(ratio / k))) + 10 * (ratio * k < 0))
-    cause = RATES[known] if 0.7 < ratio / known < 1.4 else "mind the units of psi, r and t"
+    known = min(RATES, key=lambda k: abs(np.log(max(abs(ratio), 1e-9) / abs(k))) + 10 * (ratio * k < 0))
+    if np.ptp(run["psi"]) < 7 * DEGREE:
+        cause = "psi looks like radians"
+    elif 0.7 < ratio / known < 1.4:
+        cause = RATES[known]
+    else:
+        return None  # no unit does that: it may be what is looked for
     return f"the heading changes {ratio:.3g} times as fast as r says: {cause}"
 
 
@@ -180,8 +183,8 @@ def shaft_unit(run: Recording, ship: Particulars) -> str | None:
     if 0.1 < ratio < 5:
         return None
     return (
-        f"n is {ratio * ship.rpm:.3g} rpm; nominal for the {ship.name} is {ship.rpm:g} rpm: mind the unit of n, or write "
-        "the nominal one as rpm="
+        f"n is {ratio * ship.rpm:.3g} rpm; nominal for the {ship.name} is {ship.rpm:g} rpm: mind the unit of n, or "
+        "write the nominal one as rpm="
     )
 
 

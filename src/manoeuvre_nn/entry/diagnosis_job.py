@@ -30,6 +30,8 @@ from manoeuvre_nn.report.diagnosis_tables import print_diagnosis, value_text
 ANSWER, ERROR = "answer.json", "error.txt"
 OF_ANSWERS = ["candidates", "model", "rudder_positive_to"]
 """Settings that answers of cases depend on; a command with others may not go on in their folder."""
+STOPPED = 130
+"""Exit code after ctrl-C, as shells have it."""
 STEPS = WIDTH + 6
 """Steps of a diagnosis beside one a candidate: pairs, gusts, tracks, proof."""
 
@@ -78,7 +80,7 @@ def answer_cases(cfg: DictConfig, out: Path, conf: Path, console: Console) -> No
 
     Raises:
         InputError: If there is no case.
-        KeyboardInterrupt: On ctrl-C, after a line.
+        SystemExit: On ctrl-C, after a line.
     """
     folders = case_folders(Path(cfg.cases))
     if cfg.get("ship") is not None:
@@ -96,7 +98,7 @@ def answer_cases(cfg: DictConfig, out: Path, conf: Path, console: Console) -> No
                 tracker.say(_answer_case(common, folder, out / folder.name, tracker))
             except KeyboardInterrupt:
                 tracker.say(f"{folder.name}: stopped; the same command goes on from here")
-                raise
+                raise SystemExit(STOPPED) from None
             except Exception as error:  # whatever it is, the other cases go on
                 failed.append(folder.name)
                 tracker.say(f"{folder.name}: failed: {_report(error, out / folder.name)}")

@@ -113,7 +113,9 @@ class Setup:
             **versions(),
         }
         undecided = (*case.undecided, *left_out)
-        return Question(case.name, dynamics, case.fitted, case.held_out, effects, undecided, settings), effects
+        threads = configs.whole_number("threads", self.cfg.threads, 1)
+        runs = (case.fitted, case.held_out)
+        return Question(case.name, dynamics, *runs, effects, undecided, settings, threads), effects
 
     def candidates(self, case: Case) -> tuple[list[Effect], list[str]]:
         """Candidates that a case can say something about.
