@@ -194,6 +194,17 @@ def test_another_file_format_is_the_same_run(tmp_path, usual):
     assert np.isnan(channel(case, "u_log")).all()
 
 
+def test_a_track_that_a_mapping_makes_from_velocities_is_no_recorded_one(tmp_path, usual):
+    named = {"u": ("u", "m/s"), "v": ("v", "m/s"), "psi": ("psi", "deg"), "delta": ("delta", "deg")}
+    channels = {k: {"column": column, "unit": unit} for k, (column, unit) in named.items()}
+    read = mapping(time={"column": "t", "unit": "s"}, channels=channels, rudder_positive_to="port")
+    case = runs_of(tmp_path / "long", mapping=read)
+    assert np.isnan(channel(case, "x")).all() and np.isnan(channel(case, "r")).all()
+    np.testing.assert_allclose(channel(case, "vn"), channel(usual, "vn"), atol=1e-3)
+    with pytest.raises(InputError, match="too short a run: 71 samples over 70 s"):
+        runs_of(tmp_path / "short", change=lambda t: t[t["t"] <= 70], mapping=read)
+
+
 @pytest.mark.parametrize(
     "kinds, expected",
     [

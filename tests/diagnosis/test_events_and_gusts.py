@@ -10,14 +10,12 @@ from trials import CALM, CIRCLE, NOISE, PORT, SHIP, ZIGZAG, run_of, runs, sailed
 
 from manoeuvre_nn.diagnosis.bench import Bench, bench
 from manoeuvre_nn.diagnosis.court import Court
-from manoeuvre_nn.diagnosis.gusts import judge_gusts
 from manoeuvre_nn.diagnosis.hypothesis import Hypothesis
 from manoeuvre_nn.diagnosis.locate import changes, residuals
-from manoeuvre_nn.diagnosis.search import single
 from manoeuvre_nn.diagnosis.windows import best_windows
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.local import SideForce
-from manoeuvre_nn.effect.wind import GustyWind, SteadyWind, WindOnset
+from manoeuvre_nn.effect.wind import GustyWind, WindOnset
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 NONE = Hypothesis((), ())
@@ -52,43 +50,6 @@ def test_the_window_of_a_force_is_found_to_a_block_and_by_the_fit_to_five_second
     (first,) = best_windows(court, PUSH, grid, *none.best)
     assert first[:, 2:] == approx(np.tile([83.0, 157.0], (2, 1)), abs=12.0)
     assert (first[:, 0] > 50.0).all(), "its side and size"
-    found = single(court, PUSH, none)
-    assert found.evidence > none.evidence + 20
-    table = found.hypothesis.values[0]
-    assert table[:, 2:] == approx(np.tile([83.0, 157.0], (2, 1)), abs=5.0)
-    assert table[0, :2] == approx([150.0, 30.0], rel=0.2)
-
-
-def test_the_time_at_which_a_wind_sets_in_is_found():
-    court = Court(stand("onset"))
-    none = court.judge(NONE)
-    found = single(court, ONSET, none)
-    names = [p.name for p in ONSET.declared]
-    assert found.evidence > none.evidence + 10
-    assert found.hypothesis.values[0][:, names.index("start_s")] == approx([108.0], abs=8.0)
-    assert found.hypothesis.values[0][0, 0] == approx(14.0, abs=4.0)
-
-
-def test_the_size_of_gusts_is_found():
-    stood, size = gusty()
-    court = Court(stood)
-    steady = single(court, SteadyWind(SHIP), court.judge(NONE))
-    found = judge_gusts(court, steady, GustyWind(SHIP))
-    sd, error = found.random["gust_sd"]
-    assert found.names == ("wind_gusty",) and found.evidence > steady.evidence + 5
-    assert sd == approx(size, rel=0.4) and 0 < error < sd
-    names = [p.name for p in GustyWind(SHIP).declared]
-    table = found.hypothesis.values[0]
-    assert (table[:, names.index("gust_sd")] == sd).all() and table[0, 0] == approx(14.0, abs=4.0)
-    assert table[0, names.index("from_deg")] == approx(60.0, abs=20.0)
-
-
-def test_a_steady_wind_gains_nothing_by_gusts():
-    wind = SteadyWind(SHIP, speed=12.0, from_deg=60.0)
-    court = Court(bench(CALM, runs([CIRCLE, ZIGZAG], [wind])))
-    steady = court.judge(Hypothesis((wind,), (values(wind, 2),)))
-    found = judge_gusts(court, steady, GustyWind(SHIP))
-    assert found.evidence < steady.evidence + 1 and found.random["gust_sd"][0] < 2.0
 
 
 def noise(n: int, seed: int = 0) -> np.ndarray:

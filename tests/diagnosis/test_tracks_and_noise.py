@@ -18,7 +18,7 @@ from manoeuvre_nn.effect.wind import SteadyWind
 
 SEEN = len(CHANNELS) - 1
 """No state explains the shaft speed."""
-WHITE = 4
+WHITE = 3
 """Noises of one record."""
 
 
@@ -43,7 +43,7 @@ def test_noise_is_found_whatever_acts_on_the_ship(effects):
     found = [own_noise(placed(run_of(record(*effects), NOISE, seed))) / NOISE[:SEEN] for seed in range(WHITE)]
     # A median of 240 samples has a standard error of 7 %.
     assert np.mean(found) == approx(1.0, abs=0.1)
-    assert np.mean(found, axis=0) == approx(np.ones(SEEN), abs=0.15)
+    assert np.mean(found, axis=0) == approx(np.ones(SEEN), abs=0.17)
     assert np.max(found) < 1.35 and np.min(found) > 0.65
 
 

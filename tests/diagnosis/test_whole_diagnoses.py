@@ -25,14 +25,14 @@ CANDIDATES = [kind(SHIP) for kind in (Current, SteadyWind, RudderOffset, HullFou
 def trial(name: str, *stages: tuple[float, float | None]) -> Manoeuvre:
     """Straight for 40 s, then turns by the clock."""
     orders = ((0.0, 40.0), *stages)
-    return Manoeuvre(name, "random_rudder", tuple(Stage(a * DEGREE, hold=t) for a, t in orders), duration=220.0)
+    return Manoeuvre(name, "random_rudder", tuple(Stage(a * DEGREE, hold=t) for a, t in orders), duration=180.0)
 
 
 TRIALS = [
     trial("starboard", (25.0, None)),
     trial("port", (-15.0, None)),
-    trial("weave", (20.0, 40.0), (-20.0, 80.0), (20.0, None)),
-    trial("held out", (-20.0, 60.0), (20.0, None)),
+    trial("weave", (20.0, 30.0), (-20.0, 60.0), (20.0, None)),
+    trial("held out", (-20.0, 50.0), (20.0, None)),
 ]
 
 

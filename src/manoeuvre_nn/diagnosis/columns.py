@@ -62,7 +62,7 @@ def contribution(
             acceleration = acceleration + rate(s.nu.expand(rows, n, 3), s.delta, shaft.expand(rows, n)) - s.nudot
         acceleration = acceleration + acting.acceleration(here, memory)
         stream = acting.stream(here).expand(rows, n, 2)
-        moved = moved_by(acceleration, stream, s.psi, line.run.step)
+        moved = moved_by(acceleration, stream, line)
         seen = s.with_(shaft=shaft.expand(rows, n))
         return Columns(_recorded(acting, line, seen, rows), moved.permute(1, 2, 0).numpy())
 
@@ -139,26 +139,27 @@ def _memory(acting: Effect, s: Situation, rows: int, step: float) -> Tensor:
     return torch.tensor(result)
 
 
-def moved_by(acceleration: Tensor, stream: Tensor, psi: Tensor, h: float) -> Tensor:
+def moved_by(
+    acceleration: Float[Tensor, "k n 3"], stream: Float[Tensor, "k n 2"], line: Linearised
+) -> Float[Tensor, "k steps 6"]:
     """What accelerations and a stream add to the state within each step.
+
+    ``h (I + A) / 2`` times their mean, with A the derivative of the next state by the present one: what is pushed early
+    in a step has been damped, turned and carried on by its end.
 
     Args:
         acceleration: udot, vdot [m/s^2], rdot [rad/s^2] of several columns.
         stream: North and east [m/s].
-        psi: Heading [rad].
-        h: Time between samples [s].
+        line: The run about its track.
 
     Returns:
         u, v, r, x, y, psi.
     """
-    a = 0.5 * (acceleration[:, 1:] + acceleration[:, :-1])
-    w = 0.5 * (stream[:, 1:] + stream[:, :-1])
-    middle = 0.5 * (psi[1:] + psi[:-1])
-    cos, sin = torch.cos(middle), torch.sin(middle)
-    half = 0.5 * h * h
-    north = h * w[..., 0] + half * (a[..., 0] * cos - a[..., 1] * sin)
-    east = h * w[..., 1] + half * (a[..., 0] * sin + a[..., 1] * cos)
-    return torch.cat([h * a, torch.stack([north, east, half * a[..., 2]], dim=-1)], dim=-1)
+    h = line.run.step
+    rate = torch.cat([acceleration, stream, torch.zeros_like(stream[..., :1])], dim=-1)
+    push = 0.5 * h * (rate[:, 1:] + rate[:, :-1])
+    carried = push.new_tensor(0.5 * (np.eye(6) + line.transition[:, :6, :6]))
+    return torch.einsum("sij,ksj->ksi", carried, push)
 
 
 def _recorded(acting: Effect, line: Linearised, s: Situation, rows: int) -> Float[np.ndarray, "n 8 k"]:
@@ -206,7 +207,7 @@ def coefficient_columns(dynamics: Dynamics, line: Linearised, s: Situation) -> t
     corrections = Corrections(dynamics)
     with torch.no_grad():
         a = corrections(s.nu, s.delta).permute(1, 0, 2)
-        moved = moved_by(a, a.new_zeros(*a.shape[:2], 2), s.psi, line.run.step).permute(1, 2, 0).numpy()
+        moved = moved_by(a, a.new_zeros(*a.shape[:2], 2), line).permute(1, 2, 0).numpy()
     return Columns(np.zeros((len(line.run), COUNT, len(a))), moved), corrections.names
 
 

@@ -24,7 +24,7 @@ class Hypothesis:
     """
 
     effects: tuple[Effect, ...]
-    values: tuple[Float[np.ndarray, "runs p"], ...]
+    values: tuple[Float[np.ndarray, "runs _"], ...]
     fixed: frozenset[str] = frozenset()
 
     @property

@@ -62,6 +62,19 @@ def predict(
     """
     if values is None:
         values = [np.repeat(v[:1], len(runs), axis=0) for v in model.hypothesis.values]
+    begins = [float(run.time[min(int(np.searchsorted(run.time, run.warmup - 1e-9)), len(run) - 2)]) for run in runs]
+    made: dict[int, pd.DataFrame] = {}
+    for begin, step in sorted({(b, run.step) for b, run in zip(begins, runs, strict=True)}):
+        rows = [k for k, run in enumerate(runs) if (begins[k], run.step) == (begin, step)]
+        together = _predicted(model, [runs[k] for k in rows], [v[rows] for v in values])
+        made |= dict(zip(rows, together, strict=True))
+    return [made[k] for k in range(len(runs))]
+
+
+def _predicted(
+    model: Repaired, runs: Sequence[Run], values: Sequence[Float[np.ndarray, "rows p"]]
+) -> list[pd.DataFrame]:
+    """Runs whose predictions begin at the same time, as one batch."""
     starts, firsts = [], []
     for row, run in enumerate(runs):
         k = int(np.searchsorted(run.time, run.warmup - 1e-9))
@@ -173,10 +186,14 @@ def recorded(run: Run) -> pd.DataFrame:
 
 
 def _outliers(m: Float[np.ndarray, "n 8"]) -> np.ndarray:
-    """Single samples far from both their neighbours' middle."""
-    middle = pd.DataFrame(m).rolling(5, center=True, min_periods=1).median().to_numpy()
-    off = np.abs(m - middle)
-    return off > 8 * (1.4826 * pd.DataFrame(off).median().to_numpy() + 1e-9)
+    """Single samples far from the middle of their neighbours, farther than these are from the middle of theirs."""
+    off = np.zeros_like(m)
+    off[1:-1] = np.abs(m[1:-1] - 0.5 * (m[:-2] + m[2:]))
+    off = np.nan_to_num(off)
+    far = off > 8 * (1.4826 * np.nanmedian(np.where(off > 0, off, np.nan), axis=0) + 1e-9)
+    beside = np.zeros_like(off)
+    beside[1:-1] = np.maximum(off[:-2], off[2:])
+    return far & (off > beside)
 
 
 def errors(prediction: pd.DataFrame, record: pd.DataFrame) -> dict[str, float]:

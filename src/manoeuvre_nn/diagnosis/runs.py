@@ -94,7 +94,7 @@ def smooth_rudder(
     Returns:
         The angle and the standard deviation of its noise [rad].
     """
-    shown = _gear(order, step, rate)
+    shown = _gear(order, step, rate, recorded[0])
     busy = np.abs(np.diff(shown, prepend=shown[0])) > 1e-9
     reach = max(1, round(2.0 / step))
     busy = np.convolve(busy, np.ones(2 * reach + 1), mode="same") > 0
@@ -147,10 +147,10 @@ def _mean(piece: Float[np.ndarray, " n"], half: int) -> Float[np.ndarray, " n"]:
     return (np.convolve(piece, window) / np.convolve(np.ones(n), window))[half : half + n]
 
 
-def _gear(order: Float[np.ndarray, " n"], step: float, rate: float) -> Float[np.ndarray, " n"]:
+def _gear(order: Float[np.ndarray, " n"], step: float, rate: float, start: float) -> Float[np.ndarray, " n"]:
     """What a steering gear of a rate makes of orders."""
     shown = np.empty_like(order)
-    shown[0] = order[0]
+    shown[0] = start
     for k in range(1, len(order)):
         shown[k] = shown[k - 1] + np.clip(order[k - 1] - shown[k - 1], -rate * step, rate * step)
     return shown

@@ -16,6 +16,8 @@ from manoeuvre_nn.diagnosis.hypothesis import RANDOM, Hypothesis, Judged
 from manoeuvre_nn.diagnosis.refine import refined
 from manoeuvre_nn.diagnosis.windows import best_windows
 
+HOPE = 30.0
+"""Log evidence by which a candidate may lie behind calm water after its first fit, made at calm water's noise."""
 WORTH = 12.0
 """Evidence of the best effect over calm water from which everything is linearised again about its track."""
 WIDTH = 5
@@ -106,7 +108,7 @@ def single(court: Court, effect: Effect, none: Judged, given: Hypothesis | None 
     if not tried:
         return None
     best = max(tried, key=lambda t: t[0])[1]
-    return settle(court, best, level, scatter, none.evidence)
+    return settle(court, best, level, scatter, none.evidence - HOPE)
 
 
 def settle(court: Court, hypothesis: Hypothesis, level: int, scatter: int, least: float = -inf) -> Judged:

@@ -1,6 +1,6 @@
 """The motion behind a recording: smoothed with a force of any kind allowed, and the noise of every channel with it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -71,6 +71,8 @@ def smooth(run: Run, rate: Rate, noise: Float[np.ndarray, " 8"], force: Float[np
     Returns:
         Track, noise and force; outliers are marked in the run of its equations.
     """
+    shaft = run.measured[:, SHAFT]
+    run = replace(run, measured=np.where(np.arange(COUNT) == SHAFT, np.nan, run.measured))
     track, sigma, original = first_guess(run), noise.copy(), run
     inflation = np.ones(COUNT)
     spread = np.array([2.0, 2.0, 0.01, 20.0, 20.0, 0.2])
@@ -96,6 +98,7 @@ def smooth(run: Run, rate: Rate, noise: Float[np.ndarray, " 8"], force: Float[np
     # With any force allowed the misfit should be one per sample; what it is more, the medians missed.
     misfit = (g[0, 0] - g[0, 1:] @ values) / max(np.isfinite(line.run.measured).sum(), 1)
     sigma = sigma * np.sqrt(np.clip(misfit, 1.0, 1.5))
+    run = replace(run, measured=np.where(np.arange(COUNT) == SHAFT, shaft[:, None], run.measured))
     return Reference(linearise(run, rate, track, force_time), sigma, inflation, states[:, 6:])
 
 

@@ -10,7 +10,6 @@ from itertools import product
 
 import numpy as np
 import torch
-from jaxtyping import Float
 
 from manoeuvre_nn.diagnosis.bench import LATENCY_SPREAD, Bench, Place
 from manoeuvre_nn.diagnosis.columns import moved_by
@@ -97,7 +96,5 @@ def _smooth(bench: Bench, place: Place) -> Columns:
             a[:, equation] = shape * bench.unit[equation]
             made.append(a)
     stacked = torch.stack(made)
-    moved: Float[np.ndarray, "steps 6 p"] = moved_by(
-        stacked, stacked.new_zeros(*stacked.shape[:2], 2), s.psi, place.line.run.step
-    ).permute(1, 2, 0).numpy()  # fmt: skip
+    moved = moved_by(stacked, stacked.new_zeros(*stacked.shape[:2], 2), place.line).permute(1, 2, 0).numpy()
     return Columns(np.zeros((len(s.psi), len(CHANNELS), len(made))), moved)

@@ -64,7 +64,9 @@ def decide(contest: Contest, temperature: float = 1.0) -> Verdict:
     best = judged[int(log_weight[2:].argmax())] if judged else None
     named, strange = raised(contest, best), stranger - contest.none.evidence > LEAST_UNKNOWN
     if named or strange:
-        share[0] = min(share[0], 1 - QUIET)
+        if share[0] > 1 - QUIET:
+            share[1:] *= QUIET / share[1:].sum()
+            share[0] = 1 - QUIET
     elif share[0] < QUIET:
         share[1:] *= (1 - QUIET) / share[1:].sum()
         share[0] = QUIET

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.core.effect import Effect
-from manoeuvre_nn.diagnosis.bench import SCATTER_LEVELS, Bench
+from manoeuvre_nn.diagnosis.bench import FORCE_LEVELS, SCATTER_LEVELS, Bench
 from manoeuvre_nn.diagnosis.court import Court
 from manoeuvre_nn.diagnosis.linear import Columns, Embedded
 
@@ -34,7 +34,9 @@ def best_windows(
     names = [p.name for p in effect.declared]
     timed = [j for j, p in enumerate(effect.declared) if p.per_run]
     ends = len(timed) > 1
-    low = 0 if court.bench.levels[level].max() < 1e-3 else len(court.bench.levels) // 3
+    # Not the levels that calm water needs: there the event itself is taken for a coloured force and wrong coefficients.
+    rows = len(FORCE_LEVELS)
+    low, scatter = min(level // rows, 1) * rows + min(level % rows, 1), min(scatter, 2)
     found = [_scan(court.bench, run, low, scatter, open_end=not ends) for run in range(len(court.bench.places))]
     others = np.unique(np.delete(grid, timed, axis=1), axis=0)
     for row in others[:8]:
