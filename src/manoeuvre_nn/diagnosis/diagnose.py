@@ -119,7 +119,7 @@ def _repair(
         return none, proofs, checks
     for first in candidates:
         there = refined(tried.court.bench, first)
-        j = settle(Court(there), first.hypothesis, *first.best)
+        j = replace(settle(Court(there), first.hypothesis, *first.best), random=first.random)
         made = _proofs(question, there, none, j)
         after, gain = cost(made, question.dynamics, "after"), _foreseen(question, j, made)
         helped = not made or (gain > 0 and after < HARM * before)

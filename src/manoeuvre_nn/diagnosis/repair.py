@@ -12,7 +12,7 @@ from manoeuvre_nn.core.effect import Effect, Situation
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis.bench import NOMINAL, force_time
 from manoeuvre_nn.diagnosis.columns import blade_along, contribution, latency_column, perfect, situation
-from manoeuvre_nn.diagnosis.hypothesis import Hypothesis
+from manoeuvre_nn.diagnosis.hypothesis import RANDOM, Hypothesis
 from manoeuvre_nn.diagnosis.linear import Columns, Noise, Whitened, calm_rate, linearise
 from manoeuvre_nn.diagnosis.runs import Run
 from manoeuvre_nn.diagnosis.track import first_guess
@@ -62,6 +62,9 @@ def predict(
     """
     if values is None:
         values = [np.repeat(v[:1], len(runs), axis=0) for v in model.hypothesis.values]
+    # Of gusts only the size is known: the prediction is the mean over their courses, which is the steady wind.
+    steady = [np.array([p.name != RANDOM[0] for p in e.declared], dtype=float) for e in model.hypothesis.effects]
+    values = [v * keep for v, keep in zip(values, steady, strict=True)]
     begins = [float(run.time[min(int(np.searchsorted(run.time, run.warmup - 1e-9)), len(run) - 2)]) for run in runs]
     made: dict[int, pd.DataFrame] = {}
     for begin, step in sorted({(b, run.step) for b, run in zip(begins, runs, strict=True)}):
