@@ -19,6 +19,8 @@ DEFAULTS = {"cases": "48", "seed": "", "out": "outputs/concealed_trial", "jobs":
 DEFAULTS |= {"methods": "manoeuvre_nn"}
 METHODS = {
     "manoeuvre_nn": (sys.executable, "diagnose.py", "cases={cases}", "out={out}", "threads=1"),
+    "regression": (sys.executable, "scripts/peers.py", "method=regression", "cases={cases}", "out={out}"),
+    "pysindy": (sys.executable, "scripts/peers.py", "method=pysindy", "cases={cases}", "out={out}"),
 }
 """Command of each tool; its answers lie in OUT/answers, or OUT/answers_NAME for others than the first."""
 

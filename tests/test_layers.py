@@ -10,6 +10,7 @@ PACKAGE = ROOT / "src" / "manoeuvre_nn"
 SHELVES = {"ship", "manoeuvre", "effect", "network", "optimizer"}
 RANK = {"core": 0, **dict.fromkeys(SHELVES, 1), "dynamics": 2, "recording": 3}
 RANK |= {"training": 4, "identification": 4, "seakeeping": 4, "diagnosis": 5, "report": 6, "entry": 7}
+RANK |= {"peers": 6}  # other methods, for comparison: only scripts use them
 RANK |= {"trial": 1}  # the referee: it shares no physics with what it judges
 HOME = {"hydra": {"entry"}, "lightning": {"training"}, "torchdiffeq": {"dynamics"}}
 SOURCES = sorted(PACKAGE.rglob("*.py"))

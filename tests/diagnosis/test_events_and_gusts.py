@@ -10,24 +10,28 @@ from trials import CALM, CIRCLE, NOISE, PORT, SHIP, ZIGZAG, run_of, runs, sailed
 
 from manoeuvre_nn.diagnosis.bench import Bench, bench
 from manoeuvre_nn.diagnosis.court import Court
+from manoeuvre_nn.diagnosis.gusts import judge_gusts
 from manoeuvre_nn.diagnosis.hypothesis import Hypothesis
 from manoeuvre_nn.diagnosis.locate import changes, residuals
+from manoeuvre_nn.diagnosis.search import single
 from manoeuvre_nn.diagnosis.windows import best_windows
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.local import SideForce
-from manoeuvre_nn.effect.wind import GustyWind, WindOnset
+from manoeuvre_nn.effect.wind import GustyWind, SteadyWind, WindOnset
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 NONE = Hypothesis((), ())
 PUSH = SideForce(SHIP, force_kN=150.0, lever_m=30.0, start_s=83.0, end_s=157.0)
 ONSET = WindOnset(SHIP, speed=14.0, from_deg=110.0, start_s=108.0)
+STEADY = SteadyWind(SHIP, speed=14.0, from_deg=60.0)
 GUSTS = 2.5
 
 
 @cache
 def stand(name: str) -> Bench:
-    made = {"push": ([CIRCLE, ZIGZAG], [PUSH]), "onset": ([ZIGZAG], [ONSET])}
-    return bench(CALM, runs(*made[name]))
+    made = {"push": [PUSH], "onset": [ONSET], "steady": [STEADY]}
+    trials = {"onset": [ZIGZAG], "steady": [CIRCLE, ZIGZAG, PORT]}.get(name, [CIRCLE, ZIGZAG])
+    return bench(CALM, runs(trials, made[name]))
 
 
 @cache
@@ -50,6 +54,42 @@ def test_the_window_of_a_force_is_found_to_a_block_and_by_the_fit_to_five_second
     (first,) = best_windows(court, PUSH, grid, *none.best)
     assert first[:, 2:] == approx(np.tile([83.0, 157.0], (2, 1)), abs=12.0)
     assert (first[:, 0] > 50.0).all(), "its side and size"
+
+
+def test_a_wind_that_sets_in_is_found_with_its_time():
+    court = Court(stand("onset"))
+    none = court.judge(NONE)
+    found = single(court, WindOnset(SHIP), none)
+    assert found is not None and found.evidence > none.evidence + 20
+    names = [p.name for p in found.hypothesis.effects[0].declared]
+    for name, true, most in (("start_s", 108.0, 12.0), ("speed", 14.0, 4.0), ("from_deg", 110.0, 20.0)):
+        k = names.index(name)
+        error = np.sqrt(found.covariance[k, k])
+        assert abs(found.hypothesis.values[0][0, k] - true) < 3 * error < most
+
+
+def test_gusts_are_found_with_their_size_and_a_steady_wind_gains_nothing_by_them():
+    stood, size = gusty()
+    for made, true in ((stood, size), (stand("steady"), None)):
+        court = Court(made)
+        steady = single(court, SteadyWind(SHIP), court.judge(NONE))
+        assert steady is not None
+        found = judge_gusts(court, steady, GustyWind(SHIP))
+        if true is None:
+            assert found.evidence < steady.evidence
+        else:
+            value, error = found.random["gust_sd"]
+            assert found.evidence > steady.evidence + 20 and abs(value - true) < 2 * error < 1.2
+
+
+def test_an_event_is_looked_for_in_what_another_effect_leaves():
+    """A strong current is given: the window is where the push is, not where calm water misses most."""
+    drift = Current(SHIP, speed=1.2, toward_deg=100.0)
+    court = Court(bench(CALM, runs([CIRCLE, ZIGZAG], [PUSH, drift])))
+    given = Hypothesis((drift,), (values(drift, 2),))
+    level = court.judge(NONE).best
+    (found,) = best_windows(court, PUSH, np.array([[100.0, 0.0, 100.0, 300.0]]), *level, given)
+    assert found[:, 2:] == approx(np.tile([83.0, 157.0], (2, 1)), abs=12.0)
 
 
 def noise(n: int, seed: int = 0) -> np.ndarray:

@@ -6,17 +6,18 @@ from pytest import approx
 from trials import SHIP, values
 
 from manoeuvre_nn.diagnosis import verdict as under_test
-from manoeuvre_nn.diagnosis.alarm import LEAST, LEAST_UNKNOWN, _drawn
+from manoeuvre_nn.diagnosis.alarm import LEAST, LEAST_HULL, LEAST_MORE, LEAST_UNKNOWN, _drawn
 from manoeuvre_nn.diagnosis.court import Court
 from manoeuvre_nn.diagnosis.hypothesis import Hypothesis, Judged
 from manoeuvre_nn.diagnosis.regression import regress
 from manoeuvre_nn.diagnosis.search import Contest
 from manoeuvre_nn.diagnosis.verdict import PRIOR, decide
 from manoeuvre_nn.effect.current import Current
+from manoeuvre_nn.effect.loading import TrimChange
 from manoeuvre_nn.effect.rudder import RudderOffset
 from manoeuvre_nn.effect.sensors import HeadingBias, LogScale
 
-EFFECTS = {e.name: e for e in (Current(SHIP), RudderOffset(SHIP), HeadingBias(SHIP), LogScale(SHIP))}
+EFFECTS = {e.name: e for e in (Current(SHIP), RudderOffset(SHIP), HeadingBias(SHIP), LogScale(SHIP), TrimChange(SHIP))}
 CALM_EVIDENCE = -1000.0
 
 
@@ -30,8 +31,9 @@ def decided(monkeypatch):
     """Decides on log Bayes factors over calm water; what chance can do is known, and so is the stranger."""
 
     def run(factors: dict, unknown: float = -5.0, temperature: float = 1.0):
-        monkeypatch.setattr(under_test, "unknown_evidence", lambda court, none: CALM_EVIDENCE + unknown)
-        monkeypatch.setattr("manoeuvre_nn.diagnosis.alarm.threshold", lambda contest: LEAST)
+        monkeypatch.setattr(under_test, "short_formula", lambda court, none: None)
+        monkeypatch.setattr(under_test, "unknown_evidence", lambda court, none, formula: CALM_EVIDENCE + unknown)
+        monkeypatch.setattr("manoeuvre_nn.diagnosis.alarm.threshold", lambda contest: 1.0)
         made = [judged(CALM_EVIDENCE + f, *key.split(" + ")) for key, f in factors.items()]
         made.sort(key=lambda j: -j.evidence)
         return decide(Contest(judged(CALM_EVIDENCE), made, object.__new__(Court)), temperature)
@@ -62,7 +64,7 @@ def test_a_pair_counts_for_both_of_its_effects(decided):
 
 
 def test_a_second_effect_must_earn_its_place(decided):
-    v = decided(SINGLES | {"current + rudder_offset": 12.5})
+    v = decided(SINGLES | {"current + rudder_offset": 12.0 + LEAST_MORE - 0.1})
     assert v.best is not None and v.best.names == ("current",) and v.effects["rudder_offset"] < 0.01
 
 
@@ -89,6 +91,14 @@ def test_what_chance_could_do_is_no_mismatch(decided):
     assert quiet.none > 0.5 > loud.none
     strange = decided(SINGLES | {"current": 0.0}, unknown=LEAST_UNKNOWN + 0.1)
     assert strange.strange and not strange.named and strange.none < 0.5
+
+
+def test_a_changed_hull_must_beat_more_than_chance_for_it_looks_like_wrong_coefficients(decided):
+    def named(gain, *others):
+        return decided(dict.fromkeys(SINGLES, -9.0) | {" + ".join(("trim_change", *others)): gain}).named
+
+    assert not named(LEAST_HULL - 0.1) and named(LEAST_HULL + 0.1)
+    assert named(LEAST + 9.0, "current")
 
 
 def test_nothing_judged_is_calm_water(decided):

@@ -10,9 +10,11 @@ from trials import CALM, NOISE, SHIP, run_of, sailed
 
 from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.diagnosis.diagnose import Question, diagnose
+from manoeuvre_nn.diagnosis.diagnose import diagnose
+from manoeuvre_nn.diagnosis.proof import Question
 from manoeuvre_nn.diagnosis.result import Diagnosis
 from manoeuvre_nn.effect.current import Current
+from manoeuvre_nn.effect.formula import Formula
 from manoeuvre_nn.effect.propulsion import HullFouling
 from manoeuvre_nn.effect.rudder import RudderOffset
 from manoeuvre_nn.effect.sensors import HeadingBias, LogScale
@@ -36,12 +38,20 @@ TRIALS = [
 ]
 
 
+STRANGE = ("Y |v||r|", "N r|r| cos psi")
+TRUE = {
+    "current": Current(SHIP, speed=0.7, toward_deg=200.0),
+    "offset": RudderOffset(SHIP, offset_deg=2.0),
+    "strange": Formula(SHIP, STRANGE, w1=1.5, w2=0.5),
+}
+
+
 @cache
-def diagnosis(*acting: str) -> Diagnosis:
-    true = {"current": Current(SHIP, speed=0.7, toward_deg=200.0), "offset": RudderOffset(SHIP, offset_deg=2.0)}
-    records = sailed(TRIALS, [true[a] for a in acting])
+def diagnosis(*acting: str, remainder: bool = False) -> Diagnosis:
+    records = sailed(TRIALS, [TRUE[a] for a in acting])
     *fitted, last = (run_of(r, NOISE, seed) for seed, r in enumerate(records, start=20))
-    return diagnose(Question("trial", CALM, fitted, [replace(last, held_out=True)], CANDIDATES))
+    held_out = [replace(last, held_out=True)]
+    return diagnose(Question("trial", CALM, fitted, held_out, CANDIDATES, remainder=remainder))
 
 
 def probability(d: Diagnosis, name: str) -> float:
@@ -90,3 +100,20 @@ def test_probabilities_and_noise_are_numbers_that_can_be_shown():
     assert all(0 <= c.probability <= 1 and np.isfinite(c.evidence) for c in d.causes)
     assert d.noise["pos"] == approx(np.hypot(*NOISE[:2]), rel=0.2) and d.noise["psi"] == approx(0.1, rel=0.2)
     assert {r.run for r in d.residuals} == {"starboard", "port", "weave"} == set(d.tracks)
+
+
+def test_a_force_without_a_name_is_unknown_and_its_formula_predicts_the_run_that_was_not_used():
+    d = diagnosis("strange")
+    assert (d.verdict, d.model, d.unknown) == ("mismatch", ["unknown"], True)
+    cause = d.causes[0]
+    assert cause.name == "unknown" and cause.terms[0] in STRANGE and set(cause.terms) >= set(STRANGE)
+    assert set(cause.equations) <= {"Y", "N"}
+    weights = {t: v for t, v in zip(cause.terms, cause.parameters, strict=True)}
+    assert abs(weights["Y |v||r|"].value - 1.5) < 4 * weights["Y |v||r|"].error + 0.05
+    assert d.rmse("before")["pos"] > 3 * d.noise["pos"] and d.rmse("after")["pos"] < 1.2 * d.noise["pos"]
+
+
+@pytest.mark.parametrize("acting", [(), ("current",)])
+def test_a_network_is_not_taken_where_physics_reaches_the_noise(acting):
+    d = diagnosis(*acting, remainder=True)
+    assert d.network == {} and d.model == list(acting)

@@ -13,7 +13,7 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.ship.known import no_part
 
 FAMILIES = {"wind and waves", "current", "depth", "loading", "rudder", "propeller and resistance", "sensors"}
-FAMILIES |= {"local force", "heel"}
+FAMILIES |= {"local force", "heel", "formula", "remainder"}
 MOVING = [n for n in FILES if kind_of(n).site != "sensor" and n != "rudder_offset"]
 HULL = ["shallow_water", "squat", "displacement_change", "loading", "trim_change"]
 
@@ -115,6 +115,8 @@ def mirrored(name: str, values: torch.Tensor, names: list[str]) -> torch.Tensor:
     """Values of the mirrored effect."""
     one_way = {"tow": {"force_kN"}, "ice_resistance": {"force_kN"}, "rudder_stall": {"angle_deg"}}.get(name, set())
     signs = [MIRRORED.get(n, 1) if n not in one_way else 1 for n in names]
+    if name == "remainder":  # what goes in or comes out across the ship
+        signs = [-1 if n[0] in "YN" or n.endswith(("_v", "_r", "_delta", "sin_psi")) else 1 for n in names]
     return values * values.new_tensor(signs)
 
 
@@ -147,7 +149,8 @@ def test_every_config_builds_its_class_on_every_ship(name):
     for ship in DEEP:
         effect = instantiate(OmegaConf.create(text), ship=ship_named(ship))
         assert effect.name == name
-        given = [float(config(name)[p.name]) for p in effect.declared]
+        blank = {p.name: p.starts[0] for p in effect.declared} if name == "remainder" else {}
+        given = [float((blank | config(name))[p.name]) for p in effect.declared]
         assert effect.values.tolist() == given
         assert all(config(name)[p.name] == p.null for p in effect.declared if p.form)
 

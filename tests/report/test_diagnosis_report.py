@@ -1,16 +1,16 @@
 import io
 from dataclasses import replace
-from functools import cache
 from html.parser import HTMLParser
 
 import numpy as np
-import pandas as pd
 import pytest
+from diagnosed import CASES, LONG, NOISE, brief, calm, proof, residual, unknown, windy
 from matplotlib.figure import Figure
 from rich.console import Console
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from manoeuvre_nn.diagnosis.result import Cause, Check, Diagnosis, Location, Proof, Residual, Value
+from manoeuvre_nn.diagnosis.result import Diagnosis, Location, Value
+from manoeuvre_nn.diagnosis.words import captain
 from manoeuvre_nn.report.diagnosis_figures import (
     CALM,
     REPAIRED,
@@ -24,163 +24,19 @@ from manoeuvre_nn.report.diagnosis_figures import (
 )
 from manoeuvre_nn.report.diagnosis_html import diagnosis_html, log_to_tensorboard
 from manoeuvre_nn.report.diagnosis_tables import (
+    alias_texts,
+    cause_rows,
     diagnosis_markdown,
     error_rows,
     interval_text,
     percent,
     print_diagnosis,
-    runner_up,
+    site_rows,
     value_text,
+    verdict_text,
     when_text,
+    words,
 )
-
-NOISE = {"pos": 1.0, "psi": 0.1, "r": 0.02, "u": 0.04, "v": 0.04, "u_log": 0.05}
-LONG = "a_run_whose_name_was_made_by_a_logger_2024-11-05T13:22:07Z_voyage_data_recorder_$bridge$_<b>port</b>"
-
-
-def sailed(kind: str = "tc25", wind: float = 0.0, noise: float = 0.0, samples: int = 400) -> pd.DataFrame:
-    """A turn or a zigzag; wind sets the ship to the southeast and turns it a little."""
-    t = np.arange(float(samples))
-    r = 0.75 * (1 - np.exp(-t / 25)) if kind.startswith("tc") else 0.9 * np.cos(t / 30)
-    r = r + 0.02 * wind * np.sin(t / 60)
-    psi = 340.0 + np.cumsum(r)
-    angle, push = np.deg2rad(psi), 0.06 * wind * (1 - np.exp(-t / 60))
-    u = 7.6 - 2.4 * (r / 0.9) ** 2 + push * np.cos(angle - 2.4)
-    v = -0.9 * r - push * np.sin(angle - 2.4)
-    x = np.cumsum(u * np.cos(angle) - v * np.sin(angle))
-    y = np.cumsum(u * np.sin(angle) + v * np.cos(angle))
-    scatter = noise * np.random.default_rng(1).normal(size=(7, samples))
-    clean = {"x": x, "y": y, "psi": psi, "u": u, "v": v, "r": r, "u_log": u - push * np.cos(angle - 2.4)}
-    sigma = [0.7, 0.7, 0.1, 0.04, 0.04, 0.02, 0.05]
-    return pd.DataFrame({"t": t} | {c: f + s * e for (c, f), s, e in zip(clean.items(), sigma, scatter, strict=True)})
-
-
-def rms(predicted: pd.DataFrame, recorded: pd.DataFrame) -> dict[str, float]:
-    errors = {c: float(np.sqrt(np.nanmean((predicted[c] - recorded[c]) ** 2))) for c in ("psi", "u", "v", "r", "u_log")}
-    gap = np.hypot(predicted["x"] - recorded["x"], predicted["y"] - recorded["y"])
-    return {"pos": float(np.sqrt(np.nanmean(gap**2))), **errors}
-
-
-def proof(run: str = "r02", kind: str = "tc25", wind: float = 10.0, samples: int = 400) -> Proof:
-    recorded = sailed(kind, wind, 1.0, samples)
-    before, after = sailed(kind, 0.0, 0.0, samples), sailed(kind, 0.97 * wind, 0.0, samples)
-    recorded.loc[150:180, ["x", "y", "u", "v"]] = np.nan
-    recorded["psi"] %= 360.0
-    tables = [table.assign(psi=np.unwrap(table["psi"], period=360.0)) for table in (recorded, before, after)]
-    return Proof(run, kind, recorded, before, after, rms(before, tables[0]), rms(after, tables[0]))
-
-
-def residual(run: str = "r01", size: float = 1.0, samples: int = 400, windows=()) -> Residual:
-    t = np.arange(float(samples))
-    angle = np.deg2rad(117 + 0.75 * t)
-    shape = np.stack([-60 * np.cos(angle), 150 * np.sin(angle), 3 * np.sin(2 * angle)], axis=-1)
-    scatter = np.random.default_rng(2).normal(size=(samples // 10 + 1, 3)).repeat(10, axis=0)[:samples]
-    spread = np.array([12.0, 20.0, 0.6]) * (1 + 3 * np.exp(-t / 5) + 3 * np.exp((t - t[-1]) / 5))[:, None]
-    left = 0.4 * scatter * spread
-    force = size * shape + left
-    force[200:220] = np.nan
-    return Residual(run, t, force, spread, left, list(windows))
-
-
-def cause(name: str, label: str, probability: float, evidence: float = 0.0, *values: Value, **other) -> Cause:
-    words = {"equations": ("X", "Y", "N"), "intervals": None, "fingerprint": "Forces turn with the compass."}
-    return Cause(name, label, probability, evidence, parameters=values, source="Author 1994", **{**words, **other})
-
-
-@cache
-def windy() -> Diagnosis:
-    causes = [
-        cause(
-            "wind_steady", "a steady wind", 0.998, 412.3,
-            Value("speed", 11.23, 0.42, "m/s"), Value("from_deg", 243.1, 3.2, "deg"), Value("cx", 1.04, 0.17, "-"),
-        ),
-        cause("rudder_offset", "a rudder offset", 0.95, 31.0, Value("offset_deg", 1.04, 0.11, "deg"),
-              equations=("actuator:rudder",)),
-        cause("wind_onset", "a wind that sets in", 0.12, 409.8, Value("speed", 11.0, 0.6, "m/s"),
-              intervals={"r01": [(60.0, 400.0)], "r03": [(45.0, 90.0), (120.0, 180.0)]}),
-        cause("current", "a current", 0.034, 120.2, Value("speed", 0.4, 0.2, "m/s"), equations=("kinematics",)),
-        *(cause(f"other_{k}", f"another effect, number {k}", 0.004, -1.0) for k in range(8)),
-    ]  # fmt: skip
-    proofs = [proof(), proof("r04", "zz20")]
-    tracks = {run: sailed("tc25", 10.0, 1.0)[["x", "y"]].to_numpy() for run in ("r01", "r03")}
-    return Diagnosis(
-        case="c010455", ship="mariner", verdict="mismatch",
-        sentence="A steady wind of 11.2 m/s from 243 deg and a rudder offset of 1.0 deg were left out of the model "
-        "(probability >99 %); with them the held-out tracks are met to 6 m instead of 240 m.",
-        causes=causes, model=["wind_steady", "rudder_offset"], alias=["wave_drift"],
-        location=Location(
-            {"kinematics or sensors": 118.4, "surge, sway and yaw": 430.1, "rudder": 33.0},
-            ["The missing force turns with the compass, not with the ship.",
-             "It is present from the first sample to the last in all runs."],
-        ),
-        residuals=[residual(), residual("r03", -0.8), residual("r05", 0.6, windows=[(60.0, 140.0), (250.0, 1e9)])],
-        checks=[Check("held-out runs improve", True, "position error 240 m before, 6 m after"),
-                Check("residual is white", False, "sway of r03 has a correlation of 0.31 over 20 s")],
-        runner_up=["Against: a wind that sets in explains r05 worse by ln B = 2.5.",
-                   "For: r03 shows little before 45 s."],
-        proofs=proofs, noise=NOISE,
-        next_steps=["Sail a turning circle of 35 deg to port from a heading of 60 deg.", "Write down the wind."],
-        undecided=["Wind and wave drift: both turn with the compass; only another speed tells them apart."],
-        tracks={**tracks, "r05": tracks["r03"]}, settings={"seed": "0", "version": "0.3.0"}, seconds=74.2,
-    )  # fmt: skip
-
-
-@cache
-def calm() -> Diagnosis:
-    proofs = [replace(proof(wind=0.0), rmse_after=proof(wind=0.0).rmse_before)]
-    return replace(
-        windy(), verdict="none", sentence="The calm-water model explains these recordings; nothing is missing.",
-        causes=[cause("current", "a current", 0.03, -2.0, Value("speed", 0.02, 0.05, "m/s"))], model=[], alias=[],
-        location=Location({}, []), residuals=[residual(size=0.0)], checks=[], runner_up=[], proofs=proofs,
-        next_steps=[], undecided=[], tracks={}, settings={},
-    )  # fmt: skip
-
-
-@cache
-def unknown() -> Diagnosis:
-    named = cause("unknown", "something that is not in the list", 0.97, 88.0, equations=("Y",), fingerprint="-",
-                  intervals={"r05": [(60.0, 140.0)]})  # fmt: skip
-    return replace(
-        windy(), sentence="Something acts that is not in the list: a side force in r05 between 60 and 140 s.",
-        causes=[named, *windy().causes[3:5]], model=[], alias=[],
-    )  # fmt: skip
-
-
-def brief(d: Diagnosis) -> Diagnosis:
-    return replace(d, proofs=d.proofs[:1], residuals=d.residuals[-1:])
-
-
-CASES = {
-    "none": calm,
-    "unknown": lambda: replace(unknown(), residuals=unknown().residuals[-1:], proofs=[]),
-    "one fitted run and nothing held out": lambda: replace(windy(), proofs=[], residuals=[residual()], tracks={}),
-    "nothing at all": lambda: replace(calm(), causes=[], proofs=[], residuals=[], noise={}),
-    "only gaps, noise not known, long names": lambda: renamed(
-        replace(windy(), proofs=[gap()], residuals=[nothing()], tracks={"r01": NOWHERE}, noise={"pos": np.nan})
-    ),
-}  # fmt: skip
-
-
-def gap() -> Proof:
-    p = proof()
-    empty = p.recorded.assign(**dict.fromkeys(("x", "y", "psi", "u", "v", "r", "u_log"), np.nan))
-    return replace(p, recorded=empty, rmse_before=dict.fromkeys(NOISE, np.nan), rmse_after=dict.fromkeys(NOISE, np.nan))
-
-
-NOWHERE = np.full((400, 2), np.nan)
-
-
-def nothing() -> Residual:
-    r = residual(windows=[(10.0, 20.0)])
-    return replace(r, force=r.force * np.nan, error=r.error * np.nan, left=r.left * np.nan)
-
-
-def renamed(d: Diagnosis) -> Diagnosis:
-    return replace(
-        d, case=LONG, ship=LONG, causes=[replace(c, label=f"{c.label} {LONG}") for c in d.causes],
-        proofs=[replace(p, run=LONG) for p in d.proofs], residuals=[replace(r, run=LONG) for r in d.residuals],
-        tracks={LONG: next(iter(d.tracks.values()))},
-    )  # fmt: skip
 
 
 def drawn(axes, label_or_colour) -> np.ndarray:
@@ -237,7 +93,7 @@ def test_errors_are_on_the_scale_of_the_repaired_model_and_the_largest_of_calm_w
     beside = channel_figure(windy().proofs[0], NOISE, repaired=True).axes[3]
     errors = [np.nanmax(np.abs(drawn(beside, style)[:, 1])) for style in (CALM, REPAIRED)]
     assert beside.get_ylim()[1] == pytest.approx(max(1.2 * errors[1], 3 * NOISE["r"]))
-    assert beside.get_title("right") == f"calm water: up to {errors[0]:.2g}"
+    assert beside.get_title("right") == f"calm water: up to {errors[0]:.2g} deg/s"
     assert beside.patches[0].get_height() == pytest.approx(4 * NOISE["r"])
 
 
@@ -273,6 +129,21 @@ def test_bars_are_as_long_as_the_probabilities_and_named_as_what_they_are():
     assert [words.get_text() for words in axes.texts] == [">99 %", "95 %", "12 %", "3 %"]
     legends = [probability_figure(d).legends[0].get_texts() for d in (windy(), unknown())]
     assert [words[0].get_text() for words in legends] == ["in the repaired model", "not in the list"]
+
+
+def test_the_noise_has_a_tick_where_no_error_is_far_from_it():
+    p = replace(calm().proofs[0], rmse_before={channel: 1.3 * sigma for channel, sigma in NOISE.items()})
+    for d in (replace(calm(), proofs=[p]), windy()):
+        axes = error_figure(d).axes[0]
+        assert 1.0 in list(axes.get_xticks())
+    assert error_figure(replace(calm(), proofs=[p])).axes[0].get_xticks().tolist()[:3] == [1.0, 1.5, 2.0]
+
+
+def test_units_stand_with_the_value_and_not_with_the_name():
+    names = [
+        words(Value(name, 1.0, 0.1, unit)) for name, unit in (("force_kN", "kN"), ("from_deg", "deg"), ("cx", "-"))
+    ]
+    assert names == ["force", "from", "cx"]
 
 
 def test_errors_stand_beside_the_noise():
@@ -320,22 +191,81 @@ def test_times_are_named_up_to_a_number_and_then_counted():
     assert (when_text(None), when_text({})) == ("throughout", "–")
 
 
-def test_the_runner_up_is_the_best_cause_that_the_verdict_does_not_name():
-    names = [runner_up(d).name for d in (windy(), unknown(), calm())]
-    assert names == ["wind_onset", "current", "current"]
-    assert runner_up(replace(calm(), causes=[])) is None
+def test_errors_of_all_runs_leave_out_channels_that_a_run_did_not_record():
+    first, second = windy().proofs
+    less = replace(second, rmse_before={"pos": 30.0, "u_log": np.nan, "only_here": 2.0}, rmse_after={})
+    d = replace(windy(), proofs=[first, less])
+    before = d.rmse("before")
+    assert before["pos"] == pytest.approx(np.sqrt((first.rmse_before["pos"] ** 2 + 30.0**2) / 2))
+    assert before["psi"] == pytest.approx(first.rmse_before["psi"]), "the second run has no heading"
+    assert before["u_log"] == pytest.approx(first.rmse_before["u_log"]) and before["only_here"] == 2.0
+    assert d.rmse("after") == pytest.approx(first.rmse_after)
+    nowhere = replace(d, proofs=[replace(less, rmse_before={"r": np.nan})])
+    assert np.isnan(nowhere.rmse("before")["r"]) and replace(d, proofs=[]).rmse("before") == {}
+    draw_diagnosis(nowhere)
+
+
+def test_what_is_unknown_is_called_so():
+    assert [d.unknown for d in (windy(), unknown(), calm())] == [False, True, False]
+    for d, said in ((windy(), "something is"), (unknown(), "something unknown is"), (calm(), "nothing is")):
+        assert verdict_text(d) == f"{said} missing"
+        assert f"{said} missing" in printed(d) and f"{said} missing" in diagnosis_markdown(d)
+    rows = {row["cause"]: row["ln B"] for row in cause_rows(unknown(), unknown().causes)}
+    assert rows["something that is not in the list"] == 88 and rows["a current"] == 120
+
+
+def test_the_captain_is_told_what_is_unknown_and_where_and_whether_a_formula_helps():
+    causes, proofs = unknown().causes, windy().proofs
+    said = "Unknown: the recordings differ from calm water in sway, and no effect that is known explains it"
+    assert captain(causes, [], proofs, True) == f"{said}."
+    told = replace(causes[0], terms=("Y |r|",), parameters=(Value("Y |r|", 0.4, 0.1, "-"),))
+    assert captain([told], ["unknown"], proofs, True).startswith(
+        f"{said}; a short formula for it is 0.4 Y |r| (motion in units of a tight turn); with that the track of runs"
+    )
+    assert captain(causes, [], proofs, False).startswith("The recordings agree")
+
+
+def test_the_captain_is_told_of_the_heading_where_no_run_has_a_position():
+    blind = [replace(p, rmse_before={"psi": 4.0}, rmse_after={"psi": 0.5}) for p in windy().proofs]
+    said = captain(windy().causes, windy().model, blind, True)
+    assert said.endswith("; with them the heading of runs that were not used is predicted to 0.5 deg instead of 4 deg.")
+    half = captain(windy().causes, windy().model, [blind[0], replace(blind[1], rmse_before={"pos": 90.0},
+                   rmse_after={"pos": 3.0})], True)  # fmt: skip
+    assert half.endswith("the track of runs that were not used is predicted to 3 m instead of 90 m.")
+    assert "a steady wind (speed 11.2 m/s, from 243 deg, cx 1.04) and a rudder offset (offset 1.04 deg)" in half
+
+
+def test_every_named_cause_has_its_own_rivals():
+    said = ["These recordings cannot tell a steady wind from wave drift, a current.",
+            "These recordings cannot tell a rudder offset from another effect, number 1."]  # fmt: skip
+    assert alias_texts(windy()) == said
+    for sentence in said:
+        assert sentence in diagnosis_markdown(windy()) and sentence in " ".join(printed(windy(), 400).split())
+    assert alias_texts(calm()) == [] == alias_texts(replace(windy(), alias={"wind_steady": []}))
+
+
+def test_the_runner_up_is_told_with_what_speaks_for_and_against_it():
+    shown = " ".join(printed(windy(), 400).split())
+    assert "runner-up: " + " ".join(windy().runner_up) in shown
+    assert "runner-up" not in printed(replace(windy(), runner_up=[]), 400)
+
+
+def test_sites_are_said_in_words_with_log_bayes_factors_of_three_digits():
+    d = replace(windy(), location=Location({"surge": 16034.2}, []))
+    assert site_rows(d) == [{"site": "any force in surge", "ln B over calm water": 16034}]
+    assert site_rows(windy())[1] == {"site": "kinematics or sensors", "ln B over calm water": 118}
 
 
 def test_the_terminal_says_it_in_about_25_lines():
     shown = printed(windy(), 100)
     assert len(shown.splitlines()) <= 30
-    for words in (
+    for said in (
         ">99 %",
         "from 243.1 ± 3.2 deg",
         "not passed: residual is white",
         "record next: Sail a turning circle",
     ):
-        assert words in shown
+        assert said in shown
     assert " ".join(shown.split()).index("A steady wind of 11.2 m/s") < shown.index("243.1 ± 3.2 deg")
     assert "held-out runs improve" not in shown
 
@@ -376,8 +306,9 @@ def test_the_page_loads_nothing_from_anywhere(page):
 
 
 def test_the_sentence_comes_first_and_what_to_record_follows_the_proof(page):
-    places = [page.index(words) for words in ("<h1", "A steady wind of 11.2", "<img", "<table>", "held out</h2>",
-              "runner-up: a wind that sets in", "What to record next", "residual is white")]  # fmt: skip
+    order = ("<h1", "A steady wind of 11.2", "<img", "<table>", "held out</h2>", "against the runner-up",
+             "a wind that sets in explains", "What to record next", "residual is white")  # fmt: skip
+    places = [page.index(words) for words in order]
     assert places == sorted(places)
 
 

@@ -21,7 +21,7 @@ NOMINAL = np.array([0.7, 0.7, 0.04, 0.04, 1.75e-3, 3.5e-4, 0.05, 0.005])
 """First idea of the channels' noise [m, m, m/s, m/s, rad, rad/s, m/s, -]."""
 FORCE_LEVELS = (0.003, 0.015, 0.05, 0.15, 0.5)
 """Levels of the coloured force that no hypothesis explains, over the resistance and the force of 20 deg of rudder."""
-SCATTER_LEVELS = (0.002, 0.01, 0.03, 0.07, 0.2)
+SCATTER_LEVELS = (0.002, 0.015, 0.03, 0.05, 0.08, 0.2)
 """Levels of the relative error of the calm-water coefficients."""
 SEEN = 0.02
 """Least signal-to-noise ratio, squared, of a combination of coefficients that is carried along."""

@@ -7,17 +7,22 @@ from torch import Tensor
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.dynamics.model import Dynamics
 
-SURGE_TERMS = ("uu", "vv", "rr", "dd", "vr", "vd", "rd")
-LATERAL_TERMS = ("vV", "rR", "vvv", "vvr", "vrr", "rrr", "vdd", "rdd", "vvd", "rrd", "ddd", "uv", "ur", "ud")
+SURGE_TERMS = ("uu", "vv", "rr", "dd", "vr", "vd", "rd", "uvv", "uvr", "udd")
+LATERAL_TERMS = (
+    *("vV", "rR", "vvv", "vvr", "vrr", "rrr", "vdd", "rdd", "vvd", "rrd", "vrd", "ddd"),
+    *("uv", "ur", "ud", "uuv", "uur", "uud"),
+)
 """Terms that a published set may lack; a capital letter is a magnitude."""
 TURN = {"u": -0.3, "v": 0.25, "r": 0.7, "d": 0.35}
 """A tight turn in prime variables: where such a term is weighed."""
+MISSING = 0.6
+"""Size of each such term beside a printed one: one by one they are less likely."""
 
 
 class Corrections:
     """Accelerations per unit of every correction: each coefficient by 100 %, terms that are missing, inertias by 100 %.
 
-    A term that the model lacks is taken as large in a tight turn as the model's own force there. A model whose forces
+    A term that the model lacks is weighed by the model's own force in a tight turn. A model whose forces
     are no series of coefficients (a network) has its hull and rudder forces corrected equation by equation.
 
     Attributes:
@@ -89,7 +94,7 @@ class Corrections:
                 factor = z[letter.lower()]
                 value = value * (factor.abs() if letter.isupper() else factor)
                 there *= abs(TURN[letter.lower()])
-            rows.append(_only(equation, value * (self._size[equation] / there)))
+            rows.append(_only(equation, value * (MISSING * self._size[equation] / there)))
         return rows
 
 

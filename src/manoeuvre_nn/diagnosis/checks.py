@@ -1,8 +1,11 @@
 """Tests that a named effect must pass, and effects that these recordings cannot tell from it."""
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float
 
+from manoeuvre_nn.diagnosis.advise import apart
 from manoeuvre_nn.diagnosis.bench import LATENCY_SPREAD, SCATTER_LEVELS
 from manoeuvre_nn.diagnosis.court import linear
 from manoeuvre_nn.diagnosis.hypothesis import Hypothesis, Judged
@@ -48,8 +51,11 @@ def _little_left(tried: Contest, chosen: Judged) -> Check:
     """What stays unexplained should be small against what was explained."""
     levels = tried.court.bench.levels
     before, after = levels[tried.none.best[0]].max(), levels[chosen.best[0]].max()
-    text = f"force that stays unexplained: {after:.2g} of U0^2/L, in calm water {before:.2g}"
-    return Check("little is left", after < 1.5e-2 or after < before, text)
+    text = (
+        f"a coloured force of {100 * after:.2g} % of the resistance and of 20 deg of rudder stays unexplained, "
+        f"{100 * before:.2g} % in calm water"
+    )
+    return Check("little is left", bool(after < 1.5e-2 or after < before), text)
 
 
 def _same_in_all_runs(tried: Contest, chosen: Judged) -> Check:
@@ -66,7 +72,7 @@ def _same_in_all_runs(tried: Contest, chosen: Judged) -> Check:
     degrees = len(shared) * (len(estimates) - 1)
     return Check(
         "same in all runs",
-        chi < degrees + 6 * np.sqrt(2 * degrees),
+        bool(chi < degrees + 6 * np.sqrt(2 * degrees)),
         f"chi-square {chi:.1f} for {degrees} degrees of freedom",
     )
 
@@ -130,48 +136,44 @@ def nuisance_spread(tried: Contest, scatter: int) -> Float[np.ndarray, " k"]:
     return np.r_[np.full(len(bench.coefficients), SCATTER_LEVELS[scatter]), np.full(len(bench.places), LATENCY_SPREAD)]
 
 
-def aliases(tried: Contest, chosen: Judged) -> list[str]:
-    """Effects that could have produced what was found: the gap between them would hardly show.
+def aliases(tried: Contest, chosen: Judged) -> dict[str, list[str]]:
+    """For every effect that was found, those that could have produced it: the gap between them would hardly show.
 
-    For each rival, what the found effect adds is projected on what the rival can add, coefficients and latency free:
-    what is left over is twice the log evidence by which the two are expected to differ.
+    The rival takes the effect's place beside the others that were found; its numbers, theirs, the coefficients and the
+    latency are fitted again.
 
     Args:
         tried: The contest.
         chosen: What was found.
 
     Returns:
-        Names of rivals of the first effect.
+        Effect -> names of its rivals; effects without one are left out.
     """
-    if len(chosen.names) != 1:
-        return []
-    found = []
-    for rival in tried.judged:
-        if len(rival.names) == 1 and rival.names != chosen.names and gap(tried, chosen, rival) < INDISTINGUISHABLE:
-            found.append(rival.names[0])
+    singles = {j.names[0]: j for j in tried.judged if len(j.names) == 1}
+    evidence = {frozenset(j.names): j.evidence for j in reversed(tried.judged)}
+    named = frozenset(chosen.names) & frozenset(singles)
+    least = evidence.get(named, -np.inf) - INDISTINGUISHABLE
+    found: dict[str, list[str]] = {}
+    for name in chosen.names:
+        others = _without(chosen.hypothesis, name, frozenset(singles))
+        for rival, judged in singles.items():
+            lost = evidence.get(named - {name} | {rival}, np.inf) < least  # what was tried in its place and fell behind
+            if name not in named or rival in named or lost:
+                continue
+            swapped = others.joined(judged.hypothesis)
+            if 2 * apart(tried.court.bench, chosen.hypothesis, swapped, chosen.best) < INDISTINGUISHABLE:
+                found.setdefault(name, []).append(rival)
     return found
 
 
-def gap(tried: Contest, chosen: Judged, rival: Judged) -> float:
-    """Twice the log evidence by which a hypothesis is expected to beat a rival on these recordings.
-
-    Args:
-        tried: The contest.
-        chosen: It.
-        rival: The other.
-
-    Returns:
-        The gap, by the local information matrix.
-    """
-    both = chosen.hypothesis.joined(rival.hypothesis)
-    g, _ = gram_of(tried, both, chosen.best[0])
-    n, mine = tried.court.bench.size, len(chosen.hypothesis.free())
-    # The whole contribution of both effects stands in one column: take the rival's out of it.
-    alone, _ = gram_of(tried, rival.hypothesis, chosen.best[0])
-    del alone
-    whole = n
-    others = np.r_[1:n, n + 1 + mine : len(g)]
-    prior = np.r_[nuisance_spread(tried, chosen.best[1]), [3 * f.spread for f in rival.hypothesis.free()]]
-    a = g[np.ix_(others, others)] + np.diag(prior**-2.0)
-    b = g[others, whole]
-    return float(g[whole, whole] - b @ np.linalg.solve(a, b))
+def _without(hypothesis: Hypothesis, name: str, judged: frozenset[str]) -> Hypothesis:
+    """A hypothesis without one of its effects; what was not judged by itself (a network) is held at its values."""
+    kept = [k for k, e in enumerate(hypothesis.effects) if e.name != name]
+    effects = tuple(hypothesis.effects[k] for k in kept)
+    held = {p.name for e in effects if e.name not in judged for p in e.declared}
+    return replace(
+        hypothesis,
+        effects=effects,
+        values=tuple(hypothesis.values[k] for k in kept),
+        fixed=hypothesis.fixed | held,
+    )

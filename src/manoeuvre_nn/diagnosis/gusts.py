@@ -13,8 +13,8 @@ from manoeuvre_nn.diagnosis.hypothesis import Hypothesis, Judged
 from manoeuvre_nn.diagnosis.linear import Columns, Embedded
 from manoeuvre_nn.diagnosis.regression import FORCE_PRIOR, log_prior_levels, log_sum
 
-SHARES = (0.06, 0.1, 0.14, 0.2, 0.28, 0.4)
-"""Standard deviations of gusts over the mean wind that are tried; .1 to .2 is usual."""
+SHARES = (0.1, 0.13, 0.16, 0.2, 0.25, 0.32)
+"""Standard deviations of gusts over the mean wind that are tried; smaller ones look like wrong load functions."""
 MEMORY = 30.0
 """Correlation time of gusts [s]; 20 to 60 s are usual."""
 KNOTS = 10.0

@@ -156,10 +156,15 @@ def _statements(bench: Bench, contest: Contest, found: Sequence[Residual]) -> li
     said = []
     for k, name in enumerate(EQUATIONS):
         unit = "kN" if k < 2 else "MN m"
-        said.append(f"Missing {name}: {np.sqrt(np.mean(force[:, k] ** 2)):.3g} {unit} rms, {ratio[k]:.1f} s.d.")
+        said.append(
+            f"Missing {name}: {np.sqrt(np.mean(force[:, k] ** 2)):.3g} {unit} rms, {ratio[k]:.1f} times its error."
+        )
     strongest = int(ratio.argmax())
     if ratio[strongest] < 1.5:
-        return [*said, "Nothing is missing beyond the smoother's own uncertainty."]
+        return [
+            *said,
+            "No force is missing for sure; what else is wrong sits in sensors or in moving water.",
+        ]
     y = force[:, strongest]
     psi, r, delta = (np.concatenate([_track(p, n) for p in bench.places]) for n in ("psi", "r", "delta"))
     turned = max(float(np.ptp(_track(p, "psi"))) for p in bench.places)

@@ -10,8 +10,8 @@ from manoeuvre_nn.diagnosis.bench import SCATTER_LEVELS, Bench
 
 FORCE_PRIOR = 0.03
 """Scale of the half-normal prior of the coloured force's levels when physics is named: little may stay unexplained."""
-SCATTER_PRIOR = 0.03
-"""Scale of the exponential prior of the coefficients' relative error: published scatter is 3 to 6 %."""
+SCATTER_PRIOR = 0.05
+"""Scale of the half-normal prior of the coefficients' relative error: published scatter is 3 to 6 %."""
 
 
 def log_prior_levels(bench: Bench, force_prior: float | None) -> Float[np.ndarray, "g s"]:
@@ -27,7 +27,7 @@ def log_prior_levels(bench: Bench, force_prior: float | None) -> Float[np.ndarra
     force = np.zeros(len(bench.levels))
     if force_prior is not None:
         force = -0.5 * np.square(bench.levels / force_prior).sum(axis=1)
-    scatter = -np.array(SCATTER_LEVELS) / SCATTER_PRIOR
+    scatter = -0.5 * np.square(np.array(SCATTER_LEVELS) / SCATTER_PRIOR)
     total = force[:, None] + scatter[None, :]
     return total - log_sum(total)
 

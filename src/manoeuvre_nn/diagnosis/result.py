@@ -41,6 +41,7 @@ class Cause:
         intervals: Run -> times in which it acts [s]; None: throughout.
         fingerprint: How it is recognised.
         source: Where its formula is from.
+        terms: Terms of the formula of something unknown, one a parameter.
     """
 
     name: str
@@ -52,6 +53,7 @@ class Cause:
     intervals: Mapping[str, list[Interval]] | None
     fingerprint: str
     source: str
+    terms: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -134,11 +136,11 @@ class Diagnosis:
     Attributes:
         case: Name of the case or folder.
         ship: Name of the ship.
-        verdict: ``none``, ``mismatch``.
+        verdict: ``none``, ``mismatch``; :attr:`unknown` says whether what was missed has no name.
         sentence: What a captain needs to know.
         causes: Candidates, most probable first.
         model: Names of the effects switched on in the repaired model.
-        alias: Names that these recordings cannot tell from the first cause.
+        alias: Effect of the repaired model -> names that these recordings cannot tell from it.
         location: Where the mismatch sits.
         residuals: Missing force over each fitted run.
         checks: Tests that the claim passed or not.
@@ -148,6 +150,7 @@ class Diagnosis:
         next_steps: What to record next, most useful first.
         undecided: What cannot be decided with these recordings and why.
         tracks: Fitted run -> recorded x and y [m], NaN in gaps.
+        network: Weights of the network that learned what physics leaves; empty without one.
         settings: Versions, seed, options, for the record.
         seconds: Time that it took.
     """
@@ -158,7 +161,7 @@ class Diagnosis:
     sentence: str
     causes: list[Cause]
     model: list[str]
-    alias: list[str]
+    alias: Mapping[str, list[str]]
     location: Location
     residuals: list[Residual]
     checks: list[Check]
@@ -168,8 +171,14 @@ class Diagnosis:
     next_steps: list[str]
     undecided: list[str]
     tracks: Mapping[str, Float[np.ndarray, "n 2"]] = field(default_factory=dict, repr=False)
+    network: Mapping[str, float] = field(default_factory=dict, repr=False)
     settings: Mapping[str, str] = field(default_factory=dict)
     seconds: float = 0.0
+
+    @property
+    def unknown(self) -> bool:
+        """Whether the recordings differ from calm water and no effect that is known explains it."""
+        return self.verdict == "mismatch" and self.model in ([], ["unknown"])
 
     def rmse(self, when: str) -> dict[str, float]:
         """Errors of all held-out runs together.
@@ -178,7 +187,13 @@ class Diagnosis:
             when: ``before`` or ``after``.
 
         Returns:
-            Channel -> root mean square over the runs of the runs' RMS errors.
+            Channel -> root mean square over the runs' RMS errors; runs that did not record it are left out, NaN where
+            none did.
         """
         tables = [getattr(p, f"rmse_{when}") for p in self.proofs]
-        return {c: float(np.sqrt(np.mean([t[c] ** 2 for t in tables]))) for c in tables[0]} if tables else {}
+        found = {}
+        for channel in dict.fromkeys(c for table in tables for c in table):
+            errors = np.array([table.get(channel, np.nan) for table in tables])
+            good = errors[np.isfinite(errors)]
+            found[channel] = float(np.sqrt(np.mean(good**2))) if len(good) else float("nan")
+        return found

@@ -143,7 +143,7 @@ def _starts(court: Court, effect: Effect, level: int, scatter: int, given: Hypot
     runs = len(bench.places)
     grid = np.array(list(product(*[(p.null,) if p.form else p.starts for p in effect.declared])), dtype=float)
     if any(p.per_run for p in effect.declared):
-        for values in best_windows(court, effect, grid, level, scatter):
+        for values in best_windows(court, effect, grid, level, scatter, given):
             mine = Hypothesis((effect,), (values,))
             yield mine if given is None else given.joined(mine)
         return
@@ -168,7 +168,7 @@ def _pairs(court: Court, singles: Sequence[Judged], none: Judged, progress: Prog
             if len(names) < 2 or names in seen or _same_thing(first, second):
                 continue
             seen.add(names)
-            for partner in _restarts(court, second):
+            for partner in _restarts(court, first, second):
                 both = first.hypothesis.joined(partner)
                 found = court.posterior(linear(court.bench, both), [first.best[0]])
                 screened.append((float(found.by_level[0, first.best[1]]), first, both))
@@ -185,22 +185,25 @@ def _pairs(court: Court, singles: Sequence[Judged], none: Judged, progress: Prog
         yield from pool.map(together, list(finalists.values())[:WIDTH])
 
 
-def _restarts(court: Court, second: Judged) -> list[Hypothesis]:
-    """Where a partner may stand once another effect explains its part: as alone, or at its other directions."""
+def _restarts(court: Court, first: Judged, second: Judged) -> list[Hypothesis]:
+    """Where a partner may stand beside another effect: as alone, turned, or as an event where that one leaves it."""
     alone = second.hypothesis
     effect = alone.effects[0]
+    timed = any(p.per_run for p in effect.declared)
     directions = [j for j, p in enumerate(effect.declared) if p.period]
-    if not directions:
-        return [alone]
     made = [alone]
-    for angle in range(0, 360, 90):
+    for angle in range(0, 360, 90) if directions else ():
         values = alone.values[0].copy()
         for j, p in enumerate(effect.declared):
             if not p.form and not p.period and not p.per_run and p.name not in RANDOM:
                 values[:, j] = p.starts[0]
         values[:, directions[0]] = angle
         made.append(Hypothesis((effect,), (values,)))
-    return made
+    if not timed:
+        return made
+    grid = np.stack([h.values[0][0] for h in made])
+    placed = best_windows(court, effect, grid, *first.best, first.hypothesis)
+    return [alone, *(Hypothesis((effect,), (values,)) for values in placed)]
 
 
 def _same_thing(first: Judged, second: Judged) -> bool:

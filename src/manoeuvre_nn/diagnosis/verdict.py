@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from manoeuvre_nn.diagnosis.alarm import LEAST_MORE, LEAST_UNKNOWN, raised
+from manoeuvre_nn.diagnosis.formula import Found, short_formula
 from manoeuvre_nn.diagnosis.hypothesis import Judged
 from manoeuvre_nn.diagnosis.search import Contest
 from manoeuvre_nn.diagnosis.unknown import unknown_evidence
@@ -28,6 +29,8 @@ class Verdict:
         effects: Of every effect being present.
         best: The most probable hypothesis with a name; None if there is none.
         bayes: Log Bayes factor of the best hypothesis of every effect over calm water.
+        stranger: Log Bayes factor of something unknown over calm water.
+        formula: The best short formula for something unknown; None if no term is worth its choice.
     """
 
     named: bool
@@ -37,6 +40,8 @@ class Verdict:
     effects: Mapping[str, float]
     best: Judged | None
     bayes: Mapping[str, float]
+    stranger: float = 0.0
+    formula: Found | None = None
 
 
 def decide(contest: Contest, temperature: float = 1.0) -> Verdict:
@@ -49,7 +54,8 @@ def decide(contest: Contest, temperature: float = 1.0) -> Verdict:
     Returns:
         The verdict.
     """
-    stranger = unknown_evidence(contest.court, contest.none)
+    formula = short_formula(contest.court, contest.none)
+    stranger = unknown_evidence(contest.court, contest.none, formula)
     judged = [j for j in contest.judged if _worth_its_size(contest, j)]
     names = sorted({n for j in contest.judged for n in j.names})
     singles, pairs = len(names), max(len(names) * (len(names) - 1) / 2, 1)
@@ -72,7 +78,17 @@ def decide(contest: Contest, temperature: float = 1.0) -> Verdict:
         share[0] = QUIET
     effects = {n: float(sum(p for (has, *_), p in zip(weights, share, strict=True) if n in has)) for n in names}
     bayes = {n: max(j.evidence for j in contest.judged if n in j.names) - contest.none.evidence for n in names}
-    return Verdict(named, strange, float(share[0]), float(share[1]), effects, best, bayes)
+    return Verdict(
+        named,
+        strange,
+        float(share[0]),
+        float(share[1]),
+        effects,
+        best,
+        bayes,
+        stranger - contest.none.evidence,
+        formula,
+    )
 
 
 def _worth_its_size(contest: Contest, judged: Judged) -> bool:

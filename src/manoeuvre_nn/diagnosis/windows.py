@@ -7,7 +7,8 @@ from jaxtyping import Float
 
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.diagnosis.bench import FORCE_LEVELS, SCATTER_LEVELS, Bench
-from manoeuvre_nn.diagnosis.court import Court
+from manoeuvre_nn.diagnosis.court import Court, linear
+from manoeuvre_nn.diagnosis.hypothesis import Hypothesis
 from manoeuvre_nn.diagnosis.linear import Columns, Embedded
 
 BLOCK = 10.0
@@ -17,7 +18,12 @@ SHORTEST = 3
 
 
 def best_windows(
-    court: Court, effect: Effect, grid: Float[np.ndarray, "k p"], level: int, scatter: int
+    court: Court,
+    effect: Effect,
+    grid: Float[np.ndarray, "k p"],
+    level: int,
+    scatter: int,
+    given: Hypothesis | None = None,
 ) -> Iterator[Float[np.ndarray, "runs p"]]:
     """Start values of an effect with times of its own in every run.
 
@@ -27,6 +33,7 @@ def best_windows(
         grid: Starts of its other parameters.
         level: Force level at which data are whitened.
         scatter: Scatter level.
+        given: Effects that are there already; what they explain is no event.
 
     Yields:
         Values for every run.
@@ -37,7 +44,11 @@ def best_windows(
     # Not the levels that calm water needs: there the event itself is taken for a coloured force and wrong coefficients.
     rows = len(FORCE_LEVELS)
     low, scatter = min(level // rows, 1) * rows + min(level % rows, 1), min(scatter, 2)
-    found = [_scan(court.bench, run, low, scatter, open_end=not ends) for run in range(len(court.bench.places))]
+    there = None if given is None else linear(court.bench, given).columns
+    found = [
+        _scan(court.bench, run, low, scatter, not ends, None if there is None else there[run])
+        for run in range(len(court.bench.places))
+    ]
     others = np.unique(np.delete(grid, timed, axis=1), axis=0)
     for row in others[:8]:
         values = np.zeros((len(found), len(names)))
@@ -51,7 +62,9 @@ def best_windows(
         yield values
 
 
-def _scan(bench: Bench, run: int, level: int, scatter: int, open_end: bool) -> tuple[float, float, float]:
+def _scan(
+    bench: Bench, run: int, level: int, scatter: int, open_end: bool, given: Columns | None
+) -> tuple[float, float, float]:
     """Start and end of the best window of a run, and the lateral force in it [kN]."""
     place, white = bench.places[run], bench.at(level).white[run]
     time, step = place.line.run.time, place.line.run.step
@@ -64,8 +77,20 @@ def _scan(bench: Bench, run: int, level: int, scatter: int, open_end: bool) -> t
         push = hull.acceleration_from_si(hull.inertia.new_tensor(force)).numpy()
         moved[np.arange(len(time) - 1)[:, None], np.arange(3), (k * count + which)[:, None]] = push * step
     blocks = white.embed(Columns(np.zeros((len(time), 8, 2 * count)), moved))
-    gram, right = _projected(bench.at(level).base[run], blocks, SCATTER_LEVELS[scatter])
+    base = bench.at(level).base[run]
+    if given is not None:
+        more = white.embed(Columns(given.measured[..., :1], given.moved[..., :1]))
+        base = _without(base, more)
+    gram, right = _projected(base, blocks, SCATTER_LEVELS[scatter])
     return _best(gram, right, edges, count, open_end)
+
+
+def _without(base: Embedded, known: Embedded) -> Embedded:
+    """Base columns with something known taken out of the data."""
+    outer, inner = base.outer.copy(), base.inner.copy()
+    outer[:, 0] -= known.outer[:, 0]
+    inner[:, 0] -= known.inner[:, 0]
+    return Embedded(outer, inner)
 
 
 def _projected(base: Embedded, blocks: Embedded, scatter: float) -> tuple[np.ndarray, np.ndarray]:

@@ -4,25 +4,29 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from manoeuvre_nn.diagnosis.advise import Advice, advise
 from manoeuvre_nn.diagnosis.hypothesis import Judged
 from manoeuvre_nn.diagnosis.result import Cause, Proof
 from manoeuvre_nn.diagnosis.search import Contest
 from manoeuvre_nn.diagnosis.verdict import Verdict
 
-ADVICE = {
-    frozenset({"current", "sensors"}): "reciprocal runs, or a slow turn through 720 deg",
-    frozenset({
-        "wind and waves"
-    }): "a slow turn through 360 deg, and the same zigzag on a heading 90 deg away; log the wind",
-    frozenset({"wind and waves", "current"}): "a slow turn through 720 deg",
-    frozenset({"rudder", "propeller and resistance"}): "a step of the shaft speed at fixed rudder, then coasting",
-    frozenset({"propeller and resistance"}): "straight runs at two shaft speeds, then a hard turn",
-    frozenset({"depth", "loading"}): "the same zigzag at two speeds, then a hard turn; log the depth and the draughts",
-    frozenset({"rudder"}): "a 5/5 zigzag and a hard-over step; log order and indicated angle",
-    frozenset({"depth", "rudder"}): "a hard turn and a 20/20 zigzag at half speed; log the depth",
-    frozenset({"sensors"}): "a straight run and its reciprocal, then one full turn",
+POSSIBLE = 0.05
+"""Probability of a rival from which a run is sought that tells it from what was found."""
+TELLING = 3.0
+"""Log Bayes factor, odds of 1 to 20, that a run must be expected to add."""
+MEASURE = {
+    "wind and waves": "the wind and the waves",
+    "current": "the current",
+    "depth": "the depth",
+    "loading": "the draughts",
+    "heel": "the heel",
+    "local force": "the forces of lines and thrusters",
+    "rudder": "the angle of the rudder stock",
+    "propeller and resistance": "shaft speed and torque",
+    "sensors": "the same with a second sensor",
 }
-"""What tells two families apart (catalogue of alias sets: IMO MSC/Circ.1053, ISO 15016 and manoeuvring practice)."""
+"""Family -> what to measure directly where no run tells its members apart."""
+EQUATIONS = {"X": "surge", "Y": "sway", "N": "yaw", "kinematics": "kinematics or sensors"}
 
 
 def captain(causes: Sequence[Cause], model: Sequence[str], proofs: Sequence[Proof], mismatch: bool) -> str:
@@ -39,62 +43,111 @@ def captain(causes: Sequence[Cause], model: Sequence[str], proofs: Sequence[Proo
     """
     if not mismatch:
         return "The recordings agree with the calm-water model within their noise: nothing needs to be added."
-    if not model:
-        return "The recordings differ from the calm-water model, and no effect that the program knows explains it."
+    if set(model) <= {"unknown"}:
+        where = next((c.equations for c in causes if c.name == "unknown"), ())
+        shown = f" in {_and([EQUATIONS.get(e, e) for e in where])}" if where else ""
+        told = next((_formula(c) for c in causes if c.terms), "")
+        gain = _gain(proofs, "that") if model else ""
+        known = "no effect that is known explains it"
+        return f"Unknown: the recordings differ from calm water{shown}, and {known}{told}{gain}."
     named = [c for c in causes if c.name in model]
     said = " and ".join(f"{c.label} ({_values(c)})" for c in named)
-    gain = ""
-    if proofs:
-        channel, what, unit = (
-            ("pos", "track", "m") if np.isfinite(proofs[0].rmse_before["pos"]) else ("psi", "heading", "deg")
-        )
-        before, after = (
-            np.sqrt(np.mean([getattr(p, w)[channel] ** 2 for p in proofs])) for w in ("rmse_before", "rmse_after")
-        )
-        gain = (
-            f"; with it the {what} of runs that were not used is predicted to {after:.3g} {unit} instead of "
-            f"{before:.3g} {unit}"
-        )
-    return f"The recordings show {said}{gain}."
+    return f"The recordings show {said}{_gain(proofs, 'it' if len(named) == 1 else 'them')}."
+
+
+def _gain(proofs: Sequence[Proof], what: str) -> str:
+    """How much better runs that were not used are predicted."""
+    if not proofs:
+        return ""
+    located = [p for p in proofs if np.isfinite(p.rmse_before.get("pos", np.nan))]
+    channel, seen, unit = ("pos", "track", "m") if located else ("psi", "heading", "deg")
+    before, after = (
+        np.sqrt(np.mean([getattr(p, w)[channel] ** 2 for p in located or proofs]))
+        for w in ("rmse_before", "rmse_after")
+    )
+    return (
+        f"; with {what} the {seen} of runs that were not used is predicted to {after:.3g} {unit} instead of "
+        f"{before:.3g} {unit}"
+    )
 
 
 def _values(cause: Cause) -> str:
-    return ", ".join(f"{v.name.replace('_', ' ')} {v.value:.3g} {v.unit}".rstrip(" -") for v in cause.parameters)
+    said = ((v.name.removesuffix(f"_{v.unit}").replace("_", " "), v) for v in cause.parameters)
+    return ", ".join(f"{name} {v.value:.3g} {v.unit}".rstrip(" -") for name, v in said)
+
+
+def _formula(cause: Cause) -> str:
+    """The formula of something unknown: weights are shares of the resistance or of 20 deg of rudder."""
+    said = " ".join(f"{v.value:+.3g} {v.name}" for v in cause.parameters).lstrip("+")
+    return f"; a short formula for it is {said} (motion in units of a tight turn)"
+
+
+def _and(parts: Sequence[str]) -> str:
+    """Parts as they stand in a sentence."""
+    return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
+
+
+def labels(judged: Judged) -> str:
+    """What a hypothesis says, in words.
+
+    Args:
+        judged: It.
+
+    Returns:
+        Such as ``a steady wind and a rudder offset``.
+    """
+    return _and([e.label for e in judged.hypothesis.effects]) or "calm water"
 
 
 def runner_up(tried: Contest, verdict: Verdict) -> list[str]:
-    """What speaks for and against the second best.
+    """What speaks for and against the second best; against the best, if it is not named.
 
     Args:
         tried: The contest.
         verdict: The probabilities.
 
     Returns:
-        Sentences.
+        One or two sentences; none without a runner-up.
     """
-    if verdict.best is None or len(tried.judged) < 2:
-        return []
     best = verdict.best
+    if best is None:
+        return []
+    if not (verdict.named or verdict.strange):
+        gain = best.evidence - tried.none.evidence
+        return [f"The best candidate is {labels(best)}: {gain:+.1f} in log evidence against calm water is mere chance."]
+    if verdict.unknown >= 0.5:
+        against = f"something without a name is likelier ({_percent(verdict.unknown)})"
+        return [_for(best, tried), f"Against it: {against}."]
     other = next((j for j in tried.judged if not set(best.names) <= set(j.names)), None)
     if other is None:
         return []
     gap = best.evidence - other.evidence
-    names = " + ".join(other.names)
-    said = [f"Next best: {names}, {gap:.1f} in log evidence behind {' + '.join(best.names)} (odds {_odds(gap)})."]
-    said.append(f"For it: it explains {other.evidence - tried.none.evidence:.1f} in log evidence more than calm water.")
+    against = f"with {labels(best)} they are explained better still, by {_ln(gap)} ({_odds(gap)})"
     levels = tried.court.bench.levels
     left, least = levels[other.best[0]].max(), levels[best.best[0]].max()
     if left > 1.5 * least:
-        said.append(f"Against it: a force of {left:.2g} U0^2/L stays unexplained, with the best only {least:.2g}.")
-    return said
+        against += f", and {100 * least:.2g} % of the rudder's force at 20 deg is left, not {100 * left:.2g} %"
+    return [_for(other, tried), f"Against it: {against}."]
+
+
+def _for(judged: Judged, tried: Contest) -> str:
+    gain = judged.evidence - tried.none.evidence
+    name = labels(judged)
+    if gain <= 0:
+        return f"For {name} nothing speaks: the recordings are no likelier than in calm water."
+    return f"For {name}: it explains the recordings better than calm water by {_ln(gain)} in log evidence."
+
+
+def _percent(probability: float) -> str:
+    return f"{100 * min(probability, 0.99):.0f} %"
 
 
 def _odds(gap: float) -> str:
-    return f"1 to {np.exp(min(gap, 13.8)):.0f}" if gap < 13.8 else "less than one in a million"
+    return f"odds 1 to {np.exp(max(gap, 0.0)):.3g}" if gap < 13.8 else "odds less than one in a million"
 
 
 def next_steps(tried: Contest, verdict: Verdict, chosen: Judged, mismatch: bool) -> list[str]:
-    """What to record next.
+    """What to record next, by simulation: see :mod:`~manoeuvre_nn.diagnosis.advise`.
 
     Args:
         tried: The contest.
@@ -105,21 +158,67 @@ def next_steps(tried: Contest, verdict: Verdict, chosen: Judged, mismatch: bool)
     Returns:
         Sentences, most useful first.
     """
-    if not mismatch:
-        return [
-            "Nothing more is needed for these manoeuvres; another speed or a harder turn would test the model further."
-        ]
-    if not chosen.names:
-        return ["Repeat one run on a heading 90 deg away and one at half speed: they show what the misfit depends on."]
-    families = {j.names[0]: j.hypothesis.effects[0].family for j in tried.judged if len(j.names) == 1}
-    rivals = sorted(((p, n) for n, p in verdict.effects.items() if n not in chosen.names), reverse=True)
-    said = []
-    for probability, rival in rivals[:2]:
-        if probability < 0.01:
-            break
-        key = frozenset({families.get(chosen.names[0], ""), families.get(rival, "")})
-        advice = ADVICE.get(key, "the same manoeuvre at another speed and on a heading 90 deg away")
-        said.append(f"To tell {chosen.names[0]} from {rival} ({probability:.0%}): {advice}.")
-    return said or [
-        f"{' and '.join(chosen.names)} stand out clearly; a repeat at another speed would confirm the values."
+    duels = _duels(tried, verdict, chosen, mismatch)
+    made = advise(tried.court.bench, duels[0][0], [rival for _, rival, _ in duels]) if duels else []
+    said = [
+        _told(*duel, runs) for duel, runs in zip(duels, made, strict=True) if mismatch or runs[0].expected > TELLING
     ]
+    if not mismatch:
+        more = "another speed or a harder turn would test the model further"
+        return [*said, f"Nothing more is needed for these manoeuvres; {more}."]
+    known = {n for j in tried.judged for n in j.names}
+    named = [e.label for e in chosen.hypothesis.effects if e.name in known]
+    if not named:
+        return ["Repeat one run on a heading 90 deg away and one at half speed: they show what the misfit depends on."]
+    clear = f"Nothing else comes close to {_and(named)}; a repeat at another speed would confirm the values."
+    return said or [clear]
+
+
+Duel = tuple[Judged, Judged, float]
+"""Who leads, the rival, and the probability of what is to be ruled out or found."""
+
+
+def _duels(tried: Contest, verdict: Verdict, chosen: Judged, mismatch: bool) -> list[Duel]:
+    """What is worth telling apart: at most two rivals of the same leader; none where the verdict is certain."""
+    if not mismatch:
+        first = verdict.best
+        probability = 0.0 if first is None else min(verdict.effects[n] for n in first.names)
+        return [(first, tried.none, probability)] if first is not None and probability > POSSIBLE else []
+    known = {frozenset(j.names): j for j in reversed(tried.judged)}
+    singles = {n for j in tried.judged if len(j.names) == 1 for n in j.names}
+    mine = frozenset(chosen.names) & singles
+    if mine not in known:
+        return []
+    found: list[Duel] = []
+    rivals = sorted(((p, n) for n, p in verdict.effects.items() if n not in mine and p > POSSIBLE), reverse=True)
+    for probability, name in rivals:
+        rival = next(j for j in tried.judged if name in j.names)
+        # What acts beside the leader is found by a run in which the leader alone could not do it.
+        duel = (rival, known[mine]) if mine < set(rival.names) else (known[mine], rival)
+        if not found or duel[0] is found[0][0] and duel[1] is not found[0][1]:
+            found.append((*duel, probability))
+    return found[:2]
+
+
+def _told(leading: Judged, rival: Judged, probability: float, runs: Sequence[Advice]) -> str:
+    """The best run, and the best channel, that tells two hypotheses apart."""
+    question = f"To tell {labels(leading)} from {labels(rival)} ({_percent(probability)})"
+    best = runs[0]
+    if best.expected < TELLING:
+        effects = {e.name: e.family for j in (leading, rival) for e in j.hypothesis.effects}
+        wanted = sorted({
+            MEASURE.get(f, f) for n, f in effects.items() if n not in leading.names or n not in rival.names
+        })
+        return f"{question}: measure {_and(wanted)}; none of {len(runs)} simulated runs would do ({_factor(best)})."
+    more = next((a for a in runs[1:] if a.heading is None and a.expected > TELLING), None)
+    also = "" if more is None or best.heading is None else f"; or {more.text} ({_ln(more.expected)})"
+    return f"{question}: {best.text} ({_factor(best)}; these recordings: {_ln(best.now)}){also}."
+
+
+def _factor(advice: Advice) -> str:
+    return f"expected log Bayes factor {_ln(advice.expected)}"
+
+
+def _ln(factor: float) -> str:
+    """A log Bayes factor with the digits that matter."""
+    return f"{factor:.{1 if abs(factor) < 9.95 else 0}f}"

@@ -32,6 +32,8 @@ SPEED = Parameter("speed", "m/s", 0.0, 30.0, 0.0, 8.0, (10.0,))
 FORM = (
     factor("cx", 0.2),
     factor("cy", 0.2),
+    Parameter("cx3", "-", -0.5, 0.5, 0.0, 0.1, (0.0,), form=True),
+    Parameter("cy3", "-", -0.5, 0.5, 0.0, 0.1, (0.0,), form=True),
     factor("cn", 0.2),
     Parameter("cn_shift", "-", -0.3, 0.3, 0.0, 0.03, (0.0,), form=True),
     factor("still_air", 0.7, high=2.0),
@@ -49,7 +51,8 @@ class SteadyWind(ForceEffect):
         den = 1 - (d/2) (1 - CD_lAF A_F / (A_L CD_t)) sin^2 2g
 
     less the same in still air, which the hull's resistance contains. The wind is taken relative to the ship's motion
-    through the water. The form parameters cx, cy, cn multiply X, Y, N; cn_shift moves the centre of pressure (L_oa);
+    through the water. The form parameters cx, cy, cn multiply X, Y, N; cx3 and cy3 are shares of a third
+    harmonic in X and Y, by which published curves differ; cn_shift moves the centre of pressure (L_oa);
     still_air is the share of the load in still air that the hull's resistance contains.
     """
 
@@ -104,10 +107,12 @@ class SteadyWind(ForceEffect):
         along = stern + (bow - stern) * torch.sigmoid(cos / 0.05)
         den = 1 - 0.5 * cross * (1 - along * areas.frontal / (areas.lateral * side)) * (2 * sin * cos).square()
         pressure = 0.5 * AIR * square / den
-        sway = pressure * side * sin * areas.lateral
+        # cos 3g and sin 3g
+        surge = cos + self.value("cx3") * cos * (4 * cos.square() - 3)
+        sway = pressure * side * (sin + self.value("cy3") * sin * (3 - 4 * sin.square())) * areas.lateral
         arm = areas.lateral_centre / areas.length_overall - 0.18 * (torch.atan2(sin.abs(), cos) - pi / 2)
         yaw = sway * (self.value("cn") * arm + self.value("cn_shift")) * areas.length_overall
-        return columns(-self.value("cx") * pressure * along * cos * areas.frontal, self.value("cy") * sway, yaw)
+        return columns(-self.value("cx") * pressure * along * surge * areas.frontal, self.value("cy") * sway, yaw)
 
 
 class WindOnset(SteadyWind):

@@ -119,6 +119,24 @@ def whole_number(what: str, value: Any, least: int) -> int:
     return value
 
 
+def switch(what: str, value: Any) -> bool:
+    """Read a setting that is on or off.
+
+    Args:
+        what: Its name.
+        value: What was given.
+
+    Returns:
+        Whether it is on.
+
+    Raises:
+        InputError: If it is neither true nor false.
+    """
+    if not isinstance(value, bool):
+        raise InputError(f"{what}={value}: expected true or false")
+    return value
+
+
 def targets(plain: Any) -> Iterator[str]:
     """Every import path that a config would run.
 

@@ -16,7 +16,8 @@ from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.diagnosis.answers import write_answer
 from manoeuvre_nn.diagnosis.case import Case
-from manoeuvre_nn.diagnosis.diagnose import cost, diagnose
+from manoeuvre_nn.diagnosis.diagnose import diagnose
+from manoeuvre_nn.diagnosis.proof import cost
 from manoeuvre_nn.diagnosis.result import Diagnosis
 from manoeuvre_nn.diagnosis.search import WIDTH
 from manoeuvre_nn.dynamics.base import Dynamics

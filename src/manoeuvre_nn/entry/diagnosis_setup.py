@@ -2,7 +2,7 @@
 
 import inspect
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +17,13 @@ from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.diagnosis.answers import LISTED
 from manoeuvre_nn.diagnosis.case import Case, read_case, read_runs
-from manoeuvre_nn.diagnosis.diagnose import Question
+from manoeuvre_nn.diagnosis.proof import Question
 from manoeuvre_nn.diagnosis.result import Cause, Diagnosis
 from manoeuvre_nn.diagnosis.runs import CHANNELS
 from manoeuvre_nn.dynamics.base import Dynamics
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip, Scaling
+from manoeuvre_nn.effect.formula import Formula
+from manoeuvre_nn.effect.remainder import Remainder
 from manoeuvre_nn.entry import config as configs
 from manoeuvre_nn.entry.job import blank_network, fit_of, known_part
 from manoeuvre_nn.entry.provenance import CONFIG, versions
@@ -115,7 +117,8 @@ class Setup:
         undecided = (*case.undecided, *left_out)
         threads = configs.whole_number("threads", self.cfg.threads, 1)
         runs = (case.fitted, case.held_out)
-        return Question(case.name, dynamics, *runs, effects, undecided, settings, threads), effects
+        question = Question(case.name, dynamics, *runs, effects, undecided, settings, threads)
+        return replace(question, remainder=configs.switch("remainder", self.cfg.remainder)), effects
 
     def candidates(self, case: Case) -> tuple[list[Effect], list[str]]:
         """Candidates that a case can say something about.
@@ -181,7 +184,8 @@ def wanted(chosen: Any, shelf: Mapping[str, Mapping[str, Any]]) -> list[str]:
     """
     classes = {name: _class_of(entry) for name, entry in shelf.items()}
     realised = {n for n, c in classes.items() if "seed" in inspect.signature(c).parameters and n not in LISTED}
-    possible = [name for name in classes if name not in realised and name != ALWAYS_FITTED]
+    learned = {Formula.name, Remainder.name}
+    possible = [name for name in classes if name not in realised | learned and name != ALWAYS_FITTED]
     if chosen == DEFAULT:
         return [name for name in possible if name in LISTED]
     names = possible if chosen == ALL else [str(name) for name in configs.as_list(chosen)]
@@ -252,7 +256,16 @@ def found_effects(d: Diagnosis, effects: Sequence[Effect], shelf: Mapping[str, M
         Effect of the repaired model -> entry with the values found, in the package's signs.
     """
     known = {e.name: e for e in effects}
-    return {c.name: {**shelf[c.name], **_values(c, known[c.name])} for c in d.causes if c.name in d.model}
+    switched_on = [c for c in d.causes if c.name in d.model]
+    found = {c.name: {**shelf[c.name], **_values(c, known[c.name])} for c in switched_on if not c.terms}
+    for c in switched_on:
+        if c.terms:
+            weights = {f"w{k + 1}": float(f"{v.value:.6g}") for k, v in enumerate(c.parameters)}
+            target = shelf[Formula.name][configs.TARGET]
+            found[Formula.name] = {configs.TARGET: target, "terms": list(c.terms), **weights}
+    if d.network:
+        found[Remainder.name] = {**shelf[Remainder.name], **d.network}
+    return found
 
 
 def _values(cause: Cause, effect: Effect) -> dict[str, float]:

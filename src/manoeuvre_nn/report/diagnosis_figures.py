@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import MaxNLocator, NullLocator
+from matplotlib.ticker import FixedLocator, MaxNLocator, NullLocator
 
 from manoeuvre_nn.diagnosis.result import Diagnosis, Interval, Proof, Residual
 from manoeuvre_nn.report.diagnosis_tables import AFTER, BEFORE, CHANNELS, main_causes, percent
@@ -218,7 +218,8 @@ def error_figure(d: Diagnosis) -> Figure:
     axes.set_xscale("log")
     low, high = axes.get_xlim()
     axes.set_xlim(min(low, 0.7), max(high, 3.0))
-    axes.xaxis.set_major_locator(DecadeLocator())
+    near = FixedLocator([1.0, 1.5, 2.0, 3.0, 4.0, 5.0])  # even ticks would leave out 1, by which all is judged
+    axes.xaxis.set_major_locator(near if high < 5.5 else DecadeLocator())
     axes.xaxis.set_minor_locator(NullLocator())
     axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
     handles = [
@@ -313,7 +314,7 @@ def channel_figure(proof: Proof, noise: Mapping[str, float], repaired: bool) -> 
         axes.plot(time, truth, **TRUTH)
         for values, style in zip(models, (CALM, REPAIRED), strict=False):
             axes.plot(time, values, **style)
-        _draw_errors(beside, time, [values - truth for values in models], noise.get(name, 0.0))
+        _draw_errors(beside, time, [values - truth for values in models], noise.get(name, 0.0), unit)
     grid[0, 1].set_title("error", fontsize=9, loc="left")
     for axes in grid[-1]:
         axes.set_xlabel("time t [s]")
@@ -340,17 +341,19 @@ def _series(proof: Proof, name: str, repaired: bool) -> list[Float[np.ndarray, "
 
 
 def _draw_errors(
-    axes: Axes, time: Float[np.ndarray, " n"], errors: list[Float[np.ndarray, " n"]], sigma: float
+    axes: Axes, time: Float[np.ndarray, " n"], errors: list[Float[np.ndarray, " n"]], sigma: float, unit: str
 ) -> None:
     """Errors of calm water and of the repaired model on the scale of the latter."""
     sigma = sigma if np.isfinite(sigma) else 0.0
     axes.axhspan(-2 * sigma, 2 * sigma, color=TRUTH["color"], **BAND)
-    calm = CALM if len(errors) > 1 else {**CALM, "linestyle": "-"}
-    for error, style in zip(errors, (calm, REPAIRED), strict=False):
-        axes.plot(time, error, **{**style, "linewidth": 1.1})
+    # Noise on a dashed line is a row of dots: here calm water is drawn through, and paler.
+    for error, style in zip(errors, ({**CALM, "linestyle": "-", "alpha": 0.75}, REPAIRED), strict=False):
+        axes.plot(time, error, **{**style, "linewidth": 0.9})
     peaks = [float(np.abs(e[np.isfinite(e)]).max(initial=0.0)) for e in errors]
     height = max(3 * sigma, 1.2 * peaks[-1])
     if height > 0:
         axes.set_ylim(-height, height)
     if peaks[0] > height:
-        axes.set_title(f"{BEFORE}: up to {text(peaks[0], 2)}", fontsize=8, loc="right", color=CALM["color"], pad=2)
+        axes.set_title(
+            f"{BEFORE}: up to {text(peaks[0], 2)} {unit}", fontsize=8, loc="right", color=CALM["color"], pad=2
+        )

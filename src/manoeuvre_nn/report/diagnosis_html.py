@@ -11,16 +11,15 @@ from manoeuvre_nn.diagnosis.result import Diagnosis
 from manoeuvre_nn.report.diagnosis_figures import draw_diagnosis
 from manoeuvre_nn.report.diagnosis_tables import (
     FOUND,
-    VERDICTS,
+    alias_texts,
     cause_rows,
     check_rows,
     diagnosis_markdown,
     error_rows,
-    label,
     main_causes,
     parameter_rows,
-    runner_up,
     site_rows,
+    verdict_text,
 )
 from manoeuvre_nn.report.html import data_address
 from manoeuvre_nn.report.tables import columns, is_good, text
@@ -79,11 +78,10 @@ def _context(d: Diagnosis) -> dict[str, Any]:
     """Everything that the page shows."""
     return {
         "d": d,
-        "verdict": VERDICTS.get(d.verdict, d.verdict),
+        "verdict": verdict_text(d),
         "figures": {name: data_address(figure) for name, figure in draw_diagnosis(d).items()},
         "captions": CAPTIONS,
-        "alias": ", ".join(label(d, name) for name in d.alias),
-        "second": runner_up(d),
+        "alias": alias_texts(d),
         "causes": [{k: v for k, v in row.items() if k != FOUND} for row in cause_rows(d, main_causes(d))],
         "parameters": parameter_rows(main_causes(d)),
         "errors": error_rows(d),

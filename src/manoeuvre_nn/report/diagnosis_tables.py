@@ -22,12 +22,51 @@ CHANNELS: dict[str, tuple[str, str, str]] = {
 """Channels that are judged: in words, short, unit."""
 VERDICTS = {"none": "nothing is missing", "mismatch": "something is missing"}
 """Verdict -> what it says of the calm-water model."""
+UNKNOWN = "something unknown is missing"
+SITES = {
+    "surge": "any force in surge",
+    "sway and yaw": "any force in sway and yaw",
+    "inflow": "a cause in the inflow",
+    "hull": "a cause at the hull",
+    "force": "a cause that pushes the ship",
+    "actuator": "a cause at rudder or shaft",
+    "sensor": "a cause in a sensor",
+}
+"""Where a force or a candidate was allowed."""
 BEFORE, AFTER, NOISE = "calm water", "repaired", "noise alone"
 """What the columns and curves of every comparison are called."""
 FOUND = "found ± standard error"
 """Column of the parameters."""
 FEWEST, MOST = 3, 5
 """Causes that a short list shows: at least, at most. Beyond the fewest, those with 1 % or more."""
+
+
+def verdict_text(d: Diagnosis) -> str:
+    """What was found, in three words.
+
+    Args:
+        d: The diagnosis.
+
+    Returns:
+        Nothing, something or something unknown is missing.
+    """
+    return UNKNOWN if d.unknown else VERDICTS.get(d.verdict, d.verdict)
+
+
+def alias_texts(d: Diagnosis) -> list[str]:
+    """What these recordings cannot tell apart.
+
+    Args:
+        d: The diagnosis.
+
+    Returns:
+        A sentence for every effect of the repaired model that has rivals.
+    """
+    return [
+        f"These recordings cannot tell {label(d, name)} from {', '.join(label(d, rival) for rival in rivals)}."
+        for name, rivals in d.alias.items()
+        if rivals
+    ]
 
 
 def percent(probability: float) -> str:
@@ -55,7 +94,7 @@ def words(value: Value) -> str:
     Returns:
         Such as ``from`` for ``from_deg``: the unit stands with the value.
     """
-    return criterion_label(value.name)[0]
+    return criterion_label(value.name.removesuffix(f"_{value.unit}"))[0]
 
 
 def value_text(value: Value) -> str:
@@ -149,19 +188,6 @@ def main_causes(d: Diagnosis, most: int = MOST) -> list[Cause]:
     return named + others[: min(room, max(probable, FEWEST - len(named)))]
 
 
-def runner_up(d: Diagnosis) -> Cause | None:
-    """The most probable cause beside those that the verdict names: the model's, or the first one if it has none.
-
-    Args:
-        d: The diagnosis.
-
-    Returns:
-        The cause; None if there is none.
-    """
-    rivals = d.causes[1:] if d.verdict != "none" else d.causes
-    return next((cause for cause in rivals if cause.name not in d.model), None)
-
-
 def cause_rows(d: Diagnosis, causes: Sequence[Cause]) -> list[dict[str, Any]]:
     """Causes with all that is known about them.
 
@@ -179,7 +205,7 @@ def cause_rows(d: Diagnosis, causes: Sequence[Cause]) -> list[dict[str, Any]]:
             FOUND: "\n".join(f"{words(value)} {value_text(value)}" for value in cause.parameters) or "–",
             "when": when_text(cause.intervals),
             "acts on": acts_text(cause),
-            "ln B": cause.evidence,
+            "ln B": _whole(cause.evidence),
         }
         for cause in causes
     ]
@@ -271,7 +297,12 @@ def site_rows(d: Diagnosis) -> list[dict[str, Any]]:
         One row a site, the strongest first.
     """
     ranked = sorted(d.location.sites.items(), key=lambda item: -item[1])
-    return [{"site": site, "ln B over calm water": evidence} for site, evidence in ranked]
+    return [{"site": SITES.get(site, site), "ln B over calm water": _whole(evidence)} for site, evidence in ranked]
+
+
+def _whole(evidence: float) -> float | int:
+    """A log Bayes factor without digits that say nothing."""
+    return round(evidence, 1) if not abs(evidence) >= 100 or math.isinf(evidence) else round(evidence)
 
 
 def print_diagnosis(d: Diagnosis, console: Console) -> None:
@@ -281,7 +312,7 @@ def print_diagnosis(d: Diagnosis, console: Console) -> None:
         d: The diagnosis.
         console: Where to print.
     """
-    console.print(Text(f"{d.case}, {d.ship}: {VERDICTS.get(d.verdict, d.verdict)} in the calm-water model", "dim"))
+    console.print(Text(f"{d.case}, {d.ship}: {verdict_text(d)} in the calm-water model", "dim"))
     console.print(Text(d.sentence, "bold"))
     if d.causes:
         console.print(_short_causes(d))
@@ -308,8 +339,8 @@ def _short_causes(d: Diagnosis) -> Table:
 
 def _print_short(d: Diagnosis, say: Callable[..., None]) -> None:
     """What fits a line or two each."""
-    if d.alias:
-        say("cannot be told from", ", ".join(label(d, name) for name in d.alias))
+    for sentence in alias_texts(d):
+        say("undecided", sentence)
     if d.location.statements:
         say("where", " ".join(d.location.statements[:2]))
     failed = [check for check in d.checks if not check.passed]
@@ -319,9 +350,8 @@ def _print_short(d: Diagnosis, say: Callable[..., None]) -> None:
         say("checks", f"all {len(d.checks)} passed", "green")
     if not d.proofs:
         say("not proved", "no run was held out", "bold red")
-    second = runner_up(d)
-    if second and d.runner_up:
-        say(f"runner-up, {second.label}", d.runner_up[0])
+    if d.runner_up:
+        say("runner-up", " ".join(d.runner_up))
     if d.undecided:
         say("undecided", d.undecided[0])
     if d.next_steps:
@@ -337,17 +367,15 @@ def diagnosis_markdown(d: Diagnosis) -> str:
     Returns:
         Markdown: the sentence, tables and lists; what is empty is left out.
     """
-    alias = ", ".join(label(d, name) for name in d.alias)
-    second = runner_up(d)
     parts = [
-        f"# {d.case}, {d.ship}: {VERDICTS.get(d.verdict, d.verdict)}\n",
+        f"# {d.case}, {d.ship}: {verdict_text(d)}\n",
         f"**{d.sentence}**\n",
         _part("Causes", to_markdown(cause_rows(d, main_causes(d)), 3)),
         _part("", "\\* in the repaired model\n" if d.model else ""),
-        _part("", f"These recordings cannot tell it from: {alias}.\n" if alias else ""),
+        _part("", _bullets(alias_texts(d))),
         _part("Held-out runs", to_markdown(error_rows(d), 3) if d.proofs else "No run was held out.\n"),
         _part("Where", _bullets(d.location.statements)),
-        _part(f"Runner-up: {second.label}" if second else "Runner-up", _bullets(d.runner_up)),
+        _part("For and against the runner-up", _bullets(d.runner_up)),
         _part("Checks", to_markdown(check_rows(d))),
         _part("Undecided", _bullets(d.undecided)),
         _part("Record next", _bullets(d.next_steps)),

@@ -1,0 +1,177 @@
+"""Which run to record next: each one that could be is judged by how far a rival could imitate what was found.
+
+Under the leading hypothesis A a run contributes ``a`` to the recordings, under a rival B ``b + J t`` with its free
+numbers moved by ``t``, and coefficients, latency, initial states and the coloured force are free under both. In the
+whitened metric of the samples, ``N = (columns of the nuisance, J)`` and ``P`` their prior precision, the log Bayes
+factor by which A is expected to beat B is
+
+    ln B = 1/2 [d'd - d'N (N'N + P)^-1 N'd],    d = a - b,
+
+half the squared norm of what neither B nor the nuisance can imitate: the Fisher information on "how much of A" with
+all else projected out. What a run adds is ln B over the recordings *and* the run, less ln B over the recordings alone:
+the same values of B have to explain both. The noise is what B needs to explain the recordings: what B calls noise there
+it will call noise again.
+
+Source:
+    Atkinson & Fedorov 1975 (Biometrika 62:57), T-optimality, with a prior on the rival's numbers; Box & Hill 1967
+    (Technometrics 9:57) for the expected evidence. What the sizes of the posteriors add (Occam's factors) is left out.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.diagnosis.bench import LATENCY_SPREAD, SCATTER_LEVELS, Bench, moved_track
+from manoeuvre_nn.diagnosis.court import Linear, linear
+from manoeuvre_nn.diagnosis.hypothesis import Hypothesis, Judged
+from manoeuvre_nn.diagnosis.linear import Columns, Embedded
+from manoeuvre_nn.diagnosis.next_runs import Plan, new_runs, same_runs
+
+WIDE = 3.0
+"""Prior spreads within which a rival may be fitted again."""
+
+
+@dataclass(frozen=True)
+class Advice:
+    """A run worth recording.
+
+    Attributes:
+        manoeuvre: What to sail, in words.
+        heading: Approach heading [rad]; None is that of the run that is repeated.
+        share: Approach speed over the nominal one.
+        expected: What the run is expected to add to the log Bayes factor of the leading hypothesis over the rival.
+        now: That log Bayes factor by the present recordings.
+    """
+
+    manoeuvre: str
+    heading: float | None
+    share: float
+    expected: float
+    now: float
+
+    @property
+    def text(self) -> str:
+        """The run in words, as the subject of a sentence."""
+        begun = "" if self.heading is None else f" begun on heading {self.heading / DEGREE % 360:03.0f}"
+        return f"{self.manoeuvre}{begun}{' at half speed' if self.share < 1 else ''}"
+
+
+def advise(stand: Bench, leading: Judged, rivals: Sequence[Judged]) -> list[list[Advice]]:
+    """Simulate what could be recorded next and rank it by how well it tells the leading hypothesis from each rival.
+
+    Args:
+        stand: The recordings.
+        leading: What was found, or what calm water is to be told from.
+        rivals: Other explanations; a hypothesis without effects is calm water.
+
+    Returns:
+        One list a rival: runs, the most telling first, and among them the recorded runs with a channel more.
+    """
+    plans = [*new_runs(stand, leading.hypothesis), *same_runs(stand)]
+    again = [moved_track(stand.dynamics, p, p.line.track)[0] for p in stand.places]
+    # Coefficients as they are, not in the combinations that the recordings show: a new run may show others.
+    _, names = moved_track(stand.dynamics, stand.places[0], stand.places[0].line.track)
+    bench = Bench(stand.dynamics, [*again, *(plan.place for plan in plans)], names)
+    rows = [*range(len(again)), *(plan.row for plan in plans)]
+    whole = _whole(bench, leading.hypothesis, rows)
+    return [
+        _ranked(bench, whole, _of_rows(r.hypothesis, rows), r.best, plans, leading.evidence - r.evidence)
+        for r in rivals
+    ]
+
+
+def apart(bench: Bench, leading: Hypothesis, rival: Hypothesis, best: tuple[int, int]) -> float:
+    """How surely recordings tell two hypotheses apart.
+
+    Args:
+        bench: The recordings.
+        leading: What acts.
+        rival: What is fitted.
+        best: Force level and scatter level.
+
+    Returns:
+        Log Bayes factor by which the first is expected to beat the second.
+    """
+    grams, sd = _grams(bench, _whole(bench, leading, range(len(bench.places))), rival, best)
+    return left_over(sum(grams, np.zeros_like(grams[0])), sd)
+
+
+def _grams(
+    bench: Bench, whole: Sequence[Columns], rival: Hypothesis, best: tuple[int, int]
+) -> tuple[list[Float[np.ndarray, "p p"]], Float[np.ndarray, " m"]]:
+    """Inner products in every run, and the prior spreads of all but the first column."""
+    lin = linear(bench, rival) if rival.effects else None
+    spreads = [WIDE * f.spread for f in rival.free() if f.run is None]
+    sd = np.array([SCATTER_LEVELS[best[1]]] * len(bench.coefficients) + spreads)
+    return [_shared(bench, best[0], run, c, lin) for run, c in enumerate(whole)], sd
+
+
+def _ranked(
+    bench: Bench,
+    whole: Sequence[Columns],
+    rival: Hypothesis,
+    best: tuple[int, int],
+    plans: Sequence[Plan],
+    now: float,
+) -> list[Advice]:
+    """What every plan adds to the recordings, at the noise that the rival itself needs."""
+    grams, sd = _grams(bench, whole, rival, best)
+    recorded = len(grams) - len(plans)
+    known = sum(grams[:recorded], np.zeros_like(grams[0]))
+    before = left_over(known, sd)
+    made = [
+        Advice(p.words, p.heading, p.share, left_over(known + g, sd) - before, now)
+        for p, g in zip(plans, grams[recorded:], strict=True)
+    ]
+    return sorted(made, key=lambda a: -a.expected)
+
+
+def left_over(gram: Float[np.ndarray, "p p"], spread: Float[np.ndarray, " m"]) -> float:
+    """Half the squared norm of the first column that the others cannot imitate within their priors.
+
+    Args:
+        gram: Inner products of all columns.
+        spread: Prior standard deviations of the factors of all but the first.
+
+    Returns:
+        An expected log Bayes factor.
+    """
+    inner = gram[1:, 1:] * spread[:, None] * spread[None, :] + np.eye(len(spread))
+    b = gram[1:, 0] * spread
+    return max(0.5 * float(gram[0, 0] - b @ np.linalg.solve(inner, b)), 0.0)
+
+
+def _shared(bench: Bench, level: int, run: int, whole: Columns, lin: Linear | None) -> Float[np.ndarray, "p p"]:
+    """Inner products in one run of: A less B, coefficients, numbers of B; those of this run alone integrated out."""
+    here, k = bench.at(level), len(bench.coefficients)
+    free = [] if lin is None else [lin.hypothesis.free()[i - 1] for i in lin.index[run][1:]]
+    columns = whole
+    if lin is not None:
+        b = lin.columns[run]
+        columns = Columns(
+            np.concatenate([whole.measured - b.measured[..., :1], b.measured[..., 1:]], axis=-1),
+            np.concatenate([whole.moved - b.moved[..., :1], b.moved[..., 1:]], axis=-1),
+        )
+    e, base = here.white[run].embed(columns), here.base[run]
+    both = Embedded(np.hstack([e.outer, base.outer]), np.hstack([e.inner, base.inner]))
+    g, p = both.dot(both), 1 + len(free)
+    latency = p + 1 + k
+    own = [*(j for j, f in enumerate(free, 1) if f.run is not None), latency]
+    kept = [0, *range(p + 1, latency), *(j for j, f in enumerate(free, 1) if f.run is None)]
+    spread = np.array([*(WIDE * f.spread for f in free if f.run is not None), LATENCY_SPREAD])
+    cross = g[np.ix_(own, kept)]
+    return g[np.ix_(kept, kept)] - cross.T @ np.linalg.solve(g[np.ix_(own, own)] + np.diag(spread**-2.0), cross)
+
+
+def _of_rows(hypothesis: Hypothesis, rows: Sequence[int]) -> Hypothesis:
+    """A hypothesis whose runs are those of some rows."""
+    return replace(hypothesis, values=tuple(v[list(rows)] for v in hypothesis.values))
+
+
+def _whole(bench: Bench, hypothesis: Hypothesis, rows: Sequence[int]) -> list[Columns]:
+    """All that a hypothesis adds to every run, at its values."""
+    held = frozenset(p.name for e in hypothesis.effects for p in e.declared)
+    return linear(bench, replace(_of_rows(hypothesis, rows), fixed=held)).columns

@@ -1,0 +1,130 @@
+"""What was found, as a list of causes with probabilities, parameters and times."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from manoeuvre_nn.diagnosis.hypothesis import RANDOM, Hypothesis, Judged
+from manoeuvre_nn.diagnosis.proof import Question
+from manoeuvre_nn.diagnosis.result import Cause, Interval, Value
+from manoeuvre_nn.diagnosis.search import Contest
+from manoeuvre_nn.diagnosis.verdict import Verdict
+from manoeuvre_nn.effect.formula import Formula, place_of
+
+LEADING = 0.25
+"""Chi-square of a formula's term, over that of its clearest, from which it counts for the place of the mismatch."""
+
+
+def causes_of(question: Question, tried: Contest, verdict: Verdict, chosen: Judged) -> list[Cause]:
+    """All candidates with their probability, best first.
+
+    Args:
+        question: What is asked.
+        tried: All hypotheses that were judged.
+        verdict: Their probabilities.
+        chosen: What is named; calm water if nothing is.
+
+    Returns:
+        The causes, ``unknown`` among them.
+    """
+    causes = []
+    prototypes = {e.name: e for e in question.effects}
+    named = set(chosen.names)
+    for name, probability in verdict.effects.items():
+        j = max((j for j in tried.judged if name in j.names), key=lambda j: j.evidence)
+        if name in named:
+            j = chosen
+        elif verdict.named or verdict.strange:
+            probability = min(probability, 0.49)  # it did not pass the checks
+        k = j.names.index(name)
+        e = prototypes[name]
+        causes.append(
+            Cause(
+                name,
+                e.label,
+                probability,
+                verdict.bayes[name],
+                e.equations,
+                values_of(j, k),
+                intervals(question, j, k),
+                e.fingerprint,
+                e.source,
+            )  # fmt: skip
+        )
+    causes.append(_stranger(verdict, chosen, tried, bool(named)))
+    return sorted(causes, key=lambda c: (-(c.name in named), -c.probability))
+
+
+def _stranger(verdict: Verdict, chosen: Judged, tried: Contest, named: bool) -> Cause:
+    """What no effect of the shelf explains, with its formula if that holds on runs that were not used."""
+    probability = verdict.unknown if verdict.strange else min(verdict.unknown, 0.49)
+    if verdict.strange and (not named or Formula.name in chosen.names):
+        probability = max(probability, 0.6)
+    formula = chosen.hypothesis.effects[0] if Formula.name in chosen.names else None
+    terms = formula.terms if isinstance(formula, Formula) else ()
+    values = tuple(replace(v, name=t) for v, t in zip(values_of(chosen, 0), terms, strict=True)) if terms else ()
+    clear = np.array([(v.value / v.error) ** 2 for v in values])
+    where = [place_of(t) for t, c in zip(terms, clear, strict=True) if c > LEADING * clear.max()]
+    return Cause(
+        name="unknown",
+        label="something that no candidate explains",
+        probability=probability,
+        evidence=verdict.stranger,
+        equations=tuple(dict.fromkeys(where)) or _equations(tried),
+        parameters=values,
+        intervals=None,
+        fingerprint="The misfit is real, and no effect of the shelf removes it.",
+        source="",
+        terms=terms,
+    )
+
+
+def _equations(tried: Contest) -> tuple[str, ...]:
+    """Equations whose coloured force calm water needs."""
+    free = tried.court.judge(Hypothesis((), ()), force_prior=None)
+    surge, lateral = tried.court.bench.levels[free.best[0]]
+    return tuple(e for e, level in (("X", surge), ("Y", lateral), ("N", lateral)) if level > 5e-4) or ("kinematics",)
+
+
+def values_of(judged: Judged, effect: int) -> tuple[Value, ...]:
+    """Parameters of one effect with standard errors, form and per-run parameters left out.
+
+    Args:
+        judged: A fitted hypothesis.
+        effect: Number of the effect.
+
+    Returns:
+        Values.
+    """
+    h = judged.hypothesis
+    found = []
+    for f, value, error in zip(h.free(), h.vector(), judged.errors, strict=True):
+        if f.effect == effect and not f.parameter.form and not f.parameter.per_run:
+            found.append(Value(f.parameter.name, float(value), float(error), f.parameter.unit))
+    names = [p.name for p in h.effects[effect].declared]
+    if RANDOM[0] in names and RANDOM[0] in judged.random:
+        found.append(Value(RANDOM[0], *judged.random[RANDOM[0]], "m/s"))
+    return tuple(found)
+
+
+def intervals(question: Question, judged: Judged, effect: int) -> dict[str, list[Interval]] | None:
+    """Times in which an effect acts in the fitted runs.
+
+    Args:
+        question: What is asked.
+        judged: A fitted hypothesis.
+        effect: Number of the effect.
+
+    Returns:
+        Run -> intervals; None if it acts throughout.
+    """
+    e = judged.hypothesis.effects[effect]
+    timed = [j for j, p in enumerate(e.declared) if p.per_run]
+    if not timed:
+        return None
+    found = {}
+    for row, run in enumerate(question.fitted):
+        times = judged.hypothesis.values[effect][row, timed]
+        end = times[1] if len(times) > 1 else run.time[-1]
+        found[run.name] = [(float(times[0]), float(end))] if end > times[0] + 1 else []
+    return found

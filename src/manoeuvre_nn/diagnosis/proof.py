@@ -1,0 +1,162 @@
+"""The question, and its proof: runs that were not used, predicted before and after."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from manoeuvre_nn.core.effect import Effect
+from manoeuvre_nn.diagnosis.bench import Bench, bench, place_run
+from manoeuvre_nn.diagnosis.calibrated import Calibrated
+from manoeuvre_nn.diagnosis.court import Court
+from manoeuvre_nn.diagnosis.hypothesis import Hypothesis, Judged
+from manoeuvre_nn.diagnosis.repair import Repaired, errors, predict, recorded
+from manoeuvre_nn.diagnosis.result import Proof
+from manoeuvre_nn.diagnosis.runs import Run
+from manoeuvre_nn.diagnosis.windows import best_windows
+from manoeuvre_nn.dynamics.model import Dynamics
+
+SCALES = {"pos": 0.02, "psi": 0.5, "u": 0.1, "v": 0.1, "r": 0.03, "u_log": 0.1}
+"""Errors that count as one: position in lengths, deg, m/s, m/s, deg/s, m/s."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is asked.
+
+    Attributes:
+        name: Name of the case.
+        dynamics: Calm-water model.
+        fitted: Runs that parameters are taken from.
+        held_out: Runs for the proof.
+        effects: Prototypes of the candidates.
+        undecided: What is known from the start to be undecidable, a sentence each.
+        settings: For the record.
+        threads: Candidates that are fitted at once.
+        calibrate: Whether the repaired model has its coefficients corrected too, within their usual scatter.
+        remainder: Whether a network may learn what physics leaves.
+    """
+
+    name: str
+    dynamics: Dynamics
+    fitted: Sequence[Run]
+    held_out: Sequence[Run]
+    effects: Sequence[Effect]
+    undecided: Sequence[str] = ()
+    settings: Mapping[str, str] = field(default_factory=dict)
+    threads: int = 1
+    calibrate: bool = True
+    remainder: bool = False
+
+
+def prove(question: Question, stand: Bench, none: Judged, judged: Judged) -> list[Proof]:
+    """Held-out runs predicted before and after.
+
+    Args:
+        question: What is asked.
+        stand: The fitted runs.
+        none: Calm water as judged.
+        judged: What was found.
+
+    Returns:
+        One proof a held-out run.
+    """
+    if not question.held_out:
+        return []
+    calm = Repaired(question.dynamics, none.hypothesis)
+    places = len(question.fitted)
+    latency = 0.25 + float(np.mean(judged.nuisance[-places:])) if len(judged.nuisance) else 0.0
+    model = Repaired(question.dynamics, judged.hypothesis, latency if judged.names else 0.0)
+    if judged.names and question.calibrate:
+        shares = question.dynamics.hull.inertia.new_tensor(stand.rotation @ judged.nuisance[:-places])
+        model = replace(model, calm=Calibrated(question.dynamics, shares))
+    values = timed_values(question, judged)
+    made = []
+    for run, b, a in zip(
+        question.held_out, predict(calm, question.held_out), predict(model, question.held_out, values), strict=True
+    ):
+        record = recorded(run)
+        made.append(Proof(run.name, run.kind, record, b, a, errors(b, record), errors(a, record)))
+    return made
+
+
+def cost(proofs: Sequence[Proof], dynamics: Dynamics, when: str) -> float:
+    """One number for the errors on all held-out runs: the root mean square over channels in units of ``SCALES``.
+
+    Args:
+        proofs: Predictions.
+        dynamics: For the length.
+        when: ``before`` or ``after``.
+
+    Returns:
+        The cost; 0 without proofs.
+    """
+    if not proofs:
+        return 0.0
+    scale = {k: v * (dynamics.particulars.length if k == "pos" else 1.0) for k, v in SCALES.items()}
+    rows = [[getattr(p, f"rmse_{when}")[c] / scale[c] for c in SCALES] for p in proofs]
+    return float(np.sqrt(np.nanmean(np.square(rows))))  # channels that were not recorded are not judged
+
+
+def foreseen(question: Question, judged: Judged) -> float:
+    """Log evidence that found effects, held at their values, add on runs that were not used.
+
+    Args:
+        question: What is asked.
+        judged: What was found.
+
+    Returns:
+        Log Bayes factor over calm water; 0 without held-out runs.
+    """
+    # Free runs alone would not do as a judge: the track of a course-unstable ship depends more on the last per cent of
+    # its coefficients than on any effect. This judges the steps, not the whole course.
+    if not question.held_out:
+        return 0.0
+    there = bench(question.dynamics, question.held_out)
+    court = Court(there)
+    values = tuple(timed_values(question, judged))
+    effects = judged.hypothesis.effects
+    fixed = frozenset(p.name for e in effects for p in e.declared)
+    level = judged.best[0]
+    return court.judge_level(Hypothesis(effects, values, fixed), level) - court.judge_level(Hypothesis((), ()), level)
+
+
+def timed_values(question: Question, judged: Judged) -> list[Float[np.ndarray, "runs p"]]:
+    """Parameters of the held-out runs: those found, but times of an event are placed in each run's own recording.
+
+    Args:
+        question: What is asked.
+        judged: What was found.
+
+    Returns:
+        One table an effect.
+    """
+    hypothesis = judged.hypothesis
+    tables = [np.repeat(v[:1], len(question.held_out), axis=0) for v in hypothesis.values]
+    timed = [k for k, e in enumerate(hypothesis.effects) if any(p.per_run for p in e.declared)]
+    for k in timed:
+        effect = hypothesis.effects[k]
+        for row, run in enumerate(question.held_out):
+            tables[k][row] = _placed(question.dynamics, hypothesis, k, effect, run, judged)
+    return tables
+
+
+def _placed(
+    dynamics: Dynamics, hypothesis: Hypothesis, which: int, effect: Effect, run: Run, judged: Judged
+) -> Float[np.ndarray, " p"]:
+    """Start and end of an event in one run, everything else as found."""
+    place, names = place_run(dynamics, run)
+    court = Court(Bench(dynamics, [place], names))
+    rows = tuple(v[:1] for v in hypothesis.values)
+    fixed = frozenset(p.name for e in hypothesis.effects for p in e.declared if not p.per_run)
+    known = hypothesis.values[which][0]
+    best, score = known, -np.inf
+    for start in list(best_windows(court, effect, known[None], *judged.best))[:1]:
+        timed = [p.per_run for p in effect.declared]
+        values = np.where(timed, start[0], known)[None]
+        trial = Hypothesis(hypothesis.effects, tuple(values if k == which else v for k, v in enumerate(rows)), fixed)
+        found, gained = court.improve(trial, *judged.best, rounds=6)
+        if gained > score:
+            best, score = found.values[which][0], gained
+    return best

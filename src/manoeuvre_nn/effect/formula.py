@@ -1,0 +1,246 @@
+"""A force that no name stands for, as a short formula in the motion, the rudder angle and the heading."""
+
+from collections.abc import Callable, Mapping, Sequence
+from itertools import product
+from typing import ClassVar
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from manoeuvre_nn.core.effect import Effect, Parameter, Situation
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.ship import Ship
+from manoeuvre_nn.core.units import DEGREE
+
+Motion = dict[str, Tensor]
+SCALES = {"u": 0.3, "v": 0.25, "r": 0.7, "d": 0.35}
+"""What (u - U0)/U0, v/U0, r L/U0 and the rudder angle [rad] are in a tight turn: there every factor is about one."""
+MOTIONS: dict[str, Callable[[Motion], Tensor]] = {
+    "1": lambda z: torch.ones_like(z["r"]),
+    "u": lambda z: z["u"],
+    "v": lambda z: z["v"],
+    "r": lambda z: z["r"],
+    "d": lambda z: z["d"],
+    "|v|": lambda z: z["v"].abs(),
+    "|r|": lambda z: z["r"].abs(),
+    "|d|": lambda z: z["d"].abs(),
+    "v|v|": lambda z: z["v"] * z["v"].abs(),
+    "r|r|": lambda z: z["r"] * z["r"].abs(),
+    "r^2": lambda z: z["r"] ** 2,
+    "r^3": lambda z: z["r"] ** 3,
+    "v|r|": lambda z: z["v"] * z["r"].abs(),
+    "|v||r|": lambda z: (z["v"] * z["r"]).abs(),
+    "u|r|": lambda z: z["u"] * z["r"].abs(),
+    "u v": lambda z: z["u"] * z["v"],
+    "u r": lambda z: z["u"] * z["r"],
+}
+"""Factors that depend on the motion."""
+TURNING = ("1", "r", "|r|", "r|r|", "r^3")
+"""Those that may be multiplied with the heading."""
+HEADINGS: dict[str, Callable[[Tensor], Tensor]] = {
+    "cos psi": torch.cos,
+    "sin psi": torch.sin,
+    "cos 2psi": lambda psi: torch.cos(2 * psi),
+    "sin 2psi": lambda psi: torch.sin(2 * psi),
+    "cos 3psi": lambda psi: torch.cos(3 * psi),
+    "sin 3psi": lambda psi: torch.sin(3 * psi),
+}
+"""Factors that depend on the heading."""
+RUDDER = "rudder "
+"""How a term of the rudder begins."""
+BUMPS = (6.0, 11.0, 16.0, 21.0, 28.0)
+"""Rudder angles about which the rudder alone may be strange [deg]."""
+WIDTH = 5.0
+"""Half width of such a range [deg]."""
+RUDDERS: dict[str, Callable[[Tensor], Tensor]] = {"to starboard": torch.relu, "to port": lambda d: -torch.relu(-d)}
+"""Angles that the rudder may act at besides the one shown."""
+RUDDERS |= {
+    f"at {middle:.0f} deg": lambda d, middle=middle: (  # type: ignore[misc]
+        d * torch.relu(1 - (d.abs() - middle * DEGREE).abs() / (WIDTH * DEGREE))
+    )
+    for middle in BUMPS
+}
+
+
+LARGEST = 100.0
+"""Bound of a weight: a high power of a gentle motion is small."""
+
+
+SENSOR = "sensor "
+"""How a term of an instrument begins."""
+LONG = 600.0
+"""Time that a drift is told for [s]."""
+INSTRUMENTS: dict[str, tuple[str, ...]] = {
+    "north": ("t^2",),
+    "east": ("t^2",),
+    "psi": ("r", "t", "t^2", "cos psi", "sin psi", "cos 2psi", "sin 2psi"),
+    "r": ("r", "|r|", "t"),
+    "u_log": ("v", "|v|", "|r|", "t", "cos psi", "sin psi", "cos 2psi", "sin 2psi"),
+}
+"""Errors of instruments beside those that have a name; one of the log is a share of the speed, one of the satellite
+receiver is in its position and, as its rate, in its velocity: a drift that grows, since a steady one is a current."""
+RECEIVER = {"north": ("x", "vn"), "east": ("y", "ve")}
+
+
+def library() -> tuple[str, ...]:
+    """All terms that a formula is made of.
+
+    Returns:
+        ``X r^2``, ``N r|r| cos 2psi``, ``rudder to port``, ...
+    """
+    turning = (f"{motion} {heading}" for motion, heading in product(TURNING, HEADINGS))
+    shapes = [*MOTIONS, *turning]
+    forces = (f"{equation} {shape}" for equation in "XYN" for shape in shapes)
+    errors = (f"{SENSOR}{channel} {shape}" for channel, made in INSTRUMENTS.items() for shape in made)
+    return (*forces, *(RUDDER + name for name in RUDDERS), *errors)
+
+
+def place_of(term: str) -> str:
+    """Where a term acts.
+
+    Args:
+        term: One of :func:`library`.
+
+    Returns:
+        X, Y, N, actuator:rudder or sensor:<channel>.
+    """
+    kind, channel, *_ = term.split(" ")
+    written = {"north": "x_north", "east": "y_east"}.get(channel, channel)
+    return {"rudder": "actuator:rudder", "sensor": f"sensor:{written}"}.get(kind, kind)
+
+
+class Formula(Effect):
+    """A sum of terms, each with a weight.
+
+    A term of X weighs in units of the resistance, one of Y or N in those of the force of 20 deg of rudder, the motion
+    in units of a tight turn; one of the rudder says by which share of the shown angle it acts as if further over.
+
+    Attributes:
+        terms: The terms, of :func:`library`.
+    """
+
+    name = "formula"
+    site = "force"
+    family = "formula"
+    label = "a force without a name"
+    equations = ("X", "Y", "N")
+    fingerprint = "A force that motion, rudder or heading decide, and that no effect of the shelf has."
+    source = "Terms chosen by the recordings; nothing known"
+    declared: ClassVar[tuple[Parameter, ...]] = ()
+
+    def __init__(
+        self, ship: Ship, terms: Sequence[str] = ("N r|r|",), spreads: Sequence[float] | None = None, **values: float
+    ) -> None:
+        """Take terms.
+
+        Args:
+            ship: The ship that it acts on.
+            terms: Terms of :func:`library`.
+            spreads: Prior standard deviation of every weight; None takes 0.3.
+            values: ``w1``, ``w2``, ...: their weights [-].
+
+        Raises:
+            InputError: If a term is unknown.
+        """
+        for term in terms:
+            if term not in library():
+                raise InputError(f"effect.formula.terms: {term!r} is unknown; write for instance 'N r|r| cos 2psi'")
+        self.terms = tuple(terms)
+        self.declared = tuple(  # type: ignore[misc]
+            Parameter(f"w{k + 1}", "-", -LARGEST, LARGEST, 0.0, spread, (0.1 * spread,))
+            for k, spread in enumerate(spreads or [0.3] * len(terms))
+        )
+        super().__init__(ship, **values)
+        p = ship.particulars
+        ahead = ship.inertia.new_tensor([p.speed, 0.0, 0.0])
+        rudder = ahead.new_tensor(20 * DEGREE)
+        over = ship.acceleration(ahead, rudder) - ship.acceleration(ahead, 0 * rudder)
+        held_back = ship.acceleration_from_si(ahead.new_tensor([p.calm_resistance, 0.0, 0.0]))
+        self.register_buffer("size", torch.cat([held_back[:1].abs(), over[1:].abs()]).detach())
+
+    def acceleration(self, s: Situation, memory: Float[Tensor, "*batch m"]) -> Float[Tensor, "*batch 3"]:
+        """The sum of the terms.
+
+        Args:
+            s: The situation.
+            memory: Not used.
+
+        Returns:
+            udot, vdot [m/s^2], rdot [rad/s^2].
+        """
+        del memory
+        total, angle = torch.zeros_like(s.nu), torch.zeros_like(s.delta)
+        for k, term in enumerate(self.terms):
+            weight = self.values[..., k]
+            if term.startswith(RUDDER):
+                angle = angle + weight * RUDDERS[term.removeprefix(RUDDER)](s.delta)
+            elif not term.startswith(SENSOR):
+                total = total + weight[..., None] * self._force(term, s)
+        return total + self._of_rudder(angle, s) if any(t.startswith(RUDDER) for t in self.terms) else total
+
+    def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
+        """Add the errors of instruments.
+
+        Args:
+            channels: What perfect sensors would write.
+            s: The situation.
+
+        Returns:
+            All channels.
+        """
+        written = dict(channels)
+        for k, term in enumerate(self.terms):
+            if term.startswith(SENSOR):
+                for channel, error in self._errors(term, s).items():
+                    written[channel] = written[channel] + self.values[..., k] * error
+        return written
+
+    def unit_of(self, term: str, s: Situation) -> tuple[Float[Tensor, "*batch 3"], dict[str, Tensor]]:
+        """What a small weight of a term adds, over the weight.
+
+        Args:
+            term: One of :func:`library`.
+            s: The situation.
+
+        Returns:
+            Accelerations, and the errors of channels.
+        """
+        if term.startswith(SENSOR):
+            return torch.zeros_like(s.nu), self._errors(term, s)
+        if term.startswith(RUDDER):
+            small = 1e-3
+            return self._of_rudder(small * RUDDERS[term.removeprefix(RUDDER)](s.delta), s) / small, {}
+        return self._force(term, s), {}
+
+    def _errors(self, term: str, s: Situation) -> dict[str, Float[Tensor, "*batch"]]:
+        """Channel -> its error for a weight of one."""
+        _, channel, shape = term.split(" ", maxsplit=2)
+        p, late = self.ship.particulars, s.time / LONG
+        if channel in RECEIVER:
+            position, velocity = RECEIVER[channel]
+            return {position: 0.2 * p.length * late**2, velocity: 0.4 * p.length / LONG * late}
+        size = {"psi": 5 * DEGREE, "r": 0.1 * p.speed / p.length, "u_log": 0.1 * p.speed}[channel]
+        drifts = {"t": late, "t^2": late**2}
+        if shape in drifts:
+            return {channel: size * drifts[shape]}
+        value = HEADINGS[shape](s.psi) if shape in HEADINGS else MOTIONS[shape](self._motion(s))
+        return {channel: size * value * (s.u / p.speed if channel == "u_log" and shape in HEADINGS else 1.0)}
+
+    def _of_rudder(self, angle: Float[Tensor, "*batch"], s: Situation) -> Float[Tensor, "*batch 3"]:
+        """What a rudder does that acts as if it were further over by an angle."""
+        nu, delta = s.nu.expand(*angle.shape, 3), s.delta.expand(angle.shape)
+        return self.ship.acceleration(nu, delta + angle) - self.ship.acceleration(nu, delta)
+
+    def _force(self, term: str, s: Situation) -> Float[Tensor, "*batch 3"]:
+        """A term's acceleration for a weight of one."""
+        equation, _, shape = term.partition(" ")
+        motion, _, heading = (shape, "", "") if shape in MOTIONS else shape.partition(" ")
+        value = MOTIONS[motion](self._motion(s)) * (HEADINGS[heading](s.psi) if heading else 1.0)
+        return value[..., None] * self.get_buffer("size") * value.new_tensor([e == equation for e in "XYN"])
+
+    def _motion(self, s: Situation) -> Motion:
+        """Speeds, yaw rate and rudder in units of a tight turn."""
+        p = self.ship.particulars
+        z = {"u": s.u / p.speed - 1, "v": s.v / p.speed, "r": s.r * p.length / p.speed, "d": s.delta}
+        return {letter: value / SCALES[letter] for letter, value in z.items()}

@@ -1,0 +1,275 @@
+"""Which run to record next: what a rival cannot imitate, by dense matrices and by what sailors know."""
+
+from dataclasses import replace
+from functools import cache
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from pytest import approx
+from trials import CALM, NOISE, SHIP, run_of, sailed, values
+
+from manoeuvre_nn.core.effect import Effect
+from manoeuvre_nn.diagnosis import words
+from manoeuvre_nn.diagnosis.advise import Advice, advise, apart, left_over
+from manoeuvre_nn.diagnosis.bench import FORCE_LEVELS, LATENCY_SPREAD, SCATTER_LEVELS, Bench, bench, moved_track
+from manoeuvre_nn.diagnosis.checks import aliases
+from manoeuvre_nn.diagnosis.court import linear
+from manoeuvre_nn.diagnosis.hypothesis import Hypothesis, Judged
+from manoeuvre_nn.diagnosis.next_runs import HALF, new_runs, same_runs
+from manoeuvre_nn.diagnosis.words import next_steps, runner_up
+from manoeuvre_nn.effect.current import Current
+from manoeuvre_nn.effect.propulsion import PropellerPitchError
+from manoeuvre_nn.effect.rudder import RudderOffset
+from manoeuvre_nn.effect.sensors import HeadingBias
+from manoeuvre_nn.effect.waves import WaveDrift
+from manoeuvre_nn.effect.wind import SteadyWind
+from manoeuvre_nn.manoeuvre.straight import straight
+from manoeuvre_nn.manoeuvre.zigzag import zigzag
+
+pytestmark = pytest.mark.usefixtures("unchecked_types")
+LOG = 6
+CURRENT = Current(SHIP, speed=0.5, toward_deg=90.0)
+FOLLOWING = Current(SHIP, speed=0.5, toward_deg=0.0)
+WIND = SteadyWind(SHIP, speed=10.0, from_deg=60.0)
+COMPASS = HeadingBias(SHIP, bias_deg=3.0)
+NOTHING = Judged(Hypothesis((), ()), 0.0, np.zeros((1, 1)), np.eye(1))
+
+
+def judged(*effects: Effect, evidence: float = 0.0, best: tuple[int, int] = (0, 1)) -> Judged:
+    """Effects at their own values in one run."""
+    h = Hypothesis(effects, tuple(values(e) for e in effects))
+    return Judged(h, evidence, np.zeros((1, 1)), np.eye(len(h.free())), best=best)
+
+
+@cache
+def stand(trial: str = "straight", *acting: Effect, log: bool = True) -> Bench:
+    """One run of 180 s on heading north on the bench."""
+    made = straight(duration=180.0) if trial == "straight" else zigzag(20.0, duration=180.0)
+    run = run_of(sailed([made], acting)[0], NOISE)
+    if not log:
+        run.measured[:, LOG] = np.nan
+    return bench(CALM, [run])
+
+
+@cache
+def ranked(place: Bench, leading: Effect, rival: Effect | None) -> list[Advice]:
+    return advise(place, judged(leading), [NOTHING if rival is None else judged(rival)])[0]
+
+
+def gain(runs: list[Advice], said: str, heading_deg: float | None, share: float = 1.0) -> float:
+    """What one of the runs adds."""
+
+    def meant(a: Advice) -> bool:
+        if heading_deg is None or a.heading is None:
+            return heading_deg is a.heading
+        return abs((np.degrees(a.heading) - heading_deg + 180) % 360 - 180) < 5 and a.share == share
+
+    (found,) = [a for a in runs if a.manoeuvre.startswith(said) and meant(a)]
+    return found.expected
+
+
+def test_what_is_left_over_is_half_a_squared_distance_in_the_metric_of_noise_and_nuisance():
+    g = np.random.default_rng(0)
+    d, n, spread = g.standard_normal(9), g.standard_normal((9, 3)), np.array([0.3, 1.0, 40.0])
+    both = np.column_stack([d, n])
+    whole = np.eye(9) + (n * spread**2) @ n.T
+    assert left_over(both.T @ both, spread) == approx(0.5 * d @ np.linalg.solve(whole, d))
+
+
+def test_it_is_what_the_evidence_of_noise_free_data_falls_by_when_the_truth_is_taken_for_calm_water():
+    """By regressions: data that are a current's contribution exactly, explained by it and by coefficients alone."""
+    place = stand("zigzag", CURRENT)
+    level, scatter = 0, 1
+    whole = linear(place, judged(CURRENT).hypothesis).columns[0]
+    e, base = place.at(level).white[0].embed(whole), place.at(level).base[0]
+    d, n = slice(0, 1), slice(1, None)
+    sd = np.r_[np.full(len(place.coefficients), SCATTER_LEVELS[scatter]), LATENCY_SPREAD]
+    cross = base.dot(e)[n, d][:, 0]
+    fitted = np.linalg.solve(base.dot(base)[n, n] + np.diag(sd**-2.0), cross)
+    misfit = e.dot(e)[0, 0] - 2 * cross @ fitted + fitted @ base.dot(base)[n, n] @ fitted + np.sum((fitted / sd) ** 2)
+    assert apart(place, judged(CURRENT).hypothesis, NOTHING.hypothesis, (level, scatter)) == approx(0.5 * misfit)
+
+
+def test_hypotheses_that_act_alike_are_told_apart_by_no_run():
+    runs = ranked(stand(), CURRENT, CURRENT)
+    assert len(runs) > 40 and all(a.expected == approx(0.0, abs=1e-9) for a in runs)
+
+
+def test_a_run_never_tells_less_and_the_most_telling_stands_first():
+    gains = [a.expected for a in ranked(stand(), CURRENT, COMPASS)]
+    assert min(gains) >= 0 and gains == sorted(gains, reverse=True) and gains[0] > 3
+
+
+def test_five_times_the_noise_leaves_a_twenty_fifth(monkeypatch):
+    """Noise of all kinds and errors of coefficients."""
+    monkeypatch.setattr("manoeuvre_nn.diagnosis.advise.SCATTER_LEVELS", (0.002, 0.01))
+    assert FORCE_LEVELS[1] == approx(5 * FORCE_LEVELS[0])
+    place = stand("zigzag", WIND)
+    worse = [replace(p, noise=5 * p.noise) for p in place.places]
+    worse = [replace(p, line=replace(p.line, run=replace(p.line.run, rudder_noise=5 * p.line.run.rudder_noise)))
+             for p in worse]  # fmt: skip
+    pairs = [moved_track(CALM, p, p.line.track) for p in worse]
+    pair = (judged(WIND).hypothesis, judged(RudderOffset(SHIP, offset_deg=1.0)).hypothesis)
+    much = apart(place, *pair, (0, 0))
+    little = apart(Bench(CALM, [p for p, _ in pairs], pairs[0][1]), *pair, (len(FORCE_LEVELS) + 1, 1))
+    assert much / little == approx(25.0, rel=0.15) and little > 0.01
+
+
+def test_a_current_across_is_told_from_a_compass_error_by_another_heading():
+    """On one heading both are an angle between heading and course; on the opposite one the current's angle turns."""
+    runs = ranked(stand("straight", CURRENT), CURRENT, COMPASS)
+    same, opposite = gain(runs, "a straight run", 0.0), gain(runs, "a straight run", 180.0)
+    assert opposite > 5 * same and opposite > 10
+    assert runs[0].heading is not None and abs(np.degrees(runs[0].heading)) > 45
+
+
+def test_a_current_and_wind_on_one_heading_are_told_apart_by_another():
+    place = stand("straight", CURRENT)
+    runs = ranked(place, CURRENT, WIND)
+    assert max(gain(runs, "a straight run", h) for h in (90.0, 180.0, 270.0)) > gain(runs, "a straight run", 0.0) + 3
+
+
+def test_the_log_tells_a_following_current_from_more_thrust():
+    """Over ground the ship is faster by both; through the water by thrust alone."""
+    deaf = stand("straight", FOLLOWING, log=False)
+    runs = ranked(deaf, FOLLOWING, PropellerPitchError(SHIP, fraction=0.15))
+    assert gain(runs, "straight again with the speed log", None) > 2 * gain(runs, "a straight run", 0.0) + 3
+    assert [a.manoeuvre for a in runs if a.heading is None] == ["straight again with the speed log"]
+    assert all(a.heading is not None for a in ranked(stand(), CURRENT, COMPASS)), "nothing is missing there"
+
+
+def test_a_rudder_offset_looks_the_same_on_all_headings():
+    runs = ranked(stand("zigzag"), RudderOffset(SHIP, offset_deg=1.0), None)
+    gains = [gain(runs, "a 20/20 zigzag, first to port", h) for h in (0.0, 90.0, 180.0, 270.0)]
+    assert gains == approx([gains[0]] * 4, rel=0.02) and gains[0] > 1
+
+
+@pytest.mark.parametrize("effect", [None, WIND, CURRENT, RudderOffset(SHIP, offset_deg=2.0)])
+def test_simulated_runs_obey_the_equations_by_which_they_are_judged(effect):
+    """What a step of calm water from each state misses is what the hypothesis adds; at half speed too."""
+    h = Hypothesis((), ()) if effect is None else judged(effect).hypothesis
+    plans = list(new_runs(stand("zigzag"), h))
+    _, names = moved_track(CALM, plans[0].place, plans[0].place.line.track)
+    assert {p.share for p in plans} == {1.0, HALF} and len({p.words for p in plans}) == 12
+    for plan in plans:
+        line = plan.place.line
+        added = 0.0 if effect is None else linear(Bench(CALM, [plan.place], names), h).columns[0].moved[..., 0]
+        off = np.abs(line.data.moved[..., 0] - added)
+        assert (off.mean(axis=0) < [0.004, 0.004, 2e-5, 0.02, 0.02, 1e-4]).all(), plan.words
+        assert line.track[0, 0] == approx(plan.share * SHIP.particulars.speed)
+        if "circle" in plan.words:
+            assert (line.track[-1, 5] > line.track[0, 5]) == plan.words.endswith("starboard")
+
+
+def test_at_half_speed_the_ship_keeps_about_half_its_speed():
+    plan = next(p for p in new_runs(stand(), Hypothesis((), ())) if p.words == "a straight run" and p.share == HALF)
+    assert plan.place.line.track[-1, 0] == approx(HALF * SHIP.particulars.speed, rel=0.25)
+    assert (plan.place.line.run.shaft == HALF).all()
+
+
+def test_simulated_runs_have_the_channels_of_the_recorded_ones_and_the_noise_of_their_means():
+    deaf = stand("straight", FOLLOWING, log=False)
+    plan = next(iter(new_runs(deaf, Hypothesis((), ()))))
+    run, recorded = plan.place.line.run, deaf.places[0]
+    assert np.isnan(run.measured[:, LOG]).all() and np.isfinite(np.delete(run.measured, LOG, axis=1)).all()
+    assert plan.place.noise == approx(recorded.noise * np.sqrt(recorded.line.run.step / run.step))
+    (more,) = same_runs(deaf)
+    assert np.isfinite(more.place.line.run.measured).all() and more.place.noise[LOG] == 0.05
+
+
+def test_every_named_effect_has_its_own_aliases():
+    """On one heading a weak current is a compass error, with a rudder offset beside it or without."""
+    weak, turned = Current(SHIP, speed=0.05, toward_deg=90.0), HeadingBias(SHIP, bias_deg=0.3)
+    alone, compass = judged(weak, evidence=30.0), judged(turned, evidence=29.0)
+    offset = judged(RudderOffset(SHIP, offset_deg=2.0), evidence=5.0)
+    pair = judged(weak, *offset.hypothesis.effects, evidence=70.0)
+    assert aliases(contest(alone, compass, offset), alone) == {"current": ["heading_bias"]}
+    assert aliases(contest(pair, alone, compass, offset), pair) == {"current": ["heading_bias"]}
+    assert aliases(contest(alone, replace(compass, evidence=10.0), offset), alone) == {}, "it was tried and fell behind"
+    strong = judged(CURRENT, evidence=30.0)
+    assert aliases(contest(strong, compass), strong) == {} == aliases(contest(alone, compass), NOTHING)
+
+
+def contest(*found: Judged) -> SimpleNamespace:
+    return SimpleNamespace(none=NOTHING, judged=list(found), court=SimpleNamespace(bench=stand("straight", CURRENT)))
+
+
+def verdict(best: Judged, **effects: float) -> SimpleNamespace:
+    return SimpleNamespace(best=best, effects=effects, named=True, strange=False, unknown=0.0)
+
+
+def test_the_sentence_names_the_run_its_heading_and_what_is_expected_of_it():
+    first, second = judged(CURRENT, evidence=30.0), judged(COMPASS, evidence=28.8)
+    (said,) = next_steps(contest(first, second), verdict(first, current=0.7, heading_bias=0.28), first, True)
+    best = advise(stand("straight", CURRENT), first, [second])[0][0]
+    assert said == (
+        f"To tell a current from a compass error (28 %): {best.text} (expected log Bayes factor {best.expected:.0f}; "
+        "these recordings: 1.2)."
+    )
+    assert "begun on heading " in said
+
+
+def test_what_acts_beside_the_leader_is_looked_for_with_both_acting():
+    alone, both = judged(CURRENT, evidence=30.0), judged(CURRENT, RudderOffset(SHIP, offset_deg=1.0), evidence=31.0)
+    tried, seen = (
+        contest(both, alone, judged(WaveDrift(SHIP), evidence=1.0)),
+        verdict(alone, current=1.0, rudder_offset=0.4),
+    )
+    assert next_steps(tried, seen, alone, True)[0].startswith(
+        "To tell a current and a rudder offset from a current (40 %)"
+    )
+
+
+def test_where_no_run_tells_it_is_said_what_to_measure(monkeypatch):
+    monkeypatch.setattr(words, "advise", lambda *_: [[Advice("a straight run", 0.0, 1.0, 0.4, 1.0)] * 60])
+    first, second = judged(WIND, evidence=30.0), judged(COMPASS, evidence=29.0)
+    (said,) = next_steps(contest(first, second), verdict(first, heading_bias=0.3), first, True)
+    assert said.endswith("measure the same with a second sensor and the wind and the waves; "
+                         "none of 60 simulated runs would do (expected log Bayes factor 0.4).")  # fmt: skip
+
+
+def test_nothing_is_simulated_where_the_verdict_is_certain(monkeypatch):
+    monkeypatch.setattr(words, "advise", lambda *_: pytest.fail("simulated"))
+    first, second = judged(CURRENT, evidence=30.0), judged(COMPASS, evidence=10.0)
+    tried, sure = contest(first, second), verdict(first, current=0.99, heading_bias=0.01)
+    assert next_steps(tried, sure, first, True) == [
+        "Nothing else comes close to a current; a repeat at another speed would confirm the values."
+    ]
+    assert next_steps(tried, sure, NOTHING, True)[0].startswith("Repeat one run")
+    calm = verdict(second, current=0.01, heading_bias=0.02)
+    assert next_steps(tried, calm, NOTHING, False)[0].startswith("Nothing more is needed")
+
+
+def test_a_weak_candidate_is_told_from_calm_water():
+    weak = judged(CURRENT, evidence=2.0)
+    said = next_steps(contest(weak), verdict(weak, current=0.2), NOTHING, False)
+    assert said[0].startswith("To tell a current from calm water (20 %): a ") and len(said) == 2
+
+
+def test_the_runner_up_is_told_with_what_speaks_for_and_against_it():
+    first, second = judged(CURRENT, evidence=30.0), judged(COMPASS, evidence=9.0, best=(12, 1))
+    tried = contest(first, judged(CURRENT, WIND, evidence=29.0), second)
+    assert runner_up(tried, verdict(first)) == [
+        "For a compass error: it explains the recordings better than calm water by 9.0 in log evidence.",
+        "Against it: with a current they are explained better still, by 21 (odds less than one in a million), and "
+        "0.3 % of the rudder's force at 20 deg is left, not 5 %.",
+    ]
+    close = runner_up(contest(first, judged(COMPASS, evidence=28.0)), verdict(first))
+    assert close[1] == "Against it: with a current they are explained better still, by 2.0 (odds 1 to 7.39)."
+    behind = runner_up(contest(first, judged(COMPASS, evidence=-2.0)), verdict(first))
+    assert behind[0].startswith("For a compass error nothing speaks")
+
+
+def test_beside_something_unknown_or_nothing_the_best_candidate_is_the_runner_up():
+    weak = judged(CURRENT, evidence=2.0)
+    strange = SimpleNamespace(best=weak, named=False, strange=True, unknown=0.97)
+    assert runner_up(contest(weak), strange)[1] == "Against it: something without a name is likelier (97 %)."
+    calm = SimpleNamespace(best=weak, named=False, strange=False, unknown=0.01)
+    (said,) = runner_up(contest(weak), calm)
+    assert said == "The best candidate is a current: +2.0 in log evidence against calm water is mere chance."
+    assert runner_up(contest(), SimpleNamespace(best=None)) == []
+
+
+def test_of_something_without_a_name_nothing_is_simulated():
+    assert next_steps(contest(), verdict(NOTHING), judged(WIND, evidence=9.0), True)[0].startswith("Repeat one run")

@@ -1,0 +1,71 @@
+"""Formulas for what has no name: the term that acted is found, its weight too, and clean runs get none."""
+
+import numpy as np
+import pytest
+import torch
+from trials import CALM, CIRCLE, PORT, SHIP, ZIGZAG, runs
+
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.diagnosis.bench import bench
+from manoeuvre_nn.diagnosis.court import Court
+from manoeuvre_nn.diagnosis.formula import short_formula
+from manoeuvre_nn.diagnosis.hypothesis import Hypothesis
+from manoeuvre_nn.diagnosis.unknown import unknown_evidence
+from manoeuvre_nn.effect.formula import Formula, library, place_of
+
+pytestmark = pytest.mark.usefixtures("unchecked_types")
+WEIGHTS = {"Y |v||r|": 1.2, "N r|r| cos 2psi": 0.6, "X 1 sin psi": 0.8, "rudder to port": -0.3}
+WEIGHTS |= {"sensor u_log cos psi": 0.5, "sensor psi cos 2psi": 0.3, "sensor north t^2": 0.4}
+
+
+def found(*effects: Formula):
+    court = Court(bench(CALM, runs([CIRCLE, ZIGZAG, PORT], effects)))
+    none = court.judge(Hypothesis((), ()))
+    return court, none, short_formula(court, none)
+
+
+@pytest.mark.parametrize("term", WEIGHTS)
+def test_the_term_that_acted_is_found_first_and_its_weight_within_three_standard_errors(term):
+    court, none, formula = found(Formula(SHIP, [term], w1=WEIGHTS[term]))
+    assert formula is not None and formula.terms[0] == term
+    weight, error = formula.judged.hypothesis.vector()[0], np.sqrt(formula.judged.covariance[0, 0])
+    assert abs(weight - WEIGHTS[term]) < 3 * error + 0.03 * abs(WEIGHTS[term])
+    assert none.evidence + 10 < formula.evidence < formula.judged.evidence
+    assert unknown_evidence(court, none, formula) > formula.evidence - np.log(2) - 0.01
+
+
+def test_clean_runs_have_no_formula_that_is_worth_its_choice():
+    court, none, formula = found()
+    assert formula is None or formula.evidence < none.evidence + 1
+    assert unknown_evidence(court, none, formula) < none.evidence + 1
+
+
+def test_two_terms_are_both_found():
+    both = Formula(SHIP, ["Y |v||r|", "sensor u_log cos psi"], w1=1.2, w2=0.5)
+    formula = found(both)[2]
+    assert formula is not None and set(formula.terms) >= set(both.terms)
+
+
+def test_a_linear_step_of_every_term_is_its_effect_for_a_small_weight():
+    place = bench(CALM, runs([ZIGZAG])).places[0]
+    s = place.situation
+    for term in library():
+        effect = Formula(SHIP, [term])
+        push, errors = effect.unit_of(term, s)
+        acting = effect.at(torch.tensor([1e-3], dtype=torch.float64))
+        assert torch.allclose(acting.acceleration(s, s.nu[..., :0]), 1e-3 * push, rtol=1e-3, atol=1e-12)
+        blank = {c: torch.zeros_like(s.psi) for c in ("x", "y", "vn", "ve", "psi", "r", "u_log")}
+        for channel, written in acting.record(blank, s).items():
+            assert torch.allclose(written, 1e-3 * errors.get(channel, torch.zeros_like(s.psi)))
+
+
+def test_every_term_says_where_it_acts():
+    places = {place_of(term) for term in library()}
+    sensors = {f"sensor:{c}" for c in ("x_north", "y_east", "psi", "r", "u_log")}
+    assert places == {"X", "Y", "N", "actuator:rudder"} | sensors
+    assert len(set(library())) == len(library())
+
+
+def test_a_term_that_is_not_in_the_library_is_told():
+    with pytest.raises(InputError, match=r"'N r\^9' is unknown"):
+        Formula(SHIP, ["N r^9"])
