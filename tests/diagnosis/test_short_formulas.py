@@ -11,7 +11,7 @@ from manoeuvre_nn.diagnosis.court import Court
 from manoeuvre_nn.diagnosis.formula import short_formula
 from manoeuvre_nn.diagnosis.hypothesis import Hypothesis
 from manoeuvre_nn.diagnosis.unknown import unknown_evidence
-from manoeuvre_nn.effect.formula import Formula, library, place_of
+from manoeuvre_nn.effect.formula import Formula, is_ordinary, library, place_of
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 WEIGHTS = {"Y |v||r|": 1.2, "N r|r| cos 2psi": 0.6, "X 1 sin psi": 0.8, "rudder to port": -0.3}
@@ -64,6 +64,19 @@ def test_every_term_says_where_it_acts():
     sensors = {f"sensor:{c}" for c in ("x_north", "y_east", "psi", "r", "u_log")}
     assert places == {"X", "Y", "N", "actuator:rudder"} | sensors
     assert len(set(library())) == len(library())
+
+
+def test_ordinary_terms_are_those_that_port_and_starboard_share():
+    """X keeps its sign in the mirror and Y and N change theirs, whatever the heading."""
+    s = bench(CALM, runs([ZIGZAG])).places[0].situation
+    flip = torch.tensor([1.0, -1.0, -1.0])
+    other = s.with_(nu=s.nu * flip, psi=-s.psi, delta=-s.delta)
+    for term in library():
+        effect = Formula(SHIP, [term])
+        push, errors = effect.unit_of(term, s)
+        shared = not errors and torch.allclose(effect.unit_of(term, other)[0], push * flip, atol=1e-12)
+        turns = " psi" in term or "2psi" in term or "3psi" in term
+        assert is_ordinary(term) == (shared and not turns and not term.startswith("rudder")), term
 
 
 def test_a_term_that_is_not_in_the_library_is_told():

@@ -6,18 +6,17 @@ from pytest import approx
 from trials import SHIP, values
 
 from manoeuvre_nn.diagnosis import verdict as under_test
-from manoeuvre_nn.diagnosis.alarm import LEAST, LEAST_HULL, LEAST_MORE, LEAST_UNKNOWN, _drawn
+from manoeuvre_nn.diagnosis.alarm import LEAST, LEAST_MORE, LEAST_UNKNOWN, _drawn
 from manoeuvre_nn.diagnosis.court import Court
 from manoeuvre_nn.diagnosis.hypothesis import Hypothesis, Judged
 from manoeuvre_nn.diagnosis.regression import regress
 from manoeuvre_nn.diagnosis.search import Contest
 from manoeuvre_nn.diagnosis.verdict import PRIOR, decide
 from manoeuvre_nn.effect.current import Current
-from manoeuvre_nn.effect.loading import TrimChange
 from manoeuvre_nn.effect.rudder import RudderOffset
 from manoeuvre_nn.effect.sensors import HeadingBias, LogScale
 
-EFFECTS = {e.name: e for e in (Current(SHIP), RudderOffset(SHIP), HeadingBias(SHIP), LogScale(SHIP), TrimChange(SHIP))}
+EFFECTS = {e.name: e for e in (Current(SHIP), RudderOffset(SHIP), HeadingBias(SHIP), LogScale(SHIP))}
 CALM_EVIDENCE = -1000.0
 
 
@@ -93,12 +92,13 @@ def test_what_chance_could_do_is_no_mismatch(decided):
     assert strange.strange and not strange.named and strange.none < 0.5
 
 
-def test_a_changed_hull_must_beat_more_than_chance_for_it_looks_like_wrong_coefficients(decided):
-    def named(gain, *others):
-        return decided(dict.fromkeys(SINGLES, -9.0) | {" + ".join(("trim_change", *others)): gain}).named
+def test_two_effects_need_more_to_raise_the_alarm_than_one(decided):
+    def named(gain, *names):
+        return decided(dict.fromkeys(SINGLES, -9.0) | {" + ".join(names): gain}).named
 
-    assert not named(LEAST_HULL - 0.1) and named(LEAST_HULL + 0.1)
-    assert named(LEAST + 9.0, "current")
+    assert not named(LEAST - 0.1, "current") and named(LEAST + 0.1, "current")
+    both = ("current", "rudder_offset")
+    assert not named(LEAST + LEAST_MORE - 0.1, *both) and named(LEAST + LEAST_MORE + 0.1, *both)
 
 
 def test_nothing_judged_is_calm_water(decided):

@@ -11,14 +11,12 @@ DRAWS = 2000
 """Clean sets of recordings that are drawn."""
 FALSE_ALARMS = 0.01
 """Share of clean sets that may raise an alarm."""
-LEAST = 5.0
+LEAST = 8.0
 """Least log Bayes factor over calm water of a named effect: what the draws' own model cannot know."""
-LEAST_HULL = 9.0
-"""The same for effects that only change the hull's coefficients: what these are off by has a pattern of its own."""
 LEAST_UNKNOWN = 7.0
 """The same for something unknown, which has no formula to be tied to."""
 LEAST_MORE = 6.0
-"""Least log evidence that a second effect must add."""
+"""Least log evidence that a second effect must add, to the best of one and to what raises the alarm."""
 
 
 def threshold(contest: Contest, seed: int = 0) -> float:
@@ -79,6 +77,5 @@ def raised(contest: Contest, best: Judged | None) -> bool:
     """
     if best is None:
         return False
-    hull = all(e.site == "hull" for e in best.hypothesis.effects)
-    least = LEAST_HULL if hull else LEAST
-    return best.evidence - contest.none.evidence > max(threshold(contest), least)
+    least = max(threshold(contest), LEAST) + LEAST_MORE * (len(best.names) - 1)
+    return best.evidence - contest.none.evidence > least

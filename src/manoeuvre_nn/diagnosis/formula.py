@@ -12,10 +12,13 @@ from manoeuvre_nn.diagnosis.court import Court
 from manoeuvre_nn.diagnosis.hypothesis import Hypothesis, Judged
 from manoeuvre_nn.diagnosis.linear import Columns
 from manoeuvre_nn.diagnosis.runs import CHANNELS, COUNT
-from manoeuvre_nn.effect.formula import Formula, library
+from manoeuvre_nn.effect.formula import Formula, is_ordinary, library
 
 MOST = 4
 """Terms in a formula."""
+ORDINARY = 12.0
+"""Log evidence that a formula must have besides if a calm-water model could have all its terms: it may be a coefficient
+that is off by more than is usual."""
 SIZES = (0.02, 0.1, 0.4, 1.5)
 """What a term may add, root mean square over the runs, over the resistance and the force of 20 deg of rudder."""
 
@@ -27,7 +30,7 @@ class Found:
     Attributes:
         terms: Its terms, in the order in which they were chosen.
         judged: It, as a hypothesis.
-        evidence: Its log evidence less the logarithm of the number of formulas of its length.
+        evidence: Its log evidence less what its choice costs.
     """
 
     terms: tuple[str, ...]
@@ -62,7 +65,8 @@ def short_formula(court: Court, none: Judged) -> Found | None:
     fitted, _ = court.improve(start, level, scatter)
     judged = court.judge(fitted, around=level)
     choices = sum(np.log(len(SIZES) * (len(terms) - k) / (k + 1)) for k in range(len(chosen)))
-    return Found(effect.terms, judged, judged.evidence - float(choices))
+    ordinary = ORDINARY if all(is_ordinary(term) for term in effect.terms) else 0.0
+    return Found(effect.terms, judged, judged.evidence - float(choices) - ordinary)
 
 
 def _columns(bench: Bench, place: Place, terms: tuple[str, ...]) -> tuple[Columns, Float[np.ndarray, " terms"]]:

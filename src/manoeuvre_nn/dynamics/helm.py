@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import inf
 
+import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
@@ -19,10 +20,9 @@ class Helm:
     """Rows of rudder programmes and where each of them stands.
 
     Attributes:
-        order: Rudder orders of the stages [rad]; every row is padded with its last stage.
-        heading: Heading that ends a stage [rad]; ``inf`` if none does.
-        direction: +1 if the heading must rise to it, -1 if it must fall.
-        hold: Time that ends a stage [s]; ``inf`` if none does.
+        stages: Order [rad], heading that ends a stage [rad] and time that ends it [s] (``inf`` if none does), and +1 or
+            -1 if the heading must rise or fall to it; every row is padded with its last stage.
+        now: The same of the stage that each row is in.
         rate: Rudder rate [rad/s].
         stage: Stage that each row is in.
         began: Time at which it began [s].
@@ -30,44 +30,40 @@ class Helm:
         blade: Angles behind the indicator; the last column is the rudder blade's [rad].
     """
 
-    order: Float[Tensor, "rows stages"]
-    heading: Float[Tensor, "rows stages"]
-    direction: Float[Tensor, "rows stages"]
-    hold: Float[Tensor, "rows stages"]
+    stages: Float[Tensor, "4 rows stages"]
+    now: Float[Tensor, "4 rows"]
     rate: Float[Tensor, " rows"]
     stage: Int[Tensor, " rows"]
     began: Float[Tensor, " rows"]
     rudder: Float[Tensor, " rows"]
     blade: Float[Tensor, "rows k"]
 
-    def now(self, table: Float[Tensor, "rows stages"]) -> Float[Tensor, " rows"]:
-        """What a table of stages says for the stage that each row is in.
+    @property
+    def order(self) -> Float[Tensor, " rows"]:
+        """Rudder order of the present stage [rad]."""
+        return self.now[0]
 
-        Args:
-            table: One of the tables.
+    @property
+    def direction(self) -> Float[Tensor, " rows"]:
+        """+1 if the heading must rise to the limit of the present stage, -1 if it must fall."""
+        return self.now[3]
 
-        Returns:
-            One value a row.
-        """
-        return table.gather(1, self.stage[:, None])[:, 0]
-
-    def _towards(self, order: Float[Tensor, " rows"], tau: Float[Tensor, " rows"]) -> Float[Tensor, " rows"]:
-        """Indicated angle after a time within the present stage: evenly towards the order, then held."""
-        reach = self.rate * tau
-        return self.rudder + torch.clamp(order - self.rudder, -reach, reach)
-
-    def blade_after(self, tau: Float[Tensor, " rows"], blade: Blade) -> Float[Tensor, " rows"]:
-        """Angle of the rudder blade after a time within the present stage.
+    def after(
+        self, tau: Float[Tensor, " rows"], blade: Blade
+    ) -> tuple[Float[Tensor, " rows"], Float[Tensor, "rows k"]]:
+        """Angles after a time within the present stage: the indicator goes evenly towards the order, then rests.
 
         Args:
             tau: Time from now [s].
             blade: How the blade follows.
 
         Returns:
-            Blade angle [rad].
+            Angle that the indicator shows and the angles behind it [rad].
         """
-        order = self.now(self.order)
-        return blade(self.blade, order, self._towards(order, tau), tau)[:, -1]
+        error, reach = self.order - self.rudder, self.rate * tau
+        under_way = error.abs() > reach + 1e-12
+        shown = torch.where(under_way, self.rudder + torch.copysign(reach, error), self.order)
+        return shown, blade(self.blade, self.order, shown, tau)
 
     def smooth_time(self, time: Float[Tensor, " rows"]) -> Float[Tensor, " rows"]:
         """Time from now in which the rudder does one thing: until it arrives or the stage's time is up.
@@ -78,9 +74,9 @@ class Helm:
         Returns:
             Time [s], positive, ``inf`` if nothing is due.
         """
-        error = (self.now(self.order) - self.rudder).abs()
+        error = (self.order - self.rudder).abs()
         arrival = torch.where(error > 1e-12, error / self.rate, inf)
-        return torch.minimum(arrival, self.began + self.now(self.hold) - time)
+        return torch.minimum(arrival, self.began + self.now[2] - time)
 
     def beyond(self, psi: Float[Tensor, " rows"]) -> Float[Tensor, " rows"]:
         """How far the heading is past the limit of the stage.
@@ -91,55 +87,39 @@ class Helm:
         Returns:
             Angle [rad], ``-inf`` where no heading ends the stage.
         """
-        limit = self.now(self.heading)
-        return torch.where(limit.isinf(), -inf, self.now(self.direction) * (psi - limit))
+        return self.direction * (psi - self.now[1])
 
     def advanced(
-        self, tau: Float[Tensor, " rows"], time: Float[Tensor, " rows"], crossed: Bool[Tensor, " rows"], blade: Blade
+        self,
+        shown: Float[Tensor, " rows"],
+        blade: Float[Tensor, "rows k"],
+        time: Float[Tensor, " rows"],
+        moved: Bool[Tensor, " rows"],
+        crossed: Bool[Tensor, " rows"],
     ) -> "Helm":
         """The helm after a time, with stages changed where they ended.
 
         Args:
-            tau: Time that passed [s].
+            shown: Angle that the indicator shows then [rad].
+            blade: Angles behind it [rad].
             time: Time then [s].
+            moved: Rows for which the time has passed; the others stay as they are.
             crossed: Rows whose heading reached its limit.
-            blade: How the blade follows.
 
         Returns:
             The helm then.
         """
-        order = self.now(self.order)
-        rudder = self._towards(order, tau)
-        rudder = torch.where((rudder - order).abs() < 1e-12, order, rudder)
-        over = crossed | (time >= self.began + self.now(self.hold) - 1e-9)
-        last = self.order.shape[1] - 1
-        stage = torch.where(over, (self.stage + 1).clamp(max=last), self.stage)
-        began, behind = torch.where(over, time, self.began), blade(self.blade, order, rudder, tau)
-        return replace(self, stage=stage, began=began, rudder=rudder, blade=behind)
+        shown, blade = torch.where(moved, shown, self.rudder), torch.where(moved[:, None], blade, self.blade)
+        over = moved & (crossed | (time >= self.began + self.now[2] - 1e-9))
+        if not over.any():
+            return replace(self, rudder=shown, blade=blade)
+        stage = (self.stage + over).clamp(max=self.stages.shape[2] - 1)
+        began, now = torch.where(over, time, self.began), _at(self.stages, stage)
+        return replace(self, now=now, stage=stage, began=began, rudder=shown, blade=blade)
 
-    def take(self, rows: Int[Tensor, " k"]) -> "Helm":
-        """Only some rows.
 
-        Args:
-            rows: Row numbers.
-
-        Returns:
-            Their helm.
-        """
-        return Helm(**{name: getattr(self, name)[rows] for name in self.__dataclass_fields__})
-
-    def put(self, rows: Int[Tensor, " k"], part: "Helm") -> "Helm":
-        """Replace some rows' standing.
-
-        Args:
-            rows: Row numbers.
-            part: Their new helm.
-
-        Returns:
-            The whole helm.
-        """
-        moving = ("stage", "began", "rudder", "blade")
-        return replace(self, **{n: getattr(self, n).index_copy(0, rows, getattr(part, n)) for n in moving})
+def _at(stages: Float[Tensor, "4 rows stages"], stage: Int[Tensor, " rows"]) -> Float[Tensor, "4 rows"]:
+    return stages.gather(2, stage[None, :, None].expand(4, -1, 1))[..., 0]
 
 
 def helm_of(
@@ -162,10 +142,15 @@ def helm_of(
     length = max(len(m.stages) for m in manoeuvres)
     rows = []
     for m in manoeuvres:
-        stages = [(s.order, inf if s.heading is None else s.heading, s.direction, s.hold or inf) for s in m.stages]
+        # Without a heading that ends it, a stage counts as one whose heading rises for ever.
+        stages = [
+            (s.order, inf, s.hold or inf, 1) if s.heading is None else (s.order, s.heading, s.hold or inf, s.direction)
+            for s in m.stages
+        ]
         # The last stage is never left.
-        stages[-1] = (stages[-1][0], inf, 1, inf)
+        stages[-1] = (stages[-1][0], inf, inf, 1)
         rows.append(stages + [stages[-1]] * (length - len(stages)))
-    order, heading, direction, hold = rate.new_tensor(rows).unbind(-1)
+    order, heading, hold, direction = rate.new_tensor(np.array(rows, dtype=float)).unbind(-1)
+    table = torch.stack([order, heading + course[:, None], hold, direction])
     zero = torch.zeros_like(rate)
-    return Helm(order, heading + course[:, None], direction, hold, rate, zero.long(), zero, zero, blade)
+    return Helm(table, table[..., 0], rate, zero.long(), zero, zero, blade)

@@ -1,28 +1,31 @@
 """Many manoeuvres at once: a fixed-step solution in which every run is a row of one tensor.
 
 No library does this: rows reverse their rudders at their own times, so a common step would either miss the crossings or
-be cut by every row. Here all rows take the same steps, and only the rows in which something happens within a step take
-it again in parts.
+be cut by every row. Here every row has a clock of its own: all rows step at once, each as far as its next step's end or
+the next thing that happens to it, so that an event costs one more pass and not a batch of its own.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.dynamics.base import Dynamics
 from manoeuvre_nn.dynamics.helm import Helm, helm_of
 from manoeuvre_nn.dynamics.limits import OK, inside_physical_range, left_range
-from manoeuvre_nn.dynamics.simulate import Problem, to_recording
+from manoeuvre_nn.dynamics.simulate import Problem, to_recordings
 
 STEPS_PER_LENGTH = 20
 """Default steps in the time L/U0: 1 s for a 150-m ship at 15 kn."""
+ROWS_AT_ONCE = 16
+"""Rows that are turned into recordings at once: enough to share the overhead, few enough to stay in the cache."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +46,31 @@ class Rollout:
     rudders: Float[Tensor, "times rows"]
     blades: Float[Tensor, "times rows"]
     orders: Float[Tensor, "times rows"]
+    ended: Float[Tensor, " rows"]
+
+
+@dataclass(frozen=True)
+class _Batch:
+    """Where every row stands.
+
+    Attributes:
+        state: u, v, r, x, y, psi and the model's own.
+        helm: Its helm.
+        time: Its clock [s].
+        steps: Steps that it has finished.
+        tries: How often the heading's crossing within the present step was looked for; the second time is exact.
+        attempt: Where the crossing is then taken to be, as a time from now [s]; ``inf`` if none is looked for.
+        sampled: State at its last sample.
+        ended: Time at which it left the physical range [s]; ``inf`` if it did not.
+    """
+
+    state: Float[Tensor, "rows n"]
+    helm: Helm
+    time: Float[Tensor, " rows"]
+    steps: Int[Tensor, " rows"]
+    tries: Int[Tensor, " rows"]
+    attempt: Float[Tensor, " rows"]
+    sampled: Float[Tensor, "rows n"]
     ended: Float[Tensor, " rows"]
 
 
@@ -73,106 +101,114 @@ def rollout(
     ship = dynamics.particulars
     interval = float(times[1] - times[0])
     parts = ceil(interval / (step or ship.time_unit / STEPS_PER_LENGTH) - 1e-9)
+    within = interval / parts * torch.arange(parts).to(times)
+    ends = torch.cat([(times[:-1, None] + within).flatten(), times[-1:]])
     amidships = start.new_zeros(len(manoeuvres))
     helm = helm_of(manoeuvres, amidships + ship.rudder_rate, start[:, 5], dynamics.blade_at_rest(amidships))
-    state, ended = start, start.new_full((len(start),), torch.inf)
-    states, helms = [start], [helm]
-    for first in times[:-1].tolist():
-        for k in range(parts):
-            state_next, helm = _step(dynamics, helm, state, first + k * interval / parts, interval / parts)
-            state = _held(state, state_next, ended)
-        alive = inside_physical_range(state, ship)
-        if not alive.all():
-            ended = torch.where(alive, ended, ended.clamp(max=first + interval))
-            state = torch.where(alive[:, None], state, states[-1])
-        states.append(state)
-        helms.append(helm)
-        if ended.isfinite().all():
-            break
-    missing = len(times) - len(states)
-    helms, states = helms + [helm] * missing, states + [states[-1]] * missing
-    shown, blades = torch.stack([h.rudder for h in helms]), torch.stack([h.blade[:, -1] for h in helms])
-    return Rollout(times, torch.stack(states), shown, blades, torch.stack([h.now(h.order) for h in helms]), ended)
+    none, never = amidships.long(), torch.full_like(amidships, torch.inf)
+    batch = _Batch(start, helm, amidships, none, none, never, start, never)
+    past = [batch]
+    while bool((batch.steps < len(ends) - 1).any()):
+        batch = _sampled(_pass(dynamics, batch, ends), batch, parts, ship, len(ends) - 1)
+        past.append(replace(batch, sampled=start))  # what is not read off need not be kept
+    return _read_off(past, times, parts)
 
 
-def _held(state: Tensor, new: Tensor, ended: Float[Tensor, " rows"]) -> Tensor:
-    """The new state, but rows that ended stay where they are."""
-    gone = ended.isfinite()
-    return torch.where(gone[:, None], state, new) if gone.any() else new
+def _read_off(past: Sequence[_Batch], times: Float[Tensor, " times"], parts: int) -> Rollout:
+    """Every row at its samples, from all passes: a sample is where a row first had finished the steps up to it."""
+    steps = torch.stack([b.steps for b in past], dim=-1)
+    samples = parts * torch.arange(len(times), device=steps.device)
+    at = torch.searchsorted(steps, samples.expand(len(steps), -1).contiguous()).T
+
+    def pick(values: list[Tensor]) -> Tensor:
+        return torch.stack(values).gather(0, at)
+
+    shown, orders = pick([b.helm.rudder for b in past]), pick([b.helm.order for b in past])
+    blades, rows = pick([b.helm.blade[:, -1] for b in past]), torch.arange(len(steps), device=steps.device)
+    return Rollout(times, torch.stack([b.state for b in past])[at, rows], shown, blades, orders, past[-1].ended)
 
 
-def _step(dynamics: Dynamics, helm: Helm, state: Tensor, time: float, step: float) -> tuple[Tensor, Helm]:
-    """One step of all rows; rows in which something happens take it in as many parts as they need."""
-    now = torch.full_like(helm.rudder, time)
-    taken, new, crossed = _smooth_step(dynamics, helm, state, now, torch.full_like(now, step))
-    helm = helm.advanced(taken, now + taken, crossed, dynamics.blade)
-    left = step - taken
-    for _ in range(50):  # a row can meet a crossing, an arrival and a few timed stages within one step, not fifty
-        busy = torch.nonzero(left > 1e-9)[:, 0]
-        if not len(busy):
-            break
-        part, part_helm = dynamics.take(busy), helm.take(busy)
-        at = time + step - left[busy]
-        took, moved, hit = _smooth_step(part, part_helm, new[busy], at, left[busy])
-        new = new.index_copy(0, busy, moved)
-        helm = helm.put(busy, part_helm.advanced(took, at + took, hit, part.blade))
-        left = left.index_copy(0, busy, left[busy] - took)
-    return new, helm
+def _sampled(batch: _Batch, before: _Batch, parts: int, ship: Particulars, last: int) -> _Batch:
+    """The batch with rows ended that are outside the physical range at a sample: they rest at the sample before."""
+    sample = (batch.steps > before.steps) & (batch.steps % parts == 0)
+    lost = sample & ~inside_physical_range(batch.state, ship)
+    if lost.any():
+        ended, steps = torch.where(lost, batch.time, batch.ended), batch.steps.masked_fill(lost, last)
+        batch = replace(batch, ended=ended, steps=steps, state=torch.where(lost[:, None], batch.sampled, batch.state))
+    return replace(batch, sampled=torch.where(sample[:, None], batch.state, batch.sampled))
 
 
-def _smooth_step(
-    dynamics: Dynamics, helm: Helm, state: Tensor, time: Float[Tensor, " rows"], limit: Float[Tensor, " rows"]
-) -> tuple[Float[Tensor, " rows"], Tensor, Bool[Tensor, " rows"]]:
-    """The longest step within the limit in which nothing happens: its length, the state then, rows that crossed."""
-    tau = torch.minimum(limit, helm.smooth_time(time).clamp(min=0.0))
-    new = _runge_kutta(dynamics, helm, state, time, tau)
-    before, after = helm.beyond(state[:, 5]), helm.beyond(new[:, 5])
-    crossed = after >= 0
-    rows = torch.nonzero(crossed)[:, 0]
+def _pass(dynamics: Dynamics, b: _Batch, ends: Float[Tensor, " steps"]) -> _Batch:
+    """Every row goes on to the end of its step or to what happens before; rows that look for a crossing stay."""
+    last = len(ends) - 1
+    due = ends[(b.steps + 1).clamp(max=last)]
+    smooth = torch.minimum(due - b.time, b.helm.smooth_time(b.time).clamp(min=0.0))
+    tau = torch.fmin(smooth, b.attempt)
+    state, shown, blade = _runge_kutta(dynamics, b.helm, b.state, b.time, tau)
+    crossed, beyond = b.tries == 2, b.helm.beyond(state[:, 5])
+    looking = ~crossed & ((beyond >= 0) | (b.tries == 1))
+    moved, time, tries, attempt = ~looking, b.time + tau, b.tries, b.attempt
+    if looking.any():
+        attempt = torch.where(looking, _looked_for(b, looking, state, smooth, beyond), torch.inf)
+        state, time = torch.where(moved[:, None], state, b.state), torch.where(moved, time, b.time)
+    elif crossed.any():
+        attempt = torch.full_like(attempt, torch.inf)
+    tries = torch.where(looking, tries + 1, 0)
+    arrived = moved & (due - time <= 1e-9)
+    time, steps = torch.where(arrived, due, time), (b.steps + arrived).clamp(max=last)
+    helm = b.helm.advanced(shown, blade, time, moved, crossed)
+    return _Batch(state, helm, time, steps, tries, attempt, b.sampled, b.ended)
+
+
+def _looked_for(b: _Batch, looking: Bool[Tensor, " rows"], new: Tensor, smooth: Tensor, beyond: Tensor) -> Tensor:
+    """Times from now at which the headings meet their limits: first on a cubic, then corrected."""
+    before = b.helm.beyond(b.state[:, 5])
+    found = _corrected(b, before, new, smooth, beyond)
+    rows = torch.nonzero(looking & (b.tries == 0))[:, 0]
     if len(rows):
-        shorter = _crossing(before[rows], after[rows], state[rows], new[rows], tau[rows], helm.take(rows))
-        part, part_helm = dynamics.take(rows), helm.take(rows)
-        again = _runge_kutta(part, part_helm, state[rows], time[rows], shorter)
-        shorter = _corrected(shorter, before[rows], again, tau[rows], part_helm)
-        tau = tau.index_copy(0, rows, shorter)
-        new = new.index_copy(0, rows, _runge_kutta(part, part_helm, state[rows], time[rows], shorter))
-    return tau, new, crossed
+        tau, direction = smooth[rows], b.helm.direction[rows]
+        slopes = direction * b.state[rows, 2] * tau, direction * new[rows, 2] * tau
+        found = found.index_copy(0, rows, _crossing(before[rows], beyond[rows], *slopes) * tau)
+    return found
 
 
-def _crossing(before: Tensor, after: Tensor, state: Tensor, new: Tensor, tau: Tensor, helm: Helm) -> Tensor:
-    """Time in the step at which the heading meets its limit, by bisection of the cubic Hermite polynomial."""
-    direction = helm.now(helm.direction)
-    slope0, slope1 = direction * state[:, 2] * tau, direction * new[:, 2] * tau
-    low, high = torch.zeros_like(tau), torch.ones_like(tau)
+def _crossing(before: Tensor, after: Tensor, slope0: Tensor, slope1: Tensor) -> Tensor:
+    """Where in the step the cubic Hermite polynomial first is past 0: on finer and finer grids, then straight."""
+    low, width = torch.zeros_like(before)[:, None], 1.0
+    bend0, bend1 = slope0 - (after - before), (after - before) - slope1
     with torch.no_grad():
-        for _ in range(40):
-            s = 0.5 * (low + high)
-            h = before * (1 + 2 * s) * (1 - s) ** 2 + after * s * s * (3 - 2 * s)
-            h = h + slope0 * s * (1 - s) ** 2 - slope1 * s * s * (1 - s)
-            past = h >= 0
-            low, high = torch.where(past, low, s), torch.where(past, s, high)
-    return torch.where(before >= 0, torch.zeros_like(tau), high * tau)
+        grid = torch.linspace(0, 1, 65).to(before)
+        for _ in range(2):
+            s = low + width * grid
+            h = before[:, None] * (1 - s) + after[:, None] * s
+            h = h + s * (1 - s) * ((1 - s) * bend0[:, None] + s * bend1[:, None])
+            first = (h >= 0).int().argmax(dim=1, keepdim=True).clamp(min=1)
+            low, width = s.gather(1, first - 1), width / 64
+        under, over = h.gather(1, first - 1), h.gather(1, first)
+        share = torch.nan_to_num(under / (under - over), nan=1.0).clamp(0.0, 1.0)
+        return torch.where(before >= 0, 0.0, (low + width * share)[:, 0])
 
 
-def _corrected(found: Tensor, before: Tensor, state: Tensor, tau: Tensor, helm: Helm) -> Tensor:
+def _corrected(b: _Batch, before: Tensor, new: Tensor, smooth: Tensor, beyond: Tensor) -> Tensor:
     """One Newton step towards the crossing; it also carries the gradient of the crossing's time, ``-dpsi / r``."""
-    closing = (helm.now(helm.direction) * state[:, 2]).detach()
-    sure = (before < 0) & (closing * tau > 1e-9)
-    step = torch.where(sure, helm.beyond(state[:, 5]) / torch.where(sure, closing, 1.0), 0.0)
-    return torch.minimum((found - step).clamp(min=0.0), tau)
+    closing = (b.helm.direction * new[:, 2]).detach()
+    sure = (before < 0) & (closing * smooth > 1e-9) & beyond.isfinite()
+    step = torch.where(sure, beyond, 0.0) / torch.where(sure, closing, 1.0)
+    return torch.fmin((b.attempt - step).clamp(min=0.0), smooth)
 
 
 def _runge_kutta(
     dynamics: Dynamics, helm: Helm, state: Tensor, time: Float[Tensor, " rows"], tau: Float[Tensor, " rows"]
-) -> Tensor:
-    """Classical fourth-order step with the rudder blade's exact angle at the start, middle and end."""
-    h, half, noon = tau[:, None], 0.5 * tau, time + 0.5 * tau
-    middle, end = helm.blade_after(half, dynamics.blade), helm.blade_after(tau, dynamics.blade)
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Classical fourth-order step with the rudder's exact angles: state, indicated angle, angles behind it."""
+    half, noon, h = 0.5 * tau, time + 0.5 * tau, tau[:, None]
+    middle = helm.after(half, dynamics.blade)[1][:, -1]
+    shown, blade = helm.after(tau, dynamics.blade)
     k1 = dynamics(state, helm.blade[:, -1], time)
-    k2 = dynamics(state + 0.5 * h * k1, middle, noon)
-    k3 = dynamics(state + 0.5 * h * k2, middle, noon)
-    k4 = dynamics(state + h * k3, end, time + tau)
-    return state + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
+    k2 = dynamics(torch.addcmul(state, k1, half[:, None]), middle, noon)
+    k3 = dynamics(torch.addcmul(state, k2, half[:, None]), middle, noon)
+    k4 = dynamics(torch.addcmul(state, k3, h), blade[:, -1], time + tau)
+    return torch.addcmul(state, torch.add(k1 + k4, k2 + k3, alpha=2.0), h / 6.0), shown, blade
 
 
 def roll_out(dynamics: Dynamics, manoeuvres: Sequence[Manoeuvre], *, step: float | None = None) -> list[Recording]:
@@ -199,15 +235,20 @@ def roll_out(dynamics: Dynamics, manoeuvres: Sequence[Manoeuvre], *, step: float
         times = max((p[2] for p in problems), key=len)
         with torch.no_grad():
             runs = rollout(moving, group, start.repeat(len(group), 1), start.new_tensor(times), step=step)
-        for row, (index, problem) in enumerate(zip(indices, problems, strict=True)):
-            done[index] = _recording(runs, row, moving, manoeuvres[index], problem[2])
+        for (count, status), rows in _alike([p[2] for p in problems], runs.ended).items():
+            for some in range(0, len(rows), ROWS_AT_ONCE):
+                part = rows[some : some + ROWS_AT_ONCE]
+                made = [x[:count, part].transpose(0, 1) for x in (runs.states, runs.rudders, runs.orders, runs.blades)]
+                trials = [group[row] for row in part]
+                recordings = to_recordings(moving, trials, problems[part[0]][2][:count], *made[:3], status, made[3])
+                done |= {indices[row]: r for row, r in zip(part, recordings, strict=True)}
     return [done[i] for i in range(len(manoeuvres))]
 
 
-def _recording(runs: Rollout, row: int, dynamics: Dynamics, manoeuvre: Manoeuvre, times: np.ndarray) -> Recording:
-    """One row of a batch as a recording, cut where it left the physical range."""
-    ended = float(runs.ended[row])
-    count = max(int(np.sum(times < ended - 1e-9)), 2)
-    status = OK if ended > times[-1] + 1e-9 else left_range(ended)
-    states, shown, blades, orders = (x[:count, row] for x in (runs.states, runs.rudders, runs.blades, runs.orders))
-    return to_recording(dynamics, manoeuvre, times[:count], states, shown, orders, status, blades=blades)
+def _alike(times: Sequence[np.ndarray], ended: Float[Tensor, " rows"]) -> dict[tuple[int, str], list[int]]:
+    """Rows by how many samples they have, cut where they left the physical range, and by their status."""
+    rows: dict[tuple[int, str], list[int]] = {}
+    for row, (clock, end) in enumerate(zip(times, ended.tolist(), strict=True)):
+        count = max(int(np.searchsorted(clock, end - 1e-9)), 2)
+        rows.setdefault((count, OK if end > clock[-1] + 1e-9 else left_range(end)), []).append(row)
+    return rows

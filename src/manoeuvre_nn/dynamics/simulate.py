@@ -1,6 +1,6 @@
 """The accurate solution of one manoeuvre: torchdiffeq between events, heading crossings located."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import inf
 
@@ -130,16 +130,51 @@ def to_recording(
     Returns:
         The recording.
     """
-    blades, clock = rudders if blades is None else blades, states.new_tensor(times)
-    made = {name: states[:, k] for k, name in enumerate(("u", "v", "r", "x", "y", "psi"))}
+    blades = rudders if blades is None else blades
+    (made,) = to_recordings(
+        dynamics, [manoeuvre], times, states[None], rudders[None], orders[None], status, blades[None]
+    )
+    return made
+
+
+def to_recordings(
+    dynamics: Dynamics,
+    manoeuvres: Sequence[Manoeuvre],
+    times: Float[np.ndarray, " n"],
+    states: Float[Tensor, "runs n k"],
+    rudders: Float[Tensor, "runs n"],
+    orders: Float[Tensor, "runs n"],
+    status: str,
+    blades: Float[Tensor, "runs n"],
+) -> list[Recording]:
+    """Put several solutions over the same times into recordings; see :func:`to_recording`.
+
+    Args:
+        dynamics: The ship that moved.
+        manoeuvres: What was ordered, one a run.
+        times: Sample times [s].
+        states: u, v, r, x, y, psi and the model's own.
+        rudders: Rudder angle that the indicator shows [rad].
+        orders: Rudder order [rad].
+        status: ``ok`` or why they were ended.
+        blades: Angle of the rudder blade [rad].
+
+    Returns:
+        One recording a run.
+    """
+    clock = states.new_tensor(times).expand_as(rudders)
+    made = {name: states[..., k] for k, name in enumerate(("u", "v", "r", "x", "y", "psi"))}
     with torch.no_grad():
-        nudot = dynamics(states, blades, clock)[:, :3]
+        nudot = dynamics(states, blades, clock)[..., :3]
         made |= {"delta": rudders, "delta_order": orders} | dict(zip(ACCELERATION, nudot.unbind(-1), strict=True))
         made |= dynamics.recorded(states, rudders, blades, clock)
-    channels = {name: values.double().cpu().numpy() for name, values in made.items()}
-    ship = dynamics.particulars
-    meta = {"ship": ship.name, "kind": manoeuvre.kind, "manoeuvre": manoeuvre, "time_unit": ship.time_unit}
-    return Recording(manoeuvre.name, times, channels, status, meta)
+    channels = {name: values.double().cpu().contiguous().numpy() for name, values in made.items()}
+    ship, recordings = dynamics.particulars, []
+    for row, manoeuvre in enumerate(manoeuvres):
+        meta = {"ship": ship.name, "kind": manoeuvre.kind, "manoeuvre": manoeuvre, "time_unit": ship.time_unit}
+        own = {name: values[row] for name, values in channels.items()}
+        recordings.append(Recording(manoeuvre.name, times, own, status, meta))
+    return recordings
 
 
 def _integrate(

@@ -96,6 +96,21 @@ def library() -> tuple[str, ...]:
     return (*forces, *(RUDDER + name for name in RUDDERS), *errors)
 
 
+def is_ordinary(term: str) -> bool:
+    """Whether a term is one that a calm-water model may have: a function of the motion, alike to both sides.
+
+    Args:
+        term: One of :func:`library`.
+
+    Returns:
+        Even terms of X, odd ones of Y and N.
+    """
+    equation, _, shape = term.partition(" ")
+    odd = shape in ("v", "r", "d", "v|v|", "r|r|", "r^3", "v|r|", "u v", "u r")
+    even = shape in MOTIONS and not odd
+    return even if equation == "X" else odd and equation in ("Y", "N")
+
+
 def place_of(term: str) -> str:
     """Where a term acts.
 

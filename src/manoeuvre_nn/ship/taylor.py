@@ -82,11 +82,13 @@ class TaylorForce(nn.Module):
         Returns:
             One column a term.
         """
-        powers = torch.cat([torch.ones_like(motion[..., :1]), motion], dim=-1)
-        result = motion.new_ones(*motion.shape[:-1], len(self.terms))
-        for column in self.columns.unbind(-1):
-            result = result * powers.index_select(-1, column)
-        return result
+        # Terms first in memory: a look-up then copies whole rows of samples.
+        variables = motion.unbind(-1)
+        powers = torch.stack([torch.ones_like(variables[0]), *variables])
+        result = powers.index_select(0, self.columns[:, 0]) if self.columns.shape[1] else powers[:1]
+        for column in self.columns[:, 1:].unbind(-1):
+            result = result * powers.index_select(0, column)
+        return result.movedim(0, -1)
 
 
 def _sorted(term: str) -> str:
@@ -149,7 +151,7 @@ class TaylorShip(Ship):
 
     def motion(
         self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]
-    ) -> tuple[Float[Tensor, "*batch 4"], Float[Tensor, "*batch"]]:
+    ) -> tuple[Float[Tensor, "*batch 4"], Float[Tensor, "*batch"] | None]:
         """The series' own variables.
 
         Args:
@@ -157,14 +159,14 @@ class TaylorShip(Ship):
             delta: Rudder angle [rad], positive turns to starboard.
 
         Returns:
-            ``(a, b, q, d)`` with the source's rudder sign, and ``Us / U0``.
+            ``(a, b, q, d)`` with the source's rudder sign, and ``Us / U0``, None where Us is U0.
         """
-        ratio = torch.ones_like(delta)
+        u, b, q = (nu / self.velocity_units).unbind(-1)
+        a, ratio = u - 1, None
         if self.scaling == "instantaneous":
             ratio = torch.hypot(nu[..., 0], nu[..., 1]) / self.prime.speed
-        prime = nu / self.velocity_units
-        a, b, q = (prime[..., 0] - 1) / ratio, prime[..., 1] / ratio, prime[..., 2] / ratio
-        return torch.stack([a, b, q, self.rudder_sign * delta], dim=-1), ratio
+            a, b, q = a / ratio, b / ratio, q / ratio
+        return torch.stack([a, b, q, self.rudder_sign * delta]).movedim(0, -1), ratio
 
     @property
     def table(self) -> Float[Tensor, "terms 3"]:
@@ -187,7 +189,8 @@ class TaylorShip(Ship):
             One column a term.
         """
         motion, ratio = self.motion(nu, delta)
-        return self.series.products(motion) * ratio.square()[..., None]
+        products = self.series.products(motion)
+        return products if ratio is None else products * ratio.square()[..., None]
 
     def force(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
         """Right-hand sides f'; see :class:`TaylorShip` for the equation.
