@@ -32,6 +32,16 @@ def test_hydras_complaints_become_one_line(words, told, composed):
     assert line.startswith(told) and "\n" not in line and len(line) <= 400
 
 
+def test_a_group_that_is_null_is_told(monkeypatch, capsys, composed):
+    monkeypatch.setattr("sys.argv", ["train.py", "ship=null", "seed=null"])
+    with pytest.raises(SystemExit) as caught, one_line():
+        composed("ship=null")
+    assert caught.value.code == guard.WRONG_INPUT
+    assert capsys.readouterr().err.startswith("error: ship=null seed=null: a group cannot be empty")
+    with pytest.raises(ValueError, match="mine"), one_line():
+        raise ValueError("mine")
+
+
 def test_a_setting_that_must_be_given_is_named_in_full():
     cfg = OmegaConf.create({"linear": {"inertia": {"mx": "???"}}})
     error = raised(lambda: OmegaConf.to_container(cfg.linear, throw_on_missing=True))

@@ -1,12 +1,15 @@
 """What was found, as a list of causes with probabilities, parameters and times."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float
 
 from manoeuvre_nn.diagnosis.hypothesis import RANDOM, Hypothesis, Judged
-from manoeuvre_nn.diagnosis.proof import Question
+from manoeuvre_nn.diagnosis.proof import Question, timed_values
 from manoeuvre_nn.diagnosis.result import Cause, Interval, Value
+from manoeuvre_nn.diagnosis.runs import Run
 from manoeuvre_nn.diagnosis.search import Contest
 from manoeuvre_nn.diagnosis.verdict import Verdict
 from manoeuvre_nn.effect.formula import Formula, place_of
@@ -52,6 +55,7 @@ def causes_of(question: Question, tried: Contest, verdict: Verdict, chosen: Judg
             )  # fmt: skip
         )
     causes.append(_stranger(verdict, chosen, tried, bool(named)))
+    causes = [_everywhere(question, chosen, c) if c.name in named else c for c in causes]
     return sorted(causes, key=lambda c: (-(c.name in named), -c.probability))
 
 
@@ -108,7 +112,7 @@ def values_of(judged: Judged, effect: int) -> tuple[Value, ...]:
 
 
 def intervals(question: Question, judged: Judged, effect: int) -> dict[str, list[Interval]] | None:
-    """Times in which an effect acts in the fitted runs.
+    """Times in which an effect acts.
 
     Args:
         question: What is asked.
@@ -118,13 +122,26 @@ def intervals(question: Question, judged: Judged, effect: int) -> dict[str, list
     Returns:
         Run -> intervals; None if it acts throughout.
     """
-    e = judged.hypothesis.effects[effect]
-    timed = [j for j, p in enumerate(e.declared) if p.per_run]
+    timed = [j for j, p in enumerate(judged.hypothesis.effects[effect].declared) if p.per_run]
     if not timed:
         return None
+    return _times(question.fitted, judged.hypothesis.values[effect][:, timed])
+
+
+def _times(runs: Sequence[Run], table: Float[np.ndarray, "runs timed"]) -> dict[str, list[Interval]]:
+    """Start and end, or start alone, of an event in every run as intervals."""
     found = {}
-    for row, run in enumerate(question.fitted):
-        times = judged.hypothesis.values[effect][row, timed]
-        end = times[1] if len(times) > 1 else run.time[-1]
-        found[run.name] = [(float(times[0]), float(end))] if end > times[0] + 1 else []
+    for run, times in zip(runs, table, strict=True):
+        end = float(times[1] if len(times) > 1 else run.time[-1])
+        found[run.name] = [(float(times[0]), end)] if end > times[0] + 1 else []
     return found
+
+
+def _everywhere(question: Question, judged: Judged, cause: Cause) -> Cause:
+    """A named cause with the times of the held-out runs too."""
+    if not cause.intervals or not question.held_out:
+        return cause
+    k = judged.names.index(cause.name)
+    timed = [j for j, p in enumerate(judged.hypothesis.effects[k].declared) if p.per_run]
+    more = _times(question.held_out, timed_values(question, judged)[k][:, timed])
+    return replace(cause, intervals={**cause.intervals, **more})

@@ -18,6 +18,8 @@ WRONG_INPUT = 2
 FAILED_JOBS = 1
 OF_CONFIG = (HydraException, OmegaConfBaseException, yaml.YAMLError)
 NOT_WRITABLE = (errno.ENOENT, errno.EACCES, errno.ENOTDIR, errno.EEXIST, errno.EROFS, errno.ENOSPC)
+NO_GROUP = "Config group override must be a string"
+"""How hydra complains of ``ship=null``, with a traceback."""
 failed_jobs: list[str] = []
 """Jobs of a sweep that failed; the sweep goes on and ends with exit code 1."""
 
@@ -34,6 +36,7 @@ def one_line() -> Generator[None]:
         HydraException: The same.
         OmegaConfBaseException: The same.
         YAMLError: The same.
+        ValueError: The same.
         OSError: If it is not that a file or folder cannot be written.
         SystemExit: With code 2 for wrong input.
     """
@@ -44,6 +47,12 @@ def one_line() -> Generator[None]:
         if message is None:
             raise
         print(f"error: {message}", file=sys.stderr)
+        raise SystemExit(WRONG_INPUT) from None
+    except ValueError as error:
+        if NO_GROUP not in str(error):
+            raise
+        given = [a for a in sys.argv[1:] if a.endswith("=null")]
+        print(f"error: {' '.join(given)}: a group cannot be empty: leave it out or choose an option", file=sys.stderr)
         raise SystemExit(WRONG_INPUT) from None
     except OSError as error:
         if error.filename is None or error.errno not in NOT_WRITABLE:
