@@ -1,6 +1,7 @@
 """The whole diagnosis of one ship: judge, decide, check, repair, prove."""
 
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,11 +11,11 @@ from manoeuvre_nn.diagnosis.bench import Bench, bench
 from manoeuvre_nn.diagnosis.causes import causes_of
 from manoeuvre_nn.diagnosis.court import Court
 from manoeuvre_nn.diagnosis.hypothesis import Judged
-from manoeuvre_nn.diagnosis.locate import location, residuals
+from manoeuvre_nn.diagnosis.locate import LARGEST, location, residuals
 from manoeuvre_nn.diagnosis.proof import Question, cost, foreseen, prove
 from manoeuvre_nn.diagnosis.refine import refined
 from manoeuvre_nn.diagnosis.remainder import is_left, with_remainder
-from manoeuvre_nn.diagnosis.result import Check, Diagnosis, Proof
+from manoeuvre_nn.diagnosis.result import Cause, Check, Diagnosis, Proof, Residual
 from manoeuvre_nn.diagnosis.search import Contest, Progress, contest, settle
 from manoeuvre_nn.diagnosis.verdict import Verdict, decide
 from manoeuvre_nn.diagnosis.words import captain, labels, next_steps, runner_up
@@ -47,8 +48,9 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
     chosen, proofs, checks = _repair(question, stand, tried, verdict)
     if question.remainder and is_left(tried.court, chosen):
         chosen, proofs, checks = _with_network(question, tried, chosen, proofs, checks, progress)
-    found = residuals(stand, chosen.hypothesis)
     causes = causes_of(question, tried, verdict, chosen)
+    size = float(np.clip(2 * stand.levels[tried.none.best[0]].max(), 0.05, LARGEST))
+    found = _shaded(residuals(stand, chosen.hypothesis, size), [c for c in causes if c.name in chosen.names])
     model = ["unknown" if name == Formula.name else name for name in chosen.names if name != Remainder.name]
     mismatch = bool(chosen.names) or verdict.strange
     where = location(stand, tried, found)
@@ -119,6 +121,15 @@ def _with_network(
     text = f"with a network on top the error of free runs goes from {now:.2f} to {then:.2f} ({UNIT})"
     checks = [*checks, Check("remainder", helped, text if made else "no held-out run: a network is not trusted")]
     return (more, made, checks) if helped else (chosen, proofs, checks)
+
+
+def _shaded(found: Sequence[Residual], causes: Sequence[Cause]) -> list[Residual]:
+    """Residuals with the times of events that were found, where there are any, as their windows."""
+    shaded = []
+    for r in found:
+        acting = [i for c in causes if c.intervals for i in c.intervals.get(r.run, [])]
+        shaded.append(replace(r, windows=acting) if acting else r)
+    return shaded
 
 
 def _network(judged: Judged) -> dict[str, float]:

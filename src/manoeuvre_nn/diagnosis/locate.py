@@ -19,10 +19,12 @@ BIN = 10.0
 """Length of the means in which windows are looked for [s]."""
 DRAWS = 24
 """Number of posterior samples from which the residual's standard deviation is taken."""
+LARGEST = 0.5
+"""Coloured force that leaves the missing force to the data alone, over the resistance and 20 deg of rudder."""
 EQUATIONS = ("surge force X", "sway force Y", "yaw moment N")
 
 
-def residuals(bench: Bench, hypothesis: Hypothesis) -> list[Residual]:
+def residuals(bench: Bench, hypothesis: Hypothesis, size: float = LARGEST) -> list[Residual]:
     """Force that calm water lacks over every run, with and without what was found.
 
     Any coloured force is allowed, so that the data alone shape it; its standard deviation is taken from samples of the
@@ -31,6 +33,7 @@ def residuals(bench: Bench, hypothesis: Hypothesis) -> list[Residual]:
     Args:
         bench: The fitted runs.
         hypothesis: What was found; may be empty.
+        size: S.d. of the coloured force that is allowed, over the resistance and the force of 20 deg of rudder.
 
     Returns:
         One a run.
@@ -38,7 +41,7 @@ def residuals(bench: Bench, hypothesis: Hypothesis) -> list[Residual]:
     columns = linear(bench, hypothesis).columns if hypothesis.effects else [None] * len(bench.places)
     made = []
     for place, c in zip(bench.places, columns, strict=True):
-        white = _loose(bench, place)
+        white = _loose(bench, place, size)
         before, after = place.line.data, place.line.data
         if c is not None:
             sensed = Columns(c.measured[..., :1], _kinematic(c.moved[..., :1]))
@@ -53,10 +56,10 @@ def residuals(bench: Bench, hypothesis: Hypothesis) -> list[Residual]:
     return made
 
 
-def _loose(bench: Bench, place: Place) -> Whitened:
-    """The run with any coloured force allowed."""
+def _loose(bench: Bench, place: Place, size: float) -> Whitened:
+    """The run with a coloured force allowed."""
     p = bench.dynamics.particulars
-    noise = Noise(place.noise, 0.5 * bench.unit, 0.5 * force_time(bench.dynamics))
+    noise = Noise(place.noise, size * bench.unit, 0.5 * force_time(bench.dynamics))
     spread = np.array([0.3 * p.speed, 0.3 * p.speed, 0.3 * p.speed / p.length, 50.0, 50.0, 0.3])
     return Whitened(place.line, noise, spread)
 
@@ -163,7 +166,7 @@ def _statements(bench: Bench, contest: Contest, found: Sequence[Residual]) -> li
     if ratio[strongest] < 1.5:
         return [
             *said,
-            "No force is missing for sure; what else is wrong sits in sensors or in moving water.",
+            "In no equation does the missing force stand out of what the smoother is unsure of.",
         ]
     y = force[:, strongest]
     psi, r, delta = (np.concatenate([_track(p, n) for p in bench.places]) for n in ("psi", "r", "delta"))
