@@ -51,9 +51,15 @@ def residuals(bench: Bench, hypothesis: Hypothesis, size: float = LARGEST) -> li
         scale = _kilonewtons(bench, place)
         force, left = (scale(white.states(x)[:, 6:, 0]) for x in (before, after))
         error = scale(_spread(white))
-        windows = changes(place.line.run.time, force, np.abs(error))
+        windows = _windows(bench, place, before)
         made.append(Residual(place.line.run.name, place.line.run.time, force, np.abs(error), left, windows))
     return made
+
+
+def _windows(bench: Bench, place: Place, data: Columns) -> list[Interval]:
+    """Times in which something is missing; looked for where the data alone shape the force."""
+    white, scale = _loose(bench, place, LARGEST), _kilonewtons(bench, place)
+    return changes(place.line.run.time, scale(white.states(data)[:, 6:, 0]), np.abs(scale(_spread(white))))
 
 
 def _loose(bench: Bench, place: Place, size: float) -> Whitened:
