@@ -1,5 +1,7 @@
 """What a calm-water model may be wrong by, coefficient by coefficient, and the model with such errors taken out."""
 
+from math import prod
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -17,6 +19,9 @@ TURN = {"u": -0.3, "v": 0.25, "r": 0.7, "d": 0.35}
 """A tight turn in prime variables: where such a term is weighed."""
 MISSING = 0.6
 """Size of each such term beside a printed one: one by one they are less likely."""
+
+FACTORS = "uvrdVR1"
+"""Factors of terms: prime variables, magnitudes, one."""
 
 
 class Corrections:
@@ -53,7 +58,14 @@ class Corrections:
         with torch.no_grad():
             total = dynamics.acceleration(hard, d)
             rudder = total - dynamics.acceleration(hard, torch.zeros_like(d))
-        self._units, self._size = units, (float(0.5 * total[0].abs()), float(rudder[1].abs()), float(rudder[2].abs()))
+        self._units = units
+        size = (float(0.5 * total[0].abs()), float(rudder[1].abs()), float(rudder[2].abs()))
+        # Where each entry of the table stands, and each missing term as three of the factors of `_factors`.
+        self._at = units.new_tensor(self._entries).long().reshape(-1, 2).T
+        self._letters = torch.tensor([[FACTORS.index(f) for f in term.ljust(3, "1")] for _, term in self._missing])
+        there = [prod(abs(TURN[f.lower()]) for f in term) for _, term in self._missing]
+        weights = [MISSING * size[e] / scale for (e, _), scale in zip(self._missing, there, strict=True)]
+        self._weights = units.new_tensor(weights)[:, None] * torch.eye(3).to(units)[[e for e, _ in self._missing]]
 
     def __call__(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch k 3"]:
         """Accelerations per unit of every correction.
@@ -66,42 +78,52 @@ class Corrections:
             One row a correction.
         """
         acceleration = self.dynamics.acceleration(nu, delta)
-        rows = [*self._of_model(nu, delta, acceleration), *self._of_missing(nu, delta)]
-        for equation in range(3):
-            rows.append(_only(equation, -acceleration[..., equation]))
-        return torch.stack(rows, dim=-2)
+        hull, unity = self.dynamics.hull, torch.eye(3).to(acceleration)
+        forces = self._forces(nu, delta, acceleration)
+        of_model = hull.acceleration_from_force(nu[..., None, :].expand(forces.shape), forces)
+        of_missing = self._terms(nu, delta)[..., None] * self._weights
+        return torch.cat([of_model, of_missing, -acceleration[..., None, :] * unity], dim=-2)
 
-    def _of_model(self, nu: Tensor, delta: Tensor, acceleration: Tensor) -> list[Tensor]:
-        """Every coefficient, or hull and rudder of every equation."""
-        hull = self.dynamics.hull
-        if hull.table is not None:
-            made = hull.products(nu, delta)
-            forces = [_only(e, made[..., t] * hull.table[t, e]) for t, e in self._entries]
+    def together(
+        self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"], shares: Float[Tensor, " k"]
+    ) -> Float[Tensor, "*batch 3"]:
+        """Accelerations of all corrections at given sizes; the sum of the rows, without making them.
+
+        Args:
+            nu: u, v [m/s], r [rad/s].
+            delta: Rudder angle [rad].
+            shares: Size of every correction.
+
+        Returns:
+            udot, vdot [m/s^2], rdot [rad/s^2].
+        """
+        hull, acceleration = self.dynamics.hull, self.dynamics.acceleration(nu, delta)
+        first, last = len(shares) - 3 - len(self._missing), len(shares) - 3
+        if hull.table is None:
+            force = (self._forces(nu, delta, acceleration) * shares[:first, None]).sum(dim=-2)
         else:
-            calm = hull.force_from_acceleration(self.dynamics.acceleration(nu, torch.zeros_like(delta)))
-            parts = (calm, hull.force_from_acceleration(acceleration) - calm)
-            forces = [_only(e, part[..., e]) for part in parts for e in range(3)]
-        return [hull.acceleration_from_force(nu, f) for f in forces]
+            changed = torch.zeros_like(hull.table)
+            changed[self._at[0], self._at[1]] = hull.table[self._at[0], self._at[1]] * shares[:first]
+            force = hull.products(nu, delta) @ changed
+        missing = self._terms(nu, delta) @ (self._weights * shares[first:last, None])
+        return hull.acceleration_from_force(nu, force) + missing - acceleration * shares[last:]
 
-    def _of_missing(self, nu: Tensor, delta: Tensor) -> list[Tensor]:
-        """Terms that the model lacks."""
-        prime = nu / self._units
-        z = {"u": prime[..., 0] - 1, "v": prime[..., 1], "r": prime[..., 2], "d": delta}
-        rows = []
-        for equation, term in self._missing:
-            value, there = torch.ones_like(delta), 1.0
-            for letter in term:
-                factor = z[letter.lower()]
-                value = value * (factor.abs() if letter.isupper() else factor)
-                there *= abs(TURN[letter.lower()])
-            rows.append(_only(equation, value * (MISSING * self._size[equation] / there)))
-        return rows
+    def _forces(self, nu: Tensor, delta: Tensor, acceleration: Tensor) -> Tensor:
+        """Right-hand sides of every coefficient, or of hull and rudder of every equation."""
+        hull, unity = self.dynamics.hull, torch.eye(3).to(acceleration)
+        if hull.table is not None:
+            term, equation = self._at
+            return (hull.products(nu, delta)[..., term] * hull.table[term, equation])[..., None] * unity[equation]
+        calm = hull.force_from_acceleration(self.dynamics.acceleration(nu, torch.zeros_like(delta)))
+        rudder = hull.force_from_acceleration(acceleration) - calm
+        return torch.cat([part[..., None, :] * unity for part in (calm, rudder)], dim=-2)
 
-
-def _only(equation: int, value: Tensor) -> Tensor:
-    """A vector with one component."""
-    zero = torch.zeros_like(value)
-    return torch.stack([value if e == equation else zero for e in range(3)], dim=-1)
+    def _terms(self, nu: Tensor, delta: Tensor) -> Tensor:
+        """Products of factors of the terms that the model lacks."""
+        u, v, r = (nu / self._units).unbind(-1)
+        u = u - 1
+        factors = torch.stack(torch.broadcast_tensors(u, v, r, delta, v.abs(), r.abs(), torch.ones_like(u)), dim=-1)
+        return factors[..., self._letters].prod(dim=-1)
 
 
 class Calibrated(Dynamics):
@@ -145,8 +167,7 @@ class Calibrated(Dynamics):
         Returns:
             udot, vdot [m/s^2], rdot [rad/s^2].
         """
-        more = (self._corrections(nu, delta) * self.shares[:, None]).sum(dim=-2)
-        return self.calm.acceleration(nu, delta) + more
+        return self.calm.acceleration(nu, delta) + self._corrections.together(nu, delta, self.shares)
 
     def on_approach(self, speed: float) -> "Calibrated":
         """The corrected ship at another approach speed.

@@ -96,7 +96,7 @@ def _repair(
     for first in candidates:
         there = refined(tried.court.bench, first)
         j = replace(settle(Court(there), first.hypothesis, *first.best), random=first.random)
-        made = prove(question, there, none, j)
+        made = prove(question, there, none, j, proofs)
         after, gain = cost(made, question.dynamics, "after"), foreseen(question, j)
         helped = not made or (gain > 0 and after < HARM * before)
         text = (
@@ -115,7 +115,7 @@ def _with_network(
     """The same with a network on top, if runs that were not used are predicted better with it."""
     there = refined(tried.court.bench, chosen) if chosen.names else tried.court.bench
     more = with_remainder(Court(there), chosen, progress)
-    made = prove(question, there, tried.none, more)
+    made = prove(question, there, tried.none, more, proofs)
     now, then = (cost(p, question.dynamics, "after") for p in (proofs, made))
     helped = bool(made) and then < now and foreseen(question, more) > foreseen(question, chosen)
     text = f"with a network on top the error of free runs goes from {now:.2f} to {then:.2f} ({UNIT})"

@@ -50,7 +50,7 @@ class Question:
     remainder: bool = False
 
 
-def prove(question: Question, stand: Bench, none: Judged, judged: Judged) -> list[Proof]:
+def prove(question: Question, stand: Bench, none: Judged, judged: Judged, known: Sequence[Proof] = ()) -> list[Proof]:
     """Held-out runs predicted before and after.
 
     Args:
@@ -58,6 +58,7 @@ def prove(question: Question, stand: Bench, none: Judged, judged: Judged) -> lis
         stand: The fitted runs.
         none: Calm water as judged.
         judged: What was found.
+        known: Proofs of something else, whose predictions in calm water are the same.
 
     Returns:
         One proof a held-out run.
@@ -71,11 +72,10 @@ def prove(question: Question, stand: Bench, none: Judged, judged: Judged) -> lis
     if judged.names and question.calibrate:
         shares = question.dynamics.hull.inertia.new_tensor(stand.rotation @ judged.nuisance[:-places])
         model = replace(model, calm=Calibrated(question.dynamics, shares))
-    values = timed_values(question, judged)
+    befores = [p.before for p in known] or predict(calm, question.held_out)
+    afters = predict(model, question.held_out, timed_values(question, judged)) if judged.names else befores
     made = []
-    for run, b, a in zip(
-        question.held_out, predict(calm, question.held_out), predict(model, question.held_out, values), strict=True
-    ):
+    for run, b, a in zip(question.held_out, befores, afters, strict=True):
         record = recorded(run)
         made.append(Proof(run.name, run.kind, record, b, a, errors(b, record), errors(a, record)))
     return made

@@ -14,6 +14,7 @@ from manoeuvre_nn.diagnosis.court import Court, linear
 from manoeuvre_nn.diagnosis.gusts import judge_gusts
 from manoeuvre_nn.diagnosis.hypothesis import RANDOM, Hypothesis, Judged
 from manoeuvre_nn.diagnosis.refine import refined
+from manoeuvre_nn.diagnosis.screen import Screen
 from manoeuvre_nn.diagnosis.windows import best_windows
 
 HOPE = 30.0
@@ -161,17 +162,17 @@ def _pairs(court: Court, singles: Sequence[Judged], none: Judged, progress: Prog
     if not worth:
         return
     seen: set[frozenset[str]] = set()
-    screened = []
+    screen, screened = Screen(court), []
+    turned: dict[str, list[Hypothesis]] = {}
     for first in worth[:WIDTH]:
         for second in singles:
             names = frozenset((*first.names, *second.names))
             if len(names) < 2 or names in seen or _same_thing(first, second):
                 continue
             seen.add(names)
-            for partner in _restarts(court, first, second):
-                both = first.hypothesis.joined(partner)
-                found = court.posterior(linear(court.bench, both), [first.best[0]])
-                screened.append((float(found.by_level[0, first.best[1]]), first, both))
+            for partner in _restarts(court, first, second, turned):
+                score = screen.evidence(first.hypothesis, partner, *first.best)
+                screened.append((score, first, first.hypothesis.joined(partner)))
     screened.sort(key=lambda t: -t[0])
     finalists: dict[frozenset[str], tuple[Judged, Hypothesis]] = {}
     for _, first, both in screened:
@@ -185,25 +186,31 @@ def _pairs(court: Court, singles: Sequence[Judged], none: Judged, progress: Prog
         yield from pool.map(together, list(finalists.values())[:WIDTH])
 
 
-def _restarts(court: Court, first: Judged, second: Judged) -> list[Hypothesis]:
+def _restarts(court: Court, first: Judged, second: Judged, turned: dict[str, list[Hypothesis]]) -> list[Hypothesis]:
     """Where a partner may stand beside another effect: as alone, turned, or as an event where that one leaves it."""
     alone = second.hypothesis
     effect = alone.effects[0]
-    timed = any(p.per_run for p in effect.declared)
+    if effect.name not in turned:
+        turned[effect.name] = [alone, *_turned(alone)]
+    made = turned[effect.name]
+    if not any(p.per_run for p in effect.declared):
+        return made
+    grid = np.stack([h.values[0][0] for h in made])
+    placed = best_windows(court, effect, grid, *first.best, first.hypothesis)
+    return [alone, *(Hypothesis((effect,), (values,)) for values in placed)]
+
+
+def _turned(alone: Hypothesis) -> Iterator[Hypothesis]:
+    """An effect with a direction from four sides, its other parameters at their starts."""
+    effect = alone.effects[0]
     directions = [j for j, p in enumerate(effect.declared) if p.period]
-    made = [alone]
     for angle in range(0, 360, 90) if directions else ():
         values = alone.values[0].copy()
         for j, p in enumerate(effect.declared):
             if not p.form and not p.period and not p.per_run and p.name not in RANDOM:
                 values[:, j] = p.starts[0]
         values[:, directions[0]] = angle
-        made.append(Hypothesis((effect,), (values,)))
-    if not timed:
-        return made
-    grid = np.stack([h.values[0][0] for h in made])
-    placed = best_windows(court, effect, grid, *first.best, first.hypothesis)
-    return [alone, *(Hypothesis((effect,), (values,)) for values in placed)]
+        yield Hypothesis((effect,), (values,))
 
 
 def _same_thing(first: Judged, second: Judged) -> bool:
