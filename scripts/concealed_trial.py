@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[1]
 DEFAULTS = {"cases": "48", "seed": "", "out": "outputs/concealed_trial", "jobs": "2", "nuisance": "1.0"}
 DEFAULTS |= {"methods": "manoeuvre_nn"}
 METHODS = {
-    "manoeuvre_nn": (sys.executable, "diagnose.py", "cases={cases}", "out={out}", "threads=1"),
+    "manoeuvre_nn": (sys.executable, "diagnose.py", "cases={cases}", "out={out}", "workers=1"),
     "regression": (sys.executable, "scripts/peers.py", "method=regression", "cases={cases}", "out={out}"),
     "pysindy": (sys.executable, "scripts/peers.py", "method=pysindy", "cases={cases}", "out={out}"),
 }

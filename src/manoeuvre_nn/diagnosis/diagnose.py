@@ -41,7 +41,7 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
     began = time.perf_counter()
     progress("tracks and noise")
     stand = bench(question.dynamics, question.fitted)
-    tried = contest(stand, question.effects, progress, question.threads)
+    tried = contest(stand, question.effects, progress, question.workers)
     verdict = decide(tried)
     progress("proof")
     stand = tried.court.bench

@@ -33,7 +33,7 @@ class Question:
         effects: Prototypes of the candidates.
         undecided: What is known from the start to be undecidable, a sentence each.
         settings: For the record.
-        threads: Candidates that are fitted at once.
+        workers: Processes among which the candidates are shared out.
         calibrate: Whether the repaired model has its coefficients corrected too, within their usual scatter.
         remainder: Whether a network may learn what physics leaves.
     """
@@ -45,7 +45,7 @@ class Question:
     effects: Sequence[Effect]
     undecided: Sequence[str] = ()
     settings: Mapping[str, str] = field(default_factory=dict)
-    threads: int = 1
+    workers: int = 1
     calibrate: bool = True
     remainder: bool = False
 

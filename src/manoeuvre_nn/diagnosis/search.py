@@ -1,7 +1,6 @@
 """The contest: every candidate, then combinations, fitted and judged on all recordings together."""
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from itertools import product
 from math import inf
@@ -16,6 +15,7 @@ from manoeuvre_nn.diagnosis.hypothesis import RANDOM, Hypothesis, Judged
 from manoeuvre_nn.diagnosis.refine import refined
 from manoeuvre_nn.diagnosis.screen import Screen
 from manoeuvre_nn.diagnosis.windows import best_windows
+from manoeuvre_nn.diagnosis.workers import shared_out
 
 HOPE = 30.0
 """Log evidence by which a candidate may lie behind calm water after its first fit, made at calm water's noise."""
@@ -41,14 +41,14 @@ class Contest:
     court: Court = field(repr=False)
 
 
-def contest(bench: Bench, effects: Sequence[Effect], progress: Progress = lambda _: None, threads: int = 1) -> Contest:
+def contest(bench: Bench, effects: Sequence[Effect], progress: Progress = lambda _: None, workers: int = 1) -> Contest:
     """Judge calm water, every effect, and combinations of two.
 
     Args:
         bench: The fitted runs.
         effects: Prototypes of the candidates.
         progress: Is told which candidate is under test.
-        threads: Candidates that are fitted at once.
+        workers: Processes among which the candidates are shared out.
 
     Returns:
         The contest.
@@ -56,19 +56,21 @@ def contest(bench: Bench, effects: Sequence[Effect], progress: Progress = lambda
     court = Court(bench)
     none = court.judge(Hypothesis((), ()))
 
-    def alone(effect: Effect) -> Judged | None:
-        progress(effect.name)
-        return single(court, effect, none)
-
     # A gusty wind is a variant of what a steady wind explains: see below.
     plain = [e for e in effects if e.name != "wind_gusty"]
-    with ThreadPoolExecutor(threads) as pool:
-        singles = [j for j in pool.map(alone, plain) if j is not None]
+
+    def alone(number: int) -> Judged | None:
+        return single(court, plain[number], none)
+
+    singles = []
+    for effect, found in zip(plain, shared_out(alone, len(plain), workers), strict=True):
+        progress(effect.name)
+        singles += [found] if found is not None else []
     singles.sort(key=lambda j: -j.evidence)
     if singles and singles[0].evidence > none.evidence + WORTH:
         progress("second linearisation")
         court, none, singles = _again(court, none, singles)
-    pairs = list(_pairs(court, singles, none, progress, threads))
+    pairs = list(_pairs(court, singles, none, progress, workers))
     judged = sorted(singles + pairs, key=lambda j: -j.evidence)
     windy = [j for j in judged[:WIDTH] if "wind_steady" in j.names and j.evidence > none.evidence]
     gusty = next((e for e in effects if e.name == "wind_gusty"), None)
@@ -156,7 +158,7 @@ def _starts(court: Court, effect: Effect, level: int, scatter: int, given: Hypot
     yield from made
 
 
-def _pairs(court: Court, singles: Sequence[Judged], none: Judged, progress: Progress, threads: int) -> Iterator[Judged]:
+def _pairs(court: Court, singles: Sequence[Judged], none: Judged, progress: Progress, workers: int) -> Iterator[Judged]:
     """Two effects at once: all partners of the best few singles, screened by a linear step, the best ones fitted."""
     worth = [s for s in singles if s.evidence > none.evidence + 3.0]
     if not worth:
@@ -178,12 +180,15 @@ def _pairs(court: Court, singles: Sequence[Judged], none: Judged, progress: Prog
     for _, first, both in screened:
         finalists.setdefault(frozenset(both.names), (first, both))
 
-    def together(pair: tuple[Judged, Hypothesis]) -> Judged:
-        progress(" + ".join(pair[1].names))
-        return settle(court, pair[1], *pair[0].best)
+    chosen = list(finalists.values())[:WIDTH]
 
-    with ThreadPoolExecutor(threads) as pool:
-        yield from pool.map(together, list(finalists.values())[:WIDTH])
+    def together(number: int) -> Judged:
+        first, both = chosen[number]
+        return settle(court, both, *first.best)
+
+    for (_, both), found in zip(chosen, shared_out(together, len(chosen), workers), strict=True):
+        progress(" + ".join(both.names))
+        yield found
 
 
 def _restarts(court: Court, first: Judged, second: Judged, turned: dict[str, list[Hypothesis]]) -> list[Hypothesis]:

@@ -115,9 +115,9 @@ class Setup:
             **versions(),
         }
         undecided = (*case.undecided, *left_out)
-        threads = configs.whole_number("threads", self.cfg.threads, 1)
+        workers = configs.whole_number("workers", self.cfg.workers, 1)
         runs = (case.fitted, case.held_out)
-        question = Question(case.name, dynamics, *runs, effects, undecided, settings, threads)
+        question = Question(case.name, dynamics, *runs, effects, undecided, settings, workers)
         return replace(question, remainder=configs.switch("remainder", self.cfg.remainder)), effects
 
     def candidates(self, case: Case) -> tuple[list[Effect], list[str]]:
