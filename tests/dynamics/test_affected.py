@@ -18,6 +18,7 @@ from manoeuvre_nn.dynamics.replay import replay
 from manoeuvre_nn.dynamics.rollout import roll_out, rollout
 from manoeuvre_nn.dynamics.simulate import Problem, simulate
 from manoeuvre_nn.effect.current import Current
+from manoeuvre_nn.effect.loading import Loading
 from manoeuvre_nn.effect.propulsion import PowerLimit
 from manoeuvre_nn.effect.roll import RollCoupling
 from manoeuvre_nn.effect.rudder import RudderBacklash, RudderOffset, RudderSlow
@@ -246,3 +247,13 @@ def test_effects_are_named_with_their_values_and_usual_form_parameters_are_left_
     assert in_words([wind, current]).startswith("a steady wind (speed=12 m/s, from_deg=45) and a current (")
     three = in_words([Lurch(SHIP), Lurch(SHIP, half=0.3), current])
     assert three.startswith("a lurch (size=2 m/s), a lurch (size=2 m/s, half=0.3) and a current")
+
+
+def test_what_effects_keep_from_a_batch_of_recordings_can_be_differentiated_later():
+    """On another ship an effect sorts the ship's terms at its first use, which here is in a batch without gradients."""
+    slow = Affected(CALM, [Loading(SHIP, draught_ratio=1.1)]).on_approach(5.0)
+    with unchecked():
+        roll_out(slow, [straight(5.0)])
+    state = torch.tensor([5.0, 0.3, 0.01, 0.0, 0.0, 0.0], dtype=torch.float64, requires_grad=True)
+    slow(state, torch.tensor(0.1).double())[1].backward()
+    assert state.grad.abs().sum() > 0

@@ -232,3 +232,31 @@ def test_an_approach_speed_that_is_none_is_refused(speed):
 
 def test_nothing_ends_when_all_is_well():
     assert run(CalmWater(mariner()), [zigzag(20.0)], 20.0).ended.tolist() == [inf]
+
+
+def test_a_row_with_many_events_leaves_the_others_as_they_are():
+    """Rows have clocks of their own: one that is stopped often falls behind, and its samples are read off later."""
+    busy = Manoeuvre("busy", "random_rudder", tuple(Stage(0.3 * (-1) ** k, hold=0.3) for k in range(99)))
+    runs = run(CalmWater(mariner()), [zigzag(20.0), busy, straight()], 40.0, 2.0, 0.5)
+    for k, trial in enumerate([zigzag(20.0), busy, straight()]):
+        alone = run(CalmWater(mariner()), [trial], 40.0, 2.0, 0.5)
+        assert torch.allclose(runs.states[:, k], alone.states[:, 0], rtol=0, atol=1e-9)
+        assert torch.allclose(runs.rudders[:, k], alone.rudders[:, 0], rtol=0, atol=1e-12)
+    assert runs.orders[:16, 1].tolist() == [0.3 * (-1) ** int(2.0 * s / 0.3 + 1e-6) for s in range(16)]
+
+
+def test_stages_whose_heading_is_already_passed_are_left_at_once():
+    behind = tuple(Stage(order, heading=-0.1) for order in (0.3, -0.3, 0.2))
+    trial = Manoeuvre("behind", "zigzag", (*behind, Stage(0.1)), duration=20.0)
+    out = run(CalmWater(mariner()), [trial, straight()], 20.0)
+    assert (out.orders[1:, 0] == 0.1).all() and out.rudders[-1, 0] == 0.1
+
+
+def test_runs_of_a_batch_with_other_lengths_are_recorded_as_alone():
+    model, trials = CalmWater(mariner()), [zigzag(20.0, duration=d) for d in (30.0, 50.0, 30.0)]
+    with unchecked():
+        for together, trial in zip(roll_out(model, trials), trials, strict=True):
+            (alone,) = roll_out(model, [trial])
+            assert together.time.tolist() == alone.time.tolist() and together.meta["manoeuvre"] == trial
+            for name, values in alone.channels.items():
+                assert together[name] == approx(values, abs=1e-12), name

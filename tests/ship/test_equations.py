@@ -101,3 +101,9 @@ def test_an_unknown_rule_for_the_shaft_is_refused():
 def test_an_approach_speed_that_is_no_speed_is_refused(speed):
     with pytest.raises(InputError, match="write manoeuvre.speed_kn between 0 and 29.6"):
         mariner.mariner().on_approach(speed)
+
+
+def test_a_series_of_a_constant_alone_and_an_empty_one_are_series_too():
+    motion = torch.zeros(2, 3, 4, dtype=torch.float64)
+    assert (TaylorForce({"Y": {"0": 0.5}})(motion) == torch.tensor([0.0, 0.5, 0.0])).all()
+    assert TaylorForce({})(motion).tolist() == [[[0.0] * 3] * 3] * 2

@@ -20,9 +20,9 @@ def kinematics(state: Float[Tensor, "*batch 6"]) -> Float[Tensor, "*batch 3"]:
     Source:
         Wang 1996, eqs 3.12-3.14 (there as sums over time steps).
     """
-    u, v, r, psi = state[..., 0], state[..., 1], state[..., 2], state[..., 5]
+    u, v, r, _, _, psi = state.unbind(-1)
     cos, sin = torch.cos(psi), torch.sin(psi)
-    return torch.stack([u * cos - v * sin, u * sin + v * cos, r], dim=-1)
+    return torch.stack([u * cos - v * sin, u * sin + v * cos, r]).movedim(0, -1)
 
 
 def body_to_earth(

@@ -103,13 +103,12 @@ class Helm:
             shown: Angle that the indicator shows then [rad].
             blade: Angles behind it [rad].
             time: Time then [s].
-            moved: Rows for which the time has passed; the others stay as they are.
+            moved: Rows for which the time has passed; the others keep their stage.
             crossed: Rows whose heading reached its limit.
 
         Returns:
             The helm then.
         """
-        shown, blade = torch.where(moved, shown, self.rudder), torch.where(moved[:, None], blade, self.blade)
         over = moved & (crossed | (time >= self.began + self.now[2] - 1e-9))
         if not over.any():
             return replace(self, rudder=shown, blade=blade)
@@ -139,18 +138,15 @@ def helm_of(
     Returns:
         The helm at the start, indicator amidships.
     """
-    length = max(len(m.stages) for m in manoeuvres)
-    rows = []
-    for m in manoeuvres:
-        # Without a heading that ends it, a stage counts as one whose heading rises for ever.
-        stages = [
-            (s.order, inf, s.hold or inf, 1) if s.heading is None else (s.order, s.heading, s.hold or inf, s.direction)
-            for s in m.stages
-        ]
-        # The last stage is never left.
-        stages[-1] = (stages[-1][0], inf, inf, 1)
-        rows.append(stages + [stages[-1]] * (length - len(stages)))
-    order, heading, hold, direction = rate.new_tensor(np.array(rows, dtype=float)).unbind(-1)
-    table = torch.stack([order, heading + course[:, None], hold, direction])
+    stages, counts = [s for m in manoeuvres for s in m.stages], np.array([len(m.stages) for m in manoeuvres])
+    heading = np.array([inf if s.heading is None else s.heading for s in stages])
+    # Without a heading that ends it, a stage counts as one whose heading rises for ever.
+    direction = np.where(np.isinf(heading), 1.0, [s.direction for s in stages])
+    flat = np.stack([[s.order for s in stages], heading, [s.hold or inf for s in stages], direction])
+    last = np.cumsum(counts) - 1
+    flat[1:, last] = np.array([inf, inf, 1.0])[:, None]  # the last stage is never left
+    places = (last - counts + 1)[:, None] + np.arange(counts.max())
+    table = rate.new_tensor(flat[:, np.minimum(places, last[:, None])])
+    table[1] += course[:, None]
     zero = torch.zeros_like(rate)
     return Helm(table, table[..., 0], rate, zero.long(), zero, zero, blade)

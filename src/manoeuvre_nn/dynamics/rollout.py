@@ -105,6 +105,7 @@ def rollout(
     ends = torch.cat([(times[:-1, None] + within).flatten(), times[-1:]])
     amidships = start.new_zeros(len(manoeuvres))
     helm = helm_of(manoeuvres, amidships + ship.rudder_rate, start[:, 5], dynamics.blade_at_rest(amidships))
+    start = start.mT.contiguous().mT  # variables first in memory, as Dynamics.forward has them
     none, never = amidships.long(), torch.full_like(amidships, torch.inf)
     batch = _Batch(start, helm, amidships, none, none, never, start, never)
     past = [batch]
@@ -117,15 +118,16 @@ def rollout(
 def _read_off(past: Sequence[_Batch], times: Float[Tensor, " times"], parts: int) -> Rollout:
     """Every row at its samples, from all passes: a sample is where a row first had finished the steps up to it."""
     steps = torch.stack([b.steps for b in past], dim=-1)
-    samples = parts * torch.arange(len(times), device=steps.device)
-    at = torch.searchsorted(steps, samples.expand(len(steps), -1).contiguous()).T
+    rows, samples = len(steps), parts * torch.arange(len(times), device=steps.device)
+    at = torch.searchsorted(steps, samples.expand(rows, -1).contiguous()).T
+    place = (rows * at + torch.arange(rows, device=at.device)).flatten()
 
-    def pick(values: list[Tensor]) -> Tensor:
-        return torch.stack(values).gather(0, at)
+    def pick(values: Sequence[Tensor]) -> Tensor:
+        return torch.cat(tuple(values)).index_select(0, place).unflatten(0, at.shape)
 
-    shown, orders = pick([b.helm.rudder for b in past]), pick([b.helm.order for b in past])
-    blades, rows = pick([b.helm.blade[:, -1] for b in past]), torch.arange(len(steps), device=steps.device)
-    return Rollout(times, torch.stack([b.state for b in past])[at, rows], shown, blades, orders, past[-1].ended)
+    helms = [b.helm for b in past]
+    shown, blades, orders = (pick(v) for v in zip(*((h.rudder, h.blade[:, -1], h.order) for h in helms), strict=True))
+    return Rollout(times, pick([b.state for b in past]), shown, blades, orders, past[-1].ended)
 
 
 def _sampled(batch: _Batch, before: _Batch, parts: int, ship: Particulars, last: int) -> _Batch:
@@ -135,25 +137,27 @@ def _sampled(batch: _Batch, before: _Batch, parts: int, ship: Particulars, last:
     if lost.any():
         ended, steps = torch.where(lost, batch.time, batch.ended), batch.steps.masked_fill(lost, last)
         batch = replace(batch, ended=ended, steps=steps, state=torch.where(lost[:, None], batch.sampled, batch.state))
+    if sample.all():
+        return replace(batch, sampled=batch.state)
     return replace(batch, sampled=torch.where(sample[:, None], batch.state, batch.sampled))
 
 
 def _pass(dynamics: Dynamics, b: _Batch, ends: Float[Tensor, " steps"]) -> _Batch:
     """Every row goes on to the end of its step or to what happens before; rows that look for a crossing stay."""
     last = len(ends) - 1
-    due = ends[(b.steps + 1).clamp(max=last)]
+    due = ends.index_select(0, (b.steps + 1).clamp(max=last))
     smooth = torch.minimum(due - b.time, b.helm.smooth_time(b.time).clamp(min=0.0))
     tau = torch.fmin(smooth, b.attempt)
     state, shown, blade = _runge_kutta(dynamics, b.helm, b.state, b.time, tau)
-    crossed, beyond = b.tries == 2, b.helm.beyond(state[:, 5])
-    looking = ~crossed & ((beyond >= 0) | (b.tries == 1))
-    moved, time, tries, attempt = ~looking, b.time + tau, b.tries, b.attempt
-    if looking.any():
+    time, tries, attempt = b.time + tau, b.tries, b.attempt
+    crossed, beyond = tries == 2, b.helm.beyond(state[:, 5])
+    looking = ~crossed & ((beyond >= 0) | (tries == 1))
+    moved, search = ~looking, bool((looking | crossed).any())
+    if search:
         attempt = torch.where(looking, _looked_for(b, looking, state, smooth, beyond), torch.inf)
-        state, time = torch.where(moved[:, None], state, b.state), torch.where(moved, time, b.time)
-    elif crossed.any():
-        attempt = torch.full_like(attempt, torch.inf)
-    tries = torch.where(looking, tries + 1, 0)
+        tries = torch.where(looking, tries + 1, 0)
+        state, blade = torch.where(moved[:, None], state, b.state), torch.where(moved[:, None], blade, b.helm.blade)
+        time, shown = torch.where(moved, time, b.time), torch.where(moved, shown, b.helm.rudder)
     arrived = moved & (due - time <= 1e-9)
     time, steps = torch.where(arrived, due, time), (b.steps + arrived).clamp(max=last)
     helm = b.helm.advanced(shown, blade, time, moved, crossed)
@@ -230,17 +234,19 @@ def roll_out(dynamics: Dynamics, manoeuvres: Sequence[Manoeuvre], *, step: float
     done: dict[int, Recording] = {}
     for indices in by_speed.values():
         group = [manoeuvres[i] for i in indices]
-        problems = [Problem(dynamics, m).on_approach() for m in group]
-        moving, start, _ = problems[0]
-        times = max((p[2] for p in problems), key=len)
+        moving, start, _ = Problem(dynamics, group[0]).on_approach()
+        clocks = [Problem(moving, m).times() for m in group]
         with torch.no_grad():
-            runs = rollout(moving, group, start.repeat(len(group), 1), start.new_tensor(times), step=step)
-        for (count, status), rows in _alike([p[2] for p in problems], runs.ended).items():
+            moving(start, start[5], start[5])  # what an effect keeps from its first use must not be an inference tensor
+        with torch.inference_mode():
+            clock = start.new_tensor(max(clocks, key=len))
+            runs = rollout(moving, group, start.repeat(len(group), 1), clock, step=step)
+        for (count, status), rows in _alike(clocks, runs.ended).items():
             for some in range(0, len(rows), ROWS_AT_ONCE):
                 part = rows[some : some + ROWS_AT_ONCE]
                 made = [x[:count, part].transpose(0, 1) for x in (runs.states, runs.rudders, runs.orders, runs.blades)]
                 trials = [group[row] for row in part]
-                recordings = to_recordings(moving, trials, problems[part[0]][2][:count], *made[:3], status, made[3])
+                recordings = to_recordings(moving, trials, clocks[part[0]][:count], *made, status=status)
                 done |= {indices[row]: r for row, r in zip(part, recordings, strict=True)}
     return [done[i] for i in range(len(manoeuvres))]
 

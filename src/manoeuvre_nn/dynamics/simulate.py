@@ -38,20 +38,27 @@ class Problem:
         Returns:
             Dynamics, initial state (straight ahead at the origin, heading 0, rudder amidships) and sample times [s].
         """
-        speed, ship = self.manoeuvre.speed, self.dynamics.particulars
-        self.manoeuvre.check(ship)
-        dynamics = self.dynamics
+        speed, ship, dynamics = self.manoeuvre.speed, self.dynamics.particulars, self.dynamics
         if speed is not None and speed != ship.speed:
             check_speed(ship, speed)
             dynamics = dynamics.on_approach(speed)
         # Particulars after on_approach: the usual length of a trial follows from the approach speed.
-        ship = dynamics.particulars
-        step = self.interval or ship.sample_interval
+        times, ship = replace(self, dynamics=dynamics).times(), dynamics.particulars
         reference = next(b for b in dynamics.buffers() if b.is_floating_point())
         state = torch.zeros(6, dtype=reference.dtype)
         state[0] = ship.speed
         state = dynamics.start(state, dynamics.blade_at_rest(state.new_zeros(()))[-1])
-        return dynamics, state, np.arange(0.0, self.manoeuvre.duration_for(ship) + 1e-9, step)
+        return dynamics, state, times
+
+    def times(self) -> Float[np.ndarray, " times"]:
+        """Sample times of a manoeuvre that the ship can do, the ship being at its approach speed already.
+
+        Returns:
+            Times [s].
+        """
+        ship = self.dynamics.particulars
+        self.manoeuvre.check(ship)
+        return np.arange(0.0, self.manoeuvre.duration_for(ship) + 1e-9, self.interval or ship.sample_interval)
 
 
 @dataclass(frozen=True)
@@ -131,9 +138,8 @@ def to_recording(
         The recording.
     """
     blades = rudders if blades is None else blades
-    (made,) = to_recordings(
-        dynamics, [manoeuvre], times, states[None], rudders[None], orders[None], status, blades[None]
-    )
+    solution = [x[None] for x in (states, rudders, orders, blades)]
+    (made,) = to_recordings(dynamics, [manoeuvre], times, *solution, status=status)
     return made
 
 
@@ -144,8 +150,9 @@ def to_recordings(
     states: Float[Tensor, "runs n k"],
     rudders: Float[Tensor, "runs n"],
     orders: Float[Tensor, "runs n"],
-    status: str,
     blades: Float[Tensor, "runs n"],
+    *,
+    status: str,
 ) -> list[Recording]:
     """Put several solutions over the same times into recordings; see :func:`to_recording`.
 
@@ -156,8 +163,8 @@ def to_recordings(
         states: u, v, r, x, y, psi and the model's own.
         rudders: Rudder angle that the indicator shows [rad].
         orders: Rudder order [rad].
-        status: ``ok`` or why they were ended.
         blades: Angle of the rudder blade [rad].
+        status: ``ok`` or why they were ended.
 
     Returns:
         One recording a run.
