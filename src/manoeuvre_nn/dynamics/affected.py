@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from manoeuvre_nn.core.effect import Effect, Situation
@@ -228,22 +228,6 @@ class Affected(Dynamics):
         """
         calm = self.calm.on_approach(speed)
         return Affected(calm, [_aboard(e, calm.hull) for e in self._effects()])
-
-    def take(self, rows: Int[Tensor, " k"]) -> "Affected":
-        """The dynamics of some rows of a batch; values that differ from row to row are chosen with them.
-
-        Args:
-            rows: Row numbers.
-
-        Returns:
-            Dynamics whose batch is those rows.
-        """
-        calm = self.calm.take(rows)
-        own = [e.values.ndim > 1 and len(e.values) > 1 for e in self._effects()]
-        effects = [e.at(e.values[rows]) if o else e for e, o in zip(self._effects(), own, strict=True)]
-        if calm is self.calm and not any(own):
-            return self
-        return Affected(calm, effects)
 
 
 def _aboard(effect: Effect, ship: Ship) -> Effect:

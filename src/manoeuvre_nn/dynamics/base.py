@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from manoeuvre_nn.core.frames import kinematics
@@ -154,15 +154,3 @@ class Dynamics(ABC, nn.Module):
         """
         del states, shown, blade, time
         return {}
-
-    def take(self, rows: Int[Tensor, " k"]) -> "Dynamics":
-        """The dynamics of some rows of a batch; one ship for all rows is the same for any of them.
-
-        Args:
-            rows: Row numbers.
-
-        Returns:
-            Dynamics whose batch is those rows.
-        """
-        del rows
-        return self

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor, nn
 
 from manoeuvre_nn.core.errors import InputError
@@ -246,19 +246,3 @@ class Stacked(Dynamics):
             NotImplementedError: Always.
         """
         raise NotImplementedError("set the approach speed of each model before stacking them")
-
-    def take(self, rows: Int[Tensor, " k"]) -> "Stacked":
-        """Only some rows.
-
-        Args:
-            rows: Row numbers.
-
-        Returns:
-            A stack of those models.
-        """
-        part = Stacked.__new__(Stacked)
-        nn.Module.__init__(part)
-        part._template = self._template
-        part.parameters_of_rows = {k: p[rows] for k, p in self.parameters_of_rows.items()}
-        part.buffers_of_rows = {k: b[rows] for k, b in self.buffers_of_rows.items()}
-        return part
