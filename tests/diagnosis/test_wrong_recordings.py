@@ -39,6 +39,7 @@ MISTAKES = {
     "no time": (lambda t: t.drop(columns="t"), "no column 't'"),
     "no heading": (lambda t: t.assign(psi=np.nan), "column 'psi' holds no numbers"),
     "no rudder": (lambda t: t.assign(delta=""), "column 'delta' holds no numbers"),
+    "a rudder that is stuck": (lambda t: t.assign(delta=0.0, delta_order=0.0), "the rudder stays within 0 deg while"),
     "rudder mostly lost": (lambda t: t.assign(delta=t.delta.where(t.t < 150)), "38% of column 'delta' is empty"),
     "no position, no velocity": (lambda t: t.drop(columns=OVER_GROUND), "needs x_north, y_east or sog, cog or u, v"),
     "half a position": (lambda t: t.drop(columns=[*OVER_GROUND[1:]]), "neither position nor velocity"),

@@ -28,6 +28,8 @@ LOGS = {1 / KNOT: "u_log looks like knots", 3.6: "u_log looks like km/h"}
 """Logged speed over speed over ground -> what was mistaken."""
 UNITS = "t in s, x_north, y_east in m, sog, u, v, u_log in m/s, cog, psi, delta in deg, r in deg/s, n in rpm"
 REMEDY = f"csv columns are {UNITS}; for others give mapping=FILE.yaml"
+STUCK, AROUND = 0.5 * DEGREE, 45 * DEGREE
+"""A rudder that moves less, in a run that turns through more, was not recorded."""
 Finding = Callable[[Recording, Particulars], str | None]
 
 
@@ -43,7 +45,16 @@ def check_sheet(sheet: Sheet, ship: Particulars, remedy: str = REMEDY) -> None:
         InputError: With the first finding.
     """
     clean = _without_spikes(sheet, ship)
-    checks: tuple[Finding, ...] = (heading_unit, rudder_unit, rudder_stop, log_unit, shaft_unit, speed_unit, speed_size)
+    checks: tuple[Finding, ...] = (
+        heading_unit,
+        stuck_rudder,
+        rudder_unit,
+        rudder_stop,
+        log_unit,
+        shaft_unit,
+        speed_unit,
+        speed_size,
+    )
     if (
         max(_turned(clean, ship), np.ptp(clean["psi"])) > TURNED
     ):  # on a straight course there is little but noise to compare
@@ -86,6 +97,25 @@ def heading_unit(run: Recording, ship: Particulars) -> str | None:
     return (
         f"psi stays within {np.ptp(numbers):.3g} deg while the ship turns through {turned / DEGREE:.0f} deg: psi looks "
         "like radians"
+    )
+
+
+def stuck_rudder(run: Recording, ship: Particulars) -> str | None:
+    """A rudder that rests while the ship goes through a turn.
+
+    Args:
+        run: The run.
+        ship: The ship.
+
+    Returns:
+        The finding, or None.
+    """
+    moved, turned = float(np.ptp(run["delta"])), float(np.ptp(run["psi"]))
+    if moved > STUCK or turned < AROUND:
+        return None
+    return (
+        f"the rudder stays within {moved / DEGREE:.2g} deg while the ship turns through {turned / DEGREE:.0f} deg: "
+        "delta is missing or its sensor stuck, and without it nothing can be decided"
     )
 
 
