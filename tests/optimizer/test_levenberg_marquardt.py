@@ -12,6 +12,7 @@ from torch.nn import Parameter
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.network.perceptron import Perceptron, wang_network
+from manoeuvre_nn.optimizer.damping import Reason
 from manoeuvre_nn.optimizer.levenberg_marquardt import REASONS, LevenbergMarquardt
 
 DAMPINGS = ["trainlm", "nielsen"]
@@ -360,3 +361,13 @@ def test_a_row_that_runs_has_no_reason_and_infinite_loss_before_the_first_step()
     optimizer = LevenbergMarquardt([weights(1.0)])
     assert optimizer.reasons == [REASONS[0]] == [""]
     assert float(optimizer.loss) == inf and not optimizer.stopped
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"), [({"min_step": 10.0}, Reason.STEP), ({"min_fall": 1.0}, Reason.FALL), ({}, Reason.RUNNING)]
+)
+def test_a_row_stops_after_a_step_that_moves_or_gains_too_little(options, reason):
+    w = weights(-1.2, 1.0)
+    optimizer = fit(lambda: rosenbrock(w), [w], 1, **options)
+    assert optimizer.reasons == [reason]
+    assert float(optimizer.loss) < 12.1

@@ -6,26 +6,20 @@ of one ship or many restarts are one batch, and each has its own damping and its
 """
 
 from collections.abc import Callable, Iterable, Iterator
-from typing import Any, Literal
+from typing import Any
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 from torch.nn import Parameter
 
-from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.optimizer.damping import Damping, Reason, Rule, damped_step
 
 Jacobian = Callable[[], "Tensor | Iterable[Tensor]"]
-REASONS = (
-    "",
-    "goal reached",
-    "gradient below min_grad",
-    "mu above mu_max: no step lowers the error any more",
-    "validation error rose max_fail times",
-    "error is not finite",
-)
+Normal = Callable[[], tuple[Tensor, Tensor]]
+REASONS = tuple(Reason)
 LAYER_WIDTH = 16  # elements in the widest layer for one of the residual, assumed when autograd's memory is shared out
-RUNNING, GOAL, GRADIENT, DAMPING, VALIDATION, NOT_FINITE = range(len(REASONS))
 
 
 class LevenbergMarquardt(torch.optim.Optimizer):
@@ -46,9 +40,7 @@ class LevenbergMarquardt(torch.optim.Optimizer):
 
     Source:
         Levenberg 1944; Marquardt 1963; Hagan & Menhaj 1994 (TRAINLM's rule); Rajesh & Bhattacharyya 2009, section 4,
-        for mu and its factors, with mu_max 1e10 for the misprinted 1e-10; Nielsen 1999 and Madsen, Nielsen & Tingleff
-        2004, algorithm 3.16 (``damping="nielsen"``). Deviation: mu never falls below the smallest normal number of its
-        type, since from 0 no factor could raise it again.
+        for mu and its factors, with mu_max 1e10 for the misprinted 1e-10; see :class:`.Damping` for the rules.
     """
 
     def __init__(
@@ -62,9 +54,12 @@ class LevenbergMarquardt(torch.optim.Optimizer):
         mu_max: float = 1e10,
         goal: float = 0.0,
         min_grad: float = 1e-7,
+        min_step: float = 0.0,
+        min_fall: float = 0.0,
         max_fail: int = 6,
-        damping: Literal["trainlm", "nielsen"] = "trainlm",
+        damping: Rule = "trainlm",
         jacobian: Jacobian | None = None,
+        normal: Normal | None = None,
         max_elements: float = 2e7,
     ) -> None:
         """Set up.
@@ -78,28 +73,31 @@ class LevenbergMarquardt(torch.optim.Optimizer):
             mu_max: Damping above which a row stops.
             goal: Mean square error at which a row stops.
             min_grad: Norm of the gradient of the mean square error at which a row stops.
+            min_step: Step over weights below which a row stops [-].
+            min_fall: Fall of the error over the error below which a row stops [-].
             max_fail: Rises of the validation error that stop a row, see :meth:`validate`.
             damping: ``trainlm`` or ``nielsen``.
             jacobian: Gives J of shape (K, N, P), or (N, P) without rows, at the present weights, or an iterable of its
                 blocks along N; P runs over the parameters in their order. None takes it from autograd.
+            normal: Gives J^T J (K, P, P) and J^T e (K, P) at the present weights instead, for problems whose structure
+                saves the Jacobian, as :meth:`.OneHidden.normal_equations` does; asked after the closure.
             max_elements: A Jacobian with more elements is never built whole: J^T J is summed from blocks.
 
         Raises:
             InputError: If a setting makes no sense.
         """
-        check_choice("fit.damping", damping, ["trainlm", "nielsen"])
-        if not (mu > 0 and 0 < mu_dec < 1 < mu_inc and mu_max > mu and max_fail >= 1):
-            raise InputError(
-                f"Levenberg-Marquardt with mu={mu}, mu_dec={mu_dec}, mu_inc={mu_inc}, mu_max={mu_max}, max_fail="
-                f"{max_fail}: expected 0 < mu < mu_max, 0 < mu_dec < 1 < mu_inc, max_fail >= 1"
-            )
+        if max_fail < 1:
+            raise InputError(f"Levenberg-Marquardt with max_fail={max_fail}: expected at least 1")
+        if jacobian is not None and normal is not None:
+            raise InputError("Levenberg-Marquardt with jacobian and normal: expected one of them")
+        self.damping = Damping(damping, mu, mu_dec, mu_inc, mu_max)
         super().__init__(params, {})
         self._weights: list[Parameter] = [p for group in self.param_groups for p in group["params"]]
         if rows is not None and any(p.shape[0] != rows for p in self._weights):
             raise InputError(f"rows={rows}, but parameters have {[tuple(p.shape) for p in self._weights]}")
-        self.rows, self.jacobian, self.max_elements = rows, jacobian, max_elements
-        self.mu_dec, self.mu_inc, self.mu_max = mu_dec, mu_inc, mu_max
-        self.goal, self.min_grad, self.max_fail, self.damping = goal, min_grad, max_fail, damping
+        self.rows, self.jacobian, self.normal, self.max_elements = rows, jacobian, normal, max_elements
+        self.goal, self.min_grad, self.min_step, self.min_fall = goal, min_grad, min_step, min_fall
+        self.max_fail = max_fail
         one = self._weights[0].new_ones(rows or 1)
         # Reasons and counts are kept as floats of the weights' type: torch casts them to it when a state is loaded.
         self._state.update(
@@ -128,13 +126,13 @@ class LevenbergMarquardt(torch.optim.Optimizer):
 
     @property
     def reasons(self) -> list[str]:
-        """Why each row stopped; empty for a row that goes on."""
+        """Why each row stopped; empty for a row that goes on. See :class:`.Reason`."""
         return [REASONS[int(code)] for code in self._state["reason"]]
 
     @property
     def stopped(self) -> bool:
         """Whether every row has stopped."""
-        return bool((self._state["reason"] != RUNNING).all())
+        return bool((self._state["reason"] != 0).all())
 
     def step(self, closure: Callable[[], Tensor]) -> Float[Tensor, " rows"]:  # type: ignore[override]
         """One epoch.
@@ -154,12 +152,14 @@ class LevenbergMarquardt(torch.optim.Optimizer):
         self._judge(2 * gradient.norm(dim=1) / count)
         if "best_mse" in state:  # a validation before the first step could not know the error yet
             state["best_mse"] = torch.where(state["best_mse"].isinf(), state["mse"], state["best_mse"])
-        if self.damping == "nielsen" and int(state["steps"]) == 1:
-            state["mu"] = self._floored(state["mu"] * normal.diagonal(dim1=1, dim2=2).amax(1))
-        start, before = self._flat(), state["mse"]
-        pending = state["reason"] == RUNNING
+        if int(state["steps"]) == 1:
+            state["mu"] = self.damping.first(normal)
+        start = origin = self._flat()
+        before = state["mse"]
+        pending = state["reason"] == 0
         while pending.any():
-            move, solved = self._solve(normal, gradient, pending)
+            move, solved = damped_step(normal, gradient, self.mu)
+            move = torch.where((pending & solved)[:, None], move, 0.0)
             self._set(start + move)
             with torch.no_grad():
                 after = self._rows(closure()).square().mean(1)
@@ -168,9 +168,9 @@ class LevenbergMarquardt(torch.optim.Optimizer):
             state["mse"] = torch.where(better, after, state["mse"])
             start = torch.where(better[:, None], start + move, start)
             self._damp(pending, better, move, gradient, 0.5 * count * (before - after))
-            pending = pending & ~better & (state["reason"] == RUNNING)
+            pending = pending & ~better & (state["reason"] == 0)
         self._set(start)
-        self._judge_goal()
+        self._judge_step(origin, start, before)
         return self.loss
 
     @torch.no_grad()
@@ -192,62 +192,46 @@ class LevenbergMarquardt(torch.optim.Optimizer):
         state["best_mse"] = torch.where(better, state["mse"], kept_mse)
         state["best"] = torch.where(better, mse, state["best"])
         state["fails"] = torch.where(better, 0.0, state["fails"] + (~(mse <= state["best"])).to(mse))
-        failed = (state["fails"] >= self.max_fail) & (state["reason"] == RUNNING)
-        state["reason"] = torch.where(failed, float(VALIDATION), state["reason"])
-        over = state["reason"] != RUNNING
+        self._stop(state["fails"] >= self.max_fail, Reason.VALIDATION)
+        over = state["reason"] != 0
         state["mse"] = torch.where(over, state["best_mse"], state["mse"])
         self._set(torch.where(over[:, None], state["best_weights"], flat))
 
+    def _stop(self, where: Bool[Tensor, " rows"], reason: Reason) -> None:
+        """Note why rows stop, unless they have already."""
+        state = self._state
+        state["reason"] = torch.where(where & (state["reason"] == 0), reason.code, state["reason"])
+
     def _judge(self, slope: Float[Tensor, " rows"]) -> None:
         """Stop rows whose error is not a number, is at the goal, or whose gradient is flat."""
-        state = self._state
-        reason = torch.where(slope < self.min_grad, float(GRADIENT), 0.0)
-        reason = torch.where(state["mse"] <= self.goal, float(GOAL), reason)
-        reason = torch.where(state["mse"].isfinite() & slope.isfinite(), reason, float(NOT_FINITE))
-        state["reason"] = torch.where(state["reason"] == RUNNING, reason.to(state["reason"]), state["reason"])
+        mse = self._state["mse"]
+        self._stop(~(mse.isfinite() & slope.isfinite()), Reason.NOT_FINITE)
+        self._stop(mse <= self.goal, Reason.GOAL)
+        self._stop(slope < self.min_grad, Reason.GRADIENT)
 
-    def _judge_goal(self) -> None:
-        state = self._state
-        reached = (state["mse"] <= self.goal) & (state["reason"] == RUNNING)
-        state["reason"] = torch.where(reached, float(GOAL), state["reason"])
-
-    def _solve(
-        self, normal: Float[Tensor, "k p p"], gradient: Float[Tensor, "k p"], pending: Bool[Tensor, " k"]
-    ) -> tuple[Float[Tensor, "k p"], Bool[Tensor, " k"]]:
-        """Steps of the pending rows, zero for the others; and which of them could be solved."""
-        identity = torch.eye(normal.shape[-1], dtype=normal.dtype, device=normal.device)
-        # Rows that are not pending get a harmless system, so that one bad row cannot spoil the batch.
-        system = torch.where(pending[:, None, None], normal + self.mu[:, None, None] * identity, identity)
-        factor, info = torch.linalg.cholesky_ex(system)
-        solved = info == 0
-        factor = torch.where(solved[:, None, None], factor, identity)
-        move = -torch.cholesky_solve(gradient[..., None], factor)[..., 0]
-        move = torch.where((pending & solved)[:, None], move, 0.0)
-        return move, solved
+    def _judge_step(self, origin: Tensor, start: Tensor, before: Tensor) -> None:
+        """Stop rows that came to the goal or moved or gained too little; one that did not move has its reason."""
+        mse = self._state["mse"]
+        better = mse < before
+        self._stop(mse <= self.goal, Reason.GOAL)
+        self._stop(better & ((start - origin).norm(dim=1) < self.min_step * origin.norm(dim=1)), Reason.STEP)
+        self._stop(better & (before - mse < self.min_fall * before), Reason.FALL)
 
     def _damp(
-        self, pending: Tensor, better: Tensor, move: Float[Tensor, "k p"], gradient: Float[Tensor, "k p"], gain: Tensor
+        self, pending: Tensor, better: Tensor, move: Float[Tensor, "k p"], gradient: Float[Tensor, "k p"], fall: Tensor
     ) -> None:
         """New damping of the pending rows; those beyond mu_max stop."""
-        state, mu, nu = self._state, self._state["mu"], self._state["nu"]
-        if self.damping == "trainlm":
-            lower, higher = mu * self.mu_dec, mu * self.mu_inc
-        else:
-            promised = 0.5 * (move * (mu[:, None] * move - gradient)).sum(1)
-            ratio = gain / promised.clamp(min=torch.finfo(mu.dtype).tiny)
-            lower, higher = mu * (1 - (2 * ratio - 1) ** 3).clamp(min=1 / 3), mu * nu
-            state["nu"] = torch.where(pending, torch.where(better, 2.0, 2 * nu), nu)
-        state["mu"] = self._floored(torch.where(pending, torch.where(better, lower, higher), mu))
-        given_up = pending & ~better & (state["mu"] > self.mu_max)
-        state["reason"] = torch.where(given_up, float(DAMPING), state["reason"])
-
-    @staticmethod
-    def _floored(mu: Tensor) -> Tensor:
-        return mu.clamp(min=torch.finfo(mu.dtype).tiny)
+        state = self._state
+        mu, nu = self.damping.after(state["mu"], state["nu"], better, move, gradient, fall)
+        state["mu"], state["nu"] = torch.where(pending, mu, state["mu"]), torch.where(pending, nu, state["nu"])
+        self._stop(pending & ~better & (state["mu"] > self.damping.mu_max), Reason.DAMPING)
 
     def _linearise(self, closure: Callable[[], Tensor]) -> tuple[Tensor, Tensor, Tensor]:
         """Residual (K, N), J^T J (K, P, P) and J^T e (K, P) at the present weights."""
         self._state["evaluations"] = self._state["evaluations"] + 1
+        if self.normal is not None:
+            with torch.no_grad():
+                return self._rows(closure()), *self.normal()
         if self.jacobian is not None:
             with torch.no_grad():
                 residual = self._rows(closure())

@@ -12,7 +12,9 @@ from torch import Tensor
 from manoeuvre_nn import __version__
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.dynamics.model import IdentifiedShip
+from manoeuvre_nn.network.perceptron import Perceptron
 from manoeuvre_nn.optimizer.levenberg_marquardt import LevenbergMarquardt
+from manoeuvre_nn.optimizer.one_hidden import OneHidden
 from manoeuvre_nn.optimizer.steepest_descent import RateSchedule, SteepestDescent, StoppingRules
 from manoeuvre_nn.training.checkpoint import VERSION_KEY
 from manoeuvre_nn.training.data import Batch
@@ -264,17 +266,26 @@ class LevenbergMarquardtFit(Fit):
             "damping": damping,
         }
         self._inputs: Tensor | None = None
+        self._problem: OneHidden | None = None
 
     def configure_optimizers(self) -> LevenbergMarquardt:
-        """The optimizer, with the network's own Jacobian where it has one.
+        """The optimizer, with normal equations by formula for a perceptron, else the network's own Jacobian if any.
 
         Returns:
             The optimizer.
         """
         network: Any = self.dynamics.network
         rows = network.rows_count if hasattr(network, "rows_count") else None
+        if isinstance(network, Perceptron):
+            return LevenbergMarquardt(network.parameters(), rows=rows, normal=self._normal_equations, **self.options)
         jacobian = self._jacobian_blocks if hasattr(network, "jacobian") else None
         return LevenbergMarquardt(network.parameters(), rows=rows, jacobian=jacobian, **self.options)
+
+    def _normal_equations(self) -> tuple[Tensor, Tensor]:
+        """Those of a perceptron at its present weights."""
+        assert self._problem is not None
+        weights = [p.detach().flatten(1) for p in self.dynamics.network.parameters()]
+        return self._problem.normal_equations(torch.cat(weights, dim=1))
 
     def _jacobian_blocks(self) -> Iterator[Tensor]:
         """The network's Jacobian, in as many blocks of samples as memory asks for."""
@@ -292,6 +303,12 @@ class LevenbergMarquardtFit(Fit):
             batch_idx: 0.
         """
         self._inputs, y = self.scaled(batch[0], batch[1])
+        network = self.dynamics.network
+        if isinstance(network, Perceptron):
+            hidden = network.input_weights.shape[1]
+            self._problem = OneHidden(
+                self._inputs, y, hidden, activation=network.activation, max_elements=LARGEST_BLOCK
+            )
         optimizer: Any = self.optimizers()
         inner: LevenbergMarquardt = optimizer.optimizer
         for _ in range(self.iterations_per_epoch):

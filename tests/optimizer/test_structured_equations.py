@@ -1,0 +1,78 @@
+"""Normal equations by blocks against those of the dense Jacobian."""
+
+import pytest
+import torch
+from fleet import unchecked
+
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.network.perceptron import Perceptron
+from manoeuvre_nn.optimizer.levenberg_marquardt import LevenbergMarquardt
+from manoeuvre_nn.optimizer.one_hidden import OneHidden
+
+ROWS, SAMPLES, HIDDEN = 3, 37, 5  # a number of samples that no processor likes
+
+
+def given(
+    outputs: int = 3, activation: str = "tanh", own: bool = False
+) -> tuple[Perceptron, torch.Tensor, torch.Tensor]:
+    network = Perceptron(ROWS, 4, HIDDEN, outputs, activation=activation, initial="symmetric", seed=4)
+    generator = torch.Generator().manual_seed(7)
+    x = torch.randn(SAMPLES, 4, generator=generator, dtype=torch.float64)
+    y = torch.randn(ROWS if own else 1, SAMPLES, outputs, generator=generator, dtype=torch.float64)
+    return network, x, y if own else y[0]
+
+
+def flat(network: Perceptron) -> torch.Tensor:
+    return torch.cat([p.detach().flatten(1) for p in network.parameters()], 1)
+
+
+@pytest.mark.parametrize("activation", ["tanh", "sigmoid"])
+@pytest.mark.parametrize("outputs", [1, 3])
+@pytest.mark.parametrize("own", [False, True])
+@pytest.mark.parametrize("max_elements", [2e7, 1e3, 1.0])
+def test_blocks_give_the_products_of_the_dense_jacobian(activation, outputs, own, max_elements):
+    network, x, y = given(outputs, activation, own)
+    problem = OneHidden(x, y, HIDDEN, activation=activation, max_elements=max_elements)
+    mse, carry = problem.evaluate(flat(network))
+    normal, gradient = problem.linearise(flat(network), carry)
+    jacobian, errors = network.jacobian(x), (network.rows(x) - y).detach().flatten(1)
+    torch.testing.assert_close(mse, errors.square().mean(1), rtol=1e-13, atol=0)
+    torch.testing.assert_close(normal, jacobian.mT @ jacobian, rtol=1e-12, atol=1e-12)
+    torch.testing.assert_close(gradient, (jacobian.mT @ errors[..., None])[..., 0], rtol=1e-12, atol=1e-12)
+
+
+def test_some_rows_of_a_problem_are_the_problem_of_those_rows():
+    network, x, y = given(own=True)
+    rows = torch.tensor([2, 0])
+    whole = OneHidden(x, y, HIDDEN, activation="tanh")
+    for all_, some in zip(
+        whole.normal_equations(flat(network)), whole.take(rows).normal_equations(flat(network)[rows]), strict=True
+    ):
+        torch.testing.assert_close(all_[rows], some, rtol=1e-13, atol=1e-13)
+
+
+@pytest.mark.parametrize("damping", ["trainlm", "nielsen"])
+def test_the_optimizer_walks_the_same_way_with_either(damping):
+    ends = []
+    for structured in (True, False):
+        network, x, y = given(own=True)
+        problem = OneHidden(x, y, HIDDEN, activation="tanh")
+        way = {"jacobian": lambda network=network, x=x: network.jacobian(x)}
+        if structured:
+            way = {"normal": lambda problem=problem, network=network: problem.normal_equations(flat(network))}
+        optimizer = LevenbergMarquardt(network.parameters(), rows=ROWS, damping=damping, **way)
+        with unchecked():
+            for _ in range(4):
+                optimizer.step(lambda network=network, x=x, y=y: (network.rows(x) - y).flatten(1))
+        ends.append(flat(network))
+    torch.testing.assert_close(ends[0], ends[1], rtol=1e-8, atol=1e-9)
+
+
+def test_what_does_not_fit_together_is_refused():
+    network, x, y = given()
+    with unchecked(), pytest.raises(InputError, match="36 targets"):
+        OneHidden(x, y[1:], HIDDEN)
+    with pytest.raises(InputError, match="sigmoid, tanh"):
+        OneHidden(x, y, HIDDEN, activation="relu")
+    with unchecked(), pytest.raises(InputError, match="expected one of them"):
+        LevenbergMarquardt(network.parameters(), jacobian=lambda: x, normal=lambda: (x, y))
