@@ -289,7 +289,7 @@ SHELF = {p.stem: yaml.safe_load(p.read_text()) for p in (CONF / "effect").glob("
 def test_candidates_are_what_conf_holds():
     default, every = wanted("default", SHELF), wanted("all", SHELF)
     assert len(default) == 25 and {"wind_gusty", "gps_lever_arm"} <= set(default) < set(every)
-    assert set(SHELF) - set(every) == {"first_order_waves", "gps_delay"}
+    assert set(SHELF) - set(every) == {"first_order_waves", "gps_delay", "formula", "remainder"}
     assert wanted("current", SHELF) == wanted(["current"], SHELF) == ["current"]
 
 

@@ -1,0 +1,55 @@
+"""Short cuts of the search that must not change what it finds."""
+
+import os
+
+import pytest
+from pytest import approx
+from trials import CALM, CIRCLE, SHIP, ZIGZAG, runs, values
+
+from manoeuvre_nn.diagnosis.bench import bench
+from manoeuvre_nn.diagnosis.court import Court, linear
+from manoeuvre_nn.diagnosis.hypothesis import Hypothesis
+from manoeuvre_nn.diagnosis.screen import Screen
+from manoeuvre_nn.diagnosis.search import contest
+from manoeuvre_nn.diagnosis.workers import shared_out
+from manoeuvre_nn.effect.current import Current
+from manoeuvre_nn.effect.local import SideForce
+from manoeuvre_nn.effect.rudder import RudderOffset
+
+pytestmark = pytest.mark.usefixtures("unchecked_types")
+ACTING = (Current(SHIP, speed=0.6, toward_deg=50.0), RudderOffset(SHIP, offset_deg=1.5))
+PUSH = SideForce(SHIP, force_kN=100.0, lever_m=20.0, start_s=80.0, end_s=150.0)
+
+
+def alone(effect) -> Hypothesis:
+    return Hypothesis((effect,), (values(effect, 2),))
+
+
+@pytest.mark.parametrize("level, scatter", [(6, 1), (12, 3)])
+def test_a_pair_from_pieces_is_as_likely_as_the_pair_itself(level, scatter):
+    court = Court(bench(CALM, runs([CIRCLE, ZIGZAG], ACTING)))
+    screen = Screen(court)
+    for first, second in ((ACTING[0], ACTING[1]), (ACTING[1], PUSH), (PUSH, ACTING[0])):
+        a, b = alone(first), alone(second)
+        whole = court.posterior(linear(court.bench, a.joined(b)), [level]).by_level[0, scatter]
+        assert screen.evidence(a, b, level, scatter) == approx(float(whole), abs=1e-5)
+    assert screen.piece(a, level) is screen.piece(a, level)
+
+
+def process(number: int) -> tuple[int, int]:
+    return number, os.getpid()
+
+
+def test_results_come_in_order_from_several_processes():
+    found = list(shared_out(process, 5, 2))
+    assert [number for number, _ in found] == list(range(5)) and os.getpid() not in {pid for _, pid in found}
+    assert [pid for _, pid in shared_out(process, 3, 1)] == [os.getpid()] * 3
+    assert list(shared_out(process, 0, 2)) == []
+
+
+def test_two_processes_find_what_one_finds():
+    stand = bench(CALM, runs([CIRCLE, ZIGZAG], ACTING))
+    once, twice = (contest(stand, [type(e)(SHIP) for e in (*ACTING, PUSH)], workers=n) for n in (1, 2))
+    assert [j.names for j in once.judged] == [j.names for j in twice.judged]
+    assert [j.evidence for j in once.judged] == approx([j.evidence for j in twice.judged], abs=1e-9)
+    assert set(once.judged[0].names) == {"current", "rudder_offset"}
