@@ -12,7 +12,7 @@ from manoeuvre_nn.diagnosis.bench import Bench, bench
 from manoeuvre_nn.diagnosis.court import Court
 from manoeuvre_nn.diagnosis.gusts import judge_gusts
 from manoeuvre_nn.diagnosis.hypothesis import Hypothesis
-from manoeuvre_nn.diagnosis.locate import changes, residuals
+from manoeuvre_nn.diagnosis.locate import _parity, changes, residuals
 from manoeuvre_nn.diagnosis.search import single
 from manoeuvre_nn.diagnosis.windows import best_windows
 from manoeuvre_nn.effect.current import Current
@@ -90,6 +90,17 @@ def test_an_event_is_looked_for_in_what_another_effect_leaves():
     level = court.judge(NONE).best
     (found,) = best_windows(court, PUSH, np.array([[100.0, 0.0, 100.0, 300.0]]), *level, given)
     assert found[:, 2:] == approx(np.tile([83.0, 157.0], (2, 1)), abs=12.0)
+
+
+@pytest.mark.parametrize(
+    "left, right, told",
+    [(-2.0, -2.2, "the same on both sides"), (2.0, -1.8, "of opposite sign"), (0.1, 3.0, "on one side more")],
+)
+def test_port_and_starboard_turns_are_compared(left, right, told):
+    r = np.repeat([-0.01, 0.001, 0.01], 20)
+    (said,) = _parity("sway force Y", "kN", np.repeat([left, 50.0, right], 20), r)
+    assert said == f"Mean sway force Y: {left:.3g} kN in port turns, {right:.3g} kN in starboard turns: {told}."
+    assert _parity("sway force Y", "kN", np.ones(60), np.abs(r)) == []
 
 
 def noise(n: int, seed: int = 0) -> np.ndarray:

@@ -22,6 +22,9 @@ DRAWS = 24
 LARGEST = 0.5
 """Coloured force that leaves the missing force to the data alone, over the resistance and 20 deg of rudder."""
 EQUATIONS = ("surge force X", "sway force Y", "yaw moment N")
+UNITS = ("kN", "kN", "MN m")
+TURNING = 0.3
+"""Share of the largest yaw rate from which the ship turns."""
 
 
 def residuals(bench: Bench, hypothesis: Hypothesis, size: float = LARGEST) -> list[Residual]:
@@ -164,9 +167,8 @@ def _statements(bench: Bench, contest: Contest, found: Sequence[Residual]) -> li
     ratio = np.sqrt(np.mean((force / np.maximum(error, 1e-12)) ** 2, axis=0))
     said = []
     for k, name in enumerate(EQUATIONS):
-        unit = "kN" if k < 2 else "MN m"
         said.append(
-            f"Missing {name}: {np.sqrt(np.mean(force[:, k] ** 2)):.3g} {unit} rms, {ratio[k]:.1f} times its error."
+            f"Missing {name}: {np.sqrt(np.mean(force[:, k] ** 2)):.3g} {UNITS[k]} rms, {ratio[k]:.1f} times its error."
         )
     strongest = int(ratio.argmax())
     if ratio[strongest] < 1.5:
@@ -186,11 +188,24 @@ def _statements(bench: Bench, contest: Contest, found: Sequence[Residual]) -> li
             f"Of the {EQUATIONS[strongest]}'s variance a constant in body axes explains {body:.0%}, the heading "
             f"{earth:.0%}, rudder and yaw rate {turning:.0%}."
         )
+    said += _parity(EQUATIONS[strongest], UNITS[strongest], y, r)
     hard = np.abs(delta) > 0.5 * np.abs(delta).max()
     if hard.any() and not hard.all():
         share = float(np.sum(y[hard] ** 2) / np.sum(y**2))
         said.append(f"{share:.0%} of it falls into the {hard.mean():.0%} of the time with more than half the helm.")
     return said
+
+
+def _parity(name: str, unit: str, y: Float[np.ndarray, " n"], r: Float[np.ndarray, " n"]) -> list[str]:
+    """The missing force of port turns beside that of starboard turns; nothing if one side was left out."""
+    turns = TURNING * np.abs(r).max()
+    port, starboard = y[r < -turns], y[r > turns]
+    if min(len(port), len(starboard)) < 10:
+        return []
+    left, right = float(port.mean()), float(starboard.mean())
+    even, odd = abs(right + left) / 2, abs(right - left) / 2
+    alike = "the same on both sides" if even > 2 * odd else "of opposite sign" if odd > 2 * even else "on one side more"
+    return [f"Mean {name}: {left:.3g} {unit} in port turns, {right:.3g} {unit} in starboard turns: {alike}."]
 
 
 def _track(place: Place, name: str) -> Float[np.ndarray, " n"]:
