@@ -12,6 +12,7 @@ from manoeuvre_nn.diagnosis.formula import short_formula
 from manoeuvre_nn.diagnosis.hypothesis import Hypothesis
 from manoeuvre_nn.diagnosis.unknown import unknown_evidence
 from manoeuvre_nn.effect.formula import Formula, is_ordinary, library, place_of
+from manoeuvre_nn.ship.known import no_part
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 WEIGHTS = {"Y |v||r|": 1.2, "N r|r| cos 2psi": 0.6, "X 1 sin psi": 0.8, "rudder to port": -0.3}
@@ -82,3 +83,11 @@ def test_ordinary_terms_are_those_that_port_and_starboard_share():
 def test_a_term_that_is_not_in_the_library_is_told():
     with pytest.raises(InputError, match=r"'N r\^9' is unknown"):
         Formula(SHIP, ["N r^9"])
+
+
+def test_a_ship_of_which_only_the_inertia_is_known_has_units_for_its_terms_too():
+    """Its forces are a network's; without a rudder of its own a term would weigh nothing."""
+    bare = no_part(SHIP)
+    size = Formula(bare, ["N |v|"]).get_buffer("size")
+    own = Formula(SHIP, ["N |v|"]).get_buffer("size")
+    assert (size[1:] > 0).all() and torch.allclose(size[1:], own[1:], rtol=0.5)

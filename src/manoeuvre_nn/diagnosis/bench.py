@@ -3,19 +3,17 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from threading import Lock
 
 import numpy as np
-import torch
 from jaxtyping import Float, Int
 
 from manoeuvre_nn.core.effect import Situation
-from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis.columns import coefficient_columns, latency_column, situation
 from manoeuvre_nn.diagnosis.linear import Columns, Embedded, Linearised, Noise, Whitened, calm_rate, joined, linearise
 from manoeuvre_nn.diagnosis.runs import Run
 from manoeuvre_nn.diagnosis.track import smooth
 from manoeuvre_nn.dynamics.model import Dynamics
+from manoeuvre_nn.effect.common import typical as usual
 
 NOMINAL = np.array([0.7, 0.7, 0.04, 0.04, 1.75e-3, 3.5e-4, 0.05, 0.005])
 """First idea of the channels' noise [m, m, m/s, m/s, rad, rad/s, m/s, -]."""
@@ -88,7 +86,6 @@ class Bench:
         self.unit = typical(dynamics)
         self.levels = np.array(list(product(FORCE_LEVELS, FORCE_LEVELS)))
         self._at: dict[int, _Level] = {}
-        self._making = Lock()
         self._turn()
 
     def _turn(self) -> None:
@@ -108,9 +105,8 @@ class Bench:
         Returns:
             Whitened runs, their embedded base columns and what follows from them.
         """
-        with self._making:
-            if level not in self._at:
-                self._at[level] = self._made(level)
+        if level not in self._at:
+            self._at[level] = self._made(level)
         return self._at[level]
 
     def _made(self, level: int) -> "_Level":
@@ -181,6 +177,19 @@ def _turned(base: Columns, rotation: Float[np.ndarray, "k kept"]) -> Columns:
     return Columns(turn(base.measured), turn(base.moved))
 
 
+def quiet(level: int) -> int:
+    """A force level at which hypotheses must explain what the coloured force explained at another.
+
+    Args:
+        level: Grid point that calm water needs.
+
+    Returns:
+        The grid point, neither of its levels above the second.
+    """
+    side = len(FORCE_LEVELS)
+    return min(level // side, 1) * side + min(level % side, 1)
+
+
 def typical(dynamics: Dynamics) -> Float[np.ndarray, " 3"]:
     """Accelerations that are large in a manoeuvre: by the resistance in surge, by 20 deg of rudder in sway and yaw.
 
@@ -190,12 +199,7 @@ def typical(dynamics: Dynamics) -> Float[np.ndarray, " 3"]:
     Returns:
         [m/s^2, m/s^2, rad/s^2].
     """
-    hull, p = dynamics.hull, dynamics.particulars
-    nu = hull.inertia.new_tensor([p.speed, 0.0, 0.0])
-    with torch.no_grad():
-        turned = dynamics.acceleration(nu, nu.new_tensor(20 * DEGREE)) - dynamics.acceleration(nu, nu.new_tensor(0.0))
-        held_back = hull.acceleration_from_si(nu.new_tensor([p.calm_resistance, 0.0, 0.0]))
-    return np.array([float(held_back[0]), float(turned[1].abs()), float(turned[2].abs())])
+    return usual(dynamics.hull, dynamics.acceleration).numpy()
 
 
 def force_time(dynamics: Dynamics) -> float:

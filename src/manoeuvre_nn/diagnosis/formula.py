@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from manoeuvre_nn.diagnosis.bench import FORCE_LEVELS, LATENCY_SPREAD, SCATTER_LEVELS, Bench, Place
+from manoeuvre_nn.diagnosis.bench import LATENCY_SPREAD, SCATTER_LEVELS, Bench, Place, quiet
 from manoeuvre_nn.diagnosis.columns import moved_by
 from manoeuvre_nn.diagnosis.court import Court
 from manoeuvre_nn.diagnosis.hypothesis import Hypothesis, Judged
@@ -55,8 +55,7 @@ def short_formula(court: Court, none: Judged) -> Found | None:
     made = [_columns(bench, place, terms) for place in bench.places]
     columns, index = [c for c, _ in made], [np.arange(len(terms))] * len(made)
     unit = 1 / np.sqrt(np.mean([m for _, m in made], axis=0) + 1e-12)
-    rows, scatter = len(FORCE_LEVELS), min(none.best[1], 2)
-    level = min(none.best[0] // rows, 1) * rows + min(none.best[0] % rows, 1)
+    level, scatter = quiet(none.best[0]), min(none.best[1], 2)
     chosen = _chosen(bench.gram(level, columns, index, len(terms)), bench, scatter, unit)
     if not chosen:
         return None

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.core.effect import Effect
-from manoeuvre_nn.diagnosis.bench import Bench, bench, place_run
+from manoeuvre_nn.diagnosis.bench import LATENCY, Bench, bench, place_run
 from manoeuvre_nn.diagnosis.calibrated import Calibrated
 from manoeuvre_nn.diagnosis.court import Court
 from manoeuvre_nn.diagnosis.hypothesis import Hypothesis, Judged
@@ -67,7 +67,7 @@ def prove(question: Question, stand: Bench, none: Judged, judged: Judged, known:
         return []
     calm = Repaired(question.dynamics, none.hypothesis)
     places = len(question.fitted)
-    latency = 0.25 + float(np.mean(judged.nuisance[-places:])) if len(judged.nuisance) else 0.0
+    latency = LATENCY + float(np.mean(judged.nuisance[-places:])) if len(judged.nuisance) else 0.0
     model = Repaired(question.dynamics, judged.hypothesis, latency if judged.names else 0.0)
     if judged.names and question.calibrate:
         shares = question.dynamics.hull.inertia.new_tensor(stand.rotation @ judged.nuisance[:-places])

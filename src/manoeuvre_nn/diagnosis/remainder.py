@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from manoeuvre_nn.diagnosis.bench import FORCE_LEVELS
+from manoeuvre_nn.diagnosis.bench import quiet
 from manoeuvre_nn.diagnosis.court import Court
 from manoeuvre_nn.diagnosis.hypothesis import Hypothesis, Judged
 from manoeuvre_nn.diagnosis.search import Progress
@@ -48,7 +48,6 @@ def with_remainder(court: Court, judged: Judged, progress: Progress = lambda _: 
     mine = Hypothesis((effect,), (np.tile(start, (len(court.bench.places), 1)),))
     both = judged.hypothesis.joined(mine) if judged.names else mine
     # At the levels that the rest needed coloured force and coefficients would explain what the network is to learn.
-    rows = len(FORCE_LEVELS)
-    low = min(judged.best[0] // rows, 1) * rows + min(judged.best[0] % rows, 1)
+    low = quiet(judged.best[0])
     trained, _ = court.improve(both, low, min(judged.best[1], 1), rounds=ROUNDS)
     return court.judge(trained, around=low)

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.core.effect import Effect
-from manoeuvre_nn.diagnosis.bench import FORCE_LEVELS, SCATTER_LEVELS, Bench
+from manoeuvre_nn.diagnosis.bench import LATENCY_SPREAD, SCATTER_LEVELS, Bench, quiet
 from manoeuvre_nn.diagnosis.court import Court, linear
 from manoeuvre_nn.diagnosis.hypothesis import Hypothesis
 from manoeuvre_nn.diagnosis.linear import Columns, Embedded
@@ -42,8 +42,7 @@ def best_windows(
     timed = [j for j, p in enumerate(effect.declared) if p.per_run]
     ends = len(timed) > 1
     # Not the levels that calm water needs: there the event itself is taken for a coloured force and wrong coefficients.
-    rows = len(FORCE_LEVELS)
-    low, scatter = min(level // rows, 1) * rows + min(level % rows, 1), min(scatter, 2)
+    low, scatter = quiet(level), min(scatter, 2)
     there = None if given is None else linear(court.bench, given).columns
     found = [
         _scan(court.bench, run, low, scatter, not ends, None if there is None else there[run])
@@ -96,7 +95,7 @@ def _without(base: Embedded, known: Embedded) -> Embedded:
 def _projected(base: Embedded, blocks: Embedded, scatter: float) -> tuple[np.ndarray, np.ndarray]:
     """Inner products of blocks with themselves and the data, coefficients and latency taken out."""
     all_base, cross = base.dot(base), base.dot(blocks)
-    nuisance = all_base[1:, 1:] + np.diag(np.r_[np.full(len(all_base) - 2, scatter**-2), 0.25**-2])
+    nuisance = all_base[1:, 1:] + np.diag(np.r_[np.full(len(all_base) - 2, scatter**-2), LATENCY_SPREAD**-2])
     weights = np.linalg.solve(nuisance, cross[1:])
     gram = blocks.dot(blocks) - cross[1:].T @ weights
     return gram, cross[0] - all_base[0, 1:] @ weights

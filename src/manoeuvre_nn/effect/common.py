@@ -1,6 +1,6 @@
 """What several effects share: kinds of parameters, gates in time, thrust and the part of the rudder."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from math import pi
 from typing import Protocol, runtime_checkable
 
@@ -10,7 +10,12 @@ from torch import Tensor
 
 from manoeuvre_nn.core.effect import Parameter, Situation
 from manoeuvre_nn.core.ship import Ship
+from manoeuvre_nn.core.units import DEGREE
 
+TIGHT = {"u": 0.3, "v": 0.25, "r": 0.7, "d": 0.35}
+"""What (u - U0)/U0, v/U0, r L/U0 and the rudder angle [rad] are in a tight turn."""
+USUAL = (0.06, 0.5)
+"""20 deg of rudder in sway and yaw in prime accelerations: about those of the Mariner."""
 RISE = 2.0
 """Time in which an event would be complete at its steepest rate [s]; it makes the time of the event differentiable."""
 
@@ -66,6 +71,42 @@ def columns(*parts: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
         Their broadcast values, one column each.
     """
     return torch.stack(torch.broadcast_tensors(*parts), dim=-1)
+
+
+def typical(ship: Ship, rate: Callable[[Tensor, Tensor], Tensor] | None = None) -> Float[Tensor, " 3"]:
+    """Accelerations that are large in a manoeuvre: by the resistance in surge, by 20 deg of rudder in sway and yaw.
+
+    Args:
+        ship: The ship.
+        rate: Accelerations at velocities and a rudder angle; None takes the ship's own.
+
+    Returns:
+        [m/s^2, m/s^2, rad/s^2]; where the rudder does nothing, as in a ship of which only the inertia is known,
+        ``USUAL`` shares of U0^2/L and U0^2/L^2.
+    """
+    p, rate = ship.particulars, rate or ship.acceleration
+    ahead = ship.inertia.new_tensor([p.speed, 0.0, 0.0])
+    over = 20 * DEGREE * torch.ones_like(ahead[0])
+    with torch.no_grad():
+        turned = (rate(ahead, over) - rate(ahead, 0 * over)).abs()
+        held_back = ship.acceleration_from_si(ahead.new_tensor([p.calm_resistance, 0.0, 0.0]))
+    usual = p.speed**2 / p.length * turned.new_tensor([0.0, USUAL[0], USUAL[1] / p.length])
+    return torch.cat([held_back[:1].abs(), torch.where(turned > 0, turned, usual)[1:]])
+
+
+def in_tight_turns(ship: Ship, s: Situation) -> dict[str, Tensor]:
+    """Speeds, yaw rate and rudder angle in units of what they are in a tight turn.
+
+    Args:
+        ship: The ship.
+        s: The situation.
+
+    Returns:
+        u, v, r, d -> numbers of about one.
+    """
+    p = ship.particulars
+    z = {"u": s.u / p.speed - 1, "v": s.v / p.speed, "r": s.r * p.length / p.speed, "d": s.delta}
+    return {letter: value / TIGHT[letter] for letter, value in z.items()}
 
 
 def onset(time: Float[Tensor, "..."], start: Float[Tensor, "..."]) -> Float[Tensor, "..."]:

@@ -12,10 +12,9 @@ from manoeuvre_nn.core.effect import Effect, Parameter, Situation
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.effect.common import in_tight_turns, typical
 
 Motion = dict[str, Tensor]
-SCALES = {"u": 0.3, "v": 0.25, "r": 0.7, "d": 0.35}
-"""What (u - U0)/U0, v/U0, r L/U0 and the rudder angle [rad] are in a tight turn: there every factor is about one."""
 MOTIONS: dict[str, Callable[[Motion], Tensor]] = {
     "1": lambda z: torch.ones_like(z["r"]),
     "u": lambda z: z["u"],
@@ -167,12 +166,7 @@ class Formula(Effect):
             for k, spread in enumerate(spreads or [0.3] * len(terms))
         )
         super().__init__(ship, **values)
-        p = ship.particulars
-        ahead = ship.inertia.new_tensor([p.speed, 0.0, 0.0])
-        rudder = ahead.new_tensor(20 * DEGREE)
-        over = ship.acceleration(ahead, rudder) - ship.acceleration(ahead, 0 * rudder)
-        held_back = ship.acceleration_from_si(ahead.new_tensor([p.calm_resistance, 0.0, 0.0]))
-        self.register_buffer("size", torch.cat([held_back[:1].abs(), over[1:].abs()]).detach())
+        self.register_buffer("size", typical(ship))
 
     def acceleration(self, s: Situation, memory: Float[Tensor, "*batch m"]) -> Float[Tensor, "*batch 3"]:
         """The sum of the terms.
@@ -239,7 +233,7 @@ class Formula(Effect):
         drifts = {"t": late, "t^2": late**2}
         if shape in drifts:
             return {channel: size * drifts[shape]}
-        value = HEADINGS[shape](s.psi) if shape in HEADINGS else MOTIONS[shape](self._motion(s))
+        value = HEADINGS[shape](s.psi) if shape in HEADINGS else MOTIONS[shape](in_tight_turns(self.ship, s))
         return {channel: size * value * (s.u / p.speed if channel == "u_log" and shape in HEADINGS else 1.0)}
 
     def _of_rudder(self, angle: Float[Tensor, "*batch"], s: Situation) -> Float[Tensor, "*batch 3"]:
@@ -251,11 +245,5 @@ class Formula(Effect):
         """A term's acceleration for a weight of one."""
         equation, _, shape = term.partition(" ")
         motion, _, heading = (shape, "", "") if shape in MOTIONS else shape.partition(" ")
-        value = MOTIONS[motion](self._motion(s)) * (HEADINGS[heading](s.psi) if heading else 1.0)
+        value = MOTIONS[motion](in_tight_turns(self.ship, s)) * (HEADINGS[heading](s.psi) if heading else 1.0)
         return value[..., None] * self.get_buffer("size") * value.new_tensor([e == equation for e in "XYN"])
-
-    def _motion(self, s: Situation) -> Motion:
-        """Speeds, yaw rate and rudder in units of a tight turn."""
-        p = self.ship.particulars
-        z = {"u": s.u / p.speed - 1, "v": s.v / p.speed, "r": s.r * p.length / p.speed, "d": s.delta}
-        return {letter: value / SCALES[letter] for letter, value in z.items()}

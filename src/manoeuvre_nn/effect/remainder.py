@@ -9,7 +9,7 @@ from torch import Tensor
 
 from manoeuvre_nn.core.effect import Effect, Parameter, Situation
 from manoeuvre_nn.core.ship import Ship
-from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.effect.common import in_tight_turns, typical
 
 INPUTS = ("u", "v", "r", "delta", "cos_psi", "sin_psi")
 """What the network sees: the motion in units of a tight turn, and the heading as harmonics."""
@@ -57,12 +57,7 @@ class Remainder(Effect):
             values: Weight = value [-].
         """
         super().__init__(ship, **values)
-        p = ship.particulars
-        ahead = ship.inertia.new_tensor([p.speed, 0.0, 0.0])
-        rudder = ahead.new_tensor(20 * DEGREE)
-        over = ship.acceleration(ahead, rudder) - ship.acceleration(ahead, 0 * rudder)
-        held_back = ship.acceleration_from_si(ahead.new_tensor([p.calm_resistance, 0.0, 0.0]))
-        self.register_buffer("size", torch.cat([held_back[:1], over[1:].abs()]).detach())
+        self.register_buffer("size", typical(ship))
 
     def acceleration(self, s: Situation, memory: Float[Tensor, "*batch m"]) -> Float[Tensor, "*batch 3"]:
         """What the network adds.
@@ -83,7 +78,5 @@ class Remainder(Effect):
 
     def _inputs(self, s: Situation) -> Float[Tensor, "*batch inputs"]:
         """Motion in units of a tight turn, and harmonics of the heading."""
-        p = self.ship.particulars
-        motion = [(s.u / p.speed - 1) / 0.3, s.v / p.speed / 0.25, s.r * p.length / p.speed / 0.7, s.delta / 0.35]
         heading = [torch.cos(s.psi), torch.sin(s.psi)]
-        return torch.stack(torch.broadcast_tensors(*motion, *heading), dim=-1)
+        return torch.stack(torch.broadcast_tensors(*in_tight_turns(self.ship, s).values(), *heading), dim=-1)
