@@ -219,6 +219,11 @@ class Ship(ABC, nn.Module):
         del nu, delta
         raise NotImplementedError
 
+    @property
+    def shaft_rpm(self) -> float:
+        """Shaft speed on the approach [rpm]: the nominal one unless a family says otherwise."""
+        return self.particulars.rpm
+
     def shaft_force(
         self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"], shaft: Float[Tensor, "*batch"]
     ) -> Float[Tensor, "*batch 3"]:

@@ -1,6 +1,7 @@
 """A reference ship, an identified network and stacks of them: the same thing to a solver."""
 
 from collections.abc import Sequence
+from typing import Any, cast
 
 import torch
 from jaxtyping import Float
@@ -107,7 +108,7 @@ class IdentifiedShip(Dynamics):
     def on_approach(self, speed: float) -> "IdentifiedShip":
         """The known part takes on the speed; a network in the (rho, L, T, U0) system thereby scales with it.
 
-        In the BIS system nothing scales: the network then answers for one shaft speed only.
+        In the BIS system nothing scales: unless the network knows the shaft speed, it answers for one only.
 
         Args:
             speed: Approach speed [m/s].
@@ -115,7 +116,10 @@ class IdentifiedShip(Dynamics):
         Returns:
             New dynamics that share the network.
         """
-        return IdentifiedShip(self.known.on_approach(speed), self.network, self.scaling)
+        known, network = self.known.on_approach(speed), cast(Any, self.network)
+        if hasattr(network, "at_shaft"):
+            network = network.at_shaft(float(network.shaft) * known.shaft_rpm / self.known.shaft_rpm)
+        return IdentifiedShip(known, network, self.scaling)
 
 
 class Scaling(nn.Module):

@@ -14,6 +14,7 @@ from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.entry import config as configs
 from manoeuvre_nn.entry.provenance import check_same_run, finished, resolved, write_provenance
 from manoeuvre_nn.entry.results import Outcome, draw, judge_finally, print_outcome, write_results
+from manoeuvre_nn.network.hull_rudder import HullRudder
 from manoeuvre_nn.training import session
 from manoeuvre_nn.training.callbacks import RolloutScore
 from manoeuvre_nn.training.data import DEFAULT_SCORE, INSTEAD, ManoeuvreData, RecordedData
@@ -123,7 +124,10 @@ def blank_network(cfg: DictConfig) -> tuple[torch.nn.Module, str, torch.dtype]:
     check_choice("network.scaling", scaling, list(KINDS))
     check_choice("network.dtype", name, list(DTYPES))
     dtype = DTYPES[name]
-    return configs.build(settings, seed=configs.whole_number("seed", cfg.seed, 0), dtype=dtype), scaling, dtype
+    network = configs.build(settings, seed=configs.whole_number("seed", cfg.seed, 0), dtype=dtype)
+    if isinstance(network, HullRudder):
+        check_choice("network.scaling", scaling, list(network.scalings))
+    return network, scaling, dtype
 
 
 def _data(cfg: DictConfig, common: dict[str, Any], conf: Path) -> ManoeuvreData:

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from rich.console import Console
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.limits import OK
 from manoeuvre_nn.entry.provenance import SCORES, flat, versions
+from manoeuvre_nn.identification.ladder import ladder
 from manoeuvre_nn.manoeuvre.imo import ImoRow, imo_table
 from manoeuvre_nn.recording.held_out import HeldOut
 from manoeuvre_nn.recording.score import Score
@@ -44,6 +45,9 @@ class Outcome:
         inputs: Training inputs (N, 4), and those along each held-out manoeuvre.
         trained: How the training went.
         imo: IMO criteria of the predictions.
+        members: Predictions of an ensemble's members, by held-out manoeuvre.
+        ladder: Simpler models -> their scores on the same manoeuvres.
+        notes: What the simpler models know.
     """
 
     config: Mapping[str, Any]
@@ -58,6 +62,9 @@ class Outcome:
     inputs: tuple[np.ndarray, Mapping[str, np.ndarray]]
     trained: Trained
     imo: Sequence[ImoRow]
+    members: Sequence[Sequence[Recording]] = ()
+    ladder: Mapping[str, Sequence[Score]] = field(default_factory=dict)
+    notes: Sequence[str] = ()
 
     @property
     def mean_dev(self) -> float:
@@ -78,8 +85,9 @@ def judge_finally(config: Mapping[str, Any], trained: Trained, data: ManoeuvreDa
     """
     fit = trained.fit.double().cpu()
     held_out, known = data.held_out, HeldOut(tuple(data.recordings), data.held_out.length)
-    predictions = held_out.predict(fit.dynamics)
-    scores = held_out.score(predictions)
+    predictions, members = held_out.predict(fit.dynamics), held_out.predict_members(fit.dynamics)
+    scores = held_out.score(predictions, members)
+    rungs = ladder(data.reference, data.known, data.tuples)
     inputs, targets = data.tuples.inputs.double(), data.tuples.targets.double()
     rmse = tuple(float(e) for e in fit.relative_rmse(inputs, targets))
     return Outcome(
@@ -95,6 +103,9 @@ def judge_finally(config: Mapping[str, Any], trained: Trained, data: ManoeuvreDa
         inputs=(inputs.numpy(), {r.name: _inputs(r, fit) for r in held_out.references}),
         trained=trained,
         imo=imo_table({s.manoeuvre: s.criteria for s in scores}, fit.dynamics.particulars),
+        members=members,
+        ladder={r.name: held_out.score(held_out.predict(r.dynamics, "rollout")) for r in rungs},
+        notes=[f"Beside the network: {r.name}: {r.note}." for r in rungs],
     )
 
 
@@ -104,17 +115,18 @@ def _inputs(recording: Recording, fit: Fit) -> np.ndarray:
     return np.column_stack([recording.stacked("u", "v", "r") / units, recording["delta"]])
 
 
-def draw(reference: Recording, prediction: Recording) -> Mapping[str, Figure]:
+def draw(reference: Recording, prediction: Recording, members: Sequence[Recording] = ()) -> Mapping[str, Figure]:
     """Figures of one manoeuvre for TensorBoard.
 
     Args:
         reference: What was recorded.
         prediction: What was predicted.
+        members: What each member of an ensemble predicts.
 
     Returns:
         Name -> figure.
     """
-    return comparison_figures(reference, prediction, float(reference.meta["length"]))
+    return comparison_figures(reference, prediction, float(reference.meta["length"]), members)
 
 
 def figures(outcome: Outcome) -> dict[str, Figure]:
@@ -128,8 +140,8 @@ def figures(outcome: Outcome) -> dict[str, Figure]:
     """
     made = {
         f"{reference.name}/{name}": figure
-        for reference, prediction in zip(outcome.references, outcome.predictions, strict=True)
-        for name, figure in draw(reference, prediction).items()
+        for reference, prediction, members in zip(outcome.references, outcome.predictions, outcome.members, strict=True)
+        for name, figure in draw(reference, prediction, members).items()
     }
     made["training/forces"] = force_figure(outcome.times, *outcome.g)
     made["training/excitation"] = excitation_figure(*outcome.inputs)
@@ -150,6 +162,7 @@ def as_dict(outcome: Outcome) -> dict[str, Any]:
     return {
         "scores": {s.manoeuvre: s.as_dict() for s in outcome.scores},
         "mean_dev_L": outcome.mean_dev,
+        "ladder": {name: {s.manoeuvre: s.dev_L for s in scores} for name, scores in outcome.ladder.items()},
         "trained_on": {s.manoeuvre: s.as_dict() for s in outcome.training_scores},
         "training": {
             "relrmse": {f"g{k + 1}": e for k, e in enumerate(outcome.relative_rmse)},
@@ -186,7 +199,7 @@ def write_results(outcome: Outcome, out: Path) -> None:
         title=f"{outcome.config['name']}: trained and scored",
         summary=summary(outcome),
         tables={
-            "Held-out manoeuvres": score_rows(outcome.scores),
+            "Held-out manoeuvres": score_rows(outcome.scores, outcome.ladder),
             "Manoeuvres that were trained on, in closed loop": score_rows(outcome.training_scores),
             "IMO MSC.137(76), predicted": imo_rows(outcome.imo),
             "All criteria of the held-out manoeuvres": criteria_rows(outcome.scores),
@@ -194,7 +207,7 @@ def write_results(outcome: Outcome, out: Path) -> None:
         figures=drawn,
         config_yaml=yaml.safe_dump(dict(outcome.config), sort_keys=False, allow_unicode=True),
         versions=versions(),
-        notes=[outcome.trained_on, outcome.trained.chosen],
+        notes=[outcome.trained_on, outcome.trained.chosen, *outcome.notes],
     )
     _log_hyperparameters(outcome)
     (out / SCORES).write_text(json.dumps(as_dict(outcome), indent=1))
@@ -239,7 +252,7 @@ def print_outcome(outcome: Outcome, out: Path, console: Console) -> None:
         out: Output folder.
         console: Where to print.
     """
-    console.print(score_table(outcome.scores))
+    console.print(score_table(outcome.scores, outcome.ladder))
     judged = [row for row in outcome.imo if not row.verdict.startswith("not judged")]
     if judged:
         console.print(verdict_table(judged))

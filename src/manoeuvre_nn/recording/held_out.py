@@ -7,10 +7,12 @@ from typing import Literal
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.base import Dynamics
+from manoeuvre_nn.dynamics.members import has_members, replay_members, sail_members
+from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.dynamics.replay import replay
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.simulate import Problem, simulate
-from manoeuvre_nn.recording.score import Score, score
+from manoeuvre_nn.recording.score import Score, score, spread
 
 Solver = Literal["torchdiffeq", "rollout"]
 
@@ -47,8 +49,7 @@ class HeldOut:
         Returns:
             One prediction a reference, in their order.
         """
-        steered = [k for k, r in enumerate(self.references) if "manoeuvre" in r.meta]
-        recorded = [k for k, r in enumerate(self.references) if "manoeuvre" not in r.meta]
+        steered, recorded = self._sorted()
         manoeuvres = [self.references[k].meta["manoeuvre"] for k in steered]
         if solver == "rollout" and manoeuvres:
             runs = roll_out(dynamics, manoeuvres)
@@ -58,16 +59,40 @@ class HeldOut:
             runs += replay(dynamics, [self.references[k] for k in recorded])
         return [run for _, run in sorted(zip(steered + recorded, runs, strict=True), key=lambda pair: pair[0])]
 
-    def score(self, predictions: Sequence[Recording]) -> list[Score]:
+    def predict_members(self, dynamics: Dynamics) -> list[list[Recording]]:
+        """Run every member of an ensemble for itself.
+
+        Args:
+            dynamics: A model.
+
+        Returns:
+            The members' runs, reference by reference; empty lists for a model that is no ensemble.
+        """
+        if not (isinstance(dynamics, IdentifiedShip) and has_members(dynamics)):
+            return [[] for _ in self.references]
+        steered, recorded = self._sorted()
+        runs = sail_members(dynamics, [self.references[k].meta["manoeuvre"] for k in steered]) if steered else []
+        runs += replay_members(dynamics, [self.references[k] for k in recorded]) if recorded else []
+        return [run for _, run in sorted(zip(steered + recorded, runs, strict=True), key=lambda pair: pair[0])]
+
+    def _sorted(self) -> tuple[list[int], list[int]]:
+        """Numbers of the references that a helmsman steers, and of those with a recorded rudder."""
+        steered = [k for k, r in enumerate(self.references) if "manoeuvre" in r.meta]
+        return steered, [k for k in range(len(self.references)) if k not in steered]
+
+    def score(self, predictions: Sequence[Recording], members: Sequence[Sequence[Recording]] = ()) -> list[Score]:
         """Judge predictions.
 
         Args:
             predictions: One a reference, in their order.
+            members: Runs of an ensemble's members, as :meth:`predict_members` gives them.
 
         Returns:
             One score each.
         """
-        return [score(p, r, self.length) for p, r in zip(predictions, self.references, strict=True)]
+        scores = [score(p, r, self.length) for p, r in zip(predictions, self.references, strict=True)]
+        each = zip(scores, predictions, members or [[]] * len(scores), strict=True)
+        return [replace(s, spread_L=spread(p, m, self.length)) if m else s for s, p, m in each]
 
 
 def simulated_references(ship: Dynamics, manoeuvres: Sequence[Manoeuvre]) -> tuple[Recording, ...]:

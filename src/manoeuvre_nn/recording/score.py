@@ -1,6 +1,6 @@
 """How far a predicted manoeuvre is from the recorded one."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -26,6 +26,8 @@ class Score:
         nrmse: Root mean square error over the standard deviation of the recording, for u, v, r, psi [-].
         criteria: Criteria of the prediction, names with units (``overshoot_1_deg``, ``tactical_diameter_L``, ...).
         reference: The same of the recording.
+        spread_L: Distance over L that nine of ten members of an ensemble keep from its prediction, where it is largest
+            [-]; None for a model that is no ensemble. It grows where the data leave open what the ship does.
     """
 
     manoeuvre: str
@@ -34,6 +36,7 @@ class Score:
     nrmse: Mapping[str, float]
     criteria: Mapping[str, float] = field(default_factory=dict)
     reference: Mapping[str, float] = field(default_factory=dict)
+    spread_L: float | None = None  # noqa: N815
 
     @property
     def errors(self) -> dict[str, float]:
@@ -48,6 +51,7 @@ class Score:
         """
         return {
             "dev_L": self.dev_L,
+            **({} if self.spread_L is None else {"spread_L": self.spread_L}),
             "nrmse": dict(self.nrmse),
             "status": self.status,
             "criteria": dict(self.criteria),
@@ -85,6 +89,21 @@ def score(prediction: Recording, reference: Recording, length: float) -> Score:
         criteria(prediction, kind, length) if prediction.status == OK else {},
         criteria(reference, kind, length),
     )
+
+
+def spread(prediction: Recording, members: Sequence[Recording], length: float) -> float:
+    """How far the members of an ensemble go apart.
+
+    Args:
+        prediction: What the ensemble predicts.
+        members: What each member predicts; one that ended early is taken to rest where it ended.
+        length: L [m].
+
+    Returns:
+        Distance over L to the prediction that nine of ten members keep, where it is largest [-].
+    """
+    gaps = [np.hypot(*(np.interp(prediction.time, m.time, m[k]) - prediction[k] for k in ("x", "y"))) for m in members]
+    return float(np.quantile(gaps, 0.9, axis=0).max() / length)
 
 
 def _nrmse(prediction: Float[np.ndarray, " n"], reference: Float[np.ndarray, " n"]) -> float:

@@ -42,7 +42,9 @@ def _recorded_and_predicted() -> list[Line2D]:
     return [Line2D([], [], label="recorded", **RECORDED), Line2D([], [], label="predicted", **PREDICTED)]
 
 
-def track_figure(reference: Recording, prediction: Recording, length: float, title: str = "") -> Figure:
+def track_figure(
+    reference: Recording, prediction: Recording, length: float, title: str = "", members: Sequence[Recording] = ()
+) -> Figure:
     """Both tracks seen from above, and the distance between them over time.
 
     North is up and east to the right, in ship lengths from where the recording starts. Ship shapes of length L at the
@@ -53,6 +55,7 @@ def track_figure(reference: Recording, prediction: Recording, length: float, tit
         prediction: What was predicted.
         length: Ship length L [m].
         title: Heading; by default the recording's name.
+        members: What each member of an ensemble predicts: drawn thin.
 
     Returns:
         The figure.
@@ -68,6 +71,9 @@ def track_figure(reference: Recording, prediction: Recording, length: float, tit
         map_axes, gap_axes = figure.subplots(1, 2, width_ratios=[0.9, 1.1])
     else:
         map_axes, gap_axes = figure.subplots(2, 1, height_ratios=[map_height, rest])
+    for member in members:
+        path = np.stack([member["y"], member["x"]], axis=-1) / length - origin
+        map_axes.plot(*path.T, color=PREDICTED["color"], linewidth=0.5, alpha=0.35)
     _draw_tracks(map_axes, tracks, (reference, prediction))
     map_axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
     _draw_distance(gap_axes, reference, prediction, length)
@@ -132,7 +138,9 @@ def _mark_end(panels: Sequence[Axes], reference: Recording, prediction: Recordin
         panels[0].set_title(f"prediction {prediction.status}", loc="right", fontsize=9, color=COLOURS[0])
 
 
-def time_series_figure(reference: Recording, prediction: Recording, title: str = "") -> Figure:
+def time_series_figure(
+    reference: Recording, prediction: Recording, title: str = "", members: Sequence[Recording] = ()
+) -> Figure:
     """Heading and rudder, yaw rate, surge and sway over time in stacked panels.
 
     Heading and rudder share a panel, as in a zigzag diagram, unless the heading goes so far that the rudder would look
@@ -142,6 +150,7 @@ def time_series_figure(reference: Recording, prediction: Recording, title: str =
         reference: What was recorded.
         prediction: What was predicted.
         title: Heading; by default the recording's name.
+        members: What each member of an ensemble predicts: all lie in the shaded band.
 
     Returns:
         The figure. Time that a prediction did not reach is shaded, and its status written above.
@@ -153,6 +162,7 @@ def time_series_figure(reference: Recording, prediction: Recording, title: str =
     handles = _recorded_and_predicted()
     for axes, names in zip(panels, rows, strict=True):
         for thin, name in enumerate(names):
+            _draw_band(axes, name, prediction, members if name != "delta" else ())
             _draw_channel(axes, name, reference, prediction, bool(thin))
         label = "ψ, and δ thin [deg]" if len(names) > 1 else PANELS[names[0]][0]
         plain_axes(axes, "", label.replace(" [", "\n["))
@@ -169,6 +179,14 @@ def _draw_channel(axes: Axes, name: str, reference: Recording, prediction: Recor
     factor = PANELS[name][1]
     for rec, style in ((reference, RECORDED), (prediction, PREDICTED)):
         axes.plot(rec.time, factor * rec[name], **{**style, "linewidth": 0.9} if thin else style)
+
+
+def _draw_band(axes: Axes, name: str, prediction: Recording, members: Sequence[Recording]) -> None:
+    """What the members of an ensemble say of a channel."""
+    if members:
+        said = PANELS[name][1] * np.array([np.interp(prediction.time, m.time, m[name]) for m in members])
+        shade = {"color": PREDICTED["color"], "alpha": 0.2, "linewidth": 0}
+        axes.fill_between(prediction.time, said.min(axis=0), said.max(axis=0), **shade)
 
 
 def rate_against_rudder_figure(reference: Recording, prediction: Recording, title: str = "") -> Figure:
@@ -205,20 +223,23 @@ def rate_against_rudder_figure(reference: Recording, prediction: Recording, titl
     return figure
 
 
-def comparison_figures(reference: Recording, prediction: Recording, length: float) -> dict[str, Figure]:
+def comparison_figures(
+    reference: Recording, prediction: Recording, length: float, members: Sequence[Recording] = ()
+) -> dict[str, Figure]:
     """Every figure that compares one predicted manoeuvre with the recorded one.
 
     Args:
         reference: What was recorded.
         prediction: What was predicted.
         length: Ship length L [m].
+        members: What each member of an ensemble predicts.
 
     Returns:
         Name -> figure: ``track``, ``time series``, and for zigzags and spirals ``rate against rudder``.
     """
     figures = {
-        "track": track_figure(reference, prediction, length),
-        "time series": time_series_figure(reference, prediction),
+        "track": track_figure(reference, prediction, length, members=members),
+        "time series": time_series_figure(reference, prediction, members=members),
     }
     if reference.meta.get("kind") in {"spiral", "zigzag"}:
         figures["rate against rudder"] = rate_against_rudder_figure(reference, prediction)

@@ -18,6 +18,8 @@ from manoeuvre_nn.recording.score import JUDGED, Score
 Row = Mapping[str, Any]
 """Column heading -> cell. Cells are numbers, strings, or None where there is nothing."""
 
+Ladder = Mapping[str, Sequence[Score]]
+"""Simpler models than the network -> their scores on the same manoeuvres."""
 MAIN_CRITERIA = ("overshoot_1", "overshoot_2", "period", "advance", "tactical_diameter")
 """Criteria that the short table shows, by the start of their names; a kind with none of them shows its first three."""
 UNIT_SUFFIXES = {"deg": "deg", "s": "s", "L": "L", "deg_s": "deg/s", "m": "m", "m_s": "m/s"}
@@ -106,25 +108,34 @@ def criteria_text(score: Score) -> str:
     return "\n".join(lines)
 
 
-def score_rows(scores: Iterable[Score]) -> list[dict[str, Any]]:
+def score_rows(scores: Iterable[Score], ladder: Ladder | None = None) -> list[dict[str, Any]]:
     """Scores as rows for files and the HTML report.
 
     Args:
         scores: One a manoeuvre.
+        ladder: Simpler models -> their scores on the same manoeuvres.
 
     Returns:
-        One row a manoeuvre: status, dev/L, nRMSE and the main criteria, predicted (recorded).
+        One row a manoeuvre: status, dev/L, that of the simpler models, nRMSE and the main criteria, predicted
+        (recorded).
     """
     return [
         {
             "manoeuvre": s.manoeuvre,
             "status": s.status,
             "dev/L": s.dev_L,
+            **({} if s.spread_L is None else {"spread/L": s.spread_L}),
+            **{f"{name} dev/L": dev for name, dev in _beside(ladder, s.manoeuvre)},
             **{f"nRMSE {name}": s.nrmse.get(name) for name in JUDGED},
             "predicted (recorded)": criteria_text(s),
         }
         for s in scores
     ]
+
+
+def _beside(ladder: Ladder | None, manoeuvre: str) -> list[tuple[str, float]]:
+    """dev/L of simpler models in a manoeuvre."""
+    return [(name, s.dev_L) for name, scores in (ladder or {}).items() for s in scores if s.manoeuvre == manoeuvre]
 
 
 def criteria_rows(scores: Iterable[Score]) -> list[dict[str, Any]]:
@@ -198,26 +209,33 @@ def _bare_table(title: str) -> Table:
     )
 
 
-def score_table(scores: Iterable[Score], title: str = "Held-out manoeuvres") -> Table:
+def score_table(scores: Sequence[Score], ladder: Ladder | None = None, title: str = "Held-out manoeuvres") -> Table:
     """Scores for the terminal, within 100 columns.
 
     Args:
         scores: One a manoeuvre.
+        ladder: Simpler models -> their scores on the same manoeuvres.
         title: Heading.
 
     Returns:
-        The table: manoeuvre, status, dev/L, nRMSE of u, v, r, psi, main criteria predicted (recorded).
+        The table: manoeuvre, status, dev/L, how far an ensemble's members go apart and dev/L of the simpler models, or
+        where there are none of these nRMSE of u, v, r, psi; main criteria, predicted (recorded).
     """
     table = _bare_table(title)
-    table.caption = "dev: largest track distance; u v r psi: RMS error / std; criteria: predicted (recorded)"
+    banded, rungs = any(s.spread_L is not None for s in scores), list(ladder or {})
+    headings = ["dev/L", *(["spread"] if banded else []), *(rungs or JUDGED)]
+    what = f"{', '.join(rungs)}: dev/L of simpler models" if rungs else "u v r psi: RMS error / std"
+    apart = "; spread: of the members" if banded else ""
+    table.caption = f"dev: largest track distance{apart}; {what}; criteria: predicted (recorded)"
     # Names of files are long: folded, they can still be told apart.
     table.add_column("manoeuvre", min_width=10, max_width=16, overflow="fold")
     table.add_column("status", max_width=10)
-    for heading in ("dev/L", *JUDGED):
+    for heading in headings:
         table.add_column(heading, justify="right", no_wrap=True)
     table.add_column("criteria")
     for s in scores:
-        numbers = [text(s.dev_L, 3), *(text(s.nrmse.get(name), 2) for name in JUDGED)]
+        others = [dev for _, dev in _beside(ladder, s.manoeuvre)] if rungs else [s.nrmse.get(k) for k in JUDGED]
+        numbers = [text(s.dev_L, 3), *([text(s.spread_L, 2)] if banded else []), *(text(x, 2) for x in others)]
         table.add_row(*map(_coloured, (s.manoeuvre, s.status, *numbers, criteria_text(s))))
     return table
 

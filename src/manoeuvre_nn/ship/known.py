@@ -29,6 +29,11 @@ class InertiaOnly(Ship):
         super().__init__(ship.particulars, ship.prime, ship.inertia)
         self._ship = [ship]  # in a list, so that its coefficients are no part of the model
 
+    @property
+    def shaft_rpm(self) -> float:
+        """Shaft speed of the ship [rpm]."""
+        return self._ship[0].shaft_rpm
+
     def force(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
         """Nothing is known.
 

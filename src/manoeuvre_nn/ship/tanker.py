@@ -112,6 +112,11 @@ class TankerShip(Ship):
         return self.coefficient_table
 
     @property
+    def shaft_rpm(self) -> float:
+        """Shaft speed [rpm]."""
+        return self.rpm
+
+    @property
     def terms(self) -> tuple[str, ...]:
         """The products as the source writes them."""
         return PRODUCTS

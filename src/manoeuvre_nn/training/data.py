@@ -50,9 +50,11 @@ class ManoeuvreData(ABC, L.LightningDataModule):
         recordings: What the tuples are made from, after windowing, resampling and noise.
         tuples: Inputs and targets in the known part's prime system.
         held_out: The manoeuvres to judge by.
+        reference: The ship, or its particulars where no more is known.
     """
 
     known: Ship
+    reference: Ship | Particulars
     recordings: Sequence[Recording]
     tuples: Tuples
     held_out: HeldOut
@@ -183,6 +185,7 @@ class SimulatedData(ManoeuvreData):
         if not score:
             raise InputError("score=[] names no manoeuvre to judge by: write for instance score=[zz20]")
         self.ship = Affected(CalmWater(ship), effects) if effects else CalmWater(ship)
+        self.reference = ship
         self.effects, self.manoeuvres, self.score_manoeuvres = effects, manoeuvres, score
         self.length, self.rate_hz = length, rate_hz
         if length is not None:
@@ -264,6 +267,7 @@ class RecordedData(ManoeuvreData):
         check_positive("data.length", length)
         check_positive("data.rate_hz", rate_hz)
         self.particulars = ship if isinstance(ship, Particulars) else ship.particulars
+        self.reference = ship
         where = Path(folder)
         paths = expand(where, files, "data.files")
         if not paths:

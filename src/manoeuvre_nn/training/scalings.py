@@ -7,7 +7,7 @@ from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.dynamics.model import Scaling
 from manoeuvre_nn.recording.tuples import Tuples
 
-KINDS = ("source", "centred", "balanced", "standard")
+KINDS = ("source", "centred", "balanced", "standard", "mirrored", "speed")
 
 
 def make_scaling(kind: str, known: Ship, tuples: Tuples) -> Scaling:
@@ -19,10 +19,12 @@ def make_scaling(kind: str, known: Ship, tuples: Tuples) -> Scaling:
     Levenberg-Marquardt does not, and extrapolates better without (Mariner, zz35, 8 seeds, median dev on tc25: .05 L
     against .21 L).
     ``standard`` subtracts the mean of the training tuples from the inputs and divides inputs and g' by their standard
-    deviation.
+    deviation. ``mirrored`` does so with u' and g', and divides v', r', delta by their root mean square, so that 0
+    stays amidships. ``speed`` divides u' by that of the approach and the others as ``mirrored`` does, so that ratios of
+    speeds stay ratios.
 
     Args:
-        kind: ``source``, ``centred``, ``balanced`` or ``standard``.
+        kind: One of :data:`KINDS`.
         known: Known part, for its prime system and approach speed.
         tuples: Training tuples.
 
@@ -38,6 +40,11 @@ def make_scaling(kind: str, known: Ship, tuples: Tuples) -> Scaling:
         output = _or_one(y.square().mean(0).sqrt())
     if kind == "standard":
         shift, scale, output = x.mean(0), _or_one(x.std(0)), _or_one(y.std(0))
+    if kind in {"mirrored", "speed"}:
+        scale, output = _or_one(x.square().mean(0).sqrt()), _or_one(y.std(0))
+        scale[0] = known.particulars.speed / known.prime.speed
+    if kind == "mirrored":
+        shift[0], scale[0] = x[:, 0].mean(), _or_one(x[:, 0].std())
     return Scaling(shift, scale, output)
 
 

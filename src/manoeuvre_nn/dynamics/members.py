@@ -1,0 +1,116 @@
+"""The members of an ensemble, each sailing for itself: what they disagree about is what the data did not tell."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from manoeuvre_nn.core.manoeuvre import Manoeuvre
+from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.dynamics.base import Dynamics
+from manoeuvre_nn.dynamics.model import IdentifiedShip
+from manoeuvre_nn.dynamics.replay import replay
+from manoeuvre_nn.dynamics.rollout import roll_out
+
+
+class Members(Dynamics):
+    """An identified ship whose batches hold every run once for each member: all runs of the first, then of the next."""
+
+    def __init__(self, model: IdentifiedShip) -> None:
+        """Take the members of a model's network.
+
+        Args:
+            model: Its network has ``trained`` members that answer ``each`` for itself.
+        """
+        super().__init__()
+        self.model = model
+
+    @property
+    def count(self) -> int:
+        """Number of trained members."""
+        return int(self.model.network.trained) or self.model.network.members  # type: ignore[arg-type, return-value]
+
+    @property
+    def particulars(self) -> Particulars:
+        """Those of the model."""
+        return self.model.particulars
+
+    @property
+    def hull(self) -> Ship:
+        """The known part."""
+        return self.model.known
+
+    def on_approach(self, speed: float) -> "Members":
+        """The model at another approach speed.
+
+        Args:
+            speed: Approach speed [m/s].
+
+        Returns:
+            New dynamics.
+        """
+        return Members(self.model.on_approach(speed))
+
+    def acceleration(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
+        """Accelerations, every row by its own member; a state that is no batch gets the median's.
+
+        Args:
+            nu: u, v [m/s], r [rad/s].
+            delta: Rudder angle [rad].
+
+        Returns:
+            udot, vdot [m/s^2], rdot [rad/s^2].
+        """
+        if nu.ndim == 1:
+            return self.model.acceleration(nu, delta)
+        known, scaling, network = self.model.known, self.model.scaling, self.model.network
+        prime = torch.cat([nu / known.velocity_units, delta[..., None]], dim=-1)
+        each = network.each(scaling.inputs(prime).reshape(self.count, -1, 4), self.count)  # type: ignore[operator]
+        unknown = scaling.restore(each).reshape(nu.shape)
+        return known.acceleration_from_force(nu, known.force(nu, delta) + unknown)
+
+
+def has_members(dynamics: Dynamics) -> bool:
+    """Whether a model is an ensemble.
+
+    Args:
+        dynamics: A model.
+
+    Returns:
+        True for an identified ship whose network has more than one trained member.
+    """
+    network: Any = getattr(dynamics, "network", None)
+    return hasattr(network, "each") and int(network.trained) > 1
+
+
+def sail_members(model: IdentifiedShip, manoeuvres: Sequence[Manoeuvre]) -> list[list[Recording]]:
+    """Every member through every manoeuvre, in one fixed-step batch.
+
+    Args:
+        model: The ensemble.
+        manoeuvres: What is to be done.
+
+    Returns:
+        Members' runs by manoeuvre.
+    """
+    members = Members(model)
+    runs = roll_out(members, [m for _ in range(members.count) for m in manoeuvres])
+    return [runs[k :: len(manoeuvres)] for k in range(len(manoeuvres))]
+
+
+def replay_members(model: IdentifiedShip, recordings: Sequence[Recording]) -> list[list[Recording]]:
+    """Every member along every recording, driven by the recorded rudder.
+
+    Args:
+        model: The ensemble.
+        recordings: What was recorded.
+
+    Returns:
+        Members' runs by recording.
+    """
+    members = Members(model)
+    runs = replay(members, [r for _ in range(members.count) for r in recordings])
+    return [runs[k :: len(recordings)] for k in range(len(recordings))]
