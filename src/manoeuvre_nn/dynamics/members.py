@@ -1,12 +1,13 @@
 """The members of an ensemble, each sailing for itself: what they disagree about is what the data did not tell."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, cast
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from manoeuvre_nn.core.frames import kinematics
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars, Ship
@@ -54,8 +55,52 @@ class Members(Dynamics):
         """
         return Members(self.model.on_approach(speed))
 
+    @property
+    def memory(self) -> int:
+        """One: the number of the member that moves a row."""
+        return 1
+
+    def start(self, state: Float[Tensor, "*batch 6"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 7"]:
+        """The state and the number of its member.
+
+        Args:
+            state: u, v, r, x, y, psi; as many rows for every member, or a single one for the first.
+            delta: Angle of the rudder blade [rad].
+
+        Returns:
+            Whole states.
+        """
+        del delta
+        rows = state[..., 0].numel()
+        number = torch.arange(rows, device=state.device) // max(1, rows // self.count)
+        return torch.cat([state, number.reshape(*state.shape[:-1], 1).to(state)], dim=-1)
+
+    def forward(
+        self,
+        state: Float[Tensor, "*batch 7"],
+        delta: Float[Tensor, "*batch"],
+        time: Float[Tensor, "*batch"] | None = None,
+    ) -> Float[Tensor, "*batch 7"]:
+        """Rate of the state, every row by its own member.
+
+        Args:
+            state: u, v, r, x, y, psi and the member's number.
+            delta: Rudder angle [rad].
+            time: Time since the start [s]; nothing depends on it.
+
+        Returns:
+            Its time derivative.
+        """
+        del time
+        known, scaling, network = self.model.known, self.model.scaling, cast(Any, self.model.network)
+        nu, number = state[..., :3], state[..., 6].round().long()
+        prime = torch.cat([nu / known.velocity_units, delta[..., None]], dim=-1)
+        unknown = scaling.restore(network.of(scaling.inputs(prime).reshape(-1, 4), number.flatten()).reshape(nu.shape))
+        nudot = known.acceleration_from_force(nu, known.force(nu, delta) + unknown)
+        return torch.cat([nudot, kinematics(state[..., :6]), torch.zeros_like(state[..., 6:])], dim=-1)
+
     def acceleration(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
-        """Accelerations, every row by its own member; a state that is no batch gets the median's.
+        """Accelerations by the whole ensemble: without its number nobody knows which member is meant.
 
         Args:
             nu: u, v [m/s], r [rad/s].
@@ -64,13 +109,7 @@ class Members(Dynamics):
         Returns:
             udot, vdot [m/s^2], rdot [rad/s^2].
         """
-        if nu.ndim == 1:
-            return self.model.acceleration(nu, delta)
-        known, scaling, network = self.model.known, self.model.scaling, self.model.network
-        prime = torch.cat([nu / known.velocity_units, delta[..., None]], dim=-1)
-        each = network.each(scaling.inputs(prime).reshape(self.count, -1, 4), self.count)  # type: ignore[operator]
-        unknown = scaling.restore(each).reshape(nu.shape)
-        return known.acceleration_from_force(nu, known.force(nu, delta) + unknown)
+        return self.model.acceleration(nu, delta)
 
 
 def has_members(dynamics: Dynamics) -> bool:

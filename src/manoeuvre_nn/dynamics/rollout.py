@@ -240,7 +240,9 @@ def roll_out(dynamics: Dynamics, manoeuvres: Sequence[Manoeuvre], *, step: float
             moving(start, start[5], start[5])  # what an effect keeps from its first use must not be an inference tensor
         with torch.inference_mode():
             clock = start.new_tensor(max(clocks, key=len))
-            runs = rollout(moving, group, start.repeat(len(group), 1), clock, step=step)
+            amidships = moving.blade_at_rest(start.new_zeros(len(group)))[..., -1]
+            starts = moving.start(start[:6].repeat(len(group), 1), amidships)
+            runs = rollout(moving, group, starts, clock, step=step)
         for (count, status), rows in _alike(clocks, runs.ended).items():
             for some in range(0, len(rows), ROWS_AT_ONCE):
                 part = rows[some : some + ROWS_AT_ONCE]

@@ -194,22 +194,38 @@ class HullRudder(nn.Module):
             Scaled forces.
         """
         count = first or self.members
-        x = x[:count]
+        return self._answers(x[:count], self.input_weights[:count], self.output_weights[:count])
+
+    def of(self, x: Float[Tensor, "n 4"], member: Int[Tensor, " n"]) -> Float[Tensor, "n 3"]:
+        """Every input by a member of its own.
+
+        Args:
+            x: Scaled inputs.
+            member: Number of the member that answers to each.
+
+        Returns:
+            Scaled forces.
+        """
+        return self._answers(x[:, None], self.input_weights[member], self.output_weights[member])[:, 0]
+
+    def _answers(
+        self, x: Float[Tensor, "k n 4"], first: Float[Tensor, "k h w"], last: Float[Tensor, "k o c"]
+    ) -> Float[Tensor, "k n 3"]:
+        """Forces by a set of weights for every row of inputs."""
         d = self.design(x.reshape(-1, 4))
-        z, weights = d.features.view(count, -1, d.features.shape[-1]), self.input_weights[:count]
-        nodes = _nodes(z, weights)
-        mirrored = _nodes(z * d.mirror, weights) if self.symmetric else None
-        factors = d.factors.view(len(d.factors), count, -1)
-        library = d.library.view(OUTPUTS, -1, count, z.shape[1])
+        z = d.features.view(*x.shape[:2], -1)
+        nodes = _nodes(z, first)
+        mirrored = _nodes(z * d.mirror, first) if self.symmetric else None
+        factors = d.factors.view(-1, *x.shape[:2])
+        library = d.library.view(OUTPUTS, -1, *x.shape[:2])
         outputs = []
         for o, sign in enumerate(EVEN):
-            c, t = self.output_weights[:count, o].split([len(self.node), library.shape[1]], 1)
+            c, t = last[:, o].split([len(self.node), library.shape[1]], 1)
             columns = nodes if mirrored is None else nodes + sign * mirrored
             total = torch.einsum("ke,ekn->kn", t, library[o])
             for j in range(len(factors)):
-                share = c.new_zeros(count, nodes.shape[-1]).index_add(
-                    1, self.node[self.factor == j], c[:, self.factor == j]
-                )
+                own = self.factor == j
+                share = c.new_zeros(len(c), nodes.shape[-1]).index_add(1, self.node[own], c[:, own])
                 total = total + factors[j] * (columns @ share[..., None])[..., 0]
             outputs.append(total)
         return torch.stack(outputs, -1)
@@ -227,6 +243,24 @@ class HullRudder(nn.Module):
             return self
         other = copy.copy(self)
         other._buffers = {**self._buffers, "shaft": torch.full_like(self.shaft, ratio)}
+        return other
+
+    def with_weights(
+        self, input_weights: Float[Tensor, "k h w"], output_weights: Float[Tensor, "k 3 c"]
+    ) -> "HullRudder":
+        """A network of the same kind with other members.
+
+        Args:
+            input_weights: Theirs.
+            output_weights: Theirs.
+
+        Returns:
+            A new network; all its members answer.
+        """
+        other = copy.copy(self)
+        weights = {"input_weights": input_weights, "output_weights": output_weights}
+        other._parameters = {name: nn.Parameter(values.detach()) for name, values in weights.items()}
+        other._buffers = {**self._buffers, "trained": torch.full_like(self.trained, len(input_weights))}
         return other
 
     def _features(self, x: Tensor) -> Tensor:

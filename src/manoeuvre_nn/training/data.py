@@ -51,10 +51,12 @@ class ManoeuvreData(ABC, L.LightningDataModule):
         tuples: Inputs and targets in the known part's prime system.
         held_out: The manoeuvres to judge by.
         reference: The ship, or its particulars where no more is known.
+        exact: Whether the accelerations are exact, so that g carries no noise.
     """
 
     known: Ship
     reference: Ship | Particulars
+    exact: bool
     recordings: Sequence[Recording]
     tuples: Tuples
     held_out: HeldOut
@@ -101,8 +103,17 @@ class ManoeuvreData(ABC, L.LightningDataModule):
         """
         clean = not noisy and all(name in r.channels for r in recordings for name in ACCELERATION)
         method = ("exact" if clean else "smoother") if self.method == "auto" else self.method
+        self.exact = method == "exact"
         self.recordings = tuple(accelerations(r, method) for r in recordings)
+        self.form_tuples()
+
+    def form_tuples(self) -> None:
+        """Tuples of the recordings; a known part that learns its own coefficients does so first."""
         self.tuples = to_tuples(self.recordings, self.known)
+        learnt = getattr(self.known, "learnt", None)
+        if learnt is not None:
+            self.known = learnt(self.tuples)
+            self.tuples = to_tuples(self.recordings, self.known)
 
     def train_mask(self) -> Bool[Tensor, " n"]:
         """Which tuples are trained on.
@@ -299,7 +310,8 @@ class RecordedData(ManoeuvreData):
         smooth = "smoother" if self.method == "auto" else self.method
         with_rates = [accelerations(r, smooth) for r in cut]
         self.recordings = tuple(resample(r, self.rate_hz or self._usual_rate(r)) for r in with_rates)
-        self.tuples = to_tuples(self.recordings, self.known)
+        self.exact = False
+        self.form_tuples()
         # Initial states and references come from the smoothed channels: noise is nothing a model should be asked for.
         references = tuple(accelerations(r, "smoother") for r in self._judged)
         self.held_out = HeldOut(references, self.particulars.length)
