@@ -23,8 +23,13 @@ from manoeuvre_nn.entry.job import train
 ROOT = Path(__file__).parents[2]
 CONF = ROOT / "conf"
 TINY = (
+    "network=wang", "fit=levenberg_marquardt",
     "trainer.max_epochs=4", "scoring.every=2", "scoring.solver=rollout", "data.length=60", "network.hidden=3",
     "score=[{zz20: {duration: 60}}]", "fit.iterations_per_epoch=2",
+)  # fmt: skip
+TINY_ENSEMBLE = (
+    "data.length=60", "score=[{zz20: {duration: 60}}]", "network.members=2", "network.hidden=4", "fit.epochs=3",
+    "scoring.solver=rollout", "scoring.every=1",
 )  # fmt: skip
 
 

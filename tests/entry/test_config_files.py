@@ -19,6 +19,10 @@ def options(group: str) -> list[str]:
     return sorted(p.stem for p in (CONF / group).glob("*.yaml"))
 
 
+def fits(network: str, fit: str) -> bool:
+    return network.startswith("hull_rudder") == (fit == "ensemble")
+
+
 FIXED = [name for name in options("manoeuvre") if name.startswith(("zz", "tc"))]
 
 
@@ -83,7 +87,9 @@ def test_effects_are_set_on_the_command_line(composed):
 GIVEN = ["linear.inertia.mx=.8", "linear.inertia.my=1.5", "linear.inertia.mz=.08"]
 
 
-@pytest.mark.parametrize("words", [["linear=clarke"], ["linear=none"], ["linear=given", *GIVEN]], ids=options("linear"))
+@pytest.mark.parametrize(
+    "words", [["linear=clarke"], ["linear=given", *GIVEN], ["linear=none"], ["linear=own"]], ids=options("linear")
+)
 def test_every_known_part_can_be_prepared(words, composed):
     job = prepared(composed, *words)
     force = job.data.known.force(torch.tensor([7.0, 0.5, 0.01]).double(), torch.tensor(0.2).double())
@@ -91,7 +97,10 @@ def test_every_known_part_can_be_prepared(words, composed):
 
 
 @pytest.mark.parametrize(
-    "words", [[f"{group}={name}"] for group in ("network", "fit", "experiment") for name in options(group)], ids=str
+    "words",
+    [[f"network={name}", f"fit={fit}"] for name in options("network") for fit in options("fit") if fits(name, fit)]
+    + [[f"experiment={name}"] for name in options("experiment")],
+    ids=str,
 )
 def test_every_network_fit_and_experiment_can_be_made(words, composed):
     cfg = composed(*words, "data.length=100", "score=[{zz5: {duration: 50}}]")

@@ -9,8 +9,8 @@ from manoeuvre_nn.entry.provenance import check_same_run, finished, flat, versio
 
 def test_the_same_settings_may_go_on(composed, tmp_path):
     check_same_run(composed(), tmp_path / "not there yet")
-    write_provenance(composed("data.noise.u=1e-3", "fit=backprop"), tmp_path)
-    check_same_run(composed("data.noise.u=0.001", "fit=backprop"), tmp_path)
+    write_provenance(composed("data.noise.u=1e-3", "network=wang", "fit=backprop"), tmp_path)
+    check_same_run(composed("data.noise.u=0.001", "network=wang", "fit=backprop"), tmp_path)
 
 
 @pytest.mark.parametrize(

@@ -118,7 +118,7 @@ def test_more_epochs_in_the_same_folder_go_on_where_the_run_ended(done, cli, fas
 
 
 def test_backpropagation_on_a_tanker_runs_too(cli, fast, tmp_path):
-    ended = cli("ship=great_lakes_bulker", "fit=backprop", "fit.iterations_per_epoch=5", "fit.batch_size=8",
+    ended = cli("ship=great_lakes_bulker", "network=wang", "fit=backprop", "fit.iterations_per_epoch=5", "fit.batch_size=8",
                 "trainer.max_epochs=2", "data.length=100", "data.validation=.2", "network.dtype=float32",
                 "scoring.solver=rollout", "score=[{zz20: {duration: 100}}]",
                 f"hydra.run.dir={tmp_path}/run")  # fmt: skip

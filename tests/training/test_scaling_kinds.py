@@ -56,3 +56,43 @@ def test_what_is_scaled_can_be_restored(kind):
 def test_an_unknown_kind_is_refused_with_those_that_exist():
     with pytest.raises(InputError, match="network.scaling 'log' is unknown; choose one of: source, centred, balanced"):
         make_scaling("log", tiny.ships()[1], TUPLES)
+
+
+MIRROR = torch.tensor([1.0, -1.0, -1.0, -1.0], dtype=torch.float64)
+
+
+def test_mirrored_leaves_amidships_where_it_is_and_normalizes_what_moves():
+    shift, scale, output = numbers("mirrored")
+    assert shift == [pytest.approx(0.8), 0.0, 0.0, 0.0]
+    sizes = [0.2, (0.05 / 3) ** 0.5, (0.45 / 3) ** 0.5, 0.5]
+    assert scale == pytest.approx(sizes) and output == pytest.approx([1.0, 1.0, torch.std(Y[:, 2]).item()])
+
+
+@pytest.mark.parametrize("kind", ["mirrored", "speed"])
+def test_the_scaled_inputs_of_the_mirrored_ship_are_the_mirrored_inputs(kind):
+    made = make_scaling(kind, tiny.ships()[1], TUPLES)
+    assert torch.equal(made.inputs(X * MIRROR), made.inputs(X) * MIRROR)
+    assert not torch.equal(make_scaling("standard", tiny.ships()[1], TUPLES).inputs(X * MIRROR), X * MIRROR)
+
+
+@pytest.mark.parametrize("ship", [None, esso_190k()], ids=["mariner", "esso_190k"])
+def test_speed_keeps_ratios_of_speeds_and_makes_the_approach_one(ship):
+    known = ship or tiny.ships()[1]
+    made = make_scaling("speed", known, TUPLES)
+    assert made.shift.abs().max() == 0.0
+    approach = torch.tensor([known.particulars.speed, 0.0, 0.0], dtype=torch.float64) / known.velocity_units
+    approach = torch.cat([approach, approach.new_zeros(1)])
+    torch.testing.assert_close(made.inputs(approach), torch.tensor([1.0, 0, 0, 0], dtype=torch.float64))
+    slow = X * torch.tensor([0.5, 0.5, 0.5, 1.0], dtype=torch.float64)
+    fast, half = made.inputs(X), made.inputs(slow)
+    torch.testing.assert_close(half[:, 1:3] / half[:, :1], fast[:, 1:3] / fast[:, :1], rtol=1e-13, atol=0)
+    assert made.scale[1:].tolist() == pytest.approx([(0.05 / 3) ** 0.5, (0.45 / 3) ** 0.5, 0.5])
+
+
+@pytest.mark.parametrize("kind", ["mirrored", "speed"])
+def test_what_does_not_move_keeps_its_scale_in_the_mirrored_kinds_too(kind):
+    still = X.clone()
+    still[:, 0], still[:, 3] = 0.7, 0.0
+    tuples = Tuples(still, Y, TUPLES.time, TUPLES.run)
+    made = make_scaling(kind, tiny.ships()[1], tuples)
+    assert made.scale[[0, 3]].tolist() == [1.0, 1.0] and made.inputs(still).isfinite().all()

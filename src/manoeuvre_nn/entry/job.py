@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from hydra.utils import get_object
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
@@ -18,6 +19,7 @@ from manoeuvre_nn.network.hull_rudder import HullRudder
 from manoeuvre_nn.training import session
 from manoeuvre_nn.training.callbacks import RolloutScore
 from manoeuvre_nn.training.data import DEFAULT_SCORE, INSTEAD, ManoeuvreData, RecordedData
+from manoeuvre_nn.training.ensemble import EnsembleFit
 from manoeuvre_nn.training.fits import Fit
 from manoeuvre_nn.training.scalings import KINDS, make_scaling
 from manoeuvre_nn.training.settings import check_simulable
@@ -86,12 +88,22 @@ def prepare(cfg: DictConfig, conf: Path) -> Job:
     """
     ship, known = known_part(cfg)
     network, scaling, dtype = blank_network(cfg)
+    _check_pair(cfg, network)
     seed = configs.whole_number("seed", cfg.seed, 0)
     lasting = {k: v for k, v in cfg.trainer.items() if k != "threads"}
     for kind, given in ((session.Session, lasting), (RolloutScore, {"held_out": None, **cfg.scoring})):
         configs.check_arguments(kind, given)
     common = {"ship": ship, "known": known, "seed": seed, "dtype": dtype}
     return Job(_data(cfg, common, conf), network, scaling, dtype, session.Session(**lasting))
+
+
+def _check_pair(cfg: DictConfig, network: torch.nn.Module) -> None:
+    """Refuse a method for another kind of network."""
+    ensemble = isinstance(network, HullRudder)
+    if ensemble != (get_object(str(cfg.fit["_target_"])) is EnsembleFit):
+        wanted = "fit=ensemble, or network=wang or rajesh" if ensemble else "fit=levenberg_marquardt or backprop"
+        kind = "an ensemble (hull_rudder)" if ensemble else "a perceptron (wang, rajesh)"
+        raise InputError(f"network is {kind}, which fit._target_={cfg.fit['_target_']} does not train: write {wanted}")
 
 
 def known_part(cfg: DictConfig) -> tuple[Ship | Particulars, Ship]:

@@ -92,6 +92,24 @@ class FittedProducts(Ship):
         """
         return self.products(nu, delta) @ self.table
 
+    @property
+    def shaft_rpm(self) -> float:
+        """Shaft speed of the ship [rpm]."""
+        return self._ship.shaft_rpm
+
+    def learnt(self, tuples: Tuples) -> "FittedProducts":
+        """The same products with coefficients by least squares.
+
+        Args:
+            tuples: Tuples that were formed with this ship as the known part.
+
+        Returns:
+            A new ship.
+        """
+        dynamics = true_terms_rung(self._ship, self, tuples).dynamics
+        assert isinstance(dynamics, CalmWater) and isinstance(dynamics.ship, FittedProducts)
+        return dynamics.ship
+
     def on_approach(self, speed: float) -> "FittedProducts":
         """The products as the ship has them at that speed; what was learnt stays.
 
@@ -102,6 +120,26 @@ class FittedProducts(Ship):
             A new ship.
         """
         return FittedProducts(self._ship.on_approach(speed), self.inertia, self.prime.mass, self.table)
+
+
+def own_part(ship: Ship | Particulars) -> FittedProducts:
+    """The ship's own products as the known part, their coefficients learnt before the network sees what is left.
+
+    Args:
+        ship: The ship.
+
+    Returns:
+        The known part, still with coefficients of zero.
+
+    Raises:
+        InputError: If the ship's force is no sum of products.
+    """
+    if isinstance(ship, Particulars) or ship.table is None:
+        name = ship.name if isinstance(ship, Particulars) else ship.particulars.name
+        raise InputError(
+            f"linear=own: the forces of the {name} are no sum of known products; write linear=clarke or none"
+        )
+    return FittedProducts(ship, ship.inertia, ship.prime.mass, torch.zeros_like(ship.table))
 
 
 def ladder(ship: Ship | Particulars, known: Ship, tuples: Tuples) -> list[Rung]:

@@ -49,7 +49,7 @@ def write_report(
         The file.
     """
     sections = _sections(figures)
-    page = _environment().get_template("page.html")
+    page = environment().get_template("page.html")
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(
         page.render(
@@ -67,8 +67,12 @@ def write_report(
     return path
 
 
-def _environment() -> Environment:
-    """Templates of this shelf; every value is escaped, a forgotten one is an error."""
+def environment() -> Environment:
+    """Templates of this shelf; every value is escaped, a forgotten one is an error.
+
+    Returns:
+        The environment.
+    """
     return Environment(
         loader=PackageLoader("manoeuvre_nn.report", "."),
         autoescape=True,
