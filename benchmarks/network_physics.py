@@ -231,7 +231,7 @@ def main(arguments: Sequence[str]) -> None:
             print(line(row, [judge(study, references, m) for m in models], seconds), flush=True)
         recordings, known, tuples = data(study, second=False, own=False)
         del recordings
-        for rung in ladder(study.ship, known, tuples):
+        for rung in ladder(study.ship, known, tuples)[0]:
             print(line(rung.name, [judge(study, references, rung.dynamics)], 0.0), flush=True)
 
 

@@ -16,9 +16,9 @@ def test_the_same_settings_may_go_on(composed, tmp_path):
 @pytest.mark.parametrize(
     "word, key",
     [
-        ("network.hidden=7", "network.hidden=11, this one has network.hidden=7"),
+        ("network.hidden=7", "network.hidden=12, this one has network.hidden=7"),
         ("seed=1", "seed=0, this one has seed=1"),
-        ("trainer.keep=last", "trainer.keep=best"),
+        ("trainer.keep=best", "trainer.keep=last"),
         ("score=[zz10]", "score=default"),
         ("manoeuvre=zz30", "manoeuvre.zz30._target_=None"),
     ],

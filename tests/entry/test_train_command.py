@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 import torch
 import yaml
-from conftest import TINY
+from conftest import TINY, TINY_ENSEMBLE
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from manoeuvre_nn.training.checkpoint import read_checkpoint
@@ -27,7 +27,9 @@ def numbers(out) -> dict:
 
 def test_scores_have_the_agreed_form(done):
     found = scores(done)
-    assert set(found) == {"scores", "mean_dev_L", "trained_on", "training", "seed", "chosen", "versions"}
+    assert set(found) == {"scores", "mean_dev_L", "ladder", "trained_on", "training", "seed", "chosen", "versions"}
+    assert set(found["ladder"]) == {"linear", "taylor", "true terms"}
+    assert found["ladder"]["true terms"]["zz20"] < found["ladder"]["linear"]["zz20"]
     for group, name in (("scores", "zz20"), ("trained_on", "zz35")):
         judged = found[group][name]
         assert set(judged) == {"dev_L", "nrmse", "status", "criteria", "reference"}
@@ -118,9 +120,9 @@ def test_more_epochs_in_the_same_folder_go_on_where_the_run_ended(done, cli, fas
 
 
 def test_backpropagation_on_a_tanker_runs_too(cli, fast, tmp_path):
-    ended = cli("ship=great_lakes_bulker", "network=wang", "fit=backprop", "fit.iterations_per_epoch=5", "fit.batch_size=8",
-                "trainer.max_epochs=2", "data.length=100", "data.validation=.2", "network.dtype=float32",
-                "scoring.solver=rollout", "score=[{zz20: {duration: 100}}]",
+    ended = cli("ship=great_lakes_bulker", "network=wang", "fit=backprop", "fit.iterations_per_epoch=5",
+                "fit.batch_size=8", "trainer.max_epochs=2", "data.length=100", "data.validation=.2",
+                "network.dtype=float32", "scoring.solver=rollout", "score=[{zz20: {duration: 100}}]",
                 f"hydra.run.dir={tmp_path}/run")  # fmt: skip
     assert ended.code == 0
     assert np.isfinite(scores(tmp_path / "run")["mean_dev_L"])
@@ -142,3 +144,43 @@ def test_a_run_in_wind_and_current_says_so_and_is_judged_in_them_too(cli, fast, 
 def test_an_empty_command_shows_what_it_would_use(cli):
     ended = cli("--cfg", "job")
     assert ended.code == 0 and "max_epochs:" in ended.out and "manoeuvre_nn.ship.mariner.mariner" in ended.out
+
+
+def test_the_default_ensemble_is_scored_with_its_spread_and_goes_on_after_a_kill(cli, fast, tmp_path):
+    words = [*TINY_ENSEMBLE, f"hydra.run.dir={tmp_path}/run"]
+    assert cli(*words, "trainer.max_epochs=1").code == 0
+    assert "spread_L" not in scores(tmp_path / "run")["scores"]["zz20"]  # one member has nobody to disagree with
+    ended = cli(*words)
+    assert ended.code == 0 and "after epoch 1" in ended.out and "spread" in ended.out
+    found = numbers(tmp_path / "run")
+    assert found["scores"]["zz20"]["spread_L"] > 0
+    assert found["training"]["stopped"] == "all members trained"
+    assert cli(*TINY_ENSEMBLE, f"hydra.run.dir={tmp_path}/at_once").code == 0
+    assert numbers(tmp_path / "at_once") == found
+
+
+def test_noisy_accelerations_get_no_more_steps_than_predict(cli, fast, tmp_path):
+    noisy = [*TINY_ENSEMBLE, "data.noise.r_deg_s=.02", "data.noise.v=.02", "fit.epochs=40"]
+    assert cli(*noisy, f"hydra.run.dir={tmp_path}/run").code == 0
+    stored = torch.load(tmp_path / "run" / "checkpoints" / "last.ckpt", weights_only=True)["state_dict"]
+    assert 0 <= int(stored["steps"]) < 40
+
+
+def test_the_ships_own_terms_may_be_known_before_the_network(cli, fast, tmp_path):
+    assert cli(*TINY_ENSEMBLE, "linear=own", f"hydra.run.dir={tmp_path}/run").code == 0
+    assert scores(tmp_path / "run")["scores"]["zz20"]["dev_L"] < 1e-4
+
+
+@pytest.mark.parametrize(
+    "words, advice",
+    [
+        (["network=wang"], "write fit=levenberg_marquardt or backprop"),
+        (["fit=backprop"], "write fit=ensemble, or network=wang or rajesh"),
+        (["network.scaling=standard"], "mirrored"),
+        (["network.members=0"], "at least 2 nodes, 1 member"),
+        (["fit.refine.steps=-1"], "steps"),
+    ],
+)
+def test_what_does_not_go_together_is_refused_before_computing(cli, words, advice, tmp_path):
+    ended = cli(*words, f"hydra.run.dir={tmp_path}/run")
+    assert ended.code == 2 and len(ended.err.splitlines()) == 1 and advice in ended.err

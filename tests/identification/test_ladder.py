@@ -11,7 +11,7 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.rollout import roll_out
-from manoeuvre_nn.identification.ladder import FittedProducts, ladder, taylor_rung, true_terms_rung
+from manoeuvre_nn.identification.ladder import FittedProducts, ladder, own_part, taylor_rung, true_terms_rung
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.recording.accelerations import accelerations
@@ -41,7 +41,7 @@ def learnt_from(name: str) -> Tuples:
 @cache
 def rungs(name: str) -> dict:
     ship = ship_named(name)
-    return {rung.name: rung for rung in ladder(ship, KNOWN[name](ship), learnt_from(name))}
+    return {rung.name: rung for rung in ladder(ship, KNOWN[name](ship), learnt_from(name))[0]}
 
 
 def missed(name: str, rung: str, *trials) -> list[float]:
@@ -130,9 +130,9 @@ def test_where_the_known_inertia_differs_sway_and_yaw_share_their_terms():
 
 def test_of_a_ship_known_by_its_particulars_alone_there_are_no_true_terms():
     particulars = ship_named(MARINER).particulars
-    found = ladder(particulars, clarke_part(particulars), learnt_from(MARINER))
+    found, _ = ladder(particulars, clarke_part(particulars), learnt_from(MARINER))
     assert [rung.name for rung in found] == ["linear", "taylor"]
-    other = ladder(kvlcc2(), clarke_part(kvlcc2()), learnt_from(MARINER))
+    other, _ = ladder(kvlcc2(), clarke_part(kvlcc2()), learnt_from(MARINER))
     assert [rung.name for rung in other] == ["linear", "taylor"]
     with pytest.raises(InputError, match="no products to fit"):
         true_terms_rung(no_part(particulars), clarke_part(particulars), learnt_from(MARINER))
@@ -168,3 +168,23 @@ def test_too_few_samples_are_refused():
     few = Tuples(tuples.inputs[:30], tuples.targets[:30], tuples.times[:30], tuples.index[:30])
     with pytest.raises(InputError, match="30 samples for 22 terms"):
         taylor_rung(clarke_part(ship_named(MARINER)), few)
+
+
+def test_a_recording_too_short_for_a_rung_costs_that_rung_alone():
+    tuples = learnt_from(MARINER)
+    few = Tuples(*(part[:12] for part in (tuples.inputs, tuples.targets, tuples.times, tuples.index)))
+    ship = ship_named(MARINER)
+    rungs, missing = ladder(ship, KNOWN[MARINER](ship), few)
+    assert "linear" in [rung.name for rung in rungs] and "taylor" not in [rung.name for rung in rungs]
+    assert any(text.startswith("taylor: 12 samples") for text in missing)
+
+
+def test_own_terms_learnt_before_the_network_leave_it_nothing():
+    ship = ship_named(MARINER)
+    blank = own_part(ship)
+    tuples = to_tuples(sailed(MARINER, *TRAINED[MARINER]), blank)
+    known = blank.learnt(tuples)
+    assert tuples.targets.abs().max() > 1e-2
+    assert to_tuples(sailed(MARINER, *TRAINED[MARINER]), known).targets.abs().max() < 1e-9
+    with pytest.raises(InputError, match="linear=own"):
+        own_part(kvlcc2())

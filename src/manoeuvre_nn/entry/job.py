@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from hydra.utils import get_object
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
@@ -87,8 +86,8 @@ def prepare(cfg: DictConfig, conf: Path) -> Job:
         The job.
     """
     ship, known = known_part(cfg)
+    _check_pair(cfg)
     network, scaling, dtype = blank_network(cfg)
-    _check_pair(cfg, network)
     seed = configs.whole_number("seed", cfg.seed, 0)
     lasting = {k: v for k, v in cfg.trainer.items() if k != "threads"}
     for kind, given in ((session.Session, lasting), (RolloutScore, {"held_out": None, **cfg.scoring})):
@@ -97,13 +96,18 @@ def prepare(cfg: DictConfig, conf: Path) -> Job:
     return Job(_data(cfg, common, conf), network, scaling, dtype, session.Session(**lasting))
 
 
-def _check_pair(cfg: DictConfig, network: torch.nn.Module) -> None:
+def _check_pair(cfg: DictConfig) -> None:
     """Refuse a method for another kind of network."""
-    ensemble = isinstance(network, HullRudder)
-    if ensemble != (get_object(str(cfg.fit["_target_"])) is EnsembleFit):
+    ensemble = _named(cfg.network, HullRudder)
+    if ensemble != _named(cfg.fit, EnsembleFit):
         wanted = "fit=ensemble, or network=wang or rajesh" if ensemble else "fit=levenberg_marquardt or backprop"
         kind = "an ensemble (hull_rudder)" if ensemble else "a perceptron (wang, rajesh)"
         raise InputError(f"network is {kind}, which fit._target_={cfg.fit['_target_']} does not train: write {wanted}")
+
+
+def _named(settings: DictConfig, kind: type) -> bool:
+    """Whether settings are those of a class; nothing is imported."""
+    return str(settings[configs.TARGET]) == f"{kind.__module__}.{kind.__qualname__}"
 
 
 def known_part(cfg: DictConfig) -> tuple[Ship | Particulars, Ship]:

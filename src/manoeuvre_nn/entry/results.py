@@ -87,7 +87,7 @@ def judge_finally(config: Mapping[str, Any], trained: Trained, data: ManoeuvreDa
     held_out, known = data.held_out, HeldOut(tuple(data.recordings), data.held_out.length)
     predictions, members = held_out.predict(fit.dynamics), held_out.predict_members(fit.dynamics)
     scores = held_out.score(predictions, members)
-    rungs = ladder(data.reference, data.known, data.tuples)
+    rungs, missing = ladder(data.reference, data.known, data.tuples)
     inputs, targets = data.tuples.inputs.double(), data.tuples.targets.double()
     rmse = tuple(float(e) for e in fit.relative_rmse(inputs, targets))
     return Outcome(
@@ -105,7 +105,7 @@ def judge_finally(config: Mapping[str, Any], trained: Trained, data: ManoeuvreDa
         imo=imo_table({s.manoeuvre: s.criteria for s in scores}, fit.dynamics.particulars),
         members=members,
         ladder={r.name: held_out.score(held_out.predict(r.dynamics, "rollout")) for r in rungs},
-        notes=[f"Beside the network: {r.name}: {r.note}." for r in rungs],
+        notes=[f"Beside the network: {r.name}: {r.note}." for r in rungs] + [f"Missing: {m}." for m in missing],
     )
 
 

@@ -142,7 +142,7 @@ def own_part(ship: Ship | Particulars) -> FittedProducts:
     return FittedProducts(ship, ship.inertia, ship.prime.mass, torch.zeros_like(ship.table))
 
 
-def ladder(ship: Ship | Particulars, known: Ship, tuples: Tuples) -> list[Rung]:
+def ladder(ship: Ship | Particulars, known: Ship, tuples: Tuples) -> tuple[list[Rung], list[str]]:
     """The models that stand beside a network, from the least knowledge to the most.
 
     Args:
@@ -151,12 +151,19 @@ def ladder(ship: Ship | Particulars, known: Ship, tuples: Tuples) -> list[Rung]:
         tuples: What the network learns from.
 
     Returns:
-        ``linear``, ``taylor`` and, for a ship whose forces are a series of known products, ``true terms``.
+        ``linear``, ``taylor`` and, for a ship whose forces are a series of known products, ``true terms``; and why one
+        of them is missing.
     """
-    rungs = [linear_rung(ship), taylor_rung(known, tuples)]
+    rungs, missing = [linear_rung(ship)], []
+    makers = {"taylor": lambda: taylor_rung(known, tuples)}
     if isinstance(ship, Ship) and ship.table is not None:
-        rungs.append(true_terms_rung(ship, known, tuples))
-    return rungs
+        makers["true terms"] = lambda: true_terms_rung(ship, known, tuples)
+    for name, make in makers.items():
+        try:
+            rungs.append(make())
+        except InputError as error:  # a short recording that a network can still be trained on
+            missing.append(f"{name}: {error}")
+    return rungs, missing
 
 
 def linear_rung(ship: Ship | Particulars) -> Rung:
