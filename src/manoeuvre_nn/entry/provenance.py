@@ -15,18 +15,10 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.training.session import ALL_EPOCHS, CTRL_C
 
 CONFIG, SCORES = "config.yaml", "scores.json"
-LIBRARIES = (
-    "torch",
-    "lightning",
-    "hydra-core",
-    "torchdiffeq",
-    "tensorboard",
-    "numpy",
-    "scipy",
-    "statsmodels",
-    "pandas",
-)
-LIBRARIES += ("matplotlib",)
+LIBRARIES: tuple[str, ...] = (
+    "torch", "lightning", "hydra-core", "torchdiffeq", "tensorboard", "numpy", "scipy", "statsmodels", "pandas",
+    "matplotlib",
+)  # fmt: skip
 NOT_COMPARED = {"name", "trainer.progress", "trainer.resume", "trainer.max_epochs"}
 """Settings in which a resumed run may differ from what it resumes."""
 
