@@ -44,9 +44,9 @@ from manoeuvre_nn.training.closed_loop import Refinement, refine
 from manoeuvre_nn.training.scalings import make_scaling
 
 PLAIN: dict[str, Any] = {"symmetric": False, "modular": False, "library": "none", "speed_law": "approach", "members": 1}
-LAW = {
+LAW: dict[str, dict[str, Any]] = {
     "mariner": {"speed_law": "approach", "library": "linear"},
-    "esso_190k": {"speed_law": "shaft", "library": "quadratic"},
+    "esso_190k": {"speed_law": "shaft", "library": "quadratic", "shrink": 1e-4},
 }
 """What ``conf/network/hull_rudder.yaml`` and ``hull_rudder_shaft.yaml`` choose."""
 
@@ -69,7 +69,7 @@ class Study:
     first: Manoeuvre
     second: Manoeuvre
     judged: Sequence[Manoeuvre]
-    law: Mapping[str, str]
+    law: Mapping[str, Any]
 
 
 def studies() -> dict[str, Study]:
@@ -116,11 +116,12 @@ def rows(study: Study) -> dict[str, dict[str, Any]]:
         ("+ hull nodes do not see the rudder", {"modular": True}),
         ("+ terms beside the nodes", {"library": study.law["library"]}),
         ("+ forces in u^2, u n, n^2", {"speed_law": "shaft"}),
+        ("+ nodes shrunk", {"shrink": study.law.get("shrink", 0.0)}),
         ("+ median of 8", {"members": 8}),
         ("+ median of 16", {"members": 16}),
     ]
     if study.law["speed_law"] == "approach":
-        steps = [s for s in steps if "speed_law" not in s[1] or s[1] is PLAIN]
+        steps = [s for s in steps if not {"speed_law", "shrink"} & set(s[1]) or s[1] is PLAIN]
     made: dict[str, dict[str, Any]] = {}
     settings: dict[str, Any] = {}
     for name, more in steps:
@@ -135,6 +136,9 @@ def rows(study: Study) -> dict[str, dict[str, Any]]:
         "of 8, no terms beside the nodes": {"library": "none"},
         "of 8, the other terms": {"library": "linear" if study.law["library"] == "quadratic" else "quadratic"},
         f"of 8, speed law: {other}": {"speed_law": other},
+        "of 8, nodes not shrunk" if "shrink" in study.law else "of 8, nodes shrunk": {
+            "shrink": 0.0 if "shrink" in study.law else 1e-4
+        },
         "of 8, 8 nodes": {"hidden": 8},
         "of 8, 16 nodes": {"hidden": 16},
         "of 4, refined in closed loop": {"members": 4, "refined": 1},
@@ -166,7 +170,7 @@ def train(
     model = IdentifiedShip(known, net, make_scaling(net.scalings[0], known, tuples))
     x, y = model.scaling.inputs(tuples.inputs), model.scaling.outputs(tuples.targets)
     design = vars(net.design(x)).copy()
-    problem = SemiLinear(design.pop("features"), y, net.sees, **design)
+    problem = SemiLinear(design.pop("features"), y, net.sees, shrink=net.shrink, **design)
     with torch.no_grad():
         for k in range(net.members):
             found = minimise(problem, net.drawn(k)[net.sees][None], stops=Stops(epochs=150, min_fall=1e-4))

@@ -225,6 +225,28 @@ def test_members_have_inputs_of_their_own():
     torch.testing.assert_close(network.each(x, 2), found[:2], rtol=1e-13, atol=1e-14)
 
 
+@pytest.mark.parametrize("kind", KINDS, ids=called)
+def test_inputs_may_each_name_the_member_that_answers(kind):
+    network, x = made(**kind), points(6)
+    named = torch.tensor([2, 0, 0, 1, 2, 1])
+    each = network.each(x.expand(3, -1, -1))
+    torch.testing.assert_close(network.of(x, named), each[named, torch.arange(6)], rtol=1e-11, atol=1e-12)
+
+
+def test_other_weights_make_another_network_and_leave_the_first_as_it_was():
+    network, x = made(members=4, speed_law="shaft").at_shaft(0.8), points()
+    network.trained.fill_(3)
+    before, each = network(x), network.each(x.expand(4, -1, -1))
+    other = network.with_weights(network.input_weights[1:3], network.output_weights[1:3])
+    assert other.members == int(other.trained) == 2 and float(other.shaft) == float(network.shaft) == 0.8
+    torch.testing.assert_close(other(x), each[1:3].mean(0), rtol=1e-11, atol=1e-12)
+    with torch.no_grad():
+        other.output_weights *= 0
+    assert int(network.trained) == 3 and network.members == 4 and not other(x).any()
+    torch.testing.assert_close(network.each(x.expand(4, -1, -1))[3], each[3], rtol=0, atol=0)
+    assert before.shape == (9, 3)
+
+
 @pytest.mark.parametrize("batch", [(), (5,), (2, 3)])
 @pytest.mark.parametrize("law", ["approach", "shaft"])
 def test_leading_dimensions_of_the_inputs_are_kept(batch, law):

@@ -252,3 +252,17 @@ def test_a_rank_that_is_lost_does_not_change_the_error_of_plain_least_squares():
 def test_an_activation_that_is_none_is_refused():
     with pytest.raises(InputError, match="network.activation 'relu' is unknown; choose one of: sigmoid, tanh"):
         SemiLinear(**parts(), activation="relu")
+
+
+def test_shrunk_nodes_are_ridge_regression_beside_a_free_library():
+    p, w, shrink = parts(), weights(1), 0.3
+    found = SemiLinear(**p, shrink=shrink).output_weights(w)[0].numpy()
+    whole = SemiLinear(**p).full(w)[0]
+    for o in range(1, OUTPUTS):
+        a, y = design(p, o, whole).numpy(), p["y"][:, o].numpy()
+        ridge = np.diag([SAMPLES * shrink**2] * len(NODE) + [0.0] * 2)
+        np.testing.assert_allclose(found[o], np.linalg.solve(a.T @ a + ridge, a.T @ y), rtol=1e-6)
+    far = SemiLinear(**p, shrink=1e6).output_weights(w)[0].numpy()
+    library = p["library"][1].numpy().T
+    np.testing.assert_allclose(far[1, len(NODE) :], np.linalg.lstsq(library, p["y"][:, 1].numpy())[0], rtol=1e-6)
+    assert np.abs(far[:, : len(NODE)]).max() < 1e-6

@@ -88,6 +88,7 @@ class HullRudder(nn.Module):
         speed_law: SpeedLaw = "approach",
         library: Library = "linear",
         spread: float = 0.3,
+        shrink: float = 0.0,
         seed: int = 0,
         dtype: torch.dtype = torch.float64,
     ) -> None:
@@ -101,6 +102,8 @@ class HullRudder(nn.Module):
             speed_law: ``approach`` or ``shaft``.
             library: ``none``, ``linear`` or ``quadratic``.
             spread: Standard deviation of the first weights [-].
+            shrink: Ridge on the nodes' linear weights in a fit over the size of a column of ones [-]: where the library
+                is the better guess, the nodes should only say what it cannot.
             seed: Seed of the first weights; member k of any ensemble of this seed starts alike.
             dtype: Floating type.
 
@@ -114,7 +117,9 @@ class HullRudder(nn.Module):
             raise InputError(f"network.hidden={hidden}, network.members={members}: expected at least 2 nodes, 1 member")
         if not spread > 0:
             raise InputError(f"network.spread={spread}: expected a standard deviation, more than 0")
-        self.symmetric, self.speed_law, self.library = symmetric, speed_law, library
+        if not shrink >= 0:
+            raise InputError(f"network.shrink={shrink}: expected a ridge, 0 or more")
+        self.symmetric, self.speed_law, self.library, self.shrink = symmetric, speed_law, library, shrink
         self._spread, self._seed = spread, seed
         inputs = 4 if speed_law == "approach" else 3
         sees = torch.ones(hidden, inputs + 1, dtype=torch.bool)

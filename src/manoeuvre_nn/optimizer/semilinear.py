@@ -36,6 +36,7 @@ class SemiLinear:
         library: Float[Tensor, "o e n"],
         activation: str = "tanh",
         ridge: float = 1e-10,
+        shrink: float = 0.0,
     ) -> None:
         """Store the data.
 
@@ -51,6 +52,8 @@ class SemiLinear:
             library: t; a column of zeros is none.
             activation: ``tanh`` or ``sigmoid``.
             ridge: Size of the ridge over the size of a column of ones [-].
+            shrink: The same for the columns of the nodes, where it is larger: what the library can say is then left
+                to the library.
         """
         check_choice("network.activation", activation, ["sigmoid", "tanh"])
         self.activation, self.sees, self.parity = activation, sees, parity
@@ -58,7 +61,8 @@ class SemiLinear:
         self._z = torch.cat([z, z.new_ones(len(z), 1)], 1).mT.contiguous()
         self._mirrored = self._z * torch.cat([mirror, mirror.new_ones(1)])[:, None]
         self._y, self._factors, self._node = y.mT, factors[factor], node
-        self._library, self._ridge = library, ridge * len(z) ** 0.5
+        rows = [max(ridge, shrink)] * len(node) + [ridge] * library.shape[1]
+        self._library, self._ridge = library, torch.diag(z.new_tensor(rows)) * len(z) ** 0.5
         # Outputs of one parity and one library share a design.
         self._groups = _alike(parity, library)
 
@@ -159,8 +163,7 @@ class SemiLinear:
         sign = float(self.parity[output])
         nodes = left if sign == 0 else left + sign * right
         columns = torch.cat([nodes[:, self._node] * self._factors, self._library[output].expand(len(left), -1, -1)], 1)
-        ridge = self._ridge * torch.eye(columns.shape[1], dtype=left.dtype, device=left.device)
-        return torch.cat([columns, ridge.expand(len(left), -1, -1)], 2).mT
+        return torch.cat([columns, self._ridge.expand(len(left), -1, -1)], 2).mT
 
     def _slopes(self, nodes: Tensor, z: Tensor) -> Tensor:
         """Derivatives of the nodes by their weights: (K, H, W, N)."""

@@ -96,6 +96,11 @@ class EnsembleFit(Fit):
         """
         return self.dynamics.scaling.inputs(inputs), self.dynamics.scaling.outputs(targets)
 
+    def on_train_start(self) -> None:
+        """Leave an ensemble that was resumed when it was complete as it is."""
+        if int(self.network.trained) >= self.network.members:
+            self.stopped, self.trainer.should_stop = ALL_TRAINED, True
+
     @torch.no_grad()
     def training_step(self, batch: Batch, batch_idx: int) -> None:
         """Train the next member.
@@ -138,7 +143,7 @@ class EnsembleFit(Fit):
             The least-squares problem.
         """
         design = vars(self.network.design(x)).copy()
-        return SemiLinear(design.pop("features"), y, self.network.sees, **design)
+        return SemiLinear(design.pop("features"), y, self.network.sees, shrink=self.network.shrink, **design)
 
     def steps_that_predict(self, x: Tensor, y: Tensor) -> int:
         """Number of steps after which stretches of time that were not trained on are predicted best.
