@@ -201,3 +201,11 @@ def test_wrong_settings_are_told():
         prospects(ensemble(), recorded(), [], TARGETS)
     with pytest.raises(InputError, match="names no manoeuvre"):
         information(mariner(), clarke_part(mariner()), recorded(), [], 1.0)
+
+
+def test_a_candidate_gets_no_credit_for_itself():
+    with unchecked():
+        (found,) = prospects(ensemble(), recorded(), CANDIDATES[1:], [*TARGETS, *CANDIDATES[1:]], effort=EFFORT)
+        (without,) = prospects(ensemble(), recorded(), CANDIDATES[1:], TARGETS, effort=EFFORT)
+    assert (found.now, found.then) == pytest.approx((without.now, without.then), rel=1e-6)
+    assert set(found.targets) == {*without.targets, CANDIDATES[1].name}

@@ -249,6 +249,42 @@ def test_a_rank_that_is_lost_does_not_change_the_error_of_plain_least_squares():
     assert float(problem.evaluate(w)[0]) == pytest.approx(np.mean(np.square(errors)), rel=1e-6)
 
 
+def shrunk(p: dict, output: int, whole: torch.Tensor, size: float) -> tuple[torch.Tensor, torch.Tensor]:
+    """Normal equations with ``N size^2`` added for the columns of the nodes: coefficients, and errors with the ridge."""
+    a, y = design(p, output, whole), p["y"][:, output]
+    a = a[:, a.detach().abs().amax(0) > 0]
+    rows = size * SAMPLES**0.5 * torch.eye(a.shape[1], dtype=a.dtype)[: len(NODE)]
+    best = torch.linalg.solve(a.T @ a + rows.T @ rows, a.T @ y)
+    return best, torch.cat([a @ best - y, rows @ best])
+
+
+def test_a_ridge_on_the_nodes_leaves_to_the_library_what_it_can_say():
+    p, w, size = parts(), weights(), 0.3
+    problem = SemiLinear(**p, shrink=size)
+    mse, carry = problem.evaluate(w)
+    found = problem.output_weights(w)[0]
+    errors = []
+    for o in range(OUTPUTS):
+        best, wrong = shrunk(p, o, problem.full(w)[0], size)
+        torch.testing.assert_close(found[o, : len(best)], best, rtol=1e-7, atol=1e-9)
+        errors.append(wrong)
+    assert float(mse) == pytest.approx(float(torch.cat(errors).square().sum()) / problem.residuals, rel=1e-9)
+    free = w[0].clone().requires_grad_()
+    total = sum(shrunk(p, o, among_zeros(free, SEES), size)[1].square().sum() for o in range(OUTPUTS))
+    (expected,) = torch.autograd.grad(total, free)
+    torch.testing.assert_close(problem.linearise(w, carry)[1][0], expected / 2, rtol=1e-7, atol=1e-9)
+
+
+def test_a_ridge_beyond_bounds_leaves_the_library_alone():
+    p, w = parts(), weights()
+    found = SemiLinear(**p, shrink=1e6).output_weights(w)[0]
+    for o in range(OUTPUTS):
+        library = p["library"][o].T.numpy()
+        alone = np.linalg.lstsq(library, p["y"][:, o].numpy(), rcond=1e-12)[0]
+        np.testing.assert_allclose(found[o, len(NODE) :], alone, rtol=1e-6, atol=1e-9)
+    assert found[:, : len(NODE)].abs().max() < 1e-9
+
+
 def test_an_activation_that_is_none_is_refused():
     with pytest.raises(InputError, match="network.activation 'relu' is unknown; choose one of: sigmoid, tanh"):
         SemiLinear(**parts(), activation="relu")

@@ -20,9 +20,11 @@ EPOCHS = 4
 """Steps of a member: enough to tell starts apart."""
 
 
-def ensemble(data=None, members: int = 3, *, seed: int = 2, law: str = "approach", **options) -> EnsembleFit:
+def ensemble(
+    data=None, members: int = 3, *, seed: int = 2, law: str = "approach", shrink: float = 0.0, **options
+) -> EnsembleFit:
     data = data or tiny.usual()
-    network = HullRudder(4, members, seed=seed, speed_law=law, dtype=data.dtype)
+    network = HullRudder(4, members, seed=seed, speed_law=law, shrink=shrink, dtype=data.dtype)
     scaling = make_scaling(network.scalings[0], data.known, data.tuples)
     model = IdentifiedShip(data.known, network, scaling).to(data.dtype)
     return EnsembleFit(model, **{"epochs": EPOCHS, "min_fall": 0.0} | options)
@@ -58,7 +60,8 @@ def alone(fit, member: int, trial: int) -> tuple[torch.Tensor, torch.Tensor, flo
     (x, y), network = scaled(fit), fit.network
     d = network.design(x)
     names = ("mirror", "parity", "factors", "node", "factor", "library")
-    problem = SemiLinear(d.features, y, network.sees, **{name: getattr(d, name) for name in names})
+    settings = {name: getattr(d, name) for name in names}
+    problem = SemiLinear(d.features, y, network.sees, **settings, shrink=network.shrink)
     start = network.drawn(member, trial)[network.sees][None]
     found = minimise(problem, start, stops=Stops(epochs=EPOCHS))
     return problem.full(found.weights)[0], problem.output_weights(found.weights)[0], float(found.mse)
@@ -216,6 +219,17 @@ def test_single_precision_trains_and_stays_single(tmp_path):
     train(fit, tmp_path, data=data)
     assert {p.dtype for p in fit.network.parameters()} == {torch.float32}
     assert fit.relative_rmse(batch[0], batch[1]).max() < 0.5
+
+
+def test_nodes_are_shrunk_as_much_as_the_network_says(straight, tmp_path):
+    fit = ensemble(shrink=0.3)
+    train(fit, tmp_path, max_epochs=1)
+    nodes = len(fit.network.node)
+    free, held = (abs(f.network.output_weights[0, :, :nodes]).max() for f in (straight[0], fit))
+    assert held < 0.5 * free
+    inner, outer, _ = alone(fit, 0, 0)
+    torch.testing.assert_close(fit.network.input_weights[0], inner, rtol=1e-6, atol=1e-8)
+    torch.testing.assert_close(fit.network.output_weights[0], outer, rtol=1e-6, atol=1e-8)
 
 
 def test_an_ensemble_that_knows_the_shaft_learns_too(tmp_path):

@@ -71,7 +71,8 @@ class Prospect:
     Attributes:
         manoeuvre: Its name.
         seconds: How long it takes [s].
-        now: Expected deviation from the targets' tracks over L with what is known now, mean of the targets [-].
+        now: Expected deviation from the targets' tracks over L with what is known now, mean of the targets other than
+            the candidate itself [-].
         then: The same after it.
         targets: Target -> both of them.
         status: ``ok``, or what speaks against sailing it.
@@ -312,7 +313,10 @@ class _World:
         then = self._deviations([[run.tracks[rows] for run in after] for rows in parts])
         pairs = zip(self.now.mean(0).tolist(), then.mean(0).tolist(), strict=True)
         by_target = dict(zip([t.manoeuvre.name for t in self.targets], pairs, strict=True))
-        means = float(self.now.mean()), float(then.mean())
+        # A candidate that is itself to be predicted would else be praised for having been seen.
+        other = [k for k, t in enumerate(self.targets) if t.manoeuvre.name != run.manoeuvre.name]
+        other = other or list(range(len(self.targets)))
+        means = float(self.now[:, other].mean()), float(then[:, other].mean())
         return Prospect(run.manoeuvre.name, run.seconds, *means, by_target, remark(run, self.model.particulars))
 
     def _learnt(self, run: Sailed, truth: int, rows: list[int]) -> tuple[Tensor, Tensor]:

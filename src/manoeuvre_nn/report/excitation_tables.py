@@ -83,7 +83,7 @@ def sentence(a: Advice) -> str:
     now, then = best.targets[worst]
     return (
         f"{begin}, because the members disagree most about {worst} ({now:.2g} L apart now, {then:.2g} L after it)"
-        f"{_place(a, worst)}; on all {len(best.targets)} targets the expected deviation falls from {best.now:.2g} to "
+        f"{_place(a, worst)}; on {len(set(best.targets) - {best.manoeuvre})} targets the expected deviation falls from {best.now:.2g} to "
         f"{best.then:.2g} L."
     )
 
