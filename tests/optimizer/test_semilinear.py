@@ -250,7 +250,7 @@ def test_a_rank_that_is_lost_does_not_change_the_error_of_plain_least_squares():
 
 
 def shrunk(p: dict, output: int, whole: torch.Tensor, size: float) -> tuple[torch.Tensor, torch.Tensor]:
-    """Normal equations with ``N size^2`` added for the columns of the nodes: coefficients, and errors with the ridge."""
+    """Normal equations with ``N size^2`` added for the nodes: coefficients, and errors with the ridge."""
     a, y = design(p, output, whole), p["y"][:, output]
     a = a[:, a.detach().abs().amax(0) > 0]
     rows = size * SAMPLES**0.5 * torch.eye(a.shape[1], dtype=a.dtype)[: len(NODE)]

@@ -81,10 +81,10 @@ def sentence(a: Advice) -> str:
         )
     worst = max(best.targets, key=lambda name: best.targets[name][0])
     now, then = best.targets[worst]
+    others = len(set(best.targets) - {best.manoeuvre})
     return (
         f"{begin}, because the members disagree most about {worst} ({now:.2g} L apart now, {then:.2g} L after it)"
-        f"{_place(a, worst)}; on {len(set(best.targets) - {best.manoeuvre})} targets the expected deviation falls from {best.now:.2g} to "
-        f"{best.then:.2g} L."
+        f"{_place(a, worst)}; on {others} targets the expected error falls from {best.now:.2g} to {best.then:.2g} L."
     )
 
 
