@@ -60,7 +60,7 @@ def test_weights_that_are_right_stay_where_they_are():
         weights, history = refine(model, 0, recordings, inputs, Refinement(steps=2, stretch=5.0))
     start = model.network.output_weights[0]
     assert (weights - start).norm() < 1e-3 * start.norm()
-    assert history[0] < 1e-9
+    assert history[0] < 1e-6  # the rudder is taken as straight between samples
 
 
 def test_a_strong_pull_keeps_the_first_fit():

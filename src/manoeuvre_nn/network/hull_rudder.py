@@ -264,7 +264,7 @@ class HullRudder(nn.Module):
         """
         other = copy.copy(self)
         weights = {"input_weights": input_weights, "output_weights": output_weights}
-        other._parameters = {name: nn.Parameter(values.detach()) for name, values in weights.items()}
+        other._parameters = {name: nn.Parameter(values.detach().clone()) for name, values in weights.items()}
         other._buffers = {**self._buffers, "trained": torch.full_like(self.trained, len(input_weights))}
         return other
 

@@ -130,7 +130,9 @@ class EnsembleFit(Fit):
         self.log("train/steps", float(found.epochs[found.best]))
         if k + 1 == network.members:
             self.stopped = ALL_TRAINED
-        self.finish(batch, found.mse[found.best])
+        # Without the ridge, and after a refinement.
+        own = network.with_weights(network.input_weights[k : k + 1], network.output_weights[k : k + 1])
+        self.finish(batch, (own(x) - y).square().mean())
 
     def problem(self, x: Tensor, y: Tensor) -> SemiLinear:
         """What a member solves.
