@@ -13,10 +13,12 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+import yaml
 
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
@@ -24,7 +26,7 @@ from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.units import KNOT
 from manoeuvre_nn.dynamics.base import Dynamics
 from manoeuvre_nn.dynamics.limits import OK
-from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
+from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.simulate import Problem, simulate
 from manoeuvre_nn.identification.ladder import ladder, own_part
@@ -32,8 +34,6 @@ from manoeuvre_nn.manoeuvre.spiral import spiral
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.network.hull_rudder import HullRudder
-from manoeuvre_nn.optimizer.restarts import Stops, minimise
-from manoeuvre_nn.optimizer.semilinear import SemiLinear
 from manoeuvre_nn.recording.accelerations import accelerations
 from manoeuvre_nn.recording.score import score
 from manoeuvre_nn.recording.tuples import Tuples, to_tuples
@@ -41,14 +41,23 @@ from manoeuvre_nn.ship.esso_190k import esso_190k
 from manoeuvre_nn.ship.known import clarke_part, no_part
 from manoeuvre_nn.ship.mariner import mariner
 from manoeuvre_nn.training.closed_loop import Refinement, refine
-from manoeuvre_nn.training.scalings import make_scaling
+from manoeuvre_nn.training.ensemble import train_ensemble
 
 PLAIN: dict[str, Any] = {"symmetric": False, "modular": False, "library": "none", "speed_law": "approach", "members": 1}
-LAW: dict[str, dict[str, Any]] = {
-    "mariner": {"speed_law": "approach", "library": "linear"},
-    "esso_190k": {"speed_law": "shaft", "library": "quadratic", "shrink": 1e-4},
-}
-"""What ``conf/network/hull_rudder.yaml`` and ``hull_rudder_shaft.yaml`` choose."""
+CONF = Path(__file__).parents[1] / "conf" / "network"
+
+
+def chosen(name: str) -> dict[str, Any]:
+    """Settings of an ensemble as users have them.
+
+    Args:
+        name: Name of its file in conf/network.
+
+    Returns:
+        Arguments of :class:`HullRudder`.
+    """
+    settings = yaml.safe_load((CONF / f"{name}.yaml").read_text())
+    return {k: v for k, v in settings.items() if k not in {"_target_", "scaling", "dtype"}}
 
 
 @dataclass(frozen=True)
@@ -96,8 +105,8 @@ def studies() -> dict[str, Study]:
     ]
     tight, wide = replace(zigzag(35.0), duration=360.0), replace(zigzag(20.0), duration=1500.0)
     return {
-        "mariner": Study(wang, clarke_part(wang), tight, spiral(25.0), thesis, LAW["mariner"]),
-        "esso_190k": Study(esso, no_part(esso), wide, spiral(25.0), [*at_sea, *slow], LAW["esso_190k"]),
+        "mariner": Study(wang, clarke_part(wang), tight, spiral(25.0), thesis, chosen("hull_rudder")),
+        "esso_190k": Study(esso, no_part(esso), wide, spiral(25.0), [*at_sea, *slow], chosen("hull_rudder_shaft")),
     }
 
 
@@ -116,7 +125,7 @@ def rows(study: Study) -> dict[str, dict[str, Any]]:
         ("+ hull nodes do not see the rudder", {"modular": True}),
         ("+ terms beside the nodes", {"library": study.law["library"]}),
         ("+ forces in u^2, u n, n^2", {"speed_law": "shaft"}),
-        ("+ nodes shrunk", {"shrink": study.law.get("shrink", 0.0)}),
+        ("+ nodes shrunk", {"shrink": study.law["shrink"]}),
         ("+ median of 8", {"members": 8}),
         ("+ median of 16", {"members": 16}),
     ]
@@ -136,9 +145,7 @@ def rows(study: Study) -> dict[str, dict[str, Any]]:
         "of 8, no terms beside the nodes": {"library": "none"},
         "of 8, the other terms": {"library": "linear" if study.law["library"] == "quadratic" else "quadratic"},
         f"of 8, speed law: {other}": {"speed_law": other},
-        "of 8, nodes not shrunk" if "shrink" in study.law else "of 8, nodes shrunk": {
-            "shrink": 0.0 if "shrink" in study.law else 1e-4
-        },
+        f"of 8, nodes {'not ' if study.law['shrink'] else ''}shrunk": {"shrink": 0.0 if study.law["shrink"] else 1e-4},
         "of 8, 8 nodes": {"hidden": 8},
         "of 8, 16 nodes": {"hidden": 16},
         "of 4, refined in closed loop": {"members": 4, "refined": 1},
@@ -167,16 +174,9 @@ def train(
     """
     recordings, known, tuples = data(study, second, own)
     net = HullRudder(seed=seed, **network)
-    model = IdentifiedShip(known, net, make_scaling(net.scalings[0], known, tuples))
-    x, y = model.scaling.inputs(tuples.inputs), model.scaling.outputs(tuples.targets)
-    design = vars(net.design(x)).copy()
-    problem = SemiLinear(design.pop("features"), y, net.sees, shrink=net.shrink, **design)
+    model = train_ensemble(known, net, tuples)
+    x = model.scaling.inputs(tuples.inputs)
     with torch.no_grad():
-        for k in range(net.members):
-            found = minimise(problem, net.drawn(k)[net.sees][None], stops=Stops(epochs=150, min_fall=1e-4))
-            net.input_weights[k] = problem.full(found.weights)[0]
-            net.output_weights[k] = problem.output_weights(found.weights)[0]
-        net.trained.fill_(net.members)
         for k in range(net.members if refined else 0):
             net.output_weights[k] = refine(model, k, recordings, x, Refinement(steps=refined))[0]
     return model

@@ -16,10 +16,10 @@ from dataclasses import astuple
 from pathlib import Path
 
 import numpy as np
-import torch
 import yaml
 
 from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.diagnosis.answers import write_answer
 from manoeuvre_nn.diagnosis.case import Case, read_case
 from manoeuvre_nn.entry.diagnosis_job import ANSWER, case_folders
@@ -136,7 +136,7 @@ def main(arguments: list[str]) -> int:
     Returns:
         Exit code.
     """
-    torch.set_num_threads(1)
+    use_threads(1)
     given = settings(arguments)
     if given["calibrate"]:
         calibrate(given)

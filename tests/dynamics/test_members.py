@@ -112,7 +112,7 @@ def test_members_approach_as_their_model_does():
     model = tanker(shaft="similarity")
     slow = Members(model).on_approach(4.0)
     assert isinstance(slow, Members) and slow.particulars.speed == 4.0
-    assert float(slow.model.network.shaft) == float(model.on_approach(4.0).network.shaft) < 1
+    assert float(slow.network.shaft) == float(model.on_approach(4.0).network.shaft) < 1
     nu, delta = states(COUNT)
     assert torch.equal(rates(slow, nu, delta), rates(Members(model.on_approach(4.0)), nu, delta))
 

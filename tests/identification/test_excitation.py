@@ -4,37 +4,31 @@ from dataclasses import replace
 from functools import cache
 from math import atan, log
 
+import numpy as np
 import pytest
 import torch
 from fleet import unchecked
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.recording import MOTION
 from manoeuvre_nn.core.ship import Stability
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.limits import OK
 from manoeuvre_nn.dynamics.members import sail_members
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
 from manoeuvre_nn.dynamics.rollout import roll_out
-from manoeuvre_nn.identification.excitation import (
-    PER_LENGTH,
-    Effort,
-    Sailed,
-    disagreements,
-    prospects,
-    remark,
-    sail,
-)
+from manoeuvre_nn.identification.excitation import Effort, disagreements, prospects
 from manoeuvre_nn.identification.excitation_information import information
+from manoeuvre_nn.identification.excitation_runs import PER_LENGTH, Sailed, remark, sail
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.network.hull_rudder import HullRudder
 from manoeuvre_nn.network.perceptron import wang_network
-from manoeuvre_nn.optimizer.restarts import Stops, minimise
-from manoeuvre_nn.optimizer.semilinear import SemiLinear
+from manoeuvre_nn.optimizer.restarts import Stops
 from manoeuvre_nn.recording.tuples import Tuples, to_tuples
 from manoeuvre_nn.ship.known import clarke_part
 from manoeuvre_nn.ship.mariner import mariner
-from manoeuvre_nn.training.scalings import make_scaling
+from manoeuvre_nn.training.ensemble import train_ensemble
 
 FIRST = zigzag(35.0, duration=150.0)
 CANDIDATES = [FIRST, zigzag(10.0, duration=200.0)]
@@ -51,16 +45,8 @@ def recorded() -> Tuples:
 @cache
 def ensemble() -> IdentifiedShip:
     """Four members that were trained for a few steps."""
-    known, data, network = clarke_part(mariner()), recorded(), HullRudder(6, 4)
-    model = IdentifiedShip(known, network, make_scaling("mirrored", known, data))
-    design = dict(vars(network.design(model.scaling.inputs(data.inputs))))
-    problem = SemiLinear(design.pop("features"), model.scaling.outputs(data.targets), network.sees, **design)
-    with torch.no_grad(), unchecked():
-        for k in range(4):
-            best = minimise(problem, network.drawn(k)[network.sees][None], stops=Stops(epochs=12)).weights
-            network.input_weights[k], network.output_weights[k] = problem.full(best)[0], problem.output_weights(best)[0]
-    network.trained.fill_(4)
-    return model
+    with unchecked():
+        return train_ensemble(clarke_part(mariner()), HullRudder(6, 4), recorded(), Stops(epochs=12))
 
 
 def with_weights(model: IdentifiedShip, inside, outside) -> IdentifiedShip:
@@ -191,6 +177,30 @@ def test_a_run_repeated_divides_standard_errors_by_the_root_of_two(whole):
     assert found.per_minute == pytest.approx(60 * found.gain / found.seconds)
 
 
+def test_what_sensors_make_of_a_candidate_is_what_is_learnt_from():
+    """Each truth's run is handed to the recorder as the data were recorded, and noise costs gain."""
+    seen, known = [], clarke_part(mariner())
+
+    def recorder(noise: float):
+        def record(run, seed):
+            seen.append((run.name, seed, run.time[1], sorted(run.channels), run.meta["time_unit"]))
+            slopes = {f"{k}dot": np.gradient(run[k], run.time) for k in ("u", "v", "r")}
+            tuples = to_tuples([run.with_channels(**slopes)], known)
+            stream = np.random.default_rng(seed)
+            more = noise * tuples.targets.std(0) * torch.as_tensor(stream.standard_normal(tuples.targets.shape))
+            return replace(tuples, targets=tuples.targets + more)
+
+        return record
+
+    def gain(noise: float) -> float:
+        with unchecked():
+            args = ensemble(), recorded(), CANDIDATES[1:], TARGETS
+            return prospects(*args, record=recorder(noise), effort=replace(EFFORT, seed=3))[0].gain
+
+    assert gain(0.0) > 0 > gain(30.0)
+    assert seen[:2] == [("zz10", 3 * 1009 + k, 1.0, sorted(MOTION), mariner().particulars.time_unit) for k in (0, 3)]
+
+
 def test_wrong_settings_are_told():
     with pytest.raises(InputError, match="effort.others=1: expected 2 or more"):
         Effort(others=1)
@@ -207,5 +217,6 @@ def test_a_candidate_gets_no_credit_for_itself():
     with unchecked():
         (found,) = prospects(ensemble(), recorded(), CANDIDATES[1:], [*TARGETS, *CANDIDATES[1:]], effort=EFFORT)
         (without,) = prospects(ensemble(), recorded(), CANDIDATES[1:], TARGETS, effort=EFFORT)
-    assert (found.now, found.then) == pytest.approx((without.now, without.then), rel=1e-6)
+    assert found.then / found.now == pytest.approx(without.then / without.now, rel=1e-6)
+    assert found.now == pytest.approx(sum(pair[0] for pair in found.targets.values()) / 3)
     assert set(found.targets) == {*without.targets, CANDIDATES[1].name}

@@ -9,7 +9,7 @@ from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.manoeuvre.spiral import spiral
 from manoeuvre_nn.manoeuvre.straight import random_rudder, straight
 from manoeuvre_nn.manoeuvre.turning import pull_out, turning_circle
-from manoeuvre_nn.manoeuvre.zigzag import zigzag
+from manoeuvre_nn.manoeuvre.zigzag import mixed_zigzag, zigzag
 from manoeuvre_nn.ship.mariner import WANG
 
 
@@ -36,10 +36,24 @@ def test_a_zigzag_about_another_course_shifts_all_its_headings():
         (straight(), "straight"),
         (random_rudder(seed=3), "random3"),
         (zigzag(20.0, name="mine"), "mine"),
+        (mixed_zigzag(), "zz5to25"),
+        (mixed_zigzag([20.0, 10.0], first="port"), "zz20to10_port"),
     ],
 )
 def test_names_say_what_is_done(made, name):
     assert made.name == name
+
+
+def test_a_mixed_zigzag_goes_through_its_angles_to_both_sides_and_begins_anew():
+    stages = mixed_zigzag([10.0, 20.0], [15.0, 30.0], first="port").stages
+    assert [s.order / DEGREE for s in stages[:5]] == approx([-10, 10, -20, 20, -10])
+    assert [s.heading / DEGREE for s in stages[:5]] == approx([-15, 15, -30, 30, -15])
+    assert [s.direction for s in stages[:5]] == [-1, 1, -1, 1, -1]
+    assert mixed_zigzag([20.0]).stages[:60] == zigzag(20.0).stages[:60]
+    with pytest.raises(InputError, match="as many of the one as of the other"):
+        mixed_zigzag([10.0, 20.0], [15.0])
+    with pytest.raises(InputError, match="expected angles"):
+        mixed_zigzag([])
 
 
 def test_a_spiral_goes_to_the_other_side_and_back():

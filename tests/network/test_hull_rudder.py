@@ -82,7 +82,7 @@ def test_every_member_is_the_sum_that_it_is_said_to_be(kind):
 def test_the_design_is_what_the_outputs_are_linear_in(kind):
     network, x = made(members=1, **kind), points()
     d, w = network.design(x), network.input_weights[0]
-    side, other = (torch.tanh(z @ w[:, :-1].T + w[:, -1]) for z in (d.features, d.features * d.mirror))
+    side, other = (torch.tanh(z @ w[:, :-1].T + w[:, -1]) for z in (d.z, d.z * d.mirror))
     for o in range(3):
         nodes = (side + d.parity[o] * other)[:, d.node] * d.factors[d.factor].T
         columns = torch.cat([nodes, d.library[o].T], 1)

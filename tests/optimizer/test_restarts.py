@@ -71,7 +71,7 @@ def test_a_batch_is_the_same_as_one_by_one(kind, rule, own):
     for k, one in enumerate(single):
         for found in (whole, halves):
             torch.testing.assert_close(found.weights[k], one.weights[0], rtol=1e-6, atol=1e-7)
-            torch.testing.assert_close(found.mse[k], one.mse[0], rtol=1e-7, atol=1e-14)
+            torch.testing.assert_close(found.mse[k], one.mse[0], rtol=1e-5, atol=1e-14)  # products round differently
             assert (found.epochs[k], found.tries[k]) == (one.epochs[0], one.tries[0])
             assert found.reasons[k] == one.reasons[0] != Reason.RUNNING
 

@@ -6,6 +6,7 @@ from fleet import unchecked
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.network.perceptron import Perceptron
+from manoeuvre_nn.optimizer.gram import gram
 from manoeuvre_nn.optimizer.levenberg_marquardt import LevenbergMarquardt
 from manoeuvre_nn.optimizer.one_hidden import OneHidden
 
@@ -76,3 +77,14 @@ def test_what_does_not_fit_together_is_refused():
         OneHidden(x, y, HIDDEN, activation="relu")
     with unchecked(), pytest.raises(InputError, match="expected one of them"):
         LevenbergMarquardt(network.parameters(), jacobian=lambda: x, normal=lambda: (x, y))
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_a_gram_matrix_is_the_product_with_the_transpose(dtype):
+    generator = torch.Generator().manual_seed(1)
+    rows = torch.randn(3, 7, 40, generator=generator, dtype=dtype, requires_grad=True)
+    for part in (rows, rows[:, ::2], rows[:0]):
+        found = gram(part)
+        assert found.dtype == dtype and not found.requires_grad
+        torch.testing.assert_close(found, (part @ part.mT).detach())
+        assert torch.equal(found, found.mT)

@@ -5,7 +5,7 @@ import pytest
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.recording.accelerations import accelerations, smoothed
+from manoeuvre_nn.recording.accelerations import accelerations, smoothed, taken_away
 from manoeuvre_nn.recording.noise import add_noise
 
 RATES = ("udot", "vdot", "rdot")
@@ -103,3 +103,10 @@ def test_smoothed_velocities_are_nearer_to_the_truth_and_belong_to_the_heading(z
 
 def test_the_rudder_is_left_as_it_is(zz35, ship):
     np.testing.assert_array_equal(accelerations(known_to_be_of(ship, zz35))["delta"], zz35["delta"])
+
+
+def test_what_smoothing_takes_away_is_most_of_the_noise(zz35, ship):
+    raw = known_to_be_of(ship, add_noise(zz35, {"v": 0.1, "r": 0.002}, seed=2))
+    found = taken_away([raw, raw], [accelerations(raw), accelerations(raw)])
+    assert found["v"] == pytest.approx(0.1, rel=0.15) and found["r"] == pytest.approx(0.002, rel=0.15)
+    assert found["u"] < 0.02

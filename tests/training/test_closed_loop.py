@@ -28,9 +28,8 @@ def sailed_by_a_network():
         tuples = to_tuples(roll_out(CalmWater(ship), [trial]), known)
         network = HullRudder(4, 1, seed=3)
         model = IdentifiedShip(known, network, make_scaling("mirrored", known, tuples))
-        design = vars(network.design(model.scaling.inputs(tuples.inputs))).copy()
-        y = model.scaling.outputs(tuples.targets)
-        problem = SemiLinear(design.pop("features"), y, network.sees, **design)
+        design = network.design(model.scaling.inputs(tuples.inputs))
+        problem = SemiLinear(y=model.scaling.outputs(tuples.targets), **vars(design))
         with torch.no_grad():
             network.output_weights.copy_(problem.output_weights(network.drawn(0)[network.sees][None]))
         runs = roll_out(model, [trial])

@@ -245,3 +245,27 @@ def test_lists_of_files_that_make_no_sense_are_refused(folder, settings, told):
 def test_a_folder_that_is_none_is_refused(folder):
     with pytest.raises(InputError, match="none is not a folder: write the folder that holds the recordings"):
         recorded(folder / "none")
+
+
+@pytest.mark.parametrize("method", ["auto", "central"])
+def test_a_further_manoeuvre_would_be_learnt_as_this_sets_own_are(method):
+    data = simulated(noise={"v": 0.2, "r_deg_s": 0.1}, seed=4, accelerations=method)
+    with unchecked():
+        sailed = simulate(Problem(CalmWater(tiny.ships()[0]), zigzag(35.0, duration=90.0), interval=1.0))
+        again = data.would_record(sailed, seed=4)
+    torch.testing.assert_close(again.inputs, data.tuples.inputs, rtol=0, atol=1e-12)
+    torch.testing.assert_close(again.targets, data.tuples.targets, rtol=0, atol=1e-12)
+
+
+def test_a_further_run_beside_measured_ones_is_sensed_at_their_own_rate(folder):
+    data = recorded(folder, rate_hz=1.0)
+    assert data.noise["v"] < 0.02  # the files hold none; what is taken away is kinks rounded off
+    data.noise = {"v": 0.2}
+    with unchecked():
+        sailed = simulate(Problem(CalmWater(tiny.ships()[0]), zigzag(35.0, duration=120.0), interval=1.0))
+        (clean,) = data.recordings
+        there = data.would_record(sailed, seed=1)
+    assert torch.equal(there.times, data.tuples.times)
+    left = np.std(there.inputs[5:-5, 1].numpy() * 7.717 - clean["v"][5:-5])
+    # Local cubics over 33 samples, 17 s at 2 Hz, leave .26 of white noise; over 17 samples, at 1 Hz, .36.
+    assert left / 0.2 == pytest.approx(0.26, abs=0.06)

@@ -58,10 +58,7 @@ def scaled(fit, data=None):
 def alone(fit, member: int, trial: int) -> tuple[torch.Tensor, torch.Tensor, float]:
     """A member solved by hand from the start of a trial: its weights and its error."""
     (x, y), network = scaled(fit), fit.network
-    d = network.design(x)
-    names = ("mirror", "parity", "factors", "node", "factor", "library")
-    settings = {name: getattr(d, name) for name in names}
-    problem = SemiLinear(d.features, y, network.sees, **settings, shrink=network.shrink)
+    problem = SemiLinear(y=y, **vars(network.design(x)))
     start = network.drawn(member, trial)[network.sees][None]
     found = minimise(problem, start, stops=Stops(epochs=EPOCHS))
     return problem.full(found.weights)[0], problem.output_weights(found.weights)[0], float(found.mse)
@@ -149,12 +146,12 @@ def test_the_same_seed_gives_the_same_ensemble_and_another_seed_another(straight
         assert same(fit, straight[0]) is alike
 
 
-def test_noise_ends_members_early_and_after_a_kill_as_early_as_before(tmp_path):
+def test_noise_ends_members_early_and_after_a_kill_as_early_as_before(tmp_path, monkeypatch):
     data = tiny.simulated(noise={"v": 0.2, "r_deg_s": 0.2}, accelerations="central")
     fit, again = (ensemble(data, members=2, epochs=30) for _ in range(2))
     train(fit, tmp_path, data=data, max_epochs=1)
     assert int(fit.steps) in STEPS and int(fit.steps) < 30
-    again.steps_that_predict = None  # type: ignore[method-assign]  it has been found already
+    monkeypatch.setattr("manoeuvre_nn.training.ensemble.steps_that_predict", None)  # it has been found already
     train(again, tmp_path, data=data)
     assert int(again.steps) == int(fit.steps) and int(again.network.trained) == 2
 

@@ -1,7 +1,6 @@
 """The members of an ensemble, each sailing for itself: what they disagree about is what the data did not tell."""
 
 from collections.abc import Sequence
-from typing import Any, cast
 
 import torch
 from jaxtyping import Float
@@ -10,39 +9,34 @@ from torch import Tensor
 from manoeuvre_nn.core.frames import kinematics
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.dynamics.base import Dynamics
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.dynamics.replay import replay
 from manoeuvre_nn.dynamics.rollout import roll_out
+from manoeuvre_nn.network.hull_rudder import HullRudder
 
 
-class Members(Dynamics):
-    """An identified ship whose batches hold every run once for each member: all runs of the first, then of the next."""
+class Members(IdentifiedShip):
+    """An identified ship whose batches hold every run once for each member: all runs of the first, then of the next.
+
+    A state carries the number of its member. Without one (``acceleration``) nobody knows which member is meant, and the
+    whole ensemble answers.
+    """
+
+    network: HullRudder
 
     def __init__(self, model: IdentifiedShip) -> None:
         """Take the members of a model's network.
 
         Args:
-            model: Its network has ``trained`` members that answer ``each`` for itself.
+            model: Its network is an ensemble.
         """
-        super().__init__()
-        self.model = model
+        super().__init__(model.known, model.network, model.scaling)
 
     @property
     def count(self) -> int:
-        """Number of trained members."""
-        return int(self.model.network.trained) or self.model.network.members  # type: ignore[arg-type, return-value]
-
-    @property
-    def particulars(self) -> Particulars:
-        """Those of the model."""
-        return self.model.particulars
-
-    @property
-    def hull(self) -> Ship:
-        """The known part."""
-        return self.model.known
+        """Number of members that answer."""
+        return int(self.network.trained) or self.network.members
 
     def on_approach(self, speed: float) -> "Members":
         """The model at another approach speed.
@@ -53,7 +47,7 @@ class Members(Dynamics):
         Returns:
             New dynamics.
         """
-        return Members(self.model.on_approach(speed))
+        return Members(super().on_approach(speed))
 
     @property
     def memory(self) -> int:
@@ -92,24 +86,11 @@ class Members(Dynamics):
             Its time derivative.
         """
         del time
-        known, scaling, network = self.model.known, self.model.scaling, cast(Any, self.model.network)
-        nu, number = state[..., :3], state[..., 6].round().long()
+        known, nu, number = self.known, state[..., :3], state[..., 6].round().long()
         prime = torch.cat([nu / known.velocity_units, delta[..., None]], dim=-1)
-        unknown = scaling.restore(network.of(scaling.inputs(prime).reshape(-1, 4), number.flatten()).reshape(nu.shape))
-        nudot = known.acceleration_from_force(nu, known.force(nu, delta) + unknown)
+        each = self.network.of(self.scaling.inputs(prime).reshape(-1, 4), number.flatten()).reshape(nu.shape)
+        nudot = known.acceleration_from_force(nu, known.force(nu, delta) + self.scaling.restore(each))
         return torch.cat([nudot, kinematics(state[..., :6]), torch.zeros_like(state[..., 6:])], dim=-1)
-
-    def acceleration(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
-        """Accelerations by the whole ensemble: without its number nobody knows which member is meant.
-
-        Args:
-            nu: u, v [m/s], r [rad/s].
-            delta: Rudder angle [rad].
-
-        Returns:
-            udot, vdot [m/s^2], rdot [rad/s^2].
-        """
-        return self.model.acceleration(nu, delta)
 
 
 def has_members(dynamics: Dynamics) -> bool:
@@ -121,8 +102,8 @@ def has_members(dynamics: Dynamics) -> bool:
     Returns:
         True for an identified ship whose network has more than one trained member.
     """
-    network: Any = getattr(dynamics, "network", None)
-    return hasattr(network, "each") and int(network.trained) > 1
+    network = dynamics.network if isinstance(dynamics, IdentifiedShip) else None
+    return isinstance(network, HullRudder) and int(network.trained) > 1
 
 
 def sail_members(model: IdentifiedShip, manoeuvres: Sequence[Manoeuvre]) -> list[list[Recording]]:

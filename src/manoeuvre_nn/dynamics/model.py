@@ -1,7 +1,6 @@
 """A reference ship, an identified network and stacks of them: the same thing to a solver."""
 
 from collections.abc import Sequence
-from typing import Any, cast
 
 import torch
 from jaxtyping import Float
@@ -10,6 +9,7 @@ from torch import Tensor, nn
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.dynamics.base import Dynamics
+from manoeuvre_nn.network.hull_rudder import HullRudder
 
 
 class CalmWater(Dynamics):
@@ -116,8 +116,8 @@ class IdentifiedShip(Dynamics):
         Returns:
             New dynamics that share the network.
         """
-        known, network = self.known.on_approach(speed), cast(Any, self.network)
-        if hasattr(network, "at_shaft"):
+        known, network = self.known.on_approach(speed), self.network
+        if isinstance(network, HullRudder):
             network = network.at_shaft(float(network.shaft) * known.shaft_rpm / self.known.shaft_rpm)
         return IdentifiedShip(known, network, self.scaling)
 

@@ -17,6 +17,7 @@ from typing import Literal
 import torch
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.reproduction.section import Effort, Say, Section
 
 Keep = Callable[[Section, float], None]
@@ -115,7 +116,7 @@ def _do(task: Task, effort: Effort, writer: Connection, parent: int) -> None:
         for number in (1, 2):
             os.dup2(log.fileno(), number)  # warnings would tear the display
         sys.stdout = sys.stderr = log
-        torch.set_num_threads(1)
+        use_threads(1)
         torch.manual_seed(effort.seed)
 
         def say(what: str) -> None:

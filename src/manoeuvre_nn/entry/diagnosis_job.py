@@ -7,13 +7,13 @@ import traceback
 from pathlib import Path
 from time import monotonic
 
-import torch
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.diagnosis.answers import write_answer
 from manoeuvre_nn.diagnosis.case import Case
 from manoeuvre_nn.diagnosis.diagnose import diagnose
@@ -46,7 +46,7 @@ def run_diagnosis(cfg: DictConfig, out: Path, conf: Path) -> None:
         conf: The folder ``conf``.
     """
     with guard.one_line():
-        torch.set_num_threads(1)  # small matrices: more threads only wait for each other
+        use_threads(1)
         diagnose_all(cfg, out, conf, Console())
 
 

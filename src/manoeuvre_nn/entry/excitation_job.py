@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import torch
 import yaml
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
@@ -14,6 +13,7 @@ from rich.console import Console
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.dynamics.members import has_members
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.entry import config as configs
@@ -21,8 +21,9 @@ from manoeuvre_nn.entry import guard
 from manoeuvre_nn.entry.diagnosis_setup import load_model
 from manoeuvre_nn.entry.job import Job, known_part, make_fit, prepare
 from manoeuvre_nn.entry.provenance import CONFIG, check_same_run, resolved, versions, write_provenance
-from manoeuvre_nn.identification.excitation import Effort, disagreements, prospects, sail
+from manoeuvre_nn.identification.excitation import Effort, disagreements, prospects
 from manoeuvre_nn.identification.excitation_information import information
+from manoeuvre_nn.identification.excitation_runs import sail
 from manoeuvre_nn.network.hull_rudder import HullRudder
 from manoeuvre_nn.report.excitation_figures import gain_figure, where_figure
 from manoeuvre_nn.report.excitation_tables import Advice, advice_json, advice_rows, ranked, sentence, target_rows
@@ -90,7 +91,7 @@ def excite(cfg: DictConfig, out: Path, conf: Path, console: Console) -> Advice |
     Returns:
         The advice; None if the folder already holds it.
     """
-    torch.set_num_threads(configs.whole_number("trainer.threads", cfg.trainer.threads, 1))
+    use_threads(configs.whole_number("trainer.threads", cfg.trainer.threads, 1))
     cfg = configs.with_effects(_of_model(cfg))
     question = question_of(cfg, conf)
     check_same_run(cfg, out)
@@ -188,7 +189,9 @@ def _advice(q: Question, model: IdentifiedShip, say: Any) -> Advice:
     """Ask."""
     tuples, known = q.job.data.tuples, q.job.data.known
     if q.goal == "accuracy":
-        expected, coefficients = prospects(model, tuples, q.candidates, q.targets, effort=q.effort, say=say), ""
+        record = None if q.job.data.exact else q.job.data.would_record
+        expected = prospects(model, tuples, q.candidates, q.targets, record=record, effort=q.effort, say=say)
+        coefficients = ""
     else:
         interval = float((tuples.times[1:] - tuples.times[:-1]).median())
         expected, coefficients = information(q.ship, known, tuples, sail(model, q.candidates), interval)  # type: ignore[assignment]

@@ -10,6 +10,7 @@ from rich.console import Console
 
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.entry import config as configs
 from manoeuvre_nn.entry.provenance import check_same_run, finished, resolved, write_provenance
@@ -58,7 +59,7 @@ def train(cfg: DictConfig, out: Path, conf: Path, console: Console | None = None
         What came out; None if the folder already held the finished run.
     """
     console = console or Console()
-    torch.set_num_threads(configs.whole_number("trainer.threads", cfg.trainer.threads, 1))
+    use_threads(configs.whole_number("trainer.threads", cfg.trainer.threads, 1))
     cfg = configs.with_effects(cfg)
     job = prepare(cfg, conf)
     check_same_run(cfg, out)

@@ -12,12 +12,12 @@ from pathlib import Path
 from time import monotonic
 from typing import Any
 
-import torch
 from hydra.utils import get_object
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.entry import guard
 from manoeuvre_nn.entry.chapter_processes import Event, Task, do_chapters
 from manoeuvre_nn.entry.config import as_list, check_target, switch, whole_number
@@ -87,7 +87,7 @@ def run_reproduction(cfg: DictConfig, conf: Path) -> None:
         conf: The folder ``conf``.
     """
     with guard.one_line():
-        torch.set_num_threads(1)
+        use_threads(1)
         job, console = job_of(cfg, conf), Console()
         roomy = console.is_terminal or "COLUMNS" in os.environ
         reproduce(job, console if roomy else Console(width=WIDTH))

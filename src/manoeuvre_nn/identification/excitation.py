@@ -1,8 +1,7 @@
 """Which manoeuvre to sail next: what the members of an ensemble would still disagree about after each of several."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from math import isfinite
 from typing import cast
 
 import numpy as np
@@ -12,56 +11,21 @@ from torch import Tensor
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
-from manoeuvre_nn.core.ship import Particulars
-from manoeuvre_nn.core.units import DEGREE, GRAVITY
-from manoeuvre_nn.dynamics.base import Dynamics
-from manoeuvre_nn.dynamics.limits import OK, left_range
-from manoeuvre_nn.dynamics.members import Members, has_members
+from manoeuvre_nn.core.recording import MOTION, Recording
+from manoeuvre_nn.dynamics.limits import OK
+from manoeuvre_nn.dynamics.members import has_members
 from manoeuvre_nn.dynamics.model import IdentifiedShip
-from manoeuvre_nn.dynamics.rollout import rollout
-from manoeuvre_nn.dynamics.simulate import Problem
+from manoeuvre_nn.identification.excitation_runs import Sailed, remark, sail
 from manoeuvre_nn.network.hull_rudder import HullRudder
 from manoeuvre_nn.optimizer.semilinear import SemiLinear
 from manoeuvre_nn.recording.tuples import Tuples
 
-PER_LENGTH = 8
-"""Steps, and samples, in the time L/U0: a model's forces over a few lengths are smooth."""
 LOST = 5.0
 """Deviation over L beyond which a track is lost, however far it goes [-]."""
 
-HEEL = 12.0
-"""Angle of heel in a turn that is worth a word [deg]."""
-
 Say = Callable[[str], None]
-
-
-@dataclass(frozen=True)
-class Sailed:
-    """A manoeuvre as every member sails it.
-
-    Attributes:
-        manoeuvre: What is sailed.
-        times: Sample times [s].
-        states: u, v, r, x, y, psi; a member that leaves the physical range rests from then on.
-        rudders: Rudder angle [rad].
-        ended: Time at which a member left the physical range [s]; ``inf`` if it did not.
-    """
-
-    manoeuvre: Manoeuvre
-    times: Float[Tensor, " t"]
-    states: Float[Tensor, "k t 6"]
-    rudders: Float[Tensor, "k t"]
-    ended: Float[Tensor, " k"]
-
-    @property
-    def seconds(self) -> float:
-        """How long it takes [s]."""
-        return float(self.times[-1])
-
-    @property
-    def tracks(self) -> Float[Tensor, "k t 2"]:
-        """North and east [m]."""
-        return self.states[..., 3:5]
+Record = Callable[[Recording, int], Tuples]
+"""What a sailed manoeuvre would be learnt as, with noise of a seed."""
 
 
 @dataclass(frozen=True)
@@ -71,9 +35,9 @@ class Prospect:
     Attributes:
         manoeuvre: Its name.
         seconds: How long it takes [s].
-        now: Expected deviation from the targets' tracks over L with what is known now, mean of the targets other than
-            the candidate itself [-].
-        then: The same after it.
+        now: Expected deviation from the targets' tracks over L with what is known now, mean of the targets [-].
+        then: The same after it. A candidate that is a target itself gets no credit for having been seen: the others'
+            share of deviation that is left counts for it too.
         targets: Target -> both of them.
         status: ``ok``, or what speaks against sailing it.
     """
@@ -103,7 +67,7 @@ class Effort:
     Attributes:
         truths: Members that are taken as the truth, one after the other.
         others: Members that learn from it each time.
-        samples: Samples of a run that they learn from at most.
+        samples: Samples of what is recorded already that they learn from at most; a candidate's are as dense.
         seed: Seed of the noise.
     """
 
@@ -121,67 +85,6 @@ class Effort:
         for name, least in (("truths", 1), ("others", 2), ("samples", 50)):
             if getattr(self, name) < least:
                 raise InputError(f"effort.{name}={getattr(self, name)}: expected {least} or more")
-
-
-def sail(model: IdentifiedShip, manoeuvres: Sequence[Manoeuvre]) -> list[Sailed]:
-    """Every member through every manoeuvre, in steps of L/(8 U0).
-
-    Args:
-        model: An ensemble; any other model is its own single member.
-        manoeuvres: What is sailed.
-
-    Returns:
-        One a manoeuvre, in their order.
-    """
-    made: dict[int, Sailed] = {}
-    for speed in dict.fromkeys(m.speed for m in manoeuvres):
-        rows = [k for k, m in enumerate(manoeuvres) if m.speed == speed]
-        made |= zip(rows, _sailed(model, [manoeuvres[k] for k in rows]), strict=True)
-    return [made[k] for k in range(len(manoeuvres))]
-
-
-def _sailed(model: IdentifiedShip, group: Sequence[Manoeuvre]) -> Iterator[Sailed]:
-    """Manoeuvres of one approach speed in one batch, member after member."""
-    moving: Dynamics = Members(model) if has_members(model) else model
-    moving, start, _ = Problem(moving, group[0]).on_approach()
-    ship, count = moving.particulars, moving.count if isinstance(moving, Members) else 1
-    for manoeuvre in group:
-        manoeuvre.check(ship)
-    step = ship.time_unit / PER_LENGTH
-    ends = [m.duration_for(ship) for m in group]
-    with torch.inference_mode():
-        times = start.new_tensor(np.arange(0.0, max(ends) + 1e-9, step))
-        rows = start[:6].repeat(count * len(group), 1)
-        first = moving.start(rows, rows[:, 5])
-        run = rollout(moving, list(group) * count, first, times, step=step)
-    states = run.states[..., :6].unflatten(1, (count, len(group))).clone()
-    rudders, ended = run.rudders.unflatten(1, (count, len(group))).clone(), run.ended.view(count, len(group))
-    for k, (manoeuvre, end) in enumerate(zip(group, ends, strict=True)):
-        n = max(int((times <= end + 1e-9).sum()), 2)
-        gone = torch.where(ended[:, k] <= end, ended[:, k], torch.inf)
-        yield Sailed(manoeuvre, times[:n].clone(), states[:n, :, k].movedim(0, 1), rudders[:n, :, k].T, gone)
-
-
-def remark(run: Sailed, ship: Particulars) -> str:
-    """What speaks against sailing a manoeuvre.
-
-    Args:
-        run: The manoeuvre as the members sail it.
-        ship: The ship, for its stability.
-
-    Returns:
-        ``ok``, or that members leave the physical range, or heel more than :data:`HEEL`.
-
-    Source:
-        Heel in a turn, ``tan phi = u r (KG - T/2) / (g GM)``: Biran & Lopez-Pulido 2014, section 6.4.
-    """
-    lost = int(run.ended.isfinite().sum())
-    if lost:
-        return f"{lost} of {len(run.ended)} members {left_range(float(run.ended.min()))}"
-    hull = ship.heeling
-    outward = (run.states[..., 0] * run.states[..., 2]).abs().amax(1).median()
-    heel = float(torch.atan(outward * (hull.kg - ship.draught / 2) / (GRAVITY * hull.gm))) / DEGREE
-    return f"heels {heel:.0f} deg" if heel > HEEL else OK
 
 
 @dataclass(frozen=True)
@@ -224,6 +127,19 @@ def disagreements(model: IdentifiedShip, tuples: Tuples, runs: Sequence[Sailed])
     return made
 
 
+def prime(model: IdentifiedShip, path: Float[Tensor, "*batch 4"]) -> Float[Tensor, "*batch 4"]:
+    """A path in the known part's prime system.
+
+    Args:
+        model: The model.
+        path: u, v [m/s], r [rad/s], rudder angle [rad].
+
+    Returns:
+        u', v', r' and the rudder angle [rad].
+    """
+    return torch.cat([path[..., :3] / model.known.velocity_units, path[..., 3:]], dim=-1)
+
+
 def network_inputs(model: IdentifiedShip, path: Float[Tensor, "*batch 4"]) -> Float[Tensor, "*batch 4"]:
     """What a model's network sees.
 
@@ -234,7 +150,7 @@ def network_inputs(model: IdentifiedShip, path: Float[Tensor, "*batch 4"]) -> Fl
     Returns:
         Scaled inputs.
     """
-    return model.scaling.inputs(torch.cat([path[..., :3] / model.known.velocity_units, path[..., 3:]], dim=-1))
+    return model.scaling.inputs(prime(model, path))
 
 
 def prospects(
@@ -243,6 +159,7 @@ def prospects(
     candidates: Sequence[Manoeuvre],
     targets: Sequence[Manoeuvre],
     *,
+    record: Record | None = None,
     effort: Effort | None = None,
     say: Say = lambda _: None,
 ) -> list[Prospect]:
@@ -251,14 +168,19 @@ def prospects(
     One member after the other is taken as the truth and sails the candidate; what it would record is given to the
     others, which change their linear weights by least squares over all data, in ridge regression about those they have:
     a change of a weight's own size costs as much as the noise of one sample. Expected is the largest distance over L
-    between the truth's track of a target and the median of the others' tracks, averaged over truths and targets. The
-    recorder's noise is what the members leave of the data that they were trained on.
+    between the truth's track of a target and the median of the others' tracks, averaged over truths and targets.
+
+    Where sensors are noisy, what they and the smoothing make of a candidate counts as much as where it leads: a rudder
+    that moves often leaves errors in the accelerations that no length of record averages out. ``record`` does to a
+    candidate what was done to the data. Without it forces are recorded as they are, but for white noise of the size
+    that the members leave of the data that they were trained on.
 
     Args:
         model: An ensemble that was trained on the tuples.
         tuples: What it was trained on.
         candidates: What could be sailed next.
         targets: What is to be predicted.
+        record: What sensors and smoothing make of a run.
         effort: How much is computed.
         say: Called before each candidate.
 
@@ -277,9 +199,9 @@ def prospects(
         raise InputError("goal=accuracy asks the members of an ensemble: network=hull_rudder, or goal=coefficients")
     if not candidates or not targets:
         raise InputError("candidates=[] or targets=[]: name at least one manoeuvre of each, such as candidates=[zz20]")
-    world = _World(model, network, tuples, sail(model, targets), effort or Effort())
+    world = _World(model, network, tuples, sail(model, targets), record, effort or Effort())
     found = []
-    for run in sail(model, candidates):
+    for run in sail(model, candidates, world.interval):
         say(run.manoeuvre.name)
         found.append(world.prospect(run))
     return found
@@ -289,15 +211,22 @@ class _World:
     """The members, each taken as the truth for the others."""
 
     def __init__(
-        self, model: IdentifiedShip, network: HullRudder, tuples: Tuples, targets: list[Sailed], effort: Effort
+        self,
+        model: IdentifiedShip,
+        network: HullRudder,
+        tuples: Tuples,
+        targets: list[Sailed],
+        record: Record | None,
+        effort: Effort,
     ) -> None:
         """Find out how well the targets are known now."""
-        self.model, self.network, self.targets, self.effort = model, network, targets, effort
+        self.model, self.network, self.targets, self.record, self.effort = model, network, targets, record, effort
+        self.interval = float((tuples.times[1:] - tuples.times[:-1]).median())
+        self.every = -(-len(tuples.times) // effort.samples)
         count = int(network.trained)
         self.truths = torch.linspace(0, count - 1, min(effort.truths, count)).round().long().tolist()
         self.others = [[(t + 1 + k) % count for k in range(min(effort.others, count - 1))] for t in self.truths]
-        scaling = model.scaling
-        self.known = _thinned(scaling.inputs(tuples.inputs), scaling.outputs(tuples.targets), effort.samples)
+        self.known = self._scaled(tuples)
         with torch.no_grad():
             each = network.each(self.known[0].expand(count, -1, -1), count)
         self.noise = (each - self.known[1]).square().mean((0, 1)).sqrt()
@@ -316,22 +245,39 @@ class _World:
         # A candidate that is itself to be predicted would else be praised for having been seen.
         other = [k for k, t in enumerate(self.targets) if t.manoeuvre.name != run.manoeuvre.name]
         other = other or list(range(len(self.targets)))
-        means = float(self.now[:, other].mean()), float(then[:, other].mean())
-        return Prospect(run.manoeuvre.name, run.seconds, *means, by_target, remark(run, self.model.particulars))
+        now, left = float(self.now.mean()), then[:, other].mean() / self.now[:, other].mean().clamp(min=1e-12)
+        status = remark(run, self.model.particulars)
+        return Prospect(run.manoeuvre.name, run.seconds, now, now * float(left), by_target, status)
 
     def _learnt(self, run: Sailed, truth: int, rows: list[int]) -> tuple[Tensor, Tensor]:
         """Weights of the others after they learnt what one member would record."""
-        alive = run.times <= float(run.ended[truth]) - 1e-9 if isfinite(run.ended[truth]) else run.times >= 0
-        path = torch.cat([run.states[truth, :, :3], run.rudders[truth, :, None]], dim=-1)
-        x = network_inputs(self.model, path[alive])
-        with torch.no_grad():
-            forces = self.network.of(x, torch.full((len(x),), truth))
-        generator = torch.Generator().manual_seed(self.effort.seed * 1_009 + truth)
-        forces = forces + self.noise * torch.randn(forces.shape, generator=generator, dtype=torch.float64).to(forces)
-        x, forces = _thinned(x, forces, self.effort.samples)
+        x, forces = self._scaled(self._recorded(run, truth))
         x, y = torch.cat([self.known[0], x]), torch.cat([self.known[1], forces])
         weights = [self._updated(member, x, y) for member in rows]
         return self.network.input_weights[rows].detach(), torch.cat(weights)
+
+    def _recorded(self, run: Sailed, truth: int) -> Tuples:
+        """What would be learnt from a member's run, as long as it stays in the physical range."""
+        alive = run.times < run.ended[truth]
+        times, states, rudder = run.times[alive], run.states[truth, alive], run.rudders[truth, alive]
+        seed = self.effort.seed * 1_009 + truth
+        if self.record is not None:
+            channels = dict(zip(MOTION, [*states.T.numpy(), rudder.numpy()], strict=True))
+            meta = {"time_unit": self.model.particulars.time_unit}
+            return self.record(Recording(run.manoeuvre.name, times.numpy(), channels, meta=meta), seed)
+        path = torch.cat([states[:, :3], rudder[:, None]], dim=-1)
+        with torch.no_grad():
+            x = network_inputs(self.model, path)
+            forces = self.network.of(x, torch.full((len(x),), truth))
+        generator = torch.Generator().manual_seed(seed)
+        forces = forces + self.noise * torch.randn(forces.shape, generator=generator, dtype=torch.float64).to(forces)
+        targets = self.model.scaling.restore(forces)
+        return Tuples(prime(self.model, path), targets, times, torch.zeros_like(times).long())
+
+    def _scaled(self, tuples: Tuples) -> tuple[Tensor, Tensor]:
+        """Every k-th sample as the members see them."""
+        scaling, part = self.model.scaling, slice(None, None, self.every)
+        return scaling.inputs(tuples.inputs[part]), scaling.outputs(tuples.targets[part])
 
     @torch.no_grad()
     def _updated(self, member: int, x: Tensor, y: Tensor) -> Tensor:
@@ -339,8 +285,7 @@ class _World:
         network, now = self.network, self.network.output_weights[member]
         missed = y - network.of(x, torch.full((len(x),), member))
         ridge = float(self.noise.mean() / now.abs().median().clamp(min=1e-12)) / len(x) ** 0.5
-        design = dict(vars(network.design(x)))
-        problem = SemiLinear(design.pop("features"), missed, network.sees, ridge=max(ridge, 1e-10), **design)
+        problem = SemiLinear(y=missed, ridge=max(ridge, 1e-10), **vars(network.design(x)))
         return now + problem.output_weights(network.input_weights[member][network.sees][None])
 
     def _deviations(self, tracks: Sequence[Sequence[Float[Tensor, "_ _ 2"]]]) -> Float[Tensor, "truths targets"]:
@@ -355,9 +300,3 @@ class _World:
 
 def _median(tracks: Float[Tensor, "j t 2"]) -> Float[Tensor, "t 2"]:
     return tracks.quantile(0.5, dim=0)
-
-
-def _thinned(x: Tensor, y: Tensor, most: int) -> tuple[Tensor, Tensor]:
-    """Every k-th sample, so that at most some number is left."""
-    step = -(-len(x) // most)
-    return x[::step], y[::step]

@@ -11,7 +11,7 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.dynamics.limits import OK
 from manoeuvre_nn.identification.derivatives import ABKOWITZ, taylor_columns
-from manoeuvre_nn.identification.excitation import Sailed, remark
+from manoeuvre_nn.identification.excitation_runs import Sailed, remark
 from manoeuvre_nn.recording.tuples import Tuples
 from manoeuvre_nn.ship.taylor import EQUATIONS
 

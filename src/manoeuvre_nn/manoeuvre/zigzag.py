@@ -1,11 +1,15 @@
 """Zigzag (Kempf) trials."""
 
+from collections.abc import Sequence
+
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage, check_degrees, check_duration, side_sign
 from manoeuvre_nn.core.units import DEGREE
 
 UNLIMITED = 60
 """Executes that no record of ordinary length reaches."""
+MIXED_LENGTHS = 40.0
+"""Ship lengths sailed at approach speed in which an ordinary ship has gone through all angles of a mixed zigzag."""
 
 
 def zigzag(
@@ -50,3 +54,48 @@ def zigzag(
         name = f"zz{rudder_deg:g}" + ("" if heading_deg in {None, rudder_deg} else f"_{heading_deg:g}")
         name += "_port" if sign < 0 else ""
     return Manoeuvre(name, "zigzag", (*stages, Stage(0.0)), duration=duration)
+
+
+def mixed_zigzag(
+    rudder_deg: Sequence[float] = (5.0, 10.0, 15.0, 20.0, 25.0),
+    heading_deg: Sequence[float] | None = None,
+    first: str = "starboard",
+    duration: float | None = None,
+    name: str | None = None,
+) -> Manoeuvre:
+    """A zigzag whose angles change from cycle to cycle, and then begin anew.
+
+    No IMO trial, but made to be learnt from: a zigzag of one angle shows a ship on one loop of v, r and rudder only, a
+    mixed one fills what lies within.
+
+    Args:
+        rudder_deg: Rudder angle of each cycle, an execute to either side [deg].
+        heading_deg: Change of heading at which the rudder is reversed, cycle by cycle [deg]; by default the rudder
+            angles.
+        first: Side of the first execute.
+        duration: Length of the trial [s]; by default 40 L/U0.
+        name: Short name; by default ``zz5to25`` after the first and the last angle.
+
+    Returns:
+        The manoeuvre.
+
+    Raises:
+        InputError: If there is no angle, or an angle, the side or the duration makes no sense.
+    """
+    if not rudder_deg or len(heading_deg or rudder_deg) != len(rudder_deg):
+        raise InputError(
+            f"manoeuvre rudder_deg={list(rudder_deg)}, heading_deg={heading_deg and list(heading_deg)}: expected "
+            "angles, and as many of the one as of the other"
+        )
+    rudders = [check_degrees("manoeuvre rudder_deg", angle) for angle in rudder_deg]
+    headings = [check_degrees("manoeuvre heading_deg", angle) for angle in heading_deg or rudder_deg]
+    sign = side_sign("manoeuvre first", first)
+    check_duration("manoeuvre duration", duration)
+    cycle = [
+        Stage(side * rudder, heading=side * heading, direction=side)
+        for rudder, heading in zip(rudders, headings, strict=True)
+        for side in (sign, -sign)
+    ]
+    stages = (*(cycle * (UNLIMITED // len(cycle) + 1)), Stage(0.0))
+    name = name or f"zz{rudder_deg[0]:g}to{rudder_deg[-1]:g}" + ("_port" if sign < 0 else "")
+    return Manoeuvre(name, "mixed_zigzag", stages, duration=duration, ship_lengths=MIXED_LENGTHS)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from torch import Tensor, nn
 
 from manoeuvre_nn.core.errors import InputError, check_choice
@@ -21,25 +21,29 @@ SLOWEST = 0.05
 
 @dataclass(frozen=True)
 class Design:
-    """What the outputs are linear in, at given inputs; see :class:`HullRudder`.
+    """What the outputs are linear in, at given inputs: all that a fit by variable projection needs beside the targets.
 
     Attributes:
-        features: What the nodes see.
+        z: What the nodes see.
+        sees: Which of it, and the bias last, each node sees.
         mirror: Sign of every feature when the ship is mirrored [-].
         parity: Sign of every output then; 0 where none is imposed.
         factors: b_j at every sample.
         node: Node of every column of the first kind.
         factor: Its factor.
         library: Columns of the second kind, output by output; a column of zeros is none.
+        shrink: Ridge on the columns of the first kind, over the size of a column of ones [-].
     """
 
-    features: Float[Tensor, "n i"]
+    z: Float[Tensor, "n i"]
+    sees: Bool[Tensor, "h w"]
     mirror: Float[Tensor, " i"]
     parity: Float[Tensor, " o"]
     factors: Float[Tensor, "j n"]
     node: Int[Tensor, " c"]
     factor: Int[Tensor, " c"]
     library: Float[Tensor, "o e n"]
+    shrink: float
 
 
 class HullRudder(nn.Module):
@@ -171,8 +175,9 @@ class HullRudder(nn.Module):
         """
         mirror = [1.0, -1.0, -1.0, -1.0] if self.speed_law == "approach" else [-1.0, -1.0, -1.0]
         parity = EVEN if self.symmetric else (0.0,) * OUTPUTS
-        parts = self._features(x), x.new_tensor(mirror), x.new_tensor(parity), self._factors(x)
-        return Design(*parts, self.node, self.factor, self._library(x))
+        signs = x.new_tensor(mirror), x.new_tensor(parity)
+        columns = self._factors(x), self.node, self.factor, self._library(x)
+        return Design(self._features(x), self.sees, *signs, *columns, self.shrink)
 
     def forward(self, x: Float[Tensor, "*batch 4"]) -> Float[Tensor, "*batch 3"]:
         """Median of the trained members.
@@ -218,7 +223,7 @@ class HullRudder(nn.Module):
     ) -> Float[Tensor, "k n 3"]:
         """Forces by a set of weights for every row of inputs."""
         d = self.design(x.reshape(-1, 4))
-        z = d.features.view(*x.shape[:2], -1)
+        z = d.z.view(*x.shape[:2], -1)
         nodes = _nodes(z, first)
         mirrored = _nodes(z * d.mirror, first) if self.symmetric else None
         factors = d.factors.view(-1, *x.shape[:2])

@@ -19,6 +19,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.optimizer.gram import gram
 
 Carry = tuple[Tensor, ...]
 """What an evaluation leaves for the derivatives at the same weights; every tensor has K rows."""
@@ -164,7 +165,7 @@ class OneHidden:
             slope = part - part.square() if self.activation == "sigmoid" else 1 - part.square()
             torch.mul(slope[:, :, None], z, out=stacked[:, :inner].view(len(part), self.hidden, self.width, -1))
             torch.cat([other[..., block] for other in others], 1, out=stacked[:, inner:])
-            square = stacked @ stacked.mT
+            square = gram(stacked)
             total = square if total is None else total.add_(square)
         assert total is not None
         return total

@@ -5,6 +5,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from manoeuvre_nn.core.errors import check_choice
+from manoeuvre_nn.optimizer.gram import gram
 from manoeuvre_nn.optimizer.one_hidden import Carry
 
 
@@ -137,7 +138,7 @@ class SemiLinear:
                 strength = self._strength(best[:, : len(self._node), index])
                 jacobian = (slopes * strength[:, :, None]).flatten(1, 2)[:, self.sees.flatten()]
                 within = jacobian @ q[:, :count]
-                normal = normal + jacobian @ jacobian.mT - within @ within.mT
+                normal = normal + gram(jacobian) - within @ within.mT
                 gradient = gradient + (jacobian @ errors[:, :count, index, None])[..., 0]
         return normal, gradient
 

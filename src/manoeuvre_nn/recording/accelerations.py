@@ -1,5 +1,6 @@
 """Accelerations out of recorded velocities."""
 
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
@@ -69,6 +70,21 @@ def accelerations(recording: Recording, method: Method = "smoother") -> Recordin
     smooth = {k: smoothed(recording.time, recording[k], None if unit is None else WINDOW * unit) for k in given}
     values = {k: value for k, (value, _) in smooth.items()}
     return recording.with_channels(**values, **{f"{k}dot": smooth[k][1] for k in ("u", "v", "r")})
+
+
+def taken_away(raw: Sequence[Recording], smooth: Sequence[Recording]) -> dict[str, float]:
+    """What smoothing took away: an estimate of the sensors' noise, too small by the noise that is left.
+
+    Args:
+        raw: What was recorded.
+        smooth: The same, smoothed.
+
+    Returns:
+        Channel -> standard deviation [SI and radians].
+    """
+    pairs = list(zip(raw, smooth, strict=True))
+    names = [k for k in SMOOTHED if all(k in r.channels for r in raw)]
+    return {k: float(np.concatenate([r[k] - s[k] for r, s in pairs]).std()) for k in names}
 
 
 def smoothed(

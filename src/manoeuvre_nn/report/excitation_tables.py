@@ -79,12 +79,13 @@ def sentence(a: Advice) -> str:
             f"{begin}, because it tells most about the coefficients of {a.coefficients}: their standard errors fall to "
             f"{100 * best.then / best.now:.0f} % on average, those of {equation} to {100 * fall[1] / fall[0]:.0f} %."
         )
-    worst = max(best.targets, key=lambda name: best.targets[name][0])
+    # Not itself: that it is known once it is sailed says nothing.
+    others = [name for name in best.targets if name != best.manoeuvre] or list(best.targets)
+    worst = max(others, key=lambda name: best.targets[name][0])
     now, then = best.targets[worst]
-    others = len(set(best.targets) - {best.manoeuvre})
     return (
         f"{begin}, because the members disagree most about {worst} ({now:.2g} L apart now, {then:.2g} L after it)"
-        f"{_place(a, worst)}; on {others} targets the expected error falls from {best.now:.2g} to {best.then:.2g} L."
+        f"{_place(a, worst)}; on {len(others)} targets the error falls from {best.now:.2g} to {best.then:.2g} L."
     )
 
 

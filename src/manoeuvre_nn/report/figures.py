@@ -241,7 +241,7 @@ def comparison_figures(
         "track": track_figure(reference, prediction, length, members=members),
         "time series": time_series_figure(reference, prediction, members=members),
     }
-    if reference.meta.get("kind") in {"spiral", "zigzag"}:
+    if reference.meta.get("kind") in {"spiral", "zigzag", "mixed_zigzag"}:
         figures["rate against rudder"] = rate_against_rudder_figure(reference, prediction)
     return figures
 

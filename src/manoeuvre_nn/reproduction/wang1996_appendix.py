@@ -1,10 +1,10 @@
 """Wang 1996, appendix A: chapters 4 and 5 once more, with a Great Lakes bulk carrier."""
 
-from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.manoeuvre.turning import turning_circle
-from manoeuvre_nn.reproduction.section import Claim, Effort, Plot, Say, Section, compared
+from manoeuvre_nn.reproduction.section import Claim, Effort, Plot, Say, Section
+from manoeuvre_nn.reproduction.wang1996_chapter3 import ship_claims
 from manoeuvre_nn.reproduction.wang1996_chapter4 import (
     estimate_claims,
     loop_claims,
@@ -93,15 +93,7 @@ def table_claims(ship: TaylorShip) -> list[Claim]:
     Returns:
         One claim a number.
     """
-    p = ship.particulars
-    ours = {k: getattr(p, k) / (DEGREE if k == "rudder_rate" else 1.0) for k in PARTICULARS}
-    claims = [compared("Table A.1", k, value, ours[k], within=1e-9) for k, value in PARTICULARS.items()]
-    for equation, values in COEFFICIENTS.items():
-        for term, value in values.items():
-            what = f"{equation}_{term}" + (" - m" if equation + term == "Yr" else " + m" if term == "vr" else "")
-            claims.append(compared("Table A.2", what, value, ship.coefficients[equation].get(term, 0.0), within=1e-9))
-    claims += [compared("Table A.2", k, v, float(ship.inertia[i, j]), within=1e-9) for k, (v, i, j) in INERTIA.items()]
-    return claims
+    return ship_claims(ship, ("Table A.1", PARTICULARS), ("Table A.2", COEFFICIENTS), INERTIA)
 
 
 def astern_claim(ship: TaylorShip) -> Claim:

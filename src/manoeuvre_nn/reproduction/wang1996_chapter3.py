@@ -1,6 +1,6 @@
 """Wang 1996, chapter 3: the Mariner's zigzags, turning circle and spiral."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import torch
@@ -18,7 +18,7 @@ from manoeuvre_nn.reproduction.section import Claim, Effort, Line, Panel, Plot, 
 from manoeuvre_nn.reproduction.wang1996_curves import panels
 from manoeuvre_nn.reproduction.wang1996_networks import spiral_points
 from manoeuvre_nn.ship.mariner import mariner, mariner_corrected
-from manoeuvre_nn.ship.taylor import TaylorShip
+from manoeuvre_nn.ship.taylor import Coefficients, TaylorShip
 
 PARTICULARS = {"length": 152.4, "beam": 21.763, "draught": 8.138, "block": 0.600, "speed": 7.614, "rudder_rate": 2.5}
 """Table 3.1 as printed: m, m, m, -, m/s, deg/s."""
@@ -31,6 +31,8 @@ COEFFICIENTS = {
     | {"ddd": 0.02892, "dvv": 0.20640, "0": 0.00059},
 }
 """Table 3.2 as printed, without what is 0 there and without the inertia."""
+INERTIA = {"m - X_udot": (0.177, 0, 0), "m - Y_vdot": (0.327, 1, 1), "I_z - N_rdot": (0.0175, 2, 2)}
+INERTIA |= {"N_vdot": (0.00221, 2, 1), "Y_rdot": (-0.00077, 1, 2)}
 SLOW = "spiral5_600s"
 """A spiral with holds ten times as long."""
 LOST = "drawn in the thesis without numbers, and the drawing is lost in the scan: the numbers are ours"
@@ -96,17 +98,36 @@ def table_claims(ship: TaylorShip) -> list[Claim]:
     Returns:
         One claim a number.
     """
-    p = ship.particulars
-    ours = {k: getattr(p, k) / (DEGREE if k == "rudder_rate" else 1.0) for k in PARTICULARS}
-    claims = [compared("Table 3.1", k, value, ours[k], within=1e-9) for k, value in PARTICULARS.items()]
-    for equation, values in COEFFICIENTS.items():
+    return ship_claims(ship, ("Table 3.1", PARTICULARS), ("Table 3.2", COEFFICIENTS), INERTIA)
+
+
+def ship_claims(
+    ship: TaylorShip,
+    particulars: tuple[str, Mapping[str, float]],
+    coefficients: tuple[str, Coefficients],
+    inertia: Mapping[str, tuple[float, int, int]],
+) -> list[Claim]:
+    """Printed tables of a ship beside the one that is simulated.
+
+    Args:
+        ship: The ship.
+        particulars: Table, and its main dimensions (rudder rate in deg/s).
+        coefficients: Table, and its coefficients by equation and term.
+        inertia: What the same table says of the left-hand sides -> value, row and column of M'.
+
+    Returns:
+        One claim a number.
+    """
+    (first, sizes), (second, printed) = particulars, coefficients
+    ours = {k: getattr(ship.particulars, k) / (DEGREE if k == "rudder_rate" else 1.0) for k in sizes}
+    claims = [compared(first, k, value, ours[k], within=1e-9) for k, value in sizes.items()]
+    for equation, values in printed.items():
         for term, value in values.items():
-            what = f"{equation}_{term}" + (" - m" if term == "r" else " + m" if term == "vr" else "")
-            claims.append(compared("Table 3.2", what, value, ship.coefficients[equation].get(term, 0.0), within=1e-9))
-    inertia = {"m - X_udot": (0.177, 0, 0), "m - Y_vdot": (0.327, 1, 1), "I_z - N_rdot": (0.0175, 2, 2)}
-    claims += [compared("Table 3.2", k, v, float(ship.inertia[i, j]), within=1e-9) for k, (v, i, j) in inertia.items()]
-    claims.append(compared("Table 3.2", "N_vdot", 0.00221, -float(ship.inertia[2, 1]), within=1e-9))
-    claims.append(compared("Table 3.2", "Y_rdot", -0.00077, -float(ship.inertia[1, 2]), within=1e-9))
+            what = f"{equation}_{term}" + (" - m" if equation + term == "Yr" else " + m" if term == "vr" else "")
+            claims.append(compared(second, what, value, ship.coefficients[equation].get(term, 0.0), within=1e-9))
+    for what, (value, i, j) in inertia.items():
+        entry = float(ship.inertia[i, j])
+        claims.append(compared(second, what, value, entry if i == j else -entry, within=1e-9))
     return claims
 
 

@@ -121,7 +121,7 @@ def stretches(recordings: Sequence[Recording], length: float) -> list[Recording]
 def _column_sizes(network: HullRudder, member: int, inputs: Tensor) -> Float[Tensor, "3 c"]:
     """Root mean square of every column of a member's outputs; 0 for one that is none."""
     d = network.design(inputs)
-    z = torch.cat([d.features, torch.ones_like(d.features[:, :1])], 1)
+    z = torch.cat([d.z, torch.ones_like(d.z[:, :1])], 1)
     mirror = torch.cat([d.mirror, d.mirror.new_ones(1)])
     weights = network.input_weights[member].T
     columns = []

@@ -21,7 +21,7 @@ from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.dynamics.affected import Affected, in_words
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.simulate import Problem, simulate
-from manoeuvre_nn.recording.accelerations import accelerations
+from manoeuvre_nn.recording.accelerations import accelerations, taken_away
 from manoeuvre_nn.recording.checks import check_recording
 from manoeuvre_nn.recording.held_out import HeldOut, simulated_references
 from manoeuvre_nn.recording.mapping import Mapping as ChannelMapping
@@ -52,11 +52,13 @@ class ManoeuvreData(ABC, L.LightningDataModule):
         held_out: The manoeuvres to judge by.
         reference: The ship, or its particulars where no more is known.
         exact: Whether the accelerations are exact, so that g carries no noise.
+        noise: Standard deviations of what the sensors add to the channels [SI and radians].
     """
 
     known: Ship
     reference: Ship | Particulars
     exact: bool
+    noise: Mapping[str, float]
     recordings: Sequence[Recording]
     tuples: Tuples
     held_out: HeldOut
@@ -114,6 +116,22 @@ class ManoeuvreData(ABC, L.LightningDataModule):
         if learnt is not None:
             self.known = learnt(self.tuples)
             self.tuples = to_tuples(self.recordings, self.known)
+
+    def would_record(self, run: Recording, seed: int) -> Tuples:
+        """What a further manoeuvre would be learnt as: with this set's noise, rate and way to form accelerations.
+
+        Args:
+            run: The manoeuvre as it is sailed.
+            seed: Seed of the noise.
+
+        Returns:
+            Tuples at the times of the run.
+        """
+        rate = max(r.meta.get("raw_rate", 0.0) for r in self.recordings)
+        count = max(round(run.duration * rate), len(run) - 1)
+        sensed = add_noise(run.resampled(np.linspace(run.time[0], run.time[-1], count + 1)), self.noise, seed=seed)
+        method: Literal["central", "smoother"] = "central" if self.method == "central" else "smoother"
+        return to_tuples([accelerations(sensed, method).resampled(run.time)], self.known)
 
     def train_mask(self) -> Bool[Tensor, " n"]:
         """Which tuples are trained on.
@@ -309,17 +327,18 @@ class RecordedData(ManoeuvreData):
         cut = [r.between(r.time[0], r.time[0] + min(self.length or r.duration, r.duration)) for r in self._read]
         smooth = "smoother" if self.method == "auto" else self.method
         with_rates = [accelerations(r, smooth) for r in cut]
-        self.recordings = tuple(resample(r, self.rate_hz or self._usual_rate(r)) for r in with_rates)
-        self.exact = False
+        self.recordings = tuple(self._read_off(r) for r in with_rates)
+        self.exact, self.noise = False, taken_away(cut, with_rates)
         self.form_tuples()
         # Initial states and references come from the smoothed channels: noise is nothing a model should be asked for.
         references = tuple(accelerations(r, "smoother") for r in self._judged)
         self.held_out = HeldOut(references, self.particulars.length)
 
-    def _usual_rate(self, recording: Recording) -> float:
-        """The ship's usual sampling rate, or the recording's own where that is slower [1/s]."""
+    def _read_off(self, recording: Recording) -> Recording:
+        """A recording at the rate asked for, else the ship's usual one, or its own where that is slower."""
         own = (len(recording) - 1) / recording.duration
-        return min(own, 1 / self.particulars.sample_interval)
+        reduced = resample(recording, self.rate_hz or min(own, 1 / self.particulars.sample_interval))
+        return replace(reduced, meta={**reduced.meta, "raw_rate": own})
 
     def describe(self) -> str:
         """Files, lengths and rate.

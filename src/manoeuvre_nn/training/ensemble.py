@@ -5,23 +5,29 @@ from dataclasses import replace
 from typing import Any, Literal
 
 import torch
+from jaxtyping import Float
 from torch import Tensor
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.network.hull_rudder import HullRudder
 from manoeuvre_nn.optimizer.damping import Damping
-from manoeuvre_nn.optimizer.restarts import Stops, minimise
+from manoeuvre_nn.optimizer.restarts import Solutions, Stops, minimise
 from manoeuvre_nn.optimizer.semilinear import SemiLinear
+from manoeuvre_nn.recording.tuples import Tuples
 from manoeuvre_nn.training.closed_loop import Refinement, refine
 from manoeuvre_nn.training.data import Batch
 from manoeuvre_nn.training.fits import Fit
+from manoeuvre_nn.training.scalings import make_scaling
 
 ALL_TRAINED = "all members trained"
 STEPS = (0, 1, 2, 3, 5, 8, 12, 20, 40, 80)
 """Numbers of steps that are tried where the data carry noise."""
-BLOCKS, JUDGES = 3, 4
+BLOCKS, JUDGES = 12, 4
 """Stretches of time, one of which at a time is predicted from the others; members that are asked."""
+WAIT = 3
+"""Numbers of steps that are tried after the best one so far, before it is taken."""
 
 
 class EnsembleFit(Fit):
@@ -31,8 +37,8 @@ class EnsembleFit(Fit):
     far. Members do not see each other.
 
     Where accelerations are exact a member is trained to its end. Where they carry noise that would be to learn the
-    noise: as many steps are taken as let a few members, trained on two thirds of the time, predict the g of the third
-    best.
+    noise: as many steps are taken as let a few members, trained on eleven twelfths of the time, best predict the g of
+    the twelfth.
 
     Source:
         Golub & Pereyra 1973; Kaufman 1975; Nielsen 1999 for the damping; Stone 1974 for cross-validation.
@@ -113,15 +119,10 @@ class EnsembleFit(Fit):
         x, y = self.scaled(batch[0], batch[1])
         data: Any = self.trainer.datamodule  # type: ignore[attr-defined]
         if self.steps < 0:
-            self.steps.fill_(self.stops.epochs if data.exact else self.steps_that_predict(x, y))
-        problem = self.problem(x, y)
-        start = torch.cat([self._start(k, trial) for trial in range(self.restarts)])
+            enough = self.stops.epochs if data.exact else steps_that_predict(network, x, y, self.stops, self.damping)
+            self.steps.fill_(enough)
         stops = replace(self.stops, epochs=int(self.steps))
-        found = minimise(problem, start, damping=self.damping, stops=stops, at_once=1)
-        best = found.weights[found.best : found.best + 1]
-        network.input_weights[k] = problem.full(best)[0]
-        network.output_weights[k] = problem.output_weights(best)[0]
-        network.trained.fill_(k + 1)
+        found = train_member(network, k, x, y, stops=stops, damping=self.damping, restarts=self.restarts)
         if self.refinement.steps:
             network.output_weights[k] = refine(self.dynamics, k, data.recordings, x, self.refinement)[0]
         if len(batch[2]):
@@ -134,51 +135,106 @@ class EnsembleFit(Fit):
         own = network.with_weights(network.input_weights[k : k + 1], network.output_weights[k : k + 1])
         self.finish(batch, (own(x) - y).square().mean())
 
-    def problem(self, x: Tensor, y: Tensor) -> SemiLinear:
-        """What a member solves.
 
-        Args:
-            x: Scaled inputs (n, 4).
-            y: Scaled targets (n, 3).
+@torch.no_grad()
+def steps_that_predict(
+    network: HullRudder, x: Float[Tensor, "n 4"], y: Float[Tensor, "n 3"], stops: Stops, damping: Damping | None = None
+) -> int:
+    """Number of steps after which stretches of time that were not trained on are predicted best.
 
-        Returns:
-            The least-squares problem.
-        """
-        design = vars(self.network.design(x)).copy()
-        return SemiLinear(design.pop("features"), y, self.network.sees, shrink=self.network.shrink, **design)
+    Args:
+        network: The ensemble.
+        x: Scaled inputs, in the order of time.
+        y: Scaled targets.
+        stops: When a member is done.
+        damping: Rule of mu; by default Nielsen's.
 
-    def steps_that_predict(self, x: Tensor, y: Tensor) -> int:
-        """Number of steps after which stretches of time that were not trained on are predicted best.
+    Returns:
+        One of :data:`STEPS`, or the largest number allowed.
+    """
+    first = torch.cat([_start(network, k) for k in range(min(JUDGES, network.members))])
+    blocks = torch.arange(len(x)).tensor_split(BLOCKS)
+    rests = [torch.cat([*blocks[:k], *blocks[k + 1 :]]) for k in range(BLOCKS)]
+    problems = [SemiLinear(y=y[rest], **vars(network.design(x[rest]))) for rest in rests]
+    weights, taken, errors = [first] * BLOCKS, 0, list[float]()
+    tried = [*(s for s in STEPS if s < stops.epochs), stops.epochs]
+    for steps in tried:
+        if steps > taken:
+            more, taken = replace(stops, epochs=steps - taken), steps
+            weights = [
+                minimise(problem, start, damping=damping, stops=more, at_once=1).weights
+                for problem, start in zip(problems, weights, strict=True)
+            ]
+        total = 0.0
+        for problem, found, block in zip(problems, weights, blocks, strict=True):
+            judges = network.with_weights(problem.full(found), problem.output_weights(found))
+            total += float((judges(x[block]) - y[block]).square().sum())
+        errors.append(total)
+        if len(errors) - errors.index(min(errors)) > WAIT:
+            break
+    return tried[errors.index(min(errors))]
 
-        Args:
-            x: Scaled inputs (n, 4), in the order of time.
-            y: Scaled targets (n, 3).
 
-        Returns:
-            One of :data:`STEPS`, or the largest number allowed.
-        """
-        tried = [*(s for s in STEPS if s < self.stops.epochs), self.stops.epochs]
-        errors = x.new_zeros(len(tried))
-        for block in torch.arange(len(x)).tensor_split(BLOCKS):
-            rest = torch.ones(len(x), dtype=torch.bool)
-            rest[block] = False
-            errors += self._errors(self.problem(x[rest], y[rest]), x[block], y[block], tried)
-        return tried[int(errors.argmin())]
+@torch.no_grad()
+def train_member(
+    network: HullRudder,
+    member: int,
+    x: Float[Tensor, "n 4"],
+    y: Float[Tensor, "n 3"],
+    *,
+    stops: Stops,
+    damping: Damping | None = None,
+    restarts: int = 1,
+) -> Solutions:
+    """Solve for a member's weights and put them into the ensemble; it answers from then on.
 
-    def _errors(self, problem: SemiLinear, x: Tensor, y: Tensor, tried: list[int]) -> Tensor:
-        """Sums of squares of the median of a few members on tuples that they were not trained on, by steps taken."""
-        weights = torch.cat([self._start(k, 0) for k in range(min(JUDGES, self.network.members))])
-        sums, taken = [], 0
-        for steps in tried:
-            if steps > taken:
-                stops = Stops(epochs=steps - taken, min_fall=self.stops.min_fall)
-                weights = minimise(problem, weights, damping=self.damping, stops=stops, at_once=1).weights
-                taken = steps
-            judges = self.network.with_weights(problem.full(weights), problem.output_weights(weights))
-            sums.append((judges(x) - y).square().sum())
-        return torch.stack(sums)
+    Args:
+        network: The ensemble; members are trained in their order.
+        member: Which one.
+        x: Scaled inputs.
+        y: Scaled targets.
+        stops: When it is done.
+        damping: Rule of mu; by default Nielsen's.
+        restarts: Starts, of which the one with the least error is kept; the first is what the network was drawn with.
 
-    def _start(self, member: int, trial: int) -> Tensor:
-        """First free weights of a trial; the first trial's are those that the network was drawn with."""
-        first: Any = self.network.input_weights[member] if trial == 0 else self.network.drawn(member, trial)
-        return first[self.network.sees][None]
+    Returns:
+        What became of every start.
+    """
+    problem = SemiLinear(y=y, **vars(network.design(x)))
+    start = torch.cat([_start(network, member, trial) for trial in range(restarts)])
+    found = minimise(problem, start, damping=damping, stops=stops, at_once=1)
+    best = found.weights[found.best : found.best + 1]
+    network.input_weights[member] = problem.full(best)[0]
+    network.output_weights[member] = problem.output_weights(best)[0]
+    network.trained.fill_(member + 1)
+    return found
+
+
+def train_ensemble(
+    known: Ship, network: HullRudder, tuples: Tuples, stops: Stops | None = None, *, exact: bool = True
+) -> IdentifiedShip:
+    """Train a whole ensemble without a trainer: for studies of many of them.
+
+    Args:
+        known: Known part that the tuples were formed with.
+        network: The ensemble.
+        tuples: Samples.
+        stops: When a member is done; by default as in ``conf/fit/ensemble.yaml``.
+        exact: Whether the samples carry no noise; else as many steps are taken as predict.
+
+    Returns:
+        The model.
+    """
+    model = IdentifiedShip(known, network, make_scaling(network.scalings[0], known, tuples))
+    x, y = model.scaling.inputs(tuples.inputs), model.scaling.outputs(tuples.targets)
+    stops = stops or Stops(epochs=150, min_fall=1e-4)
+    if not exact:
+        stops = replace(stops, epochs=steps_that_predict(network, x, y, stops))
+    for member in range(network.members):
+        train_member(network, member, x, y, stops=stops)
+    return model
+
+
+def _start(network: HullRudder, member: int, trial: int = 0) -> Float[Tensor, "1 p"]:
+    """First free weights of a trial."""
+    return network.drawn(member, trial)[network.sees][None]

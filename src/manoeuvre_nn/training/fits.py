@@ -1,7 +1,7 @@
 """Lightning modules: the two ways to fit a network to tuples."""
 
 from abc import ABC
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
 import lightning as L
@@ -265,35 +265,25 @@ class LevenbergMarquardtFit(Fit):
             "max_fail": max_fail,
             "damping": damping,
         }
-        self._inputs: Tensor | None = None
         self._problem: OneHidden | None = None
 
     def configure_optimizers(self) -> LevenbergMarquardt:
-        """The optimizer, with normal equations by formula for a perceptron, else the network's own Jacobian if any.
+        """The optimizer, with normal equations by formula for a perceptron.
 
         Returns:
             The optimizer.
         """
-        network: Any = self.dynamics.network
-        rows = network.rows_count if hasattr(network, "rows_count") else None
-        if isinstance(network, Perceptron):
-            return LevenbergMarquardt(network.parameters(), rows=rows, normal=self._normal_equations, **self.options)
-        jacobian = self._jacobian_blocks if hasattr(network, "jacobian") else None
-        return LevenbergMarquardt(network.parameters(), rows=rows, jacobian=jacobian, **self.options)
+        network = self.dynamics.network
+        if not isinstance(network, Perceptron):
+            return LevenbergMarquardt(network.parameters(), **self.options)
+        rows, normal = network.rows_count, self._normal_equations
+        return LevenbergMarquardt(network.parameters(), rows=rows, normal=normal, **self.options)
 
     def _normal_equations(self) -> tuple[Tensor, Tensor]:
         """Those of a perceptron at its present weights."""
         assert self._problem is not None
         weights = [p.detach().flatten(1) for p in self.dynamics.network.parameters()]
         return self._problem.normal_equations(torch.cat(weights, dim=1))
-
-    def _jacobian_blocks(self) -> Iterator[Tensor]:
-        """The network's Jacobian, in as many blocks of samples as memory asks for."""
-        network: Any = self.dynamics.network
-        assert self._inputs is not None
-        per_sample = sum(p.numel() for p in network.parameters()) * len(self.rows(self._inputs[:1])[0][0])
-        for part in self._inputs.split(max(1, int(LARGEST_BLOCK / per_sample))):
-            yield network.jacobian(part)
 
     def training_step(self, batch: Batch, batch_idx: int) -> None:
         """One or more Levenberg-Marquardt epochs over all tuples.
@@ -302,17 +292,15 @@ class LevenbergMarquardtFit(Fit):
             batch: All tuples.
             batch_idx: 0.
         """
-        self._inputs, y = self.scaled(batch[0], batch[1])
+        x, y = self.scaled(batch[0], batch[1])
         network = self.dynamics.network
         if isinstance(network, Perceptron):
             hidden = network.input_weights.shape[1]
-            self._problem = OneHidden(
-                self._inputs, y, hidden, activation=network.activation, max_elements=LARGEST_BLOCK
-            )
+            self._problem = OneHidden(x, y, hidden, activation=network.activation, max_elements=LARGEST_BLOCK)
         optimizer: Any = self.optimizers()
         inner: LevenbergMarquardt = optimizer.optimizer
         for _ in range(self.iterations_per_epoch):
-            optimizer.step(self._closure(self._inputs, y))
+            optimizer.step(self._closure(x, y))
             if len(batch[2]):
                 inner.validate(self._validation_error(batch))
             if inner.stopped:
