@@ -35,7 +35,7 @@ from manoeuvre_nn.ship.esso_190k import esso_190k
 from manoeuvre_nn.ship.known import clarke_part, no_part
 from manoeuvre_nn.ship.mariner import mariner
 from manoeuvre_nn.training.data import SimulatedData
-from manoeuvre_nn.training.ensemble import train_ensemble
+from manoeuvre_nn.training.ensemble import steps_in_noise, train_ensemble
 
 
 @dataclass(frozen=True)
@@ -169,10 +169,9 @@ def compare(
     usual = "zz20_port" if first.name == "zz20" else "zz20"
     alone = recorder.data(s, [first], seed)
     chosen = [m for m in candidates() if m.name not in {first.name, "zz20_port"} - {usual}]
-    record = None if alone.exact else alone.would_record
-    expected = prospects(
-        trained(s, alone, seed), alone.tuples, chosen, targets(), record=record, effort=Effort(seed=seed)
-    )
+    model, tuples = trained(s, alone, seed), alone.tuples
+    noisy = {} if alone.exact else {"record": alone.would_record, "steps": steps_in_noise(model, tuples)}
+    expected = prospects(model, tuples, chosen, targets(), **noisy, effort=Effort(seed=seed))
     gains = dict(sorted(((p.manoeuvre, p.gain) for p in expected), key=lambda pair: -pair[1]))
     advised = next(iter(gains))
     truth = roll_out(CalmWater(s.ship), targets())

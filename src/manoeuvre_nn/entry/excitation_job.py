@@ -31,6 +31,7 @@ from manoeuvre_nn.report.html import write_report
 from manoeuvre_nn.report.tables import rich_table
 from manoeuvre_nn.training import session
 from manoeuvre_nn.training.callbacks import RolloutScore
+from manoeuvre_nn.training.ensemble import steps_in_noise
 
 RESULT, PAGE = "excite.json", "report.html"
 GOALS = ("accuracy", "coefficients")
@@ -189,8 +190,9 @@ def _advice(q: Question, model: IdentifiedShip, say: Any) -> Advice:
     """Ask."""
     tuples, known = q.job.data.tuples, q.job.data.known
     if q.goal == "accuracy":
-        record = None if q.job.data.exact else q.job.data.would_record
-        expected = prospects(model, tuples, q.candidates, q.targets, record=record, effort=q.effort, say=say)
+        record, steps = (None, None) if q.job.data.exact else (q.job.data.would_record, steps_in_noise(model, tuples))
+        options: dict[str, Any] = {"record": record, "steps": steps, "effort": q.effort, "say": say}
+        expected = prospects(model, tuples, q.candidates, q.targets, **options)
         coefficients = ""
     else:
         interval = float((tuples.times[1:] - tuples.times[:-1]).median())

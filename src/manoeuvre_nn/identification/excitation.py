@@ -17,9 +17,12 @@ from manoeuvre_nn.dynamics.members import has_members
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.identification.excitation_runs import Sailed, remark, sail
 from manoeuvre_nn.network.hull_rudder import HullRudder
+from manoeuvre_nn.optimizer.restarts import Stops, minimise
 from manoeuvre_nn.optimizer.semilinear import SemiLinear
 from manoeuvre_nn.recording.tuples import Tuples
 
+GO_ON = 3
+"""Steps in which members take in what is new after an exact fit."""
 LOST = 5.0
 """Deviation over L beyond which a track is lost, however far it goes [-]."""
 
@@ -160,15 +163,16 @@ def prospects(
     targets: Sequence[Manoeuvre],
     *,
     record: Record | None = None,
+    steps: int | None = None,
     effort: Effort | None = None,
     say: Say = lambda _: None,
 ) -> list[Prospect]:
     """What each candidate is expected to bring for the prediction of the targets.
 
-    One member after the other is taken as the truth and sails the candidate; what it would record is given to the
-    others, which change their linear weights by least squares over all data, in ridge regression about those they have:
-    a change of a weight's own size costs as much as the noise of one sample. Expected is the largest distance over L
-    between the truth's track of a target and the median of the others' tracks, averaged over truths and targets.
+    One member after the other is taken as the truth. Where the data were recorded it would have made its own forces, to
+    which the ensemble's errors there are added as they are: a bootstrap. It sails the candidate too. The others are
+    trained on the one, and on both. Expected is the largest distance over L between the truth's track of a target and
+    the median of the others' tracks, averaged over truths and targets, before and after.
 
     Where sensors are noisy, what they and the smoothing make of a candidate counts as much as where it leads: a rudder
     that moves often leaves errors in the accelerations that no length of record averages out. ``record`` does to a
@@ -181,6 +185,8 @@ def prospects(
         candidates: What could be sailed next.
         targets: What is to be predicted.
         record: What sensors and smoothing make of a run.
+        steps: Steps from first weights in which members are trained, as in noise; None lets them go on from the weights
+            that they have, as after an exact fit.
         effort: How much is computed.
         say: Called before each candidate.
 
@@ -192,14 +198,15 @@ def prospects(
 
     Source:
         Expected error over members taken as the truth: MacKay 1992 (information-based objective functions for active
-        data selection), Cohn, Ghahramani & Jordan 1996 (variance of what is predicted, not of the parameters).
+        data selection), Cohn, Ghahramani & Jordan 1996 (variance of what is predicted, not of the parameters); Efron &
+        Tibshirani 1993, chapter 9 (bootstrap of residuals).
     """
     network = model.network
     if not isinstance(network, HullRudder) or not has_members(model):
         raise InputError("goal=accuracy asks the members of an ensemble: network=hull_rudder, or goal=coefficients")
     if not candidates or not targets:
         raise InputError("candidates=[] or targets=[]: name at least one manoeuvre of each, such as candidates=[zz20]")
-    world = _World(model, network, tuples, sail(model, targets), record, effort or Effort())
+    world = _World(model, network, tuples, sail(model, targets), record, steps, effort or Effort())
     found = []
     for run in sail(model, candidates, world.interval):
         say(run.manoeuvre.name)
@@ -217,10 +224,12 @@ class _World:
         tuples: Tuples,
         targets: list[Sailed],
         record: Record | None,
+        steps: int | None,
         effort: Effort,
     ) -> None:
         """Find out how well the targets are known now."""
-        self.model, self.network, self.targets, self.record, self.effort = model, network, targets, record, effort
+        self.model, self.network, self.targets, self.effort = model, network, targets, effort
+        self.record, self.steps = record, steps
         self.interval = float((tuples.times[1:] - tuples.times[:-1]).median())
         self.every = -(-len(tuples.times) // effort.samples)
         count = int(network.trained)
@@ -230,16 +239,16 @@ class _World:
         with torch.no_grad():
             each = network.each(self.known[0].expand(count, -1, -1), count)
         self.noise = (each - self.known[1]).square().mean((0, 1)).sqrt()
-        self.now = self._deviations([[run.tracks[rows] for run in targets] for rows in self.others])
+        errors = self.known[1] - each.quantile(0.5, dim=0)
+        self.would_be = each[self.truths] + errors
+        seen = zip(self.others, self._seen(), strict=True)
+        self.now = self._missed([self._trained(rows, *data) for rows, data in seen])
 
     def prospect(self, run: Sailed) -> Prospect:
         """What a candidate would bring."""
-        learnt = [self._learnt(run, t, rows) for t, rows in zip(self.truths, self.others, strict=True)]
-        weights = [torch.cat(parts) for parts in zip(*learnt, strict=True)]
-        network, scaling = self.network.with_weights(*weights), self.model.scaling
-        after = sail(IdentifiedShip(self.model.known, network, scaling), [t.manoeuvre for t in self.targets])
-        parts = torch.arange(len(weights[0])).split([len(rows) for rows in self.others])
-        then = self._deviations([[run.tracks[rows] for run in after] for rows in parts])
+        recorded = [self._scaled(self._recorded(run, truth)) for truth in self.truths]
+        both = [[torch.cat(p) for p in zip(*parts, strict=True)] for parts in zip(self._seen(), recorded, strict=True)]
+        then = self._missed([self._trained(rows, *data) for rows, data in zip(self.others, both, strict=True)])
         pairs = zip(self.now.mean(0).tolist(), then.mean(0).tolist(), strict=True)
         by_target = dict(zip([t.manoeuvre.name for t in self.targets], pairs, strict=True))
         # A candidate that is itself to be predicted would else be praised for having been seen.
@@ -249,12 +258,9 @@ class _World:
         status = remark(run, self.model.particulars)
         return Prospect(run.manoeuvre.name, run.seconds, now, now * float(left), by_target, status)
 
-    def _learnt(self, run: Sailed, truth: int, rows: list[int]) -> tuple[Tensor, Tensor]:
-        """Weights of the others after they learnt what one member would record."""
-        x, forces = self._scaled(self._recorded(run, truth))
-        x, y = torch.cat([self.known[0], x]), torch.cat([self.known[1], forces])
-        weights = [self._updated(member, x, y) for member in rows]
-        return self.network.input_weights[rows].detach(), torch.cat(weights)
+    def _seen(self) -> list[tuple[Tensor, Tensor]]:
+        """What would have been recorded already, truth by truth."""
+        return [(self.known[0], forces) for forces in self.would_be]
 
     def _recorded(self, run: Sailed, truth: int) -> Tuples:
         """What would be learnt from a member's run, as long as it stays in the physical range."""
@@ -280,13 +286,23 @@ class _World:
         return scaling.inputs(tuples.inputs[part]), scaling.outputs(tuples.targets[part])
 
     @torch.no_grad()
-    def _updated(self, member: int, x: Tensor, y: Tensor) -> Tensor:
-        """Linear weights of a member by all data; how far they may go is of their own size, and less in noise."""
-        network, now = self.network, self.network.output_weights[member]
-        missed = y - network.of(x, torch.full((len(x),), member))
-        ridge = float(self.noise.mean() / now.abs().median().clamp(min=1e-12)) / len(x) ** 0.5
-        problem = SemiLinear(y=missed, ridge=max(ridge, 1e-10), **vars(network.design(x)))
-        return now + problem.output_weights(network.input_weights[member][network.sees][None])
+    def _trained(self, members: list[int], x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
+        """Weights of members after they were trained on something."""
+        network, cold = self.network, self.steps is not None
+        first = [network.drawn(k) if cold else network.input_weights[k] for k in members]
+        problem = SemiLinear(y=y, **vars(network.design(x)))
+        start = torch.stack([weights[network.sees] for weights in first])
+        stops = Stops(epochs=GO_ON if self.steps is None else self.steps)
+        found = minimise(problem, start, stops=stops, at_once=1).weights
+        return problem.full(found), problem.output_weights(found)
+
+    def _missed(self, trained: list[tuple[Tensor, Tensor]]) -> Float[Tensor, "truths targets"]:
+        """How far networks, some for each truth, are from the truths' tracks of the targets."""
+        weights = [torch.cat(parts) for parts in zip(*trained, strict=True)]
+        model = IdentifiedShip(self.model.known, self.network.with_weights(*weights), self.model.scaling)
+        runs = sail(model, [t.manoeuvre for t in self.targets])
+        parts = torch.arange(len(weights[0])).split([len(first) for first, _ in trained])
+        return self._deviations([[run.tracks[rows] for run in runs] for rows in parts])
 
     def _deviations(self, tracks: Sequence[Sequence[Float[Tensor, "_ _ 2"]]]) -> Float[Tensor, "truths targets"]:
         """Largest distance over L between every truth and the median of the others, target by target."""

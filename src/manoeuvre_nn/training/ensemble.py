@@ -26,6 +26,8 @@ STEPS = (0, 1, 2, 3, 5, 8, 12, 20, 40, 80)
 """Numbers of steps that are tried where the data carry noise."""
 BLOCKS, JUDGES = 12, 4
 """Stretches of time, one of which at a time is predicted from the others; members that are asked."""
+USUAL_STOPS = Stops(epochs=150, min_fall=1e-4)
+"""When a member is done, as in ``conf/fit/ensemble.yaml``."""
 WAIT = 3
 """Numbers of steps that are tried after the best one so far, before it is taken."""
 
@@ -175,6 +177,22 @@ def steps_that_predict(
     return tried[errors.index(min(errors))]
 
 
+def steps_in_noise(model: IdentifiedShip, tuples: Tuples, stops: Stops = USUAL_STOPS) -> int:
+    """Steps in which members are trained where tuples carry noise, see :func:`steps_that_predict`.
+
+    Args:
+        model: Known part, ensemble and scaling.
+        tuples: Samples.
+        stops: When a member is done.
+
+    Returns:
+        The number.
+    """
+    assert isinstance(model.network, HullRudder)
+    x, y = model.scaling.inputs(tuples.inputs), model.scaling.outputs(tuples.targets)
+    return steps_that_predict(model.network, x, y, stops)
+
+
 @torch.no_grad()
 def train_member(
     network: HullRudder,
@@ -211,7 +229,7 @@ def train_member(
 
 
 def train_ensemble(
-    known: Ship, network: HullRudder, tuples: Tuples, stops: Stops | None = None, *, exact: bool = True
+    known: Ship, network: HullRudder, tuples: Tuples, stops: Stops = USUAL_STOPS, *, exact: bool = True
 ) -> IdentifiedShip:
     """Train a whole ensemble without a trainer: for studies of many of them.
 
@@ -219,7 +237,7 @@ def train_ensemble(
         known: Known part that the tuples were formed with.
         network: The ensemble.
         tuples: Samples.
-        stops: When a member is done; by default as in ``conf/fit/ensemble.yaml``.
+        stops: When a member is done.
         exact: Whether the samples carry no noise; else as many steps are taken as predict.
 
     Returns:
@@ -227,9 +245,8 @@ def train_ensemble(
     """
     model = IdentifiedShip(known, network, make_scaling(network.scalings[0], known, tuples))
     x, y = model.scaling.inputs(tuples.inputs), model.scaling.outputs(tuples.targets)
-    stops = stops or Stops(epochs=150, min_fall=1e-4)
     if not exact:
-        stops = replace(stops, epochs=steps_that_predict(network, x, y, stops))
+        stops = replace(stops, epochs=steps_in_noise(model, tuples, stops))
     for member in range(network.members):
         train_member(network, member, x, y, stops=stops)
     return model
