@@ -7,8 +7,9 @@ spread over 20 +- 2 deg and their first sides alternate, so that rows reverse th
 any real batch: equal rows would be cheaper. shipmmg (``pip install --no-deps shipmmg``; it uses numpy and scipy, and
 matplotlib on import) sails one zigzag a call, measured anew beside every batch: three degrees of freedom, its default
 solver, the KVLCC2 at the Mariner's length and speed. It solves the rest of the run anew after every reversal, so that
-its cost grows with their number: hence two shaft speeds, self-propulsion and that of its documentation, at which the
-ship gathers way; the Mariner lies between. Of repeated measurements the least counts.
+its cost grows with their number: hence three shaft speeds, self-propulsion, that of its documentation, at which the
+ship gathers way, and between them the first at which it reverses as often as the Mariner does, which is the fair one.
+Of repeated measurements the least counts.
 """
 
 import sys
@@ -89,6 +90,27 @@ def peer(ship: Particulars, shaft: float | None = None) -> Callable[[], tuple[li
     return partial(call, times, np.full(len(times), turns), δ_rad_rate=ship.rudder_rate, u0=ship.speed)
 
 
+def as_often(ship: Particulars, reversals: int) -> float:
+    """Shaft speed of the 7-m model at which shipmmg's ship reverses its rudder as often as another.
+
+    Args:
+        ship: The ship whose length and speed it takes.
+        reversals: Of the other's rudder.
+
+    Returns:
+        The least of some between self-propulsion and that of its documentation [1/s].
+
+    Raises:
+        ValueError: If there is none.
+    """
+    scale = ship.length / L7
+    least = _self_propulsion(ship.speed, scale) * MODEL_SPEED * scale / ship.speed
+    for shaft in np.linspace(least, MODEL_SHAFT, 17):
+        if executes(np.array(peer(ship, float(shaft))()[0])) == reversals:
+            return float(shaft)
+    raise ValueError(f"shipmmg's ship reverses {reversals} times at no shaft speed that was tried")
+
+
 def _self_propulsion(speed: float, scale: float) -> float:
     """Shaft speed [1/s] at which thrust is the resistance: a quadratic equation of the advance ratio."""
     inflow, loss = speed * (1 - BARE["w_P0"]), 1 - BARE["t_P"]
@@ -162,10 +184,13 @@ def main(arguments: list[str]) -> None:
         end=" ",
     )
     print("{:.1e} m and the headings by {:.1e} deg at most.".format(*apart(default, fine)))
-    others = [] if mmg_3dof is None else [peer(ship.particulars), peer(ship.particulars, MODEL_SHAFT)]
+    shafts = {"self-propelled": None, "with the shaft of its documentation": MODEL_SHAFT}
+    if mmg_3dof is not None:
+        shafts["with a shaft between them"] = as_often(ship.particulars, executes(default[0]["delta"]))
+    others = [] if mmg_3dof is None else [peer(ship.particulars, shaft) for shaft in shafts.values()]
     if not others:
         print("shipmmg is not there, so that there is nothing to compare with: pip install --no-deps shipmmg")
-    for other, how in zip(others, ("self-propelled", "with the shaft of its documentation"), strict=False):
+    for other, how in zip(others, shafts, strict=False):
         print(
             f"shipmmg: KVLCC2 at that length and speed, {how}, {executes(np.array(other()[0]))} reversals; RK45, 1e-3."
         )

@@ -9,6 +9,7 @@ from manoeuvre_nn.network.perceptron import Perceptron
 from manoeuvre_nn.optimizer.gram import gram
 from manoeuvre_nn.optimizer.levenberg_marquardt import LevenbergMarquardt
 from manoeuvre_nn.optimizer.one_hidden import OneHidden
+from manoeuvre_nn.optimizer.restarts import Stops, minimise
 
 ROWS, SAMPLES, HIDDEN = 3, 37, 5  # a number of samples that no processor likes
 
@@ -88,3 +89,27 @@ def test_a_gram_matrix_is_the_product_with_the_transpose(dtype):
         assert found.dtype == dtype and not found.requires_grad
         torch.testing.assert_close(found, (part @ part.mT).detach())
         assert torch.equal(found, found.mT)
+
+
+@pytest.mark.parametrize("activation", ["tanh", "sigmoid"])
+def test_networks_of_several_sizes_are_one_batch(activation):
+    """Each row goes its way as if it were alone and had no more nodes; its silent nodes stay as they were."""
+    _, x, y = given(activation=activation)
+    network = Perceptron(4, 4, HIDDEN, 3, activation=activation, initial="symmetric", seed=4)
+    start, sizes = flat(network), torch.tensor([2, HIDDEN, 3, 2])
+    stops = Stops(epochs=6)
+    with unchecked():
+        whole = minimise(OneHidden(x, y, HIDDEN, activation=activation, sizes=sizes), start, stops=stops)
+        for k, size in enumerate(sizes.tolist()):
+            full = OneHidden(x, y, HIDDEN, activation=activation)
+            inner, outer = full.split(start[k : k + 1])
+            less = torch.cat([inner[:, :size].flatten(1), outer[..., [*range(size), HIDDEN]].flatten(1)], 1)
+            alone = minimise(OneHidden(x, y, size, activation=activation), less, stops=stops)
+            assert float(whole.mse[k]) == pytest.approx(float(alone.mse), rel=1e-6)
+            assert int(whole.epochs[k]) == int(alone.epochs)
+            found = full.split(whole.weights[k : k + 1])
+            assert torch.equal(found[0][:, size:], inner[:, size:])
+            assert torch.equal(found[1][..., size:HIDDEN], outer[..., size:HIDDEN])
+    assert len(set(whole.mse.tolist())) == 4
+    with pytest.raises(InputError, match="sizes from 0 to 6: expected from 1 to 5 nodes"):
+        OneHidden(x, y, HIDDEN, sizes=torch.tensor([0, 6]))

@@ -46,6 +46,7 @@ class OneHidden:
         hidden: int,
         *,
         activation: str = "sigmoid",
+        sizes: Int[Tensor, " k"] | None = None,
         max_elements: float = 2e7,
     ) -> None:
         """Store the data.
@@ -55,10 +56,12 @@ class OneHidden:
             y: Targets, of all rows or of each.
             hidden: H.
             activation: ``sigmoid`` or ``tanh``.
+            sizes: Nodes of each row, H at most, so that networks of several sizes are one batch: the nodes beyond them
+                are silent, and no step moves their weights. None is H for all.
             max_elements: Derivatives of the nodes are held for as many samples at once as this allows.
 
         Raises:
-            InputError: If the activation is unknown or inputs and targets do not fit.
+            InputError: If the activation is unknown, inputs and targets do not fit, or a size is not from 1 to H.
         """
         check_choice("network.activation", activation, ["sigmoid", "tanh"])
         if y.shape[-2] != len(x) or hidden < 1:
@@ -68,6 +71,10 @@ class OneHidden:
         self.hidden, self.outputs, self.width = hidden, y.shape[-1], x.shape[1] + 1
         self.residuals, self.parameters = len(x) * self.outputs, hidden * self.width + self.outputs * (hidden + 1)
         self.activation, self.max_elements = activation, max_elements
+        if sizes is not None and not (1 <= int(sizes.min()) and int(sizes.max()) <= hidden):
+            raise InputError(f"sizes from {int(sizes.min())} to {int(sizes.max())}: expected from 1 to {hidden} nodes")
+        heard = None if sizes is None else torch.arange(hidden, device=x.device) < sizes[:, None]
+        self._heard = None if heard is None else heard[..., None].to(x)
         self._samples, self._scratch = len(x), x.new_empty(0)
         self._z = self._padded(torch.cat([x, x.new_ones(len(x), 1)], 1).mT, 0)
         self._y = self._padded(y.reshape(-1, *y.shape[-2:]).mT, 0)
@@ -81,10 +88,11 @@ class OneHidden:
         Returns:
             A problem that shares the data.
         """
-        if len(self._y) == 1:
+        if len(self._y) == 1 and self._heard is None:
             return self
         part = object.__new__(type(self))
-        part.__dict__ |= self.__dict__ | {"_y": self._y[rows]}
+        own = {"_y": self._y if len(self._y) == 1 else self._y[rows]}
+        part.__dict__ |= self.__dict__ | own | {"_heard": None if self._heard is None else self._heard[rows]}
         return part
 
     def split(self, weights: Float[Tensor, "k p"]) -> tuple[Float[Tensor, "k h width"], Float[Tensor, "k o nodes"]]:
@@ -163,6 +171,8 @@ class OneHidden:
             part, z = nodes[..., block], self._z[:, block]
             stacked = self._room(part, rows)
             slope = part - part.square() if self.activation == "sigmoid" else 1 - part.square()
+            if self._heard is not None:
+                slope *= self._heard
             torch.mul(slope[:, :, None], z, out=stacked[:, :inner].view(len(part), self.hidden, self.width, -1))
             torch.cat([other[..., block] for other in others], 1, out=stacked[:, inner:])
             square = gram(stacked)
@@ -182,7 +192,7 @@ class OneHidden:
         inner = first @ self._z
         nodes = inner.sigmoid_() if self.activation == "sigmoid" else inner.tanh_()
         nodes[..., self._samples :] = 0.0
-        return nodes
+        return nodes if self._heard is None else nodes.mul_(self._heard)
 
     def _padded(self, rows: Tensor, more: int) -> Tensor:
         """With zeros for some more samples, to a multiple of 8: processors work on that many at once."""
