@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -26,7 +26,8 @@ from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.units import KNOT
 from manoeuvre_nn.dynamics.base import Dynamics
 from manoeuvre_nn.dynamics.limits import OK
-from manoeuvre_nn.dynamics.model import CalmWater
+from manoeuvre_nn.dynamics.members import Members
+from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.simulate import Problem, simulate
 from manoeuvre_nn.identification.ladder import ladder, own_part
@@ -44,6 +45,8 @@ from manoeuvre_nn.training.closed_loop import Refinement, refine
 from manoeuvre_nn.training.ensemble import train_ensemble
 
 PLAIN: dict[str, Any] = {"symmetric": False, "modular": False, "library": "none", "speed_law": "approach", "members": 1}
+PER_LENGTH = 12
+"""Samples and steps in the time L/U0 at which models are judged; halved steps change no figure of a table."""
 CONF = Path(__file__).parents[1] / "conf" / "network"
 
 
@@ -193,18 +196,28 @@ def data(study: Study, second: bool, own: bool) -> tuple[list[Recording], Ship, 
     return recordings, known, to_tuples(recordings, known)
 
 
-def judge(study: Study, references: Sequence[Recording], dynamics: Dynamics) -> list[float]:
-    """dev/L of every held-out manoeuvre; infinite for a run that left the physical range."""
-    runs = roll_out(dynamics, study.judged)
-    length = study.ship.particulars.length
-    return [score(p, r, length).dev_L if p.status == OK else inf for p, r in zip(runs, references, strict=True)]
+def judge(study: Study, references: Sequence[Recording], dynamics: Dynamics, count: int = 1) -> list[list[float]]:
+    """dev/L of every held-out manoeuvre by each of some models; infinite for a run that left the physical range."""
+    interval = study.ship.particulars.time_unit / PER_LENGTH
+    runs = roll_out(dynamics, list(study.judged) * count, step=interval, interval=interval)
+    length, pairs = study.ship.particulars.length, zip(runs, list(references) * count, strict=True)
+    found = [score(p, r, length).dev_L if p.status == OK else inf for p, r in pairs]
+    return [found[k :: len(references)] for k in range(len(references))]
+
+
+def together(models: Sequence[IdentifiedShip]) -> Members:
+    """Ensembles of one known part and scaling as one batch."""
+    networks = [cast(HullRudder, m.network) for m in models]
+    parts = [torch.cat([getattr(n, name) for n in networks]) for name in ("input_weights", "output_weights")]
+    whole = IdentifiedShip(models[0].known, networks[0].with_weights(*parts), models[0].scaling)
+    return Members(whole, networks[0].members)
 
 
 def line(name: str, values: Sequence[Sequence[float]], seconds: float) -> str:
     """A row of the table: medians, worst in brackets."""
     found = np.array(values)
-    middle = np.quantile(found, 0.5, axis=0, method="higher")
-    cells = [f"{m:.3f} ({w:.2f})" for m, w in zip(middle, found.max(axis=0), strict=True)]
+    middle = np.quantile(found, 0.5, axis=1, method="higher")
+    cells = [f"{m:.3f} ({w:.2f})" for m, w in zip(middle, found.max(axis=1), strict=True)]
     lost = int(np.isinf(found).sum())
     return f"| {name} | {' | '.join(cells)} | {lost} | {seconds:.1f} |"
 
@@ -222,7 +235,8 @@ def main(arguments: Sequence[str]) -> None:
     for name, study in studies().items():
         if given.get("ship", name) != name:
             continue
-        references = roll_out(CalmWater(study.ship), study.judged)
+        interval = study.ship.particulars.time_unit / PER_LENGTH
+        references = roll_out(CalmWater(study.ship), study.judged, interval=interval)
         print(f"\n{study.ship.particulars.name}: dev/L, median (worst) of seeds {first} to {seeds[-1]}")
         print(f"| | {' | '.join(m.name for m in study.judged)} | left the range | s |")
         print("|---" * (len(study.judged) + 3) + "|")
@@ -232,11 +246,11 @@ def main(arguments: Sequence[str]) -> None:
             began = time.process_time()
             models = [train(study, seed, **settings) for seed in seeds]
             seconds = (time.process_time() - began) / len(seeds)
-            print(line(row, [judge(study, references, m) for m in models], seconds), flush=True)
+            print(line(row, judge(study, references, together(models), len(models)), seconds), flush=True)
         recordings, known, tuples = data(study, second=False, own=False)
         del recordings
         for rung in ladder(study.ship, known, tuples)[0]:
-            print(line(rung.name, [judge(study, references, rung.dynamics)], 0.0), flush=True)
+            print(line(rung.name, judge(study, references, rung.dynamics), 0.0), flush=True)
 
 
 if __name__ == "__main__":

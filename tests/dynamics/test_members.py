@@ -238,3 +238,18 @@ def test_the_shaft_speed_of_a_ship_is_its_own_or_the_nominal_one():
     ship = mariner()
     ship.particulars = replace(ship.particulars, rpm=91.0)
     assert ship.shaft_rpm == clarke_part(ship).shaft_rpm == no_part(ship).shaft_rpm == 91.0
+
+
+def test_ensembles_put_together_move_each_row_by_the_median_of_one():
+    model = tanker()
+    network, (nu, delta) = model.network, states(4)
+    with torch.no_grad():
+        more = [torch.cat([w, 1.1 * w]) for w in (network.input_weights[:COUNT], network.output_weights[:COUNT])]
+    both = IdentifiedShip(model.known, network.with_weights(*more), model.scaling)
+    whole = Members(both, COUNT)
+    assert whole.count == 2 and whole.on_approach(4.0).together == COUNT
+    found = rates(whole, nu, delta)
+    for row, part in enumerate((slice(0, COUNT), slice(0, COUNT), slice(COUNT, None), slice(COUNT, None))):
+        alone = IdentifiedShip(model.known, network.with_weights(*(w[part] for w in more)), model.scaling)
+        with torch.no_grad():
+            torch.testing.assert_close(found[row, :3], alone.acceleration(nu[row], delta[row]), rtol=1e-12, atol=1e-14)

@@ -20,23 +20,25 @@ class Members(IdentifiedShip):
     """An identified ship whose batches hold every run once for each member: all runs of the first, then of the next.
 
     A state carries the number of its member. Without one (``acceleration``) nobody knows which member is meant, and the
-    whole ensemble answers.
+    whole ensemble answers. Members may be several ensembles put one after the other: a run is then an ensemble's.
     """
 
     network: HullRudder
 
-    def __init__(self, model: IdentifiedShip) -> None:
+    def __init__(self, model: IdentifiedShip, together: int = 1) -> None:
         """Take the members of a model's network.
 
         Args:
             model: Its network is an ensemble.
+            together: Members whose median moves a row; as many follow each other in the network.
         """
         super().__init__(model.known, model.network, model.scaling)
+        self.together = together
 
     @property
     def count(self) -> int:
-        """Number of members that answer."""
-        return int(self.network.trained) or self.network.members
+        """Number of members that answer, or of the ensembles that they are."""
+        return (int(self.network.trained) or self.network.members) // self.together
 
     def on_approach(self, speed: float) -> "Members":
         """The model at another approach speed.
@@ -47,7 +49,7 @@ class Members(IdentifiedShip):
         Returns:
             New dynamics.
         """
-        return Members(super().on_approach(speed))
+        return Members(super().on_approach(speed), self.together)
 
     @property
     def memory(self) -> int:
@@ -88,8 +90,13 @@ class Members(IdentifiedShip):
         del time
         known, nu, number = self.known, state[..., :3], state[..., 6].round().long()
         prime = torch.cat([nu / known.velocity_units, delta[..., None]], dim=-1)
-        each = self.network.of(self.scaling.inputs(prime).reshape(-1, 4), number.flatten()).reshape(nu.shape)
-        nudot = known.acceleration_from_force(nu, known.force(nu, delta) + self.scaling.restore(each))
+        inputs, rows = self.scaling.inputs(prime).reshape(-1, 4), number.flatten()
+        if self.together > 1:
+            inputs = inputs.repeat_interleave(self.together, 0)
+            rows = (rows[:, None] * self.together + torch.arange(self.together, device=rows.device)).flatten()
+        each = self.network.of(inputs, rows).view(-1, self.together, 3)
+        force = each.quantile(0.5, dim=1) if self.together > 1 else each[:, 0]
+        nudot = known.acceleration_from_force(nu, known.force(nu, delta) + self.scaling.restore(force.view(nu.shape)))
         return torch.cat([nudot, kinematics(state[..., :6]), torch.zeros_like(state[..., 6:])], dim=-1)
 
 

@@ -215,7 +215,9 @@ def _runge_kutta(
     return torch.addcmul(state, torch.add(k1 + k4, k2 + k3, alpha=2.0), h / 6.0), shown, blade
 
 
-def roll_out(dynamics: Dynamics, manoeuvres: Sequence[Manoeuvre], *, step: float | None = None) -> list[Recording]:
+def roll_out(
+    dynamics: Dynamics, manoeuvres: Sequence[Manoeuvre], *, step: float | None = None, interval: float | None = None
+) -> list[Recording]:
     """Run several manoeuvres of one ship or network as one batch and return them as recordings.
 
     Manoeuvres that start at the same speed share a batch; each is as long as the manoeuvre says.
@@ -224,6 +226,7 @@ def roll_out(dynamics: Dynamics, manoeuvres: Sequence[Manoeuvre], *, step: float
         dynamics: The ship or network.
         manoeuvres: What is to be done.
         step: Largest step [s]; by default 1/20 of L/U0.
+        interval: Time between samples [s]; by default the ship's. No step is longer.
 
     Returns:
         One recording a manoeuvre, in their order.
@@ -235,7 +238,7 @@ def roll_out(dynamics: Dynamics, manoeuvres: Sequence[Manoeuvre], *, step: float
     for indices in by_speed.values():
         group = [manoeuvres[i] for i in indices]
         moving, start, _ = Problem(dynamics, group[0]).on_approach()
-        clocks = [Problem(moving, m).times() for m in group]
+        clocks = [Problem(moving, m, interval=interval).times() for m in group]
         with torch.no_grad():
             moving(start, start[5], start[5])  # what an effect keeps from its first use must not be an inference tensor
         with torch.inference_mode():
