@@ -9,7 +9,7 @@ from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.entry.config import as_list, build, load_yaml, named_manoeuvres, targets, training_manoeuvres
 from manoeuvre_nn.entry.job import make_fit, prepare
-from manoeuvre_nn.manoeuvre.zigzag import zigzag
+from manoeuvre_nn.manoeuvre.zigzag import mixed_zigzag, zigzag
 from manoeuvre_nn.network.perceptron import wang_network
 
 CONF = Path(__file__).parents[2] / "conf"
@@ -188,6 +188,12 @@ def test_objects_are_passed_on_as_they_are():
         (wang_network, {"spread": "wide"}, "spread=wide: expected a number"),
         (zigzag, {"rudder_deg": 20, "duration": "long"}, "duration=long: expected a number or null"),
         (Current, {"ship": None, "speed": "fast"}, "speed=fast: expected a number"),
+        (mixed_zigzag, {"rudder_deg": 20}, "rudder_deg=20: expected numbers in brackets such as rudder_deg=[5,10,20]"),
+        (
+            mixed_zigzag,
+            {"heading_deg": ["far"]},
+            "heading_deg=['far']: expected numbers in brackets such as heading_deg=[5,10,20] or null",
+        ),
     ],
 )
 def test_arguments_of_the_wrong_kind_are_refused(target, settings, told):

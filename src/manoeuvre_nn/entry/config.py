@@ -3,7 +3,7 @@
 import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from types import NoneType
+from types import NoneType, UnionType
 from typing import Any, get_args
 
 import yaml
@@ -91,13 +91,28 @@ def check_arguments(function: Callable[..., Any], settings: Mapping[str, Any]) -
     others = next((p for p in known.values() if p.kind is p.VAR_KEYWORD), None)
     for name, value in settings.items():
         parameter = known.get(name, others)
-        kinds = set(get_args(parameter.annotation) or (parameter.annotation,)) if parameter else {object}
+        kinds = _kinds(parameter.annotation) if parameter else {object}
+        if Sequence[float] in kinds:
+            _check_numbers(name, value, NoneType in kinds)
         if not kinds <= {int, float, bool, NoneType}:
             continue
         accepted = tuple(kinds | {int}) if float in kinds else tuple(kinds)
         if not isinstance(value, accepted):
             wanted = "a number" if float in kinds else "a whole number" if int in kinds else "true or false"
             raise InputError(f"{name}={value}: expected {wanted}{' or null' if NoneType in kinds else ''}")
+
+
+def _kinds(annotation: Any) -> set[Any]:
+    """What an argument may be, one by one."""
+    return set(get_args(annotation)) if isinstance(annotation, UnionType) else {annotation}
+
+
+def _check_numbers(name: str, value: Any, optional: bool) -> None:
+    """Refuse what is no list of numbers."""
+    numbers = isinstance(value, Sequence) and all(isinstance(v, int | float) for v in value)
+    if not numbers and not (optional and value is None):
+        wanted = f"numbers in brackets such as {name}=[5,10,20]"
+        raise InputError(f"{name}={value}: expected {wanted}{' or null' if optional else ''}")
 
 
 def whole_number(what: str, value: Any, least: int) -> int:

@@ -85,7 +85,7 @@ def sentence(a: Advice) -> str:
     now, then = best.targets[worst]
     return (
         f"{begin}, because the members disagree most about {worst} ({now:.2g} L apart now, {then:.2g} L after it)"
-        f"{_place(a, worst)}; on {len(others)} targets the error falls from {best.now:.2g} to {best.then:.2g} L."
+        f"{_place(a, worst)}; on average the error falls from {best.now:.2g} to {best.then:.2g} L."
     )
 
 
