@@ -46,7 +46,7 @@ from manoeuvre_nn.training.ensemble import train_ensemble
 
 PLAIN: dict[str, Any] = {"symmetric": False, "modular": False, "library": "none", "speed_law": "approach", "members": 1}
 PER_LENGTH = 12
-"""Samples and steps in the time L/U0 at which models are judged: the ship's own terms are then off by .002 L at most."""
+"""Samples and steps in the time L/U0 at which models are judged: a ship's own terms are then off by .002 L at most."""
 CONF = Path(__file__).parents[1] / "conf" / "network"
 
 
