@@ -95,34 +95,8 @@ def targets() -> list[Manoeuvre]:
     ]
 
 
-@dataclass(frozen=True)
-class Sensors:
-    """What writes u, v and r down.
-
-    Attributes:
-        noise: Standard deviations by the names that ``data.noise`` has.
-    """
-
-    noise: dict[str, float]
-
-    def data(self, s: Setup, manoeuvres: Sequence[Manoeuvre], seed: int) -> SimulatedData:
-        """What is recorded.
-
-        Args:
-            s: The setup.
-            manoeuvres: What is sailed.
-            seed: Of the noise.
-
-        Returns:
-            Tuples and how they were formed.
-        """
-        data = SimulatedData(s.ship, s.known, manoeuvres, [straight(60.0)], noise=self.noise, seed=seed)
-        data.setup()
-        return data
-
-
-def sensors(s: Setup, first: Manoeuvre, share: float) -> Sensors:
-    """Noise in proportion to a manoeuvre.
+def noise_of(s: Setup, first: Manoeuvre, share: float) -> dict[str, float]:
+    """Noise of u, v and r in proportion to a manoeuvre.
 
     Args:
         s: The setup.
@@ -130,11 +104,28 @@ def sensors(s: Setup, first: Manoeuvre, share: float) -> Sensors:
         share: Noise over the standard deviation of a channel [-].
 
     Returns:
-        The sensors.
+        Standard deviations by the names that ``data.noise`` has.
     """
     (run,) = roll_out(CalmWater(s.ship), [first])
     units = {"u": ("u", 1.0), "v": ("v", 1.0), "r_deg_s": ("r", DEGREE)}
-    return Sensors({name: share * float(run[c].std()) / unit for name, (c, unit) in units.items() if share})
+    return {name: share * float(run[c].std()) / unit for name, (c, unit) in units.items()}
+
+
+def recorded(s: Setup, manoeuvres: Sequence[Manoeuvre], noise: dict[str, float], seed: int) -> SimulatedData:
+    """What is recorded.
+
+    Args:
+        s: The setup.
+        manoeuvres: What is sailed.
+        noise: As :func:`noise_of` has it.
+        seed: Of the noise.
+
+    Returns:
+        Tuples and how they were formed.
+    """
+    data = SimulatedData(s.ship, s.known, manoeuvres, [straight(60.0)], noise=noise, seed=seed)
+    data.setup()
+    return data
 
 
 def trained(s: Setup, data: SimulatedData, seed: int) -> IdentifiedShip:
@@ -152,14 +143,14 @@ def trained(s: Setup, data: SimulatedData, seed: int) -> IdentifiedShip:
 
 
 def compare(
-    s: Setup, first: Manoeuvre, recorder: Sensors, seed: int, which: str
+    s: Setup, first: Manoeuvre, noise: dict[str, float], seed: int, which: str
 ) -> list[tuple[str, float, float, float]]:
     """One seed.
 
     Args:
         s: The setup.
         first: First manoeuvre.
-        recorder: What writes down.
+        noise: Of all recordings.
         seed: Of all weights and of the noise.
         which: ``all`` or ``advised``.
 
@@ -167,18 +158,18 @@ def compare(
         Second manoeuvre, expected gain, deviation, and that of the 20/20 zigzag on the same targets; advised one first.
     """
     usual = "zz20_port" if first.name == "zz20" else "zz20"
-    alone = recorder.data(s, [first], seed)
-    chosen = [m for m in candidates() if m.name not in {first.name, "zz20_port"} - {usual}]
+    alone = recorded(s, [first], noise, seed)
+    possible = [m for m in candidates() if m.name not in {first.name, "zz20_port"} - {usual}]
     model, tuples = trained(s, alone, seed), alone.tuples
     noisy = {} if alone.exact else {"record": alone.would_record, "steps": steps_in_noise(model, tuples)}
-    expected = prospects(model, tuples, chosen, targets(), **noisy, effort=Effort(seed=seed))
+    expected = prospects(model, tuples, possible, targets(), **noisy, effort=Effort(seed=seed))
     gains = dict(sorted(((p.manoeuvre, p.gain) for p in expected), key=lambda pair: -pair[1]))
     advised = next(iter(gains))
     truth = roll_out(CalmWater(s.ship), targets())
     deviations: dict[str, dict[str, float]] = {}
-    for second in chosen:
+    for second in possible:
         if which == "all" or second.name in {advised, usual}:
-            model = trained(s, recorder.data(s, [first, second], seed), seed)
+            model = trained(s, recorded(s, [first, second], noise, seed), seed)
             runs = zip(roll_out(model, targets()), truth, strict=True)
             deviations[second.name] = {t.name: score(r, t, s.ship.particulars.length).dev_L for r, t in runs}
             mean = np.mean(list(deviations[second.name].values()))
@@ -202,10 +193,10 @@ def main(arguments: list[str]) -> None:
     name, which = given.get("ship", "mariner"), given.get("seconds", "all")
     first = zigzag(float(given.get("first", "zz35").removeprefix("zz")))
     s = setup(name, int(given.get("members", "16")))
-    recorder = sensors(s, first, float(given.get("noise", "0")))
+    noise = noise_of(s, first, float(given.get("noise", "0")))
     both, seeds = list[tuple[float, float]](), [int(seed) for seed in given.get("seeds", "0,1,2").split(",")]
     for seed in seeds:
-        rows = compare(s, first, recorder, seed, which)
+        rows = compare(s, first, noise, seed, which)
         print(f"\n{name}, first {first.name}, seed {seed}: advised {rows[0][0]}")
         print(f"{'second':<14}{'expected gain / L':>18}{'dev / L':>10}{'zz20 there':>12}{'ratio':>8}")
         for second, gain, own, usual in rows:

@@ -136,7 +136,7 @@ def test_members_that_have_the_truths_nodes_learn_the_truth():
         (found,) = prospects(
             family, as_the_first_made_it(family), CANDIDATES[1:], TARGETS, effort=Effort(truths=1, others=3)
         )
-    apart = float((tracks[1:].quantile(0.5, dim=0) - tracks[0]).norm(dim=-1).max()) / 160.93
+    apart = float((tracks[1:].quantile(0.5, dim=0) - tracks[0]).norm(dim=-1).max()) / mariner().particulars.length
     assert apart > 0.02
     assert found.now < 0.3 * apart and found.then < 0.3 * apart
 
