@@ -17,10 +17,10 @@ from functools import cached_property
 import numpy as np
 import torch
 from jaxtyping import Float
-from scipy.linalg import lapack
 from torch import Tensor
 
 from manoeuvre_nn.diagnosis.runs import COUNT, Run
+from manoeuvre_nn.dynamics.banded import Chain
 from manoeuvre_nn.dynamics.model import Dynamics
 
 SIZE = 9
@@ -245,12 +245,8 @@ class Whitened:
             line: The run's linear equations.
             noise: Standard deviations.
             start_spread: Prior standard deviation of the first state about the track.
-
-        Raises:
-            LinAlgError: If the precision is not positive definite.
         """
         self.line, run = line, line.run
-        n = len(run)
         # States in units of their own size, coloured accelerations in units of their own prior: well conditioned.
         self.unit = np.concatenate([[0.05, 0.05, 5e-4, 1.0, 1.0, 2e-3], np.maximum(noise.force, 1e-12)])
         decay = np.exp(-run.step / noise.force_time)
@@ -268,22 +264,18 @@ class Whitened:
         diagonal[1:] += q_inv
         first = np.concatenate([(self.unit[:6] / start_spread) ** 2, np.ones(3)])
         diagonal[0] += np.diag(first)
-        self.factor, info = lapack.dpbtrf(_banded(diagonal, -qa), lower=1)
-        if info:
-            raise np.linalg.LinAlgError("the precision of a run's states is not positive definite")
-        log_det = 2 * np.log(self.factor[0]).sum()
+        self.chain = Chain(diagonal, -qa)
         log_prior = np.linalg.slogdet(q_inv)[1].sum() + np.log(first).sum()
         noise_part = np.where(line.present > 0, np.log(noise.channels), 0.0).sum()
-        self.log_norm = float(0.5 * (log_prior - log_det) - noise_part)
-        self.shape = n
+        self.log_norm = float(0.5 * (log_prior - self.chain.log_det) - noise_part)
 
-    def _right(self, c: Columns) -> Float[np.ndarray, "size p"]:
+    def _right(self, c: Columns) -> Float[np.ndarray, "n 9 p"]:
         """Right-hand sides of the normal equations."""
         b = self.h.transpose(0, 2, 1) @ (self.r_inv[..., None] * c.measured)
         pushed = self.q_inv[:, :, :6] @ (c.moved / self.unit[:6, None])
         b[1:] -= pushed
         b[:-1] += self.a.transpose(0, 2, 1) @ pushed
-        return b.reshape(self.shape * SIZE, -1)
+        return b
 
     def embed(self, c: Columns) -> "Embedded":
         """Vectors whose inner products are those of the columns in the metric of the samples' marginal covariance.
@@ -294,7 +286,7 @@ class Whitened:
         Returns:
             The vectors.
         """
-        white, _ = lapack.dtbtrs(self.factor, self._right(c), uplo="L")
+        white = self.chain.whiten(self._right(c))
         p = c.count
         m = (np.sqrt(self.r_inv)[..., None] * c.measured).reshape(-1, p)
         moved = (self.q_root @ (c.moved / self.unit[:6, None])).reshape(-1, p)
@@ -309,8 +301,7 @@ class Whitened:
         Returns:
             Deviations in SI.
         """
-        white, _ = lapack.dpbtrs(self.factor, self._right(c), lower=1)
-        return white.reshape(self.shape, SIZE, -1) * self.unit[None, :, None]
+        return self.chain.unwhiten(self.chain.whiten(self._right(c))) * self.unit[None, :, None]
 
 
 def _steps_precision(tiny: np.ndarray, push: np.ndarray, decay: float, unit: np.ndarray) -> Float[np.ndarray, "k 9 9"]:
@@ -321,15 +312,3 @@ def _steps_precision(tiny: np.ndarray, push: np.ndarray, decay: float, unit: np.
     covariance[:, :3, :3] += push[:, :, None] * push[:, None, :]
     covariance[:, range(6, 9), range(6, 9)] = 1 - decay**2
     return np.linalg.inv(covariance)
-
-
-def _banded(diagonal: Float[np.ndarray, "n 9 9"], below: Float[np.ndarray, "k 9 9"]) -> Float[np.ndarray, "18 size"]:
-    """Lower band storage of a block tridiagonal matrix: element (i, j) at [i - j, j]."""
-    n = len(diagonal)
-    band = np.zeros((2 * SIZE, n, SIZE))
-    for j in range(SIZE):
-        for i in range(j, SIZE):
-            band[i - j, :, j] = diagonal[:, i, j]
-        for i in range(SIZE):
-            band[SIZE + i - j, :-1, j] = below[:, i, j]
-    return np.asfortranarray(band.reshape(2 * SIZE, n * SIZE))

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import numpy as np
 import ruptures
 from jaxtyping import Float
-from scipy.linalg import lapack
 
 from manoeuvre_nn.core.effect import SITES
 from manoeuvre_nn.diagnosis.bench import FORCE_LEVELS, Bench, Place, force_time
@@ -17,8 +16,6 @@ from manoeuvre_nn.diagnosis.search import Contest
 
 BIN = 10.0
 """Length of the means in which windows are looked for [s]."""
-DRAWS = 24
-"""Number of posterior samples from which the residual's standard deviation is taken."""
 LARGEST = 0.5
 """Coloured force that leaves the missing force to the data alone, over the resistance and 20 deg of rudder."""
 EQUATIONS = ("surge force X", "sway force Y", "yaw moment N")
@@ -97,10 +94,9 @@ def _kilonewtons(bench: Bench, place: Place):  # type: ignore[no-untyped-def]
 
 
 def _spread(white: Whitened) -> Float[np.ndarray, "n 3"]:
-    """Posterior standard deviation of the coloured accelerations, from samples."""
-    draws = np.random.default_rng(0).standard_normal((white.shape * SIZE, DRAWS))
-    sample, _ = lapack.dtbtrs(white.factor, np.asfortranarray(draws), uplo="L", trans="T")
-    return (sample.reshape(white.shape, SIZE, DRAWS) * white.unit[None, :, None])[:, 6:].std(axis=-1)
+    """Posterior standard deviation of the coloured accelerations."""
+    own, coloured = white.chain.covariances[0], range(SIZE - 3, SIZE)
+    return np.sqrt(own[:, coloured, coloured]) * white.unit[SIZE - 3 :]
 
 
 def changes(

@@ -1,12 +1,15 @@
 """State and rudder -> rate of state: what a solver asks of whatever moves."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
 from manoeuvre_nn.core.frames import kinematics
+from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars, Ship
 
 
@@ -75,6 +78,31 @@ class Dynamics(ABC, nn.Module):
         parts = self.acceleration(state[..., :3], delta), kinematics(state)
         # Variables first in memory: every operation then runs along whole rows of samples.
         return torch.cat([p.movedim(-1, 0) for p in parts]).movedim(0, -1)
+
+    def driven(self, recordings: Sequence[Recording], times: Sequence[Float[np.ndarray, " _"]]) -> "Dynamics":
+        """The same model in what recordings say of shaft speed and wind: nothing, unless it has learnt of them.
+
+        Args:
+            recordings: One for each row of a batch.
+            times: Even times of each row; all have the same interval.
+
+        Returns:
+            Dynamics for these rows.
+        """
+        del recordings, times
+        return self
+
+    def row(self, number: int) -> "Dynamics":
+        """What moves one row of a batch that is :meth:`driven`, for states of that row at many times.
+
+        Args:
+            number: Number of the row.
+
+        Returns:
+            The same model unless it is driven.
+        """
+        del number
+        return self
 
     def start(self, state: Float[Tensor, "*batch 6"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch n"]:
         """The whole state of a ship on a steady approach.

@@ -14,6 +14,7 @@ from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.dynamics.replay import replay
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.network.hull_rudder import HullRudder
+from manoeuvre_nn.network.series import Series
 
 
 class Members(IdentifiedShip):
@@ -23,7 +24,7 @@ class Members(IdentifiedShip):
     whole ensemble answers. Members may be several ensembles put one after the other: a run is then an ensemble's.
     """
 
-    network: HullRudder
+    network: HullRudder | Series
 
     def __init__(self, model: IdentifiedShip, together: int = 1) -> None:
         """Take the members of a model's network.
@@ -32,7 +33,7 @@ class Members(IdentifiedShip):
             model: Its network is an ensemble.
             together: Members whose median moves a row; as many follow each other in the network.
         """
-        super().__init__(model.known, model.network, model.scaling)
+        super().__init__(model.known, model.network, model.scaling, model.drive)
         self.together = together
 
     @property
@@ -82,15 +83,14 @@ class Members(IdentifiedShip):
         Args:
             state: u, v, r, x, y, psi and the member's number.
             delta: Rudder angle [rad].
-            time: Time since the start [s]; nothing depends on it.
+            time: Time since the start [s], for shaft speed and wind.
 
         Returns:
             Its time derivative.
         """
-        del time
-        known, nu, number = self.known, state[..., :3], state[..., 6].round().long()
-        prime = torch.cat([nu / known.velocity_units, delta[..., None]], dim=-1)
-        inputs, rows = self.scaling.inputs(prime).reshape(-1, 4), number.flatten()
+        known, nu, rows = self.known, state[..., :3], state[..., 6].round().long().flatten()
+        inputs = self.network_inputs(state, delta, time)
+        inputs = inputs.reshape(-1, inputs.shape[-1])
         if self.together > 1:
             inputs = inputs.repeat_interleave(self.together, 0)
             rows = (rows[:, None] * self.together + torch.arange(self.together, device=rows.device)).flatten()
@@ -110,7 +110,7 @@ def has_members(dynamics: Dynamics) -> bool:
         True for an identified ship whose network has more than one trained member.
     """
     network = dynamics.network if isinstance(dynamics, IdentifiedShip) else None
-    return isinstance(network, HullRudder) and int(network.trained) > 1
+    return isinstance(network, HullRudder | Series) and int(network.trained) > 1
 
 
 def sail_members(model: IdentifiedShip, manoeuvres: Sequence[Manoeuvre]) -> list[list[Recording]]:

@@ -1,15 +1,21 @@
 """A reference ship, an identified network and stacks of them: the same thing to a solver."""
 
+import copy
 from collections.abc import Sequence
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.frames import kinematics
+from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.dynamics.base import Dynamics
+from manoeuvre_nn.dynamics.drive import Drive, air_velocity, approach_speed
 from manoeuvre_nn.network.hull_rudder import HullRudder
+from manoeuvre_nn.network.series import Series
 
 
 class CalmWater(Dynamics):
@@ -65,21 +71,113 @@ class IdentifiedShip(Dynamics):
         known: Inertia and whatever forces are taken as known (Clarke's linear part, or none).
         network: Scaled (u, v, r, delta) -> scaled g; see :class:`Scaling`.
         scaling: What the network's inputs and outputs are in.
+        drive: Recorded shaft speed and wind, which a :class:`.Series` makes use of; None is the nominal speed in calm.
 
     Source:
         Wang 1996, eqs 4.30-4.35; Rajesh & Bhattacharyya 2009, eqs 10-12.
     """
 
-    def __init__(self, known: Ship, network: nn.Module, scaling: "Scaling") -> None:
+    def __init__(self, known: Ship, network: nn.Module, scaling: "Scaling", drive: Drive | None = None) -> None:
         """Join the parts.
 
         Args:
             known: Known part.
             network: Scaled inputs (..., 4) -> scaled outputs (..., 3).
             scaling: Input and output scaling in the known part's prime system.
+            drive: Recorded shaft speed and wind.
         """
         super().__init__()
-        self.known, self.network, self.scaling = known, network, scaling
+        self.known, self.network, self.scaling, self.drive = known, network, scaling, drive
+
+    def network_inputs(
+        self, state: Float[Tensor, "*batch n"], delta: Float[Tensor, "*batch"], time: Float[Tensor, "*batch"] | None
+    ) -> Float[Tensor, "*batch inputs"]:
+        """What the network sees: scaled velocities and rudder, then shaft speed and relative wind if there is a drive.
+
+        Args:
+            state: u, v, r, x, y, psi, ...
+            delta: Rudder angle [rad].
+            time: Time since the start of the recording [s].
+
+        Returns:
+            Scaled inputs, 4 or 7.
+        """
+        inputs = self.scaling.inputs(torch.cat([state[..., :3] / self.known.velocity_units, delta[..., None]], dim=-1))
+        if self.drive is None or time is None:
+            return inputs
+        n, north, east = self.drive.at(time).unbind(-1)
+        cos, sin = state[..., 5].cos(), state[..., 5].sin()
+        ahead, aside = north * cos + east * sin - state[..., 0], east * cos - north * sin - state[..., 1]
+        wind = torch.stack([ahead, aside], dim=-1) / self.particulars.speed
+        return torch.cat([inputs, n[..., None], wind], dim=-1)
+
+    def forward(
+        self,
+        state: Float[Tensor, "*batch 6"],
+        delta: Float[Tensor, "*batch"],
+        time: Float[Tensor, "*batch"] | None = None,
+    ) -> Float[Tensor, "*batch 6"]:
+        """Rate of the state, with what was recorded of shaft speed and wind.
+
+        Args:
+            state: u, v, r, x, y, psi.
+            delta: Rudder angle [rad].
+            time: Time since the start of the recording [s].
+
+        Returns:
+            Its time derivative.
+        """
+        if self.drive is None:
+            return super().forward(state, delta, time)
+        nu = state[..., :3]
+        unknown = self.scaling.restore(self.network(self.network_inputs(state, delta, time)))
+        nudot = self.known.acceleration_from_force(nu, self.known.force(nu, delta) + unknown)
+        return torch.cat([nudot, kinematics(state)], dim=-1)
+
+    def driven(self, recordings: Sequence[Recording], times: Sequence[Float[np.ndarray, " _"]]) -> "IdentifiedShip":
+        """The model with the shaft speed and the wind of recordings.
+
+        Args:
+            recordings: One for each row of a batch.
+            times: Even times of each row.
+
+        Returns:
+            The same model unless its network is a series.
+        """
+        if not isinstance(self.network, Series):
+            return self
+        tables = [self._driving(r, t) for r, t in zip(recordings, times, strict=True)]
+        longest = max(len(t) for t in times)
+        padded = np.stack([np.concatenate([d, np.repeat(d[-1:], longest - len(d), axis=0)]) for d in tables])
+        other = copy.copy(self)
+        other.drive = Drive(self.known.velocity_units.new_tensor(padded), float(times[0][1] - times[0][0]),
+                            float(times[0][0] - recordings[0].time[0]))  # fmt: skip
+        return other
+
+    def row(self, number: int) -> "IdentifiedShip":
+        """The model that moves one row of a batch that is driven.
+
+        Args:
+            number: Number of the row.
+
+        Returns:
+            The same where nothing is driven.
+        """
+        if self.drive is None:
+            return self
+        other = copy.copy(self)
+        other.drive = self.drive.row(number)
+        return other
+
+    def _driving(self, recording: Recording, times: Float[np.ndarray, " m"]) -> Float[np.ndarray, "m 3"]:
+        """What a series takes from a recording: its third input from last, and the air's velocity [m/s]."""
+        assert isinstance(self.network, Series)
+        speed = approach_speed(recording, self.particulars) / self.particulars.speed
+        pace = np.full(len(recording), speed)
+        if self.network.speed_law == "shaft" and "n" in recording.channels:
+            pace = recording["n"] * 60 / self.known.shaft_rpm
+        wind = air_velocity(recording) if self.network.feels_wind else (0 * pace, 0 * pace)
+        return np.stack([np.interp(times, recording.time, row) for row in (pace, *wind)], axis=-1)
 
     @property
     def particulars(self) -> Particulars:
@@ -117,7 +215,7 @@ class IdentifiedShip(Dynamics):
             New dynamics that share the network.
         """
         known, network = self.known.on_approach(speed), self.network
-        if isinstance(network, HullRudder):
+        if isinstance(network, HullRudder | Series):
             network = network.at_shaft(float(network.shaft) * known.shaft_rpm / self.known.shaft_rpm)
         return IdentifiedShip(known, network, self.scaling)
 

@@ -23,7 +23,8 @@ STATE = ("u", "v", "r", "x", "y", "psi")
 def replay(dynamics: Dynamics, recordings: Sequence[Recording], *, start: float = 0.0) -> list[Recording]:
     """Run a model from a recording's state with the recorded rudder, all recordings as one batch.
 
-    Nothing but the rudder is taken from the recording after the start: u, v, r and the track are the model's own.
+    Nothing but the rudder, and shaft speed and wind where the model has learnt of them, is taken from the recording
+    after the start: u, v, r and the track are the model's own.
     Solved by torchdiffeq's fixed-step fourth-order method, the rudder blade linear between samples. The blade follows
     from ``delta`` of the recording, which is the indicated angle as it was written down, and ``delta_order``, without
     which the indicator stands for the order. Time counts from the first sample.
@@ -54,11 +55,14 @@ def replay(dynamics: Dynamics, recordings: Sequence[Recording], *, start: float 
         reference.new_tensor(np.stack([_padded(w[k], longest) for w in wheels])) for k in range(3)
     )
     first = reference.new_tensor(np.stack([[np.interp(g[0], r.time, r[k]) for k in STATE] for g, r in pairs]))
+    dynamics = dynamics.driven(recordings, grids)
     with torch.no_grad():
         blade = blade_series(dynamics, order, shown, interval)
         states = integrate(dynamics, dynamics.start(first, blade[:, 0]), blade, start, interval)
     return [
-        _prediction(dynamics, r, g, start, states[: len(g), row], *(x[row, : len(g)] for x in (recorded, shown, blade)))
+        _prediction(
+            dynamics.row(row), r, g, start, states[: len(g), row], *(x[row, : len(g)] for x in (recorded, shown, blade))
+        )
         for row, (g, r) in enumerate(pairs)
     ]
 

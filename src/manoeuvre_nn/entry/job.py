@@ -16,11 +16,13 @@ from manoeuvre_nn.entry import config as configs
 from manoeuvre_nn.entry.provenance import check_same_run, finished, resolved, write_provenance
 from manoeuvre_nn.entry.results import Outcome, draw, judge_finally, print_outcome, write_results
 from manoeuvre_nn.network.hull_rudder import HullRudder
+from manoeuvre_nn.network.series import Series
 from manoeuvre_nn.training import session
 from manoeuvre_nn.training.callbacks import RolloutScore
 from manoeuvre_nn.training.data import DEFAULT_SCORE, INSTEAD, ManoeuvreData, RecordedData
 from manoeuvre_nn.training.ensemble import EnsembleFit
 from manoeuvre_nn.training.fits import Fit
+from manoeuvre_nn.training.joint_fit import ClosedLoopFit
 from manoeuvre_nn.training.scalings import KINDS, make_scaling
 from manoeuvre_nn.training.settings import check_simulable
 
@@ -97,13 +99,27 @@ def prepare(cfg: DictConfig, conf: Path) -> Job:
     return Job(_data(cfg, common, conf), network, scaling, dtype, session.Session(**lasting))
 
 
+KINDS_OF_FIT = (
+    (HullRudder, EnsembleFit, "an ensemble (hull_rudder)", "fit=ensemble, or network=modulus, wang or rajesh"),
+    (Series, ClosedLoopFit, "a series (modulus, abkowitz)", "fit=closed_loop, or network=hull_rudder, wang or rajesh"),
+)
+"""Network, the method that it alone has, what it is called, what to write."""
+
+
 def _check_pair(cfg: DictConfig) -> None:
     """Refuse a method for another kind of network."""
-    ensemble = _named(cfg.network, HullRudder)
-    if ensemble != _named(cfg.fit, EnsembleFit):
-        wanted = "fit=ensemble, or network=wang or rajesh" if ensemble else "fit=levenberg_marquardt or backprop"
-        kind = "an ensemble (hull_rudder)" if ensemble else "a perceptron (wang, rajesh)"
-        raise InputError(f"network is {kind}, which fit._target_={cfg.fit['_target_']} does not train: write {wanted}")
+    for network, fit, kind, wanted in KINDS_OF_FIT:
+        ours = _named(cfg.network, network)
+        if ours == _named(cfg.fit, fit):
+            continue
+        given = f"fit._target_={cfg.fit['_target_']}"
+        if ours:
+            raise InputError(f"network is {kind}, which {given} does not train: write {wanted}")
+        wanted = "fit=levenberg_marquardt or backprop for network=wang and rajesh, fit=ensemble for hull_rudder, fit="
+        raise InputError(
+            f"network._target_={cfg.network['_target_']}, which {given} does not train: write {wanted}closed_loop for "
+            "modulus and abkowitz"
+        )
 
 
 def _named(settings: DictConfig, kind: type) -> bool:
@@ -142,7 +158,7 @@ def blank_network(cfg: DictConfig) -> tuple[torch.nn.Module, str, torch.dtype]:
     check_choice("network.dtype", name, list(DTYPES))
     dtype = DTYPES[name]
     network = configs.build(settings, seed=configs.whole_number("seed", cfg.seed, 0), dtype=dtype)
-    if isinstance(network, HullRudder):
+    if isinstance(network, HullRudder | Series):
         check_choice("network.scaling", scaling, list(network.scalings))
     return network, scaling, dtype
 

@@ -93,6 +93,21 @@ def no_part(ship: Ship | Particulars) -> InertiaOnly:
     return InertiaOnly(clarke_part(ship) if isinstance(ship, Particulars) else ship)
 
 
+def clarke_inertia_part(ship: Ship | Particulars) -> InertiaOnly:
+    """Nothing but Clarke's inertia, whatever else is known of the ship: as it is with measured ones.
+
+    Args:
+        ship: The ship.
+
+    Returns:
+        A ship without forces.
+
+    Source:
+        Wang 1996, eqs 4.7-4.16.
+    """
+    return InertiaOnly(clarke_part(ship))
+
+
 def given_part(
     ship: Ship | Particulars,
     inertia: Mapping[str, float],

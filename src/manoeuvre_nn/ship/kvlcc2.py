@@ -16,8 +16,9 @@ def kvlcc2_hsva() -> Particulars:
         Particulars.
 
     Source:
-        SIMMAN 2008 workshop, test report of HSVA (Cura Hochbaum 2006): L, B, T, speed, rudder area .0654 m^2 and rate
-        15.8 deg/s. Block coefficient: SIMMAN 2008, hull data. The rudder stop is the largest angle that was tested.
+        SIMMAN 2008 workshop, test report of HSVA (Cura Hochbaum 2006): L, B, T, speed, shaft speed 10.23 1/s, rudder
+        area .0654 m^2 and rate 15.8 deg/s. Block coefficient: SIMMAN 2008, hull data. The rudder stop is the largest
+        angle that was tested.
     """
     return Particulars(
         name="KVLCC2 model (HSVA)",
@@ -32,6 +33,7 @@ def kvlcc2_hsva() -> Particulars:
         record_length=180.0,
         sample_interval=0.2,
         rho=FRESH_WATER,
+        rpm=60 * 10.23,
         source="SIMMAN 2008; HSVA test report 2006",
     )
 
@@ -44,7 +46,8 @@ def kvlcc2() -> Particulars:
 
     Source:
         SIMMAN 2008 workshop, hull and rudder data: L, B, T, block coefficient, rudder area 136.7 m^2 and rate
-        2.34 deg/s; approach speed 15.5 kn. The rudder stop is not stated: 35 deg, the usual one.
+        2.34 deg/s; approach speed 15.5 kn; 91.7 rpm in MARIN's recordings. The rudder stop is not stated: 35 deg, the
+        usual one.
     """
     return Particulars(
         name="KVLCC2",
@@ -58,5 +61,6 @@ def kvlcc2() -> Particulars:
         rudder_area_ratio=136.7 / (320.0 * 20.8),
         record_length=600.0,
         sample_interval=1.0,
+        rpm=91.7,
         source="SIMMAN 2008",
     )

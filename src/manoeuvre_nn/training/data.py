@@ -48,6 +48,7 @@ class ManoeuvreData(ABC, L.LightningDataModule):
     Attributes:
         known: The known part of the forces; g is what it leaves.
         recordings: What the tuples are made from, after windowing, resampling and noise.
+        measured: The same as the sensors gave it, not smoothed.
         tuples: Inputs and targets in the known part's prime system.
         held_out: The manoeuvres to judge by.
         reference: The ship, or its particulars where no more is known.
@@ -60,6 +61,7 @@ class ManoeuvreData(ABC, L.LightningDataModule):
     exact: bool
     noise: Mapping[str, float]
     recordings: Sequence[Recording]
+    measured: Sequence[Recording]
     tuples: Tuples
     held_out: HeldOut
 
@@ -106,6 +108,7 @@ class ManoeuvreData(ABC, L.LightningDataModule):
         clean = not noisy and all(name in r.channels for r in recordings for name in ACCELERATION)
         method = ("exact" if clean else "smoother") if self.method == "auto" else self.method
         self.exact = method == "exact"
+        self.measured = tuple(recordings)
         self.recordings = tuple(accelerations(r, method) for r in recordings)
         self.form_tuples()
 
@@ -325,6 +328,7 @@ class RecordedData(ManoeuvreData):
         if hasattr(self, "tuples"):
             return
         cut = [r.between(r.time[0], r.time[0] + min(self.length or r.duration, r.duration)) for r in self._read]
+        self.measured = tuple(cut)
         smooth = "smoother" if self.method == "auto" else self.method
         with_rates = [accelerations(r, smooth) for r in cut]
         self.recordings = tuple(self._read_off(r) for r in with_rates)

@@ -7,7 +7,7 @@ from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.dynamics.model import Scaling
 from manoeuvre_nn.recording.tuples import Tuples
 
-KINDS = ("source", "centred", "balanced", "standard", "mirrored", "speed")
+KINDS = ("source", "centred", "balanced", "standard", "mirrored", "speed", "approach")
 
 
 def make_scaling(kind: str, known: Ship, tuples: Tuples) -> Scaling:
@@ -21,7 +21,8 @@ def make_scaling(kind: str, known: Ship, tuples: Tuples) -> Scaling:
     ``standard`` subtracts the mean of the training tuples from the inputs and divides inputs and g' by their standard
     deviation. ``mirrored`` does so with u' and g', and divides v', r', delta by their root mean square, so that 0
     stays amidships. ``speed`` divides u' by that of the approach and the others as ``mirrored`` does, so that ratios of
-    speeds stay ratios.
+    speeds stay ratios. ``approach`` takes everything in the (rho, L, T, U0) system, whatever the known part's is: what
+    coefficients of a series are in.
 
     Args:
         kind: One of :data:`KINDS`.
@@ -45,6 +46,12 @@ def make_scaling(kind: str, known: Ship, tuples: Tuples) -> Scaling:
         scale[0] = known.particulars.speed / known.prime.speed
     if kind == "mirrored":
         shift[0], scale[0] = x[:, 0].mean(), _or_one(x[:, 0].std())
+    if kind == "approach":
+        p = known.particulars
+        scale[:3] = p.speed / known.prime.speed
+        force = 0.5 * p.rho * p.length * p.draught * p.speed**2
+        units = force / known.prime.force, force / known.prime.force, force * p.length / known.prime.moment
+        output = output.new_tensor(units)
     return Scaling(shift, scale, output)
 
 

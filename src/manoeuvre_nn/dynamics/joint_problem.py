@@ -1,0 +1,175 @@
+"""What is to be explained by states and coefficients together (:mod:`.joint`), and how far it is."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float, Int
+
+CHANNELS = ("u", "v", "r", "x", "y", "psi")
+"""Measured channels and first states; the others are the coloured accelerations of surge, sway and yaw."""
+SIZE, MOTION = 9, 6
+DELAY, OFFSET = "delay", "offset"
+"""What a sensor may get wrong: it writes down too late, or too much."""
+
+
+@runtime_checkable
+class Force(Protocol):
+    """Accelerations that are linear in coefficients."""
+
+    count: int
+
+    def columns(
+        self, state: Float[np.ndarray, "n 6"], inputs: Mapping[str, Float[np.ndarray, " n"]]
+    ) -> Float[np.ndarray, "n 3 p"]:
+        """What the coefficients are multiplied by.
+
+        Args:
+            state: u, v, r, x, y, psi.
+            inputs: Rudder angle, shaft speed and what else is known over time.
+
+        Returns:
+            Columns: accelerations of surge, sway and yaw for a coefficient of 1.
+        """
+
+
+class NoForce:
+    """Nothing is known of the ship: all acceleration is the coloured one, and the problem is a smoother."""
+
+    count = 0
+
+    def columns(
+        self, state: Float[np.ndarray, "n 6"], inputs: Mapping[str, Float[np.ndarray, " n"]]
+    ) -> Float[np.ndarray, "n 3 0"]:
+        """No column.
+
+        Args:
+            state: u, v, r, x, y, psi.
+            inputs: Anything.
+
+        Returns:
+            An empty array.
+        """
+        del inputs
+        return np.zeros((len(state), 3, 0))
+
+
+@dataclass(frozen=True)
+class Track:
+    """A run in units of L and its approach speed.
+
+    Attributes:
+        name: The recording's name.
+        time: Sample times, even or not.
+        measured: u, v, r, x, y, psi; NaN where nothing was measured.
+        inputs: What acts on the ship, by name (``delta``, ``n``, ``wind_north``, ``wind_east``).
+        guess: Where to start with channels that were not measured; None if all were.
+    """
+
+    name: str
+    time: Float[np.ndarray, " n"]
+    measured: Float[np.ndarray, "n 6"]
+    inputs: Mapping[str, Float[np.ndarray, " n"]] = field(default_factory=dict)
+    guess: Float[np.ndarray, "n 6"] | None = None
+
+    def __len__(self) -> int:
+        """Number of samples."""
+        return len(self.time)
+
+    @cached_property
+    def present(self) -> Float[np.ndarray, "n 6"]:
+        """One where a channel was measured, else 0."""
+        return np.isfinite(self.measured).astype(float)
+
+
+@dataclass(frozen=True)
+class Fault:
+    """An error of a sensor that is estimated with the rest, run by run.
+
+    Attributes:
+        channel: The channel.
+        kind: ``delay`` in units of time, or ``offset`` in the channel's.
+        spread: Prior standard deviation about 0.
+    """
+
+    channel: str
+    kind: str
+    spread: float
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is to be explained, and by what.
+
+    Attributes:
+        tracks: The runs.
+        force: Columns of the coefficients.
+        mean: What the coefficients are before any run is seen.
+        spread: Standard deviation of that.
+        force_time: Correlation time of the coloured accelerations.
+        floor: Noise of u, v, r, x, y, psi is never taken to be smaller: no model is better than that.
+        faults: Sensors' errors that are estimated in each run.
+        learn_force: Whether the size of the coloured accelerations is estimated too.
+    """
+
+    tracks: Sequence[Track]
+    force: Force
+    mean: Float[np.ndarray, " p"]
+    spread: Float[np.ndarray, " p"]
+    force_time: float = 1.0
+    floor: Float[np.ndarray, " 6"] = field(default_factory=lambda: np.full(6, 1e-6))
+    faults: Sequence[Fault] = ()
+    learn_force: bool = False
+
+    @property
+    def shared(self) -> int:
+        """Number of coefficients, which all runs share."""
+        return len(self.mean)
+
+    def own(self, run: int) -> Int[np.ndarray, " f"]:
+        """Places of a run's sensor errors among all parameters.
+
+        Args:
+            run: Its number.
+
+        Returns:
+            Indices.
+        """
+        return self.shared + run * len(self.faults) + np.arange(len(self.faults))
+
+    @property
+    def prior(self) -> tuple[Float[np.ndarray, " q"], Float[np.ndarray, " q"]]:
+        """Mean and standard deviation of all parameters: coefficients, then the runs' sensor errors."""
+        spreads = [f.spread for f in self.faults] * len(self.tracks)
+        return np.concatenate([self.mean, np.zeros(len(spreads))]), np.concatenate([self.spread, spreads])
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """How far the solution has come.
+
+    Attributes:
+        states: u, v, r, x, y, psi and three coloured accelerations at every sample of each run.
+        values: All parameters, see :attr:`Problem.prior`.
+        noise: Standard deviation of each channel.
+        force: Standard deviation of the coloured accelerations.
+        weights: Weight of every sample; outliers have little.
+        covariance: Of the parameters, states and everything else unknown included.
+        state_covariance: Of every sample's state, shape (n, 9, 9) a run; filled by :func:`improve`.
+        cost: Half the sum of squares at which the step started.
+        evidence: Log marginal likelihood by Laplace's method, up to a constant of the data.
+        moved: Largest step of a parameter over its prior standard deviation.
+    """
+
+    states: tuple[Float[np.ndarray, "_ 9"], ...]
+    values: Float[np.ndarray, " q"]
+    noise: Float[np.ndarray, " 6"]
+    force: Float[np.ndarray, " 3"]
+    weights: tuple[Float[np.ndarray, "_ 6"], ...]
+    covariance: Float[np.ndarray, "q q"]
+    state_covariance: tuple[Float[np.ndarray, "_ 9 9"], ...] = ()
+    cost: float = np.inf
+    evidence: float = -np.inf
+    moved: float = np.inf

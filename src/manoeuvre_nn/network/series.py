@@ -1,0 +1,228 @@
+"""Forces that are a sum of products with coefficients: the classical models, with members for their uncertainty."""
+
+import copy
+from collections.abc import Sequence
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor, nn
+
+from manoeuvre_nn.core.errors import InputError, check_choice
+
+VARIABLES = ("1", "u", "v", "r", "d", "n", "a", "|v|", "|r|", "|d|", "wx", "wy", "|w|")
+"""What products are made of: u, v, rL over U0, rudder angle [rad], shaft speed over the nominal one, a = u - 1, and the
+velocity of the air relative to the ship, forward and to starboard, over U0."""
+MIRRORED = {"v": -1, "r": -1, "d": -1, "wy": -1}
+"""Variables that change sign from port to starboard."""
+OUTPUTS, EVEN = 3, (1, -1, -1)
+
+
+def parity(term: str) -> int:
+    """Whether a product changes sign from port to starboard.
+
+    Args:
+        term: Its variables, parted by blanks.
+
+    Returns:
+        1 or -1.
+    """
+    sign = 1
+    for token in term.split():
+        sign *= MIRRORED.get(token, 1)
+    return sign
+
+
+class Series(nn.Module):
+    """Surge force, sway force and yaw moment as sums of products of velocities, rudder angle, shaft speed and wind.
+
+    ``X' = sum_k c_k prod(variables of term k)``, Y' and N' likewise, over ``0.5 rho L T U0^2`` (N: times L). Two sets
+    of terms are in ``conf/network``: ``abkowitz``, a Taylor series of third order about the approach, and ``modulus``,
+    the second-order modulus form with propeller and rudder. Any other is a list of products in a yaml.
+
+    The first member is the estimate; others, if there are any, are drawn from its uncertainty, so that where they go
+    apart is where the recordings leave open what the ship does.
+
+    Attributes:
+        coefficients: One row a member, then an output, then a product.
+        trained: Members that answer.
+        shaft: n over the nominal shaft speed where no recording says it [-].
+
+    Source:
+        Abkowitz 1964; Fedyaevsky & Sobolev 1963 and Norrbin 1970 for ``|v| v`` and its like; products of rudder angle
+        with u and n: MMG's rudder inflow, Yasukawa & Yoshimura 2015, eqs 19-29, multiplied out; wind: Isherwood 1972.
+    """
+
+    places: Tensor
+    used: Tensor
+    trained: Tensor
+    shaft: Tensor
+    scalings = ("approach",)
+
+    def __init__(
+        self,
+        surge: Sequence[str],
+        lateral: Sequence[str],
+        wind_surge: Sequence[str] = (),
+        wind_lateral: Sequence[str] = (),
+        *,
+        symmetric: bool = False,
+        members: int = 1,
+        seed: int = 0,
+        dtype: torch.dtype = torch.float64,
+    ) -> None:
+        """Collect the products.
+
+        Args:
+            surge: Products of X, variables parted by blanks: ``u u``, ``v r``, ``d d n n``.
+            lateral: Products of Y and N.
+            wind_surge: Products of X that are used where the wind was recorded.
+            wind_lateral: Likewise of Y and N.
+            symmetric: Whether products that are the same to port and to starboard are left out of Y and N; else the
+                ship may have a side (a propeller that turns, a rudder that is not quite amidships).
+            members: The estimate and draws from its uncertainty.
+            seed: Seed of the draws.
+            dtype: Floating type.
+
+        Raises:
+            InputError: If a variable is unknown, or a product of surge changes sign from port to starboard.
+        """
+        super().__init__()
+        if members < 1:
+            raise InputError(f"network.members={members}: expected at least 1")
+        sides = [*lateral, *wind_lateral]
+        sides = [t for t in sides if parity(t) < 0] if symmetric else sides
+        self.terms = list(dict.fromkeys([*surge, *wind_surge, *sides]))
+        for term in self.terms:
+            for token in str(term).split():
+                check_choice(f"network: variable of the product {term!r}", token, list(VARIABLES))
+        odd = [t for t in (*surge, *wind_surge) if parity(t) < 0]
+        if odd:
+            raise InputError(f"network.surge has {odd[0]!r}, which changes sign from port to starboard: leave it out")
+        longest = max((len(t.split()) for t in self.terms), default=1)
+        places = [[VARIABLES.index(t) for t in term.split()] for term in self.terms]
+        filled = [p + [0] * (longest - len(p)) for p in places]
+        used = [[t in of for t in self.terms] for of in ([*surge, *wind_surge], sides, sides)]
+        self.seed = seed
+        self.register_buffer("places", torch.tensor(filled, dtype=torch.long).reshape(len(filled), longest))
+        self.register_buffer("used", torch.tensor(used))
+        self.register_buffer("trained", torch.tensor(0))
+        self.register_buffer("shaft", torch.ones((), dtype=dtype))
+        self.coefficients = nn.Parameter(torch.zeros(members, OUTPUTS, len(self.terms), dtype=dtype))
+
+    @property
+    def members(self) -> int:
+        """The estimate and its draws."""
+        return len(self.coefficients)
+
+    @property
+    def names(self) -> list[tuple[int, str]]:
+        """Output (0 X, 1 Y, 2 N) and product of every coefficient that is used, in the order of ``used``."""
+        return [(o, self.terms[k]) for o, k in self.used.nonzero().tolist()]
+
+    @property
+    def speed_law(self) -> str:
+        """``shaft`` if a product has n in it: speeds are over one U0 for all runs; else over the approach of each."""
+        return "shaft" if any("n" in t.split() for t in self.terms) else "approach"
+
+    @property
+    def feels_wind(self) -> bool:
+        """Whether a product has the wind in it."""
+        return any("w" in t for t in self.terms)
+
+    def products(self, x: Float[Tensor, "*batch inputs"]) -> Float[Tensor, "*batch terms"]:
+        """Values of all products.
+
+        Args:
+            x: u, v, r, delta; with three more n and the air's velocity forward and to starboard.
+
+        Returns:
+            One column a product.
+        """
+        u, v, r, d = x[..., :4].unbind(-1)
+        still = torch.zeros_like(u)
+        n, wx, wy = x[..., 4:].unbind(-1) if x.shape[-1] == 7 else (self.shaft.expand_as(u), still, still)
+        columns = (torch.ones_like(u), u, v, r, d, n, u - 1, v.abs(), r.abs(), d.abs(), wx, wy, torch.hypot(wx, wy))
+        table = torch.stack(columns)
+        first, *others = self.places.unbind(-1)
+        result = table.index_select(0, first)
+        for place in others:
+            result = result * table.index_select(0, place)
+        return result.movedim(0, -1)
+
+    def forward(self, x: Float[Tensor, "*batch inputs"]) -> Float[Tensor, "*batch 3"]:
+        """Forces by the estimate.
+
+        Args:
+            x: As :meth:`products` takes it.
+
+        Returns:
+            X', Y', N'.
+        """
+        x, scale = self._of_approach(x)
+        return self.products(x) @ self.coefficients[0].T * scale
+
+    def each(self, x: Float[Tensor, "m n inputs"], first: int = 0) -> Float[Tensor, "k n 3"]:
+        """Every member on inputs of its own.
+
+        Args:
+            x: Inputs, a row a member.
+            first: How many of the members answer; 0 for all.
+
+        Returns:
+            Forces.
+        """
+        count = first or self.members
+        x, scale = self._of_approach(x[:count])
+        return self.products(x) @ self.coefficients[:count].mT * scale
+
+    def of(self, x: Float[Tensor, "n inputs"], member: Int[Tensor, " n"]) -> Float[Tensor, "n 3"]:
+        """Every input by a member of its own.
+
+        Args:
+            x: Inputs.
+            member: Number of the member that answers to each.
+
+        Returns:
+            Forces.
+        """
+        x, scale = self._of_approach(x)
+        return torch.einsum("nt,not->no", self.products(x), self.coefficients[member]) * scale
+
+    def _of_approach(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        """Inputs over a run's own approach speed, and what forces are then multiplied by, where n is not known."""
+        one = torch.ones_like(x[..., :1])
+        if self.speed_law == "shaft" or x.shape[-1] != 7:
+            return x, one
+        ratio = x[..., 4:5]
+        return x / torch.cat([ratio, ratio, ratio, one, ratio, ratio, ratio], dim=-1), ratio.square()
+
+    @torch.no_grad()
+    def take(self, values: Float[Tensor, " p"], covariance: Float[Tensor, "p p"]) -> None:
+        """Set the estimate, and draw the other members from its uncertainty.
+
+        Args:
+            values: Coefficients in the order of :attr:`names`.
+            covariance: Theirs.
+        """
+        generator = torch.Generator().manual_seed(self.seed)
+        noise = torch.randn(self.members - 1, len(values), generator=generator, dtype=torch.float64)
+        sizes, vectors = torch.linalg.eigh(covariance.double())
+        drawn = values + (noise * sizes.clamp(min=0).sqrt()) @ vectors.T
+        rows = torch.cat([values[None], drawn.to(values)])
+        self.coefficients[:, self.used] = rows.to(self.coefficients)
+        self.trained.fill_(self.members)
+
+    def at_shaft(self, ratio: float) -> "Series":
+        """The same series with another shaft speed; it shares the coefficients.
+
+        Args:
+            ratio: n over the nominal one [-].
+
+        Returns:
+            A new series.
+        """
+        if ratio == float(self.shaft):
+            return self
+        other = copy.copy(self)
+        other._buffers = {**self._buffers, "shaft": torch.full_like(self.shaft, ratio)}
+        return other

@@ -1,0 +1,111 @@
+"""Recordings as a joint estimation takes them: in units of L and the approach speed, averaged to an even pace."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.dynamics.drive import air_velocity, approach_speed
+from manoeuvre_nn.dynamics.joint_problem import CHANNELS, Track
+
+PACE = 0.05
+"""Time between samples over L/U0 that recordings are averaged to: a ship hardly moves in it."""
+ASTERN, STOPPED = 0.1, -0.1
+"""Least n over the nominal shaft speed and least u over U0 at which a model of ships that go ahead is held to data."""
+SHORTEST = 3.0
+"""Shortest piece over L/U0 of a run that goes ahead only now and then."""
+
+
+def to_tracks(
+    recordings: Sequence[Recording], ship: Particulars, rpm: float, law: str, pace: float = PACE
+) -> list[Track]:
+    """Bring recordings into the form of a joint estimation.
+
+    Velocities are made non-dimensional by U0 where shaft speeds are known (``law`` ``shaft``), else by the speed at the
+    start of each run: in the prime system runs at several speeds are then one. Pieces in which the ship goes astern or
+    its propeller does are left out where the model knows of the propeller.
+
+    Args:
+        recordings: As they were read, not smoothed.
+        ship: The ship.
+        rpm: Nominal shaft speed [rpm].
+        law: ``shaft`` or ``approach``.
+        pace: Time between samples over L/U0; recordings that are slower keep their own.
+
+    Returns:
+        Tracks; a recording may give several, or none.
+
+    Raises:
+        InputError: If nothing is left.
+    """
+    tracks = []
+    for recording in recordings:
+        speed = ship.speed if law == "shaft" else approach_speed(recording, ship)
+        tracks += _pieces(_track(recording, ship, speed, rpm, pace), law)
+    if not tracks:
+        raise InputError(f"no recording has {SHORTEST:g} L/U0 of motion ahead in one piece: give longer ones")
+    return tracks
+
+
+def averaged(recording: Recording, interval: float) -> Recording:
+    """Means over even times: what a slower recorder with a filter would have written.
+
+    Args:
+        recording: The recording.
+        interval: Time between samples [s]; a recording that is slower than that stays as it is.
+
+    Returns:
+        The recording; each sample is the mean of those about it, its time theirs.
+    """
+    own = float(np.median(np.diff(recording.time)))
+    count = int(interval / own + 1e-6)
+    if count < 2:
+        return recording
+    place = ((recording.time - recording.time[0]) / (count * own) + 1e-6).astype(int)
+    number = np.bincount(place)
+    kept = number > 0
+
+    def mean(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " m"]:
+        return np.bincount(place, values)[kept] / number[kept]
+
+    channels = {name: mean(values) for name, values in recording.channels.items()}
+    if "wind_from" in channels:
+        # An angle has no mean, its direction has.
+        sin, cos = mean(np.sin(recording["wind_from"])), mean(np.cos(recording["wind_from"]))
+        channels["wind_from"] = np.unwrap(np.arctan2(sin, cos))
+    return Recording(recording.name, mean(recording.time), channels, recording.status, recording.meta)
+
+
+def _track(recording: Recording, ship: Particulars, speed: float, rpm: float, pace: float) -> Track:
+    """One recording in units of L and a speed."""
+    r = averaged(recording, pace * ship.length / speed)
+    second = ship.length / speed
+    units = {"u": speed, "v": speed, "r": 1 / second, "x": ship.length, "y": ship.length, "psi": 1.0}
+    measured = np.stack([r[c] / units[c] for c in CHANNELS], axis=1)
+    guess = measured.copy()
+    for name in r.meta.get("derived", ()):
+        measured[:, CHANNELS.index(name)] = np.nan
+    n = r["n"] * 60 / rpm if "n" in r.channels else np.full(len(r), approach_speed(recording, ship) / ship.speed)
+    north, east = air_velocity(r)
+    inputs = {"delta": r["delta"], "n": n, "wind_north": north / speed, "wind_east": east / speed}
+    return Track(recording.name, (r.time - r.time[0]) / second, measured, inputs, guess)
+
+
+def _pieces(track: Track, law: str) -> list[Track]:
+    """Where the ship and its propeller go ahead."""
+    u = track.guess[:, 0] if track.guess is not None else track.measured[:, 0]
+    ahead = (track.inputs["n"] > ASTERN) & (u > STOPPED) if law == "shaft" else np.ones(len(track), dtype=bool)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], ahead, [False]]).astype(int)))
+    pairs = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > 2]
+    long = [(a, b) for a, b in pairs if track.time[b - 1] - track.time[a] >= SHORTEST]
+    return [_cut(track, slice(a, b)) for a, b in long]
+
+
+def _cut(track: Track, keep: slice) -> Track:
+    """A piece of a track."""
+    inputs: Mapping[str, Float[np.ndarray, " n"]] = {k: v[keep] for k, v in track.inputs.items()}
+    guess = None if track.guess is None else track.guess[keep]
+    return Track(track.name, track.time[keep], track.measured[keep], inputs, guess)

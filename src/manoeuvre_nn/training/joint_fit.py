@@ -1,0 +1,206 @@
+"""A fit of a series in closed loop: states and coefficients together, a pass an epoch."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.dynamics.joint import first, improve
+from manoeuvre_nn.dynamics.joint_problem import CHANNELS, DELAY, OFFSET, Estimate, Fault, Problem
+from manoeuvre_nn.dynamics.model import IdentifiedShip
+from manoeuvre_nn.dynamics.series_force import Prior, SeriesForce
+from manoeuvre_nn.network.series import Series
+from manoeuvre_nn.recording.tracks import to_tracks
+from manoeuvre_nn.training.data import Batch, ManoeuvreData
+from manoeuvre_nn.training.fits import Fit
+
+RESTING = "coefficients and noise at rest"
+LATEST, SHIFTED = 0.1, {"u": 0.02, "v": 0.02, "r": 0.02, "x": 0.1, "y": 0.1, "psi": 0.02}
+"""Standard deviation of what sensors may be late by, in L/U0, and off by, before any run is seen."""
+
+
+@dataclass(frozen=True)
+class Trust:
+    """How far equations, sensors and the prior are believed.
+
+    Attributes:
+        force: Standard deviation of the accelerations that the model may lack in surge, sway and yaw, in U0^2/L (yaw:
+            U0^2/L^2). Small ones make the fit follow the ship for long, as simulations do; large ones make it a fit to
+            accelerations.
+        force_time: Correlation time of them in L/U0.
+        floor: Noise of u, v, r, x, y, psi is never taken to be smaller, in U0, U0/L, L, rad: no model is better.
+        learn_force: Whether ``force`` is estimated too.
+    """
+
+    force: tuple[float, ...]
+    force_time: float
+    floor: tuple[float, ...]
+    learn_force: bool
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            InputError: If one is missing or not positive.
+        """
+        given = {"fit.force": (self.force, 3), "fit.floor": (self.floor, 6)}
+        for name, (values, count) in given.items():
+            if len(values) != count or not all(v > 0 for v in values):
+                raise InputError(f"{name}={list(values)}: expected {count} numbers, all more than 0")
+        if not self.force_time > 0:
+            raise InputError(f"fit.force_time={self.force_time}: expected L/U0, more than 0")
+
+
+class ClosedLoopFit(Fit):
+    """States at all samples and the coefficients of a series are solved for together, see :mod:`.joint`.
+
+    Nothing is differentiated, and nothing is simulated for longer than the ship stays near the recording: the measured
+    rudder drives the model from sample to sample, held to the recordings by the noise of each channel, which is
+    estimated too. All runs give one set of coefficients with its covariance; an epoch is a Gauss-Newton pass over all.
+
+    Attributes:
+        estimate: States, coefficients, noise and covariance after the last pass.
+        problem: What they explain.
+
+    Source:
+        Bock 1981; Bell 1994; see :mod:`manoeuvre_nn.dynamics.joint`.
+    """
+
+    values: Tensor
+    covariance: Tensor
+    noise: Tensor
+
+    def __init__(
+        self,
+        dynamics: IdentifiedShip,
+        *,
+        force: Sequence[float] = (3e-4, 5e-4, 1e-3),
+        force_time: float = 1.0,
+        learn_force: bool = False,
+        floor: Sequence[float] = (1e-3, 1e-3, 3e-3, 2e-3, 2e-3, 3e-3),
+        prior: Mapping[str, float] | None = None,
+        delays: Sequence[str] = (),
+        offsets: Sequence[str] = (),
+        enough: float = 1e-3,
+    ) -> None:
+        """Set up the method.
+
+        Args:
+            dynamics: Known inertia and a series.
+            force: See :class:`Trust`.
+            force_time: See :class:`Trust`.
+            learn_force: See :class:`Trust`.
+            floor: See :class:`Trust`.
+            prior: Settings of :class:`.Prior`: Clarke's derivatives and how far they are believed.
+            delays: Channels whose sensors' delay is estimated in every run.
+            offsets: Channels whose sensors' offset is estimated in every run.
+            enough: Step over the prior's standard deviation at which the fit is done [-].
+
+        Raises:
+            InputError: If the network is no series, or a setting makes no sense.
+        """
+        super().__init__(dynamics, iterations_per_epoch=1)
+        if not isinstance(dynamics.network, Series):
+            raise InputError("fit=closed_loop fits network=modulus or abkowitz: choose one, or another fit")
+        for setting, channels in (("fit.delays", delays), ("fit.offsets", offsets)):
+            for channel in channels:
+                check_choice(setting, channel, list(CHANNELS))
+        self.trust = Trust(tuple(force), force_time, tuple(floor), learn_force)
+        self.prior, self.enough = Prior(**(prior or {})), enough
+        self.faults = [Fault(c, DELAY, LATEST) for c in delays] + [Fault(c, OFFSET, SHIFTED[c]) for c in offsets]
+        self.columns = SeriesForce(dynamics)
+        count = self.columns.count
+        self.register_buffer("values", torch.zeros(count, dtype=torch.float64))
+        self.register_buffer("covariance", torch.zeros(count, count, dtype=torch.float64))
+        self.register_buffer("noise", torch.zeros(6, dtype=torch.float64))
+
+    @property
+    def network(self) -> Series:
+        """The series."""
+        assert isinstance(self.dynamics.network, Series)
+        return self.dynamics.network
+
+    def configure_optimizers(self) -> None:
+        """None: a pass solves for everything at once."""
+
+    def on_train_start(self) -> None:
+        """Bring the recordings into the form of the estimation, and take a fit that was left up again."""
+        data: Any = self.trainer.datamodule  # type: ignore[attr-defined]
+        assert isinstance(data, ManoeuvreData)
+        self.problem = self.explain(data)
+        self.estimate: Estimate = first(self.problem, force=self.trust.force)
+        if bool(self.noise.any()):
+            shared = self.values.cpu().numpy()
+            rest = np.zeros(len(self.estimate.values) - len(shared))
+            start = np.concatenate([shared, rest])
+            self.estimate = Estimate(**{**vars(self.estimate), "values": start, "noise": self.noise.cpu().numpy()})
+
+    def explain(self, data: ManoeuvreData) -> Problem:
+        """What is to be explained.
+
+        Args:
+            data: Recordings, set up.
+
+        Returns:
+            The problem.
+        """
+        ship, rpm = self.dynamics.particulars, self.dynamics.known.shaft_rpm
+        tracks = to_tracks(data.measured, ship, rpm, self.network.speed_law)
+        mean, spread = self.prior.of(self.network.names, ship)
+        return Problem(
+            tracks, self.columns, mean, spread, force_time=self.trust.force_time, floor=np.array(self.trust.floor),
+            faults=self.faults, learn_force=self.trust.learn_force,
+        )  # fmt: skip
+
+    @torch.no_grad()
+    def training_step(self, batch: Batch, batch_idx: int) -> None:
+        """One pass.
+
+        Args:
+            batch: Tuples; only the error on them is reported, nothing is learnt from it.
+            batch_idx: 0.
+
+        Raises:
+            InputError: If the recordings cannot be explained at all.
+        """
+        before = self.estimate
+        try:
+            self.estimate = improve(self.problem, before)
+        except np.linalg.LinAlgError as error:
+            raise InputError(f"fit=closed_loop broke down: {error}; mind the units of the recordings") from error
+        count = self.columns.count
+        self.values.copy_(torch.as_tensor(self.estimate.values[:count]))
+        self.covariance.copy_(torch.as_tensor(self.estimate.covariance[:count, :count]))
+        self.noise.copy_(torch.as_tensor(self.estimate.noise))
+        self.network.take(self.values, self.covariance)
+        self.log("train/evidence", float(self.estimate.evidence))
+        self.log("train/step", self.estimate.moved)
+        for channel, sd in zip(CHANNELS, self.estimate.noise, strict=True):
+            self.log(f"noise/{channel}", float(sd))
+        if self.estimate.moved < self.enough and np.abs(self.estimate.noise / before.noise - 1).max() < 0.01:
+            self.stopped = RESTING
+        self.finish(batch, (self.unknown_force(batch[0]) - batch[1]).square().mean())
+
+    @torch.no_grad()
+    def relative_rmse(self, inputs: Float[Tensor, "n 4"], targets: Float[Tensor, "n 3"]) -> Float[Tensor, " 3"]:
+        """Root mean square of the accelerations that the model lacks over that of all accelerations.
+
+        Args:
+            inputs: Not used: g of tuples is differentiated noise, and knows neither shaft speed nor wind.
+            targets: Not used.
+
+        Returns:
+            For surge, sway and yaw [-].
+        """
+        del targets
+        lacked, whole = np.zeros(3), np.zeros(3)
+        for track, state in zip(self.problem.tracks, self.estimate.states, strict=True):
+            modelled = self.columns.columns(state[:, :6], track.inputs) @ self.estimate.values[: self.columns.count]
+            lacked += np.square(state[:, 6:]).sum(0)
+            whole += np.square(modelled + state[:, 6:]).sum(0)
+        return torch.as_tensor(np.sqrt(lacked / np.maximum(whole, 1e-30))).to(inputs)
