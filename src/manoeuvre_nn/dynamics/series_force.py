@@ -16,7 +16,7 @@ from manoeuvre_nn.ship.clarke import SURGE_ADDED_MASS, clarke_derivatives
 
 USUAL = {
     "1": 1.0, "u": 0.9, "v": 0.3, "r": 0.6, "d": 0.5, "n": 1.0, "a": 0.3, "|v|": 0.3, "|r|": 0.6, "|d|": 0.5,
-    "wx": 5.0, "wy": 5.0, "|w|": 5.0,
+    "wx": 5.0, "wy": 5.0, "|w|": 5.0, "/U": 1.0,
 }  # fmt: skip
 """How large a variable becomes in hard manoeuvres: what a product must not let a force exceed."""
 LARGEST = (0.02, 0.1, 0.05)

@@ -9,9 +9,11 @@ from torch import Tensor, nn
 
 from manoeuvre_nn.core.errors import InputError, check_choice
 
-VARIABLES = ("1", "u", "v", "r", "d", "n", "a", "|v|", "|r|", "|d|", "wx", "wy", "|w|")
+VARIABLES = ("1", "u", "v", "r", "d", "n", "a", "|v|", "|r|", "|d|", "wx", "wy", "|w|", "/U")
 """What products are made of: u, v, rL over U0, rudder angle [rad], shaft speed over the nominal one, a = u - 1, and the
-velocity of the air relative to the ship, forward and to starboard, over U0."""
+velocity of the air relative to the ship, forward and to starboard, over U0; /U divides by the speed through the water."""
+SLOWEST = 0.1
+"""Least speed over U0 that is divided by."""
 MIRRORED = {"v": -1, "r": -1, "d": -1, "wy": -1}
 """Variables that change sign from port to starboard."""
 OUTPUTS, EVEN = 3, (1, -1, -1)
@@ -142,6 +144,7 @@ class Series(nn.Module):
         still = torch.zeros_like(u)
         n, wx, wy = x[..., 4:].unbind(-1) if x.shape[-1] == 7 else (self.shaft.expand_as(u), still, still)
         columns = (torch.ones_like(u), u, v, r, d, n, u - 1, v.abs(), r.abs(), d.abs(), wx, wy, torch.hypot(wx, wy))
+        columns += (1 / torch.hypot(u, v).clamp(min=SLOWEST),)
         table = torch.stack(columns)
         first, *others = self.places.unbind(-1)
         result = table.index_select(0, first)
