@@ -1,4 +1,4 @@
-"""The published model: low-speed MMG with the coefficients of the Esso Osaka model, and its wind loads; nothing fitted."""
+"""The published model: low-speed MMG with the coefficients of the Esso Osaka model and its wind loads; no fit."""
 
 import numpy as np
 import torch

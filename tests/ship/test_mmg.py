@@ -1,4 +1,4 @@
-"""The low-speed MMG model: by its equations written out for one sample at a time, and what must hold whatever the numbers."""
+"""The low-speed MMG model: by its equations written out for one sample at a time, and what holds for any numbers."""
 
 from math import atan2, cos, pi, sin, sqrt
 

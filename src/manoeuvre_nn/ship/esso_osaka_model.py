@@ -1,4 +1,4 @@
-"""The 3-m model of the tanker Esso Osaka: particulars for measured manoeuvres, and the coefficients published for it."""
+"""The 3-m model of the tanker Esso Osaka: particulars for measured manoeuvres, and its published coefficients."""
 
 from dataclasses import replace
 

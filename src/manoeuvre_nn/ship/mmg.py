@@ -1,4 +1,4 @@
-"""One propeller, one rudder, at all low speeds: the modular (MMG) model in four quadrants, in the (rho, L, T, U0) system."""
+"""The modular (MMG) model of a ship with one propeller and one rudder, at low speeds and in four quadrants."""
 
 from dataclasses import dataclass
 from math import pi, sqrt
@@ -159,9 +159,6 @@ class MMGShip(Ship):
             propeller: Propeller coefficients.
             rudder: Rudder coefficients.
             dtype: Floating type.
-
-        Raises:
-            InputError: If no shaft speed ahead keeps up the approach speed.
         """
         p, h = particulars, hull
         prime = length_draught_system(p.length, p.draught, p.speed, p.rho)
@@ -326,7 +323,7 @@ class MMGShip(Ship):
 
 
 def cross_flow(v: Float[Tensor, "*batch"], turn: Float[Tensor, "*batch"]) -> tuple[Tensor, Tensor]:
-    """Cross flow along the hull in closed form: ``int |w| w dx`` and ``int |w| w x dx``, w = v + turn x, x in -.5 .. .5.
+    """Cross flow along the hull in closed form: ``int |w| w dx``, ``int |w| w x dx``, w = v + turn x, -.5 < x < .5.
 
     Args:
         v: Sway velocity [m/s].
