@@ -20,6 +20,8 @@ import pandas as pd
 import torch
 from esso_osaka_data import Method, Predictor, read_group
 from esso_osaka_mmg import PublishedMMG
+from esso_osaka_networks import LONG, SHORT, PlainNetwork
+from esso_osaka_regression import TaylorRegression
 
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.recording import Recording
@@ -30,6 +32,9 @@ FIRST = 120.0
 """Length of the first part that is scored beside the whole [s]."""
 METHODS: dict[str, Callable[[bool], Method]] = {
     "mmg": lambda quick: PublishedMMG(),
+    "regression": lambda quick: TaylorRegression(),
+    "lstm": lambda quick: PlainNetwork("lstm", stages=SHORT if quick else LONG),
+    "narx": lambda quick: PlainNetwork("narx", stages=SHORT if quick else LONG),
 }
 """Name -> the method; told whether the run is a quick one."""
 COLUMNS = ("u", "v", "r", "dev_L", "u_120", "v_120", "r_120", "dev_L_120")

@@ -14,12 +14,16 @@ from manoeuvre_nn.core.ship import Particulars
 
 STEP = 1.0
 """Time between samples [s]."""
-LAGS = 4
+LAGS = 3
 """Seconds that the NARX network looks back."""
 LIMIT = 8.0
 """Scaled states are kept within this, so that a network that runs away gives finite gradients."""
 TURN = 0.5
 """Heading error that counts as much as one standard deviation of a velocity [rad]."""
+
+LONG = ((True, 30, 100), (False, 20, 250), (False, 90, 250))
+SHORT = ((True, 20, 20), (False, 20, 50))
+"""(Forced, window [s], iterations) of each stage of a training, whole and quick."""
 
 Memory = tuple[Tensor, ...]
 
@@ -194,7 +198,7 @@ class PlainNetwork:
     kind: str
     members: int = 5
     hidden: int = 32
-    stages: tuple[tuple[bool, int, int], ...] = ((True, 30, 200), (False, 20, 200), (False, 60, 250))
+    stages: tuple[tuple[bool, int, int], ...] = LONG
     batch: int = 48
     mirror: bool = True
 
