@@ -103,7 +103,9 @@ def rows_of(run: Recording) -> Float[np.ndarray, "n 8"]:
     return np.concatenate([run.stacked("u", "v", "r", "psi"), helm], axis=1)
 
 
-def roll(net: nn.Module, scaled: Scaled, data: Tensor, wind: bool, forced: bool) -> tuple[Tensor, Tensor]:
+def roll(
+    net: nn.Module, scaled: Scaled, data: Tensor, wind: bool, forced: bool, noise: float = 0.0
+) -> tuple[Tensor, Tensor]:
     """Run on from the first sample with the recorded inputs.
 
     Args:
@@ -112,6 +114,7 @@ def roll(net: nn.Module, scaled: Scaled, data: Tensor, wind: bool, forced: bool)
         data: :func:`rows_of` windows, shape (members, windows, times, 8).
         wind: Whether the wind is an input.
         forced: Whether every step starts from the recorded state (teacher forcing).
+        noise: Standard deviation of noise on the scaled states that the network sees.
 
     Returns:
         Scaled u, v, r (members, windows, times, 3) and headings [rad] (members, windows, times).
@@ -121,7 +124,8 @@ def roll(net: nn.Module, scaled: Scaled, data: Tensor, wind: bool, forced: bool)
     for k in range(data.shape[2] - 1):
         if forced:
             state, psi = data[..., k, :3] / scaled.state, data[..., k, 3]
-        x = [state, data[..., k, 4:6] / scaled.helm[:2]]
+        seen = state + noise * torch.randn_like(state) if noise else state
+        x = [seen, data[..., k, 4:6] / scaled.helm[:2]]
         if wind:
             x.append(_air(state * scaled.state, psi, data[..., k, 6:]) / scaled.helm[2])
         x = torch.cat(x, -1)
@@ -193,6 +197,8 @@ class PlainNetwork:
         stages: (forced, window [s], iterations) of each stage.
         batch: Windows a member and iteration.
         mirror: Whether windows are turned to the other side at random.
+        decay: Weight decay.
+        noise: Noise on the scaled states that the network sees in training.
     """
 
     kind: str
@@ -201,6 +207,8 @@ class PlainNetwork:
     stages: tuple[tuple[bool, int, int], ...] = LONG
     batch: int = 48
     mirror: bool = True
+    decay: float = 1e-3
+    noise: float = 0.1
 
     def fit(self, recordings: list[Recording], ship: Particulars, wind: bool) -> Trained:
         """Train.
@@ -224,11 +232,11 @@ class PlainNetwork:
         draw = np.random.default_rng(0)
         best = _Best(net)
         for forced, window, count in self.stages:
-            optimizer = torch.optim.AdamW(net.parameters(), lr=4e-3, weight_decay=1e-3)
+            optimizer = torch.optim.AdamW(net.parameters(), lr=4e-3, weight_decay=self.decay)
             schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, count, 2e-4)
             for k in range(count):
                 data = self._windows(runs, kinds, left_out, window + 1, draw)
-                losses = _loss(*roll(net, scaled, data, wind, forced), data, scaled)
+                losses = _loss(*roll(net, scaled, data, wind, forced, self.noise), data, scaled)
                 optimizer.zero_grad()
                 losses.sum().backward()
                 nn.utils.clip_grad_norm_(net.parameters(), 5.0 * self.members)
