@@ -20,7 +20,7 @@ import pandas as pd
 import torch
 from esso_osaka_data import Method, Predictor, read_group
 from esso_osaka_mmg import PublishedMMG
-from esso_osaka_networks import LONG, SHORT, PlainNetwork
+from esso_osaka_networks import LONG, LONGER, SHORT, PlainNetwork
 from esso_osaka_regression import TaylorRegression
 
 from manoeuvre_nn.core.errors import InputError, check_choice
@@ -34,7 +34,7 @@ METHODS: dict[str, Callable[[bool], Method]] = {
     "mmg": lambda quick: PublishedMMG(),
     "regression": lambda quick: TaylorRegression(),
     "lstm": lambda quick: PlainNetwork("lstm", stages=SHORT if quick else LONG),
-    "narx": lambda quick: PlainNetwork("narx", stages=SHORT if quick else LONG),
+    "narx": lambda quick: PlainNetwork("narx", stages=SHORT if quick else LONGER),
 }
 """Name -> the method; told whether the run is a quick one."""
 COLUMNS = ("u", "v", "r", "dev_L", "u_120", "v_120", "r_120", "dev_L_120")

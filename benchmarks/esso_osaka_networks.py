@@ -22,8 +22,9 @@ TURN = 0.5
 """Heading error that counts as much as one standard deviation of a velocity [rad]."""
 
 LONG = ((True, 30, 100), (False, 20, 250), (False, 90, 250))
+LONGER = ((True, 30, 50), (False, 20, 300), (False, 60, 700))
 SHORT = ((True, 20, 20), (False, 20, 50))
-"""(Forced, window [s], iterations) of each stage of a training, whole and quick."""
+"""(Forced, window [s], iterations) of each stage of a training: LSTM, NARX (which learns more slowly), quick."""
 
 Memory = tuple[Tensor, ...]
 
@@ -78,7 +79,7 @@ class NARX(nn.Module):
         for i, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             layer = torch.baddbmm(bias, layer, weight)
             layer = torch.tanh(layer) if i < 2 else layer
-        return layer, (x, *memory[:-1])
+        return layer, (x, *memory)[: LAGS - 1]
 
 
 @dataclass
