@@ -18,16 +18,21 @@ from manoeuvre_nn.core.frames import earth_to_body
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.recording.accelerations import smoothed
 
-POINTS = 600
+POINTS = 400
 """Samples that combinations are compared at."""
-FLIP, SWAP, TURN, EARTH = 0.02, 0.02, 0.03, 0.01
-"""Prices of a sign that is -1, of exchanged columns, of a heading from another axis, of earth-fixed velocities."""
+FLIP, SWAP, TURN, EARTH, ASKEW = 0.02, 0.02, 0.03, 0.01, 0.1
+"""Prices of a sign that is -1, of exchanged columns, of a heading from another axis, of earth-fixed velocities,
+of axes that are turned against the heading by any angle."""
 AGAINST = 0.08
 """Price of what contradicts a heading."""
-LEVER = 0.03, 0.15
+LEVER = 0.1, 0.15
 """Price of two points of the ship in one file, and of their distance over L."""
+SWAY = 0.2
+"""Usual sway in a manoeuvre over the speed."""
 FARTHEST = 0.6
 """Largest distance of two points over L."""
+ILL = 0.5
+"""Evidence against the best reading above which none fits."""
 CLEAR = 0.05
 """Difference of scores that decides."""
 
@@ -59,7 +64,7 @@ class Axes:
 
     Attributes:
         psi_sign: Sign of the heading.
-        turn: Heading that the file shows when the ship goes along x [deg]: 0, 90, 180 or 270.
+        turn: Heading that the file shows when the ship goes along x [deg].
         swapped_xy: Whether the columns called x and y are exchanged.
         x_sign: Sign of x after that.
         y_sign: Sign of y after that.
@@ -74,7 +79,7 @@ class Axes:
     """
 
     psi_sign: int = 1
-    turn: int = 0
+    turn: float = 0.0
     swapped_xy: bool = False
     x_sign: int = 1
     y_sign: int = 1
@@ -159,23 +164,48 @@ def yaw_readings(
     return sorted(made, key=lambda reading: reading.score)
 
 
-def axes_readings(m: Motion, fixed: Axes, open_: Mapping[str, Sequence]) -> list[Axes]:
+def axes_readings(m: Motion, open_: Mapping[str, Sequence], trusted: Sequence[str] = ()) -> list[Axes]:
     """Every way to read heading, positions and velocities together, best first.
+
+    Where none fits, the heading may be counted from any direction: positions of a basin have axes of their own.
 
     Args:
         m: Heading, rates of positions, velocities.
-        fixed: What is known; also what costs nothing.
         open_: Attribute of :class:`Axes` -> values that it may have; the first costs nothing.
+        trusted: Attributes whose first value the headings state.
 
     Returns:
         Readings with their misfit.
     """
     made = []
     for values in product(*open_.values()):
-        reading = replace(fixed, **dict(zip(open_, values, strict=True)))
-        price = sum(_price(k, value, choices[0]) for (k, choices), value in zip(open_.items(), values, strict=True))
-        made.append(_judged(m, reading, price))
+        chosen = dict(zip(open_, values, strict=True))
+        price = sum(
+            _price(k, v, open_[k][0]) + AGAINST * (k in trusted and v != open_[k][0]) for k, v in chosen.items()
+        )
+        made.append(_judged(m, Axes(**chosen), price))
+    if "turn" in open_ and min(reading.evidence for reading in made) > ILL:
+        straight = [reading for reading in made if reading.turn == 0]
+        prices = [reading.score - reading.evidence for reading in straight]
+        turned = [replace(a, turn=round(_askew(m, a), 1)) for a in straight]
+        made += [_judged(m, a, price + ASKEW) for a, price in zip(turned, prices, strict=True)]
     return sorted(made, key=lambda reading: reading.score)
+
+
+def _askew(m: Motion, a: Axes) -> float:
+    """Angle between the track and what heading and velocities say it should be [deg]."""
+    other = m.track or m.over
+    if other is None:
+        return 0.0
+    one, two = other[::-1] if a.swapped_xy else other
+    course = np.arctan2(a.y_sign * two, a.x_sign * one)
+    if m.velocity is None:
+        ahead = a.psi_sign * m.psi
+    else:
+        u, v = m.velocity[::-1] if a.swapped_uv else m.velocity
+        ahead = np.arctan2(a.v_sign * v, a.u_sign * u) + (0.0 if a.frame == "earth" else a.psi_sign * m.psi)
+    away = np.angle(np.mean(np.exp(1j * (ahead - course))))
+    return float(a.psi_sign * away / DEGREE) % 360.0
 
 
 def runner_up(readings: Sequence[Axes], differing: Sequence[str], alike: Sequence[str] = ()) -> Axes | None:
@@ -226,22 +256,22 @@ def _judged(m: Motion, a: Axes, price: float) -> Axes:
         return replace(a, evidence=odd, score=odd + price)
     pairs = [("velocity", "track"), ("velocity", "over"), ("track", "over")]
     both = [(bodies[one], bodies[other]) for one, other in pairs if one in bodies and other in bodies]
-    misfit, lever = float(np.mean([_misfit(*pair) for pair in both])), 0.0
-    if {"velocity", "track"} <= set(bodies):
+    speed = max(float(np.median(np.hypot(*both[0][0]))), 1e-9)
+    misfit = float(np.mean([_misfit(*pair, speed) for pair in both]))
+    if len(both) == 1 and {"velocity", "track"} <= set(bodies) and misfit > LEVER[0]:
         lever = _lever(bodies["velocity"], bodies["track"], r, FARTHEST * m.length)
-        moved = _misfit((bodies["velocity"][0], bodies["velocity"][1] + lever * r), bodies["track"])
+        moved = _misfit((bodies["velocity"][0], bodies["velocity"][1] + lever * r), bodies["track"], speed)
         worth = moved + LEVER[0] + LEVER[1] * abs(lever) / m.length
-        if len(both) == 1 and worth < misfit:
+        if worth < misfit:
             return replace(a, lever=lever, misfit=moved, evidence=worth + odd, score=worth + odd + price)
     return replace(a, lever=0.0, misfit=misfit, evidence=misfit + odd, score=misfit + odd + price)
 
 
-def _misfit(one: tuple[Series, Series], other: tuple[Series, Series]) -> float:
-    """Typical error of the forward speed over the speed plus that of the sway over the sway."""
-    speed = max(float(np.median(np.hypot(*other))), 1e-9)
-    sway = 0.5 * float(np.quantile(np.abs(one[1]), 0.9)) + 0.5 * float(np.quantile(np.abs(other[1]), 0.9))
-    surge = float(np.median(np.abs(one[0] - other[0]))) / speed
-    return surge + float(np.median(np.abs(one[1] - other[1]))) / max(sway, 0.01 * speed)
+def _misfit(one: tuple[Series, Series], other: tuple[Series, Series], speed: float) -> float:
+    """Typical error of the forward speed over the speed plus that of the sway over a usual sway."""
+    ahead, aside = (float(np.median(np.abs(a - b))) for a, b in zip(one, other, strict=True))
+    # Not over the sway of this reading: a wrong one makes it large, and the error small beside it.
+    return ahead / speed + aside / (SWAY * speed)
 
 
 def _unlike_a_ship(body: tuple[Series, Series], r: Series) -> float:
@@ -252,7 +282,7 @@ def _unlike_a_ship(body: tuple[Series, Series], r: Series) -> float:
     sideways = float(np.median(np.abs(v) / speed))
     size = float(np.linalg.norm(v) * np.linalg.norm(r))
     inward = 0.5 + 0.5 * float(v @ r) / size if size > 1e-12 else 0.5
-    return 0.5 * astern + 0.3 * sideways + 0.1 * inward
+    return 0.5 * astern + 0.5 * sideways + 0.1 * inward
 
 
 def _lever(velocity: tuple[Series, Series], track: tuple[Series, Series], r: Series, most: float) -> float:
