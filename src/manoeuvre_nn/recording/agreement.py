@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from math import inf
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -25,7 +26,7 @@ FLIP, SWAP, TURN, EARTH, ASKEW = 0.02, 0.02, 0.03, 0.01, 0.1
 of axes that are turned against the heading by any angle."""
 AGAINST = 0.08
 """Price of what contradicts a heading."""
-LEVER = 0.1, 0.15
+LEVER = 0.15, 0.15
 """Price of two points of the ship in one file, and of their distance over L."""
 SWAY = 0.2
 """Usual sway in a manoeuvre over the speed."""
@@ -177,18 +178,18 @@ def axes_readings(m: Motion, open_: Mapping[str, Sequence], trusted: Sequence[st
     Returns:
         Readings with their misfit.
     """
-    made = []
+    made, judged = [], _Judge(m)
     for values in product(*open_.values()):
         chosen = dict(zip(open_, values, strict=True))
         price = sum(
             _price(k, v, open_[k][0]) + AGAINST * (k in trusted and v != open_[k][0]) for k, v in chosen.items()
         )
-        made.append(_judged(m, Axes(**chosen), price))
+        made.append(judged(Axes(**chosen), price))
     if "turn" in open_ and min(reading.evidence for reading in made) > ILL:
         straight = [reading for reading in made if reading.turn == 0]
         prices = [reading.score - reading.evidence for reading in straight]
         turned = [replace(a, turn=round(_askew(m, a), 1)) for a in straight]
-        made += [_judged(m, a, price + ASKEW) for a, price in zip(turned, prices, strict=True)]
+        made += [judged(a, price + ASKEW) for a, price in zip(turned, prices, strict=True)]
     return sorted(made, key=lambda reading: reading.score)
 
 
@@ -237,41 +238,68 @@ def _price(attribute: str, value: object, usual: object) -> float:
     return {"frame": EARTH, "turn": TURN, "swapped_xy": SWAP, "swapped_uv": SWAP}.get(attribute, FLIP)
 
 
-def _judged(m: Motion, a: Axes, price: float) -> Axes:
-    """A reading with its misfit and score."""
-    psi = a.psi_sign * (m.psi - a.turn * DEGREE)
-    r = a.psi_sign * m.r
-    bodies: dict[str, tuple[Series, Series]] = {}
-    if m.track is not None:
-        one, other = m.track[::-1] if a.swapped_xy else m.track
-        bodies["track"] = earth_to_body(a.x_sign * one, a.y_sign * other, psi)
-    if m.over is not None:
-        bodies["over"] = earth_to_body(*m.over, psi)
-    if m.velocity is not None:
-        one, other = m.velocity[::-1] if a.swapped_uv else m.velocity
-        one, other = a.u_sign * one, a.v_sign * other
-        bodies["velocity"] = earth_to_body(one, other, psi) if a.frame == "earth" else (one, other)
-    odd = max((_unlike_a_ship(b, r) for b in bodies.values()), default=0.0)
-    if len(bodies) < 2:
-        return replace(a, evidence=odd, score=odd + price)
-    pairs = [("velocity", "track"), ("velocity", "over"), ("track", "over")]
-    both = [(bodies[one], bodies[other]) for one, other in pairs if one in bodies and other in bodies]
-    speed = max(float(np.median(np.hypot(*both[0][0]))), 1e-9)
-    misfit = float(np.mean([_misfit(*pair, speed) for pair in both]))
-    if len(both) == 1 and {"velocity", "track"} <= set(bodies) and misfit > LEVER[0]:
-        lever = _lever(bodies["velocity"], bodies["track"], r, FARTHEST * m.length)
-        moved = _misfit((bodies["velocity"][0], bodies["velocity"][1] + lever * r), bodies["track"], speed)
-        worth = moved + LEVER[0] + LEVER[1] * abs(lever) / m.length
-        if worth < misfit:
-            return replace(a, lever=lever, misfit=moved, evidence=worth + odd, score=worth + odd + price)
-    return replace(a, lever=0.0, misfit=misfit, evidence=misfit + odd, score=misfit + odd + price)
+class _Judge:
+    """Judges readings of one file; what several readings have in common is computed once."""
+
+    def __init__(self, motion: Motion) -> None:
+        self.motion = motion
+        self.kept: dict[tuple, tuple[tuple[Series, Series], float]] = {}
+
+    def __call__(self, a: Axes, price: float) -> Axes:
+        """A reading with its misfit and score."""
+        bodies = self.bodies(a)
+        odd = max((odd for _, odd in bodies.values()), default=0.0)
+        pairs = [("velocity", "track"), ("velocity", "over"), ("track", "over")]
+        both = [(bodies[one][0], bodies[other][0]) for one, other in pairs if one in bodies and other in bodies]
+        if not both:
+            return replace(a, evidence=odd, score=odd + price)
+        speed = max(float(_median(np.hypot(*both[0][0]))), 1e-9)
+        errors = [_errors(*pair, speed) for pair in both]
+        misfit, lever = float(np.mean([sum(error) for error in errors])), 0.0
+        worth = misfit
+        # Another point of the ship is worth a thought only where forward speeds agree.
+        if len(both) == 1 and "over" not in bodies and misfit > LEVER[0] and errors[0][0] < LEVER[0]:
+            velocity, track = both[0]
+            r = a.psi_sign * self.motion.r
+            away = _lever(velocity, track, r, FARTHEST * self.motion.length)
+            moved = sum(_errors((velocity[0], velocity[1] + away * r), track, speed))
+            dear = moved + LEVER[0] + LEVER[1] * abs(away) / self.motion.length
+            misfit, lever, worth = (moved, away, dear) if dear < misfit else (misfit, 0.0, misfit)
+        return replace(a, lever=lever, misfit=misfit, evidence=worth + odd, score=worth + odd + price)
+
+    def bodies(self, a: Axes) -> dict[str, tuple[tuple[Series, Series], float]]:
+        """Velocities in body axes by every way that the file has, and how unlike a ship's they are."""
+        m, course = self.motion, (a.psi_sign, a.turn)
+        asked = {
+            "track": (m.track, *course, a.swapped_xy, a.x_sign, a.y_sign, "earth"),
+            "over": (m.over, *course, False, 1, 1, "earth"),
+            "velocity": (m.velocity, *course, a.swapped_uv, a.u_sign, a.v_sign, a.frame),
+        }
+        return {k: self.body(k, *how) for k, (given, *how) in asked.items() if given is not None}
+
+    def body(self, what: str, *how: Any) -> tuple[tuple[Series, Series], float]:
+        """One of them."""
+        if (what, *how) not in self.kept:
+            psi_sign, turn, swapped, first, second, frame = how
+            one, other = getattr(self.motion, what)[:: -1 if swapped else 1]
+            body = first * one, second * other
+            if frame == "earth":
+                body = earth_to_body(*body, psi_sign * (self.motion.psi - turn * DEGREE))
+            self.kept[what, *how] = body, _unlike_a_ship(body, psi_sign * self.motion.r)
+        return self.kept[what, *how]
 
 
-def _misfit(one: tuple[Series, Series], other: tuple[Series, Series], speed: float) -> float:
-    """Typical error of the forward speed over the speed plus that of the sway over a usual sway."""
-    ahead, aside = (float(np.median(np.abs(a - b))) for a, b in zip(one, other, strict=True))
+def _median(values: Series) -> float:
+    """The upper median: numpy's own takes as long as all the rest."""
+    half = len(values) // 2
+    return float(np.partition(values, half)[half])
+
+
+def _errors(one: tuple[Series, Series], other: tuple[Series, Series], speed: float) -> tuple[float, float]:
+    """Typical error of the forward speed over the speed, and that of the sway over a usual sway."""
+    ahead, aside = (_median(np.abs(a - b)) for a, b in zip(one, other, strict=True))
     # Not over the sway of this reading: a wrong one makes it large, and the error small beside it.
-    return ahead / speed + aside / (SWAY * speed)
+    return ahead / speed, aside / (SWAY * speed)
 
 
 def _unlike_a_ship(body: tuple[Series, Series], r: Series) -> float:
