@@ -70,26 +70,26 @@ EXPORTS: dict[str, Callable[[Recording], Table]] = {
     "as it is": plain,
     "degrees": changed(psi=lambda a: a * D, r=lambda a: a * D, delta=lambda a: a * D),
     "heading 0 to 360": changed(psi=wrapped, r=lambda a: a * D * 60, delta=lambda a: a * D),
-    "heading -180 to 180": changed(psi=lambda a: wrapped(a, -180)),
+
     "axes of a basin": changed(psi=lambda a: wrapped(a + 0.65)),
-    "degrees and radians": changed(psi=lambda a: a * D, delta=lambda a: -a * D),
-    "knots": changed(u=lambda a: a / KNOT, v=lambda a: a / KNOT),
+
+
     "km/h and feet": changed(u=lambda a: a * 3.6, v=lambda a: a * 3.6, x=lambda a: a / 0.3048, y=lambda a: a / 0.3048),
     "milliseconds": changed(t=lambda a: a * 1000),
     "minutes": changed(t=lambda a: a / 60, r=lambda a: a * D, psi=wrapped),
     "sway to port": changed(v=np.negative),
     "west": changed(y=np.negative),
     "rate to port": changed(r=np.negative),
-    "rudder to port": changed(delta=lambda a: -a * D),
+
     "heading to port": changed(psi=np.negative),
     "heading and rate to port": changed(psi=np.negative, r=np.negative),
     "astern": changed(u=np.negative),
     "all at once": changed(u=lambda a: -a / KNOT, v=lambda a: a / KNOT, r=lambda a: -a * D, psi=wrapped, x=np.negative),
     "heading from east": changed(psi=lambda a: a - np.pi / 2),
-    "heading from south": changed(psi=lambda a: wrapped(a + np.pi), r=lambda a: a * D),
+
     "x and y exchanged": lambda run: plain(run) | {"x": run["y"], "y": run["x"]},
     "u and v exchanged": lambda run: plain(run) | {"u": run["v"], "v": run["u"]},
-    "both exchanged": lambda run: plain(run) | {"u": run["v"], "v": run["u"], "x": run["y"], "y": run["x"]},
+
     "gps": gps,
     "math": math,
     "earth": earth,
@@ -97,10 +97,10 @@ EXPORTS: dict[str, Callable[[Recording], Table]] = {
     "no rate": without("r"),
     "no rate, degrees": without("r", of=changed(psi=lambda a: a * D, delta=lambda a: a * D)),
     "no velocities": without("u", "v"),
-    "no track": without("x", "y"),
+
     "no track, knots": without("x", "y", of=changed(u=lambda a: a / KNOT, v=lambda a: -a / KNOT, psi=wrapped)),
     "antenna": forward(40.0),
-    "antenna aft": forward(-50.0),
+
     "long names": renamed(
         "Elapsed Time [s];Surge velocity (m/s);Sway velocity (m/s);Rate of turn [deg/s];North position [m];"
         "East position [m];Heading [deg];Rudder angle [deg]",

@@ -38,6 +38,8 @@ CLEAR = 0.05
 """Difference of scores that decides."""
 
 Series = Float[np.ndarray, " n"]
+Pair = tuple[np.ndarray, np.ndarray]
+"""Two series: without shapes, for these are looked at a thousand times a file."""
 
 
 @dataclass(frozen=True)
@@ -243,7 +245,7 @@ class _Judge:
 
     def __init__(self, motion: Motion) -> None:
         self.motion = motion
-        self.kept: dict[tuple, tuple[tuple[Series, Series], float]] = {}
+        self.kept: dict[tuple, tuple[Pair, float]] = {}
 
     def __call__(self, a: Axes, price: float) -> Axes:
         """A reading with its misfit and score."""
@@ -267,7 +269,7 @@ class _Judge:
             misfit, lever, worth = (moved, away, dear) if dear < misfit else (misfit, 0.0, misfit)
         return replace(a, lever=lever, misfit=misfit, evidence=worth + odd, score=worth + odd + price)
 
-    def bodies(self, a: Axes) -> dict[str, tuple[tuple[Series, Series], float]]:
+    def bodies(self, a: Axes) -> dict[str, tuple[Pair, float]]:
         """Velocities in body axes by every way that the file has, and how unlike a ship's they are."""
         m, course = self.motion, (a.psi_sign, a.turn)
         asked = {
@@ -277,7 +279,7 @@ class _Judge:
         }
         return {k: self.body(k, *how) for k, (given, *how) in asked.items() if given is not None}
 
-    def body(self, what: str, *how: Any) -> tuple[tuple[Series, Series], float]:
+    def body(self, what: str, *how: Any) -> tuple[Pair, float]:
         """One of them."""
         if (what, *how) not in self.kept:
             psi_sign, turn, swapped, first, second, frame = how
@@ -289,20 +291,20 @@ class _Judge:
         return self.kept[what, *how]
 
 
-def _median(values: Series) -> float:
+def _median(values: np.ndarray) -> float:
     """The upper median: numpy's own takes as long as all the rest."""
     half = len(values) // 2
     return float(np.partition(values, half)[half])
 
 
-def _errors(one: tuple[Series, Series], other: tuple[Series, Series], speed: float) -> tuple[float, float]:
+def _errors(one: Pair, other: Pair, speed: float) -> tuple[float, float]:
     """Typical error of the forward speed over the speed, and that of the sway over a usual sway."""
     ahead, aside = (_median(np.abs(a - b)) for a, b in zip(one, other, strict=True))
     # Not over the sway of this reading: a wrong one makes it large, and the error small beside it.
     return ahead / speed, aside / (SWAY * speed)
 
 
-def _unlike_a_ship(body: tuple[Series, Series], r: Series) -> float:
+def _unlike_a_ship(body: Pair, r: np.ndarray) -> float:
     """Price of going astern or sideways, and of not drifting outward in a turn."""
     u, v = body
     speed = np.maximum(np.hypot(u, v), 1e-9)
@@ -313,7 +315,7 @@ def _unlike_a_ship(body: tuple[Series, Series], r: Series) -> float:
     return 0.5 * astern + 0.5 * sideways + 0.1 * inward
 
 
-def _lever(velocity: tuple[Series, Series], track: tuple[Series, Series], r: Series, most: float) -> float:
+def _lever(velocity: Pair, track: Pair, r: np.ndarray, most: float) -> float:
     """Distance of two points along the ship, from ``v_track - v = lever r``, twice without outlying samples [m]."""
     away, keep, lever = track[1] - velocity[1], np.ones(len(r), dtype=bool), 0.0
     for _ in range(3):

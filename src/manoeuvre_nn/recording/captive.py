@@ -179,8 +179,8 @@ def _check_plausible(path: Path, values: dict[str, Series]) -> None:
     straight = np.abs(values["r"]) < 1e-9
     drifting = straight & (np.abs(values["beta"]) > 0.02)
     # A hull that moves to port is pushed to starboard; a rudder that turns it to starboard pushes the stern to port.
-    if drifting.sum() > 3 and float(values["beta"][drifting] @ values["Y"][drifting]) < 0:
+    if drifting.sum() > 1 and float(values["beta"][drifting] @ values["Y"][drifting]) < 0:
         raise InputError(f"{path.name}: Y pulls the hull along with its drift: mind the signs of beta and Y")
     steered = straight & (np.abs(values["beta"]) < 0.02) & (np.abs(values["delta"]) > 0.02)
-    if steered.sum() > 3 and float(values["delta"][steered] @ values["N"][steered]) < 0:
+    if steered.sum() > 1 and float(values["delta"][steered] @ values["N"][steered]) < 0:
         raise InputError(f"{path.name}: N turns the ship against the rudder: change rudder_positive_to, or N's sign")

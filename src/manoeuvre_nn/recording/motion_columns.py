@@ -33,6 +33,8 @@ USUAL_SPEED = 1.5
 """Speeds of a ship lie within this factor of U0 unless something is wrong [-]."""
 LEAST_LEVER = 0.05
 """Distance of two points over L that is told apart."""
+FINE = 0.2
+"""Evidence against the best reading below which a unit that the heading states needs no doubt."""
 POSITION = ("swapped_xy", "x_sign", "y_sign")
 VELOCITY = ("swapped_uv", "u_sign", "v_sign")
 COURSE = ("psi_sign", "turn")
@@ -111,6 +113,8 @@ def read_motions(
         scores.append(reading.score + axes[0].score)
         if scores[-1] == min(scores):
             best = reading, others, motion, axes
+        if columns["psi"].unit == reading.psi_unit and axes[0].evidence < FINE:
+            break
     assert best is not None
     told_apart = len(scores) > 1 and sorted(scores)[1] - min(scores) > CLEAR
     return _in_words(best, columns, units, ship, told_apart)

@@ -95,8 +95,8 @@ def read_recording(path: str | Path, mapping: Mapping, ship: Particulars) -> Rec
     Returns:
         The recording; ``meta`` holds ``source``, ``ship``, ``kind``, ``time_unit`` (L/U0 [s]), ``started`` (time of the
         first sample in the file [s]), ``derived`` (channels that the file lacks), ``outliers`` and ``gaps`` (channel ->
-        samples that were filled) and, with lat and lon, ``origin`` (the first fix [deg]). A file that cannot be read raises
-        an :class:`~manoeuvre_nn.core.errors.InputError` that names file, line and column.
+        samples that were filled) and, with lat and lon, ``origin`` (the first fix [deg]). A file that cannot be read
+        raises an :class:`~manoeuvre_nn.core.errors.InputError` that names file, line and column.
     """
     path = Path(path)
     table = read_table(path, mapping)

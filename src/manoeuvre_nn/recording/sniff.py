@@ -14,7 +14,7 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.recording.containers import MAT, PARQUET, mat_frame, parquet_frame
 from manoeuvre_nn.recording.headings import Heading, take_apart
 from manoeuvre_nn.recording.mapping import RECORD, ChannelMap, Mapping
-from manoeuvre_nn.recording.table import EMPTY, Table, cells_of, check_there, read_table, text_of
+from manoeuvre_nn.recording.table import EMPTY, Table, cells_of, check_there, lines_of, read_table
 
 DELIMITERS = (",", ";", "\t", "|", "whitespace")
 LOOKED_AT = 400
@@ -100,7 +100,7 @@ def sniff(path: Path) -> Sniffed:
 
 def _layout(path: Path) -> tuple[dict[str, Any], dict[str, str], dict[str, str]]:
     """How a text is cut: settings of a mapping, column -> its heading, column -> its unit below the heading."""
-    lines = text_of(path).splitlines()[:LOOKED_AT]
+    lines = lines_of(path)[:LOOKED_AT]
     options = [(d, m) for d in DELIMITERS for m in ("point", "comma") if (d, m) != (",", "comma")]
     rated = [(*_numeric_block(lines, d, m), d, m) for d, m in options]
     _, first, width, delimiter, decimal = max(rated, key=lambda r: (r[0], r[2]))

@@ -140,7 +140,7 @@ def read_table(path: Path, mapping: Mapping) -> Table:
         frame = (mat_frame if path.suffix.lower() == MAT else parquet_frame)(path, mapping.columns)
         _check_headings(path, list(frame.columns), mapping)
         return Table(path, frame, "row", mapping.decimal)
-    lines = text_of(path).splitlines()
+    lines = lines_of(path)
     numbered = [(k, line) for k, line in enumerate(lines, start=1) if k > mapping.skip_rows and line.strip(" \t,;")]
     if not numbered:
         raise InputError(f"{path.name}: empty file; expected columns of numbers")
@@ -193,14 +193,14 @@ def check_there(path: Path) -> None:
         raise InputError(f"{path.name}: empty file; expected columns of numbers")
 
 
-def text_of(path: Path) -> str:
-    """What a text file says, if it says something.
+def lines_of(path: Path) -> list[str]:
+    """Lines of a text file, if it says something.
 
     Args:
         path: The file.
 
     Returns:
-        The text.
+        The lines, parted where an editor parts them: a heading may hold other characters that count as ends of lines.
 
     Raises:
         InputError: If it is no text, or empty.
@@ -211,9 +211,10 @@ def text_of(path: Path) -> str:
     if b"\0" in raw:
         raise InputError(f"{path.name}: not a text file; export it as CSV (text, one line a sample)")
     try:
-        return raw.decode("utf-8-sig")
+        text = raw.decode("utf-8-sig")
     except UnicodeDecodeError:
-        return raw.decode("latin-1")  # headings such as psi [degree sign] from older programs
+        text = raw.decode("latin-1")  # headings such as psi [degree sign] from older programs
+    return text.replace("\r\n", "\n").replace("\r", "\n").removesuffix("\n").split("\n")
 
 
 def _check_headings(path: Path, headings: Sequence[str], mapping: Mapping) -> None:
