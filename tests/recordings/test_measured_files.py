@@ -10,9 +10,11 @@ import yaml
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.recording.accelerations import accelerations
+from manoeuvre_nn.recording.captive import captive_mapping, read_captive
 from manoeuvre_nn.recording.checks import check_recording
 from manoeuvre_nn.recording.mapping import mapping
-from manoeuvre_nn.recording.reader import read_recordings
+from manoeuvre_nn.recording.proposal import propose
+from manoeuvre_nn.recording.reader import read_recording, read_recordings
 from manoeuvre_nn.ship.esso_osaka_model import esso_osaka_model
 from manoeuvre_nn.ship.kvlcc2 import kvlcc2, kvlcc2_hsva
 
@@ -115,3 +117,51 @@ def test_smoothed_accelerations_integrate_back_to_the_recorded_velocities():
             rate = found[f"{name}dot"]
             back = found[name][0] + np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * steps)])
             assert np.std(back - record[name]) < 0.1 * np.std(record[name])
+
+
+def test_the_proposed_mapping_reads_what_the_ready_one_reads(dataset):
+    records, ship = plain(dataset)
+    for record, known in ((records[0], None), (records[-1], ship)):
+        path = Path(record.meta["source"])
+        made = propose(path, known)
+        proposed = read_recording(path, made.mapping, ship)
+        assert set(proposed.channels) >= set(record.channels)
+        for name, samples in record.channels.items():
+            np.testing.assert_allclose(proposed[name], samples, atol=1e-9, err_msg=f"{path.name} {name}")
+        assert all(c.decided for c in (made.time, *made.choices)) and made.finding is None
+
+
+def test_wind_is_read_where_it_was_measured_and_does_not_jump():
+    (record, *_), _ = plain("esso-osaka-frt/zigzag")
+    assert 1.0 < record["wind_speed"].mean() < 2.0
+    for name in ("wind_from", "wind_from_relative"):
+        assert np.abs(np.diff(record[name])).max() < np.pi
+    # relative wind and motion add up to the true wind
+    blown = record["wind_speed"] * np.exp(1j * record["wind_from"])
+    felt = record["wind_speed_relative"] * np.exp(1j * (record["wind_from_relative"] + record["psi"]))
+    moved = (record["u"] + 1j * record["v"]) * np.exp(1j * record["psi"])
+    assert np.median(np.abs(felt - moved - blown)) < 0.1 * np.median(np.abs(blown))
+
+
+def test_counts_without_heading_are_read_as_a_record_and_proposed_as_one():
+    path = folder("hakusan-seaway") / "hakusan_1Hz.csv"
+    settings = yaml.safe_load((CONF / "hakusan.yaml").read_text())
+    settings.pop("_target_")
+    ready, ship = mapping(**settings), kvlcc2()
+    record = read_recording(path, ready, ship)
+    assert len(record) == 1000 and record.meta["kind"] == "record"
+    assert record["delta"].mean() == pytest.approx(-420, abs=5)
+    assert propose(path).mapping.channels == ready.channels
+    with pytest.raises(InputError, match="kind: record"):
+        check_recording(record, ship)
+
+
+def test_captive_tests_are_read_in_the_ships_signs():
+    path = folder("kvlcc2-hmri-captive") / "static_tests.csv"
+    settings = yaml.safe_load((CONF / "kvlcc2_hmri.yaml").read_text())
+    settings.pop("_target_")
+    tests = read_captive(path, captive_mapping(**settings))
+    assert len(tests) == 63
+    steered = (np.abs(tests.beta) < 1e-9) & (tests.speed > 1.1)
+    assert np.polyfit(tests.delta[steered], tests.N[steered], 1)[0] > 0
+    assert np.polyfit(tests.v, tests.Y, 1)[0] < 0 and np.polyfit(tests.v, tests.N, 1)[0] < 0

@@ -1,0 +1,212 @@
+"""Mappings proposed for recordings in many units, signs, axes and names read the same motion again."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+from exports import EXPORTS, plain, wrapped
+
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.units import DEGREE, KNOT
+from manoeuvre_nn.recording.headings import take_apart, trust
+from manoeuvre_nn.recording.proposal import propose
+from manoeuvre_nn.recording.proposal_yaml import to_yaml
+from manoeuvre_nn.recording.reader import read_recording
+
+DERIVED = {"no rate", "no rate, degrees", "no velocities", "no track", "no track, knots", "gps"}
+"""Exports that lack a channel: it is derived, so not exact."""
+
+
+def apart(record, run):
+    """Largest error of each channel over its size; positions and headings may begin anywhere."""
+    found = {}
+    for name in ("u", "v", "r", "delta"):
+        found[name] = np.abs(record[name] - run[name]).max() / np.abs(run[name]).max()
+    for name in ("x", "y", "psi"):
+        error = (record[name] - record[name][0]) - (run[name] - run[name][0])
+        found[name] = np.abs(error).max() / np.ptp(run[name])
+    return found
+
+
+@pytest.fixture
+def export(tmp_path):
+    def write(columns, **how):
+        path = tmp_path / "run.csv"
+        pd.DataFrame(columns).to_csv(path, **{"index": False, **how})
+        return path
+
+    return write
+
+
+def choice(made, channel):
+    return next(c for c in made.choices if c.channel == channel)
+
+
+@pytest.mark.parametrize("how", EXPORTS)
+def test_what_was_exported_is_read_as_it_was_sailed(zz20, ship, export, how):
+    path = export(EXPORTS[how](zz20))
+    made = propose(path, ship)
+    content = yaml.safe_load(to_yaml(made))
+    assert content.pop("_target_") == "manoeuvre_nn.recording.mapping.mapping"
+    made = replace(made, settings=content)
+    record = read_recording(path, made.mapping, ship)
+    errors = apart(record, zz20)
+    assert max(errors.values()) < (0.08 if how in DERIVED else 0.01), (errors, to_yaml(made))
+    assert made.finding is None
+
+
+@pytest.mark.parametrize("how", ["degrees", "all at once", "milliseconds", "earth", "antenna"])
+def test_the_ship_need_not_be_known_where_the_file_says_enough(zz20, ship, export, how):
+    path = export(EXPORTS[how](zz20))
+    made = propose(path)
+    assert max(apart(read_recording(path, made.mapping, ship), zz20).values()) < 0.01
+    assert all(c.decided for c in (made.time, *made.choices)) and not made.undecided
+
+
+def test_noise_does_not_turn_the_axes(zz20, ship, export):
+    stream = np.random.default_rng(1)
+    sd = {"u": 0.05, "v": 0.05, "r": 5e-4, "x": 1.0, "y": 1.0, "psi": 3e-3, "delta": 3e-3}
+    noisy = zz20.with_channels(**{k: zz20[k] + s * stream.standard_normal(len(zz20)) for k, s in sd.items()})
+    for how in ("all at once", "gps", "earth", "antenna"):
+        path = export(EXPORTS[how](noisy))
+        assert max(apart(read_recording(path, propose(path, ship).mapping, ship), noisy).values()) < 0.25, how
+
+
+def test_the_distance_of_an_antenna_from_midship_is_found(zz20, ship, export):
+    made = propose(export(EXPORTS["antenna"](zz20)), ship)
+    assert made.settings["position_point"] == pytest.approx(40.0, abs=1.0)
+
+
+def test_units_that_nothing_tells_are_said_to_be_undecided(zz20, export):
+    made = propose(export(EXPORTS["no track, knots"](zz20)))
+    assert not choice(made, "u").decided
+    assert "# undecided: usual unit" in to_yaml(made)
+    assert "reference_point: 0.0  # undecided" in to_yaml(made)
+
+
+def test_a_heading_that_states_the_wrong_unit_is_read_by_the_data_and_marked(zz20, ship, export):
+    made = propose(export(EXPORTS["headings that lie"](zz20)), ship)
+    assert "unit by data, against its heading" in choice(made, "psi").why
+    assert choice(made, "u").unit == "m/s" and not choice(made, "u").decided
+
+
+def test_reasons_show_the_misfit_of_what_was_chosen_and_of_the_next(zz20, ship, export):
+    made = propose(export(EXPORTS["sway to port"](zz20)), ship)
+    sway = choice(made, "v")
+    assert sway.sign == -1 and float(sway.misfit) < 0.02 and float(sway.next.split()[0]) > 0.2
+    assert sway.next.endswith("v +")
+
+
+@pytest.mark.parametrize(("sign", "side"), [(1, "starboard"), (-1, "port")])
+def test_the_side_of_the_rudder_is_read_off_the_yaw_rate(zz20, ship, export, sign, side):
+    made = propose(export({**plain(zz20), "delta": sign * zz20["delta"]}), ship)
+    assert made.settings["rudder_positive_to"] == side and "standard errors" in made.reasons["rudder_positive_to"]
+
+
+def test_a_rudder_that_rests_decides_no_side(zz20, ship, export):
+    made = propose(export({**plain(zz20), "delta": np.zeros(len(zz20))}), ship)
+    assert made.undecided == ("rudder_positive_to",)
+    assert "rudder_positive_to: starboard  # undecided" in to_yaml(made)
+
+
+def test_a_column_of_orders_is_followed_by_the_rudder(zz20, ship, export):
+    columns = {k: v for k, v in plain(zz20).items() if k != "delta"}
+    made = propose(export({**columns, "rudder_command": zz20["delta_order"]}), ship)
+    assert made.mapping.rudder == "order" and made.settings["rudder_positive_to"] == "starboard"
+
+
+def test_everything_else_is_read_by_name_and_size(zz20, ship, export):
+    n = np.ones(len(zz20))
+    wind = {"TWS (kn)": 9 * n, "TWD": 200 * n, "AWA": 100 * n, "apparent wind speed [m/s]": 12 * n}
+    others = {"STW": zz20["u"] / KNOT, "RPM": 80 * n, "Roll [deg]": 2 * n, "comment": n}
+    made = propose(export({**plain(zz20), **others, **wind}), ship)
+    units = {c.channel: c.unit for c in made.choices}
+    assert units | {"n": "rpm", "u_log": "kn", "phi": "deg", "wind_speed": "kn", "wind_from": "deg"} == units
+    assert units["wind_from_relative"] == "deg" and units["wind_speed_relative"] == "m/s"
+    assert made.left_out == ("comment",)
+
+
+LAYOUTS = {
+    "semicolons and commas": ({"sep": ";", "decimal": ","}, ""),
+    "tabs": ({"sep": "\t"}, ""),
+    "a preamble": ({}, "Ship: Mariner\nDate, place: 1970, at sea\n\n"),
+}
+
+
+@pytest.mark.parametrize("how", LAYOUTS)
+def test_the_layout_of_a_text_is_found(zz20, ship, tmp_path, how):
+    settings, preamble = LAYOUTS[how]
+    path = tmp_path / "run.txt"
+    path.write_text(preamble + pd.DataFrame(plain(zz20)).to_csv(index=False, **settings))
+    record = read_recording(path, propose(path, ship).mapping, ship)
+    np.testing.assert_allclose(record["v"], zz20["v"])
+
+
+def test_units_in_a_line_below_the_headings_and_a_sign_of_comment_are_understood(zz20, ship, tmp_path):
+    columns = {**plain(zz20), "psi": wrapped(zz20["psi"]), "u": zz20["u"] / KNOT, "v": zz20["v"] / KNOT}
+    body = pd.DataFrame(columns).to_csv(index=False, header=False, sep=" ")
+    path = tmp_path / "run.dat"
+    path.write_text(f"% {' '.join(columns)}\n% s kn kn rad/s m m deg rad\n{body}")
+    made = propose(path, ship)
+    assert made.mapping.header is False and choice(made, "u").why.startswith("unit by name")
+    np.testing.assert_allclose(read_recording(path, made.mapping, ship)["u"], zz20["u"])
+    assert "# psi" in to_yaml(made)
+
+
+def test_gaps_and_outliers_are_said(zz20, ship, export):
+    columns = pd.DataFrame(plain(zz20))
+    columns.loc[[50, 51], "x"] = np.nan
+    columns.loc[90, "u"] = 30.0
+    made = propose(export(columns), ship)
+    assert made.mapping.fill_gaps is True and any("u 1; outliers: fill" in note for note in made.notes)
+
+
+def test_channels_without_scale_or_motion_become_a_record(zz20, ship, export):
+    made = propose(export({"t_s": zz20.time, "yaw_rate_counts": zz20["r"] * 1e5, "roll_counts": zz20["r"]}))
+    assert made.mapping.kind == "record" and {c.unit for c in made.choices} == {"count"}
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", "empty file"), ("hello\nworld\n", "no columns of numbers"), (b"\x89PNG\0\0", "not a text file"),
+        ("a,b,c\n1,2,3\n1,3,4\n0,3,3\n", "no column of time; it has: a, b, c"),
+        ("t,u\n1,2\n2,3\n2,4\n3,5\n", "line 4: column 't' goes from 2 to 2; times must increase"),
+        ("t,u\n1,2\n,3\n2,4\n3,5\n", "line 3: column 't' is empty"),
+        ("t,a1,b1\n1,2,3\n2,3,4\n3,4,5\n", "no column is called like a known channel"),
+        ("t,u,psi\n1,2,3\n2,3,4\n3,4,5\n4,5", "line 5: 2 cells, expected 3 .cut off"),
+    ],
+)  # fmt: skip
+def test_a_file_that_cannot_be_read_is_refused_in_one_line(write, content, message):
+    with pytest.raises(InputError, match=message) as error:
+        propose(write(content))
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("heading", "channel", "unit"),
+    [
+        ("Rate of turn [°/min]", "r", "deg/min"), ("posN", "x", ""), ("Ruderwinkel_deg", "delta", "deg"),
+        ("thrust_N", "thrust", "N"), ("ship.nav.yawRate", "r", ""), ("delta_cmd (deg)", "delta_order", "deg"),
+        ("ψ [rad]", "psi", "rad"), ("n_prop [rps]", "n", "1/s"), ("GPS Speed (kts)", "sog", "kn"),
+    ],
+)  # fmt: skip
+def test_headings_of_many_styles_are_understood(heading, channel, unit):
+    parted = take_apart(heading)
+    assert parted.unit == unit
+    assert trust(channel, parted) > 0
+
+
+def test_a_unit_that_measures_something_else_rules_a_channel_out():
+    assert trust("psi", take_apart("heading [m/s]")) == 0
+
+
+def test_a_heading_cannot_break_out_of_its_line_in_the_yaml(zz20, ship, export):
+    columns = {**plain(zz20), 'psi "} \u2028 evil: {"x": 1} # ': zz20["psi"]}
+    columns.pop("psi")
+    made = propose(export(columns), ship)
+    content = yaml.safe_load(to_yaml(made))
+    assert set(content) <= {"_target_", *made.settings} and "evil" not in content
+    assert abs(content["channels"]["psi"].get("offset", 0)) < 360 * DEGREE
