@@ -1,0 +1,309 @@
+"""What the channels of a recording must tell each other, and what a faulty sensor does to it.
+
+The heading is the integral of the rate of turn; the track is the integral of the velocities, turned by the heading. What
+is left over is regressed on what each simple fault (a delay, an offset, a scale, another reference point) would leave.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.integrate import cumulative_trapezoid
+from scipy.linalg import cholesky_banded, solve_banded
+from scipy.optimize import minimize_scalar
+
+from manoeuvre_nn.core.frames import body_to_earth
+from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.recording.accelerations import smoothed
+
+WINDOW = 0.8
+"""Smoothing window of what a fault would leave over L/U0."""
+BIN = 0.1
+"""Length of the averages that are compared over L/U0: shorter ones tell no more, longer ones blur delays."""
+WILD = 6.0
+"""Averages that lie further off, over their usual size, are left out."""
+STEP = {"delay": 0.02, "offset": 0.005, "scale": 0.005, "turn": 0.002, "point": 0.01, "current": 0.005}
+"""Steps of the numerical derivatives, in units of L/U0, of the channel's own unit, 1, rad, L and U0."""
+
+Values = Mapping[str, float]
+"""Fault -> its size [SI]; faults that are not named are absent."""
+Series = Float[np.ndarray, " n"]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A least-squares estimate of some faults.
+
+    Attributes:
+        values: Fault -> size [SI].
+        errors: Fault -> standard error [SI].
+        misfit: Weighted sum of squares that is left [-].
+        spread: By how much errors exceed those of white noise, squared [-].
+    """
+
+    values: dict[str, float]
+    errors: dict[str, float]
+    misfit: float
+    spread: float
+
+
+class Identities:
+    """The identities of one recording.
+
+    Attributes:
+        heading: Whether heading and rate of turn were both recorded.
+        track: Whether track and velocities were both recorded.
+    """
+
+    def __init__(self, recording: Recording, ship: Particulars) -> None:
+        """Smooth what the derivatives are taken of, and measure the noise.
+
+        Args:
+            recording: The recording, without outliers.
+            ship: The ship.
+        """
+        derived = set(recording.meta.get("derived", ()))
+        self.heading, self.track = "r" not in derived, not derived & {"u", "v", "x", "y"}
+        self.time, self.unit, self.ship = recording.time, ship.time_unit, ship
+        names = ("u", "v", "r", "x", "y", "psi")
+        self._raw = {k: recording[k] for k in names}
+        window = WINDOW * ship.time_unit
+        self._smooth = {k: smoothed(recording.time, recording[k], window)[0] for k in names}
+        self._per_bin = max(round(BIN * ship.time_unit / float(np.median(np.diff(recording.time)))), 1)
+
+    def leftover(self, values: Values, smooth: bool = False) -> list[Series]:
+        """What heading and track leave over once faults are taken out: averages, each less the one before.
+
+        Args:
+            values: The faults.
+            smooth: Whether of the smoothed channels.
+
+        Returns:
+            Of psi [rad], x and y [m]; those that were not recorded are left out.
+        """
+        time, c = without_faults(self.time, self._smooth if smooth else self._raw, values)
+        left = [c["psi"] - cumulative_trapezoid(c["r"], time, initial=0.0)] if self.heading else []
+        if self.track:
+            rates = body_to_earth(c["u"], c["v"], c["psi"])
+            drift = (values.get("current north", 0.0), values.get("current east", 0.0))
+            left += [
+                c[k] - cumulative_trapezoid(rate + flow, time, initial=0.0)
+                for k, rate, flow in zip("xy", rates, drift, strict=True)
+            ]
+        return [_averaged(y, self._per_bin) for y in left]
+
+    def slopes(self, values: Values, names: Sequence[str]) -> list[Float[np.ndarray, "n k"]]:
+        """What one unit of each fault would add to the leftover.
+
+        Args:
+            values: The faults where the derivatives are taken.
+            names: The faults that they are taken for.
+
+        Returns:
+            One array a leftover, one column a fault.
+        """
+        columns = []
+        for name in names:
+            step = self._step(name)
+            low = {**values, name: values.get(name, 0.0)}
+            high = {**values, name: low[name] + step}
+            pair = [self.leftover(v, smooth=True) for v in (low, high)]
+            columns.append([(b[: len(a)] - a[: len(b)]) / step for a, b in zip(*pair, strict=True)])
+        shortest = min(len(c[0]) for c in columns)
+        return [np.stack([c[k][:shortest] for c in columns], axis=1) for k in range(len(columns[0]))]
+
+    def estimate(self, names: Sequence[str], noise: "Noise", start: Values | None = None, rounds: int = 4) -> Estimate:
+        """Fit some faults at once by Gauss and Newton's method.
+
+        Args:
+            names: The faults.
+            noise: Of the leftover.
+            start: Where to start.
+            rounds: Iterations.
+
+        Returns:
+            Values with standard errors that hold for correlated noise (Newey & West 1987).
+        """
+        values = {name: (start or {}).get(name, 0.0) for name in names}
+        for _ in range(rounds if names else 1):
+            y, x = self._whitened(values, names, noise)
+            if not names:
+                break
+            step, covariance = _least_squares(x, y)
+            values = {n: self._bounded(n, values[n] - float(d)) for n, d in zip(names, step, strict=True)}
+        kept = y - x @ step if names else y
+        misfit = float((kept**2).sum())
+        if not names:
+            return Estimate({}, {}, misfit, 1.0)
+        robust = _correlated(x, kept, covariance)
+        white, found = np.diag(covariance), np.diag(robust)
+        errors = np.sqrt(np.maximum(white, found))
+        used = white > 0
+        spread = float(np.median(np.maximum(found, white)[used] / white[used])) if used.any() else 1.0
+        return Estimate(values, dict(zip(names, map(float, errors), strict=True)), misfit, spread)
+
+    def noise(self, names: Sequence[str]) -> "Noise":
+        """Noise of the leftover, measured on what all faults together leave.
+
+        Args:
+            names: All faults that are thought of.
+
+        Returns:
+            The noise.
+        """
+        y, x = self.leftover({}), self.slopes({}, names)
+        y = [part[: x[0].shape[0]] for part in y]
+        solved = np.concatenate(x), np.concatenate(y)
+        size = np.concatenate([np.full(len(part), max(float(np.std(part)), 1e-12)) for part in y])
+        fit, *_ = np.linalg.lstsq(solved[0] / size[:, None], solved[1] / size, rcond=1e-8)
+        rest = [part - columns @ fit for part, columns in zip(y, x, strict=True)]
+        groups = ([[rest[0]]] if self.heading else []) + ([rest[-2:]] if self.track else [])
+        models = []
+        for group in groups:
+            models += [_noise_model(group)] * len(group)
+        return Noise(models)
+
+    def _whitened(self, values: Values, names: Sequence[str], noise: "Noise") -> tuple[np.ndarray, np.ndarray]:
+        """Leftover and slopes over their noise, shape (series, n) and (series, n, k); wild samples weigh nothing."""
+        y = self.leftover(values)
+        x = self.slopes(values, names) if names else [np.zeros((len(part), 0)) for part in y]
+        count = min(len(y[0]), len(x[0]))
+        pairs = [noise.whitened(k, y[k][:count], x[k][:count]) for k in range(len(y))]
+        wy, wx = np.stack([p[0] for p in pairs]), np.stack([p[1] for p in pairs])
+        rest = wy - wx @ _least_squares(wx, wy)[0] if names else wy
+        usual = 1.4826 * np.median(np.abs(rest), axis=1, keepdims=True)
+        calm = np.abs(rest) <= WILD * np.maximum(usual, 1e-300)
+        return wy * calm, wx * calm[..., None]
+
+    def _step(self, name: str) -> float:
+        kind = next(k for k in STEP if k in name)
+        unit = {"delay": self.unit, "point": self.ship.length, "current": self.ship.speed}.get(kind, 1.0)
+        if kind == "offset":
+            unit = 1.0 / self.unit if "r" in name.split()[-1] else self.ship.speed
+        return STEP[kind] * unit
+
+    def _bounded(self, name: str, value: float) -> float:
+        """No step out of the range in which the linearization means something."""
+        limit = {"delay": self.unit, "scale": 0.5, "point": 3 * self.ship.length}.get(name.split()[0], np.inf)
+        return float(np.clip(value, -limit, limit))
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise of each leftover: variance, and correlation of neighbours.
+
+    Attributes:
+        models: Standard deviation and correlation with the neighbour, one pair a leftover.
+    """
+
+    models: Sequence[tuple[float, float]]
+
+    def whitened(
+        self, which: int, y: Series, x: Float[np.ndarray, "n k"]
+    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n k"]]:
+        """Make neighbours independent, of variance 1.
+
+        Args:
+            which: Number of the leftover.
+            y: The leftover.
+            x: Its slopes.
+
+        Returns:
+            Both, whitened.
+        """
+        deviation, correlation = self.models[which]
+        both = _lower(len(y), correlation, np.column_stack([y, x])) / deviation
+        return both[:, 0], both[:, 1:]
+
+
+def without_faults(time: Series, c: Mapping[str, Series], values: Values) -> tuple[Series, dict[str, Series]]:
+    """Channels as they would be without faults: ``c = scale (written(t + delay) - offset)``, positions at the point.
+
+    Args:
+        time: Sample times [s].
+        c: Channels as written.
+        values: The faults.
+
+    Returns:
+        Times at which all channels are known, and the channels there.
+    """
+    late = {k: values.get(f"delay of {_of(k)}", 0.0) for k in c}
+    first, last = min(*late.values(), 0.0), max(*late.values(), 0.0)
+    at = time[(time + first >= time[0] - 1e-9) & (time + last <= time[-1] + 1e-9)]
+    good = {}
+    for name, written in c.items():
+        there = np.interp(at + late[name], time, written) if late[name] else written[np.isin(time, at)]
+        scale = 1.0 + values.get(f"scale of {name}", 0.0)
+        good[name] = scale * (there - values.get(f"offset of {name}", 0.0))
+    good["psi"] = good["psi"] - values.get("turn of psi", 0.0)
+    ahead, abeam = values.get("point ahead", 0.0), values.get("point abeam", 0.0)
+    north, east = body_to_earth(np.full(len(at), ahead), np.full(len(at), abeam), good["psi"])
+    return at, {**good, "x": good["x"] - north, "y": good["y"] - east}
+
+
+def _of(channel: str) -> str:
+    """The sensor that a channel comes from, as delays name it."""
+    return {"u": "u, v", "v": "u, v", "x": "x, y", "y": "x, y"}.get(channel, channel)
+
+
+def _averaged(values: Series, count: int) -> Series:
+    """Averages over so many samples, each less the one before."""
+    whole = len(values) // count * count
+    return np.diff(values[:whole].reshape(-1, count).mean(axis=1))
+
+
+def _least_squares(x: Float[np.ndarray, "s n k"], y: Float[np.ndarray, "s n"]) -> tuple[np.ndarray, np.ndarray]:
+    """Solution and its covariance for white noise of the size that is left."""
+    flat, target = x.reshape(-1, x.shape[-1]), y.ravel()
+    size = np.maximum(np.sqrt((flat**2).sum(axis=0)), 1e-300)
+    inverse = np.linalg.pinv((flat / size).T @ (flat / size), rcond=1e-9, hermitian=True)
+    solution = inverse @ ((flat / size).T @ target) / size
+    rest = target - flat @ solution
+    freedom = max(int((target != 0).sum()) - x.shape[-1], 1)
+    return solution, float(rest @ rest) / freedom * inverse / np.outer(size, size)
+
+
+def _correlated(x: Float[np.ndarray, "s n k"], rest: Float[np.ndarray, "s n"], white: np.ndarray) -> np.ndarray:
+    """Covariance of the solution for noise that is correlated over a few averages and between the leftovers."""
+    score = (x * rest[..., None]).sum(axis=0)
+    count = len(score)
+    reach = min(round(1.5 * count ** (1 / 3)), count // 3)
+    meat = score.T @ score
+    for lag in range(1, reach + 1):
+        part = score[lag:].T @ score[:-lag]
+        meat += (1 - lag / (reach + 1)) * (part + part.T)
+    freedom = max(rest.size - x.shape[-1], 1)
+    bread = white / max(float((rest**2).sum()) / freedom, 1e-300)
+    return bread @ meat @ bread * (count / max(count - x.shape[-1], 1))
+
+
+def _noise_model(parts: Sequence[Series]) -> tuple[float, float]:
+    """Deviation and neighbours' correlation of a moving average of order one, by maximum likelihood."""
+    if max(float(np.abs(p).max()) for p in parts) < 1e-15:
+        return 1e-12, 0.0
+    centre = [np.clip(p, *np.quantile(p, [0.005, 0.995])) for p in parts]
+
+    def cost(correlation: float) -> float:
+        total, logs, count = 0.0, 0.0, 0
+        for p in centre:
+            factor = _factor(len(p), correlation)
+            total += float((solve_banded((1, 0), factor, p) ** 2).sum())
+            logs, count = logs + 2 * float(np.log(factor[0]).sum()), count + len(p)
+        return count * np.log(total / count) + logs
+
+    best = float(minimize_scalar(cost, bounds=(-0.4995, 0.4995), method="bounded").x)
+    squares = [(_lower(len(p), best, p[:, None]) ** 2).mean() for p in centre]
+    return float(np.sqrt(np.mean(squares))), best
+
+
+def _factor(count: int, correlation: float) -> Float[np.ndarray, "2 n"]:
+    """Lower Cholesky factor of a tridiagonal correlation matrix, banded."""
+    band = np.vstack([np.ones(count), np.full(count, correlation)])
+    return cholesky_banded(band, lower=True)
+
+
+def _lower(count: int, correlation: float, values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
+    """Values freed of their neighbours' correlation."""
+    return solve_banded((1, 0), _factor(count, correlation), values)
