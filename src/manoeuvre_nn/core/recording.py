@@ -18,9 +18,12 @@ ACCELERATION = ("udot", "vdot", "rdot")
 UNITS = {
     "t": "s", "u": "m/s", "v": "m/s", "r": "rad/s", "x": "m", "y": "m", "psi": "rad", "delta": "rad",
     "delta_order": "rad", "udot": "m/s^2", "vdot": "m/s^2", "rdot": "rad/s^2", "n": "1/s",
-    "vn": "m/s", "ve": "m/s", "u_log": "m/s", "shaft": "-",
+    "vn": "m/s", "ve": "m/s", "u_log": "m/s", "shaft": "-", "phi": "rad", "theta": "rad", "p": "rad/s",
+    "thrust": "N", "torque": "N m", "wind_speed": "m/s", "wind_from": "rad", "wind_speed_relative": "m/s",
+    "wind_from_relative": "rad",
 }  # fmt: skip
-"""Unit of every channel that the program knows; others are kept as they come."""
+"""Unit of every channel that the program knows; others are kept as they come. Wind directions say where it comes from,
+true ones clockwise from north, relative ones from the bow; they are continuous as psi is."""
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -11,17 +12,26 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.frames import body_to_earth, earth_to_body
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.recording.accelerations import WINDOW, smoothed
 from manoeuvre_nn.recording.kind import guess_kind
 from manoeuvre_nn.recording.mapping import Mapping
-from manoeuvre_nn.recording.table import Table, read_table
+from manoeuvre_nn.recording.mending import followed, line_across, outlying, without_delays
+from manoeuvre_nn.recording.position import local_metres
+from manoeuvre_nn.recording.quantity import DIRECTIONS, STAMPS
+from manoeuvre_nn.recording.table import READABLE, Table, read_table
 
 FEWEST = 20
 """Fewest samples of a recording."""
 SHORTEST = 2.0
 """Shortest recording over L/U0."""
 LONGEST_GAP = 3
-"""Most samples in a row that ``fill_gaps`` fills."""
+"""Most samples in a row that ``fill_gaps: true`` fills."""
+MOST_OUTLIERS = 0.1
+"""Largest share of samples that may be outliers; more are noise."""
+
+LISTED = (".csv", ".mat", ".parquet")
+"""Suffixes that make a file a recording where a folder is read."""
 
 Channels = dict[str, Float[np.ndarray, " n"]]
 
@@ -30,7 +40,8 @@ def read_recordings(where: str | Path | Sequence[str | Path], mapping: Mapping, 
     """Read several files of one kind.
 
     Args:
-        where: A folder (all its csv files), a file, a pattern such as ``runs/zz*.csv``, or a list of files.
+        where: A folder (all its files that can be read), a file, a pattern such as ``runs/zz*.csv``, or a list of
+            files.
         mapping: Columns, units, signs.
         ship: The ship.
 
@@ -44,100 +55,177 @@ def read_recordings(where: str | Path | Sequence[str | Path], mapping: Mapping, 
         return [read_recording(path, mapping, ship) for path in where]
     place = Path(where)
     if place.is_dir():
-        paths = sorted(place.glob("*.csv"))
+        paths = recordings_in(place)
     elif place.exists():
         paths = [place]
     else:
         # A folder's own name may hold brackets or stars: only the last part is taken as a pattern.
         paths = sorted(place.parent.glob(place.name))
     if not paths:
-        raise InputError(f"{where}: no csv file there; write a file, a folder or a pattern such as runs/zz*.csv")
+        kinds = " or ".join(suffix.removeprefix(".") for suffix in LISTED)
+        raise InputError(f"{where}: no {kinds} file there; write a file, a folder or a pattern such as runs/zz*.csv")
     return [read_recording(path, mapping, ship) for path in paths]
+
+
+def recordings_in(folder: Path) -> list[Path]:
+    """Files of a folder that recordings are read from.
+
+    Args:
+        folder: The folder.
+
+    Returns:
+        Files by name. Texts ``.txt`` and ``.dat`` count only where there is nothing else: they may be notes.
+    """
+    there = sorted(p for p in folder.iterdir() if p.is_file() and p.suffix.lower() in READABLE)
+    return [p for p in there if p.suffix.lower() in LISTED] or there
 
 
 def read_recording(path: str | Path, mapping: Mapping, ship: Particulars) -> Recording:
     """Read one file.
 
     Times count from the first sample. u, v, x, y are carried to midship: ``v_mid = v - x_p r``. What a file lacks is
-    derived where that can be done: r from psi, u and v from x, y and psi by the smoother of
-    :mod:`~manoeuvre_nn.recording.accelerations`; x and y by integrating u and v along psi. A file that cannot be read
-    raises an :class:`~manoeuvre_nn.core.errors.InputError` that names file and line.
+    derived where that can be done: r from psi, u and v from sog, cog and psi, or from x, y and psi by the smoother of
+    :mod:`~manoeuvre_nn.recording.accelerations`; x and y from lat and lon, or by integrating u and v along psi. A file
+    that cannot be read raises an :class:`~manoeuvre_nn.core.errors.InputError` that names file and line.
 
     Args:
         path: The file.
-        mapping: Columns, units, signs.
-        ship: The ship; its L/U0 is what "short" is measured by.
+        mapping: Columns, units, signs, and what is mended: outliers, gaps, delays.
+        ship: The ship; its L/U0 is what "short" is measured by, and its rudder follows a rudder order.
 
     Returns:
         The recording; ``meta`` holds ``source``, ``ship``, ``kind``, ``time_unit`` (L/U0 [s]), ``started`` (time of the
-        first sample in the file [s]) and ``derived`` (channels that the file lacks).
+        first sample in the file [s]), ``derived`` (channels that the file lacks), ``outliers`` and ``gaps`` (channel ->
+        samples that were filled) and, with lat and lon, ``origin`` (the first fix [deg]).
     """
     path = Path(path)
     table = read_table(path, mapping)
-    time = _time(table, mapping, ship)
-    channels = {name: _channel(table, name, mapping, time) for name in mapping.channels}
-    derived = tuple(k for k in ("u", "v", "r", "x", "y") if k not in channels)
-    channels = _at_midship(_complete(time, channels, mapping, WINDOW * ship.time_unit), mapping.reference_point)
-    meta = {
+    time, rows = _time(table, mapping, ship)
+    mended: dict[str, dict[str, int]] = {"outliers": {}, "gaps": {}}
+    channels = {name: _channel(table, name, mapping, time, rows, mended) for name in mapping.channels}
+    delays = {name: c.delay for name, c in mapping.channels.items() if c.delay}
+    if delays:
+        time, channels = without_delays(time, channels, delays)
+        _check_length(path, time, mapping, ship)
+    meta: dict[str, Any] = {
         "source": str(path),
         "ship": ship.name,
-        "kind": mapping.kind or guess_kind(channels["delta"]),
+        "kind": mapping.kind,
         "time_unit": ship.time_unit,
         "started": float(time[0]),
-        "derived": derived,
+        "derived": (),
+        **mended,
     }
+    if mapping.is_record:
+        return Recording(path.stem, time - time[0], channels, meta=meta)
+    if mapping.rudder == "order":
+        channels["delta_order"] = channels["delta"]
+        channels["delta"] = followed(time, channels["delta_order"], ship.rudder_rate)
+    if "lat" in channels:
+        meta["origin"] = tuple(float(channels[k][0]) / DEGREE for k in ("lat", "lon"))
+        channels["x"], channels["y"] = local_metres(channels.pop("lat"), channels.pop("lon"))
+    if "sog" in channels:
+        speed, course = channels.pop("sog"), channels.pop("cog")
+        north, east = speed * np.cos(course), speed * np.sin(course)
+        channels["u"], channels["v"] = earth_to_body(north, east, channels["psi"])
+    meta["derived"] = tuple(k for k in ("u", "v", "r", "x", "y") if k not in channels)
+    meta["kind"] = mapping.kind or guess_kind(channels["delta"])
+    channels = _at_midship(_complete(time, channels, mapping, WINDOW * ship.time_unit), mapping.reference_point)
     return Recording(path.stem, time - time[0], channels, meta=meta)
 
 
-def _time(table: Table, mapping: Mapping, ship: Particulars) -> Float[np.ndarray, " n"]:
-    """Sample times [s], refused unless they increase steadily for long enough."""
-    column = mapping.time.column
-    time = table.numbers(column)
+def _time(table: Table, mapping: Mapping, ship: Particulars) -> tuple[Float[np.ndarray, " n"], slice]:
+    """Sample times [s] and rows of the window asked for, refused unless times increase steadily for long enough."""
+    column, unit = mapping.time.column, mapping.time.unit
+    if unit in STAMPS:
+        time = table.stamps(column, unit, mapping.time_zone)
+    else:
+        time = table.numbers(column)
     if np.isnan(time).any():
         raise table.error(column, int(np.argmax(np.isnan(time))), "is empty; a sample without a time cannot be used")
     steps = np.diff(time)
     if (steps <= 0).any():
         row = int(np.argmax(steps <= 0)) + 1
-        raise table.error(column, row, f"goes from {time[row - 1]:g} to {time[row]:g}; times must increase")
+        raise table.error(column, row, f"goes from {time[row - 1]:.12g} to {time[row]:.12g}; times must increase")
     time = time * mapping.factor("time")
-    length = time[-1] - time[0] if len(time) else 0.0
-    if len(time) < FEWEST or length < SHORTEST * ship.time_unit:
-        raise InputError(
-            f"{table.path.name}: too short a record: {len(time)} samples over {length:.4g} s; the {ship.name} needs at "
-            f"least {FEWEST} samples and {SHORTEST * ship.time_unit:.4g} s ({SHORTEST:g} L/U0): give a longer one, or "
-            f"mind the unit of time (now {mapping.time.unit})"
-        )
-    steps = np.diff(time)
+    since = time - time[0] if len(time) else time
+    first = int(np.searchsorted(since, (mapping.start or 0.0) - 1e-9))
+    last = len(time) if mapping.end is None else int(np.searchsorted(since, mapping.end + 1e-9))
+    rows = slice(first, last)
+    _check_length(table.path, time[rows], mapping, ship)
+    steps = np.diff(time[rows])
     if steps.max() > max(ship.time_unit, 5 * np.median(steps)):
-        row = int(np.argmax(steps)) + 1
-        raise table.error(column, row, f"jumps by {steps.max():.4g} s; cut the file in two at this hole")
-    return time
+        row = first + int(np.argmax(steps)) + 1
+        raise table.error(
+            column, row, f"jumps by {steps.max():.4g} s; cut the file in two at this hole, or write start: or end: "
+            f"(this is {since[row]:.6g} s after the first sample)"
+        )  # fmt: skip
+    return time[rows], rows
 
 
-def _channel(table: Table, name: str, mapping: Mapping, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """A column in SI with its gaps filled; headings made continuous."""
-    column = mapping.channels[name].column
-    values = table.numbers(column) * mapping.factor(name)
+def _check_length(path: Path, time: Float[np.ndarray, " n"], mapping: Mapping, ship: Particulars) -> None:
+    """Refuse what is too short for the ship's motion to be seen."""
+    length = time[-1] - time[0] if len(time) else 0.0
+    shortest = 0.0 if mapping.is_record else SHORTEST * ship.time_unit
+    if len(time) >= FEWEST and length >= shortest:
+        return
+    window = "" if mapping.start is None and mapping.end is None else " between start and end"
+    raise InputError(
+        f"{path.name}: too short a record: {len(time)} samples over {length:.4g} s{window}; the {ship.name} needs at "
+        f"least {FEWEST} samples and {shortest:.4g} s ({SHORTEST:g} L/U0): give a longer one, or "
+        f"mind the unit of time (now {mapping.time.unit})"
+    )
+
+
+def _channel(
+    table: Table, name: str, mapping: Mapping, time: Float[np.ndarray, " n"], rows: slice, mended: dict[str, Any]
+) -> Float[np.ndarray, " n"]:
+    """A column in SI, directions made continuous, outliers and gaps filled."""
+    where = mapping.channels[name]
+    column, first = where.column, rows.start
+    values = (table.numbers(column)[rows] - where.offset) * mapping.factor(name)
     lost = np.isnan(values)
     if lost.all():
         raise InputError(f"{table.path.name}: column {column!r} is empty; leave {name} out of the mapping")
-    if name == "psi":
+    if name in DIRECTIONS and where.unit != "count":
         values[~lost] = np.unwrap(values[~lost])
+    if mapping.outliers == "fill":
+        odd = outlying(values)
+        if odd.mean() > MOST_OUTLIERS:
+            raise InputError(
+                f"{table.path.name}: {odd.mean():.0%} of column {column!r} lie far off their neighbours: that is "
+                "noise, not outliers; write outliers: keep"
+            )
+        if odd.any():
+            mended["outliers"][name] = int(odd.sum())
+            values = line_across(time, values, odd | lost)
+            values[lost] = np.nan
     if not lost.any():
         return values
-    first = int(np.argmax(lost))
     if not mapping.fill_gaps:
         raise table.error(
-            column, first, f"is the first of {lost.sum()} empty cells; write fill_gaps: true, or cut them out"
-        )
-    runs = np.split(np.flatnonzero(lost), np.flatnonzero(np.diff(np.flatnonzero(lost)) > 1) + 1)
-    for run in runs:
-        if len(run) > LONGEST_GAP or run[0] == 0 or run[-1] == len(values) - 1:
+            column, first + int(np.argmax(lost)), f"is the first of {lost.sum()} empty cells; write fill_gaps: true, "
+            "or cut them out"
+        )  # fmt: skip
+    _check_gaps(table, column, mapping, time, lost, first)
+    mended["gaps"][name] = int(lost.sum())
+    return line_across(time, values, lost)
+
+
+def _check_gaps(
+    table: Table, column: str, mapping: Mapping, time: Float[np.ndarray, " n"], lost: np.ndarray, first: int
+) -> None:
+    """Refuse gaps that are too long to be bridged, and those at the ends."""
+    counted = mapping.fill_gaps is True
+    for run in np.split(np.flatnonzero(lost), np.flatnonzero(np.diff(np.flatnonzero(lost)) > 1) + 1):
+        at_end = run[0] == 0 or run[-1] == len(lost) - 1
+        length = 0.0 if at_end else time[run[-1] + 1] - time[run[0] - 1]
+        if at_end or (len(run) > LONGEST_GAP if counted else length > mapping.fill_gaps + 1e-9):
+            allowed = str(LONGEST_GAP) if counted else f"{mapping.fill_gaps:g} s"
             raise table.error(
-                column, int(run[0]), f"begins a gap of {len(run)} cells; only gaps of up to {LONGEST_GAP} between "
-                "samples are filled: cut the file there",
+                column, first + int(run[0]), f"begins a gap of {len(run)} cells; only gaps of up to {allowed} between "
+                "samples are filled: cut the file there, or write start: and end:",
             )  # fmt: skip
-    return np.where(lost, np.interp(time, time[~lost], values[~lost]), values)
 
 
 def _complete(time: Float[np.ndarray, " n"], given: Channels, mapping: Mapping, window: float) -> Channels:
@@ -148,7 +236,7 @@ def _complete(time: Float[np.ndarray, " n"], given: Channels, mapping: Mapping, 
     if not {"u", "v"} <= set(c):
         north, east = smoothed(time, c["x"], window)[1], smoothed(time, c["y"], window)[1]
         c["u"], c["v"] = earth_to_body(north, east, c["psi"])
-    elif mapping.frame == "earth":
+    elif mapping.frame == "earth" and "u" in mapping.channels:
         c["u"], c["v"] = earth_to_body(c["u"], c["v"], c["psi"])
     if not {"x", "y"} <= set(c):
         north, east = body_to_earth(c["u"], c["v"], c["psi"])

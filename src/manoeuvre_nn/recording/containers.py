@@ -1,0 +1,113 @@
+"""Columns out of MAT and parquet files; nothing in them is ever executed or unpickled."""
+
+import warnings
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy.io import loadmat
+from scipy.io.matlab import mat_struct
+
+from manoeuvre_nn.core.errors import InputError
+
+MAT, PARQUET = ".mat", ".parquet"
+HDF5 = b"\x89HDF\r\n\x1a\n"
+"""How a MAT file of version 7.3 may begin, too: it is an HDF5 file."""
+DEEPEST = 4
+"""How deep structures are looked into."""
+
+
+def mat_frame(path: Path, columns: Sequence[str] | None = None) -> pd.DataFrame:
+    """Vectors of a MAT file of version 4 to 7.2, by their names; ``a.b`` is field b of structure a.
+
+    Args:
+        path: The file.
+        columns: Names that are wanted; None gives all vectors of the commonest length.
+
+    Returns:
+        One column a vector; matrices are left out. The index counts rows from 1.
+
+    Raises:
+        InputError: If it is no such file, is cut off, or the vectors wanted differ in length.
+    """
+    with path.open("rb") as file:
+        begin = file.read(128)
+    if begin.startswith(HDF5) or b"MATLAB 7.3" in begin:
+        raise InputError(f'{path.name}: a MAT file of version 7.3; save it again as save(file, "-v7") or as CSV')
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of objects that it cannot make, which are left out
+            content = loadmat(path, squeeze_me=True, struct_as_record=False, chars_as_strings=True)
+    except MemoryError as error:
+        raise InputError(f"{path.name}: not a MAT file that fits into memory; is it cut off?") from error
+    except Exception as error:  # its reader raises many kinds on foreign, hostile and cut-off files
+        said = " ".join(str(error).split())[:80] or type(error).__name__
+        raise InputError(f"{path.name}: not a MAT file, or cut off ({said}); export it again, or as CSV") from None
+    vectors = {k: v for name in content if not name.startswith("__") for k, v in _vectors(name, content[name], 0)}
+    return _framed(path, vectors, columns)
+
+
+def _vectors(name: str, value: Any, depth: int) -> Iterator[tuple[str, np.ndarray]]:
+    """Vectors in a value and in what it holds."""
+    if isinstance(value, mat_struct) and depth < DEEPEST:
+        for field in value._fieldnames:
+            yield from _vectors(f"{name}.{field}", getattr(value, field), depth + 1)
+    elif isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.kind in "fiuU":
+        yield name, value
+
+
+def _framed(path: Path, vectors: dict[str, np.ndarray], columns: Sequence[str] | None) -> pd.DataFrame:
+    """Vectors of one length side by side."""
+    named = {k: len(v) for k, v in vectors.items() if columns is None or k in columns}
+    if not vectors:
+        raise InputError(f"{path.name}: holds no vector of numbers; expected one vector a channel")
+    lengths = list(named.values()) or [len(v) for v in vectors.values()]
+    usual = max(set(lengths), key=lengths.count)
+    for name, length in named.items():
+        if columns is not None and length != usual:
+            raise InputError(
+                f"{path.name}: column {name!r} has {length} samples, the others {usual}; all need the same number"
+            )
+    same = {k: v for k, v in vectors.items() if len(v) == usual}
+    native = {k: v.astype(v.dtype.newbyteorder("=")) for k, v in same.items()}
+    return pd.DataFrame(native, index=range(1, usual + 1))
+
+
+def parquet_frame(path: Path, columns: Sequence[str] | None = None) -> pd.DataFrame:
+    """Columns of a parquet file.
+
+    Args:
+        path: The file.
+        columns: Names that are wanted; None gives all.
+
+    Returns:
+        Columns of numbers, texts and times; the index counts rows from 1.
+
+    Raises:
+        InputError: If pyarrow is not installed, or it is no such file, or cut off.
+    """
+    try:
+        from pyarrow import ArrowException
+        from pyarrow.parquet import ParquetFile
+    except ImportError as error:
+        raise InputError(
+            f"{path.name}: parquet files need pyarrow: pip install 'manoeuvre-nn[parquet]', or export it as CSV"
+        ) from error
+    try:
+        with ParquetFile(path) as file:
+            there = list(file.schema_arrow.names)
+            wanted = [c for c in there if columns is None or c in columns]
+            # Without pandas' own notes in the file: they could name an index or types of their own.
+            table = file.read(columns=wanted).replace_schema_metadata(None) if wanted else None
+    except (ArrowException, OSError, ValueError, MemoryError) as error:
+        said = " ".join(str(error).split())[:80]
+        raise InputError(f"{path.name}: not a parquet file, or cut off ({said}); export it again, or as CSV") from None
+    if table is None:
+        return pd.DataFrame(columns=there)
+    if not table.num_rows:
+        raise InputError(f"{path.name}: empty file; expected columns of numbers")
+    frame = table.to_pandas(ignore_metadata=True)
+    frame.index = pd.RangeIndex(1, len(frame) + 1)
+    return frame
