@@ -12,6 +12,7 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE, KNOT
 from manoeuvre_nn.recording.accelerations import smoothed
+from manoeuvre_nn.recording.finding import Change, Finding
 
 WINDOW = 0.8
 """Smoothing window over L/U0."""

@@ -153,7 +153,8 @@ class Identities:
         Returns:
             The noise.
         """
-        y, x = self.leftover({}), self.slopes({}, names)
+        y = self.leftover({})
+        x = self.slopes({}, names) if names else [np.zeros((len(part), 0)) for part in y]
         y = [part[: x[0].shape[0]] for part in y]
         solved = np.concatenate(x), np.concatenate(y)
         size = np.concatenate([np.full(len(part), max(float(np.std(part)), 1e-12)) for part in y])

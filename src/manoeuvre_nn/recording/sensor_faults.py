@@ -130,6 +130,8 @@ def measure_faults(recording: Recording, ship: Particulars) -> list[Measured]:
         return []
     noise = identities.noise([part for f in faults for part in f.parts])
     found = _found(identities, faults, noise)
+    # What all faults together leave is too little of the slow noise: errors are those of what the real ones leave.
+    noise = identities.noise(_parts(found))
     together = identities.estimate(_parts(found), noise)
     measured = []
     for fault in faults:
