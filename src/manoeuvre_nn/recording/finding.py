@@ -1,4 +1,4 @@
-"""What a check of a recording finds: measured beside expected, a verdict, and the change of the mapping that mends it."""
+"""What a check of a recording finds: what was measured, a verdict, and the change of the mapping that mends it."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -11,7 +11,7 @@ from manoeuvre_nn.recording.mapping import Mapping as ChannelMapping
 
 VERDICTS = ("ok", "note", "mend", "refuse")
 """From good to bad: nothing to do; know it; can be mended; cannot be used as it is."""
-How = Literal["set", "turn", "exchange", "scale", "offset", "delay"]
+How = Literal["set", "add", "turn", "exchange", "scale", "offset", "delay"]
 LEAVE_OUT = None
 """Value of a channel that is left out of the mapping."""
 DIGITS = 5
@@ -23,10 +23,10 @@ class Change:
     """One change of a mapping.
 
     Attributes:
-        path: What is changed: ``start``, ``channels.v``, ``channels.v.sign``.
-        how: ``set`` to the value; ``turn`` a sign or the rudder's side round; ``exchange`` the columns of two channels;
-            ``scale`` (times the value), ``offset`` (less the value [SI]) and ``delay`` (earlier by the value [s]) are
-            laid over what a channel has already.
+        path: What is changed: ``start``, ``channels.v``, ``channels.v.unit``.
+        how: ``set`` to the value; ``add`` the value to a setting; of a channel: ``turn`` its sign (or the rudder's
+            side) round; ``exchange`` columns with another; ``scale`` (times the value), ``offset`` (less the value [SI]) and
+            ``delay`` (earlier by the value [s]) are laid over what it has already.
         value: Such as 12.5, ``deg``, a channel to exchange with, or None for a channel that is left out.
     """
 
@@ -153,15 +153,20 @@ def finding_json(finding: Finding, mapping: ChannelMapping) -> dict[str, Any]:
 
 
 def _settled(change: Change, mapping: ChannelMapping, said: Mapping[str, Any]) -> dict[str, Any]:
-    """Path -> value of one change, laid over what others have said."""
+    """Path -> value of one change, laid over what others have said; nothing for a channel that is not mapped."""
+    first, _, rest = change.path.partition(".")
+    if first == "channels" and rest.split(".")[0] not in mapping.channels:
+        return {}
     if change.how == "set":
         return {change.path: change.value}
+    if change.how == "add":
+        now = said.get(change.path, getattr(mapping, change.path))
+        now = mapping.reference_point if now is None else now
+        return {change.path: _rounded(now + change.value)}
     if change.path == "rudder_positive_to":
         now = said.get(change.path, mapping.rudder_positive_to)
         return {change.path: "port" if side_sign("rudder_positive_to", now) > 0 else "starboard"}
     name = change.path.split(".")[1]
-    if name not in mapping.channels:
-        return {}
     where = _as_said(mapping.channels[name], name, said)
     at = f"channels.{name}"
     if change.how == "turn":

@@ -1,14 +1,15 @@
 """What the channels of a recording must tell each other, and what a faulty sensor does to it.
 
-The heading is the integral of the rate of turn; the track is the integral of the velocities, turned by the heading. What
-is left over is regressed on what each simple fault (a delay, an offset, a scale, another reference point) would leave.
+The heading is the integral of the rate of turn; the track is the integral of the velocities, turned by the heading.
+What is left over is regressed on what each simple fault (a delay, an offset, a scale, another reference point) would
+leave.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.integrate import cumulative_trapezoid
 from scipy.linalg import cholesky_banded, solve_banded
 from scipy.optimize import minimize_scalar
@@ -72,8 +73,9 @@ class Identities:
         window = WINDOW * ship.time_unit
         self._smooth = {k: smoothed(recording.time, recording[k], window)[0] for k in names}
         self._per_bin = max(round(BIN * ship.time_unit / float(np.median(np.diff(recording.time)))), 1)
+        self._columns: dict[str, Float[np.ndarray, "s n"]] = {}
 
-    def leftover(self, values: Values, smooth: bool = False) -> list[Series]:
+    def leftover(self, values: Values, smooth: bool = False) -> Float[np.ndarray, "s n"]:
         """What heading and track leave over once faults are taken out: averages, each less the one before.
 
         Args:
@@ -81,9 +83,10 @@ class Identities:
             smooth: Whether of the smoothed channels.
 
         Returns:
-            Of psi [rad], x and y [m]; those that were not recorded are left out.
+            Of psi [rad], x and y [m], as far as they were recorded; NaN where a delay reaches out of the record.
         """
-        time, c = without_faults(self.time, self._smooth if smooth else self._raw, values)
+        time = self.time
+        inside, c = without_faults(time, self._smooth if smooth else self._raw, values)
         left = [c["psi"] - cumulative_trapezoid(c["r"], time, initial=0.0)] if self.heading else []
         if self.track:
             rates = body_to_earth(c["u"], c["v"], c["psi"])
@@ -92,27 +95,27 @@ class Identities:
                 c[k] - cumulative_trapezoid(rate + flow, time, initial=0.0)
                 for k, rate, flow in zip("xy", rates, drift, strict=True)
             ]
-        return [_averaged(y, self._per_bin) for y in left]
+        averaged = np.stack([_averaged(y, self._per_bin) for y in left])
+        averaged[:, _averaged(np.cumsum(~inside), self._per_bin) > 0] = np.nan
+        return averaged
 
-    def slopes(self, values: Values, names: Sequence[str]) -> list[Float[np.ndarray, "n k"]]:
-        """What one unit of each fault would add to the leftover.
+    def slopes(self, names: Sequence[str]) -> Float[np.ndarray, "s n k"]:
+        """What one unit of each fault adds to the leftover of a recording that has no other.
 
         Args:
-            values: The faults where the derivatives are taken.
-            names: The faults that they are taken for.
+            names: The faults.
 
         Returns:
-            One array a leftover, one column a fault.
+            One column a fault.
         """
-        columns = []
         for name in names:
-            step = self._step(name)
-            low = {**values, name: values.get(name, 0.0)}
-            high = {**values, name: low[name] + step}
-            pair = [self.leftover(v, smooth=True) for v in (low, high)]
-            columns.append([(b[: len(a)] - a[: len(b)]) / step for a, b in zip(*pair, strict=True)])
-        shortest = min(len(c[0]) for c in columns)
-        return [np.stack([c[k][:shortest] for c in columns], axis=1) for k in range(len(columns[0]))]
+            if name not in self._columns:
+                step = self._step(name)
+                pair = [self.leftover({name: sign * step}, smooth=True) for sign in (-1, 1)]
+                self._columns[name] = np.nan_to_num((pair[1] - pair[0]) / (2 * step))
+        if not names:
+            return np.zeros((*self.leftover({}).shape, 0))
+        return np.stack([self._columns[name] for name in names], axis=-1)
 
     def estimate(self, names: Sequence[str], noise: "Noise", start: Values | None = None, rounds: int = 4) -> Estimate:
         """Fit some faults at once by Gauss and Newton's method.
@@ -153,29 +156,27 @@ class Identities:
         Returns:
             The noise.
         """
-        y = self.leftover({})
-        x = self.slopes({}, names) if names else [np.zeros((len(part), 0)) for part in y]
-        y = [part[: x[0].shape[0]] for part in y]
-        solved = np.concatenate(x), np.concatenate(y)
-        size = np.concatenate([np.full(len(part), max(float(np.std(part)), 1e-12)) for part in y])
-        fit, *_ = np.linalg.lstsq(solved[0] / size[:, None], solved[1] / size, rcond=1e-8)
-        rest = [part - columns @ fit for part, columns in zip(y, x, strict=True)]
-        groups = ([[rest[0]]] if self.heading else []) + ([rest[-2:]] if self.track else [])
-        models = []
-        for group in groups:
-            models += [_noise_model(group)] * len(group)
-        return Noise(models)
+        y, x = self.leftover({}), self.slopes(names)
+        size = np.maximum(y.std(axis=1), 1e-12)
+        fit, *_ = np.linalg.lstsq(
+            (x / size[:, None, None]).reshape(y.size, -1), (y / size[:, None]).ravel(), rcond=1e-8
+        )
+        rest = y - x @ fit
+        groups = ([rest[:1]] if self.heading else []) + ([rest[-2:]] if self.track else [])
+        return Noise([model for group in groups for model in [_noise_model(group)] * len(group)])
 
     def _whitened(self, values: Values, names: Sequence[str], noise: "Noise") -> tuple[np.ndarray, np.ndarray]:
         """Leftover and slopes over their noise, shape (series, n) and (series, n, k); wild samples weigh nothing."""
-        y = self.leftover(values)
-        x = self.slopes(values, names) if names else [np.zeros((len(part), 0)) for part in y]
-        count = min(len(y[0]), len(x[0]))
-        pairs = [noise.whitened(k, y[k][:count], x[k][:count]) for k in range(len(y))]
+        y, x = self.leftover(values), self.slopes(names)
+        lost = np.isnan(y)
+        pairs = [
+            noise.whitened(k, np.where(gone, 0.0, part), np.where(gone[:, None], 0.0, columns))
+            for k, (part, columns, gone) in enumerate(zip(y, x, lost, strict=True))
+        ]
         wy, wx = np.stack([p[0] for p in pairs]), np.stack([p[1] for p in pairs])
         rest = wy - wx @ _least_squares(wx, wy)[0] if names else wy
         usual = 1.4826 * np.median(np.abs(rest), axis=1, keepdims=True)
-        calm = np.abs(rest) <= WILD * np.maximum(usual, 1e-300)
+        calm = (np.abs(rest) <= WILD * np.maximum(usual, 1e-300)) & ~lost
         return wy * calm, wx * calm[..., None]
 
     def _step(self, name: str) -> float:
@@ -219,7 +220,9 @@ class Noise:
         return both[:, 0], both[:, 1:]
 
 
-def without_faults(time: Series, c: Mapping[str, Series], values: Values) -> tuple[Series, dict[str, Series]]:
+def without_faults(
+    time: Series, c: Mapping[str, Series], values: Values
+) -> tuple[Bool[np.ndarray, " n"], dict[str, Series]]:
     """Channels as they would be without faults: ``c = scale (written(t + delay) - offset)``, positions at the point.
 
     Args:
@@ -228,20 +231,20 @@ def without_faults(time: Series, c: Mapping[str, Series], values: Values) -> tup
         values: The faults.
 
     Returns:
-        Times at which all channels are known, and the channels there.
+        Where all channels are known, and the channels.
     """
     late = {k: values.get(f"delay of {_of(k)}", 0.0) for k in c}
     first, last = min(*late.values(), 0.0), max(*late.values(), 0.0)
-    at = time[(time + first >= time[0] - 1e-9) & (time + last <= time[-1] + 1e-9)]
+    inside = (time + first >= time[0] - 1e-9) & (time + last <= time[-1] + 1e-9)
     good = {}
     for name, written in c.items():
-        there = np.interp(at + late[name], time, written) if late[name] else written[np.isin(time, at)]
+        there = np.interp(time + late[name], time, written) if late[name] else written
         scale = 1.0 + values.get(f"scale of {name}", 0.0)
         good[name] = scale * (there - values.get(f"offset of {name}", 0.0))
     good["psi"] = good["psi"] - values.get("turn of psi", 0.0)
     ahead, abeam = values.get("point ahead", 0.0), values.get("point abeam", 0.0)
-    north, east = body_to_earth(np.full(len(at), ahead), np.full(len(at), abeam), good["psi"])
-    return at, {**good, "x": good["x"] - north, "y": good["y"] - east}
+    north, east = body_to_earth(np.full(len(time), ahead), np.full(len(time), abeam), good["psi"])
+    return inside, {**good, "x": good["x"] - north, "y": good["y"] - east}
 
 
 def _of(channel: str) -> str:
@@ -280,9 +283,9 @@ def _correlated(x: Float[np.ndarray, "s n k"], rest: Float[np.ndarray, "s n"], w
     return bread @ meat @ bread * (count / max(count - x.shape[-1], 1))
 
 
-def _noise_model(parts: Sequence[Series]) -> tuple[float, float]:
+def _noise_model(parts: Float[np.ndarray, "s n"]) -> tuple[float, float]:
     """Deviation and neighbours' correlation of a moving average of order one, by maximum likelihood."""
-    if max(float(np.abs(p).max()) for p in parts) < 1e-15:
+    if float(np.abs(parts).max()) < 1e-15:
         return 1e-12, 0.0
     centre = [np.clip(p, *np.quantile(p, [0.005, 0.995])) for p in parts]
 

@@ -48,6 +48,8 @@ class Mapping:
             x y, lat lon, sog cog is enough; r may be left out.
         frame: Axes of the columns given for u and v: ``body``, or ``earth`` for velocities north and east.
         reference_point: How far forward of midship the point lies whose u, v, x, y are given [m].
+        position_point: The same for x and y alone, where these are of another point than u and v; None is
+            ``reference_point``.
         rudder_positive_to: Side that a positive rudder angle of the file turns the ship to.
         rudder: ``angle``, or ``order`` where the column of delta holds what was ordered: the ship's steering gear then
             follows it at its rate, and the order is kept as ``delta_order``.
@@ -68,6 +70,7 @@ class Mapping:
     channels: AnyMapping[str, ChannelMap] = field(default_factory=dict)
     frame: str = "body"
     reference_point: float = 0.0
+    position_point: float | None = None
     rudder_positive_to: str = "starboard"
     rudder: str = "angle"
     delimiter: str = ","
@@ -163,12 +166,14 @@ def mapping(**settings: Any) -> Mapping:
 def _setting(key: str, value: Any) -> Any:
     """A setting of the right type."""
     wanted = {
-        "reference_point": "metres, e.g. 0.0", "start": "seconds, e.g. 12.5, or null", "end": "seconds, or null",
+        "reference_point": "metres, e.g. 0.0", "position_point": "metres, or null",
+        "start": "seconds, e.g. 12.5, or null", "end": "seconds, or null",
         "skip_rows": "a whole number, e.g. 0", "header": "true or false",
         "fill_gaps": "true, false or seconds, e.g. 2.0",
     }  # fmt: skip
     fits = {
-        "reference_point": _is_number(value), "start": value is None or _is_number(value),
+        "reference_point": _is_number(value), "position_point": value is None or _is_number(value),
+        "start": value is None or _is_number(value),
         "end": value is None or _is_number(value), "header": isinstance(value, bool),
         "skip_rows": isinstance(value, int) and not isinstance(value, bool) and value >= 0,
         "fill_gaps": isinstance(value, bool) or (_is_number(value) and value > 0),

@@ -130,7 +130,7 @@ def read_recording(path: str | Path, mapping: Mapping, ship: Particulars) -> Rec
         channels["u"], channels["v"] = earth_to_body(north, east, channels["psi"])
     meta["derived"] = tuple(k for k in ("u", "v", "r", "x", "y") if k not in channels)
     meta["kind"] = mapping.kind or guess_kind(channels["delta"])
-    channels = _at_midship(_complete(time, channels, mapping, WINDOW * ship.time_unit), mapping.reference_point)
+    channels = _at_midship(_complete(time, channels, mapping, WINDOW * ship.time_unit), mapping, meta["derived"])
     return Recording(path.stem, time - time[0], channels, meta=meta)
 
 
@@ -244,7 +244,13 @@ def _complete(time: Float[np.ndarray, " n"], given: Channels, mapping: Mapping, 
     return c
 
 
-def _at_midship(c: Channels, forward: float) -> Channels:
-    """Carry u, v, x, y from a point forward of midship to midship."""
-    north, east = body_to_earth(np.full_like(c["psi"], forward), np.zeros_like(c["psi"]), c["psi"])
-    return {**c, "v": c["v"] - forward * c["r"], "x": c["x"] - north, "y": c["y"] - east}
+def _at_midship(c: Channels, mapping: Mapping, derived: Sequence[str]) -> Channels:
+    """Carry u, v, x, y from points forward of midship to midship; what was derived is of its source's point."""
+    moving = mapping.reference_point
+    there = moving if mapping.position_point is None else mapping.position_point
+    if "u" in derived:
+        moving = there
+    elif "x" in derived:
+        there = moving
+    north, east = body_to_earth(np.full_like(c["psi"], there), np.zeros_like(c["psi"]), c["psi"])
+    return {**c, "v": c["v"] - moving * c["r"], "x": c["x"] - north, "y": c["y"] - east}

@@ -1,6 +1,7 @@
 """Samples looked at one channel at a time: rate, gaps, outliers, channels that are stuck or coarsely written."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -153,8 +154,13 @@ def stuck(recording: Recording, ship: Particulars) -> list[Finding]:
             if lasting and _belied(recording, name, turned, begin, begin + length - 1):
                 spans.append((float(recording.time[begin]), float(recording.time[begin + length - 1])))
         if spans:
-            found.append(_stuck(recording, name, spans))
-    return found or [Finding("stuck", "ok", "every channel moves when the ship does")]
+            found.append((name, spans))
+    if not found:
+        return [Finding("stuck", "ok", "every channel moves when the ship does")]
+    if any(name not in {*INSTEAD, "delta"} for name, _ in found):  # nothing replaces it: the piece is cut out
+        names, every = zip(*found, strict=True)
+        return [_frozen(recording, names, sorted(span for spans in every for span in spans))]
+    return [_stuck(recording, name, spans) for name, spans in found]
 
 
 def quantized(recording: Recording, ship: Particulars) -> list[Finding]:
@@ -201,7 +207,8 @@ def leave_out(name: str, recording: Recording) -> tuple[str, tuple[Change, ...]]
         return "nothing replaces it: give another record", ()
     group, instead = INSTEAD[name]
     said = " and ".join(k for k in group if len(k) == 1)
-    return f"leave {said} out of the mapping, {instead}", tuple(Change(f"channels.{k}", "set", LEAVE_OUT) for k in group)
+    changes = tuple(Change(f"channels.{k}", "set", LEAVE_OUT) for k in group)
+    return f"leave {said} out of the mapping, {instead}", changes
 
 
 def cut(recording: Recording, spans: Sequence[tuple[float, float]]) -> tuple[str, tuple[Change, ...]]:
@@ -273,16 +280,33 @@ def _belied(recording: Recording, name: str, turned: dict[str, Series], first: i
 
 
 def _stuck(recording: Recording, name: str, spans: Sequence[tuple[float, float]]) -> Finding:
-    longest = max(b - a for a, b in spans)
-    text = f"{name} stands still for {longest:.3g} s while the ship moves"
-    said = {"measured": longest, "unit": "s", "expected": "shorter than its resolution explains"}
-    remedy, changes = leave_out(name, recording) if name in INSTEAD else ("", ())
-    if not changes and name != "delta":
-        remedy, changes = cut(recording, spans)
+    """A channel that something replaces, or the rudder."""
+    remedy, changes = leave_out(name, recording)
     if name == "delta":
         remedy = "map the column that holds the rudder angle: nothing replaces it"
+    elif not changes:
+        remedy, changes = cut(recording, spans)
     verdict = "refuse" if name == "delta" else "mend"
-    return Finding("stuck", verdict, text, (name,), remedy=remedy, changes=changes, spans=tuple(spans), **said)
+    return Finding("stuck", verdict, remedy=remedy, changes=changes, **_standing((name,), spans))
+
+
+def _frozen(recording: Recording, names: Sequence[str], spans: Sequence[tuple[float, float]]) -> Finding:
+    """Channels of which one cannot be replaced: what is left is a piece without the time in which they stand."""
+    remedy, changes = cut(recording, spans)
+    return Finding("stuck", "mend", remedy=remedy, changes=changes, **_standing(tuple(names), spans))
+
+
+def _standing(names: tuple[str, ...], spans: Sequence[tuple[float, float]]) -> dict[str, Any]:
+    longest = max(b - a for a, b in spans)
+    verb = "stands" if len(names) == 1 else "stand"
+    return {
+        "text": f"{', '.join(names)} {verb} still for up to {longest:.3g} s while the ship moves",
+        "channels": names,
+        "measured": longest,
+        "unit": "s",
+        "expected": "shorter than its resolution explains",
+        "spans": tuple(spans),
+    }
 
 
 def _step(values: Series) -> float:

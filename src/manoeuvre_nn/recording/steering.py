@@ -52,11 +52,11 @@ def rudder_jumps(recording: Recording, ship: Particulars) -> Finding:
         return Finding("rudder jumps", "ok", "the rudder moves as a steering gear can", ("delta",), **said)
     spans = tuple((float(recording.time[k]), float(recording.time[k + 1])) for k in jumps)
     text = (
-        f"the rudder jumps {len(jumps)} times, by up to {change.max() / DEGREE:.3g} deg within {steps[jumps].min():.3g} s; "
-        "this is an order and not an angle"
+        f"the rudder jumps {len(jumps)} times, by up to {change.max() / DEGREE:.3g} deg within "
+        f"{steps[jumps].min():.3g} s; this is an order and not an angle"
     )
     if ship.rudder_rate > FAST * gear:
-        remedy = f"state the rate of the steering gear (rudder_rate of the {ship.name} is not known), then rudder: order"
+        remedy = f"state the steering gear's rate (rudder_rate of the {ship.name} is not known), then rudder: order"
         return Finding("rudder jumps", "note", text, ("delta",), remedy=remedy, spans=spans, **said)
     remedy, changes = "let the ship's steering gear follow it", (Change("rudder", value="order"),)
     return Finding("rudder jumps", "mend", text, ("delta",), remedy=remedy, changes=changes, spans=spans, **said)

@@ -1,0 +1,113 @@
+"""Measured faults of the sensors as findings: in words, with the setting of the mapping that takes each away."""
+
+from collections.abc import Sequence
+
+from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.recording.finding import LEAVE_OUT, Change, Finding
+from manoeuvre_nn.recording.mapping import Mapping
+from manoeuvre_nn.recording.sensor_faults import Measured, measure_faults
+
+SENSORS = {"u, v": ("u", "v", "sog", "cog"), "x, y": ("x", "y", "lat", "lon"), "r": ("r",), "psi": ("psi",)}
+"""Sensor -> columns that it may come in."""
+NO_TRACK = tuple(Change(f"channels.{k}", value=LEAVE_OUT) for k in SENSORS["x, y"])
+
+
+def fault_findings(recording: Recording, ship: Particulars, mapping: Mapping | None = None) -> list[Finding]:
+    """Delays, offsets, scales and the point of the sensors.
+
+    Args:
+        recording: The recording, without outliers.
+        ship: The ship.
+        mapping: The mapping that it was read with, for what its columns are.
+
+    Returns:
+        One finding a fault that the channels could show.
+    """
+    return [_finding(one, recording, mapping) for one in measure_faults(recording, ship)]
+
+
+def _finding(one: Measured, recording: Recording, mapping: Mapping | None) -> Finding:
+    """One fault in words."""
+    shown, fault = one.fault.shown, one.fault
+    said = {
+        "measured": one.size / shown,
+        "error": one.size_error / shown,
+        "unit": fault.unit,
+        "expected": f"below {fault.matters / shown:.2g} {fault.unit}",
+    }
+    channels = _channels(fault.name)
+    if not one.found:
+        known = 2 * one.size_error < fault.matters
+        text = f"{fault.name}: {'none' if known else 'this record cannot tell'}"
+        return Finding(fault.name, "ok", text, channels, **said)
+    text = _words(one)
+    if one.rivals:
+        text += f" (or: {', '.join(one.rivals)}; this record cannot tell them apart)"
+    if abs(one.size) < fault.matters:
+        return Finding(fault.name, "note", text, channels, **said)
+    remedy, changes = _remedy(one, mapping)
+    return Finding(fault.name, "mend", text, channels, remedy=remedy, changes=changes, **said)
+
+
+def _channels(name: str) -> tuple[str, ...]:
+    """Channels that a fault is about."""
+    if name == "current":
+        return ("u", "v")
+    sensor = name.removesuffix(" abeam").split(" of ")[1]
+    return tuple(sensor.split(", "))
+
+
+def _words(one: Measured) -> str:
+    """What is wrong, with its error."""
+    shown, unit, name = one.fault.shown, one.fault.unit, one.fault.name
+    size = f"{abs(one.size) / shown:.3g} ± {one.size_error / shown:.1g} {unit}"
+    kind, _, sensor = name.partition(" of ")
+    more = one.value[0] > 0
+    if kind == "delay":
+        return f"{sensor}: written down {size} too {'late' if more else 'early'}"
+    if kind == "scale":
+        return f"{sensor} shows {size} too {'little' if more else 'much'}"
+    if kind == "offset":
+        return f"{sensor} shows {size} too {'much' if more else 'little'}"
+    if name == "current":
+        north, east = one.value
+        return f"u, v and the track differ by {size} that stays the same north and east ({north:.2g}, {east:.2g}): a current"
+    side = ("ahead" if more else "aft") if name == "point of x, y" else ("to starboard" if more else "to port")
+    return f"x, y are of a point {size} {side} of that of u, v"
+
+
+def _remedy(one: Measured, mapping: Mapping | None) -> tuple[str, tuple[Change, ...]]:
+    """What takes the fault away."""
+    name, value = one.fault.name, one.size
+    kind, _, sensor = name.partition(" of ")
+    turned = mapping is not None and mapping.frame == "earth" and sensor in {"u", "v"}
+    if kind == "delay":
+        return f"move {sensor} back", tuple(Change(f"channels.{k}.delay", "delay", value) for k in SENSORS[sensor])
+    if kind in {"scale", "offset"} and not turned and (mapping is None or sensor in mapping.channels):
+        factor = 1 + value if kind == "scale" else value
+        return f"take it out of {sensor}", (Change(f"channels.{sensor}.{kind}", kind, factor),)  # type: ignore[arg-type]
+    if kind in {"scale", "offset"}:
+        without = tuple(Change(f"channels.{k}", value=LEAVE_OUT) for k in SENSORS["u, v"])
+        return "leave u and v out of the mapping, they then follow from the track", without
+    if name == "point of x, y":
+        return "carry x and y to the point of u and v", (Change("position_point", "add", value),)
+    if name == "current":
+        return (
+            "u and v are through the water: leave x and y out of the mapping (were they over ground, u and v would be off)",
+            NO_TRACK,
+        )
+    return "leave x and y out of the mapping, the track then follows from u and v", NO_TRACK
+
+
+def found_only(findings: Sequence[Finding]) -> list[Finding]:
+    """Findings that say something.
+
+    Args:
+        findings: Findings.
+
+    Returns:
+        Those that are not ``ok``, gravest first.
+    """
+    order = {"refuse": 0, "mend": 1, "note": 2}
+    return sorted((f for f in findings if f.verdict != "ok"), key=lambda f: order[f.verdict])
