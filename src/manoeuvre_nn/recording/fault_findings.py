@@ -72,7 +72,9 @@ def _words(one: Measured) -> str:
         return f"{sensor} shows {size} too {'much' if more else 'little'}"
     if name == "current":
         north, east = one.value
-        return f"u, v and the track differ by {size} that stays the same north and east ({north:.2g}, {east:.2g}): a current"
+        return (
+            f"u, v and the track differ by {size} that does not turn with the ship ({north:.2g}, {east:.2g}): a current"
+        )
     side = ("ahead" if more else "aft") if name == "point of x, y" else ("to starboard" if more else "to port")
     return f"x, y are of a point {size} {side} of that of u, v"
 
@@ -93,10 +95,8 @@ def _remedy(one: Measured, mapping: Mapping | None) -> tuple[str, tuple[Change, 
     if name == "point of x, y":
         return "carry x and y to the point of u and v", (Change("position_point", "add", value),)
     if name == "current":
-        return (
-            "u and v are through the water: leave x and y out of the mapping (were they over ground, u and v would be off)",
-            NO_TRACK,
-        )
+        more = "(were they over ground, x and y would drift)"
+        return f"u and v are through the water: leave x and y out of the mapping {more}", NO_TRACK
     return "leave x and y out of the mapping, the track then follows from u and v", NO_TRACK
 
 

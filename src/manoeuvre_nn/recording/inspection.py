@@ -18,7 +18,6 @@ from manoeuvre_nn.recording.reader import read_recording
 from manoeuvre_nn.recording.samples import Flags, gaps, outliers, quantized, sampling, stuck
 from manoeuvre_nn.recording.steering import rudder_jumps, rudder_lag, steady_approach, without_outliers
 
-
 STANDING = 0.05
 """Share of the record for which channels may stand still when delays and offsets are measured."""
 

@@ -27,6 +27,8 @@ SWAY = {"u": 0.01, "v": 0.015, "r": 0.02}
 """Turning and drifting at the first sample that no straight approach has, over U0, U0 and U0/L."""
 LAGS = 1.0
 """Longest time over L/U0 by which the rudder may be late or early."""
+GAIN = 1.3
+"""What is left of the yaw acceleration without a lag over what is left with one, for the lag to be believed."""
 
 Series = Float[np.ndarray, " n"]
 
@@ -77,7 +79,7 @@ def rudder_lag(recording: Recording, ship: Particulars) -> Finding | None:
     """
     time, window = recording.time, 0.5 * WINDOW * ship.time_unit
     (v, _), (r, rdot), (delta, _) = (smoothed(time, recording[k], window) for k in ("v", "r", "delta"))
-    if np.ptp(np.quantile(delta, [0.05, 0.95])) < 2 * DEGREE:
+    if np.ptp(np.quantile(delta, [0.02, 0.98])) < 2 * DEGREE:
         return None
     span = LAGS * ship.time_unit
     inside = (time >= time[0] + span) & (time <= time[-1] - span)
@@ -89,6 +91,8 @@ def rudder_lag(recording: Recording, ship: Particulars) -> Finding | None:
     best = int(np.argmin(costs))
     if best in {0, len(lags) - 1}:
         return None
+    if costs[len(lags) // 2] < GAIN * costs[best] or _moves(recording["delta"]) < 3:
+        return Finding("rudder lag", "ok", "rudder and yaw acceleration fit in time", ("delta",))
     curve = np.polyfit(lags[best - 1 : best + 2] - lags[best], costs[best - 1 : best + 2], 2)
     late = float(lags[best] - curve[1] / (2 * max(curve[0], 1e-300)))
     count = inside[::stride].sum() / 4  # a quarter: windows overlap
@@ -212,6 +216,13 @@ def _words(name: str, slope: tuple[float, float]) -> str:
 def _noise(recording: Recording, name: str, ship: Particulars) -> float:
     smooth, _ = smoothed(recording.time, recording[name], WINDOW * ship.time_unit)
     return 1.4826 * float(np.median(np.abs(recording[name] - smooth)))
+
+
+def _moves(delta: Series) -> int:
+    """How often the rudder goes from one side of its middle to the other."""
+    side = np.sign(delta - 0.5 * (delta.max() + delta.min()))
+    side = side[side != 0]
+    return int((side[1:] != side[:-1]).sum())
 
 
 def _misfit(
