@@ -1,6 +1,7 @@
 """Measured faults of the sensors as findings: in words, with the setting of the mapping that takes each away."""
 
 from collections.abc import Sequence
+from typing import Any
 
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
@@ -30,7 +31,7 @@ def fault_findings(recording: Recording, ship: Particulars, mapping: Mapping | N
 def _finding(one: Measured, recording: Recording, mapping: Mapping | None) -> Finding:
     """One fault in words."""
     shown, fault = one.fault.shown, one.fault
-    said = {
+    said: dict[str, Any] = {
         "measured": one.size / shown,
         "error": one.size_error / shown,
         "unit": fault.unit,

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -67,14 +68,15 @@ def _empty(time: Series, cells: Lost, mapping: Mapping, ship: Particulars) -> li
     text = "empty cells: " + ", ".join(f"{int(lost.sum())} of {k}" for k, lost in rest.items())
     text += f"; the longest gap lasts {longest:.3g} s"
     spans = tuple((float(a), float(b)) for a, b, _ in runs)
-    said = {"measured": float(longest), "unit": "s", "expected": "none", "spans": spans}
+    said: dict[str, Any] = {"measured": float(longest), "unit": "s", "expected": "none", "spans": spans}
     if not ends and longest <= HOLE * ship.time_unit:
         short = max(count for *_, count in runs) <= LONGEST_GAP
         value = True if short else float(np.ceil(10 * longest) / 10)
         if mapping.fill_gaps is True and short or (mapping.fill_gaps is not True and mapping.fill_gaps >= longest):
             return found
-        remedy, changes = "fill them by straight lines", (Change("fill_gaps", value=value),)
-        return [*found, Finding("empty cells", "refuse", text, tuple(rest), remedy=remedy, changes=changes, **said)]
+        filled = (Change("fill_gaps", value=value),)
+        remedy = "fill them by straight lines"
+        return [*found, Finding("empty cells", "refuse", text, tuple(rest), remedy=remedy, changes=filled, **said)]
     remedy, changes = _longest_piece(time, np.any(list(rest.values()), axis=0), mapping, ship)
     return [*found, Finding("empty cells", "refuse", text, tuple(rest), remedy=remedy, changes=changes, **said)]
 
@@ -90,7 +92,11 @@ def _holes(time: Series, mapping: Mapping, ship: Particulars) -> list[Finding]:
     pieces = np.split(np.arange(len(time)), np.flatnonzero(wide) + 1)
     best = max(pieces, key=lambda p: time[p[-1]] - time[p[0]])
     remedy, changes = _window(time[best[0]], time[best[-1]], time, ship)
-    said = {"measured": float(steps.max()), "unit": "s", "expected": f"below {HOLE * ship.time_unit:.3g} s"}
+    said: dict[str, Any] = {
+        "measured": float(steps.max()),
+        "unit": "s",
+        "expected": f"below {HOLE * ship.time_unit:.3g} s",
+    }
     return [Finding("gaps", "refuse", text, remedy=remedy, changes=changes, spans=spans, **said)]
 
 

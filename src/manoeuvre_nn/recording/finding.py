@@ -25,8 +25,8 @@ class Change:
     Attributes:
         path: What is changed: ``start``, ``channels.v``, ``channels.v.unit``.
         how: ``set`` to the value; ``add`` the value to a setting; of a channel: ``turn`` its sign (or the rudder's
-            side) round; ``exchange`` columns with another; ``scale`` (times the value), ``offset`` (less the value [SI])
-            and ``delay`` (earlier by the value [s]) are laid over what it has already.
+            side) round; ``exchange`` columns with another; ``scale`` (times the value), ``offset`` (less the value
+            [SI]) and ``delay`` (earlier by the value [s]) are laid over what it has already.
         value: Such as 12.5, ``deg``, a channel to exchange with, or None for a channel that is left out.
     """
 

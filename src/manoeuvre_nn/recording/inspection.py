@@ -43,6 +43,17 @@ class Inspection:
         """The gravest."""
         return worst(self.findings)
 
+    def adding(self, more: Sequence[Finding]) -> "Inspection":
+        """The same with further findings.
+
+        Args:
+            more: Findings.
+
+        Returns:
+            A new inspection.
+        """
+        return replace(self, findings=(*self.findings, *more))
+
     @property
     def clean(self) -> Recording | None:
         """The recording with outliers filled."""

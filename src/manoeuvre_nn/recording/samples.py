@@ -58,7 +58,7 @@ def sampling(recording: Recording, ship: Particulars) -> Finding:
     slowest = SLOWEST * ship.time_unit
     regular = steps[steps < LOST * interval]
     off = float(np.abs(regular - interval).max() / interval) if len(regular) else 0.0
-    said = {"measured": interval, "unit": "s", "expected": f"below {slowest:.3g} s"}
+    said: dict[str, Any] = {"measured": interval, "unit": "s", "expected": f"below {slowest:.3g} s"}
     if interval > slowest * 1.001:
         text = f"a sample every {interval:.3g} s; the {ship.name} sails its length in {ship.time_unit:.3g} s"
         remedy = f"give a record with a sample every {slowest:.2g} s or more often"
@@ -89,7 +89,12 @@ def gaps(recording: Recording, ship: Particulars) -> Finding:
         return Finding("gaps", "note" if filled else "ok", f"no sample is missing{told}", tuple(filled), 0.0, unit="s")
     longest = float(steps.max())
     spans = tuple((float(recording.time[k]), float(recording.time[k + 1])) for k in holes)
-    said = {"measured": longest, "unit": "s", "expected": f"below {HOLE * ship.time_unit:.3g} s", "spans": spans}
+    said: dict[str, Any] = {
+        "measured": longest,
+        "unit": "s",
+        "expected": f"below {HOLE * ship.time_unit:.3g} s",
+        "spans": spans,
+    }
     text = f"{len(holes)} gap{'s' if len(holes) > 1 else ''}, the longest of {longest:.3g} s{told}"
     if longest <= HOLE * ship.time_unit:
         return Finding("gaps", "note", text, **said)
@@ -181,7 +186,11 @@ def quantized(recording: Recording, ship: Particulars) -> list[Finding]:
         if not step or noise > 0.5 * step or step < COARSE * extent:
             continue
         text = f"{name} is written in steps of {step:.3g}, {100 * step / extent:.2g} % of its range, with less noise"
-        said = {"measured": 100 * step / extent, "unit": "% of range", "expected": f"below {100 * COARSE:.0f} %"}
+        said: dict[str, Any] = {
+            "measured": 100 * step / extent,
+            "unit": "% of range",
+            "expected": f"below {100 * COARSE:.0f} %",
+        }
         if step > ROUGH * extent and name in INSTEAD:
             remedy, changes = leave_out(name, recording)
             found.append(Finding("quantized", "mend", text, (name,), remedy=remedy, changes=changes, **said))

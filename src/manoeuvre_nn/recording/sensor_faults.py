@@ -70,8 +70,8 @@ class Measured:
         """Standard error of the size [SI]."""
         if len(self.value) == 1:
             return self.error[0]
-        share = np.abs(self.value) / max(self.size, 1e-300)
-        return float(np.hypot(*(share * self.error)))
+        share = np.abs(np.array(self.value)) / max(self.size, 1e-300)
+        return float(np.sqrt(((share * np.array(self.error)) ** 2).sum()))
 
 
 def possible_faults(recording: Recording, ship: Particulars, identities: Identities) -> list[Fault]:

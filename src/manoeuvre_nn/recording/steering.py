@@ -1,6 +1,7 @@
 """The rudder: does it move as a steering gear can, when does it act, and was the ship steady before it moved."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -49,7 +50,11 @@ def rudder_jumps(recording: Recording, ship: Particulars) -> Finding:
     usual = 4 * 1.4826 * float(np.median(change[change <= np.quantile(change, 0.9)]))
     jumps = np.flatnonzero(change > np.maximum(FAST * gear * steps + usual, JUMP))
     fastest = float((change / steps).max())
-    said = {"measured": fastest / DEGREE, "unit": "deg/s", "expected": f"up to {gear / DEGREE:.3g} deg/s"}
+    said: dict[str, Any] = {
+        "measured": fastest / DEGREE,
+        "unit": "deg/s",
+        "expected": f"up to {gear / DEGREE:.3g} deg/s",
+    }
     if len(jumps) < 2:
         return Finding("rudder jumps", "ok", "the rudder moves as a steering gear can", ("delta",), **said)
     spans = tuple((float(recording.time[k]), float(recording.time[k + 1])) for k in jumps)
@@ -98,7 +103,7 @@ def rudder_lag(recording: Recording, ship: Particulars) -> Finding | None:
     count = inside[::stride].sum() / 4  # a quarter: windows overlap
     error = float(np.sqrt(costs[best] / count / max(curve[0], 1e-300)))
     error = float(np.hypot(error, 0.05 * ship.time_unit))  # the equation is not the ship's
-    said = {"measured": late, "error": error, "unit": "s", "expected": "0, less gear and hull"}
+    said: dict[str, Any] = {"measured": late, "error": error, "unit": "s", "expected": "0, less gear and hull"}
     text = f"the yaw acceleration fits the rudder of {abs(late):.2g} s {'later' if late > 0 else 'earlier'} best"
     if abs(late) < 3 * error:
         return Finding("rudder lag", "ok", "rudder and yaw acceleration fit in time", ("delta",), **said)
@@ -198,7 +203,7 @@ def _unsteady(slopes: dict[str, tuple[float, float]]) -> list[str]:
     return [k for k, (slope, error) in slopes.items() if abs(slope) > max(UNSTEADY[k], CLEAR * error)]
 
 
-def _said(slopes: dict[str, tuple[float, float]], bad: list[str]) -> dict[str, object]:
+def _said(slopes: dict[str, tuple[float, float]], bad: list[str]) -> dict[str, Any]:
     """The slope that is furthest off, for the table."""
     name = max(bad or slopes, key=lambda k: abs(slopes[k][0]) / UNSTEADY[k])
     value, error = slopes[name]
