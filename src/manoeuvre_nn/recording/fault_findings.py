@@ -5,12 +5,16 @@ from typing import Any
 
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
-from manoeuvre_nn.recording.finding import LEAVE_OUT, Change, Finding
+from manoeuvre_nn.recording.finding import LEAVE_OUT, Change, Finding, number
 from manoeuvre_nn.recording.mapping import Mapping
 from manoeuvre_nn.recording.sensor_faults import Measured, measure_faults
 
 SENSORS = {"u, v": ("u", "v", "sog", "cog"), "x, y": ("x", "y", "lat", "lon"), "r": ("r",), "psi": ("psi",)}
 """Sensor -> columns that it may come in."""
+PERHAPS = 3.0
+"""Standard errors from which on a fault is told that is not taken for real."""
+RIVALS = 3
+"""Most other explanations that are named."""
 NO_TRACK = tuple(Change(f"channels.{k}", value=LEAVE_OUT) for k in SENSORS["x, y"])
 
 
@@ -39,12 +43,18 @@ def _finding(one: Measured, recording: Recording, mapping: Mapping | None) -> Fi
     }
     channels = _channels(fault.name)
     if not one.found:
+        if abs(one.size) > max(PERHAPS * one.size_error, fault.matters):
+            text = (
+                f"{fault.name}: perhaps {number(one.size / shown, one.size_error / shown, fault.unit)}; another record "
+            )
+            return Finding(fault.name, "note", text + "must tell", channels, **said)
         known = 2 * one.size_error < fault.matters
         text = f"{fault.name}: {'none' if known else 'this record cannot tell'}"
         return Finding(fault.name, "ok", text, channels, **said)
     text = _words(one)
     if one.rivals:
-        text += f" (or: {', '.join(one.rivals)}; this record cannot tell them apart)"
+        more = " ..." if len(one.rivals) > RIVALS else ""
+        text += f" (or: {', '.join(one.rivals[:RIVALS])}{more}; this record cannot tell them apart)"
     if abs(one.size) < fault.matters:
         return Finding(fault.name, "note", text, channels, **said)
     remedy, changes = _remedy(one, mapping)
@@ -62,7 +72,7 @@ def _channels(name: str) -> tuple[str, ...]:
 def _words(one: Measured) -> str:
     """What is wrong, with its error."""
     shown, unit, name = one.fault.shown, one.fault.unit, one.fault.name
-    size = f"{abs(one.size) / shown:.3g} ± {one.size_error / shown:.1g} {unit}"
+    size = number(abs(one.size) / shown, one.size_error / shown, unit)
     kind, _, sensor = name.partition(" of ")
     more = one.value[0] > 0
     if kind == "delay":

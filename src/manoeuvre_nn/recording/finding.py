@@ -4,6 +4,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal
 
+import numpy as np
+
 from manoeuvre_nn.core.errors import check_choice
 from manoeuvre_nn.core.manoeuvre import side_sign
 from manoeuvre_nn.recording.mapping import ChannelMap
@@ -79,6 +81,25 @@ class Finding:
         return self.verdict in {"mend", "refuse"}
 
 
+def number(value: float | None, error: float | None = None, unit: str = "") -> str:
+    """A measured number with its error, as many digits as the error has.
+
+    Args:
+        value: The number; None gives a dash.
+        error: Its standard error.
+        unit: Unit of both.
+
+    Returns:
+        Such as ``0.873 ± 0.026 s``.
+    """
+    if value is None:
+        return "–"
+    if not error or not np.isfinite(error):
+        return f"{value:.3g} {unit}".strip()
+    digits = int(np.clip(1 - np.floor(np.log10(error)), 0, 6))
+    return f"{value:.{digits}f} ± {error:.{digits}f} {unit}".strip()
+
+
 def worst(findings: Iterable[Finding]) -> str:
     """The gravest verdict.
 
@@ -105,7 +126,8 @@ def settings(findings: Sequence[Finding], mapping: ChannelMapping) -> dict[str, 
     for change in (c for f in findings for c in f.changes):
         for path, value in _settled(change, mapping, said).items():
             said[path] = value
-    return said
+    out = tuple(f"{path}." for path, value in said.items() if value is LEAVE_OUT and path.count(".") == 1)
+    return {path: value for path, value in said.items() if not path.startswith(out)} if out else said
 
 
 def remedied(mapping: ChannelMapping, findings: Sequence[Finding]) -> ChannelMapping:
@@ -128,9 +150,8 @@ def remedied(mapping: ChannelMapping, findings: Sequence[Finding]) -> ChannelMap
             plain[first] = value
         elif len(rest) > 1 and rest[0] in channels:
             channels[rest[0]] = replace(channels[rest[0]], **{rest[1]: value})
-    for path, value in laid.items():  # last, for a channel that is left out needs no setting
-        if value is LEAVE_OUT and path.count(".") == 1:
-            channels.pop(path.split(".")[1], None)
+        elif value is LEAVE_OUT and len(rest) == 1:
+            channels.pop(rest[0], None)
     return replace(mapping, channels=channels, **plain)
 
 

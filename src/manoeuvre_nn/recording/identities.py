@@ -163,7 +163,12 @@ class Identities:
         )
         rest = y - x @ fit
         groups = ([rest[:1]] if self.heading else []) + ([rest[-2:]] if self.track else [])
-        return Noise([model for group in groups for model in [_noise_model(group)] * len(group)])
+        models = [model for group in groups for model in [_noise_model(group)] * len(group)]
+        white = np.stack([
+            _lower(rest.shape[1], c, part[:, None])[:, 0] for part, (_, c) in zip(rest, models, strict=True)
+        ])
+        usual = 1.4826 * np.median(np.abs(white), axis=1, keepdims=True)
+        return Noise(models, np.abs(white) <= WILD * np.maximum(usual, 1e-300))
 
     def _whitened(self, values: Values, names: Sequence[str], noise: "Noise") -> tuple[np.ndarray, np.ndarray]:
         """Leftover and slopes over their noise, shape (series, n) and (series, n, k); wild samples weigh nothing."""
@@ -174,10 +179,8 @@ class Identities:
             for k, (part, columns, gone) in enumerate(zip(y, x, lost, strict=True))
         ]
         wy, wx = np.stack([p[0] for p in pairs]), np.stack([p[1] for p in pairs])
-        rest = wy - wx @ _least_squares(wx, wy)[0] if names else wy
-        usual = 1.4826 * np.median(np.abs(rest), axis=1, keepdims=True)
-        calm = (np.abs(rest) <= WILD * np.maximum(usual, 1e-300)) & ~lost
-        return wy * calm, wx * calm[..., None]
+        kept = noise.calm & ~lost
+        return wy * kept, wx * kept[..., None]
 
     def _step(self, name: str) -> float:
         kind = next(k for k in STEP if k in name)
@@ -198,9 +201,11 @@ class Noise:
 
     Attributes:
         models: Standard deviation and correlation with the neighbour, one pair a leftover.
+        calm: Averages that are not wild.
     """
 
     models: Sequence[tuple[float, float]]
+    calm: Bool[np.ndarray, "s n"]
 
     def whitened(
         self, which: int, y: Series, x: Float[np.ndarray, "n k"]

@@ -26,8 +26,11 @@ FEW = 0.05
 """Share of samples up to which what lies far off is an outlier and not noise."""
 COARSE, ROUGH = 0.02, 0.08
 """Step of a channel over its range from which on it is noted, and from which on it is of no use."""
+FINE, CRUDE = 0.01, 0.05
+"""Step of a position over L from which on it is noted, and from which on it is of no use."""
 TURN = 4 * DEGREE
 """Change of heading that a channel which stands still belies."""
+BRIDGED = "short beside L/U0, the smoother takes most of it away"
 CHANNELS = ("u", "v", "r", "x", "y", "psi", "delta", "n")
 """Channels that are looked at, if they were recorded."""
 INSTEAD = {
@@ -164,8 +167,8 @@ def stuck(recording: Recording, ship: Particulars) -> list[Finding]:
         return [Finding("stuck", "ok", "every channel moves when the ship does")]
     if any(name not in {*INSTEAD, "delta"} for name, _ in found):  # nothing replaces it: the piece is cut out
         names, every = zip(*found, strict=True)
-        return [_frozen(recording, names, sorted(span for spans in every for span in spans))]
-    return [_stuck(recording, name, spans) for name, spans in found]
+        return [_frozen(recording, ship, names, sorted(span for spans in every for span in spans))]
+    return [_stuck(recording, ship, name, spans) for name, spans in found]
 
 
 def quantized(recording: Recording, ship: Particulars) -> list[Finding]:
@@ -179,7 +182,10 @@ def quantized(recording: Recording, ship: Particulars) -> list[Finding]:
         One finding a channel that is coarse; one ``ok`` if there is none.
     """
     found = []
-    for name in (k for k in _recorded(recording) if k not in {"delta", "n", "x", "y"}):
+    for name in (k for k in _recorded(recording) if k not in {"delta", "n"}):
+        if name in {"x", "y"}:
+            found += _coarse_position(recording, name, ship)
+            continue
         step, noise = _step(recording[name]), _noise(recording, name, ship)
         extent = float(np.ptp(np.quantile(recording[name], [0.02, 0.98])))
         # Noise of half a step dithers: averages are then finer than the step.
@@ -198,6 +204,27 @@ def quantized(recording: Recording, ship: Particulars) -> list[Finding]:
             more = "write more digits; what is smoothed is still of use"
             found.append(Finding("quantized", "note", text, (name,), remedy=more, **said))
     return found or [Finding("quantized", "ok", "steps are small beside noise or range")]
+
+
+def _coarse_position(recording: Recording, name: str, ship: Particulars) -> list[Finding]:
+    """Steps of a position against the ship's length, where they are largest: few digits are fewer far out."""
+    time, values = recording.time, recording[name]
+    pieces = np.array_split(np.arange(len(values)), max(int(recording.duration / ship.time_unit), 1))
+    steps = [_step(values[rows]) for rows in pieces]
+    step, rows = steps[int(np.argmax(steps))], pieces[int(np.argmax(steps))]
+    if step < FINE * ship.length:
+        return []
+    text = f"{name} is written in steps of up to {step:.3g} m, {100 * step / ship.length:.2g} % of L"
+    said: dict[str, Any] = {
+        "measured": step,
+        "unit": "m",
+        "expected": f"below {FINE * ship.length:.2g} m",
+        "spans": ((float(time[rows[0]]), float(time[rows[-1]])),),
+    }
+    if step < CRUDE * ship.length:
+        return [Finding("quantized", "note", text, (name,), remedy="write more digits", **said)]
+    remedy, changes = leave_out(name, recording)
+    return [Finding("quantized", "mend", text, (name,), remedy=remedy, changes=changes, **said)]
 
 
 def leave_out(name: str, recording: Recording) -> tuple[str, tuple[Change, ...]]:
@@ -288,19 +315,30 @@ def _belied(recording: Recording, name: str, turned: dict[str, Series], first: i
     return bool(max(abs(by_r), abs(by_psi)) > 2 * TURN)
 
 
-def _stuck(recording: Recording, name: str, spans: Sequence[tuple[float, float]]) -> Finding:
+def _stuck(recording: Recording, ship: Particulars, name: str, spans: Sequence[tuple[float, float]]) -> Finding:
     """A channel that something replaces, or the rudder."""
     remedy, changes = leave_out(name, recording)
     if name == "delta":
         remedy = "map the column that holds the rudder angle: nothing replaces it"
     elif not changes:
         remedy, changes = cut(recording, spans)
+    if name != "delta" and _short(spans, ship):
+        return Finding("stuck", "note", remedy=BRIDGED, **_standing((name,), spans))
     verdict = "refuse" if name == "delta" else "mend"
     return Finding("stuck", verdict, remedy=remedy, changes=changes, **_standing((name,), spans))
 
 
-def _frozen(recording: Recording, names: Sequence[str], spans: Sequence[tuple[float, float]]) -> Finding:
+def _short(spans: Sequence[tuple[float, float]], ship: Particulars) -> bool:
+    """Whether every time is short beside the ship's own."""
+    return max(b - a for a, b in spans) < HOLE * ship.time_unit
+
+
+def _frozen(
+    recording: Recording, ship: Particulars, names: Sequence[str], spans: Sequence[tuple[float, float]]
+) -> Finding:
     """Channels of which one cannot be replaced: what is left is a piece without the time in which they stand."""
+    if _short(spans, ship):
+        return Finding("stuck", "note", remedy=BRIDGED, **_standing(tuple(names), spans))
     remedy, changes = cut(recording, spans)
     return Finding("stuck", "mend", remedy=remedy, changes=changes, **_standing(tuple(names), spans))
 

@@ -63,15 +63,15 @@ class Measured:
     @property
     def size(self) -> float:
         """Its length, for a current; else its value [SI]."""
-        return self.value[0] if len(self.value) == 1 else float(np.hypot(*self.value))
+        return self.value[0] if len(self.value) == 1 else float(np.linalg.norm(self.value))
 
     @property
     def size_error(self) -> float:
         """Standard error of the size [SI]."""
         if len(self.value) == 1:
             return self.error[0]
-        share = np.abs(np.array(self.value)) / max(self.size, 1e-300)
-        return float(np.sqrt(((share * np.array(self.error)) ** 2).sum()))
+        parts, errors = np.array(self.value), np.array(self.error)
+        return float(np.sqrt(((parts * errors) ** 2).sum()) / max(self.size, 1e-300))
 
 
 def possible_faults(recording: Recording, ship: Particulars, identities: Identities) -> list[Fault]:

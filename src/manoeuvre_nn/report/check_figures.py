@@ -16,7 +16,7 @@ from manoeuvre_nn.recording.accelerations import smoothed
 from manoeuvre_nn.recording.inspection import Inspection
 from manoeuvre_nn.report.style import COLOURS, legend_below, new_figure, plain_axes
 
-WINDOW = 0.4
+WINDOW = 0.8
 """Smoothing window of what the channels leave over L/U0."""
 LEFT = (("u", "u [m/s]", 1.0), ("v", "v [m/s]", 1.0), ("r", "r [deg/s]", DEGREE), ("psi", "ψ [deg]", DEGREE))
 """Channel, label and its unit in SI."""

@@ -5,28 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from manoeuvre_nn.recording.finding import VERDICTS, Finding, finding_json, settings
+from manoeuvre_nn.recording.finding import VERDICTS, Finding, finding_json, number, settings
 from manoeuvre_nn.recording.inspection import Inspection
 from manoeuvre_nn.recording.mapping import Mapping as ChannelMapping
-
-
-def number(value: float | None, error: float | None = None, unit: str = "") -> str:
-    """A measured number with its error, as many digits as the error has.
-
-    Args:
-        value: The number; None gives a dash.
-        error: Its standard error.
-        unit: Unit of both.
-
-    Returns:
-        Such as ``0.873 ± 0.026 s``.
-    """
-    if value is None:
-        return "–"
-    if not error or not np.isfinite(error):
-        return f"{value:.3g} {unit}".strip()
-    digits = int(np.clip(1 - np.floor(np.log10(error)), 0, 6))
-    return f"{value:.{digits}f} ± {error:.{digits}f} {unit}".strip()
 
 
 def finding_rows(inspection: Inspection, all_of_them: bool = True) -> list[dict[str, Any]]:
