@@ -8,7 +8,7 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.frames import body_to_earth, earth_to_body
-from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.recording import MOTION, Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE, KNOT
 from manoeuvre_nn.recording.accelerations import smoothed
@@ -51,6 +51,12 @@ def check_recording(recording: Recording, ship: Particulars) -> None:
     Raises:
         InputError: With the first finding.
     """
+    lacking = [name for name in MOTION if name not in recording.channels]
+    if lacking:
+        raise InputError(
+            f"recording {recording.name} has no {', '.join(lacking)}: a mapping of kind: record serves to look at it; "
+            "a model needs u, v, r, x, y, psi and delta"
+        )
     for check in CHECKS:
         finding = check(recording, ship)
         if finding is not None:
@@ -255,7 +261,7 @@ def rudder_sign(recording: Recording, ship: Particulars) -> Finding | None:
     Returns:
         The finding, or None.
     """
-    b, error = _rudder_effect(recording, ship)
+    b, error = rudder_effect(recording, ship)
     if not b < -STRONG_EVIDENCE * error:
         return None
     text = (
@@ -318,8 +324,16 @@ def _robust_slope(x: Series, y: Series) -> float:
     return slope
 
 
-def _rudder_effect(recording: Recording, ship: Particulars) -> tuple[float, float]:
-    """Coefficient of the rudder in the yaw acceleration [1/s^2] and its standard error; zeros where it hardly moves."""
+def rudder_effect(recording: Recording, ship: Particulars) -> tuple[float, float]:
+    """How much a rudder angle turns the ship, see :func:`rudder_sign`.
+
+    Args:
+        recording: Rudder and rate of turn.
+        ship: The ship.
+
+    Returns:
+        Coefficient of the rudder in the yaw acceleration [1/s^2] and its standard error; zeros where it hardly moves.
+    """
     time, window = recording.time, RUDDER_WINDOW * ship.time_unit
     (rudder, _), (r, rdot) = (smoothed(time, recording[k], window) for k in ("delta", "r"))
     interval = float(np.median(np.diff(time)))

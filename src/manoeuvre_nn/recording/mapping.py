@@ -48,8 +48,7 @@ class Mapping:
             x y, lat lon, sog cog is enough; r may be left out.
         frame: Axes of the columns given for u and v: ``body``, or ``earth`` for velocities north and east.
         reference_point: How far forward of midship the point lies whose u, v, x, y are given [m].
-        position_point: The same for x and y alone, where these are of another point than u and v; None is
-            ``reference_point``.
+        position_point: The same for x, y (lat, lon) alone; None is the point of u, v.
         rudder_positive_to: Side that a positive rudder angle of the file turns the ship to.
         rudder: ``angle``, or ``order`` where the column of delta holds what was ordered: the ship's steering gear then
             follows it at its rate, and the order is kept as ``delta_order``.
@@ -166,18 +165,21 @@ def mapping(**settings: Any) -> Mapping:
 def _setting(key: str, value: Any) -> Any:
     """A setting of the right type."""
     wanted = {
-        "reference_point": "metres, e.g. 0.0", "position_point": "metres, or null",
-        "start": "seconds, e.g. 12.5, or null", "end": "seconds, or null",
-        "skip_rows": "a whole number, e.g. 0", "header": "true or false",
+        "reference_point": "metres, e.g. 0.0",
+        "position_point": "metres, or null",
+        "start": "seconds, e.g. 12.5, or null",
+        "end": "seconds, or null",
+        "skip_rows": "a whole number, e.g. 0",
+        "header": "true or false",
         "fill_gaps": "true, false or seconds, e.g. 2.0",
-    }  # fmt: skip
-    fits = {
-        "reference_point": _is_number(value), "position_point": value is None or _is_number(value),
-        "start": value is None or _is_number(value),
-        "end": value is None or _is_number(value), "header": isinstance(value, bool),
+    }
+    may_lack = dict.fromkeys(("position_point", "start", "end"), value is None or _is_number(value))
+    fits = may_lack | {
+        "reference_point": _is_number(value),
+        "header": isinstance(value, bool),
         "skip_rows": isinstance(value, int) and not isinstance(value, bool) and value >= 0,
         "fill_gaps": isinstance(value, bool) or (_is_number(value) and value > 0),
-    }  # fmt: skip
+    }
     if not fits.get(key, value is None or isinstance(value, str)):
         raise InputError(f"mapping: {key}={value!r}; write {wanted.get(key, 'a word')}")
     return float(value) if _is_number(value) and key != "skip_rows" else value

@@ -6,8 +6,8 @@ from scipy.ndimage import median_filter
 
 NEIGHBOURS = 5
 """Samples that an outlier is seen against."""
-FAR = 6.0
-"""How far off the median of its neighbours an outlier lies, over the usual distance from it."""
+FAR = 8.0
+"""How far off the median of its neighbours an outlier lies, over the usual distance from the line between two."""
 LEAST = 0.03
 """The same over the spread of the channel: a quiet channel has no outliers below that."""
 TIP = 2.0
@@ -19,9 +19,9 @@ Series = Float[np.ndarray, " n"]
 def outlying(values: Series) -> Bool[np.ndarray, " n"]:
     """Single samples that lie far off their neighbours.
 
-    A sample is compared with the median of the five samples around it (a Hampel filter whose scale is that of the whole
-    channel). Steps and ramps pass: there a sample is the median of its neighbours. So do the tips of peaks: an outlier
-    lies further off the middle of the two samples beside it than the channel moves from sample to sample around them.
+    A sample is compared with the median of the five samples around it; the scale is how far samples usually lie off the
+    line between their neighbours. Steps and ramps pass: there a sample is the median of its neighbours. So do the tips
+    of peaks: an outlier lies further off the middle of its neighbours than the channel moves beside them.
 
     Args:
         values: Samples; NaN where there is none.
@@ -31,7 +31,8 @@ def outlying(values: Series) -> Bool[np.ndarray, " n"]:
 
     Source:
         Hampel 1974, J. Am. Stat. Assoc. 69, 383-393; as a moving filter Pearson 2002, IEEE Trans. Control Syst.
-        Technol. 10, 55-63. Deviation: one scale for the whole channel, and at least ``LEAST`` of its spread.
+        Technol. 10, 55-63. Deviation: one scale for the whole channel, for the median deviation of a window is 0 where
+        it rises, and at least ``LEAST`` of its spread.
     """
     good = np.isfinite(values)
     if good.sum() <= NEIGHBOURS:
@@ -39,7 +40,8 @@ def outlying(values: Series) -> Bool[np.ndarray, " n"]:
     there = values[good]
     away = np.abs(there - median_filter(there, NEIGHBOURS, mode="nearest"))
     low, high = np.quantile(there, [0.02, 0.98])
-    far = away > max(FAR * 1.4826 * float(np.median(away)), LEAST * float(high - low), 1e-12)
+    bent = float(np.median(np.abs(there[1:-1] - 0.5 * (there[:-2] + there[2:]))))
+    far = away > max(FAR * 1.4826 * bent, LEAST * float(high - low), 1e-12)
     around = np.pad(away, 1)
     beside = np.maximum(around[:-2], around[2:]) > 0.5 * away
     moves = np.pad(np.abs(np.diff(there)), 3, mode="edge")  # moves[k + 3] leads from sample k to the next

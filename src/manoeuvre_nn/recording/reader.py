@@ -130,7 +130,7 @@ def read_recording(path: str | Path, mapping: Mapping, ship: Particulars) -> Rec
         channels["u"], channels["v"] = earth_to_body(north, east, channels["psi"])
     meta["derived"] = tuple(k for k in ("u", "v", "r", "x", "y") if k not in channels)
     meta["kind"] = mapping.kind or guess_kind(channels["delta"])
-    channels = _at_midship(_complete(time, channels, mapping, WINDOW * ship.time_unit), mapping, meta["derived"])
+    channels = _complete(time, channels, mapping, WINDOW * ship.time_unit)
     return Recording(path.stem, time - time[0], channels, meta=meta)
 
 
@@ -229,28 +229,23 @@ def _check_gaps(
 
 
 def _complete(time: Float[np.ndarray, " n"], given: Channels, mapping: Mapping, window: float) -> Channels:
-    """Derive what the file lacks; velocities come out in body axes."""
+    """Velocities in body axes; everything carried to midship, and what the file lacks derived there."""
     c = dict(given)
     if "r" not in c:
         c["r"] = smoothed(time, c["psi"], window)[1]
-    if not {"u", "v"} <= set(c):
+    if mapping.frame == "earth" and "u" in mapping.channels:
+        c["u"], c["v"] = earth_to_body(c["u"], c["v"], c["psi"])
+    forward, of_fix = mapping.reference_point, mapping.position_point
+    if "v" in c:
+        c["v"] = c["v"] - forward * c["r"]
+    if "x" in c:
+        place = np.full_like(c["psi"], forward if of_fix is None else of_fix)
+        north, east = body_to_earth(place, np.zeros_like(place), c["psi"])
+        c["x"], c["y"] = c["x"] - north, c["y"] - east
+    if "u" not in c:
         north, east = smoothed(time, c["x"], window)[1], smoothed(time, c["y"], window)[1]
         c["u"], c["v"] = earth_to_body(north, east, c["psi"])
-    elif mapping.frame == "earth" and "u" in mapping.channels:
-        c["u"], c["v"] = earth_to_body(c["u"], c["v"], c["psi"])
-    if not {"x", "y"} <= set(c):
+    if "x" not in c:
         north, east = body_to_earth(c["u"], c["v"], c["psi"])
         c["x"], c["y"] = (cumulative_trapezoid(rate, time, initial=0.0) for rate in (north, east))
     return c
-
-
-def _at_midship(c: Channels, mapping: Mapping, derived: Sequence[str]) -> Channels:
-    """Carry u, v, x, y from points forward of midship to midship; what was derived is of its source's point."""
-    moving = mapping.reference_point
-    there = moving if mapping.position_point is None else mapping.position_point
-    if "u" in derived:
-        moving = there
-    elif "x" in derived:
-        there = moving
-    north, east = body_to_earth(np.full_like(c["psi"], there), np.zeros_like(c["psi"]), c["psi"])
-    return {**c, "v": c["v"] - moving * c["r"], "x": c["x"] - north, "y": c["y"] - east}

@@ -1,0 +1,363 @@
+"""Heading, rate of turn, positions and velocities of an undescribed file: units, signs and axes by agreement."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.recording.accelerations import smoothed
+from manoeuvre_nn.recording.agreement import (
+    AGAINST,
+    CLEAR,
+    POINTS,
+    Axes,
+    Motion,
+    Yaw,
+    axes_readings,
+    runner_up,
+    window,
+    yaw_readings,
+)
+from manoeuvre_nn.recording.headings import EARTH, EAST, MIDSHIP, NORTH, Heading
+from manoeuvre_nn.recording.position import local_metres
+from manoeuvre_nn.recording.quantity import units_of
+
+TURN = 0.5
+"""Usual rate of turn in a manoeuvre over U0/L: how a ship's L/U0 is guessed."""
+USUAL_SPEED = 2.0
+"""Speeds of a ship lie within this factor of U0 unless something is wrong [-]."""
+LEAST_LEVER = 0.05
+"""Distance of two points over L that is told apart."""
+POSITION = ("swapped_xy", "x_sign", "y_sign")
+VELOCITY = ("swapped_uv", "u_sign", "v_sign")
+COURSE = ("psi_sign", "turn")
+
+Series = Float[np.ndarray, " n"]
+
+
+@dataclass(frozen=True)
+class Read:
+    """How one channel is read.
+
+    Attributes:
+        source: Channel that its column is called like; another one where columns are exchanged.
+        unit: Its unit.
+        sign: +1 or -1.
+        offset: What the file shows where the true value is zero, in the file's unit.
+        why: In words.
+        decided: Whether names or data decided.
+    """
+
+    source: str
+    unit: str
+    sign: int = 1
+    offset: float = 0.0
+    why: str = ""
+    decided: bool = True
+
+
+@dataclass(frozen=True)
+class Motions:
+    """How everything that moves is read.
+
+    Attributes:
+        read: Channel -> how.
+        settings: Setting of the mapping -> its value and why.
+        notes: What a person should know.
+        sources: Channels whose columns were used.
+        turned: Largest change of heading [rad].
+        speed: Usual speed [m/s].
+        stand_in: The ship; where it is not known one of about its length and speed.
+    """
+
+    read: dict[str, Read]
+    settings: dict[str, tuple[Any, str]]
+    notes: tuple[str, ...]
+    sources: frozenset[str]
+    turned: float
+    speed: float
+    stand_in: Particulars = field(repr=False)
+
+
+def read_motions(
+    time: Series, columns: dict[str, Heading], values: dict[str, Series], ship: Particulars | None
+) -> Motions:
+    """Find units, signs and axes.
+
+    Args:
+        time: Sample times [s].
+        columns: Channel -> its heading.
+        values: Channel -> its column without gaps, as in the file.
+        ship: The ship, if it is known.
+
+    Returns:
+        How each channel is read, and why.
+    """
+    units = _speed_units(time, columns, values, ship)
+    best: tuple[Yaw, list[Yaw], Motion, list[Axes]] | None = None
+    for reading, others in _headings(time, columns, values):
+        motion = _motion(time, values, units, reading, ship)
+        axes = axes_readings(motion, Axes(), _open(columns))
+        if best is None or reading.score + axes[0].score < best[0].score + best[3][0].score:
+            best = reading, others, motion, axes
+    assert best is not None
+    return _in_words(best, columns, units, ship)
+
+
+def _headings(time: Series, columns: dict[str, Heading], values: dict[str, Series]) -> list[tuple[Yaw, list[Yaw]]]:
+    """Ways to read the heading that are worth a closer look."""
+    psi, said = values["psi"], columns["psi"].unit
+    sizes = units_of("psi")
+    order = [said] if said in sizes else ["deg", "rad"] if np.abs(psi).max() > 2 * np.pi + 0.5 else ["rad", "deg"]
+    if "r" in values:
+        told = (said, columns["r"].unit)
+        stated = [columns["r"].unit] if columns["r"].unit in units_of("r") else []
+        rates = {u: units_of("r")[u] for u in dict.fromkeys([*stated, *units_of("r")])}
+        made = yaw_readings(time, psi, values["r"], {u: sizes[u] for u in dict.fromkeys([*order, *sizes])}, rates, told)
+        likely = [next(y for y in made if y.psi_unit == unit) for unit in sizes]
+        # Degrees and degrees a second fit as well as radians do: the turned velocities tell which.
+        return [(y, made) for y in likely if y.score < made[0].score + CLEAR]
+    return [(Yaw(unit, "", 1, np.nan, 0.05 * k), []) for k, unit in enumerate(order)]
+
+
+def _speed_units(
+    time: Series, columns: dict[str, Heading], values: dict[str, Series], ship: Particulars | None
+) -> dict[str, tuple[str, str, bool]]:
+    """Units of positions and of velocities under which speeds are alike: pair -> unit, why, whether it is decided."""
+    raw: dict[str, float] = {}
+    if "x" in values:
+        raw["x"] = float(np.median(np.hypot(*(smoothed(time, values[k], window(time))[1] for k in ("x", "y")))))
+    if "lat" in values:
+        north, east = _metres(values)
+        raw["lat"] = float(np.median(np.hypot(*(smoothed(time, c, window(time))[1] for c in (north, east)))))
+    if "u" in values:
+        raw["u"] = float(np.median(np.hypot(values["u"], values["v"])))
+    if "sog" in values:
+        raw["sog"] = float(np.median(values["sog"]))
+    options = {k: list(units_of(k)) if k != "lat" else ["deg"] for k in raw}
+    rated = []
+    for chosen in product(*options.values()):
+        units = dict(zip(raw, chosen, strict=True))
+        speeds = [raw[k] * (1.0 if k == "lat" else units_of(k)[u]) for k, u in units.items()]
+        logs = np.log(np.maximum(speeds, 1e-9))
+        apart = float(np.ptp(logs))
+        if ship is not None:
+            apart += 0.5 * max(0.0, float(abs(logs.mean() - np.log(ship.speed))) - np.log(USUAL_SPEED))
+        rated.append((apart + sum(_unit_price(columns[k], options[k], u) for k, u in units.items()), apart, units))
+    rated.sort(key=lambda item: item[0])
+    score, apart, units = rated[0]
+    result = {}
+    for k, unit in units.items():
+        other = min((item for item in rated if item[2][k] != unit), key=lambda item: item[1], default=None)
+        said = columns[k].unit
+        told = f"speeds differ by {np.expm1(apart):.0%}"
+        told += f", next {np.expm1(min(other[1], 5.0)):.0%} ({other[2][k]})" if other else ""
+        compared = len(raw) > 1 or ship is not None
+        if said == unit:
+            result[k] = unit, "unit by name", True
+        elif said:
+            result[k] = unit, f"unit by data, against its heading: {told}", False
+        elif compared and other is not None and other[1] - apart > CLEAR:
+            result[k] = unit, f"unit by data: {told}", len(raw) > 1 and _anchored(columns, raw)
+        else:
+            result[k] = unit, "usual unit", False
+    return result
+
+
+def _anchored(columns: dict[str, Heading], raw: dict[str, float]) -> bool:
+    """Whether one of the units that were compared is stated: ratios alone give none."""
+    return any(columns[k].unit or k == "lat" for k in raw)
+
+
+def _unit_price(heading: Heading, options: Sequence[str], unit: str) -> float:
+    """What a unit costs that is unusual or not the one stated."""
+    if heading.unit in options:
+        return 0.0 if unit == heading.unit else AGAINST
+    return 0.02 * options.index(unit)
+
+
+def _metres(values: dict[str, Series]) -> tuple[Series, Series]:
+    """North and east from latitude and longitude in degrees."""
+    return local_metres(values["lat"] * DEGREE, np.unwrap(values["lon"] * DEGREE))
+
+
+def _motion(
+    time: Series, values: dict[str, Series], units: dict[str, tuple[str, str, bool]], yaw: Yaw, ship: Particulars | None
+) -> Motion:
+    """Columns in SI, smoothed, at some times."""
+    long, size = window(time), units_of("psi")[yaw.psi_unit]
+    psi, rate = smoothed(time, np.unwrap(values["psi"] * size), long)
+    r = yaw.same * smoothed(time, values["r"], long)[0] * units_of("r")[yaw.r_unit] if "r" in values else rate
+    track = velocity = over = None
+    if "x" in values:
+        scale = units_of("x")[units["x"][0]]
+        track = tuple(scale * smoothed(time, values[k], long)[1] for k in ("x", "y"))
+    elif "lat" in values:
+        track = tuple(smoothed(time, c, long)[1] for c in _metres(values))
+    if "u" in values:
+        scale = units_of("u")[units["u"][0]]
+        velocity = tuple(scale * smoothed(time, values[k], long)[0] for k in ("u", "v"))
+    if "sog" in values:
+        speed, course = values["sog"] * units_of("sog")[units["sog"][0]], values["cog"] * _angle(values["cog"])
+        over = tuple(smoothed(time, c, long)[0] for c in (speed * np.cos(course), speed * np.sin(course)))
+    at = np.unique(np.linspace(0, len(time) - 1, POINTS).astype(int))
+    one, two, three = (None if p is None else (p[0][at], p[1][at]) for p in (track, velocity, over))
+    given = next(p for p in (one, two, three) if p is not None)
+    speed_usual = max(float(np.median(np.hypot(*given))), 1e-3)
+    length = ship.length if ship else speed_usual * TURN / max(float(np.quantile(np.abs(r), 0.95)), 1e-4)
+    return Motion(psi[at], r[at], one, two, three, length)
+
+
+def _angle(values: Series) -> float:
+    """Degrees or radians, by size."""
+    return DEGREE if np.abs(values).max() > 2 * np.pi + 0.5 else 1.0
+
+
+def _open(columns: dict[str, Heading]) -> dict[str, Sequence]:
+    """What is not known of the axes; what names say stands first."""
+    fixed = {"lat", "cog"} & set(columns)
+    result: dict[str, Sequence] = {}
+    if "x" in columns:
+        away = EAST.search(columns["x"].name) and NORTH.search(columns["y"].name)
+        result |= {"swapped_xy": [bool(away), not away], "x_sign": [1, -1], "y_sign": [1, -1]}
+    if "u" in columns:
+        earth = EARTH.search(columns["u"].name) is not None
+        away = EAST.search(columns["u"].name) and NORTH.search(columns["v"].name)
+        result |= {"swapped_uv": [bool(away), not away], "u_sign": [1, -1], "v_sign": [1, -1]}
+        result |= {"frame": ["earth", "body"] if earth else ["body", "earth"]}
+    if "x" in columns or fixed or "u" in columns:
+        result |= {"psi_sign": [1, -1], "turn": [0, 90, 180, 270]}
+    return result
+
+
+def _in_words(
+    best: tuple[Yaw, list[Yaw], Motion, list[Axes]],
+    columns: dict[str, Heading],
+    units: dict[str, tuple[str, str, bool]],
+    ship: Particulars | None,
+) -> Motions:
+    """The readings as choices with their reasons."""
+    yaw, others, m, axes = best
+    a = axes[0]
+    read: dict[str, Read] = {}
+    settings: dict[str, tuple[Any, str]] = {}
+    rest = (*POSITION, *COURSE, "frame")
+    if "u" in columns:
+        told = _told(axes, VELOCITY, rest, "agrees with the track" if m.track or m.over else "as a ship moves")
+        pair = ("v", "u") if a.swapped_uv else ("u", "v")
+        read |= _pair(("u", "v"), pair, (a.u_sign, a.v_sign), units["u"], told)
+        why, decided = _told(axes, ("frame",), (*POSITION, *COURSE), "velocities")
+        if a.frame == "earth" or not decided:
+            settings["frame"] = a.frame, why
+    if "x" in columns:
+        told = _told(axes, POSITION, (*VELOCITY, *COURSE, "frame"), "agrees with heading and velocities")
+        pair = ("y", "x") if a.swapped_xy else ("x", "y")
+        read |= _pair(("x", "y"), pair, (a.x_sign, a.y_sign), units["x"], told)
+    if "lat" in columns:
+        read |= {k: Read(k, "deg", why="by name") for k in ("lat", "lon")}
+    if "sog" in columns:
+        unit, why, decided = units["sog"]
+        read |= {"sog": Read("sog", unit, why=why, decided=decided)}
+        cog = columns["cog"].unit or "deg"
+        read |= {"cog": Read("cog", cog, why="by name" if columns["cog"].unit else "usual unit")}
+    read |= _yaw_in_words(yaw, others, axes, columns)
+    settings |= _points(a, columns, m)
+    speeds = [np.hypot(*p) for p in (m.velocity, m.track, m.over) if p is not None]
+    speed = float(np.median(speeds[0]))
+    turned = float(np.ptp(m.psi))
+    return Motions(read, settings, (), frozenset(c.source for c in read.values()), turned, speed,
+                   ship or _stand_in(m.length, speed))  # fmt: skip
+
+
+def _told(axes: list[Axes], asked: Sequence[str], alike: Sequence[str], what: str) -> tuple[str, bool]:
+    """How clearly data speak for what was chosen."""
+    best, other = axes[0], runner_up(axes, asked, alike)
+    if other is None:
+        return "", True
+    names = [n for n in asked if getattr(best, n) != getattr(other, n)]
+    instead = ", ".join(_instead(n, getattr(other, n)) for n in names)
+    if not np.isnan(best.misfit):
+        told = f"{what}: misfit {best.misfit:.2f}, next {other.misfit:.2f} ({instead})"
+    else:
+        told = f"{what}: {best.evidence:.2f}, next {other.evidence:.2f} ({instead})"
+    return told, other.evidence - best.evidence > CLEAR
+
+
+def _instead(attribute: str, value: object) -> str:
+    """A value of the runner-up in words."""
+    if attribute.startswith("swapped"):
+        return "exchanged" if value else "not exchanged"
+    if attribute == "frame":
+        return f"{value} axes"
+    name, _, rest = attribute.partition("_")
+    return (
+        f"{name} {value} deg off" if name == "turn" else f"{name} {'+' if value == 1 else '-'}" if rest else str(value)
+    )
+
+
+def _pair(
+    names: tuple[str, str],
+    sources: tuple[str, str],
+    signs: tuple[int, int],
+    unit: tuple[str, str, bool],
+    told: tuple[str, bool],
+) -> dict[str, Read]:
+    """Two channels that are judged together."""
+    word, why, known = unit
+    made = {}
+    for name, source, sign in zip(names, sources, signs, strict=True):
+        changed = "columns exchanged; " if name != source else ""
+        said = "; ".join(part for part in (changed + why, told[0]) if part)
+        made[name] = Read(source, word, sign, why=said, decided=known and told[1])
+    return made
+
+
+def _yaw_in_words(yaw: Yaw, others: list[Yaw], axes: list[Axes], columns: dict[str, Heading]) -> dict[str, Read]:
+    """Heading and rate of turn."""
+    a, said = axes[0], columns["psi"].unit
+    told, sure = _told(axes, COURSE, (*POSITION, *VELOCITY, "frame"), "with track and velocities")
+    offset = float(a.turn) if yaw.psi_unit == "deg" else round(a.turn * DEGREE, 9)
+    by = "unit by name" if said == yaw.psi_unit else "unit by data" if others else "unit by size"
+    if said and said != yaw.psi_unit:
+        by += ", against its heading"
+    known = said == yaw.psi_unit or bool(others)
+    sure = sure or (a.psi_sign == 1 and a.turn == 0)
+    why = "; ".join(part for part in (by, told) if part)
+    read = {"psi": Read("psi", yaw.psi_unit, a.psi_sign, offset, why, known and sure)}
+    if "r" not in columns:
+        return read
+    alike = [y for y in others if y.psi_unit == yaw.psi_unit and (y.r_unit, y.same) != (yaw.r_unit, yaw.same)]
+    other = min(alike, key=lambda y: y.misfit)
+    stated = columns["r"].unit
+    by = "unit by name" if stated == yaw.r_unit else "unit by data" + (", against its heading" if stated else "")
+    instead = other.r_unit if other.same == yaw.same else f"{other.r_unit}, other sign"
+    why = f"{by}; rate of psi: misfit {yaw.misfit:.2f}, next {other.misfit:.2f} ({instead})"
+    read["r"] = Read("r", yaw.r_unit, yaw.same * a.psi_sign, why=why, decided=other.misfit - yaw.misfit > CLEAR)
+    return read
+
+
+def _points(a: Axes, columns: dict[str, Heading], m: Motion) -> dict[str, tuple[Any, str]]:
+    """Which point of the ship the file speaks of."""
+    of_track = [c for c in ("x", "lat") if c in columns]
+    middle = [c for c in (*of_track, "u") if c in columns and MIDSHIP.search(columns[c].name)]
+    if abs(a.lever) > LEAST_LEVER * m.length:
+        said = f"x, y are those of a point {a.lever:.3g} m forward of that of u, v, by their sway in turns"
+        if middle == of_track:
+            return {"reference_point": (round(-a.lever, 2), said), "position_point": (0.0, "x, y: by name")}
+        return {"position_point": (round(a.lever, 2), f"{said}; u, v are taken for midship's")}
+    if middle:
+        return {}
+    return {"reference_point": (0.0, "undecided: no data show which point it is; midship is assumed")}
+
+
+def _stand_in(length: float, speed: float) -> Particulars:
+    """A ship of about this length and speed, where nobody said which ship it is."""
+    particulars = Particulars(
+        "ship", length, length / 6, length / 16, 0.7, speed, rudder_rate=1e3 * DEGREE, rudder_limit=1.5
+    )
+    return replace(particulars, source="guessed from the record")
