@@ -23,7 +23,9 @@ WINDOW = 0.8
 """Smoothing window of what a fault would leave over L/U0."""
 BIN = 0.1
 """Length of the averages that are compared over L/U0: shorter ones tell no more, longer ones blur delays."""
-WILD = 6.0
+EDGE = 0.2
+"""Ends over L/U0 that are left out, so that delays up to that compare the same samples."""
+WILD = 4.0
 """Averages that lie further off, over their usual size, are left out."""
 STEP = {"delay": 0.02, "offset": 0.005, "scale": 0.005, "turn": 0.002, "point": 0.01, "current": 0.005}
 """Steps of the numerical derivatives, in units of L/U0, of the channel's own unit, 1, rad, L and U0."""
@@ -96,6 +98,8 @@ class Identities:
                 for k, rate, flow in zip("xy", rates, drift, strict=True)
             ]
         averaged = np.stack([_averaged(y, self._per_bin) for y in left])
+        margin = EDGE * self.unit
+        inside &= (time >= time[0] + margin) & (time <= time[-1] - margin)
         averaged[:, _averaged(np.cumsum(~inside), self._per_bin) > 0] = np.nan
         return averaged
 
@@ -131,32 +135,34 @@ class Identities:
         """
         values = {name: (start or {}).get(name, 0.0) for name in names}
         for _ in range(rounds if names else 1):
-            y, x = self._whitened(values, names, noise)
-            if not names:
-                break
-            step, covariance = _least_squares(x, y)
+            y, x, lost = self._whitened(values, names, noise)
+            step, kept = _robust(x, y, lost)
             values = {n: self._bounded(n, values[n] - float(d)) for n, d in zip(names, step, strict=True)}
-        kept = y - x @ step if names else y
-        misfit = float((kept**2).sum())
+        rest = y - x @ step
+        # Wild averages count as much as the wildest that is kept: stories can then be compared.
+        misfit = float(np.minimum(rest**2, WILD**2)[~lost].sum())
         if not names:
             return Estimate({}, {}, misfit, 1.0)
-        robust = _correlated(x, kept, covariance)
+        x, rest = x * kept[..., None], rest * kept
+        covariance = _least_squares(x, rest)[1]
+        robust = _correlated(x, rest, covariance)
         white, found = np.diag(covariance), np.diag(robust)
         errors = np.sqrt(np.maximum(white, found))
         used = white > 0
         spread = float(np.median(np.maximum(found, white)[used] / white[used])) if used.any() else 1.0
         return Estimate(values, dict(zip(names, map(float, errors), strict=True)), misfit, spread)
 
-    def noise(self, names: Sequence[str]) -> "Noise":
-        """Noise of the leftover, measured on what all faults together leave.
+    def noise(self, names: Sequence[str], values: Values | None = None) -> "Noise":
+        """Noise of the leftover, measured on what some faults together leave.
 
         Args:
-            names: All faults that are thought of.
+            names: The faults.
+            values: What they are, as far as that is known.
 
         Returns:
             The noise.
         """
-        y, x = self.leftover({}), self.slopes(names)
+        y, x = np.nan_to_num(self.leftover(values or {})), self.slopes(names)
         size = np.maximum(y.std(axis=1), 1e-12)
         fit, *_ = np.linalg.lstsq(
             (x / size[:, None, None]).reshape(y.size, -1), (y / size[:, None]).ravel(), rcond=1e-8
@@ -164,23 +170,27 @@ class Identities:
         rest = y - x @ fit
         groups = ([rest[:1]] if self.heading else []) + ([rest[-2:]] if self.track else [])
         models = [model for group in groups for model in [_noise_model(group)] * len(group)]
-        white = np.stack([
-            _lower(rest.shape[1], c, part[:, None])[:, 0] for part, (_, c) in zip(rest, models, strict=True)
-        ])
-        usual = 1.4826 * np.median(np.abs(white), axis=1, keepdims=True)
-        return Noise(models, np.abs(white) <= WILD * np.maximum(usual, 1e-300))
+        scaled = []
+        for part, (_, correlation) in zip(rest, models, strict=True):
+            white = np.abs(_lower(part.size, correlation, part[:, None])[:, 0])
+            scaled.append((
+                max(1.4826 * float(np.median(white[white > 0])), 1e-12) if white.any() else 1e-12,
+                correlation,
+            ))
+        return Noise(scaled)
 
-    def _whitened(self, values: Values, names: Sequence[str], noise: "Noise") -> tuple[np.ndarray, np.ndarray]:
-        """Leftover and slopes over their noise, shape (series, n) and (series, n, k); wild samples weigh nothing."""
+    def _whitened(
+        self, values: Values, names: Sequence[str], noise: "Noise"
+    ) -> tuple[Float[np.ndarray, "s n"], Float[np.ndarray, "s n k"], Bool[np.ndarray, "s n"]]:
+        """Leftover and slopes over their noise, and which of them are lost."""
         y, x = self.leftover(values), self.slopes(names)
         lost = np.isnan(y)
         pairs = [
             noise.whitened(k, np.where(gone, 0.0, part), np.where(gone[:, None], 0.0, columns))
             for k, (part, columns, gone) in enumerate(zip(y, x, lost, strict=True))
         ]
-        wy, wx = np.stack([p[0] for p in pairs]), np.stack([p[1] for p in pairs])
-        kept = noise.calm & ~lost
-        return wy * kept, wx * kept[..., None]
+        keep = ~lost
+        return np.stack([p[0] for p in pairs]) * keep, np.stack([p[1] for p in pairs]) * keep[..., None], lost
 
     def _step(self, name: str) -> float:
         kind = next(k for k in STEP if k in name)
@@ -200,12 +210,10 @@ class Noise:
     """Noise of each leftover: variance, and correlation of neighbours.
 
     Attributes:
-        models: Standard deviation and correlation with the neighbour, one pair a leftover.
-        calm: Averages that are not wild.
+        models: Standard deviation, wild averages apart, and correlation with the neighbour, one pair a leftover.
     """
 
     models: Sequence[tuple[float, float]]
-    calm: Bool[np.ndarray, "s n"]
 
     def whitened(
         self, which: int, y: Series, x: Float[np.ndarray, "n k"]
@@ -263,9 +271,22 @@ def _averaged(values: Series, count: int) -> Series:
     return np.diff(values[:whole].reshape(-1, count).mean(axis=1))
 
 
+def _robust(
+    x: Float[np.ndarray, "s n k"], y: Float[np.ndarray, "s n"], lost: Bool[np.ndarray, "s n"]
+) -> tuple[Float[np.ndarray, " k"], Bool[np.ndarray, "s n"]]:
+    """Least squares without wild averages, and which are kept."""
+    kept, step = ~lost, np.zeros(x.shape[-1])
+    for _ in range(3):
+        step, _ = _least_squares(x * kept[..., None], y * kept)
+        rest = np.abs(y - x @ step)
+        usual = max(1.0, 1.4826 * float(np.median(rest[~lost])))
+        kept = ~lost & (rest <= WILD * usual)
+    return step, kept
+
+
 def _least_squares(x: Float[np.ndarray, "s n k"], y: Float[np.ndarray, "s n"]) -> tuple[np.ndarray, np.ndarray]:
     """Solution and its covariance for white noise of the size that is left."""
-    flat, target = x.reshape(-1, x.shape[-1]), y.ravel()
+    flat, target = x.reshape(y.size, x.shape[-1]), y.ravel()
     size = np.maximum(np.sqrt((flat**2).sum(axis=0)), 1e-300)
     inverse = np.linalg.pinv((flat / size).T @ (flat / size), rcond=1e-9, hermitian=True)
     solution = inverse @ ((flat / size).T @ target) / size

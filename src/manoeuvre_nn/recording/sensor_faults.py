@@ -131,10 +131,14 @@ def measure_faults(recording: Recording, ship: Particulars) -> list[Measured]:
     faults = possible_faults(recording, ship, identities)
     if not faults:
         return []
-    noise = identities.noise([part for f in faults for part in f.parts])
+    noise = identities.noise(_parts(faults))
+    # Large delays bend what they leave, and that is no noise. Only differences of delays show: the last stands still.
+    delays = _parts([f for f in faults if f.name.startswith("delay")])[:-1]
+    for _ in range(2):
+        noise = identities.noise(_parts(faults), identities.estimate(delays, noise, rounds=8).values)
     found = _found(identities, faults, noise)
-    # What all faults together leave is too little of the slow noise: errors are those of what the real ones leave.
-    noise = identities.noise(_parts(found))
+    # That is too little of the slow noise: errors are those of what the real faults leave.
+    noise = identities.noise(_parts(found), identities.estimate(_parts(found), noise).values)
     together = identities.estimate(_parts(found), noise)
     measured = []
     for fault in faults:
@@ -154,7 +158,7 @@ def _found(identities: Identities, faults: Sequence[Fault], noise: Noise) -> lis
     while len(found) < MOST:
         best, gain = None, 0.0
         for fault in (f for f in faults if f not in found):
-            tried = identities.estimate(_parts([*found, fault]), noise, start=now.values, rounds=1)
+            tried = identities.estimate(_parts([*found, fault]), noise, start=now.values, rounds=2)
             won = (now.misfit - tried.misfit) / tried.spread - 2 * len(fault.parts)
             one = _measured(fault, tried, found=True)
             if won > gain and _clear(one):
@@ -177,16 +181,17 @@ def _fewest_delays(
     """The simplest story of the delays: that all others are late is said as well by one that is early."""
     delays, others = ([f for f in g if f.name.startswith("delay") == late] for g, late in ((faults, 1), (found, 0)))
     now = [f for f in found if f in delays]
-    best, least = now, np.inf
+    if not now:
+        return others
     spread = identities.estimate(_parts(found), noise).spread
+    stories = []
     for count in range(min(len(now), len(delays) - 1) + 1):
         for some in combinations(delays, count):
-            tried = identities.estimate(_parts([*others, *some]), noise, rounds=5)
-            moved = sum(abs(tried.values[f.name]) for f in some) / identities.unit
-            cost = tried.misfit / spread + CLEAR**2 * count + moved
-            if cost < least:
-                best, least = list(some), cost
-    return [*others, *best]
+            tried = identities.estimate(_parts([*others, *some]), noise, rounds=6)
+            moved = sum(abs(tried.values[f.name]) for f in some)
+            stories.append((tried.misfit / spread + CLEAR**2 * count, moved, some))
+    least = min(cost for cost, *_ in stories)
+    return [*others, *min((s for s in stories if s[0] < least + NEAR), key=lambda s: s[1])[2]]
 
 
 def _clear(one: Measured) -> bool:
