@@ -240,9 +240,20 @@ def frame(recording: Recording, ship: Particulars) -> Finding | None:
     ]  # fmt: skip
     cause, changes, best = min(tried, key=lambda one: one[2])
     if best > 0.6 * as_given:
-        cause, changes = "mind the columns and signs of u, v, x, y, psi, and reference_point", ()
+        cause, changes = _other_point(m, as_given)
     text = f"u, v do not follow from x, y and psi (misfit {as_given:.2g}, expected below {MISFIT})"
     return _refused("frame", text, cause, *changes)
+
+
+def _other_point(m: "_Motion", as_given: float) -> tuple[str, tuple[Change, ...]]:
+    """Positions of another point than the velocities; else nobody knows."""
+    _, abeam = earth_to_body(m.north, m.east, m.psi)
+    lever = _robust_slope(m.r, abeam - m.v)
+    if _misfit(m, m.u, m.v + lever * m.r, m.north, m.east, m.psi) > 0.6 * as_given:
+        return "mind the columns and signs of u, v, x, y, psi, and reference_point", ()
+    side = "ahead of" if lever > 0 else "aft of"
+    said = f"x and y look to be of a point {abs(lever):.3g} m {side} that of u and v: write position_point"
+    return said, (Change("position_point", "add", lever),)
 
 
 def rudder_sign(recording: Recording, ship: Particulars) -> Finding | None:

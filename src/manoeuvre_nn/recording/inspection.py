@@ -106,9 +106,9 @@ def inspect_recording(
     shifted = flags if same else {k: np.interp(recording.time, written.time, f) > 0.5 for k, f in flags.items()}
     clean = without_outliers(recording, shifted)
     first = (rate, missing, wild)
-    gross = [f for f in (check(clean, ship) for check in CHECKS) if f is not None]
-    if gross:
-        return Inspection(recording.name, (*first, *gross), recording, shifted)
+    gross = next((f for f in (check(clean, ship) for check in CHECKS) if f is not None), None)
+    if gross is not None:
+        return Inspection(recording.name, (*first, gross), recording, shifted)
     plain = without_outliers(written, flags)
     still, coarse = stuck(plain, ship), quantized(plain, ship)
     rest = [rudder_jumps(clean, ship), rudder_lag(clean, ship), steady_approach(clean, ship)]

@@ -117,7 +117,7 @@ def outliers(recording: Recording, ship: Particulars) -> tuple[Finding, Flags]:
         The finding, and which samples.
     """
     del ship
-    odd = {k: outlying(recording[k]) for k in _recorded(recording) if k != "n"}
+    odd = {k: _off(recording[k]) for k in _recorded(recording) if k != "n"}
     odd = {k: flags for k, flags in odd.items() if 0 < flags.mean() <= FEW}
     filled = recording.meta.get("outliers", {})
     count = sum(int(f.sum()) for f in odd.values())
@@ -130,6 +130,12 @@ def outliers(recording: Recording, ship: Particulars) -> tuple[Finding, Flags]:
         changes=(Change("outliers", value="fill"),), spans=_spans(recording.time, np.any(list(odd.values()), axis=0)),
     )  # fmt: skip
     return found, odd
+
+
+def _off(values: Series) -> Bool[np.ndarray, " n"]:
+    """Outlying samples by more than a channel's own step."""
+    middle = 0.5 * (np.pad(values, 1, mode="edge")[:-2] + np.pad(values, 1, mode="edge")[2:])
+    return outlying(values) & (np.abs(values - middle) > 1.6 * _step(values))
 
 
 def stuck(recording: Recording, ship: Particulars) -> list[Finding]:

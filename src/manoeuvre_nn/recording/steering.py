@@ -182,7 +182,8 @@ def _slopes(recording: Recording, ship: Particulars, first: int, last: int) -> d
     for name, scale in units.items():
         values = recording[name][first:last] / scale
         fit, *_ = np.linalg.lstsq(columns, values, rcond=None)
-        rest = values - columns @ fit
+        # A bend is no noise: what a cubic leaves is.
+        rest = values - np.polynomial.Polynomial.fit(time, values, 3)(time)
         inverse = np.linalg.inv(columns.T @ columns)[1, 1]
         memory = _memory(rest)
         variance = float(rest @ rest) / max(len(rest) / memory - 2, 1)
