@@ -53,7 +53,7 @@ class Identifiable:
     @property
     def relative(self) -> Float[np.ndarray, " k"]:
         """Standard errors over the values."""
-        return self.errors / np.maximum(np.abs(self.values), 1e-300)
+        return self.errors / np.maximum(np.abs(self.values), 1e-12)
 
     @property
     def identified(self) -> tuple[str, ...]:
@@ -143,7 +143,8 @@ def _solved(
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Least squares; covariance for errors that the smoother correlates, and for what the terms leave; condition."""
     size = np.sqrt((columns**2).mean(axis=0))
-    size = np.where(size > 1e-12, size, 1e-12)
+    dead = size < 1e-9  # what never moves says nothing
+    size = np.where(dead, 1.0, size)
     scaled = columns / size
     values, vectors = np.linalg.eigh(scaled.T @ scaled)
     condition = float(np.sqrt(values[-1] / max(values[0], LEAST * values[-1])))
@@ -157,6 +158,7 @@ def _solved(
     unexplained = max(1 - noise**2 * float((slope**2).sum()) / max(float(rest @ rest) / len(rest), 1e-300), 0.0)
     meat = meat + unexplained * _lasting(scaled * rest[:, None], min(len(slope), len(rest) // 3))
     covariance = inverse @ meat @ inverse
+    covariance[np.ix_(dead, dead)] += np.diag(np.full(int(dead.sum()), 1e300))
     return solution / size, covariance / np.outer(size, size), condition
 
 

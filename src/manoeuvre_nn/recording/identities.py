@@ -313,7 +313,8 @@ def _noise_model(parts: Float[np.ndarray, "s n"]) -> tuple[float, float]:
     """Deviation and neighbours' correlation of a moving average of order one, by maximum likelihood."""
     if float(np.abs(parts).max()) < 1e-15:
         return 1e-12, 0.0
-    centre = [np.clip(p, *np.quantile(p, [0.005, 0.995])) for p in parts]
+    limits = [WILD * 1.4826 * max(float(np.median(np.abs(p))), 1e-15) for p in parts]
+    centre = [np.clip(p, -limit, limit) for p, limit in zip(parts, limits, strict=True)]
 
     def cost(correlation: float) -> float:
         total, logs, count = 0.0, 0.0, 0
