@@ -23,7 +23,9 @@ def main(arguments: list[str]) -> None:
     from manoeuvre_nn.entry import guard, import_job  # torch takes seconds: --help need not wait for it
 
     with guard.one_line():
-        import_job.import_recording(import_job.request(arguments, CONF), CONF, Console())
+        import_job.import_recording(
+            import_job.request(arguments, CONF), CONF, Console(width=None if sys.stdout.isatty() else 130)
+        )
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE, RPM
 from manoeuvre_nn.diagnosis.runs import CHANNELS, Run, order_lead, smooth_rudder, smooth_shaft
 from manoeuvre_nn.recording.accelerations import WINDOW, smoothed
-from manoeuvre_nn.recording.mapping import ChannelMap, Mapping
+from manoeuvre_nn.recording.mapping import RECORD, ChannelMap, Mapping
 from manoeuvre_nn.recording.reader import FEWEST
 from manoeuvre_nn.recording.table import Table, read_table
 
@@ -128,7 +128,12 @@ def from_recording(recording: Recording, ship: Particulars) -> Sheet:
 
     Returns:
         The run.
+
+    Raises:
+        InputError: If it is a record of channels without heading, rudder and motion.
     """
+    if recording.meta.get("kind") == RECORD:
+        raise InputError(f"{recording.name}: a mapping of kind: record gives no manoeuvre that could be diagnosed")
     _check_times(recording.name, recording.time, ship)
     given, derived = recording.channels, set(recording.meta.get("derived", ()))
     channels = {"psi": given["psi"], "delta": given["delta"]}
@@ -136,6 +141,7 @@ def from_recording(recording: Recording, ship: Particulars) -> Sheet:
     channels |= {} if "r" in derived else {"r": given["r"]}
     channels |= {} if "x" in derived else {"x": given["x"], "y": given["y"]}
     channels |= {"n": given["n"] / (ship.rpm * RPM)} if "n" in given else {}
+    channels |= {"u_log": given["u_log"]} if "u_log" in given else {}
     if "u" not in derived:
         channels["vn"], channels["ve"] = body_to_earth(given["u"], given["v"], given["psi"])
     return _with_velocity(Sheet(recording.name, recording.time, channels), ship)

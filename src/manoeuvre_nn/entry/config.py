@@ -19,6 +19,8 @@ from manoeuvre_nn.core.units import KNOT
 ALLOWED = ("manoeuvre_nn.",)
 """Where a ``_target_`` may come from: a config can name any function, so it must not."""
 TARGET = "_target_"
+RECORD_OVER_TIME = "manoeuvre_nn.recording.mapping.mapping"
+"""What the mapping of a record is made by; those of captive tests are made by another."""
 
 
 def register_resolvers() -> None:
@@ -318,9 +320,17 @@ def load_mapping(name: str, folder: Path) -> Any:
 
     Returns:
         Its content.
+
+    Raises:
+        InputError: If it describes something else than a record over time.
     """
     named = folder / f"{name}.yaml"
-    return load_yaml(named if named.is_file() else Path(str(name)))
+    content = load_yaml(named if named.is_file() else Path(str(name)))
+    if not isinstance(content, Mapping) or content.get(TARGET) != RECORD_OVER_TIME:
+        raise InputError(
+            f"mapping={name} is no mapping of a record over time: its first line must be {TARGET}: {RECORD_OVER_TIME}"
+        )
+    return content
 
 
 def _is_config(value: Any) -> bool:

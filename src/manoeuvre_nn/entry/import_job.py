@@ -129,8 +129,8 @@ def show(proposal: Proposal, console: Console) -> None:
         console: Where to print.
     """
     table = RichTable(title=Text(proposal.file.path.name), title_justify="left", box=None, pad_edge=False)
-    for heading in ("channel", "column", "unit", "sign", "why"):
-        table.add_column(heading, no_wrap=heading in {"channel", "unit", "sign"}, overflow="fold")
+    for heading in ("channel", "column", "unit", "sign", "misfit", "next", "why"):
+        table.add_column(heading, no_wrap=heading in {"channel", "unit", "sign", "misfit"}, overflow="fold")
     for choice in (proposal.time, *proposal.choices):
         table.add_row(*(Text(cell, style="" if choice.decided else "yellow") for cell in _row(proposal, choice)))
     console.print(table)
@@ -156,7 +156,8 @@ def _row(proposal: Proposal, choice: Choice) -> tuple[str, ...]:
     column = called if called == choice.column else f"{choice.column} ({called})"
     offset = f", from {choice.offset:g}" if choice.offset else ""
     why = choice.why if choice.decided else f"undecided: {choice.why}"
-    return choice.channel, column, choice.unit, f"{'+' if choice.sign == 1 else '-'}{offset}", why
+    sign = f"{'+' if choice.sign == 1 else '-'}{offset}"
+    return choice.channel, column, choice.unit, sign, choice.misfit, choice.next, why
 
 
 def _open_settings(proposal: Proposal) -> list[str]:

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from math import inf
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -18,16 +19,21 @@ from manoeuvre_nn.core.frames import earth_to_body
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.recording.accelerations import smoothed
 
-POINTS = 600
+POINTS = 400
 """Samples that combinations are compared at."""
-FLIP, SWAP, TURN, EARTH = 0.02, 0.02, 0.03, 0.01
-"""Prices of a sign that is -1, of exchanged columns, of a heading from another axis, of earth-fixed velocities."""
+FLIP, SWAP, TURN, EARTH, ASKEW = 0.02, 0.02, 0.03, 0.01, 0.1
+"""Prices of a sign that is -1, of exchanged columns, of a heading from another axis, of earth-fixed velocities,
+of axes that are turned against the heading by any angle."""
 AGAINST = 0.08
 """Price of what contradicts a heading."""
-LEVER = 0.03, 0.15
+LEVER = 0.15, 0.15
 """Price of two points of the ship in one file, and of their distance over L."""
+SWAY = 0.2
+"""Usual sway in a manoeuvre over the speed."""
 FARTHEST = 0.6
 """Largest distance of two points over L."""
+ILL = 0.5
+"""Evidence against the best reading above which none fits."""
 CLEAR = 0.05
 """Difference of scores that decides."""
 
@@ -59,7 +65,7 @@ class Axes:
 
     Attributes:
         psi_sign: Sign of the heading.
-        turn: Heading that the file shows when the ship goes along x [deg]: 0, 90, 180 or 270.
+        turn: Heading that the file shows when the ship goes along x [deg].
         swapped_xy: Whether the columns called x and y are exchanged.
         x_sign: Sign of x after that.
         y_sign: Sign of y after that.
@@ -74,7 +80,7 @@ class Axes:
     """
 
     psi_sign: int = 1
-    turn: int = 0
+    turn: float = 0.0
     swapped_xy: bool = False
     x_sign: int = 1
     y_sign: int = 1
@@ -159,23 +165,48 @@ def yaw_readings(
     return sorted(made, key=lambda reading: reading.score)
 
 
-def axes_readings(m: Motion, fixed: Axes, open_: Mapping[str, Sequence]) -> list[Axes]:
+def axes_readings(m: Motion, open_: Mapping[str, Sequence], trusted: Sequence[str] = ()) -> list[Axes]:
     """Every way to read heading, positions and velocities together, best first.
+
+    Where none fits, the heading may be counted from any direction: positions of a basin have axes of their own.
 
     Args:
         m: Heading, rates of positions, velocities.
-        fixed: What is known; also what costs nothing.
         open_: Attribute of :class:`Axes` -> values that it may have; the first costs nothing.
+        trusted: Attributes whose first value the headings state.
 
     Returns:
         Readings with their misfit.
     """
-    made = []
+    made, judged = [], _Judge(m)
     for values in product(*open_.values()):
-        reading = replace(fixed, **dict(zip(open_, values, strict=True)))
-        price = sum(_price(k, value, choices[0]) for (k, choices), value in zip(open_.items(), values, strict=True))
-        made.append(_judged(m, reading, price))
+        chosen = dict(zip(open_, values, strict=True))
+        price = sum(
+            _price(k, v, open_[k][0]) + AGAINST * (k in trusted and v != open_[k][0]) for k, v in chosen.items()
+        )
+        made.append(judged(Axes(**chosen), price))
+    if "turn" in open_ and min(reading.evidence for reading in made) > ILL:
+        straight = [reading for reading in made if reading.turn == 0]
+        prices = [reading.score - reading.evidence for reading in straight]
+        turned = [replace(a, turn=round(_askew(m, a), 1)) for a in straight]
+        made += [judged(a, price + ASKEW) for a, price in zip(turned, prices, strict=True)]
     return sorted(made, key=lambda reading: reading.score)
+
+
+def _askew(m: Motion, a: Axes) -> float:
+    """Angle between the track and what heading and velocities say it should be [deg]."""
+    other = m.track or m.over
+    if other is None:
+        return 0.0
+    one, two = other[::-1] if a.swapped_xy else other
+    course = np.arctan2(a.y_sign * two, a.x_sign * one)
+    if m.velocity is None:
+        ahead = a.psi_sign * m.psi
+    else:
+        u, v = m.velocity[::-1] if a.swapped_uv else m.velocity
+        ahead = np.arctan2(a.v_sign * v, a.u_sign * u) + (0.0 if a.frame == "earth" else a.psi_sign * m.psi)
+    away = np.angle(np.mean(np.exp(1j * (ahead - course))))
+    return float(a.psi_sign * away / DEGREE) % 360.0
 
 
 def runner_up(readings: Sequence[Axes], differing: Sequence[str], alike: Sequence[str] = ()) -> Axes | None:
@@ -207,41 +238,68 @@ def _price(attribute: str, value: object, usual: object) -> float:
     return {"frame": EARTH, "turn": TURN, "swapped_xy": SWAP, "swapped_uv": SWAP}.get(attribute, FLIP)
 
 
-def _judged(m: Motion, a: Axes, price: float) -> Axes:
-    """A reading with its misfit and score."""
-    psi = a.psi_sign * (m.psi - a.turn * DEGREE)
-    r = a.psi_sign * m.r
-    bodies: dict[str, tuple[Series, Series]] = {}
-    if m.track is not None:
-        one, other = m.track[::-1] if a.swapped_xy else m.track
-        bodies["track"] = earth_to_body(a.x_sign * one, a.y_sign * other, psi)
-    if m.over is not None:
-        bodies["over"] = earth_to_body(*m.over, psi)
-    if m.velocity is not None:
-        one, other = m.velocity[::-1] if a.swapped_uv else m.velocity
-        one, other = a.u_sign * one, a.v_sign * other
-        bodies["velocity"] = earth_to_body(one, other, psi) if a.frame == "earth" else (one, other)
-    odd = max((_unlike_a_ship(b, r) for b in bodies.values()), default=0.0)
-    if len(bodies) < 2:
-        return replace(a, evidence=odd, score=odd + price)
-    pairs = [("velocity", "track"), ("velocity", "over"), ("track", "over")]
-    both = [(bodies[one], bodies[other]) for one, other in pairs if one in bodies and other in bodies]
-    misfit, lever = float(np.mean([_misfit(*pair) for pair in both])), 0.0
-    if {"velocity", "track"} <= set(bodies):
-        lever = _lever(bodies["velocity"], bodies["track"], r, FARTHEST * m.length)
-        moved = _misfit((bodies["velocity"][0], bodies["velocity"][1] + lever * r), bodies["track"])
-        worth = moved + LEVER[0] + LEVER[1] * abs(lever) / m.length
-        if len(both) == 1 and worth < misfit:
-            return replace(a, lever=lever, misfit=moved, evidence=worth + odd, score=worth + odd + price)
-    return replace(a, lever=0.0, misfit=misfit, evidence=misfit + odd, score=misfit + odd + price)
+class _Judge:
+    """Judges readings of one file; what several readings have in common is computed once."""
+
+    def __init__(self, motion: Motion) -> None:
+        self.motion = motion
+        self.kept: dict[tuple, tuple[tuple[Series, Series], float]] = {}
+
+    def __call__(self, a: Axes, price: float) -> Axes:
+        """A reading with its misfit and score."""
+        bodies = self.bodies(a)
+        odd = max((odd for _, odd in bodies.values()), default=0.0)
+        pairs = [("velocity", "track"), ("velocity", "over"), ("track", "over")]
+        both = [(bodies[one][0], bodies[other][0]) for one, other in pairs if one in bodies and other in bodies]
+        if not both:
+            return replace(a, evidence=odd, score=odd + price)
+        speed = max(float(_median(np.hypot(*both[0][0]))), 1e-9)
+        errors = [_errors(*pair, speed) for pair in both]
+        misfit, lever = float(np.mean([sum(error) for error in errors])), 0.0
+        worth = misfit
+        # Another point of the ship is worth a thought only where forward speeds agree.
+        if len(both) == 1 and "over" not in bodies and misfit > LEVER[0] and errors[0][0] < LEVER[0]:
+            velocity, track = both[0]
+            r = a.psi_sign * self.motion.r
+            away = _lever(velocity, track, r, FARTHEST * self.motion.length)
+            moved = sum(_errors((velocity[0], velocity[1] + away * r), track, speed))
+            dear = moved + LEVER[0] + LEVER[1] * abs(away) / self.motion.length
+            misfit, lever, worth = (moved, away, dear) if dear < misfit else (misfit, 0.0, misfit)
+        return replace(a, lever=lever, misfit=misfit, evidence=worth + odd, score=worth + odd + price)
+
+    def bodies(self, a: Axes) -> dict[str, tuple[tuple[Series, Series], float]]:
+        """Velocities in body axes by every way that the file has, and how unlike a ship's they are."""
+        m, course = self.motion, (a.psi_sign, a.turn)
+        asked = {
+            "track": (m.track, *course, a.swapped_xy, a.x_sign, a.y_sign, "earth"),
+            "over": (m.over, *course, False, 1, 1, "earth"),
+            "velocity": (m.velocity, *course, a.swapped_uv, a.u_sign, a.v_sign, a.frame),
+        }
+        return {k: self.body(k, *how) for k, (given, *how) in asked.items() if given is not None}
+
+    def body(self, what: str, *how: Any) -> tuple[tuple[Series, Series], float]:
+        """One of them."""
+        if (what, *how) not in self.kept:
+            psi_sign, turn, swapped, first, second, frame = how
+            one, other = getattr(self.motion, what)[:: -1 if swapped else 1]
+            body = first * one, second * other
+            if frame == "earth":
+                body = earth_to_body(*body, psi_sign * (self.motion.psi - turn * DEGREE))
+            self.kept[what, *how] = body, _unlike_a_ship(body, psi_sign * self.motion.r)
+        return self.kept[what, *how]
 
 
-def _misfit(one: tuple[Series, Series], other: tuple[Series, Series]) -> float:
-    """Typical error of the forward speed over the speed plus that of the sway over the sway."""
-    speed = max(float(np.median(np.hypot(*other))), 1e-9)
-    sway = 0.5 * float(np.quantile(np.abs(one[1]), 0.9)) + 0.5 * float(np.quantile(np.abs(other[1]), 0.9))
-    surge = float(np.median(np.abs(one[0] - other[0]))) / speed
-    return surge + float(np.median(np.abs(one[1] - other[1]))) / max(sway, 0.01 * speed)
+def _median(values: Series) -> float:
+    """The upper median: numpy's own takes as long as all the rest."""
+    half = len(values) // 2
+    return float(np.partition(values, half)[half])
+
+
+def _errors(one: tuple[Series, Series], other: tuple[Series, Series], speed: float) -> tuple[float, float]:
+    """Typical error of the forward speed over the speed, and that of the sway over a usual sway."""
+    ahead, aside = (_median(np.abs(a - b)) for a, b in zip(one, other, strict=True))
+    # Not over the sway of this reading: a wrong one makes it large, and the error small beside it.
+    return ahead / speed, aside / (SWAY * speed)
 
 
 def _unlike_a_ship(body: tuple[Series, Series], r: Series) -> float:
@@ -252,7 +310,7 @@ def _unlike_a_ship(body: tuple[Series, Series], r: Series) -> float:
     sideways = float(np.median(np.abs(v) / speed))
     size = float(np.linalg.norm(v) * np.linalg.norm(r))
     inward = 0.5 + 0.5 * float(v @ r) / size if size > 1e-12 else 0.5
-    return 0.5 * astern + 0.3 * sideways + 0.1 * inward
+    return 0.5 * astern + 0.5 * sideways + 0.1 * inward
 
 
 def _lever(velocity: tuple[Series, Series], track: tuple[Series, Series], r: Series, most: float) -> float:

@@ -15,19 +15,23 @@ from manoeuvre_nn.core.errors import InputError
 MAT, PARQUET = ".mat", ".parquet"
 HDF5 = b"\x89HDF\r\n\x1a\n"
 """How a MAT file of version 7.3 may begin, too: it is an HDF5 file."""
+MOST_COLUMNS = 100
+"""Matrices with more are no tables of channels."""
 DEEPEST = 4
 """How deep structures are looked into."""
 
 
 def mat_frame(path: Path, columns: Sequence[str] | None = None) -> pd.DataFrame:
-    """Vectors of a MAT file of version 4 to 7.2, by their names; ``a.b`` is field b of structure a.
+    """Vectors of a MAT file of version 4 to 7.2, by their names.
+
+    ``a.b`` is field b of structure a, ``a.2`` the second column of matrix a.
 
     Args:
         path: The file.
         columns: Names that are wanted; None gives all vectors of the commonest length.
 
     Returns:
-        One column a vector; matrices are left out. The index counts rows from 1.
+        One column a vector. The index counts rows from 1.
 
     Raises:
         InputError: If it is no such file, is cut off, or the vectors wanted differ in length.
@@ -54,8 +58,11 @@ def _vectors(name: str, value: Any, depth: int) -> Iterator[tuple[str, np.ndarra
     if isinstance(value, mat_struct) and depth < DEEPEST:
         for field in value._fieldnames:
             yield from _vectors(f"{name}.{field}", getattr(value, field), depth + 1)
-    elif isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.kind in "fiuU":
-        yield name, value
+    elif isinstance(value, np.ndarray) and value.dtype.kind in "fiuU" and value.size > 1:
+        if value.ndim == 1:
+            yield name, value
+        elif value.ndim == 2 and value.dtype.kind != "U" and value.shape[1] <= MOST_COLUMNS:
+            yield from ((f"{name}.{k}", value[:, k - 1]) for k in range(1, value.shape[1] + 1))
 
 
 def _framed(path: Path, vectors: dict[str, np.ndarray], columns: Sequence[str] | None) -> pd.DataFrame:

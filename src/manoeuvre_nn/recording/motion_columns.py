@@ -29,7 +29,7 @@ from manoeuvre_nn.recording.quantity import units_of
 
 TURN = 0.5
 """Usual rate of turn in a manoeuvre over U0/L: how a ship's L/U0 is guessed."""
-USUAL_SPEED = 2.0
+USUAL_SPEED = 1.5
 """Speeds of a ship lie within this factor of U0 unless something is wrong [-]."""
 LEAST_LEVER = 0.05
 """Distance of two points over L that is told apart."""
@@ -51,6 +51,8 @@ class Read:
         offset: What the file shows where the true value is zero, in the file's unit.
         why: In words.
         decided: Whether names or data decided.
+        misfit: Misfit of what was chosen; empty where nothing can be compared.
+        next: Misfit of what the data would choose next, and what that is.
     """
 
     source: str
@@ -59,6 +61,8 @@ class Read:
     offset: float = 0.0
     why: str = ""
     decided: bool = True
+    misfit: str = ""
+    next: str = ""
 
 
 @dataclass(frozen=True)
@@ -100,13 +104,16 @@ def read_motions(
     """
     units = _speed_units(time, columns, values, ship)
     best: tuple[Yaw, list[Yaw], Motion, list[Axes]] | None = None
+    scores: list[float] = []
     for reading, others in _headings(time, columns, values):
         motion = _motion(time, values, units, reading, ship)
-        axes = axes_readings(motion, Axes(), _open(columns))
-        if best is None or reading.score + axes[0].score < best[0].score + best[3][0].score:
+        axes = axes_readings(motion, *_open(columns))
+        scores.append(reading.score + axes[0].score)
+        if scores[-1] == min(scores):
             best = reading, others, motion, axes
     assert best is not None
-    return _in_words(best, columns, units, ship)
+    told_apart = len(scores) > 1 and sorted(scores)[1] - min(scores) > CLEAR
+    return _in_words(best, columns, units, ship, told_apart)
 
 
 def _headings(time: Series, columns: dict[str, Heading], values: dict[str, Series]) -> list[tuple[Yaw, list[Yaw]]]:
@@ -121,7 +128,7 @@ def _headings(time: Series, columns: dict[str, Heading], values: dict[str, Serie
         made = yaw_readings(time, psi, values["r"], {u: sizes[u] for u in dict.fromkeys([*order, *sizes])}, rates, told)
         likely = [next(y for y in made if y.psi_unit == unit) for unit in sizes]
         # Degrees and degrees a second fit as well as radians do: the turned velocities tell which.
-        return [(y, made) for y in likely if y.score < made[0].score + CLEAR]
+        return [(y, made) for y in likely if y.misfit < made[0].misfit + CLEAR]
     return [(Yaw(unit, "", 1, np.nan, 0.05 * k), []) for k, unit in enumerate(order)]
 
 
@@ -163,15 +170,10 @@ def _speed_units(
         elif said:
             result[k] = unit, f"unit by data, against its heading: {told}", False
         elif compared and other is not None and other[1] - apart > CLEAR:
-            result[k] = unit, f"unit by data: {told}", len(raw) > 1 and _anchored(columns, raw)
+            result[k] = unit, "unit by data", True
         else:
             result[k] = unit, "usual unit", False
     return result
-
-
-def _anchored(columns: dict[str, Heading], raw: dict[str, float]) -> bool:
-    """Whether one of the units that were compared is stated: ratios alone give none."""
-    return any(columns[k].unit or k == "lat" for k in raw)
 
 
 def _unit_price(heading: Heading, options: Sequence[str], unit: str) -> float:
@@ -218,21 +220,27 @@ def _angle(values: Series) -> float:
     return DEGREE if np.abs(values).max() > 2 * np.pi + 0.5 else 1.0
 
 
-def _open(columns: dict[str, Heading]) -> dict[str, Sequence]:
-    """What is not known of the axes; what names say stands first."""
-    fixed = {"lat", "cog"} & set(columns)
+def _open(columns: dict[str, Heading]) -> tuple[dict[str, Sequence], list[str]]:
+    """What is not known of the axes, what names say first; and what names state plainly."""
     result: dict[str, Sequence] = {}
+    trusted: list[str] = []
     if "x" in columns:
-        away = EAST.search(columns["x"].name) and NORTH.search(columns["y"].name)
-        result |= {"swapped_xy": [bool(away), not away], "x_sign": [1, -1], "y_sign": [1, -1]}
+        north_east, east_north = (_named(columns["x"], columns["y"], order) for order in (1, -1))
+        result |= {"swapped_xy": [east_north, not east_north], "x_sign": [1, -1], "y_sign": [1, -1]}
+        trusted += POSITION if north_east or east_north else ()
     if "u" in columns:
-        earth = EARTH.search(columns["u"].name) is not None
-        away = EAST.search(columns["u"].name) and NORTH.search(columns["v"].name)
-        result |= {"swapped_uv": [bool(away), not away], "u_sign": [1, -1], "v_sign": [1, -1]}
-        result |= {"frame": ["earth", "body"] if earth else ["body", "earth"]}
-    if "x" in columns or fixed or "u" in columns:
-        result |= {"psi_sign": [1, -1], "turn": [0, 90, 180, 270]}
-    return result
+        away = _named(columns["u"], columns["v"], -1)
+        result |= {"swapped_uv": [away, not away], "u_sign": [1, -1], "v_sign": [1, -1]}
+        result |= {"frame": ["earth", "body"] if EARTH.search(columns["u"].name) else ["body", "earth"]}
+    if {"x", "lat", "cog"} & set(columns):
+        result |= {"psi_sign": [1, -1], "turn": [0.0, 90.0, 180.0, 270.0]}
+    return result, trusted
+
+
+def _named(one: Heading, other: Heading, order: int) -> bool:
+    """Whether two columns are named north and east, in this order or the other."""
+    first, second = (one, other)[::order]
+    return bool(NORTH.search(first.name) and EAST.search(second.name))
 
 
 def _in_words(
@@ -240,6 +248,7 @@ def _in_words(
     columns: dict[str, Heading],
     units: dict[str, tuple[str, str, bool]],
     ship: Particulars | None,
+    told_apart: bool,
 ) -> Motions:
     """The readings as choices with their reasons."""
     yaw, others, m, axes = best
@@ -248,14 +257,20 @@ def _in_words(
     settings: dict[str, tuple[Any, str]] = {}
     rest = (*POSITION, *COURSE, "frame")
     if "u" in columns:
-        told = _told(axes, VELOCITY, rest, "agrees with the track" if m.track or m.over else "as a ship moves")
+        told = _told(axes, VELOCITY, rest, "sides by the track" if m.track or m.over else "as a ship moves")
         pair = ("v", "u") if a.swapped_uv else ("u", "v")
         read |= _pair(("u", "v"), pair, (a.u_sign, a.v_sign), units["u"], told)
-        why, decided = _told(axes, ("frame",), (*POSITION, *COURSE), "velocities")
-        if a.frame == "earth" or not decided:
-            settings["frame"] = a.frame, why
+        by_frame = _told(axes, ("frame",), (*POSITION, *COURSE), "by data")
+        if a.frame == "earth" or not by_frame.clear:
+            said = f"{by_frame.why}: misfit {by_frame.misfit}, next {by_frame.next}"
+            settings["frame"] = a.frame, said if by_frame.clear else f"undecided: {said}"
     if "x" in columns:
-        told = _told(axes, POSITION, (*VELOCITY, *COURSE, "frame"), "agrees with heading and velocities")
+        told = _told(
+            axes,
+            POSITION,
+            (*VELOCITY, *COURSE, "frame"),
+            "axes by heading, u, v" if "u" in columns else "axes by heading",
+        )
         pair = ("y", "x") if a.swapped_xy else ("x", "y")
         read |= _pair(("x", "y"), pair, (a.x_sign, a.y_sign), units["x"], told)
     if "lat" in columns:
@@ -265,7 +280,7 @@ def _in_words(
         read |= {"sog": Read("sog", unit, why=why, decided=decided)}
         cog = columns["cog"].unit or "deg"
         read |= {"cog": Read("cog", cog, why="by name" if columns["cog"].unit else "usual unit")}
-    read |= _yaw_in_words(yaw, others, axes, columns)
+    read |= _yaw_in_words(yaw, others, axes, columns, told_apart)
     settings |= _points(a, columns, m)
     speeds = [np.hypot(*p) for p in (m.velocity, m.track, m.over) if p is not None]
     speed = float(np.median(speeds[0]))
@@ -274,18 +289,26 @@ def _in_words(
                    ship or _stand_in(m.length, speed))  # fmt: skip
 
 
-def _told(axes: list[Axes], asked: Sequence[str], alike: Sequence[str], what: str) -> tuple[str, bool]:
+@dataclass(frozen=True)
+class _Told:
+    """What data say of a choice: in words, its misfit, that of the next one, whether that is clear."""
+
+    why: str = ""
+    misfit: str = ""
+    next: str = ""
+    clear: bool = True
+
+
+def _told(axes: list[Axes], asked: Sequence[str], alike: Sequence[str], what: str) -> _Told:
     """How clearly data speak for what was chosen."""
     best, other = axes[0], runner_up(axes, asked, alike)
     if other is None:
-        return "", True
+        return _Told()
     names = [n for n in asked if getattr(best, n) != getattr(other, n)]
     instead = ", ".join(_instead(n, getattr(other, n)) for n in names)
-    if not np.isnan(best.misfit):
-        told = f"{what}: misfit {best.misfit:.2f}, next {other.misfit:.2f} ({instead})"
-    else:
-        told = f"{what}: {best.evidence:.2f}, next {other.evidence:.2f} ({instead})"
-    return told, other.evidence - best.evidence > CLEAR
+    compared = not np.isnan(best.misfit)
+    own, others = (best.misfit, other.misfit) if compared else (best.evidence, other.evidence)
+    return _Told(what, f"{own:.2f}", f"{others:.2f} {instead}", other.evidence - best.evidence > CLEAR)
 
 
 def _instead(attribute: str, value: object) -> str:
@@ -305,30 +328,32 @@ def _pair(
     sources: tuple[str, str],
     signs: tuple[int, int],
     unit: tuple[str, str, bool],
-    told: tuple[str, bool],
+    told: _Told,
 ) -> dict[str, Read]:
     """Two channels that are judged together."""
     word, why, known = unit
     made = {}
     for name, source, sign in zip(names, sources, signs, strict=True):
-        changed = "columns exchanged; " if name != source else ""
-        said = "; ".join(part for part in (changed + why, told[0]) if part)
-        made[name] = Read(source, word, sign, why=said, decided=known and told[1])
+        changed = "columns exchanged" if name != source else ""
+        said = "; ".join(part for part in (why, changed, told.why) if part)
+        made[name] = Read(source, word, sign, 0.0, said, known and told.clear, told.misfit, told.next)
     return made
 
 
-def _yaw_in_words(yaw: Yaw, others: list[Yaw], axes: list[Axes], columns: dict[str, Heading]) -> dict[str, Read]:
+def _yaw_in_words(
+    yaw: Yaw, others: list[Yaw], axes: list[Axes], columns: dict[str, Heading], told_apart: bool
+) -> dict[str, Read]:
     """Heading and rate of turn."""
     a, said = axes[0], columns["psi"].unit
-    told, sure = _told(axes, COURSE, (*POSITION, *VELOCITY, "frame"), "with track and velocities")
+    told = _told(axes, COURSE, (*POSITION, *VELOCITY, "frame"), "zero, sign by motion")
     offset = float(a.turn) if yaw.psi_unit == "deg" else round(a.turn * DEGREE, 9)
-    by = "unit by name" if said == yaw.psi_unit else "unit by data" if others else "unit by size"
+    by = "unit by name" if said == yaw.psi_unit else "unit by data" if others or told_apart else "unit by size"
     if said and said != yaw.psi_unit:
         by += ", against its heading"
-    known = said == yaw.psi_unit or bool(others)
-    sure = sure or (a.psi_sign == 1 and a.turn == 0)
-    why = "; ".join(part for part in (by, told) if part)
-    read = {"psi": Read("psi", yaw.psi_unit, a.psi_sign, offset, why, known and sure)}
+    known = said == yaw.psi_unit or bool(others) or told_apart
+    sure = told.clear or (a.psi_sign == 1 and a.turn == 0)
+    why = "; ".join(part for part in (by, told.why) if part)
+    read = {"psi": Read("psi", yaw.psi_unit, a.psi_sign, offset, why, known and sure, told.misfit, told.next)}
     if "r" not in columns:
         return read
     alike = [y for y in others if y.psi_unit == yaw.psi_unit and (y.r_unit, y.same) != (yaw.r_unit, yaw.same)]
@@ -336,8 +361,9 @@ def _yaw_in_words(yaw: Yaw, others: list[Yaw], axes: list[Axes], columns: dict[s
     stated = columns["r"].unit
     by = "unit by name" if stated == yaw.r_unit else "unit by data" + (", against its heading" if stated else "")
     instead = other.r_unit if other.same == yaw.same else f"{other.r_unit}, other sign"
-    why = f"{by}; rate of psi: misfit {yaw.misfit:.2f}, next {other.misfit:.2f} ({instead})"
-    read["r"] = Read("r", yaw.r_unit, yaw.same * a.psi_sign, why=why, decided=other.misfit - yaw.misfit > CLEAR)
+    sign, clear = yaw.same * a.psi_sign, other.misfit - yaw.misfit > CLEAR
+    why, told_next = f"{by}; sign by psi", f"{other.misfit:.2f} {instead}"
+    read["r"] = Read("r", yaw.r_unit, sign, 0.0, why, clear, f"{yaw.misfit:.2f}", told_next)
     return read
 
 

@@ -40,6 +40,8 @@ class Choice:
         offset: What the file shows where the true value is zero, in the file's unit.
         why: In words.
         decided: Whether names or data decided; else somebody should look at it.
+        misfit: Misfit of what was chosen; empty where nothing can be compared.
+        next: Misfit of what the data would choose next, and what that is.
     """
 
     channel: str
@@ -49,6 +51,8 @@ class Choice:
     offset: float = 0.0
     why: str = ""
     decided: bool = True
+    misfit: str = ""
+    next: str = ""
 
 
 @dataclass(frozen=True)
@@ -178,8 +182,10 @@ def _moving(
 ) -> Proposal:
     """A mapping of a manoeuvre: first what moves, then the rudder, then the rest."""
     motions = read_motions(seconds, columns, values, ship)
-    choices = [Choice(c, columns[m.source].column, m.unit, m.sign, m.offset, m.why, m.decided)
-               for c, m in motions.read.items()]  # fmt: skip
+    choices = [
+        Choice(c, columns[m.source].column, m.unit, m.sign, m.offset, m.why, m.decided, m.misfit, m.next)
+        for c, m in motions.read.items()
+    ]
     settings, reasons, undecided = dict(made.settings), dict(made.reasons), list(made.undecided)
     for key, (value, why) in motions.settings.items():
         settings[key], reasons[key] = value, why
@@ -219,7 +225,7 @@ def _rudder_unit(
     if heading.unit and heading.unit != by_data:
         return by_data, f"unit by data, against its heading: {said}", False
     clear = largest > LARGEST_RUDDER or turned > 0.5
-    return by_data, f"unit by name; {said}" if heading.unit else f"unit by data: {said}", bool(heading.unit) or clear
+    return by_data, "unit by name" if heading.unit else f"unit by data: {said}", bool(heading.unit) or clear
 
 
 def _rudder_side(made: Proposal, motions: Motions) -> tuple[str, str, bool]:

@@ -85,8 +85,7 @@ def read_recording(path: str | Path, mapping: Mapping, ship: Particulars) -> Rec
 
     Times count from the first sample. u, v, x, y are carried to midship: ``v_mid = v - x_p r``. What a file lacks is
     derived where that can be done: r from psi, u and v from sog, cog and psi, or from x, y and psi by the smoother of
-    :mod:`~manoeuvre_nn.recording.accelerations`; x and y from lat and lon, or by integrating u and v along psi. A file
-    that cannot be read raises an :class:`~manoeuvre_nn.core.errors.InputError` that names file and line.
+    :mod:`~manoeuvre_nn.recording.accelerations`; x and y from lat and lon, or by integrating u and v along psi.
 
     Args:
         path: The file.
@@ -96,7 +95,8 @@ def read_recording(path: str | Path, mapping: Mapping, ship: Particulars) -> Rec
     Returns:
         The recording; ``meta`` holds ``source``, ``ship``, ``kind``, ``time_unit`` (L/U0 [s]), ``started`` (time of the
         first sample in the file [s]), ``derived`` (channels that the file lacks), ``outliers`` and ``gaps`` (channel ->
-        samples that were filled) and, with lat and lon, ``origin`` (the first fix [deg]).
+        samples that were filled) and, with lat and lon, ``origin`` (the first fix [deg]). A file that cannot be read raises
+        an :class:`~manoeuvre_nn.core.errors.InputError` that names file, line and column.
     """
     path = Path(path)
     table = read_table(path, mapping)

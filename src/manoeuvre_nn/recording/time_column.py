@@ -124,7 +124,7 @@ def _with_unit(
     scores = {}
     for unit in ORDER:
         price = AGAINST if said and unit != said else UNUSUAL if not said and unit != "s" else 0.0
-        scores[unit] = price + _disagreement(raw * UNITS["time"][unit], file, named, ship)
+        scores[unit] = float(price + _disagreement(raw * UNITS["time"][unit], file, named, ship))
     best, second = sorted(ORDER, key=lambda u: scores[u])[:2]
     apart = scores[second] - scores[best]
     told = f"misfit {scores[best]:.2f}, next {scores[second]:.2f} ({second})"
@@ -135,7 +135,7 @@ def _with_unit(
     else:
         why = f"unit by data: {told}" if apart > TOLD + 1e-9 else "usual unit"
     decided = said == best or (not said and apart > TOLD + 1e-9)
-    return TimeColumn(heading.column, best, why, decided), raw * UNITS["time"][best]
+    return TimeColumn(heading.column, best, why, bool(decided)), raw * UNITS["time"][best]
 
 
 def _disagreement(

@@ -27,7 +27,7 @@ from manoeuvre_nn.recording.held_out import HeldOut, simulated_references
 from manoeuvre_nn.recording.inspection import inspect_recording, summary_lines
 from manoeuvre_nn.recording.mapping import Mapping as ChannelMapping
 from manoeuvre_nn.recording.noise import add_noise, resample
-from manoeuvre_nn.recording.reader import read_recording
+from manoeuvre_nn.recording.reader import read_recording, recordings_in
 from manoeuvre_nn.recording.tuples import Tuples, to_tuples
 from manoeuvre_nn.training.settings import check_length, check_positive, check_simulable, expand, noise_in_si
 
@@ -310,7 +310,7 @@ class RecordedData(ManoeuvreData):
         paths = expand(where, files, "data.files")
         if not paths:
             raise InputError("data.files=[] names no recording: write data.files=[FILE,...], relative to data.folder")
-        judged = expand(where, score, "score") or [p for p in sorted(where.glob("*.csv")) if p not in paths]
+        judged = expand(where, score, "score") or [p for p in recordings_in(where) if p not in paths]
         both = sorted({p.name for p in paths} & {p.name for p in judged})
         if both:
             raise InputError(f"{', '.join(both)} is both in data.files and in score: a model is judged on unseen runs")

@@ -7,6 +7,7 @@ from pathlib import Path
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.recording.reader import recordings_in
 
 NOISE_UNITS = {
     "u": ("u", 1.0), "v": ("v", 1.0), "x": ("x", 1.0), "y": ("y", 1.0),
@@ -107,7 +108,7 @@ def expand(folder: Path, names: Sequence[str], what: str) -> list[Path]:
     for name in names:
         hits = sorted(folder.glob(str(name)))
         if not hits:
-            there = ", ".join(sorted(p.name for p in folder.glob("*.csv"))[:12]) or "no csv file"
+            there = ", ".join([p.name for p in recordings_in(folder)][:12]) or "no recording"
             raise InputError(f"{what}: {name} is not in {folder}; it holds {there}")
         found += hits
     return found
