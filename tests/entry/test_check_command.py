@@ -54,7 +54,12 @@ def folder(tmp_path_factory):
             table["r"] = np.interp(run.time - 1.0, run.time, table["r"])
         table["delta"] *= -1.0 if name == "turned" else 1.0
         table.to_csv(place / f"{name}.csv", index=False, float_format="%.8g")
-    said = {"time": {"column": "t", "unit": "s"}, "channels": {k: {"column": k, "unit": u} for k, u in UNITS.items()}}
+    target = "manoeuvre_nn.recording.mapping.mapping"
+    said = {
+        "_target_": target,
+        "time": {"column": "t", "unit": "s"},
+        "channels": {k: {"column": k, "unit": u} for k, u in UNITS.items()},
+    }
     (place / "columns.yaml").write_text(yaml.safe_dump(said))
     return place
 

@@ -232,6 +232,12 @@ def test_a_file_that_cannot_be_read_is_a_finding(truth, inspected):
     assert one.verdict == "refuse" and "'fast'" in str(one.findings[-1])
 
 
+def test_a_record_of_other_channels_is_refused_and_not_compared(truth, inspected):
+    record = replace(MAPPING, channels={"r": MAPPING.channels["r"]}, kind="record")
+    one, _ = inspected(written(truth), record)
+    assert one.verdict == "refuse" and "no u, v, x, y, psi, delta in the file" in str(one.findings[-1])
+
+
 def test_a_delay_is_measured_with_its_error(truth, inspected):
     one, _ = inspected(SPOILT["delay of r"](truth))
     (finding,) = [f for f in one.findings if f.check == "delay of r"]

@@ -55,7 +55,8 @@ def pulls(run, name, value, count):
     found = []
     for seed in range(count):
         identities = Identities(add_noise(run, NOISE, seed=seed), SHIP.particulars)
-        one = identities.estimate([name], identities.noise([name]))
+        first = identities.estimate([name], identities.noise([name]))
+        one = identities.estimate([name], identities.noise([name], first.values))
         found.append((one.values[name] - value) / one.errors[name])
     return np.array(found)
 

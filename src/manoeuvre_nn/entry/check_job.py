@@ -19,7 +19,7 @@ from manoeuvre_nn.entry.provenance import resolved, versions, write_provenance
 from manoeuvre_nn.identification.record_information import excitation_findings
 from manoeuvre_nn.recording.finding import Finding
 from manoeuvre_nn.recording.inspection import Inspection, inspect_file
-from manoeuvre_nn.recording.mapping import Mapping, mapping
+from manoeuvre_nn.recording.mapping import Mapping
 from manoeuvre_nn.recording.reader import recordings_in
 from manoeuvre_nn.report.check_figures import check_figure
 from manoeuvre_nn.report.check_tables import (
@@ -106,8 +106,7 @@ def _mapping(cfg: DictConfig, conf: Path) -> Mapping:
     if cfg.data.mapping is None:
         there = ", ".join(sorted(p.stem for p in (conf / "recording").glob("*.yaml")))
         raise InputError(f"data.mapping is not given: write the path of a yaml that maps columns, or one of: {there}")
-    given = configs.load_mapping(cfg.data.mapping, conf / "recording")
-    return given if isinstance(given, Mapping) else mapping(**given)
+    return configs.build(configs.load_mapping(cfg.data.mapping, conf / "recording"))
 
 
 def _with_information(one: Inspection, known: Ship) -> Inspection:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.recording import MOTION, Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.recording.checks import CHECKS
 from manoeuvre_nn.recording.fault_findings import fault_findings
@@ -99,6 +99,12 @@ def inspect_recording(
     Returns:
         What was found. Where units or frames are wrong nothing else is looked at: a wrong unit explains it.
     """
+    lacking = [name for name in MOTION if name not in recording.channels]
+    if lacking:
+        text = f"no {', '.join(lacking)} in the file: nothing to compare"
+        return Inspection(
+            recording.name, (Finding("channels", "refuse", text, remedy="map u, v, r, x, y, psi, delta"),)
+        )
     written = recording if written is None else written
     rate, missing = sampling(recording, ship), gaps(recording, ship)
     wild, flags = outliers(written, ship)
