@@ -24,9 +24,12 @@ from manoeuvre_nn.entry.check_job import check
 from manoeuvre_nn.entry.config import register_resolvers
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.recording.finding import Finding
+from manoeuvre_nn.recording.mapping import mapping
 from manoeuvre_nn.recording.noise import add_noise
 from manoeuvre_nn.report.check_figures import check_figure
+from manoeuvre_nn.ship.known import clarke_part
 from manoeuvre_nn.ship.mariner import mariner_corrected
+from manoeuvre_nn.training.data import RecordedData
 
 ROOT = Path(__file__).parents[2]
 CONF = ROOT / "conf"
@@ -102,6 +105,14 @@ def test_the_terminal_says_what_to_write(checked):
     said = checked[2]
     assert "r: written down" in said and "late: channels.r.delay: " in said
     assert "of 9 linear derivatives can be identified" in said and "checks.html" in said
+
+
+def test_training_is_told_what_should_be_mended_first(folder):
+    ship, said = mariner_corrected(), yaml.safe_load((folder / "columns.yaml").read_text())
+    del said["_target_"]
+    data = RecordedData(ship, clarke_part(ship), ["late.csv"], ["good.csv"], mapping(**said), folder=str(folder))
+    (line,) = data.remarks()
+    assert line.startswith("late: r: written down") and line.endswith("too late: move r back")
 
 
 def run_script(monkeypatch, *words):
