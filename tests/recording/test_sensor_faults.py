@@ -13,7 +13,7 @@ from manoeuvre_nn.manoeuvre.straight import straight
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.recording.identities import Identities
 from manoeuvre_nn.recording.noise import add_noise
-from manoeuvre_nn.recording.sensor_faults import measure_faults
+from manoeuvre_nn.recording.sensor_faults import fewest_delays, measure_faults, possible_faults
 from manoeuvre_nn.ship.mariner import mariner_corrected
 
 NOISE = {"u": 0.05, "v": 0.05, "r": 0.02 * DEGREE, "x": 0.7, "y": 0.7, "psi": 0.1 * DEGREE}
@@ -85,6 +85,17 @@ def test_three_late_sensors_are_told_as_one_early_one(clean):
         found = [m for m in measure_faults(run, SHIP.particulars) if m.found]
     assert [m.fault.name for m in found] == ["delay of x, y"]
     assert found[0].size == pytest.approx(-1.5, abs=4 * found[0].size_error)
+
+
+def test_the_fewest_delays_that_explain_as_much_are_kept(clean):
+    run = add_noise(late(clean, 1.5, "u", "v", "r", "psi"), NOISE, seed=1)
+    with unchecked():
+        identities = Identities(run, SHIP.particulars)
+        faults = possible_faults(run, SHIP.particulars, identities)
+        three = [f for f in faults if f.name in {"delay of r", "delay of psi", "delay of u, v"}]
+        noise = identities.noise([part for f in three for part in f.parts])
+        kept = fewest_delays(identities, three, faults, noise)
+    assert [f.name for f in kept] == ["delay of x, y"]
 
 
 def test_on_a_straight_course_nothing_is_claimed():

@@ -170,15 +170,23 @@ def _found(identities: Identities, faults: Sequence[Fault], noise: Noise) -> lis
         if not _clear(_measured(best, now, found=True)):
             found.remove(best)
             break
-    found = _fewest_delays(identities, found, faults, noise)
+    found = fewest_delays(identities, found, faults, noise)
     together = identities.estimate(_parts(found), noise)
     return [f for f in found if _clear(_measured(f, together, found=True))]
 
 
-def _fewest_delays(
-    identities: Identities, found: Sequence[Fault], faults: Sequence[Fault], noise: Noise
-) -> list[Fault]:
-    """The simplest story of the delays: that all others are late is said as well by one that is early."""
+def fewest_delays(identities: Identities, found: Sequence[Fault], faults: Sequence[Fault], noise: Noise) -> list[Fault]:
+    """The simplest story of the delays: that all others are late is said as well by one that is early.
+
+    Args:
+        identities: The identities.
+        found: Faults that were found.
+        faults: All that are possible.
+        noise: Of the leftover.
+
+    Returns:
+        The faults, with the fewest delays that explain as much; of equal stories the one that moves least.
+    """
     delays, others = ([f for f in g if f.name.startswith("delay") == late] for g, late in ((faults, 1), (found, 0)))
     now = [f for f in found if f in delays]
     if not now:
