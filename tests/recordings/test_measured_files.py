@@ -7,11 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from fleet import unchecked
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.recording.accelerations import accelerations
 from manoeuvre_nn.recording.captive import captive_mapping, read_captive
 from manoeuvre_nn.recording.checks import check_recording
+from manoeuvre_nn.recording.inspection import inspect_recording
 from manoeuvre_nn.recording.mapping import mapping
 from manoeuvre_nn.recording.proposal import propose
 from manoeuvre_nn.recording.reader import read_recording, read_recordings
@@ -165,3 +167,31 @@ def test_captive_tests_are_read_in_the_ships_signs():
     steered = (np.abs(tests.beta) < 1e-9) & (tests.speed > 1.1)
     assert np.polyfit(tests.delta[steered], tests.N[steered], 1)[0] > 0
     assert np.polyfit(tests.v, tests.Y, 1)[0] < 0 and np.polyfit(tests.v, tests.N, 1)[0] < 0
+
+
+def sensors(name, fault):
+    """A fault as measured in each record."""
+    records, ship = plain(name)
+    with unchecked():
+        found = [inspect_recording(r, ship).findings for r in records]
+    return [f for findings in found for f in findings if f.check == fault]
+
+
+def test_the_positions_of_the_pond_are_ahead_of_its_velocities_in_every_zigzag():
+    found = sensors("esso-osaka-frt/zigzag", "delay of x, y")
+    assert [f.verdict for f in found] == ["mend"] * 7
+    assert all(abs(f.measured + 0.91) < 0.05 + 3 * f.error for f in found)
+
+
+def test_the_rate_of_turn_of_the_full_scale_records_has_an_offset():
+    found = sensors("kvlcc2-marin-free", "offset of r")
+    records, _ = plain("kvlcc2-marin-free")
+    for f, r in zip(found, records, strict=True):
+        drift = np.degrees(np.trapezoid(r["r"], r.time) - (r["psi"][-1] - r["psi"][0])) / r.duration
+        assert f.verdict == "mend" and f.measured == pytest.approx(drift, abs=6 * f.error)
+
+
+def test_the_records_of_the_towing_carriage_need_no_mending():
+    records, ship = plain("kvlcc2-hsva-cpmc")
+    with unchecked():
+        assert {f.check for r in records for f in inspect_recording(r, ship).findings if f.trips} == set()

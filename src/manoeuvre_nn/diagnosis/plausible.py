@@ -30,7 +30,8 @@ UNITS = "t in s, x_north, y_east in m, sog, u, v, u_log in m/s, cog, psi, delta 
 REMEDY = f"csv columns are {UNITS}; for others give mapping=FILE.yaml"
 STUCK, AROUND = 0.5 * DEGREE, 45 * DEGREE
 """A rudder that moves less, in a run that turns through more, was not recorded."""
-Finding = Callable[[Recording, Particulars], str | None]
+Check = Callable[[Recording, Particulars], object | None]
+"""Whatever it finds reads as a sentence."""
 
 
 def check_sheet(sheet: Sheet, ship: Particulars, remedy: str = REMEDY) -> None:
@@ -45,7 +46,7 @@ def check_sheet(sheet: Sheet, ship: Particulars, remedy: str = REMEDY) -> None:
         InputError: With the first finding.
     """
     clean = _without_spikes(sheet, ship)
-    checks: tuple[Finding, ...] = (
+    checks: tuple[Check, ...] = (
         heading_unit,
         stuck_rudder,
         rudder_unit,

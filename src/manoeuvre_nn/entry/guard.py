@@ -125,5 +125,5 @@ def _one_line(text: str) -> str:
 def _program() -> str:
     """The entry point that was called, for advice."""
     called = Path(sys.argv[0]).name
-    scripts = {"reproduce.py", "excite.py"}
+    scripts = {"reproduce.py", "excite.py", "check_recordings.py"}
     return f"scripts/{called}" if called in scripts else called if called == "diagnose.py" else "train.py"

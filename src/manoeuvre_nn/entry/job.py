@@ -69,6 +69,8 @@ def train(cfg: DictConfig, out: Path, conf: Path, console: Console | None = None
         console.print(f"{out} holds this run already: nothing to do", soft_wrap=True)
         return None
     write_provenance(cfg, out)
+    for line in job.data.remarks():
+        console.print(f"note: {line}", highlight=False, soft_wrap=True)
     job.data.setup(stage=None)
     judge = RolloutScore(job.data.held_out, draw=draw, **cfg.scoring)
     trained = session.run(make_fit(cfg, job), job.data, judge, job.session, out, console)

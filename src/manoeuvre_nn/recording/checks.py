@@ -12,6 +12,7 @@ from manoeuvre_nn.core.recording import MOTION, Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE, KNOT
 from manoeuvre_nn.recording.accelerations import smoothed
+from manoeuvre_nn.recording.finding import Change, Finding
 
 WINDOW = 0.8
 """Smoothing window over L/U0."""
@@ -26,18 +27,18 @@ STRONG_EVIDENCE = 4.0
 
 Series = Float[np.ndarray, " n"]
 SPEED_RATIOS = {
-    KNOT: "u and v look like knots: write unit: kn",
-    1 / KNOT: "u and v look like m/s, not knots: write unit: m/s",
-    1 / 3.6: "u and v look like km/h: write unit: km/h",
-    3.6: "u and v look like m/s, not km/h: write unit: m/s",
-    1 / 0.3048: "x and y look like feet: write unit: ft",
-    0.3048: "x and y look like metres, not feet: write unit: m",
-    1e-3: "time looks like milliseconds: write unit: ms",
-    1e3: "time looks like seconds, not milliseconds: write unit: s",
-    60.0: "time looks like minutes: write unit: min",
-    1 / 60: "time looks like seconds, not minutes: write unit: s",
+    KNOT: ("u and v look like knots", "kn", ("u", "v")),
+    1 / KNOT: ("u and v look like m/s, not knots", "m/s", ("u", "v")),
+    1 / 3.6: ("u and v look like km/h", "km/h", ("u", "v")),
+    3.6: ("u and v look like m/s, not km/h", "m/s", ("u", "v")),
+    1 / 0.3048: ("x and y look like feet", "ft", ("x", "y")),
+    0.3048: ("x and y look like metres, not feet", "m", ("x", "y")),
+    1e-3: ("time looks like milliseconds", "ms", ("time",)),
+    1e3: ("time looks like seconds, not milliseconds", "s", ("time",)),
+    60.0: ("time looks like minutes", "min", ("time",)),
+    1 / 60: ("time looks like seconds, not minutes", "s", ("time",)),
 }
-"""Speed over ground over ``hypot(u, v)`` -> what was mistaken."""
+"""Speed over ground over ``hypot(u, v)`` -> what was mistaken, the right unit, of which channels."""
 
 
 def check_recording(recording: Recording, ship: Particulars) -> None:
@@ -62,7 +63,7 @@ def check_recording(recording: Recording, ship: Particulars) -> None:
             raise InputError(f"recording {recording.name}: {finding}")
 
 
-def rudder_unit(recording: Recording, ship: Particulars) -> str | None:
+def rudder_unit(recording: Recording, ship: Particulars) -> Finding | None:
     """Degrees taken for radians, and the reverse.
 
     Args:
@@ -75,16 +76,18 @@ def rudder_unit(recording: Recording, ship: Particulars) -> str | None:
     del ship
     largest = float(np.abs(recording["delta"]).max())
     if largest > 1.2:
-        return f"rudder angles reach {largest:.4g} rad; expected below 1.2: delta looks like degrees: write unit: deg"
+        text = f"rudder angles reach {largest:.4g} rad; expected below 1.2"
+        return _refused("rudder unit", text, "delta looks like degrees: write unit: deg", *_units("deg", "delta"))
     if 0 < largest < 1.2 * DEGREE and _turns(recording) > 0.5:
-        return (
+        text = (
             f"rudder angles stay within {largest / DEGREE:.2g} deg while the heading changes by "
-            f"{_turns(recording) / DEGREE:.0f} deg; delta looks like radians, not degrees: write unit: rad"
+            f"{_turns(recording) / DEGREE:.0f} deg; delta looks like radians, not degrees"
         )
+        return _refused("rudder unit", text, "write unit: rad", *_units("rad", "delta"))
     return None
 
 
-def rudder_stop(recording: Recording, ship: Particulars) -> str | None:
+def rudder_stop(recording: Recording, ship: Particulars) -> Finding | None:
     """Rudder beyond the ship's stop.
 
     Args:
@@ -97,13 +100,14 @@ def rudder_stop(recording: Recording, ship: Particulars) -> str | None:
     largest = float(np.abs(recording["delta"]).max())
     if largest <= ship.rudder_limit + 1.0 * DEGREE:
         return None
-    return (
+    text = (
         f"rudder angles reach {largest / DEGREE:.4g} deg; that of the {ship.name} stops at "
-        f"{ship.rudder_limit / DEGREE:.4g} deg: choose the right ship, or mind the unit and offset of delta"
+        f"{ship.rudder_limit / DEGREE:.4g} deg"
     )
+    return _refused("rudder stop", text, "choose the right ship, or mind the unit and offset of delta")
 
 
-def speed_unit(recording: Recording, ship: Particulars) -> str | None:
+def speed_unit(recording: Recording, ship: Particulars) -> Finding | None:
     """Speed from u and v against the track; with no track of its own, against the ship.
 
     Args:
@@ -121,13 +125,14 @@ def speed_unit(recording: Recording, ship: Particulars) -> str | None:
     if 0.75 < ratio < 1.33:
         return None
     known = min(SPEED_RATIOS, key=lambda k: abs(np.log(max(ratio, 1e-9) / k)))
-    cause = "mind the units of u, v, x, y and time"
+    text = f"the speed from x, y is {ratio:.4g} times hypot(u, v); expected 1"
     if abs(np.log(max(ratio, 1e-9) / known)) < 0.1:
-        cause = SPEED_RATIOS[known]
-    return f"the speed from x, y is {ratio:.4g} times hypot(u, v); expected 1: {cause}"
+        cause, unit, channels = SPEED_RATIOS[known]
+        return _refused("speed unit", text, f"{cause}: write unit: {unit}", *_units(unit, *channels))
+    return _refused("speed unit", text, "mind the units of u, v, x, y and time")
 
 
-def speed_size(recording: Recording, ship: Particulars) -> str | None:
+def speed_size(recording: Recording, ship: Particulars) -> Finding | None:
     """Speeds that the ship cannot have.
 
     Args:
@@ -140,22 +145,20 @@ def speed_size(recording: Recording, ship: Particulars) -> str | None:
     speed = np.hypot(recording["u"], recording["v"])
     usual = float(np.quantile(speed, 0.9))
     if usual > 1.6 * ship.speed:
-        return (
-            f"the speed reaches {usual:.4g} m/s; the {ship.name} approaches at {ship.speed:.4g} m/s: u and v look like "
-            "knots or km/h: write their unit, or choose the right ship (model scale, full scale)"
-        )
+        remedy = "u and v look like knots or km/h: write their unit, or choose the right ship (model scale, full scale)"
+        text = f"the speed reaches {usual:.4g} m/s; the {ship.name} approaches at {ship.speed:.4g} m/s"
+        return _refused("speed", text, remedy)
     if usual < 0.05 * ship.speed:
-        return (
-            f"the speed stays below {usual:.4g} m/s; the {ship.name} approaches at {ship.speed:.4g} m/s: mind the "
-            "unit of u and v, or choose the right ship (model scale, full scale)"
-        )
+        text = f"the speed stays below {usual:.4g} m/s; the {ship.name} approaches at {ship.speed:.4g} m/s"
+        return _refused("speed", text, "mind the unit of u and v, or choose the right ship (model scale, full scale)")
     forward = float(np.quantile(recording["u"], 0.95))
     if forward < 0:
-        return f"u stays below {forward:.3g} m/s, the ship runs astern throughout: write sign: -1 for u"
+        text = f"u stays below {forward:.3g} m/s, the ship runs astern throughout"
+        return _refused("speed", text, "write sign: -1 for u", *_turned("u"))
     return None
 
 
-def heading_rate(recording: Recording, ship: Particulars) -> str | None:
+def heading_rate(recording: Recording, ship: Particulars) -> Finding | None:
     """The rate of the heading against r: units and signs of both.
 
     Args:
@@ -173,25 +176,32 @@ def heading_rate(recording: Recording, ship: Particulars) -> str | None:
     slope = _robust_slope(m.r, m.psi_rate)
     if abs(slope - 1) < 0.2:
         return None
-    said = f"the heading changes {slope:.3g} times as fast as r says; expected 1: "
+    said = f"the heading changes {slope:.3g} times as fast as r says; expected 1"
+    remedy, changes = _rate_remedy(recording, ship, m, slope)
+    return _refused("r against psi", said, remedy, *changes)
+
+
+def _rate_remedy(recording: Recording, ship: Particulars, m: "_Motion", slope: float) -> tuple[str, tuple[Change, ...]]:
+    """Which of psi and r is in another unit, or has the other sign."""
     turning = float(np.quantile(np.abs(m.r), 0.98)) * ship.time_unit
     if abs(slope * DEGREE - 1) < 0.2:
         if turning > 0.03:
-            return said + "psi looks like degrees: write unit: deg for psi"
-        return said + "r looks like rad/s, not deg/s: write unit: rad/s for r"
+            return "psi looks like degrees: write unit: deg for psi", _units("deg", "psi")
+        return "r looks like rad/s, not deg/s: write unit: rad/s for r", _units("rad/s", "r")
     if abs(slope / DEGREE - 1) < 0.2:
         if turning > 4:
-            return said + "r looks like deg/s: write unit: deg/s for r"
-        return said + "psi looks like radians, not degrees: write unit: rad for psi"
+            return "r looks like deg/s: write unit: deg/s for r", _units("deg/s", "r")
+        return "psi looks like radians, not degrees: write unit: rad for psi", _units("rad", "psi")
     if abs(slope + 1) < 0.2:
         if _derived(recording) & {"u", "x"}:
-            return said + "write sign: -1 for psi or for r"
+            return "write sign: -1 for psi or for r", ()
         turned = _misfit(m, m.u, m.v, m.north, m.east, -m.psi) < _misfit(m, m.u, m.v, m.north, m.east, m.psi)
-        return said + f"write sign: -1 for {'psi' if turned else 'r'}"
-    return said + "mind the units of psi, r and time"
+        name = "psi" if turned else "r"
+        return f"write sign: -1 for {name}", _turned(name)
+    return "mind the units of psi, r and time", ()
 
 
-def frame(recording: Recording, ship: Particulars) -> str | None:
+def frame(recording: Recording, ship: Particulars) -> Finding | None:
     """Body velocities against those of the track: frames, signs, swapped columns, heading offset.
 
     Every simple mistake is tried; the one that brings the two together best is named.
@@ -211,29 +221,42 @@ def frame(recording: Recording, ship: Particulars) -> str | None:
         return None
     offset = _heading_offset(m)
     turned, straight = body_to_earth(m.u, m.v, m.psi), earth_to_body(m.u, m.v, m.psi)
-    remedies = {
-        "u and v look earth-fixed: write frame: earth": _misfit(m, *straight, m.north, m.east, m.psi),
-        "u and v look body-fixed: write frame: body": _misfit(m, *turned, m.north, m.east, m.psi),
-        "u and v look swapped: exchange their columns": _misfit(m, m.v, m.u, m.north, m.east, m.psi),
-        "x and y look swapped (x is north, y east): exchange their columns": _misfit(
-            m, m.u, m.v, m.east, m.north, m.psi
-        ),
-        "write sign: -1 for v": _misfit(m, m.u, -m.v, m.north, m.east, m.psi),
-        "write sign: -1 for u": _misfit(m, -m.u, m.v, m.north, m.east, m.psi),
-        "write sign: -1 for x": _misfit(m, m.u, m.v, -m.north, m.east, m.psi),
-        "write sign: -1 for y": _misfit(m, m.u, m.v, m.north, -m.east, m.psi),
-        "write sign: -1 for psi": _misfit(m, m.u, m.v, m.north, m.east, -m.psi),
-        f"psi looks {offset / DEGREE:.0f} deg off: take that from the heading": _misfit(
-            m, m.u, m.v, m.north, m.east, m.psi - offset
-        ),
-    }
-    cause, best = min(remedies.items(), key=lambda item: item[1])
+    tried: list[tuple[str, tuple[Change, ...], float]] = [
+        ("u and v look earth-fixed: write frame: earth", (Change("frame", value="earth"),),
+         _misfit(m, *straight, m.north, m.east, m.psi)),
+        ("u and v look body-fixed: write frame: body", (Change("frame", value="body"),),
+         _misfit(m, *turned, m.north, m.east, m.psi)),
+        ("u and v look swapped: exchange their columns", (Change("channels.u", "exchange", "v"),),
+         _misfit(m, m.v, m.u, m.north, m.east, m.psi)),
+        ("x and y look swapped (x is north, y east): exchange their columns", (Change("channels.x", "exchange", "y"),),
+         _misfit(m, m.u, m.v, m.east, m.north, m.psi)),
+        ("write sign: -1 for v", _turned("v"), _misfit(m, m.u, -m.v, m.north, m.east, m.psi)),
+        ("write sign: -1 for u", _turned("u"), _misfit(m, -m.u, m.v, m.north, m.east, m.psi)),
+        ("write sign: -1 for x", _turned("x"), _misfit(m, m.u, m.v, -m.north, m.east, m.psi)),
+        ("write sign: -1 for y", _turned("y"), _misfit(m, m.u, m.v, m.north, -m.east, m.psi)),
+        ("write sign: -1 for psi", _turned("psi"), _misfit(m, m.u, m.v, m.north, m.east, -m.psi)),
+        (f"psi looks {offset / DEGREE:.0f} deg off: take that from the heading",
+         (Change("channels.psi", "offset", offset),), _misfit(m, m.u, m.v, m.north, m.east, m.psi - offset)),
+    ]  # fmt: skip
+    cause, changes, best = min(tried, key=lambda one: one[2])
     if best > 0.6 * as_given:
-        cause = "mind the columns and signs of u, v, x, y, psi, and reference_point"
-    return f"u, v do not follow from x, y and psi (misfit {as_given:.2g}, expected below {MISFIT}): {cause}"
+        cause, changes = _other_point(m, as_given)
+    text = f"u, v do not follow from x, y and psi (misfit {as_given:.2g}, expected below {MISFIT})"
+    return _refused("frame", text, cause, *changes)
 
 
-def rudder_sign(recording: Recording, ship: Particulars) -> str | None:
+def _other_point(m: "_Motion", as_given: float) -> tuple[str, tuple[Change, ...]]:
+    """Positions of another point than the velocities; else nobody knows."""
+    _, abeam = earth_to_body(m.north, m.east, m.psi)
+    lever = _robust_slope(m.r, abeam - m.v)
+    if _misfit(m, m.u, m.v + lever * m.r, m.north, m.east, m.psi) > 0.6 * as_given:
+        return "mind the columns and signs of u, v, x, y, psi, and reference_point", ()
+    side = "ahead of" if lever > 0 else "aft of"
+    said = f"x and y look to be of a point {abs(lever):.3g} m {side} that of u and v: write position_point"
+    return said, (Change("position_point", "add", lever),)
+
+
+def rudder_sign(recording: Recording, ship: Particulars) -> Finding | None:
     """Which way the rudder turns the ship, measured.
 
     ``rdot = a r + b delta + c`` is fitted to the times in which the rudder has moved lately, so that a ship that lags
@@ -252,11 +275,27 @@ def rudder_sign(recording: Recording, ship: Particulars) -> str | None:
     b, error = rudder_effect(recording, ship)
     if not b < -STRONG_EVIDENCE * error:
         return None
-    return (
+    text = (
         "rudder sign opposite to the turn: a positive rudder angle turns the ship to port (rdot = "
-        f"{b * ship.time_unit**2:.2g} delta in units of U0^2/L^2): change rudder_positive_to (or the sign of delta, or "
-        "of r and psi together)"
+        f"{b * ship.time_unit**2:.2g} delta in units of U0^2/L^2)"
     )
+    remedy = "change rudder_positive_to (or the sign of delta, or of r and psi together)"
+    return _refused("rudder sign", text, remedy, Change("rudder_positive_to", "turn"))
+
+
+def _refused(check: str, text: str, remedy: str, *changes: Change) -> Finding:
+    """What cannot be used as it is."""
+    return Finding(check, "refuse", text, remedy=remedy, changes=tuple(changes))
+
+
+def _units(unit: str, *names: str) -> tuple[Change, ...]:
+    """Another unit for some channels, or for time."""
+    return tuple(Change("time.unit" if k == "time" else f"channels.{k}.unit", value=unit) for k in names)
+
+
+def _turned(name: str) -> tuple[Change, ...]:
+    """A channel with the other sign."""
+    return (Change(f"channels.{name}", "turn"),)
 
 
 class _Motion:
@@ -345,7 +384,7 @@ def _derived(recording: Recording) -> set[str]:
     return set(recording.meta.get("derived", ()))
 
 
-CHECKS: tuple[Callable[[Recording, Particulars], str | None], ...] = (
+CHECKS: tuple[Callable[[Recording, Particulars], Finding | None], ...] = (
     rudder_unit,
     rudder_stop,
     speed_unit,

@@ -10,6 +10,8 @@ FAR = 8.0
 """How far off the median of its neighbours an outlier lies, over the usual distance from the line between two."""
 LEAST = 0.03
 """The same over the spread of the channel: a quiet channel has no outliers below that."""
+TIP = 2.0
+"""How far off the middle of its neighbours an outlier lies, over how far the channel moves beside them."""
 
 Series = Float[np.ndarray, " n"]
 
@@ -18,7 +20,8 @@ def outlying(values: Series) -> Bool[np.ndarray, " n"]:
     """Single samples that lie far off their neighbours.
 
     A sample is compared with the median of the five samples around it; the scale is how far samples usually lie off the
-    line between their neighbours. Steps and ramps pass: there a sample is the median of its neighbours.
+    line between their neighbours. Steps and ramps pass: there a sample is the median of its neighbours. So do the tips
+    of peaks: an outlier lies further off the middle of its neighbours than the channel moves beside them.
 
     Args:
         values: Samples; NaN where there is none.
@@ -41,8 +44,11 @@ def outlying(values: Series) -> Bool[np.ndarray, " n"]:
     far = away > max(FAR * 1.4826 * bent, LEAST * float(high - low), 1e-12)
     around = np.pad(away, 1)
     beside = np.maximum(around[:-2], around[2:]) > 0.5 * away
+    moves = np.pad(np.abs(np.diff(there)), 3, mode="edge")  # moves[k + 3] leads from sample k to the next
+    usual = np.maximum(moves[1 : len(there) + 1], moves[4 : len(there) + 4])
+    middle = 0.5 * (np.pad(there, 1, mode="edge")[:-2] + np.pad(there, 1, mode="edge")[2:])
     result = np.zeros(len(values), dtype=bool)
-    result[good] = far & ~beside
+    result[good] = far & ~beside & (np.abs(there - middle) > TIP * usual)
     return result
 
 

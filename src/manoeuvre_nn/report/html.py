@@ -28,6 +28,7 @@ def write_report(
     config_yaml: str,
     versions: Mapping[str, Any],
     notes: Sequence[str] = (),
+    unfolded: Sequence[str] = (),
 ) -> Path:
     """Write a report.
 
@@ -44,6 +45,7 @@ def write_report(
         config_yaml: Resolved configuration.
         versions: Package, system, seed or commit -> what it was.
         notes: Sentences on what it was trained on and on what to mind.
+        unfolded: Headings of tables that are shown whatever their length.
 
     Returns:
         The file.
@@ -55,7 +57,7 @@ def write_report(
         page.render(
             title=title,
             summary=summary,
-            tables={heading: _cells(rows) for heading, rows in tables.items() if rows},
+            tables={heading: _cells(rows, heading in unfolded) for heading, rows in tables.items() if rows},
             training=sections.pop(TRAINING, []),
             sections=sections,
             notes=notes,
@@ -91,10 +93,10 @@ def _sections(figures: Mapping[str, Figure]) -> dict[str, list[tuple[str, str]]]
     return sections
 
 
-def _cells(rows: Sequence[Row]) -> dict[str, Any]:
+def _cells(rows: Sequence[Row], unfolded: bool = False) -> dict[str, Any]:
     """Headings and cells of a table: (text, style class)."""
     names = columns(rows)
-    folded = len(rows) > LONG_TABLE
+    folded = len(rows) > LONG_TABLE and not unfolded
     return {"folded": folded, "headings": names, "rows": [[_cell(row.get(name)) for name in names] for row in rows]}
 
 

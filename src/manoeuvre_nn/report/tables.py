@@ -26,7 +26,7 @@ UNIT_SUFFIXES = {"deg": "deg", "s": "s", "L": "L", "deg_s": "deg/s", "m": "m", "
 """Endings of criteria names and the units that they stand for."""
 GOOD, BAD = (
     frozenset({"ok", "pass", "passed", "met", "yes", "finished"}),
-    frozenset({"fail", "failed", "no", "not met"}),
+    frozenset({"fail", "failed", "no", "not met", "mend", "refuse"}),
 )
 """Words that are shown green and red."""
 

@@ -24,6 +24,7 @@ from manoeuvre_nn.dynamics.simulate import Problem, simulate
 from manoeuvre_nn.recording.accelerations import accelerations, taken_away
 from manoeuvre_nn.recording.checks import check_recording
 from manoeuvre_nn.recording.held_out import HeldOut, simulated_references
+from manoeuvre_nn.recording.inspection import inspect_recording, summary_lines
 from manoeuvre_nn.recording.mapping import Mapping as ChannelMapping
 from manoeuvre_nn.recording.noise import add_noise, resample
 from manoeuvre_nn.recording.reader import read_recording, recordings_in
@@ -97,6 +98,14 @@ class ManoeuvreData(ABC, L.LightningDataModule):
     @abstractmethod
     def describe(self) -> str:
         """What the model is trained on, in words for the report."""
+
+    def remarks(self) -> list[str]:
+        """What should be known of the recordings before anything is learnt from them, a line each.
+
+        Returns:
+            Lines; none for a simulation.
+        """
+        return []
 
     def prepare(self, recordings: Sequence[Recording], noisy: bool) -> None:
         """Form the tuples.
@@ -299,7 +308,7 @@ class RecordedData(ManoeuvreData):
         check_positive("data.length", length)
         check_positive("data.rate_hz", rate_hz)
         self.particulars = ship if isinstance(ship, Particulars) else ship.particulars
-        self.reference = ship
+        self.reference, self.mapping = ship, mapping
         where = Path(folder)
         paths = expand(where, files, "data.files")
         if not paths:
@@ -337,6 +346,14 @@ class RecordedData(ManoeuvreData):
         # Initial states and references come from the smoothed channels: noise is nothing a model should be asked for.
         references = tuple(accelerations(r, "smoother") for r in self._judged)
         self.held_out = HeldOut(references, self.particulars.length)
+
+    def remarks(self) -> list[str]:
+        """What the checks find in the files that are trained on.
+
+        Returns:
+            A line each finding that asks for something to be done, at most six.
+        """
+        return summary_lines([inspect_recording(r, self.particulars, mapping=self.mapping) for r in self._read])
 
     def _read_off(self, recording: Recording) -> Recording:
         """A recording at the rate asked for, else the ship's usual one, or its own where that is slower."""

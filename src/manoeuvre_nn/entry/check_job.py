@@ -1,0 +1,192 @@
+"""The job of ``scripts/check_recordings.py``: every check of every file, a page, figures and JSON."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import yaml
+from matplotlib.figure import Figure
+from omegaconf import DictConfig
+from rich.console import Console
+
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.core.threads import use_threads
+from manoeuvre_nn.entry import config as configs
+from manoeuvre_nn.entry import guard
+from manoeuvre_nn.entry.job import known_part
+from manoeuvre_nn.entry.provenance import resolved, versions, write_provenance
+from manoeuvre_nn.identification.record_information import excitation_findings
+from manoeuvre_nn.recording.finding import Finding
+from manoeuvre_nn.recording.inspection import Inspection, inspect_file
+from manoeuvre_nn.recording.mapping import Mapping
+from manoeuvre_nn.recording.reader import recordings_in
+from manoeuvre_nn.report.check_figures import check_figure
+from manoeuvre_nn.report.check_tables import (
+    checks_json,
+    finding_rows,
+    overview_rows,
+    remedy_lines,
+    sentence,
+    together_rows,
+    trouble_rows,
+)
+from manoeuvre_nn.report.html import write_report
+from manoeuvre_nn.report.tables import rich_table
+from manoeuvre_nn.training.settings import expand
+
+PAGE, RESULT = "checks.html", "findings.json"
+LONG = 6
+"""Recordings up to which the terminal shows notes too."""
+
+
+def run_checks(cfg: DictConfig, out: Path, conf: Path) -> None:
+    """Run the command; wrong input ends in one line, a refused file in exit code 2.
+
+    Args:
+        cfg: The config.
+        out: Output folder.
+        conf: The folder ``conf``.
+
+    Raises:
+        SystemExit: With code 2 if a file is refused.
+    """
+    with guard.one_line():
+        found = check(cfg, out, conf, Console())
+    if any(one.verdict == "refuse" for one in found):
+        raise SystemExit(guard.WRONG_INPUT)
+
+
+def check(cfg: DictConfig, out: Path, conf: Path, console: Console) -> list[Inspection]:
+    """Check all files and write everything.
+
+    Args:
+        cfg: The config.
+        out: Output folder.
+        conf: The folder ``conf``.
+        console: Where to print.
+
+    Returns:
+        What was found, file by file.
+    """
+    use_threads(1)
+    drawn = configs.switch("figures", cfg.figures)
+    ship, known = known_part(cfg)
+    particulars = ship if isinstance(ship, Particulars) else ship.particulars
+    paths, columns = _files(cfg), _mapping(cfg, conf)
+    write_provenance(cfg, out)
+    found = []
+    with console.status("checking") as status:
+        for path in paths:
+            status.update(f"checking {path.name}")
+            found.append(_with_information(inspect_file(path, columns, particulars), known))
+        together = _all_together(found, known)
+        status.update("drawing")
+        figures = _figures(found, out) if drawn else {}
+    _write(found, together, columns, figures, cfg, out)
+    _print(found, together, columns, out, console)
+    return found
+
+
+def _files(cfg: DictConfig) -> list[Path]:
+    """Files that are named, or all of the folder."""
+    folder = Path(cfg.data.folder)
+    names = configs.as_list(cfg.data.files)
+    paths = expand(folder, names, "data.files")
+    if names:
+        return paths
+    there = recordings_in(folder)
+    if not there:
+        raise InputError(f"data.folder={folder} holds no recording: write the folder that holds the files")
+    return there
+
+
+def _mapping(cfg: DictConfig, conf: Path) -> Mapping:
+    """The mapping, by path or by name."""
+    if cfg.data.mapping is None:
+        there = ", ".join(sorted(p.stem for p in (conf / "recording").glob("*.yaml")))
+        raise InputError(f"data.mapping is not given: write the path of a yaml that maps columns, or one of: {there}")
+    return configs.build(configs.load_mapping(cfg.data.mapping, conf / "recording"))
+
+
+def _with_information(one: Inspection, known: Ship) -> Inspection:
+    """Findings on what the record can identify, for one whose units are right."""
+    clean = one.clean
+    if clean is None or one.verdict == "refuse":
+        return one
+    return one.adding(excitation_findings([clean], known))
+
+
+def _all_together(found: Sequence[Inspection], known: Ship) -> list[Finding]:
+    """What several records can identify together."""
+    clean = [one.clean for one in found if one.verdict != "refuse"]
+    usable = [c for c in clean if c is not None]
+    return excitation_findings(usable, known) if len(usable) > 1 else []
+
+
+def _figures(found: Sequence[Inspection], out: Path) -> dict[str, Figure]:
+    """A page for each recording, written as PNG too."""
+    (out / "figures").mkdir(parents=True, exist_ok=True)
+    made = {}
+    for one in found:
+        figure = check_figure(one)
+        if figure is not None:
+            figure.savefig(out / "figures" / f"{one.name}.png", dpi=110)
+            made[f"{one.name}/channels"] = figure
+    return made
+
+
+def _write(
+    found: Sequence[Inspection],
+    together: Sequence[Finding],
+    columns: Mapping,
+    figures: dict[str, Figure],
+    cfg: DictConfig,
+    out: Path,
+) -> None:
+    """Page and JSON."""
+    tables = {"Recordings": overview_rows(found), "Sensors, over all recordings": together_rows(found)}
+    if together:
+        tables["All recordings together"] = finding_rows(Inspection("", tuple(together)))
+    tables |= {one.name: finding_rows(one) for one in found}
+    write_report(
+        out / PAGE,
+        title="Checks of the recordings",
+        summary=sentence(found),
+        tables=tables,
+        figures=figures,
+        config_yaml=yaml.safe_dump(resolved(cfg), sort_keys=False, allow_unicode=True),
+        versions=versions(),
+        unfolded=("Recordings", "Sensors, over all recordings"),
+    )
+    told = checks_json(found, columns, together, versions())
+    (out / RESULT).write_text(json.dumps(told, indent=1), encoding="utf-8")
+
+
+def _print(
+    found: Sequence[Inspection], together: Sequence[Finding], columns: Mapping, out: Path, console: Console
+) -> None:
+    """What is wrong, what to write, and where the rest is."""
+    rows = trouble_rows(found, "note" if len(found) <= LONG else "mend")
+    if rows:
+        console.print(rich_table(rows, "What was found"))
+    sensors = [row for row in together_rows(found) if not row["found in"].startswith("0 ")]
+    if sensors:
+        console.print(rich_table(sensors, "Sensors, over all recordings"))
+    for f in together:
+        console.print(f"all together: {f}", highlight=False)
+    _print_remedies(found, columns, console)
+    console.print(sentence(found), highlight=False)
+    here = out.relative_to(Path.cwd()) if out.is_relative_to(Path.cwd()) else out
+    console.print(f"report: {here / PAGE}   numbers: {here / RESULT}", soft_wrap=True, highlight=False)
+
+
+def _print_remedies(found: Sequence[Inspection], columns: Mapping, console: Console) -> None:
+    """Settings of the mapping, recording by recording."""
+    lines = {one.name: remedy_lines(one, columns) for one in found}
+    lines = {name: told for name, told in lines.items() if told}
+    if not lines:
+        return
+    console.print("Write into the mapping:", highlight=False)
+    for name, told in lines.items():
+        console.print(f"  {name}: {'; '.join(told)}", highlight=False)

@@ -1,0 +1,128 @@
+"""One page a recording: its channels with what is odd in them, and what the channels leave of each other."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from manoeuvre_nn.core.frames import earth_to_body
+from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.recording.accelerations import smoothed
+from manoeuvre_nn.recording.inspection import Inspection
+from manoeuvre_nn.report.style import COLOURS, legend_below, new_figure, plain_axes
+
+WINDOW = 0.8
+"""Smoothing window of what the channels leave over L/U0."""
+LEFT = (("u", "u [m/s]", 1.0), ("v", "v [m/s]", 1.0), ("r", "r [deg/s]", DEGREE), ("psi", "ψ [deg]", DEGREE))
+"""Channel, label and its unit in SI."""
+SHADE, ODD, LINE = "#F3D9B1", COLOURS[0], "#4D4D4D"
+MOST = 4000
+"""Most samples that a line is drawn with."""
+
+Series = Float[np.ndarray, " n"]
+
+
+def check_figure(one: Inspection) -> Figure | None:
+    """Channels on the left, the rudder and what the identities leave on the right.
+
+    Args:
+        one: What was found.
+
+    Returns:
+        The figure; None for a file that could not be read.
+    """
+    run = one.recording
+    clean = one.clean
+    if run is None or clean is None:
+        return None
+    figure = new_figure(7.6, width=9.0, title=one.name)
+    axes = figure.subplots(4, 2, sharex=True)
+    for row, (name, label, unit) in enumerate(LEFT):
+        _draw_channel(axes[row, 0], one, run, name, label, unit)
+    _draw_channel(axes[0, 1], one, run, "delta", "δ [deg]", DEGREE)
+    rate, ahead, abeam = identity_rests(clean)
+    derived = set(run.meta.get("derived", ()))
+    tracked = not derived & {"u", "v", "x", "y"}
+    rests = (
+        (rate / DEGREE, "dψ/dt − r [deg/s]", "r" not in derived, ("r", "psi")),
+        (ahead, "track − u [m/s]", tracked, ("u", "x", "y")),
+        (abeam, "track − v [m/s]", tracked, ("v", "x", "y")),
+    )
+    for row, (values, label, recorded, names) in enumerate(rests, start=1):
+        _draw_rest(axes[row, 1], run.time, values, label, recorded)
+        _shade(axes[row, 1], one, names)
+    for column in axes[-1]:
+        column.set_xlabel("t [s]")
+    handles = [
+        Line2D([], [], color=LINE, label="recorded"),
+        Line2D([], [], color=COLOURS[1], label="what one channel leaves of another"),
+        Line2D([], [], linestyle="", marker="o", color=ODD, markersize=4, label="outlier"),
+        Patch(color=SHADE, label="gap, stuck, jump, unsteady"),
+    ]
+    legend_below(figure, handles, columns=4)
+    return figure
+
+
+def identity_rests(run: Recording) -> tuple[Series, Series, Series]:
+    """What is left of heading and track.
+
+    Args:
+        run: The recording, without outliers.
+
+    Returns:
+        Rate of the heading less r [rad/s]; velocity of the track ahead less u, abeam less v [m/s].
+    """
+    window = WINDOW * run.meta.get("time_unit", 20 * float(np.median(np.diff(run.time))))
+    smooth = {k: smoothed(run.time, run[k], window) for k in ("u", "v", "r", "x", "y", "psi")}
+    ahead, abeam = earth_to_body(smooth["x"][1], smooth["y"][1], smooth["psi"][0])
+    return smooth["psi"][1] - smooth["r"][0], ahead - smooth["u"][0], abeam - smooth["v"][0]
+
+
+def _draw_channel(axes: Axes, one: Inspection, run: Recording, name: str, label: str, unit: float) -> None:
+    """A channel with its odd samples."""
+    plain_axes(axes, "", label)
+    _line(axes, run.time, run[name] / unit, LINE)
+    if name in run.meta.get("derived", ()):
+        axes.text(0.02, 0.92, "derived", transform=axes.transAxes, fontsize=8, color="#777777", va="top")
+    flags = one.flags.get(name)
+    if flags is not None and flags.any():
+        axes.plot(run.time[flags], run[name][flags] / unit, "o", color=ODD, markersize=4, zorder=3)
+    _shade(axes, one, (name,))
+
+
+def _draw_rest(axes: Axes, time: Series, values: Series, label: str, recorded: bool) -> None:
+    """What one channel leaves of another."""
+    plain_axes(axes, "", label)
+    if not recorded:
+        axes.text(0.5, 0.5, "nothing to compare: derived", transform=axes.transAxes, ha="center", color="#777777")
+        axes.set_yticks([])
+        return
+    axes.axhline(0.0, color="#999999", linewidth=0.8)
+    _line(axes, time, values, COLOURS[1])
+    low, high = np.quantile(values, [0.005, 0.995])
+    room = 0.25 * max(high - low, 1e-9)
+    axes.set_ylim(min(low, 0.0) - room, max(high, 0.0) + room)
+
+
+def _line(axes: Axes, time: Series, values: Series, colour: str) -> None:
+    """A line of as many samples as can be seen."""
+    every = max(len(time) // MOST, 1)
+    axes.plot(time[::every], values[::every], color=colour, linewidth=1.0, rasterized=True)
+
+
+def _shade(axes: Axes, one: Inspection, names: Sequence[str]) -> None:
+    """Times that findings on some channels are about; those on no channel are about all."""
+    if one.recording is None:
+        return
+    least = 0.004 * one.recording.duration
+    for f in one.findings:
+        if f.verdict == "ok" or f.check == "outliers" or (f.channels and not set(f.channels) & set(names)):
+            continue
+        for begin, end in f.spans:
+            wider = max(least - (end - begin), 0.0) / 2
+            axes.axvspan(begin - wider, end + wider, color=SHADE, linewidth=0, zorder=0)
