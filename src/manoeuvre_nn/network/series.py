@@ -11,7 +11,7 @@ from manoeuvre_nn.core.errors import InputError, check_choice
 
 VARIABLES = ("1", "u", "v", "r", "d", "n", "a", "|v|", "|r|", "|d|", "wx", "wy", "|w|", "/U")
 """What products are made of: u, v, rL over U0, rudder angle [rad], shaft speed over the nominal one, a = u - 1, and the
-velocity of the air relative to the ship, forward and to starboard, over U0; /U divides by the speed through the water."""
+velocity of the air relative to the ship, forward and to starboard, over U0; /U divides by the ship's speed over U0."""
 SLOWEST = 0.1
 """Least speed over U0 that is divided by."""
 MIRRORED = {"v": -1, "r": -1, "d": -1, "wy": -1}
@@ -143,9 +143,9 @@ class Series(nn.Module):
         u, v, r, d = x[..., :4].unbind(-1)
         still = torch.zeros_like(u)
         n, wx, wy = x[..., 4:].unbind(-1) if x.shape[-1] == 7 else (self.shaft.expand_as(u), still, still)
-        columns = (torch.ones_like(u), u, v, r, d, n, u - 1, v.abs(), r.abs(), d.abs(), wx, wy, torch.hypot(wx, wy))
-        columns += (1 / torch.hypot(u, v).clamp(min=SLOWEST),)
-        table = torch.stack(columns)
+        slow = 1 / torch.hypot(u, v).clamp(min=SLOWEST)
+        moduli = v.abs(), r.abs(), d.abs()
+        table = torch.stack([torch.ones_like(u), u, v, r, d, n, u - 1, *moduli, wx, wy, torch.hypot(wx, wy), slow])
         first, *others = self.places.unbind(-1)
         result = table.index_select(0, first)
         for place in others:
