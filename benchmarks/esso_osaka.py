@@ -1,7 +1,7 @@
 """Esso Osaka, free-running, wind recorded: methods on the same held-out runs, in closed loop with the recorded rudder.
 
-    RECORDINGS=FOLDER python benchmarks/esso_osaka.py [methods=mmg,regression,lstm,narx] [wind=on,off] [out=FOLDER]
-        [groups=zigzag,turning] [quick=true]
+    RECORDINGS=FOLDER python benchmarks/esso_osaka.py [methods=closed_loop,mmg,regression,lstm,narx] [wind=on,off]
+        [out=FOLDER] [groups=zigzag,turning] [quick=true]
 
 Turning circles are predicted by a model trained on all 7 zigzags and 8 random runs, each zigzag by one trained on the
 other 6 zigzags and the 8 random runs. Of the run that is predicted a model is given the smoothed state at the first
@@ -18,6 +18,7 @@ from pathlib import Path
 
 import pandas as pd
 import torch
+from esso_osaka_closed_loop import ClosedLoopSeries
 from esso_osaka_data import Method, Predictor, read_group
 from esso_osaka_mmg import PublishedMMG
 from esso_osaka_networks import LONG, LONGER, SHORT, PlainNetwork
@@ -31,6 +32,7 @@ from manoeuvre_nn.ship.esso_osaka_model import esso_osaka_model
 FIRST = 120.0
 """Length of the first part that is scored beside the whole [s]."""
 METHODS: dict[str, Callable[[bool], Method]] = {
+    "closed_loop": lambda quick: ClosedLoopSeries(),
     "mmg": lambda quick: PublishedMMG(),
     "regression": lambda quick: TaylorRegression(),
     "lstm": lambda quick: PlainNetwork("lstm", stages=SHORT if quick else LONG),

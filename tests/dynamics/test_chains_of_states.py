@@ -50,3 +50,9 @@ def test_covariances_are_the_blocks_of_the_inverse(system):
 def test_a_matrix_that_is_not_positive_definite_is_refused():
     with pytest.raises(np.linalg.LinAlgError, match="positive definite"):
         Chain(-np.eye(2)[None], np.zeros((0, 2, 2)))
+
+
+def test_no_right_hand_side_gives_no_solution(system):
+    chain, _ = system
+    none = np.zeros((chain.samples, chain.size, 0))
+    assert chain.unwhiten(chain.whiten(none)).shape == none.shape

@@ -49,6 +49,8 @@ class Chain:
         Returns:
             One column a side.
         """
+        if not right.size:  # LAPACK does not stand arrays without columns
+            return np.zeros((self.samples * self.size, 0))
         white, _ = lapack.dtbtrs(self.factor, right.reshape(self.samples * self.size, -1), uplo="L")
         return white
 
@@ -61,6 +63,8 @@ class Chain:
         Returns:
             ``A^-1 b``.
         """
+        if not white.size:
+            return np.zeros((self.samples, self.size, 0))
         solved, _ = lapack.dtbtrs(self.factor, white, uplo="L", trans="T")
         return solved.reshape(self.samples, self.size, -1)
 

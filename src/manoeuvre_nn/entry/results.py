@@ -86,7 +86,7 @@ def judge_finally(config: Mapping[str, Any], trained: Trained, data: ManoeuvreDa
     fit = trained.fit.double().cpu()
     held_out, known = data.held_out, HeldOut(tuple(data.recordings), data.held_out.length)
     predictions, members = held_out.predict(fit.dynamics), held_out.predict_members(fit.dynamics)
-    scores = held_out.score(predictions, members)
+    scores = held_out.score(predictions, members, held_out.steer(fit.dynamics))
     rungs, missing = ladder(data.reference, data.known, data.tuples)
     inputs, targets = data.tuples.inputs.double(), data.tuples.targets.double()
     rmse = tuple(float(e) for e in fit.relative_rmse(inputs, targets))

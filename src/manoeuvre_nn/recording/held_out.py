@@ -1,17 +1,21 @@
 """Manoeuvres that a model is judged by and never trained on."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Literal
 
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.base import Dynamics
+from manoeuvre_nn.dynamics.limits import OK
 from manoeuvre_nn.dynamics.members import has_members, replay_members, sail_members
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.dynamics.replay import replay
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.simulate import Problem, simulate
+from manoeuvre_nn.manoeuvre.criteria import criteria
+from manoeuvre_nn.recording.as_steered import as_steered
 from manoeuvre_nn.recording.score import Score, score, spread
 
 Solver = Literal["torchdiffeq", "rollout"]
@@ -80,17 +84,39 @@ class HeldOut:
         steered = [k for k, r in enumerate(self.references) if "manoeuvre" in r.meta]
         return steered, [k for k in range(len(self.references)) if k not in steered]
 
-    def score(self, predictions: Sequence[Recording], members: Sequence[Sequence[Recording]] = ()) -> list[Score]:
+    def steer(self, dynamics: Dynamics) -> dict[int, Recording]:
+        """Steer a model through recorded zigzags as their helmsmen did, instead of with the recorded rudder.
+
+        Args:
+            dynamics: A model.
+
+        Returns:
+            Number of the reference -> the run; zigzags only, see :func:`.as_steered`.
+        """
+        made = {k: as_steered(self.references[k], dynamics.particulars) for k in self._sorted()[1]}
+        found = {k: m for k, m in made.items() if m is not None}
+        return dict(zip(found, roll_out(dynamics, list(found.values())), strict=True)) if found else {}
+
+    def score(
+        self,
+        predictions: Sequence[Recording],
+        members: Sequence[Sequence[Recording]] = (),
+        steered: Mapping[int, Recording] = MappingProxyType({}),
+    ) -> list[Score]:
         """Judge predictions.
 
         Args:
             predictions: One a reference, in their order.
             members: Runs of an ensemble's members, as :meth:`predict_members` gives them.
+            steered: Runs as :meth:`steer` gives them: criteria are then theirs.
 
         Returns:
             One score each.
         """
         scores = [score(p, r, self.length) for p, r in zip(predictions, self.references, strict=True)]
+        for k, run in steered.items():
+            found = criteria(run, "zigzag", self.length) if run.status == OK else {}
+            scores[k] = replace(scores[k], criteria=found)
         each = zip(scores, predictions, members or [[]] * len(scores), strict=True)
         return [replace(s, spread_L=spread(p, m, self.length)) if m else s for s, p, m in each]
 

@@ -10,7 +10,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from manoeuvre_nn.core.errors import InputError, check_choice
-from manoeuvre_nn.dynamics.joint import first, improve
+from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.ship import Ship
+from manoeuvre_nn.dynamics.joint import first, improve, solve
 from manoeuvre_nn.dynamics.joint_problem import CHANNELS, DELAY, OFFSET, Estimate, Fault, Problem
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.dynamics.series_force import Prior, SeriesForce
@@ -18,6 +20,7 @@ from manoeuvre_nn.network.series import Series
 from manoeuvre_nn.recording.tracks import to_tracks
 from manoeuvre_nn.training.data import Batch, ManoeuvreData
 from manoeuvre_nn.training.fits import Fit
+from manoeuvre_nn.training.scalings import approach_scaling
 
 RESTING = "coefficients and noise at rest"
 LATEST, SHIFTED = 0.1, {"u": 0.02, "v": 0.02, "r": 0.02, "x": 0.1, "y": 0.1, "psi": 0.02}
@@ -54,6 +57,60 @@ class Trust:
                 raise InputError(f"{name}={list(values)}: expected {count} numbers, all more than 0")
         if not self.force_time > 0:
             raise InputError(f"fit.force_time={self.force_time}: expected L/U0, more than 0")
+
+
+USUAL_TRUST = Trust((1e-3, 1.5e-3, 3e-3), 1.0, (0.01, 0.01, 0.03, 0.02, 0.02, 0.03), learn_force=True)
+"""As in ``conf/fit/closed_loop.yaml``."""
+
+
+def explained(
+    model: IdentifiedShip, recordings: Sequence[Recording], prior: Prior, trust: Trust, faults: Sequence[Fault] = ()
+) -> Problem:
+    """Recordings and a series as a joint estimation.
+
+    Args:
+        model: Known inertia and a series.
+        recordings: As they were read, not smoothed.
+        prior: What is known of the coefficients.
+        trust: How far everything is believed.
+        faults: Sensors' errors that are estimated in every run.
+
+    Returns:
+        The problem.
+    """
+    ship, network = model.particulars, model.network
+    assert isinstance(network, Series)
+    tracks = to_tracks(recordings, ship, model.known.shaft_rpm, network.speed_law)
+    mean, spread = prior.of(network.names, ship)
+    return Problem(
+        tracks, SeriesForce(model), mean, spread, force_time=trust.force_time, floor=np.array(trust.floor),
+        faults=faults, learn_force=trust.learn_force,
+    )  # fmt: skip
+
+
+def fit_series(
+    network: Series, known: Ship, recordings: Sequence[Recording], *, prior: Prior = Prior(),  # noqa: B008
+    trust: Trust = USUAL_TRUST, passes: int = 20,
+) -> tuple[IdentifiedShip, Estimate]:  # fmt: skip
+    """Fit a series to recordings without a trainer: for studies of many of them.
+
+    Args:
+        network: The series; its coefficients are set.
+        known: The ship's inertia.
+        recordings: As they were read, not smoothed.
+        prior: What is known of the coefficients.
+        trust: How far everything is believed.
+        passes: Passes at most.
+
+    Returns:
+        The model and the estimate.
+    """
+    model = IdentifiedShip(known, network, approach_scaling(known))
+    problem = explained(model, recordings, prior, trust)
+    found = solve(problem, first(problem, force=trust.force), passes=passes)
+    count = problem.shared
+    network.take(torch.as_tensor(found.values[:count]), torch.as_tensor(found.covariance[:count, :count]))
+    return model, found
 
 
 class ClosedLoopFit(Fit):
@@ -132,30 +189,13 @@ class ClosedLoopFit(Fit):
         """Bring the recordings into the form of the estimation, and take a fit that was left up again."""
         data: Any = self.trainer.datamodule  # type: ignore[attr-defined]
         assert isinstance(data, ManoeuvreData)
-        self.problem = self.explain(data)
+        self.problem = explained(self.dynamics, data.measured, self.prior, self.trust, self.faults)
         self.estimate: Estimate = first(self.problem, force=self.trust.force)
         if bool(self.noise.any()):
             shared = self.values.cpu().numpy()
             rest = np.zeros(len(self.estimate.values) - len(shared))
             start = np.concatenate([shared, rest])
             self.estimate = Estimate(**{**vars(self.estimate), "values": start, "noise": self.noise.cpu().numpy()})
-
-    def explain(self, data: ManoeuvreData) -> Problem:
-        """What is to be explained.
-
-        Args:
-            data: Recordings, set up.
-
-        Returns:
-            The problem.
-        """
-        ship, rpm = self.dynamics.particulars, self.dynamics.known.shaft_rpm
-        tracks = to_tracks(data.measured, ship, rpm, self.network.speed_law)
-        mean, spread = self.prior.of(self.network.names, ship)
-        return Problem(
-            tracks, self.columns, mean, spread, force_time=self.trust.force_time, floor=np.array(self.trust.floor),
-            faults=self.faults, learn_force=self.trust.learn_force,
-        )  # fmt: skip
 
     @torch.no_grad()
     def training_step(self, batch: Batch, batch_idx: int) -> None:

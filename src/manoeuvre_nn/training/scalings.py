@@ -33,6 +33,8 @@ def make_scaling(kind: str, known: Ship, tuples: Tuples) -> Scaling:
         The scaling.
     """
     check_choice("network.scaling", kind, list(KINDS))
+    if kind == "approach":
+        return approach_scaling(known)
     x, y = tuples.inputs, tuples.targets
     shift, scale, output = torch.zeros_like(x[0]), torch.ones_like(x[0]), torch.ones_like(y[0])
     if kind in {"centred", "balanced"}:
@@ -46,13 +48,23 @@ def make_scaling(kind: str, known: Ship, tuples: Tuples) -> Scaling:
         scale[0] = known.particulars.speed / known.prime.speed
     if kind == "mirrored":
         shift[0], scale[0] = x[:, 0].mean(), _or_one(x[:, 0].std())
-    if kind == "approach":
-        p = known.particulars
-        scale[:3] = p.speed / known.prime.speed
-        force = 0.5 * p.rho * p.length * p.draught * p.speed**2
-        units = force / known.prime.force, force / known.prime.force, force * p.length / known.prime.moment
-        output = output.new_tensor(units)
     return Scaling(shift, scale, output)
+
+
+def approach_scaling(known: Ship) -> Scaling:
+    """Velocities over U0 and forces over those of the (rho, L, T, U0) system, whatever the known part's system is.
+
+    Args:
+        known: Known part.
+
+    Returns:
+        The scaling.
+    """
+    p, one = known.particulars, torch.ones_like(known.inertia[0, 0])
+    force = 0.5 * p.rho * p.length * p.draught * p.speed**2
+    speed = p.speed / known.prime.speed * one
+    units = [force / known.prime.force, force / known.prime.force, force * p.length / known.prime.moment]
+    return Scaling(torch.zeros(4).to(one), torch.stack([speed, speed, speed, one]), one * torch.tensor(units).to(one))
 
 
 def _or_one(size: torch.Tensor) -> torch.Tensor:

@@ -1,0 +1,165 @@
+"""The joint estimation: against a dense solver, against the truth, with faults and outliers."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from manoeuvre_nn.dynamics.joint import FREEDOM, first, improve, solve
+from manoeuvre_nn.dynamics.joint_problem import DELAY, OFFSET, Fault, NoForce, Problem, Track
+from manoeuvre_nn.dynamics.joint_run import TIGHT
+
+TRUTH = np.array([-0.6, -0.9, 0.8, -0.5, -1.5, 1.2])
+"""Surge damping; sway by v, r; yaw by v (small), r, rudder."""
+
+
+class Linear:
+    """A ship with six coefficients."""
+
+    count = 6
+
+    def columns(self, state, inputs):
+        u, v, r = state[:, :3].T
+        made = np.zeros((len(state), 3, 6))
+        made[:, 0, 0], made[:, 1, 1], made[:, 1, 2] = u - 1, v, -0.5 * r
+        made[:, 2, 3], made[:, 2, 4], made[:, 2, 5] = v, r, inputs["delta"]
+        return made
+
+
+def sailed(n=200, h=0.05, noise=0.0, seed=0):
+    """A run of that ship by small steps, and its track with noise."""
+    time, fine = h * np.arange(n), 20
+    delta = 0.5 * np.sign(np.sin(0.9 * time)) * (time > 0.5)
+    state, states = np.array([0.9, 0.0, 0.0, 0.0, 0.0, 0.3]), []
+    force = Linear()
+    for k in range(n):
+        states.append(state)
+        ahead = delta[min(k + 1, n - 1)]
+        for j in range(fine):
+            rudder = delta[k] + (j + 0.5) / fine * (ahead - delta[k])
+            u, v, r, _, _, psi = state
+            nudot = (force.columns(state[None], {"delta": np.array([rudder])}) @ TRUTH)[0]
+            rate = [*nudot, u * np.cos(psi) - v * np.sin(psi), u * np.sin(psi) + v * np.cos(psi), r]
+            state = state + h / fine * np.array(rate)
+    states = np.array(states)
+    measured = states + noise * np.random.default_rng(seed).standard_normal(states.shape)
+    return states, Track("run", time, measured, {"delta": delta})
+
+
+def problem(track, **more):
+    given = {"mean": np.zeros(6), "spread": np.full(6, 2.0)} | more
+    return Problem([track], Linear(), **given)
+
+
+def test_one_pass_is_the_step_of_a_dense_least_squares_solver():
+    _, track = sailed(n=14, noise=0.01)
+    gap = replace(track, measured=np.where(np.arange(14)[:, None] == 5, np.nan, track.measured), guess=track.measured)
+    faults = [Fault("psi", OFFSET, 0.05), Fault("x", DELAY, 0.1)]
+    asked = problem(gap, faults=faults)
+    start = first(asked, noise=0.02, force=(0.01, 0.01, 0.01))
+    decay, h = np.exp(-0.05), 0.05
+
+    def residuals(z):
+        s, theta, (offset, delay) = z[: 14 * 9].reshape(14, 9), z[14 * 9 : -2], z[-2:]
+        u, v, r, _, _, psi = s[:, :6].T
+        nudot = Linear().columns(s[:, :6], gap.inputs) @ theta + s[:, 6:]
+        motion = np.stack([u * np.cos(psi) - v * np.sin(psi), u * np.sin(psi) + v * np.cos(psi), r], 1)
+        rate = np.concatenate([nudot, motion], 1)
+        missed = (s[1:, :6] - s[:-1, :6] - h / 2 * (rate[1:] + rate[:-1])) / (TIGHT * np.sqrt(h))
+        fresh = (s[1:, 6:] - decay * s[:-1, 6:]) / (0.01 * np.sqrt(1 - decay**2))
+        shown = s[:, :6].copy()
+        shown[:, 5] += offset
+        shown[:, 3] -= delay * rate[:, 3]
+        seen = np.nan_to_num((shown - gap.measured) / 0.02)
+        rest = [s[0, 6:] / 0.01, theta / 2.0, [offset / 0.05, delay / 0.1]]
+        return np.concatenate([missed.ravel(), fresh.ravel(), seen.ravel(), *rest])
+
+    z = np.concatenate([start.states[0].ravel(), start.values])
+    nudges = 1e-6 * np.eye(len(z))
+    jacobian = np.stack([(residuals(z + e) - residuals(z - e)) / 2e-6 for e in nudges], axis=1)
+    step = np.linalg.lstsq(jacobian, -residuals(z), rcond=None)[0]
+    new = improve(asked, start)
+    np.testing.assert_allclose(new.states[0].ravel(), z[: 14 * 9] + step[: 14 * 9], atol=2e-5)
+    np.testing.assert_allclose(new.values, step[14 * 9 :], atol=2e-4)
+    assert new.cost == pytest.approx(0.5 * np.square(residuals(z)).sum(), rel=1e-9)
+    covariance = np.linalg.inv(jacobian.T @ jacobian)
+    np.testing.assert_allclose(new.covariance, covariance[14 * 9 :, 14 * 9 :], rtol=2e-2, atol=1e-6)
+    own = new.state_covariance[0][7]
+    np.testing.assert_allclose(own, covariance[63:72, 63:72], rtol=2e-2, atol=1e-7)
+
+
+def test_coefficients_are_found_in_noise_and_their_errors_are_true():
+    pulls = []
+    for seed in range(12):
+        _, track = sailed(noise=0.01, seed=seed)
+        found = solve(problem(track), first(problem(track), force=(1e-3, 1e-3, 1e-3)))
+        pulls.append((found.values - TRUTH) / np.sqrt(np.diag(found.covariance)))
+        assert np.abs(found.noise / 0.01 - 1).max() < 0.35
+    assert np.abs(np.mean(pulls)) < 0.5
+    assert 0.6 < np.std(pulls) < 1.5
+
+
+def test_states_are_closer_to_the_truth_than_what_was_measured():
+    states, track = sailed(noise=0.02)
+    found = solve(problem(track), first(problem(track), force=(1e-3, 1e-3, 1e-3)))
+    assert np.std(found.states[0][:, :6] - states, axis=0).max() < 0.4 * 0.02
+
+
+def test_without_a_force_it_is_a_smoother_that_gives_accelerations():
+    states, track = sailed(noise=0.01)
+    free = Problem([track], NoForce(), np.zeros(0), np.zeros(0), learn_force=True)
+    found = solve(free, first(free, force=(0.1, 0.1, 0.3)), passes=25)
+    truth = (Linear().columns(states, track.inputs) @ TRUTH)[:, 2]
+    assert np.corrcoef(found.states[0][:, 8], truth)[0, 1] > 0.9
+    error = np.sqrt(found.state_covariance[0][:, 8, 8])
+    assert 0.5 < np.std((found.states[0][:, 8] - truth) / error) < 1.6
+
+
+def test_a_late_sensor_is_found_with_its_error():
+    states, track = sailed(n=300, noise=0.003)
+    late = track.measured.copy()
+    late[:, 5] = np.interp(track.time - 0.12, track.time, track.measured[:, 5])
+    asked = problem(replace(track, measured=late), faults=[Fault("psi", DELAY, 0.2)])
+    found = solve(asked, first(asked, force=(1e-3, 1e-3, 1e-3)))
+    error = np.sqrt(found.covariance[-1, -1])
+    assert error < 0.01
+    assert abs(found.values[-1] - 0.12) < 4 * error
+
+
+def test_outliers_weigh_little_and_do_little():
+    _, track = sailed(noise=0.01)
+    spoilt = track.measured.copy()
+    spoilt[40, 2] += 1.0
+    spoilt[90, 5] -= 2.0
+    clean, dirty = (
+        solve(problem(t), first(problem(t), force=(1e-3, 1e-3, 1e-3))) for t in (track, replace(track, measured=spoilt))
+    )
+    assert dirty.weights[0][40, 2] < 0.01 and dirty.weights[0][90, 5] < 0.01
+    assert dirty.weights[0].max() <= (FREEDOM + 1) / FREEDOM
+    np.testing.assert_allclose(dirty.values, clean.values, atol=0.5 * np.sqrt(np.diag(clean.covariance)).max())
+
+
+def test_two_runs_tell_more_than_one():
+    tracks = [sailed(noise=0.01, seed=s)[1] for s in (0, 1)]
+    one = solve(problem(tracks[0]))
+    two = solve(Problem(tracks, Linear(), np.zeros(6), np.full(6, 2.0)))
+    assert (np.diag(two.covariance) < np.diag(one.covariance)).all()
+
+
+def test_uneven_times_are_taken_as_they_are():
+    _, track = sailed(n=300, noise=0.005)
+    kept = np.sort(np.random.default_rng(3).choice(300, 220, replace=False))
+    kept = np.unique(np.concatenate([[0], kept, [299]]))
+    thin = Track("thin", track.time[kept], track.measured[kept], {"delta": track.inputs["delta"][kept]})
+    found = solve(problem(thin), first(problem(thin), force=(3e-3, 3e-3, 3e-3)))
+    assert np.abs(found.values[4:] - TRUTH[4:]).max() < 0.15
+
+
+def test_without_information_the_prior_is_what_comes_out():
+    _, track = sailed(n=60, noise=0.01)
+    still = replace(track, inputs={"delta": np.zeros(60)})
+    still = replace(still, measured=np.tile([1.0, 0, 0, 0, 0, 0], (60, 1)) + 0 * track.measured)
+    still.measured[:, 3] = track.time
+    found = solve(problem(still, mean=TRUTH, spread=np.full(6, 0.3)))
+    assert np.abs(found.values[5] - TRUTH[5]) < 1e-6
+    assert np.sqrt(found.covariance[5, 5]) == pytest.approx(0.3, rel=1e-6)
