@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-import yaml
 from rich.console import Console
 
 from manoeuvre_nn.core.errors import InputError
@@ -99,13 +98,6 @@ def test_every_ship_is_known_and_others_are_listed():
 def test_a_mapping_of_captive_tests_is_not_taken_for_one_of_a_record():
     with pytest.raises(InputError, match="mapping=kvlcc2_hmri is no mapping of a record over time"):
         load_mapping("kvlcc2_hmri", CONF / "recording")
-
-
-@pytest.mark.parametrize("path", sorted((CONF / "recording").glob("*.yaml")), ids=lambda p: p.stem)
-def test_every_ready_mapping_can_be_made(path):
-    from manoeuvre_nn.entry.config import build
-
-    assert build(yaml.safe_load(path.read_text()))
 
 
 def test_a_file_that_is_missing_ends_in_one_line_and_code_2(tmp_path):

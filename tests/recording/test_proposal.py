@@ -9,7 +9,7 @@ import yaml
 from exports import EXPORTS, plain, wrapped
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.units import DEGREE, KNOT
+from manoeuvre_nn.core.units import KNOT
 from manoeuvre_nn.recording.headings import take_apart, trust
 from manoeuvre_nn.recording.proposal import propose
 from manoeuvre_nn.recording.proposal_yaml import to_yaml
@@ -203,10 +203,15 @@ def test_a_unit_that_measures_something_else_rules_a_channel_out():
     assert trust("psi", take_apart("heading [m/s]")) == 0
 
 
-def test_a_heading_cannot_break_out_of_its_line_in_the_yaml(zz20, ship, export):
-    columns = {**plain(zz20), 'psi "} \u2028 evil: {"x": 1} # ': zz20["psi"]}
-    columns.pop("psi")
-    made = propose(export(columns), ship)
+@pytest.mark.parametrize("below", [False, True], ids=["as a heading", "in a comment"])
+def test_a_heading_cannot_break_out_of_its_line_in_the_yaml(zz20, ship, tmp_path, below):
+    hostile = 'psi "} \u2028evil: {"x": 1} # \x85evil: 2'
+    columns = {hostile if k == "psi" else k: v for k, v in plain(zz20).items()}
+    units = "s\tm/s\tm/s\trad/s\tm\tm\trad\trad\n" if below else ""
+    path = tmp_path / "run.txt"
+    numbers = pd.DataFrame(columns).to_csv(index=False, header=False, sep="\t")
+    path.write_text("\t".join(name.replace('"', "'") for name in columns) + f"\n{units}{numbers}")
+    made = propose(path, ship)
     content = yaml.safe_load(to_yaml(made))
-    assert set(content) <= {"_target_", *made.settings} and "evil" not in content
-    assert abs(content["channels"]["psi"].get("offset", 0)) < 360 * DEGREE
+    assert set(content) == {"_target_", *made.settings} and "evil" not in content
+    assert content["channels"]["psi"]["column"] == choice(made, "psi").column

@@ -56,11 +56,9 @@ def _entry(proposal: Proposal, choice: Choice) -> str:
 def _value(value: Any) -> str:
     """A value as yaml writes it."""
     if isinstance(value, str):
-        return (
-            value
-            if PLAIN.fullmatch(value) and value.lower() not in NOT_PLAIN
-            else json.dumps(value, ensure_ascii=False)
-        )
+        if PLAIN.fullmatch(value) and value.lower() not in NOT_PLAIN:
+            return value
+        return json.dumps(value, ensure_ascii=_one_line(value, False) != value)
     return json.dumps(value)
 
 
