@@ -49,7 +49,8 @@ def first(problem: Problem, noise: float = 0.01, force: Sequence[float] = (3e-4,
     mean, spread = problem.prior
     return Estimate(
         tuple(_smoothed(t) for t in problem.tracks), mean.copy(), np.full(6, noise), np.array(force, dtype=float),
-        tuple(t.present for t in problem.tracks), np.diag(spread**2),
+        tuple(t.present for t in problem.tracks), tuple(np.ones((len(t) - 1, 3)) for t in problem.tracks),
+        np.diag(spread**2),
     )  # fmt: skip
 
 
@@ -136,20 +137,32 @@ def _inverse(normal: Float[np.ndarray, "q q"], spread: Float[np.ndarray, " q"]) 
 def _with_noise(problem: Problem, new: Estimate, lines: Sequence[Line]) -> Estimate:
     """Noise levels that explain what is left of the channels; weights by Student's t."""
     total, count, weights = np.zeros(6), np.zeros(6), []
-    fresh, steps = np.zeros(3), 0
     for k, line in enumerate(lines):
         track, state = problem.tracks[k], new.states[k]
         shown = state[:, :MOTION] + line.marks @ new.values[problem.own(k)]
         variance = new.state_covariance[k][:, range(MOTION), range(MOTION)]
         square = np.where(track.present > 0, (shown - np.nan_to_num(track.measured)) ** 2 + variance, 0.0)
-        weights.append(track.present * (FREEDOM + 1) / (FREEDOM + square / new.noise**2))
+        weights.append(track.present * _weight(square, new.noise))
         total += (weights[-1] * square).sum(0)
         count += track.present.sum(0)
-        if problem.learn_force:
-            decay = line.decay[:, None]
-            innovation = (state[1:, MOTION:] - decay * state[:-1, MOTION:]) ** 2
-            fresh += ((innovation + line.innovation_variance(new.covariance)) / (1 - decay**2)).sum(0)
-            steps += len(decay)
     noise = np.maximum(np.sqrt(total / np.maximum(count, 1.0)), problem.floor)
-    force = np.maximum(np.sqrt(fresh / steps), 1e-7) if problem.learn_force else new.force
-    return replace(new, noise=noise, force=force, weights=tuple(weights))
+    new = replace(new, noise=noise, weights=tuple(weights))
+    return _with_force(new, lines) if problem.learn_force else new
+
+
+def _with_force(new: Estimate, lines: Sequence[Line]) -> Estimate:
+    """Size of the coloured accelerations and weights of its gusts, likewise."""
+    total, count, calm = np.zeros(3), 0, []
+    for line, state in zip(lines, new.states, strict=True):
+        decay = line.decay[:, None]
+        fresh = (state[1:, MOTION:] - decay * state[:-1, MOTION:]) ** 2 + line.innovation_variance(new.covariance)
+        square = fresh / (1 - decay**2)
+        calm.append(_weight(square, new.force))
+        total += (calm[-1] * square).sum(0)
+        count += len(square)
+    return replace(new, force=np.maximum(np.sqrt(total / count), 1e-7), calm=tuple(calm))
+
+
+def _weight(square: Float[np.ndarray, "n k"], scale: Float[np.ndarray, " k"]) -> Float[np.ndarray, "n k"]:
+    """Weight of samples whose expected square is given, under Student's t of a scale."""
+    return (FREEDOM + 1) / (FREEDOM + square / scale**2)

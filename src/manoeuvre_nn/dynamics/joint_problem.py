@@ -156,6 +156,7 @@ class Estimate:
         noise: Standard deviation of each channel.
         force: Standard deviation of the coloured accelerations.
         weights: Weight of every sample; outliers have little.
+        calm: Weight of what is new in the coloured accelerations at every step; gusts have little.
         covariance: Of the parameters, states and everything else unknown included.
         state_covariance: Of every sample's state, shape (n, 9, 9) a run; filled by :func:`improve`.
         cost: Half the sum of squares at which the step started.
@@ -168,6 +169,7 @@ class Estimate:
     noise: Float[np.ndarray, " 6"]
     force: Float[np.ndarray, " 3"]
     weights: tuple[Float[np.ndarray, "_ 6"], ...]
+    calm: tuple[Float[np.ndarray, "_ 3"], ...]
     covariance: Float[np.ndarray, "q q"]
     state_covariance: tuple[Float[np.ndarray, "_ 9 9"], ...] = ()
     cost: float = np.inf

@@ -60,7 +60,7 @@ class Line:
         )
         self.pushed = -h / 2 * (columns[:-1] + columns[1:])
         tight = np.repeat(1 / (TIGHT**2 * self.h)[:, None], MOTION, axis=1)
-        free = 1 / (self.now.force**2 * (1 - self.decay**2)[:, None])
+        free = self.now.calm[self.run] / (self.now.force**2 * (1 - self.decay**2)[:, None])
         self.precision = np.concatenate([tight, free], axis=1)
 
     def _rate(self, force: Float[np.ndarray, "n 3"], theta: Float[np.ndarray, " p"]) -> tuple[np.ndarray, np.ndarray]:

@@ -176,7 +176,7 @@ class IdentifiedShip(Dynamics):
         pace = np.full(len(recording), speed)
         if self.network.speed_law == "shaft" and "n" in recording.channels:
             pace = recording["n"] * 60 / self.known.shaft_rpm
-        wind = air_velocity(recording) if self.network.feels_wind else (0 * pace, 0 * pace)
+        wind = air_velocity(recording, self.particulars) if self.network.feels_wind else (0 * pace, 0 * pace)
         return np.stack([np.interp(times, recording.time, row) for row in (pace, *wind)], axis=-1)
 
     @property

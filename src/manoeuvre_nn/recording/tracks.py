@@ -13,7 +13,7 @@ from manoeuvre_nn.dynamics.joint_problem import CHANNELS, Track
 
 PACE = 0.05
 """Time between samples over L/U0 that recordings are averaged to: a ship hardly moves in it."""
-ASTERN, STOPPED = 0.1, -0.1
+ASTERN, STOPPED = 0.01, 0.125
 """Least n over the nominal shaft speed and least u over U0 at which a model of ships that go ahead is held to data."""
 SHORTEST = 3.0
 """Shortest piece over L/U0 of a run that goes ahead only now and then."""
@@ -71,16 +71,16 @@ def averaged(recording: Recording, interval: float) -> Recording:
     def mean(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " m"]:
         return np.bincount(place, values)[kept] / number[kept]
 
-    channels = {name: mean(values) for name, values in recording.channels.items()}
-    if "wind_from" in channels:
-        # An angle has no mean, its direction has.
-        sin, cos = mean(np.sin(recording["wind_from"])), mean(np.cos(recording["wind_from"]))
-        channels["wind_from"] = np.unwrap(np.arctan2(sin, cos))
+    # An angle that jumps has no mean: directions are left out, their components are not.
+    channels = {name: mean(values) for name, values in recording.channels.items() if "_from" not in name}
     return Recording(recording.name, mean(recording.time), channels, recording.status, recording.meta)
 
 
 def _track(recording: Recording, ship: Particulars, speed: float, rpm: float, pace: float) -> Track:
     """One recording in units of L and a speed."""
+    if "wind_speed" in recording.channels:
+        north, east = air_velocity(recording, ship)
+        recording = recording.with_channels(wind_north=north, wind_east=east)
     r = averaged(recording, pace * ship.length / speed)
     second = ship.length / speed
     units = {"u": speed, "v": speed, "r": 1 / second, "x": ship.length, "y": ship.length, "psi": 1.0}
@@ -89,8 +89,9 @@ def _track(recording: Recording, ship: Particulars, speed: float, rpm: float, pa
     for name in r.meta.get("derived", ()):
         measured[:, CHANNELS.index(name)] = np.nan
     n = r["n"] * 60 / rpm if "n" in r.channels else np.full(len(r), approach_speed(recording, ship) / ship.speed)
-    north, east = air_velocity(r)
-    inputs = {"delta": r["delta"], "n": n, "wind_north": north / speed, "wind_east": east / speed}
+    calm = np.zeros(len(r))
+    wind = {k: r.channels.get(k, calm) / speed for k in ("wind_north", "wind_east")}
+    inputs = {"delta": r["delta"], "n": n, **wind}
     return Track(recording.name, (r.time - r.time[0]) / second, measured, inputs, guess)
 
 
