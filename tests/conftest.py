@@ -16,3 +16,8 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
     """One process for one file, whose start takes longer than its tests; otherwise one for each of two cores."""
     files = {name.split("::")[0] for name in config.args}
     return 0 if len(files) == 1 and files.pop().endswith(".py") else min(2, os.cpu_count() or 1)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The file that takes minutes is begun first: last, it would keep one process busy and the other waiting."""
+    items.sort(key=lambda item: item.path.name != "test_six_concealed_cases.py")
