@@ -21,7 +21,7 @@ def options(group: str) -> list[str]:
 
 
 def fits(network: str, fit: str) -> bool:
-    series = network in {"modulus", "abkowitz"}
+    series = network in {"cubic", "modulus", "abkowitz"}
     return network.startswith("hull_rudder") == (fit == "ensemble") and series == (fit == "closed_loop")
 
 

@@ -1,0 +1,102 @@
+"""Models that are driven by the recorded shaft speed and wind."""
+
+import numpy as np
+import pytest
+import torch
+
+from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.dynamics.drive import Drive
+from manoeuvre_nn.dynamics.members import replay_members
+from manoeuvre_nn.dynamics.model import IdentifiedShip
+from manoeuvre_nn.dynamics.replay import replay
+from manoeuvre_nn.dynamics.series_force import Prior, SeriesForce
+from manoeuvre_nn.network.series import Series
+from manoeuvre_nn.ship.clarke import clarke_derivatives
+from manoeuvre_nn.ship.esso_osaka_model import esso_osaka_model
+from manoeuvre_nn.ship.known import clarke_inertia_part
+from manoeuvre_nn.training.scalings import approach_scaling
+
+SHIP = esso_osaka_model()
+TERMS = {
+    "surge": ["u u", "u n", "n n", "v r", "d d n n"], "lateral": ["u v", "u r", "d n n"],
+    "wind_surge": ["wx |w|"], "wind_lateral": ["wy |w|", "wx wy"],
+}  # fmt: skip
+
+
+def model(members=1, values=None):
+    known, series = clarke_inertia_part(SHIP), Series(**TERMS, members=members)
+    mean, _ = Prior().of(series.names, SHIP)
+    count = len(mean)
+    spread = 1e-4 * torch.eye(count, dtype=torch.float64) if members > 1 else torch.zeros(count, count).double()
+    series.take(torch.as_tensor(mean if values is None else values), spread)
+    return IdentifiedShip(known, series, approach_scaling(known))
+
+
+def run(n=12.0, wind=0.0, origin=0.0, rudder=0.0, seconds=60.0):
+    time = np.arange(0, seconds, 0.2)
+    flat = np.zeros_like(time)
+    channels = {"u": flat + 0.4, "v": flat, "r": flat, "x": 0.4 * time, "y": flat, "psi": flat, "delta": flat + rudder}
+    driving = {"n": flat + n, "wind_speed": flat + wind, "wind_from": flat + origin}
+    return Recording("run", time, {**channels, **driving}, meta={"kind": "straight"})
+
+
+def test_at_the_nominal_shaft_speed_in_calm_the_ship_keeps_its_speed():
+    (made,) = replay(model(), [run()])
+    np.testing.assert_allclose(made["u"], 0.4, atol=1e-3)
+    assert np.abs(made["v"]).max() < 1e-9
+
+
+def test_a_faster_shaft_drives_a_faster_ship_and_rows_have_their_own():
+    slow, fast, alone = (*replay(model(), [run(n=9.0), run(n=15.0)]), *replay(model(), [run(n=15.0)]))
+    assert slow["u"][-1] < 0.38 < 0.42 < fast["u"][-1]
+    np.testing.assert_allclose(fast["u"], alone["u"], atol=1e-12)
+    assert "udot" in fast.channels and fast["udot"][1] > 0 > slow["udot"][1]
+
+
+def test_wind_on_the_beam_pushes_to_leeward_and_mirrored_wind_to_the_other_side():
+    starboard, port = replay(model(), [run(wind=3.0, origin=np.pi / 2), run(wind=3.0, origin=-np.pi / 2)])
+    assert starboard["y"][-1] < -0.05
+    np.testing.assert_allclose(starboard["y"], -port["y"], atol=1e-9)
+
+
+def test_members_are_driven_like_the_model():
+    ((first, *others),) = replay_members(model(members=4), [run(n=15.0, wind=2.0, origin=1.0)])
+    (made,) = replay(model(members=4), [run(n=15.0, wind=2.0, origin=1.0)])
+    np.testing.assert_allclose(first["u"], made["u"], atol=1e-12)
+    assert all(np.abs(o["u"] - made["u"]).max() > 1e-4 for o in others)
+
+
+def test_a_drive_is_linear_between_its_samples_and_held_beyond():
+    table = torch.arange(12.0, dtype=torch.float64).view(2, 2, 3)
+    drive = Drive(table, interval=2.0, start=1.0)
+    at = drive.at(torch.tensor([2.0, 2.0], dtype=torch.float64))
+    np.testing.assert_allclose(at, table.mean(1))
+    late = drive.row(1).at(torch.tensor([0.0, 1.0, 9.0], dtype=torch.float64))
+    np.testing.assert_allclose(late, table[1][[0, 0, 1]])
+
+
+def test_columns_times_coefficients_are_the_models_accelerations():
+    made = model()
+    rng = np.random.default_rng(0)
+    values = rng.standard_normal(len(made.network.names))
+    made, state = model(values=values), np.column_stack([rng.random((7, 3)), np.zeros((7, 2)), rng.random(7)])
+    inputs = {k: rng.random(7) for k in ("delta", "n", "wind_north", "wind_east")}
+    columns = SeriesForce(made).columns(state, inputs)
+    table = np.stack([inputs["n"], 0.4 * inputs["wind_north"], 0.4 * inputs["wind_east"]], 1)[None]
+    made.drive = Drive(torch.as_tensor(table), 1.0, 0.0)
+    units = np.array([0.4, 0.4, 0.4 / 3, 3, 3, 1])
+    si = torch.as_tensor(state * units)
+    rate = made(si, torch.as_tensor(inputs["delta"]), torch.arange(7.0, dtype=torch.float64)).detach().numpy()
+    scale = 0.4**2 / 3 * np.array([1, 1, 1 / 3])
+    np.testing.assert_allclose(columns @ values * scale, rate[:, :3], rtol=1e-9)
+
+
+def test_what_is_known_before_any_run_is_clarkes_on_the_approach():
+    names = [(1, "u v"), (1, "n v"), (2, "d n n"), (2, "d u n"), (1, "u r"), (0, "u u"), (0, "u n"), (0, "n n")]
+    mean, spread = Prior(relative=0.5, size=1e-9).of(names, SHIP)
+    d = clarke_derivatives(SHIP)
+    assert mean[0] + mean[1] == pytest.approx(d["Yv"])
+    assert mean[2] + mean[3] == pytest.approx(-d["Nd"])
+    assert mean[4] == pytest.approx(d["Yr"] - 2 * SHIP.block * SHIP.beam / SHIP.length)
+    assert mean[5:].sum() == pytest.approx(0.0, abs=1e-12)
+    np.testing.assert_allclose(spread, 0.5 * np.abs(mean), rtol=1e-6)
