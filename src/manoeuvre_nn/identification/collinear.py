@@ -135,6 +135,8 @@ def _words(names: Sequence[tuple[int, str]]) -> str:
 def _within(names: Sequence[tuple[int, str]]) -> str:
     """Products of one motion that differ in order, or in the powers of speed and shaft speed."""
     bare = {" ".join(sorted(t for t in term.split() if t in MOTIONS)) for _, term in names}
+    if len(bare) > 1 and len({len(b.split()) for b in bare}) == 1:
+        return "these products are alike in these runs; add runs with more drift for the same yaw rate, or leave one out"
     if len(bare) > 1:
         return "small and large motions are not told apart; add gentler and harder runs (5/5 zigzag, 35 deg turn)"
     return "speed and shaft speed do not differ enough; add runs at other shaft speeds, or a stop"
