@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.identification.derivatives import coefficient_name
 
 EQUATIONS = "XYN"
@@ -105,6 +106,20 @@ class Fitted:
         return {"names": [list(n) for n in self.names], "form": self.form} | {
             k: getattr(self, k).tolist() for k in arrays
         }
+
+
+def approach_inertia(ship: Ship) -> Float[np.ndarray, "3 3"]:
+    """A ship's inertia in the (rho, L, T, U0) system.
+
+    Args:
+        ship: The ship.
+
+    Returns:
+        M'.
+    """
+    p = ship.particulars
+    ratio = ship.prime.mass / (0.5 * p.rho * p.length**2 * p.draught)
+    return ship.inertia.detach().double().numpy() * ratio
 
 
 def fitted_from(stored: Mapping[str, Any]) -> Fitted:
