@@ -228,6 +228,27 @@ def compare(free: Fitted, captive: Fitted) -> list[Compared]:
     return made
 
 
+def agreeing_inertia(free: Fitted, captive: Fitted) -> Float[np.ndarray, "2 2"]:
+    """Inertia of sway and yaw with which the slopes of both would be the same.
+
+    Free runs give accelerations, captive tests forces; by drift and by rudder that is two vectors each, and the matrix
+    that turns ones into the others is the inertia. Far from any estimate of it, something else differs.
+
+    Args:
+        free: From recordings.
+        captive: From captive tests.
+
+    Returns:
+        Rows Y' and N', columns vdot' and rdot'; in the (rho, L, T, U0) system.
+    """
+    found = {key: np.zeros((2, 2)) for key in ("free", "towed")}
+    for place, variable in enumerate(SLOPES):
+        for output in (1, 2):
+            row = _slope(free, captive, output, variable)
+            found["free"][output - 1, place], found["towed"][output - 1, place] = row.free, row.towed
+    return found["towed"] @ np.linalg.inv(found["free"]) @ free.inertia[1:, 1:]
+
+
 def _slope(free: Fitted, captive: Fitted, output: int, variable: str) -> Compared:
     """Derivative of a force by drift or rudder on the approach."""
     motion = np.zeros((2, 7))
