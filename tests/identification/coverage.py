@@ -47,8 +47,12 @@ def zigzags(ship: Ship, angle: float, length: float, count: int, seed: int, lack
     time = PACE * np.arange(len(rows))
     still = np.zeros(len(rows))
     return [
-        Track(f"zz{k}", time, np.array(rows)[:, k], {"delta": np.array(rudder)[:, k], "n": still + 1.0}
-              | {"wind_north": still, "wind_east": still})  # fmt: skip
+        Track(
+            f"zz{k}",
+            time,
+            np.array(rows)[:, k],
+            {"delta": np.array(rudder)[:, k], "n": still + 1.0} | {"wind_north": still, "wind_east": still},
+        )  # fmt: skip
         for k in range(count)
     ]
 

@@ -31,6 +31,7 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.dynamics.joint_problem import CHANNELS, FREEDOM, MOTION, SIZE, Estimate, Problem, Track
 from manoeuvre_nn.dynamics.joint_run import Line
 
+
 def first(problem: Problem, noise: float = 0.01, force: Sequence[float] = (3e-4, 5e-4, 1e-3)) -> Estimate:
     """Where the iteration starts: every channel smoothed for itself, coefficients as before any run was seen.
 

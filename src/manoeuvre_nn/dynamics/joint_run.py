@@ -11,8 +11,8 @@ from manoeuvre_nn.dynamics.joint_problem import CHANNELS, DELAY, FREEDOM, MOTION
 TIGHT = 3e-4
 """Standard deviation of what a step of one unit of time may miss the equations by beside the coloured acceleration."""
 INFORMATION = (FREEDOM + 1) / (FREEDOM + 3)
-"""What a sample tells under Student's t, over what its weight of one would by least squares: Fisher's information. With it
-standard errors are right for noise with outliers, and to 3 % for Gaussian noise; without it they are a fifth too small."""
+"""Fisher's information of a sample under Student's t over that of a weight of 1. With it standard errors are right for
+noise with outliers and, to 3 %, for Gaussian noise; without it they are a sixth too small."""
 NUDGE = 1e-5
 """Step of the difference quotient of forces by the state."""
 

@@ -77,7 +77,7 @@ class ProductsForce:
         """The published values and how far they are believed.
 
         Args:
-            relative: Standard deviation over the value; a value near 0 is given some of what its equation's largest has.
+            relative: Standard deviation over the value; small values get some of what their equation's largest has.
 
         Returns:
             Mean and standard deviation.

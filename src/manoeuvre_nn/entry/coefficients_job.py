@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import yaml
-from matplotlib.figure import Figure
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
@@ -18,18 +17,17 @@ from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.joint import first, solve
 from manoeuvre_nn.entry import config as configs
 from manoeuvre_nn.entry import guard
+from manoeuvre_nn.entry.coefficient_report import RESULT, coefficients_of, write_coefficients
 from manoeuvre_nn.entry.job import make_fit, prepare
 from manoeuvre_nn.entry.provenance import resolved, versions, write_provenance
 from manoeuvre_nn.identification.captive_fit import agreeing_inertia, compare, fit_captive, towed
-from manoeuvre_nn.identification.coefficients import Fitted, approach_inertia, fitted_from, form_of
+from manoeuvre_nn.identification.coefficients import fitted_from
 from manoeuvre_nn.identification.linear_motion import Derived, derived
 from manoeuvre_nn.identification.own_terms import Known, fit_own_terms
 from manoeuvre_nn.recording.captive import CaptiveTests, read_captive
-from manoeuvre_nn.report.coefficient_figures import figures
 from manoeuvre_nn.report.coefficient_tables import (
     Beside,
     Coefficients,
-    coefficients_json,
     notes,
     sentence,
     tables,
@@ -38,7 +36,7 @@ from manoeuvre_nn.report.html import write_report
 from manoeuvre_nn.report.tables import rich_table
 from manoeuvre_nn.training.joint_fit import ClosedLoopFit
 
-RESULT, PAGE = "coefficients.json", "coefficients.html"
+PAGE = "coefficients.html"
 CAPTIVE_TESTS = "manoeuvre_nn.recording.captive.captive_mapping"
 INERTIA = ("mx", "my", "mz", "Yrdot", "Nvdot")
 
@@ -88,49 +86,6 @@ def tell(cfg: DictConfig, out: Path, conf: Path, console: Console) -> Coefficien
     return told
 
 
-def coefficients_of(fit: ClosedLoopFit, source: str) -> Coefficients:
-    """What a closed-loop fit found.
-
-    Args:
-        fit: The fit, trained.
-        source: Sentence on what it was fitted to.
-
-    Returns:
-        Coefficients and what follows from them.
-    """
-    values, covariance = fit.values.cpu().double().numpy(), fit.covariance.cpu().double().numpy()
-    return _told(fit, values, covariance, source)
-
-
-def write_coefficients(told: Coefficients, out: Path) -> dict[str, Figure]:
-    """Write ``coefficients.json`` and the figures.
-
-    Args:
-        told: The coefficients.
-        out: Output folder.
-
-    Returns:
-        The figures.
-    """
-    (out / "figures").mkdir(parents=True, exist_ok=True)
-    drawn = figures(told)
-    for name, figure in drawn.items():
-        figure.savefig(out / "figures" / f"{name.replace('/', '_')}.png", dpi=110)
-        figure.set_layout_engine("none")  # laid out once: the report draws it again
-    text = json.dumps({**coefficients_json(told), "versions": versions()}, indent=1)
-    (out / RESULT).write_text(text, encoding="utf-8")
-    return drawn
-
-
-def _told(fit: ClosedLoopFit, values: np.ndarray, covariance: np.ndarray, source: str) -> Coefficients:
-    """Coefficients of a series."""
-    known, network = fit.dynamics.known, fit.network
-    mean, spread = fit.prior.of(network.names, known.particulars)
-    inertia = approach_inertia(known)
-    fitted = Fitted(tuple(network.names), values, covariance, mean, spread, inertia, form_of(network.terms))
-    return Coefficients(known.particulars, fitted, derived(fit.columns, values, covariance, inertia), source)
-
-
 def _fitted(cfg: DictConfig, conf: Path, console: Console) -> Coefficients:
     """Fit the recordings."""
     if cfg.terms == "own":
@@ -142,12 +97,13 @@ def _fitted(cfg: DictConfig, conf: Path, console: Console) -> Coefficients:
         job.data.setup(stage=None)
         fit = make_fit(cfg, job)
         if not isinstance(fit, ClosedLoopFit):
-            raise InputError("fit: coefficients are fitted in closed loop: write fit=closed_loop, network=modulus or abkowitz")
+            raise InputError(
+                "fit: coefficients are fitted in closed loop: write fit=closed_loop, network=modulus or abkowitz"
+            )
         problem = fit.explain(job.data)
         start = first(problem, force=fit.trust.force)
         found = solve(problem, start, passes=int(cfg.trainer.max_epochs), enough=fit.enough)
-    count = fit.columns.count
-    return _told(fit, found.values[:count], found.covariance[:count, :count], job.data.describe())
+    return coefficients_of(fit, problem, found, job.data.describe())
 
 
 def _own(cfg: DictConfig, conf: Path, console: Console) -> Coefficients:
@@ -163,9 +119,8 @@ def _own(cfg: DictConfig, conf: Path, console: Console) -> Coefficients:
         known = Known(float(cfg.relative), force_time=float(cfg.fit.force_time), **trust)
         own = fit_own_terms(ship, job.data.measured, known)
     f = own.fitted
-    return Coefficients(
-        ship.particulars, f, derived(own.force, f.values, f.covariance, f.inertia), job.data.describe()
-    )
+    follows = derived(own.force, f.values, f.covariance, f.inertia)
+    return Coefficients(ship.particulars, f, follows, job.data.describe(), ratio=own.ratio)
 
 
 def _read(folder: Path) -> Coefficients:
@@ -184,7 +139,9 @@ def _read(folder: Path) -> Coefficients:
         ship = Particulars(
             stored["ship"], p["length"], beam, p["draught"], 0.7, p["speed"], 0.05, 0.6, rho=p["rho"], rpm=p["rpm"]
         )
-        return Coefficients(ship, fitted_from(stored["fitted"]), found, stored["notes"][0])
+        return Coefficients(
+            ship, fitted_from(stored["fitted"]), found, stored["notes"][0], ratio=float(stored["birge_ratio"])
+        )
     except (ValueError, KeyError, TypeError) as error:
         raise InputError(f"{path} was not written by train.py or coefficients.py: {error!r}") from error
 
@@ -195,7 +152,9 @@ def _inertia(cfg: DictConfig) -> np.ndarray | None:
         return None
     given = OmegaConf.to_container(cfg.inertia, resolve=True) if isinstance(cfg.inertia, DictConfig) else cfg.inertia
     if not isinstance(given, Mapping) or not {"mx", "my", "mz"} <= set(given) or not set(given) <= set(INERTIA):
-        raise InputError(f"inertia={given}: write inertia={{mx: M, my: M, mz: M, Yrdot: M, Nvdot: M}} (the last two: 0)")
+        raise InputError(
+            f"inertia={given}: write inertia={{mx: M, my: M, mz: M, Yrdot: M, Nvdot: M}} (the last two: 0)"
+        )
     m = {k: float(given.get(k, 0.0)) for k in INERTIA}
     return np.array([[m["mx"], 0.0, 0.0], [0.0, m["my"], -m["Yrdot"]], [0.0, -m["Nvdot"], m["mz"]]])
 
@@ -207,7 +166,7 @@ def _for_inertia(told: Coefficients, inertia: np.ndarray) -> Coefficients:
         Derived(d.name, d.value * ratio, d.low * ratio, d.high * ratio, d.words) if d.name == "stability C" else d
         for d in told.derived
     ]
-    return Coefficients(told.ship, told.fitted.with_inertia(inertia), changed, told.source)
+    return Coefficients(told.ship, told.fitted.with_inertia(inertia), changed, told.source, ratio=told.ratio)
 
 
 def _captive_tests(cfg: DictConfig, conf: Path) -> CaptiveTests | None:
@@ -241,7 +200,7 @@ def _beside(told: Coefficients, tests: CaptiveTests, cfg: DictConfig) -> Coeffic
     used = towed(tests, told.ship.length / told.ship.draught, largest_drift=drift * DEGREE, **settings)
     fitted = fit_captive(used, told.fitted)
     side = Beside(used, fitted, compare(told.fitted, fitted), agreeing_inertia(told.fitted, fitted))
-    return Coefficients(told.ship, told.fitted, told.derived, told.source, side)
+    return Coefficients(told.ship, told.fitted, told.derived, told.source, side, told.ratio)
 
 
 def _print(told: Coefficients, out: Path, console: Console) -> None:
@@ -252,7 +211,9 @@ def _print(told: Coefficients, out: Path, console: Console) -> None:
     if told.groups:
         console.print("Known only together:", style="bold")
     for group in told.groups:
-        console.print(f"  {', '.join(group.symbols)} (correlation {group.correlation:.2f}): {group.words}.", highlight=False)
+        console.print(
+            f"  {', '.join(group.symbols)} (correlation {group.correlation:.2f}): {group.words}.", highlight=False
+        )
         console.print(f"    known is {group.sum}", highlight=False)
     for line in notes(told):
         console.print(f"note: {line}", highlight=False)

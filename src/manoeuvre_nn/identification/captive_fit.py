@@ -67,7 +67,7 @@ class Compared:
     def word(self) -> str:
         """Whether they agree."""
         if not self.known:
-            return "not comparable"
+            return "open"
         size = abs(self.apart)
         return "agree" if size < AGREE else "doubtful" if size < DOUBT else "differ"
 
@@ -222,8 +222,14 @@ def compare(free: Fitted, captive: Fitted) -> list[Compared]:
         f = free.names.index(name)
         narrowed = free_error[f] < 0.5 * free.spread[f] and captive_error[k] < 0.5 * captive.spread[k]
         made.append(
-            Compared(captive.symbols[k], float(free.values[f]), float(free_error[f]), float(captive.values[k]),
-                     float(captive_error[k]), bool(narrowed))  # fmt: skip
+            Compared(
+                captive.symbols[k],
+                float(free.values[f]),
+                float(free_error[f]),
+                float(captive.values[k]),
+                float(captive_error[k]),
+                bool(narrowed),
+            )  # fmt: skip
         )
     return made
 
@@ -257,7 +263,7 @@ def _slope(free: Fitted, captive: Fitted, output: int, variable: str) -> Compare
     found: Mapping[str, tuple[float, float]] = {
         key: _weighed(one, output, motion) for key, one in (("free", free), ("towed", captive))
     }
-    name = f"d{EQUATIONS[output]}'/d{'v' if variable == 'v' else 'delta'} on the approach"
+    name = f"{EQUATIONS[output]}' by {SLOPES[variable]}"
     return Compared(name, *found["free"], *found["towed"], known=True)
 
 

@@ -136,9 +136,7 @@ def fitted_from(stored: Mapping[str, Any]) -> Fitted:
     """
     try:
         names = tuple((int(o), str(t)) for o, t in stored["names"])
-        arrays = {
-            k: np.array(stored[k], dtype=float) for k in ("values", "covariance", "mean", "spread", "inertia")
-        }
+        arrays = {k: np.array(stored[k], dtype=float) for k in ("values", "covariance", "mean", "spread", "inertia")}
         form = str(stored["form"])
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"coefficients: {error} is missing or no list of numbers; fit again") from error

@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial.distance import squareform
 
-from manoeuvre_nn.identification.coefficients import Fitted
+from manoeuvre_nn.identification.coefficients import REACH, Fitted
 
 CLOSE = 0.9
 """Correlation beyond which two coefficients are not told apart."""
@@ -49,8 +49,8 @@ class Group:
 
     @property
     def sum(self) -> str:
-        """The combination with its value and error."""
-        return f"{self.determined} = {self.value:.3g} ± {self.error:.1g}"
+        """The combination with its value and 95 % interval."""
+        return f"{self.determined} = {self.value:.3g} ± {REACH * self.error:.1g}"
 
 
 def collinear_groups(fitted: Fitted, close: float = CLOSE) -> list[Group]:
@@ -136,7 +136,9 @@ def _within(names: Sequence[tuple[int, str]]) -> str:
     """Products of one motion that differ in order, or in the powers of speed and shaft speed."""
     bare = {" ".join(sorted(t for t in term.split() if t in MOTIONS)) for _, term in names}
     if len(bare) > 1 and len({len(b.split()) for b in bare}) == 1:
-        return "these products are alike in these runs; add runs with more drift for the same yaw rate, or leave one out"
+        return (
+            "these products are alike in these runs; add runs with more drift for the same yaw rate, or leave one out"
+        )
     if len(bare) > 1:
         return "small and large motions are not told apart; add gentler and harder runs (5/5 zigzag, 35 deg turn)"
     return "speed and shaft speed do not differ enough; add runs at other shaft speeds, or a stop"

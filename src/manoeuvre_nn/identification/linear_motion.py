@@ -53,7 +53,7 @@ class Linear:
 
     @property
     def determinant(self) -> Float[np.ndarray, " k"]:
-        """det A; the criterion C over the determinant of the inertia."""
+        """Det A; the criterion C over the determinant of the inertia."""
         return np.linalg.det(self.a)
 
     @property
@@ -204,5 +204,3 @@ def _summary(name: str, found: Float[np.ndarray, " k"], words: str, judged: bool
     drawn = found[1:][np.isfinite(found[1:])]
     low, high = np.quantile(drawn, [0.025, 0.975]) if judged and len(drawn) else (np.nan, np.nan)
     return Derived(name, float(found[0]), float(low), float(high), words)
-
-

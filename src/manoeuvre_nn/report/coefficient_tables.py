@@ -13,6 +13,7 @@ from manoeuvre_nn.identification.coefficients import (
     OWN,
     PARTLY,
     PRIOR,
+    REACH,
     TAYLOR,
     Coefficient,
     Fitted,
@@ -58,6 +59,7 @@ class Coefficients:
         derived: What follows from them.
         source: Sentence on what they were fitted to.
         beside: Captive tests, where there are any.
+        ratio: How far stretches of the recordings disagree over what noise allows; errors are widened by its root.
     """
 
     ship: Particulars
@@ -65,6 +67,7 @@ class Coefficients:
     derived: Sequence[Derived] = ()
     source: str = ""
     beside: Beside | None = None
+    ratio: float = 1.0
     groups: Sequence[Group] = field(init=False)
     rows: Sequence[Coefficient] = field(init=False)
 
@@ -140,9 +143,9 @@ def compared_rows(rows: Sequence[Compared]) -> list[Row]:
         {
             "": r.name,
             "recordings": r.free,
-            "± error": r.free_error,
+            "± 95 %": REACH * r.free_error,
             "captive": r.towed,
-            "± error ": r.towed_error,
+            "± 95 % ": REACH * r.towed_error,
             "apart by": round(r.apart, 1) if r.known else None,
             "they": r.word,
         }
@@ -182,12 +185,24 @@ def notes(told: Coefficients) -> list[str]:
         f"Values are {SYSTEMS[OWN]}; rudder positive to port, as the source has it."
     ]  # fmt: skip
     lines.append(f"{ONLY_RATIOS} Here mx' = {mass[0]:.4f}, my' = {mass[1]:.4f}, mz' = {mass[2]:.5f}.")
-    lines.append("Errors are those of noise and of accelerations that the model may lack, not of a wrong set of products.")
+    lines.append(_trust(told.ratio))
     if told.source:
         lines.insert(0, told.source)
     if told.beside is not None:
         lines += _captive_notes(told.beside)
     return lines
+
+
+def _trust(ratio: float) -> str:
+    """How far errors can be believed."""
+    if ratio <= 1.0:
+        return (
+            "Stretches of the recordings agree on the coefficients as far as noise allows: errors are those of noise."
+        )
+    return (
+        f"Stretches of 10 L/U0 disagree on the coefficients by {ratio**0.5:.1f} times what noise allows: the products are not "
+        "quite those of the ship. All errors are widened so far."
+    )
 
 
 def _captive_notes(beside: Beside) -> list[str]:
@@ -231,6 +246,7 @@ def coefficients_json(told: Coefficients) -> dict[str, Any]:
         "particulars": {k: getattr(told.ship, k) for k in ("length", "draught", "speed", "rho", "rpm")},
         "system": SYSTEMS[told.fitted.form],
         "summary": sentence(told),
+        "birge_ratio": told.ratio,
         "notes": notes(told),
         "coefficients": [
             {
