@@ -1,4 +1,4 @@
-"""How often intervals hold the truth: ships with known coefficients, sailed with noise, fitted with scattered priors."""
+"""How often intervals hold the truth: ships with known coefficients, sailed with noise, from scattered priors."""
 
 import numpy as np
 import torch

@@ -1,7 +1,7 @@
 """The job of ``scripts/coefficients.py``: coefficients with intervals from recordings, beside captive tests."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -64,6 +64,9 @@ def tell(cfg: DictConfig, out: Path, conf: Path, console: Console) -> Coefficien
 
     Returns:
         What is told.
+
+    Raises:
+        InputError: If settings do not go together.
     """
     use_threads(1)
     check_choice("terms", cfg.terms, ["network", "own"])
@@ -98,7 +101,7 @@ def _fitted(cfg: DictConfig, conf: Path, console: Console) -> Coefficients:
         fit = make_fit(cfg, job)
         if not isinstance(fit, ClosedLoopFit):
             raise InputError(
-                "fit: coefficients are fitted in closed loop: write fit=closed_loop, network=modulus or abkowitz"
+                "coefficients are fitted in closed loop: write fit=closed_loop and network=modulus or abkowitz"
             )
         problem = fit.explain(job.data)
         start = first(problem, force=fit.trust.force)
@@ -115,8 +118,8 @@ def _own(cfg: DictConfig, conf: Path, console: Console) -> Coefficients:
     job = prepare(cfg, conf)
     with console.status("fitting in closed loop"):
         job.data.setup(stage=None)
-        trust = {k: tuple(cfg.fit[k]) for k in ("force", "floor")}
-        known = Known(float(cfg.relative), force_time=float(cfg.fit.force_time), **trust)
+        f = cfg.fit
+        known = Known(float(cfg.relative), tuple(f.force), float(f.force_time), tuple(f.floor))
         own = fit_own_terms(ship, job.data.measured, known)
     f = own.fitted
     follows = derived(own.force, f.values, f.covariance, f.inertia)
@@ -130,10 +133,7 @@ def _read(folder: Path) -> Coefficients:
         raise InputError(f"run={folder} holds no {RESULT}: write a folder of train.py with network=modulus or abkowitz")
     try:
         stored = json.loads(path.read_text(encoding="utf-8"))
-        found = [
-            Derived(d["name"], d["value"], *(np.nan if x is None else x for x in d["interval_95"]), d["words"])
-            for d in stored["derived"]
-        ]
+        found = [Derived(d["name"], d["value"], *_ends(d["interval_95"]), d["words"]) for d in stored["derived"]]
         p = stored["particulars"]
         beam = 0.16 * p["length"]  # not stored and not used: a particulars has one
         ship = Particulars(
@@ -146,15 +146,19 @@ def _read(folder: Path) -> Coefficients:
         raise InputError(f"{path} was not written by train.py or coefficients.py: {error!r}") from error
 
 
+def _ends(interval: Sequence[float | None]) -> tuple[float, float]:
+    """Ends of an interval; NaN where it has none."""
+    low, high = (np.nan if end is None else float(end) for end in interval)
+    return low, high
+
+
 def _inertia(cfg: DictConfig) -> np.ndarray | None:
     """The ship's inertia where the user knows it better."""
     if cfg.inertia is None:
         return None
     given = OmegaConf.to_container(cfg.inertia, resolve=True) if isinstance(cfg.inertia, DictConfig) else cfg.inertia
     if not isinstance(given, Mapping) or not {"mx", "my", "mz"} <= set(given) or not set(given) <= set(INERTIA):
-        raise InputError(
-            f"inertia={given}: write inertia={{mx: M, my: M, mz: M, Yrdot: M, Nvdot: M}} (the last two: 0)"
-        )
+        raise InputError(f"inertia={given}: write inertia={{mx: M, my: M, mz: M, Yrdot: 0, Nvdot: 0}}")
     m = {k: float(given.get(k, 0.0)) for k in INERTIA}
     return np.array([[m["mx"], 0.0, 0.0], [0.0, m["my"], -m["Yrdot"]], [0.0, -m["Nvdot"], m["mz"]]])
 
@@ -180,7 +184,7 @@ def _captive_tests(cfg: DictConfig, conf: Path) -> CaptiveTests | None:
     content = configs.load_yaml(named if named.is_file() else Path(str(name)))
     if not isinstance(content, Mapping) or content.get(configs.TARGET) != CAPTIVE_TESTS:
         raise InputError(
-            f"captive.mapping={name} is no mapping of captive tests: its first line must be {configs.TARGET}: {CAPTIVE_TESTS}"
+            f"captive.mapping={name} is no mapping of captive tests: begin it with {configs.TARGET}: {CAPTIVE_TESTS}"
         )
     path = Path(cfg.captive.file)
     if not path.is_file():

@@ -1,4 +1,4 @@
-"""Coefficients that were fitted to recordings: symbols, intervals, and how much the recordings have to say about each."""
+"""Coefficients that were fitted to recordings: symbols, intervals, and how much the recordings say about each."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -201,8 +201,8 @@ def coefficient_table(fitted: Fitted) -> list[Coefficient]:
     rows = []
     for k, (name, value, error) in enumerate(zip(fitted.names, fitted.values, fitted.errors, strict=True)):
         times = _factorials(name[1]) if fitted.form == TAYLOR else 1.0
-        numbers = (float(times * x) for x in (value, error, fitted.mean[k], fitted.spread[k]))
-        rows.append(Coefficient(fitted.symbols[k], *numbers, factor=float(value)))
+        estimate, wide, prior, before = (float(times * x) for x in (value, error, fitted.mean[k], fitted.spread[k]))
+        rows.append(Coefficient(fitted.symbols[k], estimate, wide, prior, before, float(value)))
     return rows
 
 

@@ -56,8 +56,8 @@ class Group:
 def collinear_groups(fitted: Fitted, close: float = CLOSE) -> list[Group]:
     """Groups of coefficients that are known only together.
 
-    Complete linkage: in a group every pair is correlated. What is determined is the eigenvector of the least variance in
-    units of the prior.
+    Complete linkage: in a group every pair is correlated. What is determined is the eigenvector of the least variance
+    in units of the prior.
 
     Args:
         fitted: The coefficients.
@@ -136,9 +136,7 @@ def _within(names: Sequence[tuple[int, str]]) -> str:
     """Products of one motion that differ in order, or in the powers of speed and shaft speed."""
     bare = {" ".join(sorted(t for t in term.split() if t in MOTIONS)) for _, term in names}
     if len(bare) > 1 and len({len(b.split()) for b in bare}) == 1:
-        return (
-            "these products are alike in these runs; add runs with more drift for the same yaw rate, or leave one out"
-        )
+        return "these products are alike in these runs; add more drift for the same yaw rate, or leave one out"
     if len(bare) > 1:
         return "small and large motions are not told apart; add gentler and harder runs (5/5 zigzag, 35 deg turn)"
     return "speed and shaft speed do not differ enough; add runs at other shaft speeds, or a stop"

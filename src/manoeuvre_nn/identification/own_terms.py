@@ -47,7 +47,7 @@ class OwnFit:
         force: Columns of the products.
         estimate: States, noise and the rest.
         ship: The ship with the coefficients that were found.
-        ratio: How far stretches disagree over what noise allows, see :mod:`.joint_agreement`; errors are widened so far.
+        ratio: How far stretches disagree over what noise allows (:mod:`.joint_agreement`); errors are widened so far.
     """
 
     fitted: Fitted
@@ -60,8 +60,8 @@ class OwnFit:
 def fit_own_terms(ship: Ship, recordings: Sequence[Recording], known: Known | None = None) -> OwnFit:
     """States and the coefficients of a ship's own products together.
 
-    For the tanker family that is its BIS table (Xuu, Yuv, Yccd, Nur, ...), for a Taylor series its factors. Inertia, the
-    propeller's thrust and the race over the rudder are taken as published.
+    For the tanker family that is its BIS table (Xuu, Yuv, Yccd, Nur, ...), for a Taylor series its factors. Inertia,
+    thrust and the race over the rudder are taken as published.
 
     Args:
         ship: The ship; its forces are a sum of products.

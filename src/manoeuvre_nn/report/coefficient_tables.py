@@ -25,7 +25,7 @@ from manoeuvre_nn.report.tables import Row
 
 SYSTEMS = {
     TAYLOR: "derivatives about the approach over 0.5 rho L T U0^2 (N: times L), as in Y_vvv v^3/6; velocities over U0",
-    "plain": "factors of products over 0.5 rho L T U0^2 (N: times L); velocities over U0, n over the nominal shaft speed",
+    "plain": "factors of products over 0.5 rho L T U0^2 (N: times L); velocities over U0, n over the nominal one",
     OWN: "coefficients of the ship's own source, BIS system",
 }
 """What the numbers are."""
@@ -196,12 +196,10 @@ def notes(told: Coefficients) -> list[str]:
 def _trust(ratio: float) -> str:
     """How far errors can be believed."""
     if ratio <= 1.0:
-        return (
-            "Stretches of the recordings agree on the coefficients as far as noise allows: errors are those of noise."
-        )
+        return "Stretches of the recordings agree on the coefficients as noise allows: errors are those of noise."
     return (
-        f"Stretches of 10 L/U0 disagree on the coefficients by {ratio**0.5:.1f} times what noise allows: the products are not "
-        "quite those of the ship. All errors are widened so far."
+        f"Stretches of 10 L/U0 disagree on coefficients by {ratio**0.5:.1f} times what noise allows: the products are "
+        "not quite those of the ship. All errors are widened so far."
     )
 
 
@@ -209,8 +207,8 @@ def _captive_notes(beside: Beside) -> list[str]:
     """What a comparison with captive tests can show."""
     m = beside.inertia
     return [
-        f"Captive: {beside.tests.note}. Static tests have no yaw rate: products with r are not compared, nor what is added "
-        "to a hull that turns. Forces of tests need no inertia.",
+        f"Captive: {beside.tests.note}. Static tests have no yaw rate: products with r are not compared. "
+        "Forces of tests need no inertia.",
         "The slopes on the approach would agree with an inertia of sway and yaw of "
         f"my' = {m[0, 0]:.3f}, mz' = {m[1, 1]:.4f} (Y' by rdot' {m[0, 1]:.3f}, N' by vdot' {m[1, 0]:.3f}).",
     ]
