@@ -1,5 +1,6 @@
 """Coefficients that recordings do not tell apart: which, what of them is determined, and what would part them."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,11 +10,14 @@ from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial.distance import squareform
 
 from manoeuvre_nn.identification.coefficients import REACH, Fitted
+from manoeuvre_nn.network.series import VARIABLES
 
 CLOSE = 0.9
 """Correlation beyond which two coefficients are not told apart."""
 MOTIONS = {"v": "drift", "|v|": "drift", "r": "yaw rate", "|r|": "yaw rate", "d": "rudder angle", "|d|": "rudder angle"}
 MOTIONS |= {"wx": "wind", "wy": "wind", "|w|": "wind"}
+SHORT = {"ccbd": ["v", "d"], "cross": ["v", "|v|", "|d|"]}
+"""Products of the tanker family whose names do not spell their variables."""
 PARTED_BY = {
     frozenset({"drift", "yaw rate"}): "a drift test, or a pull-out and turning circles at several rudder angles",
     frozenset({"drift", "rudder angle"}): "runs that drift with the rudder amidships: a pull-out",
@@ -114,7 +118,15 @@ def motion_of(term: str) -> frozenset[str]:
     Returns:
         Some of drift, yaw rate, rudder angle, wind; none for a force ahead.
     """
-    return frozenset(MOTIONS[t] for t in term.split() if t in MOTIONS)
+    return frozenset(MOTIONS[t] for t in _variables(term))
+
+
+def _variables(term: str) -> list[str]:
+    """Its variables that say how the ship moves; those of a ship's own source are read from its letters."""
+    tokens = term.split()
+    if len(tokens) == 1 and tokens[0] not in VARIABLES:
+        tokens = SHORT.get(term) or re.findall(r"\|v\||[vrd]", term)
+    return [t for t in tokens if t in MOTIONS]
 
 
 def _words(names: Sequence[tuple[int, str]]) -> str:
@@ -134,7 +146,7 @@ def _words(names: Sequence[tuple[int, str]]) -> str:
 
 def _within(names: Sequence[tuple[int, str]]) -> str:
     """Products of one motion that differ in order, or in the powers of speed and shaft speed."""
-    bare = {" ".join(sorted(t for t in term.split() if t in MOTIONS)) for _, term in names}
+    bare = {" ".join(sorted(_variables(term))) for _, term in names}
     if len(bare) > 1 and len({len(b.split()) for b in bare}) == 1:
         return "these products are alike in these runs; add more drift for the same yaw rate, or leave one out"
     if len(bare) > 1:
