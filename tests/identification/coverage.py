@@ -10,7 +10,7 @@ from manoeuvre_nn.dynamics.joint_problem import Problem, Track
 NOISE = np.array([0.005, 0.005, 0.01, 0.01, 0.01, 0.005])
 """Standard deviation of u, v, r, x, y, psi in U0, U0/L, L, rad: good sensors."""
 FORCE, FORCE_TIME = np.array([3e-4, 5e-4, 1e-3]), 1.0
-PACE, PARTS = 0.05, 5
+PACE, PARTS = 0.05, 2
 
 
 def zigzags(ship: Ship, angle: float, length: float, count: int, seed: int, lacking: float = 1.0, shift=1.0):
@@ -69,7 +69,7 @@ def errors(force, truth, spread, runs, seed: int, noise=NOISE, draw=None):
         noisy = [Track(t.name, t.time, t.measured + noise * draw(t.measured.shape), t.inputs) for t in tracks]
         mean = truth + spread * random.standard_normal(len(truth))
         problem = Problem(noisy, force, mean, spread, force_time=FORCE_TIME)
-        found = solve(problem, first(problem, force=FORCE))
+        found = solve(problem, first(problem, force=tuple(FORCE)))
         scaled = found.covariance / spread[:, None] / spread
         sizes, axes = np.linalg.eigh(scaled)
         rows.append((found.values - truth) / spread / np.sqrt(np.diag(scaled)))

@@ -49,7 +49,7 @@ class ProductsForce:
         self.published = (self.table.numpy()[self._products, self._outputs] * self._unit).copy()
         p = ship.particulars
         unit = np.array([1.0, 1.0, 1 / p.length]) * p.speed**2 / p.length
-        push = ship.acceleration_from_force(ship.velocity_units, torch.eye(3).to(ship.inertia))
+        push = ship.acceleration_from_force(ship.velocity_units.expand(3, 3), torch.eye(3).to(ship.inertia))
         self._push = push.double().numpy() / unit / self._unit
         self._scale = torch.tensor([p.speed, p.speed, p.speed / p.length], dtype=torch.float64)
 
