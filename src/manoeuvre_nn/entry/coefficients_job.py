@@ -37,6 +37,8 @@ from manoeuvre_nn.report.tables import rich_table
 from manoeuvre_nn.training.joint_fit import ClosedLoopFit
 
 PAGE = "coefficients.html"
+JUDGED = [{"straight": {"duration": 60, "name": "judged"}}]
+"""What a data module has to be judged by: nothing is chosen by it."""
 CAPTIVE_TESTS = "manoeuvre_nn.recording.captive.captive_mapping"
 INERTIA = ("mx", "my", "mz", "Yrdot", "Nvdot")
 
@@ -70,9 +72,13 @@ def tell(cfg: DictConfig, out: Path, conf: Path, console: Console) -> Coefficien
     """
     use_threads(1)
     check_choice("terms", cfg.terms, ["network", "own"])
-    tests, inertia = _captive_tests(cfg, conf), _inertia(cfg)
-    if tests is not None and cfg.terms == "own":
+    if cfg.captive.file is not None and cfg.terms == "own":
         raise InputError("captive.file: compares coefficients of series; choose terms=network")
+    if not str(cfg.fit[configs.TARGET]).endswith(f".{ClosedLoopFit.__name__}"):
+        raise InputError(
+            "coefficients are fitted in closed loop: write fit=closed_loop and network=modulus or abkowitz"
+        )
+    tests, inertia = _captive_tests(cfg, conf), _inertia(cfg)
     told = _read(Path(cfg.run)) if cfg.run is not None else _fitted(cfg, conf, console)
     if inertia is not None:
         told = _for_inertia(told, inertia)
@@ -93,7 +99,7 @@ def _fitted(cfg: DictConfig, conf: Path, console: Console) -> Coefficients:
     """Fit the recordings."""
     if cfg.terms == "own":
         return _own(cfg, conf, console)
-    job = prepare(cfg, conf)
+    job = prepare(_unjudged(cfg), conf)
     for line in job.data.remarks():
         console.print(f"note: {line}", highlight=False, soft_wrap=True)
     with console.status("fitting in closed loop"):
@@ -109,13 +115,22 @@ def _fitted(cfg: DictConfig, conf: Path, console: Console) -> Coefficients:
     return coefficients_of(fit, problem, found, job.data.describe())
 
 
+def _unjudged(cfg: DictConfig) -> DictConfig:
+    """Without held-out manoeuvres of a simulated ship, which would only be sailed for nothing."""
+    if "files" in cfg.data:
+        return cfg
+    return OmegaConf.merge(cfg, {"score": JUDGED})  # type: ignore[return-value]
+
+
 def _own(cfg: DictConfig, conf: Path, console: Console) -> Coefficients:
     """Fit the ship's own products."""
     ship = configs.build(cfg.ship)
     if not isinstance(ship, Ship) or ship.table is None:
         name = ship.name if isinstance(ship, Particulars) else ship.particulars.name
         raise InputError(f"terms=own: the forces of the {name} are no sum of known products; write terms=network")
-    job = prepare(cfg, conf)
+    if not cfg.relative > 0:
+        raise InputError(f"relative={cfg.relative}: expected more than 0")
+    job = prepare(_unjudged(cfg), conf)
     with console.status("fitting in closed loop"):
         job.data.setup(stage=None)
         f = cfg.fit
