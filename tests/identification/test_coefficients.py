@@ -133,6 +133,14 @@ def test_words_name_the_motions_that_go_together(names, said):
     assert said in group.words
 
 
+def test_a_chain_of_neighbours_is_no_group_of_all():
+    """1 goes with 2 and 2 with 3, but 1 and 3 are correlated by less than the limit."""
+    names = [(1, "v"), (1, "r"), (1, "d")]
+    covariance = 0.01 * np.array([[1.0, 0.93, 0.8], [0.93, 1.0, 0.92], [0.8, 0.92, 1.0]])
+    (group,) = collinear_groups(fitted(names, [1.0, 1.0, 1.0], covariance))
+    assert group.symbols == ("Y_v", "Y_r")
+
+
 def test_the_recordings_fix_as_many_combinations_as_they_narrow():
     assert fitted(covariance=np.diag([0.0, 1.0])).determined == approx(1.0)
 
@@ -146,7 +154,9 @@ def test_another_inertia_leaves_the_motion_as_it_was():
     outputs, products = np.array([o for o, _ in names]), np.array([1.3, 0.7, -0.4, 0.7, -0.4])
     push = [np.array([(f.values * products)[outputs == o].sum() for o in range(3)]) for f in (before, after)]
     assert np.linalg.solve(old, push[0]) == approx(np.linalg.solve(new, push[1]))
-    assert after.with_inertia(old).values == approx(before.values)
+    back = after.with_inertia(old)
+    assert back.values == approx(before.values) and back.covariance == approx(before.covariance, abs=1e-12)
+    assert after.errors[0] == approx(1.1 * before.errors[0])
 
 
 def test_the_stability_criterion_of_clarkes_ship_is_its_closed_form():
