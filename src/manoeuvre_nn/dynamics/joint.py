@@ -28,11 +28,8 @@ from jaxtyping import Float
 from scipy.signal import savgol_filter
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.dynamics.joint_problem import CHANNELS, MOTION, SIZE, Estimate, Problem, Track
+from manoeuvre_nn.dynamics.joint_problem import CHANNELS, FREEDOM, MOTION, SIZE, Estimate, Problem, Track
 from manoeuvre_nn.dynamics.joint_run import Line
-
-FREEDOM = 4.0
-"""Degrees of freedom of Student's t, the distribution of noise with outliers."""
 
 
 def first(problem: Problem, noise: float = 0.01, force: Sequence[float] = (3e-4, 5e-4, 1e-3)) -> Estimate:

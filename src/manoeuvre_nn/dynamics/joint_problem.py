@@ -11,6 +11,8 @@ from jaxtyping import Float, Int
 CHANNELS = ("u", "v", "r", "x", "y", "psi")
 """Measured channels and first states; the others are the coloured accelerations of surge, sway and yaw."""
 SIZE, MOTION = 9, 6
+FREEDOM = 4.0
+"""Degrees of freedom of Student's t, the distribution of noise with outliers."""
 DELAY, OFFSET = "delay", "offset"
 """What a sensor may get wrong: it writes down too late, or too much."""
 

@@ -6,10 +6,13 @@ import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.dynamics.banded import Chain
-from manoeuvre_nn.dynamics.joint_problem import CHANNELS, DELAY, MOTION, SIZE, Estimate, Problem
+from manoeuvre_nn.dynamics.joint_problem import CHANNELS, DELAY, FREEDOM, MOTION, SIZE, Estimate, Problem
 
 TIGHT = 3e-4
 """Standard deviation of what a step of one unit of time may miss the equations by beside the coloured acceleration."""
+INFORMATION = (FREEDOM + 1) / (FREEDOM + 3)
+"""Fisher's information of a sample under Student's t over that of a weight of 1. With it standard errors are right for
+noise with outliers and, to 3 %, for Gaussian noise; without it they are a sixth too small."""
 NUDGE = 1e-5
 """Step of the difference quotient of forces by the state."""
 
@@ -96,7 +99,7 @@ class Line:
             self.marks[:, k, f] = -self.rate[:, k] if fault.kind == DELAY else 1.0
             shown[:, k] += value * self.marks[:, k, f]
         self.residual = np.where(self.track.present > 0, shown - self.track.measured, 0.0)
-        self.trust = self.now.weights[self.run] / self.now.noise**2
+        self.trust = INFORMATION * self.now.weights[self.run] / self.now.noise**2
 
     def _assemble(self) -> None:
         """The chain of the states, and the parameters' equations with the states taken out."""

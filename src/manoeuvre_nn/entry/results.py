@@ -14,6 +14,7 @@ from rich.console import Console
 
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.limits import OK
+from manoeuvre_nn.entry.coefficient_report import coefficient_report
 from manoeuvre_nn.entry.provenance import SCORES, flat, versions
 from manoeuvre_nn.identification.ladder import ladder
 from manoeuvre_nn.manoeuvre.imo import ImoRow, imo_table
@@ -194,6 +195,8 @@ def write_results(outcome: Outcome, out: Path) -> None:
         figure.savefig(path, dpi=110)
         figure.set_layout_engine("none")  # laid out once: the report draws it again
         outcome.trained.dashboard.add_image(f"final/{name}", imread(path), outcome.trained.epochs)
+    told = coefficient_report(outcome.trained.fit, outcome.trained_on, out)
+    drawn |= told.figures
     write_report(
         out / "report.html",
         title=f"{outcome.config['name']}: trained and scored",
@@ -203,11 +206,12 @@ def write_results(outcome: Outcome, out: Path) -> None:
             "Manoeuvres that were trained on, in closed loop": score_rows(outcome.training_scores),
             "IMO MSC.137(76), predicted": imo_rows(outcome.imo),
             "All criteria of the held-out manoeuvres": criteria_rows(outcome.scores),
+            **told.tables,
         },
         figures=drawn,
         config_yaml=yaml.safe_dump(dict(outcome.config), sort_keys=False, allow_unicode=True),
         versions=versions(),
-        notes=[outcome.trained_on, outcome.trained.chosen, *outcome.notes],
+        notes=[outcome.trained_on, outcome.trained.chosen, *outcome.notes, *told.notes],
     )
     _log_hyperparameters(outcome)
     (out / SCORES).write_text(json.dumps(as_dict(outcome), indent=1))

@@ -1,0 +1,98 @@
+"""Whether stretches of recordings agree on the coefficients that are fitted to all of them.
+
+Errors of a fit are those of noise if the equations are right. If they are not, every stretch wants coefficients of its
+own, and these differ by more than noise allows: by how much more is how far the errors are too small.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from manoeuvre_nn.dynamics.joint_problem import Estimate, Problem, Track
+from manoeuvre_nn.dynamics.joint_run import Line
+
+STRETCH = 10.0
+"""Length of a stretch over L/U0: longer than the coloured accelerations last."""
+TELLS = 4.0
+"""A stretch has a say in combinations of coefficients on which it has so many times the prior's information."""
+
+
+def birge_ratio(problem: Problem, found: Estimate, stretch: float = STRETCH) -> float:
+    """How far stretches disagree on the coefficients, over what noise allows.
+
+    With a stretch's gradient g and information H at the common coefficients, states taken out, and C their covariance,
+    ``g^T H^-1 g`` is about ``rank H - tr(H C)`` if the equations are right.
+
+    Args:
+        problem: The problem.
+        found: Its solution.
+        stretch: Length of the stretches that runs are cut into, in L/U0.
+
+    Returns:
+        Sum of the one over sum of the other: 1 if the errors are right, 4 if they are half of what they should be.
+
+    Source:
+        Birge 1932 (Phys. Rev. 40:207); for groups of samples White 1982.
+    """
+    parts, states, weights = [], [], []
+    for track, state, weight in zip(problem.tracks, found.states, found.weights, strict=True):
+        for piece in _pieces(track, stretch):
+            parts.append(_cut(track, piece))
+            states.append(state[piece])
+            weights.append(weight[piece])
+    count = problem.shared
+    cut = replace(problem, tracks=parts, faults=())
+    now = replace(found, states=tuple(states), weights=tuple(weights), values=found.values[:count])
+    scale = problem.spread
+    covariance = found.covariance[:count, :count] / scale[:, None] / scale
+    missed, allowed = 0.0, 0.0
+    for k in range(len(parts)):
+        line = Line(cut, now, k)
+        one, other = _heard(line.normal * scale[:, None] * scale, line.gradient * scale, covariance)
+        missed, allowed = missed + one, allowed + other
+    return missed / allowed if allowed > 1 else 1.0
+
+
+def widened(
+    covariance: Float[np.ndarray, "p p"], spread: Float[np.ndarray, " p"], ratio: float
+) -> Float[np.ndarray, "p p"]:
+    """The covariance if the recordings are trusted ``1 / ratio`` as far; the prior is trusted as before.
+
+    Args:
+        covariance: Of the coefficients.
+        spread: Standard deviation of what they were before.
+        ratio: See :func:`birge_ratio`; less than 1 changes nothing.
+
+    Returns:
+        A covariance that is at least as large.
+    """
+    scaled = covariance / spread[:, None] / spread
+    sizes, axes = np.linalg.eigh(0.5 * (scaled + scaled.T))
+    told = np.maximum(1 / np.clip(sizes, 1e-300, 1.0) - 1, 0.0)
+    wider = (axes / (told / max(ratio, 1.0) + 1)) @ axes.T
+    return wider * spread[:, None] * spread
+
+
+def _heard(
+    normal: Float[np.ndarray, "p p"], gradient: Float[np.ndarray, " p"], covariance: Float[np.ndarray, "p p"]
+) -> tuple[float, float]:
+    """What a stretch misses in combinations that it tells something of, and what noise allows it to."""
+    sizes, axes = np.linalg.eigh(0.5 * (normal + normal.T))
+    kept = sizes > TELLS
+    pulled = axes[:, kept].T @ gradient
+    used = np.einsum("ik,ij,jk->k", axes[:, kept], covariance, axes[:, kept]) * sizes[kept]
+    return float((pulled**2 / sizes[kept]).sum()), float(np.maximum(1 - used, 0.0).sum())
+
+
+def _pieces(track: Track, stretch: float) -> list[slice]:
+    """Even pieces of about that length; the whole where it is shorter."""
+    count = max(1, round((track.time[-1] - track.time[0]) / stretch))
+    edges = np.linspace(0, len(track), count + 1).astype(int)
+    return [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+
+
+def _cut(track: Track, keep: slice) -> Track:
+    """A piece of a track."""
+    inputs = {k: v[keep] for k, v in track.inputs.items()}
+    return Track(track.name, track.time[keep], track.measured[keep], inputs)

@@ -1,0 +1,241 @@
+"""The job of ``scripts/coefficients.py``: coefficients with intervals from recordings, beside captive tests."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from omegaconf import DictConfig, OmegaConf
+from rich.console import Console
+
+from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.core.threads import use_threads
+from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.dynamics.joint import first, solve
+from manoeuvre_nn.entry import config as configs
+from manoeuvre_nn.entry import guard
+from manoeuvre_nn.entry.coefficient_report import RESULT, coefficients_of, write_coefficients
+from manoeuvre_nn.entry.job import make_fit, prepare
+from manoeuvre_nn.entry.provenance import resolved, versions, write_provenance
+from manoeuvre_nn.identification.captive_fit import agreeing_inertia, compare, fit_captive, towed
+from manoeuvre_nn.identification.coefficients import fitted_from
+from manoeuvre_nn.identification.linear_motion import Derived, derived
+from manoeuvre_nn.identification.own_terms import Known, fit_own_terms
+from manoeuvre_nn.recording.captive import CaptiveTests, read_captive
+from manoeuvre_nn.report.coefficient_tables import (
+    Beside,
+    Coefficients,
+    notes,
+    sentence,
+    tables,
+)
+from manoeuvre_nn.report.html import write_report
+from manoeuvre_nn.report.tables import rich_table
+from manoeuvre_nn.training.joint_fit import ClosedLoopFit
+
+PAGE = "coefficients.html"
+JUDGED = [{"straight": {"duration": 60, "name": "judged"}}]
+"""What a data module has to be judged by: nothing is chosen by it."""
+CAPTIVE_TESTS = "manoeuvre_nn.recording.captive.captive_mapping"
+INERTIA = ("mx", "my", "mz", "Yrdot", "Nvdot")
+
+
+def run_coefficients(cfg: DictConfig, out: Path, conf: Path) -> None:
+    """Run the command; wrong input ends in one line.
+
+    Args:
+        cfg: The config.
+        out: Output folder.
+        conf: The folder ``conf``.
+    """
+    with guard.one_line():
+        tell(cfg, out, conf, Console())
+
+
+def tell(cfg: DictConfig, out: Path, conf: Path, console: Console) -> Coefficients:
+    """Fit or read coefficients, set captive tests beside them, and write everything.
+
+    Args:
+        cfg: The config.
+        out: Output folder.
+        conf: The folder ``conf``.
+        console: Where to print.
+
+    Returns:
+        What is told.
+
+    Raises:
+        InputError: If settings do not go together.
+    """
+    use_threads(1)
+    check_choice("terms", cfg.terms, ["network", "own"])
+    if cfg.captive.file is not None and cfg.terms == "own":
+        raise InputError("captive.file: compares coefficients of series; choose terms=network")
+    if not str(cfg.fit[configs.TARGET]).endswith(f".{ClosedLoopFit.__name__}"):
+        raise InputError(
+            "coefficients are fitted in closed loop: write fit=closed_loop and network=modulus or abkowitz"
+        )
+    tests, inertia = _captive_tests(cfg, conf), _inertia(cfg)
+    told = _read(Path(cfg.run)) if cfg.run is not None else _fitted(cfg, conf, console)
+    if inertia is not None:
+        told = _for_inertia(told, inertia)
+    if tests is not None:
+        told = _beside(told, tests, cfg)
+    write_provenance(cfg, out)
+    drawn = write_coefficients(told, out)
+    write_report(
+        out / PAGE, title=f"Coefficients of the {told.ship.name}", summary=sentence(told), tables=tables(told),
+        figures=drawn, config_yaml=yaml.safe_dump(resolved(cfg), sort_keys=False, allow_unicode=True),
+        versions=versions(), notes=notes(told), unfolded=tuple(tables(told)),
+    )  # fmt: skip
+    _print(told, out, console)
+    return told
+
+
+def _fitted(cfg: DictConfig, conf: Path, console: Console) -> Coefficients:
+    """Fit the recordings."""
+    if cfg.terms == "own":
+        return _own(cfg, conf, console)
+    job = prepare(_unjudged(cfg), conf)
+    for line in job.data.remarks():
+        console.print(f"note: {line}", highlight=False, soft_wrap=True)
+    with console.status("fitting in closed loop"):
+        job.data.setup(stage=None)
+        fit = make_fit(cfg, job)
+        if not isinstance(fit, ClosedLoopFit):
+            raise InputError(
+                "coefficients are fitted in closed loop: write fit=closed_loop and network=modulus or abkowitz"
+            )
+        problem = fit.explain(job.data)
+        start = first(problem, force=fit.trust.force)
+        found = solve(problem, start, passes=int(cfg.trainer.max_epochs), enough=fit.enough)
+    return coefficients_of(fit, problem, found, job.data.describe())
+
+
+def _unjudged(cfg: DictConfig) -> DictConfig:
+    """Without held-out manoeuvres of a simulated ship, which would only be sailed for nothing."""
+    if "files" in cfg.data:
+        return cfg
+    return OmegaConf.merge(cfg, {"score": JUDGED})  # type: ignore[return-value]
+
+
+def _own(cfg: DictConfig, conf: Path, console: Console) -> Coefficients:
+    """Fit the ship's own products."""
+    ship = configs.build(cfg.ship)
+    if not isinstance(ship, Ship) or ship.table is None:
+        name = ship.name if isinstance(ship, Particulars) else ship.particulars.name
+        raise InputError(f"terms=own: the forces of the {name} are no sum of known products; write terms=network")
+    if not cfg.relative > 0:
+        raise InputError(f"relative={cfg.relative}: expected more than 0")
+    job = prepare(_unjudged(cfg), conf)
+    with console.status("fitting in closed loop"):
+        job.data.setup(stage=None)
+        f = cfg.fit
+        known = Known(float(cfg.relative), tuple(f.force), float(f.force_time), tuple(f.floor))
+        own = fit_own_terms(ship, job.data.measured, known)
+    f = own.fitted
+    follows = derived(own.force, f.values, f.covariance, f.inertia)
+    return Coefficients(ship.particulars, f, follows, job.data.describe(), ratio=own.ratio)
+
+
+def _read(folder: Path) -> Coefficients:
+    """Take up what a run has written."""
+    path = folder / RESULT if folder.is_dir() else folder
+    if not path.is_file():
+        raise InputError(f"run={folder} holds no {RESULT}: write a folder of train.py with network=modulus or abkowitz")
+    try:
+        stored = json.loads(path.read_text(encoding="utf-8"))
+        found = [Derived(d["name"], d["value"], *_ends(d["interval_95"]), d["words"]) for d in stored["derived"]]
+        p = stored["particulars"]
+        beam = 0.16 * p["length"]  # not stored and not used: a particulars has one
+        ship = Particulars(
+            stored["ship"], p["length"], beam, p["draught"], 0.7, p["speed"], 0.05, 0.6, rho=p["rho"], rpm=p["rpm"]
+        )
+        return Coefficients(
+            ship, fitted_from(stored["fitted"]), found, stored["notes"][0], ratio=float(stored["birge_ratio"])
+        )
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path} was not written by train.py or coefficients.py: {error!r}") from error
+
+
+def _ends(interval: Sequence[float | None]) -> tuple[float, float]:
+    """Ends of an interval; NaN where it has none."""
+    low, high = (np.nan if end is None else float(end) for end in interval)
+    return low, high
+
+
+def _inertia(cfg: DictConfig) -> np.ndarray | None:
+    """The ship's inertia where the user knows it better."""
+    if cfg.inertia is None:
+        return None
+    given = OmegaConf.to_container(cfg.inertia, resolve=True) if isinstance(cfg.inertia, DictConfig) else cfg.inertia
+    if not isinstance(given, Mapping) or not {"mx", "my", "mz"} <= set(given) or not set(given) <= set(INERTIA):
+        raise InputError(f"inertia={given}: write inertia={{mx: M, my: M, mz: M, Yrdot: 0, Nvdot: 0}}")
+    m = {k: float(given.get(k, 0.0)) for k in INERTIA}
+    return np.array([[m["mx"], 0.0, 0.0], [0.0, m["my"], -m["Yrdot"]], [0.0, -m["Nvdot"], m["mz"]]])
+
+
+def _for_inertia(told: Coefficients, inertia: np.ndarray) -> Coefficients:
+    """The same motion with another inertia; of what follows, C alone changes."""
+    ratio = float(np.linalg.det(inertia[1:, 1:]) / np.linalg.det(told.fitted.inertia[1:, 1:]))
+    changed = [
+        Derived(d.name, d.value * ratio, d.low * ratio, d.high * ratio, d.words) if d.name == "stability C" else d
+        for d in told.derived
+    ]
+    return Coefficients(told.ship, told.fitted.with_inertia(inertia), changed, told.source, ratio=told.ratio)
+
+
+def _captive_tests(cfg: DictConfig, conf: Path) -> CaptiveTests | None:
+    """The table of captive tests, if one is named."""
+    if cfg.captive.file is None:
+        return None
+    folder, name = conf / "recording", cfg.captive.mapping
+    if name is None:
+        raise InputError("captive.mapping is not given: write the path of a yaml, or a name in conf/recording/")
+    named = folder / f"{name}.yaml"
+    content = configs.load_yaml(named if named.is_file() else Path(str(name)))
+    if not isinstance(content, Mapping) or content.get(configs.TARGET) != CAPTIVE_TESTS:
+        raise InputError(
+            f"captive.mapping={name} is no mapping of captive tests: begin it with {configs.TARGET}: {CAPTIVE_TESTS}"
+        )
+    path = Path(cfg.captive.file)
+    if not path.is_file():
+        raise InputError(f"captive.file={path} does not exist")
+    return read_captive(path, configs.build(content))
+
+
+def _beside(told: Coefficients, tests: CaptiveTests, cfg: DictConfig) -> Coefficients:
+    """Set captive tests beside coefficients."""
+    settings: dict[str, Any] = {k: cfg.captive[k] for k in ("speed", "shaft")}
+    for key, value in settings.items():
+        if value is not None and not (isinstance(value, int | float) and value > 0):
+            raise InputError(f"captive.{key}={value}: expected a number more than 0")
+    drift = cfg.captive.largest_drift_deg
+    if not (isinstance(drift, int | float) and drift > 0):
+        raise InputError(f"captive.largest_drift_deg={drift}: expected degrees, more than 0")
+    used = towed(tests, told.ship.length / told.ship.draught, largest_drift=drift * DEGREE, **settings)
+    fitted = fit_captive(used, told.fitted)
+    side = Beside(used, fitted, compare(told.fitted, fitted), agreeing_inertia(told.fitted, fitted))
+    return Coefficients(told.ship, told.fitted, told.derived, told.source, side, told.ratio)
+
+
+def _print(told: Coefficients, out: Path, console: Console) -> None:
+    """Tables, what is to be minded, and where the rest is."""
+    for heading, rows in tables(told).items():
+        if rows and heading != "Known only together":
+            console.print(rich_table(rows, heading))
+    if told.groups:
+        console.print("Known only together:", style="bold")
+    for group in told.groups:
+        console.print(
+            f"  {', '.join(group.symbols)} (correlation {group.correlation:.2f}): {group.words}.", highlight=False
+        )
+        console.print(f"    known is {group.sum}", highlight=False)
+    for line in notes(told):
+        console.print(f"note: {line}", highlight=False)
+    console.print(sentence(told), highlight=False)
+    here = out.relative_to(Path.cwd()) if out.is_relative_to(Path.cwd()) else out
+    console.print(f"report: {here / PAGE}   numbers: {here / RESULT}", soft_wrap=True, highlight=False)
