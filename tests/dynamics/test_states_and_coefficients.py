@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from manoeuvre_nn.dynamics.joint import FREEDOM, first, improve, solve
-from manoeuvre_nn.dynamics.joint_problem import DELAY, OFFSET, Fault, NoForce, Problem, Track
-from manoeuvre_nn.dynamics.joint_run import TIGHT
+from manoeuvre_nn.dynamics.joint import first, improve, solve
+from manoeuvre_nn.dynamics.joint_problem import DELAY, FREEDOM, OFFSET, Fault, NoForce, Problem, Track
+from manoeuvre_nn.dynamics.joint_run import INFORMATION, TIGHT
 
 TRUTH = np.array([-0.6, -0.9, 0.8, -0.5, -1.5, 1.2])
 """Surge damping; sway by v, r; yaw by v (small), r, rudder."""
@@ -70,7 +70,7 @@ def test_one_pass_is_the_step_of_a_dense_least_squares_solver():
         shown = s[:, :6].copy()
         shown[:, 5] += offset
         shown[:, 3] -= delay * rate[:, 3]
-        seen = np.nan_to_num((shown - gap.measured) / 0.02)
+        seen = np.nan_to_num((shown - gap.measured) / 0.02) * np.sqrt(INFORMATION)
         rest = [s[0, 6:] / 0.01, theta / 2.0, [offset / 0.05, delay / 0.1]]
         return np.concatenate([missed.ravel(), fresh.ravel(), seen.ravel(), *rest])
 

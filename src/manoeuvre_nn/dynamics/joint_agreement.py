@@ -35,15 +35,17 @@ def birge_ratio(problem: Problem, found: Estimate, stretch: float = STRETCH) -> 
     Source:
         Birge 1932 (Phys. Rev. 40:207); for groups of samples White 1982.
     """
-    parts, states, weights = [], [], []
-    for track, state, weight in zip(problem.tracks, found.states, found.weights, strict=True):
+    parts, states, weights, calm = [], [], [], []
+    runs = zip(problem.tracks, found.states, found.weights, found.calm, strict=True)
+    for track, state, weight, still in runs:
         for piece in _pieces(track, stretch):
             parts.append(_cut(track, piece))
             states.append(state[piece])
             weights.append(weight[piece])
+            calm.append(still[piece.start : piece.stop - 1])
     count = problem.shared
     cut = replace(problem, tracks=parts, faults=())
-    now = replace(found, states=tuple(states), weights=tuple(weights), values=found.values[:count])
+    now = replace(found, states=tuple(states), weights=tuple(weights), calm=tuple(calm), values=found.values[:count])
     scale = problem.spread
     covariance = found.covariance[:count, :count] / scale[:, None] / scale
     missed, allowed = 0.0, 0.0

@@ -51,7 +51,7 @@ class SeriesForce:
         with torch.no_grad():
             if known.force(nudge, nudge[:, 0] * 0 + 0.1).abs().max() > 0:
                 raise InputError("fit=closed_loop estimates all forces: write linear=clarke_inertia (or none)")
-            push = known.acceleration_from_force(nudge[0], torch.diag(model.scaling.output_scale))
+            push = known.acceleration_from_force(nudge.expand(3, 3), torch.diag(model.scaling.output_scale))
         p = known.particulars
         unit = np.array([1.0, 1.0, 1 / p.length]) * p.speed**2 / p.length
         self._push = push.double().numpy() / unit

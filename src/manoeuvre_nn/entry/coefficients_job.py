@@ -34,7 +34,7 @@ from manoeuvre_nn.report.coefficient_tables import (
 )
 from manoeuvre_nn.report.html import write_report
 from manoeuvre_nn.report.tables import rich_table
-from manoeuvre_nn.training.joint_fit import ClosedLoopFit
+from manoeuvre_nn.training.joint_fit import ClosedLoopFit, explained
 
 PAGE = "coefficients.html"
 JUDGED = [{"straight": {"duration": 60, "name": "judged"}}]
@@ -76,7 +76,7 @@ def tell(cfg: DictConfig, out: Path, conf: Path, console: Console) -> Coefficien
         raise InputError("captive.file: compares coefficients of series; choose terms=network")
     if not str(cfg.fit[configs.TARGET]).endswith(f".{ClosedLoopFit.__name__}"):
         raise InputError(
-            "coefficients are fitted in closed loop: write fit=closed_loop and network=modulus or abkowitz"
+            "coefficients are fitted in closed loop: write fit=closed_loop and network=cubic, modulus or abkowitz"
         )
     tests, inertia = _captive_tests(cfg, conf), _inertia(cfg)
     told = _read(Path(cfg.run)) if cfg.run is not None else _fitted(cfg, conf, console)
@@ -107,9 +107,9 @@ def _fitted(cfg: DictConfig, conf: Path, console: Console) -> Coefficients:
         fit = make_fit(cfg, job)
         if not isinstance(fit, ClosedLoopFit):
             raise InputError(
-                "coefficients are fitted in closed loop: write fit=closed_loop and network=modulus or abkowitz"
+                "coefficients are fitted in closed loop: write fit=closed_loop and network=cubic, modulus or abkowitz"
             )
-        problem = fit.explain(job.data)
+        problem = explained(fit.dynamics, job.data.measured, fit.prior, fit.trust, fit.faults)
         start = first(problem, force=fit.trust.force)
         found = solve(problem, start, passes=int(cfg.trainer.max_epochs), enough=fit.enough)
     return coefficients_of(fit, problem, found, job.data.describe())
@@ -145,7 +145,9 @@ def _read(folder: Path) -> Coefficients:
     """Take up what a run has written."""
     path = folder / RESULT if folder.is_dir() else folder
     if not path.is_file():
-        raise InputError(f"run={folder} holds no {RESULT}: write a folder of train.py with network=modulus or abkowitz")
+        raise InputError(
+            f"run={folder} holds no {RESULT}: write a folder of train.py with network=cubic, modulus or abkowitz"
+        )
     try:
         stored = json.loads(path.read_text(encoding="utf-8"))
         found = [Derived(d["name"], d["value"], *_ends(d["interval_95"]), d["words"]) for d in stored["derived"]]

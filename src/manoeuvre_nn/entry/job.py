@@ -102,8 +102,13 @@ def prepare(cfg: DictConfig, conf: Path) -> Job:
 
 
 KINDS_OF_FIT = (
-    (HullRudder, EnsembleFit, "an ensemble (hull_rudder)", "fit=ensemble, or network=modulus, wang or rajesh"),
-    (Series, ClosedLoopFit, "a series (modulus, abkowitz)", "fit=closed_loop, or network=hull_rudder, wang or rajesh"),
+    (HullRudder, EnsembleFit, "an ensemble (hull_rudder)", "fit=ensemble, or network=cubic, wang or rajesh"),
+    (
+        Series,
+        ClosedLoopFit,
+        "a series (cubic, modulus, abkowitz)",
+        "fit=closed_loop, or network=hull_rudder, wang or rajesh",
+    ),
 )
 """Network, the method that it alone has, what it is called, what to write."""
 
@@ -120,7 +125,7 @@ def _check_pair(cfg: DictConfig) -> None:
         wanted = "fit=levenberg_marquardt or backprop for network=wang and rajesh, fit=ensemble for hull_rudder, fit="
         raise InputError(
             f"network._target_={cfg.network['_target_']}, which {given} does not train: write {wanted}closed_loop for "
-            "modulus and abkowitz"
+            "cubic, modulus and abkowitz"
         )
 
 

@@ -163,7 +163,7 @@ class ClosedLoopFit(Fit):
         """
         super().__init__(dynamics, iterations_per_epoch=1)
         if not isinstance(dynamics.network, Series):
-            raise InputError("fit=closed_loop fits network=modulus or abkowitz: choose one, or another fit")
+            raise InputError("fit=closed_loop fits network=cubic, modulus or abkowitz: choose one, or another fit")
         for setting, channels in (("fit.delays", delays), ("fit.offsets", offsets)):
             for channel in channels:
                 check_choice(setting, channel, list(CHANNELS))
