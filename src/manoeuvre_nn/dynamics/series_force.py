@@ -73,8 +73,6 @@ class SeriesForce:
         """
         ahead, aside = earth_to_body(inputs["wind_north"], inputs["wind_east"], state[:, 5])
         wind = ahead - state[:, 0], aside - state[:, 1]
-        if not inputs["wind_north"].any() and not inputs["wind_east"].any():
-            wind = np.zeros(len(state)), np.zeros(len(state))
         x = np.stack([state[:, 0], state[:, 1], state[:, 2], inputs["delta"], inputs["n"], *wind], axis=1)
         with torch.no_grad():
             products = self.network.products(torch.as_tensor(x)).numpy()

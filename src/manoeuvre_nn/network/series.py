@@ -141,8 +141,8 @@ class Series(nn.Module):
             One column a product.
         """
         u, v, r, d = x[..., :4].unbind(-1)
-        still = torch.zeros_like(u)
-        n, wx, wy = x[..., 4:].unbind(-1) if x.shape[-1] == 7 else (self.shaft.expand_as(u), still, still)
+        # Without a record the air is still, and meets the ship as she goes.
+        n, wx, wy = x[..., 4:].unbind(-1) if x.shape[-1] == 7 else (self.shaft.expand_as(u), -u, -v)
         slow = 1 / torch.hypot(u, v).clamp(min=SLOWEST)
         moduli = v.abs(), r.abs(), d.abs()
         table = torch.stack([torch.ones_like(u), u, v, r, d, n, u - 1, *moduli, wx, wy, torch.hypot(wx, wy), slow])
