@@ -38,11 +38,11 @@ def as_steered(recording: Recording, ship: Particulars) -> Manoeuvre | None:
     if len(times) < FEWEST:
         return None
     heading = np.interp(times, recording.time, recording["psi"]) - recording["psi"][0]
-    rudder = np.interp(times, recording.time, recording["delta"])
-    first = "starboard" if rudder[0] > 0 else "port"
+    rudder, before = np.abs(recording["delta"]), np.interp(times[0], recording.time, recording["delta"])
+    held, first = float(np.median(rudder[rudder > 0.9 * rudder.max()])), "starboard" if before > 0 else "port"
     speed = approach_speed(recording, ship)
     manoeuvre = zigzag(
-        float(np.median(np.abs(rudder))) / DEGREE, float(np.median(np.abs(heading))) / DEGREE, first=first,
+        held / DEGREE, float(np.median(np.abs(heading))) / DEGREE, first=first,
         duration=recording.duration, name=recording.name,
     )  # fmt: skip
     return manoeuvre if speed == ship.speed else replace(manoeuvre, speed=speed)
