@@ -175,7 +175,7 @@ def test_the_ships_own_terms_may_be_known_before_the_network(cli, fast, tmp_path
     "words, advice",
     [
         (["network=wang"], "write fit=levenberg_marquardt or backprop"),
-        (["fit=backprop"], "write fit=ensemble, or network=modulus"),
+        (["fit=backprop"], "write fit=ensemble, or network=cubic"),
         (["network.scaling=standard"], "mirrored"),
         (["network.members=0"], "at least 2 nodes, 1 member"),
         (["fit.refine.steps=-1"], "steps"),

@@ -1,0 +1,99 @@
+"""Identification in noise: the Mariner's zz35 at 1 Hz with noise on u, v, r, psi and a receiver's on x, y.
+
+    OMP_NUM_THREADS=1 python benchmarks/noise.py [seeds=8] [shares=0.005,0.02] [gps=0.5]
+
+Noise of u, v, r, psi is white, a share of the standard deviation of each channel. Judged by dev/L of zz20, tc25, tc10,
+which were not trained on: median and largest over the seeds. In closed loop: ``fit=closed_loop`` with each series as it
+is by default. Pointwise: a Taylor series on smoothed accelerations, as the score table of train.py has it.
+"""
+
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.dynamics.base import Dynamics
+from manoeuvre_nn.dynamics.model import CalmWater
+from manoeuvre_nn.dynamics.rollout import roll_out
+from manoeuvre_nn.dynamics.simulate import Problem, simulate
+from manoeuvre_nn.identification.ladder import taylor_rung
+from manoeuvre_nn.manoeuvre.turning import turning_circle
+from manoeuvre_nn.manoeuvre.zigzag import zigzag
+from manoeuvre_nn.network.series import Series
+from manoeuvre_nn.recording.accelerations import accelerations
+from manoeuvre_nn.recording.noise import add_noise
+from manoeuvre_nn.recording.score import score
+from manoeuvre_nn.recording.tuples import to_tuples
+from manoeuvre_nn.ship.known import clarke_inertia_part, clarke_part
+from manoeuvre_nn.ship.mariner import mariner
+from manoeuvre_nn.training.joint_fit import fit_series
+
+SHIP = mariner()
+JUDGED = (zigzag(20.0), turning_circle(25.0), turning_circle(10.0))
+METHODS = ("abkowitz", "cubic", "modulus", "pointwise")
+
+
+def recorded(truth: Recording, share: float, gps: float, seed: int) -> Recording:
+    """What sensors wrote.
+
+    Args:
+        truth: What happened.
+        share: Noise of u, v, r, psi over their standard deviations [-].
+        gps: Noise of x and y [m].
+        seed: Of the noise.
+
+    Returns:
+        The recording.
+    """
+    sd = {k: share * float(truth[k].std()) for k in ("u", "v", "r", "psi")}
+    return add_noise(truth, {**sd, "x": gps, "y": gps}, seed)
+
+
+def model_of(method: str, recording: Recording) -> Dynamics:
+    """Fit a model.
+
+    Args:
+        method: One of :data:`METHODS`.
+        recording: What is learnt from.
+
+    Returns:
+        The model.
+    """
+    if method == "pointwise":
+        known = clarke_part(SHIP)
+        return taylor_rung(known, to_tuples([accelerations(recording, "smoother")], known)).dynamics
+    conf = Path(__file__).parents[1] / "conf" / "network" / f"{method}.yaml"
+    given = yaml.safe_load(conf.read_text())["network"]
+    network = Series(given["surge"], given["lateral"])
+    return fit_series(network, clarke_inertia_part(SHIP), [recording])[0]
+
+
+def main(arguments: list[str]) -> None:
+    """Run all and print the table.
+
+    Args:
+        arguments: See the module.
+    """
+    given = {"seeds": "8", "shares": "0.005,0.02", "gps": "0.5"} | dict(a.split("=", 1) for a in arguments)
+    truth = simulate(Problem(CalmWater(SHIP), replace(zigzag(35.0), duration=360.0)))
+    references = roll_out(CalmWater(SHIP), JUDGED)
+    print("| noise | method | zz20 | tc25 | tc10 | CPU s |\n|---|---|---|---|---|---|")
+    for share in map(float, given["shares"].split(",")):
+        for method in METHODS:
+            began, rows = time.process_time(), []
+            for seed in range(int(given["seeds"])):
+                model = model_of(method, recorded(truth, share, float(given["gps"]), seed))
+                runs = roll_out(model, JUDGED)
+                rows.append([score(a, b, SHIP.particulars.length).dev_L for a, b in zip(runs, references, strict=True)])
+            spent = (time.process_time() - began) / len(rows)
+            middle, worst = np.median(rows, axis=0), np.max(rows, axis=0)
+            cells = " | ".join(f"{m:.3f} ({w:.2f})" for m, w in zip(middle, worst, strict=True))
+            print(f"| {100 * share:g} % | {method} | {cells} | {spent:.1f} |", flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
