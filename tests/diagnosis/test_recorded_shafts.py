@@ -1,4 +1,4 @@
-"""Runs whose shaft turned at another speed than the model's: what drives the model, and what is no sign of an engine."""
+"""Runs whose shaft turned at another speed than the model's: what drives it, and what is no sign of an engine."""
 
 from dataclasses import replace
 

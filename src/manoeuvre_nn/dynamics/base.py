@@ -68,6 +68,7 @@ class Dynamics(ABC, nn.Module):
             Shaft speed [-], or None: it is nominal.
         """
         del time
+        return None
 
     @abstractmethod
     def on_approach(self, speed: float) -> "Dynamics":

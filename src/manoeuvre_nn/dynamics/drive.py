@@ -76,8 +76,8 @@ def approach_speed(recording: Recording, ship: Particulars) -> float:
 def air_velocity(recording: Recording, ship: Particulars) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """Velocity of the air over ground from the recorded true wind, averaged over half a ship length's time.
 
-    Gusts that are shorter act on a part of the ship, and an anemometer's errors are in them. On the Esso Osaka model the
-    evidence for the runs is highest with about this window.
+    Gusts that are shorter act on a part of the ship, and an anemometer's errors are in them. On the Esso Osaka model
+    the evidence for the runs is highest with about this window.
 
     Args:
         recording: With ``wind_speed`` [m/s] and ``wind_from`` [rad], or without.
