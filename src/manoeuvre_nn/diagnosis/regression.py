@@ -7,17 +7,11 @@ import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.diagnosis.bench import SCATTER_LEVELS, Bench
-from manoeuvre_nn.dynamics.model import IdentifiedShip
-from manoeuvre_nn.network.series import Series
 
 FORCE_PRIOR = 0.03
 """Scale of the half-normal prior of the coloured force's levels when physics is named: little may stay unexplained."""
 SCATTER_PRIOR = 0.05
 """Scale of the half-normal prior of the coefficients' relative error: published scatter is 3 to 6 %."""
-LEARNT_FORCE_PRIOR, LEARNT_SCATTER_PRIOR = 0.3, 0.1
-"""The same for a series that was identified from recordings. It leaves 10 to 25 % of the accelerations of its own runs
-unexplained (gusts, orders in the place of rudder angles): as much may stay when physics is named, or only something
-unknown could ever win. Its coefficients are not known to 5 % either."""
 
 
 def log_prior_levels(bench: Bench, force_prior: float | None) -> Float[np.ndarray, "g s"]:
@@ -31,10 +25,9 @@ def log_prior_levels(bench: Bench, force_prior: float | None) -> Float[np.ndarra
         Normalised over the grid.
     """
     force = np.zeros(len(bench.levels))
-    learnt = isinstance(bench.dynamics, IdentifiedShip) and isinstance(bench.dynamics.network, Series)
     if force_prior is not None:
-        force = -0.5 * np.square(bench.levels / (LEARNT_FORCE_PRIOR if learnt else force_prior)).sum(axis=1)
-    scatter = -0.5 * np.square(np.array(SCATTER_LEVELS) / (LEARNT_SCATTER_PRIOR if learnt else SCATTER_PRIOR))
+        force = -0.5 * np.square(bench.levels / force_prior).sum(axis=1)
+    scatter = -0.5 * np.square(np.array(SCATTER_LEVELS) / SCATTER_PRIOR)
     total = force[:, None] + scatter[None, :]
     return total - log_sum(total)
 
