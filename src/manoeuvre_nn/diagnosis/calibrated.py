@@ -67,25 +67,35 @@ class Corrections:
         weights = [MISSING * size[e] / scale for (e, _), scale in zip(self._missing, there, strict=True)]
         self._weights = units.new_tensor(weights)[:, None] * torch.eye(3).to(units)[[e for e, _ in self._missing]]
 
-    def __call__(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch k 3"]:
+    def __call__(
+        self,
+        nu: Float[Tensor, "*batch 3"],
+        delta: Float[Tensor, "*batch"],
+        shaft: Float[Tensor, "*batch"] | None = None,
+    ) -> Float[Tensor, "*batch k 3"]:
         """Accelerations per unit of every correction.
 
         Args:
             nu: u, v [m/s], r [rad/s].
             delta: Rudder angle [rad].
+            shaft: Shaft speed over the nominal one [-]; None is nominal.
 
         Returns:
             One row a correction.
         """
-        acceleration = self.dynamics.acceleration(nu, delta)
+        acceleration = self._rate(nu, delta, shaft)
         hull, unity = self.dynamics.hull, torch.eye(3).to(acceleration)
-        forces = self._forces(nu, delta, acceleration)
+        forces = self._forces(nu, delta, acceleration, shaft)
         of_model = hull.acceleration_from_force(nu[..., None, :].expand(forces.shape), forces)
         of_missing = self._terms(nu, delta)[..., None] * self._weights
         return torch.cat([of_model, of_missing, -acceleration[..., None, :] * unity], dim=-2)
 
     def together(
-        self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"], shares: Float[Tensor, " k"]
+        self,
+        nu: Float[Tensor, "*batch 3"],
+        delta: Float[Tensor, "*batch"],
+        shares: Float[Tensor, " k"],
+        shaft: Float[Tensor, "*batch"] | None = None,
     ) -> Float[Tensor, "*batch 3"]:
         """Accelerations of all corrections at given sizes; the sum of the rows, without making them.
 
@@ -93,14 +103,15 @@ class Corrections:
             nu: u, v [m/s], r [rad/s].
             delta: Rudder angle [rad].
             shares: Size of every correction.
+            shaft: Shaft speed over the nominal one [-]; None is nominal.
 
         Returns:
             udot, vdot [m/s^2], rdot [rad/s^2].
         """
-        hull, acceleration = self.dynamics.hull, self.dynamics.acceleration(nu, delta)
+        hull, acceleration = self.dynamics.hull, self._rate(nu, delta, shaft)
         first, last = len(shares) - 3 - len(self._missing), len(shares) - 3
         if hull.table is None:
-            force = (self._forces(nu, delta, acceleration) * shares[:first, None]).sum(dim=-2)
+            force = (self._forces(nu, delta, acceleration, shaft) * shares[:first, None]).sum(dim=-2)
         else:
             changed = torch.zeros_like(hull.table)
             changed[self._at[0], self._at[1]] = hull.table[self._at[0], self._at[1]] * shares[:first]
@@ -108,13 +119,19 @@ class Corrections:
         missing = self._terms(nu, delta) @ (self._weights * shares[first:last, None])
         return hull.acceleration_from_force(nu, force) + missing - acceleration * shares[last:]
 
-    def _forces(self, nu: Tensor, delta: Tensor, acceleration: Tensor) -> Tensor:
+    def _rate(self, nu: Tensor, delta: Tensor, shaft: Tensor | None) -> Tensor:
+        """The model's accelerations. The products of a series of coefficients are those of the nominal shaft speed."""
+        if shaft is None or self.dynamics.hull.table is not None:
+            return self.dynamics.acceleration(nu, delta)
+        return self.dynamics.at_shaft(nu, delta, shaft)
+
+    def _forces(self, nu: Tensor, delta: Tensor, acceleration: Tensor, shaft: Tensor | None) -> Tensor:
         """Right-hand sides of every coefficient, or of hull and rudder of every equation."""
         hull, unity = self.dynamics.hull, torch.eye(3).to(acceleration)
         if hull.table is not None:
             term, equation = self._at
             return (hull.products(nu, delta)[..., term] * hull.table[term, equation])[..., None] * unity[equation]
-        calm = hull.force_from_acceleration(self.dynamics.acceleration(nu, torch.zeros_like(delta)))
+        calm = hull.force_from_acceleration(self._rate(nu, torch.zeros_like(delta), shaft))
         rudder = hull.force_from_acceleration(acceleration) - calm
         return torch.cat([part[..., None, :] * unity for part in (calm, rudder)], dim=-2)
 
@@ -168,6 +185,21 @@ class Calibrated(Dynamics):
             udot, vdot [m/s^2], rdot [rad/s^2].
         """
         return self.calm.acceleration(nu, delta) + self._corrections.together(nu, delta, self.shares)
+
+    def at_shaft(
+        self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"], shaft: Float[Tensor, "*batch"]
+    ) -> Float[Tensor, "*batch 3"]:
+        """Accelerations at a shaft speed, with the corrections.
+
+        Args:
+            nu: u, v [m/s], r [rad/s].
+            delta: Rudder angle [rad].
+            shaft: Shaft speed over the nominal one [-].
+
+        Returns:
+            udot, vdot [m/s^2], rdot [rad/s^2].
+        """
+        return self.calm.at_shaft(nu, delta, shaft) + self._corrections.together(nu, delta, self.shares, shaft)
 
     def on_approach(self, speed: float) -> "Calibrated":
         """The corrected ship at another approach speed.

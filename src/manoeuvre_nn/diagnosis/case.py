@@ -13,7 +13,7 @@ from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.core.units import DEGREE, KNOT
 from manoeuvre_nn.diagnosis.manifest import adapted, numbers, read_manifest
 from manoeuvre_nn.diagnosis.plausible import check_sheet
-from manoeuvre_nn.diagnosis.runs import CHANNELS, Run
+from manoeuvre_nn.diagnosis.runs import CHANNELS, Run, with_own_shafts
 from manoeuvre_nn.diagnosis.sheet import Sheet, common_step, from_recording, read_sheet, to_run
 from manoeuvre_nn.recording.kind import guess_kind
 from manoeuvre_nn.recording.mapping import Mapping as ChannelMapping
@@ -208,7 +208,7 @@ def _case(folder: Path, m: Mapping[str, Any], hull: Ship, read: Reader, held_out
         split = _split(kinds, held_out)
     _check_split(sheets, split, warmup)
     step = common_step(sheets, p)
-    runs = tuple(to_run(s, step, p, kinds[s.name], split[s.name], warmup) for s in sheets)
+    runs = with_own_shafts([to_run(s, step, p, kinds[s.name], split[s.name], warmup) for s in sheets])
     name = str(m.get("case", folder.resolve().name))
     return Case(name, str(m.get("ship", p.name)), m, runs, hull, (*undecided(runs), *derived(sheets)))
 
@@ -272,12 +272,17 @@ def undecided(runs: Sequence[Run]) -> tuple[str, ...]:
     fitted = [run for run in runs if not run.held_out]
     seen = {c: any(np.isfinite(run.measured[:, k]).any() for run in fitted) for k, c in enumerate(CHANNELS)}
     moved = max(float(np.ptp(run.delta)) for run in fitted) > STILL
+    ordered = any((run.shaft != 1).any() for run in fitted)
     said = {
         "The rudder never moved: nothing about rudder, hull and loading can be decided.": not moved,
         "No position: a lever arm of the antenna cannot be told, and a current by velocities alone.": not seen["x"],
         "No speed log: a current is told by turns alone, and the log cannot be judged.": not seen["u_log"],
         "No yaw rate: the rate gyro cannot be judged.": not seen["r"],
-        "No shaft speed: it counts as nominal, and a power limit looks like added resistance.": not seen["n"],
+        "No shaft speed: it counts as nominal, and a power limit looks like added resistance.": not (
+            seen["n"] or ordered
+        ),
+        "The shaft was ordered otherwise than the model's nominal speed: it is taken as recorded, and an engine at its "
+        "limit cannot be told.": ordered and not seen["n"],
         "One run: agreement between runs cannot be tested.": len(fitted) == 1,
         "No held-out run: nothing is proved, and an effect is only proposed.": len(fitted) == len(runs),
     }

@@ -206,7 +206,8 @@ def coefficient_columns(dynamics: Dynamics, line: Linearised, s: Situation) -> t
     """
     corrections = Corrections(dynamics)
     with torch.no_grad():
-        a = corrections(s.nu, s.delta).permute(1, 0, 2)
+        shaft = None if bool((s.shaft == 1).all()) else s.shaft
+        a = corrections(s.nu, s.delta, shaft).permute(1, 0, 2)
         moved = moved_by(a, a.new_zeros(*a.shape[:2], 2), line).permute(1, 2, 0).numpy()
     return Columns(np.zeros((len(line.run), COUNT, len(a))), moved), corrections.names
 

@@ -145,14 +145,12 @@ def calm_rate(dynamics: Dynamics) -> Rate:
     Returns:
         Velocities, rudder, shaft -> accelerations.
     """
-    hull = dynamics.hull
 
     def rate(nu: Tensor, delta: Tensor, shaft: Tensor) -> Tensor:
-        acceleration = dynamics.acceleration(nu, delta.expand(nu.shape[:-1]))
+        delta = delta.expand(nu.shape[:-1])
         if bool((shaft == 1).all()):
-            return acceleration
-        shaft = shaft.expand(nu.shape[:-1])
-        return acceleration + hull.acceleration_from_force(nu, hull.shaft_force(nu, delta.expand(shaft.shape), shaft))
+            return dynamics.acceleration(nu, delta)
+        return dynamics.at_shaft(nu, delta, shaft.expand(delta.shape))
 
     return rate
 

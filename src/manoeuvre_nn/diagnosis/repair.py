@@ -15,6 +15,7 @@ from manoeuvre_nn.diagnosis.columns import blade_along, contribution, latency_co
 from manoeuvre_nn.diagnosis.hypothesis import RANDOM, Hypothesis
 from manoeuvre_nn.diagnosis.linear import Columns, Noise, Whitened, calm_rate, linearise
 from manoeuvre_nn.diagnosis.runs import Run
+from manoeuvre_nn.diagnosis.shaft import with_recorded_shaft
 from manoeuvre_nn.diagnosis.track import first_guess
 from manoeuvre_nn.dynamics.affected import Affected
 from manoeuvre_nn.dynamics.model import Dynamics
@@ -85,12 +86,14 @@ def _predicted(
         starts.append(start_state(model, run.before(run.time[min(k, len(run) - 2)]), [v[row] for v in values]))
     step = runs[0].step
     longest = max(len(run) - k for run, k in zip(runs, firsts, strict=True))
+    begin = float(runs[0].time[firsts[0]])
     wheels = [_wheel(model, run, [v[[row]] for v in values]) for row, run in enumerate(runs)]
     blade = torch.tensor(np.stack([_padded(w[k:], longest) for w, k in zip(wheels, firsts, strict=True)]))
-    dynamics = Affected(model.calm, model.acting(values))
+    calm = with_recorded_shaft(model.calm, [run.shaft[k:] for run, k in zip(runs, firsts, strict=True)], begin, step)
+    dynamics = Affected(calm, model.acting(values))
     first = torch.tensor(np.stack(starts))
     with torch.no_grad():
-        states = integrate(dynamics, dynamics.start(first, blade[:, 0]), blade, runs[0].time[firsts[0]], step)
+        states = integrate(dynamics, dynamics.start(first, blade[:, 0]), blade, begin, step)
     return [
         _written(model, run, k, states[: len(run) - k, row], blade[row, : len(run) - k], [v[[row]] for v in values])
         for row, (run, k) in enumerate(zip(runs, firsts, strict=True))
@@ -146,7 +149,8 @@ def _written(
     model: Repaired, run: Run, first: int, states: torch.Tensor, blade: torch.Tensor, values: Sequence[np.ndarray]
 ) -> pd.DataFrame:
     """What the recorder shows of predicted states."""
-    acting = Affected(model.calm, model.acting(values))
+    calm = with_recorded_shaft(model.calm, [run.shaft], 0.0, run.step)
+    acting = Affected(calm, model.acting(values))
     time = torch.tensor(run.time[first:])
     with torch.no_grad():
         s: Situation = acting.situation(states, blade, time)

@@ -1,5 +1,6 @@
 """A recording made ready for diagnosis: even samples, gaps and outliers marked, the rudder freed of noise."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -9,6 +10,8 @@ from scipy.ndimage import median_filter, uniform_filter1d
 CHANNELS = ("x", "y", "vn", "ve", "psi", "r", "u_log", "n")
 """What is measured: position [m], velocity over ground [m/s], heading [rad], yaw rate [rad/s], log [m/s], shaft [-]."""
 COUNT = len(CHANNELS)
+OWN_ORDER = 0.05
+"""A shaft speed that is farther from the nominal one at the first sample was ordered otherwise [-]."""
 
 
 @dataclass(frozen=True)
@@ -154,6 +157,24 @@ def _gear(order: Float[np.ndarray, " n"], step: float, rate: float, start: float
     for k in range(1, len(order)):
         shown[k] = shown[k - 1] + np.clip(order[k - 1] - shown[k - 1], -rate * step, rate * step)
     return shown
+
+
+def with_own_shafts(runs: Sequence[Run]) -> tuple[Run, ...]:
+    """Runs whose shaft speed is what was ordered where they approach at other speeds than the model's nominal one.
+
+    A shaft that is nominal on the approach and then falls off shows an engine at its limit. One that is another from
+    the first sample on was ordered otherwise: it still drives the model, but says nothing of the engine.
+
+    Args:
+        runs: Runs of one ship.
+
+    Returns:
+        The runs; without the channel of the shaft speed if one of them was ordered otherwise.
+    """
+    n = CHANNELS.index("n")
+    if all(abs(run.shaft[0] - 1) <= OWN_ORDER for run in runs):
+        return tuple(runs)
+    return tuple(replace(run, measured=np.where(np.arange(COUNT) == n, np.nan, run.measured)) for run in runs)
 
 
 def smooth_shaft(ratio: Float[np.ndarray, " n"], window: int = 15) -> Float[np.ndarray, " n"]:

@@ -81,8 +81,11 @@ class Affected(Dynamics):
             The situation.
         """
         nu = state[..., :3]
-        still = torch.ones_like(delta)
         x, y, psi = state[..., 3:6].unbind(-1)
+        turns = self.calm.turns(time)
+        if turns is not None:  # what was recorded holds, whatever an effect would make of the shaft
+            return Situation(nu, self.calm.at_shaft(nu, delta, turns), x, y, psi, delta, turns, time)
+        still = torch.ones_like(delta)
         s = Situation(nu, self.calm.acceleration(nu, delta), x, y, psi, delta, still, time)
         shaft = still
         for effect, own in self._memories(state):

@@ -42,6 +42,34 @@ class Dynamics(ABC, nn.Module):
             udot, vdot [m/s^2], rdot [rad/s^2].
         """
 
+    def at_shaft(
+        self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"], shaft: Float[Tensor, "*batch"]
+    ) -> Float[Tensor, "*batch 3"]:
+        """Accelerations at a shaft speed: by the hull's own rule, unless the model has learnt what it does.
+
+        Args:
+            nu: u, v [m/s], r [rad/s].
+            delta: Rudder angle [rad].
+            shaft: Shaft speed over the nominal one [-].
+
+        Returns:
+            udot, vdot [m/s^2], rdot [rad/s^2].
+        """
+        extra = self.hull.acceleration_from_force(nu, self.hull.shaft_force(nu, delta, shaft))
+        return self.acceleration(nu, delta) + extra
+
+    def turns(self, time: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"] | None:
+        """Recorded shaft speed over the nominal one, where the model is bound to a recording's; else None.
+
+        Args:
+            time: Time since the start of the recording [s].
+
+        Returns:
+            Shaft speed [-], or None: it is nominal.
+        """
+        del time
+        return None
+
     @abstractmethod
     def on_approach(self, speed: float) -> "Dynamics":
         """The same ship coming in at another speed.

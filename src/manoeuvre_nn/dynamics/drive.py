@@ -21,23 +21,23 @@ class Drive:
 
     Attributes:
         table: n over the nominal shaft speed (approach speed over U0 for a series that does not know n) and the air's
-            velocity north and east [m/s], row by row at even times.
+            velocity north and east [m/s], row by row at even times; or whatever columns a model makes use of.
         interval: Time between them [s].
         start: Time of the first since the start of the recording [s].
     """
 
-    table: Float[Tensor, "rows times 3"]
+    table: Float[Tensor, "rows times k"]
     interval: float
     start: float
 
-    def at(self, time: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
+    def at(self, time: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch k"]:
         """Linear between samples.
 
         Args:
             time: Time since the start of the recording [s], one for each row; any number where there is but one row.
 
         Returns:
-            n, north, east.
+            The columns of the table: n, north, east.
         """
         last = self.table.shape[1] - 1
         place = ((time - self.start) / self.interval).clamp(0, last)

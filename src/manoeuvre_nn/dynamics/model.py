@@ -203,6 +203,28 @@ class IdentifiedShip(Dynamics):
         unknown = self.scaling.restore(self.network(self.scaling.inputs(inputs)))
         return self.known.acceleration_from_force(nu, self.known.force(nu, delta) + unknown)
 
+    def at_shaft(
+        self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"], shaft: Float[Tensor, "*batch"]
+    ) -> Float[Tensor, "*batch 3"]:
+        """Accelerations at a shaft speed: through a series' own n where it has one.
+
+        Args:
+            nu: u, v [m/s], r [rad/s].
+            delta: Rudder angle [rad].
+            shaft: Shaft speed over the nominal one [-].
+
+        Returns:
+            udot, vdot [m/s^2], rdot [rad/s^2].
+        """
+        if not isinstance(self.network, Series) or self.network.speed_law != "shaft":
+            return super().at_shaft(nu, delta, shaft)
+        inputs = self.scaling.inputs(torch.cat([nu / self.known.velocity_units, delta[..., None]], dim=-1))
+        n = (shaft * self.network.shaft).expand(delta.shape)[..., None]
+        # Without wind the products of the wind are zero, as in `acceleration`: at the nominal speed both are the same.
+        inputs = torch.cat([inputs, n, torch.zeros_like(inputs[..., :2])], dim=-1)
+        unknown = self.scaling.restore(self.network(inputs))
+        return self.known.acceleration_from_force(nu, self.known.force(nu, delta) + unknown)
+
     def on_approach(self, speed: float) -> "IdentifiedShip":
         """The known part takes on the speed; a network in the (rho, L, T, U0) system thereby scales with it.
 

@@ -1,6 +1,6 @@
 """The modular (MMG) model of a ship with one propeller and one rudder, at low speeds and in four quadrants."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import pi, sqrt
 
 import torch
@@ -171,6 +171,7 @@ class MMGShip(Ship):
         super().__init__(p, prime, torch.tensor(inertia, dtype=dtype))
         self.parts = hull, propeller, rudder
         self.shaft = self._self_propulsion(p.speed)
+        self.particulars = replace(p, rpm=self.shaft / RPM)  # recorded shaft speeds are over this one everywhere
 
     def _self_propulsion(self, speed: float) -> float:
         """Shaft speed at which thrust balances resistance on a straight course [1/s]."""
