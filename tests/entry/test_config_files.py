@@ -2,6 +2,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 from manoeuvre_nn.core.errors import InputError
@@ -228,3 +229,20 @@ def test_a_yaml_that_is_none_is_refused(tmp_path):
 def test_an_experiment_may_say_what_it_is_scored_on_and_the_command_line_has_the_last_word(composed):
     assert list(composed("experiment=rajesh2009").score) == ["zz25", "zz15", "zz10", "tc15", "tc20", "tc25"]
     assert composed("experiment=rajesh2009", "score=zz10").score == "zz10"
+
+
+@pytest.mark.parametrize("job", ["train", "coefficients"])
+def test_measured_files_choose_a_series_in_closed_loop_unless_told_otherwise(job):
+    with initialize_config_dir(str(CONF), version_base=None):
+        usual = compose(job, ["data=recording"])
+        other = compose(job, ["data=recording", "network=hull_rudder", "fit=ensemble"])
+    assert usual.network["_target_"].endswith("Series") and usual.fit["_target_"].endswith("ClosedLoopFit")
+    assert usual.linear["_target_"].endswith("clarke_inertia_part")
+    assert usual.data["_target_"] == other.data["_target_"] and usual.data["_target_"].endswith("RecordedData")
+    assert other.network["_target_"].endswith("HullRudder") and other.fit["_target_"].endswith("EnsembleFit")
+
+
+def test_advice_is_asked_of_an_ensemble_from_measured_files_too():
+    with initialize_config_dir(str(CONF), version_base=None):
+        cfg = compose("excite", ["data=files"])
+    assert cfg.network["_target_"].endswith("HullRudder") and cfg.data["_target_"].endswith("RecordedData")
