@@ -1,6 +1,6 @@
 """Identification in noise: the Mariner's zz35 at 1 Hz with noise on u, v, r, psi and a receiver's on x, y.
 
-    OMP_NUM_THREADS=1 python benchmarks/noise.py [seeds=8] [shares=0.005,0.02] [gps=0.5]
+    OMP_NUM_THREADS=1 python benchmarks/noise.py [seeds=8] [shares=0.005,0.02] [gps=0.5] [floor=1.0]
 
 Noise of u, v, r, psi is white, a share of the standard deviation of each channel. Judged by dev/L of zz20, tc25, tc10,
 which were not trained on: median and largest over the seeds. In closed loop: ``fit=closed_loop`` with each series as it
@@ -30,7 +30,7 @@ from manoeuvre_nn.recording.score import score
 from manoeuvre_nn.recording.tuples import to_tuples
 from manoeuvre_nn.ship.known import clarke_inertia_part, clarke_part
 from manoeuvre_nn.ship.mariner import mariner
-from manoeuvre_nn.training.joint_fit import fit_series
+from manoeuvre_nn.training.joint_fit import USUAL_TRUST, fit_series
 
 SHIP = mariner()
 JUDGED = (zigzag(20.0), turning_circle(25.0), turning_circle(10.0))
@@ -53,12 +53,13 @@ def recorded(truth: Recording, share: float, gps: float, seed: int) -> Recording
     return add_noise(truth, {**sd, "x": gps, "y": gps}, seed)
 
 
-def model_of(method: str, recording: Recording) -> Dynamics:
+def model_of(method: str, recording: Recording, floor: float) -> Dynamics:
     """Fit a model.
 
     Args:
         method: One of :data:`METHODS`.
         recording: What is learnt from.
+        floor: Factor on the least noise of the closed-loop fit, ``fit.floor`` [-].
 
     Returns:
         The model.
@@ -69,7 +70,8 @@ def model_of(method: str, recording: Recording) -> Dynamics:
     conf = Path(__file__).parents[1] / "conf" / "network" / f"{method}.yaml"
     given = yaml.safe_load(conf.read_text())["network"]
     network = Series(given["surge"], given["lateral"])
-    return fit_series(network, clarke_inertia_part(SHIP), [recording])[0]
+    trust = replace(USUAL_TRUST, floor=tuple(floor * f for f in USUAL_TRUST.floor))
+    return fit_series(network, clarke_inertia_part(SHIP), [recording], trust=trust)[0]
 
 
 def main(arguments: list[str]) -> None:
@@ -78,7 +80,9 @@ def main(arguments: list[str]) -> None:
     Args:
         arguments: See the module.
     """
-    given = {"seeds": "8", "shares": "0.005,0.02", "gps": "0.5"} | dict(a.split("=", 1) for a in arguments)
+    given = {"seeds": "8", "shares": "0.005,0.02", "gps": "0.5", "floor": "1"} | dict(
+        a.split("=", 1) for a in arguments
+    )
     truth = simulate(Problem(CalmWater(SHIP), replace(zigzag(35.0), duration=360.0)))
     references = roll_out(CalmWater(SHIP), JUDGED)
     print("| noise | method | zz20 | tc25 | tc10 | CPU s |\n|---|---|---|---|---|---|")
@@ -86,7 +90,7 @@ def main(arguments: list[str]) -> None:
         for method in METHODS:
             began, rows = time.process_time(), []
             for seed in range(int(given["seeds"])):
-                model = model_of(method, recorded(truth, share, float(given["gps"]), seed))
+                model = model_of(method, recorded(truth, share, float(given["gps"]), seed), float(given["floor"]))
                 runs = roll_out(model, JUDGED)
                 rows.append([score(a, b, SHIP.particulars.length).dev_L for a, b in zip(runs, references, strict=True)])
             spent = (time.process_time() - began) / len(rows)
