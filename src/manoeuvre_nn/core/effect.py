@@ -12,8 +12,10 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.ship import Ship
+from manoeuvre_nn.core.ship import Particulars, Ship
 
+UNIT_POWERS = {"m": 1.0, "m/s": 0.5, "kN": 3.0}
+"""Unit of a parameter -> exponent of length with which its usual size goes."""
 SITES = ("inflow", "hull", "force", "actuator", "sensor")
 """Where physics can enter: water velocity, coefficients, added forces, rudder and shaft, what is written down."""
 
@@ -33,6 +35,9 @@ class Parameter:
         period: 360 for directions, None otherwise.
         form: Whether it describes the uncertainty of the formula (a factor on a published curve) rather than the
             effect: it is estimated with its prior and not reported.
+        per_run: Whether every run has its own: times of an event.
+        power: Exponent of length with which its usual size goes by Froude's law; None takes that of the unit, and 0 for
+            all units but m, m/s and kN: what instruments and helmsmen do is no matter of length.
     """
 
     name: str
@@ -45,6 +50,20 @@ class Parameter:
     period: float | None = None
     form: bool = False
     per_run: bool = False
+    power: float | None = None
+
+    def on(self, ship: Particulars) -> "Parameter":
+        """The parameter with spread and starts as they are usual on a ship of this length; its bounds stay.
+
+        Args:
+            ship: The ship.
+
+        Returns:
+            The same on ships of ``FULL_SCALE`` and more; on models smaller by Froude's law.
+        """
+        power = UNIT_POWERS.get(self.unit, 0.0) if self.power is None else self.power
+        share = float(ship.sized([1.0], [power])[0])
+        return replace(self, spread=share * self.spread, starts=tuple(share * start for start in self.starts))
 
 
 @dataclass(frozen=True)
@@ -145,6 +164,8 @@ class Effect(ABC, nn.Module):
         """
         super().__init__()
         self._ship = [ship]  # in a list, so that the ship's tensors are not counted as the effect's
+        if "declared" not in vars(self):
+            self.declared = tuple(p.on(ship.particulars) for p in self.declared)  # type: ignore[misc]
         known = {p.name: p for p in self.declared}
         for key, value in values.items():
             if key not in known:

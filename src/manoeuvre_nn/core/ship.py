@@ -1,9 +1,11 @@
 """What a ship is to the rest of the program: particulars, inertia and forces; no solver."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import inf, sqrt
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
@@ -11,6 +13,9 @@ from torch import Tensor, nn
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.prime import PrimeSystem
 from manoeuvre_nn.core.units import KNOT, SEA_WATER
+
+FULL_SCALE = 160.0
+"""Length of a ship that usual sizes of winds, currents, forces and sensors' errors hold for, and of longer ones [m]."""
 
 
 @dataclass(frozen=True)
@@ -116,6 +121,20 @@ class Particulars:
                 f"ship {self.name}: length {self.length}, beam {self.beam}, draught {self.draught} m, block "
                 f"{self.block}; expected length > beam > draught and block <= 1"
             )
+
+    def sized(self, values: Sequence[float], powers: Sequence[float]) -> Float[np.ndarray, " k"]:
+        """Usual sizes of things at sea for a ship of this length.
+
+        Those of ships stay as they are; models in a tank or pond have them by Froude's law.
+
+        Args:
+            values: Sizes that are usual on ships of ``FULL_SCALE`` and more.
+            powers: Exponents of length: 1 for lengths, .5 for speeds and times, -.5 for rates, 3 for forces.
+
+        Returns:
+            Sizes in the same units.
+        """
+        return np.asarray(values) * min(1.0, self.length / FULL_SCALE) ** np.asarray(powers)
 
     def at_speed(self, speed: float) -> "Particulars":
         """The same ship on another approach speed.

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from manoeuvre_nn.core.effect import Situation
+from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.diagnosis.columns import coefficient_columns, latency_column, situation
 from manoeuvre_nn.diagnosis.linear import Columns, Embedded, Linearised, Noise, Whitened, calm_rate, joined, linearise
 from manoeuvre_nn.diagnosis.runs import Run
@@ -70,6 +71,7 @@ class Bench:
         coefficients: Names of the combinations of coefficients that the runs can show.
         rotation: The combinations, one a column: coefficients' errors are ``rotation @`` those of the combinations.
         levels: Level of the coloured acceleration in surge and in sway and yaw, one row a grid point.
+        lacking: Level in surge, and in sway and yaw, of what the model was seen to lack where it was fitted [-].
     """
 
     def __init__(self, dynamics: Dynamics, places: Sequence[Place], coefficients: Sequence[str]) -> None:
@@ -85,6 +87,8 @@ class Bench:
         self.rotation = np.eye(len(self.coefficients))
         self.unit = typical(dynamics)
         self.levels = np.array(list(product(FORCE_LEVELS, FORCE_LEVELS)))
+        surge, *lateral = dynamics.lacking.numpy() / self.unit
+        self.lacking = np.array([surge, max(lateral)])
         self._at: dict[int, _Level] = {}
         self._turn()
 
@@ -111,8 +115,7 @@ class Bench:
 
     def _made(self, level: int) -> "_Level":
         """Whiten all runs at a grid point."""
-        p = self.dynamics.particulars
-        spread = np.array([0.3 * p.speed, 0.3 * p.speed, 0.3 * p.speed / p.length, 50.0, 50.0, 0.3])
+        spread = start_spread(self.dynamics.particulars)
         force = self.levels[level][[0, 1, 1]] * self.unit
         white = [
             Whitened(place.line, Noise(place.noise, force, force_time(self.dynamics)), spread) for place in self.places
@@ -214,6 +217,19 @@ def force_time(dynamics: Dynamics) -> float:
     return dynamics.particulars.time_unit
 
 
+def start_spread(ship: Particulars) -> Float[np.ndarray, " 6"]:
+    """Prior standard deviation of a first state about the track.
+
+    Args:
+        ship: The ship.
+
+    Returns:
+        u, v [m/s], r [rad/s], x, y [m], psi [rad].
+    """
+    east = float(ship.sized([50.0], [1.0])[0])
+    return np.array([0.3 * ship.speed, 0.3 * ship.speed, 0.3 * ship.speed / ship.length, east, east, 0.3])
+
+
 def bench(dynamics: Dynamics, runs: Sequence[Run]) -> Bench:
     """Put runs on the bench: find their tracks and noise, linearise, whiten.
 
@@ -244,8 +260,13 @@ def place_run(dynamics: Dynamics, run: Run) -> tuple[Place, list[str]]:
     """
     rate, p = calm_rate(dynamics), dynamics.particulars
     unit = p.speed**2 / p.length * np.array([1.0, 1.0, 1.0 / p.length])
-    found = smooth(run, rate, NOMINAL, np.array([0.05, 0.1, 0.1]) * unit, force_time(dynamics))
-    return _place(dynamics, found.line, found.noise * np.sqrt(found.inflation), found.inflation, found.force)
+    force, least = np.array([0.05, 0.1, 0.1]) * unit, 0.2 * NOMINAL
+    u, v, r, x, y, psi = dynamics.noise.tolist()
+    if u > 0:  # what recordings were trusted when the model was fitted to such is what they are trusted now
+        least[:6] = np.maximum(least[:6], [x, y, u, v, psi, r])
+    found = smooth(run, rate, NOMINAL, force, force_time(dynamics), p, least=least)
+    slow = np.where((found.noise > least) | (u == 0), found.inflation, 1.0)
+    return _place(dynamics, found.line, found.noise * np.sqrt(slow), slow, found.force)
 
 
 def moved_track(dynamics: Dynamics, place: Place, track: Float[np.ndarray, "n 6"]) -> tuple[Place, list[str]]:

@@ -19,7 +19,8 @@ TURN = {"u": -0.3, "v": 0.25, "r": 0.7, "d": 0.35}
 """A tight turn in prime variables: where such a term is weighed."""
 MISSING = 0.6
 """Size of each such term beside a printed one: one by one they are less likely."""
-
+USUAL_SCATTER = 0.05
+"""Relative error of a coefficient that one standard error of a fit counts for: see ``SCATTER_PRIOR``."""
 FACTORS = "uvrdVR1"
 """Factors of terms: prime variables, magnitudes, one."""
 
@@ -27,8 +28,10 @@ FACTORS = "uvrdVR1"
 class Corrections:
     """Accelerations per unit of every correction: each coefficient by 100 %, terms that are missing, inertias by 100 %.
 
-    A term that the model lacks is weighed by the model's own force in a tight turn. A model whose forces
-    are no series of coefficients (a network) has its hull and rudder forces corrected equation by equation.
+    A term that the model lacks is weighed by the model's own force in a tight turn. A model that was fitted to
+    recordings and knows how well (:meth:`.Dynamics.doubts`) has its coefficients corrected by the standard errors of
+    that fit instead. A model whose forces are no series of coefficients (a network) has its hull and rudder forces
+    corrected equation by equation.
 
     Attributes:
         dynamics: The calm-water model.
@@ -42,17 +45,21 @@ class Corrections:
             dynamics: The calm-water model.
         """
         self.dynamics, hull = dynamics, dynamics.hull
-        table = hull.table
-        self._entries = [] if table is None else [tuple(e) for e in torch.nonzero(table).tolist()]
+        p = dynamics.particulars
+        units = hull.inertia.new_tensor([p.speed, p.speed, p.speed / p.length])
+        doubts = len(dynamics.doubts(units, units[0] * 0, units[0] * 0 + 1))
+        self._fitted = doubts > 0
+        self._table = None if self._fitted else hull.table
+        self._entries = [] if self._table is None else [tuple(e) for e in torch.nonzero(self._table).tolist()]
         names = ["XYN"[e] + (hull.terms[t] or "0") for t, e in self._entries]
-        if table is None:
+        if self._fitted:
+            names = [f"fit {k + 1}" for k in range(doubts)]
+        elif self._table is None:
             names = [f"{e}{part}" for part in ("hull", "rudder") for e in "XYN"]
         self._missing = [
             (e, term) for e, terms in enumerate((SURGE_TERMS, LATERAL_TERMS, LATERAL_TERMS)) for term in terms
         ]
         self.names = names + [f"{'XYN'[e]}+{term}" for e, term in self._missing] + ["Mu", "Mv", "Mr"]
-        p = dynamics.particulars
-        units = hull.inertia.new_tensor([p.speed, p.speed, p.speed / p.length])
         hard = units * units.new_tensor([1 + TURN["u"], -TURN["v"], TURN["r"]])
         d = units.new_tensor(TURN["d"])
         with torch.no_grad():
@@ -84,9 +91,8 @@ class Corrections:
             One row a correction.
         """
         acceleration = self._rate(nu, delta, shaft)
-        hull, unity = self.dynamics.hull, torch.eye(3).to(acceleration)
-        forces = self._forces(nu, delta, acceleration, shaft)
-        of_model = hull.acceleration_from_force(nu[..., None, :].expand(forces.shape), forces)
+        unity = torch.eye(3).to(acceleration)
+        of_model = self._of_model(nu, delta, acceleration, shaft)
         of_missing = self._terms(nu, delta)[..., None] * self._weights
         return torch.cat([of_model, of_missing, -acceleration[..., None, :] * unity], dim=-2)
 
@@ -110,30 +116,35 @@ class Corrections:
         """
         hull, acceleration = self.dynamics.hull, self._rate(nu, delta, shaft)
         first, last = len(shares) - 3 - len(self._missing), len(shares) - 3
-        if hull.table is None:
-            force = (self._forces(nu, delta, acceleration, shaft) * shares[:first, None]).sum(dim=-2)
+        if self._table is None:
+            changed = (self._of_model(nu, delta, acceleration, shaft) * shares[:first, None]).sum(dim=-2)
         else:
-            changed = torch.zeros_like(hull.table)
-            changed[self._at[0], self._at[1]] = hull.table[self._at[0], self._at[1]] * shares[:first]
-            force = hull.products(nu, delta) @ changed
+            table = torch.zeros_like(self._table)
+            table[self._at[0], self._at[1]] = self._table[self._at[0], self._at[1]] * shares[:first]
+            changed = hull.acceleration_from_force(nu, hull.products(nu, delta) @ table)
         missing = self._terms(nu, delta) @ (self._weights * shares[first:last, None])
-        return hull.acceleration_from_force(nu, force) + missing - acceleration * shares[last:]
+        return changed + missing - acceleration * shares[last:]
 
     def _rate(self, nu: Tensor, delta: Tensor, shaft: Tensor | None) -> Tensor:
         """The model's accelerations. The products of a series of coefficients are those of the nominal shaft speed."""
-        if shaft is None or self.dynamics.hull.table is not None:
+        if shaft is None or self._table is not None:
             return self.dynamics.acceleration(nu, delta)
         return self.dynamics.at_shaft(nu, delta, shaft)
 
-    def _forces(self, nu: Tensor, delta: Tensor, acceleration: Tensor, shaft: Tensor | None) -> Tensor:
-        """Right-hand sides of every coefficient, or of hull and rudder of every equation."""
+    def _of_model(self, nu: Tensor, delta: Tensor, acceleration: Tensor, shaft: Tensor | None) -> Tensor:
+        """Accelerations of every doubt of a fit, every coefficient, or hull and rudder of every equation."""
         hull, unity = self.dynamics.hull, torch.eye(3).to(acceleration)
-        if hull.table is not None:
+        if self._fitted:
+            shaft = torch.ones_like(acceleration[..., 0]) if shaft is None else shaft
+            return self.dynamics.doubts(nu, delta, shaft) / USUAL_SCATTER
+        if self._table is not None:
             term, equation = self._at
-            return (hull.products(nu, delta)[..., term] * hull.table[term, equation])[..., None] * unity[equation]
-        calm = hull.force_from_acceleration(self._rate(nu, torch.zeros_like(delta), shaft))
-        rudder = hull.force_from_acceleration(acceleration) - calm
-        return torch.cat([part[..., None, :] * unity for part in (calm, rudder)], dim=-2)
+            forces = (hull.products(nu, delta)[..., term] * self._table[term, equation])[..., None] * unity[equation]
+        else:
+            calm = hull.force_from_acceleration(self._rate(nu, torch.zeros_like(delta), shaft))
+            rudder = hull.force_from_acceleration(acceleration) - calm
+            forces = torch.cat([part[..., None, :] * unity for part in (calm, rudder)], dim=-2)
+        return hull.acceleration_from_force(nu[..., None, :].expand(forces.shape), forces)
 
     def _terms(self, nu: Tensor, delta: Tensor) -> Tensor:
         """Products of factors of the terms that the model lacks."""

@@ -12,7 +12,7 @@ from manoeuvre_nn.diagnosis.causes import causes_of
 from manoeuvre_nn.diagnosis.court import Court
 from manoeuvre_nn.diagnosis.hypothesis import Judged
 from manoeuvre_nn.diagnosis.locate import LARGEST, location, residuals
-from manoeuvre_nn.diagnosis.proof import Question, cost, foreseen, prove
+from manoeuvre_nn.diagnosis.proof import Question, cost, counted_as_one, foreseen, prove
 from manoeuvre_nn.diagnosis.refine import refined
 from manoeuvre_nn.diagnosis.remainder import is_left, with_remainder
 from manoeuvre_nn.diagnosis.result import Cause, Check, Diagnosis, Proof, Residual
@@ -22,8 +22,6 @@ from manoeuvre_nn.diagnosis.words import captain, labels, next_steps, runner_up
 from manoeuvre_nn.effect.formula import Formula
 from manoeuvre_nn.effect.remainder import Remainder
 
-UNIT = "1 is 2 % of L, 0.5 deg, 0.1 m/s, 0.03 deg/s"
-"""Of the cost in words."""
 HARM = 1.05
 """Growth of the error of free runs from which an effect is not named."""
 
@@ -95,18 +93,26 @@ def _repair(
     before = cost(proofs, question.dynamics, "before")
     for first in candidates:
         there = refined(tried.court.bench, first)
-        j = replace(settle(Court(there), first.hypothesis, *first.best), random=first.random)
+        # Strong gusts explain what a fit without them would lay on the mean wind.
+        j = first if _turns(first) else replace(settle(Court(there), first.hypothesis, *first.best), random=first.random)
         made = prove(question, there, none, j, proofs)
         after, gain = cost(made, question.dynamics, "after"), foreseen(question, j)
         helped = not made or (gain > 0 and after < HARM * before)
         text = (
-            f"with {labels(j)} the error of free runs goes from {before:.2f} to {after:.2f} ({UNIT}), "
+            f"with {labels(j)} the error of free runs goes from {before:.2f} to {after:.2f} ({_unit(question)}), "
             f"and the log evidence of the held-out runs by {gain:+.0f}"
         )
         checks.append(Check("held-out gain", helped, text if made else "no held-out run: not proved"))
         if helped:
             return j, made, [*checks, *checking.checks(tried, first)]
     return none, proofs, checks
+
+
+def _turns(judged: Judged) -> bool:
+    """Whether a wind with gusts across it is part of a hypothesis."""
+    gusty = [k for k, name in enumerate(judged.names) if name == "wind_gusty"]
+    across = [p.name for p in judged.hypothesis.effects[gusty[0]].declared].index("gust_across") if gusty else 0
+    return bool(gusty) and judged.hypothesis.values[gusty[0]][0, across] != 0
 
 
 def _with_network(
@@ -118,9 +124,15 @@ def _with_network(
     made = prove(question, there, tried.none, more, proofs)
     now, then = (cost(p, question.dynamics, "after") for p in (proofs, made))
     helped = bool(made) and then < now and foreseen(question, more) > foreseen(question, chosen)
-    text = f"with a network on top the error of free runs goes from {now:.2f} to {then:.2f} ({UNIT})"
+    text = f"with a network on top the error of free runs goes from {now:.2f} to {then:.2f} ({_unit(question)})"
     checks = [*checks, Check("remainder", helped, text if made else "no held-out run: a network is not trusted")]
     return (more, made, checks) if helped else (chosen, proofs, checks)
+
+
+def _unit(question: Question) -> str:
+    """Unit of the cost in words."""
+    one = counted_as_one(question.dynamics.particulars)
+    return f"1 is {100 * one['pos']:.2g} % of L, {one['psi']:.2g} deg, {one['u']:.2g} m/s, {one['r']:.2g} deg/s"
 
 
 def _shaded(found: Sequence[Residual], causes: Sequence[Cause]) -> list[Residual]:

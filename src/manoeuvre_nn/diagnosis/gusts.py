@@ -1,24 +1,46 @@
 """Gusts: their course is random, so it is integrated out, and only their size is fitted."""
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 from scipy.linalg import solve_triangular
 
 from manoeuvre_nn.core.effect import Effect
+from manoeuvre_nn.core.ship import FULL_SCALE
 from manoeuvre_nn.diagnosis.columns import contribution
-from manoeuvre_nn.diagnosis.court import Court, linear
-from manoeuvre_nn.diagnosis.hypothesis import Hypothesis, Judged
+from manoeuvre_nn.diagnosis.court import Court, Linear, linear
+from manoeuvre_nn.diagnosis.hypothesis import RANDOM, Hypothesis, Judged
 from manoeuvre_nn.diagnosis.linear import Columns, Embedded
 from manoeuvre_nn.diagnosis.regression import FORCE_PRIOR, log_prior_levels, log_sum
 
-SHARES = (0.1, 0.13, 0.16, 0.2, 0.25, 0.32)
-"""Standard deviations of gusts over the mean wind that are tried; smaller ones look like wrong load functions."""
-MEMORY = 30.0
-"""Correlation time of gusts [s]; 20 to 60 s are usual."""
-KNOTS = 10.0
-"""Time between the knots of their course [s]."""
+
+@dataclass(frozen=True)
+class Gusts:
+    """How a wind varies.
+
+    Attributes:
+        size: Standard deviation along the mean wind, over it or in m/s.
+        memory: Correlation time [s].
+        across: Standard deviation across the mean wind over that along it [-].
+    """
+
+    size: float
+    memory: float
+    across: float
+
+
+AT_SEA = tuple(Gusts(share, 30.0, 0.0) for share in (0.1, 0.13, 0.16, 0.2, 0.25, 0.32))
+"""Sizes over the mean wind that are tried; smaller ones look like wrong load functions. They last 20 to 60 s, usually."""
+ON_PONDS = tuple(Gusts(share, 10.0, 1.0) for share in (0.4, 0.6, 0.9, 1.3))
+"""The same near the ground among trees and banks, where winds turn as much as they swell: tried besides for models."""
+KNOTS = 3.0
+"""Knots of their course in a correlation time."""
+FIRM = 0.06
+"""Coloured force from which it would only compete with gusts; more where the model was seen to lack much."""
+ROUNDS = 3
+"""Fits of the mean wind with gusts, which leave it less to explain than it had alone."""
 
 
 def judge_gusts(court: Court, steady: Judged, gusty: Effect) -> Judged:
@@ -32,73 +54,122 @@ def judge_gusts(court: Court, steady: Judged, gusty: Effect) -> Judged:
     Returns:
         It at the most likely size of gusts.
     """
+    ship = court.bench.dynamics.particulars
+    wind, kinds = steady.names.index("wind_steady"), AT_SEA if ship.length >= FULL_SCALE else AT_SEA + ON_PONDS
+    firm = max(FIRM, 2.5 * float(court.bench.lacking.max()))
+    levels = [int(g) for g in np.flatnonzero(court.bench.levels.max(axis=1) < firm)]
+    best, found = -np.inf, []
+    for _ in range(ROUNDS if len(kinds) > len(AT_SEA) else 1):
+        tried, sizes = _tried(court, steady.hypothesis, wind, kinds, levels)
+        top = max(tried, key=lambda j: j.evidence)
+        if top.evidence < best + 0.5:
+            break
+        best, found, steady = top.evidence, list(zip(tried, sizes, strict=True)), top
+    return _chosen(found, wind, gusty)
+
+
+def gusty_evidence(court: Court, hypothesis: Hypothesis, level: int) -> float:
+    """Log evidence of a hypothesis with a gusty wind at its values, at one force level and the best scatter.
+
+    Args:
+        court: The runs.
+        hypothesis: It, at its values; the gusts' course is integrated out.
+        level: Force level.
+
+    Returns:
+        Log evidence.
+    """
+    wind = hypothesis.names.index("wind_gusty")
+    declared = [p.name for p in hypothesis.effects[wind].declared]
+    kind = Gusts(*(float(hypothesis.values[wind][0, declared.index(name)]) for name in RANDOM))
+    grams, norms = _without_course(court, linear(court.bench, hypothesis), wind, [kind], [level])
+    return float(court.regress(hypothesis, grams[0], norms[0]).by_level.max())
+
+
+def _tried(
+    court: Court, hypothesis: Hypothesis, wind: int, kinds: Sequence[Gusts], levels: Sequence[int]
+) -> tuple[list[Judged], list[Gusts]]:
+    """The hypothesis with gusts of every kind, and their sizes in m/s."""
+    declared = [p.name for p in hypothesis.effects[wind].declared]
+    least = float(court.bench.dynamics.particulars.sized([1.0], [0.5])[0])
+    mean = max(float(hypothesis.values[wind][0, declared.index("speed")]), least)
+    sizes = [replace(kind, size=kind.size * mean) for kind in kinds]
+    grams, norms = _without_course(court, linear(court.bench, hypothesis), wind, sizes, levels)
+    prior = log_prior_levels(court.bench, FORCE_PRIOR)
+    tried = []
+    for gram, norm in zip(grams, norms, strict=True):
+        known = {g: court.regress(hypothesis, gram[[k]], norm[[k]]) for k, g in enumerate(levels)}
+        tried.append(court.verdict(hypothesis, known, prior))
+    return tried, sizes
+
+
+def _without_course(
+    court: Court, lin: Linear, wind: int, kinds: Sequence[Gusts], levels: Sequence[int]
+) -> tuple[Float[np.ndarray, "k g p p"], Float[np.ndarray, "k g"]]:
+    """Inner products and normalisers with the gusts' course integrated out."""
     bench = court.bench
-    lin = linear(bench, steady.hypothesis)
-    wind = steady.names.index("wind_steady")
-    # Not the largest levels: a coloured force as large as gusts would only compete with them.
-    levels = [int(g) for g in np.flatnonzero(bench.levels.max(axis=1) < 0.06)]
     size = bench.size + lin.count
-    speed = [p.name for p in steady.hypothesis.effects[wind].declared].index("speed")
-    sizes = tuple(share * max(float(steady.hypothesis.values[wind][0, speed]), 1.0) for share in SHARES)
-    grams, norms = np.zeros((len(sizes), len(levels), size, size)), np.zeros((len(sizes), len(levels)))
-    hidden = [_course(court, steady.hypothesis, wind, run) for run in range(len(bench.places))]
-    for g, level in enumerate(levels):
-        norms[:, g] = bench.at(level).norm
-        for run, (c, at) in enumerate(zip(lin.columns, lin.index, strict=True)):
-            where = np.concatenate([bench.base_index(run), bench.size + at])
-            white = bench.at(level).white[run]
-            more, loose, base = white.embed(c), white.embed(hidden[run]), bench.at(level).base[run]
+    grams, norms = np.zeros((len(kinds), len(levels), size, size)), np.zeros((len(kinds), len(levels)))
+    norms += [bench.at(level).norm for level in levels]
+    for run, (c, at) in enumerate(zip(lin.columns, lin.index, strict=True)):
+        where = np.concatenate([bench.base_index(run), bench.size + at])
+        forms = {(k.memory, k.across) for k in kinds}
+        courses = {form: _course(court, lin.hypothesis, wind, run, *form) for form in forms}
+        for g, level in enumerate(levels):
+            white, base = bench.at(level).white[run], bench.at(level).base[run]
+            more, loose = white.embed(c), {form: white.embed(course) for form, course in courses.items()}
             both = Embedded(np.hstack([base.outer, more.outer]), np.hstack([base.inner, more.inner]))
-            own, cross, whole = loose.dot(loose), loose.dot(both), both.dot(both)
-            for k, sd in enumerate(sizes):
-                factor = np.linalg.cholesky(sd**2 * own + np.eye(len(own)))
-                half = solve_triangular(factor, sd * cross, lower=True)
+            whole, inner = both.dot(both), {form: (e.dot(e), e.dot(both)) for form, e in loose.items()}
+            for k, kind in enumerate(kinds):
+                own, cross = inner[kind.memory, kind.across]
+                factor = np.linalg.cholesky(kind.size**2 * own + np.eye(len(own)))
+                half = solve_triangular(factor, kind.size * cross, lower=True)
                 grams[k, g][np.ix_(where, where)] += whole - half.T @ half
                 norms[k, g] -= np.log(np.diag(factor)).sum()
-    prior = log_prior_levels(bench, FORCE_PRIOR)
-    tried = []
-    for k in range(len(sizes)):
-        known = {
-            int(level): court.regress(steady.hypothesis, grams[k, [g]], norms[k, [g]]) for g, level in enumerate(levels)
-        }
-        tried.append(court.verdict(steady.hypothesis, known, prior))
-    return _chosen(tried, sizes, steady.hypothesis, wind, gusty)
+    return grams, norms
 
 
-def _chosen(tried: list[Judged], sizes: tuple[float, ...], hypothesis: Hypothesis, wind: int, gusty: Effect) -> Judged:
+def _chosen(found: list[tuple[Judged, Gusts]], wind: int, gusty: Effect) -> Judged:
     """The best size, by a parabola through the three best on a logarithmic scale, as a hypothesis of its own."""
-    scores = np.array([j.evidence for j in tried])
+    scores = np.array([j.evidence for j, _ in found])
     k = int(scores.argmax())
-    size, error = sizes[k], 0.5 * sizes[k]
-    if 0 < k < len(sizes) - 1:
-        at = np.log(sizes[k - 1 : k + 2])
-        curve = np.polyfit(at, scores[k - 1 : k + 2], 2)
+    judged, best = found[k]
+    size, error = best.size, 0.5 * best.size
+    beside = [gusts for _, gusts in found[max(k - 1, 0) : k + 2]]
+    if len(beside) == 3 and len({(g.memory, g.across) for g in beside}) == 1:
+        curve = np.polyfit(np.log([g.size for g in beside]), scores[k - 1 : k + 2], 2)
         size, error = float(np.exp(-0.5 * curve[1] / curve[0])), float(size / np.sqrt(-2 * curve[0]))
-    judged = tried[k]
-    values = list(judged.hypothesis.values)
-    names = [p.name for p in hypothesis.effects[wind].declared]
-    old = values[wind]
-    new = np.zeros((len(old), len(gusty.declared)))
-    for j, p in enumerate(gusty.declared):
-        new[:, j] = old[:, names.index(p.name)] if p.name in names else (size if p.name == "gust_sd" else MEMORY)
-    values[wind] = new
-    effects = tuple(gusty if n == wind else e for n, e in enumerate(hypothesis.effects))
+    values, steady = list(judged.hypothesis.values), judged.hypothesis.effects[wind]
+    old, names = values[wind], [p.name for p in steady.declared]
+    random = dict(zip(RANDOM, (size, best.memory, best.across), strict=True))
+    columns = [old[:, names.index(p.name)] if p.name in names else random[p.name] for p in gusty.declared]
+    values[wind] = np.stack(np.broadcast_arrays(*columns, old[:, 0])[:-1], axis=-1)
+    effects = tuple(gusty if n == wind else e for n, e in enumerate(judged.hypothesis.effects))
     # Averaged over the sizes, not the best of them: trying many sizes must not pay.
     evidence = log_sum(scores) - float(np.log(len(scores)))
     return replace(
-        judged, hypothesis=Hypothesis(effects, tuple(values)), evidence=evidence, random={"gust_sd": (size, error)}
+        judged, hypothesis=Hypothesis(effects, tuple(values)), evidence=evidence, random={RANDOM[0]: (size, error)}
     )
 
 
-def _course(court: Court, hypothesis: Hypothesis, wind: int, run: int) -> Columns:
-    """Columns of gusts of 1 m/s along the wind: hat functions turned so that their amplitudes are independent."""
+def _course(court: Court, hypothesis: Hypothesis, wind: int, run: int, memory: float, across: float) -> Columns:
+    """Columns of gusts of 1 m/s along the wind, and across it if wanted: hat functions, their amplitudes independent."""
     place, effect = court.bench.places[run], hypothesis.effects[wind]
-    sets = np.tile(hypothesis.values[wind][run], (2, 1))
-    sets[1, [p.name for p in effect.declared].index("speed")] += 0.5
+    names = [p.name for p in effect.declared]
+    speed, direction = names.index("speed"), names.index("from_deg")
+    nudge = float(court.bench.dynamics.particulars.sized([0.5], [0.5])[0])
+    sets = np.tile(hypothesis.values[wind][run], (3, 1))
+    sets[:, [k for k, name in enumerate(names) if name in RANDOM[:1]]] = 0.0
+    mean = max(sets[0, speed], nudge)
+    sets[1, speed] += nudge
+    sets[2, direction] += np.degrees(nudge / mean)
     c = contribution(effect, sets, place.line, court.bench.rate, place.situation)
-    push: Float[np.ndarray, "steps 6"] = (c.moved[..., 1] - c.moved[..., 0]) / 0.5
+    pushes = (c.moved[..., 1:] - c.moved[..., :1]) / nudge
     time = place.line.run.time[1:] - 0.5 * place.line.run.step
-    knots = np.arange(time[0], time[-1] + KNOTS, KNOTS)
-    hats = np.clip(1 - np.abs(time[:, None] - knots) / KNOTS, 0, None)
-    root = np.linalg.cholesky(np.exp(-np.abs(knots[:, None] - knots) / MEMORY) + 1e-9 * np.eye(len(knots)))
-    return Columns(np.zeros((len(time) + 1, 8, len(knots))), push[:, :, None] * (hats @ root)[:, None, :])
+    gap = memory / KNOTS
+    knots = np.arange(time[0], time[-1] + gap, gap)
+    hats = np.clip(1 - np.abs(time[:, None] - knots) / gap, 0, None)
+    root = np.linalg.cholesky(np.exp(-np.abs(knots[:, None] - knots) / memory) + 1e-9 * np.eye(len(knots)))
+    course = (hats @ root)[:, None, :]
+    moved = np.concatenate([pushes[:, :, [k]] * a * course for k, a in ((0, 1.0), (1, across)) if a], axis=-1)
+    return Columns(np.zeros((len(time) + 1, 8, moved.shape[-1])), moved)

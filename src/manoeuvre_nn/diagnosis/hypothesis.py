@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from manoeuvre_nn.core.effect import Effect, Parameter
 
-RANDOM = ("gust_sd", "gust_time_s")
+RANDOM = ("gust_sd", "gust_time_s", "gust_across")
 """Parameters of a random process: its course is integrated out, so that they have no column of their own."""
 
 

@@ -7,7 +7,7 @@ import ruptures
 from jaxtyping import Float
 
 from manoeuvre_nn.core.effect import SITES
-from manoeuvre_nn.diagnosis.bench import FORCE_LEVELS, Bench, Place, force_time
+from manoeuvre_nn.diagnosis.bench import FORCE_LEVELS, Bench, Place, force_time, start_spread
 from manoeuvre_nn.diagnosis.court import linear
 from manoeuvre_nn.diagnosis.hypothesis import Hypothesis
 from manoeuvre_nn.diagnosis.linear import SIZE, Columns, Noise, Whitened
@@ -64,10 +64,8 @@ def _windows(bench: Bench, place: Place, data: Columns) -> list[Interval]:
 
 def _loose(bench: Bench, place: Place, size: float) -> Whitened:
     """The run with a coloured force allowed."""
-    p = bench.dynamics.particulars
     noise = Noise(place.noise, size * bench.unit, 0.5 * force_time(bench.dynamics))
-    spread = np.array([0.3 * p.speed, 0.3 * p.speed, 0.3 * p.speed / p.length, 50.0, 50.0, 0.3])
-    return Whitened(place.line, noise, spread)
+    return Whitened(place.line, noise, start_spread(bench.dynamics.particulars))
 
 
 def _kinematic(moved: Float[np.ndarray, "steps 6 1"]) -> Float[np.ndarray, "steps 6 1"]:

@@ -7,9 +7,11 @@ import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.core.effect import Effect
+from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.diagnosis.bench import LATENCY, Bench, bench, place_run
 from manoeuvre_nn.diagnosis.calibrated import Calibrated
 from manoeuvre_nn.diagnosis.court import Court
+from manoeuvre_nn.diagnosis.gusts import gusty_evidence
 from manoeuvre_nn.diagnosis.hypothesis import Hypothesis, Judged
 from manoeuvre_nn.diagnosis.repair import Repaired, errors, predict, recorded
 from manoeuvre_nn.diagnosis.result import Proof
@@ -18,7 +20,9 @@ from manoeuvre_nn.diagnosis.windows import best_windows
 from manoeuvre_nn.dynamics.model import Dynamics
 
 SCALES = {"pos": 0.02, "psi": 0.5, "u": 0.1, "v": 0.1, "r": 0.03, "u_log": 0.1}
-"""Errors that count as one: position in lengths, deg, m/s, m/s, deg/s, m/s."""
+"""Errors that count as one on a ship: position in lengths, deg, m/s, m/s, deg/s, m/s."""
+SCALE_POWERS = (0.0, 0.0, 0.5, 0.5, -0.5, 0.5)
+"""Exponents of length with which they go."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +85,18 @@ def prove(question: Question, stand: Bench, none: Judged, judged: Judged, known:
     return made
 
 
+def counted_as_one(ship: Particulars) -> dict[str, float]:
+    """Errors that count as one.
+
+    Args:
+        ship: The ship; a model in a tank has them by Froude's law.
+
+    Returns:
+        pos [L], psi [deg], u, v [m/s], r [deg/s], u_log [m/s].
+    """
+    return dict(zip(SCALES, ship.sized(list(SCALES.values()), SCALE_POWERS).tolist(), strict=True))
+
+
 def cost(proofs: Sequence[Proof], dynamics: Dynamics, when: str) -> float:
     """One number for the errors on all held-out runs: the root mean square over channels in units of ``SCALES``.
 
@@ -94,7 +110,8 @@ def cost(proofs: Sequence[Proof], dynamics: Dynamics, when: str) -> float:
     """
     if not proofs:
         return 0.0
-    scale = {k: v * (dynamics.particulars.length if k == "pos" else 1.0) for k, v in SCALES.items()}
+    scale = counted_as_one(dynamics.particulars)
+    scale["pos"] *= dynamics.particulars.length
     rows = [[getattr(p, f"rmse_{when}")[c] / scale[c] for c in SCALES] for p in proofs]
     return float(np.sqrt(np.nanmean(np.square(rows))))  # channels that were not recorded are not judged
 
@@ -119,7 +136,9 @@ def foreseen(question: Question, judged: Judged) -> float:
     effects = judged.hypothesis.effects
     fixed = frozenset(p.name for e in effects for p in e.declared)
     level = judged.best[0]
-    return court.judge_level(Hypothesis(effects, values, fixed), level) - court.judge_level(Hypothesis((), ()), level)
+    held = Hypothesis(effects, values, fixed)
+    judge = gusty_evidence if "wind_gusty" in held.names else Court.judge_level
+    return judge(court, held, level) - court.judge_level(Hypothesis((), ()), level)
 
 
 def timed_values(question: Question, judged: Judged) -> list[Float[np.ndarray, "runs p"]]:

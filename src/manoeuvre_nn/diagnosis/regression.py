@@ -7,10 +7,11 @@ import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.diagnosis.bench import SCATTER_LEVELS, Bench
+from manoeuvre_nn.diagnosis.calibrated import USUAL_SCATTER
 
 FORCE_PRIOR = 0.03
 """Scale of the half-normal prior of the coloured force's levels when physics is named: little may stay unexplained."""
-SCATTER_PRIOR = 0.05
+SCATTER_PRIOR = USUAL_SCATTER
 """Scale of the half-normal prior of the coefficients' relative error: published scatter is 3 to 6 %."""
 
 
@@ -19,14 +20,15 @@ def log_prior_levels(bench: Bench, force_prior: float | None) -> Float[np.ndarra
 
     Args:
         bench: The runs.
-        force_prior: Scale of the half-normal prior of the force levels; None is flat over the levels.
+        force_prior: Scale of the half-normal prior of the force levels, at least what the model was seen to lack; None
+            is flat over the levels.
 
     Returns:
         Normalised over the grid.
     """
     force = np.zeros(len(bench.levels))
     if force_prior is not None:
-        force = -0.5 * np.square(bench.levels / force_prior).sum(axis=1)
+        force = -0.5 * np.square(bench.levels / np.maximum(force_prior, bench.lacking)).sum(axis=1)
     scatter = -0.5 * np.square(np.array(SCATTER_LEVELS) / SCATTER_PRIOR)
     total = force[:, None] + scatter[None, :]
     return total - log_sum(total)

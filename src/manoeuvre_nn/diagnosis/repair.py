@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from manoeuvre_nn.core.effect import Effect, Situation
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.diagnosis.bench import NOMINAL, force_time
+from manoeuvre_nn.diagnosis.bench import NOMINAL, force_time, start_spread
 from manoeuvre_nn.diagnosis.columns import blade_along, contribution, latency_column, perfect, situation
 from manoeuvre_nn.diagnosis.hypothesis import RANDOM, Hypothesis
 from manoeuvre_nn.diagnosis.linear import Columns, Noise, Whitened, calm_rate, linearise
@@ -129,8 +129,7 @@ def start_state(model: Repaired, run: Run, values: Sequence[Float[np.ndarray, " 
     """
     rate, p = calm_rate(model.calm), model.calm.particulars
     unit = p.speed**2 / p.length * np.array([1.0, 1.0, 1.0 / p.length])
-    noise = Noise(NOMINAL, 1e-3 * unit, force_time(model.calm))
-    spread = np.array([0.3 * p.speed, 0.3 * p.speed, 0.3 * p.speed / p.length, 50.0, 50.0, 0.3])
+    noise, spread = Noise(NOMINAL, 1e-3 * unit, force_time(model.calm)), start_spread(p)
     track = first_guess(run)
     for _ in range(3):
         line = linearise(run, rate, track, noise.force_time)

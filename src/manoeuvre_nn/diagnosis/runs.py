@@ -10,6 +10,8 @@ from scipy.ndimage import median_filter, uniform_filter1d
 CHANNELS = ("x", "y", "vn", "ve", "psi", "r", "u_log", "n")
 """What is measured: position [m], velocity over ground [m/s], heading [rad], yaw rate [rad/s], log [m/s], shaft [-]."""
 COUNT = len(CHANNELS)
+MOTION_POWERS = (0.5, 0.5, -0.5, 1.0, 1.0, 0.0)
+"""Exponents of length with which u, v, r, x, y, psi go by Froude's law."""
 OWN_ORDER = 0.05
 """A shaft speed that is farther from the nominal one at the first sample was ordered otherwise [-]."""
 

@@ -8,6 +8,7 @@ from math import inf
 import numpy as np
 
 from manoeuvre_nn.core.effect import Effect
+from manoeuvre_nn.core.ship import FULL_SCALE
 from manoeuvre_nn.diagnosis.bench import Bench
 from manoeuvre_nn.diagnosis.court import Court, linear
 from manoeuvre_nn.diagnosis.gusts import judge_gusts
@@ -73,9 +74,12 @@ def contest(bench: Bench, effects: Sequence[Effect], progress: Progress = lambda
     pairs = list(_pairs(court, singles, none, progress, workers))
     judged = sorted(singles + pairs, key=lambda j: -j.evidence)
     windy = [j for j in judged[:WIDTH] if "wind_steady" in j.names and j.evidence > none.evidence]
+    # On ponds the mean wind may show in nothing but its gusts.
+    alone = [j for j in judged if j.names == ("wind_steady",)]
+    small = bench.dynamics.particulars.length < FULL_SCALE
     gusty = next((e for e in effects if e.name == "wind_gusty"), None)
     if gusty is not None:
-        for j in windy[:3]:
+        for j in windy[:3] + [j for j in alone if small and j not in windy[:3]]:
             progress(" + ".join(j.names).replace("wind_steady", "wind_gusty"))
             judged.append(judge_gusts(court, j, gusty))
     judged.sort(key=lambda j: -j.evidence)

@@ -6,12 +6,15 @@ import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import median_filter, uniform_filter1d
 
+from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.diagnosis.linear import Columns, Linearised, Noise, Rate, Whitened, linearise
-from manoeuvre_nn.diagnosis.runs import COUNT, Run
+from manoeuvre_nn.diagnosis.runs import COUNT, MOTION_POWERS, Run
 
 SLACK = np.array([1.0, 1.0, 0.03, 0.08, 1e-3, 4.0, 4.0])
 """Prior s.d. of the kinematic slack: stream north and east [m/s], compass [rad], log [-], rate gyro [rad/s], antenna
 forward and to starboard [m]: little, for while any force is allowed it looks like a drift of the ship."""
+SLACK_POWERS = (0.5, 0.5, 0.0, 0.0, -0.5, 1.0, 1.0)
+"""Exponents of length with which it goes."""
 SHAFT = 7
 """Channel of the shaft speed: no state explains it, so its misfit is no outlier."""
 OUTLIER = 5.0
@@ -57,7 +60,7 @@ def first_guess(run: Run) -> Float[np.ndarray, "n 6"]:
 
 
 def smooth(run: Run, rate: Rate, noise: Float[np.ndarray, " 8"], force: Float[np.ndarray, " 3"], force_time: float,
-           passes: int = 4) -> Reference:  # fmt: skip
+           ship: Particulars, passes: int = 4, least: Float[np.ndarray, " 8"] | None = None) -> Reference:  # fmt: skip
     """Find the track by an iterated smoother in which any force, a stream, and compass and log errors are possible.
 
     Args:
@@ -66,7 +69,9 @@ def smooth(run: Run, rate: Rate, noise: Float[np.ndarray, " 8"], force: Float[np
         noise: First idea of the channels' standard deviations.
         force: Prior s.d. of the coloured accelerations, wide.
         force_time: Their correlation time [s].
+        ship: The ship, for usual sizes.
         passes: Number of linearisations.
+        least: What the channels' standard deviations are never taken to be less than; None takes a fifth of ``noise``.
 
     Returns:
         Track, noise and force; outliers are marked in the run of its equations.
@@ -75,7 +80,9 @@ def smooth(run: Run, rate: Rate, noise: Float[np.ndarray, " 8"], force: Float[np
     run = replace(run, measured=np.where(np.arange(COUNT) == SHAFT, np.nan, run.measured))
     track, sigma, original = first_guess(run), noise.copy(), run
     inflation = np.ones(COUNT)
-    spread = np.array([2.0, 2.0, 0.01, 20.0, 20.0, 0.2])
+    spread = ship.sized([2.0, 2.0, 0.01, 20.0, 20.0, 0.2], MOTION_POWERS)
+    least = 0.2 * noise if least is None else least
+    slackness = ship.sized(SLACK, SLACK_POWERS)
     for last in [False] * (passes - 1) + [True]:
         line = linearise(run, rate, track, force_time)
         white = Whitened(line, Noise(sigma * np.sqrt(inflation), force, force_time), spread)
@@ -85,14 +92,14 @@ def smooth(run: Run, rate: Rate, noise: Float[np.ndarray, " 8"], force: Float[np
         )
         embedded = white.embed(both)
         g = embedded.dot(embedded)
-        values = np.linalg.solve(g[1:, 1:] + np.diag(SLACK**-2), g[1:, 0])
+        values = np.linalg.solve(g[1:, 1:] + np.diag(slackness**-2), g[1:, 0])
         left = Columns(
             (line.data.measured[..., 0] - slack.measured @ values)[..., None],
             (line.data.moved[..., 0] - slack.moved @ values)[..., None],
         )
         states = white.states(left)[..., 0]
         residual = left.measured[..., 0] - np.einsum("kci,ki->kc", line.observed, states)
-        run, sigma, inflation = _judged(original, run, line, residual, sigma, noise)
+        run, sigma, inflation = _judged(original, run, line, residual, sigma, least)
         if not last:
             track = track + states[:, :6]
     # With any force allowed the misfit should be one per sample; what it is more, the medians missed.
@@ -129,7 +136,7 @@ def _judged(original: Run, run: Run, line: Linearised, residual: np.ndarray, sig
         good = np.isfinite(values) & np.isfinite(run.measured[:, k])
         if good.sum() < 10 or k == SHAFT:
             continue
-        new[k] = max(1.4826 * np.median(np.abs(values[good])), 0.2 * floor[k])
+        new[k] = max(1.4826 * np.median(np.abs(values[good])), floor[k])
         bad[:, k] = np.isfinite(values) & (np.abs(values) > OUTLIER * new[k])
         inflation[k] = _long_run(np.where(good & ~bad[:, k], values, 0.0) / new[k])
     return run.without(bad), new, inflation

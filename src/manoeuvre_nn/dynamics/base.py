@@ -58,6 +58,33 @@ class Dynamics(ABC, nn.Module):
         extra = self.hull.acceleration_from_force(nu, self.hull.shaft_force(nu, delta, shaft))
         return self.acceleration(nu, delta) + extra
 
+    def doubts(
+        self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"], shaft: Float[Tensor, "*batch"]
+    ) -> Float[Tensor, "*batch k 3"]:
+        """What the model's coefficients may add, where it has been fitted and knows how well.
+
+        Args:
+            nu: u, v [m/s], r [rad/s].
+            delta: Rudder angle [rad].
+            shaft: Shaft speed over the nominal one [-].
+
+        Returns:
+            udot, vdot [m/s^2], rdot [rad/s^2] by one standard error of each independent combination; no row where
+            nothing is known.
+        """
+        del delta, shaft
+        return nu[..., None, :][..., :0, :]
+
+    @property
+    def lacking(self) -> Float[Tensor, " 3"]:
+        """Standard deviation of the accelerations that the model was seen to lack [m/s^2, m/s^2, rad/s^2]; else 0."""
+        return torch.zeros_like(self.hull.velocity_units)
+
+    @property
+    def noise(self) -> Float[Tensor, " 6"]:
+        """Standard deviation that recorded u, v, r, x, y, psi were given where the model was fitted [SI]; else 0."""
+        return torch.zeros_like(self.hull.velocity_units).repeat(2)
+
     def turns(self, time: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"] | None:
         """Recorded shaft speed over the nominal one, where the model is bound to a recording's; else None.
 

@@ -218,12 +218,52 @@ class IdentifiedShip(Dynamics):
         """
         if not isinstance(self.network, Series) or self.network.speed_law != "shaft":
             return super().at_shaft(nu, delta, shaft)
-        inputs = self.scaling.inputs(torch.cat([nu / self.known.velocity_units, delta[..., None]], dim=-1))
-        n = (shaft * self.network.shaft).expand(delta.shape)[..., None]
-        # Without wind the products of the wind are zero, as in `acceleration`: at the nominal speed both are the same.
-        inputs = torch.cat([inputs, n, torch.zeros_like(inputs[..., :2])], dim=-1)
-        unknown = self.scaling.restore(self.network(inputs))
+        unknown = self.scaling.restore(self.network(self._inputs_at_shaft(nu, delta, shaft)))
         return self.known.acceleration_from_force(nu, self.known.force(nu, delta) + unknown)
+
+    def _inputs_at_shaft(self, nu: Tensor, delta: Tensor, shaft: Tensor) -> Tensor:
+        """What a series sees at a shaft speed in still air, which meets the ship as she goes."""
+        assert isinstance(self.network, Series)
+        inputs = self.scaling.inputs(torch.cat([nu / self.known.velocity_units, delta[..., None]], dim=-1))
+        if self.network.speed_law != "shaft":
+            return inputs
+        n = (shaft * self.network.shaft).expand(delta.shape)[..., None]
+        return torch.cat([inputs, n, -inputs[..., :2]], dim=-1)
+
+    def doubts(
+        self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"], shaft: Float[Tensor, "*batch"]
+    ) -> Float[Tensor, "*batch k 3"]:
+        """What the coefficients of a series may add, by the covariance of its fit.
+
+        Args:
+            nu: u, v [m/s], r [rad/s].
+            delta: Rudder angle [rad].
+            shaft: Shaft speed over the nominal one [-]; only a series with the shaft speed in it makes use of it.
+
+        Returns:
+            udot, vdot [m/s^2], rdot [rad/s^2] by one standard error of each independent combination; no row for other
+            networks.
+        """
+        if not isinstance(self.network, Series) or not bool(self.network.covariance.any()):
+            return super().doubts(nu, delta, shaft)
+        forces = self.scaling.restore(self.network.doubts(self._inputs_at_shaft(nu, delta, shaft)))
+        return self.known.acceleration_from_force(nu[..., None, :].expand(forces.shape), forces)
+
+    @property
+    def lacking(self) -> Float[Tensor, " 3"]:
+        """Standard deviation of the accelerations that a series was seen to lack [m/s^2, m/s^2, rad/s^2]; else 0."""
+        if not isinstance(self.network, Series):
+            return super().lacking
+        p, unit = self.particulars, self.known.velocity_units
+        return self.network.lacking.to(unit) * unit * p.speed / p.length
+
+    @property
+    def noise(self) -> Float[Tensor, " 6"]:
+        """Standard deviation that recorded u, v, r, x, y, psi had in the fit of a series [SI]; else 0."""
+        if not isinstance(self.network, Series):
+            return super().noise
+        unit, length = self.known.velocity_units, self.particulars.length
+        return self.network.noise.to(unit) * torch.cat([unit, unit.new_tensor([length, length, 1.0])])
 
     def on_approach(self, speed: float) -> "IdentifiedShip":
         """The known part takes on the speed; a network in the (rho, L, T, U0) system thereby scales with it.

@@ -57,7 +57,7 @@ class ShallowWater(HullEffect):
             raise InputError(f"effect.{self.name}: the ship is in shallow water already: write ship.depth=inf")
         draught = ship.particulars.draught
         depth = Parameter("depth_m", "m", 1.15 * draught, 25 * draught, None, draught, (1.5 * draught, 3 * draught))
-        self.declared = (depth, *type(self).declared[1:])  # type: ignore[misc] # the range is the ship's
+        self.declared = (depth, *(p.on(ship.particulars) for p in type(self).declared[1:]))  # type: ignore[misc] # the range is the ship's
         super().__init__(ship, **values)
         self._by_depth = _zeta_tables(ship) if isinstance(ship, DepthShip) else None
 

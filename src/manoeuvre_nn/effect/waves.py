@@ -66,7 +66,7 @@ class FirstOrderWaves(Effect):
     equations = ("sensor:psi", "sensor:r", "sensor:vn", "sensor:ve", "sensor:u_log", "sensor:x", "sensor:y")
     fingerprint = "Oscillation of 4 to 20 s in yaw rate, heading and velocity with zero mean and no trace in the track."
     source = "Bretschneider 1959 spectrum; long-wave limit of the response averaged over the length, own derivation"
-    declared = (HEIGHT, Parameter("period_s", "s", 4.0, 20.0, None, 4.0, (9.0,)), direction("from_deg"))
+    declared = (HEIGHT, Parameter("period_s", "s", 4.0, 20.0, None, 4.0, (9.0,), power=0.5), direction("from_deg"))
 
     phases: Tensor
     ratios: Tensor

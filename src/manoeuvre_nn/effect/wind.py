@@ -91,13 +91,18 @@ class SteadyWind(ForceEffect):
         speed = self._speed(s)
         north, east = compass(self.value("from_deg"))
         cos, sin = torch.cos(s.psi), torch.sin(s.psi)
-        ahead = s.u + speed * (north * cos + east * sin)  # the wind blows toward the opposite of where it is from
-        across = s.v + speed * (-north * sin + east * cos)
+        north, east = speed * north - self._swing(s) * east, speed * east + self._swing(s) * north
+        ahead = s.u + north * cos + east * sin  # the wind blows toward the opposite of where it is from
+        across = s.v - north * sin + east * cos
         return self._load(ahead, across) - self.value("still_air")[..., None] * self._load(s.u, s.v)
 
     def _speed(self, s: Situation) -> Tensor:
         """Speed of the true wind at every sample [m/s]."""
         return self.value("speed") + 0.0 * s.time
+
+    def _swing(self, s: Situation) -> Tensor | float:
+        """Speed across the mean wind, from the right of where it comes from [m/s]."""
+        return 0.0
 
     def _load(self, ahead: Tensor, across: Tensor) -> Tensor:
         """Force of air through which the ship moves ahead and to starboard at given speeds [m/s]."""
@@ -130,7 +135,7 @@ class WindOnset(SteadyWind):
 
 
 class GustyWind(SteadyWind):
-    """A mean wind and gusts along it: a first-order Markov process of one seeded realisation.
+    """A mean wind and gusts along it, and across it if wanted: first-order Markov processes of one seeded realisation.
 
     The realisation is made once in units of the gusts' correlation time, so that their size and time are
     differentiable; it repeats after ``LAST`` correlation times.
@@ -145,11 +150,13 @@ class GustyWind(SteadyWind):
         direction("from_deg"),
         Parameter("gust_sd", "m/s", 0.0, 6.0, 0.0, 1.5, (1.5,)),
         Parameter("gust_time_s", "s", 5.0, 120.0, None, 30.0, (30.0,)),
+        Parameter("gust_across", "-", -1.5, 1.5, 0.0, 0.5, (0.0,)),
         *FORM,
     )
     STEP, LAST = 0.02, 600.0
 
     gusts: Tensor
+    swings: Tensor
 
     def __init__(self, ship: Ship, kind: str | None = None, seed: int = 0, **values: float) -> None:
         """Draw the gusts.
@@ -162,15 +169,24 @@ class GustyWind(SteadyWind):
         """
         super().__init__(ship, kind, **values)
         count = round(self.LAST / self.STEP) + 1
-        kicks = torch.randn(count, generator=torch.Generator().manual_seed(seed), dtype=torch.float64).numpy()
+        generator = torch.Generator().manual_seed(seed)
         decay = exp(-self.STEP)
-        kicks[1:] *= sqrt(1 - decay**2)
-        series = lfilter([1.0], [1.0, -decay], kicks).tolist()
-        self.register_buffer("gusts", self.values.new_tensor(series), persistent=False)
+        for name in ("gusts", "swings"):
+            kicks = torch.randn(count, generator=generator, dtype=torch.float64).numpy()
+            kicks[1:] *= sqrt(1 - decay**2)
+            series = lfilter([1.0], [1.0, -decay], kicks).tolist()
+            self.register_buffer(name, self.values.new_tensor(series), persistent=False)
 
     def _speed(self, s: Situation) -> Tensor:
-        """Speed of the true wind at every sample [m/s]."""
+        """Speed of the true wind along its mean direction at every sample [m/s]."""
+        return self.value("speed") + self.value("gust_sd") * self._course(s, self.gusts)
+
+    def _swing(self, s: Situation) -> Tensor | float:
+        """Speed across the mean wind, from the right of where it comes from [m/s]."""
+        return self.value("gust_sd") * self.value("gust_across") * self._course(s, self.swings)
+
+    def _course(self, s: Situation, series: Tensor) -> Tensor:
+        """A realisation at every sample [-]."""
         place = torch.remainder(s.time / self.value("gust_time_s"), self.LAST) / self.STEP
-        low = place.detach().floor().long().clamp(max=len(self.gusts) - 2)
-        gust = self.gusts[low] + (place - low) * (self.gusts[low + 1] - self.gusts[low])
-        return self.value("speed") + self.value("gust_sd") * gust
+        low = place.detach().floor().long().clamp(max=len(series) - 2)
+        return series[low] + (place - low) * (series[low + 1] - series[low])

@@ -48,6 +48,9 @@ class Series(nn.Module):
         coefficients: One row a member, then an output, then a product.
         trained: Members that answer.
         shaft: n over the nominal shaft speed where no recording says it [-].
+        covariance: Of the coefficients that are used, in the order of :attr:`names`; 0 before a fit.
+        lacking: Standard deviation of the accelerations that the recordings asked for besides, in U0^2/L and U0^2/L^2.
+        noise: Standard deviation that u, v, r, x, y, psi were given in the fit, in U0, U0/L, L, rad.
 
     Source:
         Abkowitz 1964; Fedyaevsky & Sobolev 1963 and Norrbin 1970 for ``|v| v`` and its like; products of rudder angle
@@ -58,6 +61,9 @@ class Series(nn.Module):
     used: Tensor
     trained: Tensor
     shaft: Tensor
+    covariance: Tensor
+    lacking: Tensor
+    noise: Tensor
     scalings = ("approach",)
 
     def __init__(
@@ -109,6 +115,10 @@ class Series(nn.Module):
         self.register_buffer("used", torch.tensor(used))
         self.register_buffer("trained", torch.tensor(0))
         self.register_buffer("shaft", torch.ones((), dtype=dtype))
+        count = int(self.used.sum())
+        self.register_buffer("covariance", torch.zeros(count, count, dtype=torch.float64))
+        self.register_buffer("lacking", torch.zeros(OUTPUTS, dtype=torch.float64))
+        self.register_buffer("noise", torch.zeros(6, dtype=torch.float64))
         self.coefficients = nn.Parameter(torch.zeros(members, OUTPUTS, len(self.terms), dtype=dtype))
 
     @property
@@ -199,14 +209,40 @@ class Series(nn.Module):
         ratio = x[..., 4:5]
         return x / torch.cat([ratio, ratio, ratio, one, ratio, ratio, ratio], dim=-1), ratio.square()
 
+    def doubts(self, x: Float[Tensor, "*batch inputs"]) -> Float[Tensor, "*batch p 3"]:
+        """What one standard error of each independent combination of coefficients adds to the forces.
+
+        Args:
+            x: As :meth:`products` takes it.
+
+        Returns:
+            X', Y', N', one row a combination: eigenvectors of :attr:`covariance`.
+        """
+        x, scale = self._of_approach(x)
+        sizes, axes = torch.linalg.eigh(self.covariance)
+        output, term = self.used.nonzero().T
+        each = self.products(x)[..., term, None] * torch.eye(OUTPUTS).to(x)[output] * scale[..., None]
+        return torch.einsum("...pe,pk->...ke", each, (axes * sizes.clamp(min=0).sqrt()).to(x))
+
     @torch.no_grad()
-    def take(self, values: Float[Tensor, " p"], covariance: Float[Tensor, "p p"]) -> None:
+    def take(
+        self,
+        values: Float[Tensor, " p"],
+        covariance: Float[Tensor, "p p"],
+        lacking: Float[Tensor, " 3"] | None = None,
+        noise: Float[Tensor, " 6"] | None = None,
+    ) -> None:
         """Set the estimate, and draw the other members from its uncertainty.
 
         Args:
             values: Coefficients in the order of :attr:`names`.
             covariance: Theirs.
+            lacking: See :attr:`lacking`; None is nothing.
+            noise: See :attr:`noise`; None is nothing.
         """
+        self.covariance.copy_(covariance)
+        for buffer, given in ((self.lacking, lacking), (self.noise, noise)):
+            buffer.copy_(torch.zeros_like(buffer) if given is None else given)
         generator = torch.Generator().manual_seed(self.seed)
         noise = torch.randn(self.members - 1, len(values), generator=generator, dtype=torch.float64)
         sizes, vectors = torch.linalg.eigh(covariance.double())

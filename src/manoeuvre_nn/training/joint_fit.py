@@ -109,7 +109,8 @@ def fit_series(
     problem = explained(model, recordings, prior, trust)
     found = solve(problem, first(problem, force=trust.force), passes=passes)
     count = problem.shared
-    network.take(torch.as_tensor(found.values[:count]), torch.as_tensor(found.covariance[:count, :count]))
+    values, covariance = found.values[:count], found.covariance[:count, :count]
+    network.take(*(torch.as_tensor(part) for part in (values, covariance, found.force, found.noise)))
     return model, found
 
 
@@ -217,7 +218,7 @@ class ClosedLoopFit(Fit):
         self.values.copy_(torch.as_tensor(self.estimate.values[:count]))
         self.covariance.copy_(torch.as_tensor(self.estimate.covariance[:count, :count]))
         self.noise.copy_(torch.as_tensor(self.estimate.noise))
-        self.network.take(self.values, self.covariance)
+        self.network.take(self.values, self.covariance, torch.as_tensor(self.estimate.force), self.noise)
         self.log("train/evidence", float(self.estimate.evidence))
         self.log("train/step", self.estimate.moved)
         for channel, sd in zip(CHANNELS, self.estimate.noise, strict=True):
