@@ -14,7 +14,7 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.recording.containers import MAT, PARQUET, mat_frame, parquet_frame
 from manoeuvre_nn.recording.headings import Heading, take_apart
 from manoeuvre_nn.recording.mapping import RECORD, ChannelMap, Mapping
-from manoeuvre_nn.recording.table import EMPTY, Table, cells_of, check_there, lines_of, read_table
+from manoeuvre_nn.recording.table import EMPTY, Table, cells_of, check_there, numbers_in, read_table, text_of
 
 DELIMITERS = (",", ";", "\t", "|", "whitespace")
 LOOKED_AT = 400
@@ -100,7 +100,7 @@ def sniff(path: Path) -> Sniffed:
 
 def _layout(path: Path) -> tuple[dict[str, Any], dict[str, str], dict[str, str]]:
     """How a text is cut: settings of a mapping, column -> its heading, column -> its unit below the heading."""
-    lines = lines_of(path)[:LOOKED_AT]
+    lines = text_of(path).split("\n", LOOKED_AT)[:LOOKED_AT]
     options = [(d, m) for d in DELIMITERS for m in ("point", "comma") if (d, m) != (",", "comma")]
     rated = [(*_numeric_block(lines, d, m), d, m) for d, m in options]
     _, first, width, delimiter, decimal = max(rated, key=lambda r: (r[0], r[2]))
@@ -165,8 +165,7 @@ def _columns(table: Table, decimal: str) -> tuple[dict[str, Float[np.ndarray, " 
             numbers[name] = given.to_numpy(dtype=float, na_value=np.nan, copy=True)
         else:
             text = given.astype(object).where(given.notna(), "").astype(str).str.strip()
-            written = text.str.replace(",", ".") if decimal == "comma" else text
-            values = pd.to_numeric(written, errors="coerce").to_numpy(dtype=float, copy=True)
+            values = numbers_in(text, decimal)
             some = [cell for cell in text.iloc[:50] if cell.lower() not in EMPTY]
             if some and all(STAMP.fullmatch(cell) for cell in some):
                 stamps[name] = "clock" if ":" in some[0][:3] else "iso"
