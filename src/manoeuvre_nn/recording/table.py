@@ -154,9 +154,8 @@ def read_table(path: Path, mapping: Mapping) -> Table:
     if not mapping.header:
         first, headings = first - 1, [str(k) for k in range(1, len(headings) + 1)]
     _check_headings(path, headings, mapping)
-    frame = _even_frame(text, first, headings, mapping)
-    if frame is None:
-        frame = _ragged_frame(path, text, first, headings, mapping.delimiter)
+    even = _even_frame(text, first, headings, mapping)
+    frame = _ragged_frame(path, text, first, headings, mapping.delimiter) if even is None else even
     if not len(frame):
         raise InputError(f"{path.name}: no line of numbers below the headings")
     return Table(path, frame, decimal=mapping.decimal)
