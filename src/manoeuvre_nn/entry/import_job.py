@@ -11,8 +11,9 @@ from rich.text import Text
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.entry import config as configs
+from manoeuvre_nn.recording.choice import Choice
 from manoeuvre_nn.recording.mapping import RECORD
-from manoeuvre_nn.recording.proposal import Choice, Proposal, propose
+from manoeuvre_nn.recording.proposal import Proposal, propose
 from manoeuvre_nn.recording.proposal_yaml import to_yaml
 
 USAGE = "python scripts/import_recording.py FILE [ship=kvlcc2] [name=my_ship | out=my_ship.yaml] [overwrite=true]"

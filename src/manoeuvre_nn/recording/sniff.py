@@ -20,8 +20,8 @@ DELIMITERS = (",", ";", "\t", "|", "whitespace")
 LOOKED_AT = 400
 """Lines that the layout is guessed from."""
 NUMBER = {
-    "point": re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?"),
-    "comma": re.compile(r"[+-]?(\d+,?\d*|,\d+)([eEdD][+-]?\d+)?"),
+    "point": re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eEdD][+-]?\d+)?"),
+    "comma": re.compile(r"[+-]?(\d+(,\d*)?|,\d+)([eEdD][+-]?\d+)?"),
 }
 STAMP = re.compile(r"\d{4}-\d\d-\d\d([T ]\d\d:\d\d.*)?|\d{1,2}:\d\d:\d\d([.,]\d+)?(Z|[+-]\d\d:?\d\d)?")
 MOSTLY = 0.8
@@ -39,7 +39,8 @@ class Sniffed:
         numbers: Column -> samples; NaN where empty.
         stamps: Columns of time stamps -> ``iso`` or ``clock``.
         table: The cells.
-        named: Whether the file names its columns where the reader looks.
+        spoken: Column that a mapping has to name by its number -> its heading.
+        twice: Headings of several columns, which are left out: whose column it is cannot be said.
     """
 
     path: Path
@@ -49,6 +50,7 @@ class Sniffed:
     stamps: dict[str, str]
     table: Table
     spoken: dict[str, str] = field(default_factory=dict)
+    twice: tuple[str, ...] = ()
 
     def called(self, column: str) -> str:
         """What a column is called in the file, also where a mapping has to name it by its number.
@@ -95,7 +97,11 @@ def sniff(path: Path) -> Sniffed:
         parted = take_apart(spoken.get(column, column), below.get(column, ""))
         headings.append(Heading(column, parted.name, parted.unit))
     changed = {k: v for k, v in layout.items() if v != getattr(Mapping, k, None)}
-    return Sniffed(path, changed, tuple(headings), numbers, stamps, table, {k: v for k, v in spoken.items() if k != v})
+    there = [str(name) for name in table.cells.columns]
+    return Sniffed(
+        path, changed, tuple(headings), numbers, stamps, table, {k: v for k, v in spoken.items() if k != v},
+        tuple(name for name in dict.fromkeys(there) if there.count(name) > 1),
+    )  # fmt: skip
 
 
 def _layout(path: Path) -> tuple[dict[str, Any], dict[str, str], dict[str, str]]:
@@ -155,7 +161,7 @@ def _columns(table: Table, decimal: str) -> tuple[dict[str, Float[np.ndarray, " 
     names = [str(name) for name in table.cells.columns]
     for name in names:
         if names.count(name) > 1:
-            continue  # whose column it is cannot be said
+            continue
         given = table.cells[name]
         if pd.api.types.is_datetime64_any_dtype(given):
             stamps[name] = "iso"
