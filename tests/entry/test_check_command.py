@@ -104,6 +104,8 @@ def test_findings_are_told_to_machines(checked):
 def test_the_terminal_says_what_to_write(checked):
     said = checked[2]
     assert "r: written down" in said and "late: channels.r.delay: " in said
+    page = (checked[0] / "checks.html").read_text()
+    assert "Write into the mapping" in page and "channels.r.delay: " in page
     assert "of 9 linear derivatives can be identified" in said and "checks.html" in said
 
 

@@ -26,7 +26,7 @@ from manoeuvre_nn.report.check_tables import (
     checks_json,
     finding_rows,
     overview_rows,
-    remedy_lines,
+    remedy_rows,
     sentence,
     together_rows,
     trouble_rows,
@@ -36,6 +36,7 @@ from manoeuvre_nn.report.tables import rich_table
 from manoeuvre_nn.training.settings import expand
 
 PAGE, RESULT = "checks.html", "findings.json"
+REMEDIES = "Write into the mapping"
 LONG = 6
 """Recordings up to which the terminal shows notes too."""
 
@@ -145,7 +146,8 @@ def _write(
     out: Path,
 ) -> None:
     """Page and JSON."""
-    tables = {"Recordings": overview_rows(found), "Sensors, over all recordings": together_rows(found)}
+    tables = {"Recordings": overview_rows(found), REMEDIES: remedy_rows(found, columns)}
+    tables["Sensors, over all recordings"] = together_rows(found)
     if together:
         tables["All recordings together"] = finding_rows(Inspection("", tuple(together)))
     tables |= {one.name: finding_rows(one) for one in found}
@@ -157,7 +159,7 @@ def _write(
         figures=figures,
         config_yaml=yaml.safe_dump(resolved(cfg), sort_keys=False, allow_unicode=True),
         versions=versions(),
-        unfolded=("Recordings", "Sensors, over all recordings"),
+        unfolded=("Recordings", REMEDIES, "Sensors, over all recordings"),
     )
     told = checks_json(found, columns, together, versions())
     (out / RESULT).write_text(json.dumps(told, indent=1), encoding="utf-8")
@@ -183,10 +185,9 @@ def _print(
 
 def _print_remedies(found: Sequence[Inspection], columns: Mapping, console: Console) -> None:
     """Settings of the mapping, recording by recording."""
-    lines = {one.name: remedy_lines(one, columns) for one in found}
-    lines = {name: told for name, told in lines.items() if told}
-    if not lines:
+    rows = remedy_rows(found, columns)
+    if not rows:
         return
-    console.print("Write into the mapping:", highlight=False)
-    for name, told in lines.items():
-        console.print(f"  {name}: {'; '.join(told)}", highlight=False)
+    console.print(f"{REMEDIES}:", highlight=False)
+    for row in rows:
+        console.print(f"  {row['recording']}: {row['settings']}", highlight=False)

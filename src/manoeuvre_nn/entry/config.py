@@ -306,9 +306,35 @@ def load_yaml(path: Path) -> Any:
             f"{path} does not exist: write the path of a yaml file, such as conf/recording/esso_osaka.yaml"
         )
     try:
-        return yaml.safe_load(path.read_text())
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(f"{path} is no valid yaml: {str(error).splitlines()[0]}") from error
+        return yaml.load(path.read_text(encoding="utf-8"), _OnlyOnce)  # noqa: S506 - a safe loader
+    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
+        line = getattr(getattr(error, "problem_mark", None), "line", None)
+        where = "" if line is None else f", line {line + 1}"
+        said = getattr(error, "problem", None) or str(error).splitlines()[0]
+        raise InputError(f"{path}{where} is no valid yaml: {said}") from error
+
+
+class _OnlyOnce(yaml.SafeLoader):
+    """Plain lists and dicts, as yaml.safe_load makes them; a key that stands twice is refused."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        """A dict.
+
+        Args:
+            node: What was written.
+            deep: Whether all below is made at once.
+
+        Returns:
+            The dict.
+
+        Raises:
+            ConstructorError: If a key stands twice.
+        """
+        keys = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode) and key.value != "<<"]
+        twice = next((key for k, key in enumerate(keys) if key in keys[:k]), None)
+        if twice is not None:
+            raise yaml.constructor.ConstructorError(None, None, f"{twice} stands twice", node.start_mark)
+        return super().construct_mapping(node, deep)
 
 
 def load_mapping(name: str, folder: Path) -> Any:

@@ -123,6 +123,20 @@ def remedy_lines(inspection: Inspection, mapping: ChannelMapping) -> list[str]:
     return [f"{path}: {_yaml(value)}" for path, value in settings(tripped, mapping).items()]
 
 
+def remedy_rows(inspections: Sequence[Inspection], mapping: ChannelMapping) -> list[dict[str, Any]]:
+    """What is to be written into the mapping, for the page and the terminal.
+
+    Args:
+        inspections: What was found.
+        mapping: The mapping that the recordings were read with.
+
+    Returns:
+        One row a recording that something is to be done about.
+    """
+    lines = {one.name: remedy_lines(one, mapping) for one in inspections}
+    return [{"recording": name, "settings": "; ".join(told)} for name, told in lines.items() if told]
+
+
 def _yaml(value: object) -> str:
     """A value as yaml has it."""
     if isinstance(value, bool):
