@@ -163,9 +163,9 @@ def test_figures_shade_what_was_found_and_say_what_was_derived(checked):
     gap = Finding("gaps", "note", "", spans=((50.0, 60.0),))
     derived = replace(one.recording, meta={**one.recording.meta, "derived": ("r",)})
     marked = replace(one, findings=(gap,), recording=derived, flags={"u": np.arange(len(derived)) == 30})
-    figure = check_figure(marked)
+    figure = check_figure(marked, mariner_corrected().particulars)
     assert figure is not None
     said = [text.get_text() for axes in figure.axes for text in axes.texts]
     assert sorted(said) == ["derived", "nothing to compare: derived"]
     assert all(len(axes.patches) == 1 for axes in figure.axes if axes.get_ylabel() != "")
-    assert check_figure(replace(one, recording=None)) is None
+    assert check_figure(replace(one, recording=None), mariner_corrected().particulars) is None

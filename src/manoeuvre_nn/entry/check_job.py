@@ -21,6 +21,7 @@ from manoeuvre_nn.recording.finding import Finding
 from manoeuvre_nn.recording.inspection import Inspection, inspect_file
 from manoeuvre_nn.recording.mapping import Mapping
 from manoeuvre_nn.recording.reader import recordings_in
+from manoeuvre_nn.recording.thinning import thinned
 from manoeuvre_nn.report.check_figures import check_figure
 from manoeuvre_nn.report.check_tables import (
     checks_json,
@@ -83,7 +84,7 @@ def check(cfg: DictConfig, out: Path, conf: Path, console: Console) -> list[Insp
             found.append(_with_information(inspect_file(path, columns, particulars), known))
         together = _all_together(found, known)
         status.update("drawing")
-        figures = _figures(found, out) if drawn else {}
+        figures = _figures(found, particulars, out) if drawn else {}
     _write(found, together, columns, figures, cfg, out)
     _print(found, together, columns, out, console)
     return found
@@ -115,22 +116,22 @@ def _with_information(one: Inspection, known: Ship) -> Inspection:
     clean = one.clean
     if clean is None or one.verdict == "refuse":
         return one
-    return one.adding(excitation_findings([clean], known))
+    return one.adding(excitation_findings([thinned(clean, known.particulars)], known))
 
 
 def _all_together(found: Sequence[Inspection], known: Ship) -> list[Finding]:
     """What several records can identify together."""
     clean = [one.clean for one in found if one.verdict != "refuse"]
-    usable = [c for c in clean if c is not None]
+    usable = [thinned(c, known.particulars) for c in clean if c is not None]
     return excitation_findings(usable, known) if len(usable) > 1 else []
 
 
-def _figures(found: Sequence[Inspection], out: Path) -> dict[str, Figure]:
+def _figures(found: Sequence[Inspection], ship: Particulars, out: Path) -> dict[str, Figure]:
     """A page for each recording, written as PNG too."""
     (out / "figures").mkdir(parents=True, exist_ok=True)
     made = {}
     for one in found:
-        figure = check_figure(one)
+        figure = check_figure(one, ship)
         if figure is not None:
             figure.savefig(out / "figures" / f"{one.name}.png", dpi=110)
             made[f"{one.name}/channels"] = figure
