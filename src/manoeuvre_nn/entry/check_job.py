@@ -53,13 +53,11 @@ def run_checks(cfg: DictConfig, out: Path, conf: Path) -> None:
     Raises:
         SystemExit: With code 2 if a file is refused.
     """
-    with guard.one_line():
-        found = check(cfg, out, conf, Console())
-    if any(one.verdict == "refuse" for one in found):
+    if any(one.verdict == "refuse" for one in guard.inside(check, cfg, out, conf)):
         raise SystemExit(guard.WRONG_INPUT)
 
 
-def check(cfg: DictConfig, out: Path, conf: Path, console: Console) -> list[Inspection]:
+def check(cfg: DictConfig, out: Path, conf: Path, console: Console | None = None) -> list[Inspection]:
     """Check all files and write everything.
 
     Args:
@@ -71,6 +69,7 @@ def check(cfg: DictConfig, out: Path, conf: Path, console: Console) -> list[Insp
     Returns:
         What was found, file by file.
     """
+    console = console or Console()
     use_threads(1)
     drawn = configs.switch("figures", cfg.figures)
     ship, known = known_part(cfg)

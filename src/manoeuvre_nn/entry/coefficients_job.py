@@ -16,7 +16,6 @@ from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.joint import first, solve
 from manoeuvre_nn.entry import config as configs
-from manoeuvre_nn.entry import guard
 from manoeuvre_nn.entry.coefficient_report import RESULT, coefficients_of, write_coefficients
 from manoeuvre_nn.entry.job import make_fit, prepare
 from manoeuvre_nn.entry.provenance import resolved, versions, write_provenance
@@ -44,19 +43,7 @@ CAPTIVE_TESTS = "manoeuvre_nn.recording.captive.captive_mapping"
 INERTIA = ("mx", "my", "mz", "Yrdot", "Nvdot")
 
 
-def run_coefficients(cfg: DictConfig, out: Path, conf: Path) -> None:
-    """Run the command; wrong input ends in one line.
-
-    Args:
-        cfg: The config.
-        out: Output folder.
-        conf: The folder ``conf``.
-    """
-    with guard.one_line():
-        tell(cfg, out, conf, Console())
-
-
-def tell(cfg: DictConfig, out: Path, conf: Path, console: Console) -> Coefficients:
+def tell(cfg: DictConfig, out: Path, conf: Path, console: Console | None = None) -> Coefficients:
     """Fit or read coefficients, set captive tests beside them, and write everything.
 
     Args:
@@ -71,6 +58,7 @@ def tell(cfg: DictConfig, out: Path, conf: Path, console: Console) -> Coefficien
     Raises:
         InputError: If settings do not go together.
     """
+    console = console or Console()
     use_threads(1)
     check_choice("terms", cfg.terms, ["network", "own"])
     if cfg.captive.file is not None and cfg.terms == "own":

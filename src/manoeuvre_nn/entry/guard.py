@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import ParamSpec, TypeVar
 
 import yaml
 from hydra.errors import HydraException
@@ -14,6 +15,8 @@ from omegaconf.errors import OmegaConfBaseException
 
 from manoeuvre_nn.core.errors import InputError
 
+P = ParamSpec("P")
+T = TypeVar("T")
 WRONG_INPUT = 2
 FAILED_JOBS = 1
 OF_CONFIG = (HydraException, OmegaConfBaseException, yaml.YAMLError)
@@ -67,6 +70,21 @@ def _of_file(error: OSError) -> str:
     if os.path.isfile(path) and not os.access(path, os.R_OK):
         return f"cannot read {path}: {error.strerror}; ask its owner, or copy it"
     return f"cannot write {path}: {error.strerror}; choose another hydra.run.dir"
+
+
+def inside(job: Callable[P, T], *given: P.args, **settings: P.kwargs) -> T:
+    """Run a job inside hydra's main: caught outside, hydra would put a line of its own before ours.
+
+    Args:
+        job: The job.
+        given: Its arguments.
+        settings: Its keyword arguments.
+
+    Returns:
+        What it returns; wrong input ends in one line.
+    """
+    with one_line():
+        return job(*given, **settings)
 
 
 def guarded(main: Callable[[], None]) -> None:
