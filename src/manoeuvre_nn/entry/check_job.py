@@ -74,7 +74,7 @@ def check(cfg: DictConfig, out: Path, conf: Path, console: Console | None = None
     drawn = configs.switch("figures", cfg.figures)
     ship, known = known_part(cfg)
     particulars = ship if isinstance(ship, Particulars) else ship.particulars
-    paths, columns = _files(cfg), _mapping(cfg, conf)
+    paths, columns = _files(cfg), configs.build(configs.load_mapping(cfg.data.mapping, conf / "recording"))
     write_provenance(cfg, out)
     found = []
     with console.status("checking") as status:
@@ -100,14 +100,6 @@ def _files(cfg: DictConfig) -> list[Path]:
     if not there:
         raise InputError(f"data.folder={folder} holds no recording: write the folder that holds the files")
     return there
-
-
-def _mapping(cfg: DictConfig, conf: Path) -> Mapping:
-    """The mapping, by path or by name."""
-    if cfg.data.mapping is None:
-        there = ", ".join(sorted(p.stem for p in (conf / "recording").glob("*.yaml")))
-        raise InputError(f"data.mapping is not given: write the path of a yaml that maps columns, or one of: {there}")
-    return configs.build(configs.load_mapping(cfg.data.mapping, conf / "recording"))
 
 
 def _with_information(one: Inspection, known: Ship) -> Inspection:

@@ -302,9 +302,8 @@ def load_yaml(path: Path) -> Any:
         InputError: If it is missing or is no yaml.
     """
     if not path.is_file():
-        raise InputError(
-            f"{path} does not exist: write the path of a yaml file, such as conf/recording/esso_osaka.yaml"
-        )
+        wrong = "is a folder" if path.is_dir() else "does not exist"
+        raise InputError(f"{path} {wrong}: write the path of a yaml file, such as conf/recording/esso_osaka.yaml")
     try:
         return yaml.load(path.read_text(encoding="utf-8"), _OnlyOnce)  # noqa: S506 - a safe loader
     except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
@@ -337,11 +336,11 @@ class _OnlyOnce(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-def load_mapping(name: str, folder: Path) -> Any:
+def load_mapping(name: str | None, folder: Path) -> Any:
     """Read how a kind of file is mapped.
 
     Args:
-        name: Path of a yaml, or the name of one in the folder.
+        name: Path of a yaml, or the name of one in the folder; None is refused with the names that there are.
         folder: ``conf/recording``.
 
     Returns:
@@ -350,6 +349,9 @@ def load_mapping(name: str, folder: Path) -> Any:
     Raises:
         InputError: If it describes something else than a record over time.
     """
+    if name is None:
+        ready = ", ".join(sorted(p.stem for p in folder.glob("*.yaml") if RECORD_OVER_TIME in p.read_text()))
+        raise InputError(f"data.mapping is not given: write the path of a yaml that maps columns, or one of: {ready}")
     named = folder / f"{name}.yaml"
     content = load_yaml(named if named.is_file() else Path(str(name)))
     if not isinstance(content, Mapping) or content.get(TARGET) != RECORD_OVER_TIME:

@@ -73,6 +73,8 @@ def request(arguments: list[str], conf: Path) -> Request:
     overwrite = given.get("overwrite") == "true"
     if out.is_dir():
         raise InputError(f"out={out} is a folder: write the yaml's path")
+    if out.exists() and files[0].exists() and out.samefile(files[0]):
+        raise InputError(f"{out} is the file to be imported and would be lost: write another out=")
     if out.exists() and not overwrite:
         raise InputError(f"{out} is there already: write overwrite=true, or another out=")
     return Request(files[0], given.get("ship", ""), out, overwrite)
