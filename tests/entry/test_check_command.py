@@ -83,7 +83,7 @@ def test_the_folder_holds_a_page_figures_and_findings(checked):
     assert {p.name for p in (out / "figures").iterdir()} == {"good.png", "late.png"}
     page = (out / "checks.html").read_text()
     assert re.findall(r"""(?:src|href)\s*=\s*["'](?!data:|#)""", page) == []
-    assert "too late: move r back" in page and "1 can be used as they are, 1 should be mended first" in page
+    assert "too late: move r back" in page and "1 can be used as it is, 1 should be mended first" in page
     assert [one.name for one in found] == ["good", "late"]
     assert (out / "config.yaml").is_file()
 

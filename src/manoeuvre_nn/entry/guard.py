@@ -69,7 +69,7 @@ def _of_file(error: OSError) -> str:
     path = str(error.filename)
     if os.path.isfile(path) and not os.access(path, os.R_OK):
         return f"cannot read {path}: {error.strerror}; ask its owner, or copy it"
-    return f"cannot write {path}: {error.strerror}; choose another hydra.run.dir"
+    return f"cannot write {path}: {error.strerror}; choose another folder (hydra.run.dir=, or out=)"
 
 
 def inside(job: Callable[P, T], *given: P.args, **settings: P.kwargs) -> T:

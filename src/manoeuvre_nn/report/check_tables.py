@@ -157,11 +157,16 @@ def sentence(inspections: Sequence[Inspection]) -> str:
     total = f"{len(inspections)} recording{'s' if len(inspections) != 1 else ''}"
     usable = count["ok"] + count["note"]
     if usable == len(inspections):
-        return f"{total}: all can be used as they are."
-    parts = [f"{usable} can be used as they are"] if usable else []
+        return f"{total}: {'all' if usable != 1 else 'it'} can be used {_as_it_is(usable)}."
+    parts = [f"{usable} can be used {_as_it_is(usable)}"] if usable else []
     parts += [f"{count['mend']} should be mended first"] if count["mend"] else []
-    parts += [f"{count['refuse']} cannot be used as they are"] if count["refuse"] else []
+    parts += [f"{count['refuse']} cannot be used {_as_it_is(count['refuse'])}"] if count["refuse"] else []
     return f"{total}: {', '.join(parts)}."
+
+
+def _as_it_is(count: int) -> str:
+    """Of one or of several."""
+    return "as it is" if count == 1 else "as they are"
 
 
 def checks_json(
