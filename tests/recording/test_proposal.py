@@ -1,5 +1,6 @@
 """Mappings proposed for recordings in many units, signs, axes and names read the same motion again."""
 
+import re
 from dataclasses import replace
 from time import monotonic
 
@@ -263,7 +264,8 @@ def test_a_course_is_written_down_in_the_unit_that_it_was_read_in(zz20, ship, ex
 
 
 @pytest.mark.parametrize(
-    ("heading", "channel"), [("Länge [°]", "lon"), ("Krängung (deg)", "phi"), ("timón", "delta"), ("Ψ", "psi")]
+    ("heading", "channel"),
+    [("vlängs (m/s)", "u"), ("Länge [°]", "lon"), ("Krängung (deg)", "phi"), ("timón", "delta"), ("Ψ", "psi")],
 )
 def test_letters_with_marks_are_read(heading, channel):
     assert trust(channel, take_apart(heading)) > 0
@@ -278,3 +280,16 @@ def test_endless_cells_are_refused_without_a_long_wait(tmp_path, text):
     with pytest.raises(InputError):
         propose(tmp_path / "run.csv")
     assert monotonic() - before < 5.0
+
+
+def test_numbers_that_no_ship_reaches_are_refused(zz20, ship, export):
+    with pytest.raises(InputError, match="columns reach .*e.30., which no motion of a ship does"):
+        propose(export({k: v * (1.0 if k == "t" else 1e300) for k, v in plain(zz20).items()}), ship)
+
+
+def test_reasons_hold_no_empty_or_endless_numbers(zz20, ship, export):
+    units = {"t": "s", "u": "m/s", "v": "m/s", "x": "m", "y": "m"}
+    table = {f"{k} [{units[k]}]" if k in units else k: v for k, v in (plain(zz20) | {"t": zz20.time * 1e-12}).items()}
+    made = propose(export(table), ship)
+    said = [*made.reasons.values(), *(c.why for c in made.choices)]
+    assert not any("misfit ," in why or re.search(r"\d{6,}%", why) for why in said)

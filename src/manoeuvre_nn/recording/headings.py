@@ -29,9 +29,9 @@ WORDS: dict[str, str] = {
     "r": r"r|rot|yaw_?rate|rate_of_turn|turn_?rate|turning_rate|wz|omega_?z|gz|gyro_?z|psi_?dot|dpsi|r_.*|rot_.*|.*_rot"
     r"|.*yaw_?(rate|vel|velocity|speed).*|.*rate_of_turn.*|.*turn_rate.*|drehrate|giergeschwindigkeit",
     "u": r"u|surge|vx|v_x|surge_(vel|velocity|speed)|u_.*|.*_u|vx_.*|v_x_.*|.*surge.*|vlong|v_long.*|.*longitudinal.*"
-    r"|forward_speed|.*speed_ahead.*|vn|v_north|north_vel.*|vel_n(orth)?|.*velocity_north.*",
+    r"|forward_speed|.*speed_ahead.*|(v_?)?laengs.*|vn|v_north|north_vel.*|vel_n(orth)?|.*velocity_north.*",
     "v": r"v|sway|vy|v_y|sway_(vel|velocity|speed)|v_.*|.*_v|vm|vm_.*|vy_.*|v_y_.*|.*sway.*|vtrans|v_trans.*"
-    r"|.*transverse.*|.*lateral_(speed|vel.*)|ve|v_east|east_vel.*|vel_e(ast)?|.*velocity_east.*",
+    r"|.*transverse.*|.*lateral_(speed|vel.*)|(v_?)?quer.*|ve|v_east|east_vel.*|vel_e(ast)?|.*velocity_east.*",
     "x": r"x|x_.*|.*_x|north|northing|pos_?x|x_?pos.*|.*north.*|x0|xn|n_pos|pos_n",
     "y": r"y|y_.*|.*_y|east|easting|pos_?y|y_?pos.*|.*east.*|y0|ye|e_pos|pos_e",
     "delta": r"delta|rudder|rud|rudder_angle|rud_ang|ruder(winkel|lage)?|timon|barre|helm|da|delta_.*|.*_delta"

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.recording.accelerations import smoothed
@@ -34,6 +35,10 @@ USUAL_SPEED = 1.5
 """Speeds of a ship lie within this factor of U0 unless something is wrong [-]."""
 LEAST_LEVER = 0.05
 """Distance of two points over L that is told apart."""
+LARGEST = 1e30
+"""Numbers beyond this are none of a ship's, and their squares overflow."""
+MANIFOLD = float(np.log(10.0))
+"""Differences of logarithms beyond this are not worth a number."""
 FULL_CIRCLE = 2 * np.pi + 0.5
 """Directions beyond this are in degrees [rad]."""
 FINE = 0.2
@@ -77,7 +82,13 @@ def read_motions(
 
     Returns:
         How each channel is read, and why.
+
+    Raises:
+        InputError: If numbers are too large to be compared.
     """
+    largest = max(float(np.abs(v).max()) for v in values.values())
+    if largest > LARGEST:
+        raise InputError(f"columns reach {largest:.3g}, which no motion of a ship does: mend or leave out such samples")
     units = _speed_units(time, columns, values, ship)
     if "cog" in columns:
         units["cog"] = _course_unit(columns["cog"], values["cog"])
@@ -142,8 +153,8 @@ def _speed_units(
     for k, unit in units.items():
         other = min((item for item in rated if item[2][k] != unit), key=lambda item: item[1], default=None)
         said = columns[k].unit
-        told = f"speeds differ by {np.expm1(apart):.0%}"
-        told += f", next {np.expm1(min(other[1], 5.0)):.0%} ({other[2][k]})" if other else ""
+        told = f"speeds differ by {_share(apart)}"
+        told += f", next {_share(other[1])} ({other[2][k]})" if other else ""
         compared = len(raw) > 1 or ship is not None
         if said == unit:
             result[k] = unit, "unit by name", True
@@ -154,6 +165,11 @@ def _speed_units(
         else:
             result[k] = unit, "usual unit", False
     return result
+
+
+def _share(apart: float) -> str:
+    """A difference of logarithms in words."""
+    return f"{np.expm1(apart):.0%}" if apart < MANIFOLD else "more than tenfold"
 
 
 def _unit_price(heading: Heading, options: Sequence[str], unit: str) -> float:
@@ -247,7 +263,8 @@ def _in_words(
         read += _pair(("u", "v"), pair, (a.u_sign, a.v_sign), columns, units["u"], told)
         by_frame = _told(axes, ("frame",), (*POSITION, *COURSE), "by data")
         if a.frame == "earth" or not by_frame.clear:
-            said = f"{by_frame.why}: misfit {by_frame.misfit}, next {by_frame.next}"
+            compared = f": misfit {by_frame.misfit}, next {by_frame.next}" if by_frame.why else ""
+            said = f"by data{compared}"
             settings["frame"] = a.frame, said if by_frame.clear else f"undecided: {said}"
     if "x" in columns:
         told = _told(
