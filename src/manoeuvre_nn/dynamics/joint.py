@@ -28,7 +28,7 @@ from jaxtyping import Float
 from scipy.signal import savgol_filter
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.dynamics.joint_problem import CHANNELS, FREEDOM, MOTION, SIZE, Estimate, Problem, Track
+from manoeuvre_nn.dynamics.joint_problem import CHANNELS, FREEDOM, MOTION, Estimate, Problem, Track
 from manoeuvre_nn.dynamics.joint_run import Line
 
 
@@ -44,16 +44,17 @@ def first(problem: Problem, noise: float = 0.01, force: Sequence[float] = (3e-4,
         The start.
     """
     mean, spread = problem.prior
+    size = MOTION + problem.colour.size
     return Estimate(
-        tuple(_smoothed(t) for t in problem.tracks), mean.copy(), np.full(6, noise), np.array(force, dtype=float),
+        tuple(_smoothed(t, size) for t in problem.tracks), mean.copy(), np.full(6, noise), np.array(force, dtype=float),
         tuple(t.present for t in problem.tracks), tuple(np.ones((len(t) - 1, 3)) for t in problem.tracks),
         np.diag(spread**2),
     )  # fmt: skip
 
 
-def _smoothed(track: Track) -> Float[np.ndarray, "n 9"]:
+def _smoothed(track: Track, size: int) -> Float[np.ndarray, "n s"]:
     """Gaps filled by lines, then local cubics over half a length."""
-    states = np.zeros((len(track), SIZE))
+    states = np.zeros((len(track), size))
     values = track.measured if track.guess is None else np.where(track.present > 0, track.measured, track.guess)
     step = float(np.median(np.diff(track.time)))
     window = min(max(2 * round(0.25 / step) + 1, 5), (len(track) - 1) // 2 * 2 + 1)
@@ -151,15 +152,17 @@ def _with_force(new: Estimate, lines: Sequence[Line]) -> Estimate:
     """Size of the coloured accelerations and weights of its gusts, likewise."""
     total, count, calm = np.zeros(3), 0, []
     for line, state in zip(lines, new.states, strict=True):
-        decay = line.decay[:, None]
-        fresh = (state[1:, MOTION:] - decay * state[:-1, MOTION:]) ** 2 + line.innovation_variance(new.covariance)
-        square = fresh / (1 - decay**2)
-        calm.append(_weight(square, new.force))
+        square = line.fresh(state) ** 2 + line.innovation_variance(new.covariance)
+        square = square.reshape(len(square), -1, 3).sum(1)
+        order = line.problem.colour.order
+        calm.append(_weight(square, new.force, order))
         total += (calm[-1] * square).sum(0)
-        count += len(square)
+        count += order * len(square)
     return replace(new, force=np.maximum(np.sqrt(total / count), 1e-7), calm=tuple(calm))
 
 
-def _weight(square: Float[np.ndarray, "n k"], scale: Float[np.ndarray, " k"]) -> Float[np.ndarray, "n k"]:
-    """Weight of samples whose expected square is given, under Student's t of a scale."""
-    return (FREEDOM + 1) / (FREEDOM + square / scale**2)
+def _weight(
+    square: Float[np.ndarray, "n k"], scale: Float[np.ndarray, " k"], size: int = 1
+) -> Float[np.ndarray, "n k"]:
+    """Weight of samples whose expected square is given, under Student's t of a scale in so many dimensions."""
+    return (FREEDOM + size) / (FREEDOM + square / scale**2)

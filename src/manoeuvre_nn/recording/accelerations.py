@@ -10,9 +10,10 @@ from scipy.signal import savgol_filter
 
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.recording import ACCELERATION, Recording
+from manoeuvre_nn.recording.joint_smoother import smoothed_jointly
 
-Method = Literal["exact", "central", "smoother"]
-METHODS = ("exact", "central", "smoother")
+Method = Literal["exact", "central", "smoother", "joint"]
+METHODS = ("exact", "central", "smoother", "joint")
 SMOOTHED = ("u", "v", "r", "x", "y", "psi")
 """Channels that the smoother replaces; all by the same filter."""
 ORDER = 3
@@ -21,14 +22,17 @@ WINDOW = 0.8
 """Length of the smoother's window over L/U0."""
 
 
-def accelerations(recording: Recording, method: Method = "smoother") -> Recording:
+def accelerations(
+    recording: Recording, method: Method = "smoother", *, delays: Sequence[str] = (), offsets: Sequence[str] = ()
+) -> Recording:
     """Add the channels udot, vdot, rdot.
 
     ``exact`` takes those that a simulation gives. ``central`` forms central differences, one-sided at the ends.
     ``smoother`` fits local cubics over .8 L/U0 (Savitzky-Golay) and takes their values and slopes; it replaces u, v, r,
     x, y and psi by the smoothed ones, so that inputs and accelerations belong together. One linear filter for all of
     them keeps ``psidot = r`` wherever the raw channels have it. A recording that does not say its ship's L/U0
-    (``meta["time_unit"]``) is smoothed by a spline whose smoothness generalized cross-validation chooses.
+    (``meta["time_unit"]``) is smoothed by a spline whose smoothness generalized cross-validation chooses. ``joint``
+    smooths all channels at once, with standard deviations, and finds what sensors are late by (:mod:`.joint_smoother`).
 
     RMS error of udot, vdot, rdot over the standard deviation of the true ones, Mariner zz35 with white noise of .5 % of
     the standard deviation on u, v, r; and the part of the KVLCC2's measured accelerations (HSVA, 20/5 zigzag, 20 Hz)
@@ -45,15 +49,21 @@ def accelerations(recording: Recording, method: Method = "smoother") -> Recordin
 
     Args:
         recording: Velocities over time.
-        method: ``exact``, ``central`` or ``smoother``.
+        method: ``exact``, ``central``, ``smoother`` or ``joint``.
+        delays: Channels whose sensor may be late; for ``joint``.
+        offsets: Channels whose sensor may be off; for ``joint``.
 
     Returns:
         The recording with udot, vdot [m/s^2], rdot [rad/s^2].
 
     Raises:
-        InputError: If the method is unknown, or exact accelerations are asked for and missing.
+        InputError: If the method is unknown or has no delays and offsets, or exact accelerations are asked for and
+            missing.
     """
     check_choice("accelerations", method, METHODS)
+    check_sensors(method, delays, offsets)
+    if method == "joint":
+        return smoothed_jointly(recording, delays, offsets)
     if method == "exact":
         if any(name not in recording.channels for name in ACCELERATION):
             raise InputError(
@@ -70,6 +80,27 @@ def accelerations(recording: Recording, method: Method = "smoother") -> Recordin
     smooth = {k: smoothed(recording.time, recording[k], None if unit is None else WINDOW * unit) for k in given}
     values = {k: value for k, (value, _) in smooth.items()}
     return recording.with_channels(**values, **{f"{k}dot": smooth[k][1] for k in ("u", "v", "r")})
+
+
+def check_sensors(method: str, delays: Sequence[str], offsets: Sequence[str]) -> None:
+    """Refuse delays and offsets where nothing estimates them.
+
+    Args:
+        method: How accelerations are formed.
+        delays: Channels whose sensor may be late.
+        offsets: Channels whose sensor may be off.
+
+    Raises:
+        InputError: If there are any, and the method is not ``joint``; or one is no channel.
+    """
+    for setting, names in (("delays", delays), ("offsets", offsets)):
+        if names and method != "joint":
+            raise InputError(
+                f"data.{setting}=[{','.join(names)}] is estimated by data.accelerations=joint only, not by {method}: "
+                f"write that, or leave data.{setting} out"
+            )
+        for name in names:
+            check_choice(f"data.{setting}", name, SMOOTHED)
 
 
 def taken_away(raw: Sequence[Recording], smooth: Sequence[Recording]) -> dict[str, float]:

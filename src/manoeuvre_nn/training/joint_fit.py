@@ -13,7 +13,7 @@ from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.dynamics.joint import first, improve, solve
-from manoeuvre_nn.dynamics.joint_problem import CHANNELS, DELAY, OFFSET, Estimate, Fault, Problem
+from manoeuvre_nn.dynamics.joint_problem import CHANNELS, Estimate, Fault, Problem, sensor_faults
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.dynamics.series_force import Prior, SeriesForce
 from manoeuvre_nn.network.series import Series
@@ -23,8 +23,6 @@ from manoeuvre_nn.training.fits import Fit
 from manoeuvre_nn.training.scalings import approach_scaling
 
 RESTING = "coefficients and noise at rest"
-LATEST, SHIFTED = 0.1, {"u": 0.02, "v": 0.02, "r": 0.02, "x": 0.1, "y": 0.1, "psi": 0.02}
-"""Standard deviation of what sensors may be late by, in L/U0, and off by, before any run is seen."""
 
 
 @dataclass(frozen=True)
@@ -169,7 +167,7 @@ class ClosedLoopFit(Fit):
                 check_choice(setting, channel, list(CHANNELS))
         self.trust = Trust(tuple(force), force_time, tuple(floor), learn_force)
         self.prior, self.enough = Prior(**(prior or {})), enough
-        self.faults = [Fault(c, DELAY, LATEST) for c in delays] + [Fault(c, OFFSET, SHIFTED[c]) for c in offsets]
+        self.faults = sensor_faults(delays, offsets)
         self.columns = SeriesForce(dynamics)
         count = self.columns.count
         self.register_buffer("values", torch.zeros(count, dtype=torch.float64))
