@@ -227,7 +227,10 @@ def test_all_channels_are_smoothed_at_once_and_a_late_one_is_moved_back(folder, 
         late = np.interp(table["t [s]"] - 1.0, table["t [s]"], table["psi [rad]"])
         noise = 2e-3 * np.random.default_rng(0).standard_normal(len(table))
         table.assign(**{"psi [rad]": late + noise}).to_csv(tmp_path / path.name, index=False)
-    (run,) = recorded(tmp_path, accelerations="joint", delays=["psi"], rate_hz=1.0).recordings
+    data = recorded(tmp_path, accelerations="joint", delays=["psi"], offsets=["u"], rate_hz=1.0)
+    (run,) = data.recordings
+    assert " Sensors are late by: zz35 psi " in data.describe()
+    assert " Sensors are off by: zz35 u " in data.describe()
     true = simulated(length=120.0, accelerations="exact").recordings[0]
     delay, error = run.meta["delays"]["psi"]
     assert abs(delay - 1.0) < 4 * error < 0.3

@@ -17,7 +17,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.frames import body_to_earth
-from manoeuvre_nn.core.recording import ACCELERATION, Recording
+from manoeuvre_nn.core.recording import ACCELERATION, UNITS, Recording
 from manoeuvre_nn.dynamics.joint import first, solve
 from manoeuvre_nn.dynamics.joint_problem import (
     CHANNELS,
@@ -88,6 +88,25 @@ def smoothed_jointly(recording: Recording, delays: Sequence[str] = (), offsets: 
         late = {k: tau + float(s) * second for (k, tau), s in zip(late.items(), step, strict=True)}
     told = {**recording.meta, **_sensors(found, units, given, faults, late)}
     return replace(recording.with_channels(**_read_off(recording, coarse.time, found, units)), meta=told)
+
+
+def sensors_in_words(recordings: Sequence[Recording]) -> str:
+    """What was found of sensors that may be late or off.
+
+    Args:
+        recordings: Smoothed ones.
+
+    Returns:
+        A sentence, with a blank before it; empty where nothing was asked for.
+    """
+    told = []
+    for run in recordings:
+        told += [f"{run.name} {k} {v:.2g} s ({e:.1g})" for k, (v, e) in run.meta.get("delays", {}).items()]
+    late = f" Sensors are late by: {', '.join(told)}." if told else ""
+    told = []
+    for run in recordings:
+        told += [f"{run.name} {k} {v:.2g} {UNITS[k]} ({e:.1g})" for k, (v, e) in run.meta.get("offsets", {}).items()]
+    return late + (f" Sensors are off by: {', '.join(told)}." if told else "")
 
 
 def _without(recording: Recording, late: dict[str, float]) -> Recording:

@@ -25,6 +25,7 @@ from manoeuvre_nn.recording.accelerations import METHODS, accelerations, check_s
 from manoeuvre_nn.recording.checks import check_recording
 from manoeuvre_nn.recording.held_out import HeldOut, simulated_references
 from manoeuvre_nn.recording.inspection import inspect_recording, summary_lines
+from manoeuvre_nn.recording.joint_smoother import sensors_in_words
 from manoeuvre_nn.recording.mapping import Mapping as ChannelMapping
 from manoeuvre_nn.recording.noise import add_noise, resample
 from manoeuvre_nn.recording.reader import read_recording, recordings_in
@@ -276,7 +277,10 @@ class SimulatedData(ManoeuvreData):
         noise = ", ".join(f"{k} {v:g}" for k, v in self.noise.items()) or "none"
         count = len(self.tuples.inputs)
         acting = f" with {in_words(self.effects)}" if self.effects else ""
-        return f"{count} tuples of the simulated {self.ship.particulars.name}{acting}: {names}; noise (SI): {noise}."
+        return (
+            f"{count} tuples of the simulated {self.ship.particulars.name}{acting}: {names}; noise (SI): {noise}."
+            + (sensors_in_words(self.recordings))
+        )
 
 
 class RecordedData(ManoeuvreData):
@@ -389,4 +393,5 @@ class RecordedData(ManoeuvreData):
             A sentence.
         """
         names = ", ".join(f"{r.name} ({r.duration:.0f} s)" for r in self.recordings)
-        return f"{len(self.tuples.inputs)} tuples of the measured {self.particulars.name}: {names}."
+        words = f"{len(self.tuples.inputs)} tuples of the measured {self.particulars.name}: {names}."
+        return words + sensors_in_words(self.recordings)

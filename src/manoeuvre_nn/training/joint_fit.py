@@ -88,7 +88,7 @@ def explained(
 
 def fit_series(
     network: Series, known: Ship, recordings: Sequence[Recording], *, prior: Prior = Prior(),  # noqa: B008
-    trust: Trust = USUAL_TRUST, passes: int = 20,
+    trust: Trust = USUAL_TRUST, passes: int = 20, faults: Sequence[Fault] = (),
 ) -> tuple[IdentifiedShip, Estimate]:  # fmt: skip
     """Fit a series to recordings without a trainer: for studies of many of them.
 
@@ -99,12 +99,13 @@ def fit_series(
         prior: What is known of the coefficients.
         trust: How far everything is believed.
         passes: Passes at most.
+        faults: Sensors' errors that are estimated in every run.
 
     Returns:
         The model and the estimate.
     """
     model = IdentifiedShip(known, network, approach_scaling(known))
-    problem = explained(model, recordings, prior, trust)
+    problem = explained(model, recordings, prior, trust, faults)
     found = solve(problem, first(problem, force=trust.force), passes=passes)
     count = problem.shared
     network.take(torch.as_tensor(found.values[:count]), torch.as_tensor(found.covariance[:count, :count]))
