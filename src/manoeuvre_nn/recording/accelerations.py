@@ -50,9 +50,10 @@ def accelerations(
 
     The spline adapts to white noise by itself, but takes the correlated errors of real sensors for the ship's motion.
     ``joint`` adapts too, and averages these away first; its errors are .72 to .99 of what it states for u, v, r and
-    their rates (1.3 for r and rdot where r is late and nobody asks). It is not the default all the same: a Taylor series on its accelerations predicts no better than one on those of
-    local cubics (``benchmarks/noise.py``: zz20 .071 and .067 L with .5 % of noise, .30 and .15 L with 2 %), unless a
-    sensor is late (r by 2 s: .064 and .423 L, .31 and .48 L).
+    their rates (1.3 for r and rdot where r is late and nobody asks). It is not the default all the same: a Taylor
+    series on its accelerations predicts no better than one on those of local cubics (``benchmarks/noise.py``: zz20 .071
+    and .067 L with .5 % of noise, .30 and .15 L with 2 %), unless a sensor is late (r by 2 s: .064 and .423 L, .31 and
+    .48 L).
 
     Args:
         recording: Velocities over time.
