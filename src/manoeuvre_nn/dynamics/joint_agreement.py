@@ -76,6 +76,20 @@ def widened(
     return wider * spread[:, None] * spread
 
 
+def honest_covariance(problem: Problem, found: Estimate) -> tuple[Float[np.ndarray, "p p"], float]:
+    """Covariance of the coefficients, as wide as stretches of the recordings disagree.
+
+    Args:
+        problem: The problem.
+        found: Its solution.
+
+    Returns:
+        The covariance, and the :func:`birge_ratio` that it was widened by.
+    """
+    ratio, count = birge_ratio(problem, found), problem.shared
+    return widened(found.covariance[:count, :count], problem.spread, ratio), ratio
+
+
 def _heard(
     normal: Float[np.ndarray, "p p"], gradient: Float[np.ndarray, " p"], covariance: Float[np.ndarray, "p p"]
 ) -> tuple[float, float]:

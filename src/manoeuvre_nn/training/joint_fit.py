@@ -13,6 +13,7 @@ from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.dynamics.joint import first, improve, solve
+from manoeuvre_nn.dynamics.joint_agreement import honest_covariance
 from manoeuvre_nn.dynamics.joint_problem import CHANNELS, Estimate, Fault, Problem, sensor_faults
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.dynamics.series_force import Prior, SeriesForce
@@ -107,9 +108,17 @@ def fit_series(
     model = IdentifiedShip(known, network, approach_scaling(known))
     problem = explained(model, recordings, prior, trust, faults)
     found = solve(problem, first(problem, force=trust.force), passes=passes)
-    count = problem.shared
-    network.take(torch.as_tensor(found.values[:count]), torch.as_tensor(found.covariance[:count, :count]))
+    _teach(network, problem, found)
     return model, found
+
+
+def _teach(network: Series, problem: Problem, found: Estimate) -> None:
+    """Give a series its coefficients; members, if it has more than one, are as far apart as stretches disagree."""
+    count = problem.shared
+    covariance = found.covariance[:count, :count]
+    if network.members > 1:
+        covariance, _ = honest_covariance(problem, found)
+    network.take(torch.as_tensor(found.values[:count]), torch.as_tensor(covariance))
 
 
 class ClosedLoopFit(Fit):
@@ -216,7 +225,7 @@ class ClosedLoopFit(Fit):
         self.values.copy_(torch.as_tensor(self.estimate.values[:count]))
         self.covariance.copy_(torch.as_tensor(self.estimate.covariance[:count, :count]))
         self.noise.copy_(torch.as_tensor(self.estimate.noise))
-        self.network.take(self.values, self.covariance)
+        _teach(self.network, self.problem, self.estimate)
         self.log("train/evidence", float(self.estimate.evidence))
         self.log("train/step", self.estimate.moved)
         for channel, sd in zip(CHANNELS, self.estimate.noise, strict=True):
