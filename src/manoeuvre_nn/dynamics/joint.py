@@ -28,8 +28,12 @@ from jaxtyping import Float
 from scipy.signal import savgol_filter
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.dynamics.joint_agreement import agreed_floor
 from manoeuvre_nn.dynamics.joint_problem import CHANNELS, FREEDOM, MOTION, Estimate, Problem, Track
 from manoeuvre_nn.dynamics.joint_run import Line
+
+SETTLE, SUNK = 3, 0.05
+"""Steps between two looks at the floor of the noise, and change of it over itself that is none."""
 
 
 def first(problem: Problem, noise: float = 0.01, force: Sequence[float] = (3e-4, 5e-4, 1e-3)) -> Estimate:
@@ -48,7 +52,7 @@ def first(problem: Problem, noise: float = 0.01, force: Sequence[float] = (3e-4,
     return Estimate(
         tuple(_smoothed(t, size) for t in problem.tracks), mean.copy(), np.full(6, noise), np.array(force, dtype=float),
         tuple(t.present for t in problem.tracks), tuple(np.ones((len(t) - 1, 3)) for t in problem.tracks),
-        np.diag(spread**2),
+        np.diag(spread**2), np.array(problem.floor, dtype=float),
     )  # fmt: skip
 
 
@@ -92,9 +96,33 @@ def improve(problem: Problem, now: Estimate) -> Estimate:
     spreads = tuple(line.state_covariance(covariance) for line in lines)
     new = replace(
         now, states=states, values=now.values + step, covariance=covariance, state_covariance=spreads, cost=cost,
-        evidence=evidence, moved=float(np.abs(step / spread).max(initial=0.0)),
+        evidence=evidence, moved=float(np.abs(step / spread).max(initial=0.0)), passes=now.passes + 1,
     )  # fmt: skip
-    return _with_noise(problem, new, lines)
+    new = _with_noise(problem, new, lines)
+    return replace(new, floor=agreed_floor(problem, new)) if _due(problem, new) else new
+
+
+def _due(problem: Problem, now: Estimate) -> bool:
+    """Whether the floor is to be looked at: not before everything else has followed the last change."""
+    return problem.learn_floor and now.passes % SETTLE == 0
+
+
+def at_rest(problem: Problem, before: Estimate, now: Estimate, enough: float = 1e-3) -> bool:
+    """Whether parameters, noise and floor rest.
+
+    Args:
+        problem: The problem.
+        before: The estimate before the last step.
+        now: That after it.
+        enough: Largest step of a parameter over its prior standard deviation, and largest change of a noise level over
+            itself times ten.
+
+    Returns:
+        True if another step would change little.
+    """
+    levels = np.concatenate([now.noise / before.noise, now.force / before.force])
+    looked = not problem.learn_floor or (_due(problem, now) and np.abs(now.floor / before.floor - 1).max() < SUNK)
+    return bool(looked and now.moved < enough and np.abs(levels - 1).max() < 10 * enough)
 
 
 def solve(problem: Problem, start: Estimate | None = None, *, passes: int = 15, enough: float = 1e-3) -> Estimate:
@@ -104,18 +132,15 @@ def solve(problem: Problem, start: Estimate | None = None, *, passes: int = 15, 
         problem: The problem.
         start: Where to start; by default :func:`first`.
         passes: Steps at most.
-        enough: Largest step of a parameter over its prior standard deviation, and largest change of a noise level over
-            itself times ten, at which it is done.
+        enough: See :func:`at_rest`.
 
     Returns:
         The estimate.
     """
     now = start or first(problem)
     for _ in range(passes):
-        new = improve(problem, now)
-        levels = np.concatenate([new.noise / now.noise, new.force / now.force])
-        now = new
-        if now.moved < enough and np.abs(levels - 1).max() < 10 * enough:
+        before, now = now, improve(problem, now)
+        if at_rest(problem, before, now, enough):
             break
     return now
 
@@ -143,7 +168,7 @@ def _with_noise(problem: Problem, new: Estimate, lines: Sequence[Line]) -> Estim
         weights.append(track.present * _weight(square, new.noise))
         total += (weights[-1] * square).sum(0)
         count += track.present.sum(0)
-    noise = np.maximum(np.sqrt(total / np.maximum(count, 1.0)), problem.floor)
+    noise = np.maximum(np.sqrt(total / np.maximum(count, 1.0)), new.floor)
     new = replace(new, noise=noise, weights=tuple(weights))
     return _with_force(new, lines) if problem.learn_force else new
 

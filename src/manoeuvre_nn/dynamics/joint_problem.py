@@ -132,6 +132,7 @@ class Problem:
         spread: Standard deviation of that.
         force_time: Correlation time of the coloured accelerations.
         floor: Noise of u, v, r, x, y, psi is never taken to be smaller: no model is better than that.
+        learn_floor: Whether the floor sinks as far as stretches of the runs still agree (:func:`.agreed_floor`).
         faults: Sensors' errors that are estimated in each run.
         learn_force: Whether the size of the coloured accelerations is estimated too.
         smooth: Whether the coloured accelerations are smooth: a whole ship's are, those that a model lacks are not.
@@ -146,6 +147,7 @@ class Problem:
     faults: Sequence[Fault] = ()
     learn_force: bool = False
     smooth: bool = False
+    learn_floor: bool = False
 
     @property
     def colour(self) -> Colour:
@@ -188,6 +190,8 @@ class Estimate:
         weights: Weight of every sample; outliers have little.
         calm: Weight of what is new in the coloured accelerations at every step; gusts have little.
         covariance: Of the parameters, states and everything else unknown included.
+        floor: What the noise is at least.
+        passes: Steps that were made.
         state_covariance: Of every sample's state; filled by :func:`improve`.
         cost: Half the sum of squares at which the step started.
         evidence: Log marginal likelihood by Laplace's method, up to a constant of the data.
@@ -201,6 +205,8 @@ class Estimate:
     weights: tuple[Float[np.ndarray, "_ 6"], ...]
     calm: tuple[Float[np.ndarray, "_ 3"], ...]
     covariance: Float[np.ndarray, "q q"]
+    floor: Float[np.ndarray, " 6"]
+    passes: int = 0
     state_covariance: tuple[Float[np.ndarray, "_ s s"], ...] = ()
     cost: float = np.inf
     evidence: float = -np.inf

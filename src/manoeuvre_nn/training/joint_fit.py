@@ -1,7 +1,7 @@
 """A fit of a series in closed loop: states and coefficients together, a pass an epoch."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from torch import Tensor
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Ship
-from manoeuvre_nn.dynamics.joint import first, improve, solve
+from manoeuvre_nn.dynamics.joint import at_rest, first, improve, solve
 from manoeuvre_nn.dynamics.joint_agreement import honest_covariance
 from manoeuvre_nn.dynamics.joint_problem import CHANNELS, Estimate, Fault, Problem, sensor_faults
 from manoeuvre_nn.dynamics.model import IdentifiedShip
@@ -37,12 +37,15 @@ class Trust:
         force_time: Correlation time of them in L/U0.
         floor: Noise of u, v, r, x, y, psi is never taken to be smaller, in U0, U0/L, L, rad: no model is better.
         learn_force: Whether ``force`` is estimated too.
+        learn_floor: Whether ``floor`` sinks as far as stretches of the recordings agree: it does for a model that is
+            right, and not for one that is not.
     """
 
     force: tuple[float, ...]
     force_time: float
     floor: tuple[float, ...]
     learn_force: bool
+    learn_floor: bool
 
     def __post_init__(self) -> None:
         """Check the numbers.
@@ -58,7 +61,7 @@ class Trust:
             raise InputError(f"fit.force_time={self.force_time}: expected L/U0, more than 0")
 
 
-USUAL_TRUST = Trust((1e-3, 1.5e-3, 3e-3), 1.0, (0.01, 0.01, 0.03, 0.02, 0.02, 0.03), learn_force=True)
+USUAL_TRUST = Trust((1e-3, 1.5e-3, 3e-3), 1.0, (0.01, 0.01, 0.03, 0.02, 0.02, 0.03), learn_force=True, learn_floor=True)
 """As in ``conf/fit/closed_loop.yaml``."""
 
 
@@ -83,7 +86,7 @@ def explained(
     mean, spread = prior.of(network.names, ship)
     return Problem(
         tracks, SeriesForce(model), mean, spread, force_time=trust.force_time, floor=np.array(trust.floor),
-        faults=faults, learn_force=trust.learn_force,
+        faults=faults, learn_force=trust.learn_force, learn_floor=trust.learn_floor,
     )  # fmt: skip
 
 
@@ -148,6 +151,7 @@ class ClosedLoopFit(Fit):
         force_time: float = 1.0,
         learn_force: bool = True,
         floor: Sequence[float] = (0.01, 0.01, 0.03, 0.02, 0.02, 0.03),
+        learn_floor: bool = True,
         prior: Mapping[str, float] | None = None,
         delays: Sequence[str] = (),
         offsets: Sequence[str] = (),
@@ -161,6 +165,7 @@ class ClosedLoopFit(Fit):
             force_time: See :class:`Trust`.
             learn_force: See :class:`Trust`.
             floor: See :class:`Trust`.
+            learn_floor: See :class:`Trust`.
             prior: Settings of :class:`.Prior`: Clarke's derivatives and how far they are believed.
             delays: Channels whose sensors' delay is estimated in every run.
             offsets: Channels whose sensors' offset is estimated in every run.
@@ -175,7 +180,7 @@ class ClosedLoopFit(Fit):
         for setting, channels in (("fit.delays", delays), ("fit.offsets", offsets)):
             for channel in channels:
                 check_choice(setting, channel, list(CHANNELS))
-        self.trust = Trust(tuple(force), force_time, tuple(floor), learn_force)
+        self.trust = Trust(tuple(force), force_time, tuple(floor), learn_force, learn_floor)
         self.prior, self.enough = Prior(**(prior or {})), enough
         self.faults = sensor_faults(delays, offsets)
         self.columns = SeriesForce(dynamics)
@@ -203,7 +208,9 @@ class ClosedLoopFit(Fit):
             shared = self.values.cpu().numpy()
             rest = np.zeros(len(self.estimate.values) - len(shared))
             start = np.concatenate([shared, rest])
-            self.estimate = Estimate(**{**vars(self.estimate), "values": start, "noise": self.noise.cpu().numpy()})
+            noise = self.noise.cpu().numpy()
+            floor = np.minimum(self.problem.floor, noise)
+            self.estimate = replace(self.estimate, values=start, noise=noise, floor=floor)
 
     @torch.no_grad()
     def training_step(self, batch: Batch, batch_idx: int) -> None:
@@ -230,7 +237,7 @@ class ClosedLoopFit(Fit):
         self.log("train/step", self.estimate.moved)
         for channel, sd in zip(CHANNELS, self.estimate.noise, strict=True):
             self.log(f"noise/{channel}", float(sd))
-        if self.estimate.moved < self.enough and np.abs(self.estimate.noise / before.noise - 1).max() < 0.01:
+        if at_rest(self.problem, before, self.estimate, self.enough):
             self.stopped = RESTING
         self.finish(batch, (self.unknown_force(batch[0]) - batch[1]).square().mean())
 
