@@ -6,7 +6,7 @@ import hydra
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
-from manoeuvre_nn.entry.guard import guarded
+from manoeuvre_nn.entry.guard import guarded, inside
 
 CONF = Path(__file__).parent / "conf"
 
@@ -18,9 +18,9 @@ def main(cfg: DictConfig) -> None:
     Args:
         cfg: The composed config.
     """
-    from manoeuvre_nn.entry.diagnosis_job import run_diagnosis  # torch takes seconds: --help need not wait for it
+    from manoeuvre_nn.entry.diagnosis_job import diagnose_all  # torch takes seconds: --help need not wait for it
 
-    run_diagnosis(cfg, Path(HydraConfig.get().runtime.output_dir), CONF)
+    inside(diagnose_all, cfg, Path(HydraConfig.get().runtime.output_dir), CONF)
 
 
 if __name__ == "__main__":

@@ -1,14 +1,18 @@
 """Identification in noise: the Mariner's zz35 at 1 Hz with noise on u, v, r, psi and a receiver's on x, y.
 
-    OMP_NUM_THREADS=1 python benchmarks/noise.py [seeds=8] [shares=0.005,0.02] [gps=0.5] [floor=1.0]
+    OMP_NUM_THREADS=1 python benchmarks/noise.py [seeds=8] [methods=abkowitz,...] [shares=0.005,0.02] [gps=0.5]
+        [floor=1.0] [late=0]
 
 Noise of u, v, r, psi is white, a share of the standard deviation of each channel. Judged by dev/L of zz20, tc25, tc10,
 which were not trained on: median and largest over the seeds. In closed loop: ``fit=closed_loop`` with each series as it
-is by default. Pointwise: a Taylor series on smoothed accelerations, as the score table of train.py has it.
+is by default. Pointwise: a Taylor series on smoothed accelerations, as the score table of train.py has it;
+``pointwise_joint``: all channels smoothed at once (``data.accelerations=joint``). ``late``: delay of r [s], which the
+closed loop and the joint smoother then estimate.
 """
 
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,6 +21,7 @@ import yaml
 
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.base import Dynamics
+from manoeuvre_nn.dynamics.joint_problem import sensor_faults
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.simulate import Problem, simulate
@@ -34,10 +39,10 @@ from manoeuvre_nn.training.joint_fit import USUAL_TRUST, fit_series
 
 SHIP = mariner()
 JUDGED = (zigzag(20.0), turning_circle(25.0), turning_circle(10.0))
-METHODS = ("abkowitz", "cubic", "modulus", "pointwise")
+METHODS = ("abkowitz", "cubic", "modulus", "pointwise", "pointwise_joint")
 
 
-def recorded(truth: Recording, share: float, gps: float, seed: int) -> Recording:
+def recorded(truth: Recording, share: float, gps: float, seed: int, late: float = 0.0) -> Recording:
     """What sensors wrote.
 
     Args:
@@ -45,33 +50,38 @@ def recorded(truth: Recording, share: float, gps: float, seed: int) -> Recording
         share: Noise of u, v, r, psi over their standard deviations [-].
         gps: Noise of x and y [m].
         seed: Of the noise.
+        late: Delay of r [s].
 
     Returns:
         The recording.
     """
     sd = {k: share * float(truth[k].std()) for k in ("u", "v", "r", "psi")}
-    return add_noise(truth, {**sd, "x": gps, "y": gps}, seed)
+    noisy = add_noise(truth, {**sd, "x": gps, "y": gps}, seed)
+    return noisy.with_channels(r=np.interp(truth.time - late, truth.time, noisy["r"]))
 
 
-def model_of(method: str, recording: Recording, floor: float) -> Dynamics:
+def model_of(method: str, recording: Recording, floor: float, delays: Sequence[str] = ()) -> Dynamics:
     """Fit a model.
 
     Args:
         method: One of :data:`METHODS`.
         recording: What is learnt from.
         floor: Factor on the least noise of the closed-loop fit, ``fit.floor`` [-].
+        delays: Channels whose delay is estimated, where the method can.
 
     Returns:
         The model.
     """
-    if method == "pointwise":
+    if method.startswith("pointwise"):
         known = clarke_part(SHIP)
-        return taylor_rung(known, to_tuples([accelerations(recording, "smoother")], known)).dynamics
+        joint = method == "pointwise_joint"
+        smooth = accelerations(recording, "joint", delays=delays) if joint else accelerations(recording, "smoother")
+        return taylor_rung(known, to_tuples([smooth], known)).dynamics
     conf = Path(__file__).parents[1] / "conf" / "network" / f"{method}.yaml"
     given = yaml.safe_load(conf.read_text())["network"]
     network = Series(given["surge"], given["lateral"])
     trust = replace(USUAL_TRUST, floor=tuple(floor * f for f in USUAL_TRUST.floor))
-    return fit_series(network, clarke_inertia_part(SHIP), [recording], trust=trust)[0]
+    return fit_series(network, clarke_inertia_part(SHIP), [recording], trust=trust, faults=sensor_faults(delays, ()))[0]
 
 
 def main(arguments: list[str]) -> None:
@@ -80,17 +90,25 @@ def main(arguments: list[str]) -> None:
     Args:
         arguments: See the module.
     """
-    given = {"seeds": "8", "shares": "0.005,0.02", "gps": "0.5", "floor": "1"} | dict(
-        a.split("=", 1) for a in arguments
-    )
+    usual = {
+        "seeds": "8",
+        "methods": ",".join(METHODS),
+        "shares": "0.005,0.02",
+        "gps": "0.5",
+        "floor": "1",
+        "late": "0",
+    }
+    given = usual | dict(a.split("=", 1) for a in arguments)
+    gps, floor, late = (float(given[k]) for k in ("gps", "floor", "late"))
     truth = simulate(Problem(CalmWater(SHIP), replace(zigzag(35.0), duration=360.0)))
     references = roll_out(CalmWater(SHIP), JUDGED)
     print("| noise | method | zz20 | tc25 | tc10 | CPU s |\n|---|---|---|---|---|---|")
     for share in map(float, given["shares"].split(",")):
-        for method in METHODS:
+        for method in given["methods"].split(","):
             began, rows = time.process_time(), []
             for seed in range(int(given["seeds"])):
-                model = model_of(method, recorded(truth, share, float(given["gps"]), seed), float(given["floor"]))
+                recording = recorded(truth, share, gps, seed, late)
+                model = model_of(method, recording, floor, ["r"] if late else [])
                 runs = roll_out(model, JUDGED)
                 rows.append([score(a, b, SHIP.particulars.length).dev_L for a, b in zip(runs, references, strict=True)])
             spent = (time.process_time() - began) / len(rows)

@@ -7,7 +7,7 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
 from manoeuvre_nn.entry.config import register_resolvers
-from manoeuvre_nn.entry.guard import guarded
+from manoeuvre_nn.entry.guard import guarded, inside
 
 CONF = Path(__file__).resolve().parents[1] / "conf"
 
@@ -19,9 +19,9 @@ def main(cfg: DictConfig) -> None:
     Args:
         cfg: The composed config.
     """
-    from manoeuvre_nn.entry.excitation_job import run_excitation  # torch takes seconds: --help need not wait for it
+    from manoeuvre_nn.entry.excitation_job import excite  # torch takes seconds: --help need not wait for it
 
-    run_excitation(cfg, Path(HydraConfig.get().runtime.output_dir), CONF)
+    inside(excite, cfg, Path(HydraConfig.get().runtime.output_dir), CONF)
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from manoeuvre_nn.dynamics.joint import first, improve, solve
+from manoeuvre_nn.dynamics.joint_colour import Colour
 from manoeuvre_nn.dynamics.joint_problem import DELAY, FREEDOM, OFFSET, Fault, NoForce, Problem, Track
 from manoeuvre_nn.dynamics.joint_run import INFORMATION, TIGHT
 
@@ -163,3 +164,49 @@ def test_without_information_the_prior_is_what_comes_out():
     found = solve(problem(still, mean=TRUTH, spread=np.full(6, 0.3)))
     assert np.abs(found.values[5] - TRUTH[5]) < 1e-6
     assert np.sqrt(found.covariance[5, 5]) == pytest.approx(0.3, rel=1e-6)
+
+
+@pytest.mark.parametrize("smooth", [False, True])
+def test_coloured_accelerations_have_the_covariance_of_their_process(smooth):
+    time = np.array([0.0, 0.1, 0.15, 0.6, 1.4, 1.5, 3.0])
+    colour, n = Colour(0.7, smooth), 7
+    size = colour.size
+    rows = np.zeros((n * size, n * size))
+    rows[:size, :size] = np.eye(size)
+    for k, (behind, ahead) in enumerate(zip(*colour.steps(np.diff(time)), strict=True)):
+        at = slice((k + 1) * size, (k + 2) * size)
+        rows[at, k * size : (k + 1) * size], rows[at, at] = behind, ahead
+    covariance = np.linalg.inv(rows.T @ rows)
+    x = np.abs(time[:, None] - time) / 0.7
+    np.testing.assert_allclose(covariance[::size, ::size], (1 + smooth * x) * np.exp(-x), atol=1e-9)
+    np.testing.assert_allclose(covariance[::size, 1::size], 0, atol=1e-12)
+    if smooth:  # the rate's covariance is minus the second derivative
+        np.testing.assert_allclose(covariance[3::size, 3::size], (1 - x) * np.exp(-x), atol=1e-9)
+
+
+@pytest.mark.parametrize("smooth", [False, True])
+def test_the_size_of_the_coloured_accelerations_is_found(smooth):
+    """Velocities that only such accelerations have moved, by exact steps of the process a hundredth of L/U0 long."""
+    random, sizes, n = np.random.default_rng(8), [], 1500
+    colour = Colour(1.0, smooth)
+    behind, ahead = (m[0] for m in colour.steps(np.array([0.01])))
+    back, new = -np.linalg.solve(ahead, behind), np.linalg.inv(ahead)
+    for _ in range(3):
+        coloured = np.zeros((n, colour.size))
+        coloured[0] = random.standard_normal(colour.size)
+        for k in range(1, n):
+            coloured[k] = back @ coloured[k - 1] + new @ random.standard_normal(colour.size)
+        pushed = 0.2 * coloured[:, :3]
+        nu = np.cumsum(0.005 * (pushed + np.vstack([np.zeros(3), pushed[:-1]])), axis=0) + [1.0, 0.0, 0.0]
+        measured = np.concatenate([nu, np.zeros((n, 3))], axis=1)
+        psi = np.cumsum(0.005 * (nu[:, 2] + np.append(0.0, nu[:-1, 2])))
+        rates = np.stack([
+            nu[:, 0] * np.cos(psi) - nu[:, 1] * np.sin(psi),
+            nu[:, 0] * np.sin(psi) + nu[:, 1] * np.cos(psi),
+        ])
+        measured[:, 3:5], measured[:, 5] = np.cumsum(0.01 * rates, axis=1).T, psi
+        seen = measured[::5] + 1e-3 * random.standard_normal(measured[::5].shape)
+        track = Track("pushed", 0.05 * np.arange(n // 5), seen)
+        free = Problem([track], NoForce(), np.zeros(0), np.zeros(0), learn_force=True, smooth=smooth)
+        sizes.append(solve(free, first(free, force=(0.1, 0.1, 0.1)), passes=40).force)
+    assert 0.2 * 0.75 < np.mean(sizes) < 0.2 * 1.25

@@ -83,7 +83,7 @@ def test_the_folder_holds_a_page_figures_and_findings(checked):
     assert {p.name for p in (out / "figures").iterdir()} == {"good.png", "late.png"}
     page = (out / "checks.html").read_text()
     assert re.findall(r"""(?:src|href)\s*=\s*["'](?!data:|#)""", page) == []
-    assert "too late: move r back" in page and "1 can be used as they are, 1 should be mended first" in page
+    assert "too late: move r back" in page and "1 can be used as it is, 1 should be mended first" in page
     assert [one.name for one in found] == ["good", "late"]
     assert (out / "config.yaml").is_file()
 
@@ -104,6 +104,8 @@ def test_findings_are_told_to_machines(checked):
 def test_the_terminal_says_what_to_write(checked):
     said = checked[2]
     assert "r: written down" in said and "late: channels.r.delay: " in said
+    page = (checked[0] / "checks.html").read_text()
+    assert "Write into the mapping" in page and "channels.r.delay: " in page
     assert "of 9 linear derivatives can be identified" in said and "checks.html" in said
 
 
@@ -161,9 +163,9 @@ def test_figures_shade_what_was_found_and_say_what_was_derived(checked):
     gap = Finding("gaps", "note", "", spans=((50.0, 60.0),))
     derived = replace(one.recording, meta={**one.recording.meta, "derived": ("r",)})
     marked = replace(one, findings=(gap,), recording=derived, flags={"u": np.arange(len(derived)) == 30})
-    figure = check_figure(marked)
+    figure = check_figure(marked, mariner_corrected().particulars)
     assert figure is not None
     said = [text.get_text() for axes in figure.axes for text in axes.texts]
     assert sorted(said) == ["derived", "nothing to compare: derived"]
     assert all(len(axes.patches) == 1 for axes in figure.axes if axes.get_ylabel() != "")
-    assert check_figure(replace(one, recording=None)) is None
+    assert check_figure(replace(one, recording=None), mariner_corrected().particulars) is None

@@ -127,6 +127,9 @@ def test_the_tankers_own_table_is_told_from_a_recording(tmp_path):
         (["terms=own", "ship=kvlcc2_hsva"], "no sum of known products"),
         (["run=nowhere"], "holds no coefficients.json"),
         (["inertia={mx: 1}"], "inertia="),
+        (["inertia={mx: heavy, my: 1, mz: 1}"], "inertia: mx=.heavy.: expected a number"),
+        (["inertia={mx: 1, my: .1, mz: .1, Yrdot: .2, Nvdot: .2}"], "no ship's"),
+        (["relative=much", "terms=own", "ship=esso_190k"], "relative=much: expected more than 0"),
         (["network=hull_rudder", "fit=ensemble"], "fit=closed_loop"),
         (["captive.file=none.csv", "captive.mapping=kvlcc2_hmri"], "does not exist"),
         (["captive.file=none.csv"], "captive.mapping is not given"),
@@ -145,6 +148,16 @@ def test_a_file_that_is_no_result_is_refused(tmp_path):
     (tmp_path / "coefficients.json").write_text("{}")
     with pytest.raises(InputError, match="was not written by"):
         told(tmp_path / "out", f"run={tmp_path}")
+
+
+def test_a_turn_that_is_never_steady_is_no_number_in_the_file_and_comes_back_as_none(run, tmp_path):
+    stored = json.loads((run / "coefficients.json").read_text())
+    turn = next(d for d in stored["derived"] if d["name"].startswith("r L/U0"))
+    turn |= {"value": float("nan"), "interval_95": [None, None]}
+    (tmp_path / "coefficients.json").write_text(json.dumps(stored))
+    again, said = told(tmp_path / "out", f"run={tmp_path}")
+    assert next(d for d in again["derived"] if d["name"] == turn["name"]) == turn | {"value": None}
+    assert "NaN" not in (tmp_path / "out" / "coefficients.json").read_text() and "nan" not in said
 
 
 def test_captive_settings_are_checked(run, tests_file, tmp_path):

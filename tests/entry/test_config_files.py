@@ -246,3 +246,11 @@ def test_advice_is_asked_of_an_ensemble_from_measured_files_too():
     with initialize_config_dir(str(CONF), version_base=None):
         cfg = compose("excite", ["data=files"])
     assert cfg.network["_target_"].endswith("HullRudder") and cfg.data["_target_"].endswith("RecordedData")
+
+
+def test_a_key_that_stands_twice_in_a_yaml_is_refused_with_its_line(tmp_path):
+    (tmp_path / "a.yaml").write_text("frame: body\nchannels:\n  u: {column: u, column: v}\n")
+    with pytest.raises(InputError, match="a.yaml, line 3 is no valid yaml: column stands twice"):
+        load_yaml(tmp_path / "a.yaml")
+    (tmp_path / "b.yaml").write_text("a: &x {b: 1}\nc: {<<: *x, d: 2}\n")
+    assert load_yaml(tmp_path / "b.yaml") == {"a": {"b": 1}, "c": {"b": 1, "d": 2}}

@@ -124,3 +124,19 @@ def test_a_folder_that_cannot_be_written_is_named_in_one_line(tmp_path, capsys):
     assert ended.value.code == 2
     told = capsys.readouterr().err
     assert "cannot write" in told and "hydra.run.dir" in told and told.count("\n") == 1
+
+
+def test_a_file_that_may_not_be_read_is_not_taken_for_one_that_cannot_be_written(tmp_path, monkeypatch, capsys):
+    path = tmp_path / "columns.yaml"
+    path.write_text("a: 1")
+    monkeypatch.setattr("os.access", lambda *_: False)
+    with pytest.raises(SystemExit) as caught, one_line():
+        raise PermissionError(13, "Permission denied", str(path))
+    assert caught.value.code == guard.WRONG_INPUT
+    assert capsys.readouterr().err == f"error: cannot read {path}: Permission denied; ask its owner, or copy it\n"
+
+
+@pytest.mark.parametrize("called", ["scripts/coefficients.py", "diagnose.py", "train.py"])
+def test_advice_names_the_command_that_was_typed(monkeypatch, composed, called):
+    monkeypatch.setattr("sys.argv", [f"/somewhere/{called}"])
+    assert f"python {called} --cfg job" in explain(raised(lambda: composed("nosuch=3")))

@@ -105,3 +105,10 @@ def test_a_file_that_is_missing_ends_in_one_line_and_code_2(tmp_path):
     done = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=tmp_path)
     assert done.returncode == 2 and done.stdout == ""
     assert done.stderr.strip().endswith("nowhere.csv: no such file") and done.stderr.count("\n") == 1
+
+
+def test_the_file_itself_is_never_overwritten(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text("t,u\n0,1\n")
+    with pytest.raises(InputError, match="is the file to be imported and would be lost"):
+        request([str(path), f"out={path}", "overwrite=true"], CONF)

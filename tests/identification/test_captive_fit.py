@@ -1,5 +1,7 @@
 """Captive tests beside free runs: made from the same coefficients they must agree."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pytest import approx
@@ -77,6 +79,18 @@ def test_a_coefficient_that_one_of_both_does_not_know_is_left_open():
     fit = fit_captive(towed(model_tests(), RATIO, U0), free())
     rows = {r.name: r for r in compare(free(error=0.9), fit)}
     assert rows["Y_uv"].word == "open"
+
+
+def test_what_no_test_shows_stays_what_was_known_before():
+    used = towed(model_tests(noise=1e-3), RATIO, U0)
+    amidships = used.motion[:, 3] == 0
+    drifts = replace(used, motion=used.motion[amidships], force=used.force[amidships])
+    before = replace(free(), mean=np.full(len(NAMES), 0.7), spread=np.full(len(NAMES), 0.2))
+    fit = fit_captive(drifts, before)
+    for output in (1, 2):
+        rudder, drift = (fit.names.index((output, t)) for t in ("d n n", "u v"))
+        assert fit.values[rudder] == approx(0.7) and fit.errors[rudder] == approx(0.2)
+        assert fit.errors[drift] < 0.02
 
 
 def test_the_inertia_with_which_both_agree_is_that_of_the_ship():

@@ -126,6 +126,22 @@ def test_stretches_of_a_ship_of_these_products_agree_and_of_another_ship_do_not(
     assert 0.5 < ratios[0] < 1.6 and ratios[1] > 2 * ratios[0]
 
 
+@pytest.mark.parametrize("right", [True, False])
+def test_a_floor_that_is_too_high_sinks_to_the_noise_of_the_sensors_if_the_model_is_right(right):
+    """It was ten times the noise. The tanker without cross-flow drag in sway and yaw is no tanker, and keeps it."""
+    force, mean, spread = of_tanker()
+    lame = np.where([not right and t in {"|v|v", "cross", "L|v|r"} for _, t in force.names], 1e-4, 1.0)
+    tracks = noisy(sailed("esso_190k", 3, 1.0)[0])
+    high = Problem(tracks, force, mean * lame, spread * lame, floor=10 * NOISE, learn_floor=True)
+    with unchecked():
+        found = solve(high, first(high, force=tuple(FORCE)), passes=40)
+    if right:
+        assert (found.floor < 0.2 * high.floor).all() and found.noise / NOISE == approx(1.0, abs=0.3)
+    else:
+        assert found.floor == approx(high.floor)
+    assert (found.noise >= found.floor).all()
+
+
 def test_the_tankers_own_table_is_fitted_to_a_recording():
     ship = ship_named("esso_190k")
     (track, *_) = noisy(sailed("esso_190k", 3, 1.0)[1])

@@ -49,6 +49,9 @@ def test_moments_about_another_point_are_carried_to_midship(tmp_path):
         ({"columns": {k: v for k, v in COLUMNS.items() if k != "N"}}, "columns has no N"),
         ({"columns": None}, "write columns: "),
         ({"area": "LB"}, "choose one of: LL, LT"),
+        ({"moment_point": "midship"}, "moment_point='midship'; write ship lengths"),
+        ({"rudder_positive_to": ["port"]}, "write starboard or port"),
+        ({"columns": COLUMNS | {"N": {"column": "N", "sign": [1]}}}, "sign of N is .1.; write 1 or -1"),
     ],
 )
 def test_a_table_that_makes_no_sense_is_refused(tmp_path, changes, message):

@@ -78,3 +78,28 @@ def test_a_sign_is_one_or_minus_one(columns):
 def test_a_mapping_without_time_is_refused():
     with pytest.raises(InputError, match="time is None"):
         mapping(channels={})
+
+
+@pytest.mark.parametrize("side", [["port"], None, 1])
+def test_a_side_that_is_no_word_is_refused(columns, side):
+    refused(columns, "rudder_positive_to", rudder_positive_to=side)
+
+
+@pytest.mark.parametrize("delimiter", [None, "", ";;", '"', "\n"])
+def test_what_parts_no_columns_is_refused(columns, delimiter):
+    refused(columns, "delimiter=.*write one character such as ; or the word whitespace", delimiter=delimiter)
+
+
+@pytest.mark.parametrize("sign", [[1], True, 2, "minus", None])
+def test_a_sign_that_is_none_is_refused(columns, sign):
+    refused(columns, "sign of u is .*; write 1 or -1", {"u": {"column": "u", "unit": "m/s", "sign": sign}})
+
+
+@pytest.mark.parametrize("heading", [True, None, ["u"]])
+def test_a_heading_that_yaml_took_for_something_else_is_refused(columns, heading):
+    refused(columns, "column of u is .*in quotation marks", {"u": {"column": heading, "unit": "m/s"}})
+
+
+def test_the_example_of_channels_is_one_of_channels():
+    with pytest.raises(InputError, match="channels is None; write e.g. channels: {psi"):
+        mapping(time={"column": "t", "unit": "s"}, channels=None)

@@ -1,6 +1,8 @@
 """Mappings proposed for recordings in many units, signs, axes and names read the same motion again."""
 
+import re
 from dataclasses import replace
+from time import monotonic
 
 import numpy as np
 import pandas as pd
@@ -217,3 +219,77 @@ def test_a_heading_cannot_break_out_of_its_line_in_the_yaml(zz20, ship, tmp_path
     content = yaml.safe_load(to_yaml(made))
     assert set(content) == {"_target_", *made.settings} and "evil" not in content
     assert content["channels"]["psi"]["column"] == choice(made, "psi").column
+
+
+def test_times_that_cannot_be_read_are_refused_and_no_other_column_is_taken_for_time(zz20, ship, export):
+    table = plain(zz20) | {"x": zz20["u"].mean() * zz20.time}
+    table["t"] = np.array([f"31.07.2020 13:{int(t) // 60:02d}:{int(t) % 60:02d}" for t in zz20.time])
+    with pytest.raises(InputError, match="column 't' is '31.07.2020 13:00:00'; expected seconds, 13:04:24.5 or"):
+        propose(export(table), ship)
+    with pytest.raises(InputError, match="no column of time"):
+        propose(export({k: v for k, v in table.items() if k != "t"}), ship)
+
+
+def test_headings_that_stand_twice_are_named(zz20, ship, export):
+    path = export(plain(zz20) | {"z": zz20["x"]})
+    path.write_text(path.read_text().replace("psi", "y", 1))
+    made = propose(path, ship)
+    assert made.notes[0] == "Several columns are called 'y' and are left out: rename them."
+    assert made.settings["kind"] == "record" and {"y", "psi"}.isdisjoint(c.channel for c in made.choices)
+
+
+def test_a_channel_that_stands_still_is_named(zz20, ship, export):
+    made = propose(export(plain(zz20) | {"psi": 0 * zz20["psi"]}), ship)
+    assert "Never moving, so that nothing can be compared with it: psi (psi); name another column." in made.notes
+
+
+def test_the_unit_of_a_small_rudder_angle_on_a_straight_course_is_the_one_that_is_stated(zz20, ship, export):
+    table = plain(zz20) | {"r": 0.001 * zz20["r"], "psi": 0.001 * zz20["psi"], "y": 0.001 * zz20["y"]}
+    table["v"] = 0.001 * zz20["v"]
+    delta = table.pop("delta") * 0.3 / np.abs(zz20["delta"]).max()
+    rudder = choice(propose(export(table | {"rudder_deg": delta}), ship), "delta")
+    assert (rudder.unit, rudder.decided) == ("deg", True)
+    rudder = choice(propose(export(plain(zz20) | {"rudder_deg": delta}), ship), "delta")
+    assert (rudder.unit, rudder.decided) == ("rad", False)
+
+
+@pytest.mark.parametrize(("heading", "size"), [("COG [rad]", 1.0), ("COG", 1.0), ("COG [deg]", 180 / np.pi)])
+def test_a_course_is_written_down_in_the_unit_that_it_was_read_in(zz20, ship, export, heading, size):
+    table = EXPORTS["gps"](zz20)
+    table[heading] = (np.radians(table.pop("COG")) + np.pi) % (2 * np.pi) - np.pi
+    table[heading] = table[heading] * size
+    made = propose(export(table), ship)
+    record = read_recording(made.file.path, made.mapping, ship)
+    assert np.abs(record["u"] - zz20["u"]).max() < 0.05 * zz20["u"].max()
+
+
+@pytest.mark.parametrize(
+    ("heading", "channel"),
+    [("vlängs (m/s)", "u"), ("Länge [°]", "lon"), ("Krängung (deg)", "phi"), ("timón", "delta"), ("Ψ", "psi")],
+)
+def test_letters_with_marks_are_read(heading, channel):
+    assert trust(channel, take_apart(heading)) > 0
+
+
+@pytest.mark.parametrize(
+    "text", ["a,b\n" + "1" * 100_000 + ",2\n", "(" * 100_000 + ",wind" * 3 + "\n1,2,3,4\n2,3,4,5\n"]
+)
+def test_endless_cells_are_refused_without_a_long_wait(tmp_path, text):
+    (tmp_path / "run.csv").write_text(text)
+    before = monotonic()
+    with pytest.raises(InputError):
+        propose(tmp_path / "run.csv")
+    assert monotonic() - before < 5.0
+
+
+def test_numbers_that_no_ship_reaches_are_refused(zz20, ship, export):
+    with pytest.raises(InputError, match="columns reach .*e.30., which no motion of a ship does"):
+        propose(export({k: v * (1.0 if k == "t" else 1e300) for k, v in plain(zz20).items()}), ship)
+
+
+def test_reasons_hold_no_empty_or_endless_numbers(zz20, ship, export):
+    units = {"t": "s", "u": "m/s", "v": "m/s", "x": "m", "y": "m"}
+    table = {f"{k} [{units[k]}]" if k in units else k: v for k, v in (plain(zz20) | {"t": zz20.time * 1e-12}).items()}
+    made = propose(export(table), ship)
+    said = [*made.reasons.values(), *(c.why for c in made.choices)]
+    assert not any("misfit ," in why or re.search(r"\d{6,}%", why) for why in said)

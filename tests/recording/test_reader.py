@@ -175,7 +175,7 @@ def test_a_word_among_numbers_is_refused_with_line_and_column(frame, write, colu
 
 def test_an_infinite_number_is_refused(frame, write, columns, ship):
     frame.loc[5, "u"] = np.inf
-    refused(write(frame), columns(), ship, "line 7: column 'u' is 'inf'")
+    refused(write(frame), columns(), ship, "line 7: column 'u' is inf; expected a finite number")
 
 
 def test_empty_cells_are_refused_with_their_count_and_first_line(frame, write, columns, ship):
@@ -225,3 +225,57 @@ def test_too_few_samples_are_refused(frame, write, columns, ship):
 
 def test_a_record_of_less_than_two_ship_lengths_is_refused(frame, write, columns, ship):
     refused(write(frame.iloc[:40]), columns(), ship, "too short a record: 40 samples over 39 s")
+
+
+def test_a_text_of_a_spreadsheet_in_utf_16_is_read(zz20, frame, write, columns, ship):
+    record = read_recording(write(frame.to_csv(index=False, sep="\t").encode("utf-16")), columns(delimiter="\t"), ship)
+    np.testing.assert_array_equal(record["u"], zz20["u"])
+
+
+def with_commas(frame):
+    return frame.map(lambda value: f"{value!r}".replace(".", ","))
+
+
+def test_decimal_commas_are_read_exactly_and_points_between_thousands_are_refused(zz20, frame, write, columns, ship):
+    text = with_commas(frame).to_csv(index=False, sep=";")
+    read = columns(delimiter=";", decimal="comma")
+    np.testing.assert_array_equal(read_recording(write(text), read, ship)["x"], zz20["x"])
+    lines = text.splitlines()
+    lines[40] = "1.039" + lines[40][2:]
+    refused(write("\n".join(lines)), read, ship, "line 41: column 't' is '1.039,0'; expected .* 0,25, with a comma")
+
+
+def test_a_decimal_comma_where_a_point_is_expected_names_the_setting(frame, write, columns, ship):
+    text = with_commas(frame).to_csv(index=False, sep=";")
+    refused(write(text), columns(delimiter=";"), ship, "expected .* 0.25, with a point; or write decimal: comma")
+
+
+@pytest.mark.parametrize("how", ["quoted", "blank lines", "blanks around", "carriage returns"])
+def test_texts_that_are_read_line_by_line_give_the_same_numbers(zz20, frame, write, columns, ship, how):
+    lines = frame.to_csv(index=False).splitlines()
+    text = {
+        "quoted": "\n".join('"' + line.replace(",", '","') + '"' for line in lines),
+        "blank lines": "\n,,\n".join(lines),
+        "blanks around": "\n".join(line.replace(",", " , ") for line in lines),
+        "carriage returns": "\r\n".join(lines),
+    }[how]
+    for name in ("u", "psi"):
+        np.testing.assert_array_equal(read_recording(write(text), columns(), ship)[name], zz20[name])
+
+
+def test_a_cell_of_endless_length_is_refused(frame, write, columns, ship):
+    lines = frame.to_csv(index=False).splitlines()
+    lines[9] = "1" * 200_000 + ',"' + lines[9]
+    refused(write("\n".join(lines)), columns(), ship, "line 10: 1 cells, expected 8")
+
+
+def test_a_line_with_a_cell_too_few_is_named(frame, write, columns, ship):
+    lines = frame.to_csv(index=False).splitlines()
+    lines[9] = lines[9].rpartition(",")[0]
+    refused(write("\n".join(lines)), columns(), ship, "line 10: 7 cells, expected 8: delete or mend this line")
+
+
+def test_a_file_that_may_not_be_read_is_refused(frame, write, columns, ship, monkeypatch):
+    path = write(frame)
+    monkeypatch.setattr("os.access", lambda *_: False)
+    refused(path, columns(), ship, "run.csv: may not be read")

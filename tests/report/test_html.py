@@ -95,3 +95,16 @@ def test_a_report_without_figures_and_tables_can_be_written(tmp_path):
         tmp_path / "r.html", title="t", summary="s", tables={}, figures={}, config_yaml="", versions={}, notes=[]
     )
     assert "table" not in Page(path.read_text()).tags[: Page(path.read_text()).tags.index("details")]
+
+
+def test_long_words_may_be_broken_and_an_empty_cell_stands_as_its_column_does(tmp_path):
+    rows = [{"what": "drift and yaw rate are not told apart in these runs", "why": None, "size": None},
+            {"what": "short", "why": "word", "size": 2.0}]  # fmt: skip
+    path = write_report(
+        tmp_path / "r.html", title="t", summary="s", tables={"a": rows}, figures={}, config_yaml="", versions={},
+        notes=["mind this"],
+    )  # fmt: skip
+    text = path.read_text()
+    assert '<td class="long">drift' in text and "td.long" in text and '<td class="text">short</td>' in text
+    assert text.count('<td class="text">–</td>') == 1 and text.count('<td class="number">–</td>') == 1
+    assert "Training" not in text and "What to know" in text

@@ -7,12 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tiny
+import torch
 import yaml
 from fleet import unchecked
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.dynamics.joint_agreement import honest_covariance
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
 from manoeuvre_nn.dynamics.rollout import roll_out
+from manoeuvre_nn.dynamics.series_force import Prior
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.network.series import Series
@@ -21,7 +24,7 @@ from manoeuvre_nn.recording.score import score
 from manoeuvre_nn.ship.known import clarke_inertia_part, clarke_part
 from manoeuvre_nn.ship.mariner import mariner
 from manoeuvre_nn.training.data import SimulatedData
-from manoeuvre_nn.training.joint_fit import RESTING, ClosedLoopFit, fit_series
+from manoeuvre_nn.training.joint_fit import RESTING, USUAL_TRUST, ClosedLoopFit, explained, fit_series
 from manoeuvre_nn.training.scalings import approach_scaling
 
 SHIP = mariner()
@@ -90,6 +93,27 @@ def test_a_fit_that_was_left_goes_on_from_its_coefficients(trained, tmp_path):
     tiny.train(again, tmp_path, data=noisy(), max_epochs=20, every=9, keep="last")
     errors = np.sqrt(np.diag(done.fit.covariance.numpy()))
     assert np.abs((again.values - done.fit.values).numpy() / errors).max() < 0.05
+
+
+def test_members_are_as_far_apart_as_runs_disagree():
+    """The rudder of the second run was written down a third too small: no coefficients are right for both."""
+    with unchecked():
+        runs = roll_out(CalmWater(SHIP), [replace(zigzag(a), duration=300.0) for a in (35.0, 30.0)])
+        one, other = (add_noise(r, SI, seed=k) for k, r in enumerate(runs))
+        trust = replace(USUAL_TRUST, floor=tuple(0.1 * f for f in USUAL_TRUST.floor))
+        recorded = [one, other.with_channels(delta=other["delta"] / 1.5)]
+        model, found = fit_series(abkowitz(40), KNOWN, recorded, trust=trust)
+        problem = explained(model, recorded, Prior(), trust)
+        covariance, ratio = honest_covariance(problem, found)
+    assert ratio > 2
+    count = problem.shared
+    narrow, wide = abkowitz(40), abkowitz(40)
+    for series, of in ((narrow, found.covariance[:count, :count]), (wide, covariance)):
+        series.take(torch.as_tensor(found.values[:count]), torch.as_tensor(of))
+    torch.testing.assert_close(model.network.coefficients, wide.coefficients)
+    rudder = narrow.names.index((2, "d"))
+    spread = [s.coefficients[:, s.used].detach()[1:, rudder].std() for s in (narrow, wide)]
+    assert spread[1] > 1.2 * spread[0]
 
 
 def test_runs_at_two_speeds_are_one_model_that_knows_a_third():

@@ -1,6 +1,7 @@
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import tiny
 import torch
@@ -178,7 +179,13 @@ def test_single_precision_reaches_the_batch():
         ({"rate_hz": float("nan")}, "data.rate_hz=nan", "expected a number more than 0"),
         ({"length": -5.0}, "data.length=-5.0", "expected a number more than 0"),
         ({"validation": 1.0}, "data.validation=1.0", "expected a share from 0 to below 1"),
-        ({"accelerations": "guess"}, "data.accelerations 'guess' is unknown", "auto, exact, central, smoother"),
+        ({"accelerations": "guess"}, "data.accelerations 'guess' is unknown", "auto, exact, central, smoother, joint"),
+        (
+            {"delays": ["psi"]},
+            "data.delays=[psi] is estimated by data.accelerations=joint only, not by auto",
+            "leave data.delays out",
+        ),
+        ({"accelerations": "joint", "delays": ["delta"]}, "data.delays 'delta' is unknown", "u, v, r, x, y, psi"),
         ({"manoeuvres": []}, "manoeuvre=[] names no manoeuvre", "write for instance manoeuvre=zz35"),
         ({"score": []}, "score=[] names no manoeuvre", "write for instance score=[zz20]"),
         ({"score": [zigzag(40.0)]}, "zz40 orders 40 deg of rudder; the Mariner stops at 35", "a smaller rudder_deg"),
@@ -214,6 +221,23 @@ def test_without_a_score_all_other_files_are_judged(folder):
     assert "tuples of the measured Mariner: zz35 (120 s)" in data.describe()
 
 
+def test_all_channels_are_smoothed_at_once_and_a_late_one_is_moved_back(folder, tmp_path):
+    for path in folder.glob("*.csv"):
+        table = pd.read_csv(path)
+        late = np.interp(table["t [s]"] - 1.0, table["t [s]"], table["psi [rad]"])
+        noise = 2e-3 * np.random.default_rng(0).standard_normal(len(table))
+        table.assign(**{"psi [rad]": late + noise}).to_csv(tmp_path / path.name, index=False)
+    data = recorded(tmp_path, accelerations="joint", delays=["psi"], offsets=["u"], rate_hz=1.0)
+    (run,) = data.recordings
+    assert " Sensors are late by: zz35 psi " in data.describe()
+    assert " Sensors are off by: zz35 u " in data.describe()
+    true = simulated(length=120.0, accelerations="exact").recordings[0]
+    delay, error = run.meta["delays"]["psi"]
+    assert abs(delay - 1.0) < 4 * error < 0.3
+    assert np.std(run["psi"] - true["psi"]) < 2e-3
+    assert (run["rdot_sd"] > 0).all() and len(run["rdot_sd"]) == 121
+
+
 def test_a_pattern_names_several_files(folder):
     data = recorded(folder, files=["zz*.csv"])
     assert [r.name for r in data.recordings] == ["zz20", "zz35"]
@@ -247,7 +271,7 @@ def test_a_folder_that_is_none_is_refused(folder):
         recorded(folder / "none")
 
 
-@pytest.mark.parametrize("method", ["auto", "central"])
+@pytest.mark.parametrize("method", ["auto", "central", "joint"])
 def test_a_further_manoeuvre_would_be_learnt_as_this_sets_own_are(method):
     data = simulated(noise={"v": 0.2, "r_deg_s": 0.1}, seed=4, accelerations=method)
     with unchecked():

@@ -109,7 +109,7 @@ def check_degrees(what: str, value: float, largest: float = 90.0) -> float:
     return value * DEGREE
 
 
-def side_sign(what: str, side: str) -> int:
+def side_sign(what: str, side: object) -> int:
     """Sign of a side.
 
     Args:
@@ -122,7 +122,7 @@ def side_sign(what: str, side: str) -> int:
     Raises:
         InputError: If it is neither.
     """
-    if side not in {"starboard", "port"}:
+    if not isinstance(side, str) or side not in {"starboard", "port"}:
         raise InputError(f"{what}={side!r}: write starboard or port")
     return 1 if side == "starboard" else -1
 

@@ -22,8 +22,10 @@ UNITS = {
     "thrust": "N", "torque": "N m", "wind_speed": "m/s", "wind_from": "rad", "wind_speed_relative": "m/s",
     "wind_from_relative": "rad",
 }  # fmt: skip
+UNITS |= {f"{k}_sd": UNITS[k] for k in ("u", "v", "r", "x", "y", "psi", "udot", "vdot", "rdot")}
 """Unit of every channel that the program knows; others are kept as they come. Wind directions say where it comes from,
-true ones clockwise from north, relative ones from the bow; they are continuous as psi is."""
+true ones clockwise from north, relative ones from the bow; they are continuous as psi is. ``_sd``: standard deviations
+that a smoother states."""
 
 
 @dataclass(frozen=True)

@@ -28,8 +28,12 @@ from jaxtyping import Float
 from scipy.signal import savgol_filter
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.dynamics.joint_problem import CHANNELS, FREEDOM, MOTION, SIZE, Estimate, Problem, Track
+from manoeuvre_nn.dynamics.joint_agreement import agreed_floor
+from manoeuvre_nn.dynamics.joint_problem import CHANNELS, FREEDOM, MOTION, Estimate, Problem, Track
 from manoeuvre_nn.dynamics.joint_run import Line
+
+SETTLE, SUNK = 3, 0.05
+"""Steps between two looks at the floor of the noise, and change of it over itself that is none."""
 
 
 def first(problem: Problem, noise: float = 0.01, force: Sequence[float] = (3e-4, 5e-4, 1e-3)) -> Estimate:
@@ -44,16 +48,17 @@ def first(problem: Problem, noise: float = 0.01, force: Sequence[float] = (3e-4,
         The start.
     """
     mean, spread = problem.prior
+    size = MOTION + problem.colour.size
     return Estimate(
-        tuple(_smoothed(t) for t in problem.tracks), mean.copy(), np.full(6, noise), np.array(force, dtype=float),
+        tuple(_smoothed(t, size) for t in problem.tracks), mean.copy(), np.full(6, noise), np.array(force, dtype=float),
         tuple(t.present for t in problem.tracks), tuple(np.ones((len(t) - 1, 3)) for t in problem.tracks),
-        np.diag(spread**2),
+        np.diag(spread**2), np.array(problem.floor, dtype=float),
     )  # fmt: skip
 
 
-def _smoothed(track: Track) -> Float[np.ndarray, "n 9"]:
+def _smoothed(track: Track, size: int) -> Float[np.ndarray, "n s"]:
     """Gaps filled by lines, then local cubics over half a length."""
-    states = np.zeros((len(track), SIZE))
+    states = np.zeros((len(track), size))
     values = track.measured if track.guess is None else np.where(track.present > 0, track.measured, track.guess)
     step = float(np.median(np.diff(track.time)))
     window = min(max(2 * round(0.25 / step) + 1, 5), (len(track) - 1) // 2 * 2 + 1)
@@ -91,9 +96,33 @@ def improve(problem: Problem, now: Estimate) -> Estimate:
     spreads = tuple(line.state_covariance(covariance) for line in lines)
     new = replace(
         now, states=states, values=now.values + step, covariance=covariance, state_covariance=spreads, cost=cost,
-        evidence=evidence, moved=float(np.abs(step / spread).max(initial=0.0)),
+        evidence=evidence, moved=float(np.abs(step / spread).max(initial=0.0)), passes=now.passes + 1,
     )  # fmt: skip
-    return _with_noise(problem, new, lines)
+    new = _with_noise(problem, new, lines)
+    return replace(new, floor=agreed_floor(problem, new)) if _due(problem, new) else new
+
+
+def _due(problem: Problem, now: Estimate) -> bool:
+    """Whether the floor is to be looked at: not before everything else has followed the last change."""
+    return problem.learn_floor and now.passes % SETTLE == 0
+
+
+def at_rest(problem: Problem, before: Estimate, now: Estimate, enough: float = 1e-3) -> bool:
+    """Whether parameters, noise and floor rest.
+
+    Args:
+        problem: The problem.
+        before: The estimate before the last step.
+        now: That after it.
+        enough: Largest step of a parameter over its prior standard deviation, and largest change of a noise level over
+            itself times ten.
+
+    Returns:
+        True if another step would change little.
+    """
+    levels = np.concatenate([now.noise / before.noise, now.force / before.force])
+    looked = not problem.learn_floor or (_due(problem, now) and np.abs(now.floor / before.floor - 1).max() < SUNK)
+    return bool(looked and now.moved < enough and np.abs(levels - 1).max() < 10 * enough)
 
 
 def solve(problem: Problem, start: Estimate | None = None, *, passes: int = 15, enough: float = 1e-3) -> Estimate:
@@ -103,18 +132,15 @@ def solve(problem: Problem, start: Estimate | None = None, *, passes: int = 15, 
         problem: The problem.
         start: Where to start; by default :func:`first`.
         passes: Steps at most.
-        enough: Largest step of a parameter over its prior standard deviation, and largest change of a noise level over
-            itself times ten, at which it is done.
+        enough: See :func:`at_rest`.
 
     Returns:
         The estimate.
     """
     now = start or first(problem)
     for _ in range(passes):
-        new = improve(problem, now)
-        levels = np.concatenate([new.noise / now.noise, new.force / now.force])
-        now = new
-        if now.moved < enough and np.abs(levels - 1).max() < 10 * enough:
+        before, now = now, improve(problem, now)
+        if at_rest(problem, before, now, enough):
             break
     return now
 
@@ -142,7 +168,7 @@ def _with_noise(problem: Problem, new: Estimate, lines: Sequence[Line]) -> Estim
         weights.append(track.present * _weight(square, new.noise))
         total += (weights[-1] * square).sum(0)
         count += track.present.sum(0)
-    noise = np.maximum(np.sqrt(total / np.maximum(count, 1.0)), problem.floor)
+    noise = np.maximum(np.sqrt(total / np.maximum(count, 1.0)), new.floor)
     new = replace(new, noise=noise, weights=tuple(weights))
     return _with_force(new, lines) if problem.learn_force else new
 
@@ -151,15 +177,17 @@ def _with_force(new: Estimate, lines: Sequence[Line]) -> Estimate:
     """Size of the coloured accelerations and weights of its gusts, likewise."""
     total, count, calm = np.zeros(3), 0, []
     for line, state in zip(lines, new.states, strict=True):
-        decay = line.decay[:, None]
-        fresh = (state[1:, MOTION:] - decay * state[:-1, MOTION:]) ** 2 + line.innovation_variance(new.covariance)
-        square = fresh / (1 - decay**2)
-        calm.append(_weight(square, new.force))
+        square = line.fresh(state) ** 2 + line.innovation_variance(new.covariance)
+        square = square.reshape(len(square), -1, 3).sum(1)
+        order = line.problem.colour.order
+        calm.append(_weight(square, new.force, order))
         total += (calm[-1] * square).sum(0)
-        count += len(square)
+        count += order * len(square)
     return replace(new, force=np.maximum(np.sqrt(total / count), 1e-7), calm=tuple(calm))
 
 
-def _weight(square: Float[np.ndarray, "n k"], scale: Float[np.ndarray, " k"]) -> Float[np.ndarray, "n k"]:
-    """Weight of samples whose expected square is given, under Student's t of a scale."""
-    return (FREEDOM + 1) / (FREEDOM + square / scale**2)
+def _weight(
+    square: Float[np.ndarray, "n k"], scale: Float[np.ndarray, " k"], size: int = 1
+) -> Float[np.ndarray, "n k"]:
+    """Weight of samples whose expected square is given, under Student's t of a scale in so many dimensions."""
+    return (FREEDOM + size) / (FREEDOM + square / scale**2)

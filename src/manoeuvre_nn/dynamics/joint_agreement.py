@@ -16,6 +16,10 @@ STRETCH = 10.0
 """Length of a stretch over L/U0: longer than the coloured accelerations last."""
 TELLS = 4.0
 """A stretch has a say in combinations of coefficients on which it has so many times the prior's information."""
+BOUND = 1.02
+"""Noise over the floor from which on the floor does nothing."""
+LOWEST = 0.03
+"""Least of a floor that sinks, over where it began."""
 
 
 def birge_ratio(problem: Problem, found: Estimate, stretch: float = STRETCH) -> float:
@@ -74,6 +78,39 @@ def widened(
     told = np.maximum(1 / np.clip(sizes, 1e-300, 1.0) - 1, 0.0)
     wider = (axes / (told / max(ratio, 1.0) + 1)) @ axes.T
     return wider * spread[:, None] * spread
+
+
+def agreed_floor(problem: Problem, found: Estimate) -> Float[np.ndarray, " 6"]:
+    """The floor of the noise at which stretches disagree on the coefficients by what it allows.
+
+    A floor stands for what a model is wrong by, and errors of a model are seen as stretches that disagree. Where they
+    agree better than the floor lets them, it is too high: their disagreement over it goes with its square.
+
+    Args:
+        problem: The problem.
+        found: Its solution, or nearly.
+
+    Returns:
+        Of u, v, r, x, y, psi: at most that of the problem, at least :data:`LOWEST` of it.
+    """
+    if (found.noise > BOUND * found.floor).all():
+        return found.floor
+    sunk = found.floor * np.sqrt(birge_ratio(problem, found))
+    return np.clip(sunk, LOWEST * problem.floor, problem.floor)
+
+
+def honest_covariance(problem: Problem, found: Estimate) -> tuple[Float[np.ndarray, "p p"], float]:
+    """Covariance of the coefficients, as wide as stretches of the recordings disagree.
+
+    Args:
+        problem: The problem.
+        found: Its solution.
+
+    Returns:
+        The covariance, and the :func:`birge_ratio` that it was widened by.
+    """
+    ratio, count = birge_ratio(problem, found), problem.shared
+    return widened(found.covariance[:count, :count], problem.spread, ratio), ratio
 
 
 def _heard(

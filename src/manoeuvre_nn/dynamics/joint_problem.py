@@ -8,13 +8,19 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float, Int
 
+from manoeuvre_nn.dynamics.joint_colour import Colour
+
 CHANNELS = ("u", "v", "r", "x", "y", "psi")
 """Measured channels and first states; the others are the coloured accelerations of surge, sway and yaw."""
-SIZE, MOTION = 9, 6
+MOTION = len(CHANNELS)
 FREEDOM = 4.0
 """Degrees of freedom of Student's t, the distribution of noise with outliers."""
+GAUSSIAN = 1.203
+"""Standard deviation of Gaussian noise over the scale of the Student's t that fits it best."""
 DELAY, OFFSET = "delay", "offset"
 """What a sensor may get wrong: it writes down too late, or too much."""
+LATEST, SHIFTED = 0.1, {"u": 0.02, "v": 0.02, "r": 0.02, "x": 0.1, "y": 0.1, "psi": 0.02}
+"""Standard deviation of what sensors may be late by, in L/U0, and off by, before any run is seen."""
 
 
 @runtime_checkable
@@ -101,6 +107,20 @@ class Fault:
     spread: float
 
 
+def sensor_faults(delays: Sequence[str], offsets: Sequence[str]) -> list[Fault]:
+    """Sensors' errors with their usual spread.
+
+    Args:
+        delays: Channels whose sensor may be late.
+        offsets: Channels whose sensor may be off.
+
+    Returns:
+        Delays, then offsets.
+    """
+    late = [Fault(c, DELAY, LATEST) for c in delays]
+    return late + [Fault(c, OFFSET, SHIFTED[c]) for c in offsets]
+
+
 @dataclass(frozen=True)
 class Problem:
     """What is to be explained, and by what.
@@ -112,8 +132,10 @@ class Problem:
         spread: Standard deviation of that.
         force_time: Correlation time of the coloured accelerations.
         floor: Noise of u, v, r, x, y, psi is never taken to be smaller: no model is better than that.
+        learn_floor: Whether the floor sinks as far as stretches of the runs still agree (:func:`.agreed_floor`).
         faults: Sensors' errors that are estimated in each run.
         learn_force: Whether the size of the coloured accelerations is estimated too.
+        smooth: Whether the coloured accelerations are smooth: a whole ship's are, those that a model lacks are not.
     """
 
     tracks: Sequence[Track]
@@ -124,6 +146,13 @@ class Problem:
     floor: Float[np.ndarray, " 6"] = field(default_factory=lambda: np.full(6, 1e-6))
     faults: Sequence[Fault] = ()
     learn_force: bool = False
+    smooth: bool = False
+    learn_floor: bool = False
+
+    @property
+    def colour(self) -> Colour:
+        """How the coloured accelerations go on from sample to sample."""
+        return Colour(self.force_time, self.smooth)
 
     @property
     def shared(self) -> int:
@@ -153,27 +182,32 @@ class Estimate:
     """How far the solution has come.
 
     Attributes:
-        states: u, v, r, x, y, psi and three coloured accelerations at every sample of each run.
+        states: u, v, r, x, y, psi and three coloured accelerations at every sample of each run, and the rates of these
+            where they are smooth.
         values: All parameters, see :attr:`Problem.prior`.
-        noise: Standard deviation of each channel.
+        noise: Scale of each channel's noise, Student's t; Gaussian noise has :data:`GAUSSIAN` times it.
         force: Standard deviation of the coloured accelerations.
         weights: Weight of every sample; outliers have little.
         calm: Weight of what is new in the coloured accelerations at every step; gusts have little.
         covariance: Of the parameters, states and everything else unknown included.
-        state_covariance: Of every sample's state, shape (n, 9, 9) a run; filled by :func:`improve`.
+        floor: What the noise is at least.
+        passes: Steps that were made.
+        state_covariance: Of every sample's state; filled by :func:`improve`.
         cost: Half the sum of squares at which the step started.
         evidence: Log marginal likelihood by Laplace's method, up to a constant of the data.
         moved: Largest step of a parameter over its prior standard deviation.
     """
 
-    states: tuple[Float[np.ndarray, "_ 9"], ...]
+    states: tuple[Float[np.ndarray, "_ s"], ...]
     values: Float[np.ndarray, " q"]
     noise: Float[np.ndarray, " 6"]
     force: Float[np.ndarray, " 3"]
     weights: tuple[Float[np.ndarray, "_ 6"], ...]
     calm: tuple[Float[np.ndarray, "_ 3"], ...]
     covariance: Float[np.ndarray, "q q"]
-    state_covariance: tuple[Float[np.ndarray, "_ 9 9"], ...] = ()
+    floor: Float[np.ndarray, " 6"]
+    passes: int = 0
+    state_covariance: tuple[Float[np.ndarray, "_ s s"], ...] = ()
     cost: float = np.inf
     evidence: float = -np.inf
     moved: float = np.inf

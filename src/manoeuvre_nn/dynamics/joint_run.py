@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.dynamics.banded import Chain
-from manoeuvre_nn.dynamics.joint_problem import CHANNELS, DELAY, FREEDOM, MOTION, SIZE, Estimate, Problem
+from manoeuvre_nn.dynamics.joint_problem import CHANNELS, DELAY, FREEDOM, MOTION, Estimate, Problem
 
 TIGHT = 3e-4
 """Standard deviation of what a step of one unit of time may miss the equations by beside the coloured acceleration."""
@@ -21,7 +21,7 @@ class Line:
     """A run's equations about its present states: rows of each step and sample, the states solved for.
 
     A step from sample k to k + 1 obeys the trapezoidal rule, ``s_{k+1} - s_k = h/2 (f_k + f_{k+1})``, and the coloured
-    accelerations decay by ``exp(-h / force_time)``.
+    accelerations go on as :class:`.Colour` says.
     """
 
     def __init__(self, problem: Problem, now: Estimate, run: int) -> None:
@@ -36,7 +36,7 @@ class Line:
         self.track, self.state = problem.tracks[run], now.states[run]
         self.places = np.concatenate([np.arange(problem.shared), problem.own(run)])
         self.h = np.diff(self.track.time)
-        self.decay = np.exp(-self.h / problem.force_time)
+        self.size = MOTION + problem.colour.size
         self._steps()
         self._samples()
         self._assemble()
@@ -47,24 +47,35 @@ class Line:
         columns = self.problem.force.columns(s[:, :MOTION], self.track.inputs)
         rate, slope = self._rate(columns @ theta, theta)
         self.rate = rate
-        eye = np.eye(SIZE)[:MOTION]
-        self.left, self.right = np.zeros((len(s) - 1, SIZE, SIZE)), np.zeros((len(s) - 1, SIZE, SIZE))
+        eye = np.eye(self.size)[:MOTION]
+        self.left, self.right = (np.zeros((len(s) - 1, self.size, self.size)) for _ in range(2))
         self.left[:, :MOTION] = -(eye + h / 2 * slope[:-1])
         self.right[:, :MOTION] = eye - h / 2 * slope[1:]
-        coloured = np.arange(MOTION, SIZE)
-        self.left[:, coloured, coloured] = -self.decay[:, None]
-        self.right[:, coloured, coloured] = 1.0
+        self.behind, self.ahead = self.problem.colour.steps(self.h)
+        self.left[:, MOTION:, MOTION:], self.right[:, MOTION:, MOTION:] = self.behind, self.ahead
         self.missed = np.concatenate(
             [
                 s[1:, :MOTION] - s[:-1, :MOTION] - self.h[:, None] / 2 * (rate[:-1] + rate[1:]),
-                s[1:, MOTION:] - self.decay[:, None] * s[:-1, MOTION:],
+                self.fresh(s),
             ],
             axis=1,
         )
         self.pushed = -h / 2 * (columns[:-1] + columns[1:])
         tight = np.repeat(1 / (TIGHT**2 * self.h)[:, None], MOTION, axis=1)
-        free = self.now.calm[self.run] / (self.now.force**2 * (1 - self.decay**2)[:, None])
+        free = np.tile(self.now.calm[self.run] / self.now.force**2, self.problem.colour.order)
         self.precision = np.concatenate([tight, free], axis=1)
+
+    def fresh(self, state: Float[np.ndarray, "n s"]) -> Float[np.ndarray, "m c"]:
+        """What is new in the coloured accelerations at each step, of their variance.
+
+        Args:
+            state: States.
+
+        Returns:
+            Innovations.
+        """
+        coloured = state[:, MOTION:, None]
+        return (self.ahead @ coloured[1:] + self.behind @ coloured[:-1])[:, :, 0]
 
     def _rate(self, force: Float[np.ndarray, "n 3"], theta: Float[np.ndarray, " p"]) -> tuple[np.ndarray, np.ndarray]:
         """Rates of the motion and their derivatives by the state."""
@@ -72,16 +83,16 @@ class Line:
         u, v, psi = s[:, 0], s[:, 1], s[:, 5]
         cos, sin = np.cos(psi), np.sin(psi)
         rate = np.empty((len(s), MOTION))
-        rate[:, :3] = force + s[:, MOTION:]
+        rate[:, :3] = force + s[:, MOTION : MOTION + 3]
         rate[:, 3], rate[:, 4], rate[:, 5] = u * cos - v * sin, u * sin + v * cos, s[:, 2]
-        slope = np.zeros((len(s), MOTION, SIZE))
+        slope = np.zeros((len(s), MOTION, self.size))
         for k in (0, 1, 2, 5) if len(theta) else ():
             nudge = NUDGE * np.eye(MOTION)[k]
             ahead, behind = (
                 self.problem.force.columns(s[:, :MOTION] + sign * nudge, self.track.inputs) for sign in (1, -1)
             )
             slope[:, :3, k] = (ahead - behind) @ theta / (2 * NUDGE)
-        slope[:, range(3), range(MOTION, SIZE)] = 1.0
+        slope[:, range(3), range(MOTION, MOTION + 3)] = 1.0
         slope[:, 3, 0], slope[:, 3, 1], slope[:, 3, 5] = cos, -sin, -rate[:, 4]
         slope[:, 4, 0], slope[:, 4, 1], slope[:, 4, 5] = sin, cos, rate[:, 3]
         slope[:, 5, 2] = 1.0
@@ -105,20 +116,21 @@ class Line:
         """The chain of the states, and the parameters' equations with the states taken out."""
         shared, faults = self.problem.shared, len(self.problem.faults)
         left, right = (m.transpose(0, 2, 1) * self.precision[:, None, :] for m in (self.left, self.right))
-        diagonal = np.zeros((len(self.state), SIZE, SIZE))
+        diagonal = np.zeros((len(self.state), self.size, self.size))
         diagonal[:-1] += left @ self.left
         diagonal[1:] += right @ self.right
-        motion, coloured = np.arange(MOTION), np.arange(MOTION, SIZE)
+        motion, coloured = np.arange(MOTION), np.arange(MOTION, self.size)
+        first = np.tile(1 / self.now.force**2, self.problem.colour.order)
         diagonal[:, motion, motion] += self.trust
-        diagonal[0, coloured, coloured] += 1 / self.now.force**2
-        sides = np.zeros((len(self.state), SIZE, 1 + shared + faults))
-        wide = np.zeros((len(self.h), SIZE, 1 + shared))
+        diagonal[0, coloured, coloured] += first
+        sides = np.zeros((len(self.state), self.size, 1 + shared + faults))
+        wide = np.zeros((len(self.h), self.size, 1 + shared))
         wide[:, :, 0], wide[:, :3, 1:] = self.missed, self.pushed
         sides[:-1, :, : 1 + shared] += left @ wide
         sides[1:, :, : 1 + shared] += right @ wide
         seen = np.concatenate([self.residual[:, :, None], self.marks], axis=2)
         sides[:, :MOTION, [0, *range(1 + shared, 1 + shared + faults)]] += self.trust[:, :, None] * seen
-        sides[0, coloured, 0] += self.state[0, MOTION:] / self.now.force**2
+        sides[0, coloured, 0] += self.state[0, MOTION:] * first
         self.chain = Chain(diagonal, right @ self.left)
         self.white = self.chain.whiten(sides)
         gram = np.zeros((1 + shared + faults,) * 2)
@@ -127,7 +139,7 @@ class Line:
         looked = (seen * np.sqrt(self.trust)[:, :, None]).reshape(-1, 1 + faults)
         own = [0, *range(1 + shared, 1 + shared + faults)]
         gram[np.ix_(own, own)] += looked.T @ looked
-        gram[0, 0] += float((self.state[0, MOTION:] ** 2 / self.now.force**2).sum())
+        gram[0, 0] += float((self.state[0, MOTION:] ** 2 * first).sum())
         reduced = gram - self.white.T @ self.white
         self.cost, self.normal, self.gradient = 0.5 * float(gram[0, 0]), reduced[1:, 1:], reduced[1:, 0]
 
@@ -136,10 +148,11 @@ class Line:
         """Logarithm of all normalising constants, the states integrated out."""
         there = self.track.present > 0
         noise = float(np.where(there, 0.5 * np.log(np.where(there, self.trust, 1.0)), 0.0).sum())
-        steps = 0.5 * float(np.log(self.precision).sum()) - float(np.log(self.now.force).sum())
+        steps = 0.5 * float(np.log(self.precision).sum()) + float(np.linalg.slogdet(self.ahead)[1].sum())
+        steps -= self.problem.colour.order * float(np.log(self.now.force).sum())
         return noise + steps - 0.5 * self.chain.log_det
 
-    def moved(self, step: Float[np.ndarray, " p"]) -> Float[np.ndarray, "n 9"]:
+    def moved(self, step: Float[np.ndarray, " p"]) -> Float[np.ndarray, "n s"]:
         """States after a step of the parameters.
 
         Args:
@@ -151,11 +164,11 @@ class Line:
         return self.state - self.chain.unwhiten(self.white @ np.concatenate([[1.0], step])[:, None])[:, :, 0]
 
     @cached_property
-    def _by_parameters(self) -> Float[np.ndarray, "n 9 p"]:
+    def _by_parameters(self) -> Float[np.ndarray, "n s p"]:
         """How the states follow the parameters."""
         return -self.chain.unwhiten(np.asfortranarray(self.white[:, 1:]))
 
-    def state_covariance(self, covariance: Float[np.ndarray, "q q"]) -> Float[np.ndarray, "n 9 9"]:
+    def state_covariance(self, covariance: Float[np.ndarray, "q q"]) -> Float[np.ndarray, "n s s"]:
         """Of every sample's state, that of the parameters included.
 
         Args:
@@ -168,7 +181,7 @@ class Line:
         own = covariance[np.ix_(self.places, self.places)]
         return self.chain.covariances[0] + follow @ own @ follow.transpose(0, 2, 1)
 
-    def innovation_variance(self, covariance: Float[np.ndarray, "q q"]) -> Float[np.ndarray, "m 3"]:
+    def innovation_variance(self, covariance: Float[np.ndarray, "q q"]) -> Float[np.ndarray, "m c"]:
         """Posterior variance of what is new in the coloured accelerations at each step.
 
         Args:
@@ -177,10 +190,12 @@ class Line:
         Returns:
             Variances.
         """
-        (on, below), decay = self.chain.covariances, self.decay[:, None]
-        k = np.arange(MOTION, SIZE)
-        chain = on[1:, k, k] + decay**2 * on[:-1, k, k] - 2 * decay * below[:, k, k]
+        on, below = (m[:, MOTION:, MOTION:] for m in self.chain.covariances)
+        chain = self.ahead @ on[1:] @ self.ahead.transpose(0, 2, 1) + self.behind @ on[:-1] @ self.behind.transpose(
+            0, 2, 1
+        )
+        chain += 2 * self.ahead @ below @ self.behind.transpose(0, 2, 1)
         follow = self._by_parameters[:, MOTION:]
-        new = follow[1:] - decay[:, :, None] * follow[:-1]
+        new = self.ahead @ follow[1:] + self.behind @ follow[:-1]
         own = covariance[np.ix_(self.places, self.places)]
-        return chain + np.einsum("nip,pq,niq->ni", new, own, new)
+        return np.einsum("nii->ni", chain) + np.einsum("nip,pq,niq->ni", new, own, new)

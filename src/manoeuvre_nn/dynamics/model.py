@@ -206,16 +206,7 @@ class IdentifiedShip(Dynamics):
     def at_shaft(
         self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"], shaft: Float[Tensor, "*batch"]
     ) -> Float[Tensor, "*batch 3"]:
-        """Accelerations at a shaft speed: through a series' own n where it has one.
-
-        Args:
-            nu: u, v [m/s], r [rad/s].
-            delta: Rudder angle [rad].
-            shaft: Shaft speed over the nominal one [-].
-
-        Returns:
-            udot, vdot [m/s^2], rdot [rad/s^2].
-        """
+        """Through a series' own n where it has one, see :meth:`Dynamics.at_shaft`."""
         if not isinstance(self.network, Series) or self.network.speed_law != "shaft":
             return super().at_shaft(nu, delta, shaft)
         unknown = self.scaling.restore(self.network(self._inputs_at_shaft(nu, delta, shaft)))

@@ -21,12 +21,13 @@ from manoeuvre_nn.recording.finding import Finding
 from manoeuvre_nn.recording.inspection import Inspection, inspect_file
 from manoeuvre_nn.recording.mapping import Mapping
 from manoeuvre_nn.recording.reader import recordings_in
+from manoeuvre_nn.recording.thinning import thinned
 from manoeuvre_nn.report.check_figures import check_figure
 from manoeuvre_nn.report.check_tables import (
     checks_json,
     finding_rows,
     overview_rows,
-    remedy_lines,
+    remedy_rows,
     sentence,
     together_rows,
     trouble_rows,
@@ -36,6 +37,7 @@ from manoeuvre_nn.report.tables import rich_table
 from manoeuvre_nn.training.settings import expand
 
 PAGE, RESULT = "checks.html", "findings.json"
+REMEDIES = "Write into the mapping"
 LONG = 6
 """Recordings up to which the terminal shows notes too."""
 
@@ -51,13 +53,11 @@ def run_checks(cfg: DictConfig, out: Path, conf: Path) -> None:
     Raises:
         SystemExit: With code 2 if a file is refused.
     """
-    with guard.one_line():
-        found = check(cfg, out, conf, Console())
-    if any(one.verdict == "refuse" for one in found):
+    if any(one.verdict == "refuse" for one in guard.inside(check, cfg, out, conf)):
         raise SystemExit(guard.WRONG_INPUT)
 
 
-def check(cfg: DictConfig, out: Path, conf: Path, console: Console) -> list[Inspection]:
+def check(cfg: DictConfig, out: Path, conf: Path, console: Console | None = None) -> list[Inspection]:
     """Check all files and write everything.
 
     Args:
@@ -69,11 +69,12 @@ def check(cfg: DictConfig, out: Path, conf: Path, console: Console) -> list[Insp
     Returns:
         What was found, file by file.
     """
+    console = console or Console()
     use_threads(1)
     drawn = configs.switch("figures", cfg.figures)
     ship, known = known_part(cfg)
     particulars = ship if isinstance(ship, Particulars) else ship.particulars
-    paths, columns = _files(cfg), _mapping(cfg, conf)
+    paths, columns = _files(cfg), configs.build(configs.load_mapping(cfg.data.mapping, conf / "recording"))
     write_provenance(cfg, out)
     found = []
     with console.status("checking") as status:
@@ -82,7 +83,7 @@ def check(cfg: DictConfig, out: Path, conf: Path, console: Console) -> list[Insp
             found.append(_with_information(inspect_file(path, columns, particulars), known))
         together = _all_together(found, known)
         status.update("drawing")
-        figures = _figures(found, out) if drawn else {}
+        figures = _figures(found, particulars, out) if drawn else {}
     _write(found, together, columns, figures, cfg, out)
     _print(found, together, columns, out, console)
     return found
@@ -101,35 +102,27 @@ def _files(cfg: DictConfig) -> list[Path]:
     return there
 
 
-def _mapping(cfg: DictConfig, conf: Path) -> Mapping:
-    """The mapping, by path or by name."""
-    if cfg.data.mapping is None:
-        there = ", ".join(sorted(p.stem for p in (conf / "recording").glob("*.yaml")))
-        raise InputError(f"data.mapping is not given: write the path of a yaml that maps columns, or one of: {there}")
-    return configs.build(configs.load_mapping(cfg.data.mapping, conf / "recording"))
-
-
 def _with_information(one: Inspection, known: Ship) -> Inspection:
     """Findings on what the record can identify, for one whose units are right."""
     clean = one.clean
     if clean is None or one.verdict == "refuse":
         return one
-    return one.adding(excitation_findings([clean], known))
+    return one.adding(excitation_findings([thinned(clean, known.particulars)], known))
 
 
 def _all_together(found: Sequence[Inspection], known: Ship) -> list[Finding]:
     """What several records can identify together."""
     clean = [one.clean for one in found if one.verdict != "refuse"]
-    usable = [c for c in clean if c is not None]
+    usable = [thinned(c, known.particulars) for c in clean if c is not None]
     return excitation_findings(usable, known) if len(usable) > 1 else []
 
 
-def _figures(found: Sequence[Inspection], out: Path) -> dict[str, Figure]:
+def _figures(found: Sequence[Inspection], ship: Particulars, out: Path) -> dict[str, Figure]:
     """A page for each recording, written as PNG too."""
     (out / "figures").mkdir(parents=True, exist_ok=True)
     made = {}
     for one in found:
-        figure = check_figure(one)
+        figure = check_figure(one, ship)
         if figure is not None:
             figure.savefig(out / "figures" / f"{one.name}.png", dpi=110)
             made[f"{one.name}/channels"] = figure
@@ -145,7 +138,8 @@ def _write(
     out: Path,
 ) -> None:
     """Page and JSON."""
-    tables = {"Recordings": overview_rows(found), "Sensors, over all recordings": together_rows(found)}
+    tables = {"Recordings": overview_rows(found), REMEDIES: remedy_rows(found, columns)}
+    tables["Sensors, over all recordings"] = together_rows(found)
     if together:
         tables["All recordings together"] = finding_rows(Inspection("", tuple(together)))
     tables |= {one.name: finding_rows(one) for one in found}
@@ -157,7 +151,7 @@ def _write(
         figures=figures,
         config_yaml=yaml.safe_dump(resolved(cfg), sort_keys=False, allow_unicode=True),
         versions=versions(),
-        unfolded=("Recordings", "Sensors, over all recordings"),
+        unfolded=("Recordings", REMEDIES, "Sensors, over all recordings"),
     )
     told = checks_json(found, columns, together, versions())
     (out / RESULT).write_text(json.dumps(told, indent=1), encoding="utf-8")
@@ -183,10 +177,9 @@ def _print(
 
 def _print_remedies(found: Sequence[Inspection], columns: Mapping, console: Console) -> None:
     """Settings of the mapping, recording by recording."""
-    lines = {one.name: remedy_lines(one, columns) for one in found}
-    lines = {name: told for name, told in lines.items() if told}
-    if not lines:
+    rows = remedy_rows(found, columns)
+    if not rows:
         return
-    console.print("Write into the mapping:", highlight=False)
-    for name, told in lines.items():
-        console.print(f"  {name}: {'; '.join(told)}", highlight=False)
+    console.print(f"{REMEDIES}:", highlight=False)
+    for row in rows:
+        console.print(f"  {row['recording']}: {row['settings']}", highlight=False)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from manoeuvre_nn.dynamics.joint_agreement import birge_ratio, widened
+from manoeuvre_nn.dynamics.joint_agreement import honest_covariance
 from manoeuvre_nn.dynamics.joint_problem import Estimate, Problem
 from manoeuvre_nn.entry.provenance import versions
 from manoeuvre_nn.identification.coefficients import Fitted, approach_inertia, form_of
@@ -66,8 +66,7 @@ def coefficients_of(fit: ClosedLoopFit, problem: Problem, found: Estimate, sourc
         Coefficients and what follows from them.
     """
     known, network, count = fit.dynamics.known, fit.network, fit.columns.count
-    ratio, values = birge_ratio(problem, found), found.values[:count]
-    covariance = widened(found.covariance[:count, :count], problem.spread, ratio)
+    values, (covariance, ratio) = found.values[:count], honest_covariance(problem, found)
     fitted = Fitted(
         tuple(network.names), values, covariance, problem.mean, problem.spread, approach_inertia(known),
         form_of(network.terms),

@@ -1,7 +1,7 @@
 """The job of ``scripts/coefficients.py``: coefficients with intervals from recordings, beside captive tests."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,6 @@ from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.joint import first, solve
 from manoeuvre_nn.entry import config as configs
-from manoeuvre_nn.entry import guard
 from manoeuvre_nn.entry.coefficient_report import RESULT, coefficients_of, write_coefficients
 from manoeuvre_nn.entry.job import make_fit, prepare
 from manoeuvre_nn.entry.provenance import resolved, versions, write_provenance
@@ -25,6 +24,7 @@ from manoeuvre_nn.identification.coefficients import fitted_from
 from manoeuvre_nn.identification.linear_motion import Derived, derived
 from manoeuvre_nn.identification.own_terms import Known, fit_own_terms
 from manoeuvre_nn.recording.captive import CaptiveTests, read_captive
+from manoeuvre_nn.recording.mapping import is_number
 from manoeuvre_nn.report.coefficient_tables import (
     Beside,
     Coefficients,
@@ -43,19 +43,7 @@ CAPTIVE_TESTS = "manoeuvre_nn.recording.captive.captive_mapping"
 INERTIA = ("mx", "my", "mz", "Yrdot", "Nvdot")
 
 
-def run_coefficients(cfg: DictConfig, out: Path, conf: Path) -> None:
-    """Run the command; wrong input ends in one line.
-
-    Args:
-        cfg: The config.
-        out: Output folder.
-        conf: The folder ``conf``.
-    """
-    with guard.one_line():
-        tell(cfg, out, conf, Console())
-
-
-def tell(cfg: DictConfig, out: Path, conf: Path, console: Console) -> Coefficients:
+def tell(cfg: DictConfig, out: Path, conf: Path, console: Console | None = None) -> Coefficients:
     """Fit or read coefficients, set captive tests beside them, and write everything.
 
     Args:
@@ -70,6 +58,7 @@ def tell(cfg: DictConfig, out: Path, conf: Path, console: Console) -> Coefficien
     Raises:
         InputError: If settings do not go together.
     """
+    console = console or Console()
     use_threads(1)
     check_choice("terms", cfg.terms, ["network", "own"])
     if cfg.captive.file is not None and cfg.terms == "own":
@@ -105,10 +94,7 @@ def _fitted(cfg: DictConfig, conf: Path, console: Console) -> Coefficients:
     with console.status("fitting in closed loop"):
         job.data.setup(stage=None)
         fit = make_fit(cfg, job)
-        if not isinstance(fit, ClosedLoopFit):
-            raise InputError(
-                "coefficients are fitted in closed loop: write fit=closed_loop and network=cubic, modulus or abkowitz"
-            )
+        assert isinstance(fit, ClosedLoopFit)  # by the fit's _target_, which was checked first
         problem = explained(fit.dynamics, job.data.measured, fit.prior, fit.trust, fit.faults)
         start = first(problem, force=fit.trust.force)
         found = solve(problem, start, passes=int(cfg.trainer.max_epochs), enough=fit.enough)
@@ -128,8 +114,8 @@ def _own(cfg: DictConfig, conf: Path, console: Console) -> Coefficients:
     if not isinstance(ship, Ship) or ship.table is None:
         name = ship.name if isinstance(ship, Particulars) else ship.particulars.name
         raise InputError(f"terms=own: the forces of the {name} are no sum of known products; write terms=network")
-    if not cfg.relative > 0:
-        raise InputError(f"relative={cfg.relative}: expected more than 0")
+    if not (is_number(cfg.relative) and cfg.relative > 0):
+        raise InputError(f"relative={cfg.relative}: expected more than 0, such as .2")
     job = prepare(_unjudged(cfg), conf)
     with console.status("fitting in closed loop"):
         job.data.setup(stage=None)
@@ -150,7 +136,7 @@ def _read(folder: Path) -> Coefficients:
         )
     try:
         stored = json.loads(path.read_text(encoding="utf-8"))
-        found = [Derived(d["name"], d["value"], *_ends(d["interval_95"]), d["words"]) for d in stored["derived"]]
+        found = [_derived(d) for d in stored["derived"]]
         p = stored["particulars"]
         beam = 0.16 * p["length"]  # not stored and not used: a particulars has one
         ship = Particulars(
@@ -163,10 +149,11 @@ def _read(folder: Path) -> Coefficients:
         raise InputError(f"{path} was not written by train.py or coefficients.py: {error!r}") from error
 
 
-def _ends(interval: Sequence[float | None]) -> tuple[float, float]:
-    """Ends of an interval; NaN where it has none."""
-    low, high = (np.nan if end is None else float(end) for end in interval)
-    return low, high
+def _derived(stored: Mapping[str, Any]) -> Derived:
+    """A number that follows from the coefficients, as it was written; NaN where there is none."""
+    given = [stored["value"], *stored["interval_95"]]
+    value, low, high = (np.nan if number is None else float(number) for number in given)
+    return Derived(stored["name"], value, low, high, stored["words"])
 
 
 def _inertia(cfg: DictConfig) -> np.ndarray | None:
@@ -176,7 +163,12 @@ def _inertia(cfg: DictConfig) -> np.ndarray | None:
     given = OmegaConf.to_container(cfg.inertia, resolve=True) if isinstance(cfg.inertia, DictConfig) else cfg.inertia
     if not isinstance(given, Mapping) or not {"mx", "my", "mz"} <= set(given) or not set(given) <= set(INERTIA):
         raise InputError(f"inertia={given}: write inertia={{mx: M, my: M, mz: M, Yrdot: 0, Nvdot: 0}}")
+    for key, value in given.items():
+        if not is_number(value):
+            raise InputError(f"inertia: {key!s}={value!r}: expected a number, such as .3")
     m = {k: float(given.get(k, 0.0)) for k in INERTIA}
+    if not (m["mx"] > 0 and m["my"] > 0 and m["mz"] > 0 and m["my"] * m["mz"] > m["Yrdot"] * m["Nvdot"]):
+        raise InputError(f"inertia={given}: no ship's; mx, my and mz are more than 0, my mz more than Yrdot Nvdot")
     return np.array([[m["mx"], 0.0, 0.0], [0.0, m["my"], -m["Yrdot"]], [0.0, -m["Nvdot"], m["mz"]]])
 
 
@@ -213,10 +205,10 @@ def _beside(told: Coefficients, tests: CaptiveTests, cfg: DictConfig) -> Coeffic
     """Set captive tests beside coefficients."""
     settings: dict[str, Any] = {k: cfg.captive[k] for k in ("speed", "shaft")}
     for key, value in settings.items():
-        if value is not None and not (isinstance(value, int | float) and value > 0):
+        if value is not None and not (is_number(value) and value > 0):
             raise InputError(f"captive.{key}={value}: expected a number more than 0")
     drift = cfg.captive.largest_drift_deg
-    if not (isinstance(drift, int | float) and drift > 0):
+    if not (is_number(drift) and drift > 0):
         raise InputError(f"captive.largest_drift_deg={drift}: expected degrees, more than 0")
     used = towed(tests, told.ship.length / told.ship.draught, largest_drift=drift * DEGREE, **settings)
     fitted = fit_captive(used, told.fitted)

@@ -302,20 +302,45 @@ def load_yaml(path: Path) -> Any:
         InputError: If it is missing or is no yaml.
     """
     if not path.is_file():
-        raise InputError(
-            f"{path} does not exist: write the path of a yaml file, such as conf/recording/esso_osaka.yaml"
-        )
+        wrong = "is a folder" if path.is_dir() else "does not exist"
+        raise InputError(f"{path} {wrong}: write the path of a yaml file, such as conf/recording/esso_osaka.yaml")
     try:
-        return yaml.safe_load(path.read_text())
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(f"{path} is no valid yaml: {str(error).splitlines()[0]}") from error
+        return yaml.load(path.read_text(encoding="utf-8"), _OnlyOnce)  # noqa: S506 - a safe loader
+    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
+        line = getattr(getattr(error, "problem_mark", None), "line", None)
+        where = "" if line is None else f", line {line + 1}"
+        said = getattr(error, "problem", None) or str(error).splitlines()[0]
+        raise InputError(f"{path}{where} is no valid yaml: {said}") from error
 
 
-def load_mapping(name: str, folder: Path) -> Any:
+class _OnlyOnce(yaml.SafeLoader):
+    """Plain lists and dicts, as yaml.safe_load makes them; a key that stands twice is refused."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        """A dict.
+
+        Args:
+            node: What was written.
+            deep: Whether all below is made at once.
+
+        Returns:
+            The dict.
+
+        Raises:
+            ConstructorError: If a key stands twice.
+        """
+        keys = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode) and key.value != "<<"]
+        twice = next((key for k, key in enumerate(keys) if key in keys[:k]), None)
+        if twice is not None:
+            raise yaml.constructor.ConstructorError(None, None, f"{twice} stands twice", node.start_mark)
+        return super().construct_mapping(node, deep)
+
+
+def load_mapping(name: str | None, folder: Path) -> Any:
     """Read how a kind of file is mapped.
 
     Args:
-        name: Path of a yaml, or the name of one in the folder.
+        name: Path of a yaml, or the name of one in the folder; None is refused with the names that there are.
         folder: ``conf/recording``.
 
     Returns:
@@ -324,6 +349,9 @@ def load_mapping(name: str, folder: Path) -> Any:
     Raises:
         InputError: If it describes something else than a record over time.
     """
+    if name is None:
+        ready = ", ".join(sorted(p.stem for p in folder.glob("*.yaml") if RECORD_OVER_TIME in p.read_text()))
+        raise InputError(f"data.mapping is not given: write the path of a yaml that maps columns, or one of: {ready}")
     named = folder / f"{name}.yaml"
     content = load_yaml(named if named.is_file() else Path(str(name)))
     if not isinstance(content, Mapping) or content.get(TARGET) != RECORD_OVER_TIME:

@@ -37,20 +37,7 @@ STEPS = WIDTH + 6
 """Steps of a diagnosis beside one a candidate: pairs, gusts, tracks, proof."""
 
 
-def run_diagnosis(cfg: DictConfig, out: Path, conf: Path) -> None:
-    """Run the command; wrong input ends in one line.
-
-    Args:
-        cfg: The config.
-        out: Output folder.
-        conf: The folder ``conf``.
-    """
-    with guard.one_line():
-        use_threads(1)
-        diagnose_all(cfg, out, conf, Console())
-
-
-def diagnose_all(cfg: DictConfig, out: Path, conf: Path, console: Console) -> None:
+def diagnose_all(cfg: DictConfig, out: Path, conf: Path, console: Console | None = None) -> None:
     """Answer cases, or diagnose recordings.
 
     Args:
@@ -62,6 +49,8 @@ def diagnose_all(cfg: DictConfig, out: Path, conf: Path, console: Console) -> No
     Raises:
         InputError: If it is not clear which.
     """
+    console = console or Console()
+    use_threads(1)
     if (cfg.cases is None) == (cfg.recordings is None):
         raise InputError("write either cases=DIR or recordings=DIR; python diagnose.py --help tells more")
     if cfg.cases is None:

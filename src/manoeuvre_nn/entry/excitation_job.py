@@ -17,7 +17,6 @@ from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.dynamics.members import has_members
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.entry import config as configs
-from manoeuvre_nn.entry import guard
 from manoeuvre_nn.entry.diagnosis_setup import load_model
 from manoeuvre_nn.entry.job import Job, known_part, make_fit, prepare
 from manoeuvre_nn.entry.provenance import CONFIG, check_same_run, resolved, versions, write_provenance
@@ -68,19 +67,7 @@ class Question:
     per_minute: bool
 
 
-def run_excitation(cfg: DictConfig, out: Path, conf: Path) -> None:
-    """Run the command; wrong input ends in one line.
-
-    Args:
-        cfg: The config.
-        out: Output folder.
-        conf: The folder ``conf``.
-    """
-    with guard.one_line():
-        excite(cfg, out, conf, Console())
-
-
-def excite(cfg: DictConfig, out: Path, conf: Path, console: Console) -> Advice | None:
+def excite(cfg: DictConfig, out: Path, conf: Path, console: Console | None = None) -> Advice | None:
     """Train unless a model is given, ask, and write everything.
 
     Args:
@@ -92,6 +79,7 @@ def excite(cfg: DictConfig, out: Path, conf: Path, console: Console) -> Advice |
     Returns:
         The advice; None if the folder already holds it.
     """
+    console = console or Console()
     use_threads(configs.whole_number("trainer.threads", cfg.trainer.threads, 1))
     cfg = configs.with_effects(_of_model(cfg))
     question = question_of(cfg, conf)

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import ParamSpec, TypeVar
 
 import yaml
 from hydra.errors import HydraException
@@ -14,10 +15,12 @@ from omegaconf.errors import OmegaConfBaseException
 
 from manoeuvre_nn.core.errors import InputError
 
+P = ParamSpec("P")
+T = TypeVar("T")
 WRONG_INPUT = 2
 FAILED_JOBS = 1
 OF_CONFIG = (HydraException, OmegaConfBaseException, yaml.YAMLError)
-NOT_WRITABLE = (errno.ENOENT, errno.EACCES, errno.ENOTDIR, errno.EEXIST, errno.EROFS, errno.ENOSPC)
+OF_FILES = (errno.ENOENT, errno.EACCES, errno.ENOTDIR, errno.EEXIST, errno.EROFS, errno.ENOSPC)
 NO_GROUP = "Config group override must be a string"
 """How hydra complains of ``ship=null``, with a traceback."""
 failed_jobs: list[str] = []
@@ -37,7 +40,7 @@ def one_line() -> Generator[None]:
         OmegaConfBaseException: The same.
         YAMLError: The same.
         ValueError: The same.
-        OSError: If it is not that a file or folder cannot be written.
+        OSError: If it is not that a file or folder cannot be read or written.
         SystemExit: With code 2 for wrong input.
     """
     try:
@@ -55,10 +58,33 @@ def one_line() -> Generator[None]:
         print(f"error: {' '.join(given)}: a group cannot be empty: leave it out or choose an option", file=sys.stderr)
         raise SystemExit(WRONG_INPUT) from None
     except OSError as error:
-        if error.filename is None or error.errno not in NOT_WRITABLE:
+        if error.filename is None or error.errno not in OF_FILES:
             raise
-        print(f"error: cannot write {error.filename}: {error.strerror}; choose another hydra.run.dir", file=sys.stderr)
+        print(f"error: {_of_file(error)}", file=sys.stderr)
         raise SystemExit(WRONG_INPUT) from None
+
+
+def _of_file(error: OSError) -> str:
+    """What to do about a file or folder that cannot be read or written."""
+    path = str(error.filename)
+    if os.path.isfile(path) and not os.access(path, os.R_OK):
+        return f"cannot read {path}: {error.strerror}; ask its owner, or copy it"
+    return f"cannot write {path}: {error.strerror}; choose another folder (hydra.run.dir=, or out=)"
+
+
+def inside(job: Callable[P, T], *given: P.args, **settings: P.kwargs) -> T:
+    """Run a job inside hydra's main: caught outside, hydra would put a line of its own before ours.
+
+    Args:
+        job: The job.
+        given: Its arguments.
+        settings: Its keyword arguments.
+
+    Returns:
+        What it returns; wrong input ends in one line.
+    """
+    with one_line():
+        return job(*given, **settings)
 
 
 def guarded(main: Callable[[], None]) -> None:
@@ -124,6 +150,7 @@ def _one_line(text: str) -> str:
 
 def _program() -> str:
     """The entry point that was called, for advice."""
-    called = Path(sys.argv[0]).name
-    scripts = {"reproduce.py", "excite.py", "check_recordings.py"}
-    return f"scripts/{called}" if called in scripts else called if called == "diagnose.py" else "train.py"
+    called = Path(sys.argv[0])
+    if called.parent.name == "scripts":
+        return f"scripts/{called.name}"
+    return "diagnose.py" if called.name == "diagnose.py" else "train.py"

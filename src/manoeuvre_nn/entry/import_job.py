@@ -11,8 +11,9 @@ from rich.text import Text
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.entry import config as configs
+from manoeuvre_nn.recording.choice import Choice
 from manoeuvre_nn.recording.mapping import RECORD
-from manoeuvre_nn.recording.proposal import Choice, Proposal, propose
+from manoeuvre_nn.recording.proposal import Proposal, propose
 from manoeuvre_nn.recording.proposal_yaml import to_yaml
 
 USAGE = "python scripts/import_recording.py FILE [ship=kvlcc2] [name=my_ship | out=my_ship.yaml] [overwrite=true]"
@@ -72,6 +73,8 @@ def request(arguments: list[str], conf: Path) -> Request:
     overwrite = given.get("overwrite") == "true"
     if out.is_dir():
         raise InputError(f"out={out} is a folder: write the yaml's path")
+    if out.exists() and files[0].exists() and out.samefile(files[0]):
+        raise InputError(f"{out} is the file to be imported and would be lost: write another out=")
     if out.exists() and not overwrite:
         raise InputError(f"{out} is there already: write overwrite=true, or another out=")
     return Request(files[0], given.get("ship", ""), out, overwrite)

@@ -192,9 +192,6 @@ def _recorded(cfg: DictConfig, common: dict[str, Any], names: list[str], conf: P
         raise InputError(f"effect=[{acting}] acts on simulated ships, data=recording are measured: leave effect= out")
     settings = OmegaConf.to_container(cfg.data, resolve=True)
     assert isinstance(settings, dict)
-    if settings["mapping"] is None:
-        there = ", ".join(sorted(p.stem for p in (conf / "recording").glob("*.yaml")))
-        raise InputError(f"data.mapping is not given: write the path of a yaml that maps columns, or one of: {there}")
     settings["mapping"] = configs.load_mapping(settings["mapping"], conf / "recording")
     settings["files"] = configs.as_list(settings["files"])
     return configs.build(settings, **common, score=names)

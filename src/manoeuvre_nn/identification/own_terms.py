@@ -10,7 +10,7 @@ from jaxtyping import Float
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.dynamics.joint import first, solve
-from manoeuvre_nn.dynamics.joint_agreement import birge_ratio, widened
+from manoeuvre_nn.dynamics.joint_agreement import honest_covariance
 from manoeuvre_nn.dynamics.joint_problem import Estimate, Force, Problem
 from manoeuvre_nn.dynamics.products_force import ProductsForce
 from manoeuvre_nn.identification.coefficients import OWN, TAYLOR, Fitted, approach_inertia
@@ -78,8 +78,7 @@ def fit_own_terms(ship: Ship, recordings: Sequence[Recording], known: Known | No
     tracks = to_tracks(recordings, ship.particulars, ship.shaft_rpm, "shaft" if tanker else "approach")
     problem = Problem(tracks, force, mean, spread, force_time=known.force_time, floor=np.array(known.floor))
     found = solve(problem, first(problem, force=known.force), passes=known.passes)
-    ratio = birge_ratio(problem, found)
-    covariance, form = widened(found.covariance, spread, ratio), OWN if tanker else TAYLOR
+    (covariance, ratio), form = honest_covariance(problem, found), OWN if tanker else TAYLOR
     fitted = Fitted(tuple(force.names), found.values, covariance, mean, spread, approach_inertia(ship), form)
     return OwnFit(fitted, force, found, with_coefficients(ship, force, found.values), ratio)
 

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.manoeuvre import side_sign
-from manoeuvre_nn.recording.mapping import RECORD, ChannelMap, Mapping
+from manoeuvre_nn.recording.mapping import RECORD, ChannelMap, Mapping, column_of, is_number, sign_of
 from manoeuvre_nn.recording.quantity import UNITS
 from manoeuvre_nn.recording.table import read_table
 
@@ -113,18 +113,19 @@ def captive_mapping(**settings: Any) -> CaptiveMapping:
         check_choice("captive mapping: column", name, list(COLUMNS))
         if not isinstance(where, AnyMapping) or "column" not in where or not set(where) <= {"column", "unit", "sign"}:
             raise InputError(f"captive mapping: {name} is {where!r}; write {name}: {{column: HEADING, unit: UNIT}}")
-        unit, sign = str(where.get("unit", PRIME)), where.get("sign", 1)
+        unit, sign = str(where.get("unit", PRIME)), sign_of(f"captive mapping: sign of {name}", where.get("sign", 1))
         check_choice(f"captive mapping: unit of {name}", unit, list(_units(name)))
-        if sign not in {1, -1}:
-            raise InputError(f"captive mapping: sign of {name} is {sign!r}; write 1 or -1")
-        columns[name] = ChannelMap(str(where["column"]), unit, int(sign))
+        columns[name] = ChannelMap(column_of(f"captive mapping: column of {name}", where["column"]), unit, sign)
     lacking = [name for name in NEEDED if name not in columns]
     if lacking:
         raise InputError(f"captive mapping: columns has no {', '.join(lacking)}")
-    made = CaptiveMapping(columns, **{k: v for k, v in settings.items() if k != "columns"})
-    side_sign("captive mapping: rudder_positive_to", made.rudder_positive_to)
-    check_choice("captive mapping: area", made.area, AREAS)
-    return made
+    plain = {k: v for k, v in settings.items() if k != "columns"}
+    side_sign("captive mapping: rudder_positive_to", plain.get("rudder_positive_to", "starboard"))
+    check_choice("captive mapping: area", plain.get("area", AREAS[0]), AREAS)
+    point = plain.get("moment_point", 0.0)
+    if not is_number(point):
+        raise InputError(f"captive mapping: moment_point={point!r}; write ship lengths, e.g. 0.02")
+    return CaptiveMapping(columns, **{**plain, "moment_point": float(point)})
 
 
 def read_captive(path: str | Path, mapping: CaptiveMapping) -> CaptiveTests:

@@ -13,6 +13,7 @@ from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE, KNOT
 from manoeuvre_nn.recording.accelerations import smoothed
 from manoeuvre_nn.recording.finding import Change, Finding
+from manoeuvre_nn.recording.thinning import thinned
 
 WINDOW = 0.8
 """Smoothing window over L/U0."""
@@ -302,10 +303,10 @@ class _Motion:
     """Smoothed velocities, and those of the track."""
 
     def __init__(self, recording: Recording, ship: Particulars) -> None:
-        window = WINDOW * ship.time_unit
+        recording, window = thinned(recording, ship), WINDOW * ship.time_unit
         smooth = {k: smoothed(recording.time, recording[k], window) for k in ("u", "v", "r", "x", "y", "psi")}
         self.u, self.v, self.r, self.psi = (smooth[k][0] for k in ("u", "v", "r", "psi"))
-        self.r_rate, self.psi_rate = smooth["r"][1], smooth["psi"][1]
+        self.psi_rate = smooth["psi"][1]
         self.north, self.east = smooth["x"][1], smooth["y"][1]
         self.speed = np.maximum(np.hypot(self.u, self.v), 1e-9)
 
@@ -345,6 +346,7 @@ def rudder_effect(recording: Recording, ship: Particulars) -> tuple[float, float
     Returns:
         Coefficient of the rudder in the yaw acceleration [1/s^2] and its standard error; zeros where it hardly moves.
     """
+    recording = thinned(recording, ship)
     time, window = recording.time, RUDDER_WINDOW * ship.time_unit
     (rudder, _), (r, rdot) = (smoothed(time, recording[k], window) for k in ("delta", "r"))
     interval = float(np.median(np.diff(time)))

@@ -62,7 +62,7 @@ def _empty(time: Series, cells: Lost, mapping: Mapping, ship: Particulars) -> li
     rest = {k: lost for k, lost in cells.items() if k not in useless and lost.any()}
     if not rest:
         return found
-    runs = [(time[max(a - 1, 0)], time[min(b + 1, len(time) - 1)], b - a + 1) for a, b in _spans_of(rest, len(time))]
+    runs = [(time[max(a - 1, 0)], time[min(b + 1, len(time) - 1)], b - a + 1) for a, b in _spans_of(rest)]
     ends = any(lost[0] or lost[-1] for lost in rest.values())
     longest = max(end - begin for begin, end, _ in runs)
     text = "empty cells: " + ", ".join(f"{int(lost.sum())} of {k}" for k, lost in rest.items())
@@ -109,9 +109,8 @@ def _useless(name: str, share: float) -> Finding:
     return Finding("empty cells", "refuse", text, (name,), 100 * share, unit="%", remedy=remedy, changes=changes)
 
 
-def _spans_of(cells: Lost, count: int) -> list[tuple[int, int]]:
+def _spans_of(cells: Lost) -> list[tuple[int, int]]:
     """First and last rows of all runs of empty cells."""
-    del count
     spans = []
     for lost in cells.values():
         rows = np.flatnonzero(lost)

@@ -1,6 +1,7 @@
 """What a column's heading says: the channel that it names and the unit that it states."""
 
 import re
+import unicodedata
 from dataclasses import dataclass
 
 from manoeuvre_nn.recording.quantity import QUANTITY, units_of
@@ -16,6 +17,9 @@ UNIT_WORDS = {
     "N m": "nm n_m n.m n*m", "kN m": "knm kn_m", "count": "count counts raw adc lsb", "iso": "utc iso",
 }  # fmt: skip
 """Unit -> how it is written, in small letters."""
+SPELT_OUT = {"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "ø": "oe", "æ": "ae"}
+SPELT_OUT |= {"ψ": "psi", "δ": "delta", "φ": "phi", "ϕ": "phi", "θ": "theta"}
+"""Letters that are written otherwise in plain ones."""
 _SPELT = {word: unit for unit, words in UNIT_WORDS.items() for word in words.split()}
 WORDS: dict[str, str] = {
     "time": r"t|time|zeit|temps|tid|tiempo|time_?stamp|stamp|elapsed|seconds|sec|clock|date_?time|datum|date|utc"
@@ -25,9 +29,9 @@ WORDS: dict[str, str] = {
     "r": r"r|rot|yaw_?rate|rate_of_turn|turn_?rate|turning_rate|wz|omega_?z|gz|gyro_?z|psi_?dot|dpsi|r_.*|rot_.*|.*_rot"
     r"|.*yaw_?(rate|vel|velocity|speed).*|.*rate_of_turn.*|.*turn_rate.*|drehrate|giergeschwindigkeit",
     "u": r"u|surge|vx|v_x|surge_(vel|velocity|speed)|u_.*|.*_u|vx_.*|v_x_.*|.*surge.*|vlong|v_long.*|.*longitudinal.*"
-    r"|forward_speed|.*speed_ahead.*|vn|v_north|north_vel.*|vel_n(orth)?|.*velocity_north.*",
+    r"|forward_speed|.*speed_ahead.*|(v_?)?laengs.*|vn|v_north|north_vel.*|vel_n(orth)?|.*velocity_north.*",
     "v": r"v|sway|vy|v_y|sway_(vel|velocity|speed)|v_.*|.*_v|vm|vm_.*|vy_.*|v_y_.*|.*sway.*|vtrans|v_trans.*"
-    r"|.*transverse.*|.*lateral_(speed|vel.*)|ve|v_east|east_vel.*|vel_e(ast)?|.*velocity_east.*",
+    r"|.*transverse.*|.*lateral_(speed|vel.*)|(v_?)?quer.*|ve|v_east|east_vel.*|vel_e(ast)?|.*velocity_east.*",
     "x": r"x|x_.*|.*_x|north|northing|pos_?x|x_?pos.*|.*north.*|x0|xn|n_pos|pos_n",
     "y": r"y|y_.*|.*_y|east|easting|pos_?y|y_?pos.*|.*east.*|y0|ye|e_pos|pos_e",
     "delta": r"delta|rudder|rud|rudder_angle|rud_ang|ruder(winkel|lage)?|timon|barre|helm|da|delta_.*|.*_delta"
@@ -61,6 +65,8 @@ MIDSHIP = re.compile(r"(^|_)(mid|midship|midships)(_|$)")
 COMPASS = re.compile(r"head|hdg|hdt|compass|gyro|course|kurs")
 """A heading named like this is counted clockwise from north."""
 PERFECT = 100.0
+LONGEST = 120
+"""Letters of a heading that are looked at: patterns take long over more."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +94,7 @@ def take_apart(column: str, below: str = "") -> Heading:
     Returns:
         Name and unit: of ``psi [deg]``, ``yawRate_degps``, ``Speed (kn)``.
     """
-    text = column.strip().strip("#%'\"").strip()
+    text = column[:LONGEST].strip().strip("#%'\"").strip()
     unit = _SPELT.get(below.strip().strip("[](){}").lower(), "")
     bracket = re.search(r"[\[\(\{<]\s*([^\]\)\}>]*?)\s*[\]\)\}>]|[,/:]\s*(\S+)$", text)
     if bracket and (word := (bracket[1] or bracket[2] or "").lower().replace(" ", "")) in _SPELT:
@@ -114,8 +120,10 @@ def _names_something(heading: Heading) -> bool:
 
 def _snake(text: str) -> str:
     """Small letters, words joined by ``_``: of ``YawRate``, ``yaw rate``, ``ship.yaw.rate``."""
-    parted = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", text)
-    return re.sub(r"[^0-9a-z]+", "_", parted.lower().replace("ψ", "psi").replace("δ", "delta")).strip("_")
+    parted = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", unicodedata.normalize("NFKC", text))
+    spelt = "".join(SPELT_OUT.get(letter, letter) for letter in parted.lower())
+    plain = "".join(letter for letter in unicodedata.normalize("NFD", spelt) if not unicodedata.combining(letter))
+    return re.sub(r"[^0-9a-z]+", "_", plain).strip("_")
 
 
 def trust(channel: str, heading: Heading) -> float:

@@ -100,7 +100,7 @@ class Identities:
         averaged = np.stack([_averaged(y, self._per_bin) for y in left])
         margin = EDGE * self.unit
         inside &= (time >= time[0] + margin) & (time <= time[-1] - margin)
-        averaged[:, _averaged(np.cumsum(~inside), self._per_bin) > 0] = np.nan
+        averaged[:, _averaged(np.cumsum(~inside, dtype=float), self._per_bin) > 0] = np.nan
         return averaged
 
     def slopes(self, names: Sequence[str]) -> Float[np.ndarray, "s n k"]:
@@ -265,7 +265,7 @@ def _of(channel: str) -> str:
     return {"u": "u, v", "v": "u, v", "x": "x, y", "y": "x, y"}.get(channel, channel)
 
 
-def _averaged(values: Series, count: int) -> Series:
+def _averaged(values: Series, count: int) -> Float[np.ndarray, " k"]:
     """Averages over so many samples, each less the one before."""
     whole = len(values) // count * count
     return np.diff(values[:whole].reshape(-1, count).mean(axis=1))

@@ -17,6 +17,7 @@ from manoeuvre_nn.recording.mapping import Mapping
 from manoeuvre_nn.recording.reader import read_recording
 from manoeuvre_nn.recording.samples import Flags, gaps, outliers, quantized, sampling, stuck
 from manoeuvre_nn.recording.steering import rudder_jumps, rudder_lag, steady_approach, without_outliers
+from manoeuvre_nn.recording.thinning import thinned
 
 STANDING = 0.05
 """Share of the record for which channels may stand still when delays and offsets are measured."""
@@ -75,12 +76,14 @@ def inspect_file(path: str | Path, mapping: Mapping, ship: Particulars) -> Inspe
     broken = file_findings(path, mapping, ship)
     try:
         recording = read_recording(path, mapping, ship)
-        written = read_recording(path, _as_written(mapping), ship)
+        plain = _as_written(mapping)
+        written = recording if plain == mapping else read_recording(path, plain, ship)
     except InputError as error:
         known = [f for f in broken if f.verdict == "refuse"]
         return Inspection(path.stem, tuple(known or [*broken, Finding("file", "refuse", str(error))]))
-    began = recording.meta["started"] - _first_time(path, mapping, ship)
-    recording = replace(recording, meta={**recording.meta, "since": began})
+    began = recording.meta["started"]
+    since = began - _first_time(path, mapping, ship) if _is_cut(mapping) else 0.0
+    recording = replace(recording, meta={**recording.meta, "since": since})
     found = inspect_recording(recording, ship, written, mapping)
     return replace(found, findings=(*broken, *found.findings))
 
@@ -107,7 +110,7 @@ def inspect_recording(
         )
     written = recording if written is None else written
     rate, missing = sampling(recording, ship), gaps(recording, ship)
-    wild, flags = outliers(written, ship)
+    wild, flags = outliers(written)
     same = len(written) == len(recording)
     shifted = flags if same else {k: np.interp(recording.time, written.time, f) > 0.5 for k, f in flags.items()}
     clean = without_outliers(recording, shifted)
@@ -115,15 +118,15 @@ def inspect_recording(
     gross = next((f for f in (check(clean, ship) for check in CHECKS) if f is not None), None)
     if gross is not None:
         return Inspection(recording.name, (*first, gross), recording, shifted)
-    plain = without_outliers(written, flags)
+    plain, fewer = without_outliers(written, flags), thinned(clean, ship)
     still, coarse = stuck(plain, ship), quantized(plain, ship)
-    rest = [rudder_jumps(clean, ship), rudder_lag(clean, ship), steady_approach(clean, ship)]
+    rest = [rudder_jumps(clean, ship), rudder_lag(fewer, ship), steady_approach(fewer, ship)]
     passed = Finding(
         "units, signs, frame", "ok", "units, signs, axes and the rudder's side fit each other and the ship"
     )
     # Much of a channel that stands still, or a hole, would be taken for a fault of the sensors.
     standing = sum(b - a for f in still for a, b in f.spans) / recording.duration
-    faults = fault_findings(clean, ship, mapping) if standing < STANDING and not missing.trips else []
+    faults = fault_findings(fewer, ship, mapping) if standing < STANDING and not missing.trips else []
     return Inspection(
         recording.name,
         (*first, *still, *coarse, passed, *faults, *(f for f in rest if f is not None)),
@@ -154,10 +157,13 @@ def _as_written(mapping: Mapping) -> Mapping:
     return replace(mapping, channels=plain, frame="body", reference_point=0.0, position_point=None, rudder="angle")
 
 
+def _is_cut(mapping: Mapping) -> bool:
+    """Whether a recording may begin later than its file."""
+    return mapping.start is not None or any(c.delay for c in mapping.channels.values())
+
+
 def _first_time(path: Path, mapping: Mapping, ship: Particulars) -> float:
     """Time of the file's first sample [s]."""
-    if mapping.start is None and not any(c.delay for c in mapping.channels.values()):
-        return float(read_recording(path, mapping, ship).meta["started"])
     whole = replace(_as_written(mapping), start=None)
     try:
         return float(read_recording(path, whole, ship).meta["started"])

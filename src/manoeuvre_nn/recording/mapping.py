@@ -13,6 +13,7 @@ RECORD = "record"
 """Kind of a file that is no manoeuvre of the ship: any channels, counts too; no model is made from it."""
 KINDS = ("zigzag", "turning_circle", "pull_out", "spiral", "straight", "random_rudder", RECORD)
 """Kinds of manoeuvre that criteria know."""
+DELIMITER = "one character such as ; or the word whitespace"
 
 
 @dataclass(frozen=True)
@@ -98,8 +99,8 @@ class Mapping:
         check_choice("mapping: decimal", self.decimal, ["point", "comma"])
         check_choice("mapping: outliers", self.outliers, ["keep", "fill"])
         side_sign("mapping: rudder_positive_to", self.rudder_positive_to)
-        if self.delimiter != "whitespace" and len(self.delimiter) != 1:
-            raise InputError(f"mapping: delimiter={self.delimiter!r}; write one character, or whitespace")
+        if self.delimiter != "whitespace" and (len(self.delimiter) != 1 or self.delimiter in '"\n\r'):
+            raise InputError(f"mapping: delimiter={self.delimiter!r}; write {DELIMITER}")
         if self.kind is not None:
             check_choice("mapping: kind", self.kind, KINDS)
         _check_window(self.start, self.end)
@@ -154,9 +155,10 @@ def mapping(**settings: Any) -> Mapping:
     known = [f.name for f in fields(Mapping)]
     for key in given:
         check_choice("mapping: key", key, known)
-    for key in ("time", "channels"):
+    such = {"time": "time: {column: t, unit: s}", "channels": "channels: {psi: {column: hdg, unit: deg}, ...}"}
+    for key in such:
         if not isinstance(given.get(key), AnyMapping):
-            raise InputError(f"mapping: {key} is {given.get(key)!r}; write e.g. time: {{column: t, unit: s}}")
+            raise InputError(f"mapping: {key} is {given.get(key)!r}; write e.g. {such[key]}")
     time = _channel_map("time", given.pop("time"))
     channels = {str(k): _channel_map(str(k), v) for k, v in given.pop("channels").items()}
     return Mapping(time, channels, **{key: _setting(key, value) for key, value in given.items()})
@@ -172,17 +174,20 @@ def _setting(key: str, value: Any) -> Any:
         "skip_rows": "a whole number, e.g. 0",
         "header": "true or false",
         "fill_gaps": "true, false or seconds, e.g. 2.0",
+        "delimiter": DELIMITER,
+        "rudder_positive_to": "starboard or port",
     }
-    may_lack = dict.fromkeys(("position_point", "start", "end"), value is None or _is_number(value))
+    may_lack = dict.fromkeys(("position_point", "start", "end"), value is None or is_number(value))
     fits = may_lack | {
-        "reference_point": _is_number(value),
+        "reference_point": is_number(value),
         "header": isinstance(value, bool),
         "skip_rows": isinstance(value, int) and not isinstance(value, bool) and value >= 0,
-        "fill_gaps": isinstance(value, bool) or (_is_number(value) and value > 0),
+        "fill_gaps": isinstance(value, bool) or (is_number(value) and value > 0),
     }
-    if not fits.get(key, value is None or isinstance(value, str)):
+    may_be_null = key in {"time_zone", "kind"}
+    if not fits.get(key, isinstance(value, str) or (may_be_null and value is None)):
         raise InputError(f"mapping: {key}={value!r}; write {wanted.get(key, 'a word')}")
-    return float(value) if _is_number(value) and key != "skip_rows" else value
+    return float(value) if is_number(value) and key != "skip_rows" else value
 
 
 def _channel_map(name: str, given: object) -> ChannelMap:
@@ -192,22 +197,64 @@ def _channel_map(name: str, given: object) -> ChannelMap:
         raise InputError(f"mapping: {name} is {given!r}; write {name}: {{column: HEADING, unit: UNIT}}")
     for key in given:
         check_choice(f"mapping: key of {name}", key, keys)
-    if given.get("sign", 1) not in {1, -1} or isinstance(given.get("sign", 1), bool):
-        raise InputError(f"mapping: sign of {name} is {given['sign']!r}; write 1 or -1")
+    sign = sign_of(f"mapping: sign of {name}", given.get("sign", 1))
     numbers = {key: given[key] for key in ("offset", "scale", "delay") if key in given}
     for key, value in numbers.items():
-        if not _is_number(value):
+        if not is_number(value):
             raise InputError(f"mapping: {key} of {name} is {value!r}; write a number")
     if not numbers.get("scale", 1.0) > 0:
         raise InputError(f"mapping: scale of {name} is {given['scale']!r}; write a factor above 0, and sign: -1")
     if name == "time" and set(given) - {"column", "unit", "scale"}:
         raise InputError("mapping: time has column, unit and scale; a delay is that of a channel")
-    sign = int(given.get("sign", 1))
-    return ChannelMap(str(given["column"]), str(given["unit"]), sign, **{k: float(v) for k, v in numbers.items()})
+    column = column_of(f"mapping: column of {name}", given["column"])
+    return ChannelMap(column, str(given["unit"]), sign, **{k: float(v) for k, v in numbers.items()})
 
 
-def _is_number(value: object) -> bool:
-    """Whether it is a finite number, and not true or false."""
+def column_of(what: str, given: object) -> str:
+    """Read the heading of a column.
+
+    Args:
+        what: What it is, for the message.
+        given: A word, or a column's number.
+
+    Returns:
+        The heading.
+
+    Raises:
+        InputError: If it is neither, as yaml reads ``yes``, ``off`` and ``null`` that stand without quotation marks.
+    """
+    if isinstance(given, bool) or not isinstance(given, str | int | float):
+        raise InputError(f'{what} is {given!r}; write its heading, in quotation marks where yaml has a meaning: "yes"')
+    return str(given)
+
+
+def sign_of(what: str, given: object) -> int:
+    """Read a sign.
+
+    Args:
+        what: Whose it is, for the message.
+        given: 1 or -1.
+
+    Returns:
+        The sign.
+
+    Raises:
+        InputError: If it is anything else.
+    """
+    if isinstance(given, bool) or not isinstance(given, int | float) or abs(given) != 1:
+        raise InputError(f"{what} is {given!r}; write 1 or -1")
+    return int(given)
+
+
+def is_number(value: object) -> bool:
+    """Tell numbers from words, from true and false, and from what is not finite.
+
+    Args:
+        value: Anything.
+
+    Returns:
+        Whether it is a finite number.
+    """
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < float("inf")
 
 

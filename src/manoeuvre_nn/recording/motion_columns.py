@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.recording.accelerations import smoothed
@@ -23,6 +24,7 @@ from manoeuvre_nn.recording.agreement import (
     window,
     yaw_readings,
 )
+from manoeuvre_nn.recording.choice import Choice
 from manoeuvre_nn.recording.headings import EARTH, EAST, MIDSHIP, NORTH, Heading
 from manoeuvre_nn.recording.position import local_metres
 from manoeuvre_nn.recording.quantity import units_of
@@ -33,6 +35,12 @@ USUAL_SPEED = 1.5
 """Speeds of a ship lie within this factor of U0 unless something is wrong [-]."""
 LEAST_LEVER = 0.05
 """Distance of two points over L that is told apart."""
+LARGEST = 1e30
+"""Numbers beyond this are none of a ship's, and their squares overflow."""
+MANIFOLD = float(np.log(10.0))
+"""Differences of logarithms beyond this are not worth a number."""
+FULL_CIRCLE = 2 * np.pi + 0.5
+"""Directions beyond this are in degrees [rad]."""
 FINE = 0.2
 """Evidence against the best reading below which a unit that the heading states needs no doubt."""
 POSITION = ("swapped_xy", "x_sign", "y_sign")
@@ -43,48 +51,19 @@ Series = Float[np.ndarray, " n"]
 
 
 @dataclass(frozen=True)
-class Read:
-    """How one channel is read.
-
-    Attributes:
-        source: Channel that its column is called like; another one where columns are exchanged.
-        unit: Its unit.
-        sign: +1 or -1.
-        offset: What the file shows where the true value is zero, in the file's unit.
-        why: In words.
-        decided: Whether names or data decided.
-        misfit: Misfit of what was chosen; empty where nothing can be compared.
-        next: Misfit of what the data would choose next, and what that is.
-    """
-
-    source: str
-    unit: str
-    sign: int = 1
-    offset: float = 0.0
-    why: str = ""
-    decided: bool = True
-    misfit: str = ""
-    next: str = ""
-
-
-@dataclass(frozen=True)
 class Motions:
     """How everything that moves is read.
 
     Attributes:
-        read: Channel -> how.
+        choices: How the channels are read.
         settings: Setting of the mapping -> its value and why.
-        notes: What a person should know.
-        sources: Channels whose columns were used.
         turned: Largest change of heading [rad].
         speed: Usual speed [m/s].
         stand_in: The ship; where it is not known one of about its length and speed.
     """
 
-    read: dict[str, Read]
+    choices: tuple[Choice, ...]
     settings: dict[str, tuple[Any, str]]
-    notes: tuple[str, ...]
-    sources: frozenset[str]
     turned: float
     speed: float
     stand_in: Particulars = field(repr=False)
@@ -103,8 +82,16 @@ def read_motions(
 
     Returns:
         How each channel is read, and why.
+
+    Raises:
+        InputError: If numbers are too large to be compared.
     """
+    largest = max(float(np.abs(v).max()) for v in values.values())
+    if largest > LARGEST:
+        raise InputError(f"columns reach {largest:.3g}, which no motion of a ship does: mend or leave out such samples")
     units = _speed_units(time, columns, values, ship)
+    if "cog" in columns:
+        units["cog"] = _course_unit(columns["cog"], values["cog"])
     best: tuple[Yaw, list[Yaw], Motion, list[Axes]] | None = None
     scores: list[float] = []
     for reading, others in _headings(time, columns, values):
@@ -124,7 +111,7 @@ def _headings(time: Series, columns: dict[str, Heading], values: dict[str, Serie
     """Ways to read the heading that are worth a closer look."""
     psi, said = values["psi"], columns["psi"].unit
     sizes = units_of("psi")
-    order = [said] if said in sizes else ["deg", "rad"] if np.abs(psi).max() > 2 * np.pi + 0.5 else ["rad", "deg"]
+    order = [said] if said in sizes else ["deg", "rad"] if np.abs(psi).max() > FULL_CIRCLE else ["rad", "deg"]
     if "r" in values:
         told = (said, columns["r"].unit)
         stated = [columns["r"].unit] if columns["r"].unit in units_of("r") else []
@@ -166,8 +153,8 @@ def _speed_units(
     for k, unit in units.items():
         other = min((item for item in rated if item[2][k] != unit), key=lambda item: item[1], default=None)
         said = columns[k].unit
-        told = f"speeds differ by {np.expm1(apart):.0%}"
-        told += f", next {np.expm1(min(other[1], 5.0)):.0%} ({other[2][k]})" if other else ""
+        told = f"speeds differ by {_share(apart)}"
+        told += f", next {_share(other[1])} ({other[2][k]})" if other else ""
         compared = len(raw) > 1 or ship is not None
         if said == unit:
             result[k] = unit, "unit by name", True
@@ -178,6 +165,11 @@ def _speed_units(
         else:
             result[k] = unit, "usual unit", False
     return result
+
+
+def _share(apart: float) -> str:
+    """A difference of logarithms in words."""
+    return f"{np.expm1(apart):.0%}" if apart < MANIFOLD else "more than tenfold"
 
 
 def _unit_price(heading: Heading, options: Sequence[str], unit: str) -> float:
@@ -209,7 +201,10 @@ def _motion(
         scale = units_of("u")[units["u"][0]]
         velocity = tuple(scale * smoothed(time, values[k], long)[0] for k in ("u", "v"))
     if "sog" in values:
-        speed, course = values["sog"] * units_of("sog")[units["sog"][0]], values["cog"] * _angle(values["cog"])
+        speed, course = (
+            values["sog"] * units_of("sog")[units["sog"][0]],
+            values["cog"] * units_of("cog")[units["cog"][0]],
+        )
         over = tuple(smoothed(time, c, long)[0] for c in (speed * np.cos(course), speed * np.sin(course)))
     at = np.unique(np.linspace(0, len(time) - 1, POINTS).astype(int))
     one, two, three = (None if p is None else (p[0][at], p[1][at]) for p in (track, velocity, over))
@@ -219,9 +214,11 @@ def _motion(
     return Motion(psi[at], r[at], one, two, three, length)
 
 
-def _angle(values: Series) -> float:
-    """Degrees or radians, by size."""
-    return DEGREE if np.abs(values).max() > 2 * np.pi + 0.5 else 1.0
+def _course_unit(heading: Heading, values: Series) -> tuple[str, str, bool]:
+    """Unit of a course over ground: the one that is stated, else by size; why; whether it is decided."""
+    if heading.unit in units_of("cog"):
+        return heading.unit, "by name", True
+    return ("deg", "unit by size", True) if np.abs(values).max() > FULL_CIRCLE else ("rad", "unit by size", False)
 
 
 def _open(columns: dict[str, Heading]) -> tuple[dict[str, Sequence], list[str]]:
@@ -257,16 +254,17 @@ def _in_words(
     """The readings as choices with their reasons."""
     yaw, others, m, axes = best
     a = axes[0]
-    read: dict[str, Read] = {}
+    read: list[Choice] = []
     settings: dict[str, tuple[Any, str]] = {}
     rest = (*POSITION, *COURSE, "frame")
     if "u" in columns:
         told = _told(axes, VELOCITY, rest, "sides by the track" if m.track or m.over else "as a ship moves")
         pair = ("v", "u") if a.swapped_uv else ("u", "v")
-        read |= _pair(("u", "v"), pair, (a.u_sign, a.v_sign), units["u"], told)
+        read += _pair(("u", "v"), pair, (a.u_sign, a.v_sign), columns, units["u"], told)
         by_frame = _told(axes, ("frame",), (*POSITION, *COURSE), "by data")
         if a.frame == "earth" or not by_frame.clear:
-            said = f"{by_frame.why}: misfit {by_frame.misfit}, next {by_frame.next}"
+            compared = f": misfit {by_frame.misfit}, next {by_frame.next}" if by_frame.why else ""
+            said = f"by data{compared}"
             settings["frame"] = a.frame, said if by_frame.clear else f"undecided: {said}"
     if "x" in columns:
         told = _told(
@@ -276,20 +274,19 @@ def _in_words(
             "axes by heading, u, v" if "u" in columns else "axes by heading",
         )
         pair = ("y", "x") if a.swapped_xy else ("x", "y")
-        read |= _pair(("x", "y"), pair, (a.x_sign, a.y_sign), units["x"], told)
+        read += _pair(("x", "y"), pair, (a.x_sign, a.y_sign), columns, units["x"], told)
     if "lat" in columns:
-        read |= {k: Read(k, "deg", why="by name") for k in ("lat", "lon")}
+        read += [Choice(k, columns[k].column, "deg", why="by name") for k in ("lat", "lon")]
     if "sog" in columns:
-        unit, why, decided = units["sog"]
-        read |= {"sog": Read("sog", unit, why=why, decided=decided)}
-        cog = columns["cog"].unit or "deg"
-        read |= {"cog": Read("cog", cog, why="by name" if columns["cog"].unit else "usual unit")}
-    read |= _yaw_in_words(yaw, others, axes, columns, told_apart)
+        for k in ("sog", "cog"):
+            unit, why, decided = units[k]
+            read.append(Choice(k, columns[k].column, unit, why=why, decided=decided))
+    read += _yaw_in_words(yaw, others, axes, columns, told_apart)
     settings |= _points(a, columns, m)
     speeds = [np.hypot(*p) for p in (m.velocity, m.track, m.over) if p is not None]
     speed = float(np.median(speeds[0]))
     turned = float(np.ptp(m.psi))
-    return Motions(read, settings, (), frozenset(c.source for c in read.values()), turned, speed,
+    return Motions(tuple(read), settings, turned, speed,
                    ship or _stand_in(m.length, speed))  # fmt: skip
 
 
@@ -331,22 +328,25 @@ def _pair(
     names: tuple[str, str],
     sources: tuple[str, str],
     signs: tuple[int, int],
+    columns: dict[str, Heading],
     unit: tuple[str, str, bool],
     told: _Told,
-) -> dict[str, Read]:
+) -> list[Choice]:
     """Two channels that are judged together."""
     word, why, known = unit
-    made = {}
+    made = []
     for name, source, sign in zip(names, sources, signs, strict=True):
         changed = "columns exchanged" if name != source else ""
         said = "; ".join(part for part in (why, changed, told.why) if part)
-        made[name] = Read(source, word, sign, 0.0, said, known and told.clear, told.misfit, told.next)
+        made.append(
+            Choice(name, columns[source].column, word, sign, 0.0, said, known and told.clear, told.misfit, told.next)
+        )
     return made
 
 
 def _yaw_in_words(
     yaw: Yaw, others: list[Yaw], axes: list[Axes], columns: dict[str, Heading], told_apart: bool
-) -> dict[str, Read]:
+) -> list[Choice]:
     """Heading and rate of turn."""
     a, said = axes[0], columns["psi"].unit
     told = _told(axes, COURSE, (*POSITION, *VELOCITY, "frame"), "zero, sign by motion")
@@ -357,7 +357,8 @@ def _yaw_in_words(
     known = said == yaw.psi_unit or bool(others) or told_apart
     sure = told.clear or (a.psi_sign == 1 and a.turn == 0)
     why = "; ".join(part for part in (by, told.why) if part)
-    read = {"psi": Read("psi", yaw.psi_unit, a.psi_sign, offset, why, known and sure, told.misfit, told.next)}
+    column = columns["psi"].column
+    read = [Choice("psi", column, yaw.psi_unit, a.psi_sign, offset, why, known and sure, told.misfit, told.next)]
     if "r" not in columns:
         return read
     alike = [y for y in others if y.psi_unit == yaw.psi_unit and (y.r_unit, y.same) != (yaw.r_unit, yaw.same)]
@@ -367,8 +368,8 @@ def _yaw_in_words(
     instead = other.r_unit if other.same == yaw.same else f"{other.r_unit}, other sign"
     sign, clear = yaw.same * a.psi_sign, other.misfit - yaw.misfit > CLEAR
     why, told_next = f"{by}; sign by psi", f"{other.misfit:.2f} {instead}"
-    read["r"] = Read("r", yaw.r_unit, sign, 0.0, why, clear, f"{yaw.misfit:.2f}", told_next)
-    return read
+    column = columns["r"].column
+    return [*read, Choice("r", column, yaw.r_unit, sign, 0.0, why, clear, f"{yaw.misfit:.2f}", told_next)]
 
 
 def _points(a: Axes, columns: dict[str, Heading], m: Motion) -> dict[str, tuple[Any, str]]:

@@ -11,10 +11,11 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.recording.checks import STRONG_EVIDENCE, check_recording, rudder_effect
+from manoeuvre_nn.recording.choice import Choice
 from manoeuvre_nn.recording.headings import COMPASS, Heading, assign
 from manoeuvre_nn.recording.mapping import RECORD, Mapping, mapping
 from manoeuvre_nn.recording.mending import outlying
-from manoeuvre_nn.recording.motion_columns import Motions, read_motions
+from manoeuvre_nn.recording.motion_columns import FULL_CIRCLE, Motions, read_motions
 from manoeuvre_nn.recording.quantity import COUNT, PAIRS, QUANTITY, units_of
 from manoeuvre_nn.recording.reader import LONGEST_GAP, read_recording
 from manoeuvre_nn.recording.sniff import Sniffed, sniff
@@ -22,37 +23,14 @@ from manoeuvre_nn.recording.time_column import choose_time
 
 LARGEST_RUDDER = 1.2
 """Rudder angles beyond this are in degrees [rad]."""
+MOVING = ("u", "v", "r", "x", "y", "psi", "lat", "lon", "sog", "cog")
+"""Channels that say nothing if they stand still."""
+SMALL_RUDDER = 0.6
+"""Rudder angles below this are in radians if the ship turns at all [deg or rad]."""
+TURNED, HARDLY = 0.5, 0.1
+"""Change of heading that no degree of rudder makes, and below which a ship runs straight [rad]."""
 FASTEST_SHAFT = 25.0
 """Shaft speeds above this are in revolutions a minute [1/s]."""
-FULL_CIRCLE = 7.0
-"""Angles beyond this are in degrees [rad]."""
-
-
-@dataclass(frozen=True)
-class Choice:
-    """How one channel is read, and why.
-
-    Attributes:
-        channel: The channel.
-        column: Its column as the mapping names it.
-        unit: Its unit.
-        sign: +1 or -1.
-        offset: What the file shows where the true value is zero, in the file's unit.
-        why: In words.
-        decided: Whether names or data decided; else somebody should look at it.
-        misfit: Misfit of what was chosen; empty where nothing can be compared.
-        next: Misfit of what the data would choose next, and what that is.
-    """
-
-    channel: str
-    column: str
-    unit: str
-    sign: int = 1
-    offset: float = 0.0
-    why: str = ""
-    decided: bool = True
-    misfit: str = ""
-    next: str = ""
 
 
 @dataclass(frozen=True)
@@ -120,12 +98,27 @@ def propose(path: Path, ship: Particulars | None = None) -> Proposal:
     values = {c: _without_gaps(seconds, file.numbers[h.column]) for c, h in columns.items()}
     used = {time.column, *(h.column for h in columns.values())}
     rest = tuple(h.column for h in file.headings if h.column not in used)
-    made = Proposal(file, base, timed, (), time.reasons, left_out=rest)
+    made = Proposal(file, base, timed, (), time.reasons, notes=_doubts(file, columns), left_out=rest)
     if _is_record(columns):
-        return _finished(_record(made, columns, values), seconds, ship)
+        return _finished(_record(made, columns), seconds, ship)
     if spare:
         made = replace(made, notes=(*made.notes, spare))
     return _finished(_moving(made, columns, values, seconds, ship), seconds, ship)
+
+
+def _doubts(file: Sniffed, columns: dict[str, Heading]) -> tuple[str, ...]:
+    """What is wrong with columns by themselves."""
+    notes = [f"Several columns are called {name!r} and are left out: rename them." for name in file.twice]
+    still = [c for c in columns if c in MOVING and _stands_still(file.numbers[columns[c].column])]
+    if still:
+        named = ", ".join(f"{c} ({file.called(columns[c].column)})" for c in still)
+        notes.append(f"Never moving, so that nothing can be compared with it: {named}; name another column.")
+    return tuple(notes)
+
+
+def _stands_still(values: Float[np.ndarray, " n"]) -> bool:
+    """Whether all samples that are there are the same."""
+    return bool(np.nanmin(values) == np.nanmax(values))
 
 
 def _columns(named: dict[str, list[Heading]]) -> tuple[dict[str, Heading], str]:
@@ -138,7 +131,8 @@ def _columns(named: dict[str, list[Heading]]) -> tuple[dict[str, Heading], str]:
         columns.pop("v")
     for one, other in (("x", "y"), ("lat", "lon"), ("sog", "cog")):
         if (one in columns) != (other in columns):
-            columns.pop(one, None), columns.pop(other, None)
+            for half in (one, other):
+                columns.pop(half, None)
     if "delta" not in columns and "delta_order" in columns:
         columns["delta"] = columns.pop("delta_order")
         columns["delta"] = replace(columns["delta"], name=f"order_{columns['delta'].name}")
@@ -158,7 +152,7 @@ def _is_record(columns: dict[str, Heading]) -> bool:
     return counts or not moving or not {"psi", "delta"} <= set(columns)
 
 
-def _record(made: Proposal, columns: dict[str, Heading], values: dict[str, np.ndarray]) -> Proposal:
+def _record(made: Proposal, columns: dict[str, Heading]) -> Proposal:
     """A mapping that reads what there is."""
     choices = []
     for channel, heading in columns.items():
@@ -182,25 +176,22 @@ def _moving(
 ) -> Proposal:
     """A mapping of a manoeuvre: first what moves, then the rudder, then the rest."""
     motions = read_motions(seconds, columns, values, ship)
-    choices = [
-        Choice(c, columns[m.source].column, m.unit, m.sign, m.offset, m.why, m.decided, m.misfit, m.next)
-        for c, m in motions.read.items()
-    ]
+    choices = list(motions.choices)
     settings, reasons, undecided = dict(made.settings), dict(made.reasons), list(made.undecided)
     for key, (value, why) in motions.settings.items():
         settings[key], reasons[key] = value, why
     for channel in ("delta", "delta_order"):
         if channel in columns:
-            unit, why, decided = _rudder_unit(columns[channel], values[channel], motions.turned, ship)
+            unit, why, decided = _rudder_unit(columns[channel], values[channel], motions.turned)
             choices.append(Choice(channel, columns[channel].column, unit, why=why, decided=decided))
     if columns["delta"].name.startswith("order_"):
         settings["rudder"], reasons["rudder"] = "order", "the column is named an order"
     made = replace(made, settings=settings, choices=tuple(choices), reasons=reasons)
-    notes = list(made.notes) + list(motions.notes)
+    notes = list(made.notes)
     side, why, decided = _rudder_side(made, motions)
     settings["rudder_positive_to"], reasons["rudder_positive_to"] = side, why
     undecided += [] if decided else ["rudder_positive_to"]
-    others = [c for c in columns if c not in {choice.channel for choice in choices} and c not in motions.sources]
+    others = [c for c in columns if c not in {choice.channel for choice in choices}]
     choices += [_other(c, columns[c], values[c], motions, ship) for c in others]
     if not COMPASS.search(columns["psi"].name) and not {"lat", "cog"} & set(columns):
         notes.append(
@@ -209,23 +200,19 @@ def _moving(
     return replace(made, choices=tuple(choices), undecided=tuple(undecided), notes=tuple(notes))
 
 
-def _rudder_unit(
-    heading: Heading, values: np.ndarray, turned: float, ship: Particulars | None
-) -> tuple[str, str, bool]:
+def _rudder_unit(heading: Heading, values: np.ndarray, turned: float) -> tuple[str, str, bool]:
     """Unit of a rudder angle: degrees if radians would be beyond every stop, or would hardly turn the ship."""
-    largest = float(np.abs(values).max())
+    largest, by_data, clear = float(np.abs(values).max()), "", True
     if largest > LARGEST_RUDDER:
-        by_data = "deg"
-        said = f"reaches {largest:.3g}"
-    elif turned > 0.5 or largest < 0.6:
-        by_data = "rad"
+        by_data, said = "deg", f"reaches {largest:.3g}"
+    elif turned > TURNED or (turned > HARDLY and largest < SMALL_RUDDER):
+        by_data, clear = "rad", turned > TURNED
         said = f"stays within {largest:.3g} while the heading changes by {turned / DEGREE:.0f} deg"
-    else:
-        return (heading.unit or "deg"), "unit by name" if heading.unit else "usual unit", bool(heading.unit)
-    if heading.unit and heading.unit != by_data:
+    if by_data and heading.unit in {"", by_data}:
+        return by_data, "unit by name" if heading.unit else f"unit by data: {said}", bool(heading.unit) or clear
+    if by_data:
         return by_data, f"unit by data, against its heading: {said}", False
-    clear = largest > LARGEST_RUDDER or turned > 0.5
-    return by_data, "unit by name" if heading.unit else f"unit by data: {said}", bool(heading.unit) or clear
+    return (heading.unit or "deg"), "unit by name" if heading.unit else "usual unit", bool(heading.unit)
 
 
 def _rudder_side(made: Proposal, motions: Motions) -> tuple[str, str, bool]:

@@ -4,7 +4,8 @@ import json
 import re
 from typing import Any
 
-from manoeuvre_nn.recording.proposal import Choice, Proposal
+from manoeuvre_nn.recording.choice import Choice
+from manoeuvre_nn.recording.proposal import Proposal
 
 TARGET = "manoeuvre_nn.recording.mapping.mapping"
 PLAIN = re.compile(r"[A-Za-z_][\w./-]*")

@@ -30,6 +30,8 @@ FINE, CRUDE = 0.01, 0.05
 """Step of a position over L from which on it is noted, and from which on it is of no use."""
 TURN = 4 * DEGREE
 """Change of heading that a channel which stands still belies."""
+WIDEST = 400
+"""Samples beyond which a longer window tells no more of the noise."""
 BRIDGED = "short beside L/U0, the smoother takes most of it away"
 CHANNELS = ("u", "v", "r", "x", "y", "psi", "delta", "n")
 """Channels that are looked at, if they were recorded."""
@@ -56,8 +58,7 @@ def sampling(recording: Recording, ship: Particulars) -> Finding:
     Returns:
         The finding.
     """
-    steps = np.diff(recording.time)
-    interval = float(np.median(steps))
+    steps, interval = _steps(recording)
     slowest = SLOWEST * ship.time_unit
     regular = steps[steps < LOST * interval]
     off = float(np.abs(regular - interval).max() / interval) if len(regular) else 0.0
@@ -73,6 +74,12 @@ def sampling(recording: Recording, ship: Particulars) -> Finding:
     return Finding("sampling", "ok", text, **said)
 
 
+def _steps(recording: Recording) -> tuple[Series, float]:
+    """Steps of time and the usual one [s]."""
+    steps = np.diff(recording.time)
+    return steps, float(np.median(steps))
+
+
 def gaps(recording: Recording, ship: Particulars) -> Finding:
     """Samples that are missing.
 
@@ -83,8 +90,7 @@ def gaps(recording: Recording, ship: Particulars) -> Finding:
     Returns:
         The finding.
     """
-    steps = np.diff(recording.time)
-    interval = float(np.median(steps))
+    steps, interval = _steps(recording)
     holes = np.flatnonzero(steps > LOST * interval)
     filled = recording.meta.get("gaps", {})
     told = "; filled: " + ", ".join(f"{n} of {k}" for k, n in filled.items()) if filled else ""
@@ -106,17 +112,15 @@ def gaps(recording: Recording, ship: Particulars) -> Finding:
     return Finding("gaps", "mend", text, remedy=remedy, changes=changes, **said)
 
 
-def outliers(recording: Recording, ship: Particulars) -> tuple[Finding, Flags]:
+def outliers(recording: Recording) -> tuple[Finding, Flags]:
     """Single samples far off their neighbours.
 
     Args:
         recording: The recording as written.
-        ship: The ship.
 
     Returns:
         The finding, and which samples.
     """
-    del ship
     odd = {k: _off(recording[k]) for k in _recorded(recording) if k != "n"}
     odd = {k: flags for k, flags in odd.items() if 0 < flags.mean() <= FEW}
     filled = recording.meta.get("outliers", {})
@@ -373,7 +377,8 @@ def _step(values: Series) -> float:
 
 def _noise(recording: Recording, name: str, ship: Particulars) -> float:
     """Standard deviation of what the smoother takes away, as far as that is not the step itself."""
-    smooth, _ = smoothed(recording.time, recording[name], WINDOW * ship.time_unit)
+    window = min(WINDOW * ship.time_unit, WIDEST * _steps(recording)[1])
+    smooth, _ = smoothed(recording.time, recording[name], window)
     rest = recording[name] - smooth
     return float(np.sqrt(max(1.4826**2 * np.median(np.abs(rest)) ** 2 - _step(recording[name]) ** 2 / 12, 0.0)))
 

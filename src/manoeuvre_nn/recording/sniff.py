@@ -14,14 +14,14 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.recording.containers import MAT, PARQUET, mat_frame, parquet_frame
 from manoeuvre_nn.recording.headings import Heading, take_apart
 from manoeuvre_nn.recording.mapping import RECORD, ChannelMap, Mapping
-from manoeuvre_nn.recording.table import EMPTY, Table, cells_of, check_there, lines_of, read_table
+from manoeuvre_nn.recording.table import EMPTY, Table, cells_of, check_there, numbers_in, read_table, text_of
 
 DELIMITERS = (",", ";", "\t", "|", "whitespace")
 LOOKED_AT = 400
 """Lines that the layout is guessed from."""
 NUMBER = {
-    "point": re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?"),
-    "comma": re.compile(r"[+-]?(\d+,?\d*|,\d+)([eEdD][+-]?\d+)?"),
+    "point": re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eEdD][+-]?\d+)?"),
+    "comma": re.compile(r"[+-]?(\d+(,\d*)?|,\d+)([eEdD][+-]?\d+)?"),
 }
 STAMP = re.compile(r"\d{4}-\d\d-\d\d([T ]\d\d:\d\d.*)?|\d{1,2}:\d\d:\d\d([.,]\d+)?(Z|[+-]\d\d:?\d\d)?")
 MOSTLY = 0.8
@@ -39,7 +39,8 @@ class Sniffed:
         numbers: Column -> samples; NaN where empty.
         stamps: Columns of time stamps -> ``iso`` or ``clock``.
         table: The cells.
-        named: Whether the file names its columns where the reader looks.
+        spoken: Column that a mapping has to name by its number -> its heading.
+        twice: Headings of several columns, which are left out: whose column it is cannot be said.
     """
 
     path: Path
@@ -49,6 +50,7 @@ class Sniffed:
     stamps: dict[str, str]
     table: Table
     spoken: dict[str, str] = field(default_factory=dict)
+    twice: tuple[str, ...] = ()
 
     def called(self, column: str) -> str:
         """What a column is called in the file, also where a mapping has to name it by its number.
@@ -95,12 +97,16 @@ def sniff(path: Path) -> Sniffed:
         parted = take_apart(spoken.get(column, column), below.get(column, ""))
         headings.append(Heading(column, parted.name, parted.unit))
     changed = {k: v for k, v in layout.items() if v != getattr(Mapping, k, None)}
-    return Sniffed(path, changed, tuple(headings), numbers, stamps, table, {k: v for k, v in spoken.items() if k != v})
+    there = [str(name) for name in table.cells.columns]
+    return Sniffed(
+        path, changed, tuple(headings), numbers, stamps, table, {k: v for k, v in spoken.items() if k != v},
+        tuple(name for name in dict.fromkeys(there) if there.count(name) > 1),
+    )  # fmt: skip
 
 
 def _layout(path: Path) -> tuple[dict[str, Any], dict[str, str], dict[str, str]]:
     """How a text is cut: settings of a mapping, column -> its heading, column -> its unit below the heading."""
-    lines = lines_of(path)[:LOOKED_AT]
+    lines = text_of(path).split("\n", LOOKED_AT)[:LOOKED_AT]
     options = [(d, m) for d in DELIMITERS for m in ("point", "comma") if (d, m) != (",", "comma")]
     rated = [(*_numeric_block(lines, d, m), d, m) for d, m in options]
     _, first, width, delimiter, decimal = max(rated, key=lambda r: (r[0], r[2]))
@@ -155,7 +161,7 @@ def _columns(table: Table, decimal: str) -> tuple[dict[str, Float[np.ndarray, " 
     names = [str(name) for name in table.cells.columns]
     for name in names:
         if names.count(name) > 1:
-            continue  # whose column it is cannot be said
+            continue
         given = table.cells[name]
         if pd.api.types.is_datetime64_any_dtype(given):
             stamps[name] = "iso"
@@ -165,8 +171,7 @@ def _columns(table: Table, decimal: str) -> tuple[dict[str, Float[np.ndarray, " 
             numbers[name] = given.to_numpy(dtype=float, na_value=np.nan, copy=True)
         else:
             text = given.astype(object).where(given.notna(), "").astype(str).str.strip()
-            written = text.str.replace(",", ".") if decimal == "comma" else text
-            values = pd.to_numeric(written, errors="coerce").to_numpy(dtype=float, copy=True)
+            values = numbers_in(text, decimal)
             some = [cell for cell in text.iloc[:50] if cell.lower() not in EMPTY]
             if some and all(STAMP.fullmatch(cell) for cell in some):
                 stamps[name] = "clock" if ":" in some[0][:3] else "iso"

@@ -1,6 +1,9 @@
 """Columns of a measured file, read so that every complaint names file, line and column."""
 
+import codecs
 import csv
+import io
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +24,8 @@ EMPTY = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
 """Cells that hold no number, in small letters."""
 ZONED = r"T?\d\d:\d\d.*(?:Z|[+-]\d\d:?\d\d)$"
 """A time stamp that says its zone."""
+UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+"""How a text begins that a spreadsheet saved as "Unicode"."""
 MIDNIGHT = 43200.0
 """A time of day that goes back by more than this [s] has passed midnight."""
 
@@ -58,12 +63,15 @@ class Table:
                 raise self.error(column, row, f"is {values[row]}; expected a finite number")
             return values
         text = self._text(column)
-        written = text.str.replace(",", ".") if self.decimal == "comma" else text
-        values = pd.to_numeric(written, errors="coerce").to_numpy(dtype=float, copy=True)
+        values = numbers_in(text, self.decimal)
         odd = ~np.isfinite(values) & ~text.str.lower().isin(EMPTY).to_numpy()
         if odd.any():
             row = int(np.argmax(odd))
-            raise self.error(column, row, f"is {text.iloc[row]!r}; expected a number such as 0.25, with a point")
+            such = "0,25, with a comma" if self.decimal == "comma" else "0.25, with a point"
+            other = "point" if self.decimal == "comma" else "comma"
+            switched = np.isfinite(numbers_in(text.iloc[row : row + 1], other)).all()
+            hint = f"; or write decimal: {other} into the mapping" if switched and self.row == "line" else ""
+            raise self.error(column, row, f"is {text.iloc[row][:40]!r}; expected a number such as {such}{hint}")
         return values
 
     def stamps(self, column: str, unit: str, zone: str | None) -> Float[np.ndarray, " n"]:
@@ -140,27 +148,84 @@ def read_table(path: Path, mapping: Mapping) -> Table:
         frame = (mat_frame if path.suffix.lower() == MAT else parquet_frame)(path, mapping.columns)
         _check_headings(path, list(frame.columns), mapping)
         return Table(path, frame, "row", mapping.decimal)
-    lines = lines_of(path)
-    numbered = [(k, line) for k, line in enumerate(lines, start=1) if k > mapping.skip_rows and line.strip(" \t,;")]
-    if not numbered:
-        raise InputError(f"{path.name}: empty file; expected columns of numbers")
-    split = [(k, cells_of(line, mapping.delimiter)) for k, line in numbered]
-    if mapping.header:
-        headings = [cell.strip() for cell in split.pop(0)[1]]
-    else:
-        headings = [str(k) for k in range(1, len(split[0][1]) + 1)]
+    text = text_of(path)
+    first, line = _first_line(path, text, mapping.skip_rows)
+    headings = [cell.strip() for cell in cells_of(line, mapping.delimiter)]
+    if not mapping.header:
+        first, headings = first - 1, [str(k) for k in range(1, len(headings) + 1)]
     _check_headings(path, headings, mapping)
-    for k, cells in split:
+    even = _even_frame(text, first, headings, mapping)
+    frame = _ragged_frame(path, text, first, headings, mapping.delimiter) if even is None else even
+    if not len(frame):
+        raise InputError(f"{path.name}: no line of numbers below the headings")
+    return Table(path, frame, decimal=mapping.decimal)
+
+
+def numbers_in(text: "pd.Series[str]", decimal: str) -> Float[np.ndarray, " n"]:
+    """Cells as numbers.
+
+    Args:
+        text: The cells.
+        decimal: ``point`` or ``comma``; the other sign would part thousands, and is no number.
+
+    Returns:
+        Numbers; NaN where a cell is none.
+    """
+    if decimal == "comma":
+        text = text.str.replace(".", "?", regex=False).str.replace(",", ".", regex=False)
+    return pd.to_numeric(text, errors="coerce").to_numpy(dtype=float, copy=True)
+
+
+def _first_line(path: Path, text: str, skip: int) -> tuple[int, str]:
+    """The first line after those to be skipped that says something, and its number."""
+    lines = io.StringIO(text)
+    for k, line in enumerate(lines, start=1):
+        if k > skip and not _is_blank(line):
+            return k, line.removesuffix("\n")
+    raise InputError(f"{path.name}: no line after the first {skip}; expected columns of numbers: mind skip_rows")
+
+
+def _is_blank(line: str) -> bool:
+    """Whether a line holds no cell with anything in it."""
+    return not line.strip(" \t\n,;")
+
+
+def _even_frame(text: str, first: int, headings: Sequence[str], mapping: Mapping) -> pd.DataFrame | None:
+    """Cells below a line, read at once; None if lines differ in length or are quoted, which needs a closer look."""
+    if mapping.delimiter == "whitespace" or '"' in text or len(set(headings)) < len(headings):
+        return None
+    parts = len(headings) - 1
+    for k, line in enumerate(io.StringIO(text), start=1):
+        if k > first and (line.count(mapping.delimiter) != parts or _is_blank(line)):
+            return None
+    spelt = [form for word in EMPTY for form in dict.fromkeys((word, word.upper(), word.title()))]
+    try:
+        frame = pd.read_csv(
+            io.BytesIO(text.encode()), sep=mapping.delimiter, skiprows=first, header=None, names=list(headings),
+            na_values=[*spelt, "NaN"], keep_default_na=False, decimal="," if mapping.decimal == "comma" else ".",
+            quoting=csv.QUOTE_NONE, skip_blank_lines=False, low_memory=False,
+            index_col=False,
+        )  # fmt: skip
+    except ValueError:
+        return None
+    return frame.set_axis(pd.RangeIndex(first + 1, first + 1 + len(frame)))
+
+
+def _ragged_frame(path: Path, text: str, first: int, headings: Sequence[str], delimiter: str) -> pd.DataFrame:
+    """Cells below a line, read line by line, blank lines passed over."""
+    index, rows, last = [], [], text.count("\n") + 1
+    for k, line in enumerate(io.StringIO(text), start=1):
+        if k <= first or _is_blank(line):
+            continue
+        cells = cells_of(line.removesuffix("\n"), delimiter)
         if len(cells) != len(headings):
-            cut = " (cut off?)" if k == len(lines) and len(cells) < len(headings) else ""
+            cut = " (cut off?)" if k == last and len(cells) < len(headings) else ""
             raise InputError(
                 f"{path.name}, line {k}: {len(cells)} cells, expected {len(headings)}{cut}: delete or mend this line"
             )
-    if not split:
-        raise InputError(f"{path.name}: no line of numbers below the headings")
-    index = [k for k, _ in split]
-    frame = pd.DataFrame([cells for _, cells in split], columns=headings, index=index, dtype=str)
-    return Table(path, frame, decimal=mapping.decimal)
+        index.append(k)
+        rows.append(cells)
+    return pd.DataFrame(rows, columns=list(headings), index=index, dtype=str)
 
 
 def cells_of(line: str, delimiter: str) -> list[str]:
@@ -171,9 +236,14 @@ def cells_of(line: str, delimiter: str) -> list[str]:
         delimiter: One character, or ``whitespace``.
 
     Returns:
-        The cells.
+        The cells; the line as it is where it cannot be cut.
     """
-    return line.split() if delimiter == "whitespace" else next(csv.reader([line], delimiter=delimiter), [])
+    if delimiter == "whitespace":
+        return line.split()
+    try:
+        return next(csv.reader([line], delimiter=delimiter), [])
+    except csv.Error:  # such as a cell of a million letters
+        return [line]
 
 
 def check_there(path: Path) -> None:
@@ -189,18 +259,21 @@ def check_there(path: Path) -> None:
         raise InputError(f"{path}: is a folder; write a file")
     if not path.exists():
         raise InputError(f"{path}: no such file")
+    if not os.access(path, os.R_OK):
+        raise InputError(f"{path}: may not be read; ask its owner, or copy it")
     if not path.stat().st_size:
         raise InputError(f"{path.name}: empty file; expected columns of numbers")
 
 
-def lines_of(path: Path) -> list[str]:
-    """Lines of a text file, if it says something.
+def text_of(path: Path) -> str:
+    """A text file, if it says something.
 
     Args:
         path: The file.
 
     Returns:
-        The lines, parted where an editor parts them: a heading may hold other characters that count as ends of lines.
+        The text. Lines end with a line feed, where an editor ends them: a heading may hold other characters that count
+        as ends of lines.
 
     Raises:
         InputError: If it is no text, or empty.
@@ -208,13 +281,13 @@ def lines_of(path: Path) -> list[str]:
     raw = path.read_bytes()
     if not raw.strip():
         raise InputError(f"{path.name}: empty file; expected columns of numbers")
-    if b"\0" in raw:
+    if b"\0" in raw and not raw.startswith(UTF16):
         raise InputError(f"{path.name}: not a text file; export it as CSV (text, one line a sample)")
     try:
-        text = raw.decode("utf-8-sig")
+        text = raw.decode("utf-16" if raw.startswith(UTF16) else "utf-8-sig")
     except UnicodeDecodeError:
         text = raw.decode("latin-1")  # headings such as psi [degree sign] from older programs
-    return text.replace("\r\n", "\n").replace("\r", "\n").removesuffix("\n").split("\n")
+    return text.replace("\r\n", "\n").replace("\r", "\n").removesuffix("\n")
 
 
 def _check_headings(path: Path, headings: Sequence[str], mapping: Mapping) -> None:

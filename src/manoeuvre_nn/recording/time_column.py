@@ -10,10 +10,11 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.recording.accelerations import smoothed
 from manoeuvre_nn.recording.agreement import AGAINST, window, yaw_readings
-from manoeuvre_nn.recording.headings import Heading, trust
+from manoeuvre_nn.recording.headings import Heading, take_apart, trust
 from manoeuvre_nn.recording.quantity import UNITS, units_of
 from manoeuvre_nn.recording.reader import SHORTEST
 from manoeuvre_nn.recording.sniff import Sniffed
+from manoeuvre_nn.recording.table import EMPTY
 
 ORDER = ("s", "ms", "min", "h", "d")
 """Units of time in the order in which they are believed."""
@@ -73,13 +74,34 @@ def choose_time(
         return _stamped(file, stamped[0])
     if numeric:
         _refuse(file, numeric[0].column)
-    unnamed = [h for h in file.headings if h.column in file.numbers and _rises(file.numbers[h.column])]
+    _refuse_words(file)
+    others = {h.column for hs in named.values() for h in hs}
+    unnamed = [h for h in file.headings if h.column in set(file.numbers) - others and _rises(file.numbers[h.column])]
     even = [h for h in unnamed if _unevenness(file.numbers[h.column]) < 0.1]
     if not even:
         there = ", ".join(file.called(h.column) for h in file.headings[:20])
-        raise InputError(f"{file.path.name}: no column of time; it has: {there}; name one t, or time")
+        raise InputError(
+            f"{file.path.name}: no column of time; it has: {there}; name one t, or time. A table of captive tests has "
+            "a mapping of its own: see conf/recording/kvlcc2_hmri.yaml"
+        )
     chosen, seconds = _with_unit(file, even[0], named, ship)
     return TimeColumn(chosen.column, chosen.unit, f"rises evenly; {chosen.why}", chosen.decided), seconds
+
+
+def _refuse_words(file: Sniffed) -> None:
+    """Say which column is named a time and holds words that cannot be read as times."""
+    known = {h.column for h in file.headings}
+    for column in (c for c in map(str, file.table.cells.columns) if c not in known and c not in file.twice):
+        name = file.called(column)
+        if not trust("time", take_apart(name)):
+            continue
+        words = file.table.cells[column].dropna().astype(str).str.strip()
+        first = next((word for word in words if word.lower() not in EMPTY), None)
+        if first is not None:
+            raise InputError(
+                f"{file.path.name}: column {name!r} is {first[:40]!r}; expected seconds, 13:04:24.5 or "
+                "2020-07-31T13:04:24.5: write times so"
+            )
 
 
 def _rises(values: Float[np.ndarray, " n"]) -> bool:

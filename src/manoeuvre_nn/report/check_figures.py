@@ -11,9 +11,11 @@ from matplotlib.patches import Patch
 
 from manoeuvre_nn.core.frames import earth_to_body
 from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.recording.accelerations import smoothed
 from manoeuvre_nn.recording.inspection import Inspection
+from manoeuvre_nn.recording.thinning import thinned
 from manoeuvre_nn.report.style import COLOURS, legend_below, new_figure, plain_axes
 
 WINDOW = 0.8
@@ -27,11 +29,12 @@ MOST = 4000
 Series = Float[np.ndarray, " n"]
 
 
-def check_figure(one: Inspection) -> Figure | None:
+def check_figure(one: Inspection, ship: Particulars) -> Figure | None:
     """Channels on the left, the rudder and what the identities leave on the right.
 
     Args:
         one: What was found.
+        ship: The ship.
 
     Returns:
         The figure; None for a file that could not be read.
@@ -45,7 +48,8 @@ def check_figure(one: Inspection) -> Figure | None:
     for row, (name, label, unit) in enumerate(LEFT):
         _draw_channel(axes[row, 0], one, run, name, label, unit)
     _draw_channel(axes[0, 1], one, run, "delta", "δ [deg]", DEGREE)
-    rate, ahead, abeam = identity_rests(clean)
+    fewer = thinned(clean, ship)
+    rate, ahead, abeam = identity_rests(fewer)
     derived = set(run.meta.get("derived", ()))
     tracked = not derived & {"u", "v", "x", "y"}
     rests = (
@@ -54,7 +58,7 @@ def check_figure(one: Inspection) -> Figure | None:
         (abeam, "track − v [m/s]", tracked, ("v", "x", "y")),
     )
     for row, (values, label, recorded, names) in enumerate(rests, start=1):
-        _draw_rest(axes[row, 1], run.time, values, label, recorded)
+        _draw_rest(axes[row, 1], fewer.time, values, label, recorded)
         _shade(axes[row, 1], one, names)
     for column in axes[-1]:
         column.set_xlabel("t [s]")

@@ -123,6 +123,20 @@ def remedy_lines(inspection: Inspection, mapping: ChannelMapping) -> list[str]:
     return [f"{path}: {_yaml(value)}" for path, value in settings(tripped, mapping).items()]
 
 
+def remedy_rows(inspections: Sequence[Inspection], mapping: ChannelMapping) -> list[dict[str, Any]]:
+    """What is to be written into the mapping, for the page and the terminal.
+
+    Args:
+        inspections: What was found.
+        mapping: The mapping that the recordings were read with.
+
+    Returns:
+        One row a recording that something is to be done about.
+    """
+    lines = {one.name: remedy_lines(one, mapping) for one in inspections}
+    return [{"recording": name, "settings": "; ".join(told)} for name, told in lines.items() if told]
+
+
 def _yaml(value: object) -> str:
     """A value as yaml has it."""
     if isinstance(value, bool):
@@ -143,11 +157,16 @@ def sentence(inspections: Sequence[Inspection]) -> str:
     total = f"{len(inspections)} recording{'s' if len(inspections) != 1 else ''}"
     usable = count["ok"] + count["note"]
     if usable == len(inspections):
-        return f"{total}: all can be used as they are."
-    parts = [f"{usable} can be used as they are"] if usable else []
+        return f"{total}: {'all' if usable != 1 else 'it'} can be used {_as_it_is(usable)}."
+    parts = [f"{usable} can be used {_as_it_is(usable)}"] if usable else []
     parts += [f"{count['mend']} should be mended first"] if count["mend"] else []
-    parts += [f"{count['refuse']} cannot be used as they are"] if count["refuse"] else []
+    parts += [f"{count['refuse']} cannot be used {_as_it_is(count['refuse'])}"] if count["refuse"] else []
     return f"{total}: {', '.join(parts)}."
+
+
+def _as_it_is(count: int) -> str:
+    """Of one or of several."""
+    return "as it is" if count == 1 else "as they are"
 
 
 def checks_json(

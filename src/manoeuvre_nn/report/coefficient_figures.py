@@ -15,6 +15,8 @@ from manoeuvre_nn.report.style import COLOURS, legend_below, new_figure, plain_a
 
 BEFORE, AFTER, CAPTIVE = "#B5B5B5", COLOURS[0], COLOURS[1]
 CLOSEST = 1e-9
+NARROWEST = 4.0
+"""Least half width of the axis of intervals, in standard deviations of what was assumed."""
 POINTS = 61
 
 
@@ -49,8 +51,10 @@ def interval_figure(told: Coefficients) -> Figure:
     heights = [max(len(p), 1) for p in parts]
     figure = new_figure(1.6 + 0.23 * sum(heights), title="Coefficients: before and after the recordings")
     panels = figure.subplots(3, 1, height_ratios=heights, sharex=True)
+    reach = _farthest([*told.rows], captive)
     for axes, equation, rows in zip(panels, EQUATIONS, parts, strict=True):
         _draw_intervals(axes, rows, captive)
+        axes.set_xlim(-reach, reach)
         axes.set_ylabel(equation, rotation=0, labelpad=10, fontweight="bold")
     panels[-1].set_xlabel("(coefficient - assumed) / standard deviation of what was assumed [-]")
     handles = [
@@ -69,18 +73,28 @@ def _draw_intervals(axes: Axes, rows: Sequence[Coefficient], captive: dict[str, 
     axes.axvspan(-REACH, REACH, color="#EFEFEF", zorder=0)
     places = np.arange(len(rows))[::-1]
     for place, r in zip(places, rows, strict=True):
-        unit = max(r.prior_error, CLOSEST * max(abs(r.prior), 1.0))
         axes.plot([-REACH, REACH], [place, place], color=BEFORE, linewidth=4, zorder=1, solid_capstyle="butt")
         lift = 0.16 if captive else 0.0
         for one, colour, marker, shift in ((r, AFTER, "o", lift), (captive.get(r.symbol), CAPTIVE, "s", -lift)):
             if one is None:
                 continue
-            ends = (np.array([one.low, one.value, one.high]) - r.prior) / unit
+            ends = _over_assumed(one, r)
             axes.plot(ends[[0, 2]], [place + shift] * 2, color=colour, linewidth=1.8, zorder=3)
             axes.plot(ends[1], place + shift, marker, color=colour, markersize=3.5, zorder=4)
     axes.set_yticks(places, [_written(r.symbol) for r in rows], fontsize=8)
     axes.set_ylim(-0.7, max(len(rows), 1) - 0.3)
-    axes.set_xlim(-4.2, 4.2)
+
+
+def _over_assumed(one: Coefficient, assumed: Coefficient) -> np.ndarray:
+    """Lower end, value and upper end, from what was assumed and over its standard deviation."""
+    unit = max(assumed.prior_error, CLOSEST * max(abs(assumed.prior), 1.0))
+    return (np.array([one.low, one.value, one.high]) - assumed.prior) / unit
+
+
+def _farthest(rows: Sequence[Coefficient], captive: dict[str, Coefficient]) -> float:
+    """Half width of the axis: no interval is cut off."""
+    ends = [_over_assumed(one, r) for r in rows for one in (r, captive.get(r.symbol)) if one is not None]
+    return 1.05 * max(NARROWEST, float(np.abs(ends).max(initial=0.0)))
 
 
 def _written(symbol: str) -> str:

@@ -12,6 +12,7 @@ from manoeuvre_nn.identification.coefficients import (
     MEASURED,
     OWN,
     PARTLY,
+    PLAIN,
     PRIOR,
     REACH,
     TAYLOR,
@@ -25,7 +26,7 @@ from manoeuvre_nn.report.tables import Row
 
 SYSTEMS = {
     TAYLOR: "derivatives about the approach over 0.5 rho L T U0^2 (N: times L), as in Y_vvv v^3/6; velocities over U0",
-    "plain": "factors of products over 0.5 rho L T U0^2 (N: times L); velocities over U0, n over the nominal one",
+    PLAIN: "factors of products over 0.5 rho L T U0^2 (N: times L); velocities over U0, n over the nominal one",
     OWN: "coefficients of the ship's own source, BIS system",
 }
 """What the numbers are."""
@@ -92,7 +93,7 @@ def coefficient_rows(rows: Sequence[Coefficient]) -> list[Row]:
             "value": r.value,
             "± 95 %": (r.high - r.low) / 2,
             "before": r.prior,
-            "± before": (r.high - r.low) / 2 * r.prior_error / r.error if r.error > 0 else 0.0,
+            "± before": REACH * r.prior_error,
             "narrowed by": f"{100 * r.learnt:.0f} %",
             "it is": r.word,
         }
@@ -260,7 +261,10 @@ def coefficients_json(told: Coefficients) -> dict[str, Any]:
             for g in told.groups
         ],
         "derived": [
-            {"name": d.name, "value": d.value, "interval_95": [_number(d.low), _number(d.high)], "words": d.words}
+            {
+                "name": d.name, "value": _number(d.value), "interval_95": [_number(d.low), _number(d.high)],
+                "words": d.words,
+            }
             for d in told.derived
         ],
         "fitted": told.fitted.as_dict(),

@@ -16,6 +16,8 @@ TRAINING = "training"
 """Section of the figures that belong to no manoeuvre."""
 LONG_TABLE = 12
 """Tables with more rows are folded away until they are asked for."""
+LONG_TEXT = 40
+"""Letters from which on a cell may be broken into lines."""
 
 
 def write_report(
@@ -97,15 +99,17 @@ def _cells(rows: Sequence[Row], unfolded: bool = False) -> dict[str, Any]:
     """Headings and cells of a table: (text, style class)."""
     names = columns(rows)
     folded = len(rows) > LONG_TABLE and not unfolded
-    return {"folded": folded, "headings": names, "rows": [[_cell(row.get(name)) for name in names] for row in rows]}
+    words = {name for name in names if any(isinstance(row.get(name), str) for row in rows)}
+    cells = [[_cell(row.get(name), name in words) for name in names] for row in rows]
+    return {"folded": folded, "headings": names, "rows": cells}
 
 
-def _cell(value: Any) -> tuple[str, str]:
-    """Text and style class of one cell."""
+def _cell(value: Any, of_words: bool) -> tuple[str, str]:
+    """Text and style class of one cell; an empty one stands as its column does."""
     shown = text(value, 3)
-    if value is None or (isinstance(value, int | float) and not isinstance(value, bool)):
+    if (value is None and not of_words) or (isinstance(value, int | float) and not isinstance(value, bool)):
         return shown, "number"
-    return shown, {True: "good", False: "bad", None: ""}[is_good(shown)]
+    return shown, {True: "good", False: "bad", None: "long" if len(shown) > LONG_TEXT else ""}[is_good(shown)]
 
 
 def data_address(figure: Figure) -> str:

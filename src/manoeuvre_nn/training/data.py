@@ -21,10 +21,11 @@ from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.dynamics.affected import Affected, in_words
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.simulate import Problem, simulate
-from manoeuvre_nn.recording.accelerations import accelerations, taken_away
+from manoeuvre_nn.recording.accelerations import METHODS, accelerations, check_sensors, taken_away
 from manoeuvre_nn.recording.checks import check_recording
 from manoeuvre_nn.recording.held_out import HeldOut, simulated_references
 from manoeuvre_nn.recording.inspection import inspect_recording, summary_lines
+from manoeuvre_nn.recording.joint_smoother import sensors_in_words
 from manoeuvre_nn.recording.mapping import Mapping as ChannelMapping
 from manoeuvre_nn.recording.noise import add_noise, resample
 from manoeuvre_nn.recording.reader import read_recording, recordings_in
@@ -33,7 +34,7 @@ from manoeuvre_nn.training.settings import check_length, check_positive, check_s
 
 Batch = tuple[Float[Tensor, "n 4"], Float[Tensor, "n 3"], Float[Tensor, "k 4"], Float[Tensor, "k 3"]]
 """Training inputs and targets, validation inputs and targets."""
-Method = Literal["auto", "exact", "central", "smoother"]
+Method = Literal["auto", "exact", "central", "smoother", "joint"]
 
 DEFAULT_SCORE = ("zz20", "tc25", "tc25_port")
 """What a simulated ship is judged by unless ``score=`` says otherwise."""
@@ -66,13 +67,18 @@ class ManoeuvreData(ABC, L.LightningDataModule):
     tuples: Tuples
     held_out: HeldOut
 
-    def __init__(self, known: Ship, *, accelerations: Method, validation: float, seed: int, dtype: torch.dtype) -> None:
+    def __init__(
+        self, known: Ship, *, accelerations: Method, delays: Sequence[str], offsets: Sequence[str], validation: float,
+        seed: int, dtype: torch.dtype,
+    ) -> None:  # fmt: skip
         """Store what is common to all sources.
 
         Args:
             known: Known part of the forces.
-            accelerations: ``exact`` (simulations), ``central`` differences, ``smoother``, or ``auto``: exact where they
-                are known and the channels are clean, else the smoother.
+            accelerations: ``exact`` (simulations), ``central`` differences, ``smoother``, ``joint`` (all channels at
+                once), or ``auto``: exact where they are known and the channels are clean, else the smoother.
+            delays: Channels whose sensor may be late, for ``joint``.
+            offsets: Channels whose sensor may be off, for ``joint``.
             validation: Share of the tuples that is kept from training for early stopping [-].
             seed: Seed of the choice of that share and of the noise.
             dtype: Floating type of the tuples.
@@ -81,10 +87,12 @@ class ManoeuvreData(ABC, L.LightningDataModule):
             InputError: If a setting is out of range.
         """
         super().__init__()
-        check_choice("data.accelerations", accelerations, ["auto", "exact", "central", "smoother"])
+        check_choice("data.accelerations", accelerations, ["auto", *METHODS])
+        check_sensors(accelerations, delays, offsets)
         if not 0 <= validation < 1:
             raise InputError(f"data.validation={validation}: expected a share from 0 to below 1")
         self.known, self.method, self.validation = known, accelerations, validation
+        self.delays, self.offsets = tuple(delays), tuple(offsets)
         self.seed, self.dtype = seed, dtype
 
     @abstractmethod
@@ -118,7 +126,7 @@ class ManoeuvreData(ABC, L.LightningDataModule):
         method = ("exact" if clean else "smoother") if self.method == "auto" else self.method
         self.exact = method == "exact"
         self.measured = tuple(recordings)
-        self.recordings = tuple(accelerations(r, method) for r in recordings)
+        self.recordings = tuple(accelerations(r, method, delays=self.delays, offsets=self.offsets) for r in recordings)
         self.form_tuples()
 
     def form_tuples(self) -> None:
@@ -142,7 +150,7 @@ class ManoeuvreData(ABC, L.LightningDataModule):
         rate = max(r.meta.get("raw_rate", 0.0) for r in self.recordings)
         count = max(round(run.duration * rate), len(run) - 1)
         sensed = add_noise(run.resampled(np.linspace(run.time[0], run.time[-1], count + 1)), self.noise, seed=seed)
-        method: Literal["central", "smoother"] = "central" if self.method == "central" else "smoother"
+        method = self.method if self.method in {"central", "joint"} else "smoother"
         return to_tuples([accelerations(sensed, method).resampled(run.time)], self.known)
 
     def train_mask(self) -> Bool[Tensor, " n"]:
@@ -188,6 +196,8 @@ class SimulatedData(ManoeuvreData):
         rate_hz: float | None = None,
         noise: Mapping[str, float] | None = None,
         accelerations: Method = "auto",
+        delays: Sequence[str] = (),
+        offsets: Sequence[str] = (),
         validation: float = 0.0,
         seed: int = 0,
         dtype: torch.dtype = torch.float64,
@@ -204,6 +214,8 @@ class SimulatedData(ManoeuvreData):
             rate_hz: Sampling rate [1/s]; None is the ship's usual one.
             noise: Standard deviations in the units of :data:`NOISE_UNITS`.
             accelerations: See :class:`ManoeuvreData`.
+            delays: See :class:`ManoeuvreData`.
+            offsets: See :class:`ManoeuvreData`.
             validation: Share kept for early stopping [-].
             seed: Seed of noise and validation share.
             dtype: Floating type of the tuples.
@@ -211,7 +223,10 @@ class SimulatedData(ManoeuvreData):
         Raises:
             InputError: If the ship has no coefficients, a manoeuvre is in both lists, or a setting is out of range.
         """
-        super().__init__(known, accelerations=accelerations, validation=validation, seed=seed, dtype=dtype)
+        super().__init__(
+            known, accelerations=accelerations, delays=delays, offsets=offsets, validation=validation, seed=seed,
+            dtype=dtype,
+        )  # fmt: skip
         check_simulable(ship)
         check_positive("data.length", length)
         check_positive("data.rate_hz", rate_hz)
@@ -262,7 +277,10 @@ class SimulatedData(ManoeuvreData):
         noise = ", ".join(f"{k} {v:g}" for k, v in self.noise.items()) or "none"
         count = len(self.tuples.inputs)
         acting = f" with {in_words(self.effects)}" if self.effects else ""
-        return f"{count} tuples of the simulated {self.ship.particulars.name}{acting}: {names}; noise (SI): {noise}."
+        return (
+            f"{count} tuples of the simulated {self.ship.particulars.name}{acting}: {names}; noise (SI): {noise}."
+            + (sensors_in_words(self.recordings))
+        )
 
 
 class RecordedData(ManoeuvreData):
@@ -280,6 +298,8 @@ class RecordedData(ManoeuvreData):
         length: float | None = None,
         rate_hz: float | None = None,
         accelerations: Method = "auto",
+        delays: Sequence[str] = (),
+        offsets: Sequence[str] = (),
         validation: float = 0.0,
         seed: int = 0,
         dtype: torch.dtype = torch.float64,
@@ -297,6 +317,8 @@ class RecordedData(ManoeuvreData):
             rate_hz: Sampling rate that recordings are reduced to [1/s]; None is the ship's usual one, or the
                 recording's own where that is slower.
             accelerations: See :class:`ManoeuvreData`.
+            delays: See :class:`ManoeuvreData`.
+            offsets: See :class:`ManoeuvreData`.
             validation: Share kept for early stopping [-].
             seed: Seed of the validation share.
             dtype: Floating type of the tuples.
@@ -304,7 +326,10 @@ class RecordedData(ManoeuvreData):
         Raises:
             InputError: If no file is named, or one is in both lists.
         """
-        super().__init__(known, accelerations=accelerations, validation=validation, seed=seed, dtype=dtype)
+        super().__init__(
+            known, accelerations=accelerations, delays=delays, offsets=offsets, validation=validation, seed=seed,
+            dtype=dtype,
+        )  # fmt: skip
         check_positive("data.length", length)
         check_positive("data.rate_hz", rate_hz)
         self.particulars = ship if isinstance(ship, Particulars) else ship.particulars
@@ -339,7 +364,7 @@ class RecordedData(ManoeuvreData):
         cut = [r.between(r.time[0], r.time[0] + min(self.length or r.duration, r.duration)) for r in self._read]
         self.measured = tuple(cut)
         smooth = "smoother" if self.method == "auto" else self.method
-        with_rates = [accelerations(r, smooth) for r in cut]
+        with_rates = [accelerations(r, smooth, delays=self.delays, offsets=self.offsets) for r in cut]
         self.recordings = tuple(self._read_off(r) for r in with_rates)
         self.exact, self.noise = False, taken_away(cut, with_rates)
         self.form_tuples()
@@ -368,4 +393,5 @@ class RecordedData(ManoeuvreData):
             A sentence.
         """
         names = ", ".join(f"{r.name} ({r.duration:.0f} s)" for r in self.recordings)
-        return f"{len(self.tuples.inputs)} tuples of the measured {self.particulars.name}: {names}."
+        words = f"{len(self.tuples.inputs)} tuples of the measured {self.particulars.name}: {names}."
+        return words + sensors_in_words(self.recordings)

@@ -1,7 +1,7 @@
 """A fit of a series in closed loop: states and coefficients together, a pass an epoch."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,8 +12,9 @@ from torch import Tensor
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Ship
-from manoeuvre_nn.dynamics.joint import first, improve, solve
-from manoeuvre_nn.dynamics.joint_problem import CHANNELS, DELAY, OFFSET, Estimate, Fault, Problem
+from manoeuvre_nn.dynamics.joint import at_rest, first, improve, solve
+from manoeuvre_nn.dynamics.joint_agreement import honest_covariance
+from manoeuvre_nn.dynamics.joint_problem import CHANNELS, Estimate, Fault, Problem, sensor_faults
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.dynamics.series_force import Prior, SeriesForce
 from manoeuvre_nn.network.series import Series
@@ -23,8 +24,6 @@ from manoeuvre_nn.training.fits import Fit
 from manoeuvre_nn.training.scalings import approach_scaling
 
 RESTING = "coefficients and noise at rest"
-LATEST, SHIFTED = 0.1, {"u": 0.02, "v": 0.02, "r": 0.02, "x": 0.1, "y": 0.1, "psi": 0.02}
-"""Standard deviation of what sensors may be late by, in L/U0, and off by, before any run is seen."""
 
 
 @dataclass(frozen=True)
@@ -38,12 +37,15 @@ class Trust:
         force_time: Correlation time of them in L/U0.
         floor: Noise of u, v, r, x, y, psi is never taken to be smaller, in U0, U0/L, L, rad: no model is better.
         learn_force: Whether ``force`` is estimated too.
+        learn_floor: Whether ``floor`` sinks as far as stretches of the recordings agree: it does for a model that is
+            right, and not for one that is not.
     """
 
     force: tuple[float, ...]
     force_time: float
     floor: tuple[float, ...]
     learn_force: bool
+    learn_floor: bool
 
     def __post_init__(self) -> None:
         """Check the numbers.
@@ -59,7 +61,7 @@ class Trust:
             raise InputError(f"fit.force_time={self.force_time}: expected L/U0, more than 0")
 
 
-USUAL_TRUST = Trust((1e-3, 1.5e-3, 3e-3), 1.0, (0.01, 0.01, 0.03, 0.02, 0.02, 0.03), learn_force=True)
+USUAL_TRUST = Trust((1e-3, 1.5e-3, 3e-3), 1.0, (0.01, 0.01, 0.03, 0.02, 0.02, 0.03), learn_force=True, learn_floor=True)
 """As in ``conf/fit/closed_loop.yaml``."""
 
 
@@ -84,13 +86,13 @@ def explained(
     mean, spread = prior.of(network.names, ship)
     return Problem(
         tracks, SeriesForce(model), mean, spread, force_time=trust.force_time, floor=np.array(trust.floor),
-        faults=faults, learn_force=trust.learn_force,
+        faults=faults, learn_force=trust.learn_force, learn_floor=trust.learn_floor,
     )  # fmt: skip
 
 
 def fit_series(
     network: Series, known: Ship, recordings: Sequence[Recording], *, prior: Prior = Prior(),  # noqa: B008
-    trust: Trust = USUAL_TRUST, passes: int = 20,
+    trust: Trust = USUAL_TRUST, passes: int = 20, faults: Sequence[Fault] = (),
 ) -> tuple[IdentifiedShip, Estimate]:  # fmt: skip
     """Fit a series to recordings without a trainer: for studies of many of them.
 
@@ -101,17 +103,29 @@ def fit_series(
         prior: What is known of the coefficients.
         trust: How far everything is believed.
         passes: Passes at most.
+        faults: Sensors' errors that are estimated in every run.
 
     Returns:
         The model and the estimate.
     """
     model = IdentifiedShip(known, network, approach_scaling(known))
-    problem = explained(model, recordings, prior, trust)
+    problem = explained(model, recordings, prior, trust, faults)
     found = solve(problem, first(problem, force=trust.force), passes=passes)
-    count = problem.shared
-    values, covariance = found.values[:count], found.covariance[:count, :count]
-    network.take(*(torch.as_tensor(part) for part in (values, covariance, found.force, found.noise)))
+    _teach(network, problem, found)
     return model, found
+
+
+def _teach(network: Series, problem: Problem, found: Estimate, *, done: bool = True) -> None:
+    """Give a series its coefficients, and what is known of their errors.
+
+    Errors, and with them members, are as large as stretches disagree; to look at all stretches costs as much as a third
+    of a pass, so that a series of one member is told at the end.
+    """
+    count = problem.shared
+    covariance = found.covariance[:count, :count]
+    if done or network.members > 1:
+        covariance, _ = honest_covariance(problem, found)
+    network.take(*(torch.as_tensor(part) for part in (found.values[:count], covariance, found.force, found.noise)))
 
 
 class ClosedLoopFit(Fit):
@@ -141,6 +155,7 @@ class ClosedLoopFit(Fit):
         force_time: float = 1.0,
         learn_force: bool = True,
         floor: Sequence[float] = (0.01, 0.01, 0.03, 0.02, 0.02, 0.03),
+        learn_floor: bool = True,
         prior: Mapping[str, float] | None = None,
         delays: Sequence[str] = (),
         offsets: Sequence[str] = (),
@@ -154,6 +169,7 @@ class ClosedLoopFit(Fit):
             force_time: See :class:`Trust`.
             learn_force: See :class:`Trust`.
             floor: See :class:`Trust`.
+            learn_floor: See :class:`Trust`.
             prior: Settings of :class:`.Prior`: Clarke's derivatives and how far they are believed.
             delays: Channels whose sensors' delay is estimated in every run.
             offsets: Channels whose sensors' offset is estimated in every run.
@@ -168,9 +184,9 @@ class ClosedLoopFit(Fit):
         for setting, channels in (("fit.delays", delays), ("fit.offsets", offsets)):
             for channel in channels:
                 check_choice(setting, channel, list(CHANNELS))
-        self.trust = Trust(tuple(force), force_time, tuple(floor), learn_force)
+        self.trust = Trust(tuple(force), force_time, tuple(floor), learn_force, learn_floor)
         self.prior, self.enough = Prior(**(prior or {})), enough
-        self.faults = [Fault(c, DELAY, LATEST) for c in delays] + [Fault(c, OFFSET, SHIFTED[c]) for c in offsets]
+        self.faults = sensor_faults(delays, offsets)
         self.columns = SeriesForce(dynamics)
         count = self.columns.count
         self.register_buffer("values", torch.zeros(count, dtype=torch.float64))
@@ -196,7 +212,9 @@ class ClosedLoopFit(Fit):
             shared = self.values.cpu().numpy()
             rest = np.zeros(len(self.estimate.values) - len(shared))
             start = np.concatenate([shared, rest])
-            self.estimate = Estimate(**{**vars(self.estimate), "values": start, "noise": self.noise.cpu().numpy()})
+            noise = self.noise.cpu().numpy()
+            floor = np.minimum(self.problem.floor, noise)
+            self.estimate = replace(self.estimate, values=start, noise=noise, floor=floor)
 
     @torch.no_grad()
     def training_step(self, batch: Batch, batch_idx: int) -> None:
@@ -218,13 +236,14 @@ class ClosedLoopFit(Fit):
         self.values.copy_(torch.as_tensor(self.estimate.values[:count]))
         self.covariance.copy_(torch.as_tensor(self.estimate.covariance[:count, :count]))
         self.noise.copy_(torch.as_tensor(self.estimate.noise))
-        self.network.take(self.values, self.covariance, torch.as_tensor(self.estimate.force), self.noise)
+        if at_rest(self.problem, before, self.estimate, self.enough):
+            self.stopped = RESTING
+        last = self.stopped is not None or self.trainer.current_epoch + 1 == self.trainer.max_epochs
+        _teach(self.network, self.problem, self.estimate, done=last)
         self.log("train/evidence", float(self.estimate.evidence))
         self.log("train/step", self.estimate.moved)
         for channel, sd in zip(CHANNELS, self.estimate.noise, strict=True):
             self.log(f"noise/{channel}", float(sd))
-        if self.estimate.moved < self.enough and np.abs(self.estimate.noise / before.noise - 1).max() < 0.01:
-            self.stopped = RESTING
         self.finish(batch, (self.unknown_force(batch[0]) - batch[1]).square().mean())
 
     @torch.no_grad()
