@@ -48,6 +48,16 @@ def test_a_symmetric_ship_turns_to_port_as_it_does_to_starboard():
     assert any(parity(t) > 0 for o, t in series().names if o > 0)
 
 
+def test_products_of_yaw_turn_a_ship_and_do_not_push_her_aside():
+    made = series(yaw=["1", "n n"])
+    names = [name for name in made.names if name not in series().names]
+    assert names == [(2, "1")]
+    made.coefficients.data[:, made.used] = torch.tensor([float(name == (2, "1")) for name in made.names]).double()
+    x = torch.rand(4, 4, dtype=torch.float64)
+    np.testing.assert_allclose(made(x).detach(), np.tile([0.0, 0.0, 1.0], (4, 1)))
+    assert (2, "1") not in series(yaw=["1"], symmetric=True).names
+
+
 def test_the_estimate_answers_and_members_scatter_as_their_covariance_says():
     made = series(members=400, seed=3)
     count = len(made.names)

@@ -73,6 +73,7 @@ class Series(nn.Module):
         wind_surge: Sequence[str] = (),
         wind_lateral: Sequence[str] = (),
         *,
+        yaw: Sequence[str] = (),
         symmetric: bool = False,
         members: int = 1,
         seed: int = 0,
@@ -85,6 +86,8 @@ class Series(nn.Module):
             lateral: Products of Y and N.
             wind_surge: Products of X that are used where the wind was recorded.
             wind_lateral: Likewise of Y and N.
+            yaw: Products of N alone: what turns a ship need not push it aside. On the Esso Osaka model a moment that
+                grows with neither the speed nor the shaft speed is eight standard errors from zero.
             symmetric: Whether products that are the same to port and to starboard are left out of Y and N; else the
                 ship may have a side (a propeller that turns, a rudder that is not quite amidships).
             members: The estimate and draws from its uncertainty.
@@ -97,9 +100,10 @@ class Series(nn.Module):
         super().__init__()
         if members < 1:
             raise InputError(f"network.members={members}: expected at least 1")
-        sides = [*lateral, *wind_lateral]
-        sides = [t for t in sides if parity(t) < 0] if symmetric else sides
-        self.terms = list(dict.fromkeys([*surge, *wind_surge, *sides]))
+        sides, turns = [*lateral, *wind_lateral], [*lateral, *wind_lateral, *yaw]
+        if symmetric:
+            sides, turns = ([t for t in terms if parity(t) < 0] for terms in (sides, turns))
+        self.terms = list(dict.fromkeys([*surge, *wind_surge, *turns]))
         for term in self.terms:
             for token in str(term).split():
                 check_choice(f"network: variable of the product {term!r}", token, list(VARIABLES))
@@ -109,7 +113,7 @@ class Series(nn.Module):
         longest = max((len(t.split()) for t in self.terms), default=1)
         places = [[VARIABLES.index(t) for t in term.split()] for term in self.terms]
         filled = [p + [0] * (longest - len(p)) for p in places]
-        used = [[t in of for t in self.terms] for of in ([*surge, *wind_surge], sides, sides)]
+        used = [[t in of for t in self.terms] for of in ([*surge, *wind_surge], sides, turns)]
         self.seed = seed
         self.register_buffer("places", torch.tensor(filled, dtype=torch.long).reshape(len(filled), longest))
         self.register_buffer("used", torch.tensor(used))
