@@ -79,7 +79,7 @@ def model_of(method: str, recording: Recording, floor: float, delays: Sequence[s
         return taylor_rung(known, to_tuples([smooth], known)).dynamics
     conf = Path(__file__).parents[1] / "conf" / "network" / f"{method}.yaml"
     given = yaml.safe_load(conf.read_text())["network"]
-    network = Series(given["surge"], given["lateral"])
+    network = Series(given["surge"], given["lateral"], yaw=given.get("yaw", ()))
     trust = replace(USUAL_TRUST, floor=tuple(floor * f for f in USUAL_TRUST.floor))
     return fit_series(network, clarke_inertia_part(SHIP), [recording], trust=trust, faults=sensor_faults(delays, ()))[0]
 

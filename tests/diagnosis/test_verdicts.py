@@ -1,5 +1,7 @@
 """From evidence to probabilities, with contests made up of evidences alone."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from pytest import approx
@@ -35,7 +37,9 @@ def decided(monkeypatch):
         monkeypatch.setattr("manoeuvre_nn.diagnosis.alarm.threshold", lambda contest: 1.0)
         made = [judged(CALM_EVIDENCE + f, *key.split(" + ")) for key, f in factors.items()]
         made.sort(key=lambda j: -j.evidence)
-        return decide(Contest(judged(CALM_EVIDENCE), made, object.__new__(Court)), temperature)
+        court = object.__new__(Court)
+        court.bench = SimpleNamespace(fitted=False)
+        return decide(Contest(judged(CALM_EVIDENCE), made, court), temperature)
 
     return run
 

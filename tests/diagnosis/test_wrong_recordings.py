@@ -48,7 +48,7 @@ MISTAKES = {
     ),
     "speed without course": (lambda t: t.drop(columns="cog"), "'sog' stands without 'cog'"),
     "a word": (with_cell("r", 50, "fast"), "line 52: column 'r' is 'fast'"),
-    "an endless number": (with_cell("u_log", 50, "inf"), "line 52: column 'u_log' is 'inf'"),
+    "an endless number": (with_cell("u_log", 50, "inf"), "line 52: column 'u_log' is inf"),
     "time lost": (with_cell("t", 50, ""), "line 52: column 't' is empty"),
     "time going back": (with_cell("t", 50, 48.0), "line 52: column 't' goes from 49 to 48; times must increase"),
     "a hole in time": (lambda t: t[(t.t < 60) | (t.t > 90)], "jumps by 32 s; cut the file in two at this hole"),

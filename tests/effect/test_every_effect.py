@@ -108,7 +108,8 @@ def test_shapes_and_types_are_as_declared(ship):
         config_of_checks.update("jaxtyping_disable", True)
 
 
-MIRRORED = {"from_deg": -1, "toward_deg": -1, "along_deg": -1, "angle_deg": -1, "force_kN": -1, "trim_m": 1, "gust_across": -1}
+MIRRORED = {"from_deg": -1, "toward_deg": -1, "along_deg": -1, "angle_deg": -1, "force_kN": -1, "trim_m": 1}
+MIRRORED["gust_across"] = -1
 
 
 def mirrored(name: str, values: torch.Tensor, names: list[str]) -> torch.Tensor:

@@ -53,13 +53,13 @@ class Parameter:
     power: float | None = None
 
     def on(self, ship: Particulars) -> "Parameter":
-        """The parameter with spread and starts as they are usual on a ship of this length; its bounds stay.
+        """The parameter with spread and starts as they are usual on a ship; its bounds stay.
 
         Args:
             ship: The ship.
 
         Returns:
-            The same on ships of ``FULL_SCALE`` and more; on models smaller by Froude's law.
+            The same on ships; on models smaller by Froude's law.
         """
         power = UNIT_POWERS.get(self.unit, 0.0) if self.power is None else self.power
         share = float(ship.sized([1.0], [power])[0])

@@ -14,8 +14,10 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.prime import PrimeSystem
 from manoeuvre_nn.core.units import KNOT, SEA_WATER
 
+LONGEST_MODEL = 20.0
+"""Shorter ones are models in a tank or on a pond [m]."""
 FULL_SCALE = 160.0
-"""Length of a ship that usual sizes of winds, currents, forces and sensors' errors hold for, and of longer ones [m]."""
+"""Length of a ship that usual sizes of winds, currents, forces and sensors' errors at sea hold for [m]."""
 
 
 @dataclass(frozen=True)
@@ -122,19 +124,27 @@ class Particulars:
                 f"{self.block}; expected length > beam > draught and block <= 1"
             )
 
-    def sized(self, values: Sequence[float], powers: Sequence[float]) -> Float[np.ndarray, " k"]:
-        """Usual sizes of things at sea for a ship of this length.
+    def sized(
+        self, values: Sequence[float] | Float[np.ndarray, " k"], powers: Sequence[float]
+    ) -> Float[np.ndarray, " k"]:
+        """Usual sizes of things at sea for this ship.
 
-        Those of ships stay as they are; models in a tank or pond have them by Froude's law.
+        Those of ships stay as they are; models have those of a ship of ``FULL_SCALE`` by Froude's law.
 
         Args:
-            values: Sizes that are usual on ships of ``FULL_SCALE`` and more.
+            values: Sizes that are usual on ships.
             powers: Exponents of length: 1 for lengths, .5 for speeds and times, -.5 for rates, 3 for forces.
 
         Returns:
             Sizes in the same units.
         """
-        return np.asarray(values) * min(1.0, self.length / FULL_SCALE) ** np.asarray(powers)
+        share = self.length / FULL_SCALE if self.is_model else 1.0
+        return np.asarray(values) * share ** np.asarray(powers)
+
+    @property
+    def is_model(self) -> bool:
+        """Whether it is a model in a tank or on a pond."""
+        return self.length < LONGEST_MODEL
 
     def at_speed(self, speed: float) -> "Particulars":
         """The same ship on another approach speed.

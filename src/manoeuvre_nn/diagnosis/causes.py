@@ -62,7 +62,7 @@ def causes_of(question: Question, tried: Contest, verdict: Verdict, chosen: Judg
 def _stranger(verdict: Verdict, chosen: Judged, tried: Contest, named: bool) -> Cause:
     """What no effect of the shelf explains, with its formula if that holds on runs that were not used."""
     probability = verdict.unknown if verdict.strange else min(verdict.unknown, 0.49)
-    if verdict.strange and (not named or Formula.name in chosen.names):
+    if Formula.name in chosen.names or (verdict.strange and not named):
         probability = max(probability, 0.6)
     formula = chosen.hypothesis.effects[0] if Formula.name in chosen.names else None
     terms = formula.terms if isinstance(formula, Formula) else ()

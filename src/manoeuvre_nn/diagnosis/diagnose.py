@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from manoeuvre_nn.diagnosis import checks as checking
+from manoeuvre_nn.diagnosis.alarm import LEAST_UNKNOWN
 from manoeuvre_nn.diagnosis.bench import Bench, bench
 from manoeuvre_nn.diagnosis.causes import causes_of
 from manoeuvre_nn.diagnosis.court import Court
@@ -18,7 +19,7 @@ from manoeuvre_nn.diagnosis.remainder import is_left, with_remainder
 from manoeuvre_nn.diagnosis.result import Cause, Check, Diagnosis, Proof, Residual
 from manoeuvre_nn.diagnosis.search import Contest, Progress, contest, settle
 from manoeuvre_nn.diagnosis.verdict import Verdict, decide
-from manoeuvre_nn.diagnosis.words import captain, labels, next_steps, runner_up
+from manoeuvre_nn.diagnosis.words import captain, labels, left_open, next_steps, runner_up
 from manoeuvre_nn.effect.formula import Formula
 from manoeuvre_nn.effect.remainder import Remainder
 
@@ -57,7 +58,7 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
         case=question.name,
         ship=question.dynamics.particulars.name,
         verdict="mismatch" if mismatch else "none",
-        sentence=captain(causes, model, proofs, mismatch),
+        sentence=captain(causes, model, proofs, mismatch, left_open(tried, verdict)),
         causes=causes,
         model=model,
         alias=checking.aliases(tried, chosen),
@@ -86,15 +87,17 @@ def _repair(
         candidates.append(verdict.best)
         if len(verdict.best.names) > 1:
             candidates += [j for j in tried.judged if len(j.names) == 1 and set(j.names) <= set(verdict.best.names)][:1]
-    if verdict.strange and verdict.formula is not None:
-        candidates.append(verdict.formula.judged)
+    formula = verdict.formula
+    if formula is not None and (verdict.strange or formula.evidence > tried.none.evidence + LEAST_UNKNOWN):
+        candidates.append(formula.judged)
     checks: list[Check] = []
     proofs = prove(question, stand, none, none)
     before = cost(proofs, question.dynamics, "before")
     for first in candidates:
-        there = refined(tried.court.bench, first)
-        # Strong gusts explain what a fit without them would lay on the mean wind.
-        j = first if _turns(first) else replace(settle(Court(there), first.hypothesis, *first.best), random=first.random)
+        there, j = tried.court.bench, first
+        if not _turns(first):  # strong gusts explain what a fit without them would lay on the mean wind
+            there = refined(there, first)
+            j = replace(settle(Court(there), first.hypothesis, *first.best), random=first.random)
         made = prove(question, there, none, j, proofs)
         after, gain = cost(made, question.dynamics, "after"), foreseen(question, j)
         helped = not made or (gain > 0 and after < HARM * before)

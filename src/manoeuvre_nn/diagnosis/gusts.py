@@ -8,7 +8,7 @@ from jaxtyping import Float
 from scipy.linalg import solve_triangular
 
 from manoeuvre_nn.core.effect import Effect
-from manoeuvre_nn.core.ship import FULL_SCALE
+from manoeuvre_nn.diagnosis.bench import FORCE_LEVELS
 from manoeuvre_nn.diagnosis.columns import contribution
 from manoeuvre_nn.diagnosis.court import Court, Linear, linear
 from manoeuvre_nn.diagnosis.hypothesis import RANDOM, Hypothesis, Judged
@@ -32,13 +32,13 @@ class Gusts:
 
 
 AT_SEA = tuple(Gusts(share, 30.0, 0.0) for share in (0.1, 0.13, 0.16, 0.2, 0.25, 0.32))
-"""Sizes over the mean wind that are tried; smaller ones look like wrong load functions. They last 20 to 60 s, usually."""
-ON_PONDS = tuple(Gusts(share, 10.0, 1.0) for share in (0.4, 0.6, 0.9, 1.3))
+"""Sizes over the mean wind that are tried; smaller ones look like wrong load functions. They last 20 to 60 s."""
+ON_PONDS = tuple(Gusts(share, memory, 1.0) for memory in (10.0, 5.0) for share in (0.4, 0.7, 1.2))
 """The same near the ground among trees and banks, where winds turn as much as they swell: tried besides for models."""
 KNOTS = 3.0
 """Knots of their course in a correlation time."""
 FIRM = 0.06
-"""Coloured force from which it would only compete with gusts; more where the model was seen to lack much."""
+"""Coloured force from which it would only compete with gusts, unless the model was fitted and may lack any."""
 ROUNDS = 3
 """Fits of the mean wind with gusts, which leave it less to explain than it had alone."""
 
@@ -55,9 +55,10 @@ def judge_gusts(court: Court, steady: Judged, gusty: Effect) -> Judged:
         It at the most likely size of gusts.
     """
     ship = court.bench.dynamics.particulars
-    wind, kinds = steady.names.index("wind_steady"), AT_SEA if ship.length >= FULL_SCALE else AT_SEA + ON_PONDS
-    firm = max(FIRM, 2.5 * float(court.bench.lacking.max()))
-    levels = [int(g) for g in np.flatnonzero(court.bench.levels.max(axis=1) < firm)]
+    wind, kinds = steady.names.index("wind_steady"), AT_SEA + ON_PONDS if ship.is_model else AT_SEA
+    levels = [int(g) for g in np.flatnonzero(court.bench.levels.max(axis=1) < FIRM)]
+    if court.bench.fitted:
+        levels = _around(steady.best[0])
     best, found = -np.inf, []
     for _ in range(ROUNDS if len(kinds) > len(AT_SEA) else 1):
         tried, sizes = _tried(court, steady.hypothesis, wind, kinds, levels)
@@ -66,6 +67,13 @@ def judge_gusts(court: Court, steady: Judged, gusty: Effect) -> Judged:
             break
         best, found, steady = top.evidence, list(zip(tried, sizes, strict=True)), top
     return _chosen(found, wind, gusty)
+
+
+def _around(level: int) -> list[int]:
+    """A level of the coloured force and those beside it."""
+    side = len(FORCE_LEVELS)
+    rows, columns = ([k for k in (n - 1, n, n + 1) if 0 <= k < side] for n in divmod(level, side))
+    return [row * side + column for row in rows for column in columns]
 
 
 def gusty_evidence(court: Court, hypothesis: Hypothesis, level: int) -> float:
@@ -153,7 +161,7 @@ def _chosen(found: list[tuple[Judged, Gusts]], wind: int, gusty: Effect) -> Judg
 
 
 def _course(court: Court, hypothesis: Hypothesis, wind: int, run: int, memory: float, across: float) -> Columns:
-    """Columns of gusts of 1 m/s along the wind, and across it if wanted: hat functions, their amplitudes independent."""
+    """Columns of gusts of 1 m/s along the wind, and across it if wanted: hat functions with independent amplitudes."""
     place, effect = court.bench.places[run], hypothesis.effects[wind]
     names = [p.name for p in effect.declared]
     speed, direction = names.index("speed"), names.index("from_deg")

@@ -18,18 +18,21 @@ SCATTER_PRIOR = USUAL_SCATTER
 def log_prior_levels(bench: Bench, force_prior: float | None) -> Float[np.ndarray, "g s"]:
     """Log prior of the grid of force and scatter levels.
 
+    It is flat where the model was fitted: by how much such a model is wrong in other runs than its own is not known
+    beforehand, least of all in other weather.
+
     Args:
         bench: The runs.
-        force_prior: Scale of the half-normal prior of the force levels, at least what the model was seen to lack; None
-            is flat over the levels.
+        force_prior: Scale of the half-normal prior of the force levels; None is flat over the levels.
 
     Returns:
         Normalised over the grid.
     """
-    force = np.zeros(len(bench.levels))
-    if force_prior is not None:
-        force = -0.5 * np.square(bench.levels / np.maximum(force_prior, bench.lacking)).sum(axis=1)
-    scatter = -0.5 * np.square(np.array(SCATTER_LEVELS) / SCATTER_PRIOR)
+    force, scatter = np.zeros(len(bench.levels)), np.zeros(len(SCATTER_LEVELS))
+    if force_prior is not None and not bench.fitted:
+        force = -0.5 * np.square(bench.levels / force_prior).sum(axis=1)
+    if not bench.fitted:
+        scatter = -0.5 * np.square(np.array(SCATTER_LEVELS) / SCATTER_PRIOR)
     total = force[:, None] + scatter[None, :]
     return total - log_sum(total)
 

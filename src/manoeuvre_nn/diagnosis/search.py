@@ -8,7 +8,6 @@ from math import inf
 import numpy as np
 
 from manoeuvre_nn.core.effect import Effect
-from manoeuvre_nn.core.ship import FULL_SCALE
 from manoeuvre_nn.diagnosis.bench import Bench
 from manoeuvre_nn.diagnosis.court import Court, linear
 from manoeuvre_nn.diagnosis.gusts import judge_gusts
@@ -75,11 +74,10 @@ def contest(bench: Bench, effects: Sequence[Effect], progress: Progress = lambda
     judged = sorted(singles + pairs, key=lambda j: -j.evidence)
     windy = [j for j in judged[:WIDTH] if "wind_steady" in j.names and j.evidence > none.evidence]
     # On ponds the mean wind may show in nothing but its gusts.
-    alone = [j for j in judged if j.names == ("wind_steady",)]
-    small = bench.dynamics.particulars.length < FULL_SCALE
+    unmixed = [j for j in judged if j.names == ("wind_steady",) and bench.dynamics.particulars.is_model]
     gusty = next((e for e in effects if e.name == "wind_gusty"), None)
     if gusty is not None:
-        for j in windy[:3] + [j for j in alone if small and j not in windy[:3]]:
+        for j in windy[:3] + [j for j in unmixed if j not in windy[:3]]:
             progress(" + ".join(j.names).replace("wind_steady", "wind_gusty"))
             judged.append(judge_gusts(court, j, gusty))
     judged.sort(key=lambda j: -j.evidence)

@@ -55,7 +55,9 @@ def decide(contest: Contest, temperature: float = 1.0) -> Verdict:
         The verdict.
     """
     formula = short_formula(contest.court, contest.none)
-    stranger = unknown_evidence(contest.court, contest.none, formula)
+    # A fitted model has errors that a formula takes up: to raise the alarm it must hold on other runs first.
+    trusted = None if contest.court.bench.fitted else formula
+    stranger = unknown_evidence(contest.court, contest.none, trusted)
     judged = [j for j in contest.judged if _worth_its_size(contest, j)]
     names = sorted({n for j in contest.judged for n in j.names})
     singles, pairs = len(names), max(len(names) * (len(names) - 1) / 2, 1)

@@ -29,7 +29,9 @@ MEASURE = {
 EQUATIONS = {"X": "surge", "Y": "sway", "N": "yaw", "kinematics": "kinematics or sensors"}
 
 
-def captain(causes: Sequence[Cause], model: Sequence[str], proofs: Sequence[Proof], mismatch: bool) -> str:
+def captain(
+    causes: Sequence[Cause], model: Sequence[str], proofs: Sequence[Proof], mismatch: bool, lacking: str = ""
+) -> str:
     """One sentence that a captain understands.
 
     Args:
@@ -37,10 +39,13 @@ def captain(causes: Sequence[Cause], model: Sequence[str], proofs: Sequence[Proo
         model: What was switched on.
         proofs: Held-out runs.
         mismatch: Whether recordings and model differ.
+        lacking: What is left where the model was itself fitted to recordings, see :func:`left_open`; else empty.
 
     Returns:
         The sentence.
     """
+    if not mismatch and lacking:
+        return f"Nothing is proved: {lacking}."
     if not mismatch:
         return "The recordings agree with the calm-water model within their noise: nothing needs to be added."
     if set(model) <= {"unknown"}:
@@ -53,6 +58,29 @@ def captain(causes: Sequence[Cause], model: Sequence[str], proofs: Sequence[Proo
     named = [c for c in causes if c.name in model]
     said = " and ".join(f"{c.label} ({_values(c)})" for c in named)
     return f"The recordings show {said}{_gain(proofs, 'it' if len(named) == 1 else 'them')}."
+
+
+def left_open(tried: Contest, verdict: Verdict) -> str:
+    """What recordings leave open where nothing is proved and the model was fitted to others.
+
+    Args:
+        tried: The contest.
+        verdict: The probabilities.
+
+    Returns:
+        A clause; empty for a model that was not fitted.
+    """
+    bench = tried.court.bench
+    if not bench.fitted:
+        return ""
+    surge, lateral = (100 * level for level in bench.levels[tried.none.best[0]])
+    said = (
+        f"the fitted model lacks forces of about {surge:.2g} % of the resistance and {lateral:.2g} % of 20 deg of "
+        "rudder here, which it may do by itself"
+    )
+    if not verdict.named or verdict.best is None:
+        return f"{said}, and no effect explains them"
+    return f"{said}; with {labels(verdict.best)} runs that were not used are not predicted better"
 
 
 def _gain(proofs: Sequence[Proof], what: str) -> str:

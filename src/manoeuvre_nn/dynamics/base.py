@@ -76,13 +76,8 @@ class Dynamics(ABC, nn.Module):
         return nu[..., None, :][..., :0, :]
 
     @property
-    def lacking(self) -> Float[Tensor, " 3"]:
-        """Standard deviation of the accelerations that the model was seen to lack [m/s^2, m/s^2, rad/s^2]; else 0."""
-        return torch.zeros_like(self.hull.velocity_units)
-
-    @property
     def noise(self) -> Float[Tensor, " 6"]:
-        """Standard deviation that recorded u, v, r, x, y, psi were given where the model was fitted [SI]; else 0."""
+        """Standard deviation that recorded u, v, r, x, y, psi were given in the model's fit [SI]; 0 without one."""
         return torch.zeros_like(self.hull.velocity_units).repeat(2)
 
     def turns(self, time: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"] | None:

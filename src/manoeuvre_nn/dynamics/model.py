@@ -241,14 +241,6 @@ class IdentifiedShip(Dynamics):
         return self.known.acceleration_from_force(nu[..., None, :].expand(forces.shape), forces)
 
     @property
-    def lacking(self) -> Float[Tensor, " 3"]:
-        """Standard deviation of the accelerations that a series was seen to lack [m/s^2, m/s^2, rad/s^2]; else 0."""
-        if not isinstance(self.network, Series):
-            return super().lacking
-        p, unit = self.particulars, self.known.velocity_units
-        return self.network.lacking.to(unit) * unit * p.speed / p.length
-
-    @property
     def noise(self) -> Float[Tensor, " 6"]:
         """Standard deviation that recorded u, v, r, x, y, psi had in the fit of a series [SI]; else 0."""
         if not isinstance(self.network, Series):

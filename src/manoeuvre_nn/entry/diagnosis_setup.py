@@ -29,7 +29,9 @@ from manoeuvre_nn.entry.job import blank_network, fit_of, known_part
 from manoeuvre_nn.entry.provenance import CONFIG, versions
 from manoeuvre_nn.training.checkpoint import load_weights, read_checkpoint
 
-DEFAULT, ALL = "default", "all"
+DEFAULT, TANK, ALL = "default", "tank", "all"
+OUTDOORS = ("wind and waves", "current", "local force", "ice_resistance")
+"""Families of effects, and an effect, that cannot act on a model in a closed tank."""
 SENSOR = "sensor:"
 ALWAYS_FITTED = "gps_delay"
 """The receiver's delay is estimated beside every hypothesis: as a candidate it would stand twice."""
@@ -140,7 +142,7 @@ class Setup:
             try:
                 effect = _prototype(self.shelf[name], case.hull)
             except InputError:
-                if self.cfg.candidates not in (DEFAULT, ALL):
+                if self.cfg.candidates not in (DEFAULT, TANK, ALL):
                     raise
                 unsuited.append(name)
                 continue
@@ -173,7 +175,7 @@ def wanted(chosen: Any, shelf: Mapping[str, Mapping[str, Any]]) -> list[str]:
     """Names of the candidates.
 
     Args:
-        chosen: ``default``, ``all``, a name or a list of names.
+        chosen: ``default``, ``tank``, ``all``, a name or a list of names.
         shelf: Effect -> its entry in conf/effect.
 
     Returns:
@@ -186,8 +188,11 @@ def wanted(chosen: Any, shelf: Mapping[str, Mapping[str, Any]]) -> list[str]:
     realised = {n for n, c in classes.items() if "seed" in inspect.signature(c).parameters and n not in LISTED}
     learned = {Formula.name, Remainder.name}
     possible = [name for name in classes if name not in realised | learned and name != ALWAYS_FITTED]
+    listed = [name for name in possible if name in LISTED]
     if chosen == DEFAULT:
-        return [name for name in possible if name in LISTED]
+        return listed
+    if chosen == TANK:
+        return [name for name in listed if name not in OUTDOORS and classes[name].family not in OUTDOORS]
     names = possible if chosen == ALL else [str(name) for name in configs.as_list(chosen)]
     for name in names:
         check_choice("candidate", name, possible)

@@ -49,7 +49,6 @@ class Series(nn.Module):
         trained: Members that answer.
         shaft: n over the nominal shaft speed where no recording says it [-].
         covariance: Of the coefficients that are used, in the order of :attr:`names`; 0 before a fit.
-        lacking: Standard deviation of the accelerations that the recordings asked for besides, in U0^2/L and U0^2/L^2.
         noise: Standard deviation that u, v, r, x, y, psi were given in the fit, in U0, U0/L, L, rad.
 
     Source:
@@ -62,7 +61,6 @@ class Series(nn.Module):
     trained: Tensor
     shaft: Tensor
     covariance: Tensor
-    lacking: Tensor
     noise: Tensor
     scalings = ("approach",)
 
@@ -121,7 +119,6 @@ class Series(nn.Module):
         self.register_buffer("shaft", torch.ones((), dtype=dtype))
         count = int(self.used.sum())
         self.register_buffer("covariance", torch.zeros(count, count, dtype=torch.float64))
-        self.register_buffer("lacking", torch.zeros(OUTPUTS, dtype=torch.float64))
         self.register_buffer("noise", torch.zeros(6, dtype=torch.float64))
         self.coefficients = nn.Parameter(torch.zeros(members, OUTPUTS, len(self.terms), dtype=dtype))
 
@@ -233,7 +230,6 @@ class Series(nn.Module):
         self,
         values: Float[Tensor, " p"],
         covariance: Float[Tensor, "p p"],
-        lacking: Float[Tensor, " 3"] | None = None,
         noise: Float[Tensor, " 6"] | None = None,
     ) -> None:
         """Set the estimate, and draw the other members from its uncertainty.
@@ -241,12 +237,10 @@ class Series(nn.Module):
         Args:
             values: Coefficients in the order of :attr:`names`.
             covariance: Theirs.
-            lacking: See :attr:`lacking`; None is nothing.
             noise: See :attr:`noise`; None is nothing.
         """
         self.covariance.copy_(covariance)
-        for buffer, given in ((self.lacking, lacking), (self.noise, noise)):
-            buffer.copy_(torch.zeros_like(buffer) if given is None else given)
+        self.noise.copy_(torch.zeros_like(self.noise) if noise is None else noise)
         generator = torch.Generator().manual_seed(self.seed)
         noise = torch.randn(self.members - 1, len(values), generator=generator, dtype=torch.float64)
         sizes, vectors = torch.linalg.eigh(covariance.double())

@@ -202,7 +202,8 @@ def gusts(stand: Stand, found: Fit, gusty: Effect) -> Fit:
     # One random factor on a known direction: its likelihood ratio against none in closed form.
     gains = [float((along**2 / (1 / (kept * s**2) + power) - np.log1p(kept * s**2 * power)).sum()) for s in sizes]
     values = {p.name: h.values[which][:, k] for k, p in enumerate(h.effects[which].declared)}
-    values |= {"gust_sd": np.full(len(stand.tracks), sizes[np.argmax(gains)]), "gust_time_s": np.array(GUST_TIME), "gust_across": np.array(0.0)}
+    values["gust_sd"] = np.full(len(stand.tracks), sizes[np.argmax(gains)])
+    values |= {"gust_time_s": np.array(GUST_TIME), "gust_across": np.array(0.0)}
     table = np.stack([np.broadcast_to(values[p.name], len(stand.tracks)) for p in gusty.declared], axis=-1)
     effects, tables = list(h.effects), list(h.values)
     effects[which], tables[which] = gusty, table

@@ -125,7 +125,7 @@ def _teach(network: Series, problem: Problem, found: Estimate, *, done: bool = T
     covariance = found.covariance[:count, :count]
     if done or network.members > 1:
         covariance, _ = honest_covariance(problem, found)
-    network.take(*(torch.as_tensor(part) for part in (found.values[:count], covariance, found.force, found.noise)))
+    network.take(*(torch.as_tensor(part) for part in (found.values[:count], covariance, found.noise)))
 
 
 class ClosedLoopFit(Fit):
