@@ -31,14 +31,14 @@ def judged(evidence: float, *names: str) -> Judged:
 def decided(monkeypatch):
     """Decides on log Bayes factors over calm water; what chance can do is known, and so is the stranger."""
 
-    def run(factors: dict, unknown: float = -5.0, temperature: float = 1.0):
+    def run(factors: dict, unknown: float = -5.0, temperature: float = 1.0, lacked: float | None = None):
         monkeypatch.setattr(under_test, "short_formula", lambda court, none: None)
         monkeypatch.setattr(under_test, "unknown_evidence", lambda court, none, formula: CALM_EVIDENCE + unknown)
         monkeypatch.setattr("manoeuvre_nn.diagnosis.alarm.threshold", lambda contest: 1.0)
         made = [judged(CALM_EVIDENCE + f, *key.split(" + ")) for key, f in factors.items()]
         made.sort(key=lambda j: -j.evidence)
         court = object.__new__(Court)
-        court.bench = SimpleNamespace(fitted=False)
+        court.bench = SimpleNamespace(fitted=lacked is not None, levels=np.array([[0.003, lacked or 0.003]]))
         return decide(Contest(judged(CALM_EVIDENCE), made, court), temperature)
 
     return run
@@ -55,6 +55,11 @@ def test_single_causes_none_and_unknown_add_up_to_one(decided, gain, unknown, ot
     v = decided(dict.fromkeys(SINGLES, others) | {"current": gain}, unknown, temperature)
     assert v.none + v.unknown + sum(v.effects.values()) == approx(1.0)
     assert all(0 <= p <= 1 for p in (v.none, v.unknown, *v.effects.values()))
+
+
+def test_a_fitted_model_that_lacks_much_has_missed_something(decided):
+    assert decided(SINGLES | {"current": -1.0}, lacked=0.15).strange
+    assert not decided(SINGLES | {"current": -1.0}, lacked=0.05).strange
 
 
 def test_a_pair_counts_for_both_of_its_effects(decided):

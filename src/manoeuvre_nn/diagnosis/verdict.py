@@ -13,6 +13,9 @@ from manoeuvre_nn.diagnosis.unknown import unknown_evidence
 
 PRIOR = {"none": 0.25, "single": 0.53, "pair": 0.12, "unknown": 0.10}
 """Declared base rates: calm water holds, one effect, two, or something that the shelf does not have."""
+MOST_LACKED = 0.1
+"""Coloured force over the resistance and over 20 deg of rudder that a model fitted to other recordings may lack by
+itself; more is something that it never met."""
 QUIET = 0.6
 """Least probability of calm water as long as no alarm is raised."""
 
@@ -56,8 +59,8 @@ def decide(contest: Contest, temperature: float = 1.0) -> Verdict:
     """
     formula = short_formula(contest.court, contest.none)
     # A fitted model has errors that a formula takes up: to raise the alarm it must hold on other runs first.
-    trusted = None if contest.court.bench.fitted else formula
-    stranger = unknown_evidence(contest.court, contest.none, trusted)
+    bench = contest.court.bench
+    stranger = unknown_evidence(contest.court, contest.none, None if bench.fitted else formula)
     judged = [j for j in contest.judged if _worth_its_size(contest, j)]
     names = sorted({n for j in contest.judged for n in j.names})
     singles, pairs = len(names), max(len(names) * (len(names) - 1) / 2, 1)
@@ -71,6 +74,7 @@ def decide(contest: Contest, temperature: float = 1.0) -> Verdict:
     share /= share.sum()
     best = judged[int(log_weight[2:].argmax())] if judged else None
     named, strange = raised(contest, best), stranger - contest.none.evidence > LEAST_UNKNOWN
+    strange |= bench.fitted and bool(bench.levels[contest.none.best[0]].max() > MOST_LACKED)
     if named or strange:
         if share[0] > 1 - QUIET:
             share[1:] *= QUIET / share[1:].sum()

@@ -1,0 +1,211 @@
+"""Models that were fitted to recordings: what they doubt and trust; winds that swing about a model on a pond."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+from pytest import approx
+from trials import CALM, CIRCLE, NOISE, ZIGZAG, runs
+
+from manoeuvre_nn.diagnosis.bench import FORCE_LEVELS, LATENCY_SPREAD, NOMINAL, bench
+from manoeuvre_nn.diagnosis.calibrated import USUAL_SCATTER, Calibrated, Corrections
+from manoeuvre_nn.diagnosis.court import Court, linear
+from manoeuvre_nn.diagnosis.gusts import _course, gusty_evidence
+from manoeuvre_nn.diagnosis.hypothesis import RANDOM, Hypothesis
+from manoeuvre_nn.diagnosis.linear import joined
+from manoeuvre_nn.diagnosis.regression import FORCE_PRIOR, log_prior_levels, regress
+from manoeuvre_nn.diagnosis.words import captain, left_open
+from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip, Scaling
+from manoeuvre_nn.effect.wind import GustyWind, SteadyWind
+from manoeuvre_nn.network.series import Series
+from manoeuvre_nn.ship.esso_osaka_model import esso_osaka_model
+from manoeuvre_nn.ship.known import clarke_inertia_part
+
+pytestmark = pytest.mark.usefixtures("unchecked_types")
+NU, DELTA, SHAFT = (torch.tensor(x, dtype=torch.float64) for x in ([[0.35, -0.03, 0.04]], [0.3], [1.2]))
+NOISE_OF_FIT = torch.tensor([0.02, 0.03, 0.04, 0.05, 0.06, 0.07], dtype=torch.float64)
+LEVEL = len(FORCE_LEVELS) + 1
+WINDY = {"wind_surge": ["wx |w|"], "wind_lateral": ["wy |w|"]}
+
+
+def fitted(seed: int = 0, **more) -> IdentifiedShip:
+    """A series with coefficients, a covariance and noise that came from anywhere."""
+    network = Series(["u u", "n n"], ["v", "d n n"], **more)
+    g = torch.Generator().manual_seed(seed)
+    count = len(network.names)
+    root = 0.01 * torch.randn(count, count, generator=g, dtype=torch.float64)
+    values = 0.05 * torch.randn(count, generator=g, dtype=torch.float64)
+    network.take(values, root @ root.T, NOISE_OF_FIT)
+    scaling = Scaling(torch.zeros(4), torch.ones(4), torch.ones(3))
+    return IdentifiedShip(clarke_inertia_part(esso_osaka_model()), network, scaling).double()
+
+
+def with_values(model: IdentifiedShip, values: torch.Tensor) -> IdentifiedShip:
+    made = fitted()
+    made.network.take(values, model.network.covariance)
+    return made
+
+
+def test_doubts_are_what_a_standard_error_of_each_combination_adds():
+    model = fitted()
+    network = model.network
+    sizes, axes = torch.linalg.eigh(network.covariance)
+    values = network.coefficients[0][network.used].detach()
+    rows = model.doubts(NU, DELTA, SHAFT)[0].detach()
+    for k, row in enumerate(rows):
+        moved = with_values(model, values + axes[:, k] * sizes[k].sqrt())
+        change = moved.at_shaft(NU, DELTA, SHAFT) - model.at_shaft(NU, DELTA, SHAFT)
+        assert row.numpy() == approx(change[0].detach().numpy(), abs=1e-12)
+
+
+def test_other_models_have_no_doubts_and_no_noise():
+    assert CALM.doubts(NU, DELTA, SHAFT).shape == (1, 0, 3) and not CALM.noise.any()
+    blank = fitted()
+    blank.network.covariance.zero_()
+    assert blank.doubts(NU, DELTA, SHAFT).shape == (1, 0, 3)
+
+
+def test_the_noise_of_the_fit_comes_in_si_units():
+    length, speed = 3.0, 0.4
+    units = [speed, speed, speed / length, length, length, 1.0]
+    assert fitted().noise.numpy() == approx(NOISE_OF_FIT.numpy() * units)
+
+
+def test_at_the_nominal_shaft_speed_still_air_meets_the_ship_as_she_goes():
+    model = fitted(**WINDY)
+    assert model.at_shaft(NU, DELTA, torch.ones(1).double())[0].detach().numpy() == approx(
+        model.acceleration(NU, DELTA)[0].detach().numpy()
+    )
+
+
+def test_corrections_of_a_fitted_model_are_its_doubts():
+    model = fitted()
+    corrections, rows = Corrections(model), model.doubts(NU, DELTA, SHAFT)
+    count = rows.shape[1]
+    assert corrections.names[:count] == [f"fit {k + 1}" for k in range(count)]
+    made = corrections(NU, DELTA, SHAFT).detach()
+    assert (USUAL_SCATTER * made[0, :count]).numpy() == approx(rows[0].detach().numpy())
+    shares = torch.randn(len(corrections.names), generator=torch.Generator().manual_seed(3), dtype=torch.float64)
+    together = corrections.together(NU, DELTA, shares, SHAFT).detach()
+    assert together[0].numpy() == approx((made[0] * shares[:, None]).sum(0).numpy())
+    added = Calibrated(model, shares).at_shaft(NU, DELTA, SHAFT) - model.at_shaft(NU, DELTA, SHAFT)
+    assert added[0].detach().numpy() == approx(together[0].numpy())
+
+
+@pytest.fixture(scope="module")
+def stands():
+    """The same two runs on the bench of published coefficients, and of a model that says what noise its fit had."""
+    record = runs([CIRCLE, ZIGZAG])
+
+    class Said(CalmWater):
+        @property
+        def noise(self):
+            return torch.tensor([0.2, 0.2, 2e-3, 3.0, 3.0, 0.01], dtype=torch.float64)
+
+    return bench(CALM, record), bench(Said(CALM.ship), record)
+
+
+def test_channels_are_trusted_as_they_were_in_the_fit(stands):
+    published, own = stands
+    assert not published.fitted and own.fitted
+    for place in own.places:
+        assert place.noise[:6] == approx([3.0, 3.0, 0.2, 0.2, 0.01, 2e-3]) and (place.inflation[:6] == 1).all()
+    assert published.places[0].noise[:2] == approx(NOISE[:2], rel=0.4) and (NOMINAL > 0).all()
+
+
+def test_what_a_fitted_model_may_lack_is_not_known_beforehand(stands):
+    published, own = (log_prior_levels(stand, FORCE_PRIOR) for stand in stands)
+    assert np.ptp(own) == approx(0.0, abs=1e-12) and np.exp(own).sum() == approx(1.0)
+    assert published[0].max() > published[-1].max() + 100
+
+
+def held(effect) -> Hypothesis:
+    """An effect whose every number is known, in both runs."""
+    values = np.tile(effect.values.numpy(), (2, 1))
+    return Hypothesis((effect,), (values,), frozenset(p.name for p in effect.declared))
+
+
+def test_gusts_of_no_size_are_a_steady_wind(stands):
+    court, wind = Court(stands[0]), {"speed": 12.0, "from_deg": 70.0}
+    plain = court.judge_level(held(SteadyWind(CALM.ship, **wind)), LEVEL)
+    assert gusty_evidence(court, held(GustyWind(CALM.ship, **wind, gust_sd=1e-4)), LEVEL) == approx(plain, abs=1e-3)
+
+
+def test_gusts_across_are_as_large_as_they_are_told_to_be(stands):
+    court, hypothesis = Court(stands[0]), held(SteadyWind(CALM.ship, speed=12.0, from_deg=70.0))
+    one, part, along = (_course(court, hypothesis, 0, 0, 20.0, across) for across in (1.0, 0.7, 0.0))
+    half = along.count
+    assert (one.count, part.count) == (2 * half, 2 * half)
+    assert part.moved[..., :half] == approx(along.moved) and part.moved[..., half:] == approx(
+        0.7 * one.moved[..., half:]
+    )
+
+
+def test_a_course_that_is_integrated_out_is_one_with_free_amplitudes(stands):
+    """The second route: the amplitudes of the gusts' course as unknowns of the regression, with their prior."""
+    court, stand = Court(stands[0]), stands[0]
+    wind = GustyWind(CALM.ship, speed=12.0, from_deg=70.0, gust_sd=2.0, gust_time_s=20.0, gust_across=0.7)
+    hypothesis = held(wind)
+    lin = linear(stand, hypothesis)
+    courses = [_course(court, hypothesis, 0, run, 20.0, 0.7) for run in range(2)]
+    ends = np.cumsum([1, *(c.count for c in courses)])
+    index = [np.r_[0, a:b] for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    gram = stand.gram(LEVEL, [joined([c, more]) for c, more in zip(lin.columns, courses, strict=True)], index, ends[-1])
+    whole = stand.size
+    data = np.zeros(len(gram))
+    data[0], data[whole] = 1.0, -1.0
+    keep = np.r_[0, whole, 1:whole, whole + 1 : len(gram)]
+    prior = np.r_[np.ones(len(stand.coefficients)), np.full(2, LATENCY_SPREAD), np.full(ends[-1] - 1, 2.0)]
+    found = regress(
+        gram[None][:, keep][:, :, keep], np.array([stand.at(LEVEL).norm]), len(stand.coefficients), data[keep], prior
+    )
+    assert gusty_evidence(court, hypothesis, LEVEL) == approx(float(found.by_level.max()), abs=1e-3)
+
+
+def test_winds_swing_as_much_as_they_are_told_to():
+    wind = GustyWind(CALM.ship, speed=10.0, from_deg=30.0, gust_sd=2.0, gust_time_s=5.0, gust_across=0.5)
+    assert set(RANDOM) <= {p.name for p in wind.declared}
+    time = torch.arange(0.0, 2500.0, 0.5, dtype=torch.float64)
+    s = SimpleNamespace(time=time)
+    along, across = wind._speed(s), wind._swing(s)
+    assert float(along.std()) == approx(2.0, rel=0.15) and float(across.std()) == approx(1.0, rel=0.15)
+    assert abs(float(torch.corrcoef(torch.stack([along, across]))[0, 1])) < 0.15
+
+
+def test_a_swing_to_the_right_is_wind_from_farther_right():
+    ship = CALM.ship
+    turned = SteadyWind(ship, speed=10.0, from_deg=30.0 + np.degrees(np.arctan(0.3)))
+    swung = SteadyWind(ship, speed=10.0, from_deg=30.0)
+    swung._swing = lambda s: 3.0
+    turned._speed = lambda s: np.hypot(10.0, 3.0)
+    zero = torch.zeros(1, dtype=torch.float64)
+    s = SimpleNamespace(u=zero + 5, v=zero, psi=zero + 0.4, time=zero)
+    assert swung.force(s)[0].numpy() == approx(turned.force(s)[0].numpy())
+
+
+def test_usual_sizes_of_a_model_are_those_of_a_ship_by_froudes_law():
+    ship, model = CALM.ship.particulars, esso_osaka_model()
+    share = 3.0 / 160.0
+    powers = (1.0, 0.5, -0.5, 3.0)
+    assert model.is_model and model.sized([2.0] * 4, powers) == approx([2 * share**p for p in powers])
+    assert not ship.is_model and ship.sized([2.0] * 4, powers) == approx([2.0] * 4)
+    speed = SteadyWind(clarke_inertia_part(model)).declared[0]
+    of_ship = SteadyWind(CALM.ship).declared[0]
+    assert speed.spread == approx(of_ship.spread * share**0.5) and (speed.low, speed.high) == (0.0, of_ship.high)
+    offset = next(p for p in GustyWind(clarke_inertia_part(model)).declared if p.name == "gust_time_s")
+    assert offset.spread == next(p for p in GustyWind(CALM.ship).declared if p.name == "gust_time_s").spread
+
+
+def test_what_a_fitted_model_leaves_open_is_said():
+    def tried(fits: bool):
+        court = SimpleNamespace(bench=SimpleNamespace(fitted=fits, levels=np.array([[0.05, 0.015]])))
+        return SimpleNamespace(court=court, none=SimpleNamespace(best=(0, 0)))
+
+    quiet = SimpleNamespace(named=False, best=None)
+    assert left_open(tried(False), quiet) == ""
+    said = captain([], [], [], False, left_open(tried(True), quiet))
+    assert "5 % of the resistance and 1.5 % of 20 deg of rudder" in said and "no effect explains" in said
+    wind = SteadyWind(CALM.ship)
+    named = SimpleNamespace(named=True, best=SimpleNamespace(hypothesis=Hypothesis((wind,), (np.zeros((1, 9)),))))
+    assert "with a steady wind runs that were not used" in left_open(tried(True), named)
