@@ -248,6 +248,8 @@ GOOD = "ship=mariner_corrected recordings={recordings}"
         (f"{GOOD} candidates=[wind]", "candidate 'wind' is unknown; choose one of: bank, bow_thruster, current"),
         (f"{GOOD} candidates=[first_order_waves]", "candidate 'first_order_waves' is unknown"),
         (f"{GOOD} candidates=[]", "candidates=[] names no effect"),
+        (f"{GOOD} files=[zz7.csv]", "files: zz7.csv is not in"),
+        (f"{GOOD} files=[zz*.csv] held_out=tc1", "run in held_out 'tc1' is unknown; choose one of: zz1, zz2"),
         (f"{GOOD} held_out=zz9", "run in held_out 'zz9' is unknown; choose one of: tc1, zz1, zz2"),
         (f"{GOOD} held_out=[zz1,tc1,zz2]", "held out are all runs"),
         (f"{GOOD} rudder_positive_to=starboard", "change rudder_positive_to"),
@@ -284,6 +286,13 @@ def test_a_setting_that_does_not_exist_is_named(monkeypatch, capsys, tmp_path):
 
 
 SHELF = {p.stem: yaml.safe_load(p.read_text()) for p in (CONF / "effect").glob("*.yaml")}
+
+
+def test_in_a_tank_there_is_no_wind_no_wave_and_no_current():
+    tank = set(wanted("tank", SHELF))
+    assert tank < set(wanted("default", SHELF))
+    assert not {"wind_steady", "wind_gusty", "wave_drift", "current", "side_force", "tow", "ice_resistance"} & tank
+    assert {"rudder_offset", "heading_bias", "gps_lever_arm"} <= tank
 
 
 def test_candidates_are_what_conf_holds():

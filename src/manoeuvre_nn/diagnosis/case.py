@@ -21,6 +21,7 @@ from manoeuvre_nn.recording.reader import read_recordings
 from manoeuvre_nn.ship.esso_190k import esso_190k
 from manoeuvre_nn.ship.great_lakes_bulker import great_lakes_bulker
 from manoeuvre_nn.ship.mariner import mariner_corrected
+from manoeuvre_nn.training.settings import expand
 
 SHIPS: Mapping[str, Callable[[], Ship]] = {
     "mariner": mariner_corrected,
@@ -93,6 +94,7 @@ def read_runs(
     held_out: Sequence[str] | str = AUTO,
     *,
     mapping: ChannelMapping | None = None,
+    files: Sequence[str] = (),
     rudder_positive_to: str = "port",
     speed_kn: float | None = None,
     rpm: float | None = None,
@@ -110,6 +112,7 @@ def read_runs(
         ship: The ship; None takes the manifest's.
         held_out: Names of the runs to prove by, or ``auto``: the manifest's, else :func:`choose_held_out`.
         mapping: How other columns are read; None takes those above.
+        files: Names or patterns of files of the folder; none are all.
         rudder_positive_to: Side that a positive rudder angle turns the ship to; a mapping says so itself.
         speed_kn: Approach speed of the model [kn]; None takes the manifest's, or the ship's own.
         rpm: Nominal shaft speed [rpm]; the same.
@@ -127,7 +130,10 @@ def read_runs(
     told = {"approach_speed_m_s": speed_kn and speed_kn * KNOT, "nominal_rpm": rpm}
     m["particulars"] = {**m.get("particulars", {}), **{k: v for k, v in told.items() if v is not None}}
     m |= {} if warmup_s is None else {"warmup_s": warmup_s}
-    read: Reader = _sheets_listed(m.get("runs"), rudder_positive_to) if mapping is None else _sheets_mapped(mapping)
+    paths = expand(folder, files, "files")
+    read: Reader = _sheets_listed(m.get("runs"), rudder_positive_to, paths)
+    if mapping is not None:
+        read = _sheets_mapped(mapping, paths)
     return _case(folder, m, ship_of(m, ship), read, held_out)
 
 
@@ -158,11 +164,15 @@ Reader = Callable[[Path, Particulars], list[Sheet]]
 """Folder, ship -> what its files hold, checked."""
 
 
-def _sheets_listed(entries: Sequence[Mapping[str, Any]] | None, side: str) -> Reader:
-    """Reads csv files with fixed columns: those that a manifest lists, else all."""
+def _sheets_listed(entries: Sequence[Mapping[str, Any]] | None, side: str, paths: Sequence[Path] = ()) -> Reader:
+    """Reads csv files with fixed columns: those that were chosen, else those that a manifest lists, else all."""
 
     def read(folder: Path, ship: Particulars) -> list[Sheet]:
-        files = entries or [{"run": f.stem, "file": f.name} for f in sorted(folder.glob("*.csv"))]
+        files: list[Mapping[str, Any]] = [
+            {"run": f.stem, "file": str(f.relative_to(folder))} for f in paths or sorted(folder.glob("*.csv"))
+        ]
+        if entries and not paths:
+            files = list(entries)
         if not files:
             raise InputError(f"{folder} holds no csv file: write the folder that holds them")
         return [_sheet(folder, entry, ship, side) for entry in files]
@@ -183,11 +193,11 @@ def _sheet(folder: Path, entry: Mapping[str, Any], ship: Particulars, side: str)
     return sheet
 
 
-def _sheets_mapped(mapping: ChannelMapping) -> Reader:
+def _sheets_mapped(mapping: ChannelMapping, paths: Sequence[Path] = ()) -> Reader:
     """Reads csv files with other columns."""
 
     def read(folder: Path, ship: Particulars) -> list[Sheet]:
-        sheets = [from_recording(r, ship) for r in read_recordings(folder, mapping, ship)]
+        sheets = [from_recording(r, ship) for r in read_recordings(paths or folder, mapping, ship)]
         for sheet in sheets:
             check_sheet(sheet, ship, "mind the columns, units and signs of the mapping")
         return sheets

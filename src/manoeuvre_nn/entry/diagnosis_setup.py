@@ -78,7 +78,8 @@ class Setup:
         held_out = c.held_out if isinstance(c.held_out, str) else configs.as_list(c.held_out)
         told = {key: c[key] for key in ("speed_kn", "rpm", "warmup_s")}
         configs.check_arguments(read_runs, {"folder": None, **told})
-        read = {"mapping": mapping, "rudder_positive_to": c.rudder_positive_to, **told}
+        files = [] if c.files is None else [str(name) for name in configs.as_list(c.files)]
+        read = {"mapping": mapping, "files": files, "rudder_positive_to": c.rudder_positive_to, **told}
         return read_runs(Path(c.recordings), self._ship(), held_out, **read)
 
     def _ship(self) -> Ship | None:
