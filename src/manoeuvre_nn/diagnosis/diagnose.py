@@ -23,6 +23,8 @@ from manoeuvre_nn.diagnosis.words import captain, labels, left_open, next_steps,
 from manoeuvre_nn.effect.formula import Formula
 from manoeuvre_nn.effect.remainder import Remainder
 
+PROVED = 3.0
+"""Log evidence that an effect must add on held-out runs where the model was fitted: its own errors may look like one."""
 HARM = 1.05
 """Growth of the error of free runs from which an effect is not named."""
 
@@ -100,7 +102,7 @@ def _repair(
             j = replace(settle(Court(there), first.hypothesis, *first.best), random=first.random)
         made = prove(question, there, none, j, proofs)
         after, gain = cost(made, question.dynamics, "after"), foreseen(question, j)
-        helped = not made or (gain > 0 and after < HARM * before)
+        helped = not made or (gain > (PROVED if stand.fitted else 0.0) and after < HARM * before)
         text = (
             f"with {labels(j)} the error of free runs goes from {before:.2f} to {after:.2f} ({_unit(question)}), "
             f"and the log evidence of the held-out runs by {gain:+.0f}"
