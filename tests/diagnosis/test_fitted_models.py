@@ -1,30 +1,46 @@
 """Models that were fitted to recordings: what they doubt and trust; winds that swing about a model on a pond."""
 
+from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
+import yaml
 from pytest import approx
-from trials import CALM, CIRCLE, NOISE, ZIGZAG, runs
+from trials import CALM, CIRCLE, NOISE, ZIGZAG, quickly, runs
 
+from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis.bench import FORCE_LEVELS, LATENCY_SPREAD, NOMINAL, bench
 from manoeuvre_nn.diagnosis.calibrated import USUAL_SCATTER, Calibrated, Corrections
 from manoeuvre_nn.diagnosis.court import Court, linear
+from manoeuvre_nn.diagnosis.diagnose import diagnose
 from manoeuvre_nn.diagnosis.gusts import _course, gusty_evidence
 from manoeuvre_nn.diagnosis.hypothesis import RANDOM, Hypothesis
 from manoeuvre_nn.diagnosis.linear import joined
+from manoeuvre_nn.diagnosis.proof import Question
 from manoeuvre_nn.diagnosis.regression import FORCE_PRIOR, log_prior_levels, regress
+from manoeuvre_nn.diagnosis.sheet import common_step, from_recording, to_run
 from manoeuvre_nn.diagnosis.words import captain, left_open
+from manoeuvre_nn.dynamics.affected import Affected
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip, Scaling
+from manoeuvre_nn.dynamics.rollout import roll_out
+from manoeuvre_nn.effect.rudder import RudderOffset
+from manoeuvre_nn.effect.sensors import HeadingBias
 from manoeuvre_nn.effect.wind import GustyWind, SteadyWind
+from manoeuvre_nn.manoeuvre.turning import turning_circle
+from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.network.series import Series
-from manoeuvre_nn.ship.esso_osaka_model import esso_osaka_model
+from manoeuvre_nn.ship.esso_osaka_model import esso_osaka_mmg, esso_osaka_model
 from manoeuvre_nn.ship.known import clarke_inertia_part
+from manoeuvre_nn.training.joint_fit import fit_series
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 NU, DELTA, SHAFT = (torch.tensor(x, dtype=torch.float64) for x in ([[0.35, -0.03, 0.04]], [0.3], [1.2]))
 NOISE_OF_FIT = torch.tensor([0.02, 0.03, 0.04, 0.05, 0.06, 0.07], dtype=torch.float64)
+CONF = Path(__file__).parents[2] / "conf"
+CANDIDATES = (SteadyWind, GustyWind, RudderOffset, HeadingBias)
 LEVEL = len(FORCE_LEVELS) + 1
 WINDY = {"wind_surge": ["wx |w|"], "wind_lateral": ["wy |w|"]}
 
@@ -209,3 +225,51 @@ def test_what_a_fitted_model_leaves_open_is_said():
     wind = SteadyWind(CALM.ship)
     named = SimpleNamespace(named=True, best=SimpleNamespace(hypothesis=Hypothesis((wind,), (np.zeros((1, 9)),))))
     assert "with a steady wind runs that were not used" in left_open(tried(True), named)
+
+
+@pytest.fixture(scope="module")
+def pond():
+    """A model fitted to noisy runs in calm air; questions about runs in calm air and in a wind that gusts."""
+    ship = esso_osaka_mmg()
+    p, calm, hull = ship.particulars, CalmWater(ship), clarke_inertia_part(ship)
+    sizes = {"u": 0.004, "v": 0.004, "r": 0.1 * DEGREE, "x": 0.01, "y": 0.01, "psi": 0.2 * DEGREE}
+
+    def sail(trial, number, *effects):
+        made = roll_out(Affected(calm, list(effects)) if effects else calm, [trial], step=0.2)[0]
+        g = np.random.default_rng(number)
+        noisy = {k: made[k] + sd * g.standard_normal(len(made)) for k, sd in sizes.items()}
+        return replace(made.with_channels(**noisy), name=f"run {number}")
+
+    learnt = [zigzag(20.0, duration=150.0), zigzag(30.0, duration=150.0), turning_circle(35.0, duration=200.0)]
+    learnt.append(turning_circle(20.0, side="port", duration=200.0))
+    asked = [turning_circle(25.0, duration=200.0), turning_circle(25.0, side="port", duration=200.0)]
+    asked.append(turning_circle(35.0, side="port", duration=200.0))
+    terms = yaml.safe_load((CONF / "network" / "cubic.yaml").read_text())["network"]
+    with quickly():
+        series = Series(terms["surge"], terms["lateral"], yaw=terms["yaw"])
+        model, _ = fit_series(series, hull, [sail(t, k) for k, t in enumerate(learnt)])
+
+    def question(wind) -> Question:
+        with quickly():
+            records = [sail(t, 10 + k, *([wind(k)] if wind else [])) for k, t in enumerate(asked)]
+        sheets = [from_recording(r, p) for r in records]
+        step = common_step(sheets, p)
+        made = [to_run(s, step, p, "turning_circle", k == 2, 15.0) for k, s in enumerate(sheets)]
+        return Question("pond", model, made[:2], made[2:], [e(hull) for e in CANDIDATES])
+
+    return ship, question
+
+
+def test_in_calm_air_a_fitted_model_has_nothing_proved_against_it(pond):
+    _, question = pond
+    found = diagnose(question(None))
+    assert (found.verdict, found.model) == ("none", []) and found.sentence.startswith("Nothing is proved")
+
+
+def test_a_wind_that_gusts_by_more_than_half_its_mean_is_named_with_its_size(pond):
+    ship, question = pond
+    true = {"speed": 1.5, "from_deg": 120.0, "gust_sd": 0.9}
+    found = diagnose(question(lambda k: GustyWind(ship, seed=k, **true, gust_time_s=8.0, gust_across=1.0)))
+    assert found.model == ["wind_gusty"]
+    for value in found.causes[0].parameters:
+        assert abs(value.value - true[value.name]) < 3 * value.error < 0.6 * true[value.name]

@@ -24,7 +24,7 @@ from manoeuvre_nn.effect.formula import Formula
 from manoeuvre_nn.effect.remainder import Remainder
 
 PROVED = 3.0
-"""Log evidence that an effect must add on held-out runs where the model was fitted: its own errors may look like one."""
+"""Log evidence that an effect must add on held-out runs where the model was fitted: its errors may look like one."""
 HARM = 1.05
 """Growth of the error of free runs from which an effect is not named."""
 
