@@ -263,6 +263,7 @@ def pond():
 def test_in_calm_air_a_fitted_model_has_nothing_proved_against_it(pond):
     _, question = pond
     found = diagnose(question(None))
+    assert found.residuals[0].units == ("N", "N", "N m") and 0 < np.abs(found.residuals[0].force[:, 1]).max() < 10
     assert (found.verdict, found.model) == ("none", []) and found.sentence.startswith("Nothing is proved")
 
 

@@ -1,6 +1,6 @@
 """Where the mismatch sits: the force that is missing over time, its windows, frame, parity and region."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import ruptures
@@ -19,7 +19,8 @@ BIN = 10.0
 LARGEST = 0.5
 """Coloured force that leaves the missing force to the data alone, over the resistance and 20 deg of rudder."""
 EQUATIONS = ("surge force X", "sway force Y", "yaw moment N")
-UNITS = ("kN", "kN", "MN m")
+OF_SHIPS, OF_MODELS = {"kN": 1e3, "MN m": 1e6}, {"N": 1.0, "N m": 1.0}
+"""Units of forces and of the moment -> their size in SI."""
 TURNING = 0.3
 """Share of the largest yaw rate from which the ship turns."""
 
@@ -48,17 +49,19 @@ def residuals(bench: Bench, hypothesis: Hypothesis, size: float = LARGEST) -> li
             # What the sensors and the stream do is no force: it is taken out of both.
             before = _less(before, sensed)
             after = _less(after, Columns(c.measured[..., :1], c.moved[..., :1]))
-        scale = _kilonewtons(bench, place)
+        scale = _forces(bench)
         force, left = (scale(white.states(x)[:, 6:, 0]) for x in (before, after))
         error = scale(_spread(white))
         windows = _windows(bench, place, before)
-        made.append(Residual(place.line.run.name, place.line.run.time, force, np.abs(error), left, windows))
+        made.append(
+            Residual(place.line.run.name, place.line.run.time, force, np.abs(error), left, windows, units(bench))
+        )
     return made
 
 
 def _windows(bench: Bench, place: Place, data: Columns) -> list[Interval]:
     """Times in which something is missing; looked for where the data alone shape the force."""
-    white, scale = _loose(bench, place, LARGEST), _kilonewtons(bench, place)
+    white, scale = _loose(bench, place, LARGEST), _forces(bench)
     return changes(place.line.run.time, scale(white.states(data)[:, 6:, 0]), np.abs(scale(_spread(white))))
 
 
@@ -80,13 +83,27 @@ def _less(data: Columns, c: Columns) -> Columns:
     return Columns(data.measured - c.measured, data.moved - c.moved)
 
 
-def _kilonewtons(bench: Bench, place: Place):  # type: ignore[no-untyped-def]
-    """Accelerations -> kN, kN, MN m."""
-    hull = bench.dynamics.hull
-    units = np.array([hull.prime.force, hull.prime.force, hull.prime.moment]) / np.array([1e3, 1e3, 1e6])
+def units(bench: Bench) -> tuple[str, str, str]:
+    """Units that missing forces are shown in.
+
+    Args:
+        bench: The fitted runs.
+
+    Returns:
+        Of X, Y and N: kN and MN m for ships, N and N m for models.
+    """
+    force, moment = OF_MODELS if bench.dynamics.particulars.is_model else OF_SHIPS
+    return force, force, moment
+
+
+def _forces(bench: Bench) -> Callable[[Float[np.ndarray, "n 3"]], Float[np.ndarray, "n 3"]]:
+    """Accelerations -> forces and moment in their units."""
+    hull, sizes = bench.dynamics.hull, OF_SHIPS | OF_MODELS
+    prime = np.array([hull.prime.force, hull.prime.force, hull.prime.moment])
+    per = prime / [sizes[unit] for unit in units(bench)]
 
     def scale(a: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        return hull.force_from_acceleration(hull.inertia.new_tensor(a)).numpy() * units
+        return hull.force_from_acceleration(hull.inertia.new_tensor(a)).numpy() * per
 
     return scale
 
@@ -162,7 +179,8 @@ def _statements(bench: Bench, contest: Contest, found: Sequence[Residual]) -> li
     said = []
     for k, name in enumerate(EQUATIONS):
         said.append(
-            f"Missing {name}: {np.sqrt(np.mean(force[:, k] ** 2)):.3g} {UNITS[k]} rms, {ratio[k]:.1f} times its error."
+            f"Missing {name}: {np.sqrt(np.mean(force[:, k] ** 2)):.3g} {found[0].units[k]} rms, {ratio[k]:.1f} times its "
+            "error."
         )
     strongest = int(ratio.argmax())
     if ratio[strongest] < 1.5:
@@ -182,7 +200,7 @@ def _statements(bench: Bench, contest: Contest, found: Sequence[Residual]) -> li
             f"Of the {EQUATIONS[strongest]}'s variance a constant in body axes explains {body:.0%}, the heading "
             f"{earth:.0%}, rudder and yaw rate {turning:.0%}."
         )
-    said += _parity(EQUATIONS[strongest], UNITS[strongest], y, r)
+    said += _parity(EQUATIONS[strongest], found[0].units[strongest], y, r)
     hard = np.abs(delta) > 0.5 * np.abs(delta).max()
     if hard.any() and not hard.all():
         share = float(np.sum(y[hard] ** 2) / np.sum(y**2))

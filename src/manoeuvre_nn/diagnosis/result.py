@@ -63,10 +63,11 @@ class Residual:
     Attributes:
         run: The run.
         time: Sample times [s].
-        force: X, Y [kN], N [MN m] that must be added to calm water.
+        force: X, Y and N that must be added to calm water, in ``units``.
         error: Their standard deviations.
         left: The same after the model was repaired.
         windows: Times in which something is missing that was not there before [s].
+        units: Of X, Y and N.
     """
 
     run: str
@@ -75,6 +76,7 @@ class Residual:
     error: Float[np.ndarray, "n 3"]
     left: Float[np.ndarray, "n 3"]
     windows: list[Interval]
+    units: tuple[str, str, str] = ("kN", "kN", "MN m")
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ CALM: dict[str, Any] = PREDICTED
 REPAIRED: dict[str, Any] = {"color": COLOURS[1], "linestyle": "-", "linewidth": 1.2}
 WINDOW: dict[str, Any] = {"facecolor": COLOURS[4], "alpha": 0.22, "linewidth": 0}
 BAND: dict[str, Any] = {"alpha": 0.25, "linewidth": 0}
-FORCES = ("surge X\n[kN]", "sway Y\n[kN]", "yaw N\n[MN m]")
+FORCES = ("surge X", "sway Y", "yaw N")
 KINDS = {"in the repaired model": COLOURS[1], "not in the list": COLOURS[0], "other causes": "#A6A6A6"}
 """What the bars stand for."""
 MOST = 8
@@ -245,7 +245,7 @@ def residual_figure(residual: Residual, repaired: bool) -> Figure:
     panels = list(figure.subplots(3, 1, sharex=True))
     time, colour = residual.time, CALM["color"]
     for k, (axes, words) in enumerate(zip(panels, FORCES, strict=True)):
-        plain_axes(axes, "", words).axhline(0.0, color="#777777", linewidth=0.8)
+        plain_axes(axes, "", f"{words}\n[{residual.units[k]}]").axhline(0.0, color="#777777", linewidth=0.8)
         force, spread, left = residual.force[:, k], 2 * residual.error[:, k], residual.left[:, k]
         axes.fill_between(time, force - spread, force + spread, color=colour, **BAND)
         axes.plot(time, force, color=colour, linewidth=1.3)
