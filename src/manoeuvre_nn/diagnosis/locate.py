@@ -177,11 +177,9 @@ def _statements(bench: Bench, contest: Contest, found: Sequence[Residual]) -> li
     force, error = (np.concatenate([getattr(r, k) for r in found]) for k in ("force", "error"))
     ratio = np.sqrt(np.mean((force / np.maximum(error, 1e-12)) ** 2, axis=0))
     said = []
-    for k, name in enumerate(EQUATIONS):
-        said.append(
-            f"Missing {name}: {np.sqrt(np.mean(force[:, k] ** 2)):.3g} {found[0].units[k]} rms, {ratio[k]:.1f} times its "
-            "error."
-        )
+    for k, (name, unit) in enumerate(zip(EQUATIONS, units(bench), strict=True)):
+        rms = np.sqrt(np.mean(force[:, k] ** 2))
+        said.append(f"Missing {name}: {rms:.3g} {unit} rms, {ratio[k]:.1f} times its error.")
     strongest = int(ratio.argmax())
     if ratio[strongest] < 1.5:
         return [
@@ -200,7 +198,7 @@ def _statements(bench: Bench, contest: Contest, found: Sequence[Residual]) -> li
             f"Of the {EQUATIONS[strongest]}'s variance a constant in body axes explains {body:.0%}, the heading "
             f"{earth:.0%}, rudder and yaw rate {turning:.0%}."
         )
-    said += _parity(EQUATIONS[strongest], found[0].units[strongest], y, r)
+    said += _parity(EQUATIONS[strongest], units(bench)[strongest], y, r)
     hard = np.abs(delta) > 0.5 * np.abs(delta).max()
     if hard.any() and not hard.all():
         share = float(np.sum(y[hard] ** 2) / np.sum(y**2))
