@@ -124,7 +124,7 @@ def stands():
 
 def test_channels_are_trusted_as_they_were_in_the_fit(stands):
     published, own = stands
-    assert not published.fitted and own.fitted
+    assert not published.dynamics.fitted and own.dynamics.fitted
     for place in own.places:
         assert place.noise[:6] == approx([3.0, 3.0, 0.2, 0.2, 0.01, 2e-3]) and (place.inflation[:6] == 1).all()
     assert published.places[0].noise[:2] == approx(NOISE[:2], rel=0.4) and (NOMINAL > 0).all()
@@ -209,13 +209,15 @@ def test_usual_sizes_of_a_model_are_those_of_a_ship_by_froudes_law():
     speed = SteadyWind(clarke_inertia_part(model)).declared[0]
     of_ship = SteadyWind(CALM.ship).declared[0]
     assert speed.spread == approx(of_ship.spread * share**0.5) and (speed.low, speed.high) == (0.0, of_ship.high)
-    offset = next(p for p in GustyWind(clarke_inertia_part(model)).declared if p.name == "gust_time_s")
-    assert offset.spread == next(p for p in GustyWind(CALM.ship).declared if p.name == "gust_time_s").spread
+    lasting = next(p for p in GustyWind(clarke_inertia_part(model)).declared if p.name == "gust_time_s")
+    assert lasting.spread == next(p for p in GustyWind(CALM.ship).declared if p.name == "gust_time_s").spread
 
 
 def test_what_a_fitted_model_leaves_open_is_said():
     def tried(fits: bool):
-        court = SimpleNamespace(bench=SimpleNamespace(fitted=fits, levels=np.array([[0.05, 0.015]])))
+        court = SimpleNamespace(
+            bench=SimpleNamespace(dynamics=SimpleNamespace(fitted=fits), levels=np.array([[0.05, 0.015]]))
+        )
         return SimpleNamespace(court=court, none=SimpleNamespace(best=(0, 0)))
 
     quiet = SimpleNamespace(named=False, best=None)

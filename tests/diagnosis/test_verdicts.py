@@ -38,7 +38,8 @@ def decided(monkeypatch):
         made = [judged(CALM_EVIDENCE + f, *key.split(" + ")) for key, f in factors.items()]
         made.sort(key=lambda j: -j.evidence)
         court = object.__new__(Court)
-        court.bench = SimpleNamespace(fitted=lacked is not None, levels=np.array([[0.003, lacked or 0.003]]))
+        levels = np.array([[0.003, lacked or 0.003]])
+        court.bench = SimpleNamespace(dynamics=SimpleNamespace(fitted=lacked is not None), levels=levels)
         return decide(Contest(judged(CALM_EVIDENCE), made, court), temperature)
 
     return run

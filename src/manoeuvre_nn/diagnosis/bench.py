@@ -71,7 +71,6 @@ class Bench:
         coefficients: Names of the combinations of coefficients that the runs can show.
         rotation: The combinations, one a column: coefficients' errors are ``rotation @`` those of the combinations.
         levels: Level of the coloured acceleration in surge and in sway and yaw, one row a grid point.
-        fitted: Whether the model comes from recordings, with the noise that these were given.
     """
 
     def __init__(self, dynamics: Dynamics, places: Sequence[Place], coefficients: Sequence[str]) -> None:
@@ -87,7 +86,6 @@ class Bench:
         self.rotation = np.eye(len(self.coefficients))
         self.unit = typical(dynamics)
         self.levels = np.array(list(product(FORCE_LEVELS, FORCE_LEVELS)))
-        self.fitted = bool(dynamics.noise.any())
         self._at: dict[int, _Level] = {}
         self._turn()
 
@@ -260,12 +258,11 @@ def place_run(dynamics: Dynamics, run: Run) -> tuple[Place, list[str]]:
     rate, p = calm_rate(dynamics), dynamics.particulars
     unit = p.speed**2 / p.length * np.array([1.0, 1.0, 1.0 / p.length])
     force, least = np.array([0.05, 0.1, 0.1]) * unit, 0.2 * NOMINAL
-    fitted = bool(dynamics.noise.any())
-    if fitted:  # what recordings were trusted when the model was fitted to such is what they are trusted now
+    if dynamics.fitted:  # what recordings were trusted when the model was fitted to such is what they are trusted now
         u, v, r, x, y, psi = dynamics.noise.tolist()
         least[:6] = x, y, u, v, psi, r
     found = smooth(run, rate, NOMINAL, force, force_time(dynamics), p, least=least)
-    slow = np.where((found.noise > least) | (not fitted), found.inflation, 1.0)
+    slow = np.where((found.noise > least) | (not dynamics.fitted), found.inflation, 1.0)
     return _place(dynamics, found.line, found.noise * np.sqrt(slow), slow, found.force)
 
 

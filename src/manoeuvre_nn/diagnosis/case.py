@@ -131,9 +131,8 @@ def read_runs(
     m["particulars"] = {**m.get("particulars", {}), **{k: v for k, v in told.items() if v is not None}}
     m |= {} if warmup_s is None else {"warmup_s": warmup_s}
     paths = expand(folder, files, "files")
-    read: Reader = _sheets_listed(m.get("runs"), rudder_positive_to, paths)
-    if mapping is not None:
-        read = _sheets_mapped(mapping, paths)
+    listed = m.get("runs") if not paths else [_entry(path, folder) for path in paths]
+    read: Reader = _sheets_listed(listed, rudder_positive_to) if mapping is None else _sheets_mapped(mapping, paths)
     return _case(folder, m, ship_of(m, ship), read, held_out)
 
 
@@ -164,15 +163,16 @@ Reader = Callable[[Path, Particulars], list[Sheet]]
 """Folder, ship -> what its files hold, checked."""
 
 
-def _sheets_listed(entries: Sequence[Mapping[str, Any]] | None, side: str, paths: Sequence[Path] = ()) -> Reader:
-    """Reads csv files with fixed columns: those that were chosen, else those that a manifest lists, else all."""
+def _entry(path: Path, folder: Path) -> Mapping[str, Any]:
+    """A file as a manifest would list it."""
+    return {"run": path.stem, "file": str(path.relative_to(folder))}
+
+
+def _sheets_listed(entries: Sequence[Mapping[str, Any]] | None, side: str) -> Reader:
+    """Reads csv files with fixed columns: those that are listed, else all."""
 
     def read(folder: Path, ship: Particulars) -> list[Sheet]:
-        files: list[Mapping[str, Any]] = [
-            {"run": f.stem, "file": str(f.relative_to(folder))} for f in paths or sorted(folder.glob("*.csv"))
-        ]
-        if entries and not paths:
-            files = list(entries)
+        files = entries or [_entry(path, folder) for path in sorted(folder.glob("*.csv"))]
         if not files:
             raise InputError(f"{folder} holds no csv file: write the folder that holds them")
         return [_sheet(folder, entry, ship, side) for entry in files]

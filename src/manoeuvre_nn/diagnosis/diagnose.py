@@ -102,7 +102,7 @@ def _repair(
             j = replace(settle(Court(there), first.hypothesis, *first.best), random=first.random)
         made = prove(question, there, none, j, proofs)
         after, gain = cost(made, question.dynamics, "after"), foreseen(question, j)
-        helped = not made or (gain > (PROVED if stand.fitted else 0.0) and after < HARM * before)
+        helped = not made or (gain > (PROVED if stand.dynamics.fitted else 0.0) and after < HARM * before)
         text = (
             f"with {labels(j)} the error of free runs goes from {before:.2f} to {after:.2f} ({_unit(question)}), "
             f"and the log evidence of the held-out runs by {gain:+.0f}"

@@ -57,7 +57,7 @@ def judge_gusts(court: Court, steady: Judged, gusty: Effect) -> Judged:
     ship = court.bench.dynamics.particulars
     wind, kinds = steady.names.index("wind_steady"), AT_SEA + ON_PONDS if ship.is_model else AT_SEA
     levels = [int(g) for g in np.flatnonzero(court.bench.levels.max(axis=1) < FIRM)]
-    if court.bench.fitted:
+    if court.bench.dynamics.fitted:
         levels = _around(steady.best[0])
     best, found = -np.inf, []
     for _ in range(ROUNDS if len(kinds) > len(AT_SEA) else 1):

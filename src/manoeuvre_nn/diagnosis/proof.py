@@ -74,7 +74,7 @@ def prove(question: Question, stand: Bench, none: Judged, judged: Judged, known:
     latency = LATENCY + float(np.mean(judged.nuisance[-places:])) if len(judged.nuisance) else 0.0
     model = Repaired(question.dynamics, judged.hypothesis, latency if judged.names else 0.0)
     # Corrections within a fit's errors take up gusts of these runs, which others do not have.
-    if judged.names and question.calibrate and not stand.fitted:
+    if judged.names and question.calibrate and not stand.dynamics.fitted:
         shares = question.dynamics.hull.inertia.new_tensor(stand.rotation @ judged.nuisance[:-places])
         model = replace(model, calm=Calibrated(question.dynamics, shares))
     befores = [p.before for p in known] or predict(calm, question.held_out)

@@ -29,9 +29,9 @@ def log_prior_levels(bench: Bench, force_prior: float | None) -> Float[np.ndarra
         Normalised over the grid.
     """
     force, scatter = np.zeros(len(bench.levels)), np.zeros(len(SCATTER_LEVELS))
-    if force_prior is not None and not bench.fitted:
+    if force_prior is not None and not bench.dynamics.fitted:
         force = -0.5 * np.square(bench.levels / force_prior).sum(axis=1)
-    if not bench.fitted:
+    if not bench.dynamics.fitted:
         scatter = -0.5 * np.square(np.array(SCATTER_LEVELS) / SCATTER_PRIOR)
     total = force[:, None] + scatter[None, :]
     return total - log_sum(total)

@@ -60,7 +60,7 @@ def decide(contest: Contest, temperature: float = 1.0) -> Verdict:
     formula = short_formula(contest.court, contest.none)
     # A fitted model has errors that a formula takes up: to raise the alarm it must hold on other runs first.
     bench = contest.court.bench
-    stranger = unknown_evidence(contest.court, contest.none, None if bench.fitted else formula)
+    stranger = unknown_evidence(contest.court, contest.none, None if bench.dynamics.fitted else formula)
     judged = [j for j in contest.judged if _worth_its_size(contest, j)]
     names = sorted({n for j in contest.judged for n in j.names})
     singles, pairs = len(names), max(len(names) * (len(names) - 1) / 2, 1)
@@ -74,7 +74,7 @@ def decide(contest: Contest, temperature: float = 1.0) -> Verdict:
     share /= share.sum()
     best = judged[int(log_weight[2:].argmax())] if judged else None
     named, strange = raised(contest, best), stranger - contest.none.evidence > LEAST_UNKNOWN
-    strange |= bench.fitted and bool(bench.levels[contest.none.best[0]].max() > MOST_LACKED)
+    strange |= bench.dynamics.fitted and bool(bench.levels[contest.none.best[0]].max() > MOST_LACKED)
     if named or strange:
         if share[0] > 1 - QUIET:
             share[1:] *= QUIET / share[1:].sum()

@@ -71,7 +71,7 @@ def left_open(tried: Contest, verdict: Verdict) -> str:
         A clause; empty for a model that was not fitted.
     """
     bench = tried.court.bench
-    if not bench.fitted:
+    if not bench.dynamics.fitted:
         return ""
     surge, lateral = (100 * level for level in bench.levels[tried.none.best[0]])
     said = (

@@ -80,6 +80,11 @@ class Dynamics(ABC, nn.Module):
         """Standard deviation that recorded u, v, r, x, y, psi were given in the model's fit [SI]; 0 without one."""
         return torch.zeros_like(self.hull.velocity_units).repeat(2)
 
+    @property
+    def fitted(self) -> bool:
+        """Whether the model comes from recordings and knows what noise these were given."""
+        return bool(self.noise.any())
+
     def turns(self, time: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"] | None:
         """Recorded shaft speed over the nominal one, where the model is bound to a recording's; else None.
 

@@ -79,10 +79,18 @@ def accelerations(
                 "accelerations=smoother"
             )
         return recording
-    if method == "central":
-        edge: Literal[1, 2] = 2 if len(recording) > 2 else 1
-        slopes = {f"{k}dot": np.gradient(recording[k], recording.time, edge_order=edge) for k in ("u", "v", "r")}
-        return recording.with_channels(**slopes)
+    return _central(recording) if method == "central" else _local_cubics(recording)
+
+
+def _central(recording: Recording) -> Recording:
+    """Central differences of u, v and r."""
+    edge: Literal[1, 2] = 2 if len(recording) > 2 else 1
+    slopes = {f"{k}dot": np.gradient(recording[k], recording.time, edge_order=edge) for k in ("u", "v", "r")}
+    return recording.with_channels(**slopes)
+
+
+def _local_cubics(recording: Recording) -> Recording:
+    """All channels by one filter, with the slopes of u, v and r; by splines where L/U0 is not known."""
     given = [k for k in SMOOTHED if k in recording.channels]
     unit = recording.meta.get("time_unit")
     smooth = {k: smoothed(recording.time, recording[k], None if unit is None else WINDOW * unit) for k in given}
