@@ -8,7 +8,7 @@ import pytest
 from manoeuvre_nn.dynamics.joint import first, improve, solve
 from manoeuvre_nn.dynamics.joint_colour import Colour
 from manoeuvre_nn.dynamics.joint_problem import DELAY, FREEDOM, OFFSET, Fault, NoForce, Problem, Track
-from manoeuvre_nn.dynamics.joint_run import INFORMATION, TIGHT
+from manoeuvre_nn.dynamics.joint_run import INFORMATION, TIGHT, Line
 
 TRUTH = np.array([-0.6, -0.9, 0.8, -0.5, -1.5, 1.2])
 """Surge damping; sway by v, r; yaw by v (small), r, rudder."""
@@ -52,12 +52,18 @@ def problem(track, **more):
     return Problem([track], Linear(), **given)
 
 
-def test_one_pass_is_the_step_of_a_dense_least_squares_solver():
+@pytest.mark.parametrize("with_speed", [False, True])
+def test_one_pass_is_the_step_of_a_dense_least_squares_solver(with_speed):
     _, track = sailed(n=14, noise=0.01)
     gap = replace(track, measured=np.where(np.arange(14)[:, None] == 5, np.nan, track.measured), guess=track.measured)
+    gap = replace(gap, inputs={**gap.inputs, "wind_north": np.ones(14)})
     faults = [Fault("psi", OFFSET, 0.05), Fault("x", DELAY, 0.1)]
-    asked = problem(gap, faults=faults)
+    asked = problem(gap, faults=faults, with_speed=with_speed)
     start = first(asked, noise=0.02, force=(0.01, 0.01, 0.01))
+    square = track.measured[:, 0] ** 2
+    # Dynamic pressure, 1 at the approach speed; a tenth of it is left at rest.
+    pressure = np.sqrt(((square[1:] + square[:-1]) / 2 + 0.1) / 1.1) if with_speed else np.ones(13)
+    size = 0.01 * np.stack([np.ones(13), pressure, pressure], axis=1)
     decay, h = np.exp(-0.05), 0.05
 
     def residuals(z):
@@ -67,7 +73,7 @@ def test_one_pass_is_the_step_of_a_dense_least_squares_solver():
         motion = np.stack([u * np.cos(psi) - v * np.sin(psi), u * np.sin(psi) + v * np.cos(psi), r], 1)
         rate = np.concatenate([nudot, motion], 1)
         missed = (s[1:, :6] - s[:-1, :6] - h / 2 * (rate[1:] + rate[:-1])) / (TIGHT * np.sqrt(h))
-        fresh = (s[1:, 6:] - decay * s[:-1, 6:]) / (0.01 * np.sqrt(1 - decay**2))
+        fresh = (s[1:, 6:] - decay * s[:-1, 6:]) / (size * np.sqrt(1 - decay**2))
         shown = s[:, :6].copy()
         shown[:, 5] += offset
         shown[:, 3] -= delay * rate[:, 3]
@@ -210,3 +216,45 @@ def test_the_size_of_the_coloured_accelerations_is_found(smooth):
         free = Problem([track], NoForce(), np.zeros(0), np.zeros(0), learn_force=True, smooth=smooth)
         sizes.append(solve(free, first(free, force=(0.1, 0.1, 0.1)), passes=40).force)
     assert 0.2 * 0.75 < np.mean(sizes) < 0.2 * 1.25
+
+
+@pytest.mark.parametrize("start", [1e-3, 0.1])
+def test_where_nothing_is_missing_nothing_is_found_wherever_it_starts(start):
+    _, track = sailed(noise=0.01)
+    asked = problem(track, learn_force=True)
+    found = solve(asked, first(asked, force=(start,) * 3), passes=20)
+    assert found.passes < 20
+    assert found.force.max() < 1e-3
+    right = solve(problem(track), first(problem(track), force=(1e-5,) * 3))
+    np.testing.assert_allclose(found.values, right.values, atol=0.02)
+
+
+def test_the_size_rests_where_expectation_and_maximisation_do():
+    _, track = sailed(noise=0.003)
+    track = replace(track, inputs={"wind_east": np.ones(200)})
+    asked = Problem([track], NoForce(), np.zeros(0), np.zeros(0), learn_force=True, with_speed=True)
+    found = solve(asked, first(asked, force=(0.01,) * 3), passes=100, enough=1e-6)
+    line = Line(asked, found, 0)
+    square = line.fresh(found.states[0]) ** 2 + line.innovation_variance(found.covariance)
+    due = np.sqrt((found.calm[0] * square / asked.swell(0)).mean(0))
+    assert found.force.max() > 0.03
+    np.testing.assert_allclose(due, found.force, rtol=1e-3)
+
+
+def test_the_size_keeps_below_what_is_allowed():
+    _, track = sailed(noise=0.003)
+    most = np.array([0.01, 0.02, 0.03])
+    asked = Problem([track], NoForce(), np.zeros(0), np.zeros(0), learn_force=True, most=most)
+    assert solve(asked, first(asked, force=(1e-3,) * 3)).force[2] == most[2]
+
+
+def test_what_is_missing_goes_with_the_dynamic_pressure_in_sway_and_yaw_only():
+    _, track = sailed(n=3)
+    measured = track.measured.copy()
+    measured[:, 0] = [1.0, 1.0, 0.0]
+    breeze = {**track.inputs, "wind_north": np.zeros(3), "wind_east": np.ones(3)}
+    asked = problem(replace(track, measured=measured, inputs=breeze), with_speed=True)
+    np.testing.assert_allclose(asked.swell(0), [[1, 1, 1], [1, 0.6 / 1.1, 0.6 / 1.1]])
+    assert (replace(asked, with_speed=False).swell(0) == 1).all()
+    unknown = problem(replace(track, measured=measured), with_speed=True)
+    assert (unknown.swell(0) == 1).all()

@@ -36,6 +36,12 @@ SETTLE, SUNK = 3, 0.05
 """Steps between two looks at the floor of the noise, and change of it over itself that is none."""
 
 
+SMALL = 3e-3
+"""Size of the coloured accelerations below which its changes are measured by this, not by itself."""
+LEAST, LEAP = 1e-4, 3.0
+"""Least size of the coloured accelerations, which moves no ship; the factor that it changes by at most in a pass."""
+
+
 def first(problem: Problem, noise: float = 0.01, force: Sequence[float] = (3e-4, 5e-4, 1e-3)) -> Estimate:
     """Where the iteration starts: every channel smoothed for itself, coefficients as before any run was seen.
 
@@ -114,15 +120,16 @@ def at_rest(problem: Problem, before: Estimate, now: Estimate, enough: float = 1
         problem: The problem.
         before: The estimate before the last step.
         now: That after it.
-        enough: Largest step of a parameter over its prior standard deviation, and largest change of a noise level over
-            itself times ten.
+        enough: Largest step of a parameter over its prior standard deviation, and largest change of a noise level or a
+            size over itself times ten.
 
     Returns:
         True if another step would change little.
     """
-    levels = np.concatenate([now.noise / before.noise, now.force / before.force])
+    sizes = (now.force - before.force) / np.maximum(before.force, SMALL)
+    levels = np.concatenate([now.noise / before.noise - 1, sizes])
     looked = not problem.learn_floor or (_due(problem, now) and np.abs(now.floor / before.floor - 1).max() < SUNK)
-    return bool(looked and now.moved < enough and np.abs(levels - 1).max() < 10 * enough)
+    return bool(looked and now.moved < enough and np.abs(levels).max() < 10 * enough)
 
 
 def solve(problem: Problem, start: Estimate | None = None, *, passes: int = 15, enough: float = 1e-3) -> Estimate:
@@ -170,20 +177,38 @@ def _with_noise(problem: Problem, new: Estimate, lines: Sequence[Line]) -> Estim
         count += track.present.sum(0)
     noise = np.maximum(np.sqrt(total / np.maximum(count, 1.0)), new.floor)
     new = replace(new, noise=noise, weights=tuple(weights))
-    return _with_force(new, lines) if problem.learn_force else new
+    return _with_force(problem, new, lines) if problem.learn_force else new
 
 
-def _with_force(new: Estimate, lines: Sequence[Line]) -> Estimate:
-    """Size of the coloured accelerations and weights of its gusts, likewise."""
-    total, count, calm = np.zeros(3), 0, []
-    for line, state in zip(lines, new.states, strict=True):
-        square = line.fresh(state) ** 2 + line.innovation_variance(new.covariance)
-        square = square.reshape(len(square), -1, 3).sum(1)
-        order = line.problem.colour.order
-        calm.append(_weight(square, new.force, order))
-        total += (calm[-1] * square).sum(0)
-        count += order * len(square)
-    return replace(new, force=np.maximum(np.sqrt(total / count), 1e-7), calm=tuple(calm))
+def _with_force(problem: Problem, new: Estimate, lines: Sequence[Line]) -> Estimate:
+    """Size of the coloured accelerations and weights of its gusts.
+
+    The size is where expectation and maximisation rest, ``n size^2 = sum (mean^2 + variance)``, but solved for what the
+    means say, ``(n - sum variance / size^2) size^2 = sum mean^2`` (MacKay 1992): where recordings say little of it the
+    other creeps for hundreds of passes.
+
+    Args:
+        problem: The problem.
+        new: Where it stands.
+        lines: The runs' equations about the last states.
+
+    Returns:
+        The estimate with both.
+    """
+    mean, known, calm = np.zeros(3), np.full(3, 1e-9), []
+    for k, (line, state) in enumerate(zip(lines, new.states, strict=True)):
+        swell = problem.swell(k)
+        square, variance = (
+            part.reshape(len(part), -1, 3).sum(1) / swell
+            for part in (line.fresh(state) ** 2, line.innovation_variance(new.covariance))
+        )
+        order = problem.colour.order
+        calm.append(_weight(square + variance, new.force, order))
+        mean += (calm[-1] * square).sum(0)
+        known += np.maximum(order - calm[-1] * variance / new.force**2, 0.0).sum(0)
+    force = new.force * np.clip(np.sqrt(mean / known) / new.force, 1 / LEAP, LEAP)
+    most = np.inf if problem.most is None else problem.most
+    return replace(new, force=np.clip(force, LEAST, most), calm=tuple(calm))
 
 
 def _weight(

@@ -134,4 +134,5 @@ def _pieces(track: Track, stretch: float) -> list[slice]:
 def _cut(track: Track, keep: slice) -> Track:
     """A piece of a track."""
     inputs = {k: v[keep] for k, v in track.inputs.items()}
-    return Track(track.name, track.time[keep], track.measured[keep], inputs)
+    guess = None if track.guess is None else track.guess[keep]
+    return Track(track.name, track.time[keep], track.measured[keep], inputs, guess)

@@ -17,6 +17,8 @@ FREEDOM = 4.0
 """Degrees of freedom of Student's t, the distribution of noise with outliers."""
 GAUSSIAN = 1.203
 """Standard deviation of Gaussian noise over the scale of the Student's t that fits it best."""
+STILL = 0.1
+"""Square of the speed over that of the approach below which what a model lacks hardly gets less."""
 DELAY, OFFSET = "delay", "offset"
 """What a sensor may get wrong: it writes down too late, or too much."""
 LATEST, SHIFTED = 0.1, {"u": 0.02, "v": 0.02, "r": 0.02, "x": 0.1, "y": 0.1, "psi": 0.02}
@@ -87,6 +89,18 @@ class Track:
         return len(self.time)
 
     @cached_property
+    def pressure(self) -> Float[np.ndarray, " m"]:
+        """Dynamic pressure at each step over that at the approach speed, and never nothing: waves and wind remain."""
+        u = self.measured[:, 0] if self.guess is None else self.guess[:, 0]
+        square = np.nan_to_num(u).clip(min=0) ** 2 + STILL
+        return 0.5 * (square[1:] + square[:-1]) / (1 + STILL)
+
+    @property
+    def wind_is_known(self) -> bool:
+        """Whether the wind was recorded."""
+        return any(np.any(self.inputs[k]) for k in ("wind_north", "wind_east") if k in self.inputs)
+
+    @cached_property
     def present(self) -> Float[np.ndarray, "n 6"]:
         """One where a channel was measured, else 0."""
         return np.isfinite(self.measured).astype(float)
@@ -135,6 +149,9 @@ class Problem:
         learn_floor: Whether the floor sinks as far as stretches of the runs still agree (:func:`.agreed_floor`).
         faults: Sensors' errors that are estimated in each run.
         learn_force: Whether the size of the coloured accelerations is estimated too.
+        most: What their standard deviation may be at most; None is no bound.
+        with_speed: Whether those of sway and yaw go with the speed, their variance with the dynamic pressure, in runs
+            whose wind is known: one that is not pushes at any speed.
         smooth: Whether the coloured accelerations are smooth: a whole ship's are, those that a model lacks are not.
     """
 
@@ -148,11 +165,28 @@ class Problem:
     learn_force: bool = False
     smooth: bool = False
     learn_floor: bool = False
+    most: Float[np.ndarray, " 3"] | None = None
+    with_speed: bool = False
 
     @property
     def colour(self) -> Colour:
         """How the coloured accelerations go on from sample to sample."""
         return Colour(self.force_time, self.smooth)
+
+    def swell(self, run: int) -> Float[np.ndarray, "m 3"]:
+        """Variance of the coloured accelerations at each step of a run over that at the approach speed.
+
+        Args:
+            run: Its number.
+
+        Returns:
+            Of surge (one, always: ships gather way with most of it), sway and yaw.
+        """
+        track = self.tracks[run]
+        factor = np.ones((len(track) - 1, 3))
+        if self.with_speed and track.wind_is_known:
+            factor[:, 1:] = track.pressure[:, None]
+        return factor
 
     @property
     def shared(self) -> int:

@@ -62,7 +62,8 @@ class Line:
         )
         self.pushed = -h / 2 * (columns[:-1] + columns[1:])
         tight = np.repeat(1 / (TIGHT**2 * self.h)[:, None], MOTION, axis=1)
-        free = np.tile(self.now.calm[self.run] / self.now.force**2, self.problem.colour.order)
+        free = self.now.calm[self.run] / self.now.force**2 / self.problem.swell(self.run)
+        free = np.tile(free, self.problem.colour.order)
         self.precision = np.concatenate([tight, free], axis=1)
 
     def fresh(self, state: Float[np.ndarray, "n s"]) -> Float[np.ndarray, "m c"]:
