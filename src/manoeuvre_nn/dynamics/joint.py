@@ -36,6 +36,9 @@ SETTLE, SUNK = 3, 0.05
 """Steps between two looks at the floor of the noise, and change of it over itself that is none."""
 
 
+RIGHT = (1e-3, 1.5e-3, 3e-3)
+"""Size of the coloured accelerations up to which a model may be right: where they are larger they take up what stretches
+disagree on, and their agreement says nothing."""
 SMALL = 3e-3
 """Size of the coloured accelerations below which its changes are measured by this, not by itself."""
 LEAST, LEAP = 1e-4, 3.0
@@ -110,7 +113,12 @@ def improve(problem: Problem, now: Estimate) -> Estimate:
 
 def _due(problem: Problem, now: Estimate) -> bool:
     """Whether the floor is to be looked at: not before everything else has followed the last change."""
-    return problem.learn_floor and now.passes % SETTLE == 0
+    return _sinks(problem, now) and now.passes % SETTLE == 0
+
+
+def _sinks(problem: Problem, now: Estimate) -> bool:
+    """Whether the floor may sink: not under a model that lacks accelerations."""
+    return problem.learn_floor and bool((now.force <= RIGHT).all())
 
 
 def at_rest(problem: Problem, before: Estimate, now: Estimate, enough: float = 1e-3) -> bool:
@@ -128,7 +136,7 @@ def at_rest(problem: Problem, before: Estimate, now: Estimate, enough: float = 1
     """
     sizes = (now.force - before.force) / np.maximum(before.force, SMALL)
     levels = np.concatenate([now.noise / before.noise - 1, sizes])
-    looked = not problem.learn_floor or (_due(problem, now) and np.abs(now.floor / before.floor - 1).max() < SUNK)
+    looked = not _sinks(problem, now) or (_due(problem, now) and np.abs(now.floor / before.floor - 1).max() < SUNK)
     return bool(looked and now.moved < enough and np.abs(levels).max() < 10 * enough)
 
 

@@ -98,7 +98,7 @@ def explained(
 
 def fit_series(
     network: Series, known: Ship, recordings: Sequence[Recording], *, prior: Prior = Prior(),  # noqa: B008
-    trust: Trust = USUAL_TRUST, passes: int = 20, faults: Sequence[Fault] = (),
+    trust: Trust = USUAL_TRUST, passes: int = 40, faults: Sequence[Fault] = (),
 ) -> tuple[IdentifiedShip, Estimate]:  # fmt: skip
     """Fit a series to recordings without a trainer: for studies of many of them.
 
