@@ -37,8 +37,8 @@ SETTLE, SUNK = 3, 0.05
 
 
 RIGHT = (1e-3, 1.5e-3, 3e-3)
-"""Size of the coloured accelerations up to which a model may be right: larger ones take up what stretches disagree on, and
-agreement says nothing."""
+"""Size of the coloured accelerations up to which a model may be right: larger ones take up what stretches disagree on,
+and agreement says nothing."""
 SMALL = 3e-3
 """Size of the coloured accelerations below which its changes are measured by this, not by itself."""
 LEAST, LEAP = 1e-4, 3.0
