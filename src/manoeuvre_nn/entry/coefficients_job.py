@@ -120,7 +120,9 @@ def _own(cfg: DictConfig, conf: Path, console: Console) -> Coefficients:
     with console.status("fitting in closed loop"):
         job.data.setup(stage=None)
         f = cfg.fit
-        known = Known(float(cfg.relative), tuple(f.force), float(f.force_time), tuple(f.floor))
+        known = Known(
+            float(cfg.relative), tuple(f.force), float(f.force_time), tuple(f.floor), learn_force=bool(f.learn_force)
+        )
         own = fit_own_terms(ship, job.data.measured, known)
     f = own.fitted
     follows = derived(own.force, f.values, f.covariance, f.inertia)

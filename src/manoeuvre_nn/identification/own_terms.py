@@ -29,6 +29,7 @@ class Known:
         force_time: Their correlation time in L/U0.
         floor: Least noise of u, v, r, x, y, psi in U0, U0/L, L, rad.
         passes: Steps at most.
+        learn_force: Whether ``force`` is estimated; it is then the most that it may be.
     """
 
     relative: float = 0.2
@@ -36,6 +37,7 @@ class Known:
     force_time: float = 1.0
     floor: tuple[float, ...] = (1e-3, 1e-3, 3e-3, 2e-3, 2e-3, 3e-3)
     passes: int = 20
+    learn_force: bool = False
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,10 @@ def fit_own_terms(ship: Ship, recordings: Sequence[Recording], known: Known | No
     mean, spread = force.prior(known.relative)
     tanker = isinstance(ship, TankerShip)
     tracks = to_tracks(recordings, ship.particulars, ship.shaft_rpm, "shaft" if tanker else "approach")
-    problem = Problem(tracks, force, mean, spread, force_time=known.force_time, floor=np.array(known.floor))
+    problem = Problem(
+        tracks, force, mean, spread, force_time=known.force_time, floor=np.array(known.floor),
+        learn_force=known.learn_force, most=np.array(known.force),
+    )  # fmt: skip
     found = solve(problem, first(problem, force=known.force), passes=known.passes)
     (covariance, ratio), form = honest_covariance(problem, found), OWN if tanker else TAYLOR
     fitted = Fitted(tuple(force.names), found.values, covariance, mean, spread, approach_inertia(ship), form)
