@@ -42,4 +42,5 @@ def test_two_runs_go_from_their_raw_file_to_a_diagnosis():
     assert wind and 1.0 < float(wind[1]) < 2.0 and 120 < float(wind[2]) < 150
     assert "verdict: mismatch" in said
     found = re.search(r"\* a gusty wind .*?speed ([\d.]+) ± [\d.]+ m/s.*?from ([\d.]+) ± ", said, re.DOTALL)
-    assert found and abs(float(found[1]) - float(wind[1])) < 0.6 and abs(float(found[2]) - float(wind[2])) < 35
+    # One turn tells the speed within two errors, the direction within an eighth of the compass to either side.
+    assert found and abs(float(found[1]) - float(wind[1])) < 0.6 and abs(float(found[2]) - float(wind[2])) < 45

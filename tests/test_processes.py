@@ -36,7 +36,7 @@ def test_one_file_is_tested_in_one_process_and_all_in_two(pytestconfig):
 
 def test_the_longest_file_is_begun_first(pytestconfig):
     ours = pytestconfig.pluginmanager.get_plugin(str(Path(__file__).parent / "conftest.py"))
-    longest = next(Path(__file__).parent.rglob("test_six_concealed_cases.py")).name
+    longest = next(Path(__file__).parent.rglob("test_four_concealed_cases.py")).name
     items = [SimpleNamespace(path=Path(name)) for name in ("test_a.py", "test_b.py", longest, longest, "test_c.py")]
     ours.pytest_collection_modifyitems(items)
     assert [i.path.name for i in items] == [longest, longest, "test_a.py", "test_b.py", "test_c.py"]

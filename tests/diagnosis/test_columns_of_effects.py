@@ -7,9 +7,10 @@ from functools import cache
 import numpy as np
 import pytest
 import torch
+from fleet import unchecked
 from pytest import approx
 from scipy.integrate import solve_ivp
-from trials import CALM, NOISE, SHIP, TIMED, ZIGZAG, about, quickly, run_of, sailed, states_of, values
+from trials import CALM, NOISE, SHIP, TIMED, ZIGZAG, about, run_of, sailed, states_of, values
 
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.recording import Recording
@@ -86,7 +87,7 @@ def truth(name: str) -> tuple[Linearised, Columns]:
 
 
 def added(effect: Effect, line: Linearised) -> Columns:
-    with quickly():
+    with unchecked():
         return contribution(effect, values(effect), line, RATE, situation(line, RATE))
 
 
@@ -150,7 +151,7 @@ FAR = {"gps_lever_arm": LARGE["gps_lever_arm"], "shallow_water": LARGE["shallow_
 def on_bench(effect: Effect) -> Bench:
     """A noise-free zigzag; the smoother knows nothing of the effect."""
     run = run_of(sailed([replace(ZIGZAG, duration=160.0)], [effect])[0])
-    with quickly():
+    with unchecked():
         return bench(CALM, [run])
 
 
@@ -175,7 +176,7 @@ def test_on_the_bench_the_true_values_leave_no_misfit_and_calm_water_much(name):
 def test_about_the_track_of_the_true_hypothesis_less_is_left(name):
     effect, first = FAR[name], on_bench(FAR[name])
     held = Hypothesis((effect,), (values(effect),), frozenset(p.name for p in effect.declared))
-    with quickly():
+    with unchecked():
         second = refined(first, Court(first).judge(held))
     left = []
     for stand in (first, second):
@@ -190,7 +191,7 @@ def test_several_sets_of_values_are_several_columns():
     effect = LARGE["wind_steady"]
     sets = np.repeat(values(effect), 3, axis=0)
     sets[:, 0] = [0.0, 5.0, 10.0]
-    with quickly():
+    with unchecked():
         s = situation(line, RATE)
         many = contribution(effect, sets, line, RATE, s)
         alone = contribution(effect, sets[1:2], line, RATE, s)
@@ -203,7 +204,7 @@ def test_the_blade_behind_play_moves_only_where_the_indicator_pushes_it():
     half, blade = 2.5 * DEGREE, [run.delta[0]]
     for shown_now in run.delta[1:]:
         blade.append(min(max(blade[-1], shown_now - half), shown_now + half))
-    with quickly():
+    with unchecked():
         found = blade_along(LARGE["rudder_backlash"].at(torch.tensor([[[5.0]]]).double()), run, deltas(run))
     assert found[0].numpy() == approx(np.array(blade), abs=1e-12)
     assert np.abs(blade - run.delta).max() == approx(half)
@@ -232,7 +233,7 @@ def test_the_blade_of_a_slow_rudder_follows_each_order_from_the_time_at_which_it
     shown_angle = moved(nominal) + 0.01  # an indicator that is off all the time: the fault is added to it
     made = replace(run, order=order, lead=lead, delta=shown_angle)
     slow = LARGE["rudder_slow"].at(torch.tensor([[[1.5]], [[2.0]]]).double())
-    with quickly():
+    with unchecked():
         found = blade_along(slow, made, deltas(made).expand(2, -1)).numpy()
     for row, rate in enumerate((1.5, 2.0)):
         expected = shown_angle + moved(rate * DEGREE) - moved(nominal)
@@ -243,7 +244,7 @@ def test_the_blade_of_a_slow_rudder_follows_each_order_from_the_time_at_which_it
 def test_own_states_are_those_of_an_ode_solver_along_the_track(name):
     line, _ = truth(name)
     effect = LARGE[name]
-    with quickly():
+    with unchecked():
         s = situation(line, RATE)
         found = _memory(effect.at(effect.values[None, None]), s, 1, line.run.step)[0].numpy()
     t, p = line.run.time, SHIP.particulars
@@ -310,7 +311,7 @@ def test_a_model_without_coefficients_is_corrected_by_hull_and_rudder():
     """Both parts by 100 % in every equation are the whole force once more."""
     corrections, line = Corrections(Opaque(SHIP)), calm_line()
     nu, delta = torch.tensor(line.track[:, :3]), torch.tensor(line.run.delta)
-    with quickly():
+    with unchecked():
         rows = corrections(nu, delta)
     at = [corrections.names.index(f"{e}{part}") for part in ("hull", "rudder") for e in "XYN"]
     assert torch.allclose(rows[:, at].sum(dim=1), CALM.acceleration(nu, delta), atol=1e-12)
@@ -322,7 +323,7 @@ def test_terms_that_the_ship_lacks_weigh_a_share_of_its_rudder_in_a_tight_turn()
     hard = np.array([0.7 * p.speed, -0.25 * p.speed, 0.7 * p.speed / p.length, 0.0, 0.0, 0.0])
     run = run_of(calm_record()).before(2.0)
     line = about(replace(run, delta=np.full(3, 0.35)), np.tile(hard, (3, 1)))
-    with quickly():
+    with unchecked():
         columns, names = coefficient_columns(CALM, line, situation(line, RATE))
         nu = torch.tensor(hard[:3])
         rudder = CALM.acceleration(nu, nu.new_tensor(0.35)) - CALM.acceleration(nu, nu.new_tensor(0.0))

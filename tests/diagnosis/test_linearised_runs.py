@@ -6,8 +6,9 @@ from functools import cache
 import numpy as np
 import pytest
 import torch
+from fleet import unchecked
 from pytest import approx
-from trials import CALM, NOISE, SHIP, TIMED, about, quickly, run_of, sailed, states_of, tensor
+from trials import CALM, NOISE, SHIP, TIMED, about, run_of, sailed, states_of, tensor
 
 from manoeuvre_nn.diagnosis.bench import SCATTER_LEVELS
 from manoeuvre_nn.diagnosis.linear import Columns, Linearised, Noise, Whitened, calm_rate, joined, linearise, shown
@@ -195,7 +196,7 @@ def test_the_transition_is_the_derivative_of_a_fine_solution_by_autograd(k):
     state = torch.cat([tensor(line.track[k]), torch.zeros(3).double()])
     shaft = float(run.shaft[k : k + 2].mean())
     step = (float(run.delta[k]), float(run.delta[k + 1]), shaft, h)
-    with quickly():
+    with unchecked():
         jacobian = torch.autograd.functional.jacobian(lambda s: fine_step(s, *step), state).numpy()
         end = fine_step(state, *step).numpy()
         turned = fine_step(state, step[0] + 1e-4, step[1] + 1e-4, shaft, h).numpy()
@@ -218,7 +219,7 @@ def test_what_is_observed_is_the_difference_quotient_of_what_sensors_show():
 
 
 def test_perfect_sensors_show_the_rate_of_the_track():
-    with quickly():
+    with unchecked():
         record = sailed([TIMED])[0]
         path, t = shown(states_of(record)), record.time
     for position, velocity in ((0, 2), (1, 3), (4, 5)):
@@ -245,7 +246,7 @@ def test_a_heading_that_the_recorder_wraps_is_the_same_heading():
 def test_what_a_hypothesis_adds_is_taken_out_of_the_data():
     line = short()
     c = some_columns(line, 1)
-    with quickly():
+    with unchecked():
         less = linearise(line.run, calm_rate(CALM), line.track, 20.0, offset=c).data
     present = np.isfinite(line.run.measured)[..., None]
     close(less.measured, present * (line.data.measured - c.measured))

@@ -5,8 +5,9 @@ from functools import cache
 
 import numpy as np
 import pytest
+from fleet import unchecked
 from pytest import approx
-from trials import CALM, CIRCLE, NOISE, SHIP, ZIGZAG, quickly, run_of, sailed, states_of
+from trials import CALM, CIRCLE, NOISE, SHIP, ZIGZAG, run_of, sailed, states_of
 
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.diagnosis.bench import Place, place_run
@@ -29,7 +30,7 @@ def record(*effects: str) -> Recording:
 
 
 def placed(run: Run) -> Place:
-    with quickly():
+    with unchecked():
         return place_run(CALM, run)[0]
 
 
@@ -131,7 +132,7 @@ def test_the_first_guess_of_perfect_channels_is_the_motion():
 def test_the_force_that_the_track_needs_is_that_of_the_effect():
     wind = SteadyWind(SHIP, speed=15.0)
     found = placed(run_of(record("wind"), 0.02 * NOISE, seed=5))
-    with quickly():
+    with unchecked():
         s = found.situation
         true = wind.acceleration(s, s.nu[..., :0]).numpy()
     for k in range(3):

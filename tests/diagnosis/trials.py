@@ -1,13 +1,11 @@
 """Simulated trials of the Mariner as a diagnosis gets them: sampled, noisy, with effects."""
 
 from collections.abc import Sequence
-from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
 import torch
-from fleet import ship_named
-from jaxtyping import config
+from fleet import ship_named, unchecked
 
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage
@@ -34,20 +32,9 @@ TIMED = Manoeuvre("timed", "random_rudder", tuple(Stage(a * DEGREE, hold=t) for 
 """Orders by the clock, so that effects do not shift them; the Mariner's rudder arrives on full seconds."""
 
 
-@contextmanager
-def quickly():
-    """Leaves out the checks of shapes and types; may be nested."""
-    before = config.jaxtyping_disable
-    config.update("jaxtyping_disable", True)
-    try:
-        yield
-    finally:
-        config.update("jaxtyping_disable", before)
-
-
 def sailed(trials: Sequence[Manoeuvre], effects: Sequence[Effect] = (), step: float = 1.0) -> list[Recording]:
     """What happened; steps of a second are good to a millimetre a minute."""
-    with quickly():
+    with unchecked():
         return roll_out(Affected(CALM, list(effects)) if effects else CALM, list(trials), step=step)
 
 
@@ -82,7 +69,7 @@ def states_of(record: Recording) -> np.ndarray:
 
 def about(run: Run, track: np.ndarray, force_time: float = 20.0) -> Linearised:
     """A run's equations about a track."""
-    with quickly():
+    with unchecked():
         return linearise(run, calm_rate(CALM), track, force_time)
 
 

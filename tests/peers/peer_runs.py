@@ -1,11 +1,10 @@
 """Short noisy trials of the Mariner with effects, as the peers get them."""
 
 from collections.abc import Sequence
-from contextlib import contextmanager
 from functools import cache
 
 import numpy as np
-from jaxtyping import config
+from fleet import unchecked
 
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.units import DEGREE
@@ -27,20 +26,9 @@ NOISE = np.array([0.7, 0.7, 0.04, 0.04, 0.1 * DEGREE, 0.02 * DEGREE, 0.05, 0.001
 """Standard deviations of the channels."""
 
 
-@contextmanager
-def quickly():
-    """Leaves out the checks of shapes and types; may be nested."""
-    before = config.jaxtyping_disable
-    config.update("jaxtyping_disable", True)
-    try:
-        yield
-    finally:
-        config.update("jaxtyping_disable", before)
-
-
 def sailed(effects: Sequence[Effect] = (), noise: float = 1.0, seed: int = 0, held_out: bool = False) -> list[Run]:
     """A turn to port and a zigzag, a quarter of a second late by satellite."""
-    with quickly():
+    with unchecked():
         records = roll_out(Affected(CALM, list(effects) or [NOTHING]), list(TRIALS), step=1.0)
     return [_run(record, noise, seed + k, held_out) for k, record in enumerate(records)]
 

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
-from peer_runs import CALM, SHIP, quickly, sailed
+from fleet import unchecked
+from peer_runs import CALM, SHIP, sailed
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.diagnosis.hypothesis import Hypothesis
@@ -22,7 +23,7 @@ OTHERS = {"Y": LeverArm(SHIP, dx_m=40.0, dy_m=5.0), "log": LogScale(SHIP, factor
 
 @pytest.fixture(autouse=True)
 def quick():
-    with quickly():
+    with unchecked():
         yield
 
 
@@ -37,7 +38,7 @@ def stacked(runs, effect=None) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def calm():
-    with quickly():
+    with unchecked():
         return stacked(sailed(noise=0.0))
 
 

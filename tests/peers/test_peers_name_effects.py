@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from peer_runs import CALM, SHIP, case_with, quickly, sailed
+from fleet import unchecked
+from peer_runs import CALM, SHIP, case_with, sailed
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.diagnosis.answers import LISTED, answer
@@ -31,7 +32,7 @@ LOG = (LogScale, (("factor", 1.06),))
 
 @pytest.fixture(autouse=True)
 def quick():
-    with quickly():
+    with unchecked():
         yield
 
 
