@@ -295,6 +295,15 @@ def test_in_a_tank_there_is_no_wind_no_wave_and_no_current():
     assert {"rudder_offset", "heading_bias", "gps_lever_arm"} <= tank
 
 
+def test_a_mapping_that_says_tank_is_enough():
+    def names(*words):
+        return set(setup(config("ship=kvlcc2_hsva", "recordings=FOLDER", *words), CONF).wanted)
+
+    assert names("mapping=kvlcc2_hsva") == set(wanted("tank", SHELF))
+    assert names("mapping=esso_osaka") == names() == set(wanted("default", SHELF))
+    assert names("mapping=kvlcc2_hsva", "candidates=[wind_steady]") == {"wind_steady"}
+
+
 def test_candidates_are_what_conf_holds():
     default, every = wanted("default", SHELF), wanted("all", SHELF)
     assert len(default) == 25 and {"wind_gusty", "gps_lever_arm"} <= set(default) < set(every)

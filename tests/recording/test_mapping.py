@@ -60,7 +60,7 @@ def test_velocities_or_positions_must_be_there(columns):
 @pytest.mark.parametrize(
     ("setting", "value"),
     [("frame", "ship"), ("rudder_positive_to", "left"), ("skip_rows", 1.5), ("fill_gaps", "yes"), ("kind", "zig"),
-     ("reference_point", "bow"), ("delimiter", "tab"), ("header", 1)],
+     ("reference_point", "bow"), ("delimiter", "tab"), ("header", 1), ("place", "basin")],
 )  # fmt: skip
 def test_a_setting_that_makes_no_sense_is_refused(columns, setting, value):
     refused(columns, setting, **{setting: value})

@@ -169,7 +169,11 @@ def setup(cfg: DictConfig, conf: Path) -> Setup:
     """
     shelf = {path.stem: configs.load_yaml(path) for path in sorted((conf / "effect").glob("*.yaml"))}
     model = None if cfg.model is None else load_model(Path(cfg.model))
-    return Setup(cfg, shelf, wanted(cfg.candidates, shelf), model)
+    chosen = cfg.candidates
+    if chosen == DEFAULT and cfg.mapping is not None:
+        place = configs.load_mapping(cfg.mapping, conf / "recording").get("place")
+        chosen = TANK if place == TANK else DEFAULT
+    return Setup(cfg, shelf, wanted(chosen, shelf), model)
 
 
 def wanted(chosen: Any, shelf: Mapping[str, Mapping[str, Any]]) -> list[str]:

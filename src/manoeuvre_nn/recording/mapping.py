@@ -64,6 +64,8 @@ class Mapping:
         end: The same of its end.
         time_zone: Where the clock stood, for time stamps that do not say it, e.g. ``Asia/Tokyo``; None is UTC.
         kind: Kind of manoeuvre; None guesses it from the rudder; ``record`` is no manoeuvre and may lack any channel.
+        place: ``open_water``, or ``tank``, where neither wind nor waves, current, lines or ice act: a diagnosis names
+            none of them then, unless they are asked for.
     """
 
     time: ChannelMap
@@ -83,6 +85,7 @@ class Mapping:
     end: float | None = None
     time_zone: str | None = None
     kind: str | None = None
+    place: str = "open_water"
 
     def __post_init__(self) -> None:
         """Refuse what cannot be read.
@@ -98,6 +101,7 @@ class Mapping:
         check_choice("mapping: rudder", self.rudder, ["angle", "order"])
         check_choice("mapping: decimal", self.decimal, ["point", "comma"])
         check_choice("mapping: outliers", self.outliers, ["keep", "fill"])
+        check_choice("mapping: place", self.place, ["open_water", "tank"])
         side_sign("mapping: rudder_positive_to", self.rudder_positive_to)
         if self.delimiter != "whitespace" and (len(self.delimiter) != 1 or self.delimiter in '"\n\r'):
             raise InputError(f"mapping: delimiter={self.delimiter!r}; write {DELIMITER}")
