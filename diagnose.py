@@ -1,27 +1,9 @@
-"""Find out what a calm-water model leaves out of recorded manoeuvres: ``python diagnose.py --help``."""
+"""Find out what a calm-water model leaves out of recorded manoeuvres.
 
-from pathlib import Path
+``python diagnose.py --help`` tells more; ``manoeuvre diagnose`` is the same.
+"""
 
-import hydra
-from hydra.core.hydra_config import HydraConfig
-from omegaconf import DictConfig
-
-from manoeuvre_nn.entry.guard import guarded, inside
-
-CONF = Path(__file__).parent / "conf"
-
-
-@hydra.main(version_base="1.3", config_path=str(CONF), config_name="diagnose")
-def main(cfg: DictConfig) -> None:
-    """Diagnose a folder of cases, or a person's own recordings.
-
-    Args:
-        cfg: The composed config.
-    """
-    from manoeuvre_nn.entry.diagnosis_job import diagnose_all  # torch takes seconds: --help need not wait for it
-
-    inside(diagnose_all, cfg, Path(HydraConfig.get().runtime.output_dir), CONF)
-
+from manoeuvre_nn.commands.main import run
 
 if __name__ == "__main__":
-    guarded(main)
+    run("diagnose")

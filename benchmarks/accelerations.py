@@ -22,14 +22,16 @@ import yaml
 from jaxtyping import Float
 from scipy.signal import savgol_filter
 
-from manoeuvre_nn.core.recording import ACCELERATION, Recording
+from manoeuvre_nn.core.channels import ACCELERATION
+from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.simulate import Problem, simulate
+from manoeuvre_nn.estimation.accelerations import accelerations
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
-from manoeuvre_nn.recording.accelerations import accelerations, smoothed
-from manoeuvre_nn.recording.mapping import mapping
+from manoeuvre_nn.recording.local_cubics import smoothed
 from manoeuvre_nn.recording.noise import add_noise
-from manoeuvre_nn.recording.reader import read_recording
+from manoeuvre_nn.recording.read.mapping import mapping
+from manoeuvre_nn.recording.read.reader import read_recording
 from manoeuvre_nn.ship.kvlcc2 import kvlcc2_hsva
 from manoeuvre_nn.ship.mariner import mariner
 

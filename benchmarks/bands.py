@@ -19,17 +19,17 @@ from esso_osaka_closed_loop import settings
 from noise import JUDGED, SHIP, recorded
 
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.dynamics.affected import Affected
 from manoeuvre_nn.dynamics.members import sail_members
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.simulate import Problem, simulate
+from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.wind import GustyWind
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
-from manoeuvre_nn.network.series import Series
-from manoeuvre_nn.recording.score import score
+from manoeuvre_nn.network.series import Series, SeriesSettings
+from manoeuvre_nn.scoring.score import score
 from manoeuvre_nn.ship.known import clarke_inertia_part
-from manoeuvre_nn.training.joint_fit import USUAL_TRUST, fit_series
+from manoeuvre_nn.training.closed_loop_fit import DEFAULT_SETTINGS, fit_series
 
 FROM = 20.0
 """Time from which on samples count: before, all members do the same [s]."""
@@ -48,7 +48,7 @@ def sailed(wind: float, seed: int) -> Recording:
     ship = CalmWater(SHIP)
     if wind:
         origin = float(np.random.default_rng(seed).uniform(0, 360))
-        ship = Affected(ship, [GustyWind(SHIP, speed=wind, from_deg=origin, seed=seed)])
+        ship = Vessel(ship, [GustyWind(SHIP, speed=wind, from_deg=origin, seed=seed)])
     truth = simulate(Problem(ship, replace(zigzag(35.0), duration=360.0)))
     known = {k: c for k, c in truth.channels.items() if "wind" not in k}
     return recorded(replace(truth, channels=known), 0.005, 0.5, seed)
@@ -83,18 +83,18 @@ def main(arguments: list[str]) -> None:
     """
     usual = {"seeds": "10", "winds": "0,8,15", "network": "abkowitz", "learn_floor": "true", "floor": "1"}
     given = usual | dict(a.split("=", 1) for a in arguments)
-    floor = tuple(float(given["floor"]) * f for f in USUAL_TRUST.floor)
-    trust = replace(USUAL_TRUST, floor=floor, learn_floor=given["learn_floor"] == "true")
+    floor = tuple(float(given["floor"]) * f for f in DEFAULT_SETTINGS.floor)
+    noise_settings = replace(DEFAULT_SETTINGS, floor=floor, learn_floor=given["learn_floor"] == "true")
     truth = roll_out(CalmWater(SHIP), JUDGED)
     print("| wind, m/s | dev/L of zz20, tc25, tc10 | floor | of noise alone | widened |\n|---|---|---|---|---|")
     for wind in map(float, given["winds"].split(",")):
         rows: dict[str, list[list[float]]] = {"dev": [], "floor": [], "plain": [], "wide": []}
         for seed in range(int(given["seeds"])):
-            network = Series(**settings(given["network"], wind=False))
-            model, found = fit_series(network, clarke_inertia_part(SHIP), [sailed(wind, seed)], trust=trust)
+            network = Series(SeriesSettings(**settings(given["network"], wind=False)))
+            model, found = fit_series(network, clarke_inertia_part(SHIP), [sailed(wind, seed)], settings=noise_settings)
             pairs = zip(roll_out(model, JUDGED), truth, strict=True)
             rows["dev"].append([score(a, b, SHIP.particulars.length).dev_L for a, b in pairs])
-            rows["floor"].append([float(found.floor[0] / USUAL_TRUST.floor[0])])
+            rows["floor"].append([float(found.floor[0] / DEFAULT_SETTINGS.floor[0])])
             rows["wide"].append(held(model, truth))
             network.take(torch.as_tensor(found.values), torch.as_tensor(found.covariance))
             rows["plain"].append(held(model, truth))

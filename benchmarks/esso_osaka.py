@@ -26,7 +26,7 @@ from esso_osaka_regression import TaylorRegression
 
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.recording.score import score
+from manoeuvre_nn.scoring.score import score
 from manoeuvre_nn.ship.esso_osaka_model import esso_osaka_model
 
 FIRST = 120.0

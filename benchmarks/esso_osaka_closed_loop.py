@@ -10,10 +10,10 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.dynamics.replay import replay
-from manoeuvre_nn.network.series import Series
-from manoeuvre_nn.recording.accelerations import accelerations
+from manoeuvre_nn.estimation.accelerations import accelerations
+from manoeuvre_nn.network.series import Series, SeriesSettings
 from manoeuvre_nn.ship.known import clarke_inertia_part
-from manoeuvre_nn.training.joint_fit import fit_series
+from manoeuvre_nn.training.closed_loop_fit import fit_series
 
 CONF = Path(__file__).parents[1] / "conf" / "network"
 CALM = {"wind_speed", "wind_from"}
@@ -55,7 +55,7 @@ class ClosedLoopSeries:
         Returns:
             The model.
         """
-        series = Series(**settings(self.network, wind))
+        series = Series(SeriesSettings(**settings(self.network, wind)))
         model, _ = fit_series(series, clarke_inertia_part(ship), [_seen(r, wind) for r in recordings])
         return Replayed(model, wind)
 

@@ -19,9 +19,10 @@ from jaxtyping import Float
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
-from manoeuvre_nn.recording.accelerations import accelerations, smoothed
-from manoeuvre_nn.recording.mapping import mapping
-from manoeuvre_nn.recording.reader import read_recordings
+from manoeuvre_nn.estimation.accelerations import accelerations
+from manoeuvre_nn.recording.local_cubics import smoothed
+from manoeuvre_nn.recording.read.mapping import mapping
+from manoeuvre_nn.recording.read.reader import read_recordings
 from manoeuvre_nn.ship.esso_osaka_model import esso_osaka_model
 
 CONF = Path(__file__).parents[1] / "conf" / "recording" / "esso_osaka.yaml"

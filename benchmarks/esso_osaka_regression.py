@@ -133,10 +133,10 @@ def _solve(runs: list[tuple[Matrix, np.ndarray]], ridge: float) -> np.ndarray:
     columns, y = np.concatenate([c for c, _ in runs]), np.concatenate([t for _, t in runs])
     scale = np.sqrt(np.mean(columns**2, axis=0)) + 1e-12
     columns = columns / scale
-    trust, weights = np.ones(len(y)), np.zeros(columns.shape[1])
+    settings, weights = np.ones(len(y)), np.zeros(columns.shape[1])
     for _ in range(8):
-        gram = columns.T @ (trust[:, None] * columns) + ridge * len(y) * np.eye(len(weights))
-        weights = np.linalg.solve(gram, columns.T @ (trust * y))
+        gram = columns.T @ (settings[:, None] * columns) + ridge * len(y) * np.eye(len(weights))
+        weights = np.linalg.solve(gram, columns.T @ (settings * y))
         error = np.abs(y - columns @ weights)
-        trust = np.minimum(1.0, HUBER * 1.4826 * np.median(error) / np.maximum(error, 1e-12))
+        settings = np.minimum(1.0, HUBER * 1.4826 * np.median(error) / np.maximum(error, 1e-12))
     return weights / scale

@@ -32,15 +32,15 @@ from scipy.optimize import least_squares  # noqa: E402
 from torch import Tensor  # noqa: E402
 
 from manoeuvre_nn.manoeuvre.zigzag import zigzag  # noqa: E402
-from manoeuvre_nn.network.perceptron import Perceptron  # noqa: E402
-from manoeuvre_nn.optimizer.damping import Damping, Rule  # noqa: E402
-from manoeuvre_nn.optimizer.levenberg_marquardt import LevenbergMarquardt  # noqa: E402
-from manoeuvre_nn.optimizer.one_hidden import OneHidden  # noqa: E402
-from manoeuvre_nn.optimizer.restarts import Stops, minimise  # noqa: E402
-from manoeuvre_nn.optimizer.separable import Separable  # noqa: E402
+from manoeuvre_nn.network.perceptron import Perceptron, PerceptronSettings  # noqa: E402
+from manoeuvre_nn.numerics.damping import Damping, Rule, Stops  # noqa: E402
+from manoeuvre_nn.numerics.levenberg_marquardt import LevenbergMarquardt  # noqa: E402
+from manoeuvre_nn.numerics.one_hidden import OneHidden  # noqa: E402
+from manoeuvre_nn.numerics.restarts import minimise  # noqa: E402
+from manoeuvre_nn.numerics.separable import Separable  # noqa: E402
 from manoeuvre_nn.ship.esso_190k import esso_190k  # noqa: E402
 from manoeuvre_nn.ship.known import no_part  # noqa: E402
-from manoeuvre_nn.training.data import SimulatedData  # noqa: E402
+from manoeuvre_nn.training.data import DataSettings, SimulatedData  # noqa: E402
 from manoeuvre_nn.training.scalings import make_scaling  # noqa: E402
 
 HIDDEN, SAMPLES = 14, 1501
@@ -74,7 +74,7 @@ def tanker() -> Data:
     """1500 s of the 20-deg zigzag of the tanker, inputs and forces standardised."""
     ship = esso_190k()
     known = no_part(ship)
-    data = SimulatedData(ship, known, [zigzag(20.0)], [zigzag(10.0)], length=SAMPLES - 1.0, rate_hz=1.0)
+    data = SimulatedData(ship, known, [zigzag(20.0)], [zigzag(10.0)], settings=DataSettings(SAMPLES - 1.0, rate_hz=1.0))
     data.setup()
     scaling = make_scaling("standard", known, data.tuples)
     return Data("tanker", scaling.inputs(data.tuples.inputs), scaling.outputs(data.tuples.targets), None)
@@ -125,7 +125,9 @@ def optimizer(products: bool) -> Method:
         given: dict[str, Any] = {"jacobian": lambda: network.jacobian(data.x)}
         if products:
             given = {"normal": lambda: problem.normal_equations(flat(network))}
-        lm = LevenbergMarquardt(network.parameters(), rows=1, goal=goal, damping="nielsen", min_grad=1e-13, **given)
+        lm = LevenbergMarquardt(
+            network.parameters(), rows=1, damping=Damping("nielsen"), stops=Stops(goal=goal, min_step=0.0), **given
+        )
         done = 0
         while done < epochs and not lm.stopped:
             lm.step(lambda: (network.rows(data.x) - data.y).flatten(1))
@@ -257,7 +259,7 @@ def methods() -> dict[str, Method]:
 
 def start(seed: int) -> Perceptron:
     """A network with its first weights."""
-    return Perceptron(1, 4, HIDDEN, 3, activation="tanh", initial="symmetric", seed=seed)
+    return Perceptron(1, 4, HIDDEN, 3, PerceptronSettings(activation="tanh", initial="symmetric"), seed=seed)
 
 
 def timed(method: Method, data: Data, seed: int, goal: float, epochs: int) -> tuple[float, Ended]:

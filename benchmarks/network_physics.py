@@ -24,25 +24,25 @@ from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.units import KNOT
-from manoeuvre_nn.dynamics.base import Dynamics
+from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.limits import OK
 from manoeuvre_nn.dynamics.members import Members
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.simulate import Problem, simulate
-from manoeuvre_nn.identification.ladder import ladder, own_part
+from manoeuvre_nn.estimation.accelerations import accelerations
+from manoeuvre_nn.estimation.baselines import fit_baselines, own_part
 from manoeuvre_nn.manoeuvre.spiral import spiral
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
-from manoeuvre_nn.network.hull_rudder import HullRudder
-from manoeuvre_nn.recording.accelerations import accelerations
-from manoeuvre_nn.recording.score import score
+from manoeuvre_nn.network.hull_rudder import HullRudder, HullRudderSettings
 from manoeuvre_nn.recording.tuples import Tuples, to_tuples
+from manoeuvre_nn.scoring.score import score
 from manoeuvre_nn.ship.esso_190k import esso_190k
 from manoeuvre_nn.ship.known import clarke_part, no_part
 from manoeuvre_nn.ship.mariner import mariner
-from manoeuvre_nn.training.closed_loop import Refinement, refine
 from manoeuvre_nn.training.ensemble import train_ensemble
+from manoeuvre_nn.training.rollout_refinement import Refinement, refine
 
 PLAIN: dict[str, Any] = {"symmetric": False, "modular": False, "library": "none", "speed_law": "approach", "members": 1}
 PER_LENGTH = 12
@@ -161,7 +161,7 @@ def rows(study: Study) -> dict[str, dict[str, Any]]:
 
 def train(
     study: Study, seed: int, *, second: bool = False, own: bool = False, refined: int = 0, **network: Any
-) -> Dynamics:
+) -> Model:
     """Train an ensemble as ``fit=ensemble`` does.
 
     Args:
@@ -176,7 +176,7 @@ def train(
         The model.
     """
     recordings, known, tuples = data(study, second, own)
-    net = HullRudder(seed=seed, **network)
+    net = HullRudder(HullRudderSettings(**network), seed=seed)
     model = train_ensemble(known, net, tuples)
     x = model.scaling.inputs(tuples.inputs)
     with torch.no_grad():
@@ -196,7 +196,7 @@ def data(study: Study, second: bool, own: bool) -> tuple[list[Recording], Ship, 
     return recordings, known, to_tuples(recordings, known)
 
 
-def judge(study: Study, references: Sequence[Recording], dynamics: Dynamics, count: int = 1) -> list[list[float]]:
+def judge(study: Study, references: Sequence[Recording], dynamics: Model, count: int = 1) -> list[list[float]]:
     """dev/L of every held-out manoeuvre by each of some models; infinite for a run that left the physical range."""
     interval = study.ship.particulars.time_unit / PER_LENGTH
     runs = roll_out(dynamics, list(study.judged) * count, step=interval, interval=interval)
@@ -249,8 +249,8 @@ def main(arguments: Sequence[str]) -> None:
             print(line(row, judge(study, references, together(models), len(models)), seconds), flush=True)
         recordings, known, tuples = data(study, second=False, own=False)
         del recordings
-        for rung in ladder(study.ship, known, tuples)[0]:
-            print(line(rung.name, judge(study, references, rung.dynamics), 0.0), flush=True)
+        for baseline in fit_baselines(study.ship, known, tuples)[0]:
+            print(line(baseline.name, judge(study, references, baseline.dynamics), 0.0), flush=True)
 
 
 if __name__ == "__main__":

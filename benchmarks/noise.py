@@ -20,22 +20,22 @@ import numpy as np
 import yaml
 
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.dynamics.base import Dynamics
-from manoeuvre_nn.dynamics.joint_problem import sensor_faults
+from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.simulate import Problem, simulate
-from manoeuvre_nn.identification.ladder import taylor_rung
+from manoeuvre_nn.estimation.accelerations import accelerations
+from manoeuvre_nn.estimation.baselines import taylor_baseline
+from manoeuvre_nn.estimation.problem import sensor_faults
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
-from manoeuvre_nn.network.series import Series
-from manoeuvre_nn.recording.accelerations import accelerations
+from manoeuvre_nn.network.series import Series, SeriesSettings
 from manoeuvre_nn.recording.noise import add_noise
-from manoeuvre_nn.recording.score import score
 from manoeuvre_nn.recording.tuples import to_tuples
+from manoeuvre_nn.scoring.score import score
 from manoeuvre_nn.ship.known import clarke_inertia_part, clarke_part
 from manoeuvre_nn.ship.mariner import mariner
-from manoeuvre_nn.training.joint_fit import USUAL_TRUST, fit_series
+from manoeuvre_nn.training.closed_loop_fit import DEFAULT_SETTINGS, fit_series
 
 SHIP = mariner()
 JUDGED = (zigzag(20.0), turning_circle(25.0), turning_circle(10.0))
@@ -60,7 +60,7 @@ def recorded(truth: Recording, share: float, gps: float, seed: int, late: float 
     return noisy.with_channels(r=np.interp(truth.time - late, truth.time, noisy["r"]))
 
 
-def model_of(method: str, recording: Recording, floor: float, delays: Sequence[str] = ()) -> Dynamics:
+def model_of(method: str, recording: Recording, floor: float, delays: Sequence[str] = ()) -> Model:
     """Fit a model.
 
     Args:
@@ -76,12 +76,14 @@ def model_of(method: str, recording: Recording, floor: float, delays: Sequence[s
         known = clarke_part(SHIP)
         joint = method == "pointwise_joint"
         smooth = accelerations(recording, "joint", delays=delays) if joint else accelerations(recording, "smoother")
-        return taylor_rung(known, to_tuples([smooth], known)).dynamics
+        return taylor_baseline(known, to_tuples([smooth], known)).dynamics
     conf = Path(__file__).parents[1] / "conf" / "network" / f"{method}.yaml"
     given = yaml.safe_load(conf.read_text())["network"]
-    network = Series(given["surge"], given["lateral"], yaw=given.get("yaw", ()))
-    trust = replace(USUAL_TRUST, floor=tuple(floor * f for f in USUAL_TRUST.floor))
-    return fit_series(network, clarke_inertia_part(SHIP), [recording], trust=trust, faults=sensor_faults(delays, ()))[0]
+    network = Series(SeriesSettings(given["surge"], given["lateral"], yaw=given.get("yaw", ())))
+    settings = replace(DEFAULT_SETTINGS, floor=tuple(floor * f for f in DEFAULT_SETTINGS.floor))
+    return fit_series(
+        network, clarke_inertia_part(SHIP), [recording], settings=settings, faults=sensor_faults(delays, ())
+    )[0]
 
 
 def main(arguments: list[str]) -> None:

@@ -22,19 +22,19 @@ from network_physics import chosen
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.design.expected_error import DesignEffort, prospects
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
 from manoeuvre_nn.dynamics.rollout import roll_out
-from manoeuvre_nn.identification.excitation import Effort, prospects
 from manoeuvre_nn.manoeuvre.spiral import spiral
 from manoeuvre_nn.manoeuvre.straight import random_rudder, straight
 from manoeuvre_nn.manoeuvre.turning import pull_out, turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import mixed_zigzag, zigzag
-from manoeuvre_nn.network.hull_rudder import HullRudder
-from manoeuvre_nn.recording.score import score
+from manoeuvre_nn.network.hull_rudder import HullRudder, HullRudderSettings
+from manoeuvre_nn.scoring.score import score
 from manoeuvre_nn.ship.esso_190k import esso_190k
 from manoeuvre_nn.ship.known import clarke_part, no_part
 from manoeuvre_nn.ship.mariner import mariner
-from manoeuvre_nn.training.data import SimulatedData
+from manoeuvre_nn.training.data import DataSettings, SimulatedData
 from manoeuvre_nn.training.ensemble import steps_in_noise, train_ensemble
 
 
@@ -123,7 +123,7 @@ def recorded(s: Setup, manoeuvres: Sequence[Manoeuvre], noise: dict[str, float],
     Returns:
         Tuples and how they were formed.
     """
-    data = SimulatedData(s.ship, s.known, manoeuvres, [straight(60.0)], noise=noise, seed=seed)
+    data = SimulatedData(s.ship, s.known, manoeuvres, [straight(60.0)], settings=DataSettings(noise=noise, seed=seed))
     data.setup()
     return data
 
@@ -139,7 +139,9 @@ def trained(s: Setup, data: SimulatedData, seed: int) -> IdentifiedShip:
     Returns:
         The model.
     """
-    return train_ensemble(s.known, HullRudder(seed=seed, **s.network), data.tuples, exact=data.exact)
+    return train_ensemble(
+        s.known, HullRudder(HullRudderSettings(**s.network), seed=seed), data.tuples, exact=data.exact
+    )
 
 
 def compare(
@@ -161,8 +163,8 @@ def compare(
     alone = recorded(s, [first], noise, seed)
     possible = [m for m in candidates() if m.name not in {first.name, "zz20_port"} - {usual}]
     model, tuples = trained(s, alone, seed), alone.tuples
-    noisy = {} if alone.exact else {"record": alone.would_record, "steps": steps_in_noise(model, tuples)}
-    expected = prospects(model, tuples, possible, targets(), **noisy, effort=Effort(seed=seed))
+    record, steps = (None, None) if alone.exact else (alone.would_record, steps_in_noise(model, tuples))
+    expected = prospects(model, tuples, possible, targets(), record=record, effort=DesignEffort(seed=seed, steps=steps))
     gains = dict(sorted(((p.manoeuvre, p.gain) for p in expected), key=lambda pair: -pair[1]))
     advised = next(iter(gains))
     truth = roll_out(CalmWater(s.ship), targets())

@@ -1,29 +1,9 @@
-"""What is wrong with measured files, before anything is fitted: ``python scripts/check_recordings.py --help``."""
+"""What is wrong with measured files, before anything is fitted.
 
-from pathlib import Path
+``python scripts/check_recordings.py --help`` tells more; ``manoeuvre check`` is the same.
+"""
 
-import hydra
-from hydra.core.hydra_config import HydraConfig
-from omegaconf import DictConfig
-
-from manoeuvre_nn.entry.config import register_resolvers
-from manoeuvre_nn.entry.guard import guarded
-
-CONF = Path(__file__).resolve().parents[1] / "conf"
-
-
-@hydra.main(version_base="1.3", config_path=str(CONF), config_name="check")
-def main(cfg: DictConfig) -> None:
-    """Check recordings.
-
-    Args:
-        cfg: The composed config.
-    """
-    from manoeuvre_nn.entry.check_job import run_checks  # torch takes seconds: --help need not wait for it
-
-    run_checks(cfg, Path(HydraConfig.get().runtime.output_dir), CONF)
-
+from manoeuvre_nn.commands.main import run
 
 if __name__ == "__main__":
-    register_resolvers()
-    guarded(main)
+    run("check")

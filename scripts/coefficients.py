@@ -1,29 +1,9 @@
-"""Coefficients with intervals from recordings, beside captive tests: ``python scripts/coefficients.py --help``."""
+"""Coefficients with intervals from recordings, beside captive tests.
 
-from pathlib import Path
+``python scripts/coefficients.py --help`` tells more; ``manoeuvre coefficients`` is the same.
+"""
 
-import hydra
-from hydra.core.hydra_config import HydraConfig
-from omegaconf import DictConfig
-
-from manoeuvre_nn.entry.config import register_resolvers
-from manoeuvre_nn.entry.guard import guarded, inside
-
-CONF = Path(__file__).resolve().parents[1] / "conf"
-
-
-@hydra.main(version_base="1.3", config_path=str(CONF), config_name="coefficients")
-def main(cfg: DictConfig) -> None:
-    """Tell coefficients.
-
-    Args:
-        cfg: The composed config.
-    """
-    from manoeuvre_nn.entry.coefficients_job import tell  # torch takes seconds: --help need not wait for it
-
-    inside(tell, cfg, Path(HydraConfig.get().runtime.output_dir), CONF)
-
+from manoeuvre_nn.commands.main import run
 
 if __name__ == "__main__":
-    register_resolvers()
-    guarded(main)
+    run("coefficients")

@@ -11,16 +11,18 @@ import subprocess
 import sys
 from pathlib import Path
 
-from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.trial.stages import Trial, answer, generate, score
-
 ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))  # studies stand beside the package, not in it
+
+from manoeuvre_nn.core.errors import InputError  # noqa: E402
+from studies.concealed_trial.stages import Trial, answer, generate, score  # noqa: E402
+
 DEFAULTS = {"cases": "48", "seed": "", "out": "outputs/concealed_trial", "jobs": "2", "nuisance": "1.0"}
 DEFAULTS |= {"methods": "manoeuvre_nn"}
 METHODS = {
     "manoeuvre_nn": (sys.executable, "diagnose.py", "cases={cases}", "out={out}", "workers=1"),
-    "regression": (sys.executable, "scripts/peers.py", "method=regression", "cases={cases}", "out={out}"),
-    "pysindy": (sys.executable, "scripts/peers.py", "method=pysindy", "cases={cases}", "out={out}"),
+    "regression": (sys.executable, "scripts/rivals.py", "method=regression", "cases={cases}", "out={out}"),
+    "pysindy": (sys.executable, "scripts/rivals.py", "method=pysindy", "cases={cases}", "out={out}"),
 }
 """Command of each tool; its answers lie in OUT/answers, or OUT/answers_NAME for others than the first."""
 

@@ -1,29 +1,9 @@
-"""Which manoeuvre to sail next for this ship and model: ``python scripts/excite.py --help``."""
+"""Which manoeuvre to sail next for this ship and model.
 
-from pathlib import Path
+``python scripts/excite.py --help`` tells more; ``manoeuvre excite`` is the same.
+"""
 
-import hydra
-from hydra.core.hydra_config import HydraConfig
-from omegaconf import DictConfig
-
-from manoeuvre_nn.entry.config import register_resolvers
-from manoeuvre_nn.entry.guard import guarded, inside
-
-CONF = Path(__file__).resolve().parents[1] / "conf"
-
-
-@hydra.main(version_base="1.3", config_path=str(CONF), config_name="excite")
-def main(cfg: DictConfig) -> None:
-    """Advise a manoeuvre.
-
-    Args:
-        cfg: The composed config.
-    """
-    from manoeuvre_nn.entry.excitation_job import excite  # torch takes seconds: --help need not wait for it
-
-    inside(excite, cfg, Path(HydraConfig.get().runtime.output_dir), CONF)
-
+from manoeuvre_nn.commands.main import run
 
 if __name__ == "__main__":
-    register_resolvers()
-    guarded(main)
+    run("excite")

@@ -1,14 +1,17 @@
 """Do a paper again, every table and figure beside ours: ``python scripts/reproduce.py --help``."""
 
 import os
+import sys
 from pathlib import Path
 
 import hydra
 from omegaconf import DictConfig
 
-from manoeuvre_nn.entry.guard import guarded
+from manoeuvre_nn.commands.guard import guarded
 
-CONF = Path(__file__).resolve().parents[1] / "conf"
+ROOT = Path(__file__).resolve().parents[1]
+CONF = ROOT / "studies" / "reproduction"
+sys.path.insert(0, str(ROOT))  # studies stand beside the package, not in it
 
 
 @hydra.main(version_base="1.3", config_path=str(CONF), config_name="reproduce")
@@ -19,9 +22,9 @@ def main(cfg: DictConfig) -> None:
         cfg: The composed config.
     """
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy is loaded: the processes share out the cores
-    from manoeuvre_nn.entry.reproduction_job import run_reproduction  # torch takes seconds: --help need not wait for it
+    from studies.reproduction.job import run_reproduction  # torch takes seconds: --help need not wait for it
 
-    run_reproduction(cfg, CONF)
+    run_reproduction(cfg)
 
 
 if __name__ == "__main__":

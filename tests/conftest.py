@@ -1,4 +1,4 @@
-"""Puts this folder on the import path, so that tests share fleet.py; one thread a process, a process a core."""
+"""One thread a process, a process a core; two zigzags of the Mariner that several rooms look at."""
 
 import os
 
@@ -7,6 +7,13 @@ os.environ["OMP_NUM_THREADS"] = "1"  # the processes that share out the tests st
 import pytest
 import torch
 from threadpoolctl import threadpool_limits
+
+from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.dynamics.model import CalmWater
+from manoeuvre_nn.dynamics.simulate import Problem, simulate
+from manoeuvre_nn.manoeuvre.zigzag import zigzag
+from manoeuvre_nn.ship.mariner import mariner
 
 torch.set_num_threads(1)
 threadpool_limits(1)  # where numpy was loaded before this file
@@ -21,3 +28,18 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The file that takes minutes is begun first: last, it would keep one process busy and the other waiting."""
     items.sort(key=lambda item: item.path.name != "test_four_concealed_cases.py")
+
+
+@pytest.fixture(scope="session")
+def ship() -> Particulars:
+    return mariner().particulars
+
+
+@pytest.fixture(scope="session")
+def zz20() -> Recording:
+    return simulate(Problem(CalmWater(mariner()), zigzag(20.0)))
+
+
+@pytest.fixture(scope="session")
+def zz35() -> Recording:
+    return simulate(Problem(CalmWater(mariner()), zigzag(35.0)))

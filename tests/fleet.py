@@ -9,12 +9,13 @@ import numpy as np
 import torch
 from jaxtyping import config
 
+from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.rollout import roll_out, rollout
-from manoeuvre_nn.dynamics.simulate import Problem, simulate, to_recording
+from manoeuvre_nn.dynamics.simulate import Problem, Solution, simulate, to_recordings
 from manoeuvre_nn.manoeuvre.spiral import spiral
 from manoeuvre_nn.manoeuvre.straight import random_rudder, straight
 from manoeuvre_nn.manoeuvre.turning import pull_out, turning_circle
@@ -88,9 +89,9 @@ def coarse(ship: Ship, trials: list[Manoeuvre], duration: float, interval: float
     times = np.arange(0.0, duration + 1e-9, interval)
     with torch.no_grad(), unchecked():
         runs = rollout(CalmWater(ship), trials, start, torch.tensor(times), step=interval)
-    columns = [(runs.states[:, k], runs.rudders[:, k], runs.orders[:, k]) for k in range(len(trials))]
     assert (runs.ended == inf).all()
-    return [to_recording(CalmWater(ship), m, times, *c, "ok") for m, c in zip(trials, columns, strict=True)]
+    states, shown, orders = (x.transpose(0, 1) for x in (runs.states, runs.rudders, runs.orders))
+    return to_recordings(CalmWater(ship), trials, Solution(times, states, shown, orders, Inputs(shown)))
 
 
 def distance(a: Recording, b: Recording) -> float:

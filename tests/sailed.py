@@ -9,9 +9,9 @@ import pandas as pd
 from fleet import unchecked
 
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.dynamics.affected import Affected
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.rollout import roll_out
+from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
@@ -31,13 +31,19 @@ NOISE = {"x_north": 0.7, "y_east": 0.7, "sog": 0.04, "cog": 0.3, "psi": 0.1, "r"
 def sailed(current: float = 0.0, toward: float = 60.0) -> tuple[pd.DataFrame, ...]:
     """Four runs at 1 Hz with all columns, rudder positive to port."""
     ship = mariner_corrected()
-    dynamics = Affected(CalmWater(ship), [Current(ship, speed=current, toward_deg=toward)])
+    dynamics = Vessel(CalmWater(ship), [Current(ship, speed=current, toward_deg=toward)])
     with unchecked():
         runs = roll_out(dynamics, list(TRIALS), step=1.0)
-    return tuple(_table(run, seed) for seed, run in enumerate(runs))
+    return tuple(table_of(run, seed) for seed, run in enumerate(runs))
 
 
-def _table(run, seed: int) -> pd.DataFrame:
+def to_starboard(table: pd.DataFrame) -> pd.DataFrame:
+    """The same with a rudder angle that is positive to starboard."""
+    return table.assign(delta=-table.delta, delta_order=-table.delta_order)
+
+
+def table_of(run, seed: int) -> pd.DataFrame:
+    """A run with noise, in the columns of a csv."""
     north, east = run["vn"], run["ve"]
     table = pd.DataFrame({
         "t": run.time, "x_north": run["x"], "y_east": run["y"], "sog": np.hypot(north, east),

@@ -11,18 +11,19 @@ import lightning as L
 import numpy as np
 import torch
 from fleet import unchecked
+from levenberg import split
 from rich.console import Console
 
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
-from manoeuvre_nn.network.perceptron import wang_network
-from manoeuvre_nn.optimizer.steepest_descent import RateSchedule
+from manoeuvre_nn.network.perceptron import PerceptronSettings, wang_network
+from manoeuvre_nn.numerics.steepest_descent import RateSchedule
 from manoeuvre_nn.ship.known import clarke_part
 from manoeuvre_nn.ship.mariner import mariner
 from manoeuvre_nn.training import session
 from manoeuvre_nn.training.callbacks import RolloutScore
-from manoeuvre_nn.training.data import SimulatedData
+from manoeuvre_nn.training.data import DataSettings, SimulatedData
 from manoeuvre_nn.training.fits import BackpropFit, Fit, LevenbergMarquardtFit
 from manoeuvre_nn.training.scalings import make_scaling
 from manoeuvre_nn.training.session import Session, Trained
@@ -37,7 +38,8 @@ def ships() -> tuple[Ship, Ship]:
 def simulated(**settings) -> SimulatedData:
     """A Mariner's zz35, 90 s of it, judged by the first minute of zz20."""
     given = {"manoeuvres": [zigzag(35.0)], "score": [zigzag(20.0, duration=60.0)], "length": 90.0} | settings
-    data = SimulatedData(*ships(), given.pop("manoeuvres"), given.pop("score"), **given)
+    manoeuvres, score, effects = given.pop("manoeuvres"), given.pop("score"), given.pop("effects", ())
+    data = SimulatedData(*ships(), manoeuvres, score, effects=effects, settings=DataSettings(**given))
     with unchecked():
         data.setup()
     return data
@@ -48,13 +50,16 @@ def usual() -> SimulatedData:
     return simulated()
 
 
-def dynamics(data: SimulatedData, hidden: int = 3, scaling: str = "centred", **network) -> IdentifiedShip:
-    made = wang_network(hidden, **{"activation": "tanh", "initial": "normal", "spread": 0.3} | network)
+def dynamics(
+    data: SimulatedData, hidden: int = 3, scaling: str = "centred", dtype: torch.dtype = torch.float64, **network
+) -> IdentifiedShip:
+    settings = PerceptronSettings(**{"activation": "tanh", "initial": "normal", "spread": 0.3} | network)
+    made = wang_network(hidden, settings=settings, dtype=dtype)
     return IdentifiedShip(data.known, made, make_scaling(scaling, data.known, data.tuples)).to(data.dtype)
 
 
 def lm(data: SimulatedData | None = None, hidden: int = 3, **options) -> LevenbergMarquardtFit:
-    return LevenbergMarquardtFit(dynamics(data or usual(), hidden), damping="nielsen", **options)
+    return LevenbergMarquardtFit(dynamics(data or usual(), hidden), **split(damping="nielsen", **options))
 
 
 def backprop(data: SimulatedData | None = None, hidden: int = 3, **options) -> BackpropFit:
@@ -78,13 +83,13 @@ def train(
     random.seed()
     np.random.seed(random.randrange(2**31))  # noqa: NPY002  whatever depends on global random states differs each time
     torch.manual_seed(random.randrange(2**31))
-    judge = RolloutScore((data or usual()).held_out, every=every, solver="rollout")
+    scorer = RolloutScore((data or usual()).held_out, every=every, solver="rollout")
     if extra:
-        judge.setup = lambda trainer, pl_module, stage: trainer.callbacks.extend(extra)  # type: ignore[method-assign]
+        scorer.setup = lambda trainer, pl_module, stage: trainer.callbacks.extend(extra)  # type: ignore[method-assign]
     quiet = console or Console(file=io.StringIO())
     given = Session(**{"max_epochs": 4} | settings)
     with nullcontext() if checked else unchecked():
-        return session.run(fit, data or usual(), judge, given, out, quiet), judge
+        return session.run(fit, data or usual(), scorer, given, out, quiet), scorer
 
 
 class Each(L.Callback):

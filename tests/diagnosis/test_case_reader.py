@@ -1,6 +1,7 @@
 """A folder of runs in, runs ready for diagnosis out."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,13 +9,13 @@ import pandas as pd
 import pytest
 from sailed import manifest, sailed, write_runs
 
+from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.units import DEGREE, KNOT
-from manoeuvre_nn.diagnosis.case import Case, choose_held_out, read_case, read_runs
+from manoeuvre_nn.diagnosis.case import Case, RunSettings, choose_held_out, read_case, read_runs
 from manoeuvre_nn.diagnosis.manifest import adapted, read_manifest
-from manoeuvre_nn.diagnosis.runs import CHANNELS
-from manoeuvre_nn.diagnosis.sheet import estimated_order
-from manoeuvre_nn.recording.mapping import mapping
+from manoeuvre_nn.recording.preparation import estimated_order, measured
+from manoeuvre_nn.recording.read.mapping import mapping
 from manoeuvre_nn.ship.esso_190k import esso_190k
 from manoeuvre_nn.ship.mariner import mariner_corrected
 
@@ -25,11 +26,11 @@ NAMES = ("zz1", "tc1", "zz2", "tc2")
 def runs_of(folder: Path, *, change=lambda t: t, names=NAMES, **settings) -> Case:
     tables = dict(zip(names, sailed(0.4), strict=False))
     write_runs(folder, {name: change(t.copy()) for name, t in tables.items()})
-    return read_runs(folder, SHIP, **settings)
+    return read_runs(folder, SHIP, RunSettings(**{"rudder_positive_to": "port", **settings}))
 
 
 def channel(case: Case, name: str, run: int = 0) -> np.ndarray:
-    return case.runs[run].measured[:, CHANNELS.index(name)]
+    return measured(case.runs[run])[:, MEASURED.index(name)]
 
 
 @pytest.fixture(scope="module")
@@ -44,12 +45,12 @@ def test_columns_arrive_in_si_and_the_rudder_positive_to_starboard(usual):
     np.testing.assert_allclose(channel(usual, "x", k), table["x_north"], atol=1e-4)
     np.testing.assert_allclose(channel(usual, "u_log", k), table["u_log"], atol=1e-4)
     np.testing.assert_allclose(channel(usual, "r", k), table["r"] * DEGREE, atol=1e-6)
-    np.testing.assert_allclose(channel(usual, "n", k), 1.0)
+    np.testing.assert_allclose(channel(usual, "shaft_recorded", k), 1.0)
     np.testing.assert_allclose(np.sin(channel(usual, "psi", k)), np.sin(table["psi"] * DEGREE), atol=1e-5)
     east = table["sog"] * np.sin(table["cog"] * DEGREE)
     np.testing.assert_allclose(channel(usual, "ve", k), east, atol=1e-4)
-    assert run.delta[30] > 0.3 and run.measured[30, CHANNELS.index("r")] > 0
-    np.testing.assert_allclose(run.order[1:], -table["delta_order"][1:] * DEGREE, atol=1e-5)
+    assert run["delta"][30] > 0.3 and measured(run)[30, MEASURED.index("r")] > 0
+    np.testing.assert_allclose(run["delta_order"][1:], -table["delta_order"][1:] * DEGREE, atol=1e-5)
 
 
 def test_headings_are_continuous(usual):
@@ -57,13 +58,14 @@ def test_headings_are_continuous(usual):
     assert np.ptp(turn) > np.pi and np.abs(np.diff(turn)).max() < 0.1
 
 
-def test_a_rudder_positive_to_starboard_is_the_same_run(tmp_path, usual):
+@pytest.mark.parametrize("said", ["starboard", None])
+def test_a_rudder_positive_to_starboard_is_the_same_run_and_what_is_taken_for_granted(tmp_path, usual, said):
     def other(t):
         return t.assign(delta=-t.delta, delta_order=-t.delta_order)
 
-    turned = runs_of(tmp_path, change=other, rudder_positive_to="starboard")
+    turned = runs_of(tmp_path, change=other, rudder_positive_to=said)
     for a, b in zip(turned.runs, usual.runs, strict=True):
-        np.testing.assert_allclose(a.delta, b.delta, atol=1e-12)
+        np.testing.assert_allclose(a["delta"], b["delta"], atol=1e-12)
 
 
 def test_velocities_along_and_across_the_heading_are_those_over_ground(tmp_path, usual):
@@ -85,14 +87,14 @@ def test_velocities_that_were_not_recorded_are_taken_from_the_track(tmp_path, us
     [
         (["x_north", "y_east"], ["x", "y"], "No position: a lever arm of the antenna cannot be told"),
         (["u_log"], ["u_log"], "No speed log: a current is told by turns alone"),
-        (["r"], ["r"], "No yaw rate: the rate gyro cannot be judged."),
-        (["n"], ["n"], "No shaft speed: it counts as nominal"),
+        (["r"], ["r"], "No yaw rate: the rate gyro cannot be fitted."),
+        (["n"], ["shaft_recorded"], "No shaft speed: it counts as nominal"),
         (["delta_order"], [], "No helm order: it was taken from the rudder angle"),
     ],
 )
 def test_what_was_not_recorded_is_empty_and_said(tmp_path, usual, columns, empty, told):
     case = runs_of(tmp_path, change=lambda t: t.drop(columns=columns))
-    for name in CHANNELS:
+    for name in MEASURED:
         assert np.isnan(channel(case, name)).all() == (name in empty), name
     assert [s for s in case.undecided if s not in usual.undecided][0].startswith(told)
 
@@ -109,7 +111,7 @@ def test_gaps_stay_empty_and_the_rudder_is_carried_over_them(tmp_path, usual):
 
     case = runs_of(tmp_path, change=holed)
     assert np.flatnonzero(np.isnan(channel(case, "x"))).tolist() == [100, 101, 102, 103, 104]
-    assert np.isfinite(case.runs[0].delta).all() and np.isfinite(channel(case, "y")).all()
+    assert np.isfinite(case.runs[0]["delta"]).all() and np.isfinite(channel(case, "y")).all()
 
 
 def test_runs_at_ten_samples_a_second_are_joined_to_one(tmp_path, usual):
@@ -124,7 +126,7 @@ def test_runs_at_ten_samples_a_second_are_joined_to_one(tmp_path, usual):
     case = runs_of(tmp_path, change=fast)
     np.testing.assert_allclose(case.runs[0].time, usual.runs[0].time)
     assert channel(case, "u_log").std() < 0.3 / np.sqrt(10) * 1.5
-    np.testing.assert_allclose(case.runs[0].order[1:], usual.runs[0].order[1:], atol=1e-5)
+    np.testing.assert_allclose(case.runs[0]["delta_order"][1:], usual.runs[0]["delta_order"][1:], atol=1e-5)
     assert np.abs(channel(case, "x") - channel(usual, "x")).max() < 1.0
 
 
@@ -132,7 +134,7 @@ def test_runs_with_rare_samples_keep_them_and_stay_empty_between(tmp_path, usual
     case = runs_of(tmp_path, change=lambda t: t[::2])
     assert case.runs[0].step == 1.0
     np.testing.assert_allclose(channel(case, "x")[::2], channel(usual, "x")[::2], atol=1e-9)
-    assert np.isnan(channel(case, "x")[1::2]).all() and np.isfinite(case.runs[0].delta).all()
+    assert np.isnan(channel(case, "x")[1::2]).all() and np.isfinite(case.runs[0]["delta"]).all()
 
 
 def test_uneven_times_are_read_off_at_even_ones(tmp_path, usual):
@@ -158,8 +160,8 @@ def test_times_count_from_the_first_sample(tmp_path, usual):
 def test_a_slow_ship_needs_no_finer_steps_and_a_model_gets_them(tmp_path):
     table = sailed(0.4)[0]
     write_runs(tmp_path, {"a": table, "b": table})
-    assert read_runs(tmp_path, SHIP, speed_kn=11.0).runs[0].step == 1.0
-    assert read_runs(tmp_path, SHIP, speed_kn=18.0).runs[0].step == 0.5
+    assert read_runs(tmp_path, SHIP, RunSettings(speed_kn=11.0, rudder_positive_to="port")).runs[0].step == 1.0
+    assert read_runs(tmp_path, SHIP, RunSettings(speed_kn=18.0, rudder_positive_to="port")).runs[0].step == 0.5
 
 
 def test_helm_orders_are_told_from_the_rudder():
@@ -176,7 +178,7 @@ def test_helm_orders_are_told_from_the_rudder():
 
 def test_a_rudder_that_was_ordered_over_as_the_recording_began_is_seen_to_move(usual):
     turn = next(run for run in usual.runs if run.name == "tc1")
-    assert abs(turn.delta[0]) < 1 * DEGREE and turn.delta[20] > 24 * DEGREE
+    assert abs(turn["delta"][0]) < 1 * DEGREE and turn["delta"][20] > 24 * DEGREE
 
 
 def test_another_file_format_is_the_same_run(tmp_path, usual):
@@ -187,7 +189,12 @@ def test_another_file_format_is_the_same_run(tmp_path, usual):
     named = {"x": ("x", "m"), "y": ("y", "m"), "u": ("vor", "kn"), "v": ("quer", "kn"), "psi": ("kurs", "rad")}
     named |= {"r": ("dreh", "deg/min"), "delta": ("ruder", "deg")}
     channels = {k: {"column": column, "unit": unit} for k, (column, unit) in named.items()}
-    case = runs_of(tmp_path, change=renamed, mapping=mapping(time={"column": "zeit", "unit": "min"}, channels=channels))
+    case = runs_of(
+        tmp_path,
+        change=renamed,
+        mapping=mapping(time={"column": "zeit", "unit": "min"}, channels=channels),
+        rudder_positive_to=None,
+    )
     assert [run.name for run in case.runs] == [run.name for run in usual.runs]
     for name in ("x", "y", "vn", "ve", "psi", "r"):
         np.testing.assert_allclose(channel(case, name), channel(usual, name), atol=1e-2, err_msg=name)
@@ -198,11 +205,11 @@ def test_a_track_that_a_mapping_makes_from_velocities_is_no_recorded_one(tmp_pat
     named = {"u": ("u", "m/s"), "v": ("v", "m/s"), "psi": ("psi", "deg"), "delta": ("delta", "deg")}
     channels = {k: {"column": column, "unit": unit} for k, (column, unit) in named.items()}
     read = mapping(time={"column": "t", "unit": "s"}, channels=channels, rudder_positive_to="port")
-    case = runs_of(tmp_path / "long", mapping=read)
+    case = runs_of(tmp_path / "long", mapping=read, rudder_positive_to=None)
     assert np.isnan(channel(case, "x")).all() and np.isnan(channel(case, "r")).all()
     np.testing.assert_allclose(channel(case, "vn"), channel(usual, "vn"), atol=1e-3)
-    with pytest.raises(InputError, match="too short a run: 71 samples over 70 s"):
-        runs_of(tmp_path / "short", change=lambda t: t[t["t"] <= 70], mapping=read)
+    with pytest.raises(InputError, match="too short a record: 71 samples over 70 s"):
+        runs_of(tmp_path / "short", change=lambda t: t[t["t"] <= 70], mapping=read, rudder_positive_to=None)
 
 
 @pytest.mark.parametrize(
@@ -223,9 +230,9 @@ def test_about_a_third_is_held_out_and_never_all(kinds, expected):
 def test_a_person_says_what_is_held_out(tmp_path):
     case = runs_of(tmp_path, held_out=["tc1"])
     assert [run.name for run in case.held_out] == ["tc1"] and len(case.fitted) == 3
-    assert case.runs[0].warmup == pytest.approx(2 * 152.4 / 7.614)
-    none = read_runs(tmp_path, SHIP, [], warmup_s=55.0)
-    assert none.held_out == [] and none.runs[0].warmup == 55.0
+    assert case.warmup == pytest.approx(2 * 152.4 / 7.614)
+    none = read_runs(tmp_path, SHIP, RunSettings([], warmup_s=55.0, rudder_positive_to="port"))
+    assert none.held_out == [] and none.warmup == 55.0
     assert "No held-out run: nothing is proved, and an effect is only proposed." in none.undecided
 
 
@@ -248,13 +255,14 @@ def a_case(folder: Path, more=None, **settings) -> Path:
 def test_a_case_is_read_as_its_manifest_says(tmp_path):
     case = read_case(a_case(tmp_path / "folder", {"warmup_s": 30}))
     assert (case.name, case.ship) == ("c1", "mariner")
-    assert [(r.name, r.held_out, r.warmup) for r in case.runs] == [("zz1", False, 30.0), ("tc1", True, 30.0)]
+    assert ([r.name for r in case.runs], case.proof, case.warmup) == (["zz1", "tc1"], {"tc1"}, 30.0)
 
 
 def test_a_persons_manifest_gives_particulars_and_split(tmp_path):
-    case = read_runs(a_case(tmp_path))
+    to_port = RunSettings(rudder_positive_to="port")
+    case = read_runs(a_case(tmp_path), settings=to_port)
     assert case.hull.particulars.name == "Mariner" and [r.name for r in case.held_out] == ["tc1"]
-    assert [r.name for r in read_runs(tmp_path, held_out=["zz1"]).held_out] == ["zz1"]
+    assert [r.name for r in read_runs(tmp_path, settings=replace(to_port, held_out=["zz1"])).held_out] == ["zz1"]
 
 
 def test_a_ship_takes_what_the_manifest_says_and_keeps_the_rest():

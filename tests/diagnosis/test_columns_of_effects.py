@@ -12,25 +12,11 @@ from pytest import approx
 from scipy.integrate import solve_ivp
 from trials import CALM, NOISE, SHIP, TIMED, ZIGZAG, about, run_of, sailed, states_of, values
 
+from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.diagnosis.bench import NOMINAL, Bench, bench
-from manoeuvre_nn.diagnosis.calibrated import MISSING, Calibrated, Corrections
-from manoeuvre_nn.diagnosis.columns import (
-    _memory,
-    blade_along,
-    coefficient_columns,
-    contribution,
-    latency_column,
-    perfect,
-    situation,
-)
-from manoeuvre_nn.diagnosis.court import Court
-from manoeuvre_nn.diagnosis.hypothesis import Hypothesis
-from manoeuvre_nn.diagnosis.linear import Columns, Linearised, Noise, Whitened, calm_rate, joined, shown
-from manoeuvre_nn.diagnosis.refine import refined
-from manoeuvre_nn.diagnosis.runs import CHANNELS
+from manoeuvre_nn.dynamics.base import calm_accelerations
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.depth import ShallowWater
@@ -41,6 +27,23 @@ from manoeuvre_nn.effect.rudder import RudderBacklash, RudderOffset, RudderSatur
 from manoeuvre_nn.effect.sensors import GpsDelay, HeadingBias, LeverArm, LogScale, RateBias
 from manoeuvre_nn.effect.steering import RudderDelay
 from manoeuvre_nn.effect.wind import SteadyWind
+from manoeuvre_nn.estimation.corrections import MISSING, Calibrated, Corrections
+from manoeuvre_nn.estimation.data_set import FIRST_NOISE, WhitenedDataSet, whitened_data_set
+from manoeuvre_nn.estimation.effect_columns import (
+    _memory,
+    blade_along,
+    coefficient_columns,
+    contribution,
+    latency_column,
+    perfect,
+    situation,
+)
+from manoeuvre_nn.estimation.hypothesis import Hypothesis
+from manoeuvre_nn.estimation.linear_run import Columns, joined
+from manoeuvre_nn.estimation.linearised_run import LinearisedRun, NoiseLevels, calm_rate, integrated, shown
+from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
+from manoeuvre_nn.estimation.relinearise import refined
+from manoeuvre_nn.recording.preparation import measured
 
 RATE = calm_rate(CALM)
 LARGE = {
@@ -77,7 +80,7 @@ def calm_record() -> Recording:
 
 
 @cache
-def truth(name: str) -> tuple[Linearised, Columns]:
+def truth(name: str) -> tuple[LinearisedRun, Columns]:
     """A noise-free run with an effect about its own true track, and what the effect adds to it."""
     effect = LARGE[name]
     (record,), calm = sailed([TIMED], [effect]), calm_record()
@@ -86,7 +89,7 @@ def truth(name: str) -> tuple[Linearised, Columns]:
     return line, added(effect, line)
 
 
-def added(effect: Effect, line: Linearised) -> Columns:
+def added(effect: Effect, line: LinearisedRun) -> Columns:
     with unchecked():
         return contribution(effect, values(effect), line, RATE, situation(line, RATE))
 
@@ -131,7 +134,7 @@ def test_carried_on_by_the_transitions_it_is_the_difference_of_two_simulations(e
         off[k + 1] = line.transition[k] @ off[k]
         off[k + 1, :6] += c.moved[k, :, 0]
     predicted = np.einsum("kci,ki->kc", line.observed, off) + c.measured[..., 0]
-    happened = run_of(record).measured - run_of(calm).measured
+    happened = measured(run_of(record)) - measured(run_of(calm))
     assert np.abs(happened / NOISE).max() > 0.1, "too small to see"
     left = np.abs(predicted - happened).max(axis=0)
     assert (left < tolerance * np.abs(happened).max(axis=0) + 2e-3 * NOISE).all()
@@ -148,19 +151,21 @@ FAR = {"gps_lever_arm": LARGE["gps_lever_arm"], "shallow_water": LARGE["shallow_
 """Effects that the first track may take for something else."""
 
 
-def on_bench(effect: Effect) -> Bench:
+def on_bench(effect: Effect) -> WhitenedDataSet:
     """A noise-free zigzag; the smoother knows nothing of the effect."""
     run = run_of(sailed([replace(ZIGZAG, duration=160.0)], [effect])[0])
     with unchecked():
-        return bench(CALM, [run])
+        return whitened_data_set(CALM, [run])
 
 
-def misfits(stand: Bench, effect: Effect) -> np.ndarray:
+def misfits(stand: WhitenedDataSet, effect: Effect) -> np.ndarray:
     """Inner products of the data and the effect's columns at the true values, with next to no other force."""
-    (place,), p = stand.places, SHIP.particulars
+    (place,), p = stand.runs, SHIP.particulars
     force = 1e-3 * p.speed**2 / p.length * np.array([1.0, 1.0, 1.0 / p.length])
-    white = Whitened(place.line, Noise(NOMINAL, force, p.time_unit), np.array([2.0, 2.0, 0.01, 50.0, 50.0, 0.3]))
-    e = white.embed(joined([place.line.data, added(effect, place.line)]))
+    white = integrated(
+        place.linearised, NoiseLevels(FIRST_NOISE, force, p.time_unit), np.array([2.0, 2.0, 0.01, 50.0, 50.0, 0.3])
+    )
+    e = white.embed(joined([place.linearised.data, added(effect, place.linearised)]))
     return e.dot(e)
 
 
@@ -177,7 +182,7 @@ def test_about_the_track_of_the_true_hypothesis_less_is_left(name):
     effect, first = FAR[name], on_bench(FAR[name])
     held = Hypothesis((effect,), (values(effect),), frozenset(p.name for p in effect.declared))
     with unchecked():
-        second = refined(first, Court(first).judge(held))
+        second = refined(first, MarginalLikelihood(first).evaluate(held))
     left = []
     for stand in (first, second):
         g = misfits(stand, effect)
@@ -201,17 +206,17 @@ def test_several_sets_of_values_are_several_columns():
 
 def test_the_blade_behind_play_moves_only_where_the_indicator_pushes_it():
     run = truth("rudder_backlash")[0].run
-    half, blade = 2.5 * DEGREE, [run.delta[0]]
-    for shown_now in run.delta[1:]:
+    half, blade = 2.5 * DEGREE, [run["delta"][0]]
+    for shown_now in run["delta"][1:]:
         blade.append(min(max(blade[-1], shown_now - half), shown_now + half))
     with unchecked():
         found = blade_along(LARGE["rudder_backlash"].at(torch.tensor([[[5.0]]]).double()), run, deltas(run))
     assert found[0].numpy() == approx(np.array(blade), abs=1e-12)
-    assert np.abs(blade - run.delta).max() == approx(half)
+    assert np.abs(blade - run["delta"]).max() == approx(half)
 
 
 def deltas(run) -> torch.Tensor:
-    return torch.tensor(run.delta)[None]
+    return torch.tensor(run["delta"])[None]
 
 
 def test_the_blade_of_a_slow_rudder_follows_each_order_from_the_time_at_which_it_was_given():
@@ -231,7 +236,7 @@ def test_the_blade_of_a_slow_rudder_follows_each_order_from_the_time_at_which_it
 
     nominal = SHIP.particulars.rudder_rate
     shown_angle = moved(nominal) + 0.01  # an indicator that is off all the time: the fault is added to it
-    made = replace(run, order=order, lead=lead, delta=shown_angle)
+    made = run.with_channels(delta_order=order, order_lead=lead, delta=shown_angle)
     slow = LARGE["rudder_slow"].at(torch.tensor([[[1.5]], [[2.0]]]).double())
     with unchecked():
         found = blade_along(slow, made, deltas(made).expand(2, -1)).numpy()
@@ -267,7 +272,7 @@ def test_own_states_are_those_of_an_ode_solver_along_the_track(name):
     assert (np.abs(found.T - path.y).max(axis=1) < 0.02 * size).all() and (size > 1e-3).all()
 
 
-def calm_line() -> Linearised:
+def calm_line() -> LinearisedRun:
     return about(run_of(calm_record()), states_of(calm_record()))
 
 
@@ -283,16 +288,16 @@ def changed(coefficient: tuple[int, int] | None = None, inertia: int | None = No
 
 def test_a_calibrated_ship_is_one_with_other_numbers():
     corrections, state = Corrections(CALM), calm_line().track[::7]
-    nu, delta = torch.tensor(state[:, :3]), torch.tensor(calm_line().run.delta[::7])
+    nu, delta = torch.tensor(state[:, :3]), torch.tensor(calm_line().run["delta"][::7])
     (k, e), shares = torch.nonzero(SHIP.table).tolist()[4], torch.zeros(len(corrections.names)).double()
     shares[corrections.names.index("XYN"[e] + SHIP.terms[k])] = 1e-3
-    found = Calibrated(CALM, shares).acceleration(nu, delta)
-    assert torch.allclose(found, changed((k, e)).acceleration(nu, delta), rtol=0, atol=1e-12)
-    assert not torch.allclose(found, CALM.acceleration(nu, delta), rtol=0, atol=1e-9)
+    found = calm_accelerations(Calibrated(CALM, shares), nu, delta)
+    assert torch.allclose(found, calm_accelerations(changed((k, e)), nu, delta), rtol=0, atol=1e-12)
+    assert not torch.allclose(found, calm_accelerations(CALM, nu, delta), rtol=0, atol=1e-9)
     shares = torch.zeros_like(shares)
     shares[corrections.names.index("Mv")] = 1e-3
-    found = Calibrated(CALM, shares).acceleration(nu, delta)
-    assert torch.allclose(found, changed(inertia=1).acceleration(nu, delta), rtol=2e-6, atol=1e-12)
+    found = calm_accelerations(Calibrated(CALM, shares), nu, delta)
+    assert torch.allclose(found, calm_accelerations(changed(inertia=1), nu, delta), rtol=2e-6, atol=1e-12)
     slow = Calibrated(CALM, shares).on_approach(5.0)
     assert slow.particulars.speed == 5.0 and slow.hull.particulars.speed == 5.0
 
@@ -310,23 +315,23 @@ class Opaque(CalmWater):
 def test_a_model_without_coefficients_is_corrected_by_hull_and_rudder():
     """Both parts by 100 % in every equation are the whole force once more."""
     corrections, line = Corrections(Opaque(SHIP)), calm_line()
-    nu, delta = torch.tensor(line.track[:, :3]), torch.tensor(line.run.delta)
+    nu, delta = torch.tensor(line.track[:, :3]), torch.tensor(line.run["delta"])
     with unchecked():
         rows = corrections(nu, delta)
     at = [corrections.names.index(f"{e}{part}") for part in ("hull", "rudder") for e in "XYN"]
-    assert torch.allclose(rows[:, at].sum(dim=1), CALM.acceleration(nu, delta), atol=1e-12)
+    assert torch.allclose(rows[:, at].sum(dim=1), calm_accelerations(CALM, nu, delta), atol=1e-12)
     assert not rows[delta == 0][:, at[3:]].any(), "a rudder amidships has no force"
 
 
 def test_terms_that_the_ship_lacks_weigh_a_share_of_its_rudder_in_a_tight_turn():
     p = SHIP.particulars
     hard = np.array([0.7 * p.speed, -0.25 * p.speed, 0.7 * p.speed / p.length, 0.0, 0.0, 0.0])
-    run = run_of(calm_record()).before(2.0)
-    line = about(replace(run, delta=np.full(3, 0.35)), np.tile(hard, (3, 1)))
+    run = run_of(calm_record()).between(0.0, 2.0)
+    line = about(run.with_channels(delta=np.full(3, 0.35)), np.tile(hard, (3, 1)))
     with unchecked():
         columns, names = coefficient_columns(CALM, line, situation(line, RATE))
         nu = torch.tensor(hard[:3])
-        rudder = CALM.acceleration(nu, nu.new_tensor(0.35)) - CALM.acceleration(nu, nu.new_tensor(0.0))
+        rudder = calm_accelerations(CALM, nu, nu.new_tensor(0.35)) - calm_accelerations(CALM, nu, nu.new_tensor(0.0))
     for equation, letter in ((1, "Y"), (2, "N")):
         sizes = [abs(columns.moved[0, equation, k]) for k, n in enumerate(names) if n.startswith(f"{letter}+")]
         assert len(sizes) > 10 and sizes == approx([sizes[0]] * len(sizes))
@@ -337,7 +342,7 @@ def test_a_late_receiver_shows_where_the_ship_was():
     line = calm_line()
     late = latency_column(line)
     path, t = shown(line.track), line.run.time
-    for k, name in enumerate(CHANNELS):
+    for k, name in enumerate(MEASURED):
         before = np.interp(t - 0.1, t, path[:, k]) if name in {"x", "y", "vn", "ve"} else path[:, k]
         expected = (before - path[:, k])[2:-2]
         assert 0.1 * late.measured[2:-2, k, 0] == approx(expected, abs=0.1 * np.abs(expected).max() + 1e-12)
@@ -347,5 +352,5 @@ def test_a_late_receiver_shows_where_the_ship_was():
 def test_perfect_sensors_write_what_the_linear_equations_observe():
     line = calm_line()
     written = perfect(situation(line, RATE))
-    assert np.stack([written[k].numpy() for k in CHANNELS], axis=-1) == approx(shown(line.track), abs=1e-12)
-    assert np.array_equal(written["delta"].numpy(), line.run.delta)
+    assert np.stack([written[k].numpy() for k in MEASURED], axis=-1) == approx(shown(line.track), abs=1e-12)
+    assert np.array_equal(written["delta"].numpy(), line.run["delta"])

@@ -8,16 +8,16 @@ import torch
 from pytest import approx
 from trials import CALM, CIRCLE, NOISE, PORT, SHIP, ZIGZAG, run_of, runs, sailed, values
 
-from manoeuvre_nn.diagnosis.bench import Bench, bench
-from manoeuvre_nn.diagnosis.court import Court
-from manoeuvre_nn.diagnosis.gusts import judge_gusts
-from manoeuvre_nn.diagnosis.hypothesis import Hypothesis
+from manoeuvre_nn.diagnosis.gusts import fitted_gusts
 from manoeuvre_nn.diagnosis.locate import _parity, changes, residuals
 from manoeuvre_nn.diagnosis.search import single
 from manoeuvre_nn.diagnosis.windows import best_windows
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.local import SideForce
 from manoeuvre_nn.effect.wind import GustyWind, SteadyWind, WindOnset
+from manoeuvre_nn.estimation.data_set import WhitenedDataSet, whitened_data_set
+from manoeuvre_nn.estimation.hypothesis import Hypothesis
+from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 NONE = Hypothesis((), ())
@@ -28,14 +28,14 @@ GUSTS = 2.5
 
 
 @cache
-def stand(name: str) -> Bench:
+def stand(name: str) -> WhitenedDataSet:
     made = {"push": [PUSH], "onset": [ONSET], "steady": [STEADY]}
     trials = {"onset": [ZIGZAG], "steady": [CIRCLE, ZIGZAG, PORT]}.get(name, [CIRCLE, ZIGZAG])
-    return bench(CALM, runs(trials, made[name]))
+    return whitened_data_set(CALM, runs(trials, made[name]))
 
 
 @cache
-def gusty() -> tuple[Bench, float]:
+def gusty() -> tuple[WhitenedDataSet, float]:
     """Three runs in one wind, the gusts of each their own; and the size that these gusts have."""
     made, course = [], []
     for seed, trial in enumerate((CIRCLE, ZIGZAG, PORT)):
@@ -44,22 +44,22 @@ def gusty() -> tuple[Bench, float]:
         made.append(run_of(record, NOISE, seed))
         place = torch.tensor(record.time / 30.0 / wind.STEP).long()
         course.append(GUSTS * wind.gusts[place])
-    return bench(CALM, made), float(torch.cat(course).std())
+    return whitened_data_set(CALM, made), float(torch.cat(course).std())
 
 
 def test_the_window_of_a_force_is_found_to_a_block_and_by_the_fit_to_five_seconds():
-    court = Court(stand("push"))
-    none = court.judge(NONE)
+    likelihood = MarginalLikelihood(stand("push"))
+    none = likelihood.evaluate(NONE)
     grid = np.array([[100.0, 0.0, 100.0, 300.0]])
-    (first,) = best_windows(court, PUSH, grid, *none.best)
+    (first,) = best_windows(likelihood, PUSH, grid, *none.best)
     assert first[:, 2:] == approx(np.tile([83.0, 157.0], (2, 1)), abs=12.0)
     assert (first[:, 0] > 50.0).all(), "its side and size"
 
 
 def test_a_wind_that_sets_in_is_found_with_its_time():
-    court = Court(stand("onset"))
-    none = court.judge(NONE)
-    found = single(court, WindOnset(SHIP), none)
+    likelihood = MarginalLikelihood(stand("onset"))
+    none = likelihood.evaluate(NONE)
+    found = single(likelihood, WindOnset(SHIP), none)
     assert found is not None and found.evidence > none.evidence + 20
     names = [p.name for p in found.hypothesis.effects[0].declared]
     for name, true, most in (("start_s", 108.0, 12.0), ("speed", 14.0, 4.0), ("from_deg", 110.0, 20.0)):
@@ -71,10 +71,10 @@ def test_a_wind_that_sets_in_is_found_with_its_time():
 def test_gusts_are_found_with_their_size_and_a_steady_wind_gains_nothing_by_them():
     stood, size = gusty()
     for made, true in ((stood, size), (stand("steady"), None)):
-        court = Court(made)
-        steady = single(court, SteadyWind(SHIP), court.judge(NONE))
+        likelihood = MarginalLikelihood(made)
+        steady = single(likelihood, SteadyWind(SHIP), likelihood.evaluate(NONE))
         assert steady is not None
-        found = judge_gusts(court, steady, GustyWind(SHIP))
+        found = fitted_gusts(likelihood, steady, GustyWind(SHIP))
         if true is None:
             assert found.evidence < steady.evidence
         else:
@@ -85,10 +85,10 @@ def test_gusts_are_found_with_their_size_and_a_steady_wind_gains_nothing_by_them
 def test_an_event_is_looked_for_in_what_another_effect_leaves():
     """A strong current is given: the window is where the push is, not where calm water misses most."""
     drift = Current(SHIP, speed=1.2, toward_deg=100.0)
-    court = Court(bench(CALM, runs([CIRCLE, ZIGZAG], [PUSH, drift])))
+    likelihood = MarginalLikelihood(whitened_data_set(CALM, runs([CIRCLE, ZIGZAG], [PUSH, drift])))
     given = Hypothesis((drift,), (values(drift, 2),))
-    level = court.judge(NONE).best
-    (found,) = best_windows(court, PUSH, np.array([[100.0, 0.0, 100.0, 300.0]]), *level, given)
+    level = likelihood.evaluate(NONE).best
+    (found,) = best_windows(likelihood, PUSH, np.array([[100.0, 0.0, 100.0, 300.0]]), *level, given)
     assert found[:, 2:] == approx(np.tile([83.0, 157.0], (2, 1)), abs=12.0)
 
 
@@ -150,7 +150,7 @@ def test_the_missing_force_is_the_one_that_acted_and_is_gone_with_the_repair():
 
 def test_what_a_stream_or_a_sensor_does_is_no_force():
     current = Current(SHIP, speed=1.0, toward_deg=200.0)
-    stood = bench(CALM, runs([CIRCLE], [current]))
+    stood = whitened_data_set(CALM, runs([CIRCLE], [current]))
     (found,) = residuals(stood, Hypothesis((current,), (values(current),)))
     (blind,) = residuals(stood, NONE)
     assert found.force == approx(found.left)

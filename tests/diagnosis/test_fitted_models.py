@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -12,43 +13,57 @@ from fleet import unchecked
 from pytest import approx
 from trials import CALM, CIRCLE, NOISE, ZIGZAG, runs
 
+from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.diagnosis.bench import FORCE_LEVELS, LATENCY_SPREAD, NOMINAL, bench
-from manoeuvre_nn.diagnosis.calibrated import USUAL_SCATTER, Calibrated, Corrections
-from manoeuvre_nn.diagnosis.court import Court, linear
 from manoeuvre_nn.diagnosis.diagnose import diagnose
 from manoeuvre_nn.diagnosis.gusts import _course, gusty_evidence
-from manoeuvre_nn.diagnosis.hypothesis import RANDOM, Hypothesis
-from manoeuvre_nn.diagnosis.linear import joined
 from manoeuvre_nn.diagnosis.proof import Question
-from manoeuvre_nn.diagnosis.regression import FORCE_PRIOR, log_prior_levels, regress
-from manoeuvre_nn.diagnosis.sheet import common_step, from_recording, to_run
-from manoeuvre_nn.diagnosis.words import captain, left_open
-from manoeuvre_nn.dynamics.affected import Affected
+from manoeuvre_nn.diagnosis.words import left_open, summary_sentence
+from manoeuvre_nn.dynamics.base import Model, calm_accelerations, is_fitted
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip, Scaling
 from manoeuvre_nn.dynamics.rollout import roll_out
+from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.rudder import RudderOffset
 from manoeuvre_nn.effect.sensors import HeadingBias
 from manoeuvre_nn.effect.wind import GustyWind, SteadyWind
+from manoeuvre_nn.estimation.corrections import USUAL_SCATTER, Calibrated, Corrections
+from manoeuvre_nn.estimation.data_set import (
+    COEFFICIENT_SD_LEVELS,
+    FIRST_NOISE,
+    LATENCY_SD,
+    PROCESS_LEVELS,
+    whitened_data_set,
+)
+from manoeuvre_nn.estimation.hypothesis import Hypothesis
+from manoeuvre_nn.estimation.linear_run import joined
+from manoeuvre_nn.estimation.marginal_likelihood import (
+    PROCESS_PRIOR,
+    MarginalLikelihood,
+    hypothesis_columns,
+    log_prior_levels,
+)
+from manoeuvre_nn.estimation.posterior import posterior
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
-from manoeuvre_nn.network.series import Series
+from manoeuvre_nn.network.series import Series, SeriesSettings
+from manoeuvre_nn.recording.preparation import common_step, over_ground, prepared
 from manoeuvre_nn.ship.esso_osaka_model import esso_osaka_mmg, esso_osaka_model
 from manoeuvre_nn.ship.known import clarke_inertia_part
-from manoeuvre_nn.training.joint_fit import fit_series
+from manoeuvre_nn.training.closed_loop_fit import fit_series
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 NU, DELTA, SHAFT = (torch.tensor(x, dtype=torch.float64) for x in ([[0.35, -0.03, 0.04]], [0.3], [1.2]))
+STATE = torch.nn.functional.pad(NU, (0, 3))
 NOISE_OF_FIT = torch.tensor([0.02, 0.03, 0.04, 0.05, 0.06, 0.07], dtype=torch.float64)
 CONF = Path(__file__).parents[2] / "conf"
 CANDIDATES = (SteadyWind, GustyWind, RudderOffset, HeadingBias)
-LEVEL = len(FORCE_LEVELS) + 1
+LEVEL = len(PROCESS_LEVELS) + 1
 WINDY = {"wind_surge": ["wx |w|"], "wind_lateral": ["wy |w|"]}
 
 
 def fitted(seed: int = 0, **more) -> IdentifiedShip:
     """A series with coefficients, a covariance and noise that came from anywhere."""
-    network = Series(["u u", "n n"], ["v", "d n n"], **more)
+    network = Series(SeriesSettings(["u u", "n n"], ["v", "d n n"], **more))
     g = torch.Generator().manual_seed(seed)
     count = len(network.names)
     root = 0.01 * torch.randn(count, count, generator=g, dtype=torch.float64)
@@ -64,23 +79,23 @@ def with_values(model: IdentifiedShip, values: torch.Tensor) -> IdentifiedShip:
     return made
 
 
-def test_doubts_are_what_a_standard_error_of_each_combination_adds():
+def test_sensitivities_are_what_a_standard_error_of_each_combination_adds():
     model = fitted()
     network = model.network
     sizes, axes = torch.linalg.eigh(network.covariance)
     values = network.coefficients[0][network.used].detach()
-    rows = model.doubts(NU, DELTA, SHAFT)[0].detach()
+    rows = model.sensitivities(STATE, Inputs(DELTA, SHAFT))[0].detach()
     for k, row in enumerate(rows):
         moved = with_values(model, values + axes[:, k] * sizes[k].sqrt())
-        change = moved.at_shaft(NU, DELTA, SHAFT) - model.at_shaft(NU, DELTA, SHAFT)
+        change = calm_accelerations(moved, NU, DELTA, SHAFT) - calm_accelerations(model, NU, DELTA, SHAFT)
         assert row.numpy() == approx(change[0].detach().numpy(), abs=1e-12)
 
 
-def test_other_models_have_no_doubts_and_no_noise():
-    assert CALM.doubts(NU, DELTA, SHAFT).shape == (1, 0, 3) and not CALM.noise.any()
+def test_other_models_have_no_sensitivities_and_no_noise():
+    assert CALM.sensitivities(STATE, Inputs(DELTA, SHAFT)).shape == (1, 0, 3) and not CALM.noise.any()
     blank = fitted()
     blank.network.covariance.zero_()
-    assert blank.doubts(NU, DELTA, SHAFT).shape == (1, 0, 3)
+    assert blank.sensitivities(STATE, Inputs(DELTA, SHAFT)).shape == (1, 0, 3)
 
 
 def test_the_noise_of_the_fit_comes_in_si_units():
@@ -91,14 +106,14 @@ def test_the_noise_of_the_fit_comes_in_si_units():
 
 def test_at_the_nominal_shaft_speed_still_air_meets_the_ship_as_she_goes():
     model = fitted(**WINDY)
-    assert model.at_shaft(NU, DELTA, torch.ones(1).double())[0].detach().numpy() == approx(
-        model.acceleration(NU, DELTA)[0].detach().numpy()
+    assert calm_accelerations(model, NU, DELTA, torch.ones(1).double())[0].detach().numpy() == approx(
+        calm_accelerations(model, NU, DELTA)[0].detach().numpy()
     )
 
 
-def test_corrections_of_a_fitted_model_are_its_doubts():
+def test_corrections_of_a_fitted_model_are_its_sensitivities():
     model = fitted()
-    corrections, rows = Corrections(model), model.doubts(NU, DELTA, SHAFT)
+    corrections, rows = Corrections(model), model.sensitivities(STATE, Inputs(DELTA, SHAFT))
     count = rows.shape[1]
     assert corrections.names[:count] == [f"fit {k + 1}" for k in range(count)]
     made = corrections(NU, DELTA, SHAFT).detach()
@@ -106,7 +121,9 @@ def test_corrections_of_a_fitted_model_are_its_doubts():
     shares = torch.randn(len(corrections.names), generator=torch.Generator().manual_seed(3), dtype=torch.float64)
     together = corrections.together(NU, DELTA, shares, SHAFT).detach()
     assert together[0].numpy() == approx((made[0] * shares[:, None]).sum(0).numpy())
-    added = Calibrated(model, shares).at_shaft(NU, DELTA, SHAFT) - model.at_shaft(NU, DELTA, SHAFT)
+    added = calm_accelerations(Calibrated(model, shares), NU, DELTA, SHAFT) - calm_accelerations(
+        model, NU, DELTA, SHAFT
+    )
     assert added[0].detach().numpy() == approx(together[0].numpy())
 
 
@@ -120,19 +137,19 @@ def stands():
         def noise(self):
             return torch.tensor([0.2, 0.2, 2e-3, 3.0, 3.0, 0.01], dtype=torch.float64)
 
-    return bench(CALM, record), bench(Said(CALM.ship), record)
+    return whitened_data_set(CALM, record), whitened_data_set(Said(CALM.ship), record)
 
 
 def test_channels_are_trusted_as_they_were_in_the_fit(stands):
     published, own = stands
-    assert not published.dynamics.fitted and own.dynamics.fitted
-    for place in own.places:
+    assert not is_fitted(published.dynamics) and is_fitted(own.dynamics)
+    for place in own.runs:
         assert place.noise[:6] == approx([3.0, 3.0, 0.2, 0.2, 0.01, 2e-3]) and (place.inflation[:6] == 1).all()
-    assert published.places[0].noise[:2] == approx(NOISE[:2], rel=0.4) and (NOMINAL > 0).all()
+    assert published.runs[0].noise[:2] == approx(NOISE[:2], rel=0.4) and (FIRST_NOISE > 0).all()
 
 
 def test_what_a_fitted_model_may_lack_is_not_known_beforehand(stands):
-    published, own = (log_prior_levels(stand, FORCE_PRIOR) for stand in stands)
+    published, own = (log_prior_levels(stand, PROCESS_PRIOR) for stand in stands)
     assert np.ptp(own) == approx(0.0, abs=1e-12) and np.exp(own).sum() == approx(1.0)
     assert published[0].max() > published[-1].max() + 100
 
@@ -144,14 +161,16 @@ def held(effect) -> Hypothesis:
 
 
 def test_gusts_of_no_size_are_a_steady_wind(stands):
-    court, wind = Court(stands[0]), {"speed": 12.0, "from_deg": 70.0}
-    plain = court.judge_level(held(SteadyWind(CALM.ship, **wind)), LEVEL)
-    assert gusty_evidence(court, held(GustyWind(CALM.ship, **wind, gust_sd=1e-4)), LEVEL) == approx(plain, abs=1e-3)
+    likelihood, wind = MarginalLikelihood(stands[0]), {"speed": 12.0, "from_deg": 70.0}
+    plain = likelihood.evidence_at(held(SteadyWind(CALM.ship, **wind)), LEVEL)
+    assert gusty_evidence(likelihood, held(GustyWind(CALM.ship, **wind, gust_sd=1e-4)), LEVEL) == approx(
+        plain, abs=1e-3
+    )
 
 
 def test_gusts_across_are_as_large_as_they_are_told_to_be(stands):
-    court, hypothesis = Court(stands[0]), held(SteadyWind(CALM.ship, speed=12.0, from_deg=70.0))
-    one, part, along = (_course(court, hypothesis, 0, 0, 20.0, across) for across in (1.0, 0.7, 0.0))
+    likelihood, hypothesis = MarginalLikelihood(stands[0]), held(SteadyWind(CALM.ship, speed=12.0, from_deg=70.0))
+    one, part, along = (_course(likelihood, hypothesis, 0, 0, 20.0, across) for across in (1.0, 0.7, 0.0))
     half = along.count
     assert (one.count, part.count) == (2 * half, 2 * half)
     assert part.moved[..., :half] == approx(along.moved) and part.moved[..., half:] == approx(
@@ -161,28 +180,35 @@ def test_gusts_across_are_as_large_as_they_are_told_to_be(stands):
 
 def test_a_course_that_is_integrated_out_is_one_with_free_amplitudes(stands):
     """The second route: the amplitudes of the gusts' course as unknowns of the regression, with their prior."""
-    court, stand = Court(stands[0]), stands[0]
+    likelihood, stand = MarginalLikelihood(stands[0]), stands[0]
     wind = GustyWind(CALM.ship, speed=12.0, from_deg=70.0, gust_sd=2.0, gust_time_s=20.0, gust_across=0.7)
     hypothesis = held(wind)
-    lin = linear(stand, hypothesis)
-    courses = [_course(court, hypothesis, 0, run, 20.0, 0.7) for run in range(2)]
+    lin = hypothesis_columns(stand, hypothesis)
+    courses = [_course(likelihood, hypothesis, 0, run, 20.0, 0.7) for run in range(2)]
     ends = np.cumsum([1, *(c.count for c in courses)])
     index = [np.r_[0, a:b] for a, b in zip(ends[:-1], ends[1:], strict=True)]
-    gram = stand.gram(LEVEL, [joined([c, more]) for c, more in zip(lin.columns, courses, strict=True)], index, ends[-1])
+    columns = [joined([c, more]) for c, more in zip(lin.columns, courses, strict=True)]
+    gram = stand.gram(LEVEL, stand.embedded(LEVEL, columns), index, ends[-1])
     whole = stand.size
     data = np.zeros(len(gram))
     data[0], data[whole] = 1.0, -1.0
     keep = np.r_[0, whole, 1:whole, whole + 1 : len(gram)]
-    prior = np.r_[np.ones(len(stand.coefficients)), np.full(2, LATENCY_SPREAD), np.full(ends[-1] - 1, 2.0)]
-    found = regress(
-        gram[None][:, keep][:, :, keep], np.array([stand.at(LEVEL).norm]), len(stand.coefficients), data[keep], prior
+    prior = np.r_[np.ones(len(stand.coefficients)), np.full(2, LATENCY_SD), np.full(ends[-1] - 1, 2.0)]
+    found = posterior(
+        gram[np.ix_(keep, keep)],
+        stand.at(LEVEL).norm,
+        prior,
+        data[keep],
+        COEFFICIENT_SD_LEVELS,
+        len(stand.coefficients),
     )
-    assert gusty_evidence(court, hypothesis, LEVEL) == approx(float(found.by_level.max()), abs=1e-3)
+    assert gusty_evidence(likelihood, hypothesis, LEVEL) == approx(float(found.evidence.max()), abs=1e-3)
 
 
 def test_winds_swing_as_much_as_they_are_told_to():
     wind = GustyWind(CALM.ship, speed=10.0, from_deg=30.0, gust_sd=2.0, gust_time_s=5.0, gust_across=0.5)
-    assert set(RANDOM) <= {p.name for p in wind.declared}
+    assert wind.random == ("gust_sd", "gust_time_s", "gust_across")
+    assert wind.steady(wind.values.numpy())[[p.name for p in wind.declared].index("gust_sd")] == 0
     time = torch.arange(0.0, 2500.0, 0.5, dtype=torch.float64)
     s = SimpleNamespace(time=time)
     along, across = wind._speed(s), wind._swing(s)
@@ -216,14 +242,14 @@ def test_usual_sizes_of_a_model_are_those_of_a_ship_by_froudes_law():
 
 def test_what_a_fitted_model_leaves_open_is_said():
     def tried(fits: bool):
-        court = SimpleNamespace(
-            bench=SimpleNamespace(dynamics=SimpleNamespace(fitted=fits), levels=np.array([[0.05, 0.015]]))
+        likelihood = SimpleNamespace(
+            data_set=SimpleNamespace(dynamics=Mock(Model, noise=np.array(fits)), levels=np.array([[0.05, 0.015]]))
         )
-        return SimpleNamespace(court=court, none=SimpleNamespace(best=(0, 0)))
+        return SimpleNamespace(likelihood=likelihood, none=SimpleNamespace(best=(0, 0)))
 
     quiet = SimpleNamespace(named=False, best=None)
     assert left_open(tried(False), quiet) == ""
-    said = captain([], [], [], False, left_open(tried(True), quiet))
+    said = summary_sentence([], [], [], False, left_open(tried(True), quiet))
     assert "5 % of the resistance and 1.5 % of 20 deg of rudder" in said and "no effect explains" in said
     wind = SteadyWind(CALM.ship)
     named = SimpleNamespace(named=True, best=SimpleNamespace(hypothesis=Hypothesis((wind,), (np.zeros((1, 9)),))))
@@ -246,7 +272,7 @@ def pond():
     sizes = {"u": 0.004, "v": 0.004, "r": 0.1 * DEGREE, "x": 0.01, "y": 0.01, "psi": 0.2 * DEGREE}
 
     def sail(trials, number, *effects):
-        made = roll_out(Affected(calm, list(effects)) if effects else calm, trials, step=0.2)
+        made = roll_out(Vessel(calm, list(effects)), trials, step=0.2)
         return [noisy(record, number + k) for k, record in enumerate(made)]
 
     def noisy(record, number):
@@ -260,16 +286,16 @@ def pond():
     asked.append(turning_circle(35.0, side="port", duration=200.0))
     terms = yaml.safe_load((CONF / "network" / "cubic.yaml").read_text())["network"]
     with unchecked():
-        series = Series(terms["surge"], terms["lateral"], yaw=terms["yaw"])
+        series = Series(SeriesSettings(terms["surge"], terms["lateral"], yaw=terms["yaw"]))
         model, _ = fit_series(series, hull, sail(learnt, 0))
 
     def question(*wind) -> Question:
         with unchecked():
             records = sail(asked, 10, *wind)
-        sheets = [from_recording(r, p) for r in records]
-        step = common_step(sheets, p)
-        made = [to_run(s, step, p, "turning_circle", k == 2, 15.0) for k, s in enumerate(sheets)]
-        return Question("pond", model, made[:2], made[2:], [e(hull) for e in CANDIDATES])
+        raw = [over_ground(record, p) for record in records]
+        step = common_step(raw, p)
+        made = [prepared(run, step, p, "turning_circle") for run in raw]
+        return Question("pond", model, made[:2], made[2:], [e(hull) for e in CANDIDATES], warmup=15.0)
 
     return ship, question
 

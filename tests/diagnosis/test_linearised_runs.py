@@ -1,6 +1,5 @@
 """A run as linear equations: derivatives by another route, and the likelihood by dense matrices and by a filter."""
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -10,31 +9,35 @@ from fleet import unchecked
 from pytest import approx
 from trials import CALM, NOISE, SHIP, TIMED, about, run_of, sailed, states_of, tensor
 
-from manoeuvre_nn.diagnosis.bench import SCATTER_LEVELS
-from manoeuvre_nn.diagnosis.linear import Columns, Linearised, Noise, Whitened, calm_rate, joined, linearise, shown
-from manoeuvre_nn.diagnosis.regression import regress
-from manoeuvre_nn.diagnosis.runs import Run
-from manoeuvre_nn.dynamics.affected import Affected
+from manoeuvre_nn.core.inputs import Inputs
+from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.dynamics.base import calm_accelerations
+from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.propulsion import PowerLimit
+from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS
+from manoeuvre_nn.estimation.linear_run import Columns, joined
+from manoeuvre_nn.estimation.linearised_run import LinearisedRun, NoiseLevels, calm_rate, integrated, linearise, shown
+from manoeuvre_nn.estimation.posterior import posterior
+from manoeuvre_nn.recording.preparation import measured, with_measured, without_samples
 
 COUNT, STATES = 12, 9
 SPREAD = np.array([0.5, 0.4, 0.004, 30.0, 30.0, 0.1])
-FORCE = Noise(NOISE, np.array([4e-3, 6e-3, 5e-5]), 20.0)
+FORCE = NoiseLevels(NOISE, np.array([4e-3, 6e-3, 5e-5]), 20.0)
 
 
 @cache
-def short(gaps: bool = True) -> Linearised:
+def short(gaps: bool = True) -> LinearisedRun:
     """Twelve noisy samples of a turn with a shaft that slows down, about a track that is a little off."""
     record = sailed([TIMED])[0].between(18.0, 18.0 + COUNT - 1)
-    run = run_of(record, NOISE, seed=3, shaft=np.linspace(1.0, 0.9, COUNT), rudder_noise=0.01)
+    run = run_of(record, NOISE, seed=3, rudder_noise=0.01).with_channels(shaft=np.linspace(1.0, 0.9, COUNT))
     g = np.random.default_rng(5)
     if gaps:
-        run = run.without(g.random(run.measured.shape) < 0.2)
+        run = without_samples(run, g.random(measured(run).shape) < 0.2)
     wander = np.array([0.03, 0.03, 1e-4, 0.3, 0.3, 1e-3]) * g.standard_normal((COUNT, 6))
     return about(run, states_of(record) + wander)
 
 
-def some_columns(line: Linearised, count: int = 3) -> Columns:
+def some_columns(line: LinearisedRun, count: int = 3) -> Columns:
     g = np.random.default_rng(8)
     moved = g.standard_normal((COUNT - 1, 6, count)) * np.array([0.01, 0.01, 1e-4, 0.1, 0.1, 1e-3])[:, None]
     return Columns(g.standard_normal((COUNT, 8, count)) * NOISE[:, None], moved)
@@ -43,13 +46,13 @@ def some_columns(line: Linearised, count: int = 3) -> Columns:
 class Dense:
     """The same linear model with every matrix written out: states of all samples stacked, measured samples kept."""
 
-    def __init__(self, line: Linearised, noise: Noise = FORCE):
-        self.keep, h = np.isfinite(line.run.measured).ravel(), line.run.step
-        decay = np.exp(-h / noise.force_time)
+    def __init__(self, line: LinearisedRun, noise: NoiseLevels = FORCE):
+        self.keep, h = np.isfinite(measured(line.run)).ravel(), line.run.step
+        decay = np.exp(-h / noise.process_time)
         tiny = np.array([1e-4, 1e-4, 1e-6, 2e-3, 2e-3, 2e-6]) * np.sqrt(h)
         blocks = []
-        for push in line.rudder_push * line.run.rudder_noise:
-            q = np.diag(np.concatenate([tiny**2, noise.force**2 * (1 - decay**2)]))
+        for push in line.rudder_push * line.run.meta["rudder_noise"]:
+            q = np.diag(np.concatenate([tiny**2, noise.process_sd**2 * (1 - decay**2)]))
             q[:3, :3] += np.outer(push, push)
             blocks.append(q)
         # States follow from the first one and the pushes: s = reach @ (first, push 1, push 2, ...).
@@ -59,7 +62,7 @@ class Dense:
             here, before = slice(k * STATES, (k + 1) * STATES), slice((k - 1) * STATES, k * STATES)
             self.reach[here] += line.transition[k - 1] @ self.reach[before]
         drive = np.zeros((n, n))
-        drive[:STATES, :STATES] = np.diag(np.concatenate([SPREAD**2, noise.force**2]))
+        drive[:STATES, :STATES] = np.diag(np.concatenate([SPREAD**2, noise.process_sd**2]))
         for k, q in enumerate(blocks, start=1):
             drive[k * STATES : (k + 1) * STATES, k * STATES : (k + 1) * STATES] = q
         self.prior = self.reach @ drive @ self.reach.T
@@ -91,7 +94,7 @@ def close(found, expected, rel=1e-6):
 @pytest.mark.parametrize("gaps", [False, True])
 def test_inner_products_are_those_in_the_metric_of_the_samples_covariance(gaps):
     line = short(gaps)
-    white, dense = Whitened(line, FORCE, SPREAD), Dense(line)
+    white, dense = integrated(line, FORCE, SPREAD), Dense(line)
     both = joined([line.data, some_columns(line)])
     c = dense.seen(both)
     embedded = white.embed(both)
@@ -103,32 +106,32 @@ def test_inner_products_are_those_in_the_metric_of_the_samples_covariance(gaps):
 def test_the_normaliser_is_that_of_the_samples_covariance(gaps):
     line = short(gaps)
     expected = -0.5 * np.linalg.slogdet(Dense(line).covariance)[1]
-    assert Whitened(line, FORCE, SPREAD).log_norm == approx(expected, abs=1e-6)
+    assert integrated(line, FORCE, SPREAD).log_norm == approx(expected, abs=1e-6)
 
 
 def test_the_likelihood_is_that_of_a_kalman_filter():
     line = short()
-    white = Whitened(line, FORCE, SPREAD)
+    white = integrated(line, FORCE, SPREAD)
     e = white.embed(line.data)
-    samples = np.isfinite(line.run.measured).sum()
+    samples = np.isfinite(measured(line.run)).sum()
     found = white.log_norm - 0.5 * float(e.dot(e)[0, 0]) - 0.5 * samples * np.log(2 * np.pi)
     assert found == approx(filtered(line), abs=1e-6)
 
 
-def filtered(line: Linearised) -> float:
+def filtered(line: LinearisedRun) -> float:
     """Log likelihood of a run by a Kalman filter that takes in one channel after the other."""
-    decay = np.exp(-line.run.step / FORCE.force_time)
+    decay = np.exp(-line.run.step / FORCE.process_time)
     tiny = np.array([1e-4, 1e-4, 1e-6, 2e-3, 2e-3, 2e-6]) * np.sqrt(line.run.step)
-    mean, p = np.zeros(STATES), np.diag(np.concatenate([SPREAD**2, FORCE.force**2]))
+    mean, p = np.zeros(STATES), np.diag(np.concatenate([SPREAD**2, FORCE.process_sd**2]))
     total = 0.0
     for k in range(COUNT):
         if k:
             a = line.transition[k - 1]
-            push = np.concatenate([line.rudder_push[k - 1] * line.run.rudder_noise, np.zeros(6)])
+            push = np.concatenate([line.rudder_push[k - 1] * line.run.meta["rudder_noise"], np.zeros(6)])
             mean = a @ mean + np.concatenate([line.defect[k - 1], np.zeros(3)])
             p = a @ p @ a.T + np.outer(push, push)
-            p += np.diag(np.concatenate([tiny**2, FORCE.force**2 * (1 - decay**2)]))
-        for c in np.flatnonzero(np.isfinite(line.run.measured[k])):
+            p += np.diag(np.concatenate([tiny**2, FORCE.process_sd**2 * (1 - decay**2)]))
+        for c in np.flatnonzero(np.isfinite(measured(line.run)[k])):
             h = line.observed[k, c]
             s = h @ p @ h + FORCE.channels[c] ** 2
             e = line.residual[k, c] - h @ mean
@@ -139,34 +142,34 @@ def filtered(line: Linearised) -> float:
 
 def test_the_most_likely_states_are_the_mean_of_the_dense_posterior():
     line = short()
-    white, dense, data = Whitened(line, FORCE, SPREAD), Dense(line), line.data
+    white, dense, data = integrated(line, FORCE, SPREAD), Dense(line), line.data
     # The data's column carries minus what the model misses: states driven by the defect, corrected by the samples.
     gain = dense.prior @ dense.watch.T @ np.linalg.inv(dense.covariance)
     expected = (gain @ dense.seen(data) - dense.driven(data)).reshape(COUNT, STATES)
-    found = white.states(data)[..., 0]
+    found = white.states(white.embed(data))[..., 0]
     for k in range(STATES):
         close(found[:, k], expected[:, k], 1e-5)
 
 
-@pytest.mark.parametrize("scatter", range(len(SCATTER_LEVELS)))
+@pytest.mark.parametrize("scatter", range(len(COEFFICIENT_SD_LEVELS)))
 def test_the_evidence_is_the_density_of_a_dense_gaussian_with_coefficients_and_parameters_integrated_out(scatter):
     """Two coefficients, whose spread is the level of scatter, and a parameter with a mean of its own."""
     line = short()
-    white, dense, columns = Whitened(line, FORCE, SPREAD), Dense(line), some_columns(line)
+    white, dense, columns = integrated(line, FORCE, SPREAD), Dense(line), some_columns(line)
     e = white.embed(joined([line.data, columns]))
     prior = np.array([1.0, 2.0, 3.0])
     data = np.array([1.0, 0.0, 0.0, -0.7])
-    found = regress(e.dot(e)[None], np.array([white.log_norm]), 2, data, prior)
-    sd = prior * np.array([SCATTER_LEVELS[scatter]] * 2 + [1.0])
+    found = posterior(e.dot(e), white.log_norm, prior, data, COEFFICIENT_SD_LEVELS, 2)
+    sd = prior * np.array([COEFFICIENT_SD_LEVELS[scatter]] * 2 + [1.0])
     c, d = dense.seen(columns), dense.seen(line.data)[:, 0]
     d = d - 0.7 * c[:, 2]
     whole = dense.covariance + (c * sd**2) @ c.T
-    evidence = found.by_level[0, scatter] - 0.5 * len(d) * np.log(2 * np.pi)
+    evidence = found.evidence[scatter] - 0.5 * len(d) * np.log(2 * np.pi)
     assert evidence == approx(log_density(d, whole), abs=1e-6)
     mean = sd**2 * (c.T @ np.linalg.solve(whole, d))
-    close(found.mean[0, scatter], mean, 1e-6)
+    close(found.mean(scatter), mean, 1e-6)
     precision = c.T @ np.linalg.solve(dense.covariance, c) + np.diag(sd**-2)
-    close(found.covariance[0, scatter], np.linalg.inv(precision), 1e-6)
+    close(found.covariance(scatter), np.linalg.inv(precision), 1e-6)
 
 
 def fine_step(state: torch.Tensor, start: float, end: float, shaft: float, h: float, parts: int = 20) -> torch.Tensor:
@@ -194,8 +197,8 @@ def test_the_transition_is_the_derivative_of_a_fine_solution_by_autograd(k):
     line = short()
     run, h = line.run, line.run.step
     state = torch.cat([tensor(line.track[k]), torch.zeros(3).double()])
-    shaft = float(run.shaft[k : k + 2].mean())
-    step = (float(run.delta[k]), float(run.delta[k + 1]), shaft, h)
+    shaft = float(run["shaft"][k : k + 2].mean())
+    step = (float(run["delta"][k]), float(run["delta"][k + 1]), shaft, h)
     with unchecked():
         jacobian = torch.autograd.functional.jacobian(lambda s: fine_step(s, *step), state).numpy()
         end = fine_step(state, *step).numpy()
@@ -237,9 +240,9 @@ def test_a_noise_free_run_about_its_own_track_leaves_nothing():
 def test_a_heading_that_the_recorder_wraps_is_the_same_heading():
     record = sailed([TIMED])[0]
     run = run_of(record, NOISE)
-    turns = np.zeros_like(run.measured)
+    turns = np.zeros_like(measured(run))
     turns[:, 4] = 2 * np.pi * (np.arange(len(run)) % 3 - 1)
-    wrapped = replace(run, measured=run.measured + turns)
+    wrapped = with_measured(run, measured(run) + turns)
     assert about(wrapped, states_of(record)).residual == approx(about(run, states_of(record)).residual, abs=1e-9)
 
 
@@ -248,7 +251,7 @@ def test_what_a_hypothesis_adds_is_taken_out_of_the_data():
     c = some_columns(line, 1)
     with unchecked():
         less = linearise(line.run, calm_rate(CALM), line.track, 20.0, offset=c).data
-    present = np.isfinite(line.run.measured)[..., None]
+    present = np.isfinite(measured(line.run))[..., None]
     close(less.measured, present * (line.data.measured - c.measured))
     close(less.moved, line.data.moved - c.moved)
 
@@ -260,21 +263,21 @@ def test_at_another_shaft_speed_the_rate_is_that_of_a_ship_with_such_an_engine()
     u0 = SHIP.particulars.speed
     nu = torch.stack([u0 * (0.5 + 0.5 * draw[:, 0]), draw[:, 1] - 0.5, 0.02 * (draw[:, 2] - 0.5)], dim=-1)
     delta, ratio = 0.6 * (draw[:, 3] - 0.5), torch.tensor([0.6, 0.8, 0.9, 1.0, 1.1]).double()
-    engine = Affected(CALM, [PowerLimit(SHIP)])
+    engine = Vessel(CALM, [PowerLimit(SHIP)]).model
     state = torch.cat([nu, torch.zeros(5, 3).double(), ratio[:, None]], dim=-1)
-    expected = engine(state, delta)[:, :3]
+    expected = engine(state, Inputs(delta))[:, :3]
     assert torch.allclose(calm_rate(CALM)(nu, delta, ratio), expected, atol=1e-12)
     nominal = calm_rate(CALM)(nu, delta, torch.ones(5).double())
-    assert torch.allclose(nominal, CALM.acceleration(nu, delta), atol=1e-12)
+    assert torch.allclose(nominal, calm_accelerations(CALM, nu, delta), atol=1e-12)
     assert (nominal - expected)[:, 0].abs().argsort()[0] == 3
 
 
 def test_a_run_can_be_cut_and_samples_marked():
-    run: Run = short().run
-    part = run.before(run.time[4])
-    assert len(part) == 5 and part.measured.shape == (5, 8) and len(part.lead) == 5
-    bad = np.zeros_like(run.measured, dtype=bool)
+    run: Recording = short().run
+    part = run.between(0.0, run.time[4])
+    assert len(part) == 5 and measured(part).shape == (5, 8) and len(part["order_lead"]) == 5
+    bad = np.zeros_like(measured(run), dtype=bool)
     bad[3, 2] = True
-    marked = run.without(bad)
-    assert np.isnan(marked.measured[3, 2])
-    assert np.isnan(marked.measured).sum() - np.isnan(run.measured).sum() == int(np.isfinite(run.measured[3, 2]))
+    marked = without_samples(run, bad)
+    assert np.isnan(measured(marked)[3, 2])
+    assert np.isnan(measured(marked)).sum() - np.isnan(measured(run)).sum() == int(np.isfinite(measured(run)[3, 2]))

@@ -12,10 +12,7 @@ from trials import CALM, NOISE, SHIP, run_of, sailed, values
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.diagnosis import words
 from manoeuvre_nn.diagnosis.advise import Advice, advise, apart, left_over
-from manoeuvre_nn.diagnosis.bench import FORCE_LEVELS, LATENCY_SPREAD, SCATTER_LEVELS, Bench, bench, moved_track
 from manoeuvre_nn.diagnosis.checks import aliases
-from manoeuvre_nn.diagnosis.court import linear
-from manoeuvre_nn.diagnosis.hypothesis import Hypothesis, Judged
 from manoeuvre_nn.diagnosis.next_runs import HALF, new_runs, same_runs
 from manoeuvre_nn.diagnosis.words import next_steps, runner_up
 from manoeuvre_nn.effect.current import Current
@@ -24,8 +21,19 @@ from manoeuvre_nn.effect.rudder import RudderOffset
 from manoeuvre_nn.effect.sensors import HeadingBias
 from manoeuvre_nn.effect.waves import WaveDrift
 from manoeuvre_nn.effect.wind import SteadyWind
+from manoeuvre_nn.estimation.data_set import (
+    COEFFICIENT_SD_LEVELS,
+    LATENCY_SD,
+    PROCESS_LEVELS,
+    WhitenedDataSet,
+    about_states,
+    whitened_data_set,
+)
+from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
+from manoeuvre_nn.estimation.marginal_likelihood import hypothesis_columns
 from manoeuvre_nn.manoeuvre.straight import straight
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
+from manoeuvre_nn.recording.preparation import measured
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 LOG = 6
@@ -33,27 +41,27 @@ CURRENT = Current(SHIP, speed=0.5, toward_deg=90.0)
 FOLLOWING = Current(SHIP, speed=0.5, toward_deg=0.0)
 WIND = SteadyWind(SHIP, speed=10.0, from_deg=60.0)
 COMPASS = HeadingBias(SHIP, bias_deg=3.0)
-NOTHING = Judged(Hypothesis((), ()), 0.0, np.zeros((1, 1)), np.eye(1))
+NOTHING = FittedHypothesis(Hypothesis((), ()), 0.0, np.zeros((1, 1)), np.eye(1))
 
 
-def judged(*effects: Effect, evidence: float = 0.0, best: tuple[int, int] = (0, 1)) -> Judged:
+def judged(*effects: Effect, evidence: float = 0.0, best: tuple[int, int] = (0, 1)) -> FittedHypothesis:
     """Effects at their own values in one run."""
     h = Hypothesis(effects, tuple(values(e) for e in effects))
-    return Judged(h, evidence, np.zeros((1, 1)), np.eye(len(h.free())), best=best)
+    return FittedHypothesis(h, evidence, np.zeros((1, 1)), np.eye(len(h.unknowns())), best=best)
 
 
 @cache
-def stand(trial: str = "straight", *acting: Effect, log: bool = True) -> Bench:
+def stand(trial: str = "straight", *acting: Effect, log: bool = True) -> WhitenedDataSet:
     """One run of 180 s on heading north on the bench."""
     made = straight(duration=180.0) if trial == "straight" else zigzag(20.0, duration=180.0)
     run = run_of(sailed([made], acting)[0], NOISE)
     if not log:
-        run.measured[:, LOG] = np.nan
-    return bench(CALM, [run])
+        run = run.with_channels(u_log=np.full(len(run), np.nan))
+    return whitened_data_set(CALM, [run])
 
 
 @cache
-def ranked(place: Bench, leading: Effect, rival: Effect | None) -> list[Advice]:
+def ranked(place: WhitenedDataSet, leading: Effect, rival: Effect | None) -> list[Advice]:
     return advise(place, judged(leading), [NOTHING if rival is None else judged(rival)])[0]
 
 
@@ -81,10 +89,10 @@ def test_it_is_what_the_evidence_of_noise_free_data_falls_by_when_the_truth_is_t
     """By regressions: data that are a current's contribution exactly, explained by it and by coefficients alone."""
     place = stand("zigzag", CURRENT)
     level, scatter = 0, 1
-    whole = linear(place, judged(CURRENT).hypothesis).columns[0]
+    whole = hypothesis_columns(place, judged(CURRENT).hypothesis).columns[0]
     e, base = place.at(level).white[0].embed(whole), place.at(level).base[0]
     d, n = slice(0, 1), slice(1, None)
-    sd = np.r_[np.full(len(place.coefficients), SCATTER_LEVELS[scatter]), LATENCY_SPREAD]
+    sd = np.r_[np.full(len(place.coefficients), COEFFICIENT_SD_LEVELS[scatter]), LATENCY_SD]
     cross = base.dot(e)[n, d][:, 0]
     fitted = np.linalg.solve(base.dot(base)[n, n] + np.diag(sd**-2.0), cross)
     misfit = e.dot(e)[0, 0] - 2 * cross @ fitted + fitted @ base.dot(base)[n, n] @ fitted + np.sum((fitted / sd) ** 2)
@@ -103,16 +111,19 @@ def test_a_run_never_tells_less_and_the_most_telling_stands_first():
 
 def test_five_times_the_noise_leaves_a_twenty_fifth(monkeypatch):
     """Noise of all kinds and errors of coefficients."""
-    monkeypatch.setattr("manoeuvre_nn.diagnosis.advise.SCATTER_LEVELS", (0.002, 0.01))
-    assert FORCE_LEVELS[1] == approx(5 * FORCE_LEVELS[0])
+    monkeypatch.setattr("manoeuvre_nn.diagnosis.advise.COEFFICIENT_SD_LEVELS", (0.002, 0.01))
+    assert PROCESS_LEVELS[1] == approx(5 * PROCESS_LEVELS[0])
     place = stand("zigzag", WIND)
-    worse = [replace(p, noise=5 * p.noise) for p in place.places]
-    worse = [replace(p, line=replace(p.line, run=replace(p.line.run, rudder_noise=5 * p.line.run.rudder_noise)))
-             for p in worse]  # fmt: skip
-    pairs = [moved_track(CALM, p, p.line.track) for p in worse]
+    worse = [replace(p, noise=5 * p.noise) for p in place.runs]
+    loud = [{**p.linearised.run.meta, "rudder_noise": 5 * p.linearised.run.meta["rudder_noise"]} for p in worse]
+    worse = [
+        replace(p, linearised=replace(p.linearised, run=replace(p.linearised.run, meta=meta)))
+        for p, meta in zip(worse, loud, strict=True)
+    ]
+    pairs = [about_states(CALM, p, p.linearised.track) for p in worse]
     pair = (judged(WIND).hypothesis, judged(RudderOffset(SHIP, offset_deg=1.0)).hypothesis)
     much = apart(place, *pair, (0, 0))
-    little = apart(Bench(CALM, [p for p, _ in pairs], pairs[0][1]), *pair, (len(FORCE_LEVELS) + 1, 1))
+    little = apart(WhitenedDataSet(CALM, [p for p, _ in pairs], pairs[0][1]), *pair, (len(PROCESS_LEVELS) + 1, 1))
     assert much / little == approx(25.0, rel=0.15) and little > 0.01
 
 
@@ -150,11 +161,13 @@ def test_simulated_runs_obey_the_equations_by_which_they_are_judged(effect):
     """What a step of calm water from each state misses is what the hypothesis adds; at half speed too."""
     h = Hypothesis((), ()) if effect is None else judged(effect).hypothesis
     plans = list(new_runs(stand("zigzag"), h))
-    _, names = moved_track(CALM, plans[0].place, plans[0].place.line.track)
+    _, names = about_states(CALM, plans[0].prepared, plans[0].prepared.linearised.track)
     assert {p.share for p in plans} == {1.0, HALF} and len({p.words for p in plans}) == 12
     for plan in plans:
-        line = plan.place.line
-        added = 0.0 if effect is None else linear(Bench(CALM, [plan.place], names), h).columns[0].moved[..., 0]
+        line = plan.prepared.linearised
+        added = 0.0
+        if effect is not None:
+            added = hypothesis_columns(WhitenedDataSet(CALM, [plan.prepared], names), h).columns[0].moved[..., 0]
         off = np.abs(line.data.moved[..., 0] - added)
         assert (off.mean(axis=0) < [0.004, 0.004, 2e-5, 0.02, 0.02, 1e-4]).all(), plan.words
         assert line.track[0, 0] == approx(plan.share * SHIP.particulars.speed)
@@ -164,18 +177,18 @@ def test_simulated_runs_obey_the_equations_by_which_they_are_judged(effect):
 
 def test_at_half_speed_the_ship_keeps_about_half_its_speed():
     plan = next(p for p in new_runs(stand(), Hypothesis((), ())) if p.words == "a straight run" and p.share == HALF)
-    assert plan.place.line.track[-1, 0] == approx(HALF * SHIP.particulars.speed, rel=0.25)
-    assert (plan.place.line.run.shaft == HALF).all()
+    assert plan.prepared.linearised.track[-1, 0] == approx(HALF * SHIP.particulars.speed, rel=0.25)
+    assert (plan.prepared.linearised.run["shaft"] == HALF).all()
 
 
 def test_simulated_runs_have_the_channels_of_the_recorded_ones_and_the_noise_of_their_means():
     deaf = stand("straight", FOLLOWING, log=False)
     plan = next(iter(new_runs(deaf, Hypothesis((), ()))))
-    run, recorded = plan.place.line.run, deaf.places[0]
-    assert np.isnan(run.measured[:, LOG]).all() and np.isfinite(np.delete(run.measured, LOG, axis=1)).all()
-    assert plan.place.noise == approx(recorded.noise * np.sqrt(recorded.line.run.step / run.step))
+    run, recorded = plan.prepared.linearised.run, deaf.runs[0]
+    assert np.isnan(measured(run)[:, LOG]).all() and np.isfinite(np.delete(measured(run), LOG, axis=1)).all()
+    assert plan.prepared.noise == approx(recorded.noise * np.sqrt(recorded.linearised.run.step / run.step))
     (more,) = same_runs(deaf)
-    assert np.isfinite(more.place.line.run.measured).all() and more.place.noise[LOG] == 0.05
+    assert np.isfinite(measured(more.prepared.linearised.run)).all() and more.prepared.noise[LOG] == 0.05
 
 
 def test_every_named_effect_has_its_own_aliases():
@@ -184,24 +197,26 @@ def test_every_named_effect_has_its_own_aliases():
     alone, compass = judged(weak, evidence=30.0), judged(turned, evidence=29.0)
     offset = judged(RudderOffset(SHIP, offset_deg=2.0), evidence=5.0)
     pair = judged(weak, *offset.hypothesis.effects, evidence=70.0)
-    assert aliases(contest(alone, compass, offset), alone) == {"current": ["heading_bias"]}
-    assert aliases(contest(pair, alone, compass, offset), pair) == {"current": ["heading_bias"]}
-    assert aliases(contest(alone, replace(compass, evidence=10.0), offset), alone) == {}, "it was tried and fell behind"
+    assert aliases(search(alone, compass, offset), alone) == {"current": ["heading_bias"]}
+    assert aliases(search(pair, alone, compass, offset), pair) == {"current": ["heading_bias"]}
+    assert aliases(search(alone, replace(compass, evidence=10.0), offset), alone) == {}, "it was tried and fell behind"
     strong = judged(CURRENT, evidence=30.0)
-    assert aliases(contest(strong, compass), strong) == {} == aliases(contest(alone, compass), NOTHING)
+    assert aliases(search(strong, compass), strong) == {} == aliases(search(alone, compass), NOTHING)
 
 
-def contest(*found: Judged) -> SimpleNamespace:
-    return SimpleNamespace(none=NOTHING, judged=list(found), court=SimpleNamespace(bench=stand("straight", CURRENT)))
+def search(*found: FittedHypothesis) -> SimpleNamespace:
+    return SimpleNamespace(
+        none=NOTHING, fitted=list(found), likelihood=SimpleNamespace(data_set=stand("straight", CURRENT))
+    )
 
 
-def verdict(best: Judged, **effects: float) -> SimpleNamespace:
+def verdict(best: FittedHypothesis, **effects: float) -> SimpleNamespace:
     return SimpleNamespace(best=best, effects=effects, named=True, strange=False, unknown=0.0)
 
 
 def test_the_sentence_names_the_run_its_heading_and_what_is_expected_of_it():
     first, second = judged(CURRENT, evidence=30.0), judged(COMPASS, evidence=28.8)
-    (said,) = next_steps(contest(first, second), verdict(first, current=0.7, heading_bias=0.28), first, True)
+    (said,) = next_steps(search(first, second), verdict(first, current=0.7, heading_bias=0.28), first, True)
     best = advise(stand("straight", CURRENT), first, [second])[0][0]
     assert said == (
         f"To tell a current from a compass error (28 %): {best.text} (expected log Bayes factor {best.expected:.0f}; "
@@ -213,7 +228,7 @@ def test_the_sentence_names_the_run_its_heading_and_what_is_expected_of_it():
 def test_what_acts_beside_the_leader_is_looked_for_with_both_acting():
     alone, both = judged(CURRENT, evidence=30.0), judged(CURRENT, RudderOffset(SHIP, offset_deg=1.0), evidence=31.0)
     tried, seen = (
-        contest(both, alone, judged(WaveDrift(SHIP), evidence=1.0)),
+        search(both, alone, judged(WaveDrift(SHIP), evidence=1.0)),
         verdict(alone, current=1.0, rudder_offset=0.4),
     )
     assert next_steps(tried, seen, alone, True)[0].startswith(
@@ -224,7 +239,7 @@ def test_what_acts_beside_the_leader_is_looked_for_with_both_acting():
 def test_where_no_run_tells_it_is_said_what_to_measure(monkeypatch):
     monkeypatch.setattr(words, "advise", lambda *_: [[Advice("a straight run", 0.0, 1.0, 0.4, 1.0)] * 60])
     first, second = judged(WIND, evidence=30.0), judged(COMPASS, evidence=29.0)
-    (said,) = next_steps(contest(first, second), verdict(first, heading_bias=0.3), first, True)
+    (said,) = next_steps(search(first, second), verdict(first, heading_bias=0.3), first, True)
     assert said.endswith("measure the same with a second sensor and the wind and the waves; "
                          "none of 60 simulated runs would do (expected log Bayes factor 0.4).")  # fmt: skip
 
@@ -232,7 +247,7 @@ def test_where_no_run_tells_it_is_said_what_to_measure(monkeypatch):
 def test_nothing_is_simulated_where_the_verdict_is_certain(monkeypatch):
     monkeypatch.setattr(words, "advise", lambda *_: pytest.fail("simulated"))
     first, second = judged(CURRENT, evidence=30.0), judged(COMPASS, evidence=10.0)
-    tried, sure = contest(first, second), verdict(first, current=0.99, heading_bias=0.01)
+    tried, sure = search(first, second), verdict(first, current=0.99, heading_bias=0.01)
     assert next_steps(tried, sure, first, True) == [
         "Nothing else comes close to a current; a repeat at another speed would confirm the values."
     ]
@@ -243,33 +258,33 @@ def test_nothing_is_simulated_where_the_verdict_is_certain(monkeypatch):
 
 def test_a_weak_candidate_is_told_from_calm_water():
     weak = judged(CURRENT, evidence=2.0)
-    said = next_steps(contest(weak), verdict(weak, current=0.2), NOTHING, False)
+    said = next_steps(search(weak), verdict(weak, current=0.2), NOTHING, False)
     assert said[0].startswith("To tell a current from calm water (20 %): a ") and len(said) == 2
 
 
 def test_the_runner_up_is_told_with_what_speaks_for_and_against_it():
     first, second = judged(CURRENT, evidence=30.0), judged(COMPASS, evidence=9.0, best=(12, 1))
-    tried = contest(first, judged(CURRENT, WIND, evidence=29.0), second)
+    tried = search(first, judged(CURRENT, WIND, evidence=29.0), second)
     assert runner_up(tried, verdict(first)) == [
         "For a compass error: it explains the recordings better than calm water by 9.0 in log evidence.",
         "Against it: with a current they are explained better still, by 21 (odds less than one in a million), and "
         "0.3 % of the rudder's force at 20 deg is left, not 5 %.",
     ]
-    close = runner_up(contest(first, judged(COMPASS, evidence=28.0)), verdict(first))
+    close = runner_up(search(first, judged(COMPASS, evidence=28.0)), verdict(first))
     assert close[1] == "Against it: with a current they are explained better still, by 2.0 (odds 1 to 7.39)."
-    behind = runner_up(contest(first, judged(COMPASS, evidence=-2.0)), verdict(first))
+    behind = runner_up(search(first, judged(COMPASS, evidence=-2.0)), verdict(first))
     assert behind[0].startswith("For a compass error nothing speaks")
 
 
 def test_beside_something_unknown_or_nothing_the_best_candidate_is_the_runner_up():
     weak = judged(CURRENT, evidence=2.0)
     strange = SimpleNamespace(best=weak, named=False, strange=True, unknown=0.97)
-    assert runner_up(contest(weak), strange)[1] == "Against it: something without a name is likelier (97 %)."
+    assert runner_up(search(weak), strange)[1] == "Against it: something without a name is likelier (97 %)."
     calm = SimpleNamespace(best=weak, named=False, strange=False, unknown=0.01)
-    (said,) = runner_up(contest(weak), calm)
+    (said,) = runner_up(search(weak), calm)
     assert said == "The best candidate is a current: +2.0 in log evidence against calm water is mere chance."
-    assert runner_up(contest(), SimpleNamespace(best=None)) == []
+    assert runner_up(search(), SimpleNamespace(best=None)) == []
 
 
 def test_of_something_without_a_name_nothing_is_simulated():
-    assert next_steps(contest(), verdict(NOTHING), judged(WIND, evidence=9.0), True)[0].startswith("Repeat one run")
+    assert next_steps(search(), verdict(NOTHING), judged(WIND, evidence=9.0), True)[0].startswith("Repeat one run")

@@ -6,15 +6,15 @@ import pytest
 from pytest import approx
 from trials import CALM, CIRCLE, SHIP, ZIGZAG, runs, values
 
-from manoeuvre_nn.diagnosis.bench import bench
-from manoeuvre_nn.diagnosis.court import Court, linear
-from manoeuvre_nn.diagnosis.hypothesis import Hypothesis
-from manoeuvre_nn.diagnosis.screen import Screen
-from manoeuvre_nn.diagnosis.search import contest
+from manoeuvre_nn.diagnosis.search import search
 from manoeuvre_nn.diagnosis.workers import shared_out
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.local import SideForce
 from manoeuvre_nn.effect.rudder import RudderOffset
+from manoeuvre_nn.estimation.data_set import whitened_data_set
+from manoeuvre_nn.estimation.hypothesis import Hypothesis
+from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood, hypothesis_columns
+from manoeuvre_nn.estimation.pair_screen import PairScreen
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 ACTING = (Current(SHIP, speed=0.6, toward_deg=50.0), RudderOffset(SHIP, offset_deg=1.5))
@@ -27,11 +27,11 @@ def alone(effect) -> Hypothesis:
 
 @pytest.mark.parametrize("level, scatter", [(6, 1), (12, 3)])
 def test_a_pair_from_pieces_is_as_likely_as_the_pair_itself(level, scatter):
-    court = Court(bench(CALM, runs([CIRCLE, ZIGZAG], ACTING)))
-    screen = Screen(court)
+    likelihood = MarginalLikelihood(whitened_data_set(CALM, runs([CIRCLE, ZIGZAG], ACTING)))
+    screen = PairScreen(likelihood)
     for first, second in ((ACTING[0], ACTING[1]), (ACTING[1], PUSH), (PUSH, ACTING[0])):
         a, b = alone(first), alone(second)
-        whole = court.posterior(linear(court.bench, a.joined(b)), [level]).by_level[0, scatter]
+        whole = likelihood.posterior(hypothesis_columns(likelihood.data_set, a.joined(b)), level).evidence[scatter]
         assert screen.evidence(a, b, level, scatter) == approx(float(whole), abs=1e-5)
     assert screen.piece(a, level) is screen.piece(a, level)
 
@@ -48,8 +48,8 @@ def test_results_come_in_order_from_several_processes():
 
 
 def test_two_processes_find_what_one_finds():
-    stand = bench(CALM, runs([CIRCLE, ZIGZAG], ACTING))
-    once, twice = (contest(stand, [type(e)(SHIP) for e in (*ACTING, PUSH)], workers=n) for n in (1, 2))
-    assert [j.names for j in once.judged] == [j.names for j in twice.judged]
-    assert [j.evidence for j in once.judged] == approx([j.evidence for j in twice.judged], abs=1e-9)
-    assert set(once.judged[0].names) == {"current", "rudder_offset"}
+    stand = whitened_data_set(CALM, runs([CIRCLE, ZIGZAG], ACTING))
+    once, twice = (search(stand, [type(e)(SHIP) for e in (*ACTING, PUSH)], workers=n) for n in (1, 2))
+    assert [j.names for j in once.fitted] == [j.names for j in twice.fitted]
+    assert [j.evidence for j in once.fitted] == approx([j.evidence for j in twice.fitted], abs=1e-9)
+    assert set(once.fitted[0].names) == {"current", "rudder_offset"}

@@ -1,27 +1,28 @@
 """Runs whose shaft turned at another speed than the model's: what drives it, and what is no sign of an engine."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
 from pytest import approx
 from trials import CALM, SHIP, run_of, sailed
 
+from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.diagnosis.calibrated import Calibrated, Corrections
-from manoeuvre_nn.diagnosis.hypothesis import Hypothesis
-from manoeuvre_nn.diagnosis.linear import calm_rate
 from manoeuvre_nn.diagnosis.repair import Repaired, predict
-from manoeuvre_nn.diagnosis.runs import CHANNELS, with_own_shafts
+from manoeuvre_nn.dynamics.base import calm_accelerations
 from manoeuvre_nn.dynamics.model import IdentifiedShip, Scaling
+from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
+from manoeuvre_nn.estimation.hypothesis import Hypothesis
+from manoeuvre_nn.estimation.linearised_run import calm_rate
 from manoeuvre_nn.manoeuvre.straight import straight
-from manoeuvre_nn.network.series import Series
+from manoeuvre_nn.network.series import Series, SeriesSettings
+from manoeuvre_nn.recording.preparation import measured, with_own_shafts
 from manoeuvre_nn.ship.esso_osaka_model import esso_osaka_mmg, esso_osaka_model
 from manoeuvre_nn.ship.known import clarke_inertia_part
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
-N = CHANNELS.index("n")
+N = MEASURED.index("shaft_recorded")
+WARMUP = 40.0
 U0 = SHIP.particulars.speed
 
 
@@ -32,7 +33,7 @@ def number(value):
 def series(surge=("u u", "n n"), values=(-0.02, 0.02)) -> IdentifiedShip:
     """A series that keeps u = n."""
     known = clarke_inertia_part(esso_osaka_model())
-    network = Series(surge, ("v", "d n n"))
+    network = Series(SeriesSettings(surge, ("v", "d n n")))
     with torch.no_grad():
         network.coefficients[0, 0, [network.terms.index(t) for t in surge]] = number(values)
         network.coefficients[0, 1:, network.terms.index("d n n")] = number([0.03, -0.01])
@@ -42,7 +43,7 @@ def series(surge=("u u", "n n"), values=(-0.02, 0.02)) -> IdentifiedShip:
 def run(ratio: float):
     """A straight run with the shaft at another speed throughout."""
     made = run_of(sailed([straight(240.0)])[0])
-    return replace(made, shaft=np.full(len(made), ratio), warmup=40.0)
+    return made.with_channels(shaft=np.full(len(made), ratio))
 
 
 def test_a_series_feels_the_shaft_through_its_own_n_and_nothing_else():
@@ -57,11 +58,11 @@ def test_a_ship_without_such_a_network_keeps_its_own_rule_for_the_shaft():
     nu, delta = number([[U0, 0.0, 0.0]]), number([0.0])
     extra = SHIP.acceleration_from_force(nu, SHIP.shaft_force(nu, delta, number([1.2])))
     rate = calm_rate(CALM)(nu, delta, number([1.2]))
-    assert extra[0, 0] > 0 and (rate - CALM.acceleration(nu, delta)).numpy() == approx(extra.numpy())
+    assert extra[0, 0] > 0 and (rate - calm_accelerations(CALM, nu, delta)).numpy() == approx(extra.numpy())
 
 
 def test_a_free_run_is_driven_by_the_recorded_shaft_speed():
-    (nominal,), (faster,) = (predict(Repaired(CALM, Hypothesis((), ())), [run(ratio)]) for ratio in (1.0, 1.2))
+    (nominal,), (faster,) = (predict(Repaired(CALM, Hypothesis((), ())), [run(ratio)], WARMUP) for ratio in (1.0, 1.2))
     assert nominal["u"].iloc[-1] == approx(U0, rel=0.01) and faster["u"].iloc[-1] > 1.08 * U0
     u, v, r = faster[["u", "v", "r"]].iloc[-1]
     end = number([[u, v, r * DEGREE]])
@@ -71,9 +72,9 @@ def test_a_free_run_is_driven_by_the_recorded_shaft_speed():
 
 def test_runs_that_are_predicted_together_keep_their_own_shaft_speeds():
     model = Repaired(CALM, Hypothesis((), ()))
-    together = predict(model, [run(0.8), run(1.2)])
+    together = predict(model, [run(0.8), run(1.2)], WARMUP)
     for one, ratio in zip(together, (0.8, 1.2), strict=True):
-        assert one["u"].to_numpy() == approx(predict(model, [run(ratio)])[0]["u"].to_numpy())
+        assert one["u"].to_numpy() == approx(predict(model, [run(ratio)], WARMUP)[0]["u"].to_numpy())
 
 
 def test_corrections_of_a_network_are_shares_of_its_forces_at_the_recorded_shaft_speed():
@@ -82,8 +83,8 @@ def test_corrections_of_a_network_are_shares_of_its_forces_at_the_recorded_shaft
     names = Corrections(model).names
     shares = number([1.0 if name == "Nrudder" else 0.0 for name in names])
     with torch.no_grad():
-        rudder = model.at_shaft(nu, delta, n) - model.at_shaft(nu, number(0.0), n)
-        added = Calibrated(model, shares).at_shaft(nu, delta, n) - model.at_shaft(nu, delta, n)
+        rudder = calm_accelerations(model, nu, delta, n) - calm_accelerations(model, nu, number(0.0), n)
+        added = calm_accelerations(Calibrated(model, shares), nu, delta, n) - calm_accelerations(model, nu, delta, n)
         row = Corrections(model)(nu, delta, n)[names.index("Nrudder")]
     of_yaw = model.hull.force_from_acceleration(rudder)[2]
     assert model.hull.force_from_acceleration(added).numpy() == approx([0.0, 0.0, float(of_yaw)])
@@ -92,11 +93,11 @@ def test_corrections_of_a_network_are_shares_of_its_forces_at_the_recorded_shaft
 
 def test_a_shaft_ordered_otherwise_from_the_start_says_nothing_of_the_engine():
     falling, other = run(1.0), run(1.3)
-    falling = replace(falling, shaft=np.linspace(1.0, 0.7, len(falling)))
-    assert np.isfinite(with_own_shafts([falling])[0].measured[:, N]).all()
+    falling = falling.with_channels(shaft=np.linspace(1.0, 0.7, len(falling)))
+    assert np.isfinite(measured(with_own_shafts([falling])[0])[:, N]).all()
     kept = with_own_shafts([falling, other])
-    assert all(np.isnan(r.measured[:, N]).all() and np.isfinite(r.measured[:, :7]).all() for r in kept)
-    assert kept[1].shaft == approx(1.3)
+    assert all(np.isnan(measured(r)[:, N]).all() and np.isfinite(measured(r)[:, :7]).all() for r in kept)
+    assert kept[1]["shaft"] == approx(1.3)
 
 
 def test_recorded_shaft_speeds_are_over_the_one_that_a_modular_ship_keeps_its_speed_with():

@@ -5,12 +5,12 @@ import pytest
 import torch
 from trials import CALM, CIRCLE, NOISE, PORT, SHIP, ZIGZAG, run_of, runs, sailed
 
-from manoeuvre_nn.diagnosis.bench import bench, place_run
-from manoeuvre_nn.diagnosis.court import Court
-from manoeuvre_nn.diagnosis.hypothesis import Hypothesis
 from manoeuvre_nn.diagnosis.remainder import is_left, with_remainder
 from manoeuvre_nn.effect.formula import Formula
 from manoeuvre_nn.effect.remainder import Remainder
+from manoeuvre_nn.estimation.data_set import prepared_run, whitened_data_set
+from manoeuvre_nn.estimation.hypothesis import Hypothesis
+from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
@@ -18,16 +18,16 @@ STRANGE = Formula(SHIP, ("Y |v||r|", "N |v|"), w1=2.0, w2=-0.3)
 
 
 def trained(*effects):
-    court = Court(bench(CALM, runs([CIRCLE, ZIGZAG, PORT], effects)))
-    none = court.judge(Hypothesis((), ()))
-    return court, none, with_remainder(court, none)
+    likelihood = MarginalLikelihood(whitened_data_set(CALM, runs([CIRCLE, ZIGZAG, PORT], effects)))
+    none = likelihood.evaluate(Hypothesis((), ()))
+    return likelihood, none, with_remainder(likelihood, none)
 
 
 def test_it_learns_the_force_that_acted_and_meets_it_in_a_turn_that_it_has_not_seen():
-    court, none, found = trained(STRANGE)
-    assert is_left(court, none) and found.names == ("remainder",)
+    likelihood, none, found = trained(STRANGE)
+    assert is_left(likelihood, none) and found.names == ("remainder",)
     assert found.evidence > none.evidence + 100
-    seen, _ = place_run(CALM, run_of(sailed([turning_circle(20.0, duration=240.0)], [STRANGE])[0], NOISE, 9))
+    seen, _ = prepared_run(CALM, run_of(sailed([turning_circle(20.0, duration=240.0)], [STRANGE])[0], NOISE, 9))
     s = seen.situation
     learned = Remainder(SHIP).at(torch.tensor(found.hypothesis.values[0][0])).acceleration(s, s.nu[..., :0])
     true = STRANGE.acceleration(s, s.nu[..., :0])
@@ -37,9 +37,9 @@ def test_it_learns_the_force_that_acted_and_meets_it_in_a_turn_that_it_has_not_s
 
 
 def test_in_calm_water_it_learns_next_to_nothing():
-    court, none, found = trained()
+    likelihood, none, found = trained()
     assert found.evidence < none.evidence
-    for place in court.bench.places:
+    for place in likelihood.data_set.runs:
         s = place.situation
         learned = Remainder(SHIP).at(torch.tensor(found.hypothesis.values[0][0])).acceleration(s, s.nu[..., :0])
-        assert (np.abs(learned.numpy()).mean(axis=0) < 0.05 * court.bench.unit).all()
+        assert (np.abs(learned.numpy()).mean(axis=0) < 0.05 * likelihood.data_set.unit).all()

@@ -1,7 +1,5 @@
 """The repaired model running free: predictions of runs that it should know exactly, and errors that are known."""
 
-from dataclasses import replace
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -10,7 +8,6 @@ from trials import CALM, NOISE, SHIP, run_of, sailed, states_of, values
 
 from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.diagnosis.hypothesis import Hypothesis
 from manoeuvre_nn.diagnosis.repair import Repaired, errors, predict, recorded, start_state
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.local import BowThruster
@@ -19,6 +16,8 @@ from manoeuvre_nn.effect.roll import RollCoupling
 from manoeuvre_nn.effect.rudder import RudderBacklash, RudderOffset, RudderSlow
 from manoeuvre_nn.effect.sensors import HeadingBias, LeverArm, LogScale
 from manoeuvre_nn.effect.wind import SteadyWind
+from manoeuvre_nn.estimation.hypothesis import Hypothesis
+from manoeuvre_nn.recording.preparation import measured, with_measured
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 STAGES = ((0.0, 46.0), (15.0, 24.0), (-10.0, 40.0), (20.0, None))
@@ -41,6 +40,9 @@ ACTING = [
 ]
 
 
+WARMUP = 40.0
+
+
 def model(effects, latency: float = 0.0, rows: int = 1) -> Repaired:
     return Repaired(CALM, Hypothesis(tuple(effects), tuple(values(e, rows) for e in effects)), latency)
 
@@ -52,50 +54,52 @@ def late_run(effects, noise=0.0, **more):
 @pytest.mark.parametrize("effects", ACTING, ids=lambda e: " and ".join(x.name for x in e) or "none")
 def test_the_true_model_predicts_a_noise_free_run_from_the_warm_up_on(effects):
     run = late_run(effects)
-    (found,) = predict(model(effects), [run])
+    (found,) = predict(model(effects), [run], WARMUP)
     assert found["t"].iloc[0] == 40.0 and len(found) == len(run) - 40
-    wrong = errors(found, recorded(run))
+    wrong = errors(found, recorded(run, WARMUP))
     assert all(wrong[k] < LIMITS[k] for k in LIMITS), wrong
     if effects:
-        (blind,) = predict(model([]), [run])
-        assert any(errors(blind, recorded(run))[k] > 10 * wrong[k] + LIMITS[k] for k in LIMITS), "or it shows nothing"
+        (blind,) = predict(model([]), [run], WARMUP)
+        assert any(errors(blind, recorded(run, WARMUP))[k] > 10 * wrong[k] + LIMITS[k] for k in LIMITS), (
+            "or it shows nothing"
+        )
 
 
 def test_a_slow_rudder_is_predicted_but_for_the_samples_in_which_it_arrives():
     slow = [RudderSlow(SHIP, rate_deg_s=1.3)]
     run = late_run(slow)
-    own, blind = (errors(predict(model(e), [run])[0], recorded(run)) for e in (slow, []))
+    own, blind = (errors(predict(model(e), [run], WARMUP)[0], recorded(run, WARMUP)) for e in (slow, []))
     assert own["pos"] < 0.7 < 2.5 < blind["pos"] and own["psi"] < 0.3 < 1.0 < blind["psi"]
 
 
 def test_nothing_but_the_rudder_is_taken_from_the_recording_after_the_warm_up():
     run = late_run([])
-    spoilt = run.measured.copy()
+    spoilt = measured(run)
     spoilt[41:] = 99.0
-    (found,), (again,) = predict(model([]), [run]), predict(model([]), [replace(run, measured=spoilt)])
+    (found,), (again,) = predict(model([]), [run], WARMUP), predict(model([]), [with_measured(run, spoilt)], WARMUP)
     pd.testing.assert_frame_equal(found, again)
 
 
 def test_runs_that_are_predicted_together_are_predicted_as_if_alone():
     """Of other lengths, and with values of their own: a thruster at other times."""
     thruster = BowThruster(SHIP, force_kN=150.0, start_s=60.0, end_s=115.0)
-    runs = [late_run([thruster]), late_run([thruster]).before(110.0), late_run([])]
+    runs = [late_run([thruster]), late_run([thruster]).between(0.0, 110.0), late_run([])]
     table = np.array([[150.0, 60.0, 115.0], [150.0, 70.0, 90.0], [80.0, 50.0, 130.0]])
     repaired = model([thruster])
-    together = predict(repaired, runs, [table])
+    together = predict(repaired, runs, WARMUP, [table])
     for run, row, found in zip(runs, table, together, strict=True):
-        (alone,) = predict(repaired, [run], [row[None]])
+        (alone,) = predict(repaired, [run], WARMUP, [row[None]])
         pd.testing.assert_frame_equal(found, alone, atol=1e-8)
 
 
-def test_every_run_begins_at_the_end_of_its_own_warm_up():
+@pytest.mark.parametrize("warmup", [40.0, 45.0])
+def test_a_prediction_begins_at_the_end_of_the_warm_up(warmup):
     """A force with a time of its own acts at that time, wherever the prediction begins."""
     thruster = BowThruster(SHIP, force_kN=150.0, start_s=60.0, end_s=115.0)
-    runs = [late_run([thruster]), late_run([thruster], warmup=45.0)]
-    found = predict(model([thruster]), runs)
-    assert [f["t"].iloc[0] for f in found] == [40.0, 45.0]
-    for run, f in zip(runs, found, strict=True):
-        assert errors(f, recorded(run))["pos"] < LIMITS["pos"]
+    run = late_run([thruster])
+    (found,) = predict(model([thruster]), [run], warmup)
+    assert found["t"].iloc[0] == warmup
+    assert errors(found, recorded(run, warmup))["pos"] < LIMITS["pos"]
 
 
 def test_the_state_at_the_end_of_the_warm_up_is_better_than_the_samples():
@@ -103,7 +107,7 @@ def test_the_state_at_the_end_of_the_warm_up_is_better_than_the_samples():
     record = sailed([LATE])[0]
     off = []
     for seed in range(10):
-        run = run_of(record, NOISE, seed).before(40.0)
+        run = run_of(record, NOISE, seed).between(0.0, 40.0)
         off.append(start_state(model([]), run, []) - states_of(record)[40])
     rms = np.sqrt(np.mean(np.square(off), axis=0))
     assert (rms < [0.4 * NOISE[6], NOISE[3], 0.4 * NOISE[5], 0.5 * NOISE[0], 0.6 * NOISE[1], 0.5 * NOISE[4]]).all()
@@ -138,14 +142,14 @@ def test_errors_grow_with_the_distance_as_the_mean_square():
 
 def test_a_recording_is_compared_without_its_outliers_and_from_the_warm_up_on():
     run = late_run([], NOISE)
-    measured = run.measured.copy()
-    measured[100, 0] += 80.0
-    measured[120, 4] += 0.3
-    table, clean = recorded(replace(run, measured=measured)), recorded(run)
+    spoilt = measured(run)
+    spoilt[100, 0] += 80.0
+    spoilt[120, 4] += 0.3
+    table, clean = recorded(with_measured(run, spoilt), WARMUP), recorded(run, WARMUP)
     assert table["t"].iloc[0] == 40.0 and np.isnan(table["x"][60]) and np.isnan(table["psi"][80])
     rest = np.setdiff1d(np.arange(len(table)), [*range(57, 64), *range(77, 84)])
     assert clean.isna().sum().max() <= 2, "noise is no outlier"
     pd.testing.assert_frame_equal(table.loc[rest], clean.loc[rest])
     true = states_of(sailed([LATE])[0])[40:]
-    perfect = recorded(late_run([]))[["u", "v"]].to_numpy()
+    perfect = recorded(late_run([]), WARMUP)[["u", "v"]].to_numpy()
     assert np.abs(perfect - true[:, :2])[np.isfinite(perfect)].max() < 1e-9

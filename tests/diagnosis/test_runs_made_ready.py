@@ -5,7 +5,7 @@ import pytest
 from pytest import approx
 
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.diagnosis.runs import order_lead, smooth_rudder, smooth_shaft
+from manoeuvre_nn.recording.preparation import order_lead, smooth_rudder, smooth_shaft
 
 RATE = 2.5 * DEGREE
 NOISE = 0.1 * DEGREE

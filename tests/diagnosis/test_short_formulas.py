@@ -6,12 +6,12 @@ import torch
 from trials import CALM, CIRCLE, PORT, SHIP, ZIGZAG, runs
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.diagnosis.bench import bench
-from manoeuvre_nn.diagnosis.court import Court
 from manoeuvre_nn.diagnosis.formula import short_formula
-from manoeuvre_nn.diagnosis.hypothesis import Hypothesis
 from manoeuvre_nn.diagnosis.unknown import unknown_evidence
 from manoeuvre_nn.effect.formula import Formula, is_ordinary, library, place_of
+from manoeuvre_nn.estimation.data_set import whitened_data_set
+from manoeuvre_nn.estimation.hypothesis import Hypothesis
+from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.ship.known import no_part
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
@@ -20,25 +20,25 @@ WEIGHTS |= {"sensor u_log cos psi": 0.5, "sensor psi cos 2psi": 0.3, "sensor nor
 
 
 def found(*effects: Formula):
-    court = Court(bench(CALM, runs([CIRCLE, ZIGZAG, PORT], effects)))
-    none = court.judge(Hypothesis((), ()))
-    return court, none, short_formula(court, none)
+    likelihood = MarginalLikelihood(whitened_data_set(CALM, runs([CIRCLE, ZIGZAG, PORT], effects)))
+    none = likelihood.evaluate(Hypothesis((), ()))
+    return likelihood, none, short_formula(likelihood, none)
 
 
 @pytest.mark.parametrize("term", WEIGHTS)
 def test_the_term_that_acted_is_found_first_and_its_weight_within_three_standard_errors(term):
-    court, none, formula = found(Formula(SHIP, [term], w1=WEIGHTS[term]))
+    likelihood, none, formula = found(Formula(SHIP, [term], w1=WEIGHTS[term]))
     assert formula is not None and formula.terms[0] == term
-    weight, error = formula.judged.hypothesis.vector()[0], np.sqrt(formula.judged.covariance[0, 0])
+    weight, error = formula.fitted.hypothesis.vector()[0], np.sqrt(formula.fitted.covariance[0, 0])
     assert abs(weight - WEIGHTS[term]) < 3 * error + 0.03 * abs(WEIGHTS[term])
-    assert none.evidence + 10 < formula.evidence < formula.judged.evidence
-    assert unknown_evidence(court, none, formula) > formula.evidence - np.log(2) - 0.01
+    assert none.evidence + 10 < formula.evidence < formula.fitted.evidence
+    assert unknown_evidence(likelihood, none, formula) > formula.evidence - np.log(2) - 0.01
 
 
 def test_clean_runs_have_no_formula_that_is_worth_its_choice():
-    court, none, formula = found()
+    likelihood, none, formula = found()
     assert formula is None or formula.evidence < none.evidence + 1
-    assert unknown_evidence(court, none, formula) < none.evidence + 1
+    assert unknown_evidence(likelihood, none, formula) < none.evidence + 1
 
 
 def test_two_terms_are_both_found():
@@ -48,7 +48,7 @@ def test_two_terms_are_both_found():
 
 
 def test_a_linear_step_of_every_term_is_its_effect_for_a_small_weight():
-    place = bench(CALM, runs([ZIGZAG])).places[0]
+    place = whitened_data_set(CALM, runs([ZIGZAG])).runs[0]
     s = place.situation
     for term in library():
         effect = Formula(SHIP, [term])
@@ -69,7 +69,7 @@ def test_every_term_says_where_it_acts():
 
 def test_ordinary_terms_are_those_that_port_and_starboard_share():
     """X keeps its sign in the mirror and Y and N change theirs, whatever the heading."""
-    s = bench(CALM, runs([ZIGZAG])).places[0].situation
+    s = whitened_data_set(CALM, runs([ZIGZAG])).runs[0].situation
     flip = torch.tensor([1.0, -1.0, -1.0])
     other = s.with_(nu=s.nu * flip, psi=-s.psi, delta=-s.delta)
     for term in library():

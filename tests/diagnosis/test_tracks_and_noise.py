@@ -1,6 +1,5 @@
 """The smoother that knows of no effect: the track, the noise of every channel, what is left out."""
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -9,15 +8,16 @@ from fleet import unchecked
 from pytest import approx
 from trials import CALM, CIRCLE, NOISE, SHIP, ZIGZAG, run_of, sailed, states_of
 
+from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.diagnosis.bench import Place, place_run
-from manoeuvre_nn.diagnosis.runs import CHANNELS, Run, smooth_shaft
-from manoeuvre_nn.diagnosis.track import first_guess
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.propulsion import PowerLimit
 from manoeuvre_nn.effect.wind import SteadyWind
+from manoeuvre_nn.estimation.data_set import PreparedRun, prepared_run
+from manoeuvre_nn.estimation.smoothed_run import first_guess
+from manoeuvre_nn.recording.preparation import measured, smooth_shaft, with_measured
 
-SEEN = len(CHANNELS) - 1
+SEEN = len(MEASURED) - 1
 """No state explains the shaft speed."""
 WHITE = 3
 """Noises of one record."""
@@ -29,12 +29,12 @@ def record(*effects: str) -> Recording:
     return sailed([CIRCLE if "wind" in effects else ZIGZAG], [made[e] for e in effects])[0]
 
 
-def placed(run: Run) -> Place:
+def placed(run: Recording) -> PreparedRun:
     with unchecked():
-        return place_run(CALM, run)[0]
+        return prepared_run(CALM, run)[0]
 
 
-def own_noise(place: Place) -> np.ndarray:
+def own_noise(place: PreparedRun) -> np.ndarray:
     """Standard deviations without the allowance for correlation."""
     return (place.noise / np.sqrt(place.inflation))[:SEEN]
 
@@ -58,22 +58,24 @@ def test_noise_of_another_size_is_found_too():
 def test_the_noise_of_the_other_channels_is_no_matter_of_the_tachometer(slope):
     (path,) = sailed([ZIGZAG], [PowerLimit(SHIP, rpm_slope=slope)])
     run = run_of(path, NOISE)
-    silent = run.measured.copy()
+    silent = measured(run)
     silent[:, SEEN] = np.nan
-    shaft = smooth_shaft(run.measured[:, SEEN])
-    with_it, without = (own_noise(placed(replace(run, measured=m, shaft=shaft))) for m in (run.measured, silent))
+    shaft = smooth_shaft(measured(run)[:, SEEN])
+    with_it, without = (
+        own_noise(placed(with_measured(run.with_channels(shaft=shaft), m))) for m in (measured(run), silent)
+    )
     assert with_it == approx(without, rel=0.01)
 
 
 @pytest.mark.parametrize("channel", ["x", "ve", "r", "u_log"])
 def test_a_channel_whose_error_wanders_is_trusted_less(channel):
-    k, run = CHANNELS.index(channel), run_of(record(), NOISE, seed=1)
+    k, run = MEASURED.index(channel), run_of(record(), NOISE, seed=1)
     g, wander = np.random.default_rng(5), np.zeros(len(run))
     for i in range(1, len(run)):  # a Markov process of 10 s
         wander[i] = np.exp(-0.1) * wander[i - 1] + np.sqrt(1 - np.exp(-0.2)) * g.standard_normal()
-    measured = run.measured.copy()
-    measured[:, k] += 2 * NOISE[k] * wander
-    coloured, white = placed(replace(run, measured=measured)), placed(run)
+    seen = measured(run)
+    seen[:, k] += 2 * NOISE[k] * wander
+    coloured, white = placed(with_measured(run, seen)), placed(run)
     assert white.inflation[:SEEN].max() < 1.4
     assert coloured.inflation[k] > 1.6 and coloured.noise[k] > 2.0 * white.noise[k]
     assert coloured.inflation[k] == coloured.inflation[:SEEN].max()
@@ -90,11 +92,11 @@ def test_outliers_are_left_out_and_little_else():
         (60, 5, 0.02),
         (180, 6, 3.0),
     ]
-    measured = run.measured.copy()
+    seen = measured(run)
     for k, channel, size in spikes:
-        measured[k, channel] += size
-    spoilt = placed(replace(run, measured=measured))
-    marked = np.isnan(spoilt.line.run.measured)
+        seen[k, channel] += size
+    spoilt = placed(with_measured(run, seen))
+    marked = np.isnan(measured(spoilt.linearised.run))
     assert all(marked[k, channel] for k, channel, _ in spikes)
     assert marked.sum() < len(spikes) + 8
     assert spoilt.noise[:SEEN] == approx(placed(run).noise[:SEEN], rel=0.1)
@@ -102,17 +104,17 @@ def test_outliers_are_left_out_and_little_else():
 
 def test_gaps_stay_gaps_and_the_track_goes_through_them():
     run = run_of(record(), NOISE, seed=3)
-    measured = run.measured.copy()
-    measured[100:115, :4] = np.nan
-    found = placed(replace(run, measured=measured))
-    assert np.isnan(found.line.run.measured[100:115, :4]).all()
-    off = found.line.track - placed(run).line.track
+    seen = measured(run)
+    seen[100:115, :4] = np.nan
+    found = placed(with_measured(run, seen))
+    assert np.isnan(measured(found.linearised.run)[100:115, :4]).all()
+    off = found.linearised.track - placed(run).linearised.track
     assert np.abs(off[100:115, 3:5]).max() < 3 and np.abs(off[:, 5]).max() < 0.01
 
 
 def test_the_track_is_closer_to_the_truth_than_the_samples_are():
     """Constant errors apart: what a compass, a log or an antenna may be off is laid aside, whether it is or not."""
-    found = placed(run_of(record(), NOISE, seed=4)).line.track
+    found = placed(run_of(record(), NOISE, seed=4)).linearised.track
     scatter = (found - states_of(record())).std(axis=0)
     # u by the log, r, x, psi; an antenna off the reference point or a stream take up some of the drift.
     assert (scatter[[0, 2, 3, 5]] < 0.7 * NOISE[[6, 5, 0, 4]]).all() and (scatter[[1, 4]] < 2 * NOISE[[3, 1]]).all()
@@ -122,9 +124,9 @@ def test_the_first_guess_of_perfect_channels_is_the_motion():
     true, run = states_of(record()), run_of(record())
     guess = first_guess(run)
     assert np.abs(guess - true)[5:-5].max(axis=0) == approx(np.zeros(6), abs=0.3)
-    silent = run.measured.copy()
+    silent = measured(run)
     silent[:, 6] = np.nan
-    assert first_guess(replace(run, measured=silent))[5:-5, 0] == approx(true[5:-5, 0], abs=0.05), "u over ground"
+    assert first_guess(with_measured(run, silent))[5:-5, 0] == approx(true[5:-5, 0], abs=0.05), "u over ground"
     drifting = run_of(record("current"))
     assert first_guess(drifting)[5:-5, 0] == approx(states_of(record("current"))[5:-5, 0], abs=0.05), "u by the log"
 
@@ -136,4 +138,4 @@ def test_the_force_that_the_track_needs_is_that_of_the_effect():
         s = found.situation
         true = wind.acceleration(s, s.nu[..., :0]).numpy()
     for k in range(3):
-        assert np.corrcoef(found.force[40:-40, k], true[40:-40, k])[0, 1] > 0.85
+        assert np.corrcoef(found.process[40:-40, k], true[40:-40, k])[0, 1] > 0.85

@@ -1,30 +1,34 @@
 """From evidence to probabilities, with contests made up of evidences alone."""
 
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 from pytest import approx
 from trials import SHIP, values
 
-from manoeuvre_nn.diagnosis import verdict as under_test
-from manoeuvre_nn.diagnosis.alarm import LEAST, LEAST_MORE, LEAST_UNKNOWN, _drawn
-from manoeuvre_nn.diagnosis.court import Court
-from manoeuvre_nn.diagnosis.hypothesis import Hypothesis, Judged
-from manoeuvre_nn.diagnosis.regression import regress
-from manoeuvre_nn.diagnosis.search import Contest
-from manoeuvre_nn.diagnosis.verdict import PRIOR, decide
+from manoeuvre_nn.diagnosis import decision as under_test
+from manoeuvre_nn.diagnosis.alarm import MIN_GAIN_OF_NAMED, MIN_GAIN_OF_SECOND, MIN_GAIN_OF_UNKNOWN, _drawn
+from manoeuvre_nn.diagnosis.decision import PRIOR, decide
+from manoeuvre_nn.diagnosis.search import SearchResult
+from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.rudder import RudderOffset
 from manoeuvre_nn.effect.sensors import HeadingBias, LogScale
+from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
+from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
+from manoeuvre_nn.estimation.posterior import posterior
 
 EFFECTS = {e.name: e for e in (Current(SHIP), RudderOffset(SHIP), HeadingBias(SHIP), LogScale(SHIP))}
 CALM_EVIDENCE = -1000.0
 
 
-def judged(evidence: float, *names: str) -> Judged:
+def judged(evidence: float, *names: str) -> FittedHypothesis:
     effects = tuple(EFFECTS[n] for n in names)
-    return Judged(Hypothesis(effects, tuple(values(e) for e in effects)), evidence, np.zeros((1, 1)), np.eye(1))
+    return FittedHypothesis(
+        Hypothesis(effects, tuple(values(e) for e in effects)), evidence, np.zeros((1, 1)), np.eye(1)
+    )
 
 
 @pytest.fixture
@@ -32,15 +36,15 @@ def decided(monkeypatch):
     """Decides on log Bayes factors over calm water; what chance can do is known, and so is the stranger."""
 
     def run(factors: dict, unknown: float = -5.0, temperature: float = 1.0, lacked: float | None = None):
-        monkeypatch.setattr(under_test, "short_formula", lambda court, none: None)
-        monkeypatch.setattr(under_test, "unknown_evidence", lambda court, none, formula: CALM_EVIDENCE + unknown)
+        monkeypatch.setattr(under_test, "short_formula", lambda likelihood, none: None)
+        monkeypatch.setattr(under_test, "unknown_evidence", lambda likelihood, none, formula: CALM_EVIDENCE + unknown)
         monkeypatch.setattr("manoeuvre_nn.diagnosis.alarm.threshold", lambda contest: 1.0)
         made = [judged(CALM_EVIDENCE + f, *key.split(" + ")) for key, f in factors.items()]
         made.sort(key=lambda j: -j.evidence)
-        court = object.__new__(Court)
+        likelihood = object.__new__(MarginalLikelihood)
         levels = np.array([[0.003, lacked or 0.003]])
-        court.bench = SimpleNamespace(dynamics=SimpleNamespace(fitted=lacked is not None), levels=levels)
-        return decide(Contest(judged(CALM_EVIDENCE), made, court), temperature)
+        likelihood.data_set = SimpleNamespace(dynamics=Mock(Model, noise=np.array(lacked is not None)), levels=levels)
+        return decide(SearchResult(judged(CALM_EVIDENCE), made, likelihood), temperature)
 
     return run
 
@@ -48,8 +52,8 @@ def decided(monkeypatch):
 SINGLES = {"current": 12.0, "rudder_offset": 3.0, "heading_bias": -1.0, "log_scale": -2.0}
 
 
-@pytest.mark.parametrize("gain", [-3.0, 0.0, LEAST - 0.1, LEAST + 0.1, 20.0])
-@pytest.mark.parametrize("unknown", [-5.0, LEAST_UNKNOWN - 0.1, LEAST_UNKNOWN + 0.1, 30.0])
+@pytest.mark.parametrize("gain", [-3.0, 0.0, MIN_GAIN_OF_NAMED - 0.1, MIN_GAIN_OF_NAMED + 0.1, 20.0])
+@pytest.mark.parametrize("unknown", [-5.0, MIN_GAIN_OF_UNKNOWN - 0.1, MIN_GAIN_OF_UNKNOWN + 0.1, 30.0])
 @pytest.mark.parametrize("others, temperature", [(-1.0, 1.0), (-30.0, 8.0)])
 def test_single_causes_none_and_unknown_add_up_to_one(decided, gain, unknown, others, temperature):
     """The last pair is an alarm that the prior speaks against."""
@@ -73,7 +77,7 @@ def test_a_pair_counts_for_both_of_its_effects(decided):
 
 
 def test_a_second_effect_must_earn_its_place(decided):
-    v = decided(SINGLES | {"current + rudder_offset": 12.0 + LEAST_MORE - 0.1})
+    v = decided(SINGLES | {"current + rudder_offset": 12.0 + MIN_GAIN_OF_SECOND - 0.1})
     assert v.best is not None and v.best.names == ("current",) and v.effects["rudder_offset"] < 0.01
 
 
@@ -95,10 +99,13 @@ def test_more_evidence_is_more_probability(decided):
 
 
 def test_what_chance_could_do_is_no_mismatch(decided):
-    quiet, loud = decided(SINGLES | {"current": LEAST - 0.1}), decided(SINGLES | {"current": LEAST + 0.1})
+    quiet, loud = (
+        decided(SINGLES | {"current": MIN_GAIN_OF_NAMED - 0.1}),
+        decided(SINGLES | {"current": MIN_GAIN_OF_NAMED + 0.1}),
+    )
     assert (quiet.named, loud.named, quiet.strange) == (False, True, False)
     assert quiet.none > 0.5 > loud.none
-    strange = decided(SINGLES | {"current": 0.0}, unknown=LEAST_UNKNOWN + 0.1)
+    strange = decided(SINGLES | {"current": 0.0}, unknown=MIN_GAIN_OF_UNKNOWN + 0.1)
     assert strange.strange and not strange.named and strange.none < 0.5
 
 
@@ -106,9 +113,11 @@ def test_two_effects_need_more_to_raise_the_alarm_than_one(decided):
     def named(gain, *names):
         return decided(dict.fromkeys(SINGLES, -9.0) | {" + ".join(names): gain}).named
 
-    assert not named(LEAST - 0.1, "current") and named(LEAST + 0.1, "current")
+    assert not named(MIN_GAIN_OF_NAMED - 0.1, "current") and named(MIN_GAIN_OF_NAMED + 0.1, "current")
     both = ("current", "rudder_offset")
-    assert not named(LEAST + LEAST_MORE - 0.1, *both) and named(LEAST + LEAST_MORE + 0.1, *both)
+    assert not named(MIN_GAIN_OF_NAMED + MIN_GAIN_OF_SECOND - 0.1, *both) and named(
+        MIN_GAIN_OF_NAMED + MIN_GAIN_OF_SECOND + 0.1, *both
+    )
 
 
 def test_nothing_judged_is_calm_water(decided):
@@ -124,8 +133,8 @@ def test_what_chance_does_to_a_candidate_is_what_regressions_on_noise_find():
     for _ in range(1500):
         vectors = np.column_stack([g.standard_normal(40), columns])
         gram = vectors.T @ vectors
-        found = regress(gram[None], np.zeros(1), 0, np.eye(4)[0], spread)
-        factors.append(found.by_level[0, 0] + 0.5 * gram[0, 0])
+        found = posterior(gram, 0.0, spread, np.eye(4)[0], scaled=0)
+        factors.append(found.evidence[0] + 0.5 * gram[0, 0])
     drawn = _drawn(np.random.default_rng(0), columns.T @ columns, spread)
     at = [0.05, 0.25, 0.5, 0.75, 0.95]
     assert np.quantile(drawn, at) == approx(np.quantile(factors, at), abs=0.3)

@@ -1,6 +1,5 @@
 """From recordings to a named cause and a better prediction, and from clean recordings to nothing."""
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -50,8 +49,7 @@ TRUE = {
 def diagnosis(*acting: str, remainder: bool = False) -> Diagnosis:
     records = sailed(TRIALS, [TRUE[a] for a in acting])
     *fitted, last = (run_of(r, NOISE, seed) for seed, r in enumerate(records, start=20))
-    held_out = [replace(last, held_out=True)]
-    return diagnose(Question("trial", CALM, fitted, held_out, CANDIDATES, remainder=remainder))
+    return diagnose(Question("trial", CALM, fitted, [last], CANDIDATES, remainder=remainder))
 
 
 def probability(d: Diagnosis, name: str) -> float:

@@ -6,8 +6,8 @@ from sailed import sailed, write_runs
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.units import DEGREE, KNOT
-from manoeuvre_nn.diagnosis.case import read_runs
-from manoeuvre_nn.recording.mapping import mapping
+from manoeuvre_nn.diagnosis.case import RunSettings, read_runs
+from manoeuvre_nn.recording.read.mapping import mapping
 from manoeuvre_nn.ship.mariner import mariner_corrected
 
 SHIP = mariner_corrected()
@@ -18,7 +18,7 @@ def refusal(folder, change, which=0, **settings) -> str:
     """What is said of one changed run."""
     write_runs(folder, {"run": change(sailed(0.4)[which].copy())})
     with pytest.raises(InputError) as refused:
-        read_runs(folder, SHIP, **settings)
+        read_runs(folder, SHIP, RunSettings(**{"rudder_positive_to": "port", **settings}))
     message = str(refused.value)
     assert "\n" not in message and len(message) < 500
     return message
@@ -40,7 +40,7 @@ MISTAKES = {
     "no heading": (lambda t: t.assign(psi=np.nan), "column 'psi' holds no numbers"),
     "no rudder": (lambda t: t.assign(delta=""), "column 'delta' holds no numbers"),
     "a rudder that is stuck": (lambda t: t.assign(delta=0.0, delta_order=0.0), "the rudder stays within 0 deg while"),
-    "rudder mostly lost": (lambda t: t.assign(delta=t.delta.where(t.t < 150)), "38% of column 'delta' is empty"),
+    "rudder mostly lost": (lambda t: t.assign(delta=t.delta.where(t.t < 150)), "38% of delta is empty"),
     "no position, no velocity": (lambda t: t.drop(columns=OVER_GROUND), "needs x_north, y_east or sog, cog or u, v"),
     "half a position": (lambda t: t.drop(columns=[*OVER_GROUND[1:]]), "neither position nor velocity"),
     "the log called u": (
@@ -52,12 +52,12 @@ MISTAKES = {
     "time lost": (with_cell("t", 50, ""), "line 52: column 't' is empty"),
     "time going back": (with_cell("t", 50, 48.0), "line 52: column 't' goes from 49 to 48; times must increase"),
     "a hole in time": (lambda t: t[(t.t < 60) | (t.t > 90)], "jumps by 32 s; cut the file in two at this hole"),
-    "too short": (lambda t: t[t.t <= 30], "too short a run: 31 samples over 30 s; the Mariner needs at least 20"),
-    "one sample": (lambda t: t.head(1), "too short a run: 1 samples"),
+    "too short": (lambda t: t[t.t <= 30], "too short a record: 31 samples over 30 s; the Mariner needs at least 20"),
+    "one sample": (lambda t: t.head(1), "too short a record: 1 samples"),
     "no sample": (lambda t: t.head(0), "no line of numbers below the headings"),
     "too few samples": (lambda t: t[::8], "samples are 8 s apart; the Mariner needs one every 5 s or more often"),
     "time in ms": (lambda t: t.assign(t=t.t * 1000), "samples are 1000 s apart"),
-    "time in min": (lambda t: t.assign(t=t.t / 60), "too short a run"),
+    "time in min": (lambda t: t.assign(t=t.t / 60), "too short a record"),
     "times at random": (
         lambda t: t.assign(t=t.t + np.where(t.t % 2, 0.7, 0.0)), "of the times between samples are more than half off"
     ),
@@ -68,7 +68,7 @@ MISTAKES = {
     "all in rad": (lambda t: t.assign(**{k: t[k] * unit for k, unit in ANGLES.items()}), "psi looks like radians"),
     "r in rad/s": (lambda t: t.assign(r=t.r * DEGREE), "r looks like rad/s"),
     "r in deg/min": (lambda t: t.assign(r=t.r * 60), "r looks like deg/min"),
-    "r to port": (lambda t: t.assign(r=-t.r), "psi or r has the other sign (both are positive clockwise)"),
+    "r to port": (lambda t: t.assign(r=-t.r), "write sign: -1 for r"),
     "delta in rad": (lambda t: t.assign(delta=t.delta * DEGREE), "delta looks like radians, not degrees"),
     "delta in ten thousandths": (lambda t: t.assign(delta=t.delta * 3), "that of the Mariner stops at 35 deg"),
     "speed in knots": (lambda t: t.assign(sog=t.sog / KNOT), "u and v look like knots"),
@@ -120,14 +120,14 @@ def test_a_heading_in_another_file_format_is_checked_too(tmp_path):
     channels = {"x": {"column": "x_north", "unit": "m"}, "y": {"column": "y_east", "unit": "m"}}
     channels |= {"psi": {"column": "psi", "unit": "deg"}, "delta": {"column": "delta", "unit": "deg"}}
     read = mapping(time={"column": "t", "unit": "s"}, channels=channels, rudder_positive_to="port")
-    message = refusal(tmp_path, lambda t: t.assign(psi=t.psi * DEGREE), mapping=read)
+    message = refusal(tmp_path, lambda t: t.assign(psi=t.psi * DEGREE), mapping=read, rudder_positive_to=None)
     assert "psi looks like radians; mind the columns, units and signs of the mapping" in message
 
 
 def test_a_gyro_with_a_constant_error_is_no_wrong_unit(tmp_path):
     for k in range(4):
         write_runs(tmp_path, {f"r{k}": sailed(0.4)[k].assign(r=sailed(0.4)[k].r + 0.3)})
-    assert len(read_runs(tmp_path, SHIP).runs) == 4
+    assert len(read_runs(tmp_path, SHIP, RunSettings(rudder_positive_to="port")).runs) == 4
 
 
 @pytest.mark.parametrize("sensor, spike", [("psi", 90.0), ("delta", 60.0), ("r", 30.0), ("x_north", 5e3), ("n", 9e3)])
@@ -135,7 +135,7 @@ def test_single_outliers_are_no_mistake(tmp_path, sensor, spike):
     table = sailed(0.4)[0].copy()
     table.loc[[60, 130], sensor] += spike
     write_runs(tmp_path, {"run": table})
-    assert len(read_runs(tmp_path, SHIP).runs) == 1
+    assert len(read_runs(tmp_path, SHIP, RunSettings(rudder_positive_to="port")).runs) == 1
 
 
 @pytest.mark.parametrize(

@@ -1,23 +1,23 @@
 """Simulated trials of the Mariner as a diagnosis gets them: sampled, noisy, with effects."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 import torch
 from fleet import ship_named, unchecked
 
+from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.diagnosis.linear import Linearised, calm_rate, linearise
-from manoeuvre_nn.diagnosis.runs import CHANNELS, Run, order_lead, smooth_rudder
-from manoeuvre_nn.dynamics.affected import Affected
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.rollout import roll_out
+from manoeuvre_nn.dynamics.vessel import Vessel
+from manoeuvre_nn.estimation.linearised_run import LinearisedRun, calm_rate, linearise
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
+from manoeuvre_nn.recording.preparation import order_lead, smooth_rudder, with_measured
 
 SHIP = ship_named("mariner")
 CALM = CalmWater(SHIP)
@@ -35,16 +35,16 @@ TIMED = Manoeuvre("timed", "random_rudder", tuple(Stage(a * DEGREE, hold=t) for 
 def sailed(trials: Sequence[Manoeuvre], effects: Sequence[Effect] = (), step: float = 1.0) -> list[Recording]:
     """What happened; steps of a second are good to a millimetre a minute."""
     with unchecked():
-        return roll_out(Affected(CALM, list(effects)) if effects else CALM, list(trials), step=step)
+        return roll_out(Vessel(CALM, list(effects)), list(trials), step=step)
 
 
-def run_of(record: Recording, noise: np.ndarray | float = 0.0, seed: int = 0, **more) -> Run:
+def run_of(record: Recording, noise: np.ndarray | float = 0.0, seed: int = 0, **more) -> Recording:
     """A recording as a run: perfect, or with white noise on all channels and a rudder indicator with noise too."""
     c = record.channels
     if "vn" not in c:
         cos, sin = np.cos(c["psi"]), np.sin(c["psi"])
         c = {**c, "vn": c["u"] * cos - c["v"] * sin, "ve": c["u"] * sin + c["v"] * cos, "u_log": c["u"]}
-    measured = np.stack([*(c[k] for k in CHANNELS[:7]), c.get("shaft", np.ones_like(c["u"]))], axis=-1)
+    measured = np.stack([*(c[k] for k in MEASURED[:7]), c.get("shaft", np.ones_like(c["u"]))], axis=-1)
     g = np.random.default_rng(seed)
     measured = measured + noise * g.standard_normal(measured.shape)
     order, shown = c["delta_order"], c["delta"]
@@ -53,8 +53,9 @@ def run_of(record: Recording, noise: np.ndarray | float = 0.0, seed: int = 0, **
     if np.any(noise):
         shown = shown + 0.1 * DEGREE * g.standard_normal(len(shown))
         shown, jitter = smooth_rudder(shown, order, step, RATE)
-    made = Run(record.name, record.time, measured, shown, order, lead, np.ones_like(order), jitter)
-    return replace(made, kind=str(record.meta["kind"]), **more)
+    inputs = {"delta": shown, "delta_order": order, "order_lead": lead, "shaft": np.ones_like(order)}
+    meta = {"rudder_noise": jitter, "kind": str(record.meta["kind"]), **more}
+    return with_measured(Recording(record.name, record.time, inputs, meta=meta), measured)
 
 
 def runs(trials: Sequence[Manoeuvre], effects: Sequence[Effect] = (), noise: np.ndarray | float = NOISE, seed: int = 0):
@@ -67,10 +68,10 @@ def states_of(record: Recording) -> np.ndarray:
     return record.stacked("u", "v", "r", "x", "y", "psi")
 
 
-def about(run: Run, track: np.ndarray, force_time: float = 20.0) -> Linearised:
+def about(run: Recording, track: np.ndarray, process_time: float = 20.0) -> LinearisedRun:
     """A run's equations about a track."""
     with unchecked():
-        return linearise(run, calm_rate(CALM), track, force_time)
+        return linearise(run, calm_rate(CALM), track, process_time)
 
 
 def values(effect: Effect, count: int = 1) -> np.ndarray:

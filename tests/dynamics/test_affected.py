@@ -10,13 +10,15 @@ from fleet import ship_named, unchecked
 from pytest import approx
 
 from manoeuvre_nn.core.effect import Effect, Parameter
+from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.dynamics.affected import Affected, in_words
+from manoeuvre_nn.dynamics.base import rate_of_state
 from manoeuvre_nn.dynamics.model import CalmWater, Stacked
 from manoeuvre_nn.dynamics.replay import replay
 from manoeuvre_nn.dynamics.rollout import roll_out, rollout
 from manoeuvre_nn.dynamics.simulate import Problem, simulate
+from manoeuvre_nn.dynamics.vessel import Vessel, as_vessel, in_words
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.loading import Loading
 from manoeuvre_nn.effect.propulsion import PowerLimit
@@ -38,14 +40,16 @@ TIMED = Manoeuvre("there and back", "random_rudder", (Stage(0.3, hold=30.0), Sta
 
 def run(dynamics, manoeuvres, duration, step=1.0):
     start = torch.zeros(len(manoeuvres), 6, dtype=torch.float64)
-    start[:, 0] = dynamics.particulars.speed
+    start[:, 0] = as_vessel(dynamics).model.particulars.speed
     times = torch.arange(0.0, duration + 1e-9, step, dtype=torch.float64)
     with unchecked():
-        return rollout(dynamics, manoeuvres, dynamics.start(start, start[:, 1]), times, step=step)
+        return rollout(
+            dynamics, manoeuvres, as_vessel(dynamics).model.start(start, Inputs(start[:, 1])), times, step=step
+        )
 
 
 def sailed(effects, trial, solver="rollout"):
-    dynamics = Affected(CALM, effects) if effects else CALM
+    dynamics = Vessel(CALM, effects) if effects else CALM
     with unchecked():
         return roll_out(dynamics, [trial])[0] if solver == "rollout" else simulate(Problem(dynamics, trial))
 
@@ -57,20 +61,20 @@ def measured(record):
 def test_without_effects_it_is_the_calm_ship_and_its_recording():
     for solver in (roll_out, lambda dynamics, trials: [simulate(Problem(dynamics, trials[0]))]):
         with unchecked():
-            (bare,), (calm,) = solver(Affected(CALM, []), [ZIGZAG]), solver(CALM, [ZIGZAG])
+            (bare,), (calm,) = solver(Vessel(CALM, []), [ZIGZAG]), solver(CALM, [ZIGZAG])
         assert list(bare.channels) == list(calm.channels)
         assert all(np.array_equal(bare[k], calm[k]) for k in calm.channels)
 
 
 def test_the_state_starts_with_the_effects_own_states_behind_the_ships():
-    ship = Affected(CALM, [RollCoupling(SHIP), SteadyWind(SHIP), PowerLimit(SHIP)])
+    ship = Vessel(CALM, [RollCoupling(SHIP), SteadyWind(SHIP), PowerLimit(SHIP)]).model
     six = torch.tensor([7.0, 0.1, 0.01, 1.0, 2.0, 3.0], dtype=torch.float64)
-    state = ship.start(six, torch.tensor(0.0).double())
+    state = ship.start(six, Inputs(torch.tensor(0.0).double()))
     assert (ship.memory, CALM.memory) == (3, 0)
     engine = 1 - 0.2 * (1 - 7.0 / SHIP.particulars.speed)
     assert state.tolist() == approx([*six.tolist(), 0.0, 0.0, engine])
-    assert CALM.start(six, torch.tensor(0.0).double()) is six
-    assert ship(state, torch.tensor(0.2).double()).shape == (9,)
+    assert CALM.start(six, Inputs(torch.tensor(0.0).double())) is six
+    assert ship(state, Inputs(torch.tensor(0.2).double())).shape == (9,)
 
 
 @pytest.mark.parametrize("solver", ["rollout", "simulate"])
@@ -101,16 +105,16 @@ def test_effects_on_the_rudder_act_in_turn():
     """A slow blade behind an offset forgets it, an offset behind a slow blade stays."""
     slow, beside = RudderSlow(SHIP, rate_deg_s=1.0), RudderOffset(SHIP, offset_deg=2.0)
     ends = {
-        order: float(run(Affected(CALM, order), [turning_circle(20.0)], 40.0).blades[-1, 0]) / DEGREE
+        order: float(run(Vessel(CALM, order), [turning_circle(20.0)], 40.0).blades[-1, 0]) / DEGREE
         for order in ((slow, beside), (beside, slow))
     }
     assert list(ends.values()) == approx([22.0, 20.0])
-    at_rest = Affected(CALM, [slow, beside, RudderBacklash(SHIP, width_deg=1.0)]).blade_at_rest(torch.zeros(2).double())
+    at_rest = Vessel(CALM, [slow, beside, RudderBacklash(SHIP, width_deg=1.0)]).gear.at_rest(torch.zeros(2).double())
     assert at_rest.shape == (2, 3) and at_rest[0].tolist() == approx([0.0, 2 * DEGREE, 1.5 * DEGREE])
 
 
 def test_a_run_starts_with_the_blade_where_it_rests():
-    runs = run(Affected(CALM, [RudderOffset(SHIP, offset_deg=3.0)]), [straight()], 40.0)
+    runs = run(Vessel(CALM, [RudderOffset(SHIP, offset_deg=3.0)]), [straight()], 40.0)
     assert (runs.blades[:, 0] / DEGREE).tolist() == approx([3.0] * 41) and (runs.rudders == 0).all()
     assert runs.states[-1, 0, 5] > 1 * DEGREE + run(CALM, [straight()], 40.0).states[-1, 0, 5]
 
@@ -122,9 +126,9 @@ def test_rows_of_one_batch_may_have_values_of_their_own(busy):
     kinds = [SteadyWind(SHIP), RudderSlow(SHIP, rate_deg_s=1.1), PowerLimit(SHIP, rpm_slope=0.5), Current(SHIP)]
     wind = torch.cat([rows, kinds[0].values[2:].expand(3, -1)], dim=-1)
     shared = kinds[3].at(torch.tensor([[1.0, 45.0]], dtype=torch.float64))
-    together = run(Affected(CALM, [kinds[0].at(wind), *kinds[1:3], shared]), busy, 60.0)
+    together = run(Vessel(CALM, [kinds[0].at(wind), *kinds[1:3], shared]), busy, 60.0)
     for k, trial in enumerate(busy):
-        alone = run(Affected(CALM, [kinds[0].at(wind[k]), *kinds[1:3], kinds[3].at(shared.values[0])]), [trial], 60.0)
+        alone = run(Vessel(CALM, [kinds[0].at(wind[k]), *kinds[1:3], kinds[3].at(shared.values[0])]), [trial], 60.0)
         for name in ("states", "blades", "rudders", "orders"):
             assert torch.allclose(getattr(together, name)[:, k], getattr(alone, name)[:, 0], rtol=0, atol=1e-9), name
 
@@ -133,8 +137,8 @@ def test_an_affected_row_that_breaks_down_rests_and_leaves_the_others_alone():
     wild = mariner()
     wild.series.coefficients[wild.series.terms.index("r"), 2] *= -5
     effects = [SteadyWind(SHIP), RollCoupling(SHIP), RudderBacklash(SHIP, width_deg=2.0)]
-    runs = run(Affected(Stacked([CALM, CalmWater(wild)]), effects), [zigzag(20.0)] * 2, 50.0)
-    alone = run(Affected(CALM, effects), [zigzag(20.0)], 50.0)
+    runs = run(Vessel(Stacked([CALM, CalmWater(wild)]), effects), [zigzag(20.0)] * 2, 50.0)
+    alone = run(Vessel(CALM, effects), [zigzag(20.0)], 50.0)
     assert runs.ended[0] == inf and runs.ended[1] < 50.0 and runs.states.isfinite().all()
     assert torch.allclose(runs.states[:, 0], alone.states[:, 0], rtol=0, atol=1e-8)
     after = runs.times >= runs.ended[1]
@@ -143,13 +147,13 @@ def test_an_affected_row_that_breaks_down_rests_and_leaves_the_others_alone():
 
 def test_effects_act_on_the_ship_at_its_approach_speed_and_keep_their_choices():
     effects = [SteadyWind(SHIP, kind="ferry", from_deg=40.0), PowerLimit(SHIP, rpm_slope=0.8)]
-    slow = Affected(CALM, effects).on_approach(5.0)
+    slow = Vessel(CALM, effects).on_approach(5.0)
     assert [e.ship.particulars.speed for e in slow.effects] == [5.0, 5.0]
     assert slow.effects[0].coefficients == effects[0].coefficients
     there = SHIP.on_approach(5.0)
     made = [SteadyWind(there, kind="ferry", from_deg=40.0), PowerLimit(there, rpm_slope=0.8)]
     with unchecked():
-        (own,) = roll_out(Affected(CalmWater(there), made), [ZIGZAG])
+        (own,) = roll_out(Vessel(CalmWater(there), made), [ZIGZAG])
     moved = sailed(effects, ZIGZAG.at_speed(5.0))
     assert all(np.array_equal(moved[k], own[k]) for k in own.channels)
     assert effects[0].ship is SHIP, "the original is as it was"
@@ -185,7 +189,7 @@ def test_a_replay_undoes_what_the_recorder_did_to_the_rudder():
     late = RudderDelay(SHIP, delay_s=2.5)
     record = sailed([late], ZIGZAG, "simulate")
     with unchecked():
-        (own,), (blind,) = replay(Affected(CALM, [late]), [measured(record)]), replay(CALM, [measured(record)])
+        (own,), (blind,) = replay(Vessel(CALM, [late]), [measured(record)]), replay(CALM, [measured(record)])
     true = sailed([], ZIGZAG, "simulate")
     length = SHIP.particulars.length
     assert np.hypot(own["x"] - true["x"], own["y"] - true["y"]).max() < 0.01 * length
@@ -200,7 +204,7 @@ def test_a_replay_follows_the_blade_closely_where_the_order_is_recorded(known, g
     record = sailed([slow], TIMED, "simulate")
     kept = record.channels if known else {k: c for k, c in record.channels.items() if k != "delta_order"}
     with unchecked():
-        (own,) = replay(Affected(CALM, [slow]), [replace(measured(record), channels=kept)])
+        (own,) = replay(Vessel(CALM, [slow]), [replace(measured(record), channels=kept)])
         (blind,) = replay(CALM, [measured(record)])
     gaps = [np.hypot(p["x"] - record["x"], p["y"] - record["y"]).max() for p in (own, blind)]
     assert gaps[0] < gap < 8.0 < gaps[1]
@@ -230,11 +234,11 @@ def test_an_own_state_that_decays_does_so_exactly_in_the_accurate_solution():
     """x gains s (t - 1 + exp(-t)) if surge feels nothing else."""
 
     class Free(CalmWater):
-        def acceleration(self, nu, delta):
-            return torch.zeros_like(nu)
+        def forward(self, state, inputs):
+            return rate_of_state(state, torch.zeros_like(state[..., :3]))
 
     with unchecked():
-        record = simulate(Problem(Affected(Free(SHIP), [Lurch(SHIP)]), straight(20.0)))
+        record = simulate(Problem(Vessel(Free(SHIP), [Lurch(SHIP)]), straight(20.0)))
     t = record.time
     assert record["u"] == approx(SHIP.particulars.speed + 2 * (1 - np.exp(-t)), abs=1e-7)
     assert record["x"] == approx(SHIP.particulars.speed * t + 2 * (t - 1 + np.exp(-t)), abs=1e-6)
@@ -251,9 +255,9 @@ def test_effects_are_named_with_their_values_and_usual_form_parameters_are_left_
 
 def test_what_effects_keep_from_a_batch_of_recordings_can_be_differentiated_later():
     """On another ship an effect sorts the ship's terms at its first use, which here is in a batch without gradients."""
-    slow = Affected(CALM, [Loading(SHIP, draught_ratio=1.1)]).on_approach(5.0)
+    slow = Vessel(CALM, [Loading(SHIP, draught_ratio=1.1)]).on_approach(5.0)
     with unchecked():
         roll_out(slow, [straight(5.0)])
     state = torch.tensor([5.0, 0.3, 0.01, 0.0, 0.0, 0.0], dtype=torch.float64, requires_grad=True)
-    slow(state, torch.tensor(0.1).double())[1].backward()
+    slow.model(state, Inputs(torch.tensor(0.1).double()))[1].backward()
     assert state.grad.abs().sum() > 0

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 import torch
 
+from manoeuvre_nn.core.inputs import Inputs, InputTable
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.dynamics.drive import Drive
 from manoeuvre_nn.dynamics.members import replay_members
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.dynamics.replay import replay
-from manoeuvre_nn.dynamics.series_force import Prior, SeriesForce
-from manoeuvre_nn.network.series import Series
+from manoeuvre_nn.estimation.series_force import Prior, SeriesForce
+from manoeuvre_nn.network.series import Series, SeriesSettings
 from manoeuvre_nn.ship.clarke import clarke_derivatives
 from manoeuvre_nn.ship.esso_osaka_model import esso_osaka_model
 from manoeuvre_nn.ship.known import clarke_inertia_part
@@ -24,7 +24,7 @@ TERMS = {
 
 
 def model(members=1, values=None):
-    known, series = clarke_inertia_part(SHIP), Series(**TERMS, members=members)
+    known, series = clarke_inertia_part(SHIP), Series(SeriesSettings(**TERMS, members=members))
     mean, _ = Prior().of(series.names, SHIP)
     count = len(mean)
     spread = 1e-9 * torch.eye(count, dtype=torch.float64) if members > 1 else torch.zeros(count, count).double()
@@ -66,13 +66,21 @@ def test_members_are_driven_like_the_model():
     assert all(np.abs(o["u"] - made["u"]).max() > 1e-6 for o in others)
 
 
-def test_a_drive_is_linear_between_its_samples_and_held_beyond():
-    table = torch.arange(12.0, dtype=torch.float64).view(2, 2, 3)
-    drive = Drive(table, interval=2.0, start=1.0)
-    at = drive.at(torch.tensor([2.0, 2.0], dtype=torch.float64))
-    np.testing.assert_allclose(at, table.mean(1))
-    late = drive.row(1).at(torch.tensor([0.0, 1.0, 9.0], dtype=torch.float64))
-    np.testing.assert_allclose(late, table[1][[0, 0, 1]])
+def test_a_table_of_inputs_is_linear_between_its_samples_and_held_beyond():
+    columns = torch.arange(12.0, dtype=torch.float64).view(3, 2, 2)
+    table = InputTable(dict(zip(("delta", "shaft", "wind_north"), columns, strict=True)), interval=2.0, start=1.0)
+    for at, expected in (
+        (2.0, columns.mean(-1)),
+        (0.0, columns[..., 0]),
+        (1.0, columns[..., 0]),
+        (9.0, columns[..., 1]),
+    ):
+        given = table.at(at).given
+        assert (given.pop("time") == at).all() and list(given) == ["delta", "shaft", "wind_north"]
+        np.testing.assert_allclose(torch.stack(list(given.values())), expected)
+    row = table.samples(1, 2).given
+    np.testing.assert_allclose(row.pop("time"), [1.0, 3.0])
+    np.testing.assert_allclose(torch.stack(list(row.values())), columns[:, 1])
 
 
 def test_columns_times_coefficients_are_the_models_accelerations():
@@ -82,11 +90,11 @@ def test_columns_times_coefficients_are_the_models_accelerations():
     made, state = model(values=values), np.column_stack([rng.random((7, 3)), np.zeros((7, 2)), rng.random(7)])
     inputs = {k: rng.random(7) for k in ("delta", "n", "wind_north", "wind_east")}
     columns = SeriesForce(made).columns(state, inputs)
-    table = np.stack([inputs["n"], 0.4 * inputs["wind_north"], 0.4 * inputs["wind_east"]], 1)[None]
-    made.drive = Drive(torch.as_tensor(table), 1.0, 0.0)
+    scaled = {"delta": inputs["delta"], "shaft": inputs["n"]}
+    scaled |= {k: 0.4 * inputs[k] for k in ("wind_north", "wind_east")}
     units = np.array([0.4, 0.4, 0.4 / 3, 3, 3, 1])
     si = torch.as_tensor(state * units)
-    rate = made(si, torch.as_tensor(inputs["delta"]), torch.arange(7.0, dtype=torch.float64)).detach().numpy()
+    rate = made(si, Inputs(**{k: torch.as_tensor(v) for k, v in scaled.items()})).detach().numpy()
     scale = 0.4**2 / 3 * np.array([1, 1, 1 / 3])
     np.testing.assert_allclose(columns @ values * scale, rate[:, :3], rtol=1e-9)
 

@@ -8,6 +8,8 @@ import torch
 from fleet import unchecked
 from pytest import approx
 
+from manoeuvre_nn.core.inputs import Inputs
+from manoeuvre_nn.dynamics.base import calm_accelerations
 from manoeuvre_nn.dynamics.members import Members, has_members, replay_members, sail_members
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip, Scaling
 from manoeuvre_nn.dynamics.replay import replay
@@ -15,7 +17,7 @@ from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.manoeuvre.straight import straight
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
-from manoeuvre_nn.network.hull_rudder import HullRudder
+from manoeuvre_nn.network.hull_rudder import HullRudder, HullRudderSettings
 from manoeuvre_nn.network.perceptron import wang_network
 from manoeuvre_nn.ship.esso_190k import esso_190k
 from manoeuvre_nn.ship.known import clarke_part, no_part
@@ -30,7 +32,7 @@ def doubles(*values: float) -> torch.Tensor:
 
 def ensemble(members: int = COUNT, trained: int = 0, size: float = 2e-4, **options) -> IdentifiedShip:
     """Clarke's Mariner and a little of its own for every member."""
-    network = HullRudder(4, members, seed=1, spread=1.0, **options)
+    network = HullRudder(HullRudderSettings(4, members, spread=1.0, **options), seed=1)
     drawn = torch.randn(network.output_weights.shape, generator=torch.Generator().manual_seed(2), dtype=torch.float64)
     network.output_weights.data.copy_(size * drawn)
     network.trained.fill_(trained)
@@ -42,7 +44,7 @@ def member(model: IdentifiedShip, k: int) -> IdentifiedShip:
     """The model with one member alone."""
     network = model.network
     options = {"speed_law": network.speed_law, "library": network.library, "symmetric": network.symmetric}
-    one = HullRudder(network.input_weights.shape[1], 1, **options)
+    one = HullRudder(HullRudderSettings(network.input_weights.shape[1], 1, **options))
     one.input_weights.data.copy_(network.input_weights[k : k + 1])
     one.output_weights.data.copy_(network.output_weights[k : k + 1])
     one.shaft.copy_(network.shaft)
@@ -56,7 +58,7 @@ def states(rows: int) -> tuple[torch.Tensor, torch.Tensor]:
 
 
 def rates(model: Members, nu: torch.Tensor, delta: torch.Tensor) -> torch.Tensor:
-    return model(model.start(whole(nu), delta), delta)
+    return model(model.start(whole(nu), Inputs(delta)), Inputs(delta))
 
 
 def whole(nu: torch.Tensor) -> torch.Tensor:
@@ -72,20 +74,20 @@ def test_rows_are_all_runs_of_the_first_member_then_of_the_next(runs, law):
     together = rates(Members(model), nu, delta)
     for k in range(COUNT):
         own = slice(k * runs, (k + 1) * runs)
-        alone = member(model, k)(whole(nu[own]), delta[own])
+        alone = member(model, k)(whole(nu[own]), Inputs(delta[own]))
         torch.testing.assert_close(together[own, :6], alone, rtol=1e-11, atol=1e-13)
     assert together[:, 6:].abs().sum() == 0, "a row keeps its member"
-    assert (together[:, :3] - model.acceleration(nu, delta)).abs().amax(0).min() > 1e-7, "members disagree"
+    assert (together[:, :3] - calm_accelerations(model, nu, delta)).abs().amax(0).min() > 1e-7, "members disagree"
 
 
 def test_rows_know_their_member_in_any_order_and_shape():
     members = Members(ensemble())
     nu, delta = states(2 * COUNT)
-    start = members.start(whole(nu), delta)
-    straight = members(start, delta)
+    start = members.start(whole(nu), Inputs(delta))
+    straight = members(start, Inputs(delta))
     mixed = torch.randperm(2 * COUNT, generator=torch.Generator().manual_seed(1))[: COUNT + 1]
-    torch.testing.assert_close(members(start[mixed], delta[mixed]), straight[mixed], rtol=1e-11, atol=1e-13)
-    square = members(start.reshape(3, 4, 7), delta.reshape(3, 4))
+    torch.testing.assert_close(members(start[mixed], Inputs(delta[mixed])), straight[mixed], rtol=1e-11, atol=1e-13)
+    square = members(start.reshape(3, 4, 7), Inputs(delta.reshape(3, 4)))
     torch.testing.assert_close(square.reshape(-1, 7), straight, rtol=1e-11, atol=1e-13)
 
 
@@ -94,13 +96,9 @@ def test_only_trained_members_have_rows():
     assert Members(model).count == 4 and Members(ensemble()).count == COUNT
     nu, delta = states(8)
     together = rates(Members(model), nu, delta)
-    torch.testing.assert_close(together[6:, :6], member(model, 3)(whole(nu[6:]), delta[6:]), rtol=1e-11, atol=1e-13)
-
-
-def test_a_velocity_without_a_number_moves_by_the_whole_ensemble():
-    model = ensemble()
-    nu, delta = states(5)
-    assert torch.equal(Members(model).acceleration(nu, delta), model.acceleration(nu, delta))
+    torch.testing.assert_close(
+        together[6:, :6], member(model, 3)(whole(nu[6:]), Inputs(delta[6:])), rtol=1e-11, atol=1e-13
+    )
 
 
 def test_members_have_the_ship_of_their_model():
@@ -112,7 +110,7 @@ def test_members_approach_as_their_model_does():
     model = tanker(shaft="similarity")
     slow = Members(model).on_approach(4.0)
     assert isinstance(slow, Members) and slow.particulars.speed == 4.0
-    assert float(slow.network.shaft) == float(model.on_approach(4.0).network.shaft) < 1
+    assert float(slow.model.network.shaft) == float(model.on_approach(4.0).network.shaft) < 1
     nu, delta = states(COUNT)
     assert torch.equal(rates(slow, nu, delta), rates(Members(model.on_approach(4.0)), nu, delta))
 
@@ -182,7 +180,7 @@ def test_a_member_that_breaks_down_leaves_the_others_as_they_are():
 
 
 def tanker(rpm: float = 80.0, **options) -> IdentifiedShip:
-    network = HullRudder(4, COUNT, seed=1, speed_law="shaft", library="quadratic")
+    network = HullRudder(HullRudderSettings(4, COUNT, speed_law="shaft", library="quadratic"), seed=1)
     drawn = torch.randn(network.output_weights.shape, generator=torch.Generator().manual_seed(3), dtype=torch.float64)
     network.output_weights.data.copy_(drawn)
     ship = esso_190k(rpm=rpm, **options)
@@ -215,7 +213,9 @@ def test_speeds_and_shaft_in_proportion_give_forces_in_proportion_to_their_squar
     slow = model.on_approach(0.5 * model.known._ship[0].self_propulsion)
     assert float(slow.network.shaft) == approx(0.5, rel=1e-12)
     nu, delta = states(5)
-    torch.testing.assert_close(slow.acceleration(nu / 2, delta), model.acceleration(nu, delta) / 4, rtol=1e-9, atol=0)
+    torch.testing.assert_close(
+        calm_accelerations(slow, nu / 2, delta), calm_accelerations(model, nu, delta) / 4, rtol=1e-9, atol=0
+    )
 
 
 def test_a_network_that_knows_no_shaft_is_shared_as_it_is():
@@ -225,7 +225,7 @@ def test_a_network_that_knows_no_shaft_is_shared_as_it_is():
     nu, delta = states(5)
     scaled = nu * 4.0 / model.particulars.speed
     factor = (4.0 / model.particulars.speed) ** 2
-    torch.testing.assert_close(slow.acceleration(scaled, delta), factor * model.acceleration(nu, delta))
+    torch.testing.assert_close(calm_accelerations(slow, scaled, delta), factor * calm_accelerations(model, nu, delta))
     plain = IdentifiedShip(model.known, wang_network(3), model.scaling)
     assert plain.on_approach(4.0).network is plain.network
 
@@ -252,4 +252,6 @@ def test_ensembles_put_together_move_each_row_by_the_median_of_one():
     for row, part in enumerate((slice(0, COUNT), slice(0, COUNT), slice(COUNT, None), slice(COUNT, None))):
         alone = IdentifiedShip(model.known, network.with_weights(*(w[part] for w in more)), model.scaling)
         with torch.no_grad():
-            torch.testing.assert_close(found[row, :3], alone.acceleration(nu[row], delta[row]), rtol=1e-12, atol=1e-14)
+            torch.testing.assert_close(
+                found[row, :3], calm_accelerations(alone, nu[row], delta[row]), rtol=1e-12, atol=1e-14
+            )

@@ -13,7 +13,7 @@ from manoeuvre_nn.dynamics.replay import replay
 from manoeuvre_nn.dynamics.simulate import Problem, simulate
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
-from manoeuvre_nn.recording.held_out import HeldOut
+from manoeuvre_nn.scoring.held_out import HeldOut
 from manoeuvre_nn.ship.mariner import WANG, mariner
 from manoeuvre_nn.ship.taylor import TaylorShip
 

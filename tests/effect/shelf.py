@@ -13,7 +13,7 @@ from manoeuvre_nn.core.ship import Ship
 
 FILES = {path.stem: path for path in sorted((Path(__file__).parents[2] / "conf" / "effect").glob("*.yaml"))}
 DEEP = [name for name in SHIPS if "shallow" not in name]
-CHANNELS = ("x", "y", "vn", "ve", "psi", "r", "u_log", "delta", "n")
+CHANNELS = ("x", "y", "vn", "ve", "psi", "r", "u_log", "delta", "shaft_recorded")
 
 
 @cache

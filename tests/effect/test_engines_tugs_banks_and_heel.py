@@ -5,8 +5,9 @@ import torch
 from fleet import ship_named
 from shelf import DEEP, at, made, recorded, situation
 
-from manoeuvre_nn.dynamics.affected import Affected
+from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.dynamics.model import CalmWater
+from manoeuvre_nn.dynamics.vessel import Vessel
 
 NONE = torch.zeros(1, 0, dtype=torch.float64)
 
@@ -51,17 +52,17 @@ def test_an_engine_at_its_limit_starts_steady_and_lags(ship):
 @pytest.mark.parametrize("ship", DEEP)
 def test_less_shaft_speed_is_what_the_ship_itself_makes_of_it(ship):
     hull, s = ship_named(ship), situation(ship)
-    affected = Affected(CalmWater(hull), [made("power_limit", ship)])
+    affected = Vessel(CalmWater(hull), [made("power_limit", ship)]).model
     state = torch.cat([s.nu, torch.stack([s.x, s.y, s.psi, 0 * s.x + 0.7], dim=-1)], dim=-1)
     force = hull.force(s.nu, s.delta) + hull.shaft_force(s.nu, s.delta, 0 * s.x + 0.7)
     expected = hull.acceleration_from_force(s.nu, force)
-    torch.testing.assert_close(affected(state, s.delta, s.time)[:, :3], expected)
+    torch.testing.assert_close(affected(state, Inputs(s.delta, time=s.time))[:, :3], expected)
 
 
 def test_the_tachometer_shows_the_shaft():
     s = situation("mariner").with_(shaft=torch.full((4,), 0.8, dtype=torch.float64))
-    true = recorded(s) | {"n": torch.ones(4, dtype=torch.float64)}
-    assert made("power_limit", "mariner").record(true, s)["n"].tolist() == [0.8] * 4
+    true = recorded(s) | {"shaft_recorded": torch.ones(4, dtype=torch.float64)}
+    assert made("power_limit", "mariner").record(true, s)["shaft_recorded"].tolist() == [0.8] * 4
 
 
 @pytest.mark.parametrize("ship", DEEP)

@@ -7,8 +7,9 @@ from shelf import DEEP, at, made, recorded, situation
 
 from manoeuvre_nn.core.effect import Situation
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.dynamics.affected import Affected
+from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.dynamics.model import CalmWater
+from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.wind import COEFFICIENTS, GustyWind, SteadyWind
 
 AIR = 1.225
@@ -21,8 +22,8 @@ def state_of(s: Situation) -> torch.Tensor:
 @pytest.mark.parametrize("ship", DEEP)
 def test_a_current_shifts_the_track_and_nothing_else(ship):
     s, calm = situation(ship), CalmWater(ship_named(ship))
-    moving = Affected(calm, [made("current", ship, speed=0.8, toward_deg=120.0)])
-    change = moving(state_of(s), s.delta, s.time) - calm(state_of(s), s.delta)
+    moving = Vessel(calm, [made("current", ship, speed=0.8, toward_deg=120.0)]).model
+    change = moving(state_of(s), Inputs(s.delta, time=s.time)) - calm(state_of(s), Inputs(s.delta))
     expected = torch.zeros(4, 6, dtype=torch.float64)
     expected[:, 3], expected[:, 4] = 0.8 * cos(radians(120)), 0.8 * sin(radians(120))
     torch.testing.assert_close(change, expected, rtol=0.0, atol=1e-12)

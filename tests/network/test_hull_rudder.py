@@ -8,7 +8,7 @@ import torch
 from fleet import unchecked
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.network.hull_rudder import SLOWEST, HullRudder
+from manoeuvre_nn.network.hull_rudder import MIN_SPEED_PRIME, HullRudder, HullRudderSettings
 
 KINDS = [
     {"symmetric": symmetric, "modular": modular, "speed_law": law, "library": library}
@@ -26,7 +26,7 @@ def called(kind: dict) -> str:
 
 def made(hidden: int = 5, members: int = 3, **options) -> HullRudder:
     """A network whose output weights are not 0."""
-    network = HullRudder(hidden, members, **{"spread": 0.8, "seed": 3} | options)
+    network = HullRudder(HullRudderSettings(hidden, members, **{"spread": 0.8} | options), seed=3)
     drawn = torch.randn(network.output_weights.shape, generator=torch.Generator().manual_seed(7), dtype=torch.float64)
     network.output_weights.data.copy_(drawn)
     return network.requires_grad_(False)
@@ -169,7 +169,7 @@ def test_another_shaft_speed_shares_the_weights_and_leaves_the_first_network_as_
     assert other.input_weights is network.input_weights and other.output_weights is network.output_weights
     network.output_weights *= 2
     torch.testing.assert_close(network(x), 2 * before, rtol=1e-13, atol=0)
-    torch.testing.assert_close(other.at_shaft(1.0)(x), 2 * before, rtol=1e-13, atol=0)
+    torch.testing.assert_close(other.at_shaft(2.0)(x), 2 * before, rtol=1e-13, atol=0)
     assert network.at_shaft(1.0) is network
 
 
@@ -180,7 +180,7 @@ def test_a_network_that_knows_no_shaft_stays_the_same_at_any():
 
 def test_a_ship_that_lies_still_has_finite_forces():
     network, x = made(speed_law="shaft", library="quadratic"), points(3)
-    x[:, 0] = torch.tensor([0.0, -0.2, SLOWEST], dtype=torch.float64)
+    x[:, 0] = torch.tensor([0.0, -0.2, MIN_SPEED_PRIME], dtype=torch.float64)
     x[:, 1:] = x[:1, 1:]
     y = network(x)
     assert y.isfinite().all() and torch.equal(y[0], y[2]) and torch.equal(y[1], y[2])
@@ -255,32 +255,39 @@ def test_leading_dimensions_of_the_inputs_are_kept(batch, law):
 
 def test_first_weights_are_those_of_seed_member_and_trial_whoever_asks():
     torch.manual_seed(1)
-    network = HullRudder(6, 4, seed=5)
+    network = HullRudder(HullRudderSettings(6, 4), seed=5)
     torch.manual_seed(2)
-    again, larger = HullRudder(6, 4, seed=5), HullRudder(6, 9, seed=5)
+    again, larger = HullRudder(HullRudderSettings(6, 4), seed=5), HullRudder(HullRudderSettings(6, 9), seed=5)
     assert torch.equal(network.input_weights, again.input_weights)
     assert torch.equal(network.input_weights, larger.input_weights[:4])
     for k in range(4):
         assert torch.equal(network.drawn(k), network.input_weights[k])
-    others = [HullRudder(6, 1, seed=seed).drawn(k, trial) for seed in (5, 6) for k in (0, 1) for trial in (0, 1, 2)]
+    others = [
+        HullRudder(HullRudderSettings(6, 1), seed=seed).drawn(k, trial)
+        for seed in (5, 6)
+        for k in (0, 1)
+        for trial in (0, 1, 2)
+    ]
     free = [weights[network.sees] for weights in others]
     assert all((a != b).all() for a, b in itertools.combinations(free, 2))
     assert network.output_weights.abs().max() == 0.0
 
 
 def test_first_weights_spread_as_asked():
-    many = HullRudder(200, 20, modular=False, spread=0.6)
+    many = HullRudder(HullRudderSettings(200, 20, modular=False, spread=0.6))
     drawn = many.input_weights.detach()
     assert float(drawn.mean()) == pytest.approx(0.0, abs=0.02)
     assert float(drawn.std()) == pytest.approx(0.6, rel=0.02)
-    half, whole = (HullRudder(4, 1, spread=spread).input_weights for spread in (0.3, 0.6))
+    half, whole = (HullRudder(HullRudderSettings(4, 1, spread=spread)).input_weights for spread in (0.3, 0.6))
     torch.testing.assert_close(2 * half, whole)
 
 
 @pytest.mark.parametrize("law", ["approach", "shaft"])
 def test_single_precision_stays_single_and_agrees(law):
     network, x = made(speed_law=law, library="quadratic"), points()
-    single = HullRudder(5, 3, spread=0.8, seed=3, speed_law=law, library="quadratic", dtype=torch.float32)
+    single = HullRudder(
+        HullRudderSettings(5, 3, spread=0.8, speed_law=law, library="quadratic"), seed=3, dtype=torch.float32
+    )
     assert torch.equal(single.input_weights, network.input_weights.float())
     single.output_weights.data.copy_(network.output_weights)
     y = single(x.float())
@@ -296,7 +303,7 @@ def test_a_state_that_is_stored_is_the_network_again(law, tmp_path):
     network.trained.fill_(2)
     network = network.at_shaft(0.8)
     torch.save(network.state_dict(), tmp_path / "network.pt")
-    other = HullRudder(5, 3, speed_law=law, seed=99)
+    other = HullRudder(HullRudderSettings(5, 3, speed_law=law), seed=99)
     other.load_state_dict(torch.load(tmp_path / "network.pt", weights_only=True))
     assert torch.equal(other(x), network(x)) and int(other.trained) == 2
     assert float(other.shaft) == (0.8 if law == "shaft" else 1.0)
@@ -328,5 +335,5 @@ def test_scalings_that_fit_are_named():
 )
 def test_settings_that_make_no_sense_are_refused_in_one_line(settings, told):
     with unchecked(), pytest.raises(InputError) as refusal:
-        HullRudder(**settings)
+        HullRudder(HullRudderSettings(**settings))
     assert str(refusal.value) == told

@@ -5,12 +5,12 @@ import pytest
 import torch
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.network.series import VARIABLES, Series, parity
+from manoeuvre_nn.network.series import VARIABLES, Series, SeriesSettings, parity
 
 
-def series(**more):
+def series(seed: int = 0, **more):
     given = {"surge": ["u u", "n n", "d d n n"], "lateral": ["u v", "v |v|", "d u n", "n n", "v v r /U"]} | more
-    return Series(**given)
+    return Series(SeriesSettings(**given), seed=seed)
 
 
 def filled(**more):
@@ -24,7 +24,7 @@ def test_products_are_those_of_their_letters():
     x = torch.tensor([[0.8, -0.2, 0.5, 0.3, 1.1, 2.0, -1.5]], dtype=torch.float64)
     u, v, r, d, n, wx, wy = x[0]
     by_hand = [1, u, v, r, d, n, u - 1, abs(v), abs(r), abs(d), wx, wy, torch.hypot(wx, wy), 1 / torch.hypot(u, v)]
-    made = Series(surge=[], lateral=list(VARIABLES))
+    made = Series(SeriesSettings(surge=[], lateral=list(VARIABLES)))
     np.testing.assert_allclose(made.products(x)[0], [float(b) for b in by_hand])
     assert float(series().products(x)[0, series().terms.index("v v r /U")]) == pytest.approx(
         float(v * v * r / torch.hypot(u, v))

@@ -8,12 +8,13 @@ import torch
 from fleet import TRIALS, distance, rolled, ship_named, unchecked, without_offsets
 from pytest import approx
 
+from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.dynamics.affected import Affected
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.replay import replay
 from manoeuvre_nn.dynamics.rollout import roll_out, rollout
 from manoeuvre_nn.dynamics.simulate import Problem, simulate
+from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.current import Current, TidalCurrent
 from manoeuvre_nn.effect.propulsion import PowerLimit
 from manoeuvre_nn.effect.roll import RollCoupling
@@ -33,10 +34,10 @@ MOTION = ("u", "v", "r", "x", "y", "psi", "delta", "delta_order", "udot", "vdot"
 ZIGZAG = zigzag(20.0, duration=90.0)
 
 
-def affected(name, *effects) -> Affected:
+def affected(name, *effects) -> Vessel:
     """A ship with effects that are given as (class, values)."""
     ship = ship_named(name)
-    return Affected(CalmWater(ship), [kind(ship, **values) for kind, values in effects])
+    return Vessel(CalmWater(ship), [kind(ship, **values) for kind, values in effects])
 
 
 def batched(dynamics, *trials, step=None):
@@ -58,7 +59,7 @@ def measured(record):
 def test_effects_at_their_null_leave_every_trial_as_it_is(name):
     ship = ship_named(name)
     null = [kind(ship) for kind in SOME]
-    dynamics = Affected(CalmWater(ship), [effect.at(effect.null()) for effect in null])
+    dynamics = Vessel(CalmWater(ship), [effect.at(effect.null()) for effect in null])
     step = min(ship.particulars.time_unit / 20, ship.particulars.sample_interval)
     runs = batched(dynamics, *TRIALS.values(), step=step)
     for run, calm in zip(runs, rolled(name).values(), strict=True):
@@ -97,7 +98,7 @@ def test_a_mirrored_wind_and_the_mirrored_zigzag_give_the_mirrored_track(name):
     def run(side, sign):
         wind = SteadyWind(calm, speed=12.0, from_deg=sign * 70.0 % 360)
         effects = [wind, Current(calm, toward_deg=sign * 20.0 % 360), RudderBacklash(calm, width_deg=3.0)]
-        return batched(Affected(CalmWater(calm), effects), zigzag(20.0, first=side, duration=80.0))[0]
+        return batched(Vessel(CalmWater(calm), effects), zigzag(20.0, first=side, duration=80.0))[0]
 
     starboard, port = run("starboard", 1), run("port", -1)
     for channel, sign in {"u": 1, "x": 1, "vn": 1, "v": -1, "r": -1, "y": -1, "ve": -1, "psi": -1, "vdot": -1}.items():
@@ -117,7 +118,7 @@ def test_the_batched_solution_is_the_accurate_one_with_wind_current_and_a_blade_
     wind = (WindOnset, dict(speed=15.0, from_deg=60.0, start_s=20.0))
     dynamics = affected(name, wind, (TidalCurrent, {}), blade)
     fast, exact = batched(dynamics, ZIGZAG)[0], accurate(dynamics, ZIGZAG)
-    length = dynamics.particulars.length
+    length = dynamics.model.particulars.length
     assert fast.status == exact.status == "ok"
     assert distance(fast, exact) < 0.002 * length
     assert np.abs(fast["psi"] - exact["psi"]).max() < 0.1 * DEGREE
@@ -132,13 +133,13 @@ def test_the_batched_solution_is_the_accurate_one_with_wind_current_and_a_blade_
 def test_own_states_move_alike_in_both_solutions(name, own):
     dynamics = affected(name, own)
     fast, exact = batched(dynamics, ZIGZAG)[0], accurate(dynamics, ZIGZAG)
-    assert distance(fast, exact) < 0.002 * dynamics.particulars.length
+    assert distance(fast, exact) < 0.002 * dynamics.model.particulars.length
     for channel in ("u", "r", "rdot", "shaft"):
         assert fast[channel] == approx(exact[channel], abs=2e-3 * np.abs(exact[channel]).max()), channel
     assert distance(fast, batched(CalmWater(ship_named(name)), ZIGZAG)[0]) > 0.3, "they matter"
     with unchecked():
         (again,) = replay(dynamics, [measured(exact)])
-    assert distance(again, exact) < 0.01 * dynamics.particulars.length
+    assert distance(again, exact) < 0.01 * dynamics.model.particulars.length
 
 
 def test_gradients_of_a_rollout_by_the_values_of_effects_are_those_of_finite_differences():
@@ -152,10 +153,12 @@ def test_gradients_of_a_rollout_by_the_values_of_effects_are_those_of_finite_dif
         *wind, speed, toward, rate, slope, lag = (ones * scale).unbind()
         form = kinds[0].values[2:].unbind()
         values = [torch.stack(v) for v in ((*wind, *form), (speed, toward), (rate,), (slope, lag))]
-        ship = Affected(calm, [e.at(v) for e, v in zip(kinds, values, strict=True)])
+        ship = Vessel(calm, [e.at(v) for e, v in zip(kinds, values, strict=True)])
         trials = [zigzag(10.0, 4.0), turning_circle(15.0, "port")]
         with unchecked():
-            out = rollout(ship, trials, ship.start(start, start[:, 1]), 4.0 * torch.arange(11).double(), step=4.0)
+            out = rollout(
+                ship, trials, ship.model.start(start, Inputs(start[:, 1])), 4.0 * torch.arange(11).double(), step=4.0
+            )
         assert float(out.orders[-1, 0]) < 0, "the rudder has been reversed"
         return (out.states[-1] / out.states.new_tensor([1.0, 1.0, 0.01, 10.0, 10.0, 0.1, 0.1])).sum(0)
 

@@ -7,29 +7,9 @@ import pandas as pd
 import pytest
 
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.core.ship import Particulars
-from manoeuvre_nn.dynamics.model import CalmWater
-from manoeuvre_nn.dynamics.simulate import Problem, simulate
-from manoeuvre_nn.manoeuvre.zigzag import zigzag
-from manoeuvre_nn.recording.mapping import Mapping, mapping
-from manoeuvre_nn.ship.mariner import mariner
+from manoeuvre_nn.recording.read.mapping import Mapping, mapping
 
 UNITS = {"u": "m/s", "v": "m/s", "r": "rad/s", "x": "m", "y": "m", "psi": "rad", "delta": "rad"}
-
-
-@pytest.fixture(scope="session")
-def ship() -> Particulars:
-    return mariner().particulars
-
-
-@pytest.fixture(scope="session")
-def zz20() -> Recording:
-    return simulate(Problem(CalmWater(mariner()), zigzag(20.0)))
-
-
-@pytest.fixture(scope="session")
-def zz35() -> Recording:
-    return simulate(Problem(CalmWater(mariner()), zigzag(35.0)))
 
 
 @pytest.fixture

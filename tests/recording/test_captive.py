@@ -3,7 +3,7 @@ from pytest import approx
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.recording.captive import captive_mapping, read_captive
+from manoeuvre_nn.recording.read.captive import captive_mapping, read_captive
 
 COLUMNS = {
     "beta": {"column": "b", "unit": "deg"},

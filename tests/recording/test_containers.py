@@ -9,8 +9,8 @@ import pytest
 from scipy.io import savemat
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.recording.proposal import propose
-from manoeuvre_nn.recording.reader import read_recording, read_recordings
+from manoeuvre_nn.recording.propose.proposal import propose
+from manoeuvre_nn.recording.read.reader import read_recording, read_recordings
 
 
 def refused(path, read, ship, message):

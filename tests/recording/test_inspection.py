@@ -12,10 +12,10 @@ from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
-from manoeuvre_nn.recording.finding import Change, Finding, remedied, settings, worst
-from manoeuvre_nn.recording.inspection import inspect_file, summary_lines
-from manoeuvre_nn.recording.mapping import mapping
-from manoeuvre_nn.recording.reader import read_recording
+from manoeuvre_nn.recording.check.finding import Change, Finding, remedied, settings, worst
+from manoeuvre_nn.recording.check.inspection import inspect_file, summary_lines
+from manoeuvre_nn.recording.read.mapping import mapping
+from manoeuvre_nn.recording.read.reader import read_recording
 from manoeuvre_nn.ship.mariner import mariner_corrected
 
 NOISE = {"u": 0.05, "v": 0.05, "r": 0.02 * DEGREE, "x": 0.7, "y": 0.7, "psi": 0.1 * DEGREE, "delta": 0.05 * DEGREE}

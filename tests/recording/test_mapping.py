@@ -2,7 +2,7 @@ import pytest
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.units import DEGREE, KNOT
-from manoeuvre_nn.recording.mapping import mapping
+from manoeuvre_nn.recording.read.mapping import mapping
 
 
 def refused(columns, message, channels=None, **settings):

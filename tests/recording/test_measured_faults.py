@@ -11,9 +11,9 @@ from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.manoeuvre.straight import straight
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
-from manoeuvre_nn.recording.identities import Identities
+from manoeuvre_nn.recording.check.identities import Identities
+from manoeuvre_nn.recording.check.sensor_faults import fewest_delays, measure_faults, possible_faults
 from manoeuvre_nn.recording.noise import add_noise
-from manoeuvre_nn.recording.sensor_faults import fewest_delays, measure_faults, possible_faults
 from manoeuvre_nn.ship.mariner import mariner_corrected
 
 NOISE = {"u": 0.05, "v": 0.05, "r": 0.02 * DEGREE, "x": 0.7, "y": 0.7, "psi": 0.1 * DEGREE}

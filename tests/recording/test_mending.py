@@ -5,9 +5,9 @@ import pytest
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.recording.mending import followed, outlying
-from manoeuvre_nn.recording.position import local_metres
-from manoeuvre_nn.recording.reader import read_recording
+from manoeuvre_nn.recording.read.mending import followed, outlying
+from manoeuvre_nn.recording.read.position import local_metres
+from manoeuvre_nn.recording.read.reader import read_recording
 
 
 def refused(path, read, ship, message):

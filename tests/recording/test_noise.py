@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.frames import body_to_earth, earth_to_body
 from manoeuvre_nn.recording.noise import add_noise, resample
 
 
@@ -51,3 +52,16 @@ def test_a_rate_that_the_recording_does_not_have_is_refused(zz20, rate):
 def test_a_rate_that_leaves_nothing_is_refused(zz20):
     with pytest.raises(InputError, match="write a higher rate"):
         resample(zz20, 0.001)
+
+
+def test_velocities_over_ground_carry_the_noise_of_u_and_v_and_the_log_has_its_own(zz20):
+    sailed = zz20.with_channels(
+        **dict(zip(("vn", "ve"), body_to_earth(zz20["u"], zz20["v"], zz20["psi"]), strict=True))
+    )
+    noisy = add_noise(sailed.with_channels(u_log=zz20["u"]), {"u": 0.1, "v": 0.05})
+    u, v = earth_to_body(noisy["vn"], noisy["ve"], noisy["psi"])
+    np.testing.assert_allclose(u, noisy["u"])
+    np.testing.assert_allclose(v, noisy["v"])
+    own = noisy["u_log"] - zz20["u"]
+    assert 0.07 < own.std() < 0.13
+    assert abs(np.corrcoef(own, noisy["u"] - zz20["u"])[0, 1]) < 0.3

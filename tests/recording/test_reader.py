@@ -3,7 +3,7 @@ import pytest
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.units import DEGREE, KNOT
-from manoeuvre_nn.recording.reader import read_recording, read_recordings
+from manoeuvre_nn.recording.read.reader import read_recording, read_recordings
 
 
 def refused(path, read, ship, message):

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from manoeuvre_nn.recording.checks import rudder_effect
-from manoeuvre_nn.recording.sensor_faults import measure_faults
-from manoeuvre_nn.recording.thinning import MOST, thinned
+from manoeuvre_nn.recording.check.checks import rudder_effect
+from manoeuvre_nn.recording.check.sensor_faults import measure_faults
+from manoeuvre_nn.recording.thinning import SAMPLES_PER_TIME_UNIT, thinned
 
 
 @pytest.fixture(scope="module")
@@ -25,11 +25,11 @@ def test_a_record_that_is_not_dense_is_left_as_it_is(zz20, ship):
 
 
 def test_averages_are_those_of_as_many_samples_as_are_not_needed(dense, ship):
-    count = int(ship.time_unit / (MOST * 0.02))
+    count = int(ship.time_unit / (SAMPLES_PER_TIME_UNIT * 0.02))
     fewer = thinned(dense, ship)
     assert count == 2 and len(fewer) == len(dense) // count
     assert fewer["u"][7] == pytest.approx(dense["u"][14:16].mean()) and fewer.time[7] == pytest.approx(0.29)
-    assert ship.time_unit / np.diff(fewer.time).max() >= MOST * (1 - 1e-9)
+    assert ship.time_unit / np.diff(fewer.time).max() >= SAMPLES_PER_TIME_UNIT * (1 - 1e-9)
     assert fewer.meta == dense.meta
 
 

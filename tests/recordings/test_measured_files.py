@@ -10,13 +10,13 @@ import yaml
 from fleet import unchecked
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.recording.accelerations import accelerations
-from manoeuvre_nn.recording.captive import captive_mapping, read_captive
-from manoeuvre_nn.recording.checks import check_recording
-from manoeuvre_nn.recording.inspection import inspect_recording
-from manoeuvre_nn.recording.mapping import mapping
-from manoeuvre_nn.recording.proposal import propose
-from manoeuvre_nn.recording.reader import read_recording, read_recordings
+from manoeuvre_nn.estimation.accelerations import accelerations
+from manoeuvre_nn.recording.check.checks import check_recording
+from manoeuvre_nn.recording.check.inspection import inspect_recording
+from manoeuvre_nn.recording.propose.proposal import propose
+from manoeuvre_nn.recording.read.captive import captive_mapping, read_captive
+from manoeuvre_nn.recording.read.mapping import mapping
+from manoeuvre_nn.recording.read.reader import read_recording, read_recordings
 from manoeuvre_nn.ship.esso_osaka_model import esso_osaka_model
 from manoeuvre_nn.ship.kvlcc2 import kvlcc2, kvlcc2_hsva
 
@@ -148,7 +148,6 @@ def test_wind_is_read_where_it_was_measured_and_does_not_jump():
 def test_counts_without_heading_are_read_as_a_record_and_proposed_as_one():
     path = folder("hakusan-seaway") / "hakusan_1Hz.csv"
     settings = yaml.safe_load((CONF / "hakusan.yaml").read_text())
-    settings.pop("_target_")
     ready, ship = mapping(**settings), kvlcc2()
     record = read_recording(path, ready, ship)
     assert len(record) == 1000 and record.meta["kind"] == "record"
@@ -161,7 +160,6 @@ def test_counts_without_heading_are_read_as_a_record_and_proposed_as_one():
 def test_captive_tests_are_read_in_the_ships_signs():
     path = folder("kvlcc2-hmri-captive") / "static_tests.csv"
     settings = yaml.safe_load((CONF / "kvlcc2_hmri.yaml").read_text())
-    settings.pop("_target_")
     tests = read_captive(path, captive_mapping(**settings))
     assert len(tests) == 63
     steered = (np.abs(tests.beta) < 1e-9) & (tests.speed > 1.1)

@@ -10,7 +10,7 @@ from rich.console import Console
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from manoeuvre_nn.diagnosis.result import Diagnosis, Location, Value
-from manoeuvre_nn.diagnosis.words import captain
+from manoeuvre_nn.diagnosis.words import summary_sentence
 from manoeuvre_nn.report.diagnosis_figures import (
     CALM,
     REPAIRED,
@@ -217,19 +217,19 @@ def test_what_is_unknown_is_called_so():
 def test_the_captain_is_told_what_is_unknown_and_where_and_whether_a_formula_helps():
     causes, proofs = unknown().causes, windy().proofs
     said = "Unknown: the recordings differ from calm water in sway, and no effect that is known explains it"
-    assert captain(causes, [], proofs, True) == f"{said}."
+    assert summary_sentence(causes, [], proofs, True) == f"{said}."
     told = replace(causes[0], terms=("Y |r|",), parameters=(Value("Y |r|", 0.4, 0.1, "-"),))
-    assert captain([told], ["unknown"], proofs, True).startswith(
+    assert summary_sentence([told], ["unknown"], proofs, True).startswith(
         f"{said}; a short formula for it is 0.4 Y |r| (motion in units of a tight turn); with that the track of runs"
     )
-    assert captain(causes, [], proofs, False).startswith("The recordings agree")
+    assert summary_sentence(causes, [], proofs, False).startswith("The recordings agree")
 
 
 def test_the_captain_is_told_of_the_heading_where_no_run_has_a_position():
     blind = [replace(p, rmse_before={"psi": 4.0}, rmse_after={"psi": 0.5}) for p in windy().proofs]
-    said = captain(windy().causes, windy().model, blind, True)
+    said = summary_sentence(windy().causes, windy().model, blind, True)
     assert said.endswith("; with them the heading of runs that were not used is predicted to 0.5 deg instead of 4 deg.")
-    half = captain(windy().causes, windy().model, [blind[0], replace(blind[1], rmse_before={"pos": 90.0},
+    half = summary_sentence(windy().causes, windy().model, [blind[0], replace(blind[1], rmse_before={"pos": 90.0},
                    rmse_after={"pos": 3.0})], True)  # fmt: skip
     assert half.endswith("the track of runs that were not used is predicted to 3 m instead of 90 m.")
     assert "a steady wind (speed 11.2 m/s, from 243 deg, cx 1.04) and a rudder offset (offset 1.04 deg)" in half

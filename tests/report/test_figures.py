@@ -5,7 +5,6 @@ import pytest
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from manoeuvre_nn.recording.score import score
 from manoeuvre_nn.report.figures import (
     _end_to_end,
     _ship_shape,
@@ -19,6 +18,7 @@ from manoeuvre_nn.report.figures import (
     track_figure,
 )
 from manoeuvre_nn.report.style import PREDICTED, RECORDED, DecadeLocator
+from manoeuvre_nn.scoring.score import score
 
 LENGTH = 100.0
 

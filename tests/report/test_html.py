@@ -6,7 +6,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from manoeuvre_nn.report.figures import time_series_figure
-from manoeuvre_nn.report.html import data_address, write_report
+from manoeuvre_nn.report.html import Report, data_address, write_report
 
 EVIL = "<script>alert('x')</script> & \"quoted\""
 OUTSIDE = ("src", "href", "srcset", "data", "action", "poster")
@@ -35,17 +35,19 @@ def written(tmp_path_factory) -> str:
     figures = {name: Figure(figsize=(1, 1)) for name in ("zz20/track", "zz20/time series", "training/learning curve")}
     path = write_report(
         tmp_path_factory.mktemp("report") / "deep" / "report.html",
-        title=f"Report {EVIL}",
-        summary=f"All went well {EVIL}",
-        tables={
-            f"Scores {EVIL}": [{"manoeuvre": EVIL, "status": "ok", "dev/L": 0.12345}],
-            "All criteria": [{"criterion": str(k)} for k in range(13)],
-            "Nothing": [],
-        },
-        figures=figures,
-        config_yaml=f"ship: {EVIL}",
-        versions={"torch": EVIL},
-        notes=[EVIL],
+        Report(
+            title=f"Report {EVIL}",
+            summary=f"All went well {EVIL}",
+            tables={
+                f"Scores {EVIL}": [{"manoeuvre": EVIL, "status": "ok", "dev/L": 0.12345}],
+                "All criteria": [{"criterion": str(k)} for k in range(13)],
+                "Nothing": [],
+            },
+            figures=figures,
+            config_yaml=f"ship: {EVIL}",
+            versions={"torch": EVIL},
+            notes=[EVIL],
+        ),
     )
     return Path(path).read_text(encoding="utf-8")
 
@@ -92,7 +94,8 @@ def test_the_same_figure_gives_the_same_text(recorded):
 
 def test_a_report_without_figures_and_tables_can_be_written(tmp_path):
     path = write_report(
-        tmp_path / "r.html", title="t", summary="s", tables={}, figures={}, config_yaml="", versions={}, notes=[]
+        tmp_path / "r.html",
+        Report(title="t", summary="s", tables={}, figures={}, config_yaml="", versions={}, notes=[]),
     )
     assert "table" not in Page(path.read_text()).tags[: Page(path.read_text()).tags.index("details")]
 
@@ -101,9 +104,9 @@ def test_long_words_may_be_broken_and_an_empty_cell_stands_as_its_column_does(tm
     rows = [{"what": "drift and yaw rate are not told apart in these runs", "why": None, "size": None},
             {"what": "short", "why": "word", "size": 2.0}]  # fmt: skip
     path = write_report(
-        tmp_path / "r.html", title="t", summary="s", tables={"a": rows}, figures={}, config_yaml="", versions={},
+        tmp_path / "r.html", Report(title="t", summary="s", tables={"a": rows}, figures={}, config_yaml="", versions={},
         notes=["mind this"],
-    )  # fmt: skip
+    ))  # fmt: skip
     text = path.read_text()
     assert '<td class="long">drift' in text and "td.long" in text and '<td class="text">short</td>' in text
     assert text.count('<td class="text">–</td>') == 1 and text.count('<td class="number">–</td>') == 1

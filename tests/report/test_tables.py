@@ -8,7 +8,6 @@ from rich.console import Console
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.manoeuvre.imo import ImoRow
-from manoeuvre_nn.recording.score import Score
 from manoeuvre_nn.report.tables import (
     columns,
     criteria_rows,
@@ -23,6 +22,7 @@ from manoeuvre_nn.report.tables import (
     verdict_table,
     write_csv,
 )
+from manoeuvre_nn.scoring.score import Score
 
 NRMSE = {"u": 0.0123456, "v": 0.1, "r": 123.456, "psi": math.nan}
 ZIGZAG = Score(

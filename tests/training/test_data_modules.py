@@ -8,18 +8,19 @@ import torch
 from fleet import unchecked
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.dynamics.affected import Affected
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.simulate import Problem, simulate
+from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.manoeuvre.straight import straight
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
-from manoeuvre_nn.recording.mapping import mapping
+from manoeuvre_nn.recording.read.mapping import mapping
 from manoeuvre_nn.ship.kvlcc2 import kvlcc2
-from manoeuvre_nn.training.data import RecordedData, SimulatedData
+from manoeuvre_nn.training.data import DataSettings, RecordedData, SimulatedData
 
 COLUMNS = {"u": "m/s", "v": "m/s", "r": "rad/s", "x": "m", "y": "m", "psi": "rad", "delta": "rad"}
 PLAIN = mapping(
@@ -45,7 +46,9 @@ def folder(tmp_path_factory) -> Path:
 
 def recorded(folder, files=("zz35.csv",), score=(), **settings) -> RecordedData:
     ship, known = tiny.ships()
-    data = RecordedData(ship, known, list(files), list(score), PLAIN, folder=str(folder), **settings)
+    data = RecordedData(
+        ship, known, list(files), list(score), PLAIN, folder=str(folder), settings=DataSettings(**settings)
+    )
     data.setup()
     return data
 
@@ -101,7 +104,7 @@ def test_what_effects_do_is_part_of_what_is_learnt():
     nu, delta, course = (torch.as_tensor(c) for c in (run.stacked("u", "v", "r"), run["delta"], run["psi"]))
     state = torch.cat([nu, torch.zeros(len(run), 2).double(), course[:, None]], dim=-1)
     with unchecked():
-        rates = Affected(CalmWater(ship), [wind])(state, delta)[:, :3]
+        rates = Vessel(CalmWater(ship), [wind]).model(state, Inputs(delta))[:, :3]
     whole = known.acceleration_from_force(nu, known.force(nu, delta) + data.tuples.targets)
     torch.testing.assert_close(whole, rates, rtol=1e-9, atol=1e-12)
     assert (rates - ship.acceleration(nu, delta)).abs().max() > 1e-4

@@ -10,10 +10,11 @@ from tiny import Each
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.dynamics.model import IdentifiedShip
-from manoeuvre_nn.network.hull_rudder import HullRudder
-from manoeuvre_nn.optimizer.restarts import Stops, minimise
-from manoeuvre_nn.optimizer.semilinear import SemiLinear
-from manoeuvre_nn.training.ensemble import ALL_TRAINED, STEPS, EnsembleFit
+from manoeuvre_nn.network.hull_rudder import HullRudder, HullRudderSettings
+from manoeuvre_nn.numerics.damping import Stops
+from manoeuvre_nn.numerics.restarts import minimise
+from manoeuvre_nn.numerics.semilinear import SemiLinear
+from manoeuvre_nn.training.ensemble import ALL_TRAINED, STEP_TRIALS, EnsembleFit
 from manoeuvre_nn.training.scalings import make_scaling
 
 EPOCHS = 4
@@ -24,7 +25,7 @@ def ensemble(
     data=None, members: int = 3, *, seed: int = 2, law: str = "approach", shrink: float = 0.0, **options
 ) -> EnsembleFit:
     data = data or tiny.usual()
-    network = HullRudder(4, members, seed=seed, speed_law=law, shrink=shrink, dtype=data.dtype)
+    network = HullRudder(HullRudderSettings(4, members, speed_law=law, shrink=shrink), seed=seed, dtype=data.dtype)
     scaling = make_scaling(network.scalings[0], data.known, data.tuples)
     model = IdentifiedShip(data.known, network, scaling).to(data.dtype)
     return EnsembleFit(model, **{"epochs": EPOCHS, "min_fall": 0.0} | options)
@@ -58,7 +59,7 @@ def scaled(fit, data=None):
 def alone(fit, member: int, trial: int) -> tuple[torch.Tensor, torch.Tensor, float]:
     """A member solved by hand from the start of a trial: its weights and its error."""
     (x, y), network = scaled(fit), fit.network
-    problem = SemiLinear(y=y, **vars(network.design(x)))
+    problem = SemiLinear(y, network.design(x))
     start = network.drawn(member, trial)[network.sees][None]
     found = minimise(problem, start, stops=Stops(epochs=EPOCHS))
     return problem.full(found.weights)[0], problem.output_weights(found.weights)[0], float(found.mse)
@@ -76,9 +77,9 @@ def test_an_epoch_trains_a_member_and_the_last_one_ends_the_training(tmp_path):
         assert network.output_weights[epoch:].abs().sum() == 0
         trained.append(epoch)
 
-    done, judge = train(fits, tmp_path, extra=[Each(look)], checked=True)
+    done, scorer = train(fits, tmp_path, extra=[Each(look)], checked=True)
     assert trained == [1, 2, 3] and done.epochs == 3 and done.stopped == ALL_TRAINED
-    assert [row["epoch"] for row in judge.history] == [3]
+    assert [row["epoch"] for row in scorer.history] == [3]
     assert int(fits.network.trained) == 3
 
 
@@ -126,17 +127,17 @@ def test_an_ensemble_that_was_killed_goes_on_as_if_it_had_not_been(straight, tmp
 
     with pytest.raises(KeyError, match="plug"):
         train(broken, tmp_path, every=1, extra=[Kill(lambda *_: None)])
-    done, judge = train(resumed, tmp_path, every=1)
+    done, scorer = train(resumed, tmp_path, every=1)
     assert same(resumed, straight[0]) and done.stopped == ALL_TRAINED and done.epochs == 3
-    assert [row["epoch"] for row in judge.history] == [1, 2, 3]
+    assert [row["epoch"] for row in scorer.history] == [1, 2, 3]
 
 
 def test_an_ensemble_that_is_complete_is_not_trained_any_further(tmp_path):
     fit, again = ensemble(members=2), ensemble(members=2)
     train(fit, tmp_path)
-    done, judge = train(again, tmp_path)
+    done, scorer = train(again, tmp_path)
     assert same(again, fit) and done.stopped == ALL_TRAINED and done.epochs == 2
-    assert [row["epoch"] for row in judge.history] == [2]
+    assert [row["epoch"] for row in scorer.history] == [2]
 
 
 def test_the_same_seed_gives_the_same_ensemble_and_another_seed_another(straight, tmp_path):
@@ -150,7 +151,7 @@ def test_noise_ends_members_early_and_after_a_kill_as_early_as_before(tmp_path, 
     data = tiny.simulated(noise={"v": 0.2, "r_deg_s": 0.2}, accelerations="central")
     fit, again = (ensemble(data, members=2, epochs=30) for _ in range(2))
     train(fit, tmp_path, data=data, max_epochs=1)
-    assert int(fit.steps) in STEPS and int(fit.steps) < 30
+    assert int(fit.steps) in STEP_TRIALS and int(fit.steps) < 30
     monkeypatch.setattr("manoeuvre_nn.training.ensemble.steps_that_predict", None)  # it has been found already
     train(again, tmp_path, data=data)
     assert int(again.steps) == int(fit.steps) and int(again.network.trained) == 2
@@ -204,9 +205,9 @@ def test_a_member_is_done_at_its_goal_or_where_its_error_hardly_falls(options, t
 def test_an_ensemble_identifies_the_mariner(tmp_path):
     data = tiny.simulated(length=300.0)
     fit = ensemble(data, members=3, epochs=40)
-    done, judge = train(fit, tmp_path, data=data)
+    done, scorer = train(fit, tmp_path, data=data)
     assert fit.relative_rmse(data.tuples.inputs, data.tuples.targets).max() < 0.05
-    assert judge.scores[0].dev_L < 0.05
+    assert scorer.scores[0].dev_L < 0.05
 
 
 def test_single_precision_trains_and_stays_single(tmp_path):

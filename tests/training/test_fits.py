@@ -2,9 +2,10 @@ import numpy as np
 import pytest
 import tiny
 import torch
+from levenberg import split
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.optimizer.steepest_descent import RateSchedule, StoppingRules
+from manoeuvre_nn.numerics.steepest_descent import RateSchedule, StoppingRules
 from manoeuvre_nn.training.fits import BackpropFit, LevenbergMarquardtFit
 
 
@@ -33,10 +34,10 @@ def test_one_epoch_lowers_the_error_and_tells_the_true_one(make, tmp_path):
 
 def test_levenberg_marquardt_identifies_the_mariner_in_few_epochs(tmp_path):
     data = tiny.simulated(length=300.0)
-    fit = LevenbergMarquardtFit(tiny.dynamics(data, 7), damping="nielsen", iterations_per_epoch=10)
-    trained, judge = tiny.train(fit, tmp_path, data=data, max_epochs=20, every=20, keep="last")
+    fit = LevenbergMarquardtFit(tiny.dynamics(data, 7), **split(damping="nielsen"), iterations_per_epoch=10)
+    trained, scorer = tiny.train(fit, tmp_path, data=data, max_epochs=20, every=20, keep="last")
     assert fit.relative_rmse(data.tuples.inputs, data.tuples.targets).max() < 0.01
-    assert judge.scores[0].dev_L < 0.05
+    assert scorer.scores[0].dev_L < 0.05
 
 
 def test_relative_rmse_is_the_error_of_each_g_over_its_root_mean_square():
@@ -160,11 +161,11 @@ def test_each_stopping_rule_ends_the_training(tmp_path, rules, reason):
 
 def test_an_error_that_is_not_finite_ends_backpropagation(tmp_path):
     wild = RateSchedule(rates=(1e200,), iterations=(1,), shake_rate=0.0)
-    trained, judge = tiny.train(
+    trained, scorer = tiny.train(
         tiny.backprop(schedule=wild, stopping=StoppingRules()), tmp_path, max_epochs=50, every=50, keep="last"
     )
     assert trained.stopped == "error is not finite" and trained.epochs < 5
-    assert judge.scores[0].status.startswith("left the physical range")
+    assert scorer.scores[0].status.startswith("left the physical range")
 
 
 @pytest.mark.parametrize("kind", [LevenbergMarquardtFit, BackpropFit])

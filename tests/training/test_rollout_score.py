@@ -10,7 +10,7 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.training.callbacks import MONITOR, RolloutScore, for_solvers, scalars
 
 
-def judge(**settings) -> RolloutScore:
+def scorer(**settings) -> RolloutScore:
     return RolloutScore(tiny.usual().held_out, **settings)
 
 
@@ -61,12 +61,12 @@ def test_the_two_solvers_agree_on_the_score():
 def test_every_so_many_epochs_are_judged_and_the_last_one(tmp_path):
     trained, seen = tiny.train(tiny.lm(), tmp_path, max_epochs=7, every=3)
     assert [row["epoch"] for row in trained.history] == [3, 6, 7]
-    assert seen.judged(7) and not seen.judged(6)
+    assert seen.scored(7) and not seen.scored(6)
 
 
 def test_the_history_survives_its_state():
-    old, new = judge(), judge()
-    assert not new.judged(0)
+    old, new = scorer(), scorer()
+    assert not new.scored(0)
     old.history = [{"epoch": 1.0, MONITOR: 0.3}, {"epoch": 2.0, MONITOR: 0.1}, {"epoch": 3.0, MONITOR: 0.1}]
     state = old.state_dict()
     new.load_state_dict(state)
@@ -103,4 +103,4 @@ def test_solvers_get_a_double_copy_of_a_single_precision_model():
 )
 def test_settings_of_the_judge_are_refused(settings, told):
     with unchecked(), pytest.raises(InputError, match=told):
-        judge(**settings)
+        scorer(**settings)

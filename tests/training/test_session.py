@@ -63,11 +63,11 @@ def test_resume_never_starts_anew(tmp_path):
     assert first.history == again.history
 
 
-def test_patience_counts_judgements_and_not_epochs(tmp_path):
-    trained, judge = tiny.train(tiny.lm(), tmp_path, max_epochs=60, every=2, patience=2)
+def test_patience_counts_scores_and_not_epochs(tmp_path):
+    trained, scorer = tiny.train(tiny.lm(), tmp_path, max_epochs=60, every=2, patience=2)
     assert trained.stopped == "no better held-out score"
-    assert trained.epochs == 2 * len(judge.history) < 60
-    scores = [row[MONITOR] for row in judge.history]
+    assert trained.epochs == 2 * len(scorer.history) < 60
+    scores = [row[MONITOR] for row in scorer.history]
     assert min(scores[-2:]) >= min(scores[:-2])
     assert all(min(scores[k - 2 : k]) < min(scores[: k - 2]) for k in range(3, len(scores)))
 
@@ -85,8 +85,8 @@ def test_keep_best_takes_the_epoch_that_scored_best_and_keep_last_the_last(tmp_p
     def store(epoch, trainer):
         stored[epoch] = tiny.weights(trainer.lightning_module)
 
-    best, judge = tiny.train(tiny.lm(), tmp_path / "best", max_epochs=7, extra=[Each(store)], keep="best")
-    scores = {row["epoch"]: row[MONITOR] for row in judge.history}
+    best, scorer = tiny.train(tiny.lm(), tmp_path / "best", max_epochs=7, extra=[Each(store)], keep="best")
+    scores = {row["epoch"]: row[MONITOR] for row in scorer.history}
     number = min(scores, key=scores.get)
     assert number < 7, "choose a case in which the last one is not the best"
     assert all(np.array_equal(a, b) for a, b in zip(tiny.weights(best.fit), stored[number], strict=True))
@@ -97,8 +97,8 @@ def test_keep_best_takes_the_epoch_that_scored_best_and_keep_last_the_last(tmp_p
 
 
 def test_the_last_epoch_may_be_the_best_though_its_number_is_no_multiple(tmp_path):
-    trained, judge = tiny.train(tiny.lm(), tmp_path, max_epochs=5, every=3)
-    assert judge.best["epoch"] == 5, "choose a case in which the last one is the best"
+    trained, scorer = tiny.train(tiny.lm(), tmp_path, max_epochs=5, every=3)
+    assert scorer.best["epoch"] == 5, "choose a case in which the last one is the best"
     last, _ = tiny.train(tiny.lm(), tmp_path / "last", max_epochs=5, every=3, keep="last")
     assert same(trained.fit, last.fit)
     stored = torch.load(tmp_path / "checkpoints" / "best.ckpt", weights_only=True)
@@ -106,10 +106,10 @@ def test_the_last_epoch_may_be_the_best_though_its_number_is_no_multiple(tmp_pat
 
 
 def test_a_fit_whose_optimizer_stops_ends_the_training_with_the_reason(tmp_path):
-    trained, judge = tiny.train(tiny.lm(goal=1e-4), tmp_path, max_epochs=200, every=50)
+    trained, scorer = tiny.train(tiny.lm(goal=1e-4), tmp_path, max_epochs=200, every=50)
     assert trained.epochs < 50 and trained.stopped == "goal reached"
-    assert [row["epoch"] for row in judge.history] == [trained.epochs]
-    assert judge.history[-1]["train/mse"] <= 1e-4
+    assert [row["epoch"] for row in scorer.history] == [trained.epochs]
+    assert scorer.history[-1]["train/mse"] <= 1e-4
 
 
 def test_all_epochs_done_is_told(tmp_path):
@@ -155,7 +155,7 @@ def test_ctrl_c_ends_the_fit_after_the_epoch_with_a_checkpoint_to_go_on_from(tmp
             os.kill(os.getpid(), signal.SIGINT)
 
     told = Console(file=io.StringIO())
-    trained, judge = tiny.train(tiny.lm(), tmp_path, max_epochs=50, every=3, extra=[Each(press)], console=told)
+    trained, scorer = tiny.train(tiny.lm(), tmp_path, max_epochs=50, every=3, extra=[Each(press)], console=told)
     assert trained.stopped == "ctrl-C" and trained.epochs == 4
     assert "stopping after this epoch" in told.file.getvalue()
     assert before not in handlers and signal.getsignal(signal.SIGINT) is before
@@ -170,9 +170,9 @@ def test_ctrl_c_before_the_first_judgement_still_judges_and_keeps(tmp_path):
             if trainer.current_epoch == 1:
                 os.kill(os.getpid(), signal.SIGINT)
 
-    trained, judge = tiny.train(tiny.lm(), tmp_path, max_epochs=50, every=20, extra=[Early(lambda *_: None)])
+    trained, scorer = tiny.train(tiny.lm(), tmp_path, max_epochs=50, every=20, extra=[Early(lambda *_: None)])
     assert trained.stopped == "ctrl-C"
-    assert [row["epoch"] for row in judge.history] == [2]
+    assert [row["epoch"] for row in scorer.history] == [2]
 
 
 def test_a_fit_that_breaks_gives_the_signal_back(tmp_path):

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from math import pi
 from typing import ClassVar
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
@@ -36,6 +37,8 @@ class Parameter:
         form: Whether it describes the uncertainty of the formula (a factor on a published curve) rather than the
             effect: it is estimated with its prior and not reported.
         per_run: Whether every run has its own: times of an event.
+        random: Whether it describes a random process, whose course is integrated out; the first such parameter of an
+            effect is the size of the process, 0 without one.
         power: Exponent of length with which its usual size goes by Froude's law; None takes that of the unit, and 0 for
             all units but m, m/s and kN: what instruments and helmsmen do is no matter of length.
     """
@@ -50,6 +53,7 @@ class Parameter:
     period: float | None = None
     form: bool = False
     per_run: bool = False
+    random: bool = False
     power: float | None = None
 
     def on(self, ship: Particulars) -> "Parameter":
@@ -106,14 +110,7 @@ class Situation:
         return self.nu[..., 2]
 
     def with_(self, **changed: Tensor) -> "Situation":
-        """The same with something replaced.
-
-        Args:
-            changed: Attribute = tensor.
-
-        Returns:
-            A new situation.
-        """
+        """The same with some attributes replaced."""
         return replace(self, **changed)
 
 
@@ -136,6 +133,14 @@ class Effect(ABC, nn.Module):
         source: Author, year, equation; what deviates.
         declared: Its parameters in order (``parameters`` is torch's own word).
         memory: Number of states of its own.
+        candidate: Whether a diagnosis tries it unless it is told what to try.
+        fittable: Whether a diagnosis can find its parameters on demand: not those of one realisation of many, nor what
+            is learnt or estimated beside every hypothesis.
+        acts_indoors: Whether it can act on a model in a closed tank.
+        exclusive: Effects with the same word here are one thing in two forms and never stand beside each other; empty
+            for an effect that may stand beside any other.
+        variant_of: Name of the effect that this one is with a random course, and instead of which it is tried.
+        measured_by: What to measure directly where no run tells it from its family; empty for the family's name.
         ship: The ship that it acts on.
         values: Parameter values in the parameters' units.
     """
@@ -149,6 +154,12 @@ class Effect(ABC, nn.Module):
     source: ClassVar[str]
     declared: ClassVar[tuple[Parameter, ...]]
     memory: ClassVar[int] = 0
+    candidate: ClassVar[bool] = False
+    fittable: ClassVar[bool] = True
+    acts_indoors: ClassVar[bool] = True
+    exclusive: ClassVar[str] = ""
+    variant_of: ClassVar[str] = ""
+    measured_by: ClassVar[str] = ""
 
     values: Tensor
 
@@ -181,6 +192,23 @@ class Effect(ABC, nn.Module):
         """The ship that it acts on."""
         return self._ship[0]
 
+    @property
+    def random(self) -> tuple[str, ...]:
+        """Names of the parameters of its random process, the size first; empty for an effect without one."""
+        return tuple(p.name for p in self.declared if p.random)
+
+    def steady(self, values: Float[np.ndarray, "*rows p"]) -> Float[np.ndarray, "*rows p"]:
+        """Values with the random process left out.
+
+        Args:
+            values: Parameter values in the parameters' units.
+
+        Returns:
+            The same with a process of size 0.
+        """
+        size = self.random[:1]
+        return np.where([p.name in size for p in self.declared], 0.0, values)
+
     def at(self, values: Float[Tensor, "*rows p"]) -> "Effect":
         """The same effect with other values.
 
@@ -195,25 +223,11 @@ class Effect(ABC, nn.Module):
         return made
 
     def value(self, name: str) -> Float[Tensor, "*rows"]:
-        """One parameter's value.
-
-        Args:
-            name: The parameter.
-
-        Returns:
-            Its value(s) in its unit.
-        """
+        """Value(s) of a parameter, in its unit."""
         return self.values[..., [p.name for p in self.declared].index(name)]
 
     def angle(self, name: str) -> Float[Tensor, "*rows"]:
-        """A parameter in degrees as radians.
-
-        Args:
-            name: The parameter.
-
-        Returns:
-            Its value(s) [rad].
-        """
+        """Value(s) of a parameter in degrees, as radians."""
         return self.value(name) * (pi / 180.0)
 
     def null(self) -> Float[Tensor, " p"]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -9,33 +10,19 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
+from manoeuvre_nn.core.channels import UNITS
 from manoeuvre_nn.core.errors import InputError
 
-MOTION = ("u", "v", "r", "x", "y", "psi", "delta")
-"""Channels that a manoeuvre is judged by: m/s, m/s, rad/s, m, m, rad, rad."""
-ACCELERATION = ("udot", "vdot", "rdot")
-"""Channels of known accelerations [m/s^2, m/s^2, rad/s^2]; only simulations have them."""
-UNITS = {
-    "t": "s", "u": "m/s", "v": "m/s", "r": "rad/s", "x": "m", "y": "m", "psi": "rad", "delta": "rad",
-    "delta_order": "rad", "udot": "m/s^2", "vdot": "m/s^2", "rdot": "rad/s^2", "n": "1/s",
-    "vn": "m/s", "ve": "m/s", "u_log": "m/s", "shaft": "-", "phi": "rad", "theta": "rad", "p": "rad/s",
-    "thrust": "N", "torque": "N m", "wind_speed": "m/s", "wind_from": "rad", "wind_speed_relative": "m/s",
-    "wind_from_relative": "rad",
-}  # fmt: skip
-UNITS |= {f"{k}_sd": UNITS[k] for k in ("u", "v", "r", "x", "y", "psi", "udot", "vdot", "rdot")}
-"""Unit of every channel that the program knows; others are kept as they come. Wind directions say where it comes from,
-true ones clockwise from north, relative ones from the bow; they are continuous as psi is. ``_sd``: standard deviations
-that a smoother states."""
 
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Recording:
     """Channels over time with units: the one form of manoeuvring data in the program.
 
     Attributes:
         name: What it is called in tables and figures.
         time: Sample times [s], increasing, shape (n,).
-        channels: Channel name -> samples (n,) in SI and radians. psi is continuous (never wrapped).
+        channels: Channel name -> samples (n,) in SI and radians, see ``core.channels``; psi is continuous (never
+            wrapped). NaN is a gap in a measured channel.
         status: ``ok``, or why a simulation was ended early.
         meta: Whatever else is known (ship, manoeuvre, source file, ...).
 
@@ -79,10 +66,41 @@ class Recording:
         """Number of samples."""
         return len(self.time)
 
+    def __repr__(self) -> str:
+        """Name, size and channels with their units."""
+        channels = ", ".join(f"{name} [{UNITS.get(name, '-')}]" for name in self.channels)
+        ended = "" if self.status == "ok" else f", {self.status}"
+        size = f"{len(self)} samples over {self.duration:.4g} s, step {self.step:.4g} s"
+        return f"<Recording {self.name}: {size}; {channels}{ended}>"
+
+    @cached_property
+    def step(self) -> float:
+        """Usual time between samples [s]; where samples are even, exactly that of the first two."""
+        first, usual = float(self.time[1] - self.time[0]), float(np.median(np.diff(self.time)))
+        return first if abs(first - usual) < 1e-6 * usual else usual
+
+    @property
+    def derived(self) -> frozenset[str]:
+        """Channels that were computed from others, as ``meta`` says."""
+        return frozenset(self.meta.get("derived", ()))
+
     @property
     def duration(self) -> float:
         """Time from the first to the last sample [s]."""
         return float(self.time[-1] - self.time[0])
+
+    def filled(self, channel: str) -> Float[np.ndarray, " n"]:
+        """A channel with its gaps filled by straight lines, and its first and last value held before and after.
+
+        Args:
+            channel: Its name; it has at least one sample.
+
+        Returns:
+            Samples in SI and radians, shape (n,).
+        """
+        values = self[channel]
+        good = np.isfinite(values)
+        return np.interp(self.time, self.time[good], values[good])
 
     def stacked(self, *names: str) -> Float[np.ndarray, "n k"]:
         """Several channels side by side.
@@ -114,6 +132,17 @@ class Recording:
                 f"recording {self.name}: window {start:g}..{end:g} s holds {keep.sum()} samples; "
                 f"it runs from {self.time[0]:g} to {self.time[-1]:g} s"
             )
+        return replace(self, time=self.time[keep], channels={k: c[keep] for k, c in self.channels.items()})
+
+    def rows(self, keep: slice) -> "Recording":
+        """Some of the samples.
+
+        Args:
+            keep: Which; at least two.
+
+        Returns:
+            The recording without the others; times are kept as they are.
+        """
         return replace(self, time=self.time[keep], channels={k: c[keep] for k, c in self.channels.items()})
 
     def resampled(self, times: Float[np.ndarray, " m"]) -> "Recording":

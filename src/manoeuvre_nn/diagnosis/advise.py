@@ -1,4 +1,4 @@
-"""Which run to record next: each one that could be is judged by how far a rival could imitate what was found.
+"""Which run to record next: each one that could be is fitted by how far a rival could imitate what was found.
 
 Under the leading hypothesis A a run contributes ``a`` to the recordings, under a rival B ``b + J t`` with its free
 numbers moved by ``t``, and coefficients, latency, initial states and the coloured force are free under both. In the
@@ -24,13 +24,13 @@ import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.diagnosis.bench import LATENCY_SPREAD, SCATTER_LEVELS, Bench, moved_track
-from manoeuvre_nn.diagnosis.court import Linear, linear
-from manoeuvre_nn.diagnosis.hypothesis import Hypothesis, Judged
-from manoeuvre_nn.diagnosis.linear import Columns, Embedded
 from manoeuvre_nn.diagnosis.next_runs import Plan, new_runs, same_runs
+from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, LATENCY_SD, WhitenedDataSet, about_states
+from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
+from manoeuvre_nn.estimation.linear_run import Columns, Embedded
+from manoeuvre_nn.estimation.marginal_likelihood import HypothesisColumns, hypothesis_columns
 
-WIDE = 3.0
+REFIT_SPREADS = 3.0
 """Prior spreads within which a rival may be fitted again."""
 
 
@@ -59,35 +59,37 @@ class Advice:
         return f"{self.manoeuvre}{begun}{' at half speed' if self.share < 1 else ''}"
 
 
-def advise(stand: Bench, leading: Judged, rivals: Sequence[Judged]) -> list[list[Advice]]:
+def advise(
+    data_set: WhitenedDataSet, leading: FittedHypothesis, rivals: Sequence[FittedHypothesis]
+) -> list[list[Advice]]:
     """Simulate what could be recorded next and rank it by how well it tells the leading hypothesis from each rival.
 
     Args:
-        stand: The recordings.
+        data_set: The recordings.
         leading: What was found, or what calm water is to be told from.
         rivals: Other explanations; a hypothesis without effects is calm water.
 
     Returns:
         One list a rival: runs, the most telling first, and among them the recorded runs with a channel more.
     """
-    plans = [*new_runs(stand, leading.hypothesis), *same_runs(stand)]
-    again = [moved_track(stand.dynamics, p, p.line.track)[0] for p in stand.places]
+    plans = [*new_runs(data_set, leading.hypothesis), *same_runs(data_set)]
+    again = [about_states(data_set.dynamics, p, p.linearised.track)[0] for p in data_set.runs]
     # Coefficients as they are, not in the combinations that the recordings show: a new run may show others.
-    _, names = moved_track(stand.dynamics, stand.places[0], stand.places[0].line.track)
-    bench = Bench(stand.dynamics, [*again, *(plan.place for plan in plans)], names)
+    _, names = about_states(data_set.dynamics, data_set.runs[0], data_set.runs[0].linearised.track)
+    data_set = WhitenedDataSet(data_set.dynamics, [*again, *(plan.prepared for plan in plans)], names)
     rows = [*range(len(again)), *(plan.row for plan in plans)]
-    whole = _whole(bench, leading.hypothesis, rows)
+    whole = _whole(data_set, leading.hypothesis, rows)
     return [
-        _ranked(bench, whole, _of_rows(r.hypothesis, rows), r.best, plans, leading.evidence - r.evidence)
+        _ranked(data_set, whole, _of_rows(r.hypothesis, rows), r.best, plans, leading.evidence - r.evidence)
         for r in rivals
     ]
 
 
-def apart(bench: Bench, leading: Hypothesis, rival: Hypothesis, best: tuple[int, int]) -> float:
+def apart(data_set: WhitenedDataSet, leading: Hypothesis, rival: Hypothesis, best: tuple[int, int]) -> float:
     """How surely recordings tell two hypotheses apart.
 
     Args:
-        bench: The recordings.
+        data_set: The recordings.
         leading: What acts.
         rival: What is fitted.
         best: Force level and scatter level.
@@ -95,22 +97,22 @@ def apart(bench: Bench, leading: Hypothesis, rival: Hypothesis, best: tuple[int,
     Returns:
         Log Bayes factor by which the first is expected to beat the second.
     """
-    grams, sd = _grams(bench, _whole(bench, leading, range(len(bench.places))), rival, best)
+    grams, sd = _grams(data_set, _whole(data_set, leading, range(len(data_set.runs))), rival, best)
     return left_over(sum(grams, np.zeros_like(grams[0])), sd)
 
 
 def _grams(
-    bench: Bench, whole: Sequence[Columns], rival: Hypothesis, best: tuple[int, int]
+    data_set: WhitenedDataSet, whole: Sequence[Columns], rival: Hypothesis, best: tuple[int, int]
 ) -> tuple[list[Float[np.ndarray, "p p"]], Float[np.ndarray, " m"]]:
     """Inner products in every run, and the prior spreads of all but the first column."""
-    lin = linear(bench, rival) if rival.effects else None
-    spreads = [WIDE * f.spread for f in rival.free() if f.run is None]
-    sd = np.array([SCATTER_LEVELS[best[1]]] * len(bench.coefficients) + spreads)
-    return [_shared(bench, best[0], run, c, lin) for run, c in enumerate(whole)], sd
+    lin = hypothesis_columns(data_set, rival) if rival.effects else None
+    spreads = [REFIT_SPREADS * f.spread for f in rival.unknowns() if f.run is None]
+    sd = np.array([COEFFICIENT_SD_LEVELS[best[1]]] * len(data_set.coefficients) + spreads)
+    return [_shared(data_set, best[0], run, c, lin) for run, c in enumerate(whole)], sd
 
 
 def _ranked(
-    bench: Bench,
+    data_set: WhitenedDataSet,
     whole: Sequence[Columns],
     rival: Hypothesis,
     best: tuple[int, int],
@@ -118,7 +120,7 @@ def _ranked(
     now: float,
 ) -> list[Advice]:
     """What every plan adds to the recordings, at the noise that the rival itself needs."""
-    grams, sd = _grams(bench, whole, rival, best)
+    grams, sd = _grams(data_set, whole, rival, best)
     recorded = len(grams) - len(plans)
     known = sum(grams[:recorded], np.zeros_like(grams[0]))
     before = left_over(known, sd)
@@ -144,10 +146,12 @@ def left_over(gram: Float[np.ndarray, "p p"], spread: Float[np.ndarray, " m"]) -
     return max(0.5 * float(gram[0, 0] - b @ np.linalg.solve(inner, b)), 0.0)
 
 
-def _shared(bench: Bench, level: int, run: int, whole: Columns, lin: Linear | None) -> Float[np.ndarray, "p p"]:
+def _shared(
+    data_set: WhitenedDataSet, level: int, run: int, whole: Columns, lin: HypothesisColumns | None
+) -> Float[np.ndarray, "p p"]:
     """Inner products in one run of: A less B, coefficients, numbers of B; those of this run alone integrated out."""
-    here, k = bench.at(level), len(bench.coefficients)
-    free = [] if lin is None else [lin.hypothesis.free()[i - 1] for i in lin.index[run][1:]]
+    here, k = data_set.at(level), len(data_set.coefficients)
+    free = [] if lin is None else [lin.hypothesis.unknowns()[i - 1] for i in lin.index[run][1:]]
     columns = whole
     if lin is not None:
         b = lin.columns[run]
@@ -161,7 +165,7 @@ def _shared(bench: Bench, level: int, run: int, whole: Columns, lin: Linear | No
     latency = p + 1 + k
     own = [*(j for j, f in enumerate(free, 1) if f.run is not None), latency]
     kept = [0, *range(p + 1, latency), *(j for j, f in enumerate(free, 1) if f.run is None)]
-    spread = np.array([*(WIDE * f.spread for f in free if f.run is not None), LATENCY_SPREAD])
+    spread = np.array([*(REFIT_SPREADS * f.spread for f in free if f.run is not None), LATENCY_SD])
     cross = g[np.ix_(own, kept)]
     return g[np.ix_(kept, kept)] - cross.T @ np.linalg.solve(g[np.ix_(own, own)] + np.diag(spread**-2.0), cross)
 
@@ -171,7 +175,7 @@ def _of_rows(hypothesis: Hypothesis, rows: Sequence[int]) -> Hypothesis:
     return replace(hypothesis, values=tuple(v[list(rows)] for v in hypothesis.values))
 
 
-def _whole(bench: Bench, hypothesis: Hypothesis, rows: Sequence[int]) -> list[Columns]:
+def _whole(data_set: WhitenedDataSet, hypothesis: Hypothesis, rows: Sequence[int]) -> list[Columns]:
     """All that a hypothesis adds to every run, at its values."""
     held = frozenset(p.name for e in hypothesis.effects for p in e.declared)
-    return linear(bench, replace(_of_rows(hypothesis, rows), fixed=held)).columns
+    return hypothesis_columns(data_set, replace(_of_rows(hypothesis, rows), fixed=held)).columns

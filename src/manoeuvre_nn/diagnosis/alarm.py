@@ -4,22 +4,22 @@ import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.diagnosis.checks import gram_of, nuisance_spread
-from manoeuvre_nn.diagnosis.hypothesis import Hypothesis, Judged
-from manoeuvre_nn.diagnosis.search import Contest
+from manoeuvre_nn.diagnosis.search import SearchResult
+from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 
 DRAWS = 2000
 """Clean sets of recordings that are drawn."""
 FALSE_ALARMS = 0.01
 """Share of clean sets that may raise an alarm."""
-LEAST = 8.0
+MIN_GAIN_OF_NAMED = 8.0
 """Least log Bayes factor over calm water of a named effect: what the draws' own model cannot know."""
-LEAST_UNKNOWN = 7.0
+MIN_GAIN_OF_UNKNOWN = 7.0
 """The same for something unknown, which has no formula to be tied to."""
-LEAST_MORE = 6.0
+MIN_GAIN_OF_SECOND = 6.0
 """Least log evidence that a second effect must add, to the best of one and to what raises the alarm."""
 
 
-def threshold(contest: Contest, seed: int = 0) -> float:
+def threshold(result: SearchResult, seed: int = 0) -> float:
     """Log Bayes factor that the best of all candidates exceeds by chance with probability ``FALSE_ALARMS``.
 
     Clean recordings of the same ship, manoeuvres, channels and noise are drawn where every candidate is linear: there
@@ -27,7 +27,7 @@ def threshold(contest: Contest, seed: int = 0) -> float:
     integrated out. Candidates are drawn independently of each other, which errs to the safe side.
 
     Args:
-        contest: What was judged.
+        result: What was fitted.
         seed: Of the draws.
 
     Returns:
@@ -35,23 +35,25 @@ def threshold(contest: Contest, seed: int = 0) -> float:
     """
     rng = np.random.default_rng(seed)
     best = np.full(DRAWS, -np.inf)
-    for judged in contest.judged:
-        if len(judged.names) == 1:
-            information, prior = _information(contest, judged.hypothesis)
+    for fitted in result.fitted:
+        if len(fitted.names) == 1:
+            information, prior = _information(result, fitted.hypothesis)
             best = np.maximum(best, _drawn(rng, information, prior))
     return float(np.quantile(best, 1 - FALSE_ALARMS))
 
 
-def _information(contest: Contest, hypothesis: Hypothesis) -> tuple[Float[np.ndarray, "m m"], Float[np.ndarray, " m"]]:
+def _information(
+    result: SearchResult, hypothesis: Hypothesis
+) -> tuple[Float[np.ndarray, "m m"], Float[np.ndarray, " m"]]:
     """Information on a candidate's numbers under calm water, nuisance integrated out, and their prior spreads."""
-    level, scatter = contest.none.best
-    g, _ = gram_of(contest, hypothesis, level)
-    n = contest.court.bench.size
-    sd = nuisance_spread(contest, scatter)
+    level, scatter = result.none.best
+    g, _ = gram_of(result, hypothesis, level)
+    n = result.likelihood.data_set.size
+    sd = nuisance_spread(result, scatter)
     nuisance = g[1:n, 1:n] + np.diag(sd**-2.0)
     cross = g[1:n, n + 1 :]
     return g[n + 1 :, n + 1 :] - cross.T @ np.linalg.solve(nuisance, cross), np.array([
-        f.spread for f in hypothesis.free()
+        f.spread for f in hypothesis.unknowns()
     ])
 
 
@@ -65,11 +67,11 @@ def _drawn(
     return 0.5 * (z**2 * values / (1 + values)).sum(axis=1) - 0.5 * np.log1p(values).sum()
 
 
-def raised(contest: Contest, best: Judged | None) -> bool:
+def raised(result: SearchResult, best: FittedHypothesis | None) -> bool:
     """Whether a named hypothesis beats calm water by more than chance.
 
     Args:
-        contest: What was judged.
+        result: What was fitted.
         best: The best named hypothesis.
 
     Returns:
@@ -77,5 +79,5 @@ def raised(contest: Contest, best: Judged | None) -> bool:
     """
     if best is None:
         return False
-    least = max(threshold(contest), LEAST) + LEAST_MORE * (len(best.names) - 1)
-    return best.evidence - contest.none.evidence > least
+    least = max(threshold(result), MIN_GAIN_OF_NAMED) + MIN_GAIN_OF_SECOND * (len(best.names) - 1)
+    return best.evidence - result.none.evidence > least

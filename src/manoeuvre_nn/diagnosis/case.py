@@ -1,23 +1,25 @@
 """Folders of recordings: those of concealed cases with their manifest, and a person's own runs."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.core.units import DEGREE, KNOT
 from manoeuvre_nn.diagnosis.manifest import adapted, numbers, read_manifest
-from manoeuvre_nn.diagnosis.plausible import check_sheet
-from manoeuvre_nn.diagnosis.runs import CHANNELS, Run, with_own_shafts
-from manoeuvre_nn.diagnosis.sheet import Sheet, common_step, from_recording, read_sheet, to_run
+from manoeuvre_nn.recording.check.plausible import COLUMNS, check_plausible, check_sampling
 from manoeuvre_nn.recording.kind import guess_kind
-from manoeuvre_nn.recording.mapping import Mapping as ChannelMapping
-from manoeuvre_nn.recording.reader import read_recordings
+from manoeuvre_nn.recording.preparation import common_step, measured, over_ground, prepared, with_own_shafts
+from manoeuvre_nn.recording.read.mapping import Mapping as ChannelMapping
+from manoeuvre_nn.recording.read.mapping_file import CONCEALED, SI_DEGREES, WRITTEN, is_written_by_package, read_mapping
+from manoeuvre_nn.recording.read.reader import read_measured, recordings_in
 from manoeuvre_nn.ship.esso_190k import esso_190k
 from manoeuvre_nn.ship.great_lakes_bulker import great_lakes_bulker
 from manoeuvre_nn.ship.mariner import mariner_corrected
@@ -32,7 +34,7 @@ SHIPS: Mapping[str, Callable[[], Ship]] = {
 AUTO = "auto"
 WARMUP = 2.0
 """Warm-up over L/U0 where no manifest states it."""
-STILL = 1.0 * DEGREE
+MIN_RUDDER_TRAVEL = 1.0 * DEGREE
 """A rudder that moves less has not moved."""
 TURNS, ZIGZAGS = ("turning_circle", "pull_out"), ("zigzag",)
 
@@ -45,35 +47,63 @@ class Case:
         name: Name of the case.
         ship: The ship as the manifest calls it.
         manifest: What the manifest says; empty without one.
-        runs: All runs.
+        runs: All runs, prepared.
         hull: Calm-water model with the manifest's particulars.
+        proof: Names of the runs that are held out.
+        warmup: Time up to which a held-out run may be looked at [s].
         undecided: What these runs cannot decide, a sentence each.
     """
 
     name: str
     ship: str
     manifest: Mapping[str, Any]
-    runs: tuple[Run, ...]
+    runs: tuple[Recording, ...]
     hull: Ship = field(repr=False)
+    proof: frozenset[str] = frozenset()
+    warmup: float = 40.0
     undecided: tuple[str, ...] = ()
 
     @property
-    def fitted(self) -> list[Run]:
+    def fitted(self) -> list[Recording]:
         """Runs that parameters are taken from."""
-        return [run for run in self.runs if not run.held_out]
+        return [run for run in self.runs if run.name not in self.proof]
 
     @property
-    def held_out(self) -> list[Run]:
+    def held_out(self) -> list[Recording]:
         """Runs for the proof."""
-        return [run for run in self.runs if run.held_out]
+        return [run for run in self.runs if run.name in self.proof]
 
 
-def read_case(folder: Path, rudder_positive_to: str = "port", ship: Ship | None = None) -> Case:
-    """Read a concealed case: a manifest and the csv files that it names.
+@dataclass(frozen=True)
+class RunSettings:
+    """How a person's own runs are read.
+
+    Attributes:
+        held_out: Names of the runs to prove by, or ``auto``: the manifest's, else :func:`choose_held_out`.
+        mapping: Columns, units and signs; None takes ``conf/recording/si_degrees.yaml``, or for files that this package
+            wrote their headings.
+        files: Names or patterns of files of the folder; none are those that the manifest lists, else all.
+        rudder_positive_to: Side that a positive rudder angle turns the ship to; None takes the mapping's.
+        speed_kn: Approach speed of the model [kn]; None takes the manifest's, or the ship's own.
+        rpm: Nominal shaft speed [rpm]; the same.
+        warmup_s: Time up to which a held-out run may be looked at [s]; None takes the manifest's, or 2 L/U0.
+    """
+
+    held_out: Sequence[str] | str = AUTO
+    mapping: ChannelMapping | None = None
+    files: Sequence[str] = ()
+    rudder_positive_to: str | None = None
+    speed_kn: float | None = None
+    rpm: float | None = None
+    warmup_s: float | None = None
+
+
+def read_case(folder: Path, rudder_positive_to: str | None = None, ship: Ship | None = None) -> Case:
+    """Read a concealed case: a manifest and the csv files that it names, mapped by ``conf/recording/concealed.yaml``.
 
     Args:
         folder: Its folder.
-        rudder_positive_to: Side that a positive rudder angle of the files turns the ship to.
+        rudder_positive_to: Side that a positive rudder angle of the files turns the ship to; None takes the mapping's.
         ship: The ship; None takes the manifest's.
 
     Returns:
@@ -85,38 +115,20 @@ def read_case(folder: Path, rudder_positive_to: str = "port", ship: Ship | None 
     m = read_manifest(folder)
     if "ship" not in m or "runs" not in m:
         raise InputError(f"{folder / 'manifest.json'} lacks {'ship' if 'ship' not in m else 'runs'}: it is no case")
-    return _case(folder, m, ship_of(m, ship), _sheets_listed(m["runs"], rudder_positive_to), AUTO)
+    settings = RunSettings(mapping=read_mapping(CONCEALED), rudder_positive_to=rudder_positive_to)
+    hull = _ship_of(m, ship)
+    return _case(folder, m, hull, _read(folder, m, hull.particulars, settings), AUTO)
 
 
-def read_runs(
-    folder: Path,
-    ship: Ship | None = None,
-    held_out: Sequence[str] | str = AUTO,
-    *,
-    mapping: ChannelMapping | None = None,
-    files: Sequence[str] = (),
-    rudder_positive_to: str = "port",
-    speed_kn: float | None = None,
-    rpm: float | None = None,
-    warmup_s: float | None = None,
-) -> Case:
+def read_runs(folder: Path, ship: Ship | None = None, settings: RunSettings | None = None) -> Case:
     """Read a person's own runs.
 
-    The csv files have columns t [s], psi, delta [deg], at least one pair of x_north, y_east [m], sog [m/s], cog [deg]
-    and u, v [m/s] (over ground, along and across the recorded heading), and any of u_log [m/s], r [deg/s], delta_order
-    [deg], n [rpm]. A manifest.json in the folder gives particulars, wind areas, warm-up and, if it lists runs, the
-    files and the split.
+    A manifest.json in the folder gives particulars, wind areas, warm-up and, if it lists runs, the files and the split.
 
     Args:
         folder: Where the files are.
         ship: The ship; None takes the manifest's.
-        held_out: Names of the runs to prove by, or ``auto``: the manifest's, else :func:`choose_held_out`.
-        mapping: How other columns are read; None takes those above.
-        files: Names or patterns of files of the folder; none are all.
-        rudder_positive_to: Side that a positive rudder angle turns the ship to; a mapping says so itself.
-        speed_kn: Approach speed of the model [kn]; None takes the manifest's, or the ship's own.
-        rpm: Nominal shaft speed [rpm]; the same.
-        warmup_s: Time up to which a held-out run may be looked at [s]; None takes the manifest's, or 2 L/U0.
+        settings: How they are read; None takes the defaults.
 
     Returns:
         The case.
@@ -126,29 +138,37 @@ def read_runs(
     """
     if not folder.is_dir():
         raise InputError(f"recordings={folder} is not a folder: write the folder that holds the csv files")
+    asked = settings or RunSettings()
     m = read_manifest(folder) if (folder / "manifest.json").is_file() else {}
-    told = {"approach_speed_m_s": speed_kn and speed_kn * KNOT, "nominal_rpm": rpm}
+    speed = None if asked.speed_kn is None else asked.speed_kn * KNOT
+    told = {"approach_speed_m_s": speed, "nominal_rpm": asked.rpm}
     m["particulars"] = {**m.get("particulars", {}), **{k: v for k, v in told.items() if v is not None}}
-    m |= {} if warmup_s is None else {"warmup_s": warmup_s}
-    paths = expand(folder, files, "files")
-    listed = m.get("runs") if not paths else [_entry(path, folder) for path in paths]
-    read: Reader = _sheets_listed(listed, rudder_positive_to) if mapping is None else _sheets_mapped(mapping, paths)
-    return _case(folder, m, ship_of(m, ship), read, held_out)
+    m |= {} if asked.warmup_s is None else {"warmup_s": asked.warmup_s}
+    hull = _ship_of(m, ship)
+    return _case(folder, m, hull, _read(folder, m, hull.particulars, asked), asked.held_out)
 
 
-def ship_of(manifest: Mapping[str, Any], ship: Ship | None = None) -> Ship:
-    """The ship of a case with the manifest's particulars.
+def case_of(
+    runs: Sequence[Recording], ship: Ship, held_out: Sequence[str] | str = AUTO, name: str = "recordings"
+) -> Case:
+    """Runs that have been read already.
 
     Args:
-        manifest: The manifest, or nothing.
-        ship: The ship where it is known otherwise.
+        runs: Recordings in SI, rudder positive to starboard.
+        ship: The ship.
+        held_out: Names of the runs to prove by, or ``auto``: see :func:`choose_held_out`.
+        name: What the case is called.
 
     Returns:
-        The ship.
-
-    Raises:
-        InputError: If there is none.
+        The case.
     """
+    hull = adapted(ship, {})
+    raw = [_checked(run, hull.particulars, "mind the units and signs of the channels") for run in runs]
+    return _case(Path(name), {}, hull, raw, held_out)
+
+
+def _ship_of(manifest: Mapping[str, Any], ship: Ship | None = None) -> Ship:
+    """The ship of a case with the manifest's particulars."""
     if ship is None:
         if "ship" not in manifest:
             raise InputError(
@@ -159,74 +179,63 @@ def ship_of(manifest: Mapping[str, Any], ship: Ship | None = None) -> Ship:
     return adapted(ship, manifest)
 
 
-Reader = Callable[[Path, Particulars], list[Sheet]]
-"""Folder, ship -> what its files hold, checked."""
+def _read(folder: Path, m: Mapping[str, Any], ship: Particulars, asked: RunSettings) -> list[Recording]:
+    """The files that are asked for, else those that the manifest lists, else all; checked."""
+    listed = {} if asked.files else {entry["file"]: entry for entry in m.get("runs", ())}
+    paths = expand(folder, asked.files, "files") or [folder / file for file in listed] or recordings_in(folder)
+    if not paths:
+        raise InputError(f"{folder} holds no csv file: write the folder that holds them")
+    return [_read_run(path, listed.get(path.name, {}), ship, asked) for path in paths]
 
 
-def _entry(path: Path, folder: Path) -> Mapping[str, Any]:
-    """A file as a manifest would list it."""
-    return {"run": path.stem, "file": str(path.relative_to(folder))}
-
-
-def _sheets_listed(entries: Sequence[Mapping[str, Any]] | None, side: str) -> Reader:
-    """Reads csv files with fixed columns: those that are listed, else all."""
-
-    def read(folder: Path, ship: Particulars) -> list[Sheet]:
-        files = entries or [_entry(path, folder) for path in sorted(folder.glob("*.csv"))]
-        if not files:
-            raise InputError(f"{folder} holds no csv file: write the folder that holds them")
-        return [_sheet(folder, entry, ship, side) for entry in files]
-
-    return read
-
-
-def _sheet(folder: Path, entry: Mapping[str, Any], ship: Particulars, side: str) -> Sheet:
-    """One file, read and checked."""
-    sheet = read_sheet(folder / entry["file"], entry["run"], ship, side)
-    rows = entry.get("rows", len(sheet.time))
-    if rows != len(sheet.time):
+def _read_run(path: Path, entry: Mapping[str, Any], ship: Particulars, asked: RunSettings) -> Recording:
+    """One file, read and checked; gaps stay where the mapping does not say that they are filled."""
+    mapping = asked.mapping or (WRITTEN if is_written_by_package(path) else read_mapping(SI_DEGREES))
+    if asked.rudder_positive_to is not None:
+        mapping = replace(mapping, rudder_positive_to=asked.rudder_positive_to)
+    run = read_measured(path, mapping, ship, leave_gaps=True)
+    if entry.get("rows", len(run)) != len(run):
         raise InputError(
-            f"{entry['file']} has {len(sheet.time)} rows, the manifest says {rows}: it was cut off or belongs to "
-            "another case"
+            f"{path.name} has {len(run)} rows, the manifest says {entry['rows']}: it was cut off or belongs to another "
+            "case"
         )
-    check_sheet(sheet, ship)
-    return sheet
+    remedy = COLUMNS if mapping.optional else "mind the columns, units and signs of the mapping"
+    return _checked(replace(run, name=entry.get("run", path.stem)), ship, remedy)
 
 
-def _sheets_mapped(mapping: ChannelMapping, paths: Sequence[Path] = ()) -> Reader:
-    """Reads csv files with other columns."""
-
-    def read(folder: Path, ship: Particulars) -> list[Sheet]:
-        sheets = [from_recording(r, ship) for r in read_recordings(paths or folder, mapping, ship)]
-        for sheet in sheets:
-            check_sheet(sheet, ship, "mind the columns, units and signs of the mapping")
-        return sheets
-
-    return read
+def _checked(run: Recording, ship: Particulars, remedy: str) -> Recording:
+    """A recording over ground, refused where it makes no sense."""
+    check_sampling(run, ship)
+    run = over_ground(run, ship)
+    check_plausible(run, ship, remedy)
+    return run
 
 
-def _case(folder: Path, m: Mapping[str, Any], hull: Ship, read: Reader, held_out: Sequence[str] | str) -> Case:
-    """Files read and put on even times with the same step, some of them held out."""
+def _case(
+    folder: Path, m: Mapping[str, Any], hull: Ship, raw: Sequence[Recording], held_out: Sequence[str] | str
+) -> Case:
+    """Recordings put on even times with the same step, some of them held out."""
     p = hull.particulars
-    sheets = read(folder, p)
     warmup = numbers(m).get("warmup_s", WARMUP * p.time_unit)
     listed = {entry["run"]: entry for entry in m.get("runs", ())}
-    kinds = {s.name: str(listed.get(s.name, {}).get("manoeuvre") or guess_kind(_even_rudder(s))) for s in sheets}
-    if held_out == AUTO and all(s.name in listed for s in sheets):
-        split = {s.name: listed[s.name]["split"] == "held_out" for s in sheets}
+    said = {run.name: listed.get(run.name, {}).get("manoeuvre") or run.meta.get("kind") for run in raw}
+    kinds = {run.name: str(said[run.name] or guess_kind(_even_rudder(run))) for run in raw}
+    if held_out == AUTO and all(s.name in listed for s in raw):
+        split = {s.name: listed[s.name]["split"] == "held_out" for s in raw}
     else:
         split = _split(kinds, held_out)
-    _check_split(sheets, split, warmup)
-    step = common_step(sheets, p)
-    runs = with_own_shafts([to_run(s, step, p, kinds[s.name], split[s.name], warmup) for s in sheets])
-    name = str(m.get("case", folder.resolve().name))
-    return Case(name, str(m.get("ship", p.name)), m, runs, hull, (*undecided(runs), *derived(sheets)))
+    _check_split(raw, split, warmup)
+    step = common_step(raw, p)
+    runs = with_own_shafts([prepared(r, step, p, kinds[r.name]) for r in raw])
+    name, proof = str(m.get("case", folder.resolve().name)), frozenset(name for name, held in split.items() if held)
+    unknown = (*undecided([run for run in runs if run.name not in proof], bool(proof)), *derived(runs))
+    return Case(name, str(m.get("ship", p.name)), m, runs, hull, proof, warmup, unknown)
 
 
-def _even_rudder(sheet: Sheet) -> Float[np.ndarray, " n"]:
+def _even_rudder(run: Recording) -> Float[np.ndarray, " n"]:
     """Rudder angle at even times without gaps."""
-    even = np.linspace(0.0, sheet.time[-1], len(sheet.time))
-    return np.interp(even, sheet.time, sheet.filled("delta"))
+    even = np.linspace(0.0, run.time[-1], len(run.time))
+    return np.interp(even, run.time, run.filled("delta"))
 
 
 def _split(kinds: Mapping[str, str], held_out: Sequence[str] | str) -> dict[str, bool]:
@@ -240,14 +249,14 @@ def _split(kinds: Mapping[str, str], held_out: Sequence[str] | str) -> dict[str,
     return {name: name in chosen for name in kinds}
 
 
-def _check_split(sheets: Sequence[Sheet], split: Mapping[str, bool], warmup: float) -> None:
+def _check_split(runs: Sequence[Recording], split: Mapping[str, bool], warmup: float) -> None:
     """Refuse a split that leaves nothing to fit, or a proof that ends with its warm-up."""
     if all(split.values()):
         raise InputError(f"held out are all runs ({', '.join(split)}): leave at least one to fit")
-    for sheet in sheets:
-        if split[sheet.name] and sheet.time[-1] < 1.5 * warmup:
+    for run in runs:
+        if split[run.name] and run.time[-1] < 1.5 * warmup:
             raise InputError(
-                f"{sheet.name} ends after {sheet.time[-1]:.0f} s: too short to be held out with a warm-up of "
+                f"{run.name} ends after {run.time[-1]:.0f} s: too short to be held out with a warm-up of "
                 f"{warmup:.0f} s: hold out a longer run, or write a smaller warmup_s"
             )
 
@@ -270,8 +279,37 @@ def choose_held_out(kinds: Mapping[str, str]) -> list[str]:
     return chosen
 
 
-def undecided(runs: Sequence[Run]) -> tuple[str, ...]:
+def undecided(fitted: Sequence[Recording], proof: bool) -> tuple[str, ...]:
     """What runs cannot decide, whatever is in them.
+
+    Args:
+        fitted: Runs that parameters are taken from.
+        proof: Whether others are held out.
+
+    Returns:
+        A sentence each.
+    """
+    seen = {c: any(np.isfinite(measured(run)[:, k]).any() for run in fitted) for k, c in enumerate(MEASURED)}
+    moved = max(float(np.ptp(run["delta"])) for run in fitted) > MIN_RUDDER_TRAVEL
+    ordered = any((run["shaft"] != 1).any() for run in fitted)
+    said = {
+        "The rudder never moved: nothing about rudder, hull and loading can be decided.": not moved,
+        "No position: a lever arm of the antenna cannot be told, and a current by velocities alone.": not seen["x"],
+        "No speed log: a current is told by turns alone, and the log cannot be fitted.": not seen["u_log"],
+        "No yaw rate: the rate gyro cannot be fitted.": not seen["r"],
+        "No shaft speed: it counts as nominal, and a power limit looks like added resistance.": not (
+            seen["shaft_recorded"] or ordered
+        ),
+        "The shaft was ordered otherwise than the model's nominal speed: it is taken as recorded, and an engine at its "
+        "limit cannot be told.": ordered and not seen["shaft_recorded"],
+        "One run: agreement between runs cannot be tested.": len(fitted) == 1,
+        "No held-out run: nothing is proved, and an effect is only proposed.": not proof,
+    }
+    return tuple(sentence for sentence, true in said.items() if true)
+
+
+def derived(runs: Sequence[Recording]) -> tuple[str, ...]:
+    """What had to be made from other channels.
 
     Args:
         runs: All runs of a case.
@@ -279,39 +317,10 @@ def undecided(runs: Sequence[Run]) -> tuple[str, ...]:
     Returns:
         A sentence each.
     """
-    fitted = [run for run in runs if not run.held_out]
-    seen = {c: any(np.isfinite(run.measured[:, k]).any() for run in fitted) for k, c in enumerate(CHANNELS)}
-    moved = max(float(np.ptp(run.delta)) for run in fitted) > STILL
-    ordered = any((run.shaft != 1).any() for run in fitted)
     said = {
-        "The rudder never moved: nothing about rudder, hull and loading can be decided.": not moved,
-        "No position: a lever arm of the antenna cannot be told, and a current by velocities alone.": not seen["x"],
-        "No speed log: a current is told by turns alone, and the log cannot be judged.": not seen["u_log"],
-        "No yaw rate: the rate gyro cannot be judged.": not seen["r"],
-        "No shaft speed: it counts as nominal, and a power limit looks like added resistance.": not (
-            seen["n"] or ordered
-        ),
-        "The shaft was ordered otherwise than the model's nominal speed: it is taken as recorded, and an engine at its "
-        "limit cannot be told.": ordered and not seen["n"],
-        "One run: agreement between runs cannot be tested.": len(fitted) == 1,
-        "No held-out run: nothing is proved, and an effect is only proposed.": len(fitted) == len(runs),
-    }
-    return tuple(sentence for sentence, true in said.items() if true)
-
-
-def derived(sheets: Sequence[Sheet]) -> tuple[str, ...]:
-    """What had to be made from other channels.
-
-    Args:
-        sheets: The runs as they came.
-
-    Returns:
-        A sentence each.
-    """
-    said = {
-        "No velocity over ground: it was taken from the track.": any("vn" in s.derived for s in sheets),
+        "No velocity over ground: it was taken from the track.": any("vn" in run.meta["derived"] for run in runs),
         "No helm order: it was taken from the rudder angle, so that a slow gear cannot be told.": any(
-            "order" not in s.channels for s in sheets
+            "delta_order" in run.meta["derived"] for run in runs
         ),
     }
     return tuple(sentence for sentence, true in said.items() if true)

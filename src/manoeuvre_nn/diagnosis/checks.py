@@ -6,21 +6,21 @@ import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.diagnosis.advise import apart
-from manoeuvre_nn.diagnosis.bench import LATENCY_SPREAD, SCATTER_LEVELS
-from manoeuvre_nn.diagnosis.court import linear
-from manoeuvre_nn.diagnosis.hypothesis import Hypothesis, Judged
 from manoeuvre_nn.diagnosis.result import Check
-from manoeuvre_nn.diagnosis.search import Contest
+from manoeuvre_nn.diagnosis.search import SearchResult
+from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, LATENCY_SD
+from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
+from manoeuvre_nn.estimation.marginal_likelihood import hypothesis_columns
 
 INDISTINGUISHABLE = 9.0
 """Expected gap, twice the log evidence, below which two effects are reported together."""
 
 
-def checks(tried: Contest, chosen: Judged) -> list[Check]:
+def checks(tried: SearchResult, chosen: FittedHypothesis) -> list[Check]:
     """Everything that a claim must pass besides its probability.
 
     Args:
-        tried: The contest.
+        tried: The result.
         chosen: The claim.
 
     Returns:
@@ -29,10 +29,10 @@ def checks(tried: Contest, chosen: Judged) -> list[Check]:
     return [_off_bounds(chosen), _little_left(tried, chosen), _same_in_all_runs(tried, chosen)]
 
 
-def _off_bounds(chosen: Judged) -> Check:
+def _off_bounds(chosen: FittedHypothesis) -> Check:
     """Parameters that end on a bound are a sign of the wrong effect."""
     on = []
-    for f, value in zip(chosen.hypothesis.free(), chosen.hypothesis.vector(), strict=True):
+    for f, value in zip(chosen.hypothesis.unknowns(), chosen.hypothesis.vector(), strict=True):
         p = f.parameter
         reach = 0.01 * (p.high - p.low)
         if (
@@ -47,9 +47,9 @@ def _off_bounds(chosen: Judged) -> Check:
     return Check("parameters off their bounds", not on, text)
 
 
-def _little_left(tried: Contest, chosen: Judged) -> Check:
+def _little_left(tried: SearchResult, chosen: FittedHypothesis) -> Check:
     """What stays unexplained should be small against what was explained."""
-    levels = tried.court.bench.levels
+    levels = tried.likelihood.data_set.levels
     before, after = levels[tried.none.best[0]].max(), levels[chosen.best[0]].max()
     text = (
         f"a coloured force of {100 * after:.2g} % of the resistance and of 20 deg of rudder stays unexplained, "
@@ -58,13 +58,13 @@ def _little_left(tried: Contest, chosen: Judged) -> Check:
     return Check("little is left", bool(after < 1.5e-2 or after < before), text)
 
 
-def _same_in_all_runs(tried: Contest, chosen: Judged) -> Check:
+def _same_in_all_runs(tried: SearchResult, chosen: FittedHypothesis) -> Check:
     """Estimates from one run at a time must agree: a stranger posing as this effect changes from run to run."""
-    bench, h = tried.court.bench, chosen.hypothesis
-    if len(bench.places) < 2:
+    data_set, h = tried.likelihood.data_set, chosen.hypothesis
+    if len(data_set.runs) < 2:
         return Check("same in all runs", True, "one run only: not tested")
-    shared = [k for k, f in enumerate(h.free()) if f.run is None and not f.parameter.form]
-    estimates = [_alone(tried, chosen, run, shared) for run in range(len(bench.places))]
+    shared = [k for k, f in enumerate(h.unknowns()) if f.run is None and not f.parameter.form]
+    estimates = [_alone(tried, chosen, run, shared) for run in range(len(data_set.runs))]
     weights = [np.linalg.inv(c) for _, c in estimates]
     total = np.linalg.inv(sum(weights))  # type: ignore[arg-type]
     mean = total @ sum(w @ m for (m, _), w in zip(estimates, weights, strict=True))
@@ -78,14 +78,14 @@ def _same_in_all_runs(tried: Contest, chosen: Judged) -> Check:
 
 
 def _alone(
-    tried: Contest, chosen: Judged, run: int, shared: list[int]
+    tried: SearchResult, chosen: FittedHypothesis, run: int, shared: list[int]
 ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m m"]]:
     """Step and covariance of the shared parameters from one run alone."""
     gram, names = gram_of(tried, chosen.hypothesis, chosen.best[0], runs=[run])
     sd = nuisance_spread(tried, chosen.best[1])
     m = len(names)
-    prior = np.concatenate([sd, [3 * f.spread for f in chosen.hypothesis.free()]])
-    size = tried.court.bench.size
+    prior = np.concatenate([sd, [3 * f.spread for f in chosen.hypothesis.unknowns()]])
+    size = tried.likelihood.data_set.size
     keep = np.r_[1:size, size + 1 : size + 1 + m]
     data = gram[0] - gram[size]
     precision = gram[np.ix_(keep, keep)] + np.diag(prior**-2.0)
@@ -95,12 +95,12 @@ def _alone(
 
 
 def gram_of(
-    tried: Contest, hypothesis: Hypothesis, level: int, runs: list[int] | None = None
+    tried: SearchResult, hypothesis: Hypothesis, level: int, runs: list[int] | None = None
 ) -> tuple[Float[np.ndarray, "p p"], list[str]]:
     """Inner products of base and hypothesis, over some runs only.
 
     Args:
-        tried: The contest.
+        tried: The result.
         hypothesis: Its columns are taken at its values.
         level: Force level.
         runs: Numbers of the runs; None takes all.
@@ -108,69 +108,71 @@ def gram_of(
     Returns:
         Matrix, and names of the free numbers.
     """
-    bench = tried.court.bench
-    lin = linear(bench, hypothesis)
-    n = bench.size
+    data_set = tried.likelihood.data_set
+    lin = hypothesis_columns(data_set, hypothesis)
+    n = data_set.size
     g = np.zeros((n + lin.count,) * 2)
-    for run in runs if runs is not None else range(len(bench.places)):
-        more, base = bench.at(level).white[run].embed(lin.columns[run]), bench.at(level).base[run]
-        at, to = bench.base_index(run), n + lin.index[run]
+    for run in runs if runs is not None else range(len(data_set.runs)):
+        more, base = data_set.at(level).white[run].embed(lin.columns[run]), data_set.at(level).base[run]
+        at, to = data_set.base_index(run), n + lin.index[run]
         g[np.ix_(at, at)] += base.dot(base)
         g[np.ix_(at, to)] += base.dot(more)
         g[np.ix_(to, to)] += more.dot(more)
     g[n:, :n] = g[:n, n:].T
-    return g, [f.parameter.name for f in hypothesis.free()]
+    return g, [f.parameter.name for f in hypothesis.unknowns()]
 
 
-def nuisance_spread(tried: Contest, scatter: int) -> Float[np.ndarray, " k"]:
+def nuisance_spread(tried: SearchResult, scatter: int) -> Float[np.ndarray, " k"]:
     """Prior standard deviations of coefficients and latencies.
 
     Args:
-        tried: The contest.
+        tried: The result.
         scatter: Scatter level.
 
     Returns:
         One a base column but for the data.
     """
-    bench = tried.court.bench
-    return np.r_[np.full(len(bench.coefficients), SCATTER_LEVELS[scatter]), np.full(len(bench.places), LATENCY_SPREAD)]
+    data_set = tried.likelihood.data_set
+    return np.r_[
+        np.full(len(data_set.coefficients), COEFFICIENT_SD_LEVELS[scatter]), np.full(len(data_set.runs), LATENCY_SD)
+    ]
 
 
-def aliases(tried: Contest, chosen: Judged) -> dict[str, list[str]]:
+def aliases(tried: SearchResult, chosen: FittedHypothesis) -> dict[str, list[str]]:
     """For every effect that was found, those that could have produced it: the gap between them would hardly show.
 
     The rival takes the effect's place beside the others that were found; its numbers, theirs, the coefficients and the
     latency are fitted again.
 
     Args:
-        tried: The contest.
+        tried: The result.
         chosen: What was found.
 
     Returns:
         Effect -> names of its rivals; effects without one are left out.
     """
-    singles = {j.names[0]: j for j in tried.judged if len(j.names) == 1}
-    evidence = {frozenset(j.names): j.evidence for j in reversed(tried.judged)}
+    singles = {j.names[0]: j for j in tried.fitted if len(j.names) == 1}
+    evidence = {frozenset(j.names): j.evidence for j in reversed(tried.fitted)}
     named = frozenset(chosen.names) & frozenset(singles)
     least = evidence.get(named, -np.inf) - INDISTINGUISHABLE
     found: dict[str, list[str]] = {}
     for name in chosen.names:
         others = _without(chosen.hypothesis, name, frozenset(singles))
-        for rival, judged in singles.items():
+        for rival, fitted in singles.items():
             lost = evidence.get(named - {name} | {rival}, np.inf) < least  # what was tried in its place and fell behind
             if name not in named or rival in named or lost:
                 continue
-            swapped = others.joined(judged.hypothesis)
-            if 2 * apart(tried.court.bench, chosen.hypothesis, swapped, chosen.best) < INDISTINGUISHABLE:
+            swapped = others.joined(fitted.hypothesis)
+            if 2 * apart(tried.likelihood.data_set, chosen.hypothesis, swapped, chosen.best) < INDISTINGUISHABLE:
                 found.setdefault(name, []).append(rival)
     return found
 
 
-def _without(hypothesis: Hypothesis, name: str, judged: frozenset[str]) -> Hypothesis:
-    """A hypothesis without one of its effects; what was not judged by itself (a network) is held at its values."""
+def _without(hypothesis: Hypothesis, name: str, fitted: frozenset[str]) -> Hypothesis:
+    """A hypothesis without one of its effects; what was not fitted by itself (a network) is held at its values."""
     kept = [k for k, e in enumerate(hypothesis.effects) if e.name != name]
     effects = tuple(hypothesis.effects[k] for k in kept)
-    held = {p.name for e in effects if e.name not in judged for p in e.declared}
+    held = {p.name for e in effects if e.name not in fitted for p in e.declared}
     return replace(
         hypothesis,
         effects=effects,

@@ -6,15 +6,15 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
-from manoeuvre_nn.diagnosis.bench import LATENCY_SPREAD, SCATTER_LEVELS, Bench, Place, quiet
-from manoeuvre_nn.diagnosis.columns import moved_by
-from manoeuvre_nn.diagnosis.court import Court
-from manoeuvre_nn.diagnosis.hypothesis import Hypothesis, Judged
-from manoeuvre_nn.diagnosis.linear import Columns
-from manoeuvre_nn.diagnosis.runs import CHANNELS, COUNT
+from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.effect.formula import Formula, is_ordinary, library
+from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, LATENCY_SD, PreparedRun, WhitenedDataSet, quiet
+from manoeuvre_nn.estimation.effect_columns import moved_by
+from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
+from manoeuvre_nn.estimation.linear_run import Columns
+from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 
-MOST = 4
+MAX_TERMS = 4
 """Terms in a formula."""
 ORDINARY = 12.0
 """Log evidence that a formula must have besides if a calm-water model could have all its terms: it may be a coefficient
@@ -24,54 +24,58 @@ SIZES = (0.02, 0.1, 0.4, 1.5)
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundFormula:
     """A formula.
 
     Attributes:
         terms: Its terms, in the order in which they were chosen.
-        judged: It, as a hypothesis.
+        fitted: It, as a hypothesis.
         evidence: Its log evidence less what its choice costs.
     """
 
     terms: tuple[str, ...]
-    judged: Judged
+    fitted: FittedHypothesis
     evidence: float
 
 
-def short_formula(court: Court, none: Judged) -> Found | None:
+def short_formula(likelihood: MarginalLikelihood, none: FittedHypothesis) -> FoundFormula | None:
     """Choose terms one after another as long as each raises the evidence by more than its choice costs.
 
     A library of 140 shapes is rolled out through all runs once; what any further term would add to the evidence follows
     from the inner products, coefficients, initial states, latency and coloured force integrated out.
 
     Args:
-        court: The runs.
+        likelihood: The runs.
         none: Calm water, for the noise levels.
 
     Returns:
         The formula; None if no term is worth its choice.
     """
-    bench, terms = court.bench, library()
-    made = [_columns(bench, place, terms) for place in bench.places]
+    data_set, terms = likelihood.data_set, library()
+    made = [_columns(data_set, prepared, terms) for prepared in data_set.runs]
     columns, index = [c for c, _ in made], [np.arange(len(terms))] * len(made)
     unit = 1 / np.sqrt(np.mean([m for _, m in made], axis=0) + 1e-12)
     level, scatter = quiet(none.best[0]), min(none.best[1], 2)
-    chosen = _chosen(bench.gram(level, columns, index, len(terms)), bench, scatter, unit)
+    chosen = _chosen(
+        data_set.gram(level, data_set.embedded(level, columns), index, len(terms)), data_set, scatter, unit
+    )
     if not chosen:
         return None
-    effect = Formula(bench.dynamics.hull, [terms[k] for k, _ in chosen], [float(spread) for _, spread in chosen])
-    start = Hypothesis((effect,), (np.zeros((len(bench.places), len(chosen))),))
-    fitted, _ = court.improve(start, level, scatter)
-    judged = court.judge(fitted, around=level)
+    effect = Formula(data_set.dynamics.hull, [terms[k] for k, _ in chosen], [float(spread) for _, spread in chosen])
+    start = Hypothesis((effect,), (np.zeros((len(data_set.runs), len(chosen))),))
+    best, _ = likelihood.improve(start, level, scatter)
+    fitted = likelihood.evaluate(best, around=level)
     choices = sum(np.log(len(SIZES) * (len(terms) - k) / (k + 1)) for k in range(len(chosen)))
     ordinary = ORDINARY if all(is_ordinary(term) for term in effect.terms) else 0.0
-    return Found(effect.terms, judged, judged.evidence - float(choices) - ordinary)
+    return FoundFormula(effect.terms, fitted, fitted.evidence - float(choices) - ordinary)
 
 
-def _columns(bench: Bench, place: Place, terms: tuple[str, ...]) -> tuple[Columns, Float[np.ndarray, " terms"]]:
+def _columns(
+    data_set: WhitenedDataSet, prepared: PreparedRun, terms: tuple[str, ...]
+) -> tuple[Columns, Float[np.ndarray, " terms"]]:
     """What a unit of every term does to a run, and its mean square force."""
-    effect, s = Formula(bench.dynamics.hull, terms), place.situation
-    measured = np.zeros((len(s.psi), COUNT, len(terms)))
+    effect, s = Formula(data_set.dynamics.hull, terms), prepared.situation
+    measured = np.zeros((len(s.psi), len(MEASURED), len(terms)))
     pushes, squares = [], np.zeros(len(terms))
     with torch.no_grad():
         for k, term in enumerate(terms):
@@ -79,22 +83,22 @@ def _columns(bench: Bench, place: Place, terms: tuple[str, ...]) -> tuple[Column
             pushes.append(push)
             squares[k] = float((push / effect.get_buffer("size")).square().mean(dim=0).max())
             for channel, error in errors.items():
-                measured[:, CHANNELS.index(channel), k] = error.numpy()
+                measured[:, MEASURED.index(channel), k] = error.numpy()
                 squares[k] = 1.0
         a = torch.stack(pushes)
-        moved = moved_by(a, a.new_zeros(*a.shape[:2], 2), place.line).permute(1, 2, 0).numpy()
+        moved = moved_by(a, a.new_zeros(*a.shape[:2], 2), prepared.linearised).permute(1, 2, 0).numpy()
     return Columns(measured, moved), squares
 
 
 def _chosen(
-    gram: Float[np.ndarray, "p p"], bench: Bench, scatter: int, unit: Float[np.ndarray, " terms"]
+    gram: Float[np.ndarray, "p p"], data_set: WhitenedDataSet, scatter: int, unit: Float[np.ndarray, " terms"]
 ) -> list[tuple[int, float]]:
     """Numbers of the terms and the prior spread of their weights, greedily by evidence."""
-    n = bench.size
-    coefficients = np.full(len(bench.coefficients), SCATTER_LEVELS[scatter] ** -2.0)
-    precision = np.r_[coefficients, np.full(len(bench.places), LATENCY_SPREAD**-2)]
+    n = data_set.size
+    coefficients = np.full(len(data_set.coefficients), COEFFICIENT_SD_LEVELS[scatter] ** -2.0)
+    precision = np.r_[coefficients, np.full(len(data_set.runs), LATENCY_SD**-2)]
     chosen: list[tuple[int, float]] = []
-    while len(chosen) < MOST:
+    while len(chosen) < MAX_TERMS:
         at = np.r_[1:n, n + np.array([k for k, _ in chosen], dtype=int)]
         a = gram[np.ix_(at, at)] + np.diag(np.r_[precision, [spread**-2 for _, spread in chosen]])
         solved = np.linalg.solve(a, gram[at])

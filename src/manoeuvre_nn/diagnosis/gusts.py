@@ -8,12 +8,19 @@ from jaxtyping import Float
 from scipy.linalg import solve_triangular
 
 from manoeuvre_nn.core.effect import Effect
-from manoeuvre_nn.diagnosis.bench import FORCE_LEVELS
-from manoeuvre_nn.diagnosis.columns import contribution
-from manoeuvre_nn.diagnosis.court import Court, Linear, linear
-from manoeuvre_nn.diagnosis.hypothesis import RANDOM, Hypothesis, Judged
-from manoeuvre_nn.diagnosis.linear import Columns, Embedded
-from manoeuvre_nn.diagnosis.regression import FORCE_PRIOR, log_prior_levels, log_sum
+from manoeuvre_nn.dynamics.base import is_fitted
+from manoeuvre_nn.estimation.data_set import PROCESS_LEVELS
+from manoeuvre_nn.estimation.effect_columns import contribution
+from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
+from manoeuvre_nn.estimation.linear_run import Columns, Embedded
+from manoeuvre_nn.estimation.marginal_likelihood import (
+    PROCESS_PRIOR,
+    HypothesisColumns,
+    MarginalLikelihood,
+    hypothesis_columns,
+    log_prior_levels,
+    log_sum,
+)
 
 
 @dataclass(frozen=True)
@@ -37,31 +44,31 @@ ON_PONDS = tuple(Gusts(share, memory, 1.0) for memory in (10.0, 5.0) for share i
 """The same near the ground among trees and banks, where winds turn as much as they swell: tried besides for models."""
 KNOTS = 3.0
 """Knots of their course in a correlation time."""
-FIRM = 0.06
-"""Coloured force from which it would only compete with gusts, unless the model was fitted and may lack any."""
+MAX_PROCESS_BESIDE_GUSTS = 0.06
+"""Process noise from which it would only compete with gusts, unless the model was fitted and may lack any force."""
 ROUNDS = 3
 """Fits of the mean wind with gusts, which leave it less to explain than it had alone."""
 
 
-def judge_gusts(court: Court, steady: Judged, gusty: Effect) -> Judged:
-    """Judge a hypothesis with its steady wind replaced by a gusty one.
+def fitted_gusts(likelihood: MarginalLikelihood, steady: FittedHypothesis, gusty: Effect) -> FittedHypothesis:
+    """Fit a hypothesis with its steady wind replaced by a gusty one.
 
     Args:
-        court: The runs.
+        likelihood: The runs.
         steady: A hypothesis with a steady wind.
         gusty: Prototype of the gusty wind.
 
     Returns:
         It at the most likely size of gusts.
     """
-    ship = court.bench.dynamics.particulars
-    wind, kinds = steady.names.index("wind_steady"), AT_SEA + ON_PONDS if ship.is_model else AT_SEA
-    levels = [int(g) for g in np.flatnonzero(court.bench.levels.max(axis=1) < FIRM)]
-    if court.bench.dynamics.fitted:
+    ship = likelihood.data_set.dynamics.particulars
+    wind, kinds = steady.names.index(gusty.variant_of), AT_SEA + ON_PONDS if ship.is_model else AT_SEA
+    levels = [int(g) for g in np.flatnonzero(likelihood.data_set.levels.max(axis=1) < MAX_PROCESS_BESIDE_GUSTS)]
+    if is_fitted(likelihood.data_set.dynamics):
         levels = _around(steady.best[0])
     best, found = -np.inf, []
     for _ in range(ROUNDS if len(kinds) > len(AT_SEA) else 1):
-        tried, sizes = _tried(court, steady.hypothesis, wind, kinds, levels)
+        tried, sizes = _tried(likelihood, steady.hypothesis, wind, kinds, levels)
         top = max(tried, key=lambda j: j.evidence)
         if top.evidence < best + 0.5:
             break
@@ -71,60 +78,62 @@ def judge_gusts(court: Court, steady: Judged, gusty: Effect) -> Judged:
 
 def _around(level: int) -> list[int]:
     """A level of the coloured force and those beside it."""
-    side = len(FORCE_LEVELS)
+    side = len(PROCESS_LEVELS)
     rows, columns = ([k for k in (n - 1, n, n + 1) if 0 <= k < side] for n in divmod(level, side))
     return [row * side + column for row in rows for column in columns]
 
 
-def gusty_evidence(court: Court, hypothesis: Hypothesis, level: int) -> float:
+def gusty_evidence(likelihood: MarginalLikelihood, hypothesis: Hypothesis, level: int) -> float:
     """Log evidence of a hypothesis with a gusty wind at its values, at one force level and the best scatter.
 
     Args:
-        court: The runs.
+        likelihood: The runs.
         hypothesis: It, at its values; the gusts' course is integrated out.
         level: Force level.
 
     Returns:
         Log evidence.
     """
-    wind = hypothesis.names.index("wind_gusty")
+    wind = next(k for k, e in enumerate(hypothesis.effects) if e.random)
     declared = [p.name for p in hypothesis.effects[wind].declared]
-    kind = Gusts(*(float(hypothesis.values[wind][0, declared.index(name)]) for name in RANDOM))
-    grams, norms = _without_course(court, linear(court.bench, hypothesis), wind, [kind], [level])
-    return float(court.regress(hypothesis, grams[0], norms[0]).by_level.max())
+    kind = Gusts(*(float(hypothesis.values[wind][0, declared.index(name)]) for name in hypothesis.effects[wind].random))
+    grams, norms = _without_course(
+        likelihood, hypothesis_columns(likelihood.data_set, hypothesis), wind, [kind], [level]
+    )
+    return float(likelihood.regress(hypothesis, grams[0, 0], norms[0, 0]).evidence.max())
 
 
 def _tried(
-    court: Court, hypothesis: Hypothesis, wind: int, kinds: Sequence[Gusts], levels: Sequence[int]
-) -> tuple[list[Judged], list[Gusts]]:
+    likelihood: MarginalLikelihood, hypothesis: Hypothesis, wind: int, kinds: Sequence[Gusts], levels: Sequence[int]
+) -> tuple[list[FittedHypothesis], list[Gusts]]:
     """The hypothesis with gusts of every kind, and their sizes in m/s."""
     declared = [p.name for p in hypothesis.effects[wind].declared]
-    least = float(court.bench.dynamics.particulars.sized([1.0], [0.5])[0])
+    least = float(likelihood.data_set.dynamics.particulars.sized([1.0], [0.5])[0])
     mean = max(float(hypothesis.values[wind][0, declared.index("speed")]), least)
     sizes = [replace(kind, size=kind.size * mean) for kind in kinds]
-    grams, norms = _without_course(court, linear(court.bench, hypothesis), wind, sizes, levels)
-    prior = log_prior_levels(court.bench, FORCE_PRIOR)
+    grams, norms = _without_course(likelihood, hypothesis_columns(likelihood.data_set, hypothesis), wind, sizes, levels)
+    prior = log_prior_levels(likelihood.data_set, PROCESS_PRIOR)
     tried = []
     for gram, norm in zip(grams, norms, strict=True):
-        known = {g: court.regress(hypothesis, gram[[k]], norm[[k]]) for k, g in enumerate(levels)}
-        tried.append(court.verdict(hypothesis, known, prior))
+        known = {g: likelihood.regress(hypothesis, gram[k], norm[k]) for k, g in enumerate(levels)}
+        tried.append(likelihood.over_levels(hypothesis, known, prior))
     return tried, sizes
 
 
 def _without_course(
-    court: Court, lin: Linear, wind: int, kinds: Sequence[Gusts], levels: Sequence[int]
+    likelihood: MarginalLikelihood, lin: HypothesisColumns, wind: int, kinds: Sequence[Gusts], levels: Sequence[int]
 ) -> tuple[Float[np.ndarray, "k g p p"], Float[np.ndarray, "k g"]]:
     """Inner products and normalisers with the gusts' course integrated out."""
-    bench = court.bench
-    size = bench.size + lin.count
+    data_set = likelihood.data_set
+    size = data_set.size + lin.count
     grams, norms = np.zeros((len(kinds), len(levels), size, size)), np.zeros((len(kinds), len(levels)))
-    norms += [bench.at(level).norm for level in levels]
+    norms += [data_set.at(level).norm for level in levels]
     for run, (c, at) in enumerate(zip(lin.columns, lin.index, strict=True)):
-        where = np.concatenate([bench.base_index(run), bench.size + at])
+        where = np.concatenate([data_set.base_index(run), data_set.size + at])
         forms = {(k.memory, k.across) for k in kinds}
-        courses = {form: _course(court, lin.hypothesis, wind, run, *form) for form in forms}
+        courses = {form: _course(likelihood, lin.hypothesis, wind, run, *form) for form in forms}
         for g, level in enumerate(levels):
-            white, base = bench.at(level).white[run], bench.at(level).base[run]
+            white, base = data_set.at(level).white[run], data_set.at(level).base[run]
             more, loose = white.embed(c), {form: white.embed(course) for form, course in courses.items()}
             both = Embedded(np.hstack([base.outer, more.outer]), np.hstack([base.inner, more.inner]))
             whole, inner = both.dot(both), {form: (e.dot(e), e.dot(both)) for form, e in loose.items()}
@@ -137,43 +146,47 @@ def _without_course(
     return grams, norms
 
 
-def _chosen(found: list[tuple[Judged, Gusts]], wind: int, gusty: Effect) -> Judged:
+def _chosen(found: list[tuple[FittedHypothesis, Gusts]], wind: int, gusty: Effect) -> FittedHypothesis:
     """The best size, by a parabola through the three best on a logarithmic scale, as a hypothesis of its own."""
     scores = np.array([j.evidence for j, _ in found])
     k = int(scores.argmax())
-    judged, best = found[k]
+    fitted, best = found[k]
     size, error = best.size, 0.5 * best.size
     beside = [gusts for _, gusts in found[max(k - 1, 0) : k + 2]]
     if len(beside) == 3 and len({(g.memory, g.across) for g in beside}) == 1:
         curve = np.polyfit(np.log([g.size for g in beside]), scores[k - 1 : k + 2], 2)
         size, error = float(np.exp(-0.5 * curve[1] / curve[0])), float(size / np.sqrt(-2 * curve[0]))
-    values, steady = list(judged.hypothesis.values), judged.hypothesis.effects[wind]
+    values, steady = list(fitted.hypothesis.values), fitted.hypothesis.effects[wind]
     old, names = values[wind], [p.name for p in steady.declared]
-    random = dict(zip(RANDOM, (size, best.memory, best.across), strict=True))
+    random = dict(zip(gusty.random, (size, best.memory, best.across), strict=True))
     columns = [old[:, names.index(p.name)] if p.name in names else random[p.name] for p in gusty.declared]
     values[wind] = np.stack(np.broadcast_arrays(*columns, old[:, 0])[:-1], axis=-1)
-    effects = tuple(gusty if n == wind else e for n, e in enumerate(judged.hypothesis.effects))
+    effects = tuple(gusty if n == wind else e for n, e in enumerate(fitted.hypothesis.effects))
     # Averaged over the sizes, not the best of them: trying many sizes must not pay.
     evidence = log_sum(scores) - float(np.log(len(scores)))
     return replace(
-        judged, hypothesis=Hypothesis(effects, tuple(values)), evidence=evidence, random={RANDOM[0]: (size, error)}
+        fitted,
+        hypothesis=Hypothesis(effects, tuple(values)),
+        evidence=evidence,
+        random={gusty.random[0]: (size, error)},
     )
 
 
-def _course(court: Court, hypothesis: Hypothesis, wind: int, run: int, memory: float, across: float) -> Columns:
+def _course(
+    likelihood: MarginalLikelihood, hypothesis: Hypothesis, wind: int, run: int, memory: float, across: float
+) -> Columns:
     """Columns of gusts of 1 m/s along the wind, and across it if wanted: hat functions with independent amplitudes."""
-    place, effect = court.bench.places[run], hypothesis.effects[wind]
+    prepared, effect = likelihood.data_set.runs[run], hypothesis.effects[wind]
     names = [p.name for p in effect.declared]
     speed, direction = names.index("speed"), names.index("from_deg")
-    nudge = float(court.bench.dynamics.particulars.sized([0.5], [0.5])[0])
-    sets = np.tile(hypothesis.values[wind][run], (3, 1))
-    sets[:, [k for k, name in enumerate(names) if name in RANDOM[:1]]] = 0.0
+    nudge = float(likelihood.data_set.dynamics.particulars.sized([0.5], [0.5])[0])
+    sets = np.tile(effect.steady(hypothesis.values[wind][run]), (3, 1))
     mean = max(sets[0, speed], nudge)
     sets[1, speed] += nudge
     sets[2, direction] += np.degrees(nudge / mean)
-    c = contribution(effect, sets, place.line, court.bench.rate, place.situation)
+    c = contribution(effect, sets, prepared.linearised, likelihood.data_set.rate, prepared.situation)
     pushes = (c.moved[..., 1:] - c.moved[..., :1]) / nudge
-    time = place.line.run.time[1:] - 0.5 * place.line.run.step
+    time = prepared.linearised.run.time[1:] - 0.5 * prepared.linearised.run.step
     gap = memory / KNOTS
     knots = np.arange(time[0], time[-1] + gap, gap)
     hats = np.clip(1 - np.abs(time[:, None] - knots) / gap, 0, None)

@@ -7,16 +7,17 @@ import ruptures
 from jaxtyping import Float
 
 from manoeuvre_nn.core.effect import SITES
-from manoeuvre_nn.diagnosis.bench import FORCE_LEVELS, Bench, Place, force_time, start_spread
-from manoeuvre_nn.diagnosis.court import linear
-from manoeuvre_nn.diagnosis.hypothesis import Hypothesis
-from manoeuvre_nn.diagnosis.linear import SIZE, Columns, Noise, Whitened
 from manoeuvre_nn.diagnosis.result import Interval, Location, Residual
-from manoeuvre_nn.diagnosis.search import Contest
+from manoeuvre_nn.diagnosis.search import SearchResult
+from manoeuvre_nn.estimation.data_set import PROCESS_LEVELS, PreparedRun, WhitenedDataSet, process_time, start_spread
+from manoeuvre_nn.estimation.hypothesis import Hypothesis
+from manoeuvre_nn.estimation.linear_run import Columns, IntegratedRun
+from manoeuvre_nn.estimation.linearised_run import SIZE, NoiseLevels, integrated
+from manoeuvre_nn.estimation.marginal_likelihood import hypothesis_columns
 
 BIN = 10.0
 """Length of the means in which windows are looked for [s]."""
-LARGEST = 0.5
+MAX_PROCESS_NOISE = 0.5
 """Coloured force that leaves the missing force to the data alone, over the resistance and 20 deg of rudder."""
 EQUATIONS = ("surge force X", "sway force Y", "yaw moment N")
 OF_SHIPS, OF_MODELS = {"kN": 1e3, "MN m": 1e6}, {"N": 1.0, "N m": 1.0}
@@ -25,50 +26,60 @@ TURNING = 0.3
 """Share of the largest yaw rate from which the ship turns."""
 
 
-def residuals(bench: Bench, hypothesis: Hypothesis, size: float = LARGEST) -> list[Residual]:
+def residuals(data_set: WhitenedDataSet, hypothesis: Hypothesis, size: float = MAX_PROCESS_NOISE) -> list[Residual]:
     """Force that calm water lacks over every run, with and without what was found.
 
     Any coloured force is allowed, so that the data alone shape it; its standard deviation is taken from samples of the
     smoother's posterior.
 
     Args:
-        bench: The fitted runs.
+        data_set: The fitted runs.
         hypothesis: What was found; may be empty.
         size: S.d. of the coloured force that is allowed, over the resistance and the force of 20 deg of rudder.
 
     Returns:
         One a run.
     """
-    columns = linear(bench, hypothesis).columns if hypothesis.effects else [None] * len(bench.places)
+    columns = hypothesis_columns(data_set, hypothesis).columns if hypothesis.effects else [None] * len(data_set.runs)
     made = []
-    for place, c in zip(bench.places, columns, strict=True):
-        white = _loose(bench, place, size)
-        before, after = place.line.data, place.line.data
+    for prepared, c in zip(data_set.runs, columns, strict=True):
+        white = _loose(data_set, prepared, size)
+        before, after = prepared.linearised.data, prepared.linearised.data
         if c is not None:
             sensed = Columns(c.measured[..., :1], _kinematic(c.moved[..., :1]))
             # What the sensors and the stream do is no force: it is taken out of both.
             before = _less(before, sensed)
             after = _less(after, Columns(c.measured[..., :1], c.moved[..., :1]))
-        scale = _forces(bench)
-        force, left = (scale(white.states(x)[:, 6:, 0]) for x in (before, after))
+        scale = _forces(data_set)
+        force, left = (scale(white.states(white.embed(x))[:, 6:, 0]) for x in (before, after))
         error = scale(_spread(white))
-        windows = _windows(bench, place, before)
+        windows = _windows(data_set, prepared, before)
         made.append(
-            Residual(place.line.run.name, place.line.run.time, force, np.abs(error), left, windows, units(bench))
+            Residual(
+                prepared.linearised.run.name,
+                prepared.linearised.run.time,
+                force,
+                np.abs(error),
+                left,
+                windows,
+                units(data_set),
+            )
         )
     return made
 
 
-def _windows(bench: Bench, place: Place, data: Columns) -> list[Interval]:
+def _windows(data_set: WhitenedDataSet, prepared: PreparedRun, data: Columns) -> list[Interval]:
     """Times in which something is missing; looked for where the data alone shape the force."""
-    white, scale = _loose(bench, place, LARGEST), _forces(bench)
-    return changes(place.line.run.time, scale(white.states(data)[:, 6:, 0]), np.abs(scale(_spread(white))))
+    white, scale = _loose(data_set, prepared, MAX_PROCESS_NOISE), _forces(data_set)
+    return changes(
+        prepared.linearised.run.time, scale(white.states(white.embed(data))[:, 6:, 0]), np.abs(scale(_spread(white)))
+    )
 
 
-def _loose(bench: Bench, place: Place, size: float) -> Whitened:
+def _loose(data_set: WhitenedDataSet, prepared: PreparedRun, size: float) -> IntegratedRun:
     """The run with a coloured force allowed."""
-    noise = Noise(place.noise, size * bench.unit, 0.5 * force_time(bench.dynamics))
-    return Whitened(place.line, noise, start_spread(bench.dynamics.particulars))
+    noise = NoiseLevels(prepared.noise, size * data_set.unit, 0.5 * process_time(data_set.dynamics))
+    return integrated(prepared.linearised, noise, start_spread(data_set.dynamics.particulars))
 
 
 def _kinematic(moved: Float[np.ndarray, "steps 6 1"]) -> Float[np.ndarray, "steps 6 1"]:
@@ -83,24 +94,24 @@ def _less(data: Columns, c: Columns) -> Columns:
     return Columns(data.measured - c.measured, data.moved - c.moved)
 
 
-def units(bench: Bench) -> tuple[str, str, str]:
+def units(data_set: WhitenedDataSet) -> tuple[str, str, str]:
     """Units that missing forces are shown in.
 
     Args:
-        bench: The fitted runs.
+        data_set: The fitted runs.
 
     Returns:
         Of X, Y and N: kN and MN m for ships, N and N m for models.
     """
-    force, moment = OF_MODELS if bench.dynamics.particulars.is_model else OF_SHIPS
+    force, moment = OF_MODELS if data_set.dynamics.particulars.is_model else OF_SHIPS
     return force, force, moment
 
 
-def _forces(bench: Bench) -> Callable[[Float[np.ndarray, "n 3"]], Float[np.ndarray, "n 3"]]:
+def _forces(data_set: WhitenedDataSet) -> Callable[[Float[np.ndarray, "n 3"]], Float[np.ndarray, "n 3"]]:
     """Accelerations -> forces and moment in their units."""
-    hull, sizes = bench.dynamics.hull, OF_SHIPS | OF_MODELS
+    hull, sizes = data_set.dynamics.hull, OF_SHIPS | OF_MODELS
     prime = np.array([hull.prime.force, hull.prime.force, hull.prime.moment])
-    per = prime / [sizes[unit] for unit in units(bench)]
+    per = prime / [sizes[unit] for unit in units(data_set)]
 
     def scale(a: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
         return hull.force_from_acceleration(hull.inertia.new_tensor(a)).numpy() * per
@@ -108,10 +119,10 @@ def _forces(bench: Bench) -> Callable[[Float[np.ndarray, "n 3"]], Float[np.ndarr
     return scale
 
 
-def _spread(white: Whitened) -> Float[np.ndarray, "n 3"]:
-    """Posterior standard deviation of the coloured accelerations."""
-    own, coloured = white.chain.covariances[0], range(SIZE - 3, SIZE)
-    return np.sqrt(own[:, coloured, coloured]) * white.unit[SIZE - 3 :]
+def _spread(white: IntegratedRun) -> Float[np.ndarray, "n 3"]:
+    """Posterior standard deviation of the process noise."""
+    process = range(SIZE - 3, SIZE)
+    return np.sqrt(white.covariances[0][:, process, process])
 
 
 def changes(
@@ -146,38 +157,38 @@ def changes(
     ]
 
 
-def location(bench: Bench, contest: Contest, found: Sequence[Residual]) -> Location:
+def location(data_set: WhitenedDataSet, result: SearchResult, found: Sequence[Residual]) -> Location:
     """Sites by evidence, and what the missing force looks like.
 
     Args:
-        bench: The fitted runs.
-        contest: What was judged.
+        data_set: The fitted runs.
+        result: What was fitted.
         found: The missing force.
 
     Returns:
         Where it sits.
     """
-    return Location(_sites(bench, contest), _statements(bench, contest, found))
+    return Location(_sites(data_set, result), _statements(data_set, result, found))
 
 
-def _sites(bench: Bench, contest: Contest) -> dict[str, float]:
+def _sites(data_set: WhitenedDataSet, result: SearchResult) -> dict[str, float]:
     """Log Bayes factors over calm water: a coloured force in some equations, or the best effect of a site."""
-    side = len(FORCE_LEVELS)
-    at = [contest.court.judge_level(Hypothesis((), ()), g) for g in (0, side * (side - 2), side - 2)]
+    side = len(PROCESS_LEVELS)
+    at = [result.likelihood.evidence_at(Hypothesis((), ()), g) for g in (0, side * (side - 2), side - 2)]
     sites = {"surge": at[1] - at[0], "sway and yaw": at[2] - at[0]}
     for site in SITES:
-        of_site = [j for j in contest.judged if len(j.names) == 1 and j.hypothesis.effects[0].site == site]
+        of_site = [j for j in result.fitted if len(j.names) == 1 and j.hypothesis.effects[0].site == site]
         if of_site:
-            sites[site] = max(j.evidence for j in of_site) - contest.none.evidence
+            sites[site] = max(j.evidence for j in of_site) - result.none.evidence
     return {k: float(v) for k, v in sites.items()}
 
 
-def _statements(bench: Bench, contest: Contest, found: Sequence[Residual]) -> list[str]:
+def _statements(data_set: WhitenedDataSet, result: SearchResult, found: Sequence[Residual]) -> list[str]:
     """Equation, frame, parity and region of the missing force in sentences."""
     force, error = (np.concatenate([getattr(r, k) for r in found]) for k in ("force", "error"))
     ratio = np.sqrt(np.mean((force / np.maximum(error, 1e-12)) ** 2, axis=0))
     said = []
-    for k, (name, unit) in enumerate(zip(EQUATIONS, units(bench), strict=True)):
+    for k, (name, unit) in enumerate(zip(EQUATIONS, units(data_set), strict=True)):
         rms = np.sqrt(np.mean(force[:, k] ** 2))
         said.append(f"Missing {name}: {rms:.3g} {unit} rms, {ratio[k]:.1f} times its error.")
     strongest = int(ratio.argmax())
@@ -187,8 +198,8 @@ def _statements(bench: Bench, contest: Contest, found: Sequence[Residual]) -> li
             "In no equation does the missing force stand out of what the smoother is unsure of.",
         ]
     y = force[:, strongest]
-    psi, r, delta = (np.concatenate([_track(p, n) for p in bench.places]) for n in ("psi", "r", "delta"))
-    turned = max(float(np.ptp(_track(p, "psi"))) for p in bench.places)
+    psi, r, delta = (np.concatenate([_track(p, n) for p in data_set.runs]) for n in ("psi", "r", "delta"))
+    turned = max(float(np.ptp(_track(p, "psi"))) for p in data_set.runs)
     if turned < np.pi / 2:
         said.append("Body or earth axes cannot be told: no run turns through 90 deg.")
     else:
@@ -198,7 +209,7 @@ def _statements(bench: Bench, contest: Contest, found: Sequence[Residual]) -> li
             f"Of the {EQUATIONS[strongest]}'s variance a constant in body axes explains {body:.0%}, the heading "
             f"{earth:.0%}, rudder and yaw rate {turning:.0%}."
         )
-    said += _parity(EQUATIONS[strongest], units(bench)[strongest], y, r)
+    said += _parity(EQUATIONS[strongest], units(data_set)[strongest], y, r)
     hard = np.abs(delta) > 0.5 * np.abs(delta).max()
     if hard.any() and not hard.all():
         share = float(np.sum(y[hard] ** 2) / np.sum(y**2))
@@ -218,10 +229,10 @@ def _parity(name: str, unit: str, y: Float[np.ndarray, " n"], r: Float[np.ndarra
     return [f"Mean {name}: {left:.3g} {unit} in port turns, {right:.3g} {unit} in starboard turns: {alike}."]
 
 
-def _track(place: Place, name: str) -> Float[np.ndarray, " n"]:
+def _track(prepared: PreparedRun, name: str) -> Float[np.ndarray, " n"]:
     if name == "delta":
-        return place.line.run.delta
-    return place.line.track[:, {"psi": 5, "r": 2}[name]]
+        return prepared.linearised.run["delta"]
+    return prepared.linearised.track[:, {"psi": 5, "r": 2}[name]]
 
 
 def _explained(y: Float[np.ndarray, " n"], basis: list[Float[np.ndarray, " n"]]) -> float:

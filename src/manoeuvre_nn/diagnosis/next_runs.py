@@ -10,18 +10,20 @@ from jaxtyping import Float
 from torch import Tensor
 
 from manoeuvre_nn.core.effect import Effect, Parameter, Situation
+from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
+from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.diagnosis.bench import NOMINAL, Bench, Place, moved_track
-from manoeuvre_nn.diagnosis.hypothesis import RANDOM, Hypothesis
-from manoeuvre_nn.diagnosis.linear import shown
-from manoeuvre_nn.diagnosis.runs import Run, order_lead
-from manoeuvre_nn.dynamics.affected import Affected
-from manoeuvre_nn.dynamics.base import Dynamics
+from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.rollout import rollout
+from manoeuvre_nn.dynamics.vessel import Vessel
+from manoeuvre_nn.estimation.data_set import FIRST_NOISE, PreparedRun, WhitenedDataSet, about_states
+from manoeuvre_nn.estimation.hypothesis import Hypothesis
+from manoeuvre_nn.estimation.linearised_run import shown
 from manoeuvre_nn.manoeuvre.straight import straight
 from manoeuvre_nn.manoeuvre.turning import pull_out, turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
+from manoeuvre_nn.recording.preparation import measured, order_lead, with_measured
 
 LENGTHS, PER_LENGTH = 16.0, 6
 """Length of a simulated run over L/U0, and samples in L/U0: their noise is that of the means of those recorded."""
@@ -40,39 +42,39 @@ class Plan:
 
     Attributes:
         words: What to sail.
-        place: The run on the bench, as it would go.
+        prepared: The run as it would go.
         heading: Approach heading [rad]; None is that of the run that is repeated.
         share: Approach speed over the nominal one.
         row: Recorded run whose values of the hypotheses it takes over.
     """
 
     words: str
-    place: Place
+    prepared: PreparedRun
     heading: float | None = None
     share: float = 1.0
     row: int = 0
 
 
-def same_runs(stand: Bench) -> Iterator[Plan]:
+def same_runs(data_set: WhitenedDataSet) -> Iterator[Plan]:
     """Every recorded run once more, with one of the channels that no run has.
 
     Args:
-        stand: The recordings.
+        data_set: The recordings.
 
     Yields:
         Plans.
     """
-    present = np.any([np.isfinite(p.line.run.measured).any(axis=0) for p in stand.places], axis=0)
+    present = np.any([np.isfinite(measured(p.linearised.run)).any(axis=0) for p in data_set.runs], axis=0)
     for words, channels in CHANNELS.items():
         if present[list(channels)].any():
             continue
-        for row, place in enumerate(stand.places):
-            run, track = place.line.run, place.line.track
-            measured = run.measured.copy()
-            measured[:, channels] = shown(track)[:, channels]
-            noise = np.where(np.isin(np.arange(len(NOMINAL)), channels), NOMINAL, place.noise)
-            more = replace(place, line=replace(place.line, run=replace(run, measured=measured)), noise=noise)
-            yield Plan(f"{run.name} again with the {words}", moved_track(stand.dynamics, more, track)[0], row=row)
+        for row, prepared in enumerate(data_set.runs):
+            run, track = prepared.linearised.run, prepared.linearised.track
+            seen = measured(run)
+            seen[:, channels] = shown(track)[:, channels]
+            noise = np.where(np.isin(np.arange(len(FIRST_NOISE)), channels), FIRST_NOISE, prepared.noise)
+            more = replace(prepared, linearised=replace(prepared.linearised, run=with_measured(run, seen)), noise=noise)
+            yield Plan(f"{run.name} again with the {words}", about_states(data_set.dynamics, more, track)[0], row=row)
 
 
 def _manoeuvres(limit: float) -> dict[str, Manoeuvre]:
@@ -84,17 +86,17 @@ def _manoeuvres(limit: float) -> dict[str, Manoeuvre]:
     return {words: m for words, m in made.items() if m.largest_order <= limit + 1e-9}
 
 
-def new_runs(stand: Bench, hypothesis: Hypothesis) -> Iterator[Plan]:
+def new_runs(data_set: WhitenedDataSet, hypothesis: Hypothesis) -> Iterator[Plan]:
     """Every manoeuvre on every heading, and at half speed, sailed with what was found, unless it breaks down.
 
     Args:
-        stand: The recordings: their channels and noise, and the heading of the first.
+        data_set: The recordings: their channels and noise, and the heading of the first.
         hypothesis: What acts.
 
     Yields:
         Plans.
     """
-    dynamics, first = stand.dynamics, stand.places[0].line
+    dynamics, first = data_set.dynamics, data_set.runs[0].linearised
     ship, step = dynamics.particulars, first.run.step
     interval = step * max(1, ceil(ship.time_unit / PER_LENGTH / step - 0.5))
     made = _manoeuvres(ship.rudder_limit)
@@ -106,7 +108,7 @@ def new_runs(stand: Bench, hypothesis: Hypothesis) -> Iterator[Plan]:
     state[:, 0] = ship.speed * torch.tensor([share for *_, share in tried])
     state[:, 5] = torch.tensor([heading for _, _, heading, _ in tried])
     with torch.no_grad():
-        start = acting.start(state, acting.blade_at_rest(state[:, 0] * 0)[:, -1])
+        start = acting.model.start(state, Inputs(acting.gear.at_rest(state[:, 0] * 0)[:, -1]))
         runs = rollout(acting, [m for _, m, *_ in tried], start, torch.tensor(times), step=interval)
     for row, (words, manoeuvre, heading, share) in enumerate(tried):
         end = min(float(runs.ended[row]), ship.longest_turn if manoeuvre.kind == "turning_circle" else np.inf)
@@ -116,27 +118,29 @@ def new_runs(stand: Bench, hypothesis: Hypothesis) -> Iterator[Plan]:
         delta, order = (x[:n, row].numpy() for x in (runs.rudders, runs.orders))
         lead = order_lead(delta, order, interval, ship.rudder_rate)
         track = runs.states[:n, row, :6].numpy()
-        blank = Run(words, times[:n], shown(track), delta, order, lead, np.full(n, share), first.run.rudder_noise)
-        yield Plan(words, _seen(stand, blank, track, step / interval), heading, share)
+        inputs = {"delta": delta, "delta_order": order, "order_lead": lead, "shaft": np.full(n, share)}
+        noise = first.run.meta["rudder_noise"] * (step / interval) ** 0.5
+        blank = with_measured(Recording(words, times[:n], inputs, meta={"rudder_noise": noise}), shown(track))
+        yield Plan(words, _seen(data_set, blank, track, step / interval), heading, share)
 
 
-def _seen(stand: Bench, run: Run, track: Float[np.ndarray, "n 6"], thinned: float) -> Place:
+def _seen(data_set: WhitenedDataSet, run: Recording, track: Float[np.ndarray, "n 6"], thinned: float) -> PreparedRun:
     """A simulated run with the channels and the noise of the recorded ones, thinned out to some share of samples."""
-    present = np.any([np.isfinite(p.line.run.measured).any(axis=0) for p in stand.places], axis=0)
-    noise = np.sqrt(thinned * np.mean([p.noise**2 for p in stand.places], axis=0))
-    run = replace(run, measured=np.where(present, run.measured, np.nan), rudder_noise=run.rudder_noise * thinned**0.5)
-    some = stand.places[0]
-    bare = replace(some, line=replace(some.line, run=run), noise=noise, force=np.zeros((len(run), 3)))
-    return moved_track(stand.dynamics, bare, track)[0]
+    present = np.any([np.isfinite(measured(p.linearised.run)).any(axis=0) for p in data_set.runs], axis=0)
+    noise = np.sqrt(thinned * np.mean([p.noise**2 for p in data_set.runs], axis=0))
+    run = with_measured(run, np.where(present, measured(run), np.nan))
+    some = data_set.runs[0]
+    equations, process = replace(some.linearised, run=run), np.zeros((len(run), 3))
+    bare = replace(some, linearised=equations, noise=noise, process=process)
+    return about_states(data_set.dynamics, bare, track)[0]
 
 
-def _acting(dynamics: Dynamics, hypothesis: Hypothesis, shares: Sequence[float]) -> Affected:
+def _acting(dynamics: Model, hypothesis: Hypothesis, shares: Sequence[float]) -> Vessel:
     """The ship with a hypothesis acting, gusts left out, its shaft at shares of its nominal speed."""
     effects = [_Telegraph(dynamics.hull).at(torch.tensor(shares, dtype=torch.float64)[:, None])]
     for effect, values in zip(hypothesis.effects, hypothesis.values, strict=True):
-        steady = np.array([p.name != RANDOM[0] for p in effect.declared], dtype=float)
-        effects.append(effect.at(torch.tensor(values[0] * steady)))
-    return Affected(dynamics, effects)
+        effects.append(effect.at(torch.tensor(effect.steady(values[0]))))
+    return Vessel(dynamics, effects)
 
 
 class _Telegraph(Effect):

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from manoeuvre_nn.diagnosis.bench import quiet
-from manoeuvre_nn.diagnosis.court import Court
-from manoeuvre_nn.diagnosis.hypothesis import Hypothesis, Judged
 from manoeuvre_nn.diagnosis.search import Progress
 from manoeuvre_nn.effect.remainder import Remainder
+from manoeuvre_nn.estimation.data_set import quiet
+from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
+from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 
 FLOOR = 0.01
 """Coloured force, over the resistance and 20 deg of rudder, that a good model may leave."""
@@ -14,20 +14,22 @@ ROUNDS = 12
 """Gauss-Newton steps."""
 
 
-def is_left(court: Court, judged: Judged) -> bool:
+def is_left(likelihood: MarginalLikelihood, fitted: FittedHypothesis) -> bool:
     """Whether physics alone does not reach the noise floor.
 
     Args:
-        court: Where it was judged.
-        judged: What was found.
+        likelihood: Where it was fitted.
+        fitted: What was found.
 
     Returns:
         Whether the runs still ask for a coloured force of more than ``FLOOR``.
     """
-    return bool(court.bench.levels[judged.best[0]].max() > FLOOR)
+    return bool(likelihood.data_set.levels[fitted.best[0]].max() > FLOOR)
 
 
-def with_remainder(court: Court, judged: Judged, progress: Progress = lambda _: None) -> Judged:
+def with_remainder(
+    likelihood: MarginalLikelihood, fitted: FittedHypothesis, progress: Progress = lambda _: None
+) -> FittedHypothesis:
     """Train a network on what a hypothesis leaves of all runs together.
 
     Its weights are fitted as the parameters of any effect are, by Gauss-Newton steps on the likelihood of the raw
@@ -35,19 +37,19 @@ def with_remainder(court: Court, judged: Judged, progress: Progress = lambda _: 
     does is rolled out through the whole run. Pointwise targets would carry the noise of differenced channels.
 
     Args:
-        court: The runs.
-        judged: What was found so far; calm water if nothing was.
+        likelihood: The runs.
+        fitted: What was found so far; calm water if nothing was.
         progress: Is told that it runs.
 
     Returns:
         The hypothesis with the network on top.
     """
     progress("remainder")
-    effect = Remainder(court.bench.dynamics.hull)
+    effect = Remainder(likelihood.data_set.dynamics.hull)
     start = effect.values.numpy()
-    mine = Hypothesis((effect,), (np.tile(start, (len(court.bench.places), 1)),))
-    both = judged.hypothesis.joined(mine) if judged.names else mine
+    mine = Hypothesis((effect,), (np.tile(start, (len(likelihood.data_set.runs), 1)),))
+    both = fitted.hypothesis.joined(mine) if fitted.names else mine
     # At the levels that the rest needed coloured force and coefficients would explain what the network is to learn.
-    low = quiet(judged.best[0])
-    trained, _ = court.improve(both, low, min(judged.best[1], 1), rounds=ROUNDS)
-    return court.judge(trained, around=low)
+    low = quiet(fitted.best[0])
+    trained, _ = likelihood.improve(both, low, min(fitted.best[1], 1), rounds=ROUNDS)
+    return likelihood.evaluate(trained, around=low)

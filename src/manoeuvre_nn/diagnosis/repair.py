@@ -8,18 +8,21 @@ import pandas as pd
 import torch
 from jaxtyping import Float
 
-from manoeuvre_nn.core.effect import Effect, Situation
+from manoeuvre_nn.core.effect import Effect
+from manoeuvre_nn.core.inputs import Inputs
+from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.diagnosis.bench import NOMINAL, force_time, start_spread
-from manoeuvre_nn.diagnosis.columns import blade_along, contribution, latency_column, perfect, situation
-from manoeuvre_nn.diagnosis.hypothesis import RANDOM, Hypothesis
-from manoeuvre_nn.diagnosis.linear import Columns, Noise, Whitened, calm_rate, linearise
-from manoeuvre_nn.diagnosis.runs import Run
-from manoeuvre_nn.diagnosis.shaft import with_recorded_shaft
-from manoeuvre_nn.diagnosis.track import first_guess
-from manoeuvre_nn.dynamics.affected import Affected
-from manoeuvre_nn.dynamics.model import Dynamics
+from manoeuvre_nn.dynamics.base import Model
+from manoeuvre_nn.dynamics.recorded_inputs import held_table
 from manoeuvre_nn.dynamics.replay import integrate
+from manoeuvre_nn.dynamics.vessel import Affected, Vessel
+from manoeuvre_nn.estimation.data_set import FIRST_NOISE, process_time, start_spread
+from manoeuvre_nn.estimation.effect_columns import blade_along, contribution, latency_column, perfect, situation
+from manoeuvre_nn.estimation.hypothesis import Hypothesis
+from manoeuvre_nn.estimation.linear_run import Columns
+from manoeuvre_nn.estimation.linearised_run import NoiseLevels, calm_rate, integrated, linearise
+from manoeuvre_nn.estimation.smoothed_run import first_guess
+from manoeuvre_nn.recording.preparation import measured
 
 
 @dataclass(frozen=True)
@@ -32,7 +35,7 @@ class Repaired:
         latency: Delay of the satellite receiver [s].
     """
 
-    calm: Dynamics
+    calm: Model
     hypothesis: Hypothesis
     latency: float = 0.0
 
@@ -49,13 +52,17 @@ class Repaired:
 
 
 def predict(
-    model: Repaired, runs: Sequence[Run], values: Sequence[Float[np.ndarray, "rows p"]] | None = None
+    model: Repaired,
+    runs: Sequence[Recording],
+    warmup: float,
+    values: Sequence[Float[np.ndarray, "rows p"]] | None = None,
 ) -> list[pd.DataFrame]:
     """Free runs from the end of each run's warm-up with its recorded rudder, as its recorder would show them.
 
     Args:
         model: The model.
-        runs: The recordings; nothing but the rudder is taken from them after the warm-up.
+        runs: The recordings of a case, with one step; nothing but the rudder is taken from them after the warm-up.
+        warmup: End of the warm-up [s].
         values: Parameters of each run; None takes those of the model.
 
     Returns:
@@ -64,49 +71,29 @@ def predict(
     if values is None:
         values = [np.repeat(v[:1], len(runs), axis=0) for v in model.hypothesis.values]
     # Of gusts only the size is known: the prediction is the mean over their courses, which is the steady wind.
-    steady = [np.array([p.name != RANDOM[0] for p in e.declared], dtype=float) for e in model.hypothesis.effects]
-    values = [v * keep for v, keep in zip(values, steady, strict=True)]
-    begins = [float(run.time[min(int(np.searchsorted(run.time, run.warmup - 1e-9)), len(run) - 2)]) for run in runs]
-    made: dict[int, pd.DataFrame] = {}
-    for begin, step in sorted({(b, run.step) for b, run in zip(begins, runs, strict=True)}):
-        rows = [k for k, run in enumerate(runs) if (begins[k], run.step) == (begin, step)]
-        together = _predicted(model, [runs[k] for k in rows], [v[rows] for v in values])
-        made |= dict(zip(rows, together, strict=True))
-    return [made[k] for k in range(len(runs))]
-
-
-def _predicted(
-    model: Repaired, runs: Sequence[Run], values: Sequence[Float[np.ndarray, "rows p"]]
-) -> list[pd.DataFrame]:
-    """Runs whose predictions begin at the same time, as one batch."""
-    starts, firsts = [], []
-    for row, run in enumerate(runs):
-        k = int(np.searchsorted(run.time, run.warmup - 1e-9))
-        firsts.append(k)
-        starts.append(start_state(model, run.before(run.time[min(k, len(run) - 2)]), [v[row] for v in values]))
-    step = runs[0].step
-    longest = max(len(run) - k for run, k in zip(runs, firsts, strict=True))
-    begin = float(runs[0].time[firsts[0]])
+    values = [e.steady(v) for e, v in zip(model.hypothesis.effects, values, strict=True)]
+    k = int(np.searchsorted(runs[0].time, warmup - 1e-9))
+    begin, step = float(runs[0].time[k]), runs[0].step
+    starts = [start_state(model, run.between(0.0, begin), [v[row] for v in values]) for row, run in enumerate(runs)]
     wheels = [_wheel(model, run, [v[[row]] for v in values]) for row, run in enumerate(runs)]
-    blade = torch.tensor(np.stack([_padded(w[k:], longest) for w, k in zip(wheels, firsts, strict=True)]))
-    calm = with_recorded_shaft(model.calm, [run.shaft[k:] for run, k in zip(runs, firsts, strict=True)], begin, step)
-    dynamics = Affected(calm, model.acting(values))
+    columns = {"delta": [wheel[k:] for wheel in wheels]}
+    if any((run["shaft"] != 1).any() for run in runs):
+        columns["shaft"] = [run["shaft"][k:] for run in runs]
+    table = held_table(columns, step, begin)
+    blade = table.columns["delta"]
+    dynamics = Vessel(model.calm, model.acting(values)).model
     first = torch.tensor(np.stack(starts))
     with torch.no_grad():
-        states = integrate(dynamics, dynamics.start(first, blade[:, 0]), blade, begin, step)
+        states = integrate(dynamics, dynamics.start(first, table.at(begin)), table)
     return [
         _written(model, run, k, states[: len(run) - k, row], blade[row, : len(run) - k], [v[[row]] for v in values])
-        for row, (run, k) in enumerate(zip(runs, firsts, strict=True))
+        for row, run in enumerate(runs)
     ]
 
 
-def _padded(values: np.ndarray, length: int) -> np.ndarray:
-    return np.concatenate([values, np.full(length - len(values), values[-1])])
-
-
-def _wheel(model: Repaired, run: Run, values: Sequence[Float[np.ndarray, "1 p"]]) -> Float[np.ndarray, " n"]:
+def _wheel(model: Repaired, run: Recording, values: Sequence[Float[np.ndarray, "1 p"]]) -> Float[np.ndarray, " n"]:
     """Angle of the blade over the whole run, so that its memory is right when the prediction begins."""
-    blade = torch.tensor(run.delta)[None]
+    blade = torch.tensor(run["delta"])[None]
     with torch.no_grad():
         for effect, value in zip(model.hypothesis.effects, values, strict=True):
             acting = effect.at(torch.tensor(value)[:, None, :])
@@ -116,7 +103,7 @@ def _wheel(model: Repaired, run: Run, values: Sequence[Float[np.ndarray, "1 p"]]
     return blade[0].numpy()
 
 
-def start_state(model: Repaired, run: Run, values: Sequence[Float[np.ndarray, " p"]]) -> Float[np.ndarray, " 6"]:
+def start_state(model: Repaired, run: Recording, values: Sequence[Float[np.ndarray, " p"]]) -> Float[np.ndarray, " 6"]:
     """State at the end of the warm-up: the smoother's, with the model and its effects.
 
     Args:
@@ -129,31 +116,31 @@ def start_state(model: Repaired, run: Run, values: Sequence[Float[np.ndarray, " 
     """
     rate, p = calm_rate(model.calm), model.calm.particulars
     unit = p.speed**2 / p.length * np.array([1.0, 1.0, 1.0 / p.length])
-    noise, spread = Noise(NOMINAL, 1e-3 * unit, force_time(model.calm)), start_spread(p)
+    noise, spread = NoiseLevels(FIRST_NOISE, 1e-3 * unit, process_time(model.calm)), start_spread(p)
     track = first_guess(run)
     for _ in range(3):
-        line = linearise(run, rate, track, noise.force_time)
-        s = situation(line, rate)
-        late = latency_column(line)
+        linearised = linearise(run, rate, track, noise.process_time)
+        s = situation(linearised, rate)
+        late = latency_column(linearised)
         total = Columns(model.latency * late.measured, model.latency * late.moved)
         for effect, value in zip(model.hypothesis.effects, values, strict=True):
-            c = contribution(effect, value[None], line, rate, s)
+            c = contribution(effect, value[None], linearised, rate, s)
             total = Columns(total.measured + c.measured, total.moved + c.moved)
-        line = linearise(run, rate, track, noise.force_time, offset=total)
-        track = track + Whitened(line, noise, spread).states(line.data)[:, :6, 0]
+        linearised = linearise(run, rate, track, noise.process_time, offset=total)
+        solved = integrated(linearised, noise, spread)
+        track = track + solved.states(solved.embed(linearised.data))[:, :6, 0]
     return track[-1]
 
 
 def _written(
-    model: Repaired, run: Run, first: int, states: torch.Tensor, blade: torch.Tensor, values: Sequence[np.ndarray]
+    model: Repaired, run: Recording, first: int, states: torch.Tensor, blade: torch.Tensor, values: Sequence[np.ndarray]
 ) -> pd.DataFrame:
     """What the recorder shows of predicted states."""
-    calm = with_recorded_shaft(model.calm, [run.shaft], 0.0, run.step)
-    acting = Affected(calm, model.acting(values))
     time = torch.tensor(run.time[first:])
     with torch.no_grad():
-        s: Situation = acting.situation(states, blade, time)
         effects = model.acting(values)
+        shaft = None if bool((run["shaft"] == 1).all()) else torch.tensor(run["shaft"][first:])
+        s = Affected(model.calm, effects).situation(states, Inputs(blade, shaft, time=time))
         stream = sum((e.stream(s) for e in effects), torch.zeros_like(s.nu[..., :2]))
         channels = perfect(s)
         channels["vn"], channels["ve"] = channels["vn"] + stream[..., 0], channels["ve"] + stream[..., 1]
@@ -172,23 +159,25 @@ def _written(
     )  # fmt: skip
 
 
-def recorded(run: Run) -> pd.DataFrame:
+def recorded(run: Recording, warmup: float) -> pd.DataFrame:
     """A run's recording in the form of a prediction; NaN in gaps and at single-sample outliers.
 
     Args:
         run: The run.
+        warmup: End of the warm-up [s].
 
     Returns:
         The same columns from the end of the warm-up.
     """
-    m = np.where(_outliers(run.measured), np.nan, run.measured)
+    m = measured(run)
+    m = np.where(_outliers(m), np.nan, m)
     x, y, vn, ve, psi, r, log = m[:, :7].T
     cos, sin = np.cos(psi), np.sin(psi)
     table = pd.DataFrame(
         {"t": run.time, "x": x, "y": y, "psi": psi / DEGREE, "u": vn * cos + ve * sin, "v": -vn * sin + ve * cos,
          "r": r / DEGREE, "u_log": log}
     )  # fmt: skip
-    return table[run.time >= run.warmup - 1e-9].reset_index(drop=True)
+    return table[run.time >= warmup - 1e-9].reset_index(drop=True)
 
 
 def _outliers(m: Float[np.ndarray, "n 8"]) -> np.ndarray:

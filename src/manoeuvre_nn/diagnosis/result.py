@@ -139,7 +139,7 @@ class Diagnosis:
         case: Name of the case or folder.
         ship: Name of the ship.
         verdict: ``none``, ``mismatch``; :attr:`unknown` says whether what was missed has no name.
-        sentence: What a captain needs to know.
+        sentence: The answer in one sentence.
         causes: Candidates, most probable first.
         model: Names of the effects switched on in the repaired model.
         alias: Effect of the repaired model -> names that these recordings cannot tell from it.

@@ -1,4 +1,4 @@
-"""The contest: every candidate, then combinations, fitted and judged on all recordings together."""
+"""The model search: every candidate, then combinations of two, fitted to all recordings together."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -8,96 +8,104 @@ from math import inf
 import numpy as np
 
 from manoeuvre_nn.core.effect import Effect
-from manoeuvre_nn.diagnosis.bench import Bench
-from manoeuvre_nn.diagnosis.court import Court, linear
-from manoeuvre_nn.diagnosis.gusts import judge_gusts
-from manoeuvre_nn.diagnosis.hypothesis import RANDOM, Hypothesis, Judged
-from manoeuvre_nn.diagnosis.refine import refined
-from manoeuvre_nn.diagnosis.screen import Screen
+from manoeuvre_nn.diagnosis.gusts import fitted_gusts
 from manoeuvre_nn.diagnosis.windows import best_windows
 from manoeuvre_nn.diagnosis.workers import shared_out
+from manoeuvre_nn.estimation.data_set import WhitenedDataSet
+from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
+from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood, hypothesis_columns
+from manoeuvre_nn.estimation.pair_screen import PairScreen
+from manoeuvre_nn.estimation.relinearise import refined, until_rest
 
-HOPE = 30.0
+MAX_FIRST_DEFICIT = 30.0
 """Log evidence by which a candidate may lie behind calm water after its first fit, made at calm water's noise."""
-WORTH = 12.0
+MIN_GAIN_TO_RELINEARISE = 12.0
 """Evidence of the best effect over calm water from which everything is linearised again about its track."""
-WIDTH = 5
+MAX_BUILT_UPON = 5
 """Number of hypotheses that are built upon."""
+MIN_GAIN_OF_SINGLE = 3.0
+"""Evidence of an effect over calm water from which it is combined with others."""
 Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Contest:
-    """All hypotheses that were judged.
+class SearchResult:
+    """All hypotheses that were fitted.
 
     Attributes:
         none: Calm water alone.
-        judged: Everything else, best first.
-        court: Where they were judged.
+        fitted: Everything else, best first.
+        likelihood: Where they were fitted.
     """
 
-    none: Judged
-    judged: list[Judged] = field(repr=False)
-    court: Court = field(repr=False)
+    none: FittedHypothesis
+    fitted: list[FittedHypothesis] = field(repr=False)
+    likelihood: MarginalLikelihood = field(repr=False)
 
 
-def contest(bench: Bench, effects: Sequence[Effect], progress: Progress = lambda _: None, workers: int = 1) -> Contest:
-    """Judge calm water, every effect, and combinations of two.
+def search(
+    data_set: WhitenedDataSet, effects: Sequence[Effect], progress: Progress = lambda _: None, workers: int = 1
+) -> SearchResult:
+    """Fit calm water, every effect, and combinations of two.
 
     Args:
-        bench: The fitted runs.
+        data_set: The fitted runs.
         effects: Prototypes of the candidates.
         progress: Is told which candidate is under test.
         workers: Processes among which the candidates are shared out.
 
     Returns:
-        The contest.
+        The result.
     """
-    court = Court(bench)
-    none = court.judge(Hypothesis((), ()))
+    likelihood = MarginalLikelihood(data_set)
+    none = likelihood.evaluate(Hypothesis((), ()))
 
     # A gusty wind is a variant of what a steady wind explains: see below.
-    plain = [e for e in effects if e.name != "wind_gusty"]
+    plain, variants = [e for e in effects if not e.variant_of], [e for e in effects if e.variant_of]
 
-    def alone(number: int) -> Judged | None:
-        return single(court, plain[number], none)
+    def alone(number: int) -> FittedHypothesis | None:
+        return single(likelihood, plain[number], none)
 
     singles = []
     for effect, found in zip(plain, shared_out(alone, len(plain), workers), strict=True):
         progress(effect.name)
         singles += [found] if found is not None else []
     singles.sort(key=lambda j: -j.evidence)
-    if singles and singles[0].evidence > none.evidence + WORTH:
+    if singles and singles[0].evidence > none.evidence + MIN_GAIN_TO_RELINEARISE:
         progress("second linearisation")
-        court, none, singles = _again(court, none, singles)
-    pairs = list(_pairs(court, singles, none, progress, workers))
-    judged = sorted(singles + pairs, key=lambda j: -j.evidence)
-    windy = [j for j in judged[:WIDTH] if "wind_steady" in j.names and j.evidence > none.evidence]
-    # On ponds the mean wind may show in nothing but its gusts.
-    unmixed = [j for j in judged if j.names == ("wind_steady",) and bench.dynamics.particulars.is_model]
-    gusty = next((e for e in effects if e.name == "wind_gusty"), None)
-    if gusty is not None:
+        likelihood, none, singles = _again(likelihood, none, singles)
+    pairs = list(_pairs(likelihood, singles, none, progress, workers))
+    fitted = sorted(singles + pairs, key=lambda j: -j.evidence)
+    for variant in variants:
+        steady = variant.variant_of
+        windy = [j for j in fitted[:MAX_BUILT_UPON] if steady in j.names and j.evidence > none.evidence]
+        # On ponds the mean wind may show in nothing but its gusts.
+        unmixed = [j for j in fitted if j.names == (steady,) and data_set.dynamics.particulars.is_model]
         for j in windy[:3] + [j for j in unmixed if j not in windy[:3]]:
-            progress(" + ".join(j.names).replace("wind_steady", "wind_gusty"))
-            judged.append(judge_gusts(court, j, gusty))
-    judged.sort(key=lambda j: -j.evidence)
-    return Contest(none, judged, court)
+            progress(" + ".join(j.names).replace(steady, variant.name))
+            fitted.append(fitted_gusts(likelihood, j, variant))
+    fitted.sort(key=lambda j: -j.evidence)
+    return SearchResult(none, fitted, likelihood)
 
 
-def _again(court: Court, none: Judged, singles: Sequence[Judged]) -> tuple[Court, Judged, list[Judged]]:
+def _again(
+    likelihood: MarginalLikelihood, none: FittedHypothesis, singles: Sequence[FittedHypothesis]
+) -> tuple[MarginalLikelihood, FittedHypothesis, list[FittedHypothesis]]:
     """The best few singles and calm water about the track of the best; the others keep their distance to calm water."""
-    there = Court(refined(court.bench, singles[0]))
-    calm = there.judge(Hypothesis((), ()), around=none.best[0])
-    best = [settle(there, j.hypothesis, *j.best) for j in singles[:WIDTH]]
-    rest = [replace(j, evidence=j.evidence - none.evidence + calm.evidence) for j in singles[WIDTH:]]
+    there = MarginalLikelihood(refined(likelihood.data_set, singles[0]))
+    calm = there.evaluate(Hypothesis((), ()), around=none.best[0])
+    best = [refine(there, j.hypothesis, *j.best) for j in singles[:MAX_BUILT_UPON]]
+    rest = [replace(j, evidence=j.evidence - none.evidence + calm.evidence) for j in singles[MAX_BUILT_UPON:]]
     return there, calm, sorted(best + rest, key=lambda j: -j.evidence)
 
 
-def single(court: Court, effect: Effect, none: Judged, given: Hypothesis | None = None) -> Judged | None:
-    """Fit and judge one effect, alone or beside others.
+def single(
+    likelihood: MarginalLikelihood, effect: Effect, none: FittedHypothesis, given: Hypothesis | None = None
+) -> FittedHypothesis | None:
+    """Fit one effect, alone or beside others.
 
     Args:
-        court: Where.
+        likelihood: Where.
         effect: The candidate.
         none: Calm water, for the noise levels at the start.
         given: Effects that are there already.
@@ -107,93 +115,122 @@ def single(court: Court, effect: Effect, none: Judged, given: Hypothesis | None 
     """
     level, scatter = none.best
     tried = []
-    for start in _starts(court, effect, level, scatter, given):
-        hypothesis, score = court.improve(start, level, scatter, rounds=3)
+    for start in _starts(likelihood, effect, level, scatter, given):
+        hypothesis, score = likelihood.improve(start, level, scatter, rounds=3)
         tried.append((score, hypothesis))
     if not tried:
         return None
     best = max(tried, key=lambda t: t[0])[1]
-    return settle(court, best, level, scatter, none.evidence - HOPE)
+    return refine(likelihood, best, level, scatter, none.evidence - MAX_FIRST_DEFICIT)
 
 
-def settle(court: Court, hypothesis: Hypothesis, level: int, scatter: int, least: float = -inf) -> Judged:
+def refine(
+    likelihood: MarginalLikelihood, hypothesis: Hypothesis, level: int, scatter: int, min_evidence: float = -inf
+) -> FittedHypothesis:
     """Fit to the end, at the noise levels that the hypothesis itself leaves.
 
     Args:
-        court: Where.
+        likelihood: Where.
         hypothesis: Roughly fitted.
-        level: Force level to begin with.
-        scatter: Scatter level to begin with.
-        least: Evidence that is worth further work.
+        level: Level of the process noise to begin with.
+        scatter: Level of the coefficients' standard deviation to begin with.
+        min_evidence: Evidence below which it is not worked on.
 
     Returns:
         What came out.
     """
-    hypothesis, _ = court.improve(hypothesis, level, scatter)
-    judged = court.judge(hypothesis, around=level)
+    hypothesis, _ = likelihood.improve(hypothesis, level, scatter)
+    fitted = likelihood.evaluate(hypothesis, around=level)
     for _ in range(2):
-        if judged.evidence < least:
-            return judged
-        before = judged
-        hypothesis, _ = court.improve(judged.hypothesis, *judged.best, rounds=4)
-        judged = court.judge(hypothesis, around=judged.best[0])
-        if judged.evidence < before.evidence + 0.1:
-            return max(before, judged, key=lambda j: j.evidence)
-    return judged
+        if fitted.evidence < min_evidence:
+            return fitted
+        before = fitted
+        hypothesis, _ = likelihood.improve(fitted.hypothesis, *fitted.best, rounds=4)
+        fitted = likelihood.evaluate(hypothesis, around=fitted.best[0])
+        if fitted.evidence < before.evidence + 0.1:
+            return max(before, fitted, key=lambda j: j.evidence)
+    return fitted
 
 
-def _starts(court: Court, effect: Effect, level: int, scatter: int, given: Hypothesis | None) -> Iterator[Hypothesis]:
+def at_rest(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> tuple[WhitenedDataSet, FittedHypothesis]:
+    """A hypothesis about its own states, linearised until they rest.
+
+    Args:
+        data_set: The runs, at which it was fitted.
+        fitted: The hypothesis.
+
+    Returns:
+        The runs about its states, and the hypothesis fitted to them.
+    """
+    there, found = until_rest(data_set, fitted, lambda likelihood, j: refine(likelihood, j.hypothesis, *j.best))
+    return there, replace(found, random=fitted.random)
+
+
+def _starts(
+    likelihood: MarginalLikelihood, effect: Effect, level: int, scatter: int, given: Hypothesis | None
+) -> Iterator[Hypothesis]:
     """The two most promising of all starts, by what a linear step from each would gain."""
-    bench = court.bench
-    runs = len(bench.places)
+    data_set = likelihood.data_set
+    runs = len(data_set.runs)
     grid = np.array(list(product(*[(p.null,) if p.form else p.starts for p in effect.declared])), dtype=float)
     if any(p.per_run for p in effect.declared):
-        for values in best_windows(court, effect, grid, level, scatter, given):
+        for values in best_windows(likelihood, effect, grid, level, scatter, given):
             mine = Hypothesis((effect,), (values,))
             yield mine if given is None else given.joined(mine)
         return
     made = [Hypothesis((effect,), (np.tile(row, (runs, 1)),)) for row in grid]
     made = made if given is None else [given.joined(h) for h in made]
     if len(made) > 2:
-        scores = [court.posterior(linear(bench, h), [level]).by_level[0, scatter] for h in made]
+        scores = [likelihood.posterior(hypothesis_columns(data_set, h), level).evidence[scatter] for h in made]
         made = [made[k] for k in np.argsort(scores)[::-1][:2]]
     yield from made
 
 
-def _pairs(court: Court, singles: Sequence[Judged], none: Judged, progress: Progress, workers: int) -> Iterator[Judged]:
+def _pairs(
+    likelihood: MarginalLikelihood,
+    singles: Sequence[FittedHypothesis],
+    none: FittedHypothesis,
+    progress: Progress,
+    workers: int,
+) -> Iterator[FittedHypothesis]:
     """Two effects at once: all partners of the best few singles, screened by a linear step, the best ones fitted."""
-    worth = [s for s in singles if s.evidence > none.evidence + 3.0]
-    if not worth:
+    leading = [s for s in singles if s.evidence > none.evidence + MIN_GAIN_OF_SINGLE]
+    if not leading:
         return
     seen: set[frozenset[str]] = set()
-    screen, screened = Screen(court), []
+    screen, screened = PairScreen(likelihood), []
     turned: dict[str, list[Hypothesis]] = {}
-    for first in worth[:WIDTH]:
+    for first in leading[:MAX_BUILT_UPON]:
         for second in singles:
             names = frozenset((*first.names, *second.names))
             if len(names) < 2 or names in seen or _same_thing(first, second):
                 continue
             seen.add(names)
-            for partner in _restarts(court, first, second, turned):
+            for partner in _restarts(likelihood, first, second, turned):
                 score = screen.evidence(first.hypothesis, partner, *first.best)
                 screened.append((score, first, first.hypothesis.joined(partner)))
     screened.sort(key=lambda t: -t[0])
-    finalists: dict[frozenset[str], tuple[Judged, Hypothesis]] = {}
+    finalists: dict[frozenset[str], tuple[FittedHypothesis, Hypothesis]] = {}
     for _, first, both in screened:
         finalists.setdefault(frozenset(both.names), (first, both))
 
-    chosen = list(finalists.values())[:WIDTH]
+    chosen = list(finalists.values())[:MAX_BUILT_UPON]
 
-    def together(number: int) -> Judged:
+    def together(number: int) -> FittedHypothesis:
         first, both = chosen[number]
-        return settle(court, both, *first.best)
+        return refine(likelihood, both, *first.best)
 
     for (_, both), found in zip(chosen, shared_out(together, len(chosen), workers), strict=True):
         progress(" + ".join(both.names))
         yield found
 
 
-def _restarts(court: Court, first: Judged, second: Judged, turned: dict[str, list[Hypothesis]]) -> list[Hypothesis]:
+def _restarts(
+    likelihood: MarginalLikelihood,
+    first: FittedHypothesis,
+    second: FittedHypothesis,
+    turned: dict[str, list[Hypothesis]],
+) -> list[Hypothesis]:
     """Where a partner may stand beside another effect: as alone, turned, or as an event where that one leaves it."""
     alone = second.hypothesis
     effect = alone.effects[0]
@@ -203,7 +240,7 @@ def _restarts(court: Court, first: Judged, second: Judged, turned: dict[str, lis
     if not any(p.per_run for p in effect.declared):
         return made
     grid = np.stack([h.values[0][0] for h in made])
-    placed = best_windows(court, effect, grid, *first.best, first.hypothesis)
+    placed = best_windows(likelihood, effect, grid, *first.best, first.hypothesis)
     return [alone, *(Hypothesis((effect,), (values,)) for values in placed)]
 
 
@@ -214,15 +251,13 @@ def _turned(alone: Hypothesis) -> Iterator[Hypothesis]:
     for angle in range(0, 360, 90) if directions else ():
         values = alone.values[0].copy()
         for j, p in enumerate(effect.declared):
-            if not p.form and not p.period and not p.per_run and p.name not in RANDOM:
+            if not p.form and not p.period and not p.per_run and not p.random:
                 values[:, j] = p.starts[0]
         values[:, directions[0]] = angle
         yield Hypothesis((effect,), (values,))
 
 
-def _same_thing(first: Judged, second: Judged) -> bool:
-    """Winds are one wind: steady, gusty and setting in are not combined."""
-    wind = {"wind_steady", "wind_gusty", "wind_onset"}
-    local = {"side_force", "bow_thruster", "tow"}
-    both = {*first.names, *second.names}
-    return len(both & wind) > 1 or len(both & local) > 1
+def _same_thing(first: FittedHypothesis, second: FittedHypothesis) -> bool:
+    """Whether two different effects of both are one thing in two forms: winds are one wind, however it blows."""
+    effects = {e.name: e.exclusive for j in (first, second) for e in j.hypothesis.effects if e.exclusive}
+    return len(effects) > len(set(effects.values()))

@@ -6,19 +6,19 @@ import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.core.effect import Effect
-from manoeuvre_nn.diagnosis.bench import LATENCY_SPREAD, SCATTER_LEVELS, Bench, quiet
-from manoeuvre_nn.diagnosis.court import Court, linear
-from manoeuvre_nn.diagnosis.hypothesis import Hypothesis
-from manoeuvre_nn.diagnosis.linear import Columns, Embedded
+from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, LATENCY_SD, WhitenedDataSet, quiet
+from manoeuvre_nn.estimation.hypothesis import Hypothesis
+from manoeuvre_nn.estimation.linear_run import Columns, Embedded
+from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood, hypothesis_columns
 
 BLOCK = 10.0
 """Length of the blocks that windows are made of [s]."""
-SHORTEST = 3
+MIN_BLOCKS = 3
 """Least number of blocks in a window."""
 
 
 def best_windows(
-    court: Court,
+    likelihood: MarginalLikelihood,
     effect: Effect,
     grid: Float[np.ndarray, "k p"],
     level: int,
@@ -28,7 +28,7 @@ def best_windows(
     """Start values of an effect with times of its own in every run.
 
     Args:
-        court: The runs.
+        likelihood: The runs.
         effect: The effect; its per-run parameters are a start, or a start and an end.
         grid: Starts of its other parameters.
         level: Force level at which data are whitened.
@@ -43,10 +43,10 @@ def best_windows(
     ends = len(timed) > 1
     # Not the levels that calm water needs: there the event itself is taken for a coloured force and wrong coefficients.
     low, scatter = quiet(level), min(scatter, 2)
-    there = None if given is None else linear(court.bench, given).columns
+    there = None if given is None else hypothesis_columns(likelihood.data_set, given).columns
     found = [
-        _scan(court.bench, run, low, scatter, not ends, None if there is None else there[run])
-        for run in range(len(court.bench.places))
+        _scan(likelihood.data_set, run, low, scatter, not ends, None if there is None else there[run])
+        for run in range(len(likelihood.data_set.runs))
     ]
     others = np.unique(np.delete(grid, timed, axis=1), axis=0)
     for row in others[:8]:
@@ -62,25 +62,25 @@ def best_windows(
 
 
 def _scan(
-    bench: Bench, run: int, level: int, scatter: int, open_end: bool, given: Columns | None
+    data_set: WhitenedDataSet, run: int, level: int, scatter: int, open_end: bool, given: Columns | None
 ) -> tuple[float, float, float]:
     """Start and end of the best window of a run, and the lateral force in it [kN]."""
-    place, white = bench.places[run], bench.at(level).white[run]
-    time, step = place.line.run.time, place.line.run.step
+    prepared, white = data_set.runs[run], data_set.at(level).white[run]
+    time, step = prepared.linearised.run.time, prepared.linearised.run.step
     edges = np.arange(time[0], time[-1] + BLOCK, BLOCK)
     count = len(edges) - 1
     which = np.clip(((time[1:] - step / 2 - edges[0]) / BLOCK).astype(int), 0, count - 1)
-    hull = bench.dynamics.hull
+    hull = data_set.dynamics.hull
     moved = np.zeros((len(time) - 1, 6, 2 * count))
     for k, force in enumerate(((0.0, 1e3, 0.0), (0.0, 0.0, 1e3 * hull.particulars.length))):
         push = hull.acceleration_from_si(hull.inertia.new_tensor(force)).numpy()
         moved[np.arange(len(time) - 1)[:, None], np.arange(3), (k * count + which)[:, None]] = push * step
     blocks = white.embed(Columns(np.zeros((len(time), 8, 2 * count)), moved))
-    base = bench.at(level).base[run]
+    base = data_set.at(level).base[run]
     if given is not None:
         more = white.embed(Columns(given.measured[..., :1], given.moved[..., :1]))
         base = _without(base, more)
-    gram, right = _projected(base, blocks, SCATTER_LEVELS[scatter])
+    gram, right = _projected(base, blocks, COEFFICIENT_SD_LEVELS[scatter])
     return _best(gram, right, edges, count, open_end)
 
 
@@ -95,7 +95,7 @@ def _without(base: Embedded, known: Embedded) -> Embedded:
 def _projected(base: Embedded, blocks: Embedded, scatter: float) -> tuple[np.ndarray, np.ndarray]:
     """Inner products of blocks with themselves and the data, coefficients and latency taken out."""
     all_base, cross = base.dot(base), base.dot(blocks)
-    nuisance = all_base[1:, 1:] + np.diag(np.r_[np.full(len(all_base) - 2, scatter**-2), LATENCY_SPREAD**-2])
+    nuisance = all_base[1:, 1:] + np.diag(np.r_[np.full(len(all_base) - 2, scatter**-2), LATENCY_SD**-2])
     weights = np.linalg.solve(nuisance, cross[1:])
     gram = blocks.dot(blocks) - cross[1:].T @ weights
     return gram, cross[0] - all_base[0, 1:] @ weights
@@ -109,7 +109,7 @@ def _best(
     total[:, 1:] = np.cumsum(right.reshape(2, count), axis=1)
     area = np.zeros((2, 2, count + 1, count + 1))
     area[:, :, 1:, 1:] = gram.reshape(2, count, 2, count).transpose(0, 2, 1, 3).cumsum(2).cumsum(3)
-    start, end = np.triu_indices(count + 1, SHORTEST)
+    start, end = np.triu_indices(count + 1, MIN_BLOCKS)
     if open_end:
         keep = end == count
         start, end = start[keep], end[keep]

@@ -5,31 +5,20 @@ from collections.abc import Sequence
 import numpy as np
 
 from manoeuvre_nn.diagnosis.advise import Advice, advise
-from manoeuvre_nn.diagnosis.hypothesis import Judged
+from manoeuvre_nn.diagnosis.decision import Decision
 from manoeuvre_nn.diagnosis.result import Cause, Proof
-from manoeuvre_nn.diagnosis.search import Contest
-from manoeuvre_nn.diagnosis.verdict import Verdict
+from manoeuvre_nn.diagnosis.search import SearchResult
+from manoeuvre_nn.dynamics.base import is_fitted
+from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
 
 POSSIBLE = 0.05
 """Probability of a rival from which a run is sought that tells it from what was found."""
-TELLING = 3.0
+MIN_EXPECTED_EVIDENCE = 3.0
 """Log Bayes factor, odds of 1 to 20, that a run must be expected to add."""
-MEASURE = {
-    "wind and waves": "the wind and the waves",
-    "current": "the current",
-    "depth": "the depth",
-    "loading": "the draughts",
-    "heel": "the heel",
-    "local force": "the forces of lines and thrusters",
-    "rudder": "the angle of the rudder stock",
-    "propeller and resistance": "shaft speed and torque",
-    "sensors": "the same with a second sensor",
-}
-"""Family -> what to measure directly where no run tells its members apart."""
 EQUATIONS = {"X": "surge", "Y": "sway", "N": "yaw", "kinematics": "kinematics or sensors"}
 
 
-def captain(
+def summary_sentence(
     causes: Sequence[Cause], model: Sequence[str], proofs: Sequence[Proof], mismatch: bool, lacking: str = ""
 ) -> str:
     """One sentence that a captain understands.
@@ -60,20 +49,20 @@ def captain(
     return f"The recordings show {said}{_gain(proofs, 'it' if len(named) == 1 else 'them')}."
 
 
-def left_open(tried: Contest, verdict: Verdict) -> str:
+def left_open(tried: SearchResult, verdict: Decision) -> str:
     """What recordings leave open where nothing is proved and the model was fitted to others.
 
     Args:
-        tried: The contest.
+        tried: The result.
         verdict: The probabilities.
 
     Returns:
         A clause; empty for a model that was not fitted.
     """
-    bench = tried.court.bench
-    if not bench.dynamics.fitted:
+    data_set = tried.likelihood.data_set
+    if not is_fitted(data_set.dynamics):
         return ""
-    surge, lateral = (100 * level for level in bench.levels[tried.none.best[0]])
+    surge, lateral = (100 * level for level in data_set.levels[tried.none.best[0]])
     said = (
         f"the fitted model lacks forces of about {surge:.2g} % of the resistance and {lateral:.2g} % of 20 deg of "
         "rudder here, which it may do by itself"
@@ -115,23 +104,23 @@ def _and(parts: Sequence[str]) -> str:
     return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
 
 
-def labels(judged: Judged) -> str:
+def labels(fitted: FittedHypothesis) -> str:
     """What a hypothesis says, in words.
 
     Args:
-        judged: It.
+        fitted: It.
 
     Returns:
         Such as ``a steady wind and a rudder offset``.
     """
-    return _and([e.label for e in judged.hypothesis.effects]) or "calm water"
+    return _and([e.label for e in fitted.hypothesis.effects]) or "calm water"
 
 
-def runner_up(tried: Contest, verdict: Verdict) -> list[str]:
+def runner_up(tried: SearchResult, verdict: Decision) -> list[str]:
     """What speaks for and against the second best; against the best, if it is not named.
 
     Args:
-        tried: The contest.
+        tried: The result.
         verdict: The probabilities.
 
     Returns:
@@ -146,21 +135,21 @@ def runner_up(tried: Contest, verdict: Verdict) -> list[str]:
     if verdict.unknown >= 0.5:
         against = f"something without a name is likelier ({_percent(verdict.unknown)})"
         return [_for(best, tried), f"Against it: {against}."]
-    other = next((j for j in tried.judged if not set(best.names) <= set(j.names)), None)
+    other = next((j for j in tried.fitted if not set(best.names) <= set(j.names)), None)
     if other is None:
         return []
     gap = best.evidence - other.evidence
     against = f"with {labels(best)} they are explained better still, by {_ln(gap)} ({_odds(gap)})"
-    levels = tried.court.bench.levels
+    levels = tried.likelihood.data_set.levels
     left, least = levels[other.best[0]].max(), levels[best.best[0]].max()
     if left > 1.5 * least:
         against += f", and {100 * least:.2g} % of the rudder's force at 20 deg is left, not {100 * left:.2g} %"
     return [_for(other, tried), f"Against it: {against}."]
 
 
-def _for(judged: Judged, tried: Contest) -> str:
-    gain = judged.evidence - tried.none.evidence
-    name = labels(judged)
+def _for(fitted: FittedHypothesis, tried: SearchResult) -> str:
+    gain = fitted.evidence - tried.none.evidence
+    name = labels(fitted)
     if gain <= 0:
         return f"For {name} nothing speaks: the recordings are no likelier than in calm water."
     return f"For {name}: it explains the recordings better than calm water by {_ln(gain)} in log evidence."
@@ -174,11 +163,11 @@ def _odds(gap: float) -> str:
     return f"odds 1 to {np.exp(max(gap, 0.0)):.3g}" if gap < 13.8 else "odds less than one in a million"
 
 
-def next_steps(tried: Contest, verdict: Verdict, chosen: Judged, mismatch: bool) -> list[str]:
+def next_steps(tried: SearchResult, verdict: Decision, chosen: FittedHypothesis, mismatch: bool) -> list[str]:
     """What to record next, by simulation: see :mod:`~manoeuvre_nn.diagnosis.advise`.
 
     Args:
-        tried: The contest.
+        tried: The result.
         verdict: The probabilities.
         chosen: What was found.
         mismatch: Whether recordings and model differ.
@@ -187,14 +176,16 @@ def next_steps(tried: Contest, verdict: Verdict, chosen: Judged, mismatch: bool)
         Sentences, most useful first.
     """
     duels = _duels(tried, verdict, chosen, mismatch)
-    made = advise(tried.court.bench, duels[0][0], [rival for _, rival, _ in duels]) if duels else []
+    made = advise(tried.likelihood.data_set, duels[0][0], [rival for _, rival, _ in duels]) if duels else []
     said = [
-        _told(*duel, runs) for duel, runs in zip(duels, made, strict=True) if mismatch or runs[0].expected > TELLING
+        _told(*duel, runs)
+        for duel, runs in zip(duels, made, strict=True)
+        if mismatch or runs[0].expected > MIN_EXPECTED_EVIDENCE
     ]
     if not mismatch:
         more = "another speed or a harder turn would test the model further"
         return [*said, f"Nothing more is needed for these manoeuvres; {more}."]
-    known = {n for j in tried.judged for n in j.names}
+    known = {n for j in tried.fitted for n in j.names}
     named = [e.label for e in chosen.hypothesis.effects if e.name in known]
     if not named:
         return ["Repeat one run on a heading 90 deg away and one at half speed: they show what the misfit depends on."]
@@ -202,25 +193,25 @@ def next_steps(tried: Contest, verdict: Verdict, chosen: Judged, mismatch: bool)
     return said or [clear]
 
 
-Duel = tuple[Judged, Judged, float]
+Duel = tuple[FittedHypothesis, FittedHypothesis, float]
 """Who leads, the rival, and the probability of what is to be ruled out or found."""
 
 
-def _duels(tried: Contest, verdict: Verdict, chosen: Judged, mismatch: bool) -> list[Duel]:
+def _duels(tried: SearchResult, verdict: Decision, chosen: FittedHypothesis, mismatch: bool) -> list[Duel]:
     """What is worth telling apart: at most two rivals of the same leader; none where the verdict is certain."""
     if not mismatch:
         first = verdict.best
         probability = 0.0 if first is None else min(verdict.effects[n] for n in first.names)
         return [(first, tried.none, probability)] if first is not None and probability > POSSIBLE else []
-    known = {frozenset(j.names): j for j in reversed(tried.judged)}
-    singles = {n for j in tried.judged if len(j.names) == 1 for n in j.names}
+    known = {frozenset(j.names): j for j in reversed(tried.fitted)}
+    singles = {n for j in tried.fitted if len(j.names) == 1 for n in j.names}
     mine = frozenset(chosen.names) & singles
     if mine not in known:
         return []
     found: list[Duel] = []
     rivals = sorted(((p, n) for n, p in verdict.effects.items() if n not in mine and p > POSSIBLE), reverse=True)
     for probability, name in rivals:
-        rival = next(j for j in tried.judged if name in j.names)
+        rival = next(j for j in tried.fitted if name in j.names)
         # What acts beside the leader is found by a run in which the leader alone could not do it.
         duel = (rival, known[mine]) if mine < set(rival.names) else (known[mine], rival)
         if not found or duel[0] is found[0][0] and duel[1] is not found[0][1]:
@@ -228,17 +219,16 @@ def _duels(tried: Contest, verdict: Verdict, chosen: Judged, mismatch: bool) -> 
     return found[:2]
 
 
-def _told(leading: Judged, rival: Judged, probability: float, runs: Sequence[Advice]) -> str:
+def _told(leading: FittedHypothesis, rival: FittedHypothesis, probability: float, runs: Sequence[Advice]) -> str:
     """The best run, and the best channel, that tells two hypotheses apart."""
     question = f"To tell {labels(leading)} from {labels(rival)} ({_percent(probability)})"
     best = runs[0]
-    if best.expected < TELLING:
-        effects = {e.name: e.family for j in (leading, rival) for e in j.hypothesis.effects}
-        wanted = sorted({
-            MEASURE.get(f, f) for n, f in effects.items() if n not in leading.names or n not in rival.names
-        })
+    if best.expected < MIN_EXPECTED_EVIDENCE:
+        effects = [e for j in (leading, rival) for e in j.hypothesis.effects]
+        apart = [e for e in effects if e.name not in leading.names or e.name not in rival.names]
+        wanted = sorted({e.measured_by or e.family for e in apart})
         return f"{question}: measure {_and(wanted)}; none of {len(runs)} simulated runs would do ({_factor(best)})."
-    more = next((a for a in runs[1:] if a.heading is None and a.expected > TELLING), None)
+    more = next((a for a in runs[1:] if a.heading is None and a.expected > MIN_EXPECTED_EVIDENCE), None)
     also = "" if more is None or best.heading is None else f"; or {more.text} ({_ln(more.expected)})"
     return f"{question}: {best.text} ({_factor(best)}; these recordings: {_ln(best.now)}){also}."
 

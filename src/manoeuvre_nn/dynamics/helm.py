@@ -1,6 +1,6 @@
 """The helmsmen of a batch of runs, as tensors: who orders what, and when it ends."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import inf
 
@@ -10,9 +10,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
-
-Blade = Callable[[Tensor, Tensor, Tensor, Tensor], Tensor]
-"""Angles behind the indicator, from those before, order, indicated angle and elapsed time: see ``Dynamics.blade``."""
+from manoeuvre_nn.dynamics.vessel import RudderGear
 
 
 @dataclass(frozen=True)
@@ -49,13 +47,13 @@ class Helm:
         return self.now[3]
 
     def after(
-        self, tau: Float[Tensor, " rows"], blade: Blade
+        self, tau: Float[Tensor, " rows"], gear: RudderGear
     ) -> tuple[Float[Tensor, " rows"], Float[Tensor, "rows k"]]:
         """Angles after a time within the present stage: the indicator goes evenly towards the order, then rests.
 
         Args:
             tau: Time from now [s].
-            blade: How the blade follows.
+            gear: How the blade follows.
 
         Returns:
             Angle that the indicator shows and the angles behind it [rad].
@@ -63,7 +61,7 @@ class Helm:
         error, reach = self.order - self.rudder, self.rate * tau
         under_way = error.abs() > reach + 1e-12
         shown = torch.where(under_way, self.rudder + torch.copysign(reach, error), self.order)
-        return shown, blade(self.blade, self.order, shown, tau)
+        return shown, gear.after(self.blade, self.order, shown, tau)
 
     def smooth_time(self, time: Float[Tensor, " rows"]) -> Float[Tensor, " rows"]:
         """Time from now in which the rudder does one thing: until it arrives or the stage's time is up.
@@ -118,6 +116,7 @@ class Helm:
 
 
 def _at(stages: Float[Tensor, "4 rows stages"], stage: Int[Tensor, " rows"]) -> Float[Tensor, "4 rows"]:
+    """The numbers of one stage of every row."""
     return stages.gather(2, stage[None, :, None].expand(4, -1, 1))[..., 0]
 
 

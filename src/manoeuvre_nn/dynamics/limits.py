@@ -6,7 +6,7 @@ from torch import Tensor
 from manoeuvre_nn.core.ship import Particulars
 
 OK = "ok"
-LARGEST = (2.5, 1.5, 3.0)
+MAX_PRIME_VELOCITIES = (2.5, 1.5, 3.0)
 """Largest u/U0, v/U0 and r L/U0 [-]; the tightest real circles have r L/U0 of 1 to 1.5."""
 
 
@@ -25,7 +25,8 @@ def inside_physical_range(state: Float[Tensor, "*batch n"], ship: Particulars) -
     """
     speed = ship.top_speed
     u, v, r = state[..., 0] / speed, state[..., 1] / speed, state[..., 2] * ship.length / speed
-    return (u > -0.5) & (u < LARGEST[0]) & (v.abs() < LARGEST[1]) & (r.abs() < LARGEST[2])
+    max_u, max_v, max_r = MAX_PRIME_VELOCITIES
+    return (u > -0.5) & (u < max_u) & (v.abs() < max_v) & (r.abs() < max_r)
 
 
 def left_range(time: float) -> str:

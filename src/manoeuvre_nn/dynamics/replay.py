@@ -10,27 +10,29 @@ from torch import Tensor
 from torchdiffeq import odeint
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.inputs import Inputs, InputTable
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.dynamics.base import Dynamics
+from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.limits import OK, inside_physical_range, left_range
+from manoeuvre_nn.dynamics.recorded_inputs import held_table, recorded_inputs
 from manoeuvre_nn.dynamics.rollout import STEPS_PER_LENGTH
-from manoeuvre_nn.dynamics.simulate import to_recording
+from manoeuvre_nn.dynamics.simulate import Solution, to_recordings
+from manoeuvre_nn.dynamics.vessel import RudderGear, Vessel, as_vessel
 
 STATE = ("u", "v", "r", "x", "y", "psi")
 
 
-def replay(dynamics: Dynamics, recordings: Sequence[Recording], *, start: float = 0.0) -> list[Recording]:
+def replay(ship: Model | Vessel, recordings: Sequence[Recording], *, start: float = 0.0) -> list[Recording]:
     """Run a model from a recording's state with the recorded rudder, all recordings as one batch.
 
     Nothing but the rudder, and shaft speed and wind where the model has learnt of them, is taken from the recording
-    after the start: u, v, r and the track are the model's own.
-    Solved by torchdiffeq's fixed-step fourth-order method, the rudder blade linear between samples. The blade follows
-    from ``delta`` of the recording, which is the indicated angle as it was written down, and ``delta_order``, without
-    which the indicator stands for the order. Time counts from the first sample.
+    after the start: u, v, r and the track are the model's own. The blade follows from ``delta`` of the recording,
+    which is the indicated angle as it was written down, and ``delta_order``, without which the indicator stands for the
+    order. Time counts from the first sample.
 
     Args:
-        dynamics: The ship or network.
+        ship: The model or vessel.
         recordings: What was recorded.
         start: Time after the first sample at which the model takes over [s].
 
@@ -40,43 +42,35 @@ def replay(dynamics: Dynamics, recordings: Sequence[Recording], *, start: float 
     Raises:
         InputError: If a recording is shorter than ``start``.
     """
-    ship = dynamics.particulars
-    interval = ship.sample_interval
+    vessel = as_vessel(ship)
+    model, interval = vessel.model, vessel.model.particulars.sample_interval
     grids = []
     for record in recordings:
         if record.duration <= start + 2 * interval:
             raise InputError(f"recording {record.name} lasts {record.duration:g} s; nothing is left after {start:g} s")
         grids.append(np.arange(record.time[0] + start, record.time[-1] + 1e-9, interval))
-    reference = next(b for b in dynamics.buffers() if b.is_floating_point())
-    longest = max(len(g) for g in grids)
+    reference = next(b for b in model.buffers() if b.is_floating_point())
     pairs = list(zip(grids, recordings, strict=True))
-    wheels = [_wheel(dynamics, g, r, reference) for g, r in pairs]
-    recorded, shown, order = (
-        reference.new_tensor(np.stack([_padded(w[k], longest) for w in wheels])) for k in range(3)
-    )
+    rudders = zip(*(_rudder(vessel.gear, g, r, reference) for g, r in pairs), strict=True)
+    helm = held_table(dict(zip(("recorded", "shown", "order"), rudders, strict=True)), interval, start)
+    recorded, shown, order = (column.to(reference) for column in helm.columns.values())
     first = reference.new_tensor(np.stack([[np.interp(g[0], r.time, r[k]) for k in STATE] for g, r in pairs]))
-    dynamics = dynamics.driven(recordings, grids)
+    taken = held_table(recorded_inputs(model, recordings, grids), interval, start).columns
     with torch.no_grad():
-        blade = blade_series(dynamics, order, shown, interval)
-        states = integrate(dynamics, dynamics.start(first, blade[:, 0]), blade, start, interval)
+        blade = blade_series(vessel.gear, order, shown, interval)
+        table = InputTable({"delta": blade, **{k: c.to(reference) for k, c in taken.items()}}, interval, start)
+        states = integrate(model, model.start(first, table.at(start)), table)
     return [
-        _prediction(
-            dynamics.row(row), r, g, start, states[: len(g), row], *(x[row, : len(g)] for x in (recorded, shown, blade))
-        )
-        for row, (g, r) in enumerate(pairs)
+        _prediction(vessel, r, g, states[: len(g), k], recorded[k], shown[k], table.samples(k, len(g)))
+        for k, (g, r) in enumerate(pairs)
     ]
 
 
-def _padded(values: np.ndarray, length: int) -> np.ndarray:
-    """Values held at the last one up to a length."""
-    return np.concatenate([values, np.full(length - len(values), values[-1])])
-
-
-def _wheel(dynamics: Dynamics, times: np.ndarray, record: Recording, like: Tensor) -> tuple[np.ndarray, ...]:
+def _rudder(gear: RudderGear, times: np.ndarray, record: Recording, like: Tensor) -> tuple[np.ndarray, ...]:
     """Recorded angle, what the indicator showed, and the order in force at some times."""
     recorded = np.interp(times, record.time, record["delta"])
     clock = like.new_tensor(record.time - record.time[0])
-    shown = dynamics.indicated(like.new_tensor(record["delta"]), clock).detach().cpu().numpy()
+    shown = gear.indicated(like.new_tensor(record["delta"]), clock).detach().cpu().numpy()
     shown = np.interp(times, record.time, shown)
     if "delta_order" not in record.channels:
         return recorded, shown, shown
@@ -85,57 +79,61 @@ def _wheel(dynamics: Dynamics, times: np.ndarray, record: Recording, like: Tenso
 
 
 def blade_series(
-    dynamics: Dynamics, order: Float[Tensor, "rows times"], shown: Float[Tensor, "rows times"], interval: float
+    gear: RudderGear, order: Float[Tensor, "rows times"], shown: Float[Tensor, "rows times"], interval: float
 ) -> Float[Tensor, "rows times"]:
     """Angle of the rudder blade, sample by sample; an order is taken to be given midway between two samples."""
-    behind = [dynamics.blade_at_rest(shown[:, 0])]
+    behind = [gear.at_rest(shown[:, 0])]
     half = torch.full_like(shown[:, 0], 0.5 * interval)
     for k in range(1, shown.shape[1]):
         middle = 0.5 * (shown[:, k - 1] + shown[:, k])
-        midway = dynamics.blade(behind[-1], order[:, k - 1], middle, half)
-        behind.append(dynamics.blade(midway, order[:, k], shown[:, k], half))
+        midway = gear.after(behind[-1], order[:, k - 1], middle, half)
+        behind.append(gear.after(midway, order[:, k], shown[:, k], half))
     return torch.stack([angles[:, -1] for angles in behind], dim=1)
 
 
-def integrate(
-    dynamics: Dynamics,
-    first: Float[Tensor, "rows n"],
-    rudder: Float[Tensor, "rows times"],
-    start: float,
-    interval: float,
-) -> Float[Tensor, "times rows n"]:
-    """States at all samples; a rate outside the physical range is zero, so that a lost row rests and stays finite."""
-    ship, last = dynamics.particulars, rudder.shape[1] - 1
-    times = interval * torch.arange(last + 1, dtype=torch.float64)
+def integrate(model: Model, first: Float[Tensor, "rows n"], table: InputTable) -> Float[Tensor, "times rows n"]:
+    """States at all samples of a table of inputs, by torchdiffeq's fixed-step fourth-order method.
+
+    Fixed steps, since the recorded rudder has a kink at every sample, at which a controlled step would be cut anew. A
+    rate outside the physical range is zero, so that a lost row rests and stays finite.
+
+    Args:
+        model: The model.
+        first: Whole states at the table's start.
+        table: Inputs of every row, linear between samples.
+
+    Returns:
+        Whole states.
+    """
+    ship, count = model.particulars, table.columns["delta"].shape[1]
+    times = table.interval * torch.arange(count, dtype=torch.float64)
 
     def rate(t: Tensor, state: Tensor) -> Tensor:
-        place = min(float(t) / interval, last)
-        k = min(int(place), last - 1)
-        delta = rudder[:, k] + (place - k) * (rudder[:, k + 1] - rudder[:, k])
-        time = torch.full_like(delta, start + float(t))
-        return torch.where(inside_physical_range(state, ship)[:, None], dynamics(state, delta, time), 0.0)
+        inputs = table.at(table.start + float(t))
+        return torch.where(inside_physical_range(state, ship)[:, None], model(state, inputs), 0.0)
 
-    step = min(interval, ship.time_unit / STEPS_PER_LENGTH)
+    step = min(table.interval, ship.time_unit / STEPS_PER_LENGTH)
     return odeint(rate, first, times.to(first), method="rk4", options={"step_size": step})
 
 
 def _prediction(
-    dynamics: Dynamics,
+    vessel: Vessel,
     record: Recording,
     grid: np.ndarray,
-    start: float,
     states: Tensor,
     recorded: Tensor,
     shown: Tensor,
-    blade: Tensor,
+    inputs: Inputs,
 ) -> Recording:
     """One row as a recording with the recorded rudder, cut where it left the physical range."""
-    inside = inside_physical_range(states, dynamics.particulars).cpu().numpy()
+    inside = inside_physical_range(states, vessel.model.particulars).cpu().numpy()
     end = len(grid) if inside.all() else max(int(np.argmin(inside)), 2)
     status = OK if inside.all() else left_range(float(grid[end - 1]))
     order = Manoeuvre(record.name, str(record.meta.get("kind", "")), ())
-    clock = grid[:end] - grid[0] + start
-    made = to_recording(dynamics, order, clock, states[:end], shown[:end], recorded[:end], status, blades=blade[:end])
+    cut = Inputs(**{name: values[None, :end] for name, values in inputs.given.items()})
+    parts = states[None, :end], shown[None, :end], recorded[None, :end]
+    solution = Solution(grid[:end] - record.time[0], *parts, cut, status)
+    (made,) = to_recordings(vessel, [order], solution)
     # The rudder was written down before: a sensor's fault is in it already.
     made = made.with_channels(delta=made["delta_order"])
     return replace(made, time=grid[:end], meta=record.meta)

@@ -14,13 +14,15 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
-from manoeuvre_nn.dynamics.base import Dynamics
+from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.helm import Helm, helm_of
 from manoeuvre_nn.dynamics.limits import OK, inside_physical_range, left_range
-from manoeuvre_nn.dynamics.simulate import Problem, to_recordings
+from manoeuvre_nn.dynamics.simulate import Problem, Solution, to_recordings
+from manoeuvre_nn.dynamics.vessel import Vessel, as_vessel
 
 STEPS_PER_LENGTH = 20
 """Default steps in the time L/U0: 1 s for a 150-m ship at 15 kn."""
@@ -75,7 +77,7 @@ class _Batch:
 
 
 def rollout(
-    dynamics: Dynamics,
+    ship: Model | Vessel,
     manoeuvres: Sequence[Manoeuvre],
     start: Float[Tensor, "rows n"],
     times: Float[Tensor, " times"],
@@ -89,28 +91,29 @@ def rollout(
     through, the crossings' times included.
 
     Args:
-        dynamics: One ship or network for all rows, or :class:`~manoeuvre_nn.dynamics.model.Stacked` rows.
+        ship: One model or vessel for all rows, or :class:`~manoeuvre_nn.dynamics.model.Stacked` rows.
         manoeuvres: One for each row.
-        start: Whole initial states, as ``Dynamics.start`` makes them.
+        start: Whole initial states, as ``Model.start`` makes them.
         times: Sample times [s], evenly spaced from 0.
         step: Largest step [s]; by default 1/20 of L/U0.
 
     Returns:
         The runs.
     """
-    ship = dynamics.particulars
+    vessel = as_vessel(ship)
+    particulars = vessel.model.particulars
     interval = float(times[1] - times[0])
-    parts = ceil(interval / (step or ship.time_unit / STEPS_PER_LENGTH) - 1e-9)
+    parts = ceil(interval / (step or particulars.time_unit / STEPS_PER_LENGTH) - 1e-9)
     within = interval / parts * torch.arange(parts).to(times)
     ends = torch.cat([(times[:-1, None] + within).flatten(), times[-1:]])
     amidships = start.new_zeros(len(manoeuvres))
-    helm = helm_of(manoeuvres, amidships + ship.rudder_rate, start[:, 5], dynamics.blade_at_rest(amidships))
-    start = start.mT.contiguous().mT  # variables first in memory, as Dynamics.forward has them
+    helm = helm_of(manoeuvres, amidships + particulars.rudder_rate, start[:, 5], vessel.gear.at_rest(amidships))
+    start = start.mT.contiguous().mT  # variables first in memory, as rate_of_state has them
     none, never = amidships.long(), torch.full_like(amidships, torch.inf)
     batch = _Batch(start, helm, amidships, none, none, never, start, never)
     past = [batch]
     while bool((batch.steps < len(ends) - 1).any()):
-        batch = _sampled(_pass(dynamics, batch, ends), batch, parts, ship, len(ends) - 1)
+        batch = _sampled(_pass(vessel, batch, ends), batch, parts, particulars, len(ends) - 1)
         past.append(replace(batch, sampled=start))  # what is not read off need not be kept
     return _read_off(past, times, parts)
 
@@ -142,13 +145,13 @@ def _sampled(batch: _Batch, before: _Batch, parts: int, ship: Particulars, last:
     return replace(batch, sampled=torch.where(sample[:, None], batch.state, batch.sampled))
 
 
-def _pass(dynamics: Dynamics, b: _Batch, ends: Float[Tensor, " steps"]) -> _Batch:
+def _pass(vessel: Vessel, b: _Batch, ends: Float[Tensor, " steps"]) -> _Batch:
     """Every row goes on to the end of its step or to what happens before; rows that look for a crossing stay."""
     last = len(ends) - 1
     due = ends.index_select(0, (b.steps + 1).clamp(max=last))
     smooth = torch.minimum(due - b.time, b.helm.smooth_time(b.time).clamp(min=0.0))
     tau = torch.fmin(smooth, b.attempt)
-    state, shown, blade = _runge_kutta(dynamics, b.helm, b.state, b.time, tau)
+    state, shown, blade = _runge_kutta(vessel, b.helm, b.state, b.time, tau)
     time, tries, attempt = b.time + tau, b.tries, b.attempt
     crossed, beyond = tries == 2, b.helm.beyond(state[:, 5])
     looking = ~crossed & ((beyond >= 0) | (tries == 1))
@@ -202,28 +205,29 @@ def _corrected(b: _Batch, before: Tensor, new: Tensor, smooth: Tensor, beyond: T
 
 
 def _runge_kutta(
-    dynamics: Dynamics, helm: Helm, state: Tensor, time: Float[Tensor, " rows"], tau: Float[Tensor, " rows"]
+    vessel: Vessel, helm: Helm, state: Tensor, time: Float[Tensor, " rows"], tau: Float[Tensor, " rows"]
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Classical fourth-order step with the rudder's exact angles: state, indicated angle, angles behind it."""
     half, noon, h = 0.5 * tau, time + 0.5 * tau, tau[:, None]
-    middle = helm.after(half, dynamics.blade)[1][:, -1]
-    shown, blade = helm.after(tau, dynamics.blade)
-    k1 = dynamics(state, helm.blade[:, -1], time)
-    k2 = dynamics(torch.addcmul(state, k1, half[:, None]), middle, noon)
-    k3 = dynamics(torch.addcmul(state, k2, half[:, None]), middle, noon)
-    k4 = dynamics(torch.addcmul(state, k3, h), blade[:, -1], time + tau)
+    middle = helm.after(half, vessel.gear)[1][:, -1]
+    shown, blade = helm.after(tau, vessel.gear)
+    midway = Inputs(middle, time=noon)
+    k1 = vessel.model(state, Inputs(helm.blade[:, -1], time=time))
+    k2 = vessel.model(torch.addcmul(state, k1, half[:, None]), midway)
+    k3 = vessel.model(torch.addcmul(state, k2, half[:, None]), midway)
+    k4 = vessel.model(torch.addcmul(state, k3, h), Inputs(blade[:, -1], time=time + tau))
     return torch.addcmul(state, torch.add(k1 + k4, k2 + k3, alpha=2.0), h / 6.0), shown, blade
 
 
 def roll_out(
-    dynamics: Dynamics, manoeuvres: Sequence[Manoeuvre], *, step: float | None = None, interval: float | None = None
+    ship: Model | Vessel, manoeuvres: Sequence[Manoeuvre], *, step: float | None = None, interval: float | None = None
 ) -> list[Recording]:
     """Run several manoeuvres of one ship or network as one batch and return them as recordings.
 
     Manoeuvres that start at the same speed share a batch; each is as long as the manoeuvre says.
 
     Args:
-        dynamics: The ship or network.
+        ship: The model or vessel.
         manoeuvres: What is to be done.
         step: Largest step [s]; by default 1/20 of L/U0.
         interval: Time between samples [s]; by default the ship's. No step is longer.
@@ -237,21 +241,25 @@ def roll_out(
     done: dict[int, Recording] = {}
     for indices in by_speed.values():
         group = [manoeuvres[i] for i in indices]
-        moving, start, _ = Problem(dynamics, group[0]).on_approach()
-        clocks = [Problem(moving, m, interval=interval).times() for m in group]
+        vessel, start, _ = Problem(ship, group[0]).on_approach()
+        clocks = [Problem(vessel, m, interval=interval).times() for m in group]
         with torch.no_grad():
-            moving(start, start[5], start[5])  # what an effect keeps from its first use must not be an inference tensor
+            vessel.model(
+                start, Inputs(start[5], time=start[5])
+            )  # what an effect keeps from its first use must not be an inference tensor
         with torch.inference_mode():
             clock = start.new_tensor(max(clocks, key=len))
-            amidships = moving.blade_at_rest(start.new_zeros(len(group)))[..., -1]
-            starts = moving.start(start[:6].repeat(len(group), 1), amidships)
-            runs = rollout(moving, group, starts, clock, step=step)
+            amidships = Inputs(vessel.gear.at_rest(start.new_zeros(len(group)))[..., -1])
+            starts = vessel.model.start(start[:6].repeat(len(group), 1), amidships)
+            runs = rollout(vessel, group, starts, clock, step=step)
         for (count, status), rows in _alike(clocks, runs.ended).items():
             for some in range(0, len(rows), ROWS_AT_ONCE):
                 part = rows[some : some + ROWS_AT_ONCE]
-                made = [x[:count, part].transpose(0, 1) for x in (runs.states, runs.rudders, runs.orders, runs.blades)]
-                trials = [group[row] for row in part]
-                recordings = to_recordings(moving, trials, clocks[part[0]][:count], *made, status=status)
+                made = (x[:count, part].transpose(0, 1) for x in (runs.states, runs.rudders, runs.orders, runs.blades))
+                states, shown, orders, blades = made
+                trials, times = [group[row] for row in part], clocks[part[0]][:count]
+                inputs = Inputs(blades, time=blades.new_tensor(times).expand_as(blades))
+                recordings = to_recordings(vessel, trials, Solution(times, states, shown, orders, inputs, status))
                 done |= {indices[row]: r for row, r in zip(part, recordings, strict=True)}
     return [done[i] for i in range(len(manoeuvres))]
 

@@ -10,12 +10,14 @@ from jaxtyping import Float
 from torch import Tensor
 from torchdiffeq import odeint, odeint_event
 
+from manoeuvre_nn.core.channels import ACCELERATION
+from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage
-from manoeuvre_nn.core.recording import ACCELERATION, Recording
+from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import check_speed
-from manoeuvre_nn.dynamics.base import Dynamics
-from manoeuvre_nn.dynamics.helm import Blade
-from manoeuvre_nn.dynamics.limits import LARGEST, OK, inside_physical_range, left_range
+from manoeuvre_nn.dynamics.base import Model
+from manoeuvre_nn.dynamics.limits import MAX_PRIME_VELOCITIES, OK, inside_physical_range, left_range
+from manoeuvre_nn.dynamics.vessel import RudderGear, Vessel, as_vessel
 
 
 @dataclass(frozen=True)
@@ -23,32 +25,32 @@ class Problem:
     """What is to be simulated: no solving in it.
 
     Attributes:
-        dynamics: The ship that moves.
+        ship: The model or vessel that moves.
         manoeuvre: What the helmsman does.
         interval: Time between samples [s]; None takes the ship's usual one.
     """
 
-    dynamics: Dynamics
+    ship: Model | Vessel
     manoeuvre: Manoeuvre
     interval: float | None = None
 
-    def on_approach(self) -> tuple[Dynamics, Float[Tensor, " n"], Float[np.ndarray, " times"]]:
+    def on_approach(self) -> tuple[Vessel, Float[Tensor, " n"], Float[np.ndarray, " times"]]:
         """The ship at the manoeuvre's approach speed.
 
         Returns:
-            Dynamics, initial state (straight ahead at the origin, heading 0, rudder amidships) and sample times [s].
+            Vessel, initial state (straight ahead at the origin, heading 0, rudder amidships) and sample times [s].
         """
-        speed, ship, dynamics = self.manoeuvre.speed, self.dynamics.particulars, self.dynamics
-        if speed is not None and speed != ship.speed:
-            check_speed(ship, speed)
-            dynamics = dynamics.on_approach(speed)
-        # Particulars after on_approach: the usual length of a trial follows from the approach speed.
-        times, ship = replace(self, dynamics=dynamics).times(), dynamics.particulars
-        reference = next(b for b in dynamics.buffers() if b.is_floating_point())
+        speed, vessel = self.manoeuvre.speed, as_vessel(self.ship)
+        if speed is not None and speed != vessel.model.particulars.speed:
+            check_speed(vessel.model.particulars, speed)
+            vessel = vessel.on_approach(speed)
+        # The usual length of a trial follows from the approach speed.
+        times, model = replace(self, ship=vessel).times(), vessel.model
+        reference = next(b for b in model.buffers() if b.is_floating_point())
         state = torch.zeros(6, dtype=reference.dtype)
-        state[0] = ship.speed
-        state = dynamics.start(state, dynamics.blade_at_rest(state.new_zeros(()))[-1])
-        return dynamics, state, times
+        state[0] = model.particulars.speed
+        state = model.start(state, Inputs(vessel.gear.at_rest(state.new_zeros(()))[-1]))
+        return vessel, state, times
 
     def times(self) -> Float[np.ndarray, " times"]:
         """Sample times of a manoeuvre that the ship can do, the ship being at its approach speed already.
@@ -56,9 +58,30 @@ class Problem:
         Returns:
             Times [s].
         """
-        ship = self.dynamics.particulars
+        ship = as_vessel(self.ship).model.particulars
         self.manoeuvre.check(ship)
         return np.arange(0.0, self.manoeuvre.duration_for(ship) + 1e-9, self.interval or ship.sample_interval)
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Runs over the same times.
+
+    Attributes:
+        times: Sample times [s].
+        states: u, v, r, x, y, psi and the model's own.
+        shown: Rudder angle that the indicator shows [rad].
+        orders: Rudder order [rad].
+        inputs: Angle of the rudder blade [rad], shaft, wind and time, one row a run.
+        status: ``ok`` or why they were ended.
+    """
+
+    times: Float[np.ndarray, " n"]
+    states: Float[Tensor, "runs n k"]
+    shown: Float[Tensor, "runs n"]
+    orders: Float[Tensor, "runs n"]
+    inputs: Inputs
+    status: str = OK
 
 
 @dataclass(frozen=True)
@@ -71,13 +94,15 @@ class _Piece:
     rate: float
     order: Tensor
     before: Tensor
-    blade: Blade
+    gear: RudderGear
 
     def shown(self, t: Tensor) -> Tensor:
+        """Angle that the indicator shows [rad]."""
         return self.rudder + self.rate * (t - self.start)
 
     def behind(self, t: Tensor) -> Tensor:
-        return self.blade(self.before, self.order, self.shown(t), t - self.start)
+        """Angles behind the indicator [rad]."""
+        return self.gear.after(self.before, self.order, self.shown(t), t - self.start)
 
 
 def simulate(problem: Problem, *, rtol: float = 1e-8, atol: float = 1e-9) -> Recording:
@@ -93,114 +118,71 @@ def simulate(problem: Problem, *, rtol: float = 1e-8, atol: float = 1e-9) -> Rec
 
     Returns:
         Recording with u, v, r, x, y, psi, delta, delta_order and exact accelerations, with effects also what
-        :func:`to_recording` adds. A run that leaves the physical range ends there, and its status says when.
+        :func:`to_recordings` adds. A run that leaves the physical range ends there, and its status says when.
     """
-    dynamics, state, times = problem.on_approach()
+    vessel, state, times = problem.on_approach()
     options = {"rtol": rtol, "atol": atol, "method": "dopri5"}
     with torch.no_grad():
-        states, rudders, blades, orders = _integrate(dynamics, problem.manoeuvre, state, times, options)
-        inside = inside_physical_range(states, dynamics.particulars).cpu().numpy()
-    end, status, trial = len(times), OK, problem.manoeuvre
+        states, rudders, blades, orders = _integrate(vessel, problem.manoeuvre, state, times, options)
+        inside = inside_physical_range(states, vessel.model.particulars).cpu().numpy()
+    end, status = len(times), OK
     if not inside.all() or len(inside) < len(times):
         end = max(int(np.argmin(inside)) if not inside.all() else len(inside), 2)
         status = left_range(float(times[min(end, len(times) - 1)]))
-    states, rudders, blades, orders = states[:end], rudders[:end], blades[:end], orders[:end]
-    return to_recording(dynamics, trial, times[:end], states, rudders, orders, status, blades=blades)
+    inputs = Inputs(blades[None, :end], time=states.new_tensor(times[:end])[None])
+    solution = Solution(times[:end], states[None, :end], rudders[None, :end], orders[None, :end], inputs, status)
+    (made,) = to_recordings(vessel, [problem.manoeuvre], solution)
+    return made
 
 
-def to_recording(
-    dynamics: Dynamics,
-    manoeuvre: Manoeuvre,
-    times: Float[np.ndarray, " n"],
-    states: Float[Tensor, "n k"],
-    rudders: Float[Tensor, " n"],
-    orders: Float[Tensor, " n"],
-    status: str,
-    *,
-    blades: Float[Tensor, " n"] | None = None,
-) -> Recording:
-    """Put a solution into a recording, accelerations evaluated from the equations.
+def to_recordings(ship: Model | Vessel, manoeuvres: Sequence[Manoeuvre], solution: Solution) -> list[Recording]:
+    """Put a solution into recordings, accelerations evaluated from the equations.
 
     With effects, u and v stay those through the water; x, y, psi, r and delta are as sensors write them, and vn, ve
     (over ground, north and east), u_log (log) and shaft (shaft speed over the nominal one) are added.
 
     Args:
-        dynamics: The ship that moved.
-        manoeuvre: What was ordered.
-        times: Sample times [s].
-        states: u, v, r, x, y, psi and the model's own.
-        rudders: Rudder angle that the indicator shows [rad].
-        orders: Rudder order [rad].
-        status: ``ok`` or why it was ended.
-        blades: Angle of the rudder blade [rad]; None is the indicated one.
-
-    Returns:
-        The recording.
-    """
-    blades = rudders if blades is None else blades
-    solution = [x[None] for x in (states, rudders, orders, blades)]
-    (made,) = to_recordings(dynamics, [manoeuvre], times, *solution, status=status)
-    return made
-
-
-def to_recordings(
-    dynamics: Dynamics,
-    manoeuvres: Sequence[Manoeuvre],
-    times: Float[np.ndarray, " n"],
-    states: Float[Tensor, "runs n k"],
-    rudders: Float[Tensor, "runs n"],
-    orders: Float[Tensor, "runs n"],
-    blades: Float[Tensor, "runs n"],
-    *,
-    status: str,
-) -> list[Recording]:
-    """Put several solutions over the same times into recordings; see :func:`to_recording`.
-
-    Args:
-        dynamics: The ship that moved.
+        ship: The model or vessel that moved.
         manoeuvres: What was ordered, one a run.
-        times: Sample times [s].
-        states: u, v, r, x, y, psi and the model's own.
-        rudders: Rudder angle that the indicator shows [rad].
-        orders: Rudder order [rad].
-        blades: Angle of the rudder blade [rad].
-        status: ``ok`` or why they were ended.
+        solution: The runs.
 
     Returns:
         One recording a run.
     """
-    clock = states.new_tensor(times).expand_as(rudders)
+    vessel, states = as_vessel(ship), solution.states
     made = {name: states[..., k] for k, name in enumerate(("u", "v", "r", "x", "y", "psi"))}
     with torch.no_grad():
-        nudot = dynamics(states, blades, clock)[..., :3]
-        made |= {"delta": rudders, "delta_order": orders} | dict(zip(ACCELERATION, nudot.unbind(-1), strict=True))
-        made |= dynamics.recorded(states, rudders, blades, clock)
+        rates = vessel.model(states, solution.inputs)
+        made |= {"delta": solution.shown, "delta_order": solution.orders}
+        made |= dict(zip(ACCELERATION, rates[..., :3].unbind(-1), strict=True))
+        made |= vessel.sensors.record(states, rates, solution.shown, solution.inputs)
     channels = {name: values.double().cpu().contiguous().numpy() for name, values in made.items()}
-    ship, recordings = dynamics.particulars, []
+    particulars, recordings = vessel.model.particulars, []
+    meta = {"ship": particulars.name, "time_unit": particulars.time_unit}
     for row, manoeuvre in enumerate(manoeuvres):
-        meta = {"ship": ship.name, "kind": manoeuvre.kind, "manoeuvre": manoeuvre, "time_unit": ship.time_unit}
         own = {name: values[row] for name, values in channels.items()}
-        recordings.append(Recording(manoeuvre.name, times, own, status, meta))
+        told = {**meta, "kind": manoeuvre.kind, "manoeuvre": manoeuvre}
+        recordings.append(Recording(manoeuvre.name, solution.times, own, solution.status, told))
     return recordings
 
 
 def _integrate(
-    dynamics: Dynamics, manoeuvre: Manoeuvre, state: Tensor, times: np.ndarray, options: dict
+    vessel: Vessel, manoeuvre: Manoeuvre, state: Tensor, times: np.ndarray, options: dict
 ) -> tuple[Tensor, ...]:
     """Walk through stages and pieces; states, indicated angles, blade angles and orders at the sample times."""
-    ship, stages = dynamics.particulars, list(manoeuvre.stages)
+    ship, stages = vessel.model.particulars, list(manoeuvre.stages)
     stages[-1] = replace(stages[-1], heading=None, hold=None)  # the last order is held to the end
     now, rudder, course, began = 0.0, 0.0, float(state[5]), 0.0
     stage, amidships = stages.pop(0), state.new_zeros(())
-    behind = dynamics.blade_at_rest(amidships)
+    behind = vessel.gear.at_rest(amidships)
     states, rudders, blades, orders = [state], [amidships], [behind[-1]], [state.new_tensor(stage.order)]
     chunk = 3.0 * ship.time_unit  # headings are watched in short stretches, so that little is computed in vain
     while len(states) < len(times) and inside_physical_range(state, ship):
         limit = float(times[-1]) if stage.heading is None else min(now + chunk, float(times[-1]))
-        piece = _next_piece(dynamics, stage, now, began, rudder, behind, limit)
+        piece = _next_piece(vessel, stage, now, began, rudder, behind, limit)
         samples = times[len(states) :]
         samples = samples[samples <= piece.end + 1e-9]
-        solution, reached, state = _solve_piece(dynamics, piece, stage, course, state, samples, options)
+        solution, reached, state = _solve_piece(vessel.model, piece, stage, course, state, samples, options)
         samples = samples[: len(solution)]
         states += list(solution)
         rudders += [piece.shown(state.new_tensor(t)) for t in samples]
@@ -219,19 +201,19 @@ def _integrate(
 
 
 def _next_piece(
-    dynamics: Dynamics, stage: Stage, now: float, began: float, rudder: float, before: Tensor, limit: float
+    vessel: Vessel, stage: Stage, now: float, began: float, rudder: float, before: Tensor, limit: float
 ) -> _Piece:
     """The longest stretch from now on in which the rudder does one thing."""
-    error, rate = stage.order - rudder, dynamics.particulars.rudder_rate
+    error, rate = stage.order - rudder, vessel.model.particulars.rudder_rate
     arrival = now + abs(error) / rate if error else inf
     time_out = began + stage.hold if stage.hold is not None else inf
     end = min(arrival, time_out if time_out > now + 1e-9 else inf, limit)
     moving = float(np.sign(error)) * rate if error else 0.0
-    return _Piece(now, end, rudder, moving, before.new_tensor(stage.order), before, dynamics.blade)
+    return _Piece(now, end, rudder, moving, before.new_tensor(stage.order), before, vessel.gear)
 
 
 def _solve_piece(
-    dynamics: Dynamics,
+    model: Model,
     piece: _Piece,
     stage: Stage,
     course: float,
@@ -240,8 +222,9 @@ def _solve_piece(
     options: dict,
 ) -> tuple[Tensor, float | None, Tensor]:
     """Integrate one piece; states at the samples in it, time of the heading crossing if there is one, final state."""
-    ship = dynamics.particulars
-    far = 2 * torch.tensor(LARGEST, dtype=state.dtype) * state.new_tensor([1.0, 1.0, 1 / ship.length]) * ship.top_speed
+    ship = model.particulars
+    limits = torch.tensor(MAX_PRIME_VELOCITIES, dtype=state.dtype)
+    far = 2 * limits * state.new_tensor([1.0, 1.0, 1 / ship.length]) * ship.top_speed
     steepest = 1e4 * ship.top_speed / ship.time_unit
 
     def rate(t: Tensor, y: Tensor) -> Tensor:
@@ -249,7 +232,7 @@ def _solve_piece(
         if not bool((y[:3].abs() <= far).all()):
             return torch.zeros_like(y)
         # Rates beyond all sense, or not numbers, throw it out there at once: the solver gives up on them.
-        return torch.nan_to_num(dynamics(y, piece.behind(t)[-1], t), nan=steepest).clamp(-steepest, steepest)
+        return torch.nan_to_num(model(y, Inputs(piece.behind(t)[-1], time=t)), nan=steepest).clamp(-steepest, steepest)
 
     grid = np.unique(np.concatenate([[piece.start], samples, [piece.end]]))
     grid = grid[np.concatenate([[True], np.diff(grid) > 1e-9])]

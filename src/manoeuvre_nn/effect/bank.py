@@ -24,6 +24,8 @@ class Bank(ForceEffect):
     """
 
     name = "bank"
+    acts_indoors = False
+    measured_by = "the forces of lines and thrusters"
     family = "local force"
     label = "a bank"
     equations = ("Y", "N")

@@ -12,9 +12,9 @@ from manoeuvre_nn.core.effect import Parameter, Situation
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.units import DEGREE
 
-TIGHT = {"u": 0.3, "v": 0.25, "r": 0.7, "d": 0.35}
+TIGHT_TURN = {"u": 0.3, "v": 0.25, "r": 0.7, "d": 0.35}
 """What (u - U0)/U0, v/U0, r L/U0 and the rudder angle [rad] are in a tight turn."""
-USUAL = (0.06, 0.5)
+PRIME_ACCELERATION_OF_20_DEG = (0.06, 0.5)
 """20 deg of rudder in sway and yaw in prime accelerations: about those of the Mariner."""
 RISE = 2.0
 """Time in which an event would be complete at its steepest rate [s]; it makes the time of the event differentiable."""
@@ -82,7 +82,7 @@ def typical(ship: Ship, rate: Callable[[Tensor, Tensor], Tensor] | None = None) 
 
     Returns:
         [m/s^2, m/s^2, rad/s^2]; where the rudder does nothing, as in a ship of which only the inertia is known,
-        ``USUAL`` shares of U0^2/L and U0^2/L^2.
+        ``PRIME_ACCELERATION_OF_20_DEG`` shares of U0^2/L and U0^2/L^2.
     """
     p, rate = ship.particulars, rate or ship.acceleration
     ahead = ship.inertia.new_tensor([p.speed, 0.0, 0.0])
@@ -90,7 +90,8 @@ def typical(ship: Ship, rate: Callable[[Tensor, Tensor], Tensor] | None = None) 
     with torch.no_grad():
         turned = (rate(ahead, over) - rate(ahead, 0 * over)).abs()
         held_back = ship.acceleration_from_si(ahead.new_tensor([p.calm_resistance, 0.0, 0.0]))
-    usual = p.speed**2 / p.length * turned.new_tensor([0.0, USUAL[0], USUAL[1] / p.length])
+    sway, yaw = PRIME_ACCELERATION_OF_20_DEG
+    usual = p.speed**2 / p.length * turned.new_tensor([0.0, sway, yaw / p.length])
     return torch.cat([held_back[:1].abs(), torch.where(turned > 0, turned, usual)[1:]])
 
 
@@ -106,7 +107,7 @@ def in_tight_turns(ship: Ship, s: Situation) -> dict[str, Tensor]:
     """
     p = ship.particulars
     z = {"u": s.u / p.speed - 1, "v": s.v / p.speed, "r": s.r * p.length / p.speed, "d": s.delta}
-    return {letter: value / TIGHT[letter] for letter, value in z.items()}
+    return {letter: value / TIGHT_TURN[letter] for letter, value in z.items()}
 
 
 def onset(time: Float[Tensor, "..."], start: Float[Tensor, "..."]) -> Float[Tensor, "..."]:

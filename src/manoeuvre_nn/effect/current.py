@@ -1,6 +1,6 @@
 """Currents: the water moves and takes the ship with it."""
 
-from typing import ClassVar
+from abc import abstractmethod
 
 from jaxtyping import Float
 from torch import Tensor
@@ -11,20 +11,14 @@ from manoeuvre_nn.effect.common import columns, compass, direction
 SPEED = Parameter("speed", "m/s", 0.0, 3.0, 0.0, 0.6, (0.5,))
 
 
-class Current(Effect):
-    """A uniform current: a Galilean shift of the track.
+class _UniformCurrent(Effect):
+    """Water that moves with one velocity everywhere, at a speed over time that each current gives itself."""
 
-    Motion through the water is what it would be without; only the rates of position gain the water's velocity.
-    """
-
-    name = "current"
+    acts_indoors = False
+    measured_by = "the current"
     site = "inflow"
     family = "current"
-    label = "a current"
     equations = ("kinematics",)
-    fingerprint = "The track drifts in one compass direction; heading, yaw rate and log speed are as in still water."
-    source = "Fossen 2012; Hegrenaes & Hallingstad 2011; IMO MSC/Circ.1053, 3.4.2.5"
-    declared: ClassVar[tuple[Parameter, ...]] = (SPEED, direction("toward_deg"))
 
     def stream(self, s: Situation) -> Float[Tensor, "*batch 2"]:
         """Velocity of the water over ground.
@@ -39,12 +33,30 @@ class Current(Effect):
         speed = self._speed(s)
         return columns(speed * north, speed * east)
 
+    @abstractmethod
+    def _speed(self, s: Situation) -> Tensor:
+        """Speed of the water at every sample [m/s]."""
+
+
+class Current(_UniformCurrent):
+    """A uniform current: a Galilean shift of the track.
+
+    Motion through the water is what it would be without; only the rates of position gain the water's velocity.
+    """
+
+    name = "current"
+    candidate = True
+    label = "a current"
+    fingerprint = "The track drifts in one compass direction; heading, yaw rate and log speed are as in still water."
+    source = "Fossen 2012; Hegrenaes & Hallingstad 2011; IMO MSC/Circ.1053, 3.4.2.5"
+    declared = (SPEED, direction("toward_deg"))
+
     def _speed(self, s: Situation) -> Tensor:
         """Speed of the water at every sample [m/s]."""
         return self.value("speed") + 0.0 * s.time
 
 
-class TidalCurrent(Current):
+class TidalCurrent(_UniformCurrent):
     """A current that gains or loses speed evenly, as a tide does within half an hour."""
 
     name = "tidal_current"
@@ -52,7 +64,8 @@ class TidalCurrent(Current):
     fingerprint = "Like a current, but the drift of the track grows or fades evenly during the trial."
     source = "Linear part of V0 + V1 cos(2 pi t / 12.42 h + p), enough for trials of half an hour"
     declared = (
-        *Current.declared,
+        SPEED,
+        direction("toward_deg"),
         Parameter("change_m_s_h", "m/s per hour", -3.0, 3.0, 0.0, 0.5, (0.3, -0.3)),
     )
 

@@ -1,6 +1,6 @@
 """Shallow water: forces and added masses between keel and bottom."""
 
-from typing import ClassVar
+from abc import abstractmethod
 
 import torch
 from jaxtyping import Float
@@ -21,7 +21,7 @@ RESISTANCE = 0.16
 """Added resistance over zeta [-]: Xuuz / Xuu of the BIS tanker."""
 
 
-class ShallowWater(HullEffect):
+class _FiniteDepth(HullEffect):
     """Water of a given depth under a ship whose coefficients hold for deep water.
 
     With ``zeta = T / (h - T)``: ships whose set has terms in zeta use these (Xuuz, ..., inertia included), Yuvz with
@@ -33,15 +33,8 @@ class ShallowWater(HullEffect):
     :meth:`null` takes ``DEEP`` draughts.
     """
 
-    name = "shallow_water"
+    measured_by = "the depth"
     family = "depth"
-    label = "shallow water"
-    fingerprint = "Wider turns with less drift and less loss of speed, to both sides and on every heading."
-    source = (
-        "Van Berlekom & Goddard 1972; Kijima et al. 1990, f = (1 - T/h)^-q - T/h; Ankudinov et al. 1990 as used by "
-        "Taimuri et al. 2020; q of Nv and the factors of added masses not checked against the print, Yr taken as Nr"
-    )
-    declared: ClassVar[tuple[Parameter, ...]] = (DEPTH, *FORM)
 
     def __init__(self, ship: Ship, **values: float) -> None:
         """Take the range of depths from the ship.
@@ -71,10 +64,9 @@ class ShallowWater(HullEffect):
         values[0] = DEEP * self.ship.particulars.draught
         return values
 
+    @abstractmethod
     def _immersion(self, s: Situation) -> Tensor:
         """Draught over depth [-]."""
-        draught = self.ship.particulars.draught
-        return draught / self.value("depth_m").clamp(min=1.02 * draught) + 0.0 * s.u
 
     def change(self, s: Situation) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*rows 3"]]:
         """What the bottom changes.
@@ -157,7 +149,26 @@ def _zeta_tables(ship: Ship) -> Float[Tensor, "3 terms 3"]:
     return tables / ship.prime.speed**2
 
 
-class Squat(ShallowWater):
+class ShallowWater(_FiniteDepth):
+    """Shallow water in which the ship keeps its draught."""
+
+    name = "shallow_water"
+    candidate = True
+    label = "shallow water"
+    fingerprint = "Wider turns with less drift and less loss of speed, to both sides and on every heading."
+    source = (
+        "Van Berlekom & Goddard 1972; Kijima et al. 1990, f = (1 - T/h)^-q - T/h; Ankudinov et al. 1990 as used by "
+        "Taimuri et al. 2020; q of Nv and the factors of added masses not checked against the print, Yr taken as Nr"
+    )
+    declared = (DEPTH, *FORM)
+
+    def _immersion(self, s: Situation) -> Tensor:
+        """Draught over depth [-]."""
+        draught = self.ship.particulars.draught
+        return draught / self.value("depth_m").clamp(min=1.02 * draught) + 0.0 * s.u
+
+
+class Squat(_FiniteDepth):
     """Shallow water in which the ship sinks in with its speed, so that the water under it becomes less still.
 
     Sinkage ``C_B S^.81 V_kn^2.08 / 20`` m with the blockage S of a channel ``7.04 B / C_B^.85`` wide; it is kept below
@@ -168,7 +179,7 @@ class Squat(ShallowWater):
     label = "shallow water and squat"
     fingerprint = "As in shallow water, and the more so the faster the ship is."
     source = "Barrass 1979 and 2004 for sinkage and width of influence; otherwise as shallow_water"
-    declared: ClassVar[tuple[Parameter, ...]] = (DEPTH, *FORM, factor("sinkage", 0.3))
+    declared = (DEPTH, *FORM, factor("sinkage", 0.3))
 
     def _immersion(self, s: Situation) -> Tensor:
         """Draught under way over depth [-]."""

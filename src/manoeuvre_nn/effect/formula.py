@@ -50,25 +50,25 @@ RUDDER = "rudder "
 """How a term of the rudder begins."""
 BUMPS = (6.0, 11.0, 16.0, 21.0, 28.0)
 """Rudder angles about which the rudder alone may be strange [deg]."""
-WIDTH = 5.0
+HALF_WIDTH_DEG = 5.0
 """Half width of such a range [deg]."""
 RUDDERS: dict[str, Callable[[Tensor], Tensor]] = {"to starboard": torch.relu, "to port": lambda d: -torch.relu(-d)}
 """Angles that the rudder may act at besides the one shown."""
 RUDDERS |= {
     f"at {middle:.0f} deg": lambda d, middle=middle: (  # type: ignore[misc]
-        d * torch.relu(1 - (d.abs() - middle * DEGREE).abs() / (WIDTH * DEGREE))
+        d * torch.relu(1 - (d.abs() - middle * DEGREE).abs() / (HALF_WIDTH_DEG * DEGREE))
     )
     for middle in BUMPS
 }
 
 
-LARGEST = 100.0
+MAX_WEIGHT = 100.0
 """Bound of a weight: a high power of a gentle motion is small."""
 
 
 SENSOR = "sensor "
 """How a term of an instrument begins."""
-LONG = 600.0
+DRIFT_TIME_S = 600.0
 """Time that a drift is told for [s]."""
 INSTRUMENTS: dict[str, tuple[str, ...]] = {
     "north": ("t^2",),
@@ -135,6 +135,7 @@ class Formula(Effect):
     """
 
     name = "formula"
+    fittable = False
     site = "force"
     family = "formula"
     label = "a force without a name"
@@ -162,7 +163,7 @@ class Formula(Effect):
                 raise InputError(f"effect.formula.terms: {term!r} is unknown; write for instance 'N r|r| cos 2psi'")
         self.terms = tuple(terms)
         self.declared = tuple(  # type: ignore[misc]
-            Parameter(f"w{k + 1}", "-", -LARGEST, LARGEST, 0.0, spread, (0.1 * spread,))
+            Parameter(f"w{k + 1}", "-", -MAX_WEIGHT, MAX_WEIGHT, 0.0, spread, (0.1 * spread,))
             for k, spread in enumerate(spreads or [0.3] * len(terms))
         )
         super().__init__(ship, **values)
@@ -225,10 +226,10 @@ class Formula(Effect):
     def _errors(self, term: str, s: Situation) -> dict[str, Float[Tensor, "*batch"]]:
         """Channel -> its error for a weight of one."""
         _, channel, shape = term.split(" ", maxsplit=2)
-        p, late = self.ship.particulars, s.time / LONG
+        p, late = self.ship.particulars, s.time / DRIFT_TIME_S
         if channel in RECEIVER:
             position, velocity = RECEIVER[channel]
-            return {position: 0.2 * p.length * late**2, velocity: 0.4 * p.length / LONG * late}
+            return {position: 0.2 * p.length * late**2, velocity: 0.4 * p.length / DRIFT_TIME_S * late}
         size = {"psi": 5 * DEGREE, "r": 0.1 * p.speed / p.length, "u_log": 0.1 * p.speed}[channel]
         drifts = {"t": late, "t^2": late**2}
         if shape in drifts:

@@ -18,6 +18,8 @@ class DisplacementChange(HullEffect):
     """
 
     name = "displacement_change"
+    candidate = True
+    measured_by = "the draughts"
     family = "loading"
     label = "another displacement"
     fingerprint = "A slower or quicker answer to the rudder on every heading, alike to both sides."
@@ -50,6 +52,7 @@ class Loading(HullEffect):
     """
 
     name = "loading"
+    measured_by = "the draughts"
     family = "loading"
     label = "another draught"
     fingerprint = "As another displacement, with another speed on straight courses."
@@ -83,6 +86,8 @@ class TrimChange(HullEffect):
     """
 
     name = "trim_change"
+    candidate = True
+    measured_by = "the draughts"
     family = "loading"
     label = "another trim"
     equations: ClassVar[tuple[str, ...]] = ("Y", "N")

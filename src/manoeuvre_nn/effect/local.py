@@ -1,5 +1,7 @@
 """Forces by tugs, thrusters and banks that act for a while."""
 
+from abc import abstractmethod
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -14,16 +16,14 @@ LEVER = Parameter("lever_m", "m", -200.0, 200.0, None, 60.0, (0.0, 50.0, -50.0))
 INTERVAL = (instant("start_s", 100.0, 200.0), instant("end_s", 300.0, 400.0))
 
 
-class SideForce(ForceEffect):
-    """A constant lateral force for a while, positive to starboard, at a lever forward of midship."""
+class _LateralForce(ForceEffect):
+    """A constant lateral force for a while, positive to starboard, at a lever that each gives itself."""
 
-    name = "side_force"
+    acts_indoors = False
+    measured_by = "the forces of lines and thrusters"
+    exclusive = "line or thruster"
     family = FAMILY
-    label = "a side force"
     equations = ("Y", "N")
-    fingerprint = "Sway and yaw are pushed in a fixed ratio in one interval, on no account of heading or speed."
-    source = "Constant force with a smooth gate in time"
-    declared = (FORCE, LEVER, *INTERVAL)
 
     def force(self, s: Situation) -> Float[Tensor, "*batch 3"]:
         """The force and its moment.
@@ -37,19 +37,35 @@ class SideForce(ForceEffect):
         sway = KILO * self.value("force_kN") * during(s.time, self.value("start_s"), self.value("end_s"))
         return columns(torch.zeros_like(sway), sway, self._lever() * sway)
 
+    @abstractmethod
+    def _lever(self) -> Tensor:
+        """Where it acts, forward of midship [m]."""
+
+
+class SideForce(_LateralForce):
+    """A constant lateral force for a while, positive to starboard, at a lever forward of midship."""
+
+    name = "side_force"
+    candidate = True
+    label = "a side force"
+    fingerprint = "Sway and yaw are pushed in a fixed ratio in one interval, on no account of heading or speed."
+    source = "Constant force with a smooth gate in time"
+    declared = (FORCE, LEVER, *INTERVAL)
+
     def _lever(self) -> Tensor:
         """Where it acts, forward of midship [m]."""
         return self.value("lever_m")
 
 
-class BowThruster(SideForce):
+class BowThruster(_LateralForce):
     """A bow thruster that is left running, positive to starboard, .4 L forward of midship."""
 
     name = "bow_thruster"
+    candidate = True
     label = "a running bow thruster"
     fingerprint = "Sway and yaw are pushed to the same side in one interval, as by a force at the bow."
     source = "Constant force with a smooth gate in time; loss by forward speed is not modelled"
-    declared = (FORCE, *INTERVAL)  # type: ignore[assignment]
+    declared = (FORCE, *INTERVAL)
 
     def _lever(self) -> Tensor:
         """Where it acts, forward of midship [m]."""
@@ -60,6 +76,9 @@ class Tow(ForceEffect):
     """A tug or tow line that pulls in a direction off the bow, at a lever forward of midship, for a while."""
 
     name = "tow"
+    acts_indoors = False
+    measured_by = "the forces of lines and thrusters"
+    exclusive = "line or thruster"
     family = FAMILY
     label = "a tow line"
     equations = ("X", "Y", "N")

@@ -17,6 +17,8 @@ class PropellerSideForce(ForceEffect):
     """A lateral force of the propeller, .48 L aft of midship, positive to starboard, in proportion to n squared."""
 
     name = "propeller_side_force"
+    candidate = True
+    measured_by = "shaft speed and torque"
     family = FAMILY
     label = "a side force of the propeller"
     equations = ("Y", "N")
@@ -45,6 +47,8 @@ class PropellerPitchError(ForceEffect):
     """
 
     name = "propeller_pitch_error"
+    candidate = True
+    measured_by = "shaft speed and torque"
     family = FAMILY
     label = "a pitch error of the propeller"
     equations = ("X",)
@@ -73,6 +77,8 @@ class PowerLimit(Effect):
     """
 
     name = "power_limit"
+    candidate = True
+    measured_by = "shaft speed and torque"
     site = "actuator"
     family = FAMILY
     label = "an engine at its limit"
@@ -134,13 +140,15 @@ class PowerLimit(Effect):
         Returns:
             All channels.
         """
-        return {k: s.shaft if k == "n" else c for k, c in channels.items()}
+        return {k: s.shaft if k == "shaft_recorded" else c for k, c in channels.items()}
 
 
 class HullFouling(ForceEffect):
     """Added resistance as a fraction of the calm-water resistance at approach speed, growing with u squared."""
 
     name = "hull_fouling"
+    candidate = True
+    measured_by = "shaft speed and torque"
     family = FAMILY
     label = "a fouled hull"
     equations = ("X",)
@@ -169,6 +177,9 @@ class IceResistance(ForceEffect):
     """A resisting force that does not depend on the speed; it fades below ``SLOW``."""
 
     name = "ice_resistance"
+    candidate = True
+    acts_indoors = False
+    measured_by = "shaft speed and torque"
     family = FAMILY
     label = "resistance by ice"
     equations = ("X",)

@@ -41,6 +41,7 @@ class Remainder(Effect):
     """
 
     name = "remainder"
+    fittable = False
     site = "force"
     family = "remainder"
     label = "a smooth force without a name"

@@ -19,6 +19,8 @@ class RollCoupling(Effect):
     """
 
     name = "roll_coupling"
+    candidate = True
+    measured_by = "the heel"
     site = "force"
     family = "heel"
     label = "a yaw moment by heel"

@@ -3,6 +3,7 @@
 Angles are positive to starboard, as everywhere in the package.
 """
 
+from abc import ABC
 from typing import ClassVar
 
 import torch
@@ -14,11 +15,12 @@ from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.units import DEGREE
 
 
-class RudderEffect(Effect):
+class RudderEffect(Effect, ABC):
     """A fault of the rudder or of its gear."""
 
     site = "actuator"
     family = "rudder"
+    measured_by = "the angle of the rudder stock"
     equations: ClassVar[tuple[str, ...]] = ("actuator:rudder",)
 
 
@@ -26,6 +28,7 @@ class RudderOffset(RudderEffect):
     """A blade that stands beside the indicated angle: blade minus indicator, positive to starboard."""
 
     name = "rudder_offset"
+    candidate = True
     label = "a rudder offset"
     fingerprint = "The ship turns one way with the rudder shown amidships, on every heading, more at higher speed."
     source = "delta = shown + offset"
@@ -57,6 +60,7 @@ class RudderBacklash(RudderEffect):
     """Play between indicator and blade: the blade moves only where the indicator pushes it (play operator)."""
 
     name = "rudder_backlash"
+    candidate = True
     label = "backlash of the rudder"
     fingerprint = "After a reversal the ship answers as if the rudder waited; order and turn make a hysteresis loop."
     source = "Play operator of total width w: blade = clamp(before, shown - w/2, shown + w/2)"
@@ -89,6 +93,7 @@ class RudderSlow(RudderEffect):
     """A blade that follows the order at a rate of its own, whatever the indicator does."""
 
     name = "rudder_slow"
+    candidate = True
     label = "a slow rudder"
     fingerprint = "Disagreement while the rudder is moving, the larger the change of angle; none once it rests."
     source = "Rate limit between order and blade"

@@ -1,5 +1,6 @@
 """Instruments that show something else than what is."""
 
+from abc import ABC
 from collections.abc import Mapping
 
 import torch
@@ -48,17 +49,19 @@ def shifted(
     return f0 + (f1 - f0) * (asked - t0) / (t1 - t0)
 
 
-class Sensor(Effect):
+class _Sensor(Effect, ABC):
     """An instrument's error."""
 
     site = "sensor"
     family = "sensors"
+    measured_by = "the same with a second sensor"
 
 
-class HeadingBias(Sensor):
+class HeadingBias(_Sensor):
     """A compass that shows too much by a constant angle: recorded minus true, positive clockwise."""
 
     name = "heading_bias"
+    candidate = True
     label = "a compass error"
     equations = ("sensor:psi",)
     fingerprint = "Velocity over ground is turned against the heading by one angle, whatever the heading."
@@ -79,10 +82,11 @@ class HeadingBias(Sensor):
         return add(channels, psi=self.angle("bias_deg"))
 
 
-class RateBias(Sensor):
+class RateBias(_Sensor):
     """A rate gyro that shows too much: recorded minus true, positive clockwise."""
 
     name = "rate_bias"
+    candidate = True
     label = "a bias of the rate gyro"
     equations = ("sensor:r",)
     fingerprint = "The integral of the yaw rate runs away from the heading at a constant rate."
@@ -103,10 +107,11 @@ class RateBias(Sensor):
         return add(channels, r=self.angle("bias_deg_s"))
 
 
-class LogScale(Sensor):
+class LogScale(_Sensor):
     """A speed log that shows a multiple of the forward speed through the water."""
 
     name = "log_scale"
+    candidate = True
     label = "a scale error of the speed log"
     equations = ("sensor:u_log",)
     fingerprint = "The log is off by a share of the speed on every heading, with and against any current."
@@ -127,10 +132,11 @@ class LogScale(Sensor):
         return {k: c * self.value("factor") if k == "u_log" else c for k, c in channels.items()}
 
 
-class LeverArm(Sensor):
+class LeverArm(_Sensor):
     """A GPS antenna that is not at the reference point: dx_m forward, dy_m to starboard of it."""
 
     name = "gps_lever_arm"
+    candidate = True
     label = "a lever arm of the GPS antenna"
     equations = ("sensor:x", "sensor:y", "sensor:vn", "sensor:ve")
     fingerprint = "Sway over ground gains a share of the yaw rate, and the turning circle changes its radius."
@@ -156,7 +162,7 @@ class LeverArm(Sensor):
         return add(channels, x=north, y=east, vn=-s.r * east, ve=s.r * north)
 
 
-class WrongFrame(Sensor):
+class WrongFrame(_Sensor):
     """Velocities over ground that hold for a point dx_m forward of where the position holds."""
 
     name = "wrong_frame"
@@ -180,10 +186,11 @@ class WrongFrame(Sensor):
         return add(channels, vn=-sway * torch.sin(s.psi), ve=sway * torch.cos(s.psi))
 
 
-class GpsDelay(Sensor):
+class GpsDelay(_Sensor):
     """Position and velocity over ground that are late."""
 
     name = "gps_delay"
+    fittable = False
     label = "a late GPS"
     equations = ("sensor:x", "sensor:y", "sensor:vn", "sensor:ve")
     fingerprint = "The track lags by the speed times one time, and velocity over ground turns after the heading."
@@ -204,7 +211,7 @@ class GpsDelay(Sensor):
         return {k: shifted(c, s.time, delay) if k in {"x", "y", "vn", "ve"} else c for k, c in channels.items()}
 
 
-class TimeSync(Sensor):
+class TimeSync(_Sensor):
     """A yaw rate that is stamped late."""
 
     name = "time_sync"
@@ -228,7 +235,7 @@ class TimeSync(Sensor):
         return {k: shifted(c, s.time, late) if k == "r" else c for k, c in channels.items()}
 
 
-class GyroSpeedError(Sensor):
+class GyroSpeedError(_Sensor):
     """A gyro compass whose latitude and speed correction is not set: it settles west of north on northerly courses.
 
     ``psi_m = psi + factor V_north / 465 m/s``; the factor of a compass without any correction is 1 / cos(latitude).

@@ -52,7 +52,7 @@ class Parts:
     mass: Float[Tensor, "*batch 3"]
 
 
-class Series:
+class SortedSeries:
     """A ship's products and coefficients, sorted.
 
     Attributes:
@@ -137,13 +137,13 @@ class HullEffect(Effect):
             values: Parameter = value in its unit.
         """
         super().__init__(ship, **values)
-        self._sorted = [Series(ship, self.name)]
+        self._sorted = [SortedSeries(ship, self.name)]
 
     @property
-    def series(self) -> Series:
+    def series(self) -> SortedSeries:
         """The ship's terms, sorted anew where the effect was taken to another ship."""
         if self._sorted[0].ship is not self.ship:
-            self._sorted = [Series(self.ship, self.name)]
+            self._sorted = [SortedSeries(self.ship, self.name)]
         return self._sorted[0]
 
     @abstractmethod

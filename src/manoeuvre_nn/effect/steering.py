@@ -19,6 +19,7 @@ class RudderDelay(RudderEffect):
     """A recorded rudder angle that is late."""
 
     name = "rudder_delay"
+    candidate = True
     site = "sensor"
     label = "a late rudder recording"
     equations: ClassVar[tuple[str, ...]] = ("sensor:delta",)
@@ -56,6 +57,7 @@ class RudderAreaLoss(RudderEffect):
     """A share of all forces of the rudder that is missing."""
 
     name = "rudder_area_loss"
+    candidate = True
     label = "a loss of rudder area"
     fingerprint = "Everything that the rudder does is smaller by one share, at all angles and to both sides."
     source = "(1 - k) of the terms with the rudder angle"
@@ -79,7 +81,7 @@ class RudderStall(RudderEffect):
     """A rudder whose flow separates beyond an angle of attack: sway and yaw by it lose a share, its drag stays.
 
     The angle of attack is ``delta + gamma atan((v - L r / 2) / u)``, so that the rudder recovers as the ship begins to
-    turn; the loss sets in smoothly within ``WIDTH``.
+    turn; the loss sets in smoothly within ``STALL_WIDTH``.
     """
 
     name = "rudder_stall"
@@ -91,7 +93,7 @@ class RudderStall(RudderEffect):
         Parameter("loss", "-", 0.0, 0.9, 0.0, 0.3, (0.3,)),
         Parameter("straightening", "-", 0.0, 1.0, 0.4, 0.15, (0.4,), form=True),
     )
-    WIDTH = 2.0 * DEGREE
+    STALL_WIDTH = 2.0 * DEGREE
 
     def acceleration(self, s: Situation, memory: Float[Tensor, "*own m"]) -> Float[Tensor, "*batch 3"]:
         """What is missing.
@@ -106,7 +108,7 @@ class RudderStall(RudderEffect):
         del memory
         across = s.v - 0.5 * self.ship.particulars.length * s.r
         attack = s.delta + self.value("straightening") * torch.atan2(across, s.u)
-        lost = self.value("loss") * torch.sigmoid((attack.abs() - self.angle("angle_deg")) / self.WIDTH)
+        lost = self.value("loss") * torch.sigmoid((attack.abs() - self.angle("angle_deg")) / self.STALL_WIDTH)
         return -lost[..., None] * rudder_part(self.ship, s) * s.nu.new_tensor([0.0, 1.0, 1.0])
 
 

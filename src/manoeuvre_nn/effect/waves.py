@@ -23,6 +23,9 @@ class WaveDrift(ForceEffect):
     """
 
     name = "wave_drift"
+    candidate = True
+    acts_indoors = False
+    measured_by = "the wind and the waves"
     family = "wind and waves"
     label = "wave drift forces"
     equations = ("X", "Y", "N")
@@ -60,6 +63,9 @@ class FirstOrderWaves(Effect):
     """
 
     name = "first_order_waves"
+    fittable = False
+    acts_indoors = False
+    measured_by = "the wind and the waves"
     site = "sensor"
     family = "wind and waves"
     label = "wave-frequency motion"

@@ -1,7 +1,7 @@
 """Wind on the part of the ship above the water."""
 
+from abc import abstractmethod
 from math import exp, pi, sqrt
-from typing import ClassVar
 
 import torch
 from jaxtyping import Float
@@ -40,8 +40,8 @@ FORM = (
 )
 
 
-class SteadyWind(ForceEffect):
-    """A constant true wind, by Blendermann's load functions.
+class _TrueWind(ForceEffect):
+    """A true wind about one mean direction, by Blendermann's load functions.
 
     With the air relative to the ship at angle g (0 from ahead, positive from port) and speed V_rw::
 
@@ -56,15 +56,11 @@ class SteadyWind(ForceEffect):
     still_air is the share of the load in still air that the hull's resistance contains.
     """
 
-    name = "wind_steady"
+    acts_indoors = False
+    exclusive = "wind"
+    measured_by = "the wind and the waves"
     family = "wind and waves"
-    label = "a steady wind"
     equations = ("X", "Y", "N")
-    fingerprint = (
-        "Forces turn with the compass and grow on upwind headings; the yaw moment changes sign near beam wind."
-    )
-    source = "Blendermann 1994, J. Wind Eng. Ind. Aerodyn. 51; the step of CD_lAF at beam wind is smoothed"
-    declared: ClassVar[tuple[Parameter, ...]] = (SPEED, direction("from_deg"), *FORM)
 
     def __init__(self, ship: Ship, kind: str | None = None, **values: float) -> None:
         """Choose the coefficients.
@@ -96,9 +92,9 @@ class SteadyWind(ForceEffect):
         across = s.v - north * sin + east * cos
         return self._load(ahead, across) - self.value("still_air")[..., None] * self._load(s.u, s.v)
 
+    @abstractmethod
     def _speed(self, s: Situation) -> Tensor:
         """Speed of the true wind at every sample [m/s]."""
-        return self.value("speed") + 0.0 * s.time
 
     def _swing(self, s: Situation) -> Tensor | float:
         """Speed across the mean wind, from the right of where it comes from [m/s]."""
@@ -120,10 +116,28 @@ class SteadyWind(ForceEffect):
         return columns(-self.value("cx") * pressure * along * surge * areas.frontal, self.value("cy") * sway, yaw)
 
 
-class WindOnset(SteadyWind):
+class SteadyWind(_TrueWind):
+    """A constant true wind."""
+
+    name = "wind_steady"
+    candidate = True
+    label = "a steady wind"
+    fingerprint = (
+        "Forces turn with the compass and grow on upwind headings; the yaw moment changes sign near beam wind."
+    )
+    source = "Blendermann 1994, J. Wind Eng. Ind. Aerodyn. 51; the step of CD_lAF at beam wind is smoothed"
+    declared = (SPEED, direction("from_deg"), *FORM)
+
+    def _speed(self, s: Situation) -> Tensor:
+        """Speed of the true wind at every sample [m/s]."""
+        return self.value("speed") + 0.0 * s.time
+
+
+class WindOnset(_TrueWind):
     """Calm until the wind sets in, then steady."""
 
     name = "wind_onset"
+    candidate = True
     label = "a wind that sets in"
     fingerprint = "Nothing until a time, then the forces of a steady wind."
     source = "Blendermann 1994; smooth step in time"
@@ -134,7 +148,7 @@ class WindOnset(SteadyWind):
         return self.value("speed") * onset(s.time, self.value("start_s"))
 
 
-class GustyWind(SteadyWind):
+class GustyWind(_TrueWind):
     """A mean wind and gusts along it, and across it if wanted: first-order Markov processes of one seeded realisation.
 
     The realisation is made once in units of the gusts' correlation time, so that their size and time are
@@ -142,15 +156,17 @@ class GustyWind(SteadyWind):
     """
 
     name = "wind_gusty"
+    candidate = True
+    variant_of = "wind_steady"
     label = "a gusty wind"
     fingerprint = "A steady wind, and residuals of sway and yaw that wander together in the ratio of the wind's forces."
     source = "Blendermann 1994; gusts dV = -V/tau dt + sd sqrt(2/tau) dW"
     declared = (
         SPEED,
         direction("from_deg"),
-        Parameter("gust_sd", "m/s", 0.0, 6.0, 0.0, 1.5, (1.5,)),
-        Parameter("gust_time_s", "s", 5.0, 120.0, None, 30.0, (30.0,)),
-        Parameter("gust_across", "-", -1.5, 1.5, 0.0, 0.5, (0.0,)),
+        Parameter("gust_sd", "m/s", 0.0, 6.0, 0.0, 1.5, (1.5,), random=True),
+        Parameter("gust_time_s", "s", 5.0, 120.0, None, 30.0, (30.0,), random=True),
+        Parameter("gust_across", "-", -1.5, 1.5, 0.0, 0.5, (0.0,), random=True),
         *FORM,
     )
     STEP, LAST = 0.02, 600.0

@@ -9,7 +9,7 @@ from manoeuvre_nn.core.units import DEGREE
 
 TRIAL = re.compile(r"(?P<family>tc|zz)(?P<angle>[0-9.]+)(_(?P<heading>[0-9.]+))?(_port|_starboard)?")
 """Names that say the angles: ``tc35``, ``tc35_port``, ``zz10``, ``zz20_10``."""
-NOT_JUDGED = "not judged: the resolution asks for {}"
+NO_VERDICT = "not judged: the resolution asks for {}"
 """Verdict on a trial at another angle than the resolution's."""
 
 
@@ -84,7 +84,7 @@ def _rows(name: str, found: Mapping[str, float], ship: Particulars) -> list[ImoR
     else:
         limits = {"overshoot_1_deg": first_20} if angle > 15 else zigzag_10
         wanted, asked = "10/10 and 20/20 zigzags", angle == heading and angle in {10.0, 20.0}
-    other = None if asked else NOT_JUDGED.format(wanted)
+    other = None if asked else NO_VERDICT.format(wanted)
     return [
         ImoRow(f"{name} {key}", found[key], limit, other or _verdict(found[key], limit))
         for key, limit in limits.items()

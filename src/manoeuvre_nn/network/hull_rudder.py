@@ -5,48 +5,65 @@ from dataclasses import dataclass
 from typing import Literal
 
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.network import Network
+from manoeuvre_nn.numerics.semilinear import Design
 
 SpeedLaw = Literal["approach", "shaft"]
 Library = Literal["none", "linear", "quadratic"]
 
 OUTPUTS, EVEN = 3, (1.0, -1.0, -1.0)
 """Surge does not change when the ship is mirrored; sway and yaw change sign."""
-SLOWEST = 0.05
+MIN_SPEED_PRIME = 0.05
 """Forward speed over U0 below which ratios to it are taken as there: far outside of every manoeuvre [-]."""
 
 
 @dataclass(frozen=True)
-class Design:
-    """What the outputs are linear in, at given inputs: all that a fit by variable projection needs beside the targets.
+class HullRudderSettings:
+    """Size of a :class:`HullRudder`, and what it knows of ships.
 
     Attributes:
-        z: What the nodes see.
-        sees: Which of it, and the bias last, each node sees.
-        mirror: Sign of every feature when the ship is mirrored [-].
-        parity: Sign of every output then; 0 where none is imposed.
-        factors: b_j at every sample.
-        node: Node of every column of the first kind.
-        factor: Its factor.
-        library: Columns of the second kind, output by output; a column of zeros is none.
-        shrink: Ridge on the columns of the first kind, over the size of a column of ones [-].
+        hidden: Nodes of a member.
+        members: Members.
+        symmetric: Whether port and starboard are alike but for the library.
+        modular: Whether hull nodes do not see the rudder.
+        speed_law: ``approach`` or ``shaft``.
+        library: ``none``, ``linear`` or ``quadratic``.
+        spread: Standard deviation of the first weights [-].
+        shrink: Ridge on the nodes' linear weights in a fit over the size of a column of ones [-]: where the library is
+            the better guess, the nodes should only say what it cannot.
     """
 
-    z: Float[Tensor, "n i"]
-    sees: Bool[Tensor, "h w"]
-    mirror: Float[Tensor, " i"]
-    parity: Float[Tensor, " o"]
-    factors: Float[Tensor, "j n"]
-    node: Int[Tensor, " c"]
-    factor: Int[Tensor, " c"]
-    library: Float[Tensor, "o e n"]
-    shrink: float
+    hidden: int = 12
+    members: int = 16
+    symmetric: bool = True
+    modular: bool = True
+    speed_law: SpeedLaw = "approach"
+    library: Library = "linear"
+    spread: float = 0.3
+    shrink: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse what makes no sense.
+
+        Raises:
+            InputError: If a setting is unknown or out of its range.
+        """
+        check_choice("network.speed_law", self.speed_law, ["approach", "shaft"])
+        check_choice("network.library", self.library, ["none", "linear", "quadratic"])
+        if self.hidden < 2 or self.members < 1:
+            given = f"network.hidden={self.hidden}, network.members={self.members}"
+            raise InputError(f"{given}: expected at least 2 nodes, 1 member")
+        if not self.spread > 0:
+            raise InputError(f"network.spread={self.spread}: expected a standard deviation, more than 0")
+        if not self.shrink >= 0:
+            raise InputError(f"network.shrink={self.shrink}: expected a ridge, 0 or more")
 
 
-class HullRudder(nn.Module):
+class HullRudder(Network):
     """Members that learn the same forces from different first weights; together they answer with their median.
 
     Output o of a member is, with nodes ``f_h(z) = tanh(w_h z + w_h0)`` and z~ the inputs of the mirrored ship,
@@ -83,51 +100,23 @@ class HullRudder(nn.Module):
     factor: Tensor
 
     def __init__(
-        self,
-        hidden: int = 12,
-        members: int = 16,
-        *,
-        symmetric: bool = True,
-        modular: bool = True,
-        speed_law: SpeedLaw = "approach",
-        library: Library = "linear",
-        spread: float = 0.3,
-        shrink: float = 0.0,
-        seed: int = 0,
-        dtype: torch.dtype = torch.float64,
+        self, settings: HullRudderSettings | None = None, *, seed: int = 0, dtype: torch.dtype = torch.float64
     ) -> None:
         """Draw the first weights.
 
         Args:
-            hidden: Nodes of a member.
-            members: Members.
-            symmetric: Whether port and starboard are alike but for the library.
-            modular: Whether hull nodes do not see the rudder.
-            speed_law: ``approach`` or ``shaft``.
-            library: ``none``, ``linear`` or ``quadratic``.
-            spread: Standard deviation of the first weights [-].
-            shrink: Ridge on the nodes' linear weights in a fit over the size of a column of ones [-]: where the library
-                is the better guess, the nodes should only say what it cannot.
+            settings: Its size and what it knows; None is the usual.
             seed: Seed of the first weights; member k of any ensemble of this seed starts alike.
             dtype: Floating type.
-
-        Raises:
-            InputError: If a setting makes no sense.
         """
         super().__init__()
-        check_choice("network.speed_law", speed_law, ["approach", "shaft"])
-        check_choice("network.library", library, ["none", "linear", "quadratic"])
-        if hidden < 2 or members < 1:
-            raise InputError(f"network.hidden={hidden}, network.members={members}: expected at least 2 nodes, 1 member")
-        if not spread > 0:
-            raise InputError(f"network.spread={spread}: expected a standard deviation, more than 0")
-        if not shrink >= 0:
-            raise InputError(f"network.shrink={shrink}: expected a ridge, 0 or more")
-        self.symmetric, self.speed_law, self.library, self.shrink = symmetric, speed_law, library, shrink
-        self._spread, self._seed = spread, seed
+        s = settings or HullRudderSettings()
+        hidden, speed_law = s.hidden, s.speed_law
+        self.symmetric, self.speed_law, self.library, self.shrink = s.symmetric, speed_law, s.library, s.shrink
+        self._spread, self._seed = s.spread, seed
         inputs = 4 if speed_law == "approach" else 3
         sees = torch.ones(hidden, inputs + 1, dtype=torch.bool)
-        hull = torch.arange(hidden) % 2 == 0 if modular else torch.zeros(hidden, dtype=torch.bool)
+        hull = torch.arange(hidden) % 2 == 0 if s.modular else torch.zeros(hidden, dtype=torch.bool)
         sees[hull, inputs - 1] = False
         pairs = [(h, j) for h in range(hidden) for j in range(1 if speed_law == "approach" or hull[h] else 3)]
         self.register_buffer("sees", sees)
@@ -135,14 +124,24 @@ class HullRudder(nn.Module):
         self.register_buffer("factor", torch.tensor([j for _, j in pairs]))
         self.register_buffer("trained", torch.tensor(0))
         self.register_buffer("shaft", torch.ones((), dtype=dtype))
-        self.input_weights = nn.Parameter(torch.stack([self.drawn(k, dtype=dtype) for k in range(members)]))
+        self.input_weights = nn.Parameter(torch.stack([self.drawn(k, dtype=dtype) for k in range(s.members)]))
         columns = len(pairs) + self._library(torch.ones(1, 4, dtype=dtype)).shape[1]
-        self.output_weights = nn.Parameter(torch.zeros(members, OUTPUTS, columns, dtype=dtype))
+        self.output_weights = nn.Parameter(torch.zeros(s.members, OUTPUTS, columns, dtype=dtype))
 
     @property
     def members(self) -> int:
         """Members, trained or not."""
         return self.input_weights.shape[0]
+
+    @property
+    def shaft_ratio(self) -> Tensor:
+        """Nominal shaft speed over that of the training [-]."""
+        return self.shaft
+
+    @property
+    def answering(self) -> int:
+        """Members that have been trained."""
+        return int(self.trained)
 
     @property
     def scalings(self) -> tuple[str, ...]:
@@ -241,18 +240,18 @@ class HullRudder(nn.Module):
         return torch.stack(outputs, -1)
 
     def at_shaft(self, ratio: float) -> "HullRudder":
-        """The same network with another shaft speed; it shares the weights.
+        """The same network at another nominal shaft speed; it shares the weights.
 
         Args:
-            ratio: n over that of the training [-].
+            ratio: The new nominal shaft speed over the present one [-].
 
         Returns:
             A new network; the same where no shaft speed is known to it.
         """
-        if self.speed_law == "approach" or ratio == float(self.shaft):
+        if self.speed_law == "approach" or ratio == 1.0:
             return self
         other = copy.copy(self)
-        other._buffers = {**self._buffers, "shaft": torch.full_like(self.shaft, ratio)}
+        other._buffers = {**self._buffers, "shaft": self.shaft * ratio}
         return other
 
     def with_weights(
@@ -276,12 +275,12 @@ class HullRudder(nn.Module):
     def _features(self, x: Tensor) -> Tensor:
         if self.speed_law == "approach":
             return x
-        return torch.cat([x[:, 1:3] / x[:, :1].clamp(min=SLOWEST), x[:, 3:]], 1)
+        return torch.cat([x[:, 1:3] / x[:, :1].clamp(min=MIN_SPEED_PRIME), x[:, 3:]], 1)
 
     def _factors(self, x: Tensor) -> Tensor:
         if self.speed_law == "approach":
             return torch.ones_like(x[:, :1]).T
-        u = x[:, 0].clamp(min=SLOWEST)
+        u = x[:, 0].clamp(min=MIN_SPEED_PRIME)
         return torch.stack([u.square(), u * self.shaft, self.shaft.square().expand_as(u)])
 
     def _library(self, x: Tensor) -> Tensor:

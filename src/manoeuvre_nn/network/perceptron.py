@@ -1,5 +1,6 @@
 """Perceptrons with one hidden layer, several of them as one tensor."""
 
+from dataclasses import dataclass
 from typing import Literal
 
 import torch
@@ -7,12 +8,45 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.network import Network
 
 Activation = Literal["sigmoid", "tanh"]
 Initial = Literal["uniform", "symmetric", "normal"]
 
 
-class Perceptron(nn.Module):
+@dataclass(frozen=True)
+class PerceptronSettings:
+    """Nodes and first weights of a :class:`Perceptron`.
+
+    Attributes:
+        activation: ``sigmoid`` or ``tanh``.
+        initial: First weights: ``uniform`` U[0, 1), ``symmetric`` U[-1, 1), or ``normal`` N(0, spread^2).
+        spread: Standard deviation of ``normal`` [-].
+    """
+
+    activation: Activation = "sigmoid"
+    initial: Initial = "uniform"
+    spread: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Refuse what makes no sense.
+
+        Raises:
+            InputError: If a setting is unknown or out of its range.
+        """
+        check_choice("network.activation", self.activation, ["sigmoid", "tanh"])
+        check_choice("network.initial", self.initial, ["uniform", "symmetric", "normal"])
+        if not self.spread > 0:
+            raise InputError(f"network.spread={self.spread}: expected a standard deviation, more than 0")
+
+
+WANG = PerceptronSettings()
+"""Sigmoids and first weights of Wang 1996."""
+RAJESH = PerceptronSettings(initial="symmetric")
+"""Sigmoids and first weights of Rajesh & Bhattacharyya 2009."""
+
+
+class Perceptron(Network):
     """K perceptrons of one shape that see the same inputs.
 
     Row k gives ``y_o = sum_h B_oh f(sum_i W_hi x_i + W_h,I+1) + B_o,H+1``.
@@ -31,10 +65,8 @@ class Perceptron(nn.Module):
         inputs: int,
         hidden: int,
         outputs: int,
+        settings: PerceptronSettings = WANG,
         *,
-        activation: Activation = "sigmoid",
-        initial: Initial = "uniform",
-        spread: float = 1.0,
         seed: int = 0,
         dtype: torch.dtype = torch.float64,
     ) -> None:
@@ -45,27 +77,21 @@ class Perceptron(nn.Module):
             inputs: I, the bias not counted.
             hidden: H, the number of nodes with an activation.
             outputs: O of each network.
-            activation: ``sigmoid`` or ``tanh``.
-            initial: ``uniform`` U[0, 1), ``symmetric`` U[-1, 1), or ``normal`` N(0, spread^2).
-            spread: Standard deviation of ``normal`` [-].
+            settings: Its nodes and first weights.
             seed: Seed of the weights.
             dtype: Floating type.
 
         Raises:
-            InputError: If a setting makes no sense.
+            InputError: If a number is less than 1.
         """
         super().__init__()
-        check_choice("network.activation", activation, ["sigmoid", "tanh"])
-        check_choice("network.initial", initial, ["uniform", "symmetric", "normal"])
         if min(networks, inputs, hidden, outputs) < 1:
             raise InputError(f"network of {networks} x {inputs}-{hidden}-{outputs}: every number must be at least 1")
-        if not spread > 0:
-            raise InputError(f"network.spread={spread}: expected a standard deviation, more than 0")
-        self.activation = activation
+        self.activation = settings.activation
         # Drawn in float64 whatever the type, so that float32 and float64 networks start alike.
         generator = torch.Generator().manual_seed(seed)
         sizes = (networks, hidden, inputs + 1), (networks, outputs, hidden + 1)
-        first, last = (_draw(size, initial, spread, generator).to(dtype) for size in sizes)
+        first, last = (_draw(size, settings, generator).to(dtype) for size in sizes)
         self.input_weights, self.output_weights = nn.Parameter(first), nn.Parameter(last)
 
     @property
@@ -140,10 +166,8 @@ def wang_network(
     hidden: int = 11,
     inputs: int = 4,
     outputs: int = 3,
+    settings: PerceptronSettings = WANG,
     *,
-    activation: Activation = "sigmoid",
-    initial: Initial = "uniform",
-    spread: float = 1.0,
     seed: int = 0,
     dtype: torch.dtype = torch.float64,
 ) -> Perceptron:
@@ -153,9 +177,7 @@ def wang_network(
         hidden: m.
         inputs: Number of inputs.
         outputs: Number of networks.
-        activation: ``sigmoid`` as in the thesis, or ``tanh``.
-        initial: ``uniform`` (thesis), ``symmetric`` or ``normal``.
-        spread: Standard deviation of ``normal`` [-].
+        settings: Nodes and first weights; by default those of the thesis.
         seed: Seed of the first weights.
         dtype: Floating type.
 
@@ -170,19 +192,15 @@ def wang_network(
     """
     if hidden < 1:
         raise InputError(f"network.hidden={hidden}: three 4-m-1 networks need at least 1 sigmoid each")
-    return Perceptron(
-        outputs, inputs, hidden, 1, activation=activation, initial=initial, spread=spread, seed=seed, dtype=dtype
-    )
+    return Perceptron(outputs, inputs, hidden, 1, settings, seed=seed, dtype=dtype)
 
 
 def rajesh_network(
     hidden: int = 15,
     inputs: int = 4,
     outputs: int = 3,
+    settings: PerceptronSettings = RAJESH,
     *,
-    activation: Activation = "sigmoid",
-    initial: Initial = "symmetric",
-    spread: float = 1.0,
     seed: int = 0,
     dtype: torch.dtype = torch.float64,
 ) -> Perceptron:
@@ -192,9 +210,7 @@ def rajesh_network(
         hidden: m.
         inputs: Number of inputs, the paper's input 1 not counted.
         outputs: Number of outputs.
-        activation: ``sigmoid`` as in the paper, or ``tanh``.
-        initial: ``symmetric`` (paper), ``uniform`` or ``normal``.
-        spread: Standard deviation of ``normal`` [-].
+        settings: Nodes and first weights; by default those of the paper.
         seed: Seed of the first weights.
         dtype: Floating type.
 
@@ -209,14 +225,12 @@ def rajesh_network(
     """
     if hidden < 2:
         raise InputError(f"network.hidden={hidden}: a 4-m-3 network counts its bias node, so m must be at least 2")
-    return Perceptron(
-        1, inputs, hidden - 1, outputs, activation=activation, initial=initial, spread=spread, seed=seed, dtype=dtype
-    )
+    return Perceptron(1, inputs, hidden - 1, outputs, settings, seed=seed, dtype=dtype)
 
 
-def _draw(size: tuple[int, ...], initial: Initial, spread: float, generator: torch.Generator) -> Tensor:
+def _draw(size: tuple[int, ...], settings: PerceptronSettings, generator: torch.Generator) -> Tensor:
     """First weights in float64."""
-    if initial == "normal":
-        return spread * torch.randn(size, generator=generator, dtype=torch.float64)
+    if settings.initial == "normal":
+        return settings.spread * torch.randn(size, generator=generator, dtype=torch.float64)
     uniform = torch.rand(size, generator=generator, dtype=torch.float64)
-    return uniform if initial == "uniform" else 2 * uniform - 1
+    return uniform if settings.initial == "uniform" else 2 * uniform - 1

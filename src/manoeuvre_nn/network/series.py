@@ -2,17 +2,19 @@
 
 import copy
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.network import Network
 
 VARIABLES = ("1", "u", "v", "r", "d", "n", "a", "|v|", "|r|", "|d|", "wx", "wy", "|w|", "/U")
 """What products are made of: u, v, rL over U0, rudder angle [rad], shaft speed over the nominal one, a = u - 1, and the
 velocity of the air relative to the ship, forward and to starboard, over U0; /U divides by the ship's speed over U0."""
-SLOWEST = 0.1
+MIN_SPEED_PRIME = 0.1
 """Least speed over U0 that is divided by."""
 MIRRORED = {"v": -1, "r": -1, "d": -1, "wy": -1}
 """Variables that change sign from port to starboard."""
@@ -34,7 +36,56 @@ def parity(term: str) -> int:
     return sign
 
 
-class Series(nn.Module):
+@dataclass(frozen=True)
+class SeriesSettings:
+    """Products of a :class:`Series`, variables parted by blanks: ``u u``, ``v r``, ``d d n n``.
+
+    Attributes:
+        surge: Products of X.
+        lateral: Products of Y and N.
+        wind_surge: Products of X that are used where the wind was recorded.
+        wind_lateral: Likewise of Y and N.
+        yaw: Products of N alone: what turns a ship need not push it aside. On the Esso Osaka model a moment that grows
+            with neither the speed nor the shaft speed is eight standard errors from zero.
+        symmetric: Whether products that are the same to port and to starboard are left out of Y and N; else the ship
+            may have a side (a propeller that turns, a rudder that is not quite amidships).
+        members: The estimate and draws from its uncertainty.
+    """
+
+    surge: Sequence[str]
+    lateral: Sequence[str]
+    wind_surge: Sequence[str] = ()
+    wind_lateral: Sequence[str] = ()
+    yaw: Sequence[str] = ()
+    symmetric: bool = False
+    members: int = 1
+
+    def __post_init__(self) -> None:
+        """Refuse what is no product.
+
+        Raises:
+            InputError: If a variable is unknown, a product of surge changes sign from port to starboard, or there is no
+                member.
+        """
+        if self.members < 1:
+            raise InputError(f"network.members={self.members}: expected at least 1")
+        surge, _, turns = self.products
+        for term in (*surge, *turns):
+            for token in str(term).split():
+                check_choice(f"network: variable of the product {term!r}", token, list(VARIABLES))
+        odd = [t for t in surge if parity(t) < 0]
+        if odd:
+            raise InputError(f"network.surge has {odd[0]!r}, which changes sign from port to starboard: leave it out")
+
+    @property
+    def products(self) -> tuple[list[str], list[str], list[str]]:
+        """Products of X, of Y and of N."""
+        sides = [*self.lateral, *self.wind_lateral]
+        sway, yaw = ([t for t in ts if parity(t) < 0 or not self.symmetric] for ts in (sides, [*sides, *self.yaw]))
+        return [*self.surge, *self.wind_surge], sway, yaw
+
+
+class Series(Network):
     """Surge force, sway force and yaw moment as sums of products of velocities, rudder angle, shaft speed and wind.
 
     ``X' = sum_k c_k prod(variables of term k)``, Y' and N' likewise, over ``0.5 rho L T U0^2`` (N: times L). Two sets
@@ -62,56 +113,22 @@ class Series(nn.Module):
     shaft: Tensor
     covariance: Tensor
     noise: Tensor
-    scalings = ("approach",)
 
-    def __init__(
-        self,
-        surge: Sequence[str],
-        lateral: Sequence[str],
-        wind_surge: Sequence[str] = (),
-        wind_lateral: Sequence[str] = (),
-        *,
-        yaw: Sequence[str] = (),
-        symmetric: bool = False,
-        members: int = 1,
-        seed: int = 0,
-        dtype: torch.dtype = torch.float64,
-    ) -> None:
+    def __init__(self, settings: SeriesSettings, *, seed: int = 0, dtype: torch.dtype = torch.float64) -> None:
         """Collect the products.
 
         Args:
-            surge: Products of X, variables parted by blanks: ``u u``, ``v r``, ``d d n n``.
-            lateral: Products of Y and N.
-            wind_surge: Products of X that are used where the wind was recorded.
-            wind_lateral: Likewise of Y and N.
-            yaw: Products of N alone: what turns a ship need not push it aside. On the Esso Osaka model a moment that
-                grows with neither the speed nor the shaft speed is eight standard errors from zero.
-            symmetric: Whether products that are the same to port and to starboard are left out of Y and N; else the
-                ship may have a side (a propeller that turns, a rudder that is not quite amidships).
-            members: The estimate and draws from its uncertainty.
+            settings: Products of the three outputs, and the number of members.
             seed: Seed of the draws.
             dtype: Floating type.
-
-        Raises:
-            InputError: If a variable is unknown, or a product of surge changes sign from port to starboard.
         """
         super().__init__()
-        if members < 1:
-            raise InputError(f"network.members={members}: expected at least 1")
-        sides, turns = [*lateral, *wind_lateral], [*lateral, *wind_lateral, *yaw]
-        if symmetric:
-            sides, turns = ([t for t in terms if parity(t) < 0] for terms in (sides, turns))
-        self.terms = list(dict.fromkeys([*surge, *wind_surge, *turns]))
-        for term in self.terms:
-            for token in str(term).split():
-                check_choice(f"network: variable of the product {term!r}", token, list(VARIABLES))
-        odd = [t for t in (*surge, *wind_surge) if parity(t) < 0]
-        if odd:
-            raise InputError(f"network.surge has {odd[0]!r}, which changes sign from port to starboard: leave it out")
+        each = settings.products
+        self.terms = list(dict.fromkeys(term for products in (each[0], each[2]) for term in products))
         longest = max((len(t.split()) for t in self.terms), default=1)
         places = [[VARIABLES.index(t) for t in term.split()] for term in self.terms]
         filled = [p + [0] * (longest - len(p)) for p in places]
-        used = [[t in of for t in self.terms] for of in ([*surge, *wind_surge], sides, turns)]
+        used = [[t in of for t in self.terms] for of in each]
         self.seed = seed
         self.register_buffer("places", torch.tensor(filled, dtype=torch.long).reshape(len(filled), longest))
         self.register_buffer("used", torch.tensor(used))
@@ -120,12 +137,37 @@ class Series(nn.Module):
         count = int(self.used.sum())
         self.register_buffer("covariance", torch.zeros(count, count, dtype=torch.float64))
         self.register_buffer("noise", torch.zeros(6, dtype=torch.float64))
-        self.coefficients = nn.Parameter(torch.zeros(members, OUTPUTS, len(self.terms), dtype=dtype))
+        self.coefficients = nn.Parameter(torch.zeros(settings.members, OUTPUTS, len(self.terms), dtype=dtype))
 
     @property
     def members(self) -> int:
         """The estimate and its draws."""
         return len(self.coefficients)
+
+    @property
+    def scalings(self) -> tuple[str, ...]:
+        """Velocities over U0, so that coefficients are what the field calls them."""
+        return ("approach",)
+
+    @property
+    def shaft_ratio(self) -> Tensor:
+        """Nominal shaft speed over that of the training [-]."""
+        return self.shaft
+
+    @property
+    def answering(self) -> int:
+        """The estimate and its draws, once it was fitted."""
+        return int(self.trained)
+
+    @property
+    def noise_of_fit(self) -> Float[Tensor, " 6"]:
+        """Standard deviation that u, v, r, x, y, psi were given in the fit, in U0, U0/L, L, rad; 0 without one."""
+        return self.noise
+
+    @property
+    def takes(self) -> tuple[str, ...]:
+        """The shaft speed if a product has n in it, else the approach speed; the wind if a product has it."""
+        return (self.speed_law, *(("wind_north", "wind_east") if self.feels_wind else ()))
 
     @property
     def names(self) -> list[tuple[int, str]]:
@@ -154,7 +196,7 @@ class Series(nn.Module):
         u, v, r, d = x[..., :4].unbind(-1)
         # Without a record the air is still, and meets the ship as she goes.
         n, wx, wy = x[..., 4:].unbind(-1) if x.shape[-1] == 7 else (self.shaft.expand_as(u), -u, -v)
-        slow = 1 / torch.hypot(u, v).clamp(min=SLOWEST)
+        slow = 1 / torch.hypot(u, v).clamp(min=MIN_SPEED_PRIME)
         moduli = v.abs(), r.abs(), d.abs()
         table = torch.stack([torch.ones_like(u), u, v, r, d, n, u - 1, *moduli, wx, wy, torch.hypot(wx, wy), slow])
         first, *others = self.places.unbind(-1)
@@ -210,15 +252,17 @@ class Series(nn.Module):
         ratio = x[..., 4:5]
         return x / torch.cat([ratio, ratio, ratio, one, ratio, ratio, ratio], dim=-1), ratio.square()
 
-    def doubts(self, x: Float[Tensor, "*batch inputs"]) -> Float[Tensor, "*batch p 3"]:
+    def sensitivities(self, x: Float[Tensor, "*batch inputs"]) -> Float[Tensor, "*batch p 3"]:
         """What one standard error of each independent combination of coefficients adds to the forces.
 
         Args:
             x: As :meth:`products` takes it.
 
         Returns:
-            X', Y', N', one row a combination: eigenvectors of :attr:`covariance`.
+            X', Y', N', one row a combination: eigenvectors of :attr:`covariance`; none before a fit.
         """
+        if not bool(self.covariance.any()):
+            return super().sensitivities(x)
         x, scale = self._of_approach(x)
         sizes, axes = torch.linalg.eigh(self.covariance)
         output, term = self.used.nonzero().T
@@ -250,16 +294,16 @@ class Series(nn.Module):
         self.trained.fill_(self.members)
 
     def at_shaft(self, ratio: float) -> "Series":
-        """The same series with another shaft speed; it shares the coefficients.
+        """The same series at another nominal shaft speed; it shares the coefficients.
 
         Args:
-            ratio: n over the nominal one [-].
+            ratio: The new nominal shaft speed over the present one [-].
 
         Returns:
             A new series.
         """
-        if ratio == float(self.shaft):
+        if ratio == 1.0:
             return self
         other = copy.copy(self)
-        other._buffers = {**self._buffers, "shaft": torch.full_like(self.shaft, ratio)}
+        other._buffers = {**self._buffers, "shaft": self.shaft * ratio}
         return other

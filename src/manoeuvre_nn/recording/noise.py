@@ -5,8 +5,10 @@ from dataclasses import replace
 from zlib import crc32
 
 import numpy as np
+from jaxtyping import Float
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.frames import body_to_earth
 from manoeuvre_nn.core.recording import Recording
 
 
@@ -14,7 +16,8 @@ def add_noise(recording: Recording, sd: Mapping[str, float], seed: int = 0) -> R
     """Add white Gaussian noise to some channels.
 
     Every channel has a random stream of its own, drawn from the seed and the channel's name: whether v carries noise
-    does not change the noise of u.
+    does not change the noise of u. Velocities over ground north and east carry the noise of u and v, turned by the
+    heading; a speed log has noise as large as that of u, drawn for itself.
 
     Args:
         recording: What happened.
@@ -33,7 +36,25 @@ def add_noise(recording: Recording, sd: Mapping[str, float], seed: int = 0) -> R
             raise InputError(f"noise of {name} is {value}; expected a standard deviation in SI units, 0 or more")
         stream = np.random.default_rng([seed, crc32(name.encode())])
         noisy[name] = recording[name] + value * stream.standard_normal(len(recording))
-    return replace(recording.with_channels(**noisy), meta={**recording.meta, "noise": dict(sd)})
+    return replace(
+        recording.with_channels(**noisy, **_other_velocities(recording, noisy, sd, seed)),
+        meta={**recording.meta, "noise": dict(sd)},
+    )
+
+
+def _other_velocities(
+    recording: Recording, noisy: Mapping[str, Float[np.ndarray, " n"]], sd: Mapping[str, float], seed: int
+) -> dict[str, Float[np.ndarray, " n"]]:
+    """Velocities over ground and through the water beside noisy u and v, where they are recorded and have no noise."""
+    found: dict[str, Float[np.ndarray, " n"]] = {}
+    ahead, aside = (noisy[k] - recording[k] if k in noisy else np.zeros(len(recording)) for k in ("u", "v"))
+    if {"vn", "ve", "psi"} <= set(recording.channels) and not {"vn", "ve"} & set(sd) and (ahead.any() or aside.any()):
+        north, east = body_to_earth(ahead, aside, recording["psi"])
+        found |= {"vn": recording["vn"] + north, "ve": recording["ve"] + east}
+    if "u_log" in recording.channels and "u_log" not in sd and sd.get("u"):
+        stream = np.random.default_rng([seed, crc32(b"u_log")])
+        found["u_log"] = recording["u_log"] + sd["u"] * stream.standard_normal(len(recording))
+    return found
 
 
 def resample(recording: Recording, rate_hz: float) -> Recording:

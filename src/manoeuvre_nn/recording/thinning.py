@@ -5,12 +5,12 @@ import numpy as np
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
 
-MOST = 400
+SAMPLES_PER_TIME_UNIT = 400
 """Samples in the time L/U0 that tell all of a ship's motion: local cubics over .8 L/U0 have 320 then."""
 
 
 def thinned(recording: Recording, ship: Particulars) -> Recording:
-    """Averages over so many samples that at least :data:`MOST` are left in the time L/U0.
+    """Averages over so many samples that at least :data:`SAMPLES_PER_TIME_UNIT` are left in the time L/U0.
 
     Args:
         recording: The recording.
@@ -19,7 +19,7 @@ def thinned(recording: Recording, ship: Particulars) -> Recording:
     Returns:
         A recording of averages, less the samples at the end that fill no average; the same one if it has no more.
     """
-    count = int(ship.time_unit / (MOST * float(np.median(np.diff(recording.time)))))
+    count = int(ship.time_unit / (SAMPLES_PER_TIME_UNIT * float(np.median(np.diff(recording.time)))))
     if count < 2 or len(recording) < 4 * count:
         return recording
     whole = len(recording) // count * count

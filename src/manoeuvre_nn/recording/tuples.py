@@ -7,7 +7,8 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from manoeuvre_nn.core.recording import ACCELERATION, Recording
+from manoeuvre_nn.core.channels import ACCELERATION
+from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Ship
 
 

@@ -13,17 +13,17 @@ from manoeuvre_nn.core.frames import earth_to_body
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.recording.accelerations import smoothed
-from manoeuvre_nn.recording.inspection import Inspection
+from manoeuvre_nn.recording.check.inspection import Inspection
+from manoeuvre_nn.recording.local_cubics import smoothed
 from manoeuvre_nn.recording.thinning import thinned
 from manoeuvre_nn.report.style import COLOURS, legend_below, new_figure, plain_axes
 
-WINDOW = 0.8
+SMOOTHING_LENGTHS = 0.8
 """Smoothing window of what the channels leave over L/U0."""
-LEFT = (("u", "u [m/s]", 1.0), ("v", "v [m/s]", 1.0), ("r", "r [deg/s]", DEGREE), ("psi", "ψ [deg]", DEGREE))
+LEFT_CHANNELS = (("u", "u [m/s]", 1.0), ("v", "v [m/s]", 1.0), ("r", "r [deg/s]", DEGREE), ("psi", "ψ [deg]", DEGREE))
 """Channel, label and its unit in SI."""
 SHADE, ODD, LINE = "#F3D9B1", COLOURS[0], "#4D4D4D"
-MOST = 4000
+MAX_POINTS = 4000
 """Most samples that a line is drawn with."""
 
 Series = Float[np.ndarray, " n"]
@@ -45,12 +45,12 @@ def check_figure(one: Inspection, ship: Particulars) -> Figure | None:
         return None
     figure = new_figure(7.6, width=9.0, title=one.name)
     axes = figure.subplots(4, 2, sharex=True)
-    for row, (name, label, unit) in enumerate(LEFT):
+    for row, (name, label, unit) in enumerate(LEFT_CHANNELS):
         _draw_channel(axes[row, 0], one, run, name, label, unit)
     _draw_channel(axes[0, 1], one, run, "delta", "δ [deg]", DEGREE)
     fewer = thinned(clean, ship)
-    rate, ahead, abeam = identity_rests(fewer)
-    derived = set(run.meta.get("derived", ()))
+    rate, ahead, abeam = _identity_rests(fewer)
+    derived = run.derived
     tracked = not derived & {"u", "v", "x", "y"}
     rests = (
         (rate / DEGREE, "dψ/dt − r [deg/s]", "r" not in derived, ("r", "psi")),
@@ -72,16 +72,9 @@ def check_figure(one: Inspection, ship: Particulars) -> Figure | None:
     return figure
 
 
-def identity_rests(run: Recording) -> tuple[Series, Series, Series]:
-    """What is left of heading and track.
-
-    Args:
-        run: The recording, without outliers.
-
-    Returns:
-        Rate of the heading less r [rad/s]; velocity of the track ahead less u, abeam less v [m/s].
-    """
-    window = WINDOW * run.meta.get("time_unit", 20 * float(np.median(np.diff(run.time))))
+def _identity_rests(run: Recording) -> tuple[Series, Series, Series]:
+    """What is left of heading and track."""
+    window = SMOOTHING_LENGTHS * run.meta.get("time_unit", 20 * float(np.median(np.diff(run.time))))
     smooth = {k: smoothed(run.time, run[k], window) for k in ("u", "v", "r", "x", "y", "psi")}
     ahead, abeam = earth_to_body(smooth["x"][1], smooth["y"][1], smooth["psi"][0])
     return smooth["psi"][1] - smooth["r"][0], ahead - smooth["u"][0], abeam - smooth["v"][0]
@@ -91,7 +84,7 @@ def _draw_channel(axes: Axes, one: Inspection, run: Recording, name: str, label:
     """A channel with its odd samples."""
     plain_axes(axes, "", label)
     _line(axes, run.time, run[name] / unit, LINE)
-    if name in run.meta.get("derived", ()):
+    if name in run.derived:
         axes.text(0.02, 0.92, "derived", transform=axes.transAxes, fontsize=8, color="#777777", va="top")
     flags = one.flags.get(name)
     if flags is not None and flags.any():
@@ -115,7 +108,7 @@ def _draw_rest(axes: Axes, time: Series, values: Series, label: str, recorded: b
 
 def _line(axes: Axes, time: Series, values: Series, colour: str) -> None:
     """A line of as many samples as can be seen."""
-    every = max(len(time) // MOST, 1)
+    every = max(len(time) // MAX_POINTS, 1)
     axes.plot(time[::every], values[::every], color=colour, linewidth=1.0, rasterized=True)
 
 

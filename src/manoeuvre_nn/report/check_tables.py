@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from manoeuvre_nn.recording.finding import VERDICTS, Finding, finding_json, number, settings
-from manoeuvre_nn.recording.inspection import Inspection
-from manoeuvre_nn.recording.mapping import Mapping as ChannelMapping
+from manoeuvre_nn.recording.check.finding import VERDICTS, Finding, finding_json, number, settings
+from manoeuvre_nn.recording.check.inspection import Inspection
+from manoeuvre_nn.recording.read.mapping import Mapping as ChannelMapping
 
 
 def finding_rows(inspection: Inspection, all_of_them: bool = True) -> list[dict[str, Any]]:
@@ -109,16 +109,8 @@ def _together(name: str, findings: Sequence[Finding], count: int) -> dict[str, A
     }
 
 
-def remedy_lines(inspection: Inspection, mapping: ChannelMapping) -> list[str]:
-    """What is to be written into the mapping for one recording.
-
-    Args:
-        inspection: What was found.
-        mapping: The mapping that it was read with.
-
-    Returns:
-        ``path: value`` lines; a channel that is left out has ``null``.
-    """
+def _remedy_lines(inspection: Inspection, mapping: ChannelMapping) -> list[str]:
+    """What is to be written into the mapping for one recording."""
     tripped = [f for f in inspection.findings if f.trips]
     return [f"{path}: {_yaml(value)}" for path, value in settings(tripped, mapping).items()]
 
@@ -133,7 +125,7 @@ def remedy_rows(inspections: Sequence[Inspection], mapping: ChannelMapping) -> l
     Returns:
         One row a recording that something is to be done about.
     """
-    lines = {one.name: remedy_lines(one, mapping) for one in inspections}
+    lines = {one.name: _remedy_lines(one, mapping) for one in inspections}
     return [{"recording": name, "settings": "; ".join(told)} for name, told in lines.items() if told]
 
 

@@ -8,16 +8,16 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.identification.captive_fit import forces
-from manoeuvre_nn.identification.coefficients import EQUATIONS, REACH, Coefficient, coefficient_table
+from manoeuvre_nn.estimation.captive_fit import forces
+from manoeuvre_nn.estimation.coefficients import EQUATIONS, REACH, Coefficient, coefficient_table
 from manoeuvre_nn.report.coefficient_tables import Beside, Coefficients
 from manoeuvre_nn.report.style import COLOURS, legend_below, new_figure, plain_axes
 
 BEFORE, AFTER, CAPTIVE = "#B5B5B5", COLOURS[0], COLOURS[1]
-CLOSEST = 1e-9
-NARROWEST = 4.0
+MIN_PRIOR_RATIO = 1e-9
+MIN_HALF_WIDTH = 4.0
 """Least half width of the axis of intervals, in standard deviations of what was assumed."""
-POINTS = 61
+SWEEP_POINTS = 61
 
 
 def figures(told: Coefficients) -> dict[str, Figure]:
@@ -29,13 +29,13 @@ def figures(told: Coefficients) -> dict[str, Figure]:
     Returns:
         Name -> figure.
     """
-    made = {"coefficients/intervals": interval_figure(told)}
+    made = {"coefficients/intervals": _interval_figure(told)}
     if told.beside is not None:
         made["coefficients/forces"] = force_figure(told, told.beside)
     return made
 
 
-def interval_figure(told: Coefficients) -> Figure:
+def _interval_figure(told: Coefficients) -> Figure:
     """Every coefficient's 95 % intervals over the standard deviation of what was assumed: a panel a force.
 
     Zero is the value that was assumed; the grey band is what was thought possible.
@@ -87,14 +87,14 @@ def _draw_intervals(axes: Axes, rows: Sequence[Coefficient], captive: dict[str, 
 
 def _over_assumed(one: Coefficient, assumed: Coefficient) -> np.ndarray:
     """Lower end, value and upper end, from what was assumed and over its standard deviation."""
-    unit = max(assumed.prior_error, CLOSEST * max(abs(assumed.prior), 1.0))
+    unit = max(assumed.prior_error, MIN_PRIOR_RATIO * max(abs(assumed.prior), 1.0))
     return (np.array([one.low, one.value, one.high]) - assumed.prior) / unit
 
 
 def _farthest(rows: Sequence[Coefficient], captive: dict[str, Coefficient]) -> float:
     """Half width of the axis: no interval is cut off."""
     ends = [_over_assumed(one, r) for r in rows for one in (r, captive.get(r.symbol)) if one is not None]
-    return 1.05 * max(NARROWEST, float(np.abs(ends).max(initial=0.0)))
+    return 1.05 * max(MIN_HALF_WIDTH, float(np.abs(ends).max(initial=0.0)))
 
 
 def _written(symbol: str) -> str:
@@ -121,7 +121,7 @@ def force_figure(told: Coefficients, beside: Beside) -> Figure:
     shown = (near & (tests[:, 3] == 0), near & (drift == 0))
     for column, (angle, chosen) in enumerate(zip((drift, tests[:, 3]), shown, strict=True)):
         largest = float(np.abs(angle[chosen]).max(initial=5 * DEGREE))
-        sweep = np.linspace(-largest, largest, POINTS)
+        sweep = np.linspace(-largest, largest, SWEEP_POINTS)
         motion = _swept(sweep, column == 0)
         for output in range(3):
             axes = plain_axes(panels[output, column], "", "")

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from manoeuvre_nn.core.ship import Particulars
-from manoeuvre_nn.identification.captive_fit import Compared, Towed
-from manoeuvre_nn.identification.coefficients import (
+from manoeuvre_nn.estimation.captive_fit import Compared, Towed
+from manoeuvre_nn.estimation.coefficients import (
     MEASURED,
     OWN,
     PARTLY,
@@ -20,8 +20,8 @@ from manoeuvre_nn.identification.coefficients import (
     Fitted,
     coefficient_table,
 )
-from manoeuvre_nn.identification.collinear import Group, collinear_groups
-from manoeuvre_nn.identification.linear_motion import Derived
+from manoeuvre_nn.estimation.collinear import Group, collinear_groups
+from manoeuvre_nn.estimation.linear_motion import Derived
 from manoeuvre_nn.report.tables import Row
 
 SYSTEMS = {
@@ -78,15 +78,8 @@ class Coefficients:
         object.__setattr__(self, "groups", collinear_groups(self.fitted))
 
 
-def coefficient_rows(rows: Sequence[Coefficient]) -> list[Row]:
-    """The table of coefficients.
-
-    Args:
-        rows: One each.
-
-    Returns:
-        Rows.
-    """
+def _coefficient_rows(rows: Sequence[Coefficient]) -> list[Row]:
+    """The table of coefficients."""
     return [
         {
             "": r.symbol,
@@ -101,45 +94,24 @@ def coefficient_rows(rows: Sequence[Coefficient]) -> list[Row]:
     ]
 
 
-def group_rows(groups: Sequence[Group]) -> list[Row]:
-    """Coefficients that go together.
-
-    Args:
-        groups: The groups.
-
-    Returns:
-        Rows.
-    """
+def _group_rows(groups: Sequence[Group]) -> list[Row]:
+    """Coefficients that go together."""
     return [
         {"together": ", ".join(g.symbols), "corr.": round(g.correlation, 3), "why": g.words, "known is": g.sum}
         for g in groups
     ]
 
 
-def derived_rows(found: Sequence[Derived]) -> list[Row]:
-    """What follows from the coefficients.
-
-    Args:
-        found: Numbers with intervals.
-
-    Returns:
-        Rows.
-    """
+def _derived_rows(found: Sequence[Derived]) -> list[Row]:
+    """What follows from the coefficients."""
     return [
         {"": d.name, "value": d.value, "from": _number(d.low), "to": _number(d.high), "that is": d.words or None}
         for d in found
     ]
 
 
-def compared_rows(rows: Sequence[Compared]) -> list[Row]:
-    """Recordings and captive tests beside each other.
-
-    Args:
-        rows: One a number.
-
-    Returns:
-        Rows; a difference is over the standard errors of both.
-    """
+def _compared_rows(rows: Sequence[Compared]) -> list[Row]:
+    """Recordings and captive tests beside each other."""
     return [
         {
             "": r.name,
@@ -186,7 +158,7 @@ def notes(told: Coefficients) -> list[str]:
         f"Values are {SYSTEMS[OWN]}; rudder positive to port, as the source has it."
     ]  # fmt: skip
     lines.append(f"{ONLY_RATIOS} Here mx' = {mass[0]:.4f}, my' = {mass[1]:.4f}, mz' = {mass[2]:.5f}.")
-    lines.append(_trust(told.ratio))
+    lines.append(_error_note(told.ratio))
     if told.source:
         lines.insert(0, told.source)
     if told.beside is not None:
@@ -194,7 +166,7 @@ def notes(told: Coefficients) -> list[str]:
     return lines
 
 
-def _trust(ratio: float) -> str:
+def _error_note(ratio: float) -> str:
     """How far errors can be believed."""
     if ratio <= 1.0:
         return "Stretches of the recordings agree on the coefficients as noise allows: errors are those of noise."
@@ -224,10 +196,10 @@ def tables(told: Coefficients) -> dict[str, list[Row]]:
     Returns:
         Heading -> rows.
     """
-    made = {"Coefficients": coefficient_rows(told.rows), "Known only together": group_rows(told.groups)}
-    made["What follows from them"] = derived_rows(told.derived)
+    made = {"Coefficients": _coefficient_rows(told.rows), "Known only together": _group_rows(told.groups)}
+    made["What follows from them"] = _derived_rows(told.derived)
     if told.beside is not None:
-        made["Recordings beside captive tests"] = compared_rows(told.beside.rows)
+        made["Recordings beside captive tests"] = _compared_rows(told.beside.rows)
     return made
 
 

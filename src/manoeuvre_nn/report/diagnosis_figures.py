@@ -26,7 +26,7 @@ BAND: dict[str, Any] = {"alpha": 0.25, "linewidth": 0}
 FORCES = ("surge X", "sway Y", "yaw N")
 KINDS = {"in the repaired model": COLOURS[1], "not in the list": COLOURS[0], "other causes": "#A6A6A6"}
 """What the bars stand for."""
-MOST = 8
+MAX_BARS = 8
 """Causes in the bar of probabilities."""
 
 Curve = tuple[Float[np.ndarray, "_ 2"], dict[str, Any]]
@@ -49,7 +49,7 @@ def draw_diagnosis(d: Diagnosis) -> dict[str, Figure]:
         figures |= {"tracks": track_figure(d.proofs, repaired), "errors": error_figure(d)}
     located = [r for r in d.residuals if r.windows and len(r.time) == len(d.tracks.get(r.run, ()))]
     if located:
-        figures["where"] = window_figure(d.tracks, located)
+        figures["where"] = _window_figure(d.tracks, located)
     figures |= {f"residual/{residual.run}": residual_figure(residual, repaired) for residual in d.residuals}
     return figures | {f"channels/{proof.run}": channel_figure(proof, d.noise, repaired) for proof in d.proofs}
 
@@ -76,9 +76,9 @@ def probability_figure(d: Diagnosis) -> Figure:
     Returns:
         The figure; a sentence instead of bars if there is no candidate.
     """
-    causes = main_causes(d, MOST)
+    causes = main_causes(d, MAX_BARS)
     if not causes:
-        return _only("No candidate was judged.")
+        return _only("No candidate was tried.")
     figure = new_figure(0.8 + 0.46 * len(causes))
     axes = plain_axes(figure.subplots(), "probability of being present [%]", "")
     shares = 100 * np.nan_to_num([cause.probability for cause in causes])
@@ -128,16 +128,8 @@ def track_figure(proofs: Sequence[Proof], repaired: bool) -> Figure:
     return figure
 
 
-def window_figure(tracks: Mapping[str, Float[np.ndarray, "_ 2"]], residuals: Sequence[Residual]) -> Figure:
-    """Fitted runs in which something was located, seen from above, with the places at which it is missing.
-
-    Args:
-        tracks: Run -> north, east [m] at the times of its residual.
-        residuals: Residuals that have windows and a track.
-
-    Returns:
-        The figure, a map a run, north up.
-    """
+def _window_figure(tracks: Mapping[str, Float[np.ndarray, "_ 2"]], residuals: Sequence[Residual]) -> Figure:
+    """Fitted runs in which something was located, seen from above, with the places at which it is missing."""
     figure, panels = _maps(len(residuals))
     place: dict[str, Any] = {"color": COLOURS[4], "linewidth": 5.0, "solid_capstyle": "round"}
     for axes, residual in zip(panels, residuals, strict=True):
@@ -199,13 +191,13 @@ def error_figure(d: Diagnosis) -> Figure:
         The figure; channels whose noise is not known are left out, a sentence instead if there is no other.
     """
     before, after = d.rmse("before"), d.rmse("after")
-    judged = [c for c in before if d.noise.get(c, 0.0) > 0 and np.isfinite(before[c]) and before[c] > 0]
-    if not judged:
+    scored = [c for c in before if d.noise.get(c, 0.0) > 0 and np.isfinite(before[c]) and before[c] > 0]
+    if not scored:
         return _only("The noise is not known.")
-    figure = new_figure(1.2 + 0.52 * len(judged))
+    figure = new_figure(1.2 + 0.52 * len(scored))
     axes = plain_axes(figure.subplots(), "RMS error over noise [-]", "")
     axes.axvline(1.0, color="#4D4D4D", linewidth=1.6)
-    for row, channel in enumerate(judged):
+    for row, channel in enumerate(scored):
         words, _, unit = CHANNELS.get(channel, (channel, channel, "-"))
         noise, values = d.noise[channel], [before[channel], *([after[channel]] if d.model else [])]
         axes.plot(np.array(values) / noise, [row] * len(values), color="#BBBBBB", linewidth=2.5, zorder=1)
@@ -213,12 +205,12 @@ def error_figure(d: Diagnosis) -> Figure:
             axes.plot(value / noise, row, marker, color=style["color"], markersize=7)
         shown = " → ".join(text(value, 3) for value in values)
         axes.text(1.02, row, f"{shown} {unit}", transform=axes.get_yaxis_transform(), va="center", fontsize=9)
-    axes.set_yticks(range(len(judged)), [CHANNELS.get(c, (c, c, "-"))[0] for c in judged])
-    axes.set_ylim(len(judged) - 0.5, -0.5)
+    axes.set_yticks(range(len(scored)), [CHANNELS.get(c, (c, c, "-"))[0] for c in scored])
+    axes.set_ylim(len(scored) - 0.5, -0.5)
     axes.set_xscale("log")
     low, high = axes.get_xlim()
     axes.set_xlim(min(low, 0.7), max(high, 3.0))
-    near = FixedLocator([1.0, 1.5, 2.0, 3.0, 4.0, 5.0])  # even ticks would leave out 1, by which all is judged
+    near = FixedLocator([1.0, 1.5, 2.0, 3.0, 4.0, 5.0])  # even ticks would leave out 1, by which all is measured
     axes.xaxis.set_major_locator(near if high < 5.5 else DecadeLocator())
     axes.xaxis.set_minor_locator(NullLocator())
     axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")

@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from torch.utils.tensorboard import SummaryWriter
 
 from manoeuvre_nn.diagnosis.result import Diagnosis
@@ -21,8 +20,7 @@ from manoeuvre_nn.report.diagnosis_tables import (
     site_rows,
     verdict_text,
 )
-from manoeuvre_nn.report.html import data_address
-from manoeuvre_nn.report.tables import columns, is_good, text
+from manoeuvre_nn.report.html import data_address, write_page
 
 CAPTIONS = {
     "probabilities": "Probability of each cause",
@@ -36,23 +34,34 @@ CAPTIONS = {
 
 
 def diagnosis_html(d: Diagnosis, path: Path) -> None:
-    """Write a diagnosis as a page that needs nothing else; everything that is given as text is escaped.
-
-    The captain's sentence comes first, then causes, proof, place, what speaks against it, and what to do next.
+    """Write a diagnosis as a page: the summary first, then causes, proof, place, what speaks against it, what to do.
 
     Args:
         d: The diagnosis.
         path: File to write.
     """
-    page = Environment(
-        loader=PackageLoader("manoeuvre_nn.report", "."),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    ).get_template("diagnosis.html")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(page.render(_context(d)), encoding="utf-8")
+    drawn = {name: data_address(figure) for name, figure in draw_diagnosis(d).items()}
+
+    def images(*kinds: str) -> list[tuple[str, str]]:
+        """Words and addresses of the figures of some kinds: ``residual/r01`` is of the kind ``residual``."""
+        parts = ((name.partition("/"), address) for name, address in drawn.items())
+        return [(CAPTIONS[kind] + (f", run {run}" if run else ""), at) for (kind, _, run), at in parts if kind in kinds]
+
+    write_page(
+        path,
+        "diagnosis.html",
+        d=d,
+        images=images,
+        verdict=verdict_text(d),
+        alias=alias_texts(d),
+        causes=[{k: v for k, v in row.items() if k != FOUND} for row in cause_rows(d, main_causes(d))],
+        parameters=parameter_rows(main_causes(d)),
+        errors=error_rows(d),
+        sites=site_rows(d),
+        checks=check_rows(d),
+        everything=_candidate_rows(d),
+        settings=[{"setting": name, "value": value} for name, value in d.settings.items()],
+    )
 
 
 def log_to_tensorboard(d: Diagnosis, folder: Path) -> None:
@@ -72,25 +81,6 @@ def log_to_tensorboard(d: Diagnosis, folder: Path) -> None:
                 writer.add_scalar(name, value)
         for name, figure in draw_diagnosis(d).items():
             writer.add_figure(name, figure)
-
-
-def _context(d: Diagnosis) -> dict[str, Any]:
-    """Everything that the page shows."""
-    return {
-        "d": d,
-        "verdict": verdict_text(d),
-        "figures": {name: data_address(figure) for name, figure in draw_diagnosis(d).items()},
-        "captions": CAPTIONS,
-        "alias": alias_texts(d),
-        "causes": [{k: v for k, v in row.items() if k != FOUND} for row in cause_rows(d, main_causes(d))],
-        "parameters": parameter_rows(main_causes(d)),
-        "errors": error_rows(d),
-        "sites": site_rows(d),
-        "checks": check_rows(d),
-        "everything": _candidate_rows(d),
-        "settings": [{"setting": name, "value": value} for name, value in d.settings.items()],
-        **{function.__name__: function for function in (columns, is_good, text)},
-    }
 
 
 def _candidate_rows(d: Diagnosis) -> list[dict[str, Any]]:

@@ -19,7 +19,7 @@ CHANNELS: dict[str, tuple[str, str, str]] = {
     "v": ("sway v", "v", "m/s"),
     "u_log": ("speed log", "log", "m/s"),
 }
-"""Channels that are judged: in words, short, unit."""
+"""Channels that are scored: in words, short, unit."""
 VERDICTS = {"none": "nothing is missing", "mismatch": "something is missing"}
 """Verdict -> what it says of the calm-water model."""
 UNKNOWN = "something unknown is missing"
@@ -37,7 +37,7 @@ BEFORE, AFTER, NOISE = "calm water", "repaired", "noise alone"
 """What the columns and curves of every comparison are called."""
 FOUND = "found ± standard error"
 """Column of the parameters."""
-FEWEST, MOST = 3, 5
+MIN_LISTED, MAX_LISTED = 3, 5
 """Causes that a short list shows: at least, at most. Beyond the fewest, those with 1 % or more."""
 
 
@@ -146,15 +146,8 @@ def when_text(intervals: Mapping[str, Sequence[Interval]] | None, most: int = 4)
     return ", ".join([*spans[:most], *rest]) or "–"
 
 
-def acts_text(cause: Cause) -> str:
-    """Where a cause acts.
-
-    Args:
-        cause: The cause.
-
-    Returns:
-        Such as ``X, Y, N``, ``rudder`` or ``sensor psi``.
-    """
+def _acts_text(cause: Cause) -> str:
+    """Where a cause acts."""
     return ", ".join(e.removeprefix("actuator:").replace(":", " ") for e in cause.equations) or "–"
 
 
@@ -171,7 +164,7 @@ def label(d: Diagnosis, name: str) -> str:
     return next((cause.label for cause in d.causes if cause.name == name), name.replace("_", " "))
 
 
-def main_causes(d: Diagnosis, most: int = MOST) -> list[Cause]:
+def main_causes(d: Diagnosis, most: int = MAX_LISTED) -> list[Cause]:
     """Causes that a short list has room for.
 
     Args:
@@ -185,7 +178,7 @@ def main_causes(d: Diagnosis, most: int = MOST) -> list[Cause]:
     others = [cause for cause in d.causes if cause.name not in d.model]
     room = max(most - len(named), 1)
     probable = sum(cause.probability >= 0.01 for cause in others)
-    return named + others[: min(room, max(probable, FEWEST - len(named)))]
+    return named + others[: min(room, max(probable, MIN_LISTED - len(named)))]
 
 
 def cause_rows(d: Diagnosis, causes: Sequence[Cause]) -> list[dict[str, Any]]:
@@ -204,7 +197,7 @@ def cause_rows(d: Diagnosis, causes: Sequence[Cause]) -> list[dict[str, Any]]:
             "probability": percent(cause.probability),
             FOUND: "\n".join(f"{words(value)} {value_text(value)}" for value in cause.parameters) or "–",
             "when": when_text(cause.intervals),
-            "acts on": acts_text(cause),
+            "acts on": _acts_text(cause),
             "ln B": _whole(cause.evidence),
         }
         for cause in causes

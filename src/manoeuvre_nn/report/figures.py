@@ -17,10 +17,10 @@ from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.limits import OK
 from manoeuvre_nn.report.style import (
     COLOURS,
+    FIGURE_WIDTH_IN,
     MARKERS,
     PREDICTED,
     RECORDED,
-    WIDTH,
     legend_below,
     log_axis,
     new_figure,
@@ -65,7 +65,7 @@ def track_figure(
     tracks = [track - origin for track in tracks]
     low, high = _limits(tracks)
     wide, high_by = high - low
-    tall, map_height, rest = high_by > 1.2 * wide, min(0.88 * WIDTH * high_by / wide, 5.2), 1.1
+    tall, map_height, rest = high_by > 1.2 * wide, min(0.88 * FIGURE_WIDTH_IN * high_by / wide, 5.2), 1.1
     figure = new_figure(5.6 if tall else map_height + rest + 1.5, title=title or reference.name)
     if tall:
         map_axes, gap_axes = figure.subplots(1, 2, width_ratios=[0.9, 1.1])
@@ -310,7 +310,7 @@ def learning_figure(history: Sequence[Mapping[str, Any]], title: str = "Training
     """Training error and distance on held-out manoeuvres over the epochs, logarithmic.
 
     Args:
-        history: One mapping an epoch (or judged epoch): ``epoch``, and columns whose names end in ``mse``, hold
+        history: One mapping an epoch (or scored epoch): ``epoch``, and columns whose names end in ``mse``, hold
             ``relrmse`` or end in ``dev_L``, a panel each [-]. Others are left out; values may be missing.
         title: Heading.
 

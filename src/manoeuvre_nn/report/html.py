@@ -3,113 +3,99 @@
 import base64
 import io
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
-from manoeuvre_nn.report.tables import Row, columns, is_good, text
+from manoeuvre_nn.report.tables import Row, columns, html_cells, text
 
 TRAINING = "training"
 """Section of the figures that belong to no manoeuvre."""
 LONG_TABLE = 12
 """Tables with more rows are folded away until they are asked for."""
-LONG_TEXT = 40
-"""Letters from which on a cell may be broken into lines."""
 
 
-def write_report(
-    path: Path,
-    *,
-    title: str,
-    summary: str,
-    tables: Mapping[str, Sequence[Row]],
-    figures: Mapping[str, Figure],
-    config_yaml: str,
-    versions: Mapping[str, Any],
-    notes: Sequence[str] = (),
-    unfolded: Sequence[str] = (),
-) -> Path:
-    """Write a report.
+@dataclass(frozen=True)
+class Report:
+    """What a page shows: the summary first, then tables, figures by section, notes, and how to repeat the run.
 
-    The verdict comes first, then the tables, the figures of each manoeuvre, what the network was trained on, and folded
-    away the resolved configuration and the versions. Everything that is given as text is escaped.
-
-    Args:
-        path: File to write.
+    Attributes:
         title: Heading.
-        summary: The verdict, one sentence.
-        tables: Heading -> rows.
+        summary: What came out, one sentence.
+        tables: Heading -> rows; a table without rows is left out.
         figures: Name -> figure. ``zz20/track`` goes to the section ``zz20``; ``training/...`` and a name without a
             stroke to the one about training.
         config_yaml: Resolved configuration.
         versions: Package, system, seed or commit -> what it was.
         notes: Sentences on what it was trained on and on what to mind.
         unfolded: Headings of tables that are shown whatever their length.
+    """
+
+    title: str
+    summary: str
+    tables: Mapping[str, Sequence[Row]] = field(default_factory=dict)
+    figures: Mapping[str, Figure] = field(default_factory=dict)
+    config_yaml: str = ""
+    versions: Mapping[str, Any] = field(default_factory=dict)
+    notes: Sequence[str] = ()
+    unfolded: Sequence[str] = ()
+
+
+def write_report(path: Path, report: Report) -> Path:
+    """Write a report of tables and figures.
+
+    Args:
+        path: File to write.
+        report: What it shows.
 
     Returns:
         The file.
     """
-    sections = _sections(figures)
-    page = environment().get_template("page.html")
+    sections: dict[str, list[tuple[str, str]]] = {}
+    for name, figure in report.figures.items():
+        section, _, caption = name.rpartition("/")
+        section = section or TRAINING
+        words = f"{'Training' if section == TRAINING else section}: {caption}"
+        sections.setdefault(section, []).append((words, data_address(figure)))
+    training = sections.pop(TRAINING, [])
+    return write_page(path, "report.html", report=report, sections=sections, training=training)
+
+
+def write_page(path: Path, template: str, package: str = "manoeuvre_nn.report", **content: Any) -> Path:
+    """Write a page of any kind; everything that is given as text is escaped, and a forgotten value is an error.
+
+    Args:
+        path: File to write; its folder is made.
+        template: File of the template, which extends ``base.html`` and uses the macros of ``parts.html``.
+        package: Package that holds the template.
+        content: What the template shows.
+
+    Returns:
+        The file.
+    """
+    page = _environment(package).get_template(template).render(content)
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(
-        page.render(
-            title=title,
-            summary=summary,
-            tables={heading: _cells(rows, heading in unfolded) for heading, rows in tables.items() if rows},
-            training=sections.pop(TRAINING, []),
-            sections=sections,
-            notes=notes,
-            config_yaml=config_yaml,
-            versions=versions,
-        ),
-        encoding="utf-8",
-    )
+    path.write_text(page, encoding="utf-8")
     return path
 
 
-def environment() -> Environment:
-    """Templates of this shelf; every value is escaped, a forgotten one is an error.
-
-    Returns:
-        The environment.
-    """
-    return Environment(
-        loader=PackageLoader("manoeuvre_nn.report", "."),
+@cache
+def _environment(package: str) -> Environment:
+    """Templates of a package, and those of this room that they extend."""
+    made = Environment(
+        loader=ChoiceLoader([PackageLoader(name, ".") for name in dict.fromkeys((package, "manoeuvre_nn.report"))]),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-
-
-def _sections(figures: Mapping[str, Figure]) -> dict[str, list[tuple[str, str]]]:
-    """Section -> (caption, image as a data address) in the order given."""
-    sections: dict[str, list[tuple[str, str]]] = {}
-    for name, figure in figures.items():
-        section, _, caption = name.rpartition("/")
-        sections.setdefault(section or TRAINING, []).append((caption, data_address(figure)))
-    return sections
-
-
-def _cells(rows: Sequence[Row], unfolded: bool = False) -> dict[str, Any]:
-    """Headings and cells of a table: (text, style class)."""
-    names = columns(rows)
-    folded = len(rows) > LONG_TABLE and not unfolded
-    words = {name for name in names if any(isinstance(row.get(name), str) for row in rows)}
-    cells = [[_cell(row.get(name), name in words) for name in names] for row in rows]
-    return {"folded": folded, "headings": names, "rows": cells}
-
-
-def _cell(value: Any, of_words: bool) -> tuple[str, str]:
-    """Text and style class of one cell; an empty one stands as its column does."""
-    shown = text(value, 3)
-    if (value is None and not of_words) or (isinstance(value, int | float) and not isinstance(value, bool)):
-        return shown, "number"
-    return shown, {True: "good", False: "bad", None: "long" if len(shown) > LONG_TEXT else ""}[is_good(shown)]
+    made.globals |= {"columns": columns, "html_cells": html_cells, "long_table": LONG_TABLE, "text": text}
+    return made
 
 
 def data_address(figure: Figure) -> str:

@@ -14,7 +14,7 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 """A second way to tell curves apart, for print."""
 RECORDED: dict[str, Any] = {"color": "#4D4D4D", "linestyle": "-", "linewidth": 1.8}
 PREDICTED: dict[str, Any] = {"color": COLOURS[0], "linestyle": (0, (4, 2)), "linewidth": 1.5}
-WIDTH = 5.8
+FIGURE_WIDTH_IN = 5.8
 """Width of a figure [in]: text stays legible when a phone scales it to its screen."""
 
 
@@ -37,7 +37,7 @@ def plain_axes(axes: Axes, xlabel: str, ylabel: str) -> Axes:
     return axes
 
 
-def new_figure(height: float, width: float = WIDTH, title: str = "") -> Figure:
+def new_figure(height: float, width: float = FIGURE_WIDTH_IN, title: str = "") -> Figure:
     """An empty figure whose parts make room for one another.
 
     Args:

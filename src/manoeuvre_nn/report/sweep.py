@@ -16,7 +16,7 @@ from rich.table import Table
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.dynamics.limits import OK
-from manoeuvre_nn.report.style import COLOURS, MARKERS, WIDTH, legend_below, log_axis, new_figure, plain_axes
+from manoeuvre_nn.report.style import COLOURS, FIGURE_WIDTH_IN, MARKERS, legend_below, log_axis, new_figure, plain_axes
 from manoeuvre_nn.report.tables import Row, columns, rich_table, to_markdown, write_csv
 
 SCORES, OVERRIDES, ERROR = "scores.json", ".hydra/overrides.yaml", "error.txt"
@@ -102,12 +102,12 @@ def _value(value: str) -> Any:
 
 def _results(scores: Mapping[str, Any]) -> dict[str, Any]:
     """Columns out of ``scores.json``; only what is there."""
-    judged = _mapping(scores.get("scores"))
-    judged = {name: _mapping(score) for name, score in judged.items()}
+    scored = _mapping(scores.get("scores"))
+    scored = {name: _mapping(score) for name, score in scored.items()}
     training = _mapping(scores.get("training"))
-    ended = [name for name, score in judged.items() if score.get("status", OK) != OK]
+    ended = [name for name, score in scored.items() if score.get("status", OK) != OK]
     row: dict[str, Any] = {"ended early": " ".join(ended) or None, MEAN: scores.get("mean_dev_L")}
-    row |= {f"{DEV}{name}": score.get("dev_L") for name, score in judged.items()}
+    row |= {f"{DEV}{name}": score.get("dev_L") for name, score in scored.items()}
     row |= {f"relRMSE {name}": error for name, error in _mapping(training.get("relrmse")).items()}
     row |= {"seed": scores.get("seed"), **{name: training.get(name) for name in ("epochs", "stopped", "seconds")}}
     return {name: value for name, value in row.items() if value is not None}
@@ -203,7 +203,7 @@ def sweep_figure(rows: Sequence[Row]) -> Figure:
     labels = list(dict.fromkeys(label for _, label in series))
     places = _places([row.get(along) for row in rows])
     tall = -(-len(panels) // 2)
-    figure = new_figure(1.2 + 2.6 * tall + 0.18 * len(labels), width=7.0 if len(panels) > 1 else WIDTH)
+    figure = new_figure(1.2 + 2.6 * tall + 0.18 * len(labels), width=7.0 if len(panels) > 1 else FIGURE_WIDTH_IN)
     grid = figure.subplots(tall, min(len(panels), 2), sharex=True, sharey=True, squeeze=False).ravel()
     for axes, panel in zip(grid, panels, strict=False):
         log_axis(plain_axes(axes, along, "held-out dev/L [-]")).set_title(panel, fontsize=10, loc="left")

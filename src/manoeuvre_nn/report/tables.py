@@ -13,12 +13,12 @@ from rich.text import Text
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.dynamics.limits import OK
 from manoeuvre_nn.manoeuvre.imo import ImoRow
-from manoeuvre_nn.recording.score import JUDGED, Score
+from manoeuvre_nn.scoring.score import SCORED_CHANNELS, Score
 
 Row = Mapping[str, Any]
 """Column heading -> cell. Cells are numbers, strings, or None where there is nothing."""
 
-Ladder = Mapping[str, Sequence[Score]]
+Baselines = Mapping[str, Sequence[Score]]
 """Simpler models than the network -> their scores on the same manoeuvres."""
 MAIN_CRITERIA = ("overshoot_1", "overshoot_2", "period", "advance", "tactical_diameter")
 """Criteria that the short table shows, by the start of their names; a kind with none of them shows its first three."""
@@ -29,6 +29,8 @@ GOOD, BAD = (
     frozenset({"fail", "failed", "no", "not met", "mend", "refuse"}),
 )
 """Words that are shown green and red."""
+LONG_TEXT = 40
+"""Letters from which on a cell of a page may be broken into lines."""
 
 
 def text(value: Any, digits: int = 4) -> str:
@@ -77,43 +79,29 @@ def criterion_label(name: str) -> tuple[str, str]:
     return name.replace("_", " "), ""
 
 
-def main_criteria(score: Score) -> list[str]:
-    """Names of the criteria that a short table has room for.
-
-    Args:
-        score: A manoeuvre's score.
-
-    Returns:
-        At most three names.
-    """
+def _main_criteria(score: Score) -> list[str]:
+    """Names of the criteria that a short table has room for."""
     known = [*score.reference, *(name for name in score.criteria if name not in score.reference)]
     chosen = [name for start in MAIN_CRITERIA for name in known if name.startswith(f"{start}_")]
     return (chosen or known)[:3]
 
 
-def criteria_text(score: Score) -> str:
-    """Predicted and recorded values of the main criteria, a line each.
-
-    Args:
-        score: A manoeuvre's score.
-
-    Returns:
-        Such as ``overshoot 1: 7.31 (7.05) deg``.
-    """
+def _criteria_text(score: Score) -> str:
+    """Predicted and recorded values of the main criteria, a line each."""
     lines = []
-    for name in main_criteria(score):
+    for name in _main_criteria(score):
         words, unit = criterion_label(name)
         predicted, recorded = (text(values.get(name), 3) for values in (score.criteria, score.reference))
         lines.append(f"{words}: {predicted} ({recorded}) {unit}".rstrip())
     return "\n".join(lines)
 
 
-def score_rows(scores: Iterable[Score], ladder: Ladder | None = None) -> list[dict[str, Any]]:
+def score_rows(scores: Iterable[Score], baselines: Baselines | None = None) -> list[dict[str, Any]]:
     """Scores as rows for files and the HTML report.
 
     Args:
         scores: One a manoeuvre.
-        ladder: Simpler models -> their scores on the same manoeuvres.
+        baselines: Simpler models -> their scores on the same manoeuvres.
 
     Returns:
         One row a manoeuvre: status, dev/L, that of the simpler models, nRMSE and the main criteria, predicted
@@ -125,17 +113,17 @@ def score_rows(scores: Iterable[Score], ladder: Ladder | None = None) -> list[di
             "status": s.status,
             "dev/L": s.dev_L,
             **({} if s.spread_L is None else {"spread/L": s.spread_L}),
-            **{f"{name} dev/L": dev for name, dev in _beside(ladder, s.manoeuvre)},
-            **{f"nRMSE {name}": s.nrmse.get(name) for name in JUDGED},
-            "predicted (recorded)": criteria_text(s),
+            **{f"{name} dev/L": dev for name, dev in _beside(baselines, s.manoeuvre)},
+            **{f"nRMSE {name}": s.nrmse.get(name) for name in SCORED_CHANNELS},
+            "predicted (recorded)": _criteria_text(s),
         }
         for s in scores
     ]
 
 
-def _beside(ladder: Ladder | None, manoeuvre: str) -> list[tuple[str, float]]:
+def _beside(baselines: Baselines | None, manoeuvre: str) -> list[tuple[str, float]]:
     """dev/L of simpler models in a manoeuvre."""
-    return [(name, s.dev_L) for name, scores in (ladder or {}).items() for s in scores if s.manoeuvre == manoeuvre]
+    return [(name, s.dev_L) for name, scores in (baselines or {}).items() for s in scores if s.manoeuvre == manoeuvre]
 
 
 def criteria_rows(scores: Iterable[Score]) -> list[dict[str, Any]]:
@@ -162,17 +150,17 @@ def criteria_rows(scores: Iterable[Score]) -> list[dict[str, Any]]:
     return rows
 
 
-def imo_rows(judged: Iterable[ImoRow]) -> list[dict[str, Any]]:
+def imo_rows(rows: Iterable[ImoRow]) -> list[dict[str, Any]]:
     """Verdicts against the IMO standards as rows.
 
     Args:
-        judged: What :func:`manoeuvre_nn.manoeuvre.imo.imo_table` returns.
+        rows: What :func:`manoeuvre_nn.manoeuvre.imo.imo_table` returns.
 
     Returns:
         One row a criterion: criterion, value, limit, verdict.
     """
     return [
-        {"criterion": row.criterion, "value": row.value, "limit": row.limit, "verdict": row.verdict} for row in judged
+        {"criterion": row.criterion, "value": row.value, "limit": row.limit, "verdict": row.verdict} for row in rows
     ]
 
 
@@ -209,12 +197,14 @@ def _bare_table(title: str) -> Table:
     )
 
 
-def score_table(scores: Sequence[Score], ladder: Ladder | None = None, title: str = "Held-out manoeuvres") -> Table:
+def score_table(
+    scores: Sequence[Score], baselines: Baselines | None = None, title: str = "Held-out manoeuvres"
+) -> Table:
     """Scores for the terminal, within 100 columns.
 
     Args:
         scores: One a manoeuvre.
-        ladder: Simpler models -> their scores on the same manoeuvres.
+        baselines: Simpler models -> their scores on the same manoeuvres.
         title: Heading.
 
     Returns:
@@ -222,9 +212,9 @@ def score_table(scores: Sequence[Score], ladder: Ladder | None = None, title: st
         where there are none of these nRMSE of u, v, r, psi; main criteria, predicted (recorded).
     """
     table = _bare_table(title)
-    banded, rungs = any(s.spread_L is not None for s in scores), list(ladder or {})
-    headings = ["dev/L", *(["spread"] if banded else []), *(rungs or JUDGED)]
-    what = f"{', '.join(rungs)}: dev/L of simpler models" if rungs else "u v r psi: RMS error / std"
+    banded, others = any(s.spread_L is not None for s in scores), list(baselines or {})
+    headings = ["dev/L", *(["spread"] if banded else []), *(others or SCORED_CHANNELS)]
+    what = f"{', '.join(others)}: dev/L of simpler models" if others else "u v r psi: RMS error / std"
     apart = "; spread: of the members" if banded else ""
     table.caption = f"dev: largest track distance{apart}; {what}; criteria: predicted (recorded)"
     # Names of files are long: folded, they can still be told apart.
@@ -234,23 +224,23 @@ def score_table(scores: Sequence[Score], ladder: Ladder | None = None, title: st
         table.add_column(heading, justify="right", no_wrap=True)
     table.add_column("criteria")
     for s in scores:
-        others = [dev for _, dev in _beside(ladder, s.manoeuvre)] if rungs else [s.nrmse.get(k) for k in JUDGED]
-        numbers = [text(s.dev_L, 3), *([text(s.spread_L, 2)] if banded else []), *(text(x, 2) for x in others)]
-        table.add_row(*map(_coloured, (s.manoeuvre, s.status, *numbers, criteria_text(s))))
+        beside = [dev for _, dev in _beside(baselines, s.manoeuvre)] if others else map(s.nrmse.get, SCORED_CHANNELS)
+        numbers = [text(s.dev_L, 3), *([text(s.spread_L, 2)] if banded else []), *(text(x, 2) for x in beside)]
+        table.add_row(*map(_coloured, (s.manoeuvre, s.status, *numbers, _criteria_text(s))))
     return table
 
 
-def verdict_table(judged: Iterable[ImoRow], title: str = "IMO MSC.137(76), predicted") -> Table:
+def verdict_table(rows: Iterable[ImoRow], title: str = "IMO MSC.137(76), predicted") -> Table:
     """Verdicts against the IMO standards for the terminal.
 
     Args:
-        judged: What :func:`manoeuvre_nn.manoeuvre.imo.imo_table` returns.
+        rows: What :func:`manoeuvre_nn.manoeuvre.imo.imo_table` returns.
         title: Heading.
 
     Returns:
         The table.
     """
-    return rich_table(imo_rows(judged), title)
+    return rich_table(imo_rows(rows), title)
 
 
 def is_good(cell: str) -> bool | None:
@@ -312,10 +302,37 @@ def to_markdown(rows: Sequence[Row], digits: int = 4) -> str:
     names = columns(rows)
     rules = ["---:" if any(_is_number(row.get(name)) for row in rows) else "---" for name in names]
     body = [[text(row.get(name), digits) for name in names] for row in rows]
-    lines = [[_cell(name) for name in names], rules, *([_cell(cell) for cell in line] for line in body)]
+    lines = [
+        [_markdown_cell(name) for name in names],
+        rules,
+        *([_markdown_cell(cell) for cell in line] for line in body),
+    ]
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
-def _cell(cell: str) -> str:
+def _markdown_cell(cell: str) -> str:
     """A cell's text where bars and line breaks would end it."""
     return cell.replace("\\", "\\\\").replace("|", "\\|").replace("\n", "<br>")
+
+
+def html_cells(rows: Sequence[Row], digits: int = 3) -> dict[str, Any]:
+    """Rows as a page shows them.
+
+    Args:
+        rows: The rows.
+        digits: Significant digits of numbers.
+
+    Returns:
+        ``headings``, and ``rows`` of cells: text, and the style class ``number``, ``good``, ``bad``, ``long`` or none.
+    """
+    names = columns(rows)
+    of_words = {name for name in names if any(isinstance(row.get(name), str) for row in rows)}
+    return {"headings": names, "rows": [[_html_cell(row.get(n), n in of_words, digits) for n in names] for row in rows]}
+
+
+def _html_cell(value: Any, of_words: bool, digits: int) -> tuple[str, str]:
+    """Text and style class of one cell; an empty one stands as its column does."""
+    shown = text(value, digits)
+    if _is_number(value) or (value is None and not of_words):
+        return shown, "number"
+    return shown, {True: "good", False: "bad", None: "long" if len(shown) > LONG_TEXT else ""}[is_good(shown)]

@@ -12,7 +12,7 @@ from manoeuvre_nn.core.prime import length_draught_system
 from manoeuvre_nn.core.ship import Particulars, Ship, check_speed
 from manoeuvre_nn.core.units import RPM
 
-SLOWEST = 1e-5
+MIN_SPEED_M_S = 1e-5
 """Speed below which no drift angle is formed [m/s]."""
 MIDDLE, WEAK = -0.35, -0.06
 """Advance ratios between which the side force of a propeller turning astern has another law [-]."""
@@ -232,7 +232,7 @@ class MMGShip(Ship):
         """
         u, v, r = nu.unbind(-1)
         turn = r * self.particulars.length
-        speed = torch.clamp((u.square() + v.square()).sqrt(), min=SLOWEST)
+        speed = torch.clamp((u.square() + v.square()).sqrt(), min=MIN_SPEED_M_S)
         inflow = self._inflow(u, v, turn, speed)
         thrust, sides = self._propeller(u, n, inflow)
         rudder = self._rudder(u, v, turn, delta, n, inflow, thrust)

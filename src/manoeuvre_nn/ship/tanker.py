@@ -56,7 +56,6 @@ class TankerShip(Ship):
         self_propulsion: float,
         depth: float = inf,
         shaft: Literal["hold", "similarity"] = "hold",
-        dtype: torch.dtype = torch.float64,
     ) -> None:
         """Build a tanker from its table.
 
@@ -69,7 +68,6 @@ class TankerShip(Ship):
             depth: Water depth h [m].
             shaft: What the shaft does at another approach speed: ``hold`` keeps its rpm (the ship speeds up in the
                 manoeuvre, as in the paper), ``similarity`` scales it with the speed.
-            dtype: Floating type.
 
         Raises:
             InputError: If the water is not deeper than the draught or ``shaft`` is unknown.
@@ -83,14 +81,14 @@ class TankerShip(Ship):
         k = dict(coefficients)
         inertia = [k["m11"] - k["Xudz"] * zeta, k["m22"] - k["Yvdz"] * zeta, k["m33"] - k["Nrdz"] * zeta]
         prime = bis_system(particulars.length, particulars.rho * volume)
-        super().__init__(particulars, prime, torch.diag(torch.tensor(inertia, dtype=dtype)))
+        super().__init__(particulars, prime, torch.diag(torch.tensor(inertia, dtype=torch.float64)))
         self.volume, self.coefficients = volume, coefficients
         self.rpm, self.self_propulsion = rpm, self_propulsion
         self.depth, self.shaft, self.zeta = depth, shaft, zeta
         self.k = _at_depth(k, zeta)
-        self._store(dtype)
+        self._store()
 
-    def _store(self, dtype: torch.dtype) -> None:
+    def _store(self) -> None:
         """Put the coefficients into buffers, so that tankers at other depths or rpm can be rows of one batch."""
         k, n, length = self.k, self.rpm * RPM, self.particulars.length
         surge = {"uu": k["Xuu"], "Lvr": k["Xvr"], "vv": k["Xvv"], "ccdd": k["Xccdd"], "ccbd": k["Xccbd"]}
@@ -100,11 +98,11 @@ class TankerShip(Ship):
         yaw = {"uv": k["Nuv"], "L|v|r": k["Nvr"], "ccd": k["Nccd"], "Lur": k["Nur"], "cross": k["Nccbbd"]}
         yaw["LgT"] = k["NT"]
         table = [[equation.get(name, 0.0) for equation in (surge, sway, yaw)] for name in PRODUCTS]
-        self.register_buffer("coefficient_table", torch.tensor(table, dtype=dtype) / self.prime.speed**2)
+        self.register_buffer("coefficient_table", self.inertia.new_tensor(table) / self.prime.speed**2)
         race = [k["cun"] * n, k["cnn"] * n**2]
-        self.register_buffer("race", torch.tensor(race, dtype=dtype))
+        self.register_buffer("race", self.inertia.new_tensor(race))
         thrust = [k["Tuu"] / length, k["Tun"] * n, length * k["Tnn"] * abs(n) * n]
-        self.register_buffer("thrust_series", torch.tensor(thrust, dtype=dtype))
+        self.register_buffer("thrust_series", self.inertia.new_tensor(thrust))
 
     @property
     def table(self) -> Float[Tensor, "terms 3"]:
@@ -207,8 +205,7 @@ class TankerShip(Ship):
             self_propulsion=speed if self.shaft == "similarity" else self.self_propulsion,
             depth=self.depth,
             shaft=self.shaft,
-            dtype=self.inertia.dtype,
-        )
+        ).to(self.inertia)
 
 
 def _at_depth(k: Mapping[str, float], zeta: float) -> dict[str, float]:

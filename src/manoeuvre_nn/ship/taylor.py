@@ -8,9 +8,10 @@ from typing import Literal
 
 import torch
 from jaxtyping import Float
-from torch import Tensor, nn
+from torch import Tensor
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.network import Network
 from manoeuvre_nn.core.prime import PrimeSystem
 from manoeuvre_nn.core.ship import Particulars, Ship, check_speed
 
@@ -22,7 +23,7 @@ Coefficients = Mapping[str, Mapping[str, float]]
 """Equation (X, Y or N) -> term (``vvr``: v^2 r; ``0``: constant) -> value."""
 
 
-class TaylorForce(nn.Module):
+class TaylorForce(Network):
     """A polynomial in u, v, r, delta for each of X, Y and N.
 
     ``f'_e = sum_k c_ek prod(variables of term k)``; with ``taylor=True`` a coefficient is a derivative, so that every
@@ -121,7 +122,6 @@ class TaylorShip(Ship):
         positive_rudder_turns_to: Side,
         taylor: bool = True,
         scaling: Literal["constant", "instantaneous"] = "constant",
-        dtype: torch.dtype = torch.float64,
     ) -> None:
         """Build a ship from a source's tables.
 
@@ -134,7 +134,6 @@ class TaylorShip(Ship):
             positive_rudder_turns_to: The source's sign of the rudder; the package's is starboard.
             taylor: Whether the values are derivatives (``Yvvv v^3/6``) or plain factors.
             scaling: Speed that makes velocities non-dimensional.
-            dtype: Floating type.
         """
         mass = torch.tensor(
             [
@@ -142,10 +141,10 @@ class TaylorShip(Ship):
                 [0.0, inertia["my"], -inertia.get("Yrdot", 0.0)],
                 [0.0, -inertia.get("Nvdot", 0.0), inertia["mz"]],
             ],
-            dtype=dtype,
+            dtype=torch.float64,
         )
         super().__init__(particulars, prime, mass)
-        self.series = TaylorForce(coefficients, taylor=taylor, dtype=dtype)
+        self.series = TaylorForce(coefficients, taylor=taylor)
         self.coefficients, self._inertia_values = coefficients, inertia
         self.taylor, self.scaling, self.positive_rudder_turns_to = taylor, scaling, positive_rudder_turns_to
         self.rudder_sign = 1.0 if positive_rudder_turns_to == "starboard" else -1.0
@@ -225,5 +224,4 @@ class TaylorShip(Ship):
             positive_rudder_turns_to=self.positive_rudder_turns_to,
             taylor=self.taylor,
             scaling=self.scaling,
-            dtype=self.inertia.dtype,
-        )
+        ).to(self.inertia)

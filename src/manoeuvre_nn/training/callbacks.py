@@ -18,10 +18,10 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.limits import OK
-from manoeuvre_nn.dynamics.model import Dynamics
-from manoeuvre_nn.recording.held_out import HeldOut, Solver
-from manoeuvre_nn.recording.score import Score
+from manoeuvre_nn.scoring.held_out import HeldOut, Solver
+from manoeuvre_nn.scoring.score import Score
 from manoeuvre_nn.training.fits import Fit
 
 MONITOR = "score/dev_L"
@@ -36,18 +36,18 @@ class RolloutScore(L.Callback):
 
     Attributes:
         scores: The last scores.
-        history: Epoch, training error, relRMSE of g and scores of every judgement so far.
+        history: Epoch, training error, relRMSE of g and scores of every scored epoch.
     """
 
     def __init__(self, held_out: HeldOut, *, every: int = 1, solver: Solver = "torchdiffeq", figures_every: int = 0,
                  draw: Draw | None = None) -> None:  # fmt: skip
-        """Set up the judge.
+        """Set up.
 
         Args:
-            held_out: Manoeuvres to judge by.
-            every: Epochs between judgements.
+            held_out: Held-out manoeuvres.
+            every: Epochs between scores.
             solver: ``torchdiffeq`` to a tolerance, or ``rollout``, all manoeuvres as one fixed-step batch.
-            figures_every: Judgements between figures in TensorBoard; 0 draws none.
+            figures_every: Scores between figures in TensorBoard; 0 draws none.
             draw: Makes the figures of one manoeuvre.
 
         Raises:
@@ -62,12 +62,7 @@ class RolloutScore(L.Callback):
         self.history: list[dict[str, float]] = []
 
     def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Judge, if this epoch is one to judge or the last one.
-
-        Args:
-            trainer: The trainer.
-            pl_module: The fit.
-        """
+        """Score, if it is the turn of this epoch or it is the last one."""
         last = trainer.should_stop or trainer.current_epoch + 1 == trainer.max_epochs
         if (trainer.current_epoch + 1) % self.every and not last:
             return
@@ -93,40 +88,32 @@ class RolloutScore(L.Callback):
             for name, figure in self.draw(reference, prediction).items():
                 trainer.logger.experiment.add_figure(f"{reference.name}/{name}", figure, trainer.current_epoch + 1)
 
-    def judged(self, epoch: int) -> bool:
-        """Whether an epoch is the one that was judged last.
+    def scored(self, epoch: int) -> bool:
+        """Whether an epoch is the one that was scored last.
 
         Args:
             epoch: Its number, from 1.
 
         Returns:
-            True if it was judged.
+            True if it was scored.
         """
         return bool(self.history) and self.history[-1]["epoch"] == epoch
 
     @property
     def best(self) -> dict[str, float]:
-        """The judgement with the smallest mean deviation; the first of equals."""
+        """The scored epoch with the smallest mean deviation; the first of equals."""
         return min(self.history, key=lambda row: row[MONITOR])
 
     def state_dict(self) -> dict[str, Any]:
-        """The history, so that a resumed run goes on with it.
-
-        Returns:
-            Plain numbers.
-        """
+        """The history, so that a resumed run goes on with it."""
         return {"history": self.history}
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Take the history up again.
-
-        Args:
-            state_dict: What :meth:`state_dict` gave.
-        """
+        """Take the history up again."""
         self.history = list(state_dict["history"])
 
 
-def for_solvers(dynamics: Dynamics) -> Dynamics:
+def for_solvers(dynamics: Model) -> Model:
     """A model as solvers want it: in double precision on the CPU, where a tolerance of 1e-6 means something.
 
     Args:
@@ -162,61 +149,51 @@ def scalars(scores: list[Score]) -> dict[str, float]:
     return values
 
 
-class Patience(L.Callback):
-    """Ends the fit when some judgements in a row brought no better score.
+class StopWithoutGain(L.Callback):
+    """Ends the fit when some scores in a row were no better.
 
-    Lightning's own EarlyStopping asks in every epoch and wants a score in each, also in those that are not judged.
+    Lightning's own EarlyStopping asks in every epoch and wants a score in each, also in those that are not scored.
     """
 
-    def __init__(self, judge: RolloutScore, judgements: int) -> None:
+    def __init__(self, scorer: RolloutScore, patience: int) -> None:
         """Set up.
 
         Args:
-            judge: Whose history counts; it must come first among the callbacks.
-            judgements: How many may bring nothing.
+            scorer: Whose history counts; it must come first among the callbacks.
+            patience: How many scores in a row may bring nothing.
         """
-        self.judge, self.judgements = judge, judgements
+        self.scorer, self.patience = scorer, patience
 
     def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Look at the history if this epoch was judged.
-
-        Args:
-            trainer: The trainer.
-            pl_module: The fit.
-        """
-        scores, count = [row[MONITOR] for row in self.judge.history], self.judgements
-        if self.judge.judged(trainer.current_epoch + 1) and len(scores) > count:
+        """Look at the history if this epoch was scored."""
+        scores, count = [row[MONITOR] for row in self.scorer.history], self.patience
+        if self.scorer.scored(trainer.current_epoch + 1) and len(scores) > count:
             trainer.should_stop = trainer.should_stop or min(scores[-count:]) >= min(scores[:-count])
 
 
-class Keeper(Checkpoint):
-    """Stores ``last.ckpt`` after every epoch, ``best.ckpt`` after every judgement that is the best so far.
+class BestAndLast(Checkpoint):
+    """Stores ``last.ckpt`` after every epoch, ``best.ckpt`` after every score that is the best so far.
 
     Lightning's own ModelCheckpoint renews ``last.ckpt`` only together with the best one. The best weights are in
     ``last.ckpt`` too, so that a run may be resumed in another folder.
 
     Attributes:
-        best: Weights at the best judgement; empty before the first.
+        best: Weights at the best score; empty before the first.
     """
 
-    def __init__(self, judge: RolloutScore, folder: Path) -> None:
+    def __init__(self, scorer: RolloutScore, folder: Path) -> None:
         """Set up.
 
         Args:
-            judge: Who says what is best.
+            scorer: Says what is best.
             folder: Where the files go.
         """
-        self.judge, self.folder = judge, folder
+        self.scorer, self.folder = scorer, folder
         self.best: dict[str, torch.Tensor] = {}
 
     def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Store.
-
-        Args:
-            trainer: The trainer.
-            pl_module: The fit.
-        """
-        if self.judge.judged(trainer.current_epoch + 1) and self.judge.best is self.judge.history[-1]:
+        """Store."""
+        if self.scorer.scored(trainer.current_epoch + 1) and self.scorer.best is self.scorer.history[-1]:
             self.best = {name: value.detach().clone() for name, value in pl_module.state_dict().items()}
             self._store(trainer, "best.ckpt")
         self._store(trainer, "last.ckpt")
@@ -228,19 +205,11 @@ class Keeper(Checkpoint):
         part.replace(self.folder / name)
 
     def state_dict(self) -> dict[str, Any]:
-        """The best weights.
-
-        Returns:
-            Tensors.
-        """
+        """The best weights."""
         return {"best": self.best}
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Take the best weights up again.
-
-        Args:
-            state_dict: What :meth:`state_dict` gave.
-        """
+        """Take the best weights up again."""
         self.best = dict(state_dict["best"])
 
 
@@ -259,12 +228,7 @@ class RunProgress(L.Callback):
         self._shown = 0.0
 
     def on_train_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Open the bar.
-
-        Args:
-            trainer: The trainer.
-            pl_module: The fit.
-        """
+        """Open the bar."""
         self._shown = monotonic()
         if not self.console.is_terminal:
             return
@@ -282,12 +246,7 @@ class RunProgress(L.Callback):
         self._bar.add_task("fit", total=trainer.max_epochs, completed=trainer.current_epoch, note="")
 
     def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Show the epoch, the training error and the last score.
-
-        Args:
-            trainer: The trainer.
-            pl_module: The fit.
-        """
+        """Show the epoch, the training error and the last score."""
         metrics = trainer.callback_metrics
         note = f"mse {float(metrics['train/mse']):.2e}" if "train/mse" in metrics else ""
         if MONITOR in metrics:
@@ -299,22 +258,11 @@ class RunProgress(L.Callback):
             self.console.print(f"epoch {trainer.current_epoch + 1}/{trainer.max_epochs}  {note}")
 
     def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Close the bar.
-
-        Args:
-            trainer: The trainer.
-            pl_module: The fit.
-        """
+        """Close the bar."""
         self._close()
 
     def on_exception(self, trainer: L.Trainer, pl_module: L.LightningModule, exception: BaseException) -> None:
-        """Close the bar, so that the terminal is left in order.
-
-        Args:
-            trainer: The trainer.
-            pl_module: The fit.
-            exception: What happened.
-        """
+        """Close the bar, so that the terminal is left in order."""
         self._close()
 
     def _close(self) -> None:
@@ -358,11 +306,6 @@ class GracefulStop(L.Callback):
             self._before = None
 
     def on_fit_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Give the signal back.
-
-        Args:
-            trainer: The trainer.
-            pl_module: The fit.
-        """
+        """Give the signal back."""
         if self._before is not None:
             signal.signal(signal.SIGINT, self._before)

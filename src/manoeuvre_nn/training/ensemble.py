@@ -12,30 +12,30 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.network.hull_rudder import HullRudder
-from manoeuvre_nn.optimizer.damping import Damping
-from manoeuvre_nn.optimizer.restarts import Solutions, Stops, minimise
-from manoeuvre_nn.optimizer.semilinear import SemiLinear
+from manoeuvre_nn.numerics.damping import Damping, Stops
+from manoeuvre_nn.numerics.restarts import Solutions, minimise
+from manoeuvre_nn.numerics.semilinear import SemiLinear
 from manoeuvre_nn.recording.tuples import Tuples
-from manoeuvre_nn.training.closed_loop import Refinement, refine
 from manoeuvre_nn.training.data import Batch
 from manoeuvre_nn.training.fits import Fit
+from manoeuvre_nn.training.rollout_refinement import Refinement, refine
 from manoeuvre_nn.training.scalings import make_scaling
 
 ALL_TRAINED = "all members trained"
-STEPS = (3, 5, 8, 12, 20, 40, 80)
+STEP_TRIALS = (3, 5, 8, 12, 20, 40, 80)
 """Numbers of steps that are tried where the data carry noise; fewer leave the nodes much as they were drawn."""
-BLOCKS, JUDGES = 12, 4
-"""Stretches of time, one of which at a time is predicted from the others; members that are asked."""
-USUAL_STOPS = Stops(epochs=150, min_fall=1e-4)
+VALIDATION_BLOCKS, VALIDATION_MEMBERS = 12, 4
+"""Stretches of time, one of which at a time is predicted from the others; members that predict it."""
+DEFAULT_STOPS = Stops(epochs=150, min_fall=1e-4)
 """When a member is done, as in ``conf/fit/ensemble.yaml``."""
-WAIT = 3
+MAX_WORSE_TRIALS = 3
 """Numbers of steps that are tried after the best one so far, before it is taken."""
 
 
 class EnsembleFit(Fit):
     """Levenberg-Marquardt on the nodes' weights, all linear weights solved exactly at every step.
 
-    A member is trained in one epoch, so that a kill costs one member at most, and a judgement is one of the ensemble so
+    A member is trained in one epoch, so that a kill costs one member at most, and a score is one of the ensemble so
     far. Members do not see each other.
 
     Where accelerations are exact a member is trained to its end. Where they carry noise that would be to learn the
@@ -90,7 +90,7 @@ class EnsembleFit(Fit):
         return self.dynamics.network
 
     def configure_optimizers(self) -> None:
-        """None: every member has an optimizer of its own, see :func:`~manoeuvre_nn.optimizer.restarts.minimise`."""
+        """None: every member has an optimizer of its own, see :func:`~manoeuvre_nn.numerics.restarts.minimise`."""
 
     def scaled(self, inputs: Tensor, targets: Tensor) -> tuple[Tensor, Tensor]:
         """Prime tuples as every member sees them.
@@ -111,12 +111,7 @@ class EnsembleFit(Fit):
 
     @torch.no_grad()
     def training_step(self, batch: Batch, batch_idx: int) -> None:
-        """Train the next member.
-
-        Args:
-            batch: All tuples.
-            batch_idx: 0.
-        """
+        """Train the next member."""
         network, k = self.network, self.current_epoch
         x, y = self.scaled(batch[0], batch[1])
         data: Any = self.trainer.datamodule  # type: ignore[attr-defined]
@@ -124,7 +119,7 @@ class EnsembleFit(Fit):
             enough = self.stops.epochs if data.exact else steps_that_predict(network, x, y, self.stops, self.damping)
             self.steps.fill_(enough)
         stops = replace(self.stops, epochs=int(self.steps))
-        found = train_member(network, k, x, y, stops=stops, damping=self.damping, restarts=self.restarts)
+        found = _train_member(network, k, x, y, stops=stops, damping=self.damping, restarts=self.restarts)
         if self.refinement.steps:
             network.output_weights[k] = refine(self.dynamics, k, data.recordings, x, self.refinement)[0]
         if len(batch[2]):
@@ -152,14 +147,14 @@ def steps_that_predict(
         damping: Rule of mu; by default Nielsen's.
 
     Returns:
-        One of :data:`STEPS`, or the largest number allowed.
+        One of :data:`STEP_TRIALS`, or the largest number allowed.
     """
-    first = torch.cat([_start(network, k) for k in range(min(JUDGES, network.members))])
-    blocks = torch.arange(len(x)).tensor_split(BLOCKS)
-    rests = [torch.cat([*blocks[:k], *blocks[k + 1 :]]) for k in range(BLOCKS)]
-    problems = [SemiLinear(y=y[rest], **vars(network.design(x[rest]))) for rest in rests]
-    weights, taken, errors = [first] * BLOCKS, 0, list[float]()
-    tried = [*(s for s in STEPS if s < stops.epochs), stops.epochs]
+    first = torch.cat([_start(network, k) for k in range(min(VALIDATION_MEMBERS, network.members))])
+    blocks = torch.arange(len(x)).tensor_split(VALIDATION_BLOCKS)
+    rests = [torch.cat([*blocks[:k], *blocks[k + 1 :]]) for k in range(VALIDATION_BLOCKS)]
+    problems = [SemiLinear(y[rest], network.design(x[rest])) for rest in rests]
+    weights, taken, errors = [first] * VALIDATION_BLOCKS, 0, list[float]()
+    tried = [*(s for s in STEP_TRIALS if s < stops.epochs), stops.epochs]
     for steps in tried:
         if steps > taken:
             more, taken = replace(stops, epochs=steps - taken), steps
@@ -169,15 +164,15 @@ def steps_that_predict(
             ]
         total = 0.0
         for problem, found, block in zip(problems, weights, blocks, strict=True):
-            judges = network.with_weights(problem.full(found), problem.output_weights(found))
-            total += float((judges(x[block]) - y[block]).square().sum())
+            members = network.with_weights(problem.full(found), problem.output_weights(found))
+            total += float((members(x[block]) - y[block]).square().sum())
         errors.append(total)
-        if len(errors) - errors.index(min(errors)) > WAIT:
+        if len(errors) - errors.index(min(errors)) > MAX_WORSE_TRIALS:
             break
     return tried[errors.index(min(errors))]
 
 
-def steps_in_noise(model: IdentifiedShip, tuples: Tuples, stops: Stops = USUAL_STOPS) -> int:
+def steps_in_noise(model: IdentifiedShip, tuples: Tuples, stops: Stops = DEFAULT_STOPS) -> int:
     """Steps in which members are trained where tuples carry noise, see :func:`steps_that_predict`.
 
     Args:
@@ -194,7 +189,7 @@ def steps_in_noise(model: IdentifiedShip, tuples: Tuples, stops: Stops = USUAL_S
 
 
 @torch.no_grad()
-def train_member(
+def _train_member(
     network: HullRudder,
     member: int,
     x: Float[Tensor, "n 4"],
@@ -204,21 +199,8 @@ def train_member(
     damping: Damping | None = None,
     restarts: int = 1,
 ) -> Solutions:
-    """Solve for a member's weights and put them into the ensemble; it answers from then on.
-
-    Args:
-        network: The ensemble; members are trained in their order.
-        member: Which one.
-        x: Scaled inputs.
-        y: Scaled targets.
-        stops: When it is done.
-        damping: Rule of mu; by default Nielsen's.
-        restarts: Starts, of which the one with the least error is kept; the first is what the network was drawn with.
-
-    Returns:
-        What became of every start.
-    """
-    problem = SemiLinear(y=y, **vars(network.design(x)))
+    """Solve for a member's weights and put them into the ensemble; it answers from then on."""
+    problem = SemiLinear(y, network.design(x))
     start = torch.cat([_start(network, member, trial) for trial in range(restarts)])
     found = minimise(problem, start, damping=damping, stops=stops, at_once=1)
     best = found.weights[found.best : found.best + 1]
@@ -229,7 +211,7 @@ def train_member(
 
 
 def train_ensemble(
-    known: Ship, network: HullRudder, tuples: Tuples, stops: Stops = USUAL_STOPS, *, exact: bool = True
+    known: Ship, network: HullRudder, tuples: Tuples, stops: Stops = DEFAULT_STOPS, *, exact: bool = True
 ) -> IdentifiedShip:
     """Train a whole ensemble without a trainer: for studies of many of them.
 
@@ -248,7 +230,7 @@ def train_ensemble(
     if not exact:
         stops = replace(stops, epochs=steps_in_noise(model, tuples, stops))
     for member in range(network.members):
-        train_member(network, member, x, y, stops=stops)
+        _train_member(network, member, x, y, stops=stops)
     return model
 
 

@@ -2,7 +2,7 @@
 
 from abc import ABC
 from collections.abc import Callable, Sequence
-from typing import Any, Literal
+from typing import Any
 
 import lightning as L
 import torch
@@ -13,9 +13,10 @@ from manoeuvre_nn import __version__
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.network.perceptron import Perceptron
-from manoeuvre_nn.optimizer.levenberg_marquardt import LevenbergMarquardt
-from manoeuvre_nn.optimizer.one_hidden import OneHidden
-from manoeuvre_nn.optimizer.steepest_descent import RateSchedule, SteepestDescent, StoppingRules
+from manoeuvre_nn.numerics.damping import Damping, Stops
+from manoeuvre_nn.numerics.levenberg_marquardt import LevenbergMarquardt
+from manoeuvre_nn.numerics.one_hidden import OneHidden
+from manoeuvre_nn.numerics.steepest_descent import RateSchedule, SteepestDescent, StoppingRules
 from manoeuvre_nn.training.checkpoint import VERSION_KEY
 from manoeuvre_nn.training.data import Batch
 
@@ -104,11 +105,7 @@ class Fit(ABC, L.LightningModule):
         return ((g - targets).square().mean(0) / targets.square().mean(0).clamp(min=1e-30)).sqrt()
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Say which version wrote the checkpoint.
-
-        Args:
-            checkpoint: What Lightning stores.
-        """
+        """Say which version wrote the checkpoint."""
         checkpoint[VERSION_KEY] = __version__
 
     def finish(self, batch: Batch, loss: Tensor) -> None:
@@ -165,20 +162,11 @@ class BackpropFit(Fit):
         self.register_buffer("best_test", torch.tensor(torch.inf, dtype=torch.float64))
 
     def configure_optimizers(self) -> SteepestDescent:
-        """One optimizer for all networks: their gradients do not mix.
-
-        Returns:
-            The optimizer.
-        """
+        """One optimizer for all networks: their gradients do not mix."""
         return SteepestDescent(self.dynamics.network.parameters(), momentum=self.momentum, schedule=self.schedule)
 
     def training_step(self, batch: Batch, batch_idx: int) -> None:
-        """Many iterations of steepest descent.
-
-        Args:
-            batch: All tuples.
-            batch_idx: 0.
-        """
+        """Many iterations of steepest descent."""
         x, y = self.scaled(batch[0], batch[1])
         optimizer: Any = self.optimizers()
         parameters = list(self.dynamics.network.parameters())
@@ -190,7 +178,7 @@ class BackpropFit(Fit):
                 parameter.grad = gradient
             # Lightning counts one step an epoch; its wrapper would cost more than the step itself.
             (optimizer if count == len(presentations) else optimizer.optimizer).step()
-        self._judge(batch, x, y)
+        self._evaluate(batch, x, y)
 
     def _presentations(self, count: int) -> Sequence[Tensor | None]:
         """Sample numbers of each iteration of an epoch; the order depends on seed and epoch alone."""
@@ -203,7 +191,7 @@ class BackpropFit(Fit):
         return list(order.split(self.batch_size))
 
     @torch.no_grad()
-    def _judge(self, batch: Batch, x: Tensor, y: Tensor) -> None:
+    def _evaluate(self, batch: Batch, x: Tensor, y: Tensor) -> None:
         """Log the errors and ask the stopping rules."""
         loss = (self.rows(x) - y).square().mean()
         test = None
@@ -230,54 +218,31 @@ class LevenbergMarquardtFit(Fit):
         self,
         dynamics: IdentifiedShip,
         *,
-        mu: float = 1e-3,
-        mu_dec: float = 0.1,
-        mu_inc: float = 10.0,
-        mu_max: float = 1e10,
-        goal: float = 0.0,
-        min_grad: float = 1e-13,
-        max_fail: int = 6,
-        damping: Literal["trainlm", "nielsen"] = "trainlm",
+        damping: Damping | None = None,
+        stops: Stops | None = None,
         iterations_per_epoch: int = 1,
     ) -> None:
         """Set up the method.
 
         Args:
             dynamics: Known part, network and scaling.
-            mu: First damping [-].
-            mu_dec: Factor after a success [-].
-            mu_inc: Factor after a failure [-].
-            mu_max: Damping at which a row gives up [-].
-            goal: Mean square error at which a row is done.
-            min_grad: Gradient norm at which a row is done.
-            max_fail: Rises of the validation error that end a row.
-            damping: ``trainlm`` or ``nielsen``.
+            damping: How mu follows the steps; by default TRAINLM's rule.
+            stops: When a row is done; by default when its gradient is 1e-13. Epochs are counted by the trainer.
             iterations_per_epoch: Levenberg-Marquardt epochs in a Lightning epoch.
         """
         super().__init__(dynamics, iterations_per_epoch)
-        self.options: dict[str, Any] = {
-            "mu": mu,
-            "mu_dec": mu_dec,
-            "mu_inc": mu_inc,
-            "mu_max": mu_max,
-            "goal": goal,
-            "min_grad": min_grad,
-            "max_fail": max_fail,
-            "damping": damping,
-        }
+        self.damping, self.stops = damping or Damping(), stops or Stops(min_step=0.0)
         self._problem: OneHidden | None = None
 
     def configure_optimizers(self) -> LevenbergMarquardt:
-        """The optimizer, with normal equations by formula for a perceptron.
-
-        Returns:
-            The optimizer.
-        """
+        """The optimizer, with normal equations by formula for a perceptron."""
         network = self.dynamics.network
-        if not isinstance(network, Perceptron):
-            return LevenbergMarquardt(network.parameters(), **self.options)
-        rows, normal = network.rows_count, self._normal_equations
-        return LevenbergMarquardt(network.parameters(), rows=rows, normal=normal, **self.options)
+        rows, normal = None, None
+        if isinstance(network, Perceptron):
+            rows, normal = network.rows_count, self._normal_equations
+        return LevenbergMarquardt(
+            network.parameters(), rows=rows, normal=normal, damping=self.damping, stops=self.stops
+        )
 
     def _normal_equations(self) -> tuple[Tensor, Tensor]:
         """Those of a perceptron at its present weights."""
@@ -286,12 +251,7 @@ class LevenbergMarquardtFit(Fit):
         return self._problem.normal_equations(torch.cat(weights, dim=1))
 
     def training_step(self, batch: Batch, batch_idx: int) -> None:
-        """One or more Levenberg-Marquardt epochs over all tuples.
-
-        Args:
-            batch: All tuples.
-            batch_idx: 0.
-        """
+        """One or more Levenberg-Marquardt epochs over all tuples."""
         x, y = self.scaled(batch[0], batch[1])
         network = self.dynamics.network
         if isinstance(network, Perceptron):

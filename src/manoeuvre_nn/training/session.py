@@ -13,7 +13,7 @@ from lightning.pytorch.loggers import TensorBoardLogger
 from rich.console import Console
 
 from manoeuvre_nn.core.errors import InputError, check_choice
-from manoeuvre_nn.training.callbacks import GracefulStop, Keeper, Patience, RolloutScore, RunProgress
+from manoeuvre_nn.training.callbacks import BestAndLast, GracefulStop, RolloutScore, RunProgress, StopWithoutGain
 from manoeuvre_nn.training.checkpoint import load_weights, read_checkpoint
 from manoeuvre_nn.training.data import ManoeuvreData
 from manoeuvre_nn.training.fits import Fit
@@ -29,7 +29,7 @@ class Session:
 
     Attributes:
         max_epochs: Epochs at most.
-        patience: Judgements without a better score after which training ends; None never.
+        patience: Scores in a row without a better one after which training ends; None never.
         keep: Network that is kept: ``best`` by the held-out score, or ``last``.
         resume: ``auto`` goes on from the folder's last checkpoint if there is one, ``never`` starts anew, else the path
             of a checkpoint.
@@ -66,9 +66,9 @@ class Trained:
         epochs: Epochs trained.
         seconds: Time that it took [s].
         stopped: Why it ended.
-        history: Judgements, see :class:`~manoeuvre_nn.training.callbacks.RolloutScore`.
+        history: Scored epochs, see :class:`~manoeuvre_nn.training.callbacks.RolloutScore`.
         chosen: How the network was chosen, in words.
-        dashboard: TensorBoard's logger.
+        logger: TensorBoard's.
     """
 
     fit: Fit
@@ -77,19 +77,7 @@ class Trained:
     stopped: str
     history: Sequence[Mapping[str, float]]
     chosen: str
-    dashboard: "Dashboard"
-
-
-class Dashboard:
-    """What may be added to TensorBoard after training."""
-
-    def __init__(self, logger: TensorBoardLogger) -> None:
-        """Wrap Lightning's logger.
-
-        Args:
-            logger: The logger.
-        """
-        self._logger = logger
+    logger: TensorBoardLogger
 
     def add_image(self, name: str, image: Any, epoch: int) -> None:
         """Show a picture.
@@ -99,26 +87,26 @@ class Dashboard:
             image: Height x width x colour, 0 to 1.
             epoch: Epoch that it belongs to.
         """
-        self._logger.experiment.add_image(name, image, epoch, dataformats="HWC")
+        self.logger.experiment.add_image(name, image, epoch, dataformats="HWC")
 
     def close(self, settings: Mapping[str, Any], scores: Mapping[str, float]) -> None:
-        """Write the hparams table and end.
+        """Write the hparams table and end the log.
 
         Args:
             settings: Flat settings of the run.
             scores: Final scores.
         """
-        self._logger.log_hyperparams(dict(settings), dict(scores))
-        self._logger.finalize("success")
+        self.logger.log_hyperparams(dict(settings), dict(scores))
+        self.logger.finalize("success")
 
 
-def run(fit: Fit, data: ManoeuvreData, judge: RolloutScore, session: Session, out: Path, console: Console) -> Trained:
+def run(fit: Fit, data: ManoeuvreData, scorer: RolloutScore, session: Session, out: Path, console: Console) -> Trained:
     """Train.
 
     Args:
         fit: The fit with its first weights.
         data: What to train on, set up.
-        judge: The callback that scores held-out manoeuvres.
+        scorer: The callback that scores held-out manoeuvres.
         session: How long, and what to keep.
         out: Output folder: checkpoints and TensorBoard's files go there.
         console: Where to show progress.
@@ -130,12 +118,12 @@ def run(fit: Fit, data: ManoeuvreData, judge: RolloutScore, session: Session, ou
     checkpoint = _resume_from(session, out, console)
     if checkpoint is not None:
         load_weights(fit, checkpoint)  # refuses another network's in one line; Lightning then restores everything
-    keeper, graceful = Keeper(judge, out / CHECKPOINTS), GracefulStop(console)
-    callbacks: list[L.Callback] = [judge, graceful, keeper]
+    keeper, graceful = BestAndLast(scorer, out / CHECKPOINTS), GracefulStop(console)
+    callbacks: list[L.Callback] = [scorer, graceful, keeper]
     if session.progress:
         callbacks.append(RunProgress(console))
     if session.patience is not None:
-        callbacks.append(Patience(judge, session.patience))
+        callbacks.append(StopWithoutGain(scorer, session.patience))
     logger = TensorBoardLogger(out, name="", version=DASHBOARD, default_hp_metric=False)
     trainer = L.Trainer(
         accelerator=session.accelerator,
@@ -156,8 +144,8 @@ def run(fit: Fit, data: ManoeuvreData, judge: RolloutScore, session: Session, ou
         fit.load_state_dict(keeper.best)
         if not (out / CHECKPOINTS / "best.ckpt").exists():  # resumed from another folder and nothing better since
             trainer.save_checkpoint(out / CHECKPOINTS / "best.ckpt")
-    chosen = _choice(session, judge)
-    return Trained(fit, trainer.current_epoch, seconds, stopped, judge.history, chosen, Dashboard(logger))
+    chosen = _choice(session, scorer)
+    return Trained(fit, trainer.current_epoch, seconds, stopped, scorer.history, chosen, logger)
 
 
 def _resume_from(session: Session, out: Path, console: Console) -> Path | None:
@@ -181,12 +169,12 @@ def _why(fit: Fit, trainer: L.Trainer, interrupted: bool) -> str:
     return ALL_EPOCHS if trainer.current_epoch >= (trainer.max_epochs or 0) else "no better held-out score"
 
 
-def _choice(session: Session, judge: RolloutScore) -> str:
+def _choice(session: Session, scorer: RolloutScore) -> str:
     """How the network was chosen: a choice by the held-out score makes that score a little too good."""
-    if session.keep == "last" or not judge.history:
+    if session.keep == "last" or not scorer.history:
         return "The network is the last one of the training."
     return (
-        f"The network is that of epoch {judge.best['epoch']:.0f}, the best of {len(judge.history)} judgements on these "
+        f"The network is that of epoch {scorer.best['epoch']:.0f}, the best of {len(scorer.history)} scores on these "
         "very manoeuvres (trainer.keep=last takes the last one); a fair figure for new manoeuvres is a little worse."
     )
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.recording.reader import recordings_in
+from manoeuvre_nn.recording.read.reader import recordings_in
 
 NOISE_UNITS = {
     "u": ("u", 1.0), "v": ("v", 1.0), "x": ("x", 1.0), "y": ("y", 1.0),

@@ -1,0 +1,281 @@
+"""The front door: read, simulate, fit, score and diagnose from Python, through the same functions as the commands.
+
+import manoeuvre_nn as mnn
+
+runs = mnn.simulate("mariner", ["zz20", "tc25", "zz10"], effects=["wind_steady"])
+model = mnn.fit("mariner", runs[:1])
+print(mnn.score(model, runs[1:]))
+print(mnn.diagnose("mariner", runs))
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from matplotlib.figure import Figure
+from rich.console import Console
+
+from manoeuvre_nn.commands import config as configs
+from manoeuvre_nn.commands.diagnose import STEPS, Tracker
+from manoeuvre_nn.commands.diagnosis_setup import setup
+from manoeuvre_nn.commands.groups import compose, options
+from manoeuvre_nn.commands.job import load_model, prepare
+from manoeuvre_nn.commands.provenance import write_provenance
+from manoeuvre_nn.commands.shelves import build
+from manoeuvre_nn.commands.simulate import as_sensed, sail
+from manoeuvre_nn.commands.train import fit as fit_job
+from manoeuvre_nn.core.data_files import load_yaml
+from manoeuvre_nn.core.effect import Effect
+from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.manoeuvre import Manoeuvre
+from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.core.units import KNOT
+from manoeuvre_nn.diagnosis.case import case_of
+from manoeuvre_nn.diagnosis.diagnose import diagnose as find_causes
+from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
+from manoeuvre_nn.recording.read.mapping import Mapping as ColumnMapping
+from manoeuvre_nn.recording.read.reader import read_recordings
+from manoeuvre_nn.report.views import Answer, Runs, Scores
+from manoeuvre_nn.training.given import references
+from manoeuvre_nn.training.settings import noise_in_si
+
+Named = str | Mapping[str, Mapping[str, Any]]
+"""The name of a yaml in conf, or ``{name: {setting: value}}``."""
+AnyShip = str | Ship | Particulars
+
+
+@dataclass(frozen=True, repr=False)
+class FittedModel:
+    """A model that was fitted to recordings.
+
+    Attributes:
+        model: The model: particulars, known part and network.
+        runs: What it was fitted to.
+        source: Sentence on the data.
+        folder: Where checkpoint and config are, if they were kept.
+    """
+
+    model: IdentifiedShip
+    runs: Runs
+    source: str
+    folder: Path | None = None
+
+    @cached_property
+    def scores(self) -> Scores:
+        """How it does on the runs that it was fitted to, in closed loop."""
+        return score(self, self.runs)
+
+    def __repr__(self) -> str:
+        """What it was fitted to, and how it does there."""
+        return f"Fitted to {self.source}\n{self.scores!r}"
+
+    def plot(self) -> Figure:
+        """Predicted and recorded track of the run that it does worst on.
+
+        Returns:
+            The figure.
+        """
+        return self.scores.plot()
+
+
+def read(
+    path: str | Path | Sequence[str | Path], mapping: str | ColumnMapping | None = None, ship: AnyShip = "mariner"
+) -> Runs:
+    """Read recordings.
+
+    Args:
+        path: A file, a folder, a pattern such as ``runs/zz*.csv``, or a list of files.
+        mapping: Path of a yaml that says which column holds what, its name in conf/recording, or a mapping. None: the
+            files were written by this package (or have its columns in SI and radians).
+        ship: The ship: a name in conf/ship, or an object.
+
+    Returns:
+        The recordings.
+    """
+    columns = configs.read_mapping(mapping) if isinstance(mapping, str) else mapping
+    particulars = _particulars(_ship(ship))
+    return Runs(read_recordings(path, columns, particulars), particulars)
+
+
+def simulate(
+    ship: AnyShip,
+    manoeuvre: Named | Manoeuvre | Sequence[Named | Manoeuvre],
+    effects: Named | Effect | Sequence[Named | Effect] = (),
+    noise: Mapping[str, float] | None = None,
+    *,
+    speed_kn: float | None = None,
+    seed: int = 0,
+) -> Runs:
+    """Sail a ship through manoeuvres.
+
+    Args:
+        ship: A name in conf/ship, or a ship with coefficients.
+        manoeuvre: A name in conf/manoeuvre, ``{name: {setting: value}}``, a manoeuvre, or a list of these.
+        effects: What acts on it beside calm water: a name in conf/effect, ``{name: {parameter: value}}``, an
+            effect, or a list of these.
+        noise: Standard deviations of what sensors add: u, v [m/s], x, y [m], r_deg_s, psi_deg, delta_deg.
+        speed_kn: Approach speed [kn]; None is the ship's own.
+        seed: Seed of the noise.
+
+    Returns:
+        The recordings.
+    """
+    chosen, speed = _ship(ship), None if speed_kn is None else speed_kn * KNOT
+    if speed is not None and isinstance(chosen, Ship):
+        chosen = chosen.on_approach(speed)
+    wanted = [manoeuvre] if isinstance(manoeuvre, str | Mapping | Manoeuvre) else list(manoeuvre)
+    sailed = [m if isinstance(m, Manoeuvre) else configs.named_manoeuvres([m], speed)[0] for m in wanted]
+    listed = [effects] if isinstance(effects, str | Mapping | Effect) else effects
+    acting = [made for given in listed for made in _effects(given, chosen)]
+    return Runs(sail(chosen, sailed, acting, noise_in_si(noise or {}), seed=seed), _particulars(chosen))
+
+
+def fit(
+    ship: AnyShip,
+    runs: Runs | Sequence[Recording],
+    network: str = "cubic",
+    settings: Sequence[str] = (),
+    out: str | Path | None = None,
+) -> FittedModel:
+    """Fit a model to recordings, as ``manoeuvre train data=recording`` does.
+
+    Args:
+        ship: A name in conf/ship, or an object; of measured ships particulars are enough.
+        runs: Recordings of it.
+        network: Model to fit: a series in closed loop (``cubic``, ``modulus``, ``abkowitz``), or an ensemble
+            (``hull_rudder``).
+        settings: Further words as on the command line: ``["network.members=4", "trainer.max_epochs=10"]``.
+        out: Folder to keep checkpoint and config in; None keeps nothing.
+
+    Returns:
+        The model.
+    """
+    method = [] if any(word.startswith("fit=") for word in settings) else [f"fit={METHODS.get(network, 'closed_loop')}"]
+    linear = ["linear=clarke"] if network.startswith("hull_rudder") else []
+    named = [f"ship={ship}"] if isinstance(ship, str) else []
+    words = ["data=recording", f"network={network}", *method, *linear, *named, "trainer.progress=false", *settings]
+    cfg = compose("train", words)
+    job = prepare(cfg, tuple(runs), None if isinstance(ship, str) else ship)
+    with TemporaryDirectory() as scratch:
+        folder = Path(scratch if out is None else out)
+        write_provenance(cfg, folder)
+        trained = fit_job(cfg, job, folder, Console(quiet=True))
+        trained.close({}, {})
+    model = trained.fit.dynamics.double().cpu()
+    kept = None if out is None else Path(out)
+    return FittedModel(model, Runs(tuple(runs), model.particulars), job.data.describe(), kept)
+
+
+def score(model: Any, runs: Runs | Sequence[Recording]) -> Scores:
+    """Sail a model through recorded runs, in closed loop from their first samples on, and compare.
+
+    Args:
+        model: What :func:`fit` gave, a model, a ship (name or object) in calm water, or the path of a checkpoint.
+        runs: Recordings.
+
+    Returns:
+        Scores.
+    """
+    sailed = _model(model)
+    held_out = references(tuple(runs), sailed.particulars)
+    predictions = held_out.predict(sailed)
+    scores = held_out.score(predictions, held_out.predict_members(sailed), held_out.steer(sailed))
+    return Scores(scores, held_out.references, predictions)
+
+
+def diagnose(
+    ship: AnyShip,
+    runs: Runs | Sequence[Recording],
+    model: Any = None,
+    candidates: str | Sequence[str] = "default",
+    held_out: str | Sequence[str] = "auto",
+    workers: int = 1,
+) -> Answer:
+    """Find out what a calm-water model leaves out of recordings, as ``manoeuvre diagnose`` does.
+
+    Args:
+        ship: A name in conf/ship, or a ship with coefficients.
+        runs: Recordings of it.
+        model: A fitted model, or the path of a checkpoint, instead of the ship's coefficients.
+        candidates: ``default``, ``tank``, ``all``, or names of effects.
+        held_out: Names of the runs to prove by; ``auto`` chooses about a third.
+        workers: Processes among which the candidates are shared out.
+
+    Returns:
+        The answer.
+
+    Raises:
+        InputError: If the ship has no coefficients and no model is given.
+    """
+    listed = candidates if isinstance(candidates, str) else f"[{','.join(candidates)}]"
+    cfg = compose("diagnose", [f"candidates={listed}", f"workers={workers}", "out=."])
+    fitted = None if model is None else _model(model)
+    hull = _ship(ship) if fitted is None else fitted.known
+    if not isinstance(hull, Ship):
+        raise InputError(
+            f"the {hull.name} has particulars but no coefficients: give model=, or a ship with coefficients"
+        )
+    common = setup(cfg, fitted)
+    case = case_of(
+        [as_sensed(run) for run in runs],
+        hull,
+        held_out if isinstance(held_out, str) and held_out == "auto" else _list(held_out),
+    )
+    question, _ = common.question(case)
+    with Tracker(Console(quiet=True), 1, len(common.wanted) + STEPS) as tracker:
+        return Answer(find_causes(question, tracker.step))
+
+
+METHODS = {
+    "hull_rudder": "ensemble",
+    "hull_rudder_shaft": "ensemble",
+    "wang": "levenberg_marquardt",
+    "rajesh": "levenberg_marquardt",
+}
+"""How a network is fitted that is no series."""
+
+
+def _list(names: str | Sequence[str]) -> list[str]:
+    return [names] if isinstance(names, str) else list(names)
+
+
+def _ship(ship: AnyShip) -> Ship | Particulars:
+    """A ship by its name in conf/ship, or as it is."""
+    if not isinstance(ship, str):
+        return ship
+    ships = options("ship")
+    check_choice("ship", ship, list(ships))
+    content = load_yaml(ships[ship])
+    return build(content.get("ship", content), "ship")
+
+
+def _particulars(ship: Ship | Particulars) -> Particulars:
+    return ship if isinstance(ship, Particulars) else ship.particulars
+
+
+def _effects(named: Named | Effect, ship: Ship | Particulars) -> list[Effect]:
+    """Effects by their names in conf/effect, values changed where some are given; or one as it is."""
+    if isinstance(named, Effect):
+        return [named]
+    shelf, entries = options("effect"), {named: {}} if isinstance(named, str) else named
+    for name in entries:
+        check_choice("effect", name, list(shelf))
+    return [build({**load_yaml(shelf[n]), **values}, "effect", ship=ship) for n, values in entries.items()]
+
+
+def _model(model: Any) -> Any:
+    """What moves: a fitted model, a checkpoint's, or a ship in calm water."""
+    if isinstance(model, FittedModel):
+        return model.model
+    if isinstance(model, Path) or (isinstance(model, str) and model.endswith(".ckpt")):
+        return load_model(Path(model))
+    if isinstance(model, str | Ship):
+        ship = _ship(model)
+        if not isinstance(ship, Ship):
+            raise InputError(f"the {ship.name} has particulars but no coefficients and cannot be sailed")
+        return CalmWater(ship)
+    return model

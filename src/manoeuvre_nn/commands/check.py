@@ -1,0 +1,170 @@
+"""The job of ``scripts/check_recordings.py``: every check of every file, a page, figures and JSON."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import yaml
+from matplotlib.figure import Figure
+from omegaconf import DictConfig
+from rich.console import Console
+
+from manoeuvre_nn.commands import config as configs
+from manoeuvre_nn.commands.job import known_part
+from manoeuvre_nn.commands.provenance import resolved, versions, write_provenance
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.core.threads import use_threads
+from manoeuvre_nn.estimation.record_information import excitation_findings
+from manoeuvre_nn.recording.check.finding import Finding
+from manoeuvre_nn.recording.check.inspection import Inspection, inspect_file
+from manoeuvre_nn.recording.read.mapping import Mapping
+from manoeuvre_nn.recording.read.mapping_file import mapping_of
+from manoeuvre_nn.recording.read.reader import recordings_in
+from manoeuvre_nn.recording.thinning import thinned
+from manoeuvre_nn.report.check_figures import check_figure
+from manoeuvre_nn.report.check_tables import (
+    checks_json,
+    finding_rows,
+    overview_rows,
+    remedy_rows,
+    sentence,
+    together_rows,
+    trouble_rows,
+)
+from manoeuvre_nn.report.html import Report, write_report
+from manoeuvre_nn.report.tables import rich_table
+from manoeuvre_nn.training.settings import expand
+
+PAGE, RESULT = "checks.html", "findings.json"
+REMEDIES = "Write into the mapping"
+MAX_RECORDINGS_WITH_NOTES = 6
+"""Recordings up to which the terminal shows notes too."""
+
+
+def check(cfg: DictConfig, out: Path, console: Console | None = None) -> list[Inspection]:
+    """Check all files and write everything.
+
+    Args:
+        cfg: The config.
+        out: Output folder.
+        console: Where to print.
+
+    Returns:
+        What was found, file by file.
+    """
+    console = console or Console()
+    use_threads(1)
+    drawn = configs.switch("figures", cfg.figures)
+    ship, known = known_part(cfg)
+    particulars = ship if isinstance(ship, Particulars) else ship.particulars
+    paths = _files(cfg)
+    columns = configs.read_mapping(cfg.data.mapping, cfg.get("config_dir")) or mapping_of(paths[0])
+    write_provenance(cfg, out)
+    found = []
+    with console.status("checking") as status:
+        for path in paths:
+            status.update(f"checking {path.name}")
+            found.append(_with_information(inspect_file(path, columns, particulars), known))
+        together = _all_together(found, known)
+        status.update("drawing")
+        figures = _figures(found, particulars, out) if drawn else {}
+    _write(found, together, columns, figures, cfg, out)
+    _print(found, together, columns, out, console)
+    return found
+
+
+def _files(cfg: DictConfig) -> list[Path]:
+    """Files that are named, or all of the folder."""
+    folder = Path(cfg.data.folder)
+    names = configs.as_list(cfg.data.files)
+    paths = expand(folder, names, "data.files")
+    if names:
+        return paths
+    there = recordings_in(folder)
+    if not there:
+        raise InputError(f"data.folder={folder} holds no recording: write the folder that holds the files")
+    return there
+
+
+def _with_information(one: Inspection, known: Ship) -> Inspection:
+    """Findings on what the record can identify, for one whose units are right."""
+    clean = one.clean
+    if clean is None or one.verdict == "refuse":
+        return one
+    return one.adding(excitation_findings([thinned(clean, known.particulars)], known))
+
+
+def _all_together(found: Sequence[Inspection], known: Ship) -> list[Finding]:
+    """What several records can identify together."""
+    clean = [one.clean for one in found if one.verdict != "refuse"]
+    usable = [thinned(c, known.particulars) for c in clean if c is not None]
+    return excitation_findings(usable, known) if len(usable) > 1 else []
+
+
+def _figures(found: Sequence[Inspection], ship: Particulars, out: Path) -> dict[str, Figure]:
+    """A page for each recording, written as PNG too."""
+    (out / "figures").mkdir(parents=True, exist_ok=True)
+    made = {}
+    for one in found:
+        figure = check_figure(one, ship)
+        if figure is not None:
+            figure.savefig(out / "figures" / f"{one.name}.png", dpi=110)
+            made[f"{one.name}/channels"] = figure
+    return made
+
+
+def _write(
+    found: Sequence[Inspection],
+    together: Sequence[Finding],
+    columns: Mapping,
+    figures: dict[str, Figure],
+    cfg: DictConfig,
+    out: Path,
+) -> None:
+    """Page and JSON."""
+    tables = {"Recordings": overview_rows(found), REMEDIES: remedy_rows(found, columns)}
+    tables["Sensors, over all recordings"] = together_rows(found)
+    if together:
+        tables["All recordings together"] = finding_rows(Inspection("", tuple(together)))
+    tables |= {one.name: finding_rows(one) for one in found}
+    report = Report(
+        title="Checks of the recordings",
+        summary=sentence(found),
+        tables=tables,
+        figures=figures,
+        config_yaml=yaml.safe_dump(resolved(cfg), sort_keys=False, allow_unicode=True),
+        versions=versions(),
+        unfolded=("Recordings", REMEDIES, "Sensors, over all recordings"),
+    )
+    write_report(out / PAGE, report)
+    told = checks_json(found, columns, together, versions())
+    (out / RESULT).write_text(json.dumps(told, indent=1), encoding="utf-8")
+
+
+def _print(
+    found: Sequence[Inspection], together: Sequence[Finding], columns: Mapping, out: Path, console: Console
+) -> None:
+    """What is wrong, what to write, and where the rest is."""
+    rows = trouble_rows(found, "note" if len(found) <= MAX_RECORDINGS_WITH_NOTES else "mend")
+    if rows:
+        console.print(rich_table(rows, "What was found"))
+    sensors = [row for row in together_rows(found) if not row["found in"].startswith("0 ")]
+    if sensors:
+        console.print(rich_table(sensors, "Sensors, over all recordings"))
+    for f in together:
+        console.print(f"all together: {f}", highlight=False)
+    _print_remedies(found, columns, console)
+    console.print(sentence(found), highlight=False)
+    here = out.relative_to(Path.cwd()) if out.is_relative_to(Path.cwd()) else out
+    console.print(f"report: {here / PAGE}   numbers: {here / RESULT}", soft_wrap=True, highlight=False)
+
+
+def _print_remedies(found: Sequence[Inspection], columns: Mapping, console: Console) -> None:
+    """Settings of the mapping, recording by recording."""
+    rows = remedy_rows(found, columns)
+    if not rows:
+        return
+    console.print(f"{REMEDIES}:", highlight=False)
+    for row in rows:
+        console.print(f"  {row['recording']}: {row['settings']}", highlight=False)

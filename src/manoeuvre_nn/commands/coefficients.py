@@ -1,0 +1,232 @@
+"""The job of ``scripts/coefficients.py``: coefficients with intervals from recordings, beside captive tests."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from omegaconf import DictConfig, OmegaConf
+from rich.console import Console
+
+from manoeuvre_nn.commands.coefficient_report import RESULT, coefficients_of, write_coefficients
+from manoeuvre_nn.commands.job import NOTHING_HELD_OUT, make_fit, prepare
+from manoeuvre_nn.commands.provenance import resolved, versions, write_provenance
+from manoeuvre_nn.commands.shelves import TARGET, build
+from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.core.threads import use_threads
+from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.estimation.captive_fit import agreeing_inertia, compare, fit_captive, towed
+from manoeuvre_nn.estimation.closed_loop import first, solve
+from manoeuvre_nn.estimation.coefficients import fitted_from
+from manoeuvre_nn.estimation.linear_motion import Derived, derived
+from manoeuvre_nn.estimation.own_terms import Known, fit_own_terms
+from manoeuvre_nn.recording.read.captive import CaptiveTests, read_captive
+from manoeuvre_nn.recording.read.mapping import is_number
+from manoeuvre_nn.recording.read.mapping_file import read_captive_mapping
+from manoeuvre_nn.report.coefficient_tables import (
+    Beside,
+    Coefficients,
+    notes,
+    sentence,
+    tables,
+)
+from manoeuvre_nn.report.html import Report, write_report
+from manoeuvre_nn.report.tables import rich_table
+from manoeuvre_nn.training.closed_loop_fit import ClosedLoopFit, explained
+
+PAGE = "coefficients.html"
+INERTIA = ("mx", "my", "mz", "Yrdot", "Nvdot")
+
+
+def tell(cfg: DictConfig, out: Path, console: Console | None = None) -> Coefficients:
+    """Fit or read coefficients, set captive tests beside them, and write everything.
+
+    Args:
+        cfg: The config.
+        out: Output folder.
+        console: Where to print.
+
+    Returns:
+        What is told.
+
+    Raises:
+        InputError: If settings do not go together.
+    """
+    console = console or Console()
+    use_threads(1)
+    check_choice("terms", cfg.terms, ["network", "own"])
+    if cfg.captive.file is not None and cfg.terms == "own":
+        raise InputError("captive.file: compares coefficients of series; choose terms=network")
+    if not str(cfg.fit[TARGET]).endswith(f".{ClosedLoopFit.__name__}"):
+        raise InputError(
+            "coefficients are fitted in closed loop: write fit=closed_loop and network=cubic, modulus or abkowitz"
+        )
+    tests, inertia = _captive_tests(cfg), _inertia(cfg)
+    told = _read(Path(cfg.run)) if cfg.run is not None else _fitted(cfg, console)
+    if inertia is not None:
+        told = _for_inertia(told, inertia)
+    if tests is not None:
+        told = _beside(told, tests, cfg)
+    write_provenance(cfg, out)
+    drawn = write_coefficients(told, out)
+    report = Report(
+        title=f"Coefficients of the {told.ship.name}",
+        summary=sentence(told),
+        tables=tables(told),
+        figures=drawn,
+        config_yaml=yaml.safe_dump(resolved(cfg), sort_keys=False, allow_unicode=True),
+        versions=versions(),
+        notes=notes(told),
+        unfolded=tuple(tables(told)),
+    )
+    write_report(out / PAGE, report)
+    _print(told, out, console)
+    return told
+
+
+def _fitted(cfg: DictConfig, console: Console) -> Coefficients:
+    """Fit the recordings."""
+    if cfg.terms == "own":
+        return _own(cfg, console)
+    job = prepare(_unscored(cfg))
+    for line in job.data.remarks():
+        console.print(f"note: {line}", highlight=False, soft_wrap=True)
+    with console.status("fitting in closed loop"):
+        job.data.setup(stage=None)
+        fit = make_fit(cfg, job)
+        assert isinstance(fit, ClosedLoopFit)  # by the fit's _target_, which was checked first
+        problem = explained(fit.dynamics, job.data.measured, fit.prior, fit.settings, fit.faults)
+        start = first(problem, process_sd=fit.settings.force)
+        found = solve(problem, start, passes=int(cfg.trainer.max_epochs), enough=fit.enough)
+    return coefficients_of(fit, problem, found, job.data.describe())
+
+
+def _unscored(cfg: DictConfig) -> DictConfig:
+    """The config without the held-out manoeuvres of a simulated ship, which would be sailed for nothing."""
+    if "files" in cfg.data:
+        return cfg
+    return OmegaConf.merge(cfg, {"score": NOTHING_HELD_OUT})  # type: ignore[return-value]
+
+
+def _own(cfg: DictConfig, console: Console) -> Coefficients:
+    """Fit the ship's own products."""
+    ship = build(cfg.ship, "ship")
+    if not isinstance(ship, Ship) or ship.table is None:
+        name = ship.name if isinstance(ship, Particulars) else ship.particulars.name
+        raise InputError(f"terms=own: the forces of the {name} are no sum of known products; write terms=network")
+    if not (is_number(cfg.relative) and cfg.relative > 0):
+        raise InputError(f"relative={cfg.relative}: expected more than 0, such as .2")
+    job = prepare(_unscored(cfg))
+    with console.status("fitting in closed loop"):
+        job.data.setup(stage=None)
+        f = cfg.fit
+        known = Known(
+            float(cfg.relative), tuple(f.force), float(f.force_time), tuple(f.floor), learn_force=bool(f.learn_force)
+        )
+        own = fit_own_terms(ship, job.data.measured, known)
+    f = own.fitted
+    follows = derived(own.force, f.values, f.covariance, f.inertia)
+    return Coefficients(ship.particulars, f, follows, job.data.describe(), ratio=own.ratio)
+
+
+def _read(folder: Path) -> Coefficients:
+    """Take up what a run has written."""
+    path = folder / RESULT if folder.is_dir() else folder
+    if not path.is_file():
+        raise InputError(
+            f"run={folder} holds no {RESULT}: write a folder of train.py with network=cubic, modulus or abkowitz"
+        )
+    try:
+        stored = json.loads(path.read_text(encoding="utf-8"))
+        found = [_derived(d) for d in stored["derived"]]
+        p = stored["particulars"]
+        beam = 0.16 * p["length"]  # not stored and not used: a particulars has one
+        ship = Particulars(
+            stored["ship"], p["length"], beam, p["draught"], 0.7, p["speed"], 0.05, 0.6, rho=p["rho"], rpm=p["rpm"]
+        )
+        return Coefficients(
+            ship, fitted_from(stored["fitted"]), found, stored["notes"][0], ratio=float(stored["birge_ratio"])
+        )
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path} was not written by train.py or coefficients.py: {error!r}") from error
+
+
+def _derived(stored: Mapping[str, Any]) -> Derived:
+    """A number that follows from the coefficients, as it was written; NaN where there is none."""
+    given = [stored["value"], *stored["interval_95"]]
+    value, low, high = (np.nan if number is None else float(number) for number in given)
+    return Derived(stored["name"], value, low, high, stored["words"])
+
+
+def _inertia(cfg: DictConfig) -> np.ndarray | None:
+    """The ship's inertia where the user knows it better."""
+    if cfg.inertia is None:
+        return None
+    given = OmegaConf.to_container(cfg.inertia, resolve=True) if isinstance(cfg.inertia, DictConfig) else cfg.inertia
+    if not isinstance(given, Mapping) or not {"mx", "my", "mz"} <= set(given) or not set(given) <= set(INERTIA):
+        raise InputError(f"inertia={given}: write inertia={{mx: M, my: M, mz: M, Yrdot: 0, Nvdot: 0}}")
+    for key, value in given.items():
+        if not is_number(value):
+            raise InputError(f"inertia: {key!s}={value!r}: expected a number, such as .3")
+    m = {k: float(given.get(k, 0.0)) for k in INERTIA}
+    if not (m["mx"] > 0 and m["my"] > 0 and m["mz"] > 0 and m["my"] * m["mz"] > m["Yrdot"] * m["Nvdot"]):
+        raise InputError(f"inertia={given}: no ship's; mx, my and mz are more than 0, my mz more than Yrdot Nvdot")
+    return np.array([[m["mx"], 0.0, 0.0], [0.0, m["my"], -m["Yrdot"]], [0.0, -m["Nvdot"], m["mz"]]])
+
+
+def _for_inertia(told: Coefficients, inertia: np.ndarray) -> Coefficients:
+    """The same motion with another inertia; of what follows, C alone changes."""
+    ratio = float(np.linalg.det(inertia[1:, 1:]) / np.linalg.det(told.fitted.inertia[1:, 1:]))
+    changed = [
+        Derived(d.name, d.value * ratio, d.low * ratio, d.high * ratio, d.words) if d.name == "stability C" else d
+        for d in told.derived
+    ]
+    return Coefficients(told.ship, told.fitted.with_inertia(inertia), changed, told.source, ratio=told.ratio)
+
+
+def _captive_tests(cfg: DictConfig) -> CaptiveTests | None:
+    """The table of captive tests, if one is named."""
+    if cfg.captive.file is None:
+        return None
+    mapping = read_captive_mapping(cfg.captive.mapping, cfg.get("config_dir"))
+    path = Path(cfg.captive.file)
+    if not path.is_file():
+        raise InputError(f"captive.file={path} does not exist")
+    return read_captive(path, mapping)
+
+
+def _beside(told: Coefficients, tests: CaptiveTests, cfg: DictConfig) -> Coefficients:
+    """Set captive tests beside coefficients."""
+    settings: dict[str, Any] = {k: cfg.captive[k] for k in ("speed", "shaft")}
+    for key, value in settings.items():
+        if value is not None and not (is_number(value) and value > 0):
+            raise InputError(f"captive.{key}={value}: expected a number more than 0")
+    drift = cfg.captive.largest_drift_deg
+    if not (is_number(drift) and drift > 0):
+        raise InputError(f"captive.largest_drift_deg={drift}: expected degrees, more than 0")
+    used = towed(tests, told.ship.length / told.ship.draught, largest_drift=drift * DEGREE, **settings)
+    fitted = fit_captive(used, told.fitted)
+    side = Beside(used, fitted, compare(told.fitted, fitted), agreeing_inertia(told.fitted, fitted))
+    return Coefficients(told.ship, told.fitted, told.derived, told.source, side, told.ratio)
+
+
+def _print(told: Coefficients, out: Path, console: Console) -> None:
+    """Tables, what is to be minded, and where the rest is."""
+    for heading, rows in tables(told).items():
+        if rows and heading != "Known only together":
+            console.print(rich_table(rows, heading))
+    if told.groups:
+        console.print("Known only together:", style="bold")
+    for group in told.groups:
+        console.print(
+            f"  {', '.join(group.symbols)} (correlation {group.correlation:.2f}): {group.words}.", highlight=False
+        )
+        console.print(f"    known is {group.sum}", highlight=False)
+    for line in notes(told):
+        console.print(f"note: {line}", highlight=False)
+    console.print(sentence(told), highlight=False)
+    here = out.relative_to(Path.cwd()) if out.is_relative_to(Path.cwd()) else out
+    console.print(f"report: {here / PAGE}   numbers: {here / RESULT}", soft_wrap=True, highlight=False)

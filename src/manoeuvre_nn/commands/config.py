@@ -1,0 +1,199 @@
+"""What a config says, read and checked: numbers, switches, manoeuvres, effects, mappings."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from omegaconf import DictConfig, ListConfig, OmegaConf
+
+from manoeuvre_nn.commands.groups import options
+from manoeuvre_nn.commands.shelves import TARGET, build, check_plain
+from manoeuvre_nn.core.data_files import load_yaml
+from manoeuvre_nn.core.effect import Effect
+from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.manoeuvre import Manoeuvre
+from manoeuvre_nn.core.ship import Ship
+from manoeuvre_nn.core.units import KNOT
+from manoeuvre_nn.recording.read import mapping_file
+from manoeuvre_nn.recording.read.mapping import Mapping as ColumnMapping
+
+
+def whole_number(what: str, value: Any, least: int) -> int:
+    """Read a setting that counts something.
+
+    Args:
+        what: Its name.
+        value: What was given.
+        least: Smallest value.
+
+    Returns:
+        The number.
+
+    Raises:
+        InputError: If it is no whole number or too small.
+    """
+    if not isinstance(value, int) or value < least:
+        raise InputError(f"{what}={value}: expected a whole number, {least} or more")
+    return value
+
+
+def switch(what: str, value: Any) -> bool:
+    """Read a setting that is on or off.
+
+    Args:
+        what: Its name.
+        value: What was given.
+
+    Returns:
+        Whether it is on.
+
+    Raises:
+        InputError: If it is neither true nor false.
+    """
+    if not isinstance(value, bool):
+        raise InputError(f"{what}={value}: expected true or false")
+    return value
+
+
+def training_manoeuvres(config: DictConfig) -> list[Manoeuvre]:
+    """The manoeuvres that were chosen with ``manoeuvre=``.
+
+    Args:
+        config: ``cfg.manoeuvre``: one entry a manoeuvre, and ``speed_kn``.
+
+    Returns:
+        Manoeuvres at the approach speed.
+    """
+    chosen = [v for v in config.values() if isinstance(v, DictConfig) and TARGET in v]
+    return [build(v, "manoeuvre").at_speed(approach_speed(config)) for v in chosen]
+
+
+def chosen_effects(config: DictConfig | None, ship: Ship) -> list[Effect]:
+    """What was chosen with ``effect=``, acting on a ship.
+
+    Args:
+        config: ``cfg.effect``: one entry an effect; None if there is none.
+        ship: The ship that they act on.
+
+    Returns:
+        Effects, in the order in which they were named.
+    """
+    return [build(settings, "effect", ship=ship) for settings in (config or {}).values()]
+
+
+def with_effects(cfg: DictConfig) -> DictConfig:
+    """Take the effects of ``effects=FILE``, as diagnose writes it, among those that were chosen with ``effect=``.
+
+    Args:
+        cfg: The config.
+
+    Returns:
+        The config with the file's effects in ``cfg.effect``; where the file is silent, conf/effect has the values.
+
+    Raises:
+        InputError: If an effect was chosen already.
+    """
+    if cfg.get("effects") is None:
+        return cfg
+    found, chosen = read_effects(Path(cfg.effects), cfg.get("config_dir")), cfg.get("effect") or {}
+    for name in found:
+        if name in chosen:
+            raise InputError(f"{name} is both in effect= and in {cfg.effects}: leave one out")
+    return OmegaConf.merge(OmegaConf.create(OmegaConf.to_container(cfg)), {"effect": found})  # type: ignore
+
+
+def read_effects(path: Path, own: str | None = None) -> dict[str, dict[str, Any]]:
+    """Read a file of effects: ``wind_steady: {speed: 12}``.
+
+    Args:
+        path: The file.
+        own: Folder of the user's own.
+
+    Returns:
+        Effect -> its entry of conf/effect with the file's values.
+
+    Raises:
+        InputError: If it holds anything else than values of effects that are in conf/effect.
+    """
+    found, shelf = load_yaml(path), options("effect", own)
+    if not isinstance(found, Mapping) or not all(isinstance(entry, Mapping) for entry in found.values()):
+        raise InputError(f"effects={path}: expected the values of effects, such as wind_steady: {{speed: 12}}")
+    entries = {}
+    for name, values in found.items():
+        check_choice(f"effects={path}: effect", name, list(shelf))
+        if TARGET in values:
+            raise InputError(f"effects={path}: {name}: {TARGET}: {values[TARGET]} is refused; write values alone")
+        check_plain(values, f"effects={path}: {name}")
+        entries[str(name)] = {**load_yaml(shelf[name]), **values}
+    return entries
+
+
+def approach_speed(config: DictConfig) -> float | None:
+    """``manoeuvre.speed_kn`` in m/s.
+
+    Args:
+        config: ``cfg.manoeuvre``.
+
+    Returns:
+        Speed [m/s], None for the ship's own.
+
+    Raises:
+        InputError: If it is not a positive number.
+    """
+    speed = config.get("speed_kn")
+    if speed is None:
+        return None
+    if not isinstance(speed, int | float) or not speed > 0:
+        raise InputError(f"manoeuvre.speed_kn={speed}: expected an approach speed in knots, more than 0")
+    return speed * KNOT
+
+
+def named_manoeuvres(names: Sequence[Any], speed: float | None, own: str | None = None) -> list[Manoeuvre]:
+    """Manoeuvres by the names of their files in ``conf/manoeuvre``.
+
+    Args:
+        names: Names, or ``{name: {setting: value}}``.
+        speed: Approach speed [m/s]; None is the ship's own.
+        own: Folder of the user's own.
+
+    Returns:
+        Manoeuvres. An unknown name is refused with a list of those that exist.
+
+    Raises:
+        InputError: If an entry is neither.
+    """
+    choices, made = options("manoeuvre", own), []
+    for entry in names:
+        if isinstance(entry, Mapping) and [type(v) for v in entry.values()] != [dict]:
+            raise InputError(f"score has an entry {entry}: write a name, or {{name: {{setting: value}}}}")
+        name, settings = next(iter(entry.items())) if isinstance(entry, Mapping) else (entry, {})
+        check_choice("manoeuvre in score", name, list(choices))
+        made.append(build(OmegaConf.create({**load_yaml(choices[name]), **settings}), "manoeuvre").at_speed(speed))
+    return made
+
+
+def as_list(value: Any) -> list[Any]:
+    """``score=zz20`` and ``score=[zz20]`` alike.
+
+    Args:
+        value: A name or a list.
+
+    Returns:
+        Plain list.
+    """
+    if isinstance(value, ListConfig | list | tuple):
+        return list(OmegaConf.to_container(value) if isinstance(value, ListConfig) else value)  # type: ignore
+    return [value]
+
+
+def read_mapping(name: str | None, own: str | None = None) -> ColumnMapping | None:
+    """Read how files of a record over time are mapped.
+
+    Args:
+        name: Path of a yaml, or the name of one in conf/recording; None for files that this package wrote.
+        own: Folder of the user's own.
+
+    Returns:
+        The mapping, or None.
+    """
+    return None if name is None else mapping_file.read_mapping(name, own)

@@ -1,0 +1,272 @@
+"""The diagnosis job: a folder of cases answered one by one, or a person's own runs with everything to look at.
+
+Columns of a csv: see :func:`~manoeuvre_nn.diagnosis.case.read_runs`.
+"""
+
+import traceback
+from pathlib import Path
+from time import monotonic
+
+from omegaconf import DictConfig, OmegaConf
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn
+
+from manoeuvre_nn.commands import guard
+from manoeuvre_nn.commands.diagnosis_setup import Setup, found_effects, setup, write_effects
+from manoeuvre_nn.commands.provenance import check_same_run, write_provenance
+from manoeuvre_nn.core.effect import Effect
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.threads import use_threads
+from manoeuvre_nn.diagnosis.answers import write_answer
+from manoeuvre_nn.diagnosis.case import Case
+from manoeuvre_nn.diagnosis.diagnose import diagnose
+from manoeuvre_nn.diagnosis.proof import cost
+from manoeuvre_nn.diagnosis.result import Diagnosis
+from manoeuvre_nn.diagnosis.search import MAX_BUILT_UPON
+from manoeuvre_nn.dynamics.base import Model
+from manoeuvre_nn.report.diagnosis_figures import draw_diagnosis
+from manoeuvre_nn.report.diagnosis_html import diagnosis_html, log_to_tensorboard
+from manoeuvre_nn.report.diagnosis_tables import print_diagnosis, value_text
+
+ANSWER, ERROR = "answer.json", "error.txt"
+OF_ANSWERS = ["candidates", "model", "rudder_positive_to"]
+"""Settings that answers of cases depend on; a command with others may not go on in their folder."""
+STOPPED = 130
+"""Exit code after ctrl-C, as shells have it."""
+STEPS = MAX_BUILT_UPON + 6
+"""Steps of a diagnosis beside one a candidate: pairs, gusts, tracks, proof."""
+
+
+def diagnose_all(cfg: DictConfig, out: Path, console: Console | None = None) -> None:
+    """Answer cases, or diagnose recordings.
+
+    Args:
+        cfg: The config.
+        out: Output folder.
+        console: Where to print.
+
+    Raises:
+        InputError: If it is not clear which.
+    """
+    console = console or Console()
+    use_threads(1)
+    if (cfg.cases is None) == (cfg.recordings is None):
+        raise InputError("write either cases=DIR or recordings=DIR; python diagnose.py --help tells more")
+    if cfg.cases is None:
+        diagnose_recordings(cfg, out, console)
+    else:
+        answer_cases(cfg, out, console)
+
+
+def answer_cases(cfg: DictConfig, out: Path, console: Console) -> None:
+    """Answer every case that has no answer yet; a broken one does not stop the others.
+
+    Args:
+        cfg: The config.
+        out: Output folder; ``<case>/answer.json`` and predictions go there.
+        console: Where to print.
+
+    Raises:
+        InputError: If there is no case.
+        SystemExit: On ctrl-C, after a line.
+    """
+    folders = case_folders(Path(cfg.cases))
+    if cfg.get("ship") is not None:
+        raise InputError("ship= goes with recordings=: the ship of a case is in its manifest.json")
+    kept = OmegaConf.masked_copy(cfg, OF_ANSWERS)
+    common = setup(cfg)
+    check_same_run(kept, out, "out")
+    write_provenance(kept, out)
+    todo = [f for f in folders if not (out / f.name / ANSWER).is_file()]
+    failed = []
+    with Tracker(console, len(todo), len(common.wanted) + STEPS) as tracker:
+        for folder in todo:
+            tracker.begin(folder.name)
+            try:
+                tracker.say(_answer_case(common, folder, out / folder.name, tracker))
+            except KeyboardInterrupt:
+                tracker.say(f"{folder.name}: stopped; the same command goes on from here")
+                raise SystemExit(STOPPED) from None
+            except Exception as error:  # whatever it is, the other cases go on
+                failed.append(folder.name)
+                tracker.say(f"{folder.name}: failed: {_report(error, out / folder.name)}")
+    done = len(folders) - len(todo)
+    before = f"{done} done before, " if done else ""
+    console.print(
+        f"{len(folders)} cases: {before}{len(todo) - len(failed)} answered, {len(failed)} failed; {out}", soft_wrap=True
+    )
+    guard.failed_jobs += failed
+
+
+def case_folders(place: Path) -> list[Path]:
+    """Folders of cases.
+
+    Args:
+        place: A folder of cases, or a case.
+
+    Returns:
+        Folders with a manifest, by name.
+
+    Raises:
+        InputError: If there is none.
+    """
+    if not place.is_dir():
+        raise InputError(f"cases={place} is not a folder: write a folder of cases, or one case")
+    if (place / "manifest.json").is_file():
+        return [place.resolve() if not place.name else place]
+    found = sorted(path.parent for path in place.glob("*/manifest.json"))
+    if not found:
+        raise InputError(
+            f"cases={place}: neither it nor a folder in it has a manifest.json; for csv files alone write recordings="
+        )
+    return found
+
+
+def _answer_case(common: Setup, folder: Path, out: Path, tracker: "Tracker") -> str:
+    """Answer one case; what came out, on a line."""
+    d, dynamics, _ = _diagnosed(common, common.case(folder), tracker)
+    if common.cfg.report:
+        write_page(d, out)
+    (out / ERROR).unlink(missing_ok=True)
+    write_answer(d, out)
+    return summary(d, dynamics)
+
+
+def _diagnosed(common: Setup, case: Case, tracker: "Tracker") -> tuple[Diagnosis, Model, list[Effect]]:
+    question, effects = common.question(case)
+    return diagnose(question, tracker.step), question.dynamics, effects
+
+
+def _report(error: Exception, out: Path) -> str:
+    """Write down why a case failed; the reason on a line."""
+    line = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}".splitlines()[0]
+    out.mkdir(parents=True, exist_ok=True)
+    (out / ERROR).write_text(f"{line}\n\n{''.join(traceback.format_exception(error))}")
+    return line
+
+
+def summary(d: Diagnosis, dynamics: Model) -> str:
+    """What came out of a case on one line.
+
+    Args:
+        d: The diagnosis.
+        dynamics: Its calm-water model.
+
+    Returns:
+        Verdict, effects of the repaired model, error on the held-out runs before and after, time.
+    """
+    named = [
+        f"{c.name} ({', '.join(f'{v.name} {value_text(v)}' for v in c.parameters)})"
+        for c in d.causes
+        if c.name in d.model
+    ]
+    found = " + ".join(named) or ("unknown" if d.verdict == "mismatch" else "nothing is missing")
+    before, after = (cost(d.proofs, dynamics, when) for when in ("before", "after"))
+    proof = f"J {before:.2f} -> {after:.2f}" if d.proofs else "not proved"
+    return f"{d.case}: {d.verdict}, {found}; {proof}; {d.seconds:.0f} s"
+
+
+def diagnose_recordings(cfg: DictConfig, out: Path, console: Console) -> None:
+    """Diagnose a person's own runs, with report, figures and dashboard.
+
+    Args:
+        cfg: The config.
+        out: Output folder.
+        console: Where to print.
+    """
+    common = setup(cfg)
+    case = common.runs()
+    check_same_run(cfg, out, "out")
+    if (out / ANSWER).is_file():
+        console.print(f"{out} holds this diagnosis already: nothing to do", soft_wrap=True)
+        return
+    write_provenance(cfg, out)
+    told = ", ".join(f"{run.name} ({run.meta['kind']})" for run in case.held_out) or "none"
+    console.print(f"{len(case.fitted)} runs are fitted; held out: {told}", soft_wrap=True, highlight=False)
+    with Tracker(console, 1, len(common.wanted) + STEPS) as tracker:
+        tracker.begin(case.name)
+        d, _, effects = _diagnosed(common, case, tracker)
+    write_page(d, out)
+    log_to_tensorboard(d, out / "tensorboard")
+    write_effects(found_effects(d, effects, common.shelf), f"{d.case}: {d.sentence}", out / "effects.yaml")
+    write_answer(d, out)
+    print_diagnosis(d, console)
+    here = out.relative_to(Path.cwd()) if out.is_relative_to(Path.cwd()) else out
+    console.print(f"report: {here / 'report.html'}   dashboard: tensorboard --logdir {here.parent}", soft_wrap=True)
+
+
+def write_page(d: Diagnosis, out: Path) -> None:
+    """Write ``report.html`` and ``figures/*.png``.
+
+    Args:
+        d: The diagnosis.
+        out: Output folder.
+    """
+    (out / "figures").mkdir(parents=True, exist_ok=True)
+    for name, figure in draw_diagnosis(d).items():
+        figure.savefig(out / "figures" / f"{name.replace('/', '_').replace(' ', '_')}.png", dpi=110)
+    diagnosis_html(d, out / "report.html")
+
+
+class Tracker:
+    """Which candidate of which case is under test, and how long it will take: a bar, or a line now and then."""
+
+    def __init__(self, console: Console, cases: int, steps: int, seconds: float = 15.0) -> None:
+        """Set up the display.
+
+        Args:
+            console: Where to print.
+            cases: Number of cases.
+            steps: Steps that a case takes, about.
+            seconds: Time between lines where the console is not a terminal [s].
+        """
+        self.console, self.cases, self.steps, self.seconds = console, cases, steps, seconds
+        columns = (TextColumn("{task.description}", markup=False), BarColumn(), TextColumn("{task.fields[left]}"))
+        self._bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+        self._task = self._bar.add_task("", total=1.0, left="")
+        self._began = self._shown = monotonic()
+        self._case, self._name, self._step = 0, "", 0
+
+    def __enter__(self) -> "Tracker":
+        """Open the bar."""
+        self._bar.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close it, whatever happened."""
+        self._bar.stop()
+
+    def begin(self, name: str) -> None:
+        """A case begins.
+
+        Args:
+            name: The case.
+        """
+        self._case, self._name, self._step = self._case + 1, name, 0
+
+    def step(self, what: str) -> None:
+        """A candidate is under test.
+
+        Args:
+            what: Its name.
+        """
+        share = (self._case - 1 + min(self._step / self.steps, 0.95)) / self.cases
+        self._step += 1
+        now, left = monotonic(), ""
+        if share > 0:
+            seconds = (now - self._began) * (1 - share) / share
+            left = f"about {seconds / 60:.0f} min left" if seconds > 90 else f"about {seconds:.0f} s left"
+        line = f"{self._name} ({self._case}/{self.cases}): {what}"
+        if self.console.is_terminal:
+            self._bar.update(self._task, completed=share, description=line, left=left)
+        elif now - self._shown > self.seconds:
+            self._shown = now
+            self.say(", ".join(part for part in (line, left) if part))
+
+    def say(self, line: str) -> None:
+        """A line that stays.
+
+        Args:
+            line: The line.
+        """
+        self.console.print(line, soft_wrap=True, highlight=False, markup=False)

@@ -1,0 +1,226 @@
+"""The job of ``scripts/excite.py``: an ensemble of what is recorded, and what each further manoeuvre would tell it."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import yaml
+from omegaconf import DictConfig, OmegaConf
+from rich.console import Console
+
+from manoeuvre_nn.commands import config as configs
+from manoeuvre_nn.commands.job import NOTHING_HELD_OUT, Job, config_beside, known_part, load_model, prepare
+from manoeuvre_nn.commands.provenance import check_same_run, resolved, versions, write_provenance
+from manoeuvre_nn.commands.shelves import check_arguments
+from manoeuvre_nn.commands.train import fit
+from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.manoeuvre import Manoeuvre
+from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.core.threads import use_threads
+from manoeuvre_nn.design.candidates import sail
+from manoeuvre_nn.design.expected_error import DesignEffort, disagreements, prospects
+from manoeuvre_nn.design.expected_information import information
+from manoeuvre_nn.dynamics.members import has_members
+from manoeuvre_nn.dynamics.model import IdentifiedShip
+from manoeuvre_nn.network.hull_rudder import HullRudder
+from manoeuvre_nn.report.design_figures import gain_figure, where_figure
+from manoeuvre_nn.report.design_tables import ManoeuvreAdvice, advice_json, advice_rows, ranked, sentence, target_rows
+from manoeuvre_nn.report.html import Report, write_report
+from manoeuvre_nn.report.tables import rich_table
+from manoeuvre_nn.training.checkpoint import read_checkpoint
+from manoeuvre_nn.training.ensemble import steps_in_noise
+
+RESULT, PAGE = "excite.json", "report.html"
+GOALS = ("accuracy", "coefficients")
+OF_MODEL = ("ship", "linear", "network", "fit", "manoeuvre", "data", "effect", "effects", "seed")
+"""Parts of a config that say what a model is and what it was trained on."""
+
+
+@dataclass(frozen=True)
+class ExcitationQuestion:
+    """What is asked, checked before anything is computed.
+
+    Attributes:
+        goal: ``accuracy`` or ``coefficients``.
+        ship: The ship, or its particulars.
+        job: What is recorded, and what is trained on it.
+        model: A trained model; None trains one.
+        candidates: What could be sailed.
+        targets: What is to be predicted.
+        left_out: Candidates that the ship cannot sail, and why.
+        effort: How much is computed.
+        per_minute: Whether the gain for every minute counts.
+    """
+
+    goal: str
+    ship: Ship | Particulars
+    job: Job
+    model: IdentifiedShip | None
+    candidates: Sequence[Manoeuvre]
+    targets: Sequence[Manoeuvre]
+    left_out: Sequence[str]
+    effort: DesignEffort
+    per_minute: bool
+
+
+def excite(cfg: DictConfig, out: Path, console: Console | None = None) -> ManoeuvreAdvice | None:
+    """Train unless a model is given, ask, and write everything.
+
+    Args:
+        cfg: The config.
+        out: Output folder.
+        console: Where to print.
+
+    Returns:
+        The advice; None if the folder already holds it.
+    """
+    console = console or Console()
+    use_threads(configs.whole_number("trainer.threads", cfg.trainer.threads, 1))
+    cfg = configs.with_effects(_of_model(cfg))
+    question = question_of(cfg)
+    check_same_run(cfg, out)
+    if (out / RESULT).is_file():
+        console.print(f"{out} holds this advice already: nothing to do", soft_wrap=True)
+        return None
+    write_provenance(cfg, out)
+    question.job.data.setup(stage=None)
+    model = question.model or _trained(cfg, question.job, out, console)
+    with console.status("sailing") as status:
+        advice = _advice(question, model, lambda name: status.update(f"after {name}"))
+    _write(advice, resolved(cfg), out)
+    _print(advice, out, console)
+    return advice
+
+
+def question_of(cfg: DictConfig) -> ExcitationQuestion:
+    """Read and check the settings.
+
+    Args:
+        cfg: The config.
+
+    Returns:
+        What is asked.
+
+    Raises:
+        InputError: If a setting is wrong, or the ship can sail none of the candidates.
+    """
+    check_choice("goal", cfg.goal, GOALS)
+    check_arguments(DesignEffort, cfg.effort)
+    recorded = "files" in cfg.data
+    job = prepare(OmegaConf.merge(cfg, {"score": "default" if recorded else NOTHING_HELD_OUT}))  # type: ignore[arg-type]
+    ship, known = known_part(cfg)
+    if cfg.goal == "accuracy" and not isinstance(job.network, HullRudder):
+        raise InputError("goal=accuracy asks the members of an ensemble: network=hull_rudder, or goal=coefficients")
+    speed = configs.approach_speed(cfg.manoeuvre)
+    candidates, targets = (
+        configs.named_manoeuvres(configs.as_list(names), speed, cfg.get("config_dir"))
+        for names in (cfg.candidates, cfg.score)
+    )
+    possible, refused = _possible(candidates, known.particulars)
+    if not possible or not targets:
+        raise InputError(" ".join(refused) or "candidates=[] or score=[]: name at least one manoeuvre of each")
+    for target in targets:
+        target.check(known.particulars)
+    return ExcitationQuestion(
+        cfg.goal,
+        ship,
+        job,
+        None if cfg.model is None else load_model(Path(cfg.model)),
+        possible,
+        targets,
+        refused,
+        DesignEffort(**{"seed": cfg.seed, **cfg.effort}),
+        configs.switch("per_minute", cfg.per_minute),
+    )
+
+
+def _of_model(cfg: DictConfig) -> DictConfig:
+    """The config with what a given model is and was trained on."""
+    if cfg.model is None:
+        return cfg
+    read_checkpoint(Path(cfg.model))
+    told = config_beside(Path(cfg.model))
+    plain = OmegaConf.to_container(cfg)
+    assert isinstance(plain, dict)
+    return OmegaConf.create({**plain, **{k: told[k] for k in OF_MODEL if k in told}})
+
+
+def _possible(candidates: Sequence[Manoeuvre], ship: Particulars) -> tuple[list[Manoeuvre], list[str]]:
+    """Candidates that the steering gear can do, and why not the others."""
+    possible, refused = [], []
+    for candidate in candidates:
+        try:
+            candidate.check(ship)
+        except InputError as error:
+            refused.append(f"{error}.")
+        else:
+            possible.append(candidate)
+    return possible, refused
+
+
+def _trained(cfg: DictConfig, job: Job, out: Path, console: Console) -> IdentifiedShip:
+    """A model of what is recorded, as train.py makes it."""
+    trained = fit(cfg, job, out, console)
+    trained.close({}, {})
+    return trained.fit.dynamics.double().cpu()
+
+
+def _advice(q: ExcitationQuestion, model: IdentifiedShip, say: Any) -> ManoeuvreAdvice:
+    """Ask."""
+    tuples, known = q.job.data.tuples, q.job.data.known
+    if q.goal == "accuracy":
+        record, steps = (None, None) if q.job.data.exact else (q.job.data.would_record, steps_in_noise(model, tuples))
+        options: dict[str, Any] = {"record": record, "effort": replace(q.effort, steps=steps), "say": say}
+        expected = prospects(model, tuples, q.candidates, q.targets, **options)
+        coefficients = ""
+    else:
+        interval = float((tuples.times[1:] - tuples.times[:-1]).median())
+        expected, coefficients = information(q.ship, known, tuples, sail(model, q.candidates), interval)  # type: ignore[assignment]
+    speed = known.particulars.speed / known.prime.speed
+    inputs = tuples.inputs.double().numpy()
+    where = disagreements(model, tuples, sail(model, q.targets)) if has_members(model) else []
+    return ManoeuvreAdvice(
+        ship=known.particulars.name,
+        goal=q.goal,
+        expected=ranked(expected, q.per_minute),
+        trained_on=q.job.data.describe(),
+        where=where,
+        recorded=inputs[:, 1:] / [speed, speed, 1.0],
+        coefficients=coefficients,
+        left_out=q.left_out,
+        per_minute=q.per_minute,
+    )
+
+
+def _write(a: ManoeuvreAdvice, config: dict[str, Any], out: Path) -> None:
+    """Figures and page, and the result last, as the mark of the end."""
+    (out / "figures").mkdir(parents=True, exist_ok=True)
+    figures = {"Candidates/gain": gain_figure(a)}
+    if a.where:
+        figures["Where the members disagree/where"] = where_figure(a)
+    for name, figure in figures.items():
+        figure.savefig(out / "figures" / f"{name.rsplit('/', 1)[1]}.png", dpi=110)
+    after = "Deviation over L of each target" if a.goal == "accuracy" else "Standard errors of each equation"
+    report = Report(
+        title=f"{a.ship}: what to sail next",
+        summary=sentence(a),
+        tables={"What each candidate is expected to bring": advice_rows(a), after: target_rows(a)},
+        figures=figures,
+        config_yaml=yaml.safe_dump(config, sort_keys=False, allow_unicode=True),
+        versions=versions(),
+        notes=[a.trained_on, *a.left_out],
+    )
+    write_report(out / PAGE, report)
+    (out / RESULT).write_text(json.dumps(advice_json(a, versions()), indent=1), encoding="utf-8")
+
+
+def _print(a: ManoeuvreAdvice, out: Path, console: Console) -> None:
+    """The sentence, one table, and where the rest is."""
+    console.print(sentence(a), highlight=False)
+    console.print(rich_table(advice_rows(a), f"What each candidate is expected to bring for {a.goal}"))
+    for line in (a.trained_on, *a.left_out):
+        console.print(line, highlight=False)
+    here = out.relative_to(Path.cwd()) if out.is_relative_to(Path.cwd()) else out
+    console.print(f"report: {here / PAGE}   numbers: {here / RESULT}", soft_wrap=True, highlight=False)

@@ -1,0 +1,184 @@
+"""Where the groups of conf are, in the package and in a folder of the user's own; nothing here loads torch."""
+
+import importlib
+import re
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import hydra
+import yaml
+from hydra.core.global_hydra import GlobalHydra
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import DictConfig, OmegaConf
+
+from manoeuvre_nn.core.data_files import CONF, load_yaml
+from manoeuvre_nn.core.errors import InputError
+
+OWN = ("config_dir", "--config-dir", "-cd")
+"""How a folder of the user's own is named."""
+FOLLOWING = ("linear", "network", "fit")
+"""Groups that a ship, a network or recordings may choose too; what the user writes always holds."""
+
+
+def options(group: str, own: str | None = None) -> dict[str, Path]:
+    """The options of a group.
+
+    Args:
+        group: Its name, such as ``ship``.
+        own: Folder of the user's own; None if there is none.
+
+    Returns:
+        Name -> file, by name. What the package has comes before what is called the same in the user's folder.
+    """
+    folders = [Path(own)] if own else []
+    found = {path.stem: path for folder in [*folders, CONF] for path in (folder / group).glob("*.yaml")}
+    return dict(sorted(found.items()))
+
+
+def compose(name: str, words: Sequence[str] = ()) -> DictConfig:
+    """The config of a command, from Python.
+
+    Args:
+        name: The command: ``train``, ``diagnose``, ``check``, ``coefficients``, ``excite``.
+        words: What one would write on the command line, ``config_dir=FOLDER`` among it.
+
+    Returns:
+        The config; hydra's own part is left out.
+    """
+    words, folder = own_folder(list(words))
+    if folder is not None:
+        words.append(f"hydra.searchpath=[{_quoted('file://' + str(folder))}]")
+    GlobalHydra.instance().clear()
+    HydraConfig.instance().cfg = None  # the choices of a command that ran before in this process are not this one's
+    with hydra.initialize_config_dir(str(CONF), version_base="1.3"):
+        cfg = hydra.compose(name, words)
+    plugged_in(cfg)
+    return cfg
+
+
+def own_folder(words: Sequence[str]) -> tuple[list[str], Path | None]:
+    """Take the user's own folder out of a command line and check it.
+
+    Args:
+        words: The words, with ``config_dir=FOLDER`` or hydra's ``--config-dir FOLDER`` among them.
+
+    Returns:
+        Words with ``config_dir=`` alone, the path made absolute; and the folder, None if none is named.
+
+    Raises:
+        InputError: If it is no folder, or its files reach beyond their groups.
+    """
+    kept, named = [], None
+    left = list(words)
+    while left:
+        key, sign, value = left.pop(0).partition("=")
+        if key not in OWN:
+            kept.append(f"{key}{sign}{value}")
+        elif value not in {"", "null"}:
+            named = value
+        elif not sign and left:
+            named = left.pop(0)
+    if named is None:
+        return kept, None
+    folder = Path(named.strip("'\"")).expanduser().resolve()
+    if not folder.is_dir():
+        raise InputError(f"config_dir={named} is not a folder: write one with ship/, effect/, manoeuvre/ ... in it")
+    for path in folder.rglob("*.yaml"):
+        check_own_file(path, folder)
+    return [*kept, f"config_dir={_quoted(str(folder))}"], folder
+
+
+def _quoted(text: str) -> str:
+    """A word as hydra's grammar takes it, whatever is in it."""
+    return "'" + text.replace("\\", "\\\\").replace("'", "\\'") + "'"
+
+
+def check_own_file(path: Path, folder: Path) -> None:
+    """Refuse a yaml that would set hydra up: what hydra starts is named in its settings.
+
+    Args:
+        path: The yaml.
+        folder: The user's own folder that it is in.
+
+    Raises:
+        InputError: If it does, or cannot be read.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+        content = yaml.safe_load(text)
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise InputError(f"{path} is no valid yaml: {str(error).splitlines()[0]}") from error
+    content = content if isinstance(content, Mapping) else {}
+    package = re.findall(r"^\s*#\s*@package\s+(\S+)", text, flags=re.MULTILINE)
+    reached = [str(key) for key in content] + package + [str(content.get("defaults", ""))]
+    if path.relative_to(folder).parts[0] == "hydra" or any("hydra" in name for name in reached):
+        raise InputError(f"{path} is refused: a file in config_dir= may not change hydra's own settings")
+
+
+def plugged_in(cfg: DictConfig) -> None:
+    """Import the user's own modules, those that ``plugins=`` names and no other.
+
+    Args:
+        cfg: The config; ``config_dir`` is where they are looked for, beside what is installed.
+
+    Raises:
+        InputError: If there is no such module.
+        ModuleNotFoundError: If it imports one that is not installed.
+    """
+    named = cfg.get("plugins") or []
+    modules = [str(name).removesuffix(".py") for name in ([named] if isinstance(named, str) else named)]
+    folder = cfg.get("config_dir")
+    if not modules:
+        return
+    from manoeuvre_nn.commands import shelves  # loads torch
+
+    if folder is not None and folder not in sys.path:
+        sys.path.append(folder)  # last, and also where worker processes look
+    for module in modules:
+        try:
+            importlib.import_module(module)
+        except ModuleNotFoundError as error:
+            if error.name != module:
+                raise
+            raise InputError(f"plugins={module}: no such module; write the name of a py file in config_dir=") from error
+    shelves.allow(modules)
+
+
+def brought_along(choices: Mapping[str, str], words: Sequence[str]) -> list[str]:
+    """Groups of ``train`` that another choice has set: a ship's own network, the fit that suits recordings best.
+
+    Args:
+        choices: Group -> option, as hydra has composed them.
+        words: What the user wrote, ``group=option`` among it.
+
+    Returns:
+        ``group=option`` of each that neither the user nor the command's own defaults chose.
+    """
+    defaults = load_yaml(CONF / "train.yaml")["defaults"]
+    usual = {group: option for entry in defaults if isinstance(entry, dict) for group, option in entry.items()}
+    named = {word.partition("=")[0].lstrip("+~") for word in words}
+    return [f"{g}={choices[g]}" for g in FOLLOWING if g in choices and g not in named and choices[g] != usual[g]]
+
+
+def register_resolvers() -> None:
+    """Make ``${ship_name:...}`` and ``${run_name:...}`` known to OmegaConf."""
+    OmegaConf.register_new_resolver("ship_name", _ship_name, replace=True)
+    OmegaConf.register_new_resolver("run_name", _run_name, replace=True)
+
+
+def _ship_name(ship: Any) -> str:
+    """The option that was chosen; composed from Python without hydra's record of choices, the ship's function."""
+    if HydraConfig.initialized() and "ship" in HydraConfig.get().runtime.choices:
+        return str(HydraConfig.get().runtime.choices["ship"])
+    return str(ship["_target_"]).rpartition(".")[2]
+
+
+def _run_name(ship: Any, manoeuvre: Any, data: Any, effect: Any = None) -> str:
+    """Ship, manoeuvres and effects joined, or ``recordings``: what the output folder is called after."""
+    sailed = [k for k in manoeuvre if k != "speed_kn"] + list(effect or {})
+    return "_".join([_ship_name(ship), *(["recordings"] if "files" in data else sailed)])
+
+
+register_resolvers()

@@ -1,0 +1,142 @@
+"""One line and exit code 2 for what a person got wrong; a traceback only for what we did."""
+
+import errno
+import os
+import re
+import sys
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import yaml
+from hydra.errors import HydraException
+from omegaconf.errors import OmegaConfBaseException
+
+from manoeuvre_nn.core.errors import InputError
+
+WRONG_INPUT = 2
+FAILED_JOBS = 1
+OF_CONFIG = (HydraException, OmegaConfBaseException, yaml.YAMLError)
+OF_FILES = (errno.ENOENT, errno.EACCES, errno.ENOTDIR, errno.EEXIST, errno.EROFS, errno.ENOSPC)
+NO_GROUP = "Config group override must be a string"
+"""How hydra complains of ``ship=null``, with a traceback."""
+command = "train"
+"""The command that runs, for advice."""
+failed_jobs: list[str] = []
+"""Jobs of a sweep that failed; the sweep goes on and ends with exit code 1."""
+
+
+@contextmanager
+def one_line() -> Generator[None]:
+    """Turn wrong input into one line and exit code 2; let faults of the program through.
+
+    Yields:
+        Nothing.
+
+    Raises:
+        InputError: If it is none of the user's making, as the next two.
+        HydraException: The same.
+        OmegaConfBaseException: The same.
+        YAMLError: The same.
+        ValueError: The same.
+        OSError: If it is not that a file or folder cannot be read or written.
+        SystemExit: With code 2 for wrong input.
+    """
+    try:
+        yield
+    except (InputError, HydraException, OmegaConfBaseException, yaml.YAMLError) as error:
+        message = explain(error)
+        if message is None:
+            raise
+        print(f"error: {message}", file=sys.stderr)
+        raise SystemExit(WRONG_INPUT) from None
+    except ValueError as error:
+        if NO_GROUP not in str(error):
+            raise
+        given = [a for a in sys.argv[1:] if a.endswith("=null")]
+        print(f"error: {' '.join(given)}: a group cannot be empty: leave it out or choose an option", file=sys.stderr)
+        raise SystemExit(WRONG_INPUT) from None
+    except OSError as error:
+        if error.filename is None or error.errno not in OF_FILES:
+            raise
+        print(f"error: {_of_file(error)}", file=sys.stderr)
+        raise SystemExit(WRONG_INPUT) from None
+
+
+def _of_file(error: OSError) -> str:
+    """What to do about a file or folder that cannot be read or written."""
+    path = str(error.filename)
+    if os.path.isfile(path) and not os.access(path, os.R_OK):
+        return f"cannot read {path}: {error.strerror}; ask its owner, or copy it"
+    return f"cannot write {path}: {error.strerror}; choose another folder (hydra.run.dir=, or out=)"
+
+
+def guarded(main: Callable[[], None]) -> None:
+    """Run an entry point.
+
+    Args:
+        main: The function that ``hydra.main`` made.
+
+    Raises:
+        SystemExit: With code 2 after one line for wrong input, with code 1 if jobs of a sweep failed.
+    """
+    os.environ["HYDRA_FULL_ERROR"] = "1"  # hydra then raises instead of printing its own traceback
+    with one_line():
+        main()
+    if failed_jobs:
+        raise SystemExit(FAILED_JOBS)
+
+
+def explain(error: BaseException) -> str | None:
+    """The one line that a person needs.
+
+    Args:
+        error: What was raised.
+
+    Returns:
+        The line; None if the cause is a fault of the program.
+    """
+    chain = list(_causes(error))
+    for cause in chain:
+        if isinstance(cause, InputError):
+            return str(cause)
+    if any(not isinstance(c, (*OF_CONFIG, TypeError, ValueError)) for c in chain):
+        return None
+    return _one_line(str(error))
+
+
+def _causes(error: BaseException | None) -> Iterator[BaseException]:
+    while error is not None:
+        yield error
+        error = error.__cause__ or error.__context__
+
+
+def _one_line(text: str) -> str:
+    """Hydra's own messages, shortened: choices are kept, advice about stack traces is not."""
+    missing = re.search(r"Could not find '([^']+)/([^'/]+)'", text)
+    if missing:
+        options = re.findall(r"^\t(\w+)$", text, flags=re.MULTILINE)
+        return f"{missing[1]}={missing[2]} is unknown; choose one of: {', '.join(options)}"
+    missing = re.search(r"Could not load '([^']+)/([^'/]+)'", text)
+    if missing:
+        return f"{missing[1]}={missing[2]} is unknown; {_program()} --help lists the choices"
+    key = re.search(r"Could not override '([^']+)'", text) or re.search(r"Key '([^']+)' is not in struct", text)
+    full = re.search(r"full_key: (\S+)", text)
+    if key:
+        return f"there is no setting {(full or key)[1]}; {_program()} --cfg job lists them all"
+    mandatory = re.search(r"Missing mandatory value: (\S+)", text)
+    if mandatory:
+        name = (full or mandatory)[1]
+        return f"{name} must be given: write {name}=..."
+    lines = [line.strip() for line in text.splitlines() if line.strip() and "HYDRA_FULL_ERROR" not in line]
+    return " ".join(lines[:3])[:400]
+
+
+def _program() -> str:
+    """What was typed, for advice."""
+    called = Path(sys.argv[0])
+    if called.stem == "manoeuvre":
+        return f"manoeuvre {command}"
+    if called.parent.name == "scripts":
+        return f"python scripts/{called.name}"
+    return f"python {called.name if called.name == 'diagnose.py' else 'train.py'}"

@@ -1,0 +1,209 @@
+"""``manoeuvre import``: look at a file, say how it will be read, write the mapping."""
+
+import shlex
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table as RichTable
+from rich.text import Text
+
+from manoeuvre_nn.commands.groups import CONF, options
+from manoeuvre_nn.commands.shelves import build
+from manoeuvre_nn.core.data_files import load_yaml
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.recording.propose.choice import Choice
+from manoeuvre_nn.recording.propose.proposal import Proposal, propose
+from manoeuvre_nn.recording.propose.proposal_yaml import to_yaml
+from manoeuvre_nn.recording.read.mapping import RECORD
+
+USAGE = "manoeuvre import FILE [ship=kvlcc2] [name=my_ship | out=my_ship.yaml] [overwrite=true]"
+HELP = f"""Propose how a measured file is read, say why, and write the mapping.
+
+    {USAGE}
+
+FILE is a text of columns (csv, txt, dat), a MAT file or a parquet file. The yaml goes to FILE's name in this folder, to
+out=, or with name= to recording/ in config_dir= (without it, of conf), where data.mapping= finds it. ship= tells units
+apart by the ship's speed."""
+KEYS = ("ship", "name", "out", "overwrite", "config_dir")
+
+
+@dataclass(frozen=True)
+class Request:
+    """What was asked for.
+
+    Attributes:
+        file: The file.
+        ship: The ship's name in conf/ship; empty if it is not known.
+        out: Yaml to write.
+        overwrite: Whether it may be there already.
+        own: Folder of the user's own ships and mappings.
+    """
+
+    file: Path
+    ship: str
+    out: Path
+    overwrite: bool
+    own: str | None = None
+
+
+def request(arguments: list[str]) -> Request:
+    """Read the command line.
+
+    Args:
+        arguments: The file and ``key=value``.
+
+    Returns:
+        What was asked for.
+
+    Raises:
+        InputError: If an argument is not understood, or the yaml is there already.
+    """
+    given: dict[str, str] = {}
+    files = []
+    for argument in arguments:
+        key, sign, value = argument.partition("=")
+        if sign and key in KEYS:
+            given[key] = value
+        elif sign and key.isidentifier() and not Path(argument).exists():
+            raise InputError(f"there is no setting {key}; write {USAGE}")
+        else:
+            files.append(Path(argument))
+    if len(files) != 1:
+        raise InputError(f"{len(files)} files are given, expected one; write {USAGE}")
+    if given.get("overwrite", "false") not in {"true", "false"}:
+        raise InputError(f"overwrite={given['overwrite']}: expected true or false")
+    if "name" in given and "out" in given:
+        raise InputError("name= and out= both say where the yaml goes: write one of them")
+    if "name" in given and not given["name"].replace("-", "_").isidentifier():
+        raise InputError(f"name={given['name']}: expected letters, digits and _, such as name=my_ship")
+    own = given.get("config_dir")
+    where = _mappings(own) / f"{given['name']}.yaml" if "name" in given else Path(f"{files[0].stem}.yaml")
+    out = Path(given["out"]) if "out" in given else where
+    overwrite = given.get("overwrite") == "true"
+    if out.is_dir():
+        raise InputError(f"out={out} is a folder: write the yaml's path")
+    if out.exists() and files[0].exists() and out.samefile(files[0]):
+        raise InputError(f"{out} is the file to be imported and would be lost: write another out=")
+    if out.exists() and not overwrite:
+        raise InputError(f"{out} is there already: write overwrite=true, or another out=")
+    return Request(files[0], given.get("ship", ""), out, overwrite, own)
+
+
+def _mappings(own: str | None) -> Path:
+    """The folder of mappings: the user's own, or that of the repository."""
+    return (Path(own) if own else CONF) / "recording"
+
+
+def ship_called(name: str, own: str | None = None) -> Particulars | None:
+    """Particulars of a ship in conf/ship.
+
+    Args:
+        name: Its name; empty for none.
+        own: Folder of the user's own.
+
+    Returns:
+        The particulars.
+
+    Raises:
+        InputError: If there is no such ship.
+    """
+    if not name:
+        return None
+    ships = options("ship", own)
+    if name not in ships:
+        raise InputError(f"ship={name} is unknown; choose one of: {', '.join(ships)}")
+    content = load_yaml(ships[name])
+    made: Ship | Particulars = build(content.get("ship", content), "ship")
+    return made if isinstance(made, Particulars) else made.particulars
+
+
+def import_recording(asked: Request, console: Console) -> Proposal:
+    """Propose, show, write.
+
+    Args:
+        asked: What was asked for.
+        console: Where to print.
+
+    Returns:
+        The proposal.
+    """
+    proposal = propose(asked.file, ship_called(asked.ship, asked.own))
+    show(proposal, console)
+    asked.out.parent.mkdir(parents=True, exist_ok=True)
+    asked.out.write_text(to_yaml(proposal), encoding="utf-8")
+    console.print(f"written: {asked.out}", highlight=False, markup=False, soft_wrap=True)
+    console.print(next_command(proposal, asked), highlight=False, markup=False, soft_wrap=True)
+    return proposal
+
+
+def show(proposal: Proposal, console: Console) -> None:
+    """Print how a file will be read, and why.
+
+    Args:
+        proposal: The proposal.
+        console: Where to print.
+    """
+    table = RichTable(title=Text(proposal.file.path.name), title_justify="left", box=None, pad_edge=False)
+    for heading in ("channel", "column", "unit", "sign", "misfit", "next", "why"):
+        table.add_column(heading, no_wrap=heading in {"channel", "unit", "sign", "misfit"}, overflow="fold")
+    for choice in (proposal.time, *proposal.choices):
+        table.add_row(*(Text(cell, style="" if choice.decided else "yellow") for cell in _row(proposal, choice)))
+    console.print(table)
+    for key, value in proposal.settings.items():
+        if key not in {"time", "channels"} and key in proposal.reasons:
+            why = proposal.reasons[key]
+            open_ = "undecided: " if key in proposal.undecided and not why.startswith("undecided") else ""
+            _say(console, f"{key}: {value}  ({open_}{why})")
+    for note in proposal.notes:
+        _say(console, note)
+    if proposal.left_out:
+        _say(console, f"Not read: {', '.join(proposal.file.called(c) for c in proposal.left_out)}.")
+    if proposal.finding:
+        _say(console, f"The checks say: {proposal.finding}")
+    undecided = [c.channel for c in (proposal.time, *proposal.choices) if not c.decided] + _open_settings(proposal)
+    if undecided:
+        _say(console, f"Undecided, please look: {', '.join(undecided)}.", "yellow")
+
+
+def _row(proposal: Proposal, choice: Choice) -> tuple[str, ...]:
+    """Cells of a channel."""
+    called = proposal.file.called(choice.column)
+    column = called if called == choice.column else f"{choice.column} ({called})"
+    offset = f", from {choice.offset:g}" if choice.offset else ""
+    why = choice.why if choice.decided else f"undecided: {choice.why}"
+    sign = f"{'+' if choice.sign == 1 else '-'}{offset}"
+    return choice.channel, column, choice.unit, sign, choice.misfit, choice.next, why
+
+
+def _open_settings(proposal: Proposal) -> list[str]:
+    """Settings that nobody decided."""
+    return [k for k, why in proposal.reasons.items() if k in proposal.undecided or why.startswith("undecided")]
+
+
+def _say(console: Console, line: str, style: str = "") -> None:
+    """A line as it is."""
+    console.print(Text(line, style=style), soft_wrap=True)
+
+
+def next_command(proposal: Proposal, asked: Request) -> str:
+    """What to type next.
+
+    Args:
+        proposal: The proposal.
+        asked: What was asked for.
+
+    Returns:
+        A command, or why there is none.
+    """
+    if proposal.settings.get("kind") == RECORD:
+        return "next: nothing to train: this is a record of channels, not a manoeuvre with heading, rudder and motion"
+    named = asked.out.parent == _mappings(asked.own) and asked.out.suffix == ".yaml"
+    mapping = asked.out.stem if named else str(asked.out)
+    folder, name = asked.file.parent, asked.file.name
+    plain = all(letter.isalnum() or letter in "._-" for letter in name)
+    files = f"data.files=[{name}]" if plain else f'data.files=["{name}"]'
+    settings = [f"data.mapping={mapping}", f"data.folder={folder}", files]
+    ship = asked.ship or "SHIP"
+    return f"next: manoeuvre train ship={ship} data=recording {' '.join(shlex.quote(s) for s in settings)}"

@@ -1,0 +1,282 @@
+"""What several commands make of a config: ship, known part, network, data and the method that joins them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from omegaconf import DictConfig, OmegaConf
+
+from manoeuvre_nn.commands import config as configs
+from manoeuvre_nn.commands.provenance import CONFIG
+from manoeuvre_nn.commands.shelves import TARGET, build, check_arguments, check_plain, gathered, on_shelf
+from manoeuvre_nn.core.data_files import load_yaml
+from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.network import Network
+from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.dynamics.model import IdentifiedShip, Scaling
+from manoeuvre_nn.network.hull_rudder import HullRudder
+from manoeuvre_nn.network.series import Series
+from manoeuvre_nn.training import session
+from manoeuvre_nn.training.callbacks import RolloutScore
+from manoeuvre_nn.training.checkpoint import load_weights, read_checkpoint
+from manoeuvre_nn.training.closed_loop_fit import ClosedLoopFit
+from manoeuvre_nn.training.data import DEFAULT_SCORE, SUBSTITUTES, ManoeuvreData, RecordedData
+from manoeuvre_nn.training.ensemble import EnsembleFit
+from manoeuvre_nn.training.fits import Fit
+from manoeuvre_nn.training.given import GivenData
+from manoeuvre_nn.training.scalings import KINDS, make_scaling
+from manoeuvre_nn.training.settings import check_simulable
+
+PARTS = ("ship", "linear", "network", "fit", "manoeuvre")
+"""What a config must say for its model to be made again."""
+NOTHING_HELD_OUT = [{"straight": {"duration": 60, "name": "placeholder"}}]
+"""What stands for ``score`` where data must have held-out manoeuvres but nothing is chosen by them."""
+OF_FILES = (TARGET, "folder", "files", "mapping")
+"""Settings of ``data=recording`` that say which files are read, and how."""
+DTYPES = {"float64": torch.float64, "float32": torch.float32}
+
+
+@dataclass(frozen=True)
+class Job:
+    """Everything that is checked before computing starts.
+
+    Attributes:
+        data: Data module, not yet set up.
+        network: The network with its first weights.
+        scaling: Kind of scaling.
+        dtype: Floating type.
+        session: How long to train and what to keep.
+    """
+
+    data: ManoeuvreData
+    network: Network
+    scaling: str
+    dtype: torch.dtype
+    session: session.Session
+
+
+def prepare(cfg: DictConfig, runs: Sequence[Recording] = (), ship: Ship | Particulars | None = None) -> Job:
+    """Build and check everything that needs no computing.
+
+    Args:
+        cfg: The config.
+        runs: Recordings that are at hand; without them the config says what is simulated or read.
+        ship: The ship; None takes the config's.
+
+    Returns:
+        The job.
+    """
+    ship, known = known_part(cfg, ship)
+    _check_pair(cfg)
+    network, scaling, dtype = blank_network(cfg)
+    seed = configs.whole_number("seed", cfg.seed, 0)
+    lasting = {k: v for k, v in cfg.trainer.items() if k != "threads"}
+    for kind, given in ((session.Session, lasting), (RolloutScore, {"held_out": None, **cfg.scoring})):
+        check_arguments(kind, given)
+    common: dict[str, Any] = {"ship": ship, "known": known, "seed": seed, "dtype": dtype}
+    data = _given(cfg, common, runs) if runs else _data(cfg, common)
+    return Job(data, network, scaling, dtype, session.Session(**lasting))
+
+
+KINDS_OF_FIT = (
+    (HullRudder, EnsembleFit, "an ensemble (hull_rudder)", "fit=ensemble, or network=cubic, wang or rajesh"),
+    (
+        Series,
+        ClosedLoopFit,
+        "a series (cubic, modulus, abkowitz)",
+        "fit=closed_loop, or network=hull_rudder, wang or rajesh",
+    ),
+)
+"""Network, the method that it alone has, what it is called, what to write."""
+
+
+def _check_pair(cfg: DictConfig) -> None:
+    """Refuse a method for another kind of network."""
+    for group in ("network", "fit"):
+        on_shelf(str(cfg[group][TARGET]), group)
+    for network, fit, kind, wanted in KINDS_OF_FIT:
+        ours = _named(cfg.network, network)
+        if ours == _named(cfg.fit, fit):
+            continue
+        given = f"fit._target_={cfg.fit['_target_']}"
+        if ours:
+            raise InputError(f"network is {kind}, which {given} does not train: write {wanted}")
+        wanted = "fit=levenberg_marquardt or backprop for network=wang and rajesh, fit=ensemble for hull_rudder, fit="
+        raise InputError(
+            f"network._target_={cfg.network['_target_']}, which {given} does not train: write {wanted}closed_loop for "
+            "cubic, modulus and abkowitz"
+        )
+
+
+def _named(settings: DictConfig, kind: type) -> bool:
+    """Whether settings are those of a class; nothing is imported."""
+    return str(settings[TARGET]) == f"{kind.__module__}.{kind.__qualname__}"
+
+
+def known_part(cfg: DictConfig, ship: Ship | Particulars | None = None) -> tuple[Ship | Particulars, Ship]:
+    """The ship at its approach speed and the part of its forces that is taken as known.
+
+    Args:
+        cfg: The config.
+        ship: The ship; None takes the config's.
+
+    Returns:
+        Ship and known part.
+    """
+    ship = ship_on_approach(cfg) if ship is None else ship
+    return ship, build(cfg.linear, "linear", ship=ship)
+
+
+def ship_on_approach(cfg: DictConfig) -> Ship | Particulars:
+    """The ship at its approach speed.
+
+    Args:
+        cfg: The config.
+
+    Returns:
+        The ship: coefficients, the known part and g are then in units of this speed.
+    """
+    ship, speed = build(cfg.ship, "ship"), configs.approach_speed(cfg.manoeuvre)
+    return ship.on_approach(speed) if speed is not None and isinstance(ship, Ship) else ship
+
+
+def blank_network(cfg: DictConfig) -> tuple[Network, str, torch.dtype]:
+    """The network with its first weights.
+
+    Args:
+        cfg: The config.
+
+    Returns:
+        Network, kind of scaling, floating type.
+
+    Raises:
+        InputError: If the first or the second is not said how.
+    """
+    settings = OmegaConf.to_container(cfg.network, resolve=True)
+    assert isinstance(settings, dict)
+    for key in ("scaling", "dtype"):
+        if key not in settings:
+            raise InputError(f"network.{key} must be given: see the files of conf/network")
+    scaling, name = str(settings.pop("scaling")), str(settings.pop("dtype"))
+    check_choice("network.scaling", scaling, list(KINDS))
+    check_choice("network.dtype", name, list(DTYPES))
+    dtype = DTYPES[name]
+    network = build(settings, "network", seed=configs.whole_number("seed", cfg.seed, 0), dtype=dtype)
+    if network.scalings:
+        check_choice("network.scaling", scaling, list(network.scalings))
+    return network, scaling, dtype
+
+
+def _data(cfg: DictConfig, common: dict[str, Any]) -> ManoeuvreData:
+    """The data module, its files read or its manoeuvres checked."""
+    names = configs.as_list(cfg.score)
+    if "files" in cfg.data:
+        return _recorded(cfg, common, [] if names == ["default"] else names)
+    check_simulable(common["ship"])
+    effects = configs.chosen_effects(cfg.get("effect"), common["ship"])
+    manoeuvres = configs.training_manoeuvres(cfg.manoeuvre)
+    if names == ["default"]:
+        seen = {m.name for m in manoeuvres}
+        names = [SUBSTITUTES[name] if name in seen else name for name in DEFAULT_SCORE]
+    score = configs.named_manoeuvres(names, configs.approach_speed(cfg.manoeuvre), cfg.get("config_dir"))
+    return build(cfg.data, "data", **common, manoeuvres=manoeuvres, score=score, effects=effects)
+
+
+def _recorded(cfg: DictConfig, common: dict[str, Any], names: list[str]) -> RecordedData:
+    """The data module for measured files; their mapping is a yaml of its own, by path or by name in conf/recording."""
+    if cfg.get("effect"):
+        acting = ",".join(cfg.effect)
+        raise InputError(f"effect=[{acting}] acts on simulated ships, data=recording are measured: leave effect= out")
+    settings = OmegaConf.to_container(cfg.data, resolve=True)
+    assert isinstance(settings, dict)
+    columns = configs.read_mapping(settings.pop("mapping"), cfg.get("config_dir"))
+    settings["files"] = configs.as_list(settings["files"])
+    return build(settings, "data", **common, mapping=columns, score=names)
+
+
+def _given(cfg: DictConfig, common: dict[str, Any], runs: Sequence[Recording]) -> GivenData:
+    """The data module for recordings that are at hand; what of them is used is said as for files."""
+    named = [key for key in ("files", "mapping") if cfg.data.get(key)]
+    if named:
+        raise InputError(f"data.{named[0]} names files, and recordings are given: leave it out")
+    settings = OmegaConf.to_container(cfg.data, resolve=True)
+    assert isinstance(settings, dict)
+    kept = {str(k): v for k, v in settings.items() if k not in OF_FILES}
+    return GivenData(runs=runs, **gathered(GivenData, {**kept, **common}))
+
+
+def make_fit(cfg: DictConfig, job: Job) -> Fit:
+    """Join known part, network and scaling, and give them to the chosen method.
+
+    Args:
+        cfg: The config.
+        job: The job, its data set up.
+
+    Returns:
+        The Lightning module.
+    """
+    scaling = make_scaling(job.scaling, job.data.known, job.data.tuples)
+    return fit_of(cfg, IdentifiedShip(job.data.known, job.network, scaling).to(job.dtype))
+
+
+def fit_of(cfg: DictConfig, dynamics: IdentifiedShip) -> Fit:
+    """Give a model to the chosen method.
+
+    Args:
+        cfg: The config.
+        dynamics: Known part, network and scaling.
+
+    Returns:
+        The Lightning module.
+    """
+    settings = OmegaConf.to_container(cfg.fit, resolve=True)
+    assert isinstance(settings, dict)
+    if "seed" in settings:
+        settings["seed"] = int(cfg.seed)
+    return build(settings, "fit", dynamics=dynamics)
+
+
+def config_beside(checkpoint: Path) -> DictConfig:
+    """The config that a training wrote beside its checkpoint, as data: what it names is checked when it is built.
+
+    Args:
+        checkpoint: ``OUT/checkpoints/best.ckpt`` or ``last.ckpt``.
+
+    Returns:
+        ``OUT/config.yaml``.
+
+    Raises:
+        InputError: If it is missing or foreign, or holds more than plain values.
+    """
+    path = checkpoint.resolve().parents[1] / CONFIG
+    if not path.is_file():
+        raise InputError(
+            f"model={checkpoint}: there is no {path}, which says what network it is: give it in its run's folder"
+        )
+    content = load_yaml(path)
+    if not isinstance(content, dict) or not all(isinstance(content.get(part), dict) for part in PARTS):
+        raise InputError(f"model={checkpoint}: {path} is no config of train.py")
+    check_plain({str(k): v for k, v in content.items() if k != "hydra"}, str(path), allowed=[TARGET])
+    return OmegaConf.create(content)
+
+
+def load_model(path: Path) -> IdentifiedShip:
+    """An identified ship from the checkpoint of a training.
+
+    Args:
+        path: ``OUT/checkpoints/best.ckpt`` or ``last.ckpt``; the run's ``OUT/config.yaml`` says what the network is.
+
+    Returns:
+        Known part and network in double precision; a checkpoint or config that cannot be used is refused.
+    """
+    read_checkpoint(path)
+    cfg = config_beside(path)
+    _, known = known_part(cfg)
+    network, _, dtype = blank_network(cfg)
+    blank = Scaling(torch.zeros(4), torch.ones(4), torch.ones(3))
+    fit = fit_of(cfg, IdentifiedShip(known, network, blank).to(dtype))
+    load_weights(fit, path)
+    return fit.dynamics.double()

@@ -1,0 +1,137 @@
+"""The command ``manoeuvre``, and what train.py, diagnose.py and scripts/ call."""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+import hydra
+from hydra.core.hydra_config import HydraConfig
+from omegaconf import DictConfig
+
+from manoeuvre_nn import __version__
+from manoeuvre_nn.commands import guard
+from manoeuvre_nn.commands.groups import CONF, own_folder, plugged_in
+
+T = TypeVar("T")
+USAGE = """manoeuvre COMMAND [group=option] [setting=value]
+
+  train         identify a model from manoeuvres or recordings, and score it on others
+  simulate      sail a ship through a manoeuvre, with what effects do to it
+  diagnose      find what a calm-water model leaves out of recordings
+  check         find what is wrong with measured files
+  import        propose how a measured file is read
+  coefficients  coefficients with intervals
+  excite        which manoeuvre to sail next
+
+manoeuvre COMMAND --help lists groups, options and settings."""
+
+
+def main() -> None:
+    """Run ``manoeuvre COMMAND ...``.
+
+    Raises:
+        SystemExit: With code 2 if there is no such command.
+    """
+    command, *words = sys.argv[1:] or ["--help"]
+    if command in {"-h", "--help"}:
+        print(USAGE)
+    elif command == "--version":
+        print(__version__)
+    elif command in TASKS or command == "import":
+        run(command, words)
+    else:
+        print(f"error: there is no command {command}; choose one of: {', '.join([*TASKS, 'import'])}", file=sys.stderr)
+        raise SystemExit(guard.WRONG_INPUT)
+
+
+def run(command: str, words: list[str] | None = None) -> None:
+    """Run a command; wrong input ends in one line and exit code 2.
+
+    Args:
+        command: Its name.
+        words: What follows it; by default the command line.
+    """
+    words = sys.argv[1:] if words is None else words
+    guard.command = command
+    if command == "import":
+        with guard.one_line():
+            _import(words)
+        return
+    with guard.one_line():
+        words, folder = own_folder(words)
+    sys.argv = [sys.argv[0], *words, *(() if folder is None else ("--config-dir", str(folder)))]
+    guard.guarded(hydra.main(version_base="1.3", config_path=str(CONF), config_name=command)(TASKS[command]))
+
+
+def _out() -> Path:
+    return Path(HydraConfig.get().runtime.output_dir)
+
+
+# Each imports its job when it runs: torch and lightning take seconds, and --help need not wait for them.
+def _train(cfg: DictConfig) -> None:
+    from manoeuvre_nn.commands.train import run_job
+
+    run_job(cfg, _out())
+
+
+def _simulate(cfg: DictConfig) -> None:
+    from manoeuvre_nn.commands.simulate import simulate
+
+    _guarded(simulate, cfg)
+
+
+def _diagnose(cfg: DictConfig) -> None:
+    from manoeuvre_nn.commands.diagnose import diagnose_all
+
+    _guarded(diagnose_all, cfg)
+
+
+def _check(cfg: DictConfig) -> None:
+    from manoeuvre_nn.commands.check import check
+
+    if any(one.verdict == "refuse" for one in _guarded(check, cfg)):
+        raise SystemExit(guard.WRONG_INPUT)
+
+
+def _coefficients(cfg: DictConfig) -> None:
+    from manoeuvre_nn.commands.coefficients import tell
+
+    _guarded(tell, cfg)
+
+
+def _excite(cfg: DictConfig) -> None:
+    from manoeuvre_nn.commands.excite import excite
+
+    _guarded(excite, cfg)
+
+
+def _guarded(job: Callable[[DictConfig, Path], T], cfg: DictConfig) -> T:
+    """Run a job inside hydra's main: caught outside, hydra would put a line of its own before ours."""
+    with guard.one_line():
+        plugged_in(cfg)
+        return job(cfg, _out())
+
+
+def _import(words: list[str]) -> None:
+    """Propose a mapping; its settings are few and no config."""
+    from rich.console import Console
+
+    from manoeuvre_nn.commands import import_recording
+
+    if {"-h", "--help"} & set(words):
+        print(import_recording.HELP)
+        return
+    asked = import_recording.request(words)
+    import_recording.import_recording(asked, Console(width=None if sys.stdout.isatty() else 130))
+
+
+TASKS = {
+    "train": _train,
+    "simulate": _simulate,
+    "diagnose": _diagnose,
+    "check": _check,
+    "coefficients": _coefficients,
+    "excite": _excite,
+}
+"""Command -> its task, as hydra calls it; the name is that of its config too."""

@@ -1,0 +1,238 @@
+"""From a config to objects: a ``_target_`` may only name what stands on the shelf of its group."""
+
+import importlib
+import inspect
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
+from types import NoneType, UnionType
+from typing import Any, get_args
+
+from omegaconf import DictConfig, ListConfig, OmegaConf
+
+from manoeuvre_nn.core.errors import InputError
+
+TARGET = "_target_"
+PLAIN = (str, int, float, bool, NoneType)
+
+
+@dataclass(frozen=True)
+class Shelf:
+    """Where the things of a group are.
+
+    Attributes:
+        places: Packages and modules that define them.
+        kinds: Import paths of the classes that they are of, or that functions among them return.
+    """
+
+    places: tuple[str, ...]
+    kinds: tuple[str, ...]
+
+
+SHELVES = {
+    "ship": Shelf(("manoeuvre_nn.ship",), ("manoeuvre_nn.core.ship.Ship", "manoeuvre_nn.core.ship.Particulars")),
+    "linear": Shelf(("manoeuvre_nn.ship.known", "manoeuvre_nn.estimation.baselines"), ("manoeuvre_nn.core.ship.Ship",)),
+    "network": Shelf(("manoeuvre_nn.network",), ("manoeuvre_nn.core.network.Network",)),
+    "effect": Shelf(("manoeuvre_nn.effect",), ("manoeuvre_nn.core.effect.Effect",)),
+    "manoeuvre": Shelf(("manoeuvre_nn.manoeuvre",), ("manoeuvre_nn.core.manoeuvre.Manoeuvre",)),
+    "fit": Shelf(
+        ("manoeuvre_nn.training.fits", "manoeuvre_nn.training.ensemble", "manoeuvre_nn.training.closed_loop_fit"),
+        ("manoeuvre_nn.training.fits.Fit",),
+    ),
+    "data": Shelf(("manoeuvre_nn.training.data",), ("manoeuvre_nn.training.data.ManoeuvreData",)),
+}
+"""Group of conf -> its shelf."""
+_own: set[str] = set()
+"""Modules of the user's own that were named with ``plugins=``."""
+
+
+def allow(modules: Iterable[str]) -> None:
+    """Let configs name what these modules define, whatever the group.
+
+    Args:
+        modules: Import paths that the user named.
+    """
+    _own.update(modules)
+
+
+def build(config: Any, group: str, **more: Any) -> Any:
+    """Make the object that a piece of config describes.
+
+    Args:
+        config: Mapping with ``_target_`` and settings. Flat settings are gathered into an argument that is a dataclass.
+        group: Group of conf that it belongs to.
+        more: Further arguments.
+
+    Returns:
+        The object. What is not on the group's shelf is refused, and so is an argument that is unknown or of the wrong
+        kind.
+    """
+    described = plain(config)
+    made = on_shelf(str(described.get(TARGET)), group)
+    settings = {name: value for name, value in described.items() if name != TARGET}
+    check_plain(settings, group)
+    settings = gathered(made, {**settings, **more})
+    check_arguments(made, settings)
+    return made(**settings)
+
+
+def plain(config: Any) -> dict[str, Any]:
+    """A piece of config as plain dicts and lists, interpolations resolved.
+
+    Args:
+        config: Mapping, of OmegaConf or not.
+
+    Returns:
+        The same.
+
+    Raises:
+        InputError: If it is no mapping.
+    """
+    if isinstance(config, DictConfig | ListConfig):
+        config = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
+    if not isinstance(config, Mapping):
+        raise InputError(f"{config!r}: expected settings, as in the files of conf")
+    return {str(key): value for key, value in config.items()}
+
+
+def on_shelf(target: str, group: str, shelf: Shelf | None = None) -> Callable[..., Any]:
+    """Find what a ``_target_`` names; nothing outside the shelf is imported.
+
+    Args:
+        target: Import path.
+        group: Group of conf.
+        shelf: The group's shelf; by default that of :data:`SHELVES`.
+
+    Returns:
+        A class, or a function that says that it returns one of the shelf's kinds.
+
+    Raises:
+        InputError: If it is not defined on that shelf.
+        ModuleNotFoundError: If its module imports one that is not installed.
+    """
+    shelf, (module, _, name) = shelf or SHELVES[group], target.rpartition(".")
+    places = " or ".join(shelf.places)
+    refused = InputError(f"{TARGET}: {target} is refused; a config may only name things in {places} for {group}")
+    here = module in _own or any(f"{module}.".startswith(f"{place}.") for place in shelf.places)
+    if not here or name.startswith("_"):
+        raise refused
+    try:
+        found = getattr(importlib.import_module(module), name)
+    except ModuleNotFoundError as error:
+        if error.name is None or not module.startswith(error.name):
+            raise  # the module is there, but what it imports is not
+        parent = error.name.rpartition(".")[0]
+        is_module = not hasattr(importlib.import_module(parent), "__path__") if parent else False
+        raise refused if is_module else InputError(f"{TARGET}: {target} does not exist") from error
+    except AttributeError as error:
+        raise InputError(f"{TARGET}: {target} does not exist") from error
+    if getattr(found, "__module__", None) != module or not _makes(found, shelf):
+        raise refused
+    return found
+
+
+def _makes(found: Any, shelf: Shelf) -> bool:
+    """Whether it is a final class of the shelf's kinds, or a function that returns one."""
+    kinds = tuple(getattr(importlib.import_module(k.rpartition(".")[0]), k.rpartition(".")[2]) for k in shelf.kinds)
+    if inspect.isclass(found):
+        return issubclass(found, kinds) and not inspect.isabstract(found)
+    if not inspect.isfunction(found):
+        return False
+    returned = inspect.get_annotations(found, eval_str=True).get("return")
+    if returned is None and found.__module__ in _own:
+        return True  # the user's own need not say what it returns
+    answers = get_args(returned) or (returned,)
+    return all(inspect.isclass(answer) and issubclass(answer, kinds) for answer in answers)
+
+
+def check_plain(value: Any, where: str, allowed: Sequence[str] = ()) -> None:
+    """Refuse settings that are more than numbers, words, and lists and tables of them.
+
+    Args:
+        value: The settings.
+        where: What they are settings of, for the message.
+        allowed: Keys beginning with _ that are checked elsewhere.
+
+    Raises:
+        InputError: If one names code, or refers to something else.
+    """
+    if isinstance(value, Mapping):
+        for key, inner in value.items():
+            if str(key).startswith("_") and key not in allowed:
+                raise InputError(f"{where}: {key}: {inner} is refused; settings are plain values and name no code")
+            check_plain(inner, f"{where}.{key}", allowed)
+    elif isinstance(value, Sequence) and not isinstance(value, str):
+        for inner in value:
+            check_plain(inner, where, allowed)
+    elif not isinstance(value, PLAIN) or (isinstance(value, str) and "${" in value):
+        raise InputError(f"{where}={value}: expected a plain value: a number, a word, true, false or null")
+
+
+def gathered(function: Callable[..., Any], settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Put settings into the dataclasses that a function takes.
+
+    Args:
+        function: What is to be called.
+        settings: Settings, those of a dataclass either flat or as a mapping under the argument's name; what is not
+            given is as in the argument's default.
+
+    Returns:
+        Its arguments.
+    """
+    left = dict(settings)
+    for name, parameter in inspect.signature(function).parameters.items():
+        kind = next((k for k in _kinds(parameter.annotation) if inspect.isclass(k) and is_dataclass(k)), None)
+        if kind is None or (name in left and not isinstance(left[name], Mapping)):
+            continue
+        of_kind = {f.name for f in fields(kind)}
+        if isinstance(left.get(name), Mapping):
+            given = dict(left[name])
+        elif name == "settings":
+            given = {key: left.pop(key) for key in list(left) if key in of_kind}
+        else:
+            continue
+        check_arguments(kind, given)
+        usual = parameter.default
+        left[name] = replace(usual, **given) if isinstance(usual, kind) else kind(**given)
+    return left
+
+
+def check_arguments(function: Callable[..., Any], settings: Mapping[str, Any]) -> None:
+    """Refuse settings that a function does not know, and words where it expects numbers.
+
+    Args:
+        function: What is to be called.
+        settings: Its keyword arguments.
+
+    Raises:
+        InputError: If one is unknown, missing or of the wrong kind.
+    """
+    try:
+        inspect.signature(function).bind(**settings)
+    except TypeError as error:
+        raise InputError(f"settings of {function.__name__}: {error}") from error
+    known = inspect.signature(function).parameters
+    others = next((p for p in known.values() if p.kind is p.VAR_KEYWORD), None)
+    for name, value in settings.items():
+        parameter = known.get(name, others)
+        kinds = _kinds(parameter.annotation) if parameter else {object}
+        if Sequence[float] in kinds:
+            _check_numbers(name, value, NoneType in kinds)
+        if not kinds <= {int, float, bool, NoneType}:
+            continue
+        accepted = tuple(kinds | {int}) if float in kinds else tuple(kinds)
+        if not isinstance(value, accepted):
+            wanted = "a number" if float in kinds else "a whole number" if int in kinds else "true or false"
+            raise InputError(f"{name}={value}: expected {wanted}{' or null' if NoneType in kinds else ''}")
+
+
+def _kinds(annotation: Any) -> set[Any]:
+    """What an argument may be, one by one."""
+    return set(get_args(annotation)) if isinstance(annotation, UnionType) else {annotation}
+
+
+def _check_numbers(name: str, value: Any, optional: bool) -> None:
+    """Refuse what is no list of numbers."""
+    numbers = isinstance(value, Sequence) and all(isinstance(v, int | float) for v in value)
+    if not numbers and not (optional and value is None):
+        wanted = f"numbers in brackets such as {name}=[5,10,20]"
+        raise InputError(f"{name}={value}: expected {wanted}{' or null' if optional else ''}")

@@ -1,0 +1,37 @@
+"""The table at the end of a sweep; apart from the jobs, so that hydra need not load torch to call it."""
+
+from pathlib import Path
+from typing import Any
+
+from hydra.experimental.callback import Callback
+from omegaconf import DictConfig
+from rich.console import Console
+
+from manoeuvre_nn.commands import guard
+from manoeuvre_nn.report.sweep import sweep_rows, write_sweep
+
+
+class SweepTable(Callback):
+    """Hydra's callback: one table over all jobs when a sweep ends."""
+
+    def on_multirun_start(self, config: DictConfig, **kwargs: Any) -> None:
+        """Say where the sweep goes and how to continue it.
+
+        Args:
+            config: The config, hydra's part included.
+            kwargs: Hydra's further arguments.
+        """
+        folder = config.hydra.sweep.dir
+        print(f"sweep into {folder}; to continue it later, add hydra.sweep.dir={folder}", flush=True)
+
+    def on_multirun_end(self, config: DictConfig, **kwargs: Any) -> None:
+        """Write ``sweep.csv``, ``sweep.md`` and ``sweep.png``, and print the table.
+
+        Args:
+            config: The config, hydra's part included.
+            kwargs: Hydra's further arguments.
+        """
+        folder = Path(config.hydra.sweep.dir)
+        Console().print(write_sweep(folder))
+        guard.failed_jobs += [str(r["job"]) for r in sweep_rows(folder) if str(r["status"]).startswith("failed")]
+        print(f"table: {folder / 'sweep.csv'}, {folder / 'sweep.md'}   figure: {folder / 'sweep.png'}")

@@ -1,0 +1,108 @@
+"""``manoeuvre train``: from a config to a trained, scored and documented model, alone or in a sweep."""
+
+import traceback
+from pathlib import Path
+
+from hydra.core.hydra_config import HydraConfig
+from hydra.types import RunMode
+from omegaconf import DictConfig
+from rich.console import Console
+
+from manoeuvre_nn.commands import config as configs
+from manoeuvre_nn.commands import guard
+from manoeuvre_nn.commands.groups import brought_along, plugged_in
+from manoeuvre_nn.commands.job import Job, make_fit, prepare
+from manoeuvre_nn.commands.provenance import check_same_run, finished, resolved, write_provenance
+from manoeuvre_nn.commands.results import Outcome, draw, print_outcome, score_finally, write_results
+from manoeuvre_nn.core.threads import use_threads
+from manoeuvre_nn.training import session
+from manoeuvre_nn.training.callbacks import RolloutScore
+
+ERROR = "error.txt"
+
+
+def run_job(cfg: DictConfig, out: Path) -> None:
+    """Run one job; in a sweep its failure is written down and does not stop the others.
+
+    Args:
+        cfg: The config.
+        out: Output folder.
+    """
+    if HydraConfig.get().mode != RunMode.MULTIRUN:
+        with guard.one_line():  # here, not outside: hydra would put a line of its own before ours
+            plugged_in(cfg)
+            train(cfg, out)
+        return
+    (out / ERROR).unlink(missing_ok=True)
+    console = Console(quiet=True)
+    try:
+        plugged_in(cfg)  # jobs of a sweep run in processes of their own
+        outcome = train(cfg, out, console)
+        told = (
+            "done before"
+            if outcome is None
+            else f"mean dev {outcome.mean_dev:.3g} L in {outcome.trained.seconds:.0f} s"
+        )
+    except Exception as error:  # whatever it is, the other jobs go on
+        out.mkdir(parents=True, exist_ok=True)
+        line = guard.explain(error) or f"{type(error).__name__}: {error}"
+        (out / ERROR).write_text(f"{line}\n\n{traceback.format_exc()}")
+        told = f"failed: {line}"
+    job = HydraConfig.get().job
+    print(f"#{job.num}  {job.override_dirname}: {told}", flush=True)
+
+
+def train(cfg: DictConfig, out: Path, console: Console | None = None) -> Outcome | None:
+    """Run the main job.
+
+    Args:
+        cfg: The config.
+        out: Output folder.
+        console: Where to print.
+
+    Returns:
+        What came out; None if the folder already held the finished run.
+    """
+    console = console or Console()
+    use_threads(configs.whole_number("trainer.threads", cfg.trainer.threads, 1))
+    cfg = configs.with_effects(cfg)
+    job = prepare(cfg)
+    check_same_run(cfg, out)
+    if finished(out, job.session.max_epochs):
+        console.print(f"{out} holds this run already: nothing to do", soft_wrap=True)
+        return None
+    write_provenance(cfg, out)
+    for line in [*_chosen_with(), *job.data.remarks()]:
+        console.print(f"note: {line}", highlight=False, soft_wrap=True)
+    trained = fit(cfg, job, out, console)
+    outcome = score_finally(resolved(cfg), trained, job.data)
+    write_results(outcome, out)
+    print_outcome(outcome, out, console)
+    return outcome
+
+
+def _chosen_with() -> list[str]:
+    """A line on the groups that came with other choices, so that none is set behind the user's back."""
+    if not HydraConfig.initialized():
+        return []
+    run = HydraConfig.get()
+    along = brought_along(run.runtime.choices, run.overrides.task)
+    first = along[0].partition("=")[0] if along else ""
+    return [f"{', '.join(along)} came with your other choices; write {first}=... to choose otherwise"] if along else []
+
+
+def fit(cfg: DictConfig, job: Job, out: Path, console: Console) -> session.Trained:
+    """Fit a model to the job's recordings.
+
+    Args:
+        cfg: The config.
+        job: The job.
+        out: Output folder.
+        console: Where to show progress.
+
+    Returns:
+        What came of it.
+    """
+    job.data.setup(stage=None)
+    rollout_score = RolloutScore(job.data.held_out, draw=draw, **cfg.scoring)
+    return session.run(make_fit(cfg, job), job.data, rollout_score, job.session, out, console)

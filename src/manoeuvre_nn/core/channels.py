@@ -1,0 +1,73 @@
+"""Channels of a recording: what each means, its unit and whether it comes round. Declared here and nowhere else."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One quantity over time.
+
+    Attributes:
+        name: Key in a recording.
+        unit: Unit inside the package.
+        meaning: What it is, with its sign.
+        periodic: Whether it is an angle that comes round; recordings hold such angles continuous.
+        offset: Prior standard deviation of a constant sensor error, over U0, U0/L, L or 1 rad as its quantity asks;
+            None if no constant error is fitted.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    periodic: bool = False
+    offset: float | None = None
+
+
+DECLARED = (
+    Channel("t", "s", "time"),
+    Channel("u", "m/s", "speed along the ship, positive forward", offset=0.02),
+    Channel("v", "m/s", "speed across the ship, positive to starboard", offset=0.02),
+    Channel("r", "rad/s", "rate of turn, positive to starboard", offset=0.02),
+    Channel("x", "m", "position north", offset=0.1),
+    Channel("y", "m", "position east", offset=0.1),
+    Channel("psi", "rad", "heading, clockwise from north", periodic=True, offset=0.02),
+    Channel("delta", "rad", "rudder angle, positive turns the ship to starboard"),
+    Channel("delta_order", "rad", "helm order, signed as the rudder angle"),
+    Channel("order_lead", "-", "share of the step before a sample during which a new helm order was in force"),
+    Channel("udot", "m/s^2", "acceleration along the ship"),
+    Channel("vdot", "m/s^2", "acceleration across the ship"),
+    Channel("rdot", "rad/s^2", "yaw acceleration"),
+    Channel("n", "1/s", "shaft speed"),
+    Channel("shaft", "-", "shaft speed over the nominal one, as it drives the ship"),
+    Channel("shaft_recorded", "-", "shaft speed over the nominal one, as the tachometer shows it"),
+    Channel("vn", "m/s", "velocity over ground, north"),
+    Channel("ve", "m/s", "velocity over ground, east"),
+    Channel("u_log", "m/s", "speed through the water by the log"),
+    Channel("sog", "m/s", "speed over ground"),
+    Channel("cog", "rad", "course over ground, clockwise from north", periodic=True),
+    Channel("lat", "rad", "latitude, positive north"),
+    Channel("lon", "rad", "longitude, positive east", periodic=True),
+    Channel("phi", "rad", "roll angle, positive to starboard"),
+    Channel("theta", "rad", "pitch angle, positive bow up"),
+    Channel("p", "rad/s", "roll rate, positive to starboard"),
+    Channel("thrust", "N", "propeller thrust"),
+    Channel("torque", "N m", "propeller torque"),
+    Channel("wind_speed", "m/s", "true wind speed"),
+    Channel("wind_from", "rad", "direction that the true wind comes from, clockwise from north", periodic=True),
+    Channel("wind_speed_relative", "m/s", "wind speed relative to the ship"),
+    Channel("wind_from_relative", "rad", "direction that the relative wind comes from, from the bow", periodic=True),
+)
+"""All channels that the package knows; a recording may hold others, which are kept as they come."""
+CHANNELS = {channel.name: channel for channel in DECLARED}
+SMOOTHED = ("u", "v", "r", "x", "y", "psi", "udot", "vdot", "rdot")
+"""Channels whose standard deviation a smoother states, as ``<name>_sd``."""
+UNITS = {c.name: c.unit for c in DECLARED} | {f"{name}_sd": CHANNELS[name].unit for name in SMOOTHED}
+"""Unit of every channel that the package knows."""
+PERIODIC = tuple(c.name for c in DECLARED if c.periodic)
+"""Angles that come round: recordings hold them continuous, so that nothing is interpolated across a jump."""
+MOTION = ("u", "v", "r", "x", "y", "psi", "delta")
+"""Channels that a manoeuvre is judged by."""
+ACCELERATION = ("udot", "vdot", "rdot")
+"""Channels of known accelerations; only simulations have them."""
+MEASURED = ("x", "y", "vn", "ve", "psi", "r", "u_log", "shaft_recorded")
+"""Channels that a diagnosis compares with a model, in the order of its matrices."""

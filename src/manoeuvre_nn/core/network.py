@@ -1,0 +1,89 @@
+"""What a network is to an identified ship: scaled velocities and rudder angle -> scaled forces."""
+
+from abc import ABC, abstractmethod
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor, nn
+
+
+class Network(ABC, nn.Module):
+    """Forces by learnt weights, from u, v, r and delta and whatever recorded inputs the network says that it takes."""
+
+    @property
+    def takes(self) -> tuple[str, ...]:
+        """Recorded inputs that the forces depend on beside the rudder, by their names in :class:`.Inputs`."""
+        return ()
+
+    @property
+    def scalings(self) -> tuple[str, ...]:
+        """Scalings of the inputs that the network can be trained with; empty if any will do."""
+        return ()
+
+    @property
+    def answering(self) -> int:
+        """Number of trained members that answer for themselves; 0 or 1 for a network that is no ensemble."""
+        return 1
+
+    @property
+    def shaft_ratio(self) -> Tensor | float:
+        """Nominal shaft speed over that of the training [-]."""
+        return 1.0
+
+    @property
+    def members(self) -> int:
+        """Number of its members, trained or not."""
+        return 1
+
+    @property
+    def noise_of_fit(self) -> Float[Tensor, " 6"]:
+        """Standard deviation that u, v, r, x, y, psi were given in the fit, in U0, U0/L, L, rad; 0 without one."""
+        return torch.zeros(6, dtype=torch.float64)
+
+    @abstractmethod
+    def forward(self, x: Float[Tensor, "*batch inputs"]) -> Float[Tensor, "*batch outputs"]:
+        """Forces.
+
+        Args:
+            x: Scaled u, v, r, delta; with three more the shaft speed (or the approach speed) over the nominal one and
+                the velocity of the air relative to the ship over U0, forward and to starboard.
+
+        Returns:
+            Scaled forces.
+        """
+
+    def of(self, x: Float[Tensor, "n inputs"], member: Int[Tensor, " n"]) -> Float[Tensor, "n outputs"]:
+        """Every input by a member of its own.
+
+        Args:
+            x: Scaled inputs.
+            member: Number of the member that answers to each.
+
+        Returns:
+            Scaled forces; those of the network itself where it is no ensemble.
+        """
+        del member
+        return self(x)
+
+    def at_shaft(self, ratio: float) -> "Network":
+        """The same network at another nominal shaft speed.
+
+        Args:
+            ratio: The new nominal shaft speed over the present one [-].
+
+        Returns:
+            The network itself where it does not know the shaft speed.
+        """
+        del ratio
+        return self
+
+    def sensitivities(self, x: Float[Tensor, "*batch inputs"]) -> Float[Tensor, "*batch k 3"]:
+        """What one standard deviation of each independent combination of coefficients adds to the forces.
+
+        Args:
+            x: Scaled inputs.
+
+        Returns:
+            Scaled forces, one row a combination; no row where the uncertainty of the fit is not known.
+        """
+        return x[..., None, :][..., :0, :3]

@@ -1,0 +1,101 @@
+"""What recordings say of the inputs beside the rudder: shaft speed, wind and the speed of the approach."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from scipy.ndimage import uniform_filter1d
+
+from manoeuvre_nn.core.inputs import InputTable
+from manoeuvre_nn.core.network import Network
+from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.dynamics.base import Model
+
+WIND_WINDOW = 0.5
+"""Window over L/U0 that the wind is averaged over."""
+
+
+def held_table(columns: Mapping[str, Sequence[Float[np.ndarray, " _"]]], interval: float, start: float) -> InputTable:
+    """A table of inputs whose rows may be of different lengths: a short one holds its last values.
+
+    Args:
+        columns: Name of an input -> its samples, a row each.
+        interval: Time between samples [s].
+        start: Time of the first since the start of the recordings [s].
+
+    Returns:
+        The table, in double precision.
+    """
+    longest = max((len(row) for rows in columns.values() for row in rows), default=0)
+    made = {}
+    for name, rows in columns.items():
+        held = [np.concatenate([row, np.full(longest - len(row), row[-1])]) for row in rows]
+        made[name] = torch.tensor(np.stack(held), dtype=torch.float64)
+    return InputTable(made, interval, start)
+
+
+def recorded_inputs(
+    model: Model, recordings: Sequence[Recording], times: Sequence[Float[np.ndarray, " _"]]
+) -> dict[str, list[Float[np.ndarray, " _"]]]:
+    """Inputs beside the rudder that a network of the model takes, from recordings.
+
+    Where the shaft speed was not recorded, it is taken to be that of the approach.
+
+    Args:
+        model: The model.
+        recordings: One for each row of a batch.
+        times: Sample times of each row.
+
+    Returns:
+        Name of an input -> its samples, a row each; empty for a model that has learnt of the rudder alone.
+    """
+    taken = {name for part in model.modules() if isinstance(part, Network) for name in part.takes}
+    made: dict[str, list] = {name: [] for name in sorted(taken)}
+    for recording, at in zip(recordings, times, strict=True):
+        ship = model.particulars
+        approach = np.full(len(recording), approach_speed(recording, ship) / ship.speed)
+        known = "n" in recording.channels
+        shaft = recording["n"] * 60 / model.hull.shaft_rpm if known else approach
+        north, east = air_velocity(recording, ship)
+        values = {"shaft": shaft, "approach": approach, "wind_north": north, "wind_east": east}
+        for name, rows in made.items():
+            rows.append(np.interp(at, recording.time, values[name]))
+    return made
+
+
+def approach_speed(recording: Recording, ship: Particulars) -> float:
+    """Speed at which a run begins.
+
+    Args:
+        recording: The run.
+        ship: The ship.
+
+    Returns:
+        Median of u in the first half ship length [m/s]; U0 where that is within 3 % of it or the ship starts from rest.
+    """
+    first = recording.time <= recording.time[0] + 0.5 * ship.time_unit
+    speed = float(np.median(recording["u"][first]))
+    return ship.speed if speed < 0.3 * ship.speed or abs(speed / ship.speed - 1) < 0.03 else speed
+
+
+def air_velocity(recording: Recording, ship: Particulars) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Velocity of the air over ground from the recorded true wind, averaged over half a ship length's time.
+
+    Gusts that are shorter act on a part of the ship, and an anemometer's errors are in them. On the Esso Osaka model
+    the evidence for the runs is highest with about this window.
+
+    Args:
+        recording: With ``wind_speed`` [m/s] and ``wind_from`` [rad], or without.
+        ship: The ship; its L/U0 sets the window.
+
+    Returns:
+        North and east [m/s]; zeros where no wind was recorded.
+    """
+    if "wind_speed" not in recording.channels:
+        return np.zeros(len(recording)), np.zeros(len(recording))
+    speed, origin = recording["wind_speed"], recording["wind_from"]
+    count = max(1, round(WIND_WINDOW * ship.time_unit / float(np.median(np.diff(recording.time)))))
+    north, east = (uniform_filter1d(-speed * f(origin), count, mode="nearest") for f in (np.cos, np.sin))
+    return north, east

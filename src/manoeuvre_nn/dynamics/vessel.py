@@ -1,0 +1,330 @@
+"""A ship that is steered and recorded: model, steering gear and sensors, and what effects do to each of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from manoeuvre_nn.core.effect import Effect, Situation
+from manoeuvre_nn.core.inputs import Inputs
+from manoeuvre_nn.core.ship import Ship
+from manoeuvre_nn.dynamics.base import Model
+
+AT_REST_S = 1e6
+"""Time after which every rudder has come to rest [s]; finite, since a rate of 0 times infinity is no number."""
+
+
+class Affected(Model):
+    """A calm-water model and effects on top, itself a model.
+
+    The state is u, v, r *through the water*, x, y, psi over ground, then the effects' own states. A uniform current
+    therefore changes the track and nothing else (Fossen 2012; Hegrenaes & Hallingstad 2011). Several hull and force
+    effects add their accelerations.
+
+    Attributes:
+        calm: The calm-water model: a reference ship or an identified one.
+        effects: What acts on it.
+    """
+
+    def __init__(self, calm: Model, effects: Sequence[Effect]) -> None:
+        """Join model and effects.
+
+        Args:
+            calm: The calm-water model.
+            effects: What acts on it.
+        """
+        super().__init__()
+        self.calm, self.effects = calm, nn.ModuleList(effects)
+
+    @property
+    def hull(self) -> Ship:
+        """That of the calm-water model."""
+        return self.calm.hull
+
+    @property
+    def memory(self) -> int:
+        """Number of states beyond the six of the ship."""
+        return sum(e.memory for e in self._effects())
+
+    def forward(self, state: Float[Tensor, "*batch n"], inputs: Inputs) -> Float[Tensor, "*batch n"]:
+        """Rate of the state.
+
+        Args:
+            state: u, v, r, x, y, psi and the effects' own states.
+            inputs: Rudder, shaft, wind and time.
+
+        Returns:
+            Its time derivative.
+        """
+        s, motion = self._seen(state, inputs)
+        acceleration, own = s.nudot, []
+        for effect, memory in self._memories(state):
+            acceleration = acceleration + effect.acceleration(s, memory)
+            motion = motion + nn.functional.pad(effect.stream(s), (0, 1))
+            own.append(effect.memory_rate(s, memory))
+        return torch.cat([acceleration, motion, *own], dim=-1)
+
+    def start(self, state: Float[Tensor, "*batch 6"], inputs: Inputs) -> Float[Tensor, "*batch n"]:
+        """A state with the effects' own states as on a steady approach.
+
+        Args:
+            state: u, v, r, x, y, psi.
+            inputs: Rudder then.
+
+        Returns:
+            The whole state.
+        """
+        nudot, nominal = torch.zeros_like(state[..., :3]), torch.ones_like(inputs.delta)
+        s = _situation(state, nudot, Inputs(inputs.delta, nominal))
+        return torch.cat([state, *(e.memory_at_start(s) for e in self._effects())], dim=-1)
+
+    def situation(self, state: Float[Tensor, "*batch n"], inputs: Inputs) -> Situation:
+        """What the effects see, accelerations being those of calm water.
+
+        Args:
+            state: u, v, r, x, y, psi and the effects' own states.
+            inputs: Rudder, shaft, wind and time.
+
+        Returns:
+            The situation.
+        """
+        return self._seen(state, inputs)[0]
+
+    def on_approach(self, speed: float) -> "Affected":
+        """The same ship and effects at another approach speed; what effects do follows the ship.
+
+        Args:
+            speed: Approach speed [m/s].
+
+        Returns:
+            A new model.
+        """
+        calm = self.calm.on_approach(speed)
+        return Affected(calm, [_aboard(e, calm.hull) for e in self._effects()])
+
+    def _effects(self) -> list[Effect]:
+        """The effects as such, for the type checker."""
+        return list(self.effects)  # type: ignore[arg-type]
+
+    def _memories(self, state: Tensor) -> list[tuple[Effect, Tensor]]:
+        """Every effect with its part of the state."""
+        parts = state[..., 6:].split([e.memory for e in self._effects()], dim=-1)
+        return list(zip(self._effects(), parts, strict=True))
+
+    def _seen(self, state: Tensor, inputs: Inputs) -> tuple[Situation, Tensor]:
+        """What the effects see, and the motion over ground in still water."""
+        shaft = inputs.shaft
+        if shaft is None:  # what was recorded holds, whatever an engine would make of the shaft
+            shaft = self._shaft(state, inputs)
+        rate = self.calm(state[..., :6], replace(inputs, shaft=shaft))
+        shaft = torch.ones_like(inputs.delta) if shaft is None else shaft
+        return _situation(state, rate[..., :3], replace(inputs, shaft=shaft)), rate[..., 3:]
+
+    def _shaft(self, state: Tensor, inputs: Inputs) -> Tensor | None:
+        """Shaft speed that the engines among the effects make, over the nominal one; None if there is no engine."""
+        engines = [(e, own) for e, own in self._memories(state) if type(e).shaft is not Effect.shaft]
+        if not engines:
+            return None
+        shaft = torch.ones_like(inputs.delta)
+        s = _situation(state, torch.zeros_like(state[..., :3]), replace(inputs, shaft=shaft))
+        for effect, own in engines:
+            shaft = shaft * effect.shaft(s, own)
+        return shaft
+
+
+def _situation(state: Tensor, nudot: Tensor, inputs: Inputs) -> Situation:
+    """What effects see at a state, its calm-water accelerations and inputs with a shaft speed."""
+    x, y, psi = state[..., 3:6].unbind(-1)
+    time = torch.zeros_like(inputs.delta) if inputs.time is None else inputs.time
+    assert inputs.shaft is not None
+    return Situation(state[..., :3], nudot, x, y, psi, inputs.delta, inputs.shaft, time)
+
+
+def _aboard(effect: Effect, ship: Ship) -> Effect:
+    """The same effect with the same values and choices on another ship."""
+    moved = effect.at(effect.values)
+    moved._ship = [ship]
+    return moved
+
+
+class RudderGear:
+    """From the helm's order and the angle that the rudder indicator shows to the rudder blade: the faults in between.
+
+    In a sound gear the blade is where the indicator shows it.
+    """
+
+    def __init__(self, faults: Sequence[Effect] = ()) -> None:
+        """Say what is wrong with it.
+
+        Args:
+            faults: Effects in the order in which they act; those that do not touch the rudder are passed over.
+        """
+        self._faults = [e for e in faults if type(e).blade is not Effect.blade]
+        self._recorders = [e for e in faults if type(e).indicated is not Effect.indicated]
+
+    def after(
+        self,
+        before: Float[Tensor, "*batch k"],
+        order: Float[Tensor, "*batch"],
+        shown: Float[Tensor, "*batch"],
+        elapsed: Float[Tensor, "*batch"],
+    ) -> Float[Tensor, "*batch k"]:
+        """Rudder angles behind every fault in turn after a time in which the indicator moved evenly.
+
+        Args:
+            before: The angles at the start of the time, one column a fault [rad].
+            order: Helm order during it [rad].
+            shown: Indicated angle at its end [rad].
+            elapsed: The time [s].
+
+        Returns:
+            The angles at its end [rad]; the last column is that of the blade.
+        """
+        angles = []
+        for k, fault in enumerate(self._faults):
+            shown = fault.blade(before[..., k], order, shown, elapsed)
+            angles.append(shown)
+        return torch.stack(angles or [shown], dim=-1)
+
+    def at_rest(self, delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch k"]:
+        """What :meth:`after` tends to when the helm has stood still for long.
+
+        Args:
+            delta: Order and indicated angle [rad].
+
+        Returns:
+            The angles behind the indicator, one column a fault [rad].
+        """
+        before = torch.stack([delta] * max(len(self._faults), 1), dim=-1)
+        return self.after(before, delta, delta, torch.full_like(delta, AT_REST_S))
+
+    def indicated(self, recorded: Float[Tensor, "*batch n"], time: Float[Tensor, " n"]) -> Float[Tensor, "*batch n"]:
+        """What the rudder indicator showed: every effect's record undone, the last one's first.
+
+        Args:
+            recorded: Recorded rudder angle [rad].
+            time: Sample times since the start of the recording [s].
+
+        Returns:
+            Indicated angle at these times [rad].
+        """
+        for effect in reversed(self._recorders):
+            recorded = effect.indicated(recorded, time)
+        return recorded
+
+
+class Recorder:
+    """What the recorder writes of a moving ship; u and v are no sensor's."""
+
+    def __init__(self, acting: Affected | None = None) -> None:
+        """Say what acts.
+
+        Args:
+            acting: The model with its effects; None records nothing beside the state.
+        """
+        self._acting = acting
+
+    def record(
+        self,
+        states: Float[Tensor, "*batch n"],
+        rates: Float[Tensor, "*batch n"],
+        shown: Float[Tensor, "*batch"],
+        inputs: Inputs,
+    ) -> dict[str, Tensor]:
+        """What perfect sensors would write, changed by every effect in turn.
+
+        Args:
+            states: Whole states, time in the last batch dimension.
+            rates: Their rates.
+            shown: Indicated rudder angle [rad].
+            inputs: Rudder blade, shaft, wind and time.
+
+        Returns:
+            x, y [m], vn, ve (over ground) [m/s], psi [rad], r [rad/s], u_log [m/s], delta [rad] and shaft [-]; nothing
+            without effects.
+        """
+        if self._acting is None:
+            return {}
+        s = self._acting.situation(states, inputs)
+        north, east = rates[..., 3:5].unbind(-1)
+        channels = {"x": s.x, "y": s.y, "vn": north, "ve": east, "psi": s.psi, "r": s.r, "u_log": s.u}
+        channels |= {"delta": shown, "shaft_recorded": s.shaft}
+        for effect in self._acting.effects:
+            channels = effect.record(channels, s)  # type: ignore[operator]
+        return {"shaft" if name == "shaft_recorded" else name: values for name, values in channels.items()}
+
+
+@dataclass(frozen=True)
+class Vessel:
+    """What solvers take: a model, its steering gear and its sensors.
+
+    Attributes:
+        calm: The calm-water model: a reference ship or an identified one.
+        effects: What acts on it, on its steering gear and on its sensors.
+    """
+
+    calm: Model
+    effects: Sequence[Effect] = ()
+
+    @cached_property
+    def model(self) -> Model:
+        """The equations of motion, with the effects where there are some."""
+        return Affected(self.calm, self.effects) if self.effects else self.calm
+
+    @cached_property
+    def gear(self) -> RudderGear:
+        """From orders to the rudder blade."""
+        return RudderGear(self.effects)
+
+    @cached_property
+    def sensors(self) -> Recorder:
+        """What is written down."""
+        return Recorder(self.model if isinstance(self.model, Affected) else None)
+
+    def on_approach(self, speed: float) -> "Vessel":
+        """The same vessel coming in at another speed; what effects do follows the ship.
+
+        Args:
+            speed: Approach speed [m/s].
+
+        Returns:
+            A new vessel.
+        """
+        calm = self.calm.on_approach(speed)
+        return Vessel(calm, [_aboard(e, calm.hull) for e in self.effects])
+
+
+def as_vessel(ship: Model | Vessel) -> Vessel:
+    """A vessel as it is; a model with a sound steering gear and nothing recorded beside its state.
+
+    Args:
+        ship: Either.
+
+    Returns:
+        The vessel.
+    """
+    return ship if isinstance(ship, Vessel) else Vessel(ship)
+
+
+def in_words(effects: Sequence[Effect]) -> str:
+    """What acts on a ship, with its values.
+
+    Args:
+        effects: What acts, at least one.
+
+    Returns:
+        ``a steady wind (speed=12 m/s, from_deg=90) and ...``; parameters of the formula where they are not the usual.
+    """
+    said = []
+    for effect in effects:
+        pairs = zip(effect.declared, effect.values.tolist(), strict=True)
+        given = [
+            f"{p.name}={value:g}" + ("" if p.name.endswith(f"_{p.unit}") or p.unit == "-" else f" {p.unit}")
+            for p, value in pairs
+            if not (p.form and value == p.null)
+        ]
+        said.append(f"{effect.label} ({', '.join(given)})")
+    return " and ".join([", ".join(said[:-1]), said[-1]] if said[1:] else said)

@@ -1,0 +1,242 @@
+"""Coefficients that were fitted to recordings: symbols, intervals, and how much the recordings say about each."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import factorial, prod
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.ship import Ship
+from manoeuvre_nn.estimation.derivatives import coefficient_name
+
+EQUATIONS = "XYN"
+TAYLOR, PLAIN, OWN = "taylor", "plain", "own"
+"""What coefficients are: derivatives about the approach, factors of products, or those of a ship's own source."""
+MEASURED, PARTLY, PRIOR = "measured", "partly", "prior"
+MEASURED_SHARE, PARTLY_SHARE = 0.75, 0.1
+"""Share by which the recordings narrow a coefficient for it to be called measured, and partly measured."""
+REACH = 1.96
+"""Half of a 95 % interval over the standard error."""
+ABOUT_APPROACH = {"1", "a", "v", "r", "d"}
+"""Variables of a Taylor series about the approach."""
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """Coefficients of products with their uncertainty, in the (rho, L, T, U0) system unless they are a ship's own.
+
+    Only ratios of forces to inertia show in free motion: the coefficients belong to :attr:`inertia`.
+
+    Attributes:
+        names: Output (0 X, 1 Y, 2 N) and product of each.
+        values: Factors of the products.
+        covariance: Of them.
+        mean: What they were before any run was seen.
+        spread: Standard deviation of that.
+        inertia: M' in the (rho, L, T, U0) system that forces were divided by.
+        form: :data:`TAYLOR`, :data:`PLAIN` or :data:`OWN`.
+    """
+
+    names: tuple[tuple[int, str], ...]
+    values: Float[np.ndarray, " p"]
+    covariance: Float[np.ndarray, "p p"]
+    mean: Float[np.ndarray, " p"]
+    spread: Float[np.ndarray, " p"]
+    inertia: Float[np.ndarray, "3 3"]
+    form: str = PLAIN
+
+    @property
+    def errors(self) -> Float[np.ndarray, " p"]:
+        """Standard errors."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    @property
+    def in_prior_units(self) -> Float[np.ndarray, "p p"]:
+        """Covariance over that of before: 1 is nothing learnt, whatever the scales."""
+        return self.covariance / self.spread[:, None] / self.spread
+
+    @property
+    def determined(self) -> float:
+        """How many combinations of coefficients the recordings fix: ``sum(1 - eigenvalue)``."""
+        return float(len(self.values) - np.trace(self.in_prior_units))
+
+    @property
+    def symbols(self) -> tuple[str, ...]:
+        """Symbol of each."""
+        return tuple(symbol(o, t, self.form) for o, t in self.names)
+
+    def with_inertia(self, inertia: Float[np.ndarray, "3 3"]) -> "Fitted":
+        """What the same motion says if the ship's inertia is another: ``f = M M_fit^-1 f_fit``.
+
+        Y and N are mixed where both have the product; the part for which the other lacks it has no name and is left
+        out.
+
+        Args:
+            inertia: M' in the (rho, L, T, U0) system.
+
+        Returns:
+            Coefficients, and their prior, for that inertia.
+
+        Raises:
+            InputError: If the coefficients are in a system of the ship's own.
+        """
+        if self.form == OWN:
+            raise InputError("inertia=: coefficients of a ship's own source belong to its own inertia; leave it out")
+        mixing = inertia @ np.linalg.inv(self.inertia)
+        alike = np.array([[a[1] == b[1] for b in self.names] for a in self.names])
+        outputs = np.array([o for o, _ in self.names])
+        change = np.where(alike, mixing[outputs[:, None], outputs], 0.0)
+        spread = np.sqrt(np.square(change) @ np.square(self.spread))
+        return Fitted(
+            self.names, change @ self.values, change @ self.covariance @ change.T, change @ self.mean, spread, inertia,
+            self.form,
+        )  # fmt: skip
+
+    def as_dict(self) -> dict[str, Any]:
+        """What ``coefficients.json`` keeps for others to go on with.
+
+        Returns:
+            Plain numbers and strings.
+        """
+        arrays = ("values", "covariance", "mean", "spread", "inertia")
+        return {"names": [list(n) for n in self.names], "form": self.form} | {
+            k: getattr(self, k).tolist() for k in arrays
+        }
+
+
+def approach_inertia(ship: Ship) -> Float[np.ndarray, "3 3"]:
+    """A ship's inertia in the (rho, L, T, U0) system.
+
+    Args:
+        ship: The ship.
+
+    Returns:
+        M'.
+    """
+    p = ship.particulars
+    ratio = ship.prime.mass / (0.5 * p.rho * p.length**2 * p.draught)
+    return ship.inertia.detach().double().numpy() * ratio
+
+
+def fitted_from(stored: Mapping[str, Any]) -> Fitted:
+    """Take up what :meth:`Fitted.as_dict` wrote.
+
+    Args:
+        stored: The dict.
+
+    Returns:
+        The coefficients.
+
+    Raises:
+        InputError: If something is missing or of the wrong size.
+    """
+    try:
+        names = tuple((int(o), str(t)) for o, t in stored["names"])
+        arrays = {k: np.array(stored[k], dtype=float) for k in ("values", "covariance", "mean", "spread", "inertia")}
+        form = str(stored["form"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"coefficients: {error} is missing or no list of numbers; fit again") from error
+    p = len(names)
+    shapes = {"values": (p,), "covariance": (p, p), "mean": (p,), "spread": (p,), "inertia": (3, 3)}
+    for key, shape in shapes.items():
+        if arrays[key].shape != shape:
+            raise InputError(f"coefficients: {key} has shape {arrays[key].shape}, expected {shape}; fit again")
+    return Fitted(names, form=form, **arrays)
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """One row of the table.
+
+    Attributes:
+        symbol: Such as ``Y_v|v|`` or ``N_dnn``.
+        value: Factor of the product; for a Taylor series the derivative, ``Y_vvv`` of ``Y_vvv v^3 / 6``.
+        error: Its standard error.
+        prior: What it was before any run was seen.
+        prior_error: Standard deviation of that.
+        factor: Factor of the bare product; the same unless it is a derivative.
+    """
+
+    symbol: str
+    value: float
+    error: float
+    prior: float
+    prior_error: float
+    factor: float
+
+    @property
+    def low(self) -> float:
+        """Lower end of the 95 % interval."""
+        return self.value - REACH * self.error
+
+    @property
+    def high(self) -> float:
+        """Upper end of the 95 % interval."""
+        return self.value + REACH * self.error
+
+    @property
+    def learnt(self) -> float:
+        """How much the recordings narrowed it: 0 not at all, 1 wholly."""
+        return max(0.0, 1 - self.error / self.prior_error)
+
+    @property
+    def word(self) -> str:
+        """``measured``, ``partly`` or ``prior``."""
+        return MEASURED if self.learnt >= MEASURED_SHARE else PARTLY if self.learnt >= PARTLY_SHARE else PRIOR
+
+
+def coefficient_table(fitted: Fitted) -> list[Coefficient]:
+    """All coefficients.
+
+    Args:
+        fitted: The coefficients.
+
+    Returns:
+        One row each, in the order of the names.
+    """
+    rows = []
+    for k, (name, value, error) in enumerate(zip(fitted.names, fitted.values, fitted.errors, strict=True)):
+        times = _factorials(name[1]) if fitted.form == TAYLOR else 1.0
+        estimate, wide, prior, before = (float(times * x) for x in (value, error, fitted.mean[k], fitted.spread[k]))
+        rows.append(Coefficient(fitted.symbols[k], estimate, wide, prior, before, float(value)))
+    return rows
+
+
+def form_of(terms: Sequence[str]) -> str:
+    """What the coefficients of a series are.
+
+    Args:
+        terms: Its products, wind aside.
+
+    Returns:
+        :data:`TAYLOR` if they are those of a Taylor series about the approach, else :data:`PLAIN`.
+    """
+    calm = [t.split() for t in terms if "w" not in t]
+    return TAYLOR if all(set(t) <= ABOUT_APPROACH for t in calm) else PLAIN
+
+
+def symbol(output: int, term: str, form: str = PLAIN) -> str:
+    """A coefficient's symbol, d for the rudder angle.
+
+    Args:
+        output: 0 X, 1 Y, 2 N.
+        term: Variables parted by blanks.
+        form: What it is; derivatives have ITTC's symbols, with u for the deviation from the approach.
+
+    Returns:
+        ``Y_vvd``, ``Y_v|v|``, ``N_dnn``.
+    """
+    tokens = term.split()
+    if form == TAYLOR and set(tokens) <= ABOUT_APPROACH:
+        return coefficient_name(EQUATIONS[output], "".join(tokens).replace("1", "0").replace("a", "u"))
+    return f"{EQUATIONS[output]}_{''.join(tokens).replace('1', '0')}"
+
+
+def _factorials(term: str) -> float:
+    """Derivative over the factor of its product: 6 for ``v v v``."""
+    counts = Counter(t for t in term.split() if t != "1")
+    return float(prod(factorial(n) for n in counts.values()))

@@ -1,0 +1,208 @@
+"""What a calm-water model may be wrong by, coefficient by coefficient, and the model with such errors taken out."""
+
+from math import prod
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from manoeuvre_nn.core.inputs import Inputs
+from manoeuvre_nn.core.ship import Ship
+from manoeuvre_nn.dynamics.base import Model, calm_accelerations
+
+SURGE_TERMS = ("uu", "vv", "rr", "dd", "vr", "vd", "rd", "uvv", "uvr", "udd")
+LATERAL_TERMS = (
+    *("vV", "rR", "vvv", "vvr", "vrr", "rrr", "vdd", "rdd", "vvd", "rrd", "vrd", "ddd"),
+    *("uv", "ur", "ud", "uuv", "uur", "uud"),
+)
+"""Terms that a published set may lack; a capital letter is a magnitude."""
+TURN = {"u": -0.3, "v": 0.25, "r": 0.7, "d": 0.35}
+"""A tight turn in prime variables: where such a term is weighed."""
+MISSING = 0.6
+"""Size of each such term beside a printed one: one by one they are less likely."""
+USUAL_SCATTER = 0.05
+"""Relative error of a coefficient that one standard error of a fit counts for: see ``COEFFICIENT_SD_PRIOR``."""
+FACTORS = "uvrdVR1"
+"""Factors of terms: prime variables, magnitudes, one."""
+
+
+class Corrections:
+    """Accelerations per unit of every correction: each coefficient by 100 %, terms that are missing, inertias by 100 %.
+
+    A term that the model lacks is weighed by the model's own force in a tight turn. A model that was fitted to
+    recordings and knows how well (:meth:`.Model.sensitivities`) has its coefficients corrected by the standard errors
+    of that fit instead. A model whose forces are no series of coefficients (a network) has its hull and rudder forces
+    corrected equation by equation.
+
+    Attributes:
+        dynamics: The calm-water model.
+        names: One a correction.
+    """
+
+    def __init__(self, dynamics: Model) -> None:
+        """Find out what can be corrected.
+
+        Args:
+            dynamics: The calm-water model.
+        """
+        self.dynamics, hull = dynamics, dynamics.hull
+        p = dynamics.particulars
+        units = hull.inertia.new_tensor([p.speed, p.speed, p.speed / p.length])
+        zero = units[0] * 0
+        uncertain = len(dynamics.sensitivities(torch.nn.functional.pad(units, (0, 3)), Inputs(zero, zero + 1)))
+        self._fitted = uncertain > 0
+        self._table = None if self._fitted else hull.table
+        self._entries = [] if self._table is None else [tuple(e) for e in torch.nonzero(self._table).tolist()]
+        names = ["XYN"[e] + (hull.terms[t] or "0") for t, e in self._entries]
+        if self._fitted:
+            names = [f"fit {k + 1}" for k in range(uncertain)]
+        elif self._table is None:
+            names = [f"{e}{part}" for part in ("hull", "rudder") for e in "XYN"]
+        self._missing = [
+            (e, term) for e, terms in enumerate((SURGE_TERMS, LATERAL_TERMS, LATERAL_TERMS)) for term in terms
+        ]
+        self.names = names + [f"{'XYN'[e]}+{term}" for e, term in self._missing] + ["Mu", "Mv", "Mr"]
+        hard = units * units.new_tensor([1 + TURN["u"], -TURN["v"], TURN["r"]])
+        d = units.new_tensor(TURN["d"])
+        with torch.no_grad():
+            total = calm_accelerations(dynamics, hard, d)
+            rudder = total - calm_accelerations(dynamics, hard, torch.zeros_like(d))
+        self._units = units
+        size = (float(0.5 * total[0].abs()), float(rudder[1].abs()), float(rudder[2].abs()))
+        # Where each entry of the table stands, and each missing term as three of the factors of `_factors`.
+        self._at = units.new_tensor(self._entries).long().reshape(-1, 2).T
+        self._letters = torch.tensor([[FACTORS.index(f) for f in term.ljust(3, "1")] for _, term in self._missing])
+        there = [prod(abs(TURN[f.lower()]) for f in term) for _, term in self._missing]
+        weights = [MISSING * size[e] / scale for (e, _), scale in zip(self._missing, there, strict=True)]
+        self._weights = units.new_tensor(weights)[:, None] * torch.eye(3).to(units)[[e for e, _ in self._missing]]
+
+    def __call__(
+        self,
+        nu: Float[Tensor, "*batch 3"],
+        delta: Float[Tensor, "*batch"],
+        shaft: Float[Tensor, "*batch"] | None = None,
+    ) -> Float[Tensor, "*batch k 3"]:
+        """Accelerations per unit of every correction.
+
+        Args:
+            nu: u, v [m/s], r [rad/s].
+            delta: Rudder angle [rad].
+            shaft: Shaft speed over the nominal one [-]; None is nominal.
+
+        Returns:
+            One row a correction.
+        """
+        acceleration = self._rate(nu, delta, shaft)
+        unity = torch.eye(3).to(acceleration)
+        of_model = self._of_model(nu, delta, acceleration, shaft)
+        of_missing = self._terms(nu, delta)[..., None] * self._weights
+        return torch.cat([of_model, of_missing, -acceleration[..., None, :] * unity], dim=-2)
+
+    def together(
+        self,
+        nu: Float[Tensor, "*batch 3"],
+        delta: Float[Tensor, "*batch"],
+        shares: Float[Tensor, " k"],
+        shaft: Float[Tensor, "*batch"] | None = None,
+    ) -> Float[Tensor, "*batch 3"]:
+        """Accelerations of all corrections at given sizes; the sum of the rows, without making them.
+
+        Args:
+            nu: u, v [m/s], r [rad/s].
+            delta: Rudder angle [rad].
+            shares: Size of every correction.
+            shaft: Shaft speed over the nominal one [-]; None is nominal.
+
+        Returns:
+            udot, vdot [m/s^2], rdot [rad/s^2].
+        """
+        hull, acceleration = self.dynamics.hull, self._rate(nu, delta, shaft)
+        first, last = len(shares) - 3 - len(self._missing), len(shares) - 3
+        if self._table is None:
+            changed = (self._of_model(nu, delta, acceleration, shaft) * shares[:first, None]).sum(dim=-2)
+        else:
+            table = torch.zeros_like(self._table)
+            table[self._at[0], self._at[1]] = self._table[self._at[0], self._at[1]] * shares[:first]
+            changed = hull.acceleration_from_force(nu, hull.products(nu, delta) @ table)
+        missing = self._terms(nu, delta) @ (self._weights * shares[first:last, None])
+        return changed + missing - acceleration * shares[last:]
+
+    def _rate(self, nu: Tensor, delta: Tensor, shaft: Tensor | None) -> Tensor:
+        """The model's accelerations. The products of a series of coefficients are those of the nominal shaft speed."""
+        if shaft is None or self._table is not None:
+            return calm_accelerations(self.dynamics, nu, delta)
+        return calm_accelerations(self.dynamics, nu, delta, shaft)
+
+    def _of_model(self, nu: Tensor, delta: Tensor, acceleration: Tensor, shaft: Tensor | None) -> Tensor:
+        """Accelerations by standard deviations of a fit, by coefficients, or by hull and rudder of every equation."""
+        hull, unity = self.dynamics.hull, torch.eye(3).to(acceleration)
+        if self._fitted:
+            shaft = torch.ones_like(acceleration[..., 0]) if shaft is None else shaft
+            state = torch.nn.functional.pad(nu, (0, 3))
+            return self.dynamics.sensitivities(state, Inputs(delta, shaft)) / USUAL_SCATTER
+        if self._table is not None:
+            term, equation = self._at
+            forces = (hull.products(nu, delta)[..., term] * self._table[term, equation])[..., None] * unity[equation]
+        else:
+            calm = hull.force_from_acceleration(self._rate(nu, torch.zeros_like(delta), shaft))
+            rudder = hull.force_from_acceleration(acceleration) - calm
+            forces = torch.cat([part[..., None, :] * unity for part in (calm, rudder)], dim=-2)
+        return hull.acceleration_from_force(nu[..., None, :].expand(forces.shape), forces)
+
+    def _terms(self, nu: Tensor, delta: Tensor) -> Tensor:
+        """Products of factors of the terms that the model lacks."""
+        u, v, r = (nu / self._units).unbind(-1)
+        u = u - 1
+        factors = torch.stack(torch.broadcast_tensors(u, v, r, delta, v.abs(), r.abs(), torch.ones_like(u)), dim=-1)
+        return factors[..., self._letters].prod(dim=-1)
+
+
+class Calibrated(Model):
+    """A calm-water model with its errors taken out, as far as recordings show them.
+
+    Attributes:
+        calm: The model.
+        shares: Size of every correction [-].
+    """
+
+    shares: Tensor
+
+    def __init__(self, calm: Model, shares: Float[Tensor, " k"]) -> None:
+        """Store the corrections.
+
+        Args:
+            calm: The model.
+            shares: Size of every correction, in the order of :attr:`Corrections.names`.
+        """
+        super().__init__()
+        self.calm, self._corrections = calm, Corrections(calm)
+        self.register_buffer("shares", shares)
+
+    @property
+    def hull(self) -> Ship:
+        """That of the model."""
+        return self.calm.hull
+
+    def forward(self, state: Float[Tensor, "*batch n"], inputs: Inputs) -> Float[Tensor, "*batch 6"]:
+        """Rate of the state with the corrections.
+
+        Args:
+            state: u, v, r, x, y, psi.
+            inputs: Rudder, shaft and wind.
+
+        Returns:
+            Its time derivative.
+        """
+        change = self._corrections.together(state[..., :3], inputs.delta, self.shares, inputs.shaft)
+        return self.calm(state, inputs) + torch.nn.functional.pad(change, (0, 3))
+
+    def on_approach(self, speed: float) -> "Calibrated":
+        """The corrected ship at another approach speed.
+
+        Args:
+            speed: Approach speed [m/s].
+
+        Returns:
+            New dynamics.
+        """
+        return Calibrated(self.calm.on_approach(speed), self.shares)

@@ -1,0 +1,331 @@
+"""All fitted runs of a ship, whitened: inner products of any columns of all of them, at every level of noise."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import product
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from manoeuvre_nn.core.effect import Situation
+from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.dynamics.base import Model, calm_accelerations, is_fitted
+from manoeuvre_nn.effect.common import typical as usual
+from manoeuvre_nn.estimation.effect_columns import coefficient_columns, latency_column, situation
+from manoeuvre_nn.estimation.linear_run import Columns, Embedded, IntegratedRun, joined, summed
+from manoeuvre_nn.estimation.linearised_run import LinearisedRun, NoiseLevels, calm_rate, integrated, linearise
+from manoeuvre_nn.estimation.posterior import Posterior, posterior
+from manoeuvre_nn.estimation.smoothed_run import SmootherNoise, smooth
+
+FIRST_NOISE = np.array([0.7, 0.7, 0.04, 0.04, 1.75e-3, 3.5e-4, 0.05, 0.005])
+"""First idea of the channels' noise [m, m, m/s, m/s, rad, rad/s, m/s, -]."""
+PROCESS_LEVELS = (0.003, 0.015, 0.05, 0.15, 0.5)
+"""Levels of the process noise that no hypothesis explains, over the resistance and the force of 20 deg of rudder."""
+SMOOTHER_PROCESS_SD = np.array([0.05, 0.1, 0.1])
+"""Prior standard deviation of the process noise of the smoother, in U0^2/L (yaw: U0^2/L^2)."""
+COEFFICIENT_SD_LEVELS = (0.002, 0.015, 0.03, 0.05, 0.08, 0.2)
+"""Levels of the relative error of the calm-water coefficients."""
+MIN_SIGNAL_TO_NOISE = 0.02
+"""Least signal-to-noise ratio, squared, of a combination of coefficients that is carried along."""
+LATENCY, LATENCY_SD = 0.25, 0.25
+"""Delay of the satellite receiver [s]: mean and s.d. before the recording is seen."""
+
+
+@dataclass(frozen=True)
+class PreparedRun:
+    """A run with what hypotheses about it have in common.
+
+    Attributes:
+        linearised: Its equations about its track.
+        situation: What effects see along the track.
+        noise: S.d. of its channels, their correlation in time taken in.
+        inflation: What that correlation multiplied their variances by.
+        base: Data, coefficients and latency as columns.
+        process: Process noise that the states need [m/s^2, m/s^2, rad/s^2].
+    """
+
+    linearised: LinearisedRun
+    situation: Situation
+    noise: Float[np.ndarray, " 8"]
+    inflation: Float[np.ndarray, " 8"]
+    base: Columns
+    process: Float[np.ndarray, "n 3"]
+
+
+@dataclass(frozen=True)
+class _Level:
+    """All runs at one grid point."""
+
+    white: list[IntegratedRun]
+    base: list[Embedded]
+    base_gram: Float[np.ndarray, "p p"]
+    norm: float
+
+
+class WhitenedDataSet:
+    """Fitted runs, linearised and whitened at a grid of noise levels.
+
+    The columns of the base are: the data, the coefficients (shared by the runs), the latency of each run.
+
+    Attributes:
+        dynamics: Calm-water model.
+        rate: Its accelerations.
+        runs: The runs.
+        coefficients: Names of the combinations of coefficients that the runs can show.
+        rotation: The combinations, one a column: coefficients' errors are ``rotation @`` those of the combinations.
+        levels: Level of the process noise in surge and in sway and yaw, one row a grid point.
+    """
+
+    def __init__(self, dynamics: Model, runs: Sequence[PreparedRun], coefficients: Sequence[str]) -> None:
+        """Take the runs.
+
+        Args:
+            dynamics: Calm-water model.
+            runs: The runs.
+            coefficients: Names of the coefficients.
+        """
+        self.dynamics, self.rate = dynamics, calm_rate(dynamics)
+        self.runs, self.coefficients = list(runs), list(coefficients)
+        self.rotation = np.eye(len(self.coefficients))
+        self.unit = typical(dynamics)
+        self.levels = np.array(list(product(PROCESS_LEVELS, PROCESS_LEVELS)))
+        self._at: dict[int, _Level] = {}
+        self._turn()
+
+    def _turn(self) -> None:
+        """Keep the combinations of coefficients that the runs can show; the prior is the same in all directions."""
+        k = len(self.coefficients)
+        values, vectors = np.linalg.eigh(self._made(0).base_gram[1 : 1 + k, 1 : 1 + k])
+        self.rotation = vectors[:, values * COEFFICIENT_SD_LEVELS[-1] ** 2 > MIN_SIGNAL_TO_NOISE]
+        self.coefficients = [f"combination {n + 1}" for n in range(self.rotation.shape[1])]
+        self.runs = [replace(p, base=_turned(p.base, self.rotation)) for p in self.runs]
+
+    def at(self, level: int) -> "_Level":
+        """The runs whitened at a grid point; made when it is first asked for.
+
+        Args:
+            level: Grid point.
+
+        Returns:
+            Whitened runs, their embedded base columns and what follows from them.
+        """
+        if level not in self._at:
+            self._at[level] = self._made(level)
+        return self._at[level]
+
+    def _made(self, level: int) -> "_Level":
+        """Whiten all runs at a grid point."""
+        start = start_spread(self.dynamics.particulars)
+        process_sd = self.levels[level][[0, 1, 1]] * self.unit
+        white = [
+            integrated(run.linearised, NoiseLevels(run.noise, process_sd, process_time(self.dynamics)), start)
+            for run in self.runs
+        ]
+        base = [w.embed(p.base) for w, p in zip(white, self.runs, strict=True)]
+        g = summed([e.dot(e) for e in base], [self.base_index(k) for k in range(len(base))], self.size)
+        return _Level(white, base, g, sum(w.log_norm for w in white))
+
+    @property
+    def size(self) -> int:
+        """Number of base columns: data, coefficients, one latency a run."""
+        return 1 + len(self.coefficients) + len(self.runs)
+
+    def base_index(self, run: int) -> Int[np.ndarray, " k"]:
+        """Where a run's base columns stand among those of all runs.
+
+        Args:
+            run: Number of the run.
+
+        Returns:
+            Indices.
+        """
+        shared = np.arange(1 + len(self.coefficients))
+        return np.append(shared, 1 + len(self.coefficients) + run)
+
+    def gram(
+        self, level: int, extra: Sequence[Embedded], index: Sequence[Int[np.ndarray, " k"]], count: int
+    ) -> Float[np.ndarray, "p p"]:
+        """Inner products of base and extra columns over all runs.
+
+        Args:
+            level: Grid point.
+            extra: Further columns of each run, embedded at it.
+            index: Where each run's extra columns stand among ``count``.
+            count: Number of extra columns of all runs.
+
+        Returns:
+            Base first, then the extra ones.
+        """
+        n, here = self.size, self.at(level)
+        g = np.zeros((n + count,) * 2)
+        g[:n, :n] = here.base_gram
+        for run, (more, at) in enumerate(zip(extra, index, strict=True)):
+            g[np.ix_(self.base_index(run), n + at)] += here.base[run].dot(more)
+            g[np.ix_(n + at, n + at)] += more.dot(more)
+        g[n:, :n] = g[:n, n:].T
+        return g
+
+    def embedded(self, level: int, columns: Sequence[Columns]) -> list[Embedded]:
+        """Columns of each run whitened.
+
+        Args:
+            level: Grid point.
+            columns: Of each run.
+
+        Returns:
+            One a run.
+        """
+        return [white.embed(c) for white, c in zip(self.at(level).white, columns, strict=True)]
+
+    def posterior(
+        self, gram: Float[np.ndarray, "p p"], norm: float, data: Float[np.ndarray, " p"], numbers: Sequence[float] = ()
+    ) -> Posterior:
+        """What the runs say of coefficients, latencies and numbers, at every level of the coefficients' prior.
+
+        Args:
+            gram: Inner products; these unknowns stand last.
+            norm: Log normaliser.
+            data: What is to be explained, as a combination of all columns.
+            numbers: Prior standard deviations of the numbers.
+
+        Returns:
+            The posterior.
+        """
+        prior = np.r_[np.ones(len(self.coefficients)), np.full(len(self.runs), LATENCY_SD), np.array(numbers)]
+        return posterior(gram, norm, prior, data, COEFFICIENT_SD_LEVELS, len(self.coefficients))
+
+
+def _turned(base: Columns, rotation: Float[np.ndarray, "k kept"]) -> Columns:
+    """Base columns with the coefficients' combined."""
+    k = len(rotation)
+
+    def turn(a: np.ndarray) -> np.ndarray:
+        return np.concatenate([a[..., :1], a[..., 1 : 1 + k] @ rotation, a[..., 1 + k :]], axis=-1)
+
+    return Columns(turn(base.measured), turn(base.moved))
+
+
+def quiet(level: int) -> int:
+    """A force level at which hypotheses must explain what the coloured force explained at another.
+
+    Args:
+        level: Grid point that calm water needs.
+
+    Returns:
+        The grid point, neither of its levels above the second.
+    """
+    side = len(PROCESS_LEVELS)
+    return min(level // side, 1) * side + min(level % side, 1)
+
+
+def typical(dynamics: Model) -> Float[np.ndarray, " 3"]:
+    """Accelerations that are large in a manoeuvre: by the resistance in surge, by 20 deg of rudder in sway and yaw.
+
+    Args:
+        dynamics: Calm-water model.
+
+    Returns:
+        [m/s^2, m/s^2, rad/s^2].
+    """
+    return usual(dynamics.hull, partial(calm_accelerations, dynamics)).numpy()
+
+
+def process_time(dynamics: Model) -> float:
+    """Correlation time of what no hypothesis explains: the time in which the ship sails its length.
+
+    Args:
+        dynamics: Calm-water model.
+
+    Returns:
+        Time [s].
+    """
+    return dynamics.particulars.time_unit
+
+
+def start_spread(ship: Particulars) -> Float[np.ndarray, " 6"]:
+    """Prior standard deviation of a first state about the track.
+
+    Args:
+        ship: The ship.
+
+    Returns:
+        u, v [m/s], r [rad/s], x, y [m], psi [rad].
+    """
+    east = float(ship.sized([50.0], [1.0])[0])
+    return np.array([0.3 * ship.speed, 0.3 * ship.speed, 0.3 * ship.speed / ship.length, east, east, 0.3])
+
+
+def whitened_data_set(dynamics: Model, runs: Sequence[Recording]) -> WhitenedDataSet:
+    """Find states and noise of runs, linearise and whiten.
+
+    Args:
+        dynamics: Calm-water model.
+        runs: The fitted runs.
+
+    Returns:
+        The data set.
+    """
+    prepared: list[PreparedRun] = []
+    names: list[str] = []
+    for run in runs:
+        one, names = prepared_run(dynamics, run)
+        prepared.append(one)
+    return WhitenedDataSet(dynamics, prepared, names)
+
+
+def prepared_run(dynamics: Model, run: Recording) -> tuple[PreparedRun, list[str]]:
+    """One run made ready.
+
+    Args:
+        dynamics: Calm-water model.
+        run: The run.
+
+    Returns:
+        Its place and the coefficients' names.
+    """
+    rate, p = calm_rate(dynamics), dynamics.particulars
+    unit = p.speed**2 / p.length * np.array([1.0, 1.0, 1.0 / p.length])
+    least = 0.2 * FIRST_NOISE
+    if is_fitted(dynamics):  # recordings are trusted as they were when the model was fitted
+        u, v, r, x, y, psi = dynamics.noise.tolist()
+        least[:6] = x, y, u, v, psi, r
+    wide = SmootherNoise(FIRST_NOISE, least, SMOOTHER_PROCESS_SD * unit, process_time(dynamics))
+    found = smooth(run, rate, wide, p)
+    slow = np.where((found.noise > least) | (not is_fitted(dynamics)), found.inflation, 1.0)
+    return _prepared(dynamics, found.linearised, found.noise * np.sqrt(slow), slow, found.process)
+
+
+def about_states(
+    dynamics: Model, prepared: PreparedRun, track: Float[np.ndarray, "n 6"]
+) -> tuple[PreparedRun, list[str]]:
+    """The same run about another track.
+
+    Args:
+        dynamics: Calm-water model.
+        prepared: The run.
+        track: u, v, r, x, y, psi.
+
+    Returns:
+        Its new place and the coefficients' names.
+    """
+    linearised = linearise(prepared.linearised.run, calm_rate(dynamics), track, process_time(dynamics))
+    return _prepared(dynamics, linearised, prepared.noise, prepared.inflation, prepared.process)
+
+
+def _prepared(
+    dynamics: Model,
+    linearised: LinearisedRun,
+    noise: Float[np.ndarray, " 8"],
+    inflation: Float[np.ndarray, " 8"],
+    process: Float[np.ndarray, "n 3"],
+) -> tuple[PreparedRun, list[str]]:
+    """A run's base columns about its track."""
+    s = situation(linearised, calm_rate(dynamics))
+    coefficients, names = coefficient_columns(dynamics, linearised, s)
+    latency = latency_column(linearised)
+    # The unknown is the latency's deviation from its prior mean.
+    centred = joined([linearised.data, latency]).combined(np.array([1.0, -LATENCY]))
+    base = joined([centred, coefficients, latency])
+    return PreparedRun(linearised, s, noise, inflation, base, process), names

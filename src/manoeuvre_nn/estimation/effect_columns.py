@@ -1,0 +1,271 @@
+"""What effects, coefficients and sensors add to a run: columns of its linear equations."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from scipy.linalg import expm
+from torch import Tensor
+
+from manoeuvre_nn.core.channels import MEASURED
+from manoeuvre_nn.core.effect import Effect, Situation
+from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.dynamics.base import Model
+from manoeuvre_nn.estimation.corrections import Corrections
+from manoeuvre_nn.estimation.linear_run import Columns
+from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, shown
+
+
+def situation(linearised: LinearisedRun, rate: Rate) -> Situation:
+    """What effects see along a run's track.
+
+    Args:
+        linearised: The run about its track.
+        rate: Accelerations of the calm-water model.
+
+    Returns:
+        The situation at all samples.
+    """
+    run = linearised.run
+    state, delta = torch.tensor(linearised.track), torch.tensor(run["delta"])
+    shaft = torch.tensor(run["shaft"])
+    nu = state[:, :3]
+    with torch.no_grad():
+        return Situation(nu, rate(nu, delta, shaft), *state[:, 3:6].unbind(-1), delta, shaft, torch.tensor(run.time))  # type: ignore[call-arg]
+
+
+def contribution(
+    effect: Effect,
+    values: Float[np.ndarray, "k p"],
+    linearised: LinearisedRun,
+    rate: Rate,
+    s: Situation,
+    blade: Float[Tensor, "k n"] | None = None,
+) -> Columns:
+    """What an effect adds to a run, for several sets of parameter values at once.
+
+    Args:
+        effect: The effect.
+        values: Parameter values, one set a row.
+        linearised: The run about its track.
+        rate: Accelerations of the calm-water model.
+        s: The situation along the track.
+        blade: Angle of the blade for each set (:func:`blades`); None finds it.
+
+    Returns:
+        One column a set.
+    """
+    with torch.no_grad():
+        acting = effect.at(s.nu.new_tensor(values)[:, None, :])
+        rows, n = len(values), len(linearised.run)
+        acceleration = s.nu.new_zeros(rows, n, 3)
+        if blade is None:
+            (blade,) = blades(effect, [values], [linearised.run])
+        if blade is not None:
+            here = s.with_(delta=blade)
+            acceleration = acceleration + rate(s.nu.expand(rows, n, 3), blade, s.shaft) - s.nudot
+        else:
+            here = s
+        memory = _memory(acting, s, rows, linearised.run.step)
+        shaft = acting.shaft(here, memory)
+        if type(effect).shaft is not Effect.shaft and bool((s.shaft == 1).all()):
+            acceleration = acceleration + rate(s.nu.expand(rows, n, 3), s.delta, shaft.expand(rows, n)) - s.nudot
+        acceleration = acceleration + acting.acceleration(here, memory)
+        stream = acting.stream(here).expand(rows, n, 2)
+        moved = moved_by(acceleration, stream, linearised)
+        seen = s.with_(shaft=shaft.expand(rows, n))
+        return Columns(_recorded(acting, linearised, seen, rows), moved.permute(1, 2, 0).numpy())
+
+
+def blades(
+    effect: Effect, tables: Sequence[Float[np.ndarray, "k p"]], runs: Sequence[Recording]
+) -> list[Float[Tensor, "k n"] | None]:
+    """Angle of the blade at all samples of several runs behind one effect, for several sets of values at once.
+
+    A blade that remembers is followed from sample to sample, all runs and sets together.
+
+    Args:
+        effect: The effect.
+        tables: Parameter values of each run, one set a row.
+        runs: The runs.
+
+    Returns:
+        One table of angles a run; None if the effect leaves the blade as indicated.
+    """
+    shown = [torch.tensor(run["delta"]).expand(len(table), -1) for run, table in zip(runs, tables, strict=True)]
+    with torch.no_grad():
+        if type(effect).indicated is not Effect.indicated:
+            acting = [effect.at(torch.tensor(table)[:, None, :]) for table in tables]
+            return [a.indicated(d, torch.tensor(r.time)) for a, d, r in zip(acting, shown, runs, strict=True)]
+        if type(effect).blade is Effect.blade:
+            return [None] * len(runs)
+        return list(_behind(effect, [torch.tensor(table) for table in tables], runs, shown))
+
+
+def blade_along(acting: Effect, run: Recording, shown: Float[Tensor, "rows n"]) -> Float[Tensor, "rows n"]:
+    """Angle of the blade at all samples of a run behind one effect.
+
+    Args:
+        acting: The effect; values of one row each.
+        run: The run, for its orders and the times at which they were given.
+        shown: What the effect is shown: the indicated angle, or the blade behind another effect [rad].
+
+    Returns:
+        Blade angle [rad].
+    """
+    values = acting.values.reshape(-1, len(acting.declared)).expand(len(shown), -1)
+    return _behind(acting, [values], [run], [shown])[0]
+
+
+def _behind(
+    effect: Effect, values: Sequence[Tensor], runs: Sequence[Recording], shown: Sequence[Tensor]
+) -> list[Float[Tensor, "rows n"]]:
+    """The blade behind an effect: what is shown, and what the fault adds to it."""
+    # A last row of each run has the effect vanish: orders say only roughly what the gear should have done.
+    counts, longest = [len(d) + 1 for d in shown], max(len(r) for r in runs)
+    every = torch.cat([torch.cat([v, effect.null().to(v)[None]]) for v in values])
+
+    def table(rows: Sequence[Tensor]) -> Tensor:
+        """Rows of all runs, the shorter ones held at their ends."""
+        wide = [torch.cat([r, r[..., -1:].expand(*r.shape[:-1], longest - r.shape[-1])], dim=-1) for r in rows]
+        return torch.cat([r.expand(k, -1) for r, k in zip(wide, counts, strict=True)])
+
+    order, lead = (table([torch.tensor(r[name]) for r in runs]) for name in ("delta_order", "order_lead"))
+    step = torch.cat([torch.full((k, 1), r.step, dtype=every.dtype) for k, r in zip(counts, runs, strict=True)])
+    indicated = table([torch.cat([d, d[:1]]) for d in shown])
+    made = _followed(effect.at(every[:, None, :]), order, lead, step, indicated).split(counts)
+    return [d + m[:-1, : d.shape[-1]] - m[-1:, : d.shape[-1]] for d, m in zip(shown, made, strict=True)]
+
+
+def _followed(acting: Effect, order: Tensor, lead: Tensor, step: Tensor, shown: Tensor) -> Float[Tensor, "rows n"]:
+    """Angle behind an effect as it computes it, from sample to sample if it remembers."""
+    held = torch.cat([order[:, :1], order[:, :-1]], dim=-1)
+    here = acting.blade(shown, held, shown, step).expand(shown.shape)
+    if torch.equal(here, acting.blade(shown + 1.0, held, shown, step).expand(shown.shape)):
+        return here  # it has no memory
+    # Where a new order came within the step it is cut there: the old order first, then the new one.
+    came = lead > 0
+    before = torch.cat([shown[:, :1], shown[:, :-1]], dim=-1)
+    parts = (held, torch.where(came, before, shown), (1 - lead) * step, order, shown, lead * step, came)
+    first, *rest = zip(*(p.split(1, dim=-1) for p in parts), strict=True)
+    angles = [acting.blade(shown[:, :1], first[3], shown[:, :1], 0 * step).expand(step.shape)]
+    for (old, seen, elapsed, new, now, left, cut), some in zip(rest, came.any(dim=0).tolist()[1:], strict=True):
+        angle = acting.blade(angles[-1], old, seen, elapsed).expand(step.shape)
+        if some:
+            angle = torch.where(cut, acting.blade(angle, new, now, left).expand(step.shape), angle)
+        angles.append(angle)
+    return torch.cat(angles, dim=-1)
+
+
+def _memory(acting: Effect, s: Situation, rows: int, step: float) -> Tensor:
+    """The effect's own states along the track; their equations are linear in them, with constant factors."""
+    size = acting.memory
+    still = s.nu.new_zeros(rows, len(s.psi), size)
+    if not size:
+        return still
+    forcing = acting.memory_rate(s, still).expand(still.shape)
+    units = torch.eye(size, dtype=still.dtype)
+    matrix = torch.stack(
+        [(acting.memory_rate(s, still + e).expand(still.shape) - forcing)[:, 0] for e in units], dim=-1
+    ).numpy()
+    start = acting.memory_at_start(s).expand(still.shape)[:, 0].numpy()
+    drive = forcing.numpy()
+    result = np.empty(still.shape)
+    for row in range(rows):
+        whole = expm(np.block([[matrix[row] * step, np.eye(size) * step], [np.zeros((size, 2 * size))]]))
+        free, forced = whole[:size, :size], whole[:size, size:]
+        mean = 0.5 * (drive[row, 1:] + drive[row, :-1]) @ forced.T
+        m = start[row]
+        result[row, 0] = m
+        for k in range(len(mean)):
+            m = free @ m + mean[k]
+            result[row, k + 1] = m
+    return torch.tensor(result)
+
+
+def moved_by(
+    acceleration: Float[Tensor, "k n 3"], stream: Float[Tensor, "k n 2"], linearised: LinearisedRun
+) -> Float[Tensor, "k steps 6"]:
+    """What accelerations and a stream add to the state within each step.
+
+    ``h (I + A) / 2`` times their mean, with A the derivative of the next state by the present one: what is pushed early
+    in a step has been damped, turned and carried on by its end.
+
+    Args:
+        acceleration: udot, vdot [m/s^2], rdot [rad/s^2] of several columns.
+        stream: North and east [m/s].
+        linearised: The run about its track.
+
+    Returns:
+        u, v, r, x, y, psi.
+    """
+    h = linearised.run.step
+    rate = torch.cat([acceleration, stream, torch.zeros_like(stream[..., :1])], dim=-1)
+    push = 0.5 * h * (rate[:, 1:] + rate[:, :-1])
+    carried = push.new_tensor(0.5 * (np.eye(6) + linearised.transition[:, :6, :6]))
+    return torch.einsum("sij,ksj->ksi", carried, push)
+
+
+def _recorded(acting: Effect, linearised: LinearisedRun, s: Situation, rows: int) -> Float[np.ndarray, "n 8 k"]:
+    """What the effect adds to the measured channels: moving water, and sensors."""
+    n = len(linearised.run)
+    added = np.zeros((n, len(MEASURED), rows))
+    if type(acting).stream is not Effect.stream:
+        added[:, 2:4] = acting.stream(s).expand(rows, n, 2).permute(1, 2, 0).numpy()
+    if type(acting).record is not Effect.record:
+        true = perfect(s)
+        written = acting.record(true, s)
+        for k, name in enumerate(MEASURED):
+            added[:, k] += (written[name] - true[name]).expand(rows, n).T.numpy()
+    return added
+
+
+def perfect(s: Situation) -> dict[str, Tensor]:
+    """What perfect sensors write in still water.
+
+    Args:
+        s: The situation.
+
+    Returns:
+        Channel -> samples.
+    """
+    cos, sin = torch.cos(s.psi), torch.sin(s.psi)
+    vn, ve = s.u * cos - s.v * sin, s.u * sin + s.v * cos
+    return {
+        "x": s.x, "y": s.y, "vn": vn, "ve": ve, "psi": s.psi, "r": s.r, "u_log": s.u,
+        "delta": s.delta, "shaft_recorded": torch.ones_like(s.u),
+    }  # fmt: skip
+
+
+def coefficient_columns(dynamics: Model, linearised: LinearisedRun, s: Situation) -> tuple[Columns, list[str]]:
+    """What each correction of the calm-water model adds, by 100 %: coefficients, missing terms, inertias.
+
+    Args:
+        dynamics: The calm-water model.
+        linearised: The run about its track.
+        s: The situation along the track.
+
+    Returns:
+        One column a correction, and its name.
+    """
+    corrections = Corrections(dynamics)
+    with torch.no_grad():
+        shaft = None if bool((s.shaft == 1).all()) else s.shaft
+        a = corrections(s.nu, s.delta, shaft).permute(1, 0, 2)
+        moved = moved_by(a, a.new_zeros(*a.shape[:2], 2), linearised).permute(1, 2, 0).numpy()
+    return Columns(np.zeros((len(linearised.run), len(MEASURED), len(a))), moved), corrections.names
+
+
+def latency_column(linearised: LinearisedRun) -> Columns:
+    """What a second of delay of the satellite receiver adds to its channels.
+
+    Args:
+        linearised: The run about its track.
+
+    Returns:
+        One column.
+    """
+    added = np.zeros((len(linearised.run), len(MEASURED), 1))
+    added[:, :4, 0] = -np.gradient(shown(linearised.track)[:, :4], linearised.run.step, axis=0)
+    return Columns(added, np.zeros((len(linearised.run) - 1, 6, 1)))

@@ -1,0 +1,143 @@
+"""Hypotheses about what was left out: effects with values, and what the recordings say of them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from math import pi, sqrt
+
+import numpy as np
+from jaxtyping import Float
+
+from manoeuvre_nn.core.effect import Effect, Parameter
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A set of effects with values.
+
+    Attributes:
+        effects: The effects, prototypes without values of their own.
+        values: Parameter values of each effect, one row a run; parameters that are not per run are equal in all rows.
+        fixed: Names of parameters that are held at their values.
+    """
+
+    effects: tuple[Effect, ...]
+    values: tuple[Float[np.ndarray, "runs _"], ...]
+    fixed: frozenset[str] = frozenset()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the effects."""
+        return tuple(e.name for e in self.effects)
+
+    def unknowns(self) -> list["Unknown"]:
+        """All free numbers: effect, parameter, and the run for those that differ between runs."""
+        found = []
+        for k, effect in enumerate(self.effects):
+            for j, p in enumerate(effect.declared):
+                # The course of a random process is integrated out: its parameters have no column of their own.
+                if p.random or p.name in self.fixed:
+                    continue
+                runs = range(len(self.values[k])) if p.per_run else [None]
+                found += [Unknown(k, j, run, p) for run in runs]
+        return found
+
+    def vector(self) -> Float[np.ndarray, " m"]:
+        """Values of the free numbers."""
+        return np.array([self.values[f.effect][f.run or 0, f.column] for f in self.unknowns()])
+
+    def with_vector(self, vector: Float[np.ndarray, " m"]) -> "Hypothesis":
+        """The hypothesis at other values.
+
+        Args:
+            vector: Values of the free numbers.
+
+        Returns:
+            A new hypothesis.
+        """
+        values = [v.copy() for v in self.values]
+        for f, value in zip(self.unknowns(), vector, strict=True):
+            values[f.effect][slice(None) if f.run is None else f.run, f.column] = value
+        return replace(self, values=tuple(values))
+
+    def joined(self, other: "Hypothesis") -> "Hypothesis":
+        """Both sets of effects together.
+
+        Args:
+            other: Another hypothesis.
+
+        Returns:
+            Their union.
+        """
+        return replace(self, effects=self.effects + other.effects, values=self.values + other.values)
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One free number of a hypothesis.
+
+    Attributes:
+        effect: Number of the effect.
+        column: Number of its parameter.
+        run: The run that it belongs to; None for all.
+        parameter: What it is.
+    """
+
+    effect: int
+    column: int
+    run: int | None
+    parameter: Parameter
+
+    @property
+    def spread(self) -> float:
+        """Prior standard deviation; a flat prior over a range is written as the Gaussian of equal height."""
+        p = self.parameter
+        if p.period:
+            return p.period / sqrt(2 * pi)
+        return (p.high - p.low) / sqrt(2 * pi) if p.per_run else p.spread
+
+    def mean(self, value: float) -> float:
+        """Prior mean; a flat prior has it wherever the value is.
+
+        Args:
+            value: Value now.
+
+        Returns:
+            The mean.
+        """
+        p = self.parameter
+        return value if p.null is None or p.period or p.per_run else p.null
+
+
+@dataclass(frozen=True)
+class FittedHypothesis:
+    """A hypothesis after it has seen the recordings.
+
+    Attributes:
+        hypothesis: It, at its most likely values.
+        evidence: Log marginal likelihood, noise levels summed out.
+        by_level: The same at every grid point: force level, scatter level.
+        covariance: Of the free numbers.
+        misfit: Chi-square of the data at the best level.
+        best: Force level and scatter level with the highest weight.
+        nuisance: Most likely coefficients (relative error) and latencies.
+        random: Sizes of random courses (gusts) with standard errors.
+    """
+
+    hypothesis: Hypothesis
+    evidence: float
+    by_level: Float[np.ndarray, "g s"] = field(repr=False)
+    covariance: Float[np.ndarray, "m m"] = field(repr=False)
+    misfit: float = 0.0
+    best: tuple[int, int] = (0, 0)
+    nuisance: Float[np.ndarray, " k"] = field(default_factory=lambda: np.zeros(0), repr=False)
+    random: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the effects."""
+        return self.hypothesis.names
+
+    @property
+    def errors(self) -> Float[np.ndarray, " m"]:
+        """Standard errors of the free numbers."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))

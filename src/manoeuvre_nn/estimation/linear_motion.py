@@ -1,0 +1,210 @@
+"""What coefficients and their errors say of the ship's steering: stability, Nomoto's constants, the hardest turn.
+
+All follow from accelerations, and so from ratios of force to inertia, which is what free runs show.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.estimation.problem import CoefficientForces
+
+DRAWS = 2000
+"""Draws from the coefficients' uncertainty."""
+TURN_DRAWS = 100
+"""Draws that are sailed to a steady turn, which takes longer."""
+DIFFERENCE_STEP = 1e-5
+"""Step of difference quotients about the approach."""
+STABLE, UNSTABLE, UNDECIDED = "stable", "unstable", "open"
+
+
+@dataclass(frozen=True)
+class Derived:
+    """A number that follows from the coefficients.
+
+    Attributes:
+        name: What it is called.
+        value: By the estimate [-].
+        low: Lower end of the 95 % interval; NaN where it has none.
+        high: Upper end.
+        words: What it says.
+    """
+
+    name: str
+    value: float
+    low: float
+    high: float
+    words: str = ""
+
+
+@dataclass(frozen=True)
+class Linear:
+    """Sway and yaw about the straight approach, ``(v', r')' = A (v', r') + b delta``, for several sets of coefficients.
+
+    Attributes:
+        a: A, shape (k, 2, 2).
+        b: b, shape (k, 2).
+    """
+
+    a: Float[np.ndarray, "k 2 2"]
+    b: Float[np.ndarray, "k 2"]
+
+    @property
+    def determinant(self) -> Float[np.ndarray, " k"]:
+        """Det A; the criterion C over the determinant of the inertia."""
+        return np.linalg.det(self.a)
+
+    @property
+    def straight(self) -> Float[np.ndarray, " k"]:
+        """1 where the ship comes back to a straight course after a disturbance, else 0."""
+        return ((self.determinant > 0) & (np.trace(self.a, axis1=1, axis2=2) < 0)).astype(float)
+
+    @property
+    def gain(self) -> Float[np.ndarray, " k"]:
+        """Nomoto's K': r' over delta in a steady turn."""
+        return self._turning / self.determinant
+
+    @property
+    def lag(self) -> Float[np.ndarray, " k"]:
+        """Nomoto's T' = T1' + T2' - T3'."""
+        return -np.trace(self.a, axis1=1, axis2=2) / self.determinant - self.b[:, 1] / self._turning
+
+    @property
+    def _turning(self) -> Float[np.ndarray, " k"]:
+        return self.a[:, 1, 0] * self.b[:, 0] - self.a[:, 0, 0] * self.b[:, 1]
+
+
+def linear_motion(force: CoefficientForces, values: Float[np.ndarray, "k p"]) -> Linear:
+    """Linearise about the approach, u = n = 1 in still air.
+
+    Args:
+        force: Columns of the coefficients.
+        values: Sets of coefficients.
+
+    Returns:
+        Sway and yaw.
+    """
+    state, delta = np.zeros((6, 6)), np.zeros(6)
+    state[:, 0] = 1.0
+    state[[0, 1], 1], state[[2, 3], 2], delta[[4, 5]] = (
+        (DIFFERENCE_STEP, -DIFFERENCE_STEP),
+        (DIFFERENCE_STEP, -DIFFERENCE_STEP),
+        (DIFFERENCE_STEP, -DIFFERENCE_STEP),
+    )
+    columns = force.columns(state, _still(delta))[:, 1:] / (2 * DIFFERENCE_STEP)
+    slopes = [(columns[k] - columns[k + 1]) @ values.T for k in (0, 2, 4)]
+    return Linear(np.stack([slopes[0].T, slopes[1].T], axis=2), slopes[2].T.copy())
+
+
+def derived(
+    force: CoefficientForces,
+    values: Float[np.ndarray, " p"],
+    covariance: Float[np.ndarray, "p p"],
+    inertia: Float[np.ndarray, "3 3"],
+    rudder: float = 35 * DEGREE,
+    seed: int = 0,
+) -> list[Derived]:
+    """Stability, Nomoto's constants and the steady turn, with intervals by drawing from the coefficients' errors.
+
+    ``C = Y_v (N_r - m x_G u) - N_v (Y_r - m u)`` is ``det A`` times the determinant of the inertia of sway and yaw;
+    where its interval holds 0, K' and T' have none.
+
+    Args:
+        force: Columns of the coefficients.
+        values: Coefficients.
+        covariance: Of them.
+        inertia: M' in the (rho, L, T, U0) system, for C alone.
+        rudder: Rudder angle of the turn [rad].
+        seed: Of the draws.
+
+    Returns:
+        C, K', T' and the rate of the turn in rad for each ship length and unit of approach speed.
+
+    Source:
+        Clarke, Gedling & Hine 1982, eq 8, for C; Nomoto et al. 1957.
+    """
+    sets = _draws(values, covariance, seed)
+    motion = linear_motion(force, sets)
+    c = motion.determinant * float(np.linalg.det(inertia[1:, 1:]))
+    share = float(motion.straight[1:].mean())
+    verdict = STABLE if share > 0.975 else UNSTABLE if share < 0.025 else UNDECIDED
+    decided = verdict != UNDECIDED
+    told = {
+        STABLE: "stable on a straight course",
+        UNSTABLE: "unstable on a straight course",
+        UNDECIDED: f"open whether stable on a straight course: {100 * share:.0f} % of what the recordings allow is",
+    }[verdict]
+    lasts = "" if decided else "no interval: C may be 0"
+    rate, words = steady_turn(force, sets[: TURN_DRAWS + 1], rudder)
+    return [
+        _summary("stability C", c, told),
+        _summary("Nomoto K'", motion.gain, lasts, decided),
+        _summary("Nomoto T'", motion.lag, lasts, decided),
+        _summary(f"r L/U0 at {rudder / DEGREE:.0f} deg", rate, words),
+    ]
+
+
+def steady_turn(
+    force: CoefficientForces, values: Float[np.ndarray, "k p"], rudder: float, time: float = 25.0, step: float = 0.1
+) -> tuple[Float[np.ndarray, " k"], str]:
+    """Sail into a turn at constant shaft speed until it is steady.
+
+    Args:
+        force: Columns of the coefficients.
+        values: Sets of coefficients.
+        rudder: Rudder angle [rad].
+        time: How long in L/U0.
+        step: Step of Heun's rule in L/U0.
+
+    Returns:
+        r L/U0 at the end, NaN where the ship left the range in which models hold; and what is to be said of it.
+    """
+    state = np.zeros((len(values), 6))
+    state[:, 0] = 1.0
+    inputs = _still(np.full(len(values), rudder))
+
+    def rate(s: Float[np.ndarray, "k 6"]) -> Float[np.ndarray, "k 6"]:
+        moved = np.zeros_like(s)
+        moved[:, :3] = np.einsum("kip,kp->ki", force.columns(s, inputs), values)
+        return moved
+
+    change = np.zeros(len(values))
+    for _ in range(round(time / step)):
+        first = rate(state)
+        second = rate(_held(state + step * first))
+        state = _held(state + step / 2 * (first + second))
+        change = np.abs(second[:, 2])
+    lost = (np.abs(state[:, :3]) >= 2.0).any(axis=1) | (state[:, 0] <= 0.02) | (change > 0.01)
+    share = float(lost.mean())
+    turned = np.where(lost, np.nan, state[:, 2])
+    return turned, f"{100 * share:.0f} % of the draws find no steady turn" if share > 0 else ""
+
+
+def _held(state: Float[np.ndarray, "k 6"]) -> Float[np.ndarray, "k 6"]:
+    """Kept from overflow."""
+    held = np.clip(state, -2.0, 2.0)
+    held[:, 0] = np.maximum(held[:, 0], 0.02)
+    return held
+
+
+def _still(delta: Float[np.ndarray, " n"]) -> dict[str, Float[np.ndarray, " n"]]:
+    """Nominal shaft speed, no wind."""
+    return {"delta": delta, "n": np.ones_like(delta), "wind_north": 0 * delta, "wind_east": 0 * delta}
+
+
+def _draws(
+    values: Float[np.ndarray, " p"], covariance: Float[np.ndarray, "p p"], seed: int
+) -> Float[np.ndarray, "k p"]:
+    """The estimate, then draws from its uncertainty."""
+    sizes, vectors = np.linalg.eigh(covariance)
+    noise = np.random.default_rng(seed).standard_normal((DRAWS, len(values)))
+    return np.vstack([values, values + (noise * np.sqrt(np.maximum(sizes, 0.0))) @ vectors.T])
+
+
+def _summary(name: str, found: Float[np.ndarray, " k"], words: str, decided: bool = True) -> Derived:
+    """The estimate and the middle 95 % of the draws."""
+    drawn = found[1:][np.isfinite(found[1:])]
+    low, high = np.quantile(drawn, [0.025, 0.975]) if decided and len(drawn) else (np.nan, np.nan)
+    return Derived(name, float(found[0]), float(low), float(high), words)

@@ -1,0 +1,353 @@
+"""Marginal likelihoods of hypotheses by Laplace's method at their most likely values.
+
+Every hypothesis shares the same uncertainty: initial states, noise, coefficients of the calm-water model, latency of
+the receiver and process noise are integrated out *inside* it, the empty hypothesis included. Levels of the process
+noise and of the coefficients' standard deviation are summed over a grid with a prior.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import log, sqrt
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.special import log_ndtr
+
+from manoeuvre_nn.core.effect import Parameter
+from manoeuvre_nn.dynamics.base import is_fitted
+from manoeuvre_nn.estimation.corrections import USUAL_SCATTER
+from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, PROCESS_LEVELS, WhitenedDataSet
+from manoeuvre_nn.estimation.effect_columns import blades, contribution
+from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
+from manoeuvre_nn.estimation.linear_run import Columns, joined
+from manoeuvre_nn.estimation.posterior import Posterior
+
+PROCESS_PRIOR = 0.03
+"""Scale of the half-normal prior of the process noise's levels when physics is named: little may stay unexplained."""
+COEFFICIENT_SD_PRIOR = USUAL_SCATTER
+"""Scale of the half-normal prior of the coefficients' relative error: published scatter is 3 to 6 %."""
+MIN_GAIN = 0.02
+"""Log density that a Gauss-Newton step must gain for another one to be made."""
+MAX_STEP_DEG, MAX_STEP_S, MAX_STEP_SDS = 45.0, 60.0, 1.5
+"""Largest step of a direction, of a time, and of other numbers over their prior standard deviation."""
+
+
+@dataclass(frozen=True)
+class HypothesisColumns:
+    """A hypothesis as columns of every run: what it adds at its values, and per unit of every unknown.
+
+    Attributes:
+        hypothesis: It.
+        columns: Columns of each run.
+        index: Where each run's columns stand among ``count``.
+        count: Number of columns of all runs.
+    """
+
+    hypothesis: Hypothesis
+    columns: list[Columns]
+    index: list[Int[np.ndarray, " k"]]
+    count: int
+
+
+def hypothesis_columns(data_set: WhitenedDataSet, hypothesis: Hypothesis) -> HypothesisColumns:
+    """Columns of a hypothesis: one of the whole contribution, one an unknown by central differences.
+
+    Args:
+        data_set: The runs.
+        hypothesis: It.
+
+    Returns:
+        Columns of each run.
+    """
+    runs, unknowns = data_set.runs, hypothesis.unknowns()
+    parts: list[list[Columns]] = [[] for _ in runs]
+    index: list[list[int]] = [[] for _ in runs]
+    for k, effect in enumerate(hypothesis.effects):
+        mine = [
+            [(i, f) for i, f in enumerate(unknowns) if f.effect == k and f.run in (None, r)] for r in range(len(runs))
+        ]
+        tables, steps = [], []
+        for run in range(len(runs)):
+            here = effect.steady(hypothesis.values[k][run])
+            table = np.tile(here, (1 + 2 * len(mine[run]), 1))
+            for j, (_, f) in enumerate(mine[run]):
+                table[1 + 2 * j, f.column], table[2 + 2 * j, f.column] = _apart(f.parameter, here[f.column])
+            tables.append(table)
+            steps.append(
+                np.array([
+                    table[1 + 2 * j, f.column] - table[2 + 2 * j, f.column] for j, (_, f) in enumerate(mine[run])
+                ])
+            )
+        angles = blades(effect, tables, [r.linearised.run for r in runs])
+        for run, prepared in enumerate(runs):
+            c = contribution(effect, tables[run], prepared.linearised, data_set.rate, prepared.situation, angles[run])
+            # The effect at its values, then (up - down) / step of every unknown.
+            parts[run].append(Columns(
+                np.concatenate([c.measured[..., :1], (c.measured[..., 1::2] - c.measured[..., 2::2]) / steps[run]], -1),
+                np.concatenate([c.moved[..., :1], (c.moved[..., 1::2] - c.moved[..., 2::2]) / steps[run]], -1),
+            ))  # fmt: skip
+            index[run] += [1 + i for i, _ in mine[run]]
+    columns = [_summed_up(p) for p in parts]
+    return HypothesisColumns(hypothesis, columns, [np.array([0, *at]) for at in index], 1 + len(unknowns))
+
+
+def _apart(p: Parameter, value: float) -> tuple[float, float]:
+    """Values above and below for the difference quotient, within bounds."""
+    step = 0.5 if p.period else (2.0 if p.per_run else 0.02 * p.spread)
+    if p.period:
+        return value + step, value - step
+    return min(value + step, p.high), max(value - step, p.low)
+
+
+def _summed_up(effects: Sequence[Columns]) -> Columns:
+    """Contributions of all effects as one column, then the columns of their unknowns."""
+    first = np.concatenate([np.append(1.0, np.zeros(c.count - 1)) for c in effects])
+    whole = joined(effects)
+    own = first == 0
+    return joined([whole.combined(first), Columns(whole.measured[..., own], whole.moved[..., own])])
+
+
+class MarginalLikelihood:
+    """Fits hypotheses to whitened runs and says how probable they make the data.
+
+    Attributes:
+        data_set: The runs.
+        start_level: Grid point at which fits are made before the noise is known.
+    """
+
+    def __init__(self, data_set: WhitenedDataSet) -> None:
+        """Take the runs.
+
+        Args:
+            data_set: The runs.
+        """
+        self.data_set = data_set
+        self.start_level = 2 * (len(PROCESS_LEVELS) + 1)
+
+    def gram(self, lin: HypothesisColumns, level: int) -> Float[np.ndarray, "p p"]:
+        """Inner products of base and hypothesis.
+
+        Args:
+            lin: The hypothesis' columns.
+            level: Grid point.
+
+        Returns:
+            Base first.
+        """
+        return self.data_set.gram(level, self.data_set.embedded(level, lin.columns), lin.index, lin.count)
+
+    def posterior(self, lin: HypothesisColumns, level: int) -> Posterior:
+        """What the runs say about the hypothesis' values: means are those of the unknowns' change.
+
+        Args:
+            lin: The hypothesis' columns.
+            level: Grid point.
+
+        Returns:
+            The posterior.
+        """
+        return self.regress(lin.hypothesis, self.gram(lin, level), self.data_set.at(level).norm)
+
+    def regress(self, hypothesis: Hypothesis, gram: Float[np.ndarray, "p p"], norm: float) -> Posterior:
+        """The same from inner products.
+
+        Args:
+            hypothesis: At its values.
+            gram: Inner products of base and the hypothesis' columns.
+            norm: Log normaliser.
+
+        Returns:
+            Of coefficients, latencies and unknowns; these as deviations from their prior means.
+        """
+        size, unknowns = self.data_set.size, hypothesis.unknowns()
+        data = np.zeros(len(gram))
+        data[0], data[size] = 1.0, -1.0
+        # Unknowns are deviations from their prior means: the data stand at the present values.
+        data[size + 1 :] = -_shift(hypothesis)
+        keep = np.r_[0, size, 1:size, size + 1 : size + 1 + len(unknowns)]
+        return self.data_set.posterior(gram[np.ix_(keep, keep)], norm, data[keep], [f.spread for f in unknowns])
+
+    def improve(self, hypothesis: Hypothesis, level: int, scatter: int, rounds: int = 5) -> tuple[Hypothesis, float]:
+        """Gauss-Newton steps at one noise level.
+
+        Args:
+            hypothesis: Where to start.
+            level: Level of the process noise.
+            scatter: Level of the coefficients' standard deviation.
+            rounds: Steps at most.
+
+        Returns:
+            The best values met and their log evidence at that level.
+        """
+        best, score, step = hypothesis, -np.inf, hypothesis.vector() * 0.0
+        trial = hypothesis
+        m = len(step)
+        for _ in range(rounds):
+            found = self.posterior(hypothesis_columns(self.data_set, trial), level)
+            change = found.mean(scatter)[-m:] + _shift(trial) if m else step
+            value = float(found.evidence[scatter])
+            if m:  # density of data and values at the values themselves: what a step must raise
+                precision = np.linalg.inv(found.covariance(scatter)[-m:, -m:])
+                value += 0.5 * float(np.linalg.slogdet(precision)[1] - change @ precision @ change)
+            if value > score:
+                gained = value - score
+                best, score, step = trial, value, change
+                if gained < MIN_GAIN:
+                    break
+            else:
+                step = 0.4 * step
+            moved = _limited(best, step)
+            if np.allclose(moved.vector(), best.vector(), rtol=1e-6, atol=1e-9):
+                break
+            trial = moved
+        return best, score
+
+    def evaluate(
+        self, hypothesis: Hypothesis, process_prior: float | None = PROCESS_PRIOR, around: int | None = None
+    ) -> FittedHypothesis:
+        """Evidence of a hypothesis at its values, over all levels that matter.
+
+        Levels are taken on outward from a first one until the best is surrounded by worse ones.
+
+        Args:
+            hypothesis: It, at its most likely values.
+            process_prior: See :func:`log_prior_levels`.
+            around: Level of the process noise to begin with; None takes the middle of the grid.
+
+        Returns:
+            What came out.
+        """
+        prior = log_prior_levels(self.data_set, process_prior)
+        lin = hypothesis_columns(self.data_set, hypothesis) if hypothesis.effects else None
+        side = len(PROCESS_LEVELS)
+        known: dict[int, Posterior] = {}
+        best = self.start_level if around is None else around
+        while True:
+            row, column = divmod(best, side)
+            cross = [(row, column), (row + 1, column), (row - 1, column), (row, column + 1), (row, column - 1)]
+            new = [r * side + c for r, c in cross if 0 <= r < side and 0 <= c < side and r * side + c not in known]
+            for level in new:
+                known[level] = self._at_level(lin, level)
+            top = max(known, key=lambda g: float((known[g].evidence + prior[g]).max()))
+            if top == best:
+                break
+            best = top
+        return self.over_levels(hypothesis, known, prior)
+
+    def evidence_at(self, hypothesis: Hypothesis, level: int) -> float:
+        """Log evidence at one level of the process noise, the best level of the coefficients' standard deviation.
+
+        Args:
+            hypothesis: It, at its most likely values.
+            level: Level of the process noise.
+
+        Returns:
+            Log evidence.
+        """
+        lin = hypothesis_columns(self.data_set, hypothesis) if hypothesis.effects else None
+        return float(self._at_level(lin, level).evidence.max())
+
+    def _at_level(self, lin: HypothesisColumns | None, level: int) -> Posterior:
+        """Posterior at one level of the process noise; None is calm water."""
+        if lin is not None:
+            return self.posterior(lin, level)
+        here = self.data_set.at(level)
+        return self.data_set.posterior(here.base_gram, here.norm, np.eye(self.data_set.size)[0])
+
+    def over_levels(
+        self, hypothesis: Hypothesis, known: Mapping[int, Posterior], prior: Float[np.ndarray, "g s"]
+    ) -> FittedHypothesis:
+        """Sum over the levels.
+
+        Args:
+            hypothesis: At its values.
+            known: Posterior at every level of the process noise that was looked at.
+            prior: Log prior of the levels.
+
+        Returns:
+            What came out.
+        """
+        by_level = np.full(prior.shape, -np.inf)
+        for level, found in known.items():
+            by_level[level] = found.evidence
+        weighted = by_level + prior
+        g, s = (int(k) for k in np.unravel_index(int(weighted.argmax()), weighted.shape))
+        m = len(hypothesis.unknowns())
+        mean, covariance = known[g].mean(s), known[g].covariance(s)
+        k = len(mean) - m
+        change = mean[k:] + _shift(hypothesis)
+        final = hypothesis if not m else _limited(hypothesis, change)
+        evidence = log_sum(weighted) + _bounded(hypothesis, change, np.diag(covariance)[k:])
+        misfit = float(known[g].misfit[s])
+        return FittedHypothesis(final, evidence, by_level, covariance[k:, k:], misfit, (g, s), mean[:k])
+
+
+def log_prior_levels(data_set: WhitenedDataSet, process_prior: float | None) -> Float[np.ndarray, "g s"]:
+    """Log prior of the grid of levels of process noise and of the coefficients' standard deviation.
+
+    It is flat where the model was fitted: by how much such a model is wrong in other runs than its own is not known
+    beforehand, least of all in other weather.
+
+    Args:
+        data_set: The runs.
+        process_prior: Scale of the half-normal prior of the process noise; None is flat over the levels.
+
+    Returns:
+        Normalised over the grid.
+    """
+    process, scatter = np.zeros(len(data_set.levels)), np.zeros(len(COEFFICIENT_SD_LEVELS))
+    if process_prior is not None and not is_fitted(data_set.dynamics):
+        process = -0.5 * np.square(data_set.levels / process_prior).sum(axis=1)
+    if not is_fitted(data_set.dynamics):
+        scatter = -0.5 * np.square(np.array(COEFFICIENT_SD_LEVELS) / COEFFICIENT_SD_PRIOR)
+    total = process[:, None] + scatter[None, :]
+    return total - log_sum(total)
+
+
+def log_sum(x: np.ndarray) -> float:
+    """Log of the sum of exponentials.
+
+    Args:
+        x: Logs.
+
+    Returns:
+        The log of their sum.
+    """
+    top = float(x.max())
+    return top + log(float(np.exp(x - top).sum()))
+
+
+def _shift(hypothesis: Hypothesis) -> Float[np.ndarray, " m"]:
+    """Prior means of the unknowns less their values."""
+    values = hypothesis.vector()
+    return np.array([f.mean(v) - v for f, v in zip(hypothesis.unknowns(), values, strict=True)])
+
+
+def _bounded(hypothesis: Hypothesis, step: Float[np.ndarray, " m"], variance: Float[np.ndarray, " m"]) -> float:
+    """Bounds taken into the evidence: the share of each posterior inside them over the share of each prior."""
+    total = 0.0
+    for f, value, change, v in zip(hypothesis.unknowns(), hypothesis.vector(), step, variance, strict=True):
+        p = f.parameter
+        if not p.period and not p.per_run and p.null is not None:
+            total += _log_inside(p, value + change, sqrt(v)) - _log_inside(p, f.mean(value), f.spread)
+    return total
+
+
+def _log_inside(p: Parameter, mean: float, sd: float) -> float:
+    """Log of the probability that a Gaussian lies within a parameter's bounds."""
+    return float(log_ndtr((p.high - mean) / sd) if mean - p.low > p.high - mean else log_ndtr((mean - p.low) / sd))
+
+
+def _limited(hypothesis: Hypothesis, step: Float[np.ndarray, " m"]) -> Hypothesis:
+    """A step held within bounds and within what the linear equations can be trusted for."""
+    unknowns, now = hypothesis.unknowns(), hypothesis.vector()
+    new = now.copy()
+    reach = 1.0
+    for f, change in zip(unknowns, step, strict=True):
+        p = f.parameter
+        largest = MAX_STEP_DEG if p.period else (MAX_STEP_S if p.per_run else MAX_STEP_SDS * p.spread)
+        reach = min(reach, largest / max(abs(change), 1e-12))
+    for k, f in enumerate(unknowns):
+        p, value = f.parameter, now[k] + reach * step[k]
+        new[k] = value % p.period if p.period else float(np.clip(value, p.low, p.high))
+    return hypothesis.with_vector(new)

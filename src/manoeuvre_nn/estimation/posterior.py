@@ -1,0 +1,128 @@
+"""Unknowns with Gaussian priors from inner products of columns: mean, covariance and log evidence in closed form.
+
+With G the inner products of the unknowns' columns, g those with the data, P the data's own and S the diagonal of the
+prior standard deviations, the posterior precision is ``G + S^-2`` and
+
+    log evidence = log_norm - 1/2 (P - g^T (G + S^-2)^-1 g) - 1/2 log det (S G S + 1).
+
+The prior of the first unknowns (coefficients of a model) may be scaled by a factor that is not known. Eliminating the
+others and taking the eigenvalues of what is left gives all of this for every factor at once.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """What recordings say of unknowns, as deviations from their prior means, at every scale of the prior.
+
+    Unknowns are in units of their prior standard deviations here; c are those whose prior is scaled, o the others.
+
+    Attributes:
+        evidence: Log marginal likelihood at every scale.
+        misfit: Square of what is left of the data in its own metric, at every scale.
+        prior: Prior standard deviations at scale 1.
+        scales: The scales.
+        inverse: (G_oo + 1)^-1.
+        cross: G_oc.
+        pull: g_o.
+        axes: Eigenvectors of S = G_cc - G_co (G_oo + 1)^-1 G_oc.
+        sizes: Its eigenvalues.
+        along: g_c - G_co (G_oo + 1)^-1 g_o along the eigenvectors.
+    """
+
+    evidence: Float[np.ndarray, " s"]
+    misfit: Float[np.ndarray, " s"]
+    prior: Float[np.ndarray, " m"]
+    scales: Float[np.ndarray, " s"]
+    inverse: Float[np.ndarray, "o o"]
+    cross: Float[np.ndarray, "o c"]
+    pull: Float[np.ndarray, " o"]
+    axes: Float[np.ndarray, "c c"]
+    sizes: Float[np.ndarray, " c"]
+    along: Float[np.ndarray, " c"]
+
+    def _variances(self, scale: int) -> Float[np.ndarray, " c"]:
+        """Posterior variances of c along the eigenvectors: (S + scale^-2)^-1."""
+        square = self.scales[scale] ** 2
+        return square / (1 + square * self.sizes)
+
+    def mean(self, scale: int = 0) -> Float[np.ndarray, " m"]:
+        """Most likely deviations.
+
+        Args:
+            scale: Number of the scale.
+
+        Returns:
+            One an unknown.
+        """
+        c = self.axes @ (self._variances(scale) * self.along)
+        return np.concatenate([c, self.inverse @ (self.pull - self.cross @ c)]) * self.prior
+
+    def covariance(self, scale: int = 0) -> Float[np.ndarray, "m m"]:
+        """Covariance of the unknowns.
+
+        Args:
+            scale: Number of the scale.
+
+        Returns:
+            Of all of them.
+        """
+        # With K = (G_oo + 1)^-1 G_oc: [[C, -C K^T], [-K C, (G_oo + 1)^-1 + K C K^T]].
+        c = (self.axes * self._variances(scale)) @ self.axes.T
+        follow = self.inverse @ self.cross
+        below = -follow @ c
+        whole = np.block([[c, below.T], [below, self.inverse - below @ follow.T]])
+        return whole * self.prior[:, None] * self.prior
+
+
+def posterior(
+    gram: Float[np.ndarray, "q q"],
+    log_norm: float,
+    prior: Float[np.ndarray, " m"],
+    data: Float[np.ndarray, " q"],
+    scales: Sequence[float] = (1.0,),
+    scaled: int | None = None,
+) -> Posterior:
+    """Combine inner products with the prior.
+
+    Args:
+        gram: Inner products of all columns; those of the unknowns stand last.
+        log_norm: Log normaliser of the samples.
+        prior: Prior standard deviations.
+        data: What is to be explained, as a combination of all columns.
+        scales: Factors on the prior standard deviation of the first unknowns.
+        scaled: How many these are; None is all.
+
+    Returns:
+        The posterior.
+
+    Raises:
+        LinAlgError: If the inner products are not finite.
+    """
+    m = len(prior)
+    k = m if scaled is None else scaled
+    at = slice(len(gram) - m, len(gram))
+    whole = gram[at, at] * prior[:, None] * prior
+    right = gram @ data
+    if not np.isfinite(whole).all():
+        raise np.linalg.LinAlgError("the columns of the unknowns are not finite")
+    pull, cross = right[at] * prior, whole[k:, :k]
+    values, vectors = np.linalg.eigh(0.5 * (whole[k:, k:] + whole[k:, k:].T))
+    others = np.maximum(values, 0.0) + 1  # what rounding took below the prior is the prior
+    inverse = (vectors / others) @ vectors.T
+    left = whole[:k, :k] - cross.T @ inverse @ cross
+    sizes, axes = np.linalg.eigh(0.5 * (left + left.T))
+    sizes, along = np.maximum(sizes, 0.0), axes.T @ (pull[:k] - cross.T @ inverse @ pull[k:])
+    square = np.array(scales)[:, None] ** 2
+    power = float(data @ right) - float(pull[k:] @ inverse @ pull[k:])
+    misfit = power - (square * along**2 / (1 + square * sizes)).sum(1)
+    log_det = np.log(others).sum() + np.log1p(square * sizes).sum(1)
+    evidence = log_norm - 0.5 * misfit - 0.5 * log_det
+    return Posterior(
+        evidence, misfit, prior, np.array(scales, dtype=float), inverse, cross, pull[k:], axes, sizes, along
+    )

@@ -1,0 +1,61 @@
+"""Process noise: accelerations that no model explains, and how they go on from sample to sample.
+
+Source:
+    Rasmussen & Williams 2006, Gaussian Processes for Machine Learning, section 4.2.1 and appendix B; Hartikainen &
+    Sarkka 2010 (IEEE MLSP) for the same as a chain of states.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+AXES = 3
+"""Surge, sway, yaw."""
+
+
+@dataclass(frozen=True)
+class ProcessNoise:
+    """A stationary Gaussian process for each of three accelerations, of the same correlation time.
+
+    Its covariance over the variance is that of Ornstein and Uhlenbeck, ``exp(-|t|)``: what gusts and missing terms do;
+    or, ``smooth``, Matern's of order 3/2, ``(1 + |t|) exp(-|t|)``: the acceleration has a rate, which is a state as
+    well (times the correlation time, so that it has the acceleration's variance): what a whole ship does.
+
+    Attributes:
+        time: Correlation time.
+        smooth: Which of the two.
+    """
+
+    time: float = 1.0
+    smooth: bool = False
+
+    @property
+    def order(self) -> int:
+        """States of each acceleration."""
+        return 2 if self.smooth else 1
+
+    @property
+    def size(self) -> int:
+        """States: the accelerations, then their rates if they are smooth."""
+        return AXES * self.order
+
+    def steps(self, h: Float[np.ndarray, " m"]) -> tuple[Float[np.ndarray, "m c c"], Float[np.ndarray, "m c c"]]:
+        """Innovations of the steps, ``left a_k + right a_{k+1}``: white, with the variance of the process.
+
+        Args:
+            h: Steps of time.
+
+        Returns:
+            Left and right.
+        """
+        x = h / self.time
+        decay = np.exp(-x)
+        if self.smooth:
+            shift = np.array([[[1 + k, k], [-k, 1 - k]] for k in x]) * decay[:, None, None]
+        else:
+            shift = decay[:, None, None]
+        # Of the stationary variance a step keeps shift shift^T; the rest is new.
+        right = np.linalg.inv(np.linalg.cholesky(np.eye(self.order) - shift @ shift.transpose(0, 2, 1)))
+        eye = np.eye(AXES)
+        return np.kron(-right @ shift, eye), np.kron(right, eye)

@@ -1,0 +1,169 @@
+"""A series of products as the closed-loop fit sees it, and the prior of its coefficients."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float
+
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.frames import earth_to_body
+from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.dynamics.model import IdentifiedShip
+from manoeuvre_nn.network.series import Series, parity
+from manoeuvre_nn.ship.clarke import SURGE_ADDED_MASS, clarke_derivatives
+
+HARD_MANOEUVRE = {
+    "1": 1.0, "u": 0.9, "v": 0.3, "r": 0.6, "d": 0.5, "n": 1.0, "a": 0.3, "|v|": 0.3, "|r|": 0.6, "|d|": 0.5,
+    "wx": 5.0, "wy": 5.0, "|w|": 5.0, "/U": 1.0,
+}  # fmt: skip
+"""How large a variable becomes in hard manoeuvres: what a product must not let a force exceed."""
+PRIOR_SD_PRIME = (0.02, 0.1, 0.05)
+"""Standard deviation of what one product, before any run is seen, may add to X', Y', N' in a hard manoeuvre."""
+EVEN_SHARE = 0.2
+"""Share of it for products that are the same to port and to starboard in Y and N: ships are nearly symmetric."""
+AIR = 1.2
+"""Density of air [kg/m^3]."""
+WIND = {"X wx |w|": 0.7, "Y wy |w|": 0.9, "N wx wy": -0.1}
+"""Drag coefficients of a ship's sides in the wind: over A_F, over A_L, over A_L L (Blendermann 1994, cargo ships)."""
+
+
+class SeriesForce:
+    """Accelerations of a series in units of L and the approach speed.
+
+    Attributes:
+        count: Number of coefficients.
+    """
+
+    def __init__(self, model: IdentifiedShip) -> None:
+        """Take a model apart.
+
+        Args:
+            model: Its network is a series, its known part has no forces.
+
+        Raises:
+            InputError: If the known part has forces: they are what the coefficients are about.
+        """
+        assert isinstance(model.network, Series)
+        self.network, known = model.network, model.known
+        nudge = known.inertia.new_tensor([[1.0, 0.1, 0.1]]) * known.velocity_units
+        with torch.no_grad():
+            if known.force(nudge, nudge[:, 0] * 0 + 0.1).abs().max() > 0:
+                raise InputError("fit=closed_loop estimates all forces: write linear=clarke_inertia (or none)")
+            push = known.acceleration_from_force(nudge.expand(3, 3), torch.diag(model.scaling.output_scale))
+        p = known.particulars
+        unit = np.array([1.0, 1.0, 1 / p.length]) * p.speed**2 / p.length
+        self._push = push.double().numpy() / unit
+        self._outputs = np.array([o for o, _ in self.network.names], dtype=int)
+        self._products = self.network.used.nonzero()[:, 1]
+        self.count = len(self._outputs)
+
+    def columns(
+        self, state: Float[np.ndarray, "n 6"], inputs: Mapping[str, Float[np.ndarray, " n"]]
+    ) -> Float[np.ndarray, "n 3 p"]:
+        """Accelerations for coefficients of 1.
+
+        Args:
+            state: u, v, r, x, y, psi.
+            inputs: ``delta`` [rad], ``n`` over the nominal shaft speed, ``wind_north`` and ``wind_east`` over U0.
+
+        Returns:
+            Columns.
+        """
+        ahead, aside = earth_to_body(inputs["wind_north"], inputs["wind_east"], state[:, 5])
+        wind = ahead - state[:, 0], aside - state[:, 1]
+        x = np.stack([state[:, 0], state[:, 1], state[:, 2], inputs["delta"], inputs["n"], *wind], axis=1)
+        with torch.no_grad():
+            products = self.network.products(torch.as_tensor(x)).numpy()
+        return products[:, None, self._products] * self._push[self._outputs].T[None]
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known of the coefficients before any run is seen.
+
+    Attributes:
+        relative: Standard deviation of Clarke's derivatives and of the resistance over their values [-].
+        size: Factor on the standard deviation of all products, see :data:`PRIOR_SD_PRIME`.
+    """
+
+    relative: float = 0.5
+    size: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            InputError: If one is not positive.
+        """
+        if not (self.relative > 0 and self.size > 0):
+            raise InputError(f"fit.prior: relative={self.relative}, size={self.size}: expected numbers more than 0")
+
+    def of(
+        self, names: Sequence[tuple[int, str]], ship: Particulars
+    ) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]]:
+        """Mean and standard deviation of coefficients.
+
+        Where a product of Clarke's occurs with several powers of u and n, the derivative is shared out among them: what
+        holds on the approach, u = n = 1, is their sum.
+
+        Args:
+            names: Output and product of each.
+            ship: The ship.
+
+        Returns:
+            Both.
+        """
+        given = _clarke(ship)
+        shares = _shared(given, names)
+        # The ship turns with its mass: -m u r, or -m (1 + a) r.
+        mass = 2 * ship.block * ship.beam / ship.length
+        for term in ("u r",) if (1, "u r") in names else ("r", "a r"):
+            shares[1, term] = shares.get((1, term), 0.0) - mass
+        mean = np.array([shares.get(name, 0.0) for name in names])
+        allowed = np.array([_allowed(o, t, ship) for o, t in names])
+        return mean, np.hypot(self.relative * mean, self.size * allowed)
+
+
+def _clarke(ship: Particulars) -> dict[tuple[int, str], float]:
+    """Output and product without u and n -> coefficient in the (rho, L, T, U0) system, rudder positive to starboard."""
+    d = clarke_derivatives(ship)
+    mass = 2 * ship.block * ship.beam / ship.length
+    resistance = ship.calm_resistance / (0.5 * ship.rho * ship.length * ship.draught * ship.speed**2)
+    drag = -2 * d["Yd"] if ship.rudder_drag is None else ship.rudder_drag
+    air, areas = AIR / ship.rho / (ship.length * ship.draught), ship.above_water
+    return {
+        (0, "u u"): -0.7 * resistance, (0, "u n"): -0.3 * resistance, (0, "n n"): resistance,
+        (0, "a"): ship.surge_damping, (0, "v r"): (1 + SURGE_ADDED_MASS) * mass - 0.6 * d["Yvdot"],
+        (0, "d d"): drag / 2,
+        (1, "v"): d["Yv"], (1, "r"): d["Yr"], (1, "d"): -d["Yd"],
+        (2, "v"): d["Nv"], (2, "r"): d["Nr"], (2, "d"): -d["Nd"],
+        (0, "wx |w|"): WIND["X wx |w|"] * areas.frontal * air, (1, "wy |w|"): WIND["Y wy |w|"] * areas.lateral * air,
+        (2, "wx wy"): WIND["N wx wy"] * areas.lateral * air,
+    }  # fmt: skip
+
+
+def _shared(given: Mapping[tuple[int, str], float], names: Sequence[tuple[int, str]]) -> dict[tuple[int, str], float]:
+    """Coefficients of the products that stand for the given ones."""
+    shares = {name: value for name, value in given.items() if name in names}
+    for (output, term), value in given.items():
+        if (output, term) in shares:
+            continue
+        alike = [n for n in names if n[0] == output and _bare(n[1]) == term]
+        shares |= {name: value / len(alike) for name in alike}
+    return shares
+
+
+def _bare(term: str) -> str:
+    """A product without the factors that are 1 on the approach."""
+    return " ".join(t for t in term.split() if t not in {"u", "n"})
+
+
+def _allowed(output: int, term: str, ship: Particulars) -> float:
+    """Standard deviation of a coefficient that nothing is known of."""
+    if "w" in term:
+        side = ship.above_water.frontal if output == 0 else 0.2 * ship.above_water.lateral
+        return 0.5 * AIR / ship.rho * side / (ship.length * ship.draught)
+    largest = float(np.prod([HARD_MANOEUVRE[t] for t in term.split()]))
+    return PRIOR_SD_PRIME[output] / largest * (EVEN_SHARE if output > 0 and parity(term) > 0 else 1.0)

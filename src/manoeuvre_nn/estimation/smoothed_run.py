@@ -1,0 +1,170 @@
+"""The motion behind a recording: smoothed with a force of any kind allowed, and the noise of every channel with it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.ndimage import median_filter, uniform_filter1d
+
+from manoeuvre_nn.core.channels import MEASURED
+from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.estimation.linear_run import Columns, joined
+from manoeuvre_nn.estimation.linearised_run import LinearisedRun, NoiseLevels, Rate, integrated, linearise
+from manoeuvre_nn.recording.preparation import measured, without_samples
+
+KINEMATIC_ERROR_SD = np.array([1.0, 1.0, 0.03, 0.08, 1e-3, 4.0, 4.0])
+"""Prior s.d. of kinematic errors: stream north and east [m/s], compass [rad], log [-], rate gyro [rad/s], antenna
+forward and to starboard [m]: little, for while any force is allowed it looks like a drift of the ship."""
+KINEMATIC_ERROR_POWERS = (0.5, 0.5, 0.0, 0.0, -0.5, 1.0, 1.0)
+"""Exponents of length with which it goes."""
+SHAFT = 7
+"""Channel of the shaft speed: no state explains it, so its misfit is no outlier."""
+MOTION_POWERS = (0.5, 0.5, -0.5, 1.0, 1.0, 0.0)
+"""Exponents of length with which u, v, r, x, y, psi go by Froude's law."""
+OUTLIER_SDS = 5.0
+"""Samples further off than this many standard deviations are left out."""
+
+
+@dataclass(frozen=True)
+class SmoothedRun:
+    """A smooth track and what surrounds it.
+
+    Attributes:
+        linearised: The equations about the track.
+        noise: Standard deviation of every channel.
+        inflation: Variance factor of each channel's noise for its correlation in time.
+        process: Process noise that the states need.
+    """
+
+    linearised: LinearisedRun
+    noise: Float[np.ndarray, " 8"]
+    inflation: Float[np.ndarray, " 8"]
+    process: Float[np.ndarray, "n 3"]
+
+
+def first_guess(run: Recording) -> Float[np.ndarray, "n 6"]:
+    """Channels smoothed one by one: a start for the smoother.
+
+    Args:
+        run: The run.
+
+    Returns:
+        u, v, r, x, y, psi.
+    """
+    recorded = measured(run)
+    filled = np.empty_like(recorded)
+    for k in range(len(MEASURED)):
+        good = np.isfinite(recorded[:, k])
+        values = np.interp(run.time, run.time[good], recorded[good, k]) if good.any() else np.zeros(len(run))
+        filled[:, k] = uniform_filter1d(median_filter(values, 5, mode="nearest"), 5, mode="nearest")
+    x, y, vn, ve, psi, r, log = filled[:, :7].T
+    v = -vn * np.sin(psi) + ve * np.cos(psi)
+    u = vn * np.cos(psi) + ve * np.sin(psi)
+    has_log = np.isfinite(recorded[:, 6]).any()
+    return np.stack([log if has_log else u, v, r, x, y, psi], axis=-1)
+
+
+@dataclass(frozen=True)
+class SmootherNoise:
+    """What a smoother takes the noise to be before it has seen a run.
+
+    Attributes:
+        channels: First idea of the channels' standard deviations.
+        least: What they are never taken to be less than.
+        process_sd: Prior standard deviation of the process noise, wide: any force is possible.
+        process_time: Its correlation time [s].
+    """
+
+    channels: Float[np.ndarray, " 8"]
+    least: Float[np.ndarray, " 8"]
+    process_sd: Float[np.ndarray, " 3"]
+    process_time: float
+
+
+def smooth(run: Recording, rate: Rate, noise: SmootherNoise, ship: Particulars, passes: int = 4) -> SmoothedRun:
+    """Find the states by an iterated smoother in which any force, a stream, and compass and log errors are possible.
+
+    Args:
+        run: The run.
+        rate: Accelerations of the calm-water model.
+        noise: What the noise may be.
+        ship: The ship, for usual sizes.
+        passes: Number of linearisations.
+
+    Returns:
+        States, noise and process noise; outliers are gaps in the run of its equations.
+    """
+    whole = run
+    run = run.with_channels(**{MEASURED[SHAFT]: np.full(len(run), np.nan)})
+    track, sigma, original = first_guess(run), noise.channels.copy(), run
+    inflation = np.ones(len(MEASURED))
+    start_sd = ship.sized([2.0, 2.0, 0.01, 20.0, 20.0, 0.2], MOTION_POWERS)
+    error_sd = ship.sized(KINEMATIC_ERROR_SD, KINEMATIC_ERROR_POWERS)
+    for last in [False] * (passes - 1) + [True]:
+        linearised = linearise(run, rate, track, noise.process_time)
+        levels = NoiseLevels(sigma * np.sqrt(inflation), noise.process_sd, noise.process_time)
+        solved = integrated(linearised, levels, start_sd)
+        columns = joined([linearised.data, _kinematic_errors(linearised)])
+        embedded = solved.embed(columns)
+        g = embedded.dot(embedded)
+        values = np.linalg.solve(g[1:, 1:] + np.diag(error_sd**-2), g[1:, 0])
+        left = np.append(1.0, -values)
+        states = solved.states(embedded.combined(left))[..., 0]
+        residual = columns.measured @ left - np.einsum("kci,ki->kc", linearised.observed, states)
+        run, sigma, inflation = _with_outliers(original, run, residual, sigma, noise.least)
+        if not last:
+            track = track + states[:, :6]
+    # With any force allowed the misfit should be one per sample; what it is more, the medians missed.
+    misfit = float(g[0] @ left) / max(np.isfinite(measured(linearised.run)).sum(), 1)
+    sigma = sigma * np.sqrt(np.clip(misfit, 1.0, 1.5))
+    run = run.with_channels(**{MEASURED[SHAFT]: measured(whole)[:, SHAFT]})
+    return SmoothedRun(linearise(run, rate, track, noise.process_time), sigma, inflation, states[:, 6:])
+
+
+def _kinematic_errors(linearised: LinearisedRun) -> Columns:
+    """Columns of a uniform stream and of compass, log, rate gyro and antenna errors."""
+    n, (r, psi) = len(linearised.run), (linearised.track[:, 2], linearised.track[:, 5])
+    cos, sin = np.cos(psi), np.sin(psi)
+    c = Columns(np.zeros((n, len(MEASURED), 7)), np.zeros((n - 1, 6, 7)))
+    c.measured[:, 5, 4] = 1.0
+    c.measured[:, 0, 5], c.measured[:, 1, 5] = cos, sin
+    c.measured[:, 2, 5], c.measured[:, 3, 5] = -r * sin, r * cos
+    c.measured[:, 0, 6], c.measured[:, 1, 6] = -sin, cos
+    c.measured[:, 2, 6], c.measured[:, 3, 6] = -r * cos, -r * sin
+    c.measured[:, 2, 0] = c.measured[:, 3, 1] = c.measured[:, 4, 2] = 1.0
+    c.measured[:, 6, 3] = linearised.track[:, 0]
+    c.moved[:, 3, 0] = c.moved[:, 4, 1] = linearised.run.step
+    return c
+
+
+def _with_outliers(
+    original: Recording, run: Recording, residual: np.ndarray, sigma: np.ndarray, floor: np.ndarray
+) -> tuple[Recording, Float[np.ndarray, " 8"], Float[np.ndarray, " 8"]]:
+    """Outliers marked, and each channel's noise and its correlation measured on the rest."""
+    raw, present = np.where(np.isfinite(measured(original)), residual, np.nan), np.isfinite(measured(run))
+    new, inflation = sigma.copy(), np.ones(len(MEASURED))
+    # The residual of samples that were left out before is not in `residual`: recompute from the track.
+    bad = np.zeros_like(raw, dtype=bool)
+    for k in range(len(MEASURED)):
+        values = raw[:, k]
+        good = np.isfinite(values) & present[:, k]
+        if good.sum() < 10 or k == SHAFT:
+            continue
+        new[k] = max(1.4826 * np.median(np.abs(values[good])), floor[k])
+        bad[:, k] = np.isfinite(values) & (np.abs(values) > OUTLIER_SDS * new[k])
+        inflation[k] = _long_run(np.where(good & ~bad[:, k], values, 0.0) / new[k])
+    return without_samples(run, bad), new, inflation
+
+
+def _long_run(e: Float[np.ndarray, " n"], lags: int = 30) -> float:
+    """Variance of slow averages over that of white noise; at least 1."""
+    e = e - e.mean()
+    power = float(e @ e) or 1.0
+    rho = [float(e[:-k] @ e[k:]) / power for k in range(1, min(lags, len(e) - 1))]
+    total = 1.0
+    for value in rho:  # Sum up to the first negative value: Geyer 1992's initial positive sequence
+        if value < 0.05:
+            break
+        total += 2 * value
+    return float(np.clip(total, 1.0, 20.0))

@@ -1,0 +1,39 @@
+"""A channel and its slope by local cubics (Savitzky & Golay 1964), or by a cross-validated spline."""
+
+import numpy as np
+from jaxtyping import Float
+from scipy.interpolate import make_smoothing_spline
+from scipy.signal import savgol_filter
+
+ORDER = 3
+"""Order of the local polynomials."""
+WINDOW = 0.8
+"""Length of the smoother's window over L/U0."""
+
+
+def smoothed(
+    time: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"], window: float | None
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Smooth a channel and take its slope.
+
+    Args:
+        time: Sample times [s], even or not.
+        values: Samples.
+        window: Window of the local cubics [s]; None takes a cross-validated spline.
+
+    Returns:
+        Smoothed values and their time derivative, at the same times.
+    """
+    if window is None and len(time) >= 5:
+        spline = make_smoothing_spline(time, values)
+        return spline(time), spline.derivative()(time)
+    step = float(np.median(np.diff(time)))
+    even = time[0] + step * np.arange(round((time[-1] - time[0]) / step) + 1)
+    # Written times are rounded: what is off the even grid by less than a tenth of a step counts as on it.
+    on_grid = len(even) == len(time) and np.abs(time - even).max() < 0.1 * step
+    samples = values if on_grid else np.interp(even, time, values)
+    count = min(max(2 * round((window or 0.0) / step / 2) + 1, ORDER + 2), (len(samples) - 1) // 2 * 2 + 1)
+    order = min(ORDER, count - 1)
+    value = savgol_filter(samples, count, order)
+    slope = savgol_filter(samples, count, order, deriv=1, delta=step)
+    return (value, slope) if on_grid else (np.interp(time, even, value), np.interp(time, even, slope))

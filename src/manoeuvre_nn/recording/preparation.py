@@ -1,0 +1,315 @@
+"""Recordings made ready for a diagnosis: even times, rudder and shaft freed of noise, velocity from positions."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from math import ceil
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Bool, Float
+from scipy.ndimage import median_filter, uniform_filter1d
+
+from manoeuvre_nn.core.channels import MEASURED
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.frames import body_to_earth
+from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.core.units import RPM
+from manoeuvre_nn.recording.local_cubics import WINDOW, smoothed
+from manoeuvre_nn.recording.read.mapping import RECORD
+from manoeuvre_nn.recording.read.mending import followed
+
+MIN_STEP_S = 1.0
+"""Finest step that recordings are read off at [s], unless the ship is fast."""
+MAX_STEP = 0.05
+"""Longest step that recordings are read off at, over L/U0."""
+MAX_NOMINAL_OFFSET = 0.05
+"""Largest distance of the first shaft speed from the nominal one at which the nominal one was ordered [-]."""
+
+
+def measured(run: Recording) -> Float[np.ndarray, "n channels"]:
+    """What sensors wrote down, as a matrix.
+
+    Args:
+        run: A recording.
+
+    Returns:
+        One column a channel of ``MEASURED``; NaN where nothing was recorded.
+    """
+    gap = np.full(len(run), np.nan)
+    return np.stack([run.channels.get(name, gap) for name in MEASURED], axis=-1)
+
+
+def with_measured(run: Recording, values: Float[np.ndarray, "n channels"]) -> Recording:
+    """A recording with other measured channels.
+
+    Args:
+        run: A recording.
+        values: One column a channel of ``MEASURED``; NaN in gaps.
+
+    Returns:
+        A new recording.
+    """
+    return run.with_channels(**dict(zip(MEASURED, values.T, strict=True)))
+
+
+def without_samples(run: Recording, bad: Bool[np.ndarray, "n channels"]) -> Recording:
+    """A recording with some measured samples marked as unusable.
+
+    Args:
+        run: A recording.
+        bad: Which, in the columns of ``MEASURED``.
+
+    Returns:
+        A new recording with gaps there.
+    """
+    return with_measured(run, np.where(bad, np.nan, measured(run)))
+
+
+def over_ground(recording: Recording, ship: Particulars) -> Recording:
+    """Only what was recorded, in the channels of a diagnosis: velocity over ground, shaft over the nominal speed.
+
+    Args:
+        recording: In SI, rudder positive to starboard; its u and v count as velocities over ground.
+        ship: The ship, for its nominal shaft speed.
+
+    Returns:
+        A recording without channels that were derived, but for a velocity that positions give: ``meta["derived"]``.
+
+    Raises:
+        InputError: If it is a record of channels without heading, rudder and motion.
+    """
+    if recording.meta.get("kind") == RECORD:
+        raise InputError(f"{recording.name}: a mapping of kind: record gives no manoeuvre that could be diagnosed")
+    given = {k: c for k, c in recording.channels.items() if k not in recording.derived}
+    kept = ("psi", "delta", "delta_order", "r", "x", "y", "u_log", "vn", "ve")
+    channels = {k: given[k] for k in kept if k in given and not (k == "y" and "x" not in given)}
+    if "n" in given:
+        channels["shaft_recorded"] = given["n"] / (ship.rpm * RPM)
+    elif "shaft" in given:
+        channels["shaft_recorded"] = given["shaft"]
+    if "u" in given:
+        channels["vn"], channels["ve"] = body_to_earth(given["u"], given["v"], given["psi"])
+    meta = {**recording.meta, "derived": (), "time_unit": ship.time_unit}
+    return _with_velocity(replace(recording, channels=channels, meta=meta), ship)
+
+
+def _with_velocity(run: Recording, ship: Particulars) -> Recording:
+    """Velocity over ground from the positions where it was not recorded: the smoother starts from it."""
+    if "vn" in run.channels:
+        return run
+    made = {}
+    for position, velocity in (("x", "vn"), ("y", "ve")):
+        slope = smoothed(run.time, run.filled(position), WINDOW * ship.time_unit)[1]
+        made[velocity] = np.where(np.isfinite(run[position]), slope, np.nan)
+    return replace(run.with_channels(**made), meta={**run.meta, "derived": ("vn", "ve")})
+
+
+def common_step(runs: Sequence[Recording], ship: Particulars) -> float:
+    """Time between samples that several recordings are read off at.
+
+    Args:
+        runs: The recordings.
+        ship: For L/U0.
+
+    Returns:
+        Step [s]: that of the finest recording, but not less than ``MIN_STEP_S`` nor more than ``MAX_STEP`` ask for; a
+        recording with longer steps is left with gaps.
+    """
+    longest = MAX_STEP * ship.time_unit
+    step = max(min(_whole_step(run) for run in runs), min(MIN_STEP_S, longest))
+    return step / ceil(step / longest - 0.05)
+
+
+def _whole_step(run: Recording) -> float:
+    """Usual time between samples [s]: whole seconds or whole samples a second where written times only round it."""
+    usual = float(np.median(np.diff(run.time)))
+    whole = float(round(usual)) if usual > 0.75 else 1.0 / round(1.0 / usual)
+    return whole if abs(usual / whole - 1) < 0.01 else usual
+
+
+def prepared(run: Recording, step: float, ship: Particulars, kind: str = "") -> Recording:
+    """Put a recording on even times and take the noise out of its rudder and shaft.
+
+    Args:
+        run: From :func:`over_ground`.
+        step: Time between samples [s].
+        ship: For the rate of the steering gear.
+        kind: What was sailed, as far as known.
+
+    Returns:
+        The recording with the channels ``MEASURED``, delta (noise taken out where the rudder rests), delta_order,
+        order_lead and shaft; ``meta`` holds ``rudder_noise`` [rad], ``kind``, ``derived`` and ``time_unit`` [s].
+    """
+    even = _on_even_times(run, step)
+    shown = even.filled("delta")
+    given = "delta_order" in even.channels
+    order = even.filled("delta_order") if given else estimated_order(shown, step, ship.rudder_rate)
+    if abs(order[0] - shown[0]) > ship.rudder_rate * step:
+        order[0] = shown[0]  # the recording begins with a new order: until then the rudder was at rest
+    delta, noise = smooth_rudder(shown, order, step, ship.rudder_rate)
+    columns = measured(even)
+    inputs = {
+        "delta": delta,
+        "delta_order": order,
+        "order_lead": order_lead(shown, order, step, ship.rudder_rate),
+        "shaft": smooth_shaft(columns[:, MEASURED.index("shaft_recorded")]),
+    }
+    derived = (*run.derived, *(() if given else ("delta_order",)))
+    meta = {**run.meta, "rudder_noise": noise, "kind": kind, "derived": derived, "time_unit": ship.time_unit}
+    return with_measured(replace(even, channels=inputs, meta=meta), columns)
+
+
+def _on_even_times(run: Recording, step: float) -> Recording:
+    """A recording read off at even times; nothing is made up where nothing was recorded."""
+    # Several samples within a step are joined to their median. Where samples are rarer, each is moved to the nearest of
+    # the new times along the straight line to its neighbour, and the other times stay empty.
+    time = run.time
+    even = step * np.arange(int(time[-1] / step + 1e-6) + 1)
+    if len(even) == len(time) and np.abs(time - even).max() < 0.02 * step:
+        return replace(run, time=even)
+    place = np.minimum(np.rint(time / step).astype(int), len(even) - 1)
+    fast = _whole_step(run) < 0.75 * step
+    joined = {k: _joined(time, v, even, place, fast) for k, v in run.channels.items()}
+    if "delta_order" in joined:  # an order stands until the next one
+        latest = np.searchsorted(time, even + 1e-6 * step, side="right") - 1
+        joined["delta_order"] = run.filled("delta_order")[latest]
+    return replace(run, time=even, channels=joined)
+
+
+def _joined(time: np.ndarray, values: np.ndarray, even: np.ndarray, place: np.ndarray, fast: bool) -> np.ndarray:
+    """One channel at even times; ``place`` says which of them each sample is nearest to."""
+    if fast:
+        joined = pd.Series(values).groupby(place).median().reindex(range(len(even))).to_numpy(float, copy=True)
+        ends = [0, -1]  # half a step on one side only: its median would be late or early
+        joined[ends] = values[[np.abs(time - even[k]).argmin() for k in ends]]
+        return joined
+    good = np.isfinite(values)
+    result = np.full(len(even), np.nan)
+    hit = np.unique(place[good])
+    result[hit] = np.interp(even[hit], time[good], values[good])
+    return result
+
+
+def estimated_order(shown: Float[np.ndarray, " n"], step: float, rate: float) -> Float[np.ndarray, " n"]:
+    """Helm orders behind an indicated angle: while the rudder moves, the angle at which it will come to rest.
+
+    Args:
+        shown: Indicated angle [rad].
+        step: Time between samples [s].
+        rate: Rate of the steering gear [rad/s].
+
+    Returns:
+        Orders [rad].
+    """
+    smooth = median_filter(shown, 5, mode="nearest")
+    moving = np.abs(np.gradient(smooth, step)) > 0.25 * rate
+    piece = np.cumsum(np.diff(moving, prepend=moving[0]))
+    rest = pd.Series(shown).groupby(piece).transform("median").mask(moving)
+    return rest.bfill().fillna(smooth[-1]).to_numpy(float, copy=True)
+
+
+def smooth_rudder(
+    recorded: Float[np.ndarray, " n"], order: Float[np.ndarray, " n"], step: float, rate: float, window: float = 15.0
+) -> tuple[Float[np.ndarray, " n"], float]:
+    """Take the noise out of an indicated rudder angle where the rudder rests.
+
+    While the rudder moves the record is kept: a mean would blur the ramp. It moves from a change of the order until the
+    nominal gear would have arrived and two seconds more.
+
+    Args:
+        recorded: Indicated angle [rad].
+        order: Helm order [rad].
+        step: Time between samples [s].
+        rate: Nominal rate of the gear [rad/s].
+        window: Length of the mean [s].
+
+    Returns:
+        The angle and the standard deviation of its noise [rad].
+    """
+    shown = followed(step * np.arange(len(order)), order, rate, start=recorded[0])
+    busy = np.abs(np.diff(shown, prepend=shown[0])) > 1e-9
+    reach = max(1, round(2.0 / step))
+    busy = np.convolve(busy, np.ones(2 * reach + 1), mode="same") > 0
+    busy |= np.abs(np.diff(order, prepend=order[0])) > 1e-9
+    result = recorded.copy()
+    half = max(1, round(0.5 * window / step))
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], busy, [True]]).astype(int)))
+    residuals = []
+    for start, end in zip(edges[::2], edges[1::2], strict=False):
+        piece = recorded[start:end]
+        if len(piece) >= 3:
+            result[start:end] = _mean(_despiked(piece), half)
+            residuals.append(piece - result[start:end])
+    if not residuals:
+        return result, 0.0
+    return result, float(1.4826 * np.median(np.abs(np.concatenate(residuals))))
+
+
+def order_lead(
+    recorded: Float[np.ndarray, " n"], order: Float[np.ndarray, " n"], step: float, rate: float
+) -> Float[np.ndarray, " n"]:
+    """When, between two samples, a new order was given: the nominal gear has moved the indicator since then.
+
+    Args:
+        recorded: Indicated angle [rad].
+        order: Helm order [rad].
+        step: Time between samples [s].
+        rate: Nominal rate of the gear [rad/s].
+
+    Returns:
+        Share of the step before each sample, 0 where the order did not change.
+    """
+    lead = np.zeros_like(order)
+    for k in np.flatnonzero(np.abs(np.diff(order)) > rate * step) + 1:
+        rest = recorded[max(k - 3, 0) : k].mean() if np.ptp(order[max(k - 3, 0) : k]) == 0 else recorded[k - 1]
+        lead[k] = np.clip((recorded[k] - rest) / (np.sign(order[k] - order[k - 1]) * rate * step), 0.0, 1.0)
+    return lead
+
+
+def _despiked(piece: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Values far off the median held at it."""
+    middle = np.median(piece)
+    spread = 1.4826 * np.median(np.abs(piece - middle)) + 1e-6
+    return np.where(np.abs(piece - middle) > 5 * spread, middle, piece)
+
+
+def _mean(piece: Float[np.ndarray, " n"], half: int) -> Float[np.ndarray, " n"]:
+    """Mean over a window, shorter at the ends."""
+    window, n = np.ones(2 * half + 1), len(piece)
+    return (np.convolve(piece, window) / np.convolve(np.ones(n), window))[half : half + n]
+
+
+def with_own_shafts(runs: Sequence[Recording]) -> tuple[Recording, ...]:
+    """Recordings whose shaft speed is what was ordered where they approach at other speeds than the nominal one.
+
+    A shaft that is nominal on the approach and then falls off shows an engine at its limit. One that is another from
+    the first sample on was ordered otherwise: it still drives the model, but says nothing of the engine.
+
+    Args:
+        runs: Prepared recordings of one ship.
+
+    Returns:
+        The recordings; without the measured shaft speed if one of them was ordered otherwise.
+    """
+    if all(abs(run["shaft"][0] - 1) <= MAX_NOMINAL_OFFSET for run in runs):
+        return tuple(runs)
+    return tuple(run.with_channels(shaft_recorded=np.full(len(run), np.nan)) for run in runs)
+
+
+def smooth_shaft(ratio: Float[np.ndarray, " n"], window: int = 15) -> Float[np.ndarray, " n"]:
+    """Shaft speed as an input of the model: 1 where it is nominal all the time, else the record without its noise.
+
+    Args:
+        ratio: Recorded shaft speed over the nominal one [-]; NaN in gaps.
+        window: Samples of the running median.
+
+    Returns:
+        Ratio [-].
+    """
+    good = np.isfinite(ratio)
+    if good.sum() < window:
+        return np.ones_like(ratio)
+    filled = np.interp(np.arange(len(ratio)), np.flatnonzero(good), ratio[good])
+    smooth = uniform_filter1d(median_filter(filled, window, mode="nearest"), window // 2, mode="nearest")
+    return smooth if np.abs(smooth - 1).max() > 0.01 else np.ones_like(ratio)

@@ -1,0 +1,123 @@
+"""Mappings as files: yaml is data and names no code."""
+
+from collections.abc import Iterable
+from collections.abc import Mapping as AnyMapping
+from pathlib import Path
+from typing import Any
+
+from manoeuvre_nn.core.channels import DECLARED
+from manoeuvre_nn.core.data_files import CONF, load_yaml
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.recording.read.captive import CaptiveMapping, captive_mapping
+from manoeuvre_nn.recording.read.mapping import REQUIRED, ChannelMap, Mapping, mapping
+from manoeuvre_nn.recording.read.table import headings_of
+
+SI_DEGREES, CONCEALED = "si_degrees", "concealed"
+"""Mappings of the csv that a diagnosis reads where none is given, and of concealed cases."""
+WRITTEN = Mapping(
+    ChannelMap("t [s]", "s"),
+    {c.name: ChannelMap(f"{c.name} [{c.unit}]", c.unit) for c in DECLARED if c.name != "t"},
+    optional=True,
+)
+"""How :meth:`~manoeuvre_nn.core.recording.Recording.to_csv` writes."""
+
+
+def read_mapping(name: str | Path, own: str | Path | None = None) -> Mapping:
+    """Read how files of a record over time are mapped.
+
+    Args:
+        name: Path of a yaml, or its name in conf/recording or in a folder ``recording`` of the user's own.
+        own: The user's own folder.
+
+    Returns:
+        The mapping.
+
+    Raises:
+        InputError: If it is missing, describes something else, or says what cannot be used.
+    """
+    content = _content(name, own)
+    if not isinstance(content, AnyMapping) or "channels" not in content:
+        raise InputError(f"mapping={name} is no mapping of a record over time: write time: and channels: into it")
+    return mapping(**_without_code(content, f"mapping={name}", "manoeuvre_nn.recording.mapping.mapping"))
+
+
+def read_captive_mapping(name: str | Path | None, own: str | Path | None = None) -> CaptiveMapping:
+    """Read how a table of captive tests is mapped.
+
+    Args:
+        name: As in :func:`read_mapping`.
+        own: The user's own folder.
+
+    Returns:
+        The mapping.
+
+    Raises:
+        InputError: If it is missing or describes something else.
+    """
+    if name is None:
+        raise InputError("captive.mapping is not given: write the path of a yaml, or a name in conf/recording/")
+    content = _content(name, own)
+    if not isinstance(content, AnyMapping) or "columns" not in content:
+        raise InputError(f"captive.mapping={name} is no mapping of captive tests: write columns: into it")
+    old = "manoeuvre_nn.recording.captive.captive_mapping"
+    return captive_mapping(**_without_code(content, f"captive.mapping={name}", old))
+
+
+def _content(name: str | Path, own: str | Path | None) -> Any:
+    """What a yaml holds that is given by its name or its path."""
+    folders = [CONF, *([Path(own)] if own else [])]
+    named = [folder / "recording" / f"{name}.yaml" for folder in folders]
+    return load_yaml(next((path for path in named if path.is_file()), Path(name)))
+
+
+def _without_code(content: AnyMapping[Any, Any], where: str, old: str) -> dict[str, Any]:
+    """Settings of a file from outside; what names code is refused."""
+    settings = {str(key): value for key, value in content.items() if (key, value) != ("_target_", old)}
+    _check_plain(settings, where)
+    return settings
+
+
+def _check_plain(value: Any, where: str) -> None:
+    """Refuse what is more than numbers, words, and lists and tables of them."""
+    inner = [value] if isinstance(value, str) else value.values() if isinstance(value, AnyMapping) else value
+    for key in value if isinstance(value, AnyMapping) else ():
+        if str(key).startswith("_"):
+            raise InputError(f"{where}: {key}: {value[key]} is refused; a mapping is data and names no code")
+    for one in inner if isinstance(inner, Iterable) else ():
+        if isinstance(one, str) and "${" in one:
+            raise InputError(f"{where}: {one} is refused; a mapping is data and refers to nothing else")
+        if not isinstance(one, str):
+            _check_plain(one, where)
+
+
+def is_written_by_package(path: Path) -> bool:
+    """Tell by its headings whether a file is a recording that this package wrote.
+
+    Args:
+        path: The file.
+
+    Returns:
+        Whether it has the columns ``t [s]``, ``psi [rad]`` and ``delta [rad]``.
+    """
+    wanted = {WRITTEN.time.column, *(WRITTEN.channels[name].column for name in REQUIRED)}
+    return wanted <= set(headings_of(path))
+
+
+def mapping_of(path: Path) -> Mapping:
+    """The mapping of a file that comes without one.
+
+    Args:
+        path: The file.
+
+    Returns:
+        How this package writes.
+
+    Raises:
+        InputError: If the file is of another kind.
+    """
+    if not is_written_by_package(path):
+        raise InputError(
+            f"{path.name} is no recording that this package wrote, and mapping is not given: write mapping=FILE.yaml; "
+            f"manoeuvre import {path} proposes one"
+        )
+    return WRITTEN

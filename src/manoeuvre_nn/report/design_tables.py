@@ -1,0 +1,169 @@
+"""Which manoeuvre to sail next, in words: one sentence, a table, and JSON."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.design.candidates import ExpectedGain
+from manoeuvre_nn.design.expected_error import Disagreement
+from manoeuvre_nn.dynamics.limits import OK
+
+
+@dataclass(frozen=True)
+class ManoeuvreAdvice:
+    """What to sail next, and why.
+
+    Attributes:
+        ship: Name of the ship.
+        goal: ``accuracy`` or ``coefficients``.
+        expected: What every candidate is expected to bring, best first.
+        trained_on: Sentence on what is recorded.
+        where: Disagreement of the members along the targets; none for a model without members.
+        recorded: v', r' [-], rudder angle [rad] of what is recorded.
+        coefficients: What the coefficients are.
+        left_out: Candidates that were not tried, and why.
+        per_minute: Whether candidates are ranked by the gain for every minute.
+    """
+
+    ship: str
+    goal: str
+    expected: Sequence[ExpectedGain]
+    trained_on: str
+    where: Sequence[Disagreement]
+    recorded: np.ndarray
+    coefficients: str = ""
+    left_out: Sequence[str] = field(default_factory=tuple)
+    per_minute: bool = False
+
+    @property
+    def best(self) -> ExpectedGain:
+        """The first candidate that nothing speaks against; the very first if there is none."""
+        return next((e for e in self.expected if e.status == OK), self.expected[0])
+
+
+def ranked(expected: Sequence[ExpectedGain], per_minute: bool) -> list[ExpectedGain]:
+    """Candidates by what they bring.
+
+    Args:
+        expected: What is expected of each.
+        per_minute: Whether the gain for every minute counts.
+
+    Returns:
+        Best first.
+    """
+    return sorted(expected, key=lambda e: -(e.per_minute if per_minute else e.gain))
+
+
+def sentence(a: ManoeuvreAdvice) -> str:
+    """What to sail next and why, in one sentence.
+
+    Args:
+        a: The advice.
+
+    Returns:
+        The sentence.
+    """
+    best = a.best
+    begin = f"Sail next: {best.manoeuvre} ({best.seconds / 60:.0f} min)"
+    if best.status != OK:
+        begin += f", with care ({best.status})"
+    if a.goal == "coefficients":
+        equation = max(best.targets, key=lambda e: best.targets[e][0] / best.targets[e][1])
+        fall = best.targets[equation]
+        return (
+            f"{begin}, because it tells most about the coefficients of {a.coefficients}: their standard errors fall to "
+            f"{100 * best.then / best.now:.0f} % on average, those of {equation} to {100 * fall[1] / fall[0]:.0f} %."
+        )
+    # Not itself: that it is known once it is sailed says nothing.
+    others = [name for name in best.targets if name != best.manoeuvre] or list(best.targets)
+    worst = max(others, key=lambda name: best.targets[name][0])
+    now, then = best.targets[worst]
+    return (
+        f"{begin}, because the members disagree most about {worst} ({now:.2g} L apart now, {then:.2g} L after it)"
+        f"{_place(a, worst)}; on average the error falls from {best.now:.2g} to {best.then:.2g} L."
+    )
+
+
+def _place(a: ManoeuvreAdvice, target: str) -> str:
+    """Where on a target they disagree most."""
+    for d in a.where:
+        if d.manoeuvre == target:
+            v, r, delta = d.motion[int(d.spread.argmax())]
+            return f", above all at {delta / DEGREE:.0f} deg of rudder, v' = {v:.2f}, r' = {r:.2f}"
+    return ""
+
+
+def advice_rows(a: ManoeuvreAdvice) -> list[dict[str, Any]]:
+    """Candidates as rows, best first.
+
+    Args:
+        a: The advice.
+
+    Returns:
+        One row a candidate.
+    """
+    names = ("dev/L now", "then") if a.goal == "accuracy" else ("errors now", "then")
+    return [
+        {
+            "manoeuvre": e.manoeuvre,
+            "min": round(e.seconds / 60, 1),
+            names[0]: e.now,
+            names[1]: e.then,
+            "gain": e.gain,
+            "gain/min": e.per_minute,
+            "status": e.status,
+        }
+        for e in a.expected
+    ]
+
+
+def target_rows(a: ManoeuvreAdvice) -> list[dict[str, Any]]:
+    """What is left of each target's deviation, or each equation's standard errors, candidate by candidate.
+
+    Args:
+        a: The advice.
+
+    Returns:
+        The first row is how things are now.
+    """
+    now = {"after": "nothing", **{name: pair[0] for name, pair in a.expected[0].targets.items()}}
+    return [now, *({"after": e.manoeuvre, **{name: pair[1] for name, pair in e.targets.items()}} for e in a.expected)]
+
+
+def advice_json(a: ManoeuvreAdvice, versions: Mapping[str, str]) -> dict[str, Any]:
+    """What ``excite.json`` holds.
+
+    Args:
+        a: The advice.
+        versions: Package -> version.
+
+    Returns:
+        Plain numbers and strings.
+    """
+    return {
+        "sail_next": a.best.manoeuvre,
+        "sentence": sentence(a),
+        "ship": a.ship,
+        "goal": a.goal,
+        "per_minute": a.per_minute,
+        "trained_on": a.trained_on,
+        "coefficients": a.coefficients,
+        "candidates": [
+            {
+                "manoeuvre": e.manoeuvre,
+                "seconds": e.seconds,
+                "now": e.now,
+                "then": e.then,
+                "gain": e.gain,
+                "gain_per_minute": e.per_minute,
+                "status": e.status,
+                "targets": {name: {"now": pair[0], "then": pair[1]} for name, pair in e.targets.items()},
+            }
+            for e in a.expected
+        ],
+        "not_tried": list(a.left_out),
+        "versions": dict(versions),
+    }

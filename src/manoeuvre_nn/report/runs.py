@@ -1,0 +1,76 @@
+"""Recordings beside each other: a table and a figure of all of them."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.report.style import new_figure, plain_axes
+from manoeuvre_nn.report.tables import Row
+
+
+def run_rows(runs: Sequence[Recording], length: float) -> list[Row]:
+    """A row each recording.
+
+    Args:
+        runs: The recordings.
+        length: Ship length L [m].
+
+    Returns:
+        Name, duration, samples, hardest rudder, change of heading, way sailed, and how the run ended.
+    """
+    return [
+        {
+            "run": run.name,
+            "duration [s]": f"{run.duration:.0f}",
+            "samples": len(run),
+            "rudder [deg]": _range(run, "delta", 1 / DEGREE),
+            "heading [deg]": _range(run, "psi", 1 / DEGREE),
+            "way / L": f"{_way(run) / length:.1f}",
+            "status": run.status,
+        }
+        for run in runs
+    ]
+
+
+def _range(run: Recording, channel: str, factor: float) -> str:
+    """Least and largest value of a channel."""
+    if channel not in run.channels:
+        return "–"
+    values = run[channel] * factor
+    return f"{np.nanmin(values):.0f} to {np.nanmax(values):.0f}"
+
+
+def _way(run: Recording) -> float:
+    """Length of the track [m]; NaN where no position was recorded."""
+    if not {"x", "y"} <= set(run.channels):
+        return float("nan")
+    return float(np.nansum(np.hypot(np.diff(run["x"]), np.diff(run["y"]))))
+
+
+def runs_figure(runs: Sequence[Recording], length: float) -> Figure:
+    """All tracks from above, and rudder and heading over time.
+
+    Args:
+        runs: The recordings.
+        length: Ship length L [m].
+
+    Returns:
+        The figure.
+    """
+    figure = new_figure(5.0, title="")
+    tracks, series = figure.subplots(1, 2)
+    plain_axes(tracks, "east y/L [-]", "north x/L [-]")
+    plain_axes(series, "time t [s]", "heading ψ (full), rudder δ (dotted) [deg]")
+    for k, run in enumerate(runs):
+        colour = f"C{k % 10}"
+        if {"x", "y"} <= set(run.channels):
+            tracks.plot(run["y"] / length, run["x"] / length, color=colour, label=run.name)
+        for channel, style in (("psi", "-"), ("delta", ":")):
+            if channel in run.channels:
+                series.plot(run.time, run[channel] / DEGREE, style, color=colour, label=None)
+    tracks.set_aspect("equal", adjustable="datalim")
+    tracks.legend(fontsize=7)
+    return figure

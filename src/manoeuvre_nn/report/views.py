@@ -1,0 +1,181 @@
+"""What a person holds in Python: runs, scores and an answer that print as tables and plot themselves."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from io import StringIO
+from typing import Any, overload
+
+from matplotlib.figure import Figure
+from rich.console import Console
+
+from manoeuvre_nn.core.errors import check_choice
+from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.diagnosis.result import Diagnosis
+from manoeuvre_nn.report.diagnosis_figures import draw_diagnosis
+from manoeuvre_nn.report.diagnosis_tables import print_diagnosis
+from manoeuvre_nn.report.figures import track_figure
+from manoeuvre_nn.report.runs import run_rows, runs_figure
+from manoeuvre_nn.report.tables import rich_table, score_table
+from manoeuvre_nn.scoring.score import Score
+
+TABLE_COLUMNS = 100
+"""Letters in a line of a printed table."""
+
+
+def _printed(*tables: Any) -> str:
+    """Tables as text."""
+    console = Console(width=TABLE_COLUMNS, record=True, file=StringIO())
+    for table in tables:
+        console.print(table, highlight=False)
+    return console.export_text().rstrip()
+
+
+class Runs(Sequence[Recording]):
+    """Recordings of one ship; printed as a table."""
+
+    def __init__(self, runs: Sequence[Recording], ship: Particulars) -> None:
+        """Keep recordings.
+
+        Args:
+            runs: The recordings.
+            ship: The ship.
+        """
+        self.runs, self.ship = tuple(runs), ship
+
+    def __len__(self) -> int:
+        """Number of recordings."""
+        return len(self.runs)
+
+    @overload
+    def __getitem__(self, which: int) -> Recording: ...
+    @overload
+    def __getitem__(self, which: slice) -> "Runs": ...
+    def __getitem__(self, which: int | slice) -> "Recording | Runs":
+        """One recording, or some of them.
+
+        Args:
+            which: Number or slice.
+
+        Returns:
+            The recording, or recordings.
+        """
+        return Runs(self.runs[which], self.ship) if isinstance(which, slice) else self.runs[which]
+
+    def __add__(self, others: "Runs") -> "Runs":
+        """These and others of the same ship."""
+        return Runs([*self.runs, *others.runs], self.ship)
+
+    def __repr__(self) -> str:
+        """A table: a line each recording."""
+        return _printed(rich_table(run_rows(self.runs, self.ship.length), f"Runs of the {self.ship.name}"))
+
+    def plot(self) -> Figure:
+        """Tracks from above, heading and rudder over time.
+
+        Returns:
+            The figure.
+        """
+        return runs_figure(self.runs, self.ship.length)
+
+
+class Scores(Sequence[Score]):
+    """How far a model ends up from recordings; printed as a table."""
+
+    def __init__(self, scores: Sequence[Score], runs: Sequence[Recording], predictions: Sequence[Recording]) -> None:
+        """Keep scores and what they were formed of.
+
+        Args:
+            scores: One a run.
+            runs: What was recorded.
+            predictions: What the model does.
+        """
+        self.scores, self.runs, self.predictions = tuple(scores), tuple(runs), tuple(predictions)
+
+    def __len__(self) -> int:
+        """Number of runs."""
+        return len(self.scores)
+
+    @overload
+    def __getitem__(self, which: int) -> Score: ...
+    @overload
+    def __getitem__(self, which: slice) -> "Scores": ...
+    def __getitem__(self, which: int | slice) -> "Score | Scores":
+        """One score, or some of them.
+
+        Args:
+            which: Number or slice.
+
+        Returns:
+            The score, or scores.
+        """
+        if isinstance(which, slice):
+            return Scores(self.scores[which], self.runs[which], self.predictions[which])
+        return self.scores[which]
+
+    def __repr__(self) -> str:
+        """A table: a line each run."""
+        return _printed(score_table(self.scores, title="Predicted and recorded"))
+
+    def plot(self, which: int | None = None) -> Figure:
+        """Predicted and recorded track of one run.
+
+        Args:
+            which: Its number; None takes the run that is predicted worst.
+
+        Returns:
+            The figure.
+        """
+        worst = max(range(len(self)), key=lambda k: self.scores[k].dev_L)
+        chosen = worst if which is None else which
+        run = self.runs[chosen]
+        return track_figure(run, self.predictions[chosen], float(run.meta["length"]))
+
+
+@dataclass(frozen=True, repr=False)
+class Answer:
+    """What a diagnosis found.
+
+    Attributes:
+        diagnosis: Everything: causes, values, evidence, proof, what to record next.
+    """
+
+    diagnosis: Diagnosis
+
+    @property
+    def summary(self) -> str:
+        """What is missing, in a sentence."""
+        return self.diagnosis.sentence
+
+    @property
+    def effects(self) -> dict[str, dict[str, float]]:
+        """Effects of the repaired model -> parameter -> value."""
+        named = [c for c in self.diagnosis.causes if c.name in self.diagnosis.model]
+        return {c.name: {v.name: v.value for v in c.parameters} for c in named}
+
+    def __repr__(self) -> str:
+        """The short tables that ``manoeuvre diagnose`` prints."""
+        console = Console(width=TABLE_COLUMNS, record=True, file=StringIO())
+        print_diagnosis(self.diagnosis, console)
+        return console.export_text().rstrip()
+
+    def figures(self) -> dict[str, Figure]:
+        """All figures of the report.
+
+        Returns:
+            Name -> figure.
+        """
+        return draw_diagnosis(self.diagnosis)
+
+    def plot(self, name: str = "probabilities") -> Figure:
+        """One figure of the report.
+
+        Args:
+            name: Its name among :meth:`figures`.
+
+        Returns:
+            The figure.
+        """
+        drawn = self.figures()
+        check_choice("figure", name, list(drawn))
+        return drawn[name]

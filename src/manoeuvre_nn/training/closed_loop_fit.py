@@ -1,0 +1,262 @@
+"""A fit of a series in closed loop: states and coefficients together, a pass an epoch."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.ship import Ship
+from manoeuvre_nn.dynamics.model import IdentifiedShip
+from manoeuvre_nn.estimation.agreement import birge_scaled_covariance
+from manoeuvre_nn.estimation.closed_loop import at_rest, first, improve, solve
+from manoeuvre_nn.estimation.prime_recordings import to_prime
+from manoeuvre_nn.estimation.problem import CHANNELS, Estimate, EstimationProblem, SensorFault, sensor_faults
+from manoeuvre_nn.estimation.series_force import Prior, SeriesForce
+from manoeuvre_nn.network.series import Series
+from manoeuvre_nn.training.data import Batch, ManoeuvreData
+from manoeuvre_nn.training.fits import Fit
+from manoeuvre_nn.training.scalings import approach_scaling
+
+RESTING = "coefficients and noise at rest"
+
+
+@dataclass(frozen=True)
+class ClosedLoopSettings:
+    """How far equations, sensors and the prior are believed.
+
+    Attributes:
+        force: Standard deviation of the accelerations that the model may lack in surge, sway and yaw at U0, in U0^2/L
+            (yaw: U0^2/L^2). Small ones make the fit follow the ship for long, as simulations do; large ones make it a
+            fit to accelerations.
+        force_time: Correlation time of them in L/U0.
+        floor: Noise of u, v, r, x, y, psi is never taken to be smaller, in U0, U0/L, L, rad: no model is better.
+        learn_force: Whether it is estimated; ``force`` is then the most that it may be.
+        force_with_speed: Whether it goes with the ship's speed in sway and yaw where the wind was recorded: forces go
+            with dynamic pressure, and so do those that a model lacks.
+        learn_floor: Whether ``floor`` sinks as far as stretches of the recordings agree: it does for a model that is
+            right, and not for one that is not.
+        prior: Settings of :class:`.Prior`: Clarke's derivatives and how far they are believed.
+        delays: Channels whose sensors' delay is estimated in every run.
+        offsets: Channels whose sensors' offset is estimated in every run.
+        enough: Step over the prior's standard deviation at which the fit is done [-].
+    """
+
+    force: Sequence[float] = (3e-3, 1.15e-2, 6.7e-2)
+    force_time: float = 1.0
+    floor: Sequence[float] = (0.01, 0.01, 0.03, 0.02, 0.02, 0.03)
+    learn_force: bool = True
+    learn_floor: bool = True
+    force_with_speed: bool = True
+    prior: Mapping[str, float] = field(default_factory=dict)
+    delays: Sequence[str] = ()
+    offsets: Sequence[str] = ()
+    enough: float = 1e-3
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            InputError: If one is missing or not positive.
+        """
+        given = {"fit.force": (self.force, 3), "fit.floor": (self.floor, 6)}
+        for name, (values, count) in given.items():
+            if len(values) != count or not all(v > 0 for v in values):
+                raise InputError(f"{name}={list(values)}: expected {count} numbers, all more than 0")
+        if not self.force_time > 0:
+            raise InputError(f"fit.force_time={self.force_time}: expected L/U0, more than 0")
+        for setting, channels in (("fit.delays", self.delays), ("fit.offsets", self.offsets)):
+            for channel in channels:
+                check_choice(setting, channel, list(CHANNELS))
+
+
+DEFAULT_SETTINGS = ClosedLoopSettings()
+"""As in ``conf/fit/closed_loop.yaml``; by this force left-out Esso Osaka runs are predicted best (docs/measured.md)."""
+
+
+def explained(
+    model: IdentifiedShip,
+    recordings: Sequence[Recording],
+    prior: Prior,
+    settings: ClosedLoopSettings,
+    faults: Sequence[SensorFault] = (),
+) -> EstimationProblem:
+    """Recordings and a series as one estimation problem.
+
+    Args:
+        model: Known inertia and a series.
+        recordings: As they were read, not smoothed.
+        prior: What is known of the coefficients.
+        settings: How far everything is believed.
+        faults: Sensors' errors that are estimated in every run.
+
+    Returns:
+        The problem.
+    """
+    ship, network = model.particulars, model.network
+    assert isinstance(network, Series)
+    runs = to_prime(recordings, ship, model.known.shaft_rpm, network.speed_law)
+    mean, spread = prior.of(network.names, ship)
+    return EstimationProblem(
+        runs, SeriesForce(model), mean, spread, process_time=settings.force_time, floor=np.array(settings.floor),
+        faults=faults, learn_process=settings.learn_force, learn_floor=settings.learn_floor,
+        max_process_sd=np.array(settings.force), with_speed=settings.force_with_speed and network.feels_wind,
+    )  # fmt: skip
+
+
+def fit_series(
+    network: Series, known: Ship, recordings: Sequence[Recording], *, prior: Prior = Prior(),  # noqa: B008
+    settings: ClosedLoopSettings = DEFAULT_SETTINGS, passes: int = 40, faults: Sequence[SensorFault] = (),
+) -> tuple[IdentifiedShip, Estimate]:  # fmt: skip
+    """Fit a series to recordings without a trainer: for studies of many of them.
+
+    Args:
+        network: The series; its coefficients are set.
+        known: The ship's inertia.
+        recordings: As they were read, not smoothed.
+        prior: What is known of the coefficients.
+        settings: How far everything is believed.
+        passes: Passes at most.
+        faults: Sensors' errors that are estimated in every run.
+
+    Returns:
+        The model and the estimate.
+    """
+    model = IdentifiedShip(known, network, approach_scaling(known))
+    problem = explained(model, recordings, prior, settings, faults)
+    found = solve(problem, first(problem, process_sd=settings.force), passes=passes)
+    _teach(network, problem, found)
+    return model, found
+
+
+def _teach(network: Series, problem: EstimationProblem, found: Estimate, *, done: bool = True) -> None:
+    """Give a series its coefficients, and what is known of their errors.
+
+    Errors, and with them members, are as large as stretches disagree; to look at all stretches costs as much as a third
+    of a pass, so that a series of one member is told at the end.
+    """
+    count = problem.shared
+    covariance = found.covariance[:count, :count]
+    if done or network.members > 1:
+        covariance, _ = birge_scaled_covariance(problem, found)
+    network.take(*(torch.as_tensor(part) for part in (found.values[:count], covariance, found.noise)))
+
+
+class ClosedLoopFit(Fit):
+    """States at all samples and the coefficients of a series are solved for together (:mod:`.closed_loop`).
+
+    Nothing is differentiated, and nothing is simulated for longer than the ship stays near the recording: the measured
+    rudder drives the model from sample to sample, held to the recordings by the noise of each channel, which is
+    estimated too. All runs give one set of coefficients with its covariance; an epoch is a Gauss-Newton pass over all.
+
+    Attributes:
+        estimate: States, coefficients, noise and covariance after the last pass.
+        problem: What they explain.
+
+    Source:
+        Bock 1981; Bell 1994; see :mod:`manoeuvre_nn.estimation.closed_loop`.
+    """
+
+    values: Tensor
+    covariance: Tensor
+    noise: Tensor
+
+    def __init__(self, dynamics: IdentifiedShip, settings: ClosedLoopSettings | None = None) -> None:
+        """Set up the method.
+
+        Args:
+            dynamics: Known inertia and a series.
+            settings: How far equations, sensors and the prior are believed; by default as in
+                ``conf/fit/closed_loop.yaml``.
+
+        Raises:
+            InputError: If the network is no series.
+        """
+        super().__init__(dynamics, iterations_per_epoch=1)
+        if not isinstance(dynamics.network, Series):
+            raise InputError("fit=closed_loop fits network=cubic, modulus or abkowitz: choose one, or another fit")
+        self.settings = settings or DEFAULT_SETTINGS
+        self.prior, self.enough = Prior(**self.settings.prior), self.settings.enough
+        self.faults = sensor_faults(self.settings.delays, self.settings.offsets)
+        self.columns = SeriesForce(dynamics)
+        count = self.columns.count
+        self.register_buffer("values", torch.zeros(count, dtype=torch.float64))
+        self.register_buffer("covariance", torch.zeros(count, count, dtype=torch.float64))
+        self.register_buffer("noise", torch.zeros(6, dtype=torch.float64))
+
+    @property
+    def network(self) -> Series:
+        """The series."""
+        assert isinstance(self.dynamics.network, Series)
+        return self.dynamics.network
+
+    def configure_optimizers(self) -> None:
+        """None: a pass solves for everything at once."""
+
+    def on_train_start(self) -> None:
+        """Bring the recordings into the form of the estimation, and take a fit that was left up again."""
+        data: Any = self.trainer.datamodule  # type: ignore[attr-defined]
+        assert isinstance(data, ManoeuvreData)
+        self.problem = explained(self.dynamics, data.measured, self.prior, self.settings, self.faults)
+        self.estimate: Estimate = first(self.problem, process_sd=self.settings.force)
+        if bool(self.noise.any()):
+            shared = self.values.cpu().numpy()
+            rest = np.zeros(len(self.estimate.values) - len(shared))
+            start = np.concatenate([shared, rest])
+            noise = self.noise.cpu().numpy()
+            floor = np.minimum(self.problem.floor, noise)
+            self.estimate = replace(self.estimate, values=start, noise=noise, floor=floor)
+
+    @torch.no_grad()
+    def training_step(self, batch: Batch, batch_idx: int) -> None:
+        """One pass.
+
+        Args:
+            batch: Tuples; only the error on them is reported, nothing is learnt from it.
+            batch_idx: 0.
+
+        Raises:
+            InputError: If the recordings cannot be explained at all.
+        """
+        before = self.estimate
+        try:
+            self.estimate = improve(self.problem, before)
+        except np.linalg.LinAlgError as error:
+            raise InputError(f"fit=closed_loop broke down: {error}; mind the units of the recordings") from error
+        count = self.columns.count
+        self.values.copy_(torch.as_tensor(self.estimate.values[:count]))
+        self.covariance.copy_(torch.as_tensor(self.estimate.covariance[:count, :count]))
+        self.noise.copy_(torch.as_tensor(self.estimate.noise))
+        if at_rest(self.problem, before, self.estimate, self.enough):
+            self.stopped = RESTING
+        last = bool(self.stopped) or self.trainer.current_epoch + 1 == self.trainer.max_epochs
+        _teach(self.network, self.problem, self.estimate, done=last)
+        self.log("train/evidence", float(self.estimate.evidence))
+        self.log("train/step", self.estimate.moved)
+        for channel, sd in zip(CHANNELS, self.estimate.noise, strict=True):
+            self.log(f"noise/{channel}", float(sd))
+        self.finish(batch, (self.unknown_force(batch[0]) - batch[1]).square().mean())
+
+    @torch.no_grad()
+    def relative_rmse(self, inputs: Float[Tensor, "n 4"], targets: Float[Tensor, "n 3"]) -> Float[Tensor, " 3"]:
+        """Root mean square of the accelerations that the model lacks over that of all accelerations.
+
+        Args:
+            inputs: Not used: g of tuples is differentiated noise, and knows neither shaft speed nor wind.
+            targets: Not used.
+
+        Returns:
+            For surge, sway and yaw [-].
+        """
+        del targets
+        lacked, whole = np.zeros(3), np.zeros(3)
+        for run, state in zip(self.problem.recordings, self.estimate.states, strict=True):
+            modelled = self.columns.columns(state[:, :6], run.channels) @ self.estimate.values[: self.columns.count]
+            lacked += np.square(state[:, 6:]).sum(0)
+            whole += np.square(modelled + state[:, 6:]).sum(0)
+        return torch.as_tensor(np.sqrt(lacked / np.maximum(whole, 1e-30))).to(inputs)

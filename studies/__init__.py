@@ -1,0 +1,1 @@
+"""Studies done with the package and kept outside it: two papers done again, and a concealed trial."""

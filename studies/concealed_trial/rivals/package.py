@@ -1,0 +1,47 @@
+"""All that the rival methods use of the package's rooms for models, estimation and diagnosis, in one place."""
+
+from manoeuvre_nn.diagnosis.case import Case
+from manoeuvre_nn.diagnosis.repair import Repaired, errors, predict, recorded
+from manoeuvre_nn.diagnosis.result import Cause, Diagnosis, Interval, Location, Proof, Value
+from manoeuvre_nn.dynamics.base import Model
+from manoeuvre_nn.dynamics.model import CalmWater
+from manoeuvre_nn.estimation.corrections import Calibrated
+from manoeuvre_nn.estimation.data_set import FIRST_NOISE, process_time, typical
+from manoeuvre_nn.estimation.effect_columns import coefficient_columns, contribution, situation
+from manoeuvre_nn.estimation.hypothesis import Hypothesis
+from manoeuvre_nn.estimation.linear_run import Columns
+from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, calm_rate, linearise
+from manoeuvre_nn.recording.local_cubics import ORDER, smoothed
+from manoeuvre_nn.recording.preparation import measured
+
+__all__ = [
+    "Calibrated",
+    "calm_rate",
+    "CalmWater",
+    "Case",
+    "Cause",
+    "coefficient_columns",
+    "Columns",
+    "contribution",
+    "Diagnosis",
+    "errors",
+    "FIRST_NOISE",
+    "Hypothesis",
+    "Interval",
+    "linearise",
+    "LinearisedRun",
+    "Location",
+    "measured",
+    "Model",
+    "ORDER",
+    "predict",
+    "process_time",
+    "Proof",
+    "Rate",
+    "recorded",
+    "Repaired",
+    "situation",
+    "smoothed",
+    "typical",
+    "Value",
+]

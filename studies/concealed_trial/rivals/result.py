@@ -1,0 +1,230 @@
+"""What a rival method says of a case: names by the criterion, alarms by limits from clean cases, predictions."""
+
+import importlib
+import pkgutil
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+import manoeuvre_nn.effect
+from manoeuvre_nn.core.effect import Effect
+from manoeuvre_nn.core.ship import Ship
+from studies.concealed_trial.rivals.events import placed, timed
+from studies.concealed_trial.rivals.package import (
+    Calibrated,
+    CalmWater,
+    Case,
+    Cause,
+    Diagnosis,
+    Hypothesis,
+    Interval,
+    Location,
+    Proof,
+    Repaired,
+    Value,
+    errors,
+    predict,
+    recorded,
+)
+from studies.concealed_trial.rivals.search import LONG, LeastSquaresFit, fitted, gusts, search
+from studies.concealed_trial.rivals.sindy import Terms
+from studies.concealed_trial.rivals.track import LATENCY, ROWS
+from studies.concealed_trial.rivals.whitened import WhitenedRuns
+
+METHODS = ("regression", "pysindy")
+TEMPERATURE = 3.0
+"""Criteria are divided by it before they become probabilities: they are too sure of themselves."""
+EXPLAINED = 0.5
+"""Share of the unusual misfit that an effect must explain to be named where it leaves an unusual rest."""
+SURE, DOUBT = 0.9, 0.1
+"""Probability that something is there after an alarm, and without one."""
+PLACES = ("X", "Y", "N", "sensor:u_log", "sensor:r", "actuator:propeller")
+"""Row -> where something unknown sits that shows there."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What clean cases reach.
+
+    Attributes:
+        gain: Gain of the criterion by the best effects.
+        misfit: Deviance a sample that calm water leaves.
+    """
+
+    gain: float
+    misfit: float
+
+
+@dataclass(frozen=True)
+class RivalResult:
+    """All fits to a case.
+
+    Attributes:
+        data: The runs.
+        none: Calm water as the method sees it.
+        fits: Everything else, best first.
+        best: The first of them as it fits the recordings themselves.
+    """
+
+    data: WhitenedRuns
+    none: LeastSquaresFit
+    fits: list[LeastSquaresFit]
+    best: LeastSquaresFit
+
+    @property
+    def evidence(self) -> Limits:
+        """Gain and misfit, to be held against those of clean cases."""
+        return Limits(self.none.criterion - self.fits[0].criterion, self.none.misfit)
+
+    def verdict(self, limits: Limits) -> str:
+        """What there is.
+
+        Args:
+            limits: What clean cases reach.
+
+        Returns:
+            ``none``, ``named``, or ``unknown`` where the best effects leave most of what is unusual.
+        """
+        if self.evidence.gain <= limits.gain and self.evidence.misfit <= limits.misfit:
+            return "none"
+        unusual, rest = (f.misfit - limits.misfit for f in (self.none, self.fits[0]))
+        return "unknown" if rest > max(0.0, (1 - EXPLAINED) * unusual) else "named"
+
+
+def shelf(ship: Ship) -> list[Effect]:
+    """Every effect that an answer may name.
+
+    Args:
+        ship: The ship.
+
+    Returns:
+        Prototypes.
+    """
+    found: dict[str, Effect] = {}
+    for entry in pkgutil.iter_modules(manoeuvre_nn.effect.__path__):
+        module = importlib.import_module(f"manoeuvre_nn.effect.{entry.name}")
+        for kind in vars(module).values():
+            if isinstance(kind, type) and issubclass(kind, Effect) and kind.candidate:
+                found.setdefault(kind.name, kind(ship))
+    return list(found.values())
+
+
+def judge(case: Case, method: str, effects: Sequence[Effect] | None = None) -> RivalResult:
+    """Judge a case.
+
+    Args:
+        case: The case.
+        method: One of ``METHODS``.
+        effects: Prototypes of the candidates; None takes all.
+
+    Returns:
+        What the method finds.
+    """
+    effects = shelf(case.hull) if effects is None else effects
+    gusty = [e for e in effects if e.random]
+    dynamics = CalmWater(case.hull)
+    data = WhitenedRuns(dynamics, case.fitted)
+    if method == "regression":
+        none, fits = search(data, effects)
+        fits += [gusts(data, f, g) for f in fits for g in gusty if "wind_steady" in f.names]
+        fits.sort(key=lambda f: f.criterion)
+        return RivalResult(data, none, fits, fits[0])
+    none, fits = search(Terms(dynamics, case.fitted), effects)
+    best = fitted(data, fits[0].hypothesis, *LONG)
+    if "wind_steady" in best.names:  # terms know no gusts: they are read off what the steady wind leaves
+        best = min([best, *(gusts(data, best, g) for g in gusty)], key=lambda f: f.criterion)
+        fits[0] = replace(fits[0], hypothesis=best.hypothesis)
+    return RivalResult(data, none, fits, best)
+
+
+def diagnosis(case: Case, found: RivalResult, limits: Limits) -> Diagnosis:
+    """A result as an answer.
+
+    Args:
+        case: The case.
+        found: What was found.
+        limits: What clean cases reach.
+
+    Returns:
+        Verdict, causes, and the held-out runs before and after.
+    """
+    verdict = found.verdict(limits)
+    named = found.best.hypothesis if verdict == "named" else Hypothesis((), ())
+    tables, elsewhere = _held_out(case, found, named)
+    return Diagnosis(
+        case=case.name, ship=case.ship, verdict="none" if verdict == "none" else "mismatch", sentence="",
+        causes=_causes(case, found, verdict, elsewhere), model=list(named.names), alias={},
+        location=Location({}, []), residuals=[], checks=[], runner_up=[], proofs=_proofs(case, found, named, tables),
+        noise={}, next_steps=[], undecided=list(case.undecided),
+    )  # fmt: skip
+
+
+def _held_out(case: Case, found: RivalResult, named: Hypothesis) -> tuple[list[np.ndarray], dict[str, np.ndarray]]:
+    """Values of the named effects in every held-out run, times of events found there; those of events by name."""
+    tables = [np.repeat(v[:1], len(case.held_out), axis=0) for v in named.values]
+    events: dict[str, np.ndarray] = {}
+    if case.held_out and any(timed(e) for e in named.effects):
+        there = WhitenedRuns(found.data.dynamics, case.held_out)
+        for k, effect in enumerate(named.effects):
+            if timed(effect):
+                others = [j for j in range(len(tables)) if j != k]
+                rest = Hypothesis(tuple(named.effects[j] for j in others), tuple(tables[j] for j in others))
+                tables[k], _ = placed(there, rest, effect, tables[k][0], scaled=False)
+                events[effect.name] = tables[k]
+    return tables, events
+
+
+def _proofs(case: Case, found: RivalResult, named: Hypothesis, tables: list[np.ndarray]) -> list[Proof]:
+    """Held-out runs predicted before and after; where something is named, coefficients are corrected too."""
+    if not case.held_out:
+        return []
+    calm = found.data.dynamics
+    before = after = predict(Repaired(calm, Hypothesis((), ())), case.held_out, case.warmup)
+    if named.effects:
+        shares = case.hull.inertia.new_tensor(found.data.shares(found.best.hypothesis))
+        after = predict(Repaired(Calibrated(calm, shares), named, LATENCY), case.held_out, case.warmup, tables)
+    records = [recorded(run, case.warmup) for run in case.held_out]
+    rows = zip(case.held_out, before, after, records, strict=True)
+    return [Proof(run.name, run.meta["kind"], seen, b, a, errors(b, seen), errors(a, seen)) for run, b, a, seen in rows]
+
+
+def _causes(case: Case, found: RivalResult, verdict: str, elsewhere: dict[str, np.ndarray]) -> list[Cause]:
+    """All names with their probabilities, those of the best fit first unless something unknown is more probable."""
+    present, strange = DOUBT if verdict == "none" else SURE, verdict == "unknown"
+    gains = np.array([f.criterion for f in found.fits])
+    weight = np.exp((gains.min() - gains) / (2 * TEMPERATURE))
+    weight *= present * (0.2 if strange else 1.0) / weight.sum()
+    causes = []
+    for name in dict.fromkeys(n for f in found.fits for n in f.names):
+        probability = float(sum(w for w, f in zip(weight, found.fits, strict=True) if name in f.names))
+        fit = found.best if name in found.best.names else next(f for f in found.fits if name in f.names)
+        causes.append(_cause(case, fit, name, probability, elsewhere.get(name)))
+    causes.sort(key=lambda c: (c.name not in found.best.names, -c.probability))
+    row = int((found.none.left**2).mean(axis=0).argmax())
+    doubt = present * (0.8 if strange else 0.05)
+    unknown = Cause("unknown", "something else", doubt, 0.0, (PLACES[row % len(ROWS)],), (), None, "", "")
+    return [unknown, *causes] if strange else [*causes, unknown]
+
+
+def _cause(case: Case, fit: LeastSquaresFit, name: str, probability: float, elsewhere: np.ndarray | None) -> Cause:
+    """One effect of a fit with its parameters and times."""
+    h, which = fit.hypothesis, fit.names.index(name)
+    effect, table = h.effects[which], h.values[which]
+    spread = np.sqrt(np.maximum(np.diag(fit.spread), 0.0))
+    values = [
+        Value(f.parameter.name, float(table[0, f.column]), float(error), f.parameter.unit)
+        for f, error in zip(h.unknowns(), spread, strict=True)
+        if f.effect == which and not f.parameter.form
+    ]
+    for k, p in enumerate(effect.declared):
+        if p.name in effect.random[:1]:
+            values.append(Value(p.name, float(table[0, k]), float(table[0, k] / np.sqrt(len(fit.left))), p.unit))
+    when: dict[str, list[Interval]] | None = None
+    if timed(effect):
+        rows = [*table, *(elsewhere if elsewhere is not None else [])]
+        when = {}
+        for run, row in zip([*case.fitted, *case.held_out], rows, strict=False):
+            start, end = [*row[timed(effect)], float(run.time[-1])][:2]
+            when[run.name] = [(float(start), float(min(end, run.time[-1])))] if start < run.time[-1] else []
+    return Cause(name, effect.label, probability, 0.0, effect.equations, tuple(values), when, "", "")

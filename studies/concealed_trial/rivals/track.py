@@ -1,0 +1,199 @@
+"""What the calm-water equations leave over on a smoothed track: three equation errors and three kinematic misfits.
+
+Local cubics (Savitzky & Golay 1964) smooth the channels and give their slopes, from which the calm-water accelerations
+at the smoothed velocities are taken. Three misfits need no model: speed over ground along the heading less the log,
+rate of the heading less the gyro, shaft speed less the nominal. All are averaged while the ship sails two lengths.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from scipy.ndimage import median_filter
+
+from manoeuvre_nn.core.channels import MEASURED
+from manoeuvre_nn.core.effect import Effect, Situation
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.recording import Recording
+from studies.concealed_trial.rivals.package import (
+    Columns,
+    LinearisedRun,
+    Model,
+    Rate,
+    calm_rate,
+    coefficient_columns,
+    contribution,
+    linearise,
+    measured,
+    situation,
+    smoothed,
+)
+
+ROWS = ("X", "Y", "N", "log", "gyro", "shaft")
+"""Equation errors of surge, sway, yaw; speed over ground less log; rate of heading less gyro; shaft less nominal."""
+SMOOTH, AVERAGE = 0.4, 2.0
+"""Windows of the local cubics and of the averages over L/U0."""
+LATENCY = 0.25
+"""Usual delay of a satellite receiver [s]."""
+MOST = 200
+"""Contributions that a run keeps in mind."""
+SPIKE = 6.0
+"""Samples further from the median of their neighbours than this many standard deviations are left out."""
+
+
+@dataclass(frozen=True)
+class SmoothedTrack:
+    """A run on its smoothed track.
+
+    Attributes:
+        run: The run.
+        line: It about that track, as contributions of effects ask for it.
+        situation: What effects see along it.
+        channels: Smoothed channels in the order of ``MEASURED``.
+        slopes: Their rates.
+        rate: Calm-water accelerations.
+        unit: What makes the rows comparable: U0^2/L, U0^2/L, (U0/L)^2, U0, U0/L, 1.
+        weight: Of the samples of an average; the next average begins half a window later.
+        known: Contributions that were asked for.
+    """
+
+    run: Recording
+    line: LinearisedRun
+    situation: Situation
+    channels: Float[np.ndarray, "n 8"]
+    slopes: Float[np.ndarray, "n 8"]
+    rate: Rate
+    unit: Float[np.ndarray, " 6"]
+    weight: Float[np.ndarray, " w"]
+    known: dict[tuple[str, bytes], tuple[np.ndarray, np.ndarray]] = field(default_factory=dict, repr=False)
+
+    def averaged(self, rows: Float[np.ndarray, "n *k"]) -> Float[np.ndarray, "b *k"]:
+        """Averages over time.
+
+        Args:
+            rows: Samples.
+
+        Returns:
+            One row an average.
+        """
+        view = np.lib.stride_tricks.sliding_window_view(rows, len(self.weight), axis=0)
+        return view[:: len(self.weight) // 2] @ self.weight
+
+    def errors(
+        self, added: Float[np.ndarray, "n 8 k"] | None = None, pushed: Float[np.ndarray, "n 3 k"] | None = None
+    ) -> Float[np.ndarray, "b 6 k"]:
+        """Averaged errors in units of ``unit``, what hypotheses add being taken off.
+
+        Args:
+            added: What they add to the channels, one column a hypothesis.
+            pushed: What they add to the accelerations.
+
+        Returns:
+            Errors; noise alone for a hypothesis that is right.
+        """
+        c, d = self.channels[None], self.slopes[None]
+        if added is not None and added.any():
+            off = added.transpose(2, 0, 1)
+            c, d = c - off, d - np.gradient(off, self.run.step, axis=1)
+        vn, ve, psi, r, log, shaft = c.transpose(2, 0, 1)[2:]
+        cos, sin = np.cos(psi), np.sin(psi)
+        ground, across = vn * cos + ve * sin, ve * cos - vn * sin
+        sway = d[..., 3] * cos - d[..., 2] * sin - ground * d[..., 4]
+        with torch.no_grad():
+            nu = torch.tensor(np.stack([log, across, r], axis=-1))
+            calm = self.rate(nu, self.situation.delta, self.situation.shaft).numpy()
+        force = np.stack([d[..., 6], sway, d[..., 5]], axis=-1) - calm
+        if pushed is not None:
+            force = force - pushed.transpose(2, 0, 1)
+        rest = np.stack([ground - log, d[..., 4] - r, shaft - 1], axis=-1)
+        rest = np.broadcast_to(rest, force.shape)
+        return self.averaged((np.concatenate([force, rest], axis=-1) / self.unit).transpose(1, 2, 0))
+
+    def contribution(self, effect: Effect, values: Float[np.ndarray, "k p"]) -> tuple[np.ndarray, np.ndarray]:
+        """What an effect adds along the track.
+
+        Args:
+            effect: The effect.
+            values: Parameter values, one set a row.
+
+        Returns:
+            Added to the channels (n, 8, k) and to the accelerations (n, 3, k).
+        """
+        keys = [(effect.name, row.tobytes()) for row in values]
+        if len(self.known) > MOST:
+            self.known.clear()
+        new = {key: row for key, row in zip(keys, values, strict=True) if key not in self.known}
+        if new:
+            columns = contribution(effect, np.stack(list(new.values())), self.line, self.rate, self.situation)
+            pushed = self._pushed(columns)
+            self.known.update({key: (columns.measured[..., k], pushed[..., k]) for k, key in enumerate(new)})
+        found = [self.known[key] for key in keys]
+        return np.stack([a for a, _ in found], axis=-1), np.stack([p for _, p in found], axis=-1)
+
+    def nuisances(self, dynamics: Model) -> Float[np.ndarray, "b 6 m"]:
+        """What is uncertain under every hypothesis, as columns of the errors.
+
+        Args:
+            dynamics: Calm-water model.
+
+        Returns:
+            A second more of the receiver's delay, then every correction of the model by 100 %.
+        """
+        added = np.zeros((len(self.run), len(MEASURED), 1))
+        added[:, :4, 0] = -0.1 * self.slopes[:, :4]
+        late = (self.errors() - self.errors(added)) / 0.1
+        push = self._pushed(coefficient_columns(dynamics, self.line, self.situation)[0]) / self.unit[:3, None]
+        return np.concatenate([late, self.averaged(np.concatenate([push, 0 * push], axis=1))], axis=-1)
+
+    def _pushed(self, columns: Columns) -> Float[np.ndarray, "n 3 k"]:
+        """Accelerations at the samples of what moves a state within the steps between them."""
+        push = columns.moved[:, :3] / self.run.step
+        return np.concatenate([push[:1], 0.5 * (push[1:] + push[:-1]), push[-1:]])
+
+
+def track(dynamics: Model, run: Recording) -> SmoothedTrack:
+    """Smooth a run and make it ready for the equations.
+
+    Args:
+        dynamics: Calm-water model.
+        run: The run.
+
+    Returns:
+        The run on its track.
+
+    Raises:
+        InputError: If a channel was not recorded.
+    """
+    p, rate = dynamics.particulars, calm_rate(dynamics)
+    recorded = measured(run)
+    missing = [c for c, column in zip(MEASURED[:-1], recorded.T, strict=False) if not np.isfinite(column).any()]
+    if missing:
+        raise InputError(
+            f"{run.name} has no {', '.join(missing)}: the rival methods need all channels, diagnose.py does not"
+        )
+    run = run.with_channels(
+        shaft=np.ones(len(run))
+    )  # a shaft that is not at its nominal speed is a misfit like any other
+    pairs = [smoothed(run.time, _filled(recorded[:, k]), SMOOTH * p.time_unit) for k in range(len(MEASURED))]
+    channels, slopes = (np.stack(part, axis=-1) for part in zip(*pairs, strict=True))
+    channels[:, :4] += LATENCY * slopes[:, :4]
+    slopes[:, :4] += LATENCY * np.gradient(slopes[:, :4], run.step, axis=0)
+    x, y, vn, ve, psi, r, log, _ = channels.T
+    states = np.stack([log, ve * np.cos(psi) - vn * np.sin(psi), r, x, y, psi], axis=-1)
+    line = linearise(run, rate, states, p.time_unit)
+    turn = p.speed / p.length
+    unit = np.array([p.speed * turn, p.speed * turn, turn**2, p.speed, turn, 1.0])
+    weight = np.hanning(2 * max(2, round(0.5 * AVERAGE * p.time_unit / run.step)) + 2)[1:-1]
+    return SmoothedTrack(run, line, situation(line, rate), channels, slopes, rate, unit, weight / weight.sum())
+
+
+def _filled(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Gaps and spikes filled in a straight line; a shaft that was not recorded is nominal."""
+    at, good = np.arange(len(values)), np.isfinite(values)
+    if not good.any():
+        return np.ones(len(values))
+    filled = np.interp(at, at[good], values[good])
+    off = filled - median_filter(filled, 7, mode="nearest")
+    good &= np.abs(off) <= SPIKE * (1.4826 * np.median(np.abs(off)) + 1e-9)
+    return np.interp(at, at[good], filled[good])

@@ -1,0 +1,1 @@
+"""Rajesh & Bhattacharyya 2009: each section done again, its numbers and statements beside ours."""

@@ -1,0 +1,1 @@
+"""What the papers that are done again share: claims, chapters in processes, figures, one page."""

@@ -1,0 +1,137 @@
+"""The command line in this process: an import of torch costs more than a tiny run."""
+
+import copy
+import runpy
+import sys
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import pytest
+from fleet import unchecked
+from hydra import compose, initialize_config_dir
+from hydra.core.global_hydra import GlobalHydra
+from omegaconf import DictConfig, OmegaConf, open_dict
+from rich.console import Console
+
+from manoeuvre_nn.commands import guard
+from manoeuvre_nn.commands.groups import register_resolvers
+from manoeuvre_nn.commands.train import train
+
+ROOT = Path(__file__).parents[2]
+CONF = ROOT / "conf"
+TINY = (
+    "network=wang", "fit=levenberg_marquardt",
+    "trainer.max_epochs=4", "scoring.every=2", "scoring.solver=rollout", "data.length=60", "network.hidden=3",
+    "score=[{zz20: {duration: 60}}]", "fit.iterations_per_epoch=2",
+)  # fmt: skip
+TINY_ENSEMBLE = (
+    "data.length=60", "score=[{zz20: {duration: 60}}]", "network.members=2", "network.hidden=4", "fit.epochs=3",
+    "scoring.solver=rollout", "scoring.every=1",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a command ended."""
+
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture(autouse=True)
+def as_people_run_it() -> Generator[None]:
+    """Without checks of types: a config gives 35 where an annotation says float, which Python takes."""
+    with unchecked():
+        yield
+
+
+@pytest.fixture
+def cli(monkeypatch, capsys, tmp_path) -> Callable[..., Ended]:
+    """``cli("ship=mariner", ...)`` runs train.py in an empty folder."""
+    monkeypatch.setenv("HYDRA_FULL_ERROR", "0")  # so that what the program sets is undone
+    monkeypatch.chdir(tmp_path)
+
+    def run(*words: str) -> Ended:
+        capsys.readouterr()
+        code = _run(words)
+        told = capsys.readouterr()
+        return Ended(code, told.out, told.err)
+
+    return run
+
+
+@pytest.fixture
+def fast(monkeypatch) -> None:
+    """Leaves figures out, which take most of a tiny run's time; one run with them is ``done``."""
+    monkeypatch.setattr("manoeuvre_nn.commands.results.figures", lambda outcome: {})
+
+
+def _run(words) -> int:
+    GlobalHydra.instance().clear()
+    guard.failed_jobs.clear()
+    before = sys.argv
+    sys.argv = ["train.py", *words]
+    try:
+        runpy.run_path(str(ROOT / "train.py"), run_name="__main__")
+    except SystemExit as end:
+        return int(end.code or 0)
+    finally:
+        sys.argv = before
+        GlobalHydra.instance().clear()
+    return 0
+
+
+@pytest.fixture(scope="session")
+def done(tmp_path_factory) -> Path:
+    """The folder of a complete tiny run."""
+    out = tmp_path_factory.mktemp("done") / "run"
+    with unchecked():
+        assert _run([*TINY, f"hydra.run.dir={out}"]) == 0
+    return out
+
+
+@contextmanager
+def _composing() -> Generator[None]:
+    register_resolvers()
+    GlobalHydra.instance().clear()
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        yield
+
+
+@pytest.fixture
+def composed() -> Callable[..., DictConfig]:
+    """``composed("ship=mariner")`` is the config of that command."""
+
+    return lambda *words: copy.deepcopy(_config(*words))
+
+
+@cache
+def _config(*words: str) -> DictConfig:
+    with _composing():
+        cfg = compose("train", list(words), return_hydra_config=True)
+    with open_dict(cfg):
+        del cfg["hydra"]
+        cfg.name = "test"
+    OmegaConf.set_struct(cfg, True)
+    return cfg
+
+
+@pytest.fixture
+def attempt(composed, capsys) -> Callable[..., Ended]:
+    """``attempt(out, "ship=mariner", ...)`` is the command without hydra's own work, which takes twice as long."""
+
+    def run(out: Path, *words: str) -> Ended:
+        code = 0
+        try:
+            with guard.one_line():
+                train(composed(*words), out, Console(quiet=True))
+        except SystemExit as end:
+            code = int(end.code or 0)
+        told = capsys.readouterr()
+        return Ended(code, told.out, told.err)
+
+    return run

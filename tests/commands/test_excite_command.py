@@ -1,0 +1,143 @@
+"""``python scripts/excite.py``: advice for simulated and given models; wrong input in one line."""
+
+import json
+import runpy
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+from hydra import compose, initialize_config_dir
+from hydra.core.global_hydra import GlobalHydra
+from omegaconf import OmegaConf, open_dict
+from rich.console import Console
+
+from manoeuvre_nn.commands import guard
+from manoeuvre_nn.commands.excite import excite, question_of
+from manoeuvre_nn.commands.groups import register_resolvers
+from manoeuvre_nn.core.errors import InputError
+
+ROOT = Path(__file__).parents[2]
+CONF = ROOT / "conf"
+TINY = (
+    "network.members=3", "network.hidden=3", "fit.epochs=3", "data.length=60", "trainer.progress=false",
+    "candidates=[{zz20: {duration: 60}},{tc10: {duration: 60}}]", "score=[{zz10: {duration: 60}}]",
+    "effort={truths: 1, others: 2, samples: 50}",
+)  # fmt: skip
+
+
+def config(*words):
+    register_resolvers()
+    GlobalHydra.instance().clear()
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        cfg = compose("excite", [*TINY, *words], return_hydra_config=True)
+    with open_dict(cfg):
+        del cfg["hydra"]
+        cfg.name = "test"
+    OmegaConf.set_struct(cfg, True)
+    return cfg
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("excite") / "run"
+
+
+@pytest.fixture(scope="module")
+def asked(folder):
+    """A tiny advice and what it said."""
+    from fleet import unchecked
+
+    console = Console(record=True, width=100, quiet=False, file=open("/dev/null", "w"))  # noqa: SIM115
+    with unchecked():
+        advice = excite(config(), folder, console)
+    return advice, console.export_text()
+
+
+def test_the_best_candidate_is_named_in_the_terminal_in_json_and_on_the_page(asked, folder):
+    advice, said = asked
+    told = json.loads((folder / "excite.json").read_text())
+    gains = {row["manoeuvre"]: row["gain"] for row in told["candidates"]}
+    assert set(gains) == {"zz20", "tc10"} and told["sail_next"] == max(gains, key=gains.get)
+    for text in (said, (folder / "report.html").read_text()):
+        assert f"Sail next: {told['sail_next']}" in text
+    assert "because the members disagree most about zz10" in told["sentence"]
+    assert told["candidates"][0]["targets"]["zz10"]["now"] == pytest.approx(told["candidates"][0]["now"])
+    assert {p.name for p in (folder / "figures").iterdir()} == {"gain.png", "where.png"}
+    assert advice.best.manoeuvre == told["sail_next"]
+
+
+def test_the_settings_and_versions_are_kept(asked, folder):
+    kept = yaml.safe_load((folder / "config.yaml").read_text())
+    assert kept["goal"] == "accuracy" and kept["network"]["members"] == 3
+    assert "torch" in kept["versions"]
+
+
+def test_the_same_command_has_nothing_to_do_and_another_is_refused(asked, folder):
+    console = Console(record=True, file=open("/dev/null", "w"))  # noqa: SIM115
+    assert excite(config(), folder, console) is None
+    assert "holds this advice already" in console.export_text()
+    with pytest.raises(InputError, match="holds a run with seed=0, this one has seed=1"):
+        excite(config("seed=1"), folder, Console(quiet=True))
+
+
+def test_a_trained_model_is_asked_about_what_it_was_trained_on(asked, folder, tmp_path):
+    model = f"model={folder / 'checkpoints' / 'last.ckpt'}"
+    again = excite(config(model, "manoeuvre=zz10"), tmp_path, Console(quiet=True))
+    assert again.trained_on == asked[0].trained_on and "zz35" in again.trained_on
+    assert [e.now for e in again.expected] == pytest.approx([e.now for e in asked[0].expected])
+    assert not (tmp_path / "checkpoints").exists()
+
+
+def test_what_tells_most_about_coefficients_is_advised(folder, asked, tmp_path):
+    model = f"model={folder / 'checkpoints' / 'last.ckpt'}"
+    advice = excite(config(model, "goal=coefficients"), tmp_path, Console(quiet=True))
+    told = json.loads((tmp_path / "excite.json").read_text())
+    assert told["coefficients"] == "the ship's own products"
+    assert all(row["gain"] > 0 and row["then"] < row["now"] for row in told["candidates"])
+    assert "tells most about the coefficients" in told["sentence"]
+    assert set(advice.expected[0].targets) == {"X", "Y", "N"}
+
+
+def test_what_the_rudder_cannot_do_is_told_and_not_dropped():
+    question = question_of(config("candidates=[tc10,{turning_circle: {rudder_deg: 60}}]"))
+    assert [m.name for m in question.candidates] == ["tc10"]
+    assert "orders 60 deg" in question.left_out[0]
+
+
+@pytest.mark.parametrize(
+    "words, told",
+    [
+        (["goal=speed"], "goal 'speed' is unknown; choose one of: accuracy, coefficients"),
+        (["network=wang", "fit=levenberg_marquardt"], "goal=accuracy asks the members of an ensemble"),
+        (["candidates=[zz99]"], "'zz99' is unknown; choose one of"),
+        (["candidates=[]"], "name at least one manoeuvre of each"),
+        (["candidates=[{turning_circle: {rudder_deg: 60}}]"], "orders 60 deg"),
+        (["effort.others=1"], "effort.others=1: expected 2 or more"),
+        (["per_minute=3"], "per_minute=3: expected true or false"),
+        (["model=nowhere/checkpoints/best.ckpt"], "nowhere/checkpoints/best.ckpt"),
+    ],
+)
+def test_wrong_settings_are_refused_in_one_line(words, told, tmp_path):
+    words = [*(w for w in words if w.startswith(("network=", "fit="))), *(w for w in words if "network=" not in w)]
+    given = [w for w in TINY if not (words[0].startswith("network") and w.startswith(("network", "fit")))]
+    with pytest.raises(InputError, match=told.replace("(", r"\(")) as refusal:
+        excite(bare(*given, *words), tmp_path, Console(quiet=True))
+    assert "\n" not in str(refusal.value) and not (tmp_path / "config.yaml").exists()
+
+
+def bare(*words):
+    register_resolvers()
+    GlobalHydra.instance().clear()
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        return compose("excite", ["name=test", *dict.fromkeys(words)])
+
+
+def test_the_script_lists_its_settings(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["excite.py", "--help"])
+    GlobalHydra.instance().clear()
+    monkeypatch.setenv("HYDRA_FULL_ERROR", "0")
+    with pytest.raises(SystemExit) as end:
+        runpy.run_path(str(ROOT / "scripts" / "excite.py"), run_name="__main__")
+    assert not end.value.code and "which manoeuvre to sail next" in capsys.readouterr().out
+    assert guard.failed_jobs == []

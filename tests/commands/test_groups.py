@@ -1,0 +1,37 @@
+"""What one choice brings with it is said, and what the user wrote is never overruled."""
+
+import hydra
+from hydra.core.hydra_config import HydraConfig
+
+from manoeuvre_nn.commands.groups import CONF, brought_along, compose
+
+MINE = ["data=recording", "network=modulus", "data.folder=x", "data.files=[a.csv]"]
+
+
+def choices(words):
+    with hydra.initialize_config_dir(str(CONF), version_base="1.3"):
+        cfg = hydra.compose("train", words, return_hydra_config=True)
+    HydraConfig.instance().cfg = None
+    return cfg.hydra.runtime.choices
+
+
+def test_nothing_is_said_where_nothing_follows():
+    assert brought_along(choices([]), []) == []
+
+
+def test_network_and_fit_of_recordings_are_said():
+    words = ["data=recording"]
+    assert brought_along(choices(words), words) == ["linear=clarke_inertia", "network=cubic", "fit=closed_loop"]
+
+
+def test_what_the_user_wrote_holds_and_is_not_repeated():
+    chosen = choices(MINE)
+    assert chosen["network"] == "modulus"
+    assert brought_along(chosen, MINE) == ["linear=clarke_inertia", "fit=closed_loop"]
+
+
+def test_a_config_from_python_does_not_take_the_name_of_a_command_that_ran_before(monkeypatch):
+    with hydra.initialize_config_dir(str(CONF), version_base="1.3"):
+        before = hydra.compose("train", ["ship=mariner"], return_hydra_config=True)
+    monkeypatch.setattr(HydraConfig.instance(), "cfg", before)
+    assert compose("train", ["ship=esso_190k"]).name.startswith("esso_190k_")

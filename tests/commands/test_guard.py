@@ -1,0 +1,142 @@
+import pytest
+from hydra.errors import ConfigCompositionException, InstantiationException
+from hydra.utils import instantiate
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from manoeuvre_nn.commands import guard
+from manoeuvre_nn.commands.guard import explain, guarded, one_line
+from manoeuvre_nn.core.errors import InputError
+
+
+def raised(act) -> BaseException:
+    with pytest.raises(BaseException) as caught:  # noqa: B017, PT011
+        act()
+    return caught.value
+
+
+@pytest.mark.parametrize(
+    "words, told",
+    [
+        (["ship=submarine"], "ship=submarine is unknown; choose one of: esso_190k, esso_osaka_mmg, esso_osaka_model,"),
+        (["experiment=nope"], "experiment=nope is unknown; choose one of: rajesh2009, wang1996"),
+        (["hydra/launcher=nope"], "hydra/launcher=nope is unknown; choose one of: basic, joblib, two_cores"),
+        (["manoeuvre=[zz35,nope]"], "manoeuvre=nope is unknown; python train.py --help lists the choices"),
+        (["network.hiden=3"], "there is no setting network.hiden; python train.py --cfg job lists them all"),
+        (["nosuch=3"], "there is no setting nosuch; python train.py --cfg job lists them all"),
+        (["zz35"], "Error parsing override 'zz35'"),
+    ],
+)
+def test_hydras_complaints_become_one_line(words, told, composed):
+    line = explain(raised(lambda: composed(*words)))
+    assert line.startswith(told) and "\n" not in line and len(line) <= 400
+
+
+def test_a_group_that_is_null_is_told(monkeypatch, capsys, composed):
+    monkeypatch.setattr("sys.argv", ["train.py", "ship=null", "seed=null"])
+    with pytest.raises(SystemExit) as caught, one_line():
+        composed("ship=null")
+    assert caught.value.code == guard.WRONG_INPUT
+    assert capsys.readouterr().err.startswith("error: ship=null seed=null: a group cannot be empty")
+    with pytest.raises(ValueError, match="mine"), one_line():
+        raise ValueError("mine")
+
+
+def test_a_setting_that_must_be_given_is_named_in_full():
+    cfg = OmegaConf.create({"linear": {"inertia": {"mx": "???"}}})
+    error = raised(lambda: OmegaConf.to_container(cfg.linear, throw_on_missing=True))
+    assert isinstance(error, OmegaConfBaseException)
+    assert explain(error) == "linear.inertia.mx must be given: write linear.inertia.mx=..."
+
+
+def refuse(**_):
+    raise InputError("write a smaller one")
+
+
+def fail(**_):
+    return 1 / 0
+
+
+def mistaken(**_):
+    return int("three")
+
+
+def test_an_input_error_is_found_inside_hydras():
+    error = raised(lambda: instantiate({"_target_": f"{__name__}.refuse"}))
+    assert isinstance(error, InstantiationException)
+    assert explain(error) == "write a smaller one"
+
+
+def test_a_fault_of_the_program_is_no_wrong_input():
+    assert explain(raised(lambda: instantiate({"_target_": f"{__name__}.fail"}))) is None
+    assert explain(ZeroDivisionError("x")) is None
+    assert explain(raised(lambda: instantiate({"_target_": f"{__name__}.mistaken"}))) is not None
+
+
+def test_one_line_and_code_2_for_wrong_input(capsys):
+    with pytest.raises(SystemExit) as end, one_line():
+        refuse()
+    assert end.value.code == 2
+    assert capsys.readouterr().err == "error: write a smaller one\n"
+
+
+@pytest.mark.parametrize(
+    "error", [ZeroDivisionError, TypeError, ValueError, KeyError, AssertionError, KeyboardInterrupt]
+)
+def test_faults_of_the_program_go_through(error, capsys):
+    with pytest.raises(error), one_line():
+        raise error("a fault")
+    assert capsys.readouterr().err == ""
+
+
+def test_a_fault_inside_hydra_goes_through_whole(capsys):
+    with pytest.raises(InstantiationException), one_line():
+        instantiate({"_target_": f"{__name__}.fail"})
+    assert capsys.readouterr().err == ""
+
+
+def test_guarded_ends_with_1_if_jobs_failed_and_with_nothing_if_not(monkeypatch):
+    monkeypatch.setenv("HYDRA_FULL_ERROR", "0")
+    monkeypatch.setattr(guard, "failed_jobs", [])
+    guarded(lambda: None)
+    monkeypatch.setattr(guard, "failed_jobs", ["3"])
+    with pytest.raises(SystemExit) as end:
+        guarded(lambda: None)
+    assert end.value.code == 1
+
+
+def test_guarded_reports_wrong_input(monkeypatch, capsys):
+    monkeypatch.setenv("HYDRA_FULL_ERROR", "0")
+
+    def main():
+        raise ConfigCompositionException("Could not override 'a.b'.\nNo match\nSet HYDRA_FULL_ERROR=1")
+
+    with pytest.raises(SystemExit) as end:
+        guarded(main)
+    assert end.value.code == 2
+    assert capsys.readouterr().err == "error: there is no setting a.b; python train.py --cfg job lists them all\n"
+
+
+def test_a_folder_that_cannot_be_written_is_named_in_one_line(tmp_path, capsys):
+    (tmp_path / "file").touch()
+    with pytest.raises(SystemExit) as ended, one_line():
+        (tmp_path / "file" / "run").mkdir(parents=True)
+    assert ended.value.code == 2
+    told = capsys.readouterr().err
+    assert "cannot write" in told and "hydra.run.dir" in told and told.count("\n") == 1
+
+
+def test_a_file_that_may_not_be_read_is_not_taken_for_one_that_cannot_be_written(tmp_path, monkeypatch, capsys):
+    path = tmp_path / "columns.yaml"
+    path.write_text("a: 1")
+    monkeypatch.setattr("os.access", lambda *_: False)
+    with pytest.raises(SystemExit) as caught, one_line():
+        raise PermissionError(13, "Permission denied", str(path))
+    assert caught.value.code == guard.WRONG_INPUT
+    assert capsys.readouterr().err == f"error: cannot read {path}: Permission denied; ask its owner, or copy it\n"
+
+
+@pytest.mark.parametrize("called", ["scripts/coefficients.py", "diagnose.py", "train.py"])
+def test_advice_names_the_command_that_was_typed(monkeypatch, composed, called):
+    monkeypatch.setattr("sys.argv", [f"/somewhere/{called}"])
+    assert f"python {called} --cfg job" in explain(raised(lambda: composed("nosuch=3")))

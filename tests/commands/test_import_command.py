@@ -1,0 +1,116 @@
+"""manoeuvre import as it is typed."""
+
+import io
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from rich.console import Console
+
+from manoeuvre_nn.commands.config import read_mapping
+from manoeuvre_nn.commands.import_recording import Request, import_recording, request, ship_called
+from manoeuvre_nn.core.data_files import load_yaml
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.dynamics.model import CalmWater
+from manoeuvre_nn.dynamics.simulate import Problem, simulate
+from manoeuvre_nn.manoeuvre.zigzag import zigzag
+from manoeuvre_nn.ship.mariner import mariner
+
+ROOT = Path(__file__).parents[2]
+CONF = ROOT / "conf"
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory):
+    run = simulate(Problem(CalmWater(mariner()), zigzag(20.0)))
+    columns = {"t": run.time, "u": run["u"], "v": -run["v"], "rot_degps": run["r"] / DEGREE, "x": run["x"],
+               "y": run["y"], "hdg": np.mod(run["psi"] / DEGREE, 360), "rudder": -run["delta"] / DEGREE}  # fmt: skip
+    path = tmp_path_factory.mktemp("runs") / "zz (1).csv"
+    pd.DataFrame(columns).to_csv(path, index=False)
+    return path
+
+
+def printed(asked):
+    text = io.StringIO()
+    import_recording(asked, Console(file=text, width=130))
+    return text.getvalue()
+
+
+def test_the_table_shows_what_was_chosen_and_why_and_ends_with_the_next_command(recorded, tmp_path):
+    said = printed(Request(recorded, "mariner", tmp_path / "my.yaml", False))
+    rows = {line.split()[0]: line for line in said.splitlines() if line.strip()}
+    assert rows["v"].split()[:5] == ["v", "v", "m/s", "-", "0.00"] and "unit by data" in rows["v"]
+    assert rows["r"].split()[1:4] == ["rot_degps", "deg/s", "+"] and "unit by name" in rows["r"]
+    assert "rudder_positive_to: port" in said and "reference_point: 0.0  (undecided" in said
+    last = shlex.split(said.splitlines()[-1])
+    assert last[:4] == ["next:", "manoeuvre", "train", "ship=mariner"]
+    assert f"data.mapping={tmp_path / 'my.yaml'}" in last and 'data.files=["zz (1).csv"]' in last
+    assert max(map(len, said.splitlines()[:12])) <= 130
+
+
+def test_the_yaml_is_a_mapping_that_training_takes(recorded, tmp_path):
+    printed(Request(recorded, "", tmp_path / "deep" / "my.yaml", False))
+    content = load_yaml(tmp_path / "deep" / "my.yaml")
+    assert read_mapping(str(tmp_path / "deep" / "my.yaml")).channels["v"].sign == -1
+    assert content["channels"]["v"] == {"column": "v", "unit": "m/s", "sign": -1}
+    assert content["channels"]["delta"] == {"column": "rudder", "unit": "deg"}
+    assert content["rudder_positive_to"] == "port"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "0 files are given, expected one; write manoeuvre import FILE"),
+        (["a.csv", "b.csv"], "2 files are given"),
+        (["a.csv", "shp=mariner"], "there is no setting shp"),
+        (["a.csv", "overwrite=yes"], "expected true or false"),
+        (["a.csv", "name=a", "out=b.yaml"], "write one of them"),
+        (["a.csv", "name=../evil"], "expected letters"),
+        (["a.csv", "out=."], "is a folder"),
+        (["a.csv", "name=esso_osaka"], "esso_osaka.yaml is there already: write overwrite=true"),
+    ],
+)
+def test_a_command_that_makes_no_sense_is_refused(arguments, message):
+    with pytest.raises(InputError, match=message) as error:
+        request(arguments)
+    assert "\n" not in str(error.value)
+
+
+def test_what_is_there_is_overwritten_only_where_that_is_said(tmp_path):
+    place = tmp_path / "my.yaml"
+    place.write_text("kept")
+    with pytest.raises(InputError, match="is there already"):
+        request(["a.csv", f"out={place}"])
+    assert request(["a.csv", f"out={place}", "overwrite=true"]).overwrite
+    assert request(["a.csv", "name=my_ship"]).out == CONF / "recording" / "my_ship.yaml"
+
+
+def test_every_ship_is_known_and_others_are_listed():
+    for path in (CONF / "ship").glob("*.yaml"):
+        assert ship_called(path.stem).length > 0
+    with pytest.raises(InputError, match="ship=titanic is unknown; choose one of: .*mariner"):
+        ship_called("titanic")
+
+
+def test_a_mapping_of_captive_tests_is_not_taken_for_one_of_a_record():
+    with pytest.raises(InputError, match="mapping=kvlcc2_hmri is no mapping of a record over time"):
+        read_mapping("kvlcc2_hmri")
+
+
+def test_a_file_that_is_missing_ends_in_one_line_and_code_2(tmp_path):
+    command = [sys.executable, str(ROOT / "scripts" / "import_recording.py"), str(tmp_path / "nowhere.csv")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=tmp_path)
+    assert done.returncode == 2 and done.stdout == ""
+    assert done.stderr.strip().endswith("nowhere.csv: no such file") and done.stderr.count("\n") == 1
+
+
+def test_the_file_itself_is_never_overwritten(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text("t,u\n0,1\n")
+    with pytest.raises(InputError, match="is the file to be imported and would be lost"):
+        request([str(path), f"out={path}", "overwrite=true"])

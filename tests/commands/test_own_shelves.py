@@ -1,0 +1,131 @@
+"""One effect, network, ship and manoeuvre of a person's own, two files each: simulated, learnt, diagnosed, reported."""
+
+import json
+from pathlib import Path
+
+import pytest
+import torch
+import yaml
+from fleet import unchecked
+from rich.console import Console
+from sailed import table_of, to_starboard, write_runs
+
+from manoeuvre_nn.commands.diagnose import diagnose_all
+from manoeuvre_nn.commands.diagnosis_setup import wanted
+from manoeuvre_nn.commands.groups import compose, options
+from manoeuvre_nn.commands.job import prepare
+from manoeuvre_nn.commands.simulate import simulate
+
+RACE = '''
+import torch
+from manoeuvre_nn.core.effect import Effect, Parameter
+
+
+class MillRace(Effect):
+    """Water that flows north."""
+
+    name, site, family, label = "mill_race", "inflow", "current", "a mill race"
+    equations = ("kinematics",)
+    fingerprint, source = "The track drifts north.", "made up"
+    candidate, acts_indoors, measured_by = True, True, "the flow of the mill race"
+    declared = (Parameter("speed", "m/s", -3.0, 3.0, 0.0, 0.5, (0.5, -0.5)),)
+
+    def stream(self, s):
+        north = self.value("speed") + 0 * s.u
+        return torch.stack([north, 0 * north], -1)
+'''
+LINE = '''
+import torch
+from manoeuvre_nn.core.network import Network
+
+
+class Line(Network):
+    """Forces linear in what is seen."""
+
+    def __init__(self, seed: int = 0, dtype: torch.dtype = torch.float64) -> None:
+        super().__init__()
+        self.layer = torch.nn.Linear(4, 3, dtype=dtype)
+
+    def forward(self, x):
+        return self.layer(x)
+'''
+BARGE = '''
+from manoeuvre_nn.core.ship import Ship
+from manoeuvre_nn.ship.mariner import mariner_corrected
+
+
+def barge() -> Ship:
+    """A ship that turns as the Mariner does."""
+    return mariner_corrected()
+'''
+NUDGE = '''
+from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage
+
+
+def nudge(order: float = 0.3, duration: float = 200.0) -> Manoeuvre:
+    """Rudder over, back, and amidships."""
+    stages = Stage(order, hold=60.0), Stage(-order, hold=90.0), Stage(0.0)
+    return Manoeuvre(f"nudge{order:g}", "random_rudder", stages, duration=duration)
+'''
+FILES = {
+    "my_race.py": RACE,
+    "effect/mill_race.yaml": "# @package effect.mill_race\n_target_: my_race.MillRace\nspeed: 0.6\n",
+    "my_line.py": LINE, "network/line.yaml": "_target_: my_line.Line\nscaling: centred\ndtype: float64\n",
+    "my_barge.py": BARGE, "ship/barge.yaml": "_target_: my_barge.barge\n",
+    "my_nudge.py": NUDGE, "manoeuvre/nudge.yaml": "# @package manoeuvre.nudge\n_target_: my_nudge.nudge\n",
+}  # fmt: skip
+TWICE = "manoeuvre.again={_target_: my_nudge.nudge, order: -0.2, duration: 240.0}"
+
+
+@pytest.fixture(scope="module")
+def own(tmp_path_factory) -> list[str]:
+    """Words that name a folder of a person's own."""
+    folder = tmp_path_factory.mktemp("own")
+    for name, text in FILES.items():
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_text(text)
+    return [f"config_dir={folder}", "plugins=[my_race,my_line,my_barge,my_nudge]"]
+
+
+@pytest.fixture(scope="module")
+def sailed(own, tmp_path_factory) -> Path:
+    """Recordings of the own ship in the own effect on the own manoeuvre."""
+    out = tmp_path_factory.mktemp("sailed")
+    words = [*own, "ship=barge", "manoeuvre=nudge", f"+{TWICE}", "effect=[mill_race]", "rate_hz=1"]
+    with unchecked():
+        runs = simulate(compose("simulate", words), out, Console(quiet=True))
+    assert [run.name for run in runs] == ["nudge0.3", "nudge-0.2"]
+    assert runs[1]["vn"][0] == pytest.approx(runs[1]["u"][0] + 0.6, abs=0.2)
+    return write_runs(out / "read", {run.name: to_starboard(table_of(run, k)) for k, run in enumerate(runs)})
+
+
+def test_an_own_ship_manoeuvre_network_and_effect_are_what_a_model_learns_from(own):
+    words = [*own, "ship=barge", "manoeuvre=nudge", "network=line", "effect=[mill_race]", "fit=backprop"]
+    with unchecked():
+        job = prepare(compose("train", [*words, "score=[{zz20: {duration: 60}}]"]))
+        job.data.setup()
+    assert type(job.network).__name__ == "Line" and [e.name for e in job.data.effects] == ["mill_race"]
+    assert [run.name for run in job.data.recordings] == ["nudge0.3"]
+    assert job.network(torch.as_tensor(job.data.tuples.inputs)).shape[1] == 3
+
+
+def test_an_own_effect_is_a_candidate_where_its_class_says_so(own):
+    (folder,) = (word.partition("=")[2] for word in own if word.startswith("config_dir"))
+    compose("diagnose", own)
+    shelf = {name: yaml.safe_load(path.read_text()) for name, path in options("effect", folder).items()}
+    assert "mill_race" in wanted("default", shelf) and "mill_race" in wanted("tank", shelf)
+
+
+def test_an_own_effect_is_found_in_recordings_and_reported(own, sailed, tmp_path):
+    words = [
+        "ship=barge",
+        f"recordings={sailed}",
+        "candidates=[mill_race,heading_bias]",
+        "rudder_positive_to=starboard",
+    ]
+    with unchecked():
+        diagnose_all(compose("diagnose", [*own, *words, f"out={tmp_path}"]), tmp_path, Console(quiet=True))
+    answer = json.loads((tmp_path / "answer.json").read_text())
+    best = answer["effects"][0]
+    assert best["name"] == "mill_race" and best["parameters"]["speed"][0] == pytest.approx(0.6, abs=0.1)
+    assert "a mill race" in (tmp_path / "report.html").read_text()

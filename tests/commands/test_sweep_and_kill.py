@@ -1,0 +1,78 @@
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from conftest import ROOT, TINY
+
+from manoeuvre_nn.training.checkpoint import read_checkpoint
+
+SWEEP = [
+    "-m",
+    "hydra/launcher=basic",
+    "hydra.callbacks.sweep_table._target_=manoeuvre_nn.commands.sweep_table.SweepTable",
+]
+JOBS = [*[word for word in TINY if not word.startswith("network.hidden")], "trainer.max_epochs=1"]
+
+
+def numbers(out) -> dict:
+    found = json.loads((out / "scores.json").read_text())
+    del found["training"]["seconds"]
+    return found
+
+
+def test_a_sweep_survives_a_failing_job_and_can_be_continued(cli, fast, tmp_path):
+    folder = tmp_path / "sweep"
+    command = [*SWEEP, *JOBS, "network.hidden=2,0,3", f"hydra.sweep.dir={folder}"]
+    ended = cli(*command)
+    assert ended.code == 1
+    jobs = {p.name.split("network.hidden=")[1].split(",")[0]: p for p in folder.iterdir() if p.is_dir()}
+    assert set(jobs) == {"2", "0", "3"}
+    assert (jobs["0"] / "error.txt").read_text().startswith("network.hidden=0: three 4-m-1 networks need at least 1")
+    assert "failed: network.hidden=0" in ended.out and "Traceback" not in ended.out + ended.err
+    assert not (jobs["0"] / "scores.json").exists() and numbers(jobs["2"]) != numbers(jobs["3"])
+    table = list(csv.DictReader((folder / "sweep.csv").open()))
+    status = {row["network.hidden"]: row["status"] for row in table}
+    assert status["2"] == status["3"] == "finished" and status["0"].startswith("failed: network.hidden=0")
+    assert (folder / "sweep.md").is_file() and (folder / "sweep.png").is_file()
+
+    times = {name: (jobs[name] / "scores.json").stat().st_mtime_ns for name in ("2", "3")}
+    (jobs["2"] / "error.txt").write_text("failed in an earlier attempt")
+    more = cli(*[word.replace("2,0,3", "2,3,0") for word in command])
+    assert more.code == 1
+    assert more.out.count("done before") == 2
+    assert {name: (jobs[name] / "scores.json").stat().st_mtime_ns for name in ("2", "3")} == times
+    assert not (jobs["2"] / "error.txt").exists()
+    good = cli(*[word.replace("2,0,3", "2,3") for word in command[:-1]], f"hydra.sweep.dir={tmp_path}/good")
+    assert good.code == 0 and "failed" not in good.out
+
+
+@pytest.mark.skipif(os.name == "nt", reason="kill -9 is POSIX")
+def test_a_killed_run_goes_on_to_the_scores_of_an_undisturbed_one(cli, fast, tmp_path):
+    long = [*TINY, "trainer.max_epochs=2000", "scoring.every=1000", "trainer.progress=false"]
+    killed, straight = tmp_path / "killed", tmp_path / "straight"
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "HYDRA_FULL_ERROR": "0"}
+    process = subprocess.Popen(
+        [sys.executable, str(ROOT / "train.py"), *long, f"hydra.run.dir={killed}"],
+        env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    checkpoint, until = killed / "checkpoints" / "last.ckpt", time.monotonic() + 60
+    while not checkpoint.exists() and process.poll() is None and time.monotonic() < until:
+        time.sleep(0.05)
+    time.sleep(0.2)
+    process.send_signal(signal.SIGKILL)
+    _, told = process.communicate()
+    assert checkpoint.exists() and process.returncode == -signal.SIGKILL, told.decode()
+    assert not (killed / "scores.json").exists()
+
+    short = [*TINY, "scoring.every=1000", "trainer.progress=false"]
+    reached = read_checkpoint(checkpoint)["epoch"] + 1
+    short += [f"trainer.max_epochs={reached + 20}"]
+    again = cli(*short, f"hydra.run.dir={killed}")
+    assert again.code == 0 and f"after epoch {reached}" in again.out
+    assert cli(*short, f"hydra.run.dir={straight}").code == 0
+    assert numbers(killed) == numbers(straight)

@@ -1,0 +1,36 @@
+"""A ship by numbers alone is the same ship as one of the shelf with these numbers."""
+
+import pytest
+import torch
+
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.units import DEGREE, KNOT
+from manoeuvre_nn.ship.mariner import COEFFICIENTS, INERTIA, WANG, mariner
+from manoeuvre_nn.ship.own import OwnParticulars, own_particulars, own_ship
+
+MINE = OwnParticulars(
+    name="mine", length=WANG.length, beam=WANG.beam, draught=WANG.draught, block=WANG.block,
+    speed_kn=WANG.speed / KNOT, rudder_rate_deg_s=WANG.rudder_rate / DEGREE, rho=WANG.rho,
+)  # fmt: skip
+
+
+def test_units_of_the_yaml_become_si():
+    p = own_particulars(OwnParticulars("mine", 100.0, 16.0, 6.0, 0.7, 12.0, 3.0, 30.0, displacement_t=7000.0))
+    assert p.speed == pytest.approx(12 * 1852 / 3600)
+    assert p.rudder_rate == pytest.approx(3 * torch.pi / 180)
+    assert p.rudder_limit == pytest.approx(30 * torch.pi / 180)
+    assert p.mass == 7e6
+    assert p.sample_interval == pytest.approx(0.05 * p.time_unit)
+
+
+def test_the_mariner_by_numbers_accelerates_as_the_mariner_does():
+    own = own_ship(MINE, INERTIA, COEFFICIENTS, "port")
+    nu, delta = torch.tensor([6.5, -0.4, 0.01], dtype=torch.float64), torch.tensor(0.3, dtype=torch.float64)
+    torch.testing.assert_close(own.acceleration(nu, delta), mariner().acceleration(nu, delta))
+
+
+def test_a_missing_inertia_and_a_speed_of_nothing_are_refused():
+    with pytest.raises(InputError, match="inertia lacks my, mz"):
+        own_ship(MINE, {"mx": 0.1}, COEFFICIENTS)
+    with pytest.raises(InputError, match="speed_kn is 0"):
+        own_particulars(OwnParticulars("mine", 100.0, 16.0, 6.0, 0.7, 0.0))

@@ -1,0 +1,103 @@
+"""Python's way in: the same functions as the commands, and what they give prints and plots itself."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from fleet import unchecked
+from matplotlib.figure import Figure
+
+import manoeuvre_nn as mnn
+from manoeuvre_nn.commands.simulate import as_sensed
+from manoeuvre_nn.core.errors import InputError
+
+CURRENT = {"current": {"speed": 0.6, "toward_deg": 90.0}}
+NOISE = {"x": 0.5, "y": 0.5, "psi_deg": 0.05, "r_deg_s": 0.005}
+
+
+@pytest.fixture(autouse=True)
+def as_people_run_it():
+    """Without checks of types: a yaml gives 20 where an annotation says float, which Python takes."""
+    with unchecked():
+        yield
+
+
+@pytest.fixture(scope="module")
+def runs():
+    manoeuvres = [{"zz20": {"duration": 200.0}}, {"zz10": {"duration": 200.0}}, {"tc25": {"duration": 300.0}}]
+    with unchecked():
+        return mnn.simulate("mariner_corrected", manoeuvres, effects=[CURRENT], noise=NOISE)
+
+
+def test_importing_the_package_loads_nothing_heavy():
+    told = "import sys, manoeuvre_nn; print([m for m in ('torch', 'lightning', 'hydra') if m in sys.modules])"
+    assert subprocess.run([sys.executable, "-c", told], capture_output=True, text=True).stdout.strip() == "[]"
+    assert {"read", "simulate", "fit", "score", "diagnose"} <= set(dir(mnn))
+    with pytest.raises(AttributeError, match="no attribute nothing"):
+        _ = mnn.nothing
+
+
+def test_runs_are_a_sequence_that_prints_and_plots(runs):
+    assert [run.name for run in runs] == ["zz20", "zz10", "tc25"] and len(runs[1:]) == 2
+    assert "Runs of the Mariner" in repr(runs) and "tc25" in repr(runs)
+    assert isinstance(runs.plot(), Figure) and len(runs[:1] + runs[1:]) == 3
+
+
+def test_effects_are_a_name_a_mapping_or_a_list_of_these_and_a_scaled_log_stays_scaled():
+    trial = {"tc25": {"duration": 60.0}}
+    listed, alone = (mnn.simulate("mariner", trial, effects=given)[0] for given in ([CURRENT], CURRENT))
+    np.testing.assert_array_equal(listed["ve"], alone["ve"])
+    assert alone["ve"][0] == pytest.approx(0.6)
+    scaled = mnn.simulate("mariner", trial, effects={"log_scale": {"factor": 1.1}})[0]
+    np.testing.assert_allclose(as_sensed(scaled)["u_log"], 1.1 * scaled["u"])
+
+
+def test_a_diagnosis_names_what_was_simulated(runs):
+    with unchecked():
+        answer = mnn.diagnose("mariner_corrected", runs, candidates=["current"], held_out="zz10")
+    assert abs(answer.effects["current"]["speed"] - 0.6) < 0.02 and "current" in answer.summary
+    assert answer.summary in " ".join(repr(answer).split()) or "a current" in repr(answer)
+    assert isinstance(answer.plot(), Figure)
+
+
+def test_a_ship_in_calm_water_and_a_fitted_model_are_scored():
+    with unchecked():
+        calm = mnn.simulate("mariner", [{"zz20": {"duration": 150.0}}, {"zz10": {"duration": 150.0}}])
+        own = mnn.score("mariner", calm)
+        fitted = mnn.fit("mariner", calm[:1], settings=["network.members=1", "trainer.max_epochs=3"])
+        scores = mnn.score(fitted, calm[1:])
+    assert max(s.dev_L for s in own) < 1e-3 and scores[0].status == "ok" and scores[0].dev_L < 0.5
+    assert "zz10" in repr(scores) and "Fitted to" in repr(fitted) and isinstance(scores.plot(), Figure)
+
+
+def test_a_fit_uses_the_settings_of_data_and_refuses_files_beside_recordings(runs):
+    short = ["network.members=1", "trainer.max_epochs=1"]
+    with unchecked():
+        all_of_it, part = (mnn.fit("mariner_corrected", runs[:1], settings=[*short, *more]).source
+                           for more in ([], ["data.length=100"]))  # fmt: skip
+    assert "zz20 (200 s)" in all_of_it and "zz20 (100 s)" in part
+    with pytest.raises(InputError, match=r"data\.files names files, and recordings are given"):
+        mnn.fit("mariner_corrected", runs[:1], settings=[*short, "data.files=[a.csv]"])
+
+
+def test_files_that_the_package_wrote_are_read_back(runs, tmp_path):
+    from manoeuvre_nn.commands.simulate import write_runs
+
+    write_runs(runs[:1], runs.ship, tmp_path)
+    back = mnn.read(tmp_path, ship="mariner_corrected")[0]
+    assert np.allclose(back["delta"], runs[0]["delta"], atol=1e-6) and np.allclose(
+        back["psi"], runs[0]["psi"], atol=1e-6
+    )
+    (tmp_path / "zz20.csv").write_text("a,b\n1,2\n")
+    with pytest.raises(InputError, match="zz20.csv"):
+        mnn.read(tmp_path)
+
+
+def test_wrong_names_end_in_one_line():
+    with pytest.raises(InputError, match="ship 'titanic' is unknown; choose one of: esso_190k"):
+        mnn.simulate("titanic", "zz20")
+    with pytest.raises(InputError, match="effect 'wind' is unknown; choose one of: bank"):
+        mnn.simulate("mariner", "zz20", effects=["wind"])
+    with pytest.raises(InputError, match="has particulars but no coefficients"):
+        mnn.simulate("kvlcc2", "zz20")
