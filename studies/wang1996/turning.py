@@ -13,7 +13,7 @@ from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.numerics.damping import Stops
-from manoeuvre_nn.numerics.one_hidden import Carry
+from manoeuvre_nn.numerics.least_squares import Carry, LeastSquares
 from manoeuvre_nn.numerics.restarts import minimise
 from manoeuvre_nn.numerics.steepest_descent import RateSchedule, SteepestDescent
 from studies.wang1996.sway_curve import SwayCurve, gate, unpack
@@ -147,16 +147,11 @@ class TurnFit:
         return self.curve.row(int(self.sse.nan_to_num(nan=inf).argmin()))
 
 
-class _Joined:
+class _Joined(LeastSquares):
     """Networks of the branches, added with given shares: the least-squares problem of every start."""
 
     def __init__(self, x: Float[Tensor, " n"], y: Float[Tensor, " n"], shares: Float[Tensor, "n branches"]) -> None:
         self.x, self.y, self.shares, self.residuals = x, y, shares, len(x)
-
-    def take(self, rows: Tensor) -> "_Joined":
-        """All rows have the same data."""
-        del rows
-        return self
 
     def _nodes(self, weights: Float[Tensor, "k p"]) -> tuple[Tensor, Tensor, Tensor]:
         first, inner, last, constant = unpack(weights.unflatten(1, (self.shares.shape[1], -1)))
