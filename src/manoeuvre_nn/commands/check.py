@@ -1,17 +1,16 @@
-"""The job of ``scripts/check_recordings.py``: every check of every file, a page, figures and JSON."""
+"""The job of ``manoeuvre check``: every check of every file, a page, figures and JSON."""
 
 import json
 from collections.abc import Sequence
 from pathlib import Path
 
-import yaml
 from matplotlib.figure import Figure
 from omegaconf import DictConfig
 from rich.console import Console
 
 from manoeuvre_nn.commands import config as configs
 from manoeuvre_nn.commands.job import known_part
-from manoeuvre_nn.commands.provenance import resolved, versions, write_provenance
+from manoeuvre_nn.commands.provenance import resolved, shown, versions, write_provenance
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.core.threads import use_threads
@@ -133,7 +132,7 @@ def _write(
         summary=sentence(found),
         tables=tables,
         figures=figures,
-        config_yaml=yaml.safe_dump(resolved(cfg), sort_keys=False, allow_unicode=True),
+        config=resolved(cfg),
         versions=versions(),
         unfolded=("Recordings", REMEDIES, "Sensors, over all recordings"),
     )
@@ -156,7 +155,7 @@ def _print(
         console.print(f"all together: {f}", highlight=False)
     _print_remedies(found, columns, console)
     console.print(sentence(found), highlight=False)
-    here = out.relative_to(Path.cwd()) if out.is_relative_to(Path.cwd()) else out
+    here = shown(out)
     console.print(f"report: {here / PAGE}   numbers: {here / RESULT}", soft_wrap=True, highlight=False)
 
 

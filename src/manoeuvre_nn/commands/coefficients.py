@@ -1,4 +1,4 @@
-"""The job of ``scripts/coefficients.py``: coefficients with intervals from recordings, beside captive tests."""
+"""The job of ``manoeuvre coefficients``: coefficients with intervals from recordings, beside captive tests."""
 
 import json
 from collections.abc import Mapping
@@ -6,13 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from manoeuvre_nn.commands.coefficient_report import RESULT, coefficients_of, write_coefficients
 from manoeuvre_nn.commands.job import NOTHING_HELD_OUT, make_fit, prepare
-from manoeuvre_nn.commands.provenance import resolved, versions, write_provenance
+from manoeuvre_nn.commands.provenance import resolved, shown, versions, write_provenance
 from manoeuvre_nn.commands.shelves import TARGET, build
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.ship import Particulars, Ship
@@ -77,7 +76,7 @@ def tell(cfg: DictConfig, out: Path, console: Console | None = None) -> Coeffici
         summary=sentence(told),
         tables=tables(told),
         figures=drawn,
-        config_yaml=yaml.safe_dump(resolved(cfg), sort_keys=False, allow_unicode=True),
+        config=resolved(cfg),
         versions=versions(),
         notes=notes(told),
         unfolded=tuple(tables(told)),
@@ -137,7 +136,7 @@ def _read(folder: Path) -> Coefficients:
     path = folder / RESULT if folder.is_dir() else folder
     if not path.is_file():
         raise InputError(
-            f"run={folder} holds no {RESULT}: write a folder of train.py with network=cubic, modulus or abkowitz"
+            f"run={folder} holds no {RESULT}: write a folder of manoeuvre train with network=cubic, modulus or abkowitz"
         )
     try:
         stored = json.loads(path.read_text(encoding="utf-8"))
@@ -151,7 +150,7 @@ def _read(folder: Path) -> Coefficients:
             ship, fitted_from(stored["fitted"]), found, stored["notes"][0], ratio=float(stored["birge_ratio"])
         )
     except (ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path} was not written by train.py or coefficients.py: {error!r}") from error
+        raise InputError(f"{path} was not written by manoeuvre train or coefficients: {error!r}") from error
 
 
 def _derived(stored: Mapping[str, Any]) -> Derived:
@@ -228,5 +227,5 @@ def _print(told: Coefficients, out: Path, console: Console) -> None:
     for line in notes(told):
         console.print(f"note: {line}", highlight=False)
     console.print(sentence(told), highlight=False)
-    here = out.relative_to(Path.cwd()) if out.is_relative_to(Path.cwd()) else out
+    here = shown(out)
     console.print(f"report: {here / PAGE}   numbers: {here / RESULT}", soft_wrap=True, highlight=False)

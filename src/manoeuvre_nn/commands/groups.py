@@ -15,6 +15,7 @@ from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
+from manoeuvre_nn.commands import guard
 from manoeuvre_nn.core.data_files import CONF, load_yaml
 from manoeuvre_nn.core.errors import InputError
 
@@ -169,7 +170,8 @@ def brought_along(choices: Mapping[str, str], words: Sequence[str]) -> list[str]
 
 
 def register_resolvers() -> None:
-    """Make ``${ship_name:...}`` and ``${run_name:...}`` known to OmegaConf."""
+    """Make ``${ship_name:...}``, ``${run_name:...}`` and ``${program:}`` known to OmegaConf."""
+    OmegaConf.register_new_resolver("program", guard.program, replace=True)
     OmegaConf.register_new_resolver("ship_name", _ship_name, replace=True)
     OmegaConf.register_new_resolver("run_name", _run_name, replace=True)
 

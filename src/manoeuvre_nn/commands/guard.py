@@ -119,11 +119,11 @@ def _one_line(text: str) -> str:
         return f"{missing[1]}={missing[2]} is unknown; choose one of: {', '.join(options)}"
     missing = re.search(r"Could not load '([^']+)/([^'/]+)'", text)
     if missing:
-        return f"{missing[1]}={missing[2]} is unknown; {_program()} --help lists the choices"
+        return f"{missing[1]}={missing[2]} is unknown; {program()} --help lists the choices"
     key = re.search(r"Could not override '([^']+)'", text) or re.search(r"Key '([^']+)' is not in struct", text)
     full = re.search(r"full_key: (\S+)", text)
     if key:
-        return f"there is no setting {(full or key)[1]}; {_program()} --cfg job lists them all"
+        return f"there is no setting {(full or key)[1]}; {program()} --cfg job lists them all"
     mandatory = re.search(r"Missing mandatory value: (\S+)", text)
     if mandatory:
         name = (full or mandatory)[1]
@@ -132,11 +132,9 @@ def _one_line(text: str) -> str:
     return " ".join(lines[:3])[:400]
 
 
-def _program() -> str:
-    """What was typed, for advice."""
+def program() -> str:
+    """What was typed, for advice: ``manoeuvre COMMAND``, or a script of the repository."""
     called = Path(sys.argv[0])
-    if called.stem == "manoeuvre":
-        return f"manoeuvre {command}"
     if called.parent.name == "scripts":
         return f"python scripts/{called.name}"
-    return f"python {called.name if called.name == 'diagnose.py' else 'train.py'}"
+    return f"python {called.name}" if called.name in {"train.py", "diagnose.py"} else f"manoeuvre {command}"

@@ -237,7 +237,7 @@ def config_beside(checkpoint: Path) -> DictConfig:
         )
     content = load_yaml(path)
     if not isinstance(content, dict) or not all(isinstance(content.get(part), dict) for part in PARTS):
-        raise InputError(f"model={checkpoint}: {path} is no config of train.py")
+        raise InputError(f"model={checkpoint}: {path} is no config of manoeuvre train")
     check_plain({str(k): v for k, v in content.items() if k != "hydra"}, str(path), allowed=[TARGET])
     return OmegaConf.create(content)
 

@@ -36,6 +36,11 @@ def versions() -> dict[str, str]:
     return found
 
 
+def shown(out: Path) -> Path:
+    """A path as one would type it here."""
+    return out.relative_to(Path.cwd()) if out.is_relative_to(Path.cwd()) else out
+
+
 def resolved(cfg: DictConfig) -> dict[str, Any]:
     """The config with every interpolation written out.
 

@@ -7,26 +7,27 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 from rich.console import Console
 
 from manoeuvre_nn.commands.coefficient_report import coefficient_report
-from manoeuvre_nn.commands.provenance import SCORES, flat, versions
+from manoeuvre_nn.commands.provenance import SCORES, flat, shown, versions
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.limits import OK
 from manoeuvre_nn.estimation.baselines import fit_baselines
 from manoeuvre_nn.manoeuvre.imo import ImoRow, imo_table
 from manoeuvre_nn.report.figures import comparison_figures, excitation_figure, force_figure, learning_figure
-from manoeuvre_nn.report.html import Report, write_report
-from manoeuvre_nn.report.tables import criteria_rows, imo_rows, score_rows, score_table, verdict_table
+from manoeuvre_nn.report.html import Report, save_figures, write_report
+from manoeuvre_nn.report.tables import criteria_rows, rich_table, score_rows, score_table
 from manoeuvre_nn.scoring.held_out import HeldOut
 from manoeuvre_nn.scoring.score import Score
 from manoeuvre_nn.training.callbacks import scalars
 from manoeuvre_nn.training.data import ManoeuvreData
 from manoeuvre_nn.training.fits import Fit
 from manoeuvre_nn.training.session import Trained
+
+IMO = "IMO MSC.137(76), predicted"
 
 
 @dataclass(frozen=True)
@@ -116,33 +117,12 @@ def _inputs(recording: Recording, fit: Fit) -> np.ndarray:
     return np.column_stack([recording.stacked("u", "v", "r") / units, recording["delta"]])
 
 
-def draw(reference: Recording, prediction: Recording, members: Sequence[Recording] = ()) -> Mapping[str, Figure]:
-    """Figures of one manoeuvre for TensorBoard.
-
-    Args:
-        reference: What was recorded.
-        prediction: What was predicted.
-        members: What each member of an ensemble predicts.
-
-    Returns:
-        Name -> figure.
-    """
-    return comparison_figures(reference, prediction, float(reference.meta["length"]), members)
-
-
 def figures(outcome: Outcome) -> dict[str, Figure]:
-    """All figures of a run.
-
-    Args:
-        outcome: What came out.
-
-    Returns:
-        ``manoeuvre/name`` -> figure.
-    """
+    """All figures of a run: ``manoeuvre/name`` -> figure."""
     made = {
         f"{reference.name}/{name}": figure
         for reference, prediction, members in zip(outcome.references, outcome.predictions, outcome.members, strict=True)
-        for name, figure in draw(reference, prediction, members).items()
+        for name, figure in comparison_figures(reference, prediction, members).items()
     }
     made["training/forces"] = force_figure(outcome.times, *outcome.g)
     made["training/excitation"] = excitation_figure(*outcome.inputs)
@@ -152,14 +132,7 @@ def figures(outcome: Outcome) -> dict[str, Figure]:
 
 
 def as_dict(outcome: Outcome) -> dict[str, Any]:
-    """What ``scores.json`` holds.
-
-    Args:
-        outcome: What came out.
-
-    Returns:
-        Plain numbers and strings.
-    """
+    """What ``scores.json`` holds: plain numbers and strings."""
     return {
         "scores": {s.manoeuvre: s.as_dict() for s in outcome.scores},
         "mean_dev_L": outcome.mean_dev,
@@ -179,21 +152,12 @@ def as_dict(outcome: Outcome) -> dict[str, Any]:
 
 
 def write_results(outcome: Outcome, out: Path) -> None:
-    """Write predictions, figures, report and TensorBoard's last entries; ``scores.json`` last, as the mark of the end.
-
-    Args:
-        outcome: What came out.
-        out: Output folder.
-    """
-    for folder in ("predictions", "figures"):
-        (out / folder).mkdir(parents=True, exist_ok=True)
+    """Write predictions, figures, report, TensorBoard's last entries; ``scores.json`` last, as the mark of the end."""
+    (out / "predictions").mkdir(parents=True, exist_ok=True)
     for reference, prediction in zip(outcome.references, outcome.predictions, strict=True):
         prediction.to_csv(out / "predictions" / f"{reference.name}.csv")
     drawn = figures(outcome)
-    for name, figure in drawn.items():
-        path = out / "figures" / f"{name.replace('/', '_').replace(' ', '_')}.png"
-        figure.savefig(path, dpi=110)
-        figure.set_layout_engine("none")  # laid out once: the report draws it again
+    for name, path in save_figures(drawn, out / "figures").items():
         outcome.trained.add_image(f"final/{name}", imread(path), outcome.trained.epochs)
     told = coefficient_report(outcome.trained.fit, outcome.trained_on, out)
     drawn |= told.figures
@@ -203,12 +167,12 @@ def write_results(outcome: Outcome, out: Path) -> None:
         tables={
             "Held-out manoeuvres": score_rows(outcome.scores, outcome.baselines),
             "Manoeuvres that were trained on, in closed loop": score_rows(outcome.training_scores),
-            "IMO MSC.137(76), predicted": imo_rows(outcome.imo),
+            IMO: [row._asdict() for row in outcome.imo],
             "All criteria of the held-out manoeuvres": criteria_rows(outcome.scores),
             **told.tables,
         },
         figures=drawn,
-        config_yaml=yaml.safe_dump(dict(outcome.config), sort_keys=False, allow_unicode=True),
+        config=outcome.config,
         versions=versions(),
         notes=[outcome.trained_on, outcome.trained.chosen, *outcome.notes, *told.notes],
     )
@@ -231,14 +195,7 @@ def _log_hyperparameters(outcome: Outcome) -> None:
 
 
 def summary(outcome: Outcome) -> str:
-    """The verdict in one sentence.
-
-    Args:
-        outcome: What came out.
-
-    Returns:
-        The sentence.
-    """
+    """The verdict in one sentence."""
     lost = [s.manoeuvre for s in outcome.scores if s.status != OK]
     worst = max(outcome.scores, key=lambda s: s.dev_L)
     text = (
@@ -249,20 +206,14 @@ def summary(outcome: Outcome) -> str:
 
 
 def print_outcome(outcome: Outcome, out: Path, console: Console) -> None:
-    """One table in the terminal and where the rest is.
-
-    Args:
-        outcome: What came out.
-        out: Output folder.
-        console: Where to print.
-    """
+    """One table in the terminal and where the rest is."""
     console.print(score_table(outcome.scores, outcome.baselines))
-    assessed = [row for row in outcome.imo if not row.verdict.startswith("not judged")]
+    assessed = [row._asdict() for row in outcome.imo if not row.verdict.startswith("not judged")]
     if assessed:
-        console.print(verdict_table(assessed))
+        console.print(rich_table(assessed, IMO))
     how = outcome.trained
     errors = ", ".join(f"g{k + 1} {e:.2e}" for k, e in enumerate(outcome.relative_rmse))
     console.print(outcome.trained_on)
     console.print(f"relRMSE on them: {errors}; {how.epochs} epochs in {how.seconds:.1f} s; {how.stopped}.")
-    here = out.relative_to(Path.cwd()) if out.is_relative_to(Path.cwd()) else out
+    here = shown(out)
     console.print(f"report: {here / 'report.html'}   dashboard: tensorboard --logdir {here.parent}", soft_wrap=True)

@@ -22,6 +22,7 @@ from manoeuvre_nn.dynamics.simulate import Problem
 from manoeuvre_nn.dynamics.simulate import simulate as solve
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.recording.noise import add_noise
+from manoeuvre_nn.report.html import save_figures
 from manoeuvre_nn.report.runs import run_rows, runs_figure
 from manoeuvre_nn.report.tables import rich_table
 from manoeuvre_nn.training.settings import check_positive, check_simulable, noise_in_si
@@ -116,7 +117,7 @@ def write_runs(runs: Sequence[Recording], ship: Particulars, out: Path) -> None:
         ship: The ship.
         out: Output folder.
     """
-    (out / "figures").mkdir(parents=True, exist_ok=True)
+    out.mkdir(parents=True, exist_ok=True)
     for run in runs:
         as_sensed(run).to_csv(out / f"{run.name}.csv")
-    runs_figure(runs, ship.length).savefig(out / "figures" / "runs.png", dpi=110)
+    save_figures({"runs": runs_figure(runs, ship.length)}, out / "figures")

@@ -14,8 +14,9 @@ from manoeuvre_nn.commands import guard
 from manoeuvre_nn.commands.groups import brought_along, plugged_in
 from manoeuvre_nn.commands.job import Job, make_fit, prepare
 from manoeuvre_nn.commands.provenance import SCORES, check_same_run, resolved, write_provenance
-from manoeuvre_nn.commands.results import Outcome, draw, print_outcome, score_finally, write_results
+from manoeuvre_nn.commands.results import Outcome, print_outcome, score_finally, write_results
 from manoeuvre_nn.core.threads import use_threads
+from manoeuvre_nn.report.figures import comparison_figures
 from manoeuvre_nn.training import session
 from manoeuvre_nn.training.callbacks import RolloutScore
 
@@ -123,5 +124,5 @@ def fit(cfg: DictConfig, job: Job, out: Path, console: Console) -> session.Train
         What came of it.
     """
     job.data.setup(stage=None)
-    rollout_score = RolloutScore(job.data.held_out, draw=draw, **cfg.scoring)
+    rollout_score = RolloutScore(job.data.held_out, draw=comparison_figures, **cfg.scoring)
     return session.run(make_fit(cfg, job), job.data, rollout_score, job.session, out, console)

@@ -128,8 +128,7 @@ class Scores(Sequence[Score]):
         """
         worst = max(range(len(self)), key=lambda k: self.scores[k].dev_L)
         chosen = worst if which is None else which
-        run = self.runs[chosen]
-        return track_figure(run, self.predictions[chosen], float(run.meta["length"]))
+        return track_figure(self.runs[chosen], self.predictions[chosen])
 
 
 @dataclass(frozen=True, repr=False)
