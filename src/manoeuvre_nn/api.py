@@ -21,15 +21,14 @@ from rich.console import Console
 from manoeuvre_nn.commands import config as configs
 from manoeuvre_nn.commands.diagnose import STEPS, Tracker
 from manoeuvre_nn.commands.diagnosis_setup import setup
-from manoeuvre_nn.commands.groups import compose, options
+from manoeuvre_nn.commands.groups import compose, option
 from manoeuvre_nn.commands.job import load_model, prepare
 from manoeuvre_nn.commands.provenance import write_provenance
 from manoeuvre_nn.commands.shelves import build
 from manoeuvre_nn.commands.simulate import as_sensed, sail
 from manoeuvre_nn.commands.train import fit as fit_job
-from manoeuvre_nn.core.data_files import load_yaml
 from manoeuvre_nn.core.effect import Effect
-from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars, Ship
@@ -236,10 +235,7 @@ def _ship(ship: AnyShip) -> Ship | Particulars:
     """A ship by its name in conf/ship, or as it is."""
     if not isinstance(ship, str):
         return ship
-    ships = options("ship")
-    check_choice("ship", ship, list(ships))
-    content = load_yaml(ships[ship])
-    return build(content.get("ship", content), "ship")
+    return build(option("ship", ship), "ship")
 
 
 def _particulars(ship: Ship | Particulars) -> Particulars:
@@ -250,10 +246,8 @@ def _effects(named: Named | Effect, ship: Ship | Particulars) -> list[Effect]:
     """Effects by their names in conf/effect, values changed where some are given; or one as it is."""
     if isinstance(named, Effect):
         return [named]
-    shelf, entries = options("effect"), {named: {}} if isinstance(named, str) else named
-    for name in entries:
-        check_choice("effect", name, list(shelf))
-    return [build({**load_yaml(shelf[n]), **values}, "effect", ship=ship) for n, values in entries.items()]
+    entries: Mapping[str, Mapping[str, Any]] = {named: {}} if isinstance(named, str) else named
+    return [build({**option("effect", n), **values}, "effect", ship=ship) for n, values in entries.items()]
 
 
 def _model(model: Any) -> Any:

@@ -9,8 +9,10 @@ from omegaconf import DictConfig
 from rich.console import Console
 
 from manoeuvre_nn.commands import config as configs
+from manoeuvre_nn.commands import guard
 from manoeuvre_nn.commands.job import known_part
-from manoeuvre_nn.commands.provenance import resolved, shown, versions, write_provenance
+from manoeuvre_nn.commands.provenance import shown, versions, write_provenance
+from manoeuvre_nn.commands.shelves import plain
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.core.threads import use_threads
@@ -39,6 +41,16 @@ PAGE, RESULT = "checks.html", "findings.json"
 REMEDIES = "Write into the mapping"
 MAX_RECORDINGS_WITH_NOTES = 6
 """Recordings up to which the terminal shows notes too."""
+
+
+def check_or_refuse(cfg: DictConfig, out: Path) -> None:
+    """Check all files; a file that is refused shows in the exit code.
+
+    Raises:
+        SystemExit: With code 2 if one is.
+    """
+    if any(one.verdict == "refuse" for one in check(cfg, out)):
+        raise SystemExit(guard.WRONG_INPUT)
 
 
 def check(cfg: DictConfig, out: Path, console: Console | None = None) -> list[Inspection]:
@@ -132,7 +144,7 @@ def _write(
         summary=sentence(found),
         tables=tables,
         figures=figures,
-        config=resolved(cfg),
+        config=plain(cfg),
         versions=versions(),
         unfolded=("Recordings", REMEDIES, "Sensors, over all recordings"),
     )

@@ -11,8 +11,8 @@ from rich.console import Console
 
 from manoeuvre_nn.commands.coefficient_report import RESULT, coefficients_of, write_coefficients
 from manoeuvre_nn.commands.job import NOTHING_HELD_OUT, make_fit, prepare
-from manoeuvre_nn.commands.provenance import resolved, shown, versions, write_provenance
-from manoeuvre_nn.commands.shelves import TARGET, build
+from manoeuvre_nn.commands.provenance import shown, versions, write_provenance
+from manoeuvre_nn.commands.shelves import TARGET, build, plain
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.core.threads import use_threads
@@ -76,7 +76,7 @@ def tell(cfg: DictConfig, out: Path, console: Console | None = None) -> Coeffici
         summary=sentence(told),
         tables=tables(told),
         figures=drawn,
-        config=resolved(cfg),
+        config=plain(cfg),
         versions=versions(),
         notes=notes(told),
         unfolded=tuple(tables(told)),

@@ -11,8 +11,8 @@ from rich.console import Console
 
 from manoeuvre_nn.commands import config as configs
 from manoeuvre_nn.commands.job import NOTHING_HELD_OUT, Job, config_beside, known_part, load_model, prepare
-from manoeuvre_nn.commands.provenance import check_same_run, resolved, shown, versions, write_provenance
-from manoeuvre_nn.commands.shelves import check_arguments
+from manoeuvre_nn.commands.provenance import check_same_run, shown, versions, write_provenance
+from manoeuvre_nn.commands.shelves import check_arguments, plain
 from manoeuvre_nn.commands.train import fit
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
@@ -88,7 +88,7 @@ def excite(cfg: DictConfig, out: Path, console: Console | None = None) -> Manoeu
     model = question.model or _trained(cfg, question.job, out, console)
     with console.status("sailing") as status:
         advice = _advice(question, model, lambda name: status.update(f"after {name}"))
-    _write(advice, resolved(cfg), out)
+    _write(advice, plain(cfg), out)
     _print(advice, out, console)
     return advice
 

@@ -10,14 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import hydra
-import yaml
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
 from manoeuvre_nn.commands import guard
 from manoeuvre_nn.core.data_files import CONF, load_yaml
-from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.errors import InputError, check_choice
 
 OWN = ("config_dir", "--config-dir", "-cd")
 """How a folder of the user's own is named."""
@@ -29,18 +28,28 @@ FOLLOWING = ("linear", "network", "fit")
 
 
 def options(group: str, own: str | None = None) -> dict[str, Path]:
-    """The options of a group.
-
-    Args:
-        group: Its name, such as ``ship``.
-        own: Folder of the user's own; None if there is none.
-
-    Returns:
-        Name -> file, by name. What the package has comes before what is called the same in the user's folder.
-    """
+    """The options of a group by name, and their files; the package's come before those in the user's own folder."""
     folders = [Path(own)] if own else []
     found = {path.stem: path for folder in [*folders, CONF] for path in (folder / group).glob("*.yaml")}
     return dict(sorted(found.items()))
+
+
+def option(group: str, name: Any, own: str | None = None, what: str = "") -> dict[str, Any]:
+    """What the file of an option says.
+
+    Args:
+        group: Group of conf.
+        name: The option.
+        own: Folder of the user's own; None if there is none.
+        what: What the name stands for, for the message; by default the group.
+
+    Returns:
+        Settings of the group. An option that there is not is refused with a list of those that there are.
+    """
+    known = options(group, own)
+    check_choice(what or group, name, list(known))
+    content = load_yaml(known[name])
+    return content.get(group, content)  # some files choose other groups too
 
 
 def compose(name: str, words: Sequence[str] = ()) -> DictConfig:
@@ -105,13 +114,9 @@ def _quoted(text: str) -> str:
 
 def _check_own_file(path: Path, folder: Path) -> None:
     """Refuse a yaml that would set what only the user says: hydra's settings and plugins= name code that is run."""
-    try:
-        text = path.read_text(encoding="utf-8")
-        content = yaml.safe_load(text)
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(f"{path} is no valid yaml: {str(error).splitlines()[0]}") from error
+    content = load_yaml(path)
     content = content if isinstance(content, Mapping) else {}
-    package = re.findall(r"^\s*#\s*@package\s+(\S+)", text, flags=re.MULTILINE)
+    package = re.findall(r"^\s*#\s*@package\s+(\S+)", path.read_text(encoding="utf-8"), flags=re.MULTILINE)
     reached = [*content, *package, content.get("defaults", ""), path.relative_to(folder).with_suffix("")]
     if OF_THE_USER & set(re.findall(r"\w+", " ".join(map(str, reached)))):
         raise InputError(f"{path} is refused: a file in config_dir= may not set {', '.join(sorted(OF_THE_USER))}")

@@ -4,41 +4,36 @@ import importlib
 import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import fields, is_dataclass, replace
 from types import NoneType, UnionType
-from typing import Any, get_args
+from typing import Any, NamedTuple, get_args
 
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
-from manoeuvre_nn.commands.groups import options
-from manoeuvre_nn.core.data_files import load_yaml
+from manoeuvre_nn.commands.groups import option, options
 from manoeuvre_nn.core.errors import InputError
 
 TARGET = "_target_"
 PLAIN = (str, int, float, bool, NoneType)
 
 
-@dataclass(frozen=True)
-class Shelf:
-    """Where the things of a group are.
-
-    Attributes:
-        places: Packages and modules that define them.
-        kinds: Import paths of the classes that they are of, or that functions among them return.
-    """
+class _Shelf(NamedTuple):
+    """Packages and modules that define the things of a group, and the classes (import paths) that these are of."""
 
     places: tuple[str, ...]
     kinds: tuple[str, ...]
 
 
 SHELVES = {
-    "ship": Shelf(("manoeuvre_nn.ship",), ("manoeuvre_nn.core.ship.Ship", "manoeuvre_nn.core.ship.Particulars")),
-    "linear": Shelf(("manoeuvre_nn.ship.known", "manoeuvre_nn.estimation.baselines"), ("manoeuvre_nn.core.ship.Ship",)),
-    "network": Shelf(("manoeuvre_nn.network",), ("manoeuvre_nn.core.network.Network",)),
-    "effect": Shelf(("manoeuvre_nn.effect",), ("manoeuvre_nn.core.effect.Effect",)),
-    "manoeuvre": Shelf(("manoeuvre_nn.manoeuvre",), ("manoeuvre_nn.core.manoeuvre.Manoeuvre",)),
-    "fit": Shelf(("manoeuvre_nn.training",), ("manoeuvre_nn.training.fits.Fit",)),
-    "data": Shelf(("manoeuvre_nn.training.data",), ("manoeuvre_nn.training.data.ManoeuvreData",)),
+    "ship": _Shelf(("manoeuvre_nn.ship",), ("manoeuvre_nn.core.ship.Ship", "manoeuvre_nn.core.ship.Particulars")),
+    "linear": _Shelf(
+        ("manoeuvre_nn.ship.known", "manoeuvre_nn.estimation.baselines"), ("manoeuvre_nn.core.ship.Ship",)
+    ),
+    "network": _Shelf(("manoeuvre_nn.network",), ("manoeuvre_nn.core.network.Network",)),
+    "effect": _Shelf(("manoeuvre_nn.effect",), ("manoeuvre_nn.core.effect.Effect",)),
+    "manoeuvre": _Shelf(("manoeuvre_nn.manoeuvre",), ("manoeuvre_nn.core.manoeuvre.Manoeuvre",)),
+    "fit": _Shelf(("manoeuvre_nn.training",), ("manoeuvre_nn.training.fits.Fit",)),
+    "data": _Shelf(("manoeuvre_nn.training.data",), ("manoeuvre_nn.training.data.ManoeuvreData",)),
 }
 """Group of conf -> its shelf."""
 _own: set[str] = set()
@@ -94,13 +89,12 @@ def plain(config: Any) -> dict[str, Any]:
     return {str(key): value for key, value in config.items()}
 
 
-def on_shelf(target: str, group: str, shelf: Shelf | None = None) -> Callable[..., Any]:
+def on_shelf(target: str, group: str) -> Callable[..., Any]:
     """Find what a ``_target_`` names; nothing outside the shelf is imported.
 
     Args:
         target: Import path.
         group: Group of conf.
-        shelf: The group's shelf; by default that of :data:`SHELVES`.
 
     Returns:
         A class, or a function that says that it returns one of the shelf's kinds.
@@ -109,7 +103,7 @@ def on_shelf(target: str, group: str, shelf: Shelf | None = None) -> Callable[..
         InputError: If it is not defined on that shelf.
         ModuleNotFoundError: If its module imports one that is not installed.
     """
-    shelf, (module, _, name) = shelf or SHELVES[group], target.rpartition(".")
+    shelf, (module, _, name) = SHELVES[group], target.rpartition(".")
     places = " or ".join(shelf.places)
     refused = InputError(f"{TARGET}: {target} is refused; a config may only name things in {places} for {group}")
     here = module in _own or any(f"{module}.".startswith(f"{place}.") for place in shelf.places)
@@ -147,14 +141,13 @@ def kinds(group: str, own: str | None = None) -> dict[str, Any]:
         Name -> class.
     """
     found = {}
-    for name, path in options(group, own).items():
-        content = load_yaml(path)
+    for name in options(group, own):
         with suppress(InputError, ModuleNotFoundError):
-            found[name] = made_by(content.get(group, content), group)
+            found[name] = made_by(option(group, name, own), group)
     return {name: kind for name, kind in found.items() if kind is not None}
 
 
-def _makes(found: Any, shelf: Shelf) -> bool:
+def _makes(found: Any, shelf: _Shelf) -> bool:
     """Whether it is a final class of the shelf's kinds, or a function that returns one."""
     kinds = tuple(getattr(importlib.import_module(k.rpartition(".")[0]), k.rpartition(".")[2]) for k in shelf.kinds)
     if inspect.isclass(found):
