@@ -56,10 +56,11 @@ class PreparedRun:
 
 @dataclass(frozen=True)
 class _Level:
-    """All runs at one grid point."""
+    """All runs at one grid point; ``residuals`` are those of the base columns."""
 
     white: list[IntegratedRun]
     base: list[Embedded]
+    residuals: list[Float[np.ndarray, "a p"]]
     base_gram: Float[np.ndarray, "p p"]
     norm: float
 
@@ -125,7 +126,8 @@ class WhitenedDataSet:
         ]
         base = [w.embed(p.base) for w, p in zip(white, self.runs, strict=True)]
         g = summed([e.dot(e) for e in base], [self.base_index(k) for k in range(len(base))], self.size)
-        return _Level(white, base, g, sum(w.log_norm for w in white))
+        residuals = [w.residuals(e) for w, e in zip(white, base, strict=True)]
+        return _Level(white, base, residuals, g, sum(w.log_norm for w in white))
 
     @property
     def size(self) -> int:
@@ -162,7 +164,7 @@ class WhitenedDataSet:
         g = np.zeros((n + count,) * 2)
         g[:n, :n] = here.base_gram
         for run, (more, at) in enumerate(zip(extra, index, strict=True)):
-            g[np.ix_(self.base_index(run), n + at)] += here.base[run].dot(more)
+            g[np.ix_(self.base_index(run), n + at)] += here.residuals[run].T @ more.outer
             g[np.ix_(n + at, n + at)] += more.dot(more)
         g[n:, :n] = g[:n, n:].T
         return g
