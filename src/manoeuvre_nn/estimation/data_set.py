@@ -56,11 +56,10 @@ class PreparedRun:
 
 @dataclass(frozen=True)
 class _Level:
-    """All runs at one grid point; ``residuals`` are those of the base columns."""
+    """All runs at one grid point."""
 
     white: list[IntegratedRun]
     base: list[Embedded]
-    residuals: list[Float[np.ndarray, "a p"]]
     base_gram: Float[np.ndarray, "p p"]
     norm: float
 
@@ -126,8 +125,7 @@ class WhitenedDataSet:
         ]
         base = [w.embed(p.base) for w, p in zip(white, self.runs, strict=True)]
         g = summed([e.dot(e) for e in base], [self.base_index(k) for k in range(len(base))], self.size)
-        residuals = [w.residuals(e) for w, e in zip(white, base, strict=True)]
-        return _Level(white, base, residuals, g, sum(w.log_norm for w in white))
+        return _Level(white, base, g, sum(w.log_norm for w in white))
 
     @property
     def size(self) -> int:
@@ -164,7 +162,7 @@ class WhitenedDataSet:
         g = np.zeros((n + count,) * 2)
         g[:n, :n] = here.base_gram
         for run, (more, at) in enumerate(zip(extra, index, strict=True)):
-            g[np.ix_(self.base_index(run), n + at)] += here.residuals[run].T @ more.outer
+            g[np.ix_(self.base_index(run), n + at)] += here.base[run].dot(more)
             g[np.ix_(n + at, n + at)] += more.dot(more)
         g[n:, :n] = g[:n, n:].T
         return g

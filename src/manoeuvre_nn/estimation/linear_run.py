@@ -192,24 +192,6 @@ class IntegratedRun:
             right[0] -= (self._start * self.unit)[:, None] * parts[-1]
         return Embedded(np.concatenate(parts), self.chain.whiten(right))
 
-    def residuals(self, embedded: Embedded) -> Float[np.ndarray, "a p"]:
-        """What the states cannot absorb of columns, without any of the first state.
-
-        Its product with ``outer`` of other columns is their inner product: half the work where many are met by few.
-
-        Args:
-            embedded: Columns.
-
-        Returns:
-            ``outer`` less the equations' left-hand sides at the states that the columns call for.
-        """
-        n, c, _ = self._seen.shape
-        k = (len(embedded.outer) - n * c) // (n - 1)
-        ds = self.chain.unwhiten(embedded.inner)
-        missed = -(self._right[:, :k] @ ds[1:] + self._left[:, :k] @ ds[:-1])
-        count = ds.shape[-1]
-        return embedded.outer - np.concatenate([(self._seen @ ds).reshape(-1, count), missed.reshape(-1, count)])
-
     def states(self, embedded: Embedded) -> Float[np.ndarray, "n s p"]:
         """Most likely deviation of the states from the track for a column, unknowns at zero.
 
