@@ -138,7 +138,7 @@ def test_runs_at_two_speeds_are_one_model_that_knows_a_third():
 
 
 def test_settings_that_make_no_sense_are_refused():
-    with pytest.raises(InputError, match="network=cubic, modulus or abkowitz"):
+    with pytest.raises(InputError, match="ClosedLoopFit does not train a Perceptron"):
         ClosedLoopFit(tiny.dynamics(tiny.usual()))
     with pytest.raises(InputError, match="linear=clarke_inertia"):
         ClosedLoopFit(blank(clarke_part(SHIP)))

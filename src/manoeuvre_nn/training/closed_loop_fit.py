@@ -163,6 +163,7 @@ class ClosedLoopFit(Fit):
         Bock 1981; Bell 1994; see :mod:`manoeuvre_nn.estimation.closed_loop`.
     """
 
+    made_for = Series
     values: Tensor
     covariance: Tensor
     noise: Tensor
@@ -174,13 +175,8 @@ class ClosedLoopFit(Fit):
             dynamics: Known inertia and a series.
             settings: How far equations, sensors and the prior are believed; by default as in
                 ``conf/fit/closed_loop.yaml``.
-
-        Raises:
-            InputError: If the network is no series.
         """
         super().__init__(dynamics, iterations_per_epoch=1)
-        if not isinstance(dynamics.network, Series):
-            raise InputError("fit=closed_loop fits network=cubic, modulus or abkowitz: choose one, or another fit")
         self.settings = settings or DEFAULT_SETTINGS
         self.prior, self.enough = Prior(**self.settings.prior), self.settings.enough
         self.faults = sensor_faults(self.settings.delays, self.settings.offsets)
