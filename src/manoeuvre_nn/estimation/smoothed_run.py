@@ -11,6 +11,7 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.estimation.linear_run import Columns, joined
 from manoeuvre_nn.estimation.linearised_run import LinearisedRun, NoiseLevels, Rate, integrated, linearise
+from manoeuvre_nn.recording.outliers import far_off
 from manoeuvre_nn.recording.preparation import measured, without_samples
 
 KINEMATIC_ERROR_SD = np.array([1.0, 1.0, 0.03, 0.08, 1e-3, 4.0, 4.0])
@@ -151,8 +152,7 @@ def _with_outliers(
         good = np.isfinite(values) & present[:, k]
         if good.sum() < 10 or k == SHAFT:
             continue
-        new[k] = max(1.4826 * np.median(np.abs(values[good])), floor[k])
-        bad[:, k] = np.isfinite(values) & (np.abs(values) > OUTLIER_SDS * new[k])
+        bad[:, k], new[k] = far_off(values, OUTLIER_SDS, floor[k], good)
         inflation[k] = _long_run(np.where(good & ~bad[:, k], values, 0.0) / new[k])
     return without_samples(run, bad), new, inflation
 
