@@ -1,6 +1,7 @@
 """What a network is to an identified ship: scaled velocities and rudder angle -> scaled forces."""
 
 from abc import ABC, abstractmethod
+from typing import ClassVar
 
 import torch
 from jaxtyping import Float, Int
@@ -9,6 +10,9 @@ from torch import Tensor, nn
 
 class Network(ABC, nn.Module):
     """Forces by learnt weights, from u, v, r and delta and whatever recorded inputs the network says that it takes."""
+
+    any_fit: ClassVar[bool] = True
+    """Whether methods that are made for no network in particular can train it, by its parameters' gradients."""
 
     @property
     def takes(self) -> tuple[str, ...]:
