@@ -15,7 +15,7 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.estimation.agreement import birge_scaled_covariance
-from manoeuvre_nn.estimation.series_force import Prior
+from manoeuvre_nn.estimation.coefficient_priors import Prior
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.network.series import Series, SeriesSettings
