@@ -11,18 +11,20 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 from rich.console import Console
 
-from manoeuvre_nn.commands.coefficient_report import coefficient_report
+from manoeuvre_nn.commands.coefficients import coefficients_of, write_coefficients
 from manoeuvre_nn.commands.provenance import SCORES, flat, shown, versions
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.limits import OK
 from manoeuvre_nn.estimation.baselines import fit_baselines
 from manoeuvre_nn.manoeuvre.imo import ImoRow, imo_table
+from manoeuvre_nn.report import coefficient_tables
 from manoeuvre_nn.report.figures import comparison_figures, excitation_figure, force_figure, learning_figure
 from manoeuvre_nn.report.html import Report, save_figures, write_report
-from manoeuvre_nn.report.tables import criteria_rows, rich_table, score_rows, score_table
+from manoeuvre_nn.report.tables import Row, criteria_rows, rich_table, score_rows, score_table
 from manoeuvre_nn.scoring.held_out import HeldOut
 from manoeuvre_nn.scoring.score import Score
 from manoeuvre_nn.training.callbacks import scalars
+from manoeuvre_nn.training.closed_loop_fit import ClosedLoopFit
 from manoeuvre_nn.training.data import ManoeuvreData
 from manoeuvre_nn.training.fits import Fit
 from manoeuvre_nn.training.session import Trained
@@ -159,22 +161,27 @@ def write_results(outcome: Outcome, out: Path) -> None:
     drawn = figures(outcome)
     for name, path in save_figures(drawn, out / "figures").items():
         outcome.trained.add_image(f"final/{name}", imread(path), outcome.trained.epochs)
-    told = coefficient_report(outcome.trained.fit, outcome.trained_on, out)
-    drawn |= told.figures
+    tables: dict[str, Sequence[Row]] = {
+        "Held-out manoeuvres": score_rows(outcome.scores, outcome.baselines),
+        "Manoeuvres that were trained on, in closed loop": score_rows(outcome.training_scores),
+        IMO: [row._asdict() for row in outcome.imo],
+        "All criteria of the held-out manoeuvres": criteria_rows(outcome.scores),
+    }
+    notes = [outcome.trained_on, outcome.trained.chosen, *outcome.notes]
+    fit = outcome.trained.fit
+    if isinstance(fit, ClosedLoopFit):
+        told = coefficients_of(fit, fit.problem, fit.estimate, outcome.trained_on)
+        tables |= coefficient_tables.tables(told)
+        notes += [coefficient_tables.sentence(told), *coefficient_tables.notes(told)[1:]]
+        drawn |= write_coefficients(told, out)
     report = Report(
         title=f"{outcome.config['name']}: trained and scored",
         summary=summary(outcome),
-        tables={
-            "Held-out manoeuvres": score_rows(outcome.scores, outcome.baselines),
-            "Manoeuvres that were trained on, in closed loop": score_rows(outcome.training_scores),
-            IMO: [row._asdict() for row in outcome.imo],
-            "All criteria of the held-out manoeuvres": criteria_rows(outcome.scores),
-            **told.tables,
-        },
+        tables=tables,
         figures=drawn,
         config=outcome.config,
         versions=versions(),
-        notes=[outcome.trained_on, outcome.trained.chosen, *outcome.notes, *told.notes],
+        notes=notes,
     )
     write_report(out / "report.html", report)
     _log_hyperparameters(outcome)
