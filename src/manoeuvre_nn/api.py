@@ -73,11 +73,7 @@ class FittedModel:
         return f"Fitted to {self.source}\n{self.scores!r}"
 
     def plot(self) -> Figure:
-        """Predicted and recorded track of the run that it does worst on.
-
-        Returns:
-            The figure.
-        """
+        """Predicted and recorded track of the run that it does worst on."""
         return self.scores.plot()
 
 
@@ -218,17 +214,11 @@ def diagnose(
         )
     common = setup(cfg, fitted)
     case = case_of(
-        [as_sensed(run) for run in runs],
-        hull,
-        held_out if isinstance(held_out, str) and held_out == "auto" else _list(held_out),
+        [as_sensed(run) for run in runs], hull, held_out if held_out == "auto" else configs.as_list(held_out)
     )
     question, _ = common.question(case)
     with Tracker(Console(quiet=True), 1, len(common.wanted) + STEPS) as tracker:
         return Answer(find_causes(question, tracker.step))
-
-
-def _list(names: str | Sequence[str]) -> list[str]:
-    return [names] if isinstance(names, str) else list(names)
 
 
 def _ship(ship: AnyShip) -> Ship | Particulars:

@@ -23,6 +23,8 @@ OWN = ("config_dir", "--config-dir", "-cd")
 GROUPS = sorted(path.name for path in CONF.iterdir() if path.is_dir())
 OF_THE_USER = {"hydra", "plugins", "config_dir"}
 """Settings that are said on the command line and nowhere else."""
+own_modules: set[str] = set()
+"""Modules of the user's own that were named with ``plugins=``: configs may name what they define."""
 FOLLOWING = ("linear", "network", "fit")
 """Groups that a ship, a network or recordings may choose too; what the user writes always holds."""
 
@@ -130,10 +132,10 @@ def _check_own_file(path: Path, folder: Path) -> None:
 
 
 def plugged_in(cfg: DictConfig) -> None:
-    """Import the user's own modules, those that ``plugins=`` names and no other.
+    """Import the user's own modules, those that ``plugins=`` names and no other, from ``config_dir`` or as installed.
 
     Args:
-        cfg: The config; ``config_dir`` is where they are looked for, beside what is installed.
+        cfg: The config.
 
     Raises:
         InputError: If there is no such module.
@@ -142,11 +144,7 @@ def plugged_in(cfg: DictConfig) -> None:
     named = cfg.get("plugins") or []
     modules = [str(name).removesuffix(".py") for name in ([named] if isinstance(named, str) else named)]
     folder = cfg.get("config_dir")
-    if not modules:
-        return
-    from manoeuvre_nn.commands import shelves  # loads torch
-
-    if folder is not None and folder not in sys.path:
+    if modules and folder is not None and folder not in sys.path:
         sys.path.append(folder)  # last, and also where worker processes look
     for module in modules:
         try:
@@ -155,7 +153,7 @@ def plugged_in(cfg: DictConfig) -> None:
             if error.name != module:
                 raise
             raise InputError(f"plugins={module}: no such module; write the name of a py file in config_dir=") from error
-    shelves.allow(modules)
+    own_modules.update(modules)
 
 
 def brought_along(choices: Mapping[str, str], words: Sequence[str]) -> list[str]:

@@ -28,43 +28,21 @@ failed_jobs: list[str] = []
 
 @contextmanager
 def one_line() -> Generator[None]:
-    """Turn wrong input into one line and exit code 2; let faults of the program through.
-
-    Yields:
-        Nothing.
-
-    Raises:
-        InputError: If it is none of the user's making, as the next two.
-        HydraException: The same.
-        OmegaConfBaseException: The same.
-        YAMLError: The same.
-        ValueError: The same.
-        OSError: If it is not that a file or folder cannot be read or written.
-        SystemExit: With code 2 for wrong input.
-    """
+    """Turn wrong input into one line and exit code 2; let faults of the program through."""
     try:
         yield
-    except (InputError, HydraException, OmegaConfBaseException, yaml.YAMLError) as error:
+    except (*OF_CONFIG, ValueError, OSError) as error:
         message = explain(error)
         if message is None:
             raise
         print(f"error: {message}", file=sys.stderr)
         raise SystemExit(WRONG_INPUT) from None
-    except ValueError as error:
-        if NO_GROUP not in str(error):
-            raise
-        given = [a for a in sys.argv[1:] if a.endswith("=null")]
-        print(f"error: {' '.join(given)}: a group cannot be empty: leave it out or choose an option", file=sys.stderr)
-        raise SystemExit(WRONG_INPUT) from None
-    except OSError as error:
-        if error.filename is None or error.errno not in OF_FILES:
-            raise
-        print(f"error: {_of_file(error)}", file=sys.stderr)
-        raise SystemExit(WRONG_INPUT) from None
 
 
-def _of_file(error: OSError) -> str:
+def _of_file(error: OSError) -> str | None:
     """What to do about a file or folder that cannot be read or written."""
+    if error.filename is None or error.errno not in OF_FILES:
+        return None
     path = str(error.filename)
     if os.path.isfile(path) and not os.access(path, os.R_OK):
         return f"cannot read {path}: {error.strerror}; ask its owner, or copy it"
@@ -100,7 +78,12 @@ def explain(error: BaseException) -> str | None:
     for cause in chain:
         if isinstance(cause, InputError):
             return str(cause)
-    if any(not isinstance(c, (*OF_CONFIG, TypeError, ValueError)) for c in chain):
+    if isinstance(error, OSError):
+        return _of_file(error)
+    if NO_GROUP in str(error):
+        given = [word for word in sys.argv[1:] if word.endswith("=null")]
+        return f"{' '.join(given)}: a group cannot be empty: leave it out or choose an option"
+    if not isinstance(error, OF_CONFIG) or any(not isinstance(c, (*OF_CONFIG, TypeError, ValueError)) for c in chain):
         return None
     return _one_line(str(error))
 

@@ -2,7 +2,8 @@
 
 import importlib
 import inspect
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import pkgutil
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, is_dataclass, replace
 from types import NoneType, UnionType
@@ -10,7 +11,7 @@ from typing import Any, NamedTuple, get_args
 
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
-from manoeuvre_nn.commands.groups import option, options
+from manoeuvre_nn.commands.groups import option, options, own_modules
 from manoeuvre_nn.core.errors import InputError
 
 TARGET = "_target_"
@@ -36,17 +37,6 @@ SHELVES = {
     "data": _Shelf(("manoeuvre_nn.training.data",), ("manoeuvre_nn.training.data.ManoeuvreData",)),
 }
 """Group of conf -> its shelf."""
-_own: set[str] = set()
-"""Modules of the user's own that were named with ``plugins=``."""
-
-
-def allow(modules: Iterable[str]) -> None:
-    """Let configs name what these modules define, whatever the group.
-
-    Args:
-        modules: Import paths that the user named.
-    """
-    _own.update(modules)
 
 
 def build(config: Any, group: str, **more: Any) -> Any:
@@ -71,17 +61,7 @@ def build(config: Any, group: str, **more: Any) -> Any:
 
 
 def plain(config: Any) -> dict[str, Any]:
-    """A piece of config as plain dicts and lists, interpolations resolved.
-
-    Args:
-        config: Mapping, of OmegaConf or not.
-
-    Returns:
-        The same.
-
-    Raises:
-        InputError: If it is no mapping.
-    """
+    """A piece of config as plain dicts and lists, interpolations resolved; what is no mapping is refused."""
     if isinstance(config, DictConfig | ListConfig):
         config = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
     if not isinstance(config, Mapping):
@@ -106,7 +86,7 @@ def on_shelf(target: str, group: str) -> Callable[..., Any]:
     shelf, (module, _, name) = SHELVES[group], target.rpartition(".")
     places = " or ".join(shelf.places)
     refused = InputError(f"{TARGET}: {target} is refused; a config may only name things in {places} for {group}")
-    here = module in _own or any(f"{module}.".startswith(f"{place}.") for place in shelf.places)
+    here = module in own_modules or any(f"{module}.".startswith(f"{place}.") for place in shelf.places)
     if not here or name.startswith("_"):
         raise refused
     try:
@@ -131,15 +111,7 @@ def made_by(config: Any, group: str) -> Any:
 
 
 def kinds(group: str, own: str | None = None) -> dict[str, Any]:
-    """Options of a group -> the class of what each describes; those that do not say, or may not be named, are left out.
-
-    Args:
-        group: Group of conf.
-        own: Folder of the user's own.
-
-    Returns:
-        Name -> class.
-    """
+    """Options of a group -> the class that each describes; those that do not say, or may not be named, are left out."""
     found = {}
     for name in options(group, own):
         with suppress(InputError, ModuleNotFoundError):
@@ -149,13 +121,13 @@ def kinds(group: str, own: str | None = None) -> dict[str, Any]:
 
 def _makes(found: Any, shelf: _Shelf) -> bool:
     """Whether it is a final class of the shelf's kinds, or a function that returns one."""
-    kinds = tuple(getattr(importlib.import_module(k.rpartition(".")[0]), k.rpartition(".")[2]) for k in shelf.kinds)
+    kinds = tuple(map(pkgutil.resolve_name, shelf.kinds))
     if inspect.isclass(found):
         return issubclass(found, kinds) and not inspect.isabstract(found)
     if not inspect.isfunction(found):
         return False
     returned = inspect.get_annotations(found, eval_str=True).get("return")
-    if returned is None and found.__module__ in _own:
+    if returned is None and found.__module__ in own_modules:
         return True  # the user's own need not say what it returns
     answers = get_args(returned) or (returned,)
     return all(inspect.isclass(answer) and issubclass(answer, kinds) for answer in answers)
@@ -214,14 +186,14 @@ def gathered(function: Callable[..., Any], settings: Mapping[str, Any]) -> dict[
 
 
 def check_arguments(function: Callable[..., Any], settings: Mapping[str, Any]) -> None:
-    """Refuse settings that a function does not know, and words where it expects numbers.
+    """Refuse settings (keyword arguments) that a function does not know, that it lacks, or that are of the wrong kind.
 
     Args:
         function: What is to be called.
         settings: Its keyword arguments.
 
     Raises:
-        InputError: If one is unknown, missing or of the wrong kind.
+        InputError: If one is refused.
     """
     try:
         inspect.signature(function).bind(**settings)

@@ -29,16 +29,7 @@ from manoeuvre_nn.training.settings import check_positive, check_simulable, nois
 
 
 def simulate(cfg: DictConfig, out: Path, console: Console | None = None) -> list[Recording]:
-    """Sail, and write what was recorded.
-
-    Args:
-        cfg: The config.
-        out: Output folder.
-        console: Where to print.
-
-    Returns:
-        A recording each manoeuvre.
-    """
+    """Sail the manoeuvres of a config, and write what was recorded into the output folder."""
     console = console or Console()
     use_threads(1)
     cfg = configs.with_effects(cfg)
@@ -110,13 +101,7 @@ def as_sensed(run: Recording) -> Recording:
 
 
 def write_runs(runs: Sequence[Recording], ship: Particulars, out: Path) -> None:
-    """Write a csv each run, and a figure of all tracks.
-
-    Args:
-        runs: Recordings.
-        ship: The ship.
-        out: Output folder.
-    """
+    """Write a csv each run, and a figure of all tracks, into the output folder."""
     out.mkdir(parents=True, exist_ok=True)
     for run in runs:
         as_sensed(run).to_csv(out / f"{run.name}.csv")

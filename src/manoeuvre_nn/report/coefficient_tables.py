@@ -72,54 +72,6 @@ class Coefficients:
         return [] if self.captive is None else compare(self.fitted, self.captive)
 
 
-def _coefficient_rows(rows: Sequence[Coefficient]) -> list[Row]:
-    """The table of coefficients."""
-    return [
-        {
-            "": r.symbol,
-            "value": r.value,
-            "± 95 %": (r.high - r.low) / 2,
-            "before": r.prior,
-            "± before": REACH * r.prior_error,
-            "narrowed by": f"{100 * r.learnt:.0f} %",
-            "it is": r.word,
-        }
-        for r in rows
-    ]
-
-
-def _group_rows(groups: Sequence[Group]) -> list[Row]:
-    """Coefficients that go together."""
-    return [
-        {"together": ", ".join(g.symbols), "corr.": round(g.correlation, 3), "why": g.words, "known is": g.sum}
-        for g in groups
-    ]
-
-
-def _derived_rows(found: Sequence[Derived]) -> list[Row]:
-    """What follows from the coefficients."""
-    return [
-        {"": d.name, "value": d.value, "from": _number(d.low), "to": _number(d.high), "that is": d.words or None}
-        for d in found
-    ]
-
-
-def _compared_rows(rows: Sequence[Compared]) -> list[Row]:
-    """Recordings and captive tests beside each other."""
-    return [
-        {
-            "": r.name,
-            "recordings": r.free,
-            "± 95 %": REACH * r.free_error,
-            "captive": r.towed,
-            "± 95 % ": REACH * r.towed_error,
-            "apart by": round(r.apart, 1) if r.known else None,
-            "they": r.word,
-        }
-        for r in rows
-    ]
-
-
 def sentence(told: Coefficients) -> str:
     """The verdict in one sentence: how many are measured, and how many go together."""
     words = [r.word for r in told.rows]
@@ -169,10 +121,26 @@ def _captive_notes(told: Coefficients) -> list[str]:
 
 def tables(told: Coefficients) -> dict[str, list[Row]]:
     """All tables of a report: heading -> rows."""
-    made = {"Coefficients": _coefficient_rows(told.rows), "Known only together": _group_rows(told.groups)}
-    made["What follows from them"] = _derived_rows(told.derived)
+    made: dict[str, list[Row]] = {}
+    made["Coefficients"] = [
+        {"": r.symbol, "value": r.value, "± 95 %": (r.high - r.low) / 2, "before": r.prior,
+         "± before": REACH * r.prior_error, "narrowed by": f"{100 * r.learnt:.0f} %", "it is": r.word}
+        for r in told.rows
+    ]  # fmt: skip
+    made["Known only together"] = [
+        {"together": ", ".join(g.symbols), "corr.": round(g.correlation, 3), "why": g.words, "known is": g.sum}
+        for g in told.groups
+    ]
+    made["What follows from them"] = [
+        {"": d.name, "value": d.value, "from": _number(d.low), "to": _number(d.high), "that is": d.words or None}
+        for d in told.derived
+    ]
     if told.compared:
-        made["Recordings beside captive tests"] = _compared_rows(told.compared)
+        made["Recordings beside captive tests"] = [
+            {"": r.name, "recordings": r.free, "± 95 %": REACH * r.free_error, "captive": r.towed,
+             "± 95 % ": REACH * r.towed_error, "apart by": round(r.apart, 1) if r.known else None, "they": r.word}
+            for r in told.compared
+        ]  # fmt: skip
     return made
 
 

@@ -212,16 +212,7 @@ def rate_against_rudder_figure(reference: Recording, prediction: Recording) -> F
 def comparison_figures(
     reference: Recording, prediction: Recording, members: Sequence[Recording] = ()
 ) -> dict[str, Figure]:
-    """Every figure that compares one predicted manoeuvre with the recorded one.
-
-    Args:
-        reference: What was recorded.
-        prediction: What was predicted.
-        members: What each member of an ensemble predicts.
-
-    Returns:
-        Name -> figure: ``track``, ``time series``, and for zigzags and spirals ``rate against rudder``.
-    """
+    """Every figure that compares one predicted manoeuvre with the recorded one: name -> figure."""
     figures = {
         "track": track_figure(reference, prediction, members),
         "time series": time_series_figure(reference, prediction, members),

@@ -114,16 +114,8 @@ def _environment(package: str) -> Environment:
 
 
 def data_address(figure: Figure) -> str:
-    """A figure as an address that carries the image itself.
-
-    An image of its own, unlike SVG among the page's elements, cannot share identifiers with another one.
-
-    Args:
-        figure: The figure.
-
-    Returns:
-        ``data:image/svg+xml;base64,...``; the same figure always gives the same text.
-    """
+    """A figure as an address that carries the image itself; the same figure always gives the same text."""
+    # An image of its own, unlike SVG among the page's elements, cannot share identifiers with another one.
     buffer = io.BytesIO()
     with mpl.rc_context({"svg.hashsalt": "manoeuvre-nn"}):
         figure.savefig(buffer, format="svg", metadata={"Date": None}, dpi=150)

@@ -119,14 +119,7 @@ def _mapping(value: Any) -> dict[str, Any]:
 
 
 def swept(rows: Sequence[Row]) -> list[str]:
-    """Settings that differ between jobs, the one with the most values first and repeats (``seed``) last.
-
-    Args:
-        rows: One a job.
-
-    Returns:
-        Names of settings; all of them if there is but one job.
-    """
+    """Settings that differ between jobs, the one with the most values first, repeats (``seed``) last; or the first."""
     settings = [name for name in columns(rows) if name not in RESULTS and not name.startswith((DEV, "relRMSE"))]
     if any("seed" in row for row in rows):
         settings.append("seed")
@@ -248,14 +241,7 @@ def _mark_values(axes: Axes, values: pd.Series) -> None:
 
 
 def write_sweep(folder: Path) -> Table:
-    """Write ``sweep.csv`` and ``sweep.md``, and ``sweep.png`` if any job has a score, into the sweep's folder.
-
-    Args:
-        folder: The sweep's folder.
-
-    Returns:
-        The table for the terminal.
-    """
+    """Write ``sweep.csv``, ``sweep.md`` and, if any job has a score, ``sweep.png``; return a table for the terminal."""
     rows = sweep_rows(folder)
     write_csv(folder / "sweep.csv", rows)
     short = _short_rows(rows)
