@@ -27,6 +27,7 @@ from manoeuvre_nn.commands.provenance import write_provenance
 from manoeuvre_nn.commands.shelves import build
 from manoeuvre_nn.commands.simulate import as_sensed, sail
 from manoeuvre_nn.commands.train import fit as fit_job
+from manoeuvre_nn.core.data_files import load_yaml
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
@@ -45,6 +46,8 @@ from manoeuvre_nn.training.settings import noise_in_si
 Named = str | Mapping[str, Mapping[str, Any]]
 """The name of a yaml in conf, or ``{name: {setting: value}}``."""
 AnyShip = str | Ship | Particulars
+"""The name of a ship in conf/ship, the path of a yaml like those there, or an object."""
+YAML = ".yaml"
 
 
 @dataclass(frozen=True, repr=False)
@@ -86,7 +89,7 @@ def read(
         path: A file, a folder, a pattern such as ``runs/zz*.csv``, or a list of files.
         mapping: Path of a yaml that says which column holds what, its name in conf/recording, or a mapping. None: the
             files were written by this package (or have its columns in SI and radians).
-        ship: The ship: a name in conf/ship, or an object.
+        ship: The ship: a name in conf/ship, the path of a yaml of your own, or an object.
 
     Returns:
         The recordings.
@@ -108,7 +111,7 @@ def simulate(
     """Sail a ship through manoeuvres.
 
     Args:
-        ship: A name in conf/ship, or a ship with coefficients.
+        ship: A name in conf/ship, the path of a yaml of your own, or a ship with coefficients.
         manoeuvre: A name in conf/manoeuvre, ``{name: {setting: value}}``, a manoeuvre, or a list of these.
         effects: What acts on it beside calm water: a name in conf/effect, ``{name: {parameter: value}}``, an
             effect, or a list of these.
@@ -139,7 +142,8 @@ def fit(
     """Fit a model to recordings, as ``manoeuvre train data=recording`` does.
 
     Args:
-        ship: A name in conf/ship, or an object; of measured ships particulars are enough.
+        ship: A name in conf/ship, the path of a yaml of your own, or an object; of measured ships particulars are
+            enough.
         runs: Recordings of it.
         network: Model to fit, by its name in conf/network: a series (``cubic``, ``modulus``, ``abkowitz``), an
             ensemble (``hull_rudder``); it chooses its fit, unless ``settings`` do.
@@ -148,10 +152,17 @@ def fit(
 
     Returns:
         The model.
+
+    Raises:
+        InputError: If ``out`` is to keep the config of a ship that no yaml describes.
     """
-    named = [f"ship={ship}"] if isinstance(ship, str) else []
+    if out is not None and not isinstance(ship, str):
+        raise InputError(f"out={out} keeps a config, which says the ship by name or by a yaml: give one of these")
+    named = [f"ship={ship}"] if isinstance(ship, str) and not ship.endswith(YAML) else []
     words = ["data=recording", f"network={network}", *named, "trainer.progress=false", *settings]
     cfg = compose("train", words)
+    if isinstance(ship, str) and not named:
+        cfg.ship = _described(ship)
     job = prepare(cfg, tuple(runs), None if isinstance(ship, str) else ship)
     with TemporaryDirectory() as scratch:
         folder = Path(scratch if out is None else out)
@@ -191,7 +202,7 @@ def diagnose(
     """Find out what a calm-water model leaves out of recordings, as ``manoeuvre diagnose`` does.
 
     Args:
-        ship: A name in conf/ship, or a ship with coefficients.
+        ship: A name in conf/ship, the path of a yaml of your own, or a ship with coefficients.
         runs: Recordings of it.
         model: A fitted model, or the path of a checkpoint, instead of the ship's coefficients.
         candidates: ``default``, ``tank``, ``all``, or names of effects.
@@ -213,19 +224,24 @@ def diagnose(
             f"the {hull.name} has particulars but no coefficients: give model=, or a ship with coefficients"
         )
     common = setup(cfg, fitted)
-    case = case_of(
-        [as_sensed(run) for run in runs], hull, held_out if held_out == "auto" else configs.as_list(held_out)
-    )
+    proved_by = held_out if held_out == "auto" else configs.as_list(held_out)
+    case = case_of([as_sensed(run) for run in runs], hull, proved_by)
     question, _ = common.question(case)
     with Tracker(Console(quiet=True), 1, len(common.wanted) + STEPS) as tracker:
         return Answer(find_causes(question, tracker.step))
 
 
 def _ship(ship: AnyShip) -> Ship | Particulars:
-    """A ship by its name in conf/ship, or as it is."""
-    if not isinstance(ship, str):
-        return ship
-    return build(option("ship", ship), "ship")
+    """A ship by its name in conf/ship, by its yaml, or as it is."""
+    return build(_described(ship), "ship") if isinstance(ship, str) else ship
+
+
+def _described(ship: str) -> dict[str, Any]:
+    """What a ship's yaml says, found by its path or by its name in conf/ship."""
+    if not ship.endswith(YAML):
+        return option("ship", ship)
+    content = load_yaml(Path(ship))
+    return content.get("ship", content)
 
 
 def _particulars(ship: Ship | Particulars) -> Particulars:

@@ -126,10 +126,10 @@ def coefficients_of(fit: ClosedLoopFit, problem: EstimationProblem, found: Estim
 def write_coefficients(told: Coefficients, out: Path) -> dict[str, Figure]:
     """Write ``coefficients.json`` and the figures, which are returned."""
     drawn = figures(told)
-    save_figures(drawn, out / "figures")
+    save_figures({f"coefficients/{name}": figure for name, figure in drawn.items()}, out / "figures")
     text = json.dumps({**coefficients_json(told), "versions": versions()}, indent=1)
     (out / RESULT).write_text(text, encoding="utf-8")
-    return drawn
+    return {f"Coefficients in figures/{name}": figure for name, figure in drawn.items()}
 
 
 def _unscored(cfg: DictConfig) -> DictConfig:

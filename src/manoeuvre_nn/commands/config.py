@@ -120,7 +120,7 @@ def named_manoeuvres(names: Sequence[Any], speed: float | None, own: str | None 
             raise InputError(f"score has an entry {entry}: write a name, or {{name: {{setting: value}}}}")
         name, settings = next(iter(entry.items())) if isinstance(entry, Mapping) else (entry, {})
         usual = option("manoeuvre", name, own, "manoeuvre in score")
-        made.append(build({**usual, **settings}, "manoeuvre").at_speed(speed))
+        made.append(build(OmegaConf.create({**usual, **settings}), "manoeuvre").at_speed(speed))
     return made
 
 

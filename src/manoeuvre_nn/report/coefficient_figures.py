@@ -22,9 +22,9 @@ SWEEP_POINTS = 61
 
 def figures(told: Coefficients) -> dict[str, Figure]:
     """All figures of a set of coefficients: name -> figure."""
-    made = {"coefficients/intervals": _interval_figure(told)}
+    made = {"intervals": _interval_figure(told)}
     if told.tests is not None and told.captive is not None:
-        made["coefficients/forces"] = _force_figure(told.fitted, told.captive, told.tests)
+        made["forces"] = _force_figure(told.fitted, told.captive, told.tests)
     return made
 
 

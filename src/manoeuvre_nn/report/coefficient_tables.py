@@ -124,7 +124,7 @@ def tables(told: Coefficients) -> dict[str, list[Row]]:
     made: dict[str, list[Row]] = {}
     made["Coefficients"] = [
         {"": r.symbol, "value": r.value, "± 95 %": (r.high - r.low) / 2, "before": r.prior,
-         "± before": REACH * r.prior_error, "narrowed by": f"{100 * r.learnt:.0f} %", "it is": r.word}
+         "± before": REACH * r.prior_error, "narrowed by [%]": round(100 * r.learnt), "it is": r.word}
         for r in told.rows
     ]  # fmt: skip
     made["Known only together"] = [
