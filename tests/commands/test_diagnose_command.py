@@ -93,8 +93,7 @@ def found(tmp_path_factory, recordings) -> Path:
 @pytest.fixture
 def no_figures(monkeypatch):
     """Leaves figures out, which take most of the time."""
-    for place in ("commands.diagnose", "report.diagnosis_html"):
-        monkeypatch.setattr(f"manoeuvre_nn.{place}.draw_diagnosis", lambda d: {})
+    monkeypatch.setattr("manoeuvre_nn.commands.diagnose.draw_diagnosis", lambda d: {})
 
 
 def test_a_persons_runs_tell_what_acted_on_them(found):
