@@ -23,9 +23,8 @@ from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.loading import Loading
 from manoeuvre_nn.effect.propulsion import PowerLimit
 from manoeuvre_nn.effect.roll import RollCoupling
-from manoeuvre_nn.effect.rudder import RudderBacklash, RudderOffset, RudderSlow
+from manoeuvre_nn.effect.rudder import RudderBacklash, RudderDelay, RudderOffset, RudderSlow
 from manoeuvre_nn.effect.sensors import HeadingBias, LogScale, TimeSync
-from manoeuvre_nn.effect.steering import RudderDelay
 from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.manoeuvre.straight import straight
 from manoeuvre_nn.manoeuvre.turning import turning_circle

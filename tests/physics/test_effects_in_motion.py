@@ -18,9 +18,8 @@ from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.current import Current, TidalCurrent
 from manoeuvre_nn.effect.propulsion import PowerLimit
 from manoeuvre_nn.effect.roll import RollCoupling
-from manoeuvre_nn.effect.rudder import RudderBacklash, RudderOffset, RudderSlow
+from manoeuvre_nn.effect.rudder import RudderBacklash, RudderDelay, RudderOffset, RudderSlow
 from manoeuvre_nn.effect.sensors import GpsDelay, HeadingBias
-from manoeuvre_nn.effect.steering import RudderDelay
 from manoeuvre_nn.effect.waves import WaveDrift
 from manoeuvre_nn.effect.wind import SteadyWind, WindOnset
 from manoeuvre_nn.manoeuvre.turning import turning_circle

@@ -31,15 +31,7 @@ class CalmWater(Model):
         return self.ship
 
     def forward(self, state: Float[Tensor, "*batch n"], inputs: Inputs) -> Float[Tensor, "*batch 6"]:
-        """Rate of the state by the ship's coefficients.
-
-        Args:
-            state: u, v, r, x, y, psi.
-            inputs: Rudder and shaft.
-
-        Returns:
-            Its time derivative.
-        """
+        """Rate of the state by the ship's coefficients."""
         nu, delta = state[..., :3], inputs.delta
         nudot = self.ship.acceleration(nu, delta)
         if inputs.shaft is not None:
@@ -48,14 +40,7 @@ class CalmWater(Model):
         return rate_of_state(state, nudot)
 
     def on_approach(self, speed: float) -> "CalmWater":
-        """The ship's own way to take on another approach speed.
-
-        Args:
-            speed: Approach speed [m/s].
-
-        Returns:
-            A new model.
-        """
+        """The ship's own way to take on another approach speed."""
         return CalmWater(self.ship.on_approach(speed))
 
 
@@ -133,29 +118,12 @@ class IdentifiedShip(Model):
         return nudot + self.known.acceleration_from_force(nu, extra)
 
     def forward(self, state: Float[Tensor, "*batch n"], inputs: Inputs) -> Float[Tensor, "*batch 6"]:
-        """Rate of the state from the known part and the network.
-
-        Args:
-            state: u, v, r, x, y, psi.
-            inputs: Rudder, shaft and wind.
-
-        Returns:
-            Its time derivative.
-        """
+        """Rate of the state from the known part and the network."""
         unknown = self.network(self.network_inputs(state, inputs))
         return rate_of_state(state, self.accelerations(state[..., :3], inputs, unknown))
 
     def sensitivities(self, state: Float[Tensor, "*batch n"], inputs: Inputs) -> Float[Tensor, "*batch k 3"]:
-        """What the network's coefficients may add, by the covariance of its fit.
-
-        Args:
-            state: u, v, r, ...
-            inputs: Rudder, shaft and wind.
-
-        Returns:
-            udot, vdot [m/s^2], rdot [rad/s^2] by one standard deviation of each independent combination; no row where
-            the network does not know its uncertainty.
-        """
+        """What the network's coefficients may add, by the covariance of its fit."""
         forces = self.scaling.restore(self.network.sensitivities(self.network_inputs(state, inputs)))
         return self.known.acceleration_from_force(state[..., None, :3].expand(forces.shape), forces)
 
@@ -279,15 +247,7 @@ class Stacked(Model):
         return self._template[0].hull
 
     def forward(self, state: Float[Tensor, "rows 6"], inputs: Inputs) -> Float[Tensor, "rows 6"]:
-        """Rate of the state of every row by its own model.
-
-        Args:
-            state: u, v, r, x, y, psi.
-            inputs: Rudder and what else is given, a value a row.
-
-        Returns:
-            Its time derivative.
-        """
+        """Rate of the state of every row by its own model."""
 
         def one(parameters: dict, buffers: dict, own: Tensor, given: dict) -> Tensor:
             return torch.func.functional_call(self._template[0], (parameters, buffers), (own, Inputs(**given)))

@@ -50,15 +50,7 @@ class Affected(Model):
         return sum(e.memory for e in self._effects())
 
     def forward(self, state: Float[Tensor, "*batch n"], inputs: Inputs) -> Float[Tensor, "*batch n"]:
-        """Rate of the state.
-
-        Args:
-            state: u, v, r, x, y, psi and the effects' own states.
-            inputs: Rudder, shaft, wind and time.
-
-        Returns:
-            Its time derivative.
-        """
+        """Rate of the state: in calm water, and what every effect adds."""
         s, motion = self._seen(state, inputs)
         acceleration, own = s.nudot, []
         for effect, memory in self._memories(state):
@@ -68,15 +60,7 @@ class Affected(Model):
         return torch.cat([acceleration, motion, *own], dim=-1)
 
     def start(self, state: Float[Tensor, "*batch 6"], inputs: Inputs) -> Float[Tensor, "*batch n"]:
-        """A state with the effects' own states as on a steady approach.
-
-        Args:
-            state: u, v, r, x, y, psi.
-            inputs: Rudder then.
-
-        Returns:
-            The whole state.
-        """
+        """A state with the effects' own states as on a steady approach."""
         nudot, nominal = torch.zeros_like(state[..., :3]), torch.ones_like(inputs.delta)
         s = _situation(state, nudot, Inputs(inputs.delta, nominal))
         return torch.cat([state, *(e.memory_at_start(s) for e in self._effects())], dim=-1)
@@ -94,14 +78,7 @@ class Affected(Model):
         return self._seen(state, inputs)[0]
 
     def on_approach(self, speed: float) -> "Affected":
-        """The same ship and effects at another approach speed; what effects do follows the ship.
-
-        Args:
-            speed: Approach speed [m/s].
-
-        Returns:
-            A new model.
-        """
+        """The same ship and effects at another approach speed; what effects do follows the ship."""
         calm = self.calm.on_approach(speed)
         return Affected(calm, [_aboard(e, calm.hull) for e in self._effects()])
 

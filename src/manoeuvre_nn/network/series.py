@@ -206,14 +206,7 @@ class Series(Network):
         return result.movedim(0, -1)
 
     def forward(self, x: Float[Tensor, "*batch inputs"]) -> Float[Tensor, "*batch 3"]:
-        """Forces by the estimate.
-
-        Args:
-            x: As :meth:`products` takes it.
-
-        Returns:
-            X', Y', N'.
-        """
+        """Forces by the estimate."""
         x, scale = self._of_approach(x)
         return self.products(x) @ self.coefficients[0].T * scale
 
@@ -232,15 +225,7 @@ class Series(Network):
         return self.products(x) @ self.coefficients[:count].mT * scale
 
     def of(self, x: Float[Tensor, "n inputs"], member: Int[Tensor, " n"]) -> Float[Tensor, "n 3"]:
-        """Every input by a member of its own.
-
-        Args:
-            x: Inputs.
-            member: Number of the member that answers to each.
-
-        Returns:
-            Forces.
-        """
+        """Every input by a member of its own."""
         x, scale = self._of_approach(x)
         return torch.einsum("nt,not->no", self.products(x), self.coefficients[member]) * scale
 
@@ -253,14 +238,7 @@ class Series(Network):
         return x / torch.cat([ratio, ratio, ratio, one, ratio, ratio, ratio], dim=-1), ratio.square()
 
     def sensitivities(self, x: Float[Tensor, "*batch inputs"]) -> Float[Tensor, "*batch p 3"]:
-        """What one standard error of each independent combination of coefficients adds to the forces.
-
-        Args:
-            x: As :meth:`products` takes it.
-
-        Returns:
-            X', Y', N', one row a combination: eigenvectors of :attr:`covariance`; none before a fit.
-        """
+        """Forces by one standard error of each eigenvector of :attr:`covariance`; no row before a fit."""
         if not bool(self.covariance.any()):
             return super().sensitivities(x)
         x, scale = self._of_approach(x)
@@ -294,14 +272,7 @@ class Series(Network):
         self.trained.fill_(self.members)
 
     def at_shaft(self, ratio: float) -> "Series":
-        """The same series at another nominal shaft speed; it shares the coefficients.
-
-        Args:
-            ratio: The new nominal shaft speed over the present one [-].
-
-        Returns:
-            A new series.
-        """
+        """The same series at another nominal shaft speed; it shares the coefficients."""
         if ratio == 1.0:
             return self
         other = copy.copy(self)

@@ -35,27 +35,12 @@ class InertiaOnly(Ship):
         return self._ship[0].shaft_rpm
 
     def force(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
-        """Nothing is known.
-
-        Args:
-            nu: u, v [m/s], r [rad/s].
-            delta: Rudder angle [rad].
-
-        Returns:
-            Zeros.
-        """
+        """Nothing is known."""
         del delta
         return torch.zeros_like(nu)
 
     def on_approach(self, speed: float) -> "InertiaOnly":
-        """Inertia and units as the ship has them at that speed.
-
-        Args:
-            speed: Approach speed [m/s].
-
-        Returns:
-            A new ship.
-        """
+        """Inertia and units as the ship has them at that speed."""
         return InertiaOnly(self._ship[0].on_approach(speed))
 
 
