@@ -13,7 +13,7 @@ from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.replay import replay
 from manoeuvre_nn.dynamics.rollout import roll_out, rollout
-from manoeuvre_nn.dynamics.simulate import Problem, simulate
+from manoeuvre_nn.dynamics.simulate import simulate
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.current import Current, TidalCurrent
 from manoeuvre_nn.effect.propulsion import PowerLimit
@@ -46,7 +46,7 @@ def batched(dynamics, *trials, step=None):
 
 def accurate(dynamics, trial):
     with unchecked():
-        return simulate(Problem(dynamics, trial))
+        return simulate(dynamics, trial)
 
 
 def measured(record):

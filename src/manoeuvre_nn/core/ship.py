@@ -147,14 +147,7 @@ class Particulars:
         return self.length < LONGEST_MODEL
 
     def at_speed(self, speed: float) -> "Particulars":
-        """The same ship on another approach speed.
-
-        Args:
-            speed: Approach speed [m/s].
-
-        Returns:
-            New particulars.
-        """
+        """The same ship on another approach speed [m/s]."""
         return replace(self, speed=speed, service_speed=self.top_speed)
 
     @property
@@ -295,14 +288,7 @@ class Ship(ABC, nn.Module):
         return torch.stack([surge, torch.zeros_like(surge), torch.zeros_like(surge)], dim=-1)
 
     def acceleration_from_si(self, force: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
-        """Accelerations that an external force causes.
-
-        Args:
-            force: X, Y [N], N [N m].
-
-        Returns:
-            udot, vdot [m/s^2], rdot [rad/s^2].
-        """
+        """Accelerations udot, vdot [m/s^2], rdot [rad/s^2] that an external force X, Y [N], N [N m] causes."""
         units = force.new_tensor([self.prime.force, self.prime.force, self.prime.moment])
         return (force / units) @ self.inertia_inverse.T * self.acceleration_units
 
@@ -311,8 +297,8 @@ class Ship(ABC, nn.Module):
         nu: Float[Tensor, "*batch 3"],
         delta: Float[Tensor, "*batch"],
         shaft: Float[Tensor, "*batch"],
-        zeta: Float[Tensor, "*batch"],
-    ) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*batch 3"]] | None:
+        zeta: Float[Tensor, "*own"],
+    ) -> tuple[Float[Tensor, "*own 3"], Float[Tensor, "*own 3"]] | None:
         """What shallow water adds, where the coefficients say it.
 
         Args:
@@ -355,15 +341,7 @@ class Ship(ABC, nn.Module):
         """
 
     def acceleration(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
-        """Accelerations ``nudot = units M'^-1 f'``.
-
-        Args:
-            nu: u, v [m/s], r [rad/s].
-            delta: Rudder angle [rad], positive turns to starboard.
-
-        Returns:
-            udot, vdot [m/s^2], rdot [rad/s^2].
-        """
+        """Accelerations ``nudot = units M'^-1 f'`` by :meth:`force`: udot, vdot [m/s^2], rdot [rad/s^2]."""
         return self.acceleration_from_force(nu, self.force(nu, delta))
 
     def acceleration_from_force(
@@ -382,14 +360,7 @@ class Ship(ABC, nn.Module):
         return force @ self.inertia_inverse.T * self.acceleration_units
 
     def force_from_acceleration(self, nudot: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
-        """The right-hand sides that cause given accelerations, ``f' = M' nudot'``.
-
-        Args:
-            nudot: udot, vdot [m/s^2], rdot [rad/s^2].
-
-        Returns:
-            f' [-].
-        """
+        """The right-hand sides f' [-] that cause given accelerations [m/s^2, rad/s^2], ``f' = M' nudot'``."""
         return (nudot / self.acceleration_units) @ self.inertia.T
 
 

@@ -51,11 +51,6 @@ class Members(Model):
         """The known part."""
         return self.model.hull
 
-    @property
-    def memory(self) -> int:
-        """One: the number of the member that moves a row."""
-        return 1
-
     def start(self, state: Float[Tensor, "*batch 6"], inputs: Inputs) -> Float[Tensor, "*batch 7"]:
         """The state and the number of its member: as many rows for every member, or a single one for the first."""
         del inputs

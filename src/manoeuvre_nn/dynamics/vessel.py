@@ -44,11 +44,6 @@ class Affected(Model):
         """That of the calm-water model."""
         return self.calm.hull
 
-    @property
-    def memory(self) -> int:
-        """Number of states beyond the six of the ship."""
-        return sum(e.memory for e in self._effects())
-
     def forward(self, state: Float[Tensor, "*batch n"], inputs: Inputs) -> Float[Tensor, "*batch n"]:
         """Rate of the state: in calm water, and what every effect adds."""
         s, motion = self._seen(state, inputs)
@@ -193,47 +188,6 @@ class RudderGear:
         return recorded
 
 
-class Recorder:
-    """What the recorder writes of a moving ship; u and v are no sensor's."""
-
-    def __init__(self, acting: Affected | None = None) -> None:
-        """Say what acts.
-
-        Args:
-            acting: The model with its effects; None records nothing beside the state.
-        """
-        self._acting = acting
-
-    def record(
-        self,
-        states: Float[Tensor, "*batch n"],
-        rates: Float[Tensor, "*batch n"],
-        shown: Float[Tensor, "*batch"],
-        inputs: Inputs,
-    ) -> dict[str, Tensor]:
-        """What perfect sensors would write, changed by every effect in turn.
-
-        Args:
-            states: Whole states, time in the last batch dimension.
-            rates: Their rates.
-            shown: Indicated rudder angle [rad].
-            inputs: Rudder blade, shaft, wind and time.
-
-        Returns:
-            x, y [m], vn, ve (over ground) [m/s], psi [rad], r [rad/s], u_log [m/s], delta [rad] and shaft [-]; nothing
-            without effects.
-        """
-        if self._acting is None:
-            return {}
-        s = self._acting.situation(states, inputs)
-        north, east = rates[..., 3:5].unbind(-1)
-        channels = {"x": s.x, "y": s.y, "vn": north, "ve": east, "psi": s.psi, "r": s.r, "u_log": s.u}
-        channels |= {"delta": shown, "shaft_recorded": s.shaft}
-        for effect in self._acting.effects:
-            channels = effect.record(channels, s)  # type: ignore[operator]
-        return {"shaft" if name == "shaft_recorded" else name: values for name, values in channels.items()}
-
-
 @dataclass(frozen=True)
 class Vessel:
     """What solvers take: a model, its steering gear and its sensors.
@@ -256,10 +210,34 @@ class Vessel:
         """From orders to the rudder blade."""
         return RudderGear(self.effects)
 
-    @cached_property
-    def sensors(self) -> Recorder:
-        """What is written down."""
-        return Recorder(self.model if isinstance(self.model, Affected) else None)
+    def record(
+        self,
+        states: Float[Tensor, "*batch n"],
+        rates: Float[Tensor, "*batch n"],
+        shown: Float[Tensor, "*batch"],
+        inputs: Inputs,
+    ) -> dict[str, Tensor]:
+        """What perfect sensors would write, changed by every effect in turn; u and v are no sensor's.
+
+        Args:
+            states: Whole states, time in the last batch dimension.
+            rates: Their rates.
+            shown: Indicated rudder angle [rad].
+            inputs: Rudder blade, shaft, wind and time.
+
+        Returns:
+            x, y [m], vn, ve (over ground) [m/s], psi [rad], r [rad/s], u_log [m/s], delta [rad] and shaft [-]; nothing
+            without effects.
+        """
+        if not isinstance(self.model, Affected):
+            return {}
+        s = self.model.situation(states, inputs)
+        north, east = rates[..., 3:5].unbind(-1)
+        channels = {"x": s.x, "y": s.y, "vn": north, "ve": east, "psi": s.psi, "r": s.r, "u_log": s.u}
+        channels |= {"delta": shown, "shaft_recorded": s.shaft}
+        for effect in self.effects:
+            channels = effect.record(channels, s)
+        return {"shaft" if name == "shaft_recorded" else name: values for name, values in channels.items()}
 
     def on_approach(self, speed: float) -> "Vessel":
         """The same vessel coming in at another speed; what effects do follows the ship.

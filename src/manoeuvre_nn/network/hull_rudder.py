@@ -134,16 +134,6 @@ class HullRudder(Network):
         return self.input_weights.shape[0]
 
     @property
-    def shaft_ratio(self) -> Tensor:
-        """Nominal shaft speed over that of the training [-]."""
-        return self.shaft
-
-    @property
-    def answering(self) -> int:
-        """Members that have been trained."""
-        return int(self.trained)
-
-    @property
     def scalings(self) -> tuple[str, ...]:
         """Scalings of the inputs that keep the mirrored ship a mirrored ship and ratios of speeds ratios."""
         return ("mirrored",) if self.speed_law == "approach" else ("speed",)
@@ -224,13 +214,9 @@ class HullRudder(Network):
             outputs.append(total)
         return torch.stack(outputs, -1)
 
-    def at_shaft(self, ratio: float) -> "HullRudder":
-        """The same network at another nominal shaft speed; it shares the weights."""
-        if self.speed_law == "approach" or ratio == 1.0:
-            return self
-        other = copy.copy(self)
-        other._buffers = {**self._buffers, "shaft": self.shaft * ratio}
-        return other
+    def at_shaft(self, ratio: float) -> Network:
+        """Forces that scale with the approach speed know no shaft."""
+        return self if self.speed_law == "approach" else super().at_shaft(ratio)
 
     def with_weights(
         self, input_weights: Float[Tensor, "k h w"], output_weights: Float[Tensor, "k 3 c"]

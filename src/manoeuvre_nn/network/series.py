@@ -1,6 +1,5 @@
 """Forces that are a sum of products with coefficients: the classical models, with members for their uncertainty."""
 
-import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -150,16 +149,6 @@ class Series(Network):
         return ("approach",)
 
     @property
-    def shaft_ratio(self) -> Tensor:
-        """Nominal shaft speed over that of the training [-]."""
-        return self.shaft
-
-    @property
-    def answering(self) -> int:
-        """The estimate and its draws, once it was fitted."""
-        return int(self.trained)
-
-    @property
     def noise_of_fit(self) -> Float[Tensor, " 6"]:
         """Standard deviation that u, v, r, x, y, psi were given in the fit, in U0, U0/L, L, rad; 0 without one."""
         return self.noise
@@ -270,11 +259,3 @@ class Series(Network):
         rows = torch.cat([values[None], drawn.to(values)])
         self.coefficients[:, self.used] = rows.to(self.coefficients)
         self.trained.fill_(self.members)
-
-    def at_shaft(self, ratio: float) -> "Series":
-        """The same series at another nominal shaft speed; it shares the coefficients."""
-        if ratio == 1.0:
-            return self
-        other = copy.copy(self)
-        other._buffers = {**self._buffers, "shaft": self.shaft * ratio}
-        return other

@@ -173,8 +173,8 @@ class TankerShip(Ship):
         nu: Float[Tensor, "*batch 3"],
         delta: Float[Tensor, "*batch"],
         shaft: Float[Tensor, "*batch"],
-        zeta: Float[Tensor, "*batch"],
-    ) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*batch 3"]]:
+        zeta: Float[Tensor, "*own"],
+    ) -> tuple[Float[Tensor, "*own 3"], Float[Tensor, "*own 3"]]:
         """By the table's own terms in zeta, the kink of Yuvz rounded."""
         products, zeta = self.products(nu, delta, shaft), zeta[..., None]
         linear, square, kink = (products @ table for table in self.depth_tables)
