@@ -35,9 +35,11 @@ from manoeuvre_nn.manoeuvre.zigzag import zigzag  # noqa: E402
 from manoeuvre_nn.network.perceptron import Perceptron, PerceptronSettings  # noqa: E402
 from manoeuvre_nn.numerics.damping import Damping, Rule, Stops  # noqa: E402
 from manoeuvre_nn.numerics.levenberg_marquardt import LevenbergMarquardt  # noqa: E402
-from manoeuvre_nn.numerics.one_hidden import OneHidden  # noqa: E402
+from manoeuvre_nn.numerics.one_hidden import (
+    OneHidden,  # noqa: E402
+    Separable,  # noqa: E402
+)
 from manoeuvre_nn.numerics.restarts import minimise  # noqa: E402
-from manoeuvre_nn.numerics.separable import Separable  # noqa: E402
 from manoeuvre_nn.ship.esso_190k import esso_190k  # noqa: E402
 from manoeuvre_nn.ship.known import no_part  # noqa: E402
 from manoeuvre_nn.training.data import DataSettings, SimulatedData  # noqa: E402

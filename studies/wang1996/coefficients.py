@@ -10,8 +10,6 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip, Scaling
 from manoeuvre_nn.dynamics.rollout import roll_out
-from manoeuvre_nn.estimation.derivatives import Estimates, Regression, si_unit, taylor_regression
-from manoeuvre_nn.estimation.regression import Rules
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.network.perceptron import Perceptron, wang_network
 from manoeuvre_nn.numerics.damping import Stops
@@ -23,8 +21,10 @@ from manoeuvre_nn.ship.mariner import INERTIA as OWN_INERTIA
 from manoeuvre_nn.ship.mariner import mariner
 from manoeuvre_nn.ship.taylor import TaylorShip
 from studies.reproduction.section import ComputingEffort, Say
+from studies.wang1996.derivatives import Estimates, Regression, si_unit, taylor_regression
 from studies.wang1996.printed_coefficients import INERTIA, RHO, ROWS, SLIPS, SURGE_RR
 from studies.wang1996.published_networks import published_network
+from studies.wang1996.stepwise import Rules
 
 RECORD, REGRESSED = 360.0, 300.0
 """Length of the zigzag that networks learn from and of the one that is regressed [s]: sections 4.4.1 and 5.3."""

@@ -8,14 +8,14 @@ import numpy as np
 
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.estimation.derivatives import coefficient_name, si_unit
-from manoeuvre_nn.estimation.regression import TermEstimate
+from manoeuvre_nn.estimation.derivatives import coefficient_name
 from manoeuvre_nn.recording.tuples import to_tuples
 from manoeuvre_nn.scoring.score import score
 from manoeuvre_nn.ship.mariner import COEFFICIENTS
 from studies.reproduction.claims import read_claims
 from studies.reproduction.section import ChapterResult, ComputingEffort, Line, Panel, Plot, Say
 from studies.wang1996.coefficients import RegressedForces, Study, sailed, study, thesis_prime
+from studies.wang1996.derivatives import si_unit
 from studies.wang1996.printed_coefficients import (
     INERTIA,
     ORIGINAL_SLIPS,
@@ -24,6 +24,7 @@ from studies.wang1996.printed_coefficients import (
     SURGE_RR,
     Row,
 )
+from studies.wang1996.stepwise import TermEstimate
 
 NOTHING = TermEstimate(0.0, 0.0, 0.0, 0.0, 1.0)
 """A coefficient whose term was dropped."""

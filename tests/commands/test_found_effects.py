@@ -10,7 +10,7 @@ from fleet import ship_named
 from manoeuvre_nn.commands.config import switch
 from manoeuvre_nn.commands.diagnosis_setup import found_effects, write_effects
 from manoeuvre_nn.core.effect import Situation
-from manoeuvre_nn.diagnosis.result import Cause, Diagnosis, Location, Value
+from manoeuvre_nn.diagnosis.result import Cause, Diagnosis, Value
 from manoeuvre_nn.effect.formula import Formula
 from manoeuvre_nn.effect.remainder import Remainder
 
@@ -30,7 +30,7 @@ def diagnosis(**more) -> Diagnosis:
     values = tuple(Value(t, w, 0.01, "-") for t, w in zip(TERMS, (0.4, -0.25), strict=True))
     cause = Cause("unknown", "something", 0.9, 30.0, ("Y",), values, None, "It is real.", "", TERMS)
     given = {"model": ["unknown"], **more}
-    rest = {"alias": {}, "location": Location({}, []), "residuals": [], "checks": [], "runner_up": []}
+    rest = {"alias": {}, "sites": {}, "statements": [], "residuals": [], "checks": [], "runner_up": []}
     rest |= {"proofs": [], "noise": {}, "next_steps": [], "undecided": []}
     return Diagnosis("c", "Mariner", "mismatch", "Unknown.", [cause], **given, **rest)
 

@@ -3,7 +3,8 @@ import json
 import pytest
 import yaml
 
-from manoeuvre_nn.commands.provenance import check_same_run, finished, flat, versions, write_provenance
+from manoeuvre_nn.commands.provenance import check_same_run, flat, versions, write_provenance
+from manoeuvre_nn.commands.train import finished
 from manoeuvre_nn.core.errors import InputError
 
 

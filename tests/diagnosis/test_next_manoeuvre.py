@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -11,9 +12,9 @@ from trials import CALM, NOISE, SHIP, run_of, sailed, values
 
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.diagnosis import words
-from manoeuvre_nn.diagnosis.advise import Advice, advise, apart, left_over
+from manoeuvre_nn.diagnosis.advise import Ranked, advise, apart, left_over
 from manoeuvre_nn.diagnosis.checks import aliases
-from manoeuvre_nn.diagnosis.next_runs import HALF, new_runs, same_runs
+from manoeuvre_nn.diagnosis.next_runs import HALF, Plan, new_runs, same_runs
 from manoeuvre_nn.diagnosis.words import next_steps, runner_up
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.propulsion import PropellerPitchError
@@ -25,6 +26,7 @@ from manoeuvre_nn.estimation.data_set import (
     COEFFICIENT_SD_LEVELS,
     LATENCY_SD,
     PROCESS_LEVELS,
+    PreparedRun,
     WhitenedDataSet,
     about_states,
     whitened_data_set,
@@ -61,20 +63,20 @@ def stand(trial: str = "straight", *acting: Effect, log: bool = True) -> Whitene
 
 
 @cache
-def ranked(place: WhitenedDataSet, leading: Effect, rival: Effect | None) -> list[Advice]:
+def ranked(place: WhitenedDataSet, leading: Effect, rival: Effect | None) -> Ranked:
     return advise(place, judged(leading), [NOTHING if rival is None else judged(rival)])[0]
 
 
-def gain(runs: list[Advice], said: str, heading_deg: float | None, share: float = 1.0) -> float:
+def gain(runs: Ranked, said: str, heading_deg: float | None, share: float = 1.0) -> float:
     """What one of the runs adds."""
 
-    def meant(a: Advice) -> bool:
+    def meant(a: Plan) -> bool:
         if heading_deg is None or a.heading is None:
             return heading_deg is a.heading
         return abs((np.degrees(a.heading) - heading_deg + 180) % 360 - 180) < 5 and a.share == share
 
-    (found,) = [a for a in runs if a.manoeuvre.startswith(said) and meant(a)]
-    return found.expected
+    (found,) = [expected for expected, a in runs if a.words.startswith(said) and meant(a)]
+    return found
 
 
 def test_what_is_left_over_is_half_a_squared_distance_in_the_metric_of_noise_and_nuisance():
@@ -101,11 +103,11 @@ def test_it_is_what_the_evidence_of_noise_free_data_falls_by_when_the_truth_is_t
 
 def test_hypotheses_that_act_alike_are_told_apart_by_no_run():
     runs = ranked(stand(), CURRENT, CURRENT)
-    assert len(runs) > 40 and all(a.expected == approx(0.0, abs=1e-9) for a in runs)
+    assert len(runs) > 40 and all(expected == approx(0.0, abs=1e-9) for expected, _ in runs)
 
 
 def test_a_run_never_tells_less_and_the_most_telling_stands_first():
-    gains = [a.expected for a in ranked(stand(), CURRENT, COMPASS)]
+    gains = [expected for expected, _ in ranked(stand(), CURRENT, COMPASS)]
     assert min(gains) >= 0 and gains == sorted(gains, reverse=True) and gains[0] > 3
 
 
@@ -132,7 +134,7 @@ def test_a_current_across_is_told_from_a_compass_error_by_another_heading():
     runs = ranked(stand("straight", CURRENT), CURRENT, COMPASS)
     same, opposite = gain(runs, "a straight run", 0.0), gain(runs, "a straight run", 180.0)
     assert opposite > 5 * same and opposite > 10
-    assert runs[0].heading is not None and abs(np.degrees(runs[0].heading)) > 45
+    assert runs[0][1].heading is not None and abs(np.degrees(runs[0][1].heading)) > 45
 
 
 def test_a_current_and_wind_on_one_heading_are_told_apart_by_another():
@@ -146,8 +148,8 @@ def test_the_log_tells_a_following_current_from_more_thrust():
     deaf = stand("straight", FOLLOWING, log=False)
     runs = ranked(deaf, FOLLOWING, PropellerPitchError(SHIP, fraction=0.15))
     assert gain(runs, "straight again with the speed log", None) > 2 * gain(runs, "a straight run", 0.0) + 3
-    assert [a.manoeuvre for a in runs if a.heading is None] == ["straight again with the speed log"]
-    assert all(a.heading is not None for a in ranked(stand(), CURRENT, COMPASS)), "nothing is missing there"
+    assert [a.words for _, a in runs if a.heading is None] == ["straight again with the speed log"]
+    assert all(a.heading is not None for _, a in ranked(stand(), CURRENT, COMPASS)), "nothing is missing there"
 
 
 def test_a_rudder_offset_looks_the_same_on_all_headings():
@@ -217,9 +219,9 @@ def verdict(best: FittedHypothesis, **effects: float) -> SimpleNamespace:
 def test_the_sentence_names_the_run_its_heading_and_what_is_expected_of_it():
     first, second = judged(CURRENT, evidence=30.0), judged(COMPASS, evidence=28.8)
     (said,) = next_steps(search(first, second), verdict(first, current=0.7, heading_bias=0.28), first, True)
-    best = advise(stand("straight", CURRENT), first, [second])[0][0]
+    expected, best = advise(stand("straight", CURRENT), first, [second])[0][0]
     assert said == (
-        f"To tell a current from a compass error (28 %): {best.text} (expected log Bayes factor {best.expected:.0f}; "
+        f"To tell a current from a compass error (28 %): {best.text} (expected log Bayes factor {expected:.0f}; "
         "these recordings: 1.2)."
     )
     assert "begun on heading " in said
@@ -237,7 +239,7 @@ def test_what_acts_beside_the_leader_is_looked_for_with_both_acting():
 
 
 def test_where_no_run_tells_it_is_said_what_to_measure(monkeypatch):
-    monkeypatch.setattr(words, "advise", lambda *_: [[Advice("a straight run", 0.0, 1.0, 0.4, 1.0)] * 60])
+    monkeypatch.setattr(words, "advise", lambda *_: [[(0.4, Plan("a straight run", Mock(PreparedRun), 0.0))] * 60])
     first, second = judged(WIND, evidence=30.0), judged(COMPASS, evidence=29.0)
     (said,) = next_steps(search(first, second), verdict(first, heading_bias=0.3), first, True)
     assert said.endswith("measure the same with a second sensor and the wind and the waves; "

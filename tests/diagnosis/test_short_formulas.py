@@ -28,10 +28,10 @@ def found(*effects: Formula):
 @pytest.mark.parametrize("term", WEIGHTS)
 def test_the_term_that_acted_is_found_first_and_its_weight_within_three_standard_errors(term):
     likelihood, none, formula = found(Formula(SHIP, [term], w1=WEIGHTS[term]))
-    assert formula is not None and formula.terms[0] == term
-    weight, error = formula.fitted.hypothesis.vector()[0], np.sqrt(formula.fitted.covariance[0, 0])
+    assert formula is not None and formula.hypothesis.effects[0].terms[0] == term
+    weight, error = formula.hypothesis.vector()[0], formula.errors[0]
     assert abs(weight - WEIGHTS[term]) < 3 * error + 0.03 * abs(WEIGHTS[term])
-    assert none.evidence + 10 < formula.evidence < formula.fitted.evidence
+    assert none.evidence + 10 < formula.evidence < likelihood.evaluate(formula.hypothesis).evidence
     assert unknown_evidence(likelihood, none, formula) > formula.evidence - np.log(2) - 0.01
 
 
@@ -44,7 +44,7 @@ def test_clean_runs_have_no_formula_that_is_worth_its_choice():
 def test_two_terms_are_both_found():
     both = Formula(SHIP, ["Y |v||r|", "sensor u_log cos psi"], w1=1.2, w2=0.5)
     formula = found(both)[2]
-    assert formula is not None and set(formula.terms) >= set(both.terms)
+    assert formula is not None and set(formula.hypothesis.effects[0].terms) >= set(both.terms)
 
 
 def test_a_linear_step_of_every_term_is_its_effect_for_a_small_weight():

@@ -8,7 +8,7 @@ from levenberg import lm
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.network.perceptron import Perceptron, PerceptronSettings
 from manoeuvre_nn.numerics.damping import Stops
-from manoeuvre_nn.numerics.gram import gram
+from manoeuvre_nn.numerics.least_squares import gram
 from manoeuvre_nn.numerics.one_hidden import OneHidden
 from manoeuvre_nn.numerics.restarts import minimise
 

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pandas as pd
 
-from manoeuvre_nn.diagnosis.result import Cause, Check, Diagnosis, Location, Proof, Residual, Value
+from manoeuvre_nn.diagnosis.result import Cause, Check, Diagnosis, Proof, Residual, Value
 
 NOISE = {"pos": 1.0, "psi": 0.1, "r": 0.02, "u": 0.04, "v": 0.04, "u_log": 0.05}
 LONG = "a_run_whose_name_was_made_by_a_logger_2024-11-05T13:22:07Z_voyage_data_recorder_$bridge$_<b>port</b>"
@@ -83,11 +83,9 @@ def windy() -> Diagnosis:
         "(probability >99 %); with them the held-out tracks are met to 6 m instead of 240 m.",
         causes=causes, model=["wind_steady", "rudder_offset"],
         alias={"wind_steady": ["wave_drift", "current"], "rudder_offset": ["other_1"]},
-        location=Location(
-            {"kinematics or sensors": 118.4, "surge, sway and yaw": 430.1, "rudder": 33.0},
-            ["The missing force turns with the compass, not with the ship.",
-             "It is present from the first sample to the last in all runs."],
-        ),
+        sites={"kinematics or sensors": 118.4, "surge, sway and yaw": 430.1, "rudder": 33.0},
+        statements=["The missing force turns with the compass, not with the ship.",
+                    "It is present from the first sample to the last in all runs."],
         residuals=[residual(), residual("r03", -0.8), residual("r05", 0.6, windows=[(60.0, 140.0), (250.0, 1e9)])],
         checks=[Check("held-out runs improve", True, "position error 240 m before, 6 m after"),
                 Check("residual is white", False, "sway of r03 has a correlation of 0.31 over 20 s")],
@@ -106,7 +104,7 @@ def calm() -> Diagnosis:
     return replace(
         windy(), verdict="none", sentence="The calm-water model explains these recordings; nothing is missing.",
         causes=[cause("current", "a current", 0.03, -2.0, Value("speed", 0.02, 0.05, "m/s"))], model=[], alias={},
-        location=Location({}, []), residuals=[residual(size=0.0)], checks=[], runner_up=[], proofs=proofs,
+        sites={}, statements=[], residuals=[residual(size=0.0)], checks=[], runner_up=[], proofs=proofs,
         next_steps=[], undecided=[], tracks={}, settings={},
     )  # fmt: skip
 

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from manoeuvre_nn.diagnosis.result import Diagnosis, Location, Value
+from manoeuvre_nn.diagnosis.result import Diagnosis, Value
 from manoeuvre_nn.diagnosis.words import summary_sentence
 from manoeuvre_nn.report.diagnosis_figures import (
     CALM,
@@ -251,7 +251,7 @@ def test_the_runner_up_is_told_with_what_speaks_for_and_against_it():
 
 
 def test_sites_are_said_in_words_with_log_bayes_factors_of_three_digits():
-    d = replace(windy(), location=Location({"surge": 16034.2}, []))
+    d = replace(windy(), sites={"surge": 16034.2})
     assert site_rows(d) == [{"site": "any force in surge", "ln B over calm water": 16034}]
     assert site_rows(windy())[1] == {"site": "kinematics or sensors", "ln B over calm water": 118}
 

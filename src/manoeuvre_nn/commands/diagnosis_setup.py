@@ -11,7 +11,6 @@ from omegaconf import DictConfig
 
 from manoeuvre_nn.commands import config as configs
 from manoeuvre_nn.commands.groups import options
-from manoeuvre_nn.commands.job import load_model
 from manoeuvre_nn.commands.provenance import versions
 from manoeuvre_nn.commands.shelves import TARGET, build, check_arguments, on_shelf
 from manoeuvre_nn.core.channels import MEASURED
@@ -163,7 +162,10 @@ def setup(cfg: DictConfig, model: IdentifiedShip | None = None) -> Setup:
         What they have in common.
     """
     shelf = {name: load_yaml(path) for name, path in options("effect", cfg.get("config_dir")).items()}
-    model = load_model(Path(cfg.model)) if model is None and cfg.model is not None else model
+    if model is None and cfg.model is not None:
+        from manoeuvre_nn.commands.job import load_model  # brings Lightning, seconds that a ship's own model needs not
+
+        model = load_model(Path(cfg.model))
     chosen = cfg.candidates
     if chosen == DEFAULT and cfg.mapping is not None:
         given = configs.read_mapping(cfg.mapping, cfg.get("config_dir"))

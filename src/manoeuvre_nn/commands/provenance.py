@@ -1,6 +1,5 @@
 """What a second person needs to make a result again: resolved config, seed, versions."""
 
-import json
 import os
 import platform
 from importlib.metadata import PackageNotFoundError, version
@@ -12,7 +11,6 @@ from omegaconf import DictConfig, OmegaConf
 
 from manoeuvre_nn import __version__
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.training.session import ALL_EPOCHS, CTRL_C
 
 CONFIG, SCORES = "config.yaml", "scores.json"
 LIBRARIES: tuple[str, ...] = (
@@ -64,24 +62,6 @@ def write_provenance(cfg: DictConfig, out: Path) -> None:
     part = out / f"{CONFIG}.{os.getpid()}.part"  # two processes may share the folder: neither reads half a file
     part.write_text(text)
     part.replace(out / CONFIG)
-
-
-def finished(out: Path, max_epochs: int) -> bool:
-    """Whether a folder holds a finished run.
-
-    Args:
-        out: Output folder.
-        max_epochs: Epochs that are asked for.
-
-    Returns:
-        True if its scores were written, unless ctrl-C ended it or more epochs are asked for than it was given.
-    """
-    try:
-        training = json.loads((out / SCORES).read_text())["training"]
-        stopped, epochs = training["stopped"], training["epochs"]
-    except (OSError, ValueError, KeyError, TypeError):
-        return False
-    return stopped != CTRL_C and not (stopped == ALL_EPOCHS and epochs < max_epochs)
 
 
 def check_same_run(cfg: DictConfig, out: Path, setting: str = "hydra.run.dir") -> None:

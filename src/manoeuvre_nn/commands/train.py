@@ -1,5 +1,6 @@
 """``manoeuvre train``: from a config to a trained, scored and documented model, alone or in a sweep."""
 
+import json
 import traceback
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from manoeuvre_nn.commands import config as configs
 from manoeuvre_nn.commands import guard
 from manoeuvre_nn.commands.groups import brought_along, plugged_in
 from manoeuvre_nn.commands.job import Job, make_fit, prepare
-from manoeuvre_nn.commands.provenance import check_same_run, finished, resolved, write_provenance
+from manoeuvre_nn.commands.provenance import SCORES, check_same_run, resolved, write_provenance
 from manoeuvre_nn.commands.results import Outcome, draw, print_outcome, score_finally, write_results
 from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.training import session
@@ -79,6 +80,24 @@ def train(cfg: DictConfig, out: Path, console: Console | None = None) -> Outcome
     write_results(outcome, out)
     print_outcome(outcome, out, console)
     return outcome
+
+
+def finished(out: Path, max_epochs: int) -> bool:
+    """Whether a folder holds a finished run.
+
+    Args:
+        out: Output folder.
+        max_epochs: Epochs that are asked for.
+
+    Returns:
+        True if its scores were written, unless ctrl-C ended it or more epochs are asked for than it was given.
+    """
+    try:
+        training = json.loads((out / SCORES).read_text())["training"]
+        stopped, epochs = training["stopped"], training["epochs"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
+    return stopped != session.CTRL_C and not (stopped == session.ALL_EPOCHS and epochs < max_epochs)
 
 
 def _chosen_with() -> list[str]:

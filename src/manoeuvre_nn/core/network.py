@@ -2,6 +2,7 @@
 
 import copy
 from abc import ABC, abstractmethod
+from typing import ClassVar
 
 import torch
 from jaxtyping import Float, Int
@@ -14,6 +15,9 @@ class Network(ABC, nn.Module):
     Two buffers mean the same in every network that has them: ``trained`` is the number of members that answer, and
     ``shaft`` the nominal shaft speed over that of the training.
     """
+
+    any_fit: ClassVar[bool] = True
+    """Whether methods that are made for no network in particular can train it, by its parameters' gradients."""
 
     @property
     def takes(self) -> tuple[str, ...]:

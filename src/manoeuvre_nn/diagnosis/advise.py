@@ -18,12 +18,11 @@ Source:
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
 
-from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis.next_runs import Plan, new_runs, same_runs
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, LATENCY_SD, WhitenedDataSet, about_states
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
@@ -34,34 +33,11 @@ REFIT_SPREADS = 3.0
 """Prior spreads within which a rival may be fitted again."""
 
 
-@dataclass(frozen=True)
-class Advice:
-    """A run worth recording.
-
-    Attributes:
-        manoeuvre: What to sail, in words.
-        heading: Approach heading [rad]; None is that of the run that is repeated.
-        share: Approach speed over the nominal one.
-        expected: What the run is expected to add to the log Bayes factor of the leading hypothesis over the rival.
-        now: That log Bayes factor by the present recordings.
-    """
-
-    manoeuvre: str
-    heading: float | None
-    share: float
-    expected: float
-    now: float
-
-    @property
-    def text(self) -> str:
-        """The run in words, as the subject of a sentence."""
-        begun = "" if self.heading is None else f" begun on heading {self.heading / DEGREE % 360:03.0f}"
-        return f"{self.manoeuvre}{begun}{' at half speed' if self.share < 1 else ''}"
+Ranked = list[tuple[float, Plan]]
+"""Runs worth recording, the most telling first, each with what it is expected to add to the log Bayes factor."""
 
 
-def advise(
-    data_set: WhitenedDataSet, leading: FittedHypothesis, rivals: Sequence[FittedHypothesis]
-) -> list[list[Advice]]:
+def advise(data_set: WhitenedDataSet, leading: FittedHypothesis, rivals: Sequence[FittedHypothesis]) -> list[Ranked]:
     """Simulate what could be recorded next and rank it by how well it tells the leading hypothesis from each rival.
 
     Args:
@@ -79,10 +55,7 @@ def advise(
     data_set = WhitenedDataSet(data_set.dynamics, [*again, *(plan.prepared for plan in plans)], names)
     rows = [*range(len(again)), *(plan.row for plan in plans)]
     whole = _whole(data_set, leading.hypothesis, rows)
-    return [
-        _ranked(data_set, whole, _of_rows(r.hypothesis, rows), r.best, plans, leading.evidence - r.evidence)
-        for r in rivals
-    ]
+    return [_ranked(data_set, whole, _of_rows(r.hypothesis, rows), r.best, plans) for r in rivals]
 
 
 def apart(data_set: WhitenedDataSet, leading: Hypothesis, rival: Hypothesis, best: tuple[int, int]) -> float:
@@ -117,18 +90,14 @@ def _ranked(
     rival: Hypothesis,
     best: tuple[int, int],
     plans: Sequence[Plan],
-    now: float,
-) -> list[Advice]:
+) -> Ranked:
     """What every plan adds to the recordings, at the noise that the rival itself needs."""
     grams, sd = _grams(data_set, whole, rival, best)
     recorded = len(grams) - len(plans)
     known = sum(grams[:recorded], np.zeros_like(grams[0]))
     before = left_over(known, sd)
-    made = [
-        Advice(p.words, p.heading, p.share, left_over(known + g, sd) - before, now)
-        for p, g in zip(plans, grams[recorded:], strict=True)
-    ]
-    return sorted(made, key=lambda a: -a.expected)
+    made = [(left_over(known + g, sd) - before, plan) for plan, g in zip(plans, grams[recorded:], strict=True)]
+    return sorted(made, key=lambda run: -run[0])
 
 
 def left_over(gram: Float[np.ndarray, "p p"], spread: Float[np.ndarray, " m"]) -> float:

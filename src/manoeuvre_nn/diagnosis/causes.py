@@ -1,12 +1,9 @@
 """What was found, as a list of causes with probabilities, parameters and times."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
 
-from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.diagnosis.decision import Decision
 from manoeuvre_nn.diagnosis.proof import Question, timed_values
 from manoeuvre_nn.diagnosis.result import Cause, Interval, Value
@@ -31,39 +28,30 @@ def causes_of(question: Question, tried: SearchResult, verdict: Decision, chosen
         The causes, ``unknown`` among them.
     """
     causes = []
-    prototypes = {e.name: e for e in question.effects}
-    named = set(chosen.names)
-    for name, probability in verdict.effects.items():
-        j = max((j for j in tried.fitted if name in j.names), key=lambda j: j.evidence)
-        if name in named:
-            j = chosen
-        elif verdict.named or verdict.strange:
-            probability = min(probability, 0.49)  # it did not pass the checks
+    for name in verdict.effects:
+        proved = name in chosen.names
+        j = chosen if proved else max((j for j in tried.fitted if name in j.names), key=lambda j: j.evidence)
         k = j.names.index(name)
-        e = prototypes[name]
+        effect = j.hypothesis.effects[k]
         causes.append(
             Cause(
                 name,
-                e.label,
-                probability,
+                effect.label,
+                verdict.probability(name, chosen),
                 verdict.bayes[name],
-                e.equations,
+                effect.equations,
                 _values_of(j, k),
-                intervals(question, j, k),
-                e.fingerprint,
-                e.source,
-            )  # fmt: skip
+                _intervals(question, j, k, proved),
+                effect.fingerprint,
+                effect.source,
+            )
         )
-    causes.append(_unmodelled(verdict, chosen, tried, bool(named)))
-    causes = [_everywhere(question, chosen, c) if c.name in named else c for c in causes]
-    return sorted(causes, key=lambda c: (-(c.name in named), -c.probability))
+    causes.append(_unmodelled(tried, verdict, chosen))
+    return sorted(causes, key=lambda c: (-(c.name in chosen.names), -c.probability))
 
 
-def _unmodelled(verdict: Decision, chosen: FittedHypothesis, tried: SearchResult, named: bool) -> Cause:
+def _unmodelled(tried: SearchResult, verdict: Decision, chosen: FittedHypothesis) -> Cause:
     """What no effect of the shelf explains, with its formula if that holds on runs that were not used."""
-    probability = verdict.unknown if verdict.strange else min(verdict.unknown, 0.49)
-    if Formula.name in chosen.names or (verdict.strange and not named):
-        probability = max(probability, 0.6)
     formula = chosen.hypothesis.effects[0] if Formula.name in chosen.names else None
     terms = formula.terms if isinstance(formula, Formula) else ()
     values = tuple(replace(v, name=t) for v, t in zip(_values_of(chosen, 0), terms, strict=True)) if terms else ()
@@ -72,7 +60,7 @@ def _unmodelled(verdict: Decision, chosen: FittedHypothesis, tried: SearchResult
     return Cause(
         name="unknown",
         label="something that no candidate explains",
-        probability=probability,
+        probability=verdict.probability("unknown", chosen),
         evidence=verdict.unmodelled,
         equations=tuple(dict.fromkeys(where)) or _equations(tried),
         parameters=values,
@@ -102,37 +90,18 @@ def _values_of(fitted: FittedHypothesis, effect: int) -> tuple[Value, ...]:
     return tuple(found)
 
 
-def intervals(question: Question, fitted: FittedHypothesis, effect: int) -> dict[str, list[Interval]] | None:
-    """Times in which an effect acts.
-
-    Args:
-        question: What is asked.
-        fitted: A fitted hypothesis.
-        effect: Number of the effect.
-
-    Returns:
-        Run -> intervals; None if it acts throughout.
-    """
+def _intervals(
+    question: Question, fitted: FittedHypothesis, effect: int, held_out: bool
+) -> dict[str, list[Interval]] | None:
+    """Run -> times in which an effect acts, in the held-out runs too if wanted; None if it acts throughout."""
     timed = [j for j, p in enumerate(fitted.hypothesis.effects[effect].declared) if p.per_run]
     if not timed:
         return None
-    return _times(question.fitted, fitted.hypothesis.values[effect][:, timed])
-
-
-def _times(runs: Sequence[Recording], table: Float[np.ndarray, "runs timed"]) -> dict[str, list[Interval]]:
-    """Start and end, or start alone, of an event in every run as intervals."""
-    found = {}
-    for run, times in zip(runs, table, strict=True):
+    runs, values = [*question.fitted], fitted.hypothesis.values[effect]
+    if held_out and question.held_out:
+        runs, values = [*runs, *question.held_out], np.vstack([values, timed_values(question, fitted)[effect]])
+    found: dict[str, list[Interval]] = {}
+    for run, times in zip(runs, values[:, timed], strict=True):
         end = float(times[1] if len(times) > 1 else run.time[-1])
         found[run.name] = [(float(times[0]), end)] if end > times[0] + 1 else []
     return found
-
-
-def _everywhere(question: Question, fitted: FittedHypothesis, cause: Cause) -> Cause:
-    """A named cause with the times of the held-out runs too."""
-    if not cause.intervals or not question.held_out:
-        return cause
-    k = fitted.names.index(cause.name)
-    timed = [j for j, p in enumerate(fitted.hypothesis.effects[k].declared) if p.per_run]
-    more = _times(question.held_out, timed_values(question, fitted)[k][:, timed])
-    return replace(cause, intervals={**cause.intervals, **more})

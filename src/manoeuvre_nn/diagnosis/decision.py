@@ -1,15 +1,17 @@
 """From evidence to a verdict: probabilities of every effect, of none, and of something unknown."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float
 
 from manoeuvre_nn.diagnosis.alarm import MIN_GAIN_OF_NAMED, MIN_GAIN_OF_SECOND, MIN_GAIN_OF_UNKNOWN, raised
-from manoeuvre_nn.diagnosis.formula import FoundFormula, short_formula
+from manoeuvre_nn.diagnosis.formula import short_formula
 from manoeuvre_nn.diagnosis.search import SearchResult, at_rest
 from manoeuvre_nn.diagnosis.unknown import unknown_evidence
 from manoeuvre_nn.dynamics.base import is_fitted
+from manoeuvre_nn.effect.formula import Formula
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
 
 PRIOR = {"none": 0.25, "single": 0.53, "pair": 0.12, "unknown": 0.10}
@@ -21,22 +23,24 @@ MIN_CALM_WITHOUT_ALARM = 0.6
 """Least probability of calm water as long as no alarm is raised."""
 MAX_DEFICIT_IN_RACE, MAX_IN_RACE = 5.0, 3
 """Log evidence by which a hypothesis may lie behind the best to be linearised about its own states; how many are."""
+MAX_UNPROVED, MIN_UNKNOWN = 0.49, 0.6
+"""Probability of what was found but not proved, at most; of something unknown that is claimed, at least."""
 
 
 @dataclass(frozen=True)
 class Decision:
-    """Probabilities.
+    """What the recordings say of every cause, and what may be claimed.
 
     Attributes:
         named: Whether the best named hypothesis beats calm water by more than chance.
         strange: Whether something unknown does.
-        none: That calm water explains the recordings.
+        none: Probability that calm water explains the recordings.
         unknown: That something acts which the shelf does not have.
         effects: Of every effect being present.
         best: The most probable hypothesis with a name; None if there is none.
         bayes: Log Bayes factor of the best hypothesis of every effect over calm water.
         unmodelled: Log Bayes factor of something unknown over calm water.
-        formula: The best short formula for something unknown; None if no term is worth its choice.
+        claims: Hypotheses that may be claimed, in this order, if runs that were not used are predicted better.
     """
 
     named: bool
@@ -47,7 +51,35 @@ class Decision:
     best: FittedHypothesis | None
     bayes: Mapping[str, float]
     unmodelled: float = 0.0
-    formula: FoundFormula | None = None
+    claims: Sequence[FittedHypothesis] = ()
+
+    def mismatch(self, chosen: FittedHypothesis) -> bool:
+        """Whether recordings and model differ.
+
+        Args:
+            chosen: The claim that was proved; calm water if none was.
+
+        Returns:
+            Whether something is claimed, or something unknown beats calm water.
+        """
+        return bool(chosen.names) or self.strange
+
+    def probability(self, name: str, chosen: FittedHypothesis) -> float:
+        """Probability of a cause once it is known which claim was proved: what was not stays below one half.
+
+        Args:
+            name: An effect, or ``unknown``.
+            chosen: The claim that was proved; calm water if none was.
+
+        Returns:
+            The probability.
+        """
+        if name == "unknown":
+            probability = self.unknown if self.strange else min(self.unknown, MAX_UNPROVED)
+            at_work = Formula.name in chosen.names or (self.strange and not chosen.names)
+            return max(probability, MIN_UNKNOWN) if at_work else probability
+        unproved = name not in chosen.names and (self.named or self.strange)
+        return min(self.effects[name], MAX_UNPROVED) if unproved else self.effects[name]
 
 
 def settled(result: SearchResult) -> SearchResult:
@@ -63,7 +95,7 @@ def settled(result: SearchResult) -> SearchResult:
         The same with their evidence about their own states.
     """
     # Of gusts the course is integrated out about the states of the steady wind.
-    named = [j for j in result.fitted if _worth_its_size(result, j) and "wind_gusty" not in j.names]
+    named = [j for j in result.fitted if _worth_its_size(result, j) and not any(e.random for e in j.hypothesis.effects)]
     race = [j for j in named if j.evidence > named[0].evidence - MAX_DEFICIT_IN_RACE][:MAX_IN_RACE]
     if len(race) < 2 or race[0].evidence < result.none.evidence + MIN_GAIN_OF_NAMED:
         return result
@@ -72,56 +104,65 @@ def settled(result: SearchResult) -> SearchResult:
     return replace(result, fitted=sorted(fitted, key=lambda j: -j.evidence))
 
 
-def decide(result: SearchResult, temperature: float = 1.0) -> Decision:
+def decide(result: SearchResult) -> Decision:
     """Weigh all hypotheses.
 
     Args:
         result: What was fitted.
-        temperature: Log evidences are divided by it: more than 1 where they were found too sure of themselves.
 
     Returns:
         The verdict.
     """
+    none, data_set = result.none.evidence, result.likelihood.data_set
     formula = short_formula(result.likelihood, result.none)
     # A fitted model has errors that a formula takes up: to raise the alarm it must hold on other runs first.
-    data_set = result.likelihood.data_set
-    unmodelled = unknown_evidence(result.likelihood, result.none, None if is_fitted(data_set.dynamics) else formula)
-    fitted = [j for j in result.fitted if _worth_its_size(result, j)]
+    trained = is_fitted(data_set.dynamics)
+    unmodelled = unknown_evidence(result.likelihood, result.none, None if trained else formula)
+    worthy = [j for j in result.fitted if _worth_its_size(result, j)]
     names = sorted({n for j in result.fitted for n in j.names})
-    singles, pairs = len(names), max(len(names) * (len(names) - 1) / 2, 1)
-    weights: list[tuple[tuple[str, ...], float, float]] = [((), result.none.evidence, PRIOR["none"])]
-    weights.append((("unknown",), unmodelled, PRIOR["unknown"]))
-    for j in fitted:
-        prior = PRIOR["single"] / singles if len(j.names) == 1 else PRIOR["pair"] / pairs
-        weights.append((j.names, j.evidence, prior))
-    log_weight = np.array([evidence / temperature + np.log(prior) for _, evidence, prior in weights])
-    share = np.exp(log_weight - log_weight.max())
-    share /= share.sum()
-    best = fitted[int(log_weight[2:].argmax())] if fitted else None
-    named, strange = raised(result, best), unmodelled - result.none.evidence > MIN_GAIN_OF_UNKNOWN
-    strange |= is_fitted(data_set.dynamics) and bool(
-        data_set.levels[result.none.best[0]].max() > MAX_PROCESS_OF_FITTED_MODEL
-    )
-    if named or strange:
-        if share[0] > 1 - MIN_CALM_WITHOUT_ALARM:
-            share[1:] *= MIN_CALM_WITHOUT_ALARM / share[1:].sum()
-            share[0] = 1 - MIN_CALM_WITHOUT_ALARM
-    elif share[0] < MIN_CALM_WITHOUT_ALARM:
-        share[1:] *= (1 - MIN_CALM_WITHOUT_ALARM) / share[1:].sum()
-        share[0] = MIN_CALM_WITHOUT_ALARM
-    effects = {n: float(sum(p for (has, *_), p in zip(weights, share, strict=True) if n in has)) for n in names}
-    bayes = {n: max(j.evidence for j in result.fitted if n in j.names) - result.none.evidence for n in names}
+    log_weight = _log_weights(none, unmodelled, worthy, len(names))
+    best = worthy[int(log_weight[2:].argmax())] if worthy else None
+    shares = np.exp(log_weight - log_weight.max())
+    shares /= shares.sum()
+    lacked = data_set.levels[result.none.best[0]].max()
+    named = raised(result, best)
+    strange = unmodelled - none > MIN_GAIN_OF_UNKNOWN or bool(trained and lacked > MAX_PROCESS_OF_FITTED_MODEL)
+    most, least = (1 - MIN_CALM_WITHOUT_ALARM, 0.0) if named or strange else (1.0, MIN_CALM_WITHOUT_ALARM)
+    if not least <= shares[0] <= most:
+        calm = float(np.clip(shares[0], least, most))
+        shares = np.r_[calm, shares[1:] * ((1 - calm) / shares[1:].sum())]
     return Decision(
-        named,
-        strange,
-        float(share[0]),
-        float(share[1]),
-        effects,
-        best,
-        bayes,
-        unmodelled - result.none.evidence,
-        formula,
+        named=named,
+        strange=strange,
+        none=float(shares[0]),
+        unknown=float(shares[1]),
+        effects={n: float(sum(p for j, p in zip(worthy, shares[2:], strict=True) if n in j.names)) for n in names},
+        best=best,
+        bayes={n: max(j.evidence for j in result.fitted if n in j.names) - none for n in names},
+        unmodelled=unmodelled - none,
+        claims=_claims(result, best if named and shares[1] < 0.5 else None, formula, strange),
     )
+
+
+def _log_weights(
+    none: float, unmodelled: float, worthy: Sequence[FittedHypothesis], effects: int
+) -> Float[np.ndarray, " h"]:
+    """Evidence times base rate of calm water, of something unknown, and of the hypotheses with names."""
+    of_size = {1: PRIOR["single"] / max(effects, 1), 2: PRIOR["pair"] / max(effects * (effects - 1) / 2, 1)}
+    prior = [PRIOR["none"], PRIOR["unknown"], *(of_size[len(j.names)] for j in worthy)]
+    return np.array([none, unmodelled, *(j.evidence for j in worthy)]) + np.log(prior)
+
+
+def _claims(
+    result: SearchResult, best: FittedHypothesis | None, formula: FittedHypothesis | None, strange: bool
+) -> list[FittedHypothesis]:
+    """The best hypothesis with a name, of a pair its better effect alone, then a formula for something unknown."""
+    claims = [] if best is None else [best]
+    if best is not None and len(best.names) > 1:
+        claims += [j for j in result.fitted if len(j.names) == 1 and set(j.names) <= set(best.names)][:1]
+    if formula is not None and (strange or formula.evidence > result.none.evidence + MIN_GAIN_OF_UNKNOWN):
+        claims.append(formula)
+    return claims
 
 
 def _worth_its_size(result: SearchResult, fitted: FittedHypothesis) -> bool:

@@ -1,4 +1,4 @@
-"""The whole diagnosis of one ship: judge, decide, check, repair, prove."""
+"""The whole diagnosis of one ship: search, decide, prove, tell."""
 
 import time
 from collections.abc import Sequence
@@ -7,10 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from manoeuvre_nn.diagnosis import checks as checking
-from manoeuvre_nn.diagnosis.alarm import MIN_GAIN_OF_UNKNOWN
 from manoeuvre_nn.diagnosis.causes import causes_of
-from manoeuvre_nn.diagnosis.decision import Decision, decide, settled
-from manoeuvre_nn.diagnosis.locate import MAX_PROCESS_NOISE, location, residuals
+from manoeuvre_nn.diagnosis.decision import decide, settled
+from manoeuvre_nn.diagnosis.locate import MAX_PROCESS_NOISE, residuals, sites, statements
 from manoeuvre_nn.diagnosis.proof import Question, cost, counted_as_one, foreseen, prove
 from manoeuvre_nn.diagnosis.remainder import is_left, with_remainder
 from manoeuvre_nn.diagnosis.result import Cause, Check, Diagnosis, Proof, Residual
@@ -20,7 +19,7 @@ from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.effect.formula import Formula
 from manoeuvre_nn.effect.remainder import Remainder
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet, whitened_data_set
-from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
+from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.relinearise import refined
 
@@ -42,22 +41,19 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
     """
     began = time.perf_counter()
     progress("tracks and noise")
-    data_set = whitened_data_set(question.dynamics, question.fitted)
-    tried = search(data_set, question.effects, progress, question.workers)
+    tried = search(whitened_data_set(question.dynamics, question.fitted), question.effects, progress, question.workers)
     tried = settled(tried)
     verdict = decide(tried)
     progress("proof")
-    data_set = tried.likelihood.data_set
-    chosen, proofs, checks = _repair(question, data_set, tried, verdict)
+    chosen, proofs, checks = _proved(question, tried, verdict.claims)
     if question.remainder and is_left(tried.likelihood, chosen):
-        chosen, proofs, checks = _with_network(question, tried, chosen, proofs, checks, progress)
+        chosen, proofs, checks = _with_network(question, tried, (chosen, proofs, checks), progress)
+    mismatch, data_set = verdict.mismatch(chosen), tried.likelihood.data_set
     causes = causes_of(question, tried, verdict, chosen)
-    size = float(np.clip(2 * data_set.levels[tried.none.best[0]].max(), 0.05, MAX_PROCESS_NOISE))
-    found = _shaded(residuals(data_set, chosen.hypothesis, size), [c for c in causes if c.name in chosen.names])
+    allowed = float(np.clip(2 * data_set.levels[tried.none.best[0]].max(), 0.05, MAX_PROCESS_NOISE))
+    found = residuals(data_set, chosen.hypothesis, allowed)
+    found = _shaded(found, [c for c in causes if c.name in chosen.names])
     model = ["unknown" if name == Formula.name else name for name in chosen.names if name != Remainder.name]
-    mismatch = bool(chosen.names) or verdict.strange
-    where = location(data_set, tried, found)
-    noise = _noise(data_set)
     return Diagnosis(
         case=question.name,
         ship=question.dynamics.particulars.name,
@@ -66,12 +62,13 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
         causes=causes,
         model=model,
         alias=checking.aliases(tried, chosen),
-        location=where,
+        sites=sites(tried),
+        statements=statements(data_set, found),
         residuals=found,
         checks=checks,
         runner_up=runner_up(tried, verdict),
         proofs=proofs,
-        noise=noise,
+        noise=_noise(data_set),
         next_steps=next_steps(tried, verdict, chosen, mismatch),
         undecided=list(question.undecided),
         tracks={r.name: r.stacked("x", "y") for r in question.fitted},
@@ -81,29 +78,22 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
     )
 
 
-def _repair(
-    question: Question, data_set: WhitenedDataSet, tried: SearchResult, verdict: Decision
-) -> tuple[FittedHypothesis, list[Proof], list[Check]]:
-    """The hypothesis that may be named: probable, and better on runs that it has not seen; with its proofs."""
-    none = tried.none
-    candidates: list[FittedHypothesis] = []
-    if verdict.best is not None and verdict.named and verdict.unknown < 0.5:
-        candidates.append(verdict.best)
-        if len(verdict.best.names) > 1:
-            candidates += [j for j in tried.fitted if len(j.names) == 1 and set(j.names) <= set(verdict.best.names)][:1]
-    formula = verdict.formula
-    if formula is not None and (verdict.strange or formula.evidence > tried.none.evidence + MIN_GAIN_OF_UNKNOWN):
-        candidates.append(formula.fitted)
+Proved = tuple[FittedHypothesis, list[Proof], list[Check]]
+"""A hypothesis, the held-out runs predicted with it, and the tests that it and the claims before it were put to."""
+
+
+def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypothesis]) -> Proved:
+    """The first claim that predicts runs which it has not seen better; calm water if none does."""
+    data_set, none = tried.likelihood.data_set, tried.none
+    least = PROVED if is_fitted(data_set.dynamics) else 0.0
     checks: list[Check] = []
     proofs = prove(question, data_set, none, none)
     before = cost(proofs, question.dynamics, "before")
-    for first in candidates:
-        there, j = tried.likelihood.data_set, first
-        if not _turns(first):  # strong gusts explain what a fit without them would lay on the mean wind
-            there, j = at_rest(there, first)
+    for claim in claims:
+        # Strong gusts explain what a fit without them would lay on the mean wind.
+        there, j = (data_set, claim) if _turns(claim.hypothesis) else at_rest(data_set, claim)
         made = prove(question, there, none, j, proofs)
         after, gain = cost(made, question.dynamics, "after"), foreseen(question, j)
-        least = PROVED if is_fitted(data_set.dynamics) else 0.0
         helped = not made or (gain > least and after < MAX_ERROR_GROWTH * before)
         text = (
             f"with {labels(j)} the error of free runs goes from {before:.2f} to {after:.2f} ({_unit(question)}), "
@@ -111,28 +101,23 @@ def _repair(
         )
         checks.append(Check("held-out gain", helped, text if made else "no held-out run: not proved"))
         if helped:
-            return j, made, [*checks, *checking.checks(tried, first)]
+            return j, made, [*checks, *checking.checks(tried, claim)]
     return none, proofs, checks
 
 
-def _turns(fitted: FittedHypothesis) -> bool:
+def _turns(hypothesis: Hypothesis) -> bool:
     """Whether a wind with gusts across it is part of a hypothesis."""
-    for effect, values in zip(fitted.hypothesis.effects, fitted.hypothesis.values, strict=True):
-        across = [k for k, p in enumerate(effect.declared) if p.name in effect.random[2:]]
-        if values[0, across].any():
-            return True
-    return False
+    return any(
+        values[0, k] != 0
+        for effect, values in zip(hypothesis.effects, hypothesis.values, strict=True)
+        for k, p in enumerate(effect.declared)
+        if p.name in effect.random[2:]
+    )
 
 
-def _with_network(
-    question: Question,
-    tried: SearchResult,
-    chosen: FittedHypothesis,
-    proofs: list[Proof],
-    checks: list[Check],
-    progress: Progress,
-) -> tuple[FittedHypothesis, list[Proof], list[Check]]:
+def _with_network(question: Question, tried: SearchResult, proved: Proved, progress: Progress) -> Proved:
     """The same with a network on top, if runs that were not used are predicted better with it."""
+    chosen, proofs, checks = proved
     there = refined(tried.likelihood.data_set, chosen) if chosen.names else tried.likelihood.data_set
     more = with_remainder(MarginalLikelihood(there), chosen, progress)
     made = prove(question, there, tried.none, more, proofs)

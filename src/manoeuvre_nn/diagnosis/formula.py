@@ -1,6 +1,6 @@
 """A short formula for what no effect of the shelf explains, chosen term by term by the evidence."""
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -23,22 +23,7 @@ SIZES = (0.02, 0.1, 0.4, 1.5)
 """What a term may add, root mean square over the runs, over the resistance and the force of 20 deg of rudder."""
 
 
-@dataclass(frozen=True)
-class FoundFormula:
-    """A formula.
-
-    Attributes:
-        terms: Its terms, in the order in which they were chosen.
-        fitted: It, as a hypothesis.
-        evidence: Its log evidence less what its choice costs.
-    """
-
-    terms: tuple[str, ...]
-    fitted: FittedHypothesis
-    evidence: float
-
-
-def short_formula(likelihood: MarginalLikelihood, none: FittedHypothesis) -> FoundFormula | None:
+def short_formula(likelihood: MarginalLikelihood, none: FittedHypothesis) -> FittedHypothesis | None:
     """Choose terms one after another as long as each raises the evidence by more than its choice costs.
 
     A library of 140 shapes is rolled out through all runs once; what any further term would add to the evidence follows
@@ -49,7 +34,7 @@ def short_formula(likelihood: MarginalLikelihood, none: FittedHypothesis) -> Fou
         none: Calm water, for the noise levels.
 
     Returns:
-        The formula; None if no term is worth its choice.
+        The formula, its evidence less what the choice of its terms costs; None if no term is worth that.
     """
     data_set, terms = likelihood.data_set, library()
     made = [_columns(data_set, prepared, terms) for prepared in data_set.runs]
@@ -67,7 +52,7 @@ def short_formula(likelihood: MarginalLikelihood, none: FittedHypothesis) -> Fou
     fitted = likelihood.evaluate(best, around=level)
     choices = sum(np.log(len(SIZES) * (len(terms) - k) / (k + 1)) for k in range(len(chosen)))
     ordinary = ORDINARY if all(is_ordinary(term) for term in effect.terms) else 0.0
-    return FoundFormula(effect.terms, fitted, fitted.evidence - float(choices) - ordinary)
+    return replace(fitted, evidence=fitted.evidence - float(choices) - ordinary)
 
 
 def _columns(

@@ -24,7 +24,7 @@ from manoeuvre_nn.estimation.marginal_likelihood import (
 
 
 @dataclass(frozen=True)
-class Gusts:
+class _Gusts:
     """How a wind varies.
 
     Attributes:
@@ -38,9 +38,9 @@ class Gusts:
     across: float
 
 
-AT_SEA = tuple(Gusts(share, 30.0, 0.0) for share in (0.1, 0.13, 0.16, 0.2, 0.25, 0.32))
+AT_SEA = tuple(_Gusts(share, 30.0, 0.0) for share in (0.1, 0.13, 0.16, 0.2, 0.25, 0.32))
 """Sizes over the mean wind that are tried; smaller ones look like wrong load functions. They last 20 to 60 s."""
-ON_PONDS = tuple(Gusts(share, memory, 1.0) for memory in (10.0, 5.0) for share in (0.4, 0.7, 1.2))
+ON_PONDS = tuple(_Gusts(share, memory, 1.0) for memory in (10.0, 5.0) for share in (0.4, 0.7, 1.2))
 """The same near the ground among trees and banks, where winds turn as much as they swell: tried besides for models."""
 KNOTS = 3.0
 """Knots of their course in a correlation time."""
@@ -96,7 +96,9 @@ def gusty_evidence(likelihood: MarginalLikelihood, hypothesis: Hypothesis, level
     """
     wind = next(k for k, e in enumerate(hypothesis.effects) if e.random)
     declared = [p.name for p in hypothesis.effects[wind].declared]
-    kind = Gusts(*(float(hypothesis.values[wind][0, declared.index(name)]) for name in hypothesis.effects[wind].random))
+    kind = _Gusts(
+        *(float(hypothesis.values[wind][0, declared.index(name)]) for name in hypothesis.effects[wind].random)
+    )
     grams, norms = _without_course(
         likelihood, hypothesis_columns(likelihood.data_set, hypothesis), wind, [kind], [level]
     )
@@ -104,8 +106,8 @@ def gusty_evidence(likelihood: MarginalLikelihood, hypothesis: Hypothesis, level
 
 
 def _tried(
-    likelihood: MarginalLikelihood, hypothesis: Hypothesis, wind: int, kinds: Sequence[Gusts], levels: Sequence[int]
-) -> tuple[list[FittedHypothesis], list[Gusts]]:
+    likelihood: MarginalLikelihood, hypothesis: Hypothesis, wind: int, kinds: Sequence[_Gusts], levels: Sequence[int]
+) -> tuple[list[FittedHypothesis], list[_Gusts]]:
     """The hypothesis with gusts of every kind, and their sizes in m/s."""
     declared = [p.name for p in hypothesis.effects[wind].declared]
     least = float(likelihood.data_set.dynamics.particulars.sized([1.0], [0.5])[0])
@@ -121,7 +123,7 @@ def _tried(
 
 
 def _without_course(
-    likelihood: MarginalLikelihood, lin: HypothesisColumns, wind: int, kinds: Sequence[Gusts], levels: Sequence[int]
+    likelihood: MarginalLikelihood, lin: HypothesisColumns, wind: int, kinds: Sequence[_Gusts], levels: Sequence[int]
 ) -> tuple[Float[np.ndarray, "k g p p"], Float[np.ndarray, "k g"]]:
     """Inner products and normalisers with the gusts' course integrated out."""
     data_set = likelihood.data_set
@@ -146,7 +148,7 @@ def _without_course(
     return grams, norms
 
 
-def _chosen(found: list[tuple[FittedHypothesis, Gusts]], wind: int, gusty: Effect) -> FittedHypothesis:
+def _chosen(found: list[tuple[FittedHypothesis, _Gusts]], wind: int, gusty: Effect) -> FittedHypothesis:
     """The best size, by a parabola through the three best on a logarithmic scale, as a hypothesis of its own."""
     scores = np.array([j.evidence for j, _ in found])
     k = int(scores.argmax())

@@ -7,7 +7,7 @@ import ruptures
 from jaxtyping import Float
 
 from manoeuvre_nn.core.effect import SITES
-from manoeuvre_nn.diagnosis.result import Interval, Location, Residual
+from manoeuvre_nn.diagnosis.result import Interval, Residual
 from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.estimation.data_set import PROCESS_LEVELS, PreparedRun, WhitenedDataSet, process_time, start_spread
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
@@ -19,6 +19,8 @@ BIN = 10.0
 """Length of the means in which windows are looked for [s]."""
 MAX_PROCESS_NOISE = 0.5
 """Coloured force that leaves the missing force to the data alone, over the resistance and 20 deg of rudder."""
+MOVES_POSITION = np.array([[0.0], [0.0], [0.0], [1.0], [1.0], [0.0]])
+"""Of u, v, r, x, y, psi what a stream moves."""
 EQUATIONS = ("surge force X", "sway force Y", "yaw moment N")
 OF_SHIPS, OF_MODELS = {"kN": 1e3, "MN m": 1e6}, {"N": 1.0, "N m": 1.0}
 """Units of forces and of the moment -> their size in SI."""
@@ -29,8 +31,7 @@ TURNING = 0.3
 def residuals(data_set: WhitenedDataSet, hypothesis: Hypothesis, size: float = MAX_PROCESS_NOISE) -> list[Residual]:
     """Force that calm water lacks over every run, with and without what was found.
 
-    Any coloured force is allowed, so that the data alone shape it; its standard deviation is taken from samples of the
-    smoother's posterior.
+    Any coloured force is allowed, so that the data alone shape it; its standard deviation is the smoother's.
 
     Args:
         data_set: The fitted runs.
@@ -41,30 +42,18 @@ def residuals(data_set: WhitenedDataSet, hypothesis: Hypothesis, size: float = M
         One a run.
     """
     columns = hypothesis_columns(data_set, hypothesis).columns if hypothesis.effects else [None] * len(data_set.runs)
-    made = []
+    made, scale = [], _forces(data_set)
     for prepared, c in zip(data_set.runs, columns, strict=True):
-        white = _loose(data_set, prepared, size)
-        before, after = prepared.linearised.data, prepared.linearised.data
+        run, white = prepared.linearised.run, _loose(data_set, prepared, size)
+        before = after = prepared.linearised.data
         if c is not None:
-            sensed = Columns(c.measured[..., :1], _kinematic(c.moved[..., :1]))
             # What the sensors and the stream do is no force: it is taken out of both.
-            before = _less(before, sensed)
-            after = _less(after, Columns(c.measured[..., :1], c.moved[..., :1]))
-        scale = _forces(data_set)
+            moved = c.moved[..., :1]
+            before = Columns(before.measured - c.measured[..., :1], before.moved - moved * MOVES_POSITION)
+            after = Columns(after.measured - c.measured[..., :1], after.moved - moved)
         force, left = (scale(white.states(white.embed(x))[:, 6:, 0]) for x in (before, after))
-        error = scale(_spread(white))
-        windows = _windows(data_set, prepared, before)
-        made.append(
-            Residual(
-                prepared.linearised.run.name,
-                prepared.linearised.run.time,
-                force,
-                np.abs(error),
-                left,
-                windows,
-                units(data_set),
-            )
-        )
+        error, windows = np.abs(scale(_spread(white))), _windows(data_set, prepared, before)
+        made.append(Residual(run.name, run.time, force, error, left, windows, units(data_set)))
     return made
 
 
@@ -80,18 +69,6 @@ def _loose(data_set: WhitenedDataSet, prepared: PreparedRun, size: float) -> Int
     """The run with a coloured force allowed."""
     noise = NoiseLevels(prepared.noise, size * data_set.unit, 0.5 * process_time(data_set.dynamics))
     return integrated(prepared.linearised, noise, start_spread(data_set.dynamics.particulars))
-
-
-def _kinematic(moved: Float[np.ndarray, "steps 6 1"]) -> Float[np.ndarray, "steps 6 1"]:
-    """Only what moves the position: a stream."""
-    only = moved.copy()
-    only[:, :3] = 0.0
-    only[:, 5] = 0.0
-    return only
-
-
-def _less(data: Columns, c: Columns) -> Columns:
-    return Columns(data.measured - c.measured, data.moved - c.moved)
 
 
 def units(data_set: WhitenedDataSet) -> tuple[str, str, str]:
@@ -157,34 +134,35 @@ def changes(
     ]
 
 
-def location(data_set: WhitenedDataSet, result: SearchResult, found: Sequence[Residual]) -> Location:
-    """Sites by evidence, and what the missing force looks like.
+def sites(tried: SearchResult) -> dict[str, float]:
+    """Where anything at all would help.
+
+    Args:
+        tried: The result.
+
+    Returns:
+        Site -> log Bayes factor over calm water of a coloured force in some equations, or of the best effect there.
+    """
+    side = len(PROCESS_LEVELS)
+    at = [tried.likelihood.evidence_at(Hypothesis((), ()), g) for g in (0, side * (side - 2), side - 2)]
+    found = {"surge": at[1] - at[0], "sway and yaw": at[2] - at[0]}
+    for site in SITES:
+        of_site = [j for j in tried.fitted if len(j.names) == 1 and j.hypothesis.effects[0].site == site]
+        if of_site:
+            found[site] = max(j.evidence for j in of_site) - tried.none.evidence
+    return {k: float(v) for k, v in found.items()}
+
+
+def statements(data_set: WhitenedDataSet, found: Sequence[Residual]) -> list[str]:
+    """Equation, frame, parity and region of the missing force.
 
     Args:
         data_set: The fitted runs.
-        result: What was fitted.
         found: The missing force.
 
     Returns:
-        Where it sits.
+        Sentences.
     """
-    return Location(_sites(data_set, result), _statements(data_set, result, found))
-
-
-def _sites(data_set: WhitenedDataSet, result: SearchResult) -> dict[str, float]:
-    """Log Bayes factors over calm water: a coloured force in some equations, or the best effect of a site."""
-    side = len(PROCESS_LEVELS)
-    at = [result.likelihood.evidence_at(Hypothesis((), ()), g) for g in (0, side * (side - 2), side - 2)]
-    sites = {"surge": at[1] - at[0], "sway and yaw": at[2] - at[0]}
-    for site in SITES:
-        of_site = [j for j in result.fitted if len(j.names) == 1 and j.hypothesis.effects[0].site == site]
-        if of_site:
-            sites[site] = max(j.evidence for j in of_site) - result.none.evidence
-    return {k: float(v) for k, v in sites.items()}
-
-
-def _statements(data_set: WhitenedDataSet, result: SearchResult, found: Sequence[Residual]) -> list[str]:
-    """Equation, frame, parity and region of the missing force in sentences."""
     force, error = (np.concatenate([getattr(r, k) for r in found]) for k in ("force", "error"))
     ratio = np.sqrt(np.mean((force / np.maximum(error, 1e-12)) ** 2, axis=0))
     said = []
@@ -193,14 +171,11 @@ def _statements(data_set: WhitenedDataSet, result: SearchResult, found: Sequence
         said.append(f"Missing {name}: {rms:.3g} {unit} rms, {ratio[k]:.1f} times its error.")
     strongest = int(ratio.argmax())
     if ratio[strongest] < 1.5:
-        return [
-            *said,
-            "In no equation does the missing force stand out of what the smoother is unsure of.",
-        ]
+        return [*said, "In no equation does the missing force stand out of what the smoother is unsure of."]
     y = force[:, strongest]
-    psi, r, delta = (np.concatenate([_track(p, n) for p in data_set.runs]) for n in ("psi", "r", "delta"))
-    turned = max(float(np.ptp(_track(p, "psi"))) for p in data_set.runs)
-    if turned < np.pi / 2:
+    r, psi = np.concatenate([p.linearised.track[:, [2, 5]] for p in data_set.runs]).T
+    delta = np.concatenate([p.linearised.run["delta"] for p in data_set.runs])
+    if max(np.ptp(p.linearised.track[:, 5]) for p in data_set.runs) < np.pi / 2:
         said.append("Body or earth axes cannot be told: no run turns through 90 deg.")
     else:
         body, earth = _explained(y, [np.ones_like(y)]), _explained(y, [np.cos(psi), np.sin(psi)])
@@ -227,12 +202,6 @@ def _parity(name: str, unit: str, y: Float[np.ndarray, " n"], r: Float[np.ndarra
     even, odd = abs(right + left) / 2, abs(right - left) / 2
     alike = "the same on both sides" if even > 2 * odd else "of opposite sign" if odd > 2 * even else "on one side more"
     return [f"Mean {name}: {left:.3g} {unit} in port turns, {right:.3g} {unit} in starboard turns: {alike}."]
-
-
-def _track(prepared: PreparedRun, name: str) -> Float[np.ndarray, " n"]:
-    if name == "delta":
-        return prepared.linearised.run["delta"]
-    return prepared.linearised.track[:, {"psi": 5, "r": 2}[name]]
 
 
 def _explained(y: Float[np.ndarray, " n"], basis: list[Float[np.ndarray, " n"]]) -> float:

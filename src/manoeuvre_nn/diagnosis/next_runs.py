@@ -54,6 +54,12 @@ class Plan:
     share: float = 1.0
     row: int = 0
 
+    @property
+    def text(self) -> str:
+        """The run in words, as the subject of a sentence."""
+        begun = "" if self.heading is None else f" begun on heading {self.heading / DEGREE % 360:03.0f}"
+        return f"{self.words}{begun}{' at half speed' if self.share < 1 else ''}"
+
 
 def same_runs(data_set: WhitenedDataSet) -> Iterator[Plan]:
     """Every recorded run once more, with one of the channels that no run has.

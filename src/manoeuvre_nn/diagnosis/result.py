@@ -80,20 +80,6 @@ class Residual:
 
 
 @dataclass(frozen=True)
-class Location:
-    """Where the mismatch sits.
-
-    Attributes:
-        sites: Site (kinematics or sensors, surge, sway and yaw, rudder, ...) -> log Bayes factor over calm water of
-            allowing anything there.
-        statements: What else is seen, a sentence each: equation, frame, parity, region of state space, windows.
-    """
-
-    sites: Mapping[str, float]
-    statements: list[str]
-
-
-@dataclass(frozen=True)
 class Check:
     """A test that a claim must pass.
 
@@ -143,7 +129,9 @@ class Diagnosis:
         causes: Candidates, most probable first.
         model: Names of the effects switched on in the repaired model.
         alias: Effect of the repaired model -> names that these recordings cannot tell from it.
-        location: Where the mismatch sits.
+        sites: Site (surge, sway and yaw, inflow, hull, ...) -> log Bayes factor over calm water of allowing anything
+            there.
+        statements: What the missing force looks like, a sentence each: equation, frame, parity, region, windows.
         residuals: Missing force over each fitted run.
         checks: Tests that the claim passed or not.
         runner_up: What speaks for and against the runner-up, a sentence each.
@@ -164,7 +152,8 @@ class Diagnosis:
     causes: list[Cause]
     model: list[str]
     alias: Mapping[str, list[str]]
-    location: Location
+    sites: Mapping[str, float]
+    statements: list[str]
     residuals: list[Residual]
     checks: list[Check]
     runner_up: list[str]

@@ -11,7 +11,6 @@ from itertools import product
 import numpy as np
 
 from manoeuvre_nn.core.channels import MEASURED
-from manoeuvre_nn.diagnosis.formula import FoundFormula
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood, log_sum
@@ -22,7 +21,7 @@ SENSOR_PER_RUN = 12.0
 """Log evidence for a strange sensor of every run in which its error is coloured so."""
 
 
-def unknown_evidence(likelihood: MarginalLikelihood, none: FittedHypothesis, formula: FoundFormula | None) -> float:
+def unknown_evidence(likelihood: MarginalLikelihood, none: FittedHypothesis, formula: FittedHypothesis | None) -> float:
     """Log evidence of something unknown.
 
     Args:
@@ -43,22 +42,11 @@ def unknown_evidence(likelihood: MarginalLikelihood, none: FittedHypothesis, for
     found = [log_sum(loose - np.log(len(data_set.levels) * loose.shape[1]))]
     if formula is not None:
         found.append(formula.evidence)
-    return log_sum(np.array(found) - np.log(2)) + strange_sensors(data_set)[1]
+    return log_sum(np.array(found) - np.log(2)) + _strange_sensors(data_set)
 
 
-def strange_sensors(data_set: WhitenedDataSet) -> tuple[list[str], float]:
-    """Channels whose error no candidate has, and the evidence for them.
-
-    The smoother allows a stream, a compass error, a log error, a rate-gyro error and an antenna off its prepared: what
-    stays coloured is something else.
-
-    Args:
-        data_set: The runs.
-
-    Returns:
-        Names of the channels, log evidence.
-    """
+def _strange_sensors(data_set: WhitenedDataSet) -> float:
+    """Evidence for channels whose error no candidate has: more than a stream or a sensor error of the smoother."""
     factors = np.stack([p.inflation for p in data_set.runs])[:, : len(MEASURED) - 1]
     coloured = (factors > COLOURED).sum(axis=0)
-    named = [MEASURED[k] for k in np.flatnonzero(2 * coloured >= len(factors))]
-    return named, SENSOR_PER_RUN * float(max(coloured.max(), 0)) if named else 0.0
+    return SENSOR_PER_RUN * float(coloured.max()) if 2 * coloured.max() >= len(factors) else 0.0

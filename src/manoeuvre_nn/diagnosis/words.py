@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from manoeuvre_nn.diagnosis.advise import Advice, advise
+from manoeuvre_nn.diagnosis.advise import Ranked, advise
 from manoeuvre_nn.diagnosis.decision import Decision
 from manoeuvre_nn.diagnosis.result import Cause, Proof
 from manoeuvre_nn.diagnosis.search import SearchResult
@@ -180,7 +180,7 @@ def next_steps(tried: SearchResult, verdict: Decision, chosen: FittedHypothesis,
     said = [
         _told(*duel, runs)
         for duel, runs in zip(duels, made, strict=True)
-        if mismatch or runs[0].expected > MIN_EXPECTED_EVIDENCE
+        if mismatch or runs[0][0] > MIN_EXPECTED_EVIDENCE
     ]
     if not mismatch:
         more = "another speed or a harder turn would test the model further"
@@ -219,22 +219,19 @@ def _duels(tried: SearchResult, verdict: Decision, chosen: FittedHypothesis, mis
     return found[:2]
 
 
-def _told(leading: FittedHypothesis, rival: FittedHypothesis, probability: float, runs: Sequence[Advice]) -> str:
+def _told(leading: FittedHypothesis, rival: FittedHypothesis, probability: float, runs: Ranked) -> str:
     """The best run, and the best channel, that tells two hypotheses apart."""
     question = f"To tell {labels(leading)} from {labels(rival)} ({_percent(probability)})"
-    best = runs[0]
-    if best.expected < MIN_EXPECTED_EVIDENCE:
-        effects = [e for j in (leading, rival) for e in j.hypothesis.effects]
-        apart = [e for e in effects if e.name not in leading.names or e.name not in rival.names]
+    expected, best = runs[0]
+    factor = f"expected log Bayes factor {_ln(expected)}"
+    if expected < MIN_EXPECTED_EVIDENCE:
+        shared = set(leading.names) & set(rival.names)
+        apart = [e for j in (leading, rival) for e in j.hypothesis.effects if e.name not in shared]
         wanted = sorted({e.measured_by or e.family for e in apart})
-        return f"{question}: measure {_and(wanted)}; none of {len(runs)} simulated runs would do ({_factor(best)})."
-    more = next((a for a in runs[1:] if a.heading is None and a.expected > MIN_EXPECTED_EVIDENCE), None)
-    also = "" if more is None or best.heading is None else f"; or {more.text} ({_ln(more.expected)})"
-    return f"{question}: {best.text} ({_factor(best)}; these recordings: {_ln(best.now)}){also}."
-
-
-def _factor(advice: Advice) -> str:
-    return f"expected log Bayes factor {_ln(advice.expected)}"
+        return f"{question}: measure {_and(wanted)}; none of {len(runs)} simulated runs would do ({factor})."
+    more = next((a for a in runs[1:] if a[1].heading is None and a[0] > MIN_EXPECTED_EVIDENCE), None)
+    also = "" if more is None or best.heading is None else f"; or {more[1].text} ({_ln(more[0])})"
+    return f"{question}: {best.text} ({factor}; these recordings: {_ln(leading.evidence - rival.evidence)}){also}."
 
 
 def _ln(factor: float) -> str:

@@ -93,6 +93,7 @@ class HullRudder(Network):
         (hull and rudder apart). Means of networks: Breiman 1996; a median ignores a member gone astray.
     """
 
+    any_fit = False
     trained: Tensor
     shaft: Tensor
     sees: Tensor

@@ -106,6 +106,7 @@ class Series(Network):
         with u and n: MMG's rudder inflow, Yasukawa & Yoshimura 2015, eqs 19-29, multiplied out; wind: Isherwood 1972.
     """
 
+    any_fit = False
     places: Tensor
     used: Tensor
     trained: Tensor

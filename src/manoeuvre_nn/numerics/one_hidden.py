@@ -12,7 +12,6 @@ and ``J^T e`` is ``sum_o B_oh (P^T E)_hi,o`` and ``(A^T E)_ho``. With P weights 
 Tensors keep the samples last, where memory runs on: nodes are (K, H, N).
 """
 
-from abc import ABC, abstractmethod
 from collections.abc import Iterator
 
 import torch
@@ -20,13 +19,10 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from manoeuvre_nn.core.errors import InputError, check_choice
-from manoeuvre_nn.numerics.gram import gram
-
-Carry = tuple[Tensor, ...]
-"""What an evaluation leaves for the derivatives at the same weights; every tensor has K rows."""
+from manoeuvre_nn.numerics.least_squares import Carry, LeastSquares, gram
 
 
-class HiddenLayer(ABC):
+class _HiddenLayer(LeastSquares):
     """K perceptrons on the same inputs: what is the same whichever weights are unknown.
 
     Attributes:
@@ -65,25 +61,8 @@ class HiddenLayer(ABC):
         self._z = self._padded(torch.cat([x, x.new_ones(len(x), 1)], 1).mT, 0)
         self._y = self._padded(y.reshape(-1, *y.shape[-2:]).mT, 0)
 
-    @abstractmethod
-    def evaluate(self, weights: Float[Tensor, "k p"]) -> tuple[Float[Tensor, " k"], Carry]:
-        """Mean square error of every row, and what :meth:`linearise` can use at the same weights."""
-
-    @abstractmethod
-    def linearise(
-        self, weights: Float[Tensor, "k p"], carry: Carry
-    ) -> tuple[Float[Tensor, "k p p"], Float[Tensor, "k p"]]:
-        """J^T J and J^T e."""
-
-    def take(self, rows: Int[Tensor, " k"]) -> "HiddenLayer":
-        """The same problem with some of the rows.
-
-        Args:
-            rows: Which.
-
-        Returns:
-            A problem that shares the data.
-        """
+    def take(self, rows: Int[Tensor, " k"]) -> "_HiddenLayer":
+        """See :meth:`.LeastSquares.take`."""
         if len(self._y) == 1 and self._heard is None:
             return self
         part = object.__new__(type(self))
@@ -128,7 +107,7 @@ class HiddenLayer(ABC):
         return torch.nn.functional.pad(rows, (0, more + -(rows.shape[-1] + more) % 8)).contiguous()
 
 
-class OneHidden(HiddenLayer):
+class OneHidden(_HiddenLayer):
     """K perceptrons on the same inputs, all weights unknown.
 
     Row k gives ``y_o = sum_h B_oh f(sum_i W_hi x_i + W_h,I+1) + B_o,H+1``. Weights are rows (K, P): W, bias last, and
@@ -173,14 +152,7 @@ class OneHidden(HiddenLayer):
         return first.view(rows, self.hidden, self.width), last.view(rows, self.outputs, self.hidden + 1)
 
     def evaluate(self, weights: Float[Tensor, "k p"]) -> tuple[Float[Tensor, " k"], Carry]:
-        """Errors.
-
-        Args:
-            weights: All weights.
-
-        Returns:
-            Mean square error of every row, and nodes (K, H, N) and errors (K, O, N) for the derivatives.
-        """
+        """Mean square errors; nodes (K, H, N) and errors (K, O, N) for the derivatives."""
         first, last = self.split(weights)
         nodes = self._nodes(first)
         errors = torch.baddbmm(last[..., -1:] * self._z[-1], last[..., :-1], nodes).sub_(self._y)
@@ -189,15 +161,7 @@ class OneHidden(HiddenLayer):
     def linearise(
         self, weights: Float[Tensor, "k p"], carry: Carry
     ) -> tuple[Float[Tensor, "k p p"], Float[Tensor, "k p"]]:
-        """Normal equations.
-
-        Args:
-            weights: All weights.
-            carry: What :meth:`evaluate` left at these weights.
-
-        Returns:
-            J^T J and J^T e.
-        """
+        """Normal equations of all weights."""
         nodes, errors = carry
         rows, h, i, o = len(weights), self.hidden, self.width, self.outputs
         inner, last = h * i, self.split(weights)[1][..., :-1]
@@ -225,6 +189,86 @@ class OneHidden(HiddenLayer):
             J^T J and J^T e.
         """
         return self.linearise(weights, self.evaluate(weights)[1])
+
+
+class Separable(_HiddenLayer):
+    """K perceptrons on the same inputs; unknown are the input weights alone, as rows (K, H (I + 1)).
+
+    With nodes A(W), a 1 among them, and orthonormal columns ``A = Q R`` the errors that the best output weights leave
+    are ``e = (Q Q^T - 1) y``. Their Jacobian has two parts that are orthogonal to each other, ``(1 - Q Q^T) dA B`` and
+    ``Q R^-T dA^T e``; Kaufman leaves out the second. Both are products of ``P`` with Q and e, so that
+    again no Jacobian is formed.
+
+    Nodes that saturate or run together make A lose rank. A ridge keeps R regular: rows ``ridge sqrt(N) 1`` below A and
+    zeros below y, which the mean square error counts.
+
+    Source:
+        Golub & Pereyra 1973; Kaufman 1975; Sjoberg & Viberg 1997 for perceptrons.
+    """
+
+    def __init__(
+        self,
+        x: Float[Tensor, "n i"],
+        y: Float[Tensor, "*k n o"],
+        hidden: int,
+        *,
+        activation: str = "sigmoid",
+        kaufman: bool = True,
+        ridge: float = 1e-10,
+    ) -> None:
+        """Store the data.
+
+        Args:
+            x: Inputs.
+            y: Targets, of all rows or of each.
+            hidden: H.
+            activation: ``sigmoid`` or ``tanh``.
+            kaufman: Whether to leave the Jacobian's second part out, which is of second order in the errors and grows
+                beyond bounds where A loses rank.
+            ridge: Size of the rows below A over the size of a column of ones [-].
+        """
+        super().__init__(x, y, hidden, activation, None, 2e7)
+        self.kaufman, self.ridge = kaufman, ridge * len(x) ** 0.5
+        self.parameters = hidden * self.width
+        self._z = self._padded(self._z[:, : len(x)], hidden + 1)
+        self._y = self._padded(self._y[..., : len(x)], hidden + 1)
+
+    def evaluate(self, weights: Float[Tensor, "k p"]) -> tuple[Float[Tensor, " k"], Carry]:
+        """Mean square errors with the best output weights; A, Q, R, Q^T y and the errors for the derivatives."""
+        nodes = self._nodes(weights.unflatten(1, (self.hidden, self.width)))
+        columns = torch.cat([nodes, self._z[-1].expand(len(nodes), 1, -1)], 1)
+        columns[..., self._samples : self._samples + self.hidden + 1].diagonal(dim1=1, dim2=2).fill_(self.ridge)
+        q, r = torch.linalg.qr(columns.mT)
+        part = self._y @ q
+        errors = (part @ q.mT).sub_(self._y)
+        return errors.square().sum((1, 2)) / self.residuals, (nodes, q, r, part, errors)
+
+    def linearise(
+        self, weights: Float[Tensor, "k p"], carry: Carry
+    ) -> tuple[Float[Tensor, "k p p"], Float[Tensor, "k p"]]:
+        """Normal equations of the input weights."""
+        nodes, q, r, part, errors = carry
+        inverse = torch.linalg.solve_triangular(r, torch.eye(len(r[0]), dtype=r.dtype, device=r.device), upper=True)
+        last = (part @ inverse.mT)[..., :-1]
+        products = self._products(nodes, q.mT, errors)
+        by_node, by_q, by_error = products[:, : self.parameters].split([self.parameters, len(r[0]), self.outputs], 2)
+        reduced = by_node - by_q @ by_q.mT
+        normal = _spread(last, reduced, torch.empty_like(reduced))
+        if not self.kaufman:
+            normal += _spread(inverse[:, :-1].mT, by_error @ by_error.mT, reduced)
+        return normal, _pull(last, by_error)
+
+    def output_weights(self, weights: Float[Tensor, "k p"]) -> Float[Tensor, "k o nodes"]:
+        """The best output weights.
+
+        Args:
+            weights: Input weights.
+
+        Returns:
+            B, bias last.
+        """
+        _, (_, _, r, part, _) = self.evaluate(weights)
+        return torch.linalg.solve_triangular(r, part.mT, upper=True).mT
 
 
 def _blocks(count: int, at_once: int) -> Iterator[slice]:

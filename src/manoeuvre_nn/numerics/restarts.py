@@ -1,7 +1,6 @@
 """Levenberg-Marquardt from many starts as one batch: every row has its own damping, pace and reason to stop."""
 
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Float, Int
@@ -9,27 +8,11 @@ from torch import Tensor
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.numerics.damping import Damping, Reason, Stops, damped_step
-from manoeuvre_nn.numerics.one_hidden import Carry
+from manoeuvre_nn.numerics.least_squares import Carry, LeastSquares
 
 WEIGHT_REASONS = Reason.NOT_FINITE, Reason.GOAL, Reason.GRADIENT, Reason.EPOCHS
 STEP_REASONS = Reason.STEP, Reason.DAMPING, Reason.FALL
 """What is told of the present weights and of the last step, in the order of the tests."""
-
-
-@runtime_checkable
-class LeastSquares(Protocol):
-    """Independent least-squares problems of one shape."""
-
-    residuals: int
-
-    def evaluate(self, weights: Tensor) -> tuple[Tensor, Carry]:
-        """Mean square errors, and what :meth:`linearise` can use at the same weights."""
-
-    def linearise(self, weights: Tensor, carry: Carry) -> tuple[Tensor, Tensor]:
-        """J^T J and J^T e."""
-
-    def take(self, rows: Tensor) -> "LeastSquares":
-        """The problem with some of the rows."""
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from manoeuvre_nn.core.errors import check_choice
-from manoeuvre_nn.numerics.gram import gram
-from manoeuvre_nn.numerics.one_hidden import Carry
+from manoeuvre_nn.numerics.least_squares import Carry, LeastSquares, gram
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,7 @@ class Design:
     shrink: float = 0.0
 
 
-class SemiLinear:
+class SemiLinear(LeastSquares):
     """K fits of ``y_o = sum_c C_oc b_j(c) [f_h(c)(z) + s_o f_h(c)(z~)] + sum_e D_oe t_oe``.
 
     Unknown are the weights inside f. z~ are mirrored inputs, s_o the parity of an output, b factors of the sample, t a
@@ -76,18 +75,6 @@ class SemiLinear:
         # Outputs of one parity and one library share a design.
         self._groups = _alike(d.parity, d.library)
 
-    def take(self, rows: Int[Tensor, " k"]) -> "SemiLinear":
-        """The same problem: all rows have the same data.
-
-        Args:
-            rows: Which.
-
-        Returns:
-            This one.
-        """
-        del rows
-        return self
-
     def full(self, weights: Float[Tensor, "k p"]) -> Float[Tensor, "k h w"]:
         """Free weights among those that are 0.
 
@@ -102,14 +89,7 @@ class SemiLinear:
         return whole
 
     def evaluate(self, weights: Float[Tensor, "k p"]) -> tuple[Float[Tensor, " k"], Carry]:
-        """Errors with the best C and D.
-
-        Args:
-            weights: Free weights.
-
-        Returns:
-            Mean square error of every row; nodes of both sides, and of every group Q, R, Q^T y and the errors.
-        """
+        """Mean square errors with the best C and D; nodes of both sides; of every group Q, R, Q^T y and the errors."""
         whole = self.full(weights)
         sides = self._squash(whole @ self._z), self._squash(whole @ self._mirrored)
         carry: list[Tensor] = list(sides)
@@ -126,15 +106,7 @@ class SemiLinear:
     def linearise(
         self, weights: Float[Tensor, "k p"], carry: Carry
     ) -> tuple[Float[Tensor, "k p p"], Float[Tensor, "k p"]]:
-        """Normal equations of the free weights.
-
-        Args:
-            weights: Free weights.
-            carry: What :meth:`evaluate` left at these weights.
-
-        Returns:
-            J^T J and J^T e.
-        """
+        """Normal equations of the free weights."""
         left, right = (self._slopes(side, z) for side, z in zip(carry[:2], (self._z, self._mirrored), strict=True))
         normal = weights.new_zeros(*weights.shape, weights.shape[1])
         gradient = torch.zeros_like(weights)

@@ -289,7 +289,7 @@ def site_rows(d: Diagnosis) -> list[dict[str, Any]]:
     Returns:
         One row a site, the strongest first.
     """
-    ranked = sorted(d.location.sites.items(), key=lambda item: -item[1])
+    ranked = sorted(d.sites.items(), key=lambda item: -item[1])
     return [{"site": SITES.get(site, site), "ln B over calm water": _whole(evidence)} for site, evidence in ranked]
 
 
@@ -334,8 +334,8 @@ def _print_short(d: Diagnosis, say: Callable[..., None]) -> None:
     """What fits a line or two each."""
     for sentence in alias_texts(d):
         say("undecided", sentence)
-    if d.location.statements:
-        say("where", " ".join(d.location.statements[:2]))
+    if d.statements:
+        say("where", " ".join(d.statements[:2]))
     failed = [check for check in d.checks if not check.passed]
     for check in failed:
         say("not passed", f"{check.name}: {check.text}", "bold red")
@@ -367,7 +367,7 @@ def diagnosis_markdown(d: Diagnosis) -> str:
         _part("", "\\* in the repaired model\n" if d.model else ""),
         _part("", _bullets(alias_texts(d))),
         _part("Held-out runs", to_markdown(error_rows(d), 3) if d.proofs else "No run was held out.\n"),
-        _part("Where", _bullets(d.location.statements)),
+        _part("Where", _bullets(d.statements)),
         _part("For and against the runner-up", _bullets(d.runner_up)),
         _part("Checks", to_markdown(check_rows(d))),
         _part("Undecided", _bullets(d.undecided)),

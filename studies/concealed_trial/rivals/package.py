@@ -2,7 +2,7 @@
 
 from manoeuvre_nn.diagnosis.case import Case
 from manoeuvre_nn.diagnosis.repair import Repaired, errors, predict, recorded
-from manoeuvre_nn.diagnosis.result import Cause, Diagnosis, Interval, Location, Proof, Value
+from manoeuvre_nn.diagnosis.result import Cause, Diagnosis, Interval, Proof, Value
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.estimation.corrections import Calibrated
@@ -30,7 +30,6 @@ __all__ = [
     "Interval",
     "linearise",
     "LinearisedRun",
-    "Location",
     "measured",
     "Model",
     "ORDER",

@@ -19,7 +19,6 @@ from studies.concealed_trial.rivals.package import (
     Diagnosis,
     Hypothesis,
     Interval,
-    Location,
     Proof,
     Repaired,
     Value,
@@ -155,7 +154,7 @@ def diagnosis(case: Case, found: RivalResult, limits: Limits) -> Diagnosis:
     return Diagnosis(
         case=case.name, ship=case.ship, verdict="none" if verdict == "none" else "mismatch", sentence="",
         causes=_causes(case, found, verdict, elsewhere), model=list(named.names), alias={},
-        location=Location({}, []), residuals=[], checks=[], runner_up=[], proofs=_proofs(case, found, named, tables),
+        sites={}, statements=[], residuals=[], checks=[], runner_up=[], proofs=_proofs(case, found, named, tables),
         noise={}, next_steps=[], undecided=list(case.undecided),
     )  # fmt: skip
 

@@ -314,10 +314,15 @@ def test_starts_are_those_of_the_seed():
     assert first == again != other
 
 
-@pytest.mark.parametrize("wrong", [{"branches": 3}, {"starts": 0}, {"hidden": 0}, {"window": 1.0}], ids=str)
+@pytest.mark.parametrize("wrong", [{"branches": 3}, {"starts": 0}], ids=str)
 def test_settings_that_make_no_sense_are_refused(wrong):
     with pytest.raises(InputError):
         fit_turn(straight_line(), WANG, **wrong)
+
+
+def test_a_window_that_is_no_share_is_refused():
+    with pytest.raises(InputError, match="window=1.0"):
+        find_fold(straight_line(), WANG, window=1.0)
 
 
 def test_a_run_that_is_no_turn_is_refused():

@@ -7,9 +7,9 @@ import pytest
 from fleet import unchecked
 from pytest import approx
 
-from manoeuvre_nn.estimation.derivatives import si_unit
 from studies.reproduction.section import ChapterResult, ComputingEffort
 from studies.wang1996.coefficients import THESIS_TERMS, thesis_prime
+from studies.wang1996.derivatives import si_unit
 from studies.wang1996.printed_coefficients import ORIGINAL_SLIPS, ROWS, SLIPS
 from studies.wang1996.regression import chapter
 

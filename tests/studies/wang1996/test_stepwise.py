@@ -13,18 +13,13 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.simulate import simulate
-from manoeuvre_nn.estimation.derivatives import (
-    ABKOWITZ,
-    coefficient_name,
-    si_unit,
-    taylor_columns,
-    taylor_regression,
-)
-from manoeuvre_nn.estimation.regression import Rules, regress
+from manoeuvre_nn.estimation.derivatives import ABKOWITZ, coefficient_name, taylor_columns
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.recording.tuples import Tuples, to_tuples
 from manoeuvre_nn.ship.clarke import clarke_derivatives
 from manoeuvre_nn.ship.known import clarke_part, no_part
+from studies.wang1996.derivatives import si_unit, taylor_regression
+from studies.wang1996.stepwise import Rules, regress
 
 N = 200
 
