@@ -6,6 +6,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
+from manoeuvre_nn.recording.outliers import far_off
+
 STUDENT_FREEDOM = 4.0
 """Degrees of freedom of Student's t, the distribution of measurement noise with outliers."""
 GAUSSIAN = 1.203
@@ -56,12 +58,11 @@ def measured_noise(
         count = sum(p.sum(0) for p in present)
         return np.maximum(np.sqrt(total / np.maximum(count, 1.0)), floor), weights
     left, counted = np.sqrt(np.concatenate(square)), np.concatenate(present) > 0
-    enough = counted.sum(0) >= MIN_SAMPLES
-    new = scale.copy()
-    for k in np.flatnonzero(enough):
-        new[k] = max(1.4826 * np.median(left[counted[:, k], k]), floor[k])
-    limit = np.where(enough, OUTLIER_SDS * new, np.inf)
-    return new, [p * (np.sqrt(s) <= limit) for s, p in zip(square, present, strict=True)]
+    new, far = scale.copy(), np.zeros_like(counted)
+    for k in np.flatnonzero(counted.sum(0) >= MIN_SAMPLES):
+        far[:, k], new[k] = far_off(left[:, k], OUTLIER_SDS, floor[k], counted[:, k])
+    ends = np.cumsum([len(s) for s in square])[:-1]
+    return new, [p * ~f for p, f in zip(present, np.split(far, ends), strict=True)]
 
 
 def student_weight(
