@@ -2,7 +2,7 @@
 
 import shutil
 from collections.abc import Mapping, Sequence
-from math import inf
+from math import inf, isfinite, sqrt
 from pathlib import Path
 from statistics import mean, median
 from typing import Any

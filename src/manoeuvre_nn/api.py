@@ -39,7 +39,7 @@ from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
 from manoeuvre_nn.recording.read.mapping import Mapping as ColumnMapping
 from manoeuvre_nn.recording.read.reader import read_recordings
 from manoeuvre_nn.report.views import Answer, Runs, Scores
-from manoeuvre_nn.training.given import references
+from manoeuvre_nn.scoring.held_out import references
 from manoeuvre_nn.training.settings import noise_in_si
 
 Named = str | Mapping[str, Mapping[str, Any]]
@@ -145,18 +145,16 @@ def fit(
     Args:
         ship: A name in conf/ship, or an object; of measured ships particulars are enough.
         runs: Recordings of it.
-        network: Model to fit: a series in closed loop (``cubic``, ``modulus``, ``abkowitz``), or an ensemble
-            (``hull_rudder``).
+        network: Model to fit, by its name in conf/network: a series (``cubic``, ``modulus``, ``abkowitz``), an
+            ensemble (``hull_rudder``); it chooses its fit, unless ``settings`` do.
         settings: Further words as on the command line: ``["network.members=4", "trainer.max_epochs=10"]``.
         out: Folder to keep checkpoint and config in; None keeps nothing.
 
     Returns:
         The model.
     """
-    method = [] if any(word.startswith("fit=") for word in settings) else [f"fit={METHODS.get(network, 'closed_loop')}"]
-    linear = ["linear=clarke"] if network.startswith("hull_rudder") else []
     named = [f"ship={ship}"] if isinstance(ship, str) else []
-    words = ["data=recording", f"network={network}", *method, *linear, *named, "trainer.progress=false", *settings]
+    words = ["data=recording", f"network={network}", *named, "trainer.progress=false", *settings]
     cfg = compose("train", words)
     job = prepare(cfg, tuple(runs), None if isinstance(ship, str) else ship)
     with TemporaryDirectory() as scratch:
@@ -225,15 +223,6 @@ def diagnose(
         held_out if isinstance(held_out, str) and held_out == "auto" else _list(held_out),
     )
     return Answer(find_causes(common.question(case)))
-
-
-METHODS = {
-    "hull_rudder": "ensemble",
-    "hull_rudder_shaft": "ensemble",
-    "wang": "levenberg_marquardt",
-    "rajesh": "levenberg_marquardt",
-}
-"""How a network is fitted that is no series."""
 
 
 def _list(names: str | Sequence[str]) -> list[str]:

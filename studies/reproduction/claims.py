@@ -32,7 +32,7 @@ import numpy as np
 from manoeuvre_nn.commands.config import load_yaml
 from manoeuvre_nn.core.errors import InputError
 from studies.reproduction.paper import paper_folders
-from studies.reproduction.section import Claim, Verdict, compared
+from studies.reproduction.section import Claim, Verdict, by_tolerance
 from studies.reproduction.template import filled
 
 Quantities = Mapping[str, Any]
@@ -114,9 +114,10 @@ class Statement:
     def _by_tolerance(self, quantities: Quantities, texts: Mapping[str, Any]) -> Claim:
         """A number beside the paper's, with a tolerance."""
         within, relative = self.content.get("within"), self.content.get("relative")
-        numbers = self._number(texts["paper"], "paper"), self._number(texts["ours"], "ours")
+        paper, ours = self._number(texts["paper"], "paper"), self._number(texts["ours"], "ours")
         same_sign = bool(self.content.get("same_sign", False))
-        return compared("", "", *numbers, within=within, relative=relative, direction=same_sign)
+        found = by_tolerance(paper, ours, within=within, relative=relative, same_sign=same_sign)
+        return Claim("", "", paper, ours, found)
 
     def _by_factor(self, quantities: Quantities, texts: Mapping[str, Any]) -> Claim:
         """A number beside the paper's, of which it is to be less than a factor apart."""

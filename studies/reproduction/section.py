@@ -136,40 +136,27 @@ Chapter = Callable[[ComputingEffort, Say], ChapterResult]
 """Does a chapter again."""
 
 
-def compared(
-    where: str,
-    what: str,
-    paper: float,
-    ours: float,
-    *,
-    within: float | None = None,
-    relative: float | None = None,
-    direction: bool = False,
-    why: str = "",
-    unit: str = "",
-) -> Claim:
+def by_tolerance(
+    paper: float, ours: float, *, within: float | None = None, relative: float | None = None, same_sign: bool = False
+) -> Verdict:
     """A number beside the paper's, judged by a tolerance.
 
     Args:
-        where: Table, figure or section of the paper.
-        what: What it is.
         paper: The paper's value.
         ours: Ours.
         within: Largest difference at which it holds, in the unit of the values.
         relative: The same over the paper's value [-]; one of the two must be given, with both either suffices.
-        direction: Whether equal signs are enough to hold in direction where the tolerance is missed.
-        why: What to say where it does not hold.
-        unit: Unit.
+        same_sign: Whether equal signs are enough to hold in direction where the tolerance is missed.
 
     Returns:
-        The claim; ``why`` is left out where it holds.
+        The verdict.
 
     Raises:
         ValueError: If no tolerance is given.
     """
     if within is None and relative is None:
-        raise ValueError(f"{where}, {what}: give within= or relative=")
+        raise ValueError(f"{paper} beside {ours}: give within= or relative=")
     allowed = max(within or 0.0, (relative or 0.0) * abs(paper))
-    holds = isfinite(ours) and abs(ours - paper) <= allowed
-    other: Verdict = "holds in direction" if direction and ours * paper > 0 else "does not hold"
-    return Claim(where, what, paper, ours, "holds" if holds else other, "" if holds else why, unit)
+    if isfinite(ours) and abs(ours - paper) <= allowed:
+        return "holds"
+    return "holds in direction" if same_sign and ours * paper > 0 else "does not hold"

@@ -23,6 +23,8 @@ NEGLIGIBLE = 0.01
 """Share of the largest v that the two branches of v(r) may lie apart for it to count as single-valued."""
 WINDOW = 0.5
 """Share of that fall around the largest r within which the branches are joined."""
+HIDDEN = 5
+"""Hidden nodes of v(r)."""
 SCHEDULE = RateSchedule((1e-1, 1e-2, 1e-3), (13_000, 1_000, 1_000), shake_rate=0.0)
 """Wang 1996, section 6.2: rates between 1e-3 and 1e-1, 15 000 iterations; when which is not stated."""
 MOMENTUM = 0.9
@@ -109,7 +111,12 @@ def find_fold(turn: Recording, ship: Particulars, *, window: float = WINDOW) -> 
 
     Returns:
         Where r is largest and what the branches of v(r) do; see ``double_valued``.
+
+    Raises:
+        InputError: If the window is no share.
     """
+    if not 0 < window < 1:
+        raise InputError(f"window={window}: expected a share of the fall of r between 0 and 1")
     data = turn_data(turn, ship)
     r, v, top = data.r, data.v, int(data.r.argmax())
     rise = np.maximum.accumulate(r[: top + 1]) + 1e-12 * np.arange(top + 1)
@@ -193,14 +200,12 @@ def fit_turn(
     ship: Particulars,
     *,
     branches: int = 1,
-    hidden: int = 5,
     method: Method = "levenberg_marquardt",
     iterations: int | None = None,
     starts: int = 8,
     seed: int = 0,
-    window: float = WINDOW,
 ) -> TurnFit:
-    """Train 1-H-1 networks for the v(r) of one turn.
+    """Train 1-5-1 networks for the v(r) of one turn.
 
     Levenberg-Marquardt works on standardised r' and v' from N(0, 1) weights. Steepest descent works as in the thesis:
     r' and v' as they are, W from U[0, 1), B from -U[0, 1); a step takes the mean of the gradients over all samples.
@@ -209,12 +214,10 @@ def fit_turn(
         turn: Recording of the turn, from the rudder order on.
         ship: The ship.
         branches: 1 as in the thesis; 2 has a network before and one after the largest r, where v(r) has two values.
-        hidden: H.
         method: ``levenberg_marquardt`` or ``steepest_descent``.
         iterations: Steps; by default 1000, or the 15 000 of the thesis.
         starts: Number of first weights.
         seed: Seed of the first weights.
-        window: Share of the fall of r around its largest value within which two branches are joined [-].
 
     Returns:
         The networks. A second branch is left out where v(r) has one value.
@@ -226,12 +229,9 @@ def fit_turn(
         Wang 1996, section 6.2.
     """
     check_choice("method", method, ["levenberg_marquardt", "steepest_descent"])
-    if branches not in {1, 2} or hidden < 1 or starts < 1 or not 0 < window < 1:
-        raise InputError(
-            f"v(r) with branches={branches}, hidden={hidden}, starts={starts}, window={window}: expected 1 or 2 "
-            "branches, at least 1 node, at least 1 start and a window between 0 and 1"
-        )
-    data, fold = turn_data(turn, ship), find_fold(turn, ship, window=window)
+    if branches not in {1, 2} or starts < 1:
+        raise InputError(f"v(r) with branches={branches}, starts={starts}: expected 1 or 2 branches, at least 1 start")
+    data, fold = turn_data(turn, ship), find_fold(turn, ship)
     double = branches == 2 and fold.double_valued
     join = torch.tensor(fold.window if double else (0.0, 1.0), dtype=torch.float64) / ship.time_unit
     time, x, y = (torch.tensor(a, dtype=torch.float64) for a in (data.time, data.r, data.v))
@@ -240,24 +240,24 @@ def fit_turn(
     ours = method == "levenberg_marquardt"
     units = torch.stack([x.mean(), x.std(), y.mean(), y.std()]) if ours else x.new_tensor([0.0, 1.0, 0.0, 1.0])
     problem = _Joined((x - units[0]) / units[1], (y - units[2]) / units[3], shares)
-    weights = (_marquardt if ours else _descend)(problem, hidden, iterations, starts, seed)
+    weights = (_marquardt if ours else _descend)(problem, iterations, starts, seed)
     errors = problem.evaluate(weights)[1][2] * units[3]
     curve = SwayCurve(weights.unflatten(1, (shares.shape[1], -1)), units, join, x.new_tensor(float(data.side)))
     return TurnFit(curve, fold, errors.square().sum(1), errors[:, -1].square())
 
 
-def _marquardt(problem: _Joined, hidden: int, iterations: int | None, starts: int, seed: int) -> Tensor:
+def _marquardt(problem: _Joined, iterations: int | None, starts: int, seed: int) -> Tensor:
     generator = torch.Generator().manual_seed(seed)
-    size = starts, problem.shares.shape[1] * (3 * hidden + 1)
+    size = starts, problem.shares.shape[1] * (3 * HIDDEN + 1)
     start = torch.randn(size, generator=generator, dtype=torch.float64)
     return minimise(problem, start, stops=Stops(epochs=iterations or 1000, min_fall=1e-9)).weights
 
 
-def _descend(problem: _Joined, hidden: int, iterations: int | None, starts: int, seed: int) -> Tensor:
+def _descend(problem: _Joined, iterations: int | None, starts: int, seed: int) -> Tensor:
     generator = torch.Generator().manual_seed(seed)
-    size = starts, problem.shares.shape[1], 3 * hidden + 1
+    size = starts, problem.shares.shape[1], 3 * HIDDEN + 1
     start = torch.rand(size, generator=generator, dtype=torch.float64)
-    start[..., 2 * hidden :] *= -1  # v is negative where r is positive
+    start[..., 2 * HIDDEN :] *= -1  # v is negative where r is positive
     weights = nn.Parameter(start.flatten(1))
     descent = SteepestDescent([weights], momentum=MOMENTUM, schedule=SCHEDULE)
     with torch.no_grad():

@@ -1,4 +1,4 @@
-"""One effect, network, ship and manoeuvre of a person's own, two files each: simulated, learnt, diagnosed, reported."""
+"""An effect, network, fit, ship and manoeuvre of a person's own, two files each: simulated, learnt, found, reported."""
 
 import json
 from pathlib import Path
@@ -10,11 +10,14 @@ from fleet import unchecked
 from rich.console import Console
 from sailed import table_of, to_starboard, write_runs
 
+import manoeuvre_nn as mnn
 from manoeuvre_nn.commands.diagnose import diagnose_all
 from manoeuvre_nn.commands.diagnosis_setup import wanted
 from manoeuvre_nn.commands.groups import compose, options
 from manoeuvre_nn.commands.job import prepare
 from manoeuvre_nn.commands.simulate import simulate
+from manoeuvre_nn.commands.train import train
+from manoeuvre_nn.core.errors import InputError
 
 RACE = '''
 import torch
@@ -49,6 +52,29 @@ class Line(Network):
     def forward(self, x):
         return self.layer(x)
 '''
+AVERAGE = '''
+from my_line import Line
+from manoeuvre_nn.training.fits import Fit
+
+
+class AverageFit(Fit):
+    """The mean force, whatever the motion: for a network with a layer."""
+
+    made_for = Line
+
+    def __init__(self, dynamics, share: float = 1.0) -> None:
+        super().__init__(dynamics, iterations_per_epoch=1)
+        self.share = share
+
+    def configure_optimizers(self) -> None: ...
+
+    def training_step(self, batch, batch_idx) -> None:
+        x, y = self.scaled(batch[0], batch[1])
+        self.dynamics.network.layer.weight.data.zero_()
+        self.dynamics.network.layer.bias.data.copy_(self.share * y[0].mean(0))
+        self.stopped = "done at once"
+        self.finish(batch, (self.rows(x) - y).square().mean())
+'''
 BARGE = '''
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.ship.mariner import mariner_corrected
@@ -71,6 +97,7 @@ FILES = {
     "my_race.py": RACE,
     "effect/mill_race.yaml": "# @package effect.mill_race\n_target_: my_race.MillRace\nspeed: 0.6\n",
     "my_line.py": LINE, "network/line.yaml": "_target_: my_line.Line\nscaling: centred\ndtype: float64\n",
+    "my_average.py": AVERAGE, "fit/average.yaml": "_target_: my_average.AverageFit\nshare: 0.5\n",
     "my_barge.py": BARGE, "ship/barge.yaml": "_target_: my_barge.barge\n",
     "my_nudge.py": NUDGE, "manoeuvre/nudge.yaml": "# @package manoeuvre.nudge\n_target_: my_nudge.nudge\n",
 }  # fmt: skip
@@ -84,7 +111,7 @@ def own(tmp_path_factory) -> list[str]:
     for name, text in FILES.items():
         (folder / name).parent.mkdir(exist_ok=True)
         (folder / name).write_text(text)
-    return [f"config_dir={folder}", "plugins=[my_race,my_line,my_barge,my_nudge]"]
+    return [f"config_dir={folder}", "plugins=[my_race,my_line,my_average,my_barge,my_nudge]"]
 
 
 @pytest.fixture(scope="module")
@@ -107,6 +134,33 @@ def test_an_own_ship_manoeuvre_network_and_effect_are_what_a_model_learns_from(o
     assert type(job.network).__name__ == "Line" and [e.name for e in job.data.effects] == ["mill_race"]
     assert [run.name for run in job.data.recordings] == ["nudge0.3"]
     assert job.network(torch.as_tensor(job.data.tuples.inputs)).shape[1] == 3
+
+
+SHORT = ["data.length=60", "scoring.solver=rollout", "scoring.every=1"]
+
+
+def test_an_own_fit_trains_the_networks_that_its_class_names_by_command_and_from_python(own, tmp_path):
+    train_words = [*own, *SHORT, "network=line", "fit=average", "score=[{zz20: {duration: 60}}]"]
+    with unchecked():
+        outcome = train(compose("train", train_words), tmp_path / "run", Console(quiet=True))
+        zigzag = mnn.simulate("mariner", {"zz20": {"duration": 60.0}})
+        fitted = mnn.fit("mariner", zigzag, "line", [*own, "fit=average", "data.rate_hz=1", *SHORT[1:]])
+    assert outcome is not None and outcome.trained.stopped == "done at once" and (tmp_path / "run/report.html").exists()
+    for network in (outcome.trained.fit.dynamics.network, fitted.model.network):
+        assert network.layer.bias.abs().max() > 0 and not network.layer.weight.any()
+    assert len(fitted.scores) == 1 and fitted.scores[0].manoeuvre == "zz20"
+
+
+@pytest.mark.parametrize(
+    ("words", "advice"),
+    [
+        (["network=line", "fit=closed_loop"], "write fit=average or backprop or levenberg_marquardt, or network=abk"),
+        (["network=cubic", "fit=average"], "write fit=closed_loop, or network=line"),
+    ],
+)
+def test_the_networks_and_fits_that_go_together_are_said_own_ones_among_them(own, words, advice):
+    with unchecked(), pytest.raises(InputError, match=advice):
+        prepare(compose("train", [*own, *words]))
 
 
 def test_an_own_effect_is_a_candidate_where_its_class_says_so(own):

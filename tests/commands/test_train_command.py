@@ -174,8 +174,9 @@ def test_the_ships_own_terms_may_be_known_before_the_network(cli, fast, tmp_path
 @pytest.mark.parametrize(
     "words, advice",
     [
-        (["network=wang"], "write fit=levenberg_marquardt or backprop"),
-        (["fit=backprop"], "write fit=ensemble, or network=cubic"),
+        (["network=wang", "fit=ensemble"], "write fit=backprop or levenberg_marquardt, or network=hull_rudder or hull"),
+        (["network=cubic", "fit=backprop"], "write fit=closed_loop, or network=rajesh or wang"),
+        (["fit=backprop"], "write fit=ensemble, or network=rajesh or wang"),
         (["network.scaling=standard"], "mirrored"),
         (["network.members=0"], "at least 2 nodes, 1 member"),
         (["fit.refine.steps=-1"], "steps"),

@@ -9,6 +9,7 @@ import pytest
 import yaml
 
 from manoeuvre_nn.commands.config import with_effects
+from manoeuvre_nn.commands.groups import compose
 from manoeuvre_nn.commands.job import load_model, prepare
 from manoeuvre_nn.core.errors import InputError
 
@@ -109,6 +110,55 @@ def test_a_group_names_only_what_stands_on_its_shelf(group, attack, composed):
         with pytest.raises(InputError, match=r"is refused; a config may only name things in manoeuvre_nn\."):
             prepare(cfg)
         assert unharmed(victim)
+
+
+CALLBACK = "callbacks: {a: {_target_: my_evil.Callback}}"
+GLOBAL = "# @package _global_\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("ship/mine.yaml", f"{GLOBAL}hydra: {{{CALLBACK}}}\n"),
+        ("ship/mine.yaml", f"#@package   hydra\n{CALLBACK}\n"),
+        ("ship/mine.yaml", "# @package hydra.launcher\n_target_: my_evil.Launcher\n"),
+        ("ship/mine.yaml", "defaults: [more@hydra.callbacks: evil]\n"),
+        ("ship/mine.yaml", "defaults: [override /hydra/launcher: evil]\n"),
+        ("ship/mine.yaml", f'{GLOBAL}&a x: 1\n"\\x68ydra": {{{CALLBACK}}}\n'),
+        ("ship/mine.yaml", f"{GLOBAL}plugins: [my_evil]\n"),
+        ("ship/mine.yaml", f"{GLOBAL}config_dir: /elsewhere\n"),
+        ("ship/plugins.yaml", "# @package _name_\nmy_evil: 1\n"),
+        ("ship/hydra.yaml", f"# @package _name_\n{CALLBACK}\n"),
+        ("ship/mine.yaml", f"{GLOBAL}defaults: [/outputs/evil]\n"),
+        ("ship/mine.yaml", f"{GLOBAL}defaults: [{{/ship@_here_: ../outputs/evil}}]\n"),
+        ("ship/mine.yaml", f"{GLOBAL}defaults: [/evil]\n"),
+        ("hydra/launcher/evil.yaml", "_target_: my_evil.Launcher\n"),
+        ("linked/mine.yaml", f"{GLOBAL}hydra: {{{CALLBACK}}}\n"),
+    ],
+)
+def test_a_folder_from_outside_sets_up_neither_hydra_nor_code(name, text, tmp_path, monkeypatch):
+    folder, inside = tmp_path / "theirs", tmp_path / "theirs"
+    folder.mkdir()
+    if name.startswith("linked"):
+        inside = tmp_path / "elsewhere"
+        (inside / "ship").mkdir(parents=True)
+        (folder / "ship").symlink_to(inside / "ship", target_is_directory=True)
+        name = "ship/mine.yaml"
+    (inside / name).parent.mkdir(parents=True, exist_ok=True)
+    (inside / name).write_text(text)
+    (folder / "my_evil.py").write_text("raise SystemExit('it was run')\n")
+    monkeypatch.setattr("sys.argv", ["manoeuvre"])
+    with pytest.raises(InputError, match="is refused: (a file in config_dir= may not set|its defaults name)"):
+        compose("train", [f"config_dir={folder}", "ship=mine"])
+
+
+def test_a_word_that_only_looks_like_hydras_and_the_folder_of_a_run_are_no_matter(tmp_path):
+    (tmp_path / "ship").mkdir()
+    text = "_target_: manoeuvre_nn.ship.own.own_particulars\nhydraulic_gear: 1\n"
+    (tmp_path / "ship" / "mine.yaml").write_text(text)
+    (tmp_path / "outputs").mkdir()
+    (tmp_path / "outputs" / "config.yaml").write_text("plugins: []\nhydra: {}\n")  # a run's, no option of a group
+    assert compose("train", [f"config_dir={tmp_path}", "ship=mine"]).ship.hydraulic_gear == 1
 
 
 def test_a_manifest_runs_nothing(attack, tmp_path):

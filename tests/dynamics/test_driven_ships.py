@@ -9,7 +9,8 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.members import replay_members
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.dynamics.replay import replay
-from manoeuvre_nn.estimation.series_force import Prior, SeriesForce
+from manoeuvre_nn.estimation.coefficient_forces import series_forces
+from manoeuvre_nn.estimation.coefficient_priors import Prior
 from manoeuvre_nn.network.series import Series, SeriesSettings
 from manoeuvre_nn.ship.clarke import clarke_derivatives
 from manoeuvre_nn.ship.esso_osaka_model import esso_osaka_model
@@ -89,7 +90,7 @@ def test_columns_times_coefficients_are_the_models_accelerations():
     values = rng.standard_normal(len(made.network.names))
     made, state = model(values=values), np.column_stack([rng.random((7, 3)), np.zeros((7, 2)), rng.random(7)])
     inputs = {k: rng.random(7) for k in ("delta", "n", "wind_north", "wind_east")}
-    columns = SeriesForce(made).columns(state, inputs)
+    columns = series_forces(made).columns(state, inputs)
     scaled = {"delta": inputs["delta"], "shaft": inputs["n"]}
     scaled |= {k: 0.4 * inputs[k] for k in ("wind_north", "wind_east")}
     units = np.array([0.4, 0.4, 0.4 / 3, 3, 3, 1])

@@ -13,6 +13,8 @@ from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip, Scaling
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.estimation.agreement import widened
+from manoeuvre_nn.estimation.coefficient_forces import own_forces, series_forces
+from manoeuvre_nn.estimation.coefficient_priors import own_prior
 from manoeuvre_nn.estimation.coefficients import (
     PLAIN,
     TAYLOR,
@@ -25,9 +27,6 @@ from manoeuvre_nn.estimation.coefficients import (
 )
 from manoeuvre_nn.estimation.collinear import collinear_groups
 from manoeuvre_nn.estimation.linear_motion import derived, linear_motion, steady_turn
-from manoeuvre_nn.estimation.own_terms import with_coefficients
-from manoeuvre_nn.estimation.products_force import ProductsForce
-from manoeuvre_nn.estimation.series_force import SeriesForce
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.network.series import Series, SeriesSettings
 from manoeuvre_nn.ship.clarke import clarke_derivatives
@@ -51,7 +50,7 @@ def of_series(surge, lateral, ship=None):
     ship = ship or kvlcc2_hsva()
     unit = Scaling(*(f(k, dtype=torch.float64) for f, k in ((torch.zeros, 4), (torch.ones, 4), (torch.ones, 3))))
     with unchecked():
-        return SeriesForce(IdentifiedShip(clarke_inertia_part(ship), Series(SeriesSettings(surge, lateral)), unit))
+        return series_forces(IdentifiedShip(clarke_inertia_part(ship), Series(SeriesSettings(surge, lateral)), unit))
 
 
 @pytest.mark.parametrize(
@@ -179,10 +178,14 @@ def test_the_stability_criterion_of_clarkes_ship_is_its_closed_form():
     assert found["Nomoto T'"].value == approx(both - third, rel=1e-6)
 
 
+def published(ship):
+    return own_prior(ship, 0.2)[0]
+
+
 def test_the_mariners_criterion_follows_from_its_table():
     ship = ship_named("mariner")
-    force = ProductsForce(ship)
-    (c, gain, *_) = derived(force, force.published, np.zeros((force.count,) * 2), approach_inertia(ship))
+    force = own_forces(ship)
+    (c, gain, *_) = derived(force, published(ship), np.zeros((force.count,) * 2), approach_inertia(ship))
     assert c.value == approx(-0.244 * -0.03747 - -0.0555 * -0.105, rel=1e-6) and "stable" in c.words
     # K' in the package's sign: the source's positive rudder turns to port.
     assert gain.value == approx((-0.0555 * -0.0586 - -0.244 * 0.0293) / c.value, rel=1e-6)
@@ -190,52 +193,50 @@ def test_the_mariners_criterion_follows_from_its_table():
 
 def test_intervals_of_a_criterion_near_nought_leave_open_whether_the_ship_is_stable():
     ship = ship_named("mariner")
-    force = ProductsForce(ship)
-    _, spread = force.prior(0.3)
-    c, gain, lag, _ = derived(force, force.published, np.diag(spread**2), approach_inertia(ship))
+    force = own_forces(ship)
+    _, spread = own_prior(ship, 0.3)
+    c, gain, lag, _ = derived(force, published(ship), np.diag(spread**2), approach_inertia(ship))
     assert c.low < 0 < c.high and c.words.startswith("open whether stable")
     assert np.isnan([gain.low, gain.high, lag.low]).all() and "C may be 0" in gain.words
 
 
 def test_intervals_are_those_of_linear_propagation_where_errors_are_small():
     ship = ship_named("mariner")
-    force = ProductsForce(ship)
+    force = own_forces(ship)
     place = force.names.index((2, "r"))
     covariance = np.zeros((force.count,) * 2)
     covariance[place, place] = 1e-8
-    c = derived(force, force.published, covariance, approach_inertia(ship))[0]
+    c = derived(force, published(ship), covariance, approach_inertia(ship))[0]
     assert (c.high - c.low) / 2 == approx(1.96 * 0.244 * 1e-4, rel=0.06)
 
 
 def test_the_steady_turn_is_the_one_that_the_ship_sails():
     ship = ship_named("mariner_corrected")
-    force = ProductsForce(ship)
+    force = own_forces(ship)
     with unchecked():
         (run,) = roll_out(CalmWater(ship), [turning_circle(35.0, duration=600.0)])
-    rate, words = steady_turn(force, force.published[None], 35 * DEGREE)
+    rate, words = steady_turn(force, published(ship)[None], 35 * DEGREE)
     assert rate[0] == approx(run["r"][-1] * ship.particulars.time_unit, rel=2e-3) and words == ""
 
 
 @pytest.mark.parametrize("name", SHIPS)
 def test_own_products_give_the_accelerations_of_every_ship(name):
     ship = ship_named(name)
-    p, force = ship.particulars, ProductsForce(ship)
+    p, force = ship.particulars, own_forces(ship)
     state = np.array([[1.0, 0.0, 0.0, 0, 0, 0], [0.7, -0.2, 0.4, 1, 2, 3]])
     delta = np.array([0.1, -0.4])
     unit = np.array([1.0, 1.0, 1 / p.length])
     expected = ship.acceleration(torch.as_tensor(state[:, :3] * unit * p.speed), torch.as_tensor(delta)).numpy()
     columns = force.columns(state, {"delta": delta, "n": np.ones(2)})
-    assert columns @ force.published == approx(expected / (unit * p.speed**2 / p.length), rel=1e-9, abs=1e-12)
-    again = with_coefficients(ship, force, force.published)
-    assert torch.allclose(again.table, ship.table.double())
+    assert columns @ published(ship) == approx(expected / (unit * p.speed**2 / p.length), rel=1e-9, abs=1e-12)
 
 
 def test_a_ship_without_products_of_its_own_is_refused():
     ship = ship_named("mariner")
     with pytest.raises(InputError, match="no sum of known products"):
-        ProductsForce(clarke_inertia_part(ship))
+        own_forces(clarke_inertia_part(ship))
     with pytest.raises(InputError, match="expected more than 0"):
-        ProductsForce(ship).prior(0.0)
+        own_prior(ship, 0.0)
 
 
 def test_wider_errors_never_exceed_what_was_known_before():

@@ -16,10 +16,10 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.model import IdentifiedShip, Scaling
 from manoeuvre_nn.estimation.agreement import birge_ratio
 from manoeuvre_nn.estimation.closed_loop import first, solve
-from manoeuvre_nn.estimation.own_terms import Known, fit_own_terms
+from manoeuvre_nn.estimation.coefficient_forces import own_forces, series_forces
+from manoeuvre_nn.estimation.coefficient_priors import Prior, own_prior
+from manoeuvre_nn.estimation.own_terms import fit_own_terms
 from manoeuvre_nn.estimation.problem import EstimationProblem
-from manoeuvre_nn.estimation.products_force import ProductsForce
-from manoeuvre_nn.estimation.series_force import Prior, SeriesForce
 from manoeuvre_nn.network.series import Series, SeriesSettings
 from manoeuvre_nn.ship.known import no_part
 
@@ -36,8 +36,8 @@ def sailed(name: str, count: int, lacking: float):
 
 
 def of_tanker():
-    force = ProductsForce(ship_named("esso_190k"))
-    return force, *force.prior(0.2)
+    ship = ship_named("esso_190k")
+    return own_forces(ship), *own_prior(ship, 0.2)
 
 
 def of_mariner():
@@ -46,10 +46,9 @@ def of_mariner():
     terms = yaml.safe_load((CONF / "abkowitz.yaml").read_text())["network"]
     series = Series(SeriesSettings(terms["surge"], terms["lateral"]))
     unit = Scaling(*(f(k, dtype=torch.float64) for f, k in ((torch.zeros, 4), (torch.ones, 4), (torch.ones, 3))))
-    force, own = SeriesForce(IdentifiedShip(no_part(ship), series, unit)), ProductsForce(ship)
-    table = {
-        (o, _sorted(t)): v * (-1) ** t.split().count("d") for (o, t), v in zip(own.names, own.published, strict=True)
-    }
+    force = series_forces(IdentifiedShip(no_part(ship), series, unit))
+    own = zip(own_forces(ship).names, own_prior(ship, 0.2)[0], strict=True)
+    table = {(o, _sorted(t)): v * (-1) ** t.split().count("d") for (o, t), v in own}
     truth = np.array([table.pop((o, _sorted(t)), 0.0) for o, t in series.names])
     assert not table
     return force, truth, 0.5 * Prior().of(series.names, ship.particulars)[1]
@@ -149,7 +148,7 @@ def test_the_tankers_own_table_is_fitted_to_a_recording():
     columns = dict(zip(CHANNELS, (track.stacked(*CHANNELS) * units).T, strict=True))
     recording = Recording("zz20", track.time * second, {**columns, "delta": track["delta"]})
     with unchecked():
-        own = fit_own_terms(ship, [recording], Known(relative=0.2, passes=12))
-    z = (own.fitted.values - own.fitted.mean) / own.fitted.errors
-    assert np.abs(z).max() < 3.5 and own.fitted.determined > 12 and own.ratio < 1.5
-    assert own.ship.terms == ship.terms and torch.allclose(own.ship.table[0], ship.table[0], rtol=0.1)
+        fitted, forces, ratio = fit_own_terms(ship, [recording])
+    z = (fitted.values - fitted.mean) / fitted.errors
+    assert np.abs(z).max() < 3.5 and fitted.determined > 12 and ratio < 1.5
+    assert fitted.names == tuple(forces.names) and fitted.values[:3] == approx(fitted.mean[:3], rel=0.1)

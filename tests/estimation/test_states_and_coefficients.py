@@ -7,14 +7,13 @@ import pytest
 
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.estimation.closed_loop import first, improve, solve
-from manoeuvre_nn.estimation.collocation import INFORMATION, STEP_SD, CollocatedRun
+from manoeuvre_nn.estimation.collocation import STEP_SD, CollocatedRun
+from manoeuvre_nn.estimation.measurement_noise import INFORMATION, STUDENT_FREEDOM
 from manoeuvre_nn.estimation.problem import (
     CHANNELS,
     DELAY,
     OFFSET,
-    STUDENT_FREEDOM,
     EstimationProblem,
-    NoForces,
     SensorFault,
 )
 from manoeuvre_nn.estimation.process_noise import ProcessNoise
@@ -135,7 +134,7 @@ def test_states_are_closer_to_the_truth_than_what_was_measured():
 
 def test_without_a_force_it_is_a_smoother_that_gives_accelerations():
     states, track = sailed(noise=0.01)
-    free = EstimationProblem([track], NoForces(), np.zeros(0), np.zeros(0), learn_process=True)
+    free = EstimationProblem([track], None, np.zeros(0), np.zeros(0), learn_process=True)
     found = solve(free, first(free, process_sd=(0.1, 0.1, 0.3)), passes=25)
     truth = (Linear().columns(states, track.channels) @ TRUTH)[:, 2]
     assert np.corrcoef(found.states[0][:, 8], truth)[0, 1] > 0.9
@@ -235,7 +234,7 @@ def test_the_size_of_the_coloured_accelerations_is_found(smooth):
         measured[:, 3:5], measured[:, 5] = np.cumsum(0.01 * rates, axis=1).T, psi
         seen = measured[::5] + 1e-3 * random.standard_normal(measured[::5].shape)
         track = run("pushed", 0.05 * np.arange(n // 5), seen)
-        free = EstimationProblem([track], NoForces(), np.zeros(0), np.zeros(0), learn_process=True, smooth=smooth)
+        free = EstimationProblem([track], None, np.zeros(0), np.zeros(0), learn_process=True, smooth=smooth)
         sizes.append(solve(free, first(free, process_sd=(0.1, 0.1, 0.1)), passes=40).process_sd)
     assert 0.2 * 0.75 < np.mean(sizes) < 0.2 * 1.25
 
@@ -254,7 +253,7 @@ def test_where_nothing_is_missing_nothing_is_found_wherever_it_starts(start):
 def test_the_size_rests_where_expectation_and_maximisation_do():
     _, track = sailed(noise=0.003)
     track = track.with_channels(wind_east=np.ones(200))
-    asked = EstimationProblem([track], NoForces(), np.zeros(0), np.zeros(0), learn_process=True, with_speed=True)
+    asked = EstimationProblem([track], None, np.zeros(0), np.zeros(0), learn_process=True, with_speed=True)
     found = solve(asked, first(asked, process_sd=(0.01,) * 3), passes=100, enough=1e-6)
     line = CollocatedRun(asked, found, 0)
     square = line.innovations(found.states[0]) ** 2 + line.innovation_variance(found.covariance)
@@ -266,7 +265,7 @@ def test_the_size_rests_where_expectation_and_maximisation_do():
 def test_the_size_keeps_below_what_is_allowed():
     _, track = sailed(noise=0.003)
     largest = np.array([0.01, 0.02, 0.03])
-    asked = EstimationProblem([track], NoForces(), np.zeros(0), np.zeros(0), learn_process=True, max_process_sd=largest)
+    asked = EstimationProblem([track], None, np.zeros(0), np.zeros(0), learn_process=True, max_process_sd=largest)
     assert solve(asked, first(asked, process_sd=(1e-3,) * 3)).process_sd[2] == largest[2]
 
 

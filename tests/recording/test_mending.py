@@ -5,7 +5,8 @@ import pytest
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.recording.read.mending import followed, outlying
+from manoeuvre_nn.recording.outliers import spikes
+from manoeuvre_nn.recording.read.mending import followed
 from manoeuvre_nn.recording.read.position import local_metres
 from manoeuvre_nn.recording.read.reader import read_recording
 
@@ -90,9 +91,9 @@ def test_steps_ramps_and_pairs_are_no_outliers():
     step = np.repeat([0.0, 1.0, -1.0], 20)
     pair = np.sin(np.arange(60) / 9)
     pair[[30, 31]] += 5.0
-    assert not outlying(step).any() and not outlying(np.arange(40.0)).any() and not outlying(pair).any()
+    assert not spikes(step).any() and not spikes(np.arange(40.0)).any() and not spikes(pair).any()
     pair[31] -= 5.0
-    assert np.flatnonzero(outlying(pair)).tolist() == [30]
+    assert np.flatnonzero(spikes(pair)).tolist() == [30]
 
 
 def test_gaps_of_some_seconds_are_filled_where_that_is_asked_for(zz20, frame, write, columns, ship):

@@ -15,7 +15,7 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.estimation.agreement import birge_scaled_covariance
-from manoeuvre_nn.estimation.series_force import Prior
+from manoeuvre_nn.estimation.coefficient_priors import Prior
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.network.series import Series, SeriesSettings
@@ -138,7 +138,7 @@ def test_runs_at_two_speeds_are_one_model_that_knows_a_third():
 
 
 def test_settings_that_make_no_sense_are_refused():
-    with pytest.raises(InputError, match="network=cubic, modulus or abkowitz"):
+    with pytest.raises(InputError, match="ClosedLoopFit does not train a Perceptron"):
         ClosedLoopFit(tiny.dynamics(tiny.usual()))
     with pytest.raises(InputError, match="linear=clarke_inertia"):
         ClosedLoopFit(blank(clarke_part(SHIP)))

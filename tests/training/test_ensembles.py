@@ -239,7 +239,7 @@ def test_an_ensemble_that_knows_the_shaft_learns_too(tmp_path):
 @pytest.mark.parametrize(
     ("make", "told"),
     [
-        (lambda: EnsembleFit(tiny.dynamics(tiny.usual())), "fit=ensemble trains network=hull_rudder or hull_rudder_sh"),
+        (lambda: EnsembleFit(tiny.dynamics(tiny.usual())), "EnsembleFit does not train a Perceptron: choose another"),
         (lambda: ensemble(epochs=0), "fit.epochs=0, fit.restarts=1: expected at least 1 of each"),
         (lambda: ensemble(restarts=0), "fit.epochs=4, fit.restarts=0: expected at least 1 of each"),
         (lambda: ensemble(damping="none"), "fit.damping 'none' is unknown; choose one of: trainlm, nielsen"),

@@ -65,13 +65,13 @@ def coefficients_of(fit: ClosedLoopFit, problem: EstimationProblem, found: Estim
     Returns:
         Coefficients and what follows from them.
     """
-    known, network, count = fit.dynamics.known, fit.network, fit.columns.count
+    known, network, count = fit.dynamics.known, fit.network, fit.forces.count
     values, (covariance, ratio) = found.values[:count], birge_scaled_covariance(problem, found)
     fitted = Fitted(
         tuple(network.names), values, covariance, problem.mean, problem.spread, approach_inertia(known),
         form_of(network.terms),
     )  # fmt: skip
-    follows = derived(fit.columns, values, covariance, fitted.inertia)
+    follows = derived(fit.forces, values, covariance, fitted.inertia)
     return Coefficients(known.particulars, fitted, follows, source, ratio=ratio)
 
 

@@ -22,7 +22,7 @@ from manoeuvre_nn.estimation.captive_fit import agreeing_inertia, compare, fit_c
 from manoeuvre_nn.estimation.closed_loop import first, solve
 from manoeuvre_nn.estimation.coefficients import fitted_from
 from manoeuvre_nn.estimation.linear_motion import Derived, derived
-from manoeuvre_nn.estimation.own_terms import Known, fit_own_terms
+from manoeuvre_nn.estimation.own_terms import fit_own_terms
 from manoeuvre_nn.recording.read.captive import CaptiveTests, read_captive
 from manoeuvre_nn.recording.read.mapping import is_number
 from manoeuvre_nn.recording.read.mapping_file import read_captive_mapping
@@ -123,13 +123,12 @@ def _own(cfg: DictConfig, console: Console) -> Coefficients:
     with console.status("fitting in closed loop"):
         job.data.setup(stage=None)
         f = cfg.fit
-        known = Known(
-            float(cfg.relative), tuple(f.force), float(f.force_time), tuple(f.floor), learn_force=bool(f.learn_force)
-        )
-        own = fit_own_terms(ship, job.data.measured, known)
-    f = own.fitted
-    follows = derived(own.force, f.values, f.covariance, f.inertia)
-    return Coefficients(ship.particulars, f, follows, job.data.describe(), ratio=own.ratio)
+        fitted, forces, ratio = fit_own_terms(
+            ship, job.data.measured, float(cfg.relative), force=tuple(f.force), force_time=float(f.force_time),
+            floor=tuple(f.floor), learn_force=bool(f.learn_force),
+        )  # fmt: skip
+    follows = derived(forces, fitted.values, fitted.covariance, fitted.inertia)
+    return Coefficients(ship.particulars, fitted, follows, job.data.describe(), ratio=ratio)
 
 
 def _read(folder: Path) -> Coefficients:

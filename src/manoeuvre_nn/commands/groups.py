@@ -1,6 +1,8 @@
 """Where the groups of conf are, in the package and in a folder of the user's own; nothing here loads torch."""
 
+import fnmatch
 import importlib
+import os
 import re
 import sys
 from collections.abc import Mapping, Sequence
@@ -18,6 +20,9 @@ from manoeuvre_nn.core.errors import InputError
 
 OWN = ("config_dir", "--config-dir", "-cd")
 """How a folder of the user's own is named."""
+GROUPS = sorted(path.name for path in CONF.iterdir() if path.is_dir())
+OF_THE_USER = {"hydra", "plugins", "config_dir"}
+"""Settings that are said on the command line and nowhere else."""
 FOLLOWING = ("linear", "network", "fit")
 """Groups that a ship, a network or recordings may choose too; what the user writes always holds."""
 
@@ -85,8 +90,10 @@ def own_folder(words: Sequence[str]) -> tuple[list[str], Path | None]:
     folder = Path(named.strip("'\"")).expanduser().resolve()
     if not folder.is_dir():
         raise InputError(f"config_dir={named} is not a folder: write one with ship/, effect/, manoeuvre/ ... in it")
-    for path in folder.rglob("*.yaml"):
-        check_own_file(path, folder)
+    for group in GROUPS:  # other folders, such as those of runs, may hold anything: nothing of theirs can be chosen
+        for place, _, names in os.walk(folder / group, followlinks=True):
+            for name in fnmatch.filter(names, "*.yaml"):
+                _check_own_file(Path(place, name), folder)
     return [*kept, f"config_dir={_quoted(str(folder))}"], folder
 
 
@@ -95,16 +102,8 @@ def _quoted(text: str) -> str:
     return "'" + text.replace("\\", "\\\\").replace("'", "\\'") + "'"
 
 
-def check_own_file(path: Path, folder: Path) -> None:
-    """Refuse a yaml that would set hydra up: what hydra starts is named in its settings.
-
-    Args:
-        path: The yaml.
-        folder: The user's own folder that it is in.
-
-    Raises:
-        InputError: If it does, or cannot be read.
-    """
+def _check_own_file(path: Path, folder: Path) -> None:
+    """Refuse a yaml that would set what only the user says: hydra's settings and plugins= name code that is run."""
     try:
         text = path.read_text(encoding="utf-8")
         content = yaml.safe_load(text)
@@ -112,9 +111,16 @@ def check_own_file(path: Path, folder: Path) -> None:
         raise InputError(f"{path} is no valid yaml: {str(error).splitlines()[0]}") from error
     content = content if isinstance(content, Mapping) else {}
     package = re.findall(r"^\s*#\s*@package\s+(\S+)", text, flags=re.MULTILINE)
-    reached = [str(key) for key in content] + package + [str(content.get("defaults", ""))]
-    if path.relative_to(folder).parts[0] == "hydra" or any("hydra" in name for name in reached):
-        raise InputError(f"{path} is refused: a file in config_dir= may not change hydra's own settings")
+    reached = [*content, *package, content.get("defaults", ""), path.relative_to(folder).with_suffix("")]
+    if OF_THE_USER & set(re.findall(r"\w+", " ".join(map(str, reached)))):
+        raise InputError(f"{path} is refused: a file in config_dir= may not set {', '.join(sorted(OF_THE_USER))}")
+    for entry in content.get("defaults") or []:
+        named = next(iter(entry), "") if isinstance(entry, Mapping) else entry
+        group = str(named).rpartition(" ")[2].partition("@")[0]
+        if ".." in str(entry) or (group.startswith("/") and group.split("/")[1] not in GROUPS):
+            raise InputError(
+                f"{path} is refused: its defaults name {entry}, which is in no group ({', '.join(GROUPS)})"
+            )
 
 
 def plugged_in(cfg: DictConfig) -> None:

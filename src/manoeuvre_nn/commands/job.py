@@ -10,23 +10,18 @@ from omegaconf import DictConfig, OmegaConf
 
 from manoeuvre_nn.commands import config as configs
 from manoeuvre_nn.commands.provenance import CONFIG
-from manoeuvre_nn.commands.shelves import TARGET, build, check_arguments, check_plain, gathered, on_shelf
+from manoeuvre_nn.commands.shelves import TARGET, build, check_arguments, check_plain, gathered, kinds, made_by
 from manoeuvre_nn.core.data_files import load_yaml
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.network import Network
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.dynamics.model import IdentifiedShip, Scaling
-from manoeuvre_nn.network.hull_rudder import HullRudder
-from manoeuvre_nn.network.series import Series
 from manoeuvre_nn.training import session
 from manoeuvre_nn.training.callbacks import RolloutScore
 from manoeuvre_nn.training.checkpoint import load_weights, read_checkpoint
-from manoeuvre_nn.training.closed_loop_fit import ClosedLoopFit
 from manoeuvre_nn.training.data import DEFAULT_SCORE, SUBSTITUTES, ManoeuvreData, RecordedData
-from manoeuvre_nn.training.ensemble import EnsembleFit
 from manoeuvre_nn.training.fits import Fit
-from manoeuvre_nn.training.given import GivenData
 from manoeuvre_nn.training.scalings import KINDS, make_scaling
 from manoeuvre_nn.training.settings import check_simulable
 
@@ -70,8 +65,8 @@ def prepare(cfg: DictConfig, runs: Sequence[Recording] = (), ship: Ship | Partic
         The job.
     """
     ship, known = known_part(cfg, ship)
-    _check_pair(cfg)
     network, scaling, dtype = blank_network(cfg)
+    _check_pair(cfg, type(network))
     seed = configs.whole_number("seed", cfg.seed, 0)
     lasting = {k: v for k, v in cfg.trainer.items() if k != "threads"}
     for kind, given in ((session.Session, lasting), (RolloutScore, {"held_out": None, **cfg.scoring})):
@@ -81,39 +76,21 @@ def prepare(cfg: DictConfig, runs: Sequence[Recording] = (), ship: Ship | Partic
     return Job(data, network, scaling, dtype, session.Session(**lasting))
 
 
-KINDS_OF_FIT = (
-    (HullRudder, EnsembleFit, "an ensemble (hull_rudder)", "fit=ensemble, or network=cubic, wang or rajesh"),
-    (
-        Series,
-        ClosedLoopFit,
-        "a series (cubic, modulus, abkowitz)",
-        "fit=closed_loop, or network=hull_rudder, wang or rajesh",
-    ),
-)
-"""Network, the method that it alone has, what it is called, what to write."""
-
-
-def _check_pair(cfg: DictConfig) -> None:
-    """Refuse a method for another kind of network."""
-    for group in ("network", "fit"):
-        on_shelf(str(cfg[group][TARGET]), group)
-    for network, fit, kind, wanted in KINDS_OF_FIT:
-        ours = _named(cfg.network, network)
-        if ours == _named(cfg.fit, fit):
-            continue
-        given = f"fit._target_={cfg.fit['_target_']}"
-        if ours:
-            raise InputError(f"network is {kind}, which {given} does not train: write {wanted}")
-        wanted = "fit=levenberg_marquardt or backprop for network=wang and rajesh, fit=ensemble for hull_rudder, fit="
-        raise InputError(
-            f"network._target_={cfg.network['_target_']}, which {given} does not train: write {wanted}closed_loop for "
-            "cubic, modulus and abkowitz"
-        )
-
-
-def _named(settings: DictConfig, kind: type) -> bool:
-    """Whether settings are those of a class; nothing is imported."""
-    return str(settings[TARGET]) == f"{kind.__module__}.{kind.__qualname__}"
+def _check_pair(cfg: DictConfig, network: type[Network]) -> None:
+    """Refuse a method for another kind of network, and say what goes with either."""
+    chosen = made_by(cfg.fit, "fit")
+    if chosen is None or chosen.trains(network):
+        return
+    own = cfg.get("config_dir")
+    suiting = {
+        "fit": [name for name, fit in kinds("fit", own).items() if fit.trains(network)],
+        "network": [name for name, kind in kinds("network", own).items() if chosen.trains(kind)],
+    }
+    advice = ", or ".join(f"{group}={' or '.join(names)}" for group, names in suiting.items() if names)
+    raise InputError(
+        f"network._target_={cfg.network[TARGET]} is a {network.__name__}, which fit._target_={cfg.fit[TARGET]} does "
+        f"not train: write {advice}"
+    )
 
 
 def known_part(cfg: DictConfig, ship: Ship | Particulars | None = None) -> tuple[Ship | Particulars, Ship]:
@@ -197,7 +174,7 @@ def _recorded(cfg: DictConfig, common: dict[str, Any], names: list[str]) -> Reco
     return build(settings, "data", **common, mapping=columns, score=names)
 
 
-def _given(cfg: DictConfig, common: dict[str, Any], runs: Sequence[Recording]) -> GivenData:
+def _given(cfg: DictConfig, common: dict[str, Any], runs: Sequence[Recording]) -> RecordedData:
     """The data module for recordings that are at hand; what of them is used is said as for files."""
     named = [key for key in ("files", "mapping") if cfg.data.get(key)]
     if named:
@@ -205,7 +182,7 @@ def _given(cfg: DictConfig, common: dict[str, Any], runs: Sequence[Recording]) -
     settings = OmegaConf.to_container(cfg.data, resolve=True)
     assert isinstance(settings, dict)
     kept = {str(k): v for k, v in settings.items() if k not in OF_FILES}
-    return GivenData(runs=runs, **gathered(GivenData, {**kept, **common}))
+    return RecordedData(runs=runs, **gathered(RecordedData, {**kept, **common}))
 
 
 def make_fit(cfg: DictConfig, job: Job) -> Fit:
@@ -234,6 +211,7 @@ def fit_of(cfg: DictConfig, dynamics: IdentifiedShip) -> Fit:
     """
     settings = OmegaConf.to_container(cfg.fit, resolve=True)
     assert isinstance(settings, dict)
+    settings.pop("scaling", None)  # which network.scaling refers to
     if "seed" in settings:
         settings["seed"] = int(cfg.seed)
     return build(settings, "fit", dynamics=dynamics)

@@ -3,12 +3,15 @@
 import importlib
 import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass, replace
 from types import NoneType, UnionType
 from typing import Any, get_args
 
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
+from manoeuvre_nn.commands.groups import options
+from manoeuvre_nn.core.data_files import load_yaml
 from manoeuvre_nn.core.errors import InputError
 
 TARGET = "_target_"
@@ -34,10 +37,7 @@ SHELVES = {
     "network": Shelf(("manoeuvre_nn.network",), ("manoeuvre_nn.core.network.Network",)),
     "effect": Shelf(("manoeuvre_nn.effect",), ("manoeuvre_nn.core.effect.Effect",)),
     "manoeuvre": Shelf(("manoeuvre_nn.manoeuvre",), ("manoeuvre_nn.core.manoeuvre.Manoeuvre",)),
-    "fit": Shelf(
-        ("manoeuvre_nn.training.fits", "manoeuvre_nn.training.ensemble", "manoeuvre_nn.training.closed_loop_fit"),
-        ("manoeuvre_nn.training.fits.Fit",),
-    ),
+    "fit": Shelf(("manoeuvre_nn.training",), ("manoeuvre_nn.training.fits.Fit",)),
     "data": Shelf(("manoeuvre_nn.training.data",), ("manoeuvre_nn.training.data.ManoeuvreData",)),
 }
 """Group of conf -> its shelf."""
@@ -128,6 +128,30 @@ def on_shelf(target: str, group: str, shelf: Shelf | None = None) -> Callable[..
     if getattr(found, "__module__", None) != module or not _makes(found, shelf):
         raise refused
     return found
+
+
+def made_by(config: Any, group: str) -> Any:
+    """The class of what a piece of config describes, without making it; None if its function does not say."""
+    made = on_shelf(str(config[TARGET]), group)
+    return made if inspect.isclass(made) else inspect.get_annotations(made, eval_str=True).get("return")
+
+
+def kinds(group: str, own: str | None = None) -> dict[str, Any]:
+    """Options of a group -> the class of what each describes; those that do not say, or may not be named, are left out.
+
+    Args:
+        group: Group of conf.
+        own: Folder of the user's own.
+
+    Returns:
+        Name -> class.
+    """
+    found = {}
+    for name, path in options(group, own).items():
+        content = load_yaml(path)
+        with suppress(InputError, ModuleNotFoundError):
+            found[name] = made_by(content.get(group, content), group)
+    return {name: kind for name, kind in found.items() if kind is not None}
 
 
 def _makes(found: Any, shelf: Shelf) -> bool:

@@ -22,6 +22,7 @@ from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linear_run import Columns
 from manoeuvre_nn.estimation.linearised_run import NoiseLevels, calm_rate, integrated, linearise
 from manoeuvre_nn.estimation.smoothed_run import first_guess
+from manoeuvre_nn.recording.outliers import spikes
 from manoeuvre_nn.recording.preparation import measured
 
 
@@ -170,7 +171,7 @@ def recorded(run: Recording, warmup: float) -> pd.DataFrame:
         The same columns from the end of the warm-up.
     """
     m = measured(run)
-    m = np.where(_outliers(m), np.nan, m)
+    m = np.where(np.apply_along_axis(spikes, 0, m, min_spread_share=0.0), np.nan, m)
     x, y, vn, ve, psi, r, log = m[:, :7].T
     cos, sin = np.cos(psi), np.sin(psi)
     table = pd.DataFrame(
@@ -178,18 +179,6 @@ def recorded(run: Recording, warmup: float) -> pd.DataFrame:
          "r": r / DEGREE, "u_log": log}
     )  # fmt: skip
     return table[run.time >= warmup - 1e-9].reset_index(drop=True)
-
-
-def _outliers(m: Float[np.ndarray, "n 8"]) -> np.ndarray:
-    """Single samples far from the middle of their neighbours, farther than these are from the middle of theirs."""
-    off = np.zeros_like(m)
-    off[1:-1] = np.abs(m[1:-1] - 0.5 * (m[:-2] + m[2:]))
-    off = np.nan_to_num(off)
-    middle = np.ma.median(np.ma.masked_equal(off, 0.0), axis=0).filled(0.0)
-    far = off > 8 * (1.4826 * middle + 1e-9)
-    beside = np.zeros_like(off)
-    beside[1:-1] = np.maximum(off[:-2], off[2:])
-    return far & (off > beside)
 
 
 def errors(prediction: pd.DataFrame, record: pd.DataFrame) -> dict[str, float]:

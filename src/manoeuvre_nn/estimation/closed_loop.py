@@ -6,7 +6,8 @@ shooting, taken here to its end: the states at *all* samples are unknowns, tied 
 of motion and process noise, and to the recordings by each channel's noise. States, coefficients and sensors' errors are
 then one nonlinear least-squares problem. Gauss-Newton solves it: each pass linearises every run, integrates its states
 out (:mod:`.linear_run`), and takes the posterior of the unknowns (:mod:`.posterior`). Noise levels follow by
-expectation and maximisation. Without coefficients the same lines are a smoother for all channels at once.
+expectation and maximisation (:mod:`.measurement_noise`). Without coefficients the same lines are a smoother for all
+channels at once.
 
 No library does this: smoothers (filterpy, pykalman) know no coefficients, and optimizers (casadi, gekko) no structure
 of a chain and no covariance.
@@ -31,8 +32,9 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.estimation.agreement import agreed_floor
 from manoeuvre_nn.estimation.collocation import CollocatedRun
 from manoeuvre_nn.estimation.linear_run import summed
+from manoeuvre_nn.estimation.measurement_noise import measured_noise, student_weight
 from manoeuvre_nn.estimation.posterior import posterior
-from manoeuvre_nn.estimation.problem import CHANNELS, MOTION, STUDENT_FREEDOM, Estimate, EstimationProblem
+from manoeuvre_nn.estimation.problem import CHANNELS, MOTION, Estimate, EstimationProblem
 
 PASSES_BETWEEN_FLOORS, FLOOR_AT_REST = 3, 0.05
 """Passes between two looks at the floor of the noise, and change of it over itself that is none."""
@@ -170,16 +172,12 @@ def solve(
 
 def _with_noise(problem: EstimationProblem, new: Estimate, runs: Sequence[CollocatedRun]) -> Estimate:
     """Noise levels that explain what is left of the channels; weights by Student's t."""
-    total, count, weights = np.zeros(6), np.zeros(6), []
+    square = []
     for k, run in enumerate(runs):
-        present, state = problem.present[k], new.states[k]
-        shown = state[:, :MOTION] + run.marks @ new.values[problem.own(k)]
+        shown = new.states[k][:, :MOTION] + run.marks @ new.values[problem.own(k)]
         variance = new.state_covariance[k][:, range(MOTION), range(MOTION)]
-        square = np.where(present > 0, (shown - np.nan_to_num(problem.measured[k])) ** 2 + variance, 0.0)
-        weights.append(present * _weight(square, new.noise))
-        total += (weights[-1] * square).sum(0)
-        count += present.sum(0)
-    noise = np.maximum(np.sqrt(total / np.maximum(count, 1.0)), new.floor)
+        square.append((shown - problem.measured[k]) ** 2 + variance)
+    noise, weights = measured_noise(square, problem.present, new.noise, new.floor, "student")
     new = replace(new, noise=noise, sample_weights=tuple(weights))
     return _with_process(problem, new, runs) if problem.learn_process else new
 
@@ -207,7 +205,7 @@ def _with_process(problem: EstimationProblem, new: Estimate, runs: Sequence[Coll
             part.reshape(len(part), -1, 3).sum(1) / usual
             for part in (run.innovations(state) ** 2, run.innovation_variance(new.covariance))
         )
-        weights.append(_weight(square + variance, new.process_sd, order))
+        weights.append(student_weight(square + variance, new.process_sd, order))
         mean += (weights[-1] * square).sum(0)
         known += np.maximum(order - weights[-1] * variance / new.process_sd**2, 0.0).sum(0)
     factor = np.clip(np.sqrt(mean / known) / new.process_sd, 1 / MAX_PROCESS_FACTOR, MAX_PROCESS_FACTOR)
@@ -215,10 +213,3 @@ def _with_process(problem: EstimationProblem, new: Estimate, runs: Sequence[Coll
     return replace(
         new, process_sd=np.clip(new.process_sd * factor, MIN_PROCESS_SD, largest), step_weights=tuple(weights)
     )
-
-
-def _weight(
-    square: Float[np.ndarray, "n k"], scale: Float[np.ndarray, " k"], size: int = 1
-) -> Float[np.ndarray, "n k"]:
-    """Weight of samples whose expected square is given, under Student's t of a scale in so many dimensions."""
-    return (STUDENT_FREEDOM + size) / (STUDENT_FREEDOM + square / scale**2)

@@ -11,13 +11,11 @@ import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.estimation.linear_run import Columns, IntegratedRun, SampleEquations, StepEquations
-from manoeuvre_nn.estimation.problem import CHANNELS, DELAY, MOTION, STUDENT_FREEDOM, Estimate, EstimationProblem
+from manoeuvre_nn.estimation.measurement_noise import INFORMATION
+from manoeuvre_nn.estimation.problem import CHANNELS, DELAY, MOTION, Estimate, EstimationProblem
 
 STEP_SD = 3e-4
 """Standard deviation of what a step of one unit of time may miss the equations by beside the process noise."""
-INFORMATION = (STUDENT_FREEDOM + 1) / (STUDENT_FREEDOM + 3)
-"""Fisher's information of a sample under Student's t over that of a weight of 1. With it standard errors are right for
-noise with outliers and, to 3 %, for Gaussian noise; without it they are a sixth too small."""
 STATE_DIFFERENCE = 1e-5
 """Step of the difference quotient of forces by the state."""
 
@@ -65,7 +63,7 @@ class CollocatedRun:
         s, theta = self.state, self.now.values[: self.problem.shared]
         gaps = np.diff(self.recording.time)
         h = gaps[:, None, None]
-        columns = self.problem.forces.columns(s[:, :MOTION], self.recording.channels)
+        columns = self.problem.force_columns(self.run, s[:, :MOTION])
         self.rate, slope = self._rate(columns @ theta, theta)
         eye = np.eye(self.size)[:MOTION]
         left, right = (np.zeros((len(s) - 1, self.size, self.size)) for _ in range(2))
@@ -105,9 +103,7 @@ class CollocatedRun:
         slope = np.zeros((len(s), MOTION, self.size))
         for k in (0, 1, 2, 5) if len(theta) else ():
             nudge = STATE_DIFFERENCE * np.eye(MOTION)[k]
-            ahead, behind = (
-                self.problem.forces.columns(s[:, :MOTION] + sign * nudge, self.recording.channels) for sign in (1, -1)
-            )
+            ahead, behind = (self.problem.force_columns(self.run, s[:, :MOTION] + sign * nudge) for sign in (1, -1))
             slope[:, :3, k] = (ahead - behind) @ theta / (2 * STATE_DIFFERENCE)
         slope[:, range(3), range(MOTION, MOTION + 3)] = 1.0
         slope[:, 3, 0], slope[:, 3, 1], slope[:, 3, 5] = cos, -sin, -rate[:, 4]

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.estimation.problem import CoefficientForces
+from manoeuvre_nn.estimation.coefficient_forces import CoefficientForces
 
 DRAWS = 2000
 """Draws from the coefficients' uncertainty."""

@@ -3,10 +3,9 @@
 All is in units of L and the speed of the run's approach.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -14,62 +13,18 @@ from jaxtyping import Float, Int
 from manoeuvre_nn.core.channels import CHANNELS as DECLARED
 from manoeuvre_nn.core.channels import MOTION as MOTION_CHANNELS
 from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.estimation.coefficient_forces import CoefficientForces
 from manoeuvre_nn.estimation.process_noise import ProcessNoise
 
 CHANNELS = MOTION_CHANNELS[:6]
 """Measured channels and first states; the others are the process noise of surge, sway and yaw."""
 MOTION = len(CHANNELS)
-STUDENT_FREEDOM = 4.0
-"""Degrees of freedom of Student's t, the distribution of measurement noise with outliers."""
-GAUSSIAN = 1.203
-"""Standard deviation of Gaussian noise over the scale of the Student's t that fits it best."""
 PRESSURE_AT_REST = 0.1
 """Square of the speed over that of the approach below which what a model lacks hardly gets less."""
 DELAY, OFFSET = "delay", "offset"
 """What a sensor may get wrong: it writes down too late, or too much."""
 DELAY_SD = 0.1
 """Prior standard deviation of what sensors are late by, in L/U0."""
-
-
-@runtime_checkable
-class CoefficientForces(Protocol):
-    """Accelerations that are linear in coefficients."""
-
-    count: int
-
-    def columns(
-        self, state: Float[np.ndarray, "n 6"], inputs: Mapping[str, Float[np.ndarray, " n"]]
-    ) -> Float[np.ndarray, "n 3 p"]:
-        """What the coefficients are multiplied by.
-
-        Args:
-            state: u, v, r, x, y, psi.
-            inputs: Rudder angle, shaft speed and what else is known over time.
-
-        Returns:
-            Columns: accelerations of surge, sway and yaw for a coefficient of 1.
-        """
-
-
-class NoForces:
-    """Nothing is known of the ship: all acceleration is the coloured one, and the problem is a smoother."""
-
-    count = 0
-
-    def columns(
-        self, state: Float[np.ndarray, "n 6"], inputs: Mapping[str, Float[np.ndarray, " n"]]
-    ) -> Float[np.ndarray, "n 3 0"]:
-        """No column.
-
-        Args:
-            state: u, v, r, x, y, psi.
-            inputs: Anything.
-
-        Returns:
-            An empty array.
-        """
-        del inputs
-        return np.zeros((len(state), 3, 0))
 
 
 def measured_motion(recording: Recording) -> Float[np.ndarray, "n 6"]:
@@ -125,7 +80,8 @@ class EstimationProblem:
     Attributes:
         recordings: u, v, r, x, y, psi and what acts on the ship (``delta``, ``n``, ``wind_north``, ``wind_east``); even
             or uneven times. Gaps are NaN, channels of ``meta["derived"]`` only say where to start.
-        forces: Columns of the coefficients.
+        forces: Columns of the coefficients. None: nothing is known of the ship, all acceleration is process noise, and
+            the problem is a smoother.
         mean: Prior mean of the coefficients.
         spread: Prior standard deviation.
         process_time: Correlation time of the process noise.
@@ -140,7 +96,7 @@ class EstimationProblem:
     """
 
     recordings: Sequence[Recording]
-    forces: CoefficientForces
+    forces: CoefficientForces | None
     mean: Float[np.ndarray, " p"]
     spread: Float[np.ndarray, " p"]
     process_time: float = 1.0
@@ -151,6 +107,20 @@ class EstimationProblem:
     learn_floor: bool = False
     max_process_sd: Float[np.ndarray, " 3"] | None = None
     with_speed: bool = False
+
+    def force_columns(self, run: int, state: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, "n 3 p"]:
+        """Accelerations in a run for coefficients of 1.
+
+        Args:
+            run: Its number.
+            state: u, v, r, x, y, psi.
+
+        Returns:
+            One column a coefficient.
+        """
+        if self.forces is None:
+            return np.zeros((len(state), 3, 0))
+        return self.forces.columns(state, self.recordings[run].channels)
 
     @property
     def process(self) -> ProcessNoise:

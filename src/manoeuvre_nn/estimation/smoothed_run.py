@@ -10,7 +10,8 @@ from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.estimation.linear_run import Columns, joined
-from manoeuvre_nn.estimation.linearised_run import LinearisedRun, NoiseLevels, Rate, integrated, linearise
+from manoeuvre_nn.estimation.linearised_run import SIZE, LinearisedRun, NoiseLevels, Rate, integrated, linearise
+from manoeuvre_nn.estimation.measurement_noise import MIN_SAMPLES, measured_noise
 from manoeuvre_nn.recording.preparation import measured, without_samples
 
 KINEMATIC_ERROR_SD = np.array([1.0, 1.0, 0.03, 0.08, 1e-3, 4.0, 4.0])
@@ -18,12 +19,12 @@ KINEMATIC_ERROR_SD = np.array([1.0, 1.0, 0.03, 0.08, 1e-3, 4.0, 4.0])
 forward and to starboard [m]: little, for while any force is allowed it looks like a drift of the ship."""
 KINEMATIC_ERROR_POWERS = (0.5, 0.5, 0.0, 0.0, -0.5, 1.0, 1.0)
 """Exponents of length with which it goes."""
+LINEARISATIONS = 4
+"""How often the equations are linearised and solved."""
 SHAFT = 7
 """Channel of the shaft speed: no state explains it, so its misfit is no outlier."""
 MOTION_POWERS = (0.5, 0.5, -0.5, 1.0, 1.0, 0.0)
 """Exponents of length with which u, v, r, x, y, psi go by Froude's law."""
-OUTLIER_SDS = 5.0
-"""Samples further off than this many standard deviations are left out."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,7 @@ class SmootherNoise:
     process_time: float
 
 
-def smooth(run: Recording, rate: Rate, noise: SmootherNoise, ship: Particulars, passes: int = 4) -> SmoothedRun:
+def smooth(run: Recording, rate: Rate, noise: SmootherNoise, ship: Particulars) -> SmoothedRun:
     """Find the states by an iterated smoother in which any force, a stream, and compass and log errors are possible.
 
     Args:
@@ -90,18 +91,18 @@ def smooth(run: Recording, rate: Rate, noise: SmootherNoise, ship: Particulars, 
         rate: Accelerations of the calm-water model.
         noise: What the noise may be.
         ship: The ship, for usual sizes.
-        passes: Number of linearisations.
 
     Returns:
         States, noise and process noise; outliers are gaps in the run of its equations.
     """
-    whole = run
+    shaft = measured(run)[:, SHAFT]
     run = run.with_channels(**{MEASURED[SHAFT]: np.full(len(run), np.nan)})
-    track, sigma, original = first_guess(run), noise.channels.copy(), run
+    track, states, sigma = first_guess(run), np.zeros((len(run), SIZE)), noise.channels
     inflation = np.ones(len(MEASURED))
     start_sd = ship.sized([2.0, 2.0, 0.01, 20.0, 20.0, 0.2], MOTION_POWERS)
     error_sd = ship.sized(KINEMATIC_ERROR_SD, KINEMATIC_ERROR_POWERS)
-    for last in [False] * (passes - 1) + [True]:
+    for _ in range(LINEARISATIONS):
+        track = track + states[:, :6]
         linearised = linearise(run, rate, track, noise.process_time)
         levels = NoiseLevels(sigma * np.sqrt(inflation), noise.process_sd, noise.process_time)
         solved = integrated(linearised, levels, start_sd)
@@ -112,13 +113,13 @@ def smooth(run: Recording, rate: Rate, noise: SmootherNoise, ship: Particulars, 
         left = np.append(1.0, -values)
         states = solved.states(embedded.combined(left))[..., 0]
         residual = columns.measured @ left - np.einsum("kci,ki->kc", linearised.observed, states)
-        run, sigma, inflation = _with_outliers(original, run, residual, sigma, noise.least)
-        if not last:
-            track = track + states[:, :6]
+        sigma, (weights,) = measured_noise([residual**2], [linearised.present], sigma, noise.least, "cut")
+        inflation = _long_run(residual * weights / sigma)
+        run = without_samples(run, weights == 0)
     # With any force allowed the misfit should be one per sample; what it is more, the medians missed.
     misfit = float(g[0] @ left) / max(np.isfinite(measured(linearised.run)).sum(), 1)
     sigma = sigma * np.sqrt(np.clip(misfit, 1.0, 1.5))
-    run = run.with_channels(**{MEASURED[SHAFT]: measured(whole)[:, SHAFT]})
+    run = run.with_channels(**{MEASURED[SHAFT]: shaft})
     return SmoothedRun(linearise(run, rate, track, noise.process_time), sigma, inflation, states[:, 6:])
 
 
@@ -138,33 +139,15 @@ def _kinematic_errors(linearised: LinearisedRun) -> Columns:
     return c
 
 
-def _with_outliers(
-    original: Recording, run: Recording, residual: np.ndarray, sigma: np.ndarray, floor: np.ndarray
-) -> tuple[Recording, Float[np.ndarray, " 8"], Float[np.ndarray, " 8"]]:
-    """Outliers marked, and each channel's noise and its correlation measured on the rest."""
-    raw, present = np.where(np.isfinite(measured(original)), residual, np.nan), np.isfinite(measured(run))
-    new, inflation = sigma.copy(), np.ones(len(MEASURED))
-    # The residual of samples that were left out before is not in `residual`: recompute from the track.
-    bad = np.zeros_like(raw, dtype=bool)
-    for k in range(len(MEASURED)):
-        values = raw[:, k]
-        good = np.isfinite(values) & present[:, k]
-        if good.sum() < 10 or k == SHAFT:
-            continue
-        new[k] = max(1.4826 * np.median(np.abs(values[good])), floor[k])
-        bad[:, k] = np.isfinite(values) & (np.abs(values) > OUTLIER_SDS * new[k])
-        inflation[k] = _long_run(np.where(good & ~bad[:, k], values, 0.0) / new[k])
-    return without_samples(run, bad), new, inflation
-
-
-def _long_run(e: Float[np.ndarray, " n"], lags: int = 30) -> float:
-    """Variance of slow averages over that of white noise; at least 1."""
-    e = e - e.mean()
-    power = float(e @ e) or 1.0
-    rho = [float(e[:-k] @ e[k:]) / power for k in range(1, min(lags, len(e) - 1))]
-    total = 1.0
-    for value in rho:  # Sum up to the first negative value: Geyer 1992's initial positive sequence
-        if value < 0.05:
-            break
-        total += 2 * value
-    return float(np.clip(total, 1.0, 20.0))
+def _long_run(e: Float[np.ndarray, "n c"], lags: int = 30) -> Float[np.ndarray, " c"]:
+    """Variance of slow averages over that of white noise; at least 1, and 1 of channels with few samples."""
+    factors = np.ones(e.shape[1])
+    for k in np.flatnonzero(np.count_nonzero(e, axis=0) >= MIN_SAMPLES):
+        c = e[:, k] - e[:, k].mean()
+        power = float(c @ c) or 1.0
+        for lag in range(1, min(lags, len(c) - 1)):
+            correlation = float(c[:-lag] @ c[lag:]) / power
+            if correlation < 0.05:  # sum up to the first negative value: Geyer 1992's initial positive sequence
+                break
+            factors[k] += 2 * correlation
+    return np.clip(factors, 1.0, 20.0)

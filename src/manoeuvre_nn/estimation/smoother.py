@@ -20,18 +20,17 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.frames import body_to_earth
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.estimation.closed_loop import first, solve
+from manoeuvre_nn.estimation.measurement_noise import GAUSSIAN
 from manoeuvre_nn.estimation.prime_recordings import PACE, averaged
 from manoeuvre_nn.estimation.problem import (
     CHANNELS,
     DELAY,
-    GAUSSIAN,
     MOTION,
     Estimate,
     EstimationProblem,
-    NoForces,
     SensorFault,
     sensor_faults,
-)
+)  # fmt: skip
 
 ACCELERATION_TIME = 1.0
 """Correlation time of the accelerations over L/U0."""
@@ -119,7 +118,7 @@ def _without(recording: Recording, late: dict[str, float]) -> Recording:
 def _solved(recording: Recording, faults: Sequence[SensorFault]) -> Estimate:
     """The estimate; it starts from as much acceleration as local cubics show."""
     problem = EstimationProblem(
-        [recording], NoForces(), np.zeros(0), np.zeros(0), ACCELERATION_TIME, faults=faults, learn_process=True,
+        [recording], None, np.zeros(0), np.zeros(0), ACCELERATION_TIME, faults=faults, learn_process=True,
         smooth=True,
     )  # fmt: skip
     slopes = np.gradient(first(problem).states[0][:, :3], recording.time, axis=0)

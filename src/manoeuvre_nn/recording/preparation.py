@@ -16,6 +16,7 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import RPM
 from manoeuvre_nn.recording.local_cubics import WINDOW, smoothed
+from manoeuvre_nn.recording.outliers import far_off, robust_sd
 from manoeuvre_nn.recording.read.mapping import RECORD
 from manoeuvre_nn.recording.read.mending import followed
 
@@ -25,6 +26,9 @@ MAX_STEP = 0.05
 """Longest step that recordings are read off at, over L/U0."""
 MAX_NOMINAL_OFFSET = 0.05
 """Largest distance of the first shaft speed from the nominal one at which the nominal one was ordered [-]."""
+
+MAX_RESTING_SDS, MIN_RESTING_SD = 5.0, 1e-6
+"""A sample of a resting rudder further off than so many standard deviations [-] of at least so much [rad] is wrong."""
 
 
 def measured(run: Recording) -> Float[np.ndarray, "n channels"]:
@@ -239,11 +243,12 @@ def smooth_rudder(
     for start, end in zip(edges[::2], edges[1::2], strict=False):
         piece = recorded[start:end]
         if len(piece) >= 3:
-            result[start:end] = _mean(_despiked(piece), half)
+            wild, _ = far_off(piece - np.median(piece), MAX_RESTING_SDS, MIN_RESTING_SD)
+            result[start:end] = _mean(np.where(wild, np.median(piece), piece), half)
             residuals.append(piece - result[start:end])
     if not residuals:
         return result, 0.0
-    return result, float(1.4826 * np.median(np.abs(np.concatenate(residuals))))
+    return result, robust_sd(np.concatenate(residuals))
 
 
 def order_lead(
@@ -265,13 +270,6 @@ def order_lead(
         rest = recorded[max(k - 3, 0) : k].mean() if np.ptp(order[max(k - 3, 0) : k]) == 0 else recorded[k - 1]
         lead[k] = np.clip((recorded[k] - rest) / (np.sign(order[k] - order[k - 1]) * rate * step), 0.0, 1.0)
     return lead
-
-
-def _despiked(piece: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Values far off the median held at it."""
-    middle = np.median(piece)
-    spread = 1.4826 * np.median(np.abs(piece - middle)) + 1e-6
-    return np.where(np.abs(piece - middle) > 5 * spread, middle, piece)
 
 
 def _mean(piece: Float[np.ndarray, " n"], half: int) -> Float[np.ndarray, " n"]:

@@ -15,9 +15,10 @@ from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.estimation.agreement import birge_scaled_covariance
 from manoeuvre_nn.estimation.closed_loop import at_rest, first, improve, solve
+from manoeuvre_nn.estimation.coefficient_forces import series_forces
+from manoeuvre_nn.estimation.coefficient_priors import Prior
 from manoeuvre_nn.estimation.prime_recordings import to_prime
 from manoeuvre_nn.estimation.problem import CHANNELS, Estimate, EstimationProblem, SensorFault, sensor_faults
-from manoeuvre_nn.estimation.series_force import Prior, SeriesForce
 from manoeuvre_nn.network.series import Series
 from manoeuvre_nn.training.data import Batch, ManoeuvreData
 from manoeuvre_nn.training.fits import Fit
@@ -103,7 +104,7 @@ def explained(
     runs = to_prime(recordings, ship, model.known.shaft_rpm, network.speed_law)
     mean, spread = prior.of(network.names, ship)
     return EstimationProblem(
-        runs, SeriesForce(model), mean, spread, process_time=settings.force_time, floor=np.array(settings.floor),
+        runs, series_forces(model), mean, spread, process_time=settings.force_time, floor=np.array(settings.floor),
         faults=faults, learn_process=settings.learn_force, learn_floor=settings.learn_floor,
         max_process_sd=np.array(settings.force), with_speed=settings.force_with_speed and network.feels_wind,
     )  # fmt: skip
@@ -162,6 +163,7 @@ class ClosedLoopFit(Fit):
         Bock 1981; Bell 1994; see :mod:`manoeuvre_nn.estimation.closed_loop`.
     """
 
+    made_for = Series
     values: Tensor
     covariance: Tensor
     noise: Tensor
@@ -173,18 +175,13 @@ class ClosedLoopFit(Fit):
             dynamics: Known inertia and a series.
             settings: How far equations, sensors and the prior are believed; by default as in
                 ``conf/fit/closed_loop.yaml``.
-
-        Raises:
-            InputError: If the network is no series.
         """
         super().__init__(dynamics, iterations_per_epoch=1)
-        if not isinstance(dynamics.network, Series):
-            raise InputError("fit=closed_loop fits network=cubic, modulus or abkowitz: choose one, or another fit")
         self.settings = settings or DEFAULT_SETTINGS
         self.prior, self.enough = Prior(**self.settings.prior), self.settings.enough
         self.faults = sensor_faults(self.settings.delays, self.settings.offsets)
-        self.columns = SeriesForce(dynamics)
-        count = self.columns.count
+        self.forces = series_forces(dynamics)
+        count = self.forces.count
         self.register_buffer("values", torch.zeros(count, dtype=torch.float64))
         self.register_buffer("covariance", torch.zeros(count, count, dtype=torch.float64))
         self.register_buffer("noise", torch.zeros(6, dtype=torch.float64))
@@ -228,7 +225,7 @@ class ClosedLoopFit(Fit):
             self.estimate = improve(self.problem, before)
         except np.linalg.LinAlgError as error:
             raise InputError(f"fit=closed_loop broke down: {error}; mind the units of the recordings") from error
-        count = self.columns.count
+        count = self.forces.count
         self.values.copy_(torch.as_tensor(self.estimate.values[:count]))
         self.covariance.copy_(torch.as_tensor(self.estimate.covariance[:count, :count]))
         self.noise.copy_(torch.as_tensor(self.estimate.noise))
@@ -256,7 +253,8 @@ class ClosedLoopFit(Fit):
         del targets
         lacked, whole = np.zeros(3), np.zeros(3)
         for run, state in zip(self.problem.recordings, self.estimate.states, strict=True):
-            modelled = self.columns.columns(state[:, :6], run.channels) @ self.estimate.values[: self.columns.count]
+            columns = self.forces.columns(state[:, :6], run.channels)
+            modelled = columns @ self.estimate.values[: self.forces.count]
             lacked += np.square(state[:, 6:]).sum(0)
             whole += np.square(modelled + state[:, 6:]).sum(0)
         return torch.as_tensor(np.sqrt(lacked / np.maximum(whole, 1e-30))).to(inputs)

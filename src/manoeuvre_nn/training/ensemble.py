@@ -46,6 +46,7 @@ class EnsembleFit(Fit):
         Golub & Pereyra 1973; Kaufman 1975; Nielsen 1999 for the damping; Stone 1974 for cross-validation.
     """
 
+    made_for = HullRudder
     steps: Tensor
 
     def __init__(
@@ -71,11 +72,9 @@ class EnsembleFit(Fit):
             refine: Settings of a closed-loop :class:`.Refinement` of every member; None is none.
 
         Raises:
-            InputError: If the network is no ensemble or a number is out of range.
+            InputError: If the network is no :class:`.HullRudder` or a number is out of range.
         """
         super().__init__(dynamics, iterations_per_epoch=1)
-        if not isinstance(dynamics.network, HullRudder):
-            raise InputError("fit=ensemble trains network=hull_rudder or hull_rudder_shaft: choose one, or another fit")
         if epochs < 1 or restarts < 1:
             raise InputError(f"fit.epochs={epochs}, fit.restarts={restarts}: expected at least 1 of each")
         self.restarts, self.damping = restarts, Damping(damping)

@@ -2,7 +2,7 @@
 
 from abc import ABC
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import lightning as L
 import torch
@@ -11,6 +11,7 @@ from torch import Tensor
 
 from manoeuvre_nn import __version__
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.network import Network
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.network.perceptron import Perceptron
 from manoeuvre_nn.numerics.damping import Damping, Stops
@@ -34,6 +35,9 @@ class Fit(ABC, L.LightningModule):
         stopped: Why the optimizer stopped of its own; empty while it runs.
     """
 
+    made_for: ClassVar[type[Network] | None] = None
+    """The networks that the method trains; None are all that any method can train."""
+
     def __init__(self, dynamics: IdentifiedShip, iterations_per_epoch: int) -> None:
         """Store the model.
 
@@ -42,14 +46,24 @@ class Fit(ABC, L.LightningModule):
             iterations_per_epoch: Iterations of the optimizer in a Lightning epoch.
 
         Raises:
-            InputError: If the number of iterations is not positive.
+            InputError: If the method is not for this kind of network, or the number of iterations is not positive.
         """
         super().__init__()
+        network = type(dynamics.network)
+        if not self.trains(network):
+            raise InputError(
+                f"{type(self).__name__} does not train a {network.__name__}: choose another network or fit"
+            )
         if iterations_per_epoch < 1:
             raise InputError(f"fit.iterations_per_epoch={iterations_per_epoch}: expected at least 1")
         self.automatic_optimization = False
         self.dynamics, self.iterations_per_epoch = dynamics, iterations_per_epoch
         self.stopped = ""
+
+    @classmethod
+    def trains(cls, network: type[Network]) -> bool:
+        """Whether the method can train networks of a class."""
+        return network.any_fit if cls.made_for is None else issubclass(network, cls.made_for)
 
     def rows(self, inputs: Float[Tensor, "n 4"]) -> Float[Tensor, "k n o"]:
         """Network outputs, one row for each independent network.

@@ -24,7 +24,7 @@ from manoeuvre_nn.commands import guard
 from manoeuvre_nn.core.errors import InputError
 from studies.reproduction.job import job_of, reproduce, wanted
 from studies.reproduction.processes import Event, Task, do_chapters
-from studies.reproduction.section import ChapterResult, Claim, ComputingEffort, Line, Panel, Plot, compared
+from studies.reproduction.section import ChapterResult, Claim, ComputingEffort, Line, Panel, Plot
 from studies.reproduction.watch import Watch
 
 ROOT = Path(__file__).parents[3]
@@ -36,8 +36,8 @@ def good(effort, say):
     x = np.linspace(0.0, 1.0, 5)
     drawn = float(torch.rand(()))
     made = [
-        compared("Table 1", "Y_v", 0.5, 0.51, relative=0.05),
-        compared("Table 1", "drawn", 5.0, drawn, within=0.1, why="drawn"),
+        Claim("Table 1", "Y_v", 0.5, 0.51, "holds"),
+        Claim("Table 1", "drawn", 5.0, drawn, "does not hold", "drawn"),
         Claim("Figure 2", "effort", "-", f"{effort.quick} {effort.starts} {effort.seed}", "not comparable"),
     ]
     plot = Plot("figure_2", "Figure 2: a line", [Panel("x", "y", [Line("a", x, x)])])

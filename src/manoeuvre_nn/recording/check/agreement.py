@@ -18,6 +18,7 @@ from jaxtyping import Float
 from manoeuvre_nn.core.frames import earth_to_body
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.recording.local_cubics import smoothed
+from manoeuvre_nn.recording.outliers import trimmed_least_squares
 
 POINTS = 400
 """Samples that combinations are compared at."""
@@ -32,6 +33,8 @@ SWAY = 0.2
 """Usual sway in a manoeuvre over the speed."""
 MAX_LEVER = 0.6
 """Largest distance of two points over L."""
+LEVER_SDS = 2.7
+"""Standard deviations beyond which a sample does not count for that distance."""
 MAX_EVIDENCE = 0.5
 """Evidence against the best reading above which none fits."""
 MIN_SCORE_GAP = 0.05
@@ -316,10 +319,6 @@ def _unlike_a_ship(body: Pair, r: np.ndarray) -> float:
 
 
 def _lever(velocity: Pair, track: Pair, r: np.ndarray, most: float) -> float:
-    """Distance of two points along the ship, from ``v_track - v = lever r``, twice without outlying samples [m]."""
-    away, keep, lever = track[1] - velocity[1], np.ones(len(r), dtype=bool), 0.0
-    for _ in range(3):
-        lever = float(r[keep] @ away[keep] / max(r[keep] @ r[keep], 1e-30))
-        error = np.abs(away - lever * r)
-        keep = error <= 4 * np.median(error) + 1e-12
+    """Distance of two points along the ship, from ``v_track - v = lever r`` [m]."""
+    lever = trimmed_least_squares(r[:, None], track[1] - velocity[1], LEVER_SDS, 1e-12)[0][0]
     return float(np.clip(lever, -most, most))

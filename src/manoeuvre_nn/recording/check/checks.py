@@ -14,6 +14,7 @@ from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE, KNOT
 from manoeuvre_nn.recording.check.finding import Change, Finding
 from manoeuvre_nn.recording.local_cubics import WINDOW, smoothed
+from manoeuvre_nn.recording.outliers import trimmed_least_squares
 from manoeuvre_nn.recording.thinning import thinned
 
 MISFIT = 0.35
@@ -22,6 +23,8 @@ RUDDER_WINDOW = 0.4
 """Window of the check of the rudder's sign over L/U0: shorter, for the evidence lies where the rudder moves."""
 RECENT = 2.5
 """How long a movement of the rudder is felt in the yaw rate, over L/U0."""
+SLOPE_SDS = 3.4
+"""Standard deviations beyond which a sample does not count for the slope of one channel on another."""
 STRONG_EVIDENCE = 4.0
 """Least ratio of the rudder's coefficient to its standard error for a verdict on its sign."""
 
@@ -273,12 +276,8 @@ def _heading_offset(m: _Motion) -> float:
 
 def _robust_slope(x: Series, y: Series) -> float:
     """Slope of y on x through the origin, twice without the samples that lie far off."""
-    keep = np.abs(x) > 0.2 * np.quantile(np.abs(x), 0.95)
-    for _ in range(3):
-        slope = float(x[keep] @ y[keep] / max(x[keep] @ x[keep], 1e-30))
-        residual = np.abs(y - slope * x)
-        keep = keep & (residual <= 5 * np.median(residual[keep]) + 1e-12)
-    return slope
+    large = np.abs(x) > 0.2 * np.quantile(np.abs(x), 0.95)
+    return float(trimmed_least_squares(x[:, None], y, SLOPE_SDS, 1e-12, large)[0][0])
 
 
 def rudder_effect(recording: Recording, ship: Particulars) -> tuple[float, float]:
@@ -301,17 +300,9 @@ def rudder_effect(recording: Recording, ship: Particulars) -> tuple[float, float
     active = _has_moved(rudder, max(round(RECENT * ship.time_unit / interval), 1))[::stride]
     if active.sum() < 8:
         return 0.0, 0.0
-    scale = np.maximum(np.abs(columns).max(axis=0), 1e-12)
-    columns, large, keep = columns / scale, float(np.quantile(np.abs(target[active]), 0.9)), active
-    for _ in range(3):
-        used = keep
-        values = np.linalg.lstsq(columns[used], target[used], rcond=None)[0]
-        residual = target - columns @ values
-        spread = 1.4826 * float(np.median(np.abs(residual[used])))
-        keep = active & (np.abs(residual) <= 4 * spread + 0.2 * large)
-    variance = float(residual[used] @ residual[used]) / max(int(used.sum()) - columns.shape[1], 1)
-    covariance = np.linalg.pinv(columns[used].T @ columns[used]) * variance
-    return float(values[0] / scale[0]), float(np.sqrt(max(covariance[0, 0], 0.0)) / scale[0])
+    large = float(np.quantile(np.abs(target[active]), 0.9))
+    values, covariance, _ = trimmed_least_squares(columns, target, 4.0, 0.05 * large, active)
+    return float(values[0]), float(np.sqrt(max(covariance[0, 0], 0.0)))
 
 
 def _has_moved(rudder: Series, count: int) -> Bool[np.ndarray, " n"]:

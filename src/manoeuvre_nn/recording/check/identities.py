@@ -18,6 +18,7 @@ from manoeuvre_nn.core.frames import body_to_earth
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.recording.local_cubics import smoothed
+from manoeuvre_nn.recording.outliers import robust_sd, trimmed_least_squares
 
 WINDOW = 0.8
 """Smoothing window of what a fault would leave over L/U0."""
@@ -138,15 +139,16 @@ class Identities:
         values = {name: (start or {}).get(name, 0.0) for name in names}
         for _ in range(rounds if names else 1):
             y, x, lost = self._whitened(values, names, noise)
-            step, kept = _robust(x, y, lost)
+            flat = x.reshape(y.size, len(names)), y.ravel()
+            step, covariance, kept = trimmed_least_squares(*flat, MAX_RESIDUAL, 1.0, ~lost.ravel())
             values = {n: self._bounded(n, values[n] - float(d)) for n, d in zip(names, step, strict=True)}
         rest = y - x @ step
         # Wild averages count as much as the wildest that is kept: stories can then be compared.
         misfit = float(np.minimum(rest**2, MAX_RESIDUAL**2)[~lost].sum())
         if not names:
             return FaultEstimate({}, {}, misfit, 1.0)
+        kept = kept.reshape(y.shape)
         x, rest = x * kept[..., None], rest * kept
-        covariance = _least_squares(x, rest)[1]
         robust = _correlated(x, rest, covariance)
         white, found = np.diag(covariance), np.diag(robust)
         errors = np.sqrt(np.maximum(white, found))
@@ -176,7 +178,7 @@ class Identities:
         for part, (_, correlation) in zip(rest, models, strict=True):
             white = np.abs(_lower(part.size, correlation, part[:, None])[:, 0])
             scaled.append((
-                max(1.4826 * float(np.median(white[white > 0])), 1e-12) if white.any() else 1e-12,
+                max(robust_sd(white[white > 0]), 1e-12) if white.any() else 1e-12,
                 correlation,
             ))
         return Noise(scaled)
@@ -264,30 +266,6 @@ def _averaged(values: Series, count: int) -> Float[np.ndarray, " k"]:
     return np.diff(values[:whole].reshape(-1, count).mean(axis=1))
 
 
-def _robust(
-    x: Float[np.ndarray, "s n k"], y: Float[np.ndarray, "s n"], lost: Bool[np.ndarray, "s n"]
-) -> tuple[Float[np.ndarray, " k"], Bool[np.ndarray, "s n"]]:
-    """Least squares without wild averages, and which are kept."""
-    kept, step = ~lost, np.zeros(x.shape[-1])
-    for _ in range(3):
-        step, _ = _least_squares(x * kept[..., None], y * kept)
-        rest = np.abs(y - x @ step)
-        usual = max(1.0, 1.4826 * float(np.median(rest[~lost])))
-        kept = ~lost & (rest <= MAX_RESIDUAL * usual)
-    return step, kept
-
-
-def _least_squares(x: Float[np.ndarray, "s n k"], y: Float[np.ndarray, "s n"]) -> tuple[np.ndarray, np.ndarray]:
-    """Solution and its covariance for white noise of the size that is left."""
-    flat, target = x.reshape(y.size, x.shape[-1]), y.ravel()
-    size = np.maximum(np.sqrt((flat**2).sum(axis=0)), 1e-300)
-    inverse = np.linalg.pinv((flat / size).T @ (flat / size), rcond=1e-9, hermitian=True)
-    solution = inverse @ ((flat / size).T @ target) / size
-    rest = target - flat @ solution
-    freedom = max(int((target != 0).sum()) - x.shape[-1], 1)
-    return solution, float(rest @ rest) / freedom * inverse / np.outer(size, size)
-
-
 def _correlated(x: Float[np.ndarray, "s n k"], rest: Float[np.ndarray, "s n"], white: np.ndarray) -> np.ndarray:
     """Covariance of the solution for noise that is correlated over a few averages and between the leftovers."""
     score = (x * rest[..., None]).sum(axis=0)
@@ -306,7 +284,7 @@ def _noise_model(parts: Float[np.ndarray, "s n"]) -> tuple[float, float]:
     """Deviation and neighbours' correlation of a moving average of order one, by maximum likelihood."""
     if float(np.abs(parts).max()) < 1e-15:
         return 1e-12, 0.0
-    limits = [MAX_RESIDUAL * 1.4826 * max(float(np.median(np.abs(p))), 1e-15) for p in parts]
+    limits = [MAX_RESIDUAL * max(robust_sd(p), 1e-15) for p in parts]
     centre = [np.clip(p, -limit, limit) for p, limit in zip(parts, limits, strict=True)]
 
     def cost(correlation: float) -> float:

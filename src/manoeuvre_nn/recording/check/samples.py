@@ -12,7 +12,7 @@ from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.recording.check.finding import LEAVE_OUT, Change, Finding
 from manoeuvre_nn.recording.local_cubics import WINDOW, smoothed
-from manoeuvre_nn.recording.read.mending import outlying
+from manoeuvre_nn.recording.outliers import middle_of_neighbours, robust_sd, spikes
 
 MAX_INTERVAL = 0.15
 """Longest interval between samples over L/U0: local cubics over .8 L/U0 need six samples."""
@@ -137,9 +137,8 @@ def outliers(recording: Recording) -> tuple[Finding, Flags]:
 
 
 def _off(values: Series) -> Bool[np.ndarray, " n"]:
-    """Outlying samples by more than a channel's own step."""
-    middle = 0.5 * (np.pad(values, 1, mode="edge")[:-2] + np.pad(values, 1, mode="edge")[2:])
-    return outlying(values) & (np.abs(values - middle) > 1.6 * _step(values))
+    """Spikes of more than a channel's own step."""
+    return spikes(values) & (np.abs(values - middle_of_neighbours(values)) > 1.6 * _step(values))
 
 
 def stuck(recording: Recording, ship: Particulars) -> list[Finding]:
@@ -372,7 +371,7 @@ def _noise(recording: Recording, name: str, ship: Particulars) -> float:
     window = min(WINDOW * ship.time_unit, MAX_WINDOW_SAMPLES * _steps(recording)[1])
     smooth, _ = smoothed(recording.time, recording[name], window)
     rest = recording[name] - smooth
-    return float(np.sqrt(max(1.4826**2 * np.median(np.abs(rest)) ** 2 - _step(recording[name]) ** 2 / 12, 0.0)))
+    return float(np.sqrt(max(robust_sd(rest) ** 2 - _step(recording[name]) ** 2 / 12, 0.0)))
 
 
 def _spans(time: Series, flags: Bool[np.ndarray, " n"]) -> tuple[tuple[float, float], ...]:

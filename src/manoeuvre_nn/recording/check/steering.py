@@ -10,6 +10,7 @@ from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.recording.check.finding import Change, Finding
 from manoeuvre_nn.recording.local_cubics import WINDOW, smoothed
+from manoeuvre_nn.recording.outliers import robust_sd
 from manoeuvre_nn.recording.read.mending import line_across
 
 MAX_RATE_RATIO = 1.5
@@ -47,7 +48,7 @@ def rudder_jumps(recording: Recording, ship: Particulars) -> Finding:
     delta, steps = recording["delta"], np.diff(recording.time)
     gear = min(ship.rudder_rate, MAX_RUDDER_RATE / ship.time_unit)
     change = np.abs(np.diff(delta))
-    usual = 4 * 1.4826 * float(np.median(change[change <= np.quantile(change, 0.9)]))
+    usual = 4 * robust_sd(change[change <= np.quantile(change, 0.9)])
     jumps = np.flatnonzero(change > np.maximum(MAX_RATE_RATIO * gear * steps + usual, JUMP))
     fastest = float((change / steps).max())
     said: dict[str, Any] = {
@@ -221,7 +222,7 @@ def _words(name: str, slope: tuple[float, float]) -> str:
 
 def _noise(recording: Recording, name: str, ship: Particulars) -> float:
     smooth, _ = smoothed(recording.time, recording[name], WINDOW * ship.time_unit)
-    return 1.4826 * float(np.median(np.abs(recording[name] - smooth)))
+    return robust_sd(recording[name] - smooth)
 
 
 def _moves(delta: Series) -> int:

@@ -11,13 +11,13 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.recording.check.checks import STRONG_EVIDENCE, check_recording, rudder_effect
+from manoeuvre_nn.recording.outliers import spikes
 from manoeuvre_nn.recording.propose.choice import Choice
 from manoeuvre_nn.recording.propose.headings import COMPASS, Heading, assign
 from manoeuvre_nn.recording.propose.motion_columns import FULL_CIRCLE, Motions, read_motions
 from manoeuvre_nn.recording.propose.sniff import Sniffed, sniff
 from manoeuvre_nn.recording.propose.time_column import choose_time
 from manoeuvre_nn.recording.read.mapping import RECORD, Mapping, mapping
-from manoeuvre_nn.recording.read.mending import outlying
 from manoeuvre_nn.recording.read.quantity import COUNT, PAIRS, QUANTITY, units_of
 from manoeuvre_nn.recording.read.reader import MAX_FILLED_CELLS, read_recording
 
@@ -271,7 +271,7 @@ def _finished(made: Proposal, seconds: Float[np.ndarray, " n"], ship: Particular
         usual = float(np.median(np.diff(seconds)))
         settings["fill_gaps"] = True if longest <= (MAX_FILLED_CELLS + 1.5) * usual else round(1.01 * longest, 2)
         reasons["fill_gaps"] = f"empty cells: {', '.join(f'{k} {v}' for k, v in gaps.items())}"
-    odd = {name: int(outlying(v).sum()) for name, v in raw.items()}
+    odd = {name: int(spikes(v).sum()) for name, v in raw.items()}
     if any(odd.values()):
         said = ", ".join(f"{k} {v}" for k, v in odd.items() if v)
         notes.append(f"Single samples far off their neighbours: {said}; outliers: fill takes them out.")

@@ -17,9 +17,10 @@ from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.recording.kind import guess_kind
 from manoeuvre_nn.recording.local_cubics import WINDOW, smoothed
+from manoeuvre_nn.recording.outliers import spikes
 from manoeuvre_nn.recording.read.mapping import REQUIRED, Mapping
 from manoeuvre_nn.recording.read.mapping_file import mapping_of
-from manoeuvre_nn.recording.read.mending import followed, line_across, outlying, without_delays
+from manoeuvre_nn.recording.read.mending import followed, line_across, without_delays
 from manoeuvre_nn.recording.read.position import local_metres
 from manoeuvre_nn.recording.read.quantity import PAIRS, STAMPS
 from manoeuvre_nn.recording.read.table import READABLE, Table, read_table
@@ -248,7 +249,7 @@ def _channel(
     if name in PERIODIC and where.unit != "count":
         values[~lost] = np.unwrap(values[~lost])
     if mapping.outliers == "fill":
-        odd = outlying(values)
+        odd = spikes(values)
         if odd.mean() > MAX_OUTLIERS:
             raise InputError(
                 f"{table.path.name}: {odd.mean():.0%} of column {column!r} lie far off their neighbours: that is "

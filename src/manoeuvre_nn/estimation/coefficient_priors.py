@@ -1,17 +1,15 @@
-"""A series of products as the closed-loop fit sees it, and the prior of its coefficients."""
+"""What is known of coefficients before any run is seen: of a series of products, and of a ship's own ones."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from jaxtyping import Float
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.frames import earth_to_body
-from manoeuvre_nn.core.ship import Particulars
-from manoeuvre_nn.dynamics.model import IdentifiedShip
-from manoeuvre_nn.network.series import Series, parity
+from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.estimation.coefficient_forces import own_unit
+from manoeuvre_nn.network.series import parity
 from manoeuvre_nn.ship.clarke import SURGE_ADDED_MASS, clarke_derivatives
 
 HARD_MANOEUVRE = {
@@ -27,61 +25,13 @@ AIR = 1.2
 """Density of air [kg/m^3]."""
 WIND = {"X wx |w|": 0.7, "Y wy |w|": 0.9, "N wx wy": -0.1}
 """Drag coefficients of a ship's sides in the wind: over A_F, over A_L, over A_L L (Blendermann 1994, cargo ships)."""
-
-
-class SeriesForce:
-    """Accelerations of a series in units of L and the approach speed.
-
-    Attributes:
-        count: Number of coefficients.
-    """
-
-    def __init__(self, model: IdentifiedShip) -> None:
-        """Take a model apart.
-
-        Args:
-            model: Its network is a series, its known part has no forces.
-
-        Raises:
-            InputError: If the known part has forces: they are what the coefficients are about.
-        """
-        assert isinstance(model.network, Series)
-        self.network, known = model.network, model.known
-        nudge = known.inertia.new_tensor([[1.0, 0.1, 0.1]]) * known.velocity_units
-        with torch.no_grad():
-            if known.force(nudge, nudge[:, 0] * 0 + 0.1).abs().max() > 0:
-                raise InputError("fit=closed_loop estimates all forces: write linear=clarke_inertia (or none)")
-            push = known.acceleration_from_force(nudge.expand(3, 3), torch.diag(model.scaling.output_scale))
-        p = known.particulars
-        unit = np.array([1.0, 1.0, 1 / p.length]) * p.speed**2 / p.length
-        self._push = push.double().numpy() / unit
-        self._outputs = np.array([o for o, _ in self.network.names], dtype=int)
-        self._products = self.network.used.nonzero()[:, 1]
-        self.count = len(self._outputs)
-
-    def columns(
-        self, state: Float[np.ndarray, "n 6"], inputs: Mapping[str, Float[np.ndarray, " n"]]
-    ) -> Float[np.ndarray, "n 3 p"]:
-        """Accelerations for coefficients of 1.
-
-        Args:
-            state: u, v, r, x, y, psi.
-            inputs: ``delta`` [rad], ``n`` over the nominal shaft speed, ``wind_north`` and ``wind_east`` over U0.
-
-        Returns:
-            Columns.
-        """
-        ahead, aside = earth_to_body(inputs["wind_north"], inputs["wind_east"], state[:, 5])
-        wind = ahead - state[:, 0], aside - state[:, 1]
-        x = np.stack([state[:, 0], state[:, 1], state[:, 2], inputs["delta"], inputs["n"], *wind], axis=1)
-        with torch.no_grad():
-            products = self.network.products(torch.as_tensor(x)).numpy()
-        return products[:, None, self._products] * self._push[self._outputs].T[None]
+MIN_RELATIVE_SD = 0.02
+"""Standard deviation of a published coefficient over the largest effect of its equation, where it is small itself."""
 
 
 @dataclass(frozen=True)
 class Prior:
-    """What is known of the coefficients before any run is seen.
+    """What is known of the coefficients of a series.
 
     Attributes:
         relative: Standard deviation of Clarke's derivatives and of the resistance over their values [-].
@@ -167,3 +117,24 @@ def _allowed(output: int, term: str, ship: Particulars) -> float:
         return 0.5 * AIR / ship.rho * side / (ship.length * ship.draught)
     largest = float(np.prod([HARD_MANOEUVRE[t] for t in term.split()]))
     return PRIOR_SD_PRIME[output] / largest * (EVEN_SHARE if output > 0 and parity(term) > 0 else 1.0)
+
+
+def own_prior(ship: Ship, relative: float) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]]:
+    """A ship's published coefficients and how far they are believed.
+
+    Args:
+        ship: The ship; its forces are a sum of products.
+        relative: Standard deviation over the value; small values get some of what their equation's largest has.
+
+    Returns:
+        Mean and standard deviation, in the order of :func:`.own_forces`.
+
+    Raises:
+        InputError: If ``relative`` is not positive.
+    """
+    if not relative > 0:
+        raise InputError(f"fit.prior.relative={relative}: expected more than 0")
+    assert ship.table is not None
+    table = ship.table.detach().double().numpy().T * own_unit(ship)
+    used, sizes = table != 0, np.abs(table)
+    return table[used], relative * np.maximum(sizes, MIN_RELATIVE_SD * sizes.max(1, keepdims=True))[used]
