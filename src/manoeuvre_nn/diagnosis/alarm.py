@@ -45,7 +45,8 @@ def _information(
     """Information on a candidate's numbers under calm water, nuisance integrated out, and their prior spreads."""
     level, scatter = result.none.best
     data_set = result.likelihood.data_set
-    g, n = result.likelihood.gram(hypothesis_columns(data_set, hypothesis), level), data_set.size
+    lin, n = hypothesis_columns(data_set, hypothesis), data_set.size
+    g = data_set.gram(level, data_set.embedded(level, lin.columns), lin.index, lin.count)
     nuisance = g[1:n, 1:n] + np.diag(nuisance_spread(data_set, scatter, len(data_set.runs)) ** -2.0)
     cross = g[1:n, n + 1 :]
     information = g[n + 1 :, n + 1 :] - cross.T @ np.linalg.solve(nuisance, cross)
