@@ -40,7 +40,7 @@ from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
 from manoeuvre_nn.recording.read.mapping import Mapping as ColumnMapping
 from manoeuvre_nn.recording.read.reader import read_recordings
 from manoeuvre_nn.report.views import Answer, Runs, Scores
-from manoeuvre_nn.training.given import references
+from manoeuvre_nn.scoring.held_out import references
 from manoeuvre_nn.training.settings import noise_in_si
 
 Named = str | Mapping[str, Mapping[str, Any]]

@@ -27,7 +27,7 @@ from manoeuvre_nn.commands.diagnosis_setup import setup, wanted, write_effects
 from manoeuvre_nn.commands.job import load_model, prepare
 from manoeuvre_nn.core.units import KNOT
 from manoeuvre_nn.dynamics.base import calm_accelerations
-from manoeuvre_nn.dynamics.simulate import Problem, simulate
+from manoeuvre_nn.dynamics.simulate import simulate
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 
@@ -339,7 +339,7 @@ def network(done) -> Path:
 
 def test_a_network_is_loaded_as_it_was_trained(done, network):
     model = load_model(network)
-    run = simulate(Problem(model, zigzag(20.0, duration=60.0)), rtol=1e-6, atol=1e-7)
+    run = simulate(model, zigzag(20.0, duration=60.0), rtol=1e-6, atol=1e-7)
     told = pd.read_csv(done / "predictions" / "zz20.csv")
     for name, column in (("x", "x [m]"), ("psi", "psi [rad]"), ("v", "v [m/s]")):
         np.testing.assert_allclose(run[name], told[column], atol=1e-5)

@@ -79,18 +79,6 @@ class FittedProducts(Ship):
         """
         return self._ship.products(nu, delta)
 
-    def force(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
-        """Right-hand sides.
-
-        Args:
-            nu: u, v [m/s], r [rad/s].
-            delta: Rudder angle [rad], positive turns to starboard.
-
-        Returns:
-            f' [-].
-        """
-        return self.products(nu, delta) @ self.table
-
     @property
     def shaft_rpm(self) -> float:
         """Shaft speed of the ship [rpm]."""

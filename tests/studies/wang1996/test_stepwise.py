@@ -12,7 +12,7 @@ from scipy import stats
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.model import CalmWater
-from manoeuvre_nn.dynamics.simulate import Problem, simulate
+from manoeuvre_nn.dynamics.simulate import simulate
 from manoeuvre_nn.estimation.derivatives import ABKOWITZ, coefficient_name, taylor_columns
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.recording.tuples import Tuples, to_tuples
@@ -38,7 +38,7 @@ def noisy_line(seed, slope=0.7, n=N):
 @cache
 def zz35(name="mariner") -> Recording:
     with unchecked():
-        return simulate(Problem(CalmWater(ship_named(name)), zigzag(35.0, duration=300.0)))
+        return simulate(CalmWater(ship_named(name)), zigzag(35.0, duration=300.0))
 
 
 @cache
