@@ -78,7 +78,7 @@ def explain(error: BaseException) -> str | None:
     for cause in chain:
         if isinstance(cause, InputError):
             return str(cause)
-    if isinstance(error, OSError):
+    if isinstance(error, OSError) and not isinstance(error, OF_CONFIG):  # a config that hydra misses is both
         return _of_file(error)
     if NO_GROUP in str(error):
         given = [word for word in sys.argv[1:] if word.endswith("=null")]
