@@ -14,7 +14,7 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.core.units import DEGREE, KNOT
 from manoeuvre_nn.diagnosis.manifest import adapted, numbers, read_manifest
-from manoeuvre_nn.recording.check.plausible import COLUMNS, check_plausible, check_sampling
+from manoeuvre_nn.recording.check.checks import COLUMNS, check_over_ground, check_sampling
 from manoeuvre_nn.recording.kind import guess_kind
 from manoeuvre_nn.recording.preparation import common_step, measured, over_ground, prepared, with_own_shafts
 from manoeuvre_nn.recording.read.mapping import Mapping as ChannelMapping
@@ -207,7 +207,7 @@ def _checked(run: Recording, ship: Particulars, remedy: str) -> Recording:
     """A recording over ground, refused where it makes no sense."""
     check_sampling(run, ship)
     run = over_ground(run, ship)
-    check_plausible(run, ship, remedy)
+    check_over_ground(run, ship, remedy)
     return run
 
 
