@@ -25,7 +25,7 @@ from scipy.signal import savgol_filter
 from manoeuvre_nn.core.channels import ACCELERATION
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.model import CalmWater
-from manoeuvre_nn.dynamics.simulate import Problem, simulate
+from manoeuvre_nn.dynamics.simulate import simulate
 from manoeuvre_nn.estimation.accelerations import accelerations
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.recording.local_cubics import smoothed
@@ -172,8 +172,7 @@ def main(arguments: list[str]) -> None:
     seeds = range(int(dict(a.split("=", 1) for a in arguments).get("seeds", "8")))
     truths = {}
     for hz in (1, 10):
-        problem = Problem(CalmWater(SHIP), replace(zigzag(35.0), duration=360.0), interval=1 / hz)
-        truths[hz] = simulate(problem)
+        truths[hz] = simulate(CalmWater(SHIP), replace(zigzag(35.0), duration=360.0), interval=1 / hz)
     file = measured()
     print("| | zz35, 1 Hz | zz35, 10 Hz | 1 Hz, r 2 s late | measured | s at 10 Hz |\n|---|---|---|---|---|---|")
     told = []

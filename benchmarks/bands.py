@@ -22,7 +22,7 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.members import sail_members
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
 from manoeuvre_nn.dynamics.rollout import roll_out
-from manoeuvre_nn.dynamics.simulate import Problem, simulate
+from manoeuvre_nn.dynamics.simulate import simulate
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.wind import GustyWind
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
@@ -49,7 +49,7 @@ def sailed(wind: float, seed: int) -> Recording:
     if wind:
         origin = float(np.random.default_rng(seed).uniform(0, 360))
         ship = Vessel(ship, [GustyWind(SHIP, speed=wind, from_deg=origin, seed=seed)])
-    truth = simulate(Problem(ship, replace(zigzag(35.0), duration=360.0)))
+    truth = simulate(ship, replace(zigzag(35.0), duration=360.0))
     known = {k: c for k, c in truth.channels.items() if "wind" not in k}
     return recorded(replace(truth, channels=known), 0.005, 0.5, seed)
 

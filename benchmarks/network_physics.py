@@ -29,7 +29,7 @@ from manoeuvre_nn.dynamics.limits import OK
 from manoeuvre_nn.dynamics.members import Members
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
 from manoeuvre_nn.dynamics.rollout import roll_out
-from manoeuvre_nn.dynamics.simulate import Problem, simulate
+from manoeuvre_nn.dynamics.simulate import simulate
 from manoeuvre_nn.estimation.accelerations import accelerations
 from manoeuvre_nn.estimation.baselines import fit_baselines, own_part
 from manoeuvre_nn.manoeuvre.spiral import spiral
@@ -188,7 +188,7 @@ def train(
 def data(study: Study, second: bool, own: bool) -> tuple[list[Recording], Ship, Tuples]:
     """Recordings, known part and tuples."""
     trials = [study.first, study.second] if second else [study.first]
-    recordings = [accelerations(simulate(Problem(CalmWater(study.ship), m)), "exact") for m in trials]
+    recordings = [accelerations(simulate(CalmWater(study.ship), m), "exact") for m in trials]
     known = study.known
     if own:
         start = own_part(study.ship)

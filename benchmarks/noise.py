@@ -23,7 +23,7 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.rollout import roll_out
-from manoeuvre_nn.dynamics.simulate import Problem, simulate
+from manoeuvre_nn.dynamics.simulate import simulate
 from manoeuvre_nn.estimation.accelerations import accelerations
 from manoeuvre_nn.estimation.baselines import taylor_baseline
 from manoeuvre_nn.estimation.problem import sensor_faults
@@ -102,7 +102,7 @@ def main(arguments: list[str]) -> None:
     }
     given = usual | dict(a.split("=", 1) for a in arguments)
     gps, floor, late = (float(given[k]) for k in ("gps", "floor", "late"))
-    truth = simulate(Problem(CalmWater(SHIP), replace(zigzag(35.0), duration=360.0)))
+    truth = simulate(CalmWater(SHIP), replace(zigzag(35.0), duration=360.0))
     references = roll_out(CalmWater(SHIP), JUDGED)
     print("| noise | method | zz20 | tc25 | tc10 | CPU s |\n|---|---|---|---|---|---|")
     for share in map(float, given["shares"].split(",")):

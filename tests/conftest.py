@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.dynamics.model import CalmWater
-from manoeuvre_nn.dynamics.simulate import Problem, simulate
+from manoeuvre_nn.dynamics.simulate import simulate
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.ship.mariner import mariner
 
@@ -37,9 +37,9 @@ def ship() -> Particulars:
 
 @pytest.fixture(scope="session")
 def zz20() -> Recording:
-    return simulate(Problem(CalmWater(mariner()), zigzag(20.0)))
+    return simulate(CalmWater(mariner()), zigzag(20.0))
 
 
 @pytest.fixture(scope="session")
 def zz35() -> Recording:
-    return simulate(Problem(CalmWater(mariner()), zigzag(35.0)))
+    return simulate(CalmWater(mariner()), zigzag(35.0))

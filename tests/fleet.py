@@ -15,7 +15,7 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.rollout import roll_out, rollout
-from manoeuvre_nn.dynamics.simulate import Problem, Solution, simulate, to_recordings
+from manoeuvre_nn.dynamics.simulate import Solution, simulate, to_recordings
 from manoeuvre_nn.manoeuvre.spiral import spiral
 from manoeuvre_nn.manoeuvre.straight import random_rudder, straight
 from manoeuvre_nn.manoeuvre.turning import pull_out, turning_circle
@@ -79,7 +79,7 @@ def rolled(name: str, parts: int = 1) -> dict[str, Recording]:
 def solved(name: str, trial: str) -> Recording:
     """One trial of a ship by the accurate solution."""
     with unchecked():
-        return simulate(Problem(CalmWater(ship_named(name)), TRIALS[trial]))
+        return simulate(CalmWater(ship_named(name)), TRIALS[trial])
 
 
 def coarse(ship: Ship, trials: list[Manoeuvre], duration: float, interval: float) -> list[Recording]:

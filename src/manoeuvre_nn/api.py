@@ -19,7 +19,6 @@ from matplotlib.figure import Figure
 from rich.console import Console
 
 from manoeuvre_nn.commands import config as configs
-from manoeuvre_nn.commands.diagnose import STEPS, Tracker
 from manoeuvre_nn.commands.diagnosis_setup import setup
 from manoeuvre_nn.commands.groups import compose, options
 from manoeuvre_nn.commands.job import load_model, prepare
@@ -40,7 +39,7 @@ from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
 from manoeuvre_nn.recording.read.mapping import Mapping as ColumnMapping
 from manoeuvre_nn.recording.read.reader import read_recordings
 from manoeuvre_nn.report.views import Answer, Runs, Scores
-from manoeuvre_nn.training.given import references
+from manoeuvre_nn.scoring.held_out import references
 from manoeuvre_nn.training.settings import noise_in_si
 
 Named = str | Mapping[str, Mapping[str, Any]]
@@ -223,9 +222,7 @@ def diagnose(
         hull,
         held_out if isinstance(held_out, str) and held_out == "auto" else _list(held_out),
     )
-    question, _ = common.question(case)
-    with Tracker(Console(quiet=True), 1, len(common.wanted) + STEPS) as tracker:
-        return Answer(find_causes(question, tracker.step))
+    return Answer(find_causes(common.question(case)))
 
 
 def _list(names: str | Sequence[str]) -> list[str]:

@@ -13,7 +13,7 @@ from manoeuvre_nn.core.units import KNOT
 from manoeuvre_nn.dynamics.limits import OK
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.rollout import roll_out
-from manoeuvre_nn.dynamics.simulate import Problem, simulate
+from manoeuvre_nn.dynamics.simulate import simulate
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.scoring.score import score
@@ -181,7 +181,7 @@ def true_terms() -> Float[torch.Tensor, "terms 3"]:
         One column an equation.
     """
     ship = esso_190k()
-    record = simulate(Problem(CalmWater(ship), zigzag(20.0, duration=1500.0)))
+    record = simulate(CalmWater(ship), zigzag(20.0, duration=1500.0))
     nu = torch.tensor(record.stacked("u", "v", "r"))
     products = ship.products(nu, torch.tensor(record["delta"]))
     size = products.square().mean(0).sqrt()

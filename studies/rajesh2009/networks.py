@@ -16,9 +16,9 @@ from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.units import KNOT
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.limits import OK, left_range
-from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip, Scaling, Stacked
+from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip, Scaling
 from manoeuvre_nn.dynamics.rollout import roll_out, rollout
-from manoeuvre_nn.dynamics.simulate import Problem, simulate
+from manoeuvre_nn.dynamics.simulate import simulate
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.network.perceptron import RAJESH, Activation, Perceptron, rajesh_network
 from manoeuvre_nn.numerics.damping import Damping, Rule, Stops
@@ -29,6 +29,7 @@ from manoeuvre_nn.scoring.score import score
 from manoeuvre_nn.ship.esso_190k import PARTICULARS, esso_190k
 from manoeuvre_nn.ship.known import no_part
 from studies.reproduction.section import ComputingEffort, Line, Panel
+from studies.reproduction.stacked import Stacked
 
 Row = dict[str, Any]
 """Cells of a table by column."""
@@ -172,7 +173,7 @@ def _data(manoeuvre: Manoeuvre, depth: float) -> tuple[Ship, Tuples]:
     """Inertia and training tuples."""
     ship = esso_190k(depth)
     known = no_part(ship)
-    return known, to_tuples([simulate(Problem(CalmWater(ship), manoeuvre))], known)
+    return known, to_tuples([simulate(CalmWater(ship), manoeuvre)], known)
 
 
 @torch.no_grad()

@@ -15,9 +15,9 @@ from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.limits import OK, left_range
-from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip, Scaling, Stacked
+from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip, Scaling
 from manoeuvre_nn.dynamics.rollout import roll_out, rollout
-from manoeuvre_nn.dynamics.simulate import Problem, Solution, to_recordings
+from manoeuvre_nn.dynamics.simulate import Solution, on_approach, sample_times, to_recordings
 from manoeuvre_nn.manoeuvre.spiral import spiral
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
@@ -27,6 +27,7 @@ from manoeuvre_nn.ship.great_lakes_bulker import great_lakes_bulker
 from manoeuvre_nn.ship.known import clarke_part
 from manoeuvre_nn.ship.mariner import mariner
 from manoeuvre_nn.ship.taylor import TaylorShip
+from studies.reproduction.stacked import Stacked
 from studies.wang1996.published_networks import PublishedShip, Reading, published_network
 
 SHIPS = {"mariner": mariner, "great_lakes_bulker": great_lakes_bulker}
@@ -157,7 +158,8 @@ def fly(models: Sequence[IdentifiedShip], manoeuvres: Sequence[Manoeuvre]) -> li
     ship = models[0].particulars
     programme = list(manoeuvres) * len(models)
     longest = max(manoeuvres, key=lambda m: m.duration_for(ship))
-    _, start, times = Problem(models[0], longest).on_approach()
+    vessel, start = on_approach(models[0], longest)
+    times = sample_times(vessel.model.particulars, longest)
     rows = Stacked([model for model in models for _ in manoeuvres])
     with torch.inference_mode():
         runs = rollout(rows, programme, start.repeat(len(programme), 1), torch.as_tensor(times))

@@ -17,7 +17,7 @@ from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.dynamics.base import Model, rate_of_state
 from manoeuvre_nn.dynamics.limits import left_range
 from manoeuvre_nn.dynamics.rollout import rollout
-from manoeuvre_nn.dynamics.simulate import Problem, Solution, to_recordings
+from manoeuvre_nn.dynamics.simulate import Solution, sample_times, to_recordings
 
 SINGULAR = 0.02
 """Share of ``Iz - Nrdot`` that the left-hand side of the yaw equation must keep; below it nothing can be predicted."""
@@ -193,7 +193,7 @@ def predict(model: TurningModel, manoeuvres: Sequence[Manoeuvre], *, step: float
             "turns predicted together differ in length or approach speed: predict them one after the other"
         )
     moving = model if manoeuvres[0].speed is None else model.on_approach(manoeuvres[0].speed)
-    times = Problem(moving, manoeuvres[0]).times()
+    times = sample_times(moving.particulars, manoeuvres[0])
     for manoeuvre in manoeuvres:
         manoeuvre.check(moving.particulars)
     start = torch.zeros(len(manoeuvres), 6, dtype=moving.ship.inertia.dtype)

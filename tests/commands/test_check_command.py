@@ -29,7 +29,7 @@ from manoeuvre_nn.recording.read.mapping import mapping
 from manoeuvre_nn.report.check_figures import check_figure
 from manoeuvre_nn.ship.known import clarke_part
 from manoeuvre_nn.ship.mariner import mariner_corrected
-from manoeuvre_nn.training.data import RecordedData
+from manoeuvre_nn.training.data import recorded_files
 
 ROOT = Path(__file__).parents[2]
 CONF = ROOT / "conf"
@@ -109,7 +109,7 @@ def test_the_terminal_says_what_to_write(checked):
 
 def test_training_is_told_what_should_be_mended_first(folder):
     ship, said = mariner_corrected(), yaml.safe_load((folder / "columns.yaml").read_text())
-    data = RecordedData(ship, clarke_part(ship), ["late.csv"], ["good.csv"], mapping(**said), folder=str(folder))
+    data = recorded_files(ship, clarke_part(ship), ["late.csv"], ["good.csv"], mapping(**said), folder=str(folder))
     (line,) = data.remarks()
     assert line.startswith("late: r: written down") and line.endswith("too late: move r back")
 

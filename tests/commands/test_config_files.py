@@ -250,14 +250,14 @@ def test_measured_files_choose_a_series_in_closed_loop_unless_told_otherwise(job
         other = compose(job, ["data=recording", "network=hull_rudder", "fit=ensemble"])
     assert usual.network["_target_"].endswith("Series") and usual.fit["_target_"].endswith("ClosedLoopFit")
     assert usual.linear["_target_"].endswith("clarke_inertia_part")
-    assert usual.data["_target_"] == other.data["_target_"] and usual.data["_target_"].endswith("RecordedData")
+    assert usual.data["_target_"] == other.data["_target_"] and usual.data["_target_"].endswith("recorded_files")
     assert other.network["_target_"].endswith("HullRudder") and other.fit["_target_"].endswith("EnsembleFit")
 
 
 def test_advice_is_asked_of_an_ensemble_from_measured_files_too():
     with initialize_config_dir(str(CONF), version_base=None):
         cfg = compose("excite", ["data=files"])
-    assert cfg.network["_target_"].endswith("HullRudder") and cfg.data["_target_"].endswith("RecordedData")
+    assert cfg.network["_target_"].endswith("HullRudder") and cfg.data["_target_"].endswith("recorded_files")
 
 
 def test_a_key_that_stands_twice_in_a_yaml_is_refused_with_its_line(tmp_path):

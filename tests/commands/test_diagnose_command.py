@@ -27,7 +27,7 @@ from manoeuvre_nn.commands.diagnosis_setup import setup, wanted, write_effects
 from manoeuvre_nn.commands.job import load_model, prepare
 from manoeuvre_nn.core.units import KNOT
 from manoeuvre_nn.dynamics.base import calm_accelerations
-from manoeuvre_nn.dynamics.simulate import Problem, simulate
+from manoeuvre_nn.dynamics.simulate import simulate
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 
@@ -93,8 +93,7 @@ def found(tmp_path_factory, recordings) -> Path:
 @pytest.fixture
 def no_figures(monkeypatch):
     """Leaves figures out, which take most of the time."""
-    for place in ("commands.diagnose", "report.diagnosis_html"):
-        monkeypatch.setattr(f"manoeuvre_nn.{place}.draw_diagnosis", lambda d: {})
+    monkeypatch.setattr("manoeuvre_nn.commands.diagnose.draw_diagnosis", lambda d: {})
 
 
 def test_a_persons_runs_tell_what_acted_on_them(found):
@@ -339,7 +338,7 @@ def network(done) -> Path:
 
 def test_a_network_is_loaded_as_it_was_trained(done, network):
     model = load_model(network)
-    run = simulate(Problem(model, zigzag(20.0, duration=60.0)), rtol=1e-6, atol=1e-7)
+    run = simulate(model, zigzag(20.0, duration=60.0), rtol=1e-6, atol=1e-7)
     told = pd.read_csv(done / "predictions" / "zz20.csv")
     for name, column in (("x", "x [m]"), ("psi", "psi [rad]"), ("v", "v [m/s]")):
         np.testing.assert_allclose(run[name], told[column], atol=1e-5)
@@ -347,7 +346,7 @@ def test_a_network_is_loaded_as_it_was_trained(done, network):
 
 def test_a_network_stands_in_for_the_ship(network, recordings, tmp_path):
     common = setup(config(f"recordings={recordings}", f"model={network}", "speed_kn=12", ONLY))
-    question, _ = common.question(common.runs())
+    question = common.question(common.runs())
     assert question.dynamics.network is common.model.network
     assert question.dynamics.particulars.speed == pytest.approx(12 * KNOT)
     nu, rudder = torch.tensor([7.0, 0.3, 0.01]).double(), torch.tensor(0.2).double()

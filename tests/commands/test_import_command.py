@@ -17,7 +17,7 @@ from manoeuvre_nn.core.data_files import load_yaml
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.model import CalmWater
-from manoeuvre_nn.dynamics.simulate import Problem, simulate
+from manoeuvre_nn.dynamics.simulate import simulate
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.ship.mariner import mariner
 
@@ -27,7 +27,7 @@ CONF = ROOT / "conf"
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
-    run = simulate(Problem(CalmWater(mariner()), zigzag(20.0)))
+    run = simulate(CalmWater(mariner()), zigzag(20.0))
     columns = {"t": run.time, "u": run["u"], "v": -run["v"], "rot_degps": run["r"] / DEGREE, "x": run["x"],
                "y": run["y"], "hdg": np.mod(run["psi"] / DEGREE, 360), "rudder": -run["delta"] / DEGREE}  # fmt: skip
     path = tmp_path_factory.mktemp("runs") / "zz (1).csv"

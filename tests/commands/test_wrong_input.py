@@ -7,7 +7,7 @@ from conftest import TINY
 
 from manoeuvre_nn.core.units import DEGREE, KNOT
 from manoeuvre_nn.dynamics.model import CalmWater
-from manoeuvre_nn.dynamics.simulate import Problem, simulate
+from manoeuvre_nn.dynamics.simulate import simulate
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.ship.mariner import mariner
 
@@ -107,7 +107,7 @@ def common(words: str) -> list[str]:
 
 @pytest.fixture(scope="module")
 def good() -> pd.DataFrame:
-    run = simulate(Problem(CalmWater(mariner()), zigzag(20.0, duration=140.0)))
+    run = simulate(CalmWater(mariner()), zigzag(20.0, duration=140.0))
     return pd.DataFrame({"t": run.time, **{k: run[k] for k in ("u", "v", "r", "x", "y", "psi", "delta")}})
 
 

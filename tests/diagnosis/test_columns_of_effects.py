@@ -23,9 +23,8 @@ from manoeuvre_nn.effect.depth import ShallowWater
 from manoeuvre_nn.effect.local import Tow
 from manoeuvre_nn.effect.propulsion import HullFouling, PowerLimit, PropellerSideForce
 from manoeuvre_nn.effect.roll import RollCoupling
-from manoeuvre_nn.effect.rudder import RudderBacklash, RudderOffset, RudderSaturation, RudderSlow
+from manoeuvre_nn.effect.rudder import RudderBacklash, RudderDelay, RudderOffset, RudderSaturation, RudderSlow
 from manoeuvre_nn.effect.sensors import GpsDelay, HeadingBias, LeverArm, LogScale, RateBias
-from manoeuvre_nn.effect.steering import RudderDelay
 from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.estimation.corrections import MISSING, Calibrated, Corrections
 from manoeuvre_nn.estimation.data_set import FIRST_NOISE, WhitenedDataSet, whitened_data_set

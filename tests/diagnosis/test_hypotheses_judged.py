@@ -32,7 +32,6 @@ from manoeuvre_nn.estimation.marginal_likelihood import (
     MarginalLikelihood,
     hypothesis_columns,
     log_prior_levels,
-    log_sum,
 )
 from manoeuvre_nn.estimation.posterior import posterior
 from manoeuvre_nn.estimation.relinearise import STATES_AT_REST, change_of_states, refined
@@ -100,7 +99,6 @@ def test_the_prior_of_the_levels_sums_to_one_and_favours_little_force():
     held = log_prior_levels(stand("nothing"), PROCESS_PRIOR)
     assert (np.diff(held, axis=1) < 0).all(), "the rarer the larger the scatter"
     assert held[0, 0] == held.max() and held[-1, -1] == held.min()
-    assert log_sum(np.array([-1000.0, -1000.0])) == approx(-1000 + np.log(2))
 
 
 @pytest.mark.parametrize("name", ["nothing", "current"])

@@ -10,7 +10,7 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.dynamics.limits import OK
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.replay import replay
-from manoeuvre_nn.dynamics.simulate import Problem, simulate
+from manoeuvre_nn.dynamics.simulate import simulate
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.scoring.held_out import HeldOut
@@ -27,7 +27,7 @@ def measured(record):
 def runs():
     with unchecked():
         trials = zigzag(20.0, duration=120.0), turning_circle(25.0, duration=200.0)
-        return [measured(simulate(Problem(CalmWater(mariner()), trial))) for trial in trials]
+        return [measured(simulate(CalmWater(mariner()), trial)) for trial in trials]
 
 
 def test_the_ship_that_made_the_recordings_repeats_them_whatever_their_lengths(runs):
@@ -67,7 +67,7 @@ def test_a_ship_that_breaks_down_is_ended_and_its_numbers_stay_finite(runs):
 
 def test_steered_and_replayed_references_keep_their_order(runs):
     with unchecked():
-        steered = simulate(Problem(CalmWater(mariner()), zigzag(10.0, duration=100.0)))
+        steered = simulate(CalmWater(mariner()), zigzag(10.0, duration=100.0))
         held_out = HeldOut((runs[1], steered, runs[0]), WANG.length)
         scores = held_out.score(held_out.predict(CalmWater(mariner())))
     assert [s.manoeuvre for s in scores] == ["tc25", "zz10", "zz20"]

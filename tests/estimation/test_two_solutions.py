@@ -15,15 +15,16 @@ from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage
 from manoeuvre_nn.core.units import DEGREE, KNOT
 from manoeuvre_nn.dynamics.base import rate_of_state
 from manoeuvre_nn.dynamics.limits import OK
-from manoeuvre_nn.dynamics.model import CalmWater, Stacked
+from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.rollout import roll_out, rollout
-from manoeuvre_nn.dynamics.simulate import Problem, simulate
+from manoeuvre_nn.dynamics.simulate import simulate
 from manoeuvre_nn.manoeuvre.straight import straight
 from manoeuvre_nn.manoeuvre.turning import pull_out, turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.ship.esso_190k import esso_190k
 from manoeuvre_nn.ship.great_lakes_bulker import great_lakes_bulker
 from manoeuvre_nn.ship.mariner import mariner, mariner_corrected
+from studies.reproduction.stacked import Stacked
 
 SPEED = 7.614
 
@@ -67,7 +68,7 @@ def test_the_rudder_is_reversed_at_the_heading_though_samples_are_a_second_apart
     model = CalmWater(ship_named(name))
     trial = zigzag(20.0, duration=130.0)
     with unchecked():
-        (r,) = roll_out(model, [trial]) if solver == "rollout" else [simulate(Problem(model, trial))]
+        (r,) = roll_out(model, [trial]) if solver == "rollout" else [simulate(model, trial)]
     first = int(np.argmax(r["delta_order"] < 0))
     on_its_way = first + 1  # the rudder has left 20 deg and not arrived at -20
     reversal = r.time[on_its_way] - (20 * DEGREE - r["delta"][on_its_way]) / model.particulars.rudder_rate
@@ -188,7 +189,7 @@ def test_a_row_that_ended_does_not_come_back_to_life():
 def test_a_run_that_leaves_the_physical_range_ends_there_and_says_when():
     with unchecked():
         (batched,) = roll_out(CalmWater(unstable()), [turning_circle(20.0, duration=60.0)])
-        accurate = simulate(Problem(CalmWater(unstable()), turning_circle(20.0, duration=60.0)))
+        accurate = simulate(CalmWater(unstable()), turning_circle(20.0, duration=60.0))
     for recording in (batched, accurate):
         assert recording.status.startswith("left the physical range at") and recording.duration < 60.0
         assert all(np.isfinite(c).all() for c in recording.channels.values())
@@ -207,21 +208,21 @@ def test_the_last_order_is_held_even_if_it_names_a_heading(solver):
     trial = Manoeuvre("once", "zigzag", (Stage(20 * DEGREE, heading=5 * DEGREE),), duration=60.0)
     model = CalmWater(mariner())
     with unchecked():
-        (r,) = roll_out(model, [trial]) if solver == "rollout" else [simulate(Problem(model, trial))]
+        (r,) = roll_out(model, [trial]) if solver == "rollout" else [simulate(model, trial)]
     assert r.status == OK and r["delta"][-1] == approx(20 * DEGREE) and r["psi"][-1] > 10 * DEGREE
 
 
 def test_a_sample_interval_of_ones_own_only_changes_where_the_solution_is_read():
     model, trial = CalmWater(mariner()), zigzag(20.0, duration=60.0)
     with unchecked():
-        fine, coarse = simulate(Problem(model, trial, 0.5)), simulate(Problem(model, trial, 3.0))
+        fine, coarse = simulate(model, trial, 0.5), simulate(model, trial, 3.0)
     assert np.diff(coarse.time) == approx(3.0)
     assert coarse["x"] == approx(fine["x"][::6], abs=1e-4) and coarse["psi"] == approx(fine["psi"][::6], abs=1e-6)
 
 
 def test_an_order_beyond_the_stop_is_refused_before_anything_is_computed():
     with pytest.raises(InputError, match="stops at 35 deg: write a smaller rudder_deg"):
-        simulate(Problem(CalmWater(mariner()), turning_circle(40.0)))
+        simulate(CalmWater(mariner()), turning_circle(40.0))
     with pytest.raises(InputError, match="stops at 35 deg: write a smaller rudder_deg"):
         roll_out(CalmWater(mariner()), [zigzag(36.0)])
 
@@ -229,7 +230,7 @@ def test_an_order_beyond_the_stop_is_refused_before_anything_is_computed():
 @pytest.mark.parametrize("speed", [-2.0, 0.0, 40 * KNOT])
 def test_an_approach_speed_that_is_none_is_refused(speed):
     with pytest.raises(InputError, match="write manoeuvre.speed_kn between 0 and"):
-        simulate(Problem(CalmWater(mariner()), zigzag(20.0).at_speed(speed)))
+        simulate(CalmWater(mariner()), zigzag(20.0).at_speed(speed))
 
 
 def test_nothing_ends_when_all_is_well():

@@ -13,14 +13,13 @@ from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.replay import replay
 from manoeuvre_nn.dynamics.rollout import roll_out, rollout
-from manoeuvre_nn.dynamics.simulate import Problem, simulate
+from manoeuvre_nn.dynamics.simulate import simulate
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.current import Current, TidalCurrent
 from manoeuvre_nn.effect.propulsion import PowerLimit
 from manoeuvre_nn.effect.roll import RollCoupling
-from manoeuvre_nn.effect.rudder import RudderBacklash, RudderOffset, RudderSlow
+from manoeuvre_nn.effect.rudder import RudderBacklash, RudderDelay, RudderOffset, RudderSlow
 from manoeuvre_nn.effect.sensors import GpsDelay, HeadingBias
-from manoeuvre_nn.effect.steering import RudderDelay
 from manoeuvre_nn.effect.waves import WaveDrift
 from manoeuvre_nn.effect.wind import SteadyWind, WindOnset
 from manoeuvre_nn.manoeuvre.turning import turning_circle
@@ -47,7 +46,7 @@ def batched(dynamics, *trials, step=None):
 
 def accurate(dynamics, trial):
     with unchecked():
-        return simulate(Problem(dynamics, trial))
+        return simulate(dynamics, trial)
 
 
 def measured(record):

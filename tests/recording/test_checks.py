@@ -5,7 +5,7 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.frames import body_to_earth
 from manoeuvre_nn.core.units import DEGREE, KNOT
 from manoeuvre_nn.dynamics.model import CalmWater
-from manoeuvre_nn.dynamics.simulate import Problem, simulate
+from manoeuvre_nn.dynamics.simulate import simulate
 from manoeuvre_nn.manoeuvre.straight import straight
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.recording.check.axes import rudder_sign
@@ -56,7 +56,7 @@ def test_a_file_from_which_channels_are_derived_passes(frame, judge, lost):
 
 
 def test_a_straight_run_gives_no_verdict_on_the_rudder(ship):
-    check_recording(simulate(Problem(CalmWater(mariner()), straight(duration=120.0))), ship)
+    check_recording(simulate(CalmWater(mariner()), straight(duration=120.0)), ship)
 
 
 def test_rudder_degrees_taken_for_radians_are_found(frame, found):
@@ -162,7 +162,7 @@ def test_a_rudder_with_the_wrong_sign_is_found(frame, found):
 @pytest.mark.parametrize("side", ["starboard", "port"])
 def test_the_rudders_sign_is_found_in_a_turning_circle_of_a_stable_and_of_an_unstable_ship(ship, side):
     length = 15 * ship.particulars.time_unit
-    turn = simulate(Problem(CalmWater(ship), turning_circle(25.0, side, duration=length)))
+    turn = simulate(CalmWater(ship), turning_circle(25.0, side, duration=length))
     check_recording(turn, ship.particulars)
     with pytest.raises(InputError, match="rudder sign opposite to the turn"):
         check_recording(turn.with_channels(delta=-turn["delta"]), ship.particulars)

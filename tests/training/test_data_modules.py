@@ -11,7 +11,7 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.model import CalmWater
-from manoeuvre_nn.dynamics.simulate import Problem, simulate
+from manoeuvre_nn.dynamics.simulate import simulate
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.wind import SteadyWind
@@ -20,7 +20,7 @@ from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.recording.read.mapping import mapping
 from manoeuvre_nn.ship.kvlcc2 import kvlcc2
-from manoeuvre_nn.training.data import DataSettings, RecordedData, SimulatedData
+from manoeuvre_nn.training.data import DataSettings, RecordedData, SimulatedData, recorded_files
 
 COLUMNS = {"u": "m/s", "v": "m/s", "r": "rad/s", "x": "m", "y": "m", "psi": "rad", "delta": "rad"}
 PLAIN = mapping(
@@ -40,13 +40,13 @@ def folder(tmp_path_factory) -> Path:
     where = tmp_path_factory.mktemp("runs")
     for trial in (zigzag(20.0, duration=120.0), zigzag(35.0, duration=120.0), turning_circle(25.0, duration=120.0)):
         with unchecked():
-            simulate(Problem(CalmWater(tiny.ships()[0]), trial, interval=0.5)).to_csv(where / f"{trial.name}.csv")
+            simulate(CalmWater(tiny.ships()[0]), trial, interval=0.5).to_csv(where / f"{trial.name}.csv")
     return where
 
 
 def recorded(folder, files=("zz35.csv",), score=(), **settings) -> RecordedData:
     ship, known = tiny.ships()
-    data = RecordedData(
+    data = recorded_files(
         ship, known, list(files), list(score), PLAIN, folder=str(folder), settings=DataSettings(**settings)
     )
     data.setup()
@@ -278,7 +278,7 @@ def test_a_folder_that_is_none_is_refused(folder):
 def test_a_further_manoeuvre_would_be_learnt_as_this_sets_own_are(method):
     data = simulated(noise={"v": 0.2, "r_deg_s": 0.1}, seed=4, accelerations=method)
     with unchecked():
-        sailed = simulate(Problem(CalmWater(tiny.ships()[0]), zigzag(35.0, duration=90.0), interval=1.0))
+        sailed = simulate(CalmWater(tiny.ships()[0]), zigzag(35.0, duration=90.0), interval=1.0)
         again = data.would_record(sailed, seed=4)
     torch.testing.assert_close(again.inputs, data.tuples.inputs, rtol=0, atol=1e-12)
     torch.testing.assert_close(again.targets, data.tuples.targets, rtol=0, atol=1e-12)
@@ -289,7 +289,7 @@ def test_a_further_run_beside_measured_ones_is_sensed_at_their_own_rate(folder):
     assert data.noise["v"] < 0.02  # the files hold none; what is taken away is kinks rounded off
     data.noise = {"v": 0.2}
     with unchecked():
-        sailed = simulate(Problem(CalmWater(tiny.ships()[0]), zigzag(35.0, duration=120.0), interval=1.0))
+        sailed = simulate(CalmWater(tiny.ships()[0]), zigzag(35.0, duration=120.0), interval=1.0)
         (clean,) = data.recordings
         there = data.would_record(sailed, seed=1)
     assert torch.equal(there.times, data.tuples.times)

@@ -22,7 +22,6 @@ from manoeuvre_nn.training.callbacks import RolloutScore
 from manoeuvre_nn.training.checkpoint import load_weights, read_checkpoint
 from manoeuvre_nn.training.data import DEFAULT_SCORE, SUBSTITUTES, ManoeuvreData, RecordedData
 from manoeuvre_nn.training.fits import Fit
-from manoeuvre_nn.training.given import GivenData
 from manoeuvre_nn.training.scalings import KINDS, make_scaling
 from manoeuvre_nn.training.settings import check_simulable
 
@@ -175,7 +174,7 @@ def _recorded(cfg: DictConfig, common: dict[str, Any], names: list[str]) -> Reco
     return build(settings, "data", **common, mapping=columns, score=names)
 
 
-def _given(cfg: DictConfig, common: dict[str, Any], runs: Sequence[Recording]) -> GivenData:
+def _given(cfg: DictConfig, common: dict[str, Any], runs: Sequence[Recording]) -> RecordedData:
     """The data module for recordings that are at hand; what of them is used is said as for files."""
     named = [key for key in ("files", "mapping") if cfg.data.get(key)]
     if named:
@@ -183,7 +182,7 @@ def _given(cfg: DictConfig, common: dict[str, Any], runs: Sequence[Recording]) -
     settings = OmegaConf.to_container(cfg.data, resolve=True)
     assert isinstance(settings, dict)
     kept = {str(k): v for k, v in settings.items() if k not in OF_FILES}
-    return GivenData(runs=runs, **gathered(GivenData, {**kept, **common}))
+    return RecordedData(runs=runs, **gathered(RecordedData, {**kept, **common}))
 
 
 def make_fit(cfg: DictConfig, job: Job) -> Fit:

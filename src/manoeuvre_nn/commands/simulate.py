@@ -18,7 +18,6 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.dynamics.model import CalmWater
-from manoeuvre_nn.dynamics.simulate import Problem
 from manoeuvre_nn.dynamics.simulate import simulate as solve
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.recording.noise import add_noise
@@ -88,7 +87,7 @@ def sail(
     for manoeuvre in manoeuvres:
         manoeuvre.check(ship.particulars)
     vessel = Vessel(CalmWater(ship), effects)
-    runs = [solve(Problem(vessel, m, interval=1 / rate_hz if rate_hz else None)) for m in manoeuvres]
+    runs = [solve(vessel, m, interval=1 / rate_hz if rate_hz else None) for m in manoeuvres]
     return [add_noise(run, noise, seed=seed + k) for k, run in enumerate(runs)] if noise else runs
 
 

@@ -19,6 +19,8 @@ UNIT_POWERS = {"m": 1.0, "m/s": 0.5, "kN": 3.0}
 """Unit of a parameter -> exponent of length with which its usual size goes."""
 SITES = ("inflow", "hull", "force", "actuator", "sensor")
 """Where physics can enter: water velocity, coefficients, added forces, rudder and shaft, what is written down."""
+PerRow = Float[Tensor, "*#batch"]
+"""One value a row of a batch, or one that holds for several rows."""
 
 
 @dataclass(frozen=True)
@@ -299,13 +301,7 @@ class Effect(ABC, nn.Module):
         del memory
         return torch.ones_like(s.delta)
 
-    def blade(
-        self,
-        before: Float[Tensor, "*batch"],
-        order: Float[Tensor, "*batch"],
-        shown: Float[Tensor, "*batch"],
-        elapsed: Float[Tensor, "*batch"],
-    ) -> Float[Tensor, "*batch"]:
+    def blade(self, before: PerRow, order: PerRow, shown: PerRow, elapsed: PerRow) -> PerRow:
         """Angle of the rudder blade after a time in which the indicator moved evenly; rudder effects override it.
 
         Args:

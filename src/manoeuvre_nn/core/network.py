@@ -1,5 +1,6 @@
 """What a network is to an identified ship: scaled velocities and rudder angle -> scaled forces."""
 
+import copy
 from abc import ABC, abstractmethod
 from typing import ClassVar
 
@@ -9,7 +10,11 @@ from torch import Tensor, nn
 
 
 class Network(ABC, nn.Module):
-    """Forces by learnt weights, from u, v, r and delta and whatever recorded inputs the network says that it takes."""
+    """Forces by learnt weights, from u, v, r and delta and whatever recorded inputs the network says that it takes.
+
+    Two buffers mean the same in every network that has them: ``trained`` is the number of members that answer, and
+    ``shaft`` the nominal shaft speed over that of the training.
+    """
 
     any_fit: ClassVar[bool] = True
     """Whether methods that are made for no network in particular can train it, by its parameters' gradients."""
@@ -27,12 +32,12 @@ class Network(ABC, nn.Module):
     @property
     def answering(self) -> int:
         """Number of trained members that answer for themselves; 0 or 1 for a network that is no ensemble."""
-        return 1
+        return int(self._buffers.get("trained", 1))  # type: ignore[arg-type]
 
     @property
     def shaft_ratio(self) -> Tensor | float:
         """Nominal shaft speed over that of the training [-]."""
-        return 1.0
+        return self._buffers.get("shaft", 1.0)  # type: ignore[return-value]
 
     @property
     def members(self) -> int:
@@ -70,7 +75,7 @@ class Network(ABC, nn.Module):
         return self(x)
 
     def at_shaft(self, ratio: float) -> "Network":
-        """The same network at another nominal shaft speed.
+        """The same network at another nominal shaft speed; it shares the weights.
 
         Args:
             ratio: The new nominal shaft speed over the present one [-].
@@ -78,8 +83,12 @@ class Network(ABC, nn.Module):
         Returns:
             The network itself where it does not know the shaft speed.
         """
-        del ratio
-        return self
+        shaft = self._buffers.get("shaft")
+        if shaft is None or ratio == 1.0:
+            return self
+        other = copy.copy(self)
+        other._buffers = {**self._buffers, "shaft": shaft * ratio}
+        return other
 
     def sensitivities(self, x: Float[Tensor, "*batch inputs"]) -> Float[Tensor, "*batch k 3"]:
         """What one standard deviation of each independent combination of coefficients adds to the forces.

@@ -147,14 +147,7 @@ class Particulars:
         return self.length < LONGEST_MODEL
 
     def at_speed(self, speed: float) -> "Particulars":
-        """The same ship on another approach speed.
-
-        Args:
-            speed: Approach speed [m/s].
-
-        Returns:
-            New particulars.
-        """
+        """The same ship on another approach speed [m/s]."""
         return replace(self, speed=speed, service_speed=self.top_speed)
 
     @property
@@ -226,6 +219,11 @@ class Ship(ABC, nn.Module):
         self.register_buffer("acceleration_units", inertia.new_tensor(prime.acceleration_units))
 
     @property
+    def depth(self) -> float:
+        """Depth of the water that the forces hold for [m]; ``inf`` is deep water."""
+        return inf
+
+    @property
     def table(self) -> Float[Tensor, "terms 3"] | None:
         """Coefficients that :meth:`products` are multiplied by; None if the forces are no such series."""
         return None
@@ -253,13 +251,28 @@ class Ship(ABC, nn.Module):
         """Shaft speed on the approach [rpm]: the nominal one unless a family says otherwise."""
         return self.particulars.rpm
 
+    def thrust(self, u: Float[Tensor, "*batch"], shaft: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
+        """Propulsive force behind the hull: thrust less thrust deduction.
+
+        ``T = R0 [(1 + s) (n/n0)^2 - s (n/n0) u/U0]``: thrust linear in the advance ratio, equal to the resistance R0
+        on the approach. Families that model the propeller override it.
+
+        Args:
+            u: Forward speed through the water [m/s].
+            shaft: n / n0 [-].
+
+        Returns:
+            Force [N].
+        """
+        p = self.particulars
+        return p.calm_resistance * shaft * ((1 + p.thrust_slope) * shaft - p.thrust_slope * u / p.speed)
+
     def shaft_force(
         self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"], shaft: Float[Tensor, "*batch"]
     ) -> Float[Tensor, "*batch 3"]:
-        """What a shaft speed other than the nominal one adds to the right-hand sides.
+        """What a shaft speed other than the nominal one adds to the right-hand sides, ``dX = T(u, n) - T(u, n0)``.
 
-        ``dX = R0 [(1 + s)(n^2/n0^2 - 1) - s (n/n0 - 1) u/U0]``: thrust linear in the advance ratio, equal to the
-        resistance R0 on the approach. Families that model the propeller override it.
+        Families whose rudder lies in the propeller race override it.
 
         Args:
             nu: u, v [m/s], r [rad/s] through the water.
@@ -270,27 +283,40 @@ class Ship(ABC, nn.Module):
             Addition to f' [-].
         """
         del delta
-        p = self.particulars
-        slope, advance = p.thrust_slope, nu[..., 0] / p.speed
-        surge = (1 + slope) * (shaft.square() - 1) - slope * (shaft - 1) * advance
-        surge = surge * (p.calm_resistance / self.prime.force)
+        u = nu[..., 0]
+        surge = (self.thrust(u, shaft) - self.thrust(u, torch.ones_like(u))) / self.prime.force
         return torch.stack([surge, torch.zeros_like(surge), torch.zeros_like(surge)], dim=-1)
 
     def acceleration_from_si(self, force: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
-        """Accelerations that an external force causes.
-
-        Args:
-            force: X, Y [N], N [N m].
-
-        Returns:
-            udot, vdot [m/s^2], rdot [rad/s^2].
-        """
+        """Accelerations udot, vdot [m/s^2], rdot [rad/s^2] that an external force X, Y [N], N [N m] causes."""
         units = force.new_tensor([self.prime.force, self.prime.force, self.prime.moment])
         return (force / units) @ self.inertia_inverse.T * self.acceleration_units
 
-    @abstractmethod
+    def shallow_change(
+        self,
+        nu: Float[Tensor, "*batch 3"],
+        delta: Float[Tensor, "*batch"],
+        shaft: Float[Tensor, "*batch"],
+        zeta: Float[Tensor, "*own"],
+    ) -> tuple[Float[Tensor, "*own 3"], Float[Tensor, "*own 3"]] | None:
+        """What shallow water adds, where the coefficients say it.
+
+        Args:
+            nu: u, v [m/s], r [rad/s] through the water.
+            delta: Rudder angle [rad].
+            shaft: n / n0 [-].
+            zeta: Draught over the water under the keel, ``T / (h - T)`` [-].
+
+        Returns:
+            Additions to f' and to the diagonal of M' [-]; None where the coefficients hold for deep water alone.
+        """
+        del nu, delta, shaft, zeta
+        return None
+
     def force(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
         """Right-hand sides of surge, sway and yaw, mass terms such as ``(m + Xvr) v r`` included.
+
+        ``f' = products @ table``; families whose forces are no such series override it.
 
         Args:
             nu: u, v [m/s], r [rad/s] through the water.
@@ -299,6 +325,9 @@ class Ship(ABC, nn.Module):
         Returns:
             f' [-] in the ship's prime system.
         """
+        products = self.products(nu, delta)
+        assert self.table is not None
+        return products @ self.table
 
     @abstractmethod
     def on_approach(self, speed: float) -> "Ship":
@@ -312,15 +341,7 @@ class Ship(ABC, nn.Module):
         """
 
     def acceleration(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
-        """Accelerations ``nudot = units M'^-1 f'``.
-
-        Args:
-            nu: u, v [m/s], r [rad/s].
-            delta: Rudder angle [rad], positive turns to starboard.
-
-        Returns:
-            udot, vdot [m/s^2], rdot [rad/s^2].
-        """
+        """Accelerations ``nudot = units M'^-1 f'`` by :meth:`force`: udot, vdot [m/s^2], rdot [rad/s^2]."""
         return self.acceleration_from_force(nu, self.force(nu, delta))
 
     def acceleration_from_force(
@@ -339,14 +360,7 @@ class Ship(ABC, nn.Module):
         return force @ self.inertia_inverse.T * self.acceleration_units
 
     def force_from_acceleration(self, nudot: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
-        """The right-hand sides that cause given accelerations, ``f' = M' nudot'``.
-
-        Args:
-            nudot: udot, vdot [m/s^2], rdot [rad/s^2].
-
-        Returns:
-            f' [-].
-        """
+        """The right-hand sides f' [-] that cause given accelerations [m/s^2, rad/s^2], ``f' = M' nudot'``."""
         return (nudot / self.acceleration_units) @ self.inertia.T
 
 

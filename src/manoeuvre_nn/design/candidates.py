@@ -17,7 +17,7 @@ from manoeuvre_nn.dynamics.limits import OK, left_range
 from manoeuvre_nn.dynamics.members import Members, has_members
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.dynamics.rollout import rollout
-from manoeuvre_nn.dynamics.simulate import Problem
+from manoeuvre_nn.dynamics.simulate import on_approach
 
 STEPS_PER_LENGTH = 8
 """Steps, and samples, in the time L/U0: a model's forces over a few lengths are smooth."""
@@ -107,7 +107,7 @@ def _sailed(model: IdentifiedShip, group: Sequence[Manoeuvre], interval: float |
     """Manoeuvres of one approach speed in one batch, member after member."""
     moving: Model = Members(model) if has_members(model) else model
     count = moving.count if isinstance(moving, Members) else 1
-    vessel, start, _ = Problem(moving, group[0]).on_approach()
+    vessel, start = on_approach(moving, group[0])
     ship = vessel.model.particulars
     for manoeuvre in group:
         manoeuvre.check(ship)
@@ -127,17 +127,13 @@ def _sailed(model: IdentifiedShip, group: Sequence[Manoeuvre], interval: float |
 
 
 def remark(run: CandidateRun, ship: Particulars) -> str:
-    """What speaks against sailing a manoeuvre.
-
-    Args:
-        run: The manoeuvre as the members sail it.
-        ship: The ship, for its stability.
-
-    Returns:
-        ``ok``, or that members leave the physical range, or heel more than :data:`HEEL_WARNING_DEG`.
+    """What speaks against sailing a manoeuvre: members that leave the physical range, or much heel.
 
     Source:
         Heel in a turn, ``tan phi = u r (KG - T/2) / (g GM)``: Biran & Lopez-Pulido 2014, section 6.4.
+
+    Returns:
+        ``ok``, or the remark.
     """
     lost = int(run.ended.isfinite().sum())
     if lost:

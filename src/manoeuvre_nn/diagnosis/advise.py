@@ -46,7 +46,7 @@ def advise(data_set: WhitenedDataSet, leading: FittedHypothesis, rivals: Sequenc
         rivals: Other explanations; a hypothesis without effects is calm water.
 
     Returns:
-        One list a rival: runs, the most telling first, and among them the recorded runs with a channel more.
+        One list a rival; among the runs are the recorded ones with a channel more.
     """
     plans = [*new_runs(data_set, leading.hypothesis), *same_runs(data_set)]
     again = [about_states(data_set.dynamics, p, p.linearised.track)[0] for p in data_set.runs]
@@ -59,17 +59,7 @@ def advise(data_set: WhitenedDataSet, leading: FittedHypothesis, rivals: Sequenc
 
 
 def apart(data_set: WhitenedDataSet, leading: Hypothesis, rival: Hypothesis, best: tuple[int, int]) -> float:
-    """How surely recordings tell two hypotheses apart.
-
-    Args:
-        data_set: The recordings.
-        leading: What acts.
-        rival: What is fitted.
-        best: Force level and scatter level.
-
-    Returns:
-        Log Bayes factor by which the first is expected to beat the second.
-    """
+    """Log Bayes factor by which one hypothesis is expected to beat another, fitted at its best noise levels."""
     grams, sd = _grams(data_set, _whole(data_set, leading, range(len(data_set.runs))), rival, best)
     return left_over(sum(grams, np.zeros_like(grams[0])), sd)
 

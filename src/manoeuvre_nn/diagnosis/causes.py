@@ -16,17 +16,7 @@ LEADING = 0.25
 
 
 def causes_of(question: Question, tried: SearchResult, verdict: Decision, chosen: FittedHypothesis) -> list[Cause]:
-    """All candidates with their probability, best first.
-
-    Args:
-        question: What is asked.
-        tried: All hypotheses that were fitted.
-        verdict: Their probabilities.
-        chosen: What is named; calm water if nothing is.
-
-    Returns:
-        The causes, ``unknown`` among them.
-    """
+    """All candidates and ``unknown`` with their probability: what was proved first, then the likeliest."""
     causes = []
     for name in verdict.effects:
         proved = name in chosen.names

@@ -34,7 +34,7 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
 
     Args:
         question: What is asked.
-        progress: Is told which candidate is under test.
+        progress: Is told what is under way.
 
     Returns:
         The answer.

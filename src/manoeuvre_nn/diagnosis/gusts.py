@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 from scipy.linalg import solve_triangular
+from scipy.special import logsumexp
 
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.dynamics.base import is_fitted
@@ -19,7 +20,6 @@ from manoeuvre_nn.estimation.marginal_likelihood import (
     MarginalLikelihood,
     hypothesis_columns,
     log_prior_levels,
-    log_sum,
 )
 
 
@@ -51,16 +51,7 @@ ROUNDS = 3
 
 
 def fitted_gusts(likelihood: MarginalLikelihood, steady: FittedHypothesis, gusty: Effect) -> FittedHypothesis:
-    """Fit a hypothesis with its steady wind replaced by a gusty one.
-
-    Args:
-        likelihood: The runs.
-        steady: A hypothesis with a steady wind.
-        gusty: Prototype of the gusty wind.
-
-    Returns:
-        It at the most likely size of gusts.
-    """
+    """Fit a hypothesis with its steady wind replaced by a gusty one, at the most likely size of gusts."""
     ship = likelihood.data_set.dynamics.particulars
     wind, kinds = steady.names.index(gusty.variant_of), AT_SEA + ON_PONDS if ship.is_model else AT_SEA
     levels = [int(g) for g in np.flatnonzero(likelihood.data_set.levels.max(axis=1) < MAX_PROCESS_BESIDE_GUSTS)]
@@ -84,16 +75,7 @@ def _around(level: int) -> list[int]:
 
 
 def gusty_evidence(likelihood: MarginalLikelihood, hypothesis: Hypothesis, level: int) -> float:
-    """Log evidence of a hypothesis with a gusty wind at its values, at one force level and the best scatter.
-
-    Args:
-        likelihood: The runs.
-        hypothesis: It, at its values; the gusts' course is integrated out.
-        level: Force level.
-
-    Returns:
-        Log evidence.
-    """
+    """Log evidence of a hypothesis with a gusty wind, its course integrated out, at its values and a force level."""
     wind = next(k for k, e in enumerate(hypothesis.effects) if e.random)
     declared = [p.name for p in hypothesis.effects[wind].declared]
     kind = _Gusts(
@@ -102,7 +84,7 @@ def gusty_evidence(likelihood: MarginalLikelihood, hypothesis: Hypothesis, level
     grams, norms = _without_course(
         likelihood, hypothesis_columns(likelihood.data_set, hypothesis), wind, [kind], [level]
     )
-    return float(likelihood.regress(hypothesis, grams[0, 0], norms[0, 0]).evidence.max())
+    return float(likelihood.regress(grams[0, 0], norms[0, 0], hypothesis).evidence.max())
 
 
 def _tried(
@@ -117,7 +99,7 @@ def _tried(
     prior = log_prior_levels(likelihood.data_set, PROCESS_PRIOR)
     tried = []
     for gram, norm in zip(grams, norms, strict=True):
-        known = {g: likelihood.regress(hypothesis, gram[k], norm[k]) for k, g in enumerate(levels)}
+        known = {g: likelihood.regress(gram[k], norm[k], hypothesis) for k, g in enumerate(levels)}
         tried.append(likelihood.over_levels(hypothesis, known, prior))
     return tried, sizes
 
@@ -165,7 +147,7 @@ def _chosen(found: list[tuple[FittedHypothesis, _Gusts]], wind: int, gusty: Effe
     values[wind] = np.stack(np.broadcast_arrays(*columns, old[:, 0])[:-1], axis=-1)
     effects = tuple(gusty if n == wind else e for n, e in enumerate(fitted.hypothesis.effects))
     # Averaged over the sizes, not the best of them: trying many sizes must not pay.
-    evidence = log_sum(scores) - float(np.log(len(scores)))
+    evidence = float(logsumexp(scores)) - float(np.log(len(scores)))
     return replace(
         fitted,
         hypothesis=Hypothesis(effects, tuple(values)),

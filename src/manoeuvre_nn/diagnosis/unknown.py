@@ -9,11 +9,12 @@ scale or a lever arm are a fault of a sensor that the shelf does not have.
 from itertools import product
 
 import numpy as np
+from scipy.special import logsumexp
 
 from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
-from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood, log_sum
+from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 
 COLOURED = 4.0
 """Variance factor of a channel's slow errors from which its sensor is not trusted."""
@@ -22,27 +23,17 @@ SENSOR_PER_RUN = 12.0
 
 
 def unknown_evidence(likelihood: MarginalLikelihood, none: FittedHypothesis, formula: FittedHypothesis | None) -> float:
-    """Log evidence of something unknown.
-
-    Args:
-        likelihood: The runs.
-        none: Calm water, for the levels to look at.
-        formula: The best short formula.
-
-    Returns:
-        Log evidence, summed over levels and over what is loose.
-    """
+    """Log evidence of something unknown, summed over levels near those of calm water and over what is loose."""
     data_set = likelihood.data_set
     side = round(np.sqrt(len(data_set.levels)))
     row, column = divmod(none.best[0], side)
     near = [r * side + c for r, c in product(range(side), range(side)) if abs(r - row) <= 1 and abs(c - column) <= 1]
     near = sorted({*near, min(row + 2, side - 1) * side + column, row * side + min(column + 2, side - 1)})
-    data = np.eye(data_set.size)[0]
-    loose = np.stack([data_set.posterior(data_set.at(g).base_gram, data_set.at(g).norm, data).evidence for g in near])
-    found = [log_sum(loose - np.log(len(data_set.levels) * loose.shape[1]))]
+    loose = np.stack([likelihood.posterior(None, g).evidence for g in near])
+    found = [logsumexp(loose - np.log(len(data_set.levels) * loose.shape[1]))]
     if formula is not None:
         found.append(formula.evidence)
-    return log_sum(np.array(found) - np.log(2)) + _strange_sensors(data_set)
+    return float(logsumexp(np.array(found) - np.log(2))) + _strange_sensors(data_set)
 
 
 def _strange_sensors(data_set: WhitenedDataSet) -> float:

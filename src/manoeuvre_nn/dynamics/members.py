@@ -51,36 +51,15 @@ class Members(Model):
         """The known part."""
         return self.model.hull
 
-    @property
-    def memory(self) -> int:
-        """One: the number of the member that moves a row."""
-        return 1
-
     def start(self, state: Float[Tensor, "*batch 6"], inputs: Inputs) -> Float[Tensor, "*batch 7"]:
-        """The state and the number of its member.
-
-        Args:
-            state: u, v, r, x, y, psi; as many rows for every member, or a single one for the first.
-            inputs: Not used.
-
-        Returns:
-            Whole states.
-        """
+        """The state and the number of its member: as many rows for every member, or a single one for the first."""
         del inputs
         rows = state[..., 0].numel()
         number = torch.arange(rows, device=state.device) // max(1, rows // self.count)
         return torch.cat([state, number.reshape(*state.shape[:-1], 1).to(state)], dim=-1)
 
     def forward(self, state: Float[Tensor, "*batch 7"], inputs: Inputs) -> Float[Tensor, "*batch 7"]:
-        """Rate of the state, every row by its own member.
-
-        Args:
-            state: u, v, r, x, y, psi and the member's number.
-            inputs: Rudder, shaft and wind.
-
-        Returns:
-            Its time derivative.
-        """
+        """Rate of the state, every row by its own member."""
         model, nu, rows = self.model, state[..., :3], state[..., 6].round().long().flatten()
         seen = model.network_inputs(state, inputs)
         seen = seen.reshape(-1, seen.shape[-1])
@@ -93,14 +72,7 @@ class Members(Model):
         return torch.cat([rate_of_state(state, nudot), torch.zeros_like(state[..., 6:])], dim=-1)
 
     def on_approach(self, speed: float) -> "Members":
-        """The model at another approach speed.
-
-        Args:
-            speed: Approach speed [m/s].
-
-        Returns:
-            A new model.
-        """
+        """The model at another approach speed."""
         return Members(self.model.on_approach(speed), self.together)
 
 

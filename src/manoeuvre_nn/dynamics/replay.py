@@ -2,18 +2,18 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from math import ceil
 
 import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
-from torchdiffeq import odeint
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.inputs import Inputs, InputTable
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.dynamics.base import Model
+from manoeuvre_nn.dynamics.base import Model, runge_kutta_step
 from manoeuvre_nn.dynamics.limits import OK, inside_physical_range, left_range
 from manoeuvre_nn.dynamics.recorded_inputs import held_table, recorded_inputs
 from manoeuvre_nn.dynamics.rollout import STEPS_PER_LENGTH
@@ -92,10 +92,10 @@ def blade_series(
 
 
 def integrate(model: Model, first: Float[Tensor, "rows n"], table: InputTable) -> Float[Tensor, "times rows n"]:
-    """States at all samples of a table of inputs, by torchdiffeq's fixed-step fourth-order method.
+    """States at all samples of a table of inputs, by :func:`.runge_kutta_step`.
 
-    Fixed steps, since the recorded rudder has a kink at every sample, at which a controlled step would be cut anew. A
-    rate outside the physical range is zero, so that a lost row rests and stays finite.
+    The recorded rudder has a kink at every sample: steps end there. A rate outside the physical range is zero, so that
+    a lost row rests and stays finite.
 
     Args:
         model: The model.
@@ -106,14 +106,18 @@ def integrate(model: Model, first: Float[Tensor, "rows n"], table: InputTable) -
         Whole states.
     """
     ship, count = model.particulars, table.columns["delta"].shape[1]
-    times = table.interval * torch.arange(count, dtype=torch.float64)
+    parts = ceil(table.interval / (ship.time_unit / STEPS_PER_LENGTH) - 1e-9)
+    step = table.interval / parts
 
-    def rate(t: Tensor, state: Tensor) -> Tensor:
-        inputs = table.at(table.start + float(t))
+    def rate(state: Tensor, inputs: Inputs) -> Tensor:
         return torch.where(inside_physical_range(state, ship)[:, None], model(state, inputs), 0.0)
 
-    step = min(table.interval, ship.time_unit / STEPS_PER_LENGTH)
-    return odeint(rate, first, times.to(first), method="rk4", options={"step_size": step})
+    states, now = [first], table.at(table.start)
+    for k in range(parts * (count - 1)):
+        midway, then = (table.at(table.start + (k + share) * step) for share in (0.5, 1.0))
+        states.append(runge_kutta_step(rate, states[-1], (now, midway, then), first.new_tensor(step)))
+        now = then
+    return torch.stack(states[::parts])
 
 
 def _prediction(

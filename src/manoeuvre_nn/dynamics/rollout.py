@@ -1,8 +1,9 @@
 """Many manoeuvres at once: a fixed-step solution in which every run is a row of one tensor.
 
-No library does this: rows reverse their rudders at their own times, so a common step would either miss the crossings or
-be cut by every row. Here every row has a clock of its own: all rows step at once, each as far as its next step's end or
-the next thing that happens to it, so that an event costs one more pass and not a batch of its own.
+Steps are those of :func:`.runge_kutta_step`. No library has this loop: rows reverse their rudders at their own times,
+so a common step would either miss the crossings or be cut by every row. Here every row has a clock of its own: all rows
+step at once, each as far as its next step's end or the next thing that happens to it, so that an event costs one more
+pass and not a batch of its own.
 """
 
 from collections.abc import Sequence
@@ -18,10 +19,10 @@ from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
-from manoeuvre_nn.dynamics.base import Model
+from manoeuvre_nn.dynamics.base import Model, runge_kutta_step
 from manoeuvre_nn.dynamics.helm import Helm, helm_of
 from manoeuvre_nn.dynamics.limits import OK, inside_physical_range, left_range
-from manoeuvre_nn.dynamics.simulate import Problem, Solution, to_recordings
+from manoeuvre_nn.dynamics.simulate import Solution, on_approach, sample_times, to_recordings
 from manoeuvre_nn.dynamics.vessel import Vessel, as_vessel
 
 STEPS_PER_LENGTH = 20
@@ -91,7 +92,7 @@ def rollout(
     through, the crossings' times included.
 
     Args:
-        ship: One model or vessel for all rows, or :class:`~manoeuvre_nn.dynamics.model.Stacked` rows.
+        ship: One model or vessel for all rows; what a model does in a row may be that row's own.
         manoeuvres: One for each row.
         start: Whole initial states, as ``Model.start`` makes them.
         times: Sample times [s], evenly spaced from 0.
@@ -151,7 +152,7 @@ def _pass(vessel: Vessel, b: _Batch, ends: Float[Tensor, " steps"]) -> _Batch:
     due = ends.index_select(0, (b.steps + 1).clamp(max=last))
     smooth = torch.minimum(due - b.time, b.helm.smooth_time(b.time).clamp(min=0.0))
     tau = torch.fmin(smooth, b.attempt)
-    state, shown, blade = _runge_kutta(vessel, b.helm, b.state, b.time, tau)
+    state, shown, blade = _step(vessel, b.helm, b.state, b.time, tau)
     time, tries, attempt = b.time + tau, b.tries, b.attempt
     crossed, beyond = tries == 2, b.helm.beyond(state[:, 5])
     looking = ~crossed & ((beyond >= 0) | (tries == 1))
@@ -204,19 +205,16 @@ def _corrected(b: _Batch, before: Tensor, new: Tensor, smooth: Tensor, beyond: T
     return torch.fmin((b.attempt - step).clamp(min=0.0), smooth)
 
 
-def _runge_kutta(
+def _step(
     vessel: Vessel, helm: Helm, state: Tensor, time: Float[Tensor, " rows"], tau: Float[Tensor, " rows"]
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Classical fourth-order step with the rudder's exact angles: state, indicated angle, angles behind it."""
-    half, noon, h = 0.5 * tau, time + 0.5 * tau, tau[:, None]
-    middle = helm.after(half, vessel.gear)[1][:, -1]
+    """A Runge-Kutta step with the rudder's exact angles: state, indicated angle, angles behind it."""
+    half = 0.5 * tau
     shown, blade = helm.after(tau, vessel.gear)
-    midway = Inputs(middle, time=noon)
-    k1 = vessel.model(state, Inputs(helm.blade[:, -1], time=time))
-    k2 = vessel.model(torch.addcmul(state, k1, half[:, None]), midway)
-    k3 = vessel.model(torch.addcmul(state, k2, half[:, None]), midway)
-    k4 = vessel.model(torch.addcmul(state, k3, h), Inputs(blade[:, -1], time=time + tau))
-    return torch.addcmul(state, torch.add(k1 + k4, k2 + k3, alpha=2.0), h / 6.0), shown, blade
+    now = Inputs(helm.blade[:, -1], time=time)
+    midway = Inputs(helm.after(half, vessel.gear)[1][:, -1], time=time + half)
+    then = Inputs(blade[:, -1], time=time + tau)
+    return runge_kutta_step(vessel.model, state, (now, midway, then), tau[:, None]), shown, blade
 
 
 def roll_out(
@@ -241,8 +239,8 @@ def roll_out(
     done: dict[int, Recording] = {}
     for indices in by_speed.values():
         group = [manoeuvres[i] for i in indices]
-        vessel, start, _ = Problem(ship, group[0]).on_approach()
-        clocks = [Problem(vessel, m, interval=interval).times() for m in group]
+        vessel, start = on_approach(ship, group[0])
+        clocks = [sample_times(vessel.model.particulars, m, interval) for m in group]
         with torch.no_grad():
             vessel.model(
                 start, Inputs(start[5], time=start[5])

@@ -14,53 +14,10 @@ from manoeuvre_nn.core.channels import ACCELERATION
 from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.core.ship import check_speed
+from manoeuvre_nn.core.ship import Particulars, check_speed
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.limits import MAX_PRIME_VELOCITIES, OK, inside_physical_range, left_range
 from manoeuvre_nn.dynamics.vessel import RudderGear, Vessel, as_vessel
-
-
-@dataclass(frozen=True)
-class Problem:
-    """What is to be simulated: no solving in it.
-
-    Attributes:
-        ship: The model or vessel that moves.
-        manoeuvre: What the helmsman does.
-        interval: Time between samples [s]; None takes the ship's usual one.
-    """
-
-    ship: Model | Vessel
-    manoeuvre: Manoeuvre
-    interval: float | None = None
-
-    def on_approach(self) -> tuple[Vessel, Float[Tensor, " n"], Float[np.ndarray, " times"]]:
-        """The ship at the manoeuvre's approach speed.
-
-        Returns:
-            Vessel, initial state (straight ahead at the origin, heading 0, rudder amidships) and sample times [s].
-        """
-        speed, vessel = self.manoeuvre.speed, as_vessel(self.ship)
-        if speed is not None and speed != vessel.model.particulars.speed:
-            check_speed(vessel.model.particulars, speed)
-            vessel = vessel.on_approach(speed)
-        # The usual length of a trial follows from the approach speed.
-        times, model = replace(self, ship=vessel).times(), vessel.model
-        reference = next(b for b in model.buffers() if b.is_floating_point())
-        state = torch.zeros(6, dtype=reference.dtype)
-        state[0] = model.particulars.speed
-        state = model.start(state, Inputs(vessel.gear.at_rest(state.new_zeros(()))[-1]))
-        return vessel, state, times
-
-    def times(self) -> Float[np.ndarray, " times"]:
-        """Sample times of a manoeuvre that the ship can do, the ship being at its approach speed already.
-
-        Returns:
-            Times [s].
-        """
-        ship = as_vessel(self.ship).model.particulars
-        self.manoeuvre.check(ship)
-        return np.arange(0.0, self.manoeuvre.duration_for(ship) + 1e-9, self.interval or ship.sample_interval)
 
 
 @dataclass(frozen=True)
@@ -105,14 +62,56 @@ class _Piece:
         return self.gear.after(self.before, self.order, self.shown(t), t - self.start)
 
 
-def simulate(problem: Problem, *, rtol: float = 1e-8, atol: float = 1e-9) -> Recording:
-    """Simulate one manoeuvre with torchdiffeq's Dormand-Prince method.
+def on_approach(ship: Model | Vessel, manoeuvre: Manoeuvre) -> tuple[Vessel, Float[Tensor, " n"]]:
+    """A ship as it comes into a manoeuvre.
+
+    Args:
+        ship: The model or vessel.
+        manoeuvre: What the helmsman does.
+
+    Returns:
+        The vessel at the manoeuvre's approach speed, and its state: straight ahead at the origin, heading 0, rudder
+        amidships.
+    """
+    speed, vessel = manoeuvre.speed, as_vessel(ship)
+    if speed is not None and speed != vessel.model.particulars.speed:
+        check_speed(vessel.model.particulars, speed)
+        vessel = vessel.on_approach(speed)
+    model = vessel.model
+    reference = next(b for b in model.buffers() if b.is_floating_point())
+    state = torch.zeros(6, dtype=reference.dtype)
+    state[0] = model.particulars.speed
+    return vessel, model.start(state, Inputs(vessel.gear.at_rest(state.new_zeros(()))[-1]))
+
+
+def sample_times(ship: Particulars, manoeuvre: Manoeuvre, interval: float | None = None) -> Float[np.ndarray, " times"]:
+    """Sample times of a manoeuvre that the ship can do.
+
+    Args:
+        ship: The ship at the manoeuvre's approach speed, from which the usual length of a trial follows.
+        manoeuvre: What the helmsman does.
+        interval: Time between samples [s]; None takes the ship's usual one.
+
+    Returns:
+        Times [s].
+    """
+    manoeuvre.check(ship)
+    return np.arange(0.0, manoeuvre.duration_for(ship) + 1e-9, interval or ship.sample_interval)
+
+
+def simulate(
+    ship: Model | Vessel, manoeuvre: Manoeuvre, interval: float | None = None, *,
+    rtol: float = 1e-8, atol: float = 1e-9,
+) -> Recording:  # fmt: skip
+    """Simulate one manoeuvre to a tolerance with torchdiffeq's Dormand-Prince method: the reference for all others.
 
     The rudder turns at its rate, which is solved exactly, so that integration goes piece by piece from kink to kink;
     the time at which the heading reaches a stage's limit is located by ``odeint_event``.
 
     Args:
-        problem: Ship and manoeuvre.
+        ship: The model or vessel that moves.
+        manoeuvre: What the helmsman does.
+        interval: Time between samples [s]; None takes the ship's usual one.
         rtol: Relative tolerance.
         atol: Absolute tolerance.
 
@@ -120,10 +119,11 @@ def simulate(problem: Problem, *, rtol: float = 1e-8, atol: float = 1e-9) -> Rec
         Recording with u, v, r, x, y, psi, delta, delta_order and exact accelerations, with effects also what
         :func:`to_recordings` adds. A run that leaves the physical range ends there, and its status says when.
     """
-    vessel, state, times = problem.on_approach()
+    vessel, state = on_approach(ship, manoeuvre)
+    times = sample_times(vessel.model.particulars, manoeuvre, interval)
     options = {"rtol": rtol, "atol": atol, "method": "dopri5"}
     with torch.no_grad():
-        states, rudders, blades, orders = _integrate(vessel, problem.manoeuvre, state, times, options)
+        states, rudders, blades, orders = _integrate(vessel, manoeuvre, state, times, options)
         inside = inside_physical_range(states, vessel.model.particulars).cpu().numpy()
     end, status = len(times), OK
     if not inside.all() or len(inside) < len(times):
@@ -131,7 +131,7 @@ def simulate(problem: Problem, *, rtol: float = 1e-8, atol: float = 1e-9) -> Rec
         status = left_range(float(times[min(end, len(times) - 1)]))
     inputs = Inputs(blades[None, :end], time=states.new_tensor(times[:end])[None])
     solution = Solution(times[:end], states[None, :end], rudders[None, :end], orders[None, :end], inputs, status)
-    (made,) = to_recordings(vessel, [problem.manoeuvre], solution)
+    (made,) = to_recordings(vessel, [manoeuvre], solution)
     return made
 
 
@@ -155,7 +155,7 @@ def to_recordings(ship: Model | Vessel, manoeuvres: Sequence[Manoeuvre], solutio
         rates = vessel.model(states, solution.inputs)
         made |= {"delta": solution.shown, "delta_order": solution.orders}
         made |= dict(zip(ACCELERATION, rates[..., :3].unbind(-1), strict=True))
-        made |= vessel.sensors.record(states, rates, solution.shown, solution.inputs)
+        made |= vessel.record(states, rates, solution.shown, solution.inputs)
     channels = {name: values.double().cpu().contiguous().numpy() for name, values in made.items()}
     particulars, recordings = vessel.model.particulars, []
     meta = {"ship": particulars.name, "time_unit": particulars.time_unit}

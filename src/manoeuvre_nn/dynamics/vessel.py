@@ -44,21 +44,8 @@ class Affected(Model):
         """That of the calm-water model."""
         return self.calm.hull
 
-    @property
-    def memory(self) -> int:
-        """Number of states beyond the six of the ship."""
-        return sum(e.memory for e in self._effects())
-
     def forward(self, state: Float[Tensor, "*batch n"], inputs: Inputs) -> Float[Tensor, "*batch n"]:
-        """Rate of the state.
-
-        Args:
-            state: u, v, r, x, y, psi and the effects' own states.
-            inputs: Rudder, shaft, wind and time.
-
-        Returns:
-            Its time derivative.
-        """
+        """Rate of the state: in calm water, and what every effect adds."""
         s, motion = self._seen(state, inputs)
         acceleration, own = s.nudot, []
         for effect, memory in self._memories(state):
@@ -68,15 +55,7 @@ class Affected(Model):
         return torch.cat([acceleration, motion, *own], dim=-1)
 
     def start(self, state: Float[Tensor, "*batch 6"], inputs: Inputs) -> Float[Tensor, "*batch n"]:
-        """A state with the effects' own states as on a steady approach.
-
-        Args:
-            state: u, v, r, x, y, psi.
-            inputs: Rudder then.
-
-        Returns:
-            The whole state.
-        """
+        """A state with the effects' own states as on a steady approach."""
         nudot, nominal = torch.zeros_like(state[..., :3]), torch.ones_like(inputs.delta)
         s = _situation(state, nudot, Inputs(inputs.delta, nominal))
         return torch.cat([state, *(e.memory_at_start(s) for e in self._effects())], dim=-1)
@@ -94,14 +73,7 @@ class Affected(Model):
         return self._seen(state, inputs)[0]
 
     def on_approach(self, speed: float) -> "Affected":
-        """The same ship and effects at another approach speed; what effects do follows the ship.
-
-        Args:
-            speed: Approach speed [m/s].
-
-        Returns:
-            A new model.
-        """
+        """The same ship and effects at another approach speed; what effects do follows the ship."""
         calm = self.calm.on_approach(speed)
         return Affected(calm, [_aboard(e, calm.hull) for e in self._effects()])
 
@@ -216,47 +188,6 @@ class RudderGear:
         return recorded
 
 
-class Recorder:
-    """What the recorder writes of a moving ship; u and v are no sensor's."""
-
-    def __init__(self, acting: Affected | None = None) -> None:
-        """Say what acts.
-
-        Args:
-            acting: The model with its effects; None records nothing beside the state.
-        """
-        self._acting = acting
-
-    def record(
-        self,
-        states: Float[Tensor, "*batch n"],
-        rates: Float[Tensor, "*batch n"],
-        shown: Float[Tensor, "*batch"],
-        inputs: Inputs,
-    ) -> dict[str, Tensor]:
-        """What perfect sensors would write, changed by every effect in turn.
-
-        Args:
-            states: Whole states, time in the last batch dimension.
-            rates: Their rates.
-            shown: Indicated rudder angle [rad].
-            inputs: Rudder blade, shaft, wind and time.
-
-        Returns:
-            x, y [m], vn, ve (over ground) [m/s], psi [rad], r [rad/s], u_log [m/s], delta [rad] and shaft [-]; nothing
-            without effects.
-        """
-        if self._acting is None:
-            return {}
-        s = self._acting.situation(states, inputs)
-        north, east = rates[..., 3:5].unbind(-1)
-        channels = {"x": s.x, "y": s.y, "vn": north, "ve": east, "psi": s.psi, "r": s.r, "u_log": s.u}
-        channels |= {"delta": shown, "shaft_recorded": s.shaft}
-        for effect in self._acting.effects:
-            channels = effect.record(channels, s)  # type: ignore[operator]
-        return {"shaft" if name == "shaft_recorded" else name: values for name, values in channels.items()}
-
-
 @dataclass(frozen=True)
 class Vessel:
     """What solvers take: a model, its steering gear and its sensors.
@@ -279,10 +210,34 @@ class Vessel:
         """From orders to the rudder blade."""
         return RudderGear(self.effects)
 
-    @cached_property
-    def sensors(self) -> Recorder:
-        """What is written down."""
-        return Recorder(self.model if isinstance(self.model, Affected) else None)
+    def record(
+        self,
+        states: Float[Tensor, "*batch n"],
+        rates: Float[Tensor, "*batch n"],
+        shown: Float[Tensor, "*batch"],
+        inputs: Inputs,
+    ) -> dict[str, Tensor]:
+        """What perfect sensors would write, changed by every effect in turn; u and v are no sensor's.
+
+        Args:
+            states: Whole states, time in the last batch dimension.
+            rates: Their rates.
+            shown: Indicated rudder angle [rad].
+            inputs: Rudder blade, shaft, wind and time.
+
+        Returns:
+            x, y [m], vn, ve (over ground) [m/s], psi [rad], r [rad/s], u_log [m/s], delta [rad] and shaft [-]; nothing
+            without effects.
+        """
+        if not isinstance(self.model, Affected):
+            return {}
+        s = self.model.situation(states, inputs)
+        north, east = rates[..., 3:5].unbind(-1)
+        channels = {"x": s.x, "y": s.y, "vn": north, "ve": east, "psi": s.psi, "r": s.r, "u_log": s.u}
+        channels |= {"delta": shown, "shaft_recorded": s.shaft}
+        for effect in self.effects:
+            channels = effect.record(channels, s)
+        return {"shaft" if name == "shaft_recorded" else name: values for name, values in channels.items()}
 
     def on_approach(self, speed: float) -> "Vessel":
         """The same vessel coming in at another speed; what effects do follows the ship.

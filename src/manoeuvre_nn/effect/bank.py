@@ -52,14 +52,7 @@ class Bank(ForceEffect):
         self.sign, self.follow = (1.0 if side == "starboard" else -1.0), follow
 
     def force(self, s: Situation) -> Float[Tensor, "*batch 3"]:
-        """Suction and the moment off the bank.
-
-        Args:
-            s: The situation.
-
-        Returns:
-            X, Y [N], N [N m].
-        """
+        """Suction and the moment off the bank."""
         p = self.ship.particulars
         near = self.sign * 0.5 * p.beam / self._distance(s)
         scale = self.value("strength") * p.rho * p.beam * p.draught * s.u * s.u.abs() * near

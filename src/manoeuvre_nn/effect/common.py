@@ -1,8 +1,7 @@
 """What several effects share: kinds of parameters, gates in time, thrust and the part of the rudder."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from math import pi
-from typing import Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Float
@@ -148,41 +147,6 @@ def compass(degrees: Float[Tensor, "..."]) -> tuple[Float[Tensor, "..."], Float[
     """
     angle = degrees * (pi / 180.0)
     return torch.cos(angle), torch.sin(angle)
-
-
-@runtime_checkable
-class PropellerShip(Protocol):
-    """A ship whose coefficient set contains its propeller (the BIS tanker)."""
-
-    coefficients: Mapping[str, float]
-
-    def thrust(self, u: Tensor, shaft: Tensor | float = 1.0) -> Tensor:
-        """Thrust over mass.
-
-        Args:
-            u: Forward speed [m/s].
-            shaft: Shaft speed over nominal [-].
-        """
-
-
-def thrust_of(ship: Ship, u: Float[Tensor, "*batch"], shaft: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
-    """Propulsive force behind the hull: thrust less thrust deduction.
-
-    ``R0 [(1 + s) n^2 - s n u/U0]``, the resistance at approach speed and nominal shaft speed; the ship's own thrust
-    where it has one.
-
-    Args:
-        ship: The ship.
-        u: Forward speed through the water [m/s].
-        shaft: Shaft speed over the nominal one, n [-].
-
-    Returns:
-        Force [N].
-    """
-    if isinstance(ship, PropellerShip):
-        return ship.prime.mass * (1 - ship.coefficients["t"]) * ship.thrust(u, shaft)
-    p = ship.particulars
-    return p.calm_resistance * shaft * ((1 + p.thrust_slope) * shaft - p.thrust_slope * u / p.speed)
 
 
 def rudder_part(ship: Ship, s: Situation) -> Float[Tensor, "*batch 3"]:

@@ -21,14 +21,7 @@ class _UniformCurrent(Effect):
     equations = ("kinematics",)
 
     def stream(self, s: Situation) -> Float[Tensor, "*batch 2"]:
-        """Velocity of the water over ground.
-
-        Args:
-            s: The situation.
-
-        Returns:
-            North and east [m/s].
-        """
+        """Velocity of the water over ground."""
         north, east = compass(self.value("toward_deg"))
         speed = self._speed(s)
         return columns(speed * north, speed * east)

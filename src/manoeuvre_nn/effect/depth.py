@@ -1,17 +1,18 @@
 """Shallow water: forces and added masses between keel and bottom."""
 
 from abc import abstractmethod
+from math import inf
 
 import torch
 from jaxtyping import Float
-from torch import Tensor, nn
+from torch import Tensor
 
 from manoeuvre_nn.core.effect import Parameter, Situation
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.core.units import KNOT
 from manoeuvre_nn.effect.common import columns, factor
-from manoeuvre_nn.effect.series import DepthShip, HullEffect
+from manoeuvre_nn.effect.series import HullEffect
 
 FORM = (factor("surge", 0.3), factor("sway", 0.3), factor("yaw", 0.3))
 DEPTH = Parameter("depth_m", "m", 1.0, 1000.0, None, 10.0, (30.0,))
@@ -46,20 +47,15 @@ class _FiniteDepth(HullEffect):
         Raises:
             InputError: If the ship is in shallow water already, or its forces are no series.
         """
-        if isinstance(ship, DepthShip) and ship.zeta > 0:
+        if ship.depth < inf:
             raise InputError(f"effect.{self.name}: the ship is in shallow water already: write ship.depth=inf")
         draught = ship.particulars.draught
         depth = Parameter("depth_m", "m", 1.15 * draught, 25 * draught, None, draught, (1.5 * draught, 3 * draught))
         self.declared = (depth, *(p.on(ship.particulars) for p in type(self).declared[1:]))  # type: ignore[misc] # the range is the ship's
         super().__init__(ship, **values)
-        self._by_depth = _zeta_tables(ship) if isinstance(ship, DepthShip) else None
 
     def null(self) -> Float[Tensor, " p"]:
-        """Deep water.
-
-        Returns:
-            Values at which next to nothing is left of the effect.
-        """
+        """Deep water."""
         values = super().null()
         values[0] = DEEP * self.ship.particulars.draught
         return values
@@ -69,40 +65,22 @@ class _FiniteDepth(HullEffect):
         """Draught over depth [-]."""
 
     def change(self, s: Situation) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*rows 3"]]:
-        """What the bottom changes.
-
-        Args:
-            s: The situation.
-
-        Returns:
-            df' [-] and the diagonal of dM' [-].
-        """
+        """What the bottom changes."""
         immersion = self._immersion(s)
-        force, inertia = (self._by_zeta if isinstance(self.ship, DepthShip) else self._by_factors)(s, immersion)
+        own = self.ship.shallow_change(s.nu, s.delta, s.shaft, immersion / (1 - immersion))
+        force, inertia = self._by_factors(s, immersion) if own is None else own
         form = columns(self.value("surge"), self.value("sway"), self.value("yaw"))
         return form * force, form * inertia
 
-    def _by_zeta(self, s: Situation, immersion: Tensor) -> tuple[Tensor, Tensor]:
-        """By the ship's own terms in zeta."""
-        ship = self.ship
-        assert isinstance(ship, DepthShip) and self._by_depth is not None
-        zeta = (immersion / (1 - immersion))[..., None]
-        products = ship.products(s.nu, s.delta, s.shaft)
-        linear, square, kink = (products @ table for table in self._by_depth)
-        rounded = nn.functional.softplus(zeta - 0.8, beta=50.0)
-        k = ship.coefficients
-        inertia = zeta * s.nu.new_tensor([-k["Xudz"], -k["Yvdz"], -k["Nrdz"]])
-        return linear * zeta + square * zeta.square() + kink * rounded, inertia
-
     def _by_factors(self, s: Situation, immersion: Tensor) -> tuple[Tensor, Tensor]:
         """By factors on the ship's deep-water terms."""
-        p, parts = self.ship.particulars, self.series.parts(s)
+        p, (drift, turn, _) = self.ship.particulars, self.series.parts(s)
         f = depth_factors(p, immersion)
         zeta, speed = immersion / (1 - immersion), s.u / p.speed
         resistance = RESISTANCE * zeta * p.calm_resistance / self.ship.prime.force * speed * speed.abs()
-        surge = (f["Yvdot"] - 1) * parts.yaw[..., 0] - resistance
-        sway = (f["Yv"] - 1) * parts.drift[..., 1] + (f["Nr"] - 1) * parts.yaw[..., 1]
-        yaw = (f["Nv"] - 1) * parts.drift[..., 2] + (f["Nr"] - 1) * parts.yaw[..., 2]
+        surge = (f["Yvdot"] - 1) * turn[..., 0] - resistance
+        sway = (f["Yv"] - 1) * drift[..., 1] + (f["Nr"] - 1) * turn[..., 1]
+        yaw = (f["Nv"] - 1) * drift[..., 2] + (f["Nr"] - 1) * turn[..., 2]
         added = columns(f["Yvdot"] - 1, f["Yvdot"] - 1, f["Nrdot"] - 1) * self.series.added
         return columns(surge, sway, yaw), added
 
@@ -133,20 +111,6 @@ def depth_factors(ship: Particulars, immersion: Float[Tensor, "*batch"]) -> dict
     kijima = {name: (1 - immersion) ** -q - immersion for name, q in powers.items()}
     mean = {name: 0.5 * (ankudinov[name] + kijima[name]) for name in powers}
     return mean | {"Yvdot": k0 + k1 * 2 / 3 + k2 * 8 / 15, "Nrdot": k0 + k1 * 8 / 15 + k2 * 40 / 105}
-
-
-def _zeta_tables(ship: Ship) -> Float[Tensor, "3 terms 3"]:
-    """Coefficients of the products that go with zeta, with its square, and with zeta beyond .8."""
-    assert isinstance(ship, DepthShip)
-    k = ship.coefficients
-    tables = torch.zeros(3, len(ship.terms), 3, dtype=ship.inertia.dtype)
-    linear = {"uu": ("Xuuz", "", ""), "Lvr": ("Xvrz", "", ""), "uv": ("", "", "Nuvz"), "|v|v": ("", "Yvvz", "")}
-    linear |= {"Lur": ("", "Yurz", "Nurz"), "cross": ("", "Yccbbdz", "Nccbbdz"), "L|v|r": ("", "", "Nvrz")}
-    for term, names in linear.items():
-        tables[0, ship.terms.index(term)] = tables.new_tensor([k.get(name, 0.0) for name in names])
-    tables[1, ship.terms.index("vv"), 0] = k["Xvvzz"]
-    tables[2, ship.terms.index("uv"), 1] = -0.85  # zeta Yuvz = -.85 (zeta - .8)
-    return tables / ship.prime.speed**2
 
 
 class ShallowWater(_FiniteDepth):

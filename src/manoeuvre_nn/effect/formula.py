@@ -170,15 +170,7 @@ class Formula(Effect):
         self.register_buffer("size", typical(ship))
 
     def acceleration(self, s: Situation, memory: Float[Tensor, "*batch m"]) -> Float[Tensor, "*batch 3"]:
-        """The sum of the terms.
-
-        Args:
-            s: The situation.
-            memory: Not used.
-
-        Returns:
-            udot, vdot [m/s^2], rdot [rad/s^2].
-        """
+        """The sum of the terms."""
         del memory
         total, angle = torch.zeros_like(s.nu), torch.zeros_like(s.delta)
         for k, term in enumerate(self.terms):
@@ -190,15 +182,7 @@ class Formula(Effect):
         return total + self._of_rudder(angle, s) if any(t.startswith(RUDDER) for t in self.terms) else total
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
-        """Add the errors of instruments.
-
-        Args:
-            channels: What perfect sensors would write.
-            s: The situation.
-
-        Returns:
-            All channels.
-        """
+        """Add the errors of instruments."""
         written = dict(channels)
         for k, term in enumerate(self.terms):
             if term.startswith(SENSOR):

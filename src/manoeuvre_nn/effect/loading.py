@@ -30,18 +30,10 @@ class DisplacementChange(HullEffect):
     )
 
     def change(self, s: Situation) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*rows 3"]]:
-        """What the mass changes.
-
-        Args:
-            s: The situation.
-
-        Returns:
-            df' [-] and the diagonal of dM' [-].
-        """
-        parts, mass = self.series.parts(s), self.value("factor")[..., None]
-        hull = mass ** self.value("hull_exponent")[..., None]
-        force = (mass - 1) * parts.mass + (hull - 1) * (parts.drift + parts.yaw)
-        return force, (mass - 1) * self.series.masses + (hull - 1) * self.series.added
+        """What the mass changes."""
+        (drift, turn, inertial), ratio = self.series.parts(s), self.value("factor")[..., None]
+        mass, hull = ratio - 1, ratio ** self.value("hull_exponent")[..., None] - 1
+        return mass * inertial + hull * (drift + turn), mass * self.series.masses + hull * self.series.added
 
 
 class Loading(HullEffect):
@@ -60,21 +52,15 @@ class Loading(HullEffect):
     declared = (Parameter("draught_ratio", "-", 0.4, 1.4, 1.0, 0.15, (1.1, 0.8)),)
 
     def change(self, s: Situation) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*rows 3"]]:
-        """What the draught changes.
-
-        Args:
-            s: The situation.
-
-        Returns:
-            df' [-] and the diagonal of dM' [-].
-        """
-        parts, p, ratio = self.series.parts(s), self.ship.particulars, self.value("draught_ratio")
+        """What the draught changes."""
+        drift, turn, inertial = self.series.parts(s)
+        p, ratio = self.ship.particulars, self.value("draught_ratio")
         side = 1.7 * p.length * p.draught
         wetter = (ratio - 1) * side / (side + p.mass / (p.rho * p.draught))
         speed = s.u / p.speed
         surge = -wetter * p.calm_resistance / self.ship.prime.force * speed * speed.abs()
         mass, hull = ratio[..., None] - 1, ratio[..., None].square() - 1
-        force = mass * parts.mass + hull * (parts.drift + parts.yaw) + columns(surge, 0 * surge, 0 * surge)
+        force = mass * inertial + hull * (drift + turn) + columns(surge, 0 * surge, 0 * surge)
         return force, mass * self.series.masses + hull * self.series.added
 
 
@@ -96,17 +82,10 @@ class TrimChange(HullEffect):
     declared = (Parameter("trim_m", "m", -8.0, 8.0, 0.0, 1.5, (1.0, -1.0)),)
 
     def change(self, s: Situation) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*rows 3"]]:
-        """What the trim changes.
-
-        Args:
-            s: The situation.
-
-        Returns:
-            df' [-] and the diagonal of dM' [-].
-        """
-        parts = self.series.parts(s, linear=True)
+        """What the trim changes."""
+        drift, turn, _ = self.series.parts(s, linear=True)
         trim = self.value("trim_m") / self.ship.particulars.draught
-        sway = trim * (0.67 * parts.drift[..., 1] + 0.80 * parts.yaw[..., 1])
-        yaw = trim * (-0.27 * parts.drift[..., 1] + 0.30 * parts.yaw[..., 2])
+        sway = trim * (0.67 * drift[..., 1] + 0.80 * turn[..., 1])
+        yaw = trim * (-0.27 * drift[..., 1] + 0.30 * turn[..., 2])
         force = columns(0 * sway, sway, yaw)
         return force, 0 * force

@@ -26,14 +26,7 @@ class _LateralForce(ForceEffect):
     equations = ("Y", "N")
 
     def force(self, s: Situation) -> Float[Tensor, "*batch 3"]:
-        """The force and its moment.
-
-        Args:
-            s: The situation.
-
-        Returns:
-            X, Y [N], N [N m].
-        """
+        """The force and its moment."""
         sway = KILO * self.value("force_kN") * during(s.time, self.value("start_s"), self.value("end_s"))
         return columns(torch.zeros_like(sway), sway, self._lever() * sway)
 
@@ -92,14 +85,7 @@ class Tow(ForceEffect):
     )
 
     def force(self, s: Situation) -> Float[Tensor, "*batch 3"]:
-        """The force and its moment.
-
-        Args:
-            s: The situation.
-
-        Returns:
-            X, Y [N], N [N m].
-        """
+        """The force and its moment."""
         pull = KILO * self.value("force_kN") * during(s.time, self.value("start_s"), self.value("end_s"))
         ahead, starboard = compass(self.value("angle_deg"))
         return columns(pull * ahead, pull * starboard, self.value("lever_m") * pull * starboard)

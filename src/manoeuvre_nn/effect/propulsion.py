@@ -7,7 +7,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from manoeuvre_nn.core.effect import Effect, ForceEffect, Parameter, Situation
-from manoeuvre_nn.effect.common import columns, thrust_of
+from manoeuvre_nn.effect.common import columns
 
 FAMILY = "propeller and resistance"
 KILO = 1000.0
@@ -28,14 +28,7 @@ class PropellerSideForce(ForceEffect):
     ARM = -0.48
 
     def force(self, s: Situation) -> Float[Tensor, "*batch 3"]:
-        """The force at the propeller.
-
-        Args:
-            s: The situation.
-
-        Returns:
-            X, Y [N], N [N m].
-        """
+        """The force at the propeller."""
         sway = KILO * self.value("force_kN") * s.shaft.square()
         return columns(torch.zeros_like(sway), sway, self.ARM * self.ship.particulars.length * sway)
 
@@ -57,15 +50,8 @@ class PropellerPitchError(ForceEffect):
     declared = (Parameter("fraction", "-", -0.6, 0.6, 0.0, 0.15, (0.1, -0.1)),)
 
     def force(self, s: Situation) -> Float[Tensor, "*batch 3"]:
-        """The surplus of thrust.
-
-        Args:
-            s: The situation.
-
-        Returns:
-            X, Y [N], N [N m].
-        """
-        surge = self.value("fraction") * thrust_of(self.ship, s.u, s.shaft)
+        """The surplus of thrust."""
+        surge = self.value("fraction") * self.ship.thrust(s.u, s.shaft)
         return columns(surge, torch.zeros_like(surge), torch.zeros_like(surge))
 
 
@@ -96,50 +82,19 @@ class PowerLimit(Effect):
         return 1 - self.value("rpm_slope") * (1 - s.u / self.ship.particulars.speed)
 
     def memory_at_start(self, s: Situation) -> Float[Tensor, "*batch 1"]:
-        """Shaft speed of a steady approach.
-
-        Args:
-            s: The situation then.
-
-        Returns:
-            n/n0 [-].
-        """
+        """Shaft speed of a steady approach."""
         return self._limit(s)[..., None]
 
     def memory_rate(self, s: Situation, memory: Float[Tensor, "*own 1"]) -> Float[Tensor, "*batch 1"]:
-        """Rate of the shaft speed.
-
-        Args:
-            s: The situation.
-            memory: n/n0 [-].
-
-        Returns:
-            Its rate [1/s].
-        """
+        """Rate of the shaft speed."""
         return ((self._limit(s) - memory[..., 0]) / self.value("lag_s"))[..., None]
 
     def shaft(self, s: Situation, memory: Float[Tensor, "*own 1"]) -> Float[Tensor, "*batch"]:
-        """Shaft speed.
-
-        Args:
-            s: The situation.
-            memory: n/n0 [-].
-
-        Returns:
-            n/n0 [-].
-        """
+        """Shaft speed."""
         return memory[..., 0] + 0.0 * s.u
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
-        """The tachometer shows the shaft speed of the situation.
-
-        Args:
-            channels: What perfect sensors would write.
-            s: The situation.
-
-        Returns:
-            All channels.
-        """
+        """The tachometer shows the shaft speed of the situation."""
         return {k: s.shaft if k == "shaft_recorded" else c for k, c in channels.items()}
 
 
@@ -159,14 +114,7 @@ class HullFouling(ForceEffect):
     declared = (Parameter("added_resistance", "-", 0.0, 2.0, 0.0, 0.3, (0.2,)),)
 
     def force(self, s: Situation) -> Float[Tensor, "*batch 3"]:
-        """The added resistance.
-
-        Args:
-            s: The situation.
-
-        Returns:
-            X, Y [N], N [N m].
-        """
+        """The added resistance."""
         p = self.ship.particulars
         speed = s.u / p.speed
         surge = -self.value("added_resistance") * p.calm_resistance * speed * speed.abs()
@@ -189,13 +137,6 @@ class IceResistance(ForceEffect):
     SLOW = 0.1
 
     def force(self, s: Situation) -> Float[Tensor, "*batch 3"]:
-        """The resistance.
-
-        Args:
-            s: The situation.
-
-        Returns:
-            X, Y [N], N [N m].
-        """
+        """The resistance."""
         surge = -KILO * self.value("force_kN") * torch.tanh(s.u / self.SLOW)
         return columns(surge, torch.zeros_like(surge), torch.zeros_like(surge))

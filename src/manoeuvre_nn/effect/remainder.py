@@ -61,15 +61,7 @@ class Remainder(Effect):
         self.register_buffer("size", typical(ship))
 
     def acceleration(self, s: Situation, memory: Float[Tensor, "*batch m"]) -> Float[Tensor, "*batch 3"]:
-        """What the network adds.
-
-        Args:
-            s: The situation.
-            memory: Not used.
-
-        Returns:
-            udot, vdot [m/s^2], rdot [rad/s^2].
-        """
+        """What the network adds."""
         del memory
         count = HIDDEN * (len(INPUTS) + 1)
         into = self.values[..., :count].unflatten(-1, (HIDDEN, len(INPUTS) + 1))

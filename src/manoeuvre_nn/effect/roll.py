@@ -31,30 +31,14 @@ class RollCoupling(Effect):
     memory = 2
 
     def acceleration(self, s: Situation, memory: Float[Tensor, "*own 2"]) -> Float[Tensor, "*batch 3"]:
-        """Accelerations by the moment of the heel.
-
-        Args:
-            s: The situation.
-            memory: Heel [rad] and its rate [rad/s].
-
-        Returns:
-            udot, vdot [m/s^2], rdot [rad/s^2].
-        """
+        """Accelerations by the moment of the heel."""
         p = self.ship.particulars
         unit = 0.5 * p.rho * p.length**2 * p.draught * p.speed**2
         yaw = self.value("N_phi") * unit * memory[..., 0] + 0.0 * s.u
         return self.ship.acceleration_from_si(torch.stack([0 * yaw, 0 * yaw, yaw], dim=-1))
 
     def memory_rate(self, s: Situation, memory: Float[Tensor, "*own 2"]) -> Float[Tensor, "*batch 2"]:
-        """The roll equation.
-
-        Args:
-            s: The situation.
-            memory: Heel [rad] and its rate [rad/s].
-
-        Returns:
-            Their rates.
-        """
+        """The roll equation."""
         heel = self.ship.particulars.heeling
         arm = heel.kg - 0.5 * self.ship.particulars.draught
         steady = -arm / (GRAVITY * heel.gm) * (s.u * s.r + s.nudot[..., 1])

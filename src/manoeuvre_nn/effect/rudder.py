@@ -1,21 +1,25 @@
-"""Rudders that are not where the indicator says, or do not do what they should there.
+"""Rudders that are not where the indicator says, do less or more than they should there, or are recorded late.
 
 Angles are positive to starboard, as everywhere in the package.
 """
 
 from abc import ABC
+from collections.abc import Mapping
+from math import pi
 from typing import ClassVar
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from manoeuvre_nn.core.effect import Effect, Parameter
+from manoeuvre_nn.core.effect import Effect, Parameter, PerRow, Situation
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.effect.common import rudder_part
+from manoeuvre_nn.effect.sensors import shifted
 
 
-class RudderEffect(Effect, ABC):
+class _RudderEffect(Effect, ABC):
     """A fault of the rudder or of its gear."""
 
     site = "actuator"
@@ -24,7 +28,7 @@ class RudderEffect(Effect, ABC):
     equations: ClassVar[tuple[str, ...]] = ("actuator:rudder",)
 
 
-class RudderOffset(RudderEffect):
+class RudderOffset(_RudderEffect):
     """A blade that stands beside the indicated angle: blade minus indicator, positive to starboard."""
 
     name = "rudder_offset"
@@ -34,29 +38,13 @@ class RudderOffset(RudderEffect):
     source = "delta = shown + offset"
     declared = (Parameter("offset_deg", "deg", -5.0, 5.0, 0.0, 1.5, (1.0, -1.0)),)
 
-    def blade(
-        self,
-        before: Float[Tensor, "*#batch"],
-        order: Float[Tensor, "*#batch"],
-        shown: Float[Tensor, "*#batch"],
-        elapsed: Float[Tensor, "*#batch"],
-    ) -> Float[Tensor, "*#batch"]:
-        """The indicated angle and the offset.
-
-        Args:
-            before: Not used.
-            order: Not used.
-            shown: Indicated angle [rad].
-            elapsed: Not used.
-
-        Returns:
-            Blade angle [rad].
-        """
+    def blade(self, before: PerRow, order: PerRow, shown: PerRow, elapsed: PerRow) -> PerRow:
+        """The indicated angle and the offset."""
         del before, order, elapsed
         return shown + self.angle("offset_deg")
 
 
-class RudderBacklash(RudderEffect):
+class RudderBacklash(_RudderEffect):
     """Play between indicator and blade: the blade moves only where the indicator pushes it (play operator)."""
 
     name = "rudder_backlash"
@@ -66,30 +54,14 @@ class RudderBacklash(RudderEffect):
     source = "Play operator of total width w: blade = clamp(before, shown - w/2, shown + w/2)"
     declared = (Parameter("width_deg", "deg", 0.0, 6.0, 0.0, 1.5, (1.5,)),)
 
-    def blade(
-        self,
-        before: Float[Tensor, "*#batch"],
-        order: Float[Tensor, "*#batch"],
-        shown: Float[Tensor, "*#batch"],
-        elapsed: Float[Tensor, "*#batch"],
-    ) -> Float[Tensor, "*#batch"]:
-        """The angle before, pushed to within half the play of the indicated one.
-
-        Args:
-            before: Blade angle at the start [rad].
-            order: Not used.
-            shown: Indicated angle, without reversal in between [rad].
-            elapsed: Not used.
-
-        Returns:
-            Blade angle [rad].
-        """
+    def blade(self, before: PerRow, order: PerRow, shown: PerRow, elapsed: PerRow) -> PerRow:
+        """The angle before, pushed to within half the play of the indicated one."""
         del order, elapsed
         half = 0.5 * self.angle("width_deg")
         return torch.minimum(torch.maximum(before, shown - half), shown + half)
 
 
-class RudderSlow(RudderEffect):
+class RudderSlow(_RudderEffect):
     """A blade that follows the order at a rate of its own, whatever the indicator does."""
 
     name = "rudder_slow"
@@ -111,30 +83,14 @@ class RudderSlow(RudderEffect):
         self.declared = (rate,)  # type: ignore[misc] # the null is the ship's
         super().__init__(ship, **values)
 
-    def blade(
-        self,
-        before: Float[Tensor, "*#batch"],
-        order: Float[Tensor, "*#batch"],
-        shown: Float[Tensor, "*#batch"],
-        elapsed: Float[Tensor, "*#batch"],
-    ) -> Float[Tensor, "*#batch"]:
-        """The angle before, moved towards the order; exact while the order is constant.
-
-        Args:
-            before: Blade angle at the start [rad].
-            order: Helm order [rad].
-            shown: Not used.
-            elapsed: The time [s].
-
-        Returns:
-            Blade angle [rad].
-        """
+    def blade(self, before: PerRow, order: PerRow, shown: PerRow, elapsed: PerRow) -> PerRow:
+        """The angle before, moved towards the order; exact while the order is constant."""
         del shown
         reach = self.angle("rate_deg_s") * elapsed
         return before + torch.minimum(torch.maximum(order - before, -reach), reach)
 
 
-class RudderSaturation(RudderEffect):
+class RudderSaturation(_RudderEffect):
     """A blade that stops before the indicator does."""
 
     name = "rudder_saturation"
@@ -143,24 +99,109 @@ class RudderSaturation(RudderEffect):
     source = "delta = clamp(shown, -limit, limit)"
     declared = (Parameter("limit_deg", "deg", 5.0, 45.0, 45.0, 10.0, (25.0, 15.0)),)
 
-    def blade(
-        self,
-        before: Float[Tensor, "*#batch"],
-        order: Float[Tensor, "*#batch"],
-        shown: Float[Tensor, "*#batch"],
-        elapsed: Float[Tensor, "*#batch"],
-    ) -> Float[Tensor, "*#batch"]:
-        """The indicated angle as far as the stop.
-
-        Args:
-            before: Not used.
-            order: Not used.
-            shown: Indicated angle [rad].
-            elapsed: Not used.
-
-        Returns:
-            Blade angle [rad].
-        """
+    def blade(self, before: PerRow, order: PerRow, shown: PerRow, elapsed: PerRow) -> PerRow:
+        """The indicated angle as far as the stop."""
         del before, order, elapsed
         limit = self.angle("limit_deg")
         return torch.minimum(torch.maximum(shown, -limit), limit)
+
+
+class RudderDelay(_RudderEffect):
+    """A recorded rudder angle that is late."""
+
+    name = "rudder_delay"
+    candidate = True
+    site = "sensor"
+    label = "a late rudder recording"
+    equations: ClassVar[tuple[str, ...]] = ("sensor:delta",)
+    fingerprint = "The ship turns before the recorded rudder moves; the lead is the same time at every change."
+    source = "delta_m(t) = delta(t - tau)"
+    declared = (Parameter("delay_s", "s", -6.0, 10.0, 0.0, 1.5, (1.0, 3.0)),)
+
+    def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
+        """Take the rudder angle from before."""
+        delay = self.value("delay_s")
+        return {k: shifted(c, s.time, delay) if k == "delta" else c for k, c in channels.items()}
+
+    def indicated(self, recorded: Float[Tensor, "*batch n"], time: Float[Tensor, " n"]) -> Float[Tensor, "*batch n"]:
+        """Take the rudder angle from after."""
+        return shifted(recorded, time, -self.value("delay_s"))
+
+
+class RudderAreaLoss(_RudderEffect):
+    """A share of all forces of the rudder that is missing."""
+
+    name = "rudder_area_loss"
+    candidate = True
+    label = "a loss of rudder area"
+    fingerprint = "Everything that the rudder does is smaller by one share, at all angles and to both sides."
+    source = "(1 - k) of the terms with the rudder angle"
+    declared = (Parameter("fraction", "-", 0.0, 0.9, 0.0, 0.2, (0.15,)),)
+
+    def acceleration(self, s: Situation, memory: Float[Tensor, "*own m"]) -> Float[Tensor, "*batch 3"]:
+        """What is missing."""
+        del memory
+        return -self.value("fraction")[..., None] * rudder_part(self.ship, s)
+
+
+class RudderStall(_RudderEffect):
+    """A rudder whose flow separates beyond an angle of attack: sway and yaw by it lose a share, its drag stays.
+
+    The angle of attack is ``delta + gamma atan((v - L r / 2) / u)``, so that the rudder recovers as the ship begins to
+    turn; the loss sets in smoothly within ``STALL_WIDTH``.
+    """
+
+    name = "rudder_stall"
+    label = "a stalling rudder"
+    fingerprint = "Weak rudder at the start of a hard-over only; it recovers as drift and yaw turn the inflow."
+    source = "Whicker & Fehlner 1958 for the stall; flow straightening gamma of the MMG model, about .4"
+    declared = (
+        Parameter("angle_deg", "deg", 10.0, 45.0, None, 8.0, (20.0, 28.0)),
+        Parameter("loss", "-", 0.0, 0.9, 0.0, 0.3, (0.3,)),
+        Parameter("straightening", "-", 0.0, 1.0, 0.4, 0.15, (0.4,), form=True),
+    )
+    STALL_WIDTH = 2.0 * DEGREE
+
+    def acceleration(self, s: Situation, memory: Float[Tensor, "*own m"]) -> Float[Tensor, "*batch 3"]:
+        """What is missing."""
+        del memory
+        across = s.v - 0.5 * self.ship.particulars.length * s.r
+        attack = s.delta + self.value("straightening") * torch.atan2(across, s.u)
+        lost = self.value("loss") * torch.sigmoid((attack.abs() - self.angle("angle_deg")) / self.STALL_WIDTH)
+        return -lost[..., None] * rudder_part(self.ship, s) * s.nu.new_tensor([0.0, 1.0, 1.0])
+
+
+class Slipstream(_RudderEffect):
+    """Rudder forces that follow the propeller race, to a share.
+
+    The dynamic pressure at the rudder over that of the approach is ``phi = [(u/U0)^2 + C T/T0] / (1 + C)`` with the
+    thrust loading C of the approach; the rudder's part is multiplied by ``1 + share (phi - 1)``. A coefficient set
+    whose rudder forces follow the speed already has a part of this: the share is what is missing, or too much.
+
+    C is estimated with a propeller diameter of .7 T, a wake fraction of .3 and a thrust deduction of .2.
+    """
+
+    name = "slipstream"
+    label = "rudder forces by the propeller race"
+    equations: ClassVar[tuple[str, ...]] = ("Y", "N")
+    fingerprint = (
+        "Rudder forces follow thrust, not speed: the model's are too weak late in a turn, too strong in coasting."
+    )
+    source = "Momentum theory of the race (Brix 1993; Soeding 1998): V_inf^2 = V_A^2 (1 + C_Th)"
+    declared = (Parameter("share", "-", -1.0, 1.5, 0.0, 0.5, (0.5,)),)
+
+    def acceleration(self, s: Situation, memory: Float[Tensor, "*own m"]) -> Float[Tensor, "*batch 3"]:
+        """What is missing."""
+        del memory
+        speed = self.ship.particulars.speed
+        one = torch.ones_like(s.u)
+        loading = self._loading()
+        thrust = self.ship.thrust(s.u, s.shaft) / self.ship.thrust(speed * one, one)
+        pressure = ((s.u / speed).square() + loading * thrust) / (1 + loading)
+        return (self.value("share") * (pressure - 1))[..., None] * rudder_part(self.ship, s)
+
+    def _loading(self) -> float:
+        """Thrust loading coefficient C of the approach [-]."""
+        p = self.ship.particulars
+        disc = pi / 4 * (0.7 * p.draught) ** 2
+        return p.calm_resistance / 0.8 / (0.5 * p.rho * (0.7 * p.speed) ** 2 * disc)

@@ -69,15 +69,7 @@ class HeadingBias(_Sensor):
     declared = (Parameter("bias_deg", "deg", -6.0, 6.0, 0.0, 1.5, (1.0, -1.0)),)
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
-        """Add the bias to the heading.
-
-        Args:
-            channels: What perfect sensors would write.
-            s: The situation.
-
-        Returns:
-            All channels.
-        """
+        """Add the bias to the heading."""
         del s
         return add(channels, psi=self.angle("bias_deg"))
 
@@ -94,15 +86,7 @@ class RateBias(_Sensor):
     declared = (Parameter("bias_deg_s", "deg/s", -0.3, 0.3, 0.0, 0.05, (0.03, -0.03)),)
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
-        """Add the bias to the yaw rate.
-
-        Args:
-            channels: What perfect sensors would write.
-            s: The situation.
-
-        Returns:
-            All channels.
-        """
+        """Add the bias to the yaw rate."""
         del s
         return add(channels, r=self.angle("bias_deg_s"))
 
@@ -119,15 +103,7 @@ class LogScale(_Sensor):
     declared = (Parameter("factor", "-", 0.7, 1.3, 1.0, 0.08, (1.05, 0.95)),)
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
-        """Scale the log.
-
-        Args:
-            channels: What perfect sensors would write.
-            s: The situation.
-
-        Returns:
-            All channels.
-        """
+        """Scale the log."""
         del s
         return {k: c * self.value("factor") if k == "u_log" else c for k, c in channels.items()}
 
@@ -147,15 +123,7 @@ class LeverArm(_Sensor):
     )
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
-        """Position and velocity of the antenna.
-
-        Args:
-            channels: What perfect sensors would write.
-            s: The situation; its heading and yaw rate are the true ones.
-
-        Returns:
-            All channels.
-        """
+        """Position and velocity of the antenna."""
         cos, sin = torch.cos(s.psi), torch.sin(s.psi)
         forward, starboard = self.value("dx_m"), self.value("dy_m")
         north, east = forward * cos - starboard * sin, forward * sin + starboard * cos
@@ -173,15 +141,7 @@ class WrongFrame(_Sensor):
     declared = (Parameter("dx_m", "m", -200.0, 200.0, 0.0, 50.0, (30.0, -30.0)),)
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
-        """Velocity of the other point.
-
-        Args:
-            channels: What perfect sensors would write.
-            s: The situation.
-
-        Returns:
-            All channels.
-        """
+        """Velocity of the other point."""
         sway = self.value("dx_m") * s.r
         return add(channels, vn=-sway * torch.sin(s.psi), ve=sway * torch.cos(s.psi))
 
@@ -198,15 +158,7 @@ class GpsDelay(_Sensor):
     declared = (Parameter("delay_s", "s", -2.0, 5.0, 0.0, 0.7, (0.5,)),)
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
-        """Take position and velocity from before.
-
-        Args:
-            channels: What perfect sensors would write.
-            s: The situation over time.
-
-        Returns:
-            All channels.
-        """
+        """Take position and velocity from before."""
         delay = self.value("delay_s")
         return {k: shifted(c, s.time, delay) if k in {"x", "y", "vn", "ve"} else c for k, c in channels.items()}
 
@@ -222,15 +174,7 @@ class TimeSync(_Sensor):
     declared = (Parameter("offset_s", "s", -6.0, 6.0, 0.0, 1.5, (1.0, -1.0)),)
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
-        """Take the yaw rate from before.
-
-        Args:
-            channels: What perfect sensors would write.
-            s: The situation over time.
-
-        Returns:
-            All channels.
-        """
+        """Take the yaw rate from before."""
         late = self.value("offset_s")
         return {k: shifted(c, s.time, late) if k == "r" else c for k, c in channels.items()}
 
@@ -249,14 +193,6 @@ class GyroSpeedError(_Sensor):
     declared = (Parameter("factor", "-", -4.0, 4.0, 0.0, 1.5, (1.0,)),)
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
-        """Add the error to the heading.
-
-        Args:
-            channels: What perfect sensors would write.
-            s: The situation.
-
-        Returns:
-            All channels.
-        """
+        """Add the error to the heading."""
         north = s.u * torch.cos(s.psi) - s.v * torch.sin(s.psi)
         return add(channels, psi=self.value("factor") * north / EARTH)

@@ -1,9 +1,7 @@
 """A ship's series taken apart: what the hull does in drift and in yaw, what its mass does; and hulls that change."""
 
 from abc import abstractmethod
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import ClassVar, Protocol, runtime_checkable
+from typing import ClassVar
 
 import torch
 from jaxtyping import Float
@@ -20,39 +18,7 @@ GYRATION = 0.25
 """Radius of gyration in yaw over L [-], where the inertia is parted into mass and added mass."""
 
 
-@runtime_checkable
-class DepthShip(Protocol):
-    """A ship whose coefficient set has terms for the depth of the water (the BIS tanker)."""
-
-    coefficients: Mapping[str, float]
-    zeta: float
-
-    def products(self, nu: Tensor, delta: Tensor, shaft: Tensor | float = 1.0) -> Tensor:
-        """What the coefficients are multiplied by.
-
-        Args:
-            nu: u, v [m/s], r [rad/s].
-            delta: Rudder angle [rad].
-            shaft: Shaft speed over nominal [-].
-        """
-
-
-@dataclass(frozen=True)
-class Parts:
-    """Contributions to the right-hand sides f' [-], by what makes them.
-
-    Attributes:
-        drift: The hull's terms with more v than r and without rudder.
-        yaw: The hull's terms with r, mass terms excluded.
-        mass: ``m' v' r'`` in surge and ``-m' u' r'`` in sway.
-    """
-
-    drift: Float[Tensor, "*batch 3"]
-    yaw: Float[Tensor, "*batch 3"]
-    mass: Float[Tensor, "*batch 3"]
-
-
-class SortedSeries:
+class _SortedSeries:
     """A ship's products and coefficients, sorted.
 
     Attributes:
@@ -81,28 +47,30 @@ class SortedSeries:
         self.mass = min(ship.particulars.mass / ship.prime.mass, float(diagonal[0]))
         self.masses = diagonal.new_tensor([self.mass, self.mass, self.mass * GYRATION**2])
         self.added = (diagonal - self.masses).clamp(min=0.0)
-        unit = self.mass / ship.prime.speed**2 if isinstance(ship, DepthShip) else self.mass
         mass = torch.zeros_like(table)
         for row, term in enumerate(ship.terms):
+            # Products with the length in them are in m^2/s^2, all others over the square of the speed.
+            unit = self.mass / ship.prime.speed**2 if "L" in term else self.mass
             mass[row, 0] = unit if term in {"vr", "Lvr"} else 0.0
             mass[row, 1] = -unit if term in {"r", "ur", "Lur"} else 0.0
         kinds, hull = [_kind(t) for t in ship.terms], table - mass
         self.tables = torch.stack([hull * _rows(kinds, "drift", hull), hull * _rows(kinds, "yaw", hull), mass])
         self.linear = _rows([t in LINEAR for t in ship.terms], True, hull)
 
-    def parts(self, s: Situation, *, linear: bool = False) -> Parts:
-        """Evaluate the parts.
+    def parts(self, s: Situation, *, linear: bool = False) -> tuple[Float[Tensor, "*batch 3"], ...]:
+        """Contributions to the right-hand sides f' [-], by what makes them.
 
         Args:
             s: The situation.
             linear: Whether only the terms linear in v or r count.
 
         Returns:
-            Contributions to f'.
+            The hull's terms with more v than r and without rudder; its terms with r, mass terms excluded; and those of
+            mass, ``m' v' r'`` in surge and ``-m' u' r'`` in sway.
         """
         tables = self.tables * self.linear if linear else self.tables
         products = self.ship.products(s.nu, s.delta)
-        return Parts(*(products @ table for table in tables))
+        return tuple(products @ table for table in tables)
 
 
 def _kind(term: str) -> str:
@@ -137,13 +105,13 @@ class HullEffect(Effect):
             values: Parameter = value in its unit.
         """
         super().__init__(ship, **values)
-        self._sorted = [SortedSeries(ship, self.name)]
+        self._sorted = [_SortedSeries(ship, self.name)]
 
     @property
-    def series(self) -> SortedSeries:
+    def series(self) -> _SortedSeries:
         """The ship's terms, sorted anew where the effect was taken to another ship."""
         if self._sorted[0].ship is not self.ship:
-            self._sorted = [SortedSeries(self.ship, self.name)]
+            self._sorted = [_SortedSeries(self.ship, self.name)]
         return self._sorted[0]
 
     @abstractmethod
@@ -158,15 +126,7 @@ class HullEffect(Effect):
         """
 
     def acceleration(self, s: Situation, memory: Float[Tensor, "*own m"]) -> Float[Tensor, "*batch 3"]:
-        """What the changed hull adds.
-
-        Args:
-            s: The situation.
-            memory: Not used.
-
-        Returns:
-            udot, vdot [m/s^2], rdot [rad/s^2].
-        """
+        """What the changed hull adds."""
         del memory
         force, inertia = self.change(s)
         surge, sway, yaw = (self.ship.force_from_acceleration(s.nudot) + force).unbind(-1)

@@ -34,14 +34,7 @@ class WaveDrift(ForceEffect):
     declared = (HEIGHT, direction("from_deg"))
 
     def force(self, s: Situation) -> Float[Tensor, "*batch 3"]:
-        """Mean force of the waves.
-
-        Args:
-            s: The situation.
-
-        Returns:
-            X, Y [N], N [N m].
-        """
+        """Mean force of the waves."""
         p = self.ship.particulars
         scale = p.rho * GRAVITY * p.length / 16.0 * self.value("Hs").square()
         angle = self.angle("from_deg") - s.psi
@@ -94,15 +87,7 @@ class FirstOrderWaves(Effect):
         self.register_buffer("ratios", self.values.new_tensor((1.25 / -energy.log()).pow(0.25).tolist()))
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
-        """Add the motion to what the recorder writes.
-
-        Args:
-            channels: What perfect sensors would write.
-            s: The situation.
-
-        Returns:
-            Channels with wave-frequency motion.
-        """
+        """Add the motion to what the recorder writes."""
         (surge, sway, yaw), (du, dv, dr) = self._motion(s)
         cos, sin = torch.cos(s.psi), torch.sin(s.psi)
         added = {"psi": yaw, "r": dr, "u_log": du, "x": surge * cos - sway * sin, "y": surge * sin + sway * cos}

@@ -76,14 +76,7 @@ class _TrueWind(ForceEffect):
         self.coefficients = COEFFICIENTS[kind]
 
     def force(self, s: Situation) -> Float[Tensor, "*batch 3"]:
-        """Force of the wind beyond that of still air.
-
-        Args:
-            s: The situation.
-
-        Returns:
-            X, Y [N], N [N m].
-        """
+        """Force of the wind beyond that of still air."""
         speed = self._speed(s)
         north, east = compass(self.value("from_deg"))
         cos, sin = torch.cos(s.psi), torch.sin(s.psi)

@@ -7,18 +7,18 @@ noise and of the coefficients' standard deviation are summed over a grid with a 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import log, sqrt
+from math import sqrt
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.special import log_ndtr
+from scipy.special import log_ndtr, logsumexp
 
 from manoeuvre_nn.core.effect import Parameter
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.estimation.corrections import USUAL_SCATTER
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, PROCESS_LEVELS, WhitenedDataSet
 from manoeuvre_nn.estimation.effect_columns import blades, contribution
-from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
+from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis, Unknown
 from manoeuvre_nn.estimation.linear_run import Columns, joined
 from manoeuvre_nn.estimation.posterior import Posterior
 
@@ -61,34 +61,34 @@ def hypothesis_columns(data_set: WhitenedDataSet, hypothesis: Hypothesis) -> Hyp
     """
     runs, unknowns = data_set.runs, hypothesis.unknowns()
     parts: list[list[Columns]] = [[] for _ in runs]
-    index: list[list[int]] = [[] for _ in runs]
+    index: list[list[int]] = [[0] for _ in runs]
     for k, effect in enumerate(hypothesis.effects):
-        mine = [
-            [(i, f) for i, f in enumerate(unknowns) if f.effect == k and f.run in (None, r)] for r in range(len(runs))
+        mine = [[i for i, f in enumerate(unknowns) if f.effect == k and f.run in (None, r)] for r in range(len(runs))]
+        tables = [
+            _table(effect.steady(values), [unknowns[i] for i in at])
+            for values, at in zip(hypothesis.values[k], mine, strict=True)
         ]
-        tables, steps = [], []
-        for run in range(len(runs)):
-            here = effect.steady(hypothesis.values[k][run])
-            table = np.tile(here, (1 + 2 * len(mine[run]), 1))
-            for j, (_, f) in enumerate(mine[run]):
-                table[1 + 2 * j, f.column], table[2 + 2 * j, f.column] = _apart(f.parameter, here[f.column])
-            tables.append(table)
-            steps.append(
-                np.array([
-                    table[1 + 2 * j, f.column] - table[2 + 2 * j, f.column] for j, (_, f) in enumerate(mine[run])
-                ])
-            )
         angles = blades(effect, tables, [r.linearised.run for r in runs])
         for run, prepared in enumerate(runs):
             c = contribution(effect, tables[run], prepared.linearised, data_set.rate, prepared.situation, angles[run])
+            changed = range(len(mine[run])), [unknowns[i].column for i in mine[run]]
+            steps = tables[run][1::2][changed] - tables[run][2::2][changed]
             # The effect at its values, then (up - down) / step of every unknown.
             parts[run].append(Columns(
-                np.concatenate([c.measured[..., :1], (c.measured[..., 1::2] - c.measured[..., 2::2]) / steps[run]], -1),
-                np.concatenate([c.moved[..., :1], (c.moved[..., 1::2] - c.moved[..., 2::2]) / steps[run]], -1),
+                np.concatenate([c.measured[..., :1], (c.measured[..., 1::2] - c.measured[..., 2::2]) / steps], -1),
+                np.concatenate([c.moved[..., :1], (c.moved[..., 1::2] - c.moved[..., 2::2]) / steps], -1),
             ))  # fmt: skip
-            index[run] += [1 + i for i, _ in mine[run]]
+            index[run] += [1 + i for i in mine[run]]
     columns = [_summed_up(p) for p in parts]
-    return HypothesisColumns(hypothesis, columns, [np.array([0, *at]) for at in index], 1 + len(unknowns))
+    return HypothesisColumns(hypothesis, columns, [np.array(at) for at in index], 1 + len(unknowns))
+
+
+def _table(values: Float[np.ndarray, " p"], unknowns: Sequence[Unknown]) -> Float[np.ndarray, "k p"]:
+    """An effect's values, and a row above and one below for every unknown of a run."""
+    table = np.tile(values, (1 + 2 * len(unknowns), 1))
+    for j, f in enumerate(unknowns):
+        table[1 + 2 * j, f.column], table[2 + 2 * j, f.column] = _apart(f.parameter, values[f.column])
+    return table
 
 
 def _apart(p: Parameter, value: float) -> tuple[float, float]:
@@ -124,48 +124,46 @@ class MarginalLikelihood:
         self.data_set = data_set
         self.start_level = 2 * (len(PROCESS_LEVELS) + 1)
 
-    def gram(self, lin: HypothesisColumns, level: int) -> Float[np.ndarray, "p p"]:
-        """Inner products of base and hypothesis.
+    def posterior(self, lin: HypothesisColumns | None, level: int) -> Posterior:
+        """What the runs say about a hypothesis' values: means are those of the unknowns' change.
 
         Args:
-            lin: The hypothesis' columns.
-            level: Grid point.
-
-        Returns:
-            Base first.
-        """
-        return self.data_set.gram(level, self.data_set.embedded(level, lin.columns), lin.index, lin.count)
-
-    def posterior(self, lin: HypothesisColumns, level: int) -> Posterior:
-        """What the runs say about the hypothesis' values: means are those of the unknowns' change.
-
-        Args:
-            lin: The hypothesis' columns.
+            lin: The hypothesis' columns; None is calm water.
             level: Grid point.
 
         Returns:
             The posterior.
         """
-        return self.regress(lin.hypothesis, self.gram(lin, level), self.data_set.at(level).norm)
+        here = self.data_set.at(level)
+        if lin is None:
+            return self.regress(here.base_gram, here.norm)
+        columns = self.data_set.embedded(level, lin.columns)
+        return self.regress(self.data_set.gram(level, columns, lin.index, lin.count), here.norm, lin.hypothesis)
 
-    def regress(self, hypothesis: Hypothesis, gram: Float[np.ndarray, "p p"], norm: float) -> Posterior:
+    def regress(self, gram: Float[np.ndarray, "p p"], norm: float, *hypotheses: Hypothesis) -> Posterior:
         """The same from inner products.
 
         Args:
-            hypothesis: At its values.
-            gram: Inner products of base and the hypothesis' columns.
+            gram: Inner products of the base and of each hypothesis' columns.
             norm: Log normaliser.
+            *hypotheses: At their values.
 
         Returns:
             Of coefficients, latencies and unknowns; these as deviations from their prior means.
         """
-        size, unknowns = self.data_set.size, hypothesis.unknowns()
-        data = np.zeros(len(gram))
-        data[0], data[size] = 1.0, -1.0
-        # Unknowns are deviations from their prior means: the data stand at the present values.
-        data[size + 1 :] = -_shift(hypothesis)
-        keep = np.r_[0, size, 1:size, size + 1 : size + 1 + len(unknowns)]
-        return self.data_set.posterior(gram[np.ix_(keep, keep)], norm, data[keep], [f.spread for f in unknowns])
+        size = at = self.data_set.size
+        data = np.append(1.0, np.zeros(len(gram) - 1))
+        wholes, numbers, spreads = list[int](), list[int](), list[float]()
+        for hypothesis in hypotheses:
+            unknowns = hypothesis.unknowns()
+            wholes.append(at)
+            numbers += range(at + 1, at + 1 + len(unknowns))
+            spreads += [f.spread for f in unknowns]
+            # Unknowns are deviations from their prior means: the data stand at the present values.
+            data[at : at + 1 + len(unknowns)] = np.append(-1.0, -_shift(hypothesis))
+            at += 1 + len(unknowns)
+        keep = [0, *wholes, *range(1, size), *numbers]
+        return self.data_set.posterior(gram[np.ix_(keep, keep)], norm, data[keep], spreads)
 
     def improve(self, hypothesis: Hypothesis, level: int, scatter: int, rounds: int = 5) -> tuple[Hypothesis, float]:
         """Gauss-Newton steps at one noise level.
@@ -227,7 +225,7 @@ class MarginalLikelihood:
             cross = [(row, column), (row + 1, column), (row - 1, column), (row, column + 1), (row, column - 1)]
             new = [r * side + c for r, c in cross if 0 <= r < side and 0 <= c < side and r * side + c not in known]
             for level in new:
-                known[level] = self._at_level(lin, level)
+                known[level] = self.posterior(lin, level)
             top = max(known, key=lambda g: float((known[g].evidence + prior[g]).max()))
             if top == best:
                 break
@@ -245,14 +243,7 @@ class MarginalLikelihood:
             Log evidence.
         """
         lin = hypothesis_columns(self.data_set, hypothesis) if hypothesis.effects else None
-        return float(self._at_level(lin, level).evidence.max())
-
-    def _at_level(self, lin: HypothesisColumns | None, level: int) -> Posterior:
-        """Posterior at one level of the process noise; None is calm water."""
-        if lin is not None:
-            return self.posterior(lin, level)
-        here = self.data_set.at(level)
-        return self.data_set.posterior(here.base_gram, here.norm, np.eye(self.data_set.size)[0])
+        return float(self.posterior(lin, level).evidence.max())
 
     def over_levels(
         self, hypothesis: Hypothesis, known: Mapping[int, Posterior], prior: Float[np.ndarray, "g s"]
@@ -277,7 +268,7 @@ class MarginalLikelihood:
         k = len(mean) - m
         change = mean[k:] + _shift(hypothesis)
         final = hypothesis if not m else _limited(hypothesis, change)
-        evidence = log_sum(weighted) + _bounded(hypothesis, change, np.diag(covariance)[k:])
+        evidence = float(logsumexp(weighted)) + _bounded(hypothesis, change, np.diag(covariance)[k:])
         misfit = float(known[g].misfit[s])
         return FittedHypothesis(final, evidence, by_level, covariance[k:, k:], misfit, (g, s), mean[:k])
 
@@ -301,20 +292,7 @@ def log_prior_levels(data_set: WhitenedDataSet, process_prior: float | None) -> 
     if not is_fitted(data_set.dynamics):
         scatter = -0.5 * np.square(np.array(COEFFICIENT_SD_LEVELS) / COEFFICIENT_SD_PRIOR)
     total = process[:, None] + scatter[None, :]
-    return total - log_sum(total)
-
-
-def log_sum(x: np.ndarray) -> float:
-    """Log of the sum of exponentials.
-
-    Args:
-        x: Logs.
-
-    Returns:
-        The log of their sum.
-    """
-    top = float(x.max())
-    return top + log(float(np.exp(x - top).sum()))
+    return total - logsumexp(total)
 
 
 def _shift(hypothesis: Hypothesis) -> Float[np.ndarray, " m"]:

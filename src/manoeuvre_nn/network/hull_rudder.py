@@ -135,16 +135,6 @@ class HullRudder(Network):
         return self.input_weights.shape[0]
 
     @property
-    def shaft_ratio(self) -> Tensor:
-        """Nominal shaft speed over that of the training [-]."""
-        return self.shaft
-
-    @property
-    def answering(self) -> int:
-        """Members that have been trained."""
-        return int(self.trained)
-
-    @property
     def scalings(self) -> tuple[str, ...]:
         """Scalings of the inputs that keep the mirrored ship a mirrored ship and ratios of speeds ratios."""
         return ("mirrored",) if self.speed_law == "approach" else ("speed",)
@@ -180,14 +170,7 @@ class HullRudder(Network):
         return Design(self._features(x), self.sees, *signs, *columns, self.shrink)
 
     def forward(self, x: Float[Tensor, "*batch 4"]) -> Float[Tensor, "*batch 3"]:
-        """Median of the trained members.
-
-        Args:
-            x: Scaled inputs.
-
-        Returns:
-            Scaled forces.
-        """
+        """Median of the trained members."""
         flat = x.reshape(-1, 4)
         y = self.each(flat.expand(self.members, -1, -1), int(self.trained))
         # torch.median of an even number would be the lower of the two in the middle.
@@ -207,15 +190,7 @@ class HullRudder(Network):
         return self._answers(x[:count], self.input_weights[:count], self.output_weights[:count])
 
     def of(self, x: Float[Tensor, "n 4"], member: Int[Tensor, " n"]) -> Float[Tensor, "n 3"]:
-        """Every input by a member of its own.
-
-        Args:
-            x: Scaled inputs.
-            member: Number of the member that answers to each.
-
-        Returns:
-            Scaled forces.
-        """
+        """Every input by a member of its own."""
         return self._answers(x[:, None], self.input_weights[member], self.output_weights[member])[:, 0]
 
     def _answers(
@@ -240,20 +215,9 @@ class HullRudder(Network):
             outputs.append(total)
         return torch.stack(outputs, -1)
 
-    def at_shaft(self, ratio: float) -> "HullRudder":
-        """The same network at another nominal shaft speed; it shares the weights.
-
-        Args:
-            ratio: The new nominal shaft speed over the present one [-].
-
-        Returns:
-            A new network; the same where no shaft speed is known to it.
-        """
-        if self.speed_law == "approach" or ratio == 1.0:
-            return self
-        other = copy.copy(self)
-        other._buffers = {**self._buffers, "shaft": self.shaft * ratio}
-        return other
+    def at_shaft(self, ratio: float) -> Network:
+        """Forces that scale with the approach speed know no shaft."""
+        return self if self.speed_law == "approach" else super().at_shaft(ratio)
 
     def with_weights(
         self, input_weights: Float[Tensor, "k h w"], output_weights: Float[Tensor, "k 3 c"]

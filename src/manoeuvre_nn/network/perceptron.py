@@ -100,14 +100,7 @@ class Perceptron(Network):
         return self.input_weights.shape[0]
 
     def forward(self, x: Float[Tensor, "*batch inputs"]) -> Float[Tensor, "*batch outputs"]:
-        """Outputs of all networks side by side.
-
-        Args:
-            x: Inputs.
-
-        Returns:
-            K O outputs, network by network.
-        """
+        """Outputs of all networks side by side."""
         first, last = self.input_weights, self.output_weights
         networks, hidden, _ = first.shape
         flat = x.reshape(-1, x.shape[-1])

@@ -1,6 +1,5 @@
 """Forces that are a sum of products with coefficients: the classical models, with members for their uncertainty."""
 
-import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -151,16 +150,6 @@ class Series(Network):
         return ("approach",)
 
     @property
-    def shaft_ratio(self) -> Tensor:
-        """Nominal shaft speed over that of the training [-]."""
-        return self.shaft
-
-    @property
-    def answering(self) -> int:
-        """The estimate and its draws, once it was fitted."""
-        return int(self.trained)
-
-    @property
     def noise_of_fit(self) -> Float[Tensor, " 6"]:
         """Standard deviation that u, v, r, x, y, psi were given in the fit, in U0, U0/L, L, rad; 0 without one."""
         return self.noise
@@ -207,14 +196,7 @@ class Series(Network):
         return result.movedim(0, -1)
 
     def forward(self, x: Float[Tensor, "*batch inputs"]) -> Float[Tensor, "*batch 3"]:
-        """Forces by the estimate.
-
-        Args:
-            x: As :meth:`products` takes it.
-
-        Returns:
-            X', Y', N'.
-        """
+        """Forces by the estimate."""
         x, scale = self._of_approach(x)
         return self.products(x) @ self.coefficients[0].T * scale
 
@@ -233,15 +215,7 @@ class Series(Network):
         return self.products(x) @ self.coefficients[:count].mT * scale
 
     def of(self, x: Float[Tensor, "n inputs"], member: Int[Tensor, " n"]) -> Float[Tensor, "n 3"]:
-        """Every input by a member of its own.
-
-        Args:
-            x: Inputs.
-            member: Number of the member that answers to each.
-
-        Returns:
-            Forces.
-        """
+        """Every input by a member of its own."""
         x, scale = self._of_approach(x)
         return torch.einsum("nt,not->no", self.products(x), self.coefficients[member]) * scale
 
@@ -254,14 +228,7 @@ class Series(Network):
         return x / torch.cat([ratio, ratio, ratio, one, ratio, ratio, ratio], dim=-1), ratio.square()
 
     def sensitivities(self, x: Float[Tensor, "*batch inputs"]) -> Float[Tensor, "*batch p 3"]:
-        """What one standard error of each independent combination of coefficients adds to the forces.
-
-        Args:
-            x: As :meth:`products` takes it.
-
-        Returns:
-            X', Y', N', one row a combination: eigenvectors of :attr:`covariance`; none before a fit.
-        """
+        """Forces by one standard error of each eigenvector of :attr:`covariance`; no row before a fit."""
         if not bool(self.covariance.any()):
             return super().sensitivities(x)
         x, scale = self._of_approach(x)
@@ -293,18 +260,3 @@ class Series(Network):
         rows = torch.cat([values[None], drawn.to(values)])
         self.coefficients[:, self.used] = rows.to(self.coefficients)
         self.trained.fill_(self.members)
-
-    def at_shaft(self, ratio: float) -> "Series":
-        """The same series at another nominal shaft speed; it shares the coefficients.
-
-        Args:
-            ratio: The new nominal shaft speed over the present one [-].
-
-        Returns:
-            A new series.
-        """
-        if ratio == 1.0:
-            return self
-        other = copy.copy(self)
-        other._buffers = {**self._buffers, "shaft": self.shaft * ratio}
-        return other

@@ -5,15 +5,18 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Literal
 
+from manoeuvre_nn.core.channels import ACCELERATION
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.limits import OK
 from manoeuvre_nn.dynamics.members import has_members, replay_members, sail_members
 from manoeuvre_nn.dynamics.replay import replay
 from manoeuvre_nn.dynamics.rollout import roll_out
-from manoeuvre_nn.dynamics.simulate import Problem, simulate
+from manoeuvre_nn.dynamics.simulate import simulate
 from manoeuvre_nn.dynamics.vessel import Vessel, as_vessel
+from manoeuvre_nn.estimation.accelerations import accelerations
 from manoeuvre_nn.manoeuvre.criteria import criteria
 from manoeuvre_nn.scoring.as_steered import as_steered
 from manoeuvre_nn.scoring.score import Score, score, spread
@@ -58,7 +61,7 @@ class HeldOut:
         if solver == "rollout" and manoeuvres:
             runs = roll_out(dynamics, manoeuvres)
         else:
-            runs = [simulate(Problem(dynamics, m), rtol=self.rtol, atol=0.1 * self.rtol) for m in manoeuvres]
+            runs = [simulate(dynamics, m, rtol=self.rtol, atol=0.1 * self.rtol) for m in manoeuvres]
         if recorded:
             runs += replay(dynamics, [self.references[k] for k in recorded])
         return [run for _, run in sorted(zip(steered + recorded, runs, strict=True), key=lambda pair: pair[0])]
@@ -131,4 +134,20 @@ def simulated_references(ship: Model | Vessel, manoeuvres: Sequence[Manoeuvre]) 
     Returns:
         Accurate simulations.
     """
-    return tuple(simulate(Problem(ship, m)) for m in manoeuvres)
+    return tuple(simulate(ship, m) for m in manoeuvres)
+
+
+def references(runs: Sequence[Recording], ship: Particulars) -> HeldOut:
+    """Recordings to judge a model by.
+
+    Args:
+        runs: The recordings.
+        ship: The ship.
+
+    Returns:
+        The recordings; initial states and references of measured ones come from smoothed channels, since noise is
+        nothing that a model should be asked for.
+    """
+    exact = ["manoeuvre" in run.meta and all(name in run.channels for name in ACCELERATION) for run in runs]
+    smooth = (run if known else accelerations(run, "smoother") for run, known in zip(runs, exact, strict=True))
+    return HeldOut(tuple(smooth), ship.length)

@@ -13,7 +13,7 @@ from manoeuvre_nn.ship.clarke import clarke_ship
 from manoeuvre_nn.ship.taylor import Coefficients, Side, TaylorShip
 
 
-class InertiaOnly(Ship):
+class _InertiaOnly(Ship):
     """A ship of which only the inertia is known; all forces are left to the network.
 
     Source:
@@ -35,28 +35,13 @@ class InertiaOnly(Ship):
         return self._ship[0].shaft_rpm
 
     def force(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
-        """Nothing is known.
-
-        Args:
-            nu: u, v [m/s], r [rad/s].
-            delta: Rudder angle [rad].
-
-        Returns:
-            Zeros.
-        """
+        """Nothing is known."""
         del delta
         return torch.zeros_like(nu)
 
-    def on_approach(self, speed: float) -> "InertiaOnly":
-        """Inertia and units as the ship has them at that speed.
-
-        Args:
-            speed: Approach speed [m/s].
-
-        Returns:
-            A new ship.
-        """
-        return InertiaOnly(self._ship[0].on_approach(speed))
+    def on_approach(self, speed: float) -> "_InertiaOnly":
+        """Inertia and units as the ship has them at that speed."""
+        return _InertiaOnly(self._ship[0].on_approach(speed))
 
 
 def clarke_part(ship: Ship | Particulars, Xu: float | None = None, Xdd: float | None = None) -> TaylorShip:  # noqa: N803
@@ -78,7 +63,7 @@ def clarke_part(ship: Ship | Particulars, Xu: float | None = None, Xdd: float | 
     return clarke_ship(particulars, Xu=particulars.surge_damping if Xu is None else Xu, Xdd=drag)
 
 
-def no_part(ship: Ship | Particulars) -> InertiaOnly:
+def no_part(ship: Ship | Particulars) -> Ship:
     """Nothing but the inertia: the ship's own where it has coefficients, else Clarke's.
 
     Args:
@@ -90,10 +75,10 @@ def no_part(ship: Ship | Particulars) -> InertiaOnly:
     Source:
         Rajesh & Bhattacharyya 2009, eqs 10-12.
     """
-    return InertiaOnly(clarke_part(ship) if isinstance(ship, Particulars) else ship)
+    return _InertiaOnly(clarke_part(ship) if isinstance(ship, Particulars) else ship)
 
 
-def clarke_inertia_part(ship: Ship | Particulars) -> InertiaOnly:
+def clarke_inertia_part(ship: Ship | Particulars) -> Ship:
     """Nothing but Clarke's inertia, whatever else is known of the ship: as it is with measured ones.
 
     Args:
@@ -105,7 +90,7 @@ def clarke_inertia_part(ship: Ship | Particulars) -> InertiaOnly:
     Source:
         Wang 1996, eqs 4.7-4.16.
     """
-    return InertiaOnly(clarke_part(ship))
+    return _InertiaOnly(clarke_part(ship))
 
 
 def given_part(

@@ -191,30 +191,13 @@ class MMGShip(Ship):
         return self.shaft / RPM
 
     def force(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
-        """Right-hand sides at the shaft speed of the approach.
-
-        Args:
-            nu: u, v [m/s], r [rad/s] through the water.
-            delta: Rudder angle [rad], positive turns to starboard.
-
-        Returns:
-            f' [-].
-        """
+        """Right-hand sides at the shaft speed of the approach."""
         return self.force_at(nu, delta, torch.full_like(delta, self.shaft))
 
     def shaft_force(
         self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"], shaft: Float[Tensor, "*batch"]
     ) -> Float[Tensor, "*batch 3"]:
-        """What another shaft speed changes: thrust, the propeller's side force, and the race over the rudder.
-
-        Args:
-            nu: u, v [m/s], r [rad/s].
-            delta: Rudder angle [rad].
-            shaft: n / n0 [-]; negative turns astern.
-
-        Returns:
-            Addition to f' [-].
-        """
+        """What another shaft speed changes: thrust, the propeller's side force, and the race over the rudder."""
         return self.force_at(nu, delta, shaft * self.shaft) - self.force(nu, delta)
 
     def force_at(
@@ -311,14 +294,7 @@ class MMGShip(Ship):
         return torch.where((n >= 0) & (thrust > 0), ahead, other)
 
     def on_approach(self, speed: float) -> "MMGShip":
-        """The ship at another approach speed; the shaft speed that keeps it up follows.
-
-        Args:
-            speed: Approach speed [m/s].
-
-        Returns:
-            A new ship.
-        """
+        """The ship at another approach speed; the shaft speed that keeps it up follows."""
         check_speed(self.particulars, speed)
         return MMGShip(self.particulars.at_speed(speed), *self.parts, dtype=self.inertia.dtype)
 

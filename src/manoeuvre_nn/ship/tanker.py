@@ -6,7 +6,7 @@ from typing import Literal
 
 import torch
 from jaxtyping import Float
-from torch import Tensor
+from torch import Tensor, nn
 
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.prime import bis_system
@@ -15,6 +15,13 @@ from manoeuvre_nn.core.units import RPM
 
 PRODUCTS = ("uu", "Lvr", "vv", "ccdd", "ccbd", "LgT", "uv", "|v|v", "ccd", "Lur", "cross", "L|v|r")
 """What the coefficients multiply, in the order of the tanker's table; ``cc`` is c^2 and cross c^2 |beta| beta |d|."""
+DEPTH_TERMS = {
+    "uu": ("Xuuz", "", ""), "Lvr": ("Xvrz", "", ""), "uv": ("", "", "Nuvz"), "|v|v": ("", "Yvvz", ""),
+    "Lur": ("", "Yurz", "Nurz"), "cross": ("", "Yccbbdz", "Nccbbdz"), "L|v|r": ("", "", "Nvrz"),
+}  # fmt: skip
+"""Product -> coefficients of it times zeta in surge, sway and yaw."""
+YUVZ, KINK = -0.85, 0.8
+"""``zeta Yuvz`` is YUVZ (zeta - KINK) beyond KINK and 0 below: Rajesh & Bhattacharyya 2009, Table 1."""
 
 
 class TankerShip(Ship):
@@ -43,6 +50,8 @@ class TankerShip(Ship):
     """
 
     coefficient_table: Tensor
+    depth_tables: Tensor
+    depth_inertia: Tensor
     race: Tensor
     thrust_series: Tensor
 
@@ -78,31 +87,46 @@ class TankerShip(Ship):
             )
         check_choice("ship.shaft", shaft, ["hold", "similarity"])
         zeta = particulars.draught / (depth - particulars.draught)
-        k = dict(coefficients)
-        inertia = [k["m11"] - k["Xudz"] * zeta, k["m22"] - k["Yvdz"] * zeta, k["m33"] - k["Nrdz"] * zeta]
+        k = coefficients
+        deep = torch.tensor([k["m11"], k["m22"], k["m33"]], dtype=torch.float64)
+        change = -torch.tensor([k["Xudz"], k["Yvdz"], k["Nrdz"]], dtype=torch.float64)
         prime = bis_system(particulars.length, particulars.rho * volume)
-        super().__init__(particulars, prime, torch.diag(torch.tensor(inertia, dtype=torch.float64)))
+        super().__init__(particulars, prime, torch.diag(deep + zeta * change))
         self.volume, self.coefficients = volume, coefficients
-        self.rpm, self.self_propulsion = rpm, self_propulsion
-        self.depth, self.shaft, self.zeta = depth, shaft, zeta
-        self.k = _at_depth(k, zeta)
-        self._store()
+        self.rpm, self.self_propulsion, self.shaft = rpm, self_propulsion, shaft
+        self._depth = depth
+        self.register_buffer("depth_inertia", change, persistent=False)
+        self._store(zeta)
 
-    def _store(self) -> None:
+    def _store(self, zeta: float) -> None:
         """Put the coefficients into buffers, so that tankers at other depths or rpm can be rows of one batch."""
-        k, n, length = self.k, self.rpm * RPM, self.particulars.length
+        k, n, length = self.coefficients, self.rpm * RPM, self.particulars.length
         surge = {"uu": k["Xuu"], "Lvr": k["Xvr"], "vv": k["Xvv"], "ccdd": k["Xccdd"], "ccbd": k["Xccbd"]}
         surge["LgT"] = 1 - k["t"]
         sway = {"uv": k["Yuv"], "|v|v": k["Yvv"], "ccd": k["Yccd"], "Lur": k["Yur"], "cross": k["Yccbbd"]}
         sway["LgT"] = k["YT"]
         yaw = {"uv": k["Nuv"], "L|v|r": k["Nvr"], "ccd": k["Nccd"], "Lur": k["Nur"], "cross": k["Nccbbd"]}
         yaw["LgT"] = k["NT"]
-        table = [[equation.get(name, 0.0) for equation in (surge, sway, yaw)] for name in PRODUCTS]
-        self.register_buffer("coefficient_table", self.inertia.new_tensor(table) / self.prime.speed**2)
+        deep = [[equation.get(name, 0.0) for equation in (surge, sway, yaw)] for name in PRODUCTS]
+        by_zeta = self.inertia.new_zeros(3, len(PRODUCTS), 3)  # times zeta, its square, and what is beyond the kink
+        for name, parts in DEPTH_TERMS.items():
+            by_zeta[0, PRODUCTS.index(name)] = by_zeta.new_tensor([k.get(part, 0.0) for part in parts])
+        by_zeta[1, PRODUCTS.index("vv"), 0] = k["Xvvzz"]
+        by_zeta[2, PRODUCTS.index("uv"), 1] = YUVZ
+        table = by_zeta.new_tensor(deep)
+        for share, change in zip((zeta, zeta**2, max(zeta - KINK, 0.0)), by_zeta, strict=True):
+            table = table + share * change
+        self.register_buffer("coefficient_table", table / self.prime.speed**2)
+        self.register_buffer("depth_tables", by_zeta / self.prime.speed**2, persistent=False)
         race = [k["cun"] * n, k["cnn"] * n**2]
         self.register_buffer("race", self.inertia.new_tensor(race))
         thrust = [k["Tuu"] / length, k["Tun"] * n, length * k["Tnn"] * abs(n) * n]
         self.register_buffer("thrust_series", self.inertia.new_tensor(thrust))
+
+    @property
+    def depth(self) -> float:
+        """Water depth h [m]; ``inf`` is deep water."""
+        return self._depth
 
     @property
     def table(self) -> Float[Tensor, "terms 3"]:
@@ -119,18 +143,12 @@ class TankerShip(Ship):
         """The products as the source writes them."""
         return PRODUCTS
 
-    def thrust(
-        self, u: Float[Tensor, "*batch"], shaft: Float[Tensor, "*batch"] | float = 1.0
-    ) -> Float[Tensor, "*batch"]:
-        """Propeller thrust over mass, gT.
+    def thrust(self, u: Float[Tensor, "*batch"], shaft: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
+        """``m gT (1 - t)`` [N]."""
+        return self.prime.mass * (1 - self.coefficients["t"]) * self._thrust_over_mass(u, shaft)
 
-        Args:
-            u: Forward speed [m/s].
-            shaft: Shaft speed over the ship's own rpm [-].
-
-        Returns:
-            gT [m/s^2].
-        """
+    def _thrust_over_mass(self, u: Tensor, shaft: Tensor | float) -> Tensor:
+        """GT [m/s^2]."""
         square, linear, constant = self.thrust_series.unbind()
         return square * u.square() + linear * shaft * u + constant * shaft**2
 
@@ -140,61 +158,37 @@ class TankerShip(Ship):
         delta: Float[Tensor, "*batch"],
         shaft: Float[Tensor, "*batch"] | float = 1.0,
     ) -> Float[Tensor, "*batch terms"]:
-        """What the coefficients of the table are multiplied by, in the order of ``PRODUCTS``.
-
-        Args:
-            nu: u, v [m/s], r [rad/s].
-            delta: Rudder angle [rad], positive turns to starboard.
-            shaft: Shaft speed over the ship's own rpm [-].
-
-        Returns:
-            Products [m^2/s^2].
-        """
+        """What the coefficients are multiplied by, in the order of ``PRODUCTS`` [m^2/s^2]."""
         length = self.particulars.length
         u, v, r, d = nu[..., 0], nu[..., 1], nu[..., 2] * length, -delta
         slope, constant = self.race.unbind()
         beta, race, across = v / u, slope * shaft * u + constant * shaft**2, v.abs()
         rudder = race * d
-        products = [u.square(), v * r, v.square(), rudder * d, rudder * beta, length * self.thrust(u, shaft)]
+        products = [u.square(), v * r, v.square(), rudder * d, rudder * beta, length * self._thrust_over_mass(u, shaft)]
         products += [u * v, across * v, rudder, u * r, race * beta.abs() * beta * d.abs(), across * r]
         return torch.stack(products, dim=-1)
 
-    def force(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
-        """Right-hand sides over g (X, Y) and over g/L (N).
-
-        Args:
-            nu: u, v [m/s], r [rad/s].
-            delta: Rudder angle [rad], positive turns to starboard.
-
-        Returns:
-            f'' [-] in the BIS system.
-        """
-        return self.products(nu, delta) @ self.table
+    def shallow_change(
+        self,
+        nu: Float[Tensor, "*batch 3"],
+        delta: Float[Tensor, "*batch"],
+        shaft: Float[Tensor, "*batch"],
+        zeta: Float[Tensor, "*own"],
+    ) -> tuple[Float[Tensor, "*own 3"], Float[Tensor, "*own 3"]]:
+        """By the table's own terms in zeta, the kink of Yuvz rounded."""
+        products, zeta = self.products(nu, delta, shaft), zeta[..., None]
+        linear, square, kink = (products @ table for table in self.depth_tables)
+        beyond = nn.functional.softplus(zeta - KINK, beta=50.0)
+        return linear * zeta + square * zeta.square() + kink * beyond, zeta * self.depth_inertia
 
     def shaft_force(
         self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"], shaft: Float[Tensor, "*batch"]
     ) -> Float[Tensor, "*batch 3"]:
-        """What another shaft speed changes: thrust, and the race over the rudder.
-
-        Args:
-            nu: u, v [m/s], r [rad/s].
-            delta: Rudder angle [rad].
-            shaft: n / n0 [-].
-
-        Returns:
-            Addition to f'' [-].
-        """
+        """What another shaft speed changes: thrust, and the race over the rudder."""
         return (self.products(nu, delta, shaft) - self.products(nu, delta)) @ self.table
 
     def on_approach(self, speed: float) -> "TankerShip":
-        """The tanker at another approach speed; the forces are as they are, ``shaft`` says what the propeller does.
-
-        Args:
-            speed: Approach speed [m/s].
-
-        Returns:
-            A new ship.
-        """
+        """The tanker at another approach speed; the forces are as they are, ``shaft`` says what the propeller does."""
         check_speed(self.particulars, speed)
         rpm = self.rpm * speed / self.self_propulsion if self.shaft == "similarity" else self.rpm
         return TankerShip(
@@ -206,14 +200,3 @@ class TankerShip(Ship):
             depth=self.depth,
             shaft=self.shaft,
         ).to(self.inertia)
-
-
-def _at_depth(k: Mapping[str, float], zeta: float) -> dict[str, float]:
-    """Coefficients with the depth terms taken in: ``Xvr + Xvrz zeta`` and so on."""
-    yuvz = 0.0 if zeta < 0.8 else -0.85 * (1 - 0.8 / zeta)  # Rajesh 2009, Table 1
-    deep = dict(k)
-    for name in ("Xuu", "Xvr", "Yur", "Yvv", "Yccbbd", "Nur", "Nuv", "Nvr", "Nccbbd"):
-        deep[name] = k[name] + k[f"{name}z"] * zeta
-    deep["Xvv"] = k["Xvv"] + k["Xvvzz"] * zeta**2
-    deep["Yuv"] = k["Yuv"] + yuvz * zeta
-    return deep

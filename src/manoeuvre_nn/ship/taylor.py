@@ -64,14 +64,7 @@ class TaylorForce(Network):
         self.register_buffer("coefficients", matrix)
 
     def forward(self, motion: Float[Tensor, "*batch 4"]) -> Float[Tensor, "*batch 3"]:
-        """Evaluate the three polynomials.
-
-        Args:
-            motion: u', v', r', delta; u' as deviation from the approach speed.
-
-        Returns:
-            X', Y', N'.
-        """
+        """Evaluate the three polynomials."""
         return self.products(motion) @ self.coefficients
 
     def products(self, motion: Float[Tensor, "*batch 4"]) -> Float[Tensor, "*batch terms"]:
@@ -179,30 +172,10 @@ class TaylorShip(Ship):
         return tuple(self.series.terms)
 
     def products(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch terms"]:
-        """The bare products, times ``(Us / U0)^2``.
-
-        Args:
-            nu: u, v [m/s], r [rad/s].
-            delta: Rudder angle [rad], positive turns to starboard.
-
-        Returns:
-            One column a term.
-        """
+        """The bare products, times ``(Us / U0)^2``."""
         motion, ratio = self.motion(nu, delta)
         products = self.series.products(motion)
         return products if ratio is None else products * ratio.square()[..., None]
-
-    def force(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
-        """Right-hand sides f'; see :class:`TaylorShip` for the equation.
-
-        Args:
-            nu: u, v [m/s], r [rad/s].
-            delta: Rudder angle [rad], positive turns to starboard.
-
-        Returns:
-            f' [-].
-        """
-        return self.products(nu, delta) @ self.table
 
     def on_approach(self, speed: float) -> "TaylorShip":
         """The ship at another approach speed: the series is about that speed and all forces scale with its square.

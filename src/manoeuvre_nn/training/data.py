@@ -20,7 +20,7 @@ from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.dynamics.model import CalmWater
-from manoeuvre_nn.dynamics.simulate import Problem, simulate
+from manoeuvre_nn.dynamics.simulate import simulate
 from manoeuvre_nn.dynamics.vessel import Vessel, in_words
 from manoeuvre_nn.estimation.accelerations import METHODS, Method, accelerations, check_sensors, taken_away
 from manoeuvre_nn.estimation.smoother import sensors_in_words
@@ -30,7 +30,7 @@ from manoeuvre_nn.recording.noise import add_noise, resample
 from manoeuvre_nn.recording.read.mapping import Mapping as ChannelMapping
 from manoeuvre_nn.recording.read.reader import read_recording, recordings_in
 from manoeuvre_nn.recording.tuples import Tuples, to_tuples
-from manoeuvre_nn.scoring.held_out import HeldOut, simulated_references
+from manoeuvre_nn.scoring.held_out import HeldOut, references, simulated_references
 from manoeuvre_nn.training.settings import check_length, check_positive, check_simulable, expand, noise_in_si
 
 Batch = tuple[Float[Tensor, "n 4"], Float[Tensor, "n 3"], Float[Tensor, "k 4"], Float[Tensor, "k 3"]]
@@ -127,11 +127,7 @@ class ManoeuvreData(ABC, L.LightningDataModule):
         """What the model is trained on, in words for the report."""
 
     def remarks(self) -> list[str]:
-        """What should be known of the recordings before anything is learnt from them, a line each.
-
-        Returns:
-            Lines; none for a simulation.
-        """
+        """What should be known of the recordings before anything is learnt from them, a line each."""
         return []
 
     def prepare(self, recordings: Sequence[Recording], noisy: bool) -> None:
@@ -169,15 +165,7 @@ class ManoeuvreData(ABC, L.LightningDataModule):
         self.form_tuples()
 
     def with_accelerations(self, recording: Recording, method: Method) -> Recording:
-        """A recording with its accelerations, and its sensors' delays and offsets taken away where they are asked for.
-
-        Args:
-            recording: The recording.
-            method: One of :data:`.METHODS`.
-
-        Returns:
-            The recording with udot, vdot, rdot.
-        """
+        """A recording with its accelerations, its sensors' delays and offsets taken away where they are asked for."""
         return accelerations(recording, method, delays=self.settings.delays, offsets=self.settings.offsets)
 
     def form_tuples(self) -> None:
@@ -206,11 +194,7 @@ class ManoeuvreData(ABC, L.LightningDataModule):
         return to_tuples([accelerations(sensed, method).resampled(run.time)], self.known)
 
     def train_mask(self) -> Bool[Tensor, " n"]:
-        """Which tuples are trained on.
-
-        Returns:
-            True for training, False for validation.
-        """
+        """True for tuples that are trained on, False for those of the validation."""
         count = len(self.tuples.inputs)
         kept = torch.ones(count, dtype=torch.bool)
         chosen = np.random.default_rng(self.settings.seed).permutation(count)[: round(self.settings.validation * count)]
@@ -283,18 +267,14 @@ class SimulatedData(ManoeuvreData):
         for index, manoeuvre in enumerate(self.manoeuvres):
             # A record longer than the trial's usual length is simulated for as long as it is asked for.
             asked = manoeuvre if length is None else replace(manoeuvre, duration=length)
-            record = simulate(Problem(self.ship, asked, interval=1 / rate if rate else None))
+            record = simulate(self.ship, asked, interval=1 / rate if rate else None)
             made.append(add_noise(record, self.noise, seed=self.settings.seed + index) if self.noise else record)
         self.prepare(made, noisy=bool(self.noise))
-        references = simulated_references(self.ship, self.score_manoeuvres)
-        self.held_out = HeldOut(references, self.ship.model.particulars.length)
+        unseen = simulated_references(self.ship, self.score_manoeuvres)
+        self.held_out = HeldOut(unseen, self.ship.model.particulars.length)
 
     def describe(self) -> str:
-        """Ship, effects, manoeuvres, length, rate and noise.
-
-        Returns:
-            A sentence.
-        """
+        """Ship, effects, manoeuvres, length, rate and noise, a sentence."""
         names = ", ".join(f"{r.name} ({r.duration:g} s)" for r in self.recordings)
         noise = ", ".join(f"{k} {v:g}" for k, v in self.noise.items()) or "none"
         count = len(self.tuples.inputs)
@@ -306,80 +286,114 @@ class SimulatedData(ManoeuvreData):
 
 
 class RecordedData(ManoeuvreData):
-    """Measured manoeuvres."""
+    """Recordings, measured or simulated, whatever else is known of how they came about."""
 
     def __init__(
         self,
         ship: Ship | Particulars,
         known: Ship,
-        files: Sequence[str],
-        score: Sequence[str],
-        mapping: ChannelMapping | None,
+        runs: Sequence[Recording],
+        unseen: Sequence[Recording] = (),
         *,
-        folder: str = ".",
+        mapping: ChannelMapping | None = None,
         settings: DataSettings | None = None,
     ) -> None:
-        """Read and check the files, so that a bad one is refused before computing starts.
+        """Check the recordings.
 
         Args:
             ship: The ship, for its particulars.
             known: Known part of the forces.
-            files: What to train on, relative to ``folder``.
-            score: Held-out manoeuvres, relative to ``folder``; empty takes every other recording in the folder.
-            mapping: Columns, units and signs; None for files that this package wrote.
-            folder: Where the files are.
+            runs: What to train on.
+            unseen: Held-out recordings; without any the model is judged by those that it is trained on.
+            mapping: Columns, units and signs of the files that they were read from.
             settings: What of the recordings is used, and how; by default all of it. Where no rate is given it is the
                 ship's usual one, or the recording's own where that is slower.
 
         Raises:
-            InputError: If no file is named, or one is in both lists.
+            InputError: If there is none, or one makes no sense.
         """
         super().__init__(known, settings or DataSettings())
-        if self.settings.noise:
-            raise InputError("data.noise: measured files carry their own noise; leave it out")
+        if not runs:
+            raise InputError("fit: no recording is given")
         self.particulars = ship if isinstance(ship, Particulars) else ship.particulars
         self.reference, self.mapping = ship, mapping
-        where = Path(folder)
-        paths = expand(where, files, "data.files")
-        if not paths:
-            raise InputError("data.files=[] names no recording: write data.files=[FILE,...], relative to data.folder")
-        unseen = expand(where, score, "score") or [p for p in recordings_in(where) if p not in paths]
-        both = sorted({p.name for p in paths} & {p.name for p in unseen})
-        if both:
-            raise InputError(f"{', '.join(both)} is both in data.files and in score: a model is scored on unseen runs")
-        if not unseen:
-            raise InputError(f"no recording is left in {where} to score: write score=[FILE,...]")
-        self._read = [read_recording(p, mapping, self.particulars) for p in paths]
-        self._unseen = [read_recording(p, mapping, self.particulars) for p in unseen]
-        for record in (*self._read, *self._unseen):
-            check_recording(record, self.particulars)
+        self.runs, self.unseen = tuple(runs), tuple(unseen)
+        for run in (*self.runs, *self.unseen):
+            if not _is_simulated(run):  # effects make channels disagree that sensors would not
+                check_recording(run, self.particulars)
         if self.settings.length is not None:
             check_length("data.length", self.settings.length, self.particulars)
 
     def setup(self, stage: str | None = None) -> None:
-        """Cut, resample, smooth."""
+        """Cut, smooth, resample; known accelerations are left out, since only simulations have them."""
         del stage
         if hasattr(self, "tuples"):
             return
-        self.prepare_measured(self._read, self.particulars)
-        # Initial states and references come from the smoothed channels: noise is nothing a model should be asked for.
-        references = tuple(accelerations(r, "smoother") for r in self._unseen)
-        self.held_out = HeldOut(references, self.particulars.length)
+        self.prepare_measured([_as_sensed(run) for run in self.runs], self.particulars)
+        self.held_out = references(self.unseen or self.runs, self.particulars)
 
     def remarks(self) -> list[str]:
-        """What the checks find in the files that are trained on.
-
-        Returns:
-            A line each finding that asks for something to be done, at most six.
-        """
-        return summary_lines([inspect_recording(r, self.particulars, mapping=self.mapping) for r in self._read])
+        """What the checks of the recordings ask for before they are trained on, at most six lines."""
+        return summary_lines([inspect_recording(r, self.particulars, mapping=self.mapping) for r in self.runs])
 
     def describe(self) -> str:
-        """Files, lengths and rate.
-
-        Returns:
-            A sentence.
-        """
+        """Names, lengths and rate, a sentence."""
         names = ", ".join(f"{r.name} ({r.duration:.0f} s)" for r in self.recordings)
-        words = f"{len(self.tuples.inputs)} tuples of the measured {self.particulars.name}: {names}."
+        measured = "" if any(_is_simulated(r) for r in self.runs) else "measured "
+        words = f"{len(self.tuples.inputs)} tuples of the {measured}{self.particulars.name}: {names}."
         return words + sensors_in_words(self.recordings)
+
+
+def recorded_files(
+    ship: Ship | Particulars,
+    known: Ship,
+    files: Sequence[str],
+    score: Sequence[str],
+    mapping: ChannelMapping | None,
+    *,
+    folder: str = ".",
+    settings: DataSettings | None = None,
+) -> RecordedData:
+    """Recordings of files, read and checked, so that a bad one is refused before computing starts.
+
+    Args:
+        ship: The ship, for its particulars.
+        known: Known part of the forces.
+        files: What to train on, relative to ``folder``.
+        score: Held-out recordings, relative to ``folder``; empty takes every other recording in the folder.
+        mapping: Columns, units and signs; None for files that this package wrote.
+        folder: Where the files are.
+        settings: What of the recordings is used, and how.
+
+    Returns:
+        The data module.
+
+    Raises:
+        InputError: If no file is named, or one is in both lists.
+    """
+    if settings is not None and settings.noise:
+        raise InputError("data.noise: measured files carry their own noise; leave it out")
+    where = Path(folder)
+    paths = expand(where, files, "data.files")
+    if not paths:
+        raise InputError("data.files=[] names no recording: write data.files=[FILE,...], relative to data.folder")
+    unseen = expand(where, score, "score") or [p for p in recordings_in(where) if p not in paths]
+    both = sorted({p.name for p in paths} & {p.name for p in unseen})
+    if both:
+        raise InputError(f"{', '.join(both)} is both in data.files and in score: a model is scored on unseen runs")
+    if not unseen:
+        raise InputError(f"no recording is left in {where} to score: write score=[FILE,...]")
+    particulars = ship if isinstance(ship, Particulars) else ship.particulars
+    runs, others = ([read_recording(p, mapping, particulars) for p in some] for some in (paths, unseen))
+    return RecordedData(ship, known, runs, others, mapping=mapping, settings=settings)
+
+
+def _is_simulated(run: Recording) -> bool:
+    """Whether a run was simulated here and now, and not read."""
+    return "manoeuvre" in run.meta
+
+
+def _as_sensed(run: Recording) -> Recording:
+    """A run without what only a simulation knows."""
+    kept = {k: c for k, c in run.channels.items() if k not in ACCELERATION} if _is_simulated(run) else run.channels
+    return replace(run, channels=kept)

@@ -14,7 +14,7 @@ from manoeuvre_nn.core.units import KNOT
 from manoeuvre_nn.dynamics.base import calm_accelerations
 from manoeuvre_nn.dynamics.limits import OK
 from manoeuvre_nn.dynamics.model import CalmWater
-from manoeuvre_nn.dynamics.simulate import Problem, simulate
+from manoeuvre_nn.dynamics.simulate import simulate
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.scoring.score import score
@@ -74,9 +74,9 @@ def test_networks_in_one_batch_move_as_each_alone():
     with unchecked():
         found = nets.judged(models, trials)
         for row, trial in enumerate(trials):
-            reference = simulate(Problem(CalmWater(esso_190k()), trial))
+            reference = simulate(CalmWater(esso_190k()), trial)
             for k, model in enumerate(models):
-                alone = score(simulate(Problem(model, trial), rtol=1e-7), reference, L)
+                alone = score(simulate(model, trial, rtol=1e-7), reference, L)
                 assert found.dev[row, k] == approx(alone.dev_L, abs=1e-3)
                 assert found.runs[row][k].status == alone.status == OK
 

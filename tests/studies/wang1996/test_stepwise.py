@@ -12,7 +12,7 @@ from scipy import stats
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.model import CalmWater
-from manoeuvre_nn.dynamics.simulate import Problem, simulate
+from manoeuvre_nn.dynamics.simulate import simulate
 from manoeuvre_nn.estimation.derivatives import ABKOWITZ, coefficient_name, taylor_columns
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.recording.tuples import Tuples, to_tuples
@@ -38,7 +38,7 @@ def noisy_line(seed, slope=0.7, n=N):
 @cache
 def zz35(name="mariner") -> Recording:
     with unchecked():
-        return simulate(Problem(CalmWater(ship_named(name)), zigzag(35.0, duration=300.0)))
+        return simulate(CalmWater(ship_named(name)), zigzag(35.0, duration=300.0))
 
 
 @cache
@@ -256,7 +256,8 @@ def test_errors_that_mix_are_those_of_a_regression_after_mixing():
 def test_columns_are_what_derivatives_multiply():
     known = clarke_part(ship_named("mariner"))
     tuples = to_tuples([zz35()], known)
-    columns = taylor_columns(tuples, known, ("0", "u", "vvd", "rrr"))
+    terms = ("0", "u", "vvd", "rrr")
+    columns = dict(zip(terms, taylor_columns(tuples, known, {"Y": terms}, "port")["Y"].T, strict=True))
     u, v, r, d = tuples.inputs.numpy().T
     assert columns["0"] == approx(np.ones(len(u)))
     assert columns["u"] == approx(u - 1)

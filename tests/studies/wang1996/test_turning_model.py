@@ -15,7 +15,7 @@ from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.limits import OK
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.rollout import roll_out
-from manoeuvre_nn.dynamics.simulate import Problem, simulate
+from manoeuvre_nn.dynamics.simulate import simulate
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.scoring.score import score
 from manoeuvre_nn.ship.mariner import COEFFICIENTS, INERTIA, WANG
@@ -134,7 +134,7 @@ def test_a_network_trained_on_a_straight_line_gives_the_analytic_turn():
 def test_both_solvers_agree():
     model, order = TurningModel(ship_named("mariner"), fitted(30).best), turning_circle(30.0, duration=120.0)
     with unchecked():
-        (batch,), accurate = predict(model, [order]), simulate(Problem(model, order))
+        (batch,), accurate = predict(model, [order]), simulate(model, order)
     for name, size in (("u", 1e-4), ("v", 1e-4), ("r", 1e-6), ("x", 1e-2), ("y", 1e-2)):
         np.testing.assert_allclose(batch[name], accurate[name], atol=size, err_msg=name)
 
