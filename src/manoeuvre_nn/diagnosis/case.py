@@ -19,7 +19,7 @@ from manoeuvre_nn.diagnosis.manifest import adapted, numbers, read_manifest
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.estimation.data_set import whitened_data_set
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
-from manoeuvre_nn.recording.check.plausible import COLUMNS, check_plausible, check_sampling
+from manoeuvre_nn.recording.check.checks import COLUMNS, check_over_ground, check_sampling
 from manoeuvre_nn.recording.kind import guess_kind
 from manoeuvre_nn.recording.preparation import common_step, measured, over_ground, prepared, with_own_shafts
 from manoeuvre_nn.recording.read.mapping import Mapping as ChannelMapping
@@ -235,7 +235,7 @@ def _checked(run: Recording, ship: Particulars, remedy: str) -> Recording:
     """A recording over ground, refused where it makes no sense."""
     check_sampling(run, ship)
     run = over_ground(run, ship)
-    check_plausible(run, ship, remedy)
+    check_over_ground(run, ship, remedy)
     return run
 
 
