@@ -182,7 +182,9 @@ def sweep_figure(rows: Sequence[Row]) -> Figure:
     figure = new_figure(1.2 + 2.6 * tall + 0.18 * len(labels), width=7.0 if wide > 1 else FIGURE_WIDTH_IN)
     grid = figure.subplots(tall, wide, sharex=True, sharey=True, squeeze=False).ravel()
     for axes, panel in zip(grid, panels, strict=False):
-        log_axis(plain_axes(axes, along, "held-out dev/L [-]")).set_title(panel, fontsize=10, loc="left")
+        log_axis(
+            plain_axes(axes, along, "held-out dev/L [-]" if axes.get_subplotspec().is_first_col() else "")
+        ).set_title(panel, fontsize=10, loc="left")
         for label, curve in points[points.panel == panel].groupby("label", sort=False):
             _draw_curve(axes, curve, _look(labels.index(label)))
         _mark_values(axes, points.value)
