@@ -176,8 +176,7 @@ def _placed(
     dynamics: Model, hypothesis: Hypothesis, which: int, effect: Effect, run: Recording, fitted: FittedHypothesis
 ) -> Float[np.ndarray, " p"]:
     """Start and end of an event in one run, everything else as found."""
-    prepared, names = prepared_run(dynamics, run)
-    likelihood = MarginalLikelihood(WhitenedDataSet(dynamics, [prepared], names))
+    likelihood = MarginalLikelihood(WhitenedDataSet(dynamics, [prepared_run(dynamics, run)]))
     rows = tuple(v[:1] for v in hypothesis.values)
     fixed = frozenset(p.name for e in hypothesis.effects for p in e.declared if not p.per_run)
     known = hypothesis.values[which][0]
