@@ -108,6 +108,11 @@ class Particulars:
     stability: Stability | None = None
     source: str = ""
 
+    @property
+    def particulars(self) -> "Particulars":
+        """These: every ship has particulars, and some have nothing else."""
+        return self
+
     def __post_init__(self) -> None:
         """Refuse dimensions that no ship has.
 
