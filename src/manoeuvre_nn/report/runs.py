@@ -28,11 +28,13 @@ def run_rows(runs: Sequence[Recording], length: float) -> list[Row]:
 
 
 def _range_deg(run: Recording, channel: str) -> str:
-    """Least and largest value of an angle."""
-    if channel not in run.channels:
+    """Least and largest value of an angle, whole turns at its start aside."""
+    values = run.channels.get(channel, np.array([])) / DEGREE
+    values = values[np.isfinite(values)]
+    if not len(values):
         return "–"
-    values = run[channel] / DEGREE
-    return f"{np.nanmin(values):.0f} to {np.nanmax(values):.0f}"
+    turns = 360 * round(values[0] / 360)
+    return f"{round(values.min()) - turns} to {round(values.max()) - turns}"
 
 
 def _way(run: Recording) -> float:
