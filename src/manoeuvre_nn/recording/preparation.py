@@ -32,41 +32,18 @@ MAX_RESTING_SDS, MIN_RESTING_SD = 5.0, 1e-6
 
 
 def measured(run: Recording) -> Float[np.ndarray, "n channels"]:
-    """What sensors wrote down, as a matrix.
-
-    Args:
-        run: A recording.
-
-    Returns:
-        One column a channel of ``MEASURED``; NaN where nothing was recorded.
-    """
+    """What sensors wrote down, one column a channel of ``MEASURED``; NaN where nothing was recorded."""
     gap = np.full(len(run), np.nan)
     return np.stack([run.channels.get(name, gap) for name in MEASURED], axis=-1)
 
 
 def with_measured(run: Recording, values: Float[np.ndarray, "n channels"]) -> Recording:
-    """A recording with other measured channels.
-
-    Args:
-        run: A recording.
-        values: One column a channel of ``MEASURED``; NaN in gaps.
-
-    Returns:
-        A new recording.
-    """
+    """A recording with other measured channels, one column a channel of ``MEASURED``; NaN in gaps."""
     return run.with_channels(**dict(zip(MEASURED, values.T, strict=True)))
 
 
 def without_samples(run: Recording, bad: Bool[np.ndarray, "n channels"]) -> Recording:
-    """A recording with some measured samples marked as unusable.
-
-    Args:
-        run: A recording.
-        bad: Which, in the columns of ``MEASURED``.
-
-    Returns:
-        A new recording with gaps there.
-    """
+    """A recording with gaps where measured samples, in the columns of ``MEASURED``, are unusable."""
     return with_measured(run, np.where(bad, np.nan, measured(run)))
 
 
@@ -102,23 +79,18 @@ def _with_velocity(run: Recording, ship: Particulars) -> Recording:
     """Velocity over ground from the positions where it was not recorded: the smoother starts from it."""
     if "vn" in run.channels:
         return run
-    made = {}
-    for position, velocity in (("x", "vn"), ("y", "ve")):
-        slope = smoothed(run.time, run.filled(position), WINDOW * ship.time_unit)[1]
-        made[velocity] = np.where(np.isfinite(run[position]), slope, np.nan)
-    return replace(run.with_channels(**made), meta={**run.meta, "derived": ("vn", "ve")})
+    vn, ve = (
+        np.where(np.isfinite(run[k]), smoothed(run.time, run.filled(k), WINDOW * ship.time_unit)[1], np.nan)
+        for k in ("x", "y")
+    )
+    return replace(run.with_channels(vn=vn, ve=ve), meta={**run.meta, "derived": ("vn", "ve")})
 
 
 def common_step(runs: Sequence[Recording], ship: Particulars) -> float:
-    """Time between samples that several recordings are read off at.
-
-    Args:
-        runs: The recordings.
-        ship: For L/U0.
+    """Step that several recordings are read off at [s]; one with longer steps is left with gaps.
 
     Returns:
-        Step [s]: that of the finest recording, but not less than ``MIN_STEP_S`` nor more than ``MAX_STEP`` ask for; a
-        recording with longer steps is left with gaps.
+        The step of the finest, but not less than ``MIN_STEP_S`` nor more than ``MAX_STEP`` ask for.
     """
     longest = MAX_STEP * ship.time_unit
     step = max(min(_whole_step(run) for run in runs), min(MIN_STEP_S, longest))
@@ -127,7 +99,7 @@ def common_step(runs: Sequence[Recording], ship: Particulars) -> float:
 
 def _whole_step(run: Recording) -> float:
     """Usual time between samples [s]: whole seconds or whole samples a second where written times only round it."""
-    usual = float(np.median(np.diff(run.time)))
+    usual = run.step
     whole = float(round(usual)) if usual > 0.75 else 1.0 / round(1.0 / usual)
     return whole if abs(usual / whole - 1) < 0.01 else usual
 
@@ -196,16 +168,7 @@ def _joined(time: np.ndarray, values: np.ndarray, even: np.ndarray, place: np.nd
 
 
 def estimated_order(shown: Float[np.ndarray, " n"], step: float, rate: float) -> Float[np.ndarray, " n"]:
-    """Helm orders behind an indicated angle: while the rudder moves, the angle at which it will come to rest.
-
-    Args:
-        shown: Indicated angle [rad].
-        step: Time between samples [s].
-        rate: Rate of the steering gear [rad/s].
-
-    Returns:
-        Orders [rad].
-    """
+    """Helm orders [rad] behind an angle shown at even steps [s]: while the rudder moves, where it will come to rest."""
     smooth = median_filter(shown, 5, mode="nearest")
     moving = np.abs(np.gradient(smooth, step)) > 0.25 * rate
     piece = np.cumsum(np.diff(moving, prepend=moving[0]))
