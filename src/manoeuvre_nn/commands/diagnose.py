@@ -20,13 +20,13 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.diagnosis.answers import write_answer
 from manoeuvre_nn.diagnosis.diagnose import diagnose
-from manoeuvre_nn.diagnosis.proof import cost
 from manoeuvre_nn.diagnosis.result import Diagnosis
 from manoeuvre_nn.diagnosis.search import MAX_BUILT_UPON
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.report.diagnosis_figures import draw_diagnosis
 from manoeuvre_nn.report.diagnosis_html import diagnosis_html, log_to_tensorboard
 from manoeuvre_nn.report.diagnosis_tables import print_diagnosis, value_text
+from manoeuvre_nn.scoring.free_runs import cost
 
 ANSWER, ERROR = "answer.json", "error.txt"
 OF_ANSWERS = ["candidates", "model", "rudder_positive_to"]
@@ -133,7 +133,8 @@ def summary(d: Diagnosis, dynamics: Model) -> str:
         if c.name in d.model
     ]
     found = " + ".join(named) or ("unknown" if d.verdict == "mismatch" else "nothing is missing")
-    before, after = (cost(d.proofs, dynamics, when) for when in ("before", "after"))
+    before = cost([p.rmse_before for p in d.proofs], dynamics.particulars)
+    after = cost([p.rmse_after for p in d.proofs], dynamics.particulars)
     proof = f"J {before:.2f} -> {after:.2f}" if d.proofs else "not proved"
     return f"{d.case}: {d.verdict}, {found}; {proof}; {d.seconds:.0f} s"
 

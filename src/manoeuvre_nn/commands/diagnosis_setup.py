@@ -1,7 +1,7 @@
 """From a config to what a diagnosis is about: the calm-water model, the candidates, the runs."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +17,7 @@ from manoeuvre_nn.core.data_files import load_yaml
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.ship import Particulars, Ship
-from manoeuvre_nn.diagnosis.case import Case, RunSettings, read_case, read_runs, seen_channels
-from manoeuvre_nn.diagnosis.proof import Question
+from manoeuvre_nn.diagnosis.case import Case, Question, RunSettings, read_case, read_runs, seen_channels
 from manoeuvre_nn.diagnosis.result import Cause, Diagnosis
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
@@ -91,16 +90,12 @@ class Setup:
             **versions(),
         }
         return Question(
-            case.name,
+            replace(case, undecided=(*case.undecided, *left_out)),
             dynamics,
-            case.fitted,
-            case.held_out,
             effects,
-            (*case.undecided, *left_out),
             settings,
             workers=configs.whole_number("workers", self.cfg.workers, 1),
             remainder=configs.switch("remainder", self.cfg.remainder),
-            warmup=case.warmup,
         )
 
     def candidates(self, case: Case) -> tuple[list[Effect], list[str]]:

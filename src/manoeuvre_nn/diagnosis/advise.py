@@ -55,7 +55,7 @@ def advise(data_set: WhitenedDataSet, leading: FittedHypothesis, rivals: Sequenc
     data_set = WhitenedDataSet(data_set.dynamics, [*again, *(plan.prepared for plan in plans)], names)
     rows = [*range(len(again)), *(plan.row for plan in plans)]
     whole = _whole(data_set, leading.hypothesis, rows)
-    return [_ranked(data_set, whole, _of_rows(r.hypothesis, rows), r.best, plans) for r in rivals]
+    return [_ranked(data_set, whole, r.hypothesis.of_runs(rows), r.best, plans) for r in rivals]
 
 
 def apart(data_set: WhitenedDataSet, leading: Hypothesis, rival: Hypothesis, best: tuple[int, int]) -> float:
@@ -129,12 +129,7 @@ def _shared(
     return g[np.ix_(kept, kept)] - cross.T @ np.linalg.solve(g[np.ix_(own, own)] + np.diag(spread**-2.0), cross)
 
 
-def _of_rows(hypothesis: Hypothesis, rows: Sequence[int]) -> Hypothesis:
-    """A hypothesis whose runs are those of some rows."""
-    return replace(hypothesis, values=tuple(v[list(rows)] for v in hypothesis.values))
-
-
 def _whole(data_set: WhitenedDataSet, hypothesis: Hypothesis, rows: Sequence[int]) -> list[Columns]:
     """All that a hypothesis adds to every run, at its values."""
     held = frozenset(p.name for e in hypothesis.effects for p in e.declared)
-    return hypothesis_columns(data_set, replace(_of_rows(hypothesis, rows), fixed=held)).columns
+    return hypothesis_columns(data_set, replace(hypothesis.of_runs(rows), fixed=held)).columns

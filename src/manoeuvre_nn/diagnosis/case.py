@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -9,11 +10,15 @@ import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.core.channels import MEASURED
+from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.core.units import DEGREE, KNOT
 from manoeuvre_nn.diagnosis.manifest import adapted, numbers, read_manifest
+from manoeuvre_nn.dynamics.base import Model
+from manoeuvre_nn.estimation.data_set import whitened_data_set
+from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.recording.check.checks import COLUMNS, check_over_ground, check_sampling
 from manoeuvre_nn.recording.kind import guess_kind
 from manoeuvre_nn.recording.preparation import common_step, measured, over_ground, prepared, with_own_shafts
@@ -70,6 +75,32 @@ class Case:
     def held_out(self) -> list[Recording]:
         """Runs for the proof."""
         return [run for run in self.runs if run.name in self.proof]
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is asked about a case.
+
+    Attributes:
+        case: What is recorded.
+        dynamics: Calm-water model.
+        effects: Prototypes of the candidates.
+        settings: For the record.
+        workers: Processes among which the candidates are shared out.
+        remainder: Whether a network may learn what physics leaves.
+    """
+
+    case: Case
+    dynamics: Model
+    effects: Sequence[Effect]
+    settings: Mapping[str, str] = field(default_factory=dict)
+    workers: int = 1
+    remainder: bool = False
+
+    @cached_property
+    def held_out(self) -> MarginalLikelihood:
+        """The held-out runs, whitened: what claims are proved by."""
+        return MarginalLikelihood(whitened_data_set(self.dynamics, self.case.held_out))
 
 
 @dataclass(frozen=True)
