@@ -26,7 +26,10 @@ MAX_STEP = 0.05
 """Longest step that recordings are read off at, over L/U0."""
 MAX_NOMINAL_OFFSET = 0.05
 """Largest distance of the first shaft speed from the nominal one at which the nominal one was ordered [-]."""
-
+RESTING_WINDOW_S = 15.0
+"""Length of the mean over a resting rudder [s]."""
+SHAFT_WINDOW = 15
+"""Samples of the running median of the shaft speed."""
 MAX_RESTING_SDS, MIN_RESTING_SD = 5.0, 1e-6
 """A sample of a resting rudder further off than so many standard deviations [-] of at least so much [rad] is wrong."""
 
@@ -177,7 +180,7 @@ def estimated_order(shown: Float[np.ndarray, " n"], step: float, rate: float) ->
 
 
 def smooth_rudder(
-    recorded: Float[np.ndarray, " n"], order: Float[np.ndarray, " n"], step: float, rate: float, window: float = 15.0
+    recorded: Float[np.ndarray, " n"], order: Float[np.ndarray, " n"], step: float, rate: float
 ) -> tuple[Float[np.ndarray, " n"], float]:
     """Take the noise out of an indicated rudder angle where the rudder rests.
 
@@ -189,7 +192,6 @@ def smooth_rudder(
         order: Helm order [rad].
         step: Time between samples [s].
         rate: Nominal rate of the gear [rad/s].
-        window: Length of the mean [s].
 
     Returns:
         The angle and the standard deviation of its noise [rad].
@@ -200,7 +202,7 @@ def smooth_rudder(
     busy = np.convolve(busy, np.ones(2 * reach + 1), mode="same") > 0
     busy |= np.abs(np.diff(order, prepend=order[0])) > 1e-9
     result = recorded.copy()
-    half = max(1, round(0.5 * window / step))
+    half = max(1, round(0.5 * RESTING_WINDOW_S / step))
     edges = np.flatnonzero(np.diff(np.concatenate([[True], busy, [True]]).astype(int)))
     residuals = []
     for start, end in zip(edges[::2], edges[1::2], strict=False):
@@ -258,19 +260,18 @@ def with_own_shafts(runs: Sequence[Recording]) -> tuple[Recording, ...]:
     return tuple(run.with_channels(shaft_recorded=np.full(len(run), np.nan)) for run in runs)
 
 
-def smooth_shaft(ratio: Float[np.ndarray, " n"], window: int = 15) -> Float[np.ndarray, " n"]:
+def smooth_shaft(ratio: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """Shaft speed as an input of the model: 1 where it is nominal all the time, else the record without its noise.
 
     Args:
         ratio: Recorded shaft speed over the nominal one [-]; NaN in gaps.
-        window: Samples of the running median.
 
     Returns:
         Ratio [-].
     """
     good = np.isfinite(ratio)
-    if good.sum() < window:
+    if good.sum() < SHAFT_WINDOW:
         return np.ones_like(ratio)
     filled = np.interp(np.arange(len(ratio)), np.flatnonzero(good), ratio[good])
-    smooth = uniform_filter1d(median_filter(filled, window, mode="nearest"), window // 2, mode="nearest")
+    smooth = uniform_filter1d(median_filter(filled, SHAFT_WINDOW, mode="nearest"), SHAFT_WINDOW // 2, mode="nearest")
     return smooth if np.abs(smooth - 1).max() > 0.01 else np.ones_like(ratio)
