@@ -26,7 +26,7 @@ from jaxtyping import Float
 from manoeuvre_nn.diagnosis.next_runs import Plan, new_runs, same_runs
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, LATENCY_SD, WhitenedDataSet, about_states
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
-from manoeuvre_nn.estimation.linear_run import Columns, Embedded
+from manoeuvre_nn.estimation.linear_run import Columns
 from manoeuvre_nn.estimation.marginal_likelihood import HypothesisColumns, hypothesis_columns
 
 REFIT_SPREADS = 3.0
@@ -118,8 +118,7 @@ def _shared(
             np.concatenate([whole.measured - b.measured[..., :1], b.measured[..., 1:]], axis=-1),
             np.concatenate([whole.moved - b.moved[..., :1], b.moved[..., 1:]], axis=-1),
         )
-    e, base = here.white[run].embed(columns), here.base[run]
-    both = Embedded(np.hstack([e.outer, base.outer]), np.hstack([e.inner, base.inner]))
+    both = here.white[run].embed(columns).beside(here.base[run])
     g, p = both.dot(both), 1 + len(free)
     latency = p + 1 + k
     own = [*(j for j, f in enumerate(free, 1) if f.run is not None), latency]

@@ -120,6 +120,10 @@ class Embedded:
         """
         return self.outer.T @ other.outer - self.inner.T @ other.inner
 
+    def beside(self, other: "Embedded") -> "Embedded":
+        """These columns, then others of the same run at the same noise."""
+        return Embedded(np.hstack([self.outer, other.outer]), np.hstack([self.inner, other.inner]))
+
     def combined(self, shares: Float[np.ndarray, " p"]) -> "Embedded":
         """The columns summed up, each with a share, as one.
 
