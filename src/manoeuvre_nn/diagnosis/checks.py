@@ -70,7 +70,7 @@ def _alone(
     """Step and covariance of the parameters that all runs share, from one run alone."""
     level, scatter = best
     here = data_set.at(level)
-    both = here.base[run].beside(here.white[run].embed(lin.columns[run]))
+    both = here.base[run].joined(here.white[run].embed(lin.columns[run]))
     gram = both.dot(both)
     whole = 2 + len(data_set.coefficients)  # stands behind the data, coefficients and latency
     free = [lin.hypothesis.unknowns()[k - 1] for k in lin.index[run][1:]]

@@ -118,7 +118,7 @@ def _without_course(
         courses = {form: _course(likelihood, lin.hypothesis, wind, run, *form) for form in forms}
         for g, level in enumerate(levels):
             white, base = data_set.at(level).white[run], data_set.at(level).base[run]
-            both, loose = base.beside(white.embed(c)), {form: white.embed(course) for form, course in courses.items()}
+            both, loose = base.joined(white.embed(c)), {form: white.embed(course) for form, course in courses.items()}
             whole, inner = both.dot(both), {form: (e.dot(e), e.dot(both)) for form, e in loose.items()}
             for k, kind in enumerate(kinds):
                 own, cross = inner[kind.memory, kind.across]
@@ -167,7 +167,7 @@ def _course(
     mean = max(sets[0, speed], nudge)
     sets[1, speed] += nudge
     sets[2, direction] += np.degrees(nudge / mean)
-    c = contribution(effect, sets, prepared.linearised, likelihood.data_set.rate, prepared.situation)
+    c = contribution(effect, sets, prepared.linearised)
     pushes = (c.moved[..., 1:] - c.moved[..., :1]) / nudge
     time = prepared.linearised.run.time[1:] - 0.5 * prepared.linearised.run.step
     gap = memory / KNOTS

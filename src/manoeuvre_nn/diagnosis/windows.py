@@ -77,7 +77,7 @@ def _scan(
         moved[np.arange(len(time) - 1)[:, None], np.arange(3), (k * count + which)[:, None]] = push * step
     base, blocks = data_set.at(level).base[run], white.embed(Columns(np.zeros((len(time), 8, 2 * count)), moved))
     if given is not None:
-        known = white.embed(Columns(given.measured[..., :1], given.moved[..., :1]))
+        known = white.embed(given[:1])
         outer, inner = base.outer.copy(), base.inner.copy()
         outer[:, 0] -= known.outer[:, 0]
         inner[:, 0] -= known.inner[:, 0]
