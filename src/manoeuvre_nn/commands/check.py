@@ -1,18 +1,19 @@
-"""The job of ``scripts/check_recordings.py``: every check of every file, a page, figures and JSON."""
+"""The job of ``manoeuvre check``: every check of every file, a page, figures and JSON."""
 
 import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import yaml
 from matplotlib.figure import Figure
 from omegaconf import DictConfig
 from rich.console import Console
 
 from manoeuvre_nn.commands import config as configs
+from manoeuvre_nn.commands import guard
 from manoeuvre_nn.commands.job import known_part
-from manoeuvre_nn.commands.provenance import resolved, versions, write_provenance
+from manoeuvre_nn.commands.provenance import shown, versions, write_provenance
+from manoeuvre_nn.commands.shelves import plain
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars, Ship
@@ -42,6 +43,16 @@ PAGE, RESULT = "checks.html", "findings.json"
 REMEDIES = "Write into the mapping"
 MAX_RECORDINGS_WITH_NOTES = 6
 """Recordings up to which the terminal shows notes too."""
+
+
+def check_or_refuse(cfg: DictConfig, out: Path) -> None:
+    """Check all files; a file that is refused shows in the exit code.
+
+    Raises:
+        SystemExit: With code 2 if one is.
+    """
+    if any(one.verdict == "refuse" for one in check(cfg, out)):
+        raise SystemExit(guard.WRONG_INPUT)
 
 
 def check(cfg: DictConfig, out: Path, console: Console | None = None) -> list[Inspection]:
@@ -125,7 +136,7 @@ def _write(
         summary=sentence(found),
         tables=tables,
         figures=figures,
-        config_yaml=yaml.safe_dump(resolved(cfg), sort_keys=False, allow_unicode=True),
+        config=plain(cfg),
         versions=versions(),
         unfolded=("Recordings", REMEDIES, "Sensors, over all recordings"),
     )
@@ -152,5 +163,5 @@ def _print(
     for row in remedies:
         console.print(f"  {row['recording']}: {row['settings']}", highlight=False)
     console.print(sentence(found), highlight=False)
-    here = out.relative_to(Path.cwd()) if out.is_relative_to(Path.cwd()) else out
+    here = shown(out)
     console.print(f"report: {here / PAGE}   numbers: {here / RESULT}", soft_wrap=True, highlight=False)

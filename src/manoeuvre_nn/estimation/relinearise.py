@@ -1,13 +1,11 @@
 """Linearising again: about the states that a fitted hypothesis itself makes most likely."""
 
-from collections.abc import Callable
-
 import numpy as np
 
-from manoeuvre_nn.estimation.data_set import PreparedRun, WhitenedDataSet, about_states
+from manoeuvre_nn.estimation.data_set import WhitenedDataSet, about_states
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
 from manoeuvre_nn.estimation.linear_run import joined
-from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood, hypothesis_columns
+from manoeuvre_nn.estimation.marginal_likelihood import hypothesis_columns
 
 MAX_PASSES = 3
 """Linearisations of one hypothesis at most."""
@@ -30,8 +28,7 @@ def refined(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedData
     """
     lin = hypothesis_columns(data_set, fitted.hypothesis)
     level = data_set.at(fitted.best[0])
-    runs: list[PreparedRun] = []
-    names: list[str] = []
+    runs = []
     for run, prepared in enumerate(data_set.runs):
         # Data less coefficients, latency and the hypothesis at their values.
         nuisance = fitted.nuisance[data_set.base_index(run)[1:] - 1]
@@ -39,32 +36,8 @@ def refined(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedData
         left = joined([prepared.base, lin.columns[run]]).combined(np.concatenate([[1.0], -nuisance, -whole]))
         white = level.white[run]
         states = prepared.linearised.track + white.states(white.embed(left))[:, :6, 0]
-        new, names = about_states(data_set.dynamics, prepared, states)
-        runs.append(new)
-    return WhitenedDataSet(data_set.dynamics, runs, names)
-
-
-def until_rest(
-    data_set: WhitenedDataSet,
-    fitted: FittedHypothesis,
-    refit: Callable[[MarginalLikelihood, FittedHypothesis], FittedHypothesis],
-) -> tuple[WhitenedDataSet, FittedHypothesis]:
-    """Linearise about a hypothesis' own states and fit it again, until the states rest.
-
-    Args:
-        data_set: The runs about other states, at which it was fitted.
-        fitted: The hypothesis.
-        refit: Fits it again.
-
-    Returns:
-        The runs about its states, and the hypothesis fitted to them.
-    """
-    for _ in range(MAX_PASSES):
-        new = refined(data_set, fitted)
-        if change_of_states(data_set, new, fitted.best[0]) < STATES_AT_REST:
-            break
-        data_set, fitted = new, refit(MarginalLikelihood(new), fitted)
-    return data_set, fitted
+        runs.append(about_states(data_set.dynamics, prepared, states))
+    return WhitenedDataSet(data_set.dynamics, runs)
 
 
 def change_of_states(before: WhitenedDataSet, after: WhitenedDataSet, level: int) -> float:

@@ -123,7 +123,7 @@ def inspect_recording(
 def summary_lines(inspections: Sequence[Inspection], most: int = 5) -> list[str]:
     """What is worth a look before training, a line each: findings that ask for something, then how many more."""
     said = [f"{i.name}: {f}" for i in inspections for f in i.findings if f.trips]
-    more = [f"{len(said) - most} more: python scripts/check_recordings.py shows them all"] if len(said) > most else []
+    more = [f"{len(said) - most} more: manoeuvre check shows them all"] if len(said) > most else []
     return [*said[:most], *more]
 
 
