@@ -12,7 +12,7 @@ from manoeuvre_nn.commands.groups import CONF, options, plugged_in
 from manoeuvre_nn.commands.shelves import build
 from manoeuvre_nn.core.data_files import load_yaml
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.core.ship import Particulars, Ship, particulars_of
 from manoeuvre_nn.recording.propose.choice import Choice
 from manoeuvre_nn.recording.propose.proposal import Proposal, propose
 from manoeuvre_nn.recording.propose.proposal_yaml import to_yaml
@@ -82,7 +82,8 @@ def ship_called(name: str, own: str | None = None) -> Particulars | None:
     if name not in ships:
         raise InputError(f"ship={name} is unknown; choose one of: {', '.join(ships)}")
     content = load_yaml(ships[name])
-    return build(content.get("ship", content), "ship").particulars
+    made: Ship | Particulars = build(content.get("ship", content), "ship")
+    return particulars_of(made)
 
 
 def import_recording(asked: Request, console: Console) -> Proposal:
@@ -107,18 +108,17 @@ def show(proposal: Proposal, console: Console) -> None:
     console.print(table)
     for key, value in proposal.settings.items():
         if key not in {"time", "channels"} and key in proposal.reasons:
-            why = proposal.reasons[key]
-            open_ = "undecided: " if key in proposal.undecided and not why.startswith("undecided") else ""
-            _say(console, f"{key}: {value}  ({open_}{why})")
+            undecided = "undecided: " if key in proposal.undecided else ""
+            _say(console, f"{key}: {value}  ({undecided}{proposal.reasons[key]})")
     for note in proposal.notes:
         _say(console, note)
     if proposal.left_out:
         _say(console, f"Not read: {', '.join(proposal.file.called(c) for c in proposal.left_out)}.")
     if proposal.finding:
         _say(console, f"The checks say: {proposal.finding}")
-    undecided = [c.channel for c in (proposal.time, *proposal.choices) if not c.decided] + _open_settings(proposal)
-    if undecided:
-        _say(console, f"Undecided, please look: {', '.join(undecided)}.", "yellow")
+    look = [c.channel for c in (proposal.time, *proposal.choices) if not c.decided] + [*proposal.undecided]
+    if look:
+        _say(console, f"Undecided, please look: {', '.join(look)}.", "yellow")
 
 
 def _row(proposal: Proposal, choice: Choice) -> tuple[str, ...]:
@@ -129,11 +129,6 @@ def _row(proposal: Proposal, choice: Choice) -> tuple[str, ...]:
     why = choice.why if choice.decided else f"undecided: {choice.why}"
     sign = f"{'+' if choice.sign == 1 else '-'}{offset}"
     return choice.channel, column, choice.unit, sign, choice.misfit, choice.next, why
-
-
-def _open_settings(proposal: Proposal) -> list[str]:
-    """Settings that nobody decided."""
-    return [k for k, why in proposal.reasons.items() if k in proposal.undecided or why.startswith("undecided")]
 
 
 def _say(console: Console, line: str, style: str = "") -> None:

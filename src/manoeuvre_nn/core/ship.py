@@ -108,11 +108,6 @@ class Particulars:
     stability: Stability | None = None
     source: str = ""
 
-    @property
-    def particulars(self) -> "Particulars":
-        """These: every ship has particulars, and some have nothing else."""
-        return self
-
     def __post_init__(self) -> None:
         """Refuse dimensions that no ship has.
 
@@ -367,6 +362,11 @@ class Ship(ABC, nn.Module):
     def force_from_acceleration(self, nudot: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
         """The right-hand sides f' [-] that cause given accelerations [m/s^2, rad/s^2], ``f' = M' nudot'``."""
         return (nudot / self.acceleration_units) @ self.inertia.T
+
+
+def particulars_of(ship: Ship | Particulars) -> Particulars:
+    """Particulars of a ship, be it known with coefficients or without."""
+    return ship if isinstance(ship, Particulars) else ship.particulars
 
 
 def check_speed(ship: Particulars, speed: float) -> None:
