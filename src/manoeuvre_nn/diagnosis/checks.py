@@ -72,7 +72,7 @@ def _alone(
     base = data_set.at(level).base[run]
     more = data_set.at(level).white[run].embed(lin.columns[run])
     gram = np.block([[base.dot(base), base.dot(more)], [more.dot(base), more.dot(more)]])
-    whole = 2 + len(data_set.coefficients)  # stands behind the data, coefficients and latency
+    whole = 2 + data_set.combinations  # stands behind the data, coefficients and latency
     free = [lin.hypothesis.unknowns()[k - 1] for k in lin.index[run][1:]]
     prior = nuisance_spread(data_set, scatter, runs=1)
     prior = np.r_[prior, [3 * f.spread for f in free]]
@@ -84,7 +84,7 @@ def _alone(
 
 def nuisance_spread(data_set: WhitenedDataSet, scatter: int, runs: int) -> Float[np.ndarray, " k"]:
     """Prior standard deviations of coefficients and of the latencies of so many runs."""
-    return np.r_[np.full(len(data_set.coefficients), COEFFICIENT_SD_LEVELS[scatter]), np.full(runs, LATENCY_SD)]
+    return np.r_[np.full(data_set.combinations, COEFFICIENT_SD_LEVELS[scatter]), np.full(runs, LATENCY_SD)]
 
 
 def aliases(tried: SearchResult, chosen: FittedHypothesis) -> dict[str, list[str]]:
