@@ -364,6 +364,11 @@ class Ship(ABC, nn.Module):
         return (nudot / self.acceleration_units) @ self.inertia.T
 
 
+def particulars_of(ship: Ship | Particulars) -> Particulars:
+    """Particulars of a ship, be it known with coefficients or without."""
+    return ship if isinstance(ship, Particulars) else ship.particulars
+
+
 def check_speed(ship: Particulars, speed: float) -> None:
     """Refuse an approach speed that no manoeuvre starts from.
 

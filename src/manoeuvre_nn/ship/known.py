@@ -8,7 +8,7 @@ from torch import Tensor
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.prime import length_draught_system
-from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.core.ship import Particulars, Ship, particulars_of
 from manoeuvre_nn.ship.clarke import clarke_ship
 from manoeuvre_nn.ship.taylor import Coefficients, Side, TaylorShip
 
@@ -58,7 +58,7 @@ def clarke_part(ship: Ship | Particulars, Xu: float | None = None, Xdd: float | 
     Source:
         Wang 1996, eqs 4.1-4.19.
     """
-    particulars = _particulars(ship)
+    particulars = particulars_of(ship)
     drag = particulars.rudder_drag if Xdd is None else Xdd
     return clarke_ship(particulars, Xu=particulars.surge_damping if Xu is None else Xu, Xdd=drag)
 
@@ -116,10 +116,6 @@ def given_part(
     missing = {"mx", "my", "mz"} - set(inertia)
     if missing:
         raise InputError(f"linear.inertia lacks {', '.join(sorted(missing))}: write linear.inertia.mx=... and so on")
-    p = _particulars(ship)
+    p = particulars_of(ship)
     prime = length_draught_system(p.length, p.draught, p.speed, p.rho)
     return TaylorShip(p, prime, inertia, coefficients, positive_rudder_turns_to=positive_rudder_turns_to)
-
-
-def _particulars(ship: Ship | Particulars) -> Particulars:
-    return ship if isinstance(ship, Particulars) else ship.particulars

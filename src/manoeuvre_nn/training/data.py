@@ -18,7 +18,7 @@ from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.core.ship import Particulars, Ship, particulars_of
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.simulate import simulate
 from manoeuvre_nn.dynamics.vessel import Vessel, in_words
@@ -315,7 +315,7 @@ class RecordedData(ManoeuvreData):
         super().__init__(known, settings or DataSettings())
         if not runs:
             raise InputError("fit: no recording is given")
-        self.particulars = ship if isinstance(ship, Particulars) else ship.particulars
+        self.particulars = particulars_of(ship)
         self.reference, self.mapping = ship, mapping
         self.runs, self.unseen = tuple(runs), tuple(unseen)
         for run in (*self.runs, *self.unseen):
@@ -383,7 +383,7 @@ def recorded_files(
         raise InputError(f"{', '.join(both)} is both in data.files and in score: a model is scored on unseen runs")
     if not unseen:
         raise InputError(f"no recording is left in {where} to score: write score=[FILE,...]")
-    particulars = ship if isinstance(ship, Particulars) else ship.particulars
+    particulars = particulars_of(ship)
     runs, others = ([read_recording(p, mapping, particulars) for p in some] for some in (paths, unseen))
     return RecordedData(ship, known, runs, others, mapping=mapping, settings=settings)
 
