@@ -7,22 +7,21 @@ import pytest
 from rich.console import Console
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.manoeuvre.imo import ImoRow
+from manoeuvre_nn.manoeuvre.imo import imo_table
 from manoeuvre_nn.report.tables import (
     columns,
     criteria_rows,
     criterion_label,
-    imo_rows,
     is_good,
     rich_table,
     score_rows,
     score_table,
     text,
     to_markdown,
-    verdict_table,
     write_csv,
 )
 from manoeuvre_nn.scoring.score import Score
+from manoeuvre_nn.ship.mariner import WANG
 
 NRMSE = {"u": 0.0123456, "v": 0.1, "r": 123.456, "psi": math.nan}
 ZIGZAG = Score(
@@ -151,11 +150,11 @@ def test_brackets_in_a_cell_are_shown_and_not_obeyed():
 
 
 def test_imo_verdicts_are_shown_as_they_are():
-    rows = [ImoRow("tc35 advance [L]", 3.43, 4.5, "met"), ImoRow("zz10 overshoot 1 [deg]", 21.0, 15.5, "not met")]
-    shown = printed(verdict_table(rows))
-    assert "tc35 advance [L]" in shown
+    rows = imo_table({"tc35": {"advance_L": 3.43}, "zz10": {"overshoot_1_deg": 21.0}}, WANG)
+    shown = printed(rich_table(rows, "IMO"))
+    assert "tc35 advance_L" in shown
     assert "not met" in shown
-    assert imo_rows(rows)[0] == {"criterion": "tc35 advance [L]", "value": 3.43, "limit": 4.5, "verdict": "met"}
+    assert rows[0] == {"criterion": "tc35 advance_L", "value": 3.43, "limit": 4.5, "verdict": "met"}
 
 
 @pytest.mark.parametrize(

@@ -17,16 +17,18 @@ from manoeuvre_nn.commands.provenance import SCORES, flat, versions
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.limits import OK
 from manoeuvre_nn.estimation.baselines import fit_baselines
-from manoeuvre_nn.manoeuvre.imo import ImoRow, imo_table
+from manoeuvre_nn.manoeuvre.imo import imo_table
 from manoeuvre_nn.report.figures import comparison_figures, excitation_figure, force_figure, learning_figure
 from manoeuvre_nn.report.html import Report, write_report
-from manoeuvre_nn.report.tables import criteria_rows, imo_rows, score_rows, score_table, verdict_table
+from manoeuvre_nn.report.tables import criteria_rows, rich_table, score_rows, score_table
 from manoeuvre_nn.scoring.held_out import HeldOut
 from manoeuvre_nn.scoring.score import Score
 from manoeuvre_nn.training.callbacks import scalars
 from manoeuvre_nn.training.data import ManoeuvreData
 from manoeuvre_nn.training.fits import Fit
 from manoeuvre_nn.training.session import Trained
+
+IMO_TITLE = "IMO MSC.137(76), predicted"
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,7 @@ class Outcome:
     g: tuple[np.ndarray, np.ndarray]
     inputs: tuple[np.ndarray, Mapping[str, np.ndarray]]
     trained: Trained
-    imo: Sequence[ImoRow]
+    imo: Sequence[Mapping[str, Any]]
     members: Sequence[Sequence[Recording]] = ()
     baselines: Mapping[str, Sequence[Score]] = field(default_factory=dict)
     notes: Sequence[str] = ()
@@ -203,7 +205,7 @@ def write_results(outcome: Outcome, out: Path) -> None:
         tables={
             "Held-out manoeuvres": score_rows(outcome.scores, outcome.baselines),
             "Manoeuvres that were trained on, in closed loop": score_rows(outcome.training_scores),
-            "IMO MSC.137(76), predicted": imo_rows(outcome.imo),
+            IMO_TITLE: outcome.imo,
             "All criteria of the held-out manoeuvres": criteria_rows(outcome.scores),
             **told.tables,
         },
@@ -257,9 +259,9 @@ def print_outcome(outcome: Outcome, out: Path, console: Console) -> None:
         console: Where to print.
     """
     console.print(score_table(outcome.scores, outcome.baselines))
-    assessed = [row for row in outcome.imo if not row.verdict.startswith("not judged")]
+    assessed = [row for row in outcome.imo if not row["verdict"].startswith("not judged")]
     if assessed:
-        console.print(verdict_table(assessed))
+        console.print(rich_table(assessed, IMO_TITLE))
     how = outcome.trained
     errors = ", ".join(f"g{k + 1} {e:.2e}" for k, e in enumerate(outcome.relative_rmse))
     console.print(outcome.trained_on)

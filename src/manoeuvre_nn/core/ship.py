@@ -142,6 +142,15 @@ class Particulars:
         return np.asarray(values) * share ** np.asarray(powers)
 
     @property
+    def prime(self) -> PrimeSystem:
+        """The (rho, L, T, U0) system: forces over ``0.5 rho L T U0^2``, moments over ``0.5 rho L^2 T U0^2``.
+
+        Source:
+            Wang 1996, eqs 4.24-4.29.
+        """
+        return PrimeSystem("rho, L, T, U0", self.length, self.speed, 0.5 * self.rho * self.length**2 * self.draught)
+
+    @property
     def is_model(self) -> bool:
         """Whether it is a model in a tank or on a pond."""
         return self.length < LONGEST_MODEL

@@ -12,7 +12,6 @@ from rich.text import Text
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.dynamics.limits import OK
-from manoeuvre_nn.manoeuvre.imo import ImoRow
 from manoeuvre_nn.scoring.score import SCORED_CHANNELS, Score
 
 Row = Mapping[str, Any]
@@ -150,20 +149,6 @@ def criteria_rows(scores: Iterable[Score]) -> list[dict[str, Any]]:
     return rows
 
 
-def imo_rows(rows: Iterable[ImoRow]) -> list[dict[str, Any]]:
-    """Verdicts against the IMO standards as rows.
-
-    Args:
-        rows: What :func:`manoeuvre_nn.manoeuvre.imo.imo_table` returns.
-
-    Returns:
-        One row a criterion: criterion, value, limit, verdict.
-    """
-    return [
-        {"criterion": row.criterion, "value": row.value, "limit": row.limit, "verdict": row.verdict} for row in rows
-    ]
-
-
 def rich_table(rows: Sequence[Row], title: str = "", digits: int = 3) -> Table:
     """Rows as a table for the terminal.
 
@@ -228,19 +213,6 @@ def score_table(
         numbers = [text(s.dev_L, 3), *([text(s.spread_L, 2)] if banded else []), *(text(x, 2) for x in beside)]
         table.add_row(*map(_coloured, (s.manoeuvre, s.status, *numbers, _criteria_text(s))))
     return table
-
-
-def verdict_table(rows: Iterable[ImoRow], title: str = "IMO MSC.137(76), predicted") -> Table:
-    """Verdicts against the IMO standards for the terminal.
-
-    Args:
-        rows: What :func:`manoeuvre_nn.manoeuvre.imo.imo_table` returns.
-        title: Heading.
-
-    Returns:
-        The table.
-    """
-    return rich_table(imo_rows(rows), title)
 
 
 def is_good(cell: str) -> bool | None:

@@ -1,6 +1,5 @@
 """A 730-ft Great Lakes bulk carrier."""
 
-from manoeuvre_nn.core.prime import length_draught_system
 from manoeuvre_nn.core.ship import Particulars, Stability, WindAreas
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.ship.taylor import TaylorShip
@@ -33,11 +32,11 @@ PARTICULARS = Particulars(
 INERTIA = {"mx": 0.19505, "my": 0.33234, "mz": 0.02724}
 COEFFICIENTS = {
     "X": {"u": -0.02000, "uu": 0.01800, "vv": -0.26007, "rr": 0.01310, "dd": -0.09833, "vr": 0.299023},
-    "Y": {"v": -0.32535, "vvv": -7.38289, "vrr": -0.60718, "r": -0.16200, "rrr": 2.40185}
-    | {"d": 0.08194, "ddd": -0.25469},
-    "N": {"v": -0.08732, "vvv": -3.04665, "vrr": 0.07576, "r": -0.04433, "rrr": -0.24180, "rvv": -0.84361}
-    | {"d": -0.04675, "ddd": 0.23857},
-}
+    "Y": {"v": -0.32535, "vvv": -7.38289, "vrr": -0.60718, "r": -0.16200, "rrr": 2.40185, "d": 0.08194,
+          "ddd": -0.25469},
+    "N": {"v": -0.08732, "vvv": -3.04665, "vrr": 0.07576, "r": -0.04433, "rrr": -0.24180, "rvv": -0.84361,
+          "d": -0.04675, "ddd": 0.23857},
+}  # fmt: skip
 
 
 def great_lakes_bulker() -> TaylorShip:
@@ -52,5 +51,4 @@ def great_lakes_bulker() -> TaylorShip:
     Source:
         Wang 1996, Tables A.1 and A.2. Positive rudder turns to port there.
     """
-    prime = length_draught_system(PARTICULARS.length, PARTICULARS.draught, PARTICULARS.speed, PARTICULARS.rho)
-    return TaylorShip(PARTICULARS, prime, INERTIA, COEFFICIENTS, positive_rudder_turns_to="port")
+    return TaylorShip(PARTICULARS, INERTIA, COEFFICIENTS, positive_rudder_turns_to="port")

@@ -108,11 +108,11 @@ class TaylorShip(Ship):
     def __init__(
         self,
         particulars: Particulars,
-        prime: PrimeSystem,
         inertia: Mapping[str, float],
         coefficients: Coefficients,
         *,
         positive_rudder_turns_to: Side,
+        prime: PrimeSystem | None = None,
         taylor: bool = True,
         scaling: Literal["constant", "instantaneous"] = "constant",
     ) -> None:
@@ -120,11 +120,11 @@ class TaylorShip(Ship):
 
         Args:
             particulars: Main dimensions and steering gear.
-            prime: Prime system of the coefficients at U0.
             inertia: ``mx = m'-Xudot'``, ``my = m'-Yvdot'``, ``mz = Iz'-Nrdot'``, ``Yrdot`` and ``Nvdot`` (these two
                 with ``m' xG'`` taken off where the centre of gravity is not the origin).
             coefficients: Equation -> term -> value, mass terms included (``Yr - m'``, ``Xvr + m'``).
             positive_rudder_turns_to: The source's sign of the rudder; the package's is starboard.
+            prime: Prime system of the coefficients at U0; None is (rho, L, T, U0).
             taylor: Whether the values are derivatives (``Yvvv v^3/6``) or plain factors.
             scaling: Speed that makes velocities non-dimensional.
         """
@@ -136,7 +136,7 @@ class TaylorShip(Ship):
             ],
             dtype=torch.float64,
         )
-        super().__init__(particulars, prime, mass)
+        super().__init__(particulars, prime or particulars.prime, mass)
         self.series = TaylorForce(coefficients, taylor=taylor)
         self.coefficients, self._inertia_values = coefficients, inertia
         self.taylor, self.scaling, self.positive_rudder_turns_to = taylor, scaling, positive_rudder_turns_to
@@ -191,10 +191,10 @@ class TaylorShip(Ship):
         check_speed(self.particulars, speed)
         return TaylorShip(
             self.particulars.at_speed(speed),
-            replace(self.prime, speed=speed),
             self._inertia_values,
             self.coefficients,
             positive_rudder_turns_to=self.positive_rudder_turns_to,
+            prime=replace(self.prime, speed=speed),
             taylor=self.taylor,
             scaling=self.scaling,
         ).to(self.inertia)
