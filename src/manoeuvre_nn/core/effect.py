@@ -261,7 +261,6 @@ class Effect(ABC, nn.Module):
         Returns:
             udot, vdot [m/s^2], rdot [rad/s^2].
         """
-        del memory
         return torch.zeros_like(s.nu)
 
     def memory_at_start(self, s: Situation) -> Float[Tensor, "*batch m"]:
@@ -285,7 +284,6 @@ class Effect(ABC, nn.Module):
         Returns:
             Their rates.
         """
-        del s
         return torch.zeros_like(memory)
 
     def shaft(self, s: Situation, memory: Float[Tensor, "*batch m"]) -> Float[Tensor, "*batch"]:
@@ -298,7 +296,6 @@ class Effect(ABC, nn.Module):
         Returns:
             Ratio [-].
         """
-        del memory
         return torch.ones_like(s.delta)
 
     def blade(self, before: PerRow, order: PerRow, shown: PerRow, elapsed: PerRow) -> PerRow:
@@ -313,7 +310,6 @@ class Effect(ABC, nn.Module):
         Returns:
             Blade angle at its end [rad].
         """
-        del before, order, elapsed
         return shown
 
     def indicated(self, recorded: Float[Tensor, "*batch n"], time: Float[Tensor, " n"]) -> Float[Tensor, "*batch n"]:
@@ -328,7 +324,6 @@ class Effect(ABC, nn.Module):
         Returns:
             What the indicator showed at these times [rad].
         """
-        del time
         return recorded
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
@@ -344,7 +339,6 @@ class Effect(ABC, nn.Module):
         Returns:
             All channels, some changed.
         """
-        del s
         return dict(channels)
 
 
@@ -374,5 +368,4 @@ class ForceEffect(Effect):
         Returns:
             udot, vdot [m/s^2], rdot [rad/s^2].
         """
-        del memory
         return self.ship.acceleration_from_si(self.force(s))

@@ -71,7 +71,6 @@ class Network(ABC, nn.Module):
         Returns:
             Scaled forces; those of the network itself where it is no ensemble.
         """
-        del member
         return self(x)
 
     def at_shaft(self, ratio: float) -> "Network":

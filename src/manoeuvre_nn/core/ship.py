@@ -124,6 +124,11 @@ class Particulars:
                 f"{self.block}; expected length > beam > draught and block <= 1"
             )
 
+    @property
+    def particulars(self) -> "Particulars":
+        """Itself: of many ships no more is known, and who wants particulars alone need not ask."""
+        return self
+
     def sized(
         self, values: Sequence[float] | Float[np.ndarray, " k"], powers: Sequence[float]
     ) -> Float[np.ndarray, " k"]:
@@ -252,7 +257,6 @@ class Ship(ABC, nn.Module):
         Raises:
             NotImplementedError: If the forces are no such series.
         """
-        del nu, delta
         raise NotImplementedError
 
     @property
@@ -291,7 +295,6 @@ class Ship(ABC, nn.Module):
         Returns:
             Addition to f' [-].
         """
-        del delta
         u = nu[..., 0]
         surge = (self.thrust(u, shaft) - self.thrust(u, torch.ones_like(u))) / self.prime.force
         return torch.stack([surge, torch.zeros_like(surge), torch.zeros_like(surge)], dim=-1)
@@ -319,7 +322,6 @@ class Ship(ABC, nn.Module):
         Returns:
             Additions to f' and to the diagonal of M' [-]; None where the coefficients hold for deep water alone.
         """
-        del nu, delta, shaft, zeta
         return None
 
     def force(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
@@ -365,7 +367,6 @@ class Ship(ABC, nn.Module):
         Returns:
             udot, vdot [m/s^2], rdot [rad/s^2].
         """
-        del nu
         return force @ self.inertia_inverse.T * self.acceleration_units
 
     def force_from_acceleration(self, nudot: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:

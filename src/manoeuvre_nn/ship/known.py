@@ -35,7 +35,6 @@ class _InertiaOnly(Ship):
 
     def force(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
         """Nothing is known."""
-        del delta
         return torch.zeros_like(nu)
 
     def on_approach(self, speed: float) -> "_InertiaOnly":
@@ -63,7 +62,7 @@ def clarke_part(ship: Ship | Particulars, Xu: float | None = None, Xdd: float | 
         Tables 5.1-5.3 and A.3-A.5 are reproduced to 2e-5 with ``k_zz = .28 L``. Eq 4.18 gives ``Xdd = -2 Yd``; the
         tables have -.04008 (Mariner) and -.0972 (bulk carrier).
     """
-    p = ship if isinstance(ship, Particulars) else ship.particulars
+    p = ship.particulars
     d, mass = clarke_derivatives(p), 2 * p.block * p.beam / p.length
     damping = p.surge_damping if Xu is None else Xu
     drag = next((x for x in (Xdd, p.rudder_drag) if x is not None), -2 * d["Yd"])
@@ -135,5 +134,5 @@ def given_part(
     missing = {"mx", "my", "mz"} - set(inertia)
     if missing:
         raise InputError(f"linear.inertia lacks {', '.join(sorted(missing))}: write linear.inertia.mx=... and so on")
-    p = ship if isinstance(ship, Particulars) else ship.particulars
+    p = ship.particulars
     return TaylorShip(p, inertia, coefficients, positive_rudder_turns_to=positive_rudder_turns_to)
