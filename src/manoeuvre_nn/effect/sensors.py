@@ -14,15 +14,7 @@ EARTH = 465.1
 
 
 def add(channels: Mapping[str, Tensor], **errors: Tensor) -> dict[str, Tensor]:
-    """Channels with errors added; errors of channels that are not recorded are dropped.
-
-    Args:
-        channels: What is written.
-        errors: Channel = error in its unit.
-
-    Returns:
-        All channels.
-    """
+    """Channels with errors added, in their units; errors of channels that are not recorded are dropped."""
     return {name: value + errors[name] if name in errors else value for name, value in channels.items()}
 
 

@@ -223,7 +223,7 @@ def true_terms_baseline(ship: Ship, known: Ship, tuples: Tuples) -> Baseline:
     with torch.no_grad():
         nu, delta = tuples.inputs[:, :3] * known.velocity_units, tuples.inputs[:, 3]
         whole = tuples.targets + known.force(nu, delta)
-        nudot = known.acceleration_from_force(nu, whole)
+        nudot = known.acceleration_from_force(whole)
         targets = ((nudot / ship.acceleration_units) @ known.inertia.T).double().numpy()
         products = ship.products(nu, delta).double().numpy()
     pattern = _pattern(ship, known)

@@ -57,15 +57,7 @@ class Trace:
         return float(self.speed[self.time <= max(self.execute, self.time[0])].mean())
 
     def time_at(self, turn: float, start: float | None = None) -> float | None:
-        """When the heading first has changed by an angle.
-
-        Args:
-            turn: Change of heading towards the side of the first rudder [rad].
-            start: Time from which to look [s]; by default the execute.
-
-        Returns:
-            Time [s]; None if it never did.
-        """
+        """Time when the heading first has changed by an angle [rad] from ``start`` (the execute) on; None if never."""
         times = self.turn.solve(turn, extrapolate=False)
         times = times[np.isfinite(times) & (times >= (self.execute if start is None else start))]
         return float(times.min()) if len(times) else None
@@ -91,15 +83,7 @@ class Trace:
         return side * peak if peak >= (side * self.turn(inside)).max() - 1e-9 else None
 
     def distance(self, start: float, end: float) -> float:
-        """Distance sailed.
-
-        Args:
-            start: First time [s].
-            end: Last time [s].
-
-        Returns:
-            Length of the track through the water or over ground, whichever the velocities are [m].
-        """
+        """Distance sailed [m] between two times [s], through the water or over ground, whichever the velocities are."""
         steps = 0.5 * (self.speed[1:] + self.speed[:-1]) * np.diff(self.time)
         sailed = np.concatenate([[0.0], np.cumsum(steps)])
         return float(np.interp(end, self.time, sailed) - np.interp(start, self.time, sailed))

@@ -125,15 +125,7 @@ class HeldOut:
 
 
 def simulated_references(ship: Model | Vessel, manoeuvres: Sequence[Manoeuvre]) -> tuple[Recording, ...]:
-    """What the reference ship does in the held-out manoeuvres.
-
-    Args:
-        ship: The reference ship, with whatever acts on it.
-        manoeuvres: Held-out manoeuvres.
-
-    Returns:
-        Accurate simulations.
-    """
+    """What the reference ship, with whatever acts on it, does in the held-out manoeuvres."""
     return tuple(simulate(ship, m) for m in manoeuvres)
 
 

@@ -89,14 +89,7 @@ class RolloutScore(L.Callback):
                 trainer.logger.experiment.add_figure(f"{reference.name}/{name}", figure, trainer.current_epoch + 1)
 
     def scored(self, epoch: int) -> bool:
-        """Whether an epoch is the one that was scored last.
-
-        Args:
-            epoch: Its number, from 1.
-
-        Returns:
-            True if it was scored.
-        """
+        """Whether an epoch, counted from 1, is the one that was scored last."""
         return bool(self.history) and self.history[-1]["epoch"] == epoch
 
     @property
@@ -114,14 +107,7 @@ class RolloutScore(L.Callback):
 
 
 def for_solvers(dynamics: Model) -> Model:
-    """A model as solvers want it: in double precision on the CPU, where a tolerance of 1e-6 means something.
-
-    Args:
-        dynamics: The model as it is trained.
-
-    Returns:
-        The same if it is that already, else a copy.
-    """
+    """A model as solvers want it: in double precision on the CPU, where a tolerance of 1e-6 means something."""
     parameter = next(dynamics.parameters())
     if parameter.dtype == torch.float64 and parameter.device.type == "cpu":
         return dynamics
@@ -156,12 +142,7 @@ class StopWithoutGain(L.Callback):
     """
 
     def __init__(self, scorer: RolloutScore, patience: int) -> None:
-        """Set up.
-
-        Args:
-            scorer: Whose history counts; it must come first among the callbacks.
-            patience: How many scores in a row may bring nothing.
-        """
+        """Take the scorer, first among the callbacks, and how many scores in a row may bring nothing."""
         self.scorer, self.patience = scorer, patience
 
     def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
@@ -182,12 +163,7 @@ class BestAndLast(Checkpoint):
     """
 
     def __init__(self, scorer: RolloutScore, folder: Path) -> None:
-        """Set up.
-
-        Args:
-            scorer: Says what is best.
-            folder: Where the files go.
-        """
+        """Take the scorer, which says what is best, and the folder where the files go."""
         self.scorer, self.folder = scorer, folder
         self.best: dict[str, torch.Tensor] = {}
 
@@ -217,12 +193,7 @@ class RunProgress(L.Callback):
     """One bar for the whole fit where a person watches, a line now and then where nobody does."""
 
     def __init__(self, console: Console | None = None, seconds: float = 15.0) -> None:
-        """Set up the display.
-
-        Args:
-            console: Where to print.
-            seconds: Time between lines where the console is not a terminal [s].
-        """
+        """Set up the display; without a terminal there are some seconds between lines."""
         self.console, self.seconds = console or Console(), seconds
         self._bar: Progress | None = None
         self._shown = 0.0
@@ -275,11 +246,7 @@ class GracefulStop(L.Callback):
     """The first ctrl-C ends the fit after the present epoch, with checkpoint and report; a second one at once."""
 
     def __init__(self, console: Console | None = None) -> None:
-        """Set up.
-
-        Args:
-            console: Where to say what happens.
-        """
+        """Say where to tell what happens."""
         self.console = console or Console()
         self.interrupted = False
         self._before: Any = None

@@ -109,12 +109,7 @@ class ManoeuvreData(ABC, L.LightningDataModule):
     held_out: HeldOut
 
     def __init__(self, known: Ship, settings: DataSettings) -> None:
-        """Store what is common to all sources.
-
-        Args:
-            known: Known part of the forces.
-            settings: What of the manoeuvres is used, and how.
-        """
+        """Store what is common to all sources."""
         super().__init__()
         self.known, self.settings, self.dtype = known, settings, settings.dtype
 

@@ -52,14 +52,7 @@ def make_scaling(kind: str, known: Ship, tuples: Tuples) -> Scaling:
 
 
 def approach_scaling(known: Ship) -> Scaling:
-    """Velocities over U0 and forces over those of the (rho, L, T, U0) system, whatever the known part's system is.
-
-    Args:
-        known: Known part.
-
-    Returns:
-        The scaling.
-    """
+    """Velocities over U0 and forces over those of the (rho, L, T, U0) system, whatever that of the known part is."""
     p, one = known.particulars, torch.ones_like(known.inertia[0, 0])
     force = 0.5 * p.rho * p.length * p.draught * p.speed**2
     speed = p.speed / known.prime.speed * one

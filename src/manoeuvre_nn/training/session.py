@@ -80,22 +80,11 @@ class Trained:
     logger: TensorBoardLogger
 
     def add_image(self, name: str, image: Any, epoch: int) -> None:
-        """Show a picture.
-
-        Args:
-            name: Its name.
-            image: Height x width x colour, 0 to 1.
-            epoch: Epoch that it belongs to.
-        """
+        """Show a picture, height x width x colour from 0 to 1."""
         self.logger.experiment.add_image(name, image, epoch, dataformats="HWC")
 
     def close(self, settings: Mapping[str, Any], scores: Mapping[str, float]) -> None:
-        """Write the hparams table and end the log.
-
-        Args:
-            settings: Flat settings of the run.
-            scores: Final scores.
-        """
+        """Write the hparams table and end the log."""
         self.logger.log_hyperparams(dict(settings), dict(scores))
         self.logger.finalize("success")
 
