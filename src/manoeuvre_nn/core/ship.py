@@ -11,7 +11,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.prime import PrimeSystem
+from manoeuvre_nn.core.prime import PrimeSystem, length_draught_system
 from manoeuvre_nn.core.units import KNOT, SEA_WATER
 
 LONGEST_MODEL = 20.0
@@ -147,8 +147,14 @@ class Particulars:
         return self.length < LONGEST_MODEL
 
     def at_speed(self, speed: float) -> "Particulars":
-        """The same ship on another approach speed [m/s]."""
-        return replace(self, speed=speed, service_speed=self.top_speed)
+        """The same ship on another approach speed [m/s]; resistance goes with its square."""
+        resistance = None if self.resistance is None else self.resistance * (speed / self.speed) ** 2
+        return replace(self, speed=speed, service_speed=self.top_speed, resistance=resistance)
+
+    @property
+    def prime(self) -> PrimeSystem:
+        """The (rho, L, T, U0) system of the ship on its approach."""
+        return length_draught_system(self.length, self.draught, self.speed, self.rho)
 
     @property
     def top_speed(self) -> float:

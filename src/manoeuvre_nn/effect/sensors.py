@@ -91,7 +91,7 @@ class LogScale(_Sensor):
     label = "a scale error of the speed log"
     equations = ("sensor:u_log",)
     fingerprint = "The log is off by a share of the speed on every heading, with and against any current."
-    source = "u_m = (1 + k) u"
+    source = "u_m = factor u"
     declared = (Parameter("factor", "-", 0.7, 1.3, 1.0, 0.08, (1.05, 0.95)),)
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:

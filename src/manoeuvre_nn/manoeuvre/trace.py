@@ -56,10 +56,10 @@ class Trace:
         """Mean speed up to the execute [m/s]."""
         return float(self.speed[self.time <= max(self.execute, self.time[0])].mean())
 
-    def time_at(self, turn: float, start: float | None = None) -> float | None:
-        """Time when the heading first has changed by an angle [rad] from ``start`` (the execute) on; None if never."""
+    def time_at(self, turn: float) -> float | None:
+        """Time when the heading first has changed by an angle [rad] after the execute; None if it never did."""
         times = self.turn.solve(turn, extrapolate=False)
-        times = times[np.isfinite(times) & (times >= (self.execute if start is None else start))]
+        times = times[np.isfinite(times) & (times >= self.execute)]
         return float(times.min()) if len(times) else None
 
     def peak(self, start: float, end: float, side: int) -> float | None:

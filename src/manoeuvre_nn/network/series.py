@@ -17,7 +17,7 @@ MIN_SPEED_PRIME = 0.1
 """Least speed over U0 that is divided by."""
 MIRRORED = {"v": -1, "r": -1, "d": -1, "wy": -1}
 """Variables that change sign from port to starboard."""
-OUTPUTS, EVEN = 3, (1, -1, -1)
+OUTPUTS = 3
 
 
 def parity(term: str) -> int:

@@ -2,7 +2,6 @@
 
 from math import pi
 
-from manoeuvre_nn.core.prime import length_draught_system
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.ship.taylor import TaylorShip
 
@@ -76,5 +75,4 @@ def clarke_ship(ship: Particulars, Xu: float = -0.025, Xdd: float | None = None)
         "Y": {"v": d["Yv"], "r": d["Yr"] - mass, "d": d["Yd"]},
         "N": {"v": d["Nv"], "r": d["Nr"], "d": d["Nd"]},
     }
-    prime = length_draught_system(ship.length, ship.draught, ship.speed, ship.rho)
-    return TaylorShip(ship, prime, inertia, coefficients, positive_rudder_turns_to="port")
+    return TaylorShip(ship, ship.prime, inertia, coefficients, positive_rudder_turns_to="port")

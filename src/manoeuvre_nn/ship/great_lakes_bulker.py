@@ -1,6 +1,5 @@
 """A 730-ft Great Lakes bulk carrier."""
 
-from manoeuvre_nn.core.prime import length_draught_system
 from manoeuvre_nn.core.ship import Particulars, Stability, WindAreas
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.ship.taylor import TaylorShip
@@ -52,5 +51,4 @@ def great_lakes_bulker() -> TaylorShip:
     Source:
         Wang 1996, Tables A.1 and A.2. Positive rudder turns to port there.
     """
-    prime = length_draught_system(PARTICULARS.length, PARTICULARS.draught, PARTICULARS.speed, PARTICULARS.rho)
-    return TaylorShip(PARTICULARS, prime, INERTIA, COEFFICIENTS, positive_rudder_turns_to="port")
+    return TaylorShip(PARTICULARS, PARTICULARS.prime, INERTIA, COEFFICIENTS, positive_rudder_turns_to="port")

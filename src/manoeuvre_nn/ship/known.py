@@ -7,7 +7,6 @@ from jaxtyping import Float
 from torch import Tensor
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.prime import length_draught_system
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.ship.clarke import clarke_ship
 from manoeuvre_nn.ship.taylor import Coefficients, Side, TaylorShip
@@ -117,8 +116,7 @@ def given_part(
     if missing:
         raise InputError(f"linear.inertia lacks {', '.join(sorted(missing))}: write linear.inertia.mx=... and so on")
     p = _particulars(ship)
-    prime = length_draught_system(p.length, p.draught, p.speed, p.rho)
-    return TaylorShip(p, prime, inertia, coefficients, positive_rudder_turns_to=positive_rudder_turns_to)
+    return TaylorShip(p, p.prime, inertia, coefficients, positive_rudder_turns_to=positive_rudder_turns_to)
 
 
 def _particulars(ship: Ship | Particulars) -> Particulars:

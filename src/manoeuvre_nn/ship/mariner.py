@@ -2,7 +2,7 @@
 
 import copy
 
-from manoeuvre_nn.core.prime import length_draught_system, length_system
+from manoeuvre_nn.core.prime import length_system
 from manoeuvre_nn.core.ship import Particulars, Stability, WindAreas
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.ship.taylor import TaylorShip
@@ -72,8 +72,7 @@ def mariner_corrected() -> TaylorShip:
 
 
 def _with_wang_scaling(coefficients: dict[str, dict[str, float]]) -> TaylorShip:
-    prime = length_draught_system(WANG.length, WANG.draught, WANG.speed, WANG.rho)
-    return TaylorShip(WANG, prime, INERTIA, coefficients, positive_rudder_turns_to="port")
+    return TaylorShip(WANG, WANG.prime, INERTIA, coefficients, positive_rudder_turns_to="port")
 
 
 # Chislett & Strom-Tejsen 1965: L 160.93 m and 15 kn; beam, draught and block as in Fossen 1994, appendix E.1.3.

@@ -8,7 +8,6 @@ from jaxtyping import Float
 from torch import Tensor
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.prime import length_draught_system
 from manoeuvre_nn.core.ship import Particulars, Ship, check_speed
 from manoeuvre_nn.core.units import RPM
 
@@ -161,14 +160,13 @@ class MMGShip(Ship):
             dtype: Floating type.
         """
         p, h = particulars, hull
-        prime = length_draught_system(p.length, p.draught, p.speed, p.rho)
         off = h.mass * h.x_g
         inertia = [
             [h.mass + h.added_x, 0.0, 0.0],
             [0.0, h.mass + h.added_y, off],
             [0.0, off, h.inertia + h.x_g * off],
         ]
-        super().__init__(p, prime, torch.tensor(inertia, dtype=dtype))
+        super().__init__(p, p.prime, torch.tensor(inertia, dtype=dtype))
         self.parts = hull, propeller, rudder
         self.shaft = self._self_propulsion(p.speed)
         self.particulars = replace(p, rpm=self.shaft / RPM)  # recorded shaft speeds are over this one everywhere

@@ -135,43 +135,37 @@ def scalars(scores: list[Score]) -> dict[str, float]:
     return values
 
 
-class StopWithoutGain(L.Callback):
-    """Ends the fit when some scores in a row were no better.
-
-    Lightning's own EarlyStopping asks in every epoch and wants a score in each, also in those that are not scored.
-    """
-
-    def __init__(self, scorer: RolloutScore, patience: int) -> None:
-        """Take the scorer, first among the callbacks, and how many scores in a row may bring nothing."""
-        self.scorer, self.patience = scorer, patience
-
-    def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Look at the history if this epoch was scored."""
-        scores, count = [row[MONITOR] for row in self.scorer.history], self.patience
-        if self.scorer.scored(trainer.current_epoch + 1) and len(scores) > count:
-            trainer.should_stop = trainer.should_stop or min(scores[-count:]) >= min(scores[:-count])
-
-
 class BestAndLast(Checkpoint):
     """Stores ``last.ckpt`` after every epoch, ``best.ckpt`` after every score that is the best so far.
 
-    Lightning's own ModelCheckpoint renews ``last.ckpt`` only together with the best one. The best weights are in
+    Ends the fit when some scores in a row were no better. Lightning's own ModelCheckpoint renews ``last.ckpt`` only
+    together with the best one, and its EarlyStopping wants a score in every epoch. The best weights are in
     ``last.ckpt`` too, so that a run may be resumed in another folder.
 
     Attributes:
         best: Weights at the best score; empty before the first.
     """
 
-    def __init__(self, scorer: RolloutScore, folder: Path) -> None:
-        """Take the scorer, which says what is best, and the folder where the files go."""
-        self.scorer, self.folder = scorer, folder
+    def __init__(self, scorer: RolloutScore, folder: Path, patience: int | None = None) -> None:
+        """Set up.
+
+        Args:
+            scorer: Says what is best; it must come first among the callbacks.
+            folder: Where the files go.
+            patience: How many scores in a row may bring nothing; None is any number.
+        """
+        self.scorer, self.folder, self.patience = scorer, folder, patience
         self.best: dict[str, torch.Tensor] = {}
 
     def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Store."""
-        if self.scorer.scored(trainer.current_epoch + 1) and self.scorer.best is self.scorer.history[-1]:
-            self.best = {name: value.detach().clone() for name, value in pl_module.state_dict().items()}
-            self._store(trainer, "best.ckpt")
+        """Store, and end a fit that gains nothing."""
+        if self.scorer.scored(trainer.current_epoch + 1):
+            if self.scorer.best is self.scorer.history[-1]:
+                self.best = {name: value.detach().clone() for name, value in pl_module.state_dict().items()}
+                self._store(trainer, "best.ckpt")
+            scores, count = [row[MONITOR] for row in self.scorer.history], self.patience
+            if count is not None and len(scores) > count and min(scores[-count:]) >= min(scores[:-count]):
+                trainer.should_stop = True
         self._store(trainer, "last.ckpt")
 
     def _store(self, trainer: L.Trainer, name: str) -> None:

@@ -13,7 +13,7 @@ from lightning.pytorch.loggers import TensorBoardLogger
 from rich.console import Console
 
 from manoeuvre_nn.core.errors import InputError, check_choice
-from manoeuvre_nn.training.callbacks import BestAndLast, GracefulStop, RolloutScore, RunProgress, StopWithoutGain
+from manoeuvre_nn.training.callbacks import BestAndLast, GracefulStop, RolloutScore, RunProgress
 from manoeuvre_nn.training.checkpoint import load_weights, read_checkpoint
 from manoeuvre_nn.training.data import ManoeuvreData
 from manoeuvre_nn.training.fits import Fit
@@ -107,12 +107,10 @@ def run(fit: Fit, data: ManoeuvreData, scorer: RolloutScore, session: Session, o
     checkpoint = _resume_from(session, out, console)
     if checkpoint is not None:
         load_weights(fit, checkpoint)  # refuses another network's in one line; Lightning then restores everything
-    keeper, graceful = BestAndLast(scorer, out / CHECKPOINTS), GracefulStop(console)
+    keeper, graceful = BestAndLast(scorer, out / CHECKPOINTS, session.patience), GracefulStop(console)
     callbacks: list[L.Callback] = [scorer, graceful, keeper]
     if session.progress:
         callbacks.append(RunProgress(console))
-    if session.patience is not None:
-        callbacks.append(StopWithoutGain(scorer, session.patience))
     logger = TensorBoardLogger(out, name="", version=DASHBOARD, default_hp_metric=False)
     trainer = L.Trainer(
         accelerator=session.accelerator,
