@@ -124,6 +124,11 @@ class Particulars:
                 f"{self.block}; expected length > beam > draught and block <= 1"
             )
 
+    @property
+    def particulars(self) -> "Particulars":
+        """Itself: of many ships no more is known, and who wants particulars alone need not ask."""
+        return self
+
     def sized(
         self, values: Sequence[float] | Float[np.ndarray, " k"], powers: Sequence[float]
     ) -> Float[np.ndarray, " k"]:

@@ -57,7 +57,7 @@ def clarke_part(ship: Ship | Particulars, Xu: float | None = None, Xdd: float | 
     Source:
         Wang 1996, eqs 4.1-4.19.
     """
-    particulars = _particulars(ship)
+    particulars = ship.particulars
     drag = particulars.rudder_drag if Xdd is None else Xdd
     return clarke_ship(particulars, Xu=particulars.surge_damping if Xu is None else Xu, Xdd=drag)
 
@@ -115,9 +115,5 @@ def given_part(
     missing = {"mx", "my", "mz"} - set(inertia)
     if missing:
         raise InputError(f"linear.inertia lacks {', '.join(sorted(missing))}: write linear.inertia.mx=... and so on")
-    p = _particulars(ship)
+    p = ship.particulars
     return TaylorShip(p, p.prime, inertia, coefficients, positive_rudder_turns_to=positive_rudder_turns_to)
-
-
-def _particulars(ship: Ship | Particulars) -> Particulars:
-    return ship if isinstance(ship, Particulars) else ship.particulars
