@@ -19,7 +19,6 @@ from matplotlib.figure import Figure
 from rich.console import Console
 
 from manoeuvre_nn.commands import config as configs
-from manoeuvre_nn.commands.diagnose import STEPS, Tracker
 from manoeuvre_nn.commands.diagnosis_setup import setup
 from manoeuvre_nn.commands.groups import compose, options
 from manoeuvre_nn.commands.job import load_model, prepare
@@ -223,9 +222,7 @@ def diagnose(
         hull,
         held_out if isinstance(held_out, str) and held_out == "auto" else _list(held_out),
     )
-    question, _ = common.question(case)
-    with Tracker(Console(quiet=True), 1, len(common.wanted) + STEPS) as tracker:
-        return Answer(find_causes(question, tracker.step))
+    return Answer(find_causes(common.question(case)))
 
 
 def _list(names: str | Sequence[str]) -> list[str]:

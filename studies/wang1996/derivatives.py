@@ -144,11 +144,9 @@ def taylor_regression(
         velocities = tuples.inputs[:, :3] * known.velocity_units
         targets = targets + known.force(velocities, tuples.inputs[:, 3]).double()
     targets = targets * (known.prime.speed / known.particulars.speed) ** 2
-    columns = {
-        t: c
-        for t, c in taylor_columns(tuples, known, list(dict.fromkeys(sum(map(list, terms.values()), []))), side).items()
-    }
+    columns = taylor_columns(tuples, known, terms, side)
     equations = {
-        e: regress({t: columns[t] for t in terms[e]}, targets[:, k].numpy(), rules) for k, e in enumerate(EQUATIONS)
+        e: regress(dict(zip(terms[e], columns[e].T, strict=True)), targets[:, k].numpy(), rules)
+        for k, e in enumerate(EQUATIONS)
     }
     return Regression(equations, known, whole, side)

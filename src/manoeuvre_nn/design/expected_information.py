@@ -9,7 +9,7 @@ from jaxtyping import Float
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.design.candidates import CandidateRun, ExpectedGain, remark
-from manoeuvre_nn.estimation.derivatives import ABKOWITZ, taylor_columns
+from manoeuvre_nn.estimation.derivatives import taylor_columns
 from manoeuvre_nn.recording.tuples import Tuples
 from manoeuvre_nn.ship.taylor import EQUATIONS
 
@@ -81,9 +81,7 @@ def _columns(ship: Ship | Particulars, known: Ship, tuples: Tuples) -> Terms:
             products = ship.products(tuples.inputs[:, :3] * known.velocity_units, tuples.inputs[:, 3])
         columns = products.double().numpy()
         return {e: columns[:, (ship.table[:, k] != 0).numpy()] for k, e in enumerate(EQUATIONS)}
-    terms = list(dict.fromkeys((*ABKOWITZ["X"], *ABKOWITZ["Y"])))
-    series = taylor_columns(tuples, known, terms, "starboard")
-    return {e: np.stack([series[t] for t in ABKOWITZ[e]], axis=1) for e in EQUATIONS}
+    return taylor_columns(tuples, known)
 
 
 def _size(columns: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"]:

@@ -1,6 +1,5 @@
 """The simpler models that a network must beat: Clarke's estimate, a Taylor series, the ship's own terms."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +14,7 @@ from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip, Scaling
 from manoeuvre_nn.estimation.derivatives import ABKOWITZ, taylor_columns
 from manoeuvre_nn.recording.tuples import Tuples
 from manoeuvre_nn.ship.known import clarke_part
-from manoeuvre_nn.ship.taylor import EQUATIONS, TaylorForce
+from manoeuvre_nn.ship.taylor import TaylorForce
 
 VALIDATION_BLOCKS = 3
 """Stretches of time, one of which at a time is predicted from the others to find how much of a fit can be trusted."""
@@ -24,7 +23,7 @@ MIN_SINGULAR_RATIO = 1e-10
 
 
 @dataclass(frozen=True)
-class Baseline:
+class _Baseline:
     """A model without a network.
 
     Attributes:
@@ -94,9 +93,7 @@ class FittedProducts(Ship):
         Returns:
             A new ship.
         """
-        dynamics = true_terms_baseline(self._ship, self, tuples).dynamics
-        assert isinstance(dynamics, CalmWater) and isinstance(dynamics.ship, FittedProducts)
-        return dynamics.ship
+        return _with_true_terms(self._ship, self, tuples)[0]
 
     def on_approach(self, speed: float) -> "FittedProducts":
         """The products as the ship has them at that speed; what was learnt stays.
@@ -130,7 +127,7 @@ def own_part(ship: Ship | Particulars) -> FittedProducts:
     return FittedProducts(ship, ship.inertia, ship.prime.mass, torch.zeros_like(ship.table))
 
 
-def fit_baselines(ship: Ship | Particulars, known: Ship, tuples: Tuples) -> tuple[list[Baseline], list[str]]:
+def fit_baselines(ship: Ship | Particulars, known: Ship, tuples: Tuples) -> tuple[list[_Baseline], list[str]]:
     """The models that stand beside a network, from the least knowledge to the most.
 
     Args:
@@ -139,10 +136,13 @@ def fit_baselines(ship: Ship | Particulars, known: Ship, tuples: Tuples) -> tupl
         tuples: What the network learns from.
 
     Returns:
-        ``linear``, ``taylor`` and, for a ship whose forces are a series of known products, ``true terms``; and why one
-        of them is missing.
+        ``linear`` (Clarke, Gedling & Hine 1982 as in Wang 1996, eqs 4.7-4.16), ``taylor`` and, for a ship whose forces
+        are a series of known products, ``true terms``; and why one of them is missing.
     """
-    baselines, missing = [_linear_baseline(ship)], []
+    linear = _Baseline(
+        "linear", CalmWater(clarke_part(ship)), 0, "Clarke's estimate from the particulars; nothing learnt"
+    )
+    baselines, missing = [linear], []
     makers = {"taylor": lambda: taylor_baseline(known, tuples)}
     if isinstance(ship, Ship) and ship.table is not None:
         makers["true terms"] = lambda: true_terms_baseline(ship, known, tuples)
@@ -154,22 +154,7 @@ def fit_baselines(ship: Ship | Particulars, known: Ship, tuples: Tuples) -> tupl
     return baselines, missing
 
 
-def _linear_baseline(ship: Ship | Particulars) -> Baseline:
-    """Clarke's linear derivatives; nothing is learnt.
-
-    Args:
-        ship: The ship.
-
-    Returns:
-        The model.
-
-    Source:
-        Clarke, Gedling & Hine 1982 as in Wang 1996, eqs 4.7-4.16.
-    """
-    return Baseline("linear", CalmWater(clarke_part(ship)), 0, "Clarke's estimate from the particulars; nothing learnt")
-
-
-def taylor_baseline(known: Ship, tuples: Tuples) -> Baseline:
+def taylor_baseline(known: Ship, tuples: Tuples) -> _Baseline:
     """A third-order Taylor series about the approach in place of the network, fitted by truncated least squares.
 
     As many directions of the coefficients are kept as predict stretches of time best that they were not fitted to.
@@ -188,21 +173,19 @@ def taylor_baseline(known: Ship, tuples: Tuples) -> Baseline:
     Source:
         Abkowitz 1964 for the terms.
     """
-    columns = taylor_columns(tuples, known, list(dict.fromkeys((*ABKOWITZ["X"], *ABKOWITZ["Y"]))), "starboard")
     targets, coefficients, ranks = tuples.targets.double().numpy(), {}, []
-    for e, equation in enumerate(EQUATIONS):
-        terms = ABKOWITZ[equation]
-        values, rank = _truncated(np.stack([columns[t] for t in terms], axis=1), targets[:, e])
-        coefficients[equation] = dict(zip(terms, values.tolist(), strict=True))
+    for e, (equation, columns) in enumerate(taylor_columns(tuples, known).items()):
+        values, rank = _truncated(columns, targets[:, e])
+        coefficients[equation] = dict(zip(ABKOWITZ[equation], values.tolist(), strict=True))
         ranks.append(rank)
     dtype, speed = known.inertia.dtype, known.particulars.speed / known.prime.speed
     scaling = Scaling(*(torch.tensor(x, dtype=dtype) for x in ([speed, 0, 0, 0], [speed] * 3 + [1], [1.0] * 3)))
     series = TaylorForce(coefficients, dtype=dtype)
     note = f"known part + Taylor series of third order, rank {', '.join(map(str, ranks))} of X, Y, N"
-    return Baseline("taylor", IdentifiedShip(known, series, scaling), sum(ranks), note)
+    return _Baseline("taylor", IdentifiedShip(known, series, scaling), sum(ranks), note)
 
 
-def true_terms_baseline(ship: Ship, known: Ship, tuples: Tuples) -> Baseline:
+def true_terms_baseline(ship: Ship, known: Ship, tuples: Tuples) -> _Baseline:
     """Least squares of the coefficients that the ship's own products have.
 
     Where the known inertia differs from the ship's, forces of sway and yaw mix, and so do their terms.
@@ -214,10 +197,14 @@ def true_terms_baseline(ship: Ship, known: Ship, tuples: Tuples) -> Baseline:
 
     Returns:
         The model.
-
-    Raises:
-        InputError: If the ship's force is no sum of products.
     """
+    fitted, count = _with_true_terms(ship, known, tuples)
+    note = f"the ship's own {count} terms, coefficients by least squares"
+    return _Baseline("true terms", CalmWater(fitted), count, note)
+
+
+def _with_true_terms(ship: Ship, known: Ship, tuples: Tuples) -> tuple[FittedProducts, int]:
+    """The ship's products with coefficients by least squares, and how many these are."""
     if ship.table is None:
         raise InputError(f"ship {ship.particulars.name} has no products to fit: leave out the baseline `true terms`")
     with torch.no_grad():
@@ -231,9 +218,8 @@ def true_terms_baseline(ship: Ship, known: Ship, tuples: Tuples) -> Baseline:
     for e in range(3):
         rows = np.flatnonzero(pattern[:, e])
         table[rows, e] = _solved(products[:, rows], targets[:, e])
-    fitted = FittedProducts(ship, known.inertia, known.prime.mass, torch.tensor(table).to(known.inertia))
-    note = f"the ship's own {int(pattern.sum())} terms, coefficients by least squares"
-    return Baseline("true terms", CalmWater(fitted), int(pattern.sum()), note)
+    learnt = torch.tensor(table).to(known.inertia)
+    return FittedProducts(ship, known.inertia, known.prime.mass, learnt), int(pattern.sum())
 
 
 def _pattern(ship: Ship, known: Ship) -> Bool[np.ndarray, "terms 3"]:
@@ -280,12 +266,8 @@ def _by_rank(part: np.ndarray, target: np.ndarray) -> Float[np.ndarray, "k ranks
     return np.cumsum(right.T * along, axis=1)
 
 
-def _check(columns: Sequence[Sequence[float]] | np.ndarray) -> None:
-    """Refuse too few samples.
-
-    Raises:
-        InputError: If there are not more samples than terms in what is left of them without one block.
-    """
-    count, terms = np.shape(columns)
+def _check(columns: np.ndarray) -> None:
+    """Refuse samples of which not more than terms are left without one block."""
+    count, terms = columns.shape
     if count - count // VALIDATION_BLOCKS <= terms:
         raise InputError(f"{count} samples for {terms} terms: give at least {2 * terms} samples, a longer recording")

@@ -1,6 +1,6 @@
 """Coefficients from captive tests, beside those from free runs: which can be compared, and whether they agree."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -216,22 +216,16 @@ def compare(free: Fitted, captive: Fitted) -> list[Compared]:
     Returns:
         Rows.
     """
-    made = [_slope(free, captive, output, variable) for variable in SLOPES for output in (1, 2)]
-    free_error, captive_error = free.errors, captive.errors
-    for k, name in enumerate(captive.names):
-        f = free.names.index(name)
-        narrowed = free_error[f] < 0.5 * free.spread[f] and captive_error[k] < 0.5 * captive.spread[k]
-        made.append(
-            Compared(
-                captive.symbols[k],
-                float(free.values[f]),
-                float(free_error[f]),
-                float(captive.values[k]),
-                float(captive_error[k]),
-                bool(narrowed),
-            )  # fmt: skip
-        )
-    return made
+    made = [
+        Compared(f"{EQUATIONS[o]}' by {SLOPES[v]}", *_slope(free, o, v), *_slope(captive, o, v), known=True)
+        for v in SLOPES
+        for o in (1, 2)
+    ]
+    places = [free.names.index(name) for name in captive.names]
+    pairs = free.values[places], free.errors[places], captive.values, captive.errors
+    known = (free.errors < 0.5 * free.spread)[places] & (captive.errors < 0.5 * captive.spread)
+    rows = zip(captive.symbols, *(part.tolist() for part in (*pairs, known)), strict=True)
+    return made + [Compared(*row) for row in rows]
 
 
 def agreeing_inertia(free: Fitted, captive: Fitted) -> Float[np.ndarray, "2 2"]:
@@ -247,28 +241,18 @@ def agreeing_inertia(free: Fitted, captive: Fitted) -> Float[np.ndarray, "2 2"]:
     Returns:
         Rows Y' and N', columns vdot' and rdot'; in the (rho, L, T, U0) system.
     """
-    found = {key: np.zeros((2, 2)) for key in ("free", "towed")}
-    for place, variable in enumerate(SLOPES):
-        for output in (1, 2):
-            row = _slope(free, captive, output, variable)
-            found["free"][output - 1, place], found["towed"][output - 1, place] = row.free, row.towed
-    return found["towed"] @ np.linalg.inv(found["free"]) @ free.inertia[1:, 1:]
+    by_motion, by_force = (
+        np.array([[_slope(one, output, variable)[0] for variable in SLOPES] for output in (1, 2)])
+        for one in (free, captive)
+    )
+    return by_force @ np.linalg.inv(by_motion) @ free.inertia[1:, 1:]
 
 
-def _slope(free: Fitted, captive: Fitted, output: int, variable: str) -> Compared:
-    """Derivative of a force by drift or rudder on the approach."""
+def _slope(fitted: Fitted, output: int, variable: str) -> tuple[float, float]:
+    """Derivative of a force by drift or rudder on the approach, and its standard error."""
     motion = np.zeros((2, 7))
     motion[:, [0, 4]] = 1.0
     motion[:, {"v": 1, "d": 3}[variable]] = DIFFERENCE_STEP, -DIFFERENCE_STEP
-    found: Mapping[str, tuple[float, float]] = {
-        key: _weighed(one, output, motion) for key, one in (("free", free), ("towed", captive))
-    }
-    name = f"{EQUATIONS[output]}' by {SLOPES[variable]}"
-    return Compared(name, *found["free"], *found["towed"], known=True)
-
-
-def _weighed(fitted: Fitted, output: int, motion: Float[np.ndarray, "2 7"]) -> tuple[float, float]:
-    """Value and standard error of a difference quotient."""
     rows = _rows(fitted, motion)[:, output]
     weights = (rows[0] - rows[1]) / (2 * DIFFERENCE_STEP)
     return float(weights @ fitted.values), float(np.sqrt(weights @ fitted.covariance @ weights))

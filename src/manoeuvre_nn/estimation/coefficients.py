@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import factorial, prod
 from typing import Any
 
@@ -21,6 +21,8 @@ MEASURED_SHARE, PARTLY_SHARE = 0.75, 0.1
 """Share by which the recordings narrow a coefficient for it to be called measured, and partly measured."""
 REACH = 1.96
 """Half of a 95 % interval over the standard error."""
+ARRAYS = ("values", "covariance", "mean", "spread", "inertia")
+"""What is stored of fitted coefficients beside their names and form."""
 ABOUT_APPROACH = {"1", "a", "v", "r", "d"}
 """Variables of a Taylor series about the approach."""
 
@@ -91,21 +93,15 @@ class Fitted:
         outputs = np.array([o for o, _ in self.names])
         change = np.where(alike, mixing[outputs[:, None], outputs], 0.0)
         spread = np.sqrt(np.square(change) @ np.square(self.spread))
-        return Fitted(
-            self.names, change @ self.values, change @ self.covariance @ change.T, change @ self.mean, spread, inertia,
-            self.form,
-        )  # fmt: skip
+        values, covariance = change @ self.values, change @ self.covariance @ change.T
+        return replace(
+            self, values=values, covariance=covariance, mean=change @ self.mean, spread=spread, inertia=inertia
+        )
 
     def as_dict(self) -> dict[str, Any]:
-        """What ``coefficients.json`` keeps for others to go on with.
-
-        Returns:
-            Plain numbers and strings.
-        """
-        arrays = ("values", "covariance", "mean", "spread", "inertia")
-        return {"names": [list(n) for n in self.names], "form": self.form} | {
-            k: getattr(self, k).tolist() for k in arrays
-        }
+        """What ``coefficients.json`` keeps for others to go on with: plain numbers and strings."""
+        arrays = {k: getattr(self, k).tolist() for k in ARRAYS}
+        return {"names": [list(n) for n in self.names], "form": self.form} | arrays
 
 
 def approach_inertia(ship: Ship) -> Float[np.ndarray, "3 3"]:
@@ -136,13 +132,12 @@ def fitted_from(stored: Mapping[str, Any]) -> Fitted:
     """
     try:
         names = tuple((int(o), str(t)) for o, t in stored["names"])
-        arrays = {k: np.array(stored[k], dtype=float) for k in ("values", "covariance", "mean", "spread", "inertia")}
+        arrays = {k: np.array(stored[k], dtype=float) for k in ARRAYS}
         form = str(stored["form"])
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"coefficients: {error} is missing or no list of numbers; fit again") from error
     p = len(names)
-    shapes = {"values": (p,), "covariance": (p, p), "mean": (p,), "spread": (p,), "inertia": (3, 3)}
-    for key, shape in shapes.items():
+    for key, shape in zip(ARRAYS, ((p,), (p, p), (p,), (p,), (3, 3)), strict=True):
         if arrays[key].shape != shape:
             raise InputError(f"coefficients: {key} has shape {arrays[key].shape}, expected {shape}; fit again")
     return Fitted(names, form=form, **arrays)

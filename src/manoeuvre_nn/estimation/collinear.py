@@ -109,11 +109,6 @@ def _sum(weights: Float[np.ndarray, " g"], symbols: Sequence[str]) -> str:
     return " ".join(parts).removeprefix("+ ")
 
 
-def _motion_of(term: str) -> frozenset[str]:
-    """Motions that a product needs."""
-    return frozenset(MOTIONS[t] for t in _variables(term))
-
-
 def _variables(term: str) -> list[str]:
     """Its variables that say how the ship moves; those of a ship's own source are read from its letters."""
     tokens = term.split()
@@ -124,7 +119,7 @@ def _variables(term: str) -> list[str]:
 
 def _words(names: Sequence[tuple[int, str]]) -> str:
     """What is not told apart, and what would."""
-    motions = [_motion_of(term) for _, term in names]
+    motions = [frozenset(MOTIONS[v] for v in _variables(term)) for _, term in names]
     if len({o for o, _ in names}) > 1 and len({t for _, t in names}) == 1:
         return "forces and moment of the same motion show together; weigh the inertia again, or measure forces"
     if len(set(motions)) == 1:

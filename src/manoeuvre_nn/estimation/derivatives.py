@@ -1,7 +1,7 @@
 """Terms of a Taylor series about the approach: which there are, their symbols, and their values in tuples."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import factorial, prod
 
 import numpy as np
@@ -40,25 +40,25 @@ def coefficient_name(equation: str, term: str) -> str:
 
 
 def taylor_columns(
-    tuples: Tuples, known: Ship, terms: Sequence[str], side: Side = "port"
-) -> dict[str, Float[np.ndarray, " n"]]:
+    tuples: Tuples, known: Ship, terms: Mapping[str, Sequence[str]] = ABKOWITZ, side: Side = "starboard"
+) -> dict[str, Float[np.ndarray, "n _"]]:
     """Terms of a Taylor series about the approach, as derivatives multiply them: ``v^3 / 6``.
 
     Args:
         tuples: Samples.
         known: The known part, for its prime system and approach speed.
-        terms: Products of u, v, r, d; ``0`` is the constant.
+        terms: Equation -> products of u, v, r, d; ``0`` is the constant.
         side: Side that positive d turns to.
 
     Returns:
-        Term -> samples; u' as deviation from 1 and all velocities over the approach speed.
+        Equation -> one column a term; u' as deviation from 1 and all velocities over the approach speed.
     """
     speed = known.particulars.speed / known.prime.speed
     u, v, r, d = tuples.inputs.double().unbind(-1)
     motion = torch.stack([u / speed - 1, v / speed, r / speed, d if side == "starboard" else -d], dim=-1)
-    columns = {}
-    for term in terms:
-        series = TaylorForce({"X": {term: 1.0}})
+
+    def column(term: str) -> Float[np.ndarray, " n"]:
         share = prod(factorial(n) for n in Counter(term).values())
-        columns[term] = (series.products(motion)[:, 0] / share).numpy()
-    return columns
+        return (TaylorForce({"X": {term: 1.0}}).products(motion)[:, 0] / share).numpy()
+
+    return {equation: np.stack([column(t) for t in chosen], axis=1) for equation, chosen in terms.items()}

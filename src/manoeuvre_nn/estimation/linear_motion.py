@@ -17,7 +17,6 @@ TURN_DRAWS = 100
 """Draws that are sailed to a steady turn, which takes longer."""
 DIFFERENCE_STEP = 1e-5
 """Step of difference quotients about the approach."""
-STABLE, UNSTABLE, UNDECIDED = "stable", "unstable", "open"
 
 
 @dataclass(frozen=True)
@@ -40,7 +39,7 @@ class Derived:
 
 
 @dataclass(frozen=True)
-class Linear:
+class _Linear:
     """Sway and yaw about the straight approach, ``(v', r')' = A (v', r') + b delta``, for several sets of coefficients.
 
     Attributes:
@@ -76,7 +75,7 @@ class Linear:
         return self.a[:, 1, 0] * self.b[:, 0] - self.a[:, 0, 0] * self.b[:, 1]
 
 
-def linear_motion(force: CoefficientForces, values: Float[np.ndarray, "k p"]) -> Linear:
+def linear_motion(force: CoefficientForces, values: Float[np.ndarray, "k p"]) -> _Linear:
     """Linearise about the approach, u = n = 1 in still air.
 
     Args:
@@ -86,16 +85,12 @@ def linear_motion(force: CoefficientForces, values: Float[np.ndarray, "k p"]) ->
     Returns:
         Sway and yaw.
     """
-    state, delta = np.zeros((6, 6)), np.zeros(6)
+    state, delta, both = np.zeros((6, 6)), np.zeros(6), (DIFFERENCE_STEP, -DIFFERENCE_STEP)
     state[:, 0] = 1.0
-    state[[0, 1], 1], state[[2, 3], 2], delta[[4, 5]] = (
-        (DIFFERENCE_STEP, -DIFFERENCE_STEP),
-        (DIFFERENCE_STEP, -DIFFERENCE_STEP),
-        (DIFFERENCE_STEP, -DIFFERENCE_STEP),
-    )
+    state[:2, 1] = state[2:4, 2] = delta[4:] = both
     columns = force.columns(state, _still(delta))[:, 1:] / (2 * DIFFERENCE_STEP)
-    slopes = [(columns[k] - columns[k + 1]) @ values.T for k in (0, 2, 4)]
-    return Linear(np.stack([slopes[0].T, slopes[1].T], axis=2), slopes[2].T.copy())
+    by_v, by_r, by_rudder = (((columns[k] - columns[k + 1]) @ values.T).T for k in (0, 2, 4))
+    return _Linear(np.stack([by_v, by_r], axis=2), by_rudder.copy())
 
 
 def derived(
@@ -125,17 +120,17 @@ def derived(
     Source:
         Clarke, Gedling & Hine 1982, eq 8, for C; Nomoto et al. 1957.
     """
-    sets = _draws(values, covariance, seed)
+    sizes, vectors = np.linalg.eigh(covariance)
+    noise = np.random.default_rng(seed).standard_normal((DRAWS, len(values)))
+    # The estimate, then draws from its uncertainty.
+    sets = np.vstack([values, values + (noise * np.sqrt(np.maximum(sizes, 0.0))) @ vectors.T])
     motion = linear_motion(force, sets)
     c = motion.determinant * float(np.linalg.det(inertia[1:, 1:]))
     share = float(motion.straight[1:].mean())
-    verdict = STABLE if share > 0.975 else UNSTABLE if share < 0.025 else UNDECIDED
-    decided = verdict != UNDECIDED
-    told = {
-        STABLE: "stable on a straight course",
-        UNSTABLE: "unstable on a straight course",
-        UNDECIDED: f"open whether stable on a straight course: {100 * share:.0f} % of what the recordings allow is",
-    }[verdict]
+    decided = not 0.025 <= share <= 0.975
+    told = f"{'stable' if share > 0.975 else 'unstable'} on a straight course"
+    if not decided:
+        told = f"open whether stable on a straight course: {100 * share:.0f} % of what the recordings allow is"
     lasts = "" if decided else "no interval: C may be 0"
     rate, words = steady_turn(force, sets[: TURN_DRAWS + 1], rudder)
     return [
@@ -170,16 +165,14 @@ def steady_turn(
         moved[:, :3] = np.einsum("kip,kp->ki", force.columns(s, inputs), values)
         return moved
 
-    change = np.zeros(len(values))
     for _ in range(round(time / step)):
         first = rate(state)
         second = rate(_held(state + step * first))
         state = _held(state + step / 2 * (first + second))
-        change = np.abs(second[:, 2])
-    lost = (np.abs(state[:, :3]) >= 2.0).any(axis=1) | (state[:, 0] <= 0.02) | (change > 0.01)
+    lost = (np.abs(state[:, :3]) >= 2.0).any(axis=1) | (state[:, 0] <= 0.02) | (np.abs(second[:, 2]) > 0.01)
     share = float(lost.mean())
-    turned = np.where(lost, np.nan, state[:, 2])
-    return turned, f"{100 * share:.0f} % of the draws find no steady turn" if share > 0 else ""
+    words = f"{100 * share:.0f} % of the draws find no steady turn" if share > 0 else ""
+    return np.where(lost, np.nan, state[:, 2]), words
 
 
 def _held(state: Float[np.ndarray, "k 6"]) -> Float[np.ndarray, "k 6"]:
@@ -192,15 +185,6 @@ def _held(state: Float[np.ndarray, "k 6"]) -> Float[np.ndarray, "k 6"]:
 def _still(delta: Float[np.ndarray, " n"]) -> dict[str, Float[np.ndarray, " n"]]:
     """Nominal shaft speed, no wind."""
     return {"delta": delta, "n": np.ones_like(delta), "wind_north": 0 * delta, "wind_east": 0 * delta}
-
-
-def _draws(
-    values: Float[np.ndarray, " p"], covariance: Float[np.ndarray, "p p"], seed: int
-) -> Float[np.ndarray, "k p"]:
-    """The estimate, then draws from its uncertainty."""
-    sizes, vectors = np.linalg.eigh(covariance)
-    noise = np.random.default_rng(seed).standard_normal((DRAWS, len(values)))
-    return np.vstack([values, values + (noise * np.sqrt(np.maximum(sizes, 0.0))) @ vectors.T])
 
 
 def _summary(name: str, found: Float[np.ndarray, " k"], words: str, decided: bool = True) -> Derived:

@@ -2,11 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import torch
 from jaxtyping import Float
+from statsmodels.stats.sandwich_covariance import S_hac_simple
 
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Ship
@@ -15,7 +15,6 @@ from manoeuvre_nn.estimation.derivatives import ABKOWITZ, coefficient_name, tayl
 from manoeuvre_nn.recording.check.finding import Finding
 from manoeuvre_nn.recording.local_cubics import WINDOW, smoothed
 from manoeuvre_nn.recording.tuples import to_tuples
-from manoeuvre_nn.ship.taylor import EQUATIONS
 
 LINEAR_TERMS = {
     "X": ("0", "u", "vr", "dd"),
@@ -34,7 +33,7 @@ Columns = Float[np.ndarray, "n k"]
 
 
 @dataclass(frozen=True)
-class Identifiable:
+class _Identifiable:
     """What one record tells about one list of coefficients.
 
     Attributes:
@@ -62,7 +61,7 @@ class Identifiable:
         return tuple(n for n, e in zip(self.names, self.relative, strict=True) if e <= MAX_RELATIVE_ERROR)
 
 
-def identifiable(recordings: Sequence[Recording], known: Ship, terms: Mapping[str, Sequence[str]]) -> Identifiable:
+def identifiable(recordings: Sequence[Recording], known: Ship, terms: Mapping[str, Sequence[str]]) -> _Identifiable:
     """Information of some records together on the coefficients of a list, in equation-error form.
 
     ``M' nudot' = sum theta_k phi_k(u, v, r, delta)``. Noise of u, v, r is what the smoother takes away; the error of
@@ -88,10 +87,8 @@ def identifiable(recordings: Sequence[Recording], known: Ship, terms: Mapping[st
     forces = known.force(tuples.inputs[:, :3] * known.velocity_units, tuples.inputs[:, 3])
     whole = (tuples.targets + forces).double().numpy()
     lengths = [len(r) for r in inner]
-    every = taylor_columns(tuples, known, list(dict.fromkeys(sum(map(list, terms.values()), []))), "starboard")
     names, values, errors, pairs, condition = [], [], [], [], {}
-    for k, equation in enumerate(EQUATIONS):
-        columns = np.stack([every[t] for t in terms[equation]], axis=1)
+    for k, (equation, columns) in enumerate(taylor_columns(tuples, known, terms).items()):
         value, covariance, condition[equation] = _solved(columns, whole[:, k], noise[k], slope, lengths)
         label = [coefficient_name(equation, t) for t in terms[equation]]
         error = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -99,7 +96,7 @@ def identifiable(recordings: Sequence[Recording], known: Ship, terms: Mapping[st
         names += label
         values.append(value)
         errors.append(error)
-    return Identifiable(tuple(names), np.concatenate(values), np.concatenate(errors), tuple(pairs), condition)
+    return _Identifiable(tuple(names), np.concatenate(values), np.concatenate(errors), tuple(pairs), condition)
 
 
 def _velocity_noise(raw: Recording, smooth: Recording, known: Ship) -> Float[np.ndarray, " 3"]:
@@ -148,19 +145,11 @@ def _solved(
     felt = [noise * np.stack([np.convolve(c, slope) for c in piece.T], axis=1) for piece in pieces]
     meat = sum(f.T @ f for f in felt)
     unexplained = max(1 - noise**2 * float((slope**2).sum()) / max(float(rest @ rest) / len(rest), 1e-300), 0.0)
-    meat = meat + unexplained * _lasting(scaled * rest[:, None], min(len(slope), len(rest) // 3))
+    # What the terms leave lasts (Newey & West 1987).
+    meat = meat + unexplained * S_hac_simple(scaled * rest[:, None], min(len(slope), len(rest) // 3))
     covariance = inverse @ meat @ inverse
     covariance[np.ix_(dead, dead)] += np.diag(np.full(int(dead.sum()), 1e300))
     return solution / size, covariance / np.outer(size, size), condition
-
-
-def _lasting(score: Columns, reach: int) -> Float[np.ndarray, "k k"]:
-    """Covariance of a sum of correlated terms (Newey & West 1987)."""
-    meat = score.T @ score
-    for lag in range(1, reach + 1):
-        part = score[lag:].T @ score[:-lag]
-        meat += (1 - lag / (reach + 1)) * (part + part.T)
-    return meat
 
 
 def _alike(
@@ -186,47 +175,39 @@ def excitation_findings(recordings: Sequence[Recording], known: Ship) -> list[Fi
     Returns:
         One finding on the linear derivatives, one on Abkowitz' third-order series.
     """
-    linear, series = (identifiable(recordings, known, terms) for terms in (LINEAR_TERMS, ABKOWITZ))
-    return [_linear(linear, recordings), _series(series)]
-
-
-def _linear(told: Identifiable, recordings: Sequence[Recording]) -> Finding:
-    """The short list in words."""
+    told = identifiable(recordings, known, LINEAR_TERMS)
     wanted, good = _wanted(told)
     lacking = [n for n in wanted if n not in good]
     text = f"{len(good)} of {len(wanted)} linear derivatives can be identified"
     text += f"; not {', '.join(lacking)}" if lacking else ""
     remedy = _remedy(recordings, lacking) if lacking else ""
-    return Finding("excitation", "note" if lacking else "ok", text + _pairs(told, 3), remedy=remedy, **_said(told))
-
-
-def _series(told: Identifiable) -> Finding:
-    """The long list in words."""
+    linear = _finding("excitation", told, text + _pairs(told, 3), remedy)
+    told = identifiable(recordings, known, ABKOWITZ)
     wanted, good = _wanted(told)
     text = f"{len(good)} of {len(wanted)} coefficients of a third-order series can be identified"
     text += f": {', '.join(good[:12])}{' ...' if len(good) > 12 else ''}" if good else ""
-    return Finding("excitation, third order", "ok", text + _pairs(told, 2), **_said(told))
+    return [linear, _finding("excitation, third order", told, text + _pairs(told, 2))]
 
 
-def _wanted(told: Identifiable) -> tuple[list[str], list[str]]:
+def _wanted(told: _Identifiable) -> tuple[list[str], list[str]]:
     """Coefficients without the constants, and which of them can be identified."""
     wanted = [n for n in told.names if not n.endswith("_0")]
     return wanted, [n for n in told.identified if n in wanted]
 
 
-def _pairs(told: Identifiable, most: int) -> str:
+def _pairs(told: _Identifiable, most: int) -> str:
+    """The pairs that are least told apart."""
     worst = sorted(told.pairs, key=lambda p: -abs(p[2]))[:most]
     return "; not apart: " + ", ".join(f"{a} and {b} ({c:+.3f})" for a, b, c in worst) if worst else ""
 
 
-def _said(told: Identifiable) -> dict[str, Any]:
-    """The condition, for the table."""
+def _finding(check: str, told: _Identifiable, text: str, remedy: str = "") -> Finding:
+    """A finding, with the share that is identified and the condition."""
     wanted, good = _wanted(told)
-    return {
-        "measured": 100 * len(good) / len(wanted),
-        "unit": "%",
-        "expected": f"errors below {100 * MAX_RELATIVE_ERROR:.0f} %; condition is {max(told.condition.values()):.2g}",
-    }
+    expected = f"errors below {100 * MAX_RELATIVE_ERROR:.0f} %; condition is {max(told.condition.values()):.2g}"
+    share = 100 * len(good) / len(wanted)
+    verdict = "note" if remedy else "ok"
+    return Finding(check, verdict, text, measured=share, unit="%", expected=expected, remedy=remedy)
 
 
 def _remedy(recordings: Sequence[Recording], lacking: Sequence[str]) -> str:

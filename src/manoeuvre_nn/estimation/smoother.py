@@ -7,7 +7,7 @@ what sensors are late by and off by. Nothing is known of the ship.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -43,6 +43,9 @@ MIN_ACCELERATION_SD = 1e-4
 STATES = (*CHANNELS, *ACCELERATION)
 """What is estimated at every sample; each has its standard deviation in a channel of that name with ``_sd``."""
 
+Units = Float[np.ndarray, " 9"]
+"""What the estimation's numbers are multiplied by: u, v, r, x, y, psi, udot, vdot, rdot [SI]."""
+
 
 def smoothed_jointly(recording: Recording, delays: Sequence[str] = (), offsets: Sequence[str] = ()) -> Recording:
     """Motion and accelerations with standard deviations, from all channels together.
@@ -75,17 +78,18 @@ def smoothed_jointly(recording: Recording, delays: Sequence[str] = (), offsets: 
     for setting, names in (("delays", delays), ("offsets", offsets)):
         for name in set(names).difference(given):
             raise InputError(f"data.{setting}: recording {recording.name} has no sensor of {name}: leave {name} out")
-    units = _Units(float(np.sqrt(np.mean(recording["u"] ** 2 + recording["v"] ** 2))) or 1.0, second)
+    u, t = float(np.sqrt(np.mean(recording["u"] ** 2 + recording["v"] ** 2))) or 1.0, second
+    units = np.array([u, u, 1 / t, u * t, u * t, 1.0, u / t, u / t, 1 / t**2])
     late, faults = dict.fromkeys(delays, 0.0), sensor_faults(delays, offsets)
     whole = _complete(recording)
     for _ in range(MAX_DELAY_ROUNDS):
         coarse = averaged(_without(whole, late), PACE * second)
-        found = _solved(_prime(coarse, units, given), faults)
+        found = _solved(_prime(coarse, units, second, given), faults)
         step, error = found.values[: len(late)], np.sqrt(np.diag(found.covariance))[: len(late)]
         if (np.abs(step) <= DELAY_AT_REST * error).all():
             break
         late = {k: tau + float(s) * second for (k, tau), s in zip(late.items(), step, strict=True)}
-    told = {**recording.meta, **_sensors(found, units, given, faults, late)}
+    told = {**recording.meta, **_sensors(found, units, second, given, faults, late)}
     return replace(recording.with_channels(**_read_off(recording, coarse.time, found, units)), meta=told)
 
 
@@ -127,39 +131,25 @@ def _solved(recording: Recording, faults: Sequence[SensorFault]) -> Estimate:
 
 
 def _sensors(
-    found: Estimate, units: "_Units", given: Sequence[str], faults: Sequence[SensorFault], late: dict[str, float]
+    found: Estimate,
+    units: Units,
+    second: float,
+    given: Sequence[str],
+    faults: Sequence[SensorFault],
+    late: dict[str, float],
 ) -> dict[str, Any]:
     """What is found of the sensors, for ``meta``."""
-    scale = dict(zip(CHANNELS, units.states[:MOTION], strict=True))
+    scale = dict(zip(CHANNELS, units[:MOTION], strict=True))
     noise = {k: float(GAUSSIAN * s * scale[k]) for k, s in zip(CHANNELS, found.noise, strict=True) if k in given}
     told: dict[str, Any] = {"sensor_noise": noise, "delays": {}, "offsets": {}}
     errors = np.sqrt(np.diag(found.covariance))
     for fault, value, error in zip(faults, found.values, errors, strict=True):
         k = fault.channel
         if fault.kind == DELAY:
-            told["delays"][k] = (late[k] + float(value * units.second), float(error * units.second))
+            told["delays"][k] = (late[k] + float(value * second), float(error * second))
         else:
             told["offsets"][k] = (float(value * scale[k]), float(error * scale[k]))
     return told
-
-
-@dataclass(frozen=True)
-class _Units:
-    """What the estimation's numbers are multiplied by.
-
-    Attributes:
-        speed: A speed [m/s].
-        second: L/U0 [s].
-    """
-
-    speed: float
-    second: float
-
-    @property
-    def states(self) -> Float[np.ndarray, " 9"]:
-        """Of u, v, r, x, y, psi, udot, vdot, rdot."""
-        u, t = self.speed, self.second
-        return np.array([u, u, 1 / t, u * t, u * t, 1.0, u / t, u / t, 1 / t**2])
 
 
 def _complete(recording: Recording) -> Recording:
@@ -171,20 +161,20 @@ def _complete(recording: Recording) -> Recording:
     return recording.with_channels(psi=psi, x=x, y=y)
 
 
-def _prime(recording: Recording, units: "_Units", given: Sequence[str]) -> Recording:
+def _prime(recording: Recording, units: Units, second: float, given: Sequence[str]) -> Recording:
     """Without units."""
-    channels = dict(zip(CHANNELS, (recording.stacked(*CHANNELS) / units.states[:MOTION]).T, strict=True))
+    channels = dict(zip(CHANNELS, (recording.stacked(*CHANNELS) / units[:MOTION]).T, strict=True))
     meta = {"derived": [k for k in CHANNELS if k not in given]}
-    return Recording(recording.name, (recording.time - recording.time[0]) / units.second, channels, meta=meta)
+    return Recording(recording.name, (recording.time - recording.time[0]) / second, channels, meta=meta)
 
 
 def _read_off(
-    recording: Recording, nodes: Float[np.ndarray, " m"], found: Estimate, units: _Units
+    recording: Recording, nodes: Float[np.ndarray, " m"], found: Estimate, units: Units
 ) -> dict[str, Float[np.ndarray, " n"]]:
     """States and standard deviations at the recording's times: cubics through values and rates, lines for the rest."""
     (state,), (covariance,) = found.states, found.state_covariance
-    state = state[:, : len(STATES)] * units.states
-    spread = np.sqrt(covariance[:, range(len(STATES)), range(len(STATES))]) * units.states
+    state = state[:, : len(STATES)] * units
+    spread = np.sqrt(covariance[:, range(len(STATES)), range(len(STATES))]) * units
     north, east = body_to_earth(state[:, 0], state[:, 1], state[:, 5])
     rates = np.column_stack([state[:, MOTION:], north, east, state[:, 2]])
     motion = CubicHermiteSpline(nodes, state[:, :MOTION], rates)(recording.time)

@@ -256,7 +256,8 @@ def test_errors_that_mix_are_those_of_a_regression_after_mixing():
 def test_columns_are_what_derivatives_multiply():
     known = clarke_part(ship_named("mariner"))
     tuples = to_tuples([zz35()], known)
-    columns = taylor_columns(tuples, known, ("0", "u", "vvd", "rrr"))
+    terms = ("0", "u", "vvd", "rrr")
+    columns = dict(zip(terms, taylor_columns(tuples, known, {"Y": terms}, "port")["Y"].T, strict=True))
     u, v, r, d = tuples.inputs.numpy().T
     assert columns["0"] == approx(np.ones(len(u)))
     assert columns["u"] == approx(u - 1)
