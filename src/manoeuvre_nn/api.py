@@ -19,7 +19,6 @@ from matplotlib.figure import Figure
 from rich.console import Console
 
 from manoeuvre_nn.commands import config as configs
-from manoeuvre_nn.commands.diagnose import STEPS, Tracker
 from manoeuvre_nn.commands.diagnosis_setup import setup
 from manoeuvre_nn.commands.groups import compose, options
 from manoeuvre_nn.commands.job import load_model, prepare
@@ -97,7 +96,7 @@ def read(
         The recordings.
     """
     columns = configs.read_mapping(mapping) if isinstance(mapping, str) else mapping
-    particulars = _particulars(_ship(ship))
+    particulars = _ship(ship).particulars
     return Runs(read_recordings(path, columns, particulars), particulars)
 
 
@@ -131,7 +130,7 @@ def simulate(
     sailed = [m if isinstance(m, Manoeuvre) else configs.named_manoeuvres([m], speed)[0] for m in wanted]
     listed = [effects] if isinstance(effects, str | Mapping | Effect) else effects
     acting = [made for given in listed for made in _effects(given, chosen)]
-    return Runs(sail(chosen, sailed, acting, noise_in_si(noise or {}), seed=seed), _particulars(chosen))
+    return Runs(sail(chosen, sailed, acting, noise_in_si(noise or {}), seed=seed), chosen.particulars)
 
 
 def fit(
@@ -223,9 +222,7 @@ def diagnose(
         hull,
         held_out if isinstance(held_out, str) and held_out == "auto" else _list(held_out),
     )
-    question, _ = common.question(case)
-    with Tracker(Console(quiet=True), 1, len(common.wanted) + STEPS) as tracker:
-        return Answer(find_causes(question, tracker.step))
+    return Answer(find_causes(common.question(case)))
 
 
 def _list(names: str | Sequence[str]) -> list[str]:
@@ -240,10 +237,6 @@ def _ship(ship: AnyShip) -> Ship | Particulars:
     check_choice("ship", ship, list(ships))
     content = load_yaml(ships[ship])
     return build(content.get("ship", content), "ship")
-
-
-def _particulars(ship: Ship | Particulars) -> Particulars:
-    return ship if isinstance(ship, Particulars) else ship.particulars
 
 
 def _effects(named: Named | Effect, ship: Ship | Particulars) -> list[Effect]:

@@ -93,8 +93,7 @@ def found(tmp_path_factory, recordings) -> Path:
 @pytest.fixture
 def no_figures(monkeypatch):
     """Leaves figures out, which take most of the time."""
-    for place in ("commands.diagnose", "report.diagnosis_html"):
-        monkeypatch.setattr(f"manoeuvre_nn.{place}.draw_diagnosis", lambda d: {})
+    monkeypatch.setattr("manoeuvre_nn.commands.diagnose.draw_diagnosis", lambda d: {})
 
 
 def test_a_persons_runs_tell_what_acted_on_them(found):
@@ -347,7 +346,7 @@ def test_a_network_is_loaded_as_it_was_trained(done, network):
 
 def test_a_network_stands_in_for_the_ship(network, recordings, tmp_path):
     common = setup(config(f"recordings={recordings}", f"model={network}", "speed_kn=12", ONLY))
-    question, _ = common.question(common.runs())
+    question = common.question(common.runs())
     assert question.dynamics.network is common.model.network
     assert question.dynamics.particulars.speed == pytest.approx(12 * KNOT)
     nu, rudder = torch.tensor([7.0, 0.3, 0.01]).double(), torch.tensor(0.2).double()

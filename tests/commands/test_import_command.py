@@ -42,7 +42,7 @@ def printed(asked):
 
 
 def test_the_table_shows_what_was_chosen_and_why_and_ends_with_the_next_command(recorded, tmp_path):
-    said = printed(Request(recorded, "mariner", tmp_path / "my.yaml", False))
+    said = printed(Request(recorded, "mariner", tmp_path / "my.yaml"))
     rows = {line.split()[0]: line for line in said.splitlines() if line.strip()}
     assert rows["v"].split()[:5] == ["v", "v", "m/s", "-", "0.00"] and "unit by data" in rows["v"]
     assert rows["r"].split()[1:4] == ["rot_degps", "deg/s", "+"] and "unit by name" in rows["r"]
@@ -54,7 +54,7 @@ def test_the_table_shows_what_was_chosen_and_why_and_ends_with_the_next_command(
 
 
 def test_the_yaml_is_a_mapping_that_training_takes(recorded, tmp_path):
-    printed(Request(recorded, "", tmp_path / "deep" / "my.yaml", False))
+    printed(Request(recorded, "", tmp_path / "deep" / "my.yaml"))
     content = load_yaml(tmp_path / "deep" / "my.yaml")
     assert read_mapping(str(tmp_path / "deep" / "my.yaml")).channels["v"].sign == -1
     assert content["channels"]["v"] == {"column": "v", "unit": "m/s", "sign": -1}
@@ -86,7 +86,7 @@ def test_what_is_there_is_overwritten_only_where_that_is_said(tmp_path):
     place.write_text("kept")
     with pytest.raises(InputError, match="is there already"):
         request(["a.csv", f"out={place}"])
-    assert request(["a.csv", f"out={place}", "overwrite=true"]).overwrite
+    assert request(["a.csv", f"out={place}", "overwrite=true"]).out == place
     assert request(["a.csv", "name=my_ship"]).out == CONF / "recording" / "my_ship.yaml"
 
 

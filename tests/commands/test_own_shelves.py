@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 import yaml
@@ -11,13 +12,17 @@ from rich.console import Console
 from sailed import table_of, to_starboard, write_runs
 
 import manoeuvre_nn as mnn
+from manoeuvre_nn.commands.check import check
+from manoeuvre_nn.commands.config import read_mapping
 from manoeuvre_nn.commands.diagnose import diagnose_all
 from manoeuvre_nn.commands.diagnosis_setup import wanted
 from manoeuvre_nn.commands.groups import compose, options
+from manoeuvre_nn.commands.import_recording import import_recording, request
 from manoeuvre_nn.commands.job import prepare
 from manoeuvre_nn.commands.simulate import simulate
 from manoeuvre_nn.commands.train import train
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.recording.read.containers import READERS
 
 RACE = '''
 import torch
@@ -93,25 +98,51 @@ def nudge(order: float = 0.3, duration: float = 200.0) -> Manoeuvre:
     stages = Stage(order, hold=60.0), Stage(-order, hold=90.0), Stage(0.0)
     return Manoeuvre(f"nudge{order:g}", "random_rudder", stages, duration=duration)
 '''
+LOGGER = '''
+import numpy as np
+import pandas as pd
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.recording.read.containers import reads
+
+
+@reads(".log64")
+def logger_frame(path, columns=None):
+    """Numbers of 8 bytes, a row a sample."""
+    numbers = np.fromfile(path)
+    if len(numbers) % 6:
+        raise InputError(f"{path.name}: cut off within a sample")
+    return pd.DataFrame(numbers.reshape(-1, 6), columns=["t", "yaw", "rate", "surge", "sway", "rudder"])
+'''
+LOGGED = """
+time: {column: t, unit: s}
+channels:
+  psi: {column: yaw, unit: rad}
+  r: {column: rate, unit: rad/s}
+  u: {column: surge, unit: m/s}
+  v: {column: sway, unit: m/s}
+  delta: {column: rudder, unit: rad}
+"""
 FILES = {
     "my_race.py": RACE,
     "effect/mill_race.yaml": "# @package effect.mill_race\n_target_: my_race.MillRace\nspeed: 0.6\n",
     "my_line.py": LINE, "network/line.yaml": "_target_: my_line.Line\nscaling: centred\ndtype: float64\n",
     "my_average.py": AVERAGE, "fit/average.yaml": "_target_: my_average.AverageFit\nshare: 0.5\n",
     "my_barge.py": BARGE, "ship/barge.yaml": "_target_: my_barge.barge\n",
+    "my_logger.py": LOGGER, "recording/logger.yaml": LOGGED,
     "my_nudge.py": NUDGE, "manoeuvre/nudge.yaml": "# @package manoeuvre.nudge\n_target_: my_nudge.nudge\n",
 }  # fmt: skip
 TWICE = "manoeuvre.again={_target_: my_nudge.nudge, order: -0.2, duration: 240.0}"
 
 
 @pytest.fixture(scope="module")
-def own(tmp_path_factory) -> list[str]:
+def own(tmp_path_factory):
     """Words that name a folder of a person's own."""
     folder = tmp_path_factory.mktemp("own")
     for name, text in FILES.items():
         (folder / name).parent.mkdir(exist_ok=True)
         (folder / name).write_text(text)
-    return [f"config_dir={folder}", "plugins=[my_race,my_line,my_average,my_barge,my_nudge]"]
+    yield [f"config_dir={folder}", "plugins=[my_race,my_line,my_average,my_barge,my_nudge,my_logger]"]
+    READERS.pop(".log64", None)
 
 
 @pytest.fixture(scope="module")
@@ -183,3 +214,37 @@ def test_an_own_effect_is_found_in_recordings_and_reported(own, sailed, tmp_path
     best = answer["effects"][0]
     assert best["name"] == "mill_race" and best["parameters"]["speed"][0] == pytest.approx(0.6, abs=0.1)
     assert "a mill race" in (tmp_path / "report.html").read_text()
+
+
+@pytest.fixture(scope="module")
+def logged(own, tmp_path_factory) -> Path:
+    """A zigzag as the own logger writes it."""
+    with unchecked():
+        (run,) = mnn.simulate("mariner", "zz20")
+    place = tmp_path_factory.mktemp("logged") / "zz20.log64"
+    np.column_stack([run.time, run.stacked("psi", "r", "u", "v", "delta")]).tofile(place)
+    return place
+
+
+def test_a_file_of_an_own_format_is_checked_with_an_own_mapping_and_found_in_its_folder(own, logged, tmp_path):
+    words = [*own, "ship=barge", "data.mapping=logger", f"data.folder={logged.parent}"]
+    with unchecked():
+        (found,) = check(compose("check", [*words, "figures=false"]), tmp_path, Console(quiet=True))
+    assert found.name == "zz20" and found.verdict in {"ok", "note"}
+    assert found.recording.derived == {"x", "y"} and np.abs(found.recording["delta"]).max() == pytest.approx(
+        0.349, 0.01
+    )
+
+
+def test_a_mapping_is_proposed_for_a_file_of_an_own_format(own, logged, tmp_path):
+    asked = request([str(logged), *own, "ship=barge", f"out={tmp_path / 'made.yaml'}"])
+    with unchecked():
+        made = import_recording(asked, Console(quiet=True)).settings["channels"]
+    assert made["psi"] == {"column": "yaw", "unit": "rad"} and made["delta"]["column"] == "rudder"
+
+
+def test_a_broken_file_of_an_own_format_is_refused_in_its_readers_words(own, logged, tmp_path):
+    (tmp_path / "half.log64").write_bytes(logged.read_bytes()[:-16])
+    compose("check", own)
+    with pytest.raises(InputError, match="half.log64: cut off within a sample"), unchecked():
+        mnn.read(tmp_path / "half.log64", read_mapping("logger", own[0].partition("=")[2]))

@@ -140,3 +140,9 @@ def test_particulars_give_displacement_and_time_unit():
     assert WANG.mass == 16_274e3
     assert replace(WANG, displacement=None).mass == approx(1025 * 0.6 * 152.4 * 21.763 * 8.138)
     assert WANG.time_unit == approx(152.4 / 7.614) and WANG.at_speed(5.0).time_unit == approx(30.48)
+
+
+@pytest.mark.parametrize("stated", [350.1e3, None])
+def test_resistance_goes_with_the_square_of_the_approach_speed_whether_stated_or_estimated(stated):
+    ship = replace(WANG, resistance=stated)
+    assert ship.at_speed(0.5 * WANG.speed).calm_resistance == approx(0.25 * ship.calm_resistance)

@@ -15,9 +15,9 @@ from trials import CALM, CIRCLE, NOISE, ZIGZAG, runs
 
 from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.diagnosis.case import Case, Question
 from manoeuvre_nn.diagnosis.diagnose import diagnose
 from manoeuvre_nn.diagnosis.gusts import _course, gusty_evidence
-from manoeuvre_nn.diagnosis.proof import Question
 from manoeuvre_nn.diagnosis.words import left_open, summary_sentence
 from manoeuvre_nn.dynamics.base import Model, calm_accelerations, is_fitted
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip, Scaling
@@ -295,7 +295,8 @@ def pond():
         raw = [over_ground(record, p) for record in records]
         step = common_step(raw, p)
         made = [prepared(run, step, p, "turning_circle") for run in raw]
-        return Question("pond", model, made[:2], made[2:], [e(hull) for e in CANDIDATES], warmup=15.0)
+        case = Case("pond", hull.particulars.name, tuple(made), hull, frozenset({made[2].name}), warmup=15.0)
+        return Question(case, model, [e(hull) for e in CANDIDATES])
 
     return ship, question
 

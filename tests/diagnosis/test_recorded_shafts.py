@@ -8,7 +8,7 @@ from trials import CALM, SHIP, run_of, sailed
 
 from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.diagnosis.repair import Repaired, predict
+from manoeuvre_nn.diagnosis.repair import predict
 from manoeuvre_nn.dynamics.base import calm_accelerations
 from manoeuvre_nn.dynamics.model import IdentifiedShip, Scaling
 from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
@@ -56,13 +56,13 @@ def test_a_series_feels_the_shaft_through_its_own_n_and_nothing_else():
 
 def test_a_ship_without_such_a_network_keeps_its_own_rule_for_the_shaft():
     nu, delta = number([[U0, 0.0, 0.0]]), number([0.0])
-    extra = SHIP.acceleration_from_force(nu, SHIP.shaft_force(nu, delta, number([1.2])))
+    extra = SHIP.acceleration_from_force(SHIP.shaft_force(nu, delta, number([1.2])))
     rate = calm_rate(CALM)(nu, delta, number([1.2]))
     assert extra[0, 0] > 0 and (rate - calm_accelerations(CALM, nu, delta)).numpy() == approx(extra.numpy())
 
 
 def test_a_free_run_is_driven_by_the_recorded_shaft_speed():
-    (nominal,), (faster,) = (predict(Repaired(CALM, Hypothesis((), ())), [run(ratio)], WARMUP) for ratio in (1.0, 1.2))
+    (nominal,), (faster,) = (predict(CALM, Hypothesis((), ()), [run(ratio)], WARMUP) for ratio in (1.0, 1.2))
     assert nominal["u"].iloc[-1] == approx(U0, rel=0.01) and faster["u"].iloc[-1] > 1.08 * U0
     u, v, r = faster[["u", "v", "r"]].iloc[-1]
     end = number([[u, v, r * DEGREE]])
@@ -71,10 +71,9 @@ def test_a_free_run_is_driven_by_the_recorded_shaft_speed():
 
 
 def test_runs_that_are_predicted_together_keep_their_own_shaft_speeds():
-    model = Repaired(CALM, Hypothesis((), ()))
-    together = predict(model, [run(0.8), run(1.2)], WARMUP)
+    together = predict(CALM, Hypothesis((), ()), [run(0.8), run(1.2)], WARMUP)
     for one, ratio in zip(together, (0.8, 1.2), strict=True):
-        assert one["u"].to_numpy() == approx(predict(model, [run(ratio)], WARMUP)[0]["u"].to_numpy())
+        assert one["u"].to_numpy() == approx(predict(CALM, Hypothesis((), ()), [run(ratio)], WARMUP)[0]["u"].to_numpy())
 
 
 def test_corrections_of_a_network_are_shares_of_its_forces_at_the_recorded_shaft_speed():

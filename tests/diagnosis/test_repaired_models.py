@@ -8,7 +8,7 @@ from trials import CALM, NOISE, SHIP, run_of, sailed, states_of, values
 
 from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.diagnosis.repair import Repaired, errors, predict, recorded, start_state
+from manoeuvre_nn.diagnosis.repair import predict, recorded, start_state
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.local import BowThruster
 from manoeuvre_nn.effect.propulsion import PowerLimit
@@ -18,6 +18,7 @@ from manoeuvre_nn.effect.sensors import HeadingBias, LeverArm, LogScale
 from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.recording.preparation import measured, with_measured
+from manoeuvre_nn.scoring.free_runs import errors
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 STAGES = ((0.0, 46.0), (15.0, 24.0), (-10.0, 40.0), (20.0, None))
@@ -43,8 +44,8 @@ ACTING = [
 WARMUP = 40.0
 
 
-def model(effects, latency: float = 0.0, rows: int = 1) -> Repaired:
-    return Repaired(CALM, Hypothesis(tuple(effects), tuple(values(e, rows) for e in effects)), latency)
+def acting(effects) -> Hypothesis:
+    return Hypothesis(tuple(effects), tuple(values(e) for e in effects))
 
 
 def late_run(effects, noise=0.0, **more):
@@ -54,12 +55,12 @@ def late_run(effects, noise=0.0, **more):
 @pytest.mark.parametrize("effects", ACTING, ids=lambda e: " and ".join(x.name for x in e) or "none")
 def test_the_true_model_predicts_a_noise_free_run_from_the_warm_up_on(effects):
     run = late_run(effects)
-    (found,) = predict(model(effects), [run], WARMUP)
+    (found,) = predict(CALM, acting(effects), [run], WARMUP)
     assert found["t"].iloc[0] == 40.0 and len(found) == len(run) - 40
     wrong = errors(found, recorded(run, WARMUP))
     assert all(wrong[k] < LIMITS[k] for k in LIMITS), wrong
     if effects:
-        (blind,) = predict(model([]), [run], WARMUP)
+        (blind,) = predict(CALM, acting([]), [run], WARMUP)
         assert any(errors(blind, recorded(run, WARMUP))[k] > 10 * wrong[k] + LIMITS[k] for k in LIMITS), (
             "or it shows nothing"
         )
@@ -68,7 +69,7 @@ def test_the_true_model_predicts_a_noise_free_run_from_the_warm_up_on(effects):
 def test_a_slow_rudder_is_predicted_but_for_the_samples_in_which_it_arrives():
     slow = [RudderSlow(SHIP, rate_deg_s=1.3)]
     run = late_run(slow)
-    own, blind = (errors(predict(model(e), [run], WARMUP)[0], recorded(run, WARMUP)) for e in (slow, []))
+    own, blind = (errors(predict(CALM, acting(e), [run], WARMUP)[0], recorded(run, WARMUP)) for e in (slow, []))
     assert own["pos"] < 0.7 < 2.5 < blind["pos"] and own["psi"] < 0.3 < 1.0 < blind["psi"]
 
 
@@ -76,7 +77,10 @@ def test_nothing_but_the_rudder_is_taken_from_the_recording_after_the_warm_up():
     run = late_run([])
     spoilt = measured(run)
     spoilt[41:] = 99.0
-    (found,), (again,) = predict(model([]), [run], WARMUP), predict(model([]), [with_measured(run, spoilt)], WARMUP)
+    (found,), (again,) = (
+        predict(CALM, acting([]), [run], WARMUP),
+        predict(CALM, acting([]), [with_measured(run, spoilt)], WARMUP),
+    )
     pd.testing.assert_frame_equal(found, again)
 
 
@@ -85,10 +89,9 @@ def test_runs_that_are_predicted_together_are_predicted_as_if_alone():
     thruster = BowThruster(SHIP, force_kN=150.0, start_s=60.0, end_s=115.0)
     runs = [late_run([thruster]), late_run([thruster]).between(0.0, 110.0), late_run([])]
     table = np.array([[150.0, 60.0, 115.0], [150.0, 70.0, 90.0], [80.0, 50.0, 130.0]])
-    repaired = model([thruster])
-    together = predict(repaired, runs, WARMUP, [table])
+    together = predict(CALM, Hypothesis((thruster,), (table,)), runs, WARMUP)
     for run, row, found in zip(runs, table, together, strict=True):
-        (alone,) = predict(repaired, [run], WARMUP, [row[None]])
+        (alone,) = predict(CALM, Hypothesis((thruster,), (row[None],)), [run], WARMUP)
         pd.testing.assert_frame_equal(found, alone, atol=1e-8)
 
 
@@ -97,7 +100,7 @@ def test_a_prediction_begins_at_the_end_of_the_warm_up(warmup):
     """A force with a time of its own acts at that time, wherever the prediction begins."""
     thruster = BowThruster(SHIP, force_kN=150.0, start_s=60.0, end_s=115.0)
     run = late_run([thruster])
-    (found,) = predict(model([thruster]), [run], warmup)
+    (found,) = predict(CALM, acting([thruster]), [run], warmup)
     assert found["t"].iloc[0] == warmup
     assert errors(found, recorded(run, warmup))["pos"] < LIMITS["pos"]
 
@@ -108,7 +111,7 @@ def test_the_state_at_the_end_of_the_warm_up_is_better_than_the_samples():
     off = []
     for seed in range(10):
         run = run_of(record, NOISE, seed).between(0.0, 40.0)
-        off.append(start_state(model([]), run, []) - states_of(record)[40])
+        off.append(start_state(CALM, acting([]), run) - states_of(record)[40])
     rms = np.sqrt(np.mean(np.square(off), axis=0))
     assert (rms < [0.4 * NOISE[6], NOISE[3], 0.4 * NOISE[5], 0.5 * NOISE[0], 0.6 * NOISE[1], 0.5 * NOISE[4]]).all()
 

@@ -9,8 +9,8 @@ from trials import CALM, NOISE, SHIP, run_of, sailed
 
 from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage
 from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.diagnosis.case import Case, Question
 from manoeuvre_nn.diagnosis.diagnose import diagnose
-from manoeuvre_nn.diagnosis.proof import Question
 from manoeuvre_nn.diagnosis.result import Diagnosis
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.formula import Formula
@@ -49,7 +49,8 @@ TRUE = {
 def diagnosis(*acting: str, remainder: bool = False) -> Diagnosis:
     records = sailed(TRIALS, [TRUE[a] for a in acting])
     *fitted, last = (run_of(r, NOISE, seed) for seed, r in enumerate(records, start=20))
-    return diagnose(Question("trial", CALM, fitted, [last], CANDIDATES, remainder=remainder))
+    case = Case("trial", "mariner", (*fitted, last), SHIP, frozenset({last.name}))
+    return diagnose(Question(case, CALM, CANDIDATES, remainder=remainder))
 
 
 def probability(d: Diagnosis, name: str) -> float:

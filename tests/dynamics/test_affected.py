@@ -104,7 +104,7 @@ def test_effects_on_the_rudder_act_in_turn():
     """A slow blade behind an offset forgets it, an offset behind a slow blade stays."""
     slow, beside = RudderSlow(SHIP, rate_deg_s=1.0), RudderOffset(SHIP, offset_deg=2.0)
     ends = {
-        order: float(run(Vessel(CALM, order), [turning_circle(20.0)], 40.0).blades[-1, 0]) / DEGREE
+        order: float(run(Vessel(CALM, order), [turning_circle(20.0)], 40.0).inputs.delta[-1, 0]) / DEGREE
         for order in ((slow, beside), (beside, slow))
     }
     assert list(ends.values()) == approx([22.0, 20.0])
@@ -114,7 +114,7 @@ def test_effects_on_the_rudder_act_in_turn():
 
 def test_a_run_starts_with_the_blade_where_it_rests():
     runs = run(Vessel(CALM, [RudderOffset(SHIP, offset_deg=3.0)]), [straight()], 40.0)
-    assert (runs.blades[:, 0] / DEGREE).tolist() == approx([3.0] * 41) and (runs.rudders == 0).all()
+    assert (runs.inputs.delta[:, 0] / DEGREE).tolist() == approx([3.0] * 41) and (runs.shown == 0).all()
     assert runs.states[-1, 0, 5] > 1 * DEGREE + run(CALM, [straight()], 40.0).states[-1, 0, 5]
 
 

@@ -79,9 +79,6 @@ def test_a_table_of_inputs_is_linear_between_its_samples_and_held_beyond():
         given = table.at(at).given
         assert (given.pop("time") == at).all() and list(given) == ["delta", "shaft", "wind_north"]
         np.testing.assert_allclose(torch.stack(list(given.values())), expected)
-    row = table.samples(1, 2).given
-    np.testing.assert_allclose(row.pop("time"), [1.0, 3.0])
-    np.testing.assert_allclose(torch.stack(list(row.values())), columns[:, 1])
 
 
 def test_columns_times_coefficients_are_the_models_accelerations():

@@ -16,7 +16,7 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.model import IdentifiedShip, Scaling
 from manoeuvre_nn.estimation.agreement import birge_ratio
 from manoeuvre_nn.estimation.closed_loop import first, solve
-from manoeuvre_nn.estimation.coefficient_forces import own_forces, series_forces
+from manoeuvre_nn.estimation.coefficient_forces import CoefficientForces, own_forces, series_forces
 from manoeuvre_nn.estimation.coefficient_priors import Prior, own_prior
 from manoeuvre_nn.estimation.own_terms import fit_own_terms
 from manoeuvre_nn.estimation.problem import EstimationProblem
@@ -79,13 +79,12 @@ def test_intervals_of_the_tanker_hold_its_published_coefficients():
     assert 0.88 < (np.abs(every) < 1.96).mean() and np.sqrt((sharp**2).mean()) == approx(1.0, abs=0.25)
 
 
-class Constant:
-    """Accelerations that are the coefficients themselves."""
+def ones(state, inputs):
+    return torch.ones(len(state), 1)
 
-    count = 3
 
-    def columns(self, state, inputs):
-        return np.broadcast_to(np.eye(3), (len(state), 3, 3)).copy()
+CONSTANT = CoefficientForces([(k, "1") for k in range(3)], ones, np.zeros(3, dtype=int), np.eye(3))
+"""Accelerations that are the coefficients themselves."""
 
 
 @pytest.mark.parametrize("outliers", [False, True])
@@ -98,7 +97,7 @@ def test_standard_errors_are_right_with_and_without_outliers(outliers):
         truth = np.zeros((120, 6))
         truth[:, 0], truth[:, 3] = 1.0, time
         track = run_of("straight", time, truth + 0.01 * draw, {})
-        problem = EstimationProblem([track], Constant(), np.zeros(3), np.full(3, 10.0))
+        problem = EstimationProblem([track], CONSTANT, np.zeros(3), np.full(3, 10.0))
         with unchecked():
             e = solve(problem, first(problem, process_sd=(1e-6, 1e-6, 1e-6)))
         found.append(e.values / np.sqrt(np.diag(e.covariance)))

@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.estimation.closed_loop import first, improve, solve
+from manoeuvre_nn.estimation.coefficient_forces import CoefficientForces
 from manoeuvre_nn.estimation.collocation import STEP_SD, CollocatedRun
 from manoeuvre_nn.estimation.measurement_noise import INFORMATION, STUDENT_FREEDOM
 from manoeuvre_nn.estimation.problem import (
@@ -22,17 +24,16 @@ TRUTH = np.array([-0.6, -0.9, 0.8, -0.5, -1.5, 1.2])
 """Surge damping; sway by v, r; yaw by v (small), r, rudder."""
 
 
-class Linear:
-    """A ship with six coefficients."""
+NAMES = [(0, "a"), (1, "v"), (1, "-r/2"), (2, "v"), (2, "r"), (2, "d")]
 
-    count = 6
 
-    def columns(self, state, inputs):
-        u, v, r = state[:, :3].T
-        made = np.zeros((len(state), 3, 6))
-        made[:, 0, 0], made[:, 1, 1], made[:, 1, 2] = u - 1, v, -0.5 * r
-        made[:, 2, 3], made[:, 2, 4], made[:, 2, 5] = v, r, inputs["delta"]
-        return made
+def products(state, inputs):
+    u, v, r = state[:, :3].T
+    return torch.as_tensor(np.stack([u - 1, v, -0.5 * r, r, inputs["delta"] + 0 * r], axis=1))
+
+
+SHIP = CoefficientForces(NAMES, products, np.array([0, 1, 2, 1, 3, 4]), np.eye(3))
+"""A ship with six coefficients."""
 
 
 def sailed(n=200, h=0.05, noise=0.0, seed=0):
@@ -40,7 +41,7 @@ def sailed(n=200, h=0.05, noise=0.0, seed=0):
     time, fine = h * np.arange(n), 20
     delta = 0.5 * np.sign(np.sin(0.9 * time)) * (time > 0.5)
     state, states = np.array([0.9, 0.0, 0.0, 0.0, 0.0, 0.3]), []
-    force = Linear()
+    force = SHIP
     for k in range(n):
         states.append(state)
         ahead = delta[min(k + 1, n - 1)]
@@ -69,7 +70,7 @@ def motion(track):
 
 def problem(track, **more):
     given = {"mean": np.zeros(6), "spread": np.full(6, 2.0)} | more
-    return EstimationProblem([track], Linear(), **given)
+    return EstimationProblem([track], SHIP, **given)
 
 
 @pytest.mark.parametrize("with_speed", [False, True])
@@ -89,7 +90,7 @@ def test_one_pass_is_the_step_of_a_dense_least_squares_solver(with_speed):
     def residuals(z):
         s, theta, (offset, delay) = z[: 14 * 9].reshape(14, 9), z[14 * 9 : -2], z[-2:]
         u, v, r, _, _, psi = s[:, :6].T
-        nudot = Linear().columns(s[:, :6], gap.channels) @ theta + s[:, 6:]
+        nudot = SHIP.columns(s[:, :6], gap.channels) @ theta + s[:, 6:]
         motion = np.stack([u * np.cos(psi) - v * np.sin(psi), u * np.sin(psi) + v * np.cos(psi), r], 1)
         rate = np.concatenate([nudot, motion], 1)
         missed = (s[1:, :6] - s[:-1, :6] - h / 2 * (rate[1:] + rate[:-1])) / (STEP_SD * np.sqrt(h))
@@ -136,7 +137,7 @@ def test_without_a_force_it_is_a_smoother_that_gives_accelerations():
     states, track = sailed(noise=0.01)
     free = EstimationProblem([track], None, np.zeros(0), np.zeros(0), learn_process=True)
     found = solve(free, first(free, process_sd=(0.1, 0.1, 0.3)), passes=25)
-    truth = (Linear().columns(states, track.channels) @ TRUTH)[:, 2]
+    truth = (SHIP.columns(states, track.channels) @ TRUTH)[:, 2]
     assert np.corrcoef(found.states[0][:, 8], truth)[0, 1] > 0.9
     error = np.sqrt(found.state_covariance[0][:, 8, 8])
     assert 0.5 < np.std((found.states[0][:, 8] - truth) / error) < 1.6
@@ -170,7 +171,7 @@ def test_outliers_weigh_little_and_do_little():
 def test_two_runs_tell_more_than_one():
     tracks = [sailed(noise=0.01, seed=s)[1] for s in (0, 1)]
     one = solve(problem(tracks[0]))
-    two = solve(EstimationProblem(tracks, Linear(), np.zeros(6), np.full(6, 2.0)))
+    two = solve(EstimationProblem(tracks, SHIP, np.zeros(6), np.full(6, 2.0)))
     assert (np.diag(two.covariance) < np.diag(one.covariance)).all()
 
 

@@ -8,7 +8,8 @@ from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.simulate import simulate
 from manoeuvre_nn.manoeuvre.straight import straight
 from manoeuvre_nn.manoeuvre.turning import turning_circle
-from manoeuvre_nn.recording.check.checks import CHECKS, check_recording
+from manoeuvre_nn.recording.check.axes import rudder_sign
+from manoeuvre_nn.recording.check.checks import check_recording
 from manoeuvre_nn.recording.noise import add_noise
 from manoeuvre_nn.recording.read.reader import read_recording
 from manoeuvre_nn.ship.esso_190k import esso_190k
@@ -171,8 +172,8 @@ def test_the_rudders_sign_is_found_among_spikes_of_the_yaw_rate(zz20, ship):
     spikes = np.zeros(len(zz20))
     spikes[7::25] = 2 * np.abs(zz20["r"]).max() * (-1.0) ** np.arange(len(spikes[7::25]))
     spoilt = zz20.with_channels(r=zz20["r"] + spikes, delta=-zz20["delta"])
-    assert CHECKS["rudder sign"](zz20.with_channels(r=zz20["r"] + spikes), ship) is None
-    assert CHECKS["rudder sign"](spoilt, ship) is not None
+    assert rudder_sign(zz20.with_channels(r=zz20["r"] + spikes), ship) is None
+    assert rudder_sign(spoilt, ship) is not None
 
 
 def test_a_rudder_beyond_its_stop_is_found(frame, found):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from manoeuvre_nn.recording.check.checks import rudder_effect
+from manoeuvre_nn.recording.check.axes import rudder_effect
 from manoeuvre_nn.recording.check.sensor_faults import measure_faults
 from manoeuvre_nn.recording.thinning import SAMPLES_PER_TIME_UNIT, thinned
 

@@ -294,7 +294,8 @@ class Page(HTMLParser):
 @pytest.fixture(scope="module")
 def page(tmp_path_factory) -> str:
     path = tmp_path_factory.mktemp("page") / "deep" / "diagnosis.html"
-    diagnosis_html(replace(brief(windy()), case=LONG), path)
+    d = replace(brief(windy()), case=LONG)
+    diagnosis_html(d, draw_diagnosis(d), path)
     return path.read_text(encoding="utf-8")
 
 
@@ -313,17 +314,17 @@ def test_the_sentence_comes_first_and_what_to_record_follows_the_proof(page):
 
 
 def test_a_page_of_nothing_says_that_nothing_was_proved_and_leaves_out_the_rest(tmp_path):
-    diagnosis_html(CASES["nothing at all"](), tmp_path / "d.html")
+    d = CASES["nothing at all"]()
+    diagnosis_html(d, draw_diagnosis(d), tmp_path / "d.html")
     text = (tmp_path / "d.html").read_text(encoding="utf-8")
     assert not any(words in text for words in ("runner-up", "What to record next", "missing force", "What was found"))
     assert "No run was held out, so nothing is proved" in text
     assert text.count("<img") == 1
 
 
-def test_tensorboard_gets_the_same_figures_and_the_numbers(tmp_path, monkeypatch):
+def test_tensorboard_gets_the_same_figures_and_the_numbers(tmp_path):
     d, figures = calm(), {name: Figure((1, 1)) for name in ("probabilities", "residual/r01")}
-    monkeypatch.setattr("manoeuvre_nn.report.diagnosis_html.draw_diagnosis", lambda _: figures)
-    log_to_tensorboard(d, tmp_path)
+    log_to_tensorboard(d, figures, tmp_path)
     events = EventAccumulator(str(tmp_path)).Reload()
     assert set(events.Tags()["images"]) == set(figures)
     assert events.Scalars("probability/current")[0].value == pytest.approx(0.03)

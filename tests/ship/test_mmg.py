@@ -87,7 +87,7 @@ def accelerations(motions):
     nu = columns[:, :3]
     shaft = columns[:, 4] / SHIP.shaft
     force = SHIP.force(nu, columns[:, 3]) + SHIP.shaft_force(nu, columns[:, 3], shaft)
-    return SHIP.acceleration_from_force(nu, force).numpy()
+    return SHIP.acceleration_from_force(force).numpy()
 
 
 def test_the_model_moves_by_its_equations_in_all_four_quadrants():

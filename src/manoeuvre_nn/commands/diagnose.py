@@ -4,9 +4,11 @@ Columns of a csv: see :func:`~manoeuvre_nn.diagnosis.case.read_runs`.
 """
 
 import traceback
+from collections.abc import Mapping
 from pathlib import Path
 from time import monotonic
 
+from matplotlib.figure import Figure
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
@@ -14,19 +16,17 @@ from rich.progress import BarColumn, Progress, TextColumn
 from manoeuvre_nn.commands import guard
 from manoeuvre_nn.commands.diagnosis_setup import Setup, found_effects, setup, write_effects
 from manoeuvre_nn.commands.provenance import check_same_run, write_provenance
-from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.diagnosis.answers import write_answer
-from manoeuvre_nn.diagnosis.case import Case
 from manoeuvre_nn.diagnosis.diagnose import diagnose
-from manoeuvre_nn.diagnosis.proof import cost
 from manoeuvre_nn.diagnosis.result import Diagnosis
 from manoeuvre_nn.diagnosis.search import MAX_BUILT_UPON
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.report.diagnosis_figures import draw_diagnosis
 from manoeuvre_nn.report.diagnosis_html import diagnosis_html, log_to_tensorboard
 from manoeuvre_nn.report.diagnosis_tables import print_diagnosis, value_text
+from manoeuvre_nn.scoring.free_runs import cost
 
 ANSWER, ERROR = "answer.json", "error.txt"
 OF_ANSWERS = ["candidates", "model", "rudder_positive_to"]
@@ -40,11 +40,6 @@ STEPS = MAX_BUILT_UPON + 6
 def diagnose_all(cfg: DictConfig, out: Path, console: Console | None = None) -> None:
     """Answer cases, or diagnose recordings.
 
-    Args:
-        cfg: The config.
-        out: Output folder.
-        console: Where to print.
-
     Raises:
         InputError: If it is not clear which.
     """
@@ -52,19 +47,11 @@ def diagnose_all(cfg: DictConfig, out: Path, console: Console | None = None) -> 
     use_threads(1)
     if (cfg.cases is None) == (cfg.recordings is None):
         raise InputError("write either cases=DIR or recordings=DIR; python diagnose.py --help tells more")
-    if cfg.cases is None:
-        diagnose_recordings(cfg, out, console)
-    else:
-        answer_cases(cfg, out, console)
+    (answer_cases if cfg.recordings is None else diagnose_recordings)(cfg, out, console)
 
 
 def answer_cases(cfg: DictConfig, out: Path, console: Console) -> None:
-    """Answer every case that has no answer yet; a broken one does not stop the others.
-
-    Args:
-        cfg: The config.
-        out: Output folder; ``<case>/answer.json`` and predictions go there.
-        console: Where to print.
+    """Answer every case that has no answer yet in a folder of its own; a broken one does not stop the others.
 
     Raises:
         InputError: If there is no case.
@@ -99,13 +86,10 @@ def answer_cases(cfg: DictConfig, out: Path, console: Console) -> None:
 
 
 def case_folders(place: Path) -> list[Path]:
-    """Folders of cases.
-
-    Args:
-        place: A folder of cases, or a case.
+    """Cases in a folder.
 
     Returns:
-        Folders with a manifest, by name.
+        Folders with a manifest, by name: the folder itself, or those in it.
 
     Raises:
         InputError: If there is none.
@@ -124,17 +108,13 @@ def case_folders(place: Path) -> list[Path]:
 
 def _answer_case(common: Setup, folder: Path, out: Path, tracker: "Tracker") -> str:
     """Answer one case; what came out, on a line."""
-    d, dynamics, _ = _diagnosed(common, common.case(folder), tracker)
+    question = common.question(common.case(folder))
+    d = diagnose(question, tracker.step)
     if common.cfg.report:
-        write_page(d, out)
+        write_page(d, draw_diagnosis(d), out)
     (out / ERROR).unlink(missing_ok=True)
     write_answer(d, out)
-    return summary(d, dynamics)
-
-
-def _diagnosed(common: Setup, case: Case, tracker: "Tracker") -> tuple[Diagnosis, Model, list[Effect]]:
-    question, effects = common.question(case)
-    return diagnose(question, tracker.step), question.dynamics, effects
+    return summary(d, question.dynamics)
 
 
 def _report(error: Exception, out: Path) -> str:
@@ -146,34 +126,21 @@ def _report(error: Exception, out: Path) -> str:
 
 
 def summary(d: Diagnosis, dynamics: Model) -> str:
-    """What came out of a case on one line.
-
-    Args:
-        d: The diagnosis.
-        dynamics: Its calm-water model.
-
-    Returns:
-        Verdict, effects of the repaired model, error on the held-out runs before and after, time.
-    """
+    """Verdict, effects of the repaired model, error on the held-out runs before and after, and time on one line."""
     named = [
         f"{c.name} ({', '.join(f'{v.name} {value_text(v)}' for v in c.parameters)})"
         for c in d.causes
         if c.name in d.model
     ]
     found = " + ".join(named) or ("unknown" if d.verdict == "mismatch" else "nothing is missing")
-    before, after = (cost(d.proofs, dynamics, when) for when in ("before", "after"))
+    before = cost([p.rmse_before for p in d.proofs], dynamics.particulars)
+    after = cost([p.rmse_after for p in d.proofs], dynamics.particulars)
     proof = f"J {before:.2f} -> {after:.2f}" if d.proofs else "not proved"
     return f"{d.case}: {d.verdict}, {found}; {proof}; {d.seconds:.0f} s"
 
 
 def diagnose_recordings(cfg: DictConfig, out: Path, console: Console) -> None:
-    """Diagnose a person's own runs, with report, figures and dashboard.
-
-    Args:
-        cfg: The config.
-        out: Output folder.
-        console: Where to print.
-    """
+    """Diagnose a person's own runs, with report, figures and dashboard."""
     common = setup(cfg)
     case = common.runs()
     check_same_run(cfg, out, "out")
@@ -185,41 +152,31 @@ def diagnose_recordings(cfg: DictConfig, out: Path, console: Console) -> None:
     console.print(f"{len(case.fitted)} runs are fitted; held out: {told}", soft_wrap=True, highlight=False)
     with Tracker(console, 1, len(common.wanted) + STEPS) as tracker:
         tracker.begin(case.name)
-        d, _, effects = _diagnosed(common, case, tracker)
-    write_page(d, out)
-    log_to_tensorboard(d, out / "tensorboard")
-    write_effects(found_effects(d, effects, common.shelf), f"{d.case}: {d.sentence}", out / "effects.yaml")
+        question = common.question(case)
+        d = diagnose(question, tracker.step)
+    figures = draw_diagnosis(d)
+    write_page(d, figures, out)
+    log_to_tensorboard(d, figures, out / "tensorboard")
+    write_effects(found_effects(d, question.effects, common.shelf), f"{d.case}: {d.sentence}", out / "effects.yaml")
     write_answer(d, out)
     print_diagnosis(d, console)
     here = out.relative_to(Path.cwd()) if out.is_relative_to(Path.cwd()) else out
     console.print(f"report: {here / 'report.html'}   dashboard: tensorboard --logdir {here.parent}", soft_wrap=True)
 
 
-def write_page(d: Diagnosis, out: Path) -> None:
-    """Write ``report.html`` and ``figures/*.png``.
-
-    Args:
-        d: The diagnosis.
-        out: Output folder.
-    """
-    (out / "figures").mkdir(parents=True, exist_ok=True)
-    for name, figure in draw_diagnosis(d).items():
+def write_page(d: Diagnosis, figures: Mapping[str, Figure], out: Path) -> None:
+    """Write ``report.html`` and ``figures/*.png``."""
+    diagnosis_html(d, figures, out / "report.html")
+    (out / "figures").mkdir(exist_ok=True)
+    for name, figure in figures.items():
         figure.savefig(out / "figures" / f"{name.replace('/', '_').replace(' ', '_')}.png", dpi=110)
-    diagnosis_html(d, out / "report.html")
 
 
 class Tracker:
     """Which candidate of which case is under test, and how long it will take: a bar, or a line now and then."""
 
     def __init__(self, console: Console, cases: int, steps: int, seconds: float = 15.0) -> None:
-        """Set up the display.
-
-        Args:
-            console: Where to print.
-            cases: Number of cases.
-            steps: Steps that a case takes, about.
-            seconds: Time between lines where the console is not a terminal [s].
-        """
+        """Set up the display of cases with so many steps, with seconds between lines where there is no terminal."""
         self.console, self.cases, self.steps, self.seconds = console, cases, steps, seconds
         columns = (TextColumn("{task.description}", markup=False), BarColumn(), TextColumn("{task.fields[left]}"))
         self._bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
@@ -237,19 +194,11 @@ class Tracker:
         self._bar.stop()
 
     def begin(self, name: str) -> None:
-        """A case begins.
-
-        Args:
-            name: The case.
-        """
+        """A case begins."""
         self._case, self._name, self._step = self._case + 1, name, 0
 
     def step(self, what: str) -> None:
-        """A candidate is under test.
-
-        Args:
-            what: Its name.
-        """
+        """A candidate is under test."""
         share = (self._case - 1 + min(self._step / self.steps, 0.95)) / self.cases
         self._step += 1
         now, left = monotonic(), ""
@@ -264,9 +213,5 @@ class Tracker:
             self.say(", ".join(part for part in (line, left) if part))
 
     def say(self, line: str) -> None:
-        """A line that stays.
-
-        Args:
-            line: The line.
-        """
+        """A line that stays."""
         self.console.print(line, soft_wrap=True, highlight=False, markup=False)

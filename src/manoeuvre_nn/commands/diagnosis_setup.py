@@ -13,19 +13,16 @@ from manoeuvre_nn.commands import config as configs
 from manoeuvre_nn.commands.groups import options
 from manoeuvre_nn.commands.provenance import versions
 from manoeuvre_nn.commands.shelves import TARGET, build, check_arguments, on_shelf
-from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.core.data_files import load_yaml
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.ship import Particulars, Ship
-from manoeuvre_nn.diagnosis.case import Case, RunSettings, read_case, read_runs
-from manoeuvre_nn.diagnosis.proof import Question
+from manoeuvre_nn.diagnosis.case import Case, Question, RunSettings, read_case, read_runs, seen_channels
 from manoeuvre_nn.diagnosis.result import Cause, Diagnosis
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
 from manoeuvre_nn.effect.formula import Formula
 from manoeuvre_nn.effect.remainder import Remainder
-from manoeuvre_nn.recording.preparation import measured
 
 DEFAULT, TANK, ALL = "default", "tank", "all"
 SENSOR = "sensor:"
@@ -48,22 +45,11 @@ class Setup:
     model: IdentifiedShip | None
 
     def case(self, folder: Path) -> Case:
-        """Read a concealed case.
-
-        Args:
-            folder: Its folder.
-
-        Returns:
-            The case.
-        """
+        """Read a concealed case."""
         return read_case(folder, self.cfg.rudder_positive_to, self.model.known if self.model else None)
 
     def runs(self) -> Case:
-        """Read a person's own runs.
-
-        Returns:
-            The case.
-        """
+        """Read a person's own runs."""
         c = self.cfg
         told = {key: c[key] for key in ("rudder_positive_to", "speed_kn", "rpm", "warmup_s")}
         check_arguments(RunSettings, told)
@@ -91,15 +77,8 @@ class Setup:
             raise InputError(f"model={self.cfg.model} is of the {known.name}, ship= is the {p.name}: leave ship= out")
         return self.model.known
 
-    def question(self, case: Case) -> tuple[Question, list[Effect]]:
-        """What is asked about a case.
-
-        Args:
-            case: The case.
-
-        Returns:
-            The question, and the candidates.
-        """
+    def question(self, case: Case) -> Question:
+        """What is asked about a case."""
         dynamics: Model = CalmWater(case.hull)
         if self.model is not None:
             dynamics = IdentifiedShip(case.hull, self.model.network, self.model.scaling)
@@ -110,18 +89,17 @@ class Setup:
             "candidates": ", ".join(e.name for e in effects),
             **versions(),
         }
-        undecided = (*case.undecided, *left_out)
-        workers = configs.whole_number("workers", self.cfg.workers, 1)
-        runs = (case.fitted, case.held_out)
-        question = Question(case.name, dynamics, *runs, effects, undecided, settings, workers)
-        remainder = configs.switch("remainder", self.cfg.remainder)
-        return replace(question, remainder=remainder, warmup=case.warmup), effects
+        return Question(
+            replace(case, undecided=(*case.undecided, *left_out)),
+            dynamics,
+            effects,
+            settings,
+            workers=configs.whole_number("workers", self.cfg.workers, 1),
+            remainder=configs.switch("remainder", self.cfg.remainder),
+        )
 
     def candidates(self, case: Case) -> tuple[list[Effect], list[str]]:
         """Candidates that a case can say something about.
-
-        Args:
-            case: The case.
 
         Returns:
             Prototypes of the effects, and a sentence for each reason to leave some out.
@@ -129,7 +107,7 @@ class Setup:
         Raises:
             InputError: If one that was asked for by name does not suit the ship, or none is left.
         """
-        recorded = {c for k, c in enumerate(MEASURED) if any(np.isfinite(measured(r)[:, k]).any() for r in case.fitted)}
+        recorded = seen_channels(case.fitted) | {"delta"}
         made: list[Effect] = []
         unseen: list[Effect] = []
         unsuited: list[str] = []
@@ -152,15 +130,7 @@ class Setup:
 
 
 def setup(cfg: DictConfig, model: IdentifiedShip | None = None) -> Setup:
-    """Check everything that concerns all cases.
-
-    Args:
-        cfg: The config.
-        model: A fitted model that is at hand; None takes that of the config.
-
-    Returns:
-        What they have in common.
-    """
+    """Check everything that concerns all cases, with a fitted model that is at hand or else that of the config."""
     shelf = {name: load_yaml(path) for name, path in options("effect", cfg.get("config_dir")).items()}
     if model is None and cfg.model is not None:
         from manoeuvre_nn.commands.job import load_model  # brings Lightning, seconds that a ship's own model needs not
@@ -174,14 +144,10 @@ def setup(cfg: DictConfig, model: IdentifiedShip | None = None) -> Setup:
 
 
 def wanted(chosen: Any, shelf: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """Names of the candidates.
-
-    Args:
-        chosen: ``default``, ``tank``, ``all``, a name or a list of names.
-        shelf: Effect -> its entry in conf/effect.
+    """What ``candidates=`` chooses from conf/effect.
 
     Returns:
-        Names.
+        Names of effects.
 
     Raises:
         InputError: If a name is unknown or cannot be fitted.
@@ -214,35 +180,23 @@ def _prototype(entry: Mapping[str, Any], ship: Ship) -> Effect:
 def _can_be_seen(effect: Effect, recorded: set[str]) -> bool:
     """Whether it is more than an error of sensors that were not there."""
     sensors = {e.removeprefix(SENSOR) for e in effect.equations if e.startswith(SENSOR)}
-    return len(sensors) < len(effect.equations) or bool(sensors & (recorded | {"delta"}))
+    return len(sensors) < len(effect.equations) or bool(sensors & recorded)
 
 
 def found_effects(d: Diagnosis, effects: Sequence[Effect], shelf: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
-    """What was found in the form of entries of conf/effect.
-
-    Args:
-        d: The diagnosis.
-        effects: The candidates.
-        shelf: Effect -> its entry in conf/effect.
-
-    Returns:
-        Effect of the repaired model -> entry with the values found, in the package's signs.
-    """
+    """Effects of the repaired model as entries of conf/effect with the values found, in the package's signs."""
     known = {e.name: e for e in effects}
-    switched_on = [c for c in d.causes if c.name in d.model]
-    found = {c.name: _chosen(shelf[c.name]) | _values(c, known[c.name]) for c in switched_on if not c.terms}
-    for c in switched_on:
+    found: dict[str, Any] = {}
+    for c in [c for c in d.causes if c.name in d.model]:
         if c.terms:
             weights = {f"w{k + 1}": float(f"{v.value:.6g}") for k, v in enumerate(c.parameters)}
             found[Formula.name] = {"terms": list(c.terms), **weights}
+        else:
+            choices = {name: value for name, value in shelf[c.name].items() if name != TARGET}
+            found[c.name] = choices | _values(c, known[c.name])
     if d.network:
         found[Remainder.name] = dict(d.network)
     return found
-
-
-def _chosen(entry: Mapping[str, Any]) -> dict[str, Any]:
-    """What an entry of conf/effect says beside the class."""
-    return {name: value for name, value in entry.items() if name != TARGET}
 
 
 def _values(cause: Cause, effect: Effect) -> dict[str, float]:
@@ -255,12 +209,6 @@ def _values(cause: Cause, effect: Effect) -> dict[str, float]:
 
 
 def write_effects(found: Mapping[str, Any], sentence: str, path: Path) -> None:
-    """Write what was found so that ``python train.py effects=FILE`` sails with it.
-
-    Args:
-        found: From :func:`found_effects`.
-        sentence: What it is, for the first line.
-        path: File to write.
-    """
+    """Write what was found, after a sentence on it, so that ``python train.py effects=FILE`` sails with it."""
     text = yaml.safe_dump(dict(found), sort_keys=False, allow_unicode=True) if found else "{}\n"
     path.write_text(f"# {' '.join(sentence.split())}\n# python train.py ship=... effects={path.name}\n{text}")

@@ -39,7 +39,7 @@ OF_MODEL = ("ship", "linear", "network", "fit", "manoeuvre", "data", "effect", "
 
 
 @dataclass(frozen=True)
-class ExcitationQuestion:
+class _Question:
     """What is asked, checked before anything is computed.
 
     Attributes:
@@ -66,16 +66,7 @@ class ExcitationQuestion:
 
 
 def excite(cfg: DictConfig, out: Path, console: Console | None = None) -> ManoeuvreAdvice | None:
-    """Train unless a model is given, ask, and write everything.
-
-    Args:
-        cfg: The config.
-        out: Output folder.
-        console: Where to print.
-
-    Returns:
-        The advice; None if the folder already holds it.
-    """
+    """Train unless a model is given, ask, and write everything; None if the folder already holds the advice."""
     console = console or Console()
     use_threads(configs.whole_number("trainer.threads", cfg.trainer.threads, 1))
     cfg = configs.with_effects(_of_model(cfg))
@@ -86,7 +77,11 @@ def excite(cfg: DictConfig, out: Path, console: Console | None = None) -> Manoeu
         return None
     write_provenance(cfg, out)
     question.job.data.setup(stage=None)
-    model = question.model or _trained(cfg, question.job, out, console)
+    model = question.model
+    if model is None:
+        trained = fit(cfg, question.job, out, console)
+        trained.close({}, {})
+        model = trained.fit.dynamics.double().cpu()
     with console.status("sailing") as status:
         advice = _advice(question, model, lambda name: status.update(f"after {name}"))
     _write(advice, resolved(cfg), out)
@@ -94,11 +89,8 @@ def excite(cfg: DictConfig, out: Path, console: Console | None = None) -> Manoeu
     return advice
 
 
-def question_of(cfg: DictConfig) -> ExcitationQuestion:
+def question_of(cfg: DictConfig) -> _Question:
     """Read and check the settings.
-
-    Args:
-        cfg: The config.
 
     Returns:
         What is asked.
@@ -123,7 +115,7 @@ def question_of(cfg: DictConfig) -> ExcitationQuestion:
         raise InputError(" ".join(refused) or "candidates=[] or score=[]: name at least one manoeuvre of each")
     for target in targets:
         target.check(known.particulars)
-    return ExcitationQuestion(
+    return _Question(
         cfg.goal,
         ship,
         job,
@@ -160,14 +152,7 @@ def _possible(candidates: Sequence[Manoeuvre], ship: Particulars) -> tuple[list[
     return possible, refused
 
 
-def _trained(cfg: DictConfig, job: Job, out: Path, console: Console) -> IdentifiedShip:
-    """A model of what is recorded, as train.py makes it."""
-    trained = fit(cfg, job, out, console)
-    trained.close({}, {})
-    return trained.fit.dynamics.double().cpu()
-
-
-def _advice(q: ExcitationQuestion, model: IdentifiedShip, say: Any) -> ManoeuvreAdvice:
+def _advice(q: _Question, model: IdentifiedShip, say: Any) -> ManoeuvreAdvice:
     """Ask."""
     tuples, known = q.job.data.tuples, q.job.data.known
     if q.goal == "accuracy":

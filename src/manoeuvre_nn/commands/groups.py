@@ -123,7 +123,7 @@ def _check_own_file(path: Path, folder: Path) -> None:
             )
 
 
-def plugged_in(cfg: DictConfig) -> None:
+def plugged_in(cfg: DictConfig | Mapping[str, Any]) -> None:
     """Import the user's own modules, those that ``plugins=`` names and no other.
 
     Args:

@@ -1,14 +1,14 @@
 """``manoeuvre import``: look at a file, say how it will be read, write the mapping."""
 
 import shlex
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from rich.console import Console
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from manoeuvre_nn.commands.groups import CONF, options
+from manoeuvre_nn.commands.groups import CONF, options, plugged_in
 from manoeuvre_nn.commands.shelves import build
 from manoeuvre_nn.core.data_files import load_yaml
 from manoeuvre_nn.core.errors import InputError
@@ -23,43 +23,24 @@ HELP = f"""Propose how a measured file is read, say why, and write the mapping.
 
     {USAGE}
 
-FILE is a text of columns (csv, txt, dat), a MAT file or a parquet file. The yaml goes to FILE's name in this folder, to
-out=, or with name= to recording/ in config_dir= (without it, of conf), where data.mapping= finds it. ship= tells units
-apart by the ship's speed."""
-KEYS = ("ship", "name", "out", "overwrite", "config_dir")
+FILE is a text of columns (csv, txt, dat), a MAT file, a parquet file, or of a format that a module named by plugins= in
+config_dir= reads. The yaml goes to FILE's name in this folder, to out=, or with name= to recording/ in config_dir=
+(without it, of conf), where data.mapping= finds it. ship= tells units apart by the ship's speed."""
+KEYS = ("ship", "name", "out", "overwrite", "config_dir", "plugins")
 
 
-@dataclass(frozen=True)
-class Request:
-    """What was asked for.
-
-    Attributes:
-        file: The file.
-        ship: The ship's name in conf/ship; empty if it is not known.
-        out: Yaml to write.
-        overwrite: Whether it may be there already.
-        own: Folder of the user's own ships and mappings.
-    """
+class Request(NamedTuple):
+    """What was asked for: a file, a ship in conf/ship or none, the yaml to write, one's own folder and modules."""
 
     file: Path
     ship: str
     out: Path
-    overwrite: bool
     own: str | None = None
+    plugins: tuple[str, ...] = ()
 
 
 def request(arguments: list[str]) -> Request:
-    """Read the command line.
-
-    Args:
-        arguments: The file and ``key=value``.
-
-    Returns:
-        What was asked for.
-
-    Raises:
-        InputError: If an argument is not understood, or the yaml is there already.
-    """
+    """Read the command line; refused if an argument is not understood, or the yaml is there already."""
     given: dict[str, str] = {}
     files = []
     for argument in arguments:
@@ -81,14 +62,14 @@ def request(arguments: list[str]) -> Request:
     own = given.get("config_dir")
     where = _mappings(own) / f"{given['name']}.yaml" if "name" in given else Path(f"{files[0].stem}.yaml")
     out = Path(given["out"]) if "out" in given else where
-    overwrite = given.get("overwrite") == "true"
     if out.is_dir():
         raise InputError(f"out={out} is a folder: write the yaml's path")
     if out.exists() and files[0].exists() and out.samefile(files[0]):
         raise InputError(f"{out} is the file to be imported and would be lost: write another out=")
-    if out.exists() and not overwrite:
+    if out.exists() and given.get("overwrite") != "true":
         raise InputError(f"{out} is there already: write overwrite=true, or another out=")
-    return Request(files[0], given.get("ship", ""), out, overwrite, own)
+    plugins = tuple(word for word in given.get("plugins", "").strip("[]").split(",") if word)
+    return Request(files[0], given.get("ship", ""), out, own, plugins)
 
 
 def _mappings(own: str | None) -> Path:
@@ -97,18 +78,7 @@ def _mappings(own: str | None) -> Path:
 
 
 def ship_called(name: str, own: str | None = None) -> Particulars | None:
-    """Particulars of a ship in conf/ship.
-
-    Args:
-        name: Its name; empty for none.
-        own: Folder of the user's own.
-
-    Returns:
-        The particulars.
-
-    Raises:
-        InputError: If there is no such ship.
-    """
+    """Particulars of a ship in conf/ship or in a folder of the user's own; None for no name."""
     if not name:
         return None
     ships = options("ship", own)
@@ -116,19 +86,12 @@ def ship_called(name: str, own: str | None = None) -> Particulars | None:
         raise InputError(f"ship={name} is unknown; choose one of: {', '.join(ships)}")
     content = load_yaml(ships[name])
     made: Ship | Particulars = build(content.get("ship", content), "ship")
-    return made if isinstance(made, Particulars) else made.particulars
+    return made.particulars
 
 
 def import_recording(asked: Request, console: Console) -> Proposal:
-    """Propose, show, write.
-
-    Args:
-        asked: What was asked for.
-        console: Where to print.
-
-    Returns:
-        The proposal.
-    """
+    """Propose, show, write."""
+    plugged_in({"plugins": asked.plugins, "config_dir": asked.own})
     proposal = propose(asked.file, ship_called(asked.ship, asked.own))
     show(proposal, console)
     asked.out.parent.mkdir(parents=True, exist_ok=True)
@@ -139,12 +102,7 @@ def import_recording(asked: Request, console: Console) -> Proposal:
 
 
 def show(proposal: Proposal, console: Console) -> None:
-    """Print how a file will be read, and why.
-
-    Args:
-        proposal: The proposal.
-        console: Where to print.
-    """
+    """Print how a file will be read, and why."""
     table = RichTable(title=Text(proposal.file.path.name), title_justify="left", box=None, pad_edge=False)
     for heading in ("channel", "column", "unit", "sign", "misfit", "next", "why"):
         table.add_column(heading, no_wrap=heading in {"channel", "unit", "sign", "misfit"}, overflow="fold")
@@ -188,15 +146,7 @@ def _say(console: Console, line: str, style: str = "") -> None:
 
 
 def next_command(proposal: Proposal, asked: Request) -> str:
-    """What to type next.
-
-    Args:
-        proposal: The proposal.
-        asked: What was asked for.
-
-    Returns:
-        A command, or why there is none.
-    """
+    """What to type next, or why there is nothing to type."""
     if proposal.settings.get("kind") == RECORD:
         return "next: nothing to train: this is a record of channels, not a manoeuvre with heading, rudder and motion"
     named = asked.out.parent == _mappings(asked.own) and asked.out.suffix == ".yaml"

@@ -59,14 +59,7 @@ class Parameter:
     power: float | None = None
 
     def on(self, ship: Particulars) -> "Parameter":
-        """The parameter with spread and starts as they are usual on a ship; its bounds stay.
-
-        Args:
-            ship: The ship.
-
-        Returns:
-            The same on ships; on models smaller by Froude's law.
-        """
+        """The parameter with spread and starts as usual on a ship, on models by Froude's law; its bounds stay."""
         power = UNIT_POWERS.get(self.unit, 0.0) if self.power is None else self.power
         share = float(ship.sized([1.0], [power])[0])
         return replace(self, spread=share * self.spread, starts=tuple(share * start for start in self.starts))
@@ -200,26 +193,12 @@ class Effect(ABC, nn.Module):
         return tuple(p.name for p in self.declared if p.random)
 
     def steady(self, values: Float[np.ndarray, "*rows p"]) -> Float[np.ndarray, "*rows p"]:
-        """Values with the random process left out.
-
-        Args:
-            values: Parameter values in the parameters' units.
-
-        Returns:
-            The same with a process of size 0.
-        """
+        """Values with the random process left out: its size is 0."""
         size = self.random[:1]
         return np.where([p.name in size for p in self.declared], 0.0, values)
 
     def at(self, values: Float[Tensor, "*rows p"]) -> "Effect":
-        """The same effect with other values.
-
-        Args:
-            values: Parameter values in the parameters' units.
-
-        Returns:
-            A copy that shares everything else.
-        """
+        """The same effect with other values [parameters' units]; the copy shares everything else."""
         made = copy.copy(self)
         made._buffers = {**self._buffers, "values": values}
         return made
@@ -233,11 +212,7 @@ class Effect(ABC, nn.Module):
         return self.value(name) * (pi / 180.0)
 
     def null(self) -> Float[Tensor, " p"]:
-        """Values at which the effect vanishes.
-
-        Returns:
-            Null values; the first start where a parameter has none.
-        """
+        """Values at which the effect vanishes; the first start where a parameter has none."""
         return self.values.new_tensor([p.starts[0] if p.null is None else p.null for p in self.declared])
 
     def stream(self, s: Situation) -> Float[Tensor, "*batch 2"]:

@@ -64,16 +64,3 @@ class InputTable:
         after = min(k + 1, last)
         now = {name: c[:, k] + (place - k) * (c[:, after] - c[:, k]) for name, c in self.columns.items()}
         return Inputs(**now, time=torch.full_like(delta[:, 0], time))
-
-    def samples(self, row: int, count: int) -> Inputs:
-        """Inputs of one row at its samples.
-
-        Args:
-            row: Number of the row.
-            count: How many samples, from the first.
-
-        Returns:
-            One value a sample.
-        """
-        time = self.start + self.interval * torch.arange(count).to(self.columns["delta"])
-        return Inputs(**{name: c[row, :count] for name, c in self.columns.items()}, time=time)

@@ -9,6 +9,25 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 
+def products_of(
+    variables: Float[Tensor, "variables *batch"], places: Int[Tensor, "terms order"]
+) -> Float[Tensor, "*batch terms"]:
+    """Products of variables, each a few look-ups instead of powers.
+
+    Args:
+        variables: One row a variable: a look-up then copies whole rows of samples, three times as fast as columns.
+        places: Rows that each product is made of.
+
+    Returns:
+        One column a product.
+    """
+    first, *others = places.unbind(-1)
+    result = variables.index_select(0, first)
+    for place in others:
+        result = result * variables.index_select(0, place)
+    return result.movedim(0, -1)
+
+
 class Network(ABC, nn.Module):
     """Forces by learnt weights, from u, v, r and delta and whatever recorded inputs the network says that it takes.
 

@@ -161,8 +161,9 @@ class Particulars:
         return self.length < LONGEST_MODEL
 
     def at_speed(self, speed: float) -> "Particulars":
-        """The same ship on another approach speed [m/s]."""
-        return replace(self, speed=speed, service_speed=self.top_speed)
+        """The same ship on another approach speed [m/s]; resistance goes with its square."""
+        resistance = None if self.resistance is None else self.resistance * (speed / self.speed) ** 2
+        return replace(self, speed=speed, service_speed=self.top_speed, resistance=resistance)
 
     @property
     def top_speed(self) -> float:
@@ -218,13 +219,7 @@ class Ship(ABC, nn.Module):
     acceleration_units: Tensor
 
     def __init__(self, particulars: Particulars, prime: PrimeSystem, inertia: Float[Tensor, "3 3"]) -> None:
-        """Store description and inertia.
-
-        Args:
-            particulars: Main dimensions and steering gear.
-            prime: The prime system of inertia and forces.
-            inertia: M' [-].
-        """
+        """Store description and inertia, and what follows from them."""
         super().__init__()
         self.particulars, self.prime = particulars, prime
         self.register_buffer("inertia", inertia)
@@ -353,20 +348,10 @@ class Ship(ABC, nn.Module):
 
     def acceleration(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
         """Accelerations ``nudot = units M'^-1 f'`` by :meth:`force`: udot, vdot [m/s^2], rdot [rad/s^2]."""
-        return self.acceleration_from_force(nu, self.force(nu, delta))
+        return self.acceleration_from_force(self.force(nu, delta))
 
-    def acceleration_from_force(
-        self, nu: Float[Tensor, "*batch 3"], force: Float[Tensor, "*batch 3"]
-    ) -> Float[Tensor, "*batch 3"]:
-        """Accelerations that given right-hand sides cause.
-
-        Args:
-            nu: u, v [m/s], r [rad/s]; some families need the speed for their units.
-            force: f' [-].
-
-        Returns:
-            udot, vdot [m/s^2], rdot [rad/s^2].
-        """
+    def acceleration_from_force(self, force: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
+        """Accelerations udot, vdot [m/s^2], rdot [rad/s^2] that given right-hand sides f' [-] cause."""
         return force @ self.inertia_inverse.T * self.acceleration_units
 
     def force_from_acceleration(self, nudot: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:

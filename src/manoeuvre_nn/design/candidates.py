@@ -119,7 +119,7 @@ def _sailed(model: IdentifiedShip, group: Sequence[Manoeuvre], interval: float |
         first = vessel.model.start(rows, Inputs(rows[:, 5]))
         run = rollout(vessel, list(group) * count, first, times, step=step)
     states = run.states[..., :6].unflatten(1, (count, len(group))).clone()
-    rudders, ended = run.rudders.unflatten(1, (count, len(group))).clone(), run.ended.view(count, len(group))
+    rudders, ended = run.shown.unflatten(1, (count, len(group))).clone(), run.ended.view(count, len(group))
     for k, (manoeuvre, end) in enumerate(zip(group, ends, strict=True)):
         n = max(int((times <= end + 1e-9).sum()), 2)
         gone = torch.where(ended[:, k] <= end, ended[:, k], torch.inf)
@@ -127,17 +127,13 @@ def _sailed(model: IdentifiedShip, group: Sequence[Manoeuvre], interval: float |
 
 
 def remark(run: CandidateRun, ship: Particulars) -> str:
-    """What speaks against sailing a manoeuvre.
-
-    Args:
-        run: The manoeuvre as the members sail it.
-        ship: The ship, for its stability.
-
-    Returns:
-        ``ok``, or that members leave the physical range, or heel more than :data:`HEEL_WARNING_DEG`.
+    """What speaks against sailing a manoeuvre: members that leave the physical range, or much heel.
 
     Source:
         Heel in a turn, ``tan phi = u r (KG - T/2) / (g GM)``: Biran & Lopez-Pulido 2014, section 6.4.
+
+    Returns:
+        ``ok``, or the remark.
     """
     lost = int(run.ended.isfinite().sum())
     if lost:

@@ -81,16 +81,7 @@ class Disagreement:
 
 @torch.no_grad()
 def disagreements(model: IdentifiedShip, tuples: Tuples, runs: Sequence[CandidateRun]) -> list[Disagreement]:
-    """Where the members disagree.
-
-    Args:
-        model: An ensemble.
-        tuples: What it was trained on.
-        runs: Manoeuvres as the members sail them.
-
-    Returns:
-        One a manoeuvre, in their order.
-    """
+    """Where the members of an ensemble, trained on tuples, disagree along manoeuvres that they sail."""
     network, ship, made = cast(HullRudder, model.network), model.particulars, []
     size = model.scaling.outputs(tuples.targets).square().mean(0).sqrt()
     units = torch.tensor([ship.speed, ship.speed / ship.length, 1.0]).to(size)
@@ -103,28 +94,12 @@ def disagreements(model: IdentifiedShip, tuples: Tuples, runs: Sequence[Candidat
 
 
 def prime(model: IdentifiedShip, path: Float[Tensor, "*batch 4"]) -> Float[Tensor, "*batch 4"]:
-    """A path in the known part's prime system.
-
-    Args:
-        model: The model.
-        path: u, v [m/s], r [rad/s], rudder angle [rad].
-
-    Returns:
-        u', v', r' and the rudder angle [rad].
-    """
+    """A path of u, v [m/s], r [rad/s] and rudder angle [rad] in the known part's prime system."""
     return torch.cat([path[..., :3] / model.known.velocity_units, path[..., 3:]], dim=-1)
 
 
 def network_inputs(model: IdentifiedShip, path: Float[Tensor, "*batch 4"]) -> Float[Tensor, "*batch 4"]:
-    """What a model's network sees.
-
-    Args:
-        model: The model.
-        path: u, v [m/s], r [rad/s], rudder angle [rad].
-
-    Returns:
-        Scaled inputs.
-    """
+    """What a model's network sees of a path of u, v [m/s], r [rad/s] and rudder angle [rad]."""
     return model.scaling.inputs(prime(model, path))
 
 

@@ -46,7 +46,7 @@ def advise(data_set: WhitenedDataSet, leading: FittedHypothesis, rivals: Sequenc
         rivals: Other explanations; a hypothesis without effects is calm water.
 
     Returns:
-        One list a rival: runs, the most telling first, and among them the recorded runs with a channel more.
+        One list a rival; among the runs are the recorded ones with a channel more.
     """
     plans = [*new_runs(data_set, leading.hypothesis), *same_runs(data_set)]
     again = [about_states(data_set.dynamics, p, p.linearised.track)[0] for p in data_set.runs]
@@ -55,21 +55,11 @@ def advise(data_set: WhitenedDataSet, leading: FittedHypothesis, rivals: Sequenc
     data_set = WhitenedDataSet(data_set.dynamics, [*again, *(plan.prepared for plan in plans)], names)
     rows = [*range(len(again)), *(plan.row for plan in plans)]
     whole = _whole(data_set, leading.hypothesis, rows)
-    return [_ranked(data_set, whole, _of_rows(r.hypothesis, rows), r.best, plans) for r in rivals]
+    return [_ranked(data_set, whole, r.hypothesis.of_runs(rows), r.best, plans) for r in rivals]
 
 
 def apart(data_set: WhitenedDataSet, leading: Hypothesis, rival: Hypothesis, best: tuple[int, int]) -> float:
-    """How surely recordings tell two hypotheses apart.
-
-    Args:
-        data_set: The recordings.
-        leading: What acts.
-        rival: What is fitted.
-        best: Force level and scatter level.
-
-    Returns:
-        Log Bayes factor by which the first is expected to beat the second.
-    """
+    """Log Bayes factor by which one hypothesis is expected to beat another, fitted at its best noise levels."""
     grams, sd = _grams(data_set, _whole(data_set, leading, range(len(data_set.runs))), rival, best)
     return left_over(sum(grams, np.zeros_like(grams[0])), sd)
 
@@ -139,12 +129,7 @@ def _shared(
     return g[np.ix_(kept, kept)] - cross.T @ np.linalg.solve(g[np.ix_(own, own)] + np.diag(spread**-2.0), cross)
 
 
-def _of_rows(hypothesis: Hypothesis, rows: Sequence[int]) -> Hypothesis:
-    """A hypothesis whose runs are those of some rows."""
-    return replace(hypothesis, values=tuple(v[list(rows)] for v in hypothesis.values))
-
-
 def _whole(data_set: WhitenedDataSet, hypothesis: Hypothesis, rows: Sequence[int]) -> list[Columns]:
     """All that a hypothesis adds to every run, at its values."""
     held = frozenset(p.name for e in hypothesis.effects for p in e.declared)
-    return hypothesis_columns(data_set, replace(_of_rows(hypothesis, rows), fixed=held)).columns
+    return hypothesis_columns(data_set, replace(hypothesis.of_runs(rows), fixed=held)).columns

@@ -3,9 +3,10 @@
 import numpy as np
 from jaxtyping import Float
 
-from manoeuvre_nn.diagnosis.checks import gram_of, nuisance_spread
+from manoeuvre_nn.diagnosis.checks import nuisance_spread
 from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
+from manoeuvre_nn.estimation.marginal_likelihood import hypothesis_columns
 
 DRAWS = 2000
 """Clean sets of recordings that are drawn."""
@@ -26,10 +27,6 @@ def threshold(result: SearchResult, seed: int = 0) -> float:
     the score of a candidate is Gaussian with its information matrix, coefficients, latency and coloured force
     integrated out. Candidates are drawn independently of each other, which errs to the safe side.
 
-    Args:
-        result: What was fitted.
-        seed: Of the draws.
-
     Returns:
         The threshold.
     """
@@ -47,14 +44,13 @@ def _information(
 ) -> tuple[Float[np.ndarray, "m m"], Float[np.ndarray, " m"]]:
     """Information on a candidate's numbers under calm water, nuisance integrated out, and their prior spreads."""
     level, scatter = result.none.best
-    g, _ = gram_of(result, hypothesis, level)
-    n = result.likelihood.data_set.size
-    sd = nuisance_spread(result, scatter)
-    nuisance = g[1:n, 1:n] + np.diag(sd**-2.0)
+    data_set = result.likelihood.data_set
+    lin, n = hypothesis_columns(data_set, hypothesis), data_set.size
+    g = data_set.gram(level, data_set.embedded(level, lin.columns), lin.index, lin.count)
+    nuisance = g[1:n, 1:n] + np.diag(nuisance_spread(data_set, scatter, len(data_set.runs)) ** -2.0)
     cross = g[1:n, n + 1 :]
-    return g[n + 1 :, n + 1 :] - cross.T @ np.linalg.solve(nuisance, cross), np.array([
-        f.spread for f in hypothesis.unknowns()
-    ])
+    information = g[n + 1 :, n + 1 :] - cross.T @ np.linalg.solve(nuisance, cross)
+    return information, np.array([f.spread for f in hypothesis.unknowns()])
 
 
 def _drawn(
@@ -68,15 +64,7 @@ def _drawn(
 
 
 def raised(result: SearchResult, best: FittedHypothesis | None) -> bool:
-    """Whether a named hypothesis beats calm water by more than chance.
-
-    Args:
-        result: What was fitted.
-        best: The best named hypothesis.
-
-    Returns:
-        Whether it raises the alarm.
-    """
+    """Whether the best named hypothesis, if there is one, beats calm water by more than chance."""
     if best is None:
         return False
     least = max(threshold(result), MIN_GAIN_OF_NAMED) + MIN_GAIN_OF_SECOND * (len(best.names) - 1)

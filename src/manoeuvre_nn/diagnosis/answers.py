@@ -17,12 +17,7 @@ LEARNT = (Formula.name, Remainder.name)
 
 
 def write_answer(d: Diagnosis, folder: Path) -> None:
-    """Write ``answer.json`` and the predictions of a case.
-
-    Args:
-        d: The diagnosis.
-        folder: Folder of the answer; it is made.
-    """
+    """Write ``answer.json`` and the predictions of a case into a folder."""
     for when in ("before", "after"):
         place = folder / "predictions" / when
         place.mkdir(parents=True, exist_ok=True)
@@ -38,14 +33,7 @@ def write_answer(d: Diagnosis, folder: Path) -> None:
 
 
 def answer(d: Diagnosis) -> dict:
-    """The content of ``answer.json``.
-
-    Args:
-        d: The diagnosis.
-
-    Returns:
-        Plain values.
-    """
+    """The content of ``answer.json``: plain values."""
     model = d.model if d.model else (["unknown"] if d.verdict == "mismatch" else [])
     return {
         "case": d.case,

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -9,12 +10,16 @@ import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.core.channels import MEASURED
+from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.core.units import DEGREE, KNOT
 from manoeuvre_nn.diagnosis.manifest import adapted, numbers, read_manifest
-from manoeuvre_nn.recording.check.plausible import COLUMNS, check_plausible, check_sampling
+from manoeuvre_nn.dynamics.base import Model
+from manoeuvre_nn.estimation.data_set import whitened_data_set
+from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
+from manoeuvre_nn.recording.check.checks import COLUMNS, check_over_ground, check_sampling
 from manoeuvre_nn.recording.kind import guess_kind
 from manoeuvre_nn.recording.preparation import common_step, measured, over_ground, prepared, with_own_shafts
 from manoeuvre_nn.recording.read.mapping import Mapping as ChannelMapping
@@ -46,7 +51,6 @@ class Case:
     Attributes:
         name: Name of the case.
         ship: The ship as the manifest calls it.
-        manifest: What the manifest says; empty without one.
         runs: All runs, prepared.
         hull: Calm-water model with the manifest's particulars.
         proof: Names of the runs that are held out.
@@ -56,7 +60,6 @@ class Case:
 
     name: str
     ship: str
-    manifest: Mapping[str, Any]
     runs: tuple[Recording, ...]
     hull: Ship = field(repr=False)
     proof: frozenset[str] = frozenset()
@@ -72,6 +75,32 @@ class Case:
     def held_out(self) -> list[Recording]:
         """Runs for the proof."""
         return [run for run in self.runs if run.name in self.proof]
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is asked about a case.
+
+    Attributes:
+        case: What is recorded.
+        dynamics: Calm-water model.
+        effects: Prototypes of the candidates.
+        settings: For the record.
+        workers: Processes among which the candidates are shared out.
+        remainder: Whether a network may learn what physics leaves.
+    """
+
+    case: Case
+    dynamics: Model
+    effects: Sequence[Effect]
+    settings: Mapping[str, str] = field(default_factory=dict)
+    workers: int = 1
+    remainder: bool = False
+
+    @cached_property
+    def held_out(self) -> MarginalLikelihood:
+        """The held-out runs, whitened: what claims are proved by."""
+        return MarginalLikelihood(whitened_data_set(self.dynamics, self.case.held_out))
 
 
 @dataclass(frozen=True)
@@ -116,8 +145,7 @@ def read_case(folder: Path, rudder_positive_to: str | None = None, ship: Ship | 
     if "ship" not in m or "runs" not in m:
         raise InputError(f"{folder / 'manifest.json'} lacks {'ship' if 'ship' not in m else 'runs'}: it is no case")
     settings = RunSettings(mapping=read_mapping(CONCEALED), rudder_positive_to=rudder_positive_to)
-    hull = _ship_of(m, ship)
-    return _case(folder, m, hull, _read(folder, m, hull.particulars, settings), AUTO)
+    return read_runs(folder, ship, settings)
 
 
 def read_runs(folder: Path, ship: Ship | None = None, settings: RunSettings | None = None) -> Case:
@@ -207,7 +235,7 @@ def _checked(run: Recording, ship: Particulars, remedy: str) -> Recording:
     """A recording over ground, refused where it makes no sense."""
     check_sampling(run, ship)
     run = over_ground(run, ship)
-    check_plausible(run, ship, remedy)
+    check_over_ground(run, ship, remedy)
     return run
 
 
@@ -228,8 +256,8 @@ def _case(
     step = common_step(raw, p)
     runs = with_own_shafts([prepared(r, step, p, kinds[r.name]) for r in raw])
     name, proof = str(m.get("case", folder.resolve().name)), frozenset(name for name, held in split.items() if held)
-    unknown = (*undecided([run for run in runs if run.name not in proof], bool(proof)), *derived(runs))
-    return Case(name, str(m.get("ship", p.name)), m, runs, hull, proof, warmup, unknown)
+    unknown = _undecided(runs, [run for run in runs if run.name not in proof])
+    return Case(name, str(m.get("ship", p.name)), runs, hull, proof, warmup, unknown)
 
 
 def _even_rudder(run: Recording) -> Float[np.ndarray, " n"]:
@@ -268,7 +296,7 @@ def choose_held_out(kinds: Mapping[str, str]) -> list[str]:
         kinds: Run -> kind of manoeuvre.
 
     Returns:
-        Names of the runs to prove by; none if there is but one run.
+        Names of the runs to prove by.
     """
     groups = [[n for n, k in kinds.items() if k in family] for family in (TURNS, ZIGZAGS)]
     groups.append([n for n, k in kinds.items() if k not in (*TURNS, *ZIGZAGS)])
@@ -279,45 +307,29 @@ def choose_held_out(kinds: Mapping[str, str]) -> list[str]:
     return chosen
 
 
-def undecided(fitted: Sequence[Recording], proof: bool) -> tuple[str, ...]:
-    """What runs cannot decide, whatever is in them.
+def seen_channels(runs: Sequence[Recording]) -> set[str]:
+    """Channels that any of the runs has."""
+    present = np.any([np.isfinite(measured(run)).any(axis=0) for run in runs], axis=0)
+    return {channel for channel, there in zip(MEASURED, present, strict=True) if there}
 
-    Args:
-        fitted: Runs that parameters are taken from.
-        proof: Whether others are held out.
 
-    Returns:
-        A sentence each.
-    """
-    seen = {c: any(np.isfinite(measured(run)[:, k]).any() for run in fitted) for k, c in enumerate(MEASURED)}
+def _undecided(runs: Sequence[Recording], fitted: Sequence[Recording]) -> tuple[str, ...]:
+    """What runs cannot decide, whatever is in them, and what had to be made from other channels, a sentence each."""
+    seen = seen_channels(fitted)
     moved = max(float(np.ptp(run["delta"])) for run in fitted) > MIN_RUDDER_TRAVEL
     ordered = any((run["shaft"] != 1).any() for run in fitted)
     said = {
         "The rudder never moved: nothing about rudder, hull and loading can be decided.": not moved,
-        "No position: a lever arm of the antenna cannot be told, and a current by velocities alone.": not seen["x"],
-        "No speed log: a current is told by turns alone, and the log cannot be fitted.": not seen["u_log"],
-        "No yaw rate: the rate gyro cannot be fitted.": not seen["r"],
+        "No position: a lever arm of the antenna cannot be told, and a current by velocities alone.": "x" not in seen,
+        "No speed log: a current is told by turns alone, and the log cannot be fitted.": "u_log" not in seen,
+        "No yaw rate: the rate gyro cannot be fitted.": "r" not in seen,
         "No shaft speed: it counts as nominal, and a power limit looks like added resistance.": not (
-            seen["shaft_recorded"] or ordered
+            "shaft_recorded" in seen or ordered
         ),
         "The shaft was ordered otherwise than the model's nominal speed: it is taken as recorded, and an engine at its "
-        "limit cannot be told.": ordered and not seen["shaft_recorded"],
+        "limit cannot be told.": ordered and "shaft_recorded" not in seen,
         "One run: agreement between runs cannot be tested.": len(fitted) == 1,
-        "No held-out run: nothing is proved, and an effect is only proposed.": not proof,
-    }
-    return tuple(sentence for sentence, true in said.items() if true)
-
-
-def derived(runs: Sequence[Recording]) -> tuple[str, ...]:
-    """What had to be made from other channels.
-
-    Args:
-        runs: All runs of a case.
-
-    Returns:
-        A sentence each.
-    """
-    said = {
+        "No held-out run: nothing is proved, and an effect is only proposed.": len(fitted) == len(runs),
         "No velocity over ground: it was taken from the track.": any("vn" in run.meta["derived"] for run in runs),
         "No helm order: it was taken from the rudder angle, so that a slow gear cannot be told.": any(
             "delta_order" in run.meta["derived"] for run in runs

@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from manoeuvre_nn.diagnosis.case import Question
 from manoeuvre_nn.diagnosis.decision import Decision
-from manoeuvre_nn.diagnosis.proof import Question, timed_values
+from manoeuvre_nn.diagnosis.proof import placed
 from manoeuvre_nn.diagnosis.result import Cause, Interval, Value
 from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.effect.formula import Formula, place_of
@@ -16,17 +17,7 @@ LEADING = 0.25
 
 
 def causes_of(question: Question, tried: SearchResult, verdict: Decision, chosen: FittedHypothesis) -> list[Cause]:
-    """All candidates with their probability, best first.
-
-    Args:
-        question: What is asked.
-        tried: All hypotheses that were fitted.
-        verdict: Their probabilities.
-        chosen: What is named; calm water if nothing is.
-
-    Returns:
-        The causes, ``unknown`` among them.
-    """
+    """All candidates and ``unknown`` with their probability: what was proved first, then the likeliest."""
     causes = []
     for name in verdict.effects:
         proved = name in chosen.names
@@ -97,9 +88,9 @@ def _intervals(
     timed = [j for j, p in enumerate(fitted.hypothesis.effects[effect].declared) if p.per_run]
     if not timed:
         return None
-    runs, values = [*question.fitted], fitted.hypothesis.values[effect]
-    if held_out and question.held_out:
-        runs, values = [*runs, *question.held_out], np.vstack([values, timed_values(question, fitted)[effect]])
+    runs, values = [*question.case.fitted], fitted.hypothesis.values[effect]
+    if held_out and question.case.held_out:
+        runs, values = [*runs, *question.case.held_out], np.vstack([values, placed(question, fitted).values[effect]])
     found: dict[str, list[Interval]] = {}
     for run, times in zip(runs, values[:, timed], strict=True):
         end = float(times[1] if len(times) > 1 else run.time[-1])

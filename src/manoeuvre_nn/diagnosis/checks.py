@@ -8,24 +8,16 @@ from jaxtyping import Float
 from manoeuvre_nn.diagnosis.advise import apart
 from manoeuvre_nn.diagnosis.result import Check
 from manoeuvre_nn.diagnosis.search import SearchResult
-from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, LATENCY_SD
+from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, LATENCY_SD, WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
-from manoeuvre_nn.estimation.marginal_likelihood import hypothesis_columns
+from manoeuvre_nn.estimation.marginal_likelihood import HypothesisColumns, hypothesis_columns
 
 INDISTINGUISHABLE = 9.0
 """Expected gap, twice the log evidence, below which two effects are reported together."""
 
 
 def checks(tried: SearchResult, chosen: FittedHypothesis) -> list[Check]:
-    """Everything that a claim must pass besides its probability.
-
-    Args:
-        tried: The result.
-        chosen: The claim.
-
-    Returns:
-        The checks.
-    """
+    """Everything that a claim must pass besides its probability."""
     return [_off_bounds(chosen), _little_left(tried, chosen), _same_in_all_runs(tried, chosen)]
 
 
@@ -35,13 +27,8 @@ def _off_bounds(chosen: FittedHypothesis) -> Check:
     for f, value in zip(chosen.hypothesis.unknowns(), chosen.hypothesis.vector(), strict=True):
         p = f.parameter
         reach = 0.01 * (p.high - p.low)
-        if (
-            not p.form
-            and not p.per_run
-            and not p.period
-            and not p.low + reach < value < p.high - reach
-            and p.null != value
-        ):
+        inside = p.low + reach < value < p.high - reach or value == p.null
+        if not (inside or p.form or p.per_run or p.period):
             on.append(f"{p.name} = {value:.3g} {p.unit}")
     text = "all parameters are inside their bounds" if not on else f"on a bound: {', '.join(on)}"
     return Check("parameters off their bounds", not on, text)
@@ -63,13 +50,13 @@ def _same_in_all_runs(tried: SearchResult, chosen: FittedHypothesis) -> Check:
     data_set, h = tried.likelihood.data_set, chosen.hypothesis
     if len(data_set.runs) < 2:
         return Check("same in all runs", True, "one run only: not tested")
-    shared = [k for k, f in enumerate(h.unknowns()) if f.run is None and not f.parameter.form]
-    estimates = [_alone(tried, chosen, run, shared) for run in range(len(data_set.runs))]
+    lin = hypothesis_columns(data_set, h)
+    estimates = [_alone(data_set, lin, run, chosen.best) for run in range(len(data_set.runs))]
     weights = [np.linalg.inv(c) for _, c in estimates]
     total = np.linalg.inv(sum(weights))  # type: ignore[arg-type]
     mean = total @ sum(w @ m for (m, _), w in zip(estimates, weights, strict=True))
     chi = float(sum((m - mean) @ w @ (m - mean) for (m, _), w in zip(estimates, weights, strict=True)))
-    degrees = len(shared) * (len(estimates) - 1)
+    degrees = len(mean) * (len(estimates) - 1)
     return Check(
         "same in all runs",
         bool(chi < degrees + 6 * np.sqrt(2 * degrees)),
@@ -78,64 +65,26 @@ def _same_in_all_runs(tried: SearchResult, chosen: FittedHypothesis) -> Check:
 
 
 def _alone(
-    tried: SearchResult, chosen: FittedHypothesis, run: int, shared: list[int]
+    data_set: WhitenedDataSet, lin: HypothesisColumns, run: int, best: tuple[int, int]
 ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m m"]]:
-    """Step and covariance of the shared parameters from one run alone."""
-    gram, names = gram_of(tried, chosen.hypothesis, chosen.best[0], runs=[run])
-    sd = nuisance_spread(tried, chosen.best[1])
-    m = len(names)
-    prior = np.concatenate([sd, [3 * f.spread for f in chosen.hypothesis.unknowns()]])
-    size = tried.likelihood.data_set.size
-    keep = np.r_[1:size, size + 1 : size + 1 + m]
-    data = gram[0] - gram[size]
-    precision = gram[np.ix_(keep, keep)] + np.diag(prior**-2.0)
-    covariance = np.linalg.inv(precision)
-    at = [len(sd) + k for k in shared]
-    return (covariance @ data[keep])[at], covariance[np.ix_(at, at)]
+    """Step and covariance of the parameters that all runs share, from one run alone."""
+    level, scatter = best
+    base = data_set.at(level).base[run]
+    more = data_set.at(level).white[run].embed(lin.columns[run])
+    gram = np.block([[base.dot(base), base.dot(more)], [more.dot(base), more.dot(more)]])
+    whole = 2 + len(data_set.coefficients)  # stands behind the data, coefficients and latency
+    free = [lin.hypothesis.unknowns()[k - 1] for k in lin.index[run][1:]]
+    prior = nuisance_spread(data_set, scatter, runs=1)
+    prior = np.r_[prior, [3 * f.spread for f in free]]
+    keep = np.r_[1:whole, whole + 1 : len(gram)]
+    covariance = np.linalg.inv(gram[np.ix_(keep, keep)] + np.diag(prior**-2.0))
+    at = [whole - 1 + k for k, f in enumerate(free) if f.run is None and not f.parameter.form]
+    return (covariance @ (gram[0] - gram[whole])[keep])[at], covariance[np.ix_(at, at)]
 
 
-def gram_of(
-    tried: SearchResult, hypothesis: Hypothesis, level: int, runs: list[int] | None = None
-) -> tuple[Float[np.ndarray, "p p"], list[str]]:
-    """Inner products of base and hypothesis, over some runs only.
-
-    Args:
-        tried: The result.
-        hypothesis: Its columns are taken at its values.
-        level: Force level.
-        runs: Numbers of the runs; None takes all.
-
-    Returns:
-        Matrix, and names of the free numbers.
-    """
-    data_set = tried.likelihood.data_set
-    lin = hypothesis_columns(data_set, hypothesis)
-    n = data_set.size
-    g = np.zeros((n + lin.count,) * 2)
-    for run in runs if runs is not None else range(len(data_set.runs)):
-        more, base = data_set.at(level).white[run].embed(lin.columns[run]), data_set.at(level).base[run]
-        at, to = data_set.base_index(run), n + lin.index[run]
-        g[np.ix_(at, at)] += base.dot(base)
-        g[np.ix_(at, to)] += base.dot(more)
-        g[np.ix_(to, to)] += more.dot(more)
-    g[n:, :n] = g[:n, n:].T
-    return g, [f.parameter.name for f in hypothesis.unknowns()]
-
-
-def nuisance_spread(tried: SearchResult, scatter: int) -> Float[np.ndarray, " k"]:
-    """Prior standard deviations of coefficients and latencies.
-
-    Args:
-        tried: The result.
-        scatter: Scatter level.
-
-    Returns:
-        One a base column but for the data.
-    """
-    data_set = tried.likelihood.data_set
-    return np.r_[
-        np.full(len(data_set.coefficients), COEFFICIENT_SD_LEVELS[scatter]), np.full(len(data_set.runs), LATENCY_SD)
-    ]
+def nuisance_spread(data_set: WhitenedDataSet, scatter: int, runs: int) -> Float[np.ndarray, " k"]:
+    """Prior standard deviations of coefficients and of the latencies of so many runs."""
+    return np.r_[np.full(len(data_set.coefficients), COEFFICIENT_SD_LEVELS[scatter]), np.full(runs, LATENCY_SD)]
 
 
 def aliases(tried: SearchResult, chosen: FittedHypothesis) -> dict[str, list[str]]:
@@ -143,10 +92,6 @@ def aliases(tried: SearchResult, chosen: FittedHypothesis) -> dict[str, list[str
 
     The rival takes the effect's place beside the others that were found; its numbers, theirs, the coefficients and the
     latency are fitted again.
-
-    Args:
-        tried: The result.
-        chosen: What was found.
 
     Returns:
         Effect -> names of its rivals; effects without one are left out.

@@ -54,26 +54,11 @@ class Decision:
     claims: Sequence[FittedHypothesis] = ()
 
     def mismatch(self, chosen: FittedHypothesis) -> bool:
-        """Whether recordings and model differ.
-
-        Args:
-            chosen: The claim that was proved; calm water if none was.
-
-        Returns:
-            Whether something is claimed, or something unknown beats calm water.
-        """
+        """Whether a claim was proved, calm water being none, or something unknown beats calm water."""
         return bool(chosen.names) or self.strange
 
     def probability(self, name: str, chosen: FittedHypothesis) -> float:
-        """Probability of a cause once it is known which claim was proved: what was not stays below one half.
-
-        Args:
-            name: An effect, or ``unknown``.
-            chosen: The claim that was proved; calm water if none was.
-
-        Returns:
-            The probability.
-        """
+        """Of an effect or ``unknown`` once it is known which claim was proved: what was not stays below one half."""
         if name == "unknown":
             probability = self.unknown if self.strange else min(self.unknown, MAX_UNPROVED)
             at_work = Formula.name in chosen.names or (self.strange and not chosen.names)
@@ -87,9 +72,6 @@ def settled(result: SearchResult) -> SearchResult:
 
     They are those within :data:`MAX_DEFICIT_IN_RACE` of the best; with one alone there is no race. All were linearised
     about the same states before.
-
-    Args:
-        result: What was fitted.
 
     Returns:
         The same with their evidence about their own states.
@@ -105,14 +87,7 @@ def settled(result: SearchResult) -> SearchResult:
 
 
 def decide(result: SearchResult) -> Decision:
-    """Weigh all hypotheses.
-
-    Args:
-        result: What was fitted.
-
-    Returns:
-        The verdict.
-    """
+    """Weigh all hypotheses, raise the alarm if chance alone would not reach it, and say what may be claimed."""
     none, data_set = result.none.evidence, result.likelihood.data_set
     formula = short_formula(result.likelihood, result.none)
     # A fitted model has errors that a formula takes up: to raise the alarm it must hold on other runs first.

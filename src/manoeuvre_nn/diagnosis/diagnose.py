@@ -1,16 +1,17 @@
 """The whole diagnosis of one ship: search, decide, prove, tell."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from manoeuvre_nn.diagnosis import checks as checking
+from manoeuvre_nn.diagnosis.case import Question
 from manoeuvre_nn.diagnosis.causes import causes_of
 from manoeuvre_nn.diagnosis.decision import decide, settled
 from manoeuvre_nn.diagnosis.locate import MAX_PROCESS_NOISE, residuals, sites, statements
-from manoeuvre_nn.diagnosis.proof import Question, cost, counted_as_one, foreseen, prove
+from manoeuvre_nn.diagnosis.proof import foreseen, placed, prove
 from manoeuvre_nn.diagnosis.remainder import is_left, with_remainder
 from manoeuvre_nn.diagnosis.result import Cause, Check, Diagnosis, Proof, Residual
 from manoeuvre_nn.diagnosis.search import Progress, SearchResult, at_rest, search
@@ -22,6 +23,7 @@ from manoeuvre_nn.estimation.data_set import WhitenedDataSet, whitened_data_set
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.relinearise import refined
+from manoeuvre_nn.scoring.free_runs import cost, counted_as_one
 
 PROVED = 3.0
 """Log evidence that an effect must add on held-out runs where the model was fitted: its errors may look like one."""
@@ -34,15 +36,15 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
 
     Args:
         question: What is asked.
-        progress: Is told which candidate is under test.
+        progress: Is told what is under way.
 
     Returns:
         The answer.
     """
     began = time.perf_counter()
     progress("tracks and noise")
-    tried = search(whitened_data_set(question.dynamics, question.fitted), question.effects, progress, question.workers)
-    tried = settled(tried)
+    data_set = whitened_data_set(question.dynamics, question.case.fitted)
+    tried = settled(search(data_set, question.effects, progress, question.workers))
     verdict = decide(tried)
     progress("proof")
     chosen, proofs, checks = _proved(question, tried, verdict.claims)
@@ -55,7 +57,7 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
     found = _shaded(found, [c for c in causes if c.name in chosen.names])
     model = ["unknown" if name == Formula.name else name for name in chosen.names if name != Remainder.name]
     return Diagnosis(
-        case=question.name,
+        case=question.case.name,
         ship=question.dynamics.particulars.name,
         verdict="mismatch" if mismatch else "none",
         sentence=summary_sentence(causes, model, proofs, mismatch, left_open(tried, verdict)),
@@ -70,8 +72,8 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
         proofs=proofs,
         noise=_noise(data_set),
         next_steps=next_steps(tried, verdict, chosen, mismatch),
-        undecided=list(question.undecided),
-        tracks={r.name: r.stacked("x", "y") for r in question.fitted},
+        undecided=list(question.case.undecided),
+        tracks={r.name: r.stacked("x", "y") for r in question.case.fitted},
         network=_network(chosen),
         settings=question.settings,
         seconds=time.perf_counter() - began,
@@ -87,13 +89,14 @@ def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypo
     data_set, none = tried.likelihood.data_set, tried.none
     least = PROVED if is_fitted(data_set.dynamics) else 0.0
     checks: list[Check] = []
-    proofs = prove(question, data_set, none, none)
-    before = cost(proofs, question.dynamics, "before")
+    proofs = prove(question, data_set, none, none.hypothesis)
+    before = _cost(question, [p.rmse_before for p in proofs])
     for claim in claims:
         # Strong gusts explain what a fit without them would lay on the mean wind.
         there, j = (data_set, claim) if _turns(claim.hypothesis) else at_rest(data_set, claim)
-        made = prove(question, there, none, j, proofs)
-        after, gain = cost(made, question.dynamics, "after"), foreseen(question, j)
+        elsewhere = placed(question, j)
+        made = prove(question, there, j, elsewhere, proofs)
+        after, gain = _cost(question, [p.rmse_after for p in made]), foreseen(question, j, elsewhere)
         helped = not made or (gain > least and after < MAX_ERROR_GROWTH * before)
         text = (
             f"with {labels(j)} the error of free runs goes from {before:.2f} to {after:.2f} ({_unit(question)}), "
@@ -120,12 +123,17 @@ def _with_network(question: Question, tried: SearchResult, proved: Proved, progr
     chosen, proofs, checks = proved
     there = refined(tried.likelihood.data_set, chosen) if chosen.names else tried.likelihood.data_set
     more = with_remainder(MarginalLikelihood(there), chosen, progress)
-    made = prove(question, there, tried.none, more, proofs)
-    now, then = (cost(p, question.dynamics, "after") for p in (proofs, made))
-    helped = bool(made) and then < now and foreseen(question, more) > foreseen(question, chosen)
+    with_it, without = placed(question, more), placed(question, chosen)
+    made = prove(question, there, more, with_it, proofs)
+    now, then = (_cost(question, [p.rmse_after for p in some]) for some in (proofs, made))
+    helped = bool(made) and then < now and foreseen(question, more, with_it) > foreseen(question, chosen, without)
     text = f"with a network on top the error of free runs goes from {now:.2f} to {then:.2f} ({_unit(question)})"
     checks = [*checks, Check("remainder", helped, text if made else "no held-out run: a network is not trusted")]
     return (more, made, checks) if helped else (chosen, proofs, checks)
+
+
+def _cost(question: Question, errors: Sequence[Mapping[str, float]]) -> float:
+    return cost(errors, question.dynamics.particulars)
 
 
 def _unit(question: Question) -> str:

@@ -7,8 +7,9 @@ import torch
 from jaxtyping import Float
 
 from manoeuvre_nn.core.channels import MEASURED
+from manoeuvre_nn.diagnosis.checks import nuisance_spread
 from manoeuvre_nn.effect.formula import Formula, is_ordinary, library
-from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, LATENCY_SD, PreparedRun, WhitenedDataSet, quiet
+from manoeuvre_nn.estimation.data_set import PreparedRun, WhitenedDataSet, quiet
 from manoeuvre_nn.estimation.effect_columns import moved_by
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.linear_run import Columns
@@ -28,10 +29,6 @@ def short_formula(likelihood: MarginalLikelihood, none: FittedHypothesis) -> Fit
 
     A library of 140 shapes is rolled out through all runs once; what any further term would add to the evidence follows
     from the inner products, coefficients, initial states, latency and coloured force integrated out.
-
-    Args:
-        likelihood: The runs.
-        none: Calm water, for the noise levels.
 
     Returns:
         The formula, its evidence less what the choice of its terms costs; None if no term is worth that.
@@ -80,8 +77,7 @@ def _chosen(
 ) -> list[tuple[int, float]]:
     """Numbers of the terms and the prior spread of their weights, greedily by evidence."""
     n = data_set.size
-    coefficients = np.full(len(data_set.coefficients), COEFFICIENT_SD_LEVELS[scatter] ** -2.0)
-    precision = np.r_[coefficients, np.full(len(data_set.runs), LATENCY_SD**-2)]
+    precision = nuisance_spread(data_set, scatter, len(data_set.runs)) ** -2.0
     chosen: list[tuple[int, float]] = []
     while len(chosen) < MAX_TERMS:
         at = np.r_[1:n, n + np.array([k for k, _ in chosen], dtype=int)]

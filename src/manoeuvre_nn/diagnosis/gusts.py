@@ -51,16 +51,7 @@ ROUNDS = 3
 
 
 def fitted_gusts(likelihood: MarginalLikelihood, steady: FittedHypothesis, gusty: Effect) -> FittedHypothesis:
-    """Fit a hypothesis with its steady wind replaced by a gusty one.
-
-    Args:
-        likelihood: The runs.
-        steady: A hypothesis with a steady wind.
-        gusty: Prototype of the gusty wind.
-
-    Returns:
-        It at the most likely size of gusts.
-    """
+    """Fit a hypothesis with its steady wind replaced by a gusty one, at the most likely size of gusts."""
     ship = likelihood.data_set.dynamics.particulars
     wind, kinds = steady.names.index(gusty.variant_of), AT_SEA + ON_PONDS if ship.is_model else AT_SEA
     levels = [int(g) for g in np.flatnonzero(likelihood.data_set.levels.max(axis=1) < MAX_PROCESS_BESIDE_GUSTS)]
@@ -84,16 +75,7 @@ def _around(level: int) -> list[int]:
 
 
 def gusty_evidence(likelihood: MarginalLikelihood, hypothesis: Hypothesis, level: int) -> float:
-    """Log evidence of a hypothesis with a gusty wind at its values, at one force level and the best scatter.
-
-    Args:
-        likelihood: The runs.
-        hypothesis: It, at its values; the gusts' course is integrated out.
-        level: Force level.
-
-    Returns:
-        Log evidence.
-    """
+    """Log evidence of a hypothesis with a gusty wind, its course integrated out, at its values and a force level."""
     wind = next(k for k, e in enumerate(hypothesis.effects) if e.random)
     declared = [p.name for p in hypothesis.effects[wind].declared]
     kind = _Gusts(

@@ -72,14 +72,7 @@ def _loose(data_set: WhitenedDataSet, prepared: PreparedRun, size: float) -> Int
 
 
 def units(data_set: WhitenedDataSet) -> tuple[str, str, str]:
-    """Units that missing forces are shown in.
-
-    Args:
-        data_set: The fitted runs.
-
-    Returns:
-        Of X, Y and N: kN and MN m for ships, N and N m for models.
-    """
+    """Units that missing X, Y and N are shown in: kN and MN m for ships, N and N m for models."""
     force, moment = OF_MODELS if data_set.dynamics.particulars.is_model else OF_SHIPS
     return force, force, moment
 
@@ -135,14 +128,7 @@ def changes(
 
 
 def sites(tried: SearchResult) -> dict[str, float]:
-    """Where anything at all would help.
-
-    Args:
-        tried: The result.
-
-    Returns:
-        Site -> log Bayes factor over calm water of a coloured force in some equations, or of the best effect there.
-    """
+    """Site -> log Bayes factor over calm water of a coloured force in some equations, or of the best effect there."""
     side = len(PROCESS_LEVELS)
     at = [tried.likelihood.evidence_at(Hypothesis((), ()), g) for g in (0, side * (side - 2), side - 2)]
     found = {"surge": at[1] - at[0], "sway and yaw": at[2] - at[0]}
@@ -154,15 +140,7 @@ def sites(tried: SearchResult) -> dict[str, float]:
 
 
 def statements(data_set: WhitenedDataSet, found: Sequence[Residual]) -> list[str]:
-    """Equation, frame, parity and region of the missing force.
-
-    Args:
-        data_set: The fitted runs.
-        found: The missing force.
-
-    Returns:
-        Sentences.
-    """
+    """Equation, frame, parity and region of the missing force in sentences."""
     force, error = (np.concatenate([getattr(r, k) for r in found]) for k in ("force", "error"))
     ratio = np.sqrt(np.mean((force / np.maximum(error, 1e-12)) ** 2, axis=0))
     said = []

@@ -31,10 +31,7 @@ SIGNED = frozenset({"lateral_centroid_fwd_of_midship_m"})
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
-    """Read ``manifest.json`` and check all of it that is used.
-
-    Args:
-        folder: Folder of the case.
+    """Read the ``manifest.json`` of a folder and check all of it that is used.
 
     Returns:
         Its content.
@@ -61,9 +58,6 @@ def read_manifest(folder: Path) -> dict[str, Any]:
 
 def numbers(m: Mapping[str, Any]) -> dict[str, float]:
     """All numbers of a manifest that are used.
-
-    Args:
-        m: The manifest.
 
     Returns:
         Name -> value; those that are not given are left out.
@@ -110,12 +104,8 @@ def _check_runs(m: Mapping[str, Any], folder: Path) -> None:
 def adapted(ship: Ship, manifest: Mapping[str, Any]) -> Ship:
     """A ship at the approach speed, with the areas, stability and engine of a manifest.
 
-    Args:
-        ship: The ship.
-        manifest: What the manifest says; what it does not say stays the ship's own.
-
     Returns:
-        A new ship.
+        A new ship; what the manifest does not say stays the ship's own.
 
     Raises:
         InputError: If the manifest is of a ship of another size or speed.

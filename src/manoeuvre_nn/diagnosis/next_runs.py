@@ -9,11 +9,13 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.core.effect import Effect, Parameter, Situation
 from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.diagnosis.case import seen_channels
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.rollout import rollout
 from manoeuvre_nn.dynamics.vessel import Vessel
@@ -62,15 +64,8 @@ class Plan:
 
 
 def same_runs(data_set: WhitenedDataSet) -> Iterator[Plan]:
-    """Every recorded run once more, with one of the channels that no run has.
-
-    Args:
-        data_set: The recordings.
-
-    Yields:
-        Plans.
-    """
-    present = np.any([np.isfinite(measured(p.linearised.run)).any(axis=0) for p in data_set.runs], axis=0)
+    """Every recorded run once more, with one of the channels that no run has."""
+    present = np.isin(MEASURED, [*seen_channels([p.linearised.run for p in data_set.runs])])
     for words, channels in CHANNELS.items():
         if present[list(channels)].any():
             continue
@@ -95,9 +90,7 @@ def _manoeuvres(limit: float) -> dict[str, Manoeuvre]:
 def new_runs(data_set: WhitenedDataSet, hypothesis: Hypothesis) -> Iterator[Plan]:
     """Every manoeuvre on every heading, and at half speed, sailed with what was found, unless it breaks down.
 
-    Args:
-        data_set: The recordings: their channels and noise, and the heading of the first.
-        hypothesis: What acts.
+    They have channels and noise of the recordings, and begin on the heading of the first.
 
     Yields:
         Plans.
@@ -121,7 +114,7 @@ def new_runs(data_set: WhitenedDataSet, hypothesis: Hypothesis) -> Iterator[Plan
         n = int(np.sum(times < end - 1e-9))
         if n < 0.5 * len(times):
             continue
-        delta, order = (x[:n, row].numpy() for x in (runs.rudders, runs.orders))
+        delta, order = (x[:n, row].numpy() for x in (runs.shown, runs.orders))
         lead = order_lead(delta, order, interval, ship.rudder_rate)
         track = runs.states[:n, row, :6].numpy()
         inputs = {"delta": delta, "delta_order": order, "order_lead": lead, "shaft": np.full(n, share)}
@@ -132,7 +125,7 @@ def new_runs(data_set: WhitenedDataSet, hypothesis: Hypothesis) -> Iterator[Plan
 
 def _seen(data_set: WhitenedDataSet, run: Recording, track: Float[np.ndarray, "n 6"], thinned: float) -> PreparedRun:
     """A simulated run with the channels and the noise of the recorded ones, thinned out to some share of samples."""
-    present = np.any([np.isfinite(measured(p.linearised.run)).any(axis=0) for p in data_set.runs], axis=0)
+    present = np.isin(MEASURED, [*seen_channels([p.linearised.run for p in data_set.runs])])
     noise = np.sqrt(thinned * np.mean([p.noise**2 for p in data_set.runs], axis=0))
     run = with_measured(run, np.where(present, measured(run), np.nan))
     some = data_set.runs[0]
@@ -155,14 +148,6 @@ class _Telegraph(Effect):
     declared = (Parameter("share", "-", 0.1, 1.0, 1.0, 0.1, (1.0,)),)
 
     def shaft(self, s: Situation, memory: Float[Tensor, "*batch m"]) -> Float[Tensor, "*batch"]:
-        """Its share at any time.
-
-        Args:
-            s: The situation.
-            memory: Not used.
-
-        Returns:
-            Ratio [-].
-        """
+        """Its share at any time [-]."""
         del memory
         return self.value("share").expand(s.delta.shape)

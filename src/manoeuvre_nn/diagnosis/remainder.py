@@ -15,15 +15,7 @@ ROUNDS = 12
 
 
 def is_left(likelihood: MarginalLikelihood, fitted: FittedHypothesis) -> bool:
-    """Whether physics alone does not reach the noise floor.
-
-    Args:
-        likelihood: Where it was fitted.
-        fitted: What was found.
-
-    Returns:
-        Whether the runs still ask for a coloured force of more than ``FLOOR``.
-    """
+    """Whether physics alone does not reach the noise floor: runs still ask for a coloured force above ``FLOOR``."""
     return bool(likelihood.data_set.levels[fitted.best[0]].max() > FLOOR)
 
 
@@ -35,11 +27,6 @@ def with_remainder(
     Its weights are fitted as the parameters of any effect are, by Gauss-Newton steps on the likelihood of the raw
     recordings with initial states, noise, coefficients and a coloured force integrated out: what a step of the weights
     does is rolled out through the whole run. Pointwise targets would carry the noise of differenced channels.
-
-    Args:
-        likelihood: The runs.
-        fitted: What was found so far; calm water if nothing was.
-        progress: Is told that it runs.
 
     Returns:
         The hypothesis with the network on top.

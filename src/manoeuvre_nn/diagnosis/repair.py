@@ -1,13 +1,14 @@
 """The repaired model: calm water and what was found, free to run with a recorded rudder."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import torch
 from jaxtyping import Float
 
+from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.recording import Recording
@@ -26,77 +27,52 @@ from manoeuvre_nn.recording.outliers import spikes
 from manoeuvre_nn.recording.preparation import measured
 
 
-@dataclass(frozen=True)
-class Repaired:
-    """A model that can be run.
-
-    Attributes:
-        calm: Calm-water model.
-        hypothesis: What acts on it; values of row 0 are those of any run, but for times of its own.
-        latency: Delay of the satellite receiver [s].
-    """
-
-    calm: Model
-    hypothesis: Hypothesis
-    latency: float = 0.0
-
-    def acting(self, values: Sequence[Float[np.ndarray, "rows p"]]) -> list[Effect]:
-        """The effects at values of several rows.
-
-        Args:
-            values: One table an effect.
-
-        Returns:
-            Effects.
-        """
-        return [e.at(torch.tensor(v)) for e, v in zip(self.hypothesis.effects, values, strict=True)]
-
-
 def predict(
-    model: Repaired,
-    runs: Sequence[Recording],
-    warmup: float,
-    values: Sequence[Float[np.ndarray, "rows p"]] | None = None,
+    dynamics: Model, hypothesis: Hypothesis, runs: Sequence[Recording], warmup: float, latency: float = 0.0
 ) -> list[pd.DataFrame]:
     """Free runs from the end of each run's warm-up with its recorded rudder, as its recorder would show them.
 
     Args:
-        model: The model.
+        dynamics: Calm-water model.
+        hypothesis: What acts on it, values of each run.
         runs: The recordings of a case, with one step; nothing but the rudder is taken from them after the warm-up.
         warmup: End of the warm-up [s].
-        values: Parameters of each run; None takes those of the model.
+        latency: Delay of the satellite receiver [s].
 
     Returns:
         Per run: t, x, y [m], psi [deg, continuous], u, v [m/s] along and across the recorded heading, r [deg/s], u_log.
     """
-    if values is None:
-        values = [np.repeat(v[:1], len(runs), axis=0) for v in model.hypothesis.values]
     # Of gusts only the size is known: the prediction is the mean over their courses, which is the steady wind.
-    values = [e.steady(v) for e, v in zip(model.hypothesis.effects, values, strict=True)]
+    steady = tuple(e.steady(v) for e, v in zip(hypothesis.effects, hypothesis.values, strict=True))
+    hypothesis = replace(hypothesis, values=steady)
+    each = [hypothesis.of_runs([row]) for row in range(len(runs))]
     k = int(np.searchsorted(runs[0].time, warmup - 1e-9))
     begin, step = float(runs[0].time[k]), runs[0].step
-    starts = [start_state(model, run.between(0.0, begin), [v[row] for v in values]) for row, run in enumerate(runs)]
-    wheels = [_wheel(model, run, [v[[row]] for v in values]) for row, run in enumerate(runs)]
-    columns = {"delta": [wheel[k:] for wheel in wheels]}
+    starts = [start_state(dynamics, h, run.between(0.0, begin), latency) for h, run in zip(each, runs, strict=True)]
+    columns = {"delta": [_wheel(h, run)[k:] for h, run in zip(each, runs, strict=True)]}
     if any((run["shaft"] != 1).any() for run in runs):
         columns["shaft"] = [run["shaft"][k:] for run in runs]
     table = held_table(columns, step, begin)
-    blade = table.columns["delta"]
-    dynamics = Vessel(model.calm, model.acting(values)).model
-    first = torch.tensor(np.stack(starts))
+    moving = Vessel(dynamics, _acting(hypothesis)).model
     with torch.no_grad():
-        states = integrate(dynamics, dynamics.start(first, table.at(begin)), table)
-    return [
-        _written(model, run, k, states[: len(run) - k, row], blade[row, : len(run) - k], [v[[row]] for v in values])
-        for row, run in enumerate(runs)
-    ]
+        states = integrate(moving, moving.start(torch.tensor(np.stack(starts)), table.at(begin)), table)
+    shown = []
+    for row, (h, run) in enumerate(zip(each, runs, strict=True)):
+        seen, n = run.between(begin, run.time[-1]), len(run) - k
+        shown.append(_written(dynamics, h, seen, states[:n, row], table.columns["delta"][row, :n], latency))
+    return shown
 
 
-def _wheel(model: Repaired, run: Recording, values: Sequence[Float[np.ndarray, "1 p"]]) -> Float[np.ndarray, " n"]:
+def _acting(hypothesis: Hypothesis) -> list[Effect]:
+    """The effects at their values."""
+    return [e.at(torch.tensor(v)) for e, v in zip(hypothesis.effects, hypothesis.values, strict=True)]
+
+
+def _wheel(hypothesis: Hypothesis, run: Recording) -> Float[np.ndarray, " n"]:
     """Angle of the blade over the whole run, so that its memory is right when the prediction begins."""
     blade = torch.tensor(run["delta"])[None]
     with torch.no_grad():
-        for effect, value in zip(model.hypothesis.effects, values, strict=True):
+        for effect, value in zip(hypothesis.effects, hypothesis.values, strict=True):
             acting = effect.at(torch.tensor(value)[:, None, :])
             blade = acting.indicated(blade, torch.tensor(run.time))
             if type(effect).blade is not Effect.blade:
@@ -104,28 +80,31 @@ def _wheel(model: Repaired, run: Recording, values: Sequence[Float[np.ndarray, "
     return blade[0].numpy()
 
 
-def start_state(model: Repaired, run: Recording, values: Sequence[Float[np.ndarray, " p"]]) -> Float[np.ndarray, " 6"]:
+def start_state(
+    dynamics: Model, hypothesis: Hypothesis, run: Recording, latency: float = 0.0
+) -> Float[np.ndarray, " 6"]:
     """State at the end of the warm-up: the smoother's, with the model and its effects.
 
     Args:
-        model: The model.
+        dynamics: Calm-water model.
+        hypothesis: What acts on it, values of this run.
         run: The run up to there.
-        values: Parameters of this run.
+        latency: Delay of the satellite receiver [s].
 
     Returns:
         u, v, r, x, y, psi; u and v through the water.
     """
-    rate, p = calm_rate(model.calm), model.calm.particulars
+    rate, p = calm_rate(dynamics), dynamics.particulars
     unit = p.speed**2 / p.length * np.array([1.0, 1.0, 1.0 / p.length])
-    noise, spread = NoiseLevels(FIRST_NOISE, 1e-3 * unit, process_time(model.calm)), start_spread(p)
+    noise, spread = NoiseLevels(FIRST_NOISE, 1e-3 * unit, process_time(dynamics)), start_spread(p)
     track = first_guess(run)
     for _ in range(3):
         linearised = linearise(run, rate, track, noise.process_time)
         s = situation(linearised, rate)
         late = latency_column(linearised)
-        total = Columns(model.latency * late.measured, model.latency * late.moved)
-        for effect, value in zip(model.hypothesis.effects, values, strict=True):
-            c = contribution(effect, value[None], linearised, rate, s)
+        total = Columns(latency * late.measured, latency * late.moved)
+        for effect, value in zip(hypothesis.effects, hypothesis.values, strict=True):
+            c = contribution(effect, value, linearised, rate, s)
             total = Columns(total.measured + c.measured, total.moved + c.moved)
         linearised = linearise(run, rate, track, noise.process_time, offset=total)
         solved = integrated(linearised, noise, spread)
@@ -134,14 +113,14 @@ def start_state(model: Repaired, run: Recording, values: Sequence[Float[np.ndarr
 
 
 def _written(
-    model: Repaired, run: Recording, first: int, states: torch.Tensor, blade: torch.Tensor, values: Sequence[np.ndarray]
+    dynamics: Model, hypothesis: Hypothesis, run: Recording, states: torch.Tensor, blade: torch.Tensor, latency: float
 ) -> pd.DataFrame:
     """What the recorder shows of predicted states."""
-    time = torch.tensor(run.time[first:])
+    time = torch.tensor(run.time)
     with torch.no_grad():
-        effects = model.acting(values)
-        shaft = None if bool((run["shaft"] == 1).all()) else torch.tensor(run["shaft"][first:])
-        s = Affected(model.calm, effects).situation(states, Inputs(blade, shaft, time=time))
+        effects = _acting(hypothesis)
+        shaft = None if bool((run["shaft"] == 1).all()) else torch.tensor(run["shaft"])
+        s = Affected(dynamics, effects).situation(states, Inputs(blade, shaft, time=time))
         stream = sum((e.stream(s) for e in effects), torch.zeros_like(s.nu[..., :2]))
         channels = perfect(s)
         channels["vn"], channels["ve"] = channels["vn"] + stream[..., 0], channels["ve"] + stream[..., 1]
@@ -149,49 +128,21 @@ def _written(
             channels = effect.record(channels, s)
     c = {k: v.expand(len(time)).numpy() for k, v in channels.items()}
     for name in ("x", "y", "vn", "ve"):
-        c[name] = c[name] - model.latency * np.gradient(c[name], run.step)
-    cos, sin = np.cos(c["psi"]), np.sin(c["psi"])
-    return pd.DataFrame(
-        {
-            "t": run.time[first:], "x": c["x"], "y": c["y"], "psi": c["psi"] / DEGREE,
-            "u": c["vn"] * cos + c["ve"] * sin, "v": -c["vn"] * sin + c["ve"] * cos,
-            "r": c["r"] / DEGREE, "u_log": c["u_log"],
-        }
-    )  # fmt: skip
+        c[name] = c[name] - latency * np.gradient(c[name], run.step)
+    return _table(run.time, c)
 
 
 def recorded(run: Recording, warmup: float) -> pd.DataFrame:
-    """A run's recording in the form of a prediction; NaN in gaps and at single-sample outliers.
-
-    Args:
-        run: The run.
-        warmup: End of the warm-up [s].
-
-    Returns:
-        The same columns from the end of the warm-up.
-    """
+    """A run's recording from the end of the warm-up [s] in the form of a prediction; NaN in gaps and at outliers."""
     m = measured(run)
     m = np.where(np.apply_along_axis(spikes, 0, m, min_spread_share=0.0), np.nan, m)
-    x, y, vn, ve, psi, r, log = m[:, :7].T
-    cos, sin = np.cos(psi), np.sin(psi)
-    table = pd.DataFrame(
-        {"t": run.time, "x": x, "y": y, "psi": psi / DEGREE, "u": vn * cos + ve * sin, "v": -vn * sin + ve * cos,
-         "r": r / DEGREE, "u_log": log}
-    )  # fmt: skip
+    table = _table(run.time, dict(zip(MEASURED, m.T, strict=True)))
     return table[run.time >= warmup - 1e-9].reset_index(drop=True)
 
 
-def errors(prediction: pd.DataFrame, record: pd.DataFrame) -> dict[str, float]:
-    """RMS errors of a prediction per channel; pos is the distance.
-
-    Args:
-        prediction: From :func:`predict`.
-        record: From :func:`recorded`.
-
-    Returns:
-        pos [m], psi [deg], u, v [m/s], r [deg/s], u_log [m/s]; NaN for a channel that was not recorded.
-    """
-    off = prediction[["x", "y", "psi", "u", "v", "r", "u_log"]] - record[["x", "y", "psi", "u", "v", "r", "u_log"]]
-    off["psi"] = (off["psi"] + 180) % 360 - 180
-    off["pos"] = np.hypot(off["x"], off["y"])
-    return {c: float(np.sqrt((off[c] ** 2).mean())) for c in ("pos", "psi", "u", "v", "r", "u_log")}
+def _table(time: Float[np.ndarray, " n"], c: Mapping[str, Float[np.ndarray, " n"]]) -> pd.DataFrame:
+    """Channels in degrees, velocities along and across the heading."""
+    cos, sin = np.cos(c["psi"]), np.sin(c["psi"])
+    u, v = c["vn"] * cos + c["ve"] * sin, -c["vn"] * sin + c["ve"] * cos
+    table = {"t": time, "x": c["x"], "y": c["y"], "psi": c["psi"] / DEGREE, "u": u, "v": v, "r": c["r"] / DEGREE}
+    return pd.DataFrame({**table, "u_log": c["u_log"]})

@@ -172,10 +172,7 @@ class Diagnosis:
         return self.verdict == "mismatch" and self.model in ([], ["unknown"])
 
     def rmse(self, when: str) -> dict[str, float]:
-        """Errors of all held-out runs together.
-
-        Args:
-            when: ``before`` or ``after``.
+        """Errors of all held-out runs together, ``before`` or ``after``.
 
         Returns:
             Channel -> root mean square over the runs' RMS errors; runs that did not record it are left out, NaN where

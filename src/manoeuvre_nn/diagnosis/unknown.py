@@ -23,16 +23,7 @@ SENSOR_PER_RUN = 12.0
 
 
 def unknown_evidence(likelihood: MarginalLikelihood, none: FittedHypothesis, formula: FittedHypothesis | None) -> float:
-    """Log evidence of something unknown.
-
-    Args:
-        likelihood: The runs.
-        none: Calm water, for the levels to look at.
-        formula: The best short formula.
-
-    Returns:
-        Log evidence, summed over levels and over what is loose.
-    """
+    """Log evidence of something unknown, summed over levels near those of calm water and over what is loose."""
     data_set = likelihood.data_set
     side = round(np.sqrt(len(data_set.levels)))
     row, column = divmod(none.best[0], side)

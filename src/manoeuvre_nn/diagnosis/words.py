@@ -50,15 +50,7 @@ def summary_sentence(
 
 
 def left_open(tried: SearchResult, verdict: Decision) -> str:
-    """What recordings leave open where nothing is proved and the model was fitted to others.
-
-    Args:
-        tried: The result.
-        verdict: The probabilities.
-
-    Returns:
-        A clause; empty for a model that was not fitted.
-    """
+    """A clause on what is open where nothing is proved and the model was fitted to other recordings; else empty."""
     data_set = tried.likelihood.data_set
     if not is_fitted(data_set.dynamics):
         return ""
@@ -105,27 +97,12 @@ def _and(parts: Sequence[str]) -> str:
 
 
 def labels(fitted: FittedHypothesis) -> str:
-    """What a hypothesis says, in words.
-
-    Args:
-        fitted: It.
-
-    Returns:
-        Such as ``a steady wind and a rudder offset``.
-    """
+    """What a hypothesis says, in words, such as ``a steady wind and a rudder offset``."""
     return _and([e.label for e in fitted.hypothesis.effects]) or "calm water"
 
 
 def runner_up(tried: SearchResult, verdict: Decision) -> list[str]:
-    """What speaks for and against the second best; against the best, if it is not named.
-
-    Args:
-        tried: The result.
-        verdict: The probabilities.
-
-    Returns:
-        One or two sentences; none without a runner-up.
-    """
+    """What speaks for and against the second best, or against the best if it is not named: at most two sentences."""
     best = verdict.best
     if best is None:
         return []
@@ -164,17 +141,7 @@ def _odds(gap: float) -> str:
 
 
 def next_steps(tried: SearchResult, verdict: Decision, chosen: FittedHypothesis, mismatch: bool) -> list[str]:
-    """What to record next, by simulation: see :mod:`~manoeuvre_nn.diagnosis.advise`.
-
-    Args:
-        tried: The result.
-        verdict: The probabilities.
-        chosen: What was found.
-        mismatch: Whether recordings and model differ.
-
-    Returns:
-        Sentences, most useful first.
-    """
+    """What to record next, most useful first, by simulation: see :mod:`~manoeuvre_nn.diagnosis.advise`."""
     duels = _duels(tried, verdict, chosen, mismatch)
     made = advise(tried.likelihood.data_set, duels[0][0], [rival for _, rival, _ in duels]) if duels else []
     said = [

@@ -19,26 +19,39 @@ from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.limits import MAX_PRIME_VELOCITIES, OK, inside_physical_range, left_range
 from manoeuvre_nn.dynamics.vessel import RudderGear, Vessel, as_vessel
 
+ROWS_AT_ONCE = 16
+"""Rows that are turned into recordings at once: enough to share the overhead, few enough to stay in the cache."""
+
 
 @dataclass(frozen=True)
 class Solution:
-    """Runs over the same times.
+    """Runs of a batch over the same times.
 
     Attributes:
         times: Sample times [s].
         states: u, v, r, x, y, psi and the model's own.
         shown: Rudder angle that the indicator shows [rad].
         orders: Rudder order [rad].
-        inputs: Angle of the rudder blade [rad], shaft, wind and time, one row a run.
-        status: ``ok`` or why they were ended.
+        inputs: Angle of the rudder blade [rad], shaft, wind and time.
+        ended: Time at which a row left the physical range [s], from which on it means nothing; ``inf`` if it did not.
     """
 
-    times: Float[np.ndarray, " n"]
-    states: Float[Tensor, "runs n k"]
-    shown: Float[Tensor, "runs n"]
-    orders: Float[Tensor, "runs n"]
+    times: Float[Tensor, " times"]
+    states: Float[Tensor, "times rows n"]
+    shown: Float[Tensor, "times rows"]
+    orders: Float[Tensor, "times rows"]
     inputs: Inputs
-    status: str = OK
+    ended: Float[Tensor, " rows"]
+
+    def row(self, row: int) -> "Solution":
+        """One of the runs."""
+        return self.part(len(self.times), [row])
+
+    def part(self, count: int, rows: list[int]) -> "Solution":
+        """Some of the rows up to a sample."""
+        states, shown, orders = (x[:count, rows] for x in (self.states, self.shown, self.orders))
+        inputs = Inputs(**{name: values[:count, rows] for name, values in self.inputs.given.items()})
+        return Solution(self.times[:count], states, shown, orders, inputs, self.ended[rows])
 
 
 @dataclass(frozen=True)
@@ -123,19 +136,20 @@ def simulate(
     times = sample_times(vessel.model.particulars, manoeuvre, interval)
     options = {"rtol": rtol, "atol": atol, "method": "dopri5"}
     with torch.no_grad():
-        states, rudders, blades, orders = _integrate(vessel, manoeuvre, state, times, options)
-        inside = inside_physical_range(states, vessel.model.particulars).cpu().numpy()
-    end, status = len(times), OK
-    if not inside.all() or len(inside) < len(times):
-        end = max(int(np.argmin(inside)) if not inside.all() else len(inside), 2)
-        status = left_range(float(times[min(end, len(times) - 1)]))
-    inputs = Inputs(blades[None, :end], time=states.new_tensor(times[:end])[None])
-    solution = Solution(times[:end], states[None, :end], rudders[None, :end], orders[None, :end], inputs, status)
+        states, shown, blades, orders = _integrate(vessel, manoeuvre, state, times, options)
+    outside = np.flatnonzero(~inside_physical_range(states, vessel.model.particulars).cpu().numpy())
+    count = int(outside[0]) if len(outside) else len(states)
+    ended = states.new_tensor([times[count] if count < len(times) else inf])
+    clock = torch.as_tensor(times)
+    inputs = Inputs(blades[:, None], time=clock[: len(blades), None].to(blades))
+    solution = Solution(clock, states[:, None], shown[:, None], orders[:, None], inputs, ended)
     (made,) = to_recordings(vessel, [manoeuvre], solution)
     return made
 
 
-def to_recordings(ship: Model | Vessel, manoeuvres: Sequence[Manoeuvre], solution: Solution) -> list[Recording]:
+def to_recordings(
+    ship: Model | Vessel, manoeuvres: Sequence[Manoeuvre], solution: Solution, ends: Sequence[float] | None = None
+) -> list[Recording]:
     """Put a solution into recordings, accelerations evaluated from the equations.
 
     With effects, u and v stay those through the water; x, y, psi, r and delta are as sensors write them, and vn, ve
@@ -143,27 +157,42 @@ def to_recordings(ship: Model | Vessel, manoeuvres: Sequence[Manoeuvre], solutio
 
     Args:
         ship: The model or vessel that moved.
-        manoeuvres: What was ordered, one a run.
+        manoeuvres: What was ordered, one a row.
         solution: The runs.
+        ends: When each run is over [s]; None lets all go on to the last time.
 
     Returns:
-        One recording a run.
+        One recording a row, cut where it left the physical range, which its status says.
     """
-    vessel, states = as_vessel(ship), solution.states
+    vessel, times = as_vessel(ship), solution.times.double().cpu().numpy()
+    alike: dict[tuple[int, str], list[int]] = {}
+    for row, ended in enumerate(solution.ended.tolist()):
+        end = times[-1] if ends is None else ends[row]
+        count = max(int(np.searchsorted(times, min(end + 1e-9, ended - 1e-9))), 2)
+        alike.setdefault((count, OK if ended > end + 1e-9 else left_range(ended)), []).append(row)
+    made: dict[int, Recording] = {}
+    for (count, status), rows in alike.items():
+        for some in range(0, len(rows), ROWS_AT_ONCE):
+            part = rows[some : some + ROWS_AT_ONCE]
+            channels = _channels(vessel, solution.part(count, part))
+            for k, row in enumerate(part):
+                own, m = {name: values[k] for name, values in channels.items()}, manoeuvres[row]
+                meta = {"ship": vessel.model.particulars.name, "time_unit": vessel.model.particulars.time_unit}
+                made[row] = Recording(m.name, times[:count], own, status, {**meta, "kind": m.kind, "manoeuvre": m})
+    return [made[row] for row in range(len(manoeuvres))]
+
+
+def _channels(vessel: Vessel, solution: Solution) -> dict[str, np.ndarray]:
+    """What is written down of runs, a row each."""
+    states, shown, orders = (x.transpose(0, 1) for x in (solution.states, solution.shown, solution.orders))
+    inputs = Inputs(**{name: values.transpose(0, 1) for name, values in solution.inputs.given.items()})
     made = {name: states[..., k] for k, name in enumerate(("u", "v", "r", "x", "y", "psi"))}
     with torch.no_grad():
-        rates = vessel.model(states, solution.inputs)
-        made |= {"delta": solution.shown, "delta_order": solution.orders}
+        rates = vessel.model(states, inputs)
+        made |= {"delta": shown, "delta_order": orders}
         made |= dict(zip(ACCELERATION, rates[..., :3].unbind(-1), strict=True))
-        made |= vessel.record(states, rates, solution.shown, solution.inputs)
-    channels = {name: values.double().cpu().contiguous().numpy() for name, values in made.items()}
-    particulars, recordings = vessel.model.particulars, []
-    meta = {"ship": particulars.name, "time_unit": particulars.time_unit}
-    for row, manoeuvre in enumerate(manoeuvres):
-        own = {name: values[row] for name, values in channels.items()}
-        told = {**meta, "kind": manoeuvre.kind, "manoeuvre": manoeuvre}
-        recordings.append(Recording(manoeuvre.name, solution.times, own, solution.status, told))
-    return recordings
+        made |= vessel.record(states, rates, shown, inputs)
+    return {name: values.double().cpu().contiguous().numpy() for name, values in made.items()}
 
 
 def _integrate(

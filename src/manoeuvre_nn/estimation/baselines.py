@@ -23,7 +23,7 @@ MIN_SINGULAR_RATIO = 1e-10
 
 
 @dataclass(frozen=True)
-class Baseline:
+class _Baseline:
     """A model without a network.
 
     Attributes:
@@ -127,7 +127,7 @@ def own_part(ship: Ship | Particulars) -> FittedProducts:
     return FittedProducts(ship, ship.inertia, ship.prime.mass, torch.zeros_like(ship.table))
 
 
-def fit_baselines(ship: Ship | Particulars, known: Ship, tuples: Tuples) -> tuple[list[Baseline], list[str]]:
+def fit_baselines(ship: Ship | Particulars, known: Ship, tuples: Tuples) -> tuple[list[_Baseline], list[str]]:
     """The models that stand beside a network, from the least knowledge to the most.
 
     Args:
@@ -139,7 +139,7 @@ def fit_baselines(ship: Ship | Particulars, known: Ship, tuples: Tuples) -> tupl
         ``linear`` (Clarke, Gedling & Hine 1982 as in Wang 1996, eqs 4.7-4.16), ``taylor`` and, for a ship whose forces
         are a series of known products, ``true terms``; and why one of them is missing.
     """
-    linear = Baseline(
+    linear = _Baseline(
         "linear", CalmWater(clarke_part(ship)), 0, "Clarke's estimate from the particulars; nothing learnt"
     )
     baselines, missing = [linear], []
@@ -154,7 +154,7 @@ def fit_baselines(ship: Ship | Particulars, known: Ship, tuples: Tuples) -> tupl
     return baselines, missing
 
 
-def taylor_baseline(known: Ship, tuples: Tuples) -> Baseline:
+def taylor_baseline(known: Ship, tuples: Tuples) -> _Baseline:
     """A third-order Taylor series about the approach in place of the network, fitted by truncated least squares.
 
     As many directions of the coefficients are kept as predict stretches of time best that they were not fitted to.
@@ -182,10 +182,10 @@ def taylor_baseline(known: Ship, tuples: Tuples) -> Baseline:
     scaling = Scaling(*(torch.tensor(x, dtype=dtype) for x in ([speed, 0, 0, 0], [speed] * 3 + [1], [1.0] * 3)))
     series = TaylorForce(coefficients, dtype=dtype)
     note = f"known part + Taylor series of third order, rank {', '.join(map(str, ranks))} of X, Y, N"
-    return Baseline("taylor", IdentifiedShip(known, series, scaling), sum(ranks), note)
+    return _Baseline("taylor", IdentifiedShip(known, series, scaling), sum(ranks), note)
 
 
-def true_terms_baseline(ship: Ship, known: Ship, tuples: Tuples) -> Baseline:
+def true_terms_baseline(ship: Ship, known: Ship, tuples: Tuples) -> _Baseline:
     """Least squares of the coefficients that the ship's own products have.
 
     Where the known inertia differs from the ship's, forces of sway and yaw mix, and so do their terms.
@@ -200,7 +200,7 @@ def true_terms_baseline(ship: Ship, known: Ship, tuples: Tuples) -> Baseline:
     """
     fitted, count = _with_true_terms(ship, known, tuples)
     note = f"the ship's own {count} terms, coefficients by least squares"
-    return Baseline("true terms", CalmWater(fitted), count, note)
+    return _Baseline("true terms", CalmWater(fitted), count, note)
 
 
 def _with_true_terms(ship: Ship, known: Ship, tuples: Tuples) -> tuple[FittedProducts, int]:
@@ -210,7 +210,7 @@ def _with_true_terms(ship: Ship, known: Ship, tuples: Tuples) -> tuple[FittedPro
     with torch.no_grad():
         nu, delta = tuples.inputs[:, :3] * known.velocity_units, tuples.inputs[:, 3]
         whole = tuples.targets + known.force(nu, delta)
-        nudot = known.acceleration_from_force(nu, whole)
+        nudot = known.acceleration_from_force(whole)
         targets = ((nudot / ship.acceleration_units) @ known.inertia.T).double().numpy()
         products = ship.products(nu, delta).double().numpy()
     pattern = _pattern(ship, known)

@@ -177,8 +177,11 @@ def _with_noise(problem: EstimationProblem, new: Estimate, runs: Sequence[Colloc
         shown = new.states[k][:, :MOTION] + run.marks @ new.values[problem.own(k)]
         variance = new.state_covariance[k][:, range(MOTION), range(MOTION)]
         square.append((shown - problem.measured[k]) ** 2 + variance)
-    noise, weights = measured_noise(square, problem.present, new.noise, new.floor, "student")
-    new = replace(new, noise=noise, sample_weights=tuple(weights))
+    noise, weights = measured_noise(
+        np.concatenate(square), np.concatenate(problem.present), new.noise, new.floor, "student"
+    )
+    by_run = np.split(weights, np.cumsum([len(s) for s in square])[:-1])
+    new = replace(new, noise=noise, sample_weights=tuple(by_run))
     return _with_process(problem, new, runs) if problem.learn_process else new
 
 

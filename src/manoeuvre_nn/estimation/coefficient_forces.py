@@ -1,7 +1,6 @@
 """Accelerations that are linear in coefficients, as the closed-loop fit sees them."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 import torch
@@ -21,26 +20,11 @@ Inputs = Mapping[str, Float[np.ndarray, " n"]]
 """Rudder angle ``delta`` [rad], ``n`` over the nominal shaft speed, ``wind_north`` and ``wind_east`` over U0."""
 
 
-@runtime_checkable
-class CoefficientForces(Protocol):
-    """Accelerations that are linear in coefficients, in units of L and the approach speed."""
+class CoefficientForces:
+    """Accelerations that are linear in coefficients, in units of L and the approach speed.
 
-    count: int
-
-    def columns(self, state: State, inputs: Inputs) -> Float[np.ndarray, "n 3 p"]:
-        """What the coefficients are multiplied by.
-
-        Args:
-            state: States of samples.
-            inputs: What is known there.
-
-        Returns:
-            Columns: accelerations of surge, sway and yaw for a coefficient of 1.
-        """
-
-
-class ProductForces:
-    """Products of motion and inputs, each in one equation: ``nudot = sum_c theta_c product_c(state, inputs) push_c``.
+    Each coefficient has a product of motion and inputs in one equation:
+    ``nudot = sum_c theta_c product_c(state, inputs) push_c``.
 
     Attributes:
         names: Output (0 X, 1 Y, 2 N) and product of each coefficient.
@@ -67,13 +51,21 @@ class ProductForces:
         self._push = push[[output for output, _ in names]].T
 
     def columns(self, state: State, inputs: Inputs) -> Float[np.ndarray, "n 3 p"]:
-        """See :meth:`CoefficientForces.columns`."""
+        """What the coefficients are multiplied by.
+
+        Args:
+            state: States of samples.
+            inputs: What is known there.
+
+        Returns:
+            Columns: accelerations of surge, sway and yaw for a coefficient of 1.
+        """
         with torch.no_grad():
             products = self._products(state, inputs).double().numpy()
         return products[:, None, self._product] * self._push
 
 
-def series_forces(model: IdentifiedShip) -> ProductForces:
+def series_forces(model: IdentifiedShip) -> CoefficientForces:
     """Accelerations of a series of products.
 
     Args:
@@ -91,7 +83,7 @@ def series_forces(model: IdentifiedShip) -> ProductForces:
     with torch.no_grad():
         if known.force(nudge, nudge[:, 0] * 0 + 0.1).abs().max() > 0:
             raise InputError("fit=closed_loop estimates all forces: write linear=clarke_inertia (or none)")
-        push = known.acceleration_from_force(nudge.expand(3, 3), torch.diag(model.scaling.output_scale))
+        push = known.acceleration_from_force(torch.diag(model.scaling.output_scale))
 
     def products(state: State, inputs: Inputs) -> Float[Tensor, "n k"]:
         ahead, aside = earth_to_body(inputs["wind_north"], inputs["wind_east"], state[:, 5])
@@ -100,12 +92,12 @@ def series_forces(model: IdentifiedShip) -> ProductForces:
         return network.products(torch.as_tensor(x))
 
     product = network.used.nonzero()[:, 1].numpy()
-    return ProductForces(
+    return CoefficientForces(
         network.names, products, product, push.double().numpy() / _acceleration_units(known.particulars)
     )
 
 
-def own_forces(ship: Ship) -> ProductForces:
+def own_forces(ship: Ship) -> CoefficientForces:
     """Accelerations of a ship's own products.
 
     Of the tanker family the coefficients are those of its table in the BIS system (Yuv, Yccd, ...), the thrust's among
@@ -126,7 +118,7 @@ def own_forces(ship: Ship) -> ProductForces:
     outputs, product = ship.table.T.nonzero().numpy().T
     p, tanker = ship.particulars, isinstance(ship, TankerShip)
     written = ship.terms if tanker else [" ".join(t).replace("u", "a") or "1" for t in ship.terms]
-    push = ship.acceleration_from_force(ship.velocity_units.expand(3, 3), torch.eye(3).to(ship.inertia))
+    push = ship.acceleration_from_force(torch.eye(3).to(ship.inertia))
     scale = torch.tensor([p.speed, p.speed, p.speed / p.length], dtype=torch.float64)
 
     def products(state: State, inputs: Inputs) -> Float[Tensor, "n k"]:
@@ -136,7 +128,7 @@ def own_forces(ship: Ship) -> ProductForces:
         return ship.products(nu, delta)
 
     names = [(int(o), written[k]) for o, k in zip(outputs, product, strict=True)]
-    return ProductForces(names, products, product, push.double().numpy() / _acceleration_units(p) / own_unit(ship))
+    return CoefficientForces(names, products, product, push.double().numpy() / _acceleration_units(p) / own_unit(ship))
 
 
 def own_unit(ship: Ship) -> float:

@@ -1,6 +1,6 @@
 """Hypotheses about what was left out: effects with values, and what the recordings say of them."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import pi, sqrt
 
@@ -58,6 +58,10 @@ class Hypothesis:
         for f, value in zip(self.unknowns(), vector, strict=True):
             values[f.effect][slice(None) if f.run is None else f.run, f.column] = value
         return replace(self, values=tuple(values))
+
+    def of_runs(self, rows: Sequence[int]) -> "Hypothesis":
+        """The hypothesis about other runs, each with the values of one of these."""
+        return replace(self, values=tuple(v[list(rows)] for v in self.values))
 
     def joined(self, other: "Hypothesis") -> "Hypothesis":
         """Both sets of effects together.

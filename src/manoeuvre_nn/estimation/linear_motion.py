@@ -171,9 +171,8 @@ def steady_turn(
         state = _held(state + step / 2 * (first + second))
     lost = (np.abs(state[:, :3]) >= 2.0).any(axis=1) | (state[:, 0] <= 0.02) | (np.abs(second[:, 2]) > 0.01)
     share = float(lost.mean())
-    return np.where(
-        lost, np.nan, state[:, 2]
-    ), f"{100 * share:.0f} % of the draws find no steady turn" if share > 0 else ""
+    words = f"{100 * share:.0f} % of the draws find no steady turn" if share > 0 else ""
+    return np.where(lost, np.nan, state[:, 2]), words
 
 
 def _held(state: Float[np.ndarray, "k 6"]) -> Float[np.ndarray, "k 6"]:

@@ -1,6 +1,5 @@
 """Noise of measured channels with outliers: how large it is, and how far each sample is believed."""
 
-from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
@@ -22,16 +21,17 @@ MIN_SAMPLES = 10
 
 
 def measured_noise(
-    square: Sequence[Float[np.ndarray, "_ c"]],
-    present: Sequence[Float[np.ndarray, "_ c"]],
+    square: Float[np.ndarray, "n c"],
+    present: Float[np.ndarray, "n c"],
     scale: Float[np.ndarray, " c"],
     floor: Float[np.ndarray, " c"],
     outliers: Literal["student", "cut"],
-) -> tuple[Float[np.ndarray, " c"], list[Float[np.ndarray, "_ c"]]]:
+) -> tuple[Float[np.ndarray, " c"], Float[np.ndarray, "n c"]]:
     """Scale of each channel's noise and weights of its samples, from what estimated states leave of the channels.
 
     ``student`` is a step of expectation and maximisation under Student's t: ``w = 5 / (4 + e^2 / s^2)`` and
-    ``s^2 = mean(w e^2)``. ``cut`` takes 1.48 times the median of |e|, and weights of 0 beyond five times that, else 1.
+    ``s^2 = mean(w e^2)``. ``cut`` takes 1.48 times the median of
+    |e|, and weights of 0 beyond five times that, else 1.
 
     Both are needed. Student's weights are those of one model: a fit to a model that is to be believed should spread
     outliers evenly, and a cut would make its steps jump. A diagnosis compares models that are wrong by different
@@ -39,30 +39,28 @@ def measured_noise(
     any force was allowed, count fully for all of them, and their log evidences are those of one Gaussian data set.
 
     Args:
-        square: Expected squares of what is left of the channels of each run.
+        square: Expected squares of what is left of the channels, of all runs.
         present: One where a sample counts, else 0: there ``square`` may be NaN.
         scale: Scales so far.
         floor: What they are at least.
         outliers: ``student`` or ``cut``.
 
     Returns:
-        New scales, and weights of each run.
+        New scales, and weights.
 
     Source:
-        Lange, Little & Taylor 1989 for Student's t; Hampel 1974 for the median.
+        Lange, Little & Taylor 1989 for Student's t; :func:`.far_off` for the cut.
     """
-    square = [np.where(p > 0, s, 0.0) for s, p in zip(square, present, strict=True)]
+    counts = present > 0
     if outliers == "student":
-        weights = [p * student_weight(s, scale) for s, p in zip(square, present, strict=True)]
-        total = sum((w * s).sum(0) for w, s in zip(weights, square, strict=True))
-        count = sum(p.sum(0) for p in present)
-        return np.maximum(np.sqrt(total / np.maximum(count, 1.0)), floor), weights
-    left, counted = np.sqrt(np.concatenate(square)), np.concatenate(present) > 0
-    new, far = scale.copy(), np.zeros_like(counted)
-    for k in np.flatnonzero(counted.sum(0) >= MIN_SAMPLES):
-        far[:, k], new[k] = far_off(left[:, k], OUTLIER_SDS, floor[k], counted[:, k])
-    ends = np.cumsum([len(s) for s in square])[:-1]
-    return new, [p * ~f for p, f in zip(present, np.split(far, ends), strict=True)]
+        weights = present * student_weight(np.where(counts, square, 0.0), scale)
+        total = (weights * np.where(counts, square, 0.0)).sum(0)
+        return np.maximum(np.sqrt(total / np.maximum(present.sum(0), 1.0)), floor), weights
+    new, weights = scale.copy(), present.copy()
+    for k in np.flatnonzero(counts.sum(0) >= MIN_SAMPLES):
+        far, new[k] = far_off(np.sqrt(square[:, k]), OUTLIER_SDS, floor[k], counts[:, k])
+        weights[far, k] = 0.0
+    return new, weights
 
 
 def student_weight(

@@ -8,7 +8,7 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.estimation.agreement import birge_scaled_covariance
 from manoeuvre_nn.estimation.closed_loop import first, solve
-from manoeuvre_nn.estimation.coefficient_forces import ProductForces, own_forces
+from manoeuvre_nn.estimation.coefficient_forces import CoefficientForces, own_forces
 from manoeuvre_nn.estimation.coefficient_priors import own_prior
 from manoeuvre_nn.estimation.coefficients import OWN, TAYLOR, Fitted, approach_inertia
 from manoeuvre_nn.estimation.prime_recordings import to_prime
@@ -28,7 +28,7 @@ def fit_own_terms(
     force_time: float = 1.0,
     floor: Sequence[float] = (1e-3, 1e-3, 3e-3, 2e-3, 2e-3, 3e-3),
     learn_force: bool = False,
-) -> tuple[Fitted, ProductForces, float]:
+) -> tuple[Fitted, CoefficientForces, float]:
     """States and the coefficients of a ship's own products together.
 
     For the tanker family that is its BIS table (Xuu, Yuv, Yccd, Nur, ...), for a Taylor series its factors. Inertia,

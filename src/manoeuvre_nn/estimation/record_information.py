@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from jaxtyping import Float
+from statsmodels.stats.sandwich_covariance import S_hac_simple
 
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Ship
@@ -144,19 +145,11 @@ def _solved(
     felt = [noise * np.stack([np.convolve(c, slope) for c in piece.T], axis=1) for piece in pieces]
     meat = sum(f.T @ f for f in felt)
     unexplained = max(1 - noise**2 * float((slope**2).sum()) / max(float(rest @ rest) / len(rest), 1e-300), 0.0)
-    meat = meat + unexplained * _lasting(scaled * rest[:, None], min(len(slope), len(rest) // 3))
+    # What the terms leave lasts (Newey & West 1987).
+    meat = meat + unexplained * S_hac_simple(scaled * rest[:, None], min(len(slope), len(rest) // 3))
     covariance = inverse @ meat @ inverse
     covariance[np.ix_(dead, dead)] += np.diag(np.full(int(dead.sum()), 1e300))
     return solution / size, covariance / np.outer(size, size), condition
-
-
-def _lasting(score: Columns, reach: int) -> Float[np.ndarray, "k k"]:
-    """Covariance of a sum of correlated terms (Newey & West 1987)."""
-    meat = score.T @ score
-    for lag in range(1, reach + 1):
-        part = score[lag:].T @ score[:-lag]
-        meat += (1 - lag / (reach + 1)) * (part + part.T)
-    return meat
 
 
 def _alike(

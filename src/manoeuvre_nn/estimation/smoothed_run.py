@@ -113,7 +113,7 @@ def smooth(run: Recording, rate: Rate, noise: SmootherNoise, ship: Particulars) 
         left = np.append(1.0, -values)
         states = solved.states(embedded.combined(left))[..., 0]
         residual = columns.measured @ left - np.einsum("kci,ki->kc", linearised.observed, states)
-        sigma, (weights,) = measured_noise([residual**2], [linearised.present], sigma, noise.least, "cut")
+        sigma, weights = measured_noise(residual**2, linearised.present, sigma, noise.least, "cut")
         inflation = _long_run(residual * weights / sigma)
         run = without_samples(run, weights == 0)
     # With any force allowed the misfit should be one per sample; what it is more, the medians missed.

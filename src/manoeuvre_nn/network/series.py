@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from manoeuvre_nn.core.errors import InputError, check_choice
-from manoeuvre_nn.core.network import Network
+from manoeuvre_nn.core.network import Network, products_of
 
 VARIABLES = ("1", "u", "v", "r", "d", "n", "a", "|v|", "|r|", "|d|", "wx", "wy", "|w|", "/U")
 """What products are made of: u, v, rL over U0, rudder angle [rad], shaft speed over the nominal one, a = u - 1, and the
@@ -17,18 +17,11 @@ MIN_SPEED_PRIME = 0.1
 """Least speed over U0 that is divided by."""
 MIRRORED = {"v": -1, "r": -1, "d": -1, "wy": -1}
 """Variables that change sign from port to starboard."""
-OUTPUTS, EVEN = 3, (1, -1, -1)
+OUTPUTS = 3
 
 
 def parity(term: str) -> int:
-    """Whether a product changes sign from port to starboard.
-
-    Args:
-        term: Its variables, parted by blanks.
-
-    Returns:
-        1 or -1.
-    """
+    """1 for a product that is the same to port and to starboard, -1 for one that changes sign."""
     sign = 1
     for token in term.split():
         sign *= MIRRORED.get(token, 1)
@@ -189,30 +182,12 @@ class Series(Network):
         slow = 1 / torch.hypot(u, v).clamp(min=MIN_SPEED_PRIME)
         moduli = v.abs(), r.abs(), d.abs()
         table = torch.stack([torch.ones_like(u), u, v, r, d, n, u - 1, *moduli, wx, wy, torch.hypot(wx, wy), slow])
-        first, *others = self.places.unbind(-1)
-        result = table.index_select(0, first)
-        for place in others:
-            result = result * table.index_select(0, place)
-        return result.movedim(0, -1)
+        return products_of(table, self.places)
 
     def forward(self, x: Float[Tensor, "*batch inputs"]) -> Float[Tensor, "*batch 3"]:
         """Forces by the estimate."""
         x, scale = self._of_approach(x)
         return self.products(x) @ self.coefficients[0].T * scale
-
-    def each(self, x: Float[Tensor, "m n inputs"], first: int = 0) -> Float[Tensor, "k n 3"]:
-        """Every member on inputs of its own.
-
-        Args:
-            x: Inputs, a row a member.
-            first: How many of the members answer; 0 for all.
-
-        Returns:
-            Forces.
-        """
-        count = first or self.members
-        x, scale = self._of_approach(x[:count])
-        return self.products(x) @ self.coefficients[:count].mT * scale
 
     def of(self, x: Float[Tensor, "n inputs"], member: Int[Tensor, " n"]) -> Float[Tensor, "n 3"]:
         """Every input by a member of its own."""

@@ -1,7 +1,6 @@
 """Figures of what to sail next: what each candidate would bring, and where the members disagree."""
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -12,14 +11,7 @@ from manoeuvre_nn.report.style import COLOURS, legend_below, new_figure, plain_a
 
 
 def gain_figure(a: ManoeuvreAdvice) -> Figure:
-    """What is expected now and after each candidate, best on top; the advised one is filled.
-
-    Args:
-        a: The advice.
-
-    Returns:
-        The figure.
-    """
+    """What is expected now and after each candidate, best on top; the advised one is filled."""
     figure = new_figure(1.4 + 0.27 * len(a.expected), title="What each manoeuvre would bring")
     what = "expected deviation on the targets / L [-]" if a.goal == "accuracy" else "standard errors / noise [-]"
     axes = plain_axes(figure.subplots(), what, "")
@@ -29,6 +21,7 @@ def gain_figure(a: ManoeuvreAdvice) -> Figure:
         face = COLOURS[0] if e is a.best else "white"
         axes.plot(e.then, place, "o", markerfacecolor=face, markeredgecolor=COLOURS[0], markersize=6)
         axes.plot(e.now, place, "|", color="#4D4D4D", markersize=9, markeredgewidth=1.8)
+    axes.set_ylim(-0.5, len(places) - 0.5)
     axes.set_yticks(places, [e.manoeuvre for e in a.expected], fontsize=9)
     if a.goal == "accuracy":
         axes.set_xlim(left=0.0)
@@ -44,14 +37,7 @@ def gain_figure(a: ManoeuvreAdvice) -> Figure:
 
 
 def where_figure(a: ManoeuvreAdvice) -> Figure:
-    """Where in the planes of rudder, sway and yaw rate the members disagree, and what is recorded there.
-
-    Args:
-        a: The advice; it knows of members.
-
-    Returns:
-        The figure.
-    """
+    """Where in the planes of rudder, sway and yaw rate the members disagree, and what is recorded there."""
     figure = new_figure(4.2, width=6.6, title="Where the members disagree about the forces")
     left, right = figure.subplots(1, 2)
     motion, spread = np.concatenate([d.motion for d in a.where]), np.concatenate([d.spread for d in a.where])
@@ -60,7 +46,9 @@ def where_figure(a: ManoeuvreAdvice) -> Figure:
     order = np.argsort(spread)
     dots = None
     for axes, column, factor, label in ((left, 2, 1 / DEGREE, "rudder δ [deg]"), (right, 0, 1.0, "sway v′ [-]")):
-        _draw_recorded(plain_axes(axes, label, "yaw rate r′ [-]"), a, column, factor)
+        plain_axes(axes, label, "yaw rate r′ [-]")
+        recorded = factor * a.recorded[:, column], a.recorded[:, 1]
+        axes.scatter(*recorded, s=22, marker="s", color="#D9D9D9", linewidth=0, rasterized=True)
         place = factor * motion[order, column], motion[order, 1]
         dots = axes.scatter(*place, c=spread[order], s=7, norm=norm, cmap="viridis", linewidth=0, rasterized=True)
     assert dots is not None
@@ -68,15 +56,3 @@ def where_figure(a: ManoeuvreAdvice) -> Figure:
     bar.set_label("std of the members / RMS of the forces [-]")
     legend_below(figure, [Line2D([], [], linestyle="", marker="s", color="#D9D9D9", label="recorded")])
     return figure
-
-
-def _draw_recorded(axes: Axes, a: ManoeuvreAdvice, column: int, factor: float) -> None:
-    axes.scatter(
-        factor * a.recorded[:, column],
-        a.recorded[:, 1],
-        s=22,
-        marker="s",
-        color="#D9D9D9",
-        linewidth=0,
-        rasterized=True,
-    )

@@ -45,27 +45,12 @@ class ManoeuvreAdvice:
 
 
 def ranked(expected: Sequence[ExpectedGain], per_minute: bool) -> list[ExpectedGain]:
-    """Candidates by what they bring.
-
-    Args:
-        expected: What is expected of each.
-        per_minute: Whether the gain for every minute counts.
-
-    Returns:
-        Best first.
-    """
+    """Candidates by what they bring, or bring for every minute, best first."""
     return sorted(expected, key=lambda e: -(e.per_minute if per_minute else e.gain))
 
 
 def sentence(a: ManoeuvreAdvice) -> str:
-    """What to sail next and why, in one sentence.
-
-    Args:
-        a: The advice.
-
-    Returns:
-        The sentence.
-    """
+    """What to sail next and why, in one sentence."""
     best = a.best
     begin = f"Sail next: {best.manoeuvre} ({best.seconds / 60:.0f} min)"
     if best.status != OK:
@@ -97,14 +82,7 @@ def _place(a: ManoeuvreAdvice, target: str) -> str:
 
 
 def advice_rows(a: ManoeuvreAdvice) -> list[dict[str, Any]]:
-    """Candidates as rows, best first.
-
-    Args:
-        a: The advice.
-
-    Returns:
-        One row a candidate.
-    """
+    """Candidates as rows, best first."""
     names = ("dev/L now", "then") if a.goal == "accuracy" else ("errors now", "then")
     return [
         {
@@ -121,28 +99,13 @@ def advice_rows(a: ManoeuvreAdvice) -> list[dict[str, Any]]:
 
 
 def target_rows(a: ManoeuvreAdvice) -> list[dict[str, Any]]:
-    """What is left of each target's deviation, or each equation's standard errors, candidate by candidate.
-
-    Args:
-        a: The advice.
-
-    Returns:
-        The first row is how things are now.
-    """
+    """What is left of each target's deviation, or each equation's standard errors, by candidate; first now."""
     now = {"after": "nothing", **{name: pair[0] for name, pair in a.expected[0].targets.items()}}
     return [now, *({"after": e.manoeuvre, **{name: pair[1] for name, pair in e.targets.items()}} for e in a.expected)]
 
 
 def advice_json(a: ManoeuvreAdvice, versions: Mapping[str, str]) -> dict[str, Any]:
-    """What ``excite.json`` holds.
-
-    Args:
-        a: The advice.
-        versions: Package -> version.
-
-    Returns:
-        Plain numbers and strings.
-    """
+    """What ``excite.json`` holds: plain numbers and strings."""
     return {
         "sail_next": a.best.manoeuvre,
         "sentence": sentence(a),

@@ -36,9 +36,6 @@ Curve = tuple[Float[np.ndarray, "_ 2"], dict[str, Any]]
 def draw_diagnosis(d: Diagnosis) -> dict[str, Figure]:
     """All figures of a diagnosis.
 
-    Args:
-        d: The diagnosis.
-
     Returns:
         Name -> figure: ``probabilities``; ``tracks`` and ``errors`` if runs were held out; ``residual/<run>`` for each
         fitted run; ``where`` if anything was located on a known track; ``channels/<run>`` for each held-out run.
@@ -68,14 +65,7 @@ def _models(repaired: bool) -> list[Line2D]:
 
 
 def probability_figure(d: Diagnosis) -> Figure:
-    """How probable each cause is; those of the repaired model in blue.
-
-    Args:
-        d: The diagnosis.
-
-    Returns:
-        The figure; a sentence instead of bars if there is no candidate.
-    """
+    """How probable each cause is, those of the repaired model in blue; a sentence if there is no candidate."""
     causes = main_causes(d, MAX_BARS)
     if not causes:
         return _only("No candidate was tried.")
@@ -107,19 +97,11 @@ def _kind(name: str, d: Diagnosis) -> str:
 
 
 def track_figure(proofs: Sequence[Proof], repaired: bool) -> Figure:
-    """Held-out runs seen from above: recorded, by calm water, repaired; dots of the same shape at the same times.
-
-    Args:
-        proofs: The held-out runs.
-        repaired: Whether there is a repaired model.
-
-    Returns:
-        The figure, a map a run, north up.
-    """
+    """Held-out runs from above, north up: recorded, by calm water, repaired; dots of a shape at the same times."""
     figure, panels = _maps(len(proofs))
     for axes, proof in zip(panels, proofs, strict=True):
-        tables = [(proof.recorded, TRUTH), (proof.before, CALM), *([(proof.after, REPAIRED)] if repaired else [])]
-        _draw_map(axes, [(_positions(table), style) for table, style in tables])
+        tables = zip(_tables(proof, repaired), (TRUTH, CALM, REPAIRED), strict=False)
+        _draw_map(axes, [(table[["x", "y"]].to_numpy(float), style) for table, style in tables])
         before, after = (errors.get("pos", np.nan) for errors in (proof.rmse_before, proof.rmse_after))
         missed = " → ".join(f"{text(gap, 3)} m" for gap in ([before, after] if repaired else [before]))
         axes.set_title(f"{_title(proof, 28)}\noff by {missed}", fontsize=9, loc="left")
@@ -143,14 +125,14 @@ def _window_figure(tracks: Mapping[str, Float[np.ndarray, "_ 2"]], residuals: Se
     return figure
 
 
+def _tables(proof: Proof, repaired: bool) -> list[pd.DataFrame]:
+    """Recorded, before and, if there is a repaired model, after."""
+    return [proof.recorded, proof.before, *([proof.after] if repaired else [])]
+
+
 def _title(proof: Proof, width: int) -> str:
     """Run and manoeuvre."""
     return _wrapped(f"{proof.run}, {proof.kind}" if proof.kind else proof.run, width)
-
-
-def _positions(table: pd.DataFrame) -> Float[np.ndarray, "n 2"]:
-    """North and east [m]."""
-    return table[["x", "y"]].to_numpy(float)
 
 
 def _maps(count: int) -> tuple[Figure, list[Axes]]:
@@ -182,14 +164,7 @@ def _draw_map(axes: Axes, curves: Sequence[Curve], reference: Float[np.ndarray, 
 
 
 def error_figure(d: Diagnosis) -> Figure:
-    """RMS errors on the held-out runs over the noise alone, before and after; 1 cannot be beaten.
-
-    Args:
-        d: The diagnosis, with held-out runs.
-
-    Returns:
-        The figure; channels whose noise is not known are left out, a sentence instead if there is no other.
-    """
+    """RMS errors on the held-out runs over the noise alone, before and after; 1 cannot be beaten."""
     before, after = d.rmse("before"), d.rmse("after")
     scored = [c for c in before if d.noise.get(c, 0.0) > 0 and np.isfinite(before[c]) and before[c] > 0]
     if not scored:
@@ -198,14 +173,14 @@ def error_figure(d: Diagnosis) -> Figure:
     axes = plain_axes(figure.subplots(), "RMS error over noise [-]", "")
     axes.axvline(1.0, color="#4D4D4D", linewidth=1.6)
     for row, channel in enumerate(scored):
-        words, _, unit = CHANNELS.get(channel, (channel, channel, "-"))
+        unit = CHANNELS[channel][2]
         noise, values = d.noise[channel], [before[channel], *([after[channel]] if d.model else [])]
         axes.plot(np.array(values) / noise, [row] * len(values), color="#BBBBBB", linewidth=2.5, zorder=1)
         for value, style, marker in zip(values, (CALM, REPAIRED), "Do", strict=False):
             axes.plot(value / noise, row, marker, color=style["color"], markersize=7)
         shown = " → ".join(text(value, 3) for value in values)
         axes.text(1.02, row, f"{shown} {unit}", transform=axes.get_yaxis_transform(), va="center", fontsize=9)
-    axes.set_yticks(range(len(scored)), [CHANNELS.get(c, (c, c, "-"))[0] for c in scored])
+    axes.set_yticks(range(len(scored)), [CHANNELS[channel][0] for channel in scored])
     axes.set_ylim(len(scored) - 0.5, -0.5)
     axes.set_xscale("log")
     low, high = axes.get_xlim()
@@ -224,15 +199,7 @@ def error_figure(d: Diagnosis) -> Figure:
 
 
 def residual_figure(residual: Residual, repaired: bool) -> Figure:
-    """Force that calm water lacks in one run, what the repair leaves of it, and when something is missing.
-
-    Args:
-        residual: The force.
-        repaired: Whether there is a repaired model.
-
-    Returns:
-        The figure with X, Y and N over time.
-    """
+    """X, Y and N that calm water lacks in one run, what the repair leaves of it, and when something is missing."""
     figure = new_figure(5.4, title=_wrapped(residual.run, 44))
     panels = list(figure.subplots(3, 1, sharex=True))
     time, colour = residual.time, CALM["color"]
@@ -261,12 +228,9 @@ def residual_figure(residual: Residual, repaired: bool) -> Figure:
 
 def _shade(axes: Axes, time: Float[np.ndarray, " n"], windows: Sequence[Interval]) -> None:
     """Shade the windows as far as the run goes."""
-    if not len(time):
-        return
     for start, end in windows:
-        low, high = max(start, time[0]), min(end, time[-1])
-        if high >= low:
-            axes.axvspan(low, high, zorder=0, **WINDOW)
+        if start <= time[-1] and end >= time[0]:
+            axes.axvspan(max(start, time[0]), min(end, time[-1]), zorder=0, **WINDOW)
 
 
 def _fit_height(axes: Axes, curves: Sequence[Float[np.ndarray, " n"]], spread: Float[np.ndarray, " n"]) -> None:
@@ -281,20 +245,8 @@ def _fit_height(axes: Axes, curves: Sequence[Float[np.ndarray, " n"]], spread: F
 
 
 def channel_figure(proof: Proof, noise: Mapping[str, float], repaired: bool) -> Figure:
-    """Channels of a held-out run over time, and beside them the errors with the band of the noise.
-
-    The height of an error panel is that of the repaired model's; where calm water leaves it, its largest error is
-    written.
-
-    Args:
-        proof: The held-out run.
-        noise: Channel -> RMS of the noise alone.
-        repaired: Whether there is a repaired model.
-
-    Returns:
-        The figure: heading, yaw rate, surge, sway, speed log.
-    """
-    rows = [c for c in CHANNELS if all(c in t for t in (proof.recorded, proof.before, proof.after))]
+    """Heading, yaw rate, surge, sway and log of a held-out run over time, and the errors with the band of the noise."""
+    rows = [channel for channel in CHANNELS if channel != "pos"]
     figure = new_figure(1.2 + 1.4 * len(rows), title=_title(proof, 44))
     grid = figure.subplots(len(rows), 2, sharex=True, squeeze=False, width_ratios=[1.35, 1.0])
     time = proof.recorded["t"].to_numpy(float)
@@ -318,8 +270,7 @@ def channel_figure(proof: Proof, noise: Mapping[str, float], repaired: bool) -> 
 
 def _series(proof: Proof, name: str, repaired: bool) -> list[Float[np.ndarray, " n"]]:
     """Recorded, before and after; headings without jumps and near each other at the start."""
-    tables = [proof.recorded, proof.before, *([proof.after] if repaired else [])]
-    values = [np.array(table[name], float) for table in tables]
+    values = [np.array(table[name], float) for table in _tables(proof, repaired)]
     if name != "psi":
         return values
     for angle in values:
@@ -335,7 +286,7 @@ def _series(proof: Proof, name: str, repaired: bool) -> list[Float[np.ndarray, "
 def _draw_errors(
     axes: Axes, time: Float[np.ndarray, " n"], errors: list[Float[np.ndarray, " n"]], sigma: float, unit: str
 ) -> None:
-    """Errors of calm water and of the repaired model on the scale of the latter."""
+    """Errors on the scale of the repaired model's; where calm water's leave it, the largest of them is written."""
     sigma = sigma if np.isfinite(sigma) else 0.0
     axes.axhspan(-2 * sigma, 2 * sigma, color=TRUTH["color"], **BAND)
     # Noise on a dashed line is a row of dots: here calm water is drawn through, and paler.

@@ -1,13 +1,13 @@
 """A diagnosis as one HTML file that needs nothing else, on a phone, light or dark; and in TensorBoard."""
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from torch.utils.tensorboard import SummaryWriter
 
 from manoeuvre_nn.diagnosis.result import Diagnosis
-from manoeuvre_nn.report.diagnosis_figures import draw_diagnosis
 from manoeuvre_nn.report.diagnosis_tables import (
     FOUND,
     alias_texts,
@@ -33,14 +33,9 @@ CAPTIONS = {
 """What a screen reader says of each kind of figure."""
 
 
-def diagnosis_html(d: Diagnosis, path: Path) -> None:
-    """Write a diagnosis as a page: the summary first, then causes, proof, place, what speaks against it, what to do.
-
-    Args:
-        d: The diagnosis.
-        path: File to write.
-    """
-    drawn = {name: data_address(figure) for name, figure in draw_diagnosis(d).items()}
+def diagnosis_html(d: Diagnosis, figures: Mapping[str, Figure], path: Path) -> None:
+    """Write a diagnosis as a page: the summary first, then causes, proof, place, what speaks against it, what to do."""
+    drawn = {name: data_address(figure) for name, figure in figures.items()}
 
     def images(*kinds: str) -> list[tuple[str, str]]:
         """Words and addresses of the figures of some kinds: ``residual/r01`` is of the kind ``residual``."""
@@ -59,18 +54,17 @@ def diagnosis_html(d: Diagnosis, path: Path) -> None:
         errors=error_rows(d),
         sites=site_rows(d),
         checks=check_rows(d),
-        everything=_candidate_rows(d),
+        everything=[
+            {k: row[k] for k in ("cause", "probability", "ln B")}
+            | {"how it is recognised": cause.fingerprint, "source": cause.source}
+            for cause, row in zip(d.causes, cause_rows(d, d.causes), strict=True)
+        ],
         settings=[{"setting": name, "value": value} for name, value in d.settings.items()],
     )
 
 
-def log_to_tensorboard(d: Diagnosis, folder: Path) -> None:
-    """Write the figures, the summary, probabilities and errors where TensorBoard finds them.
-
-    Args:
-        d: The diagnosis.
-        folder: Folder of the event file.
-    """
+def log_to_tensorboard(d: Diagnosis, figures: Mapping[str, Figure], folder: Path) -> None:
+    """Write the figures, the summary, probabilities and errors into a folder where TensorBoard finds them."""
     scalars = {f"probability/{cause.name}": cause.probability for cause in d.causes}
     for name, errors in (("before", d.rmse("before")), ("after", d.rmse("after")), ("noise", d.noise)):
         scalars |= {f"rmse_{name}/{channel}": error for channel, error in errors.items()}
@@ -79,19 +73,5 @@ def log_to_tensorboard(d: Diagnosis, folder: Path) -> None:
         for name, value in scalars.items():
             if np.isfinite(value):
                 writer.add_scalar(name, value)
-        for name, figure in draw_diagnosis(d).items():
+        for name, figure in figures.items():
             writer.add_figure(name, figure)
-
-
-def _candidate_rows(d: Diagnosis) -> list[dict[str, Any]]:
-    """All candidates: how they are recognised, and where the formula is from."""
-    return [
-        {
-            "cause": row["cause"],
-            "probability": row["probability"],
-            "ln B": row["ln B"],
-            "how it is recognised": cause.fingerprint,
-            "source": cause.source,
-        }
-        for cause, row in zip(d.causes, cause_rows(d, d.causes), strict=True)
-    ]

@@ -20,9 +20,6 @@ CHANNELS: dict[str, tuple[str, str, str]] = {
     "u_log": ("speed log", "log", "m/s"),
 }
 """Channels that are scored: in words, short, unit."""
-VERDICTS = {"none": "nothing is missing", "mismatch": "something is missing"}
-"""Verdict -> what it says of the calm-water model."""
-UNKNOWN = "something unknown is missing"
 SITES = {
     "surge": "any force in surge",
     "sway and yaw": "any force in sway and yaw",
@@ -42,42 +39,23 @@ MIN_LISTED, MAX_LISTED = 3, 5
 
 
 def verdict_text(d: Diagnosis) -> str:
-    """What was found, in three words.
-
-    Args:
-        d: The diagnosis.
-
-    Returns:
-        Nothing, something or something unknown is missing.
-    """
-    return UNKNOWN if d.unknown else VERDICTS.get(d.verdict, d.verdict)
+    """What was found, in three words."""
+    what = "something unknown" if d.unknown else "something" if d.verdict == "mismatch" else "nothing"
+    return f"{what} is missing"
 
 
 def alias_texts(d: Diagnosis) -> list[str]:
-    """What these recordings cannot tell apart.
-
-    Args:
-        d: The diagnosis.
-
-    Returns:
-        A sentence for every effect of the repaired model that has rivals.
-    """
+    """What these recordings cannot tell apart: a sentence for every effect of the repaired model that has rivals."""
+    labels = {cause.name: cause.label for cause in d.causes}
+    rivals = {name: [labels.get(n, n.replace("_", " ")) for n in alike] for name, alike in d.alias.items() if alike}
     return [
-        f"These recordings cannot tell {label(d, name)} from {', '.join(label(d, rival) for rival in rivals)}."
-        for name, rivals in d.alias.items()
-        if rivals
+        f"These recordings cannot tell {labels.get(name, name)} from {', '.join(alike)}."
+        for name, alike in rivals.items()
     ]
 
 
 def percent(probability: float) -> str:
-    """A probability as people read it; nothing is certain.
-
-    Args:
-        probability: Between 0 and 1.
-
-    Returns:
-        Such as ``95 %``, ``>99 %`` or ``<1 %``.
-    """
+    """A probability as people read it, such as ``95 %``; nothing is certain: ``>99 %``, ``<1 %``."""
     if math.isnan(probability):
         return "–"
     if probability > 0.99:
@@ -86,26 +64,12 @@ def percent(probability: float) -> str:
 
 
 def words(value: Value) -> str:
-    """A parameter's name as people read it.
-
-    Args:
-        value: The parameter.
-
-    Returns:
-        Such as ``from`` for ``from_deg``: the unit stands with the value.
-    """
+    """A parameter's name as people read it: ``from`` for ``from_deg``, as the unit stands with the value."""
     return criterion_label(value.name.removesuffix(f"_{value.unit}"))[0]
 
 
 def value_text(value: Value) -> str:
-    """A parameter with its standard error, both to the error's second digit.
-
-    Args:
-        value: The parameter.
-
-    Returns:
-        Such as ``11.2 ± 1.4 m/s``; without the error where it is zero or unknown.
-    """
+    """A parameter with its standard error, if this is known, both to the error's second digit: ``11.2 ± 1.4 m/s``."""
     unit = "" if value.unit == "-" else f" {value.unit}"
     if not (math.isfinite(value.error) and value.error > 0 and math.isfinite(value.value)):
         return f"{text(value.value, 4)}{unit}"
@@ -115,14 +79,7 @@ def value_text(value: Value) -> str:
 
 
 def interval_text(value: Value) -> str:
-    """Where a parameter lies with 95 %.
-
-    Args:
-        value: The parameter.
-
-    Returns:
-        Such as ``8.5 to 13.9``; a dash where the error is unknown.
-    """
+    """Where a parameter lies with 95 %, such as ``8.5 to 13.9``; a dash where the error is unknown."""
     if not (math.isfinite(value.error) and value.error > 0):
         return "–"
     digits = max(1 - math.floor(math.log10(value.error)), 0)
@@ -130,15 +87,7 @@ def interval_text(value: Value) -> str:
 
 
 def when_text(intervals: Mapping[str, Sequence[Interval]] | None, most: int = 4) -> str:
-    """When a cause acts.
-
-    Args:
-        intervals: Run -> times [s]; None: throughout.
-        most: Times to name before the rest is only counted.
-
-    Returns:
-        Such as ``r01 120–240 s, r03 60–180 s``.
-    """
+    """When a cause acts, such as ``r01 120–240 s, r03 60–180 s``; beyond so many times the rest is only counted."""
     if intervals is None:
         return "throughout"
     spans = [f"{run} {start:.0f}–{end:.0f} s" for run, times in intervals.items() for start, end in times]
@@ -151,29 +100,8 @@ def _acts_text(cause: Cause) -> str:
     return ", ".join(e.removeprefix("actuator:").replace(":", " ") for e in cause.equations) or "–"
 
 
-def label(d: Diagnosis, name: str) -> str:
-    """A cause's name in words.
-
-    Args:
-        d: The diagnosis.
-        name: Its name.
-
-    Returns:
-        Its label; the name itself if it is no candidate.
-    """
-    return next((cause.label for cause in d.causes if cause.name == name), name.replace("_", " "))
-
-
 def main_causes(d: Diagnosis, most: int = MAX_LISTED) -> list[Cause]:
-    """Causes that a short list has room for.
-
-    Args:
-        d: The diagnosis.
-        most: How many there may be.
-
-    Returns:
-        Those of the repaired model, and the most probable others.
-    """
+    """Causes of the repaired model, and the most probable others that a list of so many has room for."""
     named = [cause for cause in d.causes if cause.name in d.model]
     others = [cause for cause in d.causes if cause.name not in d.model]
     room = max(most - len(named), 1)
@@ -182,15 +110,7 @@ def main_causes(d: Diagnosis, most: int = MAX_LISTED) -> list[Cause]:
 
 
 def cause_rows(d: Diagnosis, causes: Sequence[Cause]) -> list[dict[str, Any]]:
-    """Causes with all that is known about them.
-
-    Args:
-        d: The diagnosis.
-        causes: Which ones.
-
-    Returns:
-        One row a cause; those of the repaired model have a star.
-    """
+    """Causes with all that is known about them, one a row; those of the repaired model have a star."""
     return [
         {
             "cause": f"{'* ' if cause.name in d.model else ''}{cause.label}",
@@ -205,14 +125,7 @@ def cause_rows(d: Diagnosis, causes: Sequence[Cause]) -> list[dict[str, Any]]:
 
 
 def parameter_rows(causes: Sequence[Cause]) -> list[dict[str, Any]]:
-    """Parameters with their intervals.
-
-    Args:
-        causes: Whose parameters.
-
-    Returns:
-        One row a parameter.
-    """
+    """Parameters with their intervals, one a row."""
     return [
         {
             "cause": cause.label,
@@ -225,55 +138,34 @@ def parameter_rows(causes: Sequence[Cause]) -> list[dict[str, Any]]:
     ]
 
 
+def _errors(d: Diagnosis) -> dict[str, Mapping[str, float]]:
+    """RMS errors on all held-out runs, before and after, and the noise: what -> channel -> size."""
+    return {BEFORE: d.rmse("before"), **({AFTER: d.rmse("after")} if d.model else {}), NOISE: d.noise}
+
+
 def error_rows(d: Diagnosis) -> list[dict[str, Any]]:
-    """RMS errors on all held-out runs, before and after, beside the noise.
-
-    Args:
-        d: The diagnosis.
-
-    Returns:
-        One row a channel; none without held-out runs. The last column is 1 for a model that cannot be better.
-    """
-    before, after = d.rmse("before"), d.rmse("after")
+    """RMS errors on all held-out runs, one row a channel; the last column is 1 for a model that cannot be better."""
+    errors, last = _errors(d), AFTER if d.model else BEFORE
     rows = []
-    for channel in before:
-        name, _, unit = CHANNELS.get(channel, (channel, channel, "-"))
-        noise = d.noise.get(channel, math.nan)
-        repaired = {AFTER: after.get(channel, math.nan)} if d.model else {}
-        left = repaired.get(AFTER, before[channel])
-        ratio = left / noise if noise > 0 else math.nan
-        rows.append({
-            "RMS error": f"{name} [{unit}]",
-            BEFORE: before[channel],
-            **repaired,
-            NOISE: noise,
-            f"{AFTER if d.model else BEFORE} / noise": ratio,
-        })
+    for channel in errors[BEFORE]:
+        name, _, unit = CHANNELS[channel]
+        row = {what: of_channel.get(channel, math.nan) for what, of_channel in errors.items()}
+        ratio = row[last] / row[NOISE] if row[NOISE] > 0 else math.nan
+        rows.append({"RMS error": f"{name} [{unit}]", **row, f"{last} / noise": ratio})
     return rows
 
 
 def _errors_across(d: Diagnosis) -> list[dict[str, Any]]:
     """The same with a column a channel, which is lower."""
-    before, after = d.rmse("before"), d.rmse("after")
-    lines = {BEFORE: before, **({AFTER: after} if d.model else {}), NOISE: d.noise}
-    heads = {channel: "{1} [{2}]".format(*CHANNELS.get(channel, (channel, channel, "-"))) for channel in before}
-    if not before:
-        return []
+    heads = {channel: "{1} [{2}]".format(*CHANNELS[channel]) for channel in d.rmse("before")}
     return [
-        {"RMS error": name, **{head: values.get(channel, math.nan) for channel, head in heads.items()}}
-        for name, values in lines.items()
+        {"RMS error": what, **{head: of_channel.get(channel, math.nan) for channel, head in heads.items()}}
+        for what, of_channel in _errors(d).items()
     ]
 
 
 def check_rows(d: Diagnosis) -> list[dict[str, Any]]:
-    """Tests that the claim had to pass.
-
-    Args:
-        d: The diagnosis.
-
-    Returns:
-        One row a test, those not passed first.
-    """
+    """Tests that the claim had to pass, one a row, those not passed first."""
     return [
         {"test": check.name, "passed": check.passed, "measured": check.text}
         for check in sorted(d.checks, key=lambda check: check.passed)
@@ -281,14 +173,7 @@ def check_rows(d: Diagnosis) -> list[dict[str, Any]]:
 
 
 def site_rows(d: Diagnosis) -> list[dict[str, Any]]:
-    """Where anything at all would help.
-
-    Args:
-        d: The diagnosis.
-
-    Returns:
-        One row a site, the strongest first.
-    """
+    """Where anything at all would help, one site a row, the strongest first."""
     ranked = sorted(d.sites.items(), key=lambda item: -item[1])
     return [{"site": SITES.get(site, site), "ln B over calm water": _whole(evidence)} for site, evidence in ranked]
 
@@ -299,12 +184,7 @@ def _whole(evidence: float) -> float | int:
 
 
 def print_diagnosis(d: Diagnosis, console: Console) -> None:
-    """About 25 lines: sentence, causes, errors, where, what speaks against it, and what to do next.
-
-    Args:
-        d: The diagnosis.
-        console: Where to print.
-    """
+    """About 25 lines: sentence, causes, errors, where, what speaks against it, and what to do next."""
     console.print(Text(f"{d.case}, {d.ship}: {verdict_text(d)} in the calm-water model", "dim"))
     console.print(Text(d.sentence, "bold"))
     if d.causes:
@@ -352,14 +232,7 @@ def _print_short(d: Diagnosis, say: Callable[..., None]) -> None:
 
 
 def diagnosis_markdown(d: Diagnosis) -> str:
-    """The diagnosis as a short text.
-
-    Args:
-        d: The diagnosis.
-
-    Returns:
-        Markdown: the sentence, tables and lists; what is empty is left out.
-    """
+    """The diagnosis as a short Markdown text: the sentence, tables and lists; what is empty is left out."""
     parts = [
         f"# {d.case}, {d.ship}: {verdict_text(d)}\n",
         f"**{d.sentence}**\n",

@@ -1,7 +1,7 @@
 """All that the rival methods use of the package's rooms for models, estimation and diagnosis, in one place."""
 
 from manoeuvre_nn.diagnosis.case import Case
-from manoeuvre_nn.diagnosis.repair import Repaired, errors, predict, recorded
+from manoeuvre_nn.diagnosis.repair import predict, recorded
 from manoeuvre_nn.diagnosis.result import Cause, Diagnosis, Interval, Proof, Value
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.model import CalmWater
@@ -13,6 +13,7 @@ from manoeuvre_nn.estimation.linear_run import Columns
 from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, calm_rate, linearise
 from manoeuvre_nn.recording.local_cubics import ORDER, smoothed
 from manoeuvre_nn.recording.preparation import measured
+from manoeuvre_nn.scoring.free_runs import errors
 
 __all__ = [
     "Calibrated",
@@ -38,7 +39,6 @@ __all__ = [
     "Proof",
     "Rate",
     "recorded",
-    "Repaired",
     "situation",
     "smoothed",
     "typical",

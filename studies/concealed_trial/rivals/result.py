@@ -20,7 +20,6 @@ from studies.concealed_trial.rivals.package import (
     Hypothesis,
     Interval,
     Proof,
-    Repaired,
     Value,
     errors,
     predict,
@@ -179,10 +178,11 @@ def _proofs(case: Case, found: RivalResult, named: Hypothesis, tables: list[np.n
     if not case.held_out:
         return []
     calm = found.data.dynamics
-    before = after = predict(Repaired(calm, Hypothesis((), ())), case.held_out, case.warmup)
+    before = after = predict(calm, Hypothesis((), ()), case.held_out, case.warmup)
     if named.effects:
         shares = case.hull.inertia.new_tensor(found.data.shares(found.best.hypothesis))
-        after = predict(Repaired(Calibrated(calm, shares), named, LATENCY), case.held_out, case.warmup, tables)
+        there = Hypothesis(named.effects, tuple(tables))
+        after = predict(Calibrated(calm, shares), there, case.held_out, case.warmup, LATENCY)
     records = [recorded(run, case.warmup) for run in case.held_out]
     rows = zip(case.held_out, before, after, records, strict=True)
     return [Proof(run.name, run.meta["kind"], seen, b, a, errors(b, seen), errors(a, seen)) for run, b, a, seen in rows]

@@ -81,6 +81,21 @@ class Finding:
         return self.verdict in {"mend", "refuse"}
 
 
+def refused(check: str, text: str, remedy: str, *changes: Change) -> Finding:
+    """What cannot be used as it is."""
+    return Finding(check, "refuse", text, remedy=remedy, changes=changes)
+
+
+def in_unit(unit: str, *names: str) -> tuple[Change, ...]:
+    """Another unit for some channels, or for ``time``."""
+    return tuple(Change("time.unit" if k == "time" else f"channels.{k}.unit", value=unit) for k in names)
+
+
+def other_sign(name: str) -> Change:
+    """A channel with the other sign."""
+    return Change(f"channels.{name}", "turn")
+
+
 def number(value: float | None, error: float | None = None, unit: str = "") -> str:
     """A measured number with its error, as many digits as the error has.
 

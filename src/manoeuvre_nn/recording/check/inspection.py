@@ -10,7 +10,7 @@ from manoeuvre_nn.core.channels import MOTION
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
-from manoeuvre_nn.recording.check.checks import CHECKS
+from manoeuvre_nn.recording.check.checks import first_finding
 from manoeuvre_nn.recording.check.fault_findings import fault_findings
 from manoeuvre_nn.recording.check.file_checks import file_findings
 from manoeuvre_nn.recording.check.finding import Finding, worst
@@ -116,9 +116,9 @@ def inspect_recording(
     shifted = flags if same else {k: np.interp(recording.time, written.time, f) > 0.5 for k, f in flags.items()}
     clean = without_outliers(recording, shifted)
     first = (rate, missing, wild)
-    gross = next((f for f in (check(clean, ship) for check in CHECKS.values()) if f is not None), None)
+    gross = first_finding(clean, ship)
     if gross is not None:
-        return Inspection(recording.name, (*first, gross), recording, shifted)
+        return Inspection(recording.name, (*first, gross[0]), recording, shifted)
     plain, fewer = without_outliers(written, flags), thinned(clean, ship)
     still, coarse = stuck(plain, ship), quantized(plain, ship)
     rest = [rudder_jumps(clean, ship), rudder_lag(fewer, ship), steady_approach(fewer, ship)]

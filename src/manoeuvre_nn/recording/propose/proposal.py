@@ -10,7 +10,8 @@ from jaxtyping import Float
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.recording.check.checks import STRONG_EVIDENCE, check_recording, rudder_effect
+from manoeuvre_nn.recording.check.axes import STRONG_EVIDENCE, rudder_effect
+from manoeuvre_nn.recording.check.checks import check_recording
 from manoeuvre_nn.recording.outliers import spikes
 from manoeuvre_nn.recording.propose.choice import Choice
 from manoeuvre_nn.recording.propose.headings import COMPASS, Heading, assign

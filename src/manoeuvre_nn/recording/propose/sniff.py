@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.recording.propose.headings import Heading, take_apart
-from manoeuvre_nn.recording.read.containers import MAT, PARQUET, mat_frame, parquet_frame
+from manoeuvre_nn.recording.read.containers import columns_in, has_reader
 from manoeuvre_nn.recording.read.mapping import RECORD, ChannelMap, Mapping
 from manoeuvre_nn.recording.read.table import EMPTY, Table, cells_of, check_there, numbers_in, read_table, text_of
 
@@ -77,13 +77,11 @@ def sniff(path: Path) -> Sniffed:
         InputError: If it holds no columns of numbers.
     """
     check_there(path)
-    suffix = path.suffix.lower()
     layout: dict[str, Any] = {}
     below: dict[str, str] = {}
     spoken: dict[str, str] = {}
-    if suffix in {MAT, PARQUET}:
-        frame = (mat_frame if suffix == MAT else parquet_frame)(path)
-        table = Table(path, frame, "row")
+    if has_reader(path):
+        table = Table(path, columns_in(path), "row")
     else:
         layout, spoken, below = _layout(path)
         columns = list(spoken)

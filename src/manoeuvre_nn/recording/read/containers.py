@@ -1,7 +1,7 @@
-"""Columns out of MAT and parquet files; nothing in them is ever executed or unpickled."""
+"""Formats that are no texts: a function each, found by suffix; nothing in a file is ever executed or unpickled."""
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,15 +12,41 @@ from scipy.io.matlab import mat_struct
 
 from manoeuvre_nn.core.errors import InputError
 
-MAT, PARQUET = ".mat", ".parquet"
 HDF5 = b"\x89HDF\r\n\x1a\n"
 """How a MAT file of version 7.3 may begin, too: it is an HDF5 file."""
 MOST_COLUMNS = 100
 """Matrices with more are no tables of channels."""
 DEEPEST = 4
 """How deep structures are looked into."""
+Reader = Callable[[Path, Sequence[str] | None], pd.DataFrame]
+"""Gives the columns of a file: numbers, texts or times, a row a sample; of those wanted at least, where None is all. It
+raises InputError for a file that it cannot read."""
+READERS: dict[str, Reader] = {}
+"""Suffix in small letters -> its reader."""
 
 
+def reads(suffix: str) -> Callable[[Reader], Reader]:
+    """Register a reader, in this package or in a module of one's own: ``@reads(".mat")`` before the function."""
+
+    def register(reader: Reader) -> Reader:
+        READERS[suffix.lower()] = reader
+        return reader
+
+    return register
+
+
+def has_reader(path: Path) -> bool:
+    """Whether a file is no text."""
+    return path.suffix.lower() in READERS
+
+
+def columns_in(path: Path, wanted: Sequence[str] | None = None) -> pd.DataFrame:
+    """Columns of a file that has a reader; the index counts rows from 1."""
+    frame = READERS[path.suffix.lower()](path, wanted)
+    return frame.set_axis(pd.RangeIndex(1, len(frame) + 1))
+
+
+@reads(".mat")
 def mat_frame(path: Path, columns: Sequence[str] | None = None) -> pd.DataFrame:
     """Vectors of a MAT file of version 4 to 7.2, by their names.
 
@@ -31,7 +57,7 @@ def mat_frame(path: Path, columns: Sequence[str] | None = None) -> pd.DataFrame:
         columns: Names that are wanted; None gives all vectors of the commonest length.
 
     Returns:
-        One column a vector. The index counts rows from 1.
+        One column a vector.
 
     Raises:
         InputError: If it is no such file, is cut off, or the vectors wanted differ in length.
@@ -78,23 +104,12 @@ def _framed(path: Path, vectors: dict[str, np.ndarray], columns: Sequence[str] |
                 f"{path.name}: column {name!r} has {length} samples, the others {usual}; all need the same number"
             )
     same = {k: v for k, v in vectors.items() if len(v) == usual}
-    native = {k: v.astype(v.dtype.newbyteorder("=")) for k, v in same.items()}
-    return pd.DataFrame(native, index=range(1, usual + 1))
+    return pd.DataFrame({k: v.astype(v.dtype.newbyteorder("=")) for k, v in same.items()})
 
 
+@reads(".parquet")
 def parquet_frame(path: Path, columns: Sequence[str] | None = None) -> pd.DataFrame:
-    """Columns of a parquet file.
-
-    Args:
-        path: The file.
-        columns: Names that are wanted; None gives all.
-
-    Returns:
-        Columns of numbers, texts and times; the index counts rows from 1.
-
-    Raises:
-        InputError: If pyarrow is not installed, or it is no such file, or cut off.
-    """
+    """Columns of a parquet file, those that are wanted; refused if pyarrow is not installed, or it is none."""
     try:
         from pyarrow import ArrowException
         from pyarrow.parquet import ParquetFile
@@ -115,6 +130,4 @@ def parquet_frame(path: Path, columns: Sequence[str] | None = None) -> pd.DataFr
         return pd.DataFrame(columns=there)
     if not table.num_rows:
         raise InputError(f"{path.name}: empty file; expected columns of numbers")
-    frame = table.to_pandas(ignore_metadata=True)
-    frame.index = pd.RangeIndex(1, len(frame) + 1)
-    return frame
+    return table.to_pandas(ignore_metadata=True)

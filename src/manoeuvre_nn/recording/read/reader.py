@@ -18,12 +18,13 @@ from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.recording.kind import guess_kind
 from manoeuvre_nn.recording.local_cubics import WINDOW, smoothed
 from manoeuvre_nn.recording.outliers import spikes
+from manoeuvre_nn.recording.read.containers import READERS
 from manoeuvre_nn.recording.read.mapping import REQUIRED, Mapping
 from manoeuvre_nn.recording.read.mapping_file import mapping_of
 from manoeuvre_nn.recording.read.mending import followed, line_across, without_delays
 from manoeuvre_nn.recording.read.position import local_metres
 from manoeuvre_nn.recording.read.quantity import PAIRS, STAMPS
-from manoeuvre_nn.recording.read.table import READABLE, Table, read_table
+from manoeuvre_nn.recording.read.table import TEXT, Table, read_table
 
 MIN_SAMPLES = 20
 """Fewest samples of a recording."""
@@ -33,9 +34,6 @@ MAX_FILLED_CELLS = 3
 """Most samples in a row that ``fill_gaps: true`` fills."""
 MAX_OUTLIERS = 0.1
 """Largest share of samples that may be outliers; more are noise."""
-
-LISTED = (".csv", ".mat", ".parquet")
-"""Suffixes that make a file a recording where a folder is read."""
 
 Channels = dict[str, Float[np.ndarray, " n"]]
 
@@ -68,7 +66,7 @@ def read_recordings(
         # A folder's own name may hold brackets or stars: only the last part is taken as a pattern.
         paths = sorted(place.parent.glob(place.name))
     if not paths:
-        kinds = " or ".join(suffix.removeprefix(".") for suffix in LISTED)
+        kinds = " or ".join(suffix.removeprefix(".") for suffix in (".csv", *READERS))
         raise InputError(f"{where}: no {kinds} file there; write a file, a folder or a pattern such as runs/zz*.csv")
     return [read_recording(path, mapping, ship) for path in paths]
 
@@ -82,8 +80,8 @@ def recordings_in(folder: Path) -> list[Path]:
     Returns:
         Files by name. Texts ``.txt`` and ``.dat`` count only where there is nothing else: they may be notes.
     """
-    there = sorted(p for p in folder.iterdir() if p.is_file() and p.suffix.lower() in READABLE)
-    return [p for p in there if p.suffix.lower() in LISTED] or there
+    there = sorted(p for p in folder.iterdir() if p.is_file() and p.suffix.lower() in (*TEXT, *READERS))
+    return [p for p in there if p.suffix.lower() in (".csv", *READERS)] or there
 
 
 def read_recording(path: str | Path, mapping: Mapping | None, ship: Particulars) -> Recording:

@@ -13,13 +13,11 @@ import pandas as pd
 from jaxtyping import Float
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.recording.read.containers import MAT, PARQUET, mat_frame, parquet_frame
+from manoeuvre_nn.recording.read.containers import columns_in, has_reader
 from manoeuvre_nn.recording.read.mapping import Mapping
 
 TEXT = (".csv", ".txt", ".dat")
-"""Suffixes of texts."""
-READABLE = (*TEXT, MAT, PARQUET)
-"""Suffixes of files that can be read; anything else is taken for a text."""
+"""Suffixes of texts; a file of any other suffix that has no reader is taken for one, too."""
 EMPTY = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
 """Cells that hold no number, in small letters."""
 ZONED = r"T?\d\d:\d\d.*(?:Z|[+-]\d\d:?\d\d)$"
@@ -134,7 +132,7 @@ def read_table(path: Path, mapping: Mapping) -> Table:
     """Read a file's columns; its suffix says what it is.
 
     Args:
-        path: The file: a text, ``.mat`` or ``.parquet``.
+        path: The file: a text, or one that has a reader.
         mapping: Headings, delimiter, lines to skip.
 
     Returns:
@@ -144,8 +142,8 @@ def read_table(path: Path, mapping: Mapping) -> Table:
         InputError: If the file is missing, empty, foreign, cut off, or lacks a column.
     """
     check_there(path)
-    if path.suffix.lower() in {MAT, PARQUET}:
-        frame = (mat_frame if path.suffix.lower() == MAT else parquet_frame)(path, mapping.columns)
+    if has_reader(path):
+        frame = columns_in(path, mapping.columns)
         _check_headings(path, list(frame.columns), mapping)
         return Table(path, frame, "row", mapping.decimal)
     text = text_of(path)
@@ -310,8 +308,8 @@ def _check_headings(path: Path, headings: Sequence[str], mapping: Mapping) -> No
     there = ", ".join(headings[:30])
     for column in mapping.columns:
         if column not in headings and column in mapping.needed:
-            text = path.suffix.lower() not in {MAT, PARQUET}
-            hint = f"; is the delimiter {mapping.delimiter!r}?" if text and len(headings) == 1 else ""
+            one = len(headings) == 1 and not has_reader(path)
+            hint = f"; is the delimiter {mapping.delimiter!r}?" if one else ""
             raise InputError(f"{path.name}: no column {column!r}; it has: {there or 'none'}{hint}")
         if headings.count(column) > 1:
             raise InputError(f"{path.name}: column {column!r} stands {headings.count(column)} times; rename one")

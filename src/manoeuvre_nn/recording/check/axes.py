@@ -1,0 +1,212 @@
+"""Checks of signs, axes and frames: heading against rate of turn, velocities against the track, rudder against turn."""
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+from manoeuvre_nn.core.frames import body_to_earth, earth_to_body
+from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.recording.check.finding import Change, Finding, in_unit, other_sign, refused
+from manoeuvre_nn.recording.check.motion import (
+    TURNED,
+    SmoothedMotion,
+    angle_turned,
+    course_over_ground,
+    smoothed_motion,
+)
+from manoeuvre_nn.recording.local_cubics import WINDOW, smoothed
+from manoeuvre_nn.recording.outliers import trimmed_least_squares
+from manoeuvre_nn.recording.thinning import thinned
+
+MISFIT = 0.35
+"""Largest misfit between u, v and the track's velocity that is put down to sensors, wind and current [-]."""
+SLOPE_SDS = 3.4
+"""Standard deviations beyond which a sample does not count for the slope of one channel on another."""
+RUDDER_WINDOW = 0.4
+"""Window of the check of the rudder's sign over L/U0: shorter, for the evidence lies where the rudder moves."""
+RECENT = 2.5
+"""How long a movement of the rudder is felt in the yaw rate, over L/U0."""
+STRONG_EVIDENCE = 4.0
+"""Least ratio of the rudder's coefficient to its standard error for a verdict on its sign."""
+
+Series = Float[np.ndarray, " n"]
+
+
+def heading_rate(recording: Recording, ship: Particulars) -> Finding | None:
+    """The rate of the heading against r: units and signs of both."""
+    if "r" in recording.derived:
+        return None
+    m = smoothed_motion(recording, ship)
+    if np.ptp(m.psi) < 0.5 * DEGREE and np.ptp(recording["r"]) == 0:
+        return None
+    slope = _robust_slope(m.r, m.psi_rate)
+    # A constant error of the gyro is no wrong unit.
+    centred = _robust_slope(m.r - np.median(m.r), m.psi_rate - np.median(m.psi_rate))
+    if min(abs(slope - 1), abs(centred - 1)) < 0.2:
+        return None
+    said = f"the heading changes {slope:.3g} times as fast as r says; expected 1"
+    remedy, changes = _rate_remedy(recording, ship, m, slope)
+    return refused("r against psi", said, remedy, *changes)
+
+
+def heading_rate_in_turns(run: Recording, ship: Particulars) -> Finding | None:
+    """The same where the ship turns; what no unit or sign explains may be what a diagnosis looks for."""
+    found = heading_rate(run, ship) if _turns(run, ship) else None
+    return found if found is not None and found.changes else None
+
+
+def frame(recording: Recording, ship: Particulars) -> Finding | None:
+    """Body velocities against those of the track: frames, signs, swapped columns, heading offset."""
+    # Every simple mistake is tried; the one that brings the two together best is named.
+    if recording.derived & {"u", "x"}:
+        return None
+    m = smoothed_motion(recording, ship)
+    as_given = _misfit(m)
+    if as_given < MISFIT:
+        return None
+    offset = _heading_offset(m)
+    north, east = body_to_earth(m.u, m.v, m.psi)
+    ahead, abeam = earth_to_body(m.u, m.v, m.psi)
+    tried: list[tuple[str, Change, SmoothedMotion]] = [
+        ("u and v look earth-fixed: write frame: earth", Change("frame", value="earth"), m._replace(u=ahead, v=abeam)),
+        ("u and v look body-fixed: write frame: body", Change("frame", value="body"), m._replace(u=north, v=east)),
+        ("u and v look swapped: exchange their columns", Change("channels.u", "exchange", "v"),
+         m._replace(u=m.v, v=m.u)),
+        ("x and y look swapped (x is north, y east): exchange their columns", Change("channels.x", "exchange", "y"),
+         m._replace(x=m.y, y=m.x)),
+        *((f"write sign: -1 for {k}", other_sign(k), m._replace(**{k: -getattr(m, k)}))
+          for k in ("v", "u", "x", "y", "psi")),
+        (f"psi looks {offset / DEGREE:.0f} deg off: take that from the heading",
+         Change("channels.psi", "offset", offset), m._replace(psi=m.psi - offset)),
+    ]  # fmt: skip
+    cause, change, mended = min(tried, key=lambda one: _misfit(one[2]))
+    cause, changes = (cause, (change,)) if _misfit(mended) <= 0.6 * as_given else _other_point(m, as_given)
+    text = f"u, v do not follow from x, y and psi (misfit {as_given:.2g}, expected below {MISFIT})"
+    return refused("frame", text, cause, *changes)
+
+
+def frame_in_turns(run: Recording, ship: Particulars) -> Finding | None:
+    """The same where the ship turns; else there is little but noise to compare."""
+    return frame(run, ship) if _turns(run, ship) else None
+
+
+def course(run: Recording, ship: Particulars) -> Finding | None:
+    """A ship that does not go where it heads."""
+    way, window = course_over_ground(run, ship), WINDOW * ship.time_unit
+    off = float(np.median(np.abs(np.angle(np.exp(1j * (way - run["psi"]))))))
+    rates = [np.gradient(smoothed(run.time, angle, window)[0], run.time) for angle in (way, run["psi"])]
+    mirrored = np.ptp(run["psi"]) > TURNED and np.corrcoef(*rates)[0, 1] < -0.5
+    if off < 60 * DEGREE and not mirrored:
+        return None
+    said = "turns to the other side than the heading" if mirrored else f"is {off / DEGREE:.0f} deg off the heading"
+    text = (
+        f"the course over ground {said} most of the time: x is north and y east, cog and psi are clockwise from north"
+    )
+    return refused("course", text, "exchange or turn round those that are not")
+
+
+def rudder_sign(recording: Recording, ship: Particulars) -> Finding | None:
+    """Which way the rudder turns the ship, measured."""
+    b, error = rudder_effect(recording, ship)
+    if not b < -STRONG_EVIDENCE * error:
+        return None
+    text = (
+        "rudder sign opposite to the turn: a positive rudder angle turns the ship to port (rdot = "
+        f"{b * ship.time_unit**2:.2g} delta in units of U0^2/L^2)"
+    )
+    remedy = "change rudder_positive_to (or the sign of delta, or of r and psi together)"
+    return refused("rudder sign", text, remedy, Change("rudder_positive_to", "turn"))
+
+
+def rudder_effect(recording: Recording, ship: Particulars) -> tuple[float, float]:
+    """How much a rudder angle turns the ship.
+
+    ``rdot = a r + b delta + c`` is fitted to the times in which the rudder has moved lately, so that a ship that lags
+    behind its rudder, or is unstable on a straight course, does not mislead: what counts is which way a rudder angle
+    *changes* the yaw rate. Long steady turns are left out, for there r says all that delta does; so are outlying
+    samples. Sway as a third column is so much like r that it takes the rudder's evidence away.
+
+    Returns:
+        Coefficient b of the rudder [1/s^2] and its standard error; zeros where the rudder hardly moves.
+    """
+    recording = thinned(recording, ship)
+    window = RUDDER_WINDOW * ship.time_unit
+    (rudder, _), (r, rdot) = (smoothed(recording.time, recording[k], window) for k in ("delta", "r"))
+    # Samples half a window apart have nearly independent errors.
+    stride = max(round(0.5 * window / recording.step), 1)
+    columns, target = np.stack([rudder, r, np.ones_like(r)], axis=1)[::stride], rdot[::stride]
+    active = _has_moved(rudder, max(round(RECENT * ship.time_unit / recording.step), 1))[::stride]
+    if active.sum() < 8:
+        return 0.0, 0.0
+    large = float(np.quantile(np.abs(target[active]), 0.9))
+    values, covariance, _ = trimmed_least_squares(columns, target, 4.0, 0.05 * large, active)
+    return float(values[0]), float(np.sqrt(max(covariance[0, 0], 0.0)))
+
+
+def _rate_remedy(
+    recording: Recording, ship: Particulars, m: SmoothedMotion, slope: float
+) -> tuple[str, tuple[Change, ...]]:
+    """Which of psi and r is in another unit, or has the other sign."""
+    turning = float(np.quantile(np.abs(m.r), 0.98)) * ship.time_unit
+    if abs(60 * slope - 1) < 0.02:  # close to 1 / 57.3, which is deg/s taken for rad/s
+        return "r looks like deg/min, not deg/s: write unit: deg/min for r", in_unit("deg/min", "r")
+    if abs(slope * DEGREE - 1) < 0.2:
+        if turning > 0.03:
+            return "psi looks like degrees: write unit: deg for psi", in_unit("deg", "psi")
+        return "r looks like rad/s, not deg/s: write unit: rad/s for r", in_unit("rad/s", "r")
+    if abs(slope / DEGREE - 1) < 0.2:
+        if turning > 4:
+            return "r looks like deg/s: write unit: deg/s for r", in_unit("deg/s", "r")
+        return "psi looks like radians, not degrees: write unit: rad for psi", in_unit("rad", "psi")
+    if abs(slope + 1) < 0.2:
+        if recording.derived & {"u", "x"}:
+            return "write sign: -1 for psi or for r", ()
+        name = "psi" if _misfit(m._replace(psi=-m.psi)) < _misfit(m) else "r"
+        return f"write sign: -1 for {name}", (other_sign(name),)
+    return "mind the units of psi, r and time", ()
+
+
+def _other_point(m: SmoothedMotion, as_given: float) -> tuple[str, tuple[Change, ...]]:
+    """Positions of another point than the velocities; else nobody knows."""
+    _, abeam = earth_to_body(m.x, m.y, m.psi)
+    lever = _robust_slope(m.r, abeam - m.v)
+    if _misfit(m._replace(v=m.v + lever * m.r)) > 0.6 * as_given:
+        return "mind the columns and signs of u, v, x, y, psi, and reference_point", ()
+    side = "ahead of" if lever > 0 else "aft of"
+    said = f"x and y look to be of a point {abs(lever):.3g} m {side} that of u and v: write position_point"
+    return said, (Change("position_point", "add", lever),)
+
+
+def _turns(run: Recording, ship: Particulars) -> bool:
+    """Whether there is more than noise to compare."""
+    return bool(max(angle_turned(run, ship), np.ptp(run["psi"])) > TURNED)
+
+
+def _misfit(m: SmoothedMotion) -> float:
+    """Typical error of u over the typical speed plus that of v over the typical sway of ship and track."""
+    ahead, abeam = earth_to_body(m.x, m.y, m.psi)
+    sway = 0.5 * np.quantile(np.abs(abeam), 0.9) + 0.5 * np.quantile(np.abs(m.v), 0.9)
+    surge = np.median(np.abs(m.u - ahead)) / np.median(m.speed)
+    return float(surge + np.median(np.abs(m.v - abeam)) / max(sway, 1e-9))
+
+
+def _heading_offset(m: SmoothedMotion) -> float:
+    """Constant by which psi is ahead of the angle between track velocity and body velocity [rad]."""
+    way = np.arctan2(m.y, m.x) - np.arctan2(m.v, m.u)
+    weight = m.speed > 0.3 * np.quantile(m.speed, 0.95)
+    return float(np.angle(np.mean(np.exp(1j * (m.psi - way)[weight]))))
+
+
+def _robust_slope(x: Series, y: Series) -> float:
+    """Slope of y on x through the origin, where x is large, without the samples that lie far off."""
+    large = np.abs(x) > 0.2 * np.quantile(np.abs(x), 0.95)
+    return float(trimmed_least_squares(x[:, None], y, SLOPE_SDS, 1e-12, large)[0][0])
+
+
+def _has_moved(rudder: Series, count: int) -> Bool[np.ndarray, " n"]:
+    """Whether the rudder has moved by 30 % of its usual angle within the last ``count`` samples."""
+    back = (count - 1) // 2
+    travel = maximum_filter1d(rudder, count, origin=back) - minimum_filter1d(rudder, count, origin=back)
+    return travel > 0.3 * max(float(np.quantile(np.abs(rudder), 0.9)), 1e-6)
