@@ -25,23 +25,12 @@ def esso_osaka_model() -> Particulars:
         published with them.
     """
     return Particulars(
-        name="Esso Osaka model",
-        length=3.0,
-        beam=0.489,
-        draught=0.201,
-        block=0.830,
-        speed=0.4,
-        rudder_rate=400 * DEGREE,
-        rudder_limit=35.3 * DEGREE,
-        rudder_area_ratio=0.0106 / (3.0 * 0.201),
-        record_length=180.0,
-        sample_interval=0.2,
-        rho=FRESH_WATER,
-        displacement=244.6,
-        rpm=60 * 12.0,
+        name="Esso Osaka model", length=3.0, beam=0.489, draught=0.201, block=0.830, speed=0.4,
+        rudder_rate=400 * DEGREE, rudder_limit=35.3 * DEGREE, rudder_area_ratio=0.0106 / (3.0 * 0.201),
+        record_length=180.0, sample_interval=0.2, rho=FRESH_WATER, displacement=244.6, rpm=60 * 12.0,
         wind_areas=WindAreas(frontal=0.135, lateral=0.520, lateral_centre=-0.013, length_overall=3.0),
         source="Wakita et al. 2022; Miyauchi et al. 2022",
-    )
+    )  # fmt: skip
 
 
 def esso_osaka_mmg() -> MMGShip:

@@ -6,27 +6,15 @@ from manoeuvre_nn.ship.taylor import TaylorShip
 
 # Wang 1996, Table A.1; A/(LT) = .027 reproduces the Clarke column of Table A.4 (not stated in the thesis).
 PARTICULARS = Particulars(
-    name="Great Lakes bulk carrier",
-    length=217.627,
-    beam=23.005,
-    draught=8.100,
-    block=0.905,
-    speed=5.144,
-    rudder_rate=2.5 * DEGREE,
-    rudder_limit=35 * DEGREE,
-    rudder_area_ratio=0.027,
-    surge_damping=-0.02,  # Wang 1996, Table A.3, row Clarke
-    rudder_drag=-0.0972,
-    record_length=360.0,
+    name="Great Lakes bulk carrier", length=217.627, beam=23.005, draught=8.100, block=0.905, speed=5.144,
+    rudder_rate=2.5 * DEGREE, rudder_limit=35 * DEGREE, rudder_area_ratio=0.027, record_length=360.0,
     longest_turn=400.0,
+    surge_damping=-0.02, rudder_drag=-0.0972,  # Wang 1996, Table A.3, row Clarke
     # Not in the thesis: what a ship of this type has; wind and heel need it.
-    displacement=37_611e3,
-    resistance=179.3e3,
-    rpm=88.0,
-    wind_areas=WindAreas(330.0, 1500.0, -20.0, 222.5),
+    displacement=37_611e3, resistance=179.3e3, rpm=88.0, wind_areas=WindAreas(330.0, 1500.0, -20.0, 222.5),
     stability=Stability(2.5, 7.6, 11.2),
     source="Wang 1996, Table A.1, after Eda et al. 1982",
-)
+)  # fmt: skip
 
 # Wang 1996, Table A.2.
 INERTIA = {"mx": 0.19505, "my": 0.33234, "mz": 0.02724}

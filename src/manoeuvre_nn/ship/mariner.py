@@ -7,26 +7,14 @@ from manoeuvre_nn.ship.taylor import TaylorShip
 
 # Wang 1996, Table 3.1. The rudder stop is not stated; 35 deg is the largest angle used there. Records: section 4.4.1.
 WANG = Particulars(
-    name="Mariner",
-    length=152.4,
-    beam=21.763,
-    draught=8.138,
-    block=0.600,
-    speed=7.614,
-    rudder_rate=2.5 * DEGREE,
-    rudder_limit=35 * DEGREE,
-    rudder_area_ratio=0.02,
-    surge_damping=-0.0253,  # Wang 1996, Table 5.1, column Clarke
-    rudder_drag=-0.04008,
-    record_length=360.0,
+    name="Mariner", length=152.4, beam=21.763, draught=8.138, block=0.600, speed=7.614,
+    rudder_rate=2.5 * DEGREE, rudder_limit=35 * DEGREE, rudder_area_ratio=0.02, record_length=360.0,
+    surge_damping=-0.0253, rudder_drag=-0.04008,  # Wang 1996, Table 5.1, column Clarke
     # Not in the thesis: what a ship of this type has; wind and heel need it.
-    displacement=16_274e3,
-    resistance=350.1e3,
-    rpm=76.0,
-    wind_areas=WindAreas(420.0, 1650.0, -4.0, 158.0),
+    displacement=16_274e3, resistance=350.1e3, rpm=76.0, wind_areas=WindAreas(420.0, 1650.0, -4.0, 158.0),
     stability=Stability(0.6, 8.4, 21.5),
     source="Wang 1996, Table 3.1",
-)
+)  # fmt: skip
 
 # Wang 1996, Table 3.2, after Crane, Eda & Landsburg 1989.
 INERTIA = {"mx": 0.17700, "my": 0.32700, "mz": 0.01750, "Nvdot": 0.00221, "Yrdot": -0.00077}
@@ -71,17 +59,10 @@ def mariner_corrected() -> TaylorShip:
 # Chislett & Strom-Tejsen 1965: L 160.93 m and 15 kn; beam, draught and block as in Fossen 1994, appendix E.1.3.
 # Rudder: stop 40 deg and 5 deg/s in the widely used MSS version of Fossen & Perez.
 CHISLETT = Particulars(
-    name="Mariner (Chislett & Strom-Tejsen 1965)",
-    length=160.93,
-    beam=23.17,
-    draught=8.23,
-    block=0.6,
-    speed=7.7175,
-    rudder_rate=5.0 * DEGREE,
-    rudder_limit=40 * DEGREE,
-    record_length=360.0,
+    name="Mariner (Chislett & Strom-Tejsen 1965)", length=160.93, beam=23.17, draught=8.23, block=0.6, speed=7.7175,
+    rudder_rate=5.0 * DEGREE, rudder_limit=40 * DEGREE, record_length=360.0,
     source="Chislett & Strom-Tejsen 1965; Fossen 1994, appendix E.1.3",
-)
+)  # fmt: skip
 
 # All values: Chislett & Strom-Tejsen 1965, as printed in Fossen 1994, appendix E.1.3, times 1e-5.
 CHISLETT_MASS, CHISLETT_IZ, CHISLETT_XG = 798e-5, 39.2e-5, -0.023

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.network import Network, products_of
+from manoeuvre_nn.core.network import Network, filled, products_of
 from manoeuvre_nn.core.prime import PrimeSystem
 from manoeuvre_nn.core.ship import Particulars, Ship, check_speed
 
@@ -50,10 +50,8 @@ class TaylorForce(Network):
         """
         super().__init__()
         self.terms = sorted({_sorted(t) for e in coefficients.values() for t in e}, key=lambda t: (len(t), t))
-        order = max((len(t) for t in self.terms), default=0) or 1
-        # Each product is a product of `order` columns of (1, u, v, r, d).
-        columns = [[VARIABLES.index(c) + 1 for c in t] + [0] * (order - len(t)) for t in self.terms]
-        self.register_buffer("columns", torch.tensor(columns, dtype=torch.long).reshape(len(self.terms), order))
+        # Each product is one of columns of (1, u, v, r, d).
+        self.register_buffer("columns", filled([[VARIABLES.index(c) + 1 for c in t] for t in self.terms]))
         matrix = torch.zeros(len(self.terms), 3, dtype=dtype)
         for equation, values in coefficients.items():
             if equation not in EQUATIONS:
