@@ -49,14 +49,7 @@ class InputTable:
     start: float = 0.0
 
     def at(self, time: float) -> Inputs:
-        """Inputs of all rows at one time: linear between samples, held before the first and beyond the last.
-
-        Args:
-            time: Time since the start of the recordings [s].
-
-        Returns:
-            One value a row.
-        """
+        """Inputs of all rows at a time [s]: linear between samples, held before the first and beyond the last."""
         delta = self.columns["delta"]
         last = delta.shape[1] - 1
         place = min(max((time - self.start) / self.interval, 0.0), last)

@@ -92,14 +92,7 @@ class Network(ABC, nn.Module):
         return self(x)
 
     def at_shaft(self, ratio: float) -> "Network":
-        """The same network at another nominal shaft speed; it shares the weights.
-
-        Args:
-            ratio: The new nominal shaft speed over the present one [-].
-
-        Returns:
-            The network itself where it does not know the shaft speed.
-        """
+        """The same network at this many times the nominal shaft speed, if it knows one; it shares the weights."""
         shaft = self._buffers.get("shaft")
         if shaft is None or ratio == 1.0:
             return self
@@ -108,12 +101,5 @@ class Network(ABC, nn.Module):
         return other
 
     def sensitivities(self, x: Float[Tensor, "*batch inputs"]) -> Float[Tensor, "*batch k 3"]:
-        """What one standard deviation of each independent combination of coefficients adds to the forces.
-
-        Args:
-            x: Scaled inputs.
-
-        Returns:
-            Scaled forces, one row a combination; no row where the uncertainty of the fit is not known.
-        """
+        """Forces by one standard deviation of each independent combination of coefficients; no row where unknown."""
         return x[..., None, :][..., :0, :3]

@@ -337,14 +337,7 @@ class Ship(ABC, nn.Module):
 
     @abstractmethod
     def on_approach(self, speed: float) -> "Ship":
-        """The ship as it comes into a manoeuvre at another approach speed.
-
-        Args:
-            speed: Approach speed [m/s].
-
-        Returns:
-            A new ship; each family says what is scaled and what is held.
-        """
+        """The ship as it comes into a manoeuvre at another speed [m/s]; each family says what is scaled or held."""
 
     def acceleration(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
         """Accelerations ``nudot = units M'^-1 f'`` by :meth:`force`: udot, vdot [m/s^2], rdot [rad/s^2]."""

@@ -209,13 +209,7 @@ class Series(Network):
         covariance: Float[Tensor, "p p"],
         noise: Float[Tensor, " 6"] | None = None,
     ) -> None:
-        """Set the estimate, and draw the other members from its uncertainty.
-
-        Args:
-            values: Coefficients in the order of :attr:`names`.
-            covariance: Theirs.
-            noise: See :attr:`noise`; None is nothing.
-        """
+        """Set the estimate and its covariance, in the order of :attr:`names`, and draw the other members from them."""
         self.covariance.copy_(covariance)
         self.noise.copy_(torch.zeros_like(self.noise) if noise is None else noise)
         generator = torch.Generator().manual_seed(self.seed)

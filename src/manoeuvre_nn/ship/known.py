@@ -20,11 +20,7 @@ class _InertiaOnly(Ship):
     """
 
     def __init__(self, ship: Ship) -> None:
-        """Take particulars, prime system and inertia from a ship.
-
-        Args:
-            ship: The ship whose acceleration derivatives are known.
-        """
+        """Take particulars, prime system and inertia from a ship."""
         super().__init__(ship.particulars, ship.prime, ship.inertia)
         self._ship = [ship]  # in a list, so that its coefficients are no part of the model
 

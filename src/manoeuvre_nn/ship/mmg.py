@@ -126,12 +126,7 @@ class MMGShip(Ship):
     """
 
     def __init__(self, particulars: Particulars, coefficients: MMGCoefficients) -> None:
-        """Build the ship, with the shaft speed that keeps up the approach speed.
-
-        Args:
-            particulars: Main dimensions and steering gear.
-            coefficients: Hull, propeller and rudder.
-        """
+        """Build the ship, with the shaft speed that keeps up the approach speed."""
         p, k = particulars, coefficients
         off = k.mass * k.x_g
         inertia = [[k.mass + k.added_x, 0.0, 0.0], [0.0, k.mass + k.added_y, off], [0.0, off, k.inertia + k.x_g * off]]

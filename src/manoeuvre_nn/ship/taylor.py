@@ -66,14 +66,7 @@ class TaylorForce(Network):
         return self.products(motion) @ self.coefficients
 
     def products(self, motion: Float[Tensor, "*batch 4"]) -> Float[Tensor, "*batch terms"]:
-        """The bare products of the series, in the order of ``terms``.
-
-        Args:
-            motion: u', v', r', delta.
-
-        Returns:
-            One column a term.
-        """
+        """The bare products of u', v', r' and delta, one column each in the order of ``terms``."""
         variables = motion.unbind(-1)
         return products_of(torch.stack([torch.ones_like(variables[0]), *variables]), self.columns)
 
