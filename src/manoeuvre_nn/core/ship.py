@@ -209,8 +209,12 @@ class Ship(ABC, nn.Module):
         particulars: Main dimensions and steering gear.
         prime: The prime system of inertia and forces.
         inertia: M' [-], shape (3, 3), for surge, sway and yaw.
+        depth: Depth of the water that the forces hold for [m]; ``inf`` is deep water.
+        terms: Names of the products, one a row of ``table``; none if the forces are no such series.
     """
 
+    depth: float = inf
+    terms: tuple[str, ...] = ()
     particulars: Particulars
     prime: PrimeSystem
     inertia: Tensor
@@ -228,19 +232,9 @@ class Ship(ABC, nn.Module):
         self.register_buffer("acceleration_units", inertia.new_tensor(prime.acceleration_units))
 
     @property
-    def depth(self) -> float:
-        """Depth of the water that the forces hold for [m]; ``inf`` is deep water."""
-        return inf
-
-    @property
     def table(self) -> Float[Tensor, "terms 3"] | None:
         """Coefficients that :meth:`products` are multiplied by; None if the forces are no such series."""
         return None
-
-    @property
-    def terms(self) -> tuple[str, ...]:
-        """Names of the products, one a row of ``table``."""
-        return ()
 
     def products(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch terms"]:
         """What the coefficients are multiplied by: ``f' = products @ table``.

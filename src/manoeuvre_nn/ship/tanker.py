@@ -98,7 +98,7 @@ class TankerShip(Ship):
         super().__init__(particulars, prime, torch.diag(deep + zeta * change))
         self.volume, self.coefficients = volume, coefficients
         self.rpm, self.self_propulsion, self.shaft = rpm, self_propulsion, shaft
-        self._depth = depth
+        self.depth, self.terms = depth, tuple(TERMS)
         self.register_buffer("depth_inertia", change, persistent=False)
         self._store(zeta)
 
@@ -122,11 +122,6 @@ class TankerShip(Ship):
         self.register_buffer("thrust_series", self.inertia.new_tensor(thrust))
 
     @property
-    def depth(self) -> float:
-        """Water depth h [m]; ``inf`` is deep water."""
-        return self._depth
-
-    @property
     def table(self) -> Float[Tensor, "terms 3"]:
         """Coefficients over the BIS unit of acceleration."""
         return self.coefficient_table
@@ -135,11 +130,6 @@ class TankerShip(Ship):
     def shaft_rpm(self) -> float:
         """Shaft speed [rpm]."""
         return self.rpm
-
-    @property
-    def terms(self) -> tuple[str, ...]:
-        """The products as the source writes them."""
-        return tuple(TERMS)
 
     def thrust(self, u: Float[Tensor, "*batch"], shaft: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
         """``m gT (1 - t)`` [N]."""

@@ -123,6 +123,7 @@ class TaylorShip(Ship):
         )
         super().__init__(particulars, prime or particulars.prime, mass)
         self.series = TaylorForce(coefficients, taylor=taylor)
+        self.terms = tuple(self.series.terms)  # the constant is empty
         self.coefficients, self._inertia_values = coefficients, inertia
         self.taylor, self.scaling, self.positive_rudder_turns_to = taylor, scaling, positive_rudder_turns_to
         self.rudder_sign = 1.0 if positive_rudder_turns_to == "starboard" else -1.0
@@ -150,11 +151,6 @@ class TaylorShip(Ship):
     def table(self) -> Float[Tensor, "terms 3"]:
         """Coefficients of the bare products."""
         return self.series.coefficients
-
-    @property
-    def terms(self) -> tuple[str, ...]:
-        """The products in letters; the constant is empty."""
-        return tuple(self.series.terms)
 
     def products(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch terms"]:
         """The bare products, times ``(Us / U0)^2``."""
