@@ -367,4 +367,4 @@ def test_a_network_of_another_ship_or_without_its_run_is_refused(network, record
     assert alone.code == 2 and "which says what network it is" in alone.err
     (tmp_path / "config.yaml").write_text("a: 1\n")
     foreign = diagnose(capsys, tmp_path / "out", *words, f"model={tmp_path}/alone/best.ckpt")
-    assert foreign.code == 2 and "is no config of train.py" in foreign.err
+    assert foreign.code == 2 and "is no config of manoeuvre train" in foreign.err

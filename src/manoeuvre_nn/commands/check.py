@@ -1,17 +1,18 @@
-"""The job of ``scripts/check_recordings.py``: every check of every file, a page, figures and JSON."""
+"""The job of ``manoeuvre check``: every check of every file, a page, figures and JSON."""
 
 import json
 from collections.abc import Sequence
 from pathlib import Path
 
-import yaml
 from matplotlib.figure import Figure
 from omegaconf import DictConfig
 from rich.console import Console
 
 from manoeuvre_nn.commands import config as configs
+from manoeuvre_nn.commands import guard
 from manoeuvre_nn.commands.job import known_part
-from manoeuvre_nn.commands.provenance import resolved, versions, write_provenance
+from manoeuvre_nn.commands.provenance import shown, versions, write_provenance
+from manoeuvre_nn.commands.shelves import plain
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.core.threads import use_threads
@@ -40,6 +41,16 @@ PAGE, RESULT = "checks.html", "findings.json"
 REMEDIES = "Write into the mapping"
 MAX_RECORDINGS_WITH_NOTES = 6
 """Recordings up to which the terminal shows notes too."""
+
+
+def check_or_refuse(cfg: DictConfig, out: Path) -> None:
+    """Check all files; a file that is refused shows in the exit code.
+
+    Raises:
+        SystemExit: With code 2 if one is.
+    """
+    if any(one.verdict == "refuse" for one in check(cfg, out)):
+        raise SystemExit(guard.WRONG_INPUT)
 
 
 def check(cfg: DictConfig, out: Path, console: Console | None = None) -> list[Inspection]:
@@ -133,7 +144,7 @@ def _write(
         summary=sentence(found),
         tables=tables,
         figures=figures,
-        config_yaml=yaml.safe_dump(resolved(cfg), sort_keys=False, allow_unicode=True),
+        config=plain(cfg),
         versions=versions(),
         unfolded=("Recordings", REMEDIES, "Sensors, over all recordings"),
     )
@@ -156,7 +167,7 @@ def _print(
         console.print(f"all together: {f}", highlight=False)
     _print_remedies(found, columns, console)
     console.print(sentence(found), highlight=False)
-    here = out.relative_to(Path.cwd()) if out.is_relative_to(Path.cwd()) else out
+    here = shown(out)
     console.print(f"report: {here / PAGE}   numbers: {here / RESULT}", soft_wrap=True, highlight=False)
 
 

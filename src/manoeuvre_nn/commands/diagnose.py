@@ -15,7 +15,7 @@ from rich.progress import BarColumn, Progress, TextColumn
 
 from manoeuvre_nn.commands import guard
 from manoeuvre_nn.commands.diagnosis_setup import Setup, found_effects, setup, write_effects
-from manoeuvre_nn.commands.provenance import check_same_run, write_provenance
+from manoeuvre_nn.commands.provenance import check_same_run, shown, write_provenance
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.diagnosis.answers import write_answer
@@ -26,6 +26,7 @@ from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.report.diagnosis_figures import draw_diagnosis
 from manoeuvre_nn.report.diagnosis_html import diagnosis_html, log_to_tensorboard
 from manoeuvre_nn.report.diagnosis_tables import print_diagnosis, value_text
+from manoeuvre_nn.report.html import save_figures
 from manoeuvre_nn.scoring.free_runs import cost
 
 ANSWER, ERROR = "answer.json", "error.txt"
@@ -46,7 +47,7 @@ def diagnose_all(cfg: DictConfig, out: Path, console: Console | None = None) -> 
     console = console or Console()
     use_threads(1)
     if (cfg.cases is None) == (cfg.recordings is None):
-        raise InputError("write either cases=DIR or recordings=DIR; python diagnose.py --help tells more")
+        raise InputError(f"write either cases=DIR or recordings=DIR; {guard.program()} --help tells more")
     (answer_cases if cfg.recordings is None else diagnose_recordings)(cfg, out, console)
 
 
@@ -160,16 +161,14 @@ def diagnose_recordings(cfg: DictConfig, out: Path, console: Console) -> None:
     write_effects(found_effects(d, question.effects, common.shelf), f"{d.case}: {d.sentence}", out / "effects.yaml")
     write_answer(d, out)
     print_diagnosis(d, console)
-    here = out.relative_to(Path.cwd()) if out.is_relative_to(Path.cwd()) else out
+    here = shown(out)
     console.print(f"report: {here / 'report.html'}   dashboard: tensorboard --logdir {here.parent}", soft_wrap=True)
 
 
 def write_page(d: Diagnosis, figures: Mapping[str, Figure], out: Path) -> None:
     """Write ``report.html`` and ``figures/*.png``."""
     diagnosis_html(d, figures, out / "report.html")
-    (out / "figures").mkdir(exist_ok=True)
-    for name, figure in figures.items():
-        figure.savefig(out / "figures" / f"{name.replace('/', '_').replace(' ', '_')}.png", dpi=110)
+    save_figures(figures, out / "figures")
 
 
 class Tracker:

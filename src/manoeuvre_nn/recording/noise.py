@@ -82,4 +82,5 @@ def resample(recording: Recording, rate_hz: float) -> Recording:
         raise InputError(
             f"rate_hz={rate_hz:g} leaves {count} sample of recording {recording.name}: write a higher rate"
         )
-    return recording.resampled(recording.time[0] + np.arange(count) / rate_hz)
+    times = recording.time[0] + np.arange(count) / rate_hz
+    return recording.resampled(np.minimum(times, recording.time[-1]))  # the last may be a rounding beyond the end

@@ -149,7 +149,7 @@ def summary_lines(inspections: Sequence[Inspection], most: int = 5) -> list[str]
     said = [f"{i.name}: {f}" for i in inspections for f in i.findings if f.trips]
     if len(said) <= most:
         return said
-    return [*said[:most], f"{len(said) - most} more: python scripts/check_recordings.py shows them all"]
+    return [*said[:most], f"{len(said) - most} more: manoeuvre check shows them all"]
 
 
 def _as_written(mapping: Mapping) -> Mapping:
