@@ -26,7 +26,6 @@ from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.simulate import simulate
 from manoeuvre_nn.estimation.accelerations import accelerations
 from manoeuvre_nn.estimation.baselines import taylor_baseline
-from manoeuvre_nn.estimation.problem import sensor_faults
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.network.series import Series, SeriesSettings
@@ -80,10 +79,9 @@ def model_of(method: str, recording: Recording, floor: float, delays: Sequence[s
     conf = Path(__file__).parents[1] / "conf" / "network" / f"{method}.yaml"
     given = yaml.safe_load(conf.read_text())["network"]
     network = Series(SeriesSettings(given["surge"], given["lateral"], yaw=given.get("yaw", ())))
-    settings = replace(DEFAULT_SETTINGS, floor=tuple(floor * f for f in DEFAULT_SETTINGS.floor))
-    return fit_series(
-        network, clarke_inertia_part(SHIP), [recording], settings=settings, faults=sensor_faults(delays, ())
-    )[0]
+    floors = tuple(floor * f for f in DEFAULT_SETTINGS.floor)
+    settings = replace(DEFAULT_SETTINGS, floor=floors, delays=tuple(delays))
+    return fit_series(network, clarke_inertia_part(SHIP), [recording], settings=settings)[0]
 
 
 def main(arguments: list[str]) -> None:

@@ -15,7 +15,6 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.estimation.agreement import birge_scaled_covariance
-from manoeuvre_nn.estimation.coefficient_priors import Prior
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.network.series import Series, SeriesSettings
@@ -112,7 +111,7 @@ def test_members_are_as_far_apart_as_runs_disagree():
         settings = replace(DEFAULT_SETTINGS, floor=tuple(0.1 * f for f in DEFAULT_SETTINGS.floor))
         recorded = [one, other.with_channels(delta=other["delta"] / 1.5)]
         model, found = fit_series(abkowitz(40), KNOWN, recorded, settings=settings)
-        problem = explained(model, recorded, Prior(), settings)
+        problem = explained(model, recorded, settings)
         covariance, ratio = birge_scaled_covariance(problem, found)
     assert ratio > 2
     count = problem.shared

@@ -98,9 +98,9 @@ def _fitted(cfg: DictConfig, console: Console) -> Coefficients:
         job.data.setup(stage=None)
         fit = make_fit(cfg, job)
         assert isinstance(fit, ClosedLoopFit)  # by the fit's _target_, which was checked first
-        problem = explained(fit.dynamics, job.data.measured, fit.prior, fit.settings, fit.faults)
+        problem = explained(fit.dynamics, job.data.measured, fit.settings)
         start = first(problem, process_sd=fit.settings.force)
-        found = solve(problem, start, passes=int(cfg.trainer.max_epochs), enough=fit.enough)
+        found = solve(problem, start, passes=int(cfg.trainer.max_epochs), enough=fit.settings.enough)
     return coefficients_of(fit, problem, found, job.data.describe())
 
 

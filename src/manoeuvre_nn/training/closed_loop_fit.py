@@ -18,7 +18,7 @@ from manoeuvre_nn.estimation.closed_loop import at_rest, first, improve, solve
 from manoeuvre_nn.estimation.coefficient_forces import series_forces
 from manoeuvre_nn.estimation.coefficient_priors import Prior
 from manoeuvre_nn.estimation.prime_recordings import to_prime
-from manoeuvre_nn.estimation.problem import CHANNELS, Estimate, EstimationProblem, SensorFault, sensor_faults
+from manoeuvre_nn.estimation.problem import CHANNELS, Estimate, EstimationProblem, sensor_faults
 from manoeuvre_nn.network.series import Series
 from manoeuvre_nn.training.data import Batch, ManoeuvreData
 from manoeuvre_nn.training.fits import Fit
@@ -74,6 +74,7 @@ class ClosedLoopSettings:
         for setting, channels in (("fit.delays", self.delays), ("fit.offsets", self.offsets)):
             for channel in channels:
                 check_choice(setting, channel, list(CHANNELS))
+        Prior(**self.prior)  # refuses what makes no sense
 
 
 DEFAULT_SETTINGS = ClosedLoopSettings()
@@ -81,20 +82,14 @@ DEFAULT_SETTINGS = ClosedLoopSettings()
 
 
 def explained(
-    model: IdentifiedShip,
-    recordings: Sequence[Recording],
-    prior: Prior,
-    settings: ClosedLoopSettings,
-    faults: Sequence[SensorFault] = (),
+    model: IdentifiedShip, recordings: Sequence[Recording], settings: ClosedLoopSettings
 ) -> EstimationProblem:
     """Recordings and a series as one estimation problem.
 
     Args:
         model: Known inertia and a series.
         recordings: As they were read, not smoothed.
-        prior: What is known of the coefficients.
         settings: How far everything is believed.
-        faults: Sensors' errors that are estimated in every run.
 
     Returns:
         The problem.
@@ -102,17 +97,18 @@ def explained(
     ship, network = model.particulars, model.network
     assert isinstance(network, Series)
     runs = to_prime(recordings, ship, model.known.shaft_rpm, network.speed_law)
-    mean, spread = prior.of(network.names, ship)
+    mean, spread = Prior(**settings.prior).of(network.names, ship)
     return EstimationProblem(
         runs, series_forces(model), mean, spread, process_time=settings.force_time, floor=np.array(settings.floor),
-        faults=faults, learn_process=settings.learn_force, learn_floor=settings.learn_floor,
+        faults=sensor_faults(settings.delays, settings.offsets), learn_process=settings.learn_force,
+        learn_floor=settings.learn_floor,
         max_process_sd=np.array(settings.force), with_speed=settings.force_with_speed and network.feels_wind,
     )  # fmt: skip
 
 
 def fit_series(
-    network: Series, known: Ship, recordings: Sequence[Recording], *, prior: Prior = Prior(),  # noqa: B008
-    settings: ClosedLoopSettings = DEFAULT_SETTINGS, passes: int = 40, faults: Sequence[SensorFault] = (),
+    network: Series, known: Ship, recordings: Sequence[Recording], *,
+    settings: ClosedLoopSettings = DEFAULT_SETTINGS, passes: int = 40,
 ) -> tuple[IdentifiedShip, Estimate]:  # fmt: skip
     """Fit a series to recordings without a trainer: for studies of many of them.
 
@@ -120,16 +116,14 @@ def fit_series(
         network: The series; its coefficients are set.
         known: The ship's inertia.
         recordings: As they were read, not smoothed.
-        prior: What is known of the coefficients.
         settings: How far everything is believed.
         passes: Passes at most.
-        faults: Sensors' errors that are estimated in every run.
 
     Returns:
         The model and the estimate.
     """
     model = IdentifiedShip(known, network, approach_scaling(known))
-    problem = explained(model, recordings, prior, settings, faults)
+    problem = explained(model, recordings, settings)
     found = solve(problem, first(problem, process_sd=settings.force), passes=passes)
     _teach(network, problem, found)
     return model, found
@@ -178,8 +172,6 @@ class ClosedLoopFit(Fit):
         """
         super().__init__(dynamics, iterations_per_epoch=1)
         self.settings = settings or DEFAULT_SETTINGS
-        self.prior, self.enough = Prior(**self.settings.prior), self.settings.enough
-        self.faults = sensor_faults(self.settings.delays, self.settings.offsets)
         self.forces = series_forces(dynamics)
         count = self.forces.count
         self.register_buffer("values", torch.zeros(count, dtype=torch.float64))
@@ -199,7 +191,7 @@ class ClosedLoopFit(Fit):
         """Bring the recordings into the form of the estimation, and take a fit that was left up again."""
         data: Any = self.trainer.datamodule  # type: ignore[attr-defined]
         assert isinstance(data, ManoeuvreData)
-        self.problem = explained(self.dynamics, data.measured, self.prior, self.settings, self.faults)
+        self.problem = explained(self.dynamics, data.measured, self.settings)
         self.estimate: Estimate = first(self.problem, process_sd=self.settings.force)
         if bool(self.noise.any()):
             shared = self.values.cpu().numpy()
@@ -229,7 +221,7 @@ class ClosedLoopFit(Fit):
         self.values.copy_(torch.as_tensor(self.estimate.values[:count]))
         self.covariance.copy_(torch.as_tensor(self.estimate.covariance[:count, :count]))
         self.noise.copy_(torch.as_tensor(self.estimate.noise))
-        if at_rest(self.problem, before, self.estimate, self.enough):
+        if at_rest(self.problem, before, self.estimate, self.settings.enough):
             self.stopped = RESTING
         last = bool(self.stopped) or self.trainer.current_epoch + 1 == self.trainer.max_epochs
         _teach(self.network, self.problem, self.estimate, done=last)
