@@ -19,9 +19,11 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import inf
+from pathlib import Path
 from statistics import median
 from typing import Any
 
+sys.path.insert(0, str(Path(__file__).parents[1]))  # studies stand beside the package, not in it
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("JAX_PLATFORMS", "cpu")
 os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1")
@@ -35,15 +37,13 @@ from manoeuvre_nn.manoeuvre.zigzag import zigzag  # noqa: E402
 from manoeuvre_nn.network.perceptron import Perceptron  # noqa: E402
 from manoeuvre_nn.numerics.damping import Damping, Rule, Stops  # noqa: E402
 from manoeuvre_nn.numerics.levenberg_marquardt import LevenbergMarquardt  # noqa: E402
-from manoeuvre_nn.numerics.one_hidden import (
-    OneHidden,  # noqa: E402
-    Separable,  # noqa: E402
-)
+from manoeuvre_nn.numerics.one_hidden import OneHidden  # noqa: E402
 from manoeuvre_nn.numerics.restarts import minimise  # noqa: E402
 from manoeuvre_nn.ship.esso_190k import esso_190k  # noqa: E402
 from manoeuvre_nn.ship.known import no_part  # noqa: E402
 from manoeuvre_nn.training.data import DataSettings, SimulatedData  # noqa: E402
 from manoeuvre_nn.training.scalings import make_scaling  # noqa: E402
+from studies.rajesh2009.separable import Separable  # noqa: E402
 
 HIDDEN, SAMPLES = 14, 1501
 TIMED_EPOCHS = 30

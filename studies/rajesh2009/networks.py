@@ -22,12 +22,13 @@ from manoeuvre_nn.dynamics.simulate import simulate
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.network.perceptron import Activation, Perceptron, rajesh_network
 from manoeuvre_nn.numerics.damping import Damping, Rule, Stops
-from manoeuvre_nn.numerics.one_hidden import OneHidden, Separable
+from manoeuvre_nn.numerics.one_hidden import OneHidden
 from manoeuvre_nn.numerics.restarts import Solutions, minimise
 from manoeuvre_nn.recording.tuples import Tuples, to_tuples
 from manoeuvre_nn.scoring.score import score
 from manoeuvre_nn.ship.esso_190k import PARTICULARS, esso_190k
 from manoeuvre_nn.ship.known import no_part
+from studies.rajesh2009.separable import Separable
 from studies.reproduction.section import ComputingEffort, Line, Panel
 from studies.reproduction.stacked import Stacked
 

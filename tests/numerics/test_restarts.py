@@ -9,8 +9,9 @@ from fleet import unchecked
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.network.perceptron import Perceptron
 from manoeuvre_nn.numerics.damping import Damping, Reason, Stops
-from manoeuvre_nn.numerics.one_hidden import OneHidden, Separable
+from manoeuvre_nn.numerics.one_hidden import OneHidden
 from manoeuvre_nn.numerics.restarts import Solutions, minimise
+from studies.rajesh2009.separable import Separable
 
 HIDDEN = 3
 

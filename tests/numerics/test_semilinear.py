@@ -6,9 +6,9 @@ import torch
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.numerics.damping import Stops
-from manoeuvre_nn.numerics.one_hidden import Separable
 from manoeuvre_nn.numerics.restarts import minimise
 from manoeuvre_nn.numerics.semilinear import Design, SemiLinear
+from studies.rajesh2009.separable import Separable
 
 SAMPLES, HIDDEN, OUTPUTS = 47, 4, 4
 MIRROR = torch.tensor([1.0, -1.0, -1.0], dtype=torch.float64)

@@ -22,7 +22,7 @@ from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.numerics.least_squares import Carry, LeastSquares, gram
 
 
-class _HiddenLayer(LeastSquares):
+class HiddenLayer(LeastSquares):
     """K perceptrons on the same inputs: what is the same whichever weights are unknown.
 
     Attributes:
@@ -58,10 +58,10 @@ class _HiddenLayer(LeastSquares):
         heard = None if sizes is None else torch.arange(hidden, device=x.device) < sizes[:, None]
         self._heard = None if heard is None else heard[..., None].to(x)
         self._samples, self._scratch = len(x), x.new_empty(0)
-        self._z = self._padded(torch.cat([x, x.new_ones(len(x), 1)], 1).mT, 0)
-        self._y = self._padded(y.reshape(-1, *y.shape[-2:]).mT, 0)
+        self._z = self.padded(torch.cat([x, x.new_ones(len(x), 1)], 1).mT, 0)
+        self._y = self.padded(y.reshape(-1, *y.shape[-2:]).mT, 0)
 
-    def take(self, rows: Int[Tensor, " k"]) -> "_HiddenLayer":
+    def take(self, rows: Int[Tensor, " k"]) -> "HiddenLayer":
         """See :meth:`.LeastSquares.take`."""
         if len(self._y) == 1 and self._heard is None:
             return self
@@ -70,7 +70,7 @@ class _HiddenLayer(LeastSquares):
         part.__dict__ |= self.__dict__ | own | {"_heard": None if self._heard is None else self._heard[rows]}
         return part
 
-    def _products(self, nodes: Tensor, *others: Tensor) -> Tensor:
+    def products(self, nodes: Tensor, *others: Tensor) -> Tensor:
         """``[P X Y ..]^T [P X Y ..]``, summed over blocks of samples."""
         inner = self.hidden * self.width
         rows = inner + sum(part.shape[1] for part in others)
@@ -95,19 +95,19 @@ class _HiddenLayer(LeastSquares):
             self._scratch = like.new_empty(shape)
         return self._scratch
 
-    def _nodes(self, first: Tensor) -> Tensor:
+    def nodes(self, first: Tensor) -> Tensor:
         """A without its 1, zero where there is no sample: (K, H, N)."""
         inner = first @ self._z
         nodes = inner.sigmoid_() if self.activation == "sigmoid" else inner.tanh_()
         nodes[..., self._samples :] = 0.0
         return nodes if self._heard is None else nodes.mul_(self._heard)
 
-    def _padded(self, rows: Tensor, more: int) -> Tensor:
+    def padded(self, rows: Tensor, more: int) -> Tensor:
         """With zeros for some more samples, to a multiple of 8: processors work on that many at once."""
         return torch.nn.functional.pad(rows, (0, more + -(rows.shape[-1] + more) % 8)).contiguous()
 
 
-class OneHidden(_HiddenLayer):
+class OneHidden(HiddenLayer):
     """K perceptrons on the same inputs, all weights unknown.
 
     Row k gives ``y_o = sum_h B_oh f(sum_i W_hi x_i + W_h,I+1) + B_o,H+1``. Weights are rows (K, P): W, bias last, and
@@ -154,7 +154,7 @@ class OneHidden(_HiddenLayer):
     def evaluate(self, weights: Float[Tensor, "k p"]) -> tuple[Float[Tensor, " k"], Carry]:
         """Mean square errors; nodes (K, H, N) and errors (K, O, N) for the derivatives."""
         first, last = self.split(weights)
-        nodes = self._nodes(first)
+        nodes = self.nodes(first)
         errors = torch.baddbmm(last[..., -1:] * self._z[-1], last[..., :-1], nodes).sub_(self._y)
         return errors.square().sum((1, 2)) / self.residuals, (nodes, errors)
 
@@ -165,10 +165,10 @@ class OneHidden(_HiddenLayer):
         nodes, errors = carry
         rows, h, i, o = len(weights), self.hidden, self.width, self.outputs
         inner, last = h * i, self.split(weights)[1][..., :-1]
-        products = self._products(nodes, nodes, self._z[-1].expand(rows, 1, -1), errors)
+        products = self.products(nodes, nodes, self._z[-1].expand(rows, 1, -1), errors)
         by_node, shared, by_error = products.split([inner, h + 1, o], 2)
         normal = weights.new_zeros(rows, self.parameters, self.parameters)
-        _spread(last, by_node[:, :inner], normal[:, :inner, :inner])
+        spread(last, by_node[:, :inner], normal[:, :inner, :inner])
         mixed = normal[:, :inner, inner:]
         torch.mul(
             shared[:, :inner].view(rows, h, i, 1, -1), last.mT[:, :, None, :, None], out=mixed.view(rows, h, i, o, -1)
@@ -176,7 +176,7 @@ class OneHidden(_HiddenLayer):
         normal[:, inner:, :inner] = mixed.mT
         for first in range(inner, self.parameters, h + 1):
             normal[:, first : first + h + 1, first : first + h + 1] = shared[:, inner:-o]
-        gradient = [_pull(last, by_error[:, :inner]), by_error[:, inner:-o].mT.flatten(1)]
+        gradient = [pull(last, by_error[:, :inner]), by_error[:, inner:-o].mT.flatten(1)]
         return normal, torch.cat(gradient, 1)
 
     def normal_equations(self, weights: Float[Tensor, "k p"]) -> tuple[Float[Tensor, "k p p"], Float[Tensor, "k p"]]:
@@ -191,92 +191,12 @@ class OneHidden(_HiddenLayer):
         return self.linearise(weights, self.evaluate(weights)[1])
 
 
-class Separable(_HiddenLayer):
-    """K perceptrons on the same inputs; unknown are the input weights alone, as rows (K, H (I + 1)).
-
-    With nodes A(W), a 1 among them, and orthonormal columns ``A = Q R`` the errors that the best output weights leave
-    are ``e = (Q Q^T - 1) y``. Their Jacobian has two parts that are orthogonal to each other, ``(1 - Q Q^T) dA B`` and
-    ``Q R^-T dA^T e``; Kaufman leaves out the second. Both are products of ``P`` with Q and e, so that
-    again no Jacobian is formed.
-
-    Nodes that saturate or run together make A lose rank. A ridge keeps R regular: rows ``ridge sqrt(N) 1`` below A and
-    zeros below y, which the mean square error counts.
-
-    Source:
-        Golub & Pereyra 1973; Kaufman 1975; Sjoberg & Viberg 1997 for perceptrons.
-    """
-
-    def __init__(
-        self,
-        x: Float[Tensor, "n i"],
-        y: Float[Tensor, "*k n o"],
-        hidden: int,
-        *,
-        activation: str = "sigmoid",
-        kaufman: bool = True,
-        ridge: float = 1e-10,
-    ) -> None:
-        """Store the data.
-
-        Args:
-            x: Inputs.
-            y: Targets, of all rows or of each.
-            hidden: H.
-            activation: ``sigmoid`` or ``tanh``.
-            kaufman: Whether to leave the Jacobian's second part out, which is of second order in the errors and grows
-                beyond bounds where A loses rank.
-            ridge: Size of the rows below A over the size of a column of ones [-].
-        """
-        super().__init__(x, y, hidden, activation, None, 2e7)
-        self.kaufman, self.ridge = kaufman, ridge * len(x) ** 0.5
-        self.parameters = hidden * self.width
-        self._z = self._padded(self._z[:, : len(x)], hidden + 1)
-        self._y = self._padded(self._y[..., : len(x)], hidden + 1)
-
-    def evaluate(self, weights: Float[Tensor, "k p"]) -> tuple[Float[Tensor, " k"], Carry]:
-        """Mean square errors with the best output weights; A, Q, R, Q^T y and the errors for the derivatives."""
-        nodes = self._nodes(weights.unflatten(1, (self.hidden, self.width)))
-        columns = torch.cat([nodes, self._z[-1].expand(len(nodes), 1, -1)], 1)
-        columns[..., self._samples : self._samples + self.hidden + 1].diagonal(dim1=1, dim2=2).fill_(self.ridge)
-        q, r = torch.linalg.qr(columns.mT)
-        part = self._y @ q
-        errors = (part @ q.mT).sub_(self._y)
-        return errors.square().sum((1, 2)) / self.residuals, (nodes, q, r, part, errors)
-
-    def linearise(
-        self, weights: Float[Tensor, "k p"], carry: Carry
-    ) -> tuple[Float[Tensor, "k p p"], Float[Tensor, "k p"]]:
-        """Normal equations of the input weights."""
-        nodes, q, r, part, errors = carry
-        inverse = torch.linalg.solve_triangular(r, torch.eye(len(r[0]), dtype=r.dtype, device=r.device), upper=True)
-        last = (part @ inverse.mT)[..., :-1]
-        products = self._products(nodes, q.mT, errors)
-        by_node, by_q, by_error = products[:, : self.parameters].split([self.parameters, len(r[0]), self.outputs], 2)
-        reduced = by_node - by_q @ by_q.mT
-        normal = _spread(last, reduced, torch.empty_like(reduced))
-        if not self.kaufman:
-            normal += _spread(inverse[:, :-1].mT, by_error @ by_error.mT, reduced)
-        return normal, _pull(last, by_error)
-
-    def output_weights(self, weights: Float[Tensor, "k p"]) -> Float[Tensor, "k o nodes"]:
-        """The best output weights.
-
-        Args:
-            weights: Input weights.
-
-        Returns:
-            B, bias last.
-        """
-        _, (_, _, r, part, _) = self.evaluate(weights)
-        return torch.linalg.solve_triangular(r, part.mT, upper=True).mT
-
-
 def _blocks(count: int, at_once: int) -> Iterator[slice]:
     size = max(8, at_once // 8 * 8)
     return (slice(first, first + size) for first in range(0, count, size))
 
 
-def _spread(
+def spread(
     factors: Float[Tensor, "k o h"], products: Float[Tensor, "k p p"], out: Float[Tensor, "k p p"]
 ) -> Float[Tensor, "k p p"]:
     """``(F^T F)_hh' T_hi,h'i'``, written to ``out``."""
@@ -286,7 +206,7 @@ def _spread(
     return out
 
 
-def _pull(factors: Float[Tensor, "k o h"], products: Float[Tensor, "k p o"]) -> Float[Tensor, "k p"]:
+def pull(factors: Float[Tensor, "k o h"], products: Float[Tensor, "k p o"]) -> Float[Tensor, "k p"]:
     """``sum_o F_oh T_hi,o``."""
     rows, outputs, hidden = factors.shape
     return (products.view(rows, hidden, -1, outputs) * factors.mT[:, :, None]).sum(-1).flatten(1)

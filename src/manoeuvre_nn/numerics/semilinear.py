@@ -42,10 +42,9 @@ class SemiLinear(LeastSquares):
     """K fits of ``y_o = sum_c C_oc b_j(c) [f_h(c)(z) + s_o f_h(c)(z~)] + sum_e D_oe t_oe``.
 
     Unknown are the weights inside f. z~ are mirrored inputs, s_o the parity of an output, b factors of the sample, t a
-    library. :class:`.Separable` is the case without any of them, where one design serves all outputs; here every parity
-    has a design of its own, and the derivative of a column is a sum over both sides. The best C and D are found at
-    every step (Golub & Pereyra 1973), the Jacobian is Kaufman's (1975), and rows of a ridge below every design keep it
-    of full rank, as there.
+    library. Every parity has a design of its own, and the derivative of a column is a sum over both sides. The best C
+    and D are found at every step (Golub & Pereyra 1973), the Jacobian is Kaufman's (1975), and rows of a ridge below
+    every design keep it of full rank.
 
     Attributes:
         residuals: N O, errors of a row.

@@ -5,8 +5,9 @@ import torch
 
 from manoeuvre_nn.network.perceptron import Perceptron
 from manoeuvre_nn.numerics.damping import Stops
-from manoeuvre_nn.numerics.one_hidden import OneHidden, Separable
+from manoeuvre_nn.numerics.one_hidden import OneHidden
 from manoeuvre_nn.numerics.restarts import minimise
+from studies.rajesh2009.separable import Separable
 
 SAMPLES, HIDDEN = 61, 4
 
