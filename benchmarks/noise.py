@@ -79,8 +79,7 @@ def model_of(method: str, recording: Recording, floor: float, delays: Sequence[s
     conf = Path(__file__).parents[1] / "conf" / "network" / f"{method}.yaml"
     given = yaml.safe_load(conf.read_text())["network"]
     network = Series(SeriesSettings(given["surge"], given["lateral"], yaw=given.get("yaw", ())))
-    floors = tuple(floor * f for f in DEFAULT_SETTINGS.floor)
-    settings = replace(DEFAULT_SETTINGS, floor=floors, delays=tuple(delays))
+    settings = replace(DEFAULT_SETTINGS, floor=tuple(floor * f for f in DEFAULT_SETTINGS.floor), delays=delays)
     return fit_series(network, clarke_inertia_part(SHIP), [recording], settings=settings)[0]
 
 

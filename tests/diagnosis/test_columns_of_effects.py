@@ -35,7 +35,6 @@ from manoeuvre_nn.estimation.effect_columns import (
     contribution,
     latency_column,
     perfect,
-    situation,
 )
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linear_run import Columns, joined
@@ -90,7 +89,7 @@ def truth(name: str) -> tuple[LinearisedRun, Columns]:
 
 def added(effect: Effect, line: LinearisedRun) -> Columns:
     with unchecked():
-        return contribution(effect, values(effect), line, RATE, situation(line, RATE))
+        return contribution(effect, values(effect), line)
 
 
 @pytest.mark.parametrize("name", LARGE)
@@ -196,9 +195,7 @@ def test_several_sets_of_values_are_several_columns():
     sets = np.repeat(values(effect), 3, axis=0)
     sets[:, 0] = [0.0, 5.0, 10.0]
     with unchecked():
-        s = situation(line, RATE)
-        many = contribution(effect, sets, line, RATE, s)
-        alone = contribution(effect, sets[1:2], line, RATE, s)
+        many, alone = contribution(effect, sets, line), contribution(effect, sets[1:2], line)
     assert many.count == 3 and not many.moved[..., 0].any()
     assert many.moved[..., 1] == approx(alone.moved[..., 0], abs=1e-15)
 
@@ -249,7 +246,7 @@ def test_own_states_are_those_of_an_ode_solver_along_the_track(name):
     line, _ = truth(name)
     effect = LARGE[name]
     with unchecked():
-        s = situation(line, RATE)
+        s = line.situation
         found = _memory(effect.at(effect.values[None, None]), s, 1, line.run.step)[0].numpy()
     t, p = line.run.time, SHIP.particulars
     u, r, vdot = line.track[:, 0], line.track[:, 2], s.nudot[:, 1].numpy()
@@ -328,7 +325,7 @@ def test_terms_that_the_ship_lacks_weigh_a_share_of_its_rudder_in_a_tight_turn()
     run = run_of(calm_record()).between(0.0, 2.0)
     line = about(run.with_channels(delta=np.full(3, 0.35)), np.tile(hard, (3, 1)))
     with unchecked():
-        columns, names = coefficient_columns(CALM, line, situation(line, RATE))
+        columns, names = coefficient_columns(CALM, line), Corrections(CALM).names
         nu = torch.tensor(hard[:3])
         rudder = calm_accelerations(CALM, nu, nu.new_tensor(0.35)) - calm_accelerations(CALM, nu, nu.new_tensor(0.0))
     for equation, letter in ((1, "Y"), (2, "N")):
@@ -350,6 +347,6 @@ def test_a_late_receiver_shows_where_the_ship_was():
 
 def test_perfect_sensors_write_what_the_linear_equations_observe():
     line = calm_line()
-    written = perfect(situation(line, RATE))
+    written = perfect(line.situation)
     assert np.stack([written[k].numpy() for k in MEASURED], axis=-1) == approx(shown(line.track), abs=1e-12)
     assert np.array_equal(written["delta"].numpy(), line.run["delta"])

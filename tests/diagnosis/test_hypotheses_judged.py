@@ -17,6 +17,7 @@ from manoeuvre_nn.effect.propulsion import HullFouling, PropellerPitchError
 from manoeuvre_nn.effect.rudder import RudderOffset
 from manoeuvre_nn.effect.sensors import HeadingBias, LogScale
 from manoeuvre_nn.effect.wind import GustyWind, SteadyWind
+from manoeuvre_nn.estimation.corrections import Corrections
 from manoeuvre_nn.estimation.data_set import (
     COEFFICIENT_SD_LEVELS,
     LATENCY_SD,
@@ -232,10 +233,7 @@ def test_columns_of_a_hypothesis_are_its_contribution_and_slopes_in_the_runs_the
         assert sorted(lin.index[run]) == [0, *(1 + k for k in mine)]
 
         def whole(at: Hypothesis, place=place, run=run):
-            parts = [
-                contribution(e, v[[run]], place.linearised, likelihood.data_set.rate, place.situation)
-                for e, v in zip(at.effects, at.values, strict=True)
-            ]
+            parts = [contribution(e, v[[run]], place.linearised) for e, v in zip(at.effects, at.values, strict=True)]
             return sum(p.moved[..., 0] for p in parts), sum(p.measured[..., 0] for p in parts)
 
         assert lin.columns[run].moved[..., 0] == approx(whole(h)[0], abs=1e-12)
@@ -293,7 +291,7 @@ def test_effects_held_at_their_values_are_taken_out_of_the_data():
         measured[..., 0] -= c.measured[..., 0]
         moved[..., 0] -= c.moved[..., 0]
         places.append(replace(place, base=Columns(measured, moved)))
-    less = MarginalLikelihood(WhitenedDataSet(CALM, places, stood.coefficients))
+    less = MarginalLikelihood(WhitenedDataSet(CALM, places))
     assert lin.count == 1 and held.vector().size == 0
     assert MarginalLikelihood(stood).evidence_at(held, LEVEL) == approx(less.evidence_at(NONE, LEVEL), abs=0.05)
     assert MarginalLikelihood(stood).evaluate(held).evidence == approx(less.evaluate(NONE).evidence, abs=0.05)
@@ -301,20 +299,20 @@ def test_effects_held_at_their_values_are_taken_out_of_the_data():
 
 def test_combining_coefficients_loses_no_evidence_and_can_be_undone():
     """One run with every coefficient on its own, against the few combinations that the run can show."""
-    place, names = prepared_run(CALM, run_of(sailed([ZIGZAG], ACTING["wind"])[0], NOISE))
-    few = WhitenedDataSet(CALM, [place], names)
+    place = prepared_run(CALM, run_of(sailed([ZIGZAG], ACTING["wind"])[0], NOISE))
+    few = WhitenedDataSet(CALM, [place])
     white = few.at(LEVEL).white[0]
     e = white.embed(place.base)
-    prior = np.append(np.ones(len(names)), LATENCY_SD)
-    all_of_them = posterior(
-        e.dot(e), white.log_norm, prior, np.eye(len(prior) + 1)[0], COEFFICIENT_SD_LEVELS, len(names)
-    )
+    count = len(Corrections(CALM).names)
+    prior = np.append(np.ones(count), LATENCY_SD)
+    data = np.eye(len(prior) + 1)[0]
+    all_of_them = posterior(e.dot(e), white.log_norm, prior, data, COEFFICIENT_SD_LEVELS, count)
     judged = MarginalLikelihood(few).evaluate(NONE, around=LEVEL)
-    assert len(few.coefficients) < len(names)
+    assert len(few.coefficients) < count
     assert judged.by_level[LEVEL] == approx(all_of_them.evidence, abs=0.5)
     g, s = judged.best
     e = few.at(g).white[0].embed(place.base)
-    whole = posterior(e.dot(e), 0.0, prior, np.eye(len(prior) + 1)[0], COEFFICIENT_SD_LEVELS, len(names)).mean(s)
+    whole = posterior(e.dot(e), 0.0, prior, data, COEFFICIENT_SD_LEVELS, count).mean(s)
     again = np.append(few.rotation @ judged.nuisance[:-1], judged.nuisance[-1])
     assert again == approx(whole, abs=0.1 * COEFFICIENT_SD_LEVELS[s])
 

@@ -122,10 +122,10 @@ def test_five_times_the_noise_leaves_a_twenty_fifth(monkeypatch):
         replace(p, linearised=replace(p.linearised, run=replace(p.linearised.run, meta=meta)))
         for p, meta in zip(worse, loud, strict=True)
     ]
-    pairs = [about_states(CALM, p, p.linearised.track) for p in worse]
+    again = [about_states(CALM, p, p.linearised.track) for p in worse]
     pair = (judged(WIND).hypothesis, judged(RudderOffset(SHIP, offset_deg=1.0)).hypothesis)
     much = apart(place, *pair, (0, 0))
-    little = apart(WhitenedDataSet(CALM, [p for p, _ in pairs], pairs[0][1]), *pair, (len(PROCESS_LEVELS) + 1, 1))
+    little = apart(WhitenedDataSet(CALM, again), *pair, (len(PROCESS_LEVELS) + 1, 1))
     assert much / little == approx(25.0, rel=0.15) and little > 0.01
 
 
@@ -163,13 +163,12 @@ def test_simulated_runs_obey_the_equations_by_which_they_are_judged(effect):
     """What a step of calm water from each state misses is what the hypothesis adds; at half speed too."""
     h = Hypothesis((), ()) if effect is None else judged(effect).hypothesis
     plans = list(new_runs(stand("zigzag"), h))
-    _, names = about_states(CALM, plans[0].prepared, plans[0].prepared.linearised.track)
     assert {p.share for p in plans} == {1.0, HALF} and len({p.words for p in plans}) == 12
     for plan in plans:
         line = plan.prepared.linearised
         added = 0.0
         if effect is not None:
-            added = hypothesis_columns(WhitenedDataSet(CALM, [plan.prepared], names), h).columns[0].moved[..., 0]
+            added = hypothesis_columns(WhitenedDataSet(CALM, [plan.prepared]), h).columns[0].moved[..., 0]
         off = np.abs(line.data.moved[..., 0] - added)
         assert (off.mean(axis=0) < [0.004, 0.004, 2e-5, 0.02, 0.02, 1e-4]).all(), plan.words
         assert line.track[0, 0] == approx(plan.share * SHIP.particulars.speed)

@@ -27,8 +27,8 @@ def test_it_learns_the_force_that_acted_and_meets_it_in_a_turn_that_it_has_not_s
     likelihood, none, found = trained(STRANGE)
     assert is_left(likelihood, none) and found.names == ("remainder",)
     assert found.evidence > none.evidence + 100
-    seen, _ = prepared_run(CALM, run_of(sailed([turning_circle(20.0, duration=240.0)], [STRANGE])[0], NOISE, 9))
-    s = seen.situation
+    seen = prepared_run(CALM, run_of(sailed([turning_circle(20.0, duration=240.0)], [STRANGE])[0], NOISE, 9))
+    s = seen.linearised.situation
     learned = Remainder(SHIP).at(torch.tensor(found.hypothesis.values[0][0])).acceleration(s, s.nu[..., :0])
     true = STRANGE.acceleration(s, s.nu[..., :0])
     for equation in (1, 2):
@@ -40,6 +40,6 @@ def test_in_calm_water_it_learns_next_to_nothing():
     likelihood, none, found = trained()
     assert found.evidence < none.evidence
     for place in likelihood.data_set.runs:
-        s = place.situation
+        s = place.linearised.situation
         learned = Remainder(SHIP).at(torch.tensor(found.hypothesis.values[0][0])).acceleration(s, s.nu[..., :0])
         assert (np.abs(learned.numpy()).mean(axis=0) < 0.05 * likelihood.data_set.unit).all()

@@ -49,7 +49,7 @@ def test_two_terms_are_both_found():
 
 def test_a_linear_step_of_every_term_is_its_effect_for_a_small_weight():
     place = whitened_data_set(CALM, runs([ZIGZAG])).runs[0]
-    s = place.situation
+    s = place.linearised.situation
     for term in library():
         effect = Formula(SHIP, [term])
         push, errors = effect.unit_of(term, s)
@@ -69,7 +69,7 @@ def test_every_term_says_where_it_acts():
 
 def test_ordinary_terms_are_those_that_port_and_starboard_share():
     """X keeps its sign in the mirror and Y and N change theirs, whatever the heading."""
-    s = whitened_data_set(CALM, runs([ZIGZAG])).runs[0].situation
+    s = whitened_data_set(CALM, runs([ZIGZAG])).runs[0].linearised.situation
     flip = torch.tensor([1.0, -1.0, -1.0])
     other = s.with_(nu=s.nu * flip, psi=-s.psi, delta=-s.delta)
     for term in library():

@@ -31,7 +31,7 @@ def record(*effects: str) -> Recording:
 
 def placed(run: Recording) -> PreparedRun:
     with unchecked():
-        return prepared_run(CALM, run)[0]
+        return prepared_run(CALM, run)
 
 
 def own_noise(place: PreparedRun) -> np.ndarray:
@@ -135,7 +135,7 @@ def test_the_force_that_the_track_needs_is_that_of_the_effect():
     wind = SteadyWind(SHIP, speed=15.0)
     found = placed(run_of(record("wind"), 0.02 * NOISE, seed=5))
     with unchecked():
-        s = found.situation
+        s = found.linearised.situation
         true = wind.acceleration(s, s.nu[..., :0]).numpy()
     for k in range(3):
         assert np.corrcoef(found.process[40:-40, k], true[40:-40, k])[0, 1] > 0.85

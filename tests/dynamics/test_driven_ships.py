@@ -10,7 +10,7 @@ from manoeuvre_nn.dynamics.members import replay_members
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.dynamics.replay import replay
 from manoeuvre_nn.estimation.coefficient_forces import series_forces
-from manoeuvre_nn.estimation.coefficient_priors import Prior
+from manoeuvre_nn.estimation.coefficient_priors import series_prior
 from manoeuvre_nn.network.series import Series, SeriesSettings
 from manoeuvre_nn.ship.clarke import clarke_derivatives
 from manoeuvre_nn.ship.esso_osaka_model import esso_osaka_model
@@ -26,7 +26,7 @@ TERMS = {
 
 def model(members=1, values=None):
     known, series = clarke_inertia_part(SHIP), Series(SeriesSettings(**TERMS, members=members))
-    mean, _ = Prior().of(series.names, SHIP)
+    mean, _ = series_prior(series.names, SHIP)
     count = len(mean)
     spread = 1e-9 * torch.eye(count, dtype=torch.float64) if members > 1 else torch.zeros(count, count).double()
     series.take(torch.as_tensor(mean if values is None else values), spread)
@@ -99,7 +99,7 @@ def test_columns_times_coefficients_are_the_models_accelerations():
 
 def test_what_is_known_before_any_run_is_clarkes_on_the_approach():
     names = [(1, "u v"), (1, "n v"), (2, "d n n"), (2, "d u n"), (1, "u r"), (0, "u u"), (0, "u n"), (0, "n n")]
-    mean, spread = Prior(relative=0.5, size=1e-9).of(names, SHIP)
+    mean, spread = series_prior(names, SHIP, relative=0.5, size=1e-9)
     d = clarke_derivatives(SHIP)
     assert mean[0] + mean[1] == pytest.approx(d["Yv"])
     assert mean[2] + mean[3] == pytest.approx(-d["Nd"])

@@ -17,7 +17,7 @@ from manoeuvre_nn.dynamics.model import IdentifiedShip, Scaling
 from manoeuvre_nn.estimation.agreement import birge_ratio
 from manoeuvre_nn.estimation.closed_loop import first, solve
 from manoeuvre_nn.estimation.coefficient_forces import CoefficientForces, own_forces, series_forces
-from manoeuvre_nn.estimation.coefficient_priors import Prior, own_prior
+from manoeuvre_nn.estimation.coefficient_priors import own_prior, series_prior
 from manoeuvre_nn.estimation.own_terms import fit_own_terms
 from manoeuvre_nn.estimation.problem import EstimationProblem
 from manoeuvre_nn.network.series import Series, SeriesSettings
@@ -51,7 +51,7 @@ def of_mariner():
     table = {(o, _sorted(t)): v * (-1) ** t.split().count("d") for (o, t), v in own}
     truth = np.array([table.pop((o, _sorted(t)), 0.0) for o, t in series.names])
     assert not table
-    return force, truth, 0.5 * Prior().of(series.names, ship.particulars)[1]
+    return force, truth, 0.5 * series_prior(series.names, ship.particulars)[1]
 
 
 def _sorted(term: str) -> str:

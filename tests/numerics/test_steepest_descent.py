@@ -53,7 +53,7 @@ def test_where_the_rate_changes_the_last_move_is_kept_and_not_rescaled():
         track.append(float(w.detach()))
     for n in range(20):
         past = track[n] - track[n - 1] if n else 0.0
-        assert track[n + 1] - track[n] == pytest.approx(-QUICK.rate(n) * 2.0 + 0.5 * past, rel=1e-12)
+        assert track[n + 1] - track[n] == pytest.approx(-QUICK.stage(n)[0] * 2.0 + 0.5 * past, rel=1e-12)
 
 
 def test_in_a_bowl_the_weights_follow_the_closed_form_of_the_recursion():
@@ -89,26 +89,26 @@ def test_in_a_bowl_the_weights_follow_the_closed_form_of_the_recursion():
     ],
 )
 def test_the_rate_follows_the_thesis(iteration, rate):
-    assert RateSchedule().rate(iteration) == rate
+    assert RateSchedule().stage(iteration)[0] == rate
 
 
 def test_without_shaking_the_last_rate_goes_on():
     schedule = RateSchedule(rates=(0.5, 0.1), iterations=(2, 3), shake_rate=0.0)
-    assert [schedule.rate(n) for n in range(8)] == [0.5, 0.5, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1]
-    assert schedule.next_change(5) == inf
+    assert [schedule.stage(n)[0] for n in range(8)] == [0.5, 0.5, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1]
+    assert schedule.stage(5)[1] == inf
 
 
 def test_shaking_raises_the_rate_periodically_and_restores_it():
-    rates = [QUICK.rate(n) for n in range(19)]
+    rates = [QUICK.stage(n)[0] for n in range(19)]
     assert rates == [0.1] * 3 + [0.02] * 4 + ([0.05] * 2 + [0.02] * 3) * 2 + [0.05] * 2
 
 
 @pytest.mark.parametrize("schedule", [QUICK, constant(0.3), RateSchedule(iterations=(4, 2, 3), shake_every=11_000)])
 def test_the_rate_changes_only_where_the_schedule_announces_it(schedule):
-    changes = [n + 1 for n, (a, b) in enumerate(pairwise(schedule.rate(n) for n in range(60))) if a != b]
-    announced = {schedule.next_change(n) for n in range(60)}
+    changes = [n + 1 for n, (a, b) in enumerate(pairwise(schedule.stage(n)[0] for n in range(60))) if a != b]
+    announced = {schedule.stage(n)[1] for n in range(60)}
     assert set(changes) <= announced
-    assert all(schedule.next_change(n) > n for n in range(60))
+    assert all(schedule.stage(n)[1] > n for n in range(60))
 
 
 def test_a_resumed_descent_is_the_straight_one_to_the_bit():

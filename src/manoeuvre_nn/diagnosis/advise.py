@@ -26,7 +26,7 @@ from jaxtyping import Float
 from manoeuvre_nn.diagnosis.next_runs import Plan, new_runs, same_runs
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, LATENCY_SD, WhitenedDataSet, about_states
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
-from manoeuvre_nn.estimation.linear_run import Columns, Embedded
+from manoeuvre_nn.estimation.linear_run import Columns, joined
 from manoeuvre_nn.estimation.marginal_likelihood import HypothesisColumns, hypothesis_columns
 
 REFIT_SPREADS = 3.0
@@ -49,10 +49,9 @@ def advise(data_set: WhitenedDataSet, leading: FittedHypothesis, rivals: Sequenc
         One list a rival; among the runs are the recorded ones with a channel more.
     """
     plans = [*new_runs(data_set, leading.hypothesis), *same_runs(data_set)]
-    again = [about_states(data_set.dynamics, p, p.linearised.track)[0] for p in data_set.runs]
+    again = [about_states(data_set.dynamics, p, p.linearised.track) for p in data_set.runs]
     # Coefficients as they are, not in the combinations that the recordings show: a new run may show others.
-    _, names = about_states(data_set.dynamics, data_set.runs[0], data_set.runs[0].linearised.track)
-    data_set = WhitenedDataSet(data_set.dynamics, [*again, *(plan.prepared for plan in plans)], names)
+    data_set = WhitenedDataSet(data_set.dynamics, [*again, *(plan.prepared for plan in plans)])
     rows = [*range(len(again)), *(plan.row for plan in plans)]
     whole = _whole(data_set, leading.hypothesis, rows)
     return [_ranked(data_set, whole, r.hypothesis.of_runs(rows), r.best, plans) for r in rivals]
@@ -114,12 +113,8 @@ def _shared(
     columns = whole
     if lin is not None:
         b = lin.columns[run]
-        columns = Columns(
-            np.concatenate([whole.measured - b.measured[..., :1], b.measured[..., 1:]], axis=-1),
-            np.concatenate([whole.moved - b.moved[..., :1], b.moved[..., 1:]], axis=-1),
-        )
-    e, base = here.white[run].embed(columns), here.base[run]
-    both = Embedded(np.hstack([e.outer, base.outer]), np.hstack([e.inner, base.inner]))
+        columns = joined([whole - b[:1], b[1:]])
+    both = here.white[run].embed(columns).joined(here.base[run])
     g, p = both.dot(both), 1 + len(free)
     latency = p + 1 + k
     own = [*(j for j, f in enumerate(free, 1) if f.run is not None), latency]

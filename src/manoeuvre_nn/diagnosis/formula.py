@@ -56,7 +56,7 @@ def _columns(
     data_set: WhitenedDataSet, prepared: PreparedRun, terms: tuple[str, ...]
 ) -> tuple[Columns, Float[np.ndarray, " terms"]]:
     """What a unit of every term does to a run, and its mean square force."""
-    effect, s = Formula(data_set.dynamics.hull, terms), prepared.situation
+    effect, s = Formula(data_set.dynamics.hull, terms), prepared.linearised.situation
     measured = np.zeros((len(s.psi), len(MEASURED), len(terms)))
     pushes, squares = [], np.zeros(len(terms))
     with torch.no_grad():

@@ -13,7 +13,7 @@ from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.estimation.data_set import PROCESS_LEVELS
 from manoeuvre_nn.estimation.effect_columns import contribution
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
-from manoeuvre_nn.estimation.linear_run import Columns, Embedded
+from manoeuvre_nn.estimation.linear_run import Columns
 from manoeuvre_nn.estimation.marginal_likelihood import (
     PROCESS_PRIOR,
     HypothesisColumns,
@@ -119,7 +119,7 @@ def _without_course(
         for g, level in enumerate(levels):
             white, base = data_set.at(level).white[run], data_set.at(level).base[run]
             more, loose = white.embed(c), {form: white.embed(course) for form, course in courses.items()}
-            both = Embedded(np.hstack([base.outer, more.outer]), np.hstack([base.inner, more.inner]))
+            both = base.joined(more)
             whole, inner = both.dot(both), {form: (e.dot(e), e.dot(both)) for form, e in loose.items()}
             for k, kind in enumerate(kinds):
                 own, cross = inner[kind.memory, kind.across]
@@ -168,7 +168,7 @@ def _course(
     mean = max(sets[0, speed], nudge)
     sets[1, speed] += nudge
     sets[2, direction] += np.degrees(nudge / mean)
-    c = contribution(effect, sets, prepared.linearised, likelihood.data_set.rate, prepared.situation)
+    c = contribution(effect, sets, prepared.linearised)
     pushes = (c.moved[..., 1:] - c.moved[..., :1]) / nudge
     time = prepared.linearised.run.time[1:] - 0.5 * prepared.linearised.run.step
     gap = memory / KNOTS

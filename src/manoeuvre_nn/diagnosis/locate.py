@@ -48,9 +48,8 @@ def residuals(data_set: WhitenedDataSet, hypothesis: Hypothesis, size: float = M
         before = after = prepared.linearised.data
         if c is not None:
             # What the sensors and the stream do is no force: it is taken out of both.
-            moved = c.moved[..., :1]
-            before = Columns(before.measured - c.measured[..., :1], before.moved - moved * MOVES_POSITION)
-            after = Columns(after.measured - c.measured[..., :1], after.moved - moved)
+            before = before - Columns(c[:1].measured, c[:1].moved * MOVES_POSITION)
+            after = after - c[:1]
         force, left = (scale(white.states(white.embed(x))[:, 6:, 0]) for x in (before, after))
         error, windows = np.abs(scale(_spread(white))), _windows(data_set, prepared, before)
         made.append(Residual(run.name, run.time, force, error, left, windows, units(data_set)))

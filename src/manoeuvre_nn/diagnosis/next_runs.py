@@ -75,7 +75,7 @@ def same_runs(data_set: WhitenedDataSet) -> Iterator[Plan]:
             seen[:, channels] = shown(track)[:, channels]
             noise = np.where(np.isin(np.arange(len(FIRST_NOISE)), channels), FIRST_NOISE, prepared.noise)
             more = replace(prepared, linearised=replace(prepared.linearised, run=with_measured(run, seen)), noise=noise)
-            yield Plan(f"{run.name} again with the {words}", about_states(data_set.dynamics, more, track)[0], row=row)
+            yield Plan(f"{run.name} again with the {words}", about_states(data_set.dynamics, more, track), row=row)
 
 
 def _manoeuvres(limit: float) -> dict[str, Manoeuvre]:
@@ -131,7 +131,7 @@ def _seen(data_set: WhitenedDataSet, run: Recording, track: Float[np.ndarray, "n
     some = data_set.runs[0]
     equations, process = replace(some.linearised, run=run), np.zeros((len(run), 3))
     bare = replace(some, linearised=equations, noise=noise, process=process)
-    return about_states(data_set.dynamics, bare, track)[0]
+    return about_states(data_set.dynamics, bare, track)
 
 
 def _acting(dynamics: Model, hypothesis: Hypothesis, shares: Sequence[float]) -> Vessel:

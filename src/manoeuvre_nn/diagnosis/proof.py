@@ -85,8 +85,7 @@ def placed(question: Question, fitted: FittedHypothesis) -> Hypothesis:
 
 def _placed(dynamics: Model, fitted: FittedHypothesis, which: int, run: Recording) -> Float[np.ndarray, " p"]:
     """Start and end of an event in one run, everything else as found."""
-    prepared, names = prepared_run(dynamics, run)
-    likelihood = MarginalLikelihood(WhitenedDataSet(dynamics, [prepared], names))
+    likelihood = MarginalLikelihood(WhitenedDataSet(dynamics, [prepared_run(dynamics, run)]))
     one = fitted.hypothesis.of_runs([0])
     timed = np.array([p.per_run for p in one.effects[which].declared])
     start = next(best_windows(likelihood, one.effects[which], one.values[which], *fitted.best))

@@ -18,9 +18,9 @@ from manoeuvre_nn.dynamics.recorded_inputs import held_table
 from manoeuvre_nn.dynamics.replay import integrate
 from manoeuvre_nn.dynamics.vessel import Affected, Vessel
 from manoeuvre_nn.estimation.data_set import FIRST_NOISE, process_time, start_spread
-from manoeuvre_nn.estimation.effect_columns import blade_along, contribution, latency_column, perfect, situation
+from manoeuvre_nn.estimation.effect_columns import blade_along, contribution, latency_column, perfect
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
-from manoeuvre_nn.estimation.linear_run import Columns
+from manoeuvre_nn.estimation.linear_run import joined
 from manoeuvre_nn.estimation.linearised_run import NoiseLevels, calm_rate, integrated, linearise
 from manoeuvre_nn.estimation.smoothed_run import first_guess
 from manoeuvre_nn.recording.outliers import spikes
@@ -100,15 +100,12 @@ def start_state(
     track = first_guess(run)
     for _ in range(3):
         linearised = linearise(run, rate, track, noise.process_time)
-        s = situation(linearised, rate)
-        late = latency_column(linearised)
-        total = Columns(latency * late.measured, latency * late.moved)
-        for effect, value in zip(hypothesis.effects, hypothesis.values, strict=True):
-            c = contribution(effect, value, linearised, rate, s)
-            total = Columns(total.measured + c.measured, total.moved + c.moved)
-        linearised = linearise(run, rate, track, noise.process_time, offset=total)
+        added = [contribution(e, v, linearised) for e, v in zip(hypothesis.effects, hypothesis.values, strict=True)]
+        # Data less latency and effects at their values.
+        all_of_them = joined([linearised.data, latency_column(linearised), *added])
+        left = all_of_them.combined(np.array([1.0, -latency, *[-1.0] * len(added)]))
         solved = integrated(linearised, noise, spread)
-        track = track + solved.states(solved.embed(linearised.data))[:, :6, 0]
+        track = track + solved.states(solved.embed(left))[:, :6, 0]
     return track[-1]
 
 

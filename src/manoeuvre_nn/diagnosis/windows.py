@@ -78,7 +78,7 @@ def _scan(
     blocks = white.embed(Columns(np.zeros((len(time), 8, 2 * count)), moved))
     base = data_set.at(level).base[run]
     if given is not None:
-        more = white.embed(Columns(given.measured[..., :1], given.moved[..., :1]))
+        more = white.embed(given[:1])
         base = _without(base, more)
     gram, right = _projected(base, blocks, COEFFICIENT_SD_LEVELS[scatter])
     return _best(gram, right, edges, count, open_end)

@@ -181,6 +181,7 @@ def _integrate(
     ship, rest = vessel.model.particulars, state.new_zeros(1)
     helm = helm_of([manoeuvre], rest + ship.rudder_rate, state[:, 5], vessel.gear.at_rest(rest))
     found, now = [(state, helm.rudder, helm.blade[:, -1], helm.order)], 0.0
+    everywhere = torch.ones_like(rest, dtype=torch.bool)
     chunk = 3.0 * ship.time_unit  # headings are watched in short stretches, so that little is computed in vain
     while len(found) < len(times) and inside_physical_range(state, ship):
         limit = min(now + chunk, float(times[-1])) if bool(helm.now[1].isfinite()) else float(times[-1])
@@ -202,7 +203,7 @@ def _integrate(
             found.append((path[k], shown, blade[:, -1], helm.order))
         shown, blade = helm.after(rest + (end - now), vessel.gear)
         now = end
-        helm = helm.advanced(shown, blade, rest + now, rest == 0, (rest == 0) & bool(passed))
+        helm = helm.advanced(shown, blade, rest + now, everywhere, everywhere & bool(passed))
     states, rudders, blades, orders = (torch.stack(parts) for parts in zip(*found, strict=True))
     return states, rudders, blades, orders
 
@@ -213,7 +214,7 @@ def _rate(vessel: Vessel, helm: Helm, start: float) -> Callable[[Tensor, Tensor]
     steepest = 1e4 * ship.top_speed / ship.time_unit
     max_u, max_v, max_r = MAX_PRIME_VELOCITIES
     far = 2 * ship.top_speed * helm.rudder.new_tensor([max_u, max_v, max_r / ship.length])
-    # The indicator goes on as it does beyond the end of that, where the solver looks too: a kink there would cost accuracy.
+    # So it does beyond the end of that, where the solver looks too: a kink there would cost accuracy.
     error = helm.order - helm.rudder
     speed = torch.where(error.abs() > 1e-12, torch.sign(error) * helm.rate, 0.0)
 

@@ -117,10 +117,6 @@ def check_sensors(method: str, delays: Sequence[str], offsets: Sequence[str]) ->
 def taken_away(raw: Sequence[Recording], smooth: Sequence[Recording]) -> dict[str, float]:
     """What smoothing took away: an estimate of the sensors' noise, too small by the noise that is left.
 
-    Args:
-        raw: What was recorded.
-        smooth: The same, smoothed.
-
     Returns:
         Channel -> standard deviation [SI and radians].
     """

@@ -89,10 +89,6 @@ def agreed_floor(problem: EstimationProblem, found: Estimate) -> Float[np.ndarra
     A floor stands for what a model is wrong by, and errors of a model are seen as stretches that disagree. Where they
     agree better than the floor lets them, it is too high: their disagreement over it goes with its square.
 
-    Args:
-        problem: The problem.
-        found: Its solution, or nearly.
-
     Returns:
         Of u, v, r, x, y, psi: at most that of the problem, at least :data:`MIN_FLOOR_SHARE` of it.
     """
@@ -104,10 +100,6 @@ def agreed_floor(problem: EstimationProblem, found: Estimate) -> Float[np.ndarra
 
 def birge_scaled_covariance(problem: EstimationProblem, found: Estimate) -> tuple[Float[np.ndarray, "p p"], float]:
     """Covariance of the coefficients, as wide as stretches of the recordings disagree.
-
-    Args:
-        problem: The problem.
-        found: Its solution.
 
     Returns:
         The covariance, and the :func:`birge_ratio` that it was widened by.

@@ -110,9 +110,6 @@ class FittedProducts(Ship):
 def own_part(ship: Ship | Particulars) -> FittedProducts:
     """The ship's own products as the known part, their coefficients learnt before the network sees what is left.
 
-    Args:
-        ship: The ship.
-
     Returns:
         The known part, still with coefficients of zero.
 

@@ -209,10 +209,6 @@ def compare(free: Fitted, captive: Fitted) -> list[Compared]:
     A coefficient is comparable if both narrowed it by half; slopes by drift and rudder are sums of coefficients and
     often known where these are not.
 
-    Args:
-        free: From recordings.
-        captive: From captive tests.
-
     Returns:
         Rows.
     """
@@ -233,10 +229,6 @@ def agreeing_inertia(free: Fitted, captive: Fitted) -> Float[np.ndarray, "2 2"]:
 
     Free runs give accelerations, captive tests forces; by drift and by rudder that is two vectors each, and the matrix
     that turns ones into the others is the inertia. Far from any estimate of it, something else differs.
-
-    Args:
-        free: From recordings.
-        captive: From captive tests.
 
     Returns:
         Rows Y' and N', columns vdot' and rdot'; in the (rho, L, T, U0) system.

@@ -89,15 +89,7 @@ def _smoothed(recording: Recording, measured: Float[np.ndarray, "n 6"], size: in
 
 
 def improve(problem: EstimationProblem, now: Estimate) -> Estimate:
-    """One Gauss-Newton step of everything, then noise levels and weights from what is left.
-
-    Args:
-        problem: The problem.
-        now: Where it stands.
-
-    Returns:
-        A better estimate.
-    """
+    """One Gauss-Newton step of everything, then noise levels and weights from what is left."""
     mean, spread = problem.prior
     runs = [CollocatedRun(problem, now, k) for k in range(len(problem.recordings))]
     gram = summed([r.gram for r in runs], [np.append(0, 1 + r.places) for r in runs], 1 + len(mean))

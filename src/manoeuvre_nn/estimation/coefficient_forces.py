@@ -53,10 +53,6 @@ class CoefficientForces:
     def columns(self, state: State, inputs: Inputs) -> Float[np.ndarray, "n 3 p"]:
         """What the coefficients are multiplied by.
 
-        Args:
-            state: States of samples.
-            inputs: What is known there.
-
         Returns:
             Columns: accelerations of surge, sway and yaw for a coefficient of 1.
         """
@@ -103,9 +99,6 @@ def own_forces(ship: Ship) -> CoefficientForces:
     Of the tanker family the coefficients are those of its table in the BIS system (Yuv, Yccd, ...), the thrust's among
     them as ``1 - t``, ``YT`` and ``NT``; of a Taylor series the factors of the bare products, the rudder as the source
     counts it.
-
-    Args:
-        ship: The ship.
 
     Returns:
         One coefficient an entry of its table.

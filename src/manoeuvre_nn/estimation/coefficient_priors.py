@@ -1,7 +1,6 @@
 """What is known of coefficients before any run is seen: of a series of products, and of a ship's own ones."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -29,51 +28,32 @@ MIN_RELATIVE_SD = 0.02
 """Standard deviation of a published coefficient over the largest effect of its equation, where it is small itself."""
 
 
-@dataclass(frozen=True)
-class Prior:
+def series_prior(
+    names: Sequence[tuple[int, str]], ship: Particulars, relative: float = 0.5, size: float = 1.0
+) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]]:
     """What is known of the coefficients of a series.
 
-    Attributes:
+    Where a product of Clarke's occurs with several powers of u and n, the derivative is shared out among them: what
+    holds on the approach, u = n = 1, is their sum.
+
+    Args:
+        names: Output and product of each.
+        ship: The ship.
         relative: Standard deviation of Clarke's derivatives and of the resistance over their values [-].
         size: Factor on the standard deviation of all products, see :data:`PRIOR_SD_PRIME`.
+
+    Returns:
+        Mean and standard deviation.
     """
-
-    relative: float = 0.5
-    size: float = 1.0
-
-    def __post_init__(self) -> None:
-        """Check the numbers.
-
-        Raises:
-            InputError: If one is not positive.
-        """
-        if not (self.relative > 0 and self.size > 0):
-            raise InputError(f"fit.prior: relative={self.relative}, size={self.size}: expected numbers more than 0")
-
-    def of(
-        self, names: Sequence[tuple[int, str]], ship: Particulars
-    ) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]]:
-        """Mean and standard deviation of coefficients.
-
-        Where a product of Clarke's occurs with several powers of u and n, the derivative is shared out among them: what
-        holds on the approach, u = n = 1, is their sum.
-
-        Args:
-            names: Output and product of each.
-            ship: The ship.
-
-        Returns:
-            Both.
-        """
-        given = _clarke(ship)
-        shares = _shared(given, names)
-        # The ship turns with its mass: -m u r, or -m (1 + a) r.
-        mass = 2 * ship.block * ship.beam / ship.length
-        for term in ("u r",) if (1, "u r") in names else ("r", "a r"):
-            shares[1, term] = shares.get((1, term), 0.0) - mass
-        mean = np.array([shares.get(name, 0.0) for name in names])
-        allowed = np.array([_allowed(o, t, ship) for o, t in names])
-        return mean, np.hypot(self.relative * mean, self.size * allowed)
+    given = _clarke(ship)
+    shares = _shared(given, names)
+    # The ship turns with its mass: -m u r, or -m (1 + a) r.
+    mass = 2 * ship.block * ship.beam / ship.length
+    for term in ("u r",) if (1, "u r") in names else ("r", "a r"):
+        shares[1, term] = shares.get((1, term), 0.0) - mass
+    mean = np.array([shares.get(name, 0.0) for name in names])
+    allowed = np.array([_allowed(o, t, ship) for o, t in names])
+    return mean, np.hypot(relative * mean, size * allowed)
 
 
 def _clarke(ship: Particulars) -> dict[tuple[int, str], float]:

@@ -105,14 +105,7 @@ class Fitted:
 
 
 def approach_inertia(ship: Ship) -> Float[np.ndarray, "3 3"]:
-    """A ship's inertia in the (rho, L, T, U0) system.
-
-    Args:
-        ship: The ship.
-
-    Returns:
-        M'.
-    """
+    """A ship's inertia in the (rho, L, T, U0) system."""
     p = ship.particulars
     ratio = ship.prime.mass / (0.5 * p.rho * p.length**2 * p.draught)
     return ship.inertia.detach().double().numpy() * ratio
@@ -120,9 +113,6 @@ def approach_inertia(ship: Ship) -> Float[np.ndarray, "3 3"]:
 
 def fitted_from(stored: Mapping[str, Any]) -> Fitted:
     """Take up what :meth:`Fitted.as_dict` wrote.
-
-    Args:
-        stored: The dict.
 
     Returns:
         The coefficients.
@@ -187,9 +177,6 @@ class Coefficient:
 def coefficient_table(fitted: Fitted) -> list[Coefficient]:
     """All coefficients.
 
-    Args:
-        fitted: The coefficients.
-
     Returns:
         One row each, in the order of the names.
     """
@@ -203,9 +190,6 @@ def coefficient_table(fitted: Fitted) -> list[Coefficient]:
 
 def form_of(terms: Sequence[str]) -> str:
     """What the coefficients of a series are.
-
-    Args:
-        terms: Its products, wind aside.
 
     Returns:
         :data:`TAYLOR` if they are those of a Taylor series about the approach, else :data:`PLAIN`.

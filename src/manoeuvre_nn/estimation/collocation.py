@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from manoeuvre_nn.estimation.linear_run import Columns, IntegratedRun, SampleEquations, StepEquations
+from manoeuvre_nn.estimation.linear_run import Columns, IntegratedRun, RunEquations
 from manoeuvre_nn.estimation.measurement_noise import INFORMATION
 from manoeuvre_nn.estimation.problem import CHANNELS, DELAY, MOTION, Estimate, EstimationProblem
 
@@ -31,21 +31,17 @@ class CollocatedRun:
     """
 
     def __init__(self, problem: EstimationProblem, now: Estimate, run: int) -> None:
-        """Assemble and factor.
-
-        Args:
-            problem: The problem.
-            now: Where it stands.
-            run: Number of the run.
-        """
+        """Assemble and factor."""
         self.problem, self.now, self.run = problem, now, run
         self.recording, self.state = problem.recordings[run], now.states[run]
         self.places = np.concatenate([np.arange(problem.shared), problem.own(run)])
         self.size = MOTION + problem.process.size
-        steps, missed, pushed = self._steps()
-        samples, residual, self.marks = self._samples()
+        (left, right, root, log_det), missed, pushed = self._steps()
+        residual, self.marks = self._samples()
+        observed = np.broadcast_to(np.eye(MOTION, self.size), (len(self.state), MOTION, self.size))
+        precision = INFORMATION * now.sample_weights[run] / now.noise**2
         start = np.concatenate([np.zeros(MOTION), np.tile(1 / now.process_sd**2, problem.process.order)])
-        self.solved = IntegratedRun(steps, samples, start)
+        self.solved = IntegratedRun(RunEquations(left, right, root, log_det, observed, precision, start))
         # Data, coefficients, sensors' errors: what each adds to channels, steps and the first process noise.
         shared, count = problem.shared, 1 + len(self.places)
         columns = Columns(np.zeros((len(self.state), MOTION, count)), np.zeros((len(missed), self.size, count)))
@@ -57,8 +53,8 @@ class CollocatedRun:
         self.gram = self._embedded.dot(self._embedded)
         self.cost = 0.5 * float((self._embedded.outer[:, 0] ** 2).sum())
 
-    def _steps(self) -> tuple[StepEquations, np.ndarray, np.ndarray]:
-        """Steps from sample k to k + 1, what they miss, and what the coefficients push."""
+    def _steps(self) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray, float], np.ndarray, np.ndarray]:
+        """Equations of the steps from sample k to k + 1, what they miss, and what the coefficients push."""
         # s_{k+1} - s_k = h/2 (f_k + f_{k+1}), and the process noise goes on as ProcessNoise says.
         s, theta = self.state, self.now.values[: self.problem.shared]
         gaps = np.diff(self.recording.time)
@@ -78,17 +74,10 @@ class CollocatedRun:
         precision = np.concatenate([tight, np.tile(free, self.problem.process.order)], axis=1)
         log_det = 0.5 * float(np.log(precision).sum()) + float(np.linalg.slogdet(self.right)[1].sum())
         root = np.sqrt(precision)[:, :, None] * np.eye(self.size)
-        return StepEquations(left, right, root, log_det), missed, h / 2 * (columns[:-1] + columns[1:])
+        return (left, right, root, log_det), missed, h / 2 * (columns[:-1] + columns[1:])
 
     def innovations(self, state: Float[np.ndarray, "n s"]) -> Float[np.ndarray, "m c"]:
-        """What is new in the process noise at each step, of its variance.
-
-        Args:
-            state: States.
-
-        Returns:
-            Innovations.
-        """
+        """What is new in the process noise at each step, of its variance."""
         process = state[:, MOTION:, None]
         return (self.right @ process[1:] + self.left @ process[:-1])[:, :, 0]
 
@@ -111,8 +100,8 @@ class CollocatedRun:
         slope[:, 5, 2] = 1.0
         return rate, slope
 
-    def _samples(self) -> tuple[SampleEquations, np.ndarray, np.ndarray]:
-        """Samples, what channels show beyond what was measured, and what the sensors' errors add."""
+    def _samples(self) -> tuple[np.ndarray, np.ndarray]:
+        """What channels show beyond what was measured, and what the sensors' errors add."""
         # A channel that is written down late by tau shows s(t - tau) = s - tau ds/dt.
         faults, values = self.problem.faults, self.now.values[self.problem.own(self.run)]
         shown, marks = self.state[:, :MOTION].copy(), np.zeros((len(self.state), MOTION, len(faults)))
@@ -121,9 +110,7 @@ class CollocatedRun:
             marks[:, k, f] = -self.rate[:, k] if fault.kind == DELAY else 1.0
             shown[:, k] += value * marks[:, k, f]
         residual = np.where(self.problem.present[self.run] > 0, shown - self.problem.measured[self.run], 0.0)
-        observed = np.broadcast_to(np.eye(MOTION, self.size), (len(self.state), MOTION, self.size))
-        precision = INFORMATION * self.now.sample_weights[self.run] / self.now.noise**2
-        return SampleEquations(observed, precision), residual, marks
+        return residual, marks
 
     def moved(self, step: Float[np.ndarray, " p"]) -> Float[np.ndarray, "n s"]:
         """States after a step of the unknowns.
@@ -143,27 +130,13 @@ class CollocatedRun:
         return -self.solved.chain.unwhiten(np.asfortranarray(self._embedded.inner[:, 1:]))
 
     def state_covariance(self, covariance: Float[np.ndarray, "q q"]) -> Float[np.ndarray, "n s s"]:
-        """Of every sample's state, that of the unknowns included.
-
-        Args:
-            covariance: Of all unknowns.
-
-        Returns:
-            One matrix a sample.
-        """
+        """Of every sample's state, that of the unknowns included."""
         follow = self._by_unknowns
         own = covariance[np.ix_(self.places, self.places)]
         return self.solved.covariances[0] + follow @ own @ follow.transpose(0, 2, 1)
 
     def innovation_variance(self, covariance: Float[np.ndarray, "q q"]) -> Float[np.ndarray, "m c"]:
-        """Posterior variance of what is new in the process noise at each step.
-
-        Args:
-            covariance: Of all unknowns.
-
-        Returns:
-            Variances.
-        """
+        """Posterior variance of what is new in the process noise at each step."""
         # Of right a_{k+1} + left a_k: right S_{k+1} right^T + left S_k left^T + 2 right S_{k+1,k} left^T.
         on, below = (m[:, MOTION:, MOTION:] for m in self.solved.covariances)
         right, left = self.right.transpose(0, 2, 1), self.left.transpose(0, 2, 1)

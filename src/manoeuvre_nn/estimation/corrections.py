@@ -40,11 +40,7 @@ class Corrections:
     """
 
     def __init__(self, dynamics: Model) -> None:
-        """Find out what can be corrected.
-
-        Args:
-            dynamics: The calm-water model.
-        """
+        """Find out what can be corrected."""
         self.dynamics, hull = dynamics, dynamics.hull
         p = dynamics.particulars
         units = hull.inertia.new_tensor([p.speed, p.speed, p.speed / p.length])

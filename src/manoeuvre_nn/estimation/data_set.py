@@ -8,16 +8,15 @@ from itertools import product
 import numpy as np
 from jaxtyping import Float, Int
 
-from manoeuvre_nn.core.effect import Situation
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.dynamics.base import Model, calm_accelerations, is_fitted
 from manoeuvre_nn.effect.common import typical as usual
-from manoeuvre_nn.estimation.effect_columns import coefficient_columns, latency_column, situation
+from manoeuvre_nn.estimation.effect_columns import coefficient_columns, latency_column
 from manoeuvre_nn.estimation.linear_run import Columns, Embedded, IntegratedRun, joined, summed
 from manoeuvre_nn.estimation.linearised_run import LinearisedRun, NoiseLevels, calm_rate, integrated, linearise
 from manoeuvre_nn.estimation.posterior import Posterior, posterior
-from manoeuvre_nn.estimation.smoothed_run import SmootherNoise, smooth
+from manoeuvre_nn.estimation.smoothed_run import smooth
 
 FIRST_NOISE = np.array([0.7, 0.7, 0.04, 0.04, 1.75e-3, 3.5e-4, 0.05, 0.005])
 """First idea of the channels' noise [m, m, m/s, m/s, rad, rad/s, m/s, -]."""
@@ -39,7 +38,6 @@ class PreparedRun:
 
     Attributes:
         linearised: Its equations about its track.
-        situation: What effects see along the track.
         noise: S.d. of its channels, their correlation in time taken in.
         inflation: What that correlation multiplied their variances by.
         base: Data, coefficients and latency as columns.
@@ -47,7 +45,6 @@ class PreparedRun:
     """
 
     linearised: LinearisedRun
-    situation: Situation
     noise: Float[np.ndarray, " 8"]
     inflation: Float[np.ndarray, " 8"]
     base: Columns
@@ -71,24 +68,17 @@ class WhitenedDataSet:
 
     Attributes:
         dynamics: Calm-water model.
-        rate: Its accelerations.
         runs: The runs.
         coefficients: Names of the combinations of coefficients that the runs can show.
         rotation: The combinations, one a column: coefficients' errors are ``rotation @`` those of the combinations.
         levels: Level of the process noise in surge and in sway and yaw, one row a grid point.
     """
 
-    def __init__(self, dynamics: Model, runs: Sequence[PreparedRun], coefficients: Sequence[str]) -> None:
-        """Take the runs.
-
-        Args:
-            dynamics: Calm-water model.
-            runs: The runs.
-            coefficients: Names of the coefficients.
-        """
-        self.dynamics, self.rate = dynamics, calm_rate(dynamics)
-        self.runs, self.coefficients = list(runs), list(coefficients)
-        self.rotation = np.eye(len(self.coefficients))
+    def __init__(self, dynamics: Model, runs: Sequence[PreparedRun]) -> None:
+        """Take the runs."""
+        self.dynamics, self.runs = dynamics, list(runs)
+        self.rotation = np.eye(self.runs[0].base.count - 2)  # of the base, data and latency are none
+        self.coefficients = [""] * len(self.rotation)
         self.unit = typical(dynamics)
         self.levels = np.array(list(product(PROCESS_LEVELS, PROCESS_LEVELS)))
         self._at: dict[int, _Level] = {}
@@ -104,9 +94,6 @@ class WhitenedDataSet:
 
     def at(self, level: int) -> "_Level":
         """The runs whitened at a grid point; made when it is first asked for.
-
-        Args:
-            level: Grid point.
 
         Returns:
             Whitened runs, their embedded base columns and what follows from them.
@@ -133,14 +120,7 @@ class WhitenedDataSet:
         return 1 + len(self.coefficients) + len(self.runs)
 
     def base_index(self, run: int) -> Int[np.ndarray, " k"]:
-        """Where a run's base columns stand among those of all runs.
-
-        Args:
-            run: Number of the run.
-
-        Returns:
-            Indices.
-        """
+        """Where a run's base columns stand among those of all runs."""
         shared = np.arange(1 + len(self.coefficients))
         return np.append(shared, 1 + len(self.coefficients) + run)
 
@@ -168,15 +148,7 @@ class WhitenedDataSet:
         return g
 
     def embedded(self, level: int, columns: Sequence[Columns]) -> list[Embedded]:
-        """Columns of each run whitened.
-
-        Args:
-            level: Grid point.
-            columns: Of each run.
-
-        Returns:
-            One a run.
-        """
+        """Columns of each run whitened."""
         return [white.embed(c) for white, c in zip(self.at(level).white, columns, strict=True)]
 
     def posterior(
@@ -199,12 +171,9 @@ class WhitenedDataSet:
 
 def _turned(base: Columns, rotation: Float[np.ndarray, "k kept"]) -> Columns:
     """Base columns with the coefficients' combined."""
-    k = len(rotation)
-
-    def turn(a: np.ndarray) -> np.ndarray:
-        return np.concatenate([a[..., :1], a[..., 1 : 1 + k] @ rotation, a[..., 1 + k :]], axis=-1)
-
-    return Columns(turn(base.measured), turn(base.moved))
+    coefficients = base[1:-1]
+    combined = Columns(coefficients.measured @ rotation, coefficients.moved @ rotation)
+    return joined([base[:1], combined, base[-1:]])
 
 
 def quiet(level: int) -> int:
@@ -223,9 +192,6 @@ def quiet(level: int) -> int:
 def typical(dynamics: Model) -> Float[np.ndarray, " 3"]:
     """Accelerations that are large in a manoeuvre: by the resistance in surge, by 20 deg of rudder in sway and yaw.
 
-    Args:
-        dynamics: Calm-water model.
-
     Returns:
         [m/s^2, m/s^2, rad/s^2].
     """
@@ -234,9 +200,6 @@ def typical(dynamics: Model) -> Float[np.ndarray, " 3"]:
 
 def process_time(dynamics: Model) -> float:
     """Correlation time of what no hypothesis explains: the time in which the ship sails its length.
-
-    Args:
-        dynamics: Calm-water model.
 
     Returns:
         Time [s].
@@ -247,9 +210,6 @@ def process_time(dynamics: Model) -> float:
 def start_spread(ship: Particulars) -> Float[np.ndarray, " 6"]:
     """Prior standard deviation of a first state about the track.
 
-    Args:
-        ship: The ship.
-
     Returns:
         u, v [m/s], r [rad/s], x, y [m], psi [rad].
     """
@@ -258,32 +218,15 @@ def start_spread(ship: Particulars) -> Float[np.ndarray, " 6"]:
 
 
 def whitened_data_set(dynamics: Model, runs: Sequence[Recording]) -> WhitenedDataSet:
-    """Find states and noise of runs, linearise and whiten.
-
-    Args:
-        dynamics: Calm-water model.
-        runs: The fitted runs.
-
-    Returns:
-        The data set.
-    """
-    prepared: list[PreparedRun] = []
-    names: list[str] = []
-    for run in runs:
-        one, names = prepared_run(dynamics, run)
-        prepared.append(one)
-    return WhitenedDataSet(dynamics, prepared, names)
+    """Find states and noise of runs, linearise and whiten."""
+    return WhitenedDataSet(dynamics, [prepared_run(dynamics, run) for run in runs])
 
 
-def prepared_run(dynamics: Model, run: Recording) -> tuple[PreparedRun, list[str]]:
+def prepared_run(dynamics: Model, run: Recording) -> PreparedRun:
     """One run made ready.
 
-    Args:
-        dynamics: Calm-water model.
-        run: The run.
-
     Returns:
-        Its place and the coefficients' names.
+        The run about its smoothed states.
     """
     rate, p = calm_rate(dynamics), dynamics.particulars
     unit = p.speed**2 / p.length * np.array([1.0, 1.0, 1.0 / p.length])
@@ -291,15 +234,14 @@ def prepared_run(dynamics: Model, run: Recording) -> tuple[PreparedRun, list[str
     if is_fitted(dynamics):  # recordings are trusted as they were when the model was fitted
         u, v, r, x, y, psi = dynamics.noise.tolist()
         least[:6] = x, y, u, v, psi, r
-    wide = SmootherNoise(FIRST_NOISE, least, SMOOTHER_PROCESS_SD * unit, process_time(dynamics))
-    found = smooth(run, rate, wide, p)
-    slow = np.where((found.noise > least) | (not is_fitted(dynamics)), found.inflation, 1.0)
-    return _prepared(dynamics, found.linearised, found.noise * np.sqrt(slow), slow, found.process)
+    wide = NoiseLevels(FIRST_NOISE, SMOOTHER_PROCESS_SD * unit, process_time(dynamics))
+    linearised, noise, inflation, process = smooth(run, rate, wide, least, p)
+    slow = np.where((noise > least) | (not is_fitted(dynamics)), inflation, 1.0)
+    base = _base_columns(dynamics, linearised)
+    return PreparedRun(linearised, noise * np.sqrt(slow), slow, base, process)
 
 
-def about_states(
-    dynamics: Model, prepared: PreparedRun, track: Float[np.ndarray, "n 6"]
-) -> tuple[PreparedRun, list[str]]:
+def about_states(dynamics: Model, prepared: PreparedRun, track: Float[np.ndarray, "n 6"]) -> PreparedRun:
     """The same run about another track.
 
     Args:
@@ -308,24 +250,15 @@ def about_states(
         track: u, v, r, x, y, psi.
 
     Returns:
-        Its new place and the coefficients' names.
+        The run about it.
     """
     linearised = linearise(prepared.linearised.run, calm_rate(dynamics), track, process_time(dynamics))
-    return _prepared(dynamics, linearised, prepared.noise, prepared.inflation, prepared.process)
+    return replace(prepared, linearised=linearised, base=_base_columns(dynamics, linearised))
 
 
-def _prepared(
-    dynamics: Model,
-    linearised: LinearisedRun,
-    noise: Float[np.ndarray, " 8"],
-    inflation: Float[np.ndarray, " 8"],
-    process: Float[np.ndarray, "n 3"],
-) -> tuple[PreparedRun, list[str]]:
-    """A run's base columns about its track."""
-    s = situation(linearised, calm_rate(dynamics))
-    coefficients, names = coefficient_columns(dynamics, linearised, s)
+def _base_columns(dynamics: Model, linearised: LinearisedRun) -> Columns:
+    """Data, coefficients and latency of a run as columns."""
     latency = latency_column(linearised)
     # The unknown is the latency's deviation from its prior mean.
     centred = joined([linearised.data, latency]).combined(np.array([1.0, -LATENCY]))
-    base = joined([centred, coefficients, latency])
-    return PreparedRun(linearised, s, noise, inflation, base, process), names
+    return joined([centred, coefficient_columns(dynamics, linearised), latency])

@@ -14,33 +14,13 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.estimation.corrections import Corrections
 from manoeuvre_nn.estimation.linear_run import Columns
-from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, shown
-
-
-def situation(linearised: LinearisedRun, rate: Rate) -> Situation:
-    """What effects see along a run's track.
-
-    Args:
-        linearised: The run about its track.
-        rate: Accelerations of the calm-water model.
-
-    Returns:
-        The situation at all samples.
-    """
-    run = linearised.run
-    state, delta = torch.tensor(linearised.track), torch.tensor(run["delta"])
-    shaft = torch.tensor(run["shaft"])
-    nu = state[:, :3]
-    with torch.no_grad():
-        return Situation(nu, rate(nu, delta, shaft), *state[:, 3:6].unbind(-1), delta, shaft, torch.tensor(run.time))  # type: ignore[call-arg]
+from manoeuvre_nn.estimation.linearised_run import LinearisedRun, shown
 
 
 def contribution(
     effect: Effect,
     values: Float[np.ndarray, "k p"],
     linearised: LinearisedRun,
-    rate: Rate,
-    s: Situation,
     blade: Float[Tensor, "k n"] | None = None,
 ) -> Columns:
     """What an effect adds to a run, for several sets of parameter values at once.
@@ -49,13 +29,12 @@ def contribution(
         effect: The effect.
         values: Parameter values, one set a row.
         linearised: The run about its track.
-        rate: Accelerations of the calm-water model.
-        s: The situation along the track.
         blade: Angle of the blade for each set (:func:`blades`); None finds it.
 
     Returns:
         One column a set.
     """
+    s, rate = linearised.situation, linearised.rate
     with torch.no_grad():
         acting = effect.at(s.nu.new_tensor(values)[:, None, :])
         rows, n = len(values), len(linearised.run)
@@ -222,14 +201,7 @@ def _recorded(acting: Effect, linearised: LinearisedRun, s: Situation, rows: int
 
 
 def perfect(s: Situation) -> dict[str, Tensor]:
-    """What perfect sensors write in still water.
-
-    Args:
-        s: The situation.
-
-    Returns:
-        Channel -> samples.
-    """
+    """What perfect sensors write in still water."""
     cos, sin = torch.cos(s.psi), torch.sin(s.psi)
     vn, ve = s.u * cos - s.v * sin, s.u * sin + s.v * cos
     return {
@@ -238,23 +210,22 @@ def perfect(s: Situation) -> dict[str, Tensor]:
     }  # fmt: skip
 
 
-def coefficient_columns(dynamics: Model, linearised: LinearisedRun, s: Situation) -> tuple[Columns, list[str]]:
+def coefficient_columns(dynamics: Model, linearised: LinearisedRun) -> Columns:
     """What each correction of the calm-water model adds, by 100 %: coefficients, missing terms, inertias.
 
     Args:
         dynamics: The calm-water model.
         linearised: The run about its track.
-        s: The situation along the track.
 
     Returns:
-        One column a correction, and its name.
+        One column a correction, in the order of :attr:`.Corrections.names`.
     """
-    corrections = Corrections(dynamics)
+    s = linearised.situation
     with torch.no_grad():
         shaft = None if bool((s.shaft == 1).all()) else s.shaft
-        a = corrections(s.nu, s.delta, shaft).permute(1, 0, 2)
+        a = Corrections(dynamics)(s.nu, s.delta, shaft).permute(1, 0, 2)
         moved = moved_by(a, a.new_zeros(*a.shape[:2], 2), linearised).permute(1, 2, 0).numpy()
-    return Columns(np.zeros((len(linearised.run), len(MEASURED), len(a))), moved), corrections.names
+    return Columns(np.zeros((len(linearised.run), len(MEASURED), len(a))), moved)
 
 
 def latency_column(linearised: LinearisedRun) -> Columns:

@@ -64,14 +64,7 @@ class Hypothesis:
         return replace(self, values=tuple(v[list(rows)] for v in self.values))
 
     def joined(self, other: "Hypothesis") -> "Hypothesis":
-        """Both sets of effects together.
-
-        Args:
-            other: Another hypothesis.
-
-        Returns:
-            Their union.
-        """
+        """Both sets of effects together."""
         return replace(self, effects=self.effects + other.effects, values=self.values + other.values)
 
 
@@ -100,14 +93,7 @@ class Unknown:
         return (p.high - p.low) / sqrt(2 * pi) if p.per_run else p.spread
 
     def mean(self, value: float) -> float:
-        """Prior mean; a flat prior has it wherever the value is.
-
-        Args:
-            value: Value now.
-
-        Returns:
-            The mean.
-        """
+        """Prior mean; a flat prior has it wherever the value is."""
         p = self.parameter
         return value if p.null is None or p.period or p.per_run else p.null
 

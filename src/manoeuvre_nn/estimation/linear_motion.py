@@ -76,15 +76,7 @@ class _Linear:
 
 
 def linear_motion(force: CoefficientForces, values: Float[np.ndarray, "k p"]) -> _Linear:
-    """Linearise about the approach, u = n = 1 in still air.
-
-    Args:
-        force: Columns of the coefficients.
-        values: Sets of coefficients.
-
-    Returns:
-        Sway and yaw.
-    """
+    """Linearise about the approach, u = n = 1 in still air."""
     state, delta, both = np.zeros((6, 6)), np.zeros(6), (DIFFERENCE_STEP, -DIFFERENCE_STEP)
     state[:, 0] = 1.0
     state[:2, 1] = state[2:4, 2] = delta[4:] = both

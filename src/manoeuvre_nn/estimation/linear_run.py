@@ -17,12 +17,12 @@ Source:
     Bell 1994 (SIAM J. Optim. 4:626) and Aravkin et al. 2017 (Automatica 86:63) for the equivalence with the filter.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from manoeuvre_nn.numerics.chain import Chain
 
@@ -46,60 +46,57 @@ class Columns:
         """Number of columns."""
         return self.measured.shape[-1]
 
+    def __getitem__(self, chosen: slice | Bool[np.ndarray, " p"]) -> "Columns":
+        """Some of the columns."""
+        return self._each(lambda part: part[..., chosen])
+
+    def __sub__(self, other: "Columns") -> "Columns":
+        """Columns less others, one by one or all less one; without those of the first state."""
+        return Columns(self.measured - other.measured, self.moved - other.moved)
+
+    def __truediv__(self, size: Float[np.ndarray, " p"]) -> "Columns":
+        """Every column over its size."""
+        return self._each(lambda part: part / size)
+
     def combined(self, shares: Float[np.ndarray, " p"]) -> "Columns":
-        """The columns summed up, each with a share, as one column.
+        """The columns summed up, each with a share, as one column."""
+        return self._each(lambda part: (part @ shares)[..., None])
 
-        Args:
-            shares: One a column.
-
-        Returns:
-            One column.
-        """
-        return Columns((self.measured @ shares)[..., None], (self.moved @ shares)[..., None])
+    def _each(self, change: Callable[[np.ndarray], np.ndarray]) -> "Columns":
+        """The same done to all parts."""
+        return Columns(change(self.measured), change(self.moved), None if self.start is None else change(self.start))
 
 
 def joined(parts: Sequence[Columns]) -> Columns:
-    """Columns side by side, without those of the first state.
-
-    Args:
-        parts: At least one.
-
-    Returns:
-        All columns.
-    """
+    """Columns side by side, without those of the first state."""
     return Columns(
         np.concatenate([c.measured for c in parts], axis=-1), np.concatenate([c.moved for c in parts], axis=-1)
     )
 
 
 @dataclass(frozen=True)
-class StepEquations:
-    """How states follow each other.
+class RunEquations:
+    """A run's equations about a track: how states follow each other, what channels show of them, where they begin.
 
     Attributes:
-        left: Derivative by the state before the step.
+        left: Derivative of a step by the state before it.
         right: Derivative by the state after it.
         root: ``root^T root`` is the precision of what a step may miss.
         log_det: Log determinant of the prior's root over all steps, for the normaliser.
+        observed: Derivative of the channels by the state (H).
+        precision: One over the variance of each sample's noise; 0 where nothing was measured.
+        start: Precision of the first state; 0 where nothing is known.
+        unit: Usual size of the states, for the condition of the factor; None is 1.
     """
 
     left: Float[np.ndarray, "steps s s"]
     right: Float[np.ndarray, "steps s s"]
     root: Float[np.ndarray, "steps s s"]
     log_det: float
-
-
-@dataclass(frozen=True)
-class SampleEquations:
-    """What the channels show of the states.
-
-    Attributes:
-        observed: Derivative of the channels by the state (H).
-        precision: One over the variance of each sample's noise; 0 where nothing was measured.
-    """
-
     observed: Float[np.ndarray, "n c s"]
     precision: Float[np.ndarray, "n c"]
+    start: Float[np.ndarray, " s"]
+    unit: Float[np.ndarray, " s"] | None = None
 
 
 @dataclass(frozen=True)
@@ -120,15 +117,12 @@ class Embedded:
         """
         return self.outer.T @ other.outer - self.inner.T @ other.inner
 
+    def joined(self, other: "Embedded") -> "Embedded":
+        """These columns, and then others of the same run at the same noise."""
+        return Embedded(np.hstack([self.outer, other.outer]), np.hstack([self.inner, other.inner]))
+
     def combined(self, shares: Float[np.ndarray, " p"]) -> "Embedded":
-        """The columns summed up, each with a share, as one.
-
-        Args:
-            shares: One a column.
-
-        Returns:
-            One column.
-        """
+        """The columns summed up, each with a share, as one."""
         return Embedded((self.outer @ shares)[:, None], (self.inner @ shares)[:, None])
 
 
@@ -141,45 +135,25 @@ class IntegratedRun:
         log_norm: ``-0.5 log det`` of the covariance of all measured samples, up to a constant of the run.
     """
 
-    def __init__(
-        self,
-        steps: StepEquations,
-        samples: SampleEquations,
-        start: Float[np.ndarray, " s"],
-        unit: Float[np.ndarray, " s"] | None = None,
-    ) -> None:
-        """Factor the precision of the states.
-
-        Args:
-            steps: How states follow each other.
-            samples: What channels show of them.
-            start: Precision of the first state; 0 where nothing is known.
-            unit: Usual size of the states, for the condition of the factor; None is 1.
-        """
-        self.unit = np.ones(len(start)) if unit is None else unit
-        self._root = steps.root
-        self._left, self._right = steps.root @ (steps.left * self.unit), steps.root @ (steps.right * self.unit)
-        self._weight, self._start = np.sqrt(samples.precision), np.sqrt(start)
-        self._seen = samples.observed * self.unit * self._weight[..., None]
+    def __init__(self, e: RunEquations) -> None:
+        """Factor the precision of the states."""
+        self.unit = np.ones(len(e.start)) if e.unit is None else e.unit
+        self._root = e.root
+        self._left, self._right = e.root @ (e.left * self.unit), e.root @ (e.right * self.unit)
+        self._weight, self._start = np.sqrt(e.precision), np.sqrt(e.start)
+        self._seen = e.observed * self.unit * self._weight[..., None]
         # ds^T A ds: squares of all equations above.
         diagonal = self._seen.transpose(0, 2, 1) @ self._seen
         diagonal[:-1] += self._left.transpose(0, 2, 1) @ self._left
         diagonal[1:] += self._right.transpose(0, 2, 1) @ self._right
         diagonal[0] += np.diag((self._start * self.unit) ** 2)
         self.chain = Chain(diagonal, self._right.transpose(0, 2, 1) @ self._left)
-        prior = steps.log_det + float(np.log(self._start[start > 0]).sum())
-        noise = float(np.log(self._weight[samples.precision > 0]).sum())
+        prior = e.log_det + float(np.log(self._start[e.start > 0]).sum())
+        noise = float(np.log(self._weight[e.precision > 0]).sum())
         self.log_norm = prior + noise + float(np.log(self.unit).sum()) * len(diagonal) - 0.5 * self.chain.log_det
 
     def embed(self, c: Columns) -> Embedded:
-        """Vectors whose inner products are those of the columns in the metric of the samples' marginal covariance.
-
-        Args:
-            c: Columns.
-
-        Returns:
-            The vectors.
-        """
+        """Vectors whose inner products are those of the columns in the metric of the samples' marginal covariance."""
         k = c.moved.shape[1]  # roots do not mix the states that columns may move with the others
         seen, missed = self._weight[..., None] * c.measured, self._root[:, :k, :k] @ c.moved
         parts = [seen.reshape(-1, c.count), missed.reshape(-1, c.count)]
@@ -193,14 +167,7 @@ class IntegratedRun:
         return Embedded(np.concatenate(parts), self.chain.whiten(right))
 
     def states(self, embedded: Embedded) -> Float[np.ndarray, "n s p"]:
-        """Most likely deviation of the states from the track for a column, unknowns at zero.
-
-        Args:
-            embedded: Columns.
-
-        Returns:
-            Deviations.
-        """
+        """Most likely deviation of the states from the track for a column, unknowns at zero."""
         return self.chain.unwhiten(embedded.inner) * self.unit[:, None]
 
     @cached_property

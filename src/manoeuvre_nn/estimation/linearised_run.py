@@ -15,9 +15,10 @@ from jaxtyping import Float
 from torch import Tensor
 
 from manoeuvre_nn.core.channels import MEASURED
+from manoeuvre_nn.core.effect import Situation
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.base import Model, calm_accelerations
-from manoeuvre_nn.estimation.linear_run import Columns, IntegratedRun, SampleEquations, StepEquations
+from manoeuvre_nn.estimation.linear_run import Columns, IntegratedRun, RunEquations
 from manoeuvre_nn.estimation.process_noise import ProcessNoise
 from manoeuvre_nn.recording.preparation import measured
 
@@ -55,6 +56,7 @@ class LinearisedRun:
     Attributes:
         run: The run.
         track: States of the track.
+        rate: Accelerations of the calm-water model.
         transition: Derivative of the next state by the present one.
         defect: What a step of the model from the track misses it by.
         observed: Derivative of the channels by the state.
@@ -64,6 +66,7 @@ class LinearisedRun:
 
     run: Recording
     track: Float[np.ndarray, "n 6"]
+    rate: "Rate"
     transition: Float[np.ndarray, "steps 9 9"]
     defect: Float[np.ndarray, "steps 6"]
     observed: Float[np.ndarray, "n 8 9"]
@@ -74,6 +77,15 @@ class LinearisedRun:
     def present(self) -> Float[np.ndarray, "n 8"]:
         """One where a channel was measured, else 0."""
         return np.isfinite(measured(self.run)).astype(float)
+
+    @cached_property
+    def situation(self) -> Situation:
+        """What effects see along the track."""
+        run, state = self.run, torch.tensor(self.track)
+        delta, shaft, time = (torch.tensor(part) for part in (run["delta"], run["shaft"], run.time))
+        with torch.no_grad():
+            nudot = self.rate(state[:, :3], delta, shaft)
+        return Situation(state[:, :3], nudot, *state[:, 3:6].unbind(-1), delta, shaft, time)  # type: ignore[call-arg]
 
     @property
     def data(self) -> Columns:
@@ -113,9 +125,6 @@ Rate = Callable[[Tensor, Tensor, Tensor], Tensor]
 def calm_rate(dynamics: Model) -> Rate:
     """Accelerations of a calm-water model at a shaft speed.
 
-    Args:
-        dynamics: The model.
-
     Returns:
         Velocities, rudder, shaft -> accelerations.
     """
@@ -129,9 +138,7 @@ def calm_rate(dynamics: Model) -> Rate:
     return rate
 
 
-def linearise(
-    run: Recording, rate: Rate, track: Float[np.ndarray, "n 6"], process_time: float, offset: Columns | None = None
-) -> LinearisedRun:
+def linearise(run: Recording, rate: Rate, track: Float[np.ndarray, "n 6"], process_time: float) -> LinearisedRun:
     """Linearise a run's equations about a track.
 
     Args:
@@ -139,7 +146,6 @@ def linearise(
         rate: Accelerations of the calm-water model.
         track: States; its process noise is 0, so that all of them shows in the data.
         process_time: Correlation time of the process noise [s].
-        offset: What hypotheses that are already taken on add, as one column.
 
     Returns:
         The linear equations.
@@ -158,12 +164,8 @@ def linearise(
     residual = measured(run) - shown(track)
     residual[:, 4] = (residual[:, 4] + np.pi) % (2 * np.pi) - np.pi
     residual = np.nan_to_num(residual, nan=0.0)
-    if offset is not None:
-        residual = np.where(np.isfinite(measured(run)), residual - offset.measured[..., 0], 0.0)
-        defect = defect + offset.moved[..., 0]
-    return LinearisedRun(
-        run, track, transition, defect, _observed(track), residual, push[:, :3].numpy() / RUDDER_DIFFERENCE
-    )
+    rudder_push = push[:, :3].numpy() / RUDDER_DIFFERENCE
+    return LinearisedRun(run, track, rate, transition, defect, _observed(track), residual, rudder_push)
 
 
 def _step(rate: Rate, state: Tensor, delta: Tensor, shaft: Tensor, h: float, decay: float) -> Tensor:
@@ -212,7 +214,8 @@ def integrated(linearised: LinearisedRun, noise: NoiseLevels, start_sd: Float[np
     # ds_{k+1} - A_k ds_k = ...
     right = np.broadcast_to(np.eye(SIZE), root.shape)
     log_det = float(np.linalg.slogdet(root)[1].sum())
-    equations = StepEquations(-linearised.transition, right, root, log_det)
-    samples = SampleEquations(linearised.observed, linearised.present / noise.channels**2)
-    unit = np.concatenate([STATE_UNIT, process_sd])
-    return IntegratedRun(equations, samples, np.concatenate([start_sd, process_sd]) ** -2.0, unit)
+    precision = linearised.present / noise.channels**2
+    start, unit = np.concatenate([start_sd, process_sd]) ** -2.0, np.concatenate([STATE_UNIT, process_sd])
+    return IntegratedRun(
+        RunEquations(-linearised.transition, right, root, log_det, linearised.observed, precision, start, unit)
+    )

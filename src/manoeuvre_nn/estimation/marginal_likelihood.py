@@ -50,15 +50,7 @@ class HypothesisColumns:
 
 
 def hypothesis_columns(data_set: WhitenedDataSet, hypothesis: Hypothesis) -> HypothesisColumns:
-    """Columns of a hypothesis: one of the whole contribution, one an unknown by central differences.
-
-    Args:
-        data_set: The runs.
-        hypothesis: It.
-
-    Returns:
-        Columns of each run.
-    """
+    """Columns of a hypothesis: one of the whole contribution, one an unknown by central differences."""
     runs, unknowns = data_set.runs, hypothesis.unknowns()
     parts: list[list[Columns]] = [[] for _ in runs]
     index: list[list[int]] = [[0] for _ in runs]
@@ -70,14 +62,11 @@ def hypothesis_columns(data_set: WhitenedDataSet, hypothesis: Hypothesis) -> Hyp
         ]
         angles = blades(effect, tables, [r.linearised.run for r in runs])
         for run, prepared in enumerate(runs):
-            c = contribution(effect, tables[run], prepared.linearised, data_set.rate, prepared.situation, angles[run])
+            c = contribution(effect, tables[run], prepared.linearised, angles[run])
             changed = range(len(mine[run])), [unknowns[i].column for i in mine[run]]
             steps = tables[run][1::2][changed] - tables[run][2::2][changed]
             # The effect at its values, then (up - down) / step of every unknown.
-            parts[run].append(Columns(
-                np.concatenate([c.measured[..., :1], (c.measured[..., 1::2] - c.measured[..., 2::2]) / steps], -1),
-                np.concatenate([c.moved[..., :1], (c.moved[..., 1::2] - c.moved[..., 2::2]) / steps], -1),
-            ))  # fmt: skip
+            parts[run].append(joined([c[:1], (c[1::2] - c[2::2]) / steps]))
             index[run] += [1 + i for i in mine[run]]
     columns = [_summed_up(p) for p in parts]
     return HypothesisColumns(hypothesis, columns, [np.array(at) for at in index], 1 + len(unknowns))
@@ -103,8 +92,7 @@ def _summed_up(effects: Sequence[Columns]) -> Columns:
     """Contributions of all effects as one column, then the columns of their unknowns."""
     first = np.concatenate([np.append(1.0, np.zeros(c.count - 1)) for c in effects])
     whole = joined(effects)
-    own = first == 0
-    return joined([whole.combined(first), Columns(whole.measured[..., own], whole.moved[..., own])])
+    return joined([whole.combined(first), whole[first == 0]])
 
 
 class MarginalLikelihood:
@@ -116,11 +104,7 @@ class MarginalLikelihood:
     """
 
     def __init__(self, data_set: WhitenedDataSet) -> None:
-        """Take the runs.
-
-        Args:
-            data_set: The runs.
-        """
+        """Take the runs."""
         self.data_set = data_set
         self.start_level = 2 * (len(PROCESS_LEVELS) + 1)
 

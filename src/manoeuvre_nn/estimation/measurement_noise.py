@@ -68,11 +68,6 @@ def student_weight(
 ) -> Float[np.ndarray, "n k"]:
     """Weight of samples whose expected square is given, under Student's t of a scale in so many dimensions.
 
-    Args:
-        square: Expected squares.
-        scale: Scale of each column.
-        size: Dimensions.
-
     Returns:
         Weights: 1.25 at the middle, little for outliers.
     """

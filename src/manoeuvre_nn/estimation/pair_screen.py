@@ -23,11 +23,7 @@ class PairScreen:
     """Pieces of hypotheses, kept."""
 
     def __init__(self, likelihood: MarginalLikelihood) -> None:
-        """Begin with none.
-
-        Args:
-            likelihood: Where they are fitted.
-        """
+        """Begin with none."""
         self.likelihood = likelihood
         self._pieces: dict[tuple[int, int], _Piece] = {}
 
@@ -51,17 +47,7 @@ class PairScreen:
         return self._pieces[key]
 
     def evidence(self, first: Hypothesis, second: Hypothesis, level: int, scatter: int) -> float:
-        """Log evidence of two hypotheses together after a linear step of all their numbers.
-
-        Args:
-            first: One.
-            second: The other.
-            level: Force level.
-            scatter: Scatter level.
-
-        Returns:
-            Log evidence.
-        """
+        """Log evidence of two hypotheses together after a linear step of all their numbers."""
         a, b, base = self.piece(first, level), self.piece(second, level), self.likelihood.data_set.at(level)
         between = np.zeros((len(a.own), len(b.own)))
         for mine, at, other, to in zip(a.columns, a.lin.index, b.columns, b.lin.index, strict=True):

@@ -52,26 +52,12 @@ class Posterior:
         return square / (1 + square * self.sizes)
 
     def mean(self, scale: int = 0) -> Float[np.ndarray, " m"]:
-        """Most likely deviations.
-
-        Args:
-            scale: Number of the scale.
-
-        Returns:
-            One an unknown.
-        """
+        """Most likely deviations."""
         c = self.axes @ (self._variances(scale) * self.along)
         return np.concatenate([c, self.inverse @ (self.pull - self.cross @ c)]) * self.prior
 
     def covariance(self, scale: int = 0) -> Float[np.ndarray, "m m"]:
-        """Covariance of the unknowns.
-
-        Args:
-            scale: Number of the scale.
-
-        Returns:
-            Of all of them.
-        """
+        """Covariance of the unknowns."""
         # With K = (G_oo + 1)^-1 G_oc: [[C, -C K^T], [-K C, (G_oo + 1)^-1 + K C K^T]].
         c = (self.axes * self._variances(scale)) @ self.axes.T
         follow = self.inverse @ self.cross

@@ -140,9 +140,6 @@ class EstimationProblem:
     def process_variance(self, run: int) -> Float[np.ndarray, "m 3"]:
         """Variance of the process noise at each step of a run over that at the approach speed.
 
-        Args:
-            run: Its number.
-
         Returns:
             Of surge (one, always: ships gather way with most of it), sway and yaw.
         """
@@ -160,14 +157,7 @@ class EstimationProblem:
         return len(self.mean)
 
     def own(self, run: int) -> Int[np.ndarray, " f"]:
-        """Places of a run's sensor errors among all unknowns.
-
-        Args:
-            run: Its number.
-
-        Returns:
-            Indices.
-        """
+        """Places of a run's sensor errors among all unknowns."""
         return self.shared + run * len(self.faults) + np.arange(len(self.faults))
 
     @property

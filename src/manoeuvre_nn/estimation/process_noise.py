@@ -41,14 +41,7 @@ class ProcessNoise:
         return AXES * self.order
 
     def steps(self, h: Float[np.ndarray, " m"]) -> tuple[Float[np.ndarray, "m c c"], Float[np.ndarray, "m c c"]]:
-        """Innovations of the steps, ``left a_k + right a_{k+1}``: white, with the variance of the process.
-
-        Args:
-            h: Steps of time.
-
-        Returns:
-            Left and right.
-        """
+        """Innovations of the steps, ``left a_k + right a_{k+1}``: white, with the variance of the process."""
         x = h / self.time
         decay = np.exp(-x)
         if self.smooth:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from manoeuvre_nn.estimation.data_set import PreparedRun, WhitenedDataSet, about_states
+from manoeuvre_nn.estimation.data_set import WhitenedDataSet, about_states
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
 from manoeuvre_nn.estimation.linear_run import joined
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood, hypothesis_columns
@@ -30,8 +30,7 @@ def refined(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedData
     """
     lin = hypothesis_columns(data_set, fitted.hypothesis)
     level = data_set.at(fitted.best[0])
-    runs: list[PreparedRun] = []
-    names: list[str] = []
+    runs = []
     for run, prepared in enumerate(data_set.runs):
         # Data less coefficients, latency and the hypothesis at their values.
         nuisance = fitted.nuisance[data_set.base_index(run)[1:] - 1]
@@ -39,9 +38,8 @@ def refined(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedData
         left = joined([prepared.base, lin.columns[run]]).combined(np.concatenate([[1.0], -nuisance, -whole]))
         white = level.white[run]
         states = prepared.linearised.track + white.states(white.embed(left))[:, :6, 0]
-        new, names = about_states(data_set.dynamics, prepared, states)
-        runs.append(new)
-    return WhitenedDataSet(data_set.dynamics, runs, names)
+        runs.append(about_states(data_set.dynamics, prepared, states))
+    return WhitenedDataSet(data_set.dynamics, runs)
 
 
 def until_rest(

@@ -1,6 +1,6 @@
 """The motion behind a recording: smoothed with a force of any kind allowed, and the noise of every channel with it."""
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -27,28 +27,8 @@ MOTION_POWERS = (0.5, 0.5, -0.5, 1.0, 1.0, 0.0)
 """Exponents of length with which u, v, r, x, y, psi go by Froude's law."""
 
 
-@dataclass(frozen=True)
-class SmoothedRun:
-    """A smooth track and what surrounds it.
-
-    Attributes:
-        linearised: The equations about the track.
-        noise: Standard deviation of every channel.
-        inflation: Variance factor of each channel's noise for its correlation in time.
-        process: Process noise that the states need.
-    """
-
-    linearised: LinearisedRun
-    noise: Float[np.ndarray, " 8"]
-    inflation: Float[np.ndarray, " 8"]
-    process: Float[np.ndarray, "n 3"]
-
-
 def first_guess(run: Recording) -> Float[np.ndarray, "n 6"]:
     """Channels smoothed one by one: a start for the smoother.
-
-    Args:
-        run: The run.
 
     Returns:
         u, v, r, x, y, psi.
@@ -66,34 +46,22 @@ def first_guess(run: Recording) -> Float[np.ndarray, "n 6"]:
     return np.stack([log if has_log else u, v, r, x, y, psi], axis=-1)
 
 
-@dataclass(frozen=True)
-class SmootherNoise:
-    """What a smoother takes the noise to be before it has seen a run.
-
-    Attributes:
-        channels: First idea of the channels' standard deviations.
-        least: What they are never taken to be less than.
-        process_sd: Prior standard deviation of the process noise, wide: any force is possible.
-        process_time: Its correlation time [s].
-    """
-
-    channels: Float[np.ndarray, " 8"]
-    least: Float[np.ndarray, " 8"]
-    process_sd: Float[np.ndarray, " 3"]
-    process_time: float
-
-
-def smooth(run: Recording, rate: Rate, noise: SmootherNoise, ship: Particulars) -> SmoothedRun:
+def smooth(
+    run: Recording, rate: Rate, noise: NoiseLevels, least: Float[np.ndarray, " 8"], ship: Particulars
+) -> tuple[LinearisedRun, Float[np.ndarray, " 8"], Float[np.ndarray, " 8"], Float[np.ndarray, "n 3"]]:
     """Find the states by an iterated smoother in which any force, a stream, and compass and log errors are possible.
 
     Args:
         run: The run.
         rate: Accelerations of the calm-water model.
-        noise: What the noise may be.
+        noise: First idea of the channels' noise; prior standard deviation of the process noise, wide: any force is
+            possible.
+        least: What the channels' noise is never taken to be less than.
         ship: The ship, for usual sizes.
 
     Returns:
-        States, noise and process noise; outliers are gaps in the run of its equations.
+        Equations about the smooth track, outliers being gaps in their run; standard deviation of every channel; factor
+        on its variance for its correlation in time; process noise that the states need.
     """
     shaft = measured(run)[:, SHAFT]
     run = run.with_channels(**{MEASURED[SHAFT]: np.full(len(run), np.nan)})
@@ -104,7 +72,7 @@ def smooth(run: Recording, rate: Rate, noise: SmootherNoise, ship: Particulars) 
     for _ in range(LINEARISATIONS):
         track = track + states[:, :6]
         linearised = linearise(run, rate, track, noise.process_time)
-        levels = NoiseLevels(sigma * np.sqrt(inflation), noise.process_sd, noise.process_time)
+        levels = replace(noise, channels=sigma * np.sqrt(inflation))
         solved = integrated(linearised, levels, start_sd)
         columns = joined([linearised.data, _kinematic_errors(linearised)])
         embedded = solved.embed(columns)
@@ -113,14 +81,14 @@ def smooth(run: Recording, rate: Rate, noise: SmootherNoise, ship: Particulars) 
         left = np.append(1.0, -values)
         states = solved.states(embedded.combined(left))[..., 0]
         residual = columns.measured @ left - np.einsum("kci,ki->kc", linearised.observed, states)
-        sigma, weights = measured_noise(residual**2, linearised.present, sigma, noise.least, "cut")
+        sigma, weights = measured_noise(residual**2, linearised.present, sigma, least, "cut")
         inflation = _long_run(residual * weights / sigma)
         run = without_samples(run, weights == 0)
     # With any force allowed the misfit should be one per sample; what it is more, the medians missed.
     misfit = float(g[0] @ left) / max(np.isfinite(measured(linearised.run)).sum(), 1)
     sigma = sigma * np.sqrt(np.clip(misfit, 1.0, 1.5))
     run = run.with_channels(**{MEASURED[SHAFT]: shaft})
-    return SmoothedRun(linearise(run, rate, track, noise.process_time), sigma, inflation, states[:, 6:])
+    return linearise(run, rate, track, noise.process_time), sigma, inflation, states[:, 6:]
 
 
 def _kinematic_errors(linearised: LinearisedRun) -> Columns:

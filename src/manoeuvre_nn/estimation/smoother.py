@@ -96,9 +96,6 @@ def smoothed_jointly(recording: Recording, delays: Sequence[str] = (), offsets: 
 def sensors_in_words(recordings: Sequence[Recording]) -> str:
     """What was found of sensors that may be late or off.
 
-    Args:
-        recordings: Smoothed ones.
-
     Returns:
         A sentence, with a blank before it; empty where nothing was asked for.
     """

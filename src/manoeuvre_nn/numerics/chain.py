@@ -41,28 +41,14 @@ class Chain:
         self.log_det = 2 * float(np.log(self.factor[0]).sum())
 
     def whiten(self, right: Float[np.ndarray, "n k p"]) -> Float[np.ndarray, "nk p"]:
-        """``C^-1 b``: inner products of such vectors are those of ``A^-1``.
-
-        Args:
-            right: Right-hand sides.
-
-        Returns:
-            One column a side.
-        """
+        """``C^-1 b``: inner products of such vectors are those of ``A^-1``."""
         if not right.size:  # LAPACK does not stand arrays without columns
             return np.zeros((self.samples * self.size, 0))
         white, _ = lapack.dtbtrs(self.factor, right.reshape(self.samples * self.size, -1), uplo="L")
         return white
 
     def unwhiten(self, white: Float[np.ndarray, "nk p"]) -> Float[np.ndarray, "n k p"]:
-        """``C^-T w``: solutions from whitened right-hand sides.
-
-        Args:
-            white: As :meth:`whiten` gives them.
-
-        Returns:
-            ``A^-1 b``.
-        """
+        """``C^-T w``: solutions from whitened right-hand sides."""
         if not white.size:
             return np.zeros((self.samples, self.size, 0))
         solved, _ = lapack.dtbtrs(self.factor, white, uplo="L", trans="T")

@@ -149,11 +149,6 @@ def damped_step(
 ) -> tuple[Float[Tensor, "k p"], Bool[Tensor, " k"]]:
     """Solve ``(J^T J + mu I) d = -J^T e`` of every problem by Cholesky's factors.
 
-    Args:
-        normal: J^T J.
-        gradient: J^T e.
-        mu: Damping.
-
     Returns:
         d, and whether the matrix is positive definite in floating point; where it is not, d may be anything.
     """

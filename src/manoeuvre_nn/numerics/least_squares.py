@@ -24,9 +24,6 @@ class LeastSquares(ABC):
     def evaluate(self, weights: Float[Tensor, "k p"]) -> tuple[Float[Tensor, " k"], Carry]:
         """Errors.
 
-        Args:
-            weights: Unknowns of every row.
-
         Returns:
             Mean square error of every row, and what :meth:`linearise` can use at the same weights.
         """
@@ -47,9 +44,6 @@ class LeastSquares(ABC):
 
     def take(self, rows: Int[Tensor, " k"]) -> "LeastSquares":
         """The problem with some of the rows.
-
-        Args:
-            rows: Which.
 
         Returns:
             A problem that shares the data; this one where all rows have the same.

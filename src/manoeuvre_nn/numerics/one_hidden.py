@@ -141,9 +141,6 @@ class OneHidden(HiddenLayer):
     def split(self, weights: Float[Tensor, "k p"]) -> tuple[Float[Tensor, "k h width"], Float[Tensor, "k o nodes"]]:
         """Input and output weights as a perceptron stores them.
 
-        Args:
-            weights: All weights.
-
         Returns:
             W (K, H, I + 1) and B (K, O, H + 1).
         """
@@ -181,9 +178,6 @@ class OneHidden(HiddenLayer):
 
     def normal_equations(self, weights: Float[Tensor, "k p"]) -> tuple[Float[Tensor, "k p p"], Float[Tensor, "k p"]]:
         """Both steps at once, as :class:`.LevenbergMarquardt` asks for them.
-
-        Args:
-            weights: All weights.
 
         Returns:
             J^T J and J^T e.

@@ -77,9 +77,6 @@ class SemiLinear(LeastSquares):
     def full(self, weights: Float[Tensor, "k p"]) -> Float[Tensor, "k h w"]:
         """Free weights among those that are 0.
 
-        Args:
-            weights: Free weights.
-
         Returns:
             All weights of the nodes.
         """
@@ -124,9 +121,6 @@ class SemiLinear(LeastSquares):
 
     def output_weights(self, weights: Float[Tensor, "k p"]) -> Float[Tensor, "k o c"]:
         """The best C and D.
-
-        Args:
-            weights: Free weights.
 
         Returns:
             C and then D of every output.

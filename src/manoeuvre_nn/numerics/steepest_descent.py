@@ -56,37 +56,22 @@ class RateSchedule:
                 f"{self.shake_rate}: expected 0 < shake_iterations < shake_every and a rate of 0 or more"
             )
 
-    def rate(self, iteration: int) -> float:
-        """Training rate of an iteration.
-
-        Args:
-            iteration: Its number, from 0.
+    def stage(self, iteration: int) -> tuple[float, int | float]:
+        """Training rate of an iteration, and the first later one at which it may differ.
 
         Returns:
-            eta [-].
+            eta [-]; a number, ``inf`` if the rate never changes again.
         """
         ends = list(accumulate(self.iterations))
         if iteration < ends[-1]:
-            return self.rates[bisect_right(ends, iteration)]
-        into = (iteration - ends[-1]) % self.shake_every
-        return self.shake_rate if self.shake_rate and into < self.shake_iterations else self.rates[-1]
-
-    def next_change(self, iteration: int) -> int | float:
-        """The first later iteration at which the rate may differ.
-
-        Args:
-            iteration: Iteration from which to look.
-
-        Returns:
-            Its number; ``inf`` if the rate never changes again.
-        """
-        ends = list(accumulate(self.iterations))
-        if iteration < ends[-1]:
-            return ends[bisect_right(ends, iteration)]
+            stage = bisect_right(ends, iteration)
+            return self.rates[stage], ends[stage]
         if not self.shake_rate:
-            return inf
+            return self.rates[-1], inf
         into = (iteration - ends[-1]) % self.shake_every
-        return iteration - into + (self.shake_iterations if into < self.shake_iterations else self.shake_every)
+        if into < self.shake_iterations:
+            return self.shake_rate, iteration - into + self.shake_iterations
+        return self.rates[-1], iteration - into + self.shake_every
 
 
 @dataclass(frozen=True)
@@ -189,7 +174,7 @@ class SteepestDescent(torch.optim.Optimizer):
         now = group["iteration"]
         if now >= self._until:
             # The schedule is asked only when its answer may change: this loop runs hundreds of thousands of times.
-            self._rate, self._until = self.schedule.rate(now), self.schedule.next_change(now)
+            self._rate, self._until = self.schedule.stage(now)
         torch._foreach_mul_(self._moves, group["momentum"])
         torch._foreach_add_(self._moves, [p.grad for p in parameters], alpha=-self._rate)
         torch._foreach_add_(parameters, self._moves)

@@ -16,7 +16,7 @@ from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.estimation.agreement import birge_scaled_covariance
 from manoeuvre_nn.estimation.closed_loop import at_rest, first, improve, solve
 from manoeuvre_nn.estimation.coefficient_forces import series_forces
-from manoeuvre_nn.estimation.coefficient_priors import Prior
+from manoeuvre_nn.estimation.coefficient_priors import series_prior
 from manoeuvre_nn.estimation.prime_recordings import to_prime
 from manoeuvre_nn.estimation.problem import CHANNELS, Estimate, EstimationProblem, sensor_faults
 from manoeuvre_nn.network.series import Series
@@ -42,7 +42,7 @@ class ClosedLoopSettings:
             with dynamic pressure, and so do those that a model lacks.
         learn_floor: Whether ``floor`` sinks as far as stretches of the recordings agree: it does for a model that is
             right, and not for one that is not.
-        prior: Settings of :class:`.Prior`: Clarke's derivatives and how far they are believed.
+        prior: ``relative`` and ``size`` of :func:`.series_prior`: how far Clarke's derivatives are believed.
         delays: Channels whose sensors' delay is estimated in every run.
         offsets: Channels whose sensors' offset is estimated in every run.
         enough: Step over the prior's standard deviation at which the fit is done [-].
@@ -69,12 +69,14 @@ class ClosedLoopSettings:
         for name, (values, count) in given.items():
             if len(values) != count or not all(v > 0 for v in values):
                 raise InputError(f"{name}={list(values)}: expected {count} numbers, all more than 0")
+        if not all(value > 0 for value in self.prior.values()):
+            said = ", ".join(f"{name}={value}" for name, value in self.prior.items())
+            raise InputError(f"fit.prior: {said}: expected numbers more than 0")
         if not self.force_time > 0:
             raise InputError(f"fit.force_time={self.force_time}: expected L/U0, more than 0")
         for setting, channels in (("fit.delays", self.delays), ("fit.offsets", self.offsets)):
             for channel in channels:
                 check_choice(setting, channel, list(CHANNELS))
-        Prior(**self.prior)  # refuses what makes no sense
 
 
 DEFAULT_SETTINGS = ClosedLoopSettings()
@@ -97,12 +99,12 @@ def explained(
     ship, network = model.particulars, model.network
     assert isinstance(network, Series)
     runs = to_prime(recordings, ship, model.known.shaft_rpm, network.speed_law)
-    mean, spread = Prior(**settings.prior).of(network.names, ship)
+    mean, spread = series_prior(network.names, ship, **settings.prior)
     return EstimationProblem(
         runs, series_forces(model), mean, spread, process_time=settings.force_time, floor=np.array(settings.floor),
         faults=sensor_faults(settings.delays, settings.offsets), learn_process=settings.learn_force,
-        learn_floor=settings.learn_floor,
-        max_process_sd=np.array(settings.force), with_speed=settings.force_with_speed and network.feels_wind,
+        learn_floor=settings.learn_floor, max_process_sd=np.array(settings.force),
+        with_speed=settings.force_with_speed and network.feels_wind,
     )  # fmt: skip
 
 

@@ -7,7 +7,7 @@ from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.estimation.corrections import Calibrated
 from manoeuvre_nn.estimation.data_set import FIRST_NOISE, process_time, typical
-from manoeuvre_nn.estimation.effect_columns import coefficient_columns, contribution, situation
+from manoeuvre_nn.estimation.effect_columns import coefficient_columns, contribution
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linear_run import Columns
 from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, calm_rate, linearise
@@ -39,7 +39,6 @@ __all__ = [
     "Proof",
     "Rate",
     "recorded",
-    "situation",
     "smoothed",
     "typical",
     "Value",

@@ -26,7 +26,6 @@ from studies.concealed_trial.rivals.package import (
     contribution,
     linearise,
     measured,
-    situation,
     smoothed,
 )
 
@@ -125,7 +124,7 @@ class SmoothedTrack:
             self.known.clear()
         new = {key: row for key, row in zip(keys, values, strict=True) if key not in self.known}
         if new:
-            columns = contribution(effect, np.stack(list(new.values())), self.line, self.rate, self.situation)
+            columns = contribution(effect, np.stack(list(new.values())), self.line)
             pushed = self._pushed(columns)
             self.known.update({key: (columns.measured[..., k], pushed[..., k]) for k, key in enumerate(new)})
         found = [self.known[key] for key in keys]
@@ -143,7 +142,7 @@ class SmoothedTrack:
         added = np.zeros((len(self.run), len(MEASURED), 1))
         added[:, :4, 0] = -0.1 * self.slopes[:, :4]
         late = (self.errors() - self.errors(added)) / 0.1
-        push = self._pushed(coefficient_columns(dynamics, self.line, self.situation)[0]) / self.unit[:3, None]
+        push = self._pushed(coefficient_columns(dynamics, self.line)) / self.unit[:3, None]
         return np.concatenate([late, self.averaged(np.concatenate([push, 0 * push], axis=1))], axis=-1)
 
     def _pushed(self, columns: Columns) -> Float[np.ndarray, "n 3 k"]:
@@ -185,7 +184,7 @@ def track(dynamics: Model, run: Recording) -> SmoothedTrack:
     turn = p.speed / p.length
     unit = np.array([p.speed * turn, p.speed * turn, turn**2, p.speed, turn, 1.0])
     weight = np.hanning(2 * max(2, round(0.5 * AVERAGE * p.time_unit / run.step)) + 2)[1:-1]
-    return SmoothedTrack(run, line, situation(line, rate), channels, slopes, rate, unit, weight / weight.sum())
+    return SmoothedTrack(run, line, line.situation, channels, slopes, rate, unit, weight / weight.sum())
 
 
 def _filled(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
