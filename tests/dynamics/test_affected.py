@@ -128,8 +128,9 @@ def test_rows_of_one_batch_may_have_values_of_their_own(busy):
     together = run(Vessel(CALM, [kinds[0].at(wind), *kinds[1:3], shared]), busy, 60.0)
     for k, trial in enumerate(busy):
         alone = run(Vessel(CALM, [kinds[0].at(wind[k]), *kinds[1:3], kinds[3].at(shared.values[0])]), [trial], 60.0)
-        for name in ("states", "blades", "rudders", "orders"):
+        for name in ("states", "shown", "orders"):
             assert torch.allclose(getattr(together, name)[:, k], getattr(alone, name)[:, 0], rtol=0, atol=1e-9), name
+        assert torch.allclose(together.inputs.delta[:, k], alone.inputs.delta[:, 0], rtol=0, atol=1e-9)
 
 
 def test_an_affected_row_that_breaks_down_rests_and_leaves_the_others_alone():
