@@ -161,7 +161,22 @@ class Particulars:
         return self.length < LONGEST_MODEL
 
     def at_speed(self, speed: float) -> "Particulars":
-        """The same ship on another approach speed [m/s]; resistance goes with its square."""
+        """The same ship on another approach speed; resistance goes with its square.
+
+        Args:
+            speed: Approach speed [m/s].
+
+        Returns:
+            The ship.
+
+        Raises:
+            InputError: If the speed is not positive or more than twice the ship's own (knots taken for m/s).
+        """
+        if not 0 < speed <= 2 * self.speed:
+            raise InputError(
+                f"approach speed {speed / KNOT:.4g} kn; the {self.name} was identified at {self.speed / KNOT:.4g} kn: "
+                f"write manoeuvre.speed_kn between 0 and {2 * self.speed / KNOT:.3g}"
+            )
         resistance = None if self.resistance is None else self.resistance * (speed / self.speed) ** 2
         return replace(self, speed=speed, service_speed=self.top_speed, resistance=resistance)
 
@@ -344,20 +359,3 @@ class Ship(ABC, nn.Module):
     def force_from_acceleration(self, nudot: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
         """The right-hand sides f' [-] that cause given accelerations [m/s^2, rad/s^2], ``f' = M' nudot'``."""
         return (nudot / self.acceleration_units) @ self.inertia.T
-
-
-def check_speed(ship: Particulars, speed: float) -> None:
-    """Refuse an approach speed that no manoeuvre starts from.
-
-    Args:
-        ship: The ship, for the message.
-        speed: Approach speed [m/s].
-
-    Raises:
-        InputError: If the speed is not positive or more than twice the ship's own (knots taken for m/s).
-    """
-    if not 0 < speed <= 2 * ship.speed:
-        raise InputError(
-            f"approach speed {speed / KNOT:.4g} kn; the {ship.name} was identified at {ship.speed / KNOT:.4g} kn: "
-            f"write manoeuvre.speed_kn between 0 and {2 * ship.speed / KNOT:.3g}"
-        )

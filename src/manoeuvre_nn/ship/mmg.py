@@ -8,7 +8,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.ship import Particulars, Ship, check_speed
+from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.core.units import RPM
 
 MIN_SPEED_M_S = 1e-5
@@ -257,7 +257,6 @@ class MMGShip(Ship):
 
     def on_approach(self, speed: float) -> "MMGShip":
         """The ship at another approach speed; the shaft speed that keeps it up follows."""
-        check_speed(self.particulars, speed)
         return MMGShip(self.particulars.at_speed(speed), self.coefficients).to(self.inertia)
 
 

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.prime import bis_system
-from manoeuvre_nn.core.ship import Particulars, Ship, check_speed
+from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.core.units import RPM
 
 TERMS = {
@@ -177,7 +177,6 @@ class TankerShip(Ship):
 
     def on_approach(self, speed: float) -> "TankerShip":
         """The tanker at another approach speed; the forces are as they are, ``shaft`` says what the propeller does."""
-        check_speed(self.particulars, speed)
         rpm = self.rpm * speed / self.self_propulsion if self.shaft == "similarity" else self.rpm
         return TankerShip(
             self.particulars.at_speed(speed),

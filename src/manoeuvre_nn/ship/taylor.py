@@ -13,7 +13,7 @@ from torch import Tensor
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.network import Network, filled, products_of
 from manoeuvre_nn.core.prime import PrimeSystem
-from manoeuvre_nn.core.ship import Particulars, Ship, check_speed
+from manoeuvre_nn.core.ship import Particulars, Ship
 
 VARIABLES = "uvrd"
 EQUATIONS = "XYN"
@@ -169,7 +169,6 @@ class TaylorShip(Ship):
         Returns:
             A new ship.
         """
-        check_speed(self.particulars, speed)
         return TaylorShip(
             self.particulars.at_speed(speed),
             self._inertia_values,
