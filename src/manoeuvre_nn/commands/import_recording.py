@@ -108,18 +108,17 @@ def show(proposal: Proposal, console: Console) -> None:
     console.print(table)
     for key, value in proposal.settings.items():
         if key not in {"time", "channels"} and key in proposal.reasons:
-            why = proposal.reasons[key]
-            open_ = "undecided: " if key in proposal.undecided and not why.startswith("undecided") else ""
-            _say(console, f"{key}: {value}  ({open_}{why})")
+            undecided = "undecided: " if key in proposal.undecided else ""
+            _say(console, f"{key}: {value}  ({undecided}{proposal.reasons[key]})")
     for note in proposal.notes:
         _say(console, note)
     if proposal.left_out:
         _say(console, f"Not read: {', '.join(proposal.file.called(c) for c in proposal.left_out)}.")
     if proposal.finding:
         _say(console, f"The checks say: {proposal.finding}")
-    undecided = [c.channel for c in (proposal.time, *proposal.choices) if not c.decided] + _open_settings(proposal)
-    if undecided:
-        _say(console, f"Undecided, please look: {', '.join(undecided)}.", "yellow")
+    look = [c.channel for c in (proposal.time, *proposal.choices) if not c.decided] + [*proposal.undecided]
+    if look:
+        _say(console, f"Undecided, please look: {', '.join(look)}.", "yellow")
 
 
 def _row(proposal: Proposal, choice: Choice) -> tuple[str, ...]:
@@ -130,11 +129,6 @@ def _row(proposal: Proposal, choice: Choice) -> tuple[str, ...]:
     why = choice.why if choice.decided else f"undecided: {choice.why}"
     sign = f"{'+' if choice.sign == 1 else '-'}{offset}"
     return choice.channel, column, choice.unit, sign, choice.misfit, choice.next, why
-
-
-def _open_settings(proposal: Proposal) -> list[str]:
-    """Settings that nobody decided."""
-    return [k for k, why in proposal.reasons.items() if k in proposal.undecided or why.startswith("undecided")]
 
 
 def _say(console: Console, line: str, style: str = "") -> None:
