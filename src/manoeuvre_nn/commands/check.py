@@ -16,7 +16,7 @@ from manoeuvre_nn.commands.provenance import shown, versions, write_provenance
 from manoeuvre_nn.commands.shelves import plain
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.core.ship import Particulars, Ship, particulars_of
+from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.estimation.record_information import excitation_findings
 from manoeuvre_nn.recording.check.finding import Finding

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.ship import Particulars, Ship, particulars_of
+from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip, Scaling
 from manoeuvre_nn.estimation.derivatives import ABKOWITZ, taylor_columns
@@ -114,7 +114,7 @@ def own_part(ship: Ship | Particulars) -> FittedProducts:
     if isinstance(ship, Particulars) or ship.table is None:
         name = ship.particulars.name
         raise InputError(
-            f"linear=own: the forces of the {particulars_of(ship).name} are no sum of known products; write "
+            f"linear=own: the forces of the {ship.particulars.name} are no sum of known products; write "
             "linear=clarke or none"
         )
     return FittedProducts(ship, ship.inertia, ship.prime.mass, torch.zeros_like(ship.table))
