@@ -112,7 +112,6 @@ def own_part(ship: Ship | Particulars) -> FittedProducts:
         InputError: If the ship's force is no sum of products.
     """
     if isinstance(ship, Particulars) or ship.table is None:
-        name = ship.particulars.name
         raise InputError(
             f"linear=own: the forces of the {ship.particulars.name} are no sum of known products; write "
             "linear=clarke or none"
