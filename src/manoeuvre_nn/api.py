@@ -31,7 +31,7 @@ from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.core.ship import Particulars, Ship, particulars_of
+from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.core.units import KNOT
 from manoeuvre_nn.diagnosis.case import case_of
 from manoeuvre_nn.diagnosis.diagnose import diagnose as find_causes
@@ -94,7 +94,7 @@ def read(
         The recordings.
     """
     columns = configs.read_mapping(mapping) if isinstance(mapping, str) else mapping
-    particulars = particulars_of(_ship(ship))
+    particulars = _ship(ship).particulars
     return Runs(read_recordings(path, columns, particulars), particulars)
 
 
@@ -128,7 +128,7 @@ def simulate(
     sailed = [m if isinstance(m, Manoeuvre) else configs.named_manoeuvres([m], speed)[0] for m in wanted]
     listed = [effects] if isinstance(effects, str | Mapping | Effect) else effects
     acting = [made for given in listed for made in _effects(given, chosen)]
-    return Runs(sail(chosen, sailed, acting, noise_in_si(noise or {}), seed=seed), particulars_of(chosen))
+    return Runs(sail(chosen, sailed, acting, noise_in_si(noise or {}), seed=seed), chosen.particulars)
 
 
 def fit(

@@ -16,7 +16,7 @@ from manoeuvre_nn.commands.provenance import shown, versions, write_provenance
 from manoeuvre_nn.commands.shelves import plain
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.core.ship import Particulars, Ship, particulars_of
+from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.estimation.record_information import excitation_findings
 from manoeuvre_nn.recording.check.finding import Finding
@@ -61,7 +61,7 @@ def check(cfg: DictConfig, out: Path, console: Console | None = None) -> list[In
     use_threads(1)
     drawn = configs.switch("figures", cfg.figures)
     ship, known = known_part(cfg)
-    particulars = particulars_of(ship)
+    particulars = ship.particulars
     paths = _files(cfg)
     columns = configs.read_mapping(cfg.data.mapping, cfg.get("config_dir")) or mapping_of(paths[0])
     write_provenance(cfg, out)

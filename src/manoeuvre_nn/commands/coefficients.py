@@ -15,7 +15,7 @@ from manoeuvre_nn.commands.job import NOTHING_HELD_OUT, make_fit, prepare
 from manoeuvre_nn.commands.provenance import shown, versions, write_provenance
 from manoeuvre_nn.commands.shelves import build, made_by, plain
 from manoeuvre_nn.core.errors import InputError, check_choice
-from manoeuvre_nn.core.ship import Particulars, Ship, particulars_of
+from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.estimation.agreement import birge_scaled_covariance
@@ -143,7 +143,7 @@ def _own(cfg: DictConfig, console: Console) -> Coefficients:
     """Fit the ship's own products."""
     ship = build(cfg.ship, "ship")
     if not isinstance(ship, Ship) or ship.table is None:
-        name = particulars_of(ship).name
+        name = ship.particulars.name
         raise InputError(f"terms=own: the forces of the {name} are no sum of known products; write terms=network")
     if not (is_number(cfg.relative) and cfg.relative > 0):
         raise InputError(f"relative={cfg.relative}: expected more than 0, such as .2")

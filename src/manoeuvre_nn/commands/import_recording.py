@@ -12,7 +12,7 @@ from manoeuvre_nn.commands.groups import CONF, options, plugged_in
 from manoeuvre_nn.commands.shelves import build
 from manoeuvre_nn.core.data_files import load_yaml
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.ship import Particulars, Ship, particulars_of
+from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.recording.propose.choice import Choice
 from manoeuvre_nn.recording.propose.proposal import Proposal, propose
 from manoeuvre_nn.recording.propose.proposal_yaml import to_yaml
@@ -83,7 +83,7 @@ def ship_called(name: str, own: str | None = None) -> Particulars | None:
         raise InputError(f"ship={name} is unknown; choose one of: {', '.join(ships)}")
     content = load_yaml(ships[name])
     made: Ship | Particulars = build(content.get("ship", content), "ship")
-    return particulars_of(made)
+    return made.particulars
 
 
 def import_recording(asked: Request, console: Console) -> Proposal:
