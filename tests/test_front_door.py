@@ -81,6 +81,31 @@ def test_a_fit_uses_the_settings_of_data_and_refuses_files_beside_recordings(run
         mnn.fit("mariner_corrected", runs[:1], settings=[*short, "data.files=[a.csv]"])
 
 
+OWN_SHIP = """_target_: manoeuvre_nn.ship.own.own_particulars
+name: my ferry
+length: 160.93
+beam: 23.17
+draught: 7.468
+block: 0.6
+speed_kn: 15.0
+"""
+
+
+def test_a_ship_of_ones_own_is_a_yaml_everywhere_and_its_model_is_read_back(runs, tmp_path):
+    path = tmp_path / "ferry.yaml"
+    path.write_text(OWN_SHIP)
+    short = ["network.surge=[u u,n n]", "network.lateral=[u v,u r,d]", "network.members=1", "trainer.max_epochs=2"]
+    with unchecked():
+        fitted = mnn.fit(str(path), runs[:1], "modulus", short, out=tmp_path / "run")
+        assert fitted.model.particulars.name == "my ferry" and "my ferry" in fitted.source
+        again = mnn.score(tmp_path / "run" / "checkpoints" / "last.ckpt", runs[:1])
+        with pytest.raises(InputError, match="by name or by a yaml"):
+            mnn.fit(fitted.model.particulars, runs[:1], out=tmp_path / "other")
+        with pytest.raises(InputError, match="my ferry has particulars but no coefficients"):
+            mnn.simulate(str(path), "zz20")
+    assert again[0].dev_L == pytest.approx(fitted.scores[0].dev_L)
+
+
 def test_files_that_the_package_wrote_are_read_back(runs, tmp_path):
     from manoeuvre_nn.commands.simulate import write_runs
 

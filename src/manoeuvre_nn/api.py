@@ -20,7 +20,7 @@ from rich.console import Console
 
 from manoeuvre_nn.commands import config as configs
 from manoeuvre_nn.commands.diagnosis_setup import setup
-from manoeuvre_nn.commands.groups import compose, options
+from manoeuvre_nn.commands.groups import compose, option
 from manoeuvre_nn.commands.job import load_model, prepare
 from manoeuvre_nn.commands.provenance import write_provenance
 from manoeuvre_nn.commands.shelves import build
@@ -28,7 +28,7 @@ from manoeuvre_nn.commands.simulate import as_sensed, sail
 from manoeuvre_nn.commands.train import fit as fit_job
 from manoeuvre_nn.core.data_files import load_yaml
 from manoeuvre_nn.core.effect import Effect
-from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars, Ship
@@ -45,6 +45,8 @@ from manoeuvre_nn.training.settings import noise_in_si
 Named = str | Mapping[str, Mapping[str, Any]]
 """The name of a yaml in conf, or ``{name: {setting: value}}``."""
 AnyShip = str | Ship | Particulars
+"""The name of a ship in conf/ship, the path of a yaml like those there, or an object."""
+YAML = ".yaml"
 
 
 @dataclass(frozen=True, repr=False)
@@ -73,11 +75,7 @@ class FittedModel:
         return f"Fitted to {self.source}\n{self.scores!r}"
 
     def plot(self) -> Figure:
-        """Predicted and recorded track of the run that it does worst on.
-
-        Returns:
-            The figure.
-        """
+        """Predicted and recorded track of the run that it does worst on."""
         return self.scores.plot()
 
 
@@ -90,7 +88,7 @@ def read(
         path: A file, a folder, a pattern such as ``runs/zz*.csv``, or a list of files.
         mapping: Path of a yaml that says which column holds what, its name in conf/recording, or a mapping. None: the
             files were written by this package (or have its columns in SI and radians).
-        ship: The ship: a name in conf/ship, or an object.
+        ship: The ship: a name in conf/ship, the path of a yaml of your own, or an object.
 
     Returns:
         The recordings.
@@ -112,7 +110,7 @@ def simulate(
     """Sail a ship through manoeuvres.
 
     Args:
-        ship: A name in conf/ship, or a ship with coefficients.
+        ship: A name in conf/ship, the path of a yaml of your own, or a ship with coefficients.
         manoeuvre: A name in conf/manoeuvre, ``{name: {setting: value}}``, a manoeuvre, or a list of these.
         effects: What acts on it beside calm water: a name in conf/effect, ``{name: {parameter: value}}``, an
             effect, or a list of these.
@@ -143,7 +141,8 @@ def fit(
     """Fit a model to recordings, as ``manoeuvre train data=recording`` does.
 
     Args:
-        ship: A name in conf/ship, or an object; of measured ships particulars are enough.
+        ship: A name in conf/ship, the path of a yaml of your own, or an object; of measured ships particulars are
+            enough.
         runs: Recordings of it.
         network: Model to fit, by its name in conf/network: a series (``cubic``, ``modulus``, ``abkowitz``), an
             ensemble (``hull_rudder``); it chooses its fit, unless ``settings`` do.
@@ -152,10 +151,17 @@ def fit(
 
     Returns:
         The model.
+
+    Raises:
+        InputError: If ``out`` is to keep the config of a ship that no yaml describes.
     """
-    named = [f"ship={ship}"] if isinstance(ship, str) else []
+    if out is not None and not isinstance(ship, str):
+        raise InputError(f"out={out} keeps a config, which says the ship by name or by a yaml: give one of these")
+    named = [f"ship={ship}"] if isinstance(ship, str) and not ship.endswith(YAML) else []
     words = ["data=recording", f"network={network}", *named, "trainer.progress=false", *settings]
     cfg = compose("train", words)
+    if isinstance(ship, str) and not named:
+        cfg.ship = _described(ship)
     job = prepare(cfg, tuple(runs), None if isinstance(ship, str) else ship)
     with TemporaryDirectory() as scratch:
         folder = Path(scratch if out is None else out)
@@ -195,7 +201,7 @@ def diagnose(
     """Find out what a calm-water model leaves out of recordings, as ``manoeuvre diagnose`` does.
 
     Args:
-        ship: A name in conf/ship, or a ship with coefficients.
+        ship: A name in conf/ship, the path of a yaml of your own, or a ship with coefficients.
         runs: Recordings of it.
         model: A fitted model, or the path of a checkpoint, instead of the ship's coefficients.
         candidates: ``default``, ``tank``, ``all``, or names of effects.
@@ -217,36 +223,30 @@ def diagnose(
             f"the {hull.name} has particulars but no coefficients: give model=, or a ship with coefficients"
         )
     common = setup(cfg, fitted)
-    case = case_of(
-        [as_sensed(run) for run in runs],
-        hull,
-        held_out if isinstance(held_out, str) and held_out == "auto" else _list(held_out),
-    )
+    proved_by = held_out if held_out == "auto" else configs.as_list(held_out)
+    case = case_of([as_sensed(run) for run in runs], hull, proved_by)
     return Answer(find_causes(common.question(case)))
 
 
-def _list(names: str | Sequence[str]) -> list[str]:
-    return [names] if isinstance(names, str) else list(names)
-
-
 def _ship(ship: AnyShip) -> Ship | Particulars:
-    """A ship by its name in conf/ship, or as it is."""
-    if not isinstance(ship, str):
-        return ship
-    ships = options("ship")
-    check_choice("ship", ship, list(ships))
-    content = load_yaml(ships[ship])
-    return build(content.get("ship", content), "ship")
+    """A ship by its name in conf/ship, by its yaml, or as it is."""
+    return build(_described(ship), "ship") if isinstance(ship, str) else ship
+
+
+def _described(ship: str) -> dict[str, Any]:
+    """What a ship's yaml says, found by its path or by its name in conf/ship."""
+    if not ship.endswith(YAML):
+        return option("ship", ship)
+    content = load_yaml(Path(ship))
+    return content.get("ship", content)
 
 
 def _effects(named: Named | Effect, ship: Ship | Particulars) -> list[Effect]:
     """Effects by their names in conf/effect, values changed where some are given; or one as it is."""
     if isinstance(named, Effect):
         return [named]
-    shelf, entries = options("effect"), {named: {}} if isinstance(named, str) else named
-    for name in entries:
-        check_choice("effect", name, list(shelf))
-    return [build({**load_yaml(shelf[n]), **values}, "effect", ship=ship) for n, values in entries.items()]
+    entries: Mapping[str, Mapping[str, Any]] = {named: {}} if isinstance(named, str) else named
+    return [build({**option("effect", n), **values}, "effect", ship=ship) for n, values in entries.items()]
 
 
 def _model(model: Any) -> Any:

@@ -1,4 +1,5 @@
 import pytest
+from hydra import compose, initialize_config_dir
 from hydra.errors import ConfigCompositionException, InstantiationException
 from hydra.utils import instantiate
 from omegaconf import OmegaConf
@@ -6,6 +7,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from manoeuvre_nn.commands import guard
 from manoeuvre_nn.commands.guard import explain, guarded, one_line
+from manoeuvre_nn.core.data_files import CONF
 from manoeuvre_nn.core.errors import InputError
 
 
@@ -21,9 +23,9 @@ def raised(act) -> BaseException:
         (["ship=submarine"], "ship=submarine is unknown; choose one of: esso_190k, esso_osaka_mmg, esso_osaka_model,"),
         (["experiment=nope"], "experiment=nope is unknown; choose one of: rajesh2009, wang1996"),
         (["hydra/launcher=nope"], "hydra/launcher=nope is unknown; choose one of: basic, joblib, two_cores"),
-        (["manoeuvre=[zz35,nope]"], "manoeuvre=nope is unknown; python train.py --help lists the choices"),
-        (["network.hiden=3"], "there is no setting network.hiden; python train.py --cfg job lists them all"),
-        (["nosuch=3"], "there is no setting nosuch; python train.py --cfg job lists them all"),
+        (["manoeuvre=[zz35,nope]"], "manoeuvre=nope is unknown; manoeuvre train --help lists the choices"),
+        (["network.hiden=3"], "there is no setting network.hiden; manoeuvre train --cfg job lists them all"),
+        (["nosuch=3"], "there is no setting nosuch; manoeuvre train --cfg job lists them all"),
         (["zz35"], "Error parsing override 'zz35'"),
     ],
 )
@@ -114,7 +116,7 @@ def test_guarded_reports_wrong_input(monkeypatch, capsys):
     with pytest.raises(SystemExit) as end:
         guarded(main)
     assert end.value.code == 2
-    assert capsys.readouterr().err == "error: there is no setting a.b; python train.py --cfg job lists them all\n"
+    assert capsys.readouterr().err == "error: there is no setting a.b; manoeuvre train --cfg job lists them all\n"
 
 
 def test_a_folder_that_cannot_be_written_is_named_in_one_line(tmp_path, capsys):
@@ -136,7 +138,26 @@ def test_a_file_that_may_not_be_read_is_not_taken_for_one_that_cannot_be_written
     assert capsys.readouterr().err == f"error: cannot read {path}: Permission denied; ask its owner, or copy it\n"
 
 
-@pytest.mark.parametrize("called", ["scripts/coefficients.py", "diagnose.py", "train.py"])
-def test_advice_names_the_command_that_was_typed(monkeypatch, composed, called):
+@pytest.mark.parametrize(
+    ("called", "told"),
+    [
+        ("scripts/coefficients.py", "python scripts/coefficients.py"),
+        ("diagnose.py", "python diagnose.py"),
+        ("train.py", "python train.py"),
+        ("bin/manoeuvre", "manoeuvre excite"),
+        ("ipykernel_launcher.py", "manoeuvre excite"),
+    ],
+)
+def test_advice_names_the_command_that_was_typed(monkeypatch, composed, called, told):
     monkeypatch.setattr("sys.argv", [f"/somewhere/{called}"])
-    assert f"python {called} --cfg job" in explain(raised(lambda: composed("nosuch=3")))
+    monkeypatch.setattr(guard, "command", "excite")
+    assert f"{told} --cfg job" in explain(raised(lambda: composed("nosuch=3")))
+
+
+@pytest.mark.parametrize("command", ["train", "simulate", "diagnose", "check", "coefficients", "excite"])
+def test_help_is_of_the_command_that_was_typed(monkeypatch, command):
+    monkeypatch.setattr("sys.argv", ["/somewhere/bin/manoeuvre"])
+    monkeypatch.setattr(guard, "command", command)
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        told = str(compose(command, return_hydra_config=True).hydra.help.template)
+    assert f"  manoeuvre {command} " in told and ".py" not in told

@@ -72,7 +72,7 @@ def test_the_yaml_is_a_mapping_that_training_takes(recorded, tmp_path):
         (["a.csv", "name=a", "out=b.yaml"], "write one of them"),
         (["a.csv", "name=../evil"], "expected letters"),
         (["a.csv", "out=."], "is a folder"),
-        (["a.csv", "name=esso_osaka"], "esso_osaka.yaml is there already: write overwrite=true"),
+        (["a.csv", "name=esso_osaka", "config_dir=mine"], "name=esso_osaka is the package's own mapping"),
     ],
 )
 def test_a_command_that_makes_no_sense_is_refused(arguments, message):
@@ -87,7 +87,19 @@ def test_what_is_there_is_overwritten_only_where_that_is_said(tmp_path):
     with pytest.raises(InputError, match="is there already"):
         request(["a.csv", f"out={place}"])
     assert request(["a.csv", f"out={place}", "overwrite=true"]).out == place
-    assert request(["a.csv", "name=my_ship"]).out == CONF / "recording" / "my_ship.yaml"
+
+
+def test_a_named_mapping_goes_into_the_own_folder_or_this_one_and_the_next_command_finds_it(
+    recorded, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    for words, written, found in (
+        (["name=my_ship"], "my_ship.yaml", "data.mapping=my_ship.yaml"),
+        (["name=my_ship", "config_dir=mine"], "mine/recording/my_ship.yaml", "config_dir=mine data.mapping=my_ship "),
+    ):
+        told = printed(request([str(recorded), *words]))
+        assert Path(written).exists()
+        assert f"written: {written}" in told and found in told
 
 
 def test_every_ship_is_known_and_others_are_listed():

@@ -273,7 +273,7 @@ def test_the_lines_before_training_are_few(truth, inspected):
     one, _ = inspected(SPOILT["outliers"](truth))
     assert summary_lines([one]) == [f"run: {f}" for f in one.findings if f.trips]
     lines = summary_lines([one] * 9)
-    assert len(lines) == 6 and lines[-1].startswith("4 more: python scripts/check_recordings.py")
+    assert len(lines) == 6 and lines[-1].startswith("4 more: manoeuvre check")
 
 
 def test_the_gravest_verdict_counts():

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -41,6 +43,12 @@ def test_resampling_keeps_the_samples_that_both_rates_share(zz20):
     half = resample(zz20, 0.5)
     np.testing.assert_allclose(half.time, zz20.time[::2])
     np.testing.assert_allclose(half["psi"], zz20["psi"][::2])
+
+
+def test_a_record_whose_last_time_was_rounded_down_keeps_its_last_sample(zz20):
+    times = np.append(zz20.time[:-1], zz20.time[-1] - 2e-7)  # as a file with nine digits has it
+    again = resample(replace(zz20, time=times), 1.0)
+    assert len(again) == len(zz20) and again.time[-1] == times[-1]
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, 2.0])

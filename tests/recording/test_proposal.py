@@ -66,7 +66,7 @@ def test_the_ship_need_not_be_known_where_the_file_says_enough(zz20, ship, expor
     path = export(EXPORTS[how](zz20))
     made = propose(path)
     assert max(apart(read_recording(path, made.mapping, ship), zz20).values()) < 0.01
-    assert all(c.decided for c in (made.time, *made.choices)) and not made.undecided
+    assert all(c.decided for c in (made.time, *made.choices)) and set(made.undecided) <= {"reference_point"}
 
 
 def test_noise_does_not_turn_the_axes(zz20, ship, export):
@@ -111,7 +111,7 @@ def test_the_side_of_the_rudder_is_read_off_the_yaw_rate(zz20, ship, export, sig
 
 def test_a_rudder_that_rests_decides_no_side(zz20, ship, export):
     made = propose(export({**plain(zz20), "delta": np.zeros(len(zz20))}), ship)
-    assert made.undecided == ("rudder_positive_to",)
+    assert made.undecided == ("reference_point", "rudder_positive_to")
     assert "rudder_positive_to: starboard  # undecided" in to_yaml(made)
 
 

@@ -16,7 +16,7 @@ def course(
     swing = np.deg2rad(20) * np.sin(time / 20)
     channels = {"u": 10 + 0.1 * swing, "v": 0.3 * swing, "r": np.deg2rad(1) * np.cos(time / 20), "psi": swing}
     channels |= {"x": 10 * time, "y": drift * time, "delta": -swing}
-    return Recording(name, time, channels, status, {"kind": kind})
+    return Recording(name, time, channels, status, {"kind": kind, "length": LENGTH})
 
 
 def spiral_of_steps() -> Recording:
@@ -26,7 +26,11 @@ def spiral_of_steps() -> Recording:
     r = order / 20 * ((time % 10) / 9)
     channels = {name: np.zeros(50) for name in ("u", "v", "x", "y", "psi")}
     return Recording(
-        "spiral20", time, {**channels, "r": r, "delta": order, "delta_order": order}, "ok", {"kind": "spiral"}
+        "spiral20",
+        time,
+        {**channels, "r": r, "delta": order, "delta_order": order},
+        "ok",
+        {"kind": "spiral", "length": LENGTH},
     )
 
 

@@ -44,7 +44,7 @@ def written(tmp_path_factory) -> str:
                 "Nothing": [],
             },
             figures=figures,
-            config_yaml=f"ship: {EVIL}",
+            config={"ship": EVIL},
             versions={"torch": EVIL},
             notes=[EVIL],
         ),
@@ -95,7 +95,7 @@ def test_the_same_figure_gives_the_same_text(recorded):
 def test_a_report_without_figures_and_tables_can_be_written(tmp_path):
     path = write_report(
         tmp_path / "r.html",
-        Report(title="t", summary="s", tables={}, figures={}, config_yaml="", versions={}, notes=[]),
+        Report(title="t", summary="s", tables={}, figures={}, config={}, versions={}, notes=[]),
     )
     assert "table" not in Page(path.read_text()).tags[: Page(path.read_text()).tags.index("details")]
 
@@ -104,7 +104,7 @@ def test_long_words_may_be_broken_and_an_empty_cell_stands_as_its_column_does(tm
     rows = [{"what": "drift and yaw rate are not told apart in these runs", "why": None, "size": None},
             {"what": "short", "why": "word", "size": 2.0}]  # fmt: skip
     path = write_report(
-        tmp_path / "r.html", Report(title="t", summary="s", tables={"a": rows}, figures={}, config_yaml="", versions={},
+        tmp_path / "r.html", Report(title="t", summary="s", tables={"a": rows}, figures={}, config={}, versions={},
         notes=["mind this"],
     ))  # fmt: skip
     text = path.read_text()

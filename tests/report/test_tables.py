@@ -6,20 +6,17 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
-from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.manoeuvre.imo import ImoRow
 from manoeuvre_nn.report.tables import (
     columns,
     criteria_rows,
     criterion_label,
-    imo_rows,
     is_good,
     rich_table,
     score_rows,
     score_table,
     text,
     to_markdown,
-    verdict_table,
     write_csv,
 )
 from manoeuvre_nn.scoring.score import Score
@@ -139,11 +136,6 @@ def test_a_csv_file_keeps_its_digits(tmp_path):
     assert pd.read_csv(path)["a"].isna().tolist() == [False, True]
 
 
-def test_a_csv_file_without_rows_is_refused(tmp_path):
-    with pytest.raises(InputError, match="no rows"):
-        write_csv(tmp_path / "a.csv", [])
-
-
 def test_brackets_in_a_cell_are_shown_and_not_obeyed():
     shown = printed(rich_table([{"[red]heading": "hidden=[7, 11] \\[red]x[/]"}], title="[bold]title in many words"))
     for words in ("hidden=[7, 11] \\[red]x[/]", "[red]heading", "[bold]title in many words"):
@@ -152,10 +144,9 @@ def test_brackets_in_a_cell_are_shown_and_not_obeyed():
 
 def test_imo_verdicts_are_shown_as_they_are():
     rows = [ImoRow("tc35 advance [L]", 3.43, 4.5, "met"), ImoRow("zz10 overshoot 1 [deg]", 21.0, 15.5, "not met")]
-    shown = printed(verdict_table(rows))
+    shown = printed(rich_table([row._asdict() for row in rows]))
     assert "tc35 advance [L]" in shown
-    assert "not met" in shown
-    assert imo_rows(rows)[0] == {"criterion": "tc35 advance [L]", "value": 3.43, "limit": 4.5, "verdict": "met"}
+    assert "not met" in shown and "verdict" in shown
 
 
 @pytest.mark.parametrize(

@@ -1,43 +1,40 @@
-"""The job of ``scripts/coefficients.py``: coefficients with intervals from recordings, beside captive tests."""
+"""The job of ``manoeuvre coefficients``: coefficients with intervals from recordings, beside captive tests."""
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
+from matplotlib.figure import Figure
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
-from manoeuvre_nn.commands.coefficient_report import RESULT, coefficients_of, write_coefficients
 from manoeuvre_nn.commands.job import NOTHING_HELD_OUT, make_fit, prepare
-from manoeuvre_nn.commands.provenance import resolved, versions, write_provenance
-from manoeuvre_nn.commands.shelves import TARGET, build
+from manoeuvre_nn.commands.provenance import shown, versions, write_provenance
+from manoeuvre_nn.commands.shelves import build, made_by, plain
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.estimation.captive_fit import agreeing_inertia, compare, fit_captive, towed
+from manoeuvre_nn.estimation.agreement import birge_scaled_covariance
+from manoeuvre_nn.estimation.captive_fit import fit_captive, towed
 from manoeuvre_nn.estimation.closed_loop import first, solve
-from manoeuvre_nn.estimation.coefficients import fitted_from
+from manoeuvre_nn.estimation.coefficients import Fitted, approach_inertia, fitted_from, form_of
 from manoeuvre_nn.estimation.linear_motion import Derived, derived
 from manoeuvre_nn.estimation.own_terms import fit_own_terms
+from manoeuvre_nn.estimation.problem import Estimate, EstimationProblem
 from manoeuvre_nn.recording.read.captive import CaptiveTests, read_captive
 from manoeuvre_nn.recording.read.mapping import is_number
 from manoeuvre_nn.recording.read.mapping_file import read_captive_mapping
-from manoeuvre_nn.report.coefficient_tables import (
-    Beside,
-    Coefficients,
-    notes,
-    sentence,
-    tables,
-)
-from manoeuvre_nn.report.html import Report, write_report
+from manoeuvre_nn.report.coefficient_figures import figures
+from manoeuvre_nn.report.coefficient_tables import Coefficients, coefficients_json, notes, sentence, tables
+from manoeuvre_nn.report.html import Report, save_figures, write_report
 from manoeuvre_nn.report.tables import rich_table
 from manoeuvre_nn.training.closed_loop_fit import ClosedLoopFit, explained
 
-PAGE = "coefficients.html"
+PAGE, RESULT = "coefficients.html", "coefficients.json"
 INERTIA = ("mx", "my", "mz", "Yrdot", "Nvdot")
 
 
@@ -60,7 +57,7 @@ def tell(cfg: DictConfig, out: Path, console: Console | None = None) -> Coeffici
     check_choice("terms", cfg.terms, ["network", "own"])
     if cfg.captive.file is not None and cfg.terms == "own":
         raise InputError("captive.file: compares coefficients of series; choose terms=network")
-    if not str(cfg.fit[TARGET]).endswith(f".{ClosedLoopFit.__name__}"):
+    if made_by(cfg.fit, "fit") is not ClosedLoopFit:
         raise InputError(
             "coefficients are fitted in closed loop: write fit=closed_loop and network=cubic, modulus or abkowitz"
         )
@@ -77,7 +74,7 @@ def tell(cfg: DictConfig, out: Path, console: Console | None = None) -> Coeffici
         summary=sentence(told),
         tables=tables(told),
         figures=drawn,
-        config_yaml=yaml.safe_dump(resolved(cfg), sort_keys=False, allow_unicode=True),
+        config=plain(cfg),
         versions=versions(),
         notes=notes(told),
         unfolded=tuple(tables(told)),
@@ -102,6 +99,37 @@ def _fitted(cfg: DictConfig, console: Console) -> Coefficients:
         start = first(problem, process_sd=fit.settings.force)
         found = solve(problem, start, passes=int(cfg.trainer.max_epochs), enough=fit.settings.enough)
     return coefficients_of(fit, problem, found, job.data.describe())
+
+
+def coefficients_of(fit: ClosedLoopFit, problem: EstimationProblem, found: Estimate, source: str) -> Coefficients:
+    """Coefficients of a series, their errors as wide as stretches of the recordings disagree.
+
+    Args:
+        fit: The fit.
+        problem: What was explained.
+        found: The solution.
+        source: Sentence on what it was fitted to.
+
+    Returns:
+        Coefficients and what follows from them.
+    """
+    known, network, count = fit.dynamics.known, fit.network, fit.forces.count
+    values, (covariance, ratio) = found.values[:count], birge_scaled_covariance(problem, found)
+    fitted = Fitted(
+        tuple(network.names), values, covariance, problem.mean, problem.spread, approach_inertia(known),
+        form_of(network.terms),
+    )  # fmt: skip
+    follows = derived(fit.forces, values, covariance, fitted.inertia)
+    return Coefficients(known.particulars, fitted, follows, source, ratio=ratio)
+
+
+def write_coefficients(told: Coefficients, out: Path) -> dict[str, Figure]:
+    """Write ``coefficients.json`` and the figures, which are returned."""
+    drawn = figures(told)
+    save_figures({f"coefficients/{name}": figure for name, figure in drawn.items()}, out / "figures")
+    text = json.dumps({**coefficients_json(told), "versions": versions()}, indent=1)
+    (out / RESULT).write_text(text, encoding="utf-8")
+    return {f"Coefficients in figures/{name}": figure for name, figure in drawn.items()}
 
 
 def _unscored(cfg: DictConfig) -> DictConfig:
@@ -136,7 +164,7 @@ def _read(folder: Path) -> Coefficients:
     path = folder / RESULT if folder.is_dir() else folder
     if not path.is_file():
         raise InputError(
-            f"run={folder} holds no {RESULT}: write a folder of train.py with network=cubic, modulus or abkowitz"
+            f"run={folder} holds no {RESULT}: write a folder of manoeuvre train with network=cubic, modulus or abkowitz"
         )
     try:
         stored = json.loads(path.read_text(encoding="utf-8"))
@@ -150,7 +178,7 @@ def _read(folder: Path) -> Coefficients:
             ship, fitted_from(stored["fitted"]), found, stored["notes"][0], ratio=float(stored["birge_ratio"])
         )
     except (ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path} was not written by train.py or coefficients.py: {error!r}") from error
+        raise InputError(f"{path} was not written by manoeuvre train or coefficients: {error!r}") from error
 
 
 def _derived(stored: Mapping[str, Any]) -> Derived:
@@ -180,10 +208,10 @@ def _for_inertia(told: Coefficients, inertia: np.ndarray) -> Coefficients:
     """The same motion with another inertia; of what follows, C alone changes."""
     ratio = float(np.linalg.det(inertia[1:, 1:]) / np.linalg.det(told.fitted.inertia[1:, 1:]))
     changed = [
-        Derived(d.name, d.value * ratio, d.low * ratio, d.high * ratio, d.words) if d.name == "stability C" else d
+        replace(d, value=d.value * ratio, low=d.low * ratio, high=d.high * ratio) if d.name == "stability C" else d
         for d in told.derived
     ]
-    return Coefficients(told.ship, told.fitted.with_inertia(inertia), changed, told.source, ratio=told.ratio)
+    return replace(told, fitted=told.fitted.with_inertia(inertia), derived=changed)
 
 
 def _captive_tests(cfg: DictConfig) -> CaptiveTests | None:
@@ -207,9 +235,7 @@ def _beside(told: Coefficients, tests: CaptiveTests, cfg: DictConfig) -> Coeffic
     if not (is_number(drift) and drift > 0):
         raise InputError(f"captive.largest_drift_deg={drift}: expected degrees, more than 0")
     used = towed(tests, told.ship.length / told.ship.draught, largest_drift=drift * DEGREE, **settings)
-    fitted = fit_captive(used, told.fitted)
-    side = Beside(used, fitted, compare(told.fitted, fitted), agreeing_inertia(told.fitted, fitted))
-    return Coefficients(told.ship, told.fitted, told.derived, told.source, side, told.ratio)
+    return replace(told, tests=used, captive=fit_captive(used, told.fitted))
 
 
 def _print(told: Coefficients, out: Path, console: Console) -> None:
@@ -227,5 +253,5 @@ def _print(told: Coefficients, out: Path, console: Console) -> None:
     for line in notes(told):
         console.print(f"note: {line}", highlight=False)
     console.print(sentence(told), highlight=False)
-    here = out.relative_to(Path.cwd()) if out.is_relative_to(Path.cwd()) else out
+    here = shown(out)
     console.print(f"report: {here / PAGE}   numbers: {here / RESULT}", soft_wrap=True, highlight=False)

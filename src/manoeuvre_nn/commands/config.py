@@ -6,11 +6,11 @@ from typing import Any
 
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
-from manoeuvre_nn.commands.groups import options
+from manoeuvre_nn.commands.groups import option
 from manoeuvre_nn.commands.shelves import TARGET, build, check_plain
 from manoeuvre_nn.core.data_files import load_yaml
 from manoeuvre_nn.core.effect import Effect
-from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.units import KNOT
@@ -19,65 +19,27 @@ from manoeuvre_nn.recording.read.mapping import Mapping as ColumnMapping
 
 
 def whole_number(what: str, value: Any, least: int) -> int:
-    """Read a setting that counts something.
-
-    Args:
-        what: Its name.
-        value: What was given.
-        least: Smallest value.
-
-    Returns:
-        The number.
-
-    Raises:
-        InputError: If it is no whole number or too small.
-    """
+    """Read a setting that counts something; ``what`` is its name, and a smaller number than ``least`` is refused."""
     if not isinstance(value, int) or value < least:
         raise InputError(f"{what}={value}: expected a whole number, {least} or more")
     return value
 
 
 def switch(what: str, value: Any) -> bool:
-    """Read a setting that is on or off.
-
-    Args:
-        what: Its name.
-        value: What was given.
-
-    Returns:
-        Whether it is on.
-
-    Raises:
-        InputError: If it is neither true nor false.
-    """
+    """Read a setting that is on or off; ``what`` is its name, and all but true and false is refused."""
     if not isinstance(value, bool):
         raise InputError(f"{what}={value}: expected true or false")
     return value
 
 
 def training_manoeuvres(config: DictConfig) -> list[Manoeuvre]:
-    """The manoeuvres that were chosen with ``manoeuvre=``.
-
-    Args:
-        config: ``cfg.manoeuvre``: one entry a manoeuvre, and ``speed_kn``.
-
-    Returns:
-        Manoeuvres at the approach speed.
-    """
+    """The manoeuvres of ``cfg.manoeuvre`` (an entry each, and ``speed_kn``) at the approach speed."""
     chosen = [v for v in config.values() if isinstance(v, DictConfig) and TARGET in v]
     return [build(v, "manoeuvre").at_speed(approach_speed(config)) for v in chosen]
 
 
 def chosen_effects(config: DictConfig | None, ship: Ship) -> list[Effect]:
-    """What was chosen with ``effect=``, acting on a ship.
-
-    Args:
-        config: ``cfg.effect``: one entry an effect; None if there is none.
-        ship: The ship that they act on.
-
-    Returns:
-        Effects, in the order in which they were named.
-    """
+    """The effects of ``cfg.effect`` (an entry each, or None) on a ship, in the order in which they were named."""
     return [build(settings, "effect", ship=ship) for settings in (config or {}).values()]
 
 
@@ -115,31 +77,21 @@ def read_effects(path: Path, own: str | None = None) -> dict[str, dict[str, Any]
     Raises:
         InputError: If it holds anything else than values of effects that are in conf/effect.
     """
-    found, shelf = load_yaml(path), options("effect", own)
+    found = load_yaml(path)
     if not isinstance(found, Mapping) or not all(isinstance(entry, Mapping) for entry in found.values()):
         raise InputError(f"effects={path}: expected the values of effects, such as wind_steady: {{speed: 12}}")
     entries = {}
     for name, values in found.items():
-        check_choice(f"effects={path}: effect", name, list(shelf))
+        usual = option("effect", name, own, f"effects={path}: effect")
         if TARGET in values:
             raise InputError(f"effects={path}: {name}: {TARGET}: {values[TARGET]} is refused; write values alone")
         check_plain(values, f"effects={path}: {name}")
-        entries[str(name)] = {**load_yaml(shelf[name]), **values}
+        entries[str(name)] = {**usual, **values}
     return entries
 
 
 def approach_speed(config: DictConfig) -> float | None:
-    """``manoeuvre.speed_kn`` in m/s.
-
-    Args:
-        config: ``cfg.manoeuvre``.
-
-    Returns:
-        Speed [m/s], None for the ship's own.
-
-    Raises:
-        InputError: If it is not a positive number.
-    """
+    """``speed_kn`` of ``cfg.manoeuvre`` in m/s; None is the ship's own, and all but a positive number is refused."""
     speed = config.get("speed_kn")
     if speed is None:
         return None
@@ -162,28 +114,21 @@ def named_manoeuvres(names: Sequence[Any], speed: float | None, own: str | None 
     Raises:
         InputError: If an entry is neither.
     """
-    choices, made = options("manoeuvre", own), []
+    made = []
     for entry in names:
         if isinstance(entry, Mapping) and [type(v) for v in entry.values()] != [dict]:
             raise InputError(f"score has an entry {entry}: write a name, or {{name: {{setting: value}}}}")
         name, settings = next(iter(entry.items())) if isinstance(entry, Mapping) else (entry, {})
-        check_choice("manoeuvre in score", name, list(choices))
-        made.append(build(OmegaConf.create({**load_yaml(choices[name]), **settings}), "manoeuvre").at_speed(speed))
+        usual = option("manoeuvre", name, own, "manoeuvre in score")
+        made.append(build(OmegaConf.create({**usual, **settings}), "manoeuvre").at_speed(speed))
     return made
 
 
 def as_list(value: Any) -> list[Any]:
-    """``score=zz20`` and ``score=[zz20]`` alike.
-
-    Args:
-        value: A name or a list.
-
-    Returns:
-        Plain list.
-    """
-    if isinstance(value, ListConfig | list | tuple):
-        return list(OmegaConf.to_container(value) if isinstance(value, ListConfig) else value)  # type: ignore
-    return [value]
+    """``score=zz20`` and ``score=[zz20]`` alike, as a plain list."""
+    if isinstance(value, ListConfig):
+        value = OmegaConf.to_container(value)
+    return list(value) if isinstance(value, list | tuple) else [value]
 
 
 def read_mapping(name: str | None, own: str | None = None) -> ColumnMapping | None:

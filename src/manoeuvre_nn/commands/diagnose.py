@@ -15,7 +15,7 @@ from rich.progress import BarColumn, Progress, TextColumn
 
 from manoeuvre_nn.commands import guard
 from manoeuvre_nn.commands.diagnosis_setup import Setup, found_effects, setup, write_effects
-from manoeuvre_nn.commands.provenance import check_same_run, write_provenance
+from manoeuvre_nn.commands.provenance import check_same_run, shown, write_provenance
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.diagnosis.answers import write_answer
@@ -26,6 +26,7 @@ from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.report.diagnosis_figures import draw_diagnosis
 from manoeuvre_nn.report.diagnosis_html import diagnosis_html, log_to_tensorboard
 from manoeuvre_nn.report.diagnosis_tables import print_diagnosis, value_text
+from manoeuvre_nn.report.html import save_figures
 from manoeuvre_nn.scoring.free_runs import cost
 
 ANSWER, ERROR = "answer.json", "error.txt"
@@ -46,7 +47,7 @@ def diagnose_all(cfg: DictConfig, out: Path, console: Console | None = None) -> 
     console = console or Console()
     use_threads(1)
     if (cfg.cases is None) == (cfg.recordings is None):
-        raise InputError("write either cases=DIR or recordings=DIR; python diagnose.py --help tells more")
+        raise InputError(f"write either cases=DIR or recordings=DIR; {guard.program()} --help tells more")
     (answer_cases if cfg.recordings is None else diagnose_recordings)(cfg, out, console)
 
 
@@ -66,7 +67,7 @@ def answer_cases(cfg: DictConfig, out: Path, console: Console) -> None:
     write_provenance(kept, out)
     todo = [f for f in folders if not (out / f.name / ANSWER).is_file()]
     failed = []
-    with Tracker(console, len(todo), len(common.wanted) + STEPS) as tracker:
+    with _Tracker(console, len(todo), len(common.wanted) + STEPS) as tracker:
         for folder in todo:
             tracker.begin(folder.name)
             try:
@@ -106,7 +107,7 @@ def case_folders(place: Path) -> list[Path]:
     return found
 
 
-def _answer_case(common: Setup, folder: Path, out: Path, tracker: "Tracker") -> str:
+def _answer_case(common: Setup, folder: Path, out: Path, tracker: "_Tracker") -> str:
     """Answer one case; what came out, on a line."""
     question = common.question(common.case(folder))
     d = diagnose(question, tracker.step)
@@ -150,7 +151,7 @@ def diagnose_recordings(cfg: DictConfig, out: Path, console: Console) -> None:
     write_provenance(cfg, out)
     told = ", ".join(f"{run.name} ({run.meta['kind']})" for run in case.held_out) or "none"
     console.print(f"{len(case.fitted)} runs are fitted; held out: {told}", soft_wrap=True, highlight=False)
-    with Tracker(console, 1, len(common.wanted) + STEPS) as tracker:
+    with _Tracker(console, 1, len(common.wanted) + STEPS) as tracker:
         tracker.begin(case.name)
         question = common.question(case)
         d = diagnose(question, tracker.step)
@@ -160,19 +161,17 @@ def diagnose_recordings(cfg: DictConfig, out: Path, console: Console) -> None:
     write_effects(found_effects(d, question.effects, common.shelf), f"{d.case}: {d.sentence}", out / "effects.yaml")
     write_answer(d, out)
     print_diagnosis(d, console)
-    here = out.relative_to(Path.cwd()) if out.is_relative_to(Path.cwd()) else out
+    here = shown(out)
     console.print(f"report: {here / 'report.html'}   dashboard: tensorboard --logdir {here.parent}", soft_wrap=True)
 
 
 def write_page(d: Diagnosis, figures: Mapping[str, Figure], out: Path) -> None:
     """Write ``report.html`` and ``figures/*.png``."""
     diagnosis_html(d, figures, out / "report.html")
-    (out / "figures").mkdir(exist_ok=True)
-    for name, figure in figures.items():
-        figure.savefig(out / "figures" / f"{name.replace('/', '_').replace(' ', '_')}.png", dpi=110)
+    save_figures(figures, out / "figures")
 
 
-class Tracker:
+class _Tracker:
     """Which candidate of which case is under test, and how long it will take: a bar, or a line now and then."""
 
     def __init__(self, console: Console, cases: int, steps: int, seconds: float = 15.0) -> None:
@@ -184,7 +183,7 @@ class Tracker:
         self._began = self._shown = monotonic()
         self._case, self._name, self._step = 0, "", 0
 
-    def __enter__(self) -> "Tracker":
+    def __enter__(self) -> "_Tracker":
         """Open the bar."""
         self._bar.start()
         return self

@@ -209,6 +209,6 @@ def _values(cause: Cause, effect: Effect) -> dict[str, float]:
 
 
 def write_effects(found: Mapping[str, Any], sentence: str, path: Path) -> None:
-    """Write what was found, after a sentence on it, so that ``python train.py effects=FILE`` sails with it."""
+    """Write what was found, after a sentence on it, so that ``manoeuvre train effects=FILE`` sails with it."""
     text = yaml.safe_dump(dict(found), sort_keys=False, allow_unicode=True) if found else "{}\n"
-    path.write_text(f"# {' '.join(sentence.split())}\n# python train.py ship=... effects={path.name}\n{text}")
+    path.write_text(f"# {' '.join(sentence.split())}\n# manoeuvre train ship=... effects={path.name}\n{text}")

@@ -1,4 +1,4 @@
-"""The job of ``scripts/excite.py``: an ensemble of what is recorded, and what each further manoeuvre would tell it."""
+"""The job of ``manoeuvre excite``: an ensemble of what is recorded, and what each further manoeuvre would tell it."""
 
 import json
 from collections.abc import Sequence
@@ -6,14 +6,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import yaml
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from manoeuvre_nn.commands import config as configs
 from manoeuvre_nn.commands.job import NOTHING_HELD_OUT, Job, config_beside, known_part, load_model, prepare
-from manoeuvre_nn.commands.provenance import check_same_run, resolved, versions, write_provenance
-from manoeuvre_nn.commands.shelves import check_arguments
+from manoeuvre_nn.commands.provenance import check_same_run, shown, versions, write_provenance
+from manoeuvre_nn.commands.shelves import check_arguments, plain
 from manoeuvre_nn.commands.train import fit
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
@@ -27,7 +26,7 @@ from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.network.hull_rudder import HullRudder
 from manoeuvre_nn.report.design_figures import gain_figure, where_figure
 from manoeuvre_nn.report.design_tables import ManoeuvreAdvice, advice_json, advice_rows, ranked, sentence, target_rows
-from manoeuvre_nn.report.html import Report, write_report
+from manoeuvre_nn.report.html import Report, save_figures, write_report
 from manoeuvre_nn.report.tables import rich_table
 from manoeuvre_nn.training.checkpoint import read_checkpoint
 from manoeuvre_nn.training.ensemble import steps_in_noise
@@ -84,7 +83,7 @@ def excite(cfg: DictConfig, out: Path, console: Console | None = None) -> Manoeu
         model = trained.fit.dynamics.double().cpu()
     with console.status("sailing") as status:
         advice = _advice(question, model, lambda name: status.update(f"after {name}"))
-    _write(advice, resolved(cfg), out)
+    _write(advice, plain(cfg), out)
     _print(advice, out, console)
     return advice
 
@@ -181,19 +180,17 @@ def _advice(q: _Question, model: IdentifiedShip, say: Any) -> ManoeuvreAdvice:
 
 def _write(a: ManoeuvreAdvice, config: dict[str, Any], out: Path) -> None:
     """Figures and page, and the result last, as the mark of the end."""
-    (out / "figures").mkdir(parents=True, exist_ok=True)
     figures = {"Candidates/gain": gain_figure(a)}
     if a.where:
         figures["Where the members disagree/where"] = where_figure(a)
-    for name, figure in figures.items():
-        figure.savefig(out / "figures" / f"{name.rsplit('/', 1)[1]}.png", dpi=110)
+    save_figures({name.rpartition("/")[2]: figure for name, figure in figures.items()}, out / "figures")
     after = "Deviation over L of each target" if a.goal == "accuracy" else "Standard errors of each equation"
     report = Report(
         title=f"{a.ship}: what to sail next",
         summary=sentence(a),
         tables={"What each candidate is expected to bring": advice_rows(a), after: target_rows(a)},
         figures=figures,
-        config_yaml=yaml.safe_dump(config, sort_keys=False, allow_unicode=True),
+        config=config,
         versions=versions(),
         notes=[a.trained_on, *a.left_out],
     )
@@ -207,5 +204,5 @@ def _print(a: ManoeuvreAdvice, out: Path, console: Console) -> None:
     console.print(rich_table(advice_rows(a), f"What each candidate is expected to bring for {a.goal}"))
     for line in (a.trained_on, *a.left_out):
         console.print(line, highlight=False)
-    here = out.relative_to(Path.cwd()) if out.is_relative_to(Path.cwd()) else out
+    here = shown(out)
     console.print(f"report: {here / PAGE}   numbers: {here / RESULT}", soft_wrap=True, highlight=False)

@@ -10,36 +10,48 @@ from pathlib import Path
 from typing import Any
 
 import hydra
-import yaml
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
+from manoeuvre_nn.commands import guard
 from manoeuvre_nn.core.data_files import CONF, load_yaml
-from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.errors import InputError, check_choice
 
 OWN = ("config_dir", "--config-dir", "-cd")
 """How a folder of the user's own is named."""
 GROUPS = sorted(path.name for path in CONF.iterdir() if path.is_dir())
 OF_THE_USER = {"hydra", "plugins", "config_dir"}
 """Settings that are said on the command line and nowhere else."""
+own_modules: set[str] = set()
+"""Modules of the user's own that were named with ``plugins=``: configs may name what they define."""
 FOLLOWING = ("linear", "network", "fit")
 """Groups that a ship, a network or recordings may choose too; what the user writes always holds."""
 
 
 def options(group: str, own: str | None = None) -> dict[str, Path]:
-    """The options of a group.
-
-    Args:
-        group: Its name, such as ``ship``.
-        own: Folder of the user's own; None if there is none.
-
-    Returns:
-        Name -> file, by name. What the package has comes before what is called the same in the user's folder.
-    """
+    """The options of a group by name, and their files; the package's come before those in the user's own folder."""
     folders = [Path(own)] if own else []
     found = {path.stem: path for folder in [*folders, CONF] for path in (folder / group).glob("*.yaml")}
     return dict(sorted(found.items()))
+
+
+def option(group: str, name: Any, own: str | None = None, what: str = "") -> dict[str, Any]:
+    """What the file of an option says.
+
+    Args:
+        group: Group of conf.
+        name: The option.
+        own: Folder of the user's own; None if there is none.
+        what: What the name stands for, for the message; by default the group.
+
+    Returns:
+        Settings of the group. An option that there is not is refused with a list of those that there are.
+    """
+    known = options(group, own)
+    check_choice(what or group, name, list(known))
+    content = load_yaml(known[name])
+    return content.get(group, content)  # some files choose other groups too
 
 
 def compose(name: str, words: Sequence[str] = ()) -> DictConfig:
@@ -104,13 +116,9 @@ def _quoted(text: str) -> str:
 
 def _check_own_file(path: Path, folder: Path) -> None:
     """Refuse a yaml that would set what only the user says: hydra's settings and plugins= name code that is run."""
-    try:
-        text = path.read_text(encoding="utf-8")
-        content = yaml.safe_load(text)
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise InputError(f"{path} is no valid yaml: {str(error).splitlines()[0]}") from error
+    content = load_yaml(path)
     content = content if isinstance(content, Mapping) else {}
-    package = re.findall(r"^\s*#\s*@package\s+(\S+)", text, flags=re.MULTILINE)
+    package = re.findall(r"^\s*#\s*@package\s+(\S+)", path.read_text(encoding="utf-8"), flags=re.MULTILINE)
     reached = [*content, *package, content.get("defaults", ""), path.relative_to(folder).with_suffix("")]
     if OF_THE_USER & set(re.findall(r"\w+", " ".join(map(str, reached)))):
         raise InputError(f"{path} is refused: a file in config_dir= may not set {', '.join(sorted(OF_THE_USER))}")
@@ -124,10 +132,10 @@ def _check_own_file(path: Path, folder: Path) -> None:
 
 
 def plugged_in(cfg: DictConfig | Mapping[str, Any]) -> None:
-    """Import the user's own modules, those that ``plugins=`` names and no other.
+    """Import the user's own modules, those that ``plugins=`` names and no other, from ``config_dir`` or as installed.
 
     Args:
-        cfg: The config; ``config_dir`` is where they are looked for, beside what is installed.
+        cfg: The config.
 
     Raises:
         InputError: If there is no such module.
@@ -136,11 +144,7 @@ def plugged_in(cfg: DictConfig | Mapping[str, Any]) -> None:
     named = cfg.get("plugins") or []
     modules = [str(name).removesuffix(".py") for name in ([named] if isinstance(named, str) else named)]
     folder = cfg.get("config_dir")
-    if not modules:
-        return
-    from manoeuvre_nn.commands import shelves  # loads torch
-
-    if folder is not None and folder not in sys.path:
+    if modules and folder is not None and folder not in sys.path:
         sys.path.append(folder)  # last, and also where worker processes look
     for module in modules:
         try:
@@ -149,7 +153,7 @@ def plugged_in(cfg: DictConfig | Mapping[str, Any]) -> None:
             if error.name != module:
                 raise
             raise InputError(f"plugins={module}: no such module; write the name of a py file in config_dir=") from error
-    shelves.allow(modules)
+    own_modules.update(modules)
 
 
 def brought_along(choices: Mapping[str, str], words: Sequence[str]) -> list[str]:
@@ -169,7 +173,8 @@ def brought_along(choices: Mapping[str, str], words: Sequence[str]) -> list[str]
 
 
 def register_resolvers() -> None:
-    """Make ``${ship_name:...}`` and ``${run_name:...}`` known to OmegaConf."""
+    """Make ``${ship_name:...}``, ``${run_name:...}`` and ``${program:}`` known to OmegaConf."""
+    OmegaConf.register_new_resolver("program", guard.program, replace=True)
     OmegaConf.register_new_resolver("ship_name", _ship_name, replace=True)
     OmegaConf.register_new_resolver("run_name", _run_name, replace=True)
 

@@ -28,43 +28,21 @@ failed_jobs: list[str] = []
 
 @contextmanager
 def one_line() -> Generator[None]:
-    """Turn wrong input into one line and exit code 2; let faults of the program through.
-
-    Yields:
-        Nothing.
-
-    Raises:
-        InputError: If it is none of the user's making, as the next two.
-        HydraException: The same.
-        OmegaConfBaseException: The same.
-        YAMLError: The same.
-        ValueError: The same.
-        OSError: If it is not that a file or folder cannot be read or written.
-        SystemExit: With code 2 for wrong input.
-    """
+    """Turn wrong input into one line and exit code 2; let faults of the program through."""
     try:
         yield
-    except (InputError, HydraException, OmegaConfBaseException, yaml.YAMLError) as error:
+    except (*OF_CONFIG, ValueError, OSError) as error:
         message = explain(error)
         if message is None:
             raise
         print(f"error: {message}", file=sys.stderr)
         raise SystemExit(WRONG_INPUT) from None
-    except ValueError as error:
-        if NO_GROUP not in str(error):
-            raise
-        given = [a for a in sys.argv[1:] if a.endswith("=null")]
-        print(f"error: {' '.join(given)}: a group cannot be empty: leave it out or choose an option", file=sys.stderr)
-        raise SystemExit(WRONG_INPUT) from None
-    except OSError as error:
-        if error.filename is None or error.errno not in OF_FILES:
-            raise
-        print(f"error: {_of_file(error)}", file=sys.stderr)
-        raise SystemExit(WRONG_INPUT) from None
 
 
-def _of_file(error: OSError) -> str:
+def _of_file(error: OSError) -> str | None:
     """What to do about a file or folder that cannot be read or written."""
+    if error.filename is None or error.errno not in OF_FILES:
+        return None
     path = str(error.filename)
     if os.path.isfile(path) and not os.access(path, os.R_OK):
         return f"cannot read {path}: {error.strerror}; ask its owner, or copy it"
@@ -100,7 +78,12 @@ def explain(error: BaseException) -> str | None:
     for cause in chain:
         if isinstance(cause, InputError):
             return str(cause)
-    if any(not isinstance(c, (*OF_CONFIG, TypeError, ValueError)) for c in chain):
+    if isinstance(error, OSError) and not isinstance(error, OF_CONFIG):  # a config that hydra misses is both
+        return _of_file(error)
+    if NO_GROUP in str(error):
+        given = [word for word in sys.argv[1:] if word.endswith("=null")]
+        return f"{' '.join(given)}: a group cannot be empty: leave it out or choose an option"
+    if not isinstance(error, OF_CONFIG) or any(not isinstance(c, (*OF_CONFIG, TypeError, ValueError)) for c in chain):
         return None
     return _one_line(str(error))
 
@@ -119,11 +102,11 @@ def _one_line(text: str) -> str:
         return f"{missing[1]}={missing[2]} is unknown; choose one of: {', '.join(options)}"
     missing = re.search(r"Could not load '([^']+)/([^'/]+)'", text)
     if missing:
-        return f"{missing[1]}={missing[2]} is unknown; {_program()} --help lists the choices"
+        return f"{missing[1]}={missing[2]} is unknown; {program()} --help lists the choices"
     key = re.search(r"Could not override '([^']+)'", text) or re.search(r"Key '([^']+)' is not in struct", text)
     full = re.search(r"full_key: (\S+)", text)
     if key:
-        return f"there is no setting {(full or key)[1]}; {_program()} --cfg job lists them all"
+        return f"there is no setting {(full or key)[1]}; {program()} --cfg job lists them all"
     mandatory = re.search(r"Missing mandatory value: (\S+)", text)
     if mandatory:
         name = (full or mandatory)[1]
@@ -132,11 +115,9 @@ def _one_line(text: str) -> str:
     return " ".join(lines[:3])[:400]
 
 
-def _program() -> str:
-    """What was typed, for advice."""
+def program() -> str:
+    """What was typed, for advice: ``manoeuvre COMMAND``, or a script of the repository."""
     called = Path(sys.argv[0])
-    if called.stem == "manoeuvre":
-        return f"manoeuvre {command}"
     if called.parent.name == "scripts":
         return f"python scripts/{called.name}"
-    return f"python {called.name if called.name == 'diagnose.py' else 'train.py'}"
+    return f"python {called.name}" if called.name in {"train.py", "diagnose.py"} else f"manoeuvre {command}"

@@ -24,8 +24,8 @@ HELP = f"""Propose how a measured file is read, say why, and write the mapping.
     {USAGE}
 
 FILE is a text of columns (csv, txt, dat), a MAT file, a parquet file, or of a format that a module named by plugins= in
-config_dir= reads. The yaml goes to FILE's name in this folder, to out=, or with name= to recording/ in config_dir=
-(without it, of conf), where data.mapping= finds it. ship= tells units apart by the ship's speed."""
+config_dir= reads. The yaml goes to FILE's name in this folder, to out=, or with name= to that name in this folder; with
+config_dir= into its recording/, where data.mapping=NAME finds it. ship= tells units apart by the ship's speed."""
 KEYS = ("ship", "name", "out", "overwrite", "config_dir", "plugins")
 
 
@@ -60,8 +60,10 @@ def request(arguments: list[str]) -> Request:
     if "name" in given and not given["name"].replace("-", "_").isidentifier():
         raise InputError(f"name={given['name']}: expected letters, digits and _, such as name=my_ship")
     own = given.get("config_dir")
-    where = _mappings(own) / f"{given['name']}.yaml" if "name" in given else Path(f"{files[0].stem}.yaml")
-    out = Path(given["out"]) if "out" in given else where
+    named = Path("" if own is None else own, "" if own is None else "recording", f"{given.get('name')}.yaml")
+    out = Path(given["out"]) if "out" in given else named if "name" in given else Path(f"{files[0].stem}.yaml")
+    if own is not None and out == named and (CONF / "recording" / out.name).exists():
+        raise InputError(f"name={given['name']} is the package's own mapping, which comes first: write another name=")
     if out.is_dir():
         raise InputError(f"out={out} is a folder: write the yaml's path")
     if out.exists() and files[0].exists() and out.samefile(files[0]):
@@ -70,11 +72,6 @@ def request(arguments: list[str]) -> Request:
         raise InputError(f"{out} is there already: write overwrite=true, or another out=")
     plugins = tuple(word for word in given.get("plugins", "").strip("[]").split(",") if word)
     return Request(files[0], given.get("ship", ""), out, own, plugins)
-
-
-def _mappings(own: str | None) -> Path:
-    """The folder of mappings: the user's own, or that of the repository."""
-    return (Path(own) if own else CONF) / "recording"
 
 
 def ship_called(name: str, own: str | None = None) -> Particulars | None:
@@ -111,18 +108,17 @@ def show(proposal: Proposal, console: Console) -> None:
     console.print(table)
     for key, value in proposal.settings.items():
         if key not in {"time", "channels"} and key in proposal.reasons:
-            why = proposal.reasons[key]
-            open_ = "undecided: " if key in proposal.undecided and not why.startswith("undecided") else ""
-            _say(console, f"{key}: {value}  ({open_}{why})")
+            undecided = "undecided: " if key in proposal.undecided else ""
+            _say(console, f"{key}: {value}  ({undecided}{proposal.reasons[key]})")
     for note in proposal.notes:
         _say(console, note)
     if proposal.left_out:
         _say(console, f"Not read: {', '.join(proposal.file.called(c) for c in proposal.left_out)}.")
     if proposal.finding:
         _say(console, f"The checks say: {proposal.finding}")
-    undecided = [c.channel for c in (proposal.time, *proposal.choices) if not c.decided] + _open_settings(proposal)
-    if undecided:
-        _say(console, f"Undecided, please look: {', '.join(undecided)}.", "yellow")
+    look = [c.channel for c in (proposal.time, *proposal.choices) if not c.decided] + [*proposal.undecided]
+    if look:
+        _say(console, f"Undecided, please look: {', '.join(look)}.", "yellow")
 
 
 def _row(proposal: Proposal, choice: Choice) -> tuple[str, ...]:
@@ -135,11 +131,6 @@ def _row(proposal: Proposal, choice: Choice) -> tuple[str, ...]:
     return choice.channel, column, choice.unit, sign, choice.misfit, choice.next, why
 
 
-def _open_settings(proposal: Proposal) -> list[str]:
-    """Settings that nobody decided."""
-    return [k for k, why in proposal.reasons.items() if k in proposal.undecided or why.startswith("undecided")]
-
-
 def _say(console: Console, line: str, style: str = "") -> None:
     """A line as it is."""
     console.print(Text(line, style=style), soft_wrap=True)
@@ -149,11 +140,12 @@ def next_command(proposal: Proposal, asked: Request) -> str:
     """What to type next, or why there is nothing to type."""
     if proposal.settings.get("kind") == RECORD:
         return "next: nothing to train: this is a record of channels, not a manoeuvre with heading, rudder and motion"
-    named = asked.out.parent == _mappings(asked.own) and asked.out.suffix == ".yaml"
+    own = [f"config_dir={asked.own}"] if asked.own else []
+    named = asked.own is not None and asked.out.parent == Path(asked.own, "recording") and asked.out.suffix == ".yaml"
     mapping = asked.out.stem if named else str(asked.out)
     folder, name = asked.file.parent, asked.file.name
     plain = all(letter.isalnum() or letter in "._-" for letter in name)
     files = f"data.files=[{name}]" if plain else f'data.files=["{name}"]'
-    settings = [f"data.mapping={mapping}", f"data.folder={folder}", files]
+    settings = [*own, f"data.mapping={mapping}", f"data.folder={folder}", files]
     ship = asked.ship or "SHIP"
     return f"next: manoeuvre train ship={ship} data=recording {' '.join(shlex.quote(s) for s in settings)}"

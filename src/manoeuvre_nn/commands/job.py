@@ -10,7 +10,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from manoeuvre_nn.commands import config as configs
 from manoeuvre_nn.commands.provenance import CONFIG
-from manoeuvre_nn.commands.shelves import TARGET, build, check_arguments, check_plain, gathered, kinds, made_by
+from manoeuvre_nn.commands.shelves import TARGET, build, check_arguments, check_plain, gathered, kinds, made_by, plain
 from manoeuvre_nn.core.data_files import load_yaml
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.network import Network
@@ -94,28 +94,13 @@ def _check_pair(cfg: DictConfig, network: type[Network]) -> None:
 
 
 def known_part(cfg: DictConfig, ship: Ship | Particulars | None = None) -> tuple[Ship | Particulars, Ship]:
-    """The ship at its approach speed and the part of its forces that is taken as known.
-
-    Args:
-        cfg: The config.
-        ship: The ship; None takes the config's.
-
-    Returns:
-        Ship and known part.
-    """
+    """The ship (None takes the config's) at its approach speed, and the part of its forces that is taken as known."""
     ship = ship_on_approach(cfg) if ship is None else ship
     return ship, build(cfg.linear, "linear", ship=ship)
 
 
 def ship_on_approach(cfg: DictConfig) -> Ship | Particulars:
-    """The ship at its approach speed.
-
-    Args:
-        cfg: The config.
-
-    Returns:
-        The ship: coefficients, the known part and g are then in units of this speed.
-    """
+    """The ship at its approach speed: coefficients, the known part and g are then in units of this speed."""
     ship, speed = build(cfg.ship, "ship"), configs.approach_speed(cfg.manoeuvre)
     return ship.on_approach(speed) if speed is not None and isinstance(ship, Ship) else ship
 
@@ -132,8 +117,7 @@ def blank_network(cfg: DictConfig) -> tuple[Network, str, torch.dtype]:
     Raises:
         InputError: If the first or the second is not said how.
     """
-    settings = OmegaConf.to_container(cfg.network, resolve=True)
-    assert isinstance(settings, dict)
+    settings = plain(cfg.network)
     for key in ("scaling", "dtype"):
         if key not in settings:
             raise InputError(f"network.{key} must be given: see the files of conf/network")
@@ -167,8 +151,7 @@ def _recorded(cfg: DictConfig, common: dict[str, Any], names: list[str]) -> Reco
     if cfg.get("effect"):
         acting = ",".join(cfg.effect)
         raise InputError(f"effect=[{acting}] acts on simulated ships, data=recording are measured: leave effect= out")
-    settings = OmegaConf.to_container(cfg.data, resolve=True)
-    assert isinstance(settings, dict)
+    settings = plain(cfg.data)
     columns = configs.read_mapping(settings.pop("mapping"), cfg.get("config_dir"))
     settings["files"] = configs.as_list(settings["files"])
     return build(settings, "data", **common, mapping=columns, score=names)
@@ -179,38 +162,19 @@ def _given(cfg: DictConfig, common: dict[str, Any], runs: Sequence[Recording]) -
     named = [key for key in ("files", "mapping") if cfg.data.get(key)]
     if named:
         raise InputError(f"data.{named[0]} names files, and recordings are given: leave it out")
-    settings = OmegaConf.to_container(cfg.data, resolve=True)
-    assert isinstance(settings, dict)
-    kept = {str(k): v for k, v in settings.items() if k not in OF_FILES}
+    kept = {k: v for k, v in plain(cfg.data).items() if k not in OF_FILES}
     return RecordedData(runs=runs, **gathered(RecordedData, {**kept, **common}))
 
 
 def make_fit(cfg: DictConfig, job: Job) -> Fit:
-    """Join known part, network and scaling, and give them to the chosen method.
-
-    Args:
-        cfg: The config.
-        job: The job, its data set up.
-
-    Returns:
-        The Lightning module.
-    """
+    """Join known part, network and scaling of a job whose data are set up, and give them to the chosen method."""
     scaling = make_scaling(job.scaling, job.data.known, job.data.tuples)
     return fit_of(cfg, IdentifiedShip(job.data.known, job.network, scaling).to(job.dtype))
 
 
 def fit_of(cfg: DictConfig, dynamics: IdentifiedShip) -> Fit:
-    """Give a model to the chosen method.
-
-    Args:
-        cfg: The config.
-        dynamics: Known part, network and scaling.
-
-    Returns:
-        The Lightning module.
-    """
-    settings = OmegaConf.to_container(cfg.fit, resolve=True)
-    assert isinstance(settings, dict)
+    """Give a model to the chosen method: a Lightning module."""
+    settings = plain(cfg.fit)
     settings.pop("scaling", None)  # which network.scaling refers to
     if "seed" in settings:
         settings["seed"] = int(cfg.seed)
@@ -236,7 +200,7 @@ def config_beside(checkpoint: Path) -> DictConfig:
         )
     content = load_yaml(path)
     if not isinstance(content, dict) or not all(isinstance(content.get(part), dict) for part in PARTS):
-        raise InputError(f"model={checkpoint}: {path} is no config of train.py")
+        raise InputError(f"model={checkpoint}: {path} is no config of manoeuvre train")
     check_plain({str(k): v for k, v in content.items() if k != "hydra"}, str(path), allowed=[TARGET])
     return OmegaConf.create(content)
 

@@ -1,9 +1,9 @@
 """The command ``manoeuvre``, and what train.py, diagnose.py and scripts/ call."""
 
+import importlib
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
@@ -13,7 +13,6 @@ from manoeuvre_nn import __version__
 from manoeuvre_nn.commands import guard
 from manoeuvre_nn.commands.groups import CONF, own_folder, plugged_in
 
-T = TypeVar("T")
 USAGE = """manoeuvre COMMAND [group=option] [setting=value]
 
   train         identify a model from manoeuvres or recordings, and score it on others
@@ -25,6 +24,17 @@ USAGE = """manoeuvre COMMAND [group=option] [setting=value]
   excite        which manoeuvre to sail next
 
 manoeuvre COMMAND --help lists groups, options and settings."""
+
+
+TASKS = {
+    "train": "train.run_job",
+    "simulate": "simulate.simulate",
+    "diagnose": "diagnose.diagnose_all",
+    "check": "check.check_or_refuse",
+    "coefficients": "coefficients.tell",
+    "excite": "excite.excite",
+}
+"""Command, which is the name of its config too -> module and function that do it."""
 
 
 def main() -> None:
@@ -61,56 +71,21 @@ def run(command: str, words: list[str] | None = None) -> None:
     with guard.one_line():
         words, folder = own_folder(words)
     sys.argv = [sys.argv[0], *words, *(() if folder is None else ("--config-dir", str(folder)))]
-    guard.guarded(hydra.main(version_base="1.3", config_path=str(CONF), config_name=command)(TASKS[command]))
+    guard.guarded(hydra.main(version_base="1.3", config_path=str(CONF), config_name=command)(_task(command)))
 
 
-def _out() -> Path:
-    return Path(HydraConfig.get().runtime.output_dir)
+def _task(command: str) -> Callable[[DictConfig], None]:
+    """What hydra calls; a job is imported when it runs: torch and lightning take seconds, and --help need not wait."""
+    module, _, function = TASKS[command].partition(".")
 
+    def task(cfg: DictConfig) -> None:
+        with guard.one_line():  # here, not outside alone: hydra would put a line of its own before ours
+            if command != "train":  # in a sweep, what a job cannot import is a failure of that job
+                plugged_in(cfg)
+            job = getattr(importlib.import_module(f"manoeuvre_nn.commands.{module}"), function)
+            job(cfg, Path(HydraConfig.get().runtime.output_dir))
 
-# Each imports its job when it runs: torch and lightning take seconds, and --help need not wait for them.
-def _train(cfg: DictConfig) -> None:
-    from manoeuvre_nn.commands.train import run_job
-
-    run_job(cfg, _out())
-
-
-def _simulate(cfg: DictConfig) -> None:
-    from manoeuvre_nn.commands.simulate import simulate
-
-    _guarded(simulate, cfg)
-
-
-def _diagnose(cfg: DictConfig) -> None:
-    from manoeuvre_nn.commands.diagnose import diagnose_all
-
-    _guarded(diagnose_all, cfg)
-
-
-def _check(cfg: DictConfig) -> None:
-    from manoeuvre_nn.commands.check import check
-
-    if any(one.verdict == "refuse" for one in _guarded(check, cfg)):
-        raise SystemExit(guard.WRONG_INPUT)
-
-
-def _coefficients(cfg: DictConfig) -> None:
-    from manoeuvre_nn.commands.coefficients import tell
-
-    _guarded(tell, cfg)
-
-
-def _excite(cfg: DictConfig) -> None:
-    from manoeuvre_nn.commands.excite import excite
-
-    _guarded(excite, cfg)
-
-
-def _guarded(job: Callable[[DictConfig, Path], T], cfg: DictConfig) -> T:
-    """Run a job inside hydra's main: caught outside, hydra would put a line of its own before ours."""
-    with guard.one_line():
-        plugged_in(cfg)
-        return job(cfg, _out())
+    return task
 
 
 def _import(words: list[str]) -> None:
@@ -124,14 +99,3 @@ def _import(words: list[str]) -> None:
         return
     asked = import_recording.request(words)
     import_recording.import_recording(asked, Console(width=None if sys.stdout.isatty() else 130))
-
-
-TASKS = {
-    "train": _train,
-    "simulate": _simulate,
-    "diagnose": _diagnose,
-    "check": _check,
-    "coefficients": _coefficients,
-    "excite": _excite,
-}
-"""Command -> its task, as hydra calls it; the name is that of its config too."""

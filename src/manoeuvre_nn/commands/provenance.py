@@ -2,14 +2,15 @@
 
 import os
 import platform
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import yaml
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 
 from manoeuvre_nn import __version__
+from manoeuvre_nn.commands.shelves import plain
 from manoeuvre_nn.core.errors import InputError
 
 CONFIG, SCORES = "config.yaml", "scores.json"
@@ -22,43 +23,20 @@ NOT_COMPARED = {"name", "trainer.progress", "trainer.resume", "trainer.max_epoch
 
 
 def versions() -> dict[str, str]:
-    """Versions of what a result depends on.
-
-    Returns:
-        Name -> version.
-    """
-    found = {"manoeuvre-nn": __version__, "python": platform.python_version(), "platform": platform.platform()}
-    for library in LIBRARIES:
-        try:
-            found[library] = version(library)
-        except PackageNotFoundError:  # pragma: no cover - every library is a dependency
-            found[library] = "not installed"
-    return found
+    """Versions of what a result depends on."""
+    ours = {"manoeuvre-nn": __version__, "python": platform.python_version(), "platform": platform.platform()}
+    return ours | {library: version(library) for library in LIBRARIES}
 
 
-def resolved(cfg: DictConfig) -> dict[str, Any]:
-    """The config with every interpolation written out.
-
-    Args:
-        cfg: The config.
-
-    Returns:
-        Plain dicts and lists.
-    """
-    plain = OmegaConf.to_container(cfg, resolve=True)
-    assert isinstance(plain, dict)
-    return {str(k): v for k, v in plain.items()}
+def shown(out: Path) -> Path:
+    """A path as one would type it here."""
+    return out.relative_to(Path.cwd()) if out.is_relative_to(Path.cwd()) else out
 
 
 def write_provenance(cfg: DictConfig, out: Path) -> None:
-    """Write the resolved config and the versions before anything is computed.
-
-    Args:
-        cfg: The config.
-        out: Output folder.
-    """
+    """Write the resolved config and the versions into the output folder, before anything is computed."""
     out.mkdir(parents=True, exist_ok=True)
-    text = yaml.safe_dump({**resolved(cfg), "versions": versions()}, sort_keys=False, allow_unicode=True)
+    text = yaml.safe_dump({**plain(cfg), "versions": versions()}, sort_keys=False, allow_unicode=True)
     part = out / f"{CONFIG}.{os.getpid()}.part"  # two processes may share the folder: neither reads half a file
     part.write_text(text)
     part.replace(out / CONFIG)
@@ -83,7 +61,7 @@ def check_same_run(cfg: DictConfig, out: Path, setting: str = "hydra.run.dir") -
         raise InputError(f"{out / CONFIG} is damaged: remove the folder or choose another {setting}") from error
     before = {k: v for k, v in before.items() if not k.startswith("versions.")}
     # The round trip through yaml makes both sides the same kind of number.
-    now = flat(yaml.safe_load(yaml.safe_dump(resolved(cfg))))
+    now = flat(yaml.safe_load(yaml.safe_dump(plain(cfg))))
     for key in sorted(set(before) | set(now)):
         if key not in NOT_COMPARED and before.get(key) != now.get(key):
             raise InputError(
@@ -93,15 +71,7 @@ def check_same_run(cfg: DictConfig, out: Path, setting: str = "hydra.run.dir") -
 
 
 def flat(nested: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Nested settings as ``a.b.c`` -> value.
-
-    Args:
-        nested: Nested dicts.
-        prefix: What the keys begin with.
-
-    Returns:
-        One level; lists are values.
-    """
+    """Nested settings as ``a.b.c`` -> value, behind a prefix; lists are values."""
     result: dict[str, Any] = {}
     for key, value in nested.items():
         if isinstance(value, dict) and value:

@@ -2,56 +2,41 @@
 
 import importlib
 import inspect
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import pkgutil
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import fields, is_dataclass, replace
 from types import NoneType, UnionType
-from typing import Any, get_args
+from typing import Any, NamedTuple, get_args
 
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
-from manoeuvre_nn.commands.groups import options
-from manoeuvre_nn.core.data_files import load_yaml
+from manoeuvre_nn.commands.groups import option, options, own_modules
 from manoeuvre_nn.core.errors import InputError
 
 TARGET = "_target_"
 PLAIN = (str, int, float, bool, NoneType)
 
 
-@dataclass(frozen=True)
-class Shelf:
-    """Where the things of a group are.
-
-    Attributes:
-        places: Packages and modules that define them.
-        kinds: Import paths of the classes that they are of, or that functions among them return.
-    """
+class _Shelf(NamedTuple):
+    """Packages and modules that define the things of a group, and the classes (import paths) that these are of."""
 
     places: tuple[str, ...]
     kinds: tuple[str, ...]
 
 
 SHELVES = {
-    "ship": Shelf(("manoeuvre_nn.ship",), ("manoeuvre_nn.core.ship.Ship", "manoeuvre_nn.core.ship.Particulars")),
-    "linear": Shelf(("manoeuvre_nn.ship.known", "manoeuvre_nn.estimation.baselines"), ("manoeuvre_nn.core.ship.Ship",)),
-    "network": Shelf(("manoeuvre_nn.network",), ("manoeuvre_nn.core.network.Network",)),
-    "effect": Shelf(("manoeuvre_nn.effect",), ("manoeuvre_nn.core.effect.Effect",)),
-    "manoeuvre": Shelf(("manoeuvre_nn.manoeuvre",), ("manoeuvre_nn.core.manoeuvre.Manoeuvre",)),
-    "fit": Shelf(("manoeuvre_nn.training",), ("manoeuvre_nn.training.fits.Fit",)),
-    "data": Shelf(("manoeuvre_nn.training.data",), ("manoeuvre_nn.training.data.ManoeuvreData",)),
+    "ship": _Shelf(("manoeuvre_nn.ship",), ("manoeuvre_nn.core.ship.Ship", "manoeuvre_nn.core.ship.Particulars")),
+    "linear": _Shelf(
+        ("manoeuvre_nn.ship.known", "manoeuvre_nn.estimation.baselines"), ("manoeuvre_nn.core.ship.Ship",)
+    ),
+    "network": _Shelf(("manoeuvre_nn.network",), ("manoeuvre_nn.core.network.Network",)),
+    "effect": _Shelf(("manoeuvre_nn.effect",), ("manoeuvre_nn.core.effect.Effect",)),
+    "manoeuvre": _Shelf(("manoeuvre_nn.manoeuvre",), ("manoeuvre_nn.core.manoeuvre.Manoeuvre",)),
+    "fit": _Shelf(("manoeuvre_nn.training",), ("manoeuvre_nn.training.fits.Fit",)),
+    "data": _Shelf(("manoeuvre_nn.training.data",), ("manoeuvre_nn.training.data.ManoeuvreData",)),
 }
 """Group of conf -> its shelf."""
-_own: set[str] = set()
-"""Modules of the user's own that were named with ``plugins=``."""
-
-
-def allow(modules: Iterable[str]) -> None:
-    """Let configs name what these modules define, whatever the group.
-
-    Args:
-        modules: Import paths that the user named.
-    """
-    _own.update(modules)
 
 
 def build(config: Any, group: str, **more: Any) -> Any:
@@ -76,17 +61,7 @@ def build(config: Any, group: str, **more: Any) -> Any:
 
 
 def plain(config: Any) -> dict[str, Any]:
-    """A piece of config as plain dicts and lists, interpolations resolved.
-
-    Args:
-        config: Mapping, of OmegaConf or not.
-
-    Returns:
-        The same.
-
-    Raises:
-        InputError: If it is no mapping.
-    """
+    """A piece of config as plain dicts and lists, interpolations resolved; what is no mapping is refused."""
     if isinstance(config, DictConfig | ListConfig):
         config = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
     if not isinstance(config, Mapping):
@@ -94,13 +69,12 @@ def plain(config: Any) -> dict[str, Any]:
     return {str(key): value for key, value in config.items()}
 
 
-def on_shelf(target: str, group: str, shelf: Shelf | None = None) -> Callable[..., Any]:
+def on_shelf(target: str, group: str) -> Callable[..., Any]:
     """Find what a ``_target_`` names; nothing outside the shelf is imported.
 
     Args:
         target: Import path.
         group: Group of conf.
-        shelf: The group's shelf; by default that of :data:`SHELVES`.
 
     Returns:
         A class, or a function that says that it returns one of the shelf's kinds.
@@ -109,10 +83,10 @@ def on_shelf(target: str, group: str, shelf: Shelf | None = None) -> Callable[..
         InputError: If it is not defined on that shelf.
         ModuleNotFoundError: If its module imports one that is not installed.
     """
-    shelf, (module, _, name) = shelf or SHELVES[group], target.rpartition(".")
+    shelf, (module, _, name) = SHELVES[group], target.rpartition(".")
     places = " or ".join(shelf.places)
     refused = InputError(f"{TARGET}: {target} is refused; a config may only name things in {places} for {group}")
-    here = module in _own or any(f"{module}.".startswith(f"{place}.") for place in shelf.places)
+    here = module in own_modules or any(f"{module}.".startswith(f"{place}.") for place in shelf.places)
     if not here or name.startswith("_"):
         raise refused
     try:
@@ -137,32 +111,23 @@ def made_by(config: Any, group: str) -> Any:
 
 
 def kinds(group: str, own: str | None = None) -> dict[str, Any]:
-    """Options of a group -> the class of what each describes; those that do not say, or may not be named, are left out.
-
-    Args:
-        group: Group of conf.
-        own: Folder of the user's own.
-
-    Returns:
-        Name -> class.
-    """
+    """Options of a group -> the class that each describes; those that do not say, or may not be named, are left out."""
     found = {}
-    for name, path in options(group, own).items():
-        content = load_yaml(path)
+    for name in options(group, own):
         with suppress(InputError, ModuleNotFoundError):
-            found[name] = made_by(content.get(group, content), group)
+            found[name] = made_by(option(group, name, own), group)
     return {name: kind for name, kind in found.items() if kind is not None}
 
 
-def _makes(found: Any, shelf: Shelf) -> bool:
+def _makes(found: Any, shelf: _Shelf) -> bool:
     """Whether it is a final class of the shelf's kinds, or a function that returns one."""
-    kinds = tuple(getattr(importlib.import_module(k.rpartition(".")[0]), k.rpartition(".")[2]) for k in shelf.kinds)
+    kinds = tuple(map(pkgutil.resolve_name, shelf.kinds))
     if inspect.isclass(found):
         return issubclass(found, kinds) and not inspect.isabstract(found)
     if not inspect.isfunction(found):
         return False
     returned = inspect.get_annotations(found, eval_str=True).get("return")
-    if returned is None and found.__module__ in _own:
+    if returned is None and found.__module__ in own_modules:
         return True  # the user's own need not say what it returns
     answers = get_args(returned) or (returned,)
     return all(inspect.isclass(answer) and issubclass(answer, kinds) for answer in answers)
@@ -221,14 +186,14 @@ def gathered(function: Callable[..., Any], settings: Mapping[str, Any]) -> dict[
 
 
 def check_arguments(function: Callable[..., Any], settings: Mapping[str, Any]) -> None:
-    """Refuse settings that a function does not know, and words where it expects numbers.
+    """Refuse settings (keyword arguments) that a function does not know, that it lacks, or that are of the wrong kind.
 
     Args:
         function: What is to be called.
         settings: Its keyword arguments.
 
     Raises:
-        InputError: If one is unknown, missing or of the wrong kind.
+        InputError: If one is refused.
     """
     try:
         inspect.signature(function).bind(**settings)

@@ -21,22 +21,14 @@ from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.simulate import simulate as solve
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.recording.noise import add_noise
+from manoeuvre_nn.report.html import save_figures
 from manoeuvre_nn.report.runs import run_rows, runs_figure
 from manoeuvre_nn.report.tables import rich_table
 from manoeuvre_nn.training.settings import check_positive, check_simulable, noise_in_si
 
 
 def simulate(cfg: DictConfig, out: Path, console: Console | None = None) -> list[Recording]:
-    """Sail, and write what was recorded.
-
-    Args:
-        cfg: The config.
-        out: Output folder.
-        console: Where to print.
-
-    Returns:
-        A recording each manoeuvre.
-    """
+    """Sail the manoeuvres of a config, and write what was recorded into the output folder."""
     console = console or Console()
     use_threads(1)
     cfg = configs.with_effects(cfg)
@@ -108,14 +100,8 @@ def as_sensed(run: Recording) -> Recording:
 
 
 def write_runs(runs: Sequence[Recording], ship: Particulars, out: Path) -> None:
-    """Write a csv each run, and a figure of all tracks.
-
-    Args:
-        runs: Recordings.
-        ship: The ship.
-        out: Output folder.
-    """
-    (out / "figures").mkdir(parents=True, exist_ok=True)
+    """Write a csv each run, and a figure of all tracks, into the output folder."""
+    out.mkdir(parents=True, exist_ok=True)
     for run in runs:
         as_sensed(run).to_csv(out / f"{run.name}.csv")
-    runs_figure(runs, ship.length).savefig(out / "figures" / "runs.png", dpi=110)
+    save_figures({"runs": runs_figure(runs, ship.length)}, out / "figures")

@@ -15,22 +15,12 @@ class SweepTable(Callback):
     """Hydra's callback: one table over all jobs when a sweep ends."""
 
     def on_multirun_start(self, config: DictConfig, **kwargs: Any) -> None:
-        """Say where the sweep goes and how to continue it.
-
-        Args:
-            config: The config, hydra's part included.
-            kwargs: Hydra's further arguments.
-        """
+        """Say where the sweep goes and how to continue it."""
         folder = config.hydra.sweep.dir
         print(f"sweep into {folder}; to continue it later, add hydra.sweep.dir={folder}", flush=True)
 
     def on_multirun_end(self, config: DictConfig, **kwargs: Any) -> None:
-        """Write ``sweep.csv``, ``sweep.md`` and ``sweep.png``, and print the table.
-
-        Args:
-            config: The config, hydra's part included.
-            kwargs: Hydra's further arguments.
-        """
+        """Write ``sweep.csv``, ``sweep.md`` and ``sweep.png``, and print the table."""
         folder = Path(config.hydra.sweep.dir)
         Console().print(write_sweep(folder))
         guard.failed_jobs += [str(r["job"]) for r in sweep_rows(folder) if str(r["status"]).startswith("failed")]

@@ -13,9 +13,11 @@ from manoeuvre_nn.commands import config as configs
 from manoeuvre_nn.commands import guard
 from manoeuvre_nn.commands.groups import brought_along, plugged_in
 from manoeuvre_nn.commands.job import Job, make_fit, prepare
-from manoeuvre_nn.commands.provenance import SCORES, check_same_run, resolved, write_provenance
-from manoeuvre_nn.commands.results import Outcome, draw, print_outcome, score_finally, write_results
+from manoeuvre_nn.commands.provenance import SCORES, check_same_run, write_provenance
+from manoeuvre_nn.commands.results import Outcome, print_outcome, score_finally, write_results
+from manoeuvre_nn.commands.shelves import plain
 from manoeuvre_nn.core.threads import use_threads
+from manoeuvre_nn.report.figures import comparison_figures
 from manoeuvre_nn.training import session
 from manoeuvre_nn.training.callbacks import RolloutScore
 
@@ -23,16 +25,10 @@ ERROR = "error.txt"
 
 
 def run_job(cfg: DictConfig, out: Path) -> None:
-    """Run one job; in a sweep its failure is written down and does not stop the others.
-
-    Args:
-        cfg: The config.
-        out: Output folder.
-    """
+    """Run one job; in a sweep its failure is written down and does not stop the others."""
     if HydraConfig.get().mode != RunMode.MULTIRUN:
-        with guard.one_line():  # here, not outside: hydra would put a line of its own before ours
-            plugged_in(cfg)
-            train(cfg, out)
+        plugged_in(cfg)
+        train(cfg, out)
         return
     (out / ERROR).unlink(missing_ok=True)
     console = Console(quiet=True)
@@ -54,16 +50,7 @@ def run_job(cfg: DictConfig, out: Path) -> None:
 
 
 def train(cfg: DictConfig, out: Path, console: Console | None = None) -> Outcome | None:
-    """Run the main job.
-
-    Args:
-        cfg: The config.
-        out: Output folder.
-        console: Where to print.
-
-    Returns:
-        What came out; None if the folder already held the finished run.
-    """
+    """Run the main job; None comes out of a folder that already holds the finished run."""
     console = console or Console()
     use_threads(configs.whole_number("trainer.threads", cfg.trainer.threads, 1))
     cfg = configs.with_effects(cfg)
@@ -76,22 +63,14 @@ def train(cfg: DictConfig, out: Path, console: Console | None = None) -> Outcome
     for line in [*_chosen_with(), *job.data.remarks()]:
         console.print(f"note: {line}", highlight=False, soft_wrap=True)
     trained = fit(cfg, job, out, console)
-    outcome = score_finally(resolved(cfg), trained, job.data)
+    outcome = score_finally(plain(cfg), trained, job.data)
     write_results(outcome, out)
     print_outcome(outcome, out, console)
     return outcome
 
 
 def finished(out: Path, max_epochs: int) -> bool:
-    """Whether a folder holds a finished run.
-
-    Args:
-        out: Output folder.
-        max_epochs: Epochs that are asked for.
-
-    Returns:
-        True if its scores were written, unless ctrl-C ended it or more epochs are asked for than it was given.
-    """
+    """Whether a folder holds a scored run that ctrl-C did not end, with as many epochs as are asked for now."""
     try:
         training = json.loads((out / SCORES).read_text())["training"]
         stopped, epochs = training["stopped"], training["epochs"]
@@ -111,17 +90,7 @@ def _chosen_with() -> list[str]:
 
 
 def fit(cfg: DictConfig, job: Job, out: Path, console: Console) -> session.Trained:
-    """Fit a model to the job's recordings.
-
-    Args:
-        cfg: The config.
-        job: The job.
-        out: Output folder.
-        console: Where to show progress.
-
-    Returns:
-        What came of it.
-    """
+    """Fit a model to the job's recordings, and keep checkpoints in the output folder."""
     job.data.setup(stage=None)
-    rollout_score = RolloutScore(job.data.held_out, draw=draw, **cfg.scoring)
+    rollout_score = RolloutScore(job.data.held_out, draw=comparison_figures, **cfg.scoring)
     return session.run(make_fit(cfg, job), job.data, rollout_score, job.session, out, console)

@@ -3,7 +3,6 @@
 import numpy as np
 from jaxtyping import Float
 
-from manoeuvre_nn.diagnosis.checks import nuisance_spread
 from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import hypothesis_columns
@@ -20,7 +19,7 @@ MIN_GAIN_OF_SECOND = 6.0
 """Least log evidence that a second effect must add, to the best of one and to what raises the alarm."""
 
 
-def threshold(result: SearchResult, seed: int = 0) -> float:
+def threshold(result: SearchResult) -> float:
     """Log Bayes factor that the best of all candidates exceeds by chance with probability ``FALSE_ALARMS``.
 
     Clean recordings of the same ship, manoeuvres, channels and noise are drawn where every candidate is linear: there
@@ -30,7 +29,7 @@ def threshold(result: SearchResult, seed: int = 0) -> float:
     Returns:
         The threshold.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     best = np.full(DRAWS, -np.inf)
     for fitted in result.fitted:
         if len(fitted.names) == 1:
@@ -47,7 +46,7 @@ def _information(
     data_set = result.likelihood.data_set
     lin, n = hypothesis_columns(data_set, hypothesis), data_set.size
     g = data_set.gram(level, data_set.embedded(level, lin.columns), lin.index, lin.count)
-    nuisance = g[1:n, 1:n] + np.diag(nuisance_spread(data_set, scatter, len(data_set.runs)) ** -2.0)
+    nuisance = g[1:n, 1:n] + np.diag(data_set.nuisance_sd(scatter, len(data_set.runs)) ** -2.0)
     cross = g[1:n, n + 1 :]
     information = g[n + 1 :, n + 1 :] - cross.T @ np.linalg.solve(nuisance, cross)
     return information, np.array([f.spread for f in hypothesis.unknowns()])

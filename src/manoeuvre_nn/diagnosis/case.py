@@ -200,7 +200,7 @@ def _ship_of(manifest: Mapping[str, Any], ship: Ship | None = None) -> Ship:
     if ship is None:
         if "ship" not in manifest:
             raise InputError(
-                "ship= is not given: write for instance ship=esso_190k; python diagnose.py --help lists all"
+                "ship= is not given: write for instance ship=esso_190k; manoeuvre diagnose --help lists all"
             )
         check_choice("ship of manifest.json", manifest["ship"], list(SHIPS))
         ship = SHIPS[manifest["ship"]]()

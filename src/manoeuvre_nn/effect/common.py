@@ -1,5 +1,6 @@
 """What several effects share: kinds of parameters, gates in time, thrust and the part of the rudder."""
 
+from collections.abc import Callable
 from math import pi
 
 import torch
@@ -49,21 +50,22 @@ def columns(*parts: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
     return torch.stack(torch.broadcast_tensors(*parts), dim=-1)
 
 
-def typical(ship: Ship) -> Float[Tensor, " 3"]:
+def typical(ship: Ship, rate: Callable[[Tensor, Tensor], Tensor] | None = None) -> Float[Tensor, " 3"]:
     """Accelerations that are large in a manoeuvre: by the resistance in surge, by 20 deg of rudder in sway and yaw.
 
     Args:
         ship: The ship.
+        rate: Accelerations at velocities and a rudder angle; None takes the ship's own.
 
     Returns:
         [m/s^2, m/s^2, rad/s^2]; where the rudder does nothing, as in a ship of which only the inertia is known,
         ``PRIME_ACCELERATION_OF_20_DEG`` shares of U0^2/L and U0^2/L^2.
     """
-    p = ship.particulars
+    p, rate = ship.particulars, rate or ship.acceleration
     ahead = ship.inertia.new_tensor([p.speed, 0.0, 0.0])
     over = 20 * DEGREE * torch.ones_like(ahead[0])
     with torch.no_grad():
-        turned = (ship.acceleration(ahead, over) - ship.acceleration(ahead, 0 * over)).abs()
+        turned = (rate(ahead, over) - rate(ahead, 0 * over)).abs()
         held_back = ship.acceleration_from_si(ahead.new_tensor([p.calm_resistance, 0.0, 0.0]))
     sway, yaw = PRIME_ACCELERATION_OF_20_DEG
     usual = p.speed**2 / p.length * turned.new_tensor([0.0, sway, yaw / p.length])

@@ -117,9 +117,9 @@ def own_part(ship: Ship | Particulars) -> FittedProducts:
         InputError: If the ship's force is no sum of products.
     """
     if isinstance(ship, Particulars) or ship.table is None:
-        name = ship.particulars.name
         raise InputError(
-            f"linear=own: the forces of the {name} are no sum of known products; write linear=clarke or none"
+            f"linear=own: the forces of the {ship.particulars.name} are no sum of known products; write "
+            "linear=clarke or none"
         )
     return FittedProducts(ship, ship.inertia, ship.prime.mass, torch.zeros_like(ship.table))
 

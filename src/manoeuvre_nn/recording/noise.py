@@ -72,7 +72,7 @@ def resample(recording: Recording, rate_hz: float) -> Recording:
     Raises:
         InputError: If the rate is not positive or higher than that of the recording, or leaves fewer than 2 samples.
     """
-    own = 1 / float(np.median(np.diff(recording.time)))
+    own = 1 / recording.step
     if not 0 < rate_hz <= 1.01 * own:
         raise InputError(
             f"rate_hz={rate_hz:g}; recording {recording.name} has {own:.4g} samples a second: write that or less"
@@ -82,4 +82,5 @@ def resample(recording: Recording, rate_hz: float) -> Recording:
         raise InputError(
             f"rate_hz={rate_hz:g} leaves {count} sample of recording {recording.name}: write a higher rate"
         )
-    return recording.resampled(recording.time[0] + np.arange(count) / rate_hz)
+    times = recording.time[0] + np.arange(count) / rate_hz
+    return recording.resampled(np.minimum(times, recording.time[-1]))  # the last may be a rounding beyond the end

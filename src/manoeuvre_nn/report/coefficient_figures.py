@@ -8,9 +8,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.estimation.captive_fit import forces
-from manoeuvre_nn.estimation.coefficients import EQUATIONS, REACH, Coefficient, coefficient_table
-from manoeuvre_nn.report.coefficient_tables import Beside, Coefficients
+from manoeuvre_nn.estimation.captive_fit import Towed, forces
+from manoeuvre_nn.estimation.coefficients import EQUATIONS, REACH, Coefficient, Fitted, coefficient_table
+from manoeuvre_nn.report.coefficient_tables import Coefficients
 from manoeuvre_nn.report.style import COLOURS, legend_below, new_figure, plain_axes
 
 BEFORE, AFTER, CAPTIVE = "#B5B5B5", COLOURS[0], COLOURS[1]
@@ -21,17 +21,10 @@ SWEEP_POINTS = 61
 
 
 def figures(told: Coefficients) -> dict[str, Figure]:
-    """All figures of a set of coefficients.
-
-    Args:
-        told: The coefficients.
-
-    Returns:
-        Name -> figure.
-    """
-    made = {"coefficients/intervals": _interval_figure(told)}
-    if told.beside is not None:
-        made["coefficients/forces"] = force_figure(told, told.beside)
+    """All figures of a set of coefficients: name -> figure."""
+    made = {"intervals": _interval_figure(told)}
+    if told.tests is not None and told.captive is not None:
+        made["forces"] = _force_figure(told.fitted, told.captive, told.tests)
     return made
 
 
@@ -47,7 +40,7 @@ def _interval_figure(told: Coefficients) -> Figure:
         The figure.
     """
     parts = [[r for r in told.rows if r.symbol[0] == e] for e in EQUATIONS]
-    captive = {} if told.beside is None else {r.symbol: r for r in coefficient_table(told.beside.fitted)}
+    captive = {} if told.captive is None else {r.symbol: r for r in coefficient_table(told.captive)}
     heights = [max(len(p), 1) for p in parts]
     figure = new_figure(1.6 + 0.23 * sum(heights), title="Coefficients: before and after the recordings")
     panels = figure.subplots(3, 1, height_ratios=heights, sharex=True)
@@ -103,19 +96,11 @@ def _written(symbol: str) -> str:
     return rf"${head}_{{{index}}}$"
 
 
-def force_figure(told: Coefficients, beside: Beside) -> Figure:
-    """Forces over drift and over rudder angle: measured in captive tests, by their fit, and by the fit to recordings.
-
-    Args:
-        told: The coefficients.
-        beside: The captive tests.
-
-    Returns:
-        The figure.
-    """
+def _force_figure(free: Fitted, captive: Fitted, measured: Towed) -> Figure:
+    """Forces over drift and over rudder angle: measured in captive tests, by their fit and by that to recordings."""
     figure = new_figure(7.2, width=6.6, title="Forces at the approach speed: recordings and captive tests")
     panels = figure.subplots(3, 2, sharex="col", sharey="row")
-    tests = beside.tests.motion
+    tests = measured.motion
     drift = np.arctan2(-tests[:, 1], tests[:, 0])
     near = np.abs(np.hypot(tests[:, 0], tests[:, 1]) - 1) < 0.02
     shown = (near & (tests[:, 3] == 0), near & (drift == 0))
@@ -125,12 +110,12 @@ def force_figure(told: Coefficients, beside: Beside) -> Figure:
         motion = _swept(sweep, column == 0)
         for output in range(3):
             axes = plain_axes(panels[output, column], "", "")
-            for one, colour in ((told.fitted, AFTER), (beside.fitted, CAPTIVE)):
+            for one, colour in ((free, AFTER), (captive, CAPTIVE)):
                 force, error = forces(one, motion)
                 middle, width = force[:, output], REACH * error[:, output]
                 axes.fill_between(sweep / DEGREE, middle - width, middle + width, color=colour, alpha=0.2, linewidth=0)
                 axes.plot(sweep / DEGREE, middle, color=colour, linewidth=1.5)
-            axes.plot(angle[chosen] / DEGREE, beside.tests.force[chosen, output], "s", color="#4D4D4D", markersize=3.5)
+            axes.plot(angle[chosen] / DEGREE, measured.force[chosen, output], "s", color="#4D4D4D", markersize=3.5)
     for output, axes in enumerate(panels[:, 0]):
         axes.set_ylabel(f"{EQUATIONS[output]}' [-]")
     panels[2, 0].set_xlabel("drift β [deg], rudder amidships")

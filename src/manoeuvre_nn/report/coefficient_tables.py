@@ -1,13 +1,14 @@
 """Coefficients in tables, sentences and JSON."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from manoeuvre_nn.core.ship import Particulars
-from manoeuvre_nn.estimation.captive_fit import Compared, Towed
+from manoeuvre_nn.estimation.captive_fit import Compared, Towed, agreeing_inertia, compare
 from manoeuvre_nn.estimation.coefficients import (
     MEASURED,
     OWN,
@@ -34,23 +35,6 @@ ONLY_RATIOS = "Free runs show forces over inertia only: all values hold for the 
 
 
 @dataclass(frozen=True)
-class Beside:
-    """Captive tests beside a fit to recordings.
-
-    Attributes:
-        tests: The tests.
-        fitted: Coefficients from them.
-        rows: Both beside each other.
-        inertia: Of sway and yaw, with which the slopes would agree.
-    """
-
-    tests: Towed
-    fitted: Fitted
-    rows: Sequence[Compared]
-    inertia: np.ndarray
-
-
-@dataclass(frozen=True)
 class Coefficients:
     """All that is told of a set of coefficients.
 
@@ -59,7 +43,8 @@ class Coefficients:
         fitted: The coefficients.
         derived: What follows from them.
         source: Sentence on what they were fitted to.
-        beside: Captive tests, where there are any.
+        tests: Captive tests to set beside them, where there are any.
+        captive: Coefficients from these tests.
         ratio: How far stretches of the recordings disagree over what noise allows; errors are widened by its root.
     """
 
@@ -67,74 +52,28 @@ class Coefficients:
     fitted: Fitted
     derived: Sequence[Derived] = ()
     source: str = ""
-    beside: Beside | None = None
+    tests: Towed | None = None
+    captive: Fitted | None = None
     ratio: float = 1.0
-    groups: Sequence[Group] = field(init=False)
-    rows: Sequence[Coefficient] = field(init=False)
 
-    def __post_init__(self) -> None:
-        """Work out rows and groups once."""
-        object.__setattr__(self, "rows", coefficient_table(self.fitted))
-        object.__setattr__(self, "groups", collinear_groups(self.fitted))
+    @cached_property
+    def rows(self) -> list[Coefficient]:
+        """The table of coefficients."""
+        return coefficient_table(self.fitted)
 
+    @cached_property
+    def groups(self) -> list[Group]:
+        """Coefficients that are known only together."""
+        return collinear_groups(self.fitted)
 
-def _coefficient_rows(rows: Sequence[Coefficient]) -> list[Row]:
-    """The table of coefficients."""
-    return [
-        {
-            "": r.symbol,
-            "value": r.value,
-            "± 95 %": (r.high - r.low) / 2,
-            "before": r.prior,
-            "± before": REACH * r.prior_error,
-            "narrowed by": f"{100 * r.learnt:.0f} %",
-            "it is": r.word,
-        }
-        for r in rows
-    ]
-
-
-def _group_rows(groups: Sequence[Group]) -> list[Row]:
-    """Coefficients that go together."""
-    return [
-        {"together": ", ".join(g.symbols), "corr.": round(g.correlation, 3), "why": g.words, "known is": g.sum}
-        for g in groups
-    ]
-
-
-def _derived_rows(found: Sequence[Derived]) -> list[Row]:
-    """What follows from the coefficients."""
-    return [
-        {"": d.name, "value": d.value, "from": _number(d.low), "to": _number(d.high), "that is": d.words or None}
-        for d in found
-    ]
-
-
-def _compared_rows(rows: Sequence[Compared]) -> list[Row]:
-    """Recordings and captive tests beside each other."""
-    return [
-        {
-            "": r.name,
-            "recordings": r.free,
-            "± 95 %": REACH * r.free_error,
-            "captive": r.towed,
-            "± 95 % ": REACH * r.towed_error,
-            "apart by": round(r.apart, 1) if r.known else None,
-            "they": r.word,
-        }
-        for r in rows
-    ]
+    @cached_property
+    def compared(self) -> list[Compared]:
+        """Recordings and captive tests beside each other."""
+        return [] if self.captive is None else compare(self.fitted, self.captive)
 
 
 def sentence(told: Coefficients) -> str:
-    """The verdict in one sentence.
-
-    Args:
-        told: The coefficients.
-
-    Returns:
-        How many are measured, and how many go together.
-    """
+    """The verdict in one sentence: how many are measured, and how many go together."""
     words = [r.word for r in told.rows]
     text = (
         f"{words.count(MEASURED)} of {len(words)} coefficients are measured, {words.count(PARTLY)} partly, "
@@ -145,25 +84,16 @@ def sentence(told: Coefficients) -> str:
 
 
 def notes(told: Coefficients) -> list[str]:
-    """What is to be minded.
-
-    Args:
-        told: The coefficients.
-
-    Returns:
-        Sentences.
-    """
+    """What is to be minded, in sentences."""
     mass = np.diag(told.fitted.inertia)
-    lines = [f"Values are {SYSTEMS[told.fitted.form]}; rudder positive to starboard."] if told.fitted.form != OWN else [
-        f"Values are {SYSTEMS[OWN]}; rudder positive to port, as the source has it."
-    ]  # fmt: skip
-    lines.append(f"{ONLY_RATIOS} Here mx' = {mass[0]:.4f}, my' = {mass[1]:.4f}, mz' = {mass[2]:.5f}.")
-    lines.append(_error_note(told.ratio))
-    if told.source:
-        lines.insert(0, told.source)
-    if told.beside is not None:
-        lines += _captive_notes(told.beside)
-    return lines
+    side = "port, as the source has it" if told.fitted.form == OWN else "starboard"
+    lines = [
+        *([told.source] if told.source else []),
+        f"Values are {SYSTEMS[told.fitted.form]}; rudder positive to {side}.",
+        f"{ONLY_RATIOS} Here mx' = {mass[0]:.4f}, my' = {mass[1]:.4f}, mz' = {mass[2]:.5f}.",
+        _error_note(told.ratio),
+    ]
+    return lines + _captive_notes(told)
 
 
 def _error_note(ratio: float) -> str:
@@ -176,11 +106,13 @@ def _error_note(ratio: float) -> str:
     )
 
 
-def _captive_notes(beside: Beside) -> list[str]:
+def _captive_notes(told: Coefficients) -> list[str]:
     """What a comparison with captive tests can show."""
-    m = beside.inertia
+    if told.tests is None or told.captive is None:
+        return []
+    m = agreeing_inertia(told.fitted, told.captive)
     return [
-        f"Captive: {beside.tests.note}. Static tests have no yaw rate: products with r are not compared. "
+        f"Captive: {told.tests.note}. Static tests have no yaw rate: products with r are not compared. "
         "Forces of tests need no inertia.",
         "The slopes on the approach would agree with an inertia of sway and yaw of "
         f"my' = {m[0, 0]:.3f}, mz' = {m[1, 1]:.4f} (Y' by rdot' {m[0, 1]:.3f}, N' by vdot' {m[1, 0]:.3f}).",
@@ -188,30 +120,32 @@ def _captive_notes(beside: Beside) -> list[str]:
 
 
 def tables(told: Coefficients) -> dict[str, list[Row]]:
-    """All tables of a report.
-
-    Args:
-        told: The coefficients.
-
-    Returns:
-        Heading -> rows.
-    """
-    made = {"Coefficients": _coefficient_rows(told.rows), "Known only together": _group_rows(told.groups)}
-    made["What follows from them"] = _derived_rows(told.derived)
-    if told.beside is not None:
-        made["Recordings beside captive tests"] = _compared_rows(told.beside.rows)
+    """All tables of a report: heading -> rows."""
+    made: dict[str, list[Row]] = {}
+    made["Coefficients"] = [
+        {"": r.symbol, "value": r.value, "± 95 %": (r.high - r.low) / 2, "before": r.prior,
+         "± before": REACH * r.prior_error, "narrowed by [%]": round(100 * r.learnt), "it is": r.word}
+        for r in told.rows
+    ]  # fmt: skip
+    made["Known only together"] = [
+        {"together": ", ".join(g.symbols), "corr.": round(g.correlation, 3), "why": g.words, "known is": g.sum}
+        for g in told.groups
+    ]
+    made["What follows from them"] = [
+        {"": d.name, "value": d.value, "from": _number(d.low), "to": _number(d.high), "that is": d.words or None}
+        for d in told.derived
+    ]
+    if told.compared:
+        made["Recordings beside captive tests"] = [
+            {"": r.name, "recordings": r.free, "± 95 %": REACH * r.free_error, "captive": r.towed,
+             "± 95 % ": REACH * r.towed_error, "apart by": round(r.apart, 1) if r.known else None, "they": r.word}
+            for r in told.compared
+        ]  # fmt: skip
     return made
 
 
 def coefficients_json(told: Coefficients) -> dict[str, Any]:
-    """What ``coefficients.json`` holds.
-
-    Args:
-        told: The coefficients.
-
-    Returns:
-        Plain numbers and strings.
-    """
+    """What ``coefficients.json`` holds: plain numbers and strings."""
     fields: Mapping[str, Any] = {
         "ship": told.ship.name,
         "particulars": {k: getattr(told.ship, k) for k in ("length", "draught", "speed", "rho", "rpm")},
@@ -241,20 +175,22 @@ def coefficients_json(told: Coefficients) -> dict[str, Any]:
         ],
         "fitted": told.fitted.as_dict(),
     }  # fmt: skip
-    return {**fields, "captive": _captive_json(told.beside)} if told.beside is not None else dict(fields)
+    return {**fields, **_captive_json(told)}
 
 
-def _captive_json(beside: Beside) -> dict[str, Any]:
-    """The comparison."""
+def _captive_json(told: Coefficients) -> dict[str, Any]:
+    """The comparison with captive tests, if there are any."""
+    if told.tests is None or told.captive is None:
+        return {}
     rows = [
         {"name": r.name, "recordings": r.free, "recordings_error": r.free_error, "captive": r.towed,
          "captive_error": r.towed_error, "apart": r.apart if r.known else None, "word": r.word}
-        for r in beside.rows
+        for r in told.compared
     ]  # fmt: skip
-    return {
-        "tests": beside.tests.note, "rows": rows, "fitted": beside.fitted.as_dict(),
-        "agreeing_inertia": beside.inertia.tolist(),
-    }  # fmt: skip
+    inertia = agreeing_inertia(told.fitted, told.captive)
+    return {"captive": {
+        "tests": told.tests.note, "rows": rows, "fitted": told.captive.as_dict(), "agreeing_inertia": inertia.tolist(),
+    }}  # fmt: skip
 
 
 def _number(value: float) -> float | None:

@@ -37,47 +37,46 @@ PANELS: dict[str, tuple[str, float]] = {
 """Channels of the time series from the top down: axis label, factor from SI."""
 
 
-def _recorded_and_predicted() -> list[Line2D]:
+def _two_lines(recorded: str = "recorded", predicted: str = "predicted") -> list[Line2D]:
     """Legend entries of every comparison."""
-    return [Line2D([], [], label="recorded", **RECORDED), Line2D([], [], label="predicted", **PREDICTED)]
+    return [Line2D([], [], label=recorded, **RECORDED), Line2D([], [], label=predicted, **PREDICTED)]
 
 
-def track_figure(
-    reference: Recording, prediction: Recording, length: float, title: str = "", members: Sequence[Recording] = ()
-) -> Figure:
+def track_figure(reference: Recording, prediction: Recording, members: Sequence[Recording] = ()) -> Figure:
     """Both tracks seen from above, and the distance between them over time.
 
     North is up and east to the right, in ship lengths from where the recording starts. Ship shapes of length L at the
     same times on both tracks show heading and drift, and how far one lags behind the other.
 
     Args:
-        reference: What was recorded.
+        reference: What was recorded; its ``meta`` says the ship's length L [m].
         prediction: What was predicted.
-        length: Ship length L [m].
-        title: Heading; by default the recording's name.
         members: What each member of an ensemble predicts: drawn thin.
 
     Returns:
         The figure.
     """
-    tracks = [np.stack([rec["y"], rec["x"]], axis=-1) / length for rec in (reference, prediction)]
-    origin = tracks[0][0].copy()
-    tracks = [track - origin for track in tracks]
+    length = float(reference.meta["length"])
+    start = np.array([reference["y"][0], reference["x"][0]])
+
+    def seen_from_start(run: Recording) -> Float[np.ndarray, "n 2"]:
+        return (np.stack([run["y"], run["x"]], axis=-1) - start) / length
+
+    tracks = [seen_from_start(run) for run in (reference, prediction)]
     low, high = _limits(tracks)
     wide, high_by = high - low
     tall, map_height, rest = high_by > 1.2 * wide, min(0.88 * FIGURE_WIDTH_IN * high_by / wide, 5.2), 1.1
-    figure = new_figure(5.6 if tall else map_height + rest + 1.5, title=title or reference.name)
+    figure = new_figure(5.6 if tall else map_height + rest + 1.5, title=reference.name)
     if tall:
         map_axes, gap_axes = figure.subplots(1, 2, width_ratios=[0.9, 1.1])
     else:
         map_axes, gap_axes = figure.subplots(2, 1, height_ratios=[map_height, rest])
     for member in members:
-        path = np.stack([member["y"], member["x"]], axis=-1) / length - origin
-        map_axes.plot(*path.T, color=PREDICTED["color"], linewidth=0.5, alpha=0.35)
+        map_axes.plot(*seen_from_start(member).T, color=PREDICTED["color"], linewidth=0.5, alpha=0.35)
     _draw_tracks(map_axes, tracks, (reference, prediction))
     map_axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
     _draw_distance(gap_axes, reference, prediction, length)
-    legend_below(figure, _recorded_and_predicted())
+    legend_below(figure, _two_lines())
     return figure
 
 
@@ -138,9 +137,7 @@ def _mark_end(panels: Sequence[Axes], reference: Recording, prediction: Recordin
         panels[0].set_title(f"prediction {prediction.status}", loc="right", fontsize=9, color=COLOURS[0])
 
 
-def time_series_figure(
-    reference: Recording, prediction: Recording, title: str = "", members: Sequence[Recording] = ()
-) -> Figure:
+def time_series_figure(reference: Recording, prediction: Recording, members: Sequence[Recording] = ()) -> Figure:
     """Heading and rudder, yaw rate, surge and sway over time in stacked panels.
 
     Heading and rudder share a panel, as in a zigzag diagram, unless the heading goes so far that the rudder would look
@@ -149,7 +146,6 @@ def time_series_figure(
     Args:
         reference: What was recorded.
         prediction: What was predicted.
-        title: Heading; by default the recording's name.
         members: What each member of an ensemble predicts: all lie in the shaded band.
 
     Returns:
@@ -157,9 +153,8 @@ def time_series_figure(
     """
     together = np.ptp(reference["psi"]) < 4.0 * max(np.ptp(reference["delta"]), 1e-3)
     rows = [("psi", "delta"), *(("r",), ("u",), ("v",))] if together else [(name,) for name in PANELS]
-    figure = new_figure(1.0 + 1.45 * len(rows), title=title or reference.name)
+    figure = new_figure(1.0 + 1.45 * len(rows), title=reference.name)
     panels = list(figure.subplots(len(rows), 1, sharex=True))
-    handles = _recorded_and_predicted()
     for axes, names in zip(panels, rows, strict=True):
         for thin, name in enumerate(names):
             _draw_band(axes, name, prediction, members if name != "delta" else ())
@@ -170,7 +165,7 @@ def time_series_figure(
     panels[-1].set_xlim(reference.time[0], reference.time[-1])
     figure.align_ylabels(panels)
     _mark_end(panels, reference, prediction, write=True)
-    legend_below(figure, handles)
+    legend_below(figure, _two_lines())
     return figure
 
 
@@ -189,18 +184,9 @@ def _draw_band(axes: Axes, name: str, prediction: Recording, members: Sequence[R
         axes.fill_between(prediction.time, said.min(axis=0), said.max(axis=0), **shade)
 
 
-def rate_against_rudder_figure(reference: Recording, prediction: Recording, title: str = "") -> Figure:
-    """Yaw rate against rudder angle; of a spiral, the points at the end of each hold are marked.
-
-    Args:
-        reference: What was recorded.
-        prediction: What was predicted.
-        title: Heading; by default the recording's name.
-
-    Returns:
-        The figure.
-    """
-    figure = new_figure(4.6, title=title or reference.name)
+def rate_against_rudder_figure(reference: Recording, prediction: Recording) -> Figure:
+    """Yaw rate against rudder angle; of a spiral, the points at the end of each hold are marked."""
+    figure = new_figure(4.6, title=reference.name)
     axes = plain_axes(
         figure.subplots(), "rudder δ [deg], positive to starboard", "yaw rate r [deg/s], positive to starboard"
     )
@@ -224,22 +210,12 @@ def rate_against_rudder_figure(reference: Recording, prediction: Recording, titl
 
 
 def comparison_figures(
-    reference: Recording, prediction: Recording, length: float, members: Sequence[Recording] = ()
+    reference: Recording, prediction: Recording, members: Sequence[Recording] = ()
 ) -> dict[str, Figure]:
-    """Every figure that compares one predicted manoeuvre with the recorded one.
-
-    Args:
-        reference: What was recorded.
-        prediction: What was predicted.
-        length: Ship length L [m].
-        members: What each member of an ensemble predicts.
-
-    Returns:
-        Name -> figure: ``track``, ``time series``, and for zigzags and spirals ``rate against rudder``.
-    """
+    """Every figure that compares one predicted manoeuvre with the recorded one: name -> figure."""
     figures = {
-        "track": track_figure(reference, prediction, length, members=members),
-        "time series": time_series_figure(reference, prediction, members=members),
+        "track": track_figure(reference, prediction, members),
+        "time series": time_series_figure(reference, prediction, members),
     }
     if reference.meta.get("kind") in {"spiral", "zigzag", "mixed_zigzag"}:
         figures["rate against rudder"] = rate_against_rudder_figure(reference, prediction)
@@ -265,7 +241,6 @@ def force_figure(
     times: Float[np.ndarray, " n"],
     g_true: Float[np.ndarray, "n 3"],
     g_network: Float[np.ndarray, "n 3"],
-    title: str = "Unknown forces: target and network",
 ) -> Figure:
     """g1', g2', g3' that the network was trained to give and those it gives, with the error beside them.
 
@@ -273,28 +248,27 @@ def force_figure(
         times: Sample times [s]; where they start anew (several recordings) the pieces are laid end to end.
         g_true: Targets [-].
         g_network: What the network gives [-].
-        title: Heading.
 
     Returns:
         The figure.
     """
-    figure = new_figure(5.4, width=6.6, title=title)
+    figure = new_figure(5.4, width=6.6, title="Unknown forces: target and network")
     grid = figure.subplots(3, 2, sharex=True, width_ratios=[1.7, 1.0])
     clock, breaks = _end_to_end(times)
+    apart = np.insert(clock, breaks, np.nan)  # no line from one recording to the next
     label = "time t [s]" if not len(breaks) else "time, recordings end to end [s]"
     for row, (axes, error_axes) in enumerate(grid):
         plain_axes(axes, label if row == 2 else "", f"g{row + 1}′ [-]")
         plain_axes(error_axes, "time [s]" if row == 2 else "", "error [-]")
         for values, style in ((g_true, RECORDED), (g_network, PREDICTED)):
-            axes.plot(np.insert(clock, breaks, np.nan), np.insert(values[:, row], breaks, np.nan), **style)
+            axes.plot(apart, np.insert(values[:, row], breaks, np.nan), **style)
         error = np.insert(g_network[:, row] - g_true[:, row], breaks, np.nan)
-        error_axes.plot(np.insert(clock, breaks, np.nan), error, color=COLOURS[1], linewidth=1.0)
+        error_axes.plot(apart, error, color=COLOURS[1], linewidth=1.0)
         for panel in (axes, error_axes):
             panel.ticklabel_format(axis="y", scilimits=(-2, 3), useMathText=True)
     grid[0, 1].set_title("network - target", fontsize=9, loc="right")
     grid[2, 1].xaxis.set_major_locator(MaxNLocator(4))
-    handles = [Line2D([], [], label="target", **RECORDED), Line2D([], [], label="network", **PREDICTED)]
-    legend_below(figure, handles)
+    legend_below(figure, _two_lines("target", "network"))
     return figure
 
 
@@ -306,13 +280,12 @@ def _end_to_end(times: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " n"]
     return clock, np.flatnonzero(steps <= 0) + 1
 
 
-def learning_figure(history: Sequence[Mapping[str, Any]], title: str = "Training") -> Figure:
+def learning_figure(history: Sequence[Mapping[str, Any]]) -> Figure:
     """Training error and distance on held-out manoeuvres over the epochs, logarithmic.
 
     Args:
         history: One mapping an epoch (or scored epoch): ``epoch``, and columns whose names end in ``mse``, hold
             ``relrmse`` or end in ``dev_L``, a panel each [-]. Others are left out; values may be missing.
-        title: Heading.
 
     Returns:
         The figure; a panel without data is left out.
@@ -324,8 +297,8 @@ def learning_figure(history: Sequence[Mapping[str, Any]], title: str = "Training
         "held-out\ndev/L [-]": [n for n in names if n.endswith("dev_L")],
     }
     panels = {label: members for label, members in panels.items() if members}
-    figure = new_figure(0.9 + 1.8 * max(len(panels), 1), title=title)
-    grid = np.atleast_1d(figure.subplots(max(len(panels), 1), 1, sharex=True))
+    figure = new_figure(0.9 + 1.8 * max(len(panels), 1), title="Training")
+    grid = figure.subplots(max(len(panels), 1), 1, sharex=True, squeeze=False)[:, 0]
     for axes, (label, members) in zip(grid, panels.items(), strict=False):
         log_axis(plain_axes(axes, "", label))
         for index, name in enumerate(members):
@@ -356,11 +329,7 @@ def _positive(history: Sequence[Mapping[str, Any]], name: str) -> tuple[list[flo
     return [epoch for epoch, _ in pairs], [value for _, value in pairs]
 
 
-def excitation_figure(
-    trained: Float[np.ndarray, "n 4"],
-    held_out: Mapping[str, Float[np.ndarray, "_ 4"]],
-    title: str = "What the training saw",
-) -> Figure:
+def excitation_figure(trained: Float[np.ndarray, "n 4"], held_out: Mapping[str, Float[np.ndarray, "_ 4"]]) -> Figure:
     """Where in the r-delta and v-r planes the training data lie, and where the held-out manoeuvres go.
 
     A held-out manoeuvre that leaves the cloud asks the network to extrapolate.
@@ -368,12 +337,11 @@ def excitation_figure(
     Args:
         trained: u', v', r' [-], delta [rad] of the training data.
         held_out: The same along each held-out manoeuvre.
-        title: Heading.
 
     Returns:
         The figure.
     """
-    figure = new_figure(3.8, width=6.6, title=title)
+    figure = new_figure(3.8, width=6.6, title="What the training saw")
     left, right = figure.subplots(1, 2)
     plain_axes(left, "rudder δ [deg]", "yaw rate r′ [-]")
     plain_axes(right, "sway v′ [-]", "yaw rate r′ [-]")

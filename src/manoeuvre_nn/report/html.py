@@ -2,6 +2,7 @@
 
 import base64
 import io
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
@@ -9,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+import yaml
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
@@ -30,7 +32,7 @@ class Report:
         tables: Heading -> rows; a table without rows is left out.
         figures: Name -> figure. ``zz20/track`` goes to the section ``zz20``; ``training/...`` and a name without a
             stroke to the one about training.
-        config_yaml: Resolved configuration.
+        config: Resolved configuration.
         versions: Package, system, seed or commit -> what it was.
         notes: Sentences on what it was trained on and on what to mind.
         unfolded: Headings of tables that are shown whatever their length.
@@ -40,22 +42,14 @@ class Report:
     summary: str
     tables: Mapping[str, Sequence[Row]] = field(default_factory=dict)
     figures: Mapping[str, Figure] = field(default_factory=dict)
-    config_yaml: str = ""
+    config: Mapping[str, Any] = field(default_factory=dict)
     versions: Mapping[str, Any] = field(default_factory=dict)
     notes: Sequence[str] = ()
     unfolded: Sequence[str] = ()
 
 
 def write_report(path: Path, report: Report) -> Path:
-    """Write a report of tables and figures.
-
-    Args:
-        path: File to write.
-        report: What it shows.
-
-    Returns:
-        The file.
-    """
+    """Write a report of tables and figures, and return the file."""
     sections: dict[str, list[tuple[str, str]]] = {}
     for name, figure in report.figures.items():
         section, _, caption = name.rpartition("/")
@@ -63,7 +57,28 @@ def write_report(path: Path, report: Report) -> Path:
         words = f"{'Training' if section == TRAINING else section}: {caption}"
         sections.setdefault(section, []).append((words, data_address(figure)))
     training = sections.pop(TRAINING, [])
-    return write_page(path, "report.html", report=report, sections=sections, training=training)
+    config = yaml.safe_dump(dict(report.config), sort_keys=False, allow_unicode=True)
+    return write_page(path, "report.html", report=report, config=config, sections=sections, training=training)
+
+
+def save_figures(figures: Mapping[str, Figure], folder: Path) -> dict[str, Path]:
+    """Write figures as PNG: ``zz20/time series`` as ``zz20_time_series.png``.
+
+    They are laid out once: a page that draws them again has them as they are in the files.
+
+    Args:
+        figures: Name -> figure; changed in place.
+        folder: Folder to write, made if need be.
+
+    Returns:
+        Name -> file.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = {name: folder / f"{re.sub('[/ ]', '_', name)}.png" for name in figures}
+    for name, figure in figures.items():
+        figure.savefig(paths[name], dpi=110)
+        figure.set_layout_engine("none")
+    return paths
 
 
 def write_page(path: Path, template: str, package: str = "manoeuvre_nn.report", **content: Any) -> Path:
@@ -99,16 +114,8 @@ def _environment(package: str) -> Environment:
 
 
 def data_address(figure: Figure) -> str:
-    """A figure as an address that carries the image itself.
-
-    An image of its own, unlike SVG among the page's elements, cannot share identifiers with another one.
-
-    Args:
-        figure: The figure.
-
-    Returns:
-        ``data:image/svg+xml;base64,...``; the same figure always gives the same text.
-    """
+    """A figure as an address that carries the image itself; the same figure always gives the same text."""
+    # An image of its own, unlike SVG among the page's elements, cannot share identifiers with another one.
     buffer = io.BytesIO()
     with mpl.rc_context({"svg.hashsalt": "manoeuvre-nn"}):
         figure.savefig(buffer, format="svg", metadata={"Date": None}, dpi=150)

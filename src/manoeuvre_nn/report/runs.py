@@ -12,22 +12,14 @@ from manoeuvre_nn.report.tables import Row
 
 
 def run_rows(runs: Sequence[Recording], length: float) -> list[Row]:
-    """A row each recording.
-
-    Args:
-        runs: The recordings.
-        length: Ship length L [m].
-
-    Returns:
-        Name, duration, samples, hardest rudder, change of heading, way sailed, and how the run ended.
-    """
+    """A row each recording; ``length`` is the ship's L [m]."""
     return [
         {
             "run": run.name,
             "duration [s]": f"{run.duration:.0f}",
             "samples": len(run),
-            "rudder [deg]": _range(run, "delta", 1 / DEGREE),
-            "heading [deg]": _range(run, "psi", 1 / DEGREE),
+            "rudder [deg]": _range_deg(run, "delta"),
+            "heading [deg]": _range_deg(run, "psi"),
             "way / L": f"{_way(run) / length:.1f}",
             "status": run.status,
         }
@@ -35,11 +27,11 @@ def run_rows(runs: Sequence[Recording], length: float) -> list[Row]:
     ]
 
 
-def _range(run: Recording, channel: str, factor: float) -> str:
-    """Least and largest value of a channel."""
+def _range_deg(run: Recording, channel: str) -> str:
+    """Least and largest value of an angle."""
     if channel not in run.channels:
         return "–"
-    values = run[channel] * factor
+    values = run[channel] / DEGREE
     return f"{np.nanmin(values):.0f} to {np.nanmax(values):.0f}"
 
 
@@ -51,15 +43,7 @@ def _way(run: Recording) -> float:
 
 
 def runs_figure(runs: Sequence[Recording], length: float) -> Figure:
-    """All tracks from above, and rudder and heading over time.
-
-    Args:
-        runs: The recordings.
-        length: Ship length L [m].
-
-    Returns:
-        The figure.
-    """
+    """All tracks from above, in ship lengths L [m], and rudder and heading over time."""
     figure = new_figure(5.0, title="")
     tracks, series = figure.subplots(1, 2)
     plain_axes(tracks, "east y/L [-]", "north x/L [-]")

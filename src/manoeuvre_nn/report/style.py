@@ -1,7 +1,7 @@
 """How figures look: colours, axes and legends; no pyplot, so no global state."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,16 +19,7 @@ FIGURE_WIDTH_IN = 5.8
 
 
 def plain_axes(axes: Axes, xlabel: str, ylabel: str) -> Axes:
-    """Label an axes and take away what carries no information.
-
-    Args:
-        axes: The axes; changed in place, as all of matplotlib is.
-        xlabel: Horizontal label with unit.
-        ylabel: Vertical label with unit.
-
-    Returns:
-        The same axes.
-    """
+    """Label an axes, take away what carries no information, and return it."""
     axes.set_xlabel(xlabel)
     axes.set_ylabel(ylabel)
     axes.grid(visible=True, color="#DDDDDD", linewidth=0.6)
@@ -38,16 +29,7 @@ def plain_axes(axes: Axes, xlabel: str, ylabel: str) -> Axes:
 
 
 def new_figure(height: float, width: float = FIGURE_WIDTH_IN, title: str = "") -> Figure:
-    """An empty figure whose parts make room for one another.
-
-    Args:
-        height: Height [in].
-        width: Width [in].
-        title: Heading.
-
-    Returns:
-        The figure.
-    """
+    """An empty figure of a height and width [in], whose parts make room for one another."""
     figure = Figure(figsize=(width, height), layout="constrained", facecolor="white")
     if title:
         figure.suptitle(title, fontsize=11, fontweight="bold")
@@ -55,13 +37,7 @@ def new_figure(height: float, width: float = FIGURE_WIDTH_IN, title: str = "") -
 
 
 def legend_below(figure: Figure, handles: Sequence[Any], columns: int = 3) -> None:
-    """Put a legend below all axes, where it hides no curve.
-
-    Args:
-        figure: The figure; changed in place.
-        handles: Artists with labels.
-        columns: Entries side by side.
-    """
+    """Put a legend of artists with labels below all axes, where it hides no curve; ``columns`` stand side by side."""
     figure.legend(
         handles=list(handles), loc="outside lower center", ncols=min(columns, len(handles)), frameon=False, fontsize=9
     )
@@ -71,24 +47,12 @@ class DecadeLocator(Locator):
     """Ticks of a logarithmic axis: even within a decade, at 1, 2 and 5 over few, at powers of ten over many."""
 
     def __call__(self) -> list[float]:
-        """Ticks of the axis as it stands.
-
-        Returns:
-            Their places.
-        """
+        """Ticks of the axis as it stands."""
         assert self.axis is not None
         return self.tick_values(*self.axis.get_view_interval())
 
     def tick_values(self, vmin: float, vmax: float) -> list[float]:
-        """Ticks between two values.
-
-        Args:
-            vmin: Lower end.
-            vmax: Upper end.
-
-        Returns:
-            Their places, at most about eight.
-        """
+        """Ticks between two values, at most about eight."""
         low, high = np.sort(np.log10(np.maximum([vmin, vmax], 1e-300)))
         span = high - low
         if span < 0.8:
@@ -99,17 +63,11 @@ class DecadeLocator(Locator):
         return [float(place) for place in places if 10.0**low * 0.999 <= place <= 10.0**high * 1.001]
 
 
-def log_axis(axes: Axes) -> Axes:
-    """Make the vertical axis logarithmic, with plain numbers.
-
-    Args:
-        axes: The axes; changed in place.
-
-    Returns:
-        The same axes.
-    """
-    axes.set_yscale("log")
-    axes.yaxis.set_major_locator(DecadeLocator())
-    axes.yaxis.set_minor_locator(NullLocator())
-    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+def log_axis(axes: Axes, which: Literal["x", "y"] = "y") -> Axes:
+    """Make an axis logarithmic, with plain numbers, and return the axes."""
+    axes.set(**{f"{which}scale": "log"})
+    axis = axes.xaxis if which == "x" else axes.yaxis
+    axis.set_major_locator(DecadeLocator())
+    axis.set_minor_locator(NullLocator())
+    axis.set_major_formatter(lambda value, _: f"{value:g}")
     return axes

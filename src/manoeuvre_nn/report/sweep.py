@@ -4,9 +4,9 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from statistics import median
 from typing import Any
 
+import pandas as pd
 import yaml
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -44,7 +44,7 @@ def sweep_rows(folder: Path) -> list[dict[str, Any]]:
     jobs = {path.parent for name in (SCORES, ERROR) for path in folder.rglob(name)}
     jobs |= {path.parents[1] for path in folder.rglob(OVERRIDES)}
     if not jobs:
-        raise InputError(f"{folder} holds no runs: expected folders with {SCORES}, as train.py -m leaves them")
+        raise InputError(f"{folder} holds no runs: expected folders with {SCORES}, as manoeuvre train -m leaves them")
     return [_row(job, folder) for job in sorted(jobs, key=lambda path: _natural(str(path.relative_to(folder))))]
 
 
@@ -119,14 +119,7 @@ def _mapping(value: Any) -> dict[str, Any]:
 
 
 def swept(rows: Sequence[Row]) -> list[str]:
-    """Settings that differ between jobs, the one with the most values first and repeats (``seed``) last.
-
-    Args:
-        rows: One a job.
-
-    Returns:
-        Names of settings; all of them if there is but one job.
-    """
+    """Settings that differ between jobs, the one with the most values first, repeats (``seed``) last; or the first."""
     settings = [name for name in columns(rows) if name not in RESULTS and not name.startswith((DEV, "relRMSE"))]
     if any("seed" in row for row in rows):
         settings.append("seed")
@@ -135,21 +128,8 @@ def swept(rows: Sequence[Row]) -> list[str]:
     return sorted(differ or settings[:1], key=lambda name: (name == "seed", -len(values[name])))
 
 
-def sweep_table(rows: Sequence[Row], title: str = "Sweep") -> Table:
-    """The jobs for the terminal, best first, those without a score last.
-
-    Args:
-        rows: One a job.
-        title: Heading.
-
-    Returns:
-        The table: settings that differ (else the job), status, mean dev/L, the worst manoeuvre, seconds.
-    """
-    return rich_table(_short_rows(rows), title)
-
-
 def _short_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Rows with the columns that matter, best first."""
+    """Settings that differ (else the job), status, mean dev/L, the worst manoeuvre, seconds; best first."""
     names = swept(rows)
     short = []
     for row in sorted(rows, key=lambda row: _number(row.get(MEAN), float("inf"))):
@@ -193,61 +173,44 @@ def sweep_figure(rows: Sequence[Row]) -> Figure:
     Raises:
         InputError: If no job has a score.
     """
-    manoeuvres = [name.removeprefix(DEV) for name in columns(rows) if name.startswith(DEV)]
-    if not manoeuvres:
-        raise InputError("no job of the sweep has a score, so there is nothing to draw: see the status of each job")
     along, *others = swept(rows) or ["job"]
-    others = [name for name in others if name != "seed"]
-    series = _series(rows, along, others, manoeuvres)
-    panels = list(dict.fromkeys(panel for panel, _ in series))
-    labels = list(dict.fromkeys(label for _, label in series))
-    places = _places([row.get(along) for row in rows])
-    tall = -(-len(panels) // 2)
-    figure = new_figure(1.2 + 2.6 * tall + 0.18 * len(labels), width=7.0 if len(panels) > 1 else FIGURE_WIDTH_IN)
-    grid = figure.subplots(tall, min(len(panels), 2), sharex=True, sharey=True, squeeze=False).ravel()
+    points = _points(rows, along, [name for name in others if name != "seed"])
+    if points.empty:
+        raise InputError("no job of the sweep has a score, so there is nothing to draw: see the status of each job")
+    panels, labels = list(points.panel.unique()), list(points.label.unique())
+    tall, wide = -(-len(panels) // 2), min(len(panels), 2)
+    figure = new_figure(1.2 + 2.6 * tall + 0.18 * len(labels), width=7.0 if wide > 1 else FIGURE_WIDTH_IN)
+    grid = figure.subplots(tall, wide, sharex=True, sharey=True, squeeze=False).ravel()
     for axes, panel in zip(grid, panels, strict=False):
-        log_axis(plain_axes(axes, along, "held-out dev/L [-]")).set_title(panel, fontsize=10, loc="left")
-        for (where, label), points in series.items():
-            if where == panel:
-                _draw_series(axes, labels.index(label), points, places)
-        _mark_places(axes, places)
+        log_axis(
+            plain_axes(axes, along, "held-out dev/L [-]" if axes.get_subplotspec().is_first_col() else "")
+        ).set_title(panel, fontsize=10, loc="left")
+        for label, curve in points[points.panel == panel].groupby("label", sort=False):
+            _draw_curve(axes, curve, _look(labels.index(label)))
+        _mark_values(axes, points.value)
         axes.tick_params(labelbottom=True)  # the panel below may be empty
     for axes in grid[len(panels) :]:
         axes.set_visible(False)
     handles = [Line2D([], [], label=label, linestyle="", **_look(k)) for k, label in enumerate(labels)]
-    if any(ended for points in series.values() for *_, ended in points):
+    if points.ended.any():
         handles.append(Line2D([], [], label="ended early", color="black", marker="x", linestyle=""))
-    legend_below(figure, handles, columns=2 if others else 5)
+    legend_below(figure, handles, columns=5 if panels == [""] else 2)
     return figure
 
 
-Point = tuple[Any, float, bool]
-"""Value of the setting along the axis, dev/L, whether the prediction was ended early."""
-
-
-def _series(
-    rows: Sequence[Row], along: str, others: Sequence[str], manoeuvres: Sequence[str]
-) -> dict[tuple[str, str], list[Point]]:
-    """(panel, label) -> points."""
-    series: dict[tuple[str, str], list[Point]] = {}
+def _points(rows: Sequence[Row], along: str, others: Sequence[str]) -> pd.DataFrame:
+    """A line each score: panel, label, value of the setting along the axis, dev/L, whether it was ended early."""
+    manoeuvres = [name.removeprefix(DEV) for name in columns(rows) if name.startswith(DEV)]
+    points = []
     for manoeuvre in manoeuvres:
         for row in rows:
-            dev = _number(row.get(f"{DEV}{manoeuvre}"))
-            if not dev > 0:
-                continue
             rest = ", ".join(f"{_last(name, others)} {row.get(name)}" for name in others)
-            key = (manoeuvre, rest) if others else ("", manoeuvre)
+            panel, label = (manoeuvre, rest) if others else ("", manoeuvre)
             ended = manoeuvre in str(row.get("ended early", "")).split()
-            series.setdefault(key, []).append((row.get(along), dev, ended))
-    return series
-
-
-def _places(values: Sequence[Any]) -> dict[Any, float]:
-    """Value of the setting -> place on the axis: itself if all are numbers, else its number in turn."""
-    values = list(dict.fromkeys(value for value in values if value is not None))
-    if all(isinstance(value, int | float) for value in values):
-        return {value: float(value) for value in sorted(values)}
-    return {value: float(place) for place, value in enumerate(values)}
+            points.append((panel, label, row.get(along), _number(row.get(f"{DEV}{manoeuvre}")), ended))
+    table = pd.DataFrame(points, columns=["panel", "label", "value", "dev", "ended"])
+    table = table[table.value.notna() & (table.dev > 0)].infer_objects()
+    return table if pd.api.types.is_numeric_dtype(table.value) else table.assign(value=table.value.map(str))
 
 
 def _look(index: int) -> dict[str, Any]:
@@ -255,49 +218,36 @@ def _look(index: int) -> dict[str, Any]:
     return {"color": COLOURS[index % len(COLOURS)], "marker": MARKERS[index % len(MARKERS)], "markersize": 4.5}
 
 
-def _draw_series(axes: Axes, index: int, points: list[Point], places: dict[Any, float]) -> None:
+def _draw_curve(axes: Axes, curve: pd.DataFrame, look: Mapping[str, Any]) -> None:
     """Points of one curve and, where the setting is a number, the line through their medians."""
-    look = _look(index)
-    by_value: dict[Any, list[float]] = {}
-    for value, dev, ended in points:
-        if value is None:
-            continue
-        by_value.setdefault(value, []).append(dev)
-        axes.plot(places[value], dev, linestyle="", **{**look, "marker": "x" if ended else look["marker"]})
-    values = sorted(by_value, key=lambda value: places[value])
-    if all(not isinstance(value, str) for value in places):
-        axes.plot(
-            [places[v] for v in values], [median(by_value[v]) for v in values], color=look["color"], linewidth=1.3
-        )
+    for ended, marker in ((False, look["marker"]), (True, "x")):
+        some = curve[curve.ended == ended]
+        if len(some):
+            axes.plot(some.value.to_list(), some.dev.to_list(), linestyle="", **{**look, "marker": marker})
+    if pd.api.types.is_numeric_dtype(curve.value):
+        medians = curve.groupby("value").dev.median()
+        axes.plot(medians.index.to_list(), medians.to_list(), color=look["color"], linewidth=1.3)
 
 
-def _mark_places(axes: Axes, places: dict[Any, float]) -> None:
+def _mark_values(axes: Axes, values: pd.Series) -> None:
     """Ticks at the values that were tried; logarithmic where they go far."""
-    words = any(isinstance(value, str) for value in places)
-    numbers = list(places.values())
-    if words:
-        axes.set_xticks(numbers, [str(value) for value in places])
-        axes.margins(x=0.15)
+    if not pd.api.types.is_numeric_dtype(values):
+        axes.margins(x=0.15)  # matplotlib sets words side by side
         return
-    if numbers and min(numbers) > 0 and max(numbers) >= 30 * min(numbers):
+    if values.min() > 0 and values.max() >= 30 * values.min():
         axes.set_xscale("log")
         axes.xaxis.set_minor_locator(NullLocator())
-    if len(numbers) <= 8:
-        axes.set_xticks(numbers, [f"{place:g}" for place in numbers])
+    if values.nunique() <= 8:
+        tried = sorted(values.unique())
+        axes.set_xticks(tried, [f"{value:g}" for value in tried])
 
 
 def write_sweep(folder: Path) -> Table:
-    """Write ``sweep.csv`` and ``sweep.md``, and ``sweep.png`` if any job has a score, into the sweep's folder.
-
-    Args:
-        folder: The sweep's folder.
-
-    Returns:
-        The table for the terminal.
-    """
+    """Write ``sweep.csv``, ``sweep.md`` and, if any job has a score, ``sweep.png``; return a table for the terminal."""
     rows = sweep_rows(folder)
     write_csv(folder / "sweep.csv", rows)
-    (folder / "sweep.md").write_text(to_markdown(_short_rows(rows)), encoding="utf-8")
+    short = _short_rows(rows)
+    (folder / "sweep.md").write_text(to_markdown(short), encoding="utf-8")
     if any(name.startswith(DEV) for name in columns(rows)):
         sweep_figure(rows).savefig(folder / "sweep.png", dpi=150)
-    return sweep_table(rows, f"Sweep {folder.name}")
+    return rich_table(short, f"Sweep {folder.name}")

@@ -10,9 +10,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
-from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.dynamics.limits import OK
-from manoeuvre_nn.manoeuvre.imo import ImoRow
 from manoeuvre_nn.scoring.score import SCORED_CHANNELS, Score
 
 Row = Mapping[str, Any]
@@ -34,15 +32,7 @@ LONG_TEXT = 40
 
 
 def text(value: Any, digits: int = 4) -> str:
-    """A cell as people read it.
-
-    Args:
-        value: Number, string or None.
-        digits: Significant digits of a number.
-
-    Returns:
-        Text; a dash where there is nothing.
-    """
+    """A cell as people read it: a number to so many digits, a dash where there is nothing."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "–"
     if isinstance(value, bool):
@@ -53,26 +43,12 @@ def text(value: Any, digits: int = 4) -> str:
 
 
 def columns(rows: Sequence[Row]) -> list[str]:
-    """Headings of all rows, in the order in which they first appear.
-
-    Args:
-        rows: The rows; they need not have the same columns.
-
-    Returns:
-        Headings without repetition.
-    """
+    """Headings of all rows, which need not have the same, in the order in which they first appear."""
     return list(dict.fromkeys(name for row in rows for name in row))
 
 
 def criterion_label(name: str) -> tuple[str, str]:
-    """A criterion's name as people read it.
-
-    Args:
-        name: Such as ``overshoot_1_deg`` or ``tactical_diameter_L``.
-
-    Returns:
-        Words and unit: ``overshoot 1``, ``deg``.
-    """
+    """A criterion's name as people read it: ``overshoot_1_deg`` is ``overshoot 1`` in ``deg``."""
     for suffix in sorted(UNIT_SUFFIXES, key=len, reverse=True):
         if name.endswith(f"_{suffix}"):
             return name.removesuffix(f"_{suffix}").replace("_", " "), UNIT_SUFFIXES[suffix]
@@ -127,14 +103,7 @@ def _beside(baselines: Baselines | None, manoeuvre: str) -> list[tuple[str, floa
 
 
 def criteria_rows(scores: Iterable[Score]) -> list[dict[str, Any]]:
-    """All criteria of all manoeuvres, predicted beside recorded.
-
-    Args:
-        scores: One a manoeuvre.
-
-    Returns:
-        One row a criterion; the difference is None where either side has no such value.
-    """
+    """All criteria of all manoeuvres, predicted beside recorded; no error where either side has no such value."""
     rows = []
     for s in scores:
         for name in dict.fromkeys([*s.reference, *s.criteria]):
@@ -150,31 +119,8 @@ def criteria_rows(scores: Iterable[Score]) -> list[dict[str, Any]]:
     return rows
 
 
-def imo_rows(rows: Iterable[ImoRow]) -> list[dict[str, Any]]:
-    """Verdicts against the IMO standards as rows.
-
-    Args:
-        rows: What :func:`manoeuvre_nn.manoeuvre.imo.imo_table` returns.
-
-    Returns:
-        One row a criterion: criterion, value, limit, verdict.
-    """
-    return [
-        {"criterion": row.criterion, "value": row.value, "limit": row.limit, "verdict": row.verdict} for row in rows
-    ]
-
-
 def rich_table(rows: Sequence[Row], title: str = "", digits: int = 3) -> Table:
-    """Rows as a table for the terminal.
-
-    Args:
-        rows: The rows.
-        title: Heading.
-        digits: Significant digits of numbers.
-
-    Returns:
-        The table; numbers stand right, status words are coloured.
-    """
+    """Rows as a table for the terminal; numbers stand right, status words are coloured."""
     table = _bare_table(title)
     for name in columns(rows):
         numeric = any(_is_number(row.get(name)) for row in rows)
@@ -230,28 +176,8 @@ def score_table(
     return table
 
 
-def verdict_table(rows: Iterable[ImoRow], title: str = "IMO MSC.137(76), predicted") -> Table:
-    """Verdicts against the IMO standards for the terminal.
-
-    Args:
-        rows: What :func:`manoeuvre_nn.manoeuvre.imo.imo_table` returns.
-        title: Heading.
-
-    Returns:
-        The table.
-    """
-    return rich_table(imo_rows(rows), title)
-
-
 def is_good(cell: str) -> bool | None:
-    """Whether a cell is a good word, a bad one, or neither.
-
-    Args:
-        cell: Its text.
-
-    Returns:
-        True, False, or None.
-    """
+    """Whether a cell is a good word (True), a bad one (False), or neither (None)."""
     word = cell.strip().lower()
     bad = word in BAD or word.startswith(("left the physical range", "failed"))
     return True if word in GOOD | {OK} else False if bad else None
@@ -268,35 +194,14 @@ def _is_number(value: Any) -> bool:
 
 
 def write_csv(path: Path, rows: Sequence[Row]) -> Path:
-    """Write rows with all their digits.
-
-    Args:
-        path: File to write.
-        rows: The rows.
-
-    Returns:
-        The file.
-
-    Raises:
-        InputError: If there are no rows.
-    """
-    if not rows:
-        raise InputError(f"table {path} has no rows; expected at least one")
+    """Write rows with all their digits, and return the file."""
     path.parent.mkdir(parents=True, exist_ok=True)
     pd.DataFrame(list(rows), columns=columns(rows)).to_csv(path, index=False, float_format="%.10g")
     return path
 
 
 def to_markdown(rows: Sequence[Row], digits: int = 4) -> str:
-    """Rows as a Markdown table.
-
-    Args:
-        rows: The rows.
-        digits: Significant digits of numbers.
-
-    Returns:
-        The table, ending in a line break; empty without rows.
-    """
+    """Rows as a Markdown table that ends in a line break; empty without rows."""
     if not rows:
         return ""
     names = columns(rows)

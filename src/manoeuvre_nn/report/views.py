@@ -1,9 +1,9 @@
 """What a person holds in Python: runs, scores and an answer that print as tables and plot themselves."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from io import StringIO
-from typing import Any, overload
+from typing import overload
 
 from matplotlib.figure import Figure
 from rich.console import Console
@@ -23,11 +23,10 @@ TABLE_COLUMNS = 100
 """Letters in a line of a printed table."""
 
 
-def _printed(*tables: Any) -> str:
-    """Tables as text."""
+def _printed(show: Callable[[Console], None]) -> str:
+    """What is shown on a console, as text."""
     console = Console(width=TABLE_COLUMNS, record=True, file=StringIO())
-    for table in tables:
-        console.print(table, highlight=False)
+    show(console)
     return console.export_text().rstrip()
 
 
@@ -35,12 +34,7 @@ class Runs(Sequence[Recording]):
     """Recordings of one ship; printed as a table."""
 
     def __init__(self, runs: Sequence[Recording], ship: Particulars) -> None:
-        """Keep recordings.
-
-        Args:
-            runs: The recordings.
-            ship: The ship.
-        """
+        """Keep recordings of a ship."""
         self.runs, self.ship = tuple(runs), ship
 
     def __len__(self) -> int:
@@ -52,14 +46,7 @@ class Runs(Sequence[Recording]):
     @overload
     def __getitem__(self, which: slice) -> "Runs": ...
     def __getitem__(self, which: int | slice) -> "Recording | Runs":
-        """One recording, or some of them.
-
-        Args:
-            which: Number or slice.
-
-        Returns:
-            The recording, or recordings.
-        """
+        """One recording, or some of them."""
         return Runs(self.runs[which], self.ship) if isinstance(which, slice) else self.runs[which]
 
     def __add__(self, others: "Runs") -> "Runs":
@@ -68,14 +55,11 @@ class Runs(Sequence[Recording]):
 
     def __repr__(self) -> str:
         """A table: a line each recording."""
-        return _printed(rich_table(run_rows(self.runs, self.ship.length), f"Runs of the {self.ship.name}"))
+        table = rich_table(run_rows(self.runs, self.ship.length), f"Runs of the {self.ship.name}")
+        return _printed(lambda console: console.print(table, highlight=False))
 
     def plot(self) -> Figure:
-        """Tracks from above, heading and rudder over time.
-
-        Returns:
-            The figure.
-        """
+        """Figure of tracks from above, heading and rudder over time."""
         return runs_figure(self.runs, self.ship.length)
 
 
@@ -83,13 +67,7 @@ class Scores(Sequence[Score]):
     """How far a model ends up from recordings; printed as a table."""
 
     def __init__(self, scores: Sequence[Score], runs: Sequence[Recording], predictions: Sequence[Recording]) -> None:
-        """Keep scores and what they were formed of.
-
-        Args:
-            scores: One a run.
-            runs: What was recorded.
-            predictions: What the model does.
-        """
+        """Keep the score, the recording and the prediction of each run."""
         self.scores, self.runs, self.predictions = tuple(scores), tuple(runs), tuple(predictions)
 
     def __len__(self) -> int:
@@ -101,35 +79,20 @@ class Scores(Sequence[Score]):
     @overload
     def __getitem__(self, which: slice) -> "Scores": ...
     def __getitem__(self, which: int | slice) -> "Score | Scores":
-        """One score, or some of them.
-
-        Args:
-            which: Number or slice.
-
-        Returns:
-            The score, or scores.
-        """
+        """One score, or some of them."""
         if isinstance(which, slice):
             return Scores(self.scores[which], self.runs[which], self.predictions[which])
         return self.scores[which]
 
     def __repr__(self) -> str:
         """A table: a line each run."""
-        return _printed(score_table(self.scores, title="Predicted and recorded"))
+        table = score_table(self.scores, title="Predicted and recorded")
+        return _printed(lambda console: console.print(table, highlight=False))
 
     def plot(self, which: int | None = None) -> Figure:
-        """Predicted and recorded track of one run.
-
-        Args:
-            which: Its number; None takes the run that is predicted worst.
-
-        Returns:
-            The figure.
-        """
-        worst = max(range(len(self)), key=lambda k: self.scores[k].dev_L)
-        chosen = worst if which is None else which
-        run = self.runs[chosen]
-        return track_figure(run, self.predictions[chosen], float(run.meta["length"]))
+        """Predicted and recorded track of a run by its number; None takes the run that is predicted worst."""
+        chosen = max(range(len(self)), key=lambda k: self.scores[k].dev_L) if which is None else which
+        return track_figure(self.runs[chosen], self.predictions[chosen])
 
 
 @dataclass(frozen=True, repr=False)
@@ -155,27 +118,14 @@ class Answer:
 
     def __repr__(self) -> str:
         """The short tables that ``manoeuvre diagnose`` prints."""
-        console = Console(width=TABLE_COLUMNS, record=True, file=StringIO())
-        print_diagnosis(self.diagnosis, console)
-        return console.export_text().rstrip()
+        return _printed(lambda console: print_diagnosis(self.diagnosis, console))
 
     def figures(self) -> dict[str, Figure]:
-        """All figures of the report.
-
-        Returns:
-            Name -> figure.
-        """
+        """All figures of the report: name -> figure."""
         return draw_diagnosis(self.diagnosis)
 
     def plot(self, name: str = "probabilities") -> Figure:
-        """One figure of the report.
-
-        Args:
-            name: Its name among :meth:`figures`.
-
-        Returns:
-            The figure.
-        """
+        """One figure of the report, by its name among :meth:`figures`."""
         drawn = self.figures()
         check_choice("figure", name, list(drawn))
         return drawn[name]

@@ -1,6 +1,7 @@
 """How one column of an undescribed file is read, and why."""
 
 from dataclasses import dataclass
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -28,3 +29,10 @@ class Choice:
     decided: bool = True
     misfit: str = ""
     next: str = ""
+
+    @property
+    def entry(self) -> dict[str, Any]:
+        """What a mapping says of the channel."""
+        entry: dict[str, Any] = {"column": self.column, "unit": self.unit}
+        entry |= {"sign": self.sign} if self.sign != 1 else {}
+        return entry | ({"offset": self.offset} if self.offset else {})

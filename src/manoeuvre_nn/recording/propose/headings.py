@@ -4,7 +4,7 @@ import re
 import unicodedata
 from dataclasses import dataclass
 
-from manoeuvre_nn.recording.read.quantity import QUANTITY, units_of
+from manoeuvre_nn.recording.read.quantity import units_of
 
 UNIT_WORDS = {
     "s": "s sec secs second seconds sek", "ms": "ms msec millis", "min": "min mins minute minutes", "h": "h hours",
@@ -22,42 +22,42 @@ SPELT_OUT |= {"ψ": "psi", "δ": "delta", "φ": "phi", "ϕ": "phi", "θ": "theta
 """Letters that are written otherwise in plain ones."""
 _SPELT = {word: unit for unit, words in UNIT_WORDS.items() for word in words.split()}
 WORDS: dict[str, str] = {
-    "time": r"t|time|zeit|temps|tid|tiempo|time_?stamp|stamp|elapsed|seconds|sec|clock|date_?time|datum|date|utc"
-    r"|(time|t)_.*|.*_time|.*_time_?stamp",
-    "psi": r"psi|(true_|gyro_|ship_|vessel_)?(heading|hdg|hdt|head)(_true|_gyro|_angle)?|yaw(_angle)?|kurs|rumbo|cap"
-    r"|compass|gyro|psi_.*|.*_psi|.*heading.*|.*hdg.*|.*yaw_angle.*|yaw_(mid|pos|position)",
-    "r": r"r|rot|yaw_?rate|rate_of_turn|turn_?rate|turning_rate|wz|omega_?z|gz|gyro_?z|psi_?dot|dpsi|r_.*|rot_.*|.*_rot"
-    r"|.*yaw_?(rate|vel|velocity|speed).*|.*rate_of_turn.*|.*turn_rate.*|drehrate|giergeschwindigkeit",
-    "u": r"u|surge|vx|v_x|surge_(vel|velocity|speed)|u_.*|.*_u|vx_.*|v_x_.*|.*surge.*|vlong|v_long.*|.*longitudinal.*"
-    r"|forward_speed|.*speed_ahead.*|(v_?)?laengs.*|vn|v_north|north_vel.*|vel_n(orth)?|.*velocity_north.*",
-    "v": r"v|sway|vy|v_y|sway_(vel|velocity|speed)|v_.*|.*_v|vm|vm_.*|vy_.*|v_y_.*|.*sway.*|vtrans|v_trans.*"
-    r"|.*transverse.*|.*lateral_(speed|vel.*)|(v_?)?quer.*|ve|v_east|east_vel.*|vel_e(ast)?|.*velocity_east.*",
-    "x": r"x|x_.*|.*_x|north|northing|pos_?x|x_?pos.*|.*north.*|x0|xn|n_pos|pos_n",
-    "y": r"y|y_.*|.*_y|east|easting|pos_?y|y_?pos.*|.*east.*|y0|ye|e_pos|pos_e",
-    "delta": r"delta|rudder|rud|rudder_angle|rud_ang|ruder(winkel|lage)?|timon|barre|helm|da|delta_.*|.*_delta"
-    r"|.*rudder.*|.*_rud|rud_.*|ruderlage.*|.*steering_angle.*|rsa",
+    "time": r"t time zeit temps tid tiempo time_?stamp stamp elapsed seconds sec clock date_?time datum date utc"
+    r" (time|t)_.* .*_time .*_time_?stamp",
+    "psi": r"psi (true_|gyro_|ship_|vessel_)?(heading|hdg|hdt|head)(_true|_gyro|_angle)? yaw(_angle)? kurs rumbo cap"
+    r" compass gyro psi_.* .*_psi .*heading.* .*hdg.* .*yaw_angle.* yaw_(mid|pos|position)",
+    "r": r"r rot yaw_?rate rate_of_turn turn_?rate turning_rate wz omega_?z gz gyro_?z psi_?dot dpsi r_.* rot_.* .*_rot"
+    r" .*yaw_?(rate|vel|velocity|speed).* .*rate_of_turn.* .*turn_rate.* drehrate giergeschwindigkeit",
+    "u": r"u surge vx v_x surge_(vel|velocity|speed) u_.* .*_u vx_.* v_x_.* .*surge.* vlong v_long.* .*longitudinal.*"
+    r" forward_speed .*speed_ahead.* (v_?)?laengs.* vn v_north north_vel.* vel_n(orth)? .*velocity_north.*",
+    "v": r"v sway vy v_y sway_(vel|velocity|speed) v_.* .*_v vm vm_.* vy_.* v_y_.* .*sway.* vtrans v_trans.*"
+    r" .*transverse.* .*lateral_(speed|vel.*) (v_?)?quer.* ve v_east east_vel.* vel_e(ast)? .*velocity_east.*",
+    "x": r"x x_.* .*_x north northing pos_?x x_?pos.* .*north.* x0 xn n_pos pos_n",
+    "y": r"y y_.* .*_y east easting pos_?y y_?pos.* .*east.* y0 ye e_pos pos_e",
+    "delta": r"delta rudder rud rudder_angle rud_ang ruder(winkel|lage)? timon barre helm da delta_.* .*_delta"
+    r" .*rudder.* .*_rud rud_.* ruderlage.* .*steering_angle.* rsa",
     "delta_order": r"delta_?(c|cmd|o|order|ord|set|ref|d|com|command|ordered|desired)"
-    r"|.*(rudder|rud|helm|delta).*(order|cmd|command|set|ref|demand|desired|soll).*"
-    r"|.*(order|cmd|command|set|demand|desired|commanded|ordered|soll).*(rudder|rud|helm|delta).*",
-    "n": r"n|rpm|rps|n_.*|.*_rpm|.*_rps|rpm_.*|rps_.*|.*(shaft|propeller|prop|engine).*(speed|rpm|rps|rev|n).*"
-    r"|shaft|revs?|revolutions|n_?prop.*|drehzahl|prop(eller)?",
-    "lat": r"lat|latitude|.*_lat|lat_.*|.*latitude.*|breite",
-    "lon": r"lon|lng|long|longitude|.*_lon|lon_.*|.*longitude.*|laenge",
-    "sog": r"sog|speed_over_ground|.*_sog|sog_.*|gps_speed|ground_?speed|speed_?og|vtg_speed",
-    "cog": r"cog|course_over_ground|course|.*_cog|cog_.*|gps_course|track_?angle|ground_course|vtg_course|track",
-    "u_log": r"u_?log|stw|log|log_speed|speed_through_water|speed_?log|water_?speed|stw_.*|.*_stw|logge",
-    "phi": r"phi|roll|heel|roll_angle|phi_.*|.*_phi|roll_.*|heel_.*|.*roll_angle.*|kraengung",
-    "theta": r"theta|pitch|trim|pitch_angle|theta_.*|pitch_.*|.*pitch_angle.*",
-    "p": r"p|p_.*|roll_?rate|.*roll_?rate.*|wx|omega_?x|phi_?dot|gyro_?x",
-    "thrust": r"thrust|thrust_.*|.*_thrust|schub", "torque": r"torque|torque_.*|.*_torque|drehmoment",
-    "wind_speed": r"(true_)?wind_?(speed|velo|vel|velocity|spd|strength)(_true|_abs.*)?|tws|ws|wspd|wind",
-    "wind_from": r"(true_)?wind_?(dir|direction|angle|from|course)(_true|_abs.*)?|twd|wd|wdir",
-    "wind_speed_relative": r"aws|(.*_)?(rel|relative|app|apparent)_wind_?(speed|velo|vel|velocity|spd)?"
-    r"|wind_?(speed|velo|vel|velocity|spd)_(rel|relative|app|apparent).*",
-    "wind_from_relative": r"awa|(.*_)?(rel|relative|app|apparent)_wind_?(dir|direction|angle|from)"
-    r"|wind_?(dir|direction|angle|from)_(rel|relative|app|apparent).*",
+    r" .*(rudder|rud|helm|delta).*(order|cmd|command|set|ref|demand|desired|soll).*"
+    r" .*(order|cmd|command|set|demand|desired|commanded|ordered|soll).*(rudder|rud|helm|delta).*",
+    "n": r"n rpm rps n_.* .*_rpm .*_rps rpm_.* rps_.* .*(shaft|propeller|prop|engine).*(speed|rpm|rps|rev|n).*"
+    r" shaft revs? revolutions n_?prop.* drehzahl prop(eller)?",
+    "lat": r"lat latitude .*_lat lat_.* .*latitude.* breite",
+    "lon": r"lon lng long longitude .*_lon lon_.* .*longitude.* laenge",
+    "sog": r"sog speed_over_ground .*_sog sog_.* gps_speed ground_?speed speed_?og vtg_speed",
+    "cog": r"cog course_over_ground course .*_cog cog_.* gps_course track_?angle ground_course vtg_course track",
+    "u_log": r"u_?log stw log log_speed speed_through_water speed_?log water_?speed stw_.* .*_stw logge",
+    "phi": r"phi roll heel roll_angle phi_.* .*_phi roll_.* heel_.* .*roll_angle.* kraengung",
+    "theta": r"theta pitch trim pitch_angle theta_.* pitch_.* .*pitch_angle.*",
+    "p": r"p p_.* roll_?rate .*roll_?rate.* wx omega_?x phi_?dot gyro_?x",
+    "thrust": r"thrust thrust_.* .*_thrust schub", "torque": r"torque torque_.* .*_torque drehmoment",
+    "wind_speed": r"(true_)?wind_?(speed|velo|vel|velocity|spd|strength)(_true|_abs.*)? tws ws wspd wind",
+    "wind_from": r"(true_)?wind_?(dir|direction|angle|from|course)(_true|_abs.*)? twd wd wdir",
+    "wind_speed_relative": r"aws (.*_)?(rel|relative|app|apparent)_wind_?(speed|velo|vel|velocity|spd)?"
+    r" wind_?(speed|velo|vel|velocity|spd)_(rel|relative|app|apparent).*",
+    "wind_from_relative": r"awa (.*_)?(rel|relative|app|apparent)_wind_?(dir|direction|angle|from)"
+    r" wind_?(dir|direction|angle|from)_(rel|relative|app|apparent).*",
 }  # fmt: skip
-"""Channel -> what its column may be called, best first: the earlier a name stands, the more it is trusted."""
+"""Channel -> patterns of what its column may be called: the earlier one stands, the more it is trusted."""
 EARTH = re.compile(r"(^|_)(vn|ve|north|east|v_?n|v_?e|earth|ned|enu)(_|$)|velocity_(north|east)")
 """Velocities named like this are those north and east."""
 NORTH, EAST = re.compile(r"north|^xn$|(^|_)n(_|$)"), re.compile(r"east|^ye$|(^|_)e(_|$)")
@@ -101,11 +101,11 @@ def take_apart(column: str, below: str = "") -> Heading:
         unit, text = unit or _SPELT[word], text[: bracket.start()] + text[bracket.end() :]
     name = _snake(text)
     if not unit:
+        parts = name.split("_")
         for count in (2, 1):
-            *rest, _ = parts = name.split("_")
-            word = "_".join(parts[-count:])
-            if rest and len(parts) > count and word in _SPELT:
-                parted = Heading(column, "_".join(parts[:-count]), _SPELT[word])
+            front, word = "_".join(parts[:-count]), "_".join(parts[-count:])
+            if front and word in _SPELT:
+                parted = Heading(column, front, _SPELT[word])
                 if _names_something(parted) or not _names_something(Heading(column, name, "")):
                     return parted  # the n of pos_n is no newton
         if name in {"rpm", "rps", "utc"}:
@@ -127,53 +127,26 @@ def _snake(text: str) -> str:
 
 
 def word_score(channel: str, heading: Heading) -> float:
-    """How well a heading fits a channel.
-
-    Args:
-        channel: ``time`` or a channel.
-        heading: The heading.
+    """How well a heading fits a channel, or ``time``.
 
     Returns:
-        0 if it does not; more the better, up to ``PERFECT``. A unit that measures something else rules it out.
+        0 if it does not; more the better, up to ``PERFECT`` and 5 for a unit that is stated. A unit that measures
+        something else rules it out.
     """
-    if heading.unit and not _measures(heading.unit, channel):
+    if heading.unit and heading.unit not in units_of(channel, record=True):
         return 0.0
     name = heading.name
     options = [name, name.rsplit("_", 1)[-1]] if "." in heading.column else [name]
     best = 0.0
-    for place, pattern in enumerate(_patterns(channel)):
+    for place, pattern in enumerate(WORDS[channel].split()):
         for k, option in enumerate(options):
             if re.fullmatch(pattern, option):
                 best = max(best, PERFECT - place - 15 * k - (30 if ".*" in pattern else 0))
-    stated = 5.0 if heading.unit and best else 0.0
-    return min(best + stated, PERFECT + 5)
-
-
-def _patterns(channel: str) -> list[str]:
-    """The alternatives of a channel's pattern, one by one."""
-    parts, depth, begin, text = [], 0, 0, WORDS[channel]
-    for k, letter in enumerate(text):
-        depth += (letter == "(") - (letter == ")")
-        if letter == "|" and not depth:
-            parts.append(text[begin:k])
-            begin = k + 1
-    return [*parts, text[begin:]]
-
-
-def _measures(unit: str, channel: str) -> bool:
-    """Whether a unit measures what the channel is."""
-    return unit in units_of(channel if channel in QUANTITY else "time", record=True)
+    return best + 5.0 if heading.unit and best else best
 
 
 def assign(headings: list[Heading]) -> dict[str, list[Heading]]:
-    """Columns for channels, by name alone.
-
-    Args:
-        headings: All columns of numbers, without the time.
-
-    Returns:
-        Channel -> columns, best first. Each column goes to the channel that it fits best; what it fits worse is left.
-    """
+    """Columns for channels by name alone, best first: each goes to the channel that it fits best."""
     found: dict[str, list[tuple[float, Heading]]] = {}
     for heading in headings:
         score, channel = max((word_score(c, heading), c) for c in WORDS if c != "time")

@@ -1,12 +1,11 @@
 """Heading, rate of turn, positions and velocities of an undescribed file: units, signs and axes by agreement."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.ship import Particulars
@@ -50,29 +49,17 @@ COURSE = ("psi_sign", "turn")
 Series = Float[np.ndarray, " n"]
 
 
-@dataclass(frozen=True)
-class Motions:
-    """How everything that moves is read.
-
-    Attributes:
-        choices: How the channels are read.
-        settings: Setting of the mapping -> its value and why.
-        turned: Largest change of heading [rad].
-        speed: Usual speed [m/s].
-        stand_in: The ship; where it is not known one of about its length and speed.
-    """
-
-    choices: tuple[Choice, ...]
-    settings: dict[str, tuple[Any, str]]
-    turned: float
-    speed: float
-    stand_in: Particulars = field(repr=False)
+Settings = dict[str, tuple[Any, str, bool]]
+"""Setting of a mapping -> its value, why, and whether names or data decided."""
+_Unit = tuple[str, str, bool]
+"""A column's unit, why, and whether names or data decided."""
+_Pair = tuple[Series, Series]
 
 
 def read_motions(
     time: Series, columns: dict[str, Heading], values: dict[str, Series], ship: Particulars | None
-) -> Motions:
-    """Find units, signs and axes.
+) -> tuple[list[Choice], Settings, Motion]:
+    """Find units, signs and axes of everything that moves.
 
     Args:
         time: Sample times [s].
@@ -81,7 +68,7 @@ def read_motions(
         ship: The ship, if it is known.
 
     Returns:
-        How each channel is read, and why.
+        How each channel is read, what is set beside, and the motion in SI but for signs and axes.
 
     Raises:
         InputError: If numbers are too large to be compared.
@@ -89,13 +76,15 @@ def read_motions(
     largest = max(float(np.abs(v).max()) for v in values.values())
     if largest > MAX_VALUE:
         raise InputError(f"columns reach {largest:.3g}, which no motion of a ship does: mend or leave out such samples")
-    units = _speed_units(time, columns, values, ship)
+    track = _track(time, values)
+    units = _speed_units(columns, values, track, ship)
     if "cog" in columns:
         units["cog"] = _course_unit(columns["cog"], values["cog"])
+    given = _velocities(time, values, units, track)
     best: tuple[Yaw, list[Yaw], Motion, list[Axes]] | None = None
     scores: list[float] = []
     for reading, others in _headings(time, columns, values):
-        motion = _motion(time, values, units, reading, ship)
+        motion = _motion(time, values, reading, given, ship)
         axes = axes_readings(motion, *_open(columns))
         scores.append(reading.score + axes[0].score)
         if scores[-1] == min(scores):
@@ -103,8 +92,16 @@ def read_motions(
         if columns["psi"].unit == reading.psi_unit and axes[0].evidence < MAX_DOUBTLESS_EVIDENCE:
             break
     assert best is not None
+    yaw, others, motion, axes = best
     told_apart = len(scores) > 1 and sorted(scores)[1] - min(scores) > MIN_SCORE_GAP
-    return _in_words(best, columns, units, ship, told_apart)
+    choices, settings = _axes_in_words(axes, motion, columns, units)
+    choices += _yaw_in_words(yaw, others, axes, columns, told_apart)
+    return choices, settings | _points(axes[0], columns, motion), motion
+
+
+def usual_speed(motion: Motion) -> float:
+    """Median speed, of velocities if there are any [m/s]."""
+    return float(np.median(np.hypot(*next(p for p in (motion.velocity, motion.track, motion.over) if p is not None))))
 
 
 def _headings(time: Series, columns: dict[str, Heading], values: dict[str, Series]) -> list[tuple[Yaw, list[Yaw]]]:
@@ -112,54 +109,64 @@ def _headings(time: Series, columns: dict[str, Heading], values: dict[str, Serie
     psi, said = values["psi"], columns["psi"].unit
     sizes = units_of("psi")
     order = [said] if said in sizes else ["deg", "rad"] if np.abs(psi).max() > FULL_CIRCLE else ["rad", "deg"]
-    if "r" in values:
-        told = (said, columns["r"].unit)
-        stated = [columns["r"].unit] if columns["r"].unit in units_of("r") else []
-        rates = {u: units_of("r")[u] for u in dict.fromkeys([*stated, *units_of("r")])}
-        made = yaw_readings(time, psi, values["r"], {u: sizes[u] for u in dict.fromkeys([*order, *sizes])}, rates, told)
-        likely = [next(y for y in made if y.psi_unit == unit) for unit in sizes]
-        # Degrees and degrees a second fit as well as radians do: the turned velocities tell which.
-        return [(y, made) for y in likely if y.misfit < made[0].misfit + MIN_SCORE_GAP]
-    return [(Yaw(unit, "", 1, np.nan, 0.05 * k), []) for k, unit in enumerate(order)]
+    if "r" not in values:
+        return [(Yaw(unit, "", 1, np.nan, 0.05 * k), []) for k, unit in enumerate(order)]
+    rates, stated = units_of("r"), columns["r"].unit
+    rates = ({stated: rates[stated]} if stated in rates else {}) | rates
+    made = yaw_readings(time, psi, values["r"], {u: sizes[u] for u in order} | sizes, rates, (said, stated))
+    likely = [next(y for y in made if y.psi_unit == unit) for unit in sizes]
+    # Degrees and degrees a second fit as well as radians do: the turned velocities tell which.
+    return [(y, made) for y in likely if y.misfit < made[0].misfit + MIN_SCORE_GAP]
+
+
+def _track(time: Series, values: dict[str, Series]) -> _Pair | None:
+    """Rates of the two positions, in the file's unit of length a second or, from latitude and longitude, in m/s."""
+    if "x" in values:
+        places = values["x"], values["y"]
+    elif "lat" in values:
+        places = local_metres(values["lat"] * DEGREE, np.unwrap(values["lon"] * DEGREE))
+    else:
+        return None
+    long = window(time)
+    return smoothed(time, places[0], long)[1], smoothed(time, places[1], long)[1]
 
 
 def _speed_units(
-    time: Series, columns: dict[str, Heading], values: dict[str, Series], ship: Particulars | None
-) -> dict[str, tuple[str, str, bool]]:
-    """Units of positions and of velocities under which speeds are alike: pair -> unit, why, whether it is decided."""
+    columns: dict[str, Heading],
+    values: dict[str, Series],
+    track: _Pair | None,
+    ship: Particulars | None,
+) -> dict[str, _Unit]:
+    """Units of positions and of velocities under which speeds are alike."""
     raw: dict[str, float] = {}
-    if "x" in values:
-        raw["x"] = float(np.median(np.hypot(*(smoothed(time, values[k], window(time))[1] for k in ("x", "y")))))
-    if "lat" in values:
-        north, east = _metres(values)
-        raw["lat"] = float(np.median(np.hypot(*(smoothed(time, c, window(time))[1] for c in (north, east)))))
+    if track is not None:
+        raw["x" if "x" in values else "lat"] = float(np.median(np.hypot(*track)))
     if "u" in values:
         raw["u"] = float(np.median(np.hypot(values["u"], values["v"])))
     if "sog" in values:
         raw["sog"] = float(np.median(values["sog"]))
-    options = {k: list(units_of(k)) if k != "lat" else ["deg"] for k in raw}
+    sizes = {k: units_of(k) if k != "lat" else {"deg": 1.0} for k in raw}
     rated = []
-    for chosen in product(*options.values()):
+    for chosen in product(*sizes.values()):
         units = dict(zip(raw, chosen, strict=True))
-        speeds = [raw[k] * (1.0 if k == "lat" else units_of(k)[u]) for k, u in units.items()]
-        logs = np.log(np.maximum(speeds, 1e-9))
+        logs = np.log(np.maximum([raw[k] * sizes[k][u] for k, u in units.items()], 1e-9))
         apart = float(np.ptp(logs))
         if ship is not None:
             apart += 0.5 * max(0.0, float(abs(logs.mean() - np.log(ship.speed))) - np.log(USUAL_SPEED))
-        rated.append((apart + sum(_unit_price(columns[k], options[k], u) for k, u in units.items()), apart, units))
+        price = sum(_unit_price(columns[k], list(sizes[k]), u) for k, u in units.items())
+        rated.append((apart + price, apart, units))
     rated.sort(key=lambda item: item[0])
-    score, apart, units = rated[0]
+    _, apart, units = rated[0]
     result = {}
     for k, unit in units.items():
         other = min((item for item in rated if item[2][k] != unit), key=lambda item: item[1], default=None)
         said = columns[k].unit
-        told = f"speeds differ by {_share(apart)}"
-        told += f", next {_share(other[1])} ({other[2][k]})" if other else ""
         compared = len(raw) > 1 or ship is not None
         if said == unit:
             result[k] = unit, "unit by name", True
         elif said:
-            result[k] = unit, f"unit by data, against its heading: {told}", False
+            told = f"unit by data, against its heading: speeds differ by {_share(apart)}"
+            result[k] = unit, told + (f", next {_share(other[1])} ({other[2][k]})" if other else ""), False
         elif compared and other is not None and other[1] - apart > MIN_SCORE_GAP:
             result[k] = unit, "unit by data", True
         else:
@@ -179,43 +186,46 @@ def _unit_price(heading: Heading, options: Sequence[str], unit: str) -> float:
     return 0.02 * options.index(unit)
 
 
-def _metres(values: dict[str, Series]) -> tuple[Series, Series]:
-    """North and east from latitude and longitude in degrees."""
-    return local_metres(values["lat"] * DEGREE, np.unwrap(values["lon"] * DEGREE))
+def _velocities(
+    time: Series, values: dict[str, Series], units: dict[str, _Unit], track: _Pair | None
+) -> dict[str, _Pair | None]:
+    """Velocities of :class:`Motion` in SI at some times, by every way that the file has."""
+    size = {k: units_of(k)[unit] for k, (unit, *_) in units.items()} | {"lat": 1.0}
+    made: dict[str, _Pair | None] = {"track": track, "velocity": None, "over": None}
+    if track is not None:
+        scale = size["x" if "x" in values else "lat"]
+        made["track"] = scale * track[0], scale * track[1]
+    if "u" in values:
+        u, v = (size["u"] * smoothed(time, values[k], window(time))[0] for k in ("u", "v"))
+        made["velocity"] = u, v
+    if "sog" in values:
+        speed, course = values["sog"] * size["sog"], values["cog"] * size["cog"]
+        north, east = (smoothed(time, c, window(time))[0] for c in (speed * np.cos(course), speed * np.sin(course)))
+        made["over"] = north, east
+    at = _some(time)
+    return {k: None if p is None else (p[0][at], p[1][at]) for k, p in made.items()}
 
 
 def _motion(
-    time: Series, values: dict[str, Series], units: dict[str, tuple[str, str, bool]], yaw: Yaw, ship: Particulars | None
+    time: Series, values: dict[str, Series], yaw: Yaw, given: dict[str, _Pair | None], ship: Particulars | None
 ) -> Motion:
-    """Columns in SI, smoothed, at some times."""
-    long, size = window(time), units_of("psi")[yaw.psi_unit]
-    psi, rate = smoothed(time, np.unwrap(values["psi"] * size), long)
-    r = yaw.same * smoothed(time, values["r"], long)[0] * units_of("r")[yaw.r_unit] if "r" in values else rate
-    track = velocity = over = None
-    if "x" in values:
-        scale = units_of("x")[units["x"][0]]
-        track = tuple(scale * smoothed(time, values[k], long)[1] for k in ("x", "y"))
-    elif "lat" in values:
-        track = tuple(smoothed(time, c, long)[1] for c in _metres(values))
-    if "u" in values:
-        scale = units_of("u")[units["u"][0]]
-        velocity = tuple(scale * smoothed(time, values[k], long)[0] for k in ("u", "v"))
-    if "sog" in values:
-        speed, course = (
-            values["sog"] * units_of("sog")[units["sog"][0]],
-            values["cog"] * units_of("cog")[units["cog"][0]],
-        )
-        over = tuple(smoothed(time, c, long)[0] for c in (speed * np.cos(course), speed * np.sin(course)))
-    at = np.unique(np.linspace(0, len(time) - 1, POINTS).astype(int))
-    one, two, three = (None if p is None else (p[0][at], p[1][at]) for p in (track, velocity, over))
-    given = next(p for p in (one, two, three) if p is not None)
-    speed_usual = max(float(np.median(np.hypot(*given))), 1e-3)
-    length = ship.length if ship else speed_usual * TURN / max(float(np.quantile(np.abs(r), 0.95)), 1e-4)
-    return Motion(psi[at], r[at], one, two, three, length)
+    """The motion under one reading of the heading; the length of a ship that is not known is guessed."""
+    psi, rate = smoothed(time, np.unwrap(values["psi"] * units_of("psi")[yaw.psi_unit]), window(time))
+    r = rate
+    if "r" in values:
+        r = yaw.same * smoothed(time, values["r"], window(time))[0] * units_of("r")[yaw.r_unit]
+    speed = max(float(np.median(np.hypot(*next(p for p in given.values() if p is not None)))), 1e-3)
+    length = ship.length if ship else speed * TURN / max(float(np.quantile(np.abs(r), 0.95)), 1e-4)
+    return Motion(psi[_some(time)], r[_some(time)], length=length, **given)
 
 
-def _course_unit(heading: Heading, values: Series) -> tuple[str, str, bool]:
-    """Unit of a course over ground: the one that is stated, else by size; why; whether it is decided."""
+def _some(time: Series) -> Int[np.ndarray, " m"]:
+    """Samples that readings are compared at."""
+    return np.unique(np.linspace(0, len(time) - 1, POINTS).astype(int))
+
+
+def _course_unit(heading: Heading, values: Series) -> _Unit:
+    """Unit of a course over ground: the one that is stated, else by size."""
     if heading.unit in units_of("cog"):
         return heading.unit, "by name", True
     return ("deg", "unit by size", True) if np.abs(values).max() > FULL_CIRCLE else ("rad", "unit by size", False)
@@ -226,11 +236,11 @@ def _open(columns: dict[str, Heading]) -> tuple[dict[str, Sequence], list[str]]:
     result: dict[str, Sequence] = {}
     trusted: list[str] = []
     if "x" in columns:
-        north_east, east_north = (_named(columns["x"], columns["y"], order) for order in (1, -1))
+        north_east, east_north = _named(columns["x"], columns["y"]), _named(columns["y"], columns["x"])
         result |= {"swapped_xy": [east_north, not east_north], "x_sign": [1, -1], "y_sign": [1, -1]}
         trusted += POSITION if north_east or east_north else ()
     if "u" in columns:
-        away = _named(columns["u"], columns["v"], -1)
+        away = _named(columns["v"], columns["u"])
         result |= {"swapped_uv": [away, not away], "u_sign": [1, -1], "v_sign": [1, -1]}
         result |= {"frame": ["earth", "body"] if EARTH.search(columns["u"].name) else ["body", "earth"]}
     if {"x", "lat", "cog"} & set(columns):
@@ -238,60 +248,40 @@ def _open(columns: dict[str, Heading]) -> tuple[dict[str, Sequence], list[str]]:
     return result, trusted
 
 
-def _named(one: Heading, other: Heading, order: int) -> bool:
-    """Whether two columns are named north and east, in this order or the other."""
-    first, second = (one, other)[::order]
-    return bool(NORTH.search(first.name) and EAST.search(second.name))
+def _named(north: Heading, east: Heading) -> bool:
+    """Whether two columns are named north and east."""
+    return bool(NORTH.search(north.name) and EAST.search(east.name))
 
 
-def _in_words(
-    best: tuple[Yaw, list[Yaw], Motion, list[Axes]],
-    columns: dict[str, Heading],
-    units: dict[str, tuple[str, str, bool]],
-    ship: Particulars | None,
-    told_apart: bool,
-) -> Motions:
-    """The readings as choices with their reasons."""
-    yaw, others, m, axes = best
+def _axes_in_words(
+    axes: list[Axes], m: Motion, columns: dict[str, Heading], units: dict[str, _Unit]
+) -> tuple[list[Choice], Settings]:
+    """How velocities and positions are read."""
     a = axes[0]
     read: list[Choice] = []
-    settings: dict[str, tuple[Any, str]] = {}
-    rest = (*POSITION, *COURSE, "frame")
+    settings: Settings = {}
     if "u" in columns:
-        told = _told(axes, VELOCITY, rest, "sides by the track" if m.track or m.over else "as a ship moves")
-        pair = ("v", "u") if a.swapped_uv else ("u", "v")
-        read += _pair(("u", "v"), pair, (a.u_sign, a.v_sign), columns, units["u"], told)
+        what = "sides by the track" if m.track or m.over else "as a ship moves"
+        told = _told(axes, VELOCITY, (*POSITION, *COURSE, "frame"), what)
+        read += _pair(("u", "v"), a.swapped_uv, (a.u_sign, a.v_sign), columns, units["u"], told)
         by_frame = _told(axes, ("frame",), (*POSITION, *COURSE), "by data")
         if a.frame == "earth" or not by_frame.clear:
             compared = f": misfit {by_frame.misfit}, next {by_frame.next}" if by_frame.why else ""
-            said = f"by data{compared}"
-            settings["frame"] = a.frame, said if by_frame.clear else f"undecided: {said}"
+            settings["frame"] = a.frame, f"by data{compared}", by_frame.clear
     if "x" in columns:
-        told = _told(
-            axes,
-            POSITION,
-            (*VELOCITY, *COURSE, "frame"),
-            "axes by heading, u, v" if "u" in columns else "axes by heading",
-        )
-        pair = ("y", "x") if a.swapped_xy else ("x", "y")
-        read += _pair(("x", "y"), pair, (a.x_sign, a.y_sign), columns, units["x"], told)
+        what = "axes by heading, u, v" if "u" in columns else "axes by heading"
+        told = _told(axes, POSITION, (*VELOCITY, *COURSE, "frame"), what)
+        read += _pair(("x", "y"), a.swapped_xy, (a.x_sign, a.y_sign), columns, units["x"], told)
     if "lat" in columns:
         read += [Choice(k, columns[k].column, "deg", why="by name") for k in ("lat", "lon")]
     if "sog" in columns:
         for k in ("sog", "cog"):
             unit, why, decided = units[k]
             read.append(Choice(k, columns[k].column, unit, why=why, decided=decided))
-    read += _yaw_in_words(yaw, others, axes, columns, told_apart)
-    settings |= _points(a, columns, m)
-    speeds = [np.hypot(*p) for p in (m.velocity, m.track, m.over) if p is not None]
-    speed = float(np.median(speeds[0]))
-    turned = float(np.ptp(m.psi))
-    return Motions(tuple(read), settings, turned, speed,
-                   ship or _stand_in(m.length, speed))  # fmt: skip
+    return read, settings
 
 
-@dataclass(frozen=True)
-class _Told:
+class _Told(NamedTuple):
     """What data say of a choice: in words, its misfit, that of the next one, whether that is clear."""
 
     why: str = ""
@@ -307,8 +297,7 @@ def _told(axes: list[Axes], asked: Sequence[str], alike: Sequence[str], what: st
         return _Told()
     names = [n for n in asked if getattr(best, n) != getattr(other, n)]
     instead = ", ".join(_instead(n, getattr(other, n)) for n in names)
-    compared = not np.isnan(best.misfit)
-    own, others = (best.misfit, other.misfit) if compared else (best.evidence, other.evidence)
+    own, others = (best.evidence, other.evidence) if np.isnan(best.misfit) else (best.misfit, other.misfit)
     return _Told(what, f"{own:.2f}", f"{others:.2f} {instead}", other.evidence - best.evidence > MIN_SCORE_GAP)
 
 
@@ -318,30 +307,27 @@ def _instead(attribute: str, value: object) -> str:
         return "exchanged" if value else "not exchanged"
     if attribute == "frame":
         return f"{value} axes"
-    name, _, rest = attribute.partition("_")
-    return (
-        f"{name} {value} deg off" if name == "turn" else f"{name} {'+' if value == 1 else '-'}" if rest else str(value)
-    )
+    if attribute == "turn":
+        return f"turn {value} deg off"
+    return f"{attribute.removesuffix('_sign')} {'+' if value == 1 else '-'}"
 
 
 def _pair(
     names: tuple[str, str],
-    sources: tuple[str, str],
+    swapped: bool,
     signs: tuple[int, int],
     columns: dict[str, Heading],
-    unit: tuple[str, str, bool],
+    unit: _Unit,
     told: _Told,
 ) -> list[Choice]:
     """Two channels that are rated together."""
     word, why, known = unit
-    made = []
-    for name, source, sign in zip(names, sources, signs, strict=True):
-        changed = "columns exchanged" if name != source else ""
-        said = "; ".join(part for part in (why, changed, told.why) if part)
-        made.append(
-            Choice(name, columns[source].column, word, sign, 0.0, said, known and told.clear, told.misfit, told.next)
-        )
-    return made
+    said = "; ".join(part for part in (why, "columns exchanged" if swapped else "", told.why) if part)
+    sources = [columns[name].column for name in (names[::-1] if swapped else names)]
+    return [
+        Choice(name, column, word, sign, 0.0, said, known and told.clear, told.misfit, told.next)
+        for name, column, sign in zip(names, sources, signs, strict=True)
+    ]
 
 
 def _yaw_in_words(
@@ -372,23 +358,15 @@ def _yaw_in_words(
     return [*read, Choice("r", column, yaw.r_unit, sign, 0.0, why, clear, f"{yaw.misfit:.2f}", told_next)]
 
 
-def _points(a: Axes, columns: dict[str, Heading], m: Motion) -> dict[str, tuple[Any, str]]:
+def _points(a: Axes, columns: dict[str, Heading], m: Motion) -> Settings:
     """Which point of the ship the file speaks of."""
     of_track = [c for c in ("x", "lat") if c in columns]
     middle = [c for c in (*of_track, "u") if c in columns and MIDSHIP.search(columns[c].name)]
     if abs(a.lever) > LEAST_LEVER * m.length:
         said = f"x, y are those of a point {a.lever:.3g} m forward of that of u, v, by their sway in turns"
         if middle == of_track:
-            return {"reference_point": (round(-a.lever, 2), said), "position_point": (0.0, "x, y: by name")}
-        return {"position_point": (round(a.lever, 2), f"{said}; u, v are taken for midship's")}
+            return {"reference_point": (round(-a.lever, 2), said, True), "position_point": (0.0, "x, y: by name", True)}
+        return {"position_point": (round(a.lever, 2), f"{said}; u, v are taken for midship's", True)}
     if middle:
         return {}
-    return {"reference_point": (0.0, "undecided: no data show which point it is; midship is assumed")}
-
-
-def _stand_in(length: float, speed: float) -> Particulars:
-    """A ship of about this length and speed, where nobody said which ship it is."""
-    particulars = Particulars(
-        "ship", length, length / 6, length / 16, 0.7, speed, rudder_rate=1e3 * DEGREE, rudder_limit=1.5
-    )
-    return replace(particulars, source="guessed from the record")
+    return {"reference_point": (0.0, "no data show which point it is; midship is assumed", False)}

@@ -10,15 +10,17 @@ from jaxtyping import Float
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.recording.check.agreement import Motion
 from manoeuvre_nn.recording.check.axes import STRONG_EVIDENCE, rudder_effect
 from manoeuvre_nn.recording.check.checks import check_recording
 from manoeuvre_nn.recording.outliers import spikes
 from manoeuvre_nn.recording.propose.choice import Choice
 from manoeuvre_nn.recording.propose.headings import COMPASS, Heading, assign
-from manoeuvre_nn.recording.propose.motion_columns import FULL_CIRCLE, Motions, read_motions
+from manoeuvre_nn.recording.propose.motion_columns import FULL_CIRCLE, Settings, read_motions, usual_speed
 from manoeuvre_nn.recording.propose.sniff import Sniffed, sniff
 from manoeuvre_nn.recording.propose.time_column import choose_time
 from manoeuvre_nn.recording.read.mapping import RECORD, Mapping, mapping
+from manoeuvre_nn.recording.read.mending import line_across
 from manoeuvre_nn.recording.read.quantity import COUNT, PAIRS, QUANTITY, units_of
 from manoeuvre_nn.recording.read.reader import MAX_FILLED_CELLS, read_recording
 
@@ -32,6 +34,8 @@ TURNED, MIN_TURNED = 0.5, 0.1
 """Change of heading that no degree of rudder makes, and below which a ship runs straight [rad]."""
 FASTEST_SHAFT = 25.0
 """Shaft speeds above this are in revolutions a minute [1/s]."""
+
+Series = Float[np.ndarray, " n"]
 
 
 @dataclass(frozen=True)
@@ -86,64 +90,82 @@ def propose(path: Path, ship: Particulars | None = None) -> Proposal:
     file = sniff(path)
     named = assign([h for h in file.headings if h.column in file.numbers])
     time, seconds = choose_time(file, named, ship)
-    named = {c: [h for h in hs if h.column != time.column] for c, hs in named.items()}
-    columns, spare = _columns(named)
+    others = {c: [h for h in hs if h.column != time.column] for c, hs in named.items()}
+    columns, spare = _columns({c: hs[0] for c, hs in others.items() if hs})
     if not columns:
-        there = ", ".join(file.called(h.column) for h in file.headings[:20])
         raise InputError(
-            f"{path.name}: no column is called like a known channel ({there}); write the mapping by hand, see "
-            "conf/recording, or name the columns t, u, v, r, x, y, psi, delta"
+            f"{path.name}: no column is called like a known channel ({file.overview()}); write the mapping by hand, "
+            "see conf/recording, or name the columns t, u, v, r, x, y, psi, delta"
         )
-    timed = Choice("time", time.column, time.unit, why=time.why, decided=time.decided)
     base = {**file.layout, "time": {"column": time.column, "unit": time.unit}}
-    values = {c: _without_gaps(seconds, file.numbers[h.column]) for c, h in columns.items()}
-    used = {time.column, *(h.column for h in columns.values())}
-    rest = tuple(h.column for h in file.headings if h.column not in used)
-    made = Proposal(file, base, timed, (), time.reasons, notes=_open_questions(file, columns), left_out=rest)
+    notes = _open_questions(file, columns)
     if _is_record(columns):
-        return _finished(_record(made, columns), seconds, ship)
-    if spare:
-        made = replace(made, notes=(*made.notes, spare))
-    return _finished(_moving(made, columns, values, seconds, ship), seconds, ship)
+        choices, settings = _record(columns)
+    else:
+        values = {c: file.numbers[h.column] for c, h in columns.items()}
+        values = {c: line_across(seconds, v, np.isnan(v)) for c, v in values.items()}
+        choices, settings, motion = read_motions(seconds, columns, values, ship)
+        choices += _rudder(columns, values, float(np.ptp(motion.psi)))
+        if columns["delta"].name.startswith("order_"):
+            settings["rudder"] = "order", "the column is named an order", True
+        settings["rudder_positive_to"] = _rudder_side(path, _config(base, settings, choices), ship or _stand_in(motion))
+        rest = set(columns) - {choice.channel for choice in choices}
+        choices += [_other(c, h, values[c], usual_speed(motion), ship) for c, h in columns.items() if c in rest]
+        notes += spare
+        if not COMPASS.search(columns["psi"].name) and not {"lat", "cog"} & set(columns):
+            notes.append(
+                "Data cannot tell a ship from her image in a mirror: psi is taken to grow when she turns to starboard."
+            )
+    raw = {c.channel: file.numbers[c.column] for c in choices}
+    settings |= _gaps(seconds, raw)
+    odd = {name: int(spikes(v).sum()) for name, v in raw.items()}
+    if any(odd.values()):
+        said = ", ".join(f"{k} {v}" for k, v in odd.items() if v)
+        notes.append(f"Single samples far off their neighbours: {said}; outliers: fill takes them out.")
+    used = {time.column, *(h.column for h in columns.values())}
+    config = _config(base, settings, choices)
+    return Proposal(
+        file,
+        config,
+        time,
+        tuple(choices),
+        reasons={key: why for key, (_, why, _) in settings.items()},
+        undecided=tuple(key for key, (_, _, decided) in settings.items() if not decided),
+        notes=tuple(notes),
+        left_out=tuple(h.column for h in file.headings if h.column not in used),
+        finding=_finding(path, config, ship),
+    )
 
 
-def _open_questions(file: Sniffed, columns: dict[str, Heading]) -> tuple[str, ...]:
+def _open_questions(file: Sniffed, columns: dict[str, Heading]) -> list[str]:
     """What is wrong with columns by themselves."""
     notes = [f"Several columns are called {name!r} and are left out: rename them." for name in file.twice]
-    still = [c for c in columns if c in MOVING and _stands_still(file.numbers[columns[c].column])]
+    moving = {c: file.numbers[h.column] for c, h in columns.items() if c in MOVING}
+    still = [f"{c} ({file.called(columns[c].column)})" for c, v in moving.items() if np.nanmin(v) == np.nanmax(v)]
     if still:
-        named = ", ".join(f"{c} ({file.called(columns[c].column)})" for c in still)
-        notes.append(f"Never moving, so that nothing can be compared with it: {named}; name another column.")
-    return tuple(notes)
+        notes.append(f"Never moving, so that nothing can be compared with it: {', '.join(still)}; name another column.")
+    return notes
 
 
-def _stands_still(values: Float[np.ndarray, " n"]) -> bool:
-    """Whether all samples that are there are the same."""
-    return bool(np.nanmin(values) == np.nanmax(values))
-
-
-def _columns(named: dict[str, list[Heading]]) -> tuple[dict[str, Heading], str]:
-    """One column a channel, and what was set aside in words."""
-    columns = {c: hs[0] for c, hs in named.items() if hs}
+def _columns(named: dict[str, Heading]) -> tuple[dict[str, Heading], list[str]]:
+    """Columns that can be used, and what is set aside in words."""
+    columns = dict(named)
     if "v" not in columns and "u" in columns:
         log = columns.pop("u")
         columns.setdefault("u_log", log)
-    if "v" in columns and "u" not in columns:
-        columns.pop("v")
-    for one, other in (("x", "y"), ("lat", "lon"), ("sog", "cog")):
+    for one, other in (("u", "v"), ("x", "y"), ("lat", "lon"), ("sog", "cog")):
         if (one in columns) != (other in columns):
             for half in (one, other):
                 columns.pop(half, None)
     if "delta" not in columns and "delta_order" in columns:
-        columns["delta"] = columns.pop("delta_order")
-        columns["delta"] = replace(columns["delta"], name=f"order_{columns['delta'].name}")
+        order = columns.pop("delta_order")
+        columns["delta"] = replace(order, name=f"order_{order.name}")
     said = []
     for kept, same in ((("x", "y"), ("lat", "lon")), (("u", "v"), ("sog", "cog"))):
         if {*kept, *same} <= set(columns):
-            for name in same:
-                columns.pop(name)
+            columns = {c: h for c, h in columns.items() if c not in same}
             said.append(f"{same[0]} and {same[1]} are left out: {kept[0]} and {kept[1]} say the same.")
-    return columns, " ".join(said)
+    return columns, [" ".join(said)] if said else []
 
 
 def _is_record(columns: dict[str, Heading]) -> bool:
@@ -153,52 +175,25 @@ def _is_record(columns: dict[str, Heading]) -> bool:
     return counts or not moving or not {"psi", "delta"} <= set(columns)
 
 
-def _record(made: Proposal, columns: dict[str, Heading]) -> Proposal:
+def _record(columns: dict[str, Heading]) -> tuple[list[Choice], Settings]:
     """A mapping that reads what there is."""
     choices = []
     for channel, heading in columns.items():
-        unit = heading.unit or COUNT
         why = "unit by name" if heading.unit else "no unit is stated: kept as it is"
-        choices.append(Choice(channel, heading.column, unit, why=why, decided=bool(heading.unit)))
+        choices.append(Choice(channel, heading.column, heading.unit or COUNT, why=why, decided=bool(heading.unit)))
     lacking = [c for c in ("psi", "delta") if c not in columns]
     lacking += [] if any(set(p) <= set(columns) for p in PAIRS) else ["u and v (or x and y)"]
     said = f"it has no {', '.join(lacking)}" if lacking else "rudder or heading have no scale"
-    settings = {**made.settings, "kind": RECORD}
-    reasons = {**made.reasons, "kind": f"no manoeuvre that a model could be made from: {said}"}
-    return replace(made, settings=settings, choices=tuple(choices), reasons=reasons)
+    return choices, {"kind": (RECORD, f"no manoeuvre that a model could be made from: {said}", True)}
 
 
-def _moving(
-    made: Proposal,
-    columns: dict[str, Heading],
-    values: dict[str, Float[np.ndarray, " n"]],
-    seconds: Float[np.ndarray, " n"],
-    ship: Particulars | None,
-) -> Proposal:
-    """A mapping of a manoeuvre: first what moves, then the rudder, then the rest."""
-    motions = read_motions(seconds, columns, values, ship)
-    choices = list(motions.choices)
-    settings, reasons, undecided = dict(made.settings), dict(made.reasons), list(made.undecided)
-    for key, (value, why) in motions.settings.items():
-        settings[key], reasons[key] = value, why
-    for channel in ("delta", "delta_order"):
-        if channel in columns:
-            unit, why, decided = _rudder_unit(columns[channel], values[channel], motions.turned)
-            choices.append(Choice(channel, columns[channel].column, unit, why=why, decided=decided))
-    if columns["delta"].name.startswith("order_"):
-        settings["rudder"], reasons["rudder"] = "order", "the column is named an order"
-    made = replace(made, settings=settings, choices=tuple(choices), reasons=reasons)
-    notes = list(made.notes)
-    side, why, decided = _rudder_side(made, motions)
-    settings["rudder_positive_to"], reasons["rudder_positive_to"] = side, why
-    undecided += [] if decided else ["rudder_positive_to"]
-    others = [c for c in columns if c not in {choice.channel for choice in choices}]
-    choices += [_other(c, columns[c], values[c], motions, ship) for c in others]
-    if not COMPASS.search(columns["psi"].name) and not {"lat", "cog"} & set(columns):
-        notes.append(
-            "Data cannot tell a ship from her image in a mirror: psi is taken to grow when she turns to starboard."
-        )
-    return replace(made, choices=tuple(choices), undecided=tuple(undecided), notes=tuple(notes))
+def _rudder(columns: dict[str, Heading], values: dict[str, Series], turned: float) -> list[Choice]:
+    """Rudder angles."""
+    made = []
+    for channel in (c for c in ("delta", "delta_order") if c in columns):
+        unit, why, decided = _rudder_unit(columns[channel], values[channel], turned)
+        made.append(Choice(channel, columns[channel].column, unit, why=why, decided=decided))
+    return made
 
 
 def _rudder_unit(heading: Heading, values: np.ndarray, turned: float) -> tuple[str, str, bool]:
@@ -216,12 +211,11 @@ def _rudder_unit(heading: Heading, values: np.ndarray, turned: float) -> tuple[s
     return (heading.unit or "deg"), "unit by name" if heading.unit else "usual unit", bool(heading.unit)
 
 
-def _rudder_side(made: Proposal, motions: Motions) -> tuple[str, str, bool]:
+def _rudder_side(path: Path, config: dict[str, Any], ship: Particulars) -> tuple[str, str, bool]:
     """Side that a positive rudder angle turns the ship to."""
-    settings = _settings({**made.settings, "rudder_positive_to": "starboard"}, made.choices)
     try:
-        recording = read_recording(made.file.path, mapping(**{**settings, "fill_gaps": 1e9}), motions.stand_in)
-        effect, error = rudder_effect(recording, motions.stand_in)
+        recording = read_recording(path, mapping(**config, rudder_positive_to="starboard", fill_gaps=1e9), ship)
+        effect, error = rudder_effect(recording, ship)
     except InputError:
         return "starboard", "the file cannot be read yet, see below", False
     times = abs(effect) / error if error else 0.0
@@ -231,68 +225,56 @@ def _rudder_side(made: Proposal, motions: Motions) -> tuple[str, str, bool]:
     return side, f"by data: the yaw rate answers a positive angle to {side} ({times:.0f} standard errors)", True
 
 
-def _other(channel: str, heading: Heading, values: np.ndarray, motions: Motions, ship: Particulars | None) -> Choice:
+def _stand_in(motion: Motion) -> Particulars:
+    """A ship of about this length and speed, where nobody said which ship it is."""
+    length = motion.length
+    return Particulars(
+        "ship", length, length / 6, length / 16, 0.7, usual_speed(motion), rudder_rate=1e3 * DEGREE, rudder_limit=1.5
+    )
+
+
+def _other(channel: str, heading: Heading, values: Series, speed: float, ship: Particulars | None) -> Choice:
     """A channel that nothing in the file can be compared with: unit by name, else by size."""
     if heading.unit:
         return Choice(channel, heading.column, heading.unit, why="by name")
-    known, largest = list(units_of(channel)), float(np.quantile(np.abs(values), 0.98))
+    known, largest = units_of(channel), float(np.quantile(np.abs(values), 0.98))
     quantity = QUANTITY[channel]
     if quantity == "shaft speed":
-        nominal = None if ship is None else ship.rpm
-        rpm = largest > FASTEST_SHAFT if nominal is None else abs(np.log(largest / nominal + 1e-9)) < 0.7
+        rpm = largest > FASTEST_SHAFT if ship is None else abs(np.log(largest / ship.rpm + 1e-9)) < 0.7
         return Choice(channel, heading.column, "rpm" if rpm else "1/s", why=f"unit by size: {largest:.3g}",
                       decided=rpm and largest > FASTEST_SHAFT)  # fmt: skip
     if quantity == "angle" and largest > FULL_CIRCLE:
         return Choice(channel, heading.column, "deg", why=f"unit by size: {largest:.3g}")
     if channel == "u_log":
-        speed = motions.speed
-        unit = min(known, key=lambda u: abs(np.log(largest * units_of(channel)[u] / speed + 1e-9)))
+        unit = min(known, key=lambda u: abs(np.log(largest * known[u] / speed + 1e-9)))
         return Choice(channel, heading.column, unit, why=f"unit by data: {largest:.3g} at {speed:.3g} m/s")
-    unit = "deg" if quantity == "angle" else known[0]
+    unit = "deg" if quantity == "angle" else next(iter(known))
     return Choice(channel, heading.column, unit, why="usual unit", decided=False)
 
 
-def _settings(base: dict[str, Any], choices: tuple[Choice, ...]) -> dict[str, Any]:
-    """The config of a mapping."""
-    channels: dict[str, dict[str, Any]] = {}
-    for c in choices:
-        channels[c.channel] = {"column": c.column, "unit": c.unit}
-        channels[c.channel] |= {"sign": c.sign} if c.sign != 1 else {}
-        channels[c.channel] |= {"offset": c.offset} if c.offset else {}
-    return {**base, "channels": channels}
+def _config(base: dict[str, Any], settings: Settings, choices: list[Choice]) -> dict[str, Any]:
+    """A mapping as it is written."""
+    values = {key: value for key, (value, *_) in settings.items()}
+    return {**base, **values, "channels": {c.channel: c.entry for c in choices}}
 
 
-def _finished(made: Proposal, seconds: Float[np.ndarray, " n"], ship: Particulars | None) -> Proposal:
-    """Gaps and outliers noted, and the file read as it was proposed."""
-    settings, notes, reasons = dict(made.settings), list(made.notes), dict(made.reasons)
-    raw = {c.channel: made.file.numbers[c.column] for c in made.choices}
+def _gaps(seconds: Series, raw: dict[str, Series]) -> Settings:
+    """How gaps are filled."""
     gaps = {name: int(np.isnan(v).sum()) for name, v in raw.items() if np.isnan(v).any()}
-    if gaps:
-        longest = max(_longest_gap(seconds, np.isnan(raw[name])) for name in gaps)
-        usual = float(np.median(np.diff(seconds)))
-        settings["fill_gaps"] = True if longest <= (MAX_FILLED_CELLS + 1.5) * usual else round(1.01 * longest, 2)
-        reasons["fill_gaps"] = f"empty cells: {', '.join(f'{k} {v}' for k, v in gaps.items())}"
-    odd = {name: int(spikes(v).sum()) for name, v in raw.items()}
-    if any(odd.values()):
-        said = ", ".join(f"{k} {v}" for k, v in odd.items() if v)
-        notes.append(f"Single samples far off their neighbours: {said}; outliers: fill takes them out.")
-    settings = _settings(settings, made.choices)
-    made = replace(made, settings=settings, notes=tuple(notes), reasons=reasons)
-    if settings.get("kind") == RECORD or ship is None:
-        return made
+    if not gaps:
+        return {}
+    longest = max(float(np.diff(seconds[~np.isnan(raw[name])]).max(initial=0.0)) for name in gaps)
+    usual = float(np.median(np.diff(seconds)))
+    filled = True if longest <= (MAX_FILLED_CELLS + 1.5) * usual else round(1.01 * longest, 2)
+    return {"fill_gaps": (filled, f"empty cells: {', '.join(f'{k} {v}' for k, v in gaps.items())}", True)}
+
+
+def _finding(path: Path, config: dict[str, Any], ship: Particulars | None) -> str | None:
+    """What the checks say of the file read as it is proposed."""
+    if config.get("kind") == RECORD or ship is None:
+        return None
     try:
-        check_recording(read_recording(made.file.path, made.mapping, ship), ship)
+        check_recording(read_recording(path, mapping(**config), ship), ship)
     except InputError as error:
-        return replace(made, finding=str(error))
-    return made
-
-
-def _longest_gap(seconds: Float[np.ndarray, " n"], lost: np.ndarray) -> float:
-    """Longest time between two samples that are there [s]."""
-    return float(np.diff(seconds[~lost]).max(initial=0.0))
-
-
-def _without_gaps(seconds: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """A column without empty cells; headings are bridged well enough for a guess."""
-    good = np.isfinite(values)
-    return values if good.all() else np.interp(seconds, seconds[good], values[good])
+        return str(error)
+    return None

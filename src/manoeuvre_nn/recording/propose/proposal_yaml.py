@@ -14,43 +14,29 @@ UNDECIDED = "  # undecided"
 
 
 def to_yaml(proposal: Proposal) -> str:
-    """Write a mapping down.
-
-    Args:
-        proposal: The mapping and its reasons.
-
-    Returns:
-        A yaml that ``data.mapping=`` takes.
-    """
+    """Write a mapping down, as a yaml that ``data.mapping=`` takes."""
     made = proposal
     lines = [f"# Columns of {made.file.path.name}, proposed by manoeuvre import; look at what is undecided."]
-    lines += [f"# {_one_line(note)}" for note in made.notes]
-    lines += [f"# The checks say: {_one_line(made.finding)}"] if made.finding else []
+    lines += [f"# {_one_line(note).strip()}" for note in made.notes]
+    lines += [f"# The checks say: {_one_line(made.finding).strip()}"] if made.finding else []
     lines += [f"time: {_entry(made, made.time)}", "channels:"]
     lines += [f"  {c.channel}: {_entry(made, c)}" for c in made.choices]
     for key, value in made.settings.items():
-        if key in {"time", "channels"}:
-            continue
-        why = made.reasons.get(key, "")
-        open_ = key in made.undecided or why.startswith("undecided")
-        reason = why.removeprefix("undecided").strip(": ")
-        comment = (
-            f"{UNDECIDED if open_ else ''}{f': {reason}' if open_ and reason else f'  # {reason}' if reason else ''}"
-        )
-        lines.append(f"{key}: {_value(value)}{_one_line(comment, False)}")
+        if key not in {"time", "channels"}:
+            why = made.reasons.get(key, "")
+            comment = f"{UNDECIDED}: {why}" if key in made.undecided else f"  # {why}" if why else ""
+            lines.append(f"{key}: {_value(value)}{_one_line(comment)}")
     return "\n".join(lines) + "\n"
 
 
 def _entry(proposal: Proposal, choice: Choice) -> str:
     """One channel on a line."""
-    parts = [f"column: {_value(choice.column)}", f"unit: {_value(choice.unit)}"]
-    parts += [f"sign: {choice.sign}"] if choice.sign != 1 else []
-    parts += [f"offset: {choice.offset:g}"] if choice.offset else []
+    parts = [f"{k}: {_value(v) if isinstance(v, str) else format(v, 'g')}" for k, v in choice.entry.items()]
     comment = "" if choice.decided else f"{UNDECIDED}: {choice.why}"
     called = proposal.file.called(choice.column)
     if called != choice.column:
         comment = f"  # {called}{comment.replace('  #', ',')}"
-    return f"{{{', '.join(parts)}}}{_one_line(comment, False)}"
+    return f"{{{', '.join(parts)}}}{_one_line(comment)}"
 
 
 def _value(value: Any) -> str:
@@ -58,11 +44,10 @@ def _value(value: Any) -> str:
     if isinstance(value, str):
         if PLAIN.fullmatch(value) and value.lower() not in NOT_PLAIN:
             return value
-        return json.dumps(value, ensure_ascii=_one_line(value, False) != value)
+        return json.dumps(value, ensure_ascii=_one_line(value) != value)
     return json.dumps(value)
 
 
-def _one_line(text: str, strip: bool = True) -> str:
+def _one_line(text: str) -> str:
     """Text without line breaks: a heading must not break out of its comment."""
-    plain = "".join(" " if ord(c) < 32 or c in "\x7f\x85\u2028\u2029" else c for c in text)
-    return plain.strip() if strip else plain
+    return "".join(" " if ord(c) < 32 or c in "\x7f\x85\u2028\u2029" else c for c in text)

@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -35,9 +35,9 @@ class Sniffed:
     Attributes:
         path: The file.
         layout: Settings of a mapping that say how a text is cut into columns; empty otherwise.
-        headings: Headings of the columns of numbers and of time stamps; ``column`` is what a mapping calls them.
-        numbers: Column -> samples; NaN where empty.
-        stamps: Columns of time stamps -> ``iso`` or ``clock``.
+        headings: Headings of the columns of numbers, and of time stamps (unit ``iso`` or ``clock``); ``column`` is what
+            a mapping calls them.
+        numbers: Column of numbers -> samples; NaN where empty.
         table: The cells.
         spoken: Column that a mapping has to name by its number -> its heading.
         twice: Headings of several columns, which are left out: whose column it is cannot be said.
@@ -47,35 +47,21 @@ class Sniffed:
     layout: dict[str, Any]
     headings: tuple[Heading, ...]
     numbers: dict[str, Float[np.ndarray, " n"]]
-    stamps: dict[str, str]
     table: Table
     spoken: dict[str, str] = field(default_factory=dict)
     twice: tuple[str, ...] = ()
 
     def called(self, column: str) -> str:
-        """What a column is called in the file, also where a mapping has to name it by its number.
-
-        Args:
-            column: The column as a mapping names it.
-
-        Returns:
-            Its heading.
-        """
+        """What a column is called in the file, also where a mapping has to name it by its number."""
         return self.spoken.get(column, column)
+
+    def overview(self) -> str:
+        """What its first columns are called."""
+        return ", ".join(self.called(h.column) for h in self.headings[:20])
 
 
 def sniff(path: Path) -> Sniffed:
-    """Look at a file.
-
-    Args:
-        path: The file.
-
-    Returns:
-        Its columns.
-
-    Raises:
-        InputError: If it holds no columns of numbers.
-    """
+    """Look at a file; refused if it holds no columns of numbers."""
     check_there(path)
     layout: dict[str, Any] = {}
     below: dict[str, str] = {}
@@ -87,19 +73,16 @@ def sniff(path: Path) -> Sniffed:
         columns = list(spoken)
         held = Mapping(ChannelMap(columns[0], "s"), {"r": ChannelMap(columns[0], "count")}, kind=RECORD, **layout)
         table = read_table(path, held)
-    numbers, stamps = _columns(table, layout.get("decimal", "point"))
+    numbers, stamps = _columns(table)
     if not numbers:
         raise InputError(f"{path.name}: no columns of numbers; expected one line a sample")
     headings = []
     for column in (*numbers, *stamps):
         parted = take_apart(spoken.get(column, column), below.get(column, ""))
-        headings.append(Heading(column, parted.name, parted.unit))
+        headings.append(replace(parted, column=column, unit=stamps.get(column, parted.unit)))
     changed = {k: v for k, v in layout.items() if v != getattr(Mapping, k, None)}
-    there = [str(name) for name in table.cells.columns]
-    return Sniffed(
-        path, changed, tuple(headings), numbers, stamps, table, {k: v for k, v in spoken.items() if k != v},
-        tuple(name for name in dict.fromkeys(there) if there.count(name) > 1),
-    )  # fmt: skip
+    twice = table.cells.columns[table.cells.columns.duplicated()]
+    return Sniffed(path, changed, tuple(headings), numbers, table, spoken, tuple(dict.fromkeys(twice)))
 
 
 def _layout(path: Path) -> tuple[dict[str, Any], dict[str, str], dict[str, str]]:
@@ -152,14 +135,12 @@ def _numeric_block(lines: list[str], delimiter: str, decimal: str) -> tuple[int,
     return numbers, next(k for k, w in widths if w == width), width
 
 
-def _columns(table: Table, decimal: str) -> tuple[dict[str, Float[np.ndarray, " n"]], dict[str, str]]:
-    """Columns of numbers, and those of time stamps."""
+def _columns(table: Table) -> tuple[dict[str, Float[np.ndarray, " n"]], dict[str, str]]:
+    """Columns of numbers, and those of time stamps with their unit; of columns with one heading none is taken."""
     numbers: dict[str, Float[np.ndarray, " n"]] = {}
     stamps: dict[str, str] = {}
-    names = [str(name) for name in table.cells.columns]
-    for name in names:
-        if names.count(name) > 1:
-            continue
+    names = table.cells.columns
+    for name in names[~names.duplicated(keep=False)]:
         given = table.cells[name]
         if pd.api.types.is_datetime64_any_dtype(given):
             stamps[name] = "iso"
@@ -168,8 +149,8 @@ def _columns(table: Table, decimal: str) -> tuple[dict[str, Float[np.ndarray, " 
         elif pd.api.types.is_numeric_dtype(given):
             numbers[name] = given.to_numpy(dtype=float, na_value=np.nan, copy=True)
         else:
-            text = given.astype(object).where(given.notna(), "").astype(str).str.strip()
-            values = numbers_in(text, decimal)
+            text = table.text(name)
+            values = numbers_in(text, table.decimal)
             some = [cell for cell in text.iloc[:50] if cell.lower() not in EMPTY]
             if some and all(STAMP.fullmatch(cell) for cell in some):
                 stamps[name] = "clock" if ":" in some[0][:3] else "iso"

@@ -192,12 +192,7 @@ def _time(table: Table, mapping: Mapping, ship: Particulars) -> tuple[Float[np.n
         time = table.stamps(column, unit, mapping.time_zone)
     else:
         time = table.numbers(column)
-    if np.isnan(time).any():
-        raise table.error(column, int(np.argmax(np.isnan(time))), "is empty; a sample without a time cannot be used")
-    steps = np.diff(time)
-    if (steps <= 0).any():
-        row = int(np.argmax(steps <= 0)) + 1
-        raise table.error(column, row, f"goes from {time[row - 1]:.12g} to {time[row]:.12g}; times must increase")
+    table.check_rises(column, time)
     time = time * mapping.factor("time")
     since = time - time[0] if len(time) else time
     first = int(np.searchsorted(since, (mapping.start or 0.0) - 1e-9))

@@ -44,6 +44,11 @@ class Table:
     row: str = "line"
     decimal: str = "point"
 
+    def text(self, column: str) -> "pd.Series[str]":
+        """A column as text without blanks around it; empty where a cell is."""
+        given = self.cells[column]
+        return given.astype(object).where(given.notna(), "").astype(str).str.strip()
+
     def numbers(self, column: str) -> Float[np.ndarray, " n"]:
         """A column as numbers, NaN where a cell is empty.
 
@@ -60,7 +65,7 @@ class Table:
                 row = int(np.argmax(np.isinf(values)))
                 raise self.error(column, row, f"is {values[row]}; expected a finite number")
             return values
-        text = self._text(column)
+        text = self.text(column)
         values = numbers_in(text, self.decimal)
         odd = ~np.isfinite(values) & ~text.str.lower().isin(EMPTY).to_numpy()
         if odd.any():
@@ -85,7 +90,7 @@ class Table:
             time raises :meth:`error`.
         """
         if unit == "clock":
-            text = self._text(column)
+            text = self.text(column)
             day = pd.to_timedelta(text, errors="coerce").dt.total_seconds().to_numpy(dtype=float, copy=True)
             self._check_stamps(column, day, text, "13:04:24.5")
             return day + 86400.0 * np.cumsum(np.diff(day, prepend=day[:1]) < -MIDNIGHT)
@@ -93,7 +98,7 @@ class Table:
         if pd.api.types.is_datetime64_any_dtype(given):
             times, text = given, given.astype(str)
         else:
-            text = self._text(column)
+            text = self.text(column)
             zoned = bool(text.str.contains(ZONED).any())
             times = pd.to_datetime(text, errors="coerce", format="ISO8601", utc=zoned)
         if times.dt.tz is None:
@@ -115,10 +120,14 @@ class Table:
         """
         return InputError(f"{self.path.name}, {self.row} {self.cells.index[row]}: column {column!r} {what}")
 
-    def _text(self, column: str) -> "pd.Series[str]":
-        """A column as text without blanks around it."""
-        given = self.cells[column]
-        return given.astype(object).where(given.notna(), "").astype(str).str.strip()
+    def check_rises(self, column: str, time: Float[np.ndarray, " n"]) -> None:
+        """Refuse sample times that lack one or do not increase."""
+        if np.isnan(time).any():
+            row = int(np.argmax(np.isnan(time)))
+            raise self.error(column, row, "is empty; a sample without a time cannot be used")
+        if (np.diff(time) <= 0).any():
+            row = int(np.argmax(np.diff(time) <= 0)) + 1
+            raise self.error(column, row, f"goes from {time[row - 1]:.12g} to {time[row]:.12g}; times must increase")
 
     def _check_stamps(self, column: str, values: Float[np.ndarray, " n"], text: "pd.Series[str]", such: str) -> None:
         """Refuse what is no time."""
