@@ -23,7 +23,6 @@ from manoeuvre_nn.ship.esso_190k import PARTICULARS as ESSO
 from manoeuvre_nn.ship.esso_190k import esso_190k
 from manoeuvre_nn.ship.great_lakes_bulker import great_lakes_bulker
 from manoeuvre_nn.ship.mariner import mariner, mariner_chislett1965, mariner_corrected
-from manoeuvre_nn.ship.tanker import PRODUCTS
 from manoeuvre_nn.ship.taylor import TaylorShip
 
 SHIPS = {
@@ -105,5 +104,5 @@ def without_offsets(ship: Ship) -> Ship:
         even = [sum(c in "vrd" for c in term) % 2 == 0 for term in ship.series.terms]
         ship.series.coefficients[even, 1:] = 0.0
     else:
-        ship.coefficient_table[PRODUCTS.index("LgT"), 1:] = 0.0
+        ship.coefficient_table[ship.terms.index("LgT"), 1:] = 0.0
     return ship

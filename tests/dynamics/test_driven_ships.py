@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-from manoeuvre_nn.core.inputs import Inputs, InputTable
+from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.members import replay_members
 from manoeuvre_nn.dynamics.model import IdentifiedShip
+from manoeuvre_nn.dynamics.recorded_inputs import InputTable
 from manoeuvre_nn.dynamics.replay import replay
 from manoeuvre_nn.estimation.coefficient_forces import series_forces
 from manoeuvre_nn.estimation.coefficient_priors import series_prior

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.prime import PrimeSystem, length_draught_system
+from manoeuvre_nn.core.prime import PrimeSystem
 from manoeuvre_nn.core.units import KNOT, SEA_WATER
 
 LONGEST_MODEL = 20.0
@@ -147,19 +147,38 @@ class Particulars:
         return np.asarray(values) * share ** np.asarray(powers)
 
     @property
+    def prime(self) -> PrimeSystem:
+        """The (rho, L, T, U0) system: forces over ``0.5 rho L T U0^2``, moments over ``0.5 rho L^2 T U0^2``.
+
+        Source:
+            Wang 1996, eqs 4.24-4.29.
+        """
+        return PrimeSystem("rho, L, T, U0", self.length, self.speed, 0.5 * self.rho * self.length**2 * self.draught)
+
+    @property
     def is_model(self) -> bool:
         """Whether it is a model in a tank or on a pond."""
         return self.length < LONGEST_MODEL
 
     def at_speed(self, speed: float) -> "Particulars":
-        """The same ship on another approach speed [m/s]; resistance goes with its square."""
+        """The same ship on another approach speed; resistance goes with its square.
+
+        Args:
+            speed: Approach speed [m/s].
+
+        Returns:
+            The ship.
+
+        Raises:
+            InputError: If the speed is not positive or more than twice the ship's own (knots taken for m/s).
+        """
+        if not 0 < speed <= 2 * self.speed:
+            raise InputError(
+                f"approach speed {speed / KNOT:.4g} kn; the {self.name} was identified at {self.speed / KNOT:.4g} kn: "
+                f"write manoeuvre.speed_kn between 0 and {2 * self.speed / KNOT:.3g}"
+            )
         resistance = None if self.resistance is None else self.resistance * (speed / self.speed) ** 2
         return replace(self, speed=speed, service_speed=self.top_speed, resistance=resistance)
-
-    @property
-    def prime(self) -> PrimeSystem:
-        """The (rho, L, T, U0) system of the ship on its approach."""
-        return length_draught_system(self.length, self.draught, self.speed, self.rho)
 
     @property
     def top_speed(self) -> float:
@@ -205,8 +224,12 @@ class Ship(ABC, nn.Module):
         particulars: Main dimensions and steering gear.
         prime: The prime system of inertia and forces.
         inertia: M' [-], shape (3, 3), for surge, sway and yaw.
+        depth: Depth of the water that the forces hold for [m]; ``inf`` is deep water.
+        terms: Names of the products, one a row of ``table``; none if the forces are no such series.
     """
 
+    depth: float = inf
+    terms: tuple[str, ...] = ()
     particulars: Particulars
     prime: PrimeSystem
     inertia: Tensor
@@ -224,19 +247,9 @@ class Ship(ABC, nn.Module):
         self.register_buffer("acceleration_units", inertia.new_tensor(prime.acceleration_units))
 
     @property
-    def depth(self) -> float:
-        """Depth of the water that the forces hold for [m]; ``inf`` is deep water."""
-        return inf
-
-    @property
     def table(self) -> Float[Tensor, "terms 3"] | None:
         """Coefficients that :meth:`products` are multiplied by; None if the forces are no such series."""
         return None
-
-    @property
-    def terms(self) -> tuple[str, ...]:
-        """Names of the products, one a row of ``table``."""
-        return ()
 
     def products(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch terms"]:
         """What the coefficients are multiplied by: ``f' = products @ table``.
@@ -248,7 +261,6 @@ class Ship(ABC, nn.Module):
         Raises:
             NotImplementedError: If the forces are no such series.
         """
-        del nu, delta
         raise NotImplementedError
 
     @property
@@ -287,7 +299,6 @@ class Ship(ABC, nn.Module):
         Returns:
             Addition to f' [-].
         """
-        del delta
         u = nu[..., 0]
         surge = (self.thrust(u, shaft) - self.thrust(u, torch.ones_like(u))) / self.prime.force
         return torch.stack([surge, torch.zeros_like(surge), torch.zeros_like(surge)], dim=-1)
@@ -315,7 +326,6 @@ class Ship(ABC, nn.Module):
         Returns:
             Additions to f' and to the diagonal of M' [-]; None where the coefficients hold for deep water alone.
         """
-        del nu, delta, shaft, zeta
         return None
 
     def force(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
@@ -336,14 +346,7 @@ class Ship(ABC, nn.Module):
 
     @abstractmethod
     def on_approach(self, speed: float) -> "Ship":
-        """The ship as it comes into a manoeuvre at another approach speed.
-
-        Args:
-            speed: Approach speed [m/s].
-
-        Returns:
-            A new ship; each family says what is scaled and what is held.
-        """
+        """The ship as it comes into a manoeuvre at another speed [m/s]; each family says what is scaled or held."""
 
     def acceleration(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
         """Accelerations ``nudot = units M'^-1 f'`` by :meth:`force`: udot, vdot [m/s^2], rdot [rad/s^2]."""
@@ -356,20 +359,3 @@ class Ship(ABC, nn.Module):
     def force_from_acceleration(self, nudot: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
         """The right-hand sides f' [-] that cause given accelerations [m/s^2, rad/s^2], ``f' = M' nudot'``."""
         return (nudot / self.acceleration_units) @ self.inertia.T
-
-
-def check_speed(ship: Particulars, speed: float) -> None:
-    """Refuse an approach speed that no manoeuvre starts from.
-
-    Args:
-        ship: The ship, for the message.
-        speed: Approach speed [m/s].
-
-    Raises:
-        InputError: If the speed is not positive or more than twice the ship's own (knots taken for m/s).
-    """
-    if not 0 < speed <= 2 * ship.speed:
-        raise InputError(
-            f"approach speed {speed / KNOT:.4g} kn; the {ship.name} was identified at {ship.speed / KNOT:.4g} kn: "
-            f"write manoeuvre.speed_kn between 0 and {2 * ship.speed / KNOT:.3g}"
-        )

@@ -14,7 +14,6 @@ from manoeuvre_nn.diagnosis.workers import shared_out
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood, hypothesis_columns
-from manoeuvre_nn.estimation.pair_screen import PairScreen
 from manoeuvre_nn.estimation.relinearise import MAX_PASSES, STATES_AT_REST, change_of_states, refined
 
 MAX_FIRST_DEFICIT = 30.0
@@ -175,7 +174,7 @@ def _pairs(
     if not leading:
         return
     seen: set[frozenset[str]] = set()
-    screen, screened = PairScreen(likelihood), []
+    screened = []
     turned = [(second, [second.hypothesis, *_turned(second.hypothesis)]) for second in singles]
     for first in leading[:MAX_BUILT_UPON]:
         for second, starts in turned:
@@ -184,7 +183,7 @@ def _pairs(
                 continue
             seen.add(names)
             for partner in _restarts(likelihood, first, starts):
-                score = screen.evidence(first.hypothesis, partner, *first.best)
+                score = likelihood.pair_evidence(first.hypothesis, partner, *first.best)
                 screened.append((score, first, first.hypothesis.joined(partner)))
     screened.sort(key=lambda t: -t[0])
     finalists: dict[frozenset[str], tuple[FittedHypothesis, Hypothesis]] = {}

@@ -10,12 +10,12 @@ from jaxtyping import Float
 from torch import Tensor
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.inputs import Inputs, InputTable
+from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.base import Model, runge_kutta_step
 from manoeuvre_nn.dynamics.limits import OK, inside_physical_range, left_range
-from manoeuvre_nn.dynamics.recorded_inputs import held_table, recorded_inputs
+from manoeuvre_nn.dynamics.recorded_inputs import InputTable, held_table, recorded_inputs
 from manoeuvre_nn.dynamics.rollout import STEPS_PER_LENGTH
 from manoeuvre_nn.dynamics.simulate import Solution, to_recordings
 from manoeuvre_nn.dynamics.vessel import RudderGear, Vessel, as_vessel

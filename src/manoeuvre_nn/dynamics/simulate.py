@@ -14,7 +14,7 @@ from manoeuvre_nn.core.channels import ACCELERATION
 from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.core.ship import Particulars, check_speed
+from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.helm import Helm, helm_of
 from manoeuvre_nn.dynamics.limits import MAX_PRIME_VELOCITIES, OK, inside_physical_range, left_range
@@ -68,7 +68,6 @@ def on_approach(ship: Model | Vessel, manoeuvre: Manoeuvre) -> tuple[Vessel, Flo
     """
     speed, vessel = manoeuvre.speed, as_vessel(ship)
     if speed is not None and speed != vessel.model.particulars.speed:
-        check_speed(vessel.model.particulars, speed)
         vessel = vessel.on_approach(speed)
     model = vessel.model
     reference = next(b for b in model.buffers() if b.is_floating_point())

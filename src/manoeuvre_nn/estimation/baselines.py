@@ -54,18 +54,13 @@ class FittedProducts(Ship):
             coefficients: One row a product, in units of the ship's speed and length and of this mass.
         """
         super().__init__(ship.particulars, replace(ship.prime, mass=mass), inertia)
-        self._ship = ship
+        self._ship, self.terms = ship, ship.terms
         self.register_buffer("coefficients", coefficients)
 
     @property
     def table(self) -> Float[Tensor, "terms 3"]:
         """The learnt coefficients."""
         return self.get_buffer("coefficients")
-
-    @property
-    def terms(self) -> tuple[str, ...]:
-        """The ship's products."""
-        return self._ship.terms
 
     def products(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch terms"]:
         """The ship's products.

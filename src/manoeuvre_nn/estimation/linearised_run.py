@@ -172,13 +172,13 @@ def linearise(run: Recording, rate: Rate, track: Float[np.ndarray, "n 6"], proce
 def _step(rate: Rate, state: Tensor, delta: Tensor, shaft: Tensor, h: float, decay: float) -> Tensor:
     """One Runge-Kutta step from every sample to the next at once, rudder and shaft linear in between."""
     start, end = delta[:-1], delta[1:]
-    middle, turns = 0.5 * (start + end), 0.5 * (shaft[:-1] + shaft[1:])
+    turns = 0.5 * (shaft[:-1] + shaft[1:])
 
     def f(s: Tensor, rudder: Tensor) -> Tensor:
         accelerations = rate(s[..., :3], rudder, turns) + s[..., 6:]
         return torch.cat([accelerations, kinematics(s[..., :6]), torch.zeros_like(accelerations)], dim=-1)
 
-    new = runge_kutta_step(f, state, (start, middle, end), state.new_tensor(h))
+    new = runge_kutta_step(f, state, (start, 0.5 * (start + end), end), state.new_tensor(h))
     return torch.cat([new[..., :6], decay * state[..., 6:]], dim=-1)
 
 

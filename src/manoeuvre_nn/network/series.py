@@ -2,13 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import prod
 
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from manoeuvre_nn.core.errors import InputError, check_choice
-from manoeuvre_nn.core.network import Network, products_of
+from manoeuvre_nn.core.network import Network, filled, products_of
 
 VARIABLES = ("1", "u", "v", "r", "d", "n", "a", "|v|", "|r|", "|d|", "wx", "wy", "|w|", "/U")
 """What products are made of: u, v, rL over U0, rudder angle [rad], shaft speed over the nominal one, a = u - 1, and the
@@ -22,10 +23,7 @@ OUTPUTS = 3
 
 def parity(term: str) -> int:
     """1 for a product that is the same to port and to starboard, -1 for one that changes sign."""
-    sign = 1
-    for token in term.split():
-        sign *= MIRRORED.get(token, 1)
-    return sign
+    return prod(MIRRORED.get(token, 1) for token in term.split())
 
 
 @dataclass(frozen=True)
@@ -118,12 +116,9 @@ class Series(Network):
         super().__init__()
         each = settings.products
         self.terms = list(dict.fromkeys(term for products in (each[0], each[2]) for term in products))
-        longest = max((len(t.split()) for t in self.terms), default=1)
-        places = [[VARIABLES.index(t) for t in term.split()] for term in self.terms]
-        filled = [p + [0] * (longest - len(p)) for p in places]
         used = [[t in of for t in self.terms] for of in each]
         self.seed = seed
-        self.register_buffer("places", torch.tensor(filled, dtype=torch.long).reshape(len(filled), longest))
+        self.register_buffer("places", filled([[VARIABLES.index(t) for t in term.split()] for term in self.terms]))
         self.register_buffer("used", torch.tensor(used))
         self.register_buffer("trained", torch.tensor(0))
         self.register_buffer("shaft", torch.ones((), dtype=dtype))
@@ -141,11 +136,6 @@ class Series(Network):
     def scalings(self) -> tuple[str, ...]:
         """Velocities over U0, so that coefficients are what the field calls them."""
         return ("approach",)
-
-    @property
-    def noise_of_fit(self) -> Float[Tensor, " 6"]:
-        """Standard deviation that u, v, r, x, y, psi were given in the fit, in U0, U0/L, L, rad; 0 without one."""
-        return self.noise
 
     @property
     def takes(self) -> tuple[str, ...]:
@@ -219,13 +209,7 @@ class Series(Network):
         covariance: Float[Tensor, "p p"],
         noise: Float[Tensor, " 6"] | None = None,
     ) -> None:
-        """Set the estimate, and draw the other members from its uncertainty.
-
-        Args:
-            values: Coefficients in the order of :attr:`names`.
-            covariance: Theirs.
-            noise: See :attr:`noise`; None is nothing.
-        """
+        """Set the estimate and its covariance, in the order of :attr:`names`, and draw the other members from them."""
         self.covariance.copy_(covariance)
         self.noise.copy_(torch.zeros_like(self.noise) if noise is None else noise)
         generator = torch.Generator().manual_seed(self.seed)

@@ -108,5 +108,4 @@ def own_ship(
     if missing:
         raise InputError(f"ship {settings.name}: inertia lacks {', '.join(sorted(missing))}; write them in the yaml")
     p = own_particulars(settings)
-    side = positive_rudder_turns_to
-    return TaylorShip(p, p.prime, inertia, coefficients, positive_rudder_turns_to=side, taylor=taylor)
+    return TaylorShip(p, inertia, coefficients, positive_rudder_turns_to=positive_rudder_turns_to, taylor=taylor)
