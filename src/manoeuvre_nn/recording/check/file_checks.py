@@ -12,7 +12,6 @@ from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.recording.check.finding import LEAVE_OUT, Change, Finding
 from manoeuvre_nn.recording.check.samples import MAX_BRIDGED_GAP, REPLACEMENTS
 from manoeuvre_nn.recording.read.mapping import Mapping
-from manoeuvre_nn.recording.read.quantity import STAMPS
 from manoeuvre_nn.recording.read.reader import MAX_FILLED_CELLS, MIN_LENGTH
 from manoeuvre_nn.recording.read.table import read_table
 
@@ -36,12 +35,7 @@ def file_findings(path: Path, mapping: Mapping, ship: Particulars) -> list[Findi
     """
     try:
         table = read_table(path, mapping)
-        stamped = mapping.time.unit in STAMPS
-        time = (
-            table.stamps(mapping.time.column, mapping.time.unit, mapping.time_zone)
-            if stamped
-            else table.numbers(mapping.time.column)
-        )
+        time = table.times(mapping.time.column, mapping.time.unit, mapping.time_zone)
         there = {k: c.column for k, c in mapping.channels.items() if c.column in table.cells.columns}
         cells = {k: np.isnan(table.numbers(column)) for k, column in there.items()}
     except InputError:

@@ -105,7 +105,8 @@ def propose(path: Path, ship: Particulars | None = None) -> Proposal:
         values = {c: file.numbers[h.column] for c, h in columns.items()}
         values = {c: line_across(seconds, v, np.isnan(v)) for c, v in values.items()}
         choices, settings, motion = read_motions(seconds, columns, values, ship)
-        choices += _rudder(columns, values, float(np.ptp(motion.psi)))
+        rudders = [c for c in ("delta", "delta_order") if c in columns]
+        choices += [_rudder(c, columns[c], values[c], float(np.ptp(motion.psi))) for c in rudders]
         if columns["delta"].name.startswith("order_"):
             settings["rudder"] = "order", "the column is named an order", True
         settings["rudder_positive_to"] = _rudder_side(path, _config(base, settings, choices), ship or _stand_in(motion))
@@ -187,16 +188,7 @@ def _record(columns: dict[str, Heading]) -> tuple[list[Choice], Settings]:
     return choices, {"kind": (RECORD, f"no manoeuvre that a model could be made from: {said}", True)}
 
 
-def _rudder(columns: dict[str, Heading], values: dict[str, Series], turned: float) -> list[Choice]:
-    """Rudder angles."""
-    made = []
-    for channel in (c for c in ("delta", "delta_order") if c in columns):
-        unit, why, decided = _rudder_unit(columns[channel], values[channel], turned)
-        made.append(Choice(channel, columns[channel].column, unit, why=why, decided=decided))
-    return made
-
-
-def _rudder_unit(heading: Heading, values: np.ndarray, turned: float) -> tuple[str, str, bool]:
+def _rudder(channel: str, heading: Heading, values: Series, turned: float) -> Choice:
     """Unit of a rudder angle: degrees if radians would be beyond every stop, or would hardly turn the ship."""
     largest, by_data, clear = float(np.abs(values).max()), "", True
     if largest > LARGEST_RUDDER:
@@ -204,11 +196,12 @@ def _rudder_unit(heading: Heading, values: np.ndarray, turned: float) -> tuple[s
     elif turned > TURNED or (turned > MIN_TURNED and largest < SMALL_RUDDER):
         by_data, clear = "rad", turned > TURNED
         said = f"stays within {largest:.3g} while the heading changes by {turned / DEGREE:.0f} deg"
-    if by_data and heading.unit in {"", by_data}:
-        return by_data, "unit by name" if heading.unit else f"unit by data: {said}", bool(heading.unit) or clear
-    if by_data:
-        return by_data, f"unit by data, against its heading: {said}", False
-    return (heading.unit or "deg"), "unit by name" if heading.unit else "usual unit", bool(heading.unit)
+    read = Choice(channel, heading.column, by_data or heading.unit or "deg", why="unit by name")
+    if by_data and not heading.unit:
+        return replace(read, why=f"unit by data: {said}", decided=clear)
+    if by_data and by_data != heading.unit:
+        return replace(read, why=f"unit by data, against its heading: {said}", decided=False)
+    return read if heading.unit else replace(read, why="usual unit", decided=False)
 
 
 def _rudder_side(path: Path, config: dict[str, Any], ship: Particulars) -> tuple[str, str, bool]:

@@ -23,7 +23,7 @@ from manoeuvre_nn.recording.read.mapping import REQUIRED, Mapping
 from manoeuvre_nn.recording.read.mapping_file import mapping_of
 from manoeuvre_nn.recording.read.mending import followed, line_across, without_delays
 from manoeuvre_nn.recording.read.position import local_metres
-from manoeuvre_nn.recording.read.quantity import PAIRS, STAMPS
+from manoeuvre_nn.recording.read.quantity import PAIRS
 from manoeuvre_nn.recording.read.table import TEXT, Table, read_table
 
 MIN_SAMPLES = 20
@@ -35,13 +35,13 @@ MAX_FILLED_CELLS = 3
 MAX_OUTLIERS = 0.1
 """Largest share of samples that may be outliers; more are noise."""
 
-Channels = dict[str, Float[np.ndarray, " n"]]
+Series = Float[np.ndarray, " n"]
 
 
 def read_recordings(
     where: str | Path | Sequence[str | Path], mapping: Mapping | None, ship: Particulars
 ) -> list[Recording]:
-    """Read several files of one kind.
+    """Read several files of one kind, as :func:`read_recording` reads each.
 
     Args:
         where: A folder (all its files that can be read), a file, a pattern such as ``runs/zz*.csv``, or a list of
@@ -72,14 +72,7 @@ def read_recordings(
 
 
 def recordings_in(folder: Path) -> list[Path]:
-    """Files of a folder that recordings are read from.
-
-    Args:
-        folder: The folder.
-
-    Returns:
-        Files by name. Texts ``.txt`` and ``.dat`` count only where there is nothing else: they may be notes.
-    """
+    """Files of a folder that recordings are read from; ``.txt`` and ``.dat``, which may be notes, in need only."""
     there = sorted(p for p in folder.iterdir() if p.is_file() and p.suffix.lower() in (*TEXT, *READERS))
     return [p for p in there if p.suffix.lower() in (".csv", *READERS)] or there
 
@@ -187,11 +180,8 @@ def _recorded_channels(table: Table, mapping: Mapping, rows: slice) -> list[str]
 
 def _time(table: Table, mapping: Mapping, ship: Particulars) -> tuple[Float[np.ndarray, " n"], slice]:
     """Sample times [s] and rows of the window asked for, refused unless times increase steadily for long enough."""
-    column, unit = mapping.time.column, mapping.time.unit
-    if unit in STAMPS:
-        time = table.stamps(column, unit, mapping.time_zone)
-    else:
-        time = table.numbers(column)
+    column = mapping.time.column
+    time = table.times(column, mapping.time.unit, mapping.time_zone)
     table.check_rises(column, time)
     time = time * mapping.factor("time")
     since = time - time[0] if len(time) else time
