@@ -19,7 +19,7 @@ from manoeuvre_nn.ship.mariner import mariner_corrected
 NOISE = {"u": 0.05, "v": 0.05, "r": 0.02 * DEGREE, "x": 0.7, "y": 0.7, "psi": 0.1 * DEGREE}
 SHIP = mariner_corrected()
 FAULTS = (
-    "delay of r", "delay of u, v", "delay of x, y", "offset of r", "scale of r", "turn of psi", "scale of u",
+    "delay of r", "delay of u, v", "delay of x, y", "offset of r", "scale of r", "offset of psi", "scale of u",
     "current north",
 )  # fmt: skip
 
@@ -44,7 +44,7 @@ def spoilt(run):
         "delay of x, y": (late(run, 0.8, "x", "y"), 0.8),
         "offset of r": (run.with_channels(r=run["r"] + 0.05 * DEGREE), 0.05 * DEGREE),
         "scale of r": (run.with_channels(r=run["r"] / 1.05), 0.05),
-        "turn of psi": (run.with_channels(psi=run["psi"] + 2 * DEGREE), 2 * DEGREE),
+        "offset of psi": (run.with_channels(psi=run["psi"] + 2 * DEGREE), 2 * DEGREE),
         "scale of u": (run.with_channels(u=run["u"] / 1.05), 0.05),
         "current north": (run.with_channels(x=run["x"] + drift), 0.3),
     }
@@ -83,7 +83,7 @@ def test_three_late_sensors_are_told_as_one_early_one(clean):
     run = add_noise(late(clean, 1.5, "u", "v", "r", "psi"), NOISE, seed=1)
     with unchecked():
         found = [m for m in measure_faults(run, SHIP.particulars) if m.found]
-    assert [m.fault.name for m in found] == ["delay of x, y"]
+    assert [m.name for m in found] == ["delay of x, y"]
     assert found[0].size == pytest.approx(-1.5, abs=4 * found[0].size_error)
 
 
@@ -102,10 +102,10 @@ def test_on_a_straight_course_nothing_is_claimed():
     with unchecked():
         (run,) = roll_out(CalmWater(SHIP), [straight(duration=200.0)], step=0.5)
         run = add_noise(run.resampled(np.arange(0.0, 200.1, 1.0)), NOISE, seed=1)
-        measured = {m.fault.name: m for m in measure_faults(run, SHIP.particulars)}
+        measured = {m.name: m for m in measure_faults(run, SHIP.particulars)}
     assert not any(m.found for m in measured.values())
     lag = measured["delay of r"]
-    assert lag.size_error > lag.fault.matters or not np.isfinite(lag.size_error)
+    assert lag.size_error > lag.matters or not np.isfinite(lag.size_error)
 
 
 def test_jumps_of_the_positions_do_not_mislead(clean):
@@ -113,5 +113,5 @@ def test_jumps_of_the_positions_do_not_mislead(clean):
     x = run["x"].copy()
     x[100:104] += 40.0
     with unchecked():
-        found = [m.fault.name for m in measure_faults(replace(run.with_channels(x=x)), SHIP.particulars) if m.found]
+        found = [m.name for m in measure_faults(replace(run.with_channels(x=x)), SHIP.particulars) if m.found]
     assert found == ["delay of r"]

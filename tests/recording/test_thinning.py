@@ -35,7 +35,7 @@ def test_averages_are_those_of_as_many_samples_as_are_not_needed(dense, ship):
 
 def test_a_delay_and_the_rudders_effect_are_those_of_the_whole_record(dense, ship):
     fewer = thinned(dense, ship)
-    whole, part = ({m.fault.name: m for m in measure_faults(r, ship)}["delay of r"] for r in (dense, fewer))
+    whole, part = ({m.name: m for m in measure_faults(r, ship)}["delay of r"] for r in (dense, fewer))
     assert part.found and part.value[0] == pytest.approx(1.0, abs=4 * part.error[0])
     assert part.value[0] == pytest.approx(whole.value[0], abs=part.error[0])
     effects = [rudder_effect(r, ship)[0] for r in (dense, fewer)]

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from matplotlib.figure import Figure
@@ -14,6 +15,7 @@ from manoeuvre_nn.commands.job import known_part
 from manoeuvre_nn.commands.provenance import shown, versions, write_provenance
 from manoeuvre_nn.commands.shelves import plain
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.estimation.record_information import excitation_findings
@@ -54,16 +56,7 @@ def check_or_refuse(cfg: DictConfig, out: Path) -> None:
 
 
 def check(cfg: DictConfig, out: Path, console: Console | None = None) -> list[Inspection]:
-    """Check all files and write everything.
-
-    Args:
-        cfg: The config.
-        out: Output folder.
-        console: Where to print.
-
-    Returns:
-        What was found, file by file.
-    """
+    """Check all files and write everything to a folder; what was found comes file by file."""
     console = console or Console()
     use_threads(1)
     drawn = configs.switch("figures", cfg.figures)
@@ -77,7 +70,8 @@ def check(cfg: DictConfig, out: Path, console: Console | None = None) -> list[In
         for path in paths:
             status.update(f"checking {path.name}")
             found.append(_with_information(inspect_file(path, columns, particulars), known))
-        together = _all_together(found, known)
+        usable = _usable(found, known)
+        together = excitation_findings(usable, known) if len(usable) > 1 else []
         status.update("drawing")
         figures = _figures(found, particulars, out) if drawn else {}
     _write(found, together, columns, figures, cfg, out)
@@ -99,18 +93,16 @@ def _files(cfg: DictConfig) -> list[Path]:
 
 
 def _with_information(one: Inspection, known: Ship) -> Inspection:
-    """Findings on what the record can identify, for one whose units are right."""
-    clean = one.clean
-    if clean is None or one.verdict == "refuse":
-        return one
-    return one.adding(excitation_findings([thinned(clean, known.particulars)], known))
+    """The same with findings on what the record can identify, if its units are right."""
+    usable = _usable([one], known)
+    more = excitation_findings(usable, known) if usable else []
+    return replace(one, findings=(*one.findings, *more))
 
 
-def _all_together(found: Sequence[Inspection], known: Ship) -> list[Finding]:
-    """What several records can identify together."""
+def _usable(found: Sequence[Inspection], known: Ship) -> list[Recording]:
+    """Recordings whose units are right, without outliers."""
     clean = [one.clean for one in found if one.verdict != "refuse"]
-    usable = [thinned(c, known.particulars) for c in clean if c is not None]
-    return excitation_findings(usable, known) if len(usable) > 1 else []
+    return [thinned(c, known.particulars) for c in clean if c is not None]
 
 
 def _figures(found: Sequence[Inspection], ship: Particulars, out: Path) -> dict[str, Figure]:
@@ -137,8 +129,8 @@ def _write(
     tables = {"Recordings": overview_rows(found), REMEDIES: remedy_rows(found, columns)}
     tables["Sensors, over all recordings"] = together_rows(found)
     if together:
-        tables["All recordings together"] = finding_rows(Inspection("", tuple(together)))
-    tables |= {one.name: finding_rows(one) for one in found}
+        tables["All recordings together"] = finding_rows(together)
+    tables |= {one.name: finding_rows(one.findings) for one in found}
     report = Report(
         title="Checks of the recordings",
         summary=sentence(found),
@@ -165,17 +157,11 @@ def _print(
         console.print(rich_table(sensors, "Sensors, over all recordings"))
     for f in together:
         console.print(f"all together: {f}", highlight=False)
-    _print_remedies(found, columns, console)
+    remedies = remedy_rows(found, columns)
+    if remedies:
+        console.print(f"{REMEDIES}:", highlight=False)
+    for row in remedies:
+        console.print(f"  {row['recording']}: {row['settings']}", highlight=False)
     console.print(sentence(found), highlight=False)
     here = shown(out)
     console.print(f"report: {here / PAGE}   numbers: {here / RESULT}", soft_wrap=True, highlight=False)
-
-
-def _print_remedies(found: Sequence[Inspection], columns: Mapping, console: Console) -> None:
-    """Settings of the mapping, recording by recording."""
-    rows = remedy_rows(found, columns)
-    if not rows:
-        return
-    console.print(f"{REMEDIES}:", highlight=False)
-    for row in rows:
-        console.print(f"  {row['recording']}: {row['settings']}", highlight=False)

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from manoeuvre_nn.core.channels import MOTION
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.design.candidates import CandidateRun, ExpectedGain, remark, sail
@@ -68,13 +69,11 @@ class Disagreement:
 
     Attributes:
         manoeuvre: Its name.
-        times: Sample times [s].
         motion: v', r' [-] over U0 and U0/L, rudder angle [rad]: medians of the members.
         spread: Standard deviation of the forces over the root mean square of those that were trained on [-].
     """
 
     manoeuvre: str
-    times: Float[np.ndarray, " t"]
     motion: Float[np.ndarray, "t 3"]
     spread: Float[np.ndarray, " t"]
 
@@ -87,20 +86,12 @@ def disagreements(model: IdentifiedShip, tuples: Tuples, runs: Sequence[Candidat
     units = torch.tensor([ship.speed, ship.speed / ship.length, 1.0]).to(size)
     for run in runs:
         path = torch.cat([run.states[..., :3], run.rudders[..., None]], dim=-1).quantile(0.5, dim=0)
-        each = network.each(network_inputs(model, path).expand(len(run.states), -1, -1), len(run.states))
+        each = network.each(
+            model.network_inputs(path[:, :3], Inputs(path[:, 3])).expand(len(run.states), -1, -1), len(run.states)
+        )
         spread = (each.std(dim=0) / size).square().mean(-1).sqrt()
-        made.append(Disagreement(run.manoeuvre.name, *(x.numpy() for x in (run.times, path[:, 1:] / units, spread))))
+        made.append(Disagreement(run.manoeuvre.name, (path[:, 1:] / units).numpy(), spread.numpy()))
     return made
-
-
-def prime(model: IdentifiedShip, path: Float[Tensor, "*batch 4"]) -> Float[Tensor, "*batch 4"]:
-    """A path of u, v [m/s], r [rad/s] and rudder angle [rad] in the known part's prime system."""
-    return torch.cat([path[..., :3] / model.known.velocity_units, path[..., 3:]], dim=-1)
-
-
-def network_inputs(model: IdentifiedShip, path: Float[Tensor, "*batch 4"]) -> Float[Tensor, "*batch 4"]:
-    """What a model's network sees of a path of u, v [m/s], r [rad/s] and rudder angle [rad]."""
-    return model.scaling.inputs(prime(model, path))
 
 
 def prospects(
@@ -214,14 +205,14 @@ class _MemberTruths:
             channels = dict(zip(MOTION, [*states.T.numpy(), rudder.numpy()], strict=True))
             meta = {"time_unit": self.model.particulars.time_unit}
             return self.record(Recording(run.manoeuvre.name, times.numpy(), channels, meta=meta), seed)
-        path = torch.cat([states[:, :3], rudder[:, None]], dim=-1)
         with torch.no_grad():
-            x = network_inputs(self.model, path)
+            x = self.model.network_inputs(states, Inputs(rudder))
             forces = self.network.of(x, torch.full((len(x),), truth))
         generator = torch.Generator().manual_seed(seed)
         forces = forces + self.noise * torch.randn(forces.shape, generator=generator, dtype=torch.float64).to(forces)
         targets = self.model.scaling.restore(forces)
-        return Tuples(prime(self.model, path), targets, times, torch.zeros_like(times).long())
+        inputs = torch.cat([states[:, :3] / self.model.known.velocity_units, rudder[:, None]], dim=-1)
+        return Tuples(inputs, targets, times, torch.zeros_like(times).long())
 
     def _scaled(self, tuples: Tuples) -> tuple[Tensor, Tensor]:
         """Every k-th sample as the members see them."""

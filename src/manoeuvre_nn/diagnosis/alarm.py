@@ -3,7 +3,6 @@
 import numpy as np
 from jaxtyping import Float
 
-from manoeuvre_nn.diagnosis.checks import nuisance_spread
 from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import hypothesis_columns
@@ -47,7 +46,7 @@ def _information(
     data_set = result.likelihood.data_set
     lin, n = hypothesis_columns(data_set, hypothesis), data_set.size
     g = data_set.gram(level, data_set.embedded(level, lin.columns), lin.index, lin.count)
-    nuisance = g[1:n, 1:n] + np.diag(nuisance_spread(data_set, scatter, len(data_set.runs)) ** -2.0)
+    nuisance = g[1:n, 1:n] + np.diag(data_set.nuisance_sd(scatter, len(data_set.runs)) ** -2.0)
     cross = g[1:n, n + 1 :]
     information = g[n + 1 :, n + 1 :] - cross.T @ np.linalg.solve(nuisance, cross)
     return information, np.array([f.spread for f in hypothesis.unknowns()])

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from manoeuvre_nn.diagnosis.advise import apart
 from manoeuvre_nn.diagnosis.result import Check
 from manoeuvre_nn.diagnosis.search import SearchResult
-from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, LATENCY_SD, WhitenedDataSet
+from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import HypothesisColumns, hypothesis_columns
 
@@ -69,22 +69,16 @@ def _alone(
 ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m m"]]:
     """Step and covariance of the parameters that all runs share, from one run alone."""
     level, scatter = best
-    base = data_set.at(level).base[run]
-    more = data_set.at(level).white[run].embed(lin.columns[run])
-    gram = np.block([[base.dot(base), base.dot(more)], [more.dot(base), more.dot(more)]])
+    here = data_set.at(level)
+    both = here.base[run].joined(here.white[run].embed(lin.columns[run]))
+    gram = both.dot(both)
     whole = 2 + len(data_set.coefficients)  # stands behind the data, coefficients and latency
     free = [lin.hypothesis.unknowns()[k - 1] for k in lin.index[run][1:]]
-    prior = nuisance_spread(data_set, scatter, runs=1)
-    prior = np.r_[prior, [3 * f.spread for f in free]]
+    prior = np.r_[data_set.nuisance_sd(scatter, runs=1), [3 * f.spread for f in free]]
     keep = np.r_[1:whole, whole + 1 : len(gram)]
     covariance = np.linalg.inv(gram[np.ix_(keep, keep)] + np.diag(prior**-2.0))
     at = [whole - 1 + k for k, f in enumerate(free) if f.run is None and not f.parameter.form]
     return (covariance @ (gram[0] - gram[whole])[keep])[at], covariance[np.ix_(at, at)]
-
-
-def nuisance_spread(data_set: WhitenedDataSet, scatter: int, runs: int) -> Float[np.ndarray, " k"]:
-    """Prior standard deviations of coefficients and of the latencies of so many runs."""
-    return np.r_[np.full(len(data_set.coefficients), COEFFICIENT_SD_LEVELS[scatter]), np.full(runs, LATENCY_SD)]
 
 
 def aliases(tried: SearchResult, chosen: FittedHypothesis) -> dict[str, list[str]]:

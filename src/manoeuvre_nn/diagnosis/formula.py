@@ -7,7 +7,6 @@ import torch
 from jaxtyping import Float
 
 from manoeuvre_nn.core.channels import MEASURED
-from manoeuvre_nn.diagnosis.checks import nuisance_spread
 from manoeuvre_nn.effect.formula import Formula, is_ordinary, library
 from manoeuvre_nn.estimation.data_set import PreparedRun, WhitenedDataSet, quiet
 from manoeuvre_nn.estimation.effect_columns import moved_by
@@ -77,7 +76,7 @@ def _chosen(
 ) -> list[tuple[int, float]]:
     """Numbers of the terms and the prior spread of their weights, greedily by evidence."""
     n = data_set.size
-    precision = nuisance_spread(data_set, scatter, len(data_set.runs)) ** -2.0
+    precision = data_set.nuisance_sd(scatter, len(data_set.runs)) ** -2.0
     chosen: list[tuple[int, float]] = []
     while len(chosen) < MAX_TERMS:
         at = np.r_[1:n, n + np.array([k for k, _ in chosen], dtype=int)]

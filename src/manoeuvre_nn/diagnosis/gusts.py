@@ -118,8 +118,7 @@ def _without_course(
         courses = {form: _course(likelihood, lin.hypothesis, wind, run, *form) for form in forms}
         for g, level in enumerate(levels):
             white, base = data_set.at(level).white[run], data_set.at(level).base[run]
-            more, loose = white.embed(c), {form: white.embed(course) for form, course in courses.items()}
-            both = base.joined(more)
+            both, loose = base.joined(white.embed(c)), {form: white.embed(course) for form, course in courses.items()}
             whole, inner = both.dot(both), {form: (e.dot(e), e.dot(both)) for form, e in loose.items()}
             for k, kind in enumerate(kinds):
                 own, cross = inner[kind.memory, kind.across]

@@ -15,7 +15,7 @@ from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood, hypothesis_columns
 from manoeuvre_nn.estimation.pair_screen import PairScreen
-from manoeuvre_nn.estimation.relinearise import refined, until_rest
+from manoeuvre_nn.estimation.relinearise import MAX_PASSES, STATES_AT_REST, change_of_states, refined
 
 MAX_FIRST_DEFICIT = 30.0
 """Log evidence by which a candidate may lie behind calm water after its first fit, made at calm water's noise."""
@@ -63,13 +63,13 @@ def search(
     # A gusty wind is a variant of what a steady wind explains: see below.
     plain, variants = [e for e in effects if not e.variant_of], [e for e in effects if e.variant_of]
 
-    def alone(number: int) -> FittedHypothesis | None:
+    def alone(number: int) -> FittedHypothesis:
         return single(likelihood, plain[number], none)
 
     singles = []
     for effect, found in zip(plain, shared_out(alone, len(plain), workers), strict=True):
         progress(effect.name)
-        singles += [found] if found is not None else []
+        singles.append(found)
     singles.sort(key=lambda j: -j.evidence)
     if singles and singles[0].evidence > none.evidence + MIN_GAIN_TO_RELINEARISE:
         progress("second linearisation")
@@ -99,28 +99,11 @@ def _again(
     return there, calm, sorted(best + rest, key=lambda j: -j.evidence)
 
 
-def single(
-    likelihood: MarginalLikelihood, effect: Effect, none: FittedHypothesis, given: Hypothesis | None = None
-) -> FittedHypothesis | None:
-    """Fit one effect, alone or beside others.
-
-    Args:
-        likelihood: Where.
-        effect: The candidate.
-        none: Calm water, for the noise levels at the start.
-        given: Effects that are there already.
-
-    Returns:
-        What came out; None if there is nothing to start from.
-    """
+def single(likelihood: MarginalLikelihood, effect: Effect, none: FittedHypothesis) -> FittedHypothesis:
+    """Fit one effect alone, from the noise levels of calm water."""
     level, scatter = none.best
-    tried = []
-    for start in _starts(likelihood, effect, level, scatter, given):
-        hypothesis, score = likelihood.improve(start, level, scatter, rounds=3)
-        tried.append((score, hypothesis))
-    if not tried:
-        return None
-    best = max(tried, key=lambda t: t[0])[1]
+    tried = [likelihood.improve(h, level, scatter, rounds=3) for h in _starts(likelihood, effect, level, scatter)]
+    best = max(tried, key=lambda t: t[1])[0]
     return refine(likelihood, best, level, scatter, none.evidence - MAX_FIRST_DEFICIT)
 
 
@@ -155,35 +138,29 @@ def refine(
 def at_rest(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> tuple[WhitenedDataSet, FittedHypothesis]:
     """A hypothesis about its own states, linearised until they rest.
 
-    Args:
-        data_set: The runs, at which it was fitted.
-        fitted: The hypothesis.
-
     Returns:
         The runs about its states, and the hypothesis fitted to them.
     """
-    there, found = until_rest(data_set, fitted, lambda likelihood, j: refine(likelihood, j.hypothesis, *j.best))
-    return there, replace(found, random=fitted.random)
+    random = fitted.random
+    for _ in range(MAX_PASSES):
+        there = refined(data_set, fitted)
+        if change_of_states(data_set, there, fitted.best[0]) < STATES_AT_REST:
+            break
+        data_set, fitted = there, refine(MarginalLikelihood(there), fitted.hypothesis, *fitted.best)
+    return data_set, replace(fitted, random=random)
 
 
-def _starts(
-    likelihood: MarginalLikelihood, effect: Effect, level: int, scatter: int, given: Hypothesis | None
-) -> Iterator[Hypothesis]:
-    """The two most promising of all starts, by what a linear step from each would gain."""
+def _starts(likelihood: MarginalLikelihood, effect: Effect, level: int, scatter: int) -> list[Hypothesis]:
+    """The two most promising of all starts, by what a linear step from each would gain; windows of an event."""
     data_set = likelihood.data_set
-    runs = len(data_set.runs)
     grid = np.array(list(product(*[(p.null,) if p.form else p.starts for p in effect.declared])), dtype=float)
     if any(p.per_run for p in effect.declared):
-        for values in best_windows(likelihood, effect, grid, level, scatter, given):
-            mine = Hypothesis((effect,), (values,))
-            yield mine if given is None else given.joined(mine)
-        return
-    made = [Hypothesis((effect,), (np.tile(row, (runs, 1)),)) for row in grid]
-    made = made if given is None else [given.joined(h) for h in made]
-    if len(made) > 2:
-        scores = [likelihood.posterior(hypothesis_columns(data_set, h), level).evidence[scatter] for h in made]
-        made = [made[k] for k in np.argsort(scores)[::-1][:2]]
-    yield from made
+        return [Hypothesis((effect,), (v,)) for v in best_windows(likelihood, effect, grid, level, scatter)]
+    made = [Hypothesis((effect,), (np.tile(row, (len(data_set.runs), 1)),)) for row in grid]
+    if len(made) < 3:
+        return made
+    scores = [likelihood.posterior(hypothesis_columns(data_set, h), level).evidence[scatter] for h in made]
+    return [made[k] for k in np.argsort(scores)[::-1][:2]]
 
 
 def _pairs(

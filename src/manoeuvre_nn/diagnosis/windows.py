@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.core.effect import Effect
-from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, LATENCY_SD, WhitenedDataSet, quiet
+from manoeuvre_nn.estimation.data_set import WhitenedDataSet, quiet
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linear_run import Columns, Embedded
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood, hypothesis_columns
@@ -75,36 +75,26 @@ def _scan(
     for k, force in enumerate(((0.0, 1e3, 0.0), (0.0, 0.0, 1e3 * hull.particulars.length))):
         push = hull.acceleration_from_si(hull.inertia.new_tensor(force)).numpy()
         moved[np.arange(len(time) - 1)[:, None], np.arange(3), (k * count + which)[:, None]] = push * step
-    blocks = white.embed(Columns(np.zeros((len(time), 8, 2 * count)), moved))
-    base = data_set.at(level).base[run]
+    base, blocks = data_set.at(level).base[run], white.embed(Columns(np.zeros((len(time), 8, 2 * count)), moved))
     if given is not None:
-        more = white.embed(given[:1])
-        base = _without(base, more)
-    gram, right = _projected(base, blocks, COEFFICIENT_SD_LEVELS[scatter])
-    return _best(gram, right, edges, count, open_end)
-
-
-def _without(base: Embedded, known: Embedded) -> Embedded:
-    """Base columns with something known taken out of the data."""
-    outer, inner = base.outer.copy(), base.inner.copy()
-    outer[:, 0] -= known.outer[:, 0]
-    inner[:, 0] -= known.inner[:, 0]
-    return Embedded(outer, inner)
-
-
-def _projected(base: Embedded, blocks: Embedded, scatter: float) -> tuple[np.ndarray, np.ndarray]:
-    """Inner products of blocks with themselves and the data, coefficients and latency taken out."""
-    all_base, cross = base.dot(base), base.dot(blocks)
-    nuisance = all_base[1:, 1:] + np.diag(np.r_[np.full(len(all_base) - 2, scatter**-2), LATENCY_SD**-2])
+        known = white.embed(given[:1])
+        outer, inner = base.outer.copy(), base.inner.copy()
+        outer[:, 0] -= known.outer[:, 0]
+        inner[:, 0] -= known.inner[:, 0]
+        base = Embedded(outer, inner)
+    # Inner products of blocks with themselves and the data, coefficients and latency taken out.
+    own, cross = base.dot(base), base.dot(blocks)
+    nuisance = own[1:, 1:] + np.diag(data_set.nuisance_sd(scatter, runs=1) ** -2.0)
     weights = np.linalg.solve(nuisance, cross[1:])
-    gram = blocks.dot(blocks) - cross[1:].T @ weights
-    return gram, cross[0] - all_base[0, 1:] @ weights
+    gram, right = blocks.dot(blocks) - cross[1:].T @ weights, cross[0] - own[0, 1:] @ weights
+    return _best(gram, right, edges, open_end)
 
 
 def _best(
-    gram: np.ndarray, right: np.ndarray, edges: np.ndarray, count: int, open_end: bool
+    gram: Float[np.ndarray, "q q"], right: Float[np.ndarray, " q"], edges: Float[np.ndarray, " k"], open_end: bool
 ) -> tuple[float, float, float]:
     """The window with the largest likelihood ratio for a constant force and moment in it."""
+    count = len(edges) - 1
     total = np.zeros((2, count + 1))
     total[:, 1:] = np.cumsum(right.reshape(2, count), axis=1)
     area = np.zeros((2, 2, count + 1, count + 1))

@@ -119,6 +119,10 @@ class WhitenedDataSet:
         """Number of base columns: data, coefficients, one latency a run."""
         return 1 + len(self.coefficients) + len(self.runs)
 
+    def nuisance_sd(self, scatter: int, runs: int) -> Float[np.ndarray, " k"]:
+        """Prior standard deviations of the coefficients at a level of theirs, and of the latencies of so many runs."""
+        return np.r_[np.full(len(self.coefficients), COEFFICIENT_SD_LEVELS[scatter]), np.full(runs, LATENCY_SD)]
+
     def base_index(self, run: int) -> Int[np.ndarray, " k"]:
         """Where a run's base columns stand among those of all runs."""
         shared = np.arange(1 + len(self.coefficients))

@@ -1,13 +1,11 @@
 """Linearising again: about the states that a fitted hypothesis itself makes most likely."""
 
-from collections.abc import Callable
-
 import numpy as np
 
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet, about_states
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
 from manoeuvre_nn.estimation.linear_run import joined
-from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood, hypothesis_columns
+from manoeuvre_nn.estimation.marginal_likelihood import hypothesis_columns
 
 MAX_PASSES = 3
 """Linearisations of one hypothesis at most."""
@@ -40,29 +38,6 @@ def refined(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedData
         states = prepared.linearised.track + white.states(white.embed(left))[:, :6, 0]
         runs.append(about_states(data_set.dynamics, prepared, states))
     return WhitenedDataSet(data_set.dynamics, runs)
-
-
-def until_rest(
-    data_set: WhitenedDataSet,
-    fitted: FittedHypothesis,
-    refit: Callable[[MarginalLikelihood, FittedHypothesis], FittedHypothesis],
-) -> tuple[WhitenedDataSet, FittedHypothesis]:
-    """Linearise about a hypothesis' own states and fit it again, until the states rest.
-
-    Args:
-        data_set: The runs about other states, at which it was fitted.
-        fitted: The hypothesis.
-        refit: Fits it again.
-
-    Returns:
-        The runs about its states, and the hypothesis fitted to them.
-    """
-    for _ in range(MAX_PASSES):
-        new = refined(data_set, fitted)
-        if change_of_states(data_set, new, fitted.best[0]) < STATES_AT_REST:
-            break
-        data_set, fitted = new, refit(MarginalLikelihood(new), fitted)
-    return data_set, fitted
 
 
 def change_of_states(before: WhitenedDataSet, after: WhitenedDataSet, level: int) -> float:

@@ -72,7 +72,7 @@ def resample(recording: Recording, rate_hz: float) -> Recording:
     Raises:
         InputError: If the rate is not positive or higher than that of the recording, or leaves fewer than 2 samples.
     """
-    own = 1 / float(np.median(np.diff(recording.time)))
+    own = 1 / recording.step
     if not 0 < rate_hz <= 1.01 * own:
         raise InputError(
             f"rate_hz={rate_hz:g}; recording {recording.name} has {own:.4g} samples a second: write that or less"

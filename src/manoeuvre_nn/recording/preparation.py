@@ -26,47 +26,27 @@ MAX_STEP = 0.05
 """Longest step that recordings are read off at, over L/U0."""
 MAX_NOMINAL_OFFSET = 0.05
 """Largest distance of the first shaft speed from the nominal one at which the nominal one was ordered [-]."""
-
+RESTING_WINDOW_S = 15.0
+"""Length of the mean over a resting rudder [s]."""
+SHAFT_WINDOW = 15
+"""Samples of the running median of the shaft speed."""
 MAX_RESTING_SDS, MIN_RESTING_SD = 5.0, 1e-6
 """A sample of a resting rudder further off than so many standard deviations [-] of at least so much [rad] is wrong."""
 
 
 def measured(run: Recording) -> Float[np.ndarray, "n channels"]:
-    """What sensors wrote down, as a matrix.
-
-    Args:
-        run: A recording.
-
-    Returns:
-        One column a channel of ``MEASURED``; NaN where nothing was recorded.
-    """
+    """What sensors wrote down, one column a channel of ``MEASURED``; NaN where nothing was recorded."""
     gap = np.full(len(run), np.nan)
     return np.stack([run.channels.get(name, gap) for name in MEASURED], axis=-1)
 
 
 def with_measured(run: Recording, values: Float[np.ndarray, "n channels"]) -> Recording:
-    """A recording with other measured channels.
-
-    Args:
-        run: A recording.
-        values: One column a channel of ``MEASURED``; NaN in gaps.
-
-    Returns:
-        A new recording.
-    """
+    """A recording with other measured channels, one column a channel of ``MEASURED``; NaN in gaps."""
     return run.with_channels(**dict(zip(MEASURED, values.T, strict=True)))
 
 
 def without_samples(run: Recording, bad: Bool[np.ndarray, "n channels"]) -> Recording:
-    """A recording with some measured samples marked as unusable.
-
-    Args:
-        run: A recording.
-        bad: Which, in the columns of ``MEASURED``.
-
-    Returns:
-        A new recording with gaps there.
-    """
+    """A recording with gaps where measured samples, in the columns of ``MEASURED``, are unusable."""
     return with_measured(run, np.where(bad, np.nan, measured(run)))
 
 
@@ -102,23 +82,18 @@ def _with_velocity(run: Recording, ship: Particulars) -> Recording:
     """Velocity over ground from the positions where it was not recorded: the smoother starts from it."""
     if "vn" in run.channels:
         return run
-    made = {}
-    for position, velocity in (("x", "vn"), ("y", "ve")):
-        slope = smoothed(run.time, run.filled(position), WINDOW * ship.time_unit)[1]
-        made[velocity] = np.where(np.isfinite(run[position]), slope, np.nan)
-    return replace(run.with_channels(**made), meta={**run.meta, "derived": ("vn", "ve")})
+    vn, ve = (
+        np.where(np.isfinite(run[k]), smoothed(run.time, run.filled(k), WINDOW * ship.time_unit)[1], np.nan)
+        for k in ("x", "y")
+    )
+    return replace(run.with_channels(vn=vn, ve=ve), meta={**run.meta, "derived": ("vn", "ve")})
 
 
 def common_step(runs: Sequence[Recording], ship: Particulars) -> float:
-    """Time between samples that several recordings are read off at.
-
-    Args:
-        runs: The recordings.
-        ship: For L/U0.
+    """Step that several recordings are read off at [s]; one with longer steps is left with gaps.
 
     Returns:
-        Step [s]: that of the finest recording, but not less than ``MIN_STEP_S`` nor more than ``MAX_STEP`` ask for; a
-        recording with longer steps is left with gaps.
+        The step of the finest, but not less than ``MIN_STEP_S`` nor more than ``MAX_STEP`` ask for.
     """
     longest = MAX_STEP * ship.time_unit
     step = max(min(_whole_step(run) for run in runs), min(MIN_STEP_S, longest))
@@ -127,7 +102,7 @@ def common_step(runs: Sequence[Recording], ship: Particulars) -> float:
 
 def _whole_step(run: Recording) -> float:
     """Usual time between samples [s]: whole seconds or whole samples a second where written times only round it."""
-    usual = float(np.median(np.diff(run.time)))
+    usual = run.step
     whole = float(round(usual)) if usual > 0.75 else 1.0 / round(1.0 / usual)
     return whole if abs(usual / whole - 1) < 0.01 else usual
 
@@ -196,16 +171,7 @@ def _joined(time: np.ndarray, values: np.ndarray, even: np.ndarray, place: np.nd
 
 
 def estimated_order(shown: Float[np.ndarray, " n"], step: float, rate: float) -> Float[np.ndarray, " n"]:
-    """Helm orders behind an indicated angle: while the rudder moves, the angle at which it will come to rest.
-
-    Args:
-        shown: Indicated angle [rad].
-        step: Time between samples [s].
-        rate: Rate of the steering gear [rad/s].
-
-    Returns:
-        Orders [rad].
-    """
+    """Helm orders [rad] behind an angle shown at even steps [s]: while the rudder moves, where it will come to rest."""
     smooth = median_filter(shown, 5, mode="nearest")
     moving = np.abs(np.gradient(smooth, step)) > 0.25 * rate
     piece = np.cumsum(np.diff(moving, prepend=moving[0]))
@@ -214,7 +180,7 @@ def estimated_order(shown: Float[np.ndarray, " n"], step: float, rate: float) ->
 
 
 def smooth_rudder(
-    recorded: Float[np.ndarray, " n"], order: Float[np.ndarray, " n"], step: float, rate: float, window: float = 15.0
+    recorded: Float[np.ndarray, " n"], order: Float[np.ndarray, " n"], step: float, rate: float
 ) -> tuple[Float[np.ndarray, " n"], float]:
     """Take the noise out of an indicated rudder angle where the rudder rests.
 
@@ -226,7 +192,6 @@ def smooth_rudder(
         order: Helm order [rad].
         step: Time between samples [s].
         rate: Nominal rate of the gear [rad/s].
-        window: Length of the mean [s].
 
     Returns:
         The angle and the standard deviation of its noise [rad].
@@ -237,7 +202,7 @@ def smooth_rudder(
     busy = np.convolve(busy, np.ones(2 * reach + 1), mode="same") > 0
     busy |= np.abs(np.diff(order, prepend=order[0])) > 1e-9
     result = recorded.copy()
-    half = max(1, round(0.5 * window / step))
+    half = max(1, round(0.5 * RESTING_WINDOW_S / step))
     edges = np.flatnonzero(np.diff(np.concatenate([[True], busy, [True]]).astype(int)))
     residuals = []
     for start, end in zip(edges[::2], edges[1::2], strict=False):
@@ -295,19 +260,18 @@ def with_own_shafts(runs: Sequence[Recording]) -> tuple[Recording, ...]:
     return tuple(run.with_channels(shaft_recorded=np.full(len(run), np.nan)) for run in runs)
 
 
-def smooth_shaft(ratio: Float[np.ndarray, " n"], window: int = 15) -> Float[np.ndarray, " n"]:
+def smooth_shaft(ratio: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """Shaft speed as an input of the model: 1 where it is nominal all the time, else the record without its noise.
 
     Args:
         ratio: Recorded shaft speed over the nominal one [-]; NaN in gaps.
-        window: Samples of the running median.
 
     Returns:
         Ratio [-].
     """
     good = np.isfinite(ratio)
-    if good.sum() < window:
+    if good.sum() < SHAFT_WINDOW:
         return np.ones_like(ratio)
     filled = np.interp(np.arange(len(ratio)), np.flatnonzero(good), ratio[good])
-    smooth = uniform_filter1d(median_filter(filled, window, mode="nearest"), window // 2, mode="nearest")
+    smooth = uniform_filter1d(median_filter(filled, SHAFT_WINDOW, mode="nearest"), SHAFT_WINDOW // 2, mode="nearest")
     return smooth if np.abs(smooth - 1).max() > 0.01 else np.ones_like(ratio)

@@ -1,7 +1,5 @@
 """Fewer samples where there are more than a ship's motion needs: smoothing takes as long as its window has samples."""
 
-import numpy as np
-
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
 
@@ -12,14 +10,10 @@ SAMPLES_PER_TIME_UNIT = 400
 def thinned(recording: Recording, ship: Particulars) -> Recording:
     """Averages over so many samples that at least :data:`SAMPLES_PER_TIME_UNIT` are left in the time L/U0.
 
-    Args:
-        recording: The recording.
-        ship: The ship; its L/U0 is what counts.
-
     Returns:
         A recording of averages, less the samples at the end that fill no average; the same one if it has no more.
     """
-    count = int(ship.time_unit / (SAMPLES_PER_TIME_UNIT * float(np.median(np.diff(recording.time)))))
+    count = int(ship.time_unit / (SAMPLES_PER_TIME_UNIT * recording.step))
     if count < 2 or len(recording) < 4 * count:
         return recording
     whole = len(recording) // count * count

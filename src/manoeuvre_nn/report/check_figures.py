@@ -14,12 +14,10 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.recording.check.inspection import Inspection
-from manoeuvre_nn.recording.local_cubics import smoothed
+from manoeuvre_nn.recording.check.motion import smoothed_motion
 from manoeuvre_nn.recording.thinning import thinned
 from manoeuvre_nn.report.style import COLOURS, legend_below, new_figure, plain_axes
 
-SMOOTHING_LENGTHS = 0.8
-"""Smoothing window of what the channels leave over L/U0."""
 LEFT_CHANNELS = (("u", "u [m/s]", 1.0), ("v", "v [m/s]", 1.0), ("r", "r [deg/s]", DEGREE), ("psi", "ψ [deg]", DEGREE))
 """Channel, label and its unit in SI."""
 SHADE, ODD, LINE = "#F3D9B1", COLOURS[0], "#4D4D4D"
@@ -30,17 +28,8 @@ Series = Float[np.ndarray, " n"]
 
 
 def check_figure(one: Inspection, ship: Particulars) -> Figure | None:
-    """Channels on the left, the rudder and what the identities leave on the right.
-
-    Args:
-        one: What was found.
-        ship: The ship.
-
-    Returns:
-        The figure; None for a file that could not be read.
-    """
-    run = one.recording
-    clean = one.clean
+    """Channels on the left, the rudder and what identities leave on the right; None for a file that was not read."""
+    run, clean = one.recording, one.clean
     if run is None or clean is None:
         return None
     figure = new_figure(7.6, width=9.0, title=one.name)
@@ -49,13 +38,13 @@ def check_figure(one: Inspection, ship: Particulars) -> Figure | None:
         _draw_channel(axes[row, 0], one, run, name, label, unit)
     _draw_channel(axes[0, 1], one, run, "delta", "δ [deg]", DEGREE)
     fewer = thinned(clean, ship)
-    rate, ahead, abeam = _identity_rests(fewer)
-    derived = run.derived
-    tracked = not derived & {"u", "v", "x", "y"}
+    m = smoothed_motion(fewer, ship)
+    ahead, abeam = earth_to_body(m.x, m.y, m.psi)
+    tracked = not run.derived & {"u", "v", "x", "y"}
     rests = (
-        (rate / DEGREE, "dψ/dt − r [deg/s]", "r" not in derived, ("r", "psi")),
-        (ahead, "track − u [m/s]", tracked, ("u", "x", "y")),
-        (abeam, "track − v [m/s]", tracked, ("v", "x", "y")),
+        ((m.psi_rate - m.r) / DEGREE, "dψ/dt − r [deg/s]", "r" not in run.derived, ("r", "psi")),
+        (ahead - m.u, "track − u [m/s]", tracked, ("u", "x", "y")),
+        (abeam - m.v, "track − v [m/s]", tracked, ("v", "x", "y")),
     )
     for row, (values, label, recorded, names) in enumerate(rests, start=1):
         _draw_rest(axes[row, 1], fewer.time, values, label, recorded)
@@ -70,14 +59,6 @@ def check_figure(one: Inspection, ship: Particulars) -> Figure | None:
     ]
     legend_below(figure, handles, columns=4)
     return figure
-
-
-def _identity_rests(run: Recording) -> tuple[Series, Series, Series]:
-    """What is left of heading and track."""
-    window = SMOOTHING_LENGTHS * run.meta.get("time_unit", 20 * float(np.median(np.diff(run.time))))
-    smooth = {k: smoothed(run.time, run[k], window) for k in ("u", "v", "r", "x", "y", "psi")}
-    ahead, abeam = earth_to_body(smooth["x"][1], smooth["y"][1], smooth["psi"][0])
-    return smooth["psi"][1] - smooth["r"][0], ahead - smooth["u"][0], abeam - smooth["v"][0]
 
 
 def _draw_channel(axes: Axes, one: Inspection, run: Recording, name: str, label: str, unit: float) -> None:

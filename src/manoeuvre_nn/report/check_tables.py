@@ -10,16 +10,8 @@ from manoeuvre_nn.recording.check.inspection import Inspection
 from manoeuvre_nn.recording.read.mapping import Mapping as ChannelMapping
 
 
-def finding_rows(inspection: Inspection, all_of_them: bool = True) -> list[dict[str, Any]]:
-    """Checks of one recording.
-
-    Args:
-        inspection: What was found.
-        all_of_them: Whether those that passed are shown too.
-
-    Returns:
-        One row a finding.
-    """
+def finding_rows(findings: Sequence[Finding]) -> list[dict[str, Any]]:
+    """Checks of one recording, one row a finding."""
     return [
         {
             "check": f.check,
@@ -28,40 +20,29 @@ def finding_rows(inspection: Inspection, all_of_them: bool = True) -> list[dict[
             "expected": f.expected or "–",
             "what, and what to do": str(f),
         }
-        for f in inspection.findings
-        if all_of_them or f.verdict != "ok"
+        for f in findings
     ]
 
 
 def trouble_rows(inspections: Sequence[Inspection], least: str = "note") -> list[dict[str, Any]]:
-    """What is wrong with several recordings, for the terminal.
-
-    Args:
-        inspections: What was found.
-        least: Verdict from which on a finding is shown.
-
-    Returns:
-        One row a finding that is not ``ok``; the recording is named in its first.
-    """
+    """What is wrong with several recordings: one row a finding of at least a verdict; the first names the recording."""
     rows = []
     for one in inspections:
-        name = one.name
-        for f in one.findings:
-            if VERDICTS.index(f.verdict) >= VERDICTS.index(least):
-                rows.append({"recording": name, "check": f.check, "verdict": f.verdict, "what, and what to do": str(f)})
-                name = ""
+        grave = [f for f in one.findings if VERDICTS.index(f.verdict) >= VERDICTS.index(least)]
+        rows += [
+            {
+                "recording": "" if k else one.name,
+                "check": f.check,
+                "verdict": f.verdict,
+                "what, and what to do": str(f),
+            }
+            for k, f in enumerate(grave)
+        ]
     return rows
 
 
 def overview_rows(inspections: Sequence[Inspection]) -> list[dict[str, Any]]:
-    """One row a recording.
-
-    Args:
-        inspections: What was found.
-
-    Returns:
-        Verdict, how many findings of each kind, and the checks that trip.
-    """
+    """One row a recording: verdict, how many findings of each kind, and the checks that trip."""
     return [
         {
             "recording": one.name,
@@ -109,24 +90,19 @@ def _together(name: str, findings: Sequence[Finding], count: int) -> dict[str, A
     }
 
 
-def _remedy_lines(inspection: Inspection, mapping: ChannelMapping) -> list[str]:
-    """What is to be written into the mapping for one recording."""
-    tripped = [f for f in inspection.findings if f.trips]
-    return [f"{path}: {_yaml(value)}" for path, value in settings(tripped, mapping).items()]
-
-
 def remedy_rows(inspections: Sequence[Inspection], mapping: ChannelMapping) -> list[dict[str, Any]]:
-    """What is to be written into the mapping, for the page and the terminal.
+    """What is to be written into the mapping, one row a recording that something is to be done about."""
+    laid = {one.name: _changes(one, mapping) for one in inspections}
+    return [
+        {"recording": name, "settings": "; ".join(f"{path}: {_yaml(value)}" for path, value in changes.items())}
+        for name, changes in laid.items()
+        if changes
+    ]
 
-    Args:
-        inspections: What was found.
-        mapping: The mapping that the recordings were read with.
 
-    Returns:
-        One row a recording that something is to be done about.
-    """
-    lines = {one.name: _remedy_lines(one, mapping) for one in inspections}
-    return [{"recording": name, "settings": "; ".join(told)} for name, told in lines.items() if told]
+def _changes(one: Inspection, mapping: ChannelMapping) -> dict[str, Any]:
+    """Settings of the mapping that mend a recording."""
+    return settings([f for f in one.findings if f.trips], mapping)
 
 
 def _yaml(value: object) -> str:
@@ -137,14 +113,7 @@ def _yaml(value: object) -> str:
 
 
 def sentence(inspections: Sequence[Inspection]) -> str:
-    """The verdict on all recordings.
-
-    Args:
-        inspections: What was found.
-
-    Returns:
-        A sentence.
-    """
+    """The verdict on all recordings, in a sentence."""
     count = {v: sum(one.verdict == v for one in inspections) for v in VERDICTS}
     total = f"{len(inspections)} recording{'s' if len(inspections) != 1 else ''}"
     usable = count["ok"] + count["note"]
@@ -167,22 +136,12 @@ def checks_json(
     more: Sequence[Finding],
     versions: Mapping[str, str],
 ) -> dict[str, Any]:
-    """What ``findings.json`` holds.
-
-    Args:
-        inspections: What was found.
-        mapping: The mapping that the files were read with.
-        more: Findings on all recordings together.
-        versions: Package -> version.
-
-    Returns:
-        Plain numbers and strings; ``changes`` are settings of the mapping, path -> value.
-    """
+    """What ``findings.json`` holds; ``more`` are findings on all recordings together, ``changes`` path -> value."""
     return {
         "recordings": {
             one.name: {
                 "verdict": one.verdict,
-                "changes": settings([f for f in one.findings if f.trips], mapping),
+                "changes": _changes(one, mapping),
                 "findings": [finding_json(f, mapping) for f in one.findings],
             }
             for one in inspections

@@ -1,16 +1,15 @@
 """What a file lacks, cell by cell: empty cells, holes in time, with the setting of the mapping that mends each."""
 
-from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.recording.check.finding import LEAVE_OUT, Change, Finding
-from manoeuvre_nn.recording.check.samples import MAX_BRIDGED_GAP, REPLACEMENTS
+from manoeuvre_nn.recording.check.samples import MAX_BRIDGED_GAP, REPLACEMENTS, piece
 from manoeuvre_nn.recording.read.mapping import Mapping
 from manoeuvre_nn.recording.read.reader import MAX_FILLED_CELLS, MIN_LENGTH
 from manoeuvre_nn.recording.read.table import read_table
@@ -23,16 +22,7 @@ Lost = dict[str, Bool[np.ndarray, " n"]]
 
 
 def file_findings(path: Path, mapping: Mapping, ship: Particulars) -> list[Finding]:
-    """Empty cells and holes of a file, before it is read.
-
-    Args:
-        path: The file.
-        mapping: Columns and units.
-        ship: The ship; its L/U0 is what gaps are measured by.
-
-    Returns:
-        Findings; none where all is there, or where the reader's own complaint says more.
-    """
+    """Empty cells and holes of a file, before it is read; none where the reader's own complaint says more."""
     try:
         table = read_table(path, mapping)
         time = table.times(mapping.time.column, mapping.time.unit, mapping.time_zone)
@@ -47,7 +37,7 @@ def file_findings(path: Path, mapping: Mapping, ship: Particulars) -> list[Findi
     time, cells = time[inside], {k: lost[inside] for k, lost in cells.items()}
     if len(time) < 2:
         return []
-    return [*_empty(time, cells, mapping, ship), *_holes(time, mapping, ship)]
+    return [*_empty(time, cells, mapping, ship), *_holes(time, ship)]
 
 
 def _empty(time: Series, cells: Lost, mapping: Mapping, ship: Particulars) -> list[Finding]:
@@ -62,37 +52,36 @@ def _empty(time: Series, cells: Lost, mapping: Mapping, ship: Particulars) -> li
     longest = max(end - begin for begin, end, _ in runs)
     text = "empty cells: " + ", ".join(f"{int(lost.sum())} of {k}" for k, lost in rest.items())
     text += f"; the longest gap lasts {longest:.3g} s"
-    spans = tuple((float(a), float(b)) for a, b, _ in runs)
-    said: dict[str, Any] = {"measured": float(longest), "unit": "s", "expected": "none", "spans": spans}
-    if not ends and longest <= MAX_BRIDGED_GAP * ship.time_unit:
-        short = max(count for *_, count in runs) <= MAX_FILLED_CELLS
-        value = True if short else float(np.ceil(10 * longest) / 10)
-        if mapping.fill_gaps is True and short or (mapping.fill_gaps is not True and mapping.fill_gaps >= longest):
-            return found
-        filled = (Change("fill_gaps", value=value),)
-        remedy = "fill them by straight lines"
-        return [*found, Finding("empty cells", "refuse", text, tuple(rest), remedy=remedy, changes=filled, **said)]
-    remedy, changes = _longest_piece(time, np.any(list(rest.values()), axis=0), mapping, ship)
-    return [*found, Finding("empty cells", "refuse", text, tuple(rest), remedy=remedy, changes=changes, **said)]
+    found_empty = partial(
+        Finding, "empty cells", "refuse", text, tuple(rest), measured=float(longest), unit="s", expected="none",
+        spans=tuple((float(a), float(b)) for a, b, _ in runs),
+    )  # fmt: skip
+    if ends or longest > MAX_BRIDGED_GAP * ship.time_unit:
+        remedy, changes = _longest_piece(time, np.any(list(rest.values()), axis=0), ship)
+        return [*found, found_empty(remedy=remedy, changes=changes)]
+    short = max(count for *_, count in runs) <= MAX_FILLED_CELLS
+    if short if mapping.fill_gaps is True else mapping.fill_gaps >= longest:
+        return found
+    value = True if short else float(np.ceil(10 * longest) / 10)
+    remedy = "fill them by straight lines"
+    return [*found, found_empty(remedy=remedy, changes=(Change("fill_gaps", value=value),))]
 
 
-def _holes(time: Series, mapping: Mapping, ship: Particulars) -> list[Finding]:
+def _holes(time: Series, ship: Particulars) -> list[Finding]:
     """Holes in time that the reader refuses."""
     steps = np.diff(time)
-    wide = steps > max(ship.time_unit, 5 * float(np.median(steps)))
-    if not wide.any():
+    wide = np.flatnonzero(steps > max(ship.time_unit, 5 * float(np.median(steps))))
+    if not len(wide):
         return []
-    spans = tuple((float(time[k]), float(time[k + 1])) for k in np.flatnonzero(wide))
-    text = f"{int(wide.sum())} hole{'s' if wide.sum() > 1 else ''} in time, the longest of {steps.max():.4g} s"
-    pieces = np.split(np.arange(len(time)), np.flatnonzero(wide) + 1)
-    best = max(pieces, key=lambda p: time[p[-1]] - time[p[0]])
-    remedy, changes = _window(time[best[0]], time[best[-1]], time, ship)
-    said: dict[str, Any] = {
-        "measured": float(steps.max()),
-        "unit": "s",
-        "expected": f"below {MAX_BRIDGED_GAP * ship.time_unit:.3g} s",
-    }
-    return [Finding("gaps", "refuse", text, remedy=remedy, changes=changes, spans=spans, **said)]
+    text = f"{len(wide)} hole{'s' if len(wide) > 1 else ''} in time, the longest of {steps.max():.4g} s"
+    remedy, changes = _window(np.split(np.arange(len(time)), wide + 1), time, ship)[:2]
+    return [
+        Finding(
+            "gaps", "refuse", text, measured=float(steps.max()), unit="s", remedy=remedy, changes=changes,
+            expected=f"below {MAX_BRIDGED_GAP * ship.time_unit:.3g} s",
+            spans=tuple((float(time[k]), float(time[k + 1])) for k in wide),
+        )
+    ]  # fmt: skip
 
 
 def _useless(name: str, share: float) -> Finding:
@@ -113,31 +102,23 @@ def _spans_of(cells: Lost) -> list[tuple[int, int]]:
     return spans
 
 
-def _longest_piece(
-    time: Series, lost: Bool[np.ndarray, " n"], mapping: Mapping, ship: Particulars
-) -> tuple[str, tuple[Change, ...]]:
+def _longest_piece(time: Series, lost: Bool[np.ndarray, " n"], ship: Particulars) -> tuple[str, tuple[Change, ...]]:
     """The longest piece without long gaps; short ones in it are filled."""
     rows = np.flatnonzero(~lost)
     breaks = np.flatnonzero(np.diff(time[rows]) > MAX_BRIDGED_GAP * ship.time_unit)
-    pieces = np.split(rows, breaks + 1)
-    best = max(pieces, key=lambda p: time[p[-1]] - time[p[0]])
-    remedy, changes = _window(time[best[0]], time[best[-1]], time, ship)
-    inner = np.diff(time[best])
+    remedy, changes, best = _window(np.split(rows, breaks + 1), time, ship)
     if lost[best[0] : best[-1]].any():
-        value = float(np.ceil(10 * inner.max()) / 10)
+        value = float(np.ceil(10 * np.diff(time[best]).max()) / 10)
         return f"{remedy}, and fill the short gaps in it", (*changes, Change("fill_gaps", value=value))
     return remedy, changes
 
 
 def _window(
-    begin: float, end: float, time: Sequence[float] | Series, ship: Particulars
-) -> tuple[str, tuple[Change, ...]]:
-    """Keep a piece of the record."""
+    pieces: list[np.ndarray], time: Series, ship: Particulars
+) -> tuple[str, tuple[Change, ...], Int[np.ndarray, " k"]]:
+    """Keep the longest of several pieces, if it is long enough: remedy, changes, and its rows."""
+    best = max(pieces, key=lambda rows: time[rows[-1]] - time[rows[0]])
+    begin, end = float(time[best[0]]), float(time[best[-1]])
     if end - begin < MIN_LENGTH * ship.time_unit:
-        return f"no piece is as long as {MIN_LENGTH:g} L/U0: give another record", ()
-    changes = []
-    if begin > time[0]:
-        changes.append(Change("start", value=float(np.ceil(begin * 1e3 - 1e-6) / 1e3)))
-    if end < time[-1]:
-        changes.append(Change("end", value=float(np.floor(end * 1e3 + 1e-6) / 1e3)))
-    return f"keep the piece from {begin:.6g} to {end:.6g} s", tuple(changes)
+        return f"no piece is as long as {MIN_LENGTH:g} L/U0: give another record", (), best
+    return *piece(begin, end, begin > time[0], end < time[-1]), best

@@ -97,16 +97,7 @@ def other_sign(name: str) -> Change:
 
 
 def number(value: float | None, error: float | None = None, unit: str = "") -> str:
-    """A measured number with its error, as many digits as the error has.
-
-    Args:
-        value: The number; None gives a dash.
-        error: Its standard error.
-        unit: Unit of both.
-
-    Returns:
-        Such as ``0.873 ± 0.026 s``.
-    """
+    """A number with its standard error, as many digits as that has, such as ``0.873 ± 0.026 s``; a dash for None."""
     if value is None:
         return "–"
     if not error or not np.isfinite(error):
@@ -116,48 +107,23 @@ def number(value: float | None, error: float | None = None, unit: str = "") -> s
 
 
 def worst(findings: Iterable[Finding]) -> str:
-    """The gravest verdict.
-
-    Args:
-        findings: Findings.
-
-    Returns:
-        One of :data:`VERDICTS`; ``ok`` where there is no finding.
-    """
+    """The gravest verdict; ``ok`` where there is no finding."""
     return max((f.verdict for f in findings), key=VERDICTS.index, default="ok")
 
 
 def settings(findings: Sequence[Finding], mapping: ChannelMapping) -> dict[str, Any]:
-    """What is to be written into the mapping.
-
-    Args:
-        findings: What was found.
-        mapping: The mapping that the file was read with.
-
-    Returns:
-        Path -> new value; a channel that is left out has None.
-    """
+    """What is to be written into the mapping that a file was read with: path -> value; None leaves a channel out."""
     said: dict[str, Any] = {}
     for change in (c for f in findings for c in f.changes):
-        for path, value in _settled(change, mapping, said).items():
-            said[path] = value
+        said |= _settled(change, mapping, said)
     out = tuple(f"{path}." for path, value in said.items() if value is LEAVE_OUT and path.count(".") == 1)
-    return {path: value for path, value in said.items() if not path.startswith(out)} if out else said
+    return {path: value for path, value in said.items() if not path.startswith(out)}
 
 
 def remedied(mapping: ChannelMapping, findings: Sequence[Finding]) -> ChannelMapping:
-    """Lay the remedies of findings over a mapping.
-
-    Args:
-        mapping: The mapping.
-        findings: What was found with it.
-
-    Returns:
-        The mapping that the file is to be read with next.
-    """
+    """The mapping that a file is to be read with after what was found with this one."""
     channels, plain = dict(mapping.channels), {}
-    laid = settings(findings, mapping)
-    for path, value in laid.items():
+    for path, value in settings(findings, mapping).items():
         first, *rest = path.split(".")
         if first == "time":
             mapping = replace(mapping, time=replace(mapping.time, **{rest[0]: value}))
@@ -171,15 +137,7 @@ def remedied(mapping: ChannelMapping, findings: Sequence[Finding]) -> ChannelMap
 
 
 def finding_json(finding: Finding, mapping: ChannelMapping) -> dict[str, Any]:
-    """A finding as plain numbers and strings.
-
-    Args:
-        finding: The finding.
-        mapping: The mapping that the file was read with.
-
-    Returns:
-        Its attributes; ``changes`` as path -> value.
-    """
+    """A finding as plain numbers and strings; ``changes`` as path -> value of the mapping that it was read with."""
     plain = {f.name: getattr(finding, f.name) for f in fields(finding)}
     return plain | {
         "channels": list(finding.channels),

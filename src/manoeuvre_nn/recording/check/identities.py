@@ -17,23 +17,21 @@ from scipy.optimize import minimize_scalar
 from manoeuvre_nn.core.frames import body_to_earth
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
-from manoeuvre_nn.recording.local_cubics import smoothed
+from manoeuvre_nn.recording.local_cubics import WINDOW, smoothed
 from manoeuvre_nn.recording.outliers import robust_sd, trimmed_least_squares
 
-WINDOW = 0.8
-"""Smoothing window of what a fault would leave over L/U0."""
 BIN = 0.1
 """Length of the averages that are compared over L/U0: shorter ones tell no more, longer ones blur delays."""
 EDGE = 0.2
 """Ends over L/U0 that are left out, so that delays up to that compare the same samples."""
 MAX_RESIDUAL = 4.0
 """Averages that lie further off, over their usual size, are left out."""
-STEP = {"delay": 0.02, "offset": 0.005, "scale": 0.005, "turn": 0.002, "point": 0.01, "current": 0.005}
-"""Steps of the numerical derivatives, in units of L/U0, of the channel's own unit, 1, rad, L and U0."""
 
 Values = Mapping[str, float]
 """Fault -> its size [SI]; faults that are not named are absent."""
 Series = Float[np.ndarray, " n"]
+Noise = Sequence[tuple[float, float]]
+"""Of each leftover: standard deviation, wild averages apart, and correlation with the neighbour."""
 
 
 @dataclass(frozen=True)
@@ -62,12 +60,7 @@ class Identities:
     """
 
     def __init__(self, recording: Recording, ship: Particulars) -> None:
-        """Smooth what the derivatives are taken of, and measure the noise.
-
-        Args:
-            recording: The recording, without outliers.
-            ship: The ship.
-        """
+        """Smooth what the derivatives are taken of; the recording has no outliers."""
         derived = recording.derived
         self.heading, self.track = "r" not in derived, not derived & {"u", "v", "x", "y"}
         self.time, self.unit, self.ship = recording.time, ship.time_unit, ship
@@ -80,10 +73,6 @@ class Identities:
 
     def leftover(self, values: Values, smooth: bool = False) -> Float[np.ndarray, "s n"]:
         """What heading and track leave over once faults are taken out: averages, each less the one before.
-
-        Args:
-            values: The faults.
-            smooth: Whether of the smoothed channels.
 
         Returns:
             Of psi [rad], x and y [m], as far as they were recorded; NaN where a delay reaches out of the record.
@@ -105,14 +94,7 @@ class Identities:
         return averaged
 
     def slopes(self, names: Sequence[str]) -> Float[np.ndarray, "s n k"]:
-        """What one unit of each fault adds to the leftover of a recording that has no other.
-
-        Args:
-            names: The faults.
-
-        Returns:
-            One column a fault.
-        """
+        """What one unit of each fault adds to the leftover of a recording that has no other."""
         for name in names:
             if name not in self._columns:
                 step = self._step(name)
@@ -123,7 +105,7 @@ class Identities:
         return np.stack([self._columns[name] for name in names], axis=-1)
 
     def estimate(
-        self, names: Sequence[str], noise: "Noise", start: Values | None = None, rounds: int = 4
+        self, names: Sequence[str], noise: Noise, start: Values | None = None, rounds: int = 4
     ) -> FaultEstimate:
         """Fit some faults at once by Gauss and Newton's method.
 
@@ -156,16 +138,8 @@ class Identities:
         spread = float(np.median(np.maximum(found, white)[used] / white[used])) if used.any() else 1.0
         return FaultEstimate(values, dict(zip(names, map(float, errors), strict=True)), misfit, spread)
 
-    def noise(self, names: Sequence[str], values: Values | None = None) -> "Noise":
-        """Noise of the leftover, measured on what some faults together leave.
-
-        Args:
-            names: The faults.
-            values: What they are, as far as that is known.
-
-        Returns:
-            The noise.
-        """
+    def noise(self, names: Sequence[str], values: Values | None = None) -> Noise:
+        """Noise of the leftover, measured on what some faults together leave; what they are is known as far as said."""
         y, x = np.nan_to_num(self.leftover(values or {})), self.slopes(names)
         size = np.maximum(y.std(axis=1), 1e-12)
         fit, *_ = np.linalg.lstsq(
@@ -176,65 +150,31 @@ class Identities:
         models = [model for group in groups for model in [_noise_model(group)] * len(group)]
         scaled = []
         for part, (_, correlation) in zip(rest, models, strict=True):
-            white = np.abs(_lower(part.size, correlation, part[:, None])[:, 0])
-            scaled.append((
-                max(robust_sd(white[white > 0]), 1e-12) if white.any() else 1e-12,
-                correlation,
-            ))
-        return Noise(scaled)
+            white = _whitened(part, correlation)
+            scaled.append((max(robust_sd(white[white != 0]), 1e-12) if white.any() else 1e-12, correlation))
+        return scaled
 
     def _whitened(
-        self, values: Values, names: Sequence[str], noise: "Noise"
+        self, values: Values, names: Sequence[str], noise: Noise
     ) -> tuple[Float[np.ndarray, "s n"], Float[np.ndarray, "s n k"], Bool[np.ndarray, "s n"]]:
         """Leftover and slopes over their noise, and which of them are lost."""
         y, x = self.leftover(values), self.slopes(names)
         lost = np.isnan(y)
-        pairs = [
-            noise.whitened(k, np.where(gone, 0.0, part), np.where(gone[:, None], 0.0, columns))
-            for k, (part, columns, gone) in enumerate(zip(y, x, lost, strict=True))
-        ]
-        keep = ~lost
-        return np.stack([p[0] for p in pairs]) * keep, np.stack([p[1] for p in pairs]) * keep[..., None], lost
+        both = np.where(lost[..., None], 0.0, np.concatenate([y[..., None], x], axis=-1))
+        white = np.stack([_whitened(part, rho) / sd for part, (sd, rho) in zip(both, noise, strict=True)])
+        white *= ~lost[..., None]
+        return white[..., 0], white[..., 1:], lost
 
     def _step(self, name: str) -> float:
-        kind = next(k for k in STEP if k in name)
-        unit = {"delay": self.unit, "point": self.ship.length, "current": self.ship.speed}.get(kind, 1.0)
-        if kind == "offset":
-            unit = 1.0 / self.unit if "r" in name.split()[-1] else self.ship.speed
-        return STEP[kind] * unit
+        """Step of the numerical derivative by a fault."""
+        speed, length = 0.005 * self.ship.speed, self.ship.length
+        steps = {"delay": 0.02 * self.unit, "scale": 0.005, "point": 0.01 * length, "current": speed, "offset": speed}
+        return {"offset of psi": 0.002, "offset of r": 0.005 / self.unit}.get(name, steps[name.split()[0]])
 
     def _bounded(self, name: str, value: float) -> float:
         """No step out of the range in which the linearization means something."""
         limit = {"delay": self.unit, "scale": 0.5, "point": 3 * self.ship.length}.get(name.split()[0], np.inf)
         return float(np.clip(value, -limit, limit))
-
-
-@dataclass(frozen=True)
-class Noise:
-    """Noise of each leftover: variance, and correlation of neighbours.
-
-    Attributes:
-        models: Standard deviation, wild averages apart, and correlation with the neighbour, one pair a leftover.
-    """
-
-    models: Sequence[tuple[float, float]]
-
-    def whitened(
-        self, which: int, y: Series, x: Float[np.ndarray, "n k"]
-    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n k"]]:
-        """Make neighbours independent, of variance 1.
-
-        Args:
-            which: Number of the leftover.
-            y: The leftover.
-            x: Its slopes.
-
-        Returns:
-            Both, whitened.
-        """
-        deviation, correlation = self.models[which]
-        both = _lower(len(y), correlation, np.column_stack([y, x])) / deviation
-        return both[:, 0], both[:, 1:]
 
 
 def _without_faults(
@@ -249,8 +189,7 @@ def _without_faults(
         there = np.interp(time + late[name], time, written) if late[name] else written
         scale = 1.0 + values.get(f"scale of {name}", 0.0)
         good[name] = scale * (there - values.get(f"offset of {name}", 0.0))
-    good["psi"] = good["psi"] - values.get("turn of psi", 0.0)
-    ahead, abeam = values.get("point ahead", 0.0), values.get("point abeam", 0.0)
+    ahead, abeam = values.get("point of x, y", 0.0), values.get("point of x, y abeam", 0.0)
     north, east = body_to_earth(np.full(len(time), ahead), np.full(len(time), abeam), good["psi"])
     return inside, {**good, "x": good["x"] - north, "y": good["y"] - east}
 
@@ -288,15 +227,12 @@ def _noise_model(parts: Float[np.ndarray, "s n"]) -> tuple[float, float]:
     centre = [np.clip(p, -limit, limit) for p, limit in zip(parts, limits, strict=True)]
 
     def cost(correlation: float) -> float:
-        total, logs, count = 0.0, 0.0, 0
-        for p in centre:
-            factor = _factor(len(p), correlation)
-            total += float((solve_banded((1, 0), factor, p) ** 2).sum())
-            logs, count = logs + 2 * float(np.log(factor[0]).sum()), count + len(p)
-        return count * np.log(total / count) + logs
+        total = sum(float((_whitened(p, correlation) ** 2).sum()) for p in centre)
+        logs = sum(2 * float(np.log(_factor(len(p), correlation)[0]).sum()) for p in centre)
+        return parts.size * np.log(total / parts.size) + logs
 
     best = float(minimize_scalar(cost, bounds=(-0.4995, 0.4995), method="bounded").x)
-    squares = [(_lower(len(p), best, p[:, None]) ** 2).mean() for p in centre]
+    squares = [(_whitened(p, best) ** 2).mean() for p in centre]
     return float(np.sqrt(np.mean(squares))), best
 
 
@@ -306,6 +242,6 @@ def _factor(count: int, correlation: float) -> Float[np.ndarray, "2 n"]:
     return cholesky_banded(band, lower=True)
 
 
-def _lower(count: int, correlation: float, values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
+def _whitened(values: Float[np.ndarray, "n *k"], correlation: float) -> Float[np.ndarray, "n *k"]:
     """Values freed of their neighbours' correlation."""
-    return solve_banded((1, 0), _factor(count, correlation), values)
+    return solve_banded((1, 0), _factor(len(values), correlation), values)

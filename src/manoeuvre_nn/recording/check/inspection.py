@@ -11,11 +11,12 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.recording.check.checks import first_finding
-from manoeuvre_nn.recording.check.fault_findings import fault_findings
+from manoeuvre_nn.recording.check.fault_findings import fault_finding
 from manoeuvre_nn.recording.check.file_checks import file_findings
 from manoeuvre_nn.recording.check.finding import Finding, worst
-from manoeuvre_nn.recording.check.samples import Flags, gaps, outliers, quantized, sampling, stuck
-from manoeuvre_nn.recording.check.steering import rudder_jumps, rudder_lag, steady_approach, without_outliers
+from manoeuvre_nn.recording.check.samples import Flags, gaps, outliers, quantized, sampling, stuck, without_outliers
+from manoeuvre_nn.recording.check.sensor_faults import measure_faults
+from manoeuvre_nn.recording.check.steering import rudder_jumps, rudder_lag, steady_approach
 from manoeuvre_nn.recording.read.mapping import Mapping
 from manoeuvre_nn.recording.read.reader import read_recording
 from manoeuvre_nn.recording.thinning import thinned
@@ -45,17 +46,6 @@ class Inspection:
         """The gravest."""
         return worst(self.findings)
 
-    def adding(self, more: Sequence[Finding]) -> "Inspection":
-        """The same with further findings.
-
-        Args:
-            more: Findings.
-
-        Returns:
-            A new inspection.
-        """
-        return replace(self, findings=(*self.findings, *more))
-
     @property
     def clean(self) -> Recording | None:
         """The recording with outliers filled."""
@@ -82,8 +72,8 @@ def inspect_file(path: str | Path, mapping: Mapping, ship: Particulars) -> Inspe
     except InputError as error:
         known = [f for f in broken if f.verdict == "refuse"]
         return Inspection(path.stem, tuple(known or [*broken, Finding("file", "refuse", str(error))]))
-    began = recording.meta["started"]
-    since = began - _first_time(path, mapping, ship) if _is_cut(mapping) else 0.0
+    is_cut = mapping.start is not None or any(c.delay for c in mapping.channels.values())
+    since = recording.meta["started"] - _first_time(path, mapping, ship) if is_cut else 0.0
     recording = replace(recording, meta={**recording.meta, "since": since})
     found = inspect_recording(recording, ship, written, mapping)
     return replace(found, findings=(*broken, *found.findings))
@@ -106,61 +96,41 @@ def inspect_recording(
     lacking = [name for name in MOTION if name not in recording.channels]
     if lacking:
         text = f"no {', '.join(lacking)} in the file: nothing to compare"
-        return Inspection(
-            recording.name, (Finding("channels", "refuse", text, remedy="map u, v, r, x, y, psi, delta"),)
-        )
+        refused = Finding("channels", "refuse", text, remedy="map u, v, r, x, y, psi, delta")
+        return Inspection(recording.name, (refused,))
     written = recording if written is None else written
-    rate, missing = sampling(recording, ship), gaps(recording, ship)
-    wild, flags = outliers(written)
+    missing, (wild, flags) = gaps(recording, ship), outliers(written)
     same = len(written) == len(recording)
     shifted = flags if same else {k: np.interp(recording.time, written.time, f) > 0.5 for k, f in flags.items()}
     clean = without_outliers(recording, shifted)
-    first = (rate, missing, wild)
+    found = [sampling(recording, ship), missing, wild]
     gross = first_finding(clean, ship)
     if gross is not None:
-        return Inspection(recording.name, (*first, gross[0]), recording, shifted)
+        return Inspection(recording.name, (*found, gross[0]), recording, shifted)
     plain, fewer = without_outliers(written, flags), thinned(clean, ship)
-    still, coarse = stuck(plain, ship), quantized(plain, ship)
-    rest = [rudder_jumps(clean, ship), rudder_lag(fewer, ship), steady_approach(fewer, ship)]
-    passed = Finding(
-        "units, signs, frame", "ok", "units, signs, axes and the rudder's side fit each other and the ship"
-    )
+    still = stuck(plain, ship)
+    fits = "units, signs, axes and the rudder's side fit each other and the ship"
+    found += [*still, *quantized(plain, ship), Finding("units, signs, frame", "ok", fits)]
     # Much of a channel that stands still, or a hole, would be taken for a fault of the sensors.
     standing = sum(b - a for f in still for a, b in f.spans) / recording.duration
-    faults = fault_findings(fewer, ship, mapping) if standing < STANDING and not missing.trips else []
-    return Inspection(
-        recording.name,
-        (*first, *still, *coarse, passed, *faults, *(f for f in rest if f is not None)),
-        recording,
-        shifted,
-    )
+    if standing < STANDING and not missing.trips:
+        found += [fault_finding(fault, mapping) for fault in measure_faults(fewer, ship)]
+    lag = rudder_lag(fewer, ship)
+    found += [rudder_jumps(clean, ship), *([] if lag is None else [lag]), steady_approach(fewer, ship)]
+    return Inspection(recording.name, tuple(found), recording, shifted)
 
 
 def summary_lines(inspections: Sequence[Inspection], most: int = 5) -> list[str]:
-    """What is worth a look before training, a line each.
-
-    Args:
-        inspections: What was found.
-        most: Most lines.
-
-    Returns:
-        Findings that ask for something to be done, then how many more there are.
-    """
+    """What is worth a look before training, a line each: findings that ask for something, then how many more."""
     said = [f"{i.name}: {f}" for i in inspections for f in i.findings if f.trips]
-    if len(said) <= most:
-        return said
-    return [*said[:most], f"{len(said) - most} more: manoeuvre check shows them all"]
+    more = [f"{len(said) - most} more: manoeuvre check shows them all"] if len(said) > most else []
+    return [*said[:most], *more]
 
 
 def _as_written(mapping: Mapping) -> Mapping:
     """The mapping without what moves, turns or carries channels."""
     plain = {k: replace(c, delay=0.0) for k, c in mapping.channels.items()}
     return replace(mapping, channels=plain, frame="body", reference_point=0.0, position_point=None, rudder="angle")
-
-
-def _is_cut(mapping: Mapping) -> bool:
-    """Whether a recording may begin later than its file."""
-    return mapping.start is not None or any(c.delay for c in mapping.channels.values())
 
 
 def _first_time(path: Path, mapping: Mapping, ship: Particulars) -> float:

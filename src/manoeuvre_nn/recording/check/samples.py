@@ -1,7 +1,7 @@
 """Samples looked at one channel at a time: rate, gaps, outliers, channels that are stuck or coarsely written."""
 
 from collections.abc import Sequence
-from typing import Any
+from functools import partial
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -13,6 +13,7 @@ from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.recording.check.finding import LEAVE_OUT, Change, Finding
 from manoeuvre_nn.recording.local_cubics import WINDOW, smoothed
 from manoeuvre_nn.recording.outliers import middle_of_neighbours, robust_sd, spikes
+from manoeuvre_nn.recording.read.mending import line_across
 
 MAX_INTERVAL = 0.15
 """Longest interval between samples over L/U0: local cubics over .8 L/U0 need six samples."""
@@ -32,8 +33,7 @@ TURN = 4 * DEGREE
 """Change of heading that a channel which stands still belies."""
 MAX_WINDOW_SAMPLES = 400
 """Samples beyond which a longer window tells no more of the noise."""
-BRIDGED = "short beside L/U0, the smoother takes most of it away"
-CHANNELS = ("u", "v", "r", "x", "y", "psi", "delta", "n")
+CHANNELS = ("u", "v", "r", "x", "y", "psi", "delta")
 """Channels that are looked at, if they were recorded."""
 REPLACEMENTS = {
     "r": (("r",), "r then follows from psi"),
@@ -46,94 +46,68 @@ REPLACEMENTS |= {"v": REPLACEMENTS["u"], "y": REPLACEMENTS["x"]}
 Series = Float[np.ndarray, " n"]
 Flags = dict[str, Bool[np.ndarray, " n"]]
 """Channel -> samples that are odd."""
+Spans = Sequence[tuple[float, float]]
+"""Times from and to [s]."""
 
 
 def sampling(recording: Recording, ship: Particulars) -> Finding:
-    """Rate against the ship's own time, and evenness.
-
-    Args:
-        recording: The recording.
-        ship: The ship.
-
-    Returns:
-        The finding.
-    """
-    steps, interval = _steps(recording)
+    """Rate against the ship's own time, and evenness."""
+    steps, interval = np.diff(recording.time), recording.step
     slowest = MAX_INTERVAL * ship.time_unit
-    regular = steps[steps < GAP_STEPS * interval]
-    off = float(np.abs(regular - interval).max() / interval) if len(regular) else 0.0
-    said: dict[str, Any] = {"measured": interval, "unit": "s", "expected": f"below {slowest:.3g} s"}
+    found = partial(Finding, "sampling", measured=interval, unit="s", expected=f"below {slowest:.3g} s")
     if interval > slowest * 1.001:
         text = f"a sample every {interval:.3g} s; the {ship.name} sails its length in {ship.time_unit:.3g} s"
-        remedy = f"give a record with a sample every {slowest:.2g} s or more often"
-        return Finding("sampling", "mend", text, remedy=remedy, **said)
+        return found("mend", text, remedy=f"give a record with a sample every {slowest:.2g} s or more often")
     text = f"a sample every {interval:.3g} s, {ship.time_unit / interval:.0f} in the time of a ship length"
+    regular = steps[steps < GAP_STEPS * interval]
+    off = float(np.abs(regular - interval).max(initial=0.0) / interval)
     if off > JITTER:
-        text += f"; intervals differ by up to {100 * off:.0f} %: it is smoothed on an even grid"
-        return Finding("sampling", "note", text, **said)
-    return Finding("sampling", "ok", text, **said)
-
-
-def _steps(recording: Recording) -> tuple[Series, float]:
-    """Steps of time and the usual one [s]."""
-    steps = np.diff(recording.time)
-    return steps, float(np.median(steps))
+        return found("note", f"{text}; intervals differ by up to {100 * off:.0f} %: it is smoothed on an even grid")
+    return found("ok", text)
 
 
 def gaps(recording: Recording, ship: Particulars) -> Finding:
-    """Samples that are missing.
-
-    Args:
-        recording: The recording.
-        ship: The ship.
-
-    Returns:
-        The finding.
-    """
-    steps, interval = _steps(recording)
-    holes = np.flatnonzero(steps > GAP_STEPS * interval)
+    """Samples that are missing."""
+    steps = np.diff(recording.time)
+    holes = np.flatnonzero(steps > GAP_STEPS * recording.step)
     filled = recording.meta.get("gaps", {})
     told = "; filled: " + ", ".join(f"{n} of {k}" for k, n in filled.items()) if filled else ""
     if not len(holes):
         return Finding("gaps", "note" if filled else "ok", f"no sample is missing{told}", tuple(filled), 0.0, unit="s")
-    longest = float(steps.max())
+    longest, bridged = float(steps.max()), MAX_BRIDGED_GAP * ship.time_unit
     spans = tuple((float(recording.time[k]), float(recording.time[k + 1])) for k in holes)
-    said: dict[str, Any] = {
-        "measured": longest,
-        "unit": "s",
-        "expected": f"below {MAX_BRIDGED_GAP * ship.time_unit:.3g} s",
-        "spans": spans,
-    }
     text = f"{len(holes)} gap{'s' if len(holes) > 1 else ''}, the longest of {longest:.3g} s{told}"
-    if longest <= MAX_BRIDGED_GAP * ship.time_unit:
-        return Finding("gaps", "note", text, **said)
-    long = [span for span in spans if span[1] - span[0] > MAX_BRIDGED_GAP * ship.time_unit]
-    remedy, changes = cut(recording, long)
-    return Finding("gaps", "mend", text, remedy=remedy, changes=changes, **said)
+    found = partial(
+        Finding, "gaps", text=text, measured=longest, unit="s", expected=f"below {bridged:.3g} s", spans=spans
+    )
+    if longest <= bridged:
+        return found(verdict="note")
+    remedy, changes = cut(recording, [span for span in spans if span[1] - span[0] > bridged])
+    return found(verdict="mend", remedy=remedy, changes=changes)
 
 
 def outliers(recording: Recording) -> tuple[Finding, Flags]:
-    """Single samples far off their neighbours.
-
-    Args:
-        recording: The recording as written.
-
-    Returns:
-        The finding, and which samples.
-    """
-    odd = {k: _off(recording[k]) for k in _recorded(recording) if k != "n"}
+    """Single samples far off their neighbours, in a recording as it was written: the finding, and which samples."""
+    odd = {k: _off(recording[k]) for k in _recorded(recording)}
     odd = {k: flags for k, flags in odd.items() if 0 < flags.mean() <= MAX_OUTLIER_SHARE}
     filled = recording.meta.get("outliers", {})
-    count = sum(int(f.sum()) for f in odd.values())
     if not odd:
         told = "filled: " + ", ".join(f"{n} of {k}" for k, n in filled.items()) if filled else "none"
         return Finding("outliers", "note" if filled else "ok", told, tuple(filled), 0.0, expected="0"), {}
-    text = "single samples far off: " + ", ".join(f"{int(f.sum())} of {k}" for k, f in odd.items())
+    count = {k: int(flags.sum()) for k, flags in odd.items()}
+    text = "single samples far off: " + ", ".join(f"{n} of {k}" for k, n in count.items())
+    when = recording.time[np.any(list(odd.values()), axis=0)]
     found = Finding(
-        "outliers", "mend", text, tuple(odd), float(count), expected="0", remedy="replace them by straight lines",
-        changes=(Change("outliers", value="fill"),), spans=_spans(recording.time, np.any(list(odd.values()), axis=0)),
+        "outliers", "mend", text, tuple(odd), float(sum(count.values())), expected="0",
+        remedy="replace them by straight lines", changes=(Change("outliers", value="fill"),),
+        spans=tuple((float(t), float(t)) for t in when),
     )  # fmt: skip
     return found, odd
+
+
+def without_outliers(recording: Recording, flags: Flags) -> Recording:
+    """Odd samples replaced by straight lines between their neighbours."""
+    return recording.with_channels(**{k: line_across(recording.time, recording[k], f) for k, f in flags.items()})
 
 
 def _off(values: Series) -> Bool[np.ndarray, " n"]:
@@ -155,43 +129,55 @@ def stuck(recording: Recording, ship: Particulars) -> list[Finding]:
     Returns:
         One finding a channel that is stuck; one ``ok`` if there is none.
     """
-    found = []
-    turned = _turned(recording)
-    for name in _recorded(recording):
-        if name == "n":
-            continue
-        begins, lengths = _runs(recording[name])
-        usual = 1.0 if len(lengths) < 5 else float(np.quantile(np.repeat(lengths, lengths), 0.5))
-        spans = []
-        for begin, length in zip(begins, lengths, strict=True):
-            seconds = recording.time[begin + length - 1] - recording.time[begin]
-            lasting = length > 5 * usual and length >= 5 and seconds > 0.15 * ship.time_unit
-            if name == "delta":
-                lasting = length == len(recording)
-            if lasting and _belied(recording, name, turned, begin, begin + length - 1):
-                spans.append((float(recording.time[begin]), float(recording.time[begin + length - 1])))
-        if spans:
-            found.append((name, spans))
+    turned = {"r": cumulative_trapezoid(recording["r"], recording.time, initial=0.0), "psi": recording["psi"]}
+    every = {name: _standing(recording, ship, name, turned) for name in _recorded(recording)}
+    found = {name: spans for name, spans in every.items() if spans}
     if not found:
         return [Finding("stuck", "ok", "every channel moves when the ship does")]
-    if any(name not in {*REPLACEMENTS, "delta"} for name, _ in found):  # nothing replaces it: the piece is cut out
-        names, every = zip(*found, strict=True)
-        return [_frozen(recording, ship, names, sorted(span for spans in every for span in spans))]
-    return [_stuck(recording, ship, name, spans) for name, spans in found]
+    if set(found) <= {*REPLACEMENTS, "delta"}:
+        return [_stuck(recording, ship, (name,), spans) for name, spans in found.items()]
+    # Nothing replaces one of them: what is left is a piece without the time in which they stand.
+    return [_stuck(recording, ship, tuple(found), sorted(span for spans in found.values() for span in spans))]
+
+
+def _standing(recording: Recording, ship: Particulars, name: str, turned: dict[str, Series]) -> Spans:
+    """Times in which a channel stands still and others say that it should not."""
+    begins, lengths = _runs(recording[name])
+    usual = 1.0 if len(lengths) < 5 else float(np.quantile(np.repeat(lengths, lengths), 0.5))
+    spans = []
+    for begin, length in zip(begins, lengths, strict=True):
+        last = begin + length - 1
+        span = float(recording.time[begin]), float(recording.time[last])
+        lasting = length > 5 * usual and length >= 5 and span[1] - span[0] > 0.15 * ship.time_unit
+        if name == "delta":
+            lasting = length == len(recording)
+        if lasting and _belied(recording, name, turned, begin, last):
+            spans.append(span)
+    return spans
+
+
+def _stuck(recording: Recording, ship: Particulars, names: tuple[str, ...], spans: Spans) -> Finding:
+    """What to do about channels that stand still."""
+    longest = max(b - a for a, b in spans)
+    verb = "stands" if len(names) == 1 else "stand"
+    found = partial(
+        Finding, "stuck", text=f"{', '.join(names)} {verb} still for up to {longest:.3g} s while the ship moves",
+        channels=names, measured=longest, unit="s", expected="shorter than its resolution explains", spans=tuple(spans),
+    )  # fmt: skip
+    if names == ("delta",):
+        return found(verdict="refuse", remedy="map the column that holds the rudder angle: nothing replaces it")
+    if longest < MAX_BRIDGED_GAP * ship.time_unit:
+        return found(verdict="note", remedy="short beside L/U0, the smoother takes most of it away")
+    remedy, changes = _leave_out(names[0], recording) if len(names) == 1 else ("", ())
+    if not changes:
+        remedy, changes = cut(recording, spans)
+    return found(verdict="mend", remedy=remedy, changes=changes)
 
 
 def quantized(recording: Recording, ship: Particulars) -> list[Finding]:
-    """Channels that were written with too few digits.
-
-    Args:
-        recording: The recording as written.
-        ship: The ship.
-
-    Returns:
-        One finding a channel that is coarse; one ``ok`` if there is none.
-    """
+    """Channels that were written with too few digits: one finding each; one ``ok`` if there is none."""
     found = []
-    for name in (k for k in _recorded(recording) if k not in {"delta", "n"}):
+    for name in (k for k in _recorded(recording) if k != "delta"):
         if name in {"x", "y"}:
             found += _coarse_position(recording, name, ship)
             continue
@@ -200,18 +186,17 @@ def quantized(recording: Recording, ship: Particulars) -> list[Finding]:
         # Noise of half a step dithers: averages are then finer than the step.
         if not step or noise > 0.5 * step or step < NOTED_STEP * extent:
             continue
-        text = f"{name} is written in steps of {step:.3g}, {100 * step / extent:.2g} % of its range, with less noise"
-        said: dict[str, Any] = {
-            "measured": 100 * step / extent,
-            "unit": "% of range",
-            "expected": f"below {100 * NOTED_STEP:.0f} %",
-        }
+        share = 100 * step / extent
+        coarse = partial(
+            Finding, "quantized", channels=(name,), measured=share, unit="% of range",
+            text=f"{name} is written in steps of {step:.3g}, {share:.2g} % of its range, with less noise",
+            expected=f"below {100 * NOTED_STEP:.0f} %",
+        )  # fmt: skip
         if step > USELESS_STEP * extent and name in REPLACEMENTS:
             remedy, changes = _leave_out(name, recording)
-            found.append(Finding("quantized", "mend", text, (name,), remedy=remedy, changes=changes, **said))
+            found.append(coarse(verdict="mend", remedy=remedy, changes=changes))
         else:
-            more = "write more digits; what is smoothed is still of use"
-            found.append(Finding("quantized", "note", text, (name,), remedy=more, **said))
+            found.append(coarse(verdict="note", remedy="write more digits; what is smoothed is still of use"))
     return found or [Finding("quantized", "ok", "steps are small beside noise or range")]
 
 
@@ -223,24 +208,22 @@ def _coarse_position(recording: Recording, name: str, ship: Particulars) -> list
     step, rows = steps[int(np.argmax(steps))], pieces[int(np.argmax(steps))]
     if step < NOTED_POSITION_STEP * ship.length:
         return []
-    text = f"{name} is written in steps of up to {step:.3g} m, {100 * step / ship.length:.2g} % of L"
-    said: dict[str, Any] = {
-        "measured": step,
-        "unit": "m",
-        "expected": f"below {NOTED_POSITION_STEP * ship.length:.2g} m",
-        "spans": ((float(time[rows[0]]), float(time[rows[-1]])),),
-    }
+    coarse = partial(
+        Finding, "quantized", channels=(name,), measured=step, unit="m",
+        text=f"{name} is written in steps of up to {step:.3g} m, {100 * step / ship.length:.2g} % of L",
+        expected=f"below {NOTED_POSITION_STEP * ship.length:.2g} m",
+        spans=((float(time[rows[0]]), float(time[rows[-1]])),),
+    )  # fmt: skip
     if step < USELESS_POSITION_STEP * ship.length:
-        return [Finding("quantized", "note", text, (name,), remedy="write more digits", **said)]
+        return [coarse(verdict="note", remedy="write more digits")]
     remedy, changes = _leave_out(name, recording)
-    return [Finding("quantized", "mend", text, (name,), remedy=remedy, changes=changes, **said)]
+    return [coarse(verdict="mend", remedy=remedy, changes=changes)]
 
 
 def _leave_out(name: str, recording: Recording) -> tuple[str, tuple[Change, ...]]:
     """Take a channel out of the mapping, where something takes its place."""
-    derived = recording.derived
     source = {"u": "x", "v": "x", "x": "u", "y": "u"}.get(name)
-    if name not in REPLACEMENTS or source in derived:
+    if name not in REPLACEMENTS or source in recording.derived:
         return "nothing replaces it: give another record", ()
     group, instead = REPLACEMENTS[name]
     said = " and ".join(k for k in group if len(k) == 1)
@@ -248,52 +231,34 @@ def _leave_out(name: str, recording: Recording) -> tuple[str, tuple[Change, ...]
     return f"leave {said} out of the mapping, {instead}", changes
 
 
-def cut(recording: Recording, spans: Sequence[tuple[float, float]]) -> tuple[str, tuple[Change, ...]]:
-    """Keep the longest piece between some times.
-
-    Args:
-        recording: The recording.
-        spans: Times to leave out, in order [s].
-
-    Returns:
-        The remedy in words and as changes.
-    """
+def cut(recording: Recording, spans: Spans) -> tuple[str, tuple[Change, ...]]:
+    """Keep the longest piece between times that are left out, in order: the remedy in words and as changes."""
     ends = [(0.0, 0.0), *spans, (recording.duration, recording.duration)]
-    pieces = [(a[1], b[0]) for a, b in zip(ends, ends[1:], strict=False)]
-    begin, end = max(pieces, key=lambda p: p[1] - p[0])
+    begin, end = max(((a[1], b[0]) for a, b in zip(ends, ends[1:], strict=False)), key=lambda p: p[1] - p[0])
     # Seconds from the file's first sample: a recording that was cut already begins later.
     shift = float(recording.meta.get("since", 0.0))
+    return piece(begin + shift, end + shift, begin > 0, end < recording.duration)
+
+
+def piece(begin: float, end: float, later: bool, earlier: bool) -> tuple[str, tuple[Change, ...]]:
+    """Keep what lies between two times of a file [s], where it begins later or ends earlier than the file."""
     changes = []
-    if begin > 0:
-        changes.append(Change("start", value=_up(begin + shift)))
-    if end < recording.duration:
-        changes.append(Change("end", value=_down(end + shift)))
-    return f"keep the piece from {begin + shift:.6g} to {end + shift:.6g} s", tuple(changes)
-
-
-def _up(value: float) -> float:
-    return float(np.ceil(value * 1e3) / 1e3)
-
-
-def _down(value: float) -> float:
-    return float(np.floor(value * 1e3) / 1e3)
+    if later:
+        changes.append(Change("start", value=float(np.ceil(begin * 1e3 - 1e-6) / 1e3)))
+    if earlier:
+        changes.append(Change("end", value=float(np.floor(end * 1e3 + 1e-6) / 1e3)))
+    return f"keep the piece from {begin:.6g} to {end:.6g} s", tuple(changes)
 
 
 def _recorded(recording: Recording) -> list[str]:
     """Channels that the file has."""
-    derived = recording.derived
-    return [k for k in CHANNELS if k in recording.channels and k not in derived]
+    return [k for k in CHANNELS if k in recording.channels and k not in recording.derived]
 
 
 def _runs(values: Series) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
     """First samples and lengths of runs of equal values."""
     begins = np.concatenate([[0], np.flatnonzero(np.diff(values) != 0) + 1])
     return begins, np.diff(np.append(begins, len(values)))
-
-
-def _turned(recording: Recording) -> dict[str, Series]:
-    """How far the ship has turned, by r and by psi [rad]."""
-    return {"r": cumulative_trapezoid(recording["r"], recording.time, initial=0.0), "psi": recording["psi"]}
 
 
 def _belied(recording: Recording, name: str, turned: dict[str, Series], first: int, last: int) -> bool:
@@ -306,55 +271,13 @@ def _belied(recording: Recording, name: str, turned: dict[str, Series], first: i
     if name == "delta":
         return bool(np.ptp(turned["psi"]) > 45 * DEGREE)
     if name in {"x", "y"}:
+        rows = slice(first, last + 1)
+        u, v, psi = (recording[k][rows] for k in ("u", "v", "psi"))
         along = np.cos if name == "x" else np.sin
-        time = recording.time[first : last + 1]
-        drift = np.arctan2(recording["v"], recording["u"])[first : last + 1]
-        rate = np.hypot(recording["u"], recording["v"])[first : last + 1]
-        way = np.trapezoid(rate * along(recording["psi"][first : last + 1] + drift), time)
+        way = np.trapezoid(np.hypot(u, v) * along(psi + np.arctan2(v, u)), recording.time[rows])
         usual = float(np.quantile(np.abs(np.diff(recording[name])), 0.9))
         return bool(abs(way) > 5 * usual)
     return bool(max(abs(by_r), abs(by_psi)) > 2 * TURN)
-
-
-def _stuck(recording: Recording, ship: Particulars, name: str, spans: Sequence[tuple[float, float]]) -> Finding:
-    """A channel that something replaces, or the rudder."""
-    remedy, changes = _leave_out(name, recording)
-    if name == "delta":
-        remedy = "map the column that holds the rudder angle: nothing replaces it"
-    elif not changes:
-        remedy, changes = cut(recording, spans)
-    if name != "delta" and _short(spans, ship):
-        return Finding("stuck", "note", remedy=BRIDGED, **_standing((name,), spans))
-    verdict = "refuse" if name == "delta" else "mend"
-    return Finding("stuck", verdict, remedy=remedy, changes=changes, **_standing((name,), spans))
-
-
-def _short(spans: Sequence[tuple[float, float]], ship: Particulars) -> bool:
-    """Whether every time is short beside the ship's own."""
-    return max(b - a for a, b in spans) < MAX_BRIDGED_GAP * ship.time_unit
-
-
-def _frozen(
-    recording: Recording, ship: Particulars, names: Sequence[str], spans: Sequence[tuple[float, float]]
-) -> Finding:
-    """Channels of which one cannot be replaced: what is left is a piece without the time in which they stand."""
-    if _short(spans, ship):
-        return Finding("stuck", "note", remedy=BRIDGED, **_standing(tuple(names), spans))
-    remedy, changes = cut(recording, spans)
-    return Finding("stuck", "mend", remedy=remedy, changes=changes, **_standing(tuple(names), spans))
-
-
-def _standing(names: tuple[str, ...], spans: Sequence[tuple[float, float]]) -> dict[str, Any]:
-    longest = max(b - a for a, b in spans)
-    verb = "stands" if len(names) == 1 else "stand"
-    return {
-        "text": f"{', '.join(names)} {verb} still for up to {longest:.3g} s while the ship moves",
-        "channels": names,
-        "measured": longest,
-        "unit": "s",
-        "expected": "shorter than its resolution explains",
-        "spans": tuple(spans),
-    }
 
 
 def _step(values: Series) -> float:
@@ -368,12 +291,6 @@ def _step(values: Series) -> float:
 
 def _noise(recording: Recording, name: str, ship: Particulars) -> float:
     """Standard deviation of what the smoother takes away, as far as that is not the step itself."""
-    window = min(WINDOW * ship.time_unit, MAX_WINDOW_SAMPLES * _steps(recording)[1])
-    smooth, _ = smoothed(recording.time, recording[name], window)
-    rest = recording[name] - smooth
+    window = min(WINDOW * ship.time_unit, MAX_WINDOW_SAMPLES * recording.step)
+    rest = recording[name] - smoothed(recording.time, recording[name], window)[0]
     return float(np.sqrt(max(robust_sd(rest) ** 2 - _step(recording[name]) ** 2 / 12, 0.0)))
-
-
-def _spans(time: Series, flags: Bool[np.ndarray, " n"]) -> tuple[tuple[float, float], ...]:
-    """Times of flagged samples."""
-    return tuple((float(t), float(t)) for t in time[flags])

@@ -1,7 +1,7 @@
 """Delays, offsets, scales and the point of the sensors, each with its error, out of the identities of a recording."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -25,40 +25,32 @@ ALIKE = 0.25
 
 @dataclass(frozen=True)
 class Fault:
-    """A simple fault of the sensors.
+    """A simple fault of the sensors, and how large it is once it was measured.
 
     Attributes:
-        name: Its name.
-        parts: Its numbers, as :mod:`~manoeuvre_nn.recording.check.identities` calls them.
+        name: Its name, as :mod:`~manoeuvre_nn.recording.check.identities` calls it.
         matters: Size from which on it is to be mended [SI].
         unit: Unit in which people read it.
         shown: That unit in SI.
-    """
-
-    name: str
-    parts: tuple[str, ...]
-    matters: float
-    unit: str
-    shown: float = 1.0
-
-
-@dataclass(frozen=True)
-class Measured:
-    """A fault as measured.
-
-    Attributes:
-        fault: Which.
         value: Its size [SI]; of a current its two components.
-        error: Standard error [SI].
+        error: Standard error of each [SI].
         found: Whether it is real and explains what no other fault explains better.
         rivals: Faults that explain it as well.
     """
 
-    fault: Fault
-    value: tuple[float, ...]
-    error: tuple[float, ...]
-    found: bool
+    name: str
+    matters: float
+    unit: str
+    shown: float = 1.0
+    value: tuple[float, ...] = ()
+    error: tuple[float, ...] = ()
+    found: bool = False
     rivals: tuple[str, ...] = ()
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """Its numbers, as the identities call them."""
+        return ("current north", "current east") if self.name == "current" else (self.name,)
 
     @property
     def size(self) -> float:
@@ -70,51 +62,50 @@ class Measured:
         """Standard error of the size [SI]."""
         if len(self.value) == 1:
             return self.error[0]
-        parts, errors = np.array(self.value), np.array(self.error)
-        return float(np.sqrt(((parts * errors) ** 2).sum()) / max(self.size, 1e-300))
+        return float(np.linalg.norm(np.multiply(self.value, self.error)) / max(self.size, 1e-300))
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether it is neither noise nor nothing."""
+        return abs(self.size) > MIN_SIGMAS * self.size_error and abs(self.size) > MIN_SHARE * self.matters
+
+    def measured(self, estimate: FaultEstimate, found: bool = True) -> "Fault":
+        """The fault as an estimate has it."""
+        value, error = (tuple(of[part] for part in self.parts) for of in (estimate.values, estimate.errors))
+        return replace(self, value=value, error=error, found=found)
 
 
 def possible_faults(recording: Recording, ship: Particulars, identities: Identities) -> list[Fault]:
-    """The faults that this recording's channels could show.
-
-    Args:
-        recording: The recording.
-        ship: The ship.
-        identities: Its identities.
-
-    Returns:
-        Faults; sizes that matter follow from the ship's size and what the channels do.
-    """
-    late = 0.01 * ship.time_unit
+    """Faults that a recording's channels could show; what matters follows from the ship and what they do."""
+    late, abeam = 0.01 * ship.time_unit, 0.02 * ship.length
     turning, drift = (float(np.quantile(np.abs(recording[k]), 0.9)) for k in ("r", "v"))
     speed = float(np.median(np.hypot(recording["u"], recording["v"])))
     faults = []
     if identities.heading:
         faults += [
-            Fault("delay of r", ("delay of r",), late, "s"),
-            Fault("offset of r", ("offset of r",), 0.01 * turning, "deg/s", DEGREE),
-            Fault("scale of r", ("scale of r",), 0.02, "%", 0.01),
+            Fault("delay of r", late, "s"),
+            Fault("offset of r", 0.01 * turning, "deg/s", DEGREE),
+            Fault("scale of r", 0.02, "%", 0.01),
         ]
     if identities.heading or identities.track:
-        faults.append(Fault("delay of psi", ("delay of psi",), late, "s"))
+        faults.append(Fault("delay of psi", late, "s"))
     if identities.track:
-        sway = max(0.05 * drift, 0.005 * speed)
         faults += [
-            Fault("offset of psi", ("turn of psi",), 0.5 * DEGREE, "deg", DEGREE),
-            Fault("delay of u, v", ("delay of u, v",), 2 * late, "s"),
-            Fault("scale of u", ("scale of u",), 0.01, "%", 0.01),
-            Fault("offset of u", ("offset of u",), 0.01 * speed, "m/s"),
-            Fault("scale of v", ("scale of v",), 0.05, "%", 0.01),
-            Fault("offset of v", ("offset of v",), sway, "m/s"),
-            Fault("delay of x, y", ("delay of x, y",), late, "s"),
-            Fault("point of x, y", ("point ahead",), 0.02 * ship.length, "m"),
-            Fault("point of x, y abeam", ("point abeam",), 0.02 * ship.length, "m"),
-            Fault("current", ("current north", "current east"), 0.02 * speed, "m/s"),
+            Fault("offset of psi", 0.5 * DEGREE, "deg", DEGREE),
+            Fault("delay of u, v", 2 * late, "s"),
+            Fault("scale of u", 0.01, "%", 0.01),
+            Fault("offset of u", 0.01 * speed, "m/s"),
+            Fault("scale of v", 0.05, "%", 0.01),
+            Fault("offset of v", max(0.05 * drift, 0.005 * speed), "m/s"),
+            Fault("delay of x, y", late, "s"),
+            Fault("point of x, y", abeam, "m"),
+            Fault("point of x, y abeam", abeam, "m"),
+            Fault("current", 0.02 * speed, "m/s"),
         ]
     return faults
 
 
-def measure_faults(recording: Recording, ship: Particulars) -> list[Measured]:
+def measure_faults(recording: Recording, ship: Particulars) -> list[Fault]:
     """Measure every fault, and find those that are there.
 
     Faults are taken in one by one, each time the one that explains most of what is left, as long as it is at least
@@ -125,7 +116,7 @@ def measure_faults(recording: Recording, ship: Particulars) -> list[Measured]:
         ship: The ship.
 
     Returns:
-        One a possible fault; none where the channels say nothing of each other.
+        All possible faults, measured; none where the channels say nothing of each other.
     """
     identities = Identities(recording, ship)
     faults = possible_faults(recording, ship, identities)
@@ -143,11 +134,12 @@ def measure_faults(recording: Recording, ship: Particulars) -> list[Measured]:
     measured = []
     for fault in faults:
         if fault in found:
-            rivals = _rivals(identities, fault, found, faults, noise, together)
-            measured.append(_measured(fault, together, found=True, rivals=rivals))
+            others = [f for f in faults if f not in found]
+            rivals = _rivals(identities, [f for f in found if f is not fault], others, noise, together)
+            measured.append(replace(fault.measured(together), rivals=rivals))
         else:
             beside = identities.estimate(_parts([*found, fault]), noise, start=together.values, rounds=2)
-            measured.append(_measured(fault, beside, found=False))
+            measured.append(fault.measured(beside, found=False))
     return measured
 
 
@@ -160,19 +152,17 @@ def _found(identities: Identities, faults: Sequence[Fault], noise: Noise) -> lis
         for fault in (f for f in faults if f not in found):
             tried = identities.estimate(_parts([*found, fault]), noise, start=now.values, rounds=2)
             won = (now.misfit - tried.misfit) / tried.spread - 2 * len(fault.parts)
-            one = _measured(fault, tried, found=True)
-            if won > gain and _clear(one):
+            if won > gain and fault.measured(tried).is_clear:
                 best, gain = fault, won
         if best is None:
             break
-        found.append(best)
-        now = identities.estimate(_parts(found), noise, start=now.values)
-        if not _clear(_measured(best, now, found=True)):
-            found.remove(best)
+        now = identities.estimate(_parts([*found, best]), noise, start=now.values)
+        if not best.measured(now).is_clear:
             break
+        found.append(best)
     found = fewest_delays(identities, found, faults, noise)
     together = identities.estimate(_parts(found), noise)
-    return [f for f in found if _clear(_measured(f, together, found=True))]
+    return [f for f in found if f.measured(together).is_clear]
 
 
 def fewest_delays(identities: Identities, found: Sequence[Fault], faults: Sequence[Fault], noise: Noise) -> list[Fault]:
@@ -202,34 +192,18 @@ def fewest_delays(identities: Identities, found: Sequence[Fault], faults: Sequen
     return [*others, *min((s for s in stories if s[0] < least + MIN_MISFIT_GAP), key=lambda s: s[1])[2]]
 
 
-def _clear(one: Measured) -> bool:
-    """Whether a fault is neither noise nor nothing."""
-    return abs(one.size) > MIN_SIGMAS * one.size_error and abs(one.size) > MIN_SHARE * one.fault.matters
-
-
 def _rivals(
-    identities: Identities,
-    fault: Fault,
-    found: Sequence[Fault],
-    faults: Sequence[Fault],
-    noise: Noise,
-    together: FaultEstimate,
+    identities: Identities, kept: Sequence[Fault], others: Sequence[Fault], noise: Noise, together: FaultEstimate
 ) -> tuple[str, ...]:
-    """Faults that explain the same as well."""
-    others = [f for f in found if f is not fault]
-    gain = identities.estimate(_parts(others), noise, start=together.values).misfit - together.misfit
-    rivals = []
-    for rival in (f for f in faults if f not in found):
-        tried = identities.estimate(_parts([*others, rival]), noise, start=together.values, rounds=3)
-        if tried.misfit - together.misfit < min(MIN_MISFIT_GAP * together.spread, ALIKE * gain):
-            rivals.append(rival.name)
-    return tuple(rivals)
+    """Which of the others explain as well what is lost where only some faults are kept."""
+    gain = identities.estimate(_parts(kept), noise, start=together.values).misfit - together.misfit
+    limit = min(MIN_MISFIT_GAP * together.spread, ALIKE * gain)
+    tried = {
+        rival.name: identities.estimate(_parts([*kept, rival]), noise, start=together.values, rounds=3)
+        for rival in others
+    }
+    return tuple(name for name, estimate in tried.items() if estimate.misfit - together.misfit < limit)
 
 
 def _parts(faults: Sequence[Fault]) -> list[str]:
     return [part for f in faults for part in f.parts]
-
-
-def _measured(fault: Fault, estimate: FaultEstimate, found: bool, rivals: tuple[str, ...] = ()) -> Measured:
-    values = tuple(estimate.values[part] for part in fault.parts)
-    return Measured(fault, values, tuple(estimate.errors[part] for part in fault.parts), found, rivals)

@@ -1,6 +1,6 @@
 """The rudder: does it move as a steering gear can, when does it act, and was the ship steady before it moved."""
 
-from typing import Any
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
@@ -11,7 +11,6 @@ from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.recording.check.finding import Change, Finding
 from manoeuvre_nn.recording.local_cubics import WINDOW, smoothed
 from manoeuvre_nn.recording.outliers import robust_sd
-from manoeuvre_nn.recording.read.mending import line_across
 
 MAX_RATE_RATIO = 1.5
 """Share of the steering gear's rate beyond which a rudder jumps."""
@@ -27,6 +26,7 @@ SETTLED = 1.0
 """Shortest approach over L/U0 in which a slope can be seen."""
 SWAY = {"u": 0.01, "v": 0.015, "r": 0.02}
 """Turning and drifting at the first sample that no straight approach has, over U0, U0 and U0/L."""
+PRIME = {"u": "U0", "v": "U0", "r": "U0/L"}
 LAGS = 1.0
 """Longest time over L/U0 by which the rudder may be late or early."""
 GAIN = 1.3
@@ -36,28 +36,18 @@ Series = Float[np.ndarray, " n"]
 
 
 def rudder_jumps(recording: Recording, ship: Particulars) -> Finding:
-    """Whether the rudder moves faster than the steering gear: then the file holds the order.
-
-    Args:
-        recording: The recording, without outliers.
-        ship: The ship.
-
-    Returns:
-        The finding.
-    """
+    """Whether the rudder moves faster than the steering gear: then the file holds the order."""
     delta, steps = recording["delta"], np.diff(recording.time)
     gear = min(ship.rudder_rate, MAX_RUDDER_RATE / ship.time_unit)
     change = np.abs(np.diff(delta))
     usual = 4 * robust_sd(change[change <= np.quantile(change, 0.9)])
     jumps = np.flatnonzero(change > np.maximum(MAX_RATE_RATIO * gear * steps + usual, JUMP))
-    fastest = float((change / steps).max())
-    said: dict[str, Any] = {
-        "measured": fastest / DEGREE,
-        "unit": "deg/s",
-        "expected": f"up to {gear / DEGREE:.3g} deg/s",
-    }
+    found = partial(
+        Finding, "rudder jumps", channels=("delta",), measured=float((change / steps).max()) / DEGREE, unit="deg/s",
+        expected=f"up to {gear / DEGREE:.3g} deg/s",
+    )  # fmt: skip
     if len(jumps) < 2:
-        return Finding("rudder jumps", "ok", "the rudder moves as a steering gear can", ("delta",), **said)
+        return found("ok", "the rudder moves as a steering gear can")
     spans = tuple((float(recording.time[k]), float(recording.time[k + 1])) for k in jumps)
     text = (
         f"the rudder jumps {len(jumps)} times, by up to {change.max() / DEGREE:.3g} deg within "
@@ -65,9 +55,9 @@ def rudder_jumps(recording: Recording, ship: Particulars) -> Finding:
     )
     if ship.rudder_rate > MAX_RATE_RATIO * gear:
         remedy = f"state the steering gear's rate (rudder_rate of the {ship.name} is not known), then rudder: order"
-        return Finding("rudder jumps", "note", text, ("delta",), remedy=remedy, spans=spans, **said)
+        return found("note", text, remedy=remedy, spans=spans)
     remedy, changes = "let the ship's steering gear follow it", (Change("rudder", value="order"),)
-    return Finding("rudder jumps", "mend", text, ("delta",), remedy=remedy, changes=changes, spans=spans, **said)
+    return found("mend", text, remedy=remedy, changes=changes, spans=spans)
 
 
 def rudder_lag(recording: Recording, ship: Particulars) -> Finding | None:
@@ -88,76 +78,76 @@ def rudder_lag(recording: Recording, ship: Particulars) -> Finding | None:
     if np.ptp(np.quantile(delta, [0.02, 0.98])) < 2 * DEGREE:
         return None
     span = LAGS * ship.time_unit
-    inside = (time >= time[0] + span) & (time <= time[-1] - span)
-    stride = max(round(0.25 * window / float(np.median(np.diff(time)))), 1)
-    lags = np.linspace(-span, span, 81)
-    if inside[::stride].sum() < 20:
+    stride = max(round(0.25 * window / recording.step), 1)
+    rows = np.flatnonzero((time >= time[0] + span) & (time <= time[-1] - span))[::stride]
+    if len(rows) < 20:
         return None
-    costs = np.array([_misfit(time, (v, r, delta), rdot, lag, inside, stride) for lag in lags])
+    lags = np.linspace(-span, span, 81)
+    motion = np.stack([r, v, r**3, v * r * r, np.ones_like(r)], axis=1)[rows]
+    costs = np.array([_misfit(np.interp(time[rows] + lag, time, delta), motion, rdot[rows]) for lag in lags])
     best = int(np.argmin(costs))
     if best in {0, len(lags) - 1}:
         return None
+    found = partial(Finding, "rudder lag", channels=("delta",))
+    in_time = "rudder and yaw acceleration fit in time"
     if costs[len(lags) // 2] < GAIN * costs[best] or _moves(recording["delta"]) < 3:
-        return Finding("rudder lag", "ok", "rudder and yaw acceleration fit in time", ("delta",))
+        return found("ok", in_time)
     curve = np.polyfit(lags[best - 1 : best + 2] - lags[best], costs[best - 1 : best + 2], 2)
-    late = float(lags[best] - curve[1] / (2 * max(curve[0], 1e-300)))
-    count = inside[::stride].sum() / 4  # a quarter: windows overlap
-    error = float(np.sqrt(costs[best] / count / max(curve[0], 1e-300)))
-    error = float(np.hypot(error, 0.05 * ship.time_unit))  # the equation is not the ship's
-    said: dict[str, Any] = {"measured": late, "error": error, "unit": "s", "expected": "0, less gear and hull"}
-    text = f"the yaw acceleration fits the rudder of {abs(late):.2g} s {'later' if late > 0 else 'earlier'} best"
+    bend = max(curve[0], 1e-300)
+    late = float(lags[best] - curve[1] / (2 * bend))
+    # A quarter of the samples count, for windows overlap; and the equation is not the ship's.
+    error = float(np.hypot(np.sqrt(costs[best] / (len(rows) / 4) / bend), 0.05 * ship.time_unit))
+    found = partial(found, measured=late, error=error, unit="s", expected="0, less gear and hull")
     if abs(late) < 3 * error:
-        return Finding("rudder lag", "ok", "rudder and yaw acceleration fit in time", ("delta",), **said)
+        return found("ok", in_time)
     more = (
         "a late column, or a smoothed one"
         if late > 0
         else "an order, a steering gear or a hull that lags: they cannot be told apart without the measured angle"
     )
-    return Finding("rudder lag", "note", f"{text}: {more}", ("delta",), **said)
+    side = "later" if late > 0 else "earlier"
+    return found("note", f"the yaw acceleration fits the rudder of {abs(late):.2g} s {side} best: {more}")
 
 
 def steady_approach(recording: Recording, ship: Particulars) -> Finding:
-    """Whether the ship ran straight and steadily before its first execute.
-
-    Args:
-        recording: The recording, without outliers.
-        ship: The ship.
-
-    Returns:
-        The finding; its remedy begins later where the ship was steady later.
-    """
-    execute = _first_execute(recording["delta"])
-    unit = ship.time_unit
-    length = float(recording.time[execute] - recording.time[0])
+    """Whether the ship ran straight and steadily before its first execute; the remedy begins where it did."""
+    time, execute, unit = recording.time, _first_execute(recording["delta"]), ship.time_unit
+    length = float(time[execute] - time[0])
     if execute < 5 or length < SETTLED * unit:
         return _at_first_sample(recording, ship, length)
     slopes = _slopes(recording, ship, 0, execute)
     bad = _unsteady(slopes)
-    said = _said(slopes, bad)
+    name = max(bad or slopes, key=lambda k: abs(slopes[k][0]) / UNSTEADY[k])
+    found = partial(
+        Finding, "approach", measured=slopes[name][0], error=slopes[name][1], unit=f"{PRIME[name]} in L/U0",
+        expected=f"{name}: below {UNSTEADY[name]:g}",
+    )  # fmt: skip
     if not bad:
-        return Finding("approach", "ok", f"straight and steady for {length / unit:.2g} L/U0", **said)
-    text = f"the approach is not steady: {', '.join(_words(k, slopes[k]) for k in bad)}"
-    spans = ((0.0, length),)
+        return found("ok", f"straight and steady for {length / unit:.2g} L/U0")
+    said = (f"{k} changes by {slopes[k][0]:.2g} ± {slopes[k][1]:.1g} {PRIME[k]} in L/U0" for k in bad)
+    text = f"the approach is not steady: {', '.join(said)}"
+    found = partial(found, text=text, channels=tuple(bad), spans=((0.0, length),))
     for start in np.linspace(0, execute, 12)[1:].astype(int):
-        left = recording.time[execute] - recording.time[start]
-        if left >= SETTLED * unit and not _unsteady(_slopes(recording, ship, start, execute)):
-            at = float(np.ceil(1e3 * (recording.time[start] + recording.meta.get("since", 0.0))) / 1e3)
+        if time[execute] - time[start] >= SETTLED * unit and not _unsteady(_slopes(recording, ship, start, execute)):
+            at = float(np.ceil(1e3 * (time[start] + recording.meta.get("since", 0.0))) / 1e3)
             remedy = f"begin at {at:.6g} s, when it is steady"
-            return Finding(
-                "approach", "mend", text, tuple(bad), remedy=remedy, changes=(Change("start", value=at),),
-                spans=spans, **said,
-            )  # fmt: skip
-    more = "it is never steady before the first execute: predict from the recorded state, not from a straight approach"
-    return Finding("approach", "note", text, tuple(bad), remedy=more, spans=spans, **said)
+            return found(verdict="mend", remedy=remedy, changes=(Change("start", value=at),))
+    remedy = (
+        "it is never steady before the first execute: predict from the recorded state, not from a straight approach"
+    )
+    return found(verdict="note", remedy=remedy)
 
 
 def _at_first_sample(recording: Recording, ship: Particulars, length: float) -> Finding:
     """Without an approach there is only the state in which the record begins."""
-    units = {"u": ship.speed, "v": ship.speed, "r": 1 / ship.time_unit}
     count = max(int((recording.time <= max(length, 0.1 * ship.time_unit)).sum()), 2)
-    level = {k: float(np.median(recording[k][:count])) / units[k] for k in ("v", "r")}
-    noise = {k: _noise(recording, k, ship) / units[k] for k in level}
-    bad = [k for k in level if abs(level[k]) > SWAY[k] + MIN_SIGMAS * noise[k] / np.sqrt(count)]
+    level, bad = {}, []
+    for name in ("v", "r"):
+        scale = _scale(name, ship)
+        level[name] = float(np.median(recording[name][:count])) / scale
+        rest = recording[name] - smoothed(recording.time, recording[name], WINDOW * ship.time_unit)[0]
+        if abs(level[name]) > SWAY[name] + MIN_SIGMAS * robust_sd(rest) / scale / np.sqrt(count):
+            bad.append(name)
     begins = f"the record begins {length / ship.time_unit:.2g} L/U0 before its first execute"
     if not bad:
         return Finding("approach", "ok", f"{begins}, straight ahead", expected="v, r near 0")
@@ -168,26 +158,28 @@ def _at_first_sample(recording: Recording, ship: Particulars, length: float) -> 
 
 def _first_execute(delta: Series) -> int:
     """Sample at which the rudder leaves where it was."""
-    level = float(np.quantile(np.abs(delta - np.median(delta[:5])), 0.95))
-    moved = np.abs(delta - np.median(delta[:5])) > max(0.3 * level, 1.5 * DEGREE)
+    off = np.abs(delta - np.median(delta[:5]))
+    moved = off > max(0.3 * float(np.quantile(off, 0.95)), 1.5 * DEGREE)
     return int(np.argmax(moved)) if moved.any() else len(delta) - 1
+
+
+def _scale(name: str, ship: Particulars) -> float:
+    """What u, v or r is made non-dimensional by."""
+    return 1 / ship.time_unit if name == "r" else ship.speed
 
 
 def _slopes(recording: Recording, ship: Particulars, first: int, last: int) -> dict[str, tuple[float, float]]:
     """Change in the time L/U0 of u', v', r' with standard errors."""
-    unit = ship.time_unit
-    units = {"u": ship.speed, "v": ship.speed, "r": 1 / unit}
-    time = recording.time[first:last] / unit
+    time = recording.time[first:last] / ship.time_unit
     columns = np.stack([np.ones_like(time), time - time.mean()], axis=1)
+    inverse = np.linalg.inv(columns.T @ columns)[1, 1]
     found = {}
-    for name, scale in units.items():
-        values = recording[name][first:last] / scale
+    for name in UNSTEADY:
+        values = recording[name][first:last] / _scale(name, ship)
         fit, *_ = np.linalg.lstsq(columns, values, rcond=None)
         # A bend is no noise: what a cubic leaves is.
         rest = values - np.polynomial.Polynomial.fit(time, values, 3)(time)
-        inverse = np.linalg.inv(columns.T @ columns)[1, 1]
-        memory = _memory(rest)
-        variance = float(rest @ rest) / max(len(rest) / memory - 2, 1)
+        variance = float(rest @ rest) / max(len(rest) / _memory(rest) - 2, 1)
         found[name] = (float(fit[1]), float(np.sqrt(variance * inverse)))
     return found
 
@@ -205,26 +197,6 @@ def _unsteady(slopes: dict[str, tuple[float, float]]) -> list[str]:
     return [k for k, (slope, error) in slopes.items() if abs(slope) > max(UNSTEADY[k], MIN_SIGMAS * error)]
 
 
-def _said(slopes: dict[str, tuple[float, float]], bad: list[str]) -> dict[str, Any]:
-    """The slope that is furthest off, for the table."""
-    name = max(bad or slopes, key=lambda k: abs(slopes[k][0]) / UNSTEADY[k])
-    value, error = slopes[name]
-    unit = {"u": "U0", "v": "U0", "r": "U0/L"}[name]
-    expected = f"{name}: below {UNSTEADY[name]:g}"
-    return {"measured": value, "error": error, "unit": f"{unit} in L/U0", "expected": expected}
-
-
-def _words(name: str, slope: tuple[float, float]) -> str:
-    value, error = slope
-    unit = {"u": "U0", "v": "U0", "r": "U0/L"}[name]
-    return f"{name} changes by {value:.2g} ± {error:.1g} {unit} in L/U0"
-
-
-def _noise(recording: Recording, name: str, ship: Particulars) -> float:
-    smooth, _ = smoothed(recording.time, recording[name], WINDOW * ship.time_unit)
-    return robust_sd(recording[name] - smooth)
-
-
 def _moves(delta: Series) -> int:
     """How often the rudder goes from one side of its middle to the other."""
     side = np.sign(delta - 0.5 * (delta.max() + delta.min()))
@@ -232,27 +204,9 @@ def _moves(delta: Series) -> int:
     return int((side[1:] != side[:-1]).sum())
 
 
-def _misfit(
-    time: Series, motion: tuple[Series, Series, Series], rdot: Series, late: float, inside: np.ndarray, stride: int
-) -> float:
+def _misfit(delta: Series, motion: Float[np.ndarray, "n 5"], rdot: Series) -> float:
     """What is left of the yaw acceleration with the rudder of another time, mean square."""
-    v, r, delta = motion
-    there = np.interp(time + late, time, delta)
-    columns = np.stack([there, there**3, r, v, r**3, v * r * r, np.ones_like(r)], axis=1)[inside][::stride]
-    target = rdot[inside][::stride]
-    size = np.maximum(np.abs(columns).max(axis=0), 1e-300)
-    fit, *_ = np.linalg.lstsq(columns / size, target, rcond=None)
-    return float(np.mean((target - columns / size @ fit) ** 2))
-
-
-def without_outliers(recording: Recording, flags: dict[str, np.ndarray]) -> Recording:
-    """Replace odd samples by straight lines between their neighbours.
-
-    Args:
-        recording: The recording.
-        flags: Channel -> which samples.
-
-    Returns:
-        The recording.
-    """
-    return recording.with_channels(**{k: line_across(recording.time, recording[k], f) for k, f in flags.items()})
+    columns = np.column_stack([delta, delta**3, motion])
+    columns = columns / np.maximum(np.abs(columns).max(axis=0), 1e-300)
+    fit, *_ = np.linalg.lstsq(columns, rdot, rcond=None)
+    return float(np.mean((rdot - columns @ fit) ** 2))

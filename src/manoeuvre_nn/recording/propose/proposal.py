@@ -112,17 +112,10 @@ def propose(path: Path, ship: Particulars | None = None) -> Proposal:
         settings["rudder_positive_to"] = _rudder_side(path, _config(base, settings, choices), ship or _stand_in(motion))
         rest = set(columns) - {choice.channel for choice in choices}
         choices += [_other(c, h, values[c], usual_speed(motion), ship) for c, h in columns.items() if c in rest]
-        notes += spare
-        if not COMPASS.search(columns["psi"].name) and not {"lat", "cog"} & set(columns):
-            notes.append(
-                "Data cannot tell a ship from her image in a mirror: psi is taken to grow when she turns to starboard."
-            )
+        notes += [*spare, *_mirrored(columns)]
     raw = {c.channel: file.numbers[c.column] for c in choices}
     settings |= _gaps(seconds, raw)
-    odd = {name: int(spikes(v).sum()) for name, v in raw.items()}
-    if any(odd.values()):
-        said = ", ".join(f"{k} {v}" for k, v in odd.items() if v)
-        notes.append(f"Single samples far off their neighbours: {said}; outliers: fill takes them out.")
+    notes += _outlying(raw)
     used = {time.column, *(h.column for h in columns.values())}
     config = _config(base, settings, choices)
     return Proposal(
@@ -146,6 +139,20 @@ def _open_questions(file: Sniffed, columns: dict[str, Heading]) -> list[str]:
     if still:
         notes.append(f"Never moving, so that nothing can be compared with it: {', '.join(still)}; name another column.")
     return notes
+
+
+def _mirrored(columns: dict[str, Heading]) -> list[str]:
+    """What no data can tell, unless a compass or a receiver wrote them down."""
+    if COMPASS.search(columns["psi"].name) or {"lat", "cog"} & set(columns):
+        return []
+    return ["Data cannot tell a ship from her image in a mirror: psi is taken to grow when she turns to starboard."]
+
+
+def _outlying(raw: dict[str, Series]) -> list[str]:
+    """Single samples far off their neighbours."""
+    odd = {name: int(spikes(v).sum()) for name, v in raw.items()}
+    said = ", ".join(f"{k} {v}" for k, v in odd.items() if v)
+    return [f"Single samples far off their neighbours: {said}; outliers: fill takes them out."] if said else []
 
 
 def _columns(named: dict[str, Heading]) -> tuple[dict[str, Heading], list[str]]:
