@@ -24,7 +24,7 @@ Lost = dict[str, Bool[np.ndarray, " n"]]
 def file_findings(path: Path, mapping: Mapping, ship: Particulars) -> list[Finding]:
     """Empty cells and holes of a file, before it is read; none where the reader's own complaint says more."""
     try:
-        table = read_table(path, mapping)
+        table = read_table(path, **mapping.table)
         time = table.times(mapping.time.column, mapping.time.unit, mapping.time_zone)
         there = {k: c.column for k, c in mapping.channels.items() if c.column in table.cells.columns}
         cells = {k: np.isnan(table.numbers(column)) for k, column in there.items()}

@@ -12,8 +12,8 @@ from jaxtyping import Float
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.recording.propose.headings import Heading, take_apart
-from manoeuvre_nn.recording.read.containers import columns_in, has_reader
-from manoeuvre_nn.recording.read.mapping import RECORD, ChannelMap, Mapping
+from manoeuvre_nn.recording.read.containers import has_reader
+from manoeuvre_nn.recording.read.mapping import Mapping
 from manoeuvre_nn.recording.read.table import EMPTY, Table, cells_of, is_blank, lines_of, numbers_in, read_table
 
 DELIMITERS = (",", ";", "\t", "|", "whitespace")
@@ -62,16 +62,8 @@ class Sniffed:
 
 def sniff(path: Path) -> Sniffed:
     """Look at a file; refused if it holds no columns of numbers."""
-    layout: dict[str, Any] = {}
-    below: dict[str, str] = {}
-    spoken: dict[str, str] = {}
-    if has_reader(path):
-        table = Table(path, columns_in(path), "row")
-    else:
-        layout, spoken, below = _layout(path)
-        columns = list(spoken)
-        held = Mapping(ChannelMap(columns[0], "s"), {"r": ChannelMap(columns[0], "count")}, kind=RECORD, **layout)
-        table = read_table(path, held)
+    layout, spoken, below = ({}, {}, {}) if has_reader(path) else _layout(path)
+    table = read_table(path, **layout)
     numbers, stamps = _columns(table)
     if not numbers:
         raise InputError(f"{path.name}: no columns of numbers; expected one line a sample")

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.manoeuvre import side_sign
-from manoeuvre_nn.recording.read.mapping import RECORD, ChannelMap, Mapping, column_of, is_number, sign_of
+from manoeuvre_nn.recording.read.mapping import ChannelMap, column_of, is_number, sign_of
 from manoeuvre_nn.recording.read.quantity import UNITS
 from manoeuvre_nn.recording.read.table import read_table
 
@@ -129,15 +129,10 @@ def captive_mapping(**settings: Any) -> CaptiveMapping:
 def read_captive(path: str | Path, mapping: CaptiveMapping) -> CaptiveTests:
     """Read a table of captive tests, a text or a file of another format; a run that stands there twice comes once."""
     path = Path(path)
-    first = next(iter(mapping.columns.values())).column
-    channels = {"r": ChannelMap(first, "count")}
-    table = read_table(path, Mapping(ChannelMap(first, "s"), channels, kind=RECORD))
+    table = read_table(path, [where.column for where in mapping.columns.values()])
     side = side_sign("rudder_positive_to", mapping.rudder_positive_to)
     values: dict[str, Series] = {}
     for name, where in mapping.columns.items():
-        if where.column not in table.cells.columns:
-            there = ", ".join(map(str, table.cells.columns))
-            raise InputError(f"{path.name}: no column {where.column!r}; it has: {there}")
         numbers = table.numbers(where.column)
         if np.isnan(numbers).any():
             raise table.error(where.column, int(np.argmax(np.isnan(numbers))), "is empty; delete or mend this row")

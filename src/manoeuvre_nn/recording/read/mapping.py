@@ -137,15 +137,13 @@ class Mapping:
             raise InputError("mapping: channels is empty; write e.g. r: {column: yaw_rate, unit: count} under channels")
 
     @property
-    def columns(self) -> list[str]:
-        """Columns that are read, time first."""
-        return [self.time.column, *(c.column for c in self.channels.values())]
-
-    @property
-    def needed(self) -> list[str]:
-        """Columns that a file must have, time first."""
-        needed = [c.column for name, c in self.channels.items() if name in REQUIRED or not self.optional]
-        return [self.time.column, *needed]
+    def table(self) -> dict[str, Any]:
+        """What :func:`~manoeuvre_nn.recording.read.table.read_table` asks: columns, how a text is cut into them."""
+        columns = {name: c.column for name, c in self.channels.items()}
+        needed = {self.time.column, *(c for name, c in columns.items() if name in REQUIRED or not self.optional)}
+        settings = {key: getattr(self, key) for key in ("delimiter", "decimal", "header", "skip_rows")}
+        optional = [c for c in columns.values() if c not in needed]
+        return {"columns": [self.time.column, *columns.values()], "optional": optional, **settings}
 
     @property
     def is_record(self) -> bool:

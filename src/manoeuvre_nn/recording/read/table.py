@@ -13,7 +13,6 @@ from jaxtyping import Float
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.recording.read.containers import check_there, columns_in, has_reader
-from manoeuvre_nn.recording.read.mapping import Mapping
 from manoeuvre_nn.recording.read.quantity import STAMPS
 
 TEXT = (".csv", ".txt", ".dat")
@@ -124,37 +123,51 @@ class Table:
             raise self.error(column, row, f"is {text.iloc[row][:40]!r}; expected a time such as {such}")
 
 
-def read_table(path: Path, mapping: Mapping) -> Table:
-    """Read a file's columns; its suffix says what it is.
+def read_table(
+    path: Path,
+    columns: Sequence[str] = (),
+    optional: Sequence[str] = (),
+    *,
+    delimiter: str = ",",
+    decimal: str = "point",
+    header: bool = True,
+    skip_rows: int = 0,
+) -> Table:
+    """Read a file's columns; its suffix says what it is, the settings of a mapping how a text is cut.
 
     Args:
         path: The file: a text, or one that has a reader.
-        mapping: Headings, delimiter, lines to skip.
+        columns: Columns that are wanted.
+        optional: Those among them that the file may lack.
+        delimiter: One character, or ``whitespace``.
+        decimal: ``point`` or ``comma``.
+        header: Whether the first line names the columns.
+        skip_rows: Lines before it.
 
     Returns:
-        The columns that the mapping names, and maybe others.
+        The columns that are wanted, and maybe others.
 
     Raises:
         InputError: If the file is missing, empty, foreign, cut off, or lacks a column.
     """
     if has_reader(path):
-        frame = columns_in(path, mapping.columns)
-        _check_headings(path, list(frame.columns), mapping)
-        return Table(path, frame, "row", mapping.decimal)
+        frame = columns_in(path, columns or None)
+        _check_headings(path, list(frame.columns), columns, optional)
+        return Table(path, frame, "row", decimal)
     lines = lines_of(path)
-    first = _first_line(path, lines, mapping.skip_rows)
-    headings = [cell.strip() for cell in cells_of(lines[first], mapping.delimiter)]
-    if mapping.header:
+    first = _first_line(path, lines, skip_rows)
+    headings = [cell.strip() for cell in cells_of(lines[first], delimiter)]
+    if header:
         first += 1
     else:
         headings = [str(k) for k in range(1, len(headings) + 1)]
-    _check_headings(path, headings, mapping)
-    even = _even_frame(lines[first:], headings, mapping)
-    frame = _ragged_frame(path, lines, first, headings, mapping.delimiter) if even is None else even
+    hint = f"; is the delimiter {delimiter!r}?" if len(headings) == 1 else ""
+    _check_headings(path, headings, columns, optional, hint)
+    even = _even_frame(lines[first:], headings, delimiter, decimal)
+    frame = _ragged_frame(path, lines, first, headings, delimiter) if even is None else even
     if not len(frame):
         raise InputError(f"{path.name}: no line of numbers below the headings")
-    index = frame.index + first + 1
-    return Table(path, frame.set_axis(index), decimal=mapping.decimal)
+    return Table(path, frame.set_axis(frame.index + first + 1), decimal=decimal)
 
 
 def headings_of(path: Path) -> list[str]:
@@ -186,18 +199,18 @@ def is_blank(line: str) -> bool:
     return not line.strip(" \t,;")
 
 
-def _even_frame(lines: Sequence[str], headings: Sequence[str], mapping: Mapping) -> pd.DataFrame | None:
+def _even_frame(lines: Sequence[str], headings: Sequence[str], delimiter: str, decimal: str) -> pd.DataFrame | None:
     """Cells read at once; None if lines differ in length or are quoted, which needs a closer look."""
-    if mapping.delimiter == "whitespace" or len(set(headings)) < len(headings):
+    if delimiter == "whitespace" or len(set(headings)) < len(headings):
         return None
     parts = len(headings) - 1
-    if any(line.count(mapping.delimiter) != parts or '"' in line or is_blank(line) for line in lines):
+    if any(line.count(delimiter) != parts or '"' in line or is_blank(line) for line in lines):
         return None
     spelt = [form for word in EMPTY for form in dict.fromkeys((word, word.upper(), word.title()))]
     try:
         return pd.read_csv(
-            io.BytesIO("\n".join(lines).encode()), sep=mapping.delimiter, header=None, names=list(headings),
-            na_values=[*spelt, "NaN"], keep_default_na=False, decimal="," if mapping.decimal == "comma" else ".",
+            io.BytesIO("\n".join(lines).encode()), sep=delimiter, header=None, names=list(headings),
+            na_values=[*spelt, "NaN"], keep_default_na=False, decimal="," if decimal == "comma" else ".",
             quoting=csv.QUOTE_NONE, skip_blank_lines=False, low_memory=False,
             index_col=False,
         )  # fmt: skip
@@ -246,13 +259,12 @@ def lines_of(path: Path) -> list[str]:
     return text.replace("\r\n", "\n").replace("\r", "\n").removesuffix("\n").split("\n")
 
 
-def _check_headings(path: Path, headings: Sequence[str], mapping: Mapping) -> None:
+def _check_headings(
+    path: Path, headings: Sequence[str], columns: Sequence[str], optional: Sequence[str], hint: str = ""
+) -> None:
     """Refuse headings that are missing or stand twice."""
-    there = ", ".join(headings[:30])
-    for column in mapping.columns:
-        if column not in headings and column in mapping.needed:
-            one = len(headings) == 1 and not has_reader(path)
-            hint = f"; is the delimiter {mapping.delimiter!r}?" if one else ""
-            raise InputError(f"{path.name}: no column {column!r}; it has: {there or 'none'}{hint}")
+    for column in columns:
+        if column not in headings and column not in optional:
+            raise InputError(f"{path.name}: no column {column!r}; it has: {', '.join(headings[:30]) or 'none'}{hint}")
         if headings.count(column) > 1:
             raise InputError(f"{path.name}: column {column!r} stands {headings.count(column)} times; rename one")
