@@ -34,7 +34,7 @@ from scipy.optimize import least_squares  # noqa: E402
 from torch import Tensor  # noqa: E402
 
 from manoeuvre_nn.manoeuvre.zigzag import zigzag  # noqa: E402
-from manoeuvre_nn.network.perceptron import Perceptron, PerceptronSettings  # noqa: E402
+from manoeuvre_nn.network.perceptron import Perceptron  # noqa: E402
 from manoeuvre_nn.numerics.damping import Damping, Rule, Stops  # noqa: E402
 from manoeuvre_nn.numerics.levenberg_marquardt import LevenbergMarquardt  # noqa: E402
 from manoeuvre_nn.numerics.one_hidden import OneHidden  # noqa: E402
@@ -261,7 +261,7 @@ def methods() -> dict[str, Method]:
 
 def start(seed: int) -> Perceptron:
     """A network with its first weights."""
-    return Perceptron(1, 4, HIDDEN, 3, PerceptronSettings(activation="tanh", initial="symmetric"), seed=seed)
+    return Perceptron((1, 4, HIDDEN, 3), activation="tanh", initial="symmetric", seed=seed)
 
 
 def timed(method: Method, data: Data, seed: int, goal: float, epochs: int) -> tuple[float, Ended]:

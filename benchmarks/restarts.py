@@ -15,7 +15,7 @@ from levenberg_marquardt import HIDDEN, tanker
 from torch import Tensor
 
 from manoeuvre_nn.core.threads import use_threads
-from manoeuvre_nn.network.perceptron import Perceptron, PerceptronSettings
+from manoeuvre_nn.network.perceptron import Perceptron
 from manoeuvre_nn.numerics.damping import Damping, Stops
 from manoeuvre_nn.numerics.one_hidden import OneHidden
 from manoeuvre_nn.numerics.restarts import minimise
@@ -36,7 +36,7 @@ def rate(count: int, epochs: int, x: Tensor, y: Tensor) -> float:
     Returns:
         Restarts over elapsed time [1/s].
     """
-    network = Perceptron(count, 4, HIDDEN, 3, PerceptronSettings(activation="tanh", initial="symmetric"), seed=0)
+    network = Perceptron((count, 4, HIDDEN, 3), activation="tanh", initial="symmetric", seed=0)
     start = torch.cat([p.detach().flatten(1) for p in network.parameters()], 1).to(x)
     sizes = SMALLEST + torch.arange(count, device=x.device) % (HIDDEN - SMALLEST + 1)
     problem = OneHidden(x, y, HIDDEN, activation="tanh", sizes=sizes, max_elements=1e12 if x.is_cuda else 2e7)

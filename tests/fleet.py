@@ -9,13 +9,12 @@ import numpy as np
 import torch
 from jaxtyping import config
 
-from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.rollout import roll_out, rollout
-from manoeuvre_nn.dynamics.simulate import Solution, simulate, to_recordings
+from manoeuvre_nn.dynamics.simulate import simulate, to_recordings
 from manoeuvre_nn.manoeuvre.spiral import spiral
 from manoeuvre_nn.manoeuvre.straight import random_rudder, straight
 from manoeuvre_nn.manoeuvre.turning import pull_out, turning_circle
@@ -24,7 +23,6 @@ from manoeuvre_nn.ship.esso_190k import PARTICULARS as ESSO
 from manoeuvre_nn.ship.esso_190k import esso_190k
 from manoeuvre_nn.ship.great_lakes_bulker import great_lakes_bulker
 from manoeuvre_nn.ship.mariner import mariner, mariner_chislett1965, mariner_corrected
-from manoeuvre_nn.ship.tanker import PRODUCTS
 from manoeuvre_nn.ship.taylor import TaylorShip
 
 SHIPS = {
@@ -90,8 +88,7 @@ def coarse(ship: Ship, trials: list[Manoeuvre], duration: float, interval: float
     with torch.no_grad(), unchecked():
         runs = rollout(CalmWater(ship), trials, start, torch.tensor(times), step=interval)
     assert (runs.ended == inf).all()
-    states, shown, orders = (x.transpose(0, 1) for x in (runs.states, runs.rudders, runs.orders))
-    return to_recordings(CalmWater(ship), trials, Solution(times, states, shown, orders, Inputs(shown)))
+    return to_recordings(CalmWater(ship), trials, runs)
 
 
 def distance(a: Recording, b: Recording) -> float:
@@ -107,5 +104,5 @@ def without_offsets(ship: Ship) -> Ship:
         even = [sum(c in "vrd" for c in term) % 2 == 0 for term in ship.series.terms]
         ship.series.coefficients[even, 1:] = 0.0
     else:
-        ship.coefficient_table[PRODUCTS.index("LgT"), 1:] = 0.0
+        ship.coefficient_table[ship.terms.index("LgT"), 1:] = 0.0
     return ship

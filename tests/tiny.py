@@ -17,7 +17,7 @@ from rich.console import Console
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
-from manoeuvre_nn.network.perceptron import PerceptronSettings, wang_network
+from manoeuvre_nn.network.perceptron import wang_network
 from manoeuvre_nn.numerics.steepest_descent import RateSchedule
 from manoeuvre_nn.ship.known import clarke_part
 from manoeuvre_nn.ship.mariner import mariner
@@ -53,8 +53,7 @@ def usual() -> SimulatedData:
 def dynamics(
     data: SimulatedData, hidden: int = 3, scaling: str = "centred", dtype: torch.dtype = torch.float64, **network
 ) -> IdentifiedShip:
-    settings = PerceptronSettings(**{"activation": "tanh", "initial": "normal", "spread": 0.3} | network)
-    made = wang_network(hidden, settings=settings, dtype=dtype)
+    made = wang_network(hidden, **{"activation": "tanh", "initial": "normal", "spread": 0.3} | network, dtype=dtype)
     return IdentifiedShip(data.known, made, make_scaling(scaling, data.known, data.tuples)).to(data.dtype)
 
 

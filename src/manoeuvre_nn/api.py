@@ -94,7 +94,7 @@ def read(
         The recordings.
     """
     columns = configs.read_mapping(mapping) if isinstance(mapping, str) else mapping
-    particulars = _particulars(_ship(ship))
+    particulars = _ship(ship).particulars
     return Runs(read_recordings(path, columns, particulars), particulars)
 
 
@@ -128,7 +128,7 @@ def simulate(
     sailed = [m if isinstance(m, Manoeuvre) else configs.named_manoeuvres([m], speed)[0] for m in wanted]
     listed = [effects] if isinstance(effects, str | Mapping | Effect) else effects
     acting = [made for given in listed for made in _effects(given, chosen)]
-    return Runs(sail(chosen, sailed, acting, noise_in_si(noise or {}), seed=seed), _particulars(chosen))
+    return Runs(sail(chosen, sailed, acting, noise_in_si(noise or {}), seed=seed), chosen.particulars)
 
 
 def fit(
@@ -239,10 +239,6 @@ def _described(ship: str) -> dict[str, Any]:
         return option("ship", ship)
     content = load_yaml(Path(ship))
     return content.get("ship", content)
-
-
-def _particulars(ship: Ship | Particulars) -> Particulars:
-    return ship if isinstance(ship, Particulars) else ship.particulars
 
 
 def _effects(named: Named | Effect, ship: Ship | Particulars) -> list[Effect]:

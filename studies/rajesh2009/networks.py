@@ -1,7 +1,7 @@
 """Rajesh & Bhattacharyya 2009: the paper's networks trained from many starts, and how they do in closed loop."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from math import ceil, inf
 from typing import Any, Literal
@@ -20,7 +20,7 @@ from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip, Scaling
 from manoeuvre_nn.dynamics.rollout import roll_out, rollout
 from manoeuvre_nn.dynamics.simulate import simulate
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
-from manoeuvre_nn.network.perceptron import RAJESH, Activation, Perceptron, rajesh_network
+from manoeuvre_nn.network.perceptron import Activation, Perceptron, rajesh_network
 from manoeuvre_nn.numerics.damping import Damping, Rule, Stops
 from manoeuvre_nn.numerics.one_hidden import OneHidden
 from manoeuvre_nn.numerics.restarts import Solutions, minimise
@@ -152,8 +152,7 @@ def networks(setting: Setting, effort: ComputingEffort) -> TankerNetworks:
     scaling = Scaling(shift, scale, output)
     x, y = scaling.inputs(tuples.inputs), scaling.outputs(tuples.targets)
     made = [
-        rajesh_network(setting.m, settings=replace(RAJESH, activation=setting.activation), seed=effort.seed + k)
-        for k in range(starts(effort))
+        rajesh_network(setting.m, activation=setting.activation, seed=effort.seed + k) for k in range(starts(effort))
     ]
     problem: OneHidden | Separable = (Separable if setting.exact else OneHidden)(
         x, y, setting.m - 1, activation=setting.activation
@@ -240,7 +239,7 @@ def _run(batch: Stacked, trials: list[Manoeuvre]) -> list[Recording]:
     start[:, 0] = particulars.speed
     with torch.no_grad():
         made = rollout(batch, trials, start, torch.tensor(clock), step=INTERVAL)
-    values = torch.cat([made.states, made.rudders[..., None]], -1).numpy()
+    values = torch.cat([made.states, made.shown[..., None]], -1).numpy()
     names = ("u", "v", "r", "x", "y", "psi", "delta")
     recordings = []
     for row, (trial, ended) in enumerate(zip(trials, made.ended.tolist(), strict=True)):

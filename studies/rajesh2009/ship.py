@@ -15,7 +15,7 @@ from manoeuvre_nn.manoeuvre.trace import trace
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.ship.esso_190k import COEFFICIENTS, PARTICULARS, RPM_SERVICE, VOLUME, esso_190k
-from manoeuvre_nn.ship.tanker import PRODUCTS, TankerShip
+from manoeuvre_nn.ship.tanker import TankerShip
 from studies.rajesh2009.networks import LENGTH, track
 from studies.reproduction.claims import read_claims
 from studies.reproduction.section import ChapterResult, ComputingEffort, Line, Panel, Plot, Say
@@ -102,7 +102,7 @@ def table_values() -> dict[str, Any]:
 def _stretched(zeta: float) -> float:
     """Y_uv zeta, which Table 1 gives in two pieces."""
     ship = _at(1.0 + 1.0 / zeta)
-    return (float(ship.table[PRODUCTS.index("uv"), 1]) * ship.prime.speed**2 - COEFFICIENTS["Yuv"]) / zeta
+    return (float(ship.table[ship.terms.index("uv"), 1]) * ship.prime.speed**2 - COEFFICIENTS["Yuv"]) / zeta
 
 
 def _straight(ship: TankerShip) -> tuple[float, float, float]:

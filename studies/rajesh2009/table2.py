@@ -1,7 +1,7 @@
 """Rajesh & Bhattacharyya 2009, Table 2: the published network, the reading in which it gives g, and what it can do."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 from typing import Any, Literal
 
@@ -13,7 +13,7 @@ from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip, Scaling
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
-from manoeuvre_nn.network.perceptron import RAJESH, Activation, Perceptron, rajesh_network
+from manoeuvre_nn.network.perceptron import Activation, Perceptron, rajesh_network
 from manoeuvre_nn.recording.tuples import to_tuples
 from manoeuvre_nn.ship.esso_190k import esso_190k
 from manoeuvre_nn.ship.known import no_part
@@ -102,7 +102,7 @@ def published_network(reading: Reading | None = None) -> IdentifiedShip:
         2 and 3, and their output weights of up to 61 cancel only so.
     """
     reading = reading or Reading()
-    net = rajesh_network(15, settings=replace(RAJESH, activation=reading.activation))
+    net = rajesh_network(15, activation=reading.activation)
     first = torch.tensor(HIDDEN, dtype=torch.float64)
     if reading.bias == "first":
         first = first.roll(-1, 1)

@@ -177,7 +177,7 @@ def sailed(study: Study) -> dict[str, list[Recording]]:
 
 def _with(ship: TaylorShip, inertia: Mapping[str, float], values: Values) -> TaylorShip:
     """A Mariner with other coefficients."""
-    return TaylorShip(ship.particulars, ship.prime, inertia, values, positive_rudder_turns_to="port")
+    return TaylorShip(ship.particulars, inertia, values, positive_rudder_turns_to="port", prime=ship.prime)
 
 
 def _values(estimates: Estimates) -> dict[str, dict[str, float]]:

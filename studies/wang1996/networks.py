@@ -10,14 +10,12 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.dynamics.limits import OK, left_range
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip, Scaling
 from manoeuvre_nn.dynamics.rollout import roll_out, rollout
-from manoeuvre_nn.dynamics.simulate import Solution, on_approach, sample_times, to_recordings
+from manoeuvre_nn.dynamics.simulate import on_approach, sample_times, to_recordings
 from manoeuvre_nn.manoeuvre.spiral import spiral
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
@@ -163,14 +161,9 @@ def fly(models: Sequence[IdentifiedShip], manoeuvres: Sequence[Manoeuvre]) -> li
     rows = Stacked([model for model in models for _ in manoeuvres])
     with torch.inference_mode():
         runs = rollout(rows, programme, start.repeat(len(programme), 1), torch.as_tensor(times))
-    made = []
+    made: list[Recording] = []
     for row, trial in enumerate(programme):
-        ended, length = float(runs.ended[row]), trial.duration_for(ship)
-        end = max(int(np.searchsorted(times, min(length + 1e-9, ended - 1e-9))), 2)
-        status = OK if ended > length + 1e-9 else left_range(ended)
-        states, shown, orders = (x[:end, row][None] for x in (runs.states, runs.rudders, runs.orders))
-        solution = Solution(times[:end], states, shown, orders, Inputs(shown), status)
-        made += to_recordings(models[row // len(manoeuvres)], [trial], solution)
+        made += to_recordings(models[row // len(manoeuvres)], [trial], runs.row(row), [trial.duration_for(ship)])
     return [made[k : k + len(manoeuvres)] for k in range(0, len(made), len(manoeuvres))]
 
 

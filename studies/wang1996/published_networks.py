@@ -47,7 +47,7 @@ def published_network(ship: PublishedShip, reading: Reading = "corrected") -> Pe
     if reading == "corrected":
         outer = [row <= HIDDEN for row in range(len(labels))]
     mask = torch.tensor(outer)
-    network = Perceptron(NETWORKS, INPUTS, HIDDEN, 1)
+    network = Perceptron((NETWORKS, INPUTS, HIDDEN, 1))
     with torch.no_grad():
         network.input_weights.copy_(numbers[~mask].T.reshape(NETWORKS, HIDDEN, INPUTS + 1))
         network.output_weights.copy_(numbers[mask].T.reshape(NETWORKS, 1, HIDDEN + 1))

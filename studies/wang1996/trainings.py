@@ -10,7 +10,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from manoeuvre_nn.dynamics.model import IdentifiedShip, Scaling
-from manoeuvre_nn.network.perceptron import Activation, Initial, Perceptron, PerceptronSettings
+from manoeuvre_nn.network.perceptron import Activation, Initial, Perceptron
 from manoeuvre_nn.numerics.damping import Stops
 from manoeuvre_nn.numerics.one_hidden import OneHidden
 from manoeuvre_nn.numerics.restarts import minimise
@@ -154,8 +154,7 @@ class Slopes:
 
 def _drawn(effort: ComputingEffort, activation: Activation, initial: Initial, spread: float) -> Perceptron:
     """First weights of all starts as rows of one perceptron."""
-    settings = PerceptronSettings(activation, initial, spread)
-    return Perceptron(NETWORKS * effort.starts, INPUTS, HIDDEN, 1, settings, seed=effort.seed)
+    return Perceptron((NETWORKS * effort.starts, INPUTS, HIDDEN, 1), activation, initial, spread, seed=effort.seed)
 
 
 def _models(
@@ -164,7 +163,7 @@ def _models(
     """Rows of weights as ships, three networks each."""
     models = []
     for inner, outer in zip(first.split(NETWORKS), last.split(NETWORKS), strict=True):
-        network = Perceptron(NETWORKS, INPUTS, HIDDEN, 1, PerceptronSettings(activation=activation))
+        network = Perceptron((NETWORKS, INPUTS, HIDDEN, 1), activation=activation)
         with torch.no_grad():
             network.input_weights.copy_(inner)
             network.output_weights.copy_(outer)

@@ -17,7 +17,7 @@ from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.dynamics.base import Model, rate_of_state
 from manoeuvre_nn.dynamics.limits import left_range
 from manoeuvre_nn.dynamics.rollout import rollout
-from manoeuvre_nn.dynamics.simulate import Solution, sample_times, to_recordings
+from manoeuvre_nn.dynamics.simulate import sample_times, to_recordings
 
 SINGULAR = 0.02
 """Share of ``Iz - Nrdot`` that the left-hand side of the yaw equation must keep; below it nothing can be predicted."""
@@ -203,11 +203,7 @@ def predict(model: TurningModel, manoeuvres: Sequence[Manoeuvre], *, step: float
         runs = rollout(moving, manoeuvres, start, start.new_tensor(times), step=step)
     made = []
     for k, (manoeuvre, end) in enumerate(zip(manoeuvres, runs.ended.tolist(), strict=True)):
-        n = max(int(np.searchsorted(times, end - 1e-9)), 2)
-        states, *rudder = (x[:n, k][None] for x in (runs.states, runs.rudders, runs.orders, runs.blades))
-        shown, order, blade = rudder
-        inputs = Inputs(blade, time=blade.new_tensor(times[:n])[None])
-        (recording,) = to_recordings(moving.row(k), [manoeuvre], Solution(times[:n], states, shown, order, inputs))
+        (recording,) = to_recordings(moving.row(k), [manoeuvre], runs.row(k))
         made.append(recording if end == inf else replace(recording, status=_why_ended(moving.row(k), recording, end)))
     return made
 

@@ -22,7 +22,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from manoeuvre_nn.commands import guard
 from manoeuvre_nn.commands.config import with_effects
-from manoeuvre_nn.commands.diagnose import Tracker, case_folders, diagnose_all
+from manoeuvre_nn.commands.diagnose import _Tracker, case_folders, diagnose_all
 from manoeuvre_nn.commands.diagnosis_setup import setup, wanted, write_effects
 from manoeuvre_nn.commands.job import load_model, prepare
 from manoeuvre_nn.core.units import KNOT
@@ -225,7 +225,7 @@ def test_a_case_is_found_from_inside(cases, monkeypatch):
 
 
 def test_progress_names_the_candidate_and_the_time_left(capsys):
-    with Tracker(Console(width=200), cases=2, steps=4, seconds=-1.0) as tracker:
+    with _Tracker(Console(width=200), cases=2, steps=4, seconds=-1.0) as tracker:
         tracker.begin("c1")
         tracker.step("current")
         tracker.step("heading_bias")

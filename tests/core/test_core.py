@@ -11,7 +11,7 @@ from pytest import approx
 
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.frames import body_to_earth, earth_to_body, kinematics
-from manoeuvre_nn.core.prime import bis_system, length_draught_system, length_system
+from manoeuvre_nn.core.prime import bis_system, length_system
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE, KNOT, RPM
@@ -49,7 +49,7 @@ def test_units_are_the_defined_ones():
 
 
 def test_forces_in_the_draught_system_are_over_half_rho_L_T_U_squared():
-    prime = length_draught_system(150.0, 8.0, 7.0, rho=1000.0)
+    prime = replace(WANG, length=150.0, draught=8.0, speed=7.0, rho=1000.0).prime
     assert prime.force == approx(0.5 * 1000 * 150 * 8 * 7**2)
     assert prime.moment == approx(0.5 * 1000 * 150**2 * 8 * 7**2)
     assert prime.velocity_units == approx((7.0, 7.0, 7 / 150))
@@ -140,3 +140,9 @@ def test_particulars_give_displacement_and_time_unit():
     assert WANG.mass == 16_274e3
     assert replace(WANG, displacement=None).mass == approx(1025 * 0.6 * 152.4 * 21.763 * 8.138)
     assert WANG.time_unit == approx(152.4 / 7.614) and WANG.at_speed(5.0).time_unit == approx(30.48)
+
+
+@pytest.mark.parametrize("stated", [350.1e3, None])
+def test_resistance_goes_with_the_square_of_the_approach_speed_whether_stated_or_estimated(stated):
+    ship = replace(WANG, resistance=stated)
+    assert ship.at_speed(0.5 * WANG.speed).calm_resistance == approx(0.25 * ship.calm_resistance)

@@ -193,14 +193,14 @@ def test_a_course_that_is_integrated_out_is_one_with_free_amplitudes(stands):
     data = np.zeros(len(gram))
     data[0], data[whole] = 1.0, -1.0
     keep = np.r_[0, whole, 1:whole, whole + 1 : len(gram)]
-    prior = np.r_[np.ones(len(stand.coefficients)), np.full(2, LATENCY_SD), np.full(ends[-1] - 1, 2.0)]
+    prior = np.r_[np.ones(stand.combinations), np.full(2, LATENCY_SD), np.full(ends[-1] - 1, 2.0)]
     found = posterior(
         gram[np.ix_(keep, keep)],
         stand.at(LEVEL).norm,
         prior,
         data[keep],
         COEFFICIENT_SD_LEVELS,
-        len(stand.coefficients),
+        stand.combinations,
     )
     assert gusty_evidence(likelihood, hypothesis, LEVEL) == approx(float(found.evidence.max()), abs=1e-3)
 

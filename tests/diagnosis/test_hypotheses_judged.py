@@ -109,8 +109,8 @@ def test_judging_outward_from_one_level_is_the_sum_over_all_levels(name):
     whole = np.stack([
         posterior(
             likelihood.data_set.at(g).base_gram, likelihood.data_set.at(g).norm,
-            np.r_[np.ones(len(likelihood.data_set.coefficients)), np.full(2, LATENCY_SD)],
-            np.eye(likelihood.data_set.size)[0], COEFFICIENT_SD_LEVELS, len(likelihood.data_set.coefficients),
+            np.r_[np.ones(likelihood.data_set.combinations), np.full(2, LATENCY_SD)],
+            np.eye(likelihood.data_set.size)[0], COEFFICIENT_SD_LEVELS, likelihood.data_set.combinations,
         ).evidence
         for g in range(len(prior))
     ])  # fmt: skip
@@ -257,7 +257,7 @@ def test_a_bench_adds_up_the_inner_products_of_its_runs():
     h = hypothesis(*ACTING["current"])
     lin = hypothesis_columns(stood, h)
     g = stood.gram(LEVEL, stood.embedded(LEVEL, lin.columns), lin.index, lin.count)
-    n, k = stood.size, len(stood.coefficients)
+    n, k = stood.size, stood.combinations
     expected = np.zeros_like(g)
     for run, place in enumerate(stood.runs):
         wide = np.zeros((n + lin.count, place.base.count + lin.columns[run].count))
@@ -308,7 +308,7 @@ def test_combining_coefficients_loses_no_evidence_and_can_be_undone():
     data = np.eye(len(prior) + 1)[0]
     all_of_them = posterior(e.dot(e), white.log_norm, prior, data, COEFFICIENT_SD_LEVELS, count)
     judged = MarginalLikelihood(few).evaluate(NONE, around=LEVEL)
-    assert len(few.coefficients) < count
+    assert few.combinations < count
     assert judged.by_level[LEVEL] == approx(all_of_them.evidence, abs=0.5)
     g, s = judged.best
     e = few.at(g).white[0].embed(place.base)

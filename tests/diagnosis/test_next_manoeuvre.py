@@ -94,7 +94,7 @@ def test_it_is_what_the_evidence_of_noise_free_data_falls_by_when_the_truth_is_t
     whole = hypothesis_columns(place, judged(CURRENT).hypothesis).columns[0]
     e, base = place.at(level).white[0].embed(whole), place.at(level).base[0]
     d, n = slice(0, 1), slice(1, None)
-    sd = np.r_[np.full(len(place.coefficients), COEFFICIENT_SD_LEVELS[scatter]), LATENCY_SD]
+    sd = np.r_[np.full(place.combinations, COEFFICIENT_SD_LEVELS[scatter]), LATENCY_SD]
     cross = base.dot(e)[n, d][:, 0]
     fitted = np.linalg.solve(base.dot(base)[n, n] + np.diag(sd**-2.0), cross)
     misfit = e.dot(e)[0, 0] - 2 * cross @ fitted + fitted @ base.dot(base)[n, n] @ fitted + np.sum((fitted / sd) ** 2)

@@ -14,7 +14,6 @@ from manoeuvre_nn.effect.rudder import RudderOffset
 from manoeuvre_nn.estimation.data_set import whitened_data_set
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood, hypothesis_columns
-from manoeuvre_nn.estimation.pair_screen import PairScreen
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 ACTING = (Current(SHIP, speed=0.6, toward_deg=50.0), RudderOffset(SHIP, offset_deg=1.5))
@@ -28,12 +27,11 @@ def alone(effect) -> Hypothesis:
 @pytest.mark.parametrize("level, scatter", [(6, 1), (12, 3)])
 def test_a_pair_from_pieces_is_as_likely_as_the_pair_itself(level, scatter):
     likelihood = MarginalLikelihood(whitened_data_set(CALM, runs([CIRCLE, ZIGZAG], ACTING)))
-    screen = PairScreen(likelihood)
     for first, second in ((ACTING[0], ACTING[1]), (ACTING[1], PUSH), (PUSH, ACTING[0])):
         a, b = alone(first), alone(second)
         whole = likelihood.posterior(hypothesis_columns(likelihood.data_set, a.joined(b)), level).evidence[scatter]
-        assert screen.evidence(a, b, level, scatter) == approx(float(whole), abs=1e-5)
-    assert screen.piece(a, level) is screen.piece(a, level)
+        assert likelihood.pair_evidence(a, b, level, scatter) == approx(float(whole), abs=1e-5)
+    assert likelihood._piece(a, level) is likelihood._piece(a, level)
 
 
 def process(number: int) -> tuple[int, int]:

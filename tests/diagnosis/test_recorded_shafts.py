@@ -56,7 +56,7 @@ def test_a_series_feels_the_shaft_through_its_own_n_and_nothing_else():
 
 def test_a_ship_without_such_a_network_keeps_its_own_rule_for_the_shaft():
     nu, delta = number([[U0, 0.0, 0.0]]), number([0.0])
-    extra = SHIP.acceleration_from_force(nu, SHIP.shaft_force(nu, delta, number([1.2])))
+    extra = SHIP.acceleration_from_force(SHIP.shaft_force(nu, delta, number([1.2])))
     rate = calm_rate(CALM)(nu, delta, number([1.2]))
     assert extra[0, 0] > 0 and (rate - calm_accelerations(CALM, nu, delta)).numpy() == approx(extra.numpy())
 

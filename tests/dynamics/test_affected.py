@@ -104,7 +104,7 @@ def test_effects_on_the_rudder_act_in_turn():
     """A slow blade behind an offset forgets it, an offset behind a slow blade stays."""
     slow, beside = RudderSlow(SHIP, rate_deg_s=1.0), RudderOffset(SHIP, offset_deg=2.0)
     ends = {
-        order: float(run(Vessel(CALM, order), [turning_circle(20.0)], 40.0).blades[-1, 0]) / DEGREE
+        order: float(run(Vessel(CALM, order), [turning_circle(20.0)], 40.0).inputs.delta[-1, 0]) / DEGREE
         for order in ((slow, beside), (beside, slow))
     }
     assert list(ends.values()) == approx([22.0, 20.0])
@@ -114,7 +114,7 @@ def test_effects_on_the_rudder_act_in_turn():
 
 def test_a_run_starts_with_the_blade_where_it_rests():
     runs = run(Vessel(CALM, [RudderOffset(SHIP, offset_deg=3.0)]), [straight()], 40.0)
-    assert (runs.blades[:, 0] / DEGREE).tolist() == approx([3.0] * 41) and (runs.rudders == 0).all()
+    assert (runs.inputs.delta[:, 0] / DEGREE).tolist() == approx([3.0] * 41) and (runs.shown == 0).all()
     assert runs.states[-1, 0, 5] > 1 * DEGREE + run(CALM, [straight()], 40.0).states[-1, 0, 5]
 
 
@@ -128,8 +128,9 @@ def test_rows_of_one_batch_may_have_values_of_their_own(busy):
     together = run(Vessel(CALM, [kinds[0].at(wind), *kinds[1:3], shared]), busy, 60.0)
     for k, trial in enumerate(busy):
         alone = run(Vessel(CALM, [kinds[0].at(wind[k]), *kinds[1:3], kinds[3].at(shared.values[0])]), [trial], 60.0)
-        for name in ("states", "blades", "rudders", "orders"):
+        for name in ("states", "shown", "orders"):
             assert torch.allclose(getattr(together, name)[:, k], getattr(alone, name)[:, 0], rtol=0, atol=1e-9), name
+        assert torch.allclose(together.inputs.delta[:, k], alone.inputs.delta[:, 0], rtol=0, atol=1e-9)
 
 
 def test_an_affected_row_that_breaks_down_rests_and_leaves_the_others_alone():

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-from manoeuvre_nn.core.inputs import Inputs, InputTable
+from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.members import replay_members
 from manoeuvre_nn.dynamics.model import IdentifiedShip
+from manoeuvre_nn.dynamics.recorded_inputs import InputTable
 from manoeuvre_nn.dynamics.replay import replay
 from manoeuvre_nn.estimation.coefficient_forces import series_forces
 from manoeuvre_nn.estimation.coefficient_priors import series_prior
@@ -79,9 +80,6 @@ def test_a_table_of_inputs_is_linear_between_its_samples_and_held_beyond():
         given = table.at(at).given
         assert (given.pop("time") == at).all() and list(given) == ["delta", "shaft", "wind_north"]
         np.testing.assert_allclose(torch.stack(list(given.values())), expected)
-    row = table.samples(1, 2).given
-    np.testing.assert_allclose(row.pop("time"), [1.0, 3.0])
-    np.testing.assert_allclose(torch.stack(list(row.values())), columns[:, 1])
 
 
 def test_columns_times_coefficients_are_the_models_accelerations():

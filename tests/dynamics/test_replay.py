@@ -54,9 +54,8 @@ def test_nothing_can_be_replayed_after_the_end(runs):
 
 
 def test_a_ship_that_breaks_down_is_ended_and_its_numbers_stay_finite(runs):
-    ship = mariner()
     broken = TaylorShip(
-        WANG, ship.prime, {"mx": 0.177, "my": 0.327, "mz": 0.0175}, {"N": {"r": 1.0, "d": -0.03}},
+        WANG, {"mx": 0.177, "my": 0.327, "mz": 0.0175}, {"N": {"r": 1.0, "d": -0.03}},
         positive_rudder_turns_to="port",
     )  # fmt: skip
     with unchecked():

@@ -35,7 +35,7 @@ def test_the_shaft_speed_is_seen_by_the_terms_of_depth():
 
     def turning(ship: Ship):
         force = ship.force(s.nu, s.delta) + ship.shaft_force(s.nu, s.delta, s.shaft)
-        return ship.acceleration_from_force(s.nu, force)
+        return ship.acceleration_from_force(force)
 
     s = s.with_(nudot=turning(deep))
     torch.testing.assert_close(total(made("shallow_water", "esso_190k", depth_m=depth), s), turning(shallow))

@@ -87,7 +87,7 @@ def test_the_tankers_rudder_is_lost_with_its_race():
 
     def turning(delta):
         force = ship.force(s.nu, delta) + ship.shaft_force(s.nu, delta, s.shaft)
-        return ship.acceleration_from_force(s.nu, force)
+        return ship.acceleration_from_force(force)
 
     change = lost.acceleration(s, s.nu.new_zeros(4, 0))
     torch.testing.assert_close(turning(s.delta) + change, turning(0 * s.delta))

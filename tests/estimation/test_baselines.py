@@ -24,7 +24,6 @@ from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.recording.noise import add_noise
 from manoeuvre_nn.recording.tuples import Tuples, to_tuples
-from manoeuvre_nn.ship.clarke import clarke_ship
 from manoeuvre_nn.ship.known import clarke_part, no_part
 from manoeuvre_nn.ship.kvlcc2 import kvlcc2
 
@@ -75,8 +74,7 @@ def test_the_rungs_stand_from_the_least_knowledge_to_the_most(name):
 
 @pytest.mark.parametrize("name", [MARINER, TANKER])
 def test_the_linear_rung_is_clarkes_ship(name):
-    p = ship_named(name).particulars
-    clarke = CalmWater(clarke_ship(p, Xu=p.surge_damping, Xdd=p.rudder_drag))
+    clarke = CalmWater(clarke_part(ship_named(name)))
     nu, delta = motions(name)
     assert torch.equal(
         calm_accelerations(baselines(name)["linear"].dynamics, nu, delta), calm_accelerations(clarke, nu, delta)

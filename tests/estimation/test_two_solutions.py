@@ -244,7 +244,7 @@ def test_a_row_with_many_events_leaves_the_others_as_they_are():
     for k, trial in enumerate([zigzag(20.0), busy, straight()]):
         alone = run(CalmWater(mariner()), [trial], 40.0, 2.0, 0.5)
         assert torch.allclose(runs.states[:, k], alone.states[:, 0], rtol=0, atol=1e-9)
-        assert torch.allclose(runs.rudders[:, k], alone.rudders[:, 0], rtol=0, atol=1e-12)
+        assert torch.allclose(runs.shown[:, k], alone.shown[:, 0], rtol=0, atol=1e-12)
     assert runs.orders[:16, 1].tolist() == [0.3 * (-1) ** int(2.0 * s / 0.3 + 1e-6) for s in range(16)]
 
 
@@ -252,7 +252,7 @@ def test_stages_whose_heading_is_already_passed_are_left_at_once():
     behind = tuple(Stage(order, heading=-0.1) for order in (0.3, -0.3, 0.2))
     trial = Manoeuvre("behind", "zigzag", (*behind, Stage(0.1)), duration=20.0)
     out = run(CalmWater(mariner()), [trial, straight()], 20.0)
-    assert (out.orders[1:, 0] == 0.1).all() and out.rudders[-1, 0] == 0.1
+    assert (out.orders[1:, 0] == 0.1).all() and out.shown[-1, 0] == 0.1
 
 
 def test_runs_of_a_batch_with_other_lengths_are_recorded_as_alone():

@@ -6,7 +6,7 @@ from fleet import unchecked
 from torch.func import functional_call, jacrev, stack_module_state, vmap
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.network.perceptron import Perceptron, PerceptronSettings, rajesh_network, wang_network
+from manoeuvre_nn.network.perceptron import Perceptron, rajesh_network, wang_network
 
 
 def points(count: int = 7, inputs: int = 4, dtype: torch.dtype = torch.float64) -> torch.Tensor:
@@ -18,7 +18,7 @@ def points(count: int = 7, inputs: int = 4, dtype: torch.dtype = torch.float64) 
     ("activation", "f"), [("sigmoid", lambda m: 1 / (1 + (-m).exp())), ("tanh", lambda m: m.sinh() / m.cosh())]
 )
 def test_the_outputs_are_the_weighted_sum_of_the_squashed_sums(activation, f):
-    network = Perceptron(2, 3, 5, 2, PerceptronSettings(activation=activation, initial="symmetric"), seed=3)
+    network = Perceptron((2, 3, 5, 2), activation=activation, initial="symmetric", seed=3)
     x, w, b = points(4, 3), network.input_weights, network.output_weights
     for k in range(2):
         for n in range(4):
@@ -29,7 +29,7 @@ def test_the_outputs_are_the_weighted_sum_of_the_squashed_sums(activation, f):
 
 
 def test_rows_are_the_same_outputs_sorted_by_network():
-    network = Perceptron(3, 4, 6, 2, seed=1)
+    network = Perceptron((3, 4, 6, 2), seed=1)
     x = points()
     side_by_side = network(x).reshape(7, 3, 2).movedim(1, 0)
     torch.testing.assert_close(network.rows(x), side_by_side, rtol=1e-13, atol=1e-13)
@@ -45,9 +45,7 @@ def test_leading_dimensions_of_the_inputs_are_kept():
 @pytest.mark.parametrize("activation", ["sigmoid", "tanh"])
 @pytest.mark.parametrize(("networks", "outputs"), [(1, 1), (3, 1), (1, 3), (2, 3)])
 def test_the_analytic_jacobian_is_autograds(activation, networks, outputs):
-    network = Perceptron(
-        networks, 4, 5, outputs, PerceptronSettings(activation=activation, initial="symmetric"), seed=8
-    )
+    network = Perceptron((networks, 4, 5, outputs), activation=activation, initial="symmetric", seed=8)
     x = points(6)
     for k in range(networks):
         weights = {name: p.detach().clone() for name, p in network.named_parameters()}
@@ -93,7 +91,7 @@ def test_rajeshs_m_counts_the_bias_node():
     [("uniform", 0, 1, 0.5, 12**-0.5), ("symmetric", -1, 1, 0.0, 3**-0.5), ("normal", -9, 9, 0.0, 0.3)],
 )
 def test_first_weights_have_the_distribution_that_was_asked_for(initial, low, high, mean, deviation):
-    network = Perceptron(4, 4, 500, 5, PerceptronSettings(initial=initial, spread=0.3), seed=4)
+    network = Perceptron((4, 4, 500, 5), initial=initial, spread=0.3, seed=4)
     for weights in network.parameters():
         assert low <= weights.min() and weights.max() < high
         assert abs(weights.mean() - mean) < 0.05 * deviation
@@ -128,11 +126,11 @@ def test_single_precision_starts_at_the_rounded_weights_and_stays_single():
     [
         (lambda: wang_network(hidden=0), "network.hidden=0"),
         (lambda: rajesh_network(hidden=1), "network.hidden=1"),
-        (lambda: wang_network(inputs=0), "at least 1"),
-        (lambda: Perceptron(0, 4, 5, 1), "at least 1"),
-        (lambda: wang_network(settings=PerceptronSettings(activation="relu")), "sigmoid, tanh"),
-        (lambda: wang_network(settings=PerceptronSettings(initial="xavier")), "uniform, symmetric, normal"),
-        (lambda: wang_network(settings=PerceptronSettings(initial="normal", spread=0.0)), "network.spread=0.0"),
+        (lambda: Perceptron((3, 0, 11, 1)), "at least 1"),
+        (lambda: Perceptron((0, 4, 5, 1)), "at least 1"),
+        (lambda: wang_network(activation="relu"), "sigmoid, tanh"),
+        (lambda: wang_network(initial="xavier"), "uniform, symmetric, normal"),
+        (lambda: wang_network(initial="normal", spread=0.0), "network.spread=0.0"),
     ],
 )
 def test_a_bad_setting_is_refused_in_one_line(make, word):

@@ -7,13 +7,13 @@ from levenberg import lm
 from torch.nn import Linear, Parameter, Sequential, Tanh
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.network.perceptron import Perceptron, PerceptronSettings
+from manoeuvre_nn.network.perceptron import Perceptron
 from manoeuvre_nn.numerics.levenberg_marquardt import LevenbergMarquardt
 
 
 def stepped(count: int, analytic: bool = False, blocks: int = 0, **options) -> tuple[torch.Tensor, LevenbergMarquardt]:
     """Weights after three epochs on ``count`` tuples."""
-    network = Perceptron(3, 4, 5, 1, PerceptronSettings(initial="symmetric"), seed=6)
+    network = Perceptron((3, 4, 5, 1), initial="symmetric", seed=6)
     generator = torch.Generator().manual_seed(0)
     x = torch.randn(count, 4, generator=generator, dtype=torch.float64)
     y = torch.sin(x[:, :3].T * 2)
@@ -29,7 +29,7 @@ def stepped(count: int, analytic: bool = False, blocks: int = 0, **options) -> t
 
 def autograd_blocks(count: int, max_elements: float = 2e7) -> tuple[list[str], list[torch.Tensor], torch.Tensor]:
     """Which ways were taken, the blocks they gave and the whole by formula; 31 parameters in each of three rows."""
-    network = Perceptron(3, 4, 5, 1, PerceptronSettings(initial="symmetric"), seed=6)
+    network = Perceptron((3, 4, 5, 1), initial="symmetric", seed=6)
     x = torch.linspace(-2, 2, count * 4, dtype=torch.float64).reshape(count, 4).sin()
     optimizer = lm(network.parameters(), rows=3, max_elements=max_elements)
     taken: list[str] = []
@@ -72,7 +72,7 @@ def test_the_fit_does_not_depend_on_the_way_to_the_jacobian(count):
 
 
 def test_tries_of_a_step_cost_residuals_only():
-    network = Perceptron(1, 2, 3, 1, PerceptronSettings(initial="symmetric"), seed=1)
+    network = Perceptron((1, 2, 3, 1), initial="symmetric", seed=1)
     x = torch.randn(30, 2, generator=torch.Generator().manual_seed(2), dtype=torch.float64)
     asked, tried = [], []
 

@@ -7,7 +7,7 @@ import torch
 from fleet import unchecked
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.network.perceptron import Perceptron, PerceptronSettings
+from manoeuvre_nn.network.perceptron import Perceptron
 from manoeuvre_nn.numerics.damping import Damping, Reason, Stops
 from manoeuvre_nn.numerics.one_hidden import OneHidden
 from manoeuvre_nn.numerics.restarts import Solutions, minimise
@@ -48,7 +48,7 @@ def problem(kind: type[OneHidden], own: bool = False) -> tuple[OneHidden, torch.
     y = torch.stack([x.prod(1), x.sum(1).tanh()], 1)
     given = torch.stack([y + 0.1 * k * x[:, :2] for k in range(5)]) if own else y
     made = kind(x, given, HIDDEN, activation="tanh")
-    network = Perceptron(5, 3, HIDDEN, 2, PerceptronSettings(activation="tanh", initial="symmetric"), seed=2)
+    network = Perceptron((5, 3, HIDDEN, 2), activation="tanh", initial="symmetric", seed=2)
     start = torch.cat([p.detach().flatten(1) for p in network.parameters()], 1)
     return made, start[:, : made.parameters]
 

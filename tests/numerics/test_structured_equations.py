@@ -6,7 +6,7 @@ from fleet import unchecked
 from levenberg import lm
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.network.perceptron import Perceptron, PerceptronSettings
+from manoeuvre_nn.network.perceptron import Perceptron
 from manoeuvre_nn.numerics.damping import Stops
 from manoeuvre_nn.numerics.least_squares import gram
 from manoeuvre_nn.numerics.one_hidden import OneHidden
@@ -18,9 +18,7 @@ ROWS, SAMPLES, HIDDEN = 3, 37, 5  # a number of samples that no processor likes
 def given(
     outputs: int = 3, activation: str = "tanh", own: bool = False
 ) -> tuple[Perceptron, torch.Tensor, torch.Tensor]:
-    network = Perceptron(
-        ROWS, 4, HIDDEN, outputs, PerceptronSettings(activation=activation, initial="symmetric"), seed=4
-    )
+    network = Perceptron((ROWS, 4, HIDDEN, outputs), activation=activation, initial="symmetric", seed=4)
     generator = torch.Generator().manual_seed(7)
     x = torch.randn(SAMPLES, 4, generator=generator, dtype=torch.float64)
     y = torch.randn(ROWS if own else 1, SAMPLES, outputs, generator=generator, dtype=torch.float64)
@@ -98,7 +96,7 @@ def test_a_gram_matrix_is_the_product_with_the_transpose(dtype):
 def test_networks_of_several_sizes_are_one_batch(activation):
     """Each row goes its way as if it were alone and had no more nodes; its silent nodes stay as they were."""
     _, x, y = given(activation=activation)
-    network = Perceptron(4, 4, HIDDEN, 3, PerceptronSettings(activation=activation, initial="symmetric"), seed=4)
+    network = Perceptron((4, 4, HIDDEN, 3), activation=activation, initial="symmetric", seed=4)
     start, sizes = flat(network), torch.tensor([2, HIDDEN, 3, 2])
     stops = Stops(epochs=6)
     with unchecked():

@@ -4,7 +4,7 @@ import torch
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.recording.tuples import to_tuples
-from manoeuvre_nn.ship.clarke import clarke_ship
+from manoeuvre_nn.ship.known import clarke_part
 from manoeuvre_nn.ship.mariner import INERTIA, mariner
 from manoeuvre_nn.ship.taylor import TaylorShip
 
@@ -21,13 +21,13 @@ def test_a_known_ship_leaves_nothing_unknown(zz20, zz35):
 
 def test_with_inertia_alone_the_targets_are_the_ships_forces(zz20):
     true = mariner()
-    inert = TaylorShip(true.particulars, true.prime, INERTIA, {}, positive_rudder_turns_to="port")
+    inert = TaylorShip(true.particulars, INERTIA, {}, positive_rudder_turns_to="port")
     tuples = to_tuples([zz20], inert)
     torch.testing.assert_close(tuples.targets, true.force(*motion(zz20)), atol=1e-12, rtol=0.0)
 
 
 def test_with_clarkes_estimate_the_targets_are_inertia_times_acceleration_less_the_linear_forces(zz20, ship):
-    clarke, (nu, delta) = clarke_ship(ship), motion(zz20)
+    clarke, (nu, delta) = clarke_part(ship), motion(zz20)
     tuples = to_tuples([zz20], clarke)
     length, speed = ship.length, ship.speed
     k = clarke.coefficients

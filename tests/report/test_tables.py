@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
-from manoeuvre_nn.manoeuvre.imo import ImoRow
+from manoeuvre_nn.manoeuvre.imo import imo_table
 from manoeuvre_nn.report.tables import (
     columns,
     criteria_rows,
@@ -20,6 +20,7 @@ from manoeuvre_nn.report.tables import (
     write_csv,
 )
 from manoeuvre_nn.scoring.score import Score
+from manoeuvre_nn.ship.mariner import WANG
 
 NRMSE = {"u": 0.0123456, "v": 0.1, "r": 123.456, "psi": math.nan}
 ZIGZAG = Score(
@@ -143,10 +144,11 @@ def test_brackets_in_a_cell_are_shown_and_not_obeyed():
 
 
 def test_imo_verdicts_are_shown_as_they_are():
-    rows = [ImoRow("tc35 advance [L]", 3.43, 4.5, "met"), ImoRow("zz10 overshoot 1 [deg]", 21.0, 15.5, "not met")]
-    shown = printed(rich_table([row._asdict() for row in rows]))
-    assert "tc35 advance [L]" in shown
+    rows = imo_table({"tc35": {"advance_L": 3.43}, "zz10": {"overshoot_1_deg": 21.0}}, WANG)
+    shown = printed(rich_table(rows))
+    assert "tc35 advance_L" in shown
     assert "not met" in shown and "verdict" in shown
+    assert rows[0] == {"criterion": "tc35 advance_L", "value": 3.43, "limit": 4.5, "verdict": "met"}
 
 
 @pytest.mark.parametrize(

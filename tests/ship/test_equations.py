@@ -8,7 +8,6 @@ from fleet import unchecked
 from pytest import approx
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.prime import length_draught_system
 from manoeuvre_nn.ship import great_lakes_bulker as bulker
 from manoeuvre_nn.ship import mariner
 from manoeuvre_nn.ship.esso_190k import PARTICULARS, esso_190k
@@ -79,9 +78,8 @@ def test_forces_and_accelerations_are_each_others_inverse(make):
 
 
 def test_a_source_whose_rudder_turns_to_starboard_needs_no_change_of_sign():
-    p = mariner.WANG
-    prime, y = length_draught_system(p.length, p.draught, p.speed), {"N": {"d": 0.03}}
-    ships = [TaylorShip(p, prime, mariner.INERTIA, y, positive_rudder_turns_to=s) for s in ("starboard", "port")]
+    p, y = mariner.WANG, {"N": {"d": 0.03}}
+    ships = [TaylorShip(p, mariner.INERTIA, y, positive_rudder_turns_to=s) for s in ("starboard", "port")]
     nu, delta = torch.tensor([p.speed, 0.0, 0.0], dtype=torch.float64), torch.tensor(0.1, dtype=torch.float64)
     starboard, port = (float(s.acceleration(nu, delta)[2]) for s in ships)
     assert starboard > 0 and port == approx(-starboard)

@@ -1,5 +1,6 @@
 """The low-speed MMG model: by its equations written out for one sample at a time, and what holds for any numbers."""
 
+from dataclasses import replace
 from math import atan2, cos, pi, sin, sqrt
 
 import numpy as np
@@ -9,7 +10,7 @@ from pytest import approx
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.ship.esso_osaka_model import esso_osaka_mmg
-from manoeuvre_nn.ship.mmg import cross_flow
+from manoeuvre_nn.ship.mmg import MMGShip, cross_flow
 
 SHIP = esso_osaka_mmg()
 L, T, RHO = 3.0, 0.20114, 998.0
@@ -86,7 +87,7 @@ def accelerations(motions):
     nu = columns[:, :3]
     shaft = columns[:, 4] / SHIP.shaft
     force = SHIP.force(nu, columns[:, 3]) + SHIP.shaft_force(nu, columns[:, 3], shaft)
-    return SHIP.acceleration_from_force(nu, force).numpy()
+    return SHIP.acceleration_from_force(force).numpy()
 
 
 def test_the_model_moves_by_its_equations_in_all_four_quadrants():
@@ -127,9 +128,7 @@ def test_starboard_rudder_turns_to_starboard_and_thrust_from_rest_goes_ahead():
 
 
 def test_with_one_flow_straightening_on_both_sides_port_mirrors_starboard():
-    hull, screw, blade = SHIP.parts
-    even = type(blade)(**{**vars(blade), "gamma_port": 0.4, "gamma_starboard": 0.4})
-    ship = type(SHIP)(SHIP.particulars, hull, screw, even)
+    ship = MMGShip(SHIP.particulars, replace(SHIP.coefficients, gamma_port=0.4, gamma_starboard=0.4))
     ahead = torch.tensor(MOTIONS[(MOTIONS[:, 4] > 0) & (MOTIONS[:, 0] > 0)])
     odd = torch.tensor([1.0, -1.0, -1.0], dtype=torch.float64)
     one = ship.force_at(ahead[:, :3], ahead[:, 3], ahead[:, 4])
@@ -138,6 +137,5 @@ def test_with_one_flow_straightening_on_both_sides_port_mirrors_starboard():
 
 
 def test_a_propeller_that_cannot_give_the_thrust_is_refused():
-    hull, screw, blade = SHIP.parts
     with pytest.raises(InputError, match="no shaft speed keeps up"):
-        type(SHIP)(SHIP.particulars, hull, type(screw)(**{**vars(screw), "thrust": (-0.1, -0.3, -0.1)}), blade)
+        MMGShip(SHIP.particulars, replace(SHIP.coefficients, thrust=(-0.1, -0.3, -0.1)))

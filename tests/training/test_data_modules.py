@@ -70,7 +70,7 @@ def test_known_part_and_g_together_give_the_ships_own_acceleration():
     data, (ship, known) = tiny.usual(), tiny.ships()
     nu = torch.as_tensor(data.recordings[0].stacked("u", "v", "r"))
     delta = data.tuples.inputs[:, 3]
-    whole = known.acceleration_from_force(nu, known.force(nu, delta) + data.tuples.targets)
+    whole = known.acceleration_from_force(known.force(nu, delta) + data.tuples.targets)
     torch.testing.assert_close(whole, ship.acceleration(nu, delta), rtol=1e-9, atol=1e-12)
 
 
@@ -105,7 +105,7 @@ def test_what_effects_do_is_part_of_what_is_learnt():
     state = torch.cat([nu, torch.zeros(len(run), 2).double(), course[:, None]], dim=-1)
     with unchecked():
         rates = Vessel(CalmWater(ship), [wind]).model(state, Inputs(delta))[:, :3]
-    whole = known.acceleration_from_force(nu, known.force(nu, delta) + data.tuples.targets)
+    whole = known.acceleration_from_force(known.force(nu, delta) + data.tuples.targets)
     torch.testing.assert_close(whole, rates, rtol=1e-9, atol=1e-12)
     assert (rates - ship.acceleration(nu, delta)).abs().max() > 1e-4
     torch.testing.assert_close(inputs[:, 0] * ship.particulars.speed, nu[:, 0])

@@ -61,7 +61,7 @@ def check(cfg: DictConfig, out: Path, console: Console | None = None) -> list[In
     use_threads(1)
     drawn = configs.switch("figures", cfg.figures)
     ship, known = known_part(cfg)
-    particulars = ship if isinstance(ship, Particulars) else ship.particulars
+    particulars = ship.particulars
     paths = _files(cfg)
     columns = configs.read_mapping(cfg.data.mapping, cfg.get("config_dir")) or mapping_of(paths[0])
     write_provenance(cfg, out)

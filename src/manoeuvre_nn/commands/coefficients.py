@@ -143,7 +143,7 @@ def _own(cfg: DictConfig, console: Console) -> Coefficients:
     """Fit the ship's own products."""
     ship = build(cfg.ship, "ship")
     if not isinstance(ship, Ship) or ship.table is None:
-        name = ship.name if isinstance(ship, Particulars) else ship.particulars.name
+        name = ship.particulars.name
         raise InputError(f"terms=own: the forces of the {name} are no sum of known products; write terms=network")
     if not (is_number(cfg.relative) and cfg.relative > 0):
         raise InputError(f"relative={cfg.relative}: expected more than 0, such as .2")

@@ -67,7 +67,7 @@ def answer_cases(cfg: DictConfig, out: Path, console: Console) -> None:
     write_provenance(kept, out)
     todo = [f for f in folders if not (out / f.name / ANSWER).is_file()]
     failed = []
-    with Tracker(console, len(todo), len(common.wanted) + STEPS) as tracker:
+    with _Tracker(console, len(todo), len(common.wanted) + STEPS) as tracker:
         for folder in todo:
             tracker.begin(folder.name)
             try:
@@ -107,7 +107,7 @@ def case_folders(place: Path) -> list[Path]:
     return found
 
 
-def _answer_case(common: Setup, folder: Path, out: Path, tracker: "Tracker") -> str:
+def _answer_case(common: Setup, folder: Path, out: Path, tracker: "_Tracker") -> str:
     """Answer one case; what came out, on a line."""
     question = common.question(common.case(folder))
     d = diagnose(question, tracker.step)
@@ -151,7 +151,7 @@ def diagnose_recordings(cfg: DictConfig, out: Path, console: Console) -> None:
     write_provenance(cfg, out)
     told = ", ".join(f"{run.name} ({run.meta['kind']})" for run in case.held_out) or "none"
     console.print(f"{len(case.fitted)} runs are fitted; held out: {told}", soft_wrap=True, highlight=False)
-    with Tracker(console, 1, len(common.wanted) + STEPS) as tracker:
+    with _Tracker(console, 1, len(common.wanted) + STEPS) as tracker:
         tracker.begin(case.name)
         question = common.question(case)
         d = diagnose(question, tracker.step)
@@ -171,7 +171,7 @@ def write_page(d: Diagnosis, figures: Mapping[str, Figure], out: Path) -> None:
     save_figures(figures, out / "figures")
 
 
-class Tracker:
+class _Tracker:
     """Which candidate of which case is under test, and how long it will take: a bar, or a line now and then."""
 
     def __init__(self, console: Console, cases: int, steps: int, seconds: float = 15.0) -> None:
@@ -183,7 +183,7 @@ class Tracker:
         self._began = self._shown = monotonic()
         self._case, self._name, self._step = 0, "", 0
 
-    def __enter__(self) -> "Tracker":
+    def __enter__(self) -> "_Tracker":
         """Open the bar."""
         self._bar.start()
         return self

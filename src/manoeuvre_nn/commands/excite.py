@@ -25,7 +25,7 @@ from manoeuvre_nn.dynamics.members import has_members
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.network.hull_rudder import HullRudder
 from manoeuvre_nn.report.design_figures import gain_figure, where_figure
-from manoeuvre_nn.report.design_tables import ManoeuvreAdvice, advice_json, advice_rows, ranked, sentence, target_rows
+from manoeuvre_nn.report.design_tables import ManoeuvreAdvice, advice_json, advice_rows, sentence, target_rows
 from manoeuvre_nn.report.html import Report, save_figures, write_report
 from manoeuvre_nn.report.tables import rich_table
 from manoeuvre_nn.training.checkpoint import read_checkpoint
@@ -168,7 +168,7 @@ def _advice(q: _Question, model: IdentifiedShip, say: Any) -> ManoeuvreAdvice:
     return ManoeuvreAdvice(
         ship=known.particulars.name,
         goal=q.goal,
-        expected=ranked(expected, q.per_minute),
+        expected=sorted(expected, key=lambda e: e.per_minute if q.per_minute else e.gain, reverse=True),
         trained_on=q.job.data.describe(),
         where=where,
         recorded=inputs[:, 1:] / [speed, speed, 1.0],

@@ -83,7 +83,7 @@ def ship_called(name: str, own: str | None = None) -> Particulars | None:
         raise InputError(f"ship={name} is unknown; choose one of: {', '.join(ships)}")
     content = load_yaml(ships[name])
     made: Ship | Particulars = build(content.get("ship", content), "ship")
-    return made if isinstance(made, Particulars) else made.particulars
+    return made.particulars
 
 
 def import_recording(asked: Request, console: Console) -> Proposal:

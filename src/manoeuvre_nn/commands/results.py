@@ -17,7 +17,7 @@ from manoeuvre_nn.commands.provenance import SCORES, flat, shown, versions
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.limits import OK
 from manoeuvre_nn.estimation.baselines import fit_baselines
-from manoeuvre_nn.manoeuvre.imo import ImoRow, imo_table
+from manoeuvre_nn.manoeuvre.imo import imo_table
 from manoeuvre_nn.report import coefficient_tables
 from manoeuvre_nn.report.figures import comparison_figures, excitation_figure, force_figure, learning_figure
 from manoeuvre_nn.report.html import Report, save_figures, write_report
@@ -71,7 +71,7 @@ class Outcome:
         return {f"g{k}": float(error) for k, error in enumerate(errors, start=1)}
 
     @cached_property
-    def imo(self) -> list[ImoRow]:
+    def imo(self) -> list[dict[str, Any]]:
         """IMO criteria of the predictions."""
         return imo_table({s.manoeuvre: s.criteria for s in self.scores}, self.trained.fit.dynamics.particulars)
 
@@ -144,7 +144,7 @@ def write_results(outcome: Outcome, out: Path) -> None:
     tables: dict[str, Sequence[Row]] = {
         "Held-out manoeuvres": score_rows(outcome.scores, outcome.baselines),
         "Manoeuvres that were trained on, in closed loop": score_rows(outcome.training_scores),
-        IMO: [row._asdict() for row in outcome.imo],
+        IMO: outcome.imo,
         "All criteria of the held-out manoeuvres": criteria_rows(outcome.scores),
     }
     trained_on = outcome.data.describe()
@@ -196,7 +196,7 @@ def summary(outcome: Outcome) -> str:
 def print_outcome(outcome: Outcome, out: Path, console: Console) -> None:
     """One table in the terminal and where the rest is."""
     console.print(score_table(outcome.scores, outcome.baselines))
-    assessed = [row._asdict() for row in outcome.imo if not row.verdict.startswith("not judged")]
+    assessed = [row for row in outcome.imo if not row["verdict"].startswith("not judged")]
     if assessed:
         console.print(rich_table(assessed, IMO))
     how = outcome.trained

@@ -59,14 +59,7 @@ class Parameter:
     power: float | None = None
 
     def on(self, ship: Particulars) -> "Parameter":
-        """The parameter with spread and starts as they are usual on a ship; its bounds stay.
-
-        Args:
-            ship: The ship.
-
-        Returns:
-            The same on ships; on models smaller by Froude's law.
-        """
+        """The parameter with spread and starts as usual on a ship, on models by Froude's law; its bounds stay."""
         power = UNIT_POWERS.get(self.unit, 0.0) if self.power is None else self.power
         share = float(ship.sized([1.0], [power])[0])
         return replace(self, spread=share * self.spread, starts=tuple(share * start for start in self.starts))
@@ -200,26 +193,12 @@ class Effect(ABC, nn.Module):
         return tuple(p.name for p in self.declared if p.random)
 
     def steady(self, values: Float[np.ndarray, "*rows p"]) -> Float[np.ndarray, "*rows p"]:
-        """Values with the random process left out.
-
-        Args:
-            values: Parameter values in the parameters' units.
-
-        Returns:
-            The same with a process of size 0.
-        """
+        """Values with the random process left out: its size is 0."""
         size = self.random[:1]
         return np.where([p.name in size for p in self.declared], 0.0, values)
 
     def at(self, values: Float[Tensor, "*rows p"]) -> "Effect":
-        """The same effect with other values.
-
-        Args:
-            values: Parameter values in the parameters' units.
-
-        Returns:
-            A copy that shares everything else.
-        """
+        """The same effect with other values [parameters' units]; the copy shares everything else."""
         made = copy.copy(self)
         made._buffers = {**self._buffers, "values": values}
         return made
@@ -233,72 +212,27 @@ class Effect(ABC, nn.Module):
         return self.value(name) * (pi / 180.0)
 
     def null(self) -> Float[Tensor, " p"]:
-        """Values at which the effect vanishes.
-
-        Returns:
-            Null values; the first start where a parameter has none.
-        """
+        """Values at which the effect vanishes; the first start where a parameter has none."""
         return self.values.new_tensor([p.starts[0] if p.null is None else p.null for p in self.declared])
 
     def stream(self, s: Situation) -> Float[Tensor, "*batch 2"]:
-        """Velocity of the water over ground; inflow effects override it.
-
-        Args:
-            s: The situation.
-
-        Returns:
-            North and east [m/s].
-        """
+        """Velocity of the water over ground, north and east [m/s]; inflow effects override it."""
         return torch.zeros_like(s.nu[..., :2])
 
     def acceleration(self, s: Situation, memory: Float[Tensor, "*batch m"]) -> Float[Tensor, "*batch 3"]:
-        """What the effect adds to the accelerations; hull and force effects override it.
-
-        Args:
-            s: The situation.
-            memory: The effect's own states.
-
-        Returns:
-            udot, vdot [m/s^2], rdot [rad/s^2].
-        """
-        del memory
+        """What the effect adds to udot, vdot [m/s^2], rdot [rad/s^2]; hull and force effects override it."""
         return torch.zeros_like(s.nu)
 
     def memory_at_start(self, s: Situation) -> Float[Tensor, "*batch m"]:
-        """Own states on a steady approach.
-
-        Args:
-            s: The situation then.
-
-        Returns:
-            One column a state.
-        """
+        """Own states on a steady approach, one column each."""
         return s.nu.new_zeros(*s.nu.shape[:-1], self.memory)
 
     def memory_rate(self, s: Situation, memory: Float[Tensor, "*batch m"]) -> Float[Tensor, "*batch m"]:
-        """Rate of the effect's own states.
-
-        Args:
-            s: The situation.
-            memory: Own states.
-
-        Returns:
-            Their rates.
-        """
-        del s
+        """Rate of the effect's own states."""
         return torch.zeros_like(memory)
 
     def shaft(self, s: Situation, memory: Float[Tensor, "*batch m"]) -> Float[Tensor, "*batch"]:
-        """Shaft speed over the one that was ordered; engine effects override it.
-
-        Args:
-            s: The situation.
-            memory: Own states.
-
-        Returns:
-            Ratio [-].
-        """
-        del memory
+        """Shaft speed over the one that was ordered [-]; engine effects override it."""
         return torch.ones_like(s.delta)
 
     def blade(self, before: PerRow, order: PerRow, shown: PerRow, elapsed: PerRow) -> PerRow:
@@ -313,7 +247,6 @@ class Effect(ABC, nn.Module):
         Returns:
             Blade angle at its end [rad].
         """
-        del before, order, elapsed
         return shown
 
     def indicated(self, recorded: Float[Tensor, "*batch n"], time: Float[Tensor, " n"]) -> Float[Tensor, "*batch n"]:
@@ -328,7 +261,6 @@ class Effect(ABC, nn.Module):
         Returns:
             What the indicator showed at these times [rad].
         """
-        del time
         return recorded
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
@@ -344,7 +276,6 @@ class Effect(ABC, nn.Module):
         Returns:
             All channels, some changed.
         """
-        del s
         return dict(channels)
 
 
@@ -355,24 +286,8 @@ class ForceEffect(Effect):
 
     @abstractmethod
     def force(self, s: Situation) -> Float[Tensor, "*batch 3"]:
-        """Force and moment in body axes about midship.
-
-        Args:
-            s: The situation.
-
-        Returns:
-            X, Y [N], N [N m].
-        """
+        """X, Y [N], N [N m] in body axes about midship."""
 
     def acceleration(self, s: Situation, memory: Float[Tensor, "*batch m"]) -> Float[Tensor, "*batch 3"]:
-        """Accelerations of the ship, its added masses included, by the force.
-
-        Args:
-            s: The situation.
-            memory: Not used.
-
-        Returns:
-            udot, vdot [m/s^2], rdot [rad/s^2].
-        """
-        del memory
+        """Accelerations of the ship, its added masses included, by the force."""
         return self.ship.acceleration_from_si(self.force(s))

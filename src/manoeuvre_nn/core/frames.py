@@ -28,30 +28,12 @@ def kinematics(state: Float[Tensor, "*batch 6"]) -> Float[Tensor, "*batch 3"]:
 def body_to_earth(
     u: Float[np.ndarray, "*n"], v: Float[np.ndarray, "*n"], psi: Float[np.ndarray, "*n"]
 ) -> tuple[Float[np.ndarray, "*n"], Float[np.ndarray, "*n"]]:
-    """Turn a vector from body into earth axes.
-
-    Args:
-        u: Component forward.
-        v: Component to starboard.
-        psi: Heading [rad].
-
-    Returns:
-        Components north and east, in the unit of ``u``.
-    """
+    """Components north and east of a vector given forward and to starboard, at heading ``psi`` [rad]."""
     return u * np.cos(psi) - v * np.sin(psi), u * np.sin(psi) + v * np.cos(psi)
 
 
 def earth_to_body(
     north: Float[np.ndarray, "*n"], east: Float[np.ndarray, "*n"], psi: Float[np.ndarray, "*n"]
 ) -> tuple[Float[np.ndarray, "*n"], Float[np.ndarray, "*n"]]:
-    """Turn a vector from earth into body axes.
-
-    Args:
-        north: Component north.
-        east: Component east.
-        psi: Heading [rad].
-
-    Returns:
-        Components forward and to starboard, in the unit of ``north``.
-    """
+    """Components forward and to starboard of a vector given north and east, at heading ``psi`` [rad]."""
     return north * np.cos(psi) + east * np.sin(psi), -north * np.sin(psi) + east * np.cos(psi)

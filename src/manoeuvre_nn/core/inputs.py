@@ -1,9 +1,7 @@
-"""What acts on a ship beside her state: rudder, shaft and wind, at one time or recorded over time."""
+"""What acts on a ship beside her state: rudder, shaft and wind."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
-import torch
 from jaxtyping import Float
 from torch import Tensor
 
@@ -32,48 +30,3 @@ class Inputs:
     def given(self) -> dict[str, Tensor]:
         """The inputs that are not None, by their names."""
         return {name: value for name, value in vars(self).items() if value is not None}
-
-
-@dataclass(frozen=True)
-class InputTable:
-    """Recorded inputs of the rows of a batch at even times.
-
-    Attributes:
-        columns: Name of an input of :class:`Inputs` -> its samples, a row each.
-        interval: Time between samples [s].
-        start: Time of the first sample since the start of the recordings [s].
-    """
-
-    columns: Mapping[str, Float[Tensor, "rows times"]]
-    interval: float
-    start: float = 0.0
-
-    def at(self, time: float) -> Inputs:
-        """Inputs of all rows at one time: linear between samples, held before the first and beyond the last.
-
-        Args:
-            time: Time since the start of the recordings [s].
-
-        Returns:
-            One value a row.
-        """
-        delta = self.columns["delta"]
-        last = delta.shape[1] - 1
-        place = min(max((time - self.start) / self.interval, 0.0), last)
-        k = max(min(int(place), last - 1), 0)
-        after = min(k + 1, last)
-        now = {name: c[:, k] + (place - k) * (c[:, after] - c[:, k]) for name, c in self.columns.items()}
-        return Inputs(**now, time=torch.full_like(delta[:, 0], time))
-
-    def samples(self, row: int, count: int) -> Inputs:
-        """Inputs of one row at its samples.
-
-        Args:
-            row: Number of the row.
-            count: How many samples, from the first.
-
-        Returns:
-            One value a sample.
-        """
-        time = self.start + self.interval * torch.arange(count).to(self.columns["delta"])
-        return Inputs(**{name: c[row, :count] for name, c in self.columns.items()}, time=time)

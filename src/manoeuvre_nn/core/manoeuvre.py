@@ -50,28 +50,14 @@ class Manoeuvre:
         return max(abs(stage.order) for stage in self.stages)
 
     def duration_for(self, ship: Particulars) -> float:
-        """Length of the trial on a ship.
-
-        Args:
-            ship: The ship.
-
-        Returns:
-            Time [s]. Turning circles end where the coefficient set stops making sense.
-        """
+        """Length of the trial on a ship [s]; turning circles end where the coefficient set stops making sense."""
         if self.duration is not None:
             return self.duration
         usual = ship.record_length if self.ship_lengths is None else self.ship_lengths * ship.time_unit
         return min(usual, ship.longest_turn) if self.kind == "turning_circle" else usual
 
     def at_speed(self, speed: float | None) -> "Manoeuvre":
-        """The same trial from another approach speed.
-
-        Args:
-            speed: Approach speed [m/s]; None leaves it.
-
-        Returns:
-            A new manoeuvre.
-        """
+        """The same trial from another approach speed [m/s]; None leaves it."""
         return self if speed is None else replace(self, speed=speed)
 
     def check(self, ship: Particulars) -> None:

@@ -2,6 +2,7 @@
 
 import copy
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from typing import ClassVar
 
 import torch
@@ -9,11 +10,36 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 
+def products_of(
+    variables: Float[Tensor, "variables *batch"], places: Int[Tensor, "terms order"]
+) -> Float[Tensor, "*batch terms"]:
+    """Products of variables, each a few look-ups instead of powers.
+
+    Args:
+        variables: One row a variable: a look-up then copies whole rows of samples, three times as fast as columns.
+        places: Rows that each product is made of.
+
+    Returns:
+        One column a product.
+    """
+    first, *others = places.unbind(-1)
+    result = variables.index_select(0, first)
+    for place in others:
+        result = result * variables.index_select(0, place)
+    return result.movedim(0, -1)
+
+
+def filled(places: Sequence[Sequence[int]]) -> Int[Tensor, "terms order"]:
+    """Places of :func:`products_of`; products of fewer variables are filled up with the first, which is 1."""
+    order = max((len(p) for p in places), default=0) or 1
+    return torch.tensor([[*p, *[0] * (order - len(p))] for p in places], dtype=torch.long).reshape(-1, order)
+
+
 class Network(ABC, nn.Module):
     """Forces by learnt weights, from u, v, r and delta and whatever recorded inputs the network says that it takes.
 
-    Two buffers mean the same in every network that has them: ``trained`` is the number of members that answer, and
-    ``shaft`` the nominal shaft speed over that of the training.
+    Three buffers mean the same in every network that has them: ``trained`` is the number of members that answer,
+    ``shaft`` the nominal shaft speed over that of the training, and ``noise`` what :attr:`noise_of_fit` says.
     """
 
     any_fit: ClassVar[bool] = True
@@ -47,7 +73,7 @@ class Network(ABC, nn.Module):
     @property
     def noise_of_fit(self) -> Float[Tensor, " 6"]:
         """Standard deviation that u, v, r, x, y, psi were given in the fit, in U0, U0/L, L, rad; 0 without one."""
-        return torch.zeros(6, dtype=torch.float64)
+        return self._buffers.get("noise", torch.zeros(6, dtype=torch.float64))  # type: ignore[return-value]
 
     @abstractmethod
     def forward(self, x: Float[Tensor, "*batch inputs"]) -> Float[Tensor, "*batch outputs"]:
@@ -62,27 +88,11 @@ class Network(ABC, nn.Module):
         """
 
     def of(self, x: Float[Tensor, "n inputs"], member: Int[Tensor, " n"]) -> Float[Tensor, "n outputs"]:
-        """Every input by a member of its own.
-
-        Args:
-            x: Scaled inputs.
-            member: Number of the member that answers to each.
-
-        Returns:
-            Scaled forces; those of the network itself where it is no ensemble.
-        """
-        del member
+        """Scaled forces at every input by a member of its own; those of the network itself where it is no ensemble."""
         return self(x)
 
     def at_shaft(self, ratio: float) -> "Network":
-        """The same network at another nominal shaft speed; it shares the weights.
-
-        Args:
-            ratio: The new nominal shaft speed over the present one [-].
-
-        Returns:
-            The network itself where it does not know the shaft speed.
-        """
+        """The same network at this many times the nominal shaft speed, if it knows one; it shares the weights."""
         shaft = self._buffers.get("shaft")
         if shaft is None or ratio == 1.0:
             return self
@@ -91,12 +101,5 @@ class Network(ABC, nn.Module):
         return other
 
     def sensitivities(self, x: Float[Tensor, "*batch inputs"]) -> Float[Tensor, "*batch k 3"]:
-        """What one standard deviation of each independent combination of coefficients adds to the forces.
-
-        Args:
-            x: Scaled inputs.
-
-        Returns:
-            Scaled forces, one row a combination; no row where the uncertainty of the fit is not known.
-        """
+        """Forces by one standard deviation of each independent combination of coefficients; no row where unknown."""
         return x[..., None, :][..., :0, :3]

@@ -47,24 +47,6 @@ class PrimeSystem:
         return linear, linear, linear / self.length
 
 
-def length_draught_system(length: float, draught: float, speed: float, rho: float = SEA_WATER) -> PrimeSystem:
-    """The (rho, L, T, U0) system: forces over ``0.5 rho L T U0^2``, moments over ``0.5 rho L^2 T U0^2``.
-
-    Args:
-        length: Length between perpendiculars L [m].
-        draught: Draught T [m].
-        speed: Approach speed U0 [m/s].
-        rho: Density of the water [kg/m^3].
-
-    Returns:
-        The system.
-
-    Source:
-        Wang 1996, eqs 4.24-4.29.
-    """
-    return PrimeSystem("rho, L, T, U0", length, speed, 0.5 * rho * length**2 * draught)
-
-
 def length_system(length: float, speed: float, rho: float = SEA_WATER) -> PrimeSystem:
     """The (rho, L, U) system of SNAME 1950: forces over ``0.5 rho L^2 U^2``, moments over ``0.5 rho L^3 U^2``.
 

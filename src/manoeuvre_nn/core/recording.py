@@ -90,27 +90,13 @@ class Recording:
         return float(self.time[-1] - self.time[0])
 
     def filled(self, channel: str) -> Float[np.ndarray, " n"]:
-        """A channel with its gaps filled by straight lines, and its first and last value held before and after.
-
-        Args:
-            channel: Its name; it has at least one sample.
-
-        Returns:
-            Samples in SI and radians, shape (n,).
-        """
+        """A channel with its gaps filled by straight lines, and its first and last value held before and after."""
         values = self[channel]
         good = np.isfinite(values)
         return np.interp(self.time, self.time[good], values[good])
 
     def stacked(self, *names: str) -> Float[np.ndarray, "n k"]:
-        """Several channels side by side.
-
-        Args:
-            names: Channel names.
-
-        Returns:
-            Samples, one column a channel.
-        """
+        """Several channels side by side, one column each."""
         return np.stack([self[name] for name in names], axis=-1)
 
     def between(self, start: float, end: float) -> "Recording":
@@ -135,14 +121,7 @@ class Recording:
         return replace(self, time=self.time[keep], channels={k: c[keep] for k, c in self.channels.items()})
 
     def rows(self, keep: slice) -> "Recording":
-        """Some of the samples.
-
-        Args:
-            keep: Which; at least two.
-
-        Returns:
-            The recording without the others; times are kept as they are.
-        """
+        """Some of the samples, at least two; times are kept as they are."""
         return replace(self, time=self.time[keep], channels={k: c[keep] for k, c in self.channels.items()})
 
     def resampled(self, times: Float[np.ndarray, " m"]) -> "Recording":
@@ -162,21 +141,10 @@ class Recording:
         return replace(self, time=times, channels={k: np.interp(times, self.time, c) for k, c in self.channels.items()})
 
     def with_channels(self, **channels: Float[np.ndarray, " n"]) -> "Recording":
-        """The same recording with channels added or replaced.
-
-        Args:
-            channels: Name = samples (n,).
-
-        Returns:
-            A new recording.
-        """
+        """The same recording with channels of shape (n,) added or replaced."""
         return replace(self, channels={**self.channels, **channels})
 
     def to_csv(self, path: Path) -> None:
-        """Write time and all channels, SI and radians, unit in the heading.
-
-        Args:
-            path: File to write.
-        """
+        """Write time and all channels, SI and radians, unit in the heading."""
         named = {f"{k} [{UNITS.get(k, '-')}]": c for k, c in {"t": self.time, **self.channels}.items()}
         pd.DataFrame(named).to_csv(path, index=False, float_format="%.9g")

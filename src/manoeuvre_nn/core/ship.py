@@ -124,6 +124,11 @@ class Particulars:
                 f"{self.block}; expected length > beam > draught and block <= 1"
             )
 
+    @property
+    def particulars(self) -> "Particulars":
+        """Itself: of many ships no more is known, and who wants particulars alone need not ask."""
+        return self
+
     def sized(
         self, values: Sequence[float] | Float[np.ndarray, " k"], powers: Sequence[float]
     ) -> Float[np.ndarray, " k"]:
@@ -142,13 +147,38 @@ class Particulars:
         return np.asarray(values) * share ** np.asarray(powers)
 
     @property
+    def prime(self) -> PrimeSystem:
+        """The (rho, L, T, U0) system: forces over ``0.5 rho L T U0^2``, moments over ``0.5 rho L^2 T U0^2``.
+
+        Source:
+            Wang 1996, eqs 4.24-4.29.
+        """
+        return PrimeSystem("rho, L, T, U0", self.length, self.speed, 0.5 * self.rho * self.length**2 * self.draught)
+
+    @property
     def is_model(self) -> bool:
         """Whether it is a model in a tank or on a pond."""
         return self.length < LONGEST_MODEL
 
     def at_speed(self, speed: float) -> "Particulars":
-        """The same ship on another approach speed [m/s]."""
-        return replace(self, speed=speed, service_speed=self.top_speed)
+        """The same ship on another approach speed; resistance goes with its square.
+
+        Args:
+            speed: Approach speed [m/s].
+
+        Returns:
+            The ship.
+
+        Raises:
+            InputError: If the speed is not positive or more than twice the ship's own (knots taken for m/s).
+        """
+        if not 0 < speed <= 2 * self.speed:
+            raise InputError(
+                f"approach speed {speed / KNOT:.4g} kn; the {self.name} was identified at {self.speed / KNOT:.4g} kn: "
+                f"write manoeuvre.speed_kn between 0 and {2 * self.speed / KNOT:.3g}"
+            )
+        resistance = None if self.resistance is None else self.resistance * (speed / self.speed) ** 2
+        return replace(self, speed=speed, service_speed=self.top_speed, resistance=resistance)
 
     @property
     def top_speed(self) -> float:
@@ -194,8 +224,12 @@ class Ship(ABC, nn.Module):
         particulars: Main dimensions and steering gear.
         prime: The prime system of inertia and forces.
         inertia: M' [-], shape (3, 3), for surge, sway and yaw.
+        depth: Depth of the water that the forces hold for [m]; ``inf`` is deep water.
+        terms: Names of the products, one a row of ``table``; none if the forces are no such series.
     """
 
+    depth: float = inf
+    terms: tuple[str, ...] = ()
     particulars: Particulars
     prime: PrimeSystem
     inertia: Tensor
@@ -204,13 +238,7 @@ class Ship(ABC, nn.Module):
     acceleration_units: Tensor
 
     def __init__(self, particulars: Particulars, prime: PrimeSystem, inertia: Float[Tensor, "3 3"]) -> None:
-        """Store description and inertia.
-
-        Args:
-            particulars: Main dimensions and steering gear.
-            prime: The prime system of inertia and forces.
-            inertia: M' [-].
-        """
+        """Store description and inertia, and what follows from them."""
         super().__init__()
         self.particulars, self.prime = particulars, prime
         self.register_buffer("inertia", inertia)
@@ -219,19 +247,9 @@ class Ship(ABC, nn.Module):
         self.register_buffer("acceleration_units", inertia.new_tensor(prime.acceleration_units))
 
     @property
-    def depth(self) -> float:
-        """Depth of the water that the forces hold for [m]; ``inf`` is deep water."""
-        return inf
-
-    @property
     def table(self) -> Float[Tensor, "terms 3"] | None:
         """Coefficients that :meth:`products` are multiplied by; None if the forces are no such series."""
         return None
-
-    @property
-    def terms(self) -> tuple[str, ...]:
-        """Names of the products, one a row of ``table``."""
-        return ()
 
     def products(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch terms"]:
         """What the coefficients are multiplied by: ``f' = products @ table``.
@@ -243,7 +261,6 @@ class Ship(ABC, nn.Module):
         Raises:
             NotImplementedError: If the forces are no such series.
         """
-        del nu, delta
         raise NotImplementedError
 
     @property
@@ -282,7 +299,6 @@ class Ship(ABC, nn.Module):
         Returns:
             Addition to f' [-].
         """
-        del delta
         u = nu[..., 0]
         surge = (self.thrust(u, shaft) - self.thrust(u, torch.ones_like(u))) / self.prime.force
         return torch.stack([surge, torch.zeros_like(surge), torch.zeros_like(surge)], dim=-1)
@@ -310,7 +326,6 @@ class Ship(ABC, nn.Module):
         Returns:
             Additions to f' and to the diagonal of M' [-]; None where the coefficients hold for deep water alone.
         """
-        del nu, delta, shaft, zeta
         return None
 
     def force(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
@@ -331,51 +346,16 @@ class Ship(ABC, nn.Module):
 
     @abstractmethod
     def on_approach(self, speed: float) -> "Ship":
-        """The ship as it comes into a manoeuvre at another approach speed.
-
-        Args:
-            speed: Approach speed [m/s].
-
-        Returns:
-            A new ship; each family says what is scaled and what is held.
-        """
+        """The ship as it comes into a manoeuvre at another speed [m/s]; each family says what is scaled or held."""
 
     def acceleration(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
         """Accelerations ``nudot = units M'^-1 f'`` by :meth:`force`: udot, vdot [m/s^2], rdot [rad/s^2]."""
-        return self.acceleration_from_force(nu, self.force(nu, delta))
+        return self.acceleration_from_force(self.force(nu, delta))
 
-    def acceleration_from_force(
-        self, nu: Float[Tensor, "*batch 3"], force: Float[Tensor, "*batch 3"]
-    ) -> Float[Tensor, "*batch 3"]:
-        """Accelerations that given right-hand sides cause.
-
-        Args:
-            nu: u, v [m/s], r [rad/s]; some families need the speed for their units.
-            force: f' [-].
-
-        Returns:
-            udot, vdot [m/s^2], rdot [rad/s^2].
-        """
-        del nu
+    def acceleration_from_force(self, force: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
+        """Accelerations udot, vdot [m/s^2], rdot [rad/s^2] that given right-hand sides f' [-] cause."""
         return force @ self.inertia_inverse.T * self.acceleration_units
 
     def force_from_acceleration(self, nudot: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
         """The right-hand sides f' [-] that cause given accelerations [m/s^2, rad/s^2], ``f' = M' nudot'``."""
         return (nudot / self.acceleration_units) @ self.inertia.T
-
-
-def check_speed(ship: Particulars, speed: float) -> None:
-    """Refuse an approach speed that no manoeuvre starts from.
-
-    Args:
-        ship: The ship, for the message.
-        speed: Approach speed [m/s].
-
-    Raises:
-        InputError: If the speed is not positive or more than twice the ship's own (knots taken for m/s).
-    """
-    if not 0 < speed <= 2 * ship.speed:
-        raise InputError(
-            f"approach speed {speed / KNOT:.4g} kn; the {ship.name} was identified at {ship.speed / KNOT:.4g} kn: "
-            f"write manoeuvre.speed_kn between 0 and {2 * ship.speed / KNOT:.3g}"
-        )

@@ -119,7 +119,7 @@ def _sailed(model: IdentifiedShip, group: Sequence[Manoeuvre], interval: float |
         first = vessel.model.start(rows, Inputs(rows[:, 5]))
         run = rollout(vessel, list(group) * count, first, times, step=step)
     states = run.states[..., :6].unflatten(1, (count, len(group))).clone()
-    rudders, ended = run.rudders.unflatten(1, (count, len(group))).clone(), run.ended.view(count, len(group))
+    rudders, ended = run.shown.unflatten(1, (count, len(group))).clone(), run.ended.view(count, len(group))
     for k, (manoeuvre, end) in enumerate(zip(group, ends, strict=True)):
         n = max(int((times <= end + 1e-9).sum()), 2)
         gone = torch.where(ended[:, k] <= end, ended[:, k], torch.inf)

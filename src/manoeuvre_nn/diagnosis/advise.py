@@ -69,7 +69,7 @@ def _grams(
     """Inner products in every run, and the prior spreads of all but the first column."""
     lin = hypothesis_columns(data_set, rival) if rival.effects else None
     spreads = [REFIT_SPREADS * f.spread for f in rival.unknowns() if f.run is None]
-    sd = np.array([COEFFICIENT_SD_LEVELS[best[1]]] * len(data_set.coefficients) + spreads)
+    sd = np.array([COEFFICIENT_SD_LEVELS[best[1]]] * data_set.combinations + spreads)
     return [_shared(data_set, best[0], run, c, lin) for run, c in enumerate(whole)], sd
 
 
@@ -108,7 +108,7 @@ def _shared(
     data_set: WhitenedDataSet, level: int, run: int, whole: Columns, lin: HypothesisColumns | None
 ) -> Float[np.ndarray, "p p"]:
     """Inner products in one run of: A less B, coefficients, numbers of B; those of this run alone integrated out."""
-    here, k = data_set.at(level), len(data_set.coefficients)
+    here, k = data_set.at(level), data_set.combinations
     free = [] if lin is None else [lin.hypothesis.unknowns()[i - 1] for i in lin.index[run][1:]]
     columns = whole
     if lin is not None:

@@ -19,7 +19,7 @@ MIN_GAIN_OF_SECOND = 6.0
 """Least log evidence that a second effect must add, to the best of one and to what raises the alarm."""
 
 
-def threshold(result: SearchResult, seed: int = 0) -> float:
+def threshold(result: SearchResult) -> float:
     """Log Bayes factor that the best of all candidates exceeds by chance with probability ``FALSE_ALARMS``.
 
     Clean recordings of the same ship, manoeuvres, channels and noise are drawn where every candidate is linear: there
@@ -29,7 +29,7 @@ def threshold(result: SearchResult, seed: int = 0) -> float:
     Returns:
         The threshold.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     best = np.full(DRAWS, -np.inf)
     for fitted in result.fitted:
         if len(fitted.names) == 1:

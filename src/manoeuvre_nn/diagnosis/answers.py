@@ -7,13 +7,9 @@ from pathlib import Path
 import pandas as pd
 
 from manoeuvre_nn.diagnosis.result import Cause, Diagnosis
-from manoeuvre_nn.effect.formula import Formula
-from manoeuvre_nn.effect.remainder import Remainder
 
 OTHER_SIGN = frozenset({"offset_deg"})
 """Parameters whose sign goes with the rudder's: positive to port in the cases, to starboard in the package."""
-LEARNT = (Formula.name, Remainder.name)
-"""What stands for physics that has no name: no cause that an answer can give."""
 
 
 def write_answer(d: Diagnosis, folder: Path) -> None:
@@ -38,7 +34,7 @@ def answer(d: Diagnosis) -> dict:
     return {
         "case": d.case,
         "verdict": d.verdict,
-        "effects": [_effect(c) for c in d.causes if c.name not in LEARNT and c.probability >= 1e-4],
+        "effects": [_effect(c) for c in d.causes if c.probability >= 1e-4],
         "model": model,
         "heldout_rmse_before": {k: _number(v) for k, v in d.rmse("before").items()},
         "heldout_rmse_after": {k: _number(v) for k, v in d.rmse("after").items()},

@@ -72,7 +72,7 @@ def _alone(
     here = data_set.at(level)
     both = here.base[run].joined(here.white[run].embed(lin.columns[run]))
     gram = both.dot(both)
-    whole = 2 + len(data_set.coefficients)  # stands behind the data, coefficients and latency
+    whole = 2 + data_set.combinations  # stands behind the data, coefficients and latency
     free = [lin.hypothesis.unknowns()[k - 1] for k in lin.index[run][1:]]
     prior = np.r_[data_set.nuisance_sd(scatter, runs=1), [3 * f.spread for f in free]]
     keep = np.r_[1:whole, whole + 1 : len(gram)]

@@ -114,7 +114,7 @@ def new_runs(data_set: WhitenedDataSet, hypothesis: Hypothesis) -> Iterator[Plan
         n = int(np.sum(times < end - 1e-9))
         if n < 0.5 * len(times):
             continue
-        delta, order = (x[:n, row].numpy() for x in (runs.rudders, runs.orders))
+        delta, order = (x[:n, row].numpy() for x in (runs.shown, runs.orders))
         lead = order_lead(delta, order, interval, ship.rudder_rate)
         track = runs.states[:n, row, :6].numpy()
         inputs = {"delta": delta, "delta_order": order, "order_lead": lead, "shaft": np.full(n, share)}

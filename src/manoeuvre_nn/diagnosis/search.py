@@ -14,7 +14,6 @@ from manoeuvre_nn.diagnosis.workers import shared_out
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood, hypothesis_columns
-from manoeuvre_nn.estimation.pair_screen import PairScreen
 from manoeuvre_nn.estimation.relinearise import MAX_PASSES, STATES_AT_REST, change_of_states, refined
 
 MAX_FIRST_DEFICIT = 30.0
@@ -175,16 +174,16 @@ def _pairs(
     if not leading:
         return
     seen: set[frozenset[str]] = set()
-    screen, screened = PairScreen(likelihood), []
-    turned: dict[str, list[Hypothesis]] = {}
+    screened = []
+    turned = [(second, [second.hypothesis, *_turned(second.hypothesis)]) for second in singles]
     for first in leading[:MAX_BUILT_UPON]:
-        for second in singles:
+        for second, starts in turned:
             names = frozenset((*first.names, *second.names))
             if len(names) < 2 or names in seen or _same_thing(first, second):
                 continue
             seen.add(names)
-            for partner in _restarts(likelihood, first, second, turned):
-                score = screen.evidence(first.hypothesis, partner, *first.best)
+            for partner in _restarts(likelihood, first, starts):
+                score = likelihood.pair_evidence(first.hypothesis, partner, *first.best)
                 screened.append((score, first, first.hypothesis.joined(partner)))
     screened.sort(key=lambda t: -t[0])
     finalists: dict[frozenset[str], tuple[FittedHypothesis, Hypothesis]] = {}
@@ -202,36 +201,26 @@ def _pairs(
         yield found
 
 
-def _restarts(
-    likelihood: MarginalLikelihood,
-    first: FittedHypothesis,
-    second: FittedHypothesis,
-    turned: dict[str, list[Hypothesis]],
-) -> list[Hypothesis]:
+def _restarts(likelihood: MarginalLikelihood, first: FittedHypothesis, starts: list[Hypothesis]) -> list[Hypothesis]:
     """Where a partner may stand beside another effect: as alone, turned, or as an event where that one leaves it."""
-    alone = second.hypothesis
-    effect = alone.effects[0]
-    if effect.name not in turned:
-        turned[effect.name] = [alone, *_turned(alone)]
-    made = turned[effect.name]
+    (effect,) = starts[0].effects
     if not any(p.per_run for p in effect.declared):
-        return made
-    grid = np.stack([h.values[0][0] for h in made])
-    placed = best_windows(likelihood, effect, grid, *first.best, first.hypothesis)
-    return [alone, *(Hypothesis((effect,), (values,)) for values in placed)]
+        return starts
+    grid = np.stack([h.values[0][0] for h in starts])
+    events = best_windows(likelihood, effect, grid, *first.best, first.hypothesis)
+    return [starts[0], *(Hypothesis((effect,), (values,)) for values in events)]
 
 
 def _turned(alone: Hypothesis) -> Iterator[Hypothesis]:
     """An effect with a direction from four sides, its other parameters at their starts."""
-    effect = alone.effects[0]
+    (effect,), values = alone.effects, alone.values[0].copy()
     directions = [j for j, p in enumerate(effect.declared) if p.period]
+    for j, p in enumerate(effect.declared):
+        if not (p.form or p.period or p.per_run or p.random):
+            values[:, j] = p.starts[0]
     for angle in range(0, 360, 90) if directions else ():
-        values = alone.values[0].copy()
-        for j, p in enumerate(effect.declared):
-            if not p.form and not p.period and not p.per_run and not p.random:
-                values[:, j] = p.starts[0]
         values[:, directions[0]] = angle
-        yield Hypothesis((effect,), (values,))
+        yield Hypothesis((effect,), (values.copy(),))
 
 
 def _same_thing(first: FittedHypothesis, second: FittedHypothesis) -> bool:

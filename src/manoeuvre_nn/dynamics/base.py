@@ -85,15 +85,7 @@ class Model(ABC, nn.Module):
 
 
 def rate_of_state(state: Float[Tensor, "*batch n"], nudot: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 6"]:
-    """Rate of the six states of a ship with given accelerations.
-
-    Args:
-        state: u, v, r, x, y, psi, ...
-        nudot: udot, vdot [m/s^2], rdot [rad/s^2].
-
-    Returns:
-        udot, vdot, rdot, xdot, ydot, psidot.
-    """
+    """Rate of the six states of a ship with given accelerations [m/s^2, rad/s^2]."""
     parts = nudot, kinematics(state[..., :6])
     # Variables first in memory: every operation then runs along whole rows of samples.
     return torch.cat([p.movedim(-1, 0) for p in parts]).movedim(0, -1)
@@ -149,12 +141,5 @@ def calm_accelerations(
 
 
 def is_fitted(model: Model) -> bool:
-    """Whether a model comes from recordings and knows what noise these were given.
-
-    Args:
-        model: The model.
-
-    Returns:
-        True for a model with noise of its fit.
-    """
+    """Whether a model comes from recordings and knows what noise these were given."""
     return bool(model.noise.any())

@@ -64,27 +64,13 @@ class Helm:
         return shown, gear.after(self.blade, self.order, shown, tau)
 
     def smooth_time(self, time: Float[Tensor, " rows"]) -> Float[Tensor, " rows"]:
-        """Time from now in which the rudder does one thing: until it arrives or the stage's time is up.
-
-        Args:
-            time: Time now [s].
-
-        Returns:
-            Time [s], positive, ``inf`` if nothing is due.
-        """
+        """Time from now [s] until the rudder arrives or the stage's time is up; ``inf`` if nothing is due."""
         error = (self.order - self.rudder).abs()
         arrival = torch.where(error > 1e-12, error / self.rate, inf)
         return torch.minimum(arrival, self.began + self.now[2] - time)
 
     def beyond(self, psi: Float[Tensor, " rows"]) -> Float[Tensor, " rows"]:
-        """How far the heading is past the limit of the stage.
-
-        Args:
-            psi: Heading [rad].
-
-        Returns:
-            Angle [rad], ``-inf`` where no heading ends the stage.
-        """
+        """How far the heading is past the limit of the stage [rad]; ``-inf`` where no heading ends the stage."""
         return self.direction * (psi - self.now[1])
 
     def advanced(

@@ -30,12 +30,5 @@ def inside_physical_range(state: Float[Tensor, "*batch n"], ship: Particulars) -
 
 
 def left_range(time: float) -> str:
-    """Status of a run that was ended.
-
-    Args:
-        time: When it left the range [s].
-
-    Returns:
-        The status.
-    """
+    """Status of a run that was ended because it left the range at a time [s]."""
     return f"left the physical range at {time:.4g} s"

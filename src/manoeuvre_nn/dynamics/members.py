@@ -31,12 +31,7 @@ class Members(Model):
     """
 
     def __init__(self, model: IdentifiedShip, together: int = 1) -> None:
-        """Take the members of a model's network.
-
-        Args:
-            model: Its network is an ensemble.
-            together: Members whose median moves a row; as many follow each other in the network.
-        """
+        """Take the members of a model's network, which is an ensemble."""
         super().__init__()
         self.model, self.together = model, together
 
@@ -77,43 +72,20 @@ class Members(Model):
 
 
 def has_members(model: Model | Vessel) -> TypeGuard[IdentifiedShip]:
-    """Whether a model is an ensemble.
-
-    Args:
-        model: A model.
-
-    Returns:
-        True for an identified ship whose network has more than one trained member.
-    """
+    """Whether a model is an identified ship whose network has more than one trained member."""
     parts = () if isinstance(model, Vessel) else model.children()
     return any(isinstance(part, Network) and part.answering > 1 for part in parts)
 
 
 def sail_members(model: IdentifiedShip, manoeuvres: Sequence[Manoeuvre]) -> list[list[Recording]]:
-    """Every member through every manoeuvre, in one fixed-step batch.
-
-    Args:
-        model: The ensemble.
-        manoeuvres: What is to be done.
-
-    Returns:
-        Members' runs by manoeuvre.
-    """
+    """Every member through every manoeuvre in one fixed-step batch: members' runs by manoeuvre."""
     members = Members(model)
     runs = roll_out(members, [m for _ in range(members.count) for m in manoeuvres])
     return [runs[k :: len(manoeuvres)] for k in range(len(manoeuvres))]
 
 
 def replay_members(model: IdentifiedShip, recordings: Sequence[Recording]) -> list[list[Recording]]:
-    """Every member along every recording, driven by the recorded rudder.
-
-    Args:
-        model: The ensemble.
-        recordings: What was recorded.
-
-    Returns:
-        Members' runs by recording.
-    """
+    """Every member along every recording, driven by the recorded rudder: members' runs by recording."""
     members = Members(model)
     runs = replay(members, [r for _ in range(members.count) for r in recordings])
     return [runs[k :: len(recordings)] for k in range(len(recordings))]

@@ -14,11 +14,7 @@ class CalmWater(Model):
     """A ship that moves by its own coefficients; what the shaft adds follows the ship's own rule."""
 
     def __init__(self, ship: Ship) -> None:
-        """Wrap a ship.
-
-        Args:
-            ship: The ship.
-        """
+        """Wrap a ship."""
         super().__init__()
         self.ship = ship
 
@@ -33,7 +29,7 @@ class CalmWater(Model):
         nudot = self.ship.acceleration(nu, delta)
         if inputs.shaft is not None:
             extra = self.ship.shaft_force(nu, delta, inputs.shaft)
-            nudot = nudot + self.ship.acceleration_from_force(nu, extra)
+            nudot = nudot + self.ship.acceleration_from_force(extra)
         return rate_of_state(state, nudot)
 
     def on_approach(self, speed: float) -> "CalmWater":
@@ -54,13 +50,7 @@ class IdentifiedShip(Model):
     """
 
     def __init__(self, known: Ship, network: Network, scaling: "Scaling") -> None:
-        """Join the parts.
-
-        Args:
-            known: Known part.
-            network: Scaled inputs (..., 4 or 7) -> scaled outputs (..., 3).
-            scaling: Input and output scaling in the known part's prime system.
-        """
+        """Join the parts."""
         super().__init__()
         self.known, self.network, self.scaling = known, network, scaling
 
@@ -70,15 +60,7 @@ class IdentifiedShip(Model):
         return self.known
 
     def network_inputs(self, state: Float[Tensor, "*batch n"], inputs: Inputs) -> Float[Tensor, "*batch columns"]:
-        """What the network sees: scaled velocities and rudder, then shaft speed and relative wind if one is given.
-
-        Args:
-            state: u, v, r, x, y, psi, ...
-            inputs: Rudder, shaft, wind.
-
-        Returns:
-            Scaled inputs, 4 or 7.
-        """
+        """What the network sees: scaled velocities and rudder (4), and shaft and relative wind (7) if one is given."""
         delta = inputs.delta.expand(state.shape[:-1])
         seen = self.scaling.inputs(torch.cat([state[..., :3] / self.known.velocity_units, delta[..., None]], dim=-1))
         given = {name: value for name, value in inputs.given.items() if name in self.network.takes}
@@ -108,11 +90,11 @@ class IdentifiedShip(Model):
             udot, vdot [m/s^2], rdot [rad/s^2].
         """
         force = self.known.force(nu, inputs.delta) + self.scaling.restore(unknown)
-        nudot = self.known.acceleration_from_force(nu, force)
+        nudot = self.known.acceleration_from_force(force)
         if inputs.shaft is None or "shaft" in self.network.takes:
             return nudot
         extra = self.known.shaft_force(nu, inputs.delta, inputs.shaft)
-        return nudot + self.known.acceleration_from_force(nu, extra)
+        return nudot + self.known.acceleration_from_force(extra)
 
     def forward(self, state: Float[Tensor, "*batch n"], inputs: Inputs) -> Float[Tensor, "*batch 6"]:
         """Rate of the state from the known part and the network."""
@@ -122,7 +104,7 @@ class IdentifiedShip(Model):
     def sensitivities(self, state: Float[Tensor, "*batch n"], inputs: Inputs) -> Float[Tensor, "*batch k 3"]:
         """What the network's coefficients may add, by the covariance of its fit."""
         forces = self.scaling.restore(self.network.sensitivities(self.network_inputs(state, inputs)))
-        return self.known.acceleration_from_force(state[..., None, :3].expand(forces.shape), forces)
+        return self.known.acceleration_from_force(forces)
 
     @property
     def noise(self) -> Float[Tensor, " 6"]:
@@ -162,47 +144,20 @@ class Scaling(nn.Module):
     def __init__(
         self, shift: Float[Tensor, " 4"], scale: Float[Tensor, " 4"], output_scale: Float[Tensor, " 3"]
     ) -> None:
-        """Store the numbers as buffers, so that a checkpoint holds them.
-
-        Args:
-            shift: Offset of the inputs.
-            scale: Scale of the inputs.
-            output_scale: Scale of the outputs.
-        """
+        """Store the numbers as buffers, so that a checkpoint holds them."""
         super().__init__()
         self.register_buffer("shift", shift)
         self.register_buffer("scale", scale)
         self.register_buffer("output_scale", output_scale)
 
     def inputs(self, prime: Float[Tensor, "*batch 4"]) -> Float[Tensor, "*batch 4"]:
-        """What the network sees.
-
-        Args:
-            prime: u', v', r', delta.
-
-        Returns:
-            Scaled inputs.
-        """
+        """What the network sees of u', v', r', delta."""
         return (prime - self.shift) / self.scale
 
     def outputs(self, g: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
-        """What the network is trained on.
-
-        Args:
-            g: g1', g2', g3' [-].
-
-        Returns:
-            Scaled targets.
-        """
+        """What the network is trained on: scaled g'."""
         return g / self.output_scale
 
     def restore(self, outputs: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
-        """From the network's outputs to g'.
-
-        Args:
-            outputs: Scaled outputs.
-
-        Returns:
-            g1', g2', g3' [-].
-        """
+        """Restore g' from the network's outputs."""
         return outputs * self.output_scale

@@ -1,13 +1,15 @@
 """What recordings say of the inputs beside the rudder: shaft speed, wind and the speed of the approach."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import torch
 from jaxtyping import Float
 from scipy.ndimage import uniform_filter1d
+from torch import Tensor
 
-from manoeuvre_nn.core.inputs import InputTable
+from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.network import Network
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
@@ -15,6 +17,31 @@ from manoeuvre_nn.dynamics.base import Model
 
 WIND_WINDOW = 0.5
 """Window over L/U0 that the wind is averaged over."""
+
+
+@dataclass(frozen=True)
+class InputTable:
+    """Recorded inputs of the rows of a batch at even times.
+
+    Attributes:
+        columns: Name of an input of :class:`Inputs` -> its samples, a row each.
+        interval: Time between samples [s].
+        start: Time of the first sample since the start of the recordings [s].
+    """
+
+    columns: Mapping[str, Float[Tensor, "rows times"]]
+    interval: float
+    start: float = 0.0
+
+    def at(self, time: float) -> Inputs:
+        """Inputs of all rows at a time [s]: linear between samples, held before the first and beyond the last."""
+        delta = self.columns["delta"]
+        last = delta.shape[1] - 1
+        place = min(max((time - self.start) / self.interval, 0.0), last)
+        k = max(min(int(place), last - 1), 0)
+        after = min(k + 1, last)
+        now = {name: c[:, k] + (place - k) * (c[:, after] - c[:, k]) for name, c in self.columns.items()}
+        return Inputs(**now, time=torch.full_like(delta[:, 0], time))
 
 
 def held_table(columns: Mapping[str, Sequence[Float[np.ndarray, " _"]]], interval: float, start: float) -> InputTable:

@@ -10,12 +10,12 @@ from jaxtyping import Float
 from torch import Tensor
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.inputs import Inputs, InputTable
+from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.base import Model, runge_kutta_step
 from manoeuvre_nn.dynamics.limits import OK, inside_physical_range, left_range
-from manoeuvre_nn.dynamics.recorded_inputs import held_table, recorded_inputs
+from manoeuvre_nn.dynamics.recorded_inputs import InputTable, held_table, recorded_inputs
 from manoeuvre_nn.dynamics.rollout import STEPS_PER_LENGTH
 from manoeuvre_nn.dynamics.simulate import Solution, to_recordings
 from manoeuvre_nn.dynamics.vessel import RudderGear, Vessel, as_vessel
@@ -60,10 +60,23 @@ def replay(ship: Model | Vessel, recordings: Sequence[Recording], *, start: floa
         blade = blade_series(vessel.gear, order, shown, interval)
         table = InputTable({"delta": blade, **{k: c.to(reference) for k, c in taken.items()}}, interval, start)
         states = integrate(model, model.start(first, table.at(start)), table)
-    return [
-        _prediction(vessel, r, g, states[: len(g), k], recorded[k], shown[k], table.samples(k, len(g)))
-        for k, (g, r) in enumerate(pairs)
-    ]
+        lost = ~inside_physical_range(states, model.particulars)
+    clock = start + interval * torch.arange(len(states), dtype=torch.float64)
+    ended = torch.where(lost.any(0), clock[lost.int().argmax(0)], torch.inf)
+    inputs = Inputs(
+        **{name: c.T for name, c in table.columns.items()}, time=clock[:, None].to(blade).expand_as(blade.T)
+    )
+    orders = [Manoeuvre(r.name, str(r.meta.get("kind", "")), ()) for r in recordings]
+    solution = Solution(clock, states, shown.T, recorded.T, inputs, ended)
+    made = to_recordings(vessel, orders, solution, [float(clock[len(g) - 1]) for g in grids])
+    return [_as_recorded(run, r, g) for run, (g, r) in zip(made, pairs, strict=True)]
+
+
+def _as_recorded(run: Recording, record: Recording, grid: np.ndarray) -> Recording:
+    """A prediction with the recording's times and the recorded rudder: a sensor's fault is in that already."""
+    status = OK if run.status == OK else left_range(float(grid[len(run) - 1]))
+    run = run.with_channels(delta=run["delta_order"])
+    return replace(run, time=grid[: len(run)], status=status, meta=record.meta)
 
 
 def _rudder(gear: RudderGear, times: np.ndarray, record: Recording, like: Tensor) -> tuple[np.ndarray, ...]:
@@ -118,26 +131,3 @@ def integrate(model: Model, first: Float[Tensor, "rows n"], table: InputTable) -
         states.append(runge_kutta_step(rate, states[-1], (now, midway, then), first.new_tensor(step)))
         now = then
     return torch.stack(states[::parts])
-
-
-def _prediction(
-    vessel: Vessel,
-    record: Recording,
-    grid: np.ndarray,
-    states: Tensor,
-    recorded: Tensor,
-    shown: Tensor,
-    inputs: Inputs,
-) -> Recording:
-    """One row as a recording with the recorded rudder, cut where it left the physical range."""
-    inside = inside_physical_range(states, vessel.model.particulars).cpu().numpy()
-    end = len(grid) if inside.all() else max(int(np.argmin(inside)), 2)
-    status = OK if inside.all() else left_range(float(grid[end - 1]))
-    order = Manoeuvre(record.name, str(record.meta.get("kind", "")), ())
-    cut = Inputs(**{name: values[None, :end] for name, values in inputs.given.items()})
-    parts = states[None, :end], shown[None, :end], recorded[None, :end]
-    solution = Solution(grid[:end] - record.time[0], *parts, cut, status)
-    (made,) = to_recordings(vessel, [order], solution)
-    # The rudder was written down before: a sensor's fault is in it already.
-    made = made.with_channels(delta=made["delta_order"])
-    return replace(made, time=grid[:end], meta=record.meta)

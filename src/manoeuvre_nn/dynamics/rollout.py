@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import ceil
 
-import numpy as np
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
@@ -21,35 +20,12 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.dynamics.base import Model, runge_kutta_step
 from manoeuvre_nn.dynamics.helm import Helm, helm_of
-from manoeuvre_nn.dynamics.limits import OK, inside_physical_range, left_range
+from manoeuvre_nn.dynamics.limits import inside_physical_range
 from manoeuvre_nn.dynamics.simulate import Solution, on_approach, sample_times, to_recordings
 from manoeuvre_nn.dynamics.vessel import Vessel, as_vessel
 
 STEPS_PER_LENGTH = 20
 """Default steps in the time L/U0: 1 s for a 150-m ship at 15 kn."""
-ROWS_AT_ONCE = 16
-"""Rows that are turned into recordings at once: enough to share the overhead, few enough to stay in the cache."""
-
-
-@dataclass(frozen=True)
-class Rollout:
-    """Runs of a batch; a row that left the physical range rests in its last good state from then on.
-
-    Attributes:
-        times: Sample times [s].
-        states: u, v, r, x, y, psi and the model's own.
-        rudders: Rudder angle that the indicator shows [rad].
-        blades: Angle of the rudder blade [rad].
-        orders: Rudder order [rad].
-        ended: Time at which a row left the physical range [s]; ``inf`` if it did not.
-    """
-
-    times: Float[Tensor, " times"]
-    states: Float[Tensor, "times rows n"]
-    rudders: Float[Tensor, "times rows"]
-    blades: Float[Tensor, "times rows"]
-    orders: Float[Tensor, "times rows"]
-    ended: Float[Tensor, " rows"]
 
 
 @dataclass(frozen=True)
@@ -84,7 +60,7 @@ def rollout(
     times: Float[Tensor, " times"],
     *,
     step: float | None = None,
-) -> Rollout:
+) -> Solution:
     """Run a batch of manoeuvres in closed loop with fixed Runge-Kutta steps.
 
     Rudder kinks and ends of stages are known times and cut a row's step; heading crossings are found on the cubic
@@ -99,7 +75,7 @@ def rollout(
         step: Largest step [s]; by default 1/20 of L/U0.
 
     Returns:
-        The runs.
+        The runs; a row that left the physical range rests in its last good state from then on.
     """
     vessel = as_vessel(ship)
     particulars = vessel.model.particulars
@@ -119,7 +95,7 @@ def rollout(
     return _read_off(past, times, parts)
 
 
-def _read_off(past: Sequence[_Batch], times: Float[Tensor, " times"], parts: int) -> Rollout:
+def _read_off(past: Sequence[_Batch], times: Float[Tensor, " times"], parts: int) -> Solution:
     """Every row at its samples, from all passes: a sample is where a row first had finished the steps up to it."""
     steps = torch.stack([b.steps for b in past], dim=-1)
     rows, samples = len(steps), parts * torch.arange(len(times), device=steps.device)
@@ -131,7 +107,8 @@ def _read_off(past: Sequence[_Batch], times: Float[Tensor, " times"], parts: int
 
     helms = [b.helm for b in past]
     shown, blades, orders = (pick(v) for v in zip(*((h.rudder, h.blade[:, -1], h.order) for h in helms), strict=True))
-    return Rollout(times, pick([b.state for b in past]), shown, blades, orders, past[-1].ended)
+    inputs = Inputs(blades, time=times[:, None].expand_as(blades))
+    return Solution(times, pick([b.state for b in past]), shown, orders, inputs, past[-1].ended)
 
 
 def _sampled(batch: _Batch, before: _Batch, parts: int, ship: Particulars, last: int) -> _Batch:
@@ -246,26 +223,9 @@ def roll_out(
                 start, Inputs(start[5], time=start[5])
             )  # what an effect keeps from its first use must not be an inference tensor
         with torch.inference_mode():
-            clock = start.new_tensor(max(clocks, key=len))
             amidships = Inputs(vessel.gear.at_rest(start.new_zeros(len(group)))[..., -1])
             starts = vessel.model.start(start[:6].repeat(len(group), 1), amidships)
-            runs = rollout(vessel, group, starts, clock, step=step)
-        for (count, status), rows in _alike(clocks, runs.ended).items():
-            for some in range(0, len(rows), ROWS_AT_ONCE):
-                part = rows[some : some + ROWS_AT_ONCE]
-                made = (x[:count, part].transpose(0, 1) for x in (runs.states, runs.rudders, runs.orders, runs.blades))
-                states, shown, orders, blades = made
-                trials, times = [group[row] for row in part], clocks[part[0]][:count]
-                inputs = Inputs(blades, time=blades.new_tensor(times).expand_as(blades))
-                recordings = to_recordings(vessel, trials, Solution(times, states, shown, orders, inputs, status))
-                done |= {indices[row]: r for row, r in zip(part, recordings, strict=True)}
+            runs = rollout(vessel, group, starts, start.new_tensor(max(clocks, key=len)), step=step)
+        exact = replace(runs, times=torch.as_tensor(max(clocks, key=len)))
+        done |= zip(indices, to_recordings(vessel, group, exact, [float(clock[-1]) for clock in clocks]), strict=True)
     return [done[i] for i in range(len(manoeuvres))]
-
-
-def _alike(times: Sequence[np.ndarray], ended: Float[Tensor, " rows"]) -> dict[tuple[int, str], list[int]]:
-    """Rows by how many samples they have, cut where they left the physical range, and by their status."""
-    rows: dict[tuple[int, str], list[int]] = {}
-    for row, (clock, end) in enumerate(zip(times, ended.tolist(), strict=True)):
-        count = max(int(np.searchsorted(clock, end - 1e-9)), 2)
-        rows.setdefault((count, OK if end > clock[-1] + 1e-9 else left_range(end)), []).append(row)
-    return rows

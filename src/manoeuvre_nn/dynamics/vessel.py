@@ -30,12 +30,7 @@ class Affected(Model):
     """
 
     def __init__(self, calm: Model, effects: Sequence[Effect]) -> None:
-        """Join model and effects.
-
-        Args:
-            calm: The calm-water model.
-            effects: What acts on it.
-        """
+        """Join model and effects."""
         super().__init__()
         self.calm, self.effects = calm, nn.ModuleList(effects)
 
@@ -61,15 +56,7 @@ class Affected(Model):
         return torch.cat([state, *(e.memory_at_start(s) for e in self._effects())], dim=-1)
 
     def situation(self, state: Float[Tensor, "*batch n"], inputs: Inputs) -> Situation:
-        """What the effects see, accelerations being those of calm water.
-
-        Args:
-            state: u, v, r, x, y, psi and the effects' own states.
-            inputs: Rudder, shaft, wind and time.
-
-        Returns:
-            The situation.
-        """
+        """What the effects see, accelerations being those of calm water."""
         return self._seen(state, inputs)[0]
 
     def on_approach(self, speed: float) -> "Affected":
@@ -129,11 +116,7 @@ class RudderGear:
     """
 
     def __init__(self, faults: Sequence[Effect] = ()) -> None:
-        """Say what is wrong with it.
-
-        Args:
-            faults: Effects in the order in which they act; those that do not touch the rudder are passed over.
-        """
+        """Take the faults in the order in which they act; effects that do not touch the rudder are passed over."""
         self._faults = [e for e in faults if type(e).blade is not Effect.blade]
         self._recorders = [e for e in faults if type(e).indicated is not Effect.indicated]
 
@@ -162,27 +145,12 @@ class RudderGear:
         return torch.stack(angles or [shown], dim=-1)
 
     def at_rest(self, delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch k"]:
-        """What :meth:`after` tends to when the helm has stood still for long.
-
-        Args:
-            delta: Order and indicated angle [rad].
-
-        Returns:
-            The angles behind the indicator, one column a fault [rad].
-        """
+        """What :meth:`after` tends to when the helm has stood still for long."""
         before = torch.stack([delta] * max(len(self._faults), 1), dim=-1)
         return self.after(before, delta, delta, torch.full_like(delta, AT_REST_S))
 
     def indicated(self, recorded: Float[Tensor, "*batch n"], time: Float[Tensor, " n"]) -> Float[Tensor, "*batch n"]:
-        """What the rudder indicator showed: every effect's record undone, the last one's first.
-
-        Args:
-            recorded: Recorded rudder angle [rad].
-            time: Sample times since the start of the recording [s].
-
-        Returns:
-            Indicated angle at these times [rad].
-        """
+        """What the rudder indicator showed [rad]: every effect's record undone, the last one's first."""
         for effect in reversed(self._recorders):
             recorded = effect.indicated(recorded, time)
         return recorded
@@ -240,39 +208,18 @@ class Vessel:
         return {"shaft" if name == "shaft_recorded" else name: values for name, values in channels.items()}
 
     def on_approach(self, speed: float) -> "Vessel":
-        """The same vessel coming in at another speed; what effects do follows the ship.
-
-        Args:
-            speed: Approach speed [m/s].
-
-        Returns:
-            A new vessel.
-        """
+        """The same vessel coming in at another speed [m/s]; what effects do follows the ship."""
         calm = self.calm.on_approach(speed)
         return Vessel(calm, [_aboard(e, calm.hull) for e in self.effects])
 
 
 def as_vessel(ship: Model | Vessel) -> Vessel:
-    """A vessel as it is; a model with a sound steering gear and nothing recorded beside its state.
-
-    Args:
-        ship: Either.
-
-    Returns:
-        The vessel.
-    """
+    """A vessel as it is; a model with a sound steering gear and nothing recorded beside its state."""
     return ship if isinstance(ship, Vessel) else Vessel(ship)
 
 
 def in_words(effects: Sequence[Effect]) -> str:
-    """What acts on a ship, with its values.
-
-    Args:
-        effects: What acts, at least one.
-
-    Returns:
-        ``a steady wind (speed=12 m/s, from_deg=90) and ...``; parameters of the formula where they are not the usual.
-    """
+    """``a steady wind (speed=12 m/s, from_deg=90) and ...``; parameters of a formula where they are not the usual."""
     said = []
     for effect in effects:
         pairs = zip(effect.declared, effect.values.tolist(), strict=True)

@@ -20,14 +20,7 @@ RISE = 2.0
 
 
 def direction(name: str) -> Parameter:
-    """A compass direction, tried from every 45 degrees.
-
-    Args:
-        name: Its name, which says whether it is meant from or toward.
-
-    Returns:
-        The parameter.
-    """
+    """A compass direction, tried from every 45 degrees; its name says whether it is meant from or toward."""
     starts = tuple(float(a) for a in range(0, 360, 45))
     return Parameter(name, "deg", 0.0, 360.0, None, 360.0, starts, period=360.0)
 
@@ -48,27 +41,12 @@ def factor(name: str, spread: float, low: float = 0.0, high: float = 3.0) -> Par
 
 
 def instant(name: str, *starts: float) -> Parameter:
-    """A time in a recording.
-
-    Args:
-        name: Its name.
-        starts: Values from which a fit is tried [s].
-
-    Returns:
-        The parameter.
-    """
+    """A time in a recording, and values from which a fit is tried [s]."""
     return Parameter(name, "s", 0.0, 7200.0, None, 600.0, starts, per_run=True)
 
 
 def columns(*parts: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
-    """Components as the last dimension of one tensor.
-
-    Args:
-        parts: Tensors that broadcast against each other.
-
-    Returns:
-        Their broadcast values, one column each.
-    """
+    """Components, broadcast against each other, as the last dimension of one tensor."""
     return torch.stack(torch.broadcast_tensors(*parts), dim=-1)
 
 
@@ -95,71 +73,31 @@ def typical(ship: Ship, rate: Callable[[Tensor, Tensor], Tensor] | None = None) 
 
 
 def in_tight_turns(ship: Ship, s: Situation) -> dict[str, Tensor]:
-    """Speeds, yaw rate and rudder angle in units of what they are in a tight turn.
-
-    Args:
-        ship: The ship.
-        s: The situation.
-
-    Returns:
-        u, v, r, d -> numbers of about one.
-    """
+    """u, v, r, d -> speeds, yaw rate and rudder angle in units of what they are in a tight turn."""
     p = ship.particulars
     z = {"u": s.u / p.speed - 1, "v": s.v / p.speed, "r": s.r * p.length / p.speed, "d": s.delta}
     return {letter: value / TIGHT_TURN[letter] for letter, value in z.items()}
 
 
 def onset(time: Float[Tensor, "..."], start: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
-    """A smooth step from 0 to 1 within about ``RISE``.
-
-    Args:
-        time: Times [s].
-        start: When the step is half way [s].
-
-    Returns:
-        Share of the event [-].
-    """
+    """A smooth step from 0 to 1 within about ``RISE``, half way at ``start`` [s]."""
     return torch.sigmoid(4.0 * (time - start) / RISE)
 
 
 def during(time: Float[Tensor, "..."], start: Float[Tensor, "..."], end: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
-    """A smooth gate that is open in an interval.
-
-    Args:
-        time: Times [s].
-        start: When it opens [s].
-        end: When it closes [s].
-
-    Returns:
-        Opening from 0 to 1 [-].
-    """
+    """A smooth gate, 1 between two times [s] and 0 outside."""
     return onset(time, start) * onset(-time, -end)
 
 
 def compass(degrees: Float[Tensor, "..."]) -> tuple[Float[Tensor, "..."], Float[Tensor, "..."]]:
-    """North and east components of a unit vector.
-
-    Args:
-        degrees: Direction [deg].
-
-    Returns:
-        Cosine and sine.
-    """
+    """North and east components of a unit vector in a direction [deg]."""
     angle = degrees * (pi / 180.0)
     return torch.cos(angle), torch.sin(angle)
 
 
 def rudder_part(ship: Ship, s: Situation) -> Float[Tensor, "*batch 3"]:
-    """What the rudder contributes to the accelerations: those with it less those with it amidships.
-
-    Args:
-        ship: The ship.
-        s: The situation.
-
-    Returns:
-        udot, vdot [m/s^2], rdot [rad/s^2].
-    """
+    """What the rudder contributes to the accelerations: those with it less those with it amidships."""
     middle = torch.zeros_like(s.delta)
     force = ship.force(s.nu, s.delta) - ship.force(s.nu, middle)
     force = force + ship.shaft_force(s.nu, s.delta, s.shaft) - ship.shaft_force(s.nu, middle, s.shaft)
-    return ship.acceleration_from_force(s.nu, force)
+    return ship.acceleration_from_force(force)

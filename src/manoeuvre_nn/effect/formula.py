@@ -83,11 +83,7 @@ RECEIVER = {"north": ("x", "vn"), "east": ("y", "ve")}
 
 
 def library() -> tuple[str, ...]:
-    """All terms that a formula is made of.
-
-    Returns:
-        ``X r^2``, ``N r|r| cos 2psi``, ``rudder to port``, ...
-    """
+    """All terms that a formula is made of: ``X r^2``, ``N r|r| cos 2psi``, ``rudder to port``, ..."""
     turning = (f"{motion} {heading}" for motion, heading in product(TURNING, HEADINGS))
     shapes = [*MOTIONS, *turning]
     forces = (f"{equation} {shape}" for equation in "XYN" for shape in shapes)
@@ -96,14 +92,7 @@ def library() -> tuple[str, ...]:
 
 
 def is_ordinary(term: str) -> bool:
-    """Whether a term is one that a calm-water model may have: a function of the motion, alike to both sides.
-
-    Args:
-        term: One of :func:`library`.
-
-    Returns:
-        Even terms of X, odd ones of Y and N.
-    """
+    """Whether a calm-water model may have the term, alike to both sides: even terms of X, odd ones of Y and N."""
     equation, _, shape = term.partition(" ")
     odd = shape in ("v", "r", "d", "v|v|", "r|r|", "r^3", "v|r|", "u v", "u r")
     even = shape in MOTIONS and not odd
@@ -111,14 +100,7 @@ def is_ordinary(term: str) -> bool:
 
 
 def place_of(term: str) -> str:
-    """Where a term acts.
-
-    Args:
-        term: One of :func:`library`.
-
-    Returns:
-        X, Y, N, actuator:rudder or sensor:<channel>.
-    """
+    """Where a term acts: X, Y, N, actuator:rudder or sensor:<channel>."""
     kind, channel, *_ = term.split(" ")
     written = {"north": "x_north", "east": "y_east"}.get(channel, channel)
     return {"rudder": "actuator:rudder", "sensor": f"sensor:{written}"}.get(kind, kind)
@@ -191,15 +173,7 @@ class Formula(Effect):
         return written
 
     def unit_of(self, term: str, s: Situation) -> tuple[Float[Tensor, "*batch 3"], dict[str, Tensor]]:
-        """What a small weight of a term adds, over the weight.
-
-        Args:
-            term: One of :func:`library`.
-            s: The situation.
-
-        Returns:
-            Accelerations, and the errors of channels.
-        """
+        """What a small weight of a term adds, over the weight: accelerations, and errors of channels."""
         if term.startswith(SENSOR):
             return torch.zeros_like(s.nu), self._errors(term, s)
         if term.startswith(RUDDER):

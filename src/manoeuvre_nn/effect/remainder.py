@@ -51,12 +51,7 @@ class Remainder(Effect):
     declared: ClassVar[tuple[Parameter, ...]] = _declared()
 
     def __init__(self, ship: Ship, **values: float) -> None:
-        """Take weights; those not given are the starts, which add nothing.
-
-        Args:
-            ship: The ship that it acts on.
-            values: Weight = value [-].
-        """
+        """Take weights; those not given are the starts, which add nothing."""
         super().__init__(ship, **values)
         self.register_buffer("size", typical(ship))
 

@@ -32,9 +32,7 @@ class RollCoupling(Effect):
 
     def acceleration(self, s: Situation, memory: Float[Tensor, "*own 2"]) -> Float[Tensor, "*batch 3"]:
         """Accelerations by the moment of the heel."""
-        p = self.ship.particulars
-        unit = 0.5 * p.rho * p.length**2 * p.draught * p.speed**2
-        yaw = self.value("N_phi") * unit * memory[..., 0] + 0.0 * s.u
+        yaw = self.value("N_phi") * self.ship.particulars.prime.moment * memory[..., 0] + 0.0 * s.u
         return self.ship.acceleration_from_si(torch.stack([0 * yaw, 0 * yaw, yaw], dim=-1))
 
     def memory_rate(self, s: Situation, memory: Float[Tensor, "*own 2"]) -> Float[Tensor, "*batch 2"]:

@@ -72,12 +72,7 @@ class RudderSlow(_RudderEffect):
     declared: ClassVar[tuple[Parameter, ...]] = (Parameter("rate_deg_s", "deg/s", 0.1, 10.0, 2.5, 1.5, (1.2,)),)
 
     def __init__(self, ship: Ship, **values: float) -> None:
-        """Take the nominal rate, at which nothing is wrong, from the ship.
-
-        Args:
-            ship: The ship that it acts on.
-            values: Parameter = value in its unit.
-        """
+        """Take the nominal rate, at which nothing is wrong, from the ship."""
         nominal = ship.particulars.rudder_rate / DEGREE
         rate = Parameter("rate_deg_s", "deg/s", 0.05 * nominal, nominal, nominal, 0.6 * nominal, (0.5 * nominal,))
         self.declared = (rate,)  # type: ignore[misc] # the null is the ship's

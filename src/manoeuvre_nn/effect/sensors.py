@@ -14,15 +14,7 @@ EARTH = 465.1
 
 
 def add(channels: Mapping[str, Tensor], **errors: Tensor) -> dict[str, Tensor]:
-    """Channels with errors added; errors of channels that are not recorded are dropped.
-
-    Args:
-        channels: What is written.
-        errors: Channel = error in its unit.
-
-    Returns:
-        All channels.
-    """
+    """Channels with errors added, in their units; errors of channels that are not recorded are dropped."""
     return {name: value + errors[name] if name in errors else value for name, value in channels.items()}
 
 
@@ -99,7 +91,7 @@ class LogScale(_Sensor):
     label = "a scale error of the speed log"
     equations = ("sensor:u_log",)
     fingerprint = "The log is off by a share of the speed on every heading, with and against any current."
-    source = "u_m = (1 + k) u"
+    source = "u_m = factor u"
     declared = (Parameter("factor", "-", 0.7, 1.3, 1.0, 0.08, (1.05, 0.95)),)
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:

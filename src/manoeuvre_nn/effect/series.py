@@ -98,12 +98,7 @@ class HullEffect(Effect):
     equations: ClassVar[tuple[str, ...]] = ("X", "Y", "N")
 
     def __init__(self, ship: Ship, **values: float) -> None:
-        """Sort the ship's terms.
-
-        Args:
-            ship: The ship that it acts on; its forces must be a series.
-            values: Parameter = value in its unit.
-        """
+        """Sort the ship's terms: its forces must be a series."""
         super().__init__(ship, **values)
         self._sorted = [_SortedSeries(ship, self.name)]
 
@@ -116,14 +111,7 @@ class HullEffect(Effect):
 
     @abstractmethod
     def change(self, s: Situation) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*rows 3"]]:
-        """What changes.
-
-        Args:
-            s: The situation.
-
-        Returns:
-            df' [-] and the diagonal of dM' [-].
-        """
+        """What changes in a situation: df' [-] and the diagonal of dM' [-]."""
 
     def acceleration(self, s: Situation, memory: Float[Tensor, "*own m"]) -> Float[Tensor, "*batch 3"]:
         """What the changed hull adds."""

@@ -40,19 +40,13 @@ def birge_ratio(problem: EstimationProblem, found: Estimate, stretch: float = ST
     Source:
         Birge 1932 (Phys. Rev. 40:207); for groups of samples White 1982.
     """
-    parts, states, samples, steps = [], [], [], []
-    runs = zip(problem.recordings, found.states, found.sample_weights, found.step_weights, strict=True)
-    for recording, state, weight, innovation in runs:
-        for piece in _pieces(recording, stretch):
-            parts.append(recording.rows(piece))
-            states.append(state[piece])
-            samples.append(weight[piece])
-            steps.append(innovation[piece.start : piece.stop - 1])
     count, scale = problem.shared, problem.spread
-    cut = replace(problem, recordings=parts, faults=())
+    parts = [(k, piece) for k, run in enumerate(problem.recordings) for piece in _pieces(run, stretch)]
+    cut = replace(problem, recordings=[problem.recordings[k].rows(piece) for k, piece in parts], faults=())
     now = replace(
-        found, states=tuple(states), sample_weights=tuple(samples), step_weights=tuple(steps),
-        values=found.values[:count],
+        found, values=found.values[:count], states=tuple(found.states[k][piece] for k, piece in parts),
+        sample_weights=tuple(found.sample_weights[k][piece] for k, piece in parts),
+        step_weights=tuple(found.step_weights[k][piece.start : piece.stop - 1] for k, piece in parts),
     )  # fmt: skip
     covariance = found.covariance[:count, :count] / scale[:, None] / scale
     missed, allowed = 0.0, 0.0

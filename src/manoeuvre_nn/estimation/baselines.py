@@ -54,18 +54,13 @@ class FittedProducts(Ship):
             coefficients: One row a product, in units of the ship's speed and length and of this mass.
         """
         super().__init__(ship.particulars, replace(ship.prime, mass=mass), inertia)
-        self._ship = ship
+        self._ship, self.terms = ship, ship.terms
         self.register_buffer("coefficients", coefficients)
 
     @property
     def table(self) -> Float[Tensor, "terms 3"]:
         """The learnt coefficients."""
         return self.get_buffer("coefficients")
-
-    @property
-    def terms(self) -> tuple[str, ...]:
-        """The ship's products."""
-        return self._ship.terms
 
     def products(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch terms"]:
         """The ship's products.
@@ -117,9 +112,9 @@ def own_part(ship: Ship | Particulars) -> FittedProducts:
         InputError: If the ship's force is no sum of products.
     """
     if isinstance(ship, Particulars) or ship.table is None:
-        name = ship.name if isinstance(ship, Particulars) else ship.particulars.name
         raise InputError(
-            f"linear=own: the forces of the {name} are no sum of known products; write linear=clarke or none"
+            f"linear=own: the forces of the {ship.particulars.name} are no sum of known products; write "
+            "linear=clarke or none"
         )
     return FittedProducts(ship, ship.inertia, ship.prime.mass, torch.zeros_like(ship.table))
 
@@ -207,7 +202,7 @@ def _with_true_terms(ship: Ship, known: Ship, tuples: Tuples) -> tuple[FittedPro
     with torch.no_grad():
         nu, delta = tuples.inputs[:, :3] * known.velocity_units, tuples.inputs[:, 3]
         whole = tuples.targets + known.force(nu, delta)
-        nudot = known.acceleration_from_force(nu, whole)
+        nudot = known.acceleration_from_force(whole)
         targets = ((nudot / ship.acceleration_units) @ known.inertia.T).double().numpy()
         products = ship.products(nu, delta).double().numpy()
     pattern = _pattern(ship, known)

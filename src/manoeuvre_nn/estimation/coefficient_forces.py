@@ -79,7 +79,7 @@ def series_forces(model: IdentifiedShip) -> CoefficientForces:
     with torch.no_grad():
         if known.force(nudge, nudge[:, 0] * 0 + 0.1).abs().max() > 0:
             raise InputError("fit=closed_loop estimates all forces: write linear=clarke_inertia (or none)")
-        push = known.acceleration_from_force(nudge.expand(3, 3), torch.diag(model.scaling.output_scale))
+        push = known.acceleration_from_force(torch.diag(model.scaling.output_scale))
 
     def products(state: State, inputs: Inputs) -> Float[Tensor, "n k"]:
         ahead, aside = earth_to_body(inputs["wind_north"], inputs["wind_east"], state[:, 5])
@@ -111,7 +111,7 @@ def own_forces(ship: Ship) -> CoefficientForces:
     outputs, product = ship.table.T.nonzero().numpy().T
     p, tanker = ship.particulars, isinstance(ship, TankerShip)
     written = ship.terms if tanker else [" ".join(t).replace("u", "a") or "1" for t in ship.terms]
-    push = ship.acceleration_from_force(ship.velocity_units.expand(3, 3), torch.eye(3).to(ship.inertia))
+    push = ship.acceleration_from_force(torch.eye(3).to(ship.inertia))
     scale = torch.tensor([p.speed, p.speed, p.speed / p.length], dtype=torch.float64)
 
     def products(state: State, inputs: Inputs) -> Float[Tensor, "n k"]:

@@ -119,7 +119,7 @@ class Corrections:
         else:
             table = torch.zeros_like(self._table)
             table[self._at[0], self._at[1]] = self._table[self._at[0], self._at[1]] * shares[:first]
-            changed = hull.acceleration_from_force(nu, hull.products(nu, delta) @ table)
+            changed = hull.acceleration_from_force(hull.products(nu, delta) @ table)
         missing = self._terms(nu, delta) @ (self._weights * shares[first:last, None])
         return changed + missing - acceleration * shares[last:]
 
@@ -143,7 +143,7 @@ class Corrections:
             calm = hull.force_from_acceleration(self._rate(nu, torch.zeros_like(delta), shaft))
             rudder = hull.force_from_acceleration(acceleration) - calm
             forces = torch.cat([part[..., None, :] * unity for part in (calm, rudder)], dim=-2)
-        return hull.acceleration_from_force(nu[..., None, :].expand(forces.shape), forces)
+        return hull.acceleration_from_force(forces)
 
     def _terms(self, nu: Tensor, delta: Tensor) -> Tensor:
         """Products of factors of the terms that the model lacks."""

@@ -69,27 +69,22 @@ class WhitenedDataSet:
     Attributes:
         dynamics: Calm-water model.
         runs: The runs.
-        coefficients: Names of the combinations of coefficients that the runs can show.
-        rotation: The combinations, one a column: coefficients' errors are ``rotation @`` those of the combinations.
+        combinations: How many combinations of coefficients the runs can show.
+        rotation: These combinations, one a column: coefficients' errors are ``rotation @`` those of the combinations.
         levels: Level of the process noise in surge and in sway and yaw, one row a grid point.
     """
 
     def __init__(self, dynamics: Model, runs: Sequence[PreparedRun]) -> None:
         """Take the runs."""
         self.dynamics, self.runs = dynamics, list(runs)
-        self.rotation = np.eye(self.runs[0].base.count - 2)  # of the base, data and latency are none
-        self.coefficients = [""] * len(self.rotation)
         self.unit = typical(dynamics)
         self.levels = np.array(list(product(PROCESS_LEVELS, PROCESS_LEVELS)))
         self._at: dict[int, _Level] = {}
-        self._turn()
-
-    def _turn(self) -> None:
-        """Keep the combinations of coefficients that the runs can show; the prior is the same in all directions."""
-        k = len(self.coefficients)
+        # Keep the combinations of coefficients that the runs can show; the prior is the same in all directions.
+        self.combinations = k = self.runs[0].base.count - 2  # of the base, data and latency are none
         values, vectors = np.linalg.eigh(self._made(0).base_gram[1 : 1 + k, 1 : 1 + k])
         self.rotation = vectors[:, values * COEFFICIENT_SD_LEVELS[-1] ** 2 > MIN_SIGNAL_TO_NOISE]
-        self.coefficients = [f"combination {n + 1}" for n in range(self.rotation.shape[1])]
+        self.combinations = self.rotation.shape[1]
         self.runs = [replace(p, base=_turned(p.base, self.rotation)) for p in self.runs]
 
     def at(self, level: int) -> "_Level":
@@ -117,16 +112,16 @@ class WhitenedDataSet:
     @property
     def size(self) -> int:
         """Number of base columns: data, coefficients, one latency a run."""
-        return 1 + len(self.coefficients) + len(self.runs)
+        return 1 + self.combinations + len(self.runs)
 
     def nuisance_sd(self, scatter: int, runs: int) -> Float[np.ndarray, " k"]:
         """Prior standard deviations of the coefficients at a level of theirs, and of the latencies of so many runs."""
-        return np.r_[np.full(len(self.coefficients), COEFFICIENT_SD_LEVELS[scatter]), np.full(runs, LATENCY_SD)]
+        return np.r_[np.full(self.combinations, COEFFICIENT_SD_LEVELS[scatter]), np.full(runs, LATENCY_SD)]
 
     def base_index(self, run: int) -> Int[np.ndarray, " k"]:
         """Where a run's base columns stand among those of all runs."""
-        shared = np.arange(1 + len(self.coefficients))
-        return np.append(shared, 1 + len(self.coefficients) + run)
+        shared = np.arange(1 + self.combinations)
+        return np.append(shared, 1 + self.combinations + run)
 
     def gram(
         self, level: int, extra: Sequence[Embedded], index: Sequence[Int[np.ndarray, " k"]], count: int
@@ -169,8 +164,8 @@ class WhitenedDataSet:
         Returns:
             The posterior.
         """
-        prior = np.r_[np.ones(len(self.coefficients)), np.full(len(self.runs), LATENCY_SD), np.array(numbers)]
-        return posterior(gram, norm, prior, data, COEFFICIENT_SD_LEVELS, len(self.coefficients))
+        prior = np.r_[np.ones(self.combinations), np.full(len(self.runs), LATENCY_SD), np.array(numbers)]
+        return posterior(gram, norm, prior, data, COEFFICIENT_SD_LEVELS, self.combinations)
 
 
 def _turned(base: Columns, rotation: Float[np.ndarray, "k kept"]) -> Columns:

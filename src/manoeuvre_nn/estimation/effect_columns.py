@@ -38,14 +38,12 @@ def contribution(
     with torch.no_grad():
         acting = effect.at(s.nu.new_tensor(values)[:, None, :])
         rows, n = len(values), len(linearised.run)
-        acceleration = s.nu.new_zeros(rows, n, 3)
+        here, acceleration = s, s.nu.new_zeros(rows, n, 3)
         if blade is None:
             (blade,) = blades(effect, [values], [linearised.run])
         if blade is not None:
             here = s.with_(delta=blade)
             acceleration = acceleration + rate(s.nu.expand(rows, n, 3), blade, s.shaft) - s.nudot
-        else:
-            here = s
         memory = _memory(acting, s, rows, linearised.run.step)
         shaft = acting.shaft(here, memory)
         if type(effect).shaft is not Effect.shaft and bool((s.shaft == 1).all()):
@@ -202,12 +200,8 @@ def _recorded(acting: Effect, linearised: LinearisedRun, s: Situation, rows: int
 
 def perfect(s: Situation) -> dict[str, Tensor]:
     """What perfect sensors write in still water."""
-    cos, sin = torch.cos(s.psi), torch.sin(s.psi)
-    vn, ve = s.u * cos - s.v * sin, s.u * sin + s.v * cos
-    return {
-        "x": s.x, "y": s.y, "vn": vn, "ve": ve, "psi": s.psi, "r": s.r, "u_log": s.u,
-        "delta": s.delta, "shaft_recorded": torch.ones_like(s.u),
-    }  # fmt: skip
+    state = torch.stack([*s.nu.unbind(-1), s.x, s.y, s.psi], dim=-1)
+    return dict(zip(MEASURED, torch.tensor(shown(state.numpy())).unbind(-1), strict=True)) | {"delta": s.delta}
 
 
 def coefficient_columns(dynamics: Model, linearised: LinearisedRun) -> Columns:

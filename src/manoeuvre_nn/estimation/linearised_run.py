@@ -17,7 +17,7 @@ from torch import Tensor
 from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.core.effect import Situation
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.dynamics.base import Model, calm_accelerations
+from manoeuvre_nn.dynamics.base import Model, calm_accelerations, runge_kutta_step
 from manoeuvre_nn.estimation.linear_run import Columns, IntegratedRun, RunEquations
 from manoeuvre_nn.estimation.process_noise import ProcessNoise
 from manoeuvre_nn.recording.preparation import measured
@@ -171,7 +171,7 @@ def linearise(run: Recording, rate: Rate, track: Float[np.ndarray, "n 6"], proce
 def _step(rate: Rate, state: Tensor, delta: Tensor, shaft: Tensor, h: float, decay: float) -> Tensor:
     """One Runge-Kutta step from every sample to the next at once, rudder and shaft linear in between."""
     start, end = delta[:-1], delta[1:]
-    middle, turns = 0.5 * (start + end), 0.5 * (shaft[:-1] + shaft[1:])
+    turns = 0.5 * (shaft[:-1] + shaft[1:])
 
     def f(s: Tensor, rudder: Tensor) -> Tensor:
         u, v, r, psi = s[..., 0], s[..., 1], s[..., 2], s[..., 5]
@@ -179,11 +179,7 @@ def _step(rate: Rate, state: Tensor, delta: Tensor, shaft: Tensor, h: float, dec
         motion = torch.stack([u * cos - v * sin, u * sin + v * cos, r], dim=-1)
         return torch.cat([rate(s[..., :3], rudder, turns) + s[..., 6:], motion, torch.zeros_like(motion)], dim=-1)
 
-    k1 = f(state, start)
-    k2 = f(state + 0.5 * h * k1, middle)
-    k3 = f(state + 0.5 * h * k2, middle)
-    k4 = f(state + h * k3, end)
-    new = state + h / 6 * (k1 + 2 * (k2 + k3) + k4)
+    new = runge_kutta_step(f, state, (start, 0.5 * (start + end), end), state.new_tensor(h))
     return torch.cat([new[..., :6], decay * state[..., 6:]], dim=-1)
 
 

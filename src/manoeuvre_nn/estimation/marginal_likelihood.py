@@ -8,6 +8,7 @@ noise and of the coefficients' standard deviation are summed over a grid with a 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import sqrt
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -19,7 +20,7 @@ from manoeuvre_nn.estimation.corrections import USUAL_SCATTER
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, PROCESS_LEVELS, WhitenedDataSet
 from manoeuvre_nn.estimation.effect_columns import blades, contribution
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis, Unknown
-from manoeuvre_nn.estimation.linear_run import Columns, joined
+from manoeuvre_nn.estimation.linear_run import Columns, Embedded, joined
 from manoeuvre_nn.estimation.posterior import Posterior
 
 PROCESS_PRIOR = 0.03
@@ -95,6 +96,15 @@ def _summed_up(effects: Sequence[Columns]) -> Columns:
     return joined([whole.combined(first), whole[first == 0]])
 
 
+class _Piece(NamedTuple):
+    """A hypothesis at one force level: whitened columns of every run, and their inner products, runs summed."""
+
+    lin: HypothesisColumns
+    columns: list[Embedded]
+    cross: Float[np.ndarray, "base k"]
+    own: Float[np.ndarray, "k k"]
+
+
 class MarginalLikelihood:
     """Fits hypotheses to whitened runs and says how probable they make the data.
 
@@ -107,6 +117,7 @@ class MarginalLikelihood:
         """Take the runs."""
         self.data_set = data_set
         self.start_level = 2 * (len(PROCESS_LEVELS) + 1)
+        self._pieces: dict[tuple[int, int], _Piece] = {}
 
     def posterior(self, lin: HypothesisColumns | None, level: int) -> Posterior:
         """What the runs say about a hypothesis' values: means are those of the unknowns' change.
@@ -148,6 +159,29 @@ class MarginalLikelihood:
             at += 1 + len(unknowns)
         keep = [0, *wholes, *range(1, size), *numbers]
         return self.data_set.posterior(gram[np.ix_(keep, keep)], norm, data[keep], spreads)
+
+    def pair_evidence(self, first: Hypothesis, second: Hypothesis, level: int, scatter: int) -> float:
+        """Log evidence of two hypotheses together after a linear step of all their numbers."""
+        a, b, base = self._piece(first, level), self._piece(second, level), self.data_set.at(level)
+        between = np.zeros((len(a.own), len(b.own)))
+        for mine, at, other, to in zip(a.columns, a.lin.index, b.columns, b.lin.index, strict=True):
+            between[np.ix_(at, to)] += mine.dot(other)
+        gram = np.block([
+            [base.base_gram, a.cross, b.cross],
+            [a.cross.T, a.own, between],
+            [b.cross.T, between.T, b.own],
+        ])
+        return float(self.regress(gram, base.norm, first, second).evidence[scatter])
+
+    def _piece(self, hypothesis: Hypothesis, level: int) -> _Piece:
+        """A hypothesis at a force level: whitened once, not once a pair, if it is asked for as the same object."""
+        key = (id(hypothesis), level)
+        if key not in self._pieces:
+            lin, size = hypothesis_columns(self.data_set, hypothesis), self.data_set.size
+            columns = self.data_set.embedded(level, lin.columns)
+            gram = self.data_set.gram(level, columns, lin.index, lin.count)
+            self._pieces[key] = _Piece(lin, columns, gram[:size, size:], gram[size:, size:])
+        return self._pieces[key]
 
     def improve(self, hypothesis: Hypothesis, level: int, scatter: int, rounds: int = 5) -> tuple[Hypothesis, float]:
         """Gauss-Newton steps at one noise level.

@@ -12,6 +12,7 @@ from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.estimation.linear_run import Columns, joined
 from manoeuvre_nn.estimation.linearised_run import SIZE, LinearisedRun, NoiseLevels, Rate, integrated, linearise
 from manoeuvre_nn.estimation.measurement_noise import MIN_SAMPLES, measured_noise
+from manoeuvre_nn.estimation.posterior import posterior
 from manoeuvre_nn.recording.preparation import measured, without_samples
 
 KINEMATIC_ERROR_SD = np.array([1.0, 1.0, 0.03, 0.08, 1e-3, 4.0, 4.0])
@@ -77,8 +78,7 @@ def smooth(
         columns = joined([linearised.data, _kinematic_errors(linearised)])
         embedded = solved.embed(columns)
         g = embedded.dot(embedded)
-        values = np.linalg.solve(g[1:, 1:] + np.diag(error_sd**-2), g[1:, 0])
-        left = np.append(1.0, -values)
+        left = np.append(1.0, -posterior(g, 0.0, error_sd, np.eye(len(g))[0]).mean())
         states = solved.states(embedded.combined(left))[..., 0]
         residual = columns.measured @ left - np.einsum("kci,ki->kc", linearised.observed, states)
         sigma, weights = measured_noise(residual**2, linearised.present, sigma, least, "cut")

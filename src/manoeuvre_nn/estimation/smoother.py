@@ -99,14 +99,15 @@ def sensors_in_words(recordings: Sequence[Recording]) -> str:
     Returns:
         A sentence, with a blank before it; empty where nothing was asked for.
     """
-    told = []
-    for run in recordings:
-        told += [f"{run.name} {k} {v:.2g} s ({e:.1g})" for k, (v, e) in run.meta.get("delays", {}).items()]
-    late = f" Sensors are late by: {', '.join(told)}." if told else ""
-    told = []
-    for run in recordings:
-        told += [f"{run.name} {k} {v:.2g} {UNITS[k]} ({e:.1g})" for k, (v, e) in run.meta.get("offsets", {}).items()]
-    return late + (f" Sensors are off by: {', '.join(told)}." if told else "")
+    words = ""
+    for kind, wrong in (("delays", "late"), ("offsets", "off")):
+        told = [
+            f"{run.name} {k} {value:.2g} {'s' if kind == 'delays' else UNITS[k]} ({error:.1g})"
+            for run in recordings
+            for k, (value, error) in run.meta.get(kind, {}).items()
+        ]
+        words += f" Sensors are {wrong} by: {', '.join(told)}." if told else ""
+    return words
 
 
 def _without(recording: Recording, late: dict[str, float]) -> Recording:

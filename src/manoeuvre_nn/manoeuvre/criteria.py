@@ -1,7 +1,8 @@
 """The standard criteria, read off any recording: simulated or measured, from the execute on."""
 
 from collections.abc import Callable
-from math import pi
+from itertools import pairwise
+from math import nan, pi
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -42,19 +43,17 @@ def criteria(recording: Recording, kind: str, length: float) -> dict[str, float]
         return _straight(recording, length)
     reader = READERS.get(kind)
     seen = trace(recording) if reader else None
-    return reader(seen, length) if reader and seen else {}
+    found = reader(seen, length) if reader and seen else {}
+    return {name: float(value) for name, value in found.items() if not np.isnan(value)}
 
 
 def _turning_circle(seen: Trace, length: float) -> dict[str, float]:
     """Advance and transfer at 90 deg, tactical diameter at 180 deg, and the steady turn."""
     found: dict[str, float] = {}
-    quarter, half = seen.time_at(0.5 * pi), seen.time_at(pi)
     if seen.ahead is not None and seen.abeam is not None:
-        if quarter is not None:
-            found["advance_L"] = float(seen.ahead(quarter)) / length
-            found["transfer_L"] = float(seen.abeam(quarter)) / length
-        if half is not None:
-            found["tactical_diameter_L"] = float(seen.abeam(half)) / length
+        quarter, half = seen.time_at(0.5 * pi), seen.time_at(pi)
+        found = {"advance_L": seen.ahead(quarter) / length, "transfer_L": seen.abeam(quarter) / length}
+        found["tactical_diameter_L"] = seen.abeam(half) / length
     start = float(seen.turn(seen.time[-1])) - 0.5 * pi
     last = (seen.turn(seen.time) > start) & (seen.time > seen.execute)
     if start < pi or not _is_steady(seen, last):
@@ -88,18 +87,14 @@ def _zigzag(seen: Trace, length: float) -> dict[str, float]:
     """Overshoots beyond the heading at which the rudder was reversed, period and initial turning."""
     reversals, end = reversal_times(seen)
     found = {"reversals": float(len(reversals))}
-    ends = [*reversals[1:], end]
-    for k, (start, stop) in enumerate(zip(reversals, ends, strict=False)):
+    for k, (start, stop) in enumerate(pairwise([*reversals, end])):
         side = (-1) ** k
-        peak = seen.peak(start, stop, side)
-        if peak is not None:
-            found[f"overshoot_{k + 1}_deg"] = side * (peak - float(seen.turn(start))) / DEGREE
+        found[f"overshoot_{k + 1}_deg"] = side * (seen.peak(start, stop, side) - float(seen.turn(start))) / DEGREE
     if len(reversals) > 2:  # from rudder to rudder of the same side; the first half-swing starts from a straight course
         found["period_s"] = reversals[2] - reversals[0]
     turned = seen.time_at(INITIAL_TURN)
-    if turned is not None:
-        found["initial_turning_L"] = seen.distance(seen.execute, turned) / length
-        found["initial_turning_time_s"] = turned - seen.execute
+    found["initial_turning_L"] = seen.distance(seen.execute, turned) / length
+    found["initial_turning_time_s"] = turned - seen.execute
     return found
 
 
@@ -116,11 +111,10 @@ def reversal_times(seen: Trace) -> tuple[list[float], float]:
     level = seen.rudder / np.abs(seen.rudder).max()
     side = np.where(level > 0.3, 1, np.where(level < -0.3, -1, 0))
     index = np.maximum.accumulate(np.where(side != 0, np.arange(len(side)), 0))
-    changes = np.flatnonzero(np.diff(side[index]) * (side[index][:-1] != 0)) + 1
-    bounds = [int(np.argmax(side != 0)), *changes.tolist(), len(side)]
-    held = [_held(seen.rudder[a:b]) for a, b in zip(bounds, bounds[1:], strict=False)]
-    pairs = zip(changes.tolist(), held, held[1:], strict=False)
-    times = [left_angle(seen.time, seen.rudder, k, before, after) for k, before, after in pairs]
+    changes = (np.flatnonzero(np.diff(side[index]) * (side[index][:-1] != 0)) + 1).tolist()
+    bounds = [int(np.argmax(side != 0)), *changes, len(side)]
+    held = [_held(seen.rudder[a:b]) for a, b in pairwise(bounds)]
+    times = [left_angle(seen.time, seen.rudder, k, *pair) for k, pair in zip(changes, pairwise(held), strict=True)]
     over = bounds[-2] + int(np.argmax(np.abs(level[bounds[-2] :]) > 0.6))
     given_up = np.flatnonzero(np.abs(level[over:]) < 0.3)
     return times, float(seen.time[over + given_up[0]] if len(given_up) else seen.time[-1])
@@ -133,7 +127,6 @@ def _held(rudder: Samples) -> float:
 
 def _pull_out(seen: Trace, length: float) -> dict[str, float]:
     """The yaw rate that remains with the rudder amidships, and how fast the rest dies out."""
-    del length
     level = seen.rudder / np.abs(seen.rudder).max()
     over = int(np.argmax(level > 0.9))
     given_up = np.flatnonzero(level[over:] < 0.5)
@@ -158,21 +151,18 @@ def _pull_out(seen: Trace, length: float) -> dict[str, float]:
 
 def _spiral(seen: Trace, length: float) -> dict[str, float]:
     """Where the two branches of yaw rate over rudder cross zero, and how far they are apart."""
-    del length
     holds = _holds(seen)
     if len(holds) < 4:
         return {}
     turning = int(np.argmin(holds[:, 0]))
     branches = (holds[: turning + 1], holds[turning:])
-    neutral = [z for z in (_at_zero(b[:, 1], b[:, 0]) for b in branches) if z is not None]
-    height = [z for z in (_at_zero(b[:, 0] + seen.side * seen.base, b[:, 1]) for b in branches) if z is not None]
-    found = {}
-    if len(neutral) == 2:
-        found["neutral_rudder_deg"] = (seen.side * 0.5 * (neutral[0] + neutral[1]) + seen.base) / DEGREE
-        found["loop_width_deg"] = abs(neutral[0] - neutral[1]) / DEGREE
-    if len(height) == 2:
-        found["loop_height_deg_s"] = abs(height[0] - height[1]) / DEGREE
-    return found
+    there, back = (_at_zero(rate, rudder) for rudder, rate in (b.T for b in branches))
+    above, below = (_at_zero(rudder + seen.side * seen.base, rate) for rudder, rate in (b.T for b in branches))
+    return {
+        "neutral_rudder_deg": (seen.side * 0.5 * (there + back) + seen.base) / DEGREE,
+        "loop_width_deg": abs(there - back) / DEGREE,
+        "loop_height_deg_s": abs(above - below) / DEGREE,
+    }
 
 
 def _holds(seen: Trace) -> Float[np.ndarray, "holds 2"]:
@@ -183,16 +173,11 @@ def _holds(seen: Trace) -> Float[np.ndarray, "holds 2"]:
             starts, level, count = [*starts, k], angle, 0
         count += 1
         level += (angle - level) / count
-    pieces = [slice(a, b) for a, b in zip(starts, [*starts[1:], len(seen.rudder)], strict=True)]
-    spans = np.array([seen.time[p][-1] - seen.time[p][0] for p in pieces])
+    pieces = [(seen.time[a:b], seen.rudder[a:b], seen.rate[a:b]) for a, b in pairwise([*starts, len(seen.rudder)])]
+    longest = max(time[-1] - time[0] for time, _, _ in pieces)
     # On its way from one hold to the next the rudder is nowhere for long.
-    pieces = [p for p, span in zip(pieces, spans, strict=True) if span > 0.3 * spans.max()]
-    return np.array([[_last_median(seen.rudder[p]), _last_fitted(seen.time[p], seen.rate[p])] for p in pieces])
-
-
-def _last_median(values: Samples) -> float:
-    """Median of the second half."""
-    return float(np.median(values[len(values) // 2 :]))
+    held = [(t, rudder, rate) for t, rudder, rate in pieces if t[-1] - t[0] > 0.3 * longest]
+    return np.array([[np.median(rudder[len(rudder) // 2 :]), _last_fitted(t, rate)] for t, rudder, rate in held])
 
 
 def _last_fitted(time: Samples, values: Samples) -> float:
@@ -204,11 +189,11 @@ def _last_fitted(time: Samples, values: Samples) -> float:
     return float(offset)
 
 
-def _at_zero(along: Samples, values: Samples) -> float | None:
-    """Value where a sampled curve first crosses ``along = 0``, by a straight line; None if it does not."""
+def _at_zero(along: Samples, values: Samples) -> float:
+    """Value where a sampled curve first crosses ``along = 0``, by a straight line; NaN if it does not."""
     crossed = np.flatnonzero((along[:-1] * along[1:] <= 0) & (along[:-1] != along[1:]))
     if not len(crossed):
-        return None
+        return nan
     k = int(crossed[0])
     share = along[k] / (along[k] - along[k + 1])
     return float(values[k] + share * (values[k + 1] - values[k]))

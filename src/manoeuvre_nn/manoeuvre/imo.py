@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any
 
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE
@@ -11,22 +11,6 @@ TRIAL = re.compile(r"(?P<family>tc|zz)(?P<angle>[0-9.]+)(_(?P<heading>[0-9.]+))?
 """Names that say the angles: ``tc35``, ``tc35_port``, ``zz10``, ``zz20_10``."""
 NO_VERDICT = "not judged: the resolution asks for {}"
 """Verdict on a trial at another angle than the resolution's."""
-
-
-class ImoRow(NamedTuple):
-    """One line of the table.
-
-    Attributes:
-        criterion: What is judged, with the trial's name and the unit.
-        value: Read off the trial.
-        limit: Largest value that the resolution allows.
-        verdict: ``met``, ``not met``, or why it is not judged.
-    """
-
-    criterion: str
-    value: float
-    limit: float
-    verdict: str
 
 
 def overshoot_limits(time_unit: float) -> tuple[float, float, float]:
@@ -48,7 +32,7 @@ def overshoot_limits(time_unit: float) -> tuple[float, float, float]:
     return 5 + 0.5 * bounded, 17.5 + 0.75 * bounded, 25.0
 
 
-def imo_table(values: Mapping[str, Mapping[str, float]], ship: Particulars) -> list[ImoRow]:
+def imo_table(values: Mapping[str, Mapping[str, float]], ship: Particulars) -> list[dict[str, Any]]:
     """Hold the criteria of trials against the resolution.
 
     Only what was run is in the table. Turning circles are judged at 35 deg of rudder or the ship's stop, zigzags at
@@ -59,7 +43,8 @@ def imo_table(values: Mapping[str, Mapping[str, float]], ship: Particulars) -> l
         ship: The ship, for L/V and the rudder stop.
 
     Returns:
-        The rows, in the order of the trials.
+        One row a criterion, in the order of the trials: ``criterion`` with the trial's name and the unit, ``value``,
+        ``limit`` (the largest value that is allowed) and ``verdict``: ``met``, ``not met``, or why it is not judged.
 
     Source:
         IMO MSC.137(76), 5.3: advance 4.5 L and tactical diameter 5 L; initial turning 2.5 L; overshoots as in
@@ -69,7 +54,7 @@ def imo_table(values: Mapping[str, Mapping[str, float]], ship: Particulars) -> l
     return [row for name, found in values.items() for row in _rows(name, found, ship)]
 
 
-def _rows(name: str, found: Mapping[str, float], ship: Particulars) -> list[ImoRow]:
+def _rows(name: str, found: Mapping[str, float], ship: Particulars) -> list[dict[str, Any]]:
     """The rows of one trial; none if the resolution has nothing to say about its family."""
     first, second, first_20 = overshoot_limits(ship.time_unit)
     zigzag_10 = {"initial_turning_L": 2.5, "overshoot_1_deg": first, "overshoot_2_deg": second}
@@ -85,12 +70,9 @@ def _rows(name: str, found: Mapping[str, float], ship: Particulars) -> list[ImoR
         limits = {"overshoot_1_deg": first_20} if angle > 15 else zigzag_10
         wanted, asked = "10/10 and 20/20 zigzags", angle == heading and angle in {10.0, 20.0}
     other = None if asked else NO_VERDICT.format(wanted)
-    return [
-        ImoRow(f"{name} {key}", found[key], limit, other or _verdict(found[key], limit))
-        for key, limit in limits.items()
-        if key in found
-    ]
-
-
-def _verdict(value: float, limit: float) -> str:
-    return "met" if value <= limit else "not met"
+    rows = []
+    for key, limit in limits.items():
+        if key in found:
+            verdict = other or ("met" if found[key] <= limit else "not met")
+            rows.append({"criterion": f"{name} {key}", "value": found[key], "limit": limit, "verdict": verdict})
+    return rows

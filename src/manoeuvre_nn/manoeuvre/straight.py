@@ -7,15 +7,7 @@ from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage, check_degrees, check_d
 
 
 def straight(duration: float | None = None, name: str = "straight") -> Manoeuvre:
-    """Rudder amidships.
-
-    Args:
-        duration: Length of the run [s]; by default the ship's usual record.
-        name: Short name.
-
-    Returns:
-        The manoeuvre.
-    """
+    """Rudder amidships for a time [s]; by default the ship's usual record."""
     check_duration("manoeuvre duration", duration)
     return Manoeuvre(name, "straight", (Stage(0.0),), duration=duration)
 

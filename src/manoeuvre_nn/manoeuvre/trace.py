@@ -1,6 +1,7 @@
 """A recorded trial as its reader sees it: from the execute on, turned so that the first rudder is positive."""
 
 from dataclasses import dataclass
+from math import nan
 
 import numpy as np
 from jaxtyping import Float
@@ -56,21 +57,12 @@ class Trace:
         """Mean speed up to the execute [m/s]."""
         return float(self.speed[self.time <= max(self.execute, self.time[0])].mean())
 
-    def time_at(self, turn: float, start: float | None = None) -> float | None:
-        """When the heading first has changed by an angle.
-
-        Args:
-            turn: Change of heading towards the side of the first rudder [rad].
-            start: Time from which to look [s]; by default the execute.
-
-        Returns:
-            Time [s]; None if it never did.
-        """
+    def time_at(self, turn: float) -> float:
+        """Time when the heading first has changed by an angle [rad] after the execute; NaN if it never did."""
         times = self.turn.solve(turn, extrapolate=False)
-        times = times[np.isfinite(times) & (times >= (self.execute if start is None else start))]
-        return float(times.min()) if len(times) else None
+        return float(min(times[times >= self.execute], default=nan))
 
-    def peak(self, start: float, end: float, side: int) -> float | None:
+    def peak(self, start: float, end: float, side: int) -> float:
         """Largest change of heading to one side within a time, if the ship swung back from it.
 
         Args:
@@ -79,27 +71,19 @@ class Trace:
             side: +1 for the side of the first rudder, -1 for the other.
 
         Returns:
-            That change of heading, positive to the side of the first rudder [rad]; None if the heading was still
+            That change of heading, positive to the side of the first rudder [rad]; NaN if the heading was still
             growing.
         """
         times = self.turn.derivative().roots(extrapolate=False)
-        times = times[np.isfinite(times) & (times > start) & (times < end)]
+        times = times[(times > start) & (times < end)]
         inside = self.time[(self.time >= start) & (self.time <= end)]
         if not len(times) or not len(inside):
-            return None
+            return nan
         peak = float((side * self.turn(times)).max())
-        return side * peak if peak >= (side * self.turn(inside)).max() - 1e-9 else None
+        return side * peak if peak >= (side * self.turn(inside)).max() - 1e-9 else nan
 
     def distance(self, start: float, end: float) -> float:
-        """Distance sailed.
-
-        Args:
-            start: First time [s].
-            end: Last time [s].
-
-        Returns:
-            Length of the track through the water or over ground, whichever the velocities are [m].
-        """
+        """Distance sailed [m] between two times [s], through the water or over ground, whichever the velocities are."""
         steps = 0.5 * (self.speed[1:] + self.speed[:-1]) * np.diff(self.time)
         sailed = np.concatenate([[0.0], np.cumsum(steps)])
         return float(np.interp(end, self.time, sailed) - np.interp(start, self.time, sailed))

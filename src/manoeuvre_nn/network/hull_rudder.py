@@ -140,29 +140,13 @@ class HullRudder(Network):
         return ("mirrored",) if self.speed_law == "approach" else ("speed",)
 
     def drawn(self, member: int, trial: int = 0, dtype: torch.dtype | None = None) -> Float[Tensor, "h w"]:
-        """First weights of a member.
-
-        Args:
-            member: Its number.
-            trial: Number of the start.
-            dtype: Floating type; None is the network's own.
-
-        Returns:
-            Weights; 0 where a node does not see.
-        """
+        """First weights of a member at a start of some number; 0 where a node does not see."""
         generator = torch.Generator().manual_seed((self._seed * 1_009 + trial) * 1_000_003 + member)
         drawn = self._spread * torch.randn(self.sees.shape, generator=generator, dtype=torch.float64)
         return torch.where(self.sees.cpu(), drawn, 0.0).to(dtype or self.input_weights.dtype).to(self.sees.device)
 
     def design(self, x: Float[Tensor, "n 4"]) -> Design:
-        """What the outputs are linear in.
-
-        Args:
-            x: Scaled inputs.
-
-        Returns:
-            The parts of the sum.
-        """
+        """What the outputs are linear in."""
         mirror = [1.0, -1.0, -1.0, -1.0] if self.speed_law == "approach" else [-1.0, -1.0, -1.0]
         parity = EVEN if self.symmetric else (0.0,) * OUTPUTS
         signs = x.new_tensor(mirror), x.new_tensor(parity)
@@ -177,15 +161,7 @@ class HullRudder(Network):
         return y.quantile(0.5, dim=0).reshape(*x.shape[:-1], OUTPUTS)
 
     def each(self, x: Float[Tensor, "m n 4"], first: int = 0) -> Float[Tensor, "k n 3"]:
-        """Every member on inputs of its own.
-
-        Args:
-            x: Scaled inputs, a row a member.
-            first: How many of the members answer; 0 for all.
-
-        Returns:
-            Scaled forces.
-        """
+        """Every member, or the first few, on scaled inputs of its own."""
         count = first or self.members
         return self._answers(x[:count], self.input_weights[:count], self.output_weights[:count])
 
@@ -222,15 +198,7 @@ class HullRudder(Network):
     def with_weights(
         self, input_weights: Float[Tensor, "k h w"], output_weights: Float[Tensor, "k 3 c"]
     ) -> "HullRudder":
-        """A network of the same kind with other members.
-
-        Args:
-            input_weights: Theirs.
-            output_weights: Theirs.
-
-        Returns:
-            A new network; all its members answer.
-        """
+        """A network of the same kind with other members, all of which answer."""
         other = copy.copy(self)
         weights = {"input_weights": input_weights, "output_weights": output_weights}
         other._parameters = {name: nn.Parameter(values.detach().clone()) for name, values in weights.items()}

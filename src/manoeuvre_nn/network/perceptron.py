@@ -1,6 +1,5 @@
 """Perceptrons with one hidden layer, several of them as one tensor."""
 
-from dataclasses import dataclass
 from typing import Literal
 
 import torch
@@ -12,38 +11,6 @@ from manoeuvre_nn.core.network import Network
 
 Activation = Literal["sigmoid", "tanh"]
 Initial = Literal["uniform", "symmetric", "normal"]
-
-
-@dataclass(frozen=True)
-class PerceptronSettings:
-    """Nodes and first weights of a :class:`Perceptron`.
-
-    Attributes:
-        activation: ``sigmoid`` or ``tanh``.
-        initial: First weights: ``uniform`` U[0, 1), ``symmetric`` U[-1, 1), or ``normal`` N(0, spread^2).
-        spread: Standard deviation of ``normal`` [-].
-    """
-
-    activation: Activation = "sigmoid"
-    initial: Initial = "uniform"
-    spread: float = 1.0
-
-    def __post_init__(self) -> None:
-        """Refuse what makes no sense.
-
-        Raises:
-            InputError: If a setting is unknown or out of its range.
-        """
-        check_choice("network.activation", self.activation, ["sigmoid", "tanh"])
-        check_choice("network.initial", self.initial, ["uniform", "symmetric", "normal"])
-        if not self.spread > 0:
-            raise InputError(f"network.spread={self.spread}: expected a standard deviation, more than 0")
-
-
-WANG = PerceptronSettings()
-"""Sigmoids and first weights of Wang 1996."""
-RAJESH = PerceptronSettings(initial="symmetric")
-"""Sigmoids and first weights of Rajesh & Bhattacharyya 2009."""
 
 
 class Perceptron(Network):
@@ -61,11 +28,10 @@ class Perceptron(Network):
 
     def __init__(
         self,
-        networks: int,
-        inputs: int,
-        hidden: int,
-        outputs: int,
-        settings: PerceptronSettings = WANG,
+        sizes: tuple[int, int, int, int],
+        activation: Activation = "sigmoid",
+        initial: Initial = "uniform",
+        spread: float = 1.0,
         *,
         seed: int = 0,
         dtype: torch.dtype = torch.float64,
@@ -73,25 +39,29 @@ class Perceptron(Network):
         """Draw the first weights.
 
         Args:
-            networks: K.
-            inputs: I, the bias not counted.
-            hidden: H, the number of nodes with an activation.
-            outputs: O of each network.
-            settings: Its nodes and first weights.
+            sizes: K networks, I inputs (the bias not counted), H nodes with an activation, O outputs of each network.
+            activation: ``sigmoid`` or ``tanh``.
+            initial: First weights: ``uniform`` U[0, 1), ``symmetric`` U[-1, 1), or ``normal`` N(0, spread^2).
+            spread: Standard deviation of ``normal`` [-].
             seed: Seed of the weights.
             dtype: Floating type.
 
         Raises:
-            InputError: If a number is less than 1.
+            InputError: If a number is less than 1, or a setting unknown or out of its range.
         """
         super().__init__()
-        if min(networks, inputs, hidden, outputs) < 1:
+        networks, inputs, hidden, outputs = sizes
+        if min(sizes) < 1:
             raise InputError(f"network of {networks} x {inputs}-{hidden}-{outputs}: every number must be at least 1")
-        self.activation = settings.activation
+        check_choice("network.activation", activation, ["sigmoid", "tanh"])
+        check_choice("network.initial", initial, ["uniform", "symmetric", "normal"])
+        if not spread > 0:
+            raise InputError(f"network.spread={spread}: expected a standard deviation, more than 0")
+        self.activation = activation
         # Drawn in float64 whatever the type, so that float32 and float64 networks start alike.
         generator = torch.Generator().manual_seed(seed)
-        sizes = (networks, hidden, inputs + 1), (networks, outputs, hidden + 1)
-        first, last = (_draw(size, settings, generator).to(dtype) for size in sizes)
+        shapes = (networks, hidden, inputs + 1), (networks, outputs, hidden + 1)
+        first, last = (_draw(shape, initial, spread, generator).to(dtype) for shape in shapes)
         self.input_weights, self.output_weights = nn.Parameter(first), nn.Parameter(last)
 
     @property
@@ -110,14 +80,7 @@ class Perceptron(Network):
         return y.reshape(*x.shape[:-1], -1)
 
     def rows(self, x: Float[Tensor, "n inputs"]) -> Float[Tensor, "k n outputs"]:
-        """Outputs network by network, as a fit of independent rows wants them.
-
-        Args:
-            x: Inputs.
-
-        Returns:
-            Outputs (K, n, O).
-        """
+        """Outputs network by network, as a fit of independent rows wants them."""
         values = self._hidden(x)
         return values @ self.output_weights[..., :-1].mT + self.output_weights[..., None, :, -1]
 
@@ -157,20 +120,20 @@ class Perceptron(Network):
 
 def wang_network(
     hidden: int = 11,
-    inputs: int = 4,
-    outputs: int = 3,
-    settings: PerceptronSettings = WANG,
+    activation: Activation = "sigmoid",
+    initial: Initial = "uniform",
+    spread: float = 1.0,
     *,
     seed: int = 0,
     dtype: torch.dtype = torch.float64,
 ) -> Perceptron:
-    """One 4-m-1 network for each g; m counts the sigmoids, the bias comes on top.
+    """Three 4-m-1 networks, one for each g; m counts the sigmoids, the bias comes on top.
 
     Args:
         hidden: m.
-        inputs: Number of inputs.
-        outputs: Number of networks.
-        settings: Nodes and first weights; by default those of the thesis.
+        activation: As in :class:`Perceptron`; by default that of the thesis, as are the first weights.
+        initial: Likewise.
+        spread: Likewise.
         seed: Seed of the first weights.
         dtype: Floating type.
 
@@ -185,14 +148,14 @@ def wang_network(
     """
     if hidden < 1:
         raise InputError(f"network.hidden={hidden}: three 4-m-1 networks need at least 1 sigmoid each")
-    return Perceptron(outputs, inputs, hidden, 1, settings, seed=seed, dtype=dtype)
+    return Perceptron((3, 4, hidden, 1), activation, initial, spread, seed=seed, dtype=dtype)
 
 
 def rajesh_network(
     hidden: int = 15,
-    inputs: int = 4,
-    outputs: int = 3,
-    settings: PerceptronSettings = RAJESH,
+    activation: Activation = "sigmoid",
+    initial: Initial = "symmetric",
+    spread: float = 1.0,
     *,
     seed: int = 0,
     dtype: torch.dtype = torch.float64,
@@ -201,14 +164,14 @@ def rajesh_network(
 
     Args:
         hidden: m.
-        inputs: Number of inputs, the paper's input 1 not counted.
-        outputs: Number of outputs.
-        settings: Nodes and first weights; by default those of the paper.
+        activation: As in :class:`Perceptron`; by default that of the paper, as are the first weights.
+        initial: Likewise.
+        spread: Likewise.
         seed: Seed of the first weights.
         dtype: Floating type.
 
     Returns:
-        The network.
+        The network; the paper's input 1 is the bias of its nodes.
 
     Raises:
         InputError: If m is less than 2.
@@ -218,12 +181,12 @@ def rajesh_network(
     """
     if hidden < 2:
         raise InputError(f"network.hidden={hidden}: a 4-m-3 network counts its bias node, so m must be at least 2")
-    return Perceptron(1, inputs, hidden - 1, outputs, settings, seed=seed, dtype=dtype)
+    return Perceptron((1, 4, hidden - 1, 3), activation, initial, spread, seed=seed, dtype=dtype)
 
 
-def _draw(size: tuple[int, ...], settings: PerceptronSettings, generator: torch.Generator) -> Tensor:
+def _draw(shape: tuple[int, ...], initial: Initial, spread: float, generator: torch.Generator) -> Tensor:
     """First weights in float64."""
-    if settings.initial == "normal":
-        return settings.spread * torch.randn(size, generator=generator, dtype=torch.float64)
-    uniform = torch.rand(size, generator=generator, dtype=torch.float64)
-    return uniform if settings.initial == "uniform" else 2 * uniform - 1
+    if initial == "normal":
+        return spread * torch.randn(shape, generator=generator, dtype=torch.float64)
+    uniform = torch.rand(shape, generator=generator, dtype=torch.float64)
+    return uniform if initial == "uniform" else 2 * uniform - 1

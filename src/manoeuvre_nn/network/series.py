@@ -2,13 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import prod
 
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from manoeuvre_nn.core.errors import InputError, check_choice
-from manoeuvre_nn.core.network import Network
+from manoeuvre_nn.core.network import Network, filled, products_of
 
 VARIABLES = ("1", "u", "v", "r", "d", "n", "a", "|v|", "|r|", "|d|", "wx", "wy", "|w|", "/U")
 """What products are made of: u, v, rL over U0, rudder angle [rad], shaft speed over the nominal one, a = u - 1, and the
@@ -17,22 +18,12 @@ MIN_SPEED_PRIME = 0.1
 """Least speed over U0 that is divided by."""
 MIRRORED = {"v": -1, "r": -1, "d": -1, "wy": -1}
 """Variables that change sign from port to starboard."""
-OUTPUTS, EVEN = 3, (1, -1, -1)
+OUTPUTS = 3
 
 
 def parity(term: str) -> int:
-    """Whether a product changes sign from port to starboard.
-
-    Args:
-        term: Its variables, parted by blanks.
-
-    Returns:
-        1 or -1.
-    """
-    sign = 1
-    for token in term.split():
-        sign *= MIRRORED.get(token, 1)
-    return sign
+    """1 for a product that is the same to port and to starboard, -1 for one that changes sign."""
+    return prod(MIRRORED.get(token, 1) for token in term.split())
 
 
 @dataclass(frozen=True)
@@ -125,12 +116,9 @@ class Series(Network):
         super().__init__()
         each = settings.products
         self.terms = list(dict.fromkeys(term for products in (each[0], each[2]) for term in products))
-        longest = max((len(t.split()) for t in self.terms), default=1)
-        places = [[VARIABLES.index(t) for t in term.split()] for term in self.terms]
-        filled = [p + [0] * (longest - len(p)) for p in places]
         used = [[t in of for t in self.terms] for of in each]
         self.seed = seed
-        self.register_buffer("places", torch.tensor(filled, dtype=torch.long).reshape(len(filled), longest))
+        self.register_buffer("places", filled([[VARIABLES.index(t) for t in term.split()] for term in self.terms]))
         self.register_buffer("used", torch.tensor(used))
         self.register_buffer("trained", torch.tensor(0))
         self.register_buffer("shaft", torch.ones((), dtype=dtype))
@@ -148,11 +136,6 @@ class Series(Network):
     def scalings(self) -> tuple[str, ...]:
         """Velocities over U0, so that coefficients are what the field calls them."""
         return ("approach",)
-
-    @property
-    def noise_of_fit(self) -> Float[Tensor, " 6"]:
-        """Standard deviation that u, v, r, x, y, psi were given in the fit, in U0, U0/L, L, rad; 0 without one."""
-        return self.noise
 
     @property
     def takes(self) -> tuple[str, ...]:
@@ -189,30 +172,12 @@ class Series(Network):
         slow = 1 / torch.hypot(u, v).clamp(min=MIN_SPEED_PRIME)
         moduli = v.abs(), r.abs(), d.abs()
         table = torch.stack([torch.ones_like(u), u, v, r, d, n, u - 1, *moduli, wx, wy, torch.hypot(wx, wy), slow])
-        first, *others = self.places.unbind(-1)
-        result = table.index_select(0, first)
-        for place in others:
-            result = result * table.index_select(0, place)
-        return result.movedim(0, -1)
+        return products_of(table, self.places)
 
     def forward(self, x: Float[Tensor, "*batch inputs"]) -> Float[Tensor, "*batch 3"]:
         """Forces by the estimate."""
         x, scale = self._of_approach(x)
         return self.products(x) @ self.coefficients[0].T * scale
-
-    def each(self, x: Float[Tensor, "m n inputs"], first: int = 0) -> Float[Tensor, "k n 3"]:
-        """Every member on inputs of its own.
-
-        Args:
-            x: Inputs, a row a member.
-            first: How many of the members answer; 0 for all.
-
-        Returns:
-            Forces.
-        """
-        count = first or self.members
-        x, scale = self._of_approach(x[:count])
-        return self.products(x) @ self.coefficients[:count].mT * scale
 
     def of(self, x: Float[Tensor, "n inputs"], member: Int[Tensor, " n"]) -> Float[Tensor, "n 3"]:
         """Every input by a member of its own."""
@@ -244,13 +209,7 @@ class Series(Network):
         covariance: Float[Tensor, "p p"],
         noise: Float[Tensor, " 6"] | None = None,
     ) -> None:
-        """Set the estimate, and draw the other members from its uncertainty.
-
-        Args:
-            values: Coefficients in the order of :attr:`names`.
-            covariance: Theirs.
-            noise: See :attr:`noise`; None is nothing.
-        """
+        """Set the estimate and its covariance, in the order of :attr:`names`, and draw the other members from them."""
         self.covariance.copy_(covariance)
         self.noise.copy_(torch.zeros_like(self.noise) if noise is None else noise)
         generator = torch.Generator().manual_seed(self.seed)

@@ -7,7 +7,7 @@ from matplotlib.lines import Line2D
 
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.report.design_tables import ManoeuvreAdvice
-from manoeuvre_nn.report.style import COLOURS, legend_below, new_figure, plain_axes
+from manoeuvre_nn.report.style import COLOURS, legend_below, log_axis, new_figure, plain_axes
 
 
 def gain_figure(a: ManoeuvreAdvice) -> Figure:
@@ -26,7 +26,7 @@ def gain_figure(a: ManoeuvreAdvice) -> Figure:
     if a.goal == "accuracy":
         axes.set_xlim(left=0.0)
     else:
-        axes.set_xscale("log")
+        log_axis(axes, "x")
     handles = [
         Line2D([], [], linestyle="", marker="|", color="#4D4D4D", markersize=9, markeredgewidth=1.8, label="now"),
         Line2D([], [], linestyle="", marker="o", markerfacecolor="white", color=COLOURS[0], label="after it"),

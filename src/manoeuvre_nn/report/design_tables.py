@@ -44,11 +44,6 @@ class ManoeuvreAdvice:
         return next((e for e in self.expected if e.status == OK), self.expected[0])
 
 
-def ranked(expected: Sequence[ExpectedGain], per_minute: bool) -> list[ExpectedGain]:
-    """Candidates by what they bring, or bring for every minute, best first."""
-    return sorted(expected, key=lambda e: -(e.per_minute if per_minute else e.gain))
-
-
 def sentence(a: ManoeuvreAdvice) -> str:
     """What to sail next and why, in one sentence."""
     best = a.best

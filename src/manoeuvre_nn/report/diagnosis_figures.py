@@ -11,11 +11,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import FixedLocator, MaxNLocator, NullLocator
+from matplotlib.ticker import FixedLocator, MaxNLocator
 
 from manoeuvre_nn.diagnosis.result import Diagnosis, Interval, Proof, Residual
 from manoeuvre_nn.report.diagnosis_tables import AFTER, BEFORE, CHANNELS, main_causes, percent
-from manoeuvre_nn.report.style import COLOURS, PREDICTED, RECORDED, DecadeLocator, legend_below, new_figure, plain_axes
+from manoeuvre_nn.report.style import COLOURS, PREDICTED, RECORDED, legend_below, log_axis, new_figure, plain_axes
 from manoeuvre_nn.report.tables import text
 
 TRUTH: dict[str, Any] = {**RECORDED, "color": "#8C8C8C", "linewidth": 2.6}
@@ -182,13 +182,10 @@ def error_figure(d: Diagnosis) -> Figure:
         axes.text(1.02, row, f"{shown} {unit}", transform=axes.get_yaxis_transform(), va="center", fontsize=9)
     axes.set_yticks(range(len(scored)), [CHANNELS[channel][0] for channel in scored])
     axes.set_ylim(len(scored) - 0.5, -0.5)
-    axes.set_xscale("log")
-    low, high = axes.get_xlim()
+    low, high = log_axis(axes, "x").get_xlim()
     axes.set_xlim(min(low, 0.7), max(high, 3.0))
-    near = FixedLocator([1.0, 1.5, 2.0, 3.0, 4.0, 5.0])  # even ticks would leave out 1, by which all is measured
-    axes.xaxis.set_major_locator(near if high < 5.5 else DecadeLocator())
-    axes.xaxis.set_minor_locator(NullLocator())
-    axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    if high < 5.5:  # even ticks would leave out 1, by which all is measured
+        axes.xaxis.set_major_locator(FixedLocator([1.0, 1.5, 2.0, 3.0, 4.0, 5.0]))
     handles = [
         Line2D([], [], label=BEFORE, color=CALM["color"], marker="D", linestyle=""),
         Line2D([], [], label=AFTER, color=REPAIRED["color"], marker="o", linestyle=""),

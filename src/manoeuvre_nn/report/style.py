@@ -1,7 +1,7 @@
 """How figures look: colours, axes and legends; no pyplot, so no global state."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -63,10 +63,11 @@ class DecadeLocator(Locator):
         return [float(place) for place in places if 10.0**low * 0.999 <= place <= 10.0**high * 1.001]
 
 
-def log_axis(axes: Axes) -> Axes:
-    """Make the vertical axis logarithmic, with plain numbers, and return the axes."""
-    axes.set_yscale("log")
-    axes.yaxis.set_major_locator(DecadeLocator())
-    axes.yaxis.set_minor_locator(NullLocator())
-    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+def log_axis(axes: Axes, which: Literal["x", "y"] = "y") -> Axes:
+    """Make an axis logarithmic, with plain numbers, and return the axes."""
+    axes.set(**{f"{which}scale": "log"})
+    axis = axes.xaxis if which == "x" else axes.yaxis
+    axis.set_major_locator(DecadeLocator())
+    axis.set_minor_locator(NullLocator())
+    axis.set_major_formatter(lambda value, _: f"{value:g}")
     return axes

@@ -22,6 +22,8 @@ from manoeuvre_nn.scoring.as_steered import as_steered
 from manoeuvre_nn.scoring.score import Score, score, spread
 
 Solver = Literal["torchdiffeq", "rollout"]
+RTOL = 1e-6
+"""Relative tolerance of torchdiffeq's solution [-]."""
 
 
 @dataclass(frozen=True)
@@ -34,12 +36,10 @@ class HeldOut:
     Attributes:
         references: What was recorded or simulated.
         length: L [m], for deviations.
-        rtol: Relative tolerance of torchdiffeq's solution.
     """
 
     references: tuple[Recording, ...]
     length: float
-    rtol: float = 1e-6
 
     def __post_init__(self) -> None:
         """Give every reference the ship's length, which figures need."""
@@ -61,7 +61,7 @@ class HeldOut:
         if solver == "rollout" and manoeuvres:
             runs = roll_out(dynamics, manoeuvres)
         else:
-            runs = [simulate(dynamics, m, rtol=self.rtol, atol=0.1 * self.rtol) for m in manoeuvres]
+            runs = [simulate(dynamics, m, rtol=RTOL, atol=0.1 * RTOL) for m in manoeuvres]
         if recorded:
             runs += replay(dynamics, [self.references[k] for k in recorded])
         return [run for _, run in sorted(zip(steered + recorded, runs, strict=True), key=lambda pair: pair[0])]
@@ -125,15 +125,7 @@ class HeldOut:
 
 
 def simulated_references(ship: Model | Vessel, manoeuvres: Sequence[Manoeuvre]) -> tuple[Recording, ...]:
-    """What the reference ship does in the held-out manoeuvres.
-
-    Args:
-        ship: The reference ship, with whatever acts on it.
-        manoeuvres: Held-out manoeuvres.
-
-    Returns:
-        Accurate simulations.
-    """
+    """What the reference ship, with whatever acts on it, does in the held-out manoeuvres."""
     return tuple(simulate(ship, m) for m in manoeuvres)
 
 

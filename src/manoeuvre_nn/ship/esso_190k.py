@@ -10,24 +10,13 @@ from manoeuvre_nn.ship.tanker import TankerShip
 # Rajesh & Bhattacharyya 2009, section 5.1. The rudder stop is not stated: 35 deg, the usual one. Rudder area: A/(LT)
 # of 1.7 %, usual for tankers; only Clarke's estimate uses it. Records: section 5.2.2.
 PARTICULARS = Particulars(
-    name="Esso 190 000 dwt tanker",
-    length=304.8,
-    beam=47.17,
-    draught=18.46,
-    block=0.83,
-    speed=16 * KNOT,
-    rudder_rate=2.33 * DEGREE,
-    rudder_limit=35 * DEGREE,
-    rudder_area_ratio=0.017,
-    record_length=1500.0,
+    name="Esso 190 000 dwt tanker", length=304.8, beam=47.17, draught=18.46, block=0.83, speed=16 * KNOT,
+    rudder_rate=2.33 * DEGREE, rudder_limit=35 * DEGREE, rudder_area_ratio=0.017, record_length=1500.0,
     # Not in the paper, but for the volume: what a ship of this type has; wind and heel need it.
-    displacement=225_500e3,
-    resistance=1889.2e3,
-    rpm=80.0,
-    wind_areas=WindAreas(1150.0, 3300.0, -30.0, 313.0),
+    displacement=225_500e3, resistance=1889.2e3, rpm=80.0, wind_areas=WindAreas(1150.0, 3300.0, -30.0, 313.0),
     stability=Stability(6.5, 13.5, 13.6),
     source="Rajesh & Bhattacharyya 2009, section 5.1",
-)
+)  # fmt: skip
 VOLUME = 220_000.0
 RPM_SERVICE = 80.0
 SELF_PROPULSION = 15.990 * KNOT

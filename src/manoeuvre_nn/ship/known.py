@@ -7,9 +7,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.prime import length_draught_system
 from manoeuvre_nn.core.ship import Particulars, Ship
-from manoeuvre_nn.ship.clarke import clarke_ship
+from manoeuvre_nn.ship.clarke import GYRATION, SURGE_ADDED_MASS, clarke_derivatives
 from manoeuvre_nn.ship.taylor import Coefficients, Side, TaylorShip
 
 
@@ -21,11 +20,7 @@ class _InertiaOnly(Ship):
     """
 
     def __init__(self, ship: Ship) -> None:
-        """Take particulars, prime system and inertia from a ship.
-
-        Args:
-            ship: The ship whose acceleration derivatives are known.
-        """
+        """Take particulars, prime system and inertia from a ship."""
         super().__init__(ship.particulars, ship.prime, ship.inertia)
         self._ship = [ship]  # in a list, so that its coefficients are no part of the model
 
@@ -36,7 +31,6 @@ class _InertiaOnly(Ship):
 
     def force(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
         """Nothing is known."""
-        del delta
         return torch.zeros_like(nu)
 
     def on_approach(self, speed: float) -> "_InertiaOnly":
@@ -45,22 +39,42 @@ class _InertiaOnly(Ship):
 
 
 def clarke_part(ship: Ship | Particulars, Xu: float | None = None, Xdd: float | None = None) -> TaylorShip:  # noqa: N803
-    """Clarke's linear estimate from the ship's particulars.
+    """A ship that moves by Clarke's linear derivatives alone, estimated from the ship's particulars.
+
+    ``(m - Xudot) udot = Xu (u - U0) + Xdd d^2/2``, ``(m - Yvdot) vdot - Yrdot rdot = Yv v + (Yr - m) r + Yd d``,
+    ``(Iz - Nrdot) rdot - Nvdot vdot = Nv v + Nr r + Nd d`` in the (rho, L, T, U0) system.
 
     Args:
         ship: The ship.
-        Xu: Surge damping [-]; by default the ship's.
-        Xdd: Rudder drag [-]; by default the ship's.
+        Xu: Surge damping [-], of the order of -.02 to -.05; what is wrong with it the network takes up. By default the
+            ship's.
+        Xdd: Rudder drag [-]; by default the ship's, or ``-2 Yd``.
 
     Returns:
         A linear ship.
 
     Source:
-        Wang 1996, eqs 4.1-4.19.
+        Wang 1996, eqs 4.1-4.19 and 4.30-4.32 (Table 4.1 and eqs 4.20-4.23 are lost in the scan); the Clarke columns of
+        Tables 5.1-5.3 and A.3-A.5 are reproduced to 2e-5 with ``k_zz = .28 L``. Eq 4.18 gives ``Xdd = -2 Yd``; the
+        tables have -.04008 (Mariner) and -.0972 (bulk carrier).
     """
-    particulars = _particulars(ship)
-    drag = particulars.rudder_drag if Xdd is None else Xdd
-    return clarke_ship(particulars, Xu=particulars.surge_damping if Xu is None else Xu, Xdd=drag)
+    p = ship.particulars
+    d, mass = clarke_derivatives(p), 2 * p.block * p.beam / p.length
+    damping = p.surge_damping if Xu is None else Xu
+    drag = next((x for x in (Xdd, p.rudder_drag) if x is not None), -2 * d["Yd"])
+    inertia = {
+        "mx": (1 + SURGE_ADDED_MASS) * mass,
+        "my": mass - d["Yvdot"],
+        "mz": mass * GYRATION**2 - d["Nrdot"],
+        "Yrdot": d["Yrdot"],
+        "Nvdot": d["Nvdot"],
+    }
+    coefficients = {
+        "X": {"u": damping, "dd": drag},
+        "Y": {"v": d["Yv"], "r": d["Yr"] - mass, "d": d["Yd"]},
+        "N": {"v": d["Nv"], "r": d["Nr"], "d": d["Nd"]},
+    }
+    return TaylorShip(p, inertia, coefficients, positive_rudder_turns_to="port")
 
 
 def no_part(ship: Ship | Particulars) -> Ship:
@@ -116,10 +130,5 @@ def given_part(
     missing = {"mx", "my", "mz"} - set(inertia)
     if missing:
         raise InputError(f"linear.inertia lacks {', '.join(sorted(missing))}: write linear.inertia.mx=... and so on")
-    p = _particulars(ship)
-    prime = length_draught_system(p.length, p.draught, p.speed, p.rho)
-    return TaylorShip(p, prime, inertia, coefficients, positive_rudder_turns_to=positive_rudder_turns_to)
-
-
-def _particulars(ship: Ship | Particulars) -> Particulars:
-    return ship if isinstance(ship, Particulars) else ship.particulars
+    p = ship.particulars
+    return TaylorShip(p, inertia, coefficients, positive_rudder_turns_to=positive_rudder_turns_to)

@@ -21,21 +21,11 @@ def kvlcc2_hsva() -> Particulars:
         angle that was tested.
     """
     return Particulars(
-        name="KVLCC2 model (HSVA)",
-        length=7.0,
-        beam=1.2688,
-        draught=0.4550,
-        block=0.8098,
-        speed=1.179,
-        rudder_rate=15.8 * DEGREE,
-        rudder_limit=RUDDER_LIMIT,
-        rudder_area_ratio=0.0654 / (7.0 * 0.4550),
-        record_length=180.0,
-        sample_interval=0.2,
-        rho=FRESH_WATER,
-        rpm=60 * 10.23,
+        name="KVLCC2 model (HSVA)", length=7.0, beam=1.2688, draught=0.4550, block=0.8098, speed=1.179,
+        rudder_rate=15.8 * DEGREE, rudder_limit=RUDDER_LIMIT, rudder_area_ratio=0.0654 / (7.0 * 0.4550),
+        record_length=180.0, sample_interval=0.2, rho=FRESH_WATER, rpm=60 * 10.23,
         source="SIMMAN 2008; HSVA test report 2006",
-    )
+    )  # fmt: skip
 
 
 def kvlcc2() -> Particulars:
@@ -50,17 +40,7 @@ def kvlcc2() -> Particulars:
         usual one.
     """
     return Particulars(
-        name="KVLCC2",
-        length=320.0,
-        beam=58.0,
-        draught=20.8,
-        block=0.8098,
-        speed=15.5 * KNOT,
-        rudder_rate=2.34 * DEGREE,
-        rudder_limit=RUDDER_LIMIT,
-        rudder_area_ratio=136.7 / (320.0 * 20.8),
-        record_length=600.0,
-        sample_interval=1.0,
-        rpm=91.7,
-        source="SIMMAN 2008",
-    )
+        name="KVLCC2", length=320.0, beam=58.0, draught=20.8, block=0.8098, speed=15.5 * KNOT,
+        rudder_rate=2.34 * DEGREE, rudder_limit=RUDDER_LIMIT, rudder_area_ratio=136.7 / (320.0 * 20.8),
+        record_length=600.0, sample_interval=1.0, rpm=91.7, source="SIMMAN 2008",
+    )  # fmt: skip

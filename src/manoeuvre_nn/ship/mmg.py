@@ -8,8 +8,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.prime import length_draught_system
-from manoeuvre_nn.core.ship import Particulars, Ship, check_speed
+from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.core.units import RPM
 
 MIN_SPEED_M_S = 1e-5
@@ -19,8 +18,10 @@ MIDDLE, WEAK = -0.35, -0.06
 
 
 @dataclass(frozen=True)
-class MMGHull:
-    """Inertia and hull: over ``.5 rho L^2 T`` (masses), ``.5 rho L^4 T`` (moments), ``.5 rho L T`` (derivatives).
+class MMGCoefficients:
+    """Hull, propeller and rudder.
+
+    Inertia and hull are over ``.5 rho L^2 T`` (masses), ``.5 rho L^4 T`` (moments) and ``.5 rho L T`` (derivatives).
 
     Attributes:
         mass: m' [-].
@@ -38,6 +39,29 @@ class MMGHull:
         cross_drag: Cross-flow drag C_D [-].
         cross_y: C_rY, share of the yaw rate in the cross flow of Y [-].
         cross_n: C_rN, likewise in N [-].
+        diameter: D of the propeller [m].
+        pitch_ratio: Pitch over D [-].
+        deduction: Thrust deduction t [-].
+        wake: Wake fraction on a straight course w_P0 [-].
+        wake_drift: tau and C_P, by which drift lowers the wake [-].
+        x_p: x_P' over L [-].
+        thrust: k_0, k_1, k_2 of K_T [-].
+        thrust_astern: C_3, C_6, C_7, C_10 of the thrust astern [-].
+        side: A_1 .. A_8 of the propeller's side force [-].
+        turn: B_1 .. B_8 of the propeller's yaw moment [-].
+        area: A_R of the rudder [m^2].
+        aspect: Aspect ratio of the rudder [-].
+        x_r: x_R over L [-].
+        rudder_deduction: t_R [-].
+        hull_force: a_H [-].
+        hull_x: x_H over L [-].
+        epsilon: Wake at the rudder over that at the propeller [-].
+        k_x: Race, ahead [-].
+        k_x_astern: Race, astern [-].
+        inflow_astern: c_pr, added inflow to the rudder when the propeller gives no thrust ahead [-].
+        l_r: l_R over L, flow straightening of the yaw rate [-].
+        gamma_port: Flow straightening where ``v + x_R r`` is negative [-].
+        gamma_starboard: Where it is not [-].
     """
 
     mass: float
@@ -55,67 +79,26 @@ class MMGHull:
     cross_drag: float
     cross_y: float
     cross_n: float
-
-
-@dataclass(frozen=True)
-class MMGPropeller:
-    """Propeller.
-
-    Attributes:
-        diameter: D [m].
-        pitch_ratio: Pitch over D [-].
-        deduction: Thrust deduction t [-].
-        wake: Wake fraction on a straight course w_P0 [-].
-        wake_drift: tau and C_P, by which drift lowers the wake [-].
-        x: x_P' over L [-].
-        thrust: k_0, k_1, k_2 of K_T [-].
-        astern: C_3, C_6, C_7, C_10 of the thrust astern [-].
-        side: A_1 .. A_8 of the side force [-].
-        turn: B_1 .. B_8 of the yaw moment [-].
-    """
-
     diameter: float
     pitch_ratio: float
     deduction: float
     wake: float
     wake_drift: tuple[float, float]
-    x: float
+    x_p: float
     thrust: tuple[float, float, float]
-    astern: tuple[float, float, float, float]
+    thrust_astern: tuple[float, float, float, float]
     side: tuple[float, ...]
     turn: tuple[float, ...]
-
-
-@dataclass(frozen=True)
-class MMGRudder:
-    """Rudder.
-
-    Attributes:
-        area: A_R [m^2].
-        aspect: Aspect ratio [-].
-        x: x_R over L [-].
-        deduction: t_R [-].
-        hull_force: a_H [-].
-        hull_x: x_H over L [-].
-        epsilon: Wake at the rudder over that at the propeller [-].
-        k_x: Race, ahead [-].
-        k_x_astern: Race, astern [-].
-        astern: c_pr, added inflow when the propeller gives no thrust ahead [-].
-        l_r: l_R over L, flow straightening of the yaw rate [-].
-        gamma_port: Flow straightening where ``v + x_R r`` is negative [-].
-        gamma_starboard: Where it is not [-].
-    """
-
     area: float
     aspect: float
-    x: float
-    deduction: float
+    x_r: float
+    rudder_deduction: float
     hull_force: float
     hull_x: float
     epsilon: float
     k_x: float
     k_x_astern: float
-    astern: float
+    inflow_astern: float
     l_r: float
     gamma_port: float
     gamma_starboard: float
@@ -142,44 +125,23 @@ class MMGShip(Ship):
         put together by Miyauchi et al. 2022 (doi 10.1007/s00773-022-00889-3).
     """
 
-    def __init__(
-        self,
-        particulars: Particulars,
-        hull: MMGHull,
-        propeller: MMGPropeller,
-        rudder: MMGRudder,
-        *,
-        dtype: torch.dtype = torch.float64,
-    ) -> None:
-        """Join hull, propeller and rudder.
-
-        Args:
-            particulars: Main dimensions and steering gear.
-            hull: Inertia and hull coefficients.
-            propeller: Propeller coefficients.
-            rudder: Rudder coefficients.
-            dtype: Floating type.
-        """
-        p, h = particulars, hull
-        prime = length_draught_system(p.length, p.draught, p.speed, p.rho)
-        off = h.mass * h.x_g
-        inertia = [
-            [h.mass + h.added_x, 0.0, 0.0],
-            [0.0, h.mass + h.added_y, off],
-            [0.0, off, h.inertia + h.x_g * off],
-        ]
-        super().__init__(p, prime, torch.tensor(inertia, dtype=dtype))
-        self.parts = hull, propeller, rudder
+    def __init__(self, particulars: Particulars, coefficients: MMGCoefficients) -> None:
+        """Build the ship, with the shaft speed that keeps up the approach speed."""
+        p, k = particulars, coefficients
+        off = k.mass * k.x_g
+        inertia = [[k.mass + k.added_x, 0.0, 0.0], [0.0, k.mass + k.added_y, off], [0.0, off, k.inertia + k.x_g * off]]
+        super().__init__(p, p.prime, torch.tensor(inertia, dtype=torch.float64))
+        self.coefficients = k
         self.shaft = self._self_propulsion(p.speed)
         self.particulars = replace(p, rpm=self.shaft / RPM)  # recorded shaft speeds are over this one everywhere
 
     def _self_propulsion(self, speed: float) -> float:
         """Shaft speed at which thrust balances resistance on a straight course [1/s]."""
-        hull, screw, _ = self.parts
-        p, inflow = self.particulars, speed * (1 - screw.wake) / screw.diameter
-        drag = -0.5 * p.rho * p.length * p.draught * hull.x_ahead * speed**2
-        wanted = drag / (p.rho * screw.diameter**4 * (1 - screw.deduction))
-        k0, k1, k2 = screw.thrust
+        p, k = self.particulars, self.coefficients
+        inflow = speed * (1 - k.wake) / k.diameter
+        drag = -0.5 * p.rho * p.length * p.draught * k.x_ahead * speed**2
+        wanted = drag / (p.rho * k.diameter**4 * (1 - k.deduction))
+        k0, k1, k2 = k.thrust
         root = (k1 * inflow) ** 2 - 4 * k0 * (k2 * inflow**2 - wanted)
         if root < 0 or k0 <= 0:
             raise InputError(f"ship {p.name}: no shaft speed keeps up {speed:g} m/s; mind the thrust coefficients")
@@ -223,7 +185,7 @@ class MMGShip(Ship):
 
     def _hull(self, u: Tensor, v: Tensor, turn: Tensor, speed: Tensor) -> Float[Tensor, "*batch 3"]:
         """Hull and the inertia's products of velocities, over the prime force; ``turn`` is r L."""
-        h = self.parts[0]
+        h = self.coefficients
         drag = h.x_ahead + (h.x_astern - h.x_ahead) * torch.atan2(v, u).abs() / pi
         side, _ = cross_flow(v, h.cross_y * turn)
         _, moment = cross_flow(v, h.cross_n * turn)
@@ -234,29 +196,29 @@ class MMGShip(Ship):
 
     def _inflow(self, u: Tensor, v: Tensor, turn: Tensor, speed: Tensor) -> Tensor:
         """Inflow to the propeller over u, 1 - w; 1 astern."""
-        screw = self.parts[1]
-        drift = (v + screw.x * turn) / speed
-        tau, square = screw.wake_drift
-        wake = screw.wake - tau * drift.abs() - square * drift.square()
+        k = self.coefficients
+        drift = (v + k.x_p * turn) / speed
+        tau, square = k.wake_drift
+        wake = k.wake - tau * drift.abs() - square * drift.square()
         return torch.where(u > 0, (1 - wake).clamp(min=1e-9, max=1.0), 1.0)
 
     def _propeller(self, u: Tensor, n: Tensor, inflow: Tensor) -> tuple[Tensor, Float[Tensor, "*batch 3"]]:
         """``K_T n^2 D^2`` as the rudder feels it [m^2/s^2], and the propeller's forces over the prime force."""
-        screw, p = self.parts[1], self.particulars
-        k0, k1, k2 = screw.thrust
-        c3, c6, c7, c10 = screw.astern
-        tip, advance = n * screw.diameter, u * inflow
+        k, p = self.coefficients, self.particulars
+        k0, k1, k2 = k.thrust
+        c3, c6, c7, c10 = k.thrust_astern
+        tip, advance = n * k.diameter, u * inflow
         ahead = k0 * tip.square() + k1 * tip * advance + k2 * advance.square()
         backward = torch.where(u >= c10 * tip, c3 * tip.square(), c6 * tip.square() + c7 * tip * u)
         thrust = torch.where(n >= 0, ahead, backward)
-        along = torch.where(n >= 0, (1 - screw.deduction) * ahead, backward)
-        scale = 2 * screw.diameter**2 / (p.length * p.draught)
-        laws = [self._side(u, tip, n, k) for k in (screw.side, screw.turn)]
+        along = torch.where(n >= 0, (1 - k.deduction) * ahead, backward)
+        scale = 2 * k.diameter**2 / (p.length * p.draught)
+        laws = [self._side(u, tip, n, law) for law in (k.side, k.turn)]
         return thrust, torch.stack([scale * along, *laws], dim=-1) / self.prime.speed**2
 
     def _side(self, u: Tensor, tip: Tensor, n: Tensor, k: tuple[float, ...]) -> Tensor:
         """Side force or moment of the propeller over .5 rho L T [m^2/s^2]; none with ship and propeller ahead."""
-        pitch = self.parts[1].pitch_ratio
+        pitch = self.coefficients.pitch_ratio
         stop = pitch**2 * (k[5] * u.square() + k[6] * u * tip + k[7] * tip.square())
         j = u / torch.where(n < 0, tip, -1.0)
         middle, strong = k[0] + k[1] * j, k[2] + k[3] * j
@@ -268,35 +230,34 @@ class MMGShip(Ship):
         self, u: Tensor, v: Tensor, turn: Tensor, delta: Tensor, n: Tensor, inflow: Tensor, thrust: Tensor
     ) -> Float[Tensor, "*batch 3"]:
         """Rudder forces over the prime force."""
-        k, p = self.parts[2], self.particulars
+        k, p = self.coefficients, self.particulars
         along = self._race(u, n, inflow, thrust)
-        gamma = torch.where(v + k.x * turn >= 0, k.gamma_starboard, k.gamma_port)
+        gamma = torch.where(v + k.x_r * turn >= 0, k.gamma_starboard, k.gamma_port)
         across = -gamma * (v + k.l_r * turn)
         slope = 6.13 * k.aspect / (2.25 + k.aspect)
         angle = delta - torch.atan2(across, along)
         normal = k.area * slope * (along.square() + across.square()) * angle.sin() / (p.length * p.draught)
         lift = normal * delta.cos()
-        parts = [-(1 - k.deduction) * normal * delta.sin(), -(1 + k.hull_force) * lift]
-        parts.append(-(k.x + k.hull_force * k.hull_x) * lift)
+        parts = [-(1 - k.rudder_deduction) * normal * delta.sin(), -(1 + k.hull_force) * lift]
+        parts.append(-(k.x_r + k.hull_force * k.hull_x) * lift)
         return torch.stack(parts, dim=-1) / self.prime.speed**2
 
     def _race(self, u: Tensor, n: Tensor, inflow: Tensor, thrust: Tensor) -> Tensor:
         """Longitudinal inflow to the rudder u_R [m/s]."""
-        k, advance = self.parts[2], u * inflow
-        covered = self.parts[1].diameter / sqrt(k.area * k.aspect)
+        k, advance = self.coefficients, u * inflow
+        covered = k.diameter / sqrt(k.area * k.aspect)
         push = 8 / pi * thrust.abs() + 1e-12
         faster = advance + k.k_x / k.epsilon * ((advance.square() + push).sqrt() - advance)
         ahead = k.epsilon * (covered * faster.square() + (1 - covered) * advance.square() + 1e-12).sqrt()
         behind = k.epsilon * advance
         washed = behind + k.k_x_astern * torch.sign(n) * push.sqrt()
-        square = covered * washed * washed.abs() + (1 - covered) * behind.square() + k.astern * u.square()
+        square = covered * washed * washed.abs() + (1 - covered) * behind.square() + k.inflow_astern * u.square()
         other = torch.where(u < 0, u, torch.sign(square) * (square.abs() + 1e-12).sqrt())
         return torch.where((n >= 0) & (thrust > 0), ahead, other)
 
     def on_approach(self, speed: float) -> "MMGShip":
         """The ship at another approach speed; the shaft speed that keeps it up follows."""
-        check_speed(self.particulars, speed)
-        return MMGShip(self.particulars.at_speed(speed), *self.parts, dtype=self.inertia.dtype)
+        return MMGShip(self.particulars.at_speed(speed), self.coefficients).to(self.inertia)
 
 
 def cross_flow(v: Float[Tensor, "*batch"], turn: Float[Tensor, "*batch"]) -> tuple[Tensor, Tensor]:

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.prime import length_draught_system
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE, KNOT, SEA_WATER
 from manoeuvre_nn.ship.taylor import Coefficients, Side, TaylorShip
@@ -109,5 +108,4 @@ def own_ship(
     if missing:
         raise InputError(f"ship {settings.name}: inertia lacks {', '.join(sorted(missing))}; write them in the yaml")
     p = own_particulars(settings)
-    prime = length_draught_system(p.length, p.draught, p.speed, p.rho)
-    return TaylorShip(p, prime, inertia, coefficients, positive_rudder_turns_to=positive_rudder_turns_to, taylor=taylor)
+    return TaylorShip(p, inertia, coefficients, positive_rudder_turns_to=positive_rudder_turns_to, taylor=taylor)

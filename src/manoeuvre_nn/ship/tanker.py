@@ -10,16 +10,20 @@ from torch import Tensor, nn
 
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.prime import bis_system
-from manoeuvre_nn.core.ship import Particulars, Ship, check_speed
+from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.core.units import RPM
 
-PRODUCTS = ("uu", "Lvr", "vv", "ccdd", "ccbd", "LgT", "uv", "|v|v", "ccd", "Lur", "cross", "L|v|r")
-"""What the coefficients multiply, in the order of the tanker's table; ``cc`` is c^2 and cross c^2 |beta| beta |d|."""
+TERMS = {
+    "uu": ("Xuu", "", ""), "Lvr": ("Xvr", "", ""), "vv": ("Xvv", "", ""), "ccdd": ("Xccdd", "", ""),
+    "ccbd": ("Xccbd", "", ""), "LgT": ("1 - t", "YT", "NT"), "uv": ("", "Yuv", "Nuv"), "|v|v": ("", "Yvv", ""),
+    "ccd": ("", "Yccd", "Nccd"), "Lur": ("", "Yur", "Nur"), "cross": ("", "Yccbbd", "Nccbbd"), "L|v|r": ("", "", "Nvr"),
+}  # fmt: skip
+"""Product -> its coefficients in surge, sway and yaw; ``cc`` is c^2 and cross c^2 |beta| beta |d|."""
 DEPTH_TERMS = {
     "uu": ("Xuuz", "", ""), "Lvr": ("Xvrz", "", ""), "uv": ("", "", "Nuvz"), "|v|v": ("", "Yvvz", ""),
     "Lur": ("", "Yurz", "Nurz"), "cross": ("", "Yccbbdz", "Nccbbdz"), "L|v|r": ("", "", "Nvrz"),
 }  # fmt: skip
-"""Product -> coefficients of it times zeta in surge, sway and yaw."""
+"""Product -> coefficients of it times zeta, likewise."""
 YUVZ, KINK = -0.85, 0.8
 """``zeta Yuvz`` is YUVZ (zeta - KINK) beyond KINK and 0 below: Rajesh & Bhattacharyya 2009, Table 1."""
 
@@ -94,26 +98,20 @@ class TankerShip(Ship):
         super().__init__(particulars, prime, torch.diag(deep + zeta * change))
         self.volume, self.coefficients = volume, coefficients
         self.rpm, self.self_propulsion, self.shaft = rpm, self_propulsion, shaft
-        self._depth = depth
+        self.depth, self.terms = depth, tuple(TERMS)
         self.register_buffer("depth_inertia", change, persistent=False)
         self._store(zeta)
 
     def _store(self, zeta: float) -> None:
         """Put the coefficients into buffers, so that tankers at other depths or rpm can be rows of one batch."""
         k, n, length = self.coefficients, self.rpm * RPM, self.particulars.length
-        surge = {"uu": k["Xuu"], "Lvr": k["Xvr"], "vv": k["Xvv"], "ccdd": k["Xccdd"], "ccbd": k["Xccbd"]}
-        surge["LgT"] = 1 - k["t"]
-        sway = {"uv": k["Yuv"], "|v|v": k["Yvv"], "ccd": k["Yccd"], "Lur": k["Yur"], "cross": k["Yccbbd"]}
-        sway["LgT"] = k["YT"]
-        yaw = {"uv": k["Nuv"], "L|v|r": k["Nvr"], "ccd": k["Nccd"], "Lur": k["Nur"], "cross": k["Nccbbd"]}
-        yaw["LgT"] = k["NT"]
-        deep = [[equation.get(name, 0.0) for equation in (surge, sway, yaw)] for name in PRODUCTS]
-        by_zeta = self.inertia.new_zeros(3, len(PRODUCTS), 3)  # times zeta, its square, and what is beyond the kink
+        values, products = {**k, "1 - t": 1 - k["t"], "": 0.0}, list(TERMS)
+        by_zeta = self.inertia.new_zeros(3, len(TERMS), 3)  # times zeta, its square, and what is beyond the kink
+        table = by_zeta.new_tensor([[values[part] for part in parts] for parts in TERMS.values()])
         for name, parts in DEPTH_TERMS.items():
-            by_zeta[0, PRODUCTS.index(name)] = by_zeta.new_tensor([k.get(part, 0.0) for part in parts])
-        by_zeta[1, PRODUCTS.index("vv"), 0] = k["Xvvzz"]
-        by_zeta[2, PRODUCTS.index("uv"), 1] = YUVZ
-        table = by_zeta.new_tensor(deep)
+            by_zeta[0, products.index(name)] = by_zeta.new_tensor([values[part] for part in parts])
+        by_zeta[1, products.index("vv"), 0] = k["Xvvzz"]
+        by_zeta[2, products.index("uv"), 1] = YUVZ
         for share, change in zip((zeta, zeta**2, max(zeta - KINK, 0.0)), by_zeta, strict=True):
             table = table + share * change
         self.register_buffer("coefficient_table", table / self.prime.speed**2)
@@ -124,11 +122,6 @@ class TankerShip(Ship):
         self.register_buffer("thrust_series", self.inertia.new_tensor(thrust))
 
     @property
-    def depth(self) -> float:
-        """Water depth h [m]; ``inf`` is deep water."""
-        return self._depth
-
-    @property
     def table(self) -> Float[Tensor, "terms 3"]:
         """Coefficients over the BIS unit of acceleration."""
         return self.coefficient_table
@@ -137,11 +130,6 @@ class TankerShip(Ship):
     def shaft_rpm(self) -> float:
         """Shaft speed [rpm]."""
         return self.rpm
-
-    @property
-    def terms(self) -> tuple[str, ...]:
-        """The products as the source writes them."""
-        return PRODUCTS
 
     def thrust(self, u: Float[Tensor, "*batch"], shaft: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
         """``m gT (1 - t)`` [N]."""
@@ -158,7 +146,7 @@ class TankerShip(Ship):
         delta: Float[Tensor, "*batch"],
         shaft: Float[Tensor, "*batch"] | float = 1.0,
     ) -> Float[Tensor, "*batch terms"]:
-        """What the coefficients are multiplied by, in the order of ``PRODUCTS`` [m^2/s^2]."""
+        """What the coefficients are multiplied by, in the order of ``TERMS`` [m^2/s^2]."""
         length = self.particulars.length
         u, v, r, d = nu[..., 0], nu[..., 1], nu[..., 2] * length, -delta
         slope, constant = self.race.unbind()
@@ -189,7 +177,6 @@ class TankerShip(Ship):
 
     def on_approach(self, speed: float) -> "TankerShip":
         """The tanker at another approach speed; the forces are as they are, ``shaft`` says what the propeller does."""
-        check_speed(self.particulars, speed)
         rpm = self.rpm * speed / self.self_propulsion if self.shaft == "similarity" else self.rpm
         return TankerShip(
             self.particulars.at_speed(speed),

@@ -89,14 +89,7 @@ class RolloutScore(L.Callback):
                 trainer.logger.experiment.add_figure(f"{reference.name}/{name}", figure, trainer.current_epoch + 1)
 
     def scored(self, epoch: int) -> bool:
-        """Whether an epoch is the one that was scored last.
-
-        Args:
-            epoch: Its number, from 1.
-
-        Returns:
-            True if it was scored.
-        """
+        """Whether an epoch, counted from 1, is the one that was scored last."""
         return bool(self.history) and self.history[-1]["epoch"] == epoch
 
     @property
@@ -114,14 +107,7 @@ class RolloutScore(L.Callback):
 
 
 def for_solvers(dynamics: Model) -> Model:
-    """A model as solvers want it: in double precision on the CPU, where a tolerance of 1e-6 means something.
-
-    Args:
-        dynamics: The model as it is trained.
-
-    Returns:
-        The same if it is that already, else a copy.
-    """
+    """A model as solvers want it: in double precision on the CPU, where a tolerance of 1e-6 means something."""
     parameter = next(dynamics.parameters())
     if parameter.dtype == torch.float64 and parameter.device.type == "cpu":
         return dynamics
@@ -149,53 +135,37 @@ def scalars(scores: list[Score]) -> dict[str, float]:
     return values
 
 
-class StopWithoutGain(L.Callback):
-    """Ends the fit when some scores in a row were no better.
-
-    Lightning's own EarlyStopping asks in every epoch and wants a score in each, also in those that are not scored.
-    """
-
-    def __init__(self, scorer: RolloutScore, patience: int) -> None:
-        """Set up.
-
-        Args:
-            scorer: Whose history counts; it must come first among the callbacks.
-            patience: How many scores in a row may bring nothing.
-        """
-        self.scorer, self.patience = scorer, patience
-
-    def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Look at the history if this epoch was scored."""
-        scores, count = [row[MONITOR] for row in self.scorer.history], self.patience
-        if self.scorer.scored(trainer.current_epoch + 1) and len(scores) > count:
-            trainer.should_stop = trainer.should_stop or min(scores[-count:]) >= min(scores[:-count])
-
-
 class BestAndLast(Checkpoint):
     """Stores ``last.ckpt`` after every epoch, ``best.ckpt`` after every score that is the best so far.
 
-    Lightning's own ModelCheckpoint renews ``last.ckpt`` only together with the best one. The best weights are in
+    Ends the fit when some scores in a row were no better. Lightning's own ModelCheckpoint renews ``last.ckpt`` only
+    together with the best one, and its EarlyStopping wants a score in every epoch. The best weights are in
     ``last.ckpt`` too, so that a run may be resumed in another folder.
 
     Attributes:
         best: Weights at the best score; empty before the first.
     """
 
-    def __init__(self, scorer: RolloutScore, folder: Path) -> None:
+    def __init__(self, scorer: RolloutScore, folder: Path, patience: int | None = None) -> None:
         """Set up.
 
         Args:
-            scorer: Says what is best.
+            scorer: Says what is best; it must come first among the callbacks.
             folder: Where the files go.
+            patience: How many scores in a row may bring nothing; None is any number.
         """
-        self.scorer, self.folder = scorer, folder
+        self.scorer, self.folder, self.patience = scorer, folder, patience
         self.best: dict[str, torch.Tensor] = {}
 
     def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Store."""
-        if self.scorer.scored(trainer.current_epoch + 1) and self.scorer.best is self.scorer.history[-1]:
-            self.best = {name: value.detach().clone() for name, value in pl_module.state_dict().items()}
-            self._store(trainer, "best.ckpt")
+        """Store, and end a fit that gains nothing."""
+        if self.scorer.scored(trainer.current_epoch + 1):
+            if self.scorer.best is self.scorer.history[-1]:
+                self.best = {name: value.detach().clone() for name, value in pl_module.state_dict().items()}
+                self._store(trainer, "best.ckpt")
+            scores, count = [row[MONITOR] for row in self.scorer.history], self.patience
+            if count is not None and len(scores) > count and min(scores[-count:]) >= min(scores[:-count]):
+                trainer.should_stop = True
         self._store(trainer, "last.ckpt")
 
     def _store(self, trainer: L.Trainer, name: str) -> None:
@@ -217,12 +187,7 @@ class RunProgress(L.Callback):
     """One bar for the whole fit where a person watches, a line now and then where nobody does."""
 
     def __init__(self, console: Console | None = None, seconds: float = 15.0) -> None:
-        """Set up the display.
-
-        Args:
-            console: Where to print.
-            seconds: Time between lines where the console is not a terminal [s].
-        """
+        """Set up the display; without a terminal there are some seconds between lines."""
         self.console, self.seconds = console or Console(), seconds
         self._bar: Progress | None = None
         self._shown = 0.0
@@ -275,11 +240,7 @@ class GracefulStop(L.Callback):
     """The first ctrl-C ends the fit after the present epoch, with checkpoint and report; a second one at once."""
 
     def __init__(self, console: Console | None = None) -> None:
-        """Set up.
-
-        Args:
-            console: Where to say what happens.
-        """
+        """Say where to tell what happens."""
         self.console = console or Console()
         self.interrupted = False
         self._before: Any = None

@@ -109,12 +109,7 @@ class ManoeuvreData(ABC, L.LightningDataModule):
     held_out: HeldOut
 
     def __init__(self, known: Ship, settings: DataSettings) -> None:
-        """Store what is common to all sources.
-
-        Args:
-            known: Known part of the forces.
-            settings: What of the manoeuvres is used, and how.
-        """
+        """Store what is common to all sources."""
         super().__init__()
         self.known, self.settings, self.dtype = known, settings, settings.dtype
 
@@ -315,7 +310,7 @@ class RecordedData(ManoeuvreData):
         super().__init__(known, settings or DataSettings())
         if not runs:
             raise InputError("fit: no recording is given")
-        self.particulars = ship if isinstance(ship, Particulars) else ship.particulars
+        self.particulars = ship.particulars
         self.reference, self.mapping = ship, mapping
         self.runs, self.unseen = tuple(runs), tuple(unseen)
         for run in (*self.runs, *self.unseen):
@@ -383,7 +378,7 @@ def recorded_files(
         raise InputError(f"{', '.join(both)} is both in data.files and in score: a model is scored on unseen runs")
     if not unseen:
         raise InputError(f"no recording is left in {where} to score: write score=[FILE,...]")
-    particulars = ship if isinstance(ship, Particulars) else ship.particulars
+    particulars = ship.particulars
     runs, others = ([read_recording(p, mapping, particulars) for p in some] for some in (paths, unseen))
     return RecordedData(ship, known, runs, others, mapping=mapping, settings=settings)
 

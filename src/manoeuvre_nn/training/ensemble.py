@@ -1,6 +1,5 @@
 """A fit of an ensemble: a member an epoch, each solved to its end by variable projection."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Literal
 
@@ -18,7 +17,8 @@ from manoeuvre_nn.numerics.semilinear import SemiLinear
 from manoeuvre_nn.recording.tuples import Tuples
 from manoeuvre_nn.training.data import Batch
 from manoeuvre_nn.training.fits import Fit
-from manoeuvre_nn.training.rollout_refinement import Refinement, refine
+from manoeuvre_nn.training.rollout_refinement import Refinement
+from manoeuvre_nn.training.rollout_refinement import refine as refined
 from manoeuvre_nn.training.scalings import make_scaling
 
 ALL_TRAINED = "all members trained"
@@ -58,7 +58,7 @@ class EnsembleFit(Fit):
         damping: Literal["trainlm", "nielsen"] = "nielsen",
         goal: float = 0.0,
         min_fall: float = 1e-4,
-        refine: Mapping[str, float] | None = None,
+        refine: Refinement | None = None,
     ) -> None:
         """Set up the method.
 
@@ -69,7 +69,7 @@ class EnsembleFit(Fit):
             damping: ``nielsen`` or ``trainlm``.
             goal: Mean square error of the scaled forces at which a member is done.
             min_fall: Fall of the error over the error at which a member is done [-].
-            refine: Settings of a closed-loop :class:`.Refinement` of every member; None is none.
+            refine: Closed-loop refinement of every member; None is none.
 
         Raises:
             InputError: If the network is no :class:`.HullRudder` or a number is out of range.
@@ -79,7 +79,7 @@ class EnsembleFit(Fit):
             raise InputError(f"fit.epochs={epochs}, fit.restarts={restarts}: expected at least 1 of each")
         self.restarts, self.damping = restarts, Damping(damping)
         self.stops = Stops(epochs=epochs, goal=goal, min_fall=min_fall)
-        self.refinement = Refinement(**(refine or {}))  # type: ignore[arg-type]
+        self.refinement = refine or Refinement()
         self.register_buffer("steps", torch.tensor(-1))
 
     @property
@@ -92,15 +92,7 @@ class EnsembleFit(Fit):
         """None: every member has an optimizer of its own, see :func:`~manoeuvre_nn.numerics.restarts.minimise`."""
 
     def scaled(self, inputs: Tensor, targets: Tensor) -> tuple[Tensor, Tensor]:
-        """Prime tuples as every member sees them.
-
-        Args:
-            inputs: u', v', r', delta, shape (n, 4).
-            targets: g', shape (n, 3).
-
-        Returns:
-            Scaled inputs and targets.
-        """
+        """Prime tuples as every member sees them."""
         return self.dynamics.scaling.inputs(inputs), self.dynamics.scaling.outputs(targets)
 
     def on_train_start(self) -> None:
@@ -120,7 +112,7 @@ class EnsembleFit(Fit):
         stops = replace(self.stops, epochs=int(self.steps))
         found = _train_member(network, k, x, y, stops=stops, damping=self.damping, restarts=self.restarts)
         if self.refinement.steps:
-            network.output_weights[k] = refine(self.dynamics, k, data.recordings, x, self.refinement)[0]
+            network.output_weights[k] = refined(self.dynamics, k, data.recordings, x, self.refinement)[0]
         if len(batch[2]):
             held_x, held_y = self.scaled(batch[2], batch[3])
             self.log("train/validation_mse", (network(held_x) - held_y).square().mean())
@@ -172,16 +164,7 @@ def steps_that_predict(
 
 
 def steps_in_noise(model: IdentifiedShip, tuples: Tuples, stops: Stops = DEFAULT_STOPS) -> int:
-    """Steps in which members are trained where tuples carry noise, see :func:`steps_that_predict`.
-
-    Args:
-        model: Known part, ensemble and scaling.
-        tuples: Samples.
-        stops: When a member is done.
-
-    Returns:
-        The number.
-    """
+    """Steps in which members are trained where tuples carry noise, see :func:`steps_that_predict`."""
     assert isinstance(model.network, HullRudder)
     x, y = model.scaling.inputs(tuples.inputs), model.scaling.outputs(tuples.targets)
     return steps_that_predict(model.network, x, y, stops)

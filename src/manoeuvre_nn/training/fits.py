@@ -66,14 +66,7 @@ class Fit(ABC, L.LightningModule):
         return network.any_fit if cls.made_for is None else issubclass(network, cls.made_for)
 
     def rows(self, inputs: Float[Tensor, "n 4"]) -> Float[Tensor, "k n o"]:
-        """Network outputs, one row for each independent network.
-
-        Args:
-            inputs: Scaled inputs.
-
-        Returns:
-            Scaled outputs.
-        """
+        """Scaled network outputs, one row for each independent network."""
         network: Any = self.dynamics.network
         return network.rows(inputs) if hasattr(network, "rows") else network(inputs)[None]
 
@@ -93,28 +86,13 @@ class Fit(ABC, L.LightningModule):
 
     @torch.no_grad()
     def unknown_force(self, inputs: Float[Tensor, "n 4"]) -> Float[Tensor, "n 3"]:
-        """Unknown forces g' as the network gives them.
-
-        Args:
-            inputs: u', v', r', delta.
-
-        Returns:
-            g1', g2', g3' [-].
-        """
+        """Unknown forces g' [-] as the network gives them."""
         scaling = self.dynamics.scaling
         return scaling.restore(self.dynamics.network(scaling.inputs(inputs)))
 
     @torch.no_grad()
     def relative_rmse(self, inputs: Float[Tensor, "n 4"], targets: Float[Tensor, "n 3"]) -> Float[Tensor, " 3"]:
-        """Root mean square error of each g over its root mean square.
-
-        Args:
-            inputs: u', v', r', delta.
-            targets: g'.
-
-        Returns:
-            relRMSE of g1, g2, g3 [-].
-        """
+        """Root mean square error of each g over its root mean square [-]."""
         g = self.unknown_force(inputs)
         return ((g - targets).square().mean(0) / targets.square().mean(0).clamp(min=1e-30)).sqrt()
 
@@ -123,12 +101,7 @@ class Fit(ABC, L.LightningModule):
         checkpoint[VERSION_KEY] = __version__
 
     def finish(self, batch: Batch, loss: Tensor) -> None:
-        """Log the epoch and stop the trainer if the optimizer has.
-
-        Args:
-            batch: The data.
-            loss: Mean square error over all outputs.
-        """
+        """Log the mean square error of an epoch and stop the trainer if the optimizer has."""
         self.log("train/mse", loss, prog_bar=True)
         if self.stopped:
             self.trainer.should_stop = True

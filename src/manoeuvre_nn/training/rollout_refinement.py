@@ -102,15 +102,7 @@ def refine(
 
 
 def stretches(recordings: Sequence[Recording], length: float) -> list[Recording]:
-    """Recordings cut into pieces of even length.
-
-    Args:
-        recordings: Recordings.
-        length: Length of a piece [s]; one that is shorter is a piece itself.
-
-    Returns:
-        The pieces.
-    """
+    """Recordings cut into pieces of even length [s]; one that is shorter is a piece itself."""
     pieces = []
     for r in recordings:
         edges = np.linspace(r.time[0], r.time[-1], max(1, round(r.duration / length)) + 1)

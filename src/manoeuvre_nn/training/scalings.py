@@ -52,19 +52,10 @@ def make_scaling(kind: str, known: Ship, tuples: Tuples) -> Scaling:
 
 
 def approach_scaling(known: Ship) -> Scaling:
-    """Velocities over U0 and forces over those of the (rho, L, T, U0) system, whatever the known part's system is.
-
-    Args:
-        known: Known part.
-
-    Returns:
-        The scaling.
-    """
-    p, one = known.particulars, torch.ones_like(known.inertia[0, 0])
-    force = 0.5 * p.rho * p.length * p.draught * p.speed**2
-    speed = p.speed / known.prime.speed * one
-    units = [force / known.prime.force, force / known.prime.force, force * p.length / known.prime.moment]
-    return Scaling(torch.zeros(4).to(one), torch.stack([speed, speed, speed, one]), one * torch.tensor(units).to(one))
+    """Velocities over U0 and forces over those of the (rho, L, T, U0) system, whatever that of the known part is."""
+    unit, own, new = known.particulars.prime, known.prime, known.inertia.new_tensor
+    speed, force, moment = unit.speed / own.speed, unit.force / own.force, unit.moment / own.moment
+    return Scaling(new([0.0] * 4), new([speed, speed, speed, 1.0]), new([force, force, moment]))
 
 
 def _or_one(size: torch.Tensor) -> torch.Tensor:

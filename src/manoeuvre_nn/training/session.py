@@ -13,7 +13,7 @@ from lightning.pytorch.loggers import TensorBoardLogger
 from rich.console import Console
 
 from manoeuvre_nn.core.errors import InputError, check_choice
-from manoeuvre_nn.training.callbacks import BestAndLast, GracefulStop, RolloutScore, RunProgress, StopWithoutGain
+from manoeuvre_nn.training.callbacks import BestAndLast, GracefulStop, RolloutScore, RunProgress
 from manoeuvre_nn.training.checkpoint import load_weights, read_checkpoint
 from manoeuvre_nn.training.data import ManoeuvreData
 from manoeuvre_nn.training.fits import Fit
@@ -80,22 +80,11 @@ class Trained:
     logger: TensorBoardLogger
 
     def add_image(self, name: str, image: Any, epoch: int) -> None:
-        """Show a picture.
-
-        Args:
-            name: Its name.
-            image: Height x width x colour, 0 to 1.
-            epoch: Epoch that it belongs to.
-        """
+        """Show a picture, height x width x colour from 0 to 1."""
         self.logger.experiment.add_image(name, image, epoch, dataformats="HWC")
 
     def close(self, settings: Mapping[str, Any], scores: Mapping[str, float]) -> None:
-        """Write the hparams table and end the log.
-
-        Args:
-            settings: Flat settings of the run.
-            scores: Final scores.
-        """
+        """Write the hparams table and end the log."""
         self.logger.log_hyperparams(dict(settings), dict(scores))
         self.logger.finalize("success")
 
@@ -118,12 +107,10 @@ def run(fit: Fit, data: ManoeuvreData, scorer: RolloutScore, session: Session, o
     checkpoint = _resume_from(session, out, console)
     if checkpoint is not None:
         load_weights(fit, checkpoint)  # refuses another network's in one line; Lightning then restores everything
-    keeper, graceful = BestAndLast(scorer, out / CHECKPOINTS), GracefulStop(console)
+    keeper, graceful = BestAndLast(scorer, out / CHECKPOINTS, session.patience), GracefulStop(console)
     callbacks: list[L.Callback] = [scorer, graceful, keeper]
     if session.progress:
         callbacks.append(RunProgress(console))
-    if session.patience is not None:
-        callbacks.append(StopWithoutGain(scorer, session.patience))
     logger = TensorBoardLogger(out, name="", version=DASHBOARD, default_hp_metric=False)
     trainer = L.Trainer(
         accelerator=session.accelerator,

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from manoeuvre_nn.network.perceptron import Perceptron, PerceptronSettings
+from manoeuvre_nn.network.perceptron import Perceptron
 from manoeuvre_nn.numerics.damping import Stops
 from manoeuvre_nn.numerics.one_hidden import OneHidden
 from manoeuvre_nn.numerics.restarts import minimise
@@ -20,9 +20,7 @@ def data() -> tuple[torch.Tensor, torch.Tensor]:
 
 
 def weights(rows: int = 2, activation: str = "tanh") -> torch.Tensor:
-    network = Perceptron(
-        rows, 2, HIDDEN, 3, PerceptronSettings(activation=activation, initial="normal", spread=1.5), seed=1
-    )
+    network = Perceptron((rows, 2, HIDDEN, 3), activation=activation, initial="normal", spread=1.5, seed=1)
     return network.input_weights.detach().flatten(1)
 
 
@@ -76,7 +74,7 @@ def test_kaufmans_products_are_the_full_ones_with_the_output_weights_eliminated(
 def test_output_weights_are_those_of_plain_least_squares():
     x, y = data()
     problem, w = Separable(x, y, HIDDEN, activation="tanh"), weights(1)
-    network = Perceptron(1, 2, HIDDEN, 3, PerceptronSettings(activation="tanh"))
+    network = Perceptron((1, 2, HIDDEN, 3), activation="tanh")
     network.input_weights.data = w.unflatten(1, (HIDDEN, 3))
     nodes = torch.tanh(x @ w.reshape(HIDDEN, 3)[:, :2].T + w.reshape(HIDDEN, 3)[:, 2])
     best = torch.linalg.lstsq(torch.cat([nodes, torch.ones(SAMPLES, 1, dtype=x.dtype)], 1), y).solution
@@ -103,7 +101,7 @@ def test_nodes_that_saturate_or_run_together_do_no_harm(kaufman):
 @pytest.mark.parametrize("kaufman", [False, True])
 def test_a_map_of_as_many_nodes_is_found_again(kaufman):
     x, _ = data()
-    true = Perceptron(1, 2, HIDDEN, 3, PerceptronSettings(activation="tanh", initial="symmetric"), seed=8)
+    true = Perceptron((1, 2, HIDDEN, 3), activation="tanh", initial="symmetric", seed=8)
     y = true(x).detach()
     start = true.input_weights.detach().flatten(1) + 0.1 * torch.cos(torch.arange(12.0, dtype=torch.float64))
     found = minimise(Separable(x, y, HIDDEN, activation="tanh", kaufman=kaufman), start, stops=Stops(epochs=60))

@@ -9,7 +9,6 @@ from fleet import ship_named, unchecked
 from pytest import approx
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.prime import length_draught_system
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.limits import OK
@@ -31,15 +30,13 @@ UNIT = WANG.time_unit
 def mirrored_ship():
     """The Mariner without the offsets Y0 and N0: port and starboard are alike."""
     even = {e: {k: c for k, c in terms.items() if k != "0"} for e, terms in COEFFICIENTS.items()}
-    prime = length_draught_system(WANG.length, WANG.draught, WANG.speed, WANG.rho)
-    return TaylorShip(WANG, prime, INERTIA, even, positive_rudder_turns_to="port")
+    return TaylorShip(WANG, INERTIA, even, positive_rudder_turns_to="port")
 
 
 def linear_ship():
     """A ship with a linear yaw equation."""
     linear = {"X": COEFFICIENTS["X"], "Y": {}, "N": {k: COEFFICIENTS["N"][k] for k in "vrd"}}
-    prime = length_draught_system(WANG.length, WANG.draught, WANG.speed, WANG.rho)
-    return TaylorShip(WANG, prime, INERTIA, linear, positive_rudder_turns_to="port")
+    return TaylorShip(WANG, INERTIA, linear, positive_rudder_turns_to="port")
 
 
 @cache

@@ -9,7 +9,7 @@ import pytest
 import torch
 from fleet import unchecked
 
-from manoeuvre_nn.network.perceptron import Perceptron, PerceptronSettings
+from manoeuvre_nn.network.perceptron import Perceptron
 from manoeuvre_nn.numerics.steepest_descent import RateSchedule
 from studies.reproduction.claims import read_claims
 from studies.reproduction.section import ComputingEffort
@@ -128,7 +128,7 @@ def test_a_step_of_1_s_does_no_harm_where_crossings_are_located():
 
 @pytest.mark.parametrize("activation", ["sigmoid", "tanh"])
 def test_gradients_by_formula_are_autograds(activation):
-    network = Perceptron(3, 4, 5, 1, PerceptronSettings(activation=activation, initial="symmetric"), seed=2)
+    network = Perceptron((3, 4, 5, 1), activation=activation, initial="symmetric", seed=2)
     generator = torch.Generator().manual_seed(3)
     x, y = (torch.randn(size, generator=generator, dtype=torch.float64) for size in ((9, 4), (3, 9)))
     loss = (network.rows(x)[..., 0] - y).square().sum() / 9

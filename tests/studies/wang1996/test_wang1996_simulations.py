@@ -1,5 +1,6 @@
 """Wang 1996: its simulations and its table of estimated coefficients."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -14,8 +15,9 @@ from manoeuvre_nn.manoeuvre.criteria import criteria
 from manoeuvre_nn.manoeuvre.spiral import spiral
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
-from manoeuvre_nn.ship.clarke import clarke_derivatives, clarke_ship
+from manoeuvre_nn.ship.clarke import clarke_derivatives
 from manoeuvre_nn.ship.great_lakes_bulker import PARTICULARS as BULKER
+from manoeuvre_nn.ship.known import clarke_part
 from manoeuvre_nn.ship.mariner import COEFFICIENTS, INERTIA, WANG
 
 TRIALS = [zigzag(20.0), zigzag(35.0), zigzag(15.0), turning_circle(25.0), turning_circle(35.0), spiral()]
@@ -149,7 +151,7 @@ CLARKE = {
 @pytest.mark.parametrize("ship", CLARKE)
 def test_the_estimated_coefficients_are_those_of_tables_5_and_a(ship):
     particulars, Xu, Xdd, published = CLARKE[ship]
-    estimate = clarke_ship(particulars, Xu, Xdd)
+    estimate = clarke_part(particulars)
     M, c = estimate.inertia, estimate.coefficients
     found = {"mx": M[0, 0], "my": M[1, 1], "Yrdot": -M[1, 2], "Nvdot": -M[2, 1], "mz": M[2, 2]}
     found |= {"Yv": c["Y"]["v"], "Yr-m": c["Y"]["r"], "Yd": c["Y"]["d"]}
@@ -160,7 +162,7 @@ def test_the_estimated_coefficients_are_those_of_tables_5_and_a(ship):
 
 def test_the_estimate_moves_by_equations_4_30_to_4_32():
     """Dimensional, written out: (m - Xudot) udot = Xu (u - U0) + Xdd d^2/2 and so on."""
-    estimate, d = clarke_ship(WANG, -0.0253, -0.04008), clarke_derivatives(WANG)
+    estimate, d = clarke_part(WANG), clarke_derivatives(WANG)
     u, v, r, rudder = 6.0, -0.7, 0.011, 0.3
     force = 0.5 * WANG.rho * WANG.length * WANG.draught * WANG.speed**2
     m = 2 * WANG.block * WANG.beam / WANG.length
@@ -179,4 +181,4 @@ def test_the_estimate_moves_by_equations_4_30_to_4_32():
 
 
 def test_the_default_rudder_drag_is_that_of_equation_4_18():
-    assert clarke_ship(WANG).coefficients["X"]["dd"] == approx(-2 * 0.06)
+    assert clarke_part(replace(WANG, rudder_drag=None)).coefficients["X"]["dd"] == approx(-2 * 0.06)
