@@ -17,6 +17,7 @@ from manoeuvre_nn.recording.check.agreement import (
     POINTS,
     Axes,
     Motion,
+    Pair,
     Yaw,
     axes_readings,
     runner_up,
@@ -52,7 +53,6 @@ Series = Float[np.ndarray, " n"]
 
 Settings = dict[str, tuple[Any, str, bool]]
 """Setting of a mapping -> its value, why, and whether names or data decided."""
-_Pair = tuple[Series, Series]
 
 
 def read_motions(
@@ -118,7 +118,7 @@ def _headings(time: Series, columns: dict[str, Heading], values: dict[str, Serie
     return [(y, made) for y in likely if y.misfit < made[0].misfit + MIN_SCORE_GAP]
 
 
-def _track(time: Series, values: dict[str, Series]) -> _Pair | None:
+def _track(time: Series, values: dict[str, Series]) -> Pair | None:
     """Rates of the two positions, in the file's unit of length a second or, from latitude and longitude, in m/s."""
     if "x" in values:
         places = values["x"], values["y"]
@@ -133,7 +133,7 @@ def _track(time: Series, values: dict[str, Series]) -> _Pair | None:
 def _speed_units(
     columns: dict[str, Heading],
     values: dict[str, Series],
-    track: _Pair | None,
+    track: Pair | None,
     ship: Particulars | None,
 ) -> dict[str, Choice]:
     """Units of positions and of velocities under which speeds are alike."""
@@ -166,7 +166,7 @@ def _speed_units(
             told += f", next {_share(other[1])} ({other[2][k]})" if other else ""
             result[k] = replace(result[k], why=told, decided=False)
         elif not said:
-            clear = compared and other is not None and other[1] - apart > MIN_SCORE_GAP
+            clear = compared and other is not None and bool(other[1] - apart > MIN_SCORE_GAP)
             result[k] = replace(result[k], why="unit by data" if clear else "usual unit", decided=clear)
     return result
 
@@ -184,11 +184,11 @@ def _unit_price(heading: Heading, options: Sequence[str], unit: str) -> float:
 
 
 def _velocities(
-    time: Series, values: dict[str, Series], units: dict[str, Choice], track: _Pair | None
-) -> dict[str, _Pair | None]:
+    time: Series, values: dict[str, Series], units: dict[str, Choice], track: Pair | None
+) -> dict[str, Pair | None]:
     """Velocities of :class:`Motion` in SI at some times, by every way that the file has."""
     size = {k: units_of(k)[choice.unit] for k, choice in units.items()} | {"lat": 1.0}
-    made: dict[str, _Pair | None] = {"track": track, "velocity": None, "over": None}
+    made: dict[str, Pair | None] = {"track": track, "velocity": None, "over": None}
     if track is not None:
         scale = size["x" if "x" in values else "lat"]
         made["track"] = scale * track[0], scale * track[1]
@@ -204,7 +204,7 @@ def _velocities(
 
 
 def _motion(
-    time: Series, values: dict[str, Series], yaw: Yaw, given: dict[str, _Pair | None], ship: Particulars | None
+    time: Series, values: dict[str, Series], yaw: Yaw, given: dict[str, Pair | None], ship: Particulars | None
 ) -> Motion:
     """The motion under one reading of the heading; the length of a ship that is not known is guessed."""
     psi, rate = smoothed(time, np.unwrap(values["psi"] * units_of("psi")[yaw.psi_unit]), window(time))
