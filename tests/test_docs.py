@@ -132,7 +132,7 @@ def mine(tmp_path):
 
 def test_a_ship_and_an_effect_of_ones_own_are_built_as_the_pages_write_them(mine):
     cfg = compose("simulate", [f"config_dir={mine}", "plugins=[kite]", "ship=ferry", "effect=[kite]"])
-    assert build(cfg.ship, "ship").name == "my ferry"
+    assert build(cfg.ship, "ship").name == "ferry"
     (kite,) = chosen_effects(cfg.effect, mariner())
     assert kite.name == "kite" and float(kite.value("pull_kN")) == 100.0
 

@@ -12,7 +12,7 @@ from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
-from manoeuvre_nn.recording.check.finding import Change, Finding, remedied, settings, worst
+from manoeuvre_nn.recording.check.finding import Change, Finding, settings, worst
 from manoeuvre_nn.recording.check.inspection import inspect_file, summary_lines
 from manoeuvre_nn.recording.read.mapping import mapping
 from manoeuvre_nn.recording.read.reader import read_recording
@@ -152,6 +152,22 @@ def inspected(tmp_path):
             return inspect_file(path, columns, SHIP.particulars), path
 
     return look
+
+
+def remedied(read, findings):
+    """The mapping that a file is to be read with after what was found with this one."""
+    channels, plain = dict(read.channels), {}
+    for path, value in settings(findings, read).items():
+        first, *rest = path.split(".")
+        if first == "time":
+            read = replace(read, time=replace(read.time, **{rest[0]: value}))
+        elif first != "channels":
+            plain[first] = value
+        elif len(rest) > 1 and rest[0] in channels:
+            channels[rest[0]] = replace(channels[rest[0]], **{rest[1]: value})
+        elif value is None and len(rest) == 1:
+            channels.pop(rest[0], None)
+    return replace(read, channels=channels, **plain)
 
 
 def tripped(inspection):

@@ -5,6 +5,7 @@ import pytest
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
+from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.report.figures import (
     _end_to_end,
     _ship_shape,
@@ -17,6 +18,7 @@ from manoeuvre_nn.report.figures import (
     time_series_figure,
     track_figure,
 )
+from manoeuvre_nn.report.runs import run_rows, runs_figure
 from manoeuvre_nn.report.style import PREDICTED, RECORDED, log_axis
 from manoeuvre_nn.scoring.score import score
 
@@ -197,3 +199,12 @@ def test_the_map_of_a_track_to_the_east_is_as_high_as_it_needs(recorded):
     figure = track_figure(eastward, eastward)
     assert figure.get_figheight() < figure.get_figwidth()
     assert np.diff(figure.axes[0].get_xlim()) == pytest.approx(4 * np.diff(figure.axes[0].get_ylim()))
+
+
+def test_headings_of_runs_are_told_and_drawn_without_the_whole_turns_at_their_start(recorded):
+    once_round = recorded.with_channels(psi=recorded["psi"] + 2 * np.pi)
+    assert run_rows([once_round], LENGTH) == run_rows([recorded], LENGTH)
+    first, second = (runs_figure([run], LENGTH).axes[1].get_lines()[0].get_ydata() for run in (recorded, once_round))
+    np.testing.assert_allclose(first, second)
+    bare = Recording("bare", recorded.time, {"psi": np.full(len(recorded), np.nan)}, "ok", {})
+    assert run_rows([bare], LENGTH)[0]["heading [deg]"] == "–" == run_rows([bare], LENGTH)[0]["rudder [deg]"]

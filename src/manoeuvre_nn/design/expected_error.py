@@ -169,20 +169,22 @@ class _MemberTruths:
         count = int(network.trained)
         self.truths = torch.linspace(0, count - 1, min(effort.truths, count)).round().long().tolist()
         self.others = [[(t + 1 + k) % count for k in range(min(effort.others, count - 1))] for t in self.truths]
-        self.known = self._scaled(tuples)
+        x, y = self._scaled(tuples)
         with torch.no_grad():
-            each = network.each(self.known[0].expand(count, -1, -1), count)
-        self.noise = (each - self.known[1]).square().mean((0, 1)).sqrt()
-        errors = self.known[1] - each.quantile(0.5, dim=0)
-        self.would_be = each[self.truths] + errors
-        seen = zip(self.others, self._seen(), strict=True)
-        self.now = self._missed([self._trained(rows, *data) for rows, data in seen])
+            each = network.each(x.expand(count, -1, -1), count)
+        self.noise = (each - y).square().mean((0, 1)).sqrt()
+        # What would have been recorded already, truth by truth.
+        self.seen = [(x, forces) for forces in each[self.truths] + (y - each.quantile(0.5, dim=0))]
+        self.now = self._missed(self.seen)
 
     def prospect(self, run: CandidateRun) -> ExpectedGain:
         """What a candidate would bring."""
         recorded = [self._scaled(self._recorded(run, truth)) for truth in self.truths]
-        both = [[torch.cat(p) for p in zip(*parts, strict=True)] for parts in zip(self._seen(), recorded, strict=True)]
-        after = self._missed([self._trained(rows, *data) for rows, data in zip(self.others, both, strict=True)])
+        both = [
+            (torch.cat([x, new_x]), torch.cat([y, new_y]))
+            for (x, y), (new_x, new_y) in zip(self.seen, recorded, strict=True)
+        ]
+        after = self._missed(both)
         pairs = zip(self.now.mean(0).tolist(), after.mean(0).tolist(), strict=True)
         by_target = dict(zip([t.manoeuvre.name for t in self.targets], pairs, strict=True))
         # A candidate that is itself to be predicted would else be praised for having been seen.
@@ -191,10 +193,6 @@ class _MemberTruths:
         now, left = float(self.now.mean()), after[:, other].mean() / self.now[:, other].mean().clamp(min=1e-12)
         then, status = now * float(left), remark(run, self.model.particulars)
         return ExpectedGain(run.manoeuvre.name, run.seconds, now, then, now - then, by_target, status)
-
-    def _seen(self) -> list[tuple[Tensor, Tensor]]:
-        """What would have been recorded already, truth by truth."""
-        return [(self.known[0], forces) for forces in self.would_be]
 
     def _recorded(self, run: CandidateRun, truth: int) -> Tuples:
         """What would be learnt from a member's run, as long as it stays in the physical range."""
@@ -230,23 +228,19 @@ class _MemberTruths:
         found = minimise(problem, start, stops=stops, at_once=1).weights
         return problem.full(found), problem.output_weights(found)
 
-    def _missed(self, trained: list[tuple[Tensor, Tensor]]) -> Float[Tensor, "truths targets"]:
-        """How far networks, some for each truth, are from the truths' tracks of the targets."""
+    def _missed(self, data: Sequence[tuple[Tensor, Tensor]]) -> Float[Tensor, "truths targets"]:
+        """How far the others, trained on some data of each truth, are from the truths' tracks of the targets."""
+        trained = [self._trained(rows, x, y) for rows, (x, y) in zip(self.others, data, strict=True)]
         weights = [torch.cat(parts) for parts in zip(*trained, strict=True)]
         model = IdentifiedShip(self.model.known, self.network.with_weights(*weights), self.model.scaling)
         runs = sail(model, [t.manoeuvre for t in self.targets])
         parts = torch.arange(len(weights[0])).split([len(first) for first, _ in trained])
-        return self._deviations([[run.tracks[rows] for run in runs] for rows in parts])
-
-    def _deviations(self, tracks: Sequence[Sequence[Float[Tensor, "_ _ 2"]]]) -> Float[Tensor, "truths targets"]:
-        """Largest distance over L between every truth and the median of the others, target by target."""
         length = self.model.particulars.length
         far = [
-            [(_median(o) - run.tracks[t]).norm(dim=-1).max() / length for o, run in zip(row, self.targets, strict=True)]
-            for t, row in zip(self.truths, tracks, strict=True)
+            [
+                (run.tracks[rows].quantile(0.5, dim=0) - target.tracks[truth]).norm(dim=-1).max() / length
+                for run, target in zip(runs, self.targets, strict=True)
+            ]
+            for truth, rows in zip(self.truths, parts, strict=True)
         ]
         return torch.tensor(far).clamp(max=MAX_DEVIATION)
-
-
-def _median(tracks: Float[Tensor, "j t 2"]) -> Float[Tensor, "t 2"]:
-    return tracks.quantile(0.5, dim=0)

@@ -18,7 +18,7 @@ from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.helm import Helm, helm_of
 from manoeuvre_nn.dynamics.limits import MAX_PRIME_VELOCITIES, OK, inside_physical_range, left_range
-from manoeuvre_nn.dynamics.vessel import Vessel, as_vessel
+from manoeuvre_nn.dynamics.vessel import RudderGear, Vessel, as_vessel
 
 ROWS_AT_ONCE = 16
 """Rows that are turned into recordings at once: enough to share the overhead, few enough to stay in the cache."""
@@ -179,51 +179,59 @@ def _integrate(
     """Walk from event to event of the helm; states, indicated angles, blade angles and orders at the sample times."""
     ship, rest = vessel.model.particulars, state.new_zeros(1)
     helm = helm_of([manoeuvre], rest + ship.rudder_rate, state[:, 5], vessel.gear.at_rest(rest))
-    found, now = [(state, helm.rudder, helm.blade[:, -1], helm.order)], 0.0
+    found, count, now = [(state[None], helm.rudder[None], helm.blade[:, -1:], helm.order[None])], 1, 0.0
     everywhere = torch.ones_like(rest, dtype=torch.bool)
     chunk = 3.0 * ship.time_unit  # headings are watched in short stretches, so that little is computed in vain
-    while len(found) < len(times) and inside_physical_range(state, ship):
+    while count < len(times) and inside_physical_range(state, ship):
         limit = min(now + chunk, float(times[-1])) if bool(helm.now[1].isfinite()) else float(times[-1])
         end = min(now + float(helm.smooth_time(rest + now)), limit)
-        samples = times[len(found) :]
+        samples = times[count:]
         samples = samples[samples <= end + 1e-9]
         grid = np.unique(np.concatenate([[now], samples, [end]]))
         grid = grid[np.concatenate([[True], np.diff(grid) > 1e-9])]
-        rate = _rate(vessel, helm, now)
+        steered = _steered(vessel.gear, helm)
+        rate = _rate(vessel.model, steered, now)
         path = odeint(rate, state, torch.as_tensor(grid), **options)
-        passed = [k for k, y in enumerate(path[1:]) if bool(helm.beyond(y[:, 5]) >= 0)]
-        state = path[-1]
-        if passed:
-            first = passed[0]
+        passed, state = helm.beyond(path[1:, 0, 5]) >= 0, path[-1]
+        if passed.any():
+            first = int(passed.int().argmax())
             end, state = _locate(rate, helm, path[first], (grid[first], grid[first + 1]), options)
             samples = samples[samples <= end]
-        for k, time in zip(np.searchsorted(grid, samples - 1e-9), samples, strict=True):
-            shown, blade = helm.after(rest + (time - now), vessel.gear)
-            found.append((path[k], shown, blade[:, -1], helm.order))
-        shown, blade = helm.after(rest + (end - now), vessel.gear)
-        now = end
-        helm = helm.advanced(shown, blade, rest + now, everywhere, everywhere & bool(passed))
-    states, rudders, blades, orders = (torch.stack(parts) for parts in zip(*found, strict=True))
-    return states, rudders, blades, orders
+        shown, behind = steered(torch.as_tensor(samples - now).to(rest))
+        at, orders = np.searchsorted(grid, samples - 1e-9), helm.order.expand(len(samples), 1)
+        found.append((path[at], shown[:, None], behind[:, -1:], orders))
+        count += len(samples)
+        shown, behind = helm.after(rest + (end - now), vessel.gear)
+        helm, now = helm.advanced(shown, behind, rest + end, everywhere, everywhere & passed.any()), end
+    return tuple(torch.cat(parts) for parts in zip(*found, strict=True))
 
 
-def _rate(vessel: Vessel, helm: Helm, start: float) -> Callable[[Tensor, Tensor], Tensor]:
-    """Rate of the state while the helm does one thing from a time on [s]: the indicator moves evenly or rests."""
-    model, ship = vessel.model, vessel.model.particulars
-    steepest = 1e4 * ship.top_speed / ship.time_unit
-    max_u, max_v, max_r = MAX_PRIME_VELOCITIES
-    far = 2 * ship.top_speed * helm.rudder.new_tensor([max_u, max_v, max_r / ship.length])
-    # So it does beyond the end of that, where the solver looks too: a kink there would cost accuracy.
+def _steered(gear: RudderGear, helm: Helm) -> Callable[[Tensor], tuple[Tensor, Tensor]]:
+    """Time from now -> indicated angle and the angles behind it, while the indicator moves evenly or rests."""
+    # It goes on so beyond the end of that, where the solver looks too: a kink there would cost accuracy.
     error = helm.order - helm.rudder
     speed = torch.where(error.abs() > 1e-12, torch.sign(error) * helm.rate, 0.0)
+
+    def steered(elapsed: Tensor) -> tuple[Tensor, Tensor]:
+        shown = helm.rudder + speed * elapsed
+        return shown, gear.after(helm.blade, helm.order, shown, elapsed)
+
+    return steered
+
+
+def _rate(model: Model, steered: Callable, start: float) -> Callable[[Tensor, Tensor], Tensor]:
+    """Rate of the state while the helm does one thing from a time on [s]."""
+    ship = model.particulars
+    steepest = 1e4 * ship.top_speed / ship.time_unit
+    max_u, max_v, max_r = MAX_PRIME_VELOCITIES
+    far = 2 * ship.top_speed * model.hull.inertia.new_tensor([max_u, max_v, max_r / ship.length])
 
     def rate(t: Tensor, y: Tensor) -> Tensor:
         # A run that breaks down rests far outside the range: else its steps shrink without end before it is looked at.
         if not bool((y[:, :3].abs() <= far).all()):
             return torch.zeros_like(y)
         time = t.expand(len(y))
-        elapsed = time - start
-        blade = vessel.gear.after(helm.blade, helm.order, helm.rudder + speed * elapsed, elapsed)[:, -1]
+        blade = steered(time - start)[1][:, -1]
         # Rates beyond all sense, or not numbers, throw it out there at once: the solver gives up on them.
         return torch.nan_to_num(model(y, Inputs(blade, time=time)), nan=steepest).clamp(-steepest, steepest)
 

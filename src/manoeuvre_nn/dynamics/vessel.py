@@ -122,11 +122,11 @@ class RudderGear:
 
     def after(
         self,
-        before: Float[Tensor, "*batch k"],
-        order: Float[Tensor, "*batch"],
-        shown: Float[Tensor, "*batch"],
-        elapsed: Float[Tensor, "*batch"],
-    ) -> Float[Tensor, "*batch k"]:
+        before: Float[Tensor, "*#batch k"],
+        order: Float[Tensor, "*#batch"],
+        shown: Float[Tensor, "*#batch"],
+        elapsed: Float[Tensor, "*#batch"],
+    ) -> Float[Tensor, "*#batch k"]:
         """Rudder angles behind every fault in turn after a time in which the indicator moved evenly.
 
         Args:

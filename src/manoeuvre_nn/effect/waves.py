@@ -11,6 +11,7 @@ from manoeuvre_nn.core.effect import Effect, ForceEffect, Parameter, Situation
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.units import GRAVITY
 from manoeuvre_nn.effect.common import columns, compass, direction
+from manoeuvre_nn.effect.sensors import add
 
 HEIGHT = Parameter("Hs", "m", 0.0, 8.0, 0.0, 2.5, (2.5,))
 
@@ -92,7 +93,7 @@ class FirstOrderWaves(Effect):
         cos, sin = torch.cos(s.psi), torch.sin(s.psi)
         added = {"psi": yaw, "r": dr, "u_log": du, "x": surge * cos - sway * sin, "y": surge * sin + sway * cos}
         added |= {"vn": du * cos - dv * sin, "ve": du * sin + dv * cos}
-        return {name: value + added[name] if name in added else value for name, value in channels.items()}
+        return add(channels, **added)
 
     def _motion(self, s: Situation) -> tuple[tuple[Tensor, ...], tuple[Tensor, ...]]:
         """Surge, sway [m], yaw [rad] and their rates."""

@@ -16,6 +16,7 @@ from torch import Tensor
 
 from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.core.effect import Situation
+from manoeuvre_nn.core.frames import kinematics
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.base import Model, calm_accelerations, runge_kutta_step
 from manoeuvre_nn.estimation.linear_run import Columns, IntegratedRun, RunEquations
@@ -174,10 +175,8 @@ def _step(rate: Rate, state: Tensor, delta: Tensor, shaft: Tensor, h: float, dec
     turns = 0.5 * (shaft[:-1] + shaft[1:])
 
     def f(s: Tensor, rudder: Tensor) -> Tensor:
-        u, v, r, psi = s[..., 0], s[..., 1], s[..., 2], s[..., 5]
-        cos, sin = torch.cos(psi), torch.sin(psi)
-        motion = torch.stack([u * cos - v * sin, u * sin + v * cos, r], dim=-1)
-        return torch.cat([rate(s[..., :3], rudder, turns) + s[..., 6:], motion, torch.zeros_like(motion)], dim=-1)
+        accelerations = rate(s[..., :3], rudder, turns) + s[..., 6:]
+        return torch.cat([accelerations, kinematics(s[..., :6]), torch.zeros_like(accelerations)], dim=-1)
 
     new = runge_kutta_step(f, state, (start, 0.5 * (start + end), end), state.new_tensor(h))
     return torch.cat([new[..., :6], decay * state[..., 6:]], dim=-1)

@@ -6,6 +6,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from jaxtyping import Float, Int
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -290,7 +291,8 @@ def learning_figure(history: Sequence[Mapping[str, Any]]) -> Figure:
     Returns:
         The figure; a panel without data is left out.
     """
-    names = list(dict.fromkeys(name for row in history for name in row))
+    table = pd.DataFrame(list(history)).astype(float)
+    names = list(table.columns)
     panels = {
         "mean squared error\n(scaled) [-]": [n for n in names if n.endswith("mse")],
         "relative RMSE\nof g′ [-]": [n for n in names if "relrmse" in n],
@@ -302,31 +304,25 @@ def learning_figure(history: Sequence[Mapping[str, Any]]) -> Figure:
     for axes, (label, members) in zip(grid, panels.items(), strict=False):
         log_axis(plain_axes(axes, "", label))
         for index, name in enumerate(members):
-            _draw_learning(axes, index, name, *_positive(history, name))
+            _draw_learning(axes, index, table.set_index("epoch")[name])
         axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.05), frameon=False, fontsize=9)
     grid[-1].set_xlabel("epoch")
     return figure
 
 
-def _draw_learning(axes: Axes, index: int, name: str, epochs: list[float], values: list[float]) -> None:
-    """One curve of the learning figure; the mean is black, few points are marked."""
-    mean = name == "score/dev_L"
+def _draw_learning(axes: Axes, index: int, column: pd.Series) -> None:
+    """One curve of the learning figure, where a logarithm can show it; the mean is black, few points are marked."""
+    values = column[np.isfinite(column) & (column > 0)]
+    name, mean = str(column.name), column.name == "score/dev_L"
     axes.plot(
-        epochs,
-        values,
+        values.index.to_numpy(),
+        values.to_numpy(),
         color="black" if mean else COLOURS[index % len(COLOURS)],
         marker=MARKERS[index % len(MARKERS)] if len(values) <= 40 else "",
         markersize=3.5,
         linewidth=2.0 if mean else 1.2,
         label="mean" if mean else re.sub(r"train/|relrmse_|/?dev_L|_mse$", "", name) or name,
     )
-
-
-def _positive(history: Sequence[Mapping[str, Any]], name: str) -> tuple[list[float], list[float]]:
-    """Epochs and values of a column that a logarithmic axis can show."""
-    pairs = [(float(row["epoch"]), float(row[name])) for row in history if row.get(name) is not None]
-    pairs = [(epoch, value) for epoch, value in pairs if np.isfinite(value) and value > 0]
-    return [epoch for epoch, _ in pairs], [value for _, value in pairs]
 
 
 def excitation_figure(trained: Float[np.ndarray, "n 4"], held_out: Mapping[str, Float[np.ndarray, "_ 4"]]) -> Figure:

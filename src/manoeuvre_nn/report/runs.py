@@ -3,11 +3,12 @@
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.report.style import new_figure, plain_axes
+from manoeuvre_nn.report.style import COLOURS, new_figure, plain_axes
 from manoeuvre_nn.report.tables import Row
 
 
@@ -29,10 +30,14 @@ def run_rows(runs: Sequence[Recording], length: float) -> list[Row]:
 
 def _range_deg(run: Recording, channel: str) -> str:
     """Least and largest value of an angle."""
-    if channel not in run.channels:
-        return "–"
-    values = run[channel] / DEGREE
-    return f"{np.nanmin(values):.0f} to {np.nanmax(values):.0f}"
+    values = _degrees(run, channel)
+    return f"{round(np.nanmin(values))} to {round(np.nanmax(values))}" if np.isfinite(values).any() else "–"
+
+
+def _degrees(run: Recording, channel: str) -> Float[np.ndarray, " n"]:
+    """An angle without the whole turns at its start, so that 359.9 and .1 deg stand beside each other."""
+    values = run.channels.get(channel, np.array([])) / DEGREE
+    return values - 360 * np.round(values[np.isfinite(values)][:1].sum() / 360)
 
 
 def _way(run: Recording) -> float:
@@ -49,12 +54,12 @@ def runs_figure(runs: Sequence[Recording], length: float) -> Figure:
     plain_axes(tracks, "east y/L [-]", "north x/L [-]")
     plain_axes(series, "time t [s]", "heading ψ (full), rudder δ (dotted) [deg]")
     for k, run in enumerate(runs):
-        colour = f"C{k % 10}"
+        colour = COLOURS[k % len(COLOURS)]
         if {"x", "y"} <= set(run.channels):
             tracks.plot(run["y"] / length, run["x"] / length, color=colour, label=run.name)
         for channel, style in (("psi", "-"), ("delta", ":")):
             if channel in run.channels:
-                series.plot(run.time, run[channel] / DEGREE, style, color=colour, label=None)
+                series.plot(run.time, _degrees(run, channel), style, color=colour)
     tracks.set_aspect("equal", adjustable="datalim")
     tracks.legend(fontsize=7)
     return figure

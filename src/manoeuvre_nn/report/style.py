@@ -43,7 +43,7 @@ def legend_below(figure: Figure, handles: Sequence[Any], columns: int = 3) -> No
     )
 
 
-class DecadeLocator(Locator):
+class _DecadeLocator(Locator):
     """Ticks of a logarithmic axis: even within a decade, at 1, 2 and 5 over few, at powers of ten over many."""
 
     def __call__(self) -> list[float]:
@@ -67,7 +67,7 @@ def log_axis(axes: Axes, which: Literal["x", "y"] = "y") -> Axes:
     """Make an axis logarithmic, with plain numbers, and return the axes."""
     axes.set(**{f"{which}scale": "log"})
     axis = axes.xaxis if which == "x" else axes.yaxis
-    axis.set_major_locator(DecadeLocator())
+    axis.set_major_locator(_DecadeLocator())
     axis.set_minor_locator(NullLocator())
     axis.set_major_formatter(lambda value, _: f"{value:g}")
     return axes

@@ -11,7 +11,6 @@ import yaml
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import NullLocator
 from rich.table import Table
 
 from manoeuvre_nn.core.errors import InputError
@@ -235,8 +234,7 @@ def _mark_values(axes: Axes, values: pd.Series) -> None:
         axes.margins(x=0.15)  # matplotlib sets words side by side
         return
     if values.min() > 0 and values.max() >= 30 * values.min():
-        axes.set_xscale("log")
-        axes.xaxis.set_minor_locator(NullLocator())
+        log_axis(axes, "x")
     if values.nunique() <= 8:
         tried = sorted(values.unique())
         axes.set_xticks(tried, [f"{value:g}" for value in tried])

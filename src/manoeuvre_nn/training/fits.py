@@ -1,7 +1,7 @@
 """Lightning modules: the two ways to fit a network to tuples."""
 
 from abc import ABC
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import lightning as L
@@ -247,7 +247,7 @@ class LevenbergMarquardtFit(Fit):
         optimizer: Any = self.optimizers()
         inner: LevenbergMarquardt = optimizer.optimizer
         for _ in range(self.iterations_per_epoch):
-            optimizer.step(self._closure(x, y))
+            optimizer.step(lambda: (self.rows(x) - y).flatten(1))  # residuals at the present weights
             if len(batch[2]):
                 inner.validate(self._validation_error(batch))
             if inner.stopped:
@@ -256,10 +256,6 @@ class LevenbergMarquardtFit(Fit):
         if inner.stopped:
             self.stopped = "; ".join(dict.fromkeys(inner.reasons))
         self.finish(batch, torch.as_tensor(inner.loss).mean())
-
-    def _closure(self, x: Tensor, y: Tensor) -> Callable[[], Tensor]:
-        """Residuals of every row at the present weights."""
-        return lambda: (self.rows(x) - y).flatten(1)
 
     @torch.no_grad()
     def _validation_error(self, batch: Batch) -> Tensor:

@@ -121,16 +121,8 @@ class Motion:
 
 
 def window(time: Series) -> float:
-    """A smoothing window that suits a record whose ship is not known.
-
-    Args:
-        time: Sample times.
-
-    Returns:
-        Its length, in the unit of time.
-    """
-    samples = float(np.clip(len(time) / 60, 5, 61))
-    return samples * float(np.median(np.diff(time)))
+    """Length of a smoothing window that suits a record whose ship is not known, in the unit of time."""
+    return float(np.clip(len(time) / 60, 5, 61) * np.median(np.diff(time)))
 
 
 def yaw_readings(
@@ -228,12 +220,11 @@ def runner_up(readings: Sequence[Axes], differing: Sequence[str], alike: Sequenc
     """
     best = readings[0]
 
-    def picked(a: Axes, names: Sequence[str]) -> list:
-        return [getattr(a, name) for name in names]
+    def same(a: Axes, names: Sequence[str]) -> bool:
+        return all(getattr(a, name) == getattr(best, name) for name in names)
 
-    others = [r for r in readings if picked(r, alike) == picked(best, alike)]
-    others = [r for r in others if picked(r, differing) != picked(best, differing)]
-    return min(others, key=lambda r: r.evidence, default=None)
+    others = [a for a in readings if same(a, alike) and not same(a, differing)]
+    return min(others, key=lambda a: a.evidence, default=None)
 
 
 def _price(attribute: str, value: object, usual: object) -> float:

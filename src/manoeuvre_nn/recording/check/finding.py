@@ -120,22 +120,6 @@ def settings(findings: Sequence[Finding], mapping: ChannelMapping) -> dict[str, 
     return {path: value for path, value in said.items() if not path.startswith(out)}
 
 
-def remedied(mapping: ChannelMapping, findings: Sequence[Finding]) -> ChannelMapping:
-    """The mapping that a file is to be read with after what was found with this one."""
-    channels, plain = dict(mapping.channels), {}
-    for path, value in settings(findings, mapping).items():
-        first, *rest = path.split(".")
-        if first == "time":
-            mapping = replace(mapping, time=replace(mapping.time, **{rest[0]: value}))
-        elif first != "channels":
-            plain[first] = value
-        elif len(rest) > 1 and rest[0] in channels:
-            channels[rest[0]] = replace(channels[rest[0]], **{rest[1]: value})
-        elif value is LEAVE_OUT and len(rest) == 1:
-            channels.pop(rest[0], None)
-    return replace(mapping, channels=channels, **plain)
-
-
 def finding_json(finding: Finding, mapping: ChannelMapping) -> dict[str, Any]:
     """A finding as plain numbers and strings; ``changes`` as path -> value of the mapping that it was read with."""
     plain = {f.name: getattr(finding, f.name) for f in fields(finding)}
