@@ -133,7 +133,7 @@ def filtered(line: LinearisedRun) -> float:
             p += np.diag(np.concatenate([tiny**2, FORCE**2 * (1 - decay**2)]))
         for c in np.flatnonzero(np.isfinite(measured(line.run)[k])):
             h = line.observed[k, c]
-            s = h @ p @ h + FORCE.channels[c] ** 2
+            s = h @ p @ h + NOISE[c] ** 2
             e = line.residual[k, c] - h @ mean
             total -= 0.5 * (e**2 / s + np.log(2 * np.pi * s))
             mean, p = mean + p @ h * e / s, p - np.outer(p @ h, h @ p) / s
