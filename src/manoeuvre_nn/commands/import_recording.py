@@ -93,8 +93,8 @@ def import_recording(asked: Request, console: Console) -> Proposal:
     show(proposal, console)
     asked.out.parent.mkdir(parents=True, exist_ok=True)
     asked.out.write_text(to_yaml(proposal), encoding="utf-8")
-    console.print(f"written: {asked.out}", highlight=False, markup=False, soft_wrap=True)
-    console.print(next_command(proposal, asked), highlight=False, markup=False, soft_wrap=True)
+    _say(console, f"written: {asked.out}")
+    _say(console, next_command(proposal, asked))
     return proposal
 
 

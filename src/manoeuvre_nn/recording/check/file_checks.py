@@ -11,7 +11,6 @@ from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.recording.check.finding import LEAVE_OUT, Change, Finding
 from manoeuvre_nn.recording.check.samples import MAX_BRIDGED_GAP, REPLACEMENTS, piece
 from manoeuvre_nn.recording.read.mapping import Mapping
-from manoeuvre_nn.recording.read.quantity import STAMPS
 from manoeuvre_nn.recording.read.reader import MAX_FILLED_CELLS, MIN_LENGTH
 from manoeuvre_nn.recording.read.table import read_table
 
@@ -25,9 +24,8 @@ Lost = dict[str, Bool[np.ndarray, " n"]]
 def file_findings(path: Path, mapping: Mapping, ship: Particulars) -> list[Finding]:
     """Empty cells and holes of a file, before it is read; none where the reader's own complaint says more."""
     try:
-        table = read_table(path, mapping)
-        column, unit = mapping.time.column, mapping.time.unit
-        time = table.stamps(column, unit, mapping.time_zone) if unit in STAMPS else table.numbers(column)
+        table = read_table(path, **mapping.table)
+        time = table.times(mapping.time.column, mapping.time.unit, mapping.time_zone)
         there = {k: c.column for k, c in mapping.channels.items() if c.column in table.cells.columns}
         cells = {k: np.isnan(table.numbers(column)) for k, column in there.items()}
     except InputError:

@@ -1,6 +1,7 @@
 """Heading, rate of turn, positions and velocities of an undescribed file: units, signs and axes by agreement."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -16,6 +17,7 @@ from manoeuvre_nn.recording.check.agreement import (
     POINTS,
     Axes,
     Motion,
+    Pair,
     Yaw,
     axes_readings,
     runner_up,
@@ -51,9 +53,6 @@ Series = Float[np.ndarray, " n"]
 
 Settings = dict[str, tuple[Any, str, bool]]
 """Setting of a mapping -> its value, why, and whether names or data decided."""
-_Unit = tuple[str, str, bool]
-"""A column's unit, why, and whether names or data decided."""
-_Pair = tuple[Series, Series]
 
 
 def read_motions(
@@ -119,7 +118,7 @@ def _headings(time: Series, columns: dict[str, Heading], values: dict[str, Serie
     return [(y, made) for y in likely if y.misfit < made[0].misfit + MIN_SCORE_GAP]
 
 
-def _track(time: Series, values: dict[str, Series]) -> _Pair | None:
+def _track(time: Series, values: dict[str, Series]) -> Pair | None:
     """Rates of the two positions, in the file's unit of length a second or, from latitude and longitude, in m/s."""
     if "x" in values:
         places = values["x"], values["y"]
@@ -134,9 +133,9 @@ def _track(time: Series, values: dict[str, Series]) -> _Pair | None:
 def _speed_units(
     columns: dict[str, Heading],
     values: dict[str, Series],
-    track: _Pair | None,
+    track: Pair | None,
     ship: Particulars | None,
-) -> dict[str, _Unit]:
+) -> dict[str, Choice]:
     """Units of positions and of velocities under which speeds are alike."""
     raw: dict[str, float] = {}
     if track is not None:
@@ -157,20 +156,18 @@ def _speed_units(
         rated.append((apart + price, apart, units))
     rated.sort(key=lambda item: item[0])
     _, apart, units = rated[0]
-    result = {}
+    result = {k: Choice(k, columns[k].column, unit, why="unit by name") for k, unit in units.items()}
     for k, unit in units.items():
         other = min((item for item in rated if item[2][k] != unit), key=lambda item: item[1], default=None)
         said = columns[k].unit
         compared = len(raw) > 1 or ship is not None
-        if said == unit:
-            result[k] = unit, "unit by name", True
-        elif said:
+        if said and said != unit:
             told = f"unit by data, against its heading: speeds differ by {_share(apart)}"
-            result[k] = unit, told + (f", next {_share(other[1])} ({other[2][k]})" if other else ""), False
-        elif compared and other is not None and other[1] - apart > MIN_SCORE_GAP:
-            result[k] = unit, "unit by data", True
-        else:
-            result[k] = unit, "usual unit", False
+            told += f", next {_share(other[1])} ({other[2][k]})" if other else ""
+            result[k] = replace(result[k], why=told, decided=False)
+        elif not said:
+            clear = compared and other is not None and bool(other[1] - apart > MIN_SCORE_GAP)
+            result[k] = replace(result[k], why="unit by data" if clear else "usual unit", decided=clear)
     return result
 
 
@@ -187,11 +184,11 @@ def _unit_price(heading: Heading, options: Sequence[str], unit: str) -> float:
 
 
 def _velocities(
-    time: Series, values: dict[str, Series], units: dict[str, _Unit], track: _Pair | None
-) -> dict[str, _Pair | None]:
+    time: Series, values: dict[str, Series], units: dict[str, Choice], track: Pair | None
+) -> dict[str, Pair | None]:
     """Velocities of :class:`Motion` in SI at some times, by every way that the file has."""
-    size = {k: units_of(k)[unit] for k, (unit, *_) in units.items()} | {"lat": 1.0}
-    made: dict[str, _Pair | None] = {"track": track, "velocity": None, "over": None}
+    size = {k: units_of(k)[choice.unit] for k, choice in units.items()} | {"lat": 1.0}
+    made: dict[str, Pair | None] = {"track": track, "velocity": None, "over": None}
     if track is not None:
         scale = size["x" if "x" in values else "lat"]
         made["track"] = scale * track[0], scale * track[1]
@@ -207,7 +204,7 @@ def _velocities(
 
 
 def _motion(
-    time: Series, values: dict[str, Series], yaw: Yaw, given: dict[str, _Pair | None], ship: Particulars | None
+    time: Series, values: dict[str, Series], yaw: Yaw, given: dict[str, Pair | None], ship: Particulars | None
 ) -> Motion:
     """The motion under one reading of the heading; the length of a ship that is not known is guessed."""
     psi, rate = smoothed(time, np.unwrap(values["psi"] * units_of("psi")[yaw.psi_unit]), window(time))
@@ -224,11 +221,12 @@ def _some(time: Series) -> Int[np.ndarray, " m"]:
     return np.unique(np.linspace(0, len(time) - 1, POINTS).astype(int))
 
 
-def _course_unit(heading: Heading, values: Series) -> _Unit:
+def _course_unit(heading: Heading, values: Series) -> Choice:
     """Unit of a course over ground: the one that is stated, else by size."""
     if heading.unit in units_of("cog"):
-        return heading.unit, "by name", True
-    return ("deg", "unit by size", True) if np.abs(values).max() > FULL_CIRCLE else ("rad", "unit by size", False)
+        return Choice("cog", heading.column, heading.unit, why="by name")
+    large = bool(np.abs(values).max() > FULL_CIRCLE)
+    return Choice("cog", heading.column, "deg" if large else "rad", why="unit by size", decided=large)
 
 
 def _open(columns: dict[str, Heading]) -> tuple[dict[str, Sequence], list[str]]:
@@ -254,7 +252,7 @@ def _named(north: Heading, east: Heading) -> bool:
 
 
 def _axes_in_words(
-    axes: list[Axes], m: Motion, columns: dict[str, Heading], units: dict[str, _Unit]
+    axes: list[Axes], m: Motion, columns: dict[str, Heading], units: dict[str, Choice]
 ) -> tuple[list[Choice], Settings]:
     """How velocities and positions are read."""
     a = axes[0]
@@ -275,9 +273,7 @@ def _axes_in_words(
     if "lat" in columns:
         read += [Choice(k, columns[k].column, "deg", why="by name") for k in ("lat", "lon")]
     if "sog" in columns:
-        for k in ("sog", "cog"):
-            unit, why, decided = units[k]
-            read.append(Choice(k, columns[k].column, unit, why=why, decided=decided))
+        read += [units["sog"], units["cog"]]
     return read, settings
 
 
@@ -317,16 +313,15 @@ def _pair(
     swapped: bool,
     signs: tuple[int, int],
     columns: dict[str, Heading],
-    unit: _Unit,
+    unit: Choice,
     told: _Told,
 ) -> list[Choice]:
     """Two channels that are rated together."""
-    word, why, known = unit
-    said = "; ".join(part for part in (why, "columns exchanged" if swapped else "", told.why) if part)
-    sources = [columns[name].column for name in (names[::-1] if swapped else names)]
+    why = "; ".join(part for part in (unit.why, "columns exchanged" if swapped else "", told.why) if part)
+    clear = unit.decided and told.clear
     return [
-        Choice(name, column, word, sign, 0.0, said, known and told.clear, told.misfit, told.next)
-        for name, column, sign in zip(names, sources, signs, strict=True)
+        Choice(name, columns[source].column, unit.unit, sign, 0.0, why, clear, told.misfit, told.next)
+        for name, source, sign in zip(names, names[::-1] if swapped else names, signs, strict=True)
     ]
 
 

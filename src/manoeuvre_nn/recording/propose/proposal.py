@@ -105,23 +105,17 @@ def propose(path: Path, ship: Particulars | None = None) -> Proposal:
         values = {c: file.numbers[h.column] for c, h in columns.items()}
         values = {c: line_across(seconds, v, np.isnan(v)) for c, v in values.items()}
         choices, settings, motion = read_motions(seconds, columns, values, ship)
-        choices += _rudder(columns, values, float(np.ptp(motion.psi)))
+        rudders = [c for c in ("delta", "delta_order") if c in columns]
+        choices += [_rudder(c, columns[c], values[c], float(np.ptp(motion.psi))) for c in rudders]
         if columns["delta"].name.startswith("order_"):
             settings["rudder"] = "order", "the column is named an order", True
         settings["rudder_positive_to"] = _rudder_side(path, _config(base, settings, choices), ship or _stand_in(motion))
         rest = set(columns) - {choice.channel for choice in choices}
         choices += [_other(c, h, values[c], usual_speed(motion), ship) for c, h in columns.items() if c in rest]
-        notes += spare
-        if not COMPASS.search(columns["psi"].name) and not {"lat", "cog"} & set(columns):
-            notes.append(
-                "Data cannot tell a ship from her image in a mirror: psi is taken to grow when she turns to starboard."
-            )
+        notes += [*spare, *_mirrored(columns)]
     raw = {c.channel: file.numbers[c.column] for c in choices}
     settings |= _gaps(seconds, raw)
-    odd = {name: int(spikes(v).sum()) for name, v in raw.items()}
-    if any(odd.values()):
-        said = ", ".join(f"{k} {v}" for k, v in odd.items() if v)
-        notes.append(f"Single samples far off their neighbours: {said}; outliers: fill takes them out.")
+    notes += _outlying(raw)
     used = {time.column, *(h.column for h in columns.values())}
     config = _config(base, settings, choices)
     return Proposal(
@@ -145,6 +139,20 @@ def _open_questions(file: Sniffed, columns: dict[str, Heading]) -> list[str]:
     if still:
         notes.append(f"Never moving, so that nothing can be compared with it: {', '.join(still)}; name another column.")
     return notes
+
+
+def _mirrored(columns: dict[str, Heading]) -> list[str]:
+    """What no data can tell, unless a compass or a receiver wrote them down."""
+    if COMPASS.search(columns["psi"].name) or {"lat", "cog"} & set(columns):
+        return []
+    return ["Data cannot tell a ship from her image in a mirror: psi is taken to grow when she turns to starboard."]
+
+
+def _outlying(raw: dict[str, Series]) -> list[str]:
+    """Single samples far off their neighbours."""
+    odd = {name: int(spikes(v).sum()) for name, v in raw.items()}
+    said = ", ".join(f"{k} {v}" for k, v in odd.items() if v)
+    return [f"Single samples far off their neighbours: {said}; outliers: fill takes them out."] if said else []
 
 
 def _columns(named: dict[str, Heading]) -> tuple[dict[str, Heading], list[str]]:
@@ -187,16 +195,7 @@ def _record(columns: dict[str, Heading]) -> tuple[list[Choice], Settings]:
     return choices, {"kind": (RECORD, f"no manoeuvre that a model could be made from: {said}", True)}
 
 
-def _rudder(columns: dict[str, Heading], values: dict[str, Series], turned: float) -> list[Choice]:
-    """Rudder angles."""
-    made = []
-    for channel in (c for c in ("delta", "delta_order") if c in columns):
-        unit, why, decided = _rudder_unit(columns[channel], values[channel], turned)
-        made.append(Choice(channel, columns[channel].column, unit, why=why, decided=decided))
-    return made
-
-
-def _rudder_unit(heading: Heading, values: np.ndarray, turned: float) -> tuple[str, str, bool]:
+def _rudder(channel: str, heading: Heading, values: Series, turned: float) -> Choice:
     """Unit of a rudder angle: degrees if radians would be beyond every stop, or would hardly turn the ship."""
     largest, by_data, clear = float(np.abs(values).max()), "", True
     if largest > LARGEST_RUDDER:
@@ -204,11 +203,12 @@ def _rudder_unit(heading: Heading, values: np.ndarray, turned: float) -> tuple[s
     elif turned > TURNED or (turned > MIN_TURNED and largest < SMALL_RUDDER):
         by_data, clear = "rad", turned > TURNED
         said = f"stays within {largest:.3g} while the heading changes by {turned / DEGREE:.0f} deg"
-    if by_data and heading.unit in {"", by_data}:
-        return by_data, "unit by name" if heading.unit else f"unit by data: {said}", bool(heading.unit) or clear
-    if by_data:
-        return by_data, f"unit by data, against its heading: {said}", False
-    return (heading.unit or "deg"), "unit by name" if heading.unit else "usual unit", bool(heading.unit)
+    read = Choice(channel, heading.column, by_data or heading.unit or "deg", why="unit by name")
+    if by_data and not heading.unit:
+        return replace(read, why=f"unit by data: {said}", decided=clear)
+    if by_data and by_data != heading.unit:
+        return replace(read, why=f"unit by data, against its heading: {said}", decided=False)
+    return read if heading.unit else replace(read, why="usual unit", decided=False)
 
 
 def _rudder_side(path: Path, config: dict[str, Any], ship: Particulars) -> tuple[str, str, bool]:

@@ -12,9 +12,9 @@ from jaxtyping import Float
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.recording.propose.headings import Heading, take_apart
-from manoeuvre_nn.recording.read.containers import columns_in, has_reader
-from manoeuvre_nn.recording.read.mapping import RECORD, ChannelMap, Mapping
-from manoeuvre_nn.recording.read.table import EMPTY, Table, cells_of, check_there, numbers_in, read_table, text_of
+from manoeuvre_nn.recording.read.containers import has_reader
+from manoeuvre_nn.recording.read.mapping import Mapping
+from manoeuvre_nn.recording.read.table import EMPTY, Table, cells_of, is_blank, lines_of, numbers_in, read_table
 
 DELIMITERS = (",", ";", "\t", "|", "whitespace")
 LOOKED_AT = 400
@@ -62,17 +62,8 @@ class Sniffed:
 
 def sniff(path: Path) -> Sniffed:
     """Look at a file; refused if it holds no columns of numbers."""
-    check_there(path)
-    layout: dict[str, Any] = {}
-    below: dict[str, str] = {}
-    spoken: dict[str, str] = {}
-    if has_reader(path):
-        table = Table(path, columns_in(path), "row")
-    else:
-        layout, spoken, below = _layout(path)
-        columns = list(spoken)
-        held = Mapping(ChannelMap(columns[0], "s"), {"r": ChannelMap(columns[0], "count")}, kind=RECORD, **layout)
-        table = read_table(path, held)
+    layout, spoken, below = ({}, {}, {}) if has_reader(path) else _layout(path)
+    table = read_table(path, **layout)
     numbers, stamps = _columns(table)
     if not numbers:
         raise InputError(f"{path.name}: no columns of numbers; expected one line a sample")
@@ -87,14 +78,14 @@ def sniff(path: Path) -> Sniffed:
 
 def _layout(path: Path) -> tuple[dict[str, Any], dict[str, str], dict[str, str]]:
     """How a text is cut: settings of a mapping, column -> its heading, column -> its unit below the heading."""
-    lines = text_of(path).split("\n", LOOKED_AT)[:LOOKED_AT]
+    lines = lines_of(path)[:LOOKED_AT]
     options = [(d, m) for d in DELIMITERS for m in ("point", "comma") if (d, m) != (",", "comma")]
     rated = [(*_numeric_block(lines, d, m), d, m) for d, m in options]
     _, first, width, delimiter, decimal = max(rated, key=lambda r: (r[0], r[2]))
     if width < 2:
         raise InputError(f"{path.name}: no columns of numbers; expected a text with one line a sample")
     layout = {"delimiter": delimiter, "decimal": decimal, "header": True, "skip_rows": 0}
-    above = [k for k in range(first) if lines[k].strip(" \t,;")]
+    above = [k for k in range(first) if not is_blank(lines[k])]
     names = _words(lines[above[-1]], delimiter, width) if above else None
     units = None
     if names and len(above) > 1 and all(not n or take_apart("x", n).unit or n in "-()[]" for n in names):

@@ -56,7 +56,7 @@ def choose_time(file: Sniffed, named: Named, ship: Particulars | None) -> tuple[
         return _with_unit(file, chosen, named, ship)
     stamped = next((h for h in file.headings if h.column not in file.numbers), None)
     if stamped is not None:
-        seconds = file.table.stamps(stamped.column, stamped.unit, None)
+        seconds = file.table.times(stamped.column, stamped.unit)
         file.table.check_rises(stamped.column, seconds)
         why = "time stamps; UTC unless they say otherwise, or time_zone does"
         return Choice("time", stamped.column, stamped.unit, why=why), seconds

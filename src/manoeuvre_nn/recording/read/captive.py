@@ -1,7 +1,7 @@
 """Tables of captive model tests: forces at given drift and rudder angles, in prime units and the ship's own signs."""
 
 from collections.abc import Mapping as AnyMapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -10,15 +10,13 @@ from jaxtyping import Float
 
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.manoeuvre import side_sign
-from manoeuvre_nn.recording.read.mapping import RECORD, ChannelMap, Mapping, column_of, is_number, sign_of
+from manoeuvre_nn.recording.read.mapping import ChannelMap, column_of, is_number, sign_of
 from manoeuvre_nn.recording.read.quantity import UNITS
 from manoeuvre_nn.recording.read.table import read_table
 
-PRIME = "-"
-"""Unit of what is non-dimensional already."""
 COLUMNS = {
-    "beta": "angle", "delta": "angle", "r": PRIME, "speed": "speed", "n": "shaft speed", "X": PRIME, "Y": PRIME,
-    "N": PRIME, "run": PRIME,
+    "beta": "angle", "delta": "angle", "r": "ratio", "speed": "speed", "n": "shaft speed", "X": "ratio", "Y": "ratio",
+    "N": "ratio", "run": "ratio",
 }  # fmt: skip
 """What a table may hold, and what it measures; run is the number of a test."""
 NEEDED = ("beta", "delta", "X", "Y", "N")
@@ -102,7 +100,7 @@ def captive_mapping(**settings: Any) -> CaptiveMapping:
         InputError: If a key is unknown or missing, or a value makes no sense.
     """
     for key in settings:
-        check_choice("captive mapping: key", key, ["columns", "rudder_positive_to", "area", "moment_point"])
+        check_choice("captive mapping: key", key, [f.name for f in fields(CaptiveMapping)])
     given = settings.get("columns")
     if not isinstance(given, AnyMapping):
         raise InputError(
@@ -113,62 +111,39 @@ def captive_mapping(**settings: Any) -> CaptiveMapping:
         check_choice("captive mapping: column", name, list(COLUMNS))
         if not isinstance(where, AnyMapping) or "column" not in where or not set(where) <= {"column", "unit", "sign"}:
             raise InputError(f"captive mapping: {name} is {where!r}; write {name}: {{column: HEADING, unit: UNIT}}")
-        unit, sign = str(where.get("unit", PRIME)), sign_of(f"captive mapping: sign of {name}", where.get("sign", 1))
-        check_choice(f"captive mapping: unit of {name}", unit, list(_units(name)))
+        unit, sign = str(where.get("unit", "-")), sign_of(f"captive mapping: sign of {name}", where.get("sign", 1))
+        check_choice(f"captive mapping: unit of {name}", unit, list(UNITS[COLUMNS[name]]))
         columns[name] = ChannelMap(column_of(f"captive mapping: column of {name}", where["column"]), unit, sign)
     lacking = [name for name in NEEDED if name not in columns]
     if lacking:
         raise InputError(f"captive mapping: columns has no {', '.join(lacking)}")
-    plain = {k: v for k, v in settings.items() if k != "columns"}
-    side_sign("captive mapping: rudder_positive_to", plain.get("rudder_positive_to", "starboard"))
-    check_choice("captive mapping: area", plain.get("area", AREAS[0]), AREAS)
-    point = plain.get("moment_point", 0.0)
+    others = {k: v for k, v in settings.items() if k != "columns"}
+    side_sign("captive mapping: rudder_positive_to", others.get("rudder_positive_to", "starboard"))
+    check_choice("captive mapping: area", others.get("area", AREAS[0]), AREAS)
+    point = others.get("moment_point", 0.0)
     if not is_number(point):
         raise InputError(f"captive mapping: moment_point={point!r}; write ship lengths, e.g. 0.02")
-    return CaptiveMapping(columns, **{**plain, "moment_point": float(point)})
+    return CaptiveMapping(columns, **{**others, "moment_point": float(point)})
 
 
 def read_captive(path: str | Path, mapping: CaptiveMapping) -> CaptiveTests:
-    """Read a table of captive tests.
-
-    Args:
-        path: The file; a text, MAT or parquet.
-        mapping: Columns, units, signs.
-
-    Returns:
-        The tests; a run that stands in the table several times comes once.
-
-    Raises:
-        InputError: If the file cannot be read, or a cell is empty.
-    """
+    """Read a table of captive tests, a text or a file of another format; a run that stands there twice comes once."""
     path = Path(path)
-    first = next(iter(mapping.columns.values())).column
-    channels = {"r": ChannelMap(first, "count")}
-    table = read_table(path, Mapping(ChannelMap(first, "s"), channels, kind=RECORD))
+    table = read_table(path, [where.column for where in mapping.columns.values()])
     side = side_sign("rudder_positive_to", mapping.rudder_positive_to)
     values: dict[str, Series] = {}
     for name, where in mapping.columns.items():
-        if where.column not in table.cells.columns:
-            there = ", ".join(map(str, table.cells.columns))
-            raise InputError(f"{path.name}: no column {where.column!r}; it has: {there}")
         numbers = table.numbers(where.column)
         if np.isnan(numbers).any():
             raise table.error(where.column, int(np.argmax(np.isnan(numbers))), "is empty; delete or mend this row")
-        values[name] = numbers * where.sign * _units(name)[where.unit] * (side if name == "delta" else 1)
-    runs = values.get("run", np.arange(len(values["beta"])))
+        values[name] = numbers * where.sign * UNITS[COLUMNS[name]][where.unit] * (side if name == "delta" else 1)
+    runs = values.pop("run", np.arange(len(values["beta"])))
     kept = np.sort(np.unique(runs, return_index=True)[1])
-    missing = {"r": 0.0, "speed": np.nan, "n": np.nan}
-    filled = {k: np.full(len(kept), v) for k, v in missing.items()} | {k: v[kept] for k, v in values.items()}
+    unsaid = {k: np.full(len(runs), v) for k, v in (("r", 0.0), ("speed", np.nan), ("n", np.nan))}
+    filled = {k: v[kept] for k, v in (unsaid | values).items()}
     filled["N"] = filled["N"] + mapping.moment_point * filled["Y"]
     _check_plausible(path, filled)
-    filled.pop("run", None)
     return CaptiveTests(path.stem, **filled, area=mapping.area)
-
-
-def _units(name: str) -> dict[str, float]:
-    """Units of a column -> their value in SI."""
-    quantity = COLUMNS[name]
-    return {PRIME: 1.0} if quantity == PRIME else UNITS[quantity]
 
 
 def _check_plausible(path: Path, values: dict[str, Series]) -> None:

@@ -1,5 +1,6 @@
 """Formats that are no texts: a function each, found by suffix; nothing in a file is ever executed or unpickled."""
 
+import os
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -40,8 +41,21 @@ def has_reader(path: Path) -> bool:
     return path.suffix.lower() in READERS
 
 
+def check_there(path: Path) -> None:
+    """Refuse a file that is missing, a folder, or empty."""
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; write a file")
+    if not path.exists():
+        raise InputError(f"{path}: no such file")
+    if not os.access(path, os.R_OK):
+        raise InputError(f"{path}: may not be read; ask its owner, or copy it")
+    if not path.stat().st_size:
+        raise InputError(f"{path.name}: empty file; expected columns of numbers")
+
+
 def columns_in(path: Path, wanted: Sequence[str] | None = None) -> pd.DataFrame:
     """Columns of a file that has a reader; the index counts rows from 1."""
+    check_there(path)
     frame = READERS[path.suffix.lower()](path, wanted)
     return frame.set_axis(pd.RangeIndex(1, len(frame) + 1))
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping as AnyMapping
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import Any, get_args, get_type_hints
 from zoneinfo import ZoneInfo
 
 from manoeuvre_nn.core.errors import InputError, check_choice
@@ -15,7 +15,19 @@ KINDS = ("zigzag", "turning_circle", "pull_out", "spiral", "straight", "random_r
 """Kinds of manoeuvre that criteria know."""
 REQUIRED = ("psi", "delta")
 """Channels that every manoeuvre needs."""
-DELIMITER = "one character such as ; or the word whitespace"
+WANTED = {
+    "reference_point": "metres, e.g. 0.0",
+    "position_point": "metres, or null",
+    "start": "seconds, e.g. 12.5, or null",
+    "end": "seconds, or null",
+    "skip_rows": "a whole number, e.g. 0",
+    "header": "true or false",
+    "optional": "true or false",
+    "fill_gaps": "true, false or seconds, e.g. 2.0",
+    "delimiter": "one character such as ; or the word whitespace",
+    "rudder_positive_to": "starboard or port",
+}
+"""Setting -> what to write; any other is a word."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +122,7 @@ class Mapping:
         check_choice("mapping: place", self.place, ["open_water", "tank"])
         side_sign("mapping: rudder_positive_to", self.rudder_positive_to)
         if self.delimiter != "whitespace" and (len(self.delimiter) != 1 or self.delimiter in '"\n\r'):
-            raise InputError(f"mapping: delimiter={self.delimiter!r}; write {DELIMITER}")
+            raise InputError(f"mapping: delimiter={self.delimiter!r}; write {WANTED['delimiter']}")
         if self.kind is not None:
             check_choice("mapping: kind", self.kind, KINDS)
         _check_window(self.start, self.end)
@@ -125,16 +137,13 @@ class Mapping:
             raise InputError("mapping: channels is empty; write e.g. r: {column: yaw_rate, unit: count} under channels")
 
     @property
-    def columns(self) -> list[str]:
-        """Columns that are read, time first."""
-        return [self.time.column, *(c.column for c in self.channels.values())]
-
-    @property
-    def needed(self) -> list[str]:
-        """Columns that a file must have, time first."""
-        if not self.optional:
-            return self.columns
-        return [self.time.column, *(c.column for name, c in self.channels.items() if name in REQUIRED)]
+    def table(self) -> dict[str, Any]:
+        """What :func:`~manoeuvre_nn.recording.read.table.read_table` asks: columns, how a text is cut into them."""
+        columns = {name: c.column for name, c in self.channels.items()}
+        needed = {self.time.column, *(c for name, c in columns.items() if name in REQUIRED or not self.optional)}
+        settings = {key: getattr(self, key) for key in ("delimiter", "decimal", "header", "skip_rows")}
+        optional = [c for c in columns.values() if c not in needed]
+        return {"columns": [self.time.column, *columns.values()], "optional": optional, **settings}
 
     @property
     def is_record(self) -> bool:
@@ -182,31 +191,15 @@ def mapping(**settings: Any) -> Mapping:
 
 
 def _setting(key: str, value: Any) -> Any:
-    """A setting of the right type."""
-    wanted = {
-        "reference_point": "metres, e.g. 0.0",
-        "position_point": "metres, or null",
-        "start": "seconds, e.g. 12.5, or null",
-        "end": "seconds, or null",
-        "skip_rows": "a whole number, e.g. 0",
-        "header": "true or false",
-        "optional": "true or false",
-        "fill_gaps": "true, false or seconds, e.g. 2.0",
-        "delimiter": DELIMITER,
-        "rudder_positive_to": "starboard or port",
-    }
-    may_lack = dict.fromkeys(("position_point", "start", "end"), value is None or is_number(value))
-    fits = may_lack | {
-        "reference_point": is_number(value),
-        "header": isinstance(value, bool),
-        "optional": isinstance(value, bool),
-        "skip_rows": isinstance(value, int) and not isinstance(value, bool) and value >= 0,
-        "fill_gaps": isinstance(value, bool) or (is_number(value) and value > 0),
-    }
-    may_be_null = key in {"time_zone", "kind"}
-    if not fits.get(key, isinstance(value, str) or (may_be_null and value is None)):
-        raise InputError(f"mapping: {key}={value!r}; write {wanted.get(key, 'a word')}")
-    return float(value) if is_number(value) and key != "skip_rows" else value
+    """A setting of the type that :class:`Mapping` declares."""
+    declared = get_type_hints(Mapping)[key]
+    kinds = get_args(declared) or (declared,)
+    fits = any(is_number(value) if kind is float else type(value) is kind for kind in kinds)
+    if is_number(value) and (value < 0 if key == "skip_rows" else value <= 0 if key == "fill_gaps" else False):
+        fits = False
+    if not fits:
+        raise InputError(f"mapping: {key}={value!r}; write {WANTED.get(key, 'a word')}")
+    return float(value) if is_number(value) and float in kinds else value
 
 
 def _channel_map(name: str, given: object) -> ChannelMap:
@@ -230,50 +223,21 @@ def _channel_map(name: str, given: object) -> ChannelMap:
 
 
 def column_of(what: str, given: object) -> str:
-    """Read the heading of a column.
-
-    Args:
-        what: What it is, for the message.
-        given: A word, or a column's number.
-
-    Returns:
-        The heading.
-
-    Raises:
-        InputError: If it is neither, as yaml reads ``yes``, ``off`` and ``null`` that stand without quotation marks.
-    """
+    """Read the heading of a column, or its number; refused is what yaml makes of yes, off, null without quotes."""
     if isinstance(given, bool) or not isinstance(given, str | int | float):
         raise InputError(f'{what} is {given!r}; write its heading, in quotation marks where yaml has a meaning: "yes"')
     return str(given)
 
 
 def sign_of(what: str, given: object) -> int:
-    """Read a sign.
-
-    Args:
-        what: Whose it is, for the message.
-        given: 1 or -1.
-
-    Returns:
-        The sign.
-
-    Raises:
-        InputError: If it is anything else.
-    """
+    """Read a sign, 1 or -1."""
     if isinstance(given, bool) or not isinstance(given, int | float) or abs(given) != 1:
         raise InputError(f"{what} is {given!r}; write 1 or -1")
     return int(given)
 
 
 def is_number(value: object) -> bool:
-    """Tell numbers from words, from true and false, and from what is not finite.
-
-    Args:
-        value: Anything.
-
-    Returns:
-        Whether it is a finite number.
-    """
+    """Tell finite numbers from words and from true and false."""
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < float("inf")
 
 

@@ -23,18 +23,7 @@ WRITTEN = Mapping(
 
 
 def read_mapping(name: str | Path, own: str | Path | None = None) -> Mapping:
-    """Read how files of a record over time are mapped.
-
-    Args:
-        name: Path of a yaml, or its name in conf/recording or in a folder ``recording`` of the user's own.
-        own: The user's own folder.
-
-    Returns:
-        The mapping.
-
-    Raises:
-        InputError: If it is missing, describes something else, or says what cannot be used.
-    """
+    """Read a mapping of a record over time: a yaml, by its path or its name in conf/recording or ``own``/recording."""
     content = _content(name, own)
     if not isinstance(content, AnyMapping) or "channels" not in content:
         raise InputError(f"mapping={name} is no mapping of a record over time: write time: and channels: into it")
@@ -42,18 +31,7 @@ def read_mapping(name: str | Path, own: str | Path | None = None) -> Mapping:
 
 
 def read_captive_mapping(name: str | Path | None, own: str | Path | None = None) -> CaptiveMapping:
-    """Read how a table of captive tests is mapped.
-
-    Args:
-        name: As in :func:`read_mapping`.
-        own: The user's own folder.
-
-    Returns:
-        The mapping.
-
-    Raises:
-        InputError: If it is missing or describes something else.
-    """
+    """Read a mapping of a table of captive tests, found as in :func:`read_mapping`."""
     if name is None:
         raise InputError("captive.mapping is not given: write the path of a yaml, or a name in conf/recording/")
     content = _content(name, own)
@@ -91,30 +69,13 @@ def _check_plain(value: Any, where: str) -> None:
 
 
 def is_written_by_package(path: Path) -> bool:
-    """Tell by its headings whether a file is a recording that this package wrote.
-
-    Args:
-        path: The file.
-
-    Returns:
-        Whether it has the columns ``t [s]``, ``psi [rad]`` and ``delta [rad]``.
-    """
+    """Tell by its headings, ``t [s]``, ``psi [rad]`` and ``delta [rad]``, a recording that this package wrote."""
     wanted = {WRITTEN.time.column, *(WRITTEN.channels[name].column for name in REQUIRED)}
     return wanted <= set(headings_of(path))
 
 
 def mapping_of(path: Path) -> Mapping:
-    """The mapping of a file that comes without one.
-
-    Args:
-        path: The file.
-
-    Returns:
-        How this package writes.
-
-    Raises:
-        InputError: If the file is of another kind.
-    """
+    """The mapping of a file that comes without one, refused unless this package wrote it."""
     if not is_written_by_package(path):
         raise InputError(
             f"{path.name} is no recording that this package wrote, and mapping is not given: write mapping=FILE.yaml; "

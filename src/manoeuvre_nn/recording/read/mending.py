@@ -7,16 +7,7 @@ Series = Float[np.ndarray, " n"]
 
 
 def line_across(time: Series, values: Series, lost: Bool[np.ndarray, " n"]) -> Series:
-    """Samples replaced by straight lines between the others.
-
-    Args:
-        time: Sample times [s].
-        values: Samples.
-        lost: Which are replaced.
-
-    Returns:
-        All samples.
-    """
+    """Samples with those that are lost replaced by straight lines between the others."""
     return np.where(lost, np.interp(time, time[~lost], values[~lost]), values) if lost.any() else values
 
 

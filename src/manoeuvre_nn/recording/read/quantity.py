@@ -33,14 +33,6 @@ PAIRS = (("u", "v"), ("x", "y"), ("lat", "lon"), ("sog", "cog"), ("vn", "ve"))
 
 
 def units_of(channel: str, record: bool = False) -> dict[str, float]:
-    """Units that a channel may come in.
-
-    Args:
-        channel: ``time`` or a channel.
-        record: Whether counts are let pass too.
-
-    Returns:
-        Unit -> its value in SI.
-    """
+    """Units that a channel, or ``time``, may come in, of a ``record`` counts too -> their values in SI."""
     known = UNITS["time" if channel == "time" else QUANTITY[channel]]
     return {**known, COUNT: 1.0} if record and channel != "time" else known

@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.integrate import cumulative_trapezoid
+from scipy.ndimage import find_objects, label
 
 from manoeuvre_nn.core.channels import PERIODIC
 from manoeuvre_nn.core.errors import InputError
@@ -23,7 +24,7 @@ from manoeuvre_nn.recording.read.mapping import REQUIRED, Mapping
 from manoeuvre_nn.recording.read.mapping_file import mapping_of
 from manoeuvre_nn.recording.read.mending import followed, line_across, without_delays
 from manoeuvre_nn.recording.read.position import local_metres
-from manoeuvre_nn.recording.read.quantity import PAIRS, STAMPS
+from manoeuvre_nn.recording.read.quantity import COUNT, PAIRS
 from manoeuvre_nn.recording.read.table import TEXT, Table, read_table
 
 MIN_SAMPLES = 20
@@ -35,13 +36,13 @@ MAX_FILLED_CELLS = 3
 MAX_OUTLIERS = 0.1
 """Largest share of samples that may be outliers; more are noise."""
 
-Channels = dict[str, Float[np.ndarray, " n"]]
+Series = Float[np.ndarray, " n"]
 
 
 def read_recordings(
     where: str | Path | Sequence[str | Path], mapping: Mapping | None, ship: Particulars
 ) -> list[Recording]:
-    """Read several files of one kind.
+    """Read several files of one kind, as :func:`read_recording` reads each.
 
     Args:
         where: A folder (all its files that can be read), a file, a pattern such as ``runs/zz*.csv``, or a list of
@@ -72,14 +73,7 @@ def read_recordings(
 
 
 def recordings_in(folder: Path) -> list[Path]:
-    """Files of a folder that recordings are read from.
-
-    Args:
-        folder: The folder.
-
-    Returns:
-        Files by name. Texts ``.txt`` and ``.dat`` count only where there is nothing else: they may be notes.
-    """
+    """Files of a folder that recordings are read from; ``.txt`` and ``.dat``, which may be notes, in need only."""
     there = sorted(p for p in folder.iterdir() if p.is_file() and p.suffix.lower() in (*TEXT, *READERS))
     return [p for p in there if p.suffix.lower() in (".csv", *READERS)] or there
 
@@ -124,11 +118,11 @@ def read_measured(path: str | Path, mapping: Mapping, ship: Particulars, leave_g
         The recording at midship; velocities as u, v or, where the file has them over ground, as vn, ve.
     """
     path = Path(path)
-    table = read_table(path, mapping)
+    table = read_table(path, **mapping.table)
     time, rows = _time(table, mapping, ship)
-    mended: dict[str, dict[str, int]] = {"outliers": {}, "gaps": {}}
     names = _recorded_channels(table, mapping, rows)
-    channels = {name: _channel(table, name, mapping, time, rows, mended, leave_gaps) for name in names}
+    made = {name: _channel(table, name, mapping, time, rows, leave_gaps) for name in names}
+    channels = {name: values for name, (values, _, _) in made.items()}
     delays = {name: mapping.channels[name].delay for name in names if mapping.channels[name].delay}
     if delays:
         time, channels = without_delays(time, channels, delays)
@@ -140,7 +134,8 @@ def read_measured(path: str | Path, mapping: Mapping, ship: Particulars, leave_g
         "time_unit": ship.time_unit,
         "started": float(time[0]),
         "derived": (),
-        **mended,
+        "outliers": {name: count for name, (_, count, _) in made.items() if count},
+        "gaps": {name: count for name, (_, _, count) in made.items() if count},
     }
     if mapping.is_record:
         return Recording(path.stem, time - time[0], channels, meta=meta)
@@ -185,13 +180,10 @@ def _recorded_channels(table: Table, mapping: Mapping, rows: slice) -> list[str]
     return kept
 
 
-def _time(table: Table, mapping: Mapping, ship: Particulars) -> tuple[Float[np.ndarray, " n"], slice]:
+def _time(table: Table, mapping: Mapping, ship: Particulars) -> tuple[Series, slice]:
     """Sample times [s] and rows of the window asked for, refused unless times increase steadily for long enough."""
-    column, unit = mapping.time.column, mapping.time.unit
-    if unit in STAMPS:
-        time = table.stamps(column, unit, mapping.time_zone)
-    else:
-        time = table.numbers(column)
+    column = mapping.time.column
+    time = table.times(column, mapping.time.unit, mapping.time_zone)
     table.check_rises(column, time)
     time = time * mapping.factor("time")
     since = time - time[0] if len(time) else time
@@ -209,7 +201,7 @@ def _time(table: Table, mapping: Mapping, ship: Particulars) -> tuple[Float[np.n
     return time[rows], rows
 
 
-def _check_length(path: Path, time: Float[np.ndarray, " n"], mapping: Mapping, ship: Particulars) -> None:
+def _check_length(path: Path, time: Series, mapping: Mapping, ship: Particulars) -> None:
     """Refuse what is too short for the ship's motion to be seen."""
     length = time[-1] - time[0] if len(time) else 0.0
     shortest = 0.0 if mapping.is_record else MIN_LENGTH * ship.time_unit
@@ -224,58 +216,49 @@ def _check_length(path: Path, time: Float[np.ndarray, " n"], mapping: Mapping, s
 
 
 def _channel(
-    table: Table,
-    name: str,
-    mapping: Mapping,
-    time: Float[np.ndarray, " n"],
-    rows: slice,
-    mended: dict[str, Any],
-    leave_gaps: bool,
-) -> Float[np.ndarray, " n"]:
-    """A column in SI, directions made continuous, outliers and gaps filled."""
+    table: Table, name: str, mapping: Mapping, time: Series, rows: slice, leave_gaps: bool
+) -> tuple[Series, int, int]:
+    """A column in SI, directions made continuous; how many outliers and how many empty cells were filled."""
     where = mapping.channels[name]
-    column, first = where.column, rows.start
+    column = where.column
     values = (table.numbers(column)[rows] - where.offset) * mapping.factor(name)
     lost = np.isnan(values)
     if lost.all():
         raise InputError(f"{table.path.name}: column {column!r} is empty; leave {name} out of the mapping")
-    if name in PERIODIC and where.unit != "count":
+    if name in PERIODIC and where.unit != COUNT:
         values[~lost] = np.unwrap(values[~lost])
-    if mapping.outliers == "fill":
-        odd = spikes(values)
-        if odd.mean() > MAX_OUTLIERS:
-            raise InputError(
-                f"{table.path.name}: {odd.mean():.0%} of column {column!r} lie far off their neighbours: that is "
-                "noise, not outliers; write outliers: keep"
-            )
-        if odd.any():
-            mended["outliers"][name] = int(odd.sum())
-            values = line_across(time, values, odd | lost)
-            values[lost] = np.nan
+    odd = spikes(values) if mapping.outliers == "fill" else np.zeros(len(values), dtype=bool)
+    if odd.mean() > MAX_OUTLIERS:
+        raise InputError(
+            f"{table.path.name}: {odd.mean():.0%} of column {column!r} lie far off their neighbours: that is noise, "
+            "not outliers; write outliers: keep"
+        )
+    values = np.where(lost, np.nan, line_across(time, values, odd | lost))
     if not lost.any() or (leave_gaps and mapping.fill_gaps is False):
-        return values
+        return values, int(odd.sum()), 0
     if not mapping.fill_gaps:
         raise table.error(
-            column, first + int(np.argmax(lost)), f"is the first of {lost.sum()} empty cells; write fill_gaps: true, "
-            "or cut them out"
+            column, rows.start + int(np.argmax(lost)), f"is the first of {lost.sum()} empty cells; write fill_gaps: "
+            "true, or cut them out"
         )  # fmt: skip
-    _check_gaps(table, column, mapping, time, lost, first)
-    mended["gaps"][name] = int(lost.sum())
-    return line_across(time, values, lost)
+    _check_gaps(table, column, mapping.fill_gaps, time, lost, rows.start)
+    return line_across(time, values, lost), int(odd.sum()), int(lost.sum())
 
 
 def _check_gaps(
-    table: Table, column: str, mapping: Mapping, time: Float[np.ndarray, " n"], lost: np.ndarray, first: int
+    table: Table, column: str, fill_gaps: bool | float, time: Series, lost: Bool[np.ndarray, " n"], first: int
 ) -> None:
     """Refuse gaps that are too long to be bridged, and those at the ends."""
-    counted = mapping.fill_gaps is True
-    for run in np.split(np.flatnonzero(lost), np.flatnonzero(np.diff(np.flatnonzero(lost)) > 1) + 1):
-        at_end = run[0] == 0 or run[-1] == len(lost) - 1
-        length = 0.0 if at_end else time[run[-1] + 1] - time[run[0] - 1]
-        if at_end or (len(run) > MAX_FILLED_CELLS if counted else length > mapping.fill_gaps + 1e-9):
-            allowed = str(MAX_FILLED_CELLS) if counted else f"{mapping.fill_gaps:g} s"
+    for (gap,) in find_objects(label(lost)[0]):
+        count, at_end = gap.stop - gap.start, gap.start == 0 or gap.stop == len(lost)
+        if fill_gaps is True:
+            allowed, too_long = str(MAX_FILLED_CELLS), count > MAX_FILLED_CELLS
+        else:
+            allowed = f"{fill_gaps:g} s"
+            too_long = not at_end and time[gap.stop] - time[gap.start - 1] > fill_gaps + 1e-9
+        if at_end or too_long:
             raise table.error(
-                column, first + int(run[0]), f"begins a gap of {len(run)} cells; only gaps of up to {allowed} between "
+                column, first + gap.start, f"begins a gap of {count} cells; only gaps of up to {allowed} between "
                 "samples are filled: cut the file there, or write start: and end:",
             )  # fmt: skip
 

@@ -3,7 +3,6 @@
 import codecs
 import csv
 import io
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,8 +12,8 @@ import pandas as pd
 from jaxtyping import Float
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.recording.read.containers import columns_in, has_reader
-from manoeuvre_nn.recording.read.mapping import Mapping
+from manoeuvre_nn.recording.read.containers import check_there, columns_in, has_reader
+from manoeuvre_nn.recording.read.quantity import STAMPS
 
 TEXT = (".csv", ".txt", ".dat")
 """Suffixes of texts; a file of any other suffix that has no reader is taken for one, too."""
@@ -50,14 +49,7 @@ class Table:
         return given.astype(object).where(given.notna(), "").astype(str).str.strip()
 
     def numbers(self, column: str) -> Float[np.ndarray, " n"]:
-        """A column as numbers, NaN where a cell is empty.
-
-        Args:
-            column: Its heading.
-
-        Returns:
-            Numbers in the file's unit. Anything else than a finite number raises :meth:`error`.
-        """
+        """A column as numbers in the file's unit, NaN where a cell is empty; anything else is refused."""
         given = self.cells[column]
         if pd.api.types.is_numeric_dtype(given) and not pd.api.types.is_bool_dtype(given):
             values = given.to_numpy(dtype=float, na_value=np.nan, copy=True)
@@ -77,18 +69,21 @@ class Table:
             raise self.error(column, row, f"is {text.iloc[row][:40]!r}; expected a number such as {such}{hint}")
         return values
 
-    def stamps(self, column: str, unit: str, zone: str | None) -> Float[np.ndarray, " n"]:
-        """A column of time stamps as seconds.
+    def times(self, column: str, unit: str, zone: str | None = None) -> Float[np.ndarray, " n"]:
+        """A column as times, NaN where a cell is empty; what is no time is refused.
 
         Args:
             column: Its heading.
-            unit: ``iso`` for date and time, ``clock`` for the time of day, which may pass midnight.
+            unit: ``iso`` for date and time, ``clock`` for the time of day, which may pass midnight; any other for
+                numbers.
             zone: Where the clock stood, for stamps that do not say it; None is UTC.
 
         Returns:
-            Seconds since 1970 (UTC), or since midnight before the first sample; NaN where a cell is empty. What is no
-            time raises :meth:`error`.
+            Seconds since 1970 (UTC) for ``iso``, since midnight before the first sample for ``clock``; else numbers in
+            the file's unit.
         """
+        if unit not in STAMPS:
+            return self.numbers(column)
         if unit == "clock":
             text = self.text(column)
             day = pd.to_timedelta(text, errors="coerce").dt.total_seconds().to_numpy(dtype=float, copy=True)
@@ -108,16 +103,7 @@ class Table:
         return seconds.to_numpy(dtype=float, copy=True)
 
     def error(self, column: str, row: int, what: str) -> InputError:
-        """A complaint about one cell.
-
-        Args:
-            column: Its heading.
-            row: Its row, counted from 0.
-            what: What is wrong and what to do.
-
-        Returns:
-            The error to raise.
-        """
+        """A complaint about the cell of a row, counted from 0: what is wrong and what to do."""
         return InputError(f"{self.path.name}, {self.row} {self.cells.index[row]}: column {column!r} {what}")
 
     def check_rises(self, column: str, time: Float[np.ndarray, " n"]) -> None:
@@ -137,129 +123,118 @@ class Table:
             raise self.error(column, row, f"is {text.iloc[row][:40]!r}; expected a time such as {such}")
 
 
-def read_table(path: Path, mapping: Mapping) -> Table:
-    """Read a file's columns; its suffix says what it is.
+def read_table(
+    path: Path,
+    columns: Sequence[str] = (),
+    optional: Sequence[str] = (),
+    *,
+    delimiter: str = ",",
+    decimal: str = "point",
+    header: bool = True,
+    skip_rows: int = 0,
+) -> Table:
+    """Read a file's columns; its suffix says what it is, the settings of a mapping how a text is cut.
 
     Args:
         path: The file: a text, or one that has a reader.
-        mapping: Headings, delimiter, lines to skip.
+        columns: Columns that are wanted.
+        optional: Those among them that the file may lack.
+        delimiter: One character, or ``whitespace``.
+        decimal: ``point`` or ``comma``.
+        header: Whether the first line names the columns.
+        skip_rows: Lines before it.
 
     Returns:
-        The columns that the mapping names, and maybe others.
+        The columns that are wanted, and maybe others.
 
     Raises:
         InputError: If the file is missing, empty, foreign, cut off, or lacks a column.
     """
-    check_there(path)
     if has_reader(path):
-        frame = columns_in(path, mapping.columns)
-        _check_headings(path, list(frame.columns), mapping)
-        return Table(path, frame, "row", mapping.decimal)
-    text = text_of(path)
-    first, line = _first_line(path, text, mapping.skip_rows)
-    headings = [cell.strip() for cell in cells_of(line, mapping.delimiter)]
-    if not mapping.header:
-        first, headings = first - 1, [str(k) for k in range(1, len(headings) + 1)]
-    _check_headings(path, headings, mapping)
-    even = _even_frame(text, first, headings, mapping)
-    frame = _ragged_frame(path, text, first, headings, mapping.delimiter) if even is None else even
+        frame = columns_in(path, columns or None)
+        _check_headings(path, list(frame.columns), columns, optional)
+        return Table(path, frame, "row", decimal)
+    lines = lines_of(path)
+    first = _first_line(path, lines, skip_rows)
+    headings = [cell.strip() for cell in cells_of(lines[first], delimiter)]
+    if header:
+        first += 1
+    else:
+        headings = [str(k) for k in range(1, len(headings) + 1)]
+    hint = f"; is the delimiter {delimiter!r}?" if len(headings) == 1 else ""
+    _check_headings(path, headings, columns, optional, hint)
+    even = _even_frame(lines[first:], headings, delimiter, decimal)
+    frame = _ragged_frame(path, lines, first, headings, delimiter) if even is None else even
     if not len(frame):
         raise InputError(f"{path.name}: no line of numbers below the headings")
-    return Table(path, frame, decimal=mapping.decimal)
+    return Table(path, frame.set_axis(frame.index + first + 1), decimal=decimal)
 
 
 def headings_of(path: Path) -> list[str]:
-    """Headings of a csv with commas, as this package writes it.
-
-    Args:
-        path: The file.
-
-    Returns:
-        The headings; none where it is no such text.
-    """
-    check_there(path)
+    """Headings of a csv with commas, as this package writes it; none where it is no such text."""
     if path.suffix.lower() not in TEXT:
+        check_there(path)
         return []
-    return [cell.strip() for cell in cells_of(_first_line(path, text_of(path), 0)[1], ",")]
+    lines = lines_of(path)
+    return [cell.strip() for cell in cells_of(lines[_first_line(path, lines, 0)], ",")]
 
 
 def numbers_in(text: "pd.Series[str]", decimal: str) -> Float[np.ndarray, " n"]:
-    """Cells as numbers.
-
-    Args:
-        text: The cells.
-        decimal: ``point`` or ``comma``; the other sign would part thousands, and is no number.
-
-    Returns:
-        Numbers; NaN where a cell is none.
-    """
+    """Cells as numbers, NaN where one is none, as where the other decimal sign parts thousands."""
     if decimal == "comma":
         text = text.str.replace(".", "?", regex=False).str.replace(",", ".", regex=False)
     return pd.to_numeric(text, errors="coerce").to_numpy(dtype=float, copy=True)
 
 
-def _first_line(path: Path, text: str, skip: int) -> tuple[int, str]:
-    """The first line after those to be skipped that says something, and its number."""
-    lines = io.StringIO(text)
-    for k, line in enumerate(lines, start=1):
-        if k > skip and not _is_blank(line):
-            return k, line.removesuffix("\n")
-    raise InputError(f"{path.name}: no line after the first {skip}; expected columns of numbers: mind skip_rows")
+def _first_line(path: Path, lines: Sequence[str], skip: int) -> int:
+    """The first line after those to be skipped that says something, counted from 0."""
+    first = next((k for k in range(skip, len(lines)) if not is_blank(lines[k])), None)
+    if first is None:
+        raise InputError(f"{path.name}: no line after the first {skip}; expected columns of numbers: mind skip_rows")
+    return first
 
 
-def _is_blank(line: str) -> bool:
+def is_blank(line: str) -> bool:
     """Whether a line holds no cell with anything in it."""
-    return not line.strip(" \t\n,;")
+    return not line.strip(" \t,;")
 
 
-def _even_frame(text: str, first: int, headings: Sequence[str], mapping: Mapping) -> pd.DataFrame | None:
-    """Cells below a line, read at once; None if lines differ in length or are quoted, which needs a closer look."""
-    if mapping.delimiter == "whitespace" or '"' in text or len(set(headings)) < len(headings):
+def _even_frame(lines: Sequence[str], headings: Sequence[str], delimiter: str, decimal: str) -> pd.DataFrame | None:
+    """Cells read at once; None if lines differ in length or are quoted, which needs a closer look."""
+    if delimiter == "whitespace" or len(set(headings)) < len(headings):
         return None
     parts = len(headings) - 1
-    for k, line in enumerate(io.StringIO(text), start=1):
-        if k > first and (line.count(mapping.delimiter) != parts or _is_blank(line)):
-            return None
+    if any(line.count(delimiter) != parts or '"' in line or is_blank(line) for line in lines):
+        return None
     spelt = [form for word in EMPTY for form in dict.fromkeys((word, word.upper(), word.title()))]
     try:
-        frame = pd.read_csv(
-            io.BytesIO(text.encode()), sep=mapping.delimiter, skiprows=first, header=None, names=list(headings),
-            na_values=[*spelt, "NaN"], keep_default_na=False, decimal="," if mapping.decimal == "comma" else ".",
+        return pd.read_csv(
+            io.BytesIO("\n".join(lines).encode()), sep=delimiter, header=None, names=list(headings),
+            na_values=[*spelt, "NaN"], keep_default_na=False, decimal="," if decimal == "comma" else ".",
             quoting=csv.QUOTE_NONE, skip_blank_lines=False, low_memory=False,
             index_col=False,
         )  # fmt: skip
     except ValueError:
         return None
-    return frame.set_axis(pd.RangeIndex(first + 1, first + 1 + len(frame)))
 
 
-def _ragged_frame(path: Path, text: str, first: int, headings: Sequence[str], delimiter: str) -> pd.DataFrame:
+def _ragged_frame(
+    path: Path, lines: Sequence[str], first: int, headings: Sequence[str], delimiter: str
+) -> pd.DataFrame:
     """Cells below a line, read line by line, blank lines passed over."""
-    index, rows, last = [], [], text.count("\n") + 1
-    for k, line in enumerate(io.StringIO(text), start=1):
-        if k <= first or _is_blank(line):
-            continue
-        cells = cells_of(line.removesuffix("\n"), delimiter)
+    rows = {k: cells_of(line, delimiter) for k, line in enumerate(lines[first:]) if not is_blank(line)}
+    for k, cells in rows.items():
         if len(cells) != len(headings):
-            cut = " (cut off?)" if k == last and len(cells) < len(headings) else ""
+            cut = " (cut off?)" if first + k == len(lines) - 1 and len(cells) < len(headings) else ""
             raise InputError(
-                f"{path.name}, line {k}: {len(cells)} cells, expected {len(headings)}{cut}: delete or mend this line"
+                f"{path.name}, line {first + k + 1}: {len(cells)} cells, expected {len(headings)}{cut}: delete or mend "
+                "this line"
             )
-        index.append(k)
-        rows.append(cells)
-    return pd.DataFrame(rows, columns=list(headings), index=index, dtype=str)
+    return pd.DataFrame(list(rows.values()), columns=list(headings), index=list(rows), dtype=str)
 
 
 def cells_of(line: str, delimiter: str) -> list[str]:
-    """A line of a text cut into cells.
-
-    Args:
-        line: The line.
-        delimiter: One character, or ``whitespace``.
-
-    Returns:
-        The cells; the line as it is where it cannot be cut.
-    """
+    """A line of a text cut into cells by one character or ``whitespace``; the line itself where it cannot be cut."""
     if delimiter == "whitespace":
         return line.split()
     try:
@@ -268,38 +243,9 @@ def cells_of(line: str, delimiter: str) -> list[str]:
         return [line]
 
 
-def check_there(path: Path) -> None:
-    """Refuse what is no file, or an empty one.
-
-    Args:
-        path: The file.
-
-    Raises:
-        InputError: If it is missing, a folder, or empty.
-    """
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder; write a file")
-    if not path.exists():
-        raise InputError(f"{path}: no such file")
-    if not os.access(path, os.R_OK):
-        raise InputError(f"{path}: may not be read; ask its owner, or copy it")
-    if not path.stat().st_size:
-        raise InputError(f"{path.name}: empty file; expected columns of numbers")
-
-
-def text_of(path: Path) -> str:
-    """A text file, if it says something.
-
-    Args:
-        path: The file.
-
-    Returns:
-        The text. Lines end with a line feed, where an editor ends them: a heading may hold other characters that count
-        as ends of lines.
-
-    Raises:
-        InputError: If it is no text, or empty.
-    """
+def lines_of(path: Path) -> list[str]:
+    """Lines of a text file; refused if it is no text, or says nothing."""
+    check_there(path)
     raw = path.read_bytes()
     if not raw.strip():
         raise InputError(f"{path.name}: empty file; expected columns of numbers")
@@ -309,16 +255,16 @@ def text_of(path: Path) -> str:
         text = raw.decode("utf-16" if raw.startswith(UTF16) else "utf-8-sig")
     except UnicodeDecodeError:
         text = raw.decode("latin-1")  # headings such as psi [degree sign] from older programs
-    return text.replace("\r\n", "\n").replace("\r", "\n").removesuffix("\n")
+    # Lines end where an editor ends them: a heading may hold other characters that splitlines takes for ends of lines.
+    return text.replace("\r\n", "\n").replace("\r", "\n").removesuffix("\n").split("\n")
 
 
-def _check_headings(path: Path, headings: Sequence[str], mapping: Mapping) -> None:
+def _check_headings(
+    path: Path, headings: Sequence[str], columns: Sequence[str], optional: Sequence[str], hint: str = ""
+) -> None:
     """Refuse headings that are missing or stand twice."""
-    there = ", ".join(headings[:30])
-    for column in mapping.columns:
-        if column not in headings and column in mapping.needed:
-            one = len(headings) == 1 and not has_reader(path)
-            hint = f"; is the delimiter {mapping.delimiter!r}?" if one else ""
-            raise InputError(f"{path.name}: no column {column!r}; it has: {there or 'none'}{hint}")
+    for column in columns:
+        if column not in headings and column not in optional:
+            raise InputError(f"{path.name}: no column {column!r}; it has: {', '.join(headings[:30]) or 'none'}{hint}")
         if headings.count(column) > 1:
             raise InputError(f"{path.name}: column {column!r} stands {headings.count(column)} times; rename one")
