@@ -73,7 +73,7 @@ def _place(a: ManoeuvreAdvice, target: str) -> str:
     if a.where is None:
         return ""
     along = a.where[a.where["manoeuvre"] == target]
-    v, r, delta = along[["v", "r", "delta"]].loc[along["spread"].idxmax()]
+    v, r, delta = along[["v", "r", "delta"]].iloc[along["spread"].argmax()]
     return f", above all at {delta / DEGREE:.0f} deg of rudder, v' = {v:.2f}, r' = {r:.2f}"
 
 
