@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Channel:
+class _Channel:
     """One quantity over time.
 
     Attributes:
@@ -24,38 +24,38 @@ class Channel:
 
 
 DECLARED = (
-    Channel("t", "s", "time"),
-    Channel("u", "m/s", "speed along the ship, positive forward", offset=0.02),
-    Channel("v", "m/s", "speed across the ship, positive to starboard", offset=0.02),
-    Channel("r", "rad/s", "rate of turn, positive to starboard", offset=0.02),
-    Channel("x", "m", "position north", offset=0.1),
-    Channel("y", "m", "position east", offset=0.1),
-    Channel("psi", "rad", "heading, clockwise from north", periodic=True, offset=0.02),
-    Channel("delta", "rad", "rudder angle, positive turns the ship to starboard"),
-    Channel("delta_order", "rad", "helm order, signed as the rudder angle"),
-    Channel("order_lead", "-", "share of the step before a sample during which a new helm order was in force"),
-    Channel("udot", "m/s^2", "acceleration along the ship"),
-    Channel("vdot", "m/s^2", "acceleration across the ship"),
-    Channel("rdot", "rad/s^2", "yaw acceleration"),
-    Channel("n", "1/s", "shaft speed"),
-    Channel("shaft", "-", "shaft speed over the nominal one, as it drives the ship"),
-    Channel("shaft_recorded", "-", "shaft speed over the nominal one, as the tachometer shows it"),
-    Channel("vn", "m/s", "velocity over ground, north"),
-    Channel("ve", "m/s", "velocity over ground, east"),
-    Channel("u_log", "m/s", "speed through the water by the log"),
-    Channel("sog", "m/s", "speed over ground"),
-    Channel("cog", "rad", "course over ground, clockwise from north", periodic=True),
-    Channel("lat", "rad", "latitude, positive north"),
-    Channel("lon", "rad", "longitude, positive east", periodic=True),
-    Channel("phi", "rad", "roll angle, positive to starboard"),
-    Channel("theta", "rad", "pitch angle, positive bow up"),
-    Channel("p", "rad/s", "roll rate, positive to starboard"),
-    Channel("thrust", "N", "propeller thrust"),
-    Channel("torque", "N m", "propeller torque"),
-    Channel("wind_speed", "m/s", "true wind speed"),
-    Channel("wind_from", "rad", "direction that the true wind comes from, clockwise from north", periodic=True),
-    Channel("wind_speed_relative", "m/s", "wind speed relative to the ship"),
-    Channel("wind_from_relative", "rad", "direction that the relative wind comes from, from the bow", periodic=True),
+    _Channel("t", "s", "time"),
+    _Channel("u", "m/s", "speed along the ship, positive forward", offset=0.02),
+    _Channel("v", "m/s", "speed across the ship, positive to starboard", offset=0.02),
+    _Channel("r", "rad/s", "rate of turn, positive to starboard", offset=0.02),
+    _Channel("x", "m", "position north", offset=0.1),
+    _Channel("y", "m", "position east", offset=0.1),
+    _Channel("psi", "rad", "heading, clockwise from north", periodic=True, offset=0.02),
+    _Channel("delta", "rad", "rudder angle, positive turns the ship to starboard"),
+    _Channel("delta_order", "rad", "helm order, signed as the rudder angle"),
+    _Channel("order_lead", "-", "share of the step before a sample during which a new helm order was in force"),
+    _Channel("udot", "m/s^2", "acceleration along the ship"),
+    _Channel("vdot", "m/s^2", "acceleration across the ship"),
+    _Channel("rdot", "rad/s^2", "yaw acceleration"),
+    _Channel("n", "1/s", "shaft speed"),
+    _Channel("shaft", "-", "shaft speed over the nominal one, as it drives the ship"),
+    _Channel("shaft_recorded", "-", "shaft speed over the nominal one, as the tachometer shows it"),
+    _Channel("vn", "m/s", "velocity over ground, north"),
+    _Channel("ve", "m/s", "velocity over ground, east"),
+    _Channel("u_log", "m/s", "speed through the water by the log"),
+    _Channel("sog", "m/s", "speed over ground"),
+    _Channel("cog", "rad", "course over ground, clockwise from north", periodic=True),
+    _Channel("lat", "rad", "latitude, positive north"),
+    _Channel("lon", "rad", "longitude, positive east", periodic=True),
+    _Channel("phi", "rad", "roll angle, positive to starboard"),
+    _Channel("theta", "rad", "pitch angle, positive bow up"),
+    _Channel("p", "rad/s", "roll rate, positive to starboard"),
+    _Channel("thrust", "N", "propeller thrust"),
+    _Channel("torque", "N m", "propeller torque"),
+    _Channel("wind_speed", "m/s", "true wind speed"),
+    _Channel("wind_from", "rad", "direction that the true wind comes from, clockwise from north", periodic=True),
+    _Channel("wind_speed_relative", "m/s", "wind speed relative to the ship"),
+    _Channel("wind_from_relative", "rad", "direction that the relative wind comes from, from the bow", periodic=True),
 )
 """All channels that the package knows; a recording may hold others, which are kept as they come."""
 CHANNELS = {channel.name: channel for channel in DECLARED}

@@ -1,7 +1,7 @@
 """What an effect is to the rest of the program: physics that a calm-water model leaves out, at one of five sites."""
 
 import copy
-from abc import ABC, abstractmethod
+from abc import ABC
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import pi
@@ -115,8 +115,9 @@ class Effect(ABC, nn.Module):
     Values are tensors with any leading dimensions that broadcast against a situation's batch, so that one call serves
     many parameter sets: values (k, 1, p) and a situation over n samples give results (k, n, ...). All operations are
     differentiable in values and situation. Effects of the sites inflow, hull and force change the motion and override
-    :meth:`stream` or :meth:`acceleration`; actuators override :meth:`blade` or have a memory; sensors override
-    :meth:`record`. An effect with a *memory* (roll, engine) has states of its own that are integrated with the ship.
+    :meth:`stream`, :meth:`acceleration` or :meth:`force`; actuators override :meth:`blade` or have a memory; sensors
+    override :meth:`record`. An effect with a *memory* (roll, engine) has states of its own that are integrated with the
+    ship.
 
     Attributes:
         name: Its name in configs and answers.
@@ -219,9 +220,14 @@ class Effect(ABC, nn.Module):
         """Velocity of the water over ground, north and east [m/s]; inflow effects override it."""
         return torch.zeros_like(s.nu[..., :2])
 
+    def force(self, s: Situation) -> Float[Tensor, "*batch 3"] | None:
+        """X, Y [N], N [N m] in body axes about midship; None for an effect that is not known as an external force."""
+        return None
+
     def acceleration(self, s: Situation, memory: Float[Tensor, "*batch m"]) -> Float[Tensor, "*batch 3"]:
-        """What the effect adds to udot, vdot [m/s^2], rdot [rad/s^2]; hull and force effects override it."""
-        return torch.zeros_like(s.nu)
+        """What the effect adds to udot, vdot [m/s^2], rdot [rad/s^2]: by default what its :meth:`force` causes."""
+        force = self.force(s)
+        return torch.zeros_like(s.nu) if force is None else self.ship.acceleration_from_si(force)
 
     def memory_at_start(self, s: Situation) -> Float[Tensor, "*batch m"]:
         """Own states on a steady approach, one column each."""
@@ -277,17 +283,3 @@ class Effect(ABC, nn.Module):
             All channels, some changed.
         """
         return dict(channels)
-
-
-class ForceEffect(Effect):
-    """An effect that is known as a force: :meth:`force` in SI is turned into accelerations by the ship's inertia."""
-
-    site: ClassVar[str] = "force"
-
-    @abstractmethod
-    def force(self, s: Situation) -> Float[Tensor, "*batch 3"]:
-        """X, Y [N], N [N m] in body axes about midship."""
-
-    def acceleration(self, s: Situation, memory: Float[Tensor, "*batch m"]) -> Float[Tensor, "*batch 3"]:
-        """Accelerations of the ship, its added masses included, by the force."""
-        return self.ship.acceleration_from_si(self.force(s))

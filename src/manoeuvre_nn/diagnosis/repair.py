@@ -21,7 +21,7 @@ from manoeuvre_nn.estimation.data_set import FIRST_NOISE, process_time, start_sp
 from manoeuvre_nn.estimation.effect_columns import blade_along, contribution, latency_column, perfect
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linear_run import joined
-from manoeuvre_nn.estimation.linearised_run import NoiseLevels, calm_rate, integrated, linearise
+from manoeuvre_nn.estimation.linearised_run import calm_rate, integrated, linearise
 from manoeuvre_nn.estimation.smoothed_run import first_guess
 from manoeuvre_nn.recording.outliers import spikes
 from manoeuvre_nn.recording.preparation import measured
@@ -96,15 +96,15 @@ def start_state(
     """
     rate, p = calm_rate(dynamics), dynamics.particulars
     unit = p.speed**2 / p.length * np.array([1.0, 1.0, 1.0 / p.length])
-    noise, spread = NoiseLevels(FIRST_NOISE, 1e-3 * unit, process_time(dynamics)), start_spread(p)
+    time, spread = process_time(dynamics), start_spread(p)
     track = first_guess(run)
     for _ in range(3):
-        linearised = linearise(run, rate, track, noise.process_time)
+        linearised = linearise(run, rate, track, time)
         added = [contribution(e, v, linearised) for e, v in zip(hypothesis.effects, hypothesis.values, strict=True)]
         # Data less latency and effects at their values.
         all_of_them = joined([linearised.data, latency_column(linearised), *added])
         left = all_of_them.combined(np.array([1.0, -latency, *[-1.0] * len(added)]))
-        solved = integrated(linearised, noise, spread)
+        solved = integrated(linearised, FIRST_NOISE, 1e-3 * unit, time, spread)
         track = track + solved.states(solved.embed(left))[:, :6, 0]
     return track[-1]
 

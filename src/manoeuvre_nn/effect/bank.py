@@ -5,7 +5,7 @@ from typing import Literal
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from manoeuvre_nn.core.effect import ForceEffect, Parameter, Situation
+from manoeuvre_nn.core.effect import Effect, Parameter, Situation
 from manoeuvre_nn.core.errors import check_choice
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.effect.common import columns, compass, direction, factor
@@ -15,7 +15,7 @@ SUCTION, CUSHION = 0.1, 0.05
 """k_Y and k_N of a strength of 1, of the order measured at moderate under-keel clearance."""
 
 
-class Bank(ForceEffect):
+class Bank(Effect):
     """A straight vertical bank on one side: suction towards it, the bow pushed away from it.
 
     ``Y = k_Y rho u|u| B T y``, ``N = -k_N rho u|u| B T L y``, ``y = +- B / (2 d)``, d the distance of midship from the
@@ -24,6 +24,7 @@ class Bank(ForceEffect):
     """
 
     name = "bank"
+    site = "force"
     acts_indoors = False
     measured_by = "the forces of lines and thrusters"
     family = "local force"

@@ -6,7 +6,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from manoeuvre_nn.core.effect import ForceEffect, Parameter, Situation
+from manoeuvre_nn.core.effect import Effect, Parameter, Situation
 from manoeuvre_nn.effect.common import columns, compass, during, instant
 
 FAMILY = "local force"
@@ -16,9 +16,10 @@ LEVER = Parameter("lever_m", "m", -200.0, 200.0, None, 60.0, (0.0, 50.0, -50.0))
 INTERVAL = (instant("start_s", 100.0, 200.0), instant("end_s", 300.0, 400.0))
 
 
-class _LateralForce(ForceEffect):
+class _LateralForce(Effect):
     """A constant lateral force for a while, positive to starboard, at a lever that each gives itself."""
 
+    site = "force"
     acts_indoors = False
     measured_by = "the forces of lines and thrusters"
     exclusive = "line or thruster"
@@ -65,10 +66,11 @@ class BowThruster(_LateralForce):
         return self.values.new_tensor(0.4 * self.ship.particulars.length)
 
 
-class Tow(ForceEffect):
+class Tow(Effect):
     """A tug or tow line that pulls in a direction off the bow, at a lever forward of midship, for a while."""
 
     name = "tow"
+    site = "force"
     acts_indoors = False
     measured_by = "the forces of lines and thrusters"
     exclusive = "line or thruster"

@@ -6,17 +6,18 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from manoeuvre_nn.core.effect import Effect, ForceEffect, Parameter, Situation
+from manoeuvre_nn.core.effect import Effect, Parameter, Situation
 from manoeuvre_nn.effect.common import columns
 
 FAMILY = "propeller and resistance"
 KILO = 1000.0
 
 
-class PropellerSideForce(ForceEffect):
+class PropellerSideForce(Effect):
     """A lateral force of the propeller, .48 L aft of midship, positive to starboard, in proportion to n squared."""
 
     name = "propeller_side_force"
+    site = "force"
     candidate = True
     measured_by = "shaft speed and torque"
     family = FAMILY
@@ -33,13 +34,14 @@ class PropellerSideForce(ForceEffect):
         return columns(torch.zeros_like(sway), sway, self.ARM * self.ship.particulars.length * sway)
 
 
-class PropellerPitchError(ForceEffect):
+class PropellerPitchError(Effect):
     """Thrust that deviates by a fraction at every shaft speed.
 
     Where the coefficient set has a thrust of its own, side forces and race that follow from it are left as they are.
     """
 
     name = "propeller_pitch_error"
+    site = "force"
     candidate = True
     measured_by = "shaft speed and torque"
     family = FAMILY
@@ -98,10 +100,11 @@ class PowerLimit(Effect):
         return {k: s.shaft if k == "shaft_recorded" else c for k, c in channels.items()}
 
 
-class HullFouling(ForceEffect):
+class HullFouling(Effect):
     """Added resistance as a fraction of the calm-water resistance at approach speed, growing with u squared."""
 
     name = "hull_fouling"
+    site = "force"
     candidate = True
     measured_by = "shaft speed and torque"
     family = FAMILY
@@ -121,10 +124,11 @@ class HullFouling(ForceEffect):
         return columns(surge, torch.zeros_like(surge), torch.zeros_like(surge))
 
 
-class IceResistance(ForceEffect):
+class IceResistance(Effect):
     """A resisting force that does not depend on the speed; it fades below ``SLOW``."""
 
     name = "ice_resistance"
+    site = "force"
     candidate = True
     acts_indoors = False
     measured_by = "shaft speed and torque"

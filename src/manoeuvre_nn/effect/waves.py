@@ -7,7 +7,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from manoeuvre_nn.core.effect import Effect, ForceEffect, Parameter, Situation
+from manoeuvre_nn.core.effect import Effect, Parameter, Situation
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.units import GRAVITY
 from manoeuvre_nn.effect.common import columns, compass, direction
@@ -16,7 +16,7 @@ from manoeuvre_nn.effect.sensors import add
 HEIGHT = Parameter("Hs", "m", 0.0, 8.0, 0.0, 2.5, (2.5,))
 
 
-class WaveDrift(ForceEffect):
+class WaveDrift(Effect):
     """Mean second-order forces of a sea.
 
     With ``q = rho g L Hs^2 / 16`` and a the direction the waves come from, off the bow to starboard:
@@ -24,6 +24,7 @@ class WaveDrift(ForceEffect):
     """
 
     name = "wave_drift"
+    site = "force"
     candidate = True
     acts_indoors = False
     measured_by = "the wind and the waves"

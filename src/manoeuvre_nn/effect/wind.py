@@ -8,7 +8,7 @@ from jaxtyping import Float
 from scipy.signal import lfilter
 from torch import Tensor
 
-from manoeuvre_nn.core.effect import ForceEffect, Parameter, Situation
+from manoeuvre_nn.core.effect import Effect, Parameter, Situation
 from manoeuvre_nn.core.errors import check_choice
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.effect.common import columns, compass, direction, factor, instant, onset
@@ -40,7 +40,7 @@ FORM = (
 )
 
 
-class _TrueWind(ForceEffect):
+class _TrueWind(Effect):
     """A true wind about one mean direction, by Blendermann's load functions.
 
     With the air relative to the ship at angle g (0 from ahead, positive from port) and speed V_rw::
@@ -56,6 +56,7 @@ class _TrueWind(ForceEffect):
     still_air is the share of the load in still air that the hull's resistance contains.
     """
 
+    site = "force"
     acts_indoors = False
     exclusive = "wind"
     measured_by = "the wind and the waves"
