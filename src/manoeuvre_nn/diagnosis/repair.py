@@ -16,7 +16,7 @@ from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.recorded_inputs import held_table
 from manoeuvre_nn.dynamics.replay import integrate
-from manoeuvre_nn.dynamics.vessel import Affected, Vessel
+from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.estimation.data_set import FIRST_NOISE, process_time, start_spread
 from manoeuvre_nn.estimation.effect_columns import blade_along, contribution, latency_column, perfect
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
@@ -117,7 +117,7 @@ def _written(
     with torch.no_grad():
         effects = _acting(hypothesis)
         shaft = None if bool((run["shaft"] == 1).all()) else torch.tensor(run["shaft"])
-        s = Affected(dynamics, effects).situation(states, Inputs(blade, shaft, time=time))
+        s = Vessel(dynamics, effects).situation(states, Inputs(blade, shaft, time=time))
         stream = sum((e.stream(s) for e in effects), torch.zeros_like(s.nu[..., :2]))
         channels = perfect(s)
         channels["vn"], channels["ve"] = channels["vn"] + stream[..., 0], channels["ve"] + stream[..., 1]
