@@ -102,7 +102,7 @@ def test_what_is_known_of_two_coefficients_that_go_together_is_their_sum():
     """Only ``Y_uv + 2 Y_ur = 0.5 +- .01`` was measured: the group says so, with the interval of that sum."""
     row = np.array([1.0, 2.0])
     covariance = np.linalg.inv(np.outer(row, row) / 0.01**2 + np.eye(2))
-    (group,) = collinear_groups(fitted(values=[0.1, 0.2], covariance=covariance))
+    (group,) = collinear_groups(fitted(values=[0.1, 0.2], covariance=covariance)).itertuples()
     assert group.symbols == ("Y_uv", "Y_ur") and group.correlation < -0.99
     assert group.determined == "0.5 Y_uv + Y_ur" and (group.value, group.error) == approx((0.25, 0.005), rel=1e-3)
     assert "drift and yaw rate are not told apart" in group.words and "a drift test" in group.words
@@ -111,13 +111,13 @@ def test_what_is_known_of_two_coefficients_that_go_together_is_their_sum():
 def test_scales_of_coefficients_make_no_difference_to_what_goes_together():
     size = np.array([1.0, 1e-3])
     covariance = np.linalg.inv(np.outer([1, 2], [1, 2]) / 1e-4 + np.eye(2)) * size[:, None] * size
-    (group,) = collinear_groups(fitted(values=[0.1, 2e-4], covariance=covariance, spread=size))
+    (group,) = collinear_groups(fitted(values=[0.1, 2e-4], covariance=covariance, spread=size)).itertuples()
     assert group.determined == "0.0005 Y_uv + Y_ur"
 
 
 def test_coefficients_that_are_told_apart_are_in_no_group():
-    assert collinear_groups(fitted()) == []
-    assert collinear_groups(fitted(names=PAIR[:1])) == []
+    assert collinear_groups(fitted()).empty
+    assert collinear_groups(fitted(names=PAIR[:1])).empty
 
 
 @pytest.mark.parametrize(
@@ -128,7 +128,7 @@ def test_coefficients_that_are_told_apart_are_in_no_group():
 )
 def test_words_name_the_motions_that_go_together(names, said):
     covariance = np.array([[1.0, 0.99], [0.99, 1.0]]) * 0.1
-    (group,) = collinear_groups(fitted(names, [1.0, 1.0], covariance))
+    (group,) = collinear_groups(fitted(names, [1.0, 1.0], covariance)).itertuples()
     assert said in group.words
 
 
@@ -136,7 +136,7 @@ def test_a_chain_of_neighbours_is_no_group_of_all():
     """1 goes with 2 and 2 with 3, but 1 and 3 are correlated by less than the limit."""
     names = [(1, "v"), (1, "r"), (1, "d")]
     covariance = 0.01 * np.array([[1.0, 0.93, 0.8], [0.93, 1.0, 0.92], [0.8, 0.92, 1.0]])
-    (group,) = collinear_groups(fitted(names, [1.0, 1.0, 1.0], covariance))
+    (group,) = collinear_groups(fitted(names, [1.0, 1.0, 1.0], covariance)).itertuples()
     assert group.symbols == ("Y_v", "Y_r")
 
 

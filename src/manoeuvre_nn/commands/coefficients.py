@@ -236,13 +236,13 @@ def _print(told: Coefficients, out: Path, console: Console) -> None:
     for heading, rows in tables(told).items():
         if rows and heading != "Known only together":
             console.print(rich_table(rows, heading))
-    if told.groups:
+    if len(told.groups):
         console.print("Known only together:", style="bold")
-    for group in told.groups:
+    for g in told.groups.to_dict("records"):
         console.print(
-            f"  {', '.join(group.symbols)} (correlation {group.correlation:.2f}): {group.words}.", highlight=False
+            f"  {', '.join(g['symbols'])} (correlation {g['correlation']:.2f}): {g['words']}.", highlight=False
         )
-        console.print(f"    known is {group.sum}", highlight=False)
+        console.print(f"    known is {g['sum']}", highlight=False)
     for line in notes(told):
         console.print(f"note: {line}", highlight=False)
     console.print(sentence(told), highlight=False)

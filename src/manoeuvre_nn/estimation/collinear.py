@@ -2,14 +2,15 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from jaxtyping import Float, Int
 from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial.distance import squareform
 
-from manoeuvre_nn.estimation.coefficients import REACH, Fitted
+from manoeuvre_nn.estimation.coefficients import Fitted
 from manoeuvre_nn.network.series import VARIABLES
 
 MIN_CORRELATION = 0.9
@@ -26,38 +27,11 @@ PARTED_BY = {
 """Motions that go together -> what would part them."""
 
 
-@dataclass(frozen=True)
-class Group:
-    """Coefficients every two of which are correlated by more than :data:`MIN_CORRELATION`.
-
-    Attributes:
-        symbols: Their symbols.
-        correlation: The largest correlation in size.
-        determined: Combination that the recordings fix, in symbols.
-        value: Its value.
-        error: Its standard error.
-        words: What is not told apart, and what would.
-    """
-
-    symbols: tuple[str, ...]
-    correlation: float
-    determined: str
-    value: float
-    error: float
-    words: str
-
-    def __str__(self) -> str:
-        """A line for the terminal."""
-        names = " against ".join(self.symbols)
-        return f"{names}: correlation {self.correlation:.2f}: {self.words}; known is {self.sum}"
-
-    @property
-    def sum(self) -> str:
-        """The combination with its value and 95 % interval."""
-        return f"{self.determined} = {self.value:.3g} ± {REACH * self.error:.1g}"
+COLUMNS = ["symbols", "correlation", "determined", "value", "error", "words"]
+"""Of groups of coefficients."""
 
 
-def collinear_groups(fitted: Fitted, close: float = MIN_CORRELATION) -> list[Group]:
+def collinear_groups(fitted: Fitted, close: float = MIN_CORRELATION) -> pd.DataFrame:
     """Groups of coefficients that are known only together.
 
     Complete linkage: in a group every pair is correlated. What is determined is the eigenvector of the least variance
@@ -68,13 +42,15 @@ def collinear_groups(fitted: Fitted, close: float = MIN_CORRELATION) -> list[Gro
         close: Correlation from which on two are not told apart.
 
     Returns:
-        Groups, the closest first.
+        One row a group, the closest first: symbols; correlation: the largest in size; determined: combination that the
+        recordings fix, in symbols; value, error: its value and standard error; words: what is not told apart, and what
+        would part it.
 
     Source:
         Belsley, Kuh & Welsch 1980, chapter 3; manoeuvring: Hwang 1982, "cancellation" of drift and yaw coefficients.
     """
     if len(fitted.values) < 2:
-        return []
+        return pd.DataFrame(columns=COLUMNS)
     sizes = np.maximum(fitted.errors, 1e-300)
     correlation = fitted.covariance / sizes[:, None] / sizes
     apart = np.clip(1 - np.abs(correlation), 0.0, None)
@@ -82,10 +58,10 @@ def collinear_groups(fitted: Fitted, close: float = MIN_CORRELATION) -> list[Gro
     labels = fcluster(linkage(squareform(apart, checks=False), "complete"), 1 - close, "distance")
     groups = [np.flatnonzero(labels == k) for k in np.unique(labels)]
     made = [_group(fitted, correlation, g) for g in groups if len(g) > 1]
-    return sorted(made, key=lambda g: -abs(g.correlation))
+    return pd.DataFrame(made, columns=COLUMNS).sort_values("correlation", key=lambda c: -c.abs(), kind="stable")
 
 
-def _group(fitted: Fitted, correlation: Float[np.ndarray, "p p"], places: Int[np.ndarray, " g"]) -> Group:
+def _group(fitted: Fitted, correlation: Float[np.ndarray, "p p"], places: Int[np.ndarray, " g"]) -> tuple[Any, ...]:
     """What is to be said of a group."""
     inner = correlation[np.ix_(places, places)]
     off = inner[np.triu_indices(len(places), 1)]
@@ -96,7 +72,7 @@ def _group(fitted: Fitted, correlation: Float[np.ndarray, "p p"], places: Int[np
     value = float(weights @ fitted.values[places])
     error = float(np.sqrt(max(weights @ fitted.covariance[np.ix_(places, places)] @ weights, 0.0)))
     largest = float(off[np.argmax(np.abs(off))])
-    return Group(symbols, largest, _sum(weights, symbols), value, error, _words([fitted.names[k] for k in places]))
+    return symbols, largest, _sum(weights, symbols), value, error, _words([fitted.names[k] for k in places])
 
 
 def _sum(weights: Float[np.ndarray, " g"], symbols: Sequence[str]) -> str:

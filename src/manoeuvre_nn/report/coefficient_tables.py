@@ -21,7 +21,7 @@ from manoeuvre_nn.estimation.coefficients import (
     Fitted,
     coefficient_table,
 )
-from manoeuvre_nn.estimation.collinear import Group, collinear_groups
+from manoeuvre_nn.estimation.collinear import collinear_groups
 from manoeuvre_nn.report.tables import Row
 
 SYSTEMS = {
@@ -61,9 +61,11 @@ class Coefficients:
         return coefficient_table(self.fitted)
 
     @cached_property
-    def groups(self) -> list[Group]:
-        """Coefficients that are known only together."""
-        return collinear_groups(self.fitted)
+    def groups(self) -> pd.DataFrame:
+        """Coefficients that are known only together; ``sum`` is what is known, with its 95 % interval."""
+        groups = collinear_groups(self.fitted)
+        known = zip(groups["determined"], groups["value"], groups["error"], strict=True)
+        return groups.assign(sum=[f"{what} = {value:.3g} ± {REACH * error:.1g}" for what, value, error in known])
 
     @cached_property
     def compared(self) -> pd.DataFrame | None:
@@ -78,7 +80,7 @@ def sentence(told: Coefficients) -> str:
         f"{words.count(MEASURED)} of {len(words)} coefficients are measured, {words.count(PARTLY)} partly, "
         f"{words.count(PRIOR)} are what was assumed; the recordings fix {told.fitted.determined:.1f} combinations"
     )
-    tied = len({s for g in told.groups for s in g.symbols})
+    tied = len({s for symbols in told.groups["symbols"] for s in symbols})
     return text + (f", and {tied} coefficients in {len(told.groups)} groups are known only together." if tied else ".")
 
 
@@ -127,8 +129,13 @@ def tables(told: Coefficients) -> dict[str, list[Row]]:
         for r in told.rows.to_dict("records")
     ]  # fmt: skip
     made["Known only together"] = [
-        {"together": ", ".join(g.symbols), "corr.": round(g.correlation, 3), "why": g.words, "known is": g.sum}
-        for g in told.groups
+        {
+            "together": ", ".join(g["symbols"]),
+            "corr.": round(g["correlation"], 3),
+            "why": g["words"],
+            "known is": g["sum"],
+        }
+        for g in told.groups.to_dict("records")
     ]
     made["What follows from them"] = [
         {
@@ -168,9 +175,9 @@ def coefficients_json(told: Coefficients) -> dict[str, Any]:
             for r in told.rows.to_dict("records")
         ],
         "groups": [
-            {"symbols": list(g.symbols), "correlation": g.correlation, "words": g.words, "determined": g.determined,
-             "value": g.value, "standard_error": g.error}
-            for g in told.groups
+            {"symbols": list(g["symbols"]), "correlation": g["correlation"], "words": g["words"],
+             "determined": g["determined"], "value": g["value"], "standard_error": g["error"]}
+            for g in told.groups.to_dict("records")
         ],
         "derived": [
             {
