@@ -22,9 +22,9 @@ from manoeuvre_nn.numerics.steepest_descent import RateSchedule
 from manoeuvre_nn.ship.known import clarke_part
 from manoeuvre_nn.ship.mariner import mariner
 from manoeuvre_nn.training import session
-from manoeuvre_nn.training.callbacks import RolloutScore
 from manoeuvre_nn.training.data import DataSettings, SimulatedData
 from manoeuvre_nn.training.fits import BackpropFit, Fit, LevenbergMarquardtFit
+from manoeuvre_nn.training.rollout_score import RolloutScore
 from manoeuvre_nn.training.scalings import make_scaling
 from manoeuvre_nn.training.session import Session, Trained
 

@@ -38,7 +38,7 @@ from manoeuvre_nn.estimation.effect_columns import (
 )
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linear_run import Columns, joined
-from manoeuvre_nn.estimation.linearised_run import LinearisedRun, NoiseLevels, calm_rate, integrated, shown
+from manoeuvre_nn.estimation.linearised_run import LinearisedRun, calm_rate, integrated, shown
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.relinearise import refined
 from manoeuvre_nn.recording.preparation import measured
@@ -160,9 +160,7 @@ def misfits(stand: WhitenedDataSet, effect: Effect) -> np.ndarray:
     """Inner products of the data and the effect's columns at the true values, with next to no other force."""
     (place,), p = stand.runs, SHIP.particulars
     force = 1e-3 * p.speed**2 / p.length * np.array([1.0, 1.0, 1.0 / p.length])
-    white = integrated(
-        place.linearised, NoiseLevels(FIRST_NOISE, force, p.time_unit), np.array([2.0, 2.0, 0.01, 50.0, 50.0, 0.3])
-    )
+    white = integrated(place.linearised, FIRST_NOISE, force, p.time_unit, np.array([2.0, 2.0, 0.01, 50.0, 50.0, 0.3]))
     e = white.embed(joined([place.linearised.data, added(effect, place.linearised)]))
     return e.dot(e)
 

@@ -16,13 +16,13 @@ from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.propulsion import PowerLimit
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS
 from manoeuvre_nn.estimation.linear_run import Columns, joined
-from manoeuvre_nn.estimation.linearised_run import LinearisedRun, NoiseLevels, calm_rate, integrated, shown
+from manoeuvre_nn.estimation.linearised_run import LinearisedRun, calm_rate, integrated, shown
 from manoeuvre_nn.estimation.posterior import posterior
 from manoeuvre_nn.recording.preparation import measured, with_measured, without_samples
 
 COUNT, STATES = 12, 9
 SPREAD = np.array([0.5, 0.4, 0.004, 30.0, 30.0, 0.1])
-FORCE = NoiseLevels(NOISE, np.array([4e-3, 6e-3, 5e-5]), 20.0)
+FORCE, FORCE_TIME = np.array([4e-3, 6e-3, 5e-5]), 20.0
 
 
 @cache
@@ -46,13 +46,13 @@ def some_columns(line: LinearisedRun, count: int = 3) -> Columns:
 class Dense:
     """The same linear model with every matrix written out: states of all samples stacked, measured samples kept."""
 
-    def __init__(self, line: LinearisedRun, noise: NoiseLevels = FORCE):
+    def __init__(self, line: LinearisedRun):
         self.keep, h = np.isfinite(measured(line.run)).ravel(), line.run.step
-        decay = np.exp(-h / noise.process_time)
+        decay = np.exp(-h / FORCE_TIME)
         tiny = np.array([1e-4, 1e-4, 1e-6, 2e-3, 2e-3, 2e-6]) * np.sqrt(h)
         blocks = []
         for push in line.rudder_push * line.run.meta["rudder_noise"]:
-            q = np.diag(np.concatenate([tiny**2, noise.process_sd**2 * (1 - decay**2)]))
+            q = np.diag(np.concatenate([tiny**2, FORCE**2 * (1 - decay**2)]))
             q[:3, :3] += np.outer(push, push)
             blocks.append(q)
         # States follow from the first one and the pushes: s = reach @ (first, push 1, push 2, ...).
@@ -62,7 +62,7 @@ class Dense:
             here, before = slice(k * STATES, (k + 1) * STATES), slice((k - 1) * STATES, k * STATES)
             self.reach[here] += line.transition[k - 1] @ self.reach[before]
         drive = np.zeros((n, n))
-        drive[:STATES, :STATES] = np.diag(np.concatenate([SPREAD**2, noise.process_sd**2]))
+        drive[:STATES, :STATES] = np.diag(np.concatenate([SPREAD**2, FORCE**2]))
         for k, q in enumerate(blocks, start=1):
             drive[k * STATES : (k + 1) * STATES, k * STATES : (k + 1) * STATES] = q
         self.prior = self.reach @ drive @ self.reach.T
@@ -70,7 +70,7 @@ class Dense:
         for k in range(COUNT):
             watch[k * 8 : (k + 1) * 8, k * STATES : (k + 1) * STATES] = line.observed[k]
         self.watch = watch[self.keep]
-        self.covariance = self.watch @ self.prior @ self.watch.T + np.diag(np.tile(noise.channels**2, COUNT)[self.keep])
+        self.covariance = self.watch @ self.prior @ self.watch.T + np.diag(np.tile(NOISE**2, COUNT)[self.keep])
 
     def driven(self, c: Columns) -> np.ndarray:
         """What disturbances do to the states."""
@@ -94,7 +94,7 @@ def close(found, expected, rel=1e-6):
 @pytest.mark.parametrize("gaps", [False, True])
 def test_inner_products_are_those_in_the_metric_of_the_samples_covariance(gaps):
     line = short(gaps)
-    white, dense = integrated(line, FORCE, SPREAD), Dense(line)
+    white, dense = integrated(line, NOISE, FORCE, FORCE_TIME, SPREAD), Dense(line)
     both = joined([line.data, some_columns(line)])
     c = dense.seen(both)
     embedded = white.embed(both)
@@ -106,12 +106,12 @@ def test_inner_products_are_those_in_the_metric_of_the_samples_covariance(gaps):
 def test_the_normaliser_is_that_of_the_samples_covariance(gaps):
     line = short(gaps)
     expected = -0.5 * np.linalg.slogdet(Dense(line).covariance)[1]
-    assert integrated(line, FORCE, SPREAD).log_norm == approx(expected, abs=1e-6)
+    assert integrated(line, NOISE, FORCE, FORCE_TIME, SPREAD).log_norm == approx(expected, abs=1e-6)
 
 
 def test_the_likelihood_is_that_of_a_kalman_filter():
     line = short()
-    white = integrated(line, FORCE, SPREAD)
+    white = integrated(line, NOISE, FORCE, FORCE_TIME, SPREAD)
     e = white.embed(line.data)
     samples = np.isfinite(measured(line.run)).sum()
     found = white.log_norm - 0.5 * float(e.dot(e)[0, 0]) - 0.5 * samples * np.log(2 * np.pi)
@@ -120,9 +120,9 @@ def test_the_likelihood_is_that_of_a_kalman_filter():
 
 def filtered(line: LinearisedRun) -> float:
     """Log likelihood of a run by a Kalman filter that takes in one channel after the other."""
-    decay = np.exp(-line.run.step / FORCE.process_time)
+    decay = np.exp(-line.run.step / FORCE_TIME)
     tiny = np.array([1e-4, 1e-4, 1e-6, 2e-3, 2e-3, 2e-6]) * np.sqrt(line.run.step)
-    mean, p = np.zeros(STATES), np.diag(np.concatenate([SPREAD**2, FORCE.process_sd**2]))
+    mean, p = np.zeros(STATES), np.diag(np.concatenate([SPREAD**2, FORCE**2]))
     total = 0.0
     for k in range(COUNT):
         if k:
@@ -130,10 +130,10 @@ def filtered(line: LinearisedRun) -> float:
             push = np.concatenate([line.rudder_push[k - 1] * line.run.meta["rudder_noise"], np.zeros(6)])
             mean = a @ mean + np.concatenate([line.defect[k - 1], np.zeros(3)])
             p = a @ p @ a.T + np.outer(push, push)
-            p += np.diag(np.concatenate([tiny**2, FORCE.process_sd**2 * (1 - decay**2)]))
+            p += np.diag(np.concatenate([tiny**2, FORCE**2 * (1 - decay**2)]))
         for c in np.flatnonzero(np.isfinite(measured(line.run)[k])):
             h = line.observed[k, c]
-            s = h @ p @ h + FORCE.channels[c] ** 2
+            s = h @ p @ h + NOISE[c] ** 2
             e = line.residual[k, c] - h @ mean
             total -= 0.5 * (e**2 / s + np.log(2 * np.pi * s))
             mean, p = mean + p @ h * e / s, p - np.outer(p @ h, h @ p) / s
@@ -142,7 +142,7 @@ def filtered(line: LinearisedRun) -> float:
 
 def test_the_most_likely_states_are_the_mean_of_the_dense_posterior():
     line = short()
-    white, dense, data = integrated(line, FORCE, SPREAD), Dense(line), line.data
+    white, dense, data = integrated(line, NOISE, FORCE, FORCE_TIME, SPREAD), Dense(line), line.data
     # The data's column carries minus what the model misses: states driven by the defect, corrected by the samples.
     gain = dense.prior @ dense.watch.T @ np.linalg.inv(dense.covariance)
     expected = (gain @ dense.seen(data) - dense.driven(data)).reshape(COUNT, STATES)
@@ -155,7 +155,7 @@ def test_the_most_likely_states_are_the_mean_of_the_dense_posterior():
 def test_the_evidence_is_the_density_of_a_dense_gaussian_with_coefficients_and_parameters_integrated_out(scatter):
     """Two coefficients, whose spread is the level of scatter, and a parameter with a mean of its own."""
     line = short()
-    white, dense, columns = integrated(line, FORCE, SPREAD), Dense(line), some_columns(line)
+    white, dense, columns = integrated(line, NOISE, FORCE, FORCE_TIME, SPREAD), Dense(line), some_columns(line)
     e = white.embed(joined([line.data, columns]))
     prior = np.array([1.0, 2.0, 3.0])
     data = np.array([1.0, 0.0, 0.0, -0.7])

@@ -7,7 +7,7 @@ from fleet import unchecked
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.training.callbacks import MONITOR, RolloutScore, for_solvers, scalars
+from manoeuvre_nn.training.rollout_score import MONITOR, RolloutScore, for_solvers, scalars
 
 
 def scorer(**settings) -> RolloutScore:

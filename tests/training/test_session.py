@@ -13,7 +13,7 @@ from rich.console import Console
 from tiny import Each
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.training.callbacks import MONITOR
+from manoeuvre_nn.training.rollout_score import MONITOR
 from manoeuvre_nn.training.session import Session
 
 FITS = {"Levenberg-Marquardt": tiny.lm, "backpropagation": lambda: tiny.backprop(batch_size=16, seed=3)}
@@ -187,7 +187,7 @@ def test_a_fit_that_breaks_gives_the_signal_back(tmp_path):
 
 
 def test_progress_prints_lines_where_nobody_watches(tmp_path, monkeypatch):
-    monkeypatch.setattr("manoeuvre_nn.training.callbacks.monotonic", iter(range(0, 10_000, 20)).__next__)
+    monkeypatch.setattr("manoeuvre_nn.training.session.monotonic", iter(range(0, 10_000, 20)).__next__)
     console = Console(file=io.StringIO(), width=200)
     tiny.train(tiny.lm(), tmp_path, max_epochs=3, every=2, console=console)
     lines = [line for line in console.file.getvalue().splitlines() if line.startswith("epoch ")]

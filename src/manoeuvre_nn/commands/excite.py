@@ -164,7 +164,7 @@ def _advice(q: _Question, model: IdentifiedShip, say: Any) -> ManoeuvreAdvice:
         expected, coefficients = information(q.ship, known, tuples, sail(model, q.candidates), interval)  # type: ignore[assignment]
     speed = known.particulars.speed / known.prime.speed
     inputs = tuples.inputs.double().numpy()
-    where = disagreements(model, tuples, sail(model, q.targets)) if has_members(model) else []
+    where = disagreements(model, tuples, sail(model, q.targets)) if has_members(model) else None
     return ManoeuvreAdvice(
         ship=known.particulars.name,
         goal=q.goal,
@@ -181,7 +181,7 @@ def _advice(q: _Question, model: IdentifiedShip, say: Any) -> ManoeuvreAdvice:
 def _write(a: ManoeuvreAdvice, config: dict[str, Any], out: Path) -> None:
     """Figures and page, and the result last, as the mark of the end."""
     figures = {"Candidates/gain": gain_figure(a)}
-    if a.where:
+    if a.where is not None:
         figures["Where the members disagree/where"] = where_figure(a)
     save_figures({name.rpartition("/")[2]: figure for name, figure in figures.items()}, out / "figures")
     after = "Deviation over L of each target" if a.goal == "accuracy" else "Standard errors of each equation"

@@ -18,10 +18,10 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.dynamics.model import IdentifiedShip, Scaling
 from manoeuvre_nn.training import session
-from manoeuvre_nn.training.callbacks import RolloutScore
 from manoeuvre_nn.training.checkpoint import load_weights, read_checkpoint
 from manoeuvre_nn.training.data import DEFAULT_SCORE, SUBSTITUTES, ManoeuvreData, RecordedData
 from manoeuvre_nn.training.fits import Fit
+from manoeuvre_nn.training.rollout_score import RolloutScore
 from manoeuvre_nn.training.scalings import KINDS, make_scaling
 from manoeuvre_nn.training.settings import check_simulable
 

@@ -24,9 +24,9 @@ from manoeuvre_nn.report.html import Report, save_figures, write_report
 from manoeuvre_nn.report.tables import Row, criteria_rows, rich_table, score_rows, score_table
 from manoeuvre_nn.scoring.held_out import HeldOut
 from manoeuvre_nn.scoring.score import Score
-from manoeuvre_nn.training.callbacks import scalars
 from manoeuvre_nn.training.closed_loop_fit import ClosedLoopFit
 from manoeuvre_nn.training.data import ManoeuvreData
+from manoeuvre_nn.training.rollout_score import scalars
 from manoeuvre_nn.training.session import Trained
 
 IMO = "IMO MSC.137(76), predicted"

@@ -19,7 +19,7 @@ from manoeuvre_nn.commands.shelves import plain
 from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.report.figures import comparison_figures
 from manoeuvre_nn.training import session
-from manoeuvre_nn.training.callbacks import RolloutScore
+from manoeuvre_nn.training.rollout_score import RolloutScore
 
 ERROR = "error.txt"
 

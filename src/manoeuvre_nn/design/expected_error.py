@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import cast
 
-import numpy as np
+import pandas as pd
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -62,24 +62,14 @@ class DesignEffort:
                 raise InputError(f"effort.{name}={getattr(self, name)}: expected {least} or more")
 
 
-@dataclass(frozen=True)
-class Disagreement:
-    """How far the members disagree about the forces along a manoeuvre.
-
-    Attributes:
-        manoeuvre: Its name.
-        motion: v', r' [-] over U0 and U0/L, rudder angle [rad]: medians of the members.
-        spread: Standard deviation of the forces over the root mean square of those that were trained on [-].
-    """
-
-    manoeuvre: str
-    motion: Float[np.ndarray, "t 3"]
-    spread: Float[np.ndarray, " t"]
-
-
 @torch.no_grad()
-def disagreements(model: IdentifiedShip, tuples: Tuples, runs: Sequence[CandidateRun]) -> list[Disagreement]:
-    """Where the members of an ensemble, trained on tuples, disagree along manoeuvres that they sail."""
+def disagreements(model: IdentifiedShip, tuples: Tuples, runs: Sequence[CandidateRun]) -> pd.DataFrame:
+    """Where the members of an ensemble, trained on tuples, disagree about the forces along manoeuvres that they sail.
+
+    Returns:
+        manoeuvre; v, r [-] over U0 and U0/L, delta [rad]: medians of the members; spread: standard deviation of the
+        forces over the root mean square of those that were trained on [-]. One row a sample.
+    """
     network, ship, made = cast(HullRudder, model.network), model.particulars, []
     size = model.scaling.outputs(tuples.targets).square().mean(0).sqrt()
     units = torch.tensor([ship.speed, ship.speed / ship.length, 1.0]).to(size)
@@ -89,8 +79,9 @@ def disagreements(model: IdentifiedShip, tuples: Tuples, runs: Sequence[Candidat
             model.network_inputs(path[:, :3], Inputs(path[:, 3])).expand(len(run.states), -1, -1), len(run.states)
         )
         spread = (each.std(dim=0) / size).square().mean(-1).sqrt()
-        made.append(Disagreement(run.manoeuvre.name, (path[:, 1:] / units).numpy(), spread.numpy()))
-    return made
+        motion = pd.DataFrame((path[:, 1:] / units).numpy(), columns=["v", "r", "delta"])
+        made.append(motion.assign(manoeuvre=run.manoeuvre.name, spread=spread.numpy()))
+    return pd.concat(made, ignore_index=True)
 
 
 def prospects(

@@ -12,7 +12,7 @@ from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.estimation.data_set import PROCESS_LEVELS, PreparedRun, WhitenedDataSet, process_time, start_spread
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linear_run import Columns, IntegratedRun
-from manoeuvre_nn.estimation.linearised_run import SIZE, NoiseLevels, integrated
+from manoeuvre_nn.estimation.linearised_run import SIZE, integrated
 from manoeuvre_nn.estimation.marginal_likelihood import hypothesis_columns
 
 BIN = 10.0
@@ -66,8 +66,8 @@ def _windows(data_set: WhitenedDataSet, prepared: PreparedRun, data: Columns) ->
 
 def _loose(data_set: WhitenedDataSet, prepared: PreparedRun, size: float) -> IntegratedRun:
     """The run with a coloured force allowed."""
-    noise = NoiseLevels(prepared.noise, size * data_set.unit, 0.5 * process_time(data_set.dynamics))
-    return integrated(prepared.linearised, noise, start_spread(data_set.dynamics.particulars))
+    time, start = 0.5 * process_time(data_set.dynamics), start_spread(data_set.dynamics.particulars)
+    return integrated(prepared.linearised, prepared.noise, size * data_set.unit, time, start)
 
 
 def units(data_set: WhitenedDataSet) -> tuple[str, str, str]:

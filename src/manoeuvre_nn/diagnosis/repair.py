@@ -16,12 +16,12 @@ from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.recorded_inputs import held_table
 from manoeuvre_nn.dynamics.replay import integrate
-from manoeuvre_nn.dynamics.vessel import Affected, Vessel
+from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.estimation.data_set import FIRST_NOISE, process_time, start_spread
 from manoeuvre_nn.estimation.effect_columns import blade_along, contribution, latency_column, perfect
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linear_run import joined
-from manoeuvre_nn.estimation.linearised_run import NoiseLevels, calm_rate, integrated, linearise
+from manoeuvre_nn.estimation.linearised_run import calm_rate, integrated, linearise
 from manoeuvre_nn.estimation.smoothed_run import first_guess
 from manoeuvre_nn.recording.outliers import spikes
 from manoeuvre_nn.recording.preparation import measured
@@ -96,15 +96,15 @@ def start_state(
     """
     rate, p = calm_rate(dynamics), dynamics.particulars
     unit = p.speed**2 / p.length * np.array([1.0, 1.0, 1.0 / p.length])
-    noise, spread = NoiseLevels(FIRST_NOISE, 1e-3 * unit, process_time(dynamics)), start_spread(p)
+    time, spread = process_time(dynamics), start_spread(p)
     track = first_guess(run)
     for _ in range(3):
-        linearised = linearise(run, rate, track, noise.process_time)
+        linearised = linearise(run, rate, track, time)
         added = [contribution(e, v, linearised) for e, v in zip(hypothesis.effects, hypothesis.values, strict=True)]
         # Data less latency and effects at their values.
         all_of_them = joined([linearised.data, latency_column(linearised), *added])
         left = all_of_them.combined(np.array([1.0, -latency, *[-1.0] * len(added)]))
-        solved = integrated(linearised, noise, spread)
+        solved = integrated(linearised, FIRST_NOISE, 1e-3 * unit, time, spread)
         track = track + solved.states(solved.embed(left))[:, :6, 0]
     return track[-1]
 
@@ -117,7 +117,7 @@ def _written(
     with torch.no_grad():
         effects = _acting(hypothesis)
         shaft = None if bool((run["shaft"] == 1).all()) else torch.tensor(run["shaft"])
-        s = Affected(dynamics, effects).situation(states, Inputs(blade, shaft, time=time))
+        s = Vessel(dynamics, effects).situation(states, Inputs(blade, shaft, time=time))
         stream = sum((e.stream(s) for e in effects), torch.zeros_like(s.nu[..., :2]))
         channels = perfect(s)
         channels["vn"], channels["ve"] = channels["vn"] + stream[..., 0], channels["ve"] + stream[..., 1]

@@ -17,7 +17,7 @@ AT_REST_S = 1e6
 """Time after which every rudder has come to rest [s]; finite, since a rate of 0 times infinity is no number."""
 
 
-class Affected(Model):
+class _Affected(Model):
     """A calm-water model and effects on top, itself a model.
 
     The state is u, v, r *through the water*, x, y, psi over ground, then the effects' own states. A uniform current
@@ -59,10 +59,10 @@ class Affected(Model):
         """What the effects see, accelerations being those of calm water."""
         return self._seen(state, inputs)[0]
 
-    def on_approach(self, speed: float) -> "Affected":
+    def on_approach(self, speed: float) -> "_Affected":
         """The same ship and effects at another approach speed; what effects do follows the ship."""
         calm = self.calm.on_approach(speed)
-        return Affected(calm, [_aboard(e, calm.hull) for e in self._effects()])
+        return _Affected(calm, [_aboard(e, calm.hull) for e in self._effects()])
 
     def _effects(self) -> list[Effect]:
         """The effects as such, for the type checker."""
@@ -171,12 +171,16 @@ class Vessel:
     @cached_property
     def model(self) -> Model:
         """The equations of motion, with the effects where there are some."""
-        return Affected(self.calm, self.effects) if self.effects else self.calm
+        return _Affected(self.calm, self.effects) if self.effects else self.calm
 
     @cached_property
     def gear(self) -> RudderGear:
         """From orders to the rudder blade."""
         return RudderGear(self.effects)
+
+    def situation(self, states: Float[Tensor, "*batch n"], inputs: Inputs) -> Situation:
+        """What the effects see, accelerations being those of calm water."""
+        return _Affected(self.calm, self.effects).situation(states, inputs)
 
     def record(
         self,
@@ -197,9 +201,9 @@ class Vessel:
             x, y [m], vn, ve (over ground) [m/s], psi [rad], r [rad/s], u_log [m/s], delta [rad] and shaft [-]; nothing
             without effects.
         """
-        if not isinstance(self.model, Affected):
+        if not self.effects:
             return {}
-        s = self.model.situation(states, inputs)
+        s = self.situation(states, inputs)
         north, east = rates[..., 3:5].unbind(-1)
         channels = {"x": s.x, "y": s.y, "vn": north, "ve": east, "psi": s.psi, "r": s.r, "u_log": s.u}
         channels |= {"delta": shown, "shaft_recorded": s.shaft}

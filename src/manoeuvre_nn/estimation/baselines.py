@@ -39,7 +39,7 @@ class _Baseline:
     note: str
 
 
-class FittedProducts(Ship):
+class _FittedProducts(Ship):
     """A ship whose force is a ship's own products times learnt coefficients."""
 
     def __init__(
@@ -79,7 +79,7 @@ class FittedProducts(Ship):
         """Shaft speed of the ship [rpm]."""
         return self._ship.shaft_rpm
 
-    def learnt(self, tuples: Tuples) -> "FittedProducts":
+    def learnt(self, tuples: Tuples) -> "_FittedProducts":
         """The same products with coefficients by least squares.
 
         Args:
@@ -90,7 +90,7 @@ class FittedProducts(Ship):
         """
         return _with_true_terms(self._ship, self, tuples)[0]
 
-    def on_approach(self, speed: float) -> "FittedProducts":
+    def on_approach(self, speed: float) -> "_FittedProducts":
         """The products as the ship has them at that speed; what was learnt stays.
 
         Args:
@@ -99,10 +99,10 @@ class FittedProducts(Ship):
         Returns:
             A new ship.
         """
-        return FittedProducts(self._ship.on_approach(speed), self.inertia, self.prime.mass, self.table)
+        return _FittedProducts(self._ship.on_approach(speed), self.inertia, self.prime.mass, self.table)
 
 
-def own_part(ship: Ship | Particulars) -> FittedProducts:
+def own_part(ship: Ship | Particulars) -> _FittedProducts:
     """The ship's own products as the known part, their coefficients learnt before the network sees what is left.
 
     Returns:
@@ -116,7 +116,7 @@ def own_part(ship: Ship | Particulars) -> FittedProducts:
             f"linear=own: the forces of the {ship.particulars.name} are no sum of known products; write "
             "linear=clarke or none"
         )
-    return FittedProducts(ship, ship.inertia, ship.prime.mass, torch.zeros_like(ship.table))
+    return _FittedProducts(ship, ship.inertia, ship.prime.mass, torch.zeros_like(ship.table))
 
 
 def fit_baselines(ship: Ship | Particulars, known: Ship, tuples: Tuples) -> tuple[list[_Baseline], list[str]]:
@@ -195,7 +195,7 @@ def true_terms_baseline(ship: Ship, known: Ship, tuples: Tuples) -> _Baseline:
     return _Baseline("true terms", CalmWater(fitted), count, note)
 
 
-def _with_true_terms(ship: Ship, known: Ship, tuples: Tuples) -> tuple[FittedProducts, int]:
+def _with_true_terms(ship: Ship, known: Ship, tuples: Tuples) -> tuple[_FittedProducts, int]:
     """The ship's products with coefficients by least squares, and how many these are."""
     if ship.table is None:
         raise InputError(f"ship {ship.particulars.name} has no products to fit: leave out the baseline `true terms`")
@@ -211,7 +211,7 @@ def _with_true_terms(ship: Ship, known: Ship, tuples: Tuples) -> tuple[FittedPro
         rows = np.flatnonzero(pattern[:, e])
         table[rows, e] = _solved(products[:, rows], targets[:, e])
     learnt = torch.tensor(table).to(known.inertia)
-    return FittedProducts(ship, known.inertia, known.prime.mass, learnt), int(pattern.sum())
+    return _FittedProducts(ship, known.inertia, known.prime.mass, learnt), int(pattern.sum())
 
 
 def _pattern(ship: Ship, known: Ship) -> Bool[np.ndarray, "terms 3"]:

@@ -14,7 +14,7 @@ from manoeuvre_nn.dynamics.base import Model, calm_accelerations, is_fitted
 from manoeuvre_nn.effect.common import typical as usual
 from manoeuvre_nn.estimation.effect_columns import coefficient_columns, latency_column
 from manoeuvre_nn.estimation.linear_run import Columns, Embedded, IntegratedRun, joined, summed
-from manoeuvre_nn.estimation.linearised_run import LinearisedRun, NoiseLevels, calm_rate, integrated, linearise
+from manoeuvre_nn.estimation.linearised_run import LinearisedRun, calm_rate, integrated, linearise
 from manoeuvre_nn.estimation.posterior import Posterior, posterior
 from manoeuvre_nn.estimation.smoothed_run import smooth
 
@@ -102,8 +102,7 @@ class WhitenedDataSet:
         start = start_spread(self.dynamics.particulars)
         process_sd = self.levels[level][[0, 1, 1]] * self.unit
         white = [
-            integrated(run.linearised, NoiseLevels(run.noise, process_sd, process_time(self.dynamics)), start)
-            for run in self.runs
+            integrated(run.linearised, run.noise, process_sd, process_time(self.dynamics), start) for run in self.runs
         ]
         base = [w.embed(p.base) for w, p in zip(white, self.runs, strict=True)]
         g = summed([e.dot(e) for e in base], [self.base_index(k) for k in range(len(base))], self.size)
@@ -233,8 +232,7 @@ def prepared_run(dynamics: Model, run: Recording) -> PreparedRun:
     if is_fitted(dynamics):  # recordings are trusted as they were when the model was fitted
         u, v, r, x, y, psi = dynamics.noise.tolist()
         least[:6] = x, y, u, v, psi, r
-    wide = NoiseLevels(FIRST_NOISE, SMOOTHER_PROCESS_SD * unit, process_time(dynamics))
-    linearised, noise, inflation, process = smooth(run, rate, wide, least, p)
+    linearised, noise, inflation, process = smooth(run, rate, FIRST_NOISE, least, SMOOTHER_PROCESS_SD * unit, p)
     slow = np.where((noise > least) | (not is_fitted(dynamics)), inflation, 1.0)
     base = _base_columns(dynamics, linearised)
     return PreparedRun(linearised, noise * np.sqrt(slow), slow, base, process)

@@ -29,7 +29,7 @@ class Hypothesis:
         """Names of the effects."""
         return tuple(e.name for e in self.effects)
 
-    def unknowns(self) -> list["Unknown"]:
+    def unknowns(self) -> list["_Unknown"]:
         """All free numbers: effect, parameter, and the run for those that differ between runs."""
         found = []
         for k, effect in enumerate(self.effects):
@@ -38,7 +38,7 @@ class Hypothesis:
                 if p.random or p.name in self.fixed:
                     continue
                 runs = range(len(self.values[k])) if p.per_run else [None]
-                found += [Unknown(k, j, run, p) for run in runs]
+                found += [_Unknown(k, j, run, p) for run in runs]
         return found
 
     def vector(self) -> Float[np.ndarray, " m"]:
@@ -69,7 +69,7 @@ class Hypothesis:
 
 
 @dataclass(frozen=True)
-class Unknown:
+class _Unknown:
     """One free number of a hypothesis.
 
     Attributes:

@@ -36,21 +36,6 @@ RUDDER_DIFFERENCE = 1e-3
 
 
 @dataclass(frozen=True)
-class NoiseLevels:
-    """Standard deviations of all that is random in a run.
-
-    Attributes:
-        channels: Noise of the measured channels, in their units.
-        process_sd: Process noise in surge, sway [m/s^2] and yaw [rad/s^2].
-        process_time: Its correlation time [s].
-    """
-
-    channels: Float[np.ndarray, " 8"]
-    process_sd: Float[np.ndarray, " 3"]
-    process_time: float
-
-
-@dataclass(frozen=True)
 class LinearisedRun:
     """A run's equations about a track.
 
@@ -182,19 +167,27 @@ def _step(rate: Rate, state: Tensor, delta: Tensor, shaft: Tensor, h: float, dec
     return torch.cat([new[..., :6], decay * state[..., 6:]], dim=-1)
 
 
-def integrated(linearised: LinearisedRun, noise: NoiseLevels, start_sd: Float[np.ndarray, " 6"]) -> IntegratedRun:
+def integrated(
+    linearised: LinearisedRun,
+    noise: Float[np.ndarray, " 8"],
+    process_sd: Float[np.ndarray, " 3"],
+    process_time: float,
+    start_sd: Float[np.ndarray, " 6"],
+) -> IntegratedRun:
     """Integrate the states out at given noise.
 
     Args:
         linearised: The run's linear equations.
-        noise: Standard deviations.
+        noise: Standard deviation of the measured channels' noise, in their units.
+        process_sd: That of the process noise in surge, sway [m/s^2] and yaw [rad/s^2].
+        process_time: Correlation time of the process noise [s].
         start_sd: Prior standard deviation of the first state about the track.
 
     Returns:
         The run without its states.
     """
     run = linearised.run
-    process_sd = np.maximum(noise.process_sd, 1e-12)
+    process_sd = np.maximum(process_sd, 1e-12)
     steps = len(linearised.transition)
     # A step's covariance is that of rounding and of the rudder's noise, Q = diag(STEP_SD^2 h) + push push^T.
     push = linearised.rudder_push * run.meta["rudder_noise"]
@@ -205,11 +198,11 @@ def integrated(linearised: LinearisedRun, noise: NoiseLevels, start_sd: Float[np
     # root^T root = Q^-1, and the innovations of the process noise.
     scale = STEP_SD[:, None] * STEP_SD
     root[:, :6, :6] = np.linalg.cholesky(np.linalg.inv(covariance / scale)).transpose(0, 2, 1) / STEP_SD
-    root[:, 6:, 6:] = ProcessNoise(noise.process_time).steps(np.full(1, run.step))[1] / process_sd
+    root[:, 6:, 6:] = ProcessNoise(process_time).steps(np.full(1, run.step))[1] / process_sd
     # ds_{k+1} - A_k ds_k = ...
     right = np.broadcast_to(np.eye(SIZE), root.shape)
     log_det = float(np.linalg.slogdet(root)[1].sum())
-    precision = linearised.present / noise.channels**2
+    precision = linearised.present / noise**2
     start, unit = np.concatenate([start_sd, process_sd]) ** -2.0, np.concatenate([STATE_UNIT, process_sd])
     return IntegratedRun(
         RunEquations(-linearised.transition, right, root, log_det, linearised.observed, precision, start, unit)

@@ -19,7 +19,7 @@ from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.estimation.corrections import USUAL_SCATTER
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, PROCESS_LEVELS, WhitenedDataSet
 from manoeuvre_nn.estimation.effect_columns import blades, contribution
-from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis, Unknown
+from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.linear_run import Columns, Embedded, joined
 from manoeuvre_nn.estimation.posterior import Posterior
 
@@ -58,7 +58,7 @@ def hypothesis_columns(data_set: WhitenedDataSet, hypothesis: Hypothesis) -> Hyp
     for k, effect in enumerate(hypothesis.effects):
         mine = [[i for i, f in enumerate(unknowns) if f.effect == k and f.run in (None, r)] for r in range(len(runs))]
         tables = [
-            _table(effect.steady(values), [unknowns[i] for i in at])
+            _table(effect.steady(values), {unknowns[i].column: unknowns[i].parameter for i in at})
             for values, at in zip(hypothesis.values[k], mine, strict=True)
         ]
         angles = blades(effect, tables, [r.linearised.run for r in runs])
@@ -73,11 +73,11 @@ def hypothesis_columns(data_set: WhitenedDataSet, hypothesis: Hypothesis) -> Hyp
     return HypothesisColumns(hypothesis, columns, [np.array(at) for at in index], 1 + len(unknowns))
 
 
-def _table(values: Float[np.ndarray, " p"], unknowns: Sequence[Unknown]) -> Float[np.ndarray, "k p"]:
-    """An effect's values, and a row above and one below for every unknown of a run."""
+def _table(values: Float[np.ndarray, " p"], unknowns: Mapping[int, Parameter]) -> Float[np.ndarray, "k p"]:
+    """An effect's values, and a row above and one below for every unknown (column -> parameter) of a run."""
     table = np.tile(values, (1 + 2 * len(unknowns), 1))
-    for j, f in enumerate(unknowns):
-        table[1 + 2 * j, f.column], table[2 + 2 * j, f.column] = _apart(f.parameter, values[f.column])
+    for j, (column, parameter) in enumerate(unknowns.items()):
+        table[1 + 2 * j, column], table[2 + 2 * j, column] = _apart(parameter, values[column])
     return table
 
 

@@ -1,7 +1,5 @@
 """The motion behind a recording: smoothed with a force of any kind allowed, and the noise of every channel with it."""
 
-from dataclasses import replace
-
 import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import median_filter, uniform_filter1d
@@ -10,7 +8,7 @@ from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.estimation.linear_run import Columns, joined
-from manoeuvre_nn.estimation.linearised_run import SIZE, LinearisedRun, NoiseLevels, Rate, integrated, linearise
+from manoeuvre_nn.estimation.linearised_run import SIZE, LinearisedRun, Rate, integrated, linearise
 from manoeuvre_nn.estimation.measurement_noise import MIN_SAMPLES, measured_noise
 from manoeuvre_nn.estimation.posterior import posterior
 from manoeuvre_nn.recording.preparation import measured, without_samples
@@ -48,17 +46,22 @@ def first_guess(run: Recording) -> Float[np.ndarray, "n 6"]:
 
 
 def smooth(
-    run: Recording, rate: Rate, noise: NoiseLevels, least: Float[np.ndarray, " 8"], ship: Particulars
+    run: Recording,
+    rate: Rate,
+    noise: Float[np.ndarray, " 8"],
+    least: Float[np.ndarray, " 8"],
+    process_sd: Float[np.ndarray, " 3"],
+    ship: Particulars,
 ) -> tuple[LinearisedRun, Float[np.ndarray, " 8"], Float[np.ndarray, " 8"], Float[np.ndarray, "n 3"]]:
     """Find the states by an iterated smoother in which any force, a stream, and compass and log errors are possible.
 
     Args:
         run: The run.
         rate: Accelerations of the calm-water model.
-        noise: First idea of the channels' noise; prior standard deviation of the process noise, wide: any force is
-            possible.
+        noise: First idea of the channels' noise.
         least: What the channels' noise is never taken to be less than.
-        ship: The ship, for usual sizes.
+        process_sd: Prior standard deviation of the process noise, wide: any force is possible.
+        ship: The ship, for usual sizes and times.
 
     Returns:
         Equations about the smooth track, outliers being gaps in their run; standard deviation of every channel; factor
@@ -66,15 +69,14 @@ def smooth(
     """
     shaft = measured(run)[:, SHAFT]
     run = run.with_channels(**{MEASURED[SHAFT]: np.full(len(run), np.nan)})
-    track, states, sigma = first_guess(run), np.zeros((len(run), SIZE)), noise.channels
+    track, states, sigma = first_guess(run), np.zeros((len(run), SIZE)), noise
     inflation = np.ones(len(MEASURED))
     start_sd = ship.sized([2.0, 2.0, 0.01, 20.0, 20.0, 0.2], MOTION_POWERS)
     error_sd = ship.sized(KINEMATIC_ERROR_SD, KINEMATIC_ERROR_POWERS)
     for _ in range(LINEARISATIONS):
         track = track + states[:, :6]
-        linearised = linearise(run, rate, track, noise.process_time)
-        levels = replace(noise, channels=sigma * np.sqrt(inflation))
-        solved = integrated(linearised, levels, start_sd)
+        linearised = linearise(run, rate, track, ship.time_unit)
+        solved = integrated(linearised, sigma * np.sqrt(inflation), process_sd, ship.time_unit, start_sd)
         columns = joined([linearised.data, _kinematic_errors(linearised)])
         embedded = solved.embed(columns)
         g = embedded.dot(embedded)
@@ -88,7 +90,7 @@ def smooth(
     misfit = float(g[0] @ left) / max(np.isfinite(measured(linearised.run)).sum(), 1)
     sigma = sigma * np.sqrt(np.clip(misfit, 1.0, 1.5))
     run = run.with_channels(**{MEASURED[SHAFT]: shaft})
-    return linearise(run, rate, track, noise.process_time), sigma, inflation, states[:, 6:]
+    return linearise(run, rate, track, ship.time_unit), sigma, inflation, states[:, 6:]
 
 
 def _kinematic_errors(linearised: LinearisedRun) -> Columns:

@@ -40,7 +40,8 @@ def where_figure(a: ManoeuvreAdvice) -> Figure:
     """Where in the planes of rudder, sway and yaw rate the members disagree, and what is recorded there."""
     figure = new_figure(4.2, width=6.6, title="Where the members disagree about the forces")
     left, right = figure.subplots(1, 2)
-    motion, spread = np.concatenate([d.motion for d in a.where]), np.concatenate([d.spread for d in a.where])
+    assert a.where is not None
+    motion, spread = a.where[["v", "r", "delta"]].to_numpy(), a.where["spread"].to_numpy()
     high = max(float(spread.max()), 1e-9)
     norm = LogNorm(max(float(np.quantile(spread, 0.05)), 1e-3 * high), high, clip=True)
     order = np.argsort(spread)

@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.design.candidates import ExpectedGain
-from manoeuvre_nn.design.expected_error import Disagreement
 from manoeuvre_nn.dynamics.limits import OK
 
 
@@ -21,7 +21,8 @@ class ManoeuvreAdvice:
         goal: ``accuracy`` or ``coefficients``.
         expected: What every candidate is expected to bring, best first.
         trained_on: Sentence on what is recorded.
-        where: Disagreement of the members along the targets; none for a model without members.
+        where: Disagreement of the members along the targets, see :func:`.disagreements`; None for a model without
+            members.
         recorded: v', r' [-], rudder angle [rad] of what is recorded.
         coefficients: What the coefficients are.
         left_out: Candidates that were not tried, and why.
@@ -32,7 +33,7 @@ class ManoeuvreAdvice:
     goal: str
     expected: Sequence[ExpectedGain]
     trained_on: str
-    where: Sequence[Disagreement]
+    where: pd.DataFrame | None
     recorded: np.ndarray
     coefficients: str = ""
     left_out: Sequence[str] = field(default_factory=tuple)
@@ -69,11 +70,11 @@ def sentence(a: ManoeuvreAdvice) -> str:
 
 def _place(a: ManoeuvreAdvice, target: str) -> str:
     """Where on a target they disagree most."""
-    for d in a.where:
-        if d.manoeuvre == target:
-            v, r, delta = d.motion[int(d.spread.argmax())]
-            return f", above all at {delta / DEGREE:.0f} deg of rudder, v' = {v:.2f}, r' = {r:.2f}"
-    return ""
+    if a.where is None:
+        return ""
+    along = a.where[a.where["manoeuvre"] == target]
+    v, r, delta = along[["v", "r", "delta"]].iloc[along["spread"].argmax()]
+    return f", above all at {delta / DEGREE:.0f} deg of rudder, v' = {v:.2f}, r' = {r:.2f}"
 
 
 def advice_rows(a: ManoeuvreAdvice) -> list[dict[str, Any]]:

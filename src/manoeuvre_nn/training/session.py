@@ -1,22 +1,27 @@
 """One training: Lightning's trainer with our callbacks, resumed where it was left, ended with the network to keep."""
 
 import logging
+import signal
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from time import perf_counter
+from time import monotonic, perf_counter
+from types import FrameType
 from typing import Any, Literal
 
 import lightning as L
+import torch
+from lightning.pytorch.callbacks import Checkpoint
 from lightning.pytorch.loggers import TensorBoardLogger
 from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from manoeuvre_nn.core.errors import InputError, check_choice
-from manoeuvre_nn.training.callbacks import BestAndLast, GracefulStop, RolloutScore, RunProgress
 from manoeuvre_nn.training.checkpoint import load_weights, read_checkpoint
 from manoeuvre_nn.training.data import ManoeuvreData
 from manoeuvre_nn.training.fits import Fit
+from manoeuvre_nn.training.rollout_score import MONITOR, RolloutScore
 
 CHECKPOINTS, DASHBOARD = "checkpoints", "tensorboard"
 CTRL_C, ALL_EPOCHS = "ctrl-C", "all epochs done"
@@ -66,7 +71,7 @@ class Trained:
         epochs: Epochs trained.
         seconds: Time that it took [s].
         stopped: Why it ended.
-        history: Scored epochs, see :class:`~manoeuvre_nn.training.callbacks.RolloutScore`.
+        history: Scored epochs, see :class:`~manoeuvre_nn.training.rollout_score.RolloutScore`.
         chosen: How the network was chosen, in words.
         logger: TensorBoard's.
     """
@@ -107,10 +112,10 @@ def run(fit: Fit, data: ManoeuvreData, scorer: RolloutScore, session: Session, o
     checkpoint = _resume_from(session, out, console)
     if checkpoint is not None:
         load_weights(fit, checkpoint)  # refuses another network's in one line; Lightning then restores everything
-    keeper, graceful = BestAndLast(scorer, out / CHECKPOINTS, session.patience), GracefulStop(console)
+    keeper, graceful = _BestAndLast(scorer, out / CHECKPOINTS, session.patience), _GracefulStop(console)
     callbacks: list[L.Callback] = [scorer, graceful, keeper]
     if session.progress:
-        callbacks.append(RunProgress(console))
+        callbacks.append(_RunProgress(console))
     logger = TensorBoardLogger(out, name="", version=DASHBOARD, default_hp_metric=False)
     trainer = L.Trainer(
         accelerator=session.accelerator,
@@ -171,3 +176,145 @@ def _quiet() -> None:
     for name in ("lightning.pytorch", "lightning.fabric", "lightning.pytorch.utilities.rank_zero"):
         logging.getLogger(name).setLevel(logging.ERROR)
     warnings.filterwarnings("ignore", module="lightning.*")
+
+
+class _BestAndLast(Checkpoint):
+    """Stores ``last.ckpt`` after every epoch, ``best.ckpt`` after every score that is the best so far.
+
+    Ends the fit when some scores in a row were no better. Lightning's own ModelCheckpoint renews ``last.ckpt`` only
+    together with the best one, and its EarlyStopping wants a score in every epoch. The best weights are in
+    ``last.ckpt`` too, so that a run may be resumed in another folder.
+
+    Attributes:
+        best: Weights at the best score; empty before the first.
+    """
+
+    def __init__(self, scorer: RolloutScore, folder: Path, patience: int | None = None) -> None:
+        """Set up.
+
+        Args:
+            scorer: Says what is best; it must come first among the callbacks.
+            folder: Where the files go.
+            patience: How many scores in a row may bring nothing; None is any number.
+        """
+        self.scorer, self.folder, self.patience = scorer, folder, patience
+        self.best: dict[str, torch.Tensor] = {}
+
+    @property
+    def state_key(self) -> str:
+        """Its name in checkpoints, which those of earlier versions know it by."""
+        return "BestAndLast"
+
+    def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Store, and end a fit that gains nothing."""
+        if self.scorer.scored(trainer.current_epoch + 1):
+            if self.scorer.best is self.scorer.history[-1]:
+                self.best = {name: value.detach().clone() for name, value in pl_module.state_dict().items()}
+                self._store(trainer, "best.ckpt")
+            scores, count = [row[MONITOR] for row in self.scorer.history], self.patience
+            if count is not None and len(scores) > count and min(scores[-count:]) >= min(scores[:-count]):
+                trainer.should_stop = True
+        self._store(trainer, "last.ckpt")
+
+    def _store(self, trainer: L.Trainer, name: str) -> None:
+        """Write beside the old file and take its place at once, so that a kill in between damages neither."""
+        part = self.folder / f"{name}.part"
+        trainer.save_checkpoint(part)
+        part.replace(self.folder / name)
+
+    def state_dict(self) -> dict[str, Any]:
+        """The best weights."""
+        return {"best": self.best}
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Take the best weights up again."""
+        self.best = dict(state_dict["best"])
+
+
+class _RunProgress(L.Callback):
+    """One bar for the whole fit where a person watches, a line now and then where nobody does."""
+
+    def __init__(self, console: Console | None = None, seconds: float = 15.0) -> None:
+        """Set up the display; without a terminal there are some seconds between lines."""
+        self.console, self.seconds = console or Console(), seconds
+        self._bar: Progress | None = None
+        self._shown = 0.0
+
+    def on_train_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Open the bar."""
+        self._shown = monotonic()
+        if not self.console.is_terminal:
+            return
+        epoch = TextColumn("epoch {task.completed}/{task.total}  {task.fields[note]}")
+        columns = (
+            TextColumn("training"),
+            BarColumn(),
+            epoch,
+            TimeElapsedColumn(),
+            TextColumn("left"),
+            TimeRemainingColumn(),
+        )
+        self._bar = Progress(*columns, console=self.console, transient=True)
+        self._bar.start()
+        self._bar.add_task("fit", total=trainer.max_epochs, completed=trainer.current_epoch, note="")
+
+    def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Show the epoch, the training error and the last score."""
+        metrics = trainer.callback_metrics
+        note = f"mse {float(metrics['train/mse']):.2e}" if "train/mse" in metrics else ""
+        if MONITOR in metrics:
+            note += f"  held-out dev {float(metrics[MONITOR]):.3g} L"
+        if self._bar is not None:
+            self._bar.update(self._bar.task_ids[0], completed=trainer.current_epoch + 1, note=note)
+        elif monotonic() - self._shown > self.seconds:
+            self._shown = monotonic()
+            self.console.print(f"epoch {trainer.current_epoch + 1}/{trainer.max_epochs}  {note}")
+
+    def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Close the bar."""
+        self._close()
+
+    def on_exception(self, trainer: L.Trainer, pl_module: L.LightningModule, exception: BaseException) -> None:
+        """Close the bar, so that the terminal is left in order."""
+        self._close()
+
+    def _close(self) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+            self._bar = None
+
+
+class _GracefulStop(L.Callback):
+    """The first ctrl-C ends the fit after the present epoch, with checkpoint and report; a second one at once."""
+
+    def __init__(self, console: Console | None = None) -> None:
+        """Say where to tell what happens."""
+        self.console = console or Console()
+        self.interrupted = False
+        self._before: Any = None
+
+    def on_train_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Take the signal over; not possible outside the main thread, where nobody presses keys.
+
+        Not earlier: when a fit breaks, Lightning restores the handlers that it met before it began to train.
+
+        Args:
+            trainer: The trainer.
+            pl_module: The fit.
+        """
+
+        def handle(number: int, frame: FrameType | None) -> None:
+            self.interrupted = True
+            trainer.should_stop = True
+            signal.signal(signal.SIGINT, self._before)
+            self.console.print("ctrl-C: stopping after this epoch; once more to abort")
+
+        try:
+            self._before = signal.signal(signal.SIGINT, handle)
+        except ValueError:
+            self._before = None
+
+    def on_fit_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """Give the signal back."""
+        if self._before is not None:
+            signal.signal(signal.SIGINT, self._before)
