@@ -10,8 +10,7 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE, KNOT, RPM
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.rollout import roll_out
-from manoeuvre_nn.manoeuvre.criteria import criteria, reversal_times
-from manoeuvre_nn.manoeuvre.trace import trace
+from manoeuvre_nn.manoeuvre.criteria import criteria, reversal_times, trace
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.ship.esso_190k import COEFFICIENTS, PARTICULARS, RPM_SERVICE, VOLUME, esso_190k

@@ -12,7 +12,7 @@ import pytest
 from rich.console import Console
 
 from manoeuvre_nn.commands.config import read_mapping
-from manoeuvre_nn.commands.import_recording import Request, import_recording, request, ship_called
+from manoeuvre_nn.commands.import_recording import import_recording, request, ship_called
 from manoeuvre_nn.core.data_files import load_yaml
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.units import DEGREE
@@ -42,7 +42,7 @@ def printed(asked):
 
 
 def test_the_table_shows_what_was_chosen_and_why_and_ends_with_the_next_command(recorded, tmp_path):
-    said = printed(Request(recorded, "mariner", tmp_path / "my.yaml"))
+    said = printed(request([str(recorded), "ship=mariner", f"out={tmp_path / 'my.yaml'}"]))
     rows = {line.split()[0]: line for line in said.splitlines() if line.strip()}
     assert rows["v"].split()[:5] == ["v", "v", "m/s", "-", "0.00"] and "unit by data" in rows["v"]
     assert rows["r"].split()[1:4] == ["rot_degps", "deg/s", "+"] and "unit by name" in rows["r"]
@@ -54,7 +54,7 @@ def test_the_table_shows_what_was_chosen_and_why_and_ends_with_the_next_command(
 
 
 def test_the_yaml_is_a_mapping_that_training_takes(recorded, tmp_path):
-    printed(Request(recorded, "", tmp_path / "deep" / "my.yaml"))
+    printed(request([str(recorded), f"out={tmp_path / 'deep' / 'my.yaml'}"]))
     content = load_yaml(tmp_path / "deep" / "my.yaml")
     assert read_mapping(str(tmp_path / "deep" / "my.yaml")).channels["v"].sign == -1
     assert content["channels"]["v"] == {"column": "v", "unit": "m/s", "sign": -1}

@@ -14,11 +14,12 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
 from manoeuvre_nn.commands import guard
-from manoeuvre_nn.commands.diagnosis_setup import Setup, found_effects, setup, write_effects
+from manoeuvre_nn.commands.diagnosis_setup import found_effects, setup, write_effects
 from manoeuvre_nn.commands.provenance import check_same_run, shown, write_provenance
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.diagnosis.answers import write_answer
+from manoeuvre_nn.diagnosis.case import Question
 from manoeuvre_nn.diagnosis.diagnose import diagnose
 from manoeuvre_nn.diagnosis.result import Diagnosis
 from manoeuvre_nn.diagnosis.search import MAX_BUILT_UPON
@@ -71,7 +72,8 @@ def answer_cases(cfg: DictConfig, out: Path, console: Console) -> None:
         for folder in todo:
             tracker.begin(folder.name)
             try:
-                tracker.say(_answer_case(common, folder, out / folder.name, tracker))
+                question = common.question(common.case(folder))
+                tracker.say(_answer_case(question, out / folder.name, cfg.report, tracker))
             except KeyboardInterrupt:
                 tracker.say(f"{folder.name}: stopped; the same command goes on from here")
                 raise SystemExit(STOPPED) from None
@@ -107,11 +109,10 @@ def case_folders(place: Path) -> list[Path]:
     return found
 
 
-def _answer_case(common: Setup, folder: Path, out: Path, tracker: "_Tracker") -> str:
-    """Answer one case; what came out, on a line."""
-    question = common.question(common.case(folder))
+def _answer_case(question: Question, out: Path, report: bool, tracker: "_Tracker") -> str:
+    """Answer one case, with a report if it is asked for; what came out, on a line."""
     d = diagnose(question, tracker.step)
-    if common.cfg.report:
+    if report:
         write_page(d, draw_diagnosis(d), out)
     (out / ERROR).unlink(missing_ok=True)
     write_answer(d, out)

@@ -29,7 +29,7 @@ SENSOR = "sensor:"
 
 
 @dataclass(frozen=True)
-class Setup:
+class _Setup:
     """What all cases of a command have in common, checked before anything is computed.
 
     Attributes:
@@ -129,7 +129,7 @@ class Setup:
         return made, said
 
 
-def setup(cfg: DictConfig, model: IdentifiedShip | None = None) -> Setup:
+def setup(cfg: DictConfig, model: IdentifiedShip | None = None) -> _Setup:
     """Check everything that concerns all cases, with a fitted model that is at hand or else that of the config."""
     shelf = {name: load_yaml(path) for name, path in options("effect", cfg.get("config_dir")).items()}
     if model is None and cfg.model is not None:
@@ -140,7 +140,7 @@ def setup(cfg: DictConfig, model: IdentifiedShip | None = None) -> Setup:
     if chosen == DEFAULT and cfg.mapping is not None:
         given = configs.read_mapping(cfg.mapping, cfg.get("config_dir"))
         chosen = TANK if given is not None and given.place == TANK else DEFAULT
-    return Setup(cfg, shelf, wanted(chosen, shelf), model)
+    return _Setup(cfg, shelf, wanted(chosen, shelf), model)
 
 
 def wanted(chosen: Any, shelf: Mapping[str, Mapping[str, Any]]) -> list[str]:

@@ -29,7 +29,7 @@ config_dir= into its recording/, where data.mapping=NAME finds it. ship= tells u
 KEYS = ("ship", "name", "out", "overwrite", "config_dir", "plugins")
 
 
-class Request(NamedTuple):
+class _Request(NamedTuple):
     """What was asked for: a file, a ship in conf/ship or none, the yaml to write, one's own folder and modules."""
 
     file: Path
@@ -39,7 +39,7 @@ class Request(NamedTuple):
     plugins: tuple[str, ...] = ()
 
 
-def request(arguments: list[str]) -> Request:
+def request(arguments: list[str]) -> _Request:
     """Read the command line; refused if an argument is not understood, or the yaml is there already."""
     given: dict[str, str] = {}
     files = []
@@ -71,7 +71,7 @@ def request(arguments: list[str]) -> Request:
     if out.exists() and given.get("overwrite") != "true":
         raise InputError(f"{out} is there already: write overwrite=true, or another out=")
     plugins = tuple(word for word in given.get("plugins", "").strip("[]").split(",") if word)
-    return Request(files[0], given.get("ship", ""), out, own, plugins)
+    return _Request(files[0], given.get("ship", ""), out, own, plugins)
 
 
 def ship_called(name: str, own: str | None = None) -> Particulars | None:
@@ -86,7 +86,7 @@ def ship_called(name: str, own: str | None = None) -> Particulars | None:
     return made.particulars
 
 
-def import_recording(asked: Request, console: Console) -> Proposal:
+def import_recording(asked: _Request, console: Console) -> Proposal:
     """Propose, show, write."""
     plugged_in({"plugins": asked.plugins, "config_dir": asked.own})
     proposal = propose(asked.file, ship_called(asked.ship, asked.own))
@@ -136,7 +136,7 @@ def _say(console: Console, line: str, style: str = "") -> None:
     console.print(Text(line, style=style), soft_wrap=True)
 
 
-def next_command(proposal: Proposal, asked: Request) -> str:
+def next_command(proposal: Proposal, asked: _Request) -> str:
     """What to type next, or why there is nothing to type."""
     if proposal.settings.get("kind") == RECORD:
         return "next: nothing to train: this is a record of channels, not a manoeuvre with heading, rudder and motion"

@@ -33,7 +33,7 @@ IMO = "IMO MSC.137(76), predicted"
 
 
 @dataclass(frozen=True)
-class Outcome:
+class _Outcome:
     """A finished run.
 
     Attributes:
@@ -76,13 +76,13 @@ class Outcome:
         return imo_table({s.manoeuvre: s.criteria for s in self.scores}, self.trained.fit.dynamics.particulars)
 
 
-def score_finally(config: Mapping[str, Any], trained: Trained, data: ManoeuvreData) -> Outcome:
+def score_finally(config: Mapping[str, Any], trained: Trained, data: ManoeuvreData) -> _Outcome:
     """Score the network that is kept, on the held-out manoeuvres and on those that it was trained on."""
     model = trained.fit.double().cpu().dynamics
     held_out, known = data.held_out, HeldOut(tuple(data.recordings), data.held_out.length)
     predictions, members = held_out.predict(model), held_out.predict_members(model)
     baselines, missing = fit_baselines(data.reference, data.known, data.tuples)
-    return Outcome(
+    return _Outcome(
         config=config,
         data=data,
         trained=trained,
@@ -95,7 +95,7 @@ def score_finally(config: Mapping[str, Any], trained: Trained, data: ManoeuvreDa
     )
 
 
-def figures(outcome: Outcome) -> dict[str, Figure]:
+def figures(outcome: _Outcome) -> dict[str, Figure]:
     """All figures of a run: ``manoeuvre/name`` -> figure."""
     references, fit, tuples = outcome.data.held_out.references, outcome.trained.fit, outcome.data.tuples
     made = {
@@ -113,7 +113,7 @@ def figures(outcome: Outcome) -> dict[str, Figure]:
     return made
 
 
-def as_dict(outcome: Outcome) -> dict[str, Any]:
+def as_dict(outcome: _Outcome) -> dict[str, Any]:
     """What ``scores.json`` holds: plain numbers and strings."""
     return {
         "scores": {s.manoeuvre: s.as_dict() for s in outcome.scores},
@@ -133,7 +133,7 @@ def as_dict(outcome: Outcome) -> dict[str, Any]:
     }
 
 
-def write_results(outcome: Outcome, out: Path) -> None:
+def write_results(outcome: _Outcome, out: Path) -> None:
     """Write predictions, figures, report, TensorBoard's last entries; ``scores.json`` last, as the mark of the end."""
     (out / "predictions").mkdir(parents=True, exist_ok=True)
     for reference, prediction in zip(outcome.data.held_out.references, outcome.predictions, strict=True):
@@ -169,7 +169,7 @@ def write_results(outcome: Outcome, out: Path) -> None:
     (out / SCORES).write_text(json.dumps(as_dict(outcome), indent=1))
 
 
-def _log_hyperparameters(outcome: Outcome) -> None:
+def _log_hyperparameters(outcome: _Outcome) -> None:
     """The hparams table of TensorBoard: the choices and numbers that make a difference, and the final scores."""
     chosen = {k: v for k, v in flat(dict(outcome.config)).items() if not k.startswith(("trainer.", "scoring."))}
     settings = {
@@ -182,7 +182,7 @@ def _log_hyperparameters(outcome: Outcome) -> None:
     outcome.trained.close(settings, {f"final/{k}": v for k, v in wanted.items()} | errors)
 
 
-def summary(outcome: Outcome) -> str:
+def summary(outcome: _Outcome) -> str:
     """The verdict in one sentence."""
     lost = [s.manoeuvre for s in outcome.scores if s.status != OK]
     worst = max(outcome.scores, key=lambda s: s.dev_L)
@@ -193,7 +193,7 @@ def summary(outcome: Outcome) -> str:
     return text + (f"; {', '.join(lost)} left the physical range." if lost else ".")
 
 
-def print_outcome(outcome: Outcome, out: Path, console: Console) -> None:
+def print_outcome(outcome: _Outcome, out: Path, console: Console) -> None:
     """One table in the terminal and where the rest is."""
     console.print(score_table(outcome.scores, outcome.baselines))
     assessed = [row for row in outcome.imo if not row["verdict"].startswith("not judged")]

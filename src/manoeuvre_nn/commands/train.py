@@ -14,7 +14,7 @@ from manoeuvre_nn.commands import guard
 from manoeuvre_nn.commands.groups import brought_along, plugged_in
 from manoeuvre_nn.commands.job import Job, make_fit, prepare
 from manoeuvre_nn.commands.provenance import SCORES, check_same_run, write_provenance
-from manoeuvre_nn.commands.results import Outcome, print_outcome, score_finally, write_results
+from manoeuvre_nn.commands.results import print_outcome, score_finally, write_results
 from manoeuvre_nn.commands.shelves import plain
 from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.report.figures import comparison_figures
@@ -34,12 +34,7 @@ def run_job(cfg: DictConfig, out: Path) -> None:
     console = Console(quiet=True)
     try:
         plugged_in(cfg)  # jobs of a sweep run in processes of their own
-        outcome = train(cfg, out, console)
-        told = (
-            "done before"
-            if outcome is None
-            else f"mean dev {outcome.mean_dev:.3g} L in {outcome.trained.seconds:.0f} s"
-        )
+        told = train(cfg, out, console)
     except Exception as error:  # whatever it is, the other jobs go on
         out.mkdir(parents=True, exist_ok=True)
         line = guard.explain(error) or f"{type(error).__name__}: {error}"
@@ -49,8 +44,8 @@ def run_job(cfg: DictConfig, out: Path) -> None:
     print(f"#{job.num}  {job.override_dirname}: {told}", flush=True)
 
 
-def train(cfg: DictConfig, out: Path, console: Console | None = None) -> Outcome | None:
-    """Run the main job; None comes out of a folder that already holds the finished run."""
+def train(cfg: DictConfig, out: Path, console: Console | None = None) -> str:
+    """Run the main job, unless the folder already holds the finished run; what came out, in a few words."""
     console = console or Console()
     use_threads(configs.whole_number("trainer.threads", cfg.trainer.threads, 1))
     cfg = configs.with_effects(cfg)
@@ -58,7 +53,7 @@ def train(cfg: DictConfig, out: Path, console: Console | None = None) -> Outcome
     check_same_run(cfg, out)
     if finished(out, job.session.max_epochs):
         console.print(f"{out} holds this run already: nothing to do", soft_wrap=True)
-        return None
+        return "done before"
     write_provenance(cfg, out)
     for line in [*_chosen_with(), *job.data.remarks()]:
         console.print(f"note: {line}", highlight=False, soft_wrap=True)
@@ -66,7 +61,7 @@ def train(cfg: DictConfig, out: Path, console: Console | None = None) -> Outcome
     outcome = score_finally(plain(cfg), trained, job.data)
     write_results(outcome, out)
     print_outcome(outcome, out, console)
-    return outcome
+    return f"mean dev {outcome.mean_dev:.3g} L in {outcome.trained.seconds:.0f} s"
 
 
 def finished(out: Path, max_epochs: int) -> bool:

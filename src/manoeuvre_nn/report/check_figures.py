@@ -15,7 +15,6 @@ from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.recording.check.inspection import Inspection
 from manoeuvre_nn.recording.check.motion import smoothed_motion
-from manoeuvre_nn.recording.thinning import thinned
 from manoeuvre_nn.report.style import COLOURS, legend_below, new_figure, plain_axes
 
 LEFT_CHANNELS = (("u", "u [m/s]", 1.0), ("v", "v [m/s]", 1.0), ("r", "r [deg/s]", DEGREE), ("psi", "ψ [deg]", DEGREE))
@@ -37,17 +36,16 @@ def check_figure(one: Inspection, ship: Particulars) -> Figure | None:
     for row, (name, label, unit) in enumerate(LEFT_CHANNELS):
         _draw_channel(axes[row, 0], one, run, name, label, unit)
     _draw_channel(axes[0, 1], one, run, "delta", "δ [deg]", DEGREE)
-    fewer = thinned(clean, ship)
-    m = smoothed_motion(fewer, ship)
-    ahead, abeam = earth_to_body(m.x, m.y, m.psi)
+    m = smoothed_motion(clean, ship)
+    ahead, abeam = earth_to_body(m["xdot"], m["ydot"], m["psi"])
     tracked = not run.derived & {"u", "v", "x", "y"}
     rests = (
-        ((m.psi_rate - m.r) / DEGREE, "dψ/dt − r [deg/s]", "r" not in run.derived, ("r", "psi")),
-        (ahead - m.u, "track − u [m/s]", tracked, ("u", "x", "y")),
-        (abeam - m.v, "track − v [m/s]", tracked, ("v", "x", "y")),
+        ((m["psidot"] - m["r"]) / DEGREE, "dψ/dt − r [deg/s]", "r" not in run.derived, ("r", "psi")),
+        (ahead - m["u"], "track − u [m/s]", tracked, ("u", "x", "y")),
+        (abeam - m["v"], "track − v [m/s]", tracked, ("v", "x", "y")),
     )
     for row, (values, label, recorded, names) in enumerate(rests, start=1):
-        _draw_rest(axes[row, 1], fewer.time, values, label, recorded)
+        _draw_rest(axes[row, 1], m.time, values, label, recorded)
         _shade(axes[row, 1], one, names)
     for column in axes[-1]:
         column.set_xlabel("t [s]")

@@ -9,8 +9,7 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.recorded_inputs import approach_speed
-from manoeuvre_nn.manoeuvre.criteria import reversal_times
-from manoeuvre_nn.manoeuvre.trace import trace
+from manoeuvre_nn.manoeuvre.criteria import reversal_times, trace
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 
 MIN_REVERSALS = 2

@@ -12,8 +12,7 @@ from scipy.optimize import brentq, fsolve
 
 from manoeuvre_nn.core.units import DEGREE, KNOT
 from manoeuvre_nn.dynamics.model import CalmWater
-from manoeuvre_nn.manoeuvre.criteria import criteria, reversal_times
-from manoeuvre_nn.manoeuvre.trace import trace
+from manoeuvre_nn.manoeuvre.criteria import criteria, reversal_times, trace
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.ship.esso_190k import PARTICULARS, RPM_SERVICE, SELF_PROPULSION, esso_190k

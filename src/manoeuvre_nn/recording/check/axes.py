@@ -9,13 +9,7 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.recording.check.finding import Change, Finding, in_unit, other_sign, refused
-from manoeuvre_nn.recording.check.motion import (
-    TURNED,
-    SmoothedMotion,
-    angle_turned,
-    course_over_ground,
-    smoothed_motion,
-)
+from manoeuvre_nn.recording.check.motion import TURNED, angle_turned, course_over_ground, smoothed_motion
 from manoeuvre_nn.recording.local_cubics import WINDOW, smoothed
 from manoeuvre_nn.recording.outliers import trimmed_least_squares
 from manoeuvre_nn.recording.thinning import thinned
@@ -39,11 +33,11 @@ def heading_rate(recording: Recording, ship: Particulars) -> Finding | None:
     if "r" in recording.derived:
         return None
     m = smoothed_motion(recording, ship)
-    if np.ptp(m.psi) < 0.5 * DEGREE and np.ptp(recording["r"]) == 0:
+    if np.ptp(m["psi"]) < 0.5 * DEGREE and np.ptp(recording["r"]) == 0:
         return None
-    slope = _robust_slope(m.r, m.psi_rate)
+    slope = _robust_slope(m["r"], m["psidot"])
     # A constant error of the gyro is no wrong unit.
-    centred = _robust_slope(m.r - np.median(m.r), m.psi_rate - np.median(m.psi_rate))
+    centred = _robust_slope(m["r"] - np.median(m["r"]), m["psidot"] - np.median(m["psidot"]))
     if min(abs(slope - 1), abs(centred - 1)) < 0.2:
         return None
     said = f"the heading changes {slope:.3g} times as fast as r says; expected 1"
@@ -67,19 +61,21 @@ def frame(recording: Recording, ship: Particulars) -> Finding | None:
     if as_given < MISFIT:
         return None
     offset = _heading_offset(m)
-    north, east = body_to_earth(m.u, m.v, m.psi)
-    ahead, abeam = earth_to_body(m.u, m.v, m.psi)
-    tried: list[tuple[str, Change, SmoothedMotion]] = [
-        ("u and v look earth-fixed: write frame: earth", Change("frame", value="earth"), m._replace(u=ahead, v=abeam)),
-        ("u and v look body-fixed: write frame: body", Change("frame", value="body"), m._replace(u=north, v=east)),
+    north, east = body_to_earth(m["u"], m["v"], m["psi"])
+    ahead, abeam = earth_to_body(m["u"], m["v"], m["psi"])
+    tried: list[tuple[str, Change, Recording]] = [
+        ("u and v look earth-fixed: write frame: earth", Change("frame", value="earth"),
+         m.with_channels(u=ahead, v=abeam)),
+        ("u and v look body-fixed: write frame: body", Change("frame", value="body"),
+         m.with_channels(u=north, v=east)),
         ("u and v look swapped: exchange their columns", Change("channels.u", "exchange", "v"),
-         m._replace(u=m.v, v=m.u)),
+         m.with_channels(u=m["v"], v=m["u"])),
         ("x and y look swapped (x is north, y east): exchange their columns", Change("channels.x", "exchange", "y"),
-         m._replace(x=m.y, y=m.x)),
-        *((f"write sign: -1 for {k}", other_sign(k), m._replace(**{k: -getattr(m, k)}))
-          for k in ("v", "u", "x", "y", "psi")),
+         m.with_channels(xdot=m["ydot"], ydot=m["xdot"])),
+        *((f"write sign: -1 for {k}", other_sign(k), m.with_channels(**{compared: -m[compared]}))
+          for k, compared in (("v", "v"), ("u", "u"), ("x", "xdot"), ("y", "ydot"), ("psi", "psi"))),
         (f"psi looks {offset / DEGREE:.0f} deg off: take that from the heading",
-         Change("channels.psi", "offset", offset), m._replace(psi=m.psi - offset)),
+         Change("channels.psi", "offset", offset), m.with_channels(psi=m["psi"] - offset)),
     ]  # fmt: skip
     cause, change, mended = min(tried, key=lambda one: _misfit(one[2]))
     cause, changes = (cause, (change,)) if _misfit(mended) <= 0.6 * as_given else _other_point(m, as_given)
@@ -145,11 +141,9 @@ def rudder_effect(recording: Recording, ship: Particulars) -> tuple[float, float
     return float(values[0]), float(np.sqrt(max(covariance[0, 0], 0.0)))
 
 
-def _rate_remedy(
-    recording: Recording, ship: Particulars, m: SmoothedMotion, slope: float
-) -> tuple[str, tuple[Change, ...]]:
+def _rate_remedy(recording: Recording, ship: Particulars, m: Recording, slope: float) -> tuple[str, tuple[Change, ...]]:
     """Which of psi and r is in another unit, or has the other sign."""
-    turning = float(np.quantile(np.abs(m.r), 0.98)) * ship.time_unit
+    turning = float(np.quantile(np.abs(m["r"]), 0.98)) * ship.time_unit
     if abs(60 * slope - 1) < 0.02:  # close to 1 / 57.3, which is deg/s taken for rad/s
         return "r looks like deg/min, not deg/s: write unit: deg/min for r", in_unit("deg/min", "r")
     if abs(slope * DEGREE - 1) < 0.2:
@@ -163,16 +157,16 @@ def _rate_remedy(
     if abs(slope + 1) < 0.2:
         if recording.derived & {"u", "x"}:
             return "write sign: -1 for psi or for r", ()
-        name = "psi" if _misfit(m._replace(psi=-m.psi)) < _misfit(m) else "r"
+        name = "psi" if _misfit(m.with_channels(psi=-m["psi"])) < _misfit(m) else "r"
         return f"write sign: -1 for {name}", (other_sign(name),)
     return "mind the units of psi, r and time", ()
 
 
-def _other_point(m: SmoothedMotion, as_given: float) -> tuple[str, tuple[Change, ...]]:
+def _other_point(m: Recording, as_given: float) -> tuple[str, tuple[Change, ...]]:
     """Positions of another point than the velocities; else nobody knows."""
-    _, abeam = earth_to_body(m.x, m.y, m.psi)
-    lever = _robust_slope(m.r, abeam - m.v)
-    if _misfit(m._replace(v=m.v + lever * m.r)) > 0.6 * as_given:
+    _, abeam = earth_to_body(m["xdot"], m["ydot"], m["psi"])
+    lever = _robust_slope(m["r"], abeam - m["v"])
+    if _misfit(m.with_channels(v=m["v"] + lever * m["r"])) > 0.6 * as_given:
         return "mind the columns and signs of u, v, x, y, psi, and reference_point", ()
     side = "ahead of" if lever > 0 else "aft of"
     said = f"x and y look to be of a point {abs(lever):.3g} m {side} that of u and v: write position_point"
@@ -184,19 +178,19 @@ def _turns(run: Recording, ship: Particulars) -> bool:
     return bool(max(angle_turned(run, ship), np.ptp(run["psi"])) > TURNED)
 
 
-def _misfit(m: SmoothedMotion) -> float:
+def _misfit(m: Recording) -> float:
     """Typical error of u over the typical speed plus that of v over the typical sway of ship and track."""
-    ahead, abeam = earth_to_body(m.x, m.y, m.psi)
-    sway = 0.5 * np.quantile(np.abs(abeam), 0.9) + 0.5 * np.quantile(np.abs(m.v), 0.9)
-    surge = np.median(np.abs(m.u - ahead)) / np.median(m.speed)
-    return float(surge + np.median(np.abs(m.v - abeam)) / max(sway, 1e-9))
+    ahead, abeam = earth_to_body(m["xdot"], m["ydot"], m["psi"])
+    sway = 0.5 * np.quantile(np.abs(abeam), 0.9) + 0.5 * np.quantile(np.abs(m["v"]), 0.9)
+    surge = np.median(np.abs(m["u"] - ahead)) / np.median(m["speed"])
+    return float(surge + np.median(np.abs(m["v"] - abeam)) / max(sway, 1e-9))
 
 
-def _heading_offset(m: SmoothedMotion) -> float:
+def _heading_offset(m: Recording) -> float:
     """Constant by which psi is ahead of the angle between track velocity and body velocity [rad]."""
-    way = np.arctan2(m.y, m.x) - np.arctan2(m.v, m.u)
-    weight = m.speed > 0.3 * np.quantile(m.speed, 0.95)
-    return float(np.angle(np.mean(np.exp(1j * (m.psi - way)[weight]))))
+    way = np.arctan2(m["ydot"], m["xdot"]) - np.arctan2(m["v"], m["u"])
+    weight = m["speed"] > 0.3 * np.quantile(m["speed"], 0.95)
+    return float(np.angle(np.mean(np.exp(1j * (m["psi"] - way)[weight]))))
 
 
 def _robust_slope(x: Series, y: Series) -> float:

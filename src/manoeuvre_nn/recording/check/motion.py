@@ -1,7 +1,5 @@
 """What checks compare: smoothed velocities and those of the track, the course, and how far a ship turns."""
 
-from typing import NamedTuple
-
 import numpy as np
 from jaxtyping import Float
 from scipy.integrate import cumulative_trapezoid
@@ -18,28 +16,20 @@ TURNED = 20 * DEGREE
 Series = Float[np.ndarray, " n"]
 
 
-class SmoothedMotion(NamedTuple):
-    """Smoothed u, v [m/s], r [rad/s], psi [rad] and its rate [rad/s], the rates of x and y, the speed [m/s]."""
+def smoothed_motion(recording: Recording, ship: Particulars) -> Recording:
+    """What a recording says of the ship's motion, by local cubics.
 
-    u: Series
-    v: Series
-    r: Series
-    psi: Series
-    psi_rate: Series
-    x: Series
-    y: Series
-    speed: Series
-
-
-def smoothed_motion(recording: Recording, ship: Particulars) -> SmoothedMotion:
-    """What a recording says of the ship's motion, by local cubics."""
+    Returns:
+        The recording, thinned: u, v [m/s], r [rad/s], psi [rad] smoothed; besides, psidot [rad/s], xdot, ydot [m/s] and
+        the speed [m/s].
+    """
     recording = thinned(recording, ship)
-    smooth = {
-        k: smoothed(recording.time, recording[k], WINDOW * ship.time_unit) for k in ("u", "v", "r", "psi", "x", "y")
-    }
-    u, v, r, psi = (smooth[k][0] for k in ("u", "v", "r", "psi"))
-    psi_rate, x, y = (smooth[k][1] for k in ("psi", "x", "y"))
-    return SmoothedMotion(u, v, r, psi, psi_rate, x, y, np.maximum(np.hypot(u, v), 1e-9))
+    time, window = recording.time, WINDOW * ship.time_unit
+    values = {k: smoothed(time, recording[k], window)[0] for k in ("u", "v", "r")}
+    values["psi"], psidot = smoothed(time, recording["psi"], window)
+    (_, xdot), (_, ydot) = (smoothed(time, recording[k], window) for k in ("x", "y"))
+    speed = np.maximum(np.hypot(values["u"], values["v"]), 1e-9)
+    return recording.with_channels(**values, psidot=psidot, xdot=xdot, ydot=ydot, speed=speed)
 
 
 def course_over_ground(run: Recording, ship: Particulars) -> Series:

@@ -98,8 +98,8 @@ def speed_unit(recording: Recording, ship: Particulars) -> Finding | None:
     if recording.derived & {"u", "x"}:
         return None
     m = smoothed_motion(recording, ship)
-    fast = m.speed > 0.3 * np.quantile(m.speed, 0.95)
-    ratio = float(np.median(np.hypot(m.x, m.y)[fast] / m.speed[fast]))
+    fast = m["speed"] > 0.3 * np.quantile(m["speed"], 0.95)
+    ratio = float(np.median(np.hypot(m["xdot"], m["ydot"])[fast] / m["speed"][fast]))
     if 0.75 < ratio < 1.33:
         return None
     known = min(SPEED_RATIOS, key=lambda k: abs(np.log(max(ratio, 1e-9) / k)))
