@@ -66,18 +66,18 @@ def test_the_speed_of_most_tests_is_taken_as_the_approach():
 
 def test_what_was_made_alike_agrees_and_what_was_not_differs():
     fit = fit_captive(towed(model_tests(noise=1e-3), RATIO, U0), free())
-    rows = {r.name: r for r in compare(free(), fit)}
+    rows = {r.name: r for r in compare(free(), fit).itertuples()}
     assert all(r.word == "agree" for r in rows.values())
     assert {"Y' by drift", "N' by rudder", "Y_uv", "X_vv"} <= set(rows) and "Y_ur" not in rows
     assert rows["Y' by drift"].free == approx(-0.3, abs=1e-3) and rows["N' by rudder"].towed == approx(0.03, rel=0.05)
     other = np.where(np.arange(len(TRUE)) == 0, -0.4, TRUE)
-    rows = {r.name: r for r in compare(free(other), fit)}
+    rows = {r.name: r for r in compare(free(other), fit).itertuples()}
     assert rows["Y_uv"].word == "differ" and rows["Y' by drift"].word == "differ" and rows["N_uv"].word == "agree"
 
 
 def test_a_coefficient_that_one_of_both_does_not_know_is_left_open():
     fit = fit_captive(towed(model_tests(), RATIO, U0), free())
-    rows = {r.name: r for r in compare(free(error=0.9), fit)}
+    rows = {r.name: r for r in compare(free(error=0.9), fit).itertuples()}
     assert rows["Y_uv"].word == "open"
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
@@ -22,7 +23,7 @@ from manoeuvre_nn.estimation.agreement import birge_scaled_covariance
 from manoeuvre_nn.estimation.captive_fit import fit_captive, towed
 from manoeuvre_nn.estimation.closed_loop import first, solve
 from manoeuvre_nn.estimation.coefficients import Fitted, approach_inertia, fitted_from, form_of
-from manoeuvre_nn.estimation.linear_motion import Derived, derived
+from manoeuvre_nn.estimation.linear_motion import COLUMNS, derived
 from manoeuvre_nn.estimation.own_terms import fit_own_terms
 from manoeuvre_nn.estimation.problem import Estimate, EstimationProblem
 from manoeuvre_nn.recording.read.captive import CaptiveTests, read_captive
@@ -168,7 +169,8 @@ def _read(folder: Path) -> Coefficients:
         )
     try:
         stored = json.loads(path.read_text(encoding="utf-8"))
-        found = [_derived(d) for d in stored["derived"]]
+        rows = [(d["name"], d["value"], *d["interval_95"], d["words"]) for d in stored["derived"]]
+        found = pd.DataFrame(rows, columns=COLUMNS).astype({"value": float, "low": float, "high": float})
         p = stored["particulars"]
         beam = 0.16 * p["length"]  # not stored and not used: a particulars has one
         ship = Particulars(
@@ -179,13 +181,6 @@ def _read(folder: Path) -> Coefficients:
         )
     except (ValueError, KeyError, TypeError) as error:
         raise InputError(f"{path} was not written by manoeuvre train or coefficients: {error!r}") from error
-
-
-def _derived(stored: Mapping[str, Any]) -> Derived:
-    """A number that follows from the coefficients, as it was written; NaN where there is none."""
-    given = [stored["value"], *stored["interval_95"]]
-    value, low, high = (np.nan if number is None else float(number) for number in given)
-    return Derived(stored["name"], value, low, high, stored["words"])
 
 
 def _inertia(cfg: DictConfig) -> np.ndarray | None:
@@ -207,10 +202,8 @@ def _inertia(cfg: DictConfig) -> np.ndarray | None:
 def _for_inertia(told: Coefficients, inertia: np.ndarray) -> Coefficients:
     """The same motion with another inertia; of what follows, C alone changes."""
     ratio = float(np.linalg.det(inertia[1:, 1:]) / np.linalg.det(told.fitted.inertia[1:, 1:]))
-    changed = [
-        replace(d, value=d.value * ratio, low=d.low * ratio, high=d.high * ratio) if d.name == "stability C" else d
-        for d in told.derived
-    ]
+    changed = told.derived.copy()
+    changed.loc[changed["name"] == "stability C", ["value", "low", "high"]] *= ratio
     return replace(told, fitted=told.fitted.with_inertia(inertia), derived=changed)
 
 

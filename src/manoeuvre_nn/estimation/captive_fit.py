@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pandas as pd
 import torch
 from jaxtyping import Float
 
@@ -36,40 +37,6 @@ class Towed:
     motion: Float[np.ndarray, "n 7"]
     force: Float[np.ndarray, "n 3"]
     note: str
-
-
-@dataclass(frozen=True)
-class Compared:
-    """One number from free runs and from captive tests.
-
-    Attributes:
-        name: Its symbol.
-        free: From recordings.
-        free_error: Standard error.
-        towed: From captive tests.
-        towed_error: Standard error.
-        known: Whether both say something of it.
-    """
-
-    name: str
-    free: float
-    free_error: float
-    towed: float
-    towed_error: float
-    known: bool
-
-    @property
-    def apart(self) -> float:
-        """Difference over its standard error."""
-        return (self.free - self.towed) / float(np.hypot(self.free_error, self.towed_error))
-
-    @property
-    def word(self) -> str:
-        """Whether they agree."""
-        if not self.known:
-            return "open"
-        size = abs(self.apart)
-        return "agree" if size < MAX_Z_AGREE else "doubtful" if size < MIN_Z_DIFFER else "differ"
 
 
 def towed(
@@ -203,25 +170,31 @@ def _regressed(
     return mean + spread * step, inverse * spread[:, None] * spread
 
 
-def compare(free: Fitted, captive: Fitted) -> list[Compared]:
+def compare(free: Fitted, captive: Fitted) -> pd.DataFrame:
     """Forces on the approach and their slopes, then coefficient by coefficient.
 
     A coefficient is comparable if both narrowed it by half; slopes by drift and rudder are sums of coefficients and
     often known where these are not.
 
     Returns:
-        Rows.
+        name; free, free_error: from recordings; towed, towed_error: from captive tests; known: whether comparable;
+        apart: difference over its standard error, else NaN; word: ``agree``, ``doubtful``, ``differ`` or ``open``.
     """
-    made = [
-        Compared(f"{EQUATIONS[o]}' by {SLOPES[v]}", *_slope(free, o, v), *_slope(captive, o, v), known=True)
+    slopes = [
+        (f"{EQUATIONS[o]}' by {SLOPES[v]}", *_slope(free, o, v), *_slope(captive, o, v), True)
         for v in SLOPES
         for o in (1, 2)
     ]
     places = [free.names.index(name) for name in captive.names]
     pairs = free.values[places], free.errors[places], captive.values, captive.errors
     known = (free.errors < 0.5 * free.spread)[places] & (captive.errors < 0.5 * captive.spread)
-    rows = zip(captive.symbols, *(part.tolist() for part in (*pairs, known)), strict=True)
-    return made + [Compared(*row) for row in rows]
+    made = [*slopes, *zip(captive.symbols, *pairs, known, strict=True)]
+    rows = pd.DataFrame(made, columns=["name", "free", "free_error", "towed", "towed_error", "known"])
+    distance: pd.Series = (rows["free"] - rows["towed"]) / np.hypot(rows["free_error"], rows["towed_error"])
+    apart = distance.where(rows["known"])
+    size = apart.abs()
+    words = np.select([size.isna(), size < MAX_Z_AGREE, size < MIN_Z_DIFFER], ["open", "agree", "doubtful"], "differ")
+    return rows.assign(apart=apart, word=words)
 
 
 def agreeing_inertia(free: Fitted, captive: Fitted) -> Float[np.ndarray, "2 2"]:

@@ -7,6 +7,7 @@ from math import factorial, prod
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from jaxtyping import Float
 
 from manoeuvre_nn.core.errors import InputError
@@ -133,59 +134,30 @@ def fitted_from(stored: Mapping[str, Any]) -> Fitted:
     return Fitted(names, form=form, **arrays)
 
 
-@dataclass(frozen=True)
-class Coefficient:
-    """One row of the table.
-
-    Attributes:
-        symbol: Such as ``Y_v|v|`` or ``N_dnn``.
-        value: Factor of the product; for a Taylor series the derivative, ``Y_vvv`` of ``Y_vvv v^3 / 6``.
-        error: Its standard error.
-        prior: What it was before any run was seen.
-        prior_error: Standard deviation of that.
-        factor: Factor of the bare product; the same unless it is a derivative.
-    """
-
-    symbol: str
-    value: float
-    error: float
-    prior: float
-    prior_error: float
-    factor: float
-
-    @property
-    def low(self) -> float:
-        """Lower end of the 95 % interval."""
-        return self.value - REACH * self.error
-
-    @property
-    def high(self) -> float:
-        """Upper end of the 95 % interval."""
-        return self.value + REACH * self.error
-
-    @property
-    def learnt(self) -> float:
-        """How much the recordings narrowed it: 0 not at all, 1 wholly."""
-        return max(0.0, 1 - self.error / self.prior_error)
-
-    @property
-    def word(self) -> str:
-        """``measured``, ``partly`` or ``prior``."""
-        return MEASURED if self.learnt >= MEASURED_SHARE else PARTLY if self.learnt >= PARTLY_SHARE else PRIOR
-
-
-def coefficient_table(fitted: Fitted) -> list[Coefficient]:
-    """All coefficients.
+def coefficient_table(fitted: Fitted) -> pd.DataFrame:
+    """All coefficients, in the order of the names.
 
     Returns:
-        One row each, in the order of the names.
+        symbol: such as ``Y_v|v|`` or ``N_dnn``; value: factor of the product, for a Taylor series the derivative,
+        ``Y_vvv`` of ``Y_vvv v^3 / 6``; error: its standard error; prior, prior_error: what it was before any run was
+        seen; factor: of the bare product; low, high: ends of the 95 % interval; learnt: how much the recordings
+        narrowed it, 0 not at all, 1 wholly; word: ``measured``, ``partly`` or ``prior``.
     """
-    rows = []
-    for k, (name, value, error) in enumerate(zip(fitted.names, fitted.values, fitted.errors, strict=True)):
-        times = _factorials(name[1]) if fitted.form == TAYLOR else 1.0
-        estimate, wide, prior, before = (float(times * x) for x in (value, error, fitted.mean[k], fitted.spread[k]))
-        rows.append(Coefficient(fitted.symbols[k], estimate, wide, prior, before, float(value)))
-    return rows
+    times = np.array([_factorials(term) if fitted.form == TAYLOR else 1.0 for _, term in fitted.names])
+    value, error, prior, prior_error = (times * x for x in (fitted.values, fitted.errors, fitted.mean, fitted.spread))
+    learnt = np.maximum(0.0, 1 - error / prior_error)
+    return pd.DataFrame({
+        "symbol": fitted.symbols,
+        "value": value,
+        "error": error,
+        "prior": prior,
+        "prior_error": prior_error,
+        "factor": fitted.values,
+        "low": value - REACH * error,
+        "high": value + REACH * error,
+        "learnt": learnt,
+        "word": np.select([learnt >= MEASURED_SHARE, learnt >= PARTLY_SHARE], [MEASURED, PARTLY], PRIOR),
+    })
 
 
 def form_of(terms: Sequence[str]) -> str:

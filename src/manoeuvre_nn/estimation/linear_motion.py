@@ -4,8 +4,10 @@ All follow from accelerations, and so from ratios of force to inertia, which is 
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from jaxtyping import Float
 
 from manoeuvre_nn.core.units import DEGREE
@@ -17,25 +19,8 @@ TURN_DRAWS = 100
 """Draws that are sailed to a steady turn, which takes longer."""
 DIFFERENCE_STEP = 1e-5
 """Step of difference quotients about the approach."""
-
-
-@dataclass(frozen=True)
-class Derived:
-    """A number that follows from the coefficients.
-
-    Attributes:
-        name: What it is called.
-        value: By the estimate [-].
-        low: Lower end of the 95 % interval; NaN where it has none.
-        high: Upper end.
-        words: What it says.
-    """
-
-    name: str
-    value: float
-    low: float
-    high: float
-    words: str = ""
+COLUMNS = ["name", "value", "low", "high", "words"]
+"""Of the numbers that follow from coefficients."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +77,7 @@ def derived(
     inertia: Float[np.ndarray, "3 3"],
     rudder: float = 35 * DEGREE,
     seed: int = 0,
-) -> list[Derived]:
+) -> pd.DataFrame:
     """Stability, Nomoto's constants and the steady turn, with intervals by drawing from the coefficients' errors.
 
     ``C = Y_v (N_r - m x_G u) - N_v (Y_r - m u)`` is ``det A`` times the determinant of the inertia of sway and yaw;
@@ -107,7 +92,8 @@ def derived(
         seed: Of the draws.
 
     Returns:
-        C, K', T' and the rate of the turn in rad for each ship length and unit of approach speed.
+        C, K', T' and the rate of the turn in rad for each ship length and unit of approach speed, one a row: name,
+        value, low and high (ends of the 95 % interval; NaN where it has none), words (what it says).
 
     Source:
         Clarke, Gedling & Hine 1982, eq 8, for C; Nomoto et al. 1957.
@@ -125,12 +111,13 @@ def derived(
         told = f"open whether stable on a straight course: {100 * share:.0f} % of what the recordings allow is"
     lasts = "" if decided else "no interval: C may be 0"
     rate, words = steady_turn(force, sets[: TURN_DRAWS + 1], rudder)
-    return [
+    rows = [
         _summary("stability C", c, told),
         _summary("Nomoto K'", motion.gain, lasts, decided),
         _summary("Nomoto T'", motion.lag, lasts, decided),
         _summary(f"r L/U0 at {rudder / DEGREE:.0f} deg", rate, words),
     ]
+    return pd.DataFrame(rows, columns=COLUMNS)
 
 
 def steady_turn(
@@ -179,8 +166,8 @@ def _still(delta: Float[np.ndarray, " n"]) -> dict[str, Float[np.ndarray, " n"]]
     return {"delta": delta, "n": np.ones_like(delta), "wind_north": 0 * delta, "wind_east": 0 * delta}
 
 
-def _summary(name: str, found: Float[np.ndarray, " k"], words: str, decided: bool = True) -> Derived:
+def _summary(name: str, found: Float[np.ndarray, " k"], words: str, decided: bool = True) -> tuple[Any, ...]:
     """The estimate and the middle 95 % of the draws."""
     drawn = found[1:][np.isfinite(found[1:])]
     low, high = np.quantile(drawn, [0.025, 0.975]) if decided and len(drawn) else (np.nan, np.nan)
-    return Derived(name, float(found[0]), float(low), float(high), words)
+    return name, found[0], low, high, words

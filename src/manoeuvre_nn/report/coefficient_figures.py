@@ -3,13 +3,14 @@
 from collections.abc import Sequence
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.estimation.captive_fit import Towed, forces
-from manoeuvre_nn.estimation.coefficients import EQUATIONS, REACH, Coefficient, Fitted, coefficient_table
+from manoeuvre_nn.estimation.coefficients import EQUATIONS, REACH, Fitted, coefficient_table
 from manoeuvre_nn.report.coefficient_tables import Coefficients
 from manoeuvre_nn.report.style import COLOURS, legend_below, new_figure, plain_axes
 
@@ -39,14 +40,18 @@ def _interval_figure(told: Coefficients) -> Figure:
     Returns:
         The figure.
     """
-    parts = [[r for r in told.rows if r.symbol[0] == e] for e in EQUATIONS]
-    captive = {} if told.captive is None else {r.symbol: r for r in coefficient_table(told.captive)}
+    rows = told.rows.set_index("symbol")
+    intervals = [(_over_assumed(rows, rows), AFTER, "o")]
+    if told.captive is not None:
+        intervals.append((_over_assumed(coefficient_table(told.captive).set_index("symbol"), rows), CAPTIVE, "s"))
+    parts = [[s for s in rows.index if s[0] == e] for e in EQUATIONS]
     heights = [max(len(p), 1) for p in parts]
     figure = new_figure(1.6 + 0.23 * sum(heights), title="Coefficients: before and after the recordings")
     panels = figure.subplots(3, 1, height_ratios=heights, sharex=True)
-    reach = _farthest([*told.rows], captive)
-    for axes, equation, rows in zip(panels, EQUATIONS, parts, strict=True):
-        _draw_intervals(axes, rows, captive)
+    # No interval is cut off.
+    reach = 1.05 * max(MIN_HALF_WIDTH, *(float(np.abs(ends.to_numpy()).max(initial=0.0)) for ends, *_ in intervals))
+    for axes, equation, symbols in zip(panels, EQUATIONS, parts, strict=True):
+        _draw_intervals(axes, symbols, intervals)
         axes.set_xlim(-reach, reach)
         axes.set_ylabel(equation, rotation=0, labelpad=10, fontweight="bold")
     panels[-1].set_xlabel("(coefficient - assumed) / standard deviation of what was assumed [-]")
@@ -54,40 +59,34 @@ def _interval_figure(told: Coefficients) -> Figure:
         Line2D([], [], color=BEFORE, linewidth=5, label="assumed"),
         Line2D([], [], color=AFTER, marker="o", markersize=4, linewidth=2, label="recordings"),
     ]
-    if captive:
+    if told.captive is not None:
         handles.append(Line2D([], [], color=CAPTIVE, marker="s", markersize=4, linewidth=2, label="captive tests"))
     legend_below(figure, handles)
     return figure
 
 
-def _draw_intervals(axes: Axes, rows: Sequence[Coefficient], captive: dict[str, Coefficient]) -> None:
-    """One force's coefficients, the first on top."""
+def _draw_intervals(axes: Axes, symbols: Sequence[str], intervals: Sequence[tuple[pd.DataFrame, str, str]]) -> None:
+    """One force's coefficients, the first on top; intervals with their colours and markers."""
     plain_axes(axes, "", "")
     axes.axvspan(-REACH, REACH, color="#EFEFEF", zorder=0)
-    places = np.arange(len(rows))[::-1]
-    for place, r in zip(places, rows, strict=True):
+    places = np.arange(len(symbols))[::-1]
+    shifts = (0.0,) if len(intervals) == 1 else (0.16, -0.16)
+    for place, symbol in zip(places, symbols, strict=True):
         axes.plot([-REACH, REACH], [place, place], color=BEFORE, linewidth=4, zorder=1, solid_capstyle="butt")
-        lift = 0.16 if captive else 0.0
-        for one, colour, marker, shift in ((r, AFTER, "o", lift), (captive.get(r.symbol), CAPTIVE, "s", -lift)):
-            if one is None:
-                continue
-            ends = _over_assumed(one, r)
-            axes.plot(ends[[0, 2]], [place + shift] * 2, color=colour, linewidth=1.8, zorder=3)
-            axes.plot(ends[1], place + shift, marker, color=colour, markersize=3.5, zorder=4)
-    axes.set_yticks(places, [_written(r.symbol) for r in rows], fontsize=8)
-    axes.set_ylim(-0.7, max(len(rows), 1) - 0.3)
+        for (ends, colour, marker), shift in zip(intervals, shifts, strict=True):
+            if symbol in ends.index:
+                low, value, high = ends.loc[symbol].to_numpy()
+                axes.plot([low, high], [place + shift] * 2, color=colour, linewidth=1.8, zorder=3)
+                axes.plot(value, place + shift, marker, color=colour, markersize=3.5, zorder=4)
+    axes.set_yticks(places, [_written(s) for s in symbols], fontsize=8)
+    axes.set_ylim(-0.7, max(len(symbols), 1) - 0.3)
 
 
-def _over_assumed(one: Coefficient, assumed: Coefficient) -> np.ndarray:
-    """Lower end, value and upper end, from what was assumed and over its standard deviation."""
-    unit = max(assumed.prior_error, MIN_PRIOR_RATIO * max(abs(assumed.prior), 1.0))
-    return (np.array([one.low, one.value, one.high]) - assumed.prior) / unit
-
-
-def _farthest(rows: Sequence[Coefficient], captive: dict[str, Coefficient]) -> float:
-    """Half width of the axis: no interval is cut off."""
-    ends = [_over_assumed(one, r) for r in rows for one in (r, captive.get(r.symbol)) if one is not None]
-    return 1.05 * max(MIN_HALF_WIDTH, float(np.abs(ends).max(initial=0.0)))
+def _over_assumed(rows: pd.DataFrame, assumed: pd.DataFrame) -> pd.DataFrame:
+    """Lower ends, values and upper ends, from what was assumed and over its standard deviation."""
+    prior, error = assumed["prior"][rows.index], assumed["prior_error"][rows.index]
+    unit = np.maximum(error, MIN_PRIOR_RATIO * np.maximum(prior.abs(), 1.0))
+    return rows[["low", "value", "high"]].sub(prior, axis=0).div(unit, axis=0)
 
 
 def _written(symbol: str) -> str:

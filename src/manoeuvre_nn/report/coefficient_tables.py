@@ -1,14 +1,15 @@
 """Coefficients in tables, sentences and JSON."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from manoeuvre_nn.core.ship import Particulars
-from manoeuvre_nn.estimation.captive_fit import Compared, Towed, agreeing_inertia, compare
+from manoeuvre_nn.estimation.captive_fit import Towed, agreeing_inertia, compare
 from manoeuvre_nn.estimation.coefficients import (
     MEASURED,
     OWN,
@@ -17,12 +18,10 @@ from manoeuvre_nn.estimation.coefficients import (
     PRIOR,
     REACH,
     TAYLOR,
-    Coefficient,
     Fitted,
     coefficient_table,
 )
 from manoeuvre_nn.estimation.collinear import Group, collinear_groups
-from manoeuvre_nn.estimation.linear_motion import Derived
 from manoeuvre_nn.report.tables import Row
 
 SYSTEMS = {
@@ -50,14 +49,14 @@ class Coefficients:
 
     ship: Particulars
     fitted: Fitted
-    derived: Sequence[Derived] = ()
+    derived: pd.DataFrame
     source: str = ""
     tests: Towed | None = None
     captive: Fitted | None = None
     ratio: float = 1.0
 
     @cached_property
-    def rows(self) -> list[Coefficient]:
+    def rows(self) -> pd.DataFrame:
         """The table of coefficients."""
         return coefficient_table(self.fitted)
 
@@ -67,14 +66,14 @@ class Coefficients:
         return collinear_groups(self.fitted)
 
     @cached_property
-    def compared(self) -> list[Compared]:
+    def compared(self) -> pd.DataFrame | None:
         """Recordings and captive tests beside each other."""
-        return [] if self.captive is None else compare(self.fitted, self.captive)
+        return None if self.captive is None else compare(self.fitted, self.captive)
 
 
 def sentence(told: Coefficients) -> str:
     """The verdict in one sentence: how many are measured, and how many go together."""
-    words = [r.word for r in told.rows]
+    words = list(told.rows["word"])
     text = (
         f"{words.count(MEASURED)} of {len(words)} coefficients are measured, {words.count(PARTLY)} partly, "
         f"{words.count(PRIOR)} are what was assumed; the recordings fix {told.fitted.determined:.1f} combinations"
@@ -123,23 +122,30 @@ def tables(told: Coefficients) -> dict[str, list[Row]]:
     """All tables of a report: heading -> rows."""
     made: dict[str, list[Row]] = {}
     made["Coefficients"] = [
-        {"": r.symbol, "value": r.value, "± 95 %": (r.high - r.low) / 2, "before": r.prior,
-         "± before": REACH * r.prior_error, "narrowed by [%]": round(100 * r.learnt), "it is": r.word}
-        for r in told.rows
+        {"": r["symbol"], "value": r["value"], "± 95 %": (r["high"] - r["low"]) / 2, "before": r["prior"],
+         "± before": REACH * r["prior_error"], "narrowed by [%]": round(100 * r["learnt"]), "it is": r["word"]}
+        for r in told.rows.to_dict("records")
     ]  # fmt: skip
     made["Known only together"] = [
         {"together": ", ".join(g.symbols), "corr.": round(g.correlation, 3), "why": g.words, "known is": g.sum}
         for g in told.groups
     ]
     made["What follows from them"] = [
-        {"": d.name, "value": d.value, "from": _number(d.low), "to": _number(d.high), "that is": d.words or None}
-        for d in told.derived
+        {
+            "": d["name"],
+            "value": d["value"],
+            "from": _number(d["low"]),
+            "to": _number(d["high"]),
+            "that is": d["words"] or None,
+        }
+        for d in told.derived.to_dict("records")
     ]
-    if told.compared:
+    if told.compared is not None:
         made["Recordings beside captive tests"] = [
-            {"": r.name, "recordings": r.free, "± 95 %": REACH * r.free_error, "captive": r.towed,
-             "± 95 % ": REACH * r.towed_error, "apart by": round(r.apart, 1) if r.known else None, "they": r.word}
-            for r in told.compared
+            {"": r["name"], "recordings": r["free"], "± 95 %": REACH * r["free_error"], "captive": r["towed"],
+             "± 95 % ": REACH * r["towed_error"], "apart by": round(r["apart"], 1) if r["known"] else None,
+             "they": r["word"]}
+            for r in told.compared.to_dict("records")
         ]  # fmt: skip
     return made
 
@@ -155,11 +161,11 @@ def coefficients_json(told: Coefficients) -> dict[str, Any]:
         "notes": notes(told),
         "coefficients": [
             {
-                "symbol": r.symbol, "value": r.value, "standard_error": r.error, "interval_95": [r.low, r.high],
-                "prior": r.prior, "prior_standard_deviation": r.prior_error, "factor": r.factor, "learnt": r.learnt,
-                "word": r.word,
+                "symbol": r["symbol"], "value": r["value"], "standard_error": r["error"],
+                "interval_95": [r["low"], r["high"]], "prior": r["prior"], "prior_standard_deviation": r["prior_error"],
+                "factor": r["factor"], "learnt": r["learnt"], "word": r["word"],
             }
-            for r in told.rows
+            for r in told.rows.to_dict("records")
         ],
         "groups": [
             {"symbols": list(g.symbols), "correlation": g.correlation, "words": g.words, "determined": g.determined,
@@ -168,10 +174,10 @@ def coefficients_json(told: Coefficients) -> dict[str, Any]:
         ],
         "derived": [
             {
-                "name": d.name, "value": _number(d.value), "interval_95": [_number(d.low), _number(d.high)],
-                "words": d.words,
+                "name": d["name"], "value": _number(d["value"]), "interval_95": [_number(d["low"]), _number(d["high"])],
+                "words": d["words"],
             }
-            for d in told.derived
+            for d in told.derived.to_dict("records")
         ],
         "fitted": told.fitted.as_dict(),
     }  # fmt: skip
@@ -180,12 +186,12 @@ def coefficients_json(told: Coefficients) -> dict[str, Any]:
 
 def _captive_json(told: Coefficients) -> dict[str, Any]:
     """The comparison with captive tests, if there are any."""
-    if told.tests is None or told.captive is None:
+    if told.tests is None or told.captive is None or told.compared is None:
         return {}
     rows = [
-        {"name": r.name, "recordings": r.free, "recordings_error": r.free_error, "captive": r.towed,
-         "captive_error": r.towed_error, "apart": r.apart if r.known else None, "word": r.word}
-        for r in told.compared
+        {"name": r["name"], "recordings": r["free"], "recordings_error": r["free_error"], "captive": r["towed"],
+         "captive_error": r["towed_error"], "apart": _number(r["apart"]), "word": r["word"]}
+        for r in told.compared.to_dict("records")
     ]  # fmt: skip
     inertia = agreeing_inertia(told.fitted, told.captive)
     return {"captive": {
