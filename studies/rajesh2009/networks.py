@@ -180,7 +180,7 @@ def _data(manoeuvre: Manoeuvre, depth: float) -> tuple[Ship, Tuples]:
 def _filled(net: Perceptron, problem: OneHidden | Separable, weights: torch.Tensor) -> Perceptron:
     """A perceptron with the weights of a solution."""
     if isinstance(problem, Separable):
-        first = weights.unflatten(1, (problem.hidden, problem.width))
+        first = weights.unflatten(1, (problem.layer.hidden, problem.layer.width))
         last = problem.output_weights(weights)
     else:
         first, last = problem.split(weights)

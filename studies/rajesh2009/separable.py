@@ -1,14 +1,16 @@
 """Variable projection of perceptrons with one hidden layer: the exact form of the fit, beside the paper's."""
 
+import copy
+
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
-from manoeuvre_nn.numerics.least_squares import Carry
-from manoeuvre_nn.numerics.one_hidden import HiddenLayer, pull, spread
+from manoeuvre_nn.numerics.least_squares import Carry, LeastSquares
+from manoeuvre_nn.numerics.one_hidden import OneHidden, pull, spread
 
 
-class Separable(HiddenLayer):
+class Separable(LeastSquares):
     """K perceptrons on the same inputs; unknown are the input weights alone, as rows (K, H (I + 1)).
 
     With nodes A(W), a 1 among them, and orthonormal columns ``A = Q R`` the errors that the best output weights leave
@@ -18,6 +20,11 @@ class Separable(HiddenLayer):
 
     Nodes that saturate or run together make A lose rank. A ridge keeps R regular: rows ``ridge sqrt(N) 1`` below A and
     zeros below y, which the mean square error counts.
+
+    Attributes:
+        layer: The perceptrons, with room for the ridge below the samples.
+        residuals: N O, errors of a row.
+        parameters: Input weights of a row.
 
     Source:
         Golub & Pereyra 1973; Kaufman 1975; Sjoberg & Viberg 1997 for perceptrons.
@@ -44,20 +51,26 @@ class Separable(HiddenLayer):
                 beyond bounds where A loses rank.
             ridge: Size of the rows below A over the size of a column of ones [-].
         """
-        super().__init__(x, y, hidden, activation, None, 2e7)
-        self.kaufman, self.ridge = kaufman, ridge * len(x) ** 0.5
-        self.parameters = hidden * self.width
-        self._z = self.padded(self._z[:, : len(x)], hidden + 1)
-        self._y = self.padded(self._y[..., : len(x)], hidden + 1)
+        self.layer = layer = OneHidden(x, y, hidden, activation=activation)
+        layer.z, layer.y = (layer.padded(part[..., : len(x)], hidden + 1) for part in (layer.z, layer.y))
+        self.kaufman, self.samples, self.ridge = kaufman, len(x), ridge * len(x) ** 0.5
+        self.residuals, self.parameters = layer.residuals, hidden * layer.width
+
+    def take(self, rows: Int[Tensor, " k"]) -> "Separable":
+        """See :meth:`.LeastSquares.take`."""
+        part = copy.copy(self)
+        part.layer = self.layer.take(rows)
+        return part
 
     def evaluate(self, weights: Float[Tensor, "k p"]) -> tuple[Float[Tensor, " k"], Carry]:
         """Mean square errors with the best output weights; A, Q, R, Q^T y and the errors for the derivatives."""
-        nodes = self.nodes(weights.unflatten(1, (self.hidden, self.width)))
-        columns = torch.cat([nodes, self._z[-1].expand(len(nodes), 1, -1)], 1)
-        columns[..., self._samples : self._samples + self.hidden + 1].diagonal(dim1=1, dim2=2).fill_(self.ridge)
+        layer = self.layer
+        nodes = layer.nodes(weights.unflatten(1, (layer.hidden, layer.width)))
+        columns = torch.cat([nodes, layer.z[-1].expand(len(nodes), 1, -1)], 1)
+        columns[..., self.samples : self.samples + layer.hidden + 1].diagonal(dim1=1, dim2=2).fill_(self.ridge)
         q, r = torch.linalg.qr(columns.mT)
-        part = self._y @ q
-        errors = (part @ q.mT).sub_(self._y)
+        part = layer.y @ q
+        errors = (part @ q.mT).sub_(layer.y)
         return errors.square().sum((1, 2)) / self.residuals, (nodes, q, r, part, errors)
 
     def linearise(
@@ -67,8 +80,9 @@ class Separable(HiddenLayer):
         nodes, q, r, part, errors = carry
         inverse = torch.linalg.solve_triangular(r, torch.eye(len(r[0]), dtype=r.dtype, device=r.device), upper=True)
         last = (part @ inverse.mT)[..., :-1]
-        products = self.products(nodes, q.mT, errors)
-        by_node, by_q, by_error = products[:, : self.parameters].split([self.parameters, len(r[0]), self.outputs], 2)
+        products = self.layer.products(nodes, q.mT, errors)
+        sizes = [self.parameters, len(r[0]), self.layer.outputs]
+        by_node, by_q, by_error = products[:, : self.parameters].split(sizes, 2)
         reduced = by_node - by_q @ by_q.mT
         normal = spread(last, reduced, torch.empty_like(reduced))
         if not self.kaufman:

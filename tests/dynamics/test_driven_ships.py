@@ -8,7 +8,7 @@ from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.members import replay_members
 from manoeuvre_nn.dynamics.model import IdentifiedShip
-from manoeuvre_nn.dynamics.recorded_inputs import InputTable
+from manoeuvre_nn.dynamics.recorded_inputs import inputs_at
 from manoeuvre_nn.dynamics.replay import replay
 from manoeuvre_nn.estimation.coefficient_forces import series_forces
 from manoeuvre_nn.estimation.coefficient_priors import series_prior
@@ -70,14 +70,14 @@ def test_members_are_driven_like_the_model():
 
 def test_a_table_of_inputs_is_linear_between_its_samples_and_held_beyond():
     columns = torch.arange(12.0, dtype=torch.float64).view(3, 2, 2)
-    table = InputTable(dict(zip(("delta", "shaft", "wind_north"), columns, strict=True)), interval=2.0, start=1.0)
+    named = dict(zip(("delta", "shaft", "wind_north"), columns, strict=True))
     for at, expected in (
         (2.0, columns.mean(-1)),
         (0.0, columns[..., 0]),
         (1.0, columns[..., 0]),
         (9.0, columns[..., 1]),
     ):
-        given = table.at(at).given
+        given = inputs_at(named, at, interval=2.0, start=1.0).given
         assert (given.pop("time") == at).all() and list(given) == ["delta", "shaft", "wind_north"]
         np.testing.assert_allclose(torch.stack(list(given.values())), expected)
 

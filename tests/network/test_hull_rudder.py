@@ -79,13 +79,14 @@ def test_every_member_is_the_sum_that_it_is_said_to_be(kind):
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=called)
-def test_the_design_is_what_the_outputs_are_linear_in(kind):
+def test_the_columns_and_those_of_a_fit_are_what_the_outputs_are_linear_in(kind):
     network, x = made(members=1, **kind), points()
-    d, w = network.design(x), network.input_weights[0]
+    d, w = network.least_squares(x, network(x).detach()), network.input_weights[0]
     side, other = (torch.tanh(z @ w[:, :-1].T + w[:, -1]) for z in (d.z, d.z * d.mirror))
     for o in range(3):
         nodes = (side + d.parity[o] * other)[:, d.node] * d.factors[d.factor].T
         columns = torch.cat([nodes, d.library[o].T], 1)
+        torch.testing.assert_close(network.columns(x, 0)[o], columns.T, rtol=1e-11, atol=1e-12)
         torch.testing.assert_close(columns @ network.output_weights[0, o], network(x)[:, o], rtol=1e-11, atol=1e-12)
 
 

@@ -43,7 +43,7 @@ def row(*values: float) -> torch.Tensor:
     return torch.tensor([values], dtype=torch.float64)
 
 
-def problem(kind: type[OneHidden], own: bool = False) -> tuple[OneHidden, torch.Tensor]:
+def problem(kind: type[OneHidden | Separable], own: bool = False) -> tuple[OneHidden | Separable, torch.Tensor]:
     x = torch.stack([torch.sin(k * torch.linspace(0, 3, 45, dtype=torch.float64) + k) for k in range(1, 4)], 1)
     y = torch.stack([x.prod(1), x.sum(1).tanh()], 1)
     given = torch.stack([y + 0.1 * k * x[:, :2] for k in range(5)]) if own else y
@@ -138,7 +138,8 @@ def test_no_row_in_a_batch_is_refused():
 @pytest.mark.parametrize("kind", [OneHidden, Separable])
 def test_the_gpu_finds_what_the_processor_finds(kind):
     made, start = problem(kind)
-    there = kind(made._z[:-1, :45].mT.cuda(), made._y[0, :, :45].mT.cuda(), HIDDEN, activation="tanh")
+    layer = made if kind is OneHidden else made.layer
+    there = kind(layer.z[:-1, :45].mT.cuda(), layer.y[0, :, :45].mT.cuda(), HIDDEN, activation="tanh")
     with unchecked():
         here, found = minimise(made, start, stops=Stops(epochs=6)), minimise(there, start.cuda(), stops=Stops(epochs=6))
     torch.testing.assert_close(found.mse.cpu(), here.mse, rtol=1e-6, atol=1e-12)

@@ -7,7 +7,7 @@ import torch
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.numerics.damping import Stops
 from manoeuvre_nn.numerics.restarts import minimise
-from manoeuvre_nn.numerics.semilinear import Design, SemiLinear
+from manoeuvre_nn.numerics.semilinear import SemiLinear
 from studies.rajesh2009.separable import Separable
 
 SAMPLES, HIDDEN, OUTPUTS = 47, 4, 4
@@ -34,10 +34,6 @@ def parts(**other) -> dict:
     return {"z": z, "y": drawn(SAMPLES, OUTPUTS, seed=3), "sees": SEES} | named | other
 
 
-def semilinear(y: torch.Tensor, activation: str = "tanh", **design) -> SemiLinear:
-    return SemiLinear(y, Design(**design), activation=activation)
-
-
 def weights(rows: int = 1, seed: int = 4, sees: torch.Tensor = SEES) -> torch.Tensor:
     return drawn(rows, int(sees.sum()), seed=seed)
 
@@ -61,7 +57,7 @@ def least_squares(p: dict, output: int, whole: torch.Tensor) -> tuple[np.ndarray
 
 def test_the_error_is_that_of_plain_least_squares_output_by_output():
     p, w = parts(), weights(3)
-    problem = semilinear(**p)
+    problem = SemiLinear(**p)
     mse, _ = problem.evaluate(w)
     for row, whole in enumerate(problem.full(w)):
         errors = [least_squares(p, o, whole)[1] for o in range(OUTPUTS)]
@@ -71,7 +67,7 @@ def test_the_error_is_that_of_plain_least_squares_output_by_output():
 
 def test_the_best_coefficients_are_those_of_plain_least_squares_and_none_where_the_library_has_none():
     p, w = parts(), weights(2)
-    problem = semilinear(**p)
+    problem = SemiLinear(**p)
     for whole, found in zip(problem.full(w), problem.output_weights(w).numpy(), strict=True):
         for o in range(OUTPUTS):
             np.testing.assert_allclose(found[o], least_squares(p, o, whole)[0], rtol=1e-7, atol=1e-9)
@@ -97,7 +93,7 @@ def profile(p: dict, free: torch.Tensor) -> torch.Tensor:
 @pytest.mark.parametrize("parity", [(1, -1, -1, 0), (0, 0, 0, 0), (1, 1, 1, 1), (-1, 0, 1, -1)])
 def test_the_gradient_is_half_of_autograds_through_the_whole_solution(parity):
     p, w = parts(parity=torch.tensor(parity, dtype=torch.float64)), weights()
-    problem = semilinear(**p)
+    problem = SemiLinear(**p)
     _, gradient = problem.linearise(w, problem.evaluate(w)[1])
     free = w[0].clone().requires_grad_()
     (expected,) = torch.autograd.grad(profile(p, free), free)
@@ -107,7 +103,7 @@ def test_the_gradient_is_half_of_autograds_through_the_whole_solution(parity):
 @pytest.mark.parametrize("parity", [(1, -1, -1, 0), (0, 0, 0, 0)])
 def test_the_products_are_kaufmans_with_the_projection_built_in_full(parity):
     p, w = parts(parity=torch.tensor(parity, dtype=torch.float64)), weights()
-    problem = semilinear(**p)
+    problem = SemiLinear(**p)
     normal, gradient = problem.linearise(w, problem.evaluate(w)[1])
     expected, slope = np.zeros((problem.parameters,) * 2), np.zeros(problem.parameters)
     for o in range(OUTPUTS):
@@ -133,7 +129,7 @@ def test_without_sides_factors_masks_and_library_it_is_the_separable_perceptron(
     sees = torch.ones_like(SEES)
     p = parts(sees=sees, parity=torch.zeros(OUTPUTS, dtype=torch.float64), factors=one)
     p |= {"node": torch.arange(HIDDEN), "factor": torch.zeros(HIDDEN, dtype=torch.long)}
-    ours = semilinear(**p | {"library": one.expand(OUTPUTS, 1, -1)}, activation=activation)
+    ours = SemiLinear(**p | {"library": one.expand(OUTPUTS, 1, -1)}, activation=activation)
     plain, w = Separable(p["z"], p["y"], HIDDEN, activation=activation), weights(2, sees=sees)
     mse, carry = ours.evaluate(w)
     expected, expected_carry = plain.evaluate(w)
@@ -146,11 +142,11 @@ def test_without_sides_factors_masks_and_library_it_is_the_separable_perceptron(
 
 def test_what_a_node_does_not_see_counts_no_more_than_a_weight_of_zero():
     w = weights(2)
-    masked = semilinear(**parts())
+    masked = SemiLinear(**parts())
     whole = masked.full(w)
     assert whole[:, ::2, 2].abs().max() == 0 and masked.parameters == w.shape[1] == int(SEES.sum())
     assert torch.equal(whole[:, SEES], w)
-    seeing = semilinear(**parts(sees=torch.ones_like(SEES)))
+    seeing = SemiLinear(**parts(sees=torch.ones_like(SEES)))
     mse, carry = seeing.evaluate(whole.flatten(1))
     normal, gradient = seeing.linearise(whole.flatten(1), carry)
     free = SEES.flatten()
@@ -165,7 +161,7 @@ def test_outputs_that_share_a_design_add_up_as_if_each_was_alone():
     p, w = parts(), weights(2)
 
     def sums(chosen: list[int]) -> list[torch.Tensor]:
-        problem = semilinear(**p | {name: p[name][chosen] for name in ("parity", "library")} | {"y": p["y"][:, chosen]})
+        problem = SemiLinear(**p | {name: p[name][chosen] for name in ("parity", "library")} | {"y": p["y"][:, chosen]})
         mse, carry = problem.evaluate(w)
         return [mse * problem.residuals, *problem.linearise(w, carry), problem.output_weights(w)]
 
@@ -178,7 +174,7 @@ def test_outputs_that_share_a_design_add_up_as_if_each_was_alone():
 def test_outputs_of_one_parity_with_other_libraries_do_not_share_a_design():
     p, w = parts(parity=torch.ones(OUTPUTS, dtype=torch.float64)), weights()
     assert not torch.equal(p["library"][0], p["library"][1])
-    problem = semilinear(**p)
+    problem = SemiLinear(**p)
     errors = [least_squares(p, o, problem.full(w)[0])[1] for o in range(OUTPUTS)]
     assert float(problem.evaluate(w)[0]) == pytest.approx(np.mean(np.square(errors)), rel=1e-10)
 
@@ -187,7 +183,7 @@ def test_mirrored_data_of_mirrored_forces_are_the_same_problem():
     sides = {"parity": PARITY[:3], "library": parts()["library"][:3], "y": parts()["y"][:, :3]}
     p, w = parts(**sides), weights(2)
     mirrored = p | {"z": p["z"] * MIRROR, "y": p["y"] * PARITY[:3], "library": p["library"] * PARITY[:3, None, None]}
-    left, right = semilinear(**p), semilinear(**mirrored)
+    left, right = SemiLinear(**p), SemiLinear(**mirrored)
     (mse, carry), (other, other_carry) = left.evaluate(w), right.evaluate(w)
     torch.testing.assert_close(mse, other, rtol=1e-12, atol=0)
     for a, b in zip(left.linearise(w, carry), right.linearise(w, other_carry), strict=True):
@@ -195,7 +191,7 @@ def test_mirrored_data_of_mirrored_forces_are_the_same_problem():
 
 
 def test_rows_do_not_know_of_each_other():
-    problem, w = semilinear(**parts()), weights(5)
+    problem, w = SemiLinear(**parts()), weights(5)
     mse, carry = problem.evaluate(w)
     results = [mse, *problem.linearise(w, carry), problem.output_weights(w)]
     for k in range(5):
@@ -206,7 +202,7 @@ def test_rows_do_not_know_of_each_other():
 
 
 def test_many_starts_end_where_each_ends_alone():
-    problem, w = semilinear(**parts()), weights(4)
+    problem, w = SemiLinear(**parts()), weights(4)
     together = minimise(problem, w, stops=Stops(epochs=6))
     for k in range(4):
         alone = minimise(problem, w[k : k + 1], stops=Stops(epochs=6))
@@ -216,10 +212,10 @@ def test_many_starts_end_where_each_ends_alone():
 
 def test_a_teacher_of_the_same_form_is_found_again():
     p, true = parts(), weights(seed=9)
-    whole = semilinear(**p).full(true)[0]
+    whole = SemiLinear(**p).full(true)[0]
     strengths = 0.1 * drawn(OUTPUTS, len(NODE) + 2, seed=10)  # the ridge below leaves 1e-20 of their squares
     p["y"] = torch.stack([design(p, o, whole) @ strengths[o] for o in range(OUTPUTS)], 1)
-    problem = semilinear(**p)
+    problem = SemiLinear(**p)
     start = true + 0.2 * torch.cos(torch.arange(true.shape[1], dtype=torch.float64))
     assert float(problem.evaluate(start)[0]) > 1e-6
     found = minimise(problem, start, stops=Stops(epochs=100))
@@ -233,7 +229,7 @@ def test_a_teacher_of_the_same_form_is_found_again():
 @pytest.mark.parametrize("dtype", [torch.float64, torch.float32])
 def test_nodes_that_saturate_or_run_together_leave_everything_finite(dtype):
     p = {k: v.to(dtype) if v.is_floating_point() else v for k, v in parts(sees=torch.ones_like(SEES)).items()}
-    problem = semilinear(**p)
+    problem = SemiLinear(**p)
     w = weights(2, sees=p["sees"]).to(dtype)
     w[0, :4] = torch.tensor([0.0, 0.0, 0.0, 50.0], dtype=dtype)  # 1 on both sides, as the library has it
     w[0, 8:12] = w[0, 12:16]  # the same node twice
@@ -249,7 +245,7 @@ def test_a_rank_that_is_lost_does_not_change_the_error_of_plain_least_squares():
     p = parts(sees=torch.ones_like(SEES))
     w = weights(sees=p["sees"])
     w[0, 8:12] = w[0, 12:16]
-    problem = semilinear(**p)
+    problem = SemiLinear(**p)
     errors = [least_squares(p, o, problem.full(w)[0])[1] for o in range(OUTPUTS)]
     assert float(problem.evaluate(w)[0]) == pytest.approx(np.mean(np.square(errors)), rel=1e-6)
 
@@ -265,7 +261,7 @@ def shrunk(p: dict, output: int, whole: torch.Tensor, size: float) -> tuple[torc
 
 def test_a_ridge_on_the_nodes_leaves_to_the_library_what_it_can_say():
     p, w, size = parts(), weights(), 0.3
-    problem = semilinear(**p, shrink=size)
+    problem = SemiLinear(**p, shrink=size)
     mse, carry = problem.evaluate(w)
     found = problem.output_weights(w)[0]
     errors = []
@@ -282,7 +278,7 @@ def test_a_ridge_on_the_nodes_leaves_to_the_library_what_it_can_say():
 
 def test_a_ridge_beyond_bounds_leaves_the_library_alone():
     p, w = parts(), weights()
-    found = semilinear(**p, shrink=1e6).output_weights(w)[0]
+    found = SemiLinear(**p, shrink=1e6).output_weights(w)[0]
     for o in range(OUTPUTS):
         library = p["library"][o].T.numpy()
         alone = np.linalg.lstsq(library, p["y"][:, o].numpy(), rcond=1e-12)[0]
@@ -292,18 +288,18 @@ def test_a_ridge_beyond_bounds_leaves_the_library_alone():
 
 def test_an_activation_that_is_none_is_refused():
     with pytest.raises(InputError, match="network.activation 'relu' is unknown; choose one of: sigmoid, tanh"):
-        semilinear(**parts(), activation="relu")
+        SemiLinear(**parts(), activation="relu")
 
 
 def test_shrunk_nodes_are_ridge_regression_beside_a_free_library():
     p, w, shrink = parts(), weights(1), 0.3
-    found = semilinear(**p, shrink=shrink).output_weights(w)[0].numpy()
-    whole = semilinear(**p).full(w)[0]
+    found = SemiLinear(**p, shrink=shrink).output_weights(w)[0].numpy()
+    whole = SemiLinear(**p).full(w)[0]
     for o in range(1, OUTPUTS):
         a, y = design(p, o, whole).numpy(), p["y"][:, o].numpy()
         ridge = np.diag([SAMPLES * shrink**2] * len(NODE) + [0.0] * 2)
         np.testing.assert_allclose(found[o], np.linalg.solve(a.T @ a + ridge, a.T @ y), rtol=1e-6)
-    far = semilinear(**p, shrink=1e6).output_weights(w)[0].numpy()
+    far = SemiLinear(**p, shrink=1e6).output_weights(w)[0].numpy()
     library = p["library"][1].numpy().T
     np.testing.assert_allclose(far[1, len(NODE) :], np.linalg.lstsq(library, p["y"][:, 1].numpy())[0], rtol=1e-6)
     assert np.abs(far[:, : len(NODE)]).max() < 1e-6

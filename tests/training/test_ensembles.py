@@ -13,7 +13,6 @@ from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.network.hull_rudder import HullRudder, HullRudderSettings
 from manoeuvre_nn.numerics.damping import Stops
 from manoeuvre_nn.numerics.restarts import minimise
-from manoeuvre_nn.numerics.semilinear import SemiLinear
 from manoeuvre_nn.training.ensemble import ALL_TRAINED, STEP_TRIALS, EnsembleFit
 from manoeuvre_nn.training.scalings import make_scaling
 
@@ -59,7 +58,7 @@ def scaled(fit, data=None):
 def alone(fit, member: int, trial: int) -> tuple[torch.Tensor, torch.Tensor, float]:
     """A member solved by hand from the start of a trial: its weights and its error."""
     (x, y), network = scaled(fit), fit.network
-    problem = SemiLinear(y, network.design(x))
+    problem = network.least_squares(x, y)
     start = network.drawn(member, trial)[network.sees][None]
     found = minimise(problem, start, stops=Stops(epochs=EPOCHS))
     return problem.full(found.weights)[0], problem.output_weights(found.weights)[0], float(found.mse)

@@ -13,7 +13,6 @@ from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.network.hull_rudder import HullRudder, HullRudderSettings
-from manoeuvre_nn.numerics.semilinear import SemiLinear
 from manoeuvre_nn.recording.tuples import to_tuples
 from manoeuvre_nn.training.rollout_refinement import Refinement, refine, stretches
 from manoeuvre_nn.training.scalings import make_scaling
@@ -28,8 +27,7 @@ def sailed_by_a_network():
         tuples = to_tuples(roll_out(CalmWater(ship), [trial]), known)
         network = HullRudder(HullRudderSettings(4, 1), seed=3)
         model = IdentifiedShip(known, network, make_scaling("mirrored", known, tuples))
-        design = network.design(model.scaling.inputs(tuples.inputs))
-        problem = SemiLinear(model.scaling.outputs(tuples.targets), design)
+        problem = network.least_squares(model.scaling.inputs(tuples.inputs), model.scaling.outputs(tuples.targets))
         with torch.no_grad():
             network.output_weights.copy_(problem.output_weights(network.drawn(0)[network.sees][None]))
         runs = roll_out(model, [trial])

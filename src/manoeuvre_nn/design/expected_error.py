@@ -20,7 +20,6 @@ from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.network.hull_rudder import HullRudder
 from manoeuvre_nn.numerics.damping import Stops
 from manoeuvre_nn.numerics.restarts import minimise
-from manoeuvre_nn.numerics.semilinear import SemiLinear
 from manoeuvre_nn.recording.tuples import Tuples
 
 FURTHER_STEPS = 3
@@ -213,7 +212,7 @@ class _MemberTruths:
         """Weights of members after they were trained on something."""
         network, cold = self.network, self.effort.steps is not None
         first = [network.drawn(k) if cold else network.input_weights[k] for k in members]
-        problem = SemiLinear(y, network.design(x))
+        problem = network.least_squares(x, y)
         start = torch.stack([weights[network.sees] for weights in first])
         stops = Stops(epochs=FURTHER_STEPS if self.effort.steps is None else self.effort.steps)
         found = minimise(problem, start, stops=stops, at_once=1).weights

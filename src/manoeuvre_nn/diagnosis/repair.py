@@ -14,7 +14,7 @@ from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.base import Model
-from manoeuvre_nn.dynamics.recorded_inputs import held_table
+from manoeuvre_nn.dynamics.recorded_inputs import held_columns
 from manoeuvre_nn.dynamics.replay import integrate
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.estimation.data_set import FIRST_NOISE, process_time, start_spread
@@ -49,17 +49,17 @@ def predict(
     k = int(np.searchsorted(runs[0].time, warmup - 1e-9))
     begin, step = float(runs[0].time[k]), runs[0].step
     starts = [start_state(dynamics, h, run.between(0.0, begin), latency) for h, run in zip(each, runs, strict=True)]
-    columns = {"delta": [_wheel(h, run)[k:] for h, run in zip(each, runs, strict=True)]}
+    rows = {"delta": [_wheel(h, run)[k:] for h, run in zip(each, runs, strict=True)]}
     if any((run["shaft"] != 1).any() for run in runs):
-        columns["shaft"] = [run["shaft"][k:] for run in runs]
-    table = held_table(columns, step, begin)
+        rows["shaft"] = [run["shaft"][k:] for run in runs]
+    columns = held_columns(rows)
     moving = Vessel(dynamics, _acting(hypothesis)).model
     with torch.no_grad():
-        states = integrate(moving, moving.start(torch.tensor(np.stack(starts)), table.at(begin)), table)
+        states = integrate(moving, torch.tensor(np.stack(starts)), columns, interval=step, start=begin)
     shown = []
     for row, (h, run) in enumerate(zip(each, runs, strict=True)):
         seen, n = run.between(begin, run.time[-1]), len(run) - k
-        shown.append(_written(dynamics, h, seen, states[:n, row], table.columns["delta"][row, :n], latency))
+        shown.append(_written(dynamics, h, seen, states[:n, row], columns["delta"][row, :n], latency))
     return shown
 
 

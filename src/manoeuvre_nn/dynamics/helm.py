@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
-from manoeuvre_nn.dynamics.vessel import RudderGear
+from manoeuvre_nn.dynamics.vessel import Vessel
 
 
 @dataclass(frozen=True)
@@ -47,13 +47,13 @@ class Helm:
         return self.now[3]
 
     def after(
-        self, tau: Float[Tensor, " rows"], gear: RudderGear
+        self, tau: Float[Tensor, " rows"], vessel: Vessel
     ) -> tuple[Float[Tensor, " rows"], Float[Tensor, "rows k"]]:
         """Angles after a time within the present stage: the indicator goes evenly towards the order, then rests.
 
         Args:
             tau: Time from now [s].
-            gear: How the blade follows.
+            vessel: The ship whose blade follows.
 
         Returns:
             Angle that the indicator shows and the angles behind it [rad].
@@ -61,7 +61,7 @@ class Helm:
         error, reach = self.order - self.rudder, self.rate * tau
         under_way = error.abs() > reach + 1e-12
         shown = torch.where(under_way, self.rudder + torch.copysign(reach, error), self.order)
-        return shown, gear.after(self.blade, self.order, shown, tau)
+        return shown, vessel.rudder_after(self.blade, self.order, shown, tau)
 
     def smooth_time(self, time: Float[Tensor, " rows"]) -> Float[Tensor, " rows"]:
         """Time from now [s] until the rudder arrives or the stage's time is up; ``inf`` if nothing is due."""

@@ -1,7 +1,6 @@
 """What recordings say of the inputs beside the rudder: shaft speed, wind and the speed of the approach."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -19,48 +18,44 @@ WIND_WINDOW = 0.5
 """Window over L/U0 that the wind is averaged over."""
 
 
-@dataclass(frozen=True)
-class InputTable:
-    """Recorded inputs of the rows of a batch at even times.
-
-    Attributes:
-        columns: Name of an input of :class:`Inputs` -> its samples, a row each.
-        interval: Time between samples [s].
-        start: Time of the first sample since the start of the recordings [s].
-    """
-
-    columns: Mapping[str, Float[Tensor, "rows times"]]
-    interval: float
-    start: float = 0.0
-
-    def at(self, time: float) -> Inputs:
-        """Inputs of all rows at a time [s]: linear between samples, held before the first and beyond the last."""
-        delta = self.columns["delta"]
-        last = delta.shape[1] - 1
-        place = min(max((time - self.start) / self.interval, 0.0), last)
-        k = max(min(int(place), last - 1), 0)
-        after = min(k + 1, last)
-        now = {name: c[:, k] + (place - k) * (c[:, after] - c[:, k]) for name, c in self.columns.items()}
-        return Inputs(**now, time=torch.full_like(delta[:, 0], time))
-
-
-def held_table(columns: Mapping[str, Sequence[Float[np.ndarray, " _"]]], interval: float, start: float) -> InputTable:
-    """A table of inputs whose rows may be of different lengths: a short one holds its last values.
+def inputs_at(
+    columns: Mapping[str, Float[Tensor, "rows times"]], time: float, *, interval: float, start: float
+) -> Inputs:
+    """Recorded inputs of a batch at a time: linear between samples, held before the first and beyond the last.
 
     Args:
-        columns: Name of an input -> its samples, a row each.
+        columns: Name of an input of :class:`.Inputs` -> its samples, a row each.
+        time: When [s].
         interval: Time between samples [s].
         start: Time of the first since the start of the recordings [s].
 
     Returns:
-        The table, in double precision.
+        The inputs, time among them.
+    """
+    delta = columns["delta"]
+    last = delta.shape[1] - 1
+    place = min(max((time - start) / interval, 0.0), last)
+    k = max(min(int(place), last - 1), 0)
+    after = min(k + 1, last)
+    now = {name: c[:, k] + (place - k) * (c[:, after] - c[:, k]) for name, c in columns.items()}
+    return Inputs(**now, time=torch.full_like(delta[:, 0], time))
+
+
+def held_columns(columns: Mapping[str, Sequence[Float[np.ndarray, " _"]]]) -> dict[str, Float[Tensor, "rows times"]]:
+    """Columns whose rows may be of different lengths as tensors in double precision: a short row holds its last value.
+
+    Args:
+        columns: Name -> samples, a row each.
+
+    Returns:
+        The same names.
     """
     longest = max((len(row) for rows in columns.values() for row in rows), default=0)
     made = {}
     for name, rows in columns.items():
-        held = [np.concatenate([row, np.full(longest - len(row), row[-1])]) for row in rows]
-        made[name] = torch.tensor(np.stack(held), dtype=torch.float64)
-    return InputTable(made, interval, start)
+        padded = [np.concatenate([row, np.full(longest - len(row), row[-1])]) for row in rows]
+        made[name] = torch.tensor(np.stack(padded), dtype=torch.float64)
+    return made
 
 
 def recorded_inputs(

@@ -1,7 +1,8 @@
 """Predictions driven by a recorded rudder: the model's own motion, the measured helm."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from math import ceil
 
 import numpy as np
@@ -15,10 +16,10 @@ from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.base import Model, runge_kutta_step
 from manoeuvre_nn.dynamics.limits import OK, inside_physical_range, left_range
-from manoeuvre_nn.dynamics.recorded_inputs import InputTable, held_table, recorded_inputs
+from manoeuvre_nn.dynamics.recorded_inputs import held_columns, inputs_at, recorded_inputs
 from manoeuvre_nn.dynamics.rollout import STEPS_PER_LENGTH
 from manoeuvre_nn.dynamics.simulate import Solution, to_recordings
-from manoeuvre_nn.dynamics.vessel import RudderGear, Vessel, as_vessel
+from manoeuvre_nn.dynamics.vessel import Vessel, as_vessel
 
 STATE = ("u", "v", "r", "x", "y", "psi")
 
@@ -51,21 +52,19 @@ def replay(ship: Model | Vessel, recordings: Sequence[Recording], *, start: floa
         grids.append(np.arange(record.time[0] + start, record.time[-1] + 1e-9, interval))
     reference = next(b for b in model.buffers() if b.is_floating_point())
     pairs = list(zip(grids, recordings, strict=True))
-    rudders = zip(*(_rudder(vessel.gear, g, r, reference) for g, r in pairs), strict=True)
-    helm = held_table(dict(zip(("recorded", "shown", "order"), rudders, strict=True)), interval, start)
-    recorded, shown, order = (column.to(reference) for column in helm.columns.values())
+    rudders = zip(*(_rudder(vessel, g, r, reference) for g, r in pairs), strict=True)
+    helm = held_columns(dict(zip(("recorded", "shown", "order"), rudders, strict=True)))
+    recorded, shown, order = (column.to(reference) for column in helm.values())
     first = reference.new_tensor(np.stack([[np.interp(g[0], r.time, r[k]) for k in STATE] for g, r in pairs]))
-    taken = held_table(recorded_inputs(model, recordings, grids), interval, start).columns
+    taken = held_columns(recorded_inputs(model, recordings, grids))
     with torch.no_grad():
-        blade = blade_series(vessel.gear, order, shown, interval)
-        table = InputTable({"delta": blade, **{k: c.to(reference) for k, c in taken.items()}}, interval, start)
-        states = integrate(model, model.start(first, table.at(start)), table)
+        blade = blade_series(vessel, order, shown, interval)
+        columns = {"delta": blade, **{name: column.to(reference) for name, column in taken.items()}}
+        states = integrate(model, first, columns, interval=interval, start=start)
         lost = ~inside_physical_range(states, model.particulars)
     clock = start + interval * torch.arange(len(states), dtype=torch.float64)
     ended = torch.where(lost.any(0), clock[lost.int().argmax(0)], torch.inf)
-    inputs = Inputs(
-        **{name: c.T for name, c in table.columns.items()}, time=clock[:, None].to(blade).expand_as(blade.T)
-    )
+    inputs = Inputs(**{name: c.T for name, c in columns.items()}, time=clock[:, None].to(blade).expand_as(blade.T))
     orders = [Manoeuvre(r.name, str(r.meta.get("kind", "")), ()) for r in recordings]
     solution = Solution(clock, states, shown.T, recorded.T, inputs, ended)
     made = to_recordings(vessel, orders, solution, [float(clock[len(g) - 1]) for g in grids])
@@ -79,11 +78,11 @@ def _as_recorded(run: Recording, record: Recording, grid: np.ndarray) -> Recordi
     return replace(run, time=grid[: len(run)], status=status, meta=record.meta)
 
 
-def _rudder(gear: RudderGear, times: np.ndarray, record: Recording, like: Tensor) -> tuple[np.ndarray, ...]:
+def _rudder(vessel: Vessel, times: np.ndarray, record: Recording, like: Tensor) -> tuple[np.ndarray, ...]:
     """Recorded angle, what the indicator showed, and the order in force at some times."""
     recorded = np.interp(times, record.time, record["delta"])
     clock = like.new_tensor(record.time - record.time[0])
-    shown = gear.indicated(like.new_tensor(record["delta"]), clock).detach().cpu().numpy()
+    shown = vessel.indicated_rudder(like.new_tensor(record["delta"]), clock).detach().cpu().numpy()
     shown = np.interp(times, record.time, shown)
     if "delta_order" not in record.channels:
         return recorded, shown, shown
@@ -92,42 +91,53 @@ def _rudder(gear: RudderGear, times: np.ndarray, record: Recording, like: Tensor
 
 
 def blade_series(
-    gear: RudderGear, order: Float[Tensor, "rows times"], shown: Float[Tensor, "rows times"], interval: float
+    vessel: Vessel, order: Float[Tensor, "rows times"], shown: Float[Tensor, "rows times"], interval: float
 ) -> Float[Tensor, "rows times"]:
     """Angle of the rudder blade, sample by sample; an order is taken to be given midway between two samples."""
-    behind = [gear.at_rest(shown[:, 0])]
+    behind = [vessel.rudder_at_rest(shown[:, 0])]
     half = torch.full_like(shown[:, 0], 0.5 * interval)
     for k in range(1, shown.shape[1]):
         middle = 0.5 * (shown[:, k - 1] + shown[:, k])
-        midway = gear.after(behind[-1], order[:, k - 1], middle, half)
-        behind.append(gear.after(midway, order[:, k], shown[:, k], half))
+        midway = vessel.rudder_after(behind[-1], order[:, k - 1], middle, half)
+        behind.append(vessel.rudder_after(midway, order[:, k], shown[:, k], half))
     return torch.stack([angles[:, -1] for angles in behind], dim=1)
 
 
-def integrate(model: Model, first: Float[Tensor, "rows n"], table: InputTable) -> Float[Tensor, "times rows n"]:
-    """States at all samples of a table of inputs, by :func:`.runge_kutta_step`.
+def integrate(
+    model: Model,
+    first: Float[Tensor, "rows 6"],
+    columns: Mapping[str, Float[Tensor, "rows times"]],
+    *,
+    interval: float,
+    start: float,
+) -> Float[Tensor, "times rows n"]:
+    """States at all samples of recorded inputs, by :func:`.runge_kutta_step`.
 
     The recorded rudder has a kink at every sample: steps end there. A rate outside the physical range is zero, so that
     a lost row rests and stays finite.
 
     Args:
         model: The model.
-        first: Whole states at the table's start.
-        table: Inputs of every row, linear between samples.
+        first: u, v, r, x, y, psi at the first sample.
+        columns: Name of an input -> its samples, linear in between, see :func:`.inputs_at`.
+        interval: Time between samples [s].
+        start: Time of the first [s].
 
     Returns:
         Whole states.
     """
-    ship, count = model.particulars, table.columns["delta"].shape[1]
-    parts = ceil(table.interval / (ship.time_unit / STEPS_PER_LENGTH) - 1e-9)
-    step = table.interval / parts
+    ship, count = model.particulars, columns["delta"].shape[1]
+    parts = ceil(interval / (ship.time_unit / STEPS_PER_LENGTH) - 1e-9)
+    step = interval / parts
 
     def rate(state: Tensor, inputs: Inputs) -> Tensor:
         return torch.where(inside_physical_range(state, ship)[:, None], model(state, inputs), 0.0)
 
-    states, now = [first], table.at(table.start)
+    at = partial(inputs_at, columns, interval=interval, start=start)
+    now = at(start)
+    states = [model.start(first, now)]
     for k in range(parts * (count - 1)):
-        midway, then = (table.at(table.start + (k + share) * step) for share in (0.5, 1.0))
+        midway, then = (at(start + (k + share) * step) for share in (0.5, 1.0))
         states.append(runge_kutta_step(rate, states[-1], (now, midway, then), first.new_tensor(step)))
         now = then
     return torch.stack(states[::parts])

@@ -18,7 +18,7 @@ from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.helm import Helm, helm_of
 from manoeuvre_nn.dynamics.limits import MAX_PRIME_VELOCITIES, OK, inside_physical_range, left_range
-from manoeuvre_nn.dynamics.vessel import RudderGear, Vessel, as_vessel
+from manoeuvre_nn.dynamics.vessel import Vessel, as_vessel
 
 ROWS_AT_ONCE = 16
 """Rows that are turned into recordings at once: enough to share the overhead, few enough to stay in the cache."""
@@ -73,7 +73,7 @@ def on_approach(ship: Model | Vessel, manoeuvre: Manoeuvre) -> tuple[Vessel, Flo
     reference = next(b for b in model.buffers() if b.is_floating_point())
     state = torch.zeros(6, dtype=reference.dtype)
     state[0] = model.particulars.speed
-    return vessel, model.start(state, Inputs(vessel.gear.at_rest(state.new_zeros(()))[-1]))
+    return vessel, model.start(state, Inputs(vessel.rudder_at_rest(state.new_zeros(()))[-1]))
 
 
 def sample_times(ship: Particulars, manoeuvre: Manoeuvre, interval: float | None = None) -> Float[np.ndarray, " times"]:
@@ -178,7 +178,7 @@ def _integrate(
 ) -> tuple[Tensor, ...]:
     """Walk from event to event of the helm; states, indicated angles, blade angles and orders at the sample times."""
     ship, rest = vessel.model.particulars, state.new_zeros(1)
-    helm = helm_of([manoeuvre], rest + ship.rudder_rate, state[:, 5], vessel.gear.at_rest(rest))
+    helm = helm_of([manoeuvre], rest + ship.rudder_rate, state[:, 5], vessel.rudder_at_rest(rest))
     found, count, now = [(state[None], helm.rudder[None], helm.blade[:, -1:], helm.order[None])], 1, 0.0
     everywhere = torch.ones_like(rest, dtype=torch.bool)
     chunk = 3.0 * ship.time_unit  # headings are watched in short stretches, so that little is computed in vain
@@ -189,7 +189,7 @@ def _integrate(
         samples = samples[samples <= end + 1e-9]
         grid = np.unique(np.concatenate([[now], samples, [end]]))
         grid = grid[np.concatenate([[True], np.diff(grid) > 1e-9])]
-        steered = _steered(vessel.gear, helm)
+        steered = _steered(vessel, helm)
         rate = _rate(vessel.model, steered, now)
         path = odeint(rate, state, torch.as_tensor(grid), **options)
         passed, state = helm.beyond(path[1:, 0, 5]) >= 0, path[-1]
@@ -201,12 +201,12 @@ def _integrate(
         at, orders = np.searchsorted(grid, samples - 1e-9), helm.order.expand(len(samples), 1)
         found.append((path[at], shown[:, None], behind[:, -1:], orders))
         count += len(samples)
-        shown, behind = helm.after(rest + (end - now), vessel.gear)
+        shown, behind = helm.after(rest + (end - now), vessel)
         helm, now = helm.advanced(shown, behind, rest + end, everywhere, everywhere & passed.any()), end
     return tuple(torch.cat(parts) for parts in zip(*found, strict=True))
 
 
-def _steered(gear: RudderGear, helm: Helm) -> Callable[[Tensor], tuple[Tensor, Tensor]]:
+def _steered(vessel: Vessel, helm: Helm) -> Callable[[Tensor], tuple[Tensor, Tensor]]:
     """Time from now -> indicated angle and the angles behind it, while the indicator moves evenly or rests."""
     # It goes on so beyond the end of that, where the solver looks too: a kink there would cost accuracy.
     error = helm.order - helm.rudder
@@ -214,7 +214,7 @@ def _steered(gear: RudderGear, helm: Helm) -> Callable[[Tensor], tuple[Tensor, T
 
     def steered(elapsed: Tensor) -> tuple[Tensor, Tensor]:
         shown = helm.rudder + speed * elapsed
-        return shown, gear.after(helm.blade, helm.order, shown, elapsed)
+        return shown, vessel.rudder_after(helm.blade, helm.order, shown, elapsed)
 
     return steered
 

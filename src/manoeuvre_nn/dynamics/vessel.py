@@ -109,18 +109,31 @@ def _aboard(effect: Effect, ship: Ship) -> Effect:
     return moved
 
 
-class RudderGear:
-    """From the helm's order and the angle that the rudder indicator shows to the rudder blade: the faults in between.
+@dataclass(frozen=True)
+class Vessel:
+    """What solvers take: a model, its steering gear and its sensors.
 
-    In a sound gear the blade is where the indicator shows it.
+    In a sound steering gear the rudder blade is where the indicator shows it.
+
+    Attributes:
+        calm: The calm-water model: a reference ship or an identified one.
+        effects: What acts on it, on its steering gear and on its sensors.
     """
 
-    def __init__(self, faults: Sequence[Effect] = ()) -> None:
-        """Take the faults in the order in which they act; effects that do not touch the rudder are passed over."""
-        self._faults = [e for e in faults if type(e).blade is not Effect.blade]
-        self._recorders = [e for e in faults if type(e).indicated is not Effect.indicated]
+    calm: Model
+    effects: Sequence[Effect] = ()
 
-    def after(
+    @cached_property
+    def model(self) -> Model:
+        """The equations of motion, with the effects where there are some."""
+        return _Affected(self.calm, self.effects) if self.effects else self.calm
+
+    @cached_property
+    def _faults(self) -> list[Effect]:
+        """What lies between the rudder indicator and the blade, in the order in which it acts."""
+        return [e for e in self.effects if type(e).blade is not Effect.blade]
+
+    def rudder_after(
         self,
         before: Float[Tensor, "*#batch k"],
         order: Float[Tensor, "*#batch"],
@@ -144,39 +157,18 @@ class RudderGear:
             angles.append(shown)
         return torch.stack(angles or [shown], dim=-1)
 
-    def at_rest(self, delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch k"]:
-        """What :meth:`after` tends to when the helm has stood still for long."""
+    def rudder_at_rest(self, delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch k"]:
+        """What :meth:`rudder_after` tends to when the helm has stood still for long."""
         before = torch.stack([delta] * max(len(self._faults), 1), dim=-1)
-        return self.after(before, delta, delta, torch.full_like(delta, AT_REST_S))
+        return self.rudder_after(before, delta, delta, torch.full_like(delta, AT_REST_S))
 
-    def indicated(self, recorded: Float[Tensor, "*batch n"], time: Float[Tensor, " n"]) -> Float[Tensor, "*batch n"]:
+    def indicated_rudder(
+        self, recorded: Float[Tensor, "*batch n"], time: Float[Tensor, " n"]
+    ) -> Float[Tensor, "*batch n"]:
         """What the rudder indicator showed [rad]: every effect's record undone, the last one's first."""
-        for effect in reversed(self._recorders):
+        for effect in reversed(self.effects):
             recorded = effect.indicated(recorded, time)
         return recorded
-
-
-@dataclass(frozen=True)
-class Vessel:
-    """What solvers take: a model, its steering gear and its sensors.
-
-    Attributes:
-        calm: The calm-water model: a reference ship or an identified one.
-        effects: What acts on it, on its steering gear and on its sensors.
-    """
-
-    calm: Model
-    effects: Sequence[Effect] = ()
-
-    @cached_property
-    def model(self) -> Model:
-        """The equations of motion, with the effects where there are some."""
-        return _Affected(self.calm, self.effects) if self.effects else self.calm
-
-    @cached_property
-    def gear(self) -> RudderGear:
-        """From orders to the rudder blade."""
-        return RudderGear(self.effects)
 
     def situation(self, states: Float[Tensor, "*batch n"], inputs: Inputs) -> Situation:
         """What the effects see, accelerations being those of calm water."""

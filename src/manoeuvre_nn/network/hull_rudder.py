@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.network import Network
-from manoeuvre_nn.numerics.semilinear import Design
+from manoeuvre_nn.numerics.semilinear import SemiLinear
 
 SpeedLaw = Literal["approach", "shaft"]
 Library = Literal["none", "linear", "quadratic"]
@@ -145,13 +145,21 @@ class HullRudder(Network):
         drawn = self._spread * torch.randn(self.sees.shape, generator=generator, dtype=torch.float64)
         return torch.where(self.sees.cpu(), drawn, 0.0).to(dtype or self.input_weights.dtype).to(self.sees.device)
 
-    def design(self, x: Float[Tensor, "n 4"]) -> Design:
-        """What the outputs are linear in."""
-        mirror = [1.0, -1.0, -1.0, -1.0] if self.speed_law == "approach" else [-1.0, -1.0, -1.0]
-        parity = EVEN if self.symmetric else (0.0,) * OUTPUTS
-        signs = x.new_tensor(mirror), x.new_tensor(parity)
+    def least_squares(self, x: Float[Tensor, "n 4"], y: Float[Tensor, "n 3"]) -> SemiLinear:
+        """The fit of a member to scaled forces: its outputs are linear in all but the weights of its nodes."""
         columns = self._factors(x), self.node, self.factor, self._library(x)
-        return Design(self._features(x), self.sees, *signs, *columns, self.shrink)
+        return SemiLinear(y, self._features(x), self.sees, self._mirror(x), self._parity(x), *columns, self.shrink)
+
+    def columns(self, x: Float[Tensor, "n 4"], member: int) -> list[Float[Tensor, "c n"]]:
+        """What a member's weights c and d are multiplied by, output by output."""
+        z, mirror = self._features(x), self._mirror(x)
+        z, mirror = torch.cat([z, torch.ones_like(z[:, :1])], 1), torch.cat([mirror, mirror.new_ones(1)])
+        weights, factors = self.input_weights[member].T, self._factors(x)[self.factor]
+        columns = []
+        for sign, library in zip(self._parity(x), self._library(x), strict=True):
+            nodes = (z @ weights).tanh() + sign * (z * mirror @ weights).tanh()
+            columns.append(torch.cat([nodes.T[self.node] * factors, library]))
+        return columns
 
     def forward(self, x: Float[Tensor, "*batch 4"]) -> Float[Tensor, "*batch 3"]:
         """Median of the trained members."""
@@ -173,12 +181,12 @@ class HullRudder(Network):
         self, x: Float[Tensor, "k n 4"], first: Float[Tensor, "k h w"], last: Float[Tensor, "k o c"]
     ) -> Float[Tensor, "k n 3"]:
         """Forces by a set of weights for every row of inputs."""
-        d = self.design(x.reshape(-1, 4))
-        z = d.z.view(*x.shape[:2], -1)
+        flat = x.reshape(-1, 4)
+        z = self._features(flat).view(*x.shape[:2], -1)
         nodes = _nodes(z, first)
-        mirrored = _nodes(z * d.mirror, first) if self.symmetric else None
-        factors = d.factors.view(-1, *x.shape[:2])
-        library = d.library.view(OUTPUTS, -1, *x.shape[:2])
+        mirrored = _nodes(z * self._mirror(x), first) if self.symmetric else None
+        factors = self._factors(flat).view(-1, *x.shape[:2])
+        library = self._library(flat).view(OUTPUTS, -1, *x.shape[:2])
         outputs = []
         for o, sign in enumerate(EVEN):
             c, t = last[:, o].split([len(self.node), library.shape[1]], 1)
@@ -204,6 +212,14 @@ class HullRudder(Network):
         other._parameters = {name: nn.Parameter(values.detach().clone()) for name, values in weights.items()}
         other._buffers = {**self._buffers, "trained": torch.full_like(self.trained, len(input_weights))}
         return other
+
+    def _mirror(self, x: Tensor) -> Tensor:
+        """Sign of every feature when the ship is mirrored."""
+        return x.new_tensor([1.0, -1.0, -1.0, -1.0] if self.speed_law == "approach" else [-1.0, -1.0, -1.0])
+
+    def _parity(self, x: Tensor) -> Tensor:
+        """Sign of every output then; 0 where none is imposed."""
+        return x.new_tensor(EVEN if self.symmetric else (0.0,) * OUTPUTS)
 
     def _features(self, x: Tensor) -> Tensor:
         if self.speed_law == "approach":

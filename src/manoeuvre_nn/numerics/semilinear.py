@@ -10,11 +10,17 @@ from manoeuvre_nn.core.errors import check_choice
 from manoeuvre_nn.numerics.least_squares import Carry, LeastSquares, gram
 
 
-@dataclass(frozen=True)
-class Design:
-    """What the outputs are linear in, at given inputs: all that a fit by variable projection needs beside the targets.
+@dataclass(eq=False)
+class SemiLinear(LeastSquares):
+    """K fits of ``y_o = sum_c C_oc b_j(c) [f_h(c)(z) + s_o f_h(c)(z~)] + sum_e D_oe t_oe``.
+
+    Unknown are the weights inside f. z~ are mirrored inputs, s_o the parity of an output, b factors of the sample, t a
+    library. Every parity has a design of its own, and the derivative of a column is a sum over both sides. The best C
+    and D are found at every step (Golub & Pereyra 1973), the Jacobian is Kaufman's (1975), and rows of a ridge below
+    every design keep it of full rank.
 
     Attributes:
+        y: Targets.
         z: What the nodes see.
         sees: Which of it, and the bias last, each node sees.
         mirror: Sign of every feature when the ship is mirrored [-].
@@ -25,8 +31,13 @@ class Design:
         library: Columns of the second kind, output by output; a column of zeros is none.
         shrink: Ridge on the columns of the first kind over the size of a column of ones [-]: what the library can say
             is then left to the library.
+        activation: ``tanh`` or ``sigmoid``.
+        ridge: Size of the ridge over the size of a column of ones [-].
+        residuals: N O, errors of a row.
+        parameters: P, free weights of a row.
     """
 
+    y: Float[Tensor, "n o"]
     z: Float[Tensor, "n i"]
     sees: Bool[Tensor, "h w"]
     mirror: Float[Tensor, " i"]
@@ -36,43 +47,21 @@ class Design:
     factor: Int[Tensor, " c"]
     library: Float[Tensor, "o e n"]
     shrink: float = 0.0
+    activation: str = "tanh"
+    ridge: float = 1e-10
 
-
-class SemiLinear(LeastSquares):
-    """K fits of ``y_o = sum_c C_oc b_j(c) [f_h(c)(z) + s_o f_h(c)(z~)] + sum_e D_oe t_oe``.
-
-    Unknown are the weights inside f. z~ are mirrored inputs, s_o the parity of an output, b factors of the sample, t a
-    library. Every parity has a design of its own, and the derivative of a column is a sum over both sides. The best C
-    and D are found at every step (Golub & Pereyra 1973), the Jacobian is Kaufman's (1975), and rows of a ridge below
-    every design keep it of full rank.
-
-    Attributes:
-        residuals: N O, errors of a row.
-        parameters: P, free weights of a row.
-    """
-
-    def __init__(
-        self, y: Float[Tensor, "n o"], design: Design, *, activation: str = "tanh", ridge: float = 1e-10
-    ) -> None:
-        """Store the data.
-
-        Args:
-            y: Targets.
-            design: What the outputs are linear in.
-            activation: ``tanh`` or ``sigmoid``.
-            ridge: Size of the ridge over the size of a column of ones [-].
-        """
-        check_choice("network.activation", activation, ["sigmoid", "tanh"])
-        d, z = design, design.z
-        self.activation, self.sees, self.parity = activation, d.sees, d.parity
-        self.residuals, self.parameters = y.numel(), int(d.sees.sum())
+    def __post_init__(self) -> None:
+        """Lay the data out for the steps."""
+        check_choice("network.activation", self.activation, ["sigmoid", "tanh"])
+        z = self.z
+        self.residuals, self.parameters = self.y.numel(), int(self.sees.sum())
         self._z = torch.cat([z, z.new_ones(len(z), 1)], 1).mT.contiguous()
-        self._mirrored = self._z * torch.cat([d.mirror, d.mirror.new_ones(1)])[:, None]
-        self._y, self._factors, self._node = y.mT, d.factors[d.factor], d.node
-        rows = [max(ridge, d.shrink)] * len(d.node) + [ridge] * d.library.shape[1]
-        self._library, self._ridge = d.library, torch.diag(z.new_tensor(rows)) * len(z) ** 0.5
+        self._mirrored = self._z * torch.cat([self.mirror, self.mirror.new_ones(1)])[:, None]
+        self._y, self._factors = self.y.mT, self.factors[self.factor]
+        rows = [max(self.ridge, self.shrink)] * len(self.node) + [self.ridge] * self.library.shape[1]
+        self._ridge = torch.diag(z.new_tensor(rows)) * len(z) ** 0.5
         # Outputs of one parity and one library share a design.
-        self._groups = _alike(d.parity, d.library)
+        self._groups = _alike(self.parity, self.library)
 
     def full(self, weights: Float[Tensor, "k p"]) -> Float[Tensor, "k h w"]:
         """Free weights among those that are 0.
@@ -112,7 +101,7 @@ class SemiLinear(LeastSquares):
             sign, count = float(self.parity[outputs[0]]), left.shape[-1]
             slopes = left if sign == 0 else left + sign * right
             for index in range(len(outputs)):
-                strength = self._strength(best[:, : len(self._node), index])
+                strength = self._strength(best[:, : len(self.node), index])
                 jacobian = (slopes * strength[:, :, None]).flatten(1, 2)[:, self.sees.flatten()]
                 within = jacobian @ q[:, :count]
                 normal = normal + gram(jacobian) - within @ within.mT
@@ -126,7 +115,7 @@ class SemiLinear(LeastSquares):
             C and then D of every output.
         """
         _, carry = self.evaluate(weights)
-        columns = len(self._node) + self._library.shape[1]
+        columns = len(self.node) + self.library.shape[1]
         found = weights.new_zeros(len(weights), len(self._y), columns)
         for k, outputs in enumerate(self._groups):
             _, r, part, _ = carry[2 + 4 * k : 6 + 4 * k]
@@ -137,7 +126,7 @@ class SemiLinear(LeastSquares):
         """Design of an output with its ridge: (K, N + columns, columns)."""
         sign = float(self.parity[output])
         nodes = left if sign == 0 else left + sign * right
-        columns = torch.cat([nodes[:, self._node] * self._factors, self._library[output].expand(len(left), -1, -1)], 1)
+        columns = torch.cat([nodes[:, self.node] * self._factors, self.library[output].expand(len(left), -1, -1)], 1)
         return torch.cat([columns, self._ridge.expand(len(left), -1, -1)], 2).mT
 
     def _slopes(self, nodes: Tensor, z: Tensor) -> Tensor:
@@ -148,7 +137,7 @@ class SemiLinear(LeastSquares):
     def _strength(self, best: Float[Tensor, "k c"]) -> Float[Tensor, "k h n"]:
         """What a node's value is multiplied by at every sample."""
         whole = best.new_zeros(len(best), len(self.sees), self._factors.shape[1])
-        return whole.index_add(1, self._node, best[..., None] * self._factors)
+        return whole.index_add(1, self.node, best[..., None] * self._factors)
 
     def _squash(self, inner: Tensor) -> Tensor:
         return inner.sigmoid_() if self.activation == "sigmoid" else inner.tanh_()

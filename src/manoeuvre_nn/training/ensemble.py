@@ -13,7 +13,6 @@ from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.network.hull_rudder import HullRudder
 from manoeuvre_nn.numerics.damping import Damping, Stops
 from manoeuvre_nn.numerics.restarts import Solutions, minimise
-from manoeuvre_nn.numerics.semilinear import SemiLinear
 from manoeuvre_nn.recording.tuples import Tuples
 from manoeuvre_nn.training.data import Batch
 from manoeuvre_nn.training.fits import Fit
@@ -143,7 +142,7 @@ def steps_that_predict(
     first = torch.cat([_start(network, k) for k in range(min(VALIDATION_MEMBERS, network.members))])
     blocks = torch.arange(len(x)).tensor_split(VALIDATION_BLOCKS)
     rests = [torch.cat([*blocks[:k], *blocks[k + 1 :]]) for k in range(VALIDATION_BLOCKS)]
-    problems = [SemiLinear(y[rest], network.design(x[rest])) for rest in rests]
+    problems = [network.least_squares(x[rest], y[rest]) for rest in rests]
     weights, taken, errors = [first] * VALIDATION_BLOCKS, 0, list[float]()
     tried = [*(s for s in STEP_TRIALS if s < stops.epochs), stops.epochs]
     for steps in tried:
@@ -182,7 +181,7 @@ def _train_member(
     restarts: int = 1,
 ) -> Solutions:
     """Solve for a member's weights and put them into the ensemble; it answers from then on."""
-    problem = SemiLinear(y, network.design(x))
+    problem = network.least_squares(x, y)
     start = torch.cat([_start(network, member, trial) for trial in range(restarts)])
     found = minimise(problem, start, damping=damping, stops=stops, at_once=1)
     best = found.weights[found.best : found.best + 1]

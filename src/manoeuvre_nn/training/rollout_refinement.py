@@ -112,15 +112,7 @@ def stretches(recordings: Sequence[Recording], length: float) -> list[Recording]
 
 def _column_sizes(network: HullRudder, member: int, inputs: Tensor) -> Float[Tensor, "3 c"]:
     """Root mean square of every column of a member's outputs; 0 for one that is none."""
-    d = network.design(inputs)
-    z = torch.cat([d.z, torch.ones_like(d.z[:, :1])], 1)
-    mirror = torch.cat([d.mirror, d.mirror.new_ones(1)])
-    weights = network.input_weights[member].T
-    columns = []
-    for sign, library in zip(d.parity, d.library, strict=True):
-        nodes = (z @ weights).tanh() + sign * (z * mirror @ weights).tanh()
-        columns.append(torch.cat([nodes.T[d.node] * d.factors[d.factor], library]).square().mean(1).sqrt())
-    return torch.stack(columns)
+    return torch.stack([columns.square().mean(1).sqrt() for columns in network.columns(inputs, member)])
 
 
 def _misfits(
