@@ -38,18 +38,6 @@ class Solutions:
         """Row with the least error; one whose error is no number is never it."""
         return int(self.mse.nan_to_num(nan=torch.inf).argmin())
 
-    def quantiles(self, *levels: float) -> list[float]:
-        """Errors that shares of the starts stay below.
-
-        Args:
-            levels: Shares [-].
-
-        Returns:
-            Mean square errors; infinite where too many starts have none.
-        """
-        known = self.mse.nan_to_num(nan=torch.inf)
-        return [float(known.quantile(level, interpolation="nearest")) for level in levels]
-
 
 class _Rows:
     """The rows that are still worked on."""
