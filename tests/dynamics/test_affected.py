@@ -108,7 +108,7 @@ def test_effects_on_the_rudder_act_in_turn():
         for order in ((slow, beside), (beside, slow))
     }
     assert list(ends.values()) == approx([22.0, 20.0])
-    at_rest = Vessel(CALM, [slow, beside, RudderBacklash(SHIP, width_deg=1.0)]).rudder_at_rest(torch.zeros(2).double())
+    at_rest = Vessel(CALM, [slow, beside, RudderBacklash(SHIP, width_deg=1.0)]).gear.at_rest(torch.zeros(2).double())
     assert at_rest.shape == (2, 3) and at_rest[0].tolist() == approx([0.0, 2 * DEGREE, 1.5 * DEGREE])
 
 

@@ -107,7 +107,7 @@ def new_runs(data_set: WhitenedDataSet, hypothesis: Hypothesis) -> Iterator[Plan
     state[:, 0] = ship.speed * torch.tensor([share for *_, share in tried])
     state[:, 5] = torch.tensor([heading for _, _, heading, _ in tried])
     with torch.no_grad():
-        start = acting.model.start(state, Inputs(acting.rudder_at_rest(state[:, 0] * 0)[:, -1]))
+        start = acting.model.start(state, Inputs(acting.gear.at_rest(state[:, 0] * 0)[:, -1]))
         runs = rollout(acting, [m for _, m, *_ in tried], start, torch.tensor(times), step=interval)
     for row, (words, manoeuvre, heading, share) in enumerate(tried):
         end = min(float(runs.ended[row]), ship.longest_turn if manoeuvre.kind == "turning_circle" else np.inf)

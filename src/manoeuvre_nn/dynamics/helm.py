@@ -61,7 +61,7 @@ class Helm:
         error, reach = self.order - self.rudder, self.rate * tau
         under_way = error.abs() > reach + 1e-12
         shown = torch.where(under_way, self.rudder + torch.copysign(reach, error), self.order)
-        return shown, vessel.rudder_after(self.blade, self.order, shown, tau)
+        return shown, vessel.gear.after(self.blade, self.order, shown, tau)
 
     def smooth_time(self, time: Float[Tensor, " rows"]) -> Float[Tensor, " rows"]:
         """Time from now [s] until the rudder arrives or the stage's time is up; ``inf`` if nothing is due."""

@@ -82,7 +82,7 @@ def _rudder(vessel: Vessel, times: np.ndarray, record: Recording, like: Tensor) 
     """Recorded angle, what the indicator showed, and the order in force at some times."""
     recorded = np.interp(times, record.time, record["delta"])
     clock = like.new_tensor(record.time - record.time[0])
-    shown = vessel.indicated_rudder(like.new_tensor(record["delta"]), clock).detach().cpu().numpy()
+    shown = vessel.gear.indicated(like.new_tensor(record["delta"]), clock).detach().cpu().numpy()
     shown = np.interp(times, record.time, shown)
     if "delta_order" not in record.channels:
         return recorded, shown, shown
@@ -94,12 +94,12 @@ def blade_series(
     vessel: Vessel, order: Float[Tensor, "rows times"], shown: Float[Tensor, "rows times"], interval: float
 ) -> Float[Tensor, "rows times"]:
     """Angle of the rudder blade, sample by sample; an order is taken to be given midway between two samples."""
-    behind = [vessel.rudder_at_rest(shown[:, 0])]
+    behind = [vessel.gear.at_rest(shown[:, 0])]
     half = torch.full_like(shown[:, 0], 0.5 * interval)
     for k in range(1, shown.shape[1]):
         middle = 0.5 * (shown[:, k - 1] + shown[:, k])
-        midway = vessel.rudder_after(behind[-1], order[:, k - 1], middle, half)
-        behind.append(vessel.rudder_after(midway, order[:, k], shown[:, k], half))
+        midway = vessel.gear.after(behind[-1], order[:, k - 1], middle, half)
+        behind.append(vessel.gear.after(midway, order[:, k], shown[:, k], half))
     return torch.stack([angles[:, -1] for angles in behind], dim=1)
 
 

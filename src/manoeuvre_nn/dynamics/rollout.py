@@ -84,7 +84,7 @@ def rollout(
     within = interval / parts * torch.arange(parts).to(times)
     ends = torch.cat([(times[:-1, None] + within).flatten(), times[-1:]])
     amidships = start.new_zeros(len(manoeuvres))
-    helm = helm_of(manoeuvres, amidships + particulars.rudder_rate, start[:, 5], vessel.rudder_at_rest(amidships))
+    helm = helm_of(manoeuvres, amidships + particulars.rudder_rate, start[:, 5], vessel.gear.at_rest(amidships))
     start = start.mT.contiguous().mT  # variables first in memory, as rate_of_state has them
     none, never = amidships.long(), torch.full_like(amidships, torch.inf)
     batch = _Batch(start, helm, amidships, none, none, never, start, never)
@@ -223,7 +223,7 @@ def roll_out(
                 start, Inputs(start[5], time=start[5])
             )  # what an effect keeps from its first use must not be an inference tensor
         with torch.inference_mode():
-            amidships = Inputs(vessel.rudder_at_rest(start.new_zeros(len(group)))[..., -1])
+            amidships = Inputs(vessel.gear.at_rest(start.new_zeros(len(group)))[..., -1])
             starts = vessel.model.start(start[:6].repeat(len(group), 1), amidships)
             runs = rollout(vessel, group, starts, start.new_tensor(max(clocks, key=len)), step=step)
         exact = replace(runs, times=torch.as_tensor(max(clocks, key=len)))

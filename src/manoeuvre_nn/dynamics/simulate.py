@@ -73,7 +73,7 @@ def on_approach(ship: Model | Vessel, manoeuvre: Manoeuvre) -> tuple[Vessel, Flo
     reference = next(b for b in model.buffers() if b.is_floating_point())
     state = torch.zeros(6, dtype=reference.dtype)
     state[0] = model.particulars.speed
-    return vessel, model.start(state, Inputs(vessel.rudder_at_rest(state.new_zeros(()))[-1]))
+    return vessel, model.start(state, Inputs(vessel.gear.at_rest(state.new_zeros(()))[-1]))
 
 
 def sample_times(ship: Particulars, manoeuvre: Manoeuvre, interval: float | None = None) -> Float[np.ndarray, " times"]:
@@ -169,7 +169,8 @@ def _channels(vessel: Vessel, solution: Solution) -> dict[str, np.ndarray]:
         rates = vessel.model(states, inputs)
         made |= {"delta": shown, "delta_order": orders}
         made |= dict(zip(ACCELERATION, rates[..., :3].unbind(-1), strict=True))
-        made |= vessel.record(states, rates, shown, inputs)
+        if vessel.effects:  # else perfect sensors would write what stands there already
+            made |= vessel.sensors.record(vessel.situation(states, inputs), rates, shown)
     return {name: values.double().cpu().contiguous().numpy() for name, values in made.items()}
 
 
@@ -178,7 +179,7 @@ def _integrate(
 ) -> tuple[Tensor, ...]:
     """Walk from event to event of the helm; states, indicated angles, blade angles and orders at the sample times."""
     ship, rest = vessel.model.particulars, state.new_zeros(1)
-    helm = helm_of([manoeuvre], rest + ship.rudder_rate, state[:, 5], vessel.rudder_at_rest(rest))
+    helm = helm_of([manoeuvre], rest + ship.rudder_rate, state[:, 5], vessel.gear.at_rest(rest))
     found, count, now = [(state[None], helm.rudder[None], helm.blade[:, -1:], helm.order[None])], 1, 0.0
     everywhere = torch.ones_like(rest, dtype=torch.bool)
     chunk = 3.0 * ship.time_unit  # headings are watched in short stretches, so that little is computed in vain
@@ -214,7 +215,7 @@ def _steered(vessel: Vessel, helm: Helm) -> Callable[[Tensor], tuple[Tensor, Ten
 
     def steered(elapsed: Tensor) -> tuple[Tensor, Tensor]:
         shown = helm.rudder + speed * elapsed
-        return shown, vessel.rudder_after(helm.blade, helm.order, shown, elapsed)
+        return shown, vessel.gear.after(helm.blade, helm.order, shown, elapsed)
 
     return steered
 

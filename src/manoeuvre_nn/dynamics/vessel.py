@@ -110,30 +110,23 @@ def _aboard(effect: Effect, ship: Ship) -> Effect:
 
 
 @dataclass(frozen=True)
-class Vessel:
-    """What solvers take: a model, its steering gear and its sensors.
+class RudderGear:
+    """From the helm's order and the angle that the rudder indicator shows to the rudder blade.
 
-    In a sound steering gear the rudder blade is where the indicator shows it.
+    In a sound gear the blade is where the indicator shows it.
 
     Attributes:
-        calm: The calm-water model: a reference ship or an identified one.
-        effects: What acts on it, on its steering gear and on its sensors.
+        effects: What acts on a ship; what does not touch its rudder is passed over.
     """
 
-    calm: Model
     effects: Sequence[Effect] = ()
-
-    @cached_property
-    def model(self) -> Model:
-        """The equations of motion, with the effects where there are some."""
-        return _Affected(self.calm, self.effects) if self.effects else self.calm
 
     @cached_property
     def _faults(self) -> list[Effect]:
         """What lies between the rudder indicator and the blade, in the order in which it acts."""
         return [e for e in self.effects if type(e).blade is not Effect.blade]
 
-    def rudder_after(
+    def after(
         self,
         before: Float[Tensor, "*#batch k"],
         order: Float[Tensor, "*#batch"],
@@ -157,51 +150,79 @@ class Vessel:
             angles.append(shown)
         return torch.stack(angles or [shown], dim=-1)
 
-    def rudder_at_rest(self, delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch k"]:
-        """What :meth:`rudder_after` tends to when the helm has stood still for long."""
+    def at_rest(self, delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch k"]:
+        """What :meth:`after` tends to when the helm has stood still for long."""
         before = torch.stack([delta] * max(len(self._faults), 1), dim=-1)
-        return self.rudder_after(before, delta, delta, torch.full_like(delta, AT_REST_S))
+        return self.after(before, delta, delta, torch.full_like(delta, AT_REST_S))
 
-    def indicated_rudder(
-        self, recorded: Float[Tensor, "*batch n"], time: Float[Tensor, " n"]
-    ) -> Float[Tensor, "*batch n"]:
+    def indicated(self, recorded: Float[Tensor, "*batch n"], time: Float[Tensor, " n"]) -> Float[Tensor, "*batch n"]:
         """What the rudder indicator showed [rad]: every effect's record undone, the last one's first."""
         for effect in reversed(self.effects):
             recorded = effect.indicated(recorded, time)
         return recorded
 
-    def situation(self, states: Float[Tensor, "*batch n"], inputs: Inputs) -> Situation:
-        """What the effects see, accelerations being those of calm water."""
-        return _Affected(self.calm, self.effects).situation(states, inputs)
+
+@dataclass(frozen=True)
+class Recorder:
+    """What is written down of a moving ship; u and v are no sensor's.
+
+    Attributes:
+        effects: What acts on a ship; what is no sensor's error is passed over.
+    """
+
+    effects: Sequence[Effect] = ()
 
     def record(
-        self,
-        states: Float[Tensor, "*batch n"],
-        rates: Float[Tensor, "*batch n"],
-        shown: Float[Tensor, "*batch"],
-        inputs: Inputs,
+        self, s: Situation, rates: Float[Tensor, "*batch n"], shown: Float[Tensor, "*batch"]
     ) -> dict[str, Tensor]:
-        """What perfect sensors would write, changed by every effect in turn; u and v are no sensor's.
+        """What perfect sensors would write, changed by every effect in turn.
 
         Args:
-            states: Whole states, time in the last batch dimension.
-            rates: Their rates.
+            s: What the effects see, time in the last batch dimension.
+            rates: Rates of the state.
             shown: Indicated rudder angle [rad].
-            inputs: Rudder blade, shaft, wind and time.
 
         Returns:
-            x, y [m], vn, ve (over ground) [m/s], psi [rad], r [rad/s], u_log [m/s], delta [rad] and shaft [-]; nothing
-            without effects.
+            x, y [m], vn, ve (over ground) [m/s], psi [rad], r [rad/s], u_log [m/s], delta [rad] and shaft [-].
         """
-        if not self.effects:
-            return {}
-        s = self.situation(states, inputs)
         north, east = rates[..., 3:5].unbind(-1)
         channels = {"x": s.x, "y": s.y, "vn": north, "ve": east, "psi": s.psi, "r": s.r, "u_log": s.u}
         channels |= {"delta": shown, "shaft_recorded": s.shaft}
         for effect in self.effects:
             channels = effect.record(channels, s)
         return {"shaft" if name == "shaft_recorded" else name: values for name, values in channels.items()}
+
+
+@dataclass(frozen=True)
+class Vessel:
+    """What solvers take: a model, its steering gear and its sensors.
+
+    Attributes:
+        calm: The calm-water model: a reference ship or an identified one.
+        effects: What acts on it, on its steering gear and on its sensors.
+    """
+
+    calm: Model
+    effects: Sequence[Effect] = ()
+
+    @cached_property
+    def model(self) -> Model:
+        """The equations of motion, with the effects where there are some."""
+        return _Affected(self.calm, self.effects) if self.effects else self.calm
+
+    @cached_property
+    def gear(self) -> RudderGear:
+        """From orders to the rudder blade."""
+        return RudderGear(self.effects)
+
+    @cached_property
+    def sensors(self) -> Recorder:
+        """What is written down."""
+        return Recorder(self.effects)
+
+    def situation(self, states: Float[Tensor, "*batch n"], inputs: Inputs) -> Situation:
+        """What the effects see, accelerations being those of calm water."""
+        return _Affected(self.calm, self.effects).situation(states, inputs)
 
     def on_approach(self, speed: float) -> "Vessel":
         """The same vessel coming in at another speed [m/s]; what effects do follows the ship."""
