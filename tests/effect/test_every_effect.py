@@ -29,7 +29,7 @@ def nothing(ship: str) -> dict:
     """What an effect that does nothing says about a situation."""
 
     class Nothing(Effect):
-        name, site, declared = "nothing", "force", ()
+        name, site, declared = "nothing", "sensor", ()
 
     return outcome(Nothing(ship_named(ship)), situation(ship))
 
@@ -183,6 +183,14 @@ def test_values_out_of_bounds_and_unknown_parameters_are_refused(name):
                 kind_of(name)(ship, **{p.name: wrong})
     with pytest.raises(InputError, match="unknown parameter"):
         kind_of(name)(ship, weather=1.0)
+
+
+def test_a_force_without_a_formula_is_refused():
+    class Nothing(Effect):
+        name, site, declared = "nothing", "force", ()
+
+    with pytest.raises(InputError, match="effect.nothing acts as a force and says none"):
+        Nothing(ship_named("mariner"))
 
 
 @pytest.mark.parametrize("name", HULL)

@@ -167,9 +167,12 @@ class Effect(ABC, nn.Module):
             values: Parameter = value in its unit.
 
         Raises:
-            InputError: If a parameter is unknown or out of its bounds.
+            InputError: If a parameter is unknown or out of its bounds, or a force has no formula.
         """
         super().__init__()
+        kind = type(self)
+        if self.site == "force" and kind.force is Effect.force and kind.acceleration is Effect.acceleration:
+            raise InputError(f"effect.{self.name} acts as a force and says none: write its force() or acceleration()")
         self._ship = [ship]  # in a list, so that the ship's tensors are not counted as the effect's
         if "declared" not in vars(self):
             self.declared = tuple(p.on(ship.particulars) for p in self.declared)  # type: ignore[misc]
