@@ -145,9 +145,9 @@ def _acting(dynamics: Model, hypothesis: Hypothesis, shares: Sequence[float]) ->
 class _Telegraph(Effect):
     """A shaft at a share of its nominal speed."""
 
+    site = "actuator"
     declared = (Parameter("share", "-", 0.1, 1.0, 1.0, 0.1, (1.0,)),)
 
     def shaft(self, s: Situation, memory: Float[Tensor, "*batch m"]) -> Float[Tensor, "*batch"]:
         """Its share at any time [-]."""
-        del memory
         return self.value("share").expand(s.delta.shape)
