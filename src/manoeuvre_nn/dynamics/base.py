@@ -56,7 +56,6 @@ class Model(ABC, nn.Module):
         Returns:
             The same, then the model's own states.
         """
-        del inputs
         return state
 
     @abstractmethod
@@ -80,7 +79,6 @@ class Model(ABC, nn.Module):
         Returns:
             udot, vdot [m/s^2], rdot [rad/s^2], one row a combination; no row where the uncertainty is not known.
         """
-        del inputs
         return state[..., None, :3][..., :0, :]
 
 

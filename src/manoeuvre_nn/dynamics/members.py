@@ -48,7 +48,6 @@ class Members(Model):
 
     def start(self, state: Float[Tensor, "*batch 6"], inputs: Inputs) -> Float[Tensor, "*batch 7"]:
         """The state and the number of its member: as many rows for every member, or a single one for the first."""
-        del inputs
         rows = state[..., 0].numel()
         number = torch.arange(rows, device=state.device) // max(1, rows // self.count)
         return torch.cat([state, number.reshape(*state.shape[:-1], 1).to(state)], dim=-1)

@@ -153,7 +153,6 @@ class Formula(Effect):
 
     def acceleration(self, s: Situation, memory: Float[Tensor, "*batch m"]) -> Float[Tensor, "*batch 3"]:
         """The sum of the terms."""
-        del memory
         total, angle = torch.zeros_like(s.nu), torch.zeros_like(s.delta)
         for k, term in enumerate(self.terms):
             weight = self.values[..., k]

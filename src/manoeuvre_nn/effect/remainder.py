@@ -57,7 +57,6 @@ class Remainder(Effect):
 
     def acceleration(self, s: Situation, memory: Float[Tensor, "*batch m"]) -> Float[Tensor, "*batch 3"]:
         """What the network adds."""
-        del memory
         count = HIDDEN * (len(INPUTS) + 1)
         into = self.values[..., :count].unflatten(-1, (HIDDEN, len(INPUTS) + 1))
         out = self.values[..., count:].unflatten(-1, (3, HIDDEN))

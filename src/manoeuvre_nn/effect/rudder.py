@@ -40,7 +40,6 @@ class RudderOffset(_RudderEffect):
 
     def blade(self, before: PerRow, order: PerRow, shown: PerRow, elapsed: PerRow) -> PerRow:
         """The indicated angle and the offset."""
-        del before, order, elapsed
         return shown + self.angle("offset_deg")
 
 
@@ -56,7 +55,6 @@ class RudderBacklash(_RudderEffect):
 
     def blade(self, before: PerRow, order: PerRow, shown: PerRow, elapsed: PerRow) -> PerRow:
         """The angle before, pushed to within half the play of the indicated one."""
-        del order, elapsed
         half = 0.5 * self.angle("width_deg")
         return torch.minimum(torch.maximum(before, shown - half), shown + half)
 
@@ -80,7 +78,6 @@ class RudderSlow(_RudderEffect):
 
     def blade(self, before: PerRow, order: PerRow, shown: PerRow, elapsed: PerRow) -> PerRow:
         """The angle before, moved towards the order; exact while the order is constant."""
-        del shown
         reach = self.angle("rate_deg_s") * elapsed
         return before + torch.minimum(torch.maximum(order - before, -reach), reach)
 
@@ -96,7 +93,6 @@ class RudderSaturation(_RudderEffect):
 
     def blade(self, before: PerRow, order: PerRow, shown: PerRow, elapsed: PerRow) -> PerRow:
         """The indicated angle as far as the stop."""
-        del before, order, elapsed
         limit = self.angle("limit_deg")
         return torch.minimum(torch.maximum(shown, -limit), limit)
 
@@ -135,7 +131,6 @@ class RudderAreaLoss(_RudderEffect):
 
     def acceleration(self, s: Situation, memory: Float[Tensor, "*own m"]) -> Float[Tensor, "*batch 3"]:
         """What is missing."""
-        del memory
         return -self.value("fraction")[..., None] * rudder_part(self.ship, s)
 
 
@@ -159,7 +154,6 @@ class RudderStall(_RudderEffect):
 
     def acceleration(self, s: Situation, memory: Float[Tensor, "*own m"]) -> Float[Tensor, "*batch 3"]:
         """What is missing."""
-        del memory
         across = s.v - 0.5 * self.ship.particulars.length * s.r
         attack = s.delta + self.value("straightening") * torch.atan2(across, s.u)
         lost = self.value("loss") * torch.sigmoid((attack.abs() - self.angle("angle_deg")) / self.STALL_WIDTH)
@@ -187,7 +181,6 @@ class Slipstream(_RudderEffect):
 
     def acceleration(self, s: Situation, memory: Float[Tensor, "*own m"]) -> Float[Tensor, "*batch 3"]:
         """What is missing."""
-        del memory
         speed = self.ship.particulars.speed
         one = torch.ones_like(s.u)
         loading = self._loading()

@@ -62,7 +62,6 @@ class HeadingBias(_Sensor):
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
         """Add the bias to the heading."""
-        del s
         return add(channels, psi=self.angle("bias_deg"))
 
 
@@ -79,7 +78,6 @@ class RateBias(_Sensor):
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
         """Add the bias to the yaw rate."""
-        del s
         return add(channels, r=self.angle("bias_deg_s"))
 
 
@@ -96,7 +94,6 @@ class LogScale(_Sensor):
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
         """Scale the log."""
-        del s
         return {k: c * self.value("factor") if k == "u_log" else c for k, c in channels.items()}
 
 

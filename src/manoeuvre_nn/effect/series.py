@@ -115,7 +115,6 @@ class HullEffect(Effect):
 
     def acceleration(self, s: Situation, memory: Float[Tensor, "*own m"]) -> Float[Tensor, "*batch 3"]:
         """What the changed hull adds."""
-        del memory
         force, inertia = self.change(s)
         surge, sway, yaw = (self.ship.force_from_acceleration(s.nudot) + force).unbind(-1)
         (m11, _, _), (_, m22, m23), (_, m32, m33) = self.ship.inertia.tolist()

@@ -48,7 +48,6 @@ class LeastSquares(ABC):
         Returns:
             A problem that shares the data; this one where all rows have the same.
         """
-        del rows
         return self
 
 

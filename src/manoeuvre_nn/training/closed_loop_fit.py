@@ -244,7 +244,6 @@ class ClosedLoopFit(Fit):
         Returns:
             For surge, sway and yaw [-].
         """
-        del targets
         lacked, whole = np.zeros(3), np.zeros(3)
         for run, state in zip(self.problem.recordings, self.estimate.states, strict=True):
             columns = self.forces.columns(state[:, :6], run.channels)

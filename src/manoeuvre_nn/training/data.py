@@ -255,7 +255,6 @@ class SimulatedData(ManoeuvreData):
 
     def setup(self, stage: str | None = None) -> None:
         """Simulate."""
-        del stage
         if hasattr(self, "tuples"):
             return
         made, length, rate = [], self.settings.length, self.settings.rate_hz
@@ -321,7 +320,6 @@ class RecordedData(ManoeuvreData):
 
     def setup(self, stage: str | None = None) -> None:
         """Cut, smooth, resample; known accelerations are left out, since only simulations have them."""
-        del stage
         if hasattr(self, "tuples"):
             return
         self.prepare_measured([_as_sensed(run) for run in self.runs], self.particulars)
