@@ -13,10 +13,10 @@ from manoeuvre_nn.network.force_modules import (
     BasicForces,
     ForceConstants,
     MunkMoment,
+    PropellerRace,
     PropellerThrust,
     RightingMoment,
     RudderLift,
-    PropellerRace,
     WindForce,
 )
 
