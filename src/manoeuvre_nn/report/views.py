@@ -1,10 +1,12 @@
 """What a person holds in Python: runs, scores and an answer that print as tables and plot themselves."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from io import StringIO
+from types import MappingProxyType
 from typing import overload
 
+import pandas as pd
 from matplotlib.figure import Figure
 from rich.console import Console
 
@@ -17,6 +19,7 @@ from manoeuvre_nn.report.diagnosis_tables import print_diagnosis
 from manoeuvre_nn.report.figures import track_figure
 from manoeuvre_nn.report.runs import run_rows, runs_figure
 from manoeuvre_nn.report.tables import rich_table, score_table
+from manoeuvre_nn.scoring.error_measures import error_measures
 from manoeuvre_nn.scoring.score import Score
 
 TABLE_COLUMNS = 100
@@ -93,6 +96,17 @@ class Scores(Sequence[Score]):
         """Predicted and recorded track of a run by its number; None takes the run that is predicted worst."""
         chosen = max(range(len(self)), key=lambda k: self.scores[k].dev_L) if which is None else which
         return track_figure(self.runs[chosen], self.predictions[chosen])
+
+    def error_measures(self, sets: Mapping[str, Collection[str]] = MappingProxyType({})) -> pd.DataFrame:
+        """Absolute and percent errors, average angle measure and correlation of u, x, y, phi, psi over all runs.
+
+        Args:
+            sets: Further sets of runs by their names, ``{"validation": ["tc20"]}``.
+
+        Returns:
+            As :func:`.scoring.error_measures.error_measures` says.
+        """
+        return error_measures(self.predictions, self.runs, sets)
 
 
 @dataclass(frozen=True, repr=False)

@@ -73,11 +73,7 @@ def score(prediction: Recording, reference: Recording, length: float) -> Score:
     Returns:
         The score.
     """
-    end = reference.time[-1] if prediction.status != OK else min(reference.time[-1], prediction.time[-1])
-    reference = reference.between(reference.time[0], end)
-    names = ("x", "y", *SCORED_CHANNELS)
-    # np.interp holds the last value beyond the end of a prediction.
-    ahead = {k: np.interp(reference.time, prediction.time, prediction[k]) for k in names}
+    reference, ahead = at_recorded_times(prediction, reference, ("x", "y", *SCORED_CHANNELS))
     distance = np.hypot(ahead["x"] - reference["x"], ahead["y"] - reference["y"])
     nrmse = {k: _nrmse(ahead[k], reference[k]) for k in SCORED_CHANNELS}
     kind = reference.meta.get("kind", "")
@@ -89,6 +85,25 @@ def score(prediction: Recording, reference: Recording, length: float) -> Score:
         criteria(prediction, kind, length) if prediction.status == OK else {},
         criteria(reference, kind, length),
     )
+
+
+def at_recorded_times(
+    prediction: Recording, reference: Recording, names: Sequence[str]
+) -> tuple[Recording, dict[str, Float[np.ndarray, " n"]]]:
+    """What was predicted, at the times of what was recorded.
+
+    Args:
+        prediction: Predicted manoeuvre; one that was ended early is taken to rest where it ended.
+        reference: Recorded manoeuvre.
+        names: Channels.
+
+    Returns:
+        The recording as far as the prediction was meant to go, and the predicted channels at its times.
+    """
+    end = reference.time[-1] if prediction.status != OK else min(reference.time[-1], prediction.time[-1])
+    cut = reference.between(reference.time[0], end)
+    # np.interp holds the last value beyond the end of a prediction.
+    return cut, {k: np.interp(cut.time, prediction.time, prediction[k]) for k in names}
 
 
 def spread(prediction: Recording, members: Sequence[Recording], length: float) -> float:
