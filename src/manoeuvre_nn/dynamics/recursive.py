@@ -46,7 +46,7 @@ class RecursiveShip(Model):
         super().__init__()
         self.known, self.network = known, network
         names = network.settings.velocities
-        constants = force_constants(known.particulars, network.settings.forces)
+        constants = force_constants(known.particulars, network.forces)
         self.forces = BasicForces(constants, rolls="p" in names, pitches="q" in names, wind=network.settings.wind)
         self.angles_count = sum(name in "pqr" for name in names)
 

@@ -1,7 +1,7 @@
 """A recursive network: forces and its own last outputs in, the velocities of the next step out."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import sqrt
 
 import torch
@@ -52,7 +52,6 @@ class RecursiveSettings:
         symmetric: Whether port and starboard are alike: the answer is the mean of the network's and its mirror image's.
         margin: How far outputs may go beyond the data, over half their range [-].
         step: Time step over L/U [-].
-        forces: Constants of the force modules.
     """
 
     freedom: int = 4
@@ -64,7 +63,6 @@ class RecursiveSettings:
     symmetric: bool = True
     margin: float = 0.3
     step: float = STEP
-    forces: ForceSettings = field(default_factory=ForceSettings)
 
     def __post_init__(self) -> None:
         """Check the numbers.
@@ -115,6 +113,7 @@ class RecursiveNetwork(Network):
 
     Attributes:
         settings: Its shape.
+        forces: Constants of the force modules.
         weights: Of each layer, a column a node.
         biases: Of each hidden layer; none without biases.
 
@@ -133,17 +132,24 @@ class RecursiveNetwork(Network):
     output_signs: Tensor
 
     def __init__(
-        self, settings: RecursiveSettings | None = None, *, seed: int = 0, dtype: torch.dtype = torch.float32
+        self,
+        settings: RecursiveSettings | None = None,
+        forces: ForceSettings | None = None,
+        *,
+        seed: int = 0,
+        dtype: torch.dtype = torch.float32,
     ) -> None:
         """Draw the first weights.
 
         Args:
             settings: Shape.
+            forces: Constants of the force modules, for the ship that it is joined to.
             seed: Seed of the weights.
             dtype: Floating type.
         """
         super().__init__()
         self.settings = s = settings or RecursiveSettings()
+        self.forces = forces or ForceSettings()
         sizes = [self.inputs_count, *s.hidden, len(s.velocities)]
         # Drawn in float64 whatever the type, so that float32 and float64 networks start alike.
         draw = torch.Generator().manual_seed(seed)
