@@ -65,6 +65,11 @@ class _TrueWind(Effect):
         across = s.v - north * sin + east * cos
         return self._load(ahead, across) - self.value("still_air")[..., None] * self._load(s.u, s.v)
 
+    def heeling(self, s: Situation) -> Float[Tensor, "*batch"]:
+        """``K = Y s_H``, the lateral area's centroid being s_H = A_L / (2 L_oa) above the water (Blendermann 1994)."""
+        areas = self.ship.particulars.above_water
+        return self.force(s)[..., 1] * (0.5 * areas.lateral / areas.length_overall)
+
     @abstractmethod
     def _speed(self, s: Situation) -> Tensor:
         """Speed of the true wind at every sample [m/s]."""
