@@ -171,7 +171,7 @@ def _given(cfg: DictConfig, common: dict[str, Any], runs: Sequence[Recording]) -
 def make_fit(cfg: DictConfig, job: Job) -> Fit:
     """Join known part, network and scaling of a job whose data are set up, and give them to the chosen method."""
     scaling = make_scaling(job.scaling, job.data.known, job.data.tuples)
-    return fit_of(cfg, joined_model(job.data.known, job.network, scaling).to(job.dtype))
+    return fit_of(cfg, joined_model(job.data.reference, job.data.known, job.network, scaling).to(job.dtype))
 
 
 def fit_of(cfg: DictConfig, dynamics: IdentifiedShip | RecursiveShip) -> Fit:
@@ -218,10 +218,10 @@ def load_model(path: Path) -> IdentifiedShip | RecursiveShip:
     """
     read_checkpoint(path)
     cfg = config_beside(path)
-    _, known = known_part(cfg)
+    ship, known = known_part(cfg)
     network, _, dtype = blank_network(cfg)
     blank = Scaling(torch.zeros(4), torch.ones(4), torch.ones(3))
-    fit = fit_of(cfg, joined_model(known, network, blank).to(dtype))
+    fit = fit_of(cfg, joined_model(ship, known, network, blank).to(dtype))
     load_weights(fit, path)
     return fit.dynamics.double()
 

@@ -104,7 +104,7 @@ def figures(outcome: _Outcome) -> dict[str, Figure]:
         for reference, prediction, members in zip(references, outcome.predictions, outcome.members, strict=True)
         for name, figure in comparison_figures(reference, prediction, members).items()
     }
-    inputs, units = tuples.inputs.double(), fit.dynamics.known.velocity_units.double().numpy()
+    inputs, units = tuples.inputs.double(), fit.dynamics.hull.velocity_units.double().numpy()
     if isinstance(fit.dynamics, IdentifiedShip):
         network = fit.unknown_force(inputs).numpy()
         made["training/forces"] = force_figure(tuples.times.numpy(), tuples.targets.double().numpy(), network)

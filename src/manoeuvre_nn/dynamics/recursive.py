@@ -12,13 +12,14 @@ from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.network import Network
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars, Ship, WindAreas
+from manoeuvre_nn.core.units import GRAVITY
 from manoeuvre_nn.core.wind import COEFFICIENTS, usual_kind
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.course import Course
 from manoeuvre_nn.dynamics.model import IdentifiedShip, Scaling
 from manoeuvre_nn.dynamics.recursion import RecordedSteps, Recursion, Unrolled, track_of
 from manoeuvre_nn.dynamics.recursive_runs import driven, steered
-from manoeuvre_nn.network.force_modules import GRAVITY, BasicForces, ForceConstants
+from manoeuvre_nn.network.force_modules import BasicForces, ForceConstants
 from manoeuvre_nn.network.recursive import ForceSettings, RecursiveNetwork
 
 MIN_SPEED = 0.05
@@ -26,13 +27,12 @@ MIN_SPEED = 0.05
 
 
 class RecursiveShip(Model):
-    """A hull for its particulars and a recursive network for its motion.
+    """A ship that is known by her particulars and shaft speed, and a recursive network for her motion.
 
     Velocities are non-dimensional by L and by the speed U0 at which a run begins. A step takes ``dt = step L/U`` with U
     of the last outputs; angles and track follow by the trapezoidal rule.
 
     Attributes:
-        known: The ship, for dimensions, shaft speed and stability.
         network: The network.
         forces: Its force modules.
 
@@ -41,19 +41,19 @@ class RecursiveShip(Model):
         axes that heel with the ship. Here u, v, r are about upright axes, as everywhere in the package.
     """
 
-    def __init__(self, known: Ship, network: RecursiveNetwork) -> None:
+    def __init__(self, ship: Ship, network: RecursiveNetwork) -> None:
         """Join ship and network."""
         super().__init__()
-        self.known, self.network = known, network
+        self._ship, self.network = [ship], network  # in a list, so that its coefficients are no part of the model
         names = network.settings.velocities
-        constants = force_constants(known.particulars, network.forces)
+        constants = force_constants(ship.particulars, network.forces)
         self.forces = BasicForces(constants, rolls="p" in names, pitches="q" in names, wind=network.settings.wind)
         self.angles_count = sum(name in "pqr" for name in names)
 
     @property
     def hull(self) -> Ship:
-        """The known ship."""
-        return self.known
+        """The ship."""
+        return self._ship[0]
 
     def forward(self, state: Float[Tensor, "*batch n"], inputs: Inputs) -> Float[Tensor, "*batch n"]:
         """Refuse: a recursive network knows the next step, not the rate of a state.
@@ -69,7 +69,7 @@ class RecursiveShip(Model):
 
     def on_approach(self, speed: float) -> "RecursiveShip":
         """The same network behind a hull that comes in at another speed."""
-        return RecursiveShip(self.known.on_approach(speed), self.network)
+        return RecursiveShip(self.hull.on_approach(speed), self.network)
 
     def froude(self, speed: Float[Tensor, " rows"]) -> Float[Tensor, " rows"]:
         """``U0^2 / (g L)`` of approach speeds [m/s]."""
@@ -149,11 +149,14 @@ class RecursiveShip(Model):
         return RecordedSteps(time, velocities, turned, forces)
 
 
-def joined_model(known: Ship, network: Network, scaling: Scaling) -> "IdentifiedShip | RecursiveShip":
+def joined_model(
+    ship: Ship | Particulars, known: Ship, network: Network, scaling: Scaling
+) -> IdentifiedShip | RecursiveShip:
     """A network on a ship: one that predicts velocities goes from step to step, one that gives forces is integrated.
 
     Args:
-        known: Known part of the ship.
+        ship: The ship, or its particulars where no more is known.
+        known: Known part of its forces.
         network: The network.
         scaling: Of a network that gives forces.
 
@@ -161,7 +164,7 @@ def joined_model(known: Ship, network: Network, scaling: Scaling) -> "Identified
         The model.
     """
     if isinstance(network, RecursiveNetwork):
-        return RecursiveShip(known, network)
+        return RecursiveShip(ship if isinstance(ship, Ship) else known, network)
     return IdentifiedShip(known, network, scaling)
 
 

@@ -2,19 +2,20 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
 from jaxtyping import Float
 from scipy.interpolate import CubicSpline
-from torch import Tensor
+from torch import Tensor, nn
 
 from manoeuvre_nn.core.channels import ACCELERATION
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.core.units import RPM
 from manoeuvre_nn.dynamics.course import course_of
 from manoeuvre_nn.dynamics.helm import Helm, helm_of
@@ -76,7 +77,7 @@ def driven(ship: "RecursiveShip", recordings: Sequence[Recording], start: float)
 def steered(ship: "RecursiveShip", manoeuvres: Sequence[Manoeuvre], interval: float | None) -> list[Recording]:
     """Runs from a steady approach, the helmsman ordering by the heading that the network predicts.
 
-    Within a step the heading is taken to change evenly.
+    Within a step the heading is taken to change evenly. Of wind there is none.
 
     Args:
         ship: The ship.
@@ -86,34 +87,23 @@ def steered(ship: "RecursiveShip", manoeuvres: Sequence[Manoeuvre], interval: fl
     Returns:
         One recording a manoeuvre.
     """
-    hulls = [
-        ship.hull if m.speed in {None, ship.particulars.speed} else ship.hull.on_approach(m.speed) for m in manoeuvres
-    ]
+    own = {None, ship.particulars.speed}
+    hulls = [ship.hull if m.speed in own else ship.hull.on_approach(m.speed or 0.0) for m in manoeuvres]
     for manoeuvre, hull in zip(manoeuvres, hulls, strict=True):
         manoeuvre.check(hull.particulars)
-    like = next(ship.network.parameters())
-    speed = like.new_tensor([hull.particulars.speed for hull in hulls])
-    unit = ship.particulars.length / speed
-    shaft = like.new_tensor([hull.shaft_rpm * RPM for hull in hulls]) * unit
-    ends = [m.duration_for(hull.particulars) for m, hull in zip(manoeuvres, hulls, strict=True)]
-    watch = _Watch.begin(ship, manoeuvres, like.new_tensor(ends))
-    now, froude, folded = _approach(ship, watch.controls(shaft), speed), ship.froude(speed), ship.network.folded()
-    passed = [now]
+    watch = _Watch.begin(ship, manoeuvres, hulls)
+    unit, froude, folded = watch.unit, ship.froude(watch.speed), ship.network.folded()
+    passed = [_approach(ship, watch.controls(), watch.speed)]
     while not watch.over():
-        new = ship.advance(now, watch.controls(shaft), froude, folded)
-        watch.go_on(new.time * unit, now.angles[:, -1], new.angles[:, -1])
-        passed.append(new)
-        now = new
-    made = ship.joined(passed)
-    step = interval or ship.particulars.sample_interval
+        now = passed[-1]
+        passed.append(ship.advance(now, watch.controls(), froude, folded))
+        watch.go_on(passed[-1].time * unit, now.angles[:, -1], passed[-1].angles[:, -1])
+    made, step = ship.joined(passed), interval or ship.particulars.sample_interval
     runs = []
     for k, (manoeuvre, hull) in enumerate(zip(manoeuvres, hulls, strict=True)):
         times = np.arange(0.0, float(watch.end[k]) + 1e-9, step)
-        run = _recording(ship, manoeuvre.name, _row(made, k), float(speed[k]), times)
-        order, shown = watch.rudder(k, run.time, hull.particulars.rudder_rate)
-        turns = np.full(len(run), hull.shaft_rpm * RPM)
-        sides = dict(zip(SIDED, (shown, shown, turns, turns), strict=True)) if ship.network.settings.freedom > 3 else {}
-        channels = {**run.channels, "delta": shown, "delta_order": order, "n": turns, **sides}
+        run = _recording(ship, manoeuvre.name, _row(made, k), float(watch.speed[k]), times)
+        channels = {**run.channels, **watch.recorded(k, run.time)}
         meta = {"ship": hull.particulars.name, "time_unit": hull.particulars.time_unit}
         runs.append(replace(run, channels=channels, meta={**meta, "kind": manoeuvre.kind, "manoeuvre": manoeuvre}))
     return runs
@@ -124,7 +114,9 @@ class _Watch:
     """The helmsmen of a batch, and when they ordered what.
 
     Attributes:
-        vessel: The ship, for its steering gear.
+        ship: The ship.
+        hulls: The same on the approach of every row.
+        split: Half of what starboard has more than port: rudder [rad], shaft over the nominal shaft speed [-].
         helm: Where every helmsman stands.
         time: Time of every row [s].
         end: When every run is over [s]; sooner where the trial's last stage ends it.
@@ -132,7 +124,9 @@ class _Watch:
         orders: Times and orders of every row.
     """
 
-    vessel: Vessel
+    ship: "RecursiveShip"
+    hulls: Sequence[Ship]
+    split: Float[Tensor, "rows 2"]
     helm: Helm
     time: Float[Tensor, " rows"]
     end: Float[Tensor, " rows"]
@@ -140,22 +134,42 @@ class _Watch:
     orders: list[list[tuple[float, float]]]
 
     @classmethod
-    def begin(cls, ship: "RecursiveShip", manoeuvres: Sequence[Manoeuvre], end: Float[Tensor, " rows"]) -> "_Watch":
+    def begin(cls, ship: "RecursiveShip", manoeuvres: Sequence[Manoeuvre], hulls: Sequence[Ship]) -> "_Watch":
         """At the start, rudder amidships."""
-        vessel, rest = Vessel(ship), torch.zeros_like(end)
-        helm = helm_of(manoeuvres, rest + ship.particulars.rudder_rate, rest, vessel.gear.at_rest(rest))
-        final = [len(m.stages) - 1 if getattr(m, "ends", False) else len(m.stages) for m in manoeuvres]
+        like = next(ship.network.parameters())
+        end = like.new_tensor([m.duration_for(h.particulars) for m, h in zip(manoeuvres, hulls, strict=True)])
+        rest = torch.zeros_like(end)
+        helm = helm_of(manoeuvres, rest + ship.particulars.rudder_rate, rest, Vessel(ship).gear.at_rest(rest))
+        final = [len(m.stages) - 1 if m.ends else len(m.stages) for m in manoeuvres]
         orders = [[(0.0, float(order))] for order in helm.order]
-        return cls(vessel, helm, rest, end.clone(), helm.stage.new_tensor(final), orders)
+        split = like.new_tensor([[m.rudder_split, m.shaft_split] for m in manoeuvres])
+        return cls(ship, hulls, split, helm, rest, end, helm.stage.new_tensor(final), orders)
+
+    @cached_property
+    def speed(self) -> Float[Tensor, " rows"]:
+        """Approach speeds [m/s]."""
+        return self.time.new_tensor([hull.particulars.speed for hull in self.hulls])
+
+    @cached_property
+    def turns(self) -> Float[Tensor, " rows"]:
+        """Shaft speeds on the approach [1/s]."""
+        return self.time.new_tensor([hull.shaft_rpm * RPM for hull in self.hulls])
+
+    @cached_property
+    def unit(self) -> Float[Tensor, " rows"]:
+        """L/U0 [s]."""
+        return self.ship.particulars.length / self.speed
 
     def over(self) -> bool:
         """Whether all runs are."""
         return bool((self.time >= self.end).all())
 
-    def controls(self, shaft: Float[Tensor, " rows"]) -> Float[Tensor, "rows 4"]:
-        """Rudder angles and shaft speeds of both sides now."""
-        blade = self.helm.blade[:, -1]
-        return torch.stack([blade, blade, shaft, shaft], dim=-1)
+    def controls(self) -> Float[Tensor, "rows _"]:
+        """Rudder angles and shaft speeds of both sides now, and still air where wind is among the inputs."""
+        blade, (rudder, shaft) = self.helm.blade[:, -1], self.split.unbind(-1)
+        n = self.turns * self.unit
+        made = torch.stack([blade + rudder, blade - rudder, n * (1 + shaft), n * (1 - shaft)], dim=-1)
+        return nn.functional.pad(made, (0, 2)) if self.ship.network.settings.wind else made
 
     def go_on(
         self, until: Float[Tensor, " rows"], before: Float[Tensor, " rows"], after: Float[Tensor, " rows"]
@@ -164,7 +178,7 @@ class _Watch:
 
         Stages that end on the way end where the heading reaches their limit, or when their time is up.
         """
-        everywhere = torch.ones_like(until, dtype=torch.bool)
+        everywhere, vessel = torch.ones_like(until, dtype=torch.bool), Vessel(self.ship)
         rate = (after - before) / (until - self.time)
         while bool((left := until - self.time).gt(1e-9).any()):
             beyond = self.helm.beyond(before)
@@ -172,7 +186,7 @@ class _Watch:
             crossing = torch.where(beyond >= 0, 0.0, torch.where(towards > 0, -beyond / towards, torch.inf))
             due = (self.helm.began + self.helm.now[2] - self.time).clamp(min=0)
             tau = torch.minimum(left, torch.minimum(due, crossing)).clamp(min=0)
-            shown, blade = self.helm.after(tau, self.vessel)
+            shown, blade = self.helm.after(tau, vessel)
             time, stage = self.time + tau, self.helm.stage
             crossed = (crossing <= tau) & (left > 1e-9)
             self.helm = self.helm.advanced(shown, blade, time, everywhere, crossed)
@@ -186,8 +200,20 @@ class _Watch:
             if self.helm.stage[k] >= self.final[k]:
                 self.end[k] = torch.minimum(self.end[k], self.time[k])
 
-    def rudder(self, row: int, times: Float[np.ndarray, " n"], rate: float) -> tuple[np.ndarray, np.ndarray]:
+    def recorded(self, row: int, times: Float[np.ndarray, " n"]) -> dict[str, np.ndarray]:
+        """Rudder and shaft of a row at some times; by sides for a ship that has two."""
+        order, shown = self._rudder(row, times)
+        turns = np.full(len(times), float(self.turns[row]))
+        made = {"delta": shown, "delta_order": order, "n": turns}
+        if self.hulls[row].sides != 2:
+            return made
+        rudder, shaft = self.split[row].tolist()
+        by_sides = shown + rudder, shown - rudder, turns * (1 + shaft), turns * (1 - shaft)
+        return made | dict(zip(SIDED, by_sides, strict=True))
+
+    def _rudder(self, row: int, times: Float[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
         """Order and angle of a row's rudder at some times, exactly: it goes evenly towards each order, then rests."""
+        rate = self.ship.particulars.rudder_rate
         at, orders = (np.array(column) for column in zip(*self.orders[row], strict=True))
         order = orders[np.searchsorted(at, times + 1e-9, side="right") - 1]
         knots, angles, angle = [0.0], [0.0], 0.0
@@ -199,13 +225,11 @@ class _Watch:
         return order, np.interp(times, knots, angles)
 
 
-def _approach(ship: "RecursiveShip", controls: Float[Tensor, "rows 4"], speed: Float[Tensor, " rows"]) -> Recursion:
+def _approach(ship: "RecursiveShip", controls: Float[Tensor, "rows _"], speed: Float[Tensor, " rows"]) -> Recursion:
     """Straight ahead at the approach speed, for long."""
     settings, count = ship.network.settings, len(speed)
     velocities, angles = speed.new_zeros(count, settings.freedom), speed.new_zeros(count, ship.angles_count)
     velocities[:, 0] = 1.0
-    if settings.wind:
-        controls = torch.nn.functional.pad(controls, (0, 2))
     forces = ship.forces(velocities, angles, controls, ship.froude(speed))
     return Recursion(velocities, velocities, angles, speed.new_zeros(count), (forces,) * settings.past)
 
@@ -223,7 +247,9 @@ def _recording(
     units = np.array([length / speed if k in "pqr" else 1 / speed for k in names])
     angles = [ANGLES[k] for k in names if k in ANGLES]
     columns = np.concatenate([run["velocities"] / units, run["angles"], run["track"] * length], axis=1)
-    curve = CubicSpline(run["time"] * length / speed, columns)
+    seconds = run["time"] * length / speed
+    needed = int(np.searchsorted(seconds, times[-1])) + 1  # a curve through later steps would be another one
+    curve = CubicSpline(seconds[:needed], columns[:needed])
     channels = dict(zip((*names, *angles, "x", "y"), curve(times).T, strict=True))
     slopes = dict(zip(names, curve(times, 1)[:, : len(names)].T, strict=True))
     channels |= {f"{k}dot": slope for k, slope in slopes.items() if f"{k}dot" in {*ACCELERATION, "pdot"}}
