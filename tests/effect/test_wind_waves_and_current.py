@@ -8,9 +8,10 @@ from shelf import DEEP, at, made, recorded, situation
 from manoeuvre_nn.core.effect import Situation
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.inputs import Inputs
+from manoeuvre_nn.core.wind import COEFFICIENTS
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.vessel import Vessel
-from manoeuvre_nn.effect.wind import COEFFICIENTS, GustyWind, SteadyWind
+from manoeuvre_nn.effect.wind import GustyWind, SteadyWind
 
 AIR = 1.225
 

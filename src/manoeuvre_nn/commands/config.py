@@ -1,6 +1,7 @@
 """What a config says, read and checked: numbers, switches, manoeuvres, effects, mappings."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.ship import Ship
-from manoeuvre_nn.core.units import KNOT
+from manoeuvre_nn.core.units import DEGREE, KNOT
 from manoeuvre_nn.recording.read import mapping_file
 from manoeuvre_nn.recording.read.mapping import Mapping as ColumnMapping
 
@@ -33,9 +34,27 @@ def switch(what: str, value: Any) -> bool:
 
 
 def training_manoeuvres(config: DictConfig) -> list[Manoeuvre]:
-    """The manoeuvres of ``cfg.manoeuvre`` (an entry each, and ``speed_kn``) at the approach speed."""
+    """The manoeuvres of ``cfg.manoeuvre`` (an entry each or for several) with what holds for all of them."""
     chosen = [v for v in config.values() if isinstance(v, DictConfig) and TARGET in v]
-    return [build(v, "manoeuvre").at_speed(approach_speed(config)) for v in chosen]
+    speed = approach_speed(config)
+    return with_sides([m.at_speed(speed) for v in chosen for m in _built(v)], config)
+
+
+def _built(settings: Any) -> list[Manoeuvre]:
+    """What an entry of conf/manoeuvre makes: one, or a set."""
+    made = build(settings, "manoeuvre")
+    return made if isinstance(made, list) else [made]
+
+
+def with_sides(manoeuvres: Sequence[Manoeuvre], config: DictConfig) -> list[Manoeuvre]:
+    """Manoeuvres with what ``cfg.manoeuvre`` says of two rudders and screws: rudder_split_deg and shaft_split."""
+    found = []
+    for key, most in (("rudder_split_deg", 70), ("shaft_split", 2)):
+        value = config.get(key) or 0.0
+        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= most:
+            raise InputError(f"manoeuvre.{key}={value}: expected a number from -{most} to {most}")
+        found.append(0.5 * value)
+    return [replace(m, rudder_split=found[0] * DEGREE, shaft_split=found[1]) for m in manoeuvres]
 
 
 def chosen_effects(config: DictConfig | None, ship: Ship) -> list[Effect]:
@@ -120,7 +139,7 @@ def named_manoeuvres(names: Sequence[Any], speed: float | None, own: str | None 
             raise InputError(f"score has an entry {entry}: write a name, or {{name: {{setting: value}}}}")
         name, settings = next(iter(entry.items())) if isinstance(entry, Mapping) else (entry, {})
         usual = option("manoeuvre", name, own, "manoeuvre in score")
-        made.append(build(OmegaConf.create({**usual, **settings}), "manoeuvre").at_speed(speed))
+        made += [m.at_speed(speed) for m in _built(OmegaConf.create({**usual, **settings}))]
     return made
 
 

@@ -143,6 +143,7 @@ def _data(cfg: DictConfig, common: dict[str, Any]) -> ManoeuvreData:
         seen = {m.name for m in manoeuvres}
         names = [SUBSTITUTES[name] if name in seen else name for name in DEFAULT_SCORE]
     score = configs.named_manoeuvres(names, configs.approach_speed(cfg.manoeuvre), cfg.get("config_dir"))
+    score = configs.with_sides(score, cfg.manoeuvre)
     return build(cfg.data, "data", **common, manoeuvres=manoeuvres, score=score, effects=effects)
 
 

@@ -232,6 +232,10 @@ class Effect(ABC, nn.Module):
         force = self.force(s)
         return torch.zeros_like(s.nu) if force is None else self.ship.acceleration_from_si(force)
 
+    def heeling(self, s: Situation) -> Float[Tensor, "*batch"]:
+        """Moment about the longitudinal axis that acts on a ship that rolls [N m], positive to starboard."""
+        return torch.zeros_like(s.u)
+
     def memory_at_start(self, s: Situation) -> Float[Tensor, "*batch m"]:
         """Own states on a steady approach, one column each."""
         return s.nu.new_zeros(*s.nu.shape[:-1], self.memory)

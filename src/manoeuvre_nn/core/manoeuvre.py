@@ -2,9 +2,12 @@
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+from jaxtyping import Float
+
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.ship import Particulars
-from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.core.units import DEGREE, KNOT
 
 
 @dataclass(frozen=True)
@@ -35,6 +38,9 @@ class Manoeuvre:
         duration: Length [s]; None takes the family's usual one, see :meth:`duration_for`.
         ship_lengths: The family's usual length as a multiple of L/U0; None is the ship's usual record.
         speed: Approach speed [m/s]; None is the ship's own.
+        rudder_split: Half of what the starboard rudder of two has more than the port one, throughout [rad].
+        shaft_split: Likewise of two shafts, over the nominal shaft speed [-].
+        ends: Whether the trial is over when its last stage begins; else it lasts for its duration.
     """
 
     name: str
@@ -43,11 +49,14 @@ class Manoeuvre:
     duration: float | None = None
     ship_lengths: float | None = None
     speed: float | None = None
+    rudder_split: float = 0.0
+    shaft_split: float = 0.0
+    ends: bool = False
 
     @property
     def largest_order(self) -> float:
         """Largest rudder angle that is ordered [rad]."""
-        return max(abs(stage.order) for stage in self.stages)
+        return max(abs(stage.order) for stage in self.stages) + abs(self.rudder_split)
 
     def duration_for(self, ship: Particulars) -> float:
         """Length of the trial on a ship [s]; turning circles end where the coefficient set stops making sense."""
@@ -59,6 +68,24 @@ class Manoeuvre:
     def at_speed(self, speed: float | None) -> "Manoeuvre":
         """The same trial from another approach speed [m/s]; None leaves it."""
         return self if speed is None else replace(self, speed=speed)
+
+    def end(self, time: Float[np.ndarray, " n"], orders: Float[np.ndarray, " n"]) -> float:
+        """When a run is over.
+
+        Args:
+            time: Sample times [s].
+            orders: Rudder orders [rad].
+
+        Returns:
+            Time of the last sample before the last stage [s]; the last time where the trial has no such end or did not
+            come to it.
+        """
+        if not self.ends:
+            return float(time[-1])
+        wanted = np.array([stage.order for stage in self.stages])
+        changed = np.flatnonzero(np.diff(orders)) + 1
+        count = np.count_nonzero(np.diff(wanted))
+        return float(time[changed[count - 1] - 1] if count and len(changed) >= count else time[-1])
 
     def check(self, ship: Particulars) -> None:
         """Refuse what the ship's steering gear cannot do.
@@ -111,6 +138,22 @@ def side_sign(what: str, side: object) -> int:
     if not isinstance(side, str) or side not in {"starboard", "port"}:
         raise InputError(f"{what}={side!r}: write starboard or port")
     return 1 if side == "starboard" else -1
+
+
+def sides(what: str, side: object) -> tuple[str, ...]:
+    """Sides that a setting names: starboard, port or both; ``what`` is its name, and all else is refused."""
+    if side == "both":
+        return "starboard", "port"
+    if not isinstance(side, str) or side not in {"starboard", "port"}:
+        raise InputError(f"{what}={side!r}: write starboard, port or both")
+    return (side,)
+
+
+def check_speed(what: str, value: float) -> float:
+    """An approach speed given in knots, in m/s; ``what`` is its name, and one that is not positive is refused."""
+    if not value > 0:
+        raise InputError(f"{what}={value}: expected an approach speed in knots, more than 0")
+    return value * KNOT
 
 
 def check_duration(what: str, value: float | None) -> None:

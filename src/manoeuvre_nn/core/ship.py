@@ -11,6 +11,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.prime import PrimeSystem
 from manoeuvre_nn.core.units import KNOT, SEA_WATER
 
@@ -226,10 +227,14 @@ class Ship(ABC, nn.Module):
         inertia: M' [-], shape (3, 3), for surge, sway and yaw.
         depth: Depth of the water that the forces hold for [m]; ``inf`` is deep water.
         terms: Names of the products, one a row of ``table``; none if the forces are no such series.
+        own_names: Channels of the states beside u, v, r, x, y, psi: phi and p of a ship that rolls.
+        sides: Number of rudders and of propellers: 1, or 2 for a starboard and a port one.
     """
 
     depth: float = inf
     terms: tuple[str, ...] = ()
+    own_names: tuple[str, ...] = ()
+    sides: int = 1
     particulars: Particulars
     prime: PrimeSystem
     inertia: Tensor
@@ -347,6 +352,38 @@ class Ship(ABC, nn.Module):
     @abstractmethod
     def on_approach(self, speed: float) -> "Ship":
         """The ship as it comes into a manoeuvre at another speed [m/s]; each family says what is scaled or held."""
+
+    def rates(
+        self, nu: Float[Tensor, "*batch 3"], own: Float[Tensor, "*batch k"], inputs: Inputs
+    ) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*batch k"]]:
+        """Accelerations, and the rates of the ship's own states; families that have some override it.
+
+        Args:
+            nu: u, v [m/s], r [rad/s] through the water.
+            own: Own states, see :attr:`own_names`.
+            inputs: Rudder and shaft, and how the sides differ.
+
+        Returns:
+            udot, vdot [m/s^2], rdot [rad/s^2]; rates of the own states.
+        """
+        nudot = self.acceleration(nu, inputs.delta)
+        if inputs.shaft is not None:
+            nudot = nudot + self.acceleration_from_force(self.shaft_force(nu, inputs.delta, inputs.shaft))
+        return nudot, own
+
+    def added(
+        self, nudot: Float[Tensor, "*batch 3"], heeling: Float[Tensor, "*batch"]
+    ) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*batch k"]]:
+        """What external forces add to the rates: the accelerations that they cause, and those of the own states.
+
+        Args:
+            nudot: Accelerations by the forces without a heeling moment, see :meth:`acceleration_from_si`.
+            heeling: Moment about the longitudinal axis [N m], positive to starboard.
+
+        Returns:
+            Additions to udot, vdot [m/s^2], rdot [rad/s^2] and to the rates of the own states.
+        """
+        return nudot, nudot[..., :0]
 
     def acceleration(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
         """Accelerations ``nudot = units M'^-1 f'`` by :meth:`force`: udot, vdot [m/s^2], rdot [rad/s^2]."""

@@ -30,6 +30,11 @@ class Model(ABC, nn.Module):
         return self.hull.particulars
 
     @property
+    def own_names(self) -> tuple[str, ...]:
+        """Channels of the states that follow u, v, r, x, y, psi: phi and p of a ship that rolls."""
+        return ()
+
+    @property
     def noise(self) -> Float[Tensor, " 6"]:
         """Standard deviation that recorded u, v, r, x, y, psi were given in the model's fit [SI]; 0 without one."""
         return torch.zeros_like(self.hull.velocity_units).repeat(2)
@@ -82,9 +87,11 @@ class Model(ABC, nn.Module):
         return state[..., None, :3][..., :0, :]
 
 
-def rate_of_state(state: Float[Tensor, "*batch n"], nudot: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 6"]:
-    """Rate of the six states of a ship with given accelerations [m/s^2, rad/s^2]."""
-    parts = nudot, kinematics(state[..., :6])
+def rate_of_state(
+    state: Float[Tensor, "*batch n"], nudot: Float[Tensor, "*batch 3"], *own: Float[Tensor, "*batch k"]
+) -> Float[Tensor, "*batch m"]:
+    """Rate of the six states of a ship with given accelerations [m/s^2, rad/s^2], then given rates of its own."""
+    parts = nudot, kinematics(state[..., :6]), *own
     # Variables first in memory: every operation then runs along whole rows of samples.
     return torch.cat([p.movedim(-1, 0) for p in parts]).movedim(0, -1)
 
@@ -124,10 +131,10 @@ def calm_accelerations(
     delta: Float[Tensor, "..."],
     shaft: Float[Tensor, "..."] | None = None,
 ) -> Float[Tensor, "*batch 3"]:
-    """Accelerations in calm water.
+    """Accelerations in calm water, upright.
 
     Args:
-        model: A model without states of its own.
+        model: A model without effects.
         nu: u, v [m/s], r [rad/s].
         delta: Rudder angle [rad].
         shaft: Shaft speed over the nominal one [-]; None is nominal.
@@ -135,7 +142,7 @@ def calm_accelerations(
     Returns:
         udot, vdot [m/s^2], rdot [rad/s^2].
     """
-    return model(nn.functional.pad(nu, (0, 3)), Inputs(delta, shaft))[..., :3]
+    return model(nn.functional.pad(nu, (0, 3 + len(model.own_names))), Inputs(delta, shaft))[..., :3]
 
 
 def is_fitted(model: Model) -> bool:

@@ -23,14 +23,19 @@ class CalmWater(Model):
         """The ship itself."""
         return self.ship
 
-    def forward(self, state: Float[Tensor, "*batch n"], inputs: Inputs) -> Float[Tensor, "*batch 6"]:
+    @property
+    def own_names(self) -> tuple[str, ...]:
+        """Those of the ship."""
+        return self.ship.own_names
+
+    def start(self, state: Float[Tensor, "*batch 6"], inputs: Inputs) -> Float[Tensor, "*batch n"]:
+        """The state of a ship that is upright and does not roll."""
+        return nn.functional.pad(state, (0, len(self.own_names))) if self.own_names else state
+
+    def forward(self, state: Float[Tensor, "*batch n"], inputs: Inputs) -> Float[Tensor, "*batch n"]:
         """Rate of the state by the ship's coefficients."""
-        nu, delta = state[..., :3], inputs.delta
-        nudot = self.ship.acceleration(nu, delta)
-        if inputs.shaft is not None:
-            extra = self.ship.shaft_force(nu, delta, inputs.shaft)
-            nudot = nudot + self.ship.acceleration_from_force(extra)
-        return rate_of_state(state, nudot)
+        nudot, own = self.ship.rates(state[..., :3], state[..., 6:], inputs)
+        return rate_of_state(state, nudot, own)
 
     def on_approach(self, speed: float) -> "CalmWater":
         """The ship's own way to take on another approach speed."""

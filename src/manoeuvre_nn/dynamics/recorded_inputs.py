@@ -14,6 +14,8 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.dynamics.base import Model
 
+OF_SIDES = {"shaft": "n", "delta_split": "delta_starboard", "shaft_split": "n_starboard"}
+"""Inputs of a ship with two rudders and two screws -> channel without which they are not known."""
 WIND_WINDOW = 0.5
 """Window over L/U0 that the wind is averaged over."""
 
@@ -61,9 +63,10 @@ def held_columns(columns: Mapping[str, Sequence[Float[np.ndarray, " _"]]]) -> di
 def recorded_inputs(
     model: Model, recordings: Sequence[Recording], times: Sequence[Float[np.ndarray, " _"]]
 ) -> dict[str, list[Float[np.ndarray, " _"]]]:
-    """Inputs beside the rudder that a network of the model takes, from recordings.
+    """Inputs beside the rudder that a network of the model takes, or a ship of two rudders and screws, from recordings.
 
-    Where the shaft speed was not recorded, it is taken to be that of the approach.
+    Where the shaft speed was not recorded, it is taken to be that of the approach; where the sides were not recorded
+    apart, they are taken to be alike.
 
     Args:
         model: The model.
@@ -74,6 +77,8 @@ def recorded_inputs(
         Name of an input -> its samples, a row each; empty for a model that has learnt of the rudder alone.
     """
     taken = {name for part in model.modules() if isinstance(part, Network) for name in part.takes}
+    if model.hull.sides == 2:
+        taken |= {name for name, told in OF_SIDES.items() if any(told in r.channels for r in recordings)}
     made: dict[str, list] = {name: [] for name in sorted(taken)}
     for recording, at in zip(recordings, times, strict=True):
         ship = model.particulars
@@ -82,9 +87,19 @@ def recorded_inputs(
         shaft = recording["n"] * 60 / model.hull.shaft_rpm if known else approach
         north, east = air_velocity(recording, ship)
         values = {"shaft": shaft, "approach": approach, "wind_north": north, "wind_east": east}
+        values["delta_split"] = _half_difference(recording, "delta")
+        values["shaft_split"] = _half_difference(recording, "n") * 60 / model.hull.shaft_rpm
         for name, rows in made.items():
             rows.append(np.interp(at, recording.time, values[name]))
     return made
+
+
+def _half_difference(recording: Recording, channel: str) -> Float[np.ndarray, " n"]:
+    """Half of what the starboard one of a channel has more than the port one; 0 where they were not recorded."""
+    names = f"{channel}_starboard", f"{channel}_port"
+    if not all(name in recording.channels for name in names):
+        return np.zeros(len(recording))
+    return 0.5 * (recording[names[0]] - recording[names[1]])
 
 
 def approach_speed(recording: Recording, ship: Particulars) -> float:

@@ -8,7 +8,7 @@ from math import ceil
 import numpy as np
 import torch
 from jaxtyping import Float
-from torch import Tensor
+from torch import Tensor, nn
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.inputs import Inputs
@@ -22,6 +22,7 @@ from manoeuvre_nn.dynamics.simulate import Solution, to_recordings
 from manoeuvre_nn.dynamics.vessel import Vessel, as_vessel
 
 STATE = ("u", "v", "r", "x", "y", "psi")
+"""What a recording must say of the state at the start; a model's own states are taken where they were recorded."""
 
 
 def replay(ship: Model | Vessel, recordings: Sequence[Recording], *, start: float = 0.0) -> list[Recording]:
@@ -55,7 +56,7 @@ def replay(ship: Model | Vessel, recordings: Sequence[Recording], *, start: floa
     rudders = zip(*(_rudder(vessel, g, r, reference) for g, r in pairs), strict=True)
     helm = held_columns(dict(zip(("recorded", "shown", "order"), rudders, strict=True)))
     recorded, shown, order = (column.to(reference) for column in helm.values())
-    first = reference.new_tensor(np.stack([[np.interp(g[0], r.time, r[k]) for k in STATE] for g, r in pairs]))
+    first = reference.new_tensor(np.stack([_state(r, g[0], model.own_names) for g, r in pairs]))
     taken = held_columns(recorded_inputs(model, recordings, grids))
     with torch.no_grad():
         blade = blade_series(vessel, order, shown, interval)
@@ -69,6 +70,13 @@ def replay(ship: Model | Vessel, recordings: Sequence[Recording], *, start: floa
     solution = Solution(clock, states, shown.T, recorded.T, inputs, ended)
     made = to_recordings(vessel, orders, solution, [float(clock[len(g) - 1]) for g in grids])
     return [_as_recorded(run, r, g) for run, (g, r) in zip(made, pairs, strict=True)]
+
+
+def _state(record: Recording, time: float, own: Sequence[str]) -> list[float]:
+    """State at a time; NaN for an own state that was not recorded."""
+    known = [name for name in own if name in record.channels]
+    found = {name: float(np.interp(time, record.time, record[name])) for name in (*STATE, *known)}
+    return [found.get(name, np.nan) for name in (*STATE, *own)]
 
 
 def _as_recorded(run: Recording, record: Recording, grid: np.ndarray) -> Recording:
@@ -105,7 +113,7 @@ def blade_series(
 
 def integrate(
     model: Model,
-    first: Float[Tensor, "rows 6"],
+    first: Float[Tensor, "rows known"],
     columns: Mapping[str, Float[Tensor, "rows times"]],
     *,
     interval: float,
@@ -118,7 +126,7 @@ def integrate(
 
     Args:
         model: The model.
-        first: u, v, r, x, y, psi at the first sample.
+        first: u, v, r, x, y, psi at the first sample, and the model's own states where they are known; NaN where not.
         columns: Name of an input -> its samples, linear in between, see :func:`.inputs_at`.
         interval: Time between samples [s].
         start: Time of the first [s].
@@ -135,7 +143,9 @@ def integrate(
 
     at = partial(inputs_at, columns, interval=interval, start=start)
     now = at(start)
-    states = [model.start(first, now)]
+    begin = model.start(first[:, :6], now)
+    known = nn.functional.pad(first[:, 6:], (0, begin.shape[1] - first.shape[1]), value=torch.nan)
+    states = [torch.cat([begin[:, :6], torch.where(known.isnan(), begin[:, 6:], known)], dim=-1)]
     for k in range(parts * (count - 1)):
         midway, then = (at(start + (k + share) * step) for share in (0.5, 1.0))
         states.append(runge_kutta_step(rate, states[-1], (now, midway, then), first.new_tensor(step)))

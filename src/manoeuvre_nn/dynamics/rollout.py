@@ -6,7 +6,7 @@ step at once, each as far as its next step's end or the next thing that happens 
 pass and not a batch of its own.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import ceil
 
@@ -21,7 +21,7 @@ from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.dynamics.base import Model, runge_kutta_step
 from manoeuvre_nn.dynamics.helm import Helm, helm_of
 from manoeuvre_nn.dynamics.limits import inside_physical_range
-from manoeuvre_nn.dynamics.simulate import Solution, on_approach, sample_times, to_recordings
+from manoeuvre_nn.dynamics.simulate import Solution, on_approach, sample_times, sides_of, to_recordings
 from manoeuvre_nn.dynamics.vessel import Vessel, as_vessel
 
 STEPS_PER_LENGTH = 20
@@ -41,6 +41,7 @@ class _Batch:
         attempt: Where the crossing is then taken to be, as a time from now [s]; ``inf`` if none is looked for.
         sampled: State at its last sample.
         ended: Time at which it left the physical range [s]; ``inf`` if it did not.
+        sides: How starboard and port rudders and shafts differ, see :func:`.sides_of`.
     """
 
     state: Float[Tensor, "rows n"]
@@ -51,6 +52,7 @@ class _Batch:
     attempt: Float[Tensor, " rows"]
     sampled: Float[Tensor, "rows n"]
     ended: Float[Tensor, " rows"]
+    sides: Mapping[str, Float[Tensor, " rows"]]
 
 
 def rollout(
@@ -87,10 +89,13 @@ def rollout(
     helm = helm_of(manoeuvres, amidships + particulars.rudder_rate, start[:, 5], vessel.gear.at_rest(amidships))
     start = start.mT.contiguous().mT  # variables first in memory, as rate_of_state has them
     none, never = amidships.long(), torch.full_like(amidships, torch.inf)
-    batch = _Batch(start, helm, amidships, none, none, never, start, never)
-    past = [batch]
+    sides = sides_of(manoeuvres, vessel, amidships)
+    batch = _Batch(start, helm, amidships, none, none, never, start, never, sides)
+    past, final = [batch], none.new_tensor([len(m.stages) - 1 if m.ends else len(m.stages) for m in manoeuvres])
     while bool((batch.steps < len(ends) - 1).any()):
-        batch = _sampled(_pass(vessel, batch, ends), batch, parts, particulars, len(ends) - 1)
+        batch = _over(
+            _sampled(_pass(vessel, batch, ends), batch, parts, particulars, len(ends) - 1), final, len(ends) - 1
+        )
         past.append(replace(batch, sampled=start))  # what is not read off need not be kept
     return _read_off(past, times, parts)
 
@@ -107,7 +112,8 @@ def _read_off(past: Sequence[_Batch], times: Float[Tensor, " times"], parts: int
 
     helms = [b.helm for b in past]
     shown, blades, orders = (pick(v) for v in zip(*((h.rudder, h.blade[:, -1], h.order) for h in helms), strict=True))
-    inputs = Inputs(blades, time=times[:, None].expand_as(blades))
+    sides = {name: split.expand_as(blades) for name, split in past[-1].sides.items()}
+    inputs = Inputs(blades, time=times[:, None].expand_as(blades), **sides)
     return Solution(times, pick([b.state for b in past]), shown, orders, inputs, past[-1].ended)
 
 
@@ -123,13 +129,19 @@ def _sampled(batch: _Batch, before: _Batch, parts: int, ship: Particulars, last:
     return replace(batch, sampled=torch.where(sample[:, None], batch.state, batch.sampled))
 
 
+def _over(batch: _Batch, final: Int[Tensor, " rows"], last: int) -> _Batch:
+    """The batch with rows ended whose trial is over, its final stage having begun: they rest."""
+    over = batch.helm.stage >= final
+    return replace(batch, steps=batch.steps.masked_fill(over, last)) if over.any() else batch
+
+
 def _pass(vessel: Vessel, b: _Batch, ends: Float[Tensor, " steps"]) -> _Batch:
     """Every row goes on to the end of its step or to what happens before; rows that look for a crossing stay."""
     last = len(ends) - 1
     due = ends.index_select(0, (b.steps + 1).clamp(max=last))
     smooth = torch.minimum(due - b.time, b.helm.smooth_time(b.time).clamp(min=0.0))
     tau = torch.fmin(smooth, b.attempt)
-    state, shown, blade = _step(vessel, b.helm, b.state, b.time, tau)
+    state, shown, blade = _step(vessel, b, tau)
     time, tries, attempt = b.time + tau, b.tries, b.attempt
     crossed, beyond = tries == 2, b.helm.beyond(state[:, 5])
     looking = ~crossed & ((beyond >= 0) | (tries == 1))
@@ -142,7 +154,7 @@ def _pass(vessel: Vessel, b: _Batch, ends: Float[Tensor, " steps"]) -> _Batch:
     arrived = moved & (due - time <= 1e-9)
     time, steps = torch.where(arrived, due, time), (b.steps + arrived).clamp(max=last)
     helm = b.helm.advanced(shown, blade, time, moved, crossed)
-    return _Batch(state, helm, time, steps, tries, attempt, b.sampled, b.ended)
+    return _Batch(state, helm, time, steps, tries, attempt, b.sampled, b.ended, b.sides)
 
 
 def _looked_for(b: _Batch, looking: Bool[Tensor, " rows"], new: Tensor, smooth: Tensor, beyond: Tensor) -> Tensor:
@@ -182,16 +194,14 @@ def _corrected(b: _Batch, before: Tensor, new: Tensor, smooth: Tensor, beyond: T
     return torch.fmin((b.attempt - step).clamp(min=0.0), smooth)
 
 
-def _step(
-    vessel: Vessel, helm: Helm, state: Tensor, time: Float[Tensor, " rows"], tau: Float[Tensor, " rows"]
-) -> tuple[Tensor, Tensor, Tensor]:
+def _step(vessel: Vessel, b: _Batch, tau: Float[Tensor, " rows"]) -> tuple[Tensor, Tensor, Tensor]:
     """A Runge-Kutta step with the rudder's exact angles: state, indicated angle, angles behind it."""
-    half = 0.5 * tau
+    helm, time, half = b.helm, b.time, 0.5 * tau
     shown, blade = helm.after(tau, vessel)
-    now = Inputs(helm.blade[:, -1], time=time)
-    midway = Inputs(helm.after(half, vessel)[1][:, -1], time=time + half)
-    then = Inputs(blade[:, -1], time=time + tau)
-    return runge_kutta_step(vessel.model, state, (now, midway, then), tau[:, None]), shown, blade
+    now = Inputs(helm.blade[:, -1], time=time, **b.sides)
+    midway = Inputs(helm.after(half, vessel)[1][:, -1], time=time + half, **b.sides)
+    then = Inputs(blade[:, -1], time=time + tau, **b.sides)
+    return runge_kutta_step(vessel.model, b.state, (now, midway, then), tau[:, None]), shown, blade
 
 
 def roll_out(

@@ -1,6 +1,6 @@
 """The accurate solution of one manoeuvre: torchdiffeq between events, heading crossings located."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
 
@@ -11,10 +11,12 @@ from torch import Tensor
 from torchdiffeq import odeint, odeint_event
 
 from manoeuvre_nn.core.channels import ACCELERATION
+from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.core.units import RPM
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.helm import Helm, helm_of
 from manoeuvre_nn.dynamics.limits import MAX_PRIME_VELOCITIES, OK, inside_physical_range, left_range
@@ -118,9 +120,11 @@ def simulate(
         states, shown, blades, orders = _integrate(vessel, manoeuvre, state[None], times, options)
     outside = np.flatnonzero(~inside_physical_range(states[:, 0], vessel.model.particulars).cpu().numpy())
     count = int(outside[0]) if len(outside) else len(states)
-    ended = states.new_tensor([times[count] if count < len(times) else inf])
-    clock = torch.as_tensor(times)
-    inputs = Inputs(blades, time=clock[: len(blades), None].to(blades))
+    lost = count < len(states) or not (len(states) == len(times) or manoeuvre.ends)
+    ended = states.new_tensor([times[count] if lost and count < len(times) else inf])
+    clock = torch.as_tensor(times if lost else times[: len(states)])
+    sides = {name: split.expand_as(blades) for name, split in sides_of([manoeuvre], vessel, state).items()}
+    inputs = Inputs(blades, time=clock[: len(blades), None].to(blades), **sides)
     (made,) = to_recordings(vessel, [manoeuvre], Solution(clock, states, shown, orders, inputs, ended))
     return made
 
@@ -146,6 +150,8 @@ def to_recordings(
     alike: dict[tuple[int, str], list[int]] = {}
     for row, ended in enumerate(solution.ended.tolist()):
         end = times[-1] if ends is None else ends[row]
+        orders = solution.orders[: int(np.searchsorted(times, end + 1e-9)), row]
+        end = min(end, manoeuvres[row].end(times[: len(orders)], orders.double().cpu().numpy()))
         count = max(int(np.searchsorted(times, min(end + 1e-9, ended - 1e-9))), 2)
         alike.setdefault((count, OK if ended > end + 1e-9 else left_range(ended)), []).append(row)
     made: dict[int, Recording] = {}
@@ -164,14 +170,52 @@ def _channels(vessel: Vessel, solution: Solution) -> dict[str, np.ndarray]:
     """What is written down of runs, a row each."""
     states, shown, orders = (x.transpose(0, 1) for x in (solution.states, solution.shown, solution.orders))
     inputs = Inputs(**{name: values.transpose(0, 1) for name, values in solution.inputs.given.items()})
-    made = {name: states[..., k] for k, name in enumerate(("u", "v", "r", "x", "y", "psi"))}
+    names = ("u", "v", "r", "x", "y", "psi", *vessel.model.own_names)
+    made = {name: states[..., k] for k, name in enumerate(names)}
     with torch.no_grad():
         rates = vessel.model(states, inputs)
         made |= {"delta": shown, "delta_order": orders}
         made |= dict(zip(ACCELERATION, rates[..., :3].unbind(-1), strict=True))
+        made |= {"pdot": rates[..., 7]} if "p" in names else {}
+        made |= _by_sides(vessel, shown, inputs) if vessel.model.hull.sides == 2 else {}
         if vessel.effects:  # else perfect sensors would write what stands there already
             made |= vessel.sensors.record(vessel.situation(states, inputs), rates, shown)
     return {name: values.double().cpu().contiguous().numpy() for name, values in made.items()}
+
+
+def _by_sides(vessel: Vessel, shown: Tensor, inputs: Inputs) -> dict[str, Tensor]:
+    """Angles of both rudders [rad] and speeds of both shafts [1/s], as their indicators show them."""
+    rudder, shaft = (torch.zeros_like(shown) if s is None else s for s in (inputs.delta_split, inputs.shaft_split))
+    mean = torch.ones_like(shown) if inputs.shaft is None else inputs.shaft
+    turns = vessel.model.hull.shaft_rpm * RPM
+    made = {"delta_starboard": shown + rudder, "delta_port": shown - rudder, "n": turns * mean}
+    return made | {"n_starboard": turns * (mean + shaft), "n_port": turns * (mean - shaft)}
+
+
+def sides_of(
+    manoeuvres: Sequence[Manoeuvre], vessel: Vessel, like: Float[Tensor, "..."]
+) -> dict[str, Float[Tensor, " rows"]]:
+    """How starboard and port rudders and shafts differ.
+
+    Args:
+        manoeuvres: One for each row.
+        vessel: The ship.
+        like: A tensor of the wanted kind.
+
+    Returns:
+        Name of an input of :class:`.Inputs` -> its value in every row; empty where the sides are alike.
+
+    Raises:
+        InputError: If they are to differ on a ship that has one of each.
+    """
+    splits = {"delta_split": [m.rudder_split for m in manoeuvres], "shaft_split": [m.shaft_split for m in manoeuvres]}
+    wanted = {name: like.new_tensor(values) for name, values in splits.items() if any(values)}
+    if wanted and vessel.model.hull.sides != 2:
+        ship = vessel.model.particulars.name
+        raise InputError(
+            f"the {ship} has one rudder and one screw: leave manoeuvre.rudder_split_deg and shaft_split out"
+        )
+    return wanted
 
 
 def _integrate(
@@ -180,10 +224,12 @@ def _integrate(
     """Walk from event to event of the helm; states, indicated angles, blade angles and orders at the sample times."""
     ship, rest = vessel.model.particulars, state.new_zeros(1)
     helm = helm_of([manoeuvre], rest + ship.rudder_rate, state[:, 5], vessel.gear.at_rest(rest))
+    sides = sides_of([manoeuvre], vessel, state)
     found, count, now = [(state[None], helm.rudder[None], helm.blade[:, -1:], helm.order[None])], 1, 0.0
     everywhere = torch.ones_like(rest, dtype=torch.bool)
     chunk = 3.0 * ship.time_unit  # headings are watched in short stretches, so that little is computed in vain
-    while count < len(times) and inside_physical_range(state, ship):
+    last = len(manoeuvre.stages) - 1 if manoeuvre.ends else len(manoeuvre.stages)
+    while count < len(times) and inside_physical_range(state, ship) and int(helm.stage) < last:
         limit = min(now + chunk, float(times[-1])) if bool(helm.now[1].isfinite()) else float(times[-1])
         end = min(now + float(helm.smooth_time(rest + now)), limit)
         samples = times[count:]
@@ -191,7 +237,7 @@ def _integrate(
         grid = np.unique(np.concatenate([[now], samples, [end]]))
         grid = grid[np.concatenate([[True], np.diff(grid) > 1e-9])]
         steered = _steered(vessel, helm)
-        rate = _rate(vessel.model, steered, now)
+        rate = _rate(vessel.model, steered, now, sides)
         path = odeint(rate, state, torch.as_tensor(grid), **options)
         passed, state = helm.beyond(path[1:, 0, 5]) >= 0, path[-1]
         if passed.any():
@@ -220,7 +266,9 @@ def _steered(vessel: Vessel, helm: Helm) -> Callable[[Tensor], tuple[Tensor, Ten
     return steered
 
 
-def _rate(model: Model, steered: Callable, start: float) -> Callable[[Tensor, Tensor], Tensor]:
+def _rate(
+    model: Model, steered: Callable, start: float, sides: Mapping[str, Tensor]
+) -> Callable[[Tensor, Tensor], Tensor]:
     """Rate of the state while the helm does one thing from a time on [s]."""
     ship = model.particulars
     steepest = 1e4 * ship.top_speed / ship.time_unit
@@ -234,7 +282,7 @@ def _rate(model: Model, steered: Callable, start: float) -> Callable[[Tensor, Te
         time = t.expand(len(y))
         blade = steered(time - start)[1][:, -1]
         # Rates beyond all sense, or not numbers, throw it out there at once: the solver gives up on them.
-        return torch.nan_to_num(model(y, Inputs(blade, time=time)), nan=steepest).clamp(-steepest, steepest)
+        return torch.nan_to_num(model(y, Inputs(blade, time=time, **sides)), nan=steepest).clamp(-steepest, steepest)
 
     return rate
 

@@ -20,9 +20,9 @@ AT_REST_S = 1e6
 class _Affected(Model):
     """A calm-water model and effects on top, itself a model.
 
-    The state is u, v, r *through the water*, x, y, psi over ground, then the effects' own states. A uniform current
-    therefore changes the track and nothing else (Fossen 2012; Hegrenaes & Hallingstad 2011). Several hull and force
-    effects add their accelerations.
+    The state is u, v, r *through the water*, x, y, psi over ground, the model's own states, then those of the
+    effects. A uniform current therefore changes the track and nothing else (Fossen 2012; Hegrenaes & Hallingstad 2011).
+    Several hull and force effects add their accelerations.
 
     Attributes:
         calm: The calm-water model: a reference ship or an identified one.
@@ -39,21 +39,29 @@ class _Affected(Model):
         """That of the calm-water model."""
         return self.calm.hull
 
+    @property
+    def own_names(self) -> tuple[str, ...]:
+        """Those of the calm-water model; effects' states have no channels."""
+        return self.calm.own_names
+
     def forward(self, state: Float[Tensor, "*batch n"], inputs: Inputs) -> Float[Tensor, "*batch n"]:
         """Rate of the state: in calm water, and what every effect adds."""
-        s, motion = self._seen(state, inputs)
-        acceleration, own = s.nudot, []
+        s, motion, rolling = self._seen(state, inputs)
+        added, heeling, own = torch.zeros_like(s.nudot), torch.zeros_like(s.u), []
         for effect, memory in self._memories(state):
-            acceleration = acceleration + effect.acceleration(s, memory)
+            added = added + effect.acceleration(s, memory)
             motion = motion + nn.functional.pad(effect.stream(s), (0, 1))
             own.append(effect.memory_rate(s, memory))
-        return torch.cat([acceleration, motion, *own], dim=-1)
+            if self.own_names:
+                heeling = heeling + effect.heeling(s)
+        added, roll = self.hull.added(added, heeling)
+        return torch.cat([s.nudot + added, motion, rolling + roll, *own], dim=-1)
 
     def start(self, state: Float[Tensor, "*batch 6"], inputs: Inputs) -> Float[Tensor, "*batch n"]:
         """A state with the effects' own states as on a steady approach."""
         nudot, nominal = torch.zeros_like(state[..., :3]), torch.ones_like(inputs.delta)
         s = _situation(state, nudot, Inputs(inputs.delta, nominal))
-        return torch.cat([state, *(e.memory_at_start(s) for e in self._effects())], dim=-1)
+        return torch.cat([self.calm.start(state, inputs), *(e.memory_at_start(s) for e in self._effects())], dim=-1)
 
     def situation(self, state: Float[Tensor, "*batch n"], inputs: Inputs) -> Situation:
         """What the effects see, accelerations being those of calm water."""
@@ -70,17 +78,22 @@ class _Affected(Model):
 
     def _memories(self, state: Tensor) -> list[tuple[Effect, Tensor]]:
         """Every effect with its part of the state."""
-        parts = state[..., 6:].split([e.memory for e in self._effects()], dim=-1)
+        parts = state[..., self._calm_size :].split([e.memory for e in self._effects()], dim=-1)
         return list(zip(self._effects(), parts, strict=True))
 
-    def _seen(self, state: Tensor, inputs: Inputs) -> tuple[Situation, Tensor]:
-        """What the effects see, and the motion over ground in still water."""
+    @property
+    def _calm_size(self) -> int:
+        """Number of states of the calm-water model."""
+        return 6 + len(self.own_names)
+
+    def _seen(self, state: Tensor, inputs: Inputs) -> tuple[Situation, Tensor, Tensor]:
+        """What the effects see, the motion over ground in still water, and the rates of the model's own states."""
         shaft = inputs.shaft
         if shaft is None:  # what was recorded holds, whatever an engine would make of the shaft
             shaft = self._shaft(state, inputs)
-        rate = self.calm(state[..., :6], replace(inputs, shaft=shaft))
+        rate = self.calm(state[..., : self._calm_size], replace(inputs, shaft=shaft))
         shaft = torch.ones_like(inputs.delta) if shaft is None else shaft
-        return _situation(state, rate[..., :3], replace(inputs, shaft=shaft)), rate[..., 3:]
+        return _situation(state, rate[..., :3], replace(inputs, shaft=shaft)), rate[..., 3:6], rate[..., 6:]
 
     def _shaft(self, state: Tensor, inputs: Inputs) -> Tensor | None:
         """Shaft speed that the engines among the effects make, over the nominal one; None if there is no engine."""

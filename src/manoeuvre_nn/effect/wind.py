@@ -1,7 +1,7 @@
 """Wind on the part of the ship above the water."""
 
 from abc import abstractmethod
-from math import exp, pi, sqrt
+from math import exp, sqrt
 
 import torch
 from jaxtyping import Float
@@ -11,23 +11,9 @@ from torch import Tensor
 from manoeuvre_nn.core.effect import Effect, Parameter, Situation
 from manoeuvre_nn.core.errors import check_choice
 from manoeuvre_nn.core.ship import Ship
+from manoeuvre_nn.core.wind import COEFFICIENTS, usual_kind, wind_load
 from manoeuvre_nn.effect.common import columns, compass, direction, factor, instant, onset
 
-AIR = 1.225
-"""Density of air [kg/m^3]."""
-COEFFICIENTS = {
-    "cargo_loaded": (0.85, 0.65, 0.55, 0.40),
-    "container_loaded": (0.90, 0.55, 0.55, 0.40),
-    "car_carrier": (0.95, 0.55, 0.60, 0.80),
-    "ferry": (0.90, 0.45, 0.50, 0.80),
-    "gas_carrier": (0.70, 0.60, 0.65, 0.50),
-    "tanker_loaded": (0.70, 0.90, 0.55, 0.40),
-    "tanker_ballast": (0.70, 0.75, 0.55, 0.40),
-    "research": (0.85, 0.55, 0.65, 0.60),
-}
-"""Kind of ship -> transverse resistance CD_t, CD_lAF from ahead and from astern, cross-force parameter."""
-FULL = 0.75
-"""Block coefficient from which a ship without a stated kind is taken for a tanker."""
 SPEED = Parameter("speed", "m/s", 0.0, 30.0, 0.0, 8.0, (10.0,))
 FORM = (
     factor("cx", 0.2),
@@ -41,17 +27,10 @@ FORM = (
 
 
 class _TrueWind(Effect):
-    """A true wind about one mean direction, by Blendermann's load functions.
+    """A true wind about one mean direction, by Blendermann's load functions, see :func:`.wind_load`.
 
-    With the air relative to the ship at angle g (0 from ahead, positive from port) and speed V_rw::
-
-        X = .5 rho V_rw^2 A_F C_X    C_X = -CD_lAF cos g / den
-        Y = .5 rho V_rw^2 A_L C_Y    C_Y = CD_t sin g / den
-        N = Y L_oa [s_L / L_oa - .18 (|g| - pi/2)]
-        den = 1 - (d/2) (1 - CD_lAF A_F / (A_L CD_t)) sin^2 2g
-
-    less the same in still air, which the hull's resistance contains. The wind is taken relative to the ship's motion
-    through the water. The form parameters cx, cy, cn multiply X, Y, N; cx3 and cy3 are shares of a third
+    They are taken less the same in still air, which the hull's resistance contains. The wind is taken relative to the
+    ship's motion through the water. The form parameters cx, cy, cn multiply X, Y, N; cx3 and cy3 are shares of a third
     harmonic in X and Y, by which published curves differ; cn_shift moves the centre of pressure (L_oa);
     still_air is the share of the load in still air that the hull's resistance contains.
     """
@@ -71,7 +50,7 @@ class _TrueWind(Effect):
             kind: One of ``COEFFICIENTS``; None is a loaded tanker for a full ship, else a loaded cargo ship.
             values: Parameter = value in its unit.
         """
-        kind = kind or ("tanker_loaded" if ship.particulars.block > FULL else "cargo_loaded")
+        kind = kind or usual_kind(ship.particulars)
         check_choice(f"effect.{self.name}.kind", kind, list(COEFFICIENTS))
         super().__init__(ship, **values)
         self.coefficients = COEFFICIENTS[kind]
@@ -86,6 +65,11 @@ class _TrueWind(Effect):
         across = s.v - north * sin + east * cos
         return self._load(ahead, across) - self.value("still_air")[..., None] * self._load(s.u, s.v)
 
+    def heeling(self, s: Situation) -> Float[Tensor, "*batch"]:
+        """``K = Y s_H``, the lateral area's centroid being s_H = A_L / (2 L_oa) above the water (Blendermann 1994)."""
+        areas = self.ship.particulars.above_water
+        return self.force(s)[..., 1] * (0.5 * areas.lateral / areas.length_overall)
+
     @abstractmethod
     def _speed(self, s: Situation) -> Tensor:
         """Speed of the true wind at every sample [m/s]."""
@@ -96,18 +80,11 @@ class _TrueWind(Effect):
 
     def _load(self, ahead: Tensor, across: Tensor) -> Tensor:
         """Force of air through which the ship moves ahead and to starboard at given speeds [m/s]."""
-        areas, (side, bow, stern, cross) = self.ship.particulars.above_water, self.coefficients
-        square = ahead.square() + across.square() + 1e-12
-        cos, sin = ahead / square.sqrt(), -across / square.sqrt()
-        along = stern + (bow - stern) * torch.sigmoid(cos / 0.05)
-        den = 1 - 0.5 * cross * (1 - along * areas.frontal / (areas.lateral * side)) * (2 * sin * cos).square()
-        pressure = 0.5 * AIR * square / den
-        # cos 3g and sin 3g
-        surge = cos + self.value("cx3") * cos * (4 * cos.square() - 3)
-        sway = pressure * side * (sin + self.value("cy3") * sin * (3 - 4 * sin.square())) * areas.lateral
-        arm = areas.lateral_centre / areas.length_overall - 0.18 * (torch.atan2(sin.abs(), cos) - pi / 2)
+        areas = self.ship.particulars.above_water
+        third = self.value("cx3"), self.value("cy3")
+        surge, sway, arm = wind_load(areas, self.coefficients, ahead, across, third)
         yaw = sway * (self.value("cn") * arm + self.value("cn_shift")) * areas.length_overall
-        return columns(-self.value("cx") * pressure * along * surge * areas.frontal, self.value("cy") * sway, yaw)
+        return columns(self.value("cx") * surge, self.value("cy") * sway, yaw)
 
 
 class SteadyWind(_TrueWind):

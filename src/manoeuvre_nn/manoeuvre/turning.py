@@ -1,10 +1,14 @@
 """Turning circle and pull-out."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from math import pi
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage, check_degrees, check_duration, side_sign
+from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage, check_degrees, check_duration, check_speed, side_sign, sides
 
+TACTICAL_LENGTHS = 200.0
+"""Ship lengths at approach speed in which a circle of 540 deg is over at 5 deg of rudder, with the approach before."""
 CIRCLE_LENGTHS = 30.0
 """Ship lengths sailed at approach speed in which an ordinary ship turns well past 360 deg at 25 deg of rudder."""
 
@@ -31,6 +35,63 @@ def turning_circle(
     check_duration("manoeuvre duration", duration)
     name = name or f"tc{rudder_deg:g}" + ("_port" if sign < 0 else "")
     return Manoeuvre(name, "turning_circle", (Stage(sign * rudder),), duration=duration, ship_lengths=CIRCLE_LENGTHS)
+
+
+def tactical_circle(
+    rudder_deg: float, side: str = "starboard", approach: float = 60.0, turn_deg: float = 540.0, name: str | None = None
+) -> Manoeuvre:
+    """A tactical circle as navies run it: a steady approach, then the rudder held until the heading has come round.
+
+    Args:
+        rudder_deg: Rudder angle [deg].
+        side: Side of the turn.
+        approach: Time on a steady course from the start of the record (COMEX) to the order (EXECUTE) [s].
+        turn_deg: Change of heading at which the trial is over [deg].
+        name: Short name; by default ``circle35``, to port ``circle35_port``.
+
+    Returns:
+        The manoeuvre.
+
+    Raises:
+        InputError: If the angle of the turn is not positive.
+
+    Source:
+        Stenson & Hundley 1989, as described by Hess & Faller 2000.
+    """
+    rudder = check_degrees("manoeuvre rudder_deg", rudder_deg)
+    sign = side_sign("manoeuvre side", side)
+    check_duration("manoeuvre approach", approach)
+    if turn_deg <= 0:
+        raise InputError(f"manoeuvre turn_deg={turn_deg}: expected a change of heading in degrees, more than 0")
+    turn = Stage(sign * rudder, heading=sign * turn_deg * pi / 180, direction=sign)
+    name = name or f"circle{rudder_deg:g}" + ("_port" if sign < 0 else "")
+    stages = (Stage(0.0, hold=approach), turn, Stage(0.0))
+    return Manoeuvre(name, "turning_circle", stages, ship_lengths=TACTICAL_LENGTHS, ends=True)
+
+
+def tactical_circles(
+    rudder_deg: Sequence[float] = (10.0, 20.0, 35.0), speed_kn: Sequence[float] = (12.0, 20.0),
+    side: str = "both", approach: float = 60.0, turn_deg: float = 540.0,
+) -> list[Manoeuvre]:  # fmt: skip
+    """Tactical circles with every rudder angle at every approach speed.
+
+    Args:
+        rudder_deg: Rudder angles [deg].
+        speed_kn: Approach speeds [kn].
+        side: Side of the turn: starboard, port or both.
+        approach: As of :func:`tactical_circle` [s].
+        turn_deg: Likewise [deg].
+
+    Returns:
+        The manoeuvres, named ``circle35_20kn``.
+    """
+    return [
+        replace(m, name=f"{m.name}_{speed:g}kn", speed=check_speed("manoeuvre speed_kn", speed))
+        for speed in speed_kn
+        for angle in rudder_deg
+        for one in sides("manoeuvre side", side)
+        for m in [tactical_circle(angle, one, approach, turn_deg)]
+    ]
 
 
 def pull_out(

@@ -1,13 +1,16 @@
 """Zigzag (Kempf) trials."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage, check_degrees, check_duration, side_sign
+from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage, check_degrees, check_duration, check_speed, side_sign, sides
 from manoeuvre_nn.core.units import DEGREE
 
 UNLIMITED = 60
 """Executes that no record of ordinary length reaches."""
+OVERSHOOT_LENGTHS = 200.0
+"""Ship lengths at approach speed in which 2.5 cycles at 5 deg of rudder are over, with the approach before."""
 MIXED_LENGTHS = 40.0
 """Ship lengths sailed at approach speed in which an ordinary ship has gone through all angles of a mixed zigzag."""
 
@@ -54,6 +57,64 @@ def zigzag(
         name = f"zz{rudder_deg:g}" + ("" if heading_deg in {None, rudder_deg} else f"_{heading_deg:g}")
         name += "_port" if sign < 0 else ""
     return Manoeuvre(name, "zigzag", (*stages, Stage(0.0)), duration=duration)
+
+
+def overshoot(
+    rudder_deg: float, first: str = "starboard", approach: float = 60.0, cycles: float = 2.5, name: str | None = None
+) -> Manoeuvre:
+    """A horizontal overshoot manoeuvre as navies run it: a steady approach, then a zigzag of some cycles.
+
+    Args:
+        rudder_deg: Entrance and checking angle of the rudder, and change of heading at which it is reversed [deg].
+        first: Side of the first execute.
+        approach: Time on a steady course from the start of the record (COMEX) to the order (EXECUTE) [s].
+        cycles: Cycles of two executes after which the trial is over: halves too.
+        name: Short name; by default ``overshoot20``, to port first ``overshoot20_port``.
+
+    Returns:
+        The manoeuvre.
+
+    Raises:
+        InputError: If the cycles are not half or whole numbers from a half.
+
+    Source:
+        Stenson & Hundley 1989, as described by Hess & Faller 2000.
+    """
+    check_duration("manoeuvre approach", approach)
+    executes = round(2 * cycles)
+    if executes < 1 or abs(executes - 2 * cycles) > 1e-9:
+        raise InputError(f"manoeuvre cycles={cycles}: expected half or whole cycles, .5 or more")
+    made = zigzag(rudder_deg, first=first, executes=executes)
+    port = "_port" if made.stages[0].order < 0 else ""
+    stages = (Stage(0.0, hold=approach), *made.stages)
+    return Manoeuvre(
+        name or f"overshoot{rudder_deg:g}{port}", "zigzag", stages, ship_lengths=OVERSHOOT_LENGTHS, ends=True
+    )
+
+
+def overshoots(
+    rudder_deg: Sequence[float] = (10.0, 20.0), speed_kn: Sequence[float] = (8.0, 12.0, 16.0), first: str = "both",
+    approach: float = 60.0, cycles: float = 2.5,
+) -> list[Manoeuvre]:  # fmt: skip
+    """Horizontal overshoots with every rudder angle at every approach speed.
+
+    Args:
+        rudder_deg: Rudder angles [deg].
+        speed_kn: Approach speeds [kn].
+        first: Side of the first execute: starboard, port or both.
+        approach: As of :func:`overshoot` [s].
+        cycles: Likewise.
+
+    Returns:
+        The manoeuvres, named ``overshoot20_12kn``.
+    """
+    return [
+        replace(m, name=f"{m.name}_{speed:g}kn", speed=check_speed("manoeuvre speed_kn", speed))
+        for speed in speed_kn
+        for angle in rudder_deg
+        for one in sides("manoeuvre first", first)
+        for m in [overshoot(angle, one, approach, cycles)]
+    ]
 
 
 def mixed_zigzag(

@@ -1,0 +1,169 @@
+"""A ship that moves by a recursive network: dimensionless steps, closed loop, resampling there and back."""
+
+import numpy as np
+import pytest
+import torch
+
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.inputs import Inputs
+from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.dynamics.course import TimeTable, at_times, course_of, start_speed
+from manoeuvre_nn.dynamics.recursive import RecursiveShip, track_of
+from manoeuvre_nn.network.recursive import RecursiveNetwork, RecursiveSettings
+from manoeuvre_nn.ship.mariner import mariner
+
+SHIP = mariner()
+LENGTH, SPEED = SHIP.particulars.length, 7.0
+FREEDOM = ("u", "v", "p", "r")
+
+
+def recording(side=1.0, duration=200.0, speed=SPEED, **changes):
+    """A smooth turn with roll, slower and slower; the mirror image with side -1."""
+    t = np.arange(0.0, duration + 1e-9)
+    turn = 0.5 * (1 + np.tanh((t - 60) / 15))
+    u, v, r = speed * (1 - 0.3 * turn), -side * 0.12 * speed * turn, side * 0.011 * turn
+    p = side * 0.01 * np.sin(0.3 * t)
+    phi, psi = side * 0.01 / 0.3 * (1 - np.cos(0.3 * t)), np.concatenate([[0], np.cumsum((r[1:] + r[:-1]) / 2)])
+    north, east = u * np.cos(psi) - v * np.sin(psi), u * np.sin(psi) + v * np.cos(psi)
+    x, y = (np.concatenate([[0], np.cumsum((c[1:] + c[:-1]) / 2)]) for c in (north, east))
+    delta = side * 0.4 * np.clip((t - 40) / 10, 0, 1)
+    n = np.full_like(t, 1.4)
+    channels = dict(u=u, v=v, p=p, r=r, phi=phi, psi=psi, x=x, y=y, delta=delta, n=n)
+    return Recording("turn", t, {**channels, **changes}, meta={})
+
+
+def boat(seed=0, **settings):
+    network = RecursiveNetwork(RecursiveSettings(**{"hidden": (9, 8), **settings}), seed=seed, dtype=torch.float64)
+    return RecursiveShip(SHIP, network)
+
+
+def fitted(recordings, **settings):
+    """A ship whose network is scaled to recordings, its course and their steps."""
+    model = boat(**settings)
+    course = course_of(recordings, SHIP, model.network.settings.velocities, step=0.09, wind=model.network.settings.wind)
+    steps = model.recorded(course)
+    rows, k = (g.flatten() for g in torch.meshgrid(*map(torch.arange, steps.time.shape), indexing="ij"))
+    start = steps.start(rows, k, 7)
+    seen = model.network.join((steps.forces[rows, k], *start.forces), (start.velocities, start.before))
+    model.network.scale_to(seen, start.velocities)
+    return model, course, steps
+
+
+def test_a_table_is_linear_between_samples_and_held_beyond_them():
+    table = TimeTable(torch.tensor([[[0.0], [2.0], [3.0]], [[5.0], [5.0], [7.0]]]), torch.tensor([1.0, 0.5]))
+    found = table.rows(torch.tensor([1, 0, 0])).at(torch.tensor([[0.75, 9.0], [0.5, 1.5], [-1.0, 2.0]]))
+    assert found[..., 0].tolist() == [[6.0, 7.0], [1.0, 2.5], [0.0, 3.0]]
+
+
+def test_steps_are_the_same_share_of_the_time_in_which_the_ship_sails_her_length():
+    run = recording()
+    course = course_of([run], SHIP, FREEDOM, step=0.09)
+    seconds = course.steps(0.09)[0].numpy() * LENGTH / start_speed(run, SHIP)
+    speed = np.interp(seconds, run.time, np.hypot(run["u"], run["v"]))
+    assert np.diff(seconds) == pytest.approx(0.09 * LENGTH / speed[:-1], rel=1e-3)
+    assert np.diff(seconds)[-1] > 1.3 * np.diff(seconds)[0]
+    assert seconds[-1] + 0.09 * LENGTH / speed[-1] >= run.duration > seconds[-1]
+
+
+def test_resampled_to_steps_and_back_a_recording_is_itself():
+    run = recording()
+    model, course, steps = fitted([run])
+    unit = LENGTH / start_speed(run, SHIP)
+    seconds = steps.time[0].numpy() * unit
+    for k, name in enumerate(FREEDOM):
+        scale = start_speed(run, SHIP) if name in "uv" else 1 / unit
+        inside = run.time[run.time <= seconds[-1]]
+        back = at_times(steps.velocities[0, :, k].numpy() * scale, seconds, inside)
+        assert np.abs(back - run[name][: len(inside)]).max() < 1e-2 * np.ptp(run[name])
+    track = track_of(steps.velocities, steps.angles[..., -1], steps.time)[0].numpy() * LENGTH
+    assert np.hypot(*(track[-1] - [np.interp(seconds[-1], run.time, run[k]) for k in ("x", "y")])) < 0.002 * LENGTH
+    assert steps.angles[0, :, 0].numpy() == pytest.approx(np.interp(seconds, run.time, run["phi"]), abs=2e-3)
+
+
+def test_past_values_before_the_start_are_those_of_the_start():
+    _, _, steps = fitted([recording()])
+    start = steps.start(torch.tensor([0, 0]), torch.tensor([0, 3]), 7)
+    assert all(torch.equal(past[0], steps.forces[0, 0]) for past in start.forces)
+    for past, k in zip(start.forces, (2, 1, 0, 0, 0, 0, 0), strict=True):
+        assert torch.equal(past[1], steps.forces[0, k])
+    assert torch.equal(start.before[0], start.velocities[0])
+
+
+@pytest.mark.parametrize("freedom", [3, 4])
+def test_the_loop_is_the_network_fed_by_hand(freedom):
+    model, course, steps = fitted([recording()], freedom=freedom)
+    zero = torch.zeros(1, dtype=torch.long)
+    start, look = steps.start(zero, zero, 7), course.controls.rows(zero)
+    made = model.unroll(start, look.at, course.speed, 3)
+    velocities, before, angles, time, past = start
+    froude = model.froude(course.speed)
+    for k in range(3):
+        past = (model.forces(velocities, angles, look.at(time), froude), *past)
+        new = model.network(model.network.join(past, (velocities, before)))
+        step = 0.09 / velocities[0, :2].norm()
+        turned = 0.5 * (velocities + new)[:, 2:]
+        velocities, before, angles, time = new, velocities, angles + step * turned, time + step
+        assert torch.allclose(made.velocities[:, k + 1], velocities) and torch.allclose(made.angles[:, k + 1], angles)
+        assert torch.allclose(made.time[:, k + 1], time)
+
+
+def test_gradients_of_the_unrolled_loop_are_those_of_its_differences():
+    model, course, steps = fitted([recording()], hidden=(4, 3), past=2, symmetric=True, wind=False)
+    at = torch.tensor([0, 0]), torch.tensor([0, 20])
+    look = course.controls.rows(at[0])
+
+    def outcome(*weights):
+        for parameter, weight in zip(model.network.parameters(), weights, strict=True):
+            parameter.data = weight.data
+        saved = {name: w for (name, _), w in zip(model.named_parameters(), weights, strict=True)}
+        call = torch.func.functional_call(_Unrolls(model), {f"model.{k}": w for k, w in saved.items()}, ())
+        return call.velocities, call.angles, call.track
+
+    class _Unrolls(torch.nn.Module):
+        def __init__(self, inner):
+            super().__init__()
+            self.model = inner
+
+        def forward(self):
+            start = steps.start(*at, 2)
+            return self.model.unroll(start, look.at, course.speed[at[0]], 6)
+
+    weights = [w.detach().clone().requires_grad_() for w in model.network.parameters()]
+    assert torch.autograd.gradcheck(outcome, weights, atol=1e-6)
+
+
+def test_the_mirrored_helm_gives_the_mirrored_run():
+    model, course, steps = fitted([recording(1.0), recording(-1.0)])
+    rows = torch.arange(2)
+    made = model.unroll(steps.start(rows, 0 * rows, 7), course.controls.rows(rows).at, course.speed, 60)
+    signs = model.network.output_signs
+    assert torch.allclose(made.velocities[0], made.velocities[1] * signs, atol=1e-9)
+    assert torch.allclose(made.track[0], made.track[1] * torch.tensor([1.0, -1.0]), atol=1e-9)
+
+
+def test_both_sides_may_be_driven_apart():
+    run = recording(delta_starboard=0.3 * np.ones(201), n_port=1.2 * np.ones(201))
+    first = course_of([run], SHIP, FREEDOM, step=0.09).controls.values[0, 0]
+    per = LENGTH / start_speed(run, SHIP)
+    assert first.tolist() == pytest.approx([0.3, 0.0, 1.4 * per, 1.2 * per])
+
+
+def test_the_wind_is_a_force_among_the_inputs():
+    blown = recording(wind_speed=np.full(201, 15.0), wind_from=np.full(201, np.pi / 2))
+    model, course, steps = fitted([blown, recording()], wind=True)
+    k = [model.network.settings.columns.index(f"wind_{name}") for name in "XYN"]
+    assert steps.forces[0, 0, k[1]] < 0  # from starboard
+    assert steps.forces[1][:, k].abs().max() == 0.0
+
+
+def test_a_recording_without_roll_needs_a_network_of_three_degrees_of_freedom():
+    run = recording()
+    flat = Recording("flat", run.time, {k: c for k, c in run.channels.items() if k not in {"p", "phi"}})
+    with pytest.raises(InputError, match="network.freedom=3"):
+        course_of([flat], SHIP, FREEDOM, step=0.09)
+    assert course_of([flat], SHIP, ("u", "v", "r"), step=0.09).motion.values.shape[-1] == 6
+
+
+def test_a_recursive_network_has_no_rate_of_state():
+    with pytest.raises(InputError, match="step to step"):
+        boat()(torch.zeros(1, 6), Inputs(torch.zeros(1)))
