@@ -4,7 +4,7 @@ In a steady turn in a uniform current, the position over ground is a circle and 
 with the same heading one turn apart differ by the current times the time between them, exactly. That is the correction
 of IMO MSC/Circ.1053, 3.4.2.5 (a turn of 720 deg, arcs after 180 deg, plain mean), and the automated procedure of Hess &
 Faller. A turn of 540 deg is not steady in its first half: speed is still falling, and the plain mean takes the gap of
-the spiral for drift (up to 26 % of the diameter on the ships of the package). The gap turns with the heading and dies
+the spiral for drift (up to a third of the diameter on the ships of the package). The gap turns with the heading and dies
 out, the drift does neither: both are estimated together.
 
 Wind, waves and a current that changes along the track do not move a ship uniformly. What is found then is the mean
