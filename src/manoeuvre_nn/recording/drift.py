@@ -4,7 +4,7 @@ In a steady turn in a uniform current, the position over ground is a circle and 
 with the same heading one turn apart differ by the current times the time between them, exactly. That is the correction
 of IMO MSC/Circ.1053, 3.4.2.5 (a turn of 720 deg, arcs after 180 deg, plain mean), and the automated procedure of Hess &
 Faller. A turn of 540 deg is not steady in its first half: speed is still falling, and the plain mean takes the gap of
-the spiral for drift (up to a third of the diameter on the ships of the package). The gap turns with the heading and dies
+the spiral for drift (up to a third of the diameter on ships of the package). The gap turns with the heading and dies
 out, the drift does neither: both are estimated together.
 
 Wind, waves and a current that changes along the track do not move a ship uniformly. What is found then is the mean
@@ -12,9 +12,8 @@ velocity at which the turns move over ground: taken away, the circles close, and
 in the recording. It is not the velocity of any water.
 
 Source:
-    IMO MSC/Circ.1053, 2002, 3.4.2.5; Hess & Faller 2000, 23rd Symp. Naval Hydrodynamics (procedure named, not printed);
-    ITTC 7.5-04-02-01 and ISO 13643-2 ask for trials without current and give no other correction. Deviation: what the
-    turn is not yet steady by is modelled instead of left out.
+    IMO MSC/Circ.1053, 2002, 3.4.2.5; Hess & Faller 2000, 23rd Symp. Naval Hydrodynamics (procedure named, not printed).
+    Deviation: what the turn is not yet steady by is modelled instead of left out.
 """
 
 from collections.abc import Mapping
