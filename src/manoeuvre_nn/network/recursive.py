@@ -137,6 +137,7 @@ class RecursiveNetwork(Network):
     partners: Tensor
     signs: Tensor
     output_signs: Tensor
+    both_signs: Tensor
 
     def __init__(
         self,
@@ -193,6 +194,8 @@ class RecursiveNetwork(Network):
         self.register_buffer("signs", self.shift.new_tensor(signs), persistent=False)
         outputs = [1.0 if name in EVEN else -1.0 for name in s.velocities]
         self.register_buffer("output_signs", self.shift.new_tensor(outputs), persistent=False)
+        both = torch.stack([torch.ones_like(self.output_signs), self.output_signs])
+        self.register_buffer("both_signs", both, persistent=False)
 
     @property
     def takes(self) -> tuple[str, ...]:
@@ -294,6 +297,60 @@ class RecursiveNetwork(Network):
             nodes = nodes + ((last - self.middle) / self.half_range).clamp(-MAX_SHARE, MAX_SHARE).atanh()
         # tanh is twice the logistic of twice its argument, less 1.
         return torch.addcmul(self.middle, nodes.tanh(), self.half_range)
+
+    def slopes(self, x: Float[Tensor, "*batch inputs"], folded: Folded) -> list[Tensor]:
+        """Derivatives of every node's function at some inputs, for :meth:`pulled_back`.
+
+        Args:
+            x: Inputs.
+            folded: Folded weights.
+
+        Returns:
+            Of each hidden layer, with the mirrored rows beside the others; of the outputs; and of the outputs by what
+            they are about.
+        """
+        weights, biases = folded
+        count, found = len(self.settings.velocities), []
+        nodes = x @ weights[0] + biases[0]
+        if self.settings.symmetric:
+            nodes = nodes.unflatten(-1, (2, -1)).flatten(-3, -2)
+        for weight, bias in zip(weights[1:], biases[1:], strict=True):
+            values = nodes.sigmoid()
+            found.append(values * (1 - values))
+            nodes = values @ weight if bias is None else values @ weight + bias
+        share = ((self.answer(x.flatten(0, -2), folded) - self.middle) / self.half_range).view(*x.shape[:-1], count)
+        found.append(self.half_range * (1 - share.square()))
+        last = (x[..., -2 * count : -count] - self.middle) / self.half_range
+        # From there on what the output is about moves no more.
+        moves = (last.abs() < MAX_SHARE) & torch.tensor(self.settings.about_last, device=x.device)
+        return [*found, torch.where(moves, 1 / (self.half_range * (1 - last.square())), 0.0)]
+
+    def pulled_back(
+        self, cotangent: Float[Tensor, "rows freedom"], slopes: Sequence[Tensor], folded: Folded
+    ) -> Float[Tensor, "rows inputs"]:
+        """Transposed Jacobian times a cotangent of the answer.
+
+        ``W1 (s1' (W2 (s2' (W3 (d s' l)))))``, from the output backwards; in the mirror image with signs.
+
+        Args:
+            cotangent: l.
+            slopes: By :meth:`slopes`.
+            folded: Folded weights.
+
+        Returns:
+            Cotangent of the inputs.
+        """
+        *layers, out, about = slopes
+        count, nodes = cotangent.shape[1], cotangent * out
+        back = nodes
+        if self.settings.symmetric:
+            back = (0.5 * nodes[:, None] * self.both_signs).view(-1, count)
+        for weight, slope in zip(reversed(folded[0][1:]), reversed(layers), strict=True):
+            back = (back @ weight.T) * slope
+        back = back.view(len(cotangent), -1) @ folded[0][0].T
+        if self.settings.about_last:
+            back[:, -2 * count : -count] += nodes * about
+        return back
 
     def forward(self, x: Float[Tensor, "*batch inputs"]) -> Float[Tensor, "*batch outputs"]:
         """Velocities of the next step."""
