@@ -58,7 +58,11 @@ class _ClosedLoop(torch.autograd.Function):
         passed = [start]
         for _ in range(steps):
             passed.append(ship.advance(passed[-1], controls(passed[-1].time), froude, layers))
-        made = tuple(torch.stack([p[k] for p in passed]) for k in (0, 2, 3))  # type: ignore[misc]
+        made = (
+            torch.stack([p.velocities for p in passed]),
+            torch.stack([p.angles for p in passed]),
+            torch.stack([p.time for p in passed]),
+        )
         forces = [*reversed(start.forces), *(p.forces[0] for p in passed[1:])] if start.forces else []
         ctx.of = ship, controls, froude, start.before
         ctx.save_for_backward(*made, torch.stack(forces), *folded)
@@ -72,12 +76,13 @@ class _ClosedLoop(torch.autograd.Function):
         velocities, angles, time, forces, *folded = ctx.saved_tensors
         seen = _inputs(ship, velocities, before, forces)
         jacobian = _force_jacobian(ship, controls, froude, (velocities[:-1], angles[:-1], time[:-1]))
-        carried = _carried_back(ship, (velocities, angles), (seen, folded), jacobian, cotangents)
-        with torch.enable_grad():
-            leaves = [w.detach().requires_grad_() for w in folded]
-            made = ship.network.answer(seen.flatten(0, 1), _layers(ship, leaves))
-            gradients = torch.autograd.grad(made, leaves, carried.flatten(0, 1))
-        return None, None, None, None, None, *gradients
+        values, slopes = ship.network.nodes(seen, _layers(ship, folded))
+        carried = _carried_back(ship, (velocities, angles), (slopes, folded), jacobian, cotangents)
+        # With v the values of a layer and l the cotangents of what the next is given: dW = v^T l, db = sum l.
+        sums = [c.flatten(0, 1) for c in carried]
+        weights = [v.flatten(0, 1).T @ c for v, c in zip([seen, *values], sums, strict=True)]
+        biases = [c.sum(0) for c in sums[: len(folded) - len(weights)]]
+        return None, None, None, None, None, *weights, *biases
 
 
 def _layers(ship: "RecursiveShip", flat: Sequence[Tensor]) -> Any:
@@ -118,20 +123,18 @@ def _force_jacobian(
 def _carried_back(
     ship: "RecursiveShip",
     states: tuple[Float[Tensor, "after rows freedom"], Float[Tensor, "after rows angles"]],
-    seen: tuple[Float[Tensor, "steps rows inputs"], Sequence[Tensor]],
+    network: tuple[Sequence[Tensor], Sequence[Tensor]],
     jacobian: Float[Tensor, "steps rows columns state"],
     cotangents: Sequence[Tensor],
-) -> Float[Tensor, "steps rows freedom"]:
-    """Cotangents of the network's answers, from the last step to the first."""
-    network, (velocities, angles) = ship.network, states
-    s, count, turned = network.settings, velocities.shape[-1], angles.shape[-1]
-    inputs, flat = seen
-    layers = _layers(ship, flat)
-    slopes = network.slopes(inputs, layers)
-    steps, rows, width = len(inputs), inputs.shape[1], jacobian.shape[-2]
+) -> list[Float[Tensor, "steps _ nodes"]]:
+    """Cotangents of what the nodes of each layer are given, from the last step to the first."""
+    (velocities, angles), (slopes, flat), s = states, network, ship.network.settings
+    count, turned, layers = velocities.shape[-1], angles.shape[-1], _layers(ship, flat)
+    steps, rows, width = jacobian.shape[:3]
+    by_step, carried = [part.unbind() for part in slopes], []
     state = torch.cat([cotangents[0], cotangents[1], cotangents[2][..., None]], dim=-1)
     # The latest first: forces of past steps then follow each other as the network's inputs do.
-    force = inputs.new_zeros(steps + s.past, rows, width)
+    force = jacobian.new_zeros(steps + s.past, rows, width)
     whole, kept = s.past_thrust + 1, len(s.long_kept)
     first, second = whole * width, whole * width + (s.past - s.past_thrust) * kept
     speed = torch.linalg.vector_norm(velocities[:-1, :, :2], dim=-1, keepdim=True)
@@ -147,7 +150,8 @@ def _carried_back(
         in_step = torch.linalg.vecdot(after[:, count:-1], mean[k])[:, None] + after[:, -1:]
         now[:, :2].addcmul_(in_step, by_speed[k])
         now[:, count:] += after[:, count:]
-        back = network.pulled_back(after[:, :count], [part[k] for part in slopes], layers)
+        back, passed = ship.network.pulled_back(after[:, :count], [part[k] for part in by_step], layers)
+        carried.append(passed)
         j = steps - 1 - k
         force[j : j + whole] += back[:, :first].view(rows, whole, width).transpose(0, 1)
         force[j + whole : j + s.past + 1, :, 2 : 2 + kept] += back[:, first:second].view(rows, -1, kept).transpose(0, 1)
@@ -155,4 +159,4 @@ def _carried_back(
         if k:
             state[k - 1, :, :count] += back[:, second + count :]
         now += torch.bmm(force[j, :, None], jacobian[k])[:, 0]
-    return state[1:, :, :count]
+    return [torch.stack(layer[::-1]) for layer in reversed(list(zip(*carried, strict=True)))]
