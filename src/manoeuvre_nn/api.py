@@ -21,7 +21,7 @@ from rich.console import Console
 from manoeuvre_nn.commands import config as configs
 from manoeuvre_nn.commands.diagnosis_setup import setup
 from manoeuvre_nn.commands.groups import compose, option
-from manoeuvre_nn.commands.job import load_model, prepare
+from manoeuvre_nn.commands.job import load_model, prepare, with_rate
 from manoeuvre_nn.commands.provenance import write_provenance
 from manoeuvre_nn.commands.shelves import build
 from manoeuvre_nn.commands.simulate import as_sensed, sail
@@ -36,6 +36,7 @@ from manoeuvre_nn.core.units import KNOT
 from manoeuvre_nn.diagnosis.case import case_of
 from manoeuvre_nn.diagnosis.diagnose import diagnose as find_causes
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
+from manoeuvre_nn.dynamics.recursive import RecursiveShip
 from manoeuvre_nn.recording.read.mapping import Mapping as ColumnMapping
 from manoeuvre_nn.recording.read.reader import read_recordings
 from manoeuvre_nn.report.views import Answer, Runs, Scores
@@ -60,7 +61,7 @@ class FittedModel:
         folder: Where checkpoint and config are, if they were kept.
     """
 
-    model: IdentifiedShip
+    model: IdentifiedShip | RecursiveShip
     runs: Runs
     source: str
     folder: Path | None = None
@@ -216,7 +217,7 @@ def diagnose(
     """
     listed = candidates if isinstance(candidates, str) else f"[{','.join(candidates)}]"
     cfg = compose("diagnose", [f"candidates={listed}", f"workers={workers}", "out=."])
-    fitted = None if model is None else _model(model)
+    fitted = None if model is None else with_rate(_model(model), "a diagnosis")
     hull = _ship(ship) if fitted is None else fitted.known
     if not isinstance(hull, Ship):
         raise InputError(

@@ -20,7 +20,7 @@ def raised(act) -> BaseException:
 @pytest.mark.parametrize(
     "words, told",
     [
-        (["ship=submarine"], "ship=submarine is unknown; choose one of: esso_190k, esso_osaka_mmg, esso_osaka_model,"),
+        (["ship=submarine"], "ship=submarine is unknown; choose one of: container, container_twin, esso_190k,"),
         (["experiment=nope"], "experiment=nope is unknown; choose one of: rajesh2009, wang1996"),
         (["hydra/launcher=nope"], "hydra/launcher=nope is unknown; choose one of: basic, joblib, two_cores"),
         (["manoeuvre=[zz35,nope]"], "manoeuvre=nope is unknown; manoeuvre train --help lists the choices"),

@@ -65,12 +65,23 @@ def test_a_mirrored_ship_answers_with_the_mirror_image(settings):
     assert torch.equal(made.mirrored(made.mirrored(x)), x)
 
 
-def test_the_symmetric_answer_is_the_mean_of_the_network_and_its_mirror_image():
-    made, x, _ = network()
-    alone = RecursiveNetwork(RecursiveSettings(symmetric=False), dtype=torch.float64)
+def test_output_nodes_of_a_symmetric_network_are_given_the_mean_of_it_and_its_mirror_image():
+    made, x, _ = network(about_last=False)
+    alone = RecursiveNetwork(RecursiveSettings(symmetric=False, about_last=False), dtype=torch.float64)
     alone.load_state_dict(made.state_dict())
-    mean = 0.5 * (alone(x) + alone(alone.mirrored(x)) * alone.output_signs)
-    assert torch.allclose(made(x), mean, atol=1e-12)
+
+    def given(inputs):
+        return ((alone(inputs) - alone.middle) / alone.half_range).atanh()
+
+    mean = 0.5 * (given(x) + given(alone.mirrored(x)) * alone.output_signs)
+    assert torch.allclose(made(x), made.middle + made.half_range * mean.tanh(), atol=1e-9)
+
+
+@pytest.mark.parametrize("symmetric", [True, False])
+def test_a_network_that_gives_nothing_repeats_the_last_outputs(symmetric):
+    made, x, _ = network(symmetric=symmetric, margin=9.0)
+    made.weights[-1].data.zero_()
+    assert torch.allclose(made(x), x[:, -8:-4], atol=1e-9)
 
 
 def test_a_ship_that_goes_straight_ahead_with_all_alike_is_not_turned():
@@ -80,7 +91,7 @@ def test_a_ship_that_goes_straight_ahead_with_all_alike_is_not_turned():
 
 
 def test_outputs_stay_within_the_range_of_the_data_and_its_margin():
-    made, x, y = network(symmetric=False, margin=0.1)
+    made, x, y = network(symmetric=False, margin=0.1, about_last=False)
     far = made(1e3 * x)
     low, high = y.amin(0), y.amax(0)
     assert (far >= low - 0.05 * (high - low) - 1e-9).all() and (far <= high + 0.05 * (high - low) + 1e-9).all()
@@ -88,7 +99,7 @@ def test_outputs_stay_within_the_range_of_the_data_and_its_margin():
 
 
 def test_the_scaling_drawn_into_the_weights_is_the_scaling_of_the_inputs():
-    made, x, _ = network(symmetric=False, hidden=(7,))
+    made, x, _ = network(symmetric=False, hidden=(7,), about_last=False)
     z = (x - made.shift) / made.scale
     nodes = torch.sigmoid(z @ made.weights[0] + made.biases[0])
     plain = made.middle + made.half_range * (2 * torch.sigmoid(2 * nodes @ made.weights[1]) - 1)

@@ -133,9 +133,10 @@ def setup(cfg: DictConfig, model: IdentifiedShip | None = None) -> _Setup:
     """Check everything that concerns all cases, with a fitted model that is at hand or else that of the config."""
     shelf = {name: load_yaml(path) for name, path in options("effect", cfg.get("config_dir")).items()}
     if model is None and cfg.model is not None:
-        from manoeuvre_nn.commands.job import load_model  # brings Lightning, seconds that a ship's own model needs not
+        # It brings Lightning, seconds that a ship's own model needs not.
+        from manoeuvre_nn.commands.job import load_model, with_rate
 
-        model = load_model(Path(cfg.model))
+        model = with_rate(load_model(Path(cfg.model)), "a diagnosis")
     chosen = cfg.candidates
     if chosen == DEFAULT and cfg.mapping is not None:
         given = configs.read_mapping(cfg.mapping, cfg.get("config_dir"))

@@ -10,7 +10,7 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from manoeuvre_nn.commands import config as configs
-from manoeuvre_nn.commands.job import NOTHING_HELD_OUT, Job, config_beside, known_part, load_model, prepare
+from manoeuvre_nn.commands.job import NOTHING_HELD_OUT, Job, config_beside, known_part, load_model, prepare, with_rate
 from manoeuvre_nn.commands.provenance import check_same_run, shown, versions, write_provenance
 from manoeuvre_nn.commands.shelves import check_arguments, plain
 from manoeuvre_nn.commands.train import fit
@@ -80,7 +80,7 @@ def excite(cfg: DictConfig, out: Path, console: Console | None = None) -> Manoeu
     if model is None:
         trained = fit(cfg, question.job, out, console)
         trained.close({}, {})
-        model = trained.fit.dynamics.double().cpu()
+        model = with_rate(trained.fit.dynamics.double().cpu(), "excite")
     with console.status("sailing") as status:
         advice = _advice(question, model, lambda name: status.update(f"after {name}"))
     _write(advice, plain(cfg), out)
@@ -118,7 +118,7 @@ def question_of(cfg: DictConfig) -> _Question:
         cfg.goal,
         ship,
         job,
-        None if cfg.model is None else load_model(Path(cfg.model)),
+        None if cfg.model is None else with_rate(load_model(Path(cfg.model)), "excite"),
         possible,
         targets,
         refused,

@@ -17,6 +17,7 @@ from manoeuvre_nn.core.network import Network
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.dynamics.model import IdentifiedShip, Scaling
+from manoeuvre_nn.dynamics.recursive import RecursiveShip, joined_model
 from manoeuvre_nn.training import session
 from manoeuvre_nn.training.checkpoint import load_weights, read_checkpoint
 from manoeuvre_nn.training.data import DEFAULT_SCORE, SUBSTITUTES, ManoeuvreData, RecordedData
@@ -170,10 +171,10 @@ def _given(cfg: DictConfig, common: dict[str, Any], runs: Sequence[Recording]) -
 def make_fit(cfg: DictConfig, job: Job) -> Fit:
     """Join known part, network and scaling of a job whose data are set up, and give them to the chosen method."""
     scaling = make_scaling(job.scaling, job.data.known, job.data.tuples)
-    return fit_of(cfg, IdentifiedShip(job.data.known, job.network, scaling).to(job.dtype))
+    return fit_of(cfg, joined_model(job.data.reference, job.data.known, job.network, scaling).to(job.dtype))
 
 
-def fit_of(cfg: DictConfig, dynamics: IdentifiedShip) -> Fit:
+def fit_of(cfg: DictConfig, dynamics: IdentifiedShip | RecursiveShip) -> Fit:
     """Give a model to the chosen method: a Lightning module."""
     settings = plain(cfg.fit)
     settings.pop("scaling", None)  # which network.scaling refers to
@@ -206,8 +207,8 @@ def config_beside(checkpoint: Path) -> DictConfig:
     return OmegaConf.create(content)
 
 
-def load_model(path: Path) -> IdentifiedShip:
-    """An identified ship from the checkpoint of a training.
+def load_model(path: Path) -> IdentifiedShip | RecursiveShip:
+    """A model from the checkpoint of a training.
 
     Args:
         path: ``OUT/checkpoints/best.ckpt`` or ``last.ckpt``; the run's ``OUT/config.yaml`` says what the network is.
@@ -217,9 +218,29 @@ def load_model(path: Path) -> IdentifiedShip:
     """
     read_checkpoint(path)
     cfg = config_beside(path)
-    _, known = known_part(cfg)
+    ship, known = known_part(cfg)
     network, _, dtype = blank_network(cfg)
     blank = Scaling(torch.zeros(4), torch.ones(4), torch.ones(3))
-    fit = fit_of(cfg, IdentifiedShip(known, network, blank).to(dtype))
+    fit = fit_of(cfg, joined_model(ship, known, network, blank).to(dtype))
     load_weights(fit, path)
     return fit.dynamics.double()
+
+
+def with_rate(model: IdentifiedShip | RecursiveShip, wanted_for: str) -> IdentifiedShip:
+    """A model whose state has a rate.
+
+    Args:
+        model: A model.
+        wanted_for: What needs it, for the message.
+
+    Returns:
+        The model.
+
+    Raises:
+        InputError: If it goes by steps of its own.
+    """
+    if isinstance(model, RecursiveShip):
+        raise InputError(
+            f"{wanted_for} needs a model whose state has a rate; a recursive network has none: train another network"
+        )
+    return model

@@ -16,6 +16,7 @@ from manoeuvre_nn.commands.coefficients import coefficients_of, write_coefficien
 from manoeuvre_nn.commands.provenance import SCORES, flat, shown, versions
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.limits import OK
+from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.estimation.baselines import fit_baselines
 from manoeuvre_nn.manoeuvre.imo import imo_table
 from manoeuvre_nn.report import coefficient_tables
@@ -65,10 +66,10 @@ class _Outcome:
 
     @cached_property
     def relative_rmse(self) -> dict[str, float]:
-        """Root mean square error of g1, g2, g3 on the training tuples over their root mean square [-]."""
+        """Error of what the network gives on the training data, g1, g2, g3, over its root mean square [-]."""
         tuples = self.data.tuples
         errors = self.trained.fit.relative_rmse(tuples.inputs.double(), tuples.targets.double())
-        return {f"g{k}": float(error) for k, error in enumerate(errors, start=1)}
+        return {name: float(error) for name, error in zip(self.trained.fit.errors_of, errors, strict=True)}
 
     @cached_property
     def imo(self) -> list[dict[str, Any]]:
@@ -103,9 +104,10 @@ def figures(outcome: _Outcome) -> dict[str, Figure]:
         for reference, prediction, members in zip(references, outcome.predictions, outcome.members, strict=True)
         for name, figure in comparison_figures(reference, prediction, members).items()
     }
-    inputs, units = tuples.inputs.double(), fit.dynamics.known.velocity_units.double().numpy()
-    network = fit.unknown_force(inputs).numpy()
-    made["training/forces"] = force_figure(tuples.times.numpy(), tuples.targets.double().numpy(), network)
+    inputs, units = tuples.inputs.double(), fit.dynamics.hull.velocity_units.double().numpy()
+    if isinstance(fit.dynamics, IdentifiedShip):
+        network = fit.unknown_force(inputs).numpy()
+        made["training/forces"] = force_figure(tuples.times.numpy(), tuples.targets.double().numpy(), network)
     sailed = {r.name: np.column_stack([r.stacked("u", "v", "r") / units, r["delta"]]) for r in references}
     made["training/excitation"] = excitation_figure(inputs.numpy(), sailed)
     if outcome.trained.history:

@@ -1,7 +1,7 @@
 """The equations of motion: state and inputs -> rate of the state, which is what a solver asks of whatever moves."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import torch
@@ -10,6 +10,8 @@ from torch import Tensor, nn
 
 from manoeuvre_nn.core.frames import kinematics
 from manoeuvre_nn.core.inputs import Inputs
+from manoeuvre_nn.core.manoeuvre import Manoeuvre
+from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars, Ship
 
 
@@ -73,6 +75,30 @@ class Model(ABC, nn.Module):
         Returns:
             A new model.
         """
+
+    def driven(self, recordings: Sequence[Recording], start: float) -> list[Recording] | None:
+        """Runs by recorded controls, of a model that has steps of its own.
+
+        Args:
+            recordings: What was recorded.
+            start: Time after the first sample at which the model takes over [s].
+
+        Returns:
+            A prediction each; None for a model whose state has a rate, which solvers integrate.
+        """
+        return None
+
+    def steered(self, manoeuvres: Sequence[Manoeuvre], interval: float | None) -> list[Recording] | None:
+        """Runs by a helmsman, of a model that has steps of its own.
+
+        Args:
+            manoeuvres: What the helmsman does.
+            interval: Time between samples [s]; None takes the ship's usual one.
+
+        Returns:
+            A run each; None for a model whose state has a rate.
+        """
+        return None
 
     def sensitivities(self, state: Float[Tensor, "*batch n"], inputs: Inputs) -> Float[Tensor, "*batch k 3"]:
         """What one standard deviation of each uncertain combination of coefficients adds to the accelerations.

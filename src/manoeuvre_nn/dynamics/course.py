@@ -88,6 +88,15 @@ class Course:
     length: float
     duration: Float[Tensor, " rows"]
 
+    def to(self, like: Tensor) -> "Course":
+        """The same in another floating type or on another device."""
+        controls, motion = (TimeTable(t.values.to(like), t.interval.to(like)) for t in (self.controls, self.motion))
+        return Course(controls, motion, self.speed.to(like), self.length, self.duration.to(like))
+
+    def count(self, step: float) -> int:
+        """Number of steps in which the longest run is over."""
+        return self.steps(step).shape[1]
+
     def steps(self, step: float) -> Float[Tensor, "rows steps"]:
         """Times of the steps, ``t + step / U(t)`` with the recorded speed, until every run is over.
 

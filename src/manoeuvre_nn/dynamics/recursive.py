@@ -1,67 +1,36 @@
 """A ship that moves by a recursive network: steps of constant length in L/U, from control histories alone."""
 
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.inputs import Inputs
+from manoeuvre_nn.core.manoeuvre import Manoeuvre
+from manoeuvre_nn.core.network import Network
+from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars, Ship, WindAreas
+from manoeuvre_nn.core.units import GRAVITY
 from manoeuvre_nn.core.wind import COEFFICIENTS, usual_kind
 from manoeuvre_nn.dynamics.base import Model
+from manoeuvre_nn.dynamics.closed_loop_gradient import closed_loop
 from manoeuvre_nn.dynamics.course import Course
-from manoeuvre_nn.network.force_modules import GRAVITY, BasicForces, ForceConstants
+from manoeuvre_nn.dynamics.model import IdentifiedShip, Scaling
+from manoeuvre_nn.dynamics.recursion import MIN_SPEED, RecordedSteps, Recursion, Unrolled, track_of
+from manoeuvre_nn.dynamics.recursive_runs import driven, steered
+from manoeuvre_nn.network.force_modules import BasicForces, ForceConstants
 from manoeuvre_nn.network.recursive import ForceSettings, RecursiveNetwork
-
-MIN_SPEED = 0.05
-"""Speed over U0 below which steps grow no longer."""
-
-
-class Recursion(NamedTuple):
-    """Where every row stands: the network's last outputs and what is kept of the past.
-
-    Attributes:
-        velocities: Last outputs, over U0 and U0/L.
-        before: Those of one step before.
-        angles: phi, theta, psi [rad], as far as the network has their rates.
-        time: In L/U0.
-        forces: Those of past steps, the latest first.
-    """
-
-    velocities: Float[Tensor, "rows freedom"]
-    before: Float[Tensor, "rows freedom"]
-    angles: Float[Tensor, "rows angles"]
-    time: Float[Tensor, " rows"]
-    forces: tuple[Float[Tensor, "rows columns"], ...]
-
-
-class Unrolled(NamedTuple):
-    """Runs in closed loop, the start first.
-
-    Attributes:
-        velocities: Over U0 and U0/L.
-        angles: phi, theta, psi [rad], as far as the network has their rates.
-        time: In L/U0.
-        track: x and y over L.
-    """
-
-    velocities: Float[Tensor, "rows steps freedom"]
-    angles: Float[Tensor, "rows steps angles"]
-    time: Float[Tensor, "rows steps"]
-    track: Float[Tensor, "rows steps 2"]
 
 
 class RecursiveShip(Model):
-    """A hull for its particulars and a recursive network for its motion.
+    """A ship that is known by her particulars and shaft speed, and a recursive network for her motion.
 
     Velocities are non-dimensional by L and by the speed U0 at which a run begins. A step takes ``dt = step L/U`` with U
     of the last outputs; angles and track follow by the trapezoidal rule.
 
     Attributes:
-        known: The ship, for dimensions, shaft speed and stability.
         network: The network.
         forces: Its force modules.
 
@@ -70,19 +39,19 @@ class RecursiveShip(Model):
         axes that heel with the ship. Here u, v, r are about upright axes, as everywhere in the package.
     """
 
-    def __init__(self, known: Ship, network: RecursiveNetwork) -> None:
+    def __init__(self, ship: Ship, network: RecursiveNetwork) -> None:
         """Join ship and network."""
         super().__init__()
-        self.known, self.network = known, network
+        self._ship, self.network = [ship], network  # in a list, so that its coefficients are no part of the model
         names = network.settings.velocities
-        constants = force_constants(known.particulars, network.settings.forces)
+        constants = force_constants(ship.particulars, network.forces)
         self.forces = BasicForces(constants, rolls="p" in names, pitches="q" in names, wind=network.settings.wind)
         self.angles_count = sum(name in "pqr" for name in names)
 
     @property
     def hull(self) -> Ship:
-        """The known ship."""
-        return self.known
+        """The ship."""
+        return self._ship[0]
 
     def forward(self, state: Float[Tensor, "*batch n"], inputs: Inputs) -> Float[Tensor, "*batch n"]:
         """Refuse: a recursive network knows the next step, not the rate of a state.
@@ -98,7 +67,7 @@ class RecursiveShip(Model):
 
     def on_approach(self, speed: float) -> "RecursiveShip":
         """The same network behind a hull that comes in at another speed."""
-        return RecursiveShip(self.known.on_approach(speed), self.network)
+        return RecursiveShip(self.hull.on_approach(speed), self.network)
 
     def froude(self, speed: Float[Tensor, " rows"]) -> Float[Tensor, " rows"]:
         """``U0^2 / (g L)`` of approach speeds [m/s]."""
@@ -133,7 +102,7 @@ class RecursiveShip(Model):
         speed: Float[Tensor, " rows"],
         steps: int,
     ) -> Unrolled:
-        """Many steps in closed loop; gradients pass through.
+        """Many steps in closed loop; gradients pass to the network's weights.
 
         Args:
             start: Where every row stands.
@@ -144,17 +113,27 @@ class RecursiveShip(Model):
         Returns:
             All steps; tracks begin at the origin.
         """
-        folded, froude = self.network.folded(), self.froude(speed)
-        passed = [start]
-        for _ in range(steps):
-            passed.append(self.advance(passed[-1], controls(passed[-1].time), froude, folded))
+        made = closed_loop(self, start, controls, speed, steps)
+        velocities, angles, time = (values.transpose(0, 1) for values in made)
+        return Unrolled(velocities, angles, time, track_of(velocities, angles[..., -1], time))
+
+    def joined(self, passed: Sequence[Recursion]) -> Unrolled:
+        """Steps that follow each other, as one."""
         velocities, angles, time = (
             torch.stack(values, dim=1)
             for values in ([p.velocities for p in passed], [p.angles for p in passed], [p.time for p in passed])
         )
         return Unrolled(velocities, angles, time, track_of(velocities, angles[..., -1], time))
 
-    def recorded(self, course: Course) -> "RecordedSteps":
+    def driven(self, recordings: Sequence[Recording], start: float) -> list[Recording]:
+        """Runs by recorded controls, see :func:`.recursive_runs.driven`."""
+        return driven(self, recordings, start)
+
+    def steered(self, manoeuvres: Sequence[Manoeuvre], interval: float | None) -> list[Recording]:
+        """Runs by a helmsman, see :func:`.recursive_runs.steered`."""
+        return steered(self, manoeuvres, interval)
+
+    def recorded(self, course: Course) -> RecordedSteps:
         """Recorded runs as this network would have seen them, step by step."""
         time = course.steps(self.network.settings.step)
         everyone = torch.arange(len(course.speed), device=time.device)
@@ -166,46 +145,23 @@ class RecursiveShip(Model):
         return RecordedSteps(time, velocities, turned, forces)
 
 
-class RecordedSteps(NamedTuple):
-    """Recorded runs at the steps of a network.
+def joined_model(
+    ship: Ship | Particulars, known: Ship, network: Network, scaling: Scaling
+) -> IdentifiedShip | RecursiveShip:
+    """A network on a ship: one that predicts velocities goes from step to step, one that gives forces is integrated.
 
-    Attributes:
-        time: In L/U0; a run that is over goes on with its last sample.
-        velocities: Over U0 and U0/L.
-        angles: phi, theta, psi [rad].
-        forces: By the force modules.
+    Args:
+        ship: The ship, or its particulars where no more is known.
+        known: Known part of its forces.
+        network: The network.
+        scaling: Of a network that gives forces.
+
+    Returns:
+        The model.
     """
-
-    time: Float[Tensor, "rows steps"]
-    velocities: Float[Tensor, "rows steps freedom"]
-    angles: Float[Tensor, "rows steps angles"]
-    forces: Float[Tensor, "rows steps columns"]
-
-    def start(self, rows: Int[Tensor, " some"], steps: Int[Tensor, " some"], past: int) -> Recursion:
-        """Where a network stands that takes over at a step; what was before the run is filled with its start.
-
-        Args:
-            rows: Runs.
-            steps: Steps of these runs.
-            past: Past values that are kept.
-
-        Returns:
-            As many rows.
-        """
-        before = [self.forces[rows, (steps - k).clamp(min=0)] for k in range(1, past + 1)]
-        last = self.velocities[rows, (steps - 1).clamp(min=0)]
-        at = rows, steps
-        return Recursion(self.velocities[at], last, self.angles[at], self.time[at], tuple(before))
-
-
-def track_of(
-    velocities: Float[Tensor, "rows steps freedom"], psi: Float[Tensor, "rows steps"], time: Float[Tensor, "rows steps"]
-) -> Float[Tensor, "rows steps 2"]:
-    """Track from the origin by the trapezoidal rule; non-dimensional."""
-    u, v, cos, sin = velocities[..., 0], velocities[..., 1], psi.cos(), psi.sin()
-    over_ground = torch.stack([u * cos - v * sin, u * sin + v * cos], dim=-1)
-    passed = 0.5 * (over_ground[:, 1:] + over_ground[:, :-1]) * time.diff(dim=1)[..., None]
-    return torch.cat([torch.zeros_like(over_ground[:, :1]), passed.cumsum(1)], dim=1)
+    if isinstance(network, RecursiveNetwork):
+        return RecursiveShip(ship if isinstance(ship, Ship) else known, network)
+    return IdentifiedShip(known, network, scaling)
 
 
 def force_constants(ship: Particulars, settings: ForceSettings) -> ForceConstants:

@@ -45,6 +45,9 @@ def replay(ship: Model | Vessel, recordings: Sequence[Recording], *, start: floa
         InputError: If a recording is shorter than ``start``.
     """
     vessel = as_vessel(ship)
+    own = vessel.model.driven(recordings, start)
+    if own is not None:
+        return own
     model, interval = vessel.model, vessel.model.particulars.sample_interval
     grids = []
     for record in recordings:

@@ -220,6 +220,9 @@ def roll_out(
     Returns:
         One recording a manoeuvre, in their order.
     """
+    own = as_vessel(ship).model.steered(manoeuvres, interval)
+    if own is not None:
+        return own
     by_speed: dict[float | None, list[int]] = {}
     for index, manoeuvre in enumerate(manoeuvres):
         by_speed.setdefault(manoeuvre.speed, []).append(index)

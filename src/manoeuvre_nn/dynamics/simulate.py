@@ -113,6 +113,9 @@ def simulate(
         Recording with u, v, r, x, y, psi, delta, delta_order and exact accelerations, with effects also what
         :func:`to_recordings` adds. A run that leaves the physical range ends there, and its status says when.
     """
+    own = as_vessel(ship).model.steered([manoeuvre], interval)
+    if own is not None:
+        return own[0]
     vessel, state = on_approach(ship, manoeuvre)
     times = sample_times(vessel.model.particulars, manoeuvre, interval)
     options = {"rtol": rtol, "atol": atol, "method": "dopri5"}

@@ -23,8 +23,6 @@ from manoeuvre_nn.core.ship import WindAreas
 from manoeuvre_nn.core.units import SEA_WATER
 from manoeuvre_nn.core.wind import wind_load
 
-GRAVITY = 9.80665
-"""Acceleration of gravity [m/s^2]."""
 MIN_INFLOW = 1e-6
 """Square of the smallest speed behind a propeller [U0^2]: one that brakes does not turn the water back."""
 

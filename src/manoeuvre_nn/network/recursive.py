@@ -1,7 +1,7 @@
 """A recursive network: forces and its own last outputs in, the velocities of the next step out."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import sqrt
 
 import torch
@@ -15,6 +15,8 @@ FREEDOMS = {3: ("u", "v", "r"), 4: ("u", "v", "p", "r"), 6: ("u", "v", "w", "p",
 """Number of degrees of freedom -> the velocities that are predicted, in u, v and w over U0 and rates over U0/L."""
 EVEN = ("u", "w", "q")
 """Velocities that stay when port and starboard change places; the others change sign."""
+MAX_SHARE = 0.999
+"""Share of its range up to which a last output is carried on [-]."""
 STEP = 0.09
 """Time step of the source over L/U."""
 
@@ -49,10 +51,11 @@ class RecursiveSettings:
         past: Past values of lift and moments that are kept.
         past_thrust: Past values of thrust, and of the wind's forces.
         wind: Whether it takes force and moments of the recorded true wind.
+        about_last: Whether output nodes work about the last outputs: the network gives the change, and where it gives
+            nothing, velocities stay; else it gives the velocities, as in the source.
         symmetric: Whether port and starboard are alike: the answer is the mean of the network's and its mirror image's.
         margin: How far outputs may go beyond the data, over half their range [-].
         step: Time step over L/U [-].
-        forces: Constants of the force modules.
     """
 
     freedom: int = 4
@@ -61,10 +64,10 @@ class RecursiveSettings:
     past: int = 7
     past_thrust: int = 1
     wind: bool = False
+    about_last: bool = True
     symmetric: bool = True
     margin: float = 0.3
     step: float = STEP
-    forces: ForceSettings = field(default_factory=ForceSettings)
 
     def __post_init__(self) -> None:
         """Check the numbers.
@@ -111,10 +114,13 @@ class RecursiveNetwork(Network):
 
     ``h1 = s(W1 x + b1)``, ``h2 = s(W2 h1 + b2)``, ``y = m + d (2 s(2 W3 h2) - 1)`` with the logistic s, the middle m of
     the data's range and half of it, d, with a margin: outputs are bounded. Inputs are standardised by the data. With
-    ``symmetric`` the answer is ``(f(x) + S f(M x)) / 2``, where M mirrors inputs and S outputs.
+    ``about_last`` output nodes are given in addition what would make them repeat the last outputs,
+    ``atanh((y(t) - m) / d)``. With ``symmetric`` they are given ``(f(x) + S f(M x)) / 2``, where M mirrors inputs and S
+    outputs.
 
     Attributes:
         settings: Its shape.
+        forces: Constants of the force modules.
         weights: Of each layer, a column a node.
         biases: Of each hidden layer; none without biases.
 
@@ -131,24 +137,32 @@ class RecursiveNetwork(Network):
     partners: Tensor
     signs: Tensor
     output_signs: Tensor
+    both_signs: Tensor
 
     def __init__(
-        self, settings: RecursiveSettings | None = None, *, seed: int = 0, dtype: torch.dtype = torch.float32
+        self,
+        settings: RecursiveSettings | None = None,
+        forces: ForceSettings | None = None,
+        *,
+        seed: int = 0,
+        dtype: torch.dtype = torch.float32,
     ) -> None:
         """Draw the first weights.
 
         Args:
             settings: Shape.
+            forces: Constants of the force modules, for the ship that it is joined to.
             seed: Seed of the weights.
             dtype: Floating type.
         """
         super().__init__()
         self.settings = s = settings or RecursiveSettings()
+        self.forces = forces or ForceSettings()
         sizes = [self.inputs_count, *s.hidden, len(s.velocities)]
         # Drawn in float64 whatever the type, so that float32 and float64 networks start alike.
         draw = torch.Generator().manual_seed(seed)
         # Logistic nodes have a quarter of the slope of a line: after them weights are larger.
-        spreads = [1.0, *[2.0] * (len(s.hidden) - 1), 1.0]
+        spreads = [1.0, *[2.0] * (len(s.hidden) - 1), 0.1 if s.about_last else 1.0]
         self.weights = nn.ParameterList(
             nn.Parameter((gain / sqrt(a) * torch.randn(a, b, generator=draw, dtype=torch.float64)).to(dtype))
             for gain, a, b in zip(spreads, sizes[:-1], sizes[1:], strict=True)
@@ -180,6 +194,8 @@ class RecursiveNetwork(Network):
         self.register_buffer("signs", self.shift.new_tensor(signs), persistent=False)
         outputs = [1.0 if name in EVEN else -1.0 for name in s.velocities]
         self.register_buffer("output_signs", self.shift.new_tensor(outputs), persistent=False)
+        both = torch.stack([torch.ones_like(self.output_signs), self.output_signs])
+        self.register_buffer("both_signs", both, persistent=False)
 
     @property
     def takes(self) -> tuple[str, ...]:
@@ -273,11 +289,72 @@ class RecursiveNetwork(Network):
         for weight, bias in zip(weights[1:], biases[1:], strict=True):
             values = nodes.sigmoid()
             nodes = values @ weight if bias is None else torch.addmm(bias, values, weight)
-        bounded = nodes.tanh()  # twice the logistic of twice the nodes, less 1
+        nodes, _ = self._given(x, nodes)
+        # tanh is twice the logistic of twice its argument, less 1.
+        return torch.addcmul(self.middle, nodes.tanh(), self.half_range)
+
+    def nodes(self, x: Float[Tensor, "*batch inputs"], folded: Folded) -> tuple[list[Tensor], list[Tensor]]:
+        """Values of hidden nodes at some inputs, and derivatives of all nodes' functions, for :meth:`pulled_back`.
+
+        Args:
+            x: Inputs.
+            folded: Folded weights.
+
+        Returns:
+            Values of each hidden layer, mirrored rows beside the others; derivatives of each hidden layer, of the
+            outputs, and of the outputs by what they are about.
+        """
+        weights, biases = folded
+        values, slopes = [], []
+        assert biases[0] is not None
+        nodes = x @ weights[0] + biases[0]
         if self.settings.symmetric:
-            both = bounded.view(count, 2, -1)
-            bounded = 0.5 * torch.addcmul(both[:, 0], both[:, 1], self.output_signs)
-        return torch.addcmul(self.middle, bounded, self.half_range)
+            nodes = nodes.unflatten(-1, (2, -1)).flatten(-3, -2)
+        for weight, bias in zip(weights[1:], biases[1:], strict=True):
+            values.append(nodes.sigmoid())
+            slopes.append(values[-1] * (1 - values[-1]))
+            nodes = values[-1] @ weight if bias is None else values[-1] @ weight + bias
+        nodes, share = self._given(x, nodes)
+        slopes.append(self.half_range * (1 - nodes.tanh().square()))
+        # From there on what the output is about moves no more.
+        moves = (share.abs() < MAX_SHARE) if self.settings.about_last else torch.zeros_like(share, dtype=torch.bool)
+        return values, [*slopes, torch.where(moves, 1 / (self.half_range * (1 - share.square())), 0.0)]
+
+    def _given(
+        self, x: Float[Tensor, "*batch inputs"], nodes: Float[Tensor, "*more freedom"]
+    ) -> tuple[Float[Tensor, "*batch freedom"], Float[Tensor, "*batch freedom"]]:
+        """What output nodes are given, and the last outputs over their range."""
+        count = nodes.shape[-1]
+        if self.settings.symmetric:
+            nodes = 0.5 * (nodes.unflatten(-2, (-1, 2)) * self.both_signs).sum(-2)
+        share = (x[..., -2 * count : -count] - self.middle) / self.half_range
+        return nodes + share.clamp(-MAX_SHARE, MAX_SHARE).atanh() if self.settings.about_last else nodes, share
+
+    def pulled_back(
+        self, cotangent: Float[Tensor, "rows freedom"], slopes: Sequence[Tensor], folded: Folded
+    ) -> tuple[Float[Tensor, "rows inputs"], list[Tensor]]:
+        """Transposed Jacobian times a cotangent of the answer.
+
+        ``W1 (s1' (W2 (s2' (W3 (d s' l)))))``, from the output backwards; in the mirror image with signs.
+
+        Args:
+            cotangent: l.
+            slopes: By :meth:`nodes`.
+            folded: Folded weights.
+
+        Returns:
+            Cotangent of the inputs, and of what the nodes of each layer are given, the last layer first.
+        """
+        *layers, out, about = slopes
+        count, nodes = cotangent.shape[1], cotangent * out
+        passed = [(0.5 * nodes[:, None] * self.both_signs).view(-1, count) if self.settings.symmetric else nodes]
+        for weight, slope in zip(reversed(folded[0][1:]), reversed(layers), strict=True):
+            passed.append((passed[-1] @ weight.T) * slope)
+        passed[-1] = passed[-1].view(len(cotangent), -1)
+        back = passed[-1] @ folded[0][0].T
+        if self.settings.about_last:
+            back[:, -2 * count : -count] += nodes * about
+        return back, passed
 
     def forward(self, x: Float[Tensor, "*batch inputs"]) -> Float[Tensor, "*batch outputs"]:
         """Velocities of the next step."""

@@ -13,13 +13,14 @@ from manoeuvre_nn import __version__
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.network import Network
 from manoeuvre_nn.dynamics.model import IdentifiedShip
+from manoeuvre_nn.dynamics.recursive import RecursiveShip
 from manoeuvre_nn.network.perceptron import Perceptron
 from manoeuvre_nn.numerics.damping import Damping, Stops
 from manoeuvre_nn.numerics.levenberg_marquardt import LevenbergMarquardt
 from manoeuvre_nn.numerics.one_hidden import OneHidden
 from manoeuvre_nn.numerics.steepest_descent import RateSchedule, SteepestDescent, StoppingRules
 from manoeuvre_nn.training.checkpoint import VERSION_KEY
-from manoeuvre_nn.training.data import Batch
+from manoeuvre_nn.training.data import Batch, ManoeuvreData
 
 LARGEST_BLOCK = 2e7
 """Numbers in the largest block of a Jacobian that is built at once: 160 MB in double precision."""
@@ -35,14 +36,17 @@ class Fit(ABC, L.LightningModule):
         stopped: Why the optimizer stopped of its own; empty while it runs.
     """
 
+    dynamics: IdentifiedShip
     made_for: ClassVar[type[Network] | None] = None
     """The networks that the method trains; None are all that any method can train."""
+    errors_of: ClassVar[tuple[str, str, str]] = ("g1", "g2", "g3")
+    """What :meth:`relative_rmse` is the error of: forces, or what the network gives instead."""
 
-    def __init__(self, dynamics: IdentifiedShip, iterations_per_epoch: int) -> None:
+    def __init__(self, dynamics: IdentifiedShip | RecursiveShip, iterations_per_epoch: int) -> None:
         """Store the model.
 
         Args:
-            dynamics: Known part, network and scaling.
+            dynamics: Known part, network and scaling, or ship and recursive network.
             iterations_per_epoch: Iterations of the optimizer in a Lightning epoch.
 
         Raises:
@@ -57,7 +61,8 @@ class Fit(ABC, L.LightningModule):
         if iterations_per_epoch < 1:
             raise InputError(f"fit.iterations_per_epoch={iterations_per_epoch}: expected at least 1")
         self.automatic_optimization = False
-        self.dynamics, self.iterations_per_epoch = dynamics, iterations_per_epoch
+        self.dynamics = dynamics  # type: ignore[assignment]  # a fit made for recursive networks says so
+        self.iterations_per_epoch = iterations_per_epoch
         self.stopped = ""
 
     @classmethod
@@ -95,6 +100,10 @@ class Fit(ABC, L.LightningModule):
         """Root mean square error of each g over its root mean square [-]."""
         g = self.unknown_force(inputs)
         return ((g - targets).square().mean(0) / targets.square().mean(0).clamp(min=1e-30)).sqrt()
+
+    def generalization_error(self, data: ManoeuvreData) -> float | None:
+        """The error by which a network is chosen; None for the mean deviation on held-out runs."""
+        return None
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Say which version wrote the checkpoint."""

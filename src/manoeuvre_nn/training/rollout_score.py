@@ -20,6 +20,9 @@ from manoeuvre_nn.training.fits import Fit
 MONITOR = "score/dev_L"
 """What checkpoints and early stopping look at: mean over the held-out manoeuvres of the largest deviation over L."""
 
+GENERALIZATION = "score/generalization"
+"""What they look at instead where a fit states it: an error over training and held-out runs."""
+
 Draw = Callable[[Recording, Recording], Mapping[str, Any]]
 """Reference and prediction -> name -> matplotlib figure."""
 
@@ -66,8 +69,12 @@ class RolloutScore(L.Callback):
         pl_module.log_dict(values, on_epoch=True)
         inputs, targets = trainer.datamodule.train_dataloader().dataset[0][:2]  # type: ignore[attr-defined]
         errors = pl_module.relative_rmse(inputs.to(pl_module.device), targets.to(pl_module.device))
-        relative = {f"train/relrmse_g{k + 1}": float(e) for k, e in enumerate(errors)}
+        relative = {f"train/relrmse_{name}": float(e) for name, e in zip(pl_module.errors_of, errors, strict=True)}
         pl_module.log_dict(relative, on_epoch=True)
+        chosen_by = pl_module.generalization_error(trainer.datamodule)  # type: ignore[attr-defined]
+        if chosen_by is not None:
+            values[GENERALIZATION] = chosen_by
+            pl_module.log(GENERALIZATION, chosen_by, on_epoch=True)
         mse = float(trainer.callback_metrics.get("train/mse", np.nan))
         self.history.append({"epoch": float(trainer.current_epoch + 1), "train/mse": mse, **relative, **values})
         if self.draw and self.figures_every and len(self.history) % self.figures_every == 0:
@@ -87,8 +94,8 @@ class RolloutScore(L.Callback):
 
     @property
     def best(self) -> dict[str, float]:
-        """The scored epoch with the smallest mean deviation; the first of equals."""
-        return min(self.history, key=lambda row: row[MONITOR])
+        """The scored epoch with the smallest error; the first of equals."""
+        return min(self.history, key=error_of)
 
     def state_dict(self) -> dict[str, Any]:
         """The history, so that a resumed run goes on with it."""
@@ -97,6 +104,11 @@ class RolloutScore(L.Callback):
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
         """Take the history up again."""
         self.history = list(state_dict["history"])
+
+
+def error_of(row: Mapping[str, float]) -> float:
+    """The error of a scored epoch by which a network is chosen."""
+    return row.get(GENERALIZATION, row[MONITOR])
 
 
 def for_solvers(dynamics: Model) -> Model:

@@ -21,7 +21,7 @@ from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.training.checkpoint import load_weights, read_checkpoint
 from manoeuvre_nn.training.data import ManoeuvreData
 from manoeuvre_nn.training.fits import Fit
-from manoeuvre_nn.training.rollout_score import MONITOR, RolloutScore
+from manoeuvre_nn.training.rollout_score import GENERALIZATION, MONITOR, RolloutScore, error_of
 
 CHECKPOINTS, DASHBOARD = "checkpoints", "tensorboard"
 CTRL_C, ALL_EPOCHS = "ctrl-C", "all epochs done"
@@ -165,6 +165,12 @@ def _choice(session: Session, scorer: RolloutScore) -> str:
     """How the network was chosen: a choice by the held-out score makes that score a little too good."""
     if session.keep == "last" or not scorer.history:
         return "The network is the last one of the training."
+    if GENERALIZATION in scorer.best:
+        return (
+            f"The network is that of epoch {scorer.best['epoch']:.0f}, the best of {len(scorer.history)} by the error "
+            "over training and held-out runs together (trainer.keep=last takes the last one); a fair figure for new "
+            "manoeuvres is a little worse."
+        )
     return (
         f"The network is that of epoch {scorer.best['epoch']:.0f}, the best of {len(scorer.history)} scores on these "
         "very manoeuvres (trainer.keep=last takes the last one); a fair figure for new manoeuvres is a little worse."
@@ -211,7 +217,7 @@ class _BestAndLast(Checkpoint):
             if self.scorer.best is self.scorer.history[-1]:
                 self.best = {name: value.detach().clone() for name, value in pl_module.state_dict().items()}
                 self._store(trainer, "best.ckpt")
-            scores, count = [row[MONITOR] for row in self.scorer.history], self.patience
+            scores, count = [error_of(row) for row in self.scorer.history], self.patience
             if count is not None and len(scores) > count and min(scores[-count:]) >= min(scores[:-count]):
                 trainer.should_stop = True
         self._store(trainer, "last.ckpt")

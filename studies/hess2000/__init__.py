@@ -1,0 +1,1 @@
+"""Hess & Faller 2000, "Simulation of ship maneuvers using recursive neural networks", done again."""
