@@ -140,7 +140,7 @@ WINDS = {
 
 
 @dataclass(frozen=True)
-class Plan:
+class PlannedSet:
     """A set of runs before it is sailed.
 
     Attributes:
@@ -175,7 +175,7 @@ def overshoots(wind: str = "", seed: int = 0, counts: Counts | None = None) -> R
     return plan_overshoots(wind, seed, counts).sailed()
 
 
-def plan_circles(ship: int, seed: int = 0, counts: Counts | None = None) -> Plan:
+def plan_circles(ship: int, seed: int = 0, counts: Counts | None = None) -> PlannedSet:
     """Tactical circles in calm water.
 
     Own runs: rudder angles of 10 to 35 deg at five speeds, as evenly as a draught board; a fifth of them to port.
@@ -205,10 +205,10 @@ def plan_circles(ship: int, seed: int = 0, counts: Counts | None = None) -> Plan
         PlannedRun(replace(tactical_circle(round(a, 1), SIDES[k in to_port], APPROACH), speed=s * KNOT))
         for k, (a, s) in enumerate([*pairs, *drawn])
     ]
-    return Plan(SHIPS[ship](), plans, validation, counts)
+    return PlannedSet(SHIPS[ship](), plans, validation, counts)
 
 
-def plan_overshoots(wind: str = "", seed: int = 0, counts: Counts | None = None) -> Plan:
+def plan_overshoots(wind: str = "", seed: int = 0, counts: Counts | None = None) -> PlannedSet:
     """Horizontal overshoots of ship 2: 10 and 20 deg in turn, some to port first.
 
     Two runs in turn share a wind; they are sailed on opposite courses, north and south.
@@ -241,7 +241,7 @@ def plan_overshoots(wind: str = "", seed: int = 0, counts: Counts | None = None)
     usual, windage = hull.particulars.above_water, WINDS[wind].windage if wind else 1.0
     areas = replace(usual, frontal=windage * usual.frontal, lateral=windage * usual.lateral)
     hull.particulars = replace(hull.particulars, wind_areas=areas)
-    return Plan(hull, plans, validation, counts)
+    return PlannedSet(hull, plans, validation, counts)
 
 
 def _some(draw: np.random.Generator, count: int, wanted: int) -> set[int]:
