@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from math import pi
 
 import numpy as np
 import torch
@@ -89,7 +90,7 @@ class TrueWinds:
         low: Least speed [m/s].
         high: Largest speed [m/s].
         off_deg: How far from the line of the approach the wind comes at most, from ahead or astern [deg].
-        windage: Wind load over that on the ship as she is [-].
+        windage: Areas above the water over those usual for her size [-].
     """
 
     low: float
@@ -97,10 +98,10 @@ class TrueWinds:
     off_deg: float
     windage: float = 1.0
 
-    def draw(self, draw: np.random.Generator) -> tuple[float, float, float]:
-        """Speed [m/s], where it comes from [deg] and windage of one run."""
+    def draw(self, draw: np.random.Generator) -> tuple[float, float]:
+        """Speed [m/s], and where it comes from [deg]."""
         speed, off = draw.uniform(self.low, self.high), self.off_deg * draw.uniform(-1.0, 1.0)
-        return float(speed), float(draw.choice([0.0, 180.0]) + off) % 360.0, self.windage
+        return float(speed), float(draw.choice([0.0, 180.0]) + off) % 360.0
 
 
 @dataclass(frozen=True)
@@ -110,14 +111,14 @@ class PlannedRun:
     Attributes:
         manoeuvre: What is ordered, at which speed.
         wind_speed: True wind [m/s]; 0 is calm.
-        wind_from_deg: Where it comes from [deg]; the approach is northwards.
-        windage: Wind load over that on the ship as she is [-].
+        wind_from_deg: Where it comes from [deg].
+        heading: Of the approach [rad].
     """
 
     manoeuvre: Manoeuvre
     wind_speed: float = 0.0
     wind_from_deg: float = 0.0
-    windage: float = 1.0
+    heading: float = 0.0
 
 
 SHIPS: dict[int, Callable[[], FourDegreeShip]] = {
@@ -174,6 +175,8 @@ def circles(ship: int, seed: int = 0, counts: Counts | None = None) -> RunSet:
 def overshoots(wind: str = "", seed: int = 0, counts: Counts | None = None) -> RunSet:
     """Horizontal overshoots of ship 2: 10 and 20 deg in turn, some to port first.
 
+    Two runs in turn share a wind; they are sailed on opposite courses, north and south.
+
     Args:
         wind: Key of ``WINDS``; empty for calm water.
         seed: Of what is drawn; with and without wind the same manoeuvres follow.
@@ -192,13 +195,15 @@ def overshoots(wind: str = "", seed: int = 0, counts: Counts | None = None) -> R
     # One of 10 and one of 20 deg, and so on.
     first = 2 * draw.permutation(max(counts.own // 2, 1))
     validation = {int(first[k % len(first)]) + k % 2 for k in range(counts.validation)}
-    plans = []
+    plans, air = [], (0.0, 0.0)
     for k, speed in enumerate(speeds):
         angle = OVERSHOOT_ANGLES_DEG[k % 2]
         side = "port" if k in to_port else "starboard"
         manoeuvre = replace(overshoot(angle, side, APPROACH), speed=speed * KNOT)
-        plans.append(PlannedRun(manoeuvre, *(WINDS[wind].draw(draw) if wind else ())))
-    return _run_set(2, plans, validation, counts)
+        if wind and k % 2 == 0:
+            air = WINDS[wind].draw(draw)
+        plans.append(PlannedRun(manoeuvre, *air, heading=pi * (k % 2)))
+    return _run_set(2, plans, validation, counts, WINDS[wind].windage if wind else 1.0)
 
 
 def _some(draw: np.random.Generator, count: int, wanted: int) -> set[int]:
@@ -211,9 +216,14 @@ def _circle(angle: float, speed: float, to_port: bool) -> PlannedRun:
     return PlannedRun(replace(tactical_circle(round(angle, 1), side, APPROACH), speed=speed * KNOT))
 
 
-def _run_set(ship: int, plans: Sequence[PlannedRun], validation: set[int], counts: Counts) -> RunSet:
+def _run_set(
+    ship: int, plans: Sequence[PlannedRun], validation: set[int], counts: Counts, windage: float = 1.0
+) -> RunSet:
     """Runs sailed and told apart; own runs first."""
     hull = SHIPS[ship]()
+    usual = hull.particulars.above_water
+    areas = replace(usual, frontal=windage * usual.frontal, lateral=windage * usual.lateral)
+    hull.particulars = replace(hull.particulars, wind_areas=areas)
     runs = sail(hull, plans)
     training = tuple(runs[k] for k in range(counts.own) if k not in validation)
     return RunSet(hull, training, tuple(runs[k] for k in sorted(validation)), tuple(runs[counts.own :]))
@@ -274,6 +284,7 @@ def sail(ship: FourDegreeShip, plans: Sequence[PlannedRun]) -> list[Recording]:
     air = [_wind(ship, plans)] if plans[0].wind_speed else []
     vessel = Vessel(model, air)
     start = nn.functional.pad(speeds[:, None], (0, 7))
+    start[:, 5] = start.new_tensor([plan.heading for plan in plans])
     last = max(m.duration_for(h.particulars) for m, h in zip(manoeuvres, hulls, strict=True))
     with torch.no_grad():
         made = rollout(vessel, manoeuvres, start, torch.arange(0.0, last, INTERVAL).to(start), step=STEP)
@@ -296,8 +307,7 @@ def _wind(ship: FourDegreeShip, plans: Sequence[PlannedRun]) -> Effect:
     """A steady wind that is every row's own."""
     wind = SteadyWind(ship)
     names, values = [p.name for p in wind.declared], wind.values.repeat(len(plans), 1)
-    given = {"speed": "wind_speed", "from_deg": "wind_from_deg", "cx": "windage", "cy": "windage", "cn": "windage"}
-    for name, of_plan in given.items():
+    for name, of_plan in {"speed": "wind_speed", "from_deg": "wind_from_deg"}.items():
         values[:, names.index(name)] = values.new_tensor([getattr(plan, of_plan) for plan in plans])
     return wind.at(values)
 

@@ -36,9 +36,9 @@ def test_runs_of_all_speeds_in_one_batch_are_those_sailed_alone(ship):
 
 def test_each_run_has_its_own_wind(ship):
     manoeuvre = replace(overshoot(10.0, cycles=0.5), speed=8.0 * KNOT)
-    runs = sail(ship, [PlannedRun(manoeuvre, 12.0, 10.0), PlannedRun(manoeuvre, 6.0, 190.0, 1.5)])
-    for run, (speed, origin, factor) in zip(runs, [(12.0, 10.0, 1.0), (6.0, 190.0, 1.5)], strict=True):
-        wind = SteadyWind(ship, speed=speed, from_deg=origin, cx=factor, cy=factor, cn=factor)
+    runs = sail(ship, [PlannedRun(manoeuvre, 12.0, 10.0), PlannedRun(manoeuvre, 6.0, 190.0)])
+    for run, (speed, origin) in zip(runs, [(12.0, 10.0), (6.0, 190.0)], strict=True):
+        wind = SteadyWind(ship, speed=speed, from_deg=origin)
         (alone,) = roll_out(Vessel(CalmWater(ship), [wind]), [manoeuvre], step=0.5, interval=1.0)
         assert run["v"] == approx(alone["v"][-len(run) :], rel=1e-9, abs=1e-12)
         assert run["wind_speed"][0] == speed and run["wind_from"][-1] == approx(origin * DEGREE)
@@ -63,3 +63,9 @@ def test_overshoots_with_and_without_wind_are_the_same_manoeuvres():
         assert 3.0 <= run["wind_speed"][0] <= 12.0
         assert abs(np.cos(run["wind_from"][0])) >= np.cos(10.0 * DEGREE) - 1e-12
     assert np.count_nonzero(np.diff(calm.own[0]["delta_order"])) == 5
+
+
+def test_areas_above_the_water_are_larger_where_a_strong_wind_is_to_be_felt():
+    calm, strong = overshoots("", 0, SOME).ship, overshoots("strong", 0, SOME).ship
+    assert strong.particulars.above_water.lateral == approx(1.5 * calm.particulars.above_water.lateral)
+    assert strong.on_approach(5.0).particulars.above_water == strong.particulars.above_water

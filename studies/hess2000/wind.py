@@ -1,0 +1,206 @@
+"""Hess & Faller 2000, "Conclusions": is the transverse error of the overshoots (Table 6) the wind that was left out?"""
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from studies.hess2000.runs import OVERSHOOTS, WINDS, Counts, overshoots
+from studies.hess2000.wind_models import (
+    SIGNIFICANT,
+    BlindAnswer,
+    asked_blindly,
+    errors_of,
+    pairs,
+    perfect_but_for_wind,
+    repeated,
+    series,
+)
+from studies.reproduction.claims import read_claims
+from studies.reproduction.section import ChapterResult, ComputingEffort, Line, Panel, Plot, Say
+
+SEEDS, REPEATS = 5, 20
+QUICK_COUNTS, QUICK_REPEATS = Counts(8, 2, 6), 5
+OCEAN = "open ocean"
+CALM = "calm"
+PERFECT = "the ship in calm air"
+TABLE_6 = {"own": 11.2, "validation": 16.6}
+"""Percent errors in y of the paper."""
+Row = dict[str, Any]
+
+
+def chapter(effort: ComputingEffort, say: Say) -> ChapterResult:
+    """The wind.
+
+    Args:
+        effort: How much computing is allowed.
+        say: Told what is being done.
+
+    Returns:
+        Errors in y with and without wind, with and without wind inputs; what a diagnosis says that was not told of it.
+    """
+    seeds = [effort.seed + k for k in range(1 if effort.quick else min(effort.starts, SEEDS))]
+    counts = QUICK_COUNTS if effort.quick else OVERSHOOTS
+    errors, blind = [], []
+    for seed in seeds:
+        for wind in (CALM, *WINDS):
+            errors += errors_in(wind, seed, counts, say)
+        for wind in (CALM, OCEAN):
+            say(f"seed {seed}, {wind}: pairs of runs on opposite courses, asked blindly")
+            runs = overshoots("" if wind == CALM else wind, seed, counts)
+            blind += [{"wind": wind, "seed": seed, "answer": asked_blindly(runs, pair)[0]} for pair in pairs(runs)]
+    table = pd.DataFrame(errors)
+    again = repeated(overshoots(OCEAN, seeds[0], counts), OCEAN, QUICK_REPEATS if effort.quick else REPEATS)
+    found = counted(blind)
+    quantities = {"y": medians(table), "repeated": again.mean().to_dict(), **found}
+    claims = read_claims("hess2000", "wind").beside(quantities)
+    return ChapterResult(
+        "The wind that was left out",
+        _summary(quantities),
+        claims,
+        {
+            f"Error in y [%], median (least - largest) of {len(seeds)} sets of runs": spreads(table),
+            "Wind named by a diagnosis that was not told of it": [_row(one) for one in blind],
+            "The same overshoot in other winds: largest difference over the mean [%]": again.reset_index(
+                names="angle [deg]"
+            ).to_dict("records"),
+        },
+        [errors_figure(table), blind_figure([one["answer"] for one in blind if one["wind"] == OCEAN])],
+    )
+
+
+def errors_in(wind: str, seed: int, counts: Counts, say: Say) -> list[Row]:
+    """Errors in y of all models in one condition.
+
+    Args:
+        wind: Key of ``WINDS``, or ``calm``.
+        seed: Of the runs.
+        counts: How many.
+        say: Told what is being done.
+
+    Returns:
+        A row a model: condition, model, whether it is told of the wind, seed, percent errors in y.
+    """
+    windy = wind != CALM
+    runs = overshoots(wind if windy else "", seed, counts)
+    rows = []
+    if windy:
+        rows.append((PERFECT, False, perfect_but_for_wind(runs)))
+    for told in (False, True) if windy else (False,):
+        say(f"seed {seed}, {wind}: a series {'with' if told else 'without'} wind terms")
+        rows.append(("series", told, errors_of(series(runs, told=told), runs, told=told)))
+    return [
+        {"wind": wind, "model": model, "told": told, "seed": seed, **table["y"], "psi": table["psi"]["own"]}
+        for model, told, table in rows
+    ]
+
+
+def medians(table: pd.DataFrame) -> dict[str, float]:
+    """Medians over the seeds, by condition, model, whether it was told, and set of runs.
+
+    Args:
+        table: Rows of :func:`errors_in`.
+
+    Returns:
+        ``open ocean, series, told, unseen`` and its like -> error in y [%].
+    """
+    found = table.groupby(["wind", "model", "told"])[["own", "validation", "unseen"]].median().stack()
+    return {
+        f"{wind}, {model}, {'told' if told else 'not told'}, {runs}": float(value)
+        for (wind, model, told, runs), value in found.items()  # type: ignore[misc]
+    }
+
+
+def spreads(table: pd.DataFrame) -> list[Row]:
+    """Rows of a table: condition, model, and the spread over the seeds."""
+    rows = []
+    for (wind, model, told), part in table.groupby(["wind", "model", "told"], sort=False):
+        row = {"wind": wind, "model": model, "told of the wind": "yes" if told else "no"}
+        for name in ("own", "validation", "unseen", "psi"):
+            label = "psi, own" if name == "psi" else name
+            row[label] = f"{part[name].median():.1f} ({part[name].min():.1f} - {part[name].max():.1f})"
+        rows.append(row)
+    return rows
+
+
+def counted(blind: Iterable[Row]) -> dict[str, Any]:
+    """How often a wind was named, and rightly.
+
+    Args:
+        blind: Condition and answer of each pair.
+
+    Returns:
+        Counts in calm air and in wind.
+    """
+    asked = {wind: [one["answer"] for one in blind if one["wind"] == wind] for wind in (CALM, OCEAN)}
+    windy = [a for a in asked[OCEAN] if a.windy]
+    return {
+        "asked": len(asked[OCEAN]),
+        "named": len(windy),
+        "right": sum(a.holds for a in windy),
+        "named_share": len(windy) / max(len(asked[OCEAN]), 1),
+        "right_share": sum(a.holds for a in windy) / max(len(windy), 1),
+        "calm_asked": len(asked[CALM]),
+        "calm_named": sum(bool(a.named) for a in asked[CALM]),
+    }
+
+
+def _summary(found: dict[str, Any]) -> str:
+    y = found["y"]
+    perfect = y[f"{OCEAN}, {PERFECT}, not told, own"]
+    return (
+        f"A model that is perfect but for the wind errs in y by {perfect:.1f} % on ten runs (the paper's Table 6: "
+        f"{TABLE_6['own']} %). A series identified from eight of them: "
+        f"{y[f'{OCEAN}, series, not told, unseen']:.1f} % on unseen runs without wind terms, "
+        f"{y[f'{OCEAN}, series, told, unseen']:.1f} % with them. Asked blindly, a diagnosis named the wind for "
+        f"{found['named']} of {found['asked']} pairs of runs, with intervals that hold the truth for {found['right']}."
+    )
+
+
+def _row(one: Row) -> Row:
+    a: BlindAnswer = one["answer"]
+    return {
+        "wind": one["wind"], "seed": one["seed"], "named": ", ".join(a.named) or "nothing",
+        "speed [m/s]": f"{a.speed[0]:.2f} +- {a.speed[1]:.2f}" if a.windy else "",
+        "true speed": f"{a.true_speed:.2f}" if one["wind"] != CALM else "",
+        "from [deg]": f"{a.from_deg[0]:.1f} +- {a.from_deg[1]:.1f}" if a.windy else "",
+        "truly from": f"{a.true_from_deg:.1f}" if one["wind"] != CALM else "",
+    }  # fmt: skip
+
+
+def errors_figure(table: pd.DataFrame) -> Plot:
+    """Errors in y of own and unseen runs, a point a seed."""
+    groups = list(table.groupby(["wind", "model", "told"], sort=False))
+    panels = []
+    for part, title in (("own", "own runs"), ("unseen", "unseen runs")):
+        lines = []
+        for place, ((wind, model, told), rows) in enumerate(groups, 1):
+            label = f"{place}: {wind}, {model}{', told' if told else ''}" if part == "own" else ""
+            lines.append(Line(label, np.full(len(rows), float(place)), rows[part].to_numpy(), points=True))
+        ends = np.array([0.5, len(groups) + 0.5])
+        paper = Line("Table 6" if part == "own" else "", ends, np.full(2, TABLE_6["own"]), "paper")
+        panels.append(Panel("condition and model", "error in y [%]", [*lines, paper], title, log_y=True))
+    return Plot(
+        "wind_errors", "Error in y with and without wind, one point a set of runs; line: Table 6, all runs", panels
+    )
+
+
+def blind_figure(answers: Sequence[BlindAnswer]) -> Plot:
+    """Wind as it was named over the wind as it was, with intervals of 95 %."""
+    windy = [a for a in answers if a.windy]
+    speed = [(a.true_speed, *a.speed) for a in windy]
+    # Winds from either side of north stand together.
+    along = [((a.true_from_deg + 90) % 180 - 90, (a.from_deg[0] + 90) % 180 - 90, a.from_deg[1]) for a in windy]
+    panels = []
+    for values, what in ((speed, "speed [m/s]"), (along, "off the approach [deg]")):
+        lines = [
+            Line("", np.full(2, true), np.array([x - SIGNIFICANT * e, x + SIGNIFICANT * e]), "other")
+            for true, x, e in values
+        ]
+        true, found = (np.array([v[k] for v in values]) for k in (0, 1))
+        lines.append(Line("named", true, found, points=True))
+        ends = np.array([true.min(), true.max()]) if len(true) else np.zeros(2)
+        lines.append(Line("as it was", ends, ends, "reference"))
+        panels.append(Panel(f"true wind: {what}", f"named: {what}", lines))
+    return Plot("wind_named", "Wind named blindly from two runs on opposite courses, with intervals of 95 %", panels)
