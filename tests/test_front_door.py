@@ -120,7 +120,7 @@ def test_files_that_the_package_wrote_are_read_back(runs, tmp_path):
 
 
 def test_wrong_names_end_in_one_line():
-    with pytest.raises(InputError, match="ship 'titanic' is unknown; choose one of: esso_190k"):
+    with pytest.raises(InputError, match="ship 'titanic' is unknown; choose one of: container"):
         mnn.simulate("titanic", "zz20")
     with pytest.raises(InputError, match="effect 'wind' is unknown; choose one of: bank"):
         mnn.simulate("mariner", "zz20", effects=["wind"])

@@ -31,6 +31,7 @@ APPROACH = 60.0
 """Time from COMEX to EXECUTE [s]."""
 STRAIGHT = 1.0
 """What is kept of the approach before EXECUTE, in L/U0."""
+SIDES = ("starboard", "port")
 INTERVAL, STEP = 1.0, 0.5
 """Time between samples, and of a Runge-Kutta step [s]."""
 ANGLES_DEG = (10.0, 15.0, 20.0, 25.0, 30.0, 35.0)
@@ -138,8 +139,43 @@ WINDS = {
 """Winds of the windy overshoots; the paper's course is parallel or antiparallel to a wind of which it says no more."""
 
 
+@dataclass(frozen=True)
+class PlannedSet:
+    """A set of runs before it is sailed.
+
+    Attributes:
+        ship: The ship.
+        runs: Own runs, then unseen ones.
+        validation: Which of them are for validation.
+        counts: How many there are of each.
+    """
+
+    ship: FourDegreeShip
+    runs: Sequence[PlannedRun]
+    validation: frozenset[int]
+    counts: Counts
+
+    def sailed(self) -> RunSet:
+        """The runs."""
+        runs, own = sail(self.ship, self.runs), range(self.counts.own)
+        training = tuple(runs[k] for k in own if k not in self.validation)
+        validation = tuple(runs[k] for k in own if k in self.validation)
+        return RunSet(self.ship, training, validation, tuple(runs[len(own) :]))
+
+
 @cache
 def circles(ship: int, seed: int = 0, counts: Counts | None = None) -> RunSet:
+    """Tactical circles in calm water, see :func:`plan_circles`."""
+    return plan_circles(ship, seed, counts).sailed()
+
+
+@cache
+def overshoots(wind: str = "", seed: int = 0, counts: Counts | None = None) -> RunSet:
+    """Horizontal overshoots of ship 2, see :func:`plan_overshoots`."""
+    return plan_overshoots(wind, seed, counts).sailed()
+
+
+def plan_circles(ship: int, seed: int = 0, counts: Counts | None = None) -> PlannedSet:
     """Tactical circles in calm water.
 
     Own runs: rudder angles of 10 to 35 deg at five speeds, as evenly as a draught board; a fifth of them to port.
@@ -151,28 +187,28 @@ def circles(ship: int, seed: int = 0, counts: Counts | None = None) -> RunSet:
         counts: How many; by default the paper's 12 + 3 or 20 + 5, and 6 unseen.
 
     Returns:
-        The runs.
+        The plan.
     """
     counts = counts or CIRCLES[ship]
     draw = np.random.default_rng([seed, ship])
     low, high = CIRCLE_SPEEDS_KN[ship]
-    board = [
-        (a, s, (i + j) % 2) for i, a in enumerate(ANGLES_DEG) for j, s in enumerate(np.linspace(low, high, SPEEDS))
-    ]
+    speeds = np.linspace(low, high, SPEEDS).tolist()
+    board = [(a, s, (i + j) % 2) for i, a in enumerate(ANGLES_DEG) for j, s in enumerate(speeds)]
     chosen = [(a, s) for a, s, odd in board if not odd] + [(a, s) for a, s, odd in board if odd]
     pairs = [chosen[k] for k in draw.permutation(counts.own)]
     to_port = _some(draw, counts.own, max(counts.own // 5, 1))
     inner = [k for k, (angle, _) in enumerate(pairs) if ANGLES_DEG[0] < angle < ANGLES_DEG[-1]]
-    validation = set(draw.permutation(inner)[: counts.validation].tolist())
+    validation = frozenset(draw.permutation(inner)[: counts.validation].tolist())
     drawn = [(draw.uniform(ANGLES_DEG[0], ANGLES_DEG[-1]), draw.uniform(low, high)) for _ in range(counts.unseen)]
-    port_later = _some(draw, counts.unseen, counts.unseen // 3)
-    plans = [_circle(angle, speed, k in to_port) for k, (angle, speed) in enumerate(pairs)]
-    plans += [_circle(angle, speed, k in port_later) for k, (angle, speed) in enumerate(drawn)]
-    return _run_set(ship, plans, validation, counts)
+    to_port |= {counts.own + k for k in _some(draw, counts.unseen, counts.unseen // 3)}
+    plans = [
+        PlannedRun(replace(tactical_circle(round(a, 1), SIDES[k in to_port], APPROACH), speed=s * KNOT))
+        for k, (a, s) in enumerate([*pairs, *drawn])
+    ]
+    return PlannedSet(SHIPS[ship](), plans, validation, counts)
 
 
-@cache
-def overshoots(wind: str = "", seed: int = 0, counts: Counts | None = None) -> RunSet:
+def plan_overshoots(wind: str = "", seed: int = 0, counts: Counts | None = None) -> PlannedSet:
     """Horizontal overshoots of ship 2: 10 and 20 deg in turn, some to port first.
 
     Two runs in turn share a wind; they are sailed on opposite courses, north and south.
@@ -183,7 +219,7 @@ def overshoots(wind: str = "", seed: int = 0, counts: Counts | None = None) -> R
         counts: How many; by default the paper's 8 + 2, and 30 unseen.
 
     Returns:
-        The runs. Windy ones hold the wind as recorded: wind_speed, wind_from.
+        The plan. Windy runs hold the wind as recorded: wind_speed, wind_from.
     """
     counts = counts or OVERSHOOTS
     draw = np.random.default_rng([seed, 3])
@@ -194,39 +230,23 @@ def overshoots(wind: str = "", seed: int = 0, counts: Counts | None = None) -> R
     to_port |= {counts.own + k for k in _some(draw, counts.unseen, round(0.3 * counts.unseen))}
     # One of 10 and one of 20 deg, and so on.
     first = 2 * draw.permutation(max(counts.own // 2, 1))
-    validation = {int(first[k % len(first)]) + k % 2 for k in range(counts.validation)}
+    validation = frozenset(int(first[k % len(first)]) + k % 2 for k in range(counts.validation))
     plans, air = [], (0.0, 0.0)
     for k, speed in enumerate(speeds):
-        angle = OVERSHOOT_ANGLES_DEG[k % 2]
-        side = "port" if k in to_port else "starboard"
-        manoeuvre = replace(overshoot(angle, side, APPROACH), speed=speed * KNOT)
+        manoeuvre = overshoot(OVERSHOOT_ANGLES_DEG[k % 2], SIDES[k in to_port], APPROACH)
         if wind and k % 2 == 0:
             air = WINDS[wind].draw(draw)
-        plans.append(PlannedRun(manoeuvre, *air, heading=pi * (k % 2)))
-    return _run_set(2, plans, validation, counts, WINDS[wind].windage if wind else 1.0)
+        plans.append(PlannedRun(replace(manoeuvre, speed=speed * KNOT), *air, heading=pi * (k % 2)))
+    hull = SHIPS[2]()
+    usual, windage = hull.particulars.above_water, WINDS[wind].windage if wind else 1.0
+    areas = replace(usual, frontal=windage * usual.frontal, lateral=windage * usual.lateral)
+    hull.particulars = replace(hull.particulars, wind_areas=areas)
+    return PlannedSet(hull, plans, validation, counts)
 
 
 def _some(draw: np.random.Generator, count: int, wanted: int) -> set[int]:
     """Some of so many numbers."""
     return set(draw.permutation(count)[:wanted].tolist())
-
-
-def _circle(angle: float, speed: float, to_port: bool) -> PlannedRun:
-    side = "port" if to_port else "starboard"
-    return PlannedRun(replace(tactical_circle(round(angle, 1), side, APPROACH), speed=speed * KNOT))
-
-
-def _run_set(
-    ship: int, plans: Sequence[PlannedRun], validation: set[int], counts: Counts, windage: float = 1.0
-) -> RunSet:
-    """Runs sailed and told apart; own runs first."""
-    hull = SHIPS[ship]()
-    usual = hull.particulars.above_water
-    areas = replace(usual, frontal=windage * usual.frontal, lateral=windage * usual.lateral)
-    hull.particulars = replace(hull.particulars, wind_areas=areas)
-    runs = sail(hull, plans)
-    training = tuple(runs[k] for k in range(counts.own) if k not in validation)
-    return RunSet(hull, training, tuple(runs[k] for k in sorted(validation)), tuple(runs[counts.own :]))
 
 
 class OwnShaftSpeeds(Model):

@@ -28,6 +28,7 @@ from manoeuvre_nn.recording.thinning import thinned
 from manoeuvre_nn.report.check_figures import check_figure
 from manoeuvre_nn.report.check_tables import (
     checks_json,
+    drift_rows,
     finding_rows,
     overview_rows,
     remedy_rows,
@@ -40,6 +41,7 @@ from manoeuvre_nn.report.tables import rich_table
 from manoeuvre_nn.training.settings import expand
 
 PAGE, RESULT = "checks.html", "findings.json"
+DRIFTS = "Drift of the turning circles"
 REMEDIES = "Write into the mapping"
 MAX_RECORDINGS_WITH_NOTES = 6
 """Recordings up to which the terminal shows notes too."""
@@ -128,6 +130,8 @@ def _write(
     """Page and JSON."""
     tables = {"Recordings": overview_rows(found), REMEDIES: remedy_rows(found, columns)}
     tables["Sensors, over all recordings"] = together_rows(found)
+    if drifts := drift_rows(found):
+        tables[DRIFTS] = drifts
     if together:
         tables["All recordings together"] = finding_rows(together)
     tables |= {one.name: finding_rows(one.findings) for one in found}
@@ -138,7 +142,7 @@ def _write(
         figures=figures,
         config=plain(cfg),
         versions=versions(),
-        unfolded=("Recordings", REMEDIES, "Sensors, over all recordings"),
+        unfolded=("Recordings", REMEDIES, "Sensors, over all recordings", DRIFTS),
     )
     write_report(out / PAGE, report)
     told = checks_json(found, columns, together, versions())
@@ -155,6 +159,8 @@ def _print(
     sensors = [row for row in together_rows(found) if not row["found in"].startswith("0 ")]
     if sensors:
         console.print(rich_table(sensors, "Sensors, over all recordings"))
+    if drifts := drift_rows(found):
+        console.print(rich_table(drifts, DRIFTS))
     for f in together:
         console.print(f"all together: {f}", highlight=False)
     remedies = remedy_rows(found, columns)

@@ -6,6 +6,9 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+MIN_SPEED = 0.05
+"""Speed over U0 below which steps grow no longer."""
+
 
 class Recursion(NamedTuple):
     """Where every row stands: the network's last outputs and what is kept of the past.

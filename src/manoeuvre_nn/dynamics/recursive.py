@@ -15,15 +15,13 @@ from manoeuvre_nn.core.ship import Particulars, Ship, WindAreas
 from manoeuvre_nn.core.units import GRAVITY
 from manoeuvre_nn.core.wind import COEFFICIENTS, usual_kind
 from manoeuvre_nn.dynamics.base import Model
+from manoeuvre_nn.dynamics.closed_loop_gradient import closed_loop
 from manoeuvre_nn.dynamics.course import Course
 from manoeuvre_nn.dynamics.model import IdentifiedShip, Scaling
-from manoeuvre_nn.dynamics.recursion import RecordedSteps, Recursion, Unrolled, track_of
+from manoeuvre_nn.dynamics.recursion import MIN_SPEED, RecordedSteps, Recursion, Unrolled, track_of
 from manoeuvre_nn.dynamics.recursive_runs import driven, steered
 from manoeuvre_nn.network.force_modules import BasicForces, ForceConstants
 from manoeuvre_nn.network.recursive import ForceSettings, RecursiveNetwork
-
-MIN_SPEED = 0.05
-"""Speed over U0 below which steps grow no longer."""
 
 
 class RecursiveShip(Model):
@@ -104,7 +102,7 @@ class RecursiveShip(Model):
         speed: Float[Tensor, " rows"],
         steps: int,
     ) -> Unrolled:
-        """Many steps in closed loop; gradients pass through.
+        """Many steps in closed loop; gradients pass to the network's weights.
 
         Args:
             start: Where every row stands.
@@ -115,11 +113,9 @@ class RecursiveShip(Model):
         Returns:
             All steps; tracks begin at the origin.
         """
-        folded, froude = self.network.folded(), self.froude(speed)
-        passed = [start]
-        for _ in range(steps):
-            passed.append(self.advance(passed[-1], controls(passed[-1].time), froude, folded))
-        return self.joined(passed)
+        made = closed_loop(self, start, controls, speed, steps)
+        velocities, angles, time = (values.transpose(0, 1) for values in made)
+        return Unrolled(velocities, angles, time, track_of(velocities, angles[..., -1], time))
 
     def joined(self, passed: Sequence[Recursion]) -> Unrolled:
         """Steps that follow each other, as one."""

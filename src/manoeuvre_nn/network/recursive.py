@@ -137,6 +137,7 @@ class RecursiveNetwork(Network):
     partners: Tensor
     signs: Tensor
     output_signs: Tensor
+    both_signs: Tensor
 
     def __init__(
         self,
@@ -193,6 +194,8 @@ class RecursiveNetwork(Network):
         self.register_buffer("signs", self.shift.new_tensor(signs), persistent=False)
         outputs = [1.0 if name in EVEN else -1.0 for name in s.velocities]
         self.register_buffer("output_signs", self.shift.new_tensor(outputs), persistent=False)
+        both = torch.stack([torch.ones_like(self.output_signs), self.output_signs])
+        self.register_buffer("both_signs", both, persistent=False)
 
     @property
     def takes(self) -> tuple[str, ...]:
@@ -286,14 +289,72 @@ class RecursiveNetwork(Network):
         for weight, bias in zip(weights[1:], biases[1:], strict=True):
             values = nodes.sigmoid()
             nodes = values @ weight if bias is None else torch.addmm(bias, values, weight)
-        if self.settings.symmetric:
-            both = nodes.view(count, 2, -1)
-            nodes = 0.5 * torch.addcmul(both[:, 0], both[:, 1], self.output_signs)
-        if self.settings.about_last:
-            last = x[:, -2 * nodes.shape[1] : -nodes.shape[1]]
-            nodes = nodes + ((last - self.middle) / self.half_range).clamp(-MAX_SHARE, MAX_SHARE).atanh()
+        nodes, _ = self._given(x, nodes)
         # tanh is twice the logistic of twice its argument, less 1.
         return torch.addcmul(self.middle, nodes.tanh(), self.half_range)
+
+    def nodes(self, x: Float[Tensor, "*batch inputs"], folded: Folded) -> tuple[list[Tensor], list[Tensor]]:
+        """Values of hidden nodes at some inputs, and derivatives of all nodes' functions, for :meth:`pulled_back`.
+
+        Args:
+            x: Inputs.
+            folded: Folded weights.
+
+        Returns:
+            Values of each hidden layer, mirrored rows beside the others; derivatives of each hidden layer, of the
+            outputs, and of the outputs by what they are about.
+        """
+        weights, biases = folded
+        values, slopes = [], []
+        assert biases[0] is not None
+        nodes = x @ weights[0] + biases[0]
+        if self.settings.symmetric:
+            nodes = nodes.unflatten(-1, (2, -1)).flatten(-3, -2)
+        for weight, bias in zip(weights[1:], biases[1:], strict=True):
+            values.append(nodes.sigmoid())
+            slopes.append(values[-1] * (1 - values[-1]))
+            nodes = values[-1] @ weight if bias is None else values[-1] @ weight + bias
+        nodes, share = self._given(x, nodes)
+        slopes.append(self.half_range * (1 - nodes.tanh().square()))
+        # From there on what the output is about moves no more.
+        moves = (share.abs() < MAX_SHARE) if self.settings.about_last else torch.zeros_like(share, dtype=torch.bool)
+        return values, [*slopes, torch.where(moves, 1 / (self.half_range * (1 - share.square())), 0.0)]
+
+    def _given(
+        self, x: Float[Tensor, "*batch inputs"], nodes: Float[Tensor, "*more freedom"]
+    ) -> tuple[Float[Tensor, "*batch freedom"], Float[Tensor, "*batch freedom"]]:
+        """What output nodes are given, and the last outputs over their range."""
+        count = nodes.shape[-1]
+        if self.settings.symmetric:
+            nodes = 0.5 * (nodes.unflatten(-2, (-1, 2)) * self.both_signs).sum(-2)
+        share = (x[..., -2 * count : -count] - self.middle) / self.half_range
+        return nodes + share.clamp(-MAX_SHARE, MAX_SHARE).atanh() if self.settings.about_last else nodes, share
+
+    def pulled_back(
+        self, cotangent: Float[Tensor, "rows freedom"], slopes: Sequence[Tensor], folded: Folded
+    ) -> tuple[Float[Tensor, "rows inputs"], list[Tensor]]:
+        """Transposed Jacobian times a cotangent of the answer.
+
+        ``W1 (s1' (W2 (s2' (W3 (d s' l)))))``, from the output backwards; in the mirror image with signs.
+
+        Args:
+            cotangent: l.
+            slopes: By :meth:`nodes`.
+            folded: Folded weights.
+
+        Returns:
+            Cotangent of the inputs, and of what the nodes of each layer are given, the last layer first.
+        """
+        *layers, out, about = slopes
+        count, nodes = cotangent.shape[1], cotangent * out
+        passed = [(0.5 * nodes[:, None] * self.both_signs).view(-1, count) if self.settings.symmetric else nodes]
+        for weight, slope in zip(reversed(folded[0][1:]), reversed(layers), strict=True):
+            passed.append((passed[-1] @ weight.T) * slope)
+        passed[-1] = passed[-1].view(len(cotangent), -1)
+        back = passed[-1] @ folded[0][0].T
+        if self.settings.about_last:
+            back[:, -2 * count : -count] += nodes * about
+        return back, passed
 
     def forward(self, x: Float[Tensor, "*batch inputs"]) -> Float[Tensor, "*batch outputs"]:
         """Velocities of the next step."""

@@ -5,8 +5,11 @@ from typing import Any
 
 import numpy as np
 
+from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.recording.check.finding import VERDICTS, Finding, finding_json, number, settings
 from manoeuvre_nn.recording.check.inspection import Inspection
+from manoeuvre_nn.recording.check.turn_drift import CHECK
+from manoeuvre_nn.recording.drift import drift_by_arcs, track_less_velocities
 from manoeuvre_nn.recording.read.mapping import Mapping as ChannelMapping
 
 
@@ -90,6 +93,37 @@ def _together(name: str, findings: Sequence[Finding], count: int) -> dict[str, A
     }
 
 
+def drift_rows(inspections: Sequence[Inspection]) -> list[dict[str, Any]]:
+    """The drift that every turning circle implies, beside what its file says of current and wind; a row a circle."""
+    return [
+        _drift_row(one.name, one.clean)
+        for one in inspections
+        if one.clean is not None and any(f.check == CHECK and f.measured is not None for f in one.findings)
+    ]
+
+
+def _drift_row(name: str, recording: Recording) -> dict[str, Any]:
+    """One circle: drift by its arcs with standard errors; track less u and v; mean of the recorded wind."""
+    drift, left = drift_by_arcs(recording), track_less_velocities(recording)
+    wind = "–"
+    if {"wind_speed", "wind_from"} <= set(recording.channels):
+        mean = np.nanmean(recording["wind_speed"] * np.exp(1j * recording["wind_from"]))
+        wind = f"{abs(mean):.3g} m/s from {np.angle(mean, deg=True) % 360:.0f} deg"
+    return {
+        "recording": name,
+        "drift by arcs": number(drift.speed, drift.speed_error, "m/s"),
+        "towards": number(drift.toward_deg, drift.toward_error_deg, "deg"),
+        "error in a turn [% of diameter]": round(100 * drift.error, 2),
+        "track less u, v": "–" if left is None else _as_compass(*left),
+        "wind, mean": wind,
+    }
+
+
+def _as_compass(north: float, east: float) -> str:
+    """A velocity as speed and direction."""
+    return f"{np.hypot(north, east):.3g} m/s towards {np.degrees(np.arctan2(east, north)) % 360:.0f} deg"
+
+
 def remedy_rows(inspections: Sequence[Inspection], mapping: ChannelMapping) -> list[dict[str, Any]]:
     """What is to be written into the mapping, one row a recording that something is to be done about."""
     laid = {one.name: _changes(one, mapping) for one in inspections}
@@ -148,5 +182,6 @@ def checks_json(
         },
         "together": [finding_json(f, mapping) for f in more],
         "sensors": together_rows(inspections),
+        "drifts": drift_rows(inspections),
         "versions": dict(versions),
     }

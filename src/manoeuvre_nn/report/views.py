@@ -14,6 +14,8 @@ from manoeuvre_nn.core.errors import check_choice
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.diagnosis.result import Diagnosis
+from manoeuvre_nn.recording.check.turn_drift import is_circle
+from manoeuvre_nn.recording.drift import drift_by_arcs, known_drift, without_drift
 from manoeuvre_nn.report.diagnosis_figures import draw_diagnosis
 from manoeuvre_nn.report.diagnosis_tables import print_diagnosis
 from manoeuvre_nn.report.figures import track_figure
@@ -64,6 +66,33 @@ class Runs(Sequence[Recording]):
     def plot(self) -> Figure:
         """Figure of tracks from above, heading and rudder over time."""
         return runs_figure(self.runs, self.ship.length)
+
+    def drifts(self) -> pd.DataFrame:
+        """Drift over ground of every turning circle, by its arcs one turn apart; :mod:`.recording.drift` says how.
+
+        Returns:
+            A line a circle: speed, its standard error [m/s], direction towards, its standard error [deg], error of the
+            drift in a turn over the diameter [-].
+        """
+        found = {run.name: drift_by_arcs(run) for run in self.runs if is_circle(run)}
+        names = ("speed", "speed_error", "toward_deg", "toward_error_deg", "error")
+        return pd.DataFrame({run: {name: getattr(d, name) for name in names} for run, d in found.items()}).T
+
+    def without_drift(self, speed: float | None = None, toward_deg: float = 0.0) -> "Runs":
+        """The runs without their drift over ground.
+
+        Args:
+            speed: Speed of a known current [m/s], which every run loses. None takes from each turning circle what its
+                arcs tell, and leaves other manoeuvres as they are.
+            toward_deg: Direction that the known current goes towards, clockwise from north [deg].
+
+        Returns:
+            Runs.
+        """
+        if speed is not None:
+            return Runs([without_drift(run, known_drift(speed, toward_deg)) for run in self.runs], self.ship)
+        made = [without_drift(run, drift_by_arcs(run)) if is_circle(run) else run for run in self.runs]
+        return Runs(made, self.ship)
 
 
 class Scores(Sequence[Score]):

@@ -13,9 +13,7 @@ from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.manoeuvre.turning import tactical_circle
 from manoeuvre_nn.manoeuvre.zigzag import overshoot
-from studies.hess2000.runs import SHIPS, Counts, PlannedRun, circles, overshoots, sail
-
-SOME = Counts(3, 1, 1)
+from studies.hess2000.runs import CIRCLE_SPEEDS_KN, SHIPS, Counts, PlannedRun, plan_circles, plan_overshoots, sail
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +33,7 @@ def test_runs_of_all_speeds_in_one_batch_are_those_sailed_alone(ship):
 
 
 def test_each_run_has_its_own_wind(ship):
-    manoeuvre = replace(overshoot(10.0, cycles=0.5), speed=8.0 * KNOT)
+    manoeuvre = replace(overshoot(10.0, cycles=0.5), speed=12.0 * KNOT)
     runs = sail(ship, [PlannedRun(manoeuvre, 12.0, 10.0), PlannedRun(manoeuvre, 6.0, 190.0)])
     for run, (speed, origin) in zip(runs, [(12.0, 10.0), (6.0, 190.0)], strict=True):
         wind = SteadyWind(ship, speed=speed, from_deg=origin)
@@ -45,27 +43,36 @@ def test_each_run_has_its_own_wind(ship):
 
 
 def test_circles_end_after_540_degrees_and_begin_a_length_before_the_order():
-    made = circles(2, 0, SOME)
-    assert (len(made.training), len(made.validation), len(made.unseen), len(made.own)) == (3, 1, 1, 4)
-    for run in (*made.own, *made.unseen):
-        assert abs(np.degrees(run["psi"][-1])) == approx(540.0, abs=4.0)
-        began = run.time[np.flatnonzero(run["delta_order"])[0]]
-        assert began * run["u"][0] == approx(made.ship.particulars.length, rel=0.15)
-        assert run.status == "ok" and run["x"][0] == run["y"][0] == run.time[0] == 0.0
-    assert any(run["r"][-1] < 0 for run in made.own)
+    plan = plan_circles(2, 0, Counts(1, 0, 0))
+    turn = replace(tactical_circle(35.0, "port"), speed=25.0 * KNOT)
+    (run,) = replace(plan, runs=[PlannedRun(turn)]).sailed().own
+    assert np.degrees(run["psi"][-1]) == approx(-540.0, abs=4.0)
+    began = run.time[np.flatnonzero(run["delta_order"])[0]]
+    assert began * run["u"][0] == approx(plan.ship.particulars.length, rel=0.15)
+    assert run.status == "ok" and run["x"][0] == run["y"][0] == run.time[0] == 0.0
 
 
-def test_overshoots_with_and_without_wind_are_the_same_manoeuvres():
-    calm, windy = overshoots("", 0, SOME), overshoots("open ocean", 0, SOME)
-    assert [r.name for r in calm.own] == [r.name for r in windy.own]
-    assert not any("wind_speed" in r.channels for r in calm.own)
-    for run in windy.own:
-        assert 3.0 <= run["wind_speed"][0] <= 12.0
-        assert abs(np.cos(run["wind_from"][0])) >= np.cos(10.0 * DEGREE) - 1e-12
-    assert np.count_nonzero(np.diff(calm.own[0]["delta_order"])) == 5
+def test_circles_are_spread_over_angles_speeds_and_sides_and_none_is_sailed_twice():
+    for ship, speeds in CIRCLE_SPEEDS_KN.items():
+        plan = plan_circles(ship)
+        own = [run.manoeuvre for run in plan.runs[: plan.counts.own]]
+        assert len({(abs(m.stages[1].order), m.speed) for m in own}) == plan.counts.own == {1: 15, 2: 25}[ship]
+        assert {round(m.largest_order / DEGREE) for m in own} == {10, 15, 20, 25, 30, 35}
+        assert [bound(m.speed for m in own) / KNOT for bound in (min, max)] == approx(list(speeds))
+        assert 0 < sum(m.stages[1].order < 0 for m in own) < plan.counts.own / 3
+        assert all(10 < own[k].largest_order / DEGREE < 35 for k in plan.validation)
+        assert len(plan.validation) == plan.counts.validation and len(plan.runs) == plan.counts.own + 6
 
 
-def test_areas_above_the_water_are_larger_where_a_strong_wind_is_to_be_felt():
-    calm, strong = overshoots("", 0, SOME).ship, overshoots("strong", 0, SOME).ship
-    assert strong.particulars.above_water.lateral == approx(1.5 * calm.particulars.above_water.lateral)
-    assert strong.on_approach(5.0).particulars.above_water == strong.particulars.above_water
+def test_overshoots_with_and_without_wind_are_the_same_manoeuvres_on_opposite_courses():
+    calm, windy = plan_overshoots(), plan_overshoots("open ocean")
+    assert [run.manoeuvre for run in calm.runs] == [run.manoeuvre for run in windy.runs]
+    assert calm.validation == windy.validation and len(calm.runs) == 40
+    assert not any(run.wind_speed for run in calm.runs)
+    for one, other in zip(windy.runs[::2], windy.runs[1::2], strict=True):
+        assert 3.0 <= one.wind_speed == other.wind_speed <= 12.0 and one.wind_from_deg == other.wind_from_deg
+        assert other.heading - one.heading == np.pi
+        assert abs(np.cos(one.wind_from_deg * DEGREE)) >= np.cos(10.0 * DEGREE) - 1e-12
+    assert plan_overshoots("strong").ship.particulars.above_water.lateral == approx(
+        1.5 * calm.ship.particulars.above_water.lateral
+    )

@@ -17,6 +17,7 @@ from manoeuvre_nn.recording.check.finding import Finding, worst
 from manoeuvre_nn.recording.check.samples import Flags, gaps, outliers, quantized, sampling, stuck, without_outliers
 from manoeuvre_nn.recording.check.sensor_faults import measure_faults
 from manoeuvre_nn.recording.check.steering import rudder_jumps, rudder_lag, steady_approach
+from manoeuvre_nn.recording.check.turn_drift import turn_drift
 from manoeuvre_nn.recording.read.mapping import Mapping
 from manoeuvre_nn.recording.read.reader import read_recording
 from manoeuvre_nn.recording.thinning import thinned
@@ -117,6 +118,7 @@ def inspect_recording(
         found += [fault_finding(fault, mapping) for fault in measure_faults(fewer, ship)]
     lag = rudder_lag(fewer, ship)
     found += [rudder_jumps(clean, ship), *([] if lag is None else [lag]), steady_approach(fewer, ship)]
+    found += turn_drift(fewer)
     return Inspection(recording.name, tuple(found), recording, shifted)
 
 
@@ -130,7 +132,9 @@ def summary_lines(inspections: Sequence[Inspection], most: int = 5) -> list[str]
 def _as_written(mapping: Mapping) -> Mapping:
     """The mapping without what moves, turns or carries channels."""
     plain = {k: replace(c, delay=0.0) for k, c in mapping.channels.items()}
-    return replace(mapping, channels=plain, frame="body", reference_point=0.0, position_point=None, rudder="angle")
+    return replace(
+        mapping, channels=plain, frame="body", reference_point=0.0, position_point=None, rudder="angle", drift="keep"
+    )
 
 
 def _first_time(path: Path, mapping: Mapping, ship: Particulars) -> float:

@@ -151,7 +151,7 @@ def _standing(recording: Recording, ship: Particulars, name: str, turned: dict[s
         lasting = length > 5 * usual and length >= 5 and span[1] - span[0] > 0.15 * ship.time_unit
         if name == "delta":
             lasting = length == len(recording)
-        if lasting and _belied(recording, name, turned, begin, last):
+        if lasting and _belied(recording, name, turned, int(begin), int(last)):
             spans.append(span)
     return spans
 

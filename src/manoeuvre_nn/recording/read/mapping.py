@@ -24,6 +24,7 @@ WANTED = {
     "header": "true or false",
     "optional": "true or false",
     "fill_gaps": "true, false or seconds, e.g. 2.0",
+    "drift": "keep, arcs, or a known one such as {speed: 0.5, toward_deg: 90}",
     "delimiter": "one character such as ; or the word whitespace",
     "rudder_positive_to": "starboard or port",
 }
@@ -74,6 +75,8 @@ class Mapping:
         fill_gaps: Whether up to 3 missing samples in a row are filled by a straight line; a number is how many seconds
             at most are filled.
         outliers: ``keep``, or ``fill``: single samples far off their neighbours are replaced by a straight line.
+        drift: ``keep``; ``arcs``: turning circles lose the drift that their overlapping arcs tell, others stay as they
+            are; or a known current, ``{speed: m/s, toward_deg: deg}``, which every recording loses.
         start: Time from the file's first sample at which the record begins [s]; None is that sample.
         end: The same of its end.
         time_zone: Where the clock stood, for time stamps that do not say it, e.g. ``Asia/Tokyo``; None is UTC.
@@ -98,6 +101,7 @@ class Mapping:
     skip_rows: int = 0
     fill_gaps: bool | float = False
     outliers: str = "keep"
+    drift: str | AnyMapping[str, float] = "keep"
     start: float | None = None
     end: float | None = None
     time_zone: str | None = None
@@ -121,6 +125,7 @@ class Mapping:
         check_choice("mapping: outliers", self.outliers, ["keep", "fill"])
         check_choice("mapping: place", self.place, ["open_water", "tank"])
         side_sign("mapping: rudder_positive_to", self.rudder_positive_to)
+        _check_drift(self.drift)
         if self.delimiter != "whitespace" and (len(self.delimiter) != 1 or self.delimiter in '"\n\r'):
             raise InputError(f"mapping: delimiter={self.delimiter!r}; write {WANTED['delimiter']}")
         if self.kind is not None:
@@ -192,6 +197,9 @@ def mapping(**settings: Any) -> Mapping:
 
 def _setting(key: str, value: Any) -> Any:
     """A setting of the type that :class:`Mapping` declares."""
+    if key == "drift":
+        _check_drift(value)
+        return value
     declared = get_type_hints(Mapping)[key]
     kinds = get_args(declared) or (declared,)
     fits = any(is_number(value) if kind is float else type(value) is kind for kind in kinds)
@@ -254,6 +262,16 @@ def _check_window(start: float | None, end: float | None) -> None:
             raise InputError(f"mapping: {key}={value:g}; write seconds from the file's first sample on, 0 or more")
     if start is not None and end is not None and not start < end:
         raise InputError(f"mapping: start={start:g} and end={end:g}; the record must end after it starts")
+
+
+def _check_drift(drift: object) -> None:
+    """Refuse a drift that is neither a word nor a velocity."""
+    if isinstance(drift, AnyMapping):
+        right = set(drift) == {"speed", "toward_deg"} and all(map(is_number, drift.values()))
+    else:
+        right = drift in {"keep", "arcs"}
+    if not right:
+        raise InputError(f"mapping: drift={drift!r}; write {WANTED['drift']}")
 
 
 def _check_zone(zone: str | None, unit: str) -> None:

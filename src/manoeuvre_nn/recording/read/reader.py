@@ -16,6 +16,7 @@ from manoeuvre_nn.core.frames import body_to_earth, earth_to_body
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.recording.drift import drift_by_arcs, known_drift, without_drift
 from manoeuvre_nn.recording.kind import guess_kind
 from manoeuvre_nn.recording.local_cubics import WINDOW, smoothed
 from manoeuvre_nn.recording.outliers import spikes
@@ -94,8 +95,9 @@ def read_recording(path: str | Path, mapping: Mapping | None, ship: Particulars)
     Returns:
         The recording; ``meta`` holds ``source``, ``ship``, ``kind``, ``time_unit`` (L/U0 [s]), ``started`` (time of the
         first sample in the file [s]), ``derived`` (channels that the file lacks), ``outliers`` and ``gaps`` (channel ->
-        samples that were filled) and, with lat and lon, ``origin`` (the first fix [deg]). A file that cannot be read
-        raises an :class:`~manoeuvre_nn.core.errors.InputError` that names file, line and column.
+        samples that were filled), ``drift`` (a velocity that was taken away) and, with lat and lon, ``origin`` (the
+        first fix [deg]). A file that cannot be read raises an :class:`~manoeuvre_nn.core.errors.InputError` that names
+        file, line and column.
     """
     mapping = mapping or mapping_of(Path(path))
     run = read_measured(path, mapping, ship)
@@ -153,7 +155,7 @@ def read_measured(path: str | Path, mapping: Mapping, ship: Particulars, leave_g
     elif mapping.frame == "earth" and "u" in channels:
         channels["vn"], channels["ve"] = channels.pop("u"), channels.pop("v")
     run = Recording(path.stem, time - time[0], channels, meta=meta)
-    return _at_midship(run, mapping, WINDOW * ship.time_unit)
+    return _without_drift(_at_midship(run, mapping, WINDOW * ship.time_unit), mapping)
 
 
 def _recorded_channels(table: Table, mapping: Mapping, rows: slice) -> list[str]:
@@ -278,6 +280,15 @@ def _at_midship(run: Recording, mapping: Mapping, window: float) -> Recording:
     if of_position and "x" in c:
         c["x"], c["y"] = c["x"] - of_position * np.cos(c["psi"]), c["y"] - of_position * np.sin(c["psi"])
     return replace(run, channels=c)
+
+
+def _without_drift(run: Recording, mapping: Mapping) -> Recording:
+    """The recording without a drift over ground, where the mapping asks for that."""
+    if not isinstance(mapping.drift, str):
+        return without_drift(run, known_drift(**mapping.drift))
+    if mapping.drift == "keep" or (mapping.kind or guess_kind(run.filled("delta"))) != "turning_circle":
+        return run
+    return without_drift(run, drift_by_arcs(run))
 
 
 def _complete(run: Recording, window: float) -> Recording:
