@@ -7,20 +7,19 @@ import numpy as np
 import pandas as pd
 
 import manoeuvre_nn as mnn
+from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.core.units import DEGREE, KNOT
+from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis.result import Diagnosis
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.replay import replay
-from manoeuvre_nn.manoeuvre.zigzag import overshoot
 from manoeuvre_nn.scoring.error_measures import error_measures, normalisations
-from studies.hess2000.runs import APPROACH, OVERSHOOT_ANGLES_DEG, WINDS, PlannedRun, RunSet, sail
+from manoeuvre_nn.ship.four_degrees import FourDegreeShip
+from studies.hess2000.runs import PlannedRun, RunSet, TrueWinds, sail
 
 WIND_CHANNELS = ("wind_speed", "wind_from")
 SERIES_EPOCHS = 10
-REPEATED_KN = 12.0
-"""Approach speed of the overshoots that are sailed again and again [kn]."""
 SIGNIFICANT = 1.96
 """Standard errors to either side within which the truth lies in 95 % of the cases."""
 
@@ -138,23 +137,25 @@ def asked_blindly(runs: RunSet, pair: Sequence[Recording]) -> tuple[BlindAnswer,
     return BlindAnswer(tuple(found.model), values.get("speed", none), values.get("from_deg", none), *truth), found
 
 
-def repeated(runs: RunSet, name: str, count: int, seed: int = 0) -> pd.DataFrame:
+def repeated(
+    ship: FourDegreeShip, manoeuvres: Sequence[Manoeuvre], wind: TrueWinds, count: int, seed: int = 0
+) -> pd.DataFrame:
     """The same overshoots sailed again and again, each time in another wind.
 
     Args:
-        runs: Of which the ship and her windage are taken.
-        name: Key of ``WINDS``.
+        ship: The ship.
+        manoeuvres: Overshoots with their approach speeds.
+        wind: What is drawn from.
         count: How often each is sailed.
         seed: Of the winds.
 
     Returns:
-        By how much two of them differ at most, over their mean [%]: a line an angle; spatial period x, peak-to-peak
+        By how much two of them differ at most, over their mean [%]: a line a manoeuvre; spatial period x, peak-to-peak
         y, phi and psi.
     """
     draw, rows = np.random.default_rng(seed), {}
-    for angle in OVERSHOOT_ANGLES_DEG:
-        manoeuvre = overshoot(angle, approach=APPROACH).at_speed(REPEATED_KN * KNOT)
-        sailed = sail(runs.ship, [PlannedRun(manoeuvre, *WINDS[name].draw(draw)) for _ in range(count)])
-        sizes = pd.concat([normalisations([run]) for run in sailed])[["x", "y", "phi", "psi"]]
-        rows[angle] = 100 * (sizes.max() - sizes.min()) / sizes.mean()
+    for manoeuvre in manoeuvres:
+        runs = sail(ship, [PlannedRun(manoeuvre, *wind.draw(draw)) for _ in range(count)])
+        sizes = pd.concat([normalisations([run]) for run in runs])[["x", "y", "phi", "psi"]]
+        rows[manoeuvre.name] = 100 * (sizes.max() - sizes.min()) / sizes.mean()
     return pd.DataFrame(rows).T

@@ -1,39 +1,48 @@
 """The wind of Hess & Faller 2000."""
 
+from dataclasses import replace
+from math import pi
+
 import numpy as np
 import pandas as pd
 import pytest
-from pytest import approx
 
-from studies.hess2000.runs import Counts, overshoots
+from manoeuvre_nn.manoeuvre.zigzag import overshoot
+from studies.hess2000.runs import APPROACH, SHIPS, PlannedRun, RunSet, TrueWinds, sail
 from studies.hess2000.wind import CALM, OCEAN, PERFECT, counted, medians
 from studies.hess2000.wind_models import BlindAnswer, pairs, perfect_but_for_wind, repeated, without_wind
 
-SOME = Counts(2, 2, 2)
+SHORT = overshoot(20.0, approach=APPROACH, cycles=1.5).at_speed(8.0)
 
 
 @pytest.fixture(scope="module")
 def windy():
-    return overshoots(OCEAN, 0, SOME)
+    """Four short runs, two and two in the same wind on opposite courses."""
+    ship = SHIPS[2]()
+    air = [(12.0, 8.0), (12.0, 8.0), (9.0, 175.0), (9.0, 175.0)]
+    first, second, *others = sail(ship, [PlannedRun(SHORT, *a, heading=pi * (k % 2)) for k, a in enumerate(air)])
+    return RunSet(ship, (second,), (first,), tuple(others))
 
 
 def test_the_ship_in_calm_air_errs_by_the_wind_alone(windy):
-    calm, wind = (perfect_but_for_wind(runs) for runs in (overshoots("", 0, SOME), windy))
-    assert (calm[["u", "x", "y", "psi"]] < 0.1).all(axis=None)
-    assert wind["y"]["unseen"] > 10 * calm["y"]["unseen"]
+    ship, (run,) = windy.ship, sail(windy.ship, [PlannedRun(SHORT)])
+    calm = perfect_but_for_wind(RunSet(ship, (run,), (replace(run, name="second"),), (replace(run, name="third"),)))
+    wind = perfect_but_for_wind(windy)
+    assert (calm[["u", "y", "psi"]] < 0.1).all(axis=None)
+    assert wind["y"]["unseen"] > 20 * calm["y"]["unseen"]
 
 
-def test_two_runs_in_turn_share_a_wind_on_opposite_courses(windy):
-    for first, second in pairs(windy):
-        for channel in ("wind_speed", "wind_from"):
-            assert first[channel][0] == second[channel][0]
-        assert second["psi"][0] - first["psi"][0] == approx(np.pi, abs=0.1)
+def test_pairs_share_a_wind_which_is_not_handed_on(windy):
+    ((first, second),) = pairs(windy)
+    assert first["wind_from"][0] == second["wind_from"][0] and abs(second["psi"][0] - first["psi"][0]) > 3.0
     assert not any(k.startswith("wind") for r in without_wind(windy.own) for k in r.channels)
 
 
-def test_repeated_overshoots_differ_by_their_wind(windy):
-    across = repeated(windy, OCEAN, 3)
-    assert list(across.index) == [10.0, 20.0] and (across > 0).all(axis=None)
+def test_repeated_overshoots_differ_by_their_wind():
+    ship = SHIPS[2]()
+    across = repeated(ship, [SHORT], TrueWinds(6.0, 12.0, 10.0), 2)
+    assert (across[["y", "phi", "psi"]] > 0).all(axis=None)
+    assert (repeated(ship, [SHORT], TrueWinds(6.0, 6.0, 0.0), 1)[["y", "phi", "psi"]] == 0).all(axis=None)
 
 
 def test_an_interval_that_holds_the_truth_holds_it_across_north():
