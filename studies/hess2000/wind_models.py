@@ -13,13 +13,25 @@ from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis.result import Diagnosis
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.model import CalmWater
+from manoeuvre_nn.dynamics.recursive import RecursiveShip
 from manoeuvre_nn.dynamics.replay import replay
+from manoeuvre_nn.network.recursive import RecursiveNetwork, RecursiveSettings
 from manoeuvre_nn.scoring.error_measures import error_measures, normalisations
 from manoeuvre_nn.ship.four_degrees import FourDegreeShip
+from manoeuvre_nn.training.recursive_fit import FitPlan, fit_recursive
+from manoeuvre_nn.training.recursive_windows import RecursiveFitSettings
 from studies.hess2000.runs import PlannedRun, RunSet, TrueWinds, sail
 
 WIND_CHANNELS = ("wind_speed", "wind_from")
 SERIES_EPOCHS = 10
+STAGES = (
+    {"steps": 10, "updates": 200, "rows": 20, "rate": 3e-3},
+    {"steps": 30, "updates": 300, "rows": 20, "rate": 3e-3},
+    {"steps": 90, "updates": 500, "rows": 20, "rate": 2e-3},
+    {"steps": None, "updates": 300, "rate": 1e-3, "track": 0.1},
+)
+"""A third of the windows and of the updates that a network usually has: there are many of them."""
+TEST_EVERY = 100
 SIGNIFICANT = 1.96
 """Standard errors to either side within which the truth lies in 95 % of the cases."""
 
@@ -79,6 +91,25 @@ def series(runs: RunSet, *, told: bool, epochs: int = SERIES_EPOCHS) -> Model:
     training = runs.training if told else without_wind(runs.training)
     settings = ["network.members=1", f"trainer.max_epochs={epochs}"]
     return mnn.fit(runs.ship.particulars, list(training), "cubic", settings).model
+
+
+def recursive(runs: RunSet, *, told: bool, seed: int = 0, share: float = 1.0) -> Model:
+    """The recursive network, trained in closed loop.
+
+    Args:
+        runs: Training runs teach it, training and validation runs decide which weights are kept.
+        told: Whether force and moment of the recorded wind are among its inputs.
+        seed: Of first weights and windows.
+        share: Of the updates of :data:`STAGES` that are done.
+
+    Returns:
+        The model.
+    """
+    model = RecursiveShip(runs.ship, RecursiveNetwork(RecursiveSettings(wind=told), seed=seed))
+    settings = RecursiveFitSettings(stages=STAGES)
+    plan = FitPlan(max(round(share * settings.updates), 1), TEST_EVERY, seed)
+    fit_recursive(model, runs.training, runs.validation, settings=settings, plan=plan)
+    return model
 
 
 @dataclass(frozen=True)

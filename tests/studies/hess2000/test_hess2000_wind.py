@@ -12,7 +12,7 @@ from studies.hess2000.runs import APPROACH, SHIPS, PlannedRun, RunSet, TrueWinds
 from studies.hess2000.wind import CALM, OCEAN, PERFECT, counted, medians
 from studies.hess2000.wind_models import BlindAnswer, pairs, perfect_but_for_wind, repeated, without_wind
 
-SHORT = overshoot(20.0, approach=APPROACH, cycles=1.5).at_speed(8.0)
+SHORT = replace(overshoot(20.0, approach=APPROACH, cycles=1.0), speed=8.0, duration=130.0)
 
 
 @pytest.fixture(scope="module")
