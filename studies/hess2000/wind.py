@@ -49,7 +49,8 @@ def chapter(effort: ComputingEffort, say: Say) -> ChapterResult:
     """
     seeds = [effort.seed + k for k in range(1 if effort.quick else min(effort.starts, SEEDS))]
     counts = QUICK_COUNTS if effort.quick else OVERSHOOTS
-    errors, blind = [], []
+    errors: list[Row] = []
+    blind: list[Row] = []
     for seed in seeds:
         for wind in (CALM, *WINDS):
             errors += errors_in(wind, seed, counts, say, QUICK_SHARE if effort.quick else 1.0)
@@ -71,9 +72,9 @@ def chapter(effort: ComputingEffort, say: Say) -> ChapterResult:
             "How far Table 6 is from what each cause gives": distances(table),
             f"Error in y [%], median (least - largest) of {len(seeds)} sets of runs": spreads(table),
             "Wind named by a diagnosis that was not told of it": [_row(one) for one in blind],
-            "The same overshoot in other winds: largest difference over the mean [%]": again.reset_index(
-                names="manoeuvre"
-            ).to_dict("records"),
+            "The same overshoot in other winds: largest difference over the mean [%]": [
+                {"manoeuvre": str(name), **{str(k): float(v) for k, v in row.items()}} for name, row in again.iterrows()
+            ],
         },
         [errors_figure(table), blind_figure([one["answer"] for one in blind if one["wind"] == OCEAN])],
     )
@@ -119,10 +120,10 @@ def medians(table: pd.DataFrame) -> dict[str, float]:
     Returns:
         ``open ocean, series, told, unseen`` and its like -> error in y [%].
     """
-    found = table.groupby(["wind", "model", "told"])[["own", "validation", "unseen"]].median().stack()
     return {
-        f"{wind}, {model}, {'told' if told else 'not told'}, {runs}": float(value)
-        for (wind, model, told, runs), value in found.items()  # type: ignore[misc]
+        f"{wind}, {model}, {'told' if told else 'not told'}, {runs}": float(part[runs].median())
+        for (wind, model, told), part in table.groupby(["wind", "model", "told"])
+        for runs in ("own", "validation", "unseen")
     }
 
 

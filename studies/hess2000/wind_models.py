@@ -28,7 +28,7 @@ STAGES = (
     {"steps": 10, "updates": 200, "rows": 20, "rate": 3e-3},
     {"steps": 30, "updates": 300, "rows": 20, "rate": 3e-3},
     {"steps": 90, "updates": 500, "rows": 20, "rate": 2e-3},
-    {"steps": None, "updates": 300, "rate": 1e-3, "track": 0.1},
+    {"steps": None, "updates": 300, "rate": 1e-3, "track": 10.0},
 )
 """A third of the windows and of the updates that a network usually has: there are many of them."""
 TEST_EVERY = 100
