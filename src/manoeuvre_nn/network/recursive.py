@@ -9,6 +9,7 @@ from torch import Tensor, nn
 
 from manoeuvre_nn.core.network import Network
 from manoeuvre_nn.network.recursive_settings import EVEN, ForceSettings, RecursiveSettings
+from manoeuvre_nn.network.recursive_settings import STEP as STEP  # of those who know the network alone
 
 LINK = 0.05
 """What a link of 1 gives an output node at the usual size of the wind's force [-]."""
