@@ -124,12 +124,10 @@ def start_speed(recording: Recording, ship: Ship) -> float:
         ship: The ship.
 
     Returns:
-        Median in the time of half a ship length [m/s]; the ship's own for one that starts slower than .3 of it.
+        Speed at the first sample [m/s]; the ship's own for a run that starts slower than .3 of it.
     """
-    own = ship.particulars
-    first = recording.time <= recording.time[0] + 0.5 * own.time_unit
-    speed = float(np.median(np.hypot(recording["u"][first], recording["v"][first])))
-    return speed if speed > 0.3 * own.speed else own.speed
+    own, speed = ship.particulars.speed, float(np.hypot(recording["u"][0], recording["v"][0]))
+    return speed if speed > 0.3 * own else own
 
 
 def sided(recording: Recording, quantity: str, alike: np.ndarray | None = None) -> list[np.ndarray]:

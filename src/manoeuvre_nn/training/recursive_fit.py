@@ -20,6 +20,7 @@ from manoeuvre_nn.training.data import Batch, ManoeuvreData
 from manoeuvre_nn.training.fits import Fit
 from manoeuvre_nn.training.recursive_windows import GrowingWindows, RecursiveFitSettings
 
+DONE = "all stages done"
 UPDATES_PER_EPOCH = 20
 """Updates whose windows are drawn from one seed, that of the run and the epoch."""
 
@@ -29,12 +30,12 @@ class FitPlan:
     """Length of a training without a trainer.
 
     Attributes:
-        updates: Number of updates.
+        updates: Number of updates, to which the stages are stretched; None is as many as they have.
         every: Updates between tests of the generalization.
         seed: Of the windows that are drawn.
     """
 
-    updates: int = 2900
+    updates: int | None = None
     every: int = 100
     seed: int = 0
 
@@ -64,19 +65,19 @@ def fit_recursive(
         A row a test: ``update``, ``loss``, ``cpu_s``, and what :func:`generalization` gives.
     """
     plan, chosen = plan or FitPlan(), settings or RecursiveFitSettings()
-    windows = GrowingWindows(model, training, chosen)
+    windows, total = GrowingWindows(model, training, chosen), plan.updates or chosen.updates
     optimizer, history, losses, began = windows.optimizer(), [], [], process_time()
     best, kept = np.inf, copy.deepcopy(model.network.state_dict())
-    for number in range(plan.updates):
+    for number in range(total):
         if number % UPDATES_PER_EPOCH == 0:
             draw = torch.Generator().manual_seed(_seed(plan.seed, number // UPDATES_PER_EPOCH))
-        losses.append(windows.update(optimizer, number, plan.updates, draw)[0])
+        losses.append(windows.update(optimizer, number, total, draw)[0])
         optimizer.step()
-        if (number + 1) % plan.every and number + 1 < plan.updates:
+        if (number + 1) % plan.every and number + 1 < total:
             continue
         found = generalization(model, [*training, *validation])
         loss, losses = float(torch.stack(losses).mean()), []
-        history.append({"update": number + 1, "loss": loss, "cpu_s": process_time() - began, **found})
+        history.append({"update": float(number + 1), "loss": loss, "cpu_s": process_time() - began, **found})
         if 1 - found["average_angle"] < best:
             best, kept = 1 - found["average_angle"], copy.deepcopy(model.network.state_dict())
         if say is not None:
@@ -169,12 +170,14 @@ class RecursiveFit(Fit):
         optimizer: Any = self.optimizers()
         inner, count = optimizer.optimizer, self.iterations_per_epoch
         draw = torch.Generator().manual_seed(_seed(self.seed, self.current_epoch))
-        total, losses = (self.trainer.max_epochs or 1) * count, []
+        losses = []
         for k in range(count):
-            loss, stage, rate = self.windows.update(inner, self.current_epoch * count + k, total, draw)
+            loss, stage, rate = self.windows.update(inner, self.current_epoch * count + k, self.settings.updates, draw)
             # Lightning counts one step an epoch; its wrapper would cost more than the step itself.
             (optimizer if k == count - 1 else inner).step()
             losses.append(loss)
+        if (self.current_epoch + 1) * count >= self.settings.updates:
+            self.stopped = DONE
         self.log("train/rate", rate)
         self.log("train/steps", float(stage.steps or int(self.windows.material.counts.max())))
         self.finish(batch, torch.stack(losses).mean())

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from math import cos, pi
 from typing import NamedTuple
 
@@ -18,7 +19,6 @@ from manoeuvre_nn.dynamics.course import Course, course_of
 from manoeuvre_nn.dynamics.recursion import RecordedSteps, Unrolled
 from manoeuvre_nn.dynamics.recursive import RecursiveShip
 
-DONE = "all stages done"
 BEFORE_FULL_RATE = 0.1
 """Share of a stage in which the training rate rises."""
 FIRST_RATE, LAST_RATE = 0.04, 1e-3
@@ -37,14 +37,14 @@ class WindowStage:
 
     Attributes:
         steps: Steps of a window; None takes whole runs. One step is teacher forcing.
-        share: Share of all updates [-].
+        updates: Number of updates.
         rows: Windows in an update; of whole runs there are as many as there are runs.
         rate: Training rate.
         track: Weight of the squared error of x and y, over a tenth of what each spans in its run.
     """
 
     steps: int | None
-    share: float
+    updates: int
     rows: int = 60
     rate: float = 3e-3
     track: float = 0.0
@@ -55,7 +55,7 @@ class WindowStage:
         Raises:
             InputError: If one is not positive.
         """
-        for name in ("share", "rows", "rate") if self.steps is None else ("steps", "share", "rows", "rate"):
+        for name in ("updates", "rows", "rate") if self.steps is None else ("steps", "updates", "rows", "rate"):
             if not getattr(self, name) > 0:
                 raise InputError(f"fit.stages: {name}={getattr(self, name)}: expected more than 0")
         if not self.track >= 0:
@@ -63,10 +63,10 @@ class WindowStage:
 
 
 USUAL_STAGES = (
-    {"steps": 10, "share": 0.1, "rows": 60, "rate": 3e-3},
-    {"steps": 30, "share": 0.17, "rows": 60, "rate": 3e-3},
-    {"steps": 90, "share": 0.52, "rows": 60, "rate": 2e-3},
-    {"steps": None, "share": 0.21, "rate": 1e-3, "track": 0.1},
+    {"steps": 10, "updates": 300, "rows": 60, "rate": 3e-3},
+    {"steps": 30, "updates": 500, "rows": 60, "rate": 3e-3},
+    {"steps": 90, "updates": 1500, "rows": 60, "rate": 2e-3},
+    {"steps": None, "updates": 600, "rate": 1e-3, "track": 0.1},
 )
 
 
@@ -114,6 +114,11 @@ class RecursiveFitSettings:
         assert self.windows
 
     @property
+    def updates(self) -> int:
+        """Updates of all stages."""
+        return sum(stage.updates for stage in self.windows)
+
+    @cached_property
     def windows(self) -> tuple[WindowStage, ...]:
         """The stages."""
         known = [f.name for f in fields(WindowStage)]
@@ -159,8 +164,7 @@ class GrowingWindows:
         self.ship, self.settings, own = ship, settings, ship.network.settings
         cut = [_from_execute(run, ship.particulars, settings.approach) for run in runs]
         self.course = course_of(cut, ship.hull, own.velocities, step=own.step, wind=own.wind)
-        shares = np.array([stage.share for stage in settings.windows])
-        self._ends = np.cumsum(shares) / shares.sum()
+        self._ends = np.cumsum([stage.updates for stage in settings.windows])
         self.material = self.prepared()
         rows, k = _places(self.material.counts)
         ship.network.scale_to(*self._seen(rows, k))
@@ -201,34 +205,34 @@ class GrowingWindows:
         Args:
             optimizer: That of :meth:`optimizer`.
             number: Of the update, from 0.
-            total: Of all updates.
+            total: Of all updates: where these are not as many as the stages have, the stages are stretched.
             draw: Draws the windows.
 
         Returns:
             Error, stage and training rate.
         """
-        stage, rate, first = self._schedule(number, total)
-        if first:
-            optimizer.state.clear()
+        stage, rate = self._schedule(number * self.settings.updates / total)
         for group in optimizer.param_groups:
-            group["lr"] = rate
+            if group.get("steps", stage.steps) != stage.steps:
+                optimizer.state.clear()  # moments of another stage's errors would lead astray
+            group |= {"lr": rate, "steps": stage.steps}
         loss = self.loss(*self._windows(stage, draw), steps=stage.steps, track=stage.track)
         optimizer.zero_grad(set_to_none=True)
         loss.backward()
         torch.nn.utils.clip_grad_norm_(self.ship.network.parameters(), self.settings.clip)
         return loss.detach(), stage, rate
 
-    def _schedule(self, update: int, total: int) -> tuple[WindowStage, float, bool]:
-        """Stage and training rate of an update, and whether it is the first of its stage."""
-        ends = np.maximum(np.round(self._ends * total), np.arange(1, len(self._ends) + 1))
-        number = min(int(np.searchsorted(ends, update, side="right")), len(ends) - 1)
-        stage, began = self.settings.windows[number], float(ends[number - 1]) if number else 0.0
-        share = (update - began) / max(float(ends[number]) - began, 1.0)
+    def _schedule(self, update: float) -> tuple[WindowStage, float]:
+        """Stage and training rate of an update."""
+        number = int(np.searchsorted(self._ends, min(update, self._ends[-1] - 1), side="right"))
+        stage = self.settings.windows[number]
+        began = int(self._ends[number]) - stage.updates
+        share = min((update - began) / stage.updates, 1.0)
         if share < BEFORE_FULL_RATE:
             low, part = FIRST_RATE, 1 - share / BEFORE_FULL_RATE
         else:
             low, part = LAST_RATE, (share - BEFORE_FULL_RATE) / (1 - BEFORE_FULL_RATE)
-        return stage, stage.rate * (low + (1 - low) * 0.5 * (1 + cos(pi * part))), update == began
+        return stage, stage.rate * (low + (1 - low) * 0.5 * (1 + cos(pi * part)))
 
     def _windows(self, stage: WindowStage, draw: torch.Generator) -> tuple[Tensor, Tensor]:
         """Runs and steps where the windows of an update begin."""
@@ -268,12 +272,17 @@ class GrowingWindows:
         return ((error.square() @ weights) * counted).sum() / counted.sum().clamp(min=1.0)
 
     @torch.no_grad()
+    def single_steps(self) -> tuple[Float[Tensor, "n inputs"], Float[Tensor, "n freedom"]]:
+        """Inputs at all recorded steps but the last of each run, and the velocities a step later."""
+        rows, k = _places((self.material.counts - 1).clamp(min=1))
+        return self._seen(rows, k)[0], self.material.steps.velocities[rows, k + 1]
+
+    @torch.no_grad()
     def step_errors(self) -> dict[str, float]:
         """Root mean square error of each velocity a step ahead, over its standard deviation [-]."""
-        rows, k = _places((self.material.counts - 1).clamp(min=1))
-        error = self.ship.network(self._seen(rows, k)[0]) - self.material.steps.velocities[rows, k + 1]
+        seen, after = self.single_steps()
         names = self.ship.network.settings.velocities
-        relative = error.square().mean(0).sqrt() / self.material.scales[0, : len(names)]
+        relative = (self.ship.network(seen) - after).square().mean(0).sqrt() / self.material.scales[0, : len(names)]
         return dict(zip(names, relative.tolist(), strict=True))
 
 
