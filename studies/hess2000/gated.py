@@ -47,6 +47,9 @@ class GatedSimulator(nn.Module):
         torch.nn.LSTM and torch.nn.GRU; Hochreiter & Schmidhuber 1997, Cho et al. 2014.
     """
 
+    signs: Tensor
+    size: Tensor
+
     def __init__(self, kind: Kind, ship: Ship, seed: int) -> None:
         """Draw the first weights.
 

@@ -1,6 +1,7 @@
 """What else can learn the runs of Hess & Faller 2000: linear regression, physical series, an ensemble, gated cells."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from time import process_time
 from typing import Any
@@ -32,7 +33,7 @@ EPOCHS, QUICK_EPOCHS, MEMBERS = 10, 2, 4
 RIDGE = 1e-8
 """Share of the mean square that is added to the diagonal of the normal equations."""
 LINEAR = "linear regression"
-CHANNELS_3 = ("phi", "p", "pdot")
+ROLL = ("phi", "p", "pdot")
 """What models of three degrees of freedom are not given."""
 
 
@@ -51,6 +52,7 @@ class LinearStep(RecursiveNetwork):
         """Inputs scaled, and a constant."""
         return torch.cat([(x - self.shift) / self.scale, torch.ones_like(x[:, :1])], dim=1)
 
+    @torch.no_grad()
     def learn(self, x: Float[Tensor, "n inputs"], y: Float[Tensor, "n freedom"]) -> None:
         """Least squares on single steps and their mirror images.
 
@@ -76,13 +78,7 @@ def linear_step(runs: RunSet) -> Trained:
     network = LinearStep(RecursiveSettings())
     model = RecursiveShip(runs.ship, network)
     windows = GrowingWindows(model, runs.training, RecursiveFitSettings())
-    steps, counts = windows.material.steps, windows.material.counts
-    with torch.no_grad():
-        rows = torch.repeat_interleave(torch.arange(len(counts)), counts - 1)
-        k = torch.cat([torch.arange(int(count) - 1) for count in counts])
-        start = steps.start(rows, k, network.settings.past)
-        seen = network.join((steps.forces[rows, k], *start.forces), (start.velocities, start.before))
-        network.learn(seen, steps.velocities[rows, k + 1])
+    network.learn(*windows.single_steps())
     return Trained(LINEAR, partial(replay, model), process_time() - began, network.matrix.numel())
 
 
@@ -106,9 +102,13 @@ def physical(runs: RunSet, network: str, settings: Sequence[str], name: str) -> 
 
 
 def upright(runs: Sequence[Recording]) -> list[Recording]:
-    """Runs without their roll."""
-    kept = [{k: c for k, c in run.channels.items() if k not in CHANNELS_3} for run in runs]
-    return [Recording(run.name, run.time, c, run.status, run.meta) for run, c in zip(runs, kept, strict=True)]
+    """Runs without their roll; what was ordered is left out too, so that they are only driven by recorded controls."""
+    made = []
+    for run in runs:
+        kept = {name: c for name, c in run.channels.items() if name not in ROLL}
+        meta = {key: value for key, value in run.meta.items() if key != "manoeuvre"}
+        made.append(replace(run, channels=kept, meta=meta))
+    return made
 
 
 def rivals(runs: RunSet, seed: int, *, quick: bool = False, say: Say = lambda _: None) -> Iterator[Trained]:
@@ -131,8 +131,8 @@ def rivals(runs: RunSet, seed: int, *, quick: bool = False, say: Say = lambda _:
             runs, network, ["network.members=1", f"trainer.max_epochs={QUICK_EPOCHS if quick else EPOCHS}"], name
         )
     say("ensemble")
-    members = 1 if quick else MEMBERS
-    yield physical(runs, ENSEMBLE, [f"network.members={members}"], "ensemble of hull and rudder (shaft)")
+    effort = ["network.members=1", f"fit.epochs={QUICK_EPOCHS}"] if quick else [f"network.members={MEMBERS}"]
+    yield physical(runs, ENSEMBLE, effort, "ensemble of hull and rudder (shaft)")
     for kind in ("LSTM", "GRU"):
         yield gated(kind, runs, seed, quick=quick, say=say)
 

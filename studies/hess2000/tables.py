@@ -171,25 +171,31 @@ def quantities(table: str, models: Sequence[Trained], runs: RunSet) -> dict[str,
         Quantities by name.
     """
     measures = median_measures(models, runs)
-    percent = measures["percent"].unstack()
+    percent = {part: _percent(measures, part) for part in ("all", "validation", "unseen")}
     but_phi, but_y = ["u", "x", "y", "psi"], ["u", "x", "psi"]
-    hardest = str(percent.loc["all", list(VARIABLES)].idxmax())
+    hardest = max(VARIABLES, key=lambda name: percent["all"][name])
+    validation = [percent["validation"][name] for name in but_phi]
     return {
         **cells(table, measures),
         "where": f"Table {table[1:]}",
-        "worst_all": float(percent.loc["all", but_phi].max()),
-        "worst_validation": float(percent.loc["validation", but_phi].max()),
-        "least_validation": float(percent.loc["validation", but_phi].min()),
-        "worst_but_y_all": float(percent.loc["all", but_y].max()),
-        "worst_but_y_validation": float(percent.loc["validation", but_y].max()),
-        "y_all": float(percent.loc["all", "y"]),
-        "y_unseen": float(percent.loc["unseen", "y"]),
+        "worst_all": max(percent["all"][name] for name in but_phi),
+        "worst_validation": max(validation),
+        "least_validation": min(validation),
+        "worst_but_y_all": max(percent["all"][name] for name in but_y),
+        "worst_but_y_validation": max(percent["validation"][name] for name in but_y),
+        "y_all": percent["all"]["y"],
+        "y_unseen": percent["unseen"]["y"],
         "hardest": hardest,
         "roll_is_hardest": hardest == "phi",
         "stopped": float(np.median([model.stopped for model in models])),
         "largest_training_m": float(np.median([_largest_deviation(model, runs.training) for model in models])),
         "length": runs.ship.particulars.length,
     }
+
+
+def _percent(measures: pd.DataFrame, part: str) -> dict[str, float]:
+    """Percent errors of a set of runs by variable."""
+    return {str(name): float(value) for name, value in measures.loc[part]["percent"].items()}
 
 
 def _largest_deviation(model: Trained, runs: Sequence[Recording]) -> float:

@@ -51,8 +51,9 @@ class Trained:
     def stopped(self) -> float:
         """When the weights that were kept were reached, as a share of the updates."""
         assert self.history is not None
-        best = self.history["average_angle"].idxmax()
-        return float(self.history["update"][best] / self.history["update"].max())
+        updates = self.history["update"].to_numpy(dtype=float)
+        best = int(self.history["average_angle"].to_numpy(dtype=float).argmax())
+        return float(updates[best] / updates.max())
 
 
 @dataclass

@@ -82,7 +82,8 @@ def test_gated_cells_have_the_size_of_the_papers_network_and_know_no_side(runs, 
     other = run.with_channels(**{name: -run[name] for name in odd})
     here, there = network.predict([run, other])
     for name in ("u", "v", "p", "r", "phi", "psi", "x", "y"):
-        assert there[name] == approx((-1 if name in odd else 1) * here[name], abs=1e-5), name
+        sign = -1 if name in odd else 1
+        assert there[name] == approx(sign * here[name], abs=1e-3 * np.abs(here[name]).max()), name
     assert here["u"][0] == approx(run["u"][0], rel=1e-4) and here["psi"][0] == approx(run["psi"][0], abs=1e-6)
 
 
@@ -101,12 +102,14 @@ def test_every_table_in_miniature(monkeypatch, runs, table):
     monkeypatch.setattr(training, "QUICK_SCORES", 2)
     monkeypatch.setattr(gated, "QUICK_UPDATES", 2)
     monkeypatch.setattr(rivals, "QUICK_EPOCHS", 1)
+    monkeypatch.setattr(rivals, "SERIES", {"cubic": rivals.SERIES["cubic"]})
+    monkeypatch.setattr(tables, "SERIES", rivals.SERIES)
     found = tables.table_chapter(table, QUICK, quiet)
     assert sum(claim.where == f"Table {table[1:]}" for claim in found.claims) == 40
     assert {row["by"] for row in found.tables["Percent errors"]} == {"paper", "ours, median", "ours, seed 0"}
     if table == "T6":
         rows = found.tables["Rivals, unseen runs: percent errors"]
-        assert [row["simulator"] for row in rows][-2:] == ["LSTM", "GRU"] and len(rows) == 7
+        assert [row["simulator"] for row in rows][-2:] == ["LSTM", "GRU"] and len(rows) == 6
         series = next(row for row in rows if row["simulator"] == rivals.SERIES["cubic"])
         assert series["y"] < 20 and np.isnan(series["phi"])
     assert len(found.plots) == 4
