@@ -38,12 +38,12 @@ from manoeuvre_nn.estimation.effect_columns import (
 )
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linear_run import Columns, joined
-from manoeuvre_nn.estimation.linearised_run import LinearisedRun, calm_rate, integrated, shown
+from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, integrated, shown
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.relinearise import refined
 from manoeuvre_nn.recording.preparation import measured
 
-RATE = calm_rate(CALM)
+RATE = Rate(CALM)
 LARGE = {
     e.name: e
     for e in (

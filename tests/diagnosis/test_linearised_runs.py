@@ -16,7 +16,7 @@ from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.propulsion import PowerLimit
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS
 from manoeuvre_nn.estimation.linear_run import Columns, joined
-from manoeuvre_nn.estimation.linearised_run import LinearisedRun, calm_rate, integrated, shown
+from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, integrated, shown
 from manoeuvre_nn.estimation.posterior import posterior
 from manoeuvre_nn.recording.preparation import measured, with_measured, without_samples
 
@@ -53,7 +53,7 @@ class Dense:
         blocks = []
         for push in line.rudder_push * line.run.meta["rudder_noise"]:
             q = np.diag(np.concatenate([tiny**2, FORCE**2 * (1 - decay**2)]))
-            q[:3, :3] += np.outer(push, push)
+            q[:6, :6] += np.outer(push, push)
             blocks.append(q)
         # States follow from the first one and the pushes: s = reach @ (first, push 1, push 2, ...).
         n = COUNT * STATES
@@ -127,7 +127,7 @@ def filtered(line: LinearisedRun) -> float:
     for k in range(COUNT):
         if k:
             a = line.transition[k - 1]
-            push = np.concatenate([line.rudder_push[k - 1] * line.run.meta["rudder_noise"], np.zeros(6)])
+            push = np.concatenate([line.rudder_push[k - 1] * line.run.meta["rudder_noise"], np.zeros(3)])
             mean = a @ mean + np.concatenate([line.defect[k - 1], np.zeros(3)])
             p = a @ p @ a.T + np.outer(push, push)
             p += np.diag(np.concatenate([tiny**2, FORCE**2 * (1 - decay**2)]))
@@ -174,7 +174,7 @@ def test_the_evidence_is_the_density_of_a_dense_gaussian_with_coefficients_and_p
 
 def fine_step(state: torch.Tensor, start: float, end: float, shaft: float, h: float, parts: int = 20) -> torch.Tensor:
     """One sample further by many small steps, the rudder turning evenly; differentiable."""
-    rate = calm_rate(CALM)
+    rate = Rate(CALM)
 
     def slope(s, share):
         cos, sin = torch.cos(s[5]), torch.sin(s[5])
@@ -209,7 +209,7 @@ def test_the_transition_is_the_derivative_of_a_fine_solution_by_autograd(k):
     assert np.abs(difference).max() < 1e-3 and line.transition[k, 5, 2] == approx(1.0, rel=0.1)
     assert line.defect[k] == approx(end[:6] - line.track[k + 1], abs=1e-4)
     push = (turned - end)[:3] / 1e-4
-    assert line.rudder_push[k] == approx(push, rel=0.01)
+    assert line.rudder_push[k, :3] == approx(push, rel=0.01)
 
 
 def test_what_is_observed_is_the_difference_quotient_of_what_sensors_show():
@@ -264,8 +264,8 @@ def test_at_another_shaft_speed_the_rate_is_that_of_a_ship_with_such_an_engine()
     engine = Vessel(CALM, [PowerLimit(SHIP)]).model
     state = torch.cat([nu, torch.zeros(5, 3).double(), ratio[:, None]], dim=-1)
     expected = engine(state, Inputs(delta))[:, :3]
-    assert torch.allclose(calm_rate(CALM)(nu, delta, ratio), expected, atol=1e-12)
-    nominal = calm_rate(CALM)(nu, delta, torch.ones(5).double())
+    assert torch.allclose(Rate(CALM)(nu, delta, ratio), expected, atol=1e-12)
+    nominal = Rate(CALM)(nu, delta, torch.ones(5).double())
     assert torch.allclose(nominal, calm_accelerations(CALM, nu, delta), atol=1e-12)
     assert (nominal - expected)[:, 0].abs().argsort()[0] == 3
 

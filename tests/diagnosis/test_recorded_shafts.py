@@ -13,7 +13,7 @@ from manoeuvre_nn.dynamics.base import calm_accelerations
 from manoeuvre_nn.dynamics.model import IdentifiedShip, Scaling
 from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
-from manoeuvre_nn.estimation.linearised_run import calm_rate
+from manoeuvre_nn.estimation.linearised_run import Rate
 from manoeuvre_nn.manoeuvre.straight import straight
 from manoeuvre_nn.network.series import Series, SeriesSettings
 from manoeuvre_nn.recording.preparation import measured, with_own_shafts
@@ -49,15 +49,15 @@ def run(ratio: float):
 def test_a_series_feels_the_shaft_through_its_own_n_and_nothing_else():
     model = series()
     nu, delta = number([[1.2 * 0.4, 0.0, 0.0]]), number(0.0)
-    assert float(calm_rate(model)(nu, delta, number([1.2])).abs().max()) < 1e-9
-    rudder = [calm_rate(model)(nu, number(0.2), number([n]))[0, 2] for n in (1.2, 2.4)]
+    assert float(Rate(model)(nu, delta, number([1.2])).abs().max()) < 1e-9
+    rudder = [Rate(model)(nu, number(0.2), number([n]))[0, 2] for n in (1.2, 2.4)]
     assert float(rudder[1] / rudder[0]) == approx(4.0)
 
 
 def test_a_ship_without_such_a_network_keeps_its_own_rule_for_the_shaft():
     nu, delta = number([[U0, 0.0, 0.0]]), number([0.0])
     extra = SHIP.acceleration_from_force(SHIP.shaft_force(nu, delta, number([1.2])))
-    rate = calm_rate(CALM)(nu, delta, number([1.2]))
+    rate = Rate(CALM)(nu, delta, number([1.2]))
     assert extra[0, 0] > 0 and (rate - calm_accelerations(CALM, nu, delta)).numpy() == approx(extra.numpy())
 
 
@@ -67,7 +67,7 @@ def test_a_free_run_is_driven_by_the_recorded_shaft_speed():
     u, v, r = faster[["u", "v", "r"]].iloc[-1]
     end = number([[u, v, r * DEGREE]])
     slope = faster["u"].diff().iloc[-1]
-    assert float(calm_rate(CALM)(end, number(0.0), number([1.2]))[0, 0]) == approx(slope, rel=0.05)
+    assert float(Rate(CALM)(end, number(0.0), number([1.2]))[0, 0]) == approx(slope, rel=0.05)
 
 
 def test_runs_that_are_predicted_together_keep_their_own_shaft_speeds():

@@ -14,7 +14,7 @@ from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.vessel import Vessel
-from manoeuvre_nn.estimation.linearised_run import LinearisedRun, calm_rate, linearise
+from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, linearise
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.recording.preparation import order_lead, smooth_rudder, with_measured
@@ -71,7 +71,7 @@ def states_of(record: Recording) -> np.ndarray:
 def about(run: Recording, track: np.ndarray, process_time: float = 20.0) -> LinearisedRun:
     """A run's equations about a track."""
     with unchecked():
-        return linearise(run, calm_rate(CALM), track, process_time)
+        return linearise(run, Rate(CALM), track, process_time)
 
 
 def values(effect: Effect, count: int = 1) -> np.ndarray:

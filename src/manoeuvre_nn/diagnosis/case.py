@@ -307,10 +307,10 @@ def choose_held_out(kinds: Mapping[str, str]) -> list[str]:
     return chosen
 
 
-def seen_channels(runs: Sequence[Recording]) -> set[str]:
+def seen_channels(runs: Sequence[Recording], channels: Sequence[str] = MEASURED) -> set[str]:
     """Channels that any of the runs has."""
-    present = np.any([np.isfinite(measured(run)).any(axis=0) for run in runs], axis=0)
-    return {channel for channel, there in zip(MEASURED, present, strict=True) if there}
+    present = np.any([np.isfinite(measured(run, channels)).any(axis=0) for run in runs], axis=0)
+    return {channel for channel, there in zip(channels, present, strict=True) if there}
 
 
 def _undecided(runs: Sequence[Recording], fitted: Sequence[Recording]) -> tuple[str, ...]:

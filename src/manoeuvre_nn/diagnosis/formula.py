@@ -9,7 +9,7 @@ from jaxtyping import Float
 from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.effect.formula import Formula, is_ordinary, library
 from manoeuvre_nn.estimation.data_set import PreparedRun, WhitenedDataSet, quiet
-from manoeuvre_nn.estimation.effect_columns import moved_by
+from manoeuvre_nn.estimation.effect_columns import moved_by, with_roll
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.linear_run import Columns
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
@@ -56,7 +56,7 @@ def _columns(
 ) -> tuple[Columns, Float[np.ndarray, " terms"]]:
     """What a unit of every term does to a run, and its mean square force."""
     effect, s = Formula(data_set.dynamics.hull, terms), prepared.linearised.situation
-    measured = np.zeros((len(s.psi), len(MEASURED), len(terms)))
+    measured = np.zeros((len(s.psi), len(prepared.linearised.states.channels), len(terms)))
     pushes, squares = [], np.zeros(len(terms))
     with torch.no_grad():
         for k, term in enumerate(terms):
@@ -66,7 +66,7 @@ def _columns(
             for channel, error in errors.items():
                 measured[:, MEASURED.index(channel), k] = error.numpy()
                 squares[k] = 1.0
-        a = torch.stack(pushes)
+        a = with_roll(effect.ship, torch.stack(pushes), 0 * s.u)
         moved = moved_by(a, a.new_zeros(*a.shape[:2], 2), prepared.linearised).permute(1, 2, 0).numpy()
     return Columns(measured, moved), squares
 

@@ -176,4 +176,4 @@ def _course(
     root = np.linalg.cholesky(np.exp(-np.abs(knots[:, None] - knots) / memory) + 1e-9 * np.eye(len(knots)))
     course = (hats @ root)[:, None, :]
     moved = np.concatenate([pushes[:, :, [k]] * a * course for k, a in ((0, 1.0), (1, across)) if a], axis=-1)
-    return Columns(np.zeros((len(time) + 1, 8, moved.shape[-1])), moved)
+    return Columns(np.zeros((len(time) + 1, c.measured.shape[1], moved.shape[-1])), moved)

@@ -12,14 +12,14 @@ from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.estimation.data_set import PROCESS_LEVELS, PreparedRun, WhitenedDataSet, process_time, start_spread
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linear_run import Columns, IntegratedRun
-from manoeuvre_nn.estimation.linearised_run import SIZE, integrated
+from manoeuvre_nn.estimation.linearised_run import integrated
 from manoeuvre_nn.estimation.marginal_likelihood import hypothesis_columns
 
 BIN = 10.0
 """Length of the means in which windows are looked for [s]."""
 MAX_PROCESS_NOISE = 0.5
 """Coloured force that leaves the missing force to the data alone, over the resistance and 20 deg of rudder."""
-MOVES_POSITION = np.array([[0.0], [0.0], [0.0], [1.0], [1.0], [0.0]])
+POSITION = slice(3, 5)
 """Of u, v, r, x, y, psi what a stream moves."""
 EQUATIONS = ("surge force X", "sway force Y", "yaw moment N")
 OF_SHIPS, OF_MODELS = {"kN": 1e3, "MN m": 1e6}, {"N": 1.0, "N m": 1.0}
@@ -48,10 +48,13 @@ def residuals(data_set: WhitenedDataSet, hypothesis: Hypothesis, size: float = M
         before = after = prepared.linearised.data
         if c is not None:
             # What the sensors and the stream do is no force: it is taken out of both.
-            before = before - Columns(c[:1].measured, c[:1].moved * MOVES_POSITION)
+            stream = np.zeros_like(c[:1].moved)
+            stream[:, POSITION] = c[:1].moved[:, POSITION]
+            before = before - Columns(c[:1].measured, stream)
             after = after - c[:1]
-        force, left = (scale(white.states(white.embed(x))[:, 6:, 0]) for x in (before, after))
-        error, windows = np.abs(scale(_spread(white))), _windows(data_set, prepared, before)
+        process = prepared.linearised.states.forces
+        force, left = (scale(white.states(white.embed(x))[:, process, 0]) for x in (before, after))
+        error, windows = np.abs(scale(_spread(white, process))), _windows(data_set, prepared, before)
         made.append(Residual(run.name, run.time, force, error, left, windows, units(data_set)))
     return made
 
@@ -59,14 +62,14 @@ def residuals(data_set: WhitenedDataSet, hypothesis: Hypothesis, size: float = M
 def _windows(data_set: WhitenedDataSet, prepared: PreparedRun, data: Columns) -> list[Interval]:
     """Times in which something is missing; looked for where the data alone shape the force."""
     white, scale = _loose(data_set, prepared, MAX_PROCESS_NOISE), _forces(data_set)
-    return changes(
-        prepared.linearised.run.time, scale(white.states(white.embed(data))[:, 6:, 0]), np.abs(scale(_spread(white)))
-    )
+    process = prepared.linearised.states.forces
+    force, error = white.states(white.embed(data))[:, process, 0], _spread(white, process)
+    return changes(prepared.linearised.run.time, scale(force), np.abs(scale(error)))
 
 
 def _loose(data_set: WhitenedDataSet, prepared: PreparedRun, size: float) -> IntegratedRun:
     """The run with a coloured force allowed."""
-    time, start = 0.5 * process_time(data_set.dynamics), start_spread(data_set.dynamics.particulars)
+    time, start = 0.5 * process_time(data_set.dynamics), start_spread(data_set.dynamics)
     return integrated(prepared.linearised, prepared.noise, size * data_set.unit, time, start)
 
 
@@ -88,10 +91,9 @@ def _forces(data_set: WhitenedDataSet) -> Callable[[Float[np.ndarray, "n 3"]], F
     return scale
 
 
-def _spread(white: IntegratedRun) -> Float[np.ndarray, "n 3"]:
+def _spread(white: IntegratedRun, process: slice) -> Float[np.ndarray, "n 3"]:
     """Posterior standard deviation of the process noise."""
-    process = range(SIZE - 3, SIZE)
-    return np.sqrt(white.covariances[0][:, process, process])
+    return np.sqrt(np.diagonal(white.covariances[0], axis1=1, axis2=2)[:, process])
 
 
 def changes(

@@ -9,7 +9,6 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.core.effect import Effect, Parameter, Situation
 from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
@@ -19,7 +18,7 @@ from manoeuvre_nn.diagnosis.case import seen_channels
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.rollout import rollout
 from manoeuvre_nn.dynamics.vessel import Vessel
-from manoeuvre_nn.estimation.data_set import FIRST_NOISE, PreparedRun, WhitenedDataSet, about_states
+from manoeuvre_nn.estimation.data_set import PreparedRun, WhitenedDataSet, about_states
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linearised_run import shown
 from manoeuvre_nn.manoeuvre.straight import straight
@@ -65,16 +64,23 @@ class Plan:
 
 def same_runs(data_set: WhitenedDataSet) -> Iterator[Plan]:
     """Every recorded run once more, with one of the channels that no run has."""
-    present = np.isin(MEASURED, [*seen_channels([p.linearised.run for p in data_set.runs])])
-    for words, channels in CHANNELS.items():
+    states = data_set.runs[0].linearised.states
+    present = np.isin(states.channels, [*seen_channels([p.linearised.run for p in data_set.runs], states.channels)])
+    rolls = {"roll angle": (states.channels.index("phi"),)} if "phi" in states.own else {}
+    for words, channels in (CHANNELS | rolls).items():
         if present[list(channels)].any():
             continue
         for row, prepared in enumerate(data_set.runs):
             run, track = prepared.linearised.run, prepared.linearised.track
-            seen = measured(run)
+            seen = measured(run, states.channels)
             seen[:, channels] = shown(track)[:, channels]
-            noise = np.where(np.isin(np.arange(len(FIRST_NOISE)), channels), FIRST_NOISE, prepared.noise)
-            more = replace(prepared, linearised=replace(prepared.linearised, run=with_measured(run, seen)), noise=noise)
+            noise = np.where(np.isin(np.arange(len(present)), channels), states.first_noise, prepared.noise)
+            run = with_measured(run, seen, states.channels)
+            more = replace(
+                prepared,
+                linearised=replace(prepared.linearised, run=run),
+                noise=noise,
+            )
             yield Plan(f"{run.name} again with the {words}", about_states(data_set.dynamics, more, track), row=row)
 
 
@@ -116,20 +122,24 @@ def new_runs(data_set: WhitenedDataSet, hypothesis: Hypothesis) -> Iterator[Plan
             continue
         delta, order = (x[:n, row].numpy() for x in (runs.shown, runs.orders))
         lead = order_lead(delta, order, interval, ship.rudder_rate)
-        track = runs.states[:n, row, :6].numpy()
+        states = first.states
+        track = runs.states[:n, row, : states.count].numpy()
         inputs = {"delta": delta, "delta_order": order, "order_lead": lead, "shaft": np.full(n, share)}
         noise = first.run.meta["rudder_noise"] * (step / interval) ** 0.5
-        blank = with_measured(Recording(words, times[:n], inputs, meta={"rudder_noise": noise}), shown(track))
+        blank = with_measured(
+            Recording(words, times[:n], inputs, meta={"rudder_noise": noise}), shown(track), states.channels
+        )
         yield Plan(words, _seen(data_set, blank, track, step / interval), heading, share)
 
 
-def _seen(data_set: WhitenedDataSet, run: Recording, track: Float[np.ndarray, "n 6"], thinned: float) -> PreparedRun:
+def _seen(data_set: WhitenedDataSet, run: Recording, track: Float[np.ndarray, "n k"], thinned: float) -> PreparedRun:
     """A simulated run with the channels and the noise of the recorded ones, thinned out to some share of samples."""
-    present = np.isin(MEASURED, [*seen_channels([p.linearised.run for p in data_set.runs])])
+    kept = data_set.runs[0].linearised.states.channels
+    present = np.isin(kept, [*seen_channels([p.linearised.run for p in data_set.runs], kept)])
     noise = np.sqrt(thinned * np.mean([p.noise**2 for p in data_set.runs], axis=0))
-    run = with_measured(run, np.where(present, measured(run), np.nan))
+    run = with_measured(run, np.where(present, measured(run, kept), np.nan), kept)
     some = data_set.runs[0]
-    equations, process = replace(some.linearised, run=run), np.zeros((len(run), 3))
+    equations, process = replace(some.linearised, run=run), np.zeros((len(run), len(some.linearised.states.driven)))
     bare = replace(some, linearised=equations, noise=noise, process=process)
     return about_states(data_set.dynamics, bare, track)
 

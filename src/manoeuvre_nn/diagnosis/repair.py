@@ -17,11 +17,11 @@ from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.recorded_inputs import held_columns
 from manoeuvre_nn.dynamics.replay import integrate
 from manoeuvre_nn.dynamics.vessel import Vessel
-from manoeuvre_nn.estimation.data_set import FIRST_NOISE, process_time, start_spread
+from manoeuvre_nn.estimation.data_set import process_time, start_spread, typical
 from manoeuvre_nn.estimation.effect_columns import blade_along, contribution, latency_column, perfect
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linear_run import joined
-from manoeuvre_nn.estimation.linearised_run import calm_rate, integrated, linearise
+from manoeuvre_nn.estimation.linearised_run import Rate, integrated, linearise, sides_of
 from manoeuvre_nn.estimation.smoothed_run import first_guess
 from manoeuvre_nn.recording.outliers import spikes
 from manoeuvre_nn.recording.preparation import measured
@@ -52,6 +52,11 @@ def predict(
     rows = {"delta": [_wheel(h, run)[k:] for h, run in zip(each, runs, strict=True)]}
     if any((run["shaft"] != 1).any() for run in runs):
         rows["shaft"] = [run["shaft"][k:] for run in runs]
+    sides = [sides_of(run, dynamics) for run in runs]
+    for name in sorted({name for of_run in sides for name in of_run}):
+        rows[name] = [
+            of_run.get(name, torch.zeros(len(run))).numpy()[k:] for of_run, run in zip(sides, runs, strict=True)
+        ]
     columns = held_columns(rows)
     moving = Vessel(dynamics, _acting(hypothesis)).model
     with torch.no_grad():
@@ -82,7 +87,7 @@ def _wheel(hypothesis: Hypothesis, run: Recording) -> Float[np.ndarray, " n"]:
 
 def start_state(
     dynamics: Model, hypothesis: Hypothesis, run: Recording, latency: float = 0.0
-) -> Float[np.ndarray, " 6"]:
+) -> Float[np.ndarray, " k"]:
     """State at the end of the warm-up: the smoother's, with the model and its effects.
 
     Args:
@@ -92,20 +97,21 @@ def start_state(
         latency: Delay of the satellite receiver [s].
 
     Returns:
-        u, v, r, x, y, psi; u and v through the water.
+        u, v, r, x, y, psi, own states; u and v through the water.
     """
-    rate, p = calm_rate(dynamics), dynamics.particulars
+    rate, p = Rate(dynamics), dynamics.particulars
     unit = p.speed**2 / p.length * np.array([1.0, 1.0, 1.0 / p.length])
-    time, spread = process_time(dynamics), start_spread(p)
-    track = first_guess(run)
+    unit = np.append(unit, typical(dynamics)[3:])
+    time, spread = process_time(dynamics), start_spread(dynamics)
+    track = first_guess(run, rate.states.own)
     for _ in range(3):
         linearised = linearise(run, rate, track, time)
         added = [contribution(e, v, linearised) for e, v in zip(hypothesis.effects, hypothesis.values, strict=True)]
         # Data less latency and effects at their values.
         all_of_them = joined([linearised.data, latency_column(linearised), *added])
         left = all_of_them.combined(np.array([1.0, -latency, *[-1.0] * len(added)]))
-        solved = integrated(linearised, FIRST_NOISE, 1e-3 * unit, time, spread)
-        track = track + solved.states(solved.embed(left))[:, :6, 0]
+        solved = integrated(linearised, rate.states.first_noise, 1e-3 * unit, time, spread)
+        track = track + solved.states(solved.embed(left))[:, : rate.states.count, 0]
     return track[-1]
 
 

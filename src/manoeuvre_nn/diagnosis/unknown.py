@@ -38,6 +38,8 @@ def unknown_evidence(likelihood: MarginalLikelihood, none: FittedHypothesis, for
 
 def _strange_sensors(data_set: WhitenedDataSet) -> float:
     """Evidence for channels whose error no candidate has: more than a stream or a sensor error of the smoother."""
-    factors = np.stack([p.inflation for p in data_set.runs])[:, : len(MEASURED) - 1]
+    # A velocity that was taken from positions is no sensor's: the error of neighbouring samples is alike by making.
+    sensed = [~np.isin(MEASURED[:-1], p.linearised.run.meta.get("derived", ())) for p in data_set.runs]
+    factors = np.stack([p.inflation for p in data_set.runs])[:, : len(MEASURED) - 1] * np.array(sensed)
     coloured = (factors > COLOURED).sum(axis=0)
     return SENSOR_PER_RUN * float(coloured.max()) if 2 * coloured.max() >= len(factors) else 0.0

@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet, quiet
+from manoeuvre_nn.estimation.effect_columns import with_roll
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linear_run import Columns, Embedded
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood, hypothesis_columns
@@ -71,11 +72,17 @@ def _scan(
     count = len(edges) - 1
     which = np.clip(((time[1:] - step / 2 - edges[0]) / BLOCK).astype(int), 0, count - 1)
     hull = data_set.dynamics.hull
-    moved = np.zeros((len(time) - 1, 6, 2 * count))
+    states = prepared.linearised.states
+    velocities = np.r_[:3, 6 : states.count]
+    moved = np.zeros((len(time) - 1, states.count, 2 * count))
     for k, force in enumerate(((0.0, 1e3, 0.0), (0.0, 0.0, 1e3 * hull.particulars.length))):
-        push = hull.acceleration_from_si(hull.inertia.new_tensor(force)).numpy()
-        moved[np.arange(len(time) - 1)[:, None], np.arange(3), (k * count + which)[:, None]] = push * step
-    base, blocks = data_set.at(level).base[run], white.embed(Columns(np.zeros((len(time), 8, 2 * count)), moved))
+        caused = hull.acceleration_from_si(hull.inertia.new_tensor(force))
+        push = with_roll(hull, caused, 0 * caused[0]).numpy()
+        moved[np.arange(len(time) - 1)[:, None], velocities, (k * count + which)[:, None]] = push * step
+    base, blocks = (
+        data_set.at(level).base[run],
+        white.embed(Columns(np.zeros((len(time), len(states.channels), 2 * count)), moved)),
+    )
     if given is not None:
         known = white.embed(given[:1])
         outer, inner = base.outer.copy(), base.inner.copy()

@@ -7,6 +7,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from manoeuvre_nn.core.effect import Effect, Parameter, Situation
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.units import GRAVITY
 
 
@@ -29,6 +31,13 @@ class RollCoupling(Effect):
     source = "Son & Nomoto 1982, the terms linear in heel; roll as an oscillator driven by the centripetal acceleration"
     declared = (Parameter("N_phi", "-", -0.2, 0.2, 0.0, 0.02, (0.01, -0.01)),)
     memory = 2
+
+    def __init__(self, ship: Ship, **values: float) -> None:
+        """Refuse a ship that rolls already."""
+        if "phi" in ship.own_names:
+            name = ship.particulars.name
+            raise InputError(f"effect.{self.name}: the {name} rolls by itself: leave it out or write ship.rolls=false")
+        super().__init__(ship, **values)
 
     def acceleration(self, s: Situation, memory: Float[Tensor, "*own 2"]) -> Float[Tensor, "*batch 3"]:
         """Accelerations by the moment of the heel."""

@@ -22,6 +22,8 @@ MISSING = 0.6
 """Size of each such term beside a printed one: one by one they are less likely."""
 USUAL_SCATTER = 0.05
 """Relative error of a coefficient that one standard error of a fit counts for: see ``COEFFICIENT_SD_PRIOR``."""
+OF_ROLL = ("Xheel", "Yheel", "Nheel", "Khull", "Krudder", "Kheel", "Mp")
+"""Corrections of a ship that rolls: what heel does to the forces, heeling moments, righting moment and inertia."""
 FACTORS = "uvrdVR1"
 """Factors of terms: prime variables, magnitudes, one."""
 
@@ -32,7 +34,8 @@ class Corrections:
     A term that the model lacks is weighed by the model's own force in a tight turn. A model that was fitted to
     recordings and knows how well (:meth:`.Model.sensitivities`) has its coefficients corrected by the standard errors
     of that fit instead. A model whose forces are no series of coefficients (a network) has its hull and rudder forces
-    corrected equation by equation.
+    corrected equation by equation. A ship that rolls is corrected likewise in what heel does to these forces, in the
+    heeling moments of hull and rudder, in the moment that rights her and in her inertia in roll.
 
     Attributes:
         dynamics: The calm-water model.
@@ -45,7 +48,11 @@ class Corrections:
         p = dynamics.particulars
         units = hull.inertia.new_tensor([p.speed, p.speed, p.speed / p.length])
         zero = units[0] * 0
-        uncertain = len(dynamics.sensitivities(torch.nn.functional.pad(units, (0, 3)), Inputs(zero, zero + 1)))
+        uncertain = len(
+            dynamics.sensitivities(
+                torch.nn.functional.pad(units, (0, 3 + len(dynamics.own_names))), Inputs(zero, zero + 1)
+            )
+        )
         self._fitted = uncertain > 0
         self._table = None if self._fitted else hull.table
         self._entries = [] if self._table is None else [tuple(e) for e in torch.nonzero(self._table).tolist()]
@@ -58,6 +65,7 @@ class Corrections:
             (e, term) for e, terms in enumerate((SURGE_TERMS, LATERAL_TERMS, LATERAL_TERMS)) for term in terms
         ]
         self.names = names + [f"{'XYN'[e]}+{term}" for e, term in self._missing] + ["Mu", "Mv", "Mr"]
+        self.names += list(OF_ROLL) if dynamics.own_names else []
         hard = units * units.new_tensor([1 + TURN["u"], -TURN["v"], TURN["r"]])
         d = units.new_tensor(TURN["d"])
         with torch.no_grad():
@@ -74,44 +82,52 @@ class Corrections:
 
     def __call__(
         self,
-        nu: Float[Tensor, "*batch 3"],
+        moving: Float[Tensor, "*batch m"],
         delta: Float[Tensor, "*batch"],
         shaft: Float[Tensor, "*batch"] | None = None,
-    ) -> Float[Tensor, "*batch k 3"]:
-        """Accelerations per unit of every correction.
+    ) -> Float[Tensor, "*batch k m"]:
+        """Accelerations, and rates of the own states, per unit of every correction.
 
         Args:
-            nu: u, v [m/s], r [rad/s].
+            moving: u, v [m/s], r [rad/s], own states.
             delta: Rudder angle [rad].
             shaft: Shaft speed over the nominal one [-]; None is nominal.
 
         Returns:
             One row a correction.
         """
+        nu = moving[..., :3]
         acceleration = self._rate(nu, delta, shaft)
         unity = torch.eye(3).to(acceleration)
         of_model = self._of_model(nu, delta, acceleration, shaft)
         of_missing = self._terms(nu, delta)[..., None] * self._weights
-        return torch.cat([of_model, of_missing, -acceleration[..., None, :] * unity], dim=-2)
+        of_forces = torch.cat([of_model, of_missing, -acceleration[..., None, :] * unity], dim=-2)
+        if not self.dynamics.own_names:
+            return of_forces
+        caused = torch.cat(self.dynamics.hull.added(of_forces, torch.zeros_like(of_forces[..., 0])), dim=-1)
+        return torch.cat([caused, self._of_roll(moving, delta, shaft)], dim=-2)
 
     def together(
         self,
-        nu: Float[Tensor, "*batch 3"],
+        moving: Float[Tensor, "*batch m"],
         delta: Float[Tensor, "*batch"],
         shares: Float[Tensor, " k"],
         shaft: Float[Tensor, "*batch"] | None = None,
-    ) -> Float[Tensor, "*batch 3"]:
+    ) -> Float[Tensor, "*batch m"]:
         """Accelerations of all corrections at given sizes; the sum of the rows, without making them.
 
         Args:
-            nu: u, v [m/s], r [rad/s].
+            moving: u, v [m/s], r [rad/s], own states.
             delta: Rudder angle [rad].
             shares: Size of every correction.
             shaft: Shaft speed over the nominal one [-]; None is nominal.
 
         Returns:
-            udot, vdot [m/s^2], rdot [rad/s^2].
+            udot, vdot [m/s^2], rdot [rad/s^2], rates of the own states.
         """
+        if self.dynamics.own_names:
+            return (self(moving, delta, shaft) * shares[:, None]).sum(dim=-2)
+        nu = moving
         hull, acceleration = self.dynamics.hull, self._rate(nu, delta, shaft)
         first, last = len(shares) - 3 - len(self._missing), len(shares) - 3
         if self._table is None:
@@ -124,7 +140,10 @@ class Corrections:
         return changed + missing - acceleration * shares[last:]
 
     def _rate(self, nu: Tensor, delta: Tensor, shaft: Tensor | None) -> Tensor:
-        """The model's accelerations. The products of a series of coefficients are those of the nominal shaft speed."""
+        """Accelerations by the upright ship's forces. Products of coefficients are those of the nominal shaft speed."""
+        if self.dynamics.own_names:
+            upright = torch.nn.functional.pad(nu, (0, len(self.dynamics.own_names)))
+            return self._force_and_moment(upright, delta, shaft)[0]
         if shaft is None or self._table is not None:
             return calm_accelerations(self.dynamics, nu, delta)
         return calm_accelerations(self.dynamics, nu, delta, shaft)
@@ -144,6 +163,38 @@ class Corrections:
             rudder = hull.force_from_acceleration(acceleration) - calm
             forces = torch.cat([part[..., None, :] * unity for part in (calm, rudder)], dim=-2)
         return hull.acceleration_from_force(forces)
+
+    def _of_roll(self, moving: Tensor, delta: Tensor, shaft: Tensor | None) -> Tensor:
+        """Rates by what :data:`OF_ROLL` names."""
+        hull, upright = self.dynamics.hull, torch.cat([moving[..., :3], torch.zeros_like(moving[..., 3:])], dim=-1)
+        (of_hull, k_hull), (still, k_still), (heeled, k_heeled) = (
+            self._force_and_moment(state, rudder, shaft)
+            for state, rudder in ((upright, torch.zeros_like(delta)), (upright, delta), (moving, delta))
+        )
+        by_heel = hull.force_from_acceleration(heeled - still)[..., None, :] * torch.eye(3).to(still)
+        pushed = hull.acceleration_from_force(by_heel)
+        forces = torch.cat(hull.added(pushed, torch.zeros_like(pushed[..., 0])), dim=-1)
+        moments = torch.stack([k_hull, k_still - k_hull, k_heeled - k_still], dim=-1)
+        moments = torch.cat(hull.added(torch.zeros_like(pushed), moments), dim=-1)
+        inertia = torch.zeros_like(moving)
+        inertia[..., -1] = -self._rates(moving, delta, shaft)[..., -1]
+        return torch.cat([forces, moments, inertia[..., None, :]], dim=-2)
+
+    def _rates(self, moving: Tensor, delta: Tensor, shaft: Tensor | None) -> Tensor:
+        """Accelerations and rates of the own states."""
+        state = torch.cat([moving[..., :3], torch.zeros_like(moving[..., :3]), moving[..., 3:]], dim=-1)
+        rate = self.dynamics(state, Inputs(delta, shaft))
+        return torch.cat([rate[..., :3], rate[..., 6:]], dim=-1)
+
+    def _force_and_moment(self, moving: Tensor, delta: Tensor, shaft: Tensor | None) -> tuple[Tensor, Tensor]:
+        """Accelerations by the forces without the heeling moment, and this [N m]."""
+        hull, rates = self.dynamics.hull, self._rates(moving, delta, shaft)
+        one, still = torch.ones_like(rates[..., 0]), torch.zeros_like(rates[..., :3])
+        by_moment, roll = hull.added(still, one)  # of 1 N m
+        # pdot = roll(a) + K / M_pp, with a the accelerations and roll(a) what forces without a moment add to it.
+        free = rates[..., -1] - hull.added(rates[..., :3], 0 * one)[1][..., -1]
+        moment = free / (roll[..., -1] - hull.added(by_moment, 0 * one)[1][..., -1])
+        return rates[..., :3] - moment[..., None] * by_moment, moment
 
     def _terms(self, nu: Tensor, delta: Tensor) -> Tensor:
         """Products of factors of the terms that the model lacks."""
@@ -179,18 +230,29 @@ class Calibrated(Model):
         """That of the model."""
         return self.calm.hull
 
-    def forward(self, state: Float[Tensor, "*batch n"], inputs: Inputs) -> Float[Tensor, "*batch 6"]:
+    @property
+    def own_names(self) -> tuple[str, ...]:
+        """Those of the model."""
+        return self.calm.own_names
+
+    def start(self, state: Float[Tensor, "*batch 6"], inputs: Inputs) -> Float[Tensor, "*batch n"]:
+        """As the model starts."""
+        return self.calm.start(state, inputs)
+
+    def forward(self, state: Float[Tensor, "*batch n"], inputs: Inputs) -> Float[Tensor, "*batch n"]:
         """Rate of the state with the corrections.
 
         Args:
-            state: u, v, r, x, y, psi.
+            state: u, v, r, x, y, psi, own states.
             inputs: Rudder, shaft and wind.
 
         Returns:
             Its time derivative.
         """
-        change = self._corrections.together(state[..., :3], inputs.delta, self.shares, inputs.shaft)
-        return self.calm(state, inputs) + torch.nn.functional.pad(change, (0, 3))
+        moving = torch.cat([state[..., :3], state[..., 6:]], dim=-1) if self.own_names else state[..., :3]
+        change = self._corrections.together(moving, inputs.delta, self.shares, inputs.shaft)
+        still = torch.zeros_like(change[..., :3])
+        return self.calm(state, inputs) + torch.cat([change[..., :3], still, change[..., 3:]], dim=-1)
 
     def on_approach(self, speed: float) -> "Calibrated":
         """The corrected ship at another approach speed.

@@ -6,24 +6,28 @@ from functools import partial
 from itertools import product
 
 import numpy as np
+import torch
 from jaxtyping import Float, Int
 
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.base import Model, calm_accelerations, is_fitted
 from manoeuvre_nn.effect.common import typical as usual
 from manoeuvre_nn.estimation.effect_columns import coefficient_columns, latency_column
 from manoeuvre_nn.estimation.linear_run import Columns, Embedded, IntegratedRun, joined, summed
-from manoeuvre_nn.estimation.linearised_run import LinearisedRun, calm_rate, integrated, linearise
+from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, integrated, linearise
 from manoeuvre_nn.estimation.posterior import Posterior, posterior
+from manoeuvre_nn.estimation.run_states import RunStates
 from manoeuvre_nn.estimation.smoothed_run import smooth
 
-FIRST_NOISE = np.array([0.7, 0.7, 0.04, 0.04, 1.75e-3, 3.5e-4, 0.05, 0.005])
-"""First idea of the channels' noise [m, m, m/s, m/s, rad, rad/s, m/s, -]."""
+FIRST_NOISE = RunStates().first_noise
+"""First idea of the noise of the channels ``MEASURED``."""
 PROCESS_LEVELS = (0.003, 0.015, 0.05, 0.15, 0.5)
 """Levels of the process noise that no hypothesis explains, over the resistance and the force of 20 deg of rudder."""
 SMOOTHER_PROCESS_SD = np.array([0.05, 0.1, 0.1])
 """Prior standard deviation of the process noise of the smoother, in U0^2/L (yaw: U0^2/L^2)."""
+SMOOTHER_ROLL = 0.2
+"""That in roll, over the roll acceleration of 20 deg of rudder."""
 COEFFICIENT_SD_LEVELS = (0.002, 0.015, 0.03, 0.05, 0.08, 0.2)
 """Levels of the relative error of the calm-water coefficients."""
 MIN_SIGNAL_TO_NOISE = 0.02
@@ -41,14 +45,14 @@ class PreparedRun:
         noise: S.d. of its channels, their correlation in time taken in.
         inflation: What that correlation multiplied their variances by.
         base: Data, coefficients and latency as columns.
-        process: Process noise that the states need [m/s^2, m/s^2, rad/s^2].
+        process: Process noise that the states need [m/s^2, m/s^2, rad/s^2, rad/s^2].
     """
 
     linearised: LinearisedRun
-    noise: Float[np.ndarray, " 8"]
-    inflation: Float[np.ndarray, " 8"]
+    noise: Float[np.ndarray, " c"]
+    inflation: Float[np.ndarray, " c"]
     base: Columns
-    process: Float[np.ndarray, "n 3"]
+    process: Float[np.ndarray, "n p"]
 
 
 @dataclass(frozen=True)
@@ -99,8 +103,8 @@ class WhitenedDataSet:
 
     def _made(self, level: int) -> "_Level":
         """Whiten all runs at a grid point."""
-        start = start_spread(self.dynamics.particulars)
-        process_sd = self.levels[level][[0, 1, 1]] * self.unit
+        start = start_spread(self.dynamics)
+        process_sd = self.levels[level][[0, 1, 1, 1]][: len(self.unit)] * self.unit
         white = [
             integrated(run.linearised, run.noise, process_sd, process_time(self.dynamics), start) for run in self.runs
         ]
@@ -187,13 +191,22 @@ def quiet(level: int) -> int:
     return min(level // side, 1) * side + min(level % side, 1)
 
 
-def typical(dynamics: Model) -> Float[np.ndarray, " 3"]:
-    """Accelerations that are large in a manoeuvre: by the resistance in surge, by 20 deg of rudder in sway and yaw.
+def typical(dynamics: Model) -> Float[np.ndarray, " k"]:
+    """Accelerations that are large in a manoeuvre: by the resistance in surge, by 20 deg of rudder otherwise.
 
     Returns:
-        [m/s^2, m/s^2, rad/s^2].
+        [m/s^2, m/s^2, rad/s^2], and of a ship that rolls that of roll [rad/s^2].
     """
-    return usual(dynamics.hull, partial(calm_accelerations, dynamics)).numpy()
+    found = usual(dynamics.hull, partial(calm_accelerations, dynamics)).numpy()
+    own = len(dynamics.own_names)
+    if not own:
+        return found
+    ahead = torch.tensor([dynamics.particulars.speed, *[0.0] * (2 + own)], dtype=torch.float64)
+    with torch.no_grad():
+        with_it, without = (
+            Rate(dynamics)(ahead, d, torch.ones_like(d)) for d in (0 * ahead[0] + 20 * DEGREE, ahead[1])
+        )
+    return np.append(found, float((with_it - without)[-1].abs()))
 
 
 def process_time(dynamics: Model) -> float:
@@ -205,14 +218,15 @@ def process_time(dynamics: Model) -> float:
     return dynamics.particulars.time_unit
 
 
-def start_spread(ship: Particulars) -> Float[np.ndarray, " 6"]:
+def start_spread(dynamics: Model) -> Float[np.ndarray, " k"]:
     """Prior standard deviation of a first state about the track.
 
     Returns:
-        u, v [m/s], r [rad/s], x, y [m], psi [rad].
+        u, v [m/s], r [rad/s], x, y [m], psi [rad], own states.
     """
-    east = float(ship.sized([50.0], [1.0])[0])
-    return np.array([0.3 * ship.speed, 0.3 * ship.speed, 0.3 * ship.speed / ship.length, east, east, 0.3])
+    ship = dynamics.particulars
+    east, own = float(ship.sized([50.0], [1.0])[0]), RunStates(dynamics.own_names).own_start_sd(ship)
+    return np.array([0.3 * ship.speed, 0.3 * ship.speed, 0.3 * ship.speed / ship.length, east, east, 0.3, *own])
 
 
 def whitened_data_set(dynamics: Model, runs: Sequence[Recording]) -> WhitenedDataSet:
@@ -226,30 +240,32 @@ def prepared_run(dynamics: Model, run: Recording) -> PreparedRun:
     Returns:
         The run about its smoothed states.
     """
-    rate, p = calm_rate(dynamics), dynamics.particulars
+    rate, p = Rate(dynamics), dynamics.particulars
     unit = p.speed**2 / p.length * np.array([1.0, 1.0, 1.0 / p.length])
-    least = 0.2 * FIRST_NOISE
+    wide = np.append(SMOOTHER_PROCESS_SD * unit, SMOOTHER_ROLL * typical(dynamics)[3:])
+    first = rate.states.first_noise
+    least = 0.2 * first
     if is_fitted(dynamics):  # recordings are trusted as they were when the model was fitted
         u, v, r, x, y, psi = dynamics.noise.tolist()
         least[:6] = x, y, u, v, psi, r
-    linearised, noise, inflation, process = smooth(run, rate, FIRST_NOISE, least, SMOOTHER_PROCESS_SD * unit, p)
+    linearised, noise, inflation, process = smooth(run, rate, first, least, wide, p)
     slow = np.where((noise > least) | (not is_fitted(dynamics)), inflation, 1.0)
     base = _base_columns(dynamics, linearised)
     return PreparedRun(linearised, noise * np.sqrt(slow), slow, base, process)
 
 
-def about_states(dynamics: Model, prepared: PreparedRun, track: Float[np.ndarray, "n 6"]) -> PreparedRun:
+def about_states(dynamics: Model, prepared: PreparedRun, track: Float[np.ndarray, "n k"]) -> PreparedRun:
     """The same run about another track.
 
     Args:
         dynamics: Calm-water model.
         prepared: The run.
-        track: u, v, r, x, y, psi.
+        track: u, v, r, x, y, psi, own states.
 
     Returns:
         The run about it.
     """
-    linearised = linearise(prepared.linearised.run, calm_rate(dynamics), track, process_time(dynamics))
+    linearised = linearise(prepared.linearised.run, Rate(dynamics), track, process_time(dynamics))
     return replace(prepared, linearised=linearised, base=_base_columns(dynamics, linearised))
 
 

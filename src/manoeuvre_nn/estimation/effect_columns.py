@@ -11,6 +11,7 @@ from torch import Tensor
 from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.core.effect import Effect, Situation
 from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.estimation.corrections import Corrections
 from manoeuvre_nn.estimation.linear_run import Columns
@@ -37,20 +38,23 @@ def contribution(
     s, rate = linearised.situation, linearised.rate
     with torch.no_grad():
         acting = effect.at(s.nu.new_tensor(values)[:, None, :])
-        rows, n = len(values), len(linearised.run)
-        here, acceleration = s, s.nu.new_zeros(rows, n, 3)
+        rows, n, sides, moving = len(values), len(linearised.run), linearised.sides, linearised.moving
+        here, changed = s, s.nu.new_zeros(rows, n, moving.shape[-1])
         if blade is None:
             (blade,) = blades(effect, [values], [linearised.run])
         if blade is not None:
             here = s.with_(delta=blade)
-            acceleration = acceleration + rate(s.nu.expand(rows, n, 3), blade, s.shaft) - s.nudot
+            changed = changed + rate(moving.expand(rows, n, -1), blade, s.shaft, sides) - linearised.calm
         memory = _memory(acting, s, rows, linearised.run.step)
         shaft = acting.shaft(here, memory)
         if type(effect).shaft is not Effect.shaft and bool((s.shaft == 1).all()):
-            acceleration = acceleration + rate(s.nu.expand(rows, n, 3), s.delta, shaft.expand(rows, n)) - s.nudot
-        acceleration = acceleration + acting.acceleration(here, memory)
+            changed = (
+                changed + rate(moving.expand(rows, n, -1), s.delta, shaft.expand(rows, n), sides) - linearised.calm
+            )
+        heeling = acting.heeling(here) if linearised.states.own else s.u
+        changed = changed + with_roll(acting.ship, acting.acceleration(here, memory), heeling)
         stream = acting.stream(here).expand(rows, n, 2)
-        moved = moved_by(acceleration, stream, linearised)
+        moved = moved_by(changed, stream, linearised)
         seen = s.with_(shaft=shaft.expand(rows, n))
         return Columns(_recorded(acting, linearised, seen, rows), moved.permute(1, 2, 0).numpy())
 
@@ -161,33 +165,42 @@ def _memory(acting: Effect, s: Situation, rows: int, step: float) -> Tensor:
     return torch.tensor(result)
 
 
+def with_roll(
+    ship: Ship, acceleration: Float[Tensor, "*batch 3"], heeling: Float[Tensor, "*#batch"]
+) -> Float[Tensor, "*batch k"]:
+    """Accelerations by external forces, and after them what these and a heeling moment add to the own states' rates."""
+    if not ship.own_names:
+        return acceleration
+    return torch.cat(ship.added(acceleration, heeling), dim=-1)
+
+
 def moved_by(
-    acceleration: Float[Tensor, "k n 3"], stream: Float[Tensor, "k n 2"], linearised: LinearisedRun
-) -> Float[Tensor, "k steps 6"]:
-    """What accelerations and a stream add to the state within each step.
+    rates: Float[Tensor, "k n m"], stream: Float[Tensor, "k n 2"], linearised: LinearisedRun
+) -> Float[Tensor, "k steps s"]:
+    """What rates and a stream add to the state within each step.
 
     ``h (I + A) / 2`` times their mean, with A the derivative of the next state by the present one: what is pushed early
     in a step has been damped, turned and carried on by its end.
 
     Args:
-        acceleration: udot, vdot [m/s^2], rdot [rad/s^2] of several columns.
+        rates: udot, vdot [m/s^2], rdot [rad/s^2] and rates of the own states, of several columns.
         stream: North and east [m/s].
         linearised: The run about its track.
 
     Returns:
-        u, v, r, x, y, psi.
+        u, v, r, x, y, psi, own states.
     """
-    h = linearised.run.step
-    rate = torch.cat([acceleration, stream, torch.zeros_like(stream[..., :1])], dim=-1)
+    h, k = linearised.run.step, linearised.states.count
+    rate = torch.cat([rates[..., :3], stream, torch.zeros_like(stream[..., :1]), rates[..., 3:]], dim=-1)
     push = 0.5 * h * (rate[:, 1:] + rate[:, :-1])
-    carried = push.new_tensor(0.5 * (np.eye(6) + linearised.transition[:, :6, :6]))
+    carried = push.new_tensor(0.5 * (np.eye(k) + linearised.transition[:, :k, :k]))
     return torch.einsum("sij,ksj->ksi", carried, push)
 
 
-def _recorded(acting: Effect, linearised: LinearisedRun, s: Situation, rows: int) -> Float[np.ndarray, "n 8 k"]:
+def _recorded(acting: Effect, linearised: LinearisedRun, s: Situation, rows: int) -> Float[np.ndarray, "n c k"]:
     """What the effect adds to the measured channels: moving water, and sensors."""
     n = len(linearised.run)
-    added = np.zeros((n, len(MEASURED), rows))
+    added = np.zeros((n, len(linearised.states.channels), rows))
     if type(acting).stream is not Effect.stream:
         added[:, 2:4] = acting.stream(s).expand(rows, n, 2).permute(1, 2, 0).numpy()
     if type(acting).record is not Effect.record:
@@ -217,9 +230,9 @@ def coefficient_columns(dynamics: Model, linearised: LinearisedRun) -> Columns:
     s = linearised.situation
     with torch.no_grad():
         shaft = None if bool((s.shaft == 1).all()) else s.shaft
-        a = Corrections(dynamics)(s.nu, s.delta, shaft).permute(1, 0, 2)
+        a = Corrections(dynamics)(linearised.moving, s.delta, shaft).permute(1, 0, 2)
         moved = moved_by(a, a.new_zeros(*a.shape[:2], 2), linearised).permute(1, 2, 0).numpy()
-    return Columns(np.zeros((len(linearised.run), len(MEASURED), len(a))), moved)
+    return Columns(np.zeros((len(linearised.run), len(linearised.states.channels), len(a))), moved)
 
 
 def latency_column(linearised: LinearisedRun) -> Columns:
@@ -231,6 +244,7 @@ def latency_column(linearised: LinearisedRun) -> Columns:
     Returns:
         One column.
     """
-    added = np.zeros((len(linearised.run), len(MEASURED), 1))
+    states = linearised.states
+    added = np.zeros((len(linearised.run), len(states.channels), 1))
     added[:, :4, 0] = -np.gradient(shown(linearised.track)[:, :4], linearised.run.step, axis=0)
-    return Columns(added, np.zeros((len(linearised.run) - 1, 6, 1)))
+    return Columns(added, np.zeros((len(linearised.run) - 1, states.count, 1)))

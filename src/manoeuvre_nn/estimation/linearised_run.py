@@ -1,38 +1,70 @@
 """A run linearised about smoothed states by Runge-Kutta steps of any model: derivatives by forward differences.
 
-The unknowns of a run are its states at all samples: u, v, r, x, y, psi and the process noise of three accelerations
-(what no hypothesis explains). How they are integrated out is in :mod:`.linear_run`. The trapezoidal rule of
-:mod:`.collocation` would not do here: it takes products of coefficients, and rudders that arrive between two samples.
+The unknowns of a run are its states at all samples: u, v, r, x, y, psi, the model's own (heel and roll rate), and the
+process noise of the accelerations (what no hypothesis explains), see :class:`.RunStates`. How they are integrated out
+is in :mod:`.linear_run`. The trapezoidal rule of :mod:`.collocation` would not do here: it takes products of
+coefficients, and rudders that arrive between two samples.
 """
 
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.core.effect import Situation
 from manoeuvre_nn.core.frames import kinematics
+from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.base import Model, calm_accelerations, runge_kutta_step
 from manoeuvre_nn.estimation.linear_run import Columns, IntegratedRun, RunEquations
 from manoeuvre_nn.estimation.process_noise import ProcessNoise
+from manoeuvre_nn.estimation.run_states import PROCESS_DIFFERENCE, RunStates
 from manoeuvre_nn.recording.preparation import measured
 
-SIZE = 9
-"""u, v, r, x, y, psi and the process noise of surge, sway and yaw."""
-STATE_UNIT = np.array([0.05, 0.05, 5e-4, 1.0, 1.0, 2e-3])
-"""Usual size of u, v [m/s], r [rad/s], x, y [m], psi [rad], for the condition of the factor."""
-STEP_SD = np.array([1e-4, 1e-4, 1e-6, 2e-3, 2e-3, 2e-6])
-"""Standard deviation of what a step of one second may miss the equations by beside the process noise."""
-STATE_DIFFERENCE = np.array([0.02, 0.02, 2e-4, 1.0, 1.0, 1e-3, 1e-4, 1e-4, 1e-6])
-"""Steps of the difference quotients by the state."""
 RUDDER_DIFFERENCE = 1e-3
 """Step of the difference quotient by the rudder [rad]."""
+
+
+@dataclass(frozen=True)
+class Rate:
+    """Rates of a calm-water model: u, v, r and own states (..., n, 3 + k), rudder and shaft (n,) -> theirs.
+
+    Attributes:
+        dynamics: The model.
+    """
+
+    dynamics: Model
+
+    @cached_property
+    def states(self) -> RunStates:
+        """States of a run of the model."""
+        return RunStates(self.dynamics.own_names)
+
+    def __call__(
+        self, moving: Tensor, delta: Tensor, shaft: Tensor, sides: Mapping[str, Tensor] | None = None
+    ) -> Float[Tensor, "*batch k"]:
+        """Accelerations [m/s^2, rad/s^2], then the rates of the own states.
+
+        Args:
+            moving: u, v [m/s], r [rad/s], own states.
+            delta: Rudder angle [rad].
+            shaft: Shaft speed over the nominal one [-].
+            sides: How the sides differ, by names of :class:`.Inputs`.
+
+        Returns:
+            Rates.
+        """
+        delta = delta.expand(moving.shape[:-1])
+        turns = None if bool((shaft == 1).all()) else shaft.expand(delta.shape)
+        if moving.shape[-1] == 3 and not sides:
+            return calm_accelerations(self.dynamics, moving, delta, turns)
+        state = torch.cat([moving[..., :3], torch.zeros_like(moving[..., :3]), moving[..., 3:]], dim=-1)
+        rate = self.dynamics(state, Inputs(delta, turns, **(sides or {})))
+        return torch.cat([rate[..., :3], rate[..., 6:]], dim=-1)
 
 
 @dataclass(frozen=True)
@@ -42,36 +74,56 @@ class LinearisedRun:
     Attributes:
         run: The run.
         track: States of the track.
-        rate: Accelerations of the calm-water model.
+        rate: Rates of the calm-water model.
         transition: Derivative of the next state by the present one.
         defect: What a step of the model from the track misses it by.
         observed: Derivative of the channels by the state.
         residual: Measured minus what the track shows; 0 where nothing was measured.
-        rudder_push: What a radian of rudder adds to u, v, r within a step.
+        rudder_push: What a radian of rudder adds to the state within a step.
     """
 
     run: Recording
-    track: Float[np.ndarray, "n 6"]
-    rate: "Rate"
-    transition: Float[np.ndarray, "steps 9 9"]
-    defect: Float[np.ndarray, "steps 6"]
-    observed: Float[np.ndarray, "n 8 9"]
-    residual: Float[np.ndarray, "n 8"]
-    rudder_push: Float[np.ndarray, "steps 3"]
+    track: Float[np.ndarray, "n k"]
+    rate: Rate
+    transition: Float[np.ndarray, "steps s s"]
+    defect: Float[np.ndarray, "steps k"]
+    observed: Float[np.ndarray, "n c s"]
+    residual: Float[np.ndarray, "n c"]
+    rudder_push: Float[np.ndarray, "steps k"]
+
+    @property
+    def states(self) -> RunStates:
+        """What the states are."""
+        return self.rate.states
 
     @cached_property
-    def present(self) -> Float[np.ndarray, "n 8"]:
+    def present(self) -> Float[np.ndarray, "n c"]:
         """One where a channel was measured, else 0."""
-        return np.isfinite(measured(self.run)).astype(float)
+        return np.isfinite(measured(self.run, self.states.channels)).astype(float)
+
+    @cached_property
+    def moving(self) -> Float[Tensor, "n k"]:
+        """u, v, r and the own states along the track."""
+        return torch.tensor(np.delete(self.track, range(3, 6), axis=1))
+
+    @cached_property
+    def calm(self) -> Float[Tensor, "n k"]:
+        """Their rates in calm water."""
+        run = self.run
+        with torch.no_grad():
+            return self.rate(self.moving, torch.tensor(run["delta"]), torch.tensor(run["shaft"]), self.sides)
+
+    @cached_property
+    def sides(self) -> dict[str, Tensor]:
+        """How the sides of rudders and shafts differ."""
+        return sides_of(self.run, self.rate.dynamics)
 
     @cached_property
     def situation(self) -> Situation:
         """What effects see along the track."""
         run, state = self.run, torch.tensor(self.track)
         delta, shaft, time = (torch.tensor(part) for part in (run["delta"], run["shaft"], run.time))
-        with torch.no_grad():
-            nudot = self.rate(state[:, :3], delta, shaft)
-        return Situation(state[:, :3], nudot, *state[:, 3:6].unbind(-1), delta, shaft, time)  # type: ignore[call-arg]
+        return Situation(state[:, :3], self.calm[:, :3], *state[:, 3:6].unbind(-1), delta, shaft, time)  # type: ignore[call-arg]
 
     @property
     def data(self) -> Columns:
@@ -79,131 +131,133 @@ class LinearisedRun:
         return Columns(self.residual[..., None], -self.defect[:, :, None])
 
 
-def shown(state: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n 8"]:
+def shown(state: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n c"]:
     """What perfect sensors show of a state: x, y, velocity over ground, heading, yaw rate, log, nominal shaft speed.
 
     Args:
-        state: u, v, r, x, y, psi, ...
+        state: u, v, r, x, y, psi, and own states, which are shown as they are.
 
     Returns:
         The channels.
     """
     u, v, r, x, y, psi = state[:, :6].T
     cos, sin = np.cos(psi), np.sin(psi)
-    return np.stack([x, y, u * cos - v * sin, u * sin + v * cos, psi, r, u, np.ones_like(u)], axis=-1)
+    own = state[:, 6:].T
+    return np.stack([x, y, u * cos - v * sin, u * sin + v * cos, psi, r, u, np.ones_like(u), *own], axis=-1)
 
 
-def _observed(state: Float[np.ndarray, "n 6"]) -> Float[np.ndarray, "n 8 9"]:
+def _observed(state: Float[np.ndarray, "n k"], states: RunStates) -> Float[np.ndarray, "n c s"]:
     """Derivative of what is shown."""
     u, v, psi = state[:, 0], state[:, 1], state[:, 5]
     cos, sin = np.cos(psi), np.sin(psi)
-    h = np.zeros((len(state), len(MEASURED), SIZE))
+    h = np.zeros((len(state), len(states.channels), states.size))
     h[:, 0, 3] = h[:, 1, 4] = h[:, 4, 5] = h[:, 5, 2] = h[:, 6, 0] = 1.0
     h[:, 2, 0], h[:, 2, 1], h[:, 2, 5] = cos, -sin, -u * sin - v * cos
     h[:, 3, 0], h[:, 3, 1], h[:, 3, 5] = sin, cos, u * cos - v * sin
+    for k in range(len(states.own)):
+        h[:, 8 + k, 6 + k] = 1.0
     return h
 
 
-Rate = Callable[[Tensor, Tensor, Tensor], Tensor]
-"""Velocities (..., n, 3), rudder and shaft (n,) -> accelerations (..., n, 3)."""
+def sides_of(run: Recording, dynamics: Model) -> dict[str, Tensor]:
+    """How the sides of rudders and shafts differ, where they were recorded and the ship has two of each."""
+    names = ("delta_split", "shaft_split") if dynamics.hull.sides == 2 else ()
+    return {name: torch.tensor(run[name]) for name in names if name in run.channels}
 
 
-def calm_rate(dynamics: Model) -> Rate:
-    """Accelerations of a calm-water model at a shaft speed.
-
-    Returns:
-        Velocities, rudder, shaft -> accelerations.
-    """
-
-    def rate(nu: Tensor, delta: Tensor, shaft: Tensor) -> Tensor:
-        delta = delta.expand(nu.shape[:-1])
-        if bool((shaft == 1).all()):
-            return calm_accelerations(dynamics, nu, delta)
-        return calm_accelerations(dynamics, nu, delta, shaft.expand(delta.shape))
-
-    return rate
-
-
-def linearise(run: Recording, rate: Rate, track: Float[np.ndarray, "n 6"], process_time: float) -> LinearisedRun:
+def linearise(run: Recording, rate: Rate, track: Float[np.ndarray, "n k"], process_time: float) -> LinearisedRun:
     """Linearise a run's equations about a track.
 
     Args:
         run: The run.
-        rate: Accelerations of the calm-water model.
-        track: States; its process noise is 0, so that all of them shows in the data.
+        rate: Rates of the calm-water model.
+        track: u, v, r, x, y, psi and own states; its process noise is 0, so that all of them shows in the data.
         process_time: Correlation time of the process noise [s].
 
     Returns:
         The linear equations.
     """
+    states, sides = rate.states, sides_of(run, rate.dynamics)
     delta, shaft = torch.tensor(run["delta"]), torch.tensor(run["shaft"])
-    decay = float(np.exp(-run.step / process_time))
-    state = torch.nn.functional.pad(torch.tensor(track[:-1]), (0, 3))
-    size = state.new_tensor(STATE_DIFFERENCE)
+    step = partial(_step, rate, shaft=shaft, sides=sides, h=run.step, decay=float(np.exp(-run.step / process_time)))
+    state = torch.nn.functional.pad(torch.tensor(track[:-1]), (0, len(states.driven)))
+    size = state.new_tensor(states.difference)
     nudges = torch.cat([torch.diag(size), -torch.diag(size)])[:, None, :]
     with torch.no_grad():
-        forward = _step(rate, state, delta, shaft, run.step, decay)
-        moved = _step(rate, state + nudges, delta, shaft, run.step, decay)
-        push = _step(rate, state, delta + RUDDER_DIFFERENCE, shaft, run.step, decay) - forward
-    transition = ((moved[:SIZE] - moved[SIZE:]) / (2 * size[:, None, None])).permute(1, 2, 0).numpy()
-    defect = forward.numpy()[:, :6] - track[1:]
-    residual = measured(run) - shown(track)
+        forward, moved = step(state, delta), step(state + nudges, delta)
+        push = step(state, delta + RUDDER_DIFFERENCE) - forward
+    up, down = moved[: states.size], moved[states.size :]
+    transition = ((up - down) / (2 * size[:, None, None])).permute(1, 2, 0).numpy()
+    defect = forward.numpy()[:, : states.count] - track[1:]
+    residual = measured(run, states.channels) - shown(track)
     residual[:, 4] = (residual[:, 4] + np.pi) % (2 * np.pi) - np.pi
     residual = np.nan_to_num(residual, nan=0.0)
-    rudder_push = push[:, :3].numpy() / RUDDER_DIFFERENCE
-    return LinearisedRun(run, track, rate, transition, defect, _observed(track), residual, rudder_push)
+    # What a turned rudder adds to position and heading within the step is left out.
+    pushed = [name in PROCESS_DIFFERENCE for name in states.moving]
+    rudder_push = push[:, : states.count].numpy() / RUDDER_DIFFERENCE * pushed
+    return LinearisedRun(run, track, rate, transition, defect, _observed(track, states), residual, rudder_push)
 
 
-def _step(rate: Rate, state: Tensor, delta: Tensor, shaft: Tensor, h: float, decay: float) -> Tensor:
+def _step(
+    rate: Rate, state: Tensor, delta: Tensor, shaft: Tensor, sides: Mapping[str, Tensor], h: float, decay: float
+) -> Tensor:
     """One Runge-Kutta step from every sample to the next at once, rudder and shaft linear in between."""
     start, end = delta[:-1], delta[1:]
-    turns = 0.5 * (shaft[:-1] + shaft[1:])
+    turns, splits = 0.5 * (shaft[:-1] + shaft[1:]), {k: 0.5 * (s[:-1] + s[1:]) for k, s in sides.items()}
+    k = rate.states.count
 
     def f(s: Tensor, rudder: Tensor) -> Tensor:
-        accelerations = rate(s[..., :3], rudder, turns) + s[..., 6:]
-        return torch.cat([accelerations, kinematics(s[..., :6]), torch.zeros_like(accelerations)], dim=-1)
+        noise = s[..., k:]
+        if k == 6:
+            accelerations = rate(s[..., :3], rudder, turns, splits) + noise
+            return torch.cat([accelerations, kinematics(s[..., :6]), torch.zeros_like(noise)], dim=-1)
+        rates = rate(torch.cat([s[..., :3], s[..., 6:k]], dim=-1), rudder, turns, splits)
+        accelerations, own = rates[..., :3] + noise[..., :3], rates[..., 3:]
+        own = own + torch.nn.functional.pad(noise[..., 3:], (own.shape[-1] - noise.shape[-1] + 3, 0))
+        return torch.cat([accelerations, kinematics(s[..., :6]), own, torch.zeros_like(noise)], dim=-1)
 
     new = runge_kutta_step(f, state, (start, 0.5 * (start + end), end), state.new_tensor(h))
-    return torch.cat([new[..., :6], decay * state[..., 6:]], dim=-1)
+    return torch.cat([new[..., :k], decay * state[..., k:]], dim=-1)
 
 
 def integrated(
     linearised: LinearisedRun,
-    noise: Float[np.ndarray, " 8"],
-    process_sd: Float[np.ndarray, " 3"],
+    noise: Float[np.ndarray, " c"],
+    process_sd: Float[np.ndarray, " p"],
     process_time: float,
-    start_sd: Float[np.ndarray, " 6"],
+    start_sd: Float[np.ndarray, " k"],
 ) -> IntegratedRun:
     """Integrate the states out at given noise.
 
     Args:
         linearised: The run's linear equations.
         noise: Standard deviation of the measured channels' noise, in their units.
-        process_sd: That of the process noise in surge, sway [m/s^2] and yaw [rad/s^2].
+        process_sd: That of the process noise in surge, sway [m/s^2], yaw and roll [rad/s^2].
         process_time: Correlation time of the process noise [s].
         start_sd: Prior standard deviation of the first state about the track.
 
     Returns:
         The run without its states.
     """
-    run = linearised.run
+    run, states = linearised.run, linearised.states
     process_sd = np.maximum(process_sd, 1e-12)
-    steps = len(linearised.transition)
-    # A step's covariance is that of rounding and of the rudder's noise, Q = diag(STEP_SD^2 h) + push push^T.
+    steps, k, sd = len(linearised.transition), states.count, states.step_sd
+    # A step's covariance is that of rounding and of the rudder's noise, Q = diag(step_sd^2 h) + push push^T.
     push = linearised.rudder_push * run.meta["rudder_noise"]
-    covariance = np.zeros((steps, 6, 6))
-    covariance[:, range(6), range(6)] = STEP_SD**2 * run.step
-    covariance[:, :3, :3] += push[:, :, None] * push[:, None, :]
-    root = np.zeros((steps, SIZE, SIZE))
+    covariance = np.zeros((steps, k, k))
+    covariance[:, range(k), range(k)] = sd**2 * run.step
+    covariance += push[:, :, None] * push[:, None, :]
+    root = np.zeros((steps, states.size, states.size))
     # root^T root = Q^-1, and the innovations of the process noise.
-    scale = STEP_SD[:, None] * STEP_SD
-    root[:, :6, :6] = np.linalg.cholesky(np.linalg.inv(covariance / scale)).transpose(0, 2, 1) / STEP_SD
-    root[:, 6:, 6:] = ProcessNoise(process_time).steps(np.full(1, run.step))[1] / process_sd
+    scale = sd[:, None] * sd
+    root[:, :k, :k] = np.linalg.cholesky(np.linalg.inv(covariance / scale)).transpose(0, 2, 1) / sd
+    noises = ProcessNoise(process_time, axes=len(states.driven))
+    root[:, k:, k:] = noises.steps(np.full(1, run.step))[1] / process_sd
     # ds_{k+1} - A_k ds_k = ...
-    right = np.broadcast_to(np.eye(SIZE), root.shape)
+    right = np.broadcast_to(np.eye(states.size), root.shape)
     log_det = float(np.linalg.slogdet(root)[1].sum())
     precision = linearised.present / noise**2
-    start, unit = np.concatenate([start_sd, process_sd]) ** -2.0, np.concatenate([STATE_UNIT, process_sd])
+    start, unit = np.concatenate([start_sd, process_sd]) ** -2.0, np.concatenate([states.unit, process_sd])
     return IntegratedRun(
         RunEquations(-linearised.transition, right, root, log_det, linearised.observed, precision, start, unit)
     )

@@ -16,7 +16,7 @@ AXES = 3
 
 @dataclass(frozen=True)
 class ProcessNoise:
-    """A stationary Gaussian process for each of three accelerations, of the same correlation time.
+    """A stationary Gaussian process for each acceleration, of the same correlation time.
 
     Its covariance over the variance is that of Ornstein and Uhlenbeck, ``exp(-|t|)``: what gusts and missing terms do;
     or, ``smooth``, Matern's of order 3/2, ``(1 + |t|) exp(-|t|)``: the acceleration has a rate, which is a state as
@@ -25,10 +25,12 @@ class ProcessNoise:
     Attributes:
         time: Correlation time.
         smooth: Which of the two.
+        axes: Number of accelerations: 4 of a ship that rolls.
     """
 
     time: float = 1.0
     smooth: bool = False
+    axes: int = AXES
 
     @property
     def order(self) -> int:
@@ -38,7 +40,7 @@ class ProcessNoise:
     @property
     def size(self) -> int:
         """States: the accelerations, then their rates if they are smooth."""
-        return AXES * self.order
+        return self.axes * self.order
 
     def steps(self, h: Float[np.ndarray, " m"]) -> tuple[Float[np.ndarray, "m c c"], Float[np.ndarray, "m c c"]]:
         """Innovations of the steps, ``left a_k + right a_{k+1}``: white, with the variance of the process."""
@@ -50,5 +52,5 @@ class ProcessNoise:
             shift = decay[:, None, None]
         # Of the stationary variance a step keeps shift shift^T; the rest is new.
         right = np.linalg.inv(np.linalg.cholesky(np.eye(self.order) - shift @ shift.transpose(0, 2, 1)))
-        eye = np.eye(AXES)
+        eye = np.eye(self.axes)
         return np.kron(-right @ shift, eye), np.kron(right, eye)

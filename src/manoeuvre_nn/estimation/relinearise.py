@@ -35,7 +35,7 @@ def refined(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedData
         whole = np.append(1.0, np.zeros(lin.columns[run].count - 1))
         left = joined([prepared.base, lin.columns[run]]).combined(np.concatenate([[1.0], -nuisance, -whole]))
         white = level.white[run]
-        states = prepared.linearised.track + white.states(white.embed(left))[:, :6, 0]
+        states = prepared.linearised.track + white.states(white.embed(left))[:, : prepared.linearised.states.count, 0]
         runs.append(about_states(data_set.dynamics, prepared, states))
     return WhitenedDataSet(data_set.dynamics, runs)
 
@@ -53,7 +53,8 @@ def change_of_states(before: WhitenedDataSet, after: WhitenedDataSet, level: int
     """
     changes = []
     for run, (old, new) in enumerate(zip(before.runs, after.runs, strict=True)):
-        variance = before.at(level).white[run].covariances[0][:, range(6), range(6)]
+        variance = before.at(level).white[run].covariances[0]
+        variance = np.diagonal(variance, axis1=1, axis2=2)[:, : old.linearised.states.count]
         moved = (new.linearised.track - old.linearised.track) ** 2 / variance
         changes.append(np.sqrt(moved.mean(0)).max())
     return float(max(changes))

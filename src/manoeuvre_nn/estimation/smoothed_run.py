@@ -1,5 +1,7 @@
 """The motion behind a recording: smoothed with a force of any kind allowed, and the noise of every channel with it."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Float
 from scipy.ndimage import median_filter, uniform_filter1d
@@ -8,7 +10,7 @@ from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.estimation.linear_run import Columns, joined
-from manoeuvre_nn.estimation.linearised_run import SIZE, LinearisedRun, Rate, integrated, linearise
+from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, integrated, linearise
 from manoeuvre_nn.estimation.measurement_noise import MIN_SAMPLES, measured_noise
 from manoeuvre_nn.estimation.posterior import posterior
 from manoeuvre_nn.recording.preparation import measured, without_samples
@@ -26,15 +28,19 @@ MOTION_POWERS = (0.5, 0.5, -0.5, 1.0, 1.0, 0.0)
 """Exponents of length with which u, v, r, x, y, psi go by Froude's law."""
 
 
-def first_guess(run: Recording) -> Float[np.ndarray, "n 6"]:
+def first_guess(run: Recording, own: Sequence[str] = ()) -> Float[np.ndarray, "n k"]:
     """Channels smoothed one by one: a start for the smoother.
 
+    Args:
+        run: The run.
+        own: Own states of the model: those that were not recorded begin with 0.
+
     Returns:
-        u, v, r, x, y, psi.
+        u, v, r, x, y, psi, own states.
     """
-    recorded = measured(run)
+    recorded = measured(run, (*MEASURED, *own))
     filled = np.empty_like(recorded)
-    for k in range(len(MEASURED)):
+    for k in range(recorded.shape[1]):
         good = np.isfinite(recorded[:, k])
         values = np.interp(run.time, run.time[good], recorded[good, k]) if good.any() else np.zeros(len(run))
         filled[:, k] = uniform_filter1d(median_filter(values, 5, mode="nearest"), 5, mode="nearest")
@@ -42,22 +48,22 @@ def first_guess(run: Recording) -> Float[np.ndarray, "n 6"]:
     v = -vn * np.sin(psi) + ve * np.cos(psi)
     u = vn * np.cos(psi) + ve * np.sin(psi)
     has_log = np.isfinite(recorded[:, 6]).any()
-    return np.stack([log if has_log else u, v, r, x, y, psi], axis=-1)
+    return np.stack([log if has_log else u, v, r, x, y, psi, *filled[:, len(MEASURED) :].T], axis=-1)
 
 
 def smooth(
     run: Recording,
     rate: Rate,
-    noise: Float[np.ndarray, " 8"],
-    least: Float[np.ndarray, " 8"],
-    process_sd: Float[np.ndarray, " 3"],
+    noise: Float[np.ndarray, " c"],
+    least: Float[np.ndarray, " c"],
+    process_sd: Float[np.ndarray, " p"],
     ship: Particulars,
-) -> tuple[LinearisedRun, Float[np.ndarray, " 8"], Float[np.ndarray, " 8"], Float[np.ndarray, "n 3"]]:
+) -> tuple[LinearisedRun, Float[np.ndarray, " c"], Float[np.ndarray, " c"], Float[np.ndarray, "n p"]]:
     """Find the states by an iterated smoother in which any force, a stream, and compass and log errors are possible.
 
     Args:
         run: The run.
-        rate: Accelerations of the calm-water model.
+        rate: Rates of the calm-water model.
         noise: First idea of the channels' noise.
         least: What the channels' noise is never taken to be less than.
         process_sd: Prior standard deviation of the process noise, wide: any force is possible.
@@ -67,14 +73,15 @@ def smooth(
         Equations about the smooth track, outliers being gaps in their run; standard deviation of every channel; factor
         on its variance for its correlation in time; process noise that the states need.
     """
+    kept, channels = rate.states, rate.states.channels
     shaft = measured(run)[:, SHAFT]
     run = run.with_channels(**{MEASURED[SHAFT]: np.full(len(run), np.nan)})
-    track, states, sigma = first_guess(run), np.zeros((len(run), SIZE)), noise
-    inflation = np.ones(len(MEASURED))
-    start_sd = ship.sized([2.0, 2.0, 0.01, 20.0, 20.0, 0.2], MOTION_POWERS)
+    track, states, sigma = first_guess(run, kept.own), np.zeros((len(run), kept.size)), noise
+    inflation = np.ones(len(channels))
+    start_sd = np.r_[ship.sized([2.0, 2.0, 0.01, 20.0, 20.0, 0.2], MOTION_POWERS), kept.own_start_sd(ship)]
     error_sd = ship.sized(KINEMATIC_ERROR_SD, KINEMATIC_ERROR_POWERS)
     for _ in range(LINEARISATIONS):
-        track = track + states[:, :6]
+        track = track + states[:, : kept.count]
         linearised = linearise(run, rate, track, ship.time_unit)
         solved = integrated(linearised, sigma * np.sqrt(inflation), process_sd, ship.time_unit, start_sd)
         columns = joined([linearised.data, _kinematic_errors(linearised)])
@@ -85,19 +92,20 @@ def smooth(
         residual = columns.measured @ left - np.einsum("kci,ki->kc", linearised.observed, states)
         sigma, weights = measured_noise(residual**2, linearised.present, sigma, least, "cut")
         inflation = _long_run(residual * weights / sigma)
-        run = without_samples(run, weights == 0)
+        run = without_samples(run, weights == 0, channels)
     # With any force allowed the misfit should be one per sample; what it is more, the medians missed.
-    misfit = float(g[0] @ left) / max(np.isfinite(measured(linearised.run)).sum(), 1)
+    misfit = float(g[0] @ left) / max(np.isfinite(measured(linearised.run, channels)).sum(), 1)
     sigma = sigma * np.sqrt(np.clip(misfit, 1.0, 1.5))
     run = run.with_channels(**{MEASURED[SHAFT]: shaft})
-    return linearise(run, rate, track, ship.time_unit), sigma, inflation, states[:, 6:]
+    return linearise(run, rate, track, ship.time_unit), sigma, inflation, states[:, kept.count :]
 
 
 def _kinematic_errors(linearised: LinearisedRun) -> Columns:
     """Columns of a uniform stream and of compass, log, rate gyro and antenna errors."""
     n, (r, psi) = len(linearised.run), (linearised.track[:, 2], linearised.track[:, 5])
     cos, sin = np.cos(psi), np.sin(psi)
-    c = Columns(np.zeros((n, len(MEASURED), 7)), np.zeros((n - 1, 6, 7)))
+    states = linearised.states
+    c = Columns(np.zeros((n, len(states.channels), 7)), np.zeros((n - 1, states.count, 7)))
     c.measured[:, 5, 4] = 1.0
     c.measured[:, 0, 5], c.measured[:, 1, 5] = cos, sin
     c.measured[:, 2, 5], c.measured[:, 3, 5] = -r * sin, r * cos

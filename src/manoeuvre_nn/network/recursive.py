@@ -39,6 +39,21 @@ class ForceSettings:
     diameter: float = 0.55
     aspect: float = 1.8
 
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            InputError: If one is out of range.
+        """
+        if len(self.thrust) != 2:
+            raise InputError(f"network.forces.thrust={list(self.thrust)}: expected two numbers, c1 and c2")
+        for name in ("diameter", "aspect"):
+            if not getattr(self, name) > 0:
+                raise InputError(f"network.forces.{name}={getattr(self, name)}: expected a number more than 0")
+        for name in ("wake", "deduction"):
+            if not 0 <= getattr(self, name) < 1:
+                raise InputError(f"network.forces.{name}={getattr(self, name)}: expected a fraction from 0 to below 1")
+
 
 @dataclass(frozen=True)
 class RecursiveSettings:
@@ -76,8 +91,9 @@ class RecursiveSettings:
             InputError: If one is out of range.
         """
         check_choice("network.freedom", str(self.freedom), [str(count) for count in FREEDOMS])
-        if not self.hidden or min(self.hidden) < 1:
-            raise InputError(f"network.hidden={list(self.hidden)}: expected the nodes of each layer, at least 1")
+        layers = list(self.hidden) if isinstance(self.hidden, Sequence) else []
+        if not layers or not all(isinstance(nodes, int) and nodes > 0 for nodes in layers):
+            raise InputError(f"network.hidden={self.hidden}: expected a list, the nodes of each layer: [54,54]")
         if not 0 <= self.past_thrust <= self.past:
             raise InputError(
                 f"network.past_thrust={self.past_thrust}, network.past={self.past}: expected 0 <= past_thrust <= past"

@@ -30,24 +30,34 @@ RESTING_WINDOW_S = 15.0
 """Length of the mean over a resting rudder [s]."""
 SHAFT_WINDOW = 15
 """Samples of the running median of the shaft speed."""
+HEEL = ("phi", "p")
+"""Channels that only ships which roll are compared by."""
+SIDES = (("delta_split", "delta", "rad"), ("shaft_split", "n", "1/s"))
+"""Input by which the sides differ, channel of which there is a starboard and a port one, unit."""
+MIN_SPLIT = 5e-3
+"""Difference of the sides [rad, -], halved, below which they are alike."""
 MAX_RESTING_SDS, MIN_RESTING_SD = 5.0, 1e-6
 """A sample of a resting rudder further off than so many standard deviations [-] of at least so much [rad] is wrong."""
 
 
-def measured(run: Recording) -> Float[np.ndarray, "n channels"]:
-    """What sensors wrote down, one column a channel of ``MEASURED``; NaN where nothing was recorded."""
+def measured(run: Recording, channels: Sequence[str] = MEASURED) -> Float[np.ndarray, "n channels"]:
+    """What sensors wrote down, one column a channel; NaN where nothing was recorded."""
     gap = np.full(len(run), np.nan)
-    return np.stack([run.channels.get(name, gap) for name in MEASURED], axis=-1)
+    return np.stack([run.channels.get(name, gap) for name in channels], axis=-1)
 
 
-def with_measured(run: Recording, values: Float[np.ndarray, "n channels"]) -> Recording:
-    """A recording with other measured channels, one column a channel of ``MEASURED``; NaN in gaps."""
-    return run.with_channels(**dict(zip(MEASURED, values.T, strict=True)))
+def with_measured(
+    run: Recording, values: Float[np.ndarray, "n channels"], channels: Sequence[str] = MEASURED
+) -> Recording:
+    """A recording with other measured channels, one column a channel; NaN in gaps."""
+    return run.with_channels(**dict(zip(channels, values.T, strict=True)))
 
 
-def without_samples(run: Recording, bad: Bool[np.ndarray, "n channels"]) -> Recording:
-    """A recording with gaps where measured samples, in the columns of ``MEASURED``, are unusable."""
-    return with_measured(run, np.where(bad, np.nan, measured(run)))
+def without_samples(
+    run: Recording, bad: Bool[np.ndarray, "n channels"], channels: Sequence[str] = MEASURED
+) -> Recording:
+    """A recording with gaps where measured samples, one column a channel, are unusable."""
+    return with_measured(run, np.where(bad, np.nan, measured(run, channels)), channels)
 
 
 def over_ground(recording: Recording, ship: Particulars) -> Recording:
@@ -66,12 +76,16 @@ def over_ground(recording: Recording, ship: Particulars) -> Recording:
     if recording.meta.get("kind") == RECORD:
         raise InputError(f"{recording.name}: a mapping of kind: record gives no manoeuvre that could be diagnosed")
     given = {k: c for k, c in recording.channels.items() if k not in recording.derived}
-    kept = ("psi", "delta", "delta_order", "r", "x", "y", "u_log", "vn", "ve")
+    kept = ("psi", "delta", "delta_order", "r", "x", "y", "u_log", "vn", "ve", *HEEL)
     channels = {k: given[k] for k in kept if k in given and not (k == "y" and "x" not in given)}
     if "n" in given:
         channels["shaft_recorded"] = given["n"] / (ship.rpm * RPM)
     elif "shaft" in given:
         channels["shaft_recorded"] = given["shaft"]
+    for split, name, unit in SIDES:
+        sides = [given.get(f"{name}_{side}") for side in ("starboard", "port")]
+        if sides[0] is not None and sides[1] is not None:
+            channels[split] = 0.5 * (sides[0] - sides[1]) / (ship.rpm * RPM if unit == "1/s" else 1.0)
     if "u" in given:
         channels["vn"], channels["ve"] = body_to_earth(given["u"], given["v"], given["psi"])
     meta = {**recording.meta, "derived": (), "time_unit": ship.time_unit}
@@ -134,9 +148,17 @@ def prepared(run: Recording, step: float, ship: Particulars, kind: str = "") -> 
         "order_lead": order_lead(shown, order, step, ship.rudder_rate),
         "shaft": smooth_shaft(columns[:, MEASURED.index("shaft_recorded")]),
     }
+    inputs |= {split: smooth for split, *_ in SIDES if split in even.channels
+               and np.abs(smooth := _smooth_split(even.filled(split))).max() > MIN_SPLIT}  # fmt: skip
+    inputs |= {name: even[name] for name in HEEL if name in even.channels}
     derived = (*run.derived, *(() if given else ("delta_order",)))
     meta = {**run.meta, "rudder_noise": noise, "kind": kind, "derived": derived, "time_unit": ship.time_unit}
     return with_measured(replace(even, channels=inputs, meta=meta), columns)
+
+
+def _smooth_split(split: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Half the difference of two sides without the noise of either."""
+    return uniform_filter1d(median_filter(split, 5, mode="nearest"), 5, mode="nearest")
 
 
 def _on_even_times(run: Recording, step: float) -> Recording:

@@ -10,14 +10,13 @@ from manoeuvre_nn.estimation.data_set import FIRST_NOISE, process_time, typical
 from manoeuvre_nn.estimation.effect_columns import coefficient_columns, contribution
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linear_run import Columns
-from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, calm_rate, linearise
+from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, linearise
 from manoeuvre_nn.recording.local_cubics import ORDER, smoothed
 from manoeuvre_nn.recording.preparation import measured
 from manoeuvre_nn.scoring.free_runs import errors
 
 __all__ = [
     "Calibrated",
-    "calm_rate",
     "CalmWater",
     "Case",
     "Cause",

@@ -21,7 +21,6 @@ from studies.concealed_trial.rivals.package import (
     LinearisedRun,
     Model,
     Rate,
-    calm_rate,
     coefficient_columns,
     contribution,
     linearise,
@@ -164,7 +163,7 @@ def track(dynamics: Model, run: Recording) -> SmoothedTrack:
     Raises:
         InputError: If a channel was not recorded.
     """
-    p, rate = dynamics.particulars, calm_rate(dynamics)
+    p, rate = dynamics.particulars, Rate(dynamics)
     recorded = measured(run)
     missing = [c for c, column in zip(MEASURED[:-1], recorded.T, strict=False) if not np.isfinite(column).any()]
     if missing:
