@@ -17,7 +17,7 @@ from manoeuvre_nn.dynamics.course import Course, course_of
 from manoeuvre_nn.dynamics.recursion import track_of
 from manoeuvre_nn.network.recursive import STEP
 from studies.hess2000.runs import RunSet
-from studies.hess2000.training import BestWeights, Trained
+from studies.hess2000.training import BestWeights, TrainedSimulator
 from studies.reproduction.section import Say
 
 Kind = Literal["LSTM", "GRU"]
@@ -129,7 +129,7 @@ class GatedSimulator(nn.Module):
         return found
 
 
-def gated(kind: Kind, runs: RunSet, seed: int, *, quick: bool = False, say: Say = lambda _: None) -> Trained:
+def gated(kind: Kind, runs: RunSet, seed: int, *, quick: bool = False, say: Say = lambda _: None) -> TrainedSimulator:
     """Train gated cells on whole runs, chosen as the recursive network is.
 
     Args:
@@ -162,7 +162,7 @@ def gated(kind: Kind, runs: RunSet, seed: int, *, quick: bool = False, say: Say 
             best.test(k + 1, float(loss.detach()))
             say(f"{kind}: {k + 1} of {updates} updates, angle measure {best.rows[-1]['average_angle']:.4f}")
     history = best.restore()
-    return Trained(kind, network.predict, process_time() - began, network.weights_count, history)
+    return TrainedSimulator(kind, network.predict, process_time() - began, network.weights_count, history)
 
 
 @torch.no_grad()

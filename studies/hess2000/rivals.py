@@ -20,7 +20,7 @@ from manoeuvre_nn.scoring.error_measures import MEAN, VARIABLES
 from manoeuvre_nn.training.recursive_windows import GrowingWindows, RecursiveFitSettings
 from studies.hess2000.gated import gated
 from studies.hess2000.runs import RunSet
-from studies.hess2000.training import Trained, measures_of
+from studies.hess2000.training import TrainedSimulator, measures_of
 from studies.reproduction.section import Say
 
 SERIES = {
@@ -72,17 +72,17 @@ class LinearStep(RecursiveNetwork):
         return torch.clamp(made, self.middle - self.half_range, self.middle + self.half_range)
 
 
-def linear_step(runs: RunSet) -> Trained:
+def linear_step(runs: RunSet) -> TrainedSimulator:
     """Linear regression on single steps, with the inputs of the recursive network."""
     began = process_time()
     network = LinearStep(RecursiveSettings())
     model = RecursiveShip(runs.ship, network)
     windows = GrowingWindows(model, runs.training, RecursiveFitSettings())
     network.learn(*windows.single_steps())
-    return Trained(LINEAR, partial(replay, model), process_time() - began, network.matrix.numel())
+    return TrainedSimulator(LINEAR, partial(replay, model), process_time() - began, network.matrix.numel())
 
 
-def physical(runs: RunSet, network: str, settings: Sequence[str], name: str) -> Trained:
+def physical(runs: RunSet, network: str, settings: Sequence[str], name: str) -> TrainedSimulator:
     """A model of the package on three degrees of freedom, from the ship's particulars and the training runs.
 
     Args:
@@ -98,7 +98,7 @@ def physical(runs: RunSet, network: str, settings: Sequence[str], name: str) -> 
     model = mnn.fit(runs.ship.particulars, upright(runs.training), network, settings).model
     learnt = model.network
     weights = len(learnt.names) if isinstance(learnt, Series) else sum(p.numel() for p in learnt.parameters())
-    return Trained(name, lambda r: replay(model, upright(r)), process_time() - began, weights)
+    return TrainedSimulator(name, lambda r: replay(model, upright(r)), process_time() - began, weights)
 
 
 def upright(runs: Sequence[Recording]) -> list[Recording]:
@@ -111,7 +111,7 @@ def upright(runs: Sequence[Recording]) -> list[Recording]:
     return made
 
 
-def rivals(runs: RunSet, seed: int, *, quick: bool = False, say: Say = lambda _: None) -> Iterator[Trained]:
+def rivals(runs: RunSet, seed: int, *, quick: bool = False, say: Say = lambda _: None) -> Iterator[TrainedSimulator]:
     """All of them, made from the same training runs.
 
     Args:
@@ -137,7 +137,7 @@ def rivals(runs: RunSet, seed: int, *, quick: bool = False, say: Say = lambda _:
         yield gated(kind, runs, seed, quick=quick, say=say)
 
 
-def rival_tables(models: Sequence[Trained], runs: RunSet) -> dict[str, list[dict[str, Any]]]:
+def rival_tables(models: Sequence[TrainedSimulator], runs: RunSet) -> dict[str, list[dict[str, Any]]]:
     """Percent errors of simulators on own and unseen runs.
 
     Args:

@@ -12,7 +12,7 @@ from manoeuvre_nn.scoring.error_measures import MEAN, MEASURES, VARIABLES, norma
 from studies.hess2000.architecture import PRINTED, RUNS
 from studies.hess2000.rivals import LINEAR, SERIES, rival_tables, rivals
 from studies.hess2000.runs import CIRCLES, OVERSHOOTS, Counts, RunSet, circles, overshoots
-from studies.hess2000.training import Trained, measures_of, median_measures, recursive_network
+from studies.hess2000.training import TrainedSimulator, measures_of, median_measures, recursive_network
 from studies.reproduction.claims import read_claims
 from studies.reproduction.section import ChapterResult, ComputingEffort, Line, Panel, Plot, Say
 
@@ -55,7 +55,9 @@ def table_chapter(table: str, effort: ComputingEffort, say: Say) -> ChapterResul
     return told(table, models, others, runs)
 
 
-def told(table: str, models: Sequence[Trained], others: Sequence[Trained], runs: RunSet) -> ChapterResult:
+def told(
+    table: str, models: Sequence[TrainedSimulator], others: Sequence[TrainedSimulator], runs: RunSet
+) -> ChapterResult:
     """A table done again, once all is trained.
 
     Args:
@@ -119,7 +121,7 @@ def run_set(table: str, effort: ComputingEffort) -> RunSet:
     return overshoots("", effort.seed, counts) if table == "T6" else circles(int(table[1]) - 3, effort.seed, counts)
 
 
-def trainings(runs: RunSet, effort: ComputingEffort, say: Say) -> list[Trained]:
+def trainings(runs: RunSet, effort: ComputingEffort, say: Say) -> list[TrainedSimulator]:
     """Recursive networks from some seeds.
 
     Args:
@@ -159,7 +161,7 @@ def cells(table: str, measures: pd.DataFrame) -> dict[str, list[Row]]:
     return found
 
 
-def quantities(table: str, models: Sequence[Trained], runs: RunSet) -> dict[str, Any]:
+def quantities(table: str, models: Sequence[TrainedSimulator], runs: RunSet) -> dict[str, Any]:
     """What the claims of a table are about.
 
     Args:
@@ -198,7 +200,7 @@ def _percent(measures: pd.DataFrame, part: str) -> dict[str, float]:
     return {str(name): float(value) for name, value in measures.loc[part]["percent"].items()}
 
 
-def _largest_deviation(model: Trained, runs: Sequence[Recording]) -> float:
+def _largest_deviation(model: TrainedSimulator, runs: Sequence[Recording]) -> float:
     """Largest distance of predicted from recorded positions at the same time [m]."""
     worst = 0.0
     for made, run in zip(model.predict(runs), runs, strict=True):
@@ -207,7 +209,7 @@ def _largest_deviation(model: Trained, runs: Sequence[Recording]) -> float:
     return worst
 
 
-def error_tables(table: str, models: Sequence[Trained], runs: RunSet) -> dict[str, list[Row]]:
+def error_tables(table: str, models: Sequence[TrainedSimulator], runs: RunSet) -> dict[str, list[Row]]:
     """Percent errors of the paper, of every seed and their median; trainings; normalisations.
 
     Args:
@@ -243,7 +245,7 @@ def error_tables(table: str, models: Sequence[Trained], runs: RunSet) -> dict[st
     }
 
 
-def figures(table: str, model: Trained, runs: RunSet) -> list[Plot]:
+def figures(table: str, model: TrainedSimulator, runs: RunSet) -> list[Plot]:
     """The paper's figures: generalization over the training, tracks, and motion over time.
 
     Args:
@@ -272,7 +274,7 @@ def figures(table: str, model: Trained, runs: RunSet) -> list[Plot]:
     return found
 
 
-def _generalization(table: str, model: Trained) -> Plot:
+def _generalization(table: str, model: TrainedSimulator) -> Plot:
     """As Fig. 7."""
     assert model.history is not None
     updates = model.history["update"].to_numpy(dtype=float)

@@ -29,7 +29,7 @@ Predict = Callable[[Sequence[Recording]], list[Recording]]
 
 
 @dataclass(frozen=True)
-class Trained:
+class TrainedSimulator:
     """A simulator that was made from the training runs.
 
     Attributes:
@@ -102,7 +102,7 @@ class BestWeights:
 
 def recursive_network(
     runs: RunSet, seed: int, *, quick: bool = False, about_last: bool = True, say: Say = lambda _: None
-) -> Trained:
+) -> TrainedSimulator:
     """Train a recursive network in closed loop.
 
     Args:
@@ -126,10 +126,10 @@ def recursive_network(
     plan = FitPlan(updates, updates // scores, seed)
     history = pd.DataFrame(fit_recursive(model, runs.training, runs.validation, plan=plan, say=tell))
     name = "recursive network" if about_last else "recursive network, outputs as in the paper"
-    return Trained(name, partial(replay, model), process_time() - began, network.weights_count, history)
+    return TrainedSimulator(name, partial(replay, model), process_time() - began, network.weights_count, history)
 
 
-def measures_of(model: Trained, runs: RunSet) -> pd.DataFrame:
+def measures_of(model: TrainedSimulator, runs: RunSet) -> pd.DataFrame:
     """Error measures of a simulator.
 
     Args:
@@ -147,7 +147,7 @@ def measures_of(model: Trained, runs: RunSet) -> pd.DataFrame:
     return pd.concat([own, pd.concat({"unseen": unseen}, names=["set"])])
 
 
-def median_measures(models: Sequence[Trained], runs: RunSet) -> pd.DataFrame:
+def median_measures(models: Sequence[TrainedSimulator], runs: RunSet) -> pd.DataFrame:
     """Medians over the seeds of each measure."""
     tables = [measures_of(model, runs) for model in models]
     median = np.median([table.to_numpy() for table in tables], axis=0)

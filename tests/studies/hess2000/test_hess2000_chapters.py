@@ -35,7 +35,7 @@ def runs():
 
 
 def perfect(runs):
-    return training.Trained("perfect", list, 0.0, 0)
+    return training.TrainedSimulator("perfect", list, 0.0, 0)
 
 
 def test_a_perfect_prediction_has_no_error_in_any_set(runs):
@@ -59,7 +59,7 @@ def test_the_weights_of_the_best_generalization_are_kept(runs):
         best.test(k, 0.0)
     history = best.restore()
     assert float(line.bias) == approx(1.05) and list(history["update"]) == [0.0, 1.0, 2.0]
-    assert training.Trained("", predict, 0.0, 0, history).stopped == 0.5
+    assert training.TrainedSimulator("", predict, 0.0, 0, history).stopped == 0.5
 
 
 def test_linear_regression_finds_a_linear_map_that_is_alike_to_both_sides():
