@@ -125,6 +125,8 @@ class RecursiveFitSettings:
         for stage in self.stages:
             for key in stage:
                 check_choice("fit.stages: setting", key, known)
+            if not {"steps", "updates"} <= set(stage):
+                raise InputError(f"fit.stages: {dict(stage)} says no steps or no updates: see conf/fit/recursive.yaml")
         return tuple(WindowStage(**stage) for stage in self.stages)  # type: ignore[arg-type]
 
 
