@@ -62,7 +62,8 @@ def chapter(effort: ComputingEffort, say: Say) -> ChapterResult:
     twice = [overshoot(angle, approach=APPROACH).at_speed(REPEATED_KN * KNOT) for angle in OVERSHOOT_ANGLES_DEG]
     again = repeated(SHIPS[2](), twice, WINDS[OCEAN], QUICK_REPEATS if effort.quick else REPEATS)
     found = counted(blind)
-    quantities = {"y": medians(table), "repeated": again.mean().to_dict(), **found}
+    y = medians(table)
+    quantities = {"y": y, "repeated": again.mean().to_dict(), **gains(y), **found}
     claims = read_claims("hess2000", "wind").beside(quantities)
     return ChapterResult(
         "The wind that was left out",
@@ -125,6 +126,15 @@ def medians(table: pd.DataFrame) -> dict[str, float]:
         for (wind, model, told), part in table.groupby(["wind", "model", "told"])
         for runs in ("own", "validation", "unseen")
     }
+
+
+def gains(y: dict[str, float]) -> dict[str, float]:
+    """By what factor being told of the wind makes y better on unseen runs, and a course along it on own runs."""
+    better = {
+        f"{name}_gain": y[f"{OCEAN}, {model}, not told, unseen"] / y[f"{OCEAN}, {model}, told, unseen"]
+        for name, model in (("network", NETWORK), ("series", SERIES))
+    }
+    return better | {"off_course": y[f"{OCEAN}, {PERFECT}, not told, own"] / y[f"along, {PERFECT}, not told, own"]}
 
 
 def spreads(table: pd.DataFrame) -> list[Row]:
