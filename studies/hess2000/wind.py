@@ -228,10 +228,10 @@ def errors_figure(table: pd.DataFrame) -> Plot:
     for part, title in (("own", "own runs"), ("unseen", "unseen runs")):
         lines = []
         for place, ((wind, model, told), rows) in enumerate(groups, 1):
-            label = f"{place}: {wind}, {model}{', told' if told else ''}" if part == "own" else ""
+            label = f"{place}: {wind}, {model}{', told' if told else ''}"
             lines.append(Line(label, np.full(len(rows), float(place)), rows[part].to_numpy(), points=True))
         ends = np.array([0.5, len(groups) + 0.5])
-        paper = Line("Table 6" if part == "own" else "", ends, np.full(2, TABLE_6["own"]), "paper")
+        paper = Line("Table 6", ends, np.full(2, TABLE_6["own"]), "paper")
         panels.append(Panel("condition and model", "error in y [%]", [*lines, paper], title, log_y=True))
     return Plot(
         "wind_errors", "Error in y with and without wind, one point a set of runs; line: Table 6, all runs", panels

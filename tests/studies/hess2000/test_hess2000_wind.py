@@ -9,8 +9,9 @@ import pytest
 
 from manoeuvre_nn.manoeuvre.zigzag import overshoot
 from studies.hess2000.runs import APPROACH, SHIPS, PlannedRun, RunSet, TrueWinds, sail
-from studies.hess2000.wind import CALM, OCEAN, PERFECT, counted, medians
+from studies.hess2000.wind import CALM, NETWORK, OCEAN, PERFECT, SERIES, counted, distances, gains, medians
 from studies.hess2000.wind_models import BlindAnswer, pairs, perfect_but_for_wind, repeated, without_wind
+from studies.reproduction.claims import read_claims
 
 SHORT = replace(overshoot(20.0, approach=APPROACH, cycles=1.0), speed=8.0, duration=130.0)
 
@@ -59,3 +60,21 @@ def test_answers_are_counted_and_errors_have_their_medians():
     row = {"wind": OCEAN, "model": PERFECT, "told": False, "own": 1.0, "validation": 2.0, "unseen": 3.0}
     table = pd.DataFrame([row, row | {"unseen": 5.0}, row | {"unseen": 4.0}])
     assert medians(table)[f"{OCEAN}, {PERFECT}, not told, unseen"] == 4.0
+
+
+def test_every_claim_finds_its_quantities_and_a_seed_its_place():
+    rows = [
+        {"wind": wind, "model": model, "told": told, "seed": seed, "psi": 1.0}
+        | dict.fromkeys(("own", "validation", "unseen"), (1.0 + seed) * (0.2 if told or wind == CALM else 1.0))
+        for wind in (CALM, OCEAN, "along")
+        for model in (PERFECT, SERIES, NETWORK)
+        for told in (False, True)
+        for seed in (0, 1)
+    ]
+    table = pd.DataFrame(rows)
+    y = medians(table)
+    found = counted([{"wind": OCEAN, "answer": BlindAnswer(("wind_steady",), (8.0, 0.5), (1.0, 2.0), 8.5, 1.0)}])
+    claims = read_claims("hess2000", "wind").beside({"y": y, "repeated": {"y": 12.0, "psi": 3.0}, **gains(y), **found})
+    assert [c.verdict for c in claims if "y of unseen runs" in c.what] == ["holds", "holds"]
+    away = {row["model"]: row["own: 11.2 % is away by"] for row in distances(table) if row["wind"] == OCEAN}
+    assert away == dict.fromkeys((PERFECT, SERIES, NETWORK), f"{np.log(11.2 / 2**0.5) / (np.log(2) / 2**0.5):+.1f} sd")
