@@ -6,7 +6,8 @@ from typing import Any
 
 from manoeuvre_nn.core.data_files import load_yaml
 from manoeuvre_nn.network.force_modules import ForceConstants, RudderLift
-from manoeuvre_nn.network.recursive import STEP, RecursiveNetwork, RecursiveSettings
+from manoeuvre_nn.network.recursive import RecursiveNetwork
+from manoeuvre_nn.network.recursive_settings import STEP, RecursiveSettings
 from studies.reproduction.claims import read_claims
 from studies.reproduction.section import ChapterResult, ComputingEffort, Say
 

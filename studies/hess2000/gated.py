@@ -15,7 +15,7 @@ from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.units import GRAVITY
 from manoeuvre_nn.dynamics.course import Course, course_of
 from manoeuvre_nn.dynamics.recursion import track_of
-from manoeuvre_nn.network.recursive import STEP
+from manoeuvre_nn.network.recursive_settings import STEP
 from studies.hess2000.runs import RunSet
 from studies.hess2000.training import BestWeights, TrainedSimulator
 from studies.reproduction.section import Say

@@ -9,10 +9,17 @@ import pandas as pd
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.scoring.error_measures import MEAN, MEASURES, VARIABLES, normalisations
+from manoeuvre_nn.training.recursive_windows import USUAL_STAGES
 from studies.hess2000.architecture import PRINTED, RUNS
 from studies.hess2000.rivals import LINEAR, SERIES, rival_tables, rivals
 from studies.hess2000.runs import CIRCLES, OVERSHOOTS, Counts, RunSet, circles, overshoots
-from studies.hess2000.training import TrainedSimulator, measures_of, median_measures, recursive_network
+from studies.hess2000.training import (
+    OVERSHOOT_STAGES,
+    TrainedSimulator,
+    measures_of,
+    median_measures,
+    recursive_network,
+)
 from studies.reproduction.claims import read_claims
 from studies.reproduction.section import ChapterResult, ComputingEffort, Line, Panel, Plot, Say
 
@@ -50,7 +57,7 @@ def table_chapter(table: str, effort: ComputingEffort, say: Say) -> ChapterResul
     """
     say("sailing")
     runs = run_set(table, effort)
-    models = trainings(runs, effort, say)
+    models = trainings(table, runs, effort, say)
     others = list(rivals(runs, effort.seed, quick=effort.quick, say=say)) if table in WITH_RIVALS else []
     return told(table, models, others, runs)
 
@@ -121,10 +128,11 @@ def run_set(table: str, effort: ComputingEffort) -> RunSet:
     return overshoots("", effort.seed, counts) if table == "T6" else circles(int(table[1]) - 3, effort.seed, counts)
 
 
-def trainings(runs: RunSet, effort: ComputingEffort, say: Say) -> list[TrainedSimulator]:
+def trainings(table: str, runs: RunSet, effort: ComputingEffort, say: Say) -> list[TrainedSimulator]:
     """Recursive networks from some seeds.
 
     Args:
+        table: ``T4``, ``T5`` or ``T6``, which has stages of its own.
         runs: The runs.
         effort: First seed, how many at most, and whether it is the short form.
         say: Told how far it is.
@@ -133,7 +141,9 @@ def trainings(runs: RunSet, effort: ComputingEffort, say: Say) -> list[TrainedSi
         One a seed: 3, in the short form 1.
     """
     seeds = 1 if effort.quick else min(effort.starts, SEEDS)
-    return [recursive_network(runs, effort.seed + k, quick=effort.quick, say=say) for k in range(seeds)]
+    stages = OVERSHOOT_STAGES if table == "T6" else USUAL_STAGES
+    numbers = [effort.seed + k for k in range(seeds)]
+    return [recursive_network(runs, seed, stages=stages, quick=effort.quick, say=say) for seed in numbers]
 
 
 def cells(table: str, measures: pd.DataFrame) -> dict[str, list[Row]]:

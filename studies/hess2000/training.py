@@ -16,11 +16,18 @@ from manoeuvre_nn.dynamics.replay import replay
 from manoeuvre_nn.network.recursive import RecursiveNetwork, RecursiveSettings
 from manoeuvre_nn.scoring.error_measures import MEAN, MEASURES, error_measures
 from manoeuvre_nn.training.recursive_fit import FitPlan, fit_recursive
+from manoeuvre_nn.training.recursive_windows import USUAL_STAGES, RecursiveFitSettings
 from studies.hess2000.runs import RunSet
 from studies.reproduction.section import Say
 
-UPDATES, QUICK_UPDATES = 2900, 60
-"""Updates of the weights; the paper has 100 000 epochs of gradient descent."""
+QUICK_UPDATES = 60
+"""Updates of the weights in the short form; else as many as the stages have. The paper has 100 000 epochs."""
+OVERSHOOT_STAGES = (
+    {"steps": 10, "updates": 200, "rows": 60, "rate": 3e-3},
+    {"steps": 30, "updates": 400, "rows": 60, "rate": 3e-3},
+    {"steps": 90, "updates": 300, "rows": 60, "rate": 2e-3, "track": 0.1},
+)
+"""Training on the eight overshoots: the usual stages, longer and with whole runs, learn them by heart."""
 SCORES, QUICK_SCORES = 40, 4
 """How often in a training the generalization is tested; in the paper every 10 epochs."""
 
@@ -101,13 +108,20 @@ class BestWeights:
 
 
 def recursive_network(
-    runs: RunSet, seed: int, *, quick: bool = False, about_last: bool = True, say: Say = lambda _: None
+    runs: RunSet,
+    seed: int,
+    *,
+    stages: Sequence[Mapping[str, float | int | None]] = USUAL_STAGES,
+    quick: bool = False,
+    about_last: bool = True,
+    say: Say = lambda _: None,
 ) -> TrainedSimulator:
     """Train a recursive network in closed loop.
 
     Args:
         runs: Training runs teach it, training and validation runs decide which weights are kept.
         seed: Of first weights and windows.
+        stages: Parts of the training.
         quick: Whether it is the short form.
         about_last: Whether output nodes give the change of the last outputs; else the velocities, as in the paper.
         say: Told how far it is.
@@ -118,13 +132,15 @@ def recursive_network(
     began = process_time()
     network = RecursiveNetwork(RecursiveSettings(about_last=about_last), seed=seed)
     model = RecursiveShip(runs.ship, network)
-    updates, scores = (QUICK_UPDATES, QUICK_SCORES) if quick else (UPDATES, SCORES)
+    settings = RecursiveFitSettings(stages)
+    updates, scores = (QUICK_UPDATES, QUICK_SCORES) if quick else (settings.updates, SCORES)
 
     def tell(row: Mapping[str, float]) -> None:
         say(f"seed {seed}: {row['update']:.0f} of {updates} updates, angle measure {row['average_angle']:.4f}")
 
     plan = FitPlan(updates, updates // scores, seed)
-    history = pd.DataFrame(fit_recursive(model, runs.training, runs.validation, plan=plan, say=tell))
+    found = fit_recursive(model, runs.training, runs.validation, settings=settings, plan=plan, say=tell)
+    history = pd.DataFrame(found)
     name = "recursive network" if about_last else "recursive network, outputs as in the paper"
     return TrainedSimulator(name, partial(replay, model), process_time() - began, network.weights_count, history)
 
