@@ -21,15 +21,10 @@ from manoeuvre_nn.ship.four_degrees import FourDegreeShip
 from manoeuvre_nn.training.recursive_fit import FitPlan, fit_recursive
 from manoeuvre_nn.training.recursive_windows import RecursiveFitSettings
 from studies.hess2000.runs import PlannedRun, RunSet, TrueWinds, sail
+from studies.hess2000.training import OVERSHOOT_STAGES
 
 WIND_CHANNELS = ("wind_speed", "wind_from")
 SERIES_EPOCHS = 10
-STAGES = (
-    {"steps": 10, "updates": 200, "rows": 16, "rate": 3e-3},
-    {"steps": 30, "updates": 300, "rows": 16, "rate": 3e-3},
-    {"steps": 90, "updates": 300, "rows": 16, "rate": 2e-3, "track": 0.1},
-)
-"""Short, and no whole runs: with more of it eight runs are learnt by heart, the wind of each included."""
 TEST_EVERY = 100
 SIGNIFICANT = 1.96
 """Standard errors to either side within which the truth lies in 95 % of the cases."""
@@ -99,13 +94,13 @@ def recursive(runs: RunSet, *, told: bool, seed: int = 0, share: float = 1.0) ->
         runs: Training runs teach it, training and validation runs decide which weights are kept.
         told: Whether force and moment of the recorded wind act on its output nodes.
         seed: Of first weights and windows.
-        share: Of the updates of :data:`STAGES` that are done.
+        share: Of the updates of :data:`.OVERSHOOT_STAGES` that are done.
 
     Returns:
         The model.
     """
     model = RecursiveShip(runs.ship, RecursiveNetwork(RecursiveSettings(wind=told), seed=seed))
-    settings = RecursiveFitSettings(stages=STAGES)
+    settings = RecursiveFitSettings(stages=OVERSHOOT_STAGES)
     plan = FitPlan(max(round(share * settings.updates), 1), TEST_EVERY, seed)
     fit_recursive(model, runs.training, runs.validation, settings=settings, plan=plan)
     return model
