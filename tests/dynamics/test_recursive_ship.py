@@ -132,6 +132,38 @@ def test_gradients_of_the_unrolled_loop_are_those_of_its_differences():
     assert torch.autograd.gradcheck(outcome, weights, atol=1e-6)
 
 
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {}, {"about_last": False}, {"symmetric": False}, {"biases": False}, {"wind": True}, {"freedom": 3},
+        {"wind": True, "symmetric": False}, {"wind": True, "wind_nodes": True}, {"hidden": (6,)},
+        {"past": 3, "past_thrust": 0},
+    ],
+    ids=str,
+)  # fmt: skip
+def test_the_gradient_by_the_adjoint_is_that_of_automatic_differentiation(settings):
+    blown = recording(wind_speed=np.full(201, 15.0), wind_from=np.linspace(0.0, 1.0, 201))
+    model, course, steps = fitted([blown, recording(-1.0)], **settings)
+    if model.network.links is not None:
+        model.network.links.data.fill_(0.3)
+    rows, k = torch.tensor([0, 1, 0]), torch.tensor([0, 4, 33])
+    start, look = steps.start(rows, k, model.network.settings.past), course.controls.rows(rows)
+
+    def gradients(made):
+        draw = torch.Generator().manual_seed(0)
+        parts = made.velocities, made.angles, made.time, made.track
+        total = sum((p * torch.randn(p.shape, generator=draw, dtype=p.dtype)).sum() for p in parts)
+        return torch.autograd.grad(total, list(model.network.parameters()))
+
+    passed, folded = [start], model.network.folded()
+    for _ in range(12):
+        controls = look.at(passed[-1].time)
+        passed.append(model.advance(passed[-1], controls, model.froude(course.speed[rows]), folded))
+    by_steps = gradients(model.joined(passed))
+    for one, two in zip(gradients(model.unroll(start, look.at, course.speed[rows], 12)), by_steps, strict=True):
+        assert torch.allclose(one, two, rtol=1e-9, atol=1e-11)
+
+
 def test_the_mirrored_helm_gives_the_mirrored_run():
     model, course, steps = fitted([recording(1.0), recording(-1.0)])
     rows = torch.arange(2)

@@ -23,7 +23,8 @@ def network(seed=0, **settings):
         ({"freedom": 6, "hidden": (54, 54)}, 56, 6372),
         ({"freedom": 4}, 44, 44 * 54 + 54 + 54 * 54 + 54 + 54 * 4),
         ({"freedom": 3, "hidden": (8,)}, 34, 34 * 8 + 8 + 8 * 3),
-        ({"freedom": 4, "wind": True}, 50, 50 * 54 + 54 + 54 * 54 + 54 + 54 * 4),
+        ({"freedom": 4, "wind": True, "wind_nodes": True}, 50, 50 * 54 + 54 + 54 * 54 + 54 + 54 * 4),
+        ({"freedom": 4, "wind": True}, 50, 44 * 54 + 54 + 54 * 54 + 54 + 54 * 4 + 7),
     ],
 )
 def test_inputs_and_weights_are_as_many_as_published(settings, inputs, weights):
@@ -58,9 +59,14 @@ def test_joined_inputs_stand_where_their_names_say():
     assert "wind_X-1" in values and "wind_X-2" not in values and "N-3" in values
 
 
-@pytest.mark.parametrize("settings", [{}, {"biases": False}, {"wind": True}, {"freedom": 3}, {"freedom": 6}])
+@pytest.mark.parametrize(
+    "settings",
+    [{}, {"biases": False}, {"wind": True}, {"wind": True, "wind_nodes": True}, {"freedom": 3}, {"freedom": 6}],
+)
 def test_a_mirrored_ship_answers_with_the_mirror_image(settings):
     made, x, _ = network(**settings)
+    if made.links is not None:
+        made.links.data.normal_(generator=torch.Generator().manual_seed(2))
     assert torch.allclose(made(made.mirrored(x)), made(x) * made.output_signs, atol=1e-12)
     assert torch.equal(made.mirrored(made.mirrored(x)), x)
 
@@ -104,6 +110,23 @@ def test_the_scaling_drawn_into_the_weights_is_the_scaling_of_the_inputs():
     nodes = torch.sigmoid(z @ made.weights[0] + made.biases[0])
     plain = made.middle + made.half_range * (2 * torch.sigmoid(2 * nodes @ made.weights[1]) - 1)
     assert torch.allclose(made(x), plain, atol=1e-12)
+
+
+def test_the_wind_acts_on_the_output_nodes_in_proportion_and_still_air_not_at_all():
+    made, x, _ = network(wind=True, symmetric=False, about_last=False)
+    calm = RecursiveNetwork(RecursiveSettings(wind=True, symmetric=False, about_last=False), dtype=torch.float64)
+    calm.load_state_dict(made.state_dict())
+    made.links.data.fill_(1.0)
+
+    def given(to, inputs):
+        return ((to(inputs) - to.middle) / to.half_range).atanh()
+
+    wind = made.input_names.index("wind_X-0")
+    still = x.clone()
+    still[:, wind : wind + 3] = 0.0
+    assert torch.allclose(made(still), calm(still), atol=1e-12)
+    push = x[:, wind : wind + 3] / made.scale[wind : wind + 3]
+    assert torch.allclose(given(made, x) - given(calm, x), 0.05 * push.sum(1, keepdim=True).expand(-1, 4), atol=1e-6)
 
 
 def test_an_input_that_never_changes_is_not_blown_up():

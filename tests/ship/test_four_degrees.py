@@ -212,6 +212,14 @@ def test_trials_of_navies_begin_after_the_approach_and_end_by_themselves():
     assert names == ["circle10_12kn", "circle10_port_12kn", "circle10_20kn", "circle10_port_20kn"]
 
 
+def test_a_trial_that_breaks_down_before_its_end_says_so_in_its_status():
+    ship = naval_vessel()
+    unstable = replace(ship.hull, terms={**ship.hull.terms, "N": {**ship.hull.terms["N"], "|u| r": 5e7}})
+    model = CalmWater(FourDegreeShip(ship.particulars, ship.mass_matrix, unstable, ship.drives))
+    exact, (fixed,) = simulate(model, tactical_circle(35.0, approach=5.0)), roll_out(model, [tactical_circle(35.0)])
+    assert exact.status.startswith("left the physical range at") and fixed.status.startswith("left the physical range")
+
+
 def test_wind_from_port_heels_her_to_starboard():
     calm, rest = CalmWater(container()), Inputs(tensor(0.0)[0])
     wind = Vessel(calm, [SteadyWind(calm.ship, speed=15.0, from_deg=270.0)])

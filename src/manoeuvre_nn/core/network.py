@@ -1,4 +1,4 @@
-"""What a network is to an identified ship: scaled velocities and rudder angle -> scaled forces."""
+"""What a network is to a ship: scaled velocities and rudder angle -> scaled forces, or forces -> next velocities."""
 
 import copy
 from abc import ABC, abstractmethod
@@ -37,6 +37,8 @@ def filled(places: Sequence[Sequence[int]]) -> Int[Tensor, "terms order"]:
 
 class Network(ABC, nn.Module):
     """Forces by learnt weights, from u, v, r and delta and whatever recorded inputs the network says that it takes.
+
+    One that predicts velocities, step by step, has inputs and outputs of its own: :mod:`.network.recursive`.
 
     Three buffers mean the same in every network that has them: ``trained`` is the number of members that answer,
     ``shaft`` the nominal shaft speed over that of the training, and ``noise`` what :attr:`noise_of_fit` says.

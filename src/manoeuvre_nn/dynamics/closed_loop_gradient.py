@@ -35,8 +35,8 @@ def closed_loop(
     Returns:
         Velocities, angles and time; the start first.
     """
-    weights, biases = ship.network.folded()
-    given = [b for b in biases if b is not None]
+    weights, biases, links = ship.network.folded()
+    given = [b for b in (*biases, links) if b is not None]
     return _ClosedLoop.apply(ship, start, controls, speed, steps, *weights, *given)
 
 
@@ -81,15 +81,29 @@ class _ClosedLoop(torch.autograd.Function):
         # With v the values of a layer and l the cotangents of what the next is given: dW = v^T l, db = sum l.
         sums = [c.flatten(0, 1) for c in carried]
         weights = [v.flatten(0, 1).T @ c for v, c in zip([seen, *values], sums, strict=True)]
-        biases = [c.sum(0) for c in sums[: len(folded) - len(weights)]]
-        return None, None, None, None, None, *weights, *biases
+        links = _links_gradient(ship, seen, sums[-1])
+        biases = [c.sum(0) for c in sums[: len(folded) - len(weights) - len(links)]]
+        return None, None, None, None, None, *weights, *biases, *links
+
+
+def _links_gradient(
+    ship: "RecursiveShip", seen: Float[Tensor, "steps rows inputs"], outputs: Float[Tensor, "n freedom"]
+) -> list[Tensor]:
+    """Cotangents of what the wind acts on the output nodes by; none where it does not."""
+    network = ship.network
+    if network.links is None:
+        return []
+    if network.settings.symmetric:  # half of it went to the network, and half to its mirror image
+        outputs = 2 * outputs.view(-1, 2, outputs.shape[-1])[:, 0]
+    return [seen[..., network.wind_places].flatten(0, 1).T @ outputs]
 
 
 def _layers(ship: "RecursiveShip", flat: Sequence[Tensor]) -> Any:
     """Folded weights from their list."""
     count = len(ship.network.weights)
-    biases: list[Tensor | None] = [*flat[count:]]
-    return list(flat[:count]), biases + [None] * (count - len(biases))
+    *given, links = flat if ship.network.links is not None else [*flat, None]
+    biases: list[Tensor | None] = [*given[count:]]
+    return list(given[:count]), biases + [None] * (count - len(biases)), links
 
 
 def _inputs(

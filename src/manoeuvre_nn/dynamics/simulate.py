@@ -125,10 +125,10 @@ def simulate(
     count = int(outside[0]) if len(outside) else len(states)
     lost = count < len(states) or not (len(states) == len(times) or manoeuvre.ends)
     ended = states.new_tensor([times[count] if lost and count < len(times) else inf])
-    clock = torch.as_tensor(times if lost else times[: len(states)])
+    clock, end = torch.as_tensor(times[: len(states)]), float(times[-1] if lost else times[len(states) - 1])
     sides = {name: split.expand_as(blades) for name, split in sides_of([manoeuvre], vessel, state).items()}
-    inputs = Inputs(blades, time=clock[: len(blades), None].to(blades), **sides)
-    (made,) = to_recordings(vessel, [manoeuvre], Solution(clock, states, shown, orders, inputs, ended))
+    inputs = Inputs(blades, time=clock[:, None].to(blades), **sides)
+    (made,) = to_recordings(vessel, [manoeuvre], Solution(clock, states, shown, orders, inputs, ended), [end])
     return made
 
 

@@ -1,112 +1,23 @@
 """A recursive network: forces and its own last outputs in, the velocities of the next step out."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import sqrt
 
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
-from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.network import Network
+from manoeuvre_nn.network.recursive_settings import EVEN, ForceSettings, RecursiveSettings
+from manoeuvre_nn.network.recursive_settings import STEP as STEP  # of those who know the network alone
 
-FREEDOMS = {3: ("u", "v", "r"), 4: ("u", "v", "p", "r"), 6: ("u", "v", "w", "p", "q", "r")}
-"""Number of degrees of freedom -> the velocities that are predicted, in u, v and w over U0 and rates over U0/L."""
-EVEN = ("u", "w", "q")
-"""Velocities that stay when port and starboard change places; the others change sign."""
+LINK = 0.05
+"""What a link of 1 gives an output node at the usual size of the wind's force [-]."""
 MAX_SHARE = 0.999
 """Share of its range up to which a last output is carried on [-]."""
-STEP = 0.09
-"""Time step of the source over L/U."""
-
-
-@dataclass(frozen=True)
-class ForceSettings:
-    """Constants of the force modules that are no ship's particulars.
-
-    Attributes:
-        thrust: c1 and c2 of ``K_T = c1 + c2 J`` [-]; the source's ship 1.
-        wake: Wake fraction [-].
-        deduction: Thrust deduction [-].
-        diameter: Diameter of one propeller over the draught [-].
-        aspect: Height of a rudder squared over its area [-].
-    """
-
-    thrust: Sequence[float] = (0.6, -0.4)
-    wake: float = 0.2
-    deduction: float = 0.1
-    diameter: float = 0.55
-    aspect: float = 1.8
-
-
-@dataclass(frozen=True)
-class RecursiveSettings:
-    """Shape of a recursive network.
-
-    Attributes:
-        freedom: Degrees of freedom: 3 (u, v, r), 4 (with p) or 6 (with w and q, the source's).
-        hidden: Nodes of each hidden layer.
-        biases: Whether the hidden nodes have a bias; output nodes have none.
-        past: Past values of lift and moments that are kept.
-        past_thrust: Past values of thrust, and of the wind's forces.
-        wind: Whether it takes force and moments of the recorded true wind.
-        about_last: Whether output nodes work about the last outputs: the network gives the change, and where it gives
-            nothing, velocities stay; else it gives the velocities, as in the source.
-        symmetric: Whether port and starboard are alike: the answer is the mean of the network's and its mirror image's.
-        margin: How far outputs may go beyond the data, over half their range [-].
-        step: Time step over L/U [-].
-    """
-
-    freedom: int = 4
-    hidden: Sequence[int] = (54, 54)
-    biases: bool = True
-    past: int = 7
-    past_thrust: int = 1
-    wind: bool = False
-    about_last: bool = True
-    symmetric: bool = True
-    margin: float = 0.3
-    step: float = STEP
-
-    def __post_init__(self) -> None:
-        """Check the numbers.
-
-        Raises:
-            InputError: If one is out of range.
-        """
-        check_choice("network.freedom", str(self.freedom), [str(count) for count in FREEDOMS])
-        if not self.hidden or min(self.hidden) < 1:
-            raise InputError(f"network.hidden={list(self.hidden)}: expected the nodes of each layer, at least 1")
-        if not 0 <= self.past_thrust <= self.past:
-            raise InputError(
-                f"network.past_thrust={self.past_thrust}, network.past={self.past}: expected 0 <= past_thrust <= past"
-            )
-        if not 0 < self.step <= 1:
-            raise InputError(f"network.step={self.step}: expected a time step over L/U, more than 0 and at most 1")
-        if not self.margin >= 0:
-            raise InputError(f"network.margin={self.margin}: expected a share of the range, at least 0")
-
-    @property
-    def velocities(self) -> tuple[str, ...]:
-        """What is predicted."""
-        return FREEDOMS[self.freedom]
-
-    @property
-    def long_kept(self) -> tuple[str, ...]:
-        """Forces whose past values are kept for long."""
-        rolls, pitches = "p" in self.velocities, "q" in self.velocities
-        return ("lift_starboard", "lift_port", *["K"] * rolls, *["M"] * pitches, "N")
-
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """Forces of one step, in their order."""
-        wind = ("wind_X", "wind_Y", "wind_N") if self.wind else ()
-        return ("thrust_starboard", "thrust_port", *self.long_kept, *wind)
-
-
-Folded = tuple[list[Tensor], list[Tensor | None]]
-"""Weights and biases of each layer as they act on unscaled inputs; the first layer twice, the second time mirrored."""
+Folded = tuple[list[Tensor], list[Tensor | None], Tensor | None]
+"""Weights and biases of each layer as they act on unscaled inputs; the first layer twice, the second time mirrored; and
+what the wind's forces act on the output nodes by."""
 
 
 class RecursiveNetwork(Network):
@@ -116,13 +27,15 @@ class RecursiveNetwork(Network):
     the data's range and half of it, d, with a margin: outputs are bounded. Inputs are standardised by the data. With
     ``about_last`` output nodes are given in addition what would make them repeat the last outputs,
     ``atanh((y(t) - m) / d)``. With ``symmetric`` they are given ``(f(x) + S f(M x)) / 2``, where M mirrors inputs and S
-    outputs.
+    outputs. Of the wind's forces w they are given ``A w`` in addition; with ``symmetric`` X acts on u, w, q alone and Y
+    and N on v, p, r.
 
     Attributes:
         settings: Its shape.
         forces: Constants of the force modules.
         weights: Of each layer, a column a node.
         biases: Of each hidden layer; none without biases.
+        links: A, over the sizes of the wind's forces; 0 at first.
 
     Source:
         Hess & Faller 2000, eqs 1-3 and Table 2. With 6 degrees of freedom there are 56 inputs: 54-54 nodes with biases
@@ -138,6 +51,8 @@ class RecursiveNetwork(Network):
     signs: Tensor
     output_signs: Tensor
     both_signs: Tensor
+    through: Tensor
+    allowed: Tensor
 
     def __init__(
         self,
@@ -158,7 +73,9 @@ class RecursiveNetwork(Network):
         super().__init__()
         self.settings = s = settings or RecursiveSettings()
         self.forces = forces or ForceSettings()
-        sizes = [self.inputs_count, *s.hidden, len(s.velocities)]
+        names, linked = self.input_names, s.wind and not s.wind_nodes
+        through = [k for k, name in enumerate(names) if not (linked and name.startswith("wind"))]
+        sizes = [len(through), *s.hidden, len(s.velocities)]
         # Drawn in float64 whatever the type, so that float32 and float64 networks start alike.
         draw = torch.Generator().manual_seed(seed)
         # Logistic nodes have a quarter of the slope of a line: after them weights are larger.
@@ -171,8 +88,10 @@ class RecursiveNetwork(Network):
         offsets = [first, *(torch.zeros(h, dtype=torch.float64) for h in s.hidden[1:])] if s.biases else []
         self.biases = nn.ParameterList(nn.Parameter(b.to(dtype)) for b in offsets)
         zero = torch.zeros((), dtype=dtype)
-        self.register_buffer("shift", zero.expand(sizes[0]).clone())
-        self.register_buffer("scale", zero.expand(sizes[0]) + 1.0)
+        self.links = nn.Parameter(zero.expand(3, sizes[-1]).clone()) if linked else None
+        self.register_buffer("through", torch.tensor(through), persistent=False)
+        self.register_buffer("shift", zero.expand(len(names)).clone())
+        self.register_buffer("scale", zero.expand(len(names)) + 1.0)
         self.register_buffer("middle", zero.expand(sizes[-1]).clone())
         self.register_buffer("half_range", zero.expand(sizes[-1]) + 1.0)
         self._mirror()
@@ -196,6 +115,9 @@ class RecursiveNetwork(Network):
         self.register_buffer("output_signs", self.shift.new_tensor(outputs), persistent=False)
         both = torch.stack([torch.ones_like(self.output_signs), self.output_signs])
         self.register_buffer("both_signs", both, persistent=False)
+        forces = self.shift.new_tensor([1.0, -1.0, -1.0])[:, None]
+        allowed = forces * self.output_signs > 0 if s.symmetric else torch.ones_like(forces * self.output_signs)
+        self.register_buffer("allowed", allowed.to(self.shift), persistent=False)
 
     @property
     def takes(self) -> tuple[str, ...]:
@@ -222,8 +144,14 @@ class RecursiveNetwork(Network):
 
     @property
     def weights_count(self) -> int:
-        """Number of weights and biases."""
-        return sum(p.numel() for p in self.parameters())
+        """Number of weights and biases, and of links that may act."""
+        links = 0 if self.links is None else self.links.numel() - int(self.allowed.sum())
+        return sum(p.numel() for p in self.parameters()) - links
+
+    @property
+    def wind_places(self) -> slice:
+        """Where the wind's forces of this step stand among the inputs."""
+        return slice(len(self.settings.columns) - 3, len(self.settings.columns))
 
     def join(
         self, forces: Sequence[Float[Tensor, "*batch columns"]], velocities: Sequence[Float[Tensor, "*batch freedom"]]
@@ -267,8 +195,10 @@ class RecursiveNetwork(Network):
 
     def folded(self) -> Folded:
         """The scaling drawn into the first layer, and its mirror image beside it: once before many steps."""
-        first = self.weights[0] / self.scale[:, None]
-        offset = -(self.shift / self.scale) @ self.weights[0]
+        rows = self.through
+        scaled = self.weights[0] / self.scale[rows, None]
+        offset = -self.shift[rows] @ scaled
+        first = scaled.new_zeros(self.inputs_count, scaled.shape[1]).index_copy(0, rows, scaled)
         if self.settings.biases:
             offset = offset + self.biases[0]
         if self.settings.symmetric:
@@ -276,11 +206,13 @@ class RecursiveNetwork(Network):
             first = torch.cat([first, (first * self.signs[:, None])[self.partners]], dim=1)
             offset = torch.cat([offset, offset])
         others = list(self.biases)[1:] if self.settings.biases else [None] * (len(self.weights) - 2)
-        return [first, *list(self.weights)[1:]], [offset, *others, None]
+        sizes = self.scale[self.wind_places, None] / LINK
+        links = None if self.links is None else self.links * self.allowed / sizes
+        return [first, *list(self.weights)[1:]], [offset, *others, None], links
 
     def answer(self, x: Float[Tensor, "n inputs"], folded: Folded) -> Float[Tensor, "n freedom"]:
         """Velocities of the next step, with weights that were folded before."""
-        weights, biases = folded
+        weights, biases, links = folded
         count = len(x)
         assert biases[0] is not None
         nodes = torch.addmm(biases[0], x, weights[0])
@@ -289,7 +221,7 @@ class RecursiveNetwork(Network):
         for weight, bias in zip(weights[1:], biases[1:], strict=True):
             values = nodes.sigmoid()
             nodes = values @ weight if bias is None else torch.addmm(bias, values, weight)
-        nodes, _ = self._given(x, nodes)
+        nodes, _ = self._given(x, nodes, links)
         # tanh is twice the logistic of twice its argument, less 1.
         return torch.addcmul(self.middle, nodes.tanh(), self.half_range)
 
@@ -304,7 +236,7 @@ class RecursiveNetwork(Network):
             Values of each hidden layer, mirrored rows beside the others; derivatives of each hidden layer, of the
             outputs, and of the outputs by what they are about.
         """
-        weights, biases = folded
+        weights, biases, links = folded
         values, slopes = [], []
         assert biases[0] is not None
         nodes = x @ weights[0] + biases[0]
@@ -314,19 +246,21 @@ class RecursiveNetwork(Network):
             values.append(nodes.sigmoid())
             slopes.append(values[-1] * (1 - values[-1]))
             nodes = values[-1] @ weight if bias is None else values[-1] @ weight + bias
-        nodes, share = self._given(x, nodes)
+        nodes, share = self._given(x, nodes, links)
         slopes.append(self.half_range * (1 - nodes.tanh().square()))
         # From there on what the output is about moves no more.
         moves = (share.abs() < MAX_SHARE) if self.settings.about_last else torch.zeros_like(share, dtype=torch.bool)
         return values, [*slopes, torch.where(moves, 1 / (self.half_range * (1 - share.square())), 0.0)]
 
     def _given(
-        self, x: Float[Tensor, "*batch inputs"], nodes: Float[Tensor, "*more freedom"]
+        self, x: Float[Tensor, "*batch inputs"], nodes: Float[Tensor, "*more freedom"], links: Tensor | None
     ) -> tuple[Float[Tensor, "*batch freedom"], Float[Tensor, "*batch freedom"]]:
         """What output nodes are given, and the last outputs over their range."""
         count = nodes.shape[-1]
         if self.settings.symmetric:
             nodes = 0.5 * (nodes.unflatten(-2, (-1, 2)) * self.both_signs).sum(-2)
+        if links is not None:
+            nodes = nodes + x[..., self.wind_places] @ links
         share = (x[..., -2 * count : -count] - self.middle) / self.half_range
         return nodes + share.clamp(-MAX_SHARE, MAX_SHARE).atanh() if self.settings.about_last else nodes, share
 
@@ -354,6 +288,8 @@ class RecursiveNetwork(Network):
         back = passed[-1] @ folded[0][0].T
         if self.settings.about_last:
             back[:, -2 * count : -count] += nodes * about
+        if folded[2] is not None:
+            back[:, self.wind_places] += nodes @ folded[2].T
         return back, passed
 
     def forward(self, x: Float[Tensor, "*batch inputs"]) -> Float[Tensor, "*batch outputs"]:
