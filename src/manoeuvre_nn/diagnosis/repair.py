@@ -18,10 +18,10 @@ from manoeuvre_nn.dynamics.recorded_inputs import held_columns
 from manoeuvre_nn.dynamics.replay import integrate
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.estimation.data_set import process_time, start_spread, typical
-from manoeuvre_nn.estimation.effect_columns import blade_along, contribution, latency_column, perfect
+from manoeuvre_nn.estimation.effect_columns import blade_along, contribution, latency_column, own_states, perfect
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linear_run import joined
-from manoeuvre_nn.estimation.linearised_run import Rate, heel_of, integrated, linearise, sides_of
+from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, heel_of, integrated, linearise, sides_of
 from manoeuvre_nn.estimation.smoothed_run import first_guess
 from manoeuvre_nn.recording.outliers import spikes
 from manoeuvre_nn.recording.preparation import measured
@@ -100,7 +100,7 @@ def start_state(
         latency: Delay of the satellite receiver [s].
 
     Returns:
-        u, v, r, x, y, psi, own states; u and v through the water.
+        u, v, r, x, y, psi, own states, then those of the effects; u and v through the water.
     """
     rate, p = Rate(dynamics), dynamics.particulars
     unit = p.speed**2 / p.length * np.array([1.0, 1.0, 1.0 / p.length])
@@ -115,7 +115,15 @@ def start_state(
         left = all_of_them.combined(np.array([1.0, -latency, *[-1.0] * len(added)]))
         solved = integrated(linearised, rate.states.first_noise, 1e-3 * unit, time, spread)
         track = track + solved.states(solved.embed(left))[:, : rate.states.count, 0]
-    return track[-1]
+    linearised = linearise(run, rate, track, time)
+    return np.concatenate([track[-1], *(_memory_at_end(hypothesis, linearised))])
+
+
+def _memory_at_end(hypothesis: Hypothesis, linearised: LinearisedRun) -> list[Float[np.ndarray, " m"]]:
+    """Own states of the effects at the end of the warm-up: a ship that is in a turn by then heels already."""
+    acting = [e.at(torch.tensor(v)[:, None, :]) for e, v in zip(hypothesis.effects, hypothesis.values, strict=True)]
+    with torch.no_grad():
+        return [own_states(a, linearised.situation, 1, linearised.run.step)[0, -1].numpy() for a in acting if a.memory]
 
 
 def _written(

@@ -45,7 +45,7 @@ def contribution(
         if blade is not None:
             here = s.with_(delta=blade)
             changed = changed + rate(moving.expand(rows, n, -1), blade, s.shaft, sides) - linearised.calm
-        memory = _memory(acting, s, rows, linearised.run.step)
+        memory = own_states(acting, s, rows, linearised.run.step)
         shaft = acting.shaft(here, memory)
         if type(effect).shaft is not Effect.shaft and bool((s.shaft == 1).all()):
             changed = (
@@ -139,8 +139,18 @@ def _followed(acting: Effect, order: Tensor, lead: Tensor, step: Tensor, shown: 
     return torch.cat(angles, dim=-1)
 
 
-def _memory(acting: Effect, s: Situation, rows: int, step: float) -> Tensor:
-    """The effect's own states along the track; their equations are linear in them, with constant factors."""
+def own_states(acting: Effect, s: Situation, rows: int, step: float) -> Float[Tensor, "rows n m"]:
+    """An effect's own states along a track; their equations are linear in them, with constant factors.
+
+    Args:
+        acting: The effect; values of several rows.
+        s: What it sees.
+        rows: Number of rows.
+        step: Time between samples [s].
+
+    Returns:
+        One column a state.
+    """
     size = acting.memory
     still = s.nu.new_zeros(rows, len(s.psi), size)
     if not size:
