@@ -109,6 +109,18 @@ def test_what_is_beyond_the_end_of_a_run_does_not_count():
     assert float(made.loss(short, zero, steps=steps)) > before
 
 
+def test_the_error_is_the_same_on_whatever_course_the_runs_were_sailed():
+    def turned(run, angle=2.0):
+        x, y = run["x"] * np.cos(angle) - run["y"] * np.sin(angle), run["x"] * np.sin(angle) + run["y"] * np.cos(angle)
+        return run.with_channels(x=x, y=y, psi=run["psi"] + angle)
+
+    losses = []
+    for runs in (data().recordings, [turned(run) for run in data().recordings]):
+        made = windows(ship(), runs)
+        losses.append(float(made.loss(torch.arange(2), torch.zeros(2, dtype=torch.long), steps=None, track=0.1)))
+    assert losses[0] == pytest.approx(losses[1], rel=1e-9)
+
+
 def test_training_lowers_the_error_of_whole_runs_and_the_same_seed_gives_the_same_weights():
     one, two, other = ship(), ship(), ship()
     before = float(windows(one).loss(torch.arange(2), torch.zeros(2, dtype=torch.long), steps=None))

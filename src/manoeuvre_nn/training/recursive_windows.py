@@ -40,7 +40,8 @@ class WindowStage:
         updates: Number of updates.
         rows: Windows in an update; of whole runs there are as many as there are runs.
         rate: Training rate.
-        track: Weight of the squared error of x and y, over a tenth of what each spans in its run.
+        track: Weight of the squared error of the track across the first course, over a tenth of what it spans there,
+            and along it, over a tenth of the geometric mean of both spans.
     """
 
     steps: int | None
@@ -136,7 +137,7 @@ class _Material(NamedTuple):
     Attributes:
         course: The runs.
         steps: The same step by step.
-        scales: What errors of each run are divided by: of the velocities, the angles, x and y.
+        scales: What errors of each run are divided by: of the velocities, the angles, the track along and across.
         weights: Of these, without the track.
         counts: Steps of each run.
     """
@@ -193,9 +194,11 @@ class GrowingWindows:
         angles = [name for rate, name in {"p": "phi", "q": "theta", "r": "psi"}.items() if rate in names]
         spreads = torch.cat([steps.velocities[rows, k], steps.angles[rows, k][:, :-1]], dim=1).std(0)
         shared = torch.cat([spreads.clamp(min=1e-6), spreads.new_tensor([HEADING])])
-        track = course.motion.values[..., -2:]
+        track = _along_course(course.motion.values[..., -2:], course.motion.values[:, 0, -3])
         extent = (track.amax(1) - track.amin(1)).clamp(min=0.1)
-        scales = torch.cat([shared.expand(len(track), -1), 0.1 * extent], dim=1)
+        # Zigzags are long: along the course as much as a circle of the same area counts.
+        along = (extent[:, 0] * extent[:, 1]).sqrt()
+        scales = torch.cat([shared.expand(len(track), -1), 0.1 * torch.stack([along, extent[:, 1]], 1)], dim=1)
         weights = [self.settings.weights.get(name, 0.0) for name in (*names, *angles)] + [0.0, 0.0]
         return _Material(course, steps, scales, scales.new_tensor(weights), counts)
 
@@ -266,9 +269,10 @@ class GrowingWindows:
         start = material.steps.start(rows, k, self.ship.network.settings.past)
         made = self.ship.unroll(start, course.controls.rows(rows).at, course.speed[rows], steps)
         there = course.motion.rows(rows).at(made.time)
-        error = (_columns(made) - there) / material.scales[rows, None]
+        error = _columns(made) - there
         # A track begins at the origin: its error is that of the way since the start.
-        error = torch.cat([error[..., :-2], error[..., -2:] - error[:, :1, -2:]], dim=-1)[:, 1:]
+        way = _along_course(error[..., -2:] - error[:, :1, -2:], course.motion.values[rows, 0, -3])
+        error = (torch.cat([error[..., :-2], way], dim=-1) / material.scales[rows, None])[:, 1:]
         counted = (made.time[:, 1:] <= course.duration[rows, None]).to(error)
         weights = torch.cat([material.weights[:-2], material.weights.new_tensor([track, track])])
         return ((error.square() @ weights) * counted).sum() / counted.sum().clamp(min=1.0)
@@ -296,6 +300,15 @@ def _from_execute(run: Recording, ship: Particulars, approach: float | None) -> 
     speed = max(float(run["u"][0]), 0.1 * ship.speed)
     start = run.time[moved[0]] - approach * ship.length / speed if len(moved) else run.time[0]
     return run.between(max(start, run.time[0]), run.time[-1])
+
+
+def _along_course(
+    track: Float[Tensor, "rows steps 2"], course: Float[Tensor, " rows"]
+) -> Float[Tensor, "rows steps 2"]:
+    """North and east turned to along and across the first heading of each run [rad]."""
+    cos, sin = course.cos()[:, None], course.sin()[:, None]
+    north, east = track.unbind(-1)
+    return torch.stack([north * cos + east * sin, east * cos - north * sin], dim=-1)
 
 
 def _columns(made: Unrolled) -> Float[Tensor, "rows steps columns"]:
