@@ -271,11 +271,11 @@ def figures(table: str, model: TrainedSimulator, runs: RunSet) -> list[Plot]:
     drawn = [*runs.training[:SHOWN], *runs.validation[:SHOWN]]
     made = model.predict(drawn)
     panels = [
-        _tracks(run, prediction, " (validation)" if run in runs.validation else "")
+        _tracks(run, prediction, " (val.)" if run in runs.validation else "")
         for run, prediction in zip(drawn, made, strict=True)
     ]
     found = [_generalization(table, model)]
-    found.append(Plot(f"figure_{tracks}", f"Fig. {tracks}: tracks, training runs and validation runs", panels))
+    found.append(Plot(f"figure_{tracks}", f"Fig. {tracks}: tracks, training runs, and validation runs (val.)", panels))
     pairs = [(runs.training[0], made[0]), (runs.validation[0], made[min(SHOWN, len(runs.training))])]
     for run, prediction in pairs:
         kind = "validation" if run is runs.validation[0] else "training"
