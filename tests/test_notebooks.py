@@ -44,3 +44,14 @@ def test_two_runs_go_from_their_raw_file_to_a_diagnosis():
     found = re.search(r"\* a gusty wind .*?speed ([\d.]+) ± [\d.]+ m/s.*?from ([\d.]+) ± ", said, re.DOTALL)
     # One turn tells the speed within two errors, the direction within an eighth of the compass to either side.
     assert found and abs(float(found[1]) - float(wind[1])) < 0.6 and abs(float(found[2]) - float(wind[2])) < 45
+
+
+@pytest.mark.slow
+def test_the_wind_that_was_guessed_is_named_as_it_was():
+    book = nbformat.read(ROOT / "notebooks" / "hess2000_wind.ipynb", as_version=4)
+    where = {"metadata": {"path": str(ROOT / "notebooks")}}
+    nbclient.NotebookClient(book, timeout=900, kernel_name="python3", resources=where).execute()
+    said = printed(book)
+    assert "named: wind_" in said
+    for found, error, was in re.findall(r"([\d.]+) \+- ([\d.]+) (?:m/s|deg); it was ([\d.]+)", said):
+        assert abs((float(found) - float(was) + 180) % 360 - 180) < 2 * float(error)
