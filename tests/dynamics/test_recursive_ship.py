@@ -65,6 +65,12 @@ def test_steps_are_the_same_share_of_the_time_in_which_the_ship_sails_her_length
     assert seconds[-1] + 0.09 * LENGTH / speed[-1] >= run.duration > seconds[-1]
 
 
+def test_slow_runs_are_dimensionless_by_their_own_speed_and_runs_from_rest_by_the_ships():
+    own = SHIP.particulars.speed
+    assert start_speed(recording(speed=0.15 * own), SHIP) == pytest.approx(0.15 * own, rel=1e-3)
+    assert start_speed(recording(speed=1e-3 * own), SHIP) == own
+
+
 def test_resampled_to_steps_and_back_a_recording_is_itself():
     run = recording()
     model, course, steps = fitted([run])

@@ -84,7 +84,7 @@ def outcome(effect: Effect, s: Situation, memory: torch.Tensor | None = None) ->
     said = {"stream": effect.stream(s), "blade": effect.blade(*(a.expand(batch) for a in angles))}
     said |= {k: c.expand(batch) for k, c in effect.record(recorded(s), s).items()}
     # The base class answers in the shape of the situation.
-    fields = {f: getattr(s, f) for f in s.__dataclass_fields__}
+    fields = {f: getattr(s, f) for f in s.__dataclass_fields__ if getattr(s, f) is not None}
     wide = Situation(**{f: c.expand(*batch, *c.shape[1:]) for f, c in fields.items()})
 
     def ask(method: str) -> torch.Tensor:

@@ -72,7 +72,9 @@ def test_gaps_are_left_where_that_is_asked_for_and_refused_where_not(frame, writ
 def test_the_csv_of_a_diagnosis_is_a_mapping_like_any_other(name):
     read = read_mapping(name)
     assert read.optional and read.rudder_positive_to == ("port" if name == "concealed" else "starboard")
-    assert read.table["columns"] == ["t", *"x_north y_east sog cog u v u_log psi r delta_order delta n".split()]
+    rolling = "phi p delta_starboard delta_port n_starboard n_port" if name == "si_degrees" else ""
+    columns = f"x_north y_east sog cog u v u_log psi r delta_order delta n {rolling}".split()
+    assert read.table["columns"] == ["t", *columns]
     assert (CONF / "recording" / f"{name}.yaml").is_file()
 
 

@@ -78,6 +78,7 @@ class Situation:
         delta: Rudder blade [rad], positive turns to starboard.
         shaft: Shaft speed over the nominal one [-].
         time: Time since the start of the recording [s].
+        heel: Recorded heel [rad], its rate [rad/s] and acceleration [rad/s^2]; None if it was not recorded.
     """
 
     nu: Float[Tensor, "*batch 3"]
@@ -88,6 +89,7 @@ class Situation:
     delta: Float[Tensor, "*batch"]
     shaft: Float[Tensor, "*batch"]
     time: Float[Tensor, "*batch"]
+    heel: Float[Tensor, "*batch 3"] | None = None
 
     @property
     def u(self) -> Float[Tensor, "*batch"]:

@@ -20,6 +20,9 @@ class Inputs:
         time: Time since the start of the recording [s]; None is 0.
         delta_split: Half of what the starboard rudder has more than the port one [rad]; None is 0.
         shaft_split: Likewise of the shafts, over the nominal shaft speed [-]; None is 0.
+        phi: Recorded heel [rad], for effects of heel on a ship that is held upright; None lets them find their own.
+        p: Its rate [rad/s].
+        pdot: Its acceleration [rad/s^2].
     """
 
     delta: Float[Tensor, "..."]
@@ -30,6 +33,9 @@ class Inputs:
     time: Float[Tensor, "..."] | None = None
     delta_split: Float[Tensor, "..."] | None = None
     shaft_split: Float[Tensor, "..."] | None = None
+    phi: Float[Tensor, "..."] | None = None
+    p: Float[Tensor, "..."] | None = None
+    pdot: Float[Tensor, "..."] | None = None
 
     @property
     def given(self) -> dict[str, Tensor]:

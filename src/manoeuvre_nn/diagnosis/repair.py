@@ -21,7 +21,7 @@ from manoeuvre_nn.estimation.data_set import process_time, start_spread, typical
 from manoeuvre_nn.estimation.effect_columns import blade_along, contribution, latency_column, perfect
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linear_run import joined
-from manoeuvre_nn.estimation.linearised_run import Rate, integrated, linearise, sides_of
+from manoeuvre_nn.estimation.linearised_run import Rate, heel_of, integrated, linearise, sides_of
 from manoeuvre_nn.estimation.smoothed_run import first_guess
 from manoeuvre_nn.recording.outliers import spikes
 from manoeuvre_nn.recording.preparation import measured
@@ -57,6 +57,9 @@ def predict(
         rows[name] = [
             of_run.get(name, torch.zeros(len(run))).numpy()[k:] for of_run, run in zip(sides, runs, strict=True)
         ]
+    heels = [heel_of(run, dynamics) for run in runs]
+    for name in heels[0] if all(heels) else ():
+        rows[name] = [of_run[name].numpy()[k:] for of_run in heels]
     columns = held_columns(rows)
     moving = Vessel(dynamics, _acting(hypothesis)).model
     with torch.no_grad():

@@ -15,6 +15,8 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.dynamics.recorded_inputs import air_velocity
 
+FROM_REST = 0.05
+"""Speed over the ship's own below which a run starts from rest."""
 SAMPLES_PER_STEP = 4
 """Samples of a table in the shortest step, so that lines between them are the curve."""
 
@@ -124,10 +126,10 @@ def start_speed(recording: Recording, ship: Ship) -> float:
         ship: The ship.
 
     Returns:
-        Speed at the first sample [m/s]; the ship's own for a run that starts slower than .3 of it.
+        Speed at the first sample [m/s]; the ship's own for a run that starts from rest, slower than .05 of it.
     """
     own, speed = ship.particulars.speed, float(np.hypot(recording["u"][0], recording["v"][0]))
-    return speed if speed > 0.3 * own else own
+    return speed if speed > FROM_REST * own else own
 
 
 def sided(recording: Recording, quantity: str, alike: np.ndarray | None = None) -> list[np.ndarray]:

@@ -112,7 +112,10 @@ def _situation(state: Tensor, nudot: Tensor, inputs: Inputs) -> Situation:
     x, y, psi = state[..., 3:6].unbind(-1)
     time = torch.zeros_like(inputs.delta) if inputs.time is None else inputs.time
     assert inputs.shaft is not None
-    return Situation(state[..., :3], nudot, x, y, psi, inputs.delta, inputs.shaft, time)
+    heel = None
+    if inputs.phi is not None and inputs.p is not None and inputs.pdot is not None:
+        heel = torch.stack([inputs.phi, inputs.p, inputs.pdot], dim=-1)
+    return Situation(state[..., :3], nudot, x, y, psi, inputs.delta, inputs.shaft, time, heel)
 
 
 def _aboard(effect: Effect, ship: Ship) -> Effect:

@@ -23,7 +23,7 @@ from manoeuvre_nn.dynamics.base import Model, calm_accelerations, runge_kutta_st
 from manoeuvre_nn.estimation.linear_run import Columns, IntegratedRun, RunEquations
 from manoeuvre_nn.estimation.process_noise import ProcessNoise
 from manoeuvre_nn.estimation.run_states import PROCESS_DIFFERENCE, RunStates
-from manoeuvre_nn.recording.preparation import measured
+from manoeuvre_nn.recording.preparation import measured, smooth_heel
 
 RUDDER_DIFFERENCE = 1e-3
 """Step of the difference quotient by the rudder [rad]."""
@@ -123,7 +123,10 @@ class LinearisedRun:
         """What effects see along the track."""
         run, state = self.run, torch.tensor(self.track)
         delta, shaft, time = (torch.tensor(part) for part in (run["delta"], run["shaft"], run.time))
-        return Situation(state[:, :3], self.calm[:, :3], *state[:, 3:6].unbind(-1), delta, shaft, time)  # type: ignore[call-arg]
+        heel = heel_of(self.run, self.rate.dynamics)
+        known = None if not heel else torch.stack(list(heel.values()), dim=-1)
+        x, y, psi = state[:, 3:6].unbind(-1)
+        return Situation(state[:, :3], self.calm[:, :3], x, y, psi, delta, shaft, time, known)
 
     @property
     def data(self) -> Columns:
@@ -163,6 +166,13 @@ def sides_of(run: Recording, dynamics: Model) -> dict[str, Tensor]:
     """How the sides of rudders and shafts differ, where they were recorded and the ship has two of each."""
     names = ("delta_split", "shaft_split") if dynamics.hull.sides == 2 else ()
     return {name: torch.tensor(run[name]) for name in names if name in run.channels}
+
+
+def heel_of(run: Recording, dynamics: Model) -> dict[str, Tensor]:
+    """Recorded heel, its rate and acceleration by names of :class:`.Inputs`, for a model that is held upright."""
+    if dynamics.own_names or "phi" not in run.channels:
+        return {}
+    return {name: torch.tensor(values) for name, values in smooth_heel(run).items()}
 
 
 def linearise(run: Recording, rate: Rate, track: Float[np.ndarray, "n k"], process_time: float) -> LinearisedRun:

@@ -32,6 +32,8 @@ SHAFT_WINDOW = 15
 """Samples of the running median of the shaft speed."""
 HEEL = ("phi", "p")
 """Channels that only ships which roll are compared by."""
+HEEL_WINDOW = 0.4
+"""Window of the local cubics of recorded heel over L/U0: a quarter of a short roll period."""
 SIDES = (("delta_split", "delta", "rad"), ("shaft_split", "n", "1/s"))
 """Input by which the sides differ, channel of which there is a starboard and a port one, unit."""
 MIN_SPLIT = 5e-3
@@ -154,6 +156,21 @@ def prepared(run: Recording, step: float, ship: Particulars, kind: str = "") -> 
     derived = (*run.derived, *(() if given else ("delta_order",)))
     meta = {**run.meta, "rudder_noise": noise, "kind": kind, "derived": derived, "time_unit": ship.time_unit}
     return with_measured(replace(even, channels=inputs, meta=meta), columns)
+
+
+def smooth_heel(run: Recording) -> dict[str, Float[np.ndarray, " n"]]:
+    """Recorded heel [rad] without its noise, its rate [rad/s] and acceleration [rad/s^2].
+
+    Args:
+        run: Prepared, with ``phi`` and perhaps ``p``.
+
+    Returns:
+        phi, p, pdot.
+    """
+    window = HEEL_WINDOW * run.meta["time_unit"]
+    phi, slope = smoothed(run.time, run.filled("phi"), window)
+    p, pdot = smoothed(run.time, run.filled("p") if "p" in run.channels else slope, window)
+    return {"phi": phi, "p": p, "pdot": pdot}
 
 
 def _smooth_split(split: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:

@@ -12,6 +12,7 @@ from manoeuvre_nn.recording.read.reader import recordings_in
 NOISE_UNITS = {
     "u": ("u", 1.0), "v": ("v", 1.0), "x": ("x", 1.0), "y": ("y", 1.0),
     "r_deg_s": ("r", DEGREE), "psi_deg": ("psi", DEGREE), "delta_deg": ("delta", DEGREE),
+    "phi_deg": ("phi", DEGREE), "p_deg_s": ("p", DEGREE),
 }  # fmt: skip
 """Setting of ``data.noise`` -> channel and SI value of its unit."""
 

@@ -14,6 +14,7 @@ from manoeuvre_nn.recording.check.checks import first_finding
 from manoeuvre_nn.recording.check.fault_findings import fault_finding
 from manoeuvre_nn.recording.check.file_checks import file_findings
 from manoeuvre_nn.recording.check.finding import Finding, worst
+from manoeuvre_nn.recording.check.heel import heel_findings, side_findings
 from manoeuvre_nn.recording.check.samples import Flags, gaps, outliers, quantized, sampling, stuck, without_outliers
 from manoeuvre_nn.recording.check.sensor_faults import measure_faults
 from manoeuvre_nn.recording.check.steering import rudder_jumps, rudder_lag, steady_approach
@@ -118,7 +119,7 @@ def inspect_recording(
         found += [fault_finding(fault, mapping) for fault in measure_faults(fewer, ship)]
     lag = rudder_lag(fewer, ship)
     found += [rudder_jumps(clean, ship), *([] if lag is None else [lag]), steady_approach(fewer, ship)]
-    found += turn_drift(fewer)
+    found += [*turn_drift(fewer), *heel_findings(clean, ship), *side_findings(clean)]
     return Inspection(recording.name, tuple(found), recording, shifted)
 
 

@@ -58,6 +58,12 @@ WORDS: dict[str, str] = {
     r" wind_?(dir|direction|angle|from)_(rel|relative|app|apparent).*",
 }  # fmt: skip
 """Channel -> patterns of what its column may be called: the earlier one stands, the more it is trusted."""
+for _name, _words in (("delta", "rudder|rud|delta|rudder_angle|ruder"), ("n", "n|rpm|rps|shaft|propeller|prop|screw")):
+    for _side, _short in (("starboard", "stb|stbd|sb"), ("port", "bb|ps")):
+        WORDS[f"{_name}_{_side}"] = (
+            rf"{_name}_{_side} {_name}_{_side[0]} ({_words})_({_side}|{_short})(_.*)?"
+            rf" ({_side}|{_short})_({_words})(_.*)?"
+        )
 EARTH = re.compile(r"(^|_)(vn|ve|north|east|v_?n|v_?e|earth|ned|enu)(_|$)|velocity_(north|east)")
 """Velocities named like this are those north and east."""
 NORTH, EAST = re.compile(r"north|^xn$|(^|_)n(_|$)"), re.compile(r"east|^ye$|(^|_)e(_|$)")

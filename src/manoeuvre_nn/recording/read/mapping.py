@@ -1,5 +1,6 @@
 """How a measured file's columns become channels: names, units, signs, axes, and what is wrong with its sensors."""
 
+from collections.abc import Iterable
 from collections.abc import Mapping as AnyMapping
 from dataclasses import dataclass, field, fields
 from typing import Any, get_args, get_type_hints
@@ -15,6 +16,8 @@ KINDS = ("zigzag", "turning_circle", "pull_out", "spiral", "straight", "random_r
 """Kinds of manoeuvre that criteria know."""
 REQUIRED = ("psi", "delta")
 """Channels that every manoeuvre needs."""
+SIDES = {name: (f"{name}_starboard", f"{name}_port") for name in ("delta", "n")}
+"""Channel -> those of both sides, whose mean it is where it is not given itself."""
 WANTED = {
     "reference_point": "metres, e.g. 0.0",
     "position_point": "metres, or null",
@@ -61,7 +64,8 @@ class Mapping:
         time: The time column. Unit ``iso`` is date and time as text (or as such a column of a parquet file), ``clock``
             the time of day, which may pass midnight.
         channels: Channel (u v r x y psi delta, maybe n, delta_order, wind_speed ...) -> where it is. One pair of u v,
-            x y, lat lon, sog cog is enough; r may be left out.
+            x y, lat lon, sog cog is enough; r may be left out; delta and n are the means of delta_starboard and
+            delta_port, n_starboard and n_port where only these are given.
         frame: Axes of the columns given for u and v: ``body``, or ``earth`` for velocities north and east.
         reference_point: How far forward of midship the point lies whose u, v, x, y are given [m].
         position_point: The same for x, y (lat, lon) alone; None is the point of u, v.
@@ -137,7 +141,7 @@ class Mapping:
                 "mapping: rudder=order says that the column of delta holds the order; take delta_order out of channels"
             )
         if self.kind != RECORD:
-            _check_complete(set(self.channels), self.optional)
+            _check_complete(with_means(self.channels), self.optional)
         elif not self.channels:
             raise InputError("mapping: channels is empty; write e.g. r: {column: yaw_rate, unit: count} under channels")
 
@@ -145,7 +149,8 @@ class Mapping:
     def table(self) -> dict[str, Any]:
         """What :func:`~manoeuvre_nn.recording.read.table.read_table` asks: columns, how a text is cut into them."""
         columns = {name: c.column for name, c in self.channels.items()}
-        needed = {self.time.column, *(c for name, c in columns.items() if name in REQUIRED or not self.optional)}
+        always = {name for name in REQUIRED if not set(columns).issuperset(SIDES.get(name, [name]))}
+        needed = {self.time.column, *(c for name, c in columns.items() if name in always or not self.optional)}
         settings = {key: getattr(self, key) for key in ("delimiter", "decimal", "header", "skip_rows")}
         optional = [c for c in columns.values() if c not in needed]
         return {"columns": [self.time.column, *columns.values()], "optional": optional, **settings}
@@ -168,6 +173,12 @@ class Mapping:
         unit = units_of(channel, self.is_record)[where.unit]
         side = side_sign("rudder_positive_to", self.rudder_positive_to) if channel.startswith("delta") else 1
         return where.sign * side * where.scale * unit
+
+
+def with_means(names: Iterable[str]) -> set[str]:
+    """Channels, and those that are the means of both sides among them."""
+    there = set(names)
+    return there | {mean for mean, both in SIDES.items() if there.issuperset(both)}
 
 
 def mapping(**settings: Any) -> Mapping:

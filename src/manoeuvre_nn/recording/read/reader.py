@@ -21,7 +21,7 @@ from manoeuvre_nn.recording.kind import guess_kind
 from manoeuvre_nn.recording.local_cubics import WINDOW, smoothed
 from manoeuvre_nn.recording.outliers import spikes
 from manoeuvre_nn.recording.read.containers import READERS
-from manoeuvre_nn.recording.read.mapping import REQUIRED, Mapping
+from manoeuvre_nn.recording.read.mapping import REQUIRED, SIDES, Mapping, with_means
 from manoeuvre_nn.recording.read.mapping_file import mapping_of
 from manoeuvre_nn.recording.read.mending import followed, line_across, without_delays
 from manoeuvre_nn.recording.read.position import local_metres
@@ -141,6 +141,11 @@ def read_measured(path: str | Path, mapping: Mapping, ship: Particulars, leave_g
     }
     if mapping.is_record:
         return Recording(path.stem, time - time[0], channels, meta=meta)
+    channels |= {
+        mean: 0.5 * (channels[one] + channels[other])
+        for mean, (one, other) in SIDES.items()
+        if mean not in channels and one in channels and other in channels
+    }
     if mapping.rudder == "order":
         channels["delta_order"] = channels["delta"]
         channels["delta"] = followed(time, channels["delta_order"], ship.rudder_rate)
@@ -167,8 +172,9 @@ def _recorded_channels(table: Table, mapping: Mapping, rows: slice) -> list[str]
     there = [name for name in column if column[name] in headings]
     full = {name for name in there if np.isfinite(table.numbers(column[name])[rows]).sum() >= MIN_SAMPLES}
     for name in REQUIRED:
-        if name not in full:
-            raise InputError(f"{file}: column {column[name]!r} holds no numbers; a manoeuvre needs heading and rudder")
+        if name not in with_means(full):
+            said = column.get(name, name)
+            raise InputError(f"{file}: column {said!r} holds no numbers; a manoeuvre needs heading and rudder")
     halves = {a: b for pair in PAIRS for a, b in (pair, pair[::-1]) if a in column and b in column}
     for name, partner in halves.items():
         if name in full and partner not in there:
