@@ -59,7 +59,7 @@ class RecursiveSettings:
         past_thrust: Past values of thrust, and of the wind's forces.
         wind: Whether it takes force and moment of the recorded true wind.
         wind_nodes: Whether these go through the hidden nodes as the other forces do; else they act on the output nodes
-            alone, by a weight each: a handful of winds cannot teach more.
+            alone, by a weight each.
         about_last: Whether output nodes work about the last outputs: the network gives the change, and where it gives
             nothing, velocities stay; else it gives the velocities, as in the source.
         symmetric: Whether port and starboard are alike: the answer is the mean of the network's and its mirror image's.
