@@ -6,6 +6,7 @@ from functools import partial
 from time import process_time
 from typing import Any
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -20,7 +21,7 @@ from manoeuvre_nn.scoring.error_measures import MEAN, VARIABLES
 from manoeuvre_nn.training.recursive_windows import GrowingWindows, RecursiveFitSettings
 from studies.hess2000.gated import gated
 from studies.hess2000.runs import RunSet
-from studies.hess2000.training import TrainedSimulator, measures_of
+from studies.hess2000.training import TrainedSimulator, measures_of, median_measures
 from studies.reproduction.section import Say
 
 SERIES = {
@@ -33,6 +34,7 @@ EPOCHS, QUICK_EPOCHS, MEMBERS = 10, 2, 4
 RIDGE = 1e-8
 """Share of the mean square that is added to the diagonal of the normal equations."""
 LINEAR = "linear regression"
+NETWORK = "recursive network, median of the seeds"
 ROLL = ("phi", "p", "pdot")
 """What models of three degrees of freedom are not given."""
 
@@ -137,21 +139,27 @@ def rivals(runs: RunSet, seed: int, *, quick: bool = False, say: Say = lambda _:
         yield gated(kind, runs, seed, quick=quick, say=say)
 
 
-def rival_tables(models: Sequence[TrainedSimulator], runs: RunSet) -> dict[str, list[dict[str, Any]]]:
+def rival_tables(
+    networks: Sequence[TrainedSimulator], others: Sequence[TrainedSimulator], runs: RunSet
+) -> dict[str, list[dict[str, Any]]]:
     """Percent errors of simulators on own and unseen runs.
 
     Args:
-        models: The simulators.
+        networks: Recursive networks from some seeds, of which the medians are taken.
+        others: The rivals.
         runs: The runs.
 
     Returns:
         ``own`` and ``unseen`` -> a row a simulator: errors by variable and their mean [%], weights, CPU time. A model
         without roll has the mean of the others.
     """
+    seconds = float(np.median([network.seconds for network in networks]))
+    made = [(NETWORK, median_measures(networks, runs), networks[0].weights, seconds)]
+    made += [(other.name, measures_of(other, runs), other.weights, other.seconds) for other in others]
     found: dict[str, list[dict[str, Any]]] = {"own": [], "unseen": []}
-    for model in models:
-        percent = measures_of(model, runs)["percent"]
+    for name, measures, weights, took in made:
         for part, label in (("own", "all"), ("unseen", "unseen")):
-            errors = {name: float(percent.get((label, name), float("nan"))) for name in (*VARIABLES, MEAN)}
-            found[part].append({"simulator": model.name, **errors, "weights": model.weights, "CPU [s]": model.seconds})
+            percent = measures.loc[label]["percent"]
+            errors = {variable: float(percent.get(variable, float("nan"))) for variable in (*VARIABLES, MEAN)}
+            found[part].append({"simulator": name, **errors, "weights": weights, "CPU [s]": took})
     return found

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from manoeuvre_nn.core.frames import earth_to_body
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.scoring.error_measures import MEAN, MEASURES, VARIABLES, normalisations
@@ -79,7 +80,7 @@ def told(
     found = quantities(table, models, runs)
     beside = error_tables(table, models, runs)
     if others:
-        compared = rival_tables([models[0], *others], runs)
+        compared = rival_tables(models, others, runs)
         found |= rival_quantities(compared["unseen"])
         beside |= {f"Rivals, {part} runs: percent errors": rows for part, rows in compared.items()}
     return ChapterResult(
@@ -270,12 +271,11 @@ def figures(table: str, model: TrainedSimulator, runs: RunSet) -> list[Plot]:
     drawn = [*runs.training[:SHOWN], *runs.validation[:SHOWN]]
     made = model.predict(drawn)
     panels = [
-        Panel("y [m]", "x [m]", [_track(run, "recorded"), _track(prediction, "predicted")],
-              f"{_short(run)}{', validation' if run in runs.validation else ''}", equal=True)
+        _tracks(run, prediction, " (val.)" if run in runs.validation else "")
         for run, prediction in zip(drawn, made, strict=True)
-    ]  # fmt: skip
+    ]
     found = [_generalization(table, model)]
-    found.append(Plot(f"figure_{tracks}", f"Fig. {tracks}: tracks, training runs and validation runs", panels))
+    found.append(Plot(f"figure_{tracks}", f"Fig. {tracks}: tracks, training runs, and validation runs (val.)", panels))
     pairs = [(runs.training[0], made[0]), (runs.validation[0], made[min(SHOWN, len(runs.training))])]
     for run, prediction in pairs:
         kind = "validation" if run is runs.validation[0] else "training"
@@ -289,7 +289,7 @@ def _generalization(table: str, model: TrainedSimulator) -> Plot:
     assert model.history is not None
     updates = model.history["update"].to_numpy(dtype=float)
     names = {
-        "absolute": "absolute error (mean of m/s, m, deg)",
+        "absolute": "absolute error",
         "average_angle": "1 - angle measure",
         "correlation": "1 - correlation",
     }
@@ -300,7 +300,9 @@ def _generalization(table: str, model: TrainedSimulator) -> Plot:
             Panel("updates", label, [Line("", updates, values if key == "absolute" else 1 - values)], log_y=True)
         )
     return Plot(
-        f"{table}_generalization", f"As Fig. 7: error over training and validation runs, Table {table[1:]}", panels
+        f"{table}_generalization",
+        f"As Fig. 7: error over training and validation runs (absolute: mean of m/s, m, deg), Table {table[1:]}",
+        panels,
     )
 
 
@@ -317,8 +319,16 @@ def _over_time(run: Recording, prediction: Recording) -> list[Panel]:
     return panels
 
 
-def _track(run: Recording, label: str) -> Line:
-    return Line(label, run["y"], run["x"], "reference" if label == "recorded" else "ours")
+def _tracks(run: Recording, prediction: Recording, what: str) -> Panel:
+    """Recorded and predicted track; those of overshoots along the approach, on two scales."""
+    lines, turns = [], run.meta["kind"] == "turning_circle"
+    for one, label in ((run, "recorded"), (prediction, "predicted")):
+        x, y = (one[axis] - run[axis][0] for axis in ("x", "y"))
+        ahead, aside = earth_to_body(x, y, np.full(len(one), run["psi"][0]))
+        across, along = (aside, ahead) if turns else (ahead, aside)
+        lines.append(Line(label, across, along, "reference" if label == "recorded" else "ours"))
+    labels = ("y [m]", "x [m]") if turns else ("x [m]", "y [m]")
+    return Panel(*labels, lines, _short(run) + what, equal=turns)
 
 
 def _short(run: Recording) -> str:

@@ -25,9 +25,10 @@ QUICK_UPDATES = 60
 OVERSHOOT_STAGES = (
     {"steps": 10, "updates": 200, "rows": 60, "rate": 3e-3},
     {"steps": 30, "updates": 400, "rows": 60, "rate": 3e-3},
-    {"steps": 90, "updates": 300, "rows": 60, "rate": 2e-3, "track": 0.1},
+    {"steps": 90, "updates": 600, "rows": 60, "rate": 2e-3, "track": 0.1},
+    {"steps": None, "updates": 100, "rate": 1e-3, "track": 0.1},
 )
-"""Training on the eight overshoots: the usual stages, longer and with whole runs, learn them by heart."""
+"""Training on the eight overshoots: the usual stages are longer, and learn them more by heart."""
 SCORES, QUICK_SCORES = 40, 4
 """How often in a training the generalization is tested; in the paper every 10 epochs."""
 
