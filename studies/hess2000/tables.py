@@ -166,7 +166,7 @@ def cells(table: str, measures: pd.DataFrame) -> dict[str, list[Row]]:
                 larger = 1.5 * rounded if name == "percent" else rounded - 0.05
                 found[name].append({
                     "where": f"Table {table[1:]}", "variable": variable, "runs": f"{part} runs", "printed": printed,
-                    "ours": float(measures.loc[(part, variable), name]), "rounded": rounded, "larger": larger,
+                    "ours": float(measures[name][part, variable]), "rounded": rounded, "larger": larger,
                     "unit": unit,
                 })  # fmt: skip
     return found

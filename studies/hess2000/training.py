@@ -96,7 +96,7 @@ class BestWeights:
         """
         own = self.runs.own
         measures = error_measures(self.predict(own), own).loc["all"]
-        row = measures.loc[MEAN, list(MEASURES)].to_dict() | {"update": float(update), "loss": loss}
+        row = {name: float(measures[name][MEAN]) for name in MEASURES} | {"update": float(update), "loss": loss}
         row["absolute"] = float(measures["absolute"].drop(MEAN).mean())  # of unlike units, as in the paper's Fig. 7
         if not self.rows or row["average_angle"] > max(r["average_angle"] for r in self.rows):
             self.kept = deepcopy(self.network.state_dict())
