@@ -33,6 +33,12 @@ TINY_ENSEMBLE = (
 )  # fmt: skip
 
 
+@pytest.fixture(autouse=True)
+def typed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every test begins as if train had been typed, whatever ran in this process before."""
+    monkeypatch.setattr(guard, "command", "train")
+
+
 @dataclass(frozen=True)
 class Ended:
     """How a command ended."""

@@ -122,7 +122,7 @@ def test_every_network_fit_and_experiment_can_be_made(words, composed):
     x = job.data.tuples.inputs
     if isinstance(fit.dynamics, IdentifiedShip):
         assert fit.unknown_force(x.to(job.dtype)).shape == (len(x), 3)
-    fit.configure_optimizers()
+        fit.configure_optimizers()  # that of a recursive fit comes with its windows, which a trainer makes
 
 
 @pytest.mark.parametrize("name", options("recording"))

@@ -36,10 +36,10 @@ def refused(ended, out, *told) -> None:
 @pytest.mark.parametrize(
     "words, told",
     [
-        ("ship=submarine", "choose one of: esso_190k"),
+        ("ship=submarine", "choose one of: container"),
         ("effect=wind", "effect=wind is unknown; choose one of: bank, bow_thruster, current"),
-        ("score=[zz20,zz21]", "manoeuvre in score 'zz21' is unknown; choose one of: mixed_zigzag"),
-        ("manoeuvre=zz21", "manoeuvre=zz21 is unknown; choose one of: mixed_zigzag"),
+        ("score=[zz20,zz21]", "manoeuvre in score 'zz21' is unknown; choose one of: circles"),
+        ("manoeuvre=zz21", "manoeuvre=zz21 is unknown; choose one of: circles"),
         ("manoeuvre=zigzag manoeuvre.zigzag.rudder_deg=50", "the Mariner stops at 35 deg: write a smaller rudder_deg"),
         ("manoeuvre.speed_kn=-5", "manoeuvre.speed_kn=-5: expected an approach speed in knots, more than 0"),
         ("data.length=10", "too short for the Mariner: write at least 40 s"),

@@ -23,6 +23,8 @@ OWN = ("config_dir", "--config-dir", "-cd")
 GROUPS = sorted(path.name for path in CONF.iterdir() if path.is_dir())
 OF_THE_USER = {"hydra", "plugins", "config_dir"}
 """Settings that are said on the command line and nowhere else."""
+COMMON = ("speed_kn", "rudder_split_deg", "shaft_split")
+"""Settings of the group manoeuvre that hold for all manoeuvres."""
 own_modules: set[str] = set()
 """Modules of the user's own that were named with ``plugins=``: configs may name what they define."""
 FOLLOWING = ("linear", "network", "fit")
@@ -188,7 +190,7 @@ def _ship_name(ship: Any) -> str:
 
 def _run_name(ship: Any, manoeuvre: Any, data: Any, effect: Any = None) -> str:
     """Ship, manoeuvres and effects joined, or ``recordings``: what the output folder is called after."""
-    sailed = [k for k in manoeuvre if k != "speed_kn"] + list(effect or {})
+    sailed = [k for k in manoeuvre if k not in COMMON] + list(effect or {})
     return "_".join([_ship_name(ship), *(["recordings"] if "files" in data else sailed)])
 
 
