@@ -92,6 +92,12 @@ def _run(words) -> int:
 
 
 @pytest.fixture(scope="session")
+def typed_train() -> Callable[[list[str]], int]:
+    """What ``train.py`` with some words ends with, for fixtures that last for longer than a test."""
+    return _run
+
+
+@pytest.fixture(scope="session")
 def done(tmp_path_factory) -> Path:
     """The folder of a complete tiny run."""
     out = tmp_path_factory.mktemp("done") / "run"

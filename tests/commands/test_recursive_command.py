@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from fleet import unchecked
 
 import manoeuvre_nn as mnn
 from manoeuvre_nn.commands.job import load_model
@@ -23,12 +24,10 @@ CIRCLES = (
 
 
 @pytest.fixture(scope="module")
-def out(tmp_path_factory) -> Path:
-    from conftest import _run, unchecked
-
+def out(tmp_path_factory, typed_train) -> Path:
     folder = tmp_path_factory.mktemp("recursive") / "run"
     with unchecked():
-        assert _run([*TINY, *CIRCLES, f"hydra.run.dir={folder}"]) == 0
+        assert typed_train([*TINY, *CIRCLES, f"hydra.run.dir={folder}"]) == 0
     return folder
 
 

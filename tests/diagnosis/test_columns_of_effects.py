@@ -29,11 +29,11 @@ from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.estimation.corrections import MISSING, Calibrated, Corrections
 from manoeuvre_nn.estimation.data_set import FIRST_NOISE, WhitenedDataSet, whitened_data_set
 from manoeuvre_nn.estimation.effect_columns import (
-    _memory,
     blade_along,
     coefficient_columns,
     contribution,
     latency_column,
+    own_states,
     perfect,
 )
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
@@ -245,7 +245,7 @@ def test_own_states_are_those_of_an_ode_solver_along_the_track(name):
     effect = LARGE[name]
     with unchecked():
         s = line.situation
-        found = _memory(effect.at(effect.values[None, None]), s, 1, line.run.step)[0].numpy()
+        found = own_states(effect.at(effect.values[None, None]), s, 1, line.run.step)[0].numpy()
     t, p = line.run.time, SHIP.particulars
     u, r, vdot = line.track[:, 0], line.track[:, 2], s.nudot[:, 1].numpy()
     if name == "power_limit":

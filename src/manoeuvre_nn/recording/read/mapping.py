@@ -149,7 +149,7 @@ class Mapping:
     def table(self) -> dict[str, Any]:
         """What :func:`~manoeuvre_nn.recording.read.table.read_table` asks: columns, how a text is cut into them."""
         columns = {name: c.column for name, c in self.channels.items()}
-        always = {name for name in REQUIRED if not set(columns).issuperset(SIDES.get(name, [name]))}
+        always = {name for name in REQUIRED if name not in SIDES or not set(columns).issuperset(SIDES[name])}
         needed = {self.time.column, *(c for name, c in columns.items() if name in always or not self.optional)}
         settings = {key: getattr(self, key) for key in ("delimiter", "decimal", "header", "skip_rows")}
         optional = [c for c in columns.values() if c not in needed]
