@@ -1,5 +1,6 @@
 """What the helmsman does: a list of rudder orders, each with the event that ends it."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -140,20 +141,30 @@ def side_sign(what: str, side: object) -> int:
     return 1 if side == "starboard" else -1
 
 
-def sides(what: str, side: object) -> tuple[str, ...]:
-    """Sides that a setting names: starboard, port or both; ``what`` is its name, and all else is refused."""
-    if side == "both":
-        return "starboard", "port"
-    if not isinstance(side, str) or side not in {"starboard", "port"}:
-        raise InputError(f"{what}={side!r}: write starboard, port or both")
-    return (side,)
+def set_of(
+    trial: Callable[[float, str], Manoeuvre], rudder_deg: Sequence[float], speed_kn: Sequence[float], side: str
+) -> list[Manoeuvre]:
+    """A trial with every rudder angle at every approach speed.
 
+    Args:
+        trial: Rudder angle [deg] and side -> the trial.
+        rudder_deg: Rudder angles [deg].
+        speed_kn: Approach speeds [kn].
+        side: starboard, port or both.
 
-def check_speed(what: str, value: float) -> float:
-    """An approach speed given in knots, in m/s; ``what`` is its name, and one that is not positive is refused."""
-    if not value > 0:
-        raise InputError(f"{what}={value}: expected an approach speed in knots, more than 0")
-    return value * KNOT
+    Returns:
+        The trials, their speed behind the name.
+
+    Raises:
+        InputError: If a speed is not positive or the side is none of these.
+    """
+    if side not in {"starboard", "port", "both"}:
+        raise InputError(f"manoeuvre side={side!r}: write starboard, port or both")
+    if not all(speed > 0 for speed in speed_kn):
+        raise InputError(f"manoeuvre speed_kn={list(speed_kn)}: expected approach speeds in knots, more than 0")
+    sides = ("starboard", "port") if side == "both" else (side,)
+    made = [(trial(angle, one), speed) for speed in speed_kn for angle in rudder_deg for one in sides]
+    return [replace(m, name=f"{m.name}_{speed:g}kn", speed=speed * KNOT) for m, speed in made]
 
 
 def check_duration(what: str, value: float | None) -> None:

@@ -13,7 +13,7 @@ from torch import Tensor
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Ship
-from manoeuvre_nn.dynamics.recorded_inputs import air_velocity
+from manoeuvre_nn.dynamics.recorded_inputs import air_velocity, sided
 
 FROM_REST = 0.05
 """Speed over the ship's own below which a run starts from rest."""
@@ -130,13 +130,6 @@ def start_speed(recording: Recording, ship: Ship) -> float:
     """
     own, speed = ship.particulars.speed, float(np.hypot(recording["u"][0], recording["v"][0]))
     return speed if speed > FROM_REST * own else own
-
-
-def sided(recording: Recording, quantity: str, alike: np.ndarray | None = None) -> list[np.ndarray]:
-    """A channel of starboard and port; the mean of both where no more was recorded, ``alike`` without that."""
-    mean = recording[quantity] if quantity in recording.channels or alike is None else alike
-    names = [f"{quantity}_{side}" for side in ("starboard", "port")]
-    return [recording[name] if name in recording.channels else mean for name in names]
 
 
 def course_of(

@@ -87,19 +87,19 @@ def recorded_inputs(
         shaft = recording["n"] * 60 / model.hull.shaft_rpm if known else approach
         north, east = air_velocity(recording, ship)
         values = {"shaft": shaft, "approach": approach, "wind_north": north, "wind_east": east}
-        values["delta_split"] = _half_difference(recording, "delta")
-        values["shaft_split"] = _half_difference(recording, "n") * 60 / model.hull.shaft_rpm
+        (rudder, other), (n, opposite) = (sided(recording, k, np.zeros(len(recording))) for k in ("delta", "n"))
+        values["delta_split"] = 0.5 * (rudder - other)
+        values["shaft_split"] = 0.5 * (n - opposite) * 60 / model.hull.shaft_rpm
         for name, rows in made.items():
             rows.append(np.interp(at, recording.time, values[name]))
     return made
 
 
-def _half_difference(recording: Recording, channel: str) -> Float[np.ndarray, " n"]:
-    """Half of what the starboard one of a channel has more than the port one; 0 where they were not recorded."""
-    names = f"{channel}_starboard", f"{channel}_port"
-    if not all(name in recording.channels for name in names):
-        return np.zeros(len(recording))
-    return 0.5 * (recording[names[0]] - recording[names[1]])
+def sided(recording: Recording, quantity: str, alike: np.ndarray | None = None) -> list[np.ndarray]:
+    """A channel of starboard and port; the mean of both where no more was recorded, ``alike`` without that."""
+    mean = recording[quantity] if quantity in recording.channels or alike is None else alike
+    names = [f"{quantity}_{side}" for side in ("starboard", "port")]
+    return [recording[name] if name in recording.channels else mean for name in names]
 
 
 def approach_speed(recording: Recording, ship: Particulars) -> float:

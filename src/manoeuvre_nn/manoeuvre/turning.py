@@ -1,11 +1,10 @@
 """Turning circle and pull-out."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from math import pi
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage, check_degrees, check_duration, check_speed, side_sign, sides
+from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage, check_degrees, check_duration, set_of, side_sign
 
 TACTICAL_LENGTHS = 200.0
 """Ship lengths at approach speed in which a circle of 540 deg is over at 5 deg of rudder, with the approach before."""
@@ -85,13 +84,7 @@ def tactical_circles(
     Returns:
         The manoeuvres, named ``circle35_20kn``.
     """
-    return [
-        replace(m, name=f"{m.name}_{speed:g}kn", speed=check_speed("manoeuvre speed_kn", speed))
-        for speed in speed_kn
-        for angle in rudder_deg
-        for one in sides("manoeuvre side", side)
-        for m in [tactical_circle(angle, one, approach, turn_deg)]
-    ]
+    return set_of(lambda angle, one: tactical_circle(angle, one, approach, turn_deg), rudder_deg, speed_kn, side)
 
 
 def pull_out(

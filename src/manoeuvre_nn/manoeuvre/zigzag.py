@@ -1,10 +1,9 @@
 """Zigzag (Kempf) trials."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage, check_degrees, check_duration, check_speed, side_sign, sides
+from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage, check_degrees, check_duration, set_of, side_sign
 from manoeuvre_nn.core.units import DEGREE
 
 UNLIMITED = 60
@@ -108,13 +107,7 @@ def overshoots(
     Returns:
         The manoeuvres, named ``overshoot20_12kn``.
     """
-    return [
-        replace(m, name=f"{m.name}_{speed:g}kn", speed=check_speed("manoeuvre speed_kn", speed))
-        for speed in speed_kn
-        for angle in rudder_deg
-        for one in sides("manoeuvre first", first)
-        for m in [overshoot(angle, one, approach, cycles)]
-    ]
+    return set_of(lambda angle, one: overshoot(angle, one, approach, cycles), rudder_deg, speed_kn, first)
 
 
 def mixed_zigzag(
