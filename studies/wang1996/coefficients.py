@@ -7,8 +7,9 @@ import torch
 
 from manoeuvre_nn.core.prime import PrimeSystem
 from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.scaling import Scaling
 from manoeuvre_nn.dynamics.base import Model
-from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip, Scaling
+from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.network.perceptron import Perceptron, wang_network

@@ -12,8 +12,9 @@ from torch import Tensor
 
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.scaling import Scaling
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip, Scaling
+from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
 from manoeuvre_nn.dynamics.rollout import roll_out, rollout
 from manoeuvre_nn.dynamics.simulate import on_approach, sample_times, to_recordings
 from manoeuvre_nn.manoeuvre.spiral import spiral

@@ -9,7 +9,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from manoeuvre_nn.dynamics.model import IdentifiedShip, Scaling
+from manoeuvre_nn.core.scaling import Scaling
+from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.network.perceptron import Activation, Initial, Perceptron
 from manoeuvre_nn.numerics.damping import Stops
 from manoeuvre_nn.numerics.one_hidden import OneHidden

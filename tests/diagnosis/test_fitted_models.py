@@ -14,13 +14,14 @@ from pytest import approx
 from trials import CALM, CIRCLE, NOISE, ZIGZAG, runs
 
 from manoeuvre_nn.core.inputs import Inputs
+from manoeuvre_nn.core.scaling import Scaling
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis.case import Case, Question
 from manoeuvre_nn.diagnosis.diagnose import diagnose
 from manoeuvre_nn.diagnosis.gusts import _course, gusty_evidence
 from manoeuvre_nn.diagnosis.words import left_open, summary_sentence
 from manoeuvre_nn.dynamics.base import Model, calm_accelerations, is_fitted
-from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip, Scaling
+from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.rudder import RudderOffset

@@ -7,10 +7,11 @@ from pytest import approx
 from trials import CALM, SHIP, run_of, sailed
 
 from manoeuvre_nn.core.channels import MEASURED
+from manoeuvre_nn.core.scaling import Scaling
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis.repair import predict
 from manoeuvre_nn.dynamics.base import calm_accelerations
-from manoeuvre_nn.dynamics.model import IdentifiedShip, Scaling
+from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linearised_run import Rate

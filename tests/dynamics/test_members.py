@@ -9,9 +9,10 @@ from fleet import unchecked
 from pytest import approx
 
 from manoeuvre_nn.core.inputs import Inputs
+from manoeuvre_nn.core.scaling import Scaling
 from manoeuvre_nn.dynamics.base import calm_accelerations
 from manoeuvre_nn.dynamics.members import Members, has_members, replay_members, sail_members
-from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip, Scaling
+from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
 from manoeuvre_nn.dynamics.replay import replay
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.manoeuvre.straight import straight

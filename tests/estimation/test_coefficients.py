@@ -9,8 +9,9 @@ from fleet import SHIPS, ship_named, unchecked
 from pytest import approx
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.scaling import Scaling
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip, Scaling
+from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.estimation.agreement import widened
 from manoeuvre_nn.estimation.coefficient_forces import own_forces, series_forces

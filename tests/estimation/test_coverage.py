@@ -13,7 +13,8 @@ from fleet import ship_named, unchecked
 from pytest import approx
 
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.dynamics.model import IdentifiedShip, Scaling
+from manoeuvre_nn.core.scaling import Scaling
+from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.estimation.agreement import birge_ratio
 from manoeuvre_nn.estimation.closed_loop import first, solve
 from manoeuvre_nn.estimation.coefficient_forces import CoefficientForces, own_forces, series_forces

@@ -15,8 +15,9 @@ from manoeuvre_nn.core.data_files import load_yaml
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.network import Network
 from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.scaling import Scaling
 from manoeuvre_nn.core.ship import Particulars, Ship
-from manoeuvre_nn.dynamics.model import IdentifiedShip, Scaling
+from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.dynamics.recursive import RecursiveShip, joined_model
 from manoeuvre_nn.training import session
 from manoeuvre_nn.training.checkpoint import load_weights, read_checkpoint

@@ -6,6 +6,7 @@ from torch import Tensor, nn
 
 from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.network import Network
+from manoeuvre_nn.core.scaling import Scaling
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.dynamics.base import Model, rate_of_state
 
@@ -54,7 +55,7 @@ class IdentifiedShip(Model):
         Wang 1996, eqs 4.30-4.35; Rajesh & Bhattacharyya 2009, eqs 10-12.
     """
 
-    def __init__(self, known: Ship, network: Network, scaling: "Scaling") -> None:
+    def __init__(self, known: Ship, network: Network, scaling: Scaling) -> None:
         """Join the parts."""
         super().__init__()
         self.known, self.network, self.scaling = known, network, scaling
@@ -131,38 +132,3 @@ class IdentifiedShip(Model):
         known = self.known.on_approach(speed)
         network = self.network.at_shaft(known.shaft_rpm / self.known.shaft_rpm)
         return IdentifiedShip(known, network, self.scaling)
-
-
-class Scaling(nn.Module):
-    """Shift and scale between prime variables and what a network sees.
-
-    Attributes:
-        shift: Subtracted from (u', v', r', delta), shape (4,).
-        scale: Divides them then, shape (4,).
-        output_scale: Multiplies the network's outputs, shape (3,).
-    """
-
-    shift: Tensor
-    scale: Tensor
-    output_scale: Tensor
-
-    def __init__(
-        self, shift: Float[Tensor, " 4"], scale: Float[Tensor, " 4"], output_scale: Float[Tensor, " 3"]
-    ) -> None:
-        """Store the numbers as buffers, so that a checkpoint holds them."""
-        super().__init__()
-        self.register_buffer("shift", shift)
-        self.register_buffer("scale", scale)
-        self.register_buffer("output_scale", output_scale)
-
-    def inputs(self, prime: Float[Tensor, "*batch 4"]) -> Float[Tensor, "*batch 4"]:
-        """What the network sees of u', v', r', delta."""
-        return (prime - self.shift) / self.scale
-
-    def outputs(self, g: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
-        """What the network is trained on: scaled g'."""
-        return g / self.output_scale
-
-    def restore(self, outputs: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
-        """Restore g' from the network's outputs."""
-        return outputs * self.output_scale

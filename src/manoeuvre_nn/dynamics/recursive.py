@@ -11,13 +11,14 @@ from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.network import Network
 from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.scaling import Scaling
 from manoeuvre_nn.core.ship import Particulars, Ship, WindAreas
 from manoeuvre_nn.core.units import GRAVITY
 from manoeuvre_nn.core.wind import COEFFICIENTS, usual_kind
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.closed_loop_gradient import closed_loop
 from manoeuvre_nn.dynamics.course import Course
-from manoeuvre_nn.dynamics.model import IdentifiedShip, Scaling
+from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.dynamics.recursion import MIN_SPEED, RecordedSteps, Recursion, Unrolled, track_of
 from manoeuvre_nn.dynamics.recursive_runs import driven, steered
 from manoeuvre_nn.network.force_modules import BasicForces, ForceConstants

@@ -8,9 +8,10 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.scaling import Scaling
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.dynamics.base import Model
-from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip, Scaling
+from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
 from manoeuvre_nn.estimation.derivatives import ABKOWITZ, taylor_columns
 from manoeuvre_nn.recording.tuples import Tuples
 from manoeuvre_nn.ship.known import clarke_part

@@ -33,7 +33,9 @@ from manoeuvre_nn.recording.tuples import Tuples, to_tuples
 from manoeuvre_nn.scoring.held_out import HeldOut, references, simulated_references
 from manoeuvre_nn.training.settings import check_length, check_positive, check_simulable, expand, noise_in_si
 
-Batch = tuple[Float[Tensor, "n 4"], Float[Tensor, "n 3"], Float[Tensor, "k 4"], Float[Tensor, "k 3"]]
+Batch = tuple[
+    Float[Tensor, "n inputs"], Float[Tensor, "n outputs"], Float[Tensor, "k inputs"], Float[Tensor, "k outputs"]
+]
 """Training inputs and targets, validation inputs and targets."""
 
 DEFAULT_SCORE = ("zz20", "tc25", "tc25_port")

@@ -12,6 +12,7 @@ from torch import Tensor
 from manoeuvre_nn import __version__
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.network import Network
+from manoeuvre_nn.core.response import Response
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.dynamics.recursive import RecursiveShip
 from manoeuvre_nn.network.perceptron import Perceptron
@@ -20,33 +21,33 @@ from manoeuvre_nn.numerics.levenberg_marquardt import LevenbergMarquardt
 from manoeuvre_nn.numerics.one_hidden import OneHidden
 from manoeuvre_nn.numerics.steepest_descent import RateSchedule, SteepestDescent, StoppingRules
 from manoeuvre_nn.training.checkpoint import VERSION_KEY
-from manoeuvre_nn.training.data import Batch, ManoeuvreData
+from manoeuvre_nn.training.data import Batch
 
 LARGEST_BLOCK = 2e7
 """Numbers in the largest block of a Jacobian that is built at once: 160 MB in double precision."""
 
 
 class Fit(ABC, L.LightningModule):
-    """A network being fitted to g.
+    """A network being fitted to g, or to a response.
 
     One epoch sees the whole data set once or, where an iteration is cheap, ``iterations_per_epoch`` times.
 
     Attributes:
-        dynamics: Known part, network and scaling: the model that is rolled out.
+        dynamics: The model: known part, network and scaling, or a response's network and scaling.
         stopped: Why the optimizer stopped of its own; empty while it runs.
     """
 
     dynamics: IdentifiedShip
     made_for: ClassVar[type[Network] | None] = None
     """The networks that the method trains; None are all that any method can train."""
-    errors_of: ClassVar[tuple[str, str, str]] = ("g1", "g2", "g3")
+    errors_of: tuple[str, ...] = ("g1", "g2", "g3")
     """What :meth:`relative_rmse` is the error of: forces, or what the network gives instead."""
 
-    def __init__(self, dynamics: IdentifiedShip | RecursiveShip, iterations_per_epoch: int) -> None:
+    def __init__(self, dynamics: IdentifiedShip | RecursiveShip | Response, iterations_per_epoch: int) -> None:
         """Store the model.
 
         Args:
-            dynamics: Known part, network and scaling, or ship and recursive network.
+            dynamics: Known part, network and scaling; ship and recursive network; or a response.
             iterations_per_epoch: Iterations of the optimizer in a Lightning epoch.
 
         Raises:
@@ -70,38 +71,40 @@ class Fit(ABC, L.LightningModule):
         """Whether the method can train networks of a class."""
         return network.any_fit if cls.made_for is None else issubclass(network, cls.made_for)
 
-    def rows(self, inputs: Float[Tensor, "n 4"]) -> Float[Tensor, "k n o"]:
+    def rows(self, inputs: Float[Tensor, "n inputs"]) -> Float[Tensor, "k n o"]:
         """Scaled network outputs, one row for each independent network."""
         network: Any = self.dynamics.network
         return network.rows(inputs) if hasattr(network, "rows") else network(inputs)[None]
 
-    def scaled(self, inputs: Float[Tensor, "n 4"], targets: Float[Tensor, "n 3"]) -> tuple[Tensor, Tensor]:
-        """Prime tuples as the network's rows see them.
+    def scaled(self, inputs: Float[Tensor, "n inputs"], targets: Float[Tensor, "n outputs"]) -> tuple[Tensor, Tensor]:
+        """Tuples as the network's rows see them.
 
         Args:
-            inputs: u', v', r', delta.
-            targets: g'.
+            inputs: u', v', r', delta, or features of a response.
+            targets: g', or the response.
 
         Returns:
-            Scaled inputs (n, 4) and scaled targets, one row for each independent network (k, n, o).
+            Scaled inputs (n, i) and scaled targets, one row for each independent network (k, n, o).
         """
         x, y = self.dynamics.scaling.inputs(inputs), self.dynamics.scaling.outputs(targets)
         count = len(self.rows(x[:1]))
         return x, y.reshape(len(y), count, -1).movedim(1, 0)
 
     @torch.no_grad()
-    def unknown_force(self, inputs: Float[Tensor, "n 4"]) -> Float[Tensor, "n 3"]:
-        """Unknown forces g' [-] as the network gives them."""
+    def unknown_force(self, inputs: Float[Tensor, "n inputs"]) -> Float[Tensor, "n outputs"]:
+        """What the network gives, restored: unknown forces g' [-], or the response."""
         scaling = self.dynamics.scaling
         return scaling.restore(self.dynamics.network(scaling.inputs(inputs)))
 
     @torch.no_grad()
-    def relative_rmse(self, inputs: Float[Tensor, "n 4"], targets: Float[Tensor, "n 3"]) -> Float[Tensor, " 3"]:
-        """Root mean square error of each g over its root mean square [-]."""
+    def relative_rmse(
+        self, inputs: Float[Tensor, "n inputs"], targets: Float[Tensor, "n outputs"]
+    ) -> Float[Tensor, " outputs"]:
+        """Root mean square error of each target over its root mean square [-]."""
         g = self.unknown_force(inputs)
         return ((g - targets).square().mean(0) / targets.square().mean(0).clamp(min=1e-30)).sqrt()
 
-    def generalization_error(self, data: ManoeuvreData) -> float | None:
+    def generalization_error(self, data: L.LightningDataModule) -> float | None:
         """The error by which a network is chosen; None for the mean deviation on held-out runs."""
         return None
 
@@ -127,7 +130,7 @@ class BackpropFit(Fit):
 
     def __init__(
         self,
-        dynamics: IdentifiedShip,
+        dynamics: IdentifiedShip | Response,
         *,
         batch_size: int | None = None,
         momentum: float = 0.9,
@@ -139,7 +142,7 @@ class BackpropFit(Fit):
         """Set up the method.
 
         Args:
-            dynamics: Known part, network and scaling.
+            dynamics: The model.
             batch_size: Samples an iteration: 1 is the thesis' per-sample rule, None all samples.
             momentum: alpha of eqs 2.20-2.21 [-].
             schedule: Training rate over iterations; by default the thesis'.
@@ -212,7 +215,7 @@ class LevenbergMarquardtFit(Fit):
 
     def __init__(
         self,
-        dynamics: IdentifiedShip,
+        dynamics: IdentifiedShip | Response,
         *,
         damping: Damping | None = None,
         stops: Stops | None = None,
@@ -221,7 +224,7 @@ class LevenbergMarquardtFit(Fit):
         """Set up the method.
 
         Args:
-            dynamics: Known part, network and scaling.
+            dynamics: The model.
             damping: How mu follows the steps; by default TRAINLM's rule.
             stops: When a row is done; by default when its gradient is 1e-13. Epochs are counted by the trainer.
             iterations_per_epoch: Levenberg-Marquardt epochs in a Lightning epoch.

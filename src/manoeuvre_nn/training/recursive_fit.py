@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from time import process_time
 from typing import Any
 
+import lightning as L
 import numpy as np
 import torch
 from jaxtyping import Float
@@ -197,7 +198,7 @@ class RecursiveFit(Fit):
         errors = self.windows.step_errors()
         return inputs.new_tensor([errors[name] for name in self.errors_of])
 
-    def generalization_error(self, data: ManoeuvreData) -> float | None:
+    def generalization_error(self, data: L.LightningDataModule) -> float | None:
         """One less the average angle measure, over u, x, y, phi, psi, training and held-out runs.
 
         The runs are driven by their recorded controls.
@@ -213,4 +214,5 @@ class RecursiveFit(Fit):
         """
         if self.settings.choose_by == "held_out":
             return None
+        assert isinstance(data, ManoeuvreData)
         return 1 - generalization(self.dynamics, [*data.recordings, *data.held_out.references])["average_angle"]

@@ -9,13 +9,14 @@ import numpy as np
 import torch
 from lightning.pytorch.loggers import TensorBoardLogger
 
-from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.errors import check_choice
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.limits import OK
 from manoeuvre_nn.scoring.held_out import HeldOut, Solver
 from manoeuvre_nn.scoring.score import Score
 from manoeuvre_nn.training.fits import Fit
+from manoeuvre_nn.training.scorer import Scorer
 
 MONITOR = "score/dev_L"
 """What checkpoints and early stopping look at: mean over the held-out manoeuvres of the largest deviation over L."""
@@ -27,13 +28,18 @@ Draw = Callable[[Recording, Recording], Mapping[str, Any]]
 """Reference and prediction -> name -> matplotlib figure."""
 
 
-class RolloutScore(L.Callback):
+class RolloutScore(Scorer):
     """Every k-th epoch, sail the held-out manoeuvres with the network in the loop and score them.
 
     Attributes:
         scores: The last scores.
         history: Epoch, training error, relRMSE of g and scores of every scored epoch.
     """
+
+    monitor = MONITOR
+    in_words = "held-out dev {:.3g} L"
+    scored_on = "these very manoeuvres"
+    for_others = "for new manoeuvres"
 
     def __init__(self, held_out: HeldOut, *, every: int = 1, solver: Solver = "torchdiffeq", figures_every: int = 0,
                  draw: Draw | None = None) -> None:  # fmt: skip
@@ -45,40 +51,28 @@ class RolloutScore(L.Callback):
             solver: ``torchdiffeq`` to a tolerance, or ``rollout``, all manoeuvres as one fixed-step batch.
             figures_every: Scores between figures in TensorBoard; 0 draws none.
             draw: Makes the figures of one manoeuvre.
-
-        Raises:
-            InputError: If ``every`` is not positive or the solver is unknown.
         """
         check_choice("scoring.solver", solver, ["torchdiffeq", "rollout"])
-        if every < 1:
-            raise InputError(f"scoring.every={every}: expected at least 1 epoch")
-        self.held_out, self.every, self.solver = held_out, every, solver
+        super().__init__(every)
+        self.held_out, self.solver = held_out, solver
         self.figures_every, self.draw = figures_every, draw
         self.scores: list[Score] = []
-        self.history: list[dict[str, float]] = []
 
-    def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Score, if it is the turn of this epoch or it is the last one."""
-        last = trainer.should_stop or trainer.current_epoch + 1 == trainer.max_epochs
-        if (trainer.current_epoch + 1) % self.every and not last:
-            return
+    def score(self, trainer: L.Trainer, pl_module: L.LightningModule) -> dict[str, float]:
+        """dev/L and the other scores of the held-out manoeuvres, relRMSE of g, and the error that the fit states."""
         assert isinstance(pl_module, Fit)
         predictions = self.held_out.predict(for_solvers(pl_module.dynamics), self.solver)
         self.scores = self.held_out.score(predictions)
-        values = scalars(self.scores)
-        pl_module.log_dict(values, on_epoch=True)
         inputs, targets = trainer.datamodule.train_dataloader().dataset[0][:2]  # type: ignore[attr-defined]
         errors = pl_module.relative_rmse(inputs.to(pl_module.device), targets.to(pl_module.device))
         relative = {f"train/relrmse_{name}": float(e) for name, e in zip(pl_module.errors_of, errors, strict=True)}
-        pl_module.log_dict(relative, on_epoch=True)
+        values = {**relative, **scalars(self.scores)}
         chosen_by = pl_module.generalization_error(trainer.datamodule)  # type: ignore[attr-defined]
         if chosen_by is not None:
             values[GENERALIZATION] = chosen_by
-            pl_module.log(GENERALIZATION, chosen_by, on_epoch=True)
-        mse = float(trainer.callback_metrics.get("train/mse", np.nan))
-        self.history.append({"epoch": float(trainer.current_epoch + 1), "train/mse": mse, **relative, **values})
-        if self.draw and self.figures_every and len(self.history) % self.figures_every == 0:
+        if self.draw and self.figures_every and (len(self.history) + 1) % self.figures_every == 0:
             self._show(trainer, predictions)
+        return values
 
     def _show(self, trainer: L.Trainer, predictions: list[Recording]) -> None:
         """Figures of every manoeuvre to TensorBoard."""
@@ -88,27 +82,19 @@ class RolloutScore(L.Callback):
             for name, figure in self.draw(reference, prediction).items():
                 trainer.logger.experiment.add_figure(f"{reference.name}/{name}", figure, trainer.current_epoch + 1)
 
-    def scored(self, epoch: int) -> bool:
-        """Whether an epoch, counted from 1, is the one that was scored last."""
-        return bool(self.history) and self.history[-1]["epoch"] == epoch
+    def error_of(self, row: Mapping[str, float]) -> float:
+        """The error that the fit states, or dev/L."""
+        return row[GENERALIZATION] if GENERALIZATION in row else super().error_of(row)
 
-    @property
-    def best(self) -> dict[str, float]:
-        """The scored epoch with the smallest error; the first of equals."""
-        return min(self.history, key=error_of)
-
-    def state_dict(self) -> dict[str, Any]:
-        """The history, so that a resumed run goes on with it."""
-        return {"history": self.history}
-
-    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
-        """Take the history up again."""
-        self.history = list(state_dict["history"])
-
-
-def error_of(row: Mapping[str, float]) -> float:
-    """The error of a scored epoch by which a network is chosen."""
-    return row.get(GENERALIZATION, row[MONITOR])
+    def how_chosen(self) -> str:
+        """By the held-out manoeuvres, or by what the fit states."""
+        if GENERALIZATION not in self.best:
+            return super().how_chosen()
+        return (
+            f"The network is that of epoch {self.best['epoch']:.0f}, the best of {len(self.history)} by the error "
+            "over training and held-out runs together (trainer.keep=last takes the last one); a fair figure for new "
+            "manoeuvres is a little worse."
+        )
 
 
 def for_solvers(dynamics: Model) -> Model:

@@ -3,8 +3,8 @@
 import torch
 
 from manoeuvre_nn.core.errors import check_choice
+from manoeuvre_nn.core.scaling import Scaling
 from manoeuvre_nn.core.ship import Ship
-from manoeuvre_nn.dynamics.model import Scaling
 from manoeuvre_nn.recording.tuples import Tuples
 
 KINDS = ("source", "centred", "balanced", "standard", "mirrored", "speed", "approach")

@@ -19,9 +19,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.training.checkpoint import load_weights, read_checkpoint
-from manoeuvre_nn.training.data import ManoeuvreData
 from manoeuvre_nn.training.fits import Fit
-from manoeuvre_nn.training.rollout_score import GENERALIZATION, MONITOR, RolloutScore, error_of
+from manoeuvre_nn.training.scorer import Scorer
 
 CHECKPOINTS, DASHBOARD = "checkpoints", "tensorboard"
 CTRL_C, ALL_EPOCHS = "ctrl-C", "all epochs done"
@@ -71,7 +70,7 @@ class Trained:
         epochs: Epochs trained.
         seconds: Time that it took [s].
         stopped: Why it ended.
-        history: Scored epochs, see :class:`~manoeuvre_nn.training.rollout_score.RolloutScore`.
+        history: Scored epochs, see :class:`~manoeuvre_nn.training.scorer.Scorer`.
         chosen: How the network was chosen, in words.
         logger: TensorBoard's.
     """
@@ -94,13 +93,15 @@ class Trained:
         self.logger.finalize("success")
 
 
-def run(fit: Fit, data: ManoeuvreData, scorer: RolloutScore, session: Session, out: Path, console: Console) -> Trained:
+def run(
+    fit: Fit, data: L.LightningDataModule, scorer: Scorer, session: Session, out: Path, console: Console
+) -> Trained:
     """Train.
 
     Args:
         fit: The fit with its first weights.
         data: What to train on, set up.
-        scorer: The callback that scores held-out manoeuvres.
+        scorer: The callback that scores what the network has not been trained on.
         session: How long, and what to keep.
         out: Output folder: checkpoints and TensorBoard's files go there.
         console: Where to show progress.
@@ -115,7 +116,7 @@ def run(fit: Fit, data: ManoeuvreData, scorer: RolloutScore, session: Session, o
     keeper, graceful = _BestAndLast(scorer, out / CHECKPOINTS, session.patience), _GracefulStop(console)
     callbacks: list[L.Callback] = [scorer, graceful, keeper]
     if session.progress:
-        callbacks.append(_RunProgress(console))
+        callbacks.append(_RunProgress(scorer, console))
     logger = TensorBoardLogger(out, name="", version=DASHBOARD, default_hp_metric=False)
     trainer = L.Trainer(
         accelerator=session.accelerator,
@@ -161,20 +162,11 @@ def _why(fit: Fit, trainer: L.Trainer, interrupted: bool) -> str:
     return ALL_EPOCHS if trainer.current_epoch >= (trainer.max_epochs or 0) else "no better held-out score"
 
 
-def _choice(session: Session, scorer: RolloutScore) -> str:
-    """How the network was chosen: a choice by the held-out score makes that score a little too good."""
+def _choice(session: Session, scorer: Scorer) -> str:
+    """How the network was chosen."""
     if session.keep == "last" or not scorer.history:
         return "The network is the last one of the training."
-    if GENERALIZATION in scorer.best:
-        return (
-            f"The network is that of epoch {scorer.best['epoch']:.0f}, the best of {len(scorer.history)} by the error "
-            "over training and held-out runs together (trainer.keep=last takes the last one); a fair figure for new "
-            "manoeuvres is a little worse."
-        )
-    return (
-        f"The network is that of epoch {scorer.best['epoch']:.0f}, the best of {len(scorer.history)} scores on these "
-        "very manoeuvres (trainer.keep=last takes the last one); a fair figure for new manoeuvres is a little worse."
-    )
+    return scorer.how_chosen()
 
 
 def _quiet() -> None:
@@ -195,7 +187,7 @@ class _BestAndLast(Checkpoint):
         best: Weights at the best score; empty before the first.
     """
 
-    def __init__(self, scorer: RolloutScore, folder: Path, patience: int | None = None) -> None:
+    def __init__(self, scorer: Scorer, folder: Path, patience: int | None = None) -> None:
         """Set up.
 
         Args:
@@ -217,7 +209,7 @@ class _BestAndLast(Checkpoint):
             if self.scorer.best is self.scorer.history[-1]:
                 self.best = {name: value.detach().clone() for name, value in pl_module.state_dict().items()}
                 self._store(trainer, "best.ckpt")
-            scores, count = [error_of(row) for row in self.scorer.history], self.patience
+            scores, count = [self.scorer.error_of(row) for row in self.scorer.history], self.patience
             if count is not None and len(scores) > count and min(scores[-count:]) >= min(scores[:-count]):
                 trainer.should_stop = True
         self._store(trainer, "last.ckpt")
@@ -240,9 +232,9 @@ class _BestAndLast(Checkpoint):
 class _RunProgress(L.Callback):
     """One bar for the whole fit where a person watches, a line now and then where nobody does."""
 
-    def __init__(self, console: Console | None = None, seconds: float = 15.0) -> None:
+    def __init__(self, scorer: Scorer, console: Console | None = None, seconds: float = 15.0) -> None:
         """Set up the display; without a terminal there are some seconds between lines."""
-        self.console, self.seconds = console or Console(), seconds
+        self.scorer, self.console, self.seconds = scorer, console or Console(), seconds
         self._bar: Progress | None = None
         self._shown = 0.0
 
@@ -268,8 +260,8 @@ class _RunProgress(L.Callback):
         """Show the epoch, the training error and the last score."""
         metrics = trainer.callback_metrics
         note = f"mse {float(metrics['train/mse']):.2e}" if "train/mse" in metrics else ""
-        if MONITOR in metrics:
-            note += f"  held-out dev {float(metrics[MONITOR]):.3g} L"
+        if self.scorer.monitor in metrics:
+            note += "  " + self.scorer.in_words.format(float(metrics[self.scorer.monitor]))
         if self._bar is not None:
             self._bar.update(self._bar.task_ids[0], completed=trainer.current_epoch + 1, note=note)
         elif monotonic() - self._shown > self.seconds:

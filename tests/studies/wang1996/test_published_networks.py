@@ -6,7 +6,8 @@ import pytest
 import torch
 from fleet import ship_named, unchecked
 
-from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip, Scaling
+from manoeuvre_nn.core.scaling import Scaling
+from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.recording.tuples import to_tuples
