@@ -5,7 +5,7 @@ from fleet import unchecked
 from torch.utils.data import DataLoader
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.response import Response, Variable
+from manoeuvre_nn.core.response import Quantities, Response, Variable
 from manoeuvre_nn.core.scaling import Scaling
 from manoeuvre_nn.network.perceptron import Perceptron
 from manoeuvre_nn.network.radial import GeneralRegression, RadialBasis
@@ -19,7 +19,8 @@ OTHERS = torch.rand(200, 2, generator=torch.Generator().manual_seed(1), dtype=to
 
 def response(network) -> Response:
     scaling = Scaling(X.mean(0), X.std(0), Y.std(0), Y.mean(0))
-    return Response(network, scaling, [Variable(name, "", 1.0, name) for name in "ab"], Variable("y", "", 1.0, "y"))
+    a, b, y = (Variable(name, "", 1.0, name) for name in "aby")
+    return Response(network, scaling, Quantities([a, b], y, ["a", "b"]))
 
 
 def trained(fit, epochs: int = 100):
