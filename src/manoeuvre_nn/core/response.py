@@ -20,7 +20,7 @@ Number = TypeVar("Number", Tensor, Any)
 
 
 def encounter_frequency(of: Mapping[str, Number], cos: Callable[[Number], Number]) -> Number:
-    """Frequency at which the waves are met, ``w - w^2 V cos(beta)/g`` with w = 2 pi/T [rad/s]; beta = 0 is following."""
+    """Frequency at which waves are met, ``w - w^2 V cos(beta)/g`` with w = 2 pi/T [rad/s]; beta = 0 is following."""
     wave = 2 * pi / of["T"]
     return wave - wave**2 * of["V"] * cos(of["beta"]) / GRAVITY
 
@@ -119,8 +119,8 @@ class Quantities:
     Attributes:
         inputs: The variables.
         output: The response.
-        sees: What the network sees, one input each: a variable by its name, ``cos_`` and the name of an angle, or a name
-            of :data:`DERIVED`.
+        sees: What the network sees, one input each: a variable by its name, ``cos_`` and the name of an angle, or a
+            name of :data:`DERIVED`.
         per: Variable that the response is proportional to; None for none.
     """
 
