@@ -8,13 +8,14 @@ import yaml
 from fleet import SHIPS
 
 from manoeuvre_nn.core.data_files import CONF
-from manoeuvre_nn.core.response import Response, Variable
+from manoeuvre_nn.core.response import Quantities, Response, Variable
 from manoeuvre_nn.core.scaling import Scaling
 from manoeuvre_nn.core.units import DEGREE, KNOT
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
 from manoeuvre_nn.estimation.baselines import FittedProducts, own_part
 from manoeuvre_nn.network.hull_rudder import HullRudder, HullRudderSettings
 from manoeuvre_nn.network.perceptron import Perceptron, rajesh_network, wang_network
+from manoeuvre_nn.network.radial import GeneralRegression, RadialBasis
 from manoeuvre_nn.network.series import Series, SeriesSettings
 from manoeuvre_nn.ship.esso_190k import esso_190k
 from manoeuvre_nn.ship.known import clarke_inertia_part, clarke_part, given_part, no_part
@@ -25,9 +26,9 @@ GIVEN = {"mx": 0.2, "my": 0.3, "mz": 0.02, "Yrdot": -0.01, "Nvdot": 0.003}
 VARIABLES = (
     Variable("d", "m", 1.0, "draught", low=5.0, high=11.0),
     Variable("V", "kn", KNOT, "speed", low=0.0, high=20 * KNOT),
-    Variable("beta", "deg", DEGREE, "heading to the waves", r"\beta", 0.0, pi, seen="cos"),
+    Variable("beta", "deg", DEGREE, "heading to the waves", r"\beta", 0.0, pi),
     Variable("Hs", "m", 1.0, "significant wave height", "H_s", 2.0, 5.0),
-    Variable("lambda_", "-", 1.0, "not seen by the network", seen="none", low=0.0, high=1.0),
+    Variable("T", "s", 1.0, "mean period", low=6.5, high=14.5),
 )
 PITCH = Variable("pitch", "deg", DEGREE, "significant pitch amplitude", r"\psi_{1/3}")
 
@@ -63,10 +64,27 @@ def learnt(ship) -> FittedProducts:
     return part
 
 
-def response(per: str | None, activation: str = "sigmoid", *, shifted: bool = True) -> Response:
-    seen = 3 if per else 4
-    network = Perceptron((1, seen, 7, 1), activation, "normal", seed=2)
-    return Response(network, scaling(seen, 1, shifted=shifted), VARIABLES, PITCH, per).requires_grad_(False)
+SEES = ("d", "V", "cos_beta", "Hs", "T")
+
+
+def response(network=None, per: str | None = None, sees: tuple[str, ...] = SEES, *, shifted: bool = True) -> Response:
+    sees = tuple(one for one in sees if one != per)
+    network = Perceptron((1, len(sees), 7, 1), "sigmoid", "normal", seed=2) if network is None else network
+    quantities = Quantities(VARIABLES, PITCH, sees, per)
+    return Response(network, scaling(len(sees), 1, shifted=shifted), quantities).requires_grad_(False)
+
+
+def radial() -> RadialBasis:
+    network = RadialBasis(5, 30, seed=4)
+    network.output_weights.copy_(drawn(1, 31, seed=7))
+    network.widths.copy_(1.0 + drawn(30, seed=8).abs())
+    return network
+
+
+def regression(count: int = 110) -> GeneralRegression:
+    network = GeneralRegression(5)
+    network.store(drawn(count, 5, seed=9), drawn(count, 1, seed=10), 0.3 + drawn(5, seed=11).abs())
+    return network
 
 
 NETWORKS = {
@@ -98,10 +116,13 @@ MAKERS = {
     **{name: lambda make=make: joined(clarke_part(mariner()), make()) for name, make in NETWORKS.items()},
     **{f"linear={name}": lambda make=make: joined(make(), rajesh_network(4)) for name, make in KNOWN.items()},
     **{name: lambda make=make: CalmWater(make()) for name, make in SHIPS.items()},
-    "response": lambda: response(None),
-    "response over wave height": lambda: response("Hs", "tanh"),
-    "response without a shift": lambda: response(None, shifted=False),
-}  # fmt: skip
+    "response": lambda: response(),
+    "response over wave height": lambda: response(per="Hs"),
+    "response without a shift": lambda: response(shifted=False),
+    "response by theory's inputs": lambda: response(sees=("d", "encounter_frequency", "wave_number_along", "cos_beta")),
+    "radial basis": lambda: response(radial()),
+    "general regression": lambda: response(regression()),
+}
 
 
 @cache

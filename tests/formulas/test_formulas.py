@@ -9,12 +9,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from models import MAKERS, PITCH, VARIABLES, ensemble, model, response, scaling
+from models import MAKERS, PITCH, VARIABLES, ensemble, model, regression, response, scaling
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.network import Network
-from manoeuvre_nn.core.response import Response, Variable
+from manoeuvre_nn.core.response import Quantities, Response, Variable
 from manoeuvre_nn.core.scaling import Scaling
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.formulas import check
@@ -53,9 +53,10 @@ def test_python_gives_the_number_that_is_worked_out_by_hand():
     of = Scaling(torch.tensor([1.0, 0.0], **double), torch.tensor([2.0, 1.0], **double), torch.tensor([0.5], **double))
     inputs = [
         Variable("V", "kn", 0.5, "speed", low=0.0, high=10.0),
-        Variable("beta", "deg", math.pi / 180, "heading", low=0.0, high=math.pi, seen="cos"),
+        Variable("beta", "deg", math.pi / 180, "heading", low=0.0, high=math.pi),
     ]
-    made = Response(network, of, inputs, Variable("height", "m", 1.0, "height")).double()
+    quantities = Quantities(inputs, Variable("height", "m", 1.0, "height"), ["V", "cos_beta"])
+    made = Response(network, of, quantities).double()
     module: dict = {}
     exec(python_text(to_program(made)), module)
     # V = 8 kn is 4 m/s: x_1 = (4 - 1)/2; beta = 60 deg: x_2 = .5; the node is 1/(1 + exp(-(1.5 - 1 + .5))).
@@ -92,7 +93,7 @@ def test_all_digits_of_all_weights_are_printed_in_every_format():
         assert wanted <= printed, kind
 
 
-@pytest.mark.parametrize("name", ["wang", "modulus", "hull_rudder_shaft", "response over wave height", "esso_190k"])
+@pytest.mark.parametrize("name", ["wang", "modulus", "hull_rudder_shaft", "radial basis", "general regression"])
 def test_a_page_compiles(name, tmp_path):
     if shutil.which("pdflatex") is None:
         pytest.skip("no pdflatex")
@@ -129,7 +130,7 @@ def test_inputs_are_what_a_network_takes_and_ranges_and_units_stand_in_every_tex
     assert [q.name for q in windy.inputs] == ["u", "v", "r", "delta", "n", "w_N", "w_E", "psi"]
     assert [q.name for q in to_program(model("abkowitz")).inputs][4] == "p"
     pitch = to_program(model("response"))
-    assert [q.name for q in pitch.inputs] == ["d", "V_kn", "beta_deg", "Hs", "lambda_"] and pitch.name == "pitch_deg"
+    assert [q.name for q in pitch.inputs] == ["d", "V_kn", "beta_deg", "Hs", "T"] and pitch.name == "pitch_deg"
     for write in SCRIPT.values():
         text = write(pitch)
         assert "0 to 20" in text and "kn" in text and "significant wave height" in text
@@ -163,7 +164,7 @@ def many(terms: int) -> Response:
     """A network whose output is too long for a cell."""
     network = Perceptron((1, 1, terms, 1), "tanh", "normal")
     inputs = [Variable("V", "m/s", 1.0, "speed", low=0.0, high=10.0)]
-    return Response(network, scaling(1, 1), inputs, PITCH).double().requires_grad_(False)
+    return Response(network, scaling(1, 1), Quantities(inputs, PITCH, ["V"])).double().requires_grad_(False)
 
 
 def test_a_sum_that_is_too_long_for_a_cell_is_added_up_in_parts():
@@ -174,9 +175,21 @@ def test_a_sum_that_is_too_long_for_a_cell_is_added_up_in_parts():
     assert write_down(program, "csv").difference < 1e-12
 
 
+def test_a_regression_by_too_many_records_is_refused():
+    with pytest.raises(InputError, match="1001 stored records has as many terms, more than 1000: .* network=mlp"):
+        to_program(response(regression(1001)))
+
+
+def test_a_response_over_unknown_ranges_is_refused():
+    inputs = [Variable("V", "m/s", 1.0, "speed")]
+    made = Response(Perceptron((1, 1, 2, 1)), scaling(1, 1), Quantities(inputs, PITCH, ["V"]))
+    with pytest.raises(InputError, match=r"the range of V is not known: give inputs\.V\.low and inputs\.V\.high"):
+        to_program(made.double())
+
+
 def test_words_from_outside_cannot_run_or_break_a_text(tmp_path):
     bad = '"""\nimport os\n*/ \\input{x} % & _ $'
-    program = to_program(response(None), notes=[bad])
+    program = to_program(response(), notes=[bad])
     inputs = [replace(q, unit="=1+1", meaning=f"=2{bad}") for q in program.inputs]
     named = replace(program, title=f"=3{bad}", inputs=inputs)
     module: dict = {}
@@ -193,7 +206,8 @@ def test_words_from_outside_cannot_run_or_break_a_text(tmp_path):
 def test_names_that_no_language_takes_are_refused_and_those_of_the_house_make_way():
     def named(name: str) -> Response:
         inputs = [Variable(name, "m", 1.0, "a length", low=1.0, high=2.0), *VARIABLES[1:]]
-        return Response(response(None).network, scaling(4, 1), inputs, PITCH).requires_grad_(False)
+        quantities = Quantities(inputs, PITCH, [name, "V", "cos_beta", "Hs", "T"])
+        return Response(response().network, scaling(5, 1), quantities).requires_grad_(False)
 
     for name in ("lambda", "double", "exp", "median"):
         with pytest.raises(InputError, match=f"{name}' cannot be a name"):

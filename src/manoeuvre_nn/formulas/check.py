@@ -2,6 +2,7 @@
 
 import ctypes
 import math
+import re
 import shutil
 import subprocess
 from collections.abc import Callable
@@ -21,6 +22,8 @@ POINTS = 1000
 """Points that a text is compared with the model at."""
 MAX_DIFFERENCE = 1e-9
 """Largest difference between text and model over the largest output [-]."""
+RANGE = re.compile(r"B(\d+):B(\d+)")
+"""Cells of a spreadsheet one below the other."""
 COMPILERS = ("cc", "gcc", "clang")
 Points = Float[np.ndarray, "n inputs"]
 Outputs = Float[np.ndarray, "n outputs"]
@@ -95,7 +98,7 @@ def run_csv(program: Program, text: str, points: Points) -> Outputs:
     ends = next(k for k, row in enumerate(rows) if row[:1] == ["outputs"])
     inputs = [f"B{k + 1}" for k in range(start + 1, start + 1 + len(program.inputs))]
     formulas = {
-        f"B{k + 1}": compile(row[1][1:].replace("$", ""), "cell", "eval")
+        f"B{k + 1}": compile(RANGE.sub(r"*CELLS(\1, \2)", row[1][1:].replace("$", "")), "cell", "eval")
         for k, row in enumerate(rows)
         if k > ends and len(row) > 1 and row[1].startswith("=")
     }
@@ -107,6 +110,7 @@ def run_csv(program: Program, text: str, points: Points) -> Outputs:
 def _cells_at(values: dict[str, float], formulas: dict[str, Any], last: dict[str, Any]) -> list[float]:
     """Cells of outputs for values of the input cells."""
     known: dict[str, Any] = {**CELL_FUNCTIONS, **values, "__builtins__": {}}
+    known["CELLS"] = lambda first, last: [known[f"B{k}"] for k in range(first, last + 1)]
     for name, formula in formulas.items():
         known[name] = eval(formula, known)  # our own text, a moment old
     return [float(eval(formula, known)) for formula in last.values()]

@@ -7,7 +7,7 @@ import sympy
 from sympy.printing.c import C99CodePrinter
 from sympy.printing.pycode import PythonCodePrinter
 
-from manoeuvre_nn.formulas.program import Program, Quantity, logistic, median
+from manoeuvre_nn.formulas.program import Program, Quantity, logistic, median, smallest
 
 LINE = 110
 """Letters in a line of code."""
@@ -41,6 +41,14 @@ C_HELPERS = {
     return low + 0.5 * (high - low);
 }
 """,
+    smallest: """static double smallest(int count, const double *values)
+{
+    double least = values[0];
+    for (int i = 1; i < count; i++)
+        least = fmin(least, values[i]);
+    return least;
+}
+""",
 }
 
 
@@ -59,6 +67,9 @@ class _Python(PythonCodePrinter):
     def _print_median(self, expr: sympy.Expr) -> str:
         return f"_median({', '.join(self._print(a) for a in expr.args)})"
 
+    def _print_smallest(self, expr: sympy.Expr) -> str:
+        return f"min({', '.join(self._print(a) for a in expr.args)})"
+
 
 class _C99(C99CodePrinter):
     """The same in C."""
@@ -74,7 +85,9 @@ class _C99(C99CodePrinter):
 
     def _print_median(self, expr: sympy.Expr) -> str:
         values = ", ".join(self._print(a) for a in expr.args)
-        return f"median({len(expr.args)}, (double[]){{{values}}})"
+        return f"{expr.func.__name__}({len(expr.args)}, (double[]){{{values}}})"
+
+    _print_smallest = _print_median
 
 
 def python_text(program: Program) -> str:

@@ -8,12 +8,14 @@ import numpy as np
 import sympy
 from sympy.printing.latex import LatexPrinter
 
-from manoeuvre_nn.formulas.program import Program, Single, Step, Weighted, logistic, median
+from manoeuvre_nn.formulas.program import Each, Program, Single, Step, Weighted, logistic, median, singles
 
 MAX_INLINE_NUMBERS = 9
 """Numbers that a formula may have; more stand in a table."""
-MAX_COLUMNS, MAX_BLOCKS = 6, 3
+MAX_COLUMNS, MAX_BLOCKS = 7, 3
 """Columns of numbers side by side that fit a page; likewise pairs of product and coefficient."""
+MAX_LARGE_COLUMNS = 5
+"""Columns of numbers that fit a page in letters that are easily read."""
 LINE_WIDTH = 88
 """Letters in a line of mathematics."""
 MAX_LISTED = 8
@@ -63,6 +65,10 @@ class Mathematics(LatexPrinter):
 
     def _print_median(self, expr: sympy.Expr, exp: object = None) -> str:
         return self._called(r"\operatorname{median}", expr.args)
+
+    def _print_smallest(self, expr: sympy.Expr, exp: object = None) -> str:
+        first, last = self._print(expr.args[0]), self._print(expr.args[-1])
+        return rf"\min\left({first}, \ldots, {last}\right)"
 
     def _called(self, name: str, arguments: Sequence[sympy.Expr]) -> str:
         return rf"{name}\left({', '.join(self._print(a) for a in arguments)}\right)"
@@ -136,17 +142,14 @@ def _symbol_table(program: Program, printer: Mathematics) -> str:
 
 
 def _is_short(step: Step) -> bool:
-    return isinstance(step, Single) or step.numbers.size <= MAX_INLINE_NUMBERS
+    return isinstance(step, Single) or (isinstance(step, Weighted) and step.numbers.size <= MAX_INLINE_NUMBERS)
 
 
 def _aligned(steps: Sequence[Step], printer: Mathematics) -> str:
     """Values that are written out."""
     lines = []
     for step in steps:
-        pairs = [(step.target, step.formula)] if isinstance(step, Single) else [
-            (target, step.value(row)) for row, target in enumerate(step.targets)
-        ]  # fmt: skip
-        for target, formula in pairs:
+        for target, formula in singles(step):
             first, *more = printer.lines(formula)
             lines.append(f"{printer.doprint(target)} &= {first}" + "".join(rf" \\ &\quad {part}" for part in more))
     return "\\begin{align*}\n" + " \\\\\n".join(lines) + "\n\\end{align*}"
@@ -160,7 +163,12 @@ class _Tables:
 
     def written(self, step: Step, printer: Mathematics) -> str:
         """Formula and table."""
+        if isinstance(step, Each):
+            return _each(step, printer)
         assert isinstance(step, Weighted)
+        if len(step.targets) == 1 and step.outer is None and not step.distance and (step.numbers == 1).all():
+            first, last, target = (printer.doprint(x) for x in (step.inputs[0], step.inputs[-1], step.targets[0]))
+            return rf"\[ {target} = {first} + \ldots + {last} \]"
         again = next((k for k, numbers in enumerate(self.known) if np.array_equal(numbers, step.numbers)), None)
         if again is None:
             self.known.append(step.numbers)
@@ -181,7 +189,8 @@ class _Tables:
         )  # fmt: skip
         total = sympy.Symbol("total", real=True)
         value = total if step.outer is None else step.outer(total)
-        inner = printer.with_symbol(total, rf"\sum_{{j}} {term}")
+        before = "" if step.factors is None else rf"B^{{({number})}}_{{i}} \, "
+        inner = printer.with_symbol(total, rf"{before}\sum_{{j}} {term}")
         targets = list(dict.fromkeys(_indexed(printer.doprint(t)) for t in step.targets))
         left = printer.doprint(step.targets[0]) if single else ", ".join(targets)
         between = r", \, ".join(inputs)
@@ -202,8 +211,10 @@ class _Tables:
     def _grids(self, step: Weighted, printer: Mathematics) -> list[str]:
         """A table of targets by inputs, or the other way round where there are fewer targets."""
         targets, inputs = ([f"${printer.doprint(x)}$" for x in some] for some in (step.targets, step.inputs))
-        turned = len(inputs) > MAX_COLUMNS and len(targets) < len(inputs)
+        turned = len(inputs) > MAX_COLUMNS and len(targets) < len(inputs) and step.factors is None
         rows, columns, numbers = (inputs, targets, step.numbers.T) if turned else (targets, inputs, step.numbers)
+        if step.factors is not None:
+            columns, numbers = [*columns, "$B_{i}$"], np.column_stack([numbers, step.factors])
         corner = r"$A_{ij}$: $j$, $i$" if turned else r"$A_{ij}$: $i$, $j$"
         made = []
         for k in range(0, len(columns), MAX_COLUMNS):
@@ -217,13 +228,18 @@ class _Tables:
         return made
 
 
+def _each(step: Each, printer: Mathematics) -> str:
+    """``y_i = f(z_i)`` for all i."""
+    source = sympy.Symbol("source", real=True)
+    inner = printer.with_symbol(source, _indexed(printer.doprint(step.sources[0])))
+    left = _indexed(printer.doprint(step.targets[0]))
+    return rf"\[ {left} = {inner.doprint(step.formula(source))}, \qquad i = 1, \, \ldots, \, {len(step.targets)} \]"
+
+
 def _table(columns: str, rows: Sequence[str]) -> str:
-    opening = (
-        r"{\scriptsize\setlength{\tabcolsep}{3pt}\renewcommand{\arraystretch}{1.2}"
-        + "\n"
-        + rf"\begin{{longtable}}{{{columns}}}"
-    )
-    return "\n".join([opening, *rows, r"\end{longtable}}"])
+    size = r"\scriptsize" if columns.count("r") <= MAX_LARGE_COLUMNS else r"\tiny"
+    opening = rf"{{{size}" + r"\setlength{\tabcolsep}{3pt}\renewcommand{\arraystretch}{1.2}"
+    return "\n".join([opening, rf"\begin{{longtable}}{{{columns}}}", *rows, r"\end{longtable}}"])
 
 
 def _number(value: float, printer: Mathematics) -> str:

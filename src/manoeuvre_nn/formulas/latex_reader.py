@@ -14,13 +14,22 @@ BLOCK = re.compile(
     r"|\\begin\{longtable\}\{(?P<columns>[^}]*)\}\n(?P<rows>.*?)\n\\end\{longtable\}",
     re.DOTALL,
 )
+LISTED = re.compile(
+    r"(?P<name>[A-Za-z]+)_\{(?P<first>\d+)\}(?P<sign>,| \+) \\ldots(?P=sign) (?P=name)_\{(?P<last>\d+)\}"
+)
 NUMBER = r"\d+(?:\.\d+)?(?: \\cdot 10\^\{-?\d+\})?"
 OPENING, CLOSING = {r"\left", r"\bigl"}, {r"\right", r"\bigr"}
 FUNCTIONS: dict[str, Callable] = {
-    r"\tanh": np.tanh, r"\cos": np.cos, r"\sin": np.sin, r"\log": np.log, r"\max": np.maximum, r"\min": np.minimum,
+    r"\tanh": np.tanh,
+    r"\cos": np.cos,
+    r"\sin": np.sin,
+    r"\log": np.log,
+    r"\max": lambda *values: np.maximum.reduce(np.broadcast_arrays(*values)),
+    r"\min": lambda *values: np.minimum.reduce(np.broadcast_arrays(*values)),
     r"\sigma": lambda x: 0.5 + 0.5 * np.tanh(0.5 * x),
     r"\operatorname{median}": lambda *values: np.median(np.broadcast_arrays(*values), axis=0),
-}  # fmt: skip
+}
+"""Functions of mathematics and what they do."""
 
 
 class _Reader:
@@ -116,6 +125,11 @@ class _Reader:
         return found
 
 
+def _listed(some: re.Match[str]) -> str:
+    """``q_{1}`` to ``q_{3}`` with those between."""
+    return f"{some['sign']} ".join(f"{some['name']}_{{{k}}}" for k in range(int(some["first"]), int(some["last"]) + 1))
+
+
 def read_number(text: str) -> float:
     """A number as it is written in a formula."""
     return float(re.sub(r" \\cdot 10\^\{(-?\d+)\}", r"e\1", text.strip("$ ")))
@@ -123,7 +137,7 @@ def read_number(text: str) -> float:
 
 def computed(formula: str, values: Values) -> Column:
     """The value of a formula at every point."""
-    reader = _Reader(formula, values)
+    reader = _Reader(LISTED.sub(_listed, formula), values)
     value = reader.sum()
     assert not reader.next, f"{reader.next} is left over of a formula"
     return value
@@ -159,7 +173,20 @@ def evaluate(text: str, points: Float[np.ndarray, "n inputs"]) -> Float[np.ndarr
                 sums[one.label] = one
             else:
                 one.use(known, values)
+        elif r"+ \ldots +" in block["formula"]:
+            target, _, formula = block["formula"].partition(" = ")
+            values[target] = computed(formula, values)
+        elif r"\ldots" in block["formula"]:
+            _fill(block["formula"], values)
     return np.stack([np.broadcast_to(values[name], len(points)) for name in outputs], axis=1)
+
+
+def _fill(formula: str, values: dict[str, Column]) -> None:
+    """Values ``y_i = f(z_i)`` for all i."""
+    equation, _, count = formula.partition(r", \qquad i = 1, \, \ldots, \, ")
+    for k in range(1, int(count) + 1):
+        target, _, right = equation.replace("_{i}", f"_{{{k}}}").partition(" = ")
+        values[target] = computed(right, values)
 
 
 class _Sum:
@@ -196,17 +223,19 @@ class _Sum:
         self._compute(targets, values)
 
     def _compute(self, targets: list[str], values: dict[str, Column]) -> None:
-        start = self.right.index(r"\sum_{j} ")
-        term = re.match(r"\\sum_\{j\} (\\bigl\(z_\{j\} - A\S* *\\bigr\)\^\{2\}|A\S* \\, z_\{j\})", self.right[start:])
+        pattern = r"(B\S* \\, )?\\sum_\{j\} (\\bigl\(z_\{j\} - A\S*?\\bigr\)\^\{2\}|A\S* \\, z_\{j\})"
+        term = re.search(pattern, self.right)
         assert term is not None
-        number = re.findall(r"A\^\{\(\d+\)\}_\{i?j\}", term[1])[0]
+        number = re.findall(r"A\^\{\(\d+\)\}_\{i?j\}", term[2])[0]
         for target in targets:
             total: Column = 0.0
-            for z, a in self.numbers[target].items():
+            row = dict(self.numbers[target])
+            factor = row.pop("B_{i}", 1.0)
+            for z, a in row.items():
                 at = {number: a, "z_{j}": computed(z, values)}
-                total = total + computed(term[1], at)
+                total = total + computed(term[2], at)
             right = self.right.replace(term[0], "TOTAL")
-            values[target] = computed(right, {"TOTAL": total})
+            values[target] = computed(right, {"TOTAL": factor * total})
 
 
 def _index(symbol: str) -> str:

@@ -11,10 +11,11 @@ from torch import Tensor
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.network import Network
-from manoeuvre_nn.formulas.program import Builder, added, at_least, logistic, median, product
+from manoeuvre_nn.formulas.program import Builder, added, at_least, logistic, median, product, ratio, smallest, times
 from manoeuvre_nn.network import hull_rudder, series
 from manoeuvre_nn.network.hull_rudder import HullRudder
 from manoeuvre_nn.network.perceptron import Perceptron
+from manoeuvre_nn.network.radial import GeneralRegression, RadialBasis
 from manoeuvre_nn.network.series import Series
 from manoeuvre_nn.ship.taylor import VARIABLES as TAYLOR_VARIABLES
 from manoeuvre_nn.ship.taylor import TaylorForce
@@ -22,6 +23,8 @@ from manoeuvre_nn.ship.taylor import TaylorForce
 Values = Sequence[sympy.Expr]
 ONE = sympy.Integer(1)
 OUTPUTS = "XYN"
+MAX_RECORDS = 1000
+"""Stored records of a regression that are written out."""
 
 
 @singledispatch
@@ -131,6 +134,51 @@ def ensemble(network: HullRudder, x: Values, build: Builder) -> list[sympy.Expr]
     return [build.let(f"y_{e}", median(*(one[o] for one in answers))) for o, e in enumerate(OUTPUTS)]
 
 
+@closed_form.register
+def radial_basis(network: RadialBasis, x: Values, build: Builder) -> list[sympy.Expr]:
+    """``y_o = sum_h B_oh exp(-|x - c_h|^2 / (2 s_h^2)) + B_o,H+1``.
+
+    Returns:
+        Outputs.
+    """
+    build.section("Gaussian nodes")
+    centres, last = numbers(network.centres), numbers(network.output_weights)
+    factors = -0.5 / numbers(network.widths) ** 2
+    nodes = build.distances(indexed("h", 0, len(centres), 1), x, centres, _exponential, factors)
+    build.section("What the network gives")
+    return list(build.weighted(indexed("y", 0, len(last), 1), [*nodes, ONE], last))
+
+
+@closed_form.register
+def general_regression(network: GeneralRegression, x: Values, build: Builder) -> list[sympy.Expr]:
+    """A mean of stored values, weighted by nearness; weights are over the largest, so that none is 0/0.
+
+    Returns:
+        Outputs.
+
+    Raises:
+        InputError: If there are too many records for a formula.
+    """
+    records, values = numbers(network.records), numbers(network.values)
+    count = len(records)
+    if count > MAX_RECORDS:
+        raise InputError(
+            f"a regression by {count} stored records has as many terms, more than {MAX_RECORDS}: use its checkpoint, "
+            "or train network=mlp on the same records and export that"
+        )
+    build.section("Inputs over their smoothing widths")
+    widths = numbers(network.widths)
+    scaled = [build.let(f"z_{i + 1}", ratio(z, float(s))) for i, (z, s) in enumerate(zip(x, widths, strict=True))]
+    build.section("Squared distances to the records, and weights")
+    squares = build.distances(indexed("q", 0, count, 1), scaled, records / widths)
+    nearest = build.let("qmin", smallest(*squares), r"{q}_{\min}")
+    weights = build.each(indexed("w", 0, count, 1), squares, lambda q: _exponential(times(0.5, added([nearest, -q]))))
+    build.section("What the network gives")
+    (total,) = build.weighted(["w_s"], weights, np.ones((1, count)), symbols=[r"{w}_{\Sigma}"])
+    sums = build.weighted(indexed("s", 0, values.shape[1], 1), weights, values.T)
+    return [build.let(name, one / total) for name, one in zip(indexed("y", 0, len(sums), 1), sums, strict=True)]
+
+
 def _seen(network: HullRudder, x: Values, build: Builder) -> tuple[Values, Values, tuple[Values, Values]]:
     """Features of the nodes, factors b of the outputs, and the library of surge and of sway and yaw."""
     u, v, r, d = x
@@ -227,6 +275,10 @@ def latex_indexed(name: str, k: int, count: int, many: int) -> list[str]:
 
 def _tanh(total: sympy.Expr) -> sympy.Expr:
     return sympy.tanh(total, evaluate=False)
+
+
+def _exponential(total: sympy.Expr) -> sympy.Expr:
+    return sympy.exp(total, evaluate=False)
 
 
 def _logistic(total: sympy.Expr) -> sympy.Expr:

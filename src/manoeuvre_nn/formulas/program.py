@@ -30,6 +30,10 @@ class median(sympy.Function):  # noqa: N801
     """The value in the middle; of an even number of values the mean of the two there."""
 
 
+class smallest(sympy.Function):  # noqa: N801
+    """The smallest of many values."""
+
+
 @dataclass(frozen=True)
 class Quantity:
     """An input or an output of a program.
@@ -55,7 +59,7 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Weighted:
-    """Values by one formula with other numbers: ``y_i = outer(sum_j term(z_j, a_ij))``.
+    """Values by one formula with other numbers: ``y_i = outer(b_i sum_j term(z_j, a_ij))``.
 
     Attributes:
         targets: y.
@@ -63,6 +67,7 @@ class Weighted:
         numbers: a; a weight of 0 leaves its term out.
         outer: What is taken of the sum; None takes the sum itself.
         distance: Whether a term is ``(z - a)^2``; else it is ``a z``.
+        factors: b; None leaves it out.
     """
 
     targets: tuple[sympy.Symbol, ...]
@@ -70,11 +75,14 @@ class Weighted:
     numbers: Numbers
     outer: Callable[[sympy.Expr], sympy.Expr] | None = None
     distance: bool = False
+    factors: Float[np.ndarray, " rows"] | None = None
 
     def value(self, row: int) -> sympy.Expr:
         """What one of the values is."""
         terms = [self.term(z, float(a)) for z, a in zip(self.inputs, self.numbers[row], strict=True)]
         total = added([term for term in terms if term is not None])
+        if self.factors is not None:
+            total = sympy.Mul(sympy.Float(float(self.factors[row])), total, evaluate=False)
         return total if self.outer is None else self.outer(total)
 
     def term(self, z: sympy.Expr, a: float) -> sympy.Expr | None:
@@ -97,7 +105,22 @@ class Single:
     formula: sympy.Expr
 
 
-Step = Single | Weighted
+@dataclass(frozen=True)
+class Each:
+    """Values by one formula of one other value each: ``y_i = formula(z_i)``.
+
+    Attributes:
+        targets: y.
+        sources: z.
+        formula: What is done to each.
+    """
+
+    targets: tuple[sympy.Symbol, ...]
+    sources: tuple[sympy.Symbol, ...]
+    formula: Callable[[sympy.Expr], sympy.Expr]
+
+
+Step = Single | Weighted | Each
 
 
 @dataclass(frozen=True)
@@ -139,19 +162,23 @@ class Program:
 
     def assignments(self) -> list[tuple[str, list[tuple[sympy.Symbol, sympy.Expr]]]]:
         """Title of each section, and its values one by one."""
-        return [(s.title, [pair for step in s.steps for pair in _singles(step)]) for s in self.sections]
+        return [(s.title, [pair for step in s.steps for pair in singles(step)]) for s in self.sections]
 
     @property
     def numbers_count(self) -> int:
         """How many numbers other than whole ones stand in it."""
         singles = [s.formula for section in self.sections for s in section.steps if isinstance(s, Single)]
-        tables = [s.numbers for section in self.sections for s in section.steps if isinstance(s, Weighted)]
-        return sum(len(list(floats(e))) for e in singles) + sum(int(np.count_nonzero(n)) for n in tables)
+        tables = [s for section in self.sections for s in section.steps if isinstance(s, Weighted)]
+        own = sum(0 if s.factors is None else len(s.factors) for s in tables)
+        return sum(len(floats(e)) for e in singles) + sum(int(np.count_nonzero(s.numbers)) for s in tables) + own
 
 
-def _singles(step: Step) -> list[tuple[sympy.Symbol, sympy.Expr]]:
+def singles(step: Step) -> list[tuple[sympy.Symbol, sympy.Expr]]:
+    """The values of a step one by one, each with what it is."""
     if isinstance(step, Single):
         return [(step.target, step.formula)]
+    if isinstance(step, Each):
+        return [(target, step.formula(source)) for target, source in zip(step.targets, step.sources, strict=True)]
     return [(target, step.value(row)) for row, target in enumerate(step.targets)]
 
 
@@ -187,7 +214,7 @@ class Builder:
         numbers: Numbers,
         outer: Callable[[sympy.Expr], sympy.Expr] | None = None,
         *,
-        distance: bool = False,
+        factors: Float[np.ndarray, " rows"] | None = None,
         symbols: Sequence[str] = (),
     ) -> list[sympy.Symbol]:
         """Several values by one formula, see :class:`Weighted`.
@@ -197,7 +224,7 @@ class Builder:
             inputs: z.
             numbers: a, a row a value.
             outer: What is taken of the sum.
-            distance: Whether a term is ``(z - a)^2``.
+            factors: b.
             symbols: Their symbols in LaTeX.
 
         Returns:
@@ -205,7 +232,29 @@ class Builder:
         """
         targets = self._named(names, symbols or [""] * len(names))
         numbers = np.asarray(numbers, dtype=np.float64)
-        self.sections[-1].steps.append(Weighted(tuple(targets), tuple(inputs), numbers, outer, distance))
+        self.sections[-1].steps.append(Weighted(tuple(targets), tuple(inputs), numbers, outer, factors=factors))
+        return targets
+
+    def distances(
+        self,
+        names: Sequence[str],
+        inputs: Sequence[sympy.Expr],
+        numbers: Numbers,
+        outer: Callable[[sympy.Expr], sympy.Expr] | None = None,
+        factors: Float[np.ndarray, " rows"] | None = None,
+    ) -> list[sympy.Symbol]:
+        """Several values of squared distances: ``outer(b_i sum_j (z_j - a_ij)^2)``, see :meth:`weighted`."""
+        targets = self._named(names, [""] * len(names))
+        numbers = np.asarray(numbers, dtype=np.float64)
+        self.sections[-1].steps.append(Weighted(tuple(targets), tuple(inputs), numbers, outer, True, factors))
+        return targets
+
+    def each(
+        self, names: Sequence[str], sources: Sequence[sympy.Symbol], formula: Callable[[sympy.Expr], sympy.Expr]
+    ) -> list[sympy.Symbol]:
+        """Several values, each by the same formula of another one, see :class:`Each`."""
+        targets = self._named(names, [""] * len(names))
+        self.sections[-1].steps.append(Each(tuple(targets), tuple(sources), formula))
         return targets
 
     def outputs(self, names: Sequence[str], inputs: Sequence[sympy.Expr], numbers: Numbers) -> None:
@@ -235,6 +284,8 @@ def times(a: float, z: sympy.Expr) -> sympy.Expr:
     whole, rest = z.as_coeff_Mul()
     if rest == 1:
         return sympy.Float(a * float(whole))
+    if a * whole == 1:
+        return rest
     return sympy.Mul(sympy.Float(a * float(whole)), *sympy.Mul.make_args(rest), evaluate=False)
 
 

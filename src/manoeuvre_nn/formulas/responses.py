@@ -7,15 +7,11 @@ import numpy as np
 import sympy
 from jaxtyping import Float
 
-from manoeuvre_nn.core.response import Response, Variable
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.response import COSINE, DERIVED, Response, Variable
 from manoeuvre_nn.formulas.networks import closed_form, numbers
 from manoeuvre_nn.formulas.program import Builder, Program, Quantity, Reference, added, checked_name, shifted, times
 from manoeuvre_nn.formulas.ranges import Ranges
-
-REACH = 2.0
-"""How many of a feature's scales a range goes to both sides where neither records nor the variable say one."""
-HALF_CIRCLE = (0.0, float(np.pi))
-"""Such a range of an angle that is seen by its cosine [rad]."""
 
 
 def response(model: Response, ranges: Ranges | None = None, notes: Sequence[str] = ()) -> Program:
@@ -24,7 +20,7 @@ def response(model: Response, ranges: Ranges | None = None, notes: Sequence[str]
     Returns:
         The variables to the response; names carry their units, as ``V_kn``.
     """
-    given = [_input(v, ends) for v, ends in zip(model.inputs, _ends(model, ranges or {}), strict=True)]
+    given = [_input(v, (ranges or {}).get(v.name, (v.low, v.high))) for v in model.inputs]
     output = _quantity(model.output)
     build = Builder(given, [output])
     build.section("What the network sees")
@@ -32,7 +28,7 @@ def response(model: Response, ranges: Ranges | None = None, notes: Sequence[str]
     answer = closed_form(model.network, seen, build)[0]
     build.section("The response")
     scaling, size = model.scaling, model.output.size
-    factor = next((v for v in model.inputs if v.name == model.per), None)
+    factor = next((v for v in model.inputs if v.name == model.quantities.per), None)
     share = 1.0 if factor is None else factor.size
     terms = [times(float(scaling.output_scale[0]) * share / size, answer)]
     if scaling.output_shift is not None:
@@ -41,7 +37,7 @@ def response(model: Response, ranges: Ranges | None = None, notes: Sequence[str]
         build.output(output.name, added(terms))
     else:
         whole = build.let("y_s", added(terms))
-        build.output(output.name, whole * build.inputs[list(model.inputs).index(factor)])
+        build.output(output.name, whole * build.inputs[model.inputs.index(factor)])
     return Program(
         name=output.name,
         title=f"{model.output.meaning[:1].upper()}{model.output.meaning[1:]}",
@@ -55,17 +51,30 @@ def response(model: Response, ranges: Ranges | None = None, notes: Sequence[str]
 
 
 def _features(model: Response, build: Builder) -> list[sympy.Expr]:
-    """Scaled features; shift and scale are those of a variable in its unit."""
+    """Scaled features; where one is a variable itself, shift and scale are in the variable's unit."""
     shift, scale = numbers(model.scaling.shift).tolist(), numbers(model.scaling.scale).tolist()
+    variables = {v.name: (symbol, v.size) for v, symbol in zip(model.inputs, build.inputs, strict=True)}
+    made_of = {name for one in model.quantities.sees for name in _needs(one, list(variables))}
+    in_si = {name: _in_si(name, symbol, size, build) for name, (symbol, size) in variables.items() if name in made_of}
     found: list[sympy.Expr] = []
-    for v, symbol in zip(model.inputs, build.inputs, strict=True):
-        if v.seen == "none" or v.name == model.per:
-            continue
-        k, z, size = len(found), symbol, v.size
-        if v.seen == "cos":
-            z, size = build.let(f"c_{v.name}", sympy.cos(times(size, symbol) if size != 1.0 else symbol)), 1.0
+    formulas = model.quantities.seen({**{name: symbol for name, (symbol, _) in variables.items()}, **in_si}, sympy.cos)
+    for k, (one, formula) in enumerate(zip(model.quantities.sees, formulas, strict=True)):
+        z, size = variables[one] if one in variables else (build.let(f"f_{k + 1}", formula), 1.0)
         found.append(build.let(f"x_{k + 1}", shifted(z, shift[k] / size, scale[k] / size)))
     return found
+
+
+def _needs(one: str, names: Sequence[str]) -> Sequence[str]:
+    """Variables that a feature is made of; none of a variable itself."""
+    if one in DERIVED:
+        return DERIVED[one][1]
+    return [] if one in names else [one.removeprefix(COSINE)]
+
+
+def _in_si(name: str, symbol: sympy.Symbol, size: float, build: Builder) -> sympy.Expr:
+    """A variable in SI."""
+    written = build.symbols.get(symbol.name) or sympy.latex(sympy.Symbol(name))
+    return symbol if size == 1.0 else build.let(f"{name}_SI", times(size, symbol), rf"\tilde{{{written}}}")
 
 
 def _quantity(v: Variable) -> Quantity:
@@ -78,23 +87,10 @@ def _quantity(v: Variable) -> Quantity:
 
 def _input(v: Variable, ends: tuple[float, float]) -> Quantity:
     """An input with its range, and its middle to begin with."""
+    if not np.isfinite(ends).all():
+        raise InputError(f"the range of {v.name} is not known: give inputs.{v.name}.low and inputs.{v.name}.high")
     q, (low, high) = _quantity(v), (end / v.size for end in ends)
     return Quantity(q.name, q.unit, q.meaning, low, high, float(f"{0.5 * (low + high):.3g}"), q.symbol)
-
-
-def _ends(model: Response, ranges: Ranges) -> list[tuple[float, float]]:
-    """Ends of each variable's range [SI]: of the records, else as it was declared, else what its scaling says."""
-    shift, scale = numbers(model.scaling.shift).tolist(), numbers(model.scaling.scale).tolist()
-    found, k = [], 0
-    for v in model.inputs:
-        is_seen = v.seen != "none" and v.name != model.per
-        usual = (0.0, 1.0)
-        if is_seen:
-            usual = (shift[k] - REACH * scale[k], shift[k] + REACH * scale[k]) if v.seen == "value" else HALF_CIRCLE
-            k += 1
-        low, high = ranges.get(v.name, (v.low, v.high))
-        found.append((low if np.isfinite(low) else usual[0], high if np.isfinite(high) else usual[1]))
-    return found
 
 
 def _reference(model: Response) -> Reference:

@@ -7,15 +7,17 @@ from collections.abc import Sequence
 import sympy
 from sympy.printing.codeprinter import CodePrinter
 
-from manoeuvre_nn.formulas.program import Program, added, median
+from manoeuvre_nn.formulas.program import Program, added, median, smallest
 
 LONGEST_FORMULA = 8000
 """Letters that a formula may have; Excel takes 8192."""
+MAX_ARGUMENTS = 100
+"""Arguments that a function may have; more are a range of cells. Excel takes 255."""
 TERMS_IN_PART = 100
 """Terms of a longer sum that are added up in a cell."""
 FUNCTIONS = {
     sympy.tanh: "TANH", sympy.cos: "COS", sympy.sin: "SIN", sympy.exp: "EXP", sympy.log: "LN", sympy.Abs: "ABS",
-    sympy.Max: "MAX", sympy.Min: "MIN", median: "MEDIAN",
+    sympy.Max: "MAX", sympy.Min: "MIN", median: "MEDIAN", smallest: "MIN",
 }  # fmt: skip
 """Functions and their names in a spreadsheet."""
 Cells = list[list[str]]
@@ -53,6 +55,8 @@ class _Formula(CodePrinter):
         return f"POWER({self._print(base)},{self._print(power)})"
 
     def _print_Function(self, expr: sympy.Expr) -> str:  # noqa: N802  # sympy's name
+        if len(expr.args) > MAX_ARGUMENTS:  # of values in cells one below the other
+            return f"{FUNCTIONS[expr.func]}({self._print(expr.args[0])}:{self._print(expr.args[-1])})"
         return f"{FUNCTIONS[expr.func]}({','.join(self._print(a) for a in expr.args)})"
 
     _print_Max = _print_Min = _print_Abs = _print_Function
