@@ -1,43 +1,11 @@
-import lightning as L
 import pytest
-import torch
-from fleet import unchecked
-from torch.utils.data import DataLoader
+from small_response import OTHERS, Y, error_elsewhere, response, trained
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.response import Quantities, Response, Variable
-from manoeuvre_nn.core.scaling import Scaling
 from manoeuvre_nn.network.perceptron import Perceptron
 from manoeuvre_nn.network.radial import GeneralRegression, RadialBasis
 from manoeuvre_nn.training.fits import BackpropFit
 from manoeuvre_nn.training.radial_fit import ALL_TRIED, AT_REST, GeneralRegressionFit, RadialBasisFit
-
-X = torch.rand(120, 2, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
-Y = (torch.sin(5 * X[:, :1]) + X[:, 1:] ** 2) * 3 + 7
-OTHERS = torch.rand(200, 2, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
-
-
-def response(network) -> Response:
-    scaling = Scaling(X.mean(0), X.std(0), Y.std(0), Y.mean(0))
-    a, b, y = (Variable(name, "", 1.0, name) for name in "aby")
-    return Response(network, scaling, Quantities([a, b], y, ["a", "b"]))
-
-
-def trained(fit, epochs: int = 100):
-    empty = X[:0], Y[:0]
-    trainer = L.Trainer(
-        max_epochs=epochs, accelerator="cpu", logger=False, enable_checkpointing=False, enable_progress_bar=False,
-        enable_model_summary=False,
-    )  # fmt: skip
-    with unchecked():
-        trainer.fit(fit, DataLoader([(X, Y, *empty)], batch_size=None))
-    return trainer
-
-
-def error_elsewhere(model: Response) -> float:
-    right = (torch.sin(5 * OTHERS[:, 0]) + OTHERS[:, 1] ** 2) * 3 + 7
-    with torch.no_grad():
-        return float((model(OTHERS) - right).square().mean().sqrt())
 
 
 def test_radial_basis_functions_learn_a_smooth_function():
