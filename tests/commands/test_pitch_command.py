@@ -127,3 +127,18 @@ def test_a_genetic_search_finds_a_structure_by_the_records_kept_for_validation(c
     table = pd.read_csv(tmp_path / "search" / "sweep.csv")
     assert best["best_value"] == pytest.approx(table["RMS validation [deg]"].min())
     assert len(table) == 4
+
+
+def test_the_network_of_the_paper_sees_five_variables_as_they_are(cli, tmp_path, fast):
+    ended = cli(*TINY, "experiment=cepowski2007", "hydra.run.dir=out")
+    assert ended.code == 0, ended.err
+    response = load_response(tmp_path / "out" / "checkpoints" / "last.ckpt")
+    assert (response.quantities.sees, response.quantities.per) == (["d", "V", "beta", "Hs", "T"], None)
+    assert response.network.input_weights.shape == (1, 3, 6) and response.network.activation == "sigmoid"
+
+
+def test_backpropagation_trains_the_same_network(cli, tmp_path, fast):
+    words = [word for word in TINY if not word.startswith("trainer")]
+    ended = cli(*words, "fit=backprop", "trainer.max_epochs=2", "fit.iterations_per_epoch=50", "hydra.run.dir=out")
+    assert ended.code == 0, ended.err
+    assert scores(tmp_path / "out")["training"]["epochs"] == 2
