@@ -23,6 +23,7 @@ from manoeuvre_nn.training.response_data import (
     computed_records,
     errors_of,
     grid_of,
+    heading_notes,
     recorded_records,
     space_filling,
 )
@@ -165,6 +166,16 @@ def test_tables_are_read_at_once_and_tested_without_points_between(data, tmp_pat
     assert read.records.conditions == pytest.approx(data.records.conditions)
     assert read.records.values == pytest.approx(data.records.values)
     assert set(read.sets) == {"learning", "testing"}
+
+
+def test_headings_that_are_reversed_are_told(data):
+    turned = Records(INPUTS, PITCH, data.records.conditions.copy(), data.records.values)
+    turned.conditions[:, 2] = np.pi - turned.conditions[:, 2]
+    assert "heading_zero: head" in heading_notes(turned, S175)[0]
+    assert heading_notes(data.records, S175) == []
+    turned.conditions[:, 0] = 50.0  # no draught of this hull: nothing can be said
+    assert heading_notes(turned, S175) == []
+    assert heading_notes(Records(INPUTS[:4], PITCH, turned.conditions[:, :4], turned.values), S175) == []
 
 
 @pytest.mark.parametrize(

@@ -131,6 +131,7 @@ def _data(
     settings = plain(cfg.data)
     shares = {"learning": cfg.learning, "validation": settings.pop("validation", 0.0)}
     check_arguments(Split, shares)
+    ship = build(cfg.ship, "ship").particulars
     common: dict[str, Any] = {"split": Split(**shares, seed=configs.whole_number("seed", cfg.seed, 0)), "dtype": dtype}
     if "files" in settings:
         extra = [f"data.{k}={v}" for k, v in settings.items() if k not in OF_RECORDS and v not in (None, [], "auto")]
@@ -138,10 +139,10 @@ def _data(
             raise InputError(f"{extra[0]} is for recordings over time; tables of records have no such setting")
         columns = read_records_mapping(settings["mapping"])
         files = configs.as_list(settings["files"])
-        return recorded_records(quantities, files, columns, folder=str(settings["folder"]), **common)
+        folder = str(settings["folder"])
+        return recorded_records(quantities, files, columns, hull_form(cfg, ship), folder=folder, **common)
     if made_by(settings, "data") is not ResponseData:
         raise InputError(f"task={cfg.task} learns records: write data=seakeeping or data=recording")
-    ship = build(cfg.ship, "ship").particulars
     return build(
         settings, "data", quantities=quantities, values=values, form=hull_form(cfg, ship), ship=ship.name, **common
     )

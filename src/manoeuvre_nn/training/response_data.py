@@ -23,6 +23,8 @@ from manoeuvre_nn.training.settings import expand
 
 Say = Callable[[str], None]
 """Tells the person who waits what is being done."""
+LEAST_ERRORS = 3.0
+"""Standard errors from which on a difference of two correlations is told."""
 CONDITIONS = ("d", "V", "beta", "Hs", "T")
 """What pitch is computed from, in the order of :func:`.significant_pitch`."""
 LEARNING, VALIDATION, TESTING, BETWEEN = "learning", "validation", "testing", "between"
@@ -298,6 +300,7 @@ def recorded_records(
     quantities: Quantities,
     files: Sequence[str],
     mapping: RecordsMapping | None,
+    form: HullForm | None = None,
     *,
     folder: str = ".",
     split: Split | None = None,
@@ -309,6 +312,7 @@ def recorded_records(
         quantities: Variables and the response.
         files: Names or patterns, relative to the folder.
         mapping: Columns and units; None for headings as this package writes them, ``Hs [m]``.
+        form: The hull, by which it is seen whether headings are reversed; None does not look.
         folder: Where the files are.
         split: Which records are learnt from.
         dtype: Floating type.
@@ -324,4 +328,38 @@ def recorded_records(
         raise InputError("data.files=[] names no table: write data.files=[FILE,...], relative to data.folder")
     records = read_records(paths, quantities.inputs, quantities.output, mapping)
     check_records(records)
-    return ResponseData(quantities, lambda say: (records, None), split, dtype)
+    notes = heading_notes(records, form) if form else []
+    return ResponseData(quantities, lambda say: (records, None), split, dtype, notes)
+
+
+def heading_notes(records: Records, form: HullForm) -> list[str]:
+    """Say if records agree better with the closed form of the hull when head and following seas are exchanged.
+
+    The correlations r of the two readings are compared by Fisher's ``z = atanh r``, whose standard error is
+    ``1/sqrt(n - 3)``.
+
+    Args:
+        records: The records.
+        form: The hull.
+
+    Returns:
+        A line, or none: also where the records lack a variable, or are outside what the closed form can do.
+    """
+    names = [v.name for v in records.inputs]
+    if not set(CONDITIONS) <= set(names):
+        return []
+    conditions = records.conditions[:, [names.index(name) for name in CONDITIONS]]
+    heading, turned = CONDITIONS.index("beta"), conditions.copy()
+    turned[:, heading] = np.pi - turned[:, heading]
+    try:
+        found = [significant_pitch(c, "closed_form", form) for c in (conditions, turned)]
+    except InputError:
+        return []
+    labelled, reversed_ = (float(np.corrcoef(values, records.values)[0, 1]) for values in found)
+    limit = LEAST_ERRORS * np.sqrt(2 / (len(records) - 3))
+    if not np.arctanh(reversed_) - np.arctanh(labelled) > limit:
+        return []
+    return [
+        f"pitch agrees better with the closed form of this hull if 0 is a head sea (correlation {reversed_:.2f}; as it "
+        f"stands {labelled:.2f}): if it is, write heading_zero: head into the mapping"
+    ]
