@@ -104,7 +104,9 @@ def test_what_cannot_be_used_is_refused_in_one_line(cli, words, said):
 
 
 def test_a_task_has_a_config_of_its_own():
-    assert task_of(["ship=mariner", "task=pitch", "-m"], "train") == (["ship=mariner", "-m"], "task/pitch")
+    words = ["ship=mariner", "task=pitch", "-m", "hydra/launcher=basic"]
+    kept = ["ship=mariner", "-m", "hydra/launcher=basic", "hydra/job_logging=disabled"]
+    assert task_of(words, "train") == (kept, "task/pitch")
     assert task_of(["ship=mariner"], "train") == (["ship=mariner"], "train")
     with pytest.raises(InputError, match="task 'heave' is unknown; choose one of: pitch"):
         task_of(["task=heave"], "train")
@@ -142,3 +144,28 @@ def test_backpropagation_trains_the_same_network(cli, tmp_path, fast):
     ended = cli(*words, "fit=backprop", "trainer.max_epochs=2", "fit.iterations_per_epoch=50", "hydra.run.dir=out")
     assert ended.code == 0, ended.err
     assert scores(tmp_path / "out")["training"]["epochs"] == 2
+
+
+def test_a_task_of_ones_own_builds_on_that_of_the_package(cli, tmp_path, fast):
+    (tmp_path / "mine" / "task").mkdir(parents=True)
+    (tmp_path / "mine" / "task" / "roll.yaml").write_text("""# @package _global_
+defaults: [pitch, _self_]
+task: roll
+inputs: {GM: {unit: m, possible: [0, 5], meaning: metacentric height}}
+sees: {GM: true, cos_beta: true}
+output: {name: roll, unit: deg, possible: [0, 60], symbol: 'phi', meaning: significant roll amplitude}
+per: none
+""")
+    draw = np.random.default_rng(0).uniform
+    table = pd.DataFrame({
+        "d [m]": draw(7, 9, 60), "V [kn]": draw(0, 20, 60), "beta [deg]": draw(0, 180, 60), "Hs [m]": draw(2, 5, 60),
+        "T [s]": draw(8, 12, 60), "GM [m]": draw(0.5, 2, 60),
+    })  # fmt: skip
+    table["roll [deg]"] = 2 * table["Hs [m]"] * table["GM [m]"]
+    table.to_csv(tmp_path / "rolls.csv", index=False)
+    words = ("task=roll", "config_dir=mine", "data=recording", "data.files=[rolls.csv]", "network.hidden=2")
+    ended = cli(*words, "hydra.run.dir=out")
+    assert ended.code == 0, ended.err
+    assert "significant roll amplitude" in ended.out and scores(tmp_path / "out")["errors"]["testing"]["rms"] > 0
+    computed = cli("task=roll", "config_dir=mine")
+    assert computed.code == 2 and "pitch is computed from d, V, beta, Hs, T" in computed.err

@@ -40,6 +40,10 @@ TASKS = {
 """Command, which is the name of its config too -> module and function that do it."""
 
 
+OF_HYDRA = ("hydra/launcher=two_cores", "hydra/job_logging=disabled")
+"""Hydra's groups as train has them."""
+
+
 def main() -> None:
     """Run ``manoeuvre COMMAND ...``.
 
@@ -93,7 +97,10 @@ def task_of(words: Sequence[str], command: str, own: Path | None = None) -> tupl
     if command != "train" or not named:
         return list(words), command
     check_choice("task", named[-1], list(options("task", None if own is None else str(own))))
-    return [word for word in words if not word.startswith("task=")], f"task/{named[-1]}"
+    # Not in the task's file: hydra lets only the first file of all say these, and one's own task builds on ours.
+    left = [word for word in words if not word.startswith("task=")]
+    left += [word for word in OF_HYDRA if not any(w.startswith(word.partition("=")[0]) for w in left)]
+    return left, f"task/{named[-1]}"
 
 
 def _task(command: str) -> Callable[[DictConfig], float | None]:
