@@ -20,7 +20,7 @@ FLOORS: list[set[str]] = [
     {"scoring"},
     {"training"},
     {"diagnosis", "design"},
-    {"report"},
+    {"report", "formulas"},
     {"commands"},
     {"api.py"},
 ]
