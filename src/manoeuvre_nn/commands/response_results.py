@@ -16,7 +16,9 @@ from manoeuvre_nn.core.response import Response
 from manoeuvre_nn.report.figures import learning_figure
 from manoeuvre_nn.report.html import Report, save_figures, write_report
 from manoeuvre_nn.report.response_figures import response_figures
+from manoeuvre_nn.report.sensitivity_figure import sensitivity_figure
 from manoeuvre_nn.report.tables import Row, rich_table
+from manoeuvre_nn.scoring.sensitivity import InputSensitivity, sensitivities
 from manoeuvre_nn.training.response_data import BETWEEN, LEARNING, TESTING, VALIDATION, ResponseData
 from manoeuvre_nn.training.session import Trained
 
@@ -45,6 +47,15 @@ class _ResponseOutcome:
     def errors(self) -> dict[str, dict[str, float]]:
         """Errors of every set of records, in the unit of the response."""
         return self.data.errors(self.response)
+
+    @cached_property
+    def sensitivities(self) -> list[InputSensitivity]:
+        """How much each variable counts, the first on top; over the ranges of the records."""
+        found = self.data.sets[self.tested]
+        names = [v.name for v in self.response.inputs]
+        ranges = self.response.ranges.numpy()
+        measured = sensitivities(self.response.at, names, found.conditions, found.values, ranges)
+        return sorted(measured, key=lambda one: -one.error_ratio)
 
     @property
     def tested(self) -> str:
@@ -103,11 +114,13 @@ def write_response(outcome: _ResponseOutcome, out: Path) -> None:
     """Write records, figures, report, TensorBoard's last entries; ``scores.json`` last, as the mark of the end."""
     pd.DataFrame(outcome.data.records.in_units()).to_csv(out / RECORDS, index=False)
     drawn = response_figures(outcome.data, outcome.response)
+    drawn["errors/how much each variable counts"] = sensitivity_figure(outcome.sensitivities)
     if outcome.trained.history:
         drawn["training/learning"] = learning_figure(outcome.trained.history)
     for name, path in save_figures(drawn, out / "figures").items():
         outcome.trained.add_image(f"final/{name}", imread(path), outcome.trained.epochs)
     tables: dict[str, Sequence[Row]] = {"Errors": outcome.rows, "Variables": variable_rows(outcome)}
+    tables["How much each variable counts"] = [one.row() for one in outcome.sensitivities]
     report = Report(
         title=f"{outcome.config['name']}: trained and tested",
         summary=summary(outcome),
@@ -152,6 +165,9 @@ def as_dict(outcome: _ResponseOutcome) -> dict[str, Any]:
         "errors": outcome.errors,
         "unit": outcome.data.quantities.output.unit,
         "error": outcome.error,
+        "sensitivities": {
+            one.name: {k: v for k, v in one.row().items() if k != "input"} for one in outcome.sensitivities
+        },
         "training": {
             "samples": len(learnt),
             "epochs": trained.epochs,
