@@ -94,3 +94,16 @@ def test_what_is_no_sea_is_refused():
         compose(SEA, 0.3, 1.25, 1, [0])
     with pytest.raises(InputError, match="0 < low < high"):
         compose(SEA, 1.25, 0.3, 20, [0])
+
+
+def test_bretschneider_s_sea_has_the_height_and_the_zero_crossing_period_that_were_asked_for():
+    sea = WaveSpectrum.bretschneider(3.0, 8.5)
+    assert significant_height(sea.moment(0)) == approx(3.0, rel=1e-12)
+    assert 2 * np.pi * np.sqrt(sea.moment(0) / sea.moment(2)) == approx(8.5, rel=1e-12)
+
+
+def test_both_spectra_are_one_where_their_periods_belong_together():
+    # T_1 = 1.0864 T_z for this form, up to the ITTC's round numbers
+    zero_crossing = WaveSpectrum.bretschneider(5.0, 10.0 / 1.0864)
+    np.testing.assert_allclose(zero_crossing.level, SEA.level, rtol=2e-3)
+    np.testing.assert_allclose(zero_crossing.decay, SEA.decay, rtol=2e-3)
