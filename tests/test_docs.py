@@ -94,7 +94,7 @@ def test_a_command_of_the_pages_knows_its_settings(name, words):
         import_recording.request(words)
     elif any(word.startswith("config_dir=") for word in words):
         pytest.skip("needs a folder of the reader's own")
-    elif name in {"train", "simulate", "diagnose", "check", "coefficients", "excite"}:
+    elif name in {"train", "simulate", "diagnose", "check", "coefficients", "excite", "export"}:
         compose(name, [word for word in words if word != "-m" and "," not in word.partition("=")[2].partition("[")[0]])
     else:
         assert script.is_file()

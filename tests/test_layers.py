@@ -21,7 +21,7 @@ FLOORS: list[set[str]] = [
     {"scoring"},
     {"training"},
     {"diagnosis", "design"},
-    {"report"},
+    {"report", "formulas"},
     {"commands"},
     {"api.py"},
 ]

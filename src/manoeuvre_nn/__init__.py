@@ -1,11 +1,11 @@
-"""Models of ship manoeuvring from simulated or measured runs: read, simulate, fit, score, diagnose."""
+"""Models of ship manoeuvring from simulated or measured runs: read, simulate, fit, score, diagnose, export."""
 
 __version__ = "0.1.0"
-__all__ = ["diagnose", "fit", "read", "score", "simulate"]
+__all__ = ["diagnose", "export", "fit", "read", "score", "simulate"]
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from manoeuvre_nn.api import diagnose, fit, read, score, simulate
+    from manoeuvre_nn.api import diagnose, export, fit, read, score, simulate
 
 
 def __getattr__(name: str) -> object:

@@ -1,4 +1,4 @@
-"""The front door: read, simulate, fit, score and diagnose from Python, through the same functions as the commands.
+"""The front door: read, simulate, fit, score, diagnose and export from Python, by the functions of the commands.
 
 import manoeuvre_nn as mnn
 
@@ -20,6 +20,7 @@ from rich.console import Console
 
 from manoeuvre_nn.commands import config as configs
 from manoeuvre_nn.commands.diagnosis_setup import setup
+from manoeuvre_nn.commands.export import checkpoint_of, program_of
 from manoeuvre_nn.commands.groups import compose, option
 from manoeuvre_nn.commands.job import load_model, prepare, with_rate
 from manoeuvre_nn.commands.provenance import write_provenance
@@ -37,6 +38,9 @@ from manoeuvre_nn.diagnosis.case import case_of
 from manoeuvre_nn.diagnosis.diagnose import diagnose as find_causes
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
 from manoeuvre_nn.dynamics.recursive import RecursiveShip
+from manoeuvre_nn.formulas.formats import WRITERS, kind_of, write_down
+from manoeuvre_nn.formulas.models import to_program
+from manoeuvre_nn.formulas.ranges import recorded_ranges
 from manoeuvre_nn.recording.read.mapping import Mapping as ColumnMapping
 from manoeuvre_nn.recording.read.reader import read_recordings
 from manoeuvre_nn.report.views import Answer, Runs, Scores
@@ -227,6 +231,34 @@ def diagnose(
     proved_by = held_out if held_out == "auto" else configs.as_list(held_out)
     case = case_of([as_sensed(run) for run in runs], hull, proved_by)
     return Answer(find_causes(common.question(case)))
+
+
+def export(model: Any, to: str | Path = "python", *, document: bool = True) -> str:
+    """Write a model down as formulas, as ``manoeuvre export`` does; the text is run and compared with the model.
+
+    Args:
+        model: What :func:`fit` gave, the output folder of a training or a checkpoint of it, a model, or a ship (name or
+            object) in calm water.
+        to: A format, ``latex``, ``python``, ``c`` or ``csv``; or a file to write, whose ending (``.tex``, ``.py``,
+            ``.c``, ``.csv``) says the format.
+        document: Whether LaTeX is a document of its own; else it is a part of one.
+
+    Returns:
+        The text.
+    """
+    path = None if str(to) in WRITERS else Path(to)
+    kind = str(to) if path is None else kind_of(path)
+    if isinstance(model, FittedModel):
+        notes = [f"Network: {type(model.model.network).__name__}. Trained on {model.source}"]
+        program = to_program(model.model, recorded_ranges(model.model, tuple(model.runs)), notes)
+    elif isinstance(model, Path) or (isinstance(model, str) and Path(model).exists()):
+        program = program_of(checkpoint_of(Path(model)))
+    else:
+        program = to_program(_model(model))
+    written = write_down(program, kind, document=document)
+    if path is not None:
+        written.save(path)
+    return written.text
 
 
 def _ship(ship: AnyShip) -> Ship | Particulars:

@@ -22,6 +22,7 @@ USAGE = """manoeuvre COMMAND [group=option] [setting=value]
   import        propose how a measured file is read
   coefficients  coefficients with intervals
   excite        which manoeuvre to sail next
+  export        a trained model as formulas: LaTeX, Python, C, spreadsheet
 
 manoeuvre COMMAND --help lists groups, options and settings."""
 
@@ -33,6 +34,7 @@ TASKS = {
     "check": "check.check_or_refuse",
     "coefficients": "coefficients.tell",
     "excite": "excite.excite",
+    "export": "export.export",
 }
 """Command, which is the name of its config too -> module and function that do it."""
 

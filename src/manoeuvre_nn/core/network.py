@@ -1,4 +1,8 @@
-"""What a network is to a ship: scaled velocities and rudder angle -> scaled forces, or forces -> next velocities."""
+"""What a network is: scaled inputs -> scaled outputs.
+
+To a ship it gives forces from velocities and rudder angle, or the next velocities from forces; to a response in a
+seaway (:mod:`.core.response`) its value from what is seen of the service parameters.
+"""
 
 import copy
 from abc import ABC, abstractmethod
@@ -36,7 +40,7 @@ def filled(places: Sequence[Sequence[int]]) -> Int[Tensor, "terms order"]:
 
 
 class Network(ABC, nn.Module):
-    """Forces by learnt weights, from u, v, r and delta and whatever recorded inputs the network says that it takes.
+    """Outputs by learnt weights. A ship's forces come from u, v, r, delta and whatever recorded inputs it takes.
 
     One that predicts velocities, step by step, has inputs and outputs of its own: :mod:`.network.recursive`.
 
@@ -79,14 +83,14 @@ class Network(ABC, nn.Module):
 
     @abstractmethod
     def forward(self, x: Float[Tensor, "*batch inputs"]) -> Float[Tensor, "*batch outputs"]:
-        """Forces.
+        """Outputs.
 
         Args:
-            x: Scaled u, v, r, delta; with three more the shaft speed (or the approach speed) over the nominal one and
-                the velocity of the air relative to the ship over U0, forward and to starboard.
+            x: Scaled inputs. For forces u, v, r, delta; with three more the shaft speed (or the approach speed) over
+                the nominal one and the velocity of the air relative to the ship over U0, forward and to starboard.
 
         Returns:
-            Scaled forces.
+            Scaled outputs, such as forces.
         """
 
     def of(self, x: Float[Tensor, "n inputs"], member: Int[Tensor, " n"]) -> Float[Tensor, "n outputs"]:

@@ -1,9 +1,9 @@
 """A response of a ship in a seaway as a function of a few service parameters: records of it, and approximations."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import isfinite
-from typing import Literal
+from math import isfinite, pi
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
@@ -13,10 +13,31 @@ from torch import Tensor, nn
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.network import Network
 from manoeuvre_nn.core.scaling import Scaling
+from manoeuvre_nn.core.units import GRAVITY
 
-Seen = Literal["value", "cos", "none"]
-"""How a network sees a variable: as it is, by its cosine (an angle of which only the side ahead or astern counts), or
-not at all."""
+Number = TypeVar("Number", Tensor, Any)
+"""What formulas are made of: tensors, or symbols of an export."""
+
+
+def encounter_frequency(of: Mapping[str, Number], cos: Callable[[Number], Number]) -> Number:
+    """Frequency at which waves are met, ``w - w^2 V cos(beta)/g`` with w = 2 pi/T [rad/s]; beta = 0 is following."""
+    wave = 2 * pi / of["T"]
+    return wave - wave**2 * of["V"] * cos(of["beta"]) / GRAVITY
+
+
+def wave_number_along(of: Mapping[str, Number], cos: Callable[[Number], Number]) -> Number:
+    """Wave number along the ship on deep water, ``w^2 |cos(beta)|/g`` with w = 2 pi/T [rad/m]."""
+    return (2 * pi / of["T"]) ** 2 * abs(cos(of["beta"])) / GRAVITY
+
+
+Formula = Callable[[Mapping[str, Any], Callable[[Any], Any]], Any]
+DERIVED: Mapping[str, tuple[Formula, tuple[str, ...], str, str]] = {
+    "encounter_frequency": (encounter_frequency, ("V", "beta", "T"), r"\omega_e", "rad/s"),
+    "wave_number_along": (wave_number_along, ("beta", "T"), "k_x", "rad/m"),
+}
+"""Inputs that linear theory makes of the variables -> formula, variables that it needs, symbol, unit."""
+COSINE = "cos_"
+"""Before the name of an angle: its cosine."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +52,6 @@ class Variable:
         symbol: Symbol in a formula, in LaTeX; empty takes the name.
         low: Lower end of the range that it is meant for [SI].
         high: Upper end [SI].
-        seen: How a network sees it.
     """
 
     name: str
@@ -41,20 +61,18 @@ class Variable:
     symbol: str = ""
     low: float = -np.inf
     high: float = np.inf
-    seen: Seen = "value"
 
     def __post_init__(self) -> None:
         """Refuse what is no variable.
 
         Raises:
-            InputError: If the name is no word, the range is empty, or it is seen in an unknown way.
+            InputError: If the name is no word, or the range is empty.
         """
         if not self.name.isidentifier():
             raise InputError(f"inputs.{self.name}: expected a word of letters, digits and underscores")
         if not self.low < self.high:
             low, high = self.low / self.size, self.high / self.size
             raise InputError(f"inputs.{self.name}: from {low:g} to {high:g} {self.unit} is no range")
-        check_choice(f"inputs.{self.name}.seen", self.seen, ["value", "cos", "none"])
 
     @property
     def heading(self) -> str:
@@ -94,27 +112,99 @@ class Records:
         return {**columns, self.output.heading: self.values / self.output.size}
 
 
+@dataclass(frozen=True)
+class Quantities:
+    """What a response is a function of, and what a network sees of it.
+
+    Attributes:
+        inputs: The variables.
+        output: The response.
+        sees: What the network sees, one input each: a variable by its name, ``cos_`` and the name of an angle, or a
+            name of :data:`DERIVED`.
+        per: Variable that the response is proportional to; None for none.
+    """
+
+    inputs: Sequence[Variable]
+    output: Variable
+    sees: Sequence[str]
+    per: str | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be seen.
+
+        Raises:
+            InputError: If nothing is seen, or something that is unknown or made of a variable that there is not.
+        """
+        names = [v.name for v in self.inputs]
+        if not self.sees:
+            raise InputError("sees: the network sees nothing; write for instance sees.T=true")
+        for one in self.sees:
+            check_choice("sees:", one, [*names, *(f"{COSINE}{name}" for name in names), *DERIVED])
+            lacking = [need for need in DERIVED[one][1] if need not in names] if one in DERIVED else []
+            if lacking:
+                raise InputError(f"sees.{one} is made of {lacking[0]}, which is none of the inputs {', '.join(names)}")
+        if self.per is not None:
+            check_choice("per", self.per, names)
+
+    def seen(self, of: Mapping[str, Number], cos: Callable[[Number], Number]) -> list[Number]:
+        """What the network sees.
+
+        Args:
+            of: Variable -> its value [SI].
+            cos: Cosine of such a value.
+
+        Returns:
+            One value for each of :attr:`sees` [SI].
+        """
+        return [
+            DERIVED[one][0](of, cos) if one in DERIVED else of[one] if one in of else cos(of[one.removeprefix(COSINE)])
+            for one in self.sees
+        ]
+
+    def features(self, conditions: Float[Tensor, "*batch k"]) -> Float[Tensor, "*batch features"]:
+        """What the network sees of conditions [SI], a column each."""
+        of = {v.name: conditions[..., k] for k, v in enumerate(self.inputs)}
+        return torch.stack(self.seen(of, torch.cos), dim=-1)
+
+    def factor(self, conditions: Float[Tensor, "*batch k"]) -> Float[Tensor, " *batch"]:
+        """What the network's output is multiplied by: the variable that the response is proportional to, or 1."""
+        if self.per is None:
+            return torch.ones_like(conditions[..., 0])
+        return conditions[..., [v.name for v in self.inputs].index(self.per)]
+
+
 class Response(nn.Module):
     """An approximation of a response by a network.
 
-    ``y(x) = x_p [a_out net((f(x) - shift)/scale) + b_out]``: f(x) are the variables as the network sees them, x_p is
-    the one that the response is proportional to, or 1. In a linear theory that is the wave height.
+    ``y(x) = x_p [a_out net((f(x) - shift)/scale) + b_out]``: f(x) is what the network sees of the variables, x_p the
+    one that the response is proportional to, or 1. In a linear theory that is the wave height.
 
     Attributes:
         network: Scaled features to scaled response.
         scaling: Shift and scale of both.
-        inputs: The variables, in the order of the columns.
-        output: The response.
-        per: Name of the variable that the response is proportional to; None for none.
+        quantities: Variables and response, and what is seen of them.
+        ranges: Ends of the variables' ranges [SI].
     """
 
-    def __init__(
-        self, network: Network, scaling: Scaling, inputs: Sequence[Variable], output: Variable, per: str | None = None
-    ) -> None:
+    ranges: Tensor
+
+    def __init__(self, network: Network, scaling: Scaling, quantities: Quantities) -> None:
         """Join the parts."""
         super().__init__()
-        self.network, self.scaling = network, scaling
-        self.inputs, self.output, self.per = tuple(inputs), output, per
+        self.network, self.scaling, self.quantities = network, scaling, quantities
+        like = scaling.shift
+        self.register_buffer("ranges", like.new_tensor([[v.low, v.high] for v in quantities.inputs]))
+
+    @property
+    def inputs(self) -> tuple[Variable, ...]:
+        """The variables, in the order of the columns, with the ranges of the records that were learnt from."""
+        ends = zip(self.quantities.inputs, self.ranges.double().tolist(), strict=True)
+        return tuple(replace(v, low=low, high=high) for v, (low, high) in ends)
+
+    @property
+    def output(self) -> Variable:
+        """The response."""
+        return self.quantities.output
 
     def forward(self, conditions: Float[Tensor, "*batch k"]) -> Float[Tensor, " *batch"]:
         """The response.
@@ -125,51 +215,14 @@ class Response(nn.Module):
         Returns:
             Its value [SI].
         """
-        seen = self.scaling.inputs(features(conditions, self.inputs, self.per))
-        return self.scaling.restore(self.network(seen))[..., 0] * factor(conditions, self.inputs, self.per)
+        seen = self.scaling.inputs(self.quantities.features(conditions))
+        return self.scaling.restore(self.network(seen))[..., 0] * self.quantities.factor(conditions)
 
     @torch.no_grad()
     def at(self, conditions: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " n"]:
         """The response to conditions that are no tensor [SI]."""
         like = self.scaling.shift
         return self(torch.as_tensor(conditions, dtype=like.dtype, device=like.device)).double().cpu().numpy()
-
-
-def features(
-    conditions: Float[Tensor, "*batch k"], inputs: Sequence[Variable], per: str | None = None
-) -> Float[Tensor, "*batch features"]:
-    """What a network sees of the variables.
-
-    Args:
-        conditions: The variables [SI].
-        inputs: What they are.
-        per: The variable that the response is proportional to, which is not seen.
-
-    Returns:
-        A column for each variable that is seen.
-
-    Raises:
-        InputError: If none is left.
-    """
-    columns = [
-        conditions[..., k].cos() if v.seen == "cos" else conditions[..., k]
-        for k, v in enumerate(inputs)
-        if v.seen != "none" and v.name != per
-    ]
-    if not columns:
-        raise InputError("inputs: the network sees none of them; write inputs.NAME.seen=value for one")
-    return torch.stack(columns, dim=-1)
-
-
-def factor(
-    conditions: Float[Tensor, "*batch k"], inputs: Sequence[Variable], per: str | None = None
-) -> Float[Tensor, " *batch"]:
-    """What the network's output is multiplied by: the variable that the response is proportional to, or 1."""
-    if per is None:
-        return torch.ones_like(conditions[..., 0])
-    names = [v.name for v in inputs]
-    check_choice("per", per, names)
-    return conditions[..., names.index(per)]
 
 
 def check_records(records: Records) -> None:

@@ -40,7 +40,7 @@ class _Baseline:
     note: str
 
 
-class _FittedProducts(Ship):
+class FittedProducts(Ship):
     """A ship whose force is a ship's own products times learnt coefficients."""
 
     def __init__(
@@ -57,6 +57,11 @@ class _FittedProducts(Ship):
         super().__init__(ship.particulars, replace(ship.prime, mass=mass), inertia)
         self._ship, self.terms = ship, ship.terms
         self.register_buffer("coefficients", coefficients)
+
+    @property
+    def whose(self) -> Ship:
+        """The ship whose products are taken."""
+        return self._ship
 
     @property
     def table(self) -> Float[Tensor, "terms 3"]:
@@ -80,7 +85,7 @@ class _FittedProducts(Ship):
         """Shaft speed of the ship [rpm]."""
         return self._ship.shaft_rpm
 
-    def learnt(self, tuples: Tuples) -> "_FittedProducts":
+    def learnt(self, tuples: Tuples) -> "FittedProducts":
         """The same products with coefficients by least squares.
 
         Args:
@@ -91,7 +96,7 @@ class _FittedProducts(Ship):
         """
         return _with_true_terms(self._ship, self, tuples)[0]
 
-    def on_approach(self, speed: float) -> "_FittedProducts":
+    def on_approach(self, speed: float) -> "FittedProducts":
         """The products as the ship has them at that speed; what was learnt stays.
 
         Args:
@@ -100,10 +105,10 @@ class _FittedProducts(Ship):
         Returns:
             A new ship.
         """
-        return _FittedProducts(self._ship.on_approach(speed), self.inertia, self.prime.mass, self.table)
+        return FittedProducts(self._ship.on_approach(speed), self.inertia, self.prime.mass, self.table)
 
 
-def own_part(ship: Ship | Particulars) -> _FittedProducts:
+def own_part(ship: Ship | Particulars) -> FittedProducts:
     """The ship's own products as the known part, their coefficients learnt before the network sees what is left.
 
     Returns:
@@ -117,7 +122,7 @@ def own_part(ship: Ship | Particulars) -> _FittedProducts:
             f"linear=own: the forces of the {ship.particulars.name} are no sum of known products; write "
             "linear=clarke or none"
         )
-    return _FittedProducts(ship, ship.inertia, ship.prime.mass, torch.zeros_like(ship.table))
+    return FittedProducts(ship, ship.inertia, ship.prime.mass, torch.zeros_like(ship.table))
 
 
 def fit_baselines(ship: Ship | Particulars, known: Ship, tuples: Tuples) -> tuple[list[_Baseline], list[str]]:
@@ -196,7 +201,7 @@ def true_terms_baseline(ship: Ship, known: Ship, tuples: Tuples) -> _Baseline:
     return _Baseline("true terms", CalmWater(fitted), count, note)
 
 
-def _with_true_terms(ship: Ship, known: Ship, tuples: Tuples) -> tuple[_FittedProducts, int]:
+def _with_true_terms(ship: Ship, known: Ship, tuples: Tuples) -> tuple[FittedProducts, int]:
     """The ship's products with coefficients by least squares, and how many these are."""
     if ship.table is None:
         raise InputError(f"ship {ship.particulars.name} has no products to fit: leave out the baseline `true terms`")
@@ -212,7 +217,7 @@ def _with_true_terms(ship: Ship, known: Ship, tuples: Tuples) -> tuple[_FittedPr
         rows = np.flatnonzero(pattern[:, e])
         table[rows, e] = _solved(products[:, rows], targets[:, e])
     learnt = torch.tensor(table).to(known.inertia)
-    return _FittedProducts(ship, known.inertia, known.prime.mass, learnt), int(pattern.sum())
+    return FittedProducts(ship, known.inertia, known.prime.mass, learnt), int(pattern.sum())
 
 
 def _pattern(ship: Ship, known: Ship) -> Bool[np.ndarray, "terms 3"]:

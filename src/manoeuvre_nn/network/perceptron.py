@@ -184,6 +184,38 @@ def rajesh_network(
     return Perceptron((1, 4, hidden - 1, 3), activation, initial, spread, seed=seed, dtype=dtype)
 
 
+def mlp(
+    hidden: int = 7,
+    activation: Activation = "tanh",
+    initial: Initial = "normal",
+    spread: float = 0.3,
+    *,
+    inputs: int = 4,
+    outputs: int = 3,
+    seed: int = 0,
+    dtype: torch.dtype = torch.float64,
+) -> Perceptron:
+    """One i-m-o network; m counts the nodes with an activation, biases come on top.
+
+    Args:
+        hidden: m.
+        activation: As in :class:`Perceptron`.
+        initial: Likewise.
+        spread: Likewise.
+        inputs: i.
+        outputs: o.
+        seed: Seed of the first weights.
+        dtype: Floating type.
+
+    Returns:
+        The network.
+
+    Source:
+        Cepowski 2007, Fig. 7: 5-7-1.
+    """
+    return Perceptron((1, inputs, hidden, outputs), activation, initial, spread, seed=seed, dtype=dtype)
+
+
 def _draw(shape: tuple[int, ...], initial: Initial, spread: float, generator: torch.Generator) -> Tensor:
     """First weights in float64."""
     if initial == "normal":

@@ -12,7 +12,7 @@ from manoeuvre_nn.ship.clarke import GYRATION, SURGE_ADDED_MASS, clarke_derivati
 from manoeuvre_nn.ship.taylor import Coefficients, Side, TaylorShip
 
 
-class _InertiaOnly(Ship):
+class InertiaOnly(Ship):
     """A ship of which only the inertia is known; all forces are left to the network.
 
     Source:
@@ -33,9 +33,9 @@ class _InertiaOnly(Ship):
         """Nothing is known."""
         return torch.zeros_like(nu)
 
-    def on_approach(self, speed: float) -> "_InertiaOnly":
+    def on_approach(self, speed: float) -> "InertiaOnly":
         """Inertia and units as the ship has them at that speed."""
-        return _InertiaOnly(self._ship[0].on_approach(speed))
+        return InertiaOnly(self._ship[0].on_approach(speed))
 
 
 def clarke_part(ship: Ship | Particulars, Xu: float | None = None, Xdd: float | None = None) -> TaylorShip:  # noqa: N803
@@ -89,7 +89,7 @@ def no_part(ship: Ship | Particulars) -> Ship:
     Source:
         Rajesh & Bhattacharyya 2009, eqs 10-12.
     """
-    return _InertiaOnly(clarke_part(ship) if isinstance(ship, Particulars) else ship)
+    return InertiaOnly(clarke_part(ship) if isinstance(ship, Particulars) else ship)
 
 
 def clarke_inertia_part(ship: Ship | Particulars) -> Ship:
@@ -104,7 +104,7 @@ def clarke_inertia_part(ship: Ship | Particulars) -> Ship:
     Source:
         Wang 1996, eqs 4.7-4.16.
     """
-    return _InertiaOnly(clarke_part(ship))
+    return InertiaOnly(clarke_part(ship))
 
 
 def given_part(

@@ -17,6 +17,7 @@ from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.dynamics.recursive import RecursiveShip
 from manoeuvre_nn.network.perceptron import Perceptron
 from manoeuvre_nn.numerics.damping import Damping, Stops
+from manoeuvre_nn.numerics.evidence import WeightDecay, nothing_shrunk
 from manoeuvre_nn.numerics.levenberg_marquardt import LevenbergMarquardt
 from manoeuvre_nn.numerics.one_hidden import OneHidden
 from manoeuvre_nn.numerics.steepest_descent import RateSchedule, SteepestDescent, StoppingRules
@@ -209,9 +210,15 @@ class BackpropFit(Fit):
 class LevenbergMarquardtFit(Fit):
     """Levenberg-Marquardt with TRAINLM's parameters; every independent network is a row of one batch.
 
+    Attributes:
+        shrinkage: alpha, beta and the effective number of weights of every row, see :class:`.WeightDecay`; None where
+            weights are not shrunk.
+
     Source:
-        Rajesh & Bhattacharyya 2009, section 4; Hagan & Menhaj 1994.
+        Rajesh & Bhattacharyya 2009, section 4; Hagan & Menhaj 1994; Foresee & Hagan 1997 for the shrunk weights.
     """
+
+    shrinkage: Tensor | None
 
     def __init__(
         self,
@@ -219,6 +226,7 @@ class LevenbergMarquardtFit(Fit):
         *,
         damping: Damping | None = None,
         stops: Stops | None = None,
+        bayesian: bool = False,
         iterations_per_epoch: int = 1,
     ) -> None:
         """Set up the method.
@@ -227,11 +235,20 @@ class LevenbergMarquardtFit(Fit):
             dynamics: The model.
             damping: How mu follows the steps; by default TRAINLM's rule.
             stops: When a row is done; by default when its gradient is 1e-13. Epochs are counted by the trainer.
+            bayesian: Whether the weights of a perceptron are shrunk as far as the evidence says.
             iterations_per_epoch: Levenberg-Marquardt epochs in a Lightning epoch.
+
+        Raises:
+            InputError: If weights are to be shrunk that are not a perceptron's.
         """
         super().__init__(dynamics, iterations_per_epoch)
         self.damping, self.stops = damping or Damping(), stops or Stops(min_step=0.0)
         self._problem: OneHidden | None = None
+        self._normal = torch.empty(0)
+        if bayesian and not isinstance(dynamics.network, Perceptron):
+            raise InputError("fit.bayesian=true is for perceptrons: choose another network, or fit.bayesian=false")
+        first = _stacked(nothing_shrunk(self._weights())) if bayesian else None
+        self.register_buffer("shrinkage", first)
 
     def configure_optimizers(self) -> LevenbergMarquardt:
         """The optimizer, with normal equations by formula for a perceptron."""
@@ -246,8 +263,34 @@ class LevenbergMarquardtFit(Fit):
     def _normal_equations(self) -> tuple[Tensor, Tensor]:
         """Those of a perceptron at its present weights."""
         assert self._problem is not None
-        weights = [p.detach().flatten(1) for p in self.dynamics.network.parameters()]
-        return self._problem.normal_equations(torch.cat(weights, dim=1))
+        weights = self._weights().detach()
+        self._normal, gradient = self._problem.normal_equations(weights)
+        decay = self._decay
+        return (self._normal, gradient) if decay is None else decay.normal_equations(self._normal, gradient, weights)
+
+    def _weights(self) -> Tensor:
+        """Weights of a perceptron, a row for each independent network."""
+        return torch.cat([p.flatten(1) for p in self.dynamics.network.parameters()], dim=1)
+
+    @property
+    def _decay(self) -> WeightDecay | None:
+        """How far the weights are shrunk."""
+        return None if self.shrinkage is None else WeightDecay(*self.shrinkage)
+
+    def _residuals(self, x: Tensor, y: Tensor) -> Tensor:
+        """Errors at the present weights, and what stands for the prior."""
+        errors, decay = (self.rows(x) - y).flatten(1), self._decay
+        return errors if decay is None else decay.residuals(errors, self._weights())
+
+    @torch.no_grad()
+    def _shrink_again(self, x: Tensor, y: Tensor) -> None:
+        """Estimate the prior once more, with the normal equations of the last step."""
+        decay = self._decay
+        if decay is not None:
+            assert self.shrinkage is not None
+            decay = decay.again(self._normal, (self.rows(x) - y).flatten(1), self._weights())
+            self.shrinkage.copy_(_stacked(decay))
+            self.log("train/effective_weights", float(decay.effective.sum()))
 
     def training_step(self, batch: Batch, batch_idx: int) -> None:
         """One or more Levenberg-Marquardt epochs over all tuples."""
@@ -259,7 +302,8 @@ class LevenbergMarquardtFit(Fit):
         optimizer: Any = self.optimizers()
         inner: LevenbergMarquardt = optimizer.optimizer
         for _ in range(self.iterations_per_epoch):
-            optimizer.step(lambda: (self.rows(x) - y).flatten(1))  # residuals at the present weights
+            optimizer.step(lambda: self._residuals(x, y))
+            self._shrink_again(x, y)
             if len(batch[2]):
                 inner.validate(self._validation_error(batch))
             if inner.stopped:
@@ -267,10 +311,17 @@ class LevenbergMarquardtFit(Fit):
         self.log("train/mu", float(inner.mu.max()))
         if inner.stopped:
             self.stopped = "; ".join(dict.fromkeys(inner.reasons))
-        self.finish(batch, torch.as_tensor(inner.loss).mean())
+        with torch.no_grad():
+            loss = inner.loss if self.shrinkage is None else (self.rows(x) - y).square()
+        self.finish(batch, torch.as_tensor(loss).mean())
 
     @torch.no_grad()
     def _validation_error(self, batch: Batch) -> Tensor:
         """Mean square error of every row on the tuples kept back."""
         x, y = self.scaled(batch[2], batch[3])
         return (self.rows(x) - y).square().mean(dim=(1, 2))
+
+
+def _stacked(decay: WeightDecay) -> Float[Tensor, "3 k"]:
+    """A prior as a checkpoint holds it."""
+    return torch.stack([decay.alpha, decay.beta, decay.effective]).detach()

@@ -7,6 +7,8 @@ from manoeuvre_nn.core.scaling import Scaling
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.recording.tuples import Tuples
 
+OF_RESPONSES = ("standard", "range", "none")
+"""Scalings of a network that approximates a response."""
 KINDS = ("source", "centred", "balanced", "standard", "mirrored", "speed", "approach")
 
 
@@ -56,6 +58,32 @@ def approach_scaling(known: Ship) -> Scaling:
     unit, own, new = known.particulars.prime, known.prime, known.inertia.new_tensor
     speed, force, moment = unit.speed / own.speed, unit.force / own.force, unit.moment / own.moment
     return Scaling(new([0.0] * 4), new([speed, speed, speed, 1.0]), new([force, force, moment]))
+
+
+def response_scaling(kind: str, features: torch.Tensor, targets: torch.Tensor) -> Scaling:
+    """Choose the scaling of a network that approximates a response.
+
+    ``standard`` takes the mean off and divides by the standard deviation, ``range`` takes every feature and the target
+    to -1 .. 1, ``none`` leaves them in SI.
+
+    Args:
+        kind: One of :data:`OF_RESPONSES`.
+        features: What the network sees of the learnt records, a row each.
+        targets: What it should say, a row each.
+
+    Returns:
+        The scaling.
+    """
+    check_choice("network.scaling", kind, list(OF_RESPONSES))
+    both = features, targets
+    if kind == "none":
+        shifts, sizes = [torch.zeros_like(z[0]) for z in both], [torch.ones_like(z[0]) for z in both]
+    elif kind == "range":
+        shifts = [0.5 * (z.amin(0) + z.amax(0)) for z in both]
+        sizes = [_or_one(0.5 * (z.amax(0) - z.amin(0))) for z in both]
+    else:
+        shifts, sizes = [z.mean(0) for z in both], [_or_one(z.std(0)) for z in both]
+    return Scaling(shifts[0], sizes[0], sizes[1], shifts[1])
 
 
 def _or_one(size: torch.Tensor) -> torch.Tensor:

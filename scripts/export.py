@@ -1,0 +1,9 @@
+"""Which manoeuvre to sail next for this ship and model.
+
+``python scripts/export.py --help`` tells more; ``manoeuvre export`` is the same.
+"""
+
+from manoeuvre_nn.commands.main import run
+
+if __name__ == "__main__":
+    run("export")

@@ -1,0 +1,47 @@
+"""A model of any kind as a program; a new kind of model adds a line here."""
+
+from collections.abc import Sequence
+from functools import singledispatch
+from typing import Any
+
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.response import Response
+from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
+from manoeuvre_nn.dynamics.recursive import RecursiveShip
+from manoeuvre_nn.formulas.motion import identified_ship, ship_in_calm_water
+from manoeuvre_nn.formulas.program import Program
+from manoeuvre_nn.formulas.ranges import Ranges
+from manoeuvre_nn.formulas.responses import response
+
+
+@singledispatch
+def to_program(model: Any, ranges: Ranges | None = None, notes: Sequence[str] = ()) -> Program:
+    """Write a model down in closed form: a program.
+
+    Args:
+        model: The model.
+        ranges: Ranges of what it was trained on [SI]; None takes usual ones.
+        notes: Where it is from.
+
+    Raises:
+        InputError: If it has no closed form.
+    """
+    raise InputError(f"a {type(model).__name__} has no closed form here: export a model of manoeuvre train")
+
+
+@to_program.register
+def recursive_ship(model: RecursiveShip, ranges: Ranges | None = None, notes: Sequence[str] = ()) -> Program:
+    """Refuse: what a recursive network gives depends on what came before.
+
+    Raises:
+        InputError: Always.
+    """
+    raise InputError(
+        "a recursive network has a memory of past steps, so it is no formula: use its checkpoint, or train "
+        "network=hull_rudder, cubic or wang on the same runs and export that"
+    )
+
+
+to_program.register(CalmWater, ship_in_calm_water)
+to_program.register(IdentifiedShip, identified_ship)
+to_program.register(Response, response)

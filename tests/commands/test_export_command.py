@@ -1,0 +1,148 @@
+"""``manoeuvre export``: a trained run as formulas; wrong input in one line."""
+
+import json
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from conftest import Ended
+from hydra.core.global_hydra import GlobalHydra
+from rich.console import Console
+
+import manoeuvre_nn as mnn
+from manoeuvre_nn.commands.export import checkpoint_of, export
+from manoeuvre_nn.commands.groups import compose
+from manoeuvre_nn.commands.job import load_model
+from manoeuvre_nn.commands.main import main
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.dynamics.base import calm_accelerations
+from manoeuvre_nn.dynamics.recursive import RecursiveShip
+from manoeuvre_nn.network.recursive import RecursiveNetwork
+from manoeuvre_nn.ship.naval_vessel import naval_vessel
+
+SHORT = ["network.surge=[u u,n n]", "network.lateral=[u v,u r,d]", "network.members=1", "trainer.max_epochs=2"]
+FILES = {"accelerations.tex", "accelerations.py", "accelerations.c", "accelerations.csv"}
+
+
+@pytest.fixture
+def typed(monkeypatch, capsys, tmp_path):
+    """``typed("run=OUT", ...)`` runs ``manoeuvre export`` in an empty folder."""
+    monkeypatch.setenv("HYDRA_FULL_ERROR", "0")
+    monkeypatch.chdir(tmp_path)
+
+    def run(*words: str) -> Ended:
+        GlobalHydra.instance().clear()
+        capsys.readouterr()
+        monkeypatch.setattr(sys, "argv", ["manoeuvre", "export", *words])
+        code = 0
+        try:
+            main()
+        except SystemExit as end:
+            code = int(end.code or 0)
+        told = capsys.readouterr()
+        return Ended(code, told.out, told.err)
+
+    return run
+
+
+@pytest.fixture
+def run(done, tmp_path) -> Path:
+    """A copy of the folder of a complete tiny run."""
+    shutil.copytree(done, tmp_path / "run", ignore=shutil.ignore_patterns("figures", "predictions"))
+    return tmp_path / "run"
+
+
+def test_all_formats_of_a_run_are_written_beside_it_and_the_function_is_the_model(typed, run, tmp_path):
+    ended = typed(f"run={run}", "format=all")
+    assert ended.code == 0, ended.err
+    assert {p.name for p in (run / "export").iterdir()} == FILES
+    assert {p.name for p in tmp_path.iterdir()} == {"run"}  # no folder of hydra's
+    for told in (
+        "largest difference",
+        "range of validity: u ",
+        "; delta -",
+        "written: ",
+        "zz35 (60 s)",
+    ):
+        assert told in " ".join(ended.out.split())
+    module: dict = {}
+    exec((run / "export" / "accelerations.py").read_text(), module)
+    made, motion = load_model(run / "checkpoints" / "best.ckpt"), (7.1, -0.3, 0.004, 0.35)
+    nu = torch.tensor(motion[:3], dtype=torch.float64)
+    expected = calm_accelerations(made, nu, torch.tensor(motion[3], dtype=torch.float64)).detach().numpy()
+    np.testing.assert_allclose(module["accelerations"](*motion), expected, rtol=1e-12)
+    again = typed(f"run={run}", "format=latex")
+    assert again.code == 0 and "there already: " in again.out
+
+
+def test_a_file_of_another_content_is_left_alone_and_another_is_written(typed, run, tmp_path):
+    mine = tmp_path / "mine.py"
+    mine.write_text("mine = 1\n")
+    ended = typed(f"run={run / 'checkpoints' / 'last.ckpt'}", f"out={mine}")
+    assert ended.code == 2 and mine.read_text() == "mine = 1\n"
+    (line,) = ended.err.splitlines()
+    assert "mine.py exists and holds something else: choose another out=, or remove it" in line
+    ended = typed(f"run={run}", "format=latex", f"out={tmp_path / 'part' / 'a.tex'}", "document=false")
+    assert ended.code == 0 and "documentclass" not in (tmp_path / "part" / "a.tex").read_text()
+
+
+def test_the_checkpoint_that_a_training_kept_is_taken(run):
+    assert checkpoint_of(run).name == "best.ckpt"
+    config = run / "config.yaml"
+    config.write_text(config.read_text().replace("keep: best", "keep: last"))
+    assert checkpoint_of(run).name == "last.ckpt"
+    (run / "checkpoints" / "last.ckpt").unlink()
+    assert checkpoint_of(run).name == "best.ckpt"
+
+
+@pytest.mark.parametrize(
+    "words, told",
+    [
+        ([], "run must be given: write run=OUT"),
+        (["run=nowhere"], "run=nowhere: there is no such folder"),
+        (["run=."], "run=.: there is no checkpoints/best.ckpt; write the output folder of manoeuvre train"),
+        (["run={run}", "format=fortran"], "format 'fortran' is unknown; choose one of: latex, python, c, csv, all"),
+        (["run={run}", "document=3"], "document=3: expected true or false"),
+        (["run={run}/config.yaml"], "config.yaml"),
+        (["run={run}", "form=c"], "there is no setting form"),
+    ],
+)
+def test_wrong_input_ends_in_one_line(typed, run, words, told):
+    ended = typed(*(word.format(run=run) for word in words))
+    assert ended.code == 2
+    (line,) = ended.err.splitlines()
+    assert line.startswith("error: ") and told in line
+    assert not (run / "export").exists()
+
+
+def test_a_recursive_network_is_refused_with_what_to_do(monkeypatch, run):
+    made = RecursiveShip(naval_vessel(), RecursiveNetwork())
+    monkeypatch.setattr("manoeuvre_nn.commands.export.load_model", lambda path: made)
+    with pytest.raises(
+        InputError, match="has a memory of past steps, so it is no formula: .* train network=hull_rudder"
+    ):
+        export(compose("export", [f"run={run}"]), run, Console(quiet=True))
+
+
+def test_ranges_are_usual_ones_where_the_recordings_are_gone(run):
+    config = run / "config.yaml"
+    text = config.read_text()
+    config.write_text(text.replace("data:\n", "data:\n  folder: gone\n  files: [a.csv]\n  mapping: null\n", 1))
+    made = export(compose("export", [f"run={run}"]), run, Console(quiet=True))[0]
+    assert any("is not to be had" in note and "hard manoeuvres" in note for note in made.program.notes)
+
+
+def test_pythons_way_in_writes_a_model_a_run_and_a_ship(run, tmp_path):
+    text = mnn.export(run, "csv")
+    assert text.startswith("Accelerations of the Mariner") and json.dumps("zz35")[1:-1] in text
+    assert mnn.export(run / "checkpoints" / "best.ckpt", tmp_path / "a.tex") == (tmp_path / "a.tex").read_text()
+    assert "double out[3]" in mnn.export("esso_190k", "c")
+    with pytest.raises(InputError, match=r"'\.txt' is unknown; choose one of: \.tex, \.py, \.c, \.csv"):
+        mnn.export("mariner", tmp_path / "a.txt")
+    calm = mnn.simulate("mariner", {"zz20": {"duration": 120.0}})
+    fitted = mnn.fit("mariner", calm, "modulus", SHORT)
+    found = mnn.export(fitted)
+    assert f"delta: rudder angle, positive turns the ship to starboard [rad], {calm[0]['delta'].min():.6g} to" in found
