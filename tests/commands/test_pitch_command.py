@@ -32,7 +32,7 @@ def test_pitch_is_approximated_tested_and_reported(cli, tmp_path):
     out, found = tmp_path / "out", scores(tmp_path / "out")
     assert set(found["errors"]) == {"learning", "testing", "between"} and found["unit"] == "deg"
     assert found["error"] == found["errors"]["testing"]["rms"] > 0
-    assert (out / "report.html").is_file() and len(list((out / "figures").glob("*.png"))) == 4
+    assert (out / "report.html").is_file() and len(list((out / "figures").glob("*.png"))) == 5
     assert list(pd.read_csv(out / "records.csv").columns) == [
         "d [m]", "V [kn]", "beta [deg]", "Hs [m]", "T [s]", "pitch [deg]",
     ]  # fmt: skip
