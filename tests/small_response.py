@@ -21,8 +21,8 @@ def response(network: Network) -> Response:
     return Response(network, scaling, Quantities([a, b], y, ["a", "b"]))
 
 
-def trained(fit: Fit, epochs: int = 100, count: int = 120, noise: float = 0.0) -> L.Trainer:
-    """Train on the first records, with noise of this standard deviation."""
+def trained(fit: Fit, epochs: int = 100, count: int = 120, noise: float = 0.0, repeats: int = 1) -> L.Trainer:
+    """Train on the first records, with noise of this standard deviation, each given so many times."""
     generator = torch.Generator().manual_seed(2)
     y = Y[:count] + noise * torch.randn(count, 1, generator=generator, dtype=torch.float64)
     trainer = L.Trainer(
@@ -30,7 +30,9 @@ def trained(fit: Fit, epochs: int = 100, count: int = 120, noise: float = 0.0) -
         enable_model_summary=False,
     )  # fmt: skip
     with unchecked():
-        trainer.fit(fit, DataLoader([(X[:count], y, X[:0], Y[:0])], batch_size=None))
+        trainer.fit(
+            fit, DataLoader([(X[:count].repeat(repeats, 1), y.repeat(repeats, 1), X[:0], Y[:0])], batch_size=None)
+        )
     return trainer
 
 

@@ -7,6 +7,8 @@ from manoeuvre_nn.network.radial import GeneralRegression, RadialBasis
 from manoeuvre_nn.training.fits import BackpropFit
 from manoeuvre_nn.training.radial_fit import ALL_TRIED, AT_REST, GeneralRegressionFit, RadialBasisFit
 
+FITS = [(RadialBasis, RadialBasisFit, (2, 20)), (GeneralRegression, GeneralRegressionFit, (2,))]
+
 
 def test_radial_basis_functions_learn_a_smooth_function():
     model = response(RadialBasis(2, 40))
@@ -43,9 +45,7 @@ def test_regression_by_stored_records_finds_its_widths():
     assert common.network.widths[0] == common.network.widths[1]
 
 
-@pytest.mark.parametrize(
-    ("kind", "fit", "size"), [(RadialBasis, RadialBasisFit, (2, 20)), (GeneralRegression, GeneralRegressionFit, (2,))]
-)
+@pytest.mark.parametrize(("kind", "fit", "size"), FITS)
 def test_a_state_gives_the_fitted_network_again(kind, fit, size):
     first, second = response(kind(*size)), response(kind(*size))
     done, empty = fit(first), fit(second)
@@ -67,3 +67,11 @@ def test_each_fit_is_for_its_own_network_and_each_network_for_its_own_fit():
 def test_settings_out_of_range_are_refused(wrong):
     with pytest.raises(InputError, match=rf"fit\.{next(iter(wrong))}"):
         RadialBasisFit(response(RadialBasis(2)), **wrong)
+
+
+@pytest.mark.parametrize(("kind", "fit", "size"), FITS)
+def test_records_given_four_times_teach_what_they_teach_once(kind, fit, size):
+    once, repeated = response(kind(*size)), response(kind(*size))
+    trained(fit(once))
+    trained(fit(repeated), repeats=4)
+    assert repeated.at(OTHERS.numpy()) == pytest.approx(once.at(OTHERS.numpy()), rel=1e-6)

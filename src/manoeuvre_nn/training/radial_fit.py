@@ -12,6 +12,7 @@ from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.network.radial import GeneralRegression, RadialBasis
 from manoeuvre_nn.numerics.kernel_regression import WidthSearch
 from manoeuvre_nn.numerics.radial_basis import RidgeFit, gaussian_nodes, neighbour_distances, ridge_by_press
+from manoeuvre_nn.numerics.repeats import without_repeats
 from manoeuvre_nn.training.data import Batch
 from manoeuvre_nn.training.fits import Fit
 
@@ -66,11 +67,12 @@ class RadialBasisFit(Fit):
         """Try one factor."""
         network: Any = self.dynamics.network
         x, y = self.scaled(batch[0], batch[1])
+        kept, values = without_repeats(x, y[0])
         if self.current_epoch == 0:
-            network.place(x)
+            network.place(kept)
         distances = neighbour_distances(network.centres, self.neighbours)
         widths = self.factors[min(self.current_epoch, len(self.factors) - 1)] * distances
-        found = ridge_by_press(gaussian_nodes(x, network.centres, widths), y[0], self.ridges)
+        found = ridge_by_press(gaussian_nodes(kept, network.centres, widths), values, self.ridges)
         if found.press < float(self.best_press):
             self._take(found, widths)
         if self.current_epoch + 1 >= len(self.factors):
@@ -119,11 +121,12 @@ class GeneralRegressionFit(Fit):
         """One step."""
         network: Any = self.dynamics.network
         x, y = self.scaled(batch[0], batch[1])
+        kept, values = without_repeats(x, y[0])
         if self._search is None:
             taken_up = None if self.current_epoch == 0 else network.widths
-            self._search = WidthSearch(x, y[0], common=self.common_width, start=taken_up)
+            self._search = WidthSearch(kept, values, common=self.common_width, start=taken_up)
         self._search.step(self.min_fall)
-        network.store(x, y[0], self._search.widths)
+        network.store(kept, values, self._search.widths)
         if self._search.stopped:
             self.stopped = AT_REST
         self.log("train/leave_one_out", self._search.error)
