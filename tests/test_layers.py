@@ -13,6 +13,7 @@ SHELVES = {"ship", "manoeuvre", "effect", "network"}
 FLOORS: list[set[str]] = [
     {"core"},
     {"numerics"},
+    {"seakeeping"},
     SHELVES,
     {"dynamics"},
     {"recording"},

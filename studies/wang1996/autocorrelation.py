@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from manoeuvre_nn.seakeeping.froude_krylov import encounter_frequency, sway_and_yaw
 from manoeuvre_nn.ship.taylor import TaylorShip
 from studies.wang1996.free_decay import Modes, autocorrelation, free_modes, random_decrement
-from studies.wang1996.froude_krylov import encounter_frequency, sway_and_yaw
 from studies.wang1996.sway_yaw import (
     ANGLES_DEG,
     DURATION,

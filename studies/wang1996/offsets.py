@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from studies.wang1996.froude_krylov import Hull
+from manoeuvre_nn.seakeeping.hull import Hull
 
 # Wang 1996, Tables 7.1 and 7.2. Stations from the forward perpendicular (0) to the after one (10).
 STATIONS = (0, 0.5, 1, 1.5, 2, 3, 4, 5, 6, 7, 8, 8.5, 9, 9.5, 10)

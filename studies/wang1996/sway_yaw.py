@@ -9,12 +9,15 @@ import torch
 from jaxtyping import Float
 
 from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.seakeeping.froude_krylov import encounter_frequency, sway_and_yaw
+from manoeuvre_nn.seakeeping.hull import Immersed, immerse
+from manoeuvre_nn.seakeeping.spectra import Waves, WaveSpectrum, compose
 from manoeuvre_nn.ship.taylor import TaylorShip
-from studies.wang1996.froude_krylov import Immersed, encounter_frequency, immerse, sway_and_yaw
 from studies.wang1996.offsets import wang_hull
-from studies.wang1996.spectra import IttcSpectrum, Waves, compose
 
-SEA = IttcSpectrum(5.0, 10.0)
+HEIGHT, PERIOD = 5.0, 10.0
+"""Significant height [m] and mean period [s]: Wang 1996, section 7.1.1."""
+SEA = WaveSpectrum.ittc(HEIGHT, PERIOD)
 """Wang 1996, section 7.1.1."""
 BAND = (0.3, 1.25)
 """Lowest and highest wave frequency [rad/s]: Wang 1996, section 7.1.1."""

@@ -7,12 +7,12 @@ import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.core.units import FRESH_WATER, GRAVITY
+from manoeuvre_nn.seakeeping.froude_krylov import encounter_frequency, sway_and_yaw
+from manoeuvre_nn.seakeeping.spectra import significant_height
 from manoeuvre_nn.ship.taylor import TaylorShip
 from studies.reproduction.section import Line, Panel, Plot
-from studies.wang1996.froude_krylov import encounter_frequency, sway_and_yaw
 from studies.wang1996.offsets import wang_hull
-from studies.wang1996.spectra import significant_height
-from studies.wang1996.sway_yaw import COMPONENTS, SEA, hull, sea, to_heading
+from studies.wang1996.sway_yaw import COMPONENTS, PERIOD, SEA, hull, sea, to_heading
 
 FREQUENCY, AMPLITUDE, ANGLE_DEG = 0.65, 0.503, 45.0
 """Component whose force Figs 7.3 and 7.4 show [rad/s, m, deg]: Wang 1996, section 7.1.2."""
@@ -46,7 +46,7 @@ def spectrum_values() -> dict[str, float]:
         "height_of_components": significant_height(waves.moment(0)),
         "components": COMPONENTS,
         "amplitude": float(waves.amplitude[int(np.argmin(np.abs(waves.frequency - FREQUENCY)))]),
-        "wave_length": GRAVITY * SEA.period**2 / (2 * pi),
+        "wave_length": GRAVITY * PERIOD**2 / (2 * pi),
     }
 
 

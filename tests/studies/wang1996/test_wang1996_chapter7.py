@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from pytest import approx
 
+from manoeuvre_nn.seakeeping.froude_krylov import encounter_frequency, sway_and_yaw
+from manoeuvre_nn.seakeeping.hull import immerse
 from manoeuvre_nn.ship.mariner import mariner
 from studies.reproduction.section import ComputingEffort
 from studies.wang1996.chapter7 import chapter
 from studies.wang1996.free_decay import autocorrelation, decay_rate, free_modes
-from studies.wang1996.froude_krylov import encounter_frequency, immerse, sway_and_yaw
 from studies.wang1996.offsets import wang_hull
 from studies.wang1996.sway_yaw import (
     START,

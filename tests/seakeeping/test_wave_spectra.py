@@ -4,9 +4,9 @@ from pytest import approx
 from scipy.integrate import quad
 
 from manoeuvre_nn.core.errors import InputError
-from studies.wang1996.spectra import IttcSpectrum, compose, significant_height
+from manoeuvre_nn.seakeeping.spectra import WaveSpectrum, compose, significant_height
 
-SEA = IttcSpectrum(5.0, 10.0)
+SEA = WaveSpectrum.ittc(5.0, 10.0)
 
 
 @pytest.mark.parametrize("order", [-1, 0, 1, 2])
@@ -16,7 +16,7 @@ def test_moments_are_the_integrals_of_the_density(order):
 
 
 def test_the_variance_is_a_quarter_of_a_over_b():
-    a, b = SEA.parameters
+    a, b = SEA.level, SEA.decay
     assert SEA.moment(0) == approx(a / (4 * b), rel=1e-12)
 
 
@@ -26,14 +26,14 @@ def test_height_and_period_come_back_from_the_moments():
 
 
 def test_the_peak_lies_where_the_slope_of_the_density_is_zero():
-    _, b = SEA.parameters
+    b = SEA.decay
     frequency = np.linspace(0.3, 1.0, 70001)
     assert frequency[np.argmax(SEA.density(frequency))] == approx((0.8 * b) ** 0.25, abs=2e-5)
 
 
 def test_waves_four_times_as_high_have_sixteen_times_the_energy():
     frequency = np.array([0.4, 0.8])
-    np.testing.assert_allclose(IttcSpectrum(20.0, 10.0).density(frequency), 16 * SEA.density(frequency))
+    np.testing.assert_allclose(WaveSpectrum.ittc(20.0, 10.0).density(frequency), 16 * SEA.density(frequency))
 
 
 def test_components_carry_the_energy_of_their_band():
@@ -87,10 +87,23 @@ def test_phases_fill_the_turn_evenly():
 
 def test_what_is_no_sea_is_refused():
     with pytest.raises(InputError, match="write values above 0"):
-        IttcSpectrum(0.0, 10.0)
+        WaveSpectrum.ittc(0.0, 10.0)
     with pytest.raises(InputError, match="ask for 3 or less"):
         SEA.moment(4)
     with pytest.raises(InputError, match="2 waves or more"):
         compose(SEA, 0.3, 1.25, 1, [0])
     with pytest.raises(InputError, match="0 < low < high"):
         compose(SEA, 1.25, 0.3, 20, [0])
+
+
+def test_bretschneider_s_sea_has_the_height_and_the_zero_crossing_period_that_were_asked_for():
+    sea = WaveSpectrum.bretschneider(3.0, 8.5)
+    assert significant_height(sea.moment(0)) == approx(3.0, rel=1e-12)
+    assert 2 * np.pi * np.sqrt(sea.moment(0) / sea.moment(2)) == approx(8.5, rel=1e-12)
+
+
+def test_both_spectra_are_one_where_their_periods_belong_together():
+    # T_1 = 1.0864 T_z for this form, up to the ITTC's round numbers
+    zero_crossing = WaveSpectrum.bretschneider(5.0, 10.0 / 1.0864)
+    np.testing.assert_allclose(zero_crossing.level, SEA.level, rtol=2e-3)
+    np.testing.assert_allclose(zero_crossing.decay, SEA.decay, rtol=2e-3)

@@ -11,36 +11,54 @@ from manoeuvre_nn.core.errors import InputError
 
 
 @dataclass(frozen=True)
-class IttcSpectrum:
-    """The two-parameter spectrum of the ITTC, ``S = A w^-5 exp(-B w^-4)``.
-
-    ``A = 173 H^2/T^4`` and ``B = 691/T^4`` with the significant height H and the mean period T. The two round numbers
-    do not fit together fully: the height that the moments give is 1.0008 H.
+class WaveSpectrum:
+    """A spectrum of Bretschneider's form, ``S = A w^-5 exp(-B w^-4)``: see :meth:`ittc` and :meth:`bretschneider`.
 
     Attributes:
-        height: Significant wave height H_1/3 [m].
-        period: Period T_1 of the average frequency, ``2 pi m0/m1`` [s].
-
-    Source:
-        ITTC 1972, as in Wang 1996, eqs 7.1 and 7.2.
+        level: A [m^2/s^4].
+        decay: B [1/s^4].
     """
 
-    height: float
-    period: float
+    level: float
+    decay: float
 
-    def __post_init__(self) -> None:
-        """Refuse what is no sea.
+    @classmethod
+    def ittc(cls, height: float, mean_period: float) -> "WaveSpectrum":
+        """The two-parameter spectrum of the ITTC, ``A = 173 H^2/T^4`` and ``B = 691/T^4``.
 
-        Raises:
-            InputError: If height or period is not above 0.
+        The two round numbers do not fit together fully: the height that the moments give is 1.0008 H.
+
+        Args:
+            height: Significant wave height H_1/3 [m].
+            mean_period: Period T_1 of the average frequency, ``2 pi m0/m1`` [s].
+
+        Returns:
+            The spectrum.
+
+        Source:
+            ITTC 1972, as in Wang 1996, eqs 7.1 and 7.2.
         """
-        if not (self.height > 0 and self.period > 0):
-            raise InputError(f"a sea of {self.height} m and {self.period} s is none: write values above 0")
+        _check_sea(height, mean_period)
+        return cls(173.0 * height**2 / mean_period**4, 691.0 / mean_period**4)
 
-    @property
-    def parameters(self) -> tuple[float, float]:
-        """A [m^2/s^4] and B [1/s^4]."""
-        return 173.0 * self.height**2 / self.period**4, 691.0 / self.period**4
+    @classmethod
+    def bretschneider(cls, height: float, zero_crossing_period: float) -> "WaveSpectrum":
+        """The same by the mean period between upward zero crossings, ``A = 4 pi^3 H^2/T^4``, ``B = 16 pi^3/T^4``.
+
+        With these ``m0 = H^2/16`` and ``2 pi sqrt(m0/m2) = T`` exactly.
+
+        Args:
+            height: Significant wave height H_s [m].
+            zero_crossing_period: T_z [s].
+
+        Returns:
+            The spectrum.
+
+        Source:
+            Bretschneider 1959; with the mean zero-crossing period in ISSC and ITTC, see Journée & Massie 2001, ch. 5.
+        """
+        _check_sea(height, zero_crossing_period)
+        return cls(4 * pi**3 * height**2 / zero_crossing_period**4, 16 * pi**3 / zero_crossing_period**4)
 
     def density(self, frequency: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
         """Spectral density.
@@ -51,8 +69,7 @@ class IttcSpectrum:
         Returns:
             S [m^2 s].
         """
-        a, b = self.parameters
-        return np.asarray(a * frequency**-5.0 * np.exp(-b * frequency**-4.0))
+        return np.asarray(self.level * frequency**-5.0 * np.exp(-self.decay * frequency**-4.0))
 
     def moment(self, order: int) -> float:
         """Moment in closed form, ``m_n = A/4 B^(n/4 - 1) Gamma(1 - n/4)``.
@@ -67,9 +84,14 @@ class IttcSpectrum:
             InputError: If the moment does not exist.
         """
         if order >= 4:
-            raise InputError(f"moment {order} of the ITTC spectrum is infinite: ask for 3 or less")
-        a, b = self.parameters
-        return a / 4 * b ** (order / 4 - 1) * gamma(1 - order / 4)
+            raise InputError(f"moment {order} of the spectrum is infinite: ask for 3 or less")
+        return self.level / 4 * self.decay ** (order / 4 - 1) * gamma(1 - order / 4)
+
+
+def _check_sea(height: float, period: float) -> None:
+    """Refuse what is no sea."""
+    if not (height > 0 and period > 0):
+        raise InputError(f"a sea of {height} m and {period} s is none: write values above 0")
 
 
 def significant_height(variance: float) -> float:
@@ -133,7 +155,7 @@ class Waves:
         return np.asarray(((size * np.exp(1j * self.phase)) @ swing).real)
 
 
-def compose(spectrum: IttcSpectrum, low: float, high: float, count: int, seeds: Sequence[int]) -> Waves:
+def compose(spectrum: WaveSpectrum, low: float, high: float, count: int, seeds: Sequence[int]) -> Waves:
     """Evenly spaced regular waves with the energy of a spectrum and random phases.
 
     The record repeats itself after ``2 pi / dw``: take enough waves for the time that is wanted.

@@ -4,7 +4,8 @@ from pytest import approx
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.units import DEGREE, GRAVITY
-from studies.wang1996.froude_krylov import Hull, encounter_frequency, immerse, sway_and_yaw
+from manoeuvre_nn.seakeeping.froude_krylov import encounter_frequency, sway_and_yaw
+from manoeuvre_nn.seakeeping.hull import Hull, immerse
 from studies.wang1996.offsets import BOTTOM_TANGENT, HALF_BREADTHS, KEEL, STATIONS, wang_hull
 
 L, B, T, RHO = 100.0, 16.0, 6.0, 1000.0
