@@ -24,7 +24,7 @@ from studies.cepowski2007.scores import approximate, halves, without
 from studies.reproduction.claims import read_claims
 from studies.reproduction.section import ChapterResult, ComputingEffort, Line, Panel, Plot, Say
 
-SPLITS, FEW_SPLITS = 20, 3
+SPLITS, FEW_SPLITS, QUICK_SPLITS = 20, 3, 4
 SPREAD_RECORDS = 4096
 COUNTS = (50, 100, 200, 400, 800, 2048)
 """Records that are learnt, drawn from the grid or placed by a Sobol sequence."""
@@ -51,7 +51,7 @@ def chapter(effort: ComputingEffort, say: Say) -> ChapterResult:
         Errors over many splits, the cures one by one, left-out values, and records placed by a Sobol sequence.
     """
     sets = record_sets(usual_method(effort), say, seed=effort.seed, spread=SPREAD_RECORDS)
-    many, few = (4, 1) if effort.quick else (SPLITS, FEW_SPLITS)
+    many, few = (QUICK_SPLITS, 1) if effort.quick else (SPLITS, FEW_SPLITS)
     errors = {name: over_splits(sets, learn, sees, n, say, name) for name, learn, sees, n in methods(many, few)}
     cures = {name: over_splits(sets, learn, sees, few * 2, say, name) for name, learn, sees in CURES}
     quantities: dict[str, Any] = {key: _medians(errors[name]) for key, name in KEYS.items()}

@@ -12,12 +12,14 @@ from studies.cepowski2007.learners import (
     RECOMMENDED,
     Learn,
     back_propagation,
-    boosted_trees,
-    gaussian_process,
     general_regression,
-    has_symbolic_regression,
     polynomial,
     radial_basis,
+)
+from studies.cepowski2007.packages import (
+    boosted_trees,
+    gaussian_process,
+    has_symbolic_regression,
     symbolic_regression,
 )
 from studies.cepowski2007.records import AS_PRINTED, PHYSICAL, RecordSets, record_sets, usual_method
@@ -28,6 +30,8 @@ from studies.reproduction.section import ChapterResult, ComputingEffort, Line, P
 COUNTS, QUICK_COUNTS = (50, 100, 200, 400, 800, 1600, 4400), (100, 400, 4400)
 """Records of the learning curve; half of them learn."""
 SEEDS = 3
+COUNT = 4400
+"""Records of the table."""
 METHODS: Mapping[str, Learn] = {
     "perceptron, 7 nodes": PAPERS,
     "perceptron, 7 nodes, shrunk": RECOMMENDED,
@@ -81,7 +85,7 @@ def chapter(effort: ComputingEffort, say: Say) -> ChapterResult:
         f"than {printed[0]:.2f} deg there.{said}",
         read_claims("cepowski2007", "rivals").beside(quantities),
         {
-            f"RMS errors [deg], median of {seeds} splits of the 4400 records": table,
+            f"RMS errors [deg], median of {seeds} splits of {COUNT} records": table,
             "Learning curve: RMS between the points of the grid [deg]; half of the records learn": curve,
         },
         [curve_figure(curve)],
@@ -109,7 +113,7 @@ def rival_rows(sets: RecordSets, seeds: int, say: Say, *, symbolic: bool) -> lis
             found = []
             for seed in range(count):
                 say(f"{name}, {view} inputs: split {seed + 1} of {count}")
-                learnt, tested = halves(sets.grid, seed)
+                learnt, tested = halves(sets.grid, seed, COUNT)
                 made = approximate(learn, sees, learnt, seed)
                 found.append([made.rms(learnt), made.rms(tested), made.rms(sets.between), made.seconds])
             learning, testing, between, seconds = np.median(found, axis=0).tolist()
