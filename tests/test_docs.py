@@ -10,6 +10,7 @@ from fleet import unchecked
 from manoeuvre_nn.commands import import_recording
 from manoeuvre_nn.commands.config import chosen_effects
 from manoeuvre_nn.commands.groups import compose
+from manoeuvre_nn.commands.main import task_of
 from manoeuvre_nn.commands.shelves import build
 from manoeuvre_nn.ship.mariner import mariner
 
@@ -95,7 +96,10 @@ def test_a_command_of_the_pages_knows_its_settings(name, words):
     elif any(word.startswith("config_dir=") for word in words):
         pytest.skip("needs a folder of the reader's own")
     elif name in {"train", "simulate", "diagnose", "check", "coefficients", "excite", "export"}:
-        compose(name, [word for word in words if word != "-m" and "," not in word.partition("=")[2].partition("[")[0]])
+        words, config = task_of(words, name)
+        compose(
+            config, [word for word in words if word != "-m" and "," not in word.partition("=")[2].partition("[")[0]]
+        )
     else:
         assert script.is_file()
 

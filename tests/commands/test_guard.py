@@ -21,7 +21,10 @@ def raised(act) -> BaseException:
     "words, told",
     [
         (["ship=submarine"], "ship=submarine is unknown; choose one of: container, container_twin, esso_190k,"),
-        (["experiment=nope"], "experiment=nope is unknown; choose one of: rajesh2009, wang1996"),
+        (
+            ["experiment=nope"],
+            "experiment=nope is unknown; choose one of: cepowski2007, rajesh2009, structure, wang1996",
+        ),
         (["hydra/launcher=nope"], "hydra/launcher=nope is unknown; choose one of: basic, joblib, two_cores"),
         (["manoeuvre=[zz35,nope]"], "manoeuvre=nope is unknown; manoeuvre train --help lists the choices"),
         (["network.hiden=3"], "there is no setting network.hiden; manoeuvre train --cfg job lists them all"),

@@ -175,8 +175,8 @@ def test_the_ships_own_terms_may_be_known_before_the_network(cli, fast, tmp_path
     "words, advice",
     [
         (["network=wang", "fit=ensemble"], "write fit=backprop or levenberg_marquardt, or network=hull_rudder or hull"),
-        (["network=cubic", "fit=backprop"], "write fit=closed_loop, or network=rajesh or wang"),
-        (["fit=backprop"], "write fit=ensemble, or network=rajesh or wang"),
+        (["network=cubic", "fit=backprop"], "write fit=closed_loop, or network=mlp or rajesh or wang"),
+        (["fit=backprop"], "write fit=ensemble, or network=mlp or rajesh or wang"),
         (["network.scaling=standard"], "mirrored"),
         (["network.members=0"], "at least 2 nodes, 1 member"),
         (["fit.refine.steps=-1"], "steps"),

@@ -80,7 +80,7 @@ def test_wrong_commands_are_refused(cli, tmp_path, words, told):
         ("seed=-1", "seed=-1: expected a whole number, 0 or more"),
         ("score=[]", "score=[] names no manoeuvre to score"),
         ("linear=given", "linear.inertia.mx must be given: write linear.inertia.mx=..."),
-        ("experiment=nope", "experiment=nope is unknown; choose one of: rajesh2009, wang1996"),
+        ("experiment=nope", "experiment=nope is unknown; choose one of: cepowski2007, rajesh2009, structure, wang1996"),
         ("ship=kvlcc2", "write data=recording"),
         ("ship._target_=os.system", "os.system is refused; a config may only name things in manoeuvre_nn"),
         ("effect=[current,wind]", "effect=wind is unknown; manoeuvre train --help lists the choices"),

@@ -32,7 +32,7 @@ def test_a_semicircle_that_heaves_fast_carries_half_the_water_of_a_whole_circle(
 
 
 def test_a_semicircle_that_heaves_slowly_makes_the_waves_of_a_piston_as_wide_as_it_is():
-    # wave height ratio nu B, hence damping rho w B^2 (Newman 1977, section 6.18), up to terms in nu R ln(nu R)
+    # wave height ratio nu B, hence damping rho w B^2 (Newman 1977, chapter 6), up to terms in nu R ln(nu R)
     numbers = np.array([0.0005, 0.002])
     _, damping = forces(semicircle(40), numbers)
     limit = (2 * RADIUS) ** 2 / (np.pi * RADIUS**2 / 2)

@@ -10,6 +10,7 @@ from manoeuvre_nn import __version__
 from manoeuvre_nn.commands import config as configs
 from manoeuvre_nn.commands.job import NOTHING_HELD_OUT, config_beside, load_model, prepare
 from manoeuvre_nn.commands.provenance import shown
+from manoeuvre_nn.commands.response import load_response
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.dynamics.model import IdentifiedShip
@@ -76,14 +77,16 @@ def checkpoint_of(run: Path) -> Path:
     there = [path for path in found if path.is_file()]
     if not there:
         raise InputError(f"run={run}: there is no {found[0]}; write the output folder of manoeuvre train")
-    keep = OmegaConf.select(config_beside(there[0]), "trainer.keep")
+    keep = OmegaConf.select(config_beside(there[0], ()), "trainer.keep")
     return there[-1] if keep == "last" else there[0]
 
 
 def program_of(checkpoint: Path) -> Program:
     """The program of a checkpoint's model, with the ranges of what it was trained on."""
-    model = load_model(checkpoint)
     notes = [f"Written by manoeuvre-nn {__version__} from {checkpoint}."]
+    if "task" in config_beside(checkpoint, ()):
+        return to_program(load_response(checkpoint), None, notes)
+    model = load_model(checkpoint)
     if not isinstance(model, IdentifiedShip):
         return to_program(model, None, notes)  # which says why not
     cfg = config_beside(checkpoint)

@@ -158,20 +158,22 @@ def plugged_in(cfg: DictConfig | Mapping[str, Any]) -> None:
     own_modules.update(modules)
 
 
-def brought_along(choices: Mapping[str, str], words: Sequence[str]) -> list[str]:
+def brought_along(choices: Mapping[str, str], words: Sequence[str], config: str = "train") -> list[str]:
     """Groups of ``train`` that another choice has set: a ship's own network, the fit that suits recordings best.
 
     Args:
         choices: Group -> option, as hydra has composed them.
         words: What the user wrote, ``group=option`` among it.
+        config: The config that was composed: ``train``, or that of a task.
 
     Returns:
         ``group=option`` of each that neither the user nor the command's own defaults chose.
     """
-    defaults = load_yaml(CONF / "train.yaml")["defaults"]
-    usual = {group: option for entry in defaults if isinstance(entry, dict) for group, option in entry.items()}
+    defaults = load_yaml(CONF / f"{config}.yaml")["defaults"] if (CONF / f"{config}.yaml").is_file() else []
+    entries = [entry for entry in defaults if isinstance(entry, dict)]
+    usual = {group.lstrip("/"): option for entry in entries for group, option in entry.items()}
     named = {word.partition("=")[0].lstrip("+~") for word in words}
-    return [f"{g}={choices[g]}" for g in FOLLOWING if g in choices and g not in named and choices[g] != usual[g]]
+    return [f"{g}={choices[g]}" for g in FOLLOWING if g in choices and g not in named and choices[g] != usual.get(g)]
 
 
 def register_resolvers() -> None:
@@ -179,6 +181,7 @@ def register_resolvers() -> None:
     OmegaConf.register_new_resolver("program", guard.program, replace=True)
     OmegaConf.register_new_resolver("ship_name", _ship_name, replace=True)
     OmegaConf.register_new_resolver("run_name", _run_name, replace=True)
+    OmegaConf.register_new_resolver("task_name", _task_name, replace=True)
 
 
 def _ship_name(ship: Any) -> str:
@@ -186,6 +189,11 @@ def _ship_name(ship: Any) -> str:
     if HydraConfig.initialized() and "ship" in HydraConfig.get().runtime.choices:
         return str(HydraConfig.get().runtime.choices["ship"])
     return str(ship["_target_"]).rpartition(".")[2]
+
+
+def _task_name(task: str, data: Any) -> str:
+    """The task, and whether its records are one's own."""
+    return f"{task}_recordings" if "files" in data else task
 
 
 def _run_name(ship: Any, manoeuvre: Any, data: Any, effect: Any = None) -> str:

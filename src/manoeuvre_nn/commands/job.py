@@ -1,6 +1,7 @@
 """What several commands make of a config: ship, known part, network, data and the method that joins them."""
 
-from collections.abc import Sequence
+import inspect
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,12 +10,24 @@ import torch
 from omegaconf import DictConfig, OmegaConf
 
 from manoeuvre_nn.commands import config as configs
+from manoeuvre_nn.commands.groups import option, options
 from manoeuvre_nn.commands.provenance import CONFIG
-from manoeuvre_nn.commands.shelves import TARGET, build, check_arguments, check_plain, gathered, kinds, made_by, plain
+from manoeuvre_nn.commands.shelves import (
+    TARGET,
+    build,
+    check_arguments,
+    check_plain,
+    gathered,
+    kinds,
+    made_by,
+    on_shelf,
+    plain,
+)
 from manoeuvre_nn.core.data_files import load_yaml
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.network import Network
 from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.response import Response
 from manoeuvre_nn.core.scaling import Scaling
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.dynamics.model import IdentifiedShip
@@ -68,17 +81,22 @@ def prepare(cfg: DictConfig, runs: Sequence[Recording] = (), ship: Ship | Partic
     """
     ship, known = known_part(cfg, ship)
     network, scaling, dtype = blank_network(cfg)
-    _check_pair(cfg, type(network))
+    check_pair(cfg, type(network))
     seed = configs.whole_number("seed", cfg.seed, 0)
-    lasting = {k: v for k, v in cfg.trainer.items() if k != "threads"}
-    for kind, given in ((session.Session, lasting), (RolloutScore, {"held_out": None, **cfg.scoring})):
-        check_arguments(kind, given)
+    check_arguments(RolloutScore, {"held_out": None, **cfg.scoring})
     common: dict[str, Any] = {"ship": ship, "known": known, "seed": seed, "dtype": dtype}
     data = _given(cfg, common, runs) if runs else _data(cfg, common)
-    return Job(data, network, scaling, dtype, session.Session(**lasting))
+    return Job(data, network, scaling, dtype, session_of(cfg))
 
 
-def _check_pair(cfg: DictConfig, network: type[Network]) -> None:
+def session_of(cfg: DictConfig) -> session.Session:
+    """How long to train and what to keep, as ``cfg.trainer`` says it."""
+    lasting = {k: v for k, v in cfg.trainer.items() if k != "threads"}
+    check_arguments(session.Session, lasting)
+    return session.Session(**lasting)
+
+
+def check_pair(cfg: DictConfig, network: type[Network]) -> None:
     """Refuse a method for another kind of network, and say what goes with either."""
     chosen = made_by(cfg.fit, "fit")
     if chosen is None or chosen.trains(network):
@@ -107,30 +125,44 @@ def ship_on_approach(cfg: DictConfig) -> Ship | Particulars:
     return ship.on_approach(speed) if speed is not None and isinstance(ship, Ship) else ship
 
 
-def blank_network(cfg: DictConfig) -> tuple[Network, str, torch.dtype]:
+def blank_network(
+    cfg: DictConfig, scalings: Sequence[str] = KINDS, sizes: Mapping[str, int] | None = None
+) -> tuple[Network, str, torch.dtype]:
     """The network with its first weights.
 
     Args:
         cfg: The config.
+        scalings: Kinds of scaling that the task has.
+        sizes: Numbers of ``inputs`` and ``outputs`` that the network must have; None for those of a ship's forces.
 
     Returns:
         Network, kind of scaling, floating type.
 
     Raises:
-        InputError: If the first or the second is not said how.
+        InputError: If the first or the second is not said how, or the network has a size of its own.
     """
     settings = plain(cfg.network)
     for key in ("scaling", "dtype"):
         if key not in settings:
             raise InputError(f"network.{key} must be given: see the files of conf/network")
     scaling, name = str(settings.pop("scaling")), str(settings.pop("dtype"))
-    check_choice("network.scaling", scaling, list(KINDS))
     check_choice("network.dtype", name, list(DTYPES))
     dtype = DTYPES[name]
-    network = build(settings, "network", seed=configs.whole_number("seed", cfg.seed, 0), dtype=dtype)
-    if network.scalings:
+    target, wanted = str(settings.get(TARGET)), sizes or {}
+    if not set(wanted) <= set(inspect.signature(on_shelf(target, "network")).parameters):
+        sized = ", ".join(name for name in options("network", cfg.get("config_dir")) if _takes(name, wanted))
+        raise InputError(f"network._target_={target} has the inputs of a ship's forces: write network= one of {sized}")
+    check_choice("network.scaling", scaling, list(scalings))
+    network = build(settings, "network", seed=configs.whole_number("seed", cfg.seed, 0), dtype=dtype, **wanted)
+    if network.scalings and sizes is None:
         check_choice("network.scaling", scaling, list(network.scalings))
     return network, scaling, dtype
+
+
+def _takes(name: str, wanted: Mapping[str, int]) -> bool:
+    """Whether an option of conf/network can be given these sizes."""
+    made = on_shelf(str(option("network", name).get(TARGET)), "network")
+    return set(wanted) <= set(inspect.signature(made).parameters)
 
 
 def _data(cfg: DictConfig, common: dict[str, Any]) -> ManoeuvreData:
@@ -175,7 +207,7 @@ def make_fit(cfg: DictConfig, job: Job) -> Fit:
     return fit_of(cfg, joined_model(job.data.reference, job.data.known, job.network, scaling).to(job.dtype))
 
 
-def fit_of(cfg: DictConfig, dynamics: IdentifiedShip | RecursiveShip) -> Fit:
+def fit_of(cfg: DictConfig, dynamics: IdentifiedShip | RecursiveShip | Response) -> Fit:
     """Give a model to the chosen method: a Lightning module."""
     settings = plain(cfg.fit)
     settings.pop("scaling", None)  # which network.scaling refers to
@@ -184,11 +216,12 @@ def fit_of(cfg: DictConfig, dynamics: IdentifiedShip | RecursiveShip) -> Fit:
     return build(settings, "fit", dynamics=dynamics)
 
 
-def config_beside(checkpoint: Path) -> DictConfig:
+def config_beside(checkpoint: Path, parts: Sequence[str] = PARTS) -> DictConfig:
     """The config that a training wrote beside its checkpoint, as data: what it names is checked when it is built.
 
     Args:
         checkpoint: ``OUT/checkpoints/best.ckpt`` or ``last.ckpt``.
+        parts: What the config must hold.
 
     Returns:
         ``OUT/config.yaml``.
@@ -202,7 +235,7 @@ def config_beside(checkpoint: Path) -> DictConfig:
             f"model={checkpoint}: there is no {path}, which says what network it is: give it in its run's folder"
         )
     content = load_yaml(path)
-    if not isinstance(content, dict) or not all(isinstance(content.get(part), dict) for part in PARTS):
+    if not isinstance(content, dict) or not all(isinstance(content.get(part), dict) for part in parts):
         raise InputError(f"model={checkpoint}: {path} is no config of manoeuvre train")
     check_plain({str(k): v for k, v in content.items() if k != "hydra"}, str(path), allowed=[TARGET])
     return OmegaConf.create(content)

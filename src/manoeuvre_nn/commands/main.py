@@ -2,7 +2,7 @@
 
 import importlib
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import hydra
@@ -11,7 +11,8 @@ from omegaconf import DictConfig
 
 from manoeuvre_nn import __version__
 from manoeuvre_nn.commands import guard
-from manoeuvre_nn.commands.groups import CONF, own_folder, plugged_in
+from manoeuvre_nn.commands.groups import CONF, options, own_folder, plugged_in
+from manoeuvre_nn.core.errors import check_choice
 
 USAGE = """manoeuvre COMMAND [group=option] [setting=value]
 
@@ -37,6 +38,10 @@ TASKS = {
     "export": "export.export",
 }
 """Command, which is the name of its config too -> module and function that do it."""
+
+
+OF_HYDRA = ("hydra/launcher=two_cores", "hydra/job_logging=disabled")
+"""Hydra's groups as train has them."""
 
 
 def main() -> None:
@@ -72,20 +77,43 @@ def run(command: str, words: list[str] | None = None) -> None:
         return
     with guard.one_line():
         words, folder = own_folder(words)
+        words, config = task_of(words, command, folder)
     sys.argv = [sys.argv[0], *words, *(() if folder is None else ("--config-dir", str(folder)))]
-    guard.guarded(hydra.main(version_base="1.3", config_path=str(CONF), config_name=command)(_task(command)))
+    guard.guarded(hydra.main(version_base="1.3", config_path=str(CONF), config_name=config)(_task(command)))
 
 
-def _task(command: str) -> Callable[[DictConfig], None]:
+def task_of(words: Sequence[str], command: str, own: Path | None = None) -> tuple[list[str], str]:
+    """Take ``task=NAME`` out of a command line: a task of train has a config of its own.
+
+    Args:
+        words: The words.
+        command: The command.
+        own: Folder of the user's own.
+
+    Returns:
+        The other words, and the name of the config. An unknown task is refused with those that there are.
+    """
+    named = [word.partition("=")[2] for word in words if word.startswith("task=")]
+    if command != "train" or not named:
+        return list(words), command
+    check_choice("task", named[-1], list(options("task", None if own is None else str(own))))
+    # Not in the task's file: hydra lets only the first file of all say these, and one's own task builds on ours.
+    left = [word for word in words if not word.startswith("task=")]
+    left += [word for word in OF_HYDRA if not any(w.startswith(word.partition("=")[0]) for w in left)]
+    return left, f"task/{named[-1]}"
+
+
+def _task(command: str) -> Callable[[DictConfig], float | None]:
     """What hydra calls; a job is imported when it runs: torch and lightning take seconds, and --help need not wait."""
     module, _, function = TASKS[command].partition(".")
 
-    def task(cfg: DictConfig) -> None:
+    def task(cfg: DictConfig) -> float | None:
         with guard.one_line():  # here, not outside alone: hydra would put a line of its own before ours
             if command != "train":  # in a sweep, what a job cannot import is a failure of that job
                 plugged_in(cfg)
             job = getattr(importlib.import_module(f"manoeuvre_nn.commands.{module}"), function)
-            job(cfg, Path(HydraConfig.get().runtime.output_dir))
+            error: float | None = job(cfg, Path(HydraConfig.get().runtime.output_dir))
+            return error  # what a search makes small
 
     return task
 

@@ -64,6 +64,16 @@ class _Outcome:
         """Mean over the held-out manoeuvres of the largest deviation over L [-]."""
         return float(np.mean([s.dev_L for s in self.scores]))
 
+    @property
+    def error(self) -> float:
+        """What a search for settings makes small."""
+        return self.mean_dev
+
+    @property
+    def in_short(self) -> str:
+        """What came out, in a few words."""
+        return f"mean dev {self.mean_dev:.3g} L"
+
     @cached_property
     def relative_rmse(self) -> dict[str, float]:
         """Error of what the network gives on the training data, g1, g2, g3, over its root mean square [-]."""

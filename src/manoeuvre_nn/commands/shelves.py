@@ -34,7 +34,10 @@ SHELVES = {
     "effect": _Shelf(("manoeuvre_nn.effect",), ("manoeuvre_nn.core.effect.Effect",)),
     "manoeuvre": _Shelf(("manoeuvre_nn.manoeuvre",), ("manoeuvre_nn.core.manoeuvre.Manoeuvre",)),
     "fit": _Shelf(("manoeuvre_nn.training",), ("manoeuvre_nn.training.fits.Fit",)),
-    "data": _Shelf(("manoeuvre_nn.training.data",), ("manoeuvre_nn.training.data.ManoeuvreData",)),
+    "data": _Shelf(
+        ("manoeuvre_nn.training.data", "manoeuvre_nn.training.response_data"),
+        ("manoeuvre_nn.training.data.ManoeuvreData", "manoeuvre_nn.training.response_data.ResponseData"),
+    ),
 }
 """Group of conf -> its shelf."""
 

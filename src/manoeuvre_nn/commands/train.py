@@ -2,7 +2,10 @@
 
 import json
 import traceback
+from collections.abc import Callable, Mapping
+from math import inf
 from pathlib import Path
+from typing import Any, NamedTuple
 
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
@@ -10,10 +13,11 @@ from omegaconf import DictConfig
 from rich.console import Console
 
 from manoeuvre_nn.commands import config as configs
-from manoeuvre_nn.commands import guard
+from manoeuvre_nn.commands import guard, response
 from manoeuvre_nn.commands.groups import brought_along, plugged_in
 from manoeuvre_nn.commands.job import Job, make_fit, prepare
 from manoeuvre_nn.commands.provenance import SCORES, check_same_run, write_provenance
+from manoeuvre_nn.commands.response_results import print_response, score_response, write_response
 from manoeuvre_nn.commands.results import print_outcome, score_finally, write_results
 from manoeuvre_nn.commands.shelves import plain
 from manoeuvre_nn.core.threads import use_threads
@@ -24,44 +28,71 @@ from manoeuvre_nn.training.rollout_score import RolloutScore
 ERROR = "error.txt"
 
 
-def run_job(cfg: DictConfig, out: Path) -> None:
-    """Run one job; in a sweep its failure is written down and does not stop the others."""
+class _Task(NamedTuple):
+    """How a kind of model is trained and told of, step by step."""
+
+    prepare: Callable[[DictConfig], Any]
+    fit: Callable[[DictConfig, Any, Path, Console], session.Trained]
+    score: Callable[[Mapping[str, Any], session.Trained, Any], Any]
+    write: Callable[[Any, Path], None]
+    tell: Callable[[Any, Path, Console], None]
+
+
+def run_job(cfg: DictConfig, out: Path) -> float | None:
+    """Run one job; in a sweep its failure is written down and does not stop the others.
+
+    Args:
+        cfg: The config.
+        out: Output folder.
+
+    Returns:
+        The error that a search for settings makes small; infinite if it failed.
+    """
     if HydraConfig.get().mode != RunMode.MULTIRUN:
         plugged_in(cfg)
-        train(cfg, out)
-        return
+        return train(cfg, out)[1]
     (out / ERROR).unlink(missing_ok=True)
     console = Console(quiet=True)
     try:
         plugged_in(cfg)  # jobs of a sweep run in processes of their own
-        told = train(cfg, out, console)
-    except Exception as error:  # whatever it is, the other jobs go on
+        told, error = train(cfg, out, console)
+    except Exception as failure:  # whatever it is, the other jobs go on
         out.mkdir(parents=True, exist_ok=True)
-        line = guard.explain(error) or f"{type(error).__name__}: {error}"
+        line = guard.explain(failure) or f"{type(failure).__name__}: {failure}"
         (out / ERROR).write_text(f"{line}\n\n{traceback.format_exc()}")
-        told = f"failed: {line}"
+        told, error = f"failed: {line}", inf
     job = HydraConfig.get().job
     print(f"#{job.num}  {job.override_dirname}: {told}", flush=True)
+    return error
 
 
-def train(cfg: DictConfig, out: Path, console: Console | None = None) -> str:
-    """Run the main job, unless the folder already holds the finished run; what came out, in a few words."""
+def train(cfg: DictConfig, out: Path, console: Console | None = None) -> tuple[str, float | None]:
+    """Run the main job, unless the folder already holds the finished run.
+
+    Args:
+        cfg: The config.
+        out: Output folder.
+        console: Where to print.
+
+    Returns:
+        What came out, in a few words, and the error that says how good it is.
+    """
     console = console or Console()
     use_threads(configs.whole_number("trainer.threads", cfg.trainer.threads, 1))
+    task = OF_RESPONSES if "task" in cfg else OF_SHIPS
     cfg = configs.with_effects(cfg)
-    job = prepare(cfg)
+    job = task.prepare(cfg)
     check_same_run(cfg, out)
     if finished(out, job.session.max_epochs):
         console.print(f"{out} holds this run already: nothing to do", soft_wrap=True)
-        return "done before"
+        return "done before", error_before(out)
     write_provenance(cfg, out)
     for line in [*_chosen_with(), *job.data.remarks()]:
         console.print(f"note: {line}", highlight=False, soft_wrap=True)
-    trained = fit(cfg, job, out, console)
-    outcome = score_finally(plain(cfg), trained, job.data)
-    write_results(outcome, out)
-    print_outcome(outcome, out, console)
-    return f"mean dev {outcome.mean_dev:.3g} L in {outcome.trained.seconds:.0f} s"
+    outcome = task.score(plain(cfg), task.fit(cfg, job, out, console), job.data)
+    task.write(outcome, out)
+    task.tell(outcome, out, console)
+    return f"{outcome.in_short} in {outcome.trained.seconds:.0f} s", outcome.error
 
 
 def finished(out: Path, max_epochs: int) -> bool:
@@ -74,12 +105,19 @@ def finished(out: Path, max_epochs: int) -> bool:
     return stopped != session.CTRL_C and not (stopped == session.ALL_EPOCHS and epochs < max_epochs)
 
 
+def error_before(out: Path) -> float | None:
+    """The error of a run that was finished before; None if its file does not say it."""
+    scores = json.loads((out / SCORES).read_text())
+    found = scores.get("error", scores.get("mean_dev_L"))
+    return found if isinstance(found, float) else None
+
+
 def _chosen_with() -> list[str]:
     """A line on the groups that came with other choices, so that none is set behind the user's back."""
     if not HydraConfig.initialized():
         return []
     run = HydraConfig.get()
-    along = brought_along(run.runtime.choices, run.overrides.task)
+    along = brought_along(run.runtime.choices, run.overrides.task, str(run.job.config_name))
     first = along[0].partition("=")[0] if along else ""
     return [f"{', '.join(along)} came with your other choices; write {first}=... to choose otherwise"] if along else []
 
@@ -89,3 +127,7 @@ def fit(cfg: DictConfig, job: Job, out: Path, console: Console) -> session.Train
     job.data.setup(stage=None)
     rollout_score = RolloutScore(job.data.held_out, draw=comparison_figures, **cfg.scoring)
     return session.run(make_fit(cfg, job), job.data, rollout_score, job.session, out, console)
+
+
+OF_SHIPS = _Task(prepare, fit, score_finally, write_results, print_outcome)
+OF_RESPONSES = _Task(response.prepare, response.fit, score_response, write_response, print_response)

@@ -187,7 +187,6 @@ def rajesh_network(
 def mlp(
     hidden: int = 7,
     activation: Activation = "tanh",
-    initial: Initial = "normal",
     spread: float = 0.3,
     *,
     inputs: int = 4,
@@ -200,8 +199,7 @@ def mlp(
     Args:
         hidden: m.
         activation: As in :class:`Perceptron`.
-        initial: Likewise.
-        spread: Likewise.
+        spread: Standard deviation of the first weights, which are normal [-].
         inputs: i.
         outputs: o.
         seed: Seed of the first weights.
@@ -213,7 +211,7 @@ def mlp(
     Source:
         Cepowski 2007, Fig. 7: 5-7-1.
     """
-    return Perceptron((1, inputs, hidden, outputs), activation, initial, spread, seed=seed, dtype=dtype)
+    return Perceptron((1, inputs, hidden, outputs), activation, "normal", spread, seed=seed, dtype=dtype)
 
 
 def _draw(shape: tuple[int, ...], initial: Initial, spread: float, generator: torch.Generator) -> Tensor:

@@ -286,7 +286,7 @@ def learning_figure(history: Sequence[Mapping[str, Any]]) -> Figure:
 
     Args:
         history: One mapping an epoch (or scored epoch): ``epoch``, and columns whose names end in ``mse``, hold
-            ``relrmse`` or end in ``dev_L``, a panel each [-]. Others are left out; values may be missing.
+            ``relrmse``, or end in ``dev_L`` or ``rms``, a panel each. Others are left out; values may be missing.
 
     Returns:
         The figure; a panel without data is left out.
@@ -297,6 +297,7 @@ def learning_figure(history: Sequence[Mapping[str, Any]]) -> Figure:
         "mean squared error\n(scaled) [-]": [n for n in names if n.endswith("mse")],
         "relative RMSE\nof g′ [-]": [n for n in names if "relrmse" in n],
         "held-out\ndev/L [-]": [n for n in names if n.endswith("dev_L")],
+        "RMS error\n[unit of the response]": [n for n in names if n.endswith("/rms") and n != "score/rms"],
     }
     panels = {label: members for label, members in panels.items() if members}
     figure = new_figure(0.9 + 1.8 * max(len(panels), 1), title="Training")
@@ -321,7 +322,7 @@ def _draw_learning(axes: Axes, index: int, column: pd.Series) -> None:
         marker=MARKERS[index % len(MARKERS)] if len(values) <= 40 else "",
         markersize=3.5,
         linewidth=2.0 if mean else 1.2,
-        label="mean" if mean else re.sub(r"train/|relrmse_|/?dev_L|_mse$", "", name) or name,
+        label="mean" if mean else re.sub(r"train/|relrmse_|/?dev_L|_mse$|/rms$", "", name) or name,
     )
 
 

@@ -22,8 +22,10 @@ SCORES, OVERRIDES, ERROR = "scores.json", ".hydra/overrides.yaml", "error.txt"
 """Files of a job's folder: what it scored, what was swept, and why it failed."""
 MEAN, DEV = "mean dev/L", "dev/L "
 """Columns of the mean and, followed by its name, of each held-out manoeuvre."""
+RMS = "RMS "
+"""Column of the error of each set of records, followed by its name and unit, where a response is approximated."""
 RESULTS = ("job", "status", "ended early", MEAN, "seed", "epochs", "stopped", "seconds")
-"""Columns that are not settings, beside those that start with ``dev/L`` or ``relRMSE``."""
+"""Columns that are not settings, beside those that start with ``dev/L``, ``RMS`` or ``relRMSE``."""
 
 
 def sweep_rows(folder: Path) -> list[dict[str, Any]]:
@@ -107,6 +109,8 @@ def _results(scores: Mapping[str, Any]) -> dict[str, Any]:
     ended = [name for name, score in scored.items() if score.get("status", OK) != OK]
     row: dict[str, Any] = {"ended early": " ".join(ended) or None, MEAN: scores.get("mean_dev_L")}
     row |= {f"{DEV}{name}": score.get("dev_L") for name, score in scored.items()}
+    errors = {name: _mapping(error).get("rms") for name, error in _mapping(scores.get("errors")).items()}
+    row |= {f"{RMS}{name} [{scores.get('unit')}]": error for name, error in errors.items()}
     row |= {f"relRMSE {name}": error for name, error in _mapping(training.get("relrmse")).items()}
     row |= {"seed": scores.get("seed"), **{name: training.get(name) for name in ("epochs", "stopped", "seconds")}}
     return {name: value for name, value in row.items() if value is not None}
@@ -119,7 +123,7 @@ def _mapping(value: Any) -> dict[str, Any]:
 
 def swept(rows: Sequence[Row]) -> list[str]:
     """Settings that differ between jobs, the one with the most values first, repeats (``seed``) last; or the first."""
-    settings = [name for name in columns(rows) if name not in RESULTS and not name.startswith((DEV, "relRMSE"))]
+    settings = [name for name in columns(rows) if name not in RESULTS and not name.startswith((DEV, RMS, "relRMSE"))]
     if any("seed" in row for row in rows):
         settings.append("seed")
     values = {name: {str(row[name]) for row in rows if row.get(name) is not None} for name in settings}
@@ -131,17 +135,25 @@ def _short_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """Settings that differ (else the job), status, mean dev/L, the worst manoeuvre, seconds; best first."""
     names = swept(rows)
     short = []
-    for row in sorted(rows, key=lambda row: _number(row.get(MEAN), float("inf"))):
+    for row in sorted(rows, key=_error):
+        errors = {n: row.get(n) for n in columns(rows) if n.startswith(RMS) and not n.startswith(f"{RMS}learning")}
         devs = {name.removeprefix(DEV): _number(value) for name, value in row.items() if name.startswith(DEV)}
         worst = max(devs, key=lambda name: devs[name]) if devs else None
         ended = len(str(row.get("ended early") or "").split())
         # The settings that differ say which job it is; its folder's name would only repeat them.
         named = {_last(name, names): row.get(name) for name in names}
         cells = named if any(value is not None for value in named.values()) else {"job": row["job"]}
-        cells |= {"status": f"{ended} ended early" if ended else row["status"], MEAN: row.get(MEAN)}
+        cells |= {"status": f"{ended} ended early" if ended else row["status"], MEAN: row.get(MEAN), **errors}
         short.append({**cells, "worst": worst and f"{worst} {devs[worst]:.3g}", "seconds": row.get("seconds")})
     headings = dict.fromkeys(name for row in short for name in row)
     return [{n: row.get(n) for n in headings if any(r.get(n) is not None for r in short)} for row in short]
+
+
+def _error(row: Row) -> float:
+    """By what jobs are put in order: the mean dev/L, or the error of the records kept for validation or testing."""
+    starts = (MEAN, f"{RMS}validation", f"{RMS}testing")
+    found = [row[name] for start in starts for name in row if name.startswith(start)]
+    return _number(next(iter(found), None), float("inf"))
 
 
 def _last(name: str, names: Sequence[str]) -> str:
@@ -157,7 +169,7 @@ def _number(value: Any, otherwise: float = float("nan")) -> float:
 
 
 def sweep_figure(rows: Sequence[Row]) -> Figure:
-    """dev/L of each held-out manoeuvre against what was swept, logarithmic.
+    """dev/L of each held-out manoeuvre, or the error of each set of records, against what was swept, logarithmic.
 
     One setting: a curve a manoeuvre. Several: the one with the most values along the axis, a panel a manoeuvre, a curve
     a combination of the others. Repeats (same settings, other seed) are points, and the curve goes through their
@@ -176,16 +188,17 @@ def sweep_figure(rows: Sequence[Row]) -> Figure:
     points = _points(rows, along, [name for name in others if name != "seed"])
     if points.empty:
         raise InputError("no job of the sweep has a score, so there is nothing to draw: see the status of each job")
+    label = "held-out dev/L [-]" if any(name.startswith(DEV) for name in columns(rows)) else "RMS error"
     panels, labels = list(points.panel.unique()), list(points.label.unique())
     tall, wide = -(-len(panels) // 2), min(len(panels), 2)
     figure = new_figure(1.2 + 2.6 * tall + 0.18 * len(labels), width=7.0 if wide > 1 else FIGURE_WIDTH_IN)
     grid = figure.subplots(tall, wide, sharex=True, sharey=True, squeeze=False).ravel()
     for axes, panel in zip(grid, panels, strict=False):
-        log_axis(
-            plain_axes(axes, along, "held-out dev/L [-]" if axes.get_subplotspec().is_first_col() else "")
-        ).set_title(panel, fontsize=10, loc="left")
-        for label, curve in points[points.panel == panel].groupby("label", sort=False):
-            _draw_curve(axes, curve, _look(labels.index(label)))
+        log_axis(plain_axes(axes, along, label if axes.get_subplotspec().is_first_col() else "")).set_title(
+            panel, fontsize=10, loc="left"
+        )
+        for one, curve in points[points.panel == panel].groupby("label", sort=False):
+            _draw_curve(axes, curve, _look(labels.index(one)))
         _mark_values(axes, points.value)
         axes.tick_params(labelbottom=True)  # the panel below may be empty
     for axes in grid[len(panels) :]:
@@ -199,14 +212,14 @@ def sweep_figure(rows: Sequence[Row]) -> Figure:
 
 def _points(rows: Sequence[Row], along: str, others: Sequence[str]) -> pd.DataFrame:
     """A line each score: panel, label, value of the setting along the axis, dev/L, whether it was ended early."""
-    manoeuvres = [name.removeprefix(DEV) for name in columns(rows) if name.startswith(DEV)]
+    scored = {name.removeprefix(DEV).removeprefix(RMS): name for name in columns(rows) if name.startswith((DEV, RMS))}
     points = []
-    for manoeuvre in manoeuvres:
+    for manoeuvre, column in scored.items():
         for row in rows:
             rest = ", ".join(f"{_last(name, others)} {row.get(name)}" for name in others)
             panel, label = (manoeuvre, rest) if others else ("", manoeuvre)
             ended = manoeuvre in str(row.get("ended early", "")).split()
-            points.append((panel, label, row.get(along), _number(row.get(f"{DEV}{manoeuvre}")), ended))
+            points.append((panel, label, row.get(along), _number(row.get(column)), ended))
     table = pd.DataFrame(points, columns=["panel", "label", "value", "dev", "ended"])
     table = table[table.value.notna() & (table.dev > 0)].infer_objects()
     return table if pd.api.types.is_numeric_dtype(table.value) else table.assign(value=table.value.map(str))
@@ -246,6 +259,6 @@ def write_sweep(folder: Path) -> Table:
     write_csv(folder / "sweep.csv", rows)
     short = _short_rows(rows)
     (folder / "sweep.md").write_text(to_markdown(short), encoding="utf-8")
-    if any(name.startswith(DEV) for name in columns(rows)):
+    if any(name.startswith((DEV, RMS)) for name in columns(rows)):
         sweep_figure(rows).savefig(folder / "sweep.png", dpi=150)
     return rich_table(short, f"Sweep {folder.name}")

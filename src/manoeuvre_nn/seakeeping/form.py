@@ -151,7 +151,7 @@ def estimated_form(ship: Particulars) -> HullForm:
         The form.
 
     Source:
-        Kerlen 1970 for C_M; Schneekluth & Bertram 1998, ch. 1 and 2, for C_WP and LCB.
+        Schneekluth & Bertram 1998, "Ship design for efficiency and economy": C_M (Kerlen), C_WP, LCB (tankers).
     """
     midship = 1.006 - 0.0056 * ship.block**-3.56
     centre = min(-0.135 + 0.194 * ship.block / midship, MAX_CENTRE) * ship.length

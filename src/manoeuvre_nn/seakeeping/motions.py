@@ -61,7 +61,8 @@ def radiated_forces(
         T, rows the forces [N, N, N m]; pitch bow down.
 
     Source:
-        Salvesen, Tuck & Faltinsen 1970, table 1; integrals over the hull take the place of those over strips.
+        Salvesen, Tuck & Faltinsen 1970, coefficients without end terms; integrals over the hull take the place of those
+        over strips.
     """
     w, q = encounter[:, None, None], (speed / (1j * encounter))[:, None]
     forces = w**2 * radiation.forces_at(encounter)
@@ -91,7 +92,7 @@ def wave_forces(
         Surge, heave [N/m] and pitch, bow down [N m/m]; of the conjugate wave where the ship overtakes it.
 
     Source:
-        Salvesen, Tuck & Faltinsen 1970, eqs 26 to 31.
+        Salvesen, Tuck & Faltinsen 1970, exciting forces without end terms.
     """
     hull, k = radiation.hull, (frequency**2 / GRAVITY)[:, None]
     encounter = encounter_frequency(frequency, heading, speed)

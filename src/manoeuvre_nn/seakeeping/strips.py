@@ -63,7 +63,7 @@ def heaving_sections(
 
     Source:
         Frank 1967, "Oscillation of cylinders in or below the free surface of deep fluids"; Wehausen & Laitone 1960,
-        eq. 13.31. The lid: Ohmatsu 1975.
+        section 13. The lid: Ohmatsu 1975.
     """
     lid = contour.real[:, -1:] * np.linspace(0.0, 1.0, LID_PANELS + 1)
     start = np.concatenate([contour[:, :-1], lid[:, :-1]], axis=1)
