@@ -24,6 +24,8 @@ MAX_DIFFERENCE = 1e-9
 """Largest difference between text and model over the largest output [-]."""
 RANGE = re.compile(r"B(\d+):B(\d+)")
 """Cells of a spreadsheet one below the other."""
+LITTLE = 0.1
+"""How far to both sides of its value an input is varied for the comparison that did not vary in the training."""
 COMPILERS = ("cc", "gcc", "clang")
 Points = Float[np.ndarray, "n inputs"]
 Outputs = Float[np.ndarray, "n outputs"]
@@ -35,8 +37,9 @@ CELL_FUNCTIONS: dict[str, Any] = {
 
 
 def sample(program: Program, count: int = POINTS, seed: int = 0) -> Float[np.ndarray, "n inputs"]:
-    """Random points over the ranges of a program's inputs."""
+    """Random points over the ranges of a program's inputs; one whose ends are equal varies a little all the same."""
     low, high = (np.array([getattr(q, end) for q in program.inputs]) for end in ("low", "high"))
+    low, high = low - np.where(low < high, 0.0, LITTLE), high + np.where(low < high, 0.0, LITTLE)
     return low + (high - low) * np.random.default_rng(seed).random((count, len(low)))
 
 

@@ -13,9 +13,11 @@ from manoeuvre_nn.formulas.program import Each, Program, Single, Step, Weighted,
 MAX_INLINE_NUMBERS = 9
 """Numbers that a formula may have; more stand in a table."""
 MAX_COLUMNS, MAX_BLOCKS = 7, 3
-"""Columns of numbers side by side that fit a page; likewise pairs of product and coefficient."""
-MAX_LARGE_COLUMNS = 5
-"""Columns of numbers that fit a page in letters that are easily read."""
+"""Inputs of sums that are columns of a table, more are its rows; pairs of product and coefficient side by side."""
+LETTERS = {r"\scriptsize": 4.1, r"\tiny": 3.5}
+"""Sizes of letters, and how wide a digit is [pt]."""
+PAGE_WIDTH, COLUMN_GAP = 486.0, 6.0
+"""Width of a line, and what stands between columns [pt]."""
 LINE_WIDTH = 88
 """Letters in a line of mathematics."""
 MAX_LISTED = 8
@@ -216,16 +218,25 @@ class _Tables:
         if step.factors is not None:
             columns, numbers = [*columns, "$B_{i}$"], np.column_stack([numbers, step.factors])
         corner = r"$A_{ij}$: $j$, $i$" if turned else r"$A_{ij}$: $i$, $j$"
-        made = []
-        for k in range(0, len(columns), MAX_COLUMNS):
-            some = columns[k : k + MAX_COLUMNS]
-            head = " & ".join([corner, *some]) + r" \\ \hline \endhead"
-            lines = [
-                " & ".join([name, *(f"${_number(a, printer)}$" for a in row[k : k + MAX_COLUMNS])]) + r" \\"
-                for name, row in zip(rows, numbers, strict=True)
-            ]
-            made.append(_table("l|" + "r" * len(some), [head, *lines]))
-        return made
+        cells = [[f"${_number(a, printer)}$" for a in row] for row in numbers]
+        return _fitted([corner, *columns], [[name, *row] for name, row in zip(rows, cells, strict=True)])
+
+
+def _fitted(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """A table in letters that fit the page, or several with some of the columns each; the first column is in all."""
+    widths = [max(_width(row[k]) + 2 * row[k].count("cdot") for row in rows) for k in range(len(head))]
+    wide = {size: [letter * w + COLUMN_GAP for w in widths] for size, letter in LETTERS.items()}
+    size = next((name for name, each in wide.items() if sum(each) <= PAGE_WIDTH), list(LETTERS)[-1])
+    made, label = [], max(wide[size][0], _width(head[0]) * LETTERS[size])
+    start = 1
+    while start < len(head):
+        stop, used = start + 1, label + wide[size][start]
+        while stop < len(head) and used + wide[size][stop] <= PAGE_WIDTH:
+            used, stop = used + wide[size][stop], stop + 1
+        parts = [" & ".join([row[0], *row[start:stop]]) + r" \\" for row in (head, *rows)]
+        made.append(_table("l|" + "r" * (stop - start), [rf"{parts[0]} \hline \endhead", *parts[1:]], size))
+        start = stop
+    return made
 
 
 def _each(step: Each, printer: Mathematics) -> str:
@@ -236,9 +247,8 @@ def _each(step: Each, printer: Mathematics) -> str:
     return rf"\[ {left} = {inner.doprint(step.formula(source))}, \qquad i = 1, \, \ldots, \, {len(step.targets)} \]"
 
 
-def _table(columns: str, rows: Sequence[str]) -> str:
-    size = r"\scriptsize" if columns.count("r") <= MAX_LARGE_COLUMNS else r"\tiny"
-    opening = rf"{{{size}" + r"\setlength{\tabcolsep}{3pt}\renewcommand{\arraystretch}{1.2}"
+def _table(columns: str, rows: Sequence[str], size: str = r"\scriptsize") -> str:
+    opening = rf"{{{size}" + r"\setlength{\tabcolsep}{3pt}\renewcommand{\arraystretch}{1.35}"
     return "\n".join([opening, rf"\begin{{longtable}}{{{columns}}}", *rows, r"\end{longtable}}"])
 
 

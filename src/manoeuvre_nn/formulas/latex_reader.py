@@ -137,7 +137,10 @@ def read_number(text: str) -> float:
 
 def computed(formula: str, values: Values) -> Column:
     """The value of a formula at every point."""
-    reader = _Reader(LISTED.sub(_listed, formula), values)
+    if formula in values:
+        return values[formula]
+    whole = LISTED.sub(_listed, formula)
+    reader = _Reader(whole, {symbol: value for symbol, value in values.items() if symbol in whole})
     value = reader.sum()
     assert not reader.next, f"{reader.next} is left over of a formula"
     return value

@@ -108,7 +108,7 @@ def _network_inputs(
         north, east, psi = more["w_N"], more["w_E"], more["psi"]
         ahead = added([north * sympy.cos(psi), east * sympy.sin(psi), -u])
         aside = added([east * sympy.cos(psi), -north * sympy.sin(psi), -v])
-    wind = [build.let(name, ratio(z, speed)) for name, z in (("wx", ahead), ("wy", aside))]
+    wind = [build.let(name, ratio(z, speed)) for name, z in (("w_x", ahead), ("w_y", aside))]
     return [*seen, pace, *wind]
 
 

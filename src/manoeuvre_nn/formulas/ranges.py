@@ -44,7 +44,7 @@ def trained_ranges(model: Model, tuples: Tuples, recordings: Sequence[Recording]
         recordings: What they were made from, for shaft and wind.
 
     Returns:
-        Ranges of what varies; the others are the usual ones.
+        Ranges of what was recorded, and the usual ones of what was not; an input that did not vary has equal ends.
     """
     motion = tuples.inputs.double().cpu().numpy()
     units = [*model.hull.velocity_units.double().tolist(), 1.0]
@@ -71,6 +71,5 @@ def _controls(model: Model, recordings: Sequence[Recording]) -> dict[str, np.nda
 
 
 def _ends(columns: Mapping[str, np.ndarray]) -> dict[str, tuple[float, float]]:
-    """Least and largest finite value of those that vary."""
-    ends = {name: (float(np.nanmin(values)), float(np.nanmax(values))) for name, values in columns.items()}
-    return {name: (low, high) for name, (low, high) in ends.items() if low < high}
+    """Least and largest value."""
+    return {name: (float(np.nanmin(values)), float(np.nanmax(values))) for name, values in columns.items()}

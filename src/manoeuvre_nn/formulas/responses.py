@@ -23,7 +23,6 @@ def response(model: Response, ranges: Ranges | None = None, notes: Sequence[str]
     given = [_input(v, (ranges or {}).get(v.name, (v.low, v.high))) for v in model.inputs]
     output = _quantity(model.output)
     build = Builder(given, [output])
-    build.section("What the network sees")
     seen = _features(model, build)
     answer = closed_form(model.network, seen, build)[0]
     build.section("The response")
@@ -55,13 +54,23 @@ def _features(model: Response, build: Builder) -> list[sympy.Expr]:
     shift, scale = numbers(model.scaling.shift).tolist(), numbers(model.scaling.scale).tolist()
     variables = {v.name: (symbol, v.size) for v, symbol in zip(model.inputs, build.inputs, strict=True)}
     made_of = {name for one in model.quantities.sees for name in _needs(one, list(variables))}
+    build.section("Variables in SI")
     in_si = {name: _in_si(name, symbol, size, build) for name, (symbol, size) in variables.items() if name in made_of}
+    build.section("What the network sees")
     found: list[sympy.Expr] = []
     formulas = model.quantities.seen({**{name: symbol for name, (symbol, _) in variables.items()}, **in_si}, sympy.cos)
     for k, (one, formula) in enumerate(zip(model.quantities.sees, formulas, strict=True)):
-        z, size = variables[one] if one in variables else (build.let(f"f_{k + 1}", formula), 1.0)
+        z, size = variables[one] if one in variables else (build.let(one, formula, _symbol(one, build)), 1.0)
         found.append(build.let(f"x_{k + 1}", shifted(z, shift[k] / size, scale[k] / size)))
     return found
+
+
+def _symbol(one: str, build: Builder) -> str:
+    """How LaTeX writes a feature that is no variable itself."""
+    if one in DERIVED:
+        return DERIVED[one][2]
+    name = one.removeprefix(COSINE)
+    return rf"c_{{{build.symbols.get(name) or sympy.latex(sympy.Symbol(name))}}}"
 
 
 def _needs(one: str, names: Sequence[str]) -> Sequence[str]:
