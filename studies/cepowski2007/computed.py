@@ -138,9 +138,9 @@ def figure(number: str, sets: RecordSets) -> Plot:
             Line("our records", beta, chosen.values / DEGREE, "ours"),
         ]
         title = f"{varying} = {value:g} {UNITS[varying]}"
-        panels.append(Panel("heading (0 following, 180 head sea) [deg]", "pitch amplitude [deg]", lines, title))
+        panels.append(Panel("heading beta [deg]", "pitch amplitude [deg]", lines, title))
     said = ", ".join(f"{name} {value:g} {UNITS[name]}" for name, value in fixed.items())
-    return Plot(f"figure_{number}", f"Fig. {number}: significant pitch amplitude, {said}", panels)
+    return Plot(f"figure_{number}", f"Fig. {number}: significant pitch amplitude, {said}; beta 0 following, 180 head sea", panels)
 
 
 def _correlation(a: np.ndarray, b: np.ndarray) -> float:

@@ -64,8 +64,8 @@ def chapter(effort: ComputingEffort, say: Say) -> ChapterResult:
     return ChapterResult(
         "The formula (Eq. 3, Figs 7-10)",
         f"Eq. 3 meets its golden values within {max(abs(golden - GOLDEN)):.3f} deg. The recommended network as one "
-        f"formula has {quantities['numbers']} numbers and tests with {quantities['testing']:.3f} deg, between the "
-        f"points of the grid {quantities['between']:.3f} deg.",
+        f"formula has {quantities['numbers']} numbers (Eq. 3: {PRINTED_NUMBERS}) and tests with "
+        f"{quantities['testing']:.3f} deg, between the points of the grid {quantities['between']:.3f} deg.",
         read_claims("cepowski2007", "formula").beside(quantities),
         {
             "The recommended network as text": [
