@@ -140,7 +140,8 @@ def figure(number: str, sets: RecordSets) -> Plot:
         title = f"{varying} = {value:g} {UNITS[varying]}"
         panels.append(Panel("heading beta [deg]", "pitch amplitude [deg]", lines, title))
     said = ", ".join(f"{name} {value:g} {UNITS[name]}" for name, value in fixed.items())
-    return Plot(f"figure_{number}", f"Fig. {number}: significant pitch amplitude, {said}; beta 0 following, 180 head sea", panels)
+    caption = f"Fig. {number}: significant pitch amplitude, {said}; beta 0 following, 180 head sea"
+    return Plot(f"figure_{number}", caption, panels)
 
 
 def _correlation(a: np.ndarray, b: np.ndarray) -> float:
