@@ -32,7 +32,8 @@ def options(group: str) -> list[str]:
 
 def fits(network: str, fit: str) -> bool:
     series = network in {"cubic", "modulus", "abkowitz"}
-    own = {"ensemble": network.startswith("hull_rudder"), "closed_loop": series, "recursive": network == "recursive"}
+    own = {"ensemble": network.startswith("hull_rudder"), "closed_loop": series, "recursive": network == "recursive",
+           "radial_basis": network == "rbf", "general_regression": network == "grnn"}  # fmt: skip
     return own[fit] if fit in own else not any(own.values())
 
 

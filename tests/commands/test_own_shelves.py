@@ -187,7 +187,10 @@ def test_an_own_fit_trains_the_networks_that_its_class_names_by_command_and_from
 @pytest.mark.parametrize(
     ("words", "advice"),
     [
-        (["network=line", "fit=closed_loop"], "write fit=average or backprop or levenberg_marquardt, or network=abk"),
+        (
+            ["network=line", "fit=closed_loop"],
+            "write fit=average or backprop or bayesian or levenberg_marquardt, or network=abk",
+        ),
         (["network=cubic", "fit=average"], "write fit=closed_loop, or network=line"),
     ],
 )

@@ -6,9 +6,12 @@ import pytest
 import yaml
 
 import manoeuvre_nn as mnn
+from manoeuvre_nn.commands.groups import compose
 from manoeuvre_nn.commands.main import task_of
-from manoeuvre_nn.commands.response import load_response
+from manoeuvre_nn.commands.response import hull_form, load_response
+from manoeuvre_nn.commands.shelves import build
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.seakeeping.form import S175
 
 TINY = (
     "task=pitch", "data.method=closed_form", "data.between=10", "inputs.d.values=[7,9]", "inputs.V.values=[0,10]",
@@ -88,6 +91,7 @@ def test_a_table_of_ones_own_is_learnt_with_a_mapping(cli, tmp_path, fast):
         (("sees.T=maybe",), "sees.T=maybe: expected true or false"),
         (("per=V2",), "per 'V2' is unknown"),
         (("learning=2",), "expected a share of the records"),
+        (("ship=mariner", "inputs.d.values=[5,11]"), "the hull of the Mariner goes from 2.4 to 10.6 m"),
         (("form.gyradius=long",), "expected a number"),
         (("+form.masts=3",), "form 'masts' is unknown"),
         (("inputs.d.unit=fathom",), "unit 'fathom' is unknown"),
@@ -174,3 +178,8 @@ per: none
     assert "significant roll amplitude" in ended.out and scores(tmp_path / "out")["errors"]["testing"]["rms"] > 0
     computed = cli("task=roll", "config_dir=mine")
     assert computed.code == 2 and "pitch is computed from d, V, beta, Hs, T" in computed.err
+
+
+def test_the_s_175_of_the_shelf_is_that_of_the_seakeeping():
+    cfg = compose("task/pitch")
+    assert hull_form(cfg, build(cfg.ship, "ship").particulars) == S175

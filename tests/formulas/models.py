@@ -75,14 +75,14 @@ def response(network=None, per: str | None = None, sees: tuple[str, ...] = SEES,
 
 
 def radial() -> RadialBasis:
-    network = RadialBasis(5, 30, seed=4)
+    network = RadialBasis(5, 30, 1, seed=4)
     network.output_weights.copy_(drawn(1, 31, seed=7))
     network.widths.copy_(1.0 + drawn(30, seed=8).abs())
     return network
 
 
 def regression(count: int = 110) -> GeneralRegression:
-    network = GeneralRegression(5)
+    network = GeneralRegression(5, 1)
     network.store(drawn(count, 5, seed=9), drawn(count, 1, seed=10), 0.3 + drawn(5, seed=11).abs())
     return network
 

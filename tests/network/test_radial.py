@@ -67,6 +67,6 @@ def test_networks_of_nothing_are_refused(make):
 
 
 def test_types_are_kept():
-    network = GeneralRegression(3, dtype=torch.float32)
+    network = GeneralRegression(3, 1, dtype=torch.float32)
     network.store(drawn(5, 3), drawn(5, 1), torch.ones(3, dtype=torch.float64))
-    assert network(drawn(2, 3).float()).dtype == RadialBasis(3, dtype=torch.float32)(drawn(2, 3).float()).dtype
+    assert network(drawn(2, 3).float()).dtype == RadialBasis(3, 5, 1, dtype=torch.float32)(drawn(2, 3).float()).dtype

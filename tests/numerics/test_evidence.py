@@ -82,3 +82,14 @@ def test_weights_that_no_datum_determines_do_not_count_and_more_weights_than_dat
     found = prior.again(few.mT @ few, (few @ w[..., None])[..., 0] - values, w)
     assert torch.isfinite(torch.stack([found.alpha, found.beta])).all()
     assert float(found.beta) > 0
+
+
+def test_a_problem_whose_errors_are_no_numbers_does_not_stop_the_others():
+    a, y = linear()
+    both, targets = torch.cat([a, a * torch.nan]), torch.cat([y, y])
+    w = torch.ones(2, 5, dtype=torch.float64)
+    prior = nothing_shrunk(w)
+    found = prior.again(both.mT @ both, (both @ w[..., None])[..., 0] - targets, w)
+    alone = nothing_shrunk(w[:1]).again(a.mT @ a, (a @ w[:1, :, None])[..., 0] - y, w[:1])
+    assert float(found.alpha[0]) == pytest.approx(float(alone.alpha[0]))
+    assert (float(found.alpha[1]), float(found.beta[1])) == (0.0, 1.0)

@@ -27,6 +27,7 @@ WAVE = np.array([0.3, 0.45, 0.6, 0.75])
 def radiation(method, name="S-175"):
     if method == "strips":
         return radiate_strips(panelled(FORMS[name], 9.5, 28, 10), COARSE)
+    pytest.importorskip("capytaine")
     return radiate(panelled(FORMS[name], 9.5, 18, 4), COARSE)
 
 

@@ -7,11 +7,11 @@ from manoeuvre_nn.network.radial import GeneralRegression, RadialBasis
 from manoeuvre_nn.training.fits import BackpropFit
 from manoeuvre_nn.training.radial_fit import ALL_TRIED, AT_REST, GeneralRegressionFit, RadialBasisFit
 
-FITS = [(RadialBasis, RadialBasisFit, (2, 20)), (GeneralRegression, GeneralRegressionFit, (2,))]
+FITS = [(RadialBasis, RadialBasisFit, (2, 20, 1)), (GeneralRegression, GeneralRegressionFit, (2, 1))]
 
 
 def test_radial_basis_functions_learn_a_smooth_function():
-    model = response(RadialBasis(2, 40))
+    model = response(RadialBasis(2, 40, 1))
     fit = RadialBasisFit(model)
     trainer = trained(fit)
     assert fit.stopped == ALL_TRIED
@@ -24,23 +24,23 @@ def test_radial_basis_functions_learn_a_smooth_function():
 def test_the_network_keeps_the_best_of_the_widths_in_whatever_order_they_are_tried():
     found = []
     for factors in ([1.0, 3.0, 0.3], [0.3, 3.0, 1.0]):
-        model = response(RadialBasis(2, 40))
+        model = response(RadialBasis(2, 40, 1))
         trained(RadialBasisFit(model, factors=factors))
         found.append(model.at(OTHERS.numpy()))
     assert found[0] == pytest.approx(found[1])
-    alone = response(RadialBasis(2, 40))
+    alone = response(RadialBasis(2, 40, 1))
     trained(RadialBasisFit(alone, factors=[3.0]))
     assert alone.at(OTHERS.numpy()) == pytest.approx(found[0])
 
 
 def test_regression_by_stored_records_finds_its_widths():
-    model = response(GeneralRegression(2))
+    model = response(GeneralRegression(2, 1))
     fit = GeneralRegressionFit(model)
     trained(fit)
     assert fit.stopped == AT_REST
     assert len(model.network.records) == 120
     assert error_elsewhere(model) < 0.35
-    common = response(GeneralRegression(2))
+    common = response(GeneralRegression(2, 1))
     trained(GeneralRegressionFit(common, common_width=True))
     assert common.network.widths[0] == common.network.widths[1]
 
@@ -56,17 +56,17 @@ def test_a_state_gives_the_fitted_network_again(kind, fit, size):
 
 def test_each_fit_is_for_its_own_network_and_each_network_for_its_own_fit():
     with pytest.raises(InputError, match="does not train a GeneralRegression"):
-        RadialBasisFit(response(GeneralRegression(2)))
+        RadialBasisFit(response(GeneralRegression(2, 1)))
     with pytest.raises(InputError, match="does not train a Perceptron"):
         GeneralRegressionFit(response(Perceptron((1, 2, 3, 1))))
     with pytest.raises(InputError, match="does not train a RadialBasis"):
-        BackpropFit(response(RadialBasis(2)))
+        BackpropFit(response(RadialBasis(2, 3, 1)))
 
 
 @pytest.mark.parametrize("wrong", [{"factors": []}, {"factors": [0.0]}, {"ridges": [-1.0]}, {"neighbours": 0}])
 def test_settings_out_of_range_are_refused(wrong):
     with pytest.raises(InputError, match=rf"fit\.{next(iter(wrong))}"):
-        RadialBasisFit(response(RadialBasis(2)), **wrong)
+        RadialBasisFit(response(RadialBasis(2, 3, 1)), **wrong)
 
 
 @pytest.mark.parametrize(("kind", "fit", "size"), FITS)

@@ -77,4 +77,4 @@ class _Other(RadialBasis):
     any_fit = True
 
     def __init__(self) -> None:
-        super().__init__(2, 3)
+        super().__init__(2, 3, 1)

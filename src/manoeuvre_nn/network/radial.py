@@ -33,7 +33,7 @@ class RadialBasis(Network):
     output_weights: Tensor
 
     def __init__(
-        self, inputs: int, hidden: int = 300, outputs: int = 1, *, seed: int = 0, dtype: torch.dtype = torch.float64
+        self, inputs: int = 4, hidden: int = 300, outputs: int = 3, *, seed: int = 0, dtype: torch.dtype = torch.float64
     ) -> None:
         """A network that answers 0 until it is fitted.
 
@@ -95,7 +95,7 @@ class GeneralRegression(Network):
     values: Tensor
     widths: Tensor
 
-    def __init__(self, inputs: int, outputs: int = 1, *, seed: int = 0, dtype: torch.dtype = torch.float64) -> None:
+    def __init__(self, inputs: int = 4, outputs: int = 3, *, seed: int = 0, dtype: torch.dtype = torch.float64) -> None:
         """A network that holds one record, and answers 0.
 
         Args:

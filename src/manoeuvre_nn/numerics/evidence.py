@@ -67,17 +67,22 @@ class WeightDecay:
             weights: w.
 
         Returns:
-            The new estimate. It leaves the errors at least one degree of freedom.
+            The new estimate. It leaves the errors at least one degree of freedom; that of a problem with errors that
+            are no numbers stays as it was.
 
         Source:
             MacKay 1992, "Bayesian interpolation", section 4.
         """
-        tiny, size = torch.finfo(errors.dtype).tiny, torch.linalg.eigvalsh(normal).clamp(min=0)
+        finite = normal.isfinite().all(-1).all(-1) & errors.isfinite().all(1)
+        size = torch.linalg.eigvalsh(torch.where(finite[:, None, None], normal, 0.0)).clamp(min=0)
+        tiny = torch.finfo(errors.dtype).tiny
         heard = size > normal.shape[1] * torch.finfo(size.dtype).eps * size.amax(1, keepdim=True)
         effective = torch.where(heard, size / (size + self.ratio[:, None]).clamp(min=tiny), 0.0).sum(1)
         free = (errors.shape[1] - effective).clamp(min=1.0)
         alpha = effective / weights.square().sum(1).clamp(min=tiny)
-        return WeightDecay(alpha, free / errors.square().sum(1).clamp(min=tiny), effective)
+        found = alpha, free / errors.square().sum(1).clamp(min=tiny), effective
+        kept = self.alpha, self.beta, self.effective
+        return WeightDecay(*(torch.where(finite, new, old) for new, old in zip(found, kept, strict=True)))
 
     def log_evidence(
         self, normal: Float[Tensor, "k p p"], errors: Float[Tensor, "k n"], weights: Float[Tensor, "k p"]

@@ -108,6 +108,6 @@ def wave_forces(
     flow = np.cos(side) * (normal_z - 1j * along * normal_x) - np.sin(side) * across * normal_y
     flow = 1j * GRAVITY * k / frequency[:, None] * wave * flow
     pressure[overtaken], flow[overtaken] = pressure[overtaken].conj(), flow[overtaken].conj()
-    diffracted = -1j * met[:, None] * hull.rho * np.einsum("wjp,wp->wj", radiation.potential_at(met), flow)
+    diffracted = -1j * met[:, None] * hull.rho * radiation.work_on(flow, met)
     diffracted[:, 2] -= speed / (1j * met) * diffracted[:, 1]
     return np.asarray(diffracted - pressure @ hull.modes.T)

@@ -46,19 +46,8 @@ class Radiation:
         """Damping of surge, heave and pitch [kg/s, kg m/s, kg m^2/s]."""
         return np.asarray(-self.frequency[:, None, None] * self._forces.imag)
 
-    def potential_at(self, frequency: Float[np.ndarray, " waves"]) -> Complex[np.ndarray, "waves 3 panels"]:
-        """Potentials at other frequencies: straight between those solved for, held beyond them.
-
-        Args:
-            frequency: Frequencies of the motion [rad/s].
-
-        Returns:
-            Potentials.
-        """
-        return self._between(self.potential, frequency)
-
     def forces_at(self, frequency: Float[np.ndarray, " waves"]) -> Complex[np.ndarray, "waves 3 3"]:
-        """``A - i B/w`` at other frequencies.
+        """``A - i B/w`` at other frequencies: straight between those solved for, held beyond them.
 
         Args:
             frequency: Frequencies w of the motion [rad/s].
@@ -66,16 +55,33 @@ class Radiation:
         Returns:
             Forces over acceleration [kg, kg m, kg m^2], rows the forces.
         """
-        return self._between(self._forces, frequency)
+        left, share = self._place(frequency)
+        share = share[:, None, None]
+        return np.asarray(self._forces[left] * (1 - share) + self._forces[left + 1] * share)
 
-    def _between(
-        self, values: Complex[np.ndarray, "frequencies 3 k"], frequency: Float[np.ndarray, " waves"]
-    ) -> Complex[np.ndarray, "waves 3 k"]:
-        """Values at other frequencies."""
+    def work_on(
+        self, flow: Complex[np.ndarray, "waves panels"], frequency: Float[np.ndarray, " waves"]
+    ) -> Complex[np.ndarray, "waves 3"]:
+        """Sums over the panels of the potentials times something else, for each frequency.
+
+        Args:
+            flow: What the potentials are multiplied by, a row for each frequency.
+            frequency: Frequencies of the motion [rad/s]; the potentials are straight between those solved for.
+
+        Returns:
+            ``sum phi_j flow`` for surge, heave and pitch.
+        """
+        left, share = self._place(frequency)
+        low, high = ((self.potential[at] @ flow[:, :, None])[:, :, 0] for at in (left, left + 1))
+        return np.asarray(low * (1 - share[:, None]) + high * share[:, None])
+
+    def _place(
+        self, frequency: Float[np.ndarray, " waves"]
+    ) -> tuple[Int[np.ndarray, " waves"], Float[np.ndarray, " waves"]]:
+        """Between which of the frequencies solved for others lie: the lower one, and the share of the upper one."""
         solved = self.frequency
         left = np.clip(np.searchsorted(solved, frequency) - 1, 0, len(solved) - 2)
-        share = np.clip((frequency - solved[left]) / (solved[left + 1] - solved[left]), 0.0, 1.0)[:, None, None]
-        return np.asarray(values[left] * (1 - share) + values[left + 1] * share)
+        return left, np.clip((frequency - solved[left]) / (solved[left + 1] - solved[left]), 0.0, 1.0)
 
 
 def radiate(hull: PanelledHull, frequency: Float[np.ndarray, " frequencies"]) -> Radiation:

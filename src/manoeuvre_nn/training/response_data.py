@@ -17,7 +17,7 @@ from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.response import Quantities, Records, Response, check_records
 from manoeuvre_nn.recording.read.records import RecordsMapping, read_records
 from manoeuvre_nn.seakeeping.form import HullForm
-from manoeuvre_nn.seakeeping.pitch import METHODS, significant_pitch
+from manoeuvre_nn.seakeeping.pitch import MAX_DRAUGHT_RATIO, METHODS, MIN_DRAUGHT_RATIO, significant_pitch
 from manoeuvre_nn.training.data import Batch
 from manoeuvre_nn.training.settings import expand
 
@@ -244,7 +244,7 @@ def computed_records(
         The data module.
 
     Raises:
-        InputError: If a variable is missing or unknown, or has no values.
+        InputError: If a variable is missing or unknown, or has no values, or the hull does not reach the draughts.
     """
     chosen, names, seed = settings or SeakeepingSettings(), [v.name for v in quantities.inputs], (split or Split()).seed
     if sorted(names) != sorted(CONDITIONS):
@@ -255,6 +255,12 @@ def computed_records(
     empty = [name for name in names if len(values[name]) < 2]
     if empty:
         raise InputError(f"inputs.{empty[0]}.values has fewer than two values: records are computed over a range")
+    low, high = (ratio * form.draught for ratio in (MIN_DRAUGHT_RATIO, MAX_DRAUGHT_RATIO))
+    if not low <= min(values["d"]) <= max(values["d"]) <= high:
+        raise InputError(
+            f"inputs.d.values from {min(values['d']):g} to {max(values['d']):g} m: the hull of the {ship} goes from "
+            f"{low:.1f} to {high:.1f} m; write inputs.d.values=[{0.8 * form.draught:.1f},{form.draught:.1f}], say"
+        )
     places = [names.index(name) for name in CONDITIONS]
 
     def make(say: Say) -> tuple[Records, Records | None]:

@@ -30,7 +30,7 @@ def test_every_paper_names_itself_and_chapters_of_its_own_folder(paper):
 
 
 def test_there_are_the_papers_that_are_known():
-    assert PAPERS == ["hess2000", "rajesh2009", "wang1996"]
+    assert PAPERS == ["cepowski2007", "hess2000", "rajesh2009", "wang1996"]
 
 
 @pytest.mark.parametrize(

@@ -312,8 +312,8 @@ def test_a_number_stands_for_its_parts_and_the_papers_order_is_kept():
 @pytest.mark.parametrize(
     "words, told",
     [
-        ("", "which paper? write paper=hess2000 or paper=rajesh2009 or paper=wang1996"),
-        ("paper=nope", "paper 'nope' is unknown; choose one of: hess2000, rajesh2009, wang1996"),
+        ("", "which paper? write paper=cepowski2007 or paper=hess2000 or paper=rajesh2009 or paper=wang1996"),
+        ("paper=nope", "paper 'nope' is unknown; choose one of: cepowski2007, hess2000, rajesh2009, wang1996"),
         ("paper=wang1996 chapters=9", "chapter '9' is unknown; choose one of: 3, 4, 5.2"),
         ("paper=wang1996 chapters=[]", "chapters=[] names none; write chapters=all"),
         ("paper=wang1996 starts=0", "starts=0: expected a whole number, 1 or more"),
