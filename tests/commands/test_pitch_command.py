@@ -85,7 +85,7 @@ def test_a_table_of_ones_own_is_learnt_with_a_mapping(cli, tmp_path, fast):
 @pytest.mark.parametrize(
     "words, said",
     [
-        (("network=wang",), "inputs of a ship's forces: write network= one of mlp"),
+        (("network=wang",), "inputs of a ship's forces: write network= one of grnn, mlp, rbf"),
         (("data=simulated",), "learns records: write data=seakeeping or data=recording"),
         (("manoeuvre=zz20",), "there is no setting manoeuvre"),
         (("sees.T=maybe",), "sees.T=maybe: expected true or false"),
