@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 import yaml
 
+import manoeuvre_nn as mnn
 from manoeuvre_nn.commands.groups import compose
 from manoeuvre_nn.commands.main import task_of
 from manoeuvre_nn.commands.response import hull_form, load_response
@@ -53,6 +54,10 @@ def test_the_model_of_a_checkpoint_is_the_model_that_was_tested(cli, tmp_path, f
     errors = scores(tmp_path / "out")["errors"]
     assert off == pytest.approx(np.sqrt((errors["learning"]["rms"] ** 2 + errors["testing"]["rms"] ** 2) / 2), rel=1e-6)
     assert [round(v.high / v.size, 6) for v in response.inputs] == [9, 10, 180, 4, 12]
+    module: dict = {}
+    exec(mnn.export(tmp_path / "out"), module)
+    written = [module["pitch_deg"](*row) for row in table.to_numpy()[:, :5].tolist()]
+    np.testing.assert_allclose(written, found, rtol=1e-9, atol=1e-12)
 
 
 def test_a_table_of_ones_own_is_learnt_with_a_mapping(cli, tmp_path, fast):
@@ -80,7 +85,7 @@ def test_a_table_of_ones_own_is_learnt_with_a_mapping(cli, tmp_path, fast):
 @pytest.mark.parametrize(
     "words, said",
     [
-        (("network=wang",), "inputs of a ship's forces: write network= one of mlp"),
+        (("network=wang",), "inputs of a ship's forces: write network= one of grnn, mlp, rbf"),
         (("data=simulated",), "learns records: write data=seakeeping or data=recording"),
         (("manoeuvre=zz20",), "there is no setting manoeuvre"),
         (("sees.T=maybe",), "sees.T=maybe: expected true or false"),

@@ -118,6 +118,7 @@ MAKERS = {
     **{name: lambda make=make: CalmWater(make()) for name, make in SHIPS.items()},
     "response": lambda: response(),
     "response over wave height": lambda: response(per="Hs"),
+    "response over speed": lambda: response(per="V"),
     "response without a shift": lambda: response(shifted=False),
     "response by theory's inputs": lambda: response(sees=("d", "encounter_frequency", "wave_number_along", "cos_beta")),
     "radial basis": lambda: response(radial()),

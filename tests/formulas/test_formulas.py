@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import sympy
 import torch
 from models import MAKERS, PITCH, VARIABLES, ensemble, model, regression, response, scaling
 
@@ -16,7 +17,7 @@ from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.network import Network
 from manoeuvre_nn.core.response import Quantities, Response, Variable
 from manoeuvre_nn.core.scaling import Scaling
-from manoeuvre_nn.dynamics.model import IdentifiedShip
+from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
 from manoeuvre_nn.formulas import check
 from manoeuvre_nn.formulas.code import c_text, python_text
 from manoeuvre_nn.formulas.formats import WRITERS, write_down
@@ -25,6 +26,8 @@ from manoeuvre_nn.formulas.models import to_program
 from manoeuvre_nn.formulas.networks import closed_form
 from manoeuvre_nn.formulas.spreadsheet import cells, csv_text
 from manoeuvre_nn.network.perceptron import Perceptron
+from manoeuvre_nn.ship.container import container
+from manoeuvre_nn.ship.esso_osaka_model import esso_osaka_mmg
 from manoeuvre_nn.ship.known import clarke_part
 from manoeuvre_nn.ship.mariner import mariner
 from manoeuvre_nn.training.scalings import approach_scaling
@@ -176,6 +179,13 @@ def test_a_sum_that_is_too_long_for_a_cell_is_added_up_in_parts():
     assert write_down(program, "csv").difference < 1e-12
 
 
+def test_ships_that_are_not_written_down_are_refused():
+    with pytest.raises(InputError, match="rolls: her equations have no closed form"):
+        to_program(CalmWater(container()))
+    with pytest.raises(InputError, match="has no closed form here: train with linear=clarke or linear=none"):
+        to_program(CalmWater(esso_osaka_mmg()))
+
+
 def test_a_regression_by_too_many_records_is_refused():
     with pytest.raises(InputError, match="1001 stored records has as many terms, more than 1000: .* network=mlp"):
         to_program(response(regression(1001)))
@@ -186,6 +196,24 @@ def test_a_response_over_unknown_ranges_is_refused():
     made = Response(Perceptron((1, 1, 2, 1)), scaling(1, 1), Quantities(inputs, PITCH, ["V"]))
     with pytest.raises(InputError, match=r"the range of V is not known: give inputs\.V\.low and inputs\.V\.high"):
         to_program(made.double())
+
+
+@pytest.mark.parametrize("name", MAKERS)
+def test_no_two_values_are_written_alike_on_a_page(name):
+    program = to_program(model(name))
+    names = [str(target) for _, values in program.assignments() for target, _ in values]
+    names += [q.name for q in program.inputs]
+    written = [program.symbols.get(one) or sympy.latex(sympy.Symbol(one)) for one in names]
+    assert len(set(names)) == len(names) and len(set(written)) == len(written)
+
+
+def test_an_input_that_did_not_vary_is_varied_for_the_comparison():
+    program = to_program(model("wang"))
+    still = replace(program, inputs=[replace(q, low=0.2, high=0.2) if q.name == "v" else q for q in program.inputs])
+    points = check.sample(still)
+    assert 0.1 <= points[:, 1].min() < 0.15 < 0.25 < points[:, 1].max() <= 0.3
+    assert points[:, 0].min() >= program.inputs[0].low and points[:, 0].max() <= program.inputs[0].high
+    assert "0.2 to 0.2" in python_text(still)
 
 
 def test_words_from_outside_cannot_run_or_break_a_text(tmp_path):
@@ -207,15 +235,15 @@ def test_words_from_outside_cannot_run_or_break_a_text(tmp_path):
 def test_names_that_no_language_takes_are_refused_and_those_of_the_house_make_way():
     def named(name: str) -> Response:
         inputs = [Variable(name, "m", 1.0, "a length", low=1.0, high=2.0), *VARIABLES[1:]]
-        quantities = Quantities(inputs, PITCH, [name, "V", "cos_beta", "Hs", "T"])
+        quantities = Quantities(inputs, PITCH, [name, "V", "cos_beta", "Hs", "T"], per=name)
         return Response(response().network, scaling(5, 1), quantities).requires_grad_(False)
 
     for name in ("lambda", "double", "exp", "median"):
         with pytest.raises(InputError, match=f"{name}' cannot be a name"):
             to_program(named(name))
     for name in ("h_1", "x_1", "y_1", "math_"):
-        for kind in ("python", "csv", "latex"):
-            assert write_down(to_program(named(name)), kind).difference < 1e-12
+        for kind in WRITERS:
+            assert (kind == "c" and not compiler()) or write_down(to_program(named(name)), kind).difference < 1e-12
 
 
 class _Odd(Network):

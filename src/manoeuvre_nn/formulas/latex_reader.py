@@ -15,7 +15,8 @@ BLOCK = re.compile(
     re.DOTALL,
 )
 LISTED = re.compile(
-    r"(?P<name>[A-Za-z]+)_\{(?P<first>\d+)\}(?P<sign>,| \+) \\ldots(?P=sign) (?P=name)_\{(?P<last>\d+)\}"
+    r"(?P<name>(?:\{\}\^\{\*\})?[A-Za-z]+)_\{(?P<first>\d+)\}(?P<sign>,| \+) \\ldots"
+    r"(?P=sign) (?P=name)_\{(?P<last>\d+)\}"
 )
 NUMBER = r"\d+(?:\.\d+)?(?: \\cdot 10\^\{-?\d+\})?"
 OPENING, CLOSING = {r"\left", r"\bigl"}, {r"\right", r"\bigr"}

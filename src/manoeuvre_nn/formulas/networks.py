@@ -110,8 +110,7 @@ def series_of_products(network: Series, x: Values, build: Builder) -> list[sympy
         speed = build.let("U", at_least(sympy.sqrt(u**2 + v**2), series.MIN_SPEED_PRIME), r"{U}'")
         table["/U"] = 1 / speed
     products = [prod((table[token] for token in term.split()), start=ONE) for term in network.terms]
-    coefficients = numbers(network.coefficients[0]) * network.used.cpu().numpy()
-    found = sums_of_products(products, coefficients, build, "y")
+    found = sums_of_products(products, numbers(network.coefficients[0]), build, "y")
     if pace is None:
         return found
     return [build.let(f"z_{e}", pace**2 * y) for e, y in zip(OUTPUTS, found, strict=True)]

@@ -194,6 +194,7 @@ class Builder:
         """
         self.sections: list[Section] = []
         self.symbols = {q.name: q.symbol for q in (*inputs, *outputs) if q.symbol}
+        self._written = {q.symbol or sympy.latex(sympy.Symbol(q.name)) for q in (*inputs, *outputs)}
         self._used = {q.name for q in (*inputs, *outputs)} | TAKEN | set(keyword.kwlist)
         self.inputs = [sympy.Symbol(q.name, real=True) for q in inputs]
 
@@ -267,14 +268,17 @@ class Builder:
         self.sections[-1].steps.append(Single(sympy.Symbol(name, real=True), formula))
 
     def _named(self, names: Sequence[str], symbols: Sequence[str]) -> list[sympy.Symbol]:
-        """Symbols of values; a name that is taken is given an underscore."""
+        """Symbols of values; a name that is taken is given an underscore, a symbol of LaTeX a star."""
         found = []
-        for name, symbol in zip(names, symbols, strict=True):
+        written = [symbol or sympy.latex(sympy.Symbol(name)) for name, symbol in zip(names, symbols, strict=True)]
+        while self._written & set(written):
+            written = [f"{{}}^{{*}}{symbol}" for symbol in written]
+        self._written |= set(written)
+        for name, symbol in zip(names, written, strict=True):
             while name in self._used:
                 name += "_"
             self._used.add(name)
-            if symbol:
-                self.symbols[name] = symbol
+            self.symbols[name] = symbol
             found.append(sympy.Symbol(name, real=True))
         return found
 
