@@ -79,3 +79,15 @@ def test_an_input_that_does_not_vary_is_no_obstacle():
     x[:, 1] = 0.5
     assert first_widths(x)[1] == 1.0
     assert WidthSearch(x, y).step() < float(y.var(0, correction=0).mean())
+
+
+def test_a_search_can_be_taken_up_where_it_was_left():
+    x, y = records(200)
+    whole, first = WidthSearch(x, y), WidthSearch(x, y)
+    for _ in range(3):
+        whole.step()
+        first.step()
+    second = WidthSearch(x, y, start=first.widths)
+    torch.testing.assert_close(second.widths, whole.widths)
+    assert second.error == pytest.approx(whole.error)
+    assert second.step() <= whole.error
