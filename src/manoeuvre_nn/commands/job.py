@@ -4,7 +4,7 @@ import inspect
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import torch
 from omegaconf import DictConfig, OmegaConf
@@ -36,6 +36,7 @@ from manoeuvre_nn.training import session
 from manoeuvre_nn.training.checkpoint import load_weights, read_checkpoint
 from manoeuvre_nn.training.data import DEFAULT_SCORE, SUBSTITUTES, ManoeuvreData, RecordedData
 from manoeuvre_nn.training.fits import Fit
+from manoeuvre_nn.training.response_data import ResponseData
 from manoeuvre_nn.training.rollout_score import RolloutScore
 from manoeuvre_nn.training.scalings import KINDS, make_scaling
 from manoeuvre_nn.training.settings import check_simulable
@@ -49,8 +50,12 @@ OF_FILES = (TARGET, "folder", "files", "mapping")
 DTYPES = {"float64": torch.float64, "float32": torch.float32}
 
 
+Data = TypeVar("Data", bound=ManoeuvreData | ResponseData)
+"""What is learnt from."""
+
+
 @dataclass(frozen=True)
-class Job:
+class Job(Generic[Data]):
     """Everything that is checked before computing starts.
 
     Attributes:
@@ -61,14 +66,16 @@ class Job:
         session: How long to train and what to keep.
     """
 
-    data: ManoeuvreData
+    data: Data
     network: Network
     scaling: str
     dtype: torch.dtype
     session: session.Session
 
 
-def prepare(cfg: DictConfig, runs: Sequence[Recording] = (), ship: Ship | Particulars | None = None) -> Job:
+def prepare(
+    cfg: DictConfig, runs: Sequence[Recording] = (), ship: Ship | Particulars | None = None
+) -> Job[ManoeuvreData]:
     """Build and check everything that needs no computing.
 
     Args:
@@ -201,7 +208,7 @@ def _given(cfg: DictConfig, common: dict[str, Any], runs: Sequence[Recording]) -
     return RecordedData(runs=runs, **gathered(RecordedData, {**kept, **common}))
 
 
-def make_fit(cfg: DictConfig, job: Job) -> Fit:
+def make_fit(cfg: DictConfig, job: Job[ManoeuvreData]) -> Fit:
     """Join known part, network and scaling of a job whose data are set up, and give them to the chosen method."""
     scaling = make_scaling(job.scaling, job.data.known, job.data.tuples)
     return fit_of(cfg, joined_model(job.data.reference, job.data.known, job.network, scaling).to(job.dtype))

@@ -2,6 +2,7 @@
 
 import os
 import platform
+from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -68,6 +69,16 @@ def check_same_run(cfg: DictConfig, out: Path, setting: str = "hydra.run.dir") -
                 f"{out} holds a run with {key}={before.get(key)}, this one has {key}={now.get(key)}: "
                 f"choose another {setting} or remove the folder"
             )
+
+
+def hyperparameters(config: Mapping[str, Any]) -> dict[str, Any]:
+    """What TensorBoard's table of hparams tells of a config: the choices and numbers that make a difference."""
+    chosen = {k: v for k, v in flat(dict(config)).items() if not k.startswith(("trainer.", "scoring."))}
+    return {
+        k.removesuffix("._target_"): str(v).rsplit(".", 1)[-1] if k.endswith("_target_") else v
+        for k, v in chosen.items()
+        if isinstance(v, str | int | float | bool)
+    }
 
 
 def flat(nested: dict[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """``manoeuvre train task=pitch``: approximate a response of a ship in a seaway by a network."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,7 @@ from omegaconf import DictConfig
 from rich.console import Console
 
 from manoeuvre_nn.commands import config as configs
-from manoeuvre_nn.commands.job import blank_network, check_pair, config_beside, fit_of, session_of
+from manoeuvre_nn.commands.job import Job, blank_network, check_pair, config_beside, fit_of, session_of
 from manoeuvre_nn.commands.shelves import build, check_arguments, made_by, plain
 from manoeuvre_nn.core.data_files import load_yaml
 from manoeuvre_nn.core.errors import InputError, check_choice
@@ -36,26 +36,7 @@ OF_RECORDS = ("_target_", "folder", "files", "mapping")
 """Settings of ``data=recording`` that tables of records have."""
 
 
-@dataclass(frozen=True)
-class ResponseJob:
-    """Everything that is checked before computing starts.
-
-    Attributes:
-        data: Data module, not yet set up.
-        network: The network with its first weights.
-        scaling: Kind of scaling.
-        dtype: Floating type.
-        session: How long to train and what to keep.
-    """
-
-    data: ResponseData
-    network: Network
-    scaling: str
-    dtype: torch.dtype
-    session: session.Session
-
-
-def prepare(cfg: DictConfig) -> ResponseJob:
+def prepare(cfg: DictConfig) -> Job[ResponseData]:
     """Build and check everything that needs no computing.
 
     Args:
@@ -68,7 +49,7 @@ def prepare(cfg: DictConfig) -> ResponseJob:
     network, scaling, dtype = response_network(cfg, quantities)
     check_pair(cfg, type(network))
     check_arguments(ResponseScore, {"data": None, **cfg.scoring})
-    return ResponseJob(_data(cfg, quantities, values, dtype), network, scaling, dtype, session_of(cfg))
+    return Job(_data(cfg, quantities, values, dtype), network, scaling, dtype, session_of(cfg))
 
 
 def quantities_of(cfg: DictConfig) -> tuple[Quantities, dict[str, list[float]]]:
@@ -179,7 +160,7 @@ def read_records_mapping(path: str | None) -> RecordsMapping | None:
     return records_mapping(**{str(k): v for k, v in content.items()})
 
 
-def make_response_fit(cfg: DictConfig, job: ResponseJob) -> Fit:
+def make_response_fit(cfg: DictConfig, job: Job[ResponseData]) -> Fit:
     """Join network and scaling of a job whose data are set up, and give them to the chosen method."""
     x, y, *_ = job.data.train_dataloader().dataset[0]
     scaling = response_scaling(job.scaling, x, y)
@@ -188,7 +169,7 @@ def make_response_fit(cfg: DictConfig, job: ResponseJob) -> Fit:
     return made
 
 
-def fit(cfg: DictConfig, job: ResponseJob, out: Path, console: Console) -> session.Trained:
+def fit(cfg: DictConfig, job: Job[ResponseData], out: Path, console: Console) -> session.Trained:
     """Compute or take the records, and train on them; checkpoints are kept in the output folder."""
     if console.is_terminal:
         with console.status("records") as status:

@@ -11,7 +11,7 @@ import pandas as pd
 from matplotlib.image import imread
 from rich.console import Console
 
-from manoeuvre_nn.commands.provenance import SCORES, flat, shown, versions
+from manoeuvre_nn.commands.provenance import SCORES, hyperparameters, shown, versions
 from manoeuvre_nn.core.response import Response
 from manoeuvre_nn.report.figures import learning_figure
 from manoeuvre_nn.report.html import Report, save_figures, write_report
@@ -131,9 +131,9 @@ def write_response(outcome: _ResponseOutcome, out: Path) -> None:
         notes=[*told_in_notes(outcome.data), outcome.trained.chosen],
     )
     write_report(out / "report.html", report)
-    chosen = {k: v for k, v in flat(dict(outcome.config)).items() if not k.startswith(("trainer.", "scoring."))}
-    settings = {k: v for k, v in chosen.items() if isinstance(v, str | int | float | bool)}
-    outcome.trained.close(settings, {f"final/{name}/rms": e["rms"] for name, e in outcome.errors.items()})
+    outcome.trained.close(
+        hyperparameters(outcome.config), {f"final/{name}/rms": e["rms"] for name, e in outcome.errors.items()}
+    )
     (out / SCORES).write_text(json.dumps(as_dict(outcome), indent=1))
 
 

@@ -13,7 +13,7 @@ from matplotlib.image import imread
 from rich.console import Console
 
 from manoeuvre_nn.commands.coefficients import coefficients_of, write_coefficients
-from manoeuvre_nn.commands.provenance import SCORES, flat, shown, versions
+from manoeuvre_nn.commands.provenance import SCORES, hyperparameters, shown, versions
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.limits import OK
 from manoeuvre_nn.dynamics.model import IdentifiedShip
@@ -183,15 +183,9 @@ def write_results(outcome: _Outcome, out: Path) -> None:
 
 def _log_hyperparameters(outcome: _Outcome) -> None:
     """The hparams table of TensorBoard: the choices and numbers that make a difference, and the final scores."""
-    chosen = {k: v for k, v in flat(dict(outcome.config)).items() if not k.startswith(("trainer.", "scoring."))}
-    settings = {
-        k.removesuffix("._target_"): str(v).rsplit(".", 1)[-1] if k.endswith("_target_") else v
-        for k, v in chosen.items()
-        if isinstance(v, str | int | float | bool)
-    }
     wanted = {k: v for k, v in scalars(list(outcome.scores)).items() if k.endswith(("dev_L", "left_range"))}
     errors = {f"final/relrmse_{name}": error for name, error in outcome.relative_rmse.items()}
-    outcome.trained.close(settings, {f"final/{k}": v for k, v in wanted.items()} | errors)
+    outcome.trained.close(hyperparameters(outcome.config), {f"final/{k}": v for k, v in wanted.items()} | errors)
 
 
 def summary(outcome: _Outcome) -> str:
