@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.util import find_spec
 
 import numpy as np
 from jaxtyping import Float
@@ -78,10 +77,8 @@ def record_sets(method: str, say: Callable[[str], None], *, seed: int = 0, sprea
 
 
 def usual_method(effort: ComputingEffort) -> str:
-    """How records are computed: in the short form by the closed form, else by boundary elements, if they can be."""
-    if effort.quick:
-        return "closed_form"
-    return "boundary_element" if find_spec("capytaine") else "strip_theory"
+    """How records are computed: in the short form by the closed form, else by strips, which need no further package."""
+    return "closed_form" if effort.quick else "strip_theory"
 
 
 def rms_deg(wrong: Float[np.ndarray, " n"]) -> float:

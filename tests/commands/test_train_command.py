@@ -174,7 +174,10 @@ def test_the_ships_own_terms_may_be_known_before_the_network(cli, fast, tmp_path
 @pytest.mark.parametrize(
     "words, advice",
     [
-        (["network=wang", "fit=ensemble"], "write fit=backprop or bayesian or levenberg_marquardt, or network=hull_rudder or hull"),
+        (
+            ["network=wang", "fit=ensemble"],
+            "write fit=backprop or bayesian or levenberg_marquardt, or network=hull_rudder or hull",
+        ),
         (["network=cubic", "fit=backprop"], "write fit=closed_loop, or network=mlp or rajesh or wang"),
         (["fit=backprop"], "write fit=ensemble, or network=mlp or rajesh or wang"),
         (["network.scaling=standard"], "mirrored"),
