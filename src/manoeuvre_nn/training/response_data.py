@@ -23,7 +23,7 @@ from manoeuvre_nn.training.settings import expand
 
 Say = Callable[[str], None]
 """Tells the person who waits what is being done."""
-LEAST_ERRORS = 3.0
+MIN_STANDARD_ERRORS = 3.0
 """Standard errors from which on a difference of two correlations is told."""
 CONDITIONS = ("d", "V", "beta", "Hs", "T")
 """What pitch is computed from, in the order of :func:`.significant_pitch`."""
@@ -362,8 +362,8 @@ def heading_notes(records: Records, form: HullForm) -> list[str]:
     except InputError:
         return []
     labelled, reversed_ = (float(np.corrcoef(values, records.values)[0, 1]) for values in found)
-    limit = LEAST_ERRORS * np.sqrt(2 / (len(records) - 3))
-    if not np.arctanh(reversed_) - np.arctanh(labelled) > limit:
+    apart = np.subtract(*np.arctanh(np.clip([reversed_, labelled], -1 + 1e-12, 1 - 1e-12)))
+    if not apart > MIN_STANDARD_ERRORS * np.sqrt(2 / (len(records) - 3)):
         return []
     return [
         f"pitch agrees better with the closed form of this hull if 0 is a head sea (correlation {reversed_:.2f}; as it "
