@@ -58,6 +58,7 @@ def test_the_model_of_a_checkpoint_is_the_model_that_was_tested(cli, tmp_path, f
     exec(mnn.export(tmp_path / "out"), module)
     written = [module["pitch_deg"](*row) for row in table.to_numpy()[:, :5].tolist()]
     np.testing.assert_allclose(written, found, rtol=1e-9, atol=1e-12)
+    assert "50% of the records computed for the S-175 by closed form (grid)" in module["__doc__"]
 
 
 def test_a_table_of_ones_own_is_learnt_with_a_mapping(cli, tmp_path, fast):

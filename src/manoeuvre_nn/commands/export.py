@@ -11,6 +11,7 @@ from manoeuvre_nn.commands import config as configs
 from manoeuvre_nn.commands.job import NOTHING_HELD_OUT, config_beside, load_model, prepare
 from manoeuvre_nn.commands.provenance import shown
 from manoeuvre_nn.commands.response import load_response
+from manoeuvre_nn.commands.shelves import build
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.dynamics.model import IdentifiedShip
@@ -84,14 +85,23 @@ def checkpoint_of(run: Path) -> Path:
 def program_of(checkpoint: Path) -> Program:
     """The program of a checkpoint's model, with the ranges of what it was trained on."""
     notes = [f"Written by manoeuvre-nn {__version__} from {checkpoint}."]
-    if "task" in config_beside(checkpoint, ()):
-        return to_program(load_response(checkpoint), None, notes)
+    cfg = config_beside(checkpoint, ())
+    if "task" in cfg:
+        return to_program(load_response(checkpoint), None, [*notes, _records_of(cfg)])
     model = load_model(checkpoint)
     if not isinstance(model, IdentifiedShip):
         return to_program(model, None, notes)  # which says why not
-    cfg = config_beside(checkpoint)
     ranges, source = _trained_on(cfg, model)
     return to_program(model, ranges, [*notes, f"Network: {type(model.network).__name__}. {source}"])
+
+
+def _records_of(cfg: DictConfig) -> str:
+    """What a response was learnt from, a sentence."""
+    if "files" in cfg.data:
+        return f"Learnt from {cfg.learning:.0%} of the records of {', '.join(configs.as_list(cfg.data.files))}."
+    how = f"{cfg.data.method.replace('_', ' ')} ({cfg.data.design})"
+    ship = build(cfg.ship, "ship").particulars.name
+    return f"Learnt from {cfg.learning:.0%} of the records computed for the {ship} by {how}."
 
 
 def _trained_on(cfg: DictConfig, model: IdentifiedShip) -> tuple[Ranges | None, str]:
