@@ -1,5 +1,9 @@
 """Kernel regression: a mean of stored values, weighted by nearness, and the widths at which it foretells best."""
 
+import copy
+from collections.abc import Mapping
+from typing import Any
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -79,18 +83,16 @@ class WidthSearch:
         values: Float[Tensor, "m o"],
         *,
         common: bool = False,
-        start: Float[Tensor, " i"] | None = None,
     ) -> None:
-        """Begin.
+        """Begin at :func:`first_widths`.
 
         Args:
             records: Inputs.
             values: Values.
             common: Whether all inputs have one width, as in Specht's paper.
-            start: Widths to begin with; None takes :func:`first_widths`.
         """
         self.records, self.values = records, values
-        logarithm = (first_widths(records) if start is None else start).log()
+        logarithm = first_widths(records).log()
         self._logarithm = (logarithm.mean()[None] if common else logarithm.clone()).requires_grad_(True)
         self._optimizer = torch.optim.LBFGS([self._logarithm], max_iter=1, line_search_fn="strong_wolfe")
         self.widths = self._expanded().detach()
@@ -114,6 +116,19 @@ class WidthSearch:
         if error < self.error:
             self.widths, self.error = widths, error
         return self.error
+
+    def state_dict(self) -> dict[str, Any]:
+        """Where the search is, so that it can be gone on with."""
+        place = self._logarithm.detach().clone(), copy.deepcopy(self._optimizer.state_dict())
+        return {"place": place, "found": (self.widths, self.error, self.stopped)}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Go on from where a search was."""
+        logarithm, optimizer = state["place"]
+        with torch.no_grad():
+            self._logarithm.copy_(logarithm)
+        self._optimizer.load_state_dict(optimizer)
+        self.widths, self.error, self.stopped = state["found"]
 
     def _closure(self) -> Tensor:
         self._optimizer.zero_grad()

@@ -16,6 +16,8 @@ from manoeuvre_nn.numerics.repeats import without_repeats
 from manoeuvre_nn.training.data import Batch
 from manoeuvre_nn.training.fits import Fit
 
+SEARCH = "width_search"
+"""Where a checkpoint holds the search for widths."""
 ALL_TRIED, AT_REST = "all widths tried", "leave-one-out error at rest"
 
 
@@ -113,6 +115,7 @@ class GeneralRegressionFit(Fit):
         super().__init__(dynamics, 1)
         self.common_width, self.min_fall = common_width, min_fall
         self._search: WidthSearch | None = None
+        self._before: dict[str, Any] | None = None
 
     def configure_optimizers(self) -> None:
         """None: the widths have an optimizer of their own."""
@@ -123,11 +126,22 @@ class GeneralRegressionFit(Fit):
         x, y = self.scaled(batch[0], batch[1])
         kept, values = without_repeats(x, y[0])
         if self._search is None:
-            taken_up = None if self.current_epoch == 0 else network.widths
-            self._search = WidthSearch(kept, values, common=self.common_width, start=taken_up)
+            self._search = WidthSearch(kept, values, common=self.common_width)
+            if self._before is not None:
+                self._search.load_state_dict(self._before)
         self._search.step(self.min_fall)
         network.store(kept, values, self._search.widths)
         if self._search.stopped:
             self.stopped = AT_REST
         self.log("train/leave_one_out", self._search.error)
         self.finish(batch, (self.rows(x) - y).square().mean())
+
+    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Keep where the search is."""
+        super().on_save_checkpoint(checkpoint)
+        if self._search is not None:
+            checkpoint[SEARCH] = self._search.state_dict()
+
+    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Take the search up again."""
+        self._before = checkpoint.get(SEARCH)
