@@ -19,6 +19,7 @@ from studies.cepowski2007.learners import (
 from studies.cepowski2007.packages import (
     boosted_trees,
     gaussian_process,
+    has_scikit_learn,
     has_symbolic_regression,
     symbolic_regression,
 )
@@ -39,12 +40,15 @@ METHODS: Mapping[str, Learn] = {
     "RBF": radial_basis,
     "GRNN": general_regression,
     "polynomial": polynomial,
-    "boosted trees": boosted_trees,
-    "Gaussian process": gaussian_process,
+    **({"boosted trees": boosted_trees, "Gaussian process": gaussian_process} if has_scikit_learn() else {}),
 }
 NETWORK = "perceptron, 7 nodes, shrunk"
 SYMBOLIC = "symbolic regression"
-CURVES = (NETWORK, "perceptron, 7 nodes", "RBF", "polynomial", "boosted trees", "Gaussian process")
+CURVES = tuple(
+    name
+    for name in (NETWORK, "perceptron, 7 nodes", "RBF", "polynomial", "boosted trees", "Gaussian process")
+    if name in METHODS
+)
 ROLES: Mapping[str, Literal["ours", "paper"]] = {NETWORK: "ours", "perceptron, 7 nodes": "paper"}
 VIEWS: Mapping[str, Quantities] = {"as printed": AS_PRINTED, "physical": PHYSICAL}
 ENOUGH_DEG = 0.15
@@ -78,7 +82,8 @@ def chapter(effort: ComputingEffort, say: Say) -> ChapterResult:
         "methods": len(METHODS),
         "enough_at": _enough_at(curve, f"{NETWORK}, physical"),
     }
-    said = "" if has_symbolic_regression() else " Symbolic regression is left out: pyoperon is not installed."
+    said = "" if has_scikit_learn() else " Trees and Gaussian processes are left out: pip install -e .[rivals]."
+    said += "" if has_symbolic_regression() else " Symbolic regression is left out: pyoperon is not installed."
     return ChapterResult(
         "Rivals",
         f"Best between the points of the grid: {quantities['best']} deg. No method with the printed inputs is better "

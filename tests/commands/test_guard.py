@@ -164,3 +164,10 @@ def test_help_is_of_the_command_that_was_typed(monkeypatch, command):
     with initialize_config_dir(str(CONF), version_base="1.3"):
         told = str(compose(command, return_hydra_config=True).hydra.help.template)
     assert f"  manoeuvre {command} " in told and ".py" not in told
+
+
+def test_an_option_of_an_extra_that_is_not_installed_says_how_to_get_it():
+    missing = ConfigCompositionException(
+        "In 'task/pitch': Could not find 'hydra/sweeper/optuna'\n\nAvailable options:\n\tbasic\n"
+    )
+    assert explain(missing) == "hydra/sweeper=optuna is not installed: pip install 'manoeuvre-nn[search]'"

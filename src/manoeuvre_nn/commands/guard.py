@@ -20,6 +20,8 @@ OF_CONFIG = (HydraException, OmegaConfBaseException, yaml.YAMLError)
 OF_FILES = (errno.ENOENT, errno.EACCES, errno.ENOTDIR, errno.EEXIST, errno.EROFS, errno.ENOSPC)
 NO_GROUP = "Config group override must be a string"
 """How hydra complains of ``ship=null``, with a traceback."""
+OF_EXTRAS = {"hydra/sweeper=optuna": "search", "hydra/launcher=submitit_local": "sweep"}
+"""Option that an extra of the package brings -> the extra."""
 command = "train"
 """The command that runs, for advice."""
 failed_jobs: list[str] = []
@@ -97,6 +99,9 @@ def _causes(error: BaseException | None) -> Iterator[BaseException]:
 def _one_line(text: str) -> str:
     """Hydra's own messages, shortened: choices are kept, advice about stack traces is not."""
     missing = re.search(r"Could not find '([^']+)/([^'/]+)'", text)
+    if missing and f"{missing[1]}={missing[2]}" in OF_EXTRAS:
+        extra = OF_EXTRAS[f"{missing[1]}={missing[2]}"]
+        return f"{missing[1]}={missing[2]} is not installed: pip install 'manoeuvre-nn[{extra}]'"
     if missing:
         options = re.findall(r"^\t(\w+)$", text, flags=re.MULTILINE)
         return f"{missing[1]}={missing[2]} is unknown; choose one of: {', '.join(options)}"

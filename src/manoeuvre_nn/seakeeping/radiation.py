@@ -135,7 +135,7 @@ def _capytaine() -> ModuleType:
     except ImportError as error:
         raise InputError(
             "the boundary element method needs capytaine: pip install 'manoeuvre-nn[seakeeping]', or write "
-            "method='closed_form'"
+            "method='strip_theory'"
         ) from error
     finally:
         root.handlers[:] = handlers
