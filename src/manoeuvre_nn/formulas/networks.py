@@ -143,7 +143,7 @@ def radial_basis(network: RadialBasis, x: Values, build: Builder) -> list[sympy.
     build.section("Gaussian nodes")
     centres, last = numbers(network.centres), numbers(network.output_weights)
     factors = -0.5 / numbers(network.widths) ** 2
-    nodes = build.distances(indexed("h", 0, len(centres), 1), x, centres, _exponential, factors)
+    nodes = build.weighted(indexed("h", 0, len(centres), 1), x, centres, _exponential, distance=True, factors=factors)
     build.section("What the network gives")
     return list(build.weighted(indexed("y", 0, len(last), 1), [*nodes, ONE], last))
 
@@ -169,7 +169,7 @@ def general_regression(network: GeneralRegression, x: Values, build: Builder) ->
     widths = numbers(network.widths)
     scaled = [build.let(f"z_{i + 1}", ratio(z, float(s))) for i, (z, s) in enumerate(zip(x, widths, strict=True))]
     build.section("Squared distances to the records, and weights")
-    squares = build.distances(indexed("q", 0, count, 1), scaled, records / widths)
+    squares = build.weighted(indexed("q", 0, count, 1), scaled, records / widths, distance=True)
     nearest = build.let("qmin", smallest(*squares), r"{q}_{\min}")
     weights = build.each(indexed("w", 0, count, 1), squares, lambda q: _exponential(times(0.5, added([nearest, -q]))))
     build.section("What the network gives")

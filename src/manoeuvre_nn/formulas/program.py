@@ -215,6 +215,7 @@ class Builder:
         numbers: Numbers,
         outer: Callable[[sympy.Expr], sympy.Expr] | None = None,
         *,
+        distance: bool = False,
         factors: Float[np.ndarray, " rows"] | None = None,
         symbols: Sequence[str] = (),
     ) -> list[sympy.Symbol]:
@@ -225,6 +226,7 @@ class Builder:
             inputs: z.
             numbers: a, a row a value.
             outer: What is taken of the sum.
+            distance: Whether terms are squared distances.
             factors: b.
             symbols: Their symbols in LaTeX.
 
@@ -233,21 +235,7 @@ class Builder:
         """
         targets = self._named(names, symbols or [""] * len(names))
         numbers = np.asarray(numbers, dtype=np.float64)
-        self.sections[-1].steps.append(Weighted(tuple(targets), tuple(inputs), numbers, outer, factors=factors))
-        return targets
-
-    def distances(
-        self,
-        names: Sequence[str],
-        inputs: Sequence[sympy.Expr],
-        numbers: Numbers,
-        outer: Callable[[sympy.Expr], sympy.Expr] | None = None,
-        factors: Float[np.ndarray, " rows"] | None = None,
-    ) -> list[sympy.Symbol]:
-        """Several values of squared distances: ``outer(b_i sum_j (z_j - a_ij)^2)``, see :meth:`weighted`."""
-        targets = self._named(names, [""] * len(names))
-        numbers = np.asarray(numbers, dtype=np.float64)
-        self.sections[-1].steps.append(Weighted(tuple(targets), tuple(inputs), numbers, outer, True, factors))
+        self.sections[-1].steps.append(Weighted(tuple(targets), tuple(inputs), numbers, outer, distance, factors))
         return targets
 
     def each(

@@ -176,15 +176,12 @@ def errors_of(records: Records, found: Float[np.ndarray, " n"]) -> dict[str, flo
         Cepowski 2007, eq. 2, with the sum over the records that is left out in print.
     """
     off = (found - records.values) / records.output.size
-    spread = float(np.std(found) * np.std(records.values))
-    correlation = (
-        float(np.mean((found - found.mean()) * (records.values - records.values.mean()))) / spread if spread else np.nan
-    )
+    varied = np.ptp(found) > 0 and np.ptp(records.values) > 0
     return {
         "rms": float(np.sqrt(np.mean(off**2))),
         "mean": float(off.mean()),
         "largest": float(np.abs(off).max()),
-        "correlation": correlation,
+        "correlation": float(np.corrcoef(found, records.values)[0, 1]) if varied else np.nan,
     }
 
 
