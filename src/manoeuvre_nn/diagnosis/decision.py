@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from manoeuvre_nn.diagnosis.alarm import MIN_GAIN_OF_NAMED, MIN_GAIN_OF_SECOND, MIN_GAIN_OF_UNKNOWN, raised
 from manoeuvre_nn.diagnosis.formula import short_formula
-from manoeuvre_nn.diagnosis.search import SearchResult, at_rest
+from manoeuvre_nn.diagnosis.search import MIN_GAIN_OF_SINGLE, SearchResult, at_rest
 from manoeuvre_nn.diagnosis.unknown import unknown_evidence
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.effect.formula import Formula
@@ -41,6 +41,7 @@ class Decision:
         bayes: Log Bayes factor of the best hypothesis of every effect over calm water.
         unmodelled: Log Bayes factor of something unknown over calm water.
         claims: Hypotheses that may be claimed, in this order, if runs that were not used are predicted better.
+        formula: A short formula for something unknown, whether it may be claimed or not.
     """
 
     named: bool
@@ -52,6 +53,7 @@ class Decision:
     bayes: Mapping[str, float]
     unmodelled: float = 0.0
     claims: Sequence[FittedHypothesis] = ()
+    formula: FittedHypothesis | None = None
 
     def mismatch(self, chosen: FittedHypothesis) -> bool:
         """Whether a claim was proved, calm water being none, or something unknown beats calm water."""
@@ -64,7 +66,30 @@ class Decision:
             at_work = Formula.name in chosen.names or (self.strange and not chosen.names)
             return max(probability, MIN_UNKNOWN) if at_work else probability
         unproved = name not in chosen.names and (self.named or self.strange)
+        if name in chosen.names and not self.named:
+            return max(self.effects[name], MIN_UNKNOWN)
         return min(self.effects[name], MAX_UNPROVED) if unproved else self.effects[name]
+
+    def without_calm_water(self, none: FittedHypothesis) -> "Decision":
+        """The same once free runs of calm water have missed the recordings by more than scatter and noise explain.
+
+        Args:
+            none: Calm water.
+
+        Returns:
+            Something acts; the best hypothesis with a name may be claimed if there is any evidence for it.
+        """
+        calm = min(self.none, 1 - MIN_CALM_WITHOUT_ALARM)
+        share = (1 - calm) / max(1 - self.none, 1e-12)
+        likely = [] if self.best is None or self.best.evidence < none.evidence + MIN_GAIN_OF_SINGLE else [self.best]
+        return replace(
+            self,
+            strange=True,
+            none=calm,
+            unknown=share * self.unknown,
+            effects={name: min(share * p, 1.0) for name, p in self.effects.items()},
+            claims=likely + ([] if self.formula is None else [self.formula]),
+        )
 
 
 def settled(result: SearchResult) -> SearchResult:
@@ -116,6 +141,7 @@ def decide(result: SearchResult) -> Decision:
         bayes={n: max(j.evidence for j in result.fitted if n in j.names) - none for n in names},
         unmodelled=unmodelled - none,
         claims=_claims(result, best if named and shares[1] < 0.5 else None, formula, strange),
+        formula=formula,
     )
 
 

@@ -11,6 +11,7 @@ from manoeuvre_nn.diagnosis.case import Question
 from manoeuvre_nn.diagnosis.causes import causes_of
 from manoeuvre_nn.diagnosis.decision import decide, settled
 from manoeuvre_nn.diagnosis.locate import MAX_PROCESS_NOISE, residuals, sites, statements
+from manoeuvre_nn.diagnosis.predictive import calm_check
 from manoeuvre_nn.diagnosis.proof import foreseen, placed, prove
 from manoeuvre_nn.diagnosis.remainder import is_left, with_remainder
 from manoeuvre_nn.diagnosis.result import Cause, Check, Diagnosis, Proof, Residual
@@ -48,6 +49,12 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
     verdict = decide(tried)
     progress("proof")
     chosen, proofs, checks = _proved(question, tried, verdict.claims)
+    if not verdict.mismatch(chosen) and not is_fitted(question.dynamics):
+        check = calm_check(question, tried)
+        if not check.passed:
+            verdict = verdict.without_calm_water(tried.none)
+            chosen, proofs, checks = _proved(question, tried, verdict.claims)
+        checks = [check, *checks]
     if question.remainder and is_left(tried.likelihood, chosen):
         chosen, proofs, checks = _with_network(question, tried, (chosen, proofs, checks), progress)
     mismatch, data_set = verdict.mismatch(chosen), tried.likelihood.data_set

@@ -20,7 +20,7 @@ from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.estimation.data_set import process_time, start_spread, typical
 from manoeuvre_nn.estimation.effect_columns import blade_along, contribution, latency_column, own_states, perfect
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
-from manoeuvre_nn.estimation.linear_run import joined
+from manoeuvre_nn.estimation.linear_run import IntegratedRun, joined
 from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, heel_of, integrated, linearise, sides_of
 from manoeuvre_nn.estimation.smoothed_run import first_guess
 from manoeuvre_nn.recording.outliers import spikes
@@ -49,7 +49,30 @@ def predict(
     k = int(np.searchsorted(runs[0].time, warmup - 1e-9))
     begin, step = float(runs[0].time[k]), runs[0].step
     starts = [start_state(dynamics, h, run.between(0.0, begin), latency) for h, run in zip(each, runs, strict=True)]
-    rows = {"delta": [_wheel(h, run)[k:] for h, run in zip(each, runs, strict=True)]}
+    columns = driving(dynamics, runs, k)
+    columns |= held_columns({"delta": [_wheel(h, run)[k:] for h, run in zip(each, runs, strict=True)]})
+    moving = Vessel(dynamics, _acting(hypothesis)).model
+    with torch.no_grad():
+        states = integrate(moving, torch.tensor(np.stack(starts)), columns, interval=step, start=begin)
+    shown = []
+    for row, (h, run) in enumerate(zip(each, runs, strict=True)):
+        seen, n = run.between(begin, run.time[-1]), len(run) - k
+        shown.append(_written(dynamics, h, seen, states[:n, row], columns["delta"][row, :n], latency))
+    return shown
+
+
+def driving(dynamics: Model, runs: Sequence[Recording], k: int) -> dict[str, Float[torch.Tensor, "runs n"]]:
+    """Inputs of free runs as they were recorded: rudder, shaft where it was not nominal, sides, heel.
+
+    Args:
+        dynamics: Calm-water model.
+        runs: The recordings.
+        k: Number of the sample at which they begin.
+
+    Returns:
+        Name of an input -> its samples, a row each; short rows hold their last value.
+    """
+    rows = {"delta": [run["delta"][k:] for run in runs]}
     if any((run["shaft"] != 1).any() for run in runs):
         rows["shaft"] = [run["shaft"][k:] for run in runs]
     sides = [sides_of(run, dynamics) for run in runs]
@@ -60,15 +83,7 @@ def predict(
     heels = [heel_of(run, dynamics) for run in runs]
     for name in heels[0] if all(heels) else ():
         rows[name] = [of_run[name].numpy()[k:] for of_run in heels]
-    columns = held_columns(rows)
-    moving = Vessel(dynamics, _acting(hypothesis)).model
-    with torch.no_grad():
-        states = integrate(moving, torch.tensor(np.stack(starts)), columns, interval=step, start=begin)
-    shown = []
-    for row, (h, run) in enumerate(zip(each, runs, strict=True)):
-        seen, n = run.between(begin, run.time[-1]), len(run) - k
-        shown.append(_written(dynamics, h, seen, states[:n, row], columns["delta"][row, :n], latency))
-    return shown
+    return held_columns(rows)
 
 
 def _acting(hypothesis: Hypothesis) -> list[Effect]:
@@ -102,10 +117,28 @@ def start_state(
     Returns:
         u, v, r, x, y, psi, own states, then those of the effects; u and v through the water.
     """
-    rate, p = Rate(dynamics), dynamics.particulars
+    p = dynamics.particulars
     unit = p.speed**2 / p.length * np.array([1.0, 1.0, 1.0 / p.length])
-    unit = np.append(unit, typical(dynamics)[3:])
-    time, spread = process_time(dynamics), start_spread(dynamics)
+    linearised, _ = warmed_up(dynamics, hypothesis, run, latency, 1e-3 * np.append(unit, typical(dynamics)[3:]))
+    return np.concatenate([linearised.track[-1], *(_memory_at_end(hypothesis, linearised))])
+
+
+def warmed_up(
+    dynamics: Model, hypothesis: Hypothesis, run: Recording, latency: float, process_sd: Float[np.ndarray, " p"]
+) -> tuple[LinearisedRun, IntegratedRun]:
+    """A warm-up about the smoother's states.
+
+    Args:
+        dynamics: Calm-water model.
+        hypothesis: What acts on it, values of this run.
+        run: The run up to the end of the warm-up.
+        latency: Delay of the satellite receiver [s].
+        process_sd: S.d. of the process noise [m/s^2, m/s^2, rad/s^2, rad/s^2].
+
+    Returns:
+        The run about these states, and the same with its states integrated out, for their covariance.
+    """
+    rate, time, spread = Rate(dynamics), process_time(dynamics), start_spread(dynamics)
     track = first_guess(run, rate.states.own)
     for _ in range(3):
         linearised = linearise(run, rate, track, time)
@@ -113,10 +146,9 @@ def start_state(
         # Data less latency and effects at their values.
         all_of_them = joined([linearised.data, latency_column(linearised), *added])
         left = all_of_them.combined(np.array([1.0, -latency, *[-1.0] * len(added)]))
-        solved = integrated(linearised, rate.states.first_noise, 1e-3 * unit, time, spread)
+        solved = integrated(linearised, rate.states.first_noise, process_sd, time, spread)
         track = track + solved.states(solved.embed(left))[:, : rate.states.count, 0]
-    linearised = linearise(run, rate, track, time)
-    return np.concatenate([track[-1], *(_memory_at_end(hypothesis, linearised))])
+    return linearise(run, rate, track, time), solved
 
 
 def _memory_at_end(hypothesis: Hypothesis, linearised: LinearisedRun) -> list[Float[np.ndarray, " m"]]:
