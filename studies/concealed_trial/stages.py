@@ -17,7 +17,7 @@ from studies.concealed_trial.commitments import METHOD, check, commitment
 from studies.concealed_trial.drawing import Trial, case_name, draw_case, plans
 from studies.concealed_trial.record import write_case
 from studies.concealed_trial.score import score_case
-from studies.concealed_trial.scoreboard import markdown, scoreboard
+from studies.concealed_trial.scoreboard import label_losses, markdown, scoreboard
 
 KEPT_ENVIRONMENT = ("PATH", "HOME", "LANG", "TMPDIR", "VIRTUAL_ENV", "SYSTEMROOT")
 """What the tool's processes see of the environment."""
@@ -210,6 +210,10 @@ def score(trial: Trial, out: Path, answers: Mapping[str, Path], jobs: int) -> st
             rows.append(future.result())
             progress.step()
     rows.sort(key=lambda row: row[0])
+    if "ideal" in answers:
+        ideal = [row[1]["ideal"] for row in rows]
+        for tool in answers:
+            label_losses([row[1][tool] for row in rows], ideal)
     boards = {tool: scoreboard([row[1][tool] for row in rows]) for tool in answers}
     text = markdown(boards)
     details = {tool: {"board": boards[tool], "cases": [row[1][tool] for row in rows]} for tool in answers}
