@@ -67,6 +67,15 @@ def _windows(data_set: WhitenedDataSet, prepared: PreparedRun, data: Columns) ->
     return changes(prepared.linearised.run.time, scale(force), np.abs(scale(error)))
 
 
+def missing_accelerations(data_set: WhitenedDataSet) -> list[Float[np.ndarray, "n 3"]]:
+    """Accelerations that calm water lacks over every run, shaped by the data alone [m/s^2, m/s^2, rad/s^2]."""
+    made = []
+    for prepared in data_set.runs:
+        white = _loose(data_set, prepared, MAX_PROCESS_NOISE)
+        made.append(white.states(white.embed(prepared.linearised.data))[:, prepared.linearised.states.forces, 0])
+    return made
+
+
 def _loose(data_set: WhitenedDataSet, prepared: PreparedRun, size: float) -> IntegratedRun:
     """The run with a coloured force allowed."""
     time, start = 0.5 * process_time(data_set.dynamics), start_spread(data_set.dynamics)
