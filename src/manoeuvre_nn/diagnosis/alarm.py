@@ -49,7 +49,8 @@ def _information(
     nuisance = g[1:n, 1:n] + np.diag(data_set.nuisance_sd(scatter, len(data_set.runs)) ** -2.0)
     cross = g[1:n, n + 1 :]
     information = g[n + 1 :, n + 1 :] - cross.T @ np.linalg.solve(nuisance, cross)
-    return information, np.array([f.spread for f in hypothesis.unknowns()])
+    at_null = [f.prior_sd(f.mean(v)) for f, v in zip(hypothesis.unknowns(), hypothesis.vector(), strict=True)]
+    return information, np.array(at_null)
 
 
 def _drawn(

@@ -30,7 +30,7 @@ class _FiniteDepth(HullEffect):
     of sway and yaw by f_Yv and f_Nv, terms in r by f_Nr: the mean of two published sets, which lie about 30 % of the
     change on either side of it. Resistance grows with .16 zeta. The form parameters multiply the changes.
 
-    The depth may be 1.15 to 25 draughts; deep water is no finite depth, so that the parameter has no null and
+    The depth may be 1.03 to 50 draughts; deep water is no finite depth, so that the parameter has no null and
     :meth:`null` takes ``DEEP`` draughts.
     """
 
@@ -50,7 +50,8 @@ class _FiniteDepth(HullEffect):
         if ship.depth < inf:
             raise InputError(f"effect.{self.name}: the ship is in shallow water already: write ship.depth=inf")
         draught = ship.particulars.draught
-        depth = Parameter("depth_m", "m", 1.15 * draught, 25 * draught, None, draught, (1.5 * draught, 3 * draught))
+        starts = tuple(share * draught for share in (1.2, 1.5, 2.5, 5.0))
+        depth = Parameter("depth_m", "m", 1.03 * draught, 50 * draught, None, draught, starts)
         self.declared = (depth, *(p.on(ship.particulars) for p in type(self).declared[1:]))  # type: ignore[misc] # the range is the ship's
         super().__init__(ship, **values)
 

@@ -6,20 +6,20 @@ noise and of the coefficients' standard deviation are summed over a grid with a 
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.special import log_ndtr, logsumexp
+from scipy.special import logsumexp
 
 from manoeuvre_nn.core.effect import Parameter
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.estimation.corrections import USUAL_SCATTER
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, PROCESS_LEVELS, WhitenedDataSet
 from manoeuvre_nn.estimation.effect_columns import blades, contribution
-from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
+from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis, log_inside
 from manoeuvre_nn.estimation.linear_run import Columns, Embedded, joined
 from manoeuvre_nn.estimation.posterior import Posterior
 
@@ -153,12 +153,13 @@ class MarginalLikelihood:
             unknowns = hypothesis.unknowns()
             wholes.append(at)
             numbers += range(at + 1, at + 1 + len(unknowns))
-            spreads += [f.spread for f in unknowns]
+            spreads += hypothesis.prior_sds().tolist()
             # Unknowns are deviations from their prior means: the data stand at the present values.
             data[at : at + 1 + len(unknowns)] = np.append(-1.0, -_shift(hypothesis))
             at += 1 + len(unknowns)
         keep = [0, *wholes, *range(1, size), *numbers]
-        return self.data_set.posterior(gram[np.ix_(keep, keep)], norm, data[keep], spreads)
+        found = self.data_set.posterior(gram[np.ix_(keep, keep)], norm, data[keep], spreads)
+        return replace(found, evidence=found.evidence + sum(h.prior_excess() for h in hypotheses))
 
     def pair_evidence(self, first: Hypothesis, second: Hypothesis, level: int, scatter: int) -> float:
         """Log evidence of two hypotheses together after a linear step of all their numbers."""
@@ -325,13 +326,8 @@ def _bounded(hypothesis: Hypothesis, step: Float[np.ndarray, " m"], variance: Fl
     for f, value, change, v in zip(hypothesis.unknowns(), hypothesis.vector(), step, variance, strict=True):
         p = f.parameter
         if not p.period and not p.per_run and p.null is not None:
-            total += _log_inside(p, value + change, sqrt(v)) - _log_inside(p, f.mean(value), f.spread)
+            total += log_inside(p, value + change, sqrt(v)) - f.prior_inside()
     return total
-
-
-def _log_inside(p: Parameter, mean: float, sd: float) -> float:
-    """Log of the probability that a Gaussian lies within a parameter's bounds."""
-    return float(log_ndtr((p.high - mean) / sd) if mean - p.low > p.high - mean else log_ndtr((mean - p.low) / sd))
 
 
 def _limited(hypothesis: Hypothesis, step: Float[np.ndarray, " m"]) -> Hypothesis:
@@ -339,9 +335,10 @@ def _limited(hypothesis: Hypothesis, step: Float[np.ndarray, " m"]) -> Hypothesi
     unknowns, now = hypothesis.unknowns(), hypothesis.vector()
     new = now.copy()
     reach = 1.0
-    for f, change in zip(unknowns, step, strict=True):
+    for f, change, value in zip(unknowns, step, now, strict=True):
         p = f.parameter
-        largest = MAX_STEP_DEG if p.period else (MAX_STEP_S if p.per_run else MAX_STEP_SDS * p.spread)
+        usual = max(p.spread, f.prior_sd(value))
+        largest = MAX_STEP_DEG if p.period else (MAX_STEP_S if p.per_run else MAX_STEP_SDS * usual)
         reach = min(reach, largest / max(abs(change), 1e-12))
     for k, f in enumerate(unknowns):
         p, value = f.parameter, now[k] + reach * step[k]
