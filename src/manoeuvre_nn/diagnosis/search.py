@@ -14,7 +14,7 @@ from manoeuvre_nn.diagnosis.workers import shared_out
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood, hypothesis_columns
-from manoeuvre_nn.estimation.relinearise import MAX_PASSES, STATES_AT_REST, change_of_states, refined
+from manoeuvre_nn.estimation.relinearise import MAX_PASSES, STATES_AT_REST, change_of_states, coupled, refined
 
 MAX_FIRST_DEFICIT = 30.0
 """Log evidence by which a candidate may lie behind calm water after its first fit, made at calm water's noise."""
@@ -58,6 +58,8 @@ def search(
     """
     likelihood = MarginalLikelihood(data_set)
     none = likelihood.evaluate(Hypothesis((), ()))
+    likelihood = MarginalLikelihood(coupled(data_set, none))
+    none = likelihood.evaluate(Hypothesis((), ()), around=none.best[0])
 
     # A gusty wind is a variant of what a steady wind explains: see below.
     plain, variants = [e for e in effects if not e.variant_of], [e for e in effects if e.variant_of]
@@ -91,7 +93,10 @@ def _again(
     likelihood: MarginalLikelihood, none: FittedHypothesis, singles: Sequence[FittedHypothesis]
 ) -> tuple[MarginalLikelihood, FittedHypothesis, list[FittedHypothesis]]:
     """The best few singles and calm water about the track of the best; the others keep their distance to calm water."""
-    there = MarginalLikelihood(refined(likelihood.data_set, singles[0]))
+    about = refined(likelihood.data_set, singles[0])
+    there = MarginalLikelihood(
+        coupled(about, refine(MarginalLikelihood(about), singles[0].hypothesis, *singles[0].best))
+    )
     calm = there.evaluate(Hypothesis((), ()), around=none.best[0])
     best = [refine(there, j.hypothesis, *j.best) for j in singles[:MAX_BUILT_UPON]]
     rest = [replace(j, evidence=j.evidence - none.evidence + calm.evidence) for j in singles[MAX_BUILT_UPON:]]

@@ -7,7 +7,7 @@ noise and of the coefficients' standard deviation are summed over a grid with a 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import sqrt
+from math import log, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +29,8 @@ COEFFICIENT_SD_PRIOR = USUAL_SCATTER
 """Scale of the half-normal prior of the coefficients' relative error: published scatter is 3 to 6 %."""
 MIN_GAIN = 0.02
 """Log density that a Gauss-Newton step must gain for another one to be made."""
+MIN_LEVEL_WEIGHT = 0.01
+"""Weight of a level of noise, over that of the best, from which on it counts for values and standard errors."""
 MAX_STEP_DEG, MAX_STEP_S, MAX_STEP_SDS = 45.0, 60.0, 1.5
 """Largest step of a direction, of a time, and of other numbers over their prior standard deviation."""
 
@@ -69,7 +71,8 @@ def hypothesis_columns(data_set: WhitenedDataSet, hypothesis: Hypothesis) -> Hyp
             # The effect at its values, then (up - down) / step of every unknown.
             parts[run].append(joined([c[:1], (c[1::2] - c[2::2]) / steps]))
             index[run] += [1 + i for i in mine[run]]
-    columns = [_summed_up(p) for p in parts]
+    nothing = [p.base[:1] - p.base[:1] for p in runs]
+    columns = [_summed_up(p) if p else zero for p, zero in zip(parts, nothing, strict=True)]
     return HypothesisColumns(hypothesis, columns, [np.array(at) for at in index], 1 + len(unknowns))
 
 
@@ -282,14 +285,30 @@ class MarginalLikelihood:
             by_level[level] = found.evidence
         weighted = by_level + prior
         g, s = (int(k) for k in np.unravel_index(int(weighted.argmax()), weighted.shape))
-        m = len(hypothesis.unknowns())
-        mean, covariance = known[g].mean(s), known[g].covariance(s)
-        k = len(mean) - m
+        m, k = len(hypothesis.unknowns()), self.data_set.size - 1
+        mean, covariance = _mixture({at: known[at[0]] for at in _weighty(weighted)}, weighted)
         change = mean[k:] + _shift(hypothesis)
         final = hypothesis if not m else _limited(hypothesis, change)
         evidence = float(logsumexp(weighted)) + _bounded(hypothesis, change, np.diag(covariance)[k:])
         misfit = float(known[g].misfit[s])
         return FittedHypothesis(final, evidence, by_level, covariance[k:, k:], misfit, (g, s), mean[:k])
+
+
+def _weighty(weighted: Float[np.ndarray, "g s"]) -> list[tuple[int, int]]:
+    """Levels whose weight is not negligible beside the best."""
+    least = weighted.max() + log(MIN_LEVEL_WEIGHT)
+    return [(int(g), int(s)) for g, s in zip(*np.nonzero(weighted > least), strict=True)]
+
+
+def _mixture(
+    found: Mapping[tuple[int, int], Posterior], weighted: Float[np.ndarray, "g s"]
+) -> tuple[Float[np.ndarray, " q"], Float[np.ndarray, "q q"]]:
+    """Mean and covariance over several levels of noise: that within them and that of their means (total variance)."""
+    shares = np.exp([weighted[at] - logsumexp([weighted[other] for other in found]) for at in found])
+    means = np.array([posterior.mean(s) for (_, s), posterior in found.items()])
+    mean = shares @ means
+    within = sum(w * p.covariance(s) for w, ((_, s), p) in zip(shares, found.items(), strict=True))
+    return mean, within + (means - mean).T @ ((means - mean) * shares[:, None])
 
 
 def log_prior_levels(data_set: WhitenedDataSet, process_prior: float | None) -> Float[np.ndarray, "g s"]:
