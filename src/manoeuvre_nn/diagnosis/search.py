@@ -1,6 +1,6 @@
-"""The model search: every candidate, then combinations of two, fitted to all recordings together."""
+"""The model search: every candidate, then combinations of two and three, fitted to all recordings together."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from math import inf
@@ -22,8 +22,12 @@ MIN_GAIN_TO_RELINEARISE = 12.0
 """Evidence of the best effect over calm water from which everything is linearised again about its track."""
 MAX_BUILT_UPON = 5
 """Number of hypotheses that are built upon."""
+MAX_EFFECTS = 3
+"""Effects in a hypothesis."""
 MIN_GAIN_OF_SINGLE = 3.0
 """Evidence of an effect over calm water from which it is combined with others."""
+MIN_GAIN_OF_SECOND = 6.0
+"""Least log evidence that a second or third effect must add, to the best without it and to what raises the alarm."""
 Progress = Callable[[str], None]
 
 
@@ -45,7 +49,7 @@ class SearchResult:
 def search(
     data_set: WhitenedDataSet, effects: Sequence[Effect], progress: Progress = lambda _: None, workers: int = 1
 ) -> SearchResult:
-    """Fit calm water, every effect, and combinations of two.
+    """Fit calm water, every effect, and combinations of two and three.
 
     Args:
         data_set: The fitted runs.
@@ -75,8 +79,14 @@ def search(
     if singles and singles[0].evidence > none.evidence + MIN_GAIN_TO_RELINEARISE:
         progress("second linearisation")
         likelihood, none, singles = _again(likelihood, none, singles)
-    pairs = list(_pairs(likelihood, singles, none, progress, workers))
-    fitted = sorted(singles + pairs, key=lambda j: -j.evidence)
+    fitted = list(singles)
+    leading = [s for s in singles if s.evidence > none.evidence + MIN_GAIN_OF_SINGLE]
+    for _ in range(MAX_EFFECTS - 1):
+        found = list(_extended(likelihood, leading, singles, progress, workers))
+        alone = {frozenset(j.names): j.evidence for j in fitted}
+        leading = sorted((j for j in found if worth_its_size(j, alone)), key=lambda j: -j.evidence)
+        fitted += found
+    fitted.sort(key=lambda j: -j.evidence)
     for variant in variants:
         steady = variant.variant_of
         windy = [j for j in fitted[:MAX_BUILT_UPON] if steady in j.names and j.evidence > none.evidence]
@@ -167,15 +177,29 @@ def _starts(likelihood: MarginalLikelihood, effect: Effect, level: int, scatter:
     return [made[k] for k in np.argsort(scores)[::-1][:2]]
 
 
-def _pairs(
+def worth_its_size(fitted: FittedHypothesis, known: Mapping[frozenset[str], float]) -> bool:
+    """Whether the last of several effects adds more than chance does.
+
+    Args:
+        fitted: What was found.
+        known: Log evidence of hypotheses by their effects' names.
+
+    Returns:
+        True for one effect alone.
+    """
+    names = frozenset(fitted.names)
+    parts = [evidence for part, evidence in known.items() if part and part < names]
+    return fitted.evidence > max(parts, default=-inf) + (MIN_GAIN_OF_SECOND if len(names) > 1 else 0.0)
+
+
+def _extended(
     likelihood: MarginalLikelihood,
+    leading: Sequence[FittedHypothesis],
     singles: Sequence[FittedHypothesis],
-    none: FittedHypothesis,
     progress: Progress,
     workers: int,
 ) -> Iterator[FittedHypothesis]:
-    """Two effects at once: all partners of the best few singles, screened by a linear step, the best ones fitted."""
-    leading = [s for s in singles if s.evidence > none.evidence + MIN_GAIN_OF_SINGLE]
+    """One effect more: all partners of the best few hypotheses, screened by a linear step, the best ones fitted."""
     if not leading:
         return
     seen: set[frozenset[str]] = set()
@@ -184,7 +208,7 @@ def _pairs(
     for first in leading[:MAX_BUILT_UPON]:
         for second, starts in turned:
             names = frozenset((*first.names, *second.names))
-            if len(names) < 2 or names in seen or _same_thing(first, second):
+            if len(names) == len(first.names) or names in seen or _same_thing(first, second):
                 continue
             seen.add(names)
             for partner in _restarts(likelihood, first, starts):
