@@ -79,14 +79,16 @@ def search(
     if singles and singles[0].evidence > none.evidence + MIN_GAIN_TO_RELINEARISE:
         progress("second linearisation")
         likelihood, none, singles = _again(likelihood, none, singles)
-    fitted = list(singles)
-    leading = [s for s in singles if s.evidence > none.evidence + MIN_GAIN_OF_SINGLE]
-    for _ in range(MAX_EFFECTS - 1):
-        found = list(_extended(likelihood, leading, singles, progress, workers))
-        alone = {frozenset(j.names): j.evidence for j in fitted}
-        leading = sorted((j for j in found if worth_its_size(j, alone)), key=lambda j: -j.evidence)
-        fitted += found
-    fitted.sort(key=lambda j: -j.evidence)
+    fitted, leading = singles, [s for s in singles if s.evidence > none.evidence + MIN_GAIN_OF_SINGLE]
+    for size in range(2, MAX_EFFECTS + 1):
+        found = list(_extended(likelihood, leading, [j for j in fitted if len(j.names) == 1], progress, workers))
+        before = fitted[0].evidence if fitted else none.evidence
+        fitted = sorted([*fitted, *found], key=lambda j: -j.evidence)
+        if found and fitted[0].evidence > before + MIN_GAIN_TO_RELINEARISE:
+            progress(f"linearisation about {' + '.join(fitted[0].names)}")
+            likelihood, none, fitted = _again(likelihood, none, fitted)
+        known = {frozenset(j.names): j.evidence for j in fitted}
+        leading = [j for j in fitted if len(j.names) == size and worth_its_size(j, known)]
     for variant in variants:
         steady = variant.variant_of
         windy = [j for j in fitted[:MAX_BUILT_UPON] if steady in j.names and j.evidence > none.evidence]
@@ -100,16 +102,15 @@ def search(
 
 
 def _again(
-    likelihood: MarginalLikelihood, none: FittedHypothesis, singles: Sequence[FittedHypothesis]
+    likelihood: MarginalLikelihood, none: FittedHypothesis, fitted: Sequence[FittedHypothesis]
 ) -> tuple[MarginalLikelihood, FittedHypothesis, list[FittedHypothesis]]:
-    """The best few singles and calm water about the track of the best; the others keep their distance to calm water."""
-    about = refined(likelihood.data_set, singles[0])
-    there = MarginalLikelihood(
-        coupled(about, refine(MarginalLikelihood(about), singles[0].hypothesis, *singles[0].best))
-    )
+    """The best few and calm water about the states of the best; the others keep their distance to calm water."""
+    about = refined(likelihood.data_set, fitted[0])
+    leading = refine(MarginalLikelihood(about), fitted[0].hypothesis, *fitted[0].best)
+    there = MarginalLikelihood(coupled(about, leading))
     calm = there.evaluate(Hypothesis((), ()), around=none.best[0])
-    best = [refine(there, j.hypothesis, *j.best) for j in singles[:MAX_BUILT_UPON]]
-    rest = [replace(j, evidence=j.evidence - none.evidence + calm.evidence) for j in singles[MAX_BUILT_UPON:]]
+    best = [refine(there, j.hypothesis, *j.best) for j in fitted[:MAX_BUILT_UPON]]
+    rest = [replace(j, evidence=j.evidence - none.evidence + calm.evidence) for j in fitted[MAX_BUILT_UPON:]]
     return there, calm, sorted(best + rest, key=lambda j: -j.evidence)
 
 
