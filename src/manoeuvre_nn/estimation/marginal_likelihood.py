@@ -359,7 +359,15 @@ def _limited(hypothesis: Hypothesis, step: Float[np.ndarray, " m"]) -> Hypothesi
         usual = max(p.spread, f.prior_sd(value))
         largest = MAX_STEP_DEG if p.period else (MAX_STEP_S if p.per_run else MAX_STEP_SDS * usual)
         reach = min(reach, largest / max(abs(change), 1e-12))
+    moved = now + reach * step
     for k, f in enumerate(unknowns):
-        p, value = f.parameter, now[k] + reach * step[k]
-        new[k] = value % p.period if p.period else float(np.clip(value, p.low, p.high))
+        # A speed below zero toward a direction is one above zero toward the opposite.
+        if f.parameter.period:
+            sizes = [j for j, g in enumerate(unknowns) if g.effect == f.effect and g.parameter.null == g.parameter.low]
+            turned = [j for j in sizes if moved[j] < unknowns[j].parameter.low and not unknowns[j].parameter.form]
+            moved[turned] *= -1
+            moved[k] += 180.0 * bool(turned)
+    for k, f in enumerate(unknowns):
+        p = f.parameter
+        new[k] = moved[k] % p.period if p.period else float(np.clip(moved[k], p.low, p.high))
     return hypothesis.with_vector(new)
