@@ -11,7 +11,7 @@ from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.diagnosis.gusts import fitted_gusts
 from manoeuvre_nn.diagnosis.windows import best_windows
 from manoeuvre_nn.diagnosis.workers import shared_out
-from manoeuvre_nn.estimation.data_set import WhitenedDataSet
+from manoeuvre_nn.estimation.data_set import WhitenedDataSet, quiet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood, hypothesis_columns
 from manoeuvre_nn.estimation.relinearise import MAX_PASSES, STATES_AT_REST, change_of_states, coupled, refined
@@ -28,6 +28,8 @@ MIN_GAIN_OF_SINGLE = 3.0
 """Evidence of an effect over calm water from which it is combined with others."""
 MIN_GAIN_OF_SECOND = 6.0
 """Least log evidence that a second or third effect must add, to the best without it and to what raises the alarm."""
+USUAL_SCATTER_LEVEL = 2
+"""Level of the coefficients' standard deviation that published sets have, 3 %."""
 Progress = Callable[[str], None]
 
 
@@ -115,11 +117,19 @@ def _again(
 
 
 def single(likelihood: MarginalLikelihood, effect: Effect, none: FittedHypothesis) -> FittedHypothesis:
-    """Fit one effect alone, from the noise levels of calm water."""
-    level, scatter = none.best
-    tried = [likelihood.improve(h, level, scatter, rounds=3) for h in _starts(likelihood, effect, level, scatter)]
-    best = max(tried, key=lambda t: t[1])[0]
-    return refine(likelihood, best, level, scatter, none.evidence - MAX_FIRST_DEFICIT)
+    """Fit one effect alone, from the noise levels of calm water and from those at which it must explain the misfit.
+
+    Where calm water calls a large effect wrong coefficients, a fit that begins there stays where the effect is small.
+
+    Returns:
+        The better of the two.
+    """
+    found = []
+    for level, scatter in {none.best, (quiet(none.best[0]), min(none.best[1], USUAL_SCATTER_LEVEL))}:
+        tried = [likelihood.improve(h, level, scatter, rounds=3) for h in _starts(likelihood, effect, level, scatter)]
+        best = max(tried, key=lambda t: t[1])[0]
+        found.append(refine(likelihood, best, level, scatter, none.evidence - MAX_FIRST_DEFICIT))
+    return max(found, key=lambda j: j.evidence)
 
 
 def refine(
