@@ -83,10 +83,11 @@ def search(
         likelihood, none, singles = _again(likelihood, none, singles)
     fitted, leading = singles, [s for s in singles if s.evidence > none.evidence + MIN_GAIN_OF_SINGLE]
     for size in range(2, MAX_EFFECTS + 1):
-        found = list(_extended(likelihood, leading, [j for j in fitted if len(j.names) == 1], progress, workers))
-        before = fitted[0].evidence if fitted else none.evidence
-        fitted = sorted([*fitted, *found], key=lambda j: -j.evidence)
-        if found and fitted[0].evidence > before + MIN_GAIN_TO_RELINEARISE:
+        singles = [j for j in fitted if len(j.names) == 1]
+        more = list(_extended(likelihood, leading, singles, progress, workers))
+        gained = max((j.evidence for j in more), default=-inf) - max((j.evidence for j in fitted), default=-inf)
+        fitted = sorted([*fitted, *more], key=lambda j: -j.evidence)
+        if more and gained > MIN_GAIN_TO_RELINEARISE:
             progress(f"linearisation about {' + '.join(fitted[0].names)}")
             likelihood, none, fitted = _again(likelihood, none, fitted)
         known = {frozenset(j.names): j.evidence for j in fitted}
