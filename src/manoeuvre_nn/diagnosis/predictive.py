@@ -29,7 +29,14 @@ from manoeuvre_nn.dynamics.base import Model, runge_kutta_step
 from manoeuvre_nn.dynamics.limits import inside_physical_range
 from manoeuvre_nn.dynamics.recorded_inputs import inputs_at
 from manoeuvre_nn.estimation.corrections import USUAL_SCATTER, Corrections
-from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, LATENCY, PROCESS_LEVELS, PreparedRun, process_time
+from manoeuvre_nn.estimation.data_set import (
+    COEFFICIENT_SD_LEVELS,
+    LATENCY,
+    PROCESS_LEVELS,
+    PreparedRun,
+    coupled_root,
+    process_time,
+)
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linearised_run import shown
 from manoeuvre_nn.estimation.marginal_likelihood import COEFFICIENT_SD_PRIOR, PROCESS_PRIOR
@@ -104,9 +111,9 @@ def corrected(tried: SearchResult, rng: np.random.Generator) -> _Allowed:
     found, k = tried.likelihood.posterior(None, level), data_set.combinations
     mean, root = found.mean(scatter), np.linalg.cholesky(found.covariance(scatter)[:k, :k] + 1e-18 * np.eye(k))
     shares = (mean[:k] + np.vstack([np.zeros(k), rng.standard_normal((DRAWS, k)) @ root.T])) @ data_set.rotation.T
-    unseen = np.vstack([np.zeros(len(data_set.rotation)), rng.standard_normal((DRAWS, len(data_set.rotation)))])
-    unseen -= unseen @ data_set.rotation @ data_set.rotation.T
-    shares += COEFFICIENT_SD_LEVELS[scatter] * unseen
+    root, unseen = _root(tried), rng.standard_normal((DRAWS, len(data_set.rotation)))
+    kept = np.linalg.solve(root, data_set.rotation)  # orthonormal
+    shares[1:] += COEFFICIENT_SD_LEVELS[scatter] * (unseen - unseen @ kept @ kept.T) @ root.T
     return _Allowed(shares, LATENCY + float(np.mean(mean[k:])), _process(tried, level))
 
 
@@ -114,8 +121,14 @@ def published(tried: SearchResult, rng: np.random.Generator) -> _Allowed:
     """Calm water before any recording was seen."""
     count, side = len(tried.likelihood.data_set.rotation), len(PROCESS_LEVELS)
     level = int(np.searchsorted(PROCESS_LEVELS, PROCESS_PRIOR)) * (side + 1)
-    shares = np.vstack([np.zeros(count), USUAL_SCATTER * rng.standard_normal((DRAWS, count))])
+    shares = np.vstack([np.zeros(count), USUAL_SCATTER * rng.standard_normal((DRAWS, count)) @ _root(tried).T])
     return _Allowed(shares, LATENCY, _process(tried, level))
+
+
+def _root(tried: SearchResult) -> Float[np.ndarray, "k k"]:
+    """Root of the prior correlation of the coefficients' errors."""
+    data_set = tried.likelihood.data_set
+    return coupled_root(Corrections(data_set.dynamics).names, data_set.coupling)
 
 
 def _process(tried: SearchResult, level: int) -> Float[np.ndarray, " p"]:
