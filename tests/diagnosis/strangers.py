@@ -97,12 +97,14 @@ TRIALS = (
 )
 
 
-def strange_runs(seed: int, *acting: Effect, random: Sequence[tuple[float, str, float]] = ()) -> list[Recording]:
+def strange_runs(
+    seed: int, *acting: Effect, random: Sequence[tuple[float, str, float]] = (), scatter: float = SCATTER
+) -> list[Recording]:
     """Three runs in which something acts, or a random force (size, equation, correlation time) beside usual errors."""
     rng, names = np.random.default_rng(seed), Corrections(CALM).names
     printed = [k for k, name in enumerate(names) if "+" not in name and name not in ("Mu", "Mv", "Mr")]
     shares = torch.zeros(len(names), dtype=torch.float64)
-    shares[printed] = SCATTER * torch.tensor(rng.standard_normal(len(printed)))
+    shares[printed] = scatter * torch.tensor(rng.standard_normal(len(printed)))
     usual = [(LACKS, e, MODEL_ERROR_TIME) for e in "XYN"]
     added = [Stranger(size, e, coloured(rng, time)) for size, e, time in (*usual, *random)]
     with unchecked():

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from manoeuvre_nn.diagnosis.alarm import MIN_GAIN_OF_NAMED, MIN_GAIN_OF_UNKNOWN, raised
 from manoeuvre_nn.diagnosis.formula import short_formula
 from manoeuvre_nn.diagnosis.search import MIN_GAIN_OF_SINGLE, SearchResult, at_rest, worth_its_size
-from manoeuvre_nn.diagnosis.unknown import unknown_evidence
+from manoeuvre_nn.diagnosis.unknown import RandomForce, random_force, unknown_evidence
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.effect.formula import Formula
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
@@ -43,6 +43,7 @@ class Decision:
         unmodelled: Log Bayes factor of something unknown over calm water.
         claims: Hypotheses that may be claimed, in this order, if runs that were not used are predicted better.
         formula: A short formula for something unknown, whether it may be claimed or not.
+        random: A random force for it; None where nothing unknown acts.
     """
 
     named: bool
@@ -55,6 +56,7 @@ class Decision:
     unmodelled: float = 0.0
     claims: Sequence[FittedHypothesis] = ()
     formula: FittedHypothesis | None = None
+    random: RandomForce | None = None
 
     def mismatch(self, chosen: FittedHypothesis) -> bool:
         """Whether a claim was proved, calm water being none, or something unknown beats calm water."""
@@ -71,18 +73,19 @@ class Decision:
             return max(self.effects[name], MIN_UNKNOWN)
         return min(self.effects[name], MAX_UNPROVED) if unproved else self.effects[name]
 
-    def without_calm_water(self, none: FittedHypothesis) -> "Decision":
+    def without_calm_water(self, result: SearchResult) -> "Decision":
         """The same once free runs of calm water have missed the recordings by more than scatter and noise explain.
 
         Args:
-            none: Calm water.
+            result: The search.
 
         Returns:
             Something acts; the best hypothesis with a name may be claimed if there is any evidence for it.
         """
         calm = min(self.none, 1 - MIN_CALM_WITHOUT_ALARM)
         share = (1 - calm) / max(1 - self.none, 1e-12)
-        likely = [] if self.best is None or self.best.evidence < none.evidence + MIN_GAIN_OF_SINGLE else [self.best]
+        least = result.none.evidence + MIN_GAIN_OF_SINGLE
+        likely = [self.best] if self.best is not None and self.best.evidence > least else []
         return replace(
             self,
             strange=True,
@@ -90,6 +93,7 @@ class Decision:
             unknown=share * self.unknown,
             effects={name: min(share * p, 1.0) for name, p in self.effects.items()},
             claims=likely + ([] if self.formula is None else [self.formula]),
+            random=random_force(result.likelihood, result.none),
         )
 
 
@@ -143,6 +147,7 @@ def decide(result: SearchResult) -> Decision:
         unmodelled=unmodelled - none,
         claims=_claims(result, best if named and shares[1] < 0.5 else None, formula, strange),
         formula=formula,
+        random=random_force(result.likelihood, result.none) if strange and not (named or trained) else None,
     )
 
 

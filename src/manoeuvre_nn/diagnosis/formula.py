@@ -96,7 +96,8 @@ def short_formula(likelihood: MarginalLikelihood, none: FittedHypothesis) -> Fit
     start = Hypothesis((effect,), (np.tile(values, (len(data_set.runs), 1)),))
     best, _ = likelihood.improve(start, level, scatter, rounds=5 if len(values) == len(terms) else 9)
     fitted = likelihood.evaluate(best, around=level)
-    choices = sum(np.log(len(SIZES) * (len(candidates) - k) / (k + 1) * c.tried) for k, c in enumerate(mine))
+    # How often a period was tried is in its prior.
+    choices = sum(np.log(len(SIZES) * (len(candidates) - k) / (k + 1)) for k in range(len(chosen)))
     ordinary = ORDINARY if all(is_ordinary(term) for term in effect.terms) else 0.0
     return replace(fitted, evidence=fitted.evidence - float(choices) - ordinary)
 
@@ -114,7 +115,8 @@ def _columns(
             effect = Formula(hull, c.terms, scales=c.scales) if c.scales else plain
             memory = own_states(effect, s, 1, prepared.linearised.run.step)[0] if effect.memory else None
             made = [effect.unit_of(term, s, memory) for term in c.terms]
-            push, errors = sum(share * p for share, (p, _) in zip(c.shares, made, strict=True)), made[0][1]
+            push = torch.stack([share * p for share, (p, _) in zip(c.shares, made, strict=True)]).sum(dim=0)
+            errors = made[0][1]
             pushes.append(push)
             squares[k] = float((push / plain.get_buffer("size")).square().mean(dim=0).max())
             for channel, error in errors.items():

@@ -14,7 +14,7 @@ from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 
 PEAKS = 2
 """Peaks of each equation that are tried."""
-SHORTEST = 0.5
+MIN_WAVELENGTH = 0.5
 """Shortest period over L/U0, and shortest spacing over L, that a ship answers to."""
 OVERSAMPLED = 3.0
 """Frequencies within the inverse of the longest run, or of the largest extent of the track."""
@@ -51,13 +51,13 @@ def recurring(data_set: WhitenedDataSet) -> list[Wave]:
     north, east = (np.concatenate([getattr(s, k).numpy() for s in situations]) / 1000 for k in "xy")
     ship = data_set.dynamics.particulars
     longest = max(float(s.time[-1]) for s in situations)
-    beats = np.arange(1.5, longest / (SHORTEST * ship.time_unit), 1 / OVERSAMPLED) / longest
+    beats = np.arange(1.5, longest / (MIN_WAVELENGTH * ship.time_unit), 1 / OVERSAMPLED) / longest
     found = [
-        Wave(e, BEAT, {"period_s": float(1 / f)}, shares, round(longest * beats[-1]))
+        Wave(e, BEAT, {"period_s": float(1 / f[0])}, shares, round(longest * beats[-1]))
         for e, f, shares in _peaks(force, clock[:, None], beats[:, None])
     ]
     extent = max(np.ptp(north), np.ptp(east), 1e-3)
-    side = np.arange(0, min(extent / (SHORTEST * ship.length / 1000) * OVERSAMPLED, MAX_PER_SIDE) + 1)
+    side = np.arange(0, min(extent / (MIN_WAVELENGTH * ship.length / 1000) * OVERSAMPLED, MAX_PER_SIDE) + 1)
     k = np.stack(np.meshgrid(side, np.r_[-side[:0:-1], side], indexing="ij"), axis=-1).reshape(-1, 2)
     k = k[(k**2).sum(axis=1) > (1.5 * OVERSAMPLED) ** 2] / (OVERSAMPLED * extent)
     found += [
@@ -76,7 +76,7 @@ def _of_the_motion(data_set: WhitenedDataSet, s: Situation) -> Float[np.ndarray,
 
 def _peaks(
     force: Float[np.ndarray, "n 3"], place: Float[np.ndarray, "n q"], waves: Float[np.ndarray, "w q"]
-) -> Iterator[tuple[str, Float[np.ndarray, " _"] | float, tuple[float, float]]]:
+) -> Iterator[tuple[str, Float[np.ndarray, " q"], tuple[float, float]]]:
     """Equation, wave numbers and shares of cosine and sine of the highest peaks."""
     amplitude = np.exp(-2j * np.pi * place @ waves.T).T @ force / len(force)
     for k, equation in enumerate("XYN"):
@@ -86,5 +86,4 @@ def _peaks(
             near = np.linalg.norm(waves - waves[best], axis=1)
             taken |= near <= 1.01 * np.sort(near)[min(4, len(near) - 1)]
             a = amplitude[best, k] / max(power[best], 1e-30)
-            wave = waves[best] if waves.shape[1] > 1 else float(waves[best, 0])
-            yield equation, wave, (float(a.real), float(-a.imag))
+            yield equation, waves[best], (float(a.real), float(-a.imag))
