@@ -321,7 +321,7 @@ def seen_channels(runs: Sequence[Recording], channels: Sequence[str] = MEASURED)
 
 def _undecided(case: Case) -> tuple[str, ...]:
     """What runs cannot decide, whatever is in them, and what had to be made from other channels, a sentence each."""
-    runs, fitted, planned = case.runs, case.fitted, [run.name for run in case.planned]
+    runs, fitted, planned = case.runs, case.fitted, ", ".join(run.name for run in case.planned)
     seen = seen_channels(fitted)
     moved = max(float(np.ptp(run["delta"])) for run in fitted) > MIN_RUDDER_TRAVEL
     ordered = any((run["shaft"] != 1).any() for run in fitted)
@@ -337,11 +337,9 @@ def _undecided(case: Case) -> tuple[str, ...]:
         "limit cannot be told.": ordered and "shaft_recorded" not in seen,
         "One run: agreement between runs cannot be tested.": len(fitted) == 1,
         "No held-out run: nothing is proved, and an effect is only proposed.": len(fitted) == len(runs),
-        f"Nothing was recorded after the warm-up of {', '.join(planned)}: predicted with bands, no proof.": any(
-            planned
-        ),
+        f"Nothing was recorded after the warm-up of {planned}: predicted with bands, no proof.": bool(planned),
         "No held-out run was recorded to its end: nothing is proved, and an effect is only proposed.": (
-            any(planned) and not case.held_out
+            bool(planned) and not case.held_out
         ),
         "No velocity over ground: it was taken from the track.": any("vn" in run.meta["derived"] for run in runs),
         "No helm order: it was taken from the rudder angle, so that a slow gear cannot be told.": any(
