@@ -24,7 +24,7 @@ from studies.concealed_trial.drawing import SHARES
 from studies.concealed_trial.effects import KINDS, UNKNOWN, UNMODELLED, Kind
 from studies.concealed_trial.observer_events import EDGE, edges, event_starts, sharpened
 from studies.concealed_trial.observer_filter import RandomForce, Whitening, slopes
-from studies.concealed_trial.observer_model import Evaluation, Fitted, Part, combinations
+from studies.concealed_trial.observer_model import Evaluation, ObservedFit, Part, combinations
 from studies.concealed_trial.observer_track import Track, read_track, referred
 from studies.concealed_trial.ships import TrialShip
 from studies.concealed_trial.unmodelled import FORCES, RANDOM
@@ -57,7 +57,7 @@ class Observer:
 
     track: Track
     nuisance: float
-    found: list[tuple[Fitted, float]]
+    found: list[tuple[ObservedFit, float]]
 
     @classmethod
     def of(cls, track: Track, nuisance: float = 1.0) -> "Observer":
@@ -88,12 +88,12 @@ class Observer:
         linear = slopes(track, [part.effect(track.ship) for part in parts], self.nuisance)
         return Evaluation(track, Whitening(track, linear, self.nuisance, more))
 
-    def _about(self, fitted: Fitted) -> Evaluation:
+    def _about(self, fitted: ObservedFit) -> Evaluation:
         """Linearised again where a hypothesis rests."""
         truth = self.track.truth([part.effect(self.track.ship) for part in fitted.parts])
         return self._evaluation(referred(self.track, truth), fitted.parts)
 
-    def _extended(self, base: Evaluation, before: Fitted) -> Fitted | None:
+    def _extended(self, base: Evaluation, before: ObservedFit) -> ObservedFit | None:
         """The best with one effect more; all that come close are kept."""
         misfit = base.misfits([before.parts])[:, 0]
         taken = {part.kind.family for part in before.parts} | {n for p in before.parts for n in p.kind.equivalent}
@@ -105,7 +105,7 @@ class Observer:
                 if left @ left < misfit @ misfit - 2 * LEAST_GAIN:
                     starts.append((float(left @ left), (*before.parts, part)))
         starts.sort(key=lambda start: start[0])
-        chosen: dict[tuple[str, str | None], Fitted] = {}
+        chosen: dict[tuple[str, str | None], ObservedFit] = {}
         for _, parts in starts:
             key = (parts[-1].kind.name, parts[-1].kind.detail)
             if len(chosen) < CANDIDATES or key in chosen:
@@ -119,11 +119,11 @@ class Observer:
             self._add(fitted)
         return max(again, key=lambda fitted: fitted.log_evidence, default=None)
 
-    def _margin(self, fitted: Fitted, before: Fitted) -> float:
+    def _margin(self, fitted: ObservedFit, before: ObservedFit) -> float:
         """How far behind a hypothesis may be: a strong effect is far from where it was linearised first."""
         return CLOSE + 0.5 * abs(fitted.log_likelihood - before.log_likelihood)
 
-    def _rested(self, fitted: Fitted) -> Fitted:
+    def _rested(self, fitted: ObservedFit) -> ObservedFit:
         """Linearised about its own values until it rests."""
         for _ in range(ROUNDS):
             base, parts = self._about(fitted), fitted.parts
@@ -132,7 +132,7 @@ class Observer:
             fitted = _priced(base.fit(parts))
         return fitted
 
-    def _random(self, track: Track, calm: Fitted, best: Fitted | None) -> None:
+    def _random(self, track: Track, calm: ObservedFit, best: ObservedFit | None) -> None:
         """Random forces, and gusts beside the steady wind."""
         unit = track.ship.force_unit * np.array([1.0, 1.0, track.ship.length])
         for kind in UNMODELLED:
@@ -151,7 +151,7 @@ class Observer:
             forces = [RandomForce(direction, g * part.size, tau) for g in GUSTINESS for tau in GUST_TAUS]
             self._mixed(about, steady, kind, forces)
 
-    def _mixed(self, track: Track, fitted: Fitted, kind: Kind, forces: Sequence[RandomForce]) -> None:
+    def _mixed(self, track: Track, fitted: ObservedFit, kind: Kind, forces: Sequence[RandomForce]) -> None:
         """A hypothesis with a random course: the mean of its evidence over sizes and correlation times."""
         linear = slopes(track, [part.effect(track.ship) for part in fitted.parts], self.nuisance)
         occam = fitted.log_evidence - fitted.log_likelihood
@@ -162,9 +162,9 @@ class Observer:
         part = fitted.parts[0] if fitted.parts else Part(kind, kind.low, {})
         evidence = float(np.logaddexp.reduce(found) - log(len(found)))
         named = replace(part, kind=kind, extras={**part.extras, "gustiness": GUSTINESS[1]} if fitted.parts else {})
-        self._add(Fitted((named,), max(found), evidence, fitted.covariance))
+        self._add(ObservedFit((named,), max(found), evidence, fitted.covariance))
 
-    def _add(self, fitted: Fitted) -> None:
+    def _add(self, fitted: ObservedFit) -> None:
         """Keep a hypothesis with its prior."""
         sort = ("clean", "single", "pair", "triple")[len(fitted.parts)]
         listed = len(KINDS)
@@ -174,7 +174,7 @@ class Observer:
             weight = log(SHARES[UNKNOWN]) - log(len(UNMODELLED))
         self.found.append((fitted, weight))
 
-    def posterior(self) -> list[tuple[Fitted, float]]:
+    def posterior(self) -> list[tuple[ObservedFit, float]]:
         """Hypotheses and their probabilities.
 
         Returns:
@@ -198,7 +198,7 @@ def _starts(base: Evaluation, kind: Kind, beside: tuple[Part, ...], misfit: np.n
     return event_starts(base, kind, beside, misfit, combinations(kind))
 
 
-def _priced(fitted: Fitted) -> Fitted:
+def _priced(fitted: ObservedFit) -> ObservedFit:
     """Its evidence with what the edges of its intervals cost."""
     return replace(fitted, log_evidence=fitted.log_evidence - EDGE * edges(fitted.parts))
 
@@ -239,7 +239,7 @@ def answer_of(case: str, observer: Observer) -> dict[str, Any]:
     return {"case": case, "verdict": "none" if clean > 0.5 else "mismatch", "effects": entries}
 
 
-def _parameters(ship: TrialShip, fitted: Fitted, part: Part) -> dict[str, list[Any]]:
+def _parameters(ship: TrialShip, fitted: ObservedFit, part: Part) -> dict[str, list[Any]]:
     """Parameters of a listed effect with standard errors, by their slopes."""
     if part.kind.name == UNKNOWN:
         return {}

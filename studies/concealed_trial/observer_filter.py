@@ -50,7 +50,7 @@ class RandomForce:
 
 
 @dataclass(frozen=True)
-class Slopes:
+class LinearModel:
     """The linear model between reference and truth, one entry a second.
 
     Attributes:
@@ -70,7 +70,7 @@ class Slopes:
     spread: np.ndarray
 
 
-def slopes(track: Track, effects: list[ConcealedEffect], nuisance: float = 1.0) -> Slopes:
+def slopes(track: Track, effects: list[ConcealedEffect], nuisance: float = 1.0) -> LinearModel:
     """Linearise about the reference.
 
     Args:
@@ -104,7 +104,7 @@ def slopes(track: Track, effects: list[ConcealedEffect], nuisance: float = 1.0) 
     latency[:2], latency[3:5] = -velocity, -change(velocity, track.t)
     keep = ~track.ends[:, None, None]
     by_state, by_force, by_model = (np.stack(part, axis=-1) * keep for part in (state, force, model))
-    return Slopes(by_state, by_force, by_model, np.stack(output, axis=-1), latency.T, spread)
+    return LinearModel(by_state, by_force, by_model, np.stack(output, axis=-1), latency.T, spread)
 
 
 def _constant(column: np.ndarray, now: Moment) -> np.ndarray:
@@ -115,7 +115,7 @@ def _constant(column: np.ndarray, now: Moment) -> np.ndarray:
 def _model_slopes(
     track: Track, effects: list[ConcealedEffect], base: np.ndarray, nuisance: float
 ) -> tuple[list[np.ndarray], np.ndarray]:
-    """Slopes by the coefficients and the terms that may be missing, and the prior covariance with the latency's."""
+    """LinearModel by the coefficients and the terms that may be missing, and the prior covariance with the latency's."""
     nominal = Tables.of(track.ship)
     names = [c for c in nominal.k if c[0] in "XYN" and not c.endswith("z") and nominal.k[c]]
     found, share = [], 0.01
@@ -144,7 +144,9 @@ class Whitening:
         log_determinant: Sum of log determinants of the innovations' covariances.
     """
 
-    def __init__(self, track: Track, linear: Slopes, nuisance: float = 1.0, more: RandomForce | None = None) -> None:
+    def __init__(
+        self, track: Track, linear: LinearModel, nuisance: float = 1.0, more: RandomForce | None = None
+    ) -> None:
         """Run the covariances.
 
         Args:

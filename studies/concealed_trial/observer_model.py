@@ -82,7 +82,7 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Fitted:
+class ObservedFit:
     """A hypothesis at its most likely values.
 
     Attributes:
@@ -143,7 +143,7 @@ class Evaluation:
         """
         return -0.5 * float(misfit @ misfit) - 0.5 * self.whitening.log_determinant
 
-    def fit(self, parts: tuple[Part, ...]) -> Fitted:
+    def fit(self, parts: tuple[Part, ...]) -> ObservedFit:
         """Gauss-Newton with a few dampings at once, then Laplace's approximation.
 
         Args:
@@ -172,7 +172,7 @@ class Evaluation:
         likely = self.log_likelihood(best)
         evidence = likely - 0.5 * np.linalg.slogdet(precision / (2 * pi))[1] - np.log(width).sum()
         signs = sum("sign" in part.kind.extras for part in parts)
-        return Fitted(parts, likely, float(evidence - signs * log(2)), np.linalg.inv(precision))
+        return ObservedFit(parts, likely, float(evidence - signs * log(2)), np.linalg.inv(precision))
 
     def _slopes(self, parts: tuple[Part, ...], values: np.ndarray, width: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Misfit, and its slopes by all values; inwards at a bound."""
