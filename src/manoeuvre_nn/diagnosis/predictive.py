@@ -22,7 +22,7 @@ from torch import Tensor
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis.case import Question
-from manoeuvre_nn.diagnosis.repair import driving, recorded, warmed_up
+from manoeuvre_nn.diagnosis.repair import controls, recorded, start_state_and_covariance
 from manoeuvre_nn.diagnosis.result import Check
 from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.dynamics.base import Model, runge_kutta_step
@@ -89,7 +89,7 @@ def calm_check(question: Question, tried: SearchResult) -> Check:
     rng = np.random.default_rng(0)
     found = {}
     for how, allowed in (("as corrected", corrected(tried, rng)), ("as published", published(tried, rng))):
-        drawn = free_runs(question.dynamics, runs, question.case.warmup, allowed, rng)
+        drawn = drawn_runs(question.dynamics, runs, question.case.warmup, allowed, rng)
         found[how] = surprise(question, runs, prepared, drawn)
     how = min(found, key=lambda name: found[name][0])
     p, channel, ratio = found[how]
@@ -136,7 +136,7 @@ def _process(tried: SearchResult, level: int) -> Float[np.ndarray, " p"]:
     return data_set.levels[level][[0, 1, 1, 1]][: len(data_set.unit)] * data_set.unit
 
 
-def free_runs(
+def drawn_runs(
     dynamics: Model, runs: Sequence[Recording], warmup: float, allowed: _Allowed, rng: np.random.Generator
 ) -> list[Float[np.ndarray, "draws n c"]]:
     """Free runs of every run, the middle one first.
@@ -155,7 +155,7 @@ def free_runs(
     begin, step = float(runs[0].time[k]), runs[0].step
     every = max(1, int(dynamics.particulars.time_unit / STEPS_PER_LENGTH / step))
     starts = [_starts(dynamics, run.between(0.0, begin), allowed, rng) for run in runs]
-    columns = {name: c.repeat_interleave(rows, 0) for name, c in driving(dynamics, runs, k).items()}
+    columns = {name: c.repeat_interleave(rows, 0) for name, c in controls(dynamics, runs, k).items()}
     count = columns["delta"].shape[1]
     at = np.r_[0 : count - 1 : every, count - 1]
     # Of the process noise the middle has none.
@@ -181,12 +181,13 @@ def _starts(
     dynamics: Model, warm: Recording, allowed: _Allowed, rng: np.random.Generator
 ) -> Float[np.ndarray, "draws k"]:
     """States at the end of a warm-up: the smoother's, and about it as its covariance says."""
-    linearised, solved = warmed_up(dynamics, Hypothesis((), ()), warm, allowed.latency, allowed.process_sd)
-    k = linearised.states.count
-    root = np.linalg.cholesky(solved.covariances[0][-1][:k, :k] + 1e-18 * np.eye(k))
-    chance = rng.standard_normal((len(allowed.shares), k))
+    mean, covariance = start_state_and_covariance(
+        dynamics, Hypothesis((), ()), warm, allowed.latency, allowed.process_sd
+    )
+    root = np.linalg.cholesky(covariance + 1e-18 * np.eye(len(mean)))
+    chance = rng.standard_normal((len(allowed.shares), len(mean)))
     chance[0] = 0.0
-    return linearised.track[-1] + chance @ root.T
+    return mean + chance @ root.T
 
 
 def _coloured(
