@@ -10,7 +10,7 @@ from jaxtyping import Float
 from manoeuvre_nn.diagnosis.alarm import MIN_GAIN_OF_NAMED, MIN_GAIN_OF_UNKNOWN, raised
 from manoeuvre_nn.diagnosis.formula import short_formula
 from manoeuvre_nn.diagnosis.search import MIN_GAIN_OF_SINGLE, SearchResult, at_rest, worth_its_size
-from manoeuvre_nn.diagnosis.unknown import RandomForce, random_force, unknown_evidence
+from manoeuvre_nn.diagnosis.unknown import RandomCourse, random_force, unknown_evidence
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.effect.formula import Formula
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
@@ -56,7 +56,7 @@ class Decision:
     unmodelled: float = 0.0
     claims: Sequence[FittedHypothesis] = ()
     formula: FittedHypothesis | None = None
-    random: RandomForce | None = None
+    random: RandomCourse | None = None
 
     def mismatch(self, chosen: FittedHypothesis) -> bool:
         """Whether a claim was proved, calm water being none, or something unknown beats calm water."""

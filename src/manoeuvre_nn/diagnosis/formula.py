@@ -23,6 +23,8 @@ ORDINARY = 12.0
 that is off by more than is usual."""
 SIZES = (0.02, 0.1, 0.4, 1.5)
 """What a term may add, root mean square over the runs, over the resistance and the force of 20 deg of rudder."""
+PROMPT = 0.5
+"""Memory over L/U0 below which a force follows the motion as any force of a hull does."""
 SHORTEST_MEMORY_S, MEMORIES = 5.0, 7
 """Time constant from which forces are tried that follow the motion late; up to a third of a run; how many."""
 
@@ -98,7 +100,10 @@ def short_formula(likelihood: MarginalLikelihood, none: FittedHypothesis) -> Fit
     fitted = likelihood.evaluate(best, around=level)
     # How often a period was tried is in its prior.
     choices = sum(np.log(len(SIZES) * (len(candidates) - k) / (k + 1)) for k in range(len(chosen)))
-    ordinary = ORDINARY if all(is_ordinary(term) for term in effect.terms) else 0.0
+    at = dict(zip((p.name for p in effect.declared), best.values[0][0], strict=True))
+    prompt = at.get("memory_s", 0.0) < PROMPT * data_set.dynamics.particulars.time_unit
+    usual = [is_ordinary(term) or (prompt and mark_of(term) == LAG) for term in effect.terms]
+    ordinary = ORDINARY if all(usual) else 0.0
     return replace(fitted, evidence=fitted.evidence - float(choices) - ordinary)
 
 

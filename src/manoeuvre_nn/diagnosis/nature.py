@@ -11,7 +11,7 @@ from manoeuvre_nn.diagnosis.decision import Decision
 from manoeuvre_nn.diagnosis.locate import in_units, shape_of, units
 from manoeuvre_nn.diagnosis.result import Nature, Residual, Value
 from manoeuvre_nn.diagnosis.search import SearchResult
-from manoeuvre_nn.diagnosis.unknown import RandomForce
+from manoeuvre_nn.diagnosis.unknown import RandomCourse
 from manoeuvre_nn.effect.formula import BEAT, DRIFT_TIME_S, GROWING, LAG, STRIPES, Formula, mark_of, place_of
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.effect_columns import own_states
@@ -51,7 +51,7 @@ def nature_of(tried: SearchResult, verdict: Decision, found: Sequence[Residual],
     return replace(nature, frame=shape.frame, parity=shape.parity, regime=hard)
 
 
-def _by_chance(data_set: WhitenedDataSet, random: RandomForce, against: float) -> Nature:
+def _by_chance(data_set: WhitenedDataSet, random: RandomCourse, against: float) -> Nature:
     """A random force with its size and correlation time."""
     axis = random.axes[0]
     size = random.size * float(_unit_forces(data_set)[axis])

@@ -34,7 +34,7 @@ MIN_GAIN_OF_EQUATION = 3.0
 
 
 @dataclass(frozen=True)
-class RandomForce:
+class RandomCourse:
     """A force without a rule: a first-order Markov process of its own size and correlation time.
 
     Attributes:
@@ -52,7 +52,7 @@ class RandomForce:
     evidence: float
 
 
-def random_force(likelihood: MarginalLikelihood, none: FittedHypothesis) -> RandomForce:
+def random_force(likelihood: MarginalLikelihood, none: FittedHypothesis) -> RandomCourse:
     """Fit size and correlation time of a random force, in the equation that it is clearest in.
 
     Everything else is as under the other hypotheses: states, coefficients, latency integrated out. Size and time have
@@ -87,7 +87,7 @@ def random_force(likelihood: MarginalLikelihood, none: FittedHypothesis) -> Rand
     evidence = best + np.log(2 * np.pi / prior) + 0.5 * np.linalg.slogdet(covariance)[1] - np.log(3)
     errors = np.sqrt(np.diag(covariance))
     size, time = (float(v) for v in np.exp(x))
-    return RandomForce((axis, *others), size, time, (float(errors[0]), float(errors[1])), float(evidence))
+    return RandomCourse((axis, *others), size, time, (float(errors[0]), float(errors[1])), float(evidence))
 
 
 class _RandomProcess:
