@@ -16,7 +16,7 @@ from manoeuvre_nn.effect.common import typical as usual
 from manoeuvre_nn.estimation.corrections import Corrections
 from manoeuvre_nn.estimation.effect_columns import coefficient_columns, latency_column
 from manoeuvre_nn.estimation.linear_run import Columns, Embedded, IntegratedRun, joined, summed
-from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, integrated, linearise
+from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, linearise, run_equations
 from manoeuvre_nn.estimation.posterior import Posterior, posterior
 from manoeuvre_nn.estimation.run_states import RunStates
 from manoeuvre_nn.estimation.smoothed_run import smooth
@@ -85,6 +85,8 @@ class WhitenedDataSet:
         self.dynamics, self.runs, self.coupling = dynamics, list(runs), coupling
         self.unit = typical(dynamics)
         self.levels = np.array(list(product(PROCESS_LEVELS, PROCESS_LEVELS)))
+        time, start = process_time(dynamics), start_spread(dynamics)
+        self._equations = [run_equations(run.linearised, run.noise, time, start) for run in self.runs]
         self._at: dict[int, _Level] = {}
         # Keep the combinations of coefficients that the runs can show; the prior is the same in all directions.
         self.combinations = k = self.runs[0].base.count - 2  # of the base, data and latency are none
@@ -106,11 +108,8 @@ class WhitenedDataSet:
 
     def _made(self, level: int) -> "_Level":
         """Whiten all runs at a grid point."""
-        start = start_spread(self.dynamics)
         process_sd = self.levels[level][[0, 1, 1, 1]][: len(self.unit)] * self.unit
-        white = [
-            integrated(run.linearised, run.noise, process_sd, process_time(self.dynamics), start) for run in self.runs
-        ]
+        white = [IntegratedRun(equations, process_sd) for equations in self._equations]
         base = [w.embed(p.base) for w, p in zip(white, self.runs, strict=True)]
         g = summed([e.dot(e) for e in base], [self.base_index(k) for k in range(len(base))], self.size)
         return _Level(white, base, g, sum(w.log_norm for w in white))
