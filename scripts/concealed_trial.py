@@ -25,6 +25,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))  # studies stand beside the package, not in it
 
 from manoeuvre_nn.core.errors import InputError  # noqa: E402
+from studies.concealed_trial.ablations import PARTS  # noqa: E402
 from studies.concealed_trial.channels import CHANNEL_SETS  # noqa: E402
 from studies.concealed_trial.drawing import ALL, SHARES, Trial  # noqa: E402
 from studies.concealed_trial.stages import answer, generate, score  # noqa: E402
@@ -38,6 +39,18 @@ METHODS = {
     "manoeuvre_nn": (sys.executable, "diagnose.py", "cases={cases}", "out={out}", "workers=1"),
     "regression": (sys.executable, "scripts/rivals.py", "method=regression", "cases={cases}", "out={out}"),
     "pysindy": (sys.executable, "scripts/rivals.py", "method=pysindy", "cases={cases}", "out={out}"),
+}
+METHODS |= {
+    f"without_{part}": (
+        sys.executable,
+        "-m",
+        "studies.concealed_trial.ablations",
+        f"without={part}",
+        "cases={cases}",
+        "out={out}",
+        "workers=1",
+    )
+    for part in PARTS
 }
 """Command of each tool; its answers lie in OUT/answers, or OUT/answers_NAME for others than the first."""
 
