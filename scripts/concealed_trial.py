@@ -25,9 +25,9 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))  # studies stand beside the package, not in it
 
 from manoeuvre_nn.core.errors import InputError  # noqa: E402
-from studies.concealed_trial.ablations import PARTS  # noqa: E402
 from studies.concealed_trial.channels import CHANNEL_SETS  # noqa: E402
 from studies.concealed_trial.drawing import ALL, SHARES, Trial  # noqa: E402
+from studies.concealed_trial.rivals.ablations import PARTS  # noqa: E402
 from studies.concealed_trial.stages import answer, generate, score  # noqa: E402
 from studies.concealed_trial.strength import STRENGTHS  # noqa: E402
 
@@ -44,7 +44,7 @@ METHODS |= {
     f"without_{part}": (
         sys.executable,
         "-m",
-        "studies.concealed_trial.ablations",
+        "studies.concealed_trial.rivals.ablations",
         f"without={part}",
         "cases={cases}",
         "out={out}",

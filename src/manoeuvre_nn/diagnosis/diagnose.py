@@ -107,7 +107,10 @@ def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypo
         checks.append(Check("held-out gain", helped, text if made else "no held-out run: not proved"))
         if helped:
             return j, made, [*checks, *checking.checks(tried, claim)]
-    return none, proofs, checks
+    # Nothing is missing, but coefficients may be off within their scatter.
+    corrected = prove(question, data_set, none, none.hypothesis, proofs) if proofs else []
+    better = _cost(question, [p.rmse_after for p in corrected]) < before
+    return none, corrected if better else proofs, checks
 
 
 def _turns(hypothesis: Hypothesis) -> bool:

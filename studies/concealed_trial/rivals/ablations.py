@@ -1,6 +1,6 @@
 """The diagnosis with one of its parts left out: what that part is worth.
 
-    python -m studies.concealed_trial.ablations without=scatter cases=DIR out=DIR
+    python -m studies.concealed_trial.rivals.ablations without=scatter cases=DIR out=DIR
     python scripts/concealed_trial.py cases=48 seed=SEED methods=manoeuvre_nn,without_scatter,without_process_noise
 
 Everything else is as ``manoeuvre diagnose`` does it, whose options are understood besides.
