@@ -10,7 +10,7 @@ from jaxtyping import Float
 from manoeuvre_nn.diagnosis.alarm import MIN_GAIN_OF_UNKNOWN, MIN_GAIN_TO_TRY, raised
 from manoeuvre_nn.diagnosis.formula import short_formula
 from manoeuvre_nn.diagnosis.search import MIN_GAIN_OF_SINGLE, SearchResult, at_rest, worth_its_size
-from manoeuvre_nn.diagnosis.unknown import RandomCourse, random_force, unknown_evidence
+from manoeuvre_nn.diagnosis.unknown import unknown_evidence
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.effect.formula import Formula
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
@@ -43,7 +43,6 @@ class Decision:
         unmodelled: Log Bayes factor of something unknown over calm water.
         claims: Hypotheses that may be claimed, in this order, if runs that were not used are predicted better.
         formula: A short formula for something unknown, whether it may be claimed or not.
-        random: A random force for it; None where nothing unknown acts.
     """
 
     named: bool
@@ -56,7 +55,6 @@ class Decision:
     unmodelled: float = 0.0
     claims: Sequence[FittedHypothesis] = ()
     formula: FittedHypothesis | None = None
-    random: RandomCourse | None = None
 
     def mismatch(self, chosen: FittedHypothesis) -> bool:
         """Whether a claim was proved, calm water being none, or something unknown beats calm water."""
@@ -93,7 +91,6 @@ class Decision:
             unknown=share * self.unknown,
             effects={name: min(share * p, 1.0) for name, p in self.effects.items()},
             claims=likely + ([] if self.formula is None else [self.formula]),
-            random=random_force(result.likelihood, result.none),
         )
 
 
@@ -147,7 +144,6 @@ def decide(result: SearchResult) -> Decision:
         unmodelled=unmodelled - none,
         claims=_claims(result, best if named and shares[1] < 0.5 else None, formula, strange),
         formula=formula,
-        random=random_force(result.likelihood, result.none) if strange and not (named or trained) else None,
     )
 
 

@@ -11,7 +11,8 @@ from manoeuvre_nn.diagnosis.decision import Decision
 from manoeuvre_nn.diagnosis.locate import in_units, shape_of, units
 from manoeuvre_nn.diagnosis.result import Nature, Residual, Value
 from manoeuvre_nn.diagnosis.search import SearchResult
-from manoeuvre_nn.diagnosis.unknown import RandomCourse
+from manoeuvre_nn.diagnosis.unknown import RandomCourse, random_force
+from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.effect.formula import BEAT, DRIFT_TIME_S, GROWING, LAG, STRIPES, Formula, mark_of, place_of
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.effect_columns import own_states
@@ -27,7 +28,7 @@ def nature_of(tried: SearchResult, verdict: Decision, found: Sequence[Residual],
 
     Args:
         tried: The search.
-        verdict: With a formula and a random force.
+        verdict: With a formula.
         found: Missing force of the fitted runs.
         proved: Whether the formula predicts runs that were not used; None if that was not tried.
 
@@ -35,7 +36,8 @@ def nature_of(tried: SearchResult, verdict: Decision, found: Sequence[Residual],
         Its nature: by a formula that is proved, not by one that failed, else by the likelier of formula and random
         force. None where there is neither.
     """
-    data_set, formula, random = tried.likelihood.data_set, verdict.formula, verdict.random
+    data_set, formula = tried.likelihood.data_set, verdict.formula
+    random = None if is_fitted(data_set.dynamics) else random_force(tried.likelihood, tried.none)
     calm = tried.none.evidence
     by_rule = -np.inf if formula is None else formula.evidence
     by_chance = -np.inf if random is None else random.evidence

@@ -34,7 +34,6 @@ from manoeuvre_nn.estimation.data_set import (
     LATENCY,
     PROCESS_LEVELS,
     PreparedRun,
-    coupled_root,
     process_time,
 )
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
@@ -126,9 +125,9 @@ def published(tried: SearchResult, rng: np.random.Generator) -> _Allowed:
 
 
 def _root(tried: SearchResult) -> Float[np.ndarray, "k k"]:
-    """Root of the prior correlation of the coefficients' errors."""
+    """Root of the prior covariance of the coefficients' errors."""
     data_set = tried.likelihood.data_set
-    return coupled_root(Corrections(data_set.dynamics).names, data_set.coupling)
+    return data_set.scatter.root(Corrections(data_set.dynamics).names)
 
 
 def _process(tried: SearchResult, level: int) -> Float[np.ndarray, " p"]:
