@@ -74,7 +74,8 @@ def weighed(finding: Finding, run: Recording, ship: Particulars, bounds: Bounds)
     """
     if finding.check == "rudder stop":
         beyond = float(np.abs(run["delta"]).max()) - ship.rudder_limit
-        if beyond <= bounds.rudder_offset:
+        # An offset shifts the range of a rudder from stop to stop, it does not stretch it.
+        if beyond <= bounds.rudder_offset and float(np.ptp(run["delta"])) <= 2 * ship.rudder_limit:
             return _note(f"{finding.text}: the indicator may be off by {beyond / DEGREE:.2g} deg, or more")
     if finding.check in {"log unit", "speed", "course"}:
         story = _with_current(run, ship, bounds)
