@@ -15,6 +15,7 @@ from manoeuvre_nn.core.errors import InputError
 from studies.concealed_trial.case import TrialCase
 from studies.concealed_trial.commitments import METHOD, check, commitment
 from studies.concealed_trial.drawing import Trial, case_name, draw_case, plans
+from studies.concealed_trial.figures import write_figures
 from studies.concealed_trial.record import write_case
 from studies.concealed_trial.score import score_case
 from studies.concealed_trial.scoreboard import label_losses, markdown, scoreboard
@@ -196,7 +197,7 @@ def score(trial: Trial, out: Path, answers: Mapping[str, Path], jobs: int) -> st
 
     Args:
         trial: What was drawn.
-        out: Folder of the trial; takes scoreboard.md and scoreboard.json.
+        out: Folder of the trial; takes scoreboard.md, scoreboard.json, and the figures with trial.html.
         answers: Folder of each tool's answers.
         jobs: Processes.
 
@@ -219,6 +220,7 @@ def score(trial: Trial, out: Path, answers: Mapping[str, Path], jobs: int) -> st
     details = {tool: {"board": boards[tool], "cases": [row[1][tool] for row in rows]} for tool in answers}
     _write(out / "scoreboard.json", {"trial": _published(trial), "tools": details})
     (out / "scoreboard.md").write_text(text)
+    write_figures(details, out)
     return text
 
 
