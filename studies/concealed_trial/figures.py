@@ -71,10 +71,9 @@ def reliability(bins: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
         spread = np.abs([[b["found"] - b["low"] for b in parts], [b["high"] - b["found"] for b in parts]])
         axes.errorbar(said, found, spread.reshape(2, -1), fmt=MARKS[k % 6], color=COLOURS[k % 6], capsize=3)
         for b in parts:
-            side = -12 if b["said"] > 0.5 else 12
-            axes.annotate(str(b["count"]), (b["said"], b["found"]), (side, -4), textcoords="offset points",
-                          fontsize=8, ha="center")  # fmt: skip
-        axes.set(xlim=(-0.04, 1.04), ylim=(-0.04, 1.04), xlabel="probability stated", title=tool, aspect="equal")
+            axes.annotate(str(b["count"]), (b["said"], b["low"]), (0, -11), textcoords="offset points",
+                          fontsize=8, ha="center", color="0.25")  # fmt: skip
+        axes.set(xlim=(-0.06, 1.06), ylim=(-0.12, 1.06), xlabel="probability stated", title=tool)
         axes.set_ylabel("share present" if k == 0 else "")
         axes.grid(alpha=0.25)
     return figure

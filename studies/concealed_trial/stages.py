@@ -97,13 +97,21 @@ def _is_there(out: Path, name: str, commitments: Mapping[str, str]) -> bool:
 
 def _generate_one(trial: Trial, index: int, folder: Path) -> tuple[str, str]:
     """Draw and write one case; only its hash comes back."""
-    case = _drawn(trial, index)
+    case = drawn(trial, index)
     write_case(case, folder / case.name)
     return case.name, commitment(case.salt, case.answers())
 
 
-def _drawn(trial: Trial, index: int) -> TrialCase:
-    """A case of a trial."""
+def drawn(trial: Trial, index: int) -> TrialCase:
+    """A case of a trial.
+
+    Args:
+        trial: The trial.
+        index: Number of the case.
+
+    Returns:
+        The case.
+    """
     return draw_case(trial.seed, index, plans(trial)[index], trial.nuisance)
 
 
@@ -228,7 +236,7 @@ def _score_one(
     trial: Trial, index: int, commitments: Mapping[str, str], recordings: Path, answers: Mapping[str, Path]
 ) -> tuple[str, dict[str, Any]]:
     """Open one case and score every tool's answer to it."""
-    case = _drawn(trial, index)
+    case = drawn(trial, index)
     check(commitments, case.salt, case.answers())
     truth = case.answers()
     if trial.strict:  # the responses come to light only now
