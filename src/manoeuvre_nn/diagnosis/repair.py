@@ -98,7 +98,7 @@ def free_runs(
         rows[name] = [of_run[name].numpy()[k:] for of_run in heels]
     columns = held_columns(rows)
     moving = Vessel(driving or dynamics, _acting(hypothesis)).model
-    with torch.no_grad():
+    with torch.inference_mode():
         states = integrate(moving, torch.tensor(starts), columns, interval=step, start=begin)
     shown = []
     for row, (h, run) in enumerate(zip(each, runs, strict=True)):

@@ -13,7 +13,7 @@ from manoeuvre_nn.diagnosis.windows import best_windows
 from manoeuvre_nn.diagnosis.workers import shared_out
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet, quiet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
-from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood, hypothesis_columns
+from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.relinearise import MAX_PASSES, STATES_AT_REST, change_of_states, coupled, refined
 
 MAX_FIRST_DEFICIT = 30.0
@@ -185,7 +185,7 @@ def _starts(likelihood: MarginalLikelihood, effect: Effect, level: int, scatter:
     made = [Hypothesis((effect,), (np.tile(row, (len(data_set.runs), 1)),)) for row in grid]
     if len(made) < 3:
         return made
-    scores = [likelihood.posterior(hypothesis_columns(data_set, h), level).evidence[scatter] for h in made]
+    scores = [likelihood.posterior(likelihood.columns(h), level).evidence[scatter] for h in made]
     return [made[k] for k in np.argsort(scores)[::-1][:2]]
 
 
