@@ -147,7 +147,7 @@ class MarginalLikelihood:
         return lin.known[level]
 
     def columns(self, hypothesis: Hypothesis) -> HypothesisColumns:
-        """Columns of a hypothesis: the last few are kept, for screening, fits and levels of noise ask for them again."""
+        """Columns of a hypothesis; the last few are kept: screening, fits and levels of noise ask for them again."""
         key = (tuple(map(id, hypothesis.effects)), hypothesis.fixed, *(v.tobytes() for v in hypothesis.values))
         found = self._latest.pop(key, None) or hypothesis_columns(self.data_set, hypothesis)
         self._latest[key] = found  # it holds the effects, so that no other one can have their ids
