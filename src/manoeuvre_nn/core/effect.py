@@ -4,7 +4,7 @@ import copy
 from abc import ABC
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from math import pi
+from math import inf, pi
 from typing import ClassVar
 
 import numpy as np
@@ -38,7 +38,7 @@ class Parameter:
         period: 360 for directions, None otherwise.
         form: Whether it describes the uncertainty of the formula (a factor on a published curve) rather than the
             effect: it is estimated with its prior and not reported.
-        per_run: Whether every run has its own: times of an event.
+        per_run: Whether every run has its own: times of an event, by turns a start and an end; inf is never.
         random: Whether it describes a random process, whose course is integrated out; the first such parameter of an
             effect is the size of the process, 0 without one.
         power: Exponent of length with which its usual size goes by Froude's law; None takes that of the unit, and 0 for
@@ -183,7 +183,7 @@ class Effect(ABC, nn.Module):
             if key not in known:
                 raise InputError(f"effect.{self.name}.{key}: unknown parameter; {self.name} has {', '.join(known)}")
             p = known[key]
-            if not p.low <= value <= p.high:
+            if not (p.low <= value <= p.high or (p.per_run and value == inf)):
                 raise InputError(f"effect.{self.name}.{key}={value:g}: expected {p.low:g} to {p.high:g} {p.unit}")
         given = [values.get(p.name, p.starts[0] if p.null is None or not p.form else p.null) for p in self.declared]
         self.register_buffer("values", ship.inertia.new_tensor(given))

@@ -9,7 +9,7 @@ import numpy as np
 
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.diagnosis.gusts import fitted_gusts
-from manoeuvre_nn.diagnosis.windows import best_windows
+from manoeuvre_nn.diagnosis.windows import best_windows, replaced
 from manoeuvre_nn.diagnosis.workers import shared_out
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
@@ -123,6 +123,10 @@ def refine(
     """
     hypothesis, _ = likelihood.improve(hypothesis, level, scatter)
     fitted = likelihood.evaluate(hypothesis, around=level)
+    if fitted.evidence > min_evidence:
+        elsewhen = replaced(likelihood, fitted.hypothesis, *fitted.best)
+        if elsewhen is not fitted.hypothesis:
+            fitted = likelihood.evaluate(elsewhen, around=fitted.best[0])
     for _ in range(2):
         if fitted.evidence < min_evidence:
             return fitted
@@ -152,9 +156,9 @@ def at_rest(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> tuple[Whiten
 def _starts(likelihood: MarginalLikelihood, effect: Effect, level: int, scatter: int) -> list[Hypothesis]:
     """The two most promising of all starts, by what a linear step from each would gain; windows of an event."""
     data_set = likelihood.data_set
-    grid = np.array(list(product(*[(p.null,) if p.form else p.starts for p in effect.declared])), dtype=float)
     if any(p.per_run for p in effect.declared):
-        return [Hypothesis((effect,), (v,)) for v in best_windows(likelihood, effect, grid, level, scatter)]
+        return [Hypothesis((effect,), (v,)) for v in best_windows(likelihood, effect, level, scatter)]
+    grid = np.array(list(product(*[(p.null,) if p.form else p.starts for p in effect.declared])), dtype=float)
     made = [Hypothesis((effect,), (np.tile(row, (len(data_set.runs), 1)),)) for row in grid]
     if len(made) < 3:
         return made
@@ -206,8 +210,7 @@ def _restarts(likelihood: MarginalLikelihood, first: FittedHypothesis, starts: l
     (effect,) = starts[0].effects
     if not any(p.per_run for p in effect.declared):
         return starts
-    grid = np.stack([h.values[0][0] for h in starts])
-    events = best_windows(likelihood, effect, grid, *first.best, first.hypothesis)
+    events = best_windows(likelihood, effect, *first.best, first.hypothesis)
     return [starts[0], *(Hypothesis((effect,), (values,)) for values in events)]
 
 

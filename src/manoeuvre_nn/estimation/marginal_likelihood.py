@@ -6,7 +6,7 @@ noise and of the coefficients' standard deviation are summed over a grid with a 
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt
 from typing import NamedTuple
 
@@ -158,7 +158,9 @@ class MarginalLikelihood:
             data[at : at + 1 + len(unknowns)] = np.append(-1.0, -_shift(hypothesis))
             at += 1 + len(unknowns)
         keep = [0, *wholes, *range(1, size), *numbers]
-        return self.data_set.posterior(gram[np.ix_(keep, keep)], norm, data[keep], spreads)
+        found = self.data_set.posterior(gram[np.ix_(keep, keep)], norm, data[keep], spreads)
+        durations = [float(np.ptp(p.linearised.run.time)) for p in self.data_set.runs]
+        return replace(found, evidence=found.evidence + sum(h.log_prior_of_times(durations) for h in hypotheses))
 
     def pair_evidence(self, first: Hypothesis, second: Hypothesis, level: int, scatter: int) -> float:
         """Log evidence of two hypotheses together after a linear step of all their numbers."""
