@@ -20,6 +20,7 @@ from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.estimation.data_set import whitened_data_set
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.recording.check.checks import COLUMNS, check_over_ground, check_sampling
+from manoeuvre_nn.recording.holes import told
 from manoeuvre_nn.recording.kind import guess_kind
 from manoeuvre_nn.recording.preparation import common_step, measured, over_ground, prepared, with_own_shafts
 from manoeuvre_nn.recording.read.mapping import Mapping as ChannelMapping
@@ -335,4 +336,4 @@ def _undecided(runs: Sequence[Recording], fitted: Sequence[Recording]) -> tuple[
             "delta_order" in run.meta["derived"] for run in runs
         ),
     }
-    return tuple(sentence for sentence, true in said.items() if true)
+    return (*(sentence for sentence, true in said.items() if true), *(line for run in runs for line in told(run)))

@@ -23,6 +23,7 @@ from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linear_run import joined
 from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, heel_of, integrated, linearise, sides_of
 from manoeuvre_nn.estimation.smoothed_run import first_guess
+from manoeuvre_nn.recording.holes import rudder_known_until
 from manoeuvre_nn.recording.outliers import spikes
 from manoeuvre_nn.recording.preparation import measured
 
@@ -149,6 +150,8 @@ def _written(
 def recorded(run: Recording, warmup: float) -> pd.DataFrame:
     """A run's recording from the end of the warm-up [s] in the form of a prediction; NaN in gaps and at outliers."""
     m = measured(run)
+    # No free run leads through a time in which nobody knows the rudder.
+    m[run.time > rudder_known_until(run, warmup) + 1e-9] = np.nan
     m = np.where(np.apply_along_axis(spikes, 0, m, min_spread_share=0.0), np.nan, m)
     table = _table(run.time, dict(zip(MEASURED, m.T, strict=True)))
     return table[run.time >= warmup - 1e-9].reset_index(drop=True)

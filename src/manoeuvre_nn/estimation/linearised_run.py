@@ -23,10 +23,13 @@ from manoeuvre_nn.dynamics.base import Model, calm_accelerations, runge_kutta_st
 from manoeuvre_nn.estimation.linear_run import Columns, IntegratedRun, RunEquations
 from manoeuvre_nn.estimation.process_noise import ProcessNoise
 from manoeuvre_nn.estimation.run_states import PROCESS_DIFFERENCE, RunStates
+from manoeuvre_nn.recording.holes import in_breaks
 from manoeuvre_nn.recording.preparation import measured, smooth_heel
 
 RUDDER_DIFFERENCE = 1e-3
 """Step of the difference quotient by the rudder [rad]."""
+AFTER_BREAK = 10.0
+"""How little is known of a state after a time without a rudder, over how little is known of the first one."""
 
 
 @dataclass(frozen=True)
@@ -199,6 +202,9 @@ def linearise(run: Recording, rate: Rate, track: Float[np.ndarray, "n k"], proce
     up, down = moved[: states.size], moved[states.size :]
     transition = ((up - down) / (2 * size[:, None, None])).permute(1, 2, 0).numpy()
     defect = forward.numpy()[:, : states.count] - track[1:]
+    # Where nobody knows the rudder a ship may come out of a step in any state.
+    broken = in_breaks(run.time, run.meta.get("breaks", ()))
+    transition[broken, : states.count], defect[broken] = 0.0, 0.0
     residual = measured(run, states.channels) - shown(track)
     residual[:, 4] = (residual[:, 4] + np.pi) % (2 * np.pi) - np.pi
     residual = np.nan_to_num(residual, nan=0.0)
@@ -257,6 +263,7 @@ def integrated(
     covariance = np.zeros((steps, k, k))
     covariance[:, range(k), range(k)] = sd**2 * run.step
     covariance += push[:, :, None] * push[:, None, :]
+    covariance[in_breaks(run.time, run.meta.get("breaks", ()))] = np.diag((AFTER_BREAK * start_sd) ** 2)
     root = np.zeros((steps, states.size, states.size))
     # root^T root = Q^-1, and the innovations of the process noise.
     scale = sd[:, None] * sd
