@@ -34,8 +34,8 @@ LONG_RAMPS = (60.0, 180.0, 420.0)
 """Ramps beside a step that are tried for an event that lasts [s]."""
 SCALES = (0.7, 1.4)
 """By what a force may differ from that of a grid of sizes twice as large each."""
-SIZES = (0.25, 0.5, 1.0, 2.0, 4.0)
-"""Sizes that are tried, over the starts of an event."""
+BEYOND_STARTS = 4.0
+"""By how much sizes that are tried go beyond the starts of an event."""
 SHARE_LEFT_OUT = 0.01
 """Share of the forces over a run, squared, that their main courses may leave out."""
 MAX_STARTS = 3
@@ -190,8 +190,11 @@ def _grid(effect: Effect) -> Float[np.ndarray, "k p"]:
         elif p.null is None:
             axes.append(list(p.starts))
         else:
-            usual = sorted({np.sign(start) * np.abs(p.starts).min() for start in p.starts})
-            axes.append([float(np.clip(size * start, p.low, p.high)) for start in usual for size in SIZES])
+            low, high = np.abs(p.starts).min() / BEYOND_STARTS, np.abs(p.starts).max() * BEYOND_STARTS
+            sizes = np.geomspace(low, high, 1 + round(float(np.log2(high / low))))
+            axes.append([
+                float(np.clip(s * size, p.low, p.high)) for s in sorted({*np.sign(p.starts)}) for size in sizes
+            ])
     return np.array(list(product(*axes)), dtype=float)
 
 
@@ -223,7 +226,9 @@ class _Blocks:
         rise, fall = (np.clip((middle - edge[:, None]) / wide + 0.5, 0.0, 1.0) for edge in times.T)
         prior = np.full(len(times), -np.log(len(times)))
         if may_last:
-            prior = np.where(lasts, np.log(1 - STOPS) - np.log(lasts.sum()), np.log(STOPS) - np.log(max((~lasts).sum(), 1)))
+            prior = np.where(
+                lasts, np.log(1 - STOPS) - np.log(lasts.sum()), np.log(STOPS) - np.log(max((~lasts).sum(), 1))
+            )
         return _Gates(times, rise - fall, prior)
 
     def ratios(
@@ -318,7 +323,10 @@ def _all_blocks(
     # Not the levels that calm water needs: there the event itself is taken for a coloured force and wrong coefficients.
     low = quiet(noise[0]), min(noise[1], 2)
     there = None if given is None else hypothesis_columns(data_set, given).columns
-    return [_blocks(data_set, run, effect, table, low, None if there is None else there[run]) for run, table in enumerate(rows)]
+    return [
+        _blocks(data_set, run, effect, table, low, None if there is None else there[run])
+        for run, table in enumerate(rows)
+    ]
 
 
 def _blocks(
