@@ -38,6 +38,7 @@ def answer(d: Diagnosis) -> dict:
         "model": model,
         "heldout_rmse_before": {k: _number(v) for k, v in d.rmse("before").items()},
         "heldout_rmse_after": {k: _number(v) for k, v in d.rmse("after").items()},
+        "heldout_rmse_of_effects_alone": {k: _number(v) for k, v in d.rmse("alone").items()},
     }
 
 

@@ -108,6 +108,8 @@ class Proof:
         after: The repaired model's.
         rmse_before: Channel (pos, psi, u, v, r, u_log) -> RMS error.
         rmse_after: The same after.
+        rmse_alone: The same of the effects alone, with the published coefficients: what of the gain is theirs, and not
+            that of corrected coefficients; empty where the two are the same.
     """
 
     run: str
@@ -117,6 +119,7 @@ class Proof:
     after: pd.DataFrame
     rmse_before: Mapping[str, float]
     rmse_after: Mapping[str, float]
+    rmse_alone: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -174,7 +177,7 @@ class Diagnosis:
         return self.verdict == "mismatch" and self.model in ([], ["unknown"])
 
     def rmse(self, when: str) -> dict[str, float]:
-        """Errors of all held-out runs together, ``before`` or ``after``.
+        """Errors of all held-out runs together, ``before``, ``after``, or of the effects ``alone``.
 
         Returns:
             Channel -> root mean square over the runs' RMS errors; runs that did not record it are left out, NaN where

@@ -21,11 +21,11 @@ from manoeuvre_nn.effect.common import RAMP
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet, quiet
 from manoeuvre_nn.estimation.effect_columns import contribution
 from manoeuvre_nn.estimation.hypothesis import NUMBER_OF_INTERVALS, STOPS, Hypothesis
-from manoeuvre_nn.estimation.linear_run import Columns, Embedded
+from manoeuvre_nn.estimation.linear_run import Columns
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood, hypothesis_columns
 
-BLOCK, MAX_BLOCKS = 10.0, 60
-"""Least length of the blocks that times are made of [s], and their number in a long run."""
+BLOCK, MAX_BLOCKS, MAX_BLOCKS_OF_GRID = 10.0, 90, 36
+"""Least length of the blocks that times are made of [s]; their number in a long run, for one force and for a grid."""
 MIN_BLOCKS = 2
 """Least number of blocks in an interval, and between two."""
 MAX_INTERVALS = len(NUMBER_OF_INTERVALS) - 1
@@ -340,7 +340,8 @@ def _blocks(
     """A run in blocks, coefficients and latency taken out."""
     linearised, white = data_set.runs[run].linearised, data_set.at(noise[0]).white[run]
     time, step = linearised.run.time, linearised.run.step
-    edges = np.arange(time[0], time[-1] + 1e-9, max(BLOCK, np.ptp(time) / MAX_BLOCKS))
+    most = MAX_BLOCKS if len(rows) == 1 else MAX_BLOCKS_OF_GRID
+    edges = np.arange(time[0], time[-1] + 1e-9, max(BLOCK, np.ptp(time) / most))
     edges[-1] = time[-1]
     count = len(edges) - 1
     which = np.clip(np.searchsorted(edges, time[1:] - step / 2) - 1, 0, count - 1)
@@ -353,12 +354,9 @@ def _blocks(
     moved[np.arange(len(time) - 1), :, :, which] = courses
     none = np.zeros((len(time), len(linearised.states.channels), parts * count))
     base, blocks = data_set.at(noise[0]).base[run], white.embed(Columns(none, moved.reshape(*moved.shape[:2], -1)))
-    if given is not None:
+    if given is not None:  # the data less what is known
         known = white.embed(given[:1])
-        outer, inner = base.outer.copy(), base.inner.copy()
-        outer[:, 0] -= known.outer[:, 0]
-        inner[:, 0] -= known.inner[:, 0]
-        base = Embedded(outer, inner)
+        base = base[:1].joined(known).combined(np.array([1.0, -1.0])).joined(base[1:])
     own, cross = base.dot(base), base.dot(blocks)
     nuisance = own[1:, 1:] + np.diag(data_set.nuisance_sd(noise[1], runs=1) ** -2.0)
     weights = np.linalg.solve(nuisance, cross[1:])

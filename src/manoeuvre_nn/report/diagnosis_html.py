@@ -66,7 +66,7 @@ def diagnosis_html(d: Diagnosis, figures: Mapping[str, Figure], path: Path) -> N
 def log_to_tensorboard(d: Diagnosis, figures: Mapping[str, Figure], folder: Path) -> None:
     """Write the figures, the summary, probabilities and errors into a folder where TensorBoard finds them."""
     scalars = {f"probability/{cause.name}": cause.probability for cause in d.causes}
-    for name, errors in (("before", d.rmse("before")), ("after", d.rmse("after")), ("noise", d.noise)):
+    for name, errors in (*((when, d.rmse(when)) for when in ("before", "alone", "after")), ("noise", d.noise)):
         scalars |= {f"rmse_{name}/{channel}": error for channel, error in errors.items()}
     with SummaryWriter(str(folder)) as writer:
         writer.add_text("diagnosis", diagnosis_markdown(d))
