@@ -70,7 +70,7 @@ class Parameter:
         share = float(ship.sized([1.0], [power])[0])
         size = getattr(ship, self.within) if self.within else 1.0
         low, high = self.low * size, self.high * size
-        starts = tuple(min(max(share * start, low), high) for start in self.starts)
+        starts = tuple(start if start == inf else min(max(share * start, low), high) for start in self.starts)
         return replace(self, low=low, high=high, spread=share * self.spread, starts=starts, within="")
 
 

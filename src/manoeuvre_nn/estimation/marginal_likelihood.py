@@ -365,7 +365,9 @@ def _limited(hypothesis: Hypothesis, step: Float[np.ndarray, " m"]) -> Hypothesi
     for k, f in enumerate(unknowns):
         # A speed below zero toward a direction is one above zero toward the opposite.
         if f.parameter.period:
-            sizes = [j for j, g in enumerate(unknowns) if g.effect == f.effect and g.parameter.null == g.parameter.low]
+            sizes = [
+                j for j, g in enumerate(unknowns) if g.effect == f.effect and g.parameter.null == g.parameter.low == 0
+            ]
             turned = [j for j in sizes if moved[j] < unknowns[j].parameter.low and not unknowns[j].parameter.form]
             moved[turned] *= -1
             moved[k] += 180.0 * bool(turned)
