@@ -39,6 +39,13 @@ METHODS = {
     "regression": (sys.executable, "scripts/rivals.py", "method=regression", "cases={cases}", "out={out}"),
     "pysindy": (sys.executable, "scripts/rivals.py", "method=pysindy", "cases={cases}", "out={out}"),
 }
+METHODS["ideal"] = (
+    sys.executable,
+    "-m",
+    "studies.concealed_trial.ideal",
+    *METHODS["pysindy"][3:],
+    "nuisance={nuisance}",
+)
 """Command of each tool; its answers lie in OUT/answers, or OUT/answers_NAME for others than the first."""
 
 
@@ -156,7 +163,8 @@ def run_stage(given: dict[str, str]) -> None:
     folders = {method: folder_of(out, method, tool) for method in given["methods"].split(",")}
     if given["stage"] == "answer":
         for method, folder in folders.items():
-            words = (*METHODS[method], *(shlex.split(tool) if method == next(iter(METHODS)) else ()))
+            command = [word.replace("{nuisance}", given["nuisance"]) for word in METHODS[method]]
+            words = (*command, *(shlex.split(tool) if method == next(iter(METHODS)) else ()))
             answer(out / "recordings", folder, words, jobs, root=ROOT, method=method)
         return
     trial = trial_of(given | {"seed": sys.stdin.read().strip()})

@@ -63,10 +63,11 @@ def gate(intervals: Mapping[str, list[list[int]]] | str, runs: list[str], ramp: 
     if isinstance(intervals, str):
         always = np.ones(len(runs))
         return lambda t: always
-    edges = np.full((2, max(len(intervals.get(run, [])) for run in runs) or 1, len(runs)), np.inf)
-    for column, run in enumerate(runs):
-        for row, (start, end) in enumerate(intervals.get(run, [])):
-            edges[:, row, column] = start, end
+    edges = np.full((2, max((len(parts) for parts in intervals.values()), default=0) or 1, len(runs)), np.inf)
+    names = np.array(runs)
+    for run, parts in intervals.items():
+        for row, (start, end) in enumerate(parts):
+            edges[:, row, names == run] = np.array([[start], [end]])
     if not ramp:
         return lambda t: ((edges[0] <= t) & (t < edges[1])).any(0).astype(float)
     return lambda t: np.where(t < edges[1], np.clip((t - edges[0]) / ramp + 0.5, 0.0, 1.0), 0.0).max(0)

@@ -8,6 +8,7 @@ is not known the equations are cut: the ship may come out of the hole in any sta
 import numpy as np
 from jaxtyping import Bool, Float
 
+from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE
@@ -24,6 +25,8 @@ MAX_HEADING_OFF = 0.25, 5 * DEGREE
 held: a share of the turn, and at least so much [rad]."""
 ENDS = 5
 """Samples at either end of a hole that say what was there."""
+MOTION_SENSORS = tuple(name for name in MEASURED if name != "shaft_recorded")
+"""Channels that say how the ship moves."""
 
 Span = tuple[float, float]
 Series = Float[np.ndarray, " n"]
@@ -155,3 +158,9 @@ def told(run: Recording) -> list[str]:
         if end - begin > run.meta["time_unit"]
     ]
     return said
+
+
+def answers(run: Recording, since: float) -> bool:
+    """Whether any sensor of the motion wrote something down after a time [s], as long as the rudder is known."""
+    inside = (run.time > since + 1e-9) & (run.time <= rudder_known_until(run, since) + 1e-9)
+    return any(np.isfinite(run[k][inside]).any() for k in MOTION_SENSORS if k in run.channels)

@@ -231,7 +231,8 @@ def _print_short(d: Diagnosis, say: Callable[..., None]) -> None:
     if d.checks and not failed:
         say("checks", f"all {len(d.checks)} passed", "green")
     if not d.proofs:
-        say("not proved", "no run was held out", "bold red")
+        recorded = " and recorded" if d.forecasts else ""
+        say("not proved", f"no run was held out{recorded}", "bold red")
     if d.runner_up:
         say("runner-up", " ".join(d.runner_up))
     if d.undecided:

@@ -8,14 +8,14 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import median_filter
 
-from manoeuvre_nn.core.channels import MEASURED, MOTION
+from manoeuvre_nn.core.channels import MOTION
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.frames import earth_to_body
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.recording.check import axes, units
 from manoeuvre_nn.recording.check.finding import Finding
-from manoeuvre_nn.recording.holes import holes
+from manoeuvre_nn.recording.holes import MOTION_SENSORS, holes
 from manoeuvre_nn.recording.local_cubics import WINDOW, smoothed
 
 FIT, DIAGNOSIS = "fit", "diagnosis"
@@ -152,7 +152,7 @@ def check_sampling(run: Recording, ship: Particulars) -> None:
 def _without_spikes(recording: Recording, ship: Particulars) -> Recording:
     """The run as a recording: gaps filled, short spikes taken out by a running median, what is lacking derived."""
     # Where no sensor of the motion wrote anything down there is nothing to check.
-    seen = np.any([np.isfinite(recording[k]) for k in (*MEASURED[:6], "u_log") if k in recording.channels], axis=0)
+    seen = np.any([np.isfinite(recording[k]) for k in MOTION_SENSORS if k in recording.channels], axis=0)
     if not seen.all():
         kept = {k: values[seen] for k, values in recording.channels.items()}
         recording = replace(recording, time=recording.time[seen], channels=kept)
