@@ -9,7 +9,7 @@ import numpy as np
 
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.diagnosis.gusts import fitted_gusts
-from manoeuvre_nn.diagnosis.windows import best_windows
+from manoeuvre_nn.diagnosis.windows import best_windows, replaced
 from manoeuvre_nn.diagnosis.workers import shared_out
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet, quiet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
@@ -132,7 +132,10 @@ def single(likelihood: MarginalLikelihood, effect: Effect, none: FittedHypothesi
         The better of the two.
     """
     found = []
-    for level, scatter in {none.best, (quiet(none.best[0]), min(none.best[1], USUAL_SCATTER_LEVEL))}:
+    noises = {(quiet(none.best[0]), min(none.best[1], USUAL_SCATTER_LEVEL))}
+    if not any(p.per_run for p in effect.declared):  # events are placed where they must explain the misfit anyway
+        noises.add(none.best)
+    for level, scatter in noises:
         tried = [likelihood.improve(h, level, scatter, rounds=3) for h in _starts(likelihood, effect, level, scatter)]
         best = max(tried, key=lambda t: t[1])[0]
         found.append(refine(likelihood, best, level, scatter, none.evidence - MAX_FIRST_DEFICIT))
@@ -156,6 +159,10 @@ def refine(
     """
     hypothesis, _ = likelihood.improve(hypothesis, level, scatter)
     fitted = likelihood.evaluate(hypothesis, around=level)
+    if fitted.evidence > min_evidence:
+        elsewhen = replaced(likelihood, fitted.hypothesis, *fitted.best)
+        if elsewhen is not fitted.hypothesis:
+            fitted = likelihood.evaluate(elsewhen, around=fitted.best[0])
     for _ in range(2):
         if fitted.evidence < min_evidence:
             return fitted
@@ -185,9 +192,9 @@ def at_rest(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> tuple[Whiten
 def _starts(likelihood: MarginalLikelihood, effect: Effect, level: int, scatter: int) -> list[Hypothesis]:
     """The two most promising of all starts, by what a linear step from each would gain; windows of an event."""
     data_set = likelihood.data_set
-    grid = np.array(list(product(*[(p.null,) if p.form else p.starts for p in effect.declared])), dtype=float)
     if any(p.per_run for p in effect.declared):
-        return [Hypothesis((effect,), (v,)) for v in best_windows(likelihood, effect, grid, level, scatter)]
+        return [Hypothesis((effect,), (v,)) for v in best_windows(likelihood, effect, level, scatter)]
+    grid = np.array(list(product(*[(p.null,) if p.form else p.starts for p in effect.declared])), dtype=float)
     made = [Hypothesis((effect,), (np.tile(row, (len(data_set.runs), 1)),)) for row in grid]
     if len(made) < 3:
         return made
@@ -253,8 +260,7 @@ def _restarts(likelihood: MarginalLikelihood, first: FittedHypothesis, starts: l
     (effect,) = starts[0].effects
     if not any(p.per_run for p in effect.declared):
         return starts
-    grid = np.stack([h.values[0][0] for h in starts])
-    events = best_windows(likelihood, effect, grid, *first.best, first.hypothesis)
+    events = best_windows(likelihood, effect, *first.best, first.hypothesis)
     return [starts[0], *(Hypothesis((effect,), (values,)) for values in events)]
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import atan, log, pi, sqrt
+from math import atan, lgamma, log, pi, sqrt
 
 import numpy as np
 from jaxtyping import Float
@@ -10,6 +10,10 @@ from scipy.special import log_ndtr
 
 from manoeuvre_nn.core.effect import Effect, Parameter
 
+NUMBER_OF_INTERVALS = (0.3, 0.5, 0.15, 0.05)
+"""Prior probability that an event happens never, once, twice, three times in a run."""
+STOPS = 0.25
+"""Prior probability that what may last to the end of a run ends before."""
 MEDIAN_OF_GAUSSIAN = 0.6745
 """Median size of a Gaussian number over its standard deviation."""
 
@@ -21,6 +25,7 @@ class Hypothesis:
     Attributes:
         effects: The effects, prototypes without values of their own.
         values: Parameter values of each effect, one row a run; parameters that are not per run are equal in all rows.
+            A time that is inf is none: it never comes, and is no unknown.
         fixed: Names of parameters that are held at their values.
     """
 
@@ -41,13 +46,38 @@ class Hypothesis:
                 # The course of a random process is integrated out: its parameters have no column of their own.
                 if p.random or p.name in self.fixed:
                     continue
-                runs = range(len(self.values[k])) if p.per_run else [None]
-                found += [_Unknown(k, j, run, p) for run in runs]
+                happens = np.flatnonzero(np.isfinite(self.values[k][:, j])).tolist()
+                found += [_Unknown(k, j, run, p) for run in (happens if p.per_run else [None])]
         return found
 
     def vector(self) -> Float[np.ndarray, " m"]:
         """Values of the free numbers."""
         return np.array([self.values[f.effect][f.run or 0, f.column] for f in self.unknowns()])
+
+    def log_prior_of_times(self, durations: Sequence[float]) -> float:
+        """Log prior of how often events happen in each run, and of their times beside flat priors within their bounds.
+
+        ``p(k intervals) (2 k)! / T^(2 k)``: times are in order, and anywhere in a run of duration T.
+
+        Args:
+            durations: Of the runs [s].
+
+        Returns:
+            0 without an event whose times are free.
+        """
+        total = 0.0
+        for effect, values in zip(self.effects, self.values, strict=True):
+            timed = [j for j, p in enumerate(effect.declared) if p.per_run and p.name not in self.fixed]
+            ranges = np.array([effect.declared[j].high - effect.declared[j].low for j in timed])
+            may_last = len(timed) > 1 and np.isinf(effect.declared[timed[1]].starts[0])
+            for row, duration in zip(values[:, timed], durations if timed else (), strict=bool(timed)):
+                known = np.isfinite(row)
+                number = int(known[::2].sum())
+                total += log(NUMBER_OF_INTERVALS[number]) + lgamma(1 + known.sum())
+                total += float(np.log(ranges[known] / duration).sum())
+                if may_last and number:
+                    total += log(STOPS if known[1] else 1 - STOPS)
+        return total
 
     def prior_sds(self) -> Float[np.ndarray, " m"]:
         """Prior standard deviations of the free numbers at their values, see :meth:`_Unknown.prior_sd`."""

@@ -162,7 +162,9 @@ class MarginalLikelihood:
             at += 1 + len(unknowns)
         keep = [0, *wholes, *range(1, size), *numbers]
         found = self.data_set.posterior(gram[np.ix_(keep, keep)], norm, data[keep], spreads)
-        return replace(found, evidence=found.evidence + sum(h.prior_excess() for h in hypotheses))
+        durations = [float(np.ptp(p.linearised.run.time)) for p in self.data_set.runs]
+        prior = sum(h.prior_excess() + h.log_prior_of_times(durations) for h in hypotheses)
+        return replace(found, evidence=found.evidence + prior)
 
     def pair_evidence(self, first: Hypothesis, second: Hypothesis, level: int, scatter: int) -> float:
         """Log evidence of two hypotheses together after a linear step of all their numbers."""
@@ -363,7 +365,9 @@ def _limited(hypothesis: Hypothesis, step: Float[np.ndarray, " m"]) -> Hypothesi
     for k, f in enumerate(unknowns):
         # A speed below zero toward a direction is one above zero toward the opposite.
         if f.parameter.period:
-            sizes = [j for j, g in enumerate(unknowns) if g.effect == f.effect and g.parameter.null == g.parameter.low]
+            sizes = [
+                j for j, g in enumerate(unknowns) if g.effect == f.effect and g.parameter.null == g.parameter.low == 0
+            ]
             turned = [j for j in sizes if moved[j] < unknowns[j].parameter.low and not unknowns[j].parameter.form]
             moved[turned] *= -1
             moved[k] += 180.0 * bool(turned)
