@@ -12,7 +12,7 @@ from manoeuvre_nn.diagnosis.result import Proof
 from manoeuvre_nn.diagnosis.windows import replaced
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.estimation.corrections import Calibrated
-from manoeuvre_nn.estimation.data_set import LATENCY, WhitenedDataSet
+from manoeuvre_nn.estimation.data_set import CAMPAIGN, LATENCY, WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.scoring.free_runs import errors
@@ -77,7 +77,9 @@ def foreseen(question: Question, claim: FittedHypothesis, elsewhere: Hypothesis)
 def placed(question: Question, fitted: FittedHypothesis) -> Hypothesis:
     """What was found in the held-out runs: its values, but times of an event placed in each run's own recording."""
     found = fitted.hypothesis
-    elsewhere = found.of_runs([0] * len(question.case.held_out))
+    days = [run.meta.get(CAMPAIGN) for run in question.case.fitted]
+    rows = [days.index(day) if (day := run.meta.get(CAMPAIGN)) in days else 0 for run in question.case.held_out]
+    elsewhere = found.of_runs(rows)
     timed = [[p.per_run for p in effect.declared] for effect in found.effects]
     if not (question.case.held_out and any(map(any, timed))):
         return elsewhere

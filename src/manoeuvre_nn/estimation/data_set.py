@@ -33,6 +33,8 @@ COEFFICIENT_SD_LEVELS = (0.002, 0.015, 0.03, 0.05, 0.08, 0.2)
 """Levels of the relative error of the calm-water coefficients."""
 MIN_SIGNAL_TO_NOISE = 0.02
 """Least signal-to-noise ratio, squared, of a combination of coefficients that is carried along."""
+CAMPAIGN = "campaign"
+"""What a recording's ``meta`` calls the day, load or speed that it belongs to."""
 LATENCY, LATENCY_SD = 0.25, 0.25
 """Delay of the satellite receiver [s]: mean and s.d. before the recording is seen."""
 
@@ -113,6 +115,13 @@ class WhitenedDataSet:
         base = [w.embed(p.base) for w, p in zip(white, self.runs, strict=True)]
         g = summed([e.dot(e) for e in base], [self.base_index(k) for k in range(len(base))], self.size)
         return _Level(white, base, g, sum(w.log_norm for w in white))
+
+    @property
+    def campaigns(self) -> tuple[int, ...]:
+        """Number of each run's campaign, where they are of several days, loads or speeds; else empty."""
+        names = [str(prepared.linearised.run.meta.get(CAMPAIGN, "")) for prepared in self.runs]
+        each = list(dict.fromkeys(names))
+        return tuple(each.index(name) for name in names) if len(each) > 1 else ()
 
     @property
     def size(self) -> int:
