@@ -106,7 +106,7 @@ def forecasts(question: Question, data_set: WhitenedDataSet, chosen: FittedHypot
     if not runs:
         return []
     known = _known(refined(data_set, chosen) if chosen.names else data_set, chosen)
-    there = chosen.hypothesis.of_runs([0] * len(runs))
+    there = chosen.hypothesis.in_other_runs(len(runs))
     befores = predict(dynamics, Hypothesis((), ()), runs, warmup)
     afters = predict(known.corrected(known.mean[: known.data_set.combinations]), there, runs, warmup, known.latency)
     made = []
@@ -116,6 +116,13 @@ def forecasts(question: Question, data_set: WhitenedDataSet, chosen: FittedHypot
         none = errors(before, record)
         made.append(Proof(run.name, run.meta["kind"], record, before, after.join(band), none, none))
     return made
+
+
+def unplaced_events(question: Question, chosen: FittedHypothesis) -> list[str]:
+    """A sentence on every event that planned runs are predicted without."""
+    runs = ", ".join(run.name for run in question.case.planned)
+    events = [e.label for e in chosen.hypothesis.effects if any(p.per_run for p in e.declared)] if runs else []
+    return [f"When {label} acts in {runs} is not known beforehand: predicted without it." for label in events]
 
 
 @dataclass(frozen=True)
@@ -164,7 +171,7 @@ def _bands(known: _Known, runs: Sequence[Recording], warmup: float) -> list[pd.D
     driving = known.corrected(np.tile(known.mean[:kept] + off[:, :kept], (len(runs), 1)))
     draws = [_moved(chosen.hypothesis, change) for change in numbers]
     values = tuple(
-        np.tile(np.concatenate([d.values[k][:1] for d in draws]), (len(runs), 1))
+        np.tile(np.concatenate([d.in_other_runs(1).values[k] for d in draws]), (len(runs), 1))
         for k in range(len(chosen.hypothesis.effects))
     )
     every = Hypothesis(chosen.hypothesis.effects, values, chosen.hypothesis.fixed)
@@ -194,7 +201,7 @@ def _starts(
     """States at the end of a run's warm-up: they go with the numbers drawn and scatter as its samples leave them."""
     chosen, latency, dynamics = known.chosen, known.latency, known.corrected(known.mean[: known.data_set.combinations])
     warm = run.between(0.0, warm_up_end(run, warmup))
-    there = chosen.hypothesis.of_runs([0])
+    there = chosen.hypothesis.in_other_runs(1)
     mean, covariance = start_state_and_covariance(dynamics, there, warm, latency)
     spread = np.zeros((len(mean), len(mean)))
     spread[: len(covariance), : len(covariance)] = covariance
@@ -204,7 +211,7 @@ def _starts(
         nudged = _moved(chosen.hypothesis, step)
         size = float((nudged.vector() - chosen.hypothesis.vector())[k])
         if abs(size) > 1e-9 * error:
-            slopes[k] = (start_state(dynamics, nudged.of_runs([0]), warm, latency) - mean) / size
+            slopes[k] = (start_state(dynamics, nudged.in_other_runs(1), warm, latency) - mean) / size
     return mean + numbers @ slopes + g.multivariate_normal(np.zeros(len(mean)), spread, len(numbers), method="eigh")
 
 

@@ -76,12 +76,9 @@ def foreseen(question: Question, claim: FittedHypothesis, elsewhere: Hypothesis)
 def placed(question: Question, fitted: FittedHypothesis) -> Hypothesis:
     """What was found in the held-out runs: its values, but times of an event placed in each run's own recording."""
     found = fitted.hypothesis
-    elsewhere = found.of_runs([0] * len(question.case.held_out))
-    timed = [[p.per_run for p in effect.declared] for effect in found.effects]
-    if not (question.case.held_out and any(map(any, timed))):
+    elsewhere = found.in_other_runs(len(question.case.held_out))
+    if not question.case.held_out or not any(p.per_run for effect in found.effects for p in effect.declared):
         return elsewhere
-    for values, of_runs in zip(elsewhere.values, timed, strict=True):
-        values[:, of_runs] = np.inf
     fixed = frozenset(p.name for e in found.effects for p in e.declared if not p.per_run)
     free = replaced(question.held_out, replace(elsewhere, fixed=fixed), *fitted.best)
     return replace(free, fixed=found.fixed)

@@ -105,6 +105,13 @@ class Hypothesis:
         """The hypothesis about other runs, each with the values of one of these."""
         return replace(self, values=tuple(v[list(rows)] for v in self.values))
 
+    def in_other_runs(self, number: int) -> "Hypothesis":
+        """The hypothesis about runs of which nothing is known: numbers of all runs hold, events have no time there."""
+        other = self.of_runs([0] * number)
+        for effect, values in zip(self.effects, other.values, strict=True):
+            values[:, [p.per_run for p in effect.declared]] = np.inf
+        return other
+
     def joined(self, other: "Hypothesis") -> "Hypothesis":
         """Both sets of effects together."""
         return replace(self, effects=self.effects + other.effects, values=self.values + other.values)
