@@ -27,6 +27,7 @@ sys.path.insert(0, str(ROOT))  # studies stand beside the package, not in it
 from manoeuvre_nn.core.errors import InputError  # noqa: E402
 from studies.concealed_trial.channels import CHANNEL_SETS  # noqa: E402
 from studies.concealed_trial.drawing import ALL, SHARES, Trial  # noqa: E402
+from studies.concealed_trial.rivals.ablations import PARTS  # noqa: E402
 from studies.concealed_trial.stages import answer, generate, score  # noqa: E402
 from studies.concealed_trial.strength import STRENGTHS  # noqa: E402
 
@@ -39,13 +40,10 @@ METHODS = {
     "regression": (sys.executable, "scripts/rivals.py", "method=regression", "cases={cases}", "out={out}"),
     "pysindy": (sys.executable, "scripts/rivals.py", "method=pysindy", "cases={cases}", "out={out}"),
 }
-METHODS["ideal"] = (
-    sys.executable,
-    "-m",
-    "studies.concealed_trial.ideal",
-    *METHODS["pysindy"][3:],
-    "nuisance={nuisance}",
-)
+OF_MODULES = ("cases={cases}", "out={out}")
+METHODS["ideal"] = (sys.executable, "-m", "studies.concealed_trial.ideal", *OF_MODULES, "nuisance={nuisance}")
+ABLATED = (sys.executable, "-m", "studies.concealed_trial.rivals.ablations", *OF_MODULES, "workers=1")
+METHODS |= {f"without_{part}": (*ABLATED, f"without={part}") for part in PARTS}
 """Command of each tool; its answers lie in OUT/answers, or OUT/answers_NAME for others than the first."""
 
 

@@ -30,9 +30,10 @@ def prove(
     Args:
         question: What is asked.
         data_set: The fitted runs.
-        claim: What was found; calm water predicts the same before and after.
+        claim: What was found, effects and coefficients.
         elsewhere: It, in the held-out runs: see :func:`placed`.
-        known: Proofs of something else, whose predictions in calm water are the same.
+        known: Proofs of something else, whose predictions in calm water are the same; without any, calm water predicts
+            the same before and after.
 
     Returns:
         One proof a held-out run.
@@ -42,12 +43,12 @@ def prove(
         return []
     befores = [p.before for p in known] or predict(dynamics, Hypothesis((), ()), runs, warmup)
     afters, alone = befores, []
-    if claim.names:
+    if claim.names or known:
         fitted = len(data_set.runs)
         latency = LATENCY + float(np.mean(claim.nuisance[-fitted:]))
         # Corrections within a fit's errors take up gusts of these runs, which others do not have.
         if not is_fitted(dynamics):
-            alone = predict(dynamics, elsewhere, runs, warmup, latency)
+            alone = predict(dynamics, elsewhere, runs, warmup, latency) if claim.names else []
             shares = dynamics.hull.inertia.new_tensor(data_set.rotation @ claim.nuisance[:-fitted])
             dynamics = Calibrated(dynamics, shares)
         afters = predict(dynamics, elsewhere, runs, warmup, latency)

@@ -14,7 +14,13 @@ from manoeuvre_nn.diagnosis.workers import shared_out
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet, quiet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood, hypothesis_columns
-from manoeuvre_nn.estimation.relinearise import MAX_PASSES, STATES_AT_REST, change_of_states, coupled, refined
+from manoeuvre_nn.estimation.relinearise import (
+    MAX_PASSES,
+    STATES_AT_REST,
+    change_of_states,
+    refined,
+    with_likely_scatter,
+)
 
 MAX_FIRST_DEFICIT = 30.0
 """Log evidence by which a candidate may lie behind calm water after its first fit, made at calm water's noise."""
@@ -64,7 +70,7 @@ def search(
     """
     likelihood = MarginalLikelihood(data_set)
     none = likelihood.evaluate(Hypothesis((), ()))
-    likelihood = MarginalLikelihood(coupled(data_set, none))
+    likelihood = MarginalLikelihood(with_likely_scatter(data_set, none))
     none = likelihood.evaluate(Hypothesis((), ()), around=none.best[0])
 
     # A gusty wind is a variant of what a steady wind explains: see below.
@@ -110,7 +116,7 @@ def _again(
     """The best few and calm water about the states of the best; the others keep their distance to calm water."""
     about = refined(likelihood.data_set, fitted[0])
     leading = refine(MarginalLikelihood(about), fitted[0].hypothesis, *fitted[0].best)
-    there = MarginalLikelihood(coupled(about, leading))
+    there = MarginalLikelihood(with_likely_scatter(about, leading))
     calm = there.evaluate(Hypothesis((), ()), around=none.best[0])
     best = [refine(there, j.hypothesis, *j.best) for j in fitted[:MAX_BUILT_UPON]]
     rest = [replace(j, evidence=j.evidence - none.evidence + calm.evidence) for j in fitted[MAX_BUILT_UPON:]]
