@@ -1,6 +1,7 @@
 """Events that happen in some runs only, twice, or over minutes: their times, errors, and place in runs to predict."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -14,15 +15,15 @@ from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.diagnosis.case import Case, Question
 from manoeuvre_nn.diagnosis.causes import _when
+from manoeuvre_nn.diagnosis.forecast import unplaced_events
 from manoeuvre_nn.diagnosis.proof import foreseen, placed
 from manoeuvre_nn.diagnosis.search import search, single
-from manoeuvre_nn.diagnosis.windows import times_of
+from manoeuvre_nn.diagnosis.windows import replaced, times_of
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.common import during
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.local import BowThruster, SideForce
-from manoeuvre_nn.effect.propulsion import HullFouling
 from manoeuvre_nn.effect.sensors import RateBias
 from manoeuvre_nn.effect.wind import SteadyWind, WindOnset
 from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
@@ -34,7 +35,7 @@ from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.recording.preparation import without_samples
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
-TIME = 480.0
+TIME = 420.0
 TRIALS = [zigzag(20.0, duration=TIME), turning_circle(15.0, duration=TIME)]
 TRIALS += [turning_circle(25.0, side="port", duration=TIME), zigzag(10.0, duration=TIME)]
 WIND = {"speed": 13.0, "from_deg": 110.0}
@@ -87,7 +88,7 @@ def edges(found: Hypothesis | FittedHypothesis, effect: int = 0) -> list[tuple[i
     """Run, time and standard error of every time of an event."""
     h, errors = found.hypothesis, found.errors
     free = zip(h.unknowns(), h.vector(), errors, strict=True)
-    return [(f.run, v, e) for f, v, e in free if f.run is not None and f.effect == effect]
+    return [(f.runs[0], v, e) for f, v, e in free if f.parameter.per_run and f.effect == effect]
 
 
 @cache
@@ -168,18 +169,25 @@ def test_in_runs_to_predict_an_event_is_placed_by_their_recordings_or_left_out(k
     assert spans[runs[3].name] == [] and abs(ends[0] - true[0]) < 4 * errors[0] < 40
 
 
-def test_a_run_without_a_response_has_no_event():
-    _, _, found = one_of_three()
-    runs = campaign([None, None, push(start_s=150.0, end_s=290.0)])
-    late = np.broadcast_to(runs[2].time[:, None] > 60.0, (len(runs[2]), len(MEASURED)))
-    silent = without_samples(runs[2], late)
-    elsewhere = placed(question([silent], [silent.name], found.hypothesis.effects), found)
-    assert times_of(elsewhere.effects[0], elsewhere.values[0][0]) == ()
+def test_a_planned_run_is_predicted_without_the_event_and_that_is_said():
+    """Also a run that says nothing, if it is looked at all the same, has no event."""
+    likelihood, _, found = one_of_three()
+    run = likelihood.data_set.runs[1].linearised.run
+    silent = without_samples(run, np.broadcast_to(run.time[:, None] > 60.0, (len(run), len(MEASURED))))
+    (said,) = unplaced_events(question([silent], [silent.name], []), found)
+    assert said == f"When a side force acts in {silent.name} is not known beforehand: predicted without it."
+    there = found.hypothesis.in_other_runs(1)
+    assert times_of(there.effects[0], there.values[0][0]) == ()
+    assert there.values[0][0, :2] == approx(found.hypothesis.values[0][0, :2])
+    blind = MarginalLikelihood(whitened_data_set(CALM, [silent]))
+    fixed = frozenset(p.name for p in there.effects[0].declared if not p.per_run)
+    looked = replaced(blind, replace(there, fixed=fixed), *found.best)
+    assert times_of(looked.effects[0], looked.values[0][0]) == ()
 
 
 def test_no_partner_is_added_that_mends_the_time_of_a_wind():
     runs = campaign([wind(160.0), wind(230.0)], seed=3)
-    kinds = (WindOnset, SteadyWind, Current, HullFouling, RateBias)
+    kinds = (WindOnset, SteadyWind, Current, RateBias)
     with unchecked():
         result = search(whitened_data_set(CALM, runs), [kind(SHIP) for kind in kinds])
     best = next(j for j in result.fitted if j.names == ("wind_onset",))
@@ -204,7 +212,10 @@ def test_a_time_that_never_comes_is_no_unknown_and_further_intervals_cost_prior(
     timed = [j for j, p in enumerate(effect.declared) if p.per_run]
     table[1, timed] = np.inf
     one = Hypothesis((effect,), (table,))
-    assert [(f.parameter.name, f.run) for f in one.unknowns() if f.run is not None] == [("start_s", 0), ("end_s", 0)]
+    assert [(f.parameter.name, f.runs) for f in one.unknowns() if f.parameter.per_run] == [
+        ("start_s", (0,)),
+        ("end_s", (0,)),
+    ]
     more = Hypothesis((effect,), (table.copy(),))
     more.values[0][0, timed[2:4]] = (300.0, 350.0)
     # 2 times: .5 * 2 / T^2; 4 times: .15 * 24 / T^4, beside flat priors over 7200 s.

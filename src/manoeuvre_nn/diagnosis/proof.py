@@ -12,7 +12,7 @@ from manoeuvre_nn.diagnosis.result import Proof
 from manoeuvre_nn.diagnosis.windows import replaced
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.estimation.corrections import Calibrated
-from manoeuvre_nn.estimation.data_set import CAMPAIGN, LATENCY, WhitenedDataSet
+from manoeuvre_nn.estimation.data_set import LATENCY, WhitenedDataSet, same_campaigns
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.scoring.free_runs import errors
@@ -77,14 +77,9 @@ def foreseen(question: Question, claim: FittedHypothesis, elsewhere: Hypothesis)
 def placed(question: Question, fitted: FittedHypothesis) -> Hypothesis:
     """What was found in the held-out runs: its values, but times of an event placed in each run's own recording."""
     found = fitted.hypothesis
-    days = [run.meta.get(CAMPAIGN) for run in question.case.fitted]
-    rows = [days.index(day) if (day := run.meta.get(CAMPAIGN)) in days else 0 for run in question.case.held_out]
-    elsewhere = found.of_runs(rows)
-    timed = [[p.per_run for p in effect.declared] for effect in found.effects]
-    if not (question.case.held_out and any(map(any, timed))):
+    elsewhere = found.in_other_runs(same_campaigns(question.case.fitted, question.case.held_out))
+    if not question.case.held_out or not any(p.per_run for effect in found.effects for p in effect.declared):
         return elsewhere
-    for values, of_runs in zip(elsewhere.values, timed, strict=True):
-        values[:, of_runs] = np.inf
     fixed = frozenset(p.name for e in found.effects for p in e.declared if not p.per_run)
     free = replaced(question.held_out, replace(elsewhere, fixed=fixed), *fitted.best)
     return replace(free, fixed=found.fixed)

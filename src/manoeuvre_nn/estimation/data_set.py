@@ -189,6 +189,16 @@ def _turned(base: Columns, rotation: Float[np.ndarray, "k kept"]) -> Columns:
     return joined([base[:1], combined, base[-1:]])
 
 
+def same_campaigns(known: Sequence[Recording], runs: Sequence[Recording]) -> list[int]:
+    """For each of some runs a known run of the same campaign; the first where there is none.
+
+    Returns:
+        Numbers of known runs.
+    """
+    days = [run.meta.get(CAMPAIGN) for run in known]
+    return [days.index(day) if (day := run.meta.get(CAMPAIGN)) in days else 0 for run in runs]
+
+
 def quiet(level: int) -> int:
     """A force level at which hypotheses must explain what the coloured force explained at another.
 

@@ -116,6 +116,13 @@ class Hypothesis:
         campaigns = tuple(self.campaigns[row] for row in rows) if self.campaigns else ()
         return replace(self, values=tuple(v[list(rows)] for v in self.values), campaigns=campaigns)
 
+    def in_other_runs(self, rows: Sequence[int]) -> "Hypothesis":
+        """The hypothesis about runs of which nothing is known, each with the numbers of one of these; no event has a time."""
+        other = self.of_runs(rows)
+        for effect, values in zip(self.effects, other.values, strict=True):
+            values[:, [p.per_run for p in effect.declared]] = np.inf
+        return other
+
     def joined(self, other: "Hypothesis") -> "Hypothesis":
         """Both sets of effects together."""
         campaigns = self.campaigns or other.campaigns
