@@ -117,7 +117,7 @@ class Hypothesis:
         return replace(self, values=tuple(v[list(rows)] for v in self.values), campaigns=campaigns)
 
     def in_other_runs(self, rows: Sequence[int]) -> "Hypothesis":
-        """The hypothesis about runs of which nothing is known, each with the numbers of one of these; no event has a time."""
+        """The hypothesis about unknown runs, each with the numbers of one of these; no event has a time there."""
         other = self.of_runs(rows)
         for effect, values in zip(self.effects, other.values, strict=True):
             values[:, [p.per_run for p in effect.declared]] = np.inf
