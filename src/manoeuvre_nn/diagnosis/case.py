@@ -237,7 +237,7 @@ def _read_run(path: Path, entry: Mapping[str, Any], ship: Particulars, asked: Ru
             "case"
         )
     remedy = COLUMNS if mapping.optional else "mind the columns, units and signs of the mapping"
-    meta = run.meta | ({CAMPAIGN: entry[CAMPAIGN]} if CAMPAIGN in entry else {})
+    meta = {**run.meta, **{key: entry[key] for key in (CAMPAIGN,) if key in entry}}
     return _checked(replace(run, name=entry.get("run", path.stem), meta=meta), ship, remedy)
 
 
