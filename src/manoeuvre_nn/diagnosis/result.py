@@ -19,12 +19,14 @@ class Value:
         value: Its value.
         error: Standard error.
         unit: Unit of both.
+        campaign: Where every campaign has its own value, which one; else empty.
     """
 
     name: str
     value: float
     error: float
     unit: str
+    campaign: str = ""
 
 
 @dataclass(frozen=True)
@@ -66,11 +68,12 @@ class Cause:
         evidence: Log Bayes factor of the best hypothesis that contains it over calm water.
         equations: Where it acts: X, Y, N, kinematics, actuator:rudder, sensor:psi, ...
         parameters: Its values with standard errors.
-        intervals: Run -> times in which it acts [s]; None: throughout.
+        intervals: Run -> times in which it acts [s], none where it does not act; None: throughout.
         fingerprint: How it is recognised.
         source: Where its formula is from.
         terms: Terms of the formula of something unknown, one a parameter.
         nature: What something unknown is like; None for effects, and where nothing unknown was found.
+        interval_errors: Standard errors of ``intervals`` [s]; NaN where a run begins or ends within.
     """
 
     name: str
@@ -84,6 +87,7 @@ class Cause:
     source: str
     terms: tuple[str, ...] = ()
     nature: Nature | None = None
+    interval_errors: Mapping[str, list[Interval]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
