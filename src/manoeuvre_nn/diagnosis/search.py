@@ -6,14 +6,15 @@ from itertools import product
 from math import inf
 
 import numpy as np
+from jaxtyping import Float
 
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.diagnosis.gusts import fitted_gusts
-from manoeuvre_nn.diagnosis.windows import best_windows
+from manoeuvre_nn.diagnosis.windows import best_windows, replaced
 from manoeuvre_nn.diagnosis.workers import shared_out
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet, quiet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
-from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood, hypothesis_columns
+from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.relinearise import (
     MAX_PASSES,
     STATES_AT_REST,
@@ -86,7 +87,7 @@ def search(
     singles.sort(key=lambda j: -j.evidence)
     if singles and singles[0].evidence > none.evidence + MIN_GAIN_TO_RELINEARISE:
         progress("second linearisation")
-        likelihood, none, singles = _again(likelihood, none, singles)
+        likelihood, none, singles = _again(likelihood, none, singles, workers)
     fitted, leading = singles, [s for s in singles if s.evidence > none.evidence + MIN_GAIN_OF_SINGLE]
     for size in range(2, MAX_EFFECTS + 1):
         singles = [j for j in fitted if len(j.names) == 1]
@@ -95,7 +96,7 @@ def search(
         fitted = sorted([*fitted, *more], key=lambda j: -j.evidence)
         if more and gained > MIN_GAIN_TO_RELINEARISE:
             progress(f"linearisation about {' + '.join(fitted[0].names)}")
-            likelihood, none, fitted = _again(likelihood, none, fitted)
+            likelihood, none, fitted = _again(likelihood, none, fitted, workers)
         known = {frozenset(j.names): j.evidence for j in fitted}
         leading = [j for j in fitted if len(j.names) == size and worth_its_size(j, known)]
     for variant in variants:
@@ -111,14 +112,18 @@ def search(
 
 
 def _again(
-    likelihood: MarginalLikelihood, none: FittedHypothesis, fitted: Sequence[FittedHypothesis]
+    likelihood: MarginalLikelihood, none: FittedHypothesis, fitted: Sequence[FittedHypothesis], workers: int
 ) -> tuple[MarginalLikelihood, FittedHypothesis, list[FittedHypothesis]]:
     """The best few and calm water about the states of the best; the others keep their distance to calm water."""
     about = refined(likelihood.data_set, fitted[0])
     leading = refine(MarginalLikelihood(about), fitted[0].hypothesis, *fitted[0].best)
     there = MarginalLikelihood(with_likely_scatter(about, leading))
     calm = there.evaluate(Hypothesis((), ()), around=none.best[0])
-    best = [refine(there, j.hypothesis, *j.best) for j in fitted[:MAX_BUILT_UPON]]
+
+    def refitted(number: int) -> FittedHypothesis:
+        return refine(there, fitted[number].hypothesis, *fitted[number].best)
+
+    best = list(shared_out(refitted, min(len(fitted), MAX_BUILT_UPON), workers))
     rest = [replace(j, evidence=j.evidence - none.evidence + calm.evidence) for j in fitted[MAX_BUILT_UPON:]]
     return there, calm, sorted(best + rest, key=lambda j: -j.evidence)
 
@@ -132,7 +137,10 @@ def single(likelihood: MarginalLikelihood, effect: Effect, none: FittedHypothesi
         The better of the two.
     """
     found = []
-    for level, scatter in {none.best, (quiet(none.best[0]), min(none.best[1], USUAL_SCATTER_LEVEL))}:
+    noises = {(quiet(none.best[0]), min(none.best[1], USUAL_SCATTER_LEVEL))}
+    if not any(p.per_run for p in effect.declared):  # events are placed where they must explain the misfit anyway
+        noises.add(none.best)
+    for level, scatter in noises:
         tried = [likelihood.improve(h, level, scatter, rounds=3) for h in _starts(likelihood, effect, level, scatter)]
         best = max(tried, key=lambda t: t[1])[0]
         found.append(refine(likelihood, best, level, scatter, none.evidence - MAX_FIRST_DEFICIT))
@@ -156,6 +164,10 @@ def refine(
     """
     hypothesis, _ = likelihood.improve(hypothesis, level, scatter)
     fitted = likelihood.evaluate(hypothesis, around=level)
+    if fitted.evidence > min_evidence:
+        elsewhen = replaced(likelihood, fitted.hypothesis, *fitted.best)
+        if elsewhen is not fitted.hypothesis:
+            fitted = likelihood.evaluate(elsewhen, around=fitted.best[0])
     for _ in range(2):
         if fitted.evidence < min_evidence:
             return fitted
@@ -185,14 +197,26 @@ def at_rest(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> tuple[Whiten
 def _starts(likelihood: MarginalLikelihood, effect: Effect, level: int, scatter: int) -> list[Hypothesis]:
     """The two most promising of all starts, by what a linear step from each would gain; windows of an event."""
     data_set = likelihood.data_set
-    grid = np.array(list(product(*[(p.null,) if p.form else p.starts for p in effect.declared])), dtype=float)
     if any(p.per_run for p in effect.declared):
-        return [Hypothesis((effect,), (v,)) for v in best_windows(likelihood, effect, grid, level, scatter)]
-    made = [Hypothesis((effect,), (np.tile(row, (len(data_set.runs), 1)),)) for row in grid]
-    if len(made) < 3:
-        return made
-    scores = [likelihood.posterior(hypothesis_columns(data_set, h), level).evidence[scatter] for h in made]
-    return [made[k] for k in np.argsort(scores)[::-1][:2]]
+        events = best_windows(likelihood, effect, level, scatter)
+        return [Hypothesis((effect,), (values,), campaigns=data_set.campaigns) for values in events]
+    grid = np.array(list(product(*[(p.null,) if p.form else p.starts for p in effect.declared])), dtype=float)
+    made = np.tile(grid[:, None], (1, len(data_set.runs), 1))
+    if len(grid) < 3:
+        return [Hypothesis((effect,), (values,), campaigns=data_set.campaigns) for values in made]
+
+    def scores(values: Float[np.ndarray, "k runs p"]) -> Float[np.ndarray, " k"]:
+        each = [Hypothesis((effect,), (v,), campaigns=data_set.campaigns) for v in values]
+        found = [likelihood.posterior(likelihood.columns(h), level).evidence[scatter] for h in each]
+        return np.array(found)
+
+    # What acts in one campaign is another thing than what acts in the next: each on its own, nothing in the others.
+    best = np.empty((2, len(data_set.runs), grid.shape[1]))
+    for number in set(data_set.campaigns) or {0}:
+        mine = np.array(data_set.campaigns or [0] * len(data_set.runs)) == number
+        alone = np.where(mine[None, :, None], made, effect.null().numpy())
+        best[:, mine] = made[np.argsort(scores(alone))[::-1][:2]][:, mine]
+    return [Hypothesis((effect,), (values,), campaigns=data_set.campaigns) for values in best]
 
 
 def worth_its_size(fitted: FittedHypothesis, known: Mapping[frozenset[str], float]) -> bool:
@@ -253,9 +277,8 @@ def _restarts(likelihood: MarginalLikelihood, first: FittedHypothesis, starts: l
     (effect,) = starts[0].effects
     if not any(p.per_run for p in effect.declared):
         return starts
-    grid = np.stack([h.values[0][0] for h in starts])
-    events = best_windows(likelihood, effect, grid, *first.best, first.hypothesis)
-    return [starts[0], *(Hypothesis((effect,), (values,)) for values in events)]
+    events = best_windows(likelihood, effect, *first.best, first.hypothesis)
+    return [starts[0], *(replace(starts[0], values=(values,)) for values in events)]
 
 
 def _turned(alone: Hypothesis) -> Iterator[Hypothesis]:
@@ -267,7 +290,7 @@ def _turned(alone: Hypothesis) -> Iterator[Hypothesis]:
             values[:, j] = p.starts[0]
     for angle in range(0, 360, 90) if directions else ():
         values[:, directions[0]] = angle
-        yield Hypothesis((effect,), (values.copy(),))
+        yield replace(alone, values=(values.copy(),))
 
 
 def _same_thing(first: FittedHypothesis, second: FittedHypothesis) -> bool:
