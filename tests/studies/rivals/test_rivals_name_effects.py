@@ -104,10 +104,9 @@ def test_a_fit_finds_the_least_squares_solution_of_a_linear_effect():
 def test_times_of_a_side_force_are_found_and_a_run_without_it_has_none():
     event = SideForce(SHIP, force_kN=250.0, lever_m=20.0, start_s=150.0, end_s=280.0)
     runs = [sailed([event])[0], sailed(seed=3)[1]]
-    table, gain = placed(
-        WhitenedRuns(CALM, runs), Hypothesis((), ()), SideForce(SHIP), np.array([100.0, 20.0, 0.0, 0.0])
-    )
-    assert table[0, 2:] == pytest.approx([150.0, 280.0], abs=12.0)
+    start = SideForce(SHIP, force_kN=100.0, lever_m=20.0)
+    table, gain = placed(WhitenedRuns(CALM, runs), Hypothesis((), ()), start, start.values.numpy())
+    assert table[0, 2:4] == pytest.approx([150.0, 280.0], abs=12.0)
     assert table[1, 2] == 7000.0
     assert table[0, 0] == pytest.approx(250.0, rel=0.25)
     assert gain > 50.0
