@@ -177,7 +177,7 @@ def test_a_planned_run_is_predicted_without_the_event_and_that_is_said():
     """Also a run that says nothing, if it is looked at all the same, has no event."""
     likelihood, _, found = one_of_three()
     run = likelihood.data_set.runs[1].linearised.run
-    silent = without_samples(run, np.broadcast_to(run.time[:, None] > 60.0, (len(run), len(MEASURED))))
+    silent = without_samples(run, np.broadcast_to(run.time[:, None] > 40.0, (len(run), len(MEASURED))))
     (said,) = unplaced_events(question([silent], [silent.name], []), found)
     assert said == f"When a side force acts in {silent.name} is not known beforehand: predicted without it."
     there = found.hypothesis.in_other_runs(1)

@@ -5,7 +5,6 @@ from jaxtyping import Float
 
 from manoeuvre_nn.diagnosis.search import MIN_GAIN_OF_SECOND, SearchResult
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
-from manoeuvre_nn.estimation.marginal_likelihood import hypothesis_columns
 
 DRAWS = 2000
 """Clean sets of recordings that are drawn."""
@@ -45,7 +44,7 @@ def _information(
     """Information on a candidate's numbers under calm water, nuisance integrated out, and their prior spreads."""
     level, scatter = result.none.best
     data_set = result.likelihood.data_set
-    lin, n = hypothesis_columns(data_set, hypothesis), data_set.size
+    lin, n = result.likelihood.columns(hypothesis), data_set.size
     g = data_set.gram(level, data_set.embedded(level, lin.columns), lin.index, lin.count)
     nuisance = g[1:n, 1:n] + np.diag(data_set.nuisance_sd(scatter, len(data_set.runs)) ** -2.0)
     cross = g[1:n, n + 1 :]

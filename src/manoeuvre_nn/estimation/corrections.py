@@ -150,6 +150,7 @@ class Corrections:
         delta: Float[Tensor, "*batch"],
         shares: Float[Tensor, "*#batch k"],
         shaft: Float[Tensor, "*batch"] | None = None,
+        calm: Float[Tensor, "*batch 3"] | None = None,
     ) -> Float[Tensor, "*batch m"]:
         """Accelerations of all corrections at given sizes; the sum of the rows, without making them.
 
@@ -158,6 +159,7 @@ class Corrections:
             delta: Rudder angle [rad].
             shares: Size of every correction, the same everywhere or one row each.
             shaft: Shaft speed over the nominal one [-]; None is nominal.
+            calm: Accelerations without corrections at the nominal shaft speed, if they are known.
 
         Returns:
             udot, vdot [m/s^2], rdot [rad/s^2], rates of the own states.
@@ -165,7 +167,7 @@ class Corrections:
         if self.dynamics.own_names:
             return (self(moving, delta, shaft) * shares[..., None]).sum(dim=-2)
         nu = moving
-        hull, acceleration = self.dynamics.hull, self._rate(nu, delta, shaft)
+        hull, acceleration = self.dynamics.hull, self._rate(nu, delta, shaft) if calm is None else calm
         last = shares.shape[-1] - 3
         first = last - len(self._missing)
         if self._table is None:
@@ -293,9 +295,11 @@ class Calibrated(Model):
             Its time derivative.
         """
         moving = torch.cat([state[..., :3], state[..., 6:]], dim=-1) if self.own_names else state[..., :3]
-        change = self._corrections.together(moving, inputs.delta, self.shares, inputs.shaft)
+        rate = self.calm(state, inputs)
+        nominal = rate[..., :3] if inputs.given.keys() <= {"delta", "time"} else None
+        change = self._corrections.together(moving, inputs.delta, self.shares, inputs.shaft, nominal)
         still = torch.zeros_like(change[..., :3])
-        return self.calm(state, inputs) + torch.cat([change[..., :3], still, change[..., 3:]], dim=-1)
+        return rate + torch.cat([change[..., :3], still, change[..., 3:]], dim=-1)
 
     def on_approach(self, speed: float) -> "Calibrated":
         """The corrected ship at another approach speed.
