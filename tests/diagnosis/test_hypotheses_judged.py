@@ -245,7 +245,7 @@ def test_columns_of_a_hypothesis_are_its_contribution_and_slopes_in_the_runs_the
         assert lin.columns[run].measured[..., 0] == approx(whole(h)[1], abs=1e-12)
         for column, number in enumerate(lin.index[run][1:], start=1):
             up = h.vector()
-            size = {"start_s": 2.0, "end_s": 2.0}.get(names[number - 1][0], 0.01)
+            size = {"start_s": 2.0, "end_s": 2.0, "ramp_s": 1.2}.get(names[number - 1][0], 0.01)
             up[number - 1] += size
             down = up.copy()
             down[number - 1] -= 2 * size
