@@ -89,7 +89,7 @@ def edges(found: Hypothesis | FittedHypothesis, effect: int = 0) -> list[tuple[i
     """Run, time and standard error of every time of an event."""
     h, errors = found.hypothesis, found.errors
     free = zip(h.unknowns(), h.vector(), errors, strict=True)
-    return [(f.run, v, e) for f, v, e in free if f.run is not None and f.effect == effect]
+    return [(f.runs[0], v, e) for f, v, e in free if f.parameter.per_run and f.effect == effect]
 
 
 @cache
@@ -180,7 +180,7 @@ def test_a_planned_run_is_predicted_without_the_event_and_that_is_said():
     silent = without_samples(run, np.broadcast_to(run.time[:, None] > 40.0, (len(run), len(MEASURED))))
     (said,) = unplaced_events(question([silent], [silent.name], []), found)
     assert said == f"When a side force acts in {silent.name} is not known beforehand: predicted without it."
-    there = found.hypothesis.in_other_runs(1)
+    there = found.hypothesis.in_other_runs([0])
     assert times_of(there.effects[0], there.values[0][0]) == ()
     assert there.values[0][0, :2] == approx(found.hypothesis.values[0][0, :2])
     blind = MarginalLikelihood(whitened_data_set(CALM, [silent]))
@@ -216,7 +216,10 @@ def test_a_time_that_never_comes_is_no_unknown_and_further_intervals_cost_prior(
     timed = [j for j, p in enumerate(effect.declared) if p.per_run]
     table[1, timed] = np.inf
     one = Hypothesis((effect,), (table,))
-    assert [(f.parameter.name, f.run) for f in one.unknowns() if f.run is not None] == [("start_s", 0), ("end_s", 0)]
+    assert [(f.parameter.name, f.runs) for f in one.unknowns() if f.parameter.per_run] == [
+        ("start_s", (0,)),
+        ("end_s", (0,)),
+    ]
     more = Hypothesis((effect,), (table.copy(),))
     more.values[0][0, timed[2:4]] = (300.0, 350.0)
     # 2 times: .5 * 2 / T^2; 4 times: .15 * 24 / T^4, beside flat priors over 7200 s.

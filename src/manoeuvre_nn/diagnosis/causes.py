@@ -15,6 +15,7 @@ from manoeuvre_nn.diagnosis.result import Cause, Interval, Value
 from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.effect.common import RAMP
 from manoeuvre_nn.effect.formula import Formula, place_of
+from manoeuvre_nn.estimation.data_set import CAMPAIGN
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import hypothesis_columns
 
@@ -38,7 +39,7 @@ def causes_of(question: Question, tried: SearchResult, verdict: Decision, chosen
                 verdict.probability(name, chosen),
                 verdict.bayes[name],
                 effect.equations,
-                _values_of(j, k),
+                _values_of(j, k, question.case.fitted),
                 None if when is None else {run: [times for times, _ in spans] for run, spans in when.items()},
                 effect.fingerprint,
                 effect.source,
@@ -77,18 +78,15 @@ def _equations(tried: SearchResult) -> tuple[str, ...]:
     return tuple(e for e, level in (("X", surge), ("Y", lateral), ("N", lateral)) if level > 5e-4) or ("kinematics",)
 
 
-def _values_of(fitted: FittedHypothesis, effect: int) -> tuple[Value, ...]:
-    """Parameters of one effect with standard errors, form and per-run parameters left out."""
+def _values_of(fitted: FittedHypothesis, effect: int, runs: Sequence[Recording] = ()) -> tuple[Value, ...]:
+    """Parameters of one effect with standard errors, form and per-run parameters left out; each campaign's own."""
     h = fitted.hypothesis
     found = []
     for f, value, error in zip(h.unknowns(), h.vector(), fitted.errors, strict=True):
-        if (
-            f.effect == effect
-            and not f.parameter.form
-            and not f.parameter.per_run
-            and not _is_step(f.parameter, value, error)
-        ):
-            found.append(Value(f.parameter.name, float(value), float(error), f.parameter.unit))
+        told = not (f.parameter.form or f.parameter.per_run or _is_step(f.parameter, value, error))
+        if f.effect == effect and told:
+            campaign = str(runs[f.runs[0]].meta.get(CAMPAIGN, "")) if runs and h.campaigns else ""
+            found.append(Value(f.parameter.name, float(value), float(error), f.parameter.unit, campaign))
     sizes = [p for p in h.effects[effect].declared if p.random and p.name in fitted.random]
     found += [Value(p.name, *fitted.random[p.name], p.unit) for p in sizes]
     return tuple(found)
@@ -126,7 +124,9 @@ def _spans(
     h: Hypothesis, effect: int, covariance: Float[np.ndarray, "m m"], runs: Sequence[Recording], ramp: Value | None
 ) -> dict[str, list[tuple[Interval, Interval]]]:
     """From when half of an effect acts to when half of it is gone; with a clear ramp from its first to its last."""
-    errors = dict(zip([(f.effect, f.column, f.run) for f in h.unknowns()], np.sqrt(np.diag(covariance)), strict=True))
+    errors = dict(
+        zip([(f.effect, f.column, f.runs[0]) for f in h.unknowns()], np.sqrt(np.diag(covariance)), strict=True)
+    )
     timed = [j for j, p in enumerate(h.effects[effect].declared) if p.per_run]
     half, unsure = (0.0, 0.0) if ramp is None else (0.5 * ramp.value, 0.5 * ramp.error)
     found: dict[str, list[tuple[Interval, Interval]]] = {}

@@ -12,7 +12,7 @@ from manoeuvre_nn.diagnosis.repair import predict, predict_corrected, recorded
 from manoeuvre_nn.diagnosis.result import Proof
 from manoeuvre_nn.diagnosis.windows import replaced
 from manoeuvre_nn.dynamics.base import is_fitted
-from manoeuvre_nn.estimation.data_set import LATENCY, WhitenedDataSet
+from manoeuvre_nn.estimation.data_set import LATENCY, WhitenedDataSet, same_campaigns
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.scoring.free_runs import errors
@@ -78,7 +78,7 @@ def foreseen(question: Question, claim: FittedHypothesis, elsewhere: Hypothesis)
 def placed(question: Question, fitted: FittedHypothesis) -> Hypothesis:
     """What was found in the held-out runs: its values, but times of an event placed in each run's own recording."""
     found = fitted.hypothesis
-    elsewhere = found.in_other_runs(len(question.case.held_out))
+    elsewhere = found.in_other_runs(same_campaigns(question.case.fitted, question.case.held_out))
     if not question.case.held_out or not any(p.per_run for effect in found.effects for p in effect.declared):
         return elsewhere
     fixed = frozenset(p.name for e in found.effects for p in e.declared if not p.per_run)

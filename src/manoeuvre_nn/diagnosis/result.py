@@ -19,12 +19,14 @@ class Value:
         value: Its value.
         error: Standard error.
         unit: Unit of both.
+        campaign: Where every campaign has its own value, which one; else empty.
     """
 
     name: str
     value: float
     error: float
     unit: str
+    campaign: str = ""
 
 
 @dataclass(frozen=True)

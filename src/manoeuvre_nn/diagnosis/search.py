@@ -6,6 +6,7 @@ from itertools import product
 from math import inf
 
 import numpy as np
+from jaxtyping import Float
 
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.diagnosis.gusts import fitted_gusts
@@ -197,13 +198,25 @@ def _starts(likelihood: MarginalLikelihood, effect: Effect, level: int, scatter:
     """The two most promising of all starts, by what a linear step from each would gain; windows of an event."""
     data_set = likelihood.data_set
     if any(p.per_run for p in effect.declared):
-        return [Hypothesis((effect,), (v,)) for v in best_windows(likelihood, effect, level, scatter)]
+        events = best_windows(likelihood, effect, level, scatter)
+        return [Hypothesis((effect,), (values,), campaigns=data_set.campaigns) for values in events]
     grid = np.array(list(product(*[(p.null,) if p.form else p.starts for p in effect.declared])), dtype=float)
-    made = [Hypothesis((effect,), (np.tile(row, (len(data_set.runs), 1)),)) for row in grid]
-    if len(made) < 3:
-        return made
-    scores = [likelihood.posterior(likelihood.columns(h), level).evidence[scatter] for h in made]
-    return [made[k] for k in np.argsort(scores)[::-1][:2]]
+    made = np.tile(grid[:, None], (1, len(data_set.runs), 1))
+    if len(grid) < 3:
+        return [Hypothesis((effect,), (values,), campaigns=data_set.campaigns) for values in made]
+
+    def scores(values: Float[np.ndarray, "k runs p"]) -> Float[np.ndarray, " k"]:
+        each = [Hypothesis((effect,), (v,), campaigns=data_set.campaigns) for v in values]
+        found = [likelihood.posterior(likelihood.columns(h), level).evidence[scatter] for h in each]
+        return np.array(found)
+
+    # What acts in one campaign is another thing than what acts in the next: each on its own, nothing in the others.
+    best = np.empty((2, len(data_set.runs), grid.shape[1]))
+    for number in set(data_set.campaigns) or {0}:
+        mine = np.array(data_set.campaigns or [0] * len(data_set.runs)) == number
+        alone = np.where(mine[None, :, None], made, effect.null().numpy())
+        best[:, mine] = made[np.argsort(scores(alone))[::-1][:2]][:, mine]
+    return [Hypothesis((effect,), (values,), campaigns=data_set.campaigns) for values in best]
 
 
 def worth_its_size(fitted: FittedHypothesis, known: Mapping[frozenset[str], float]) -> bool:
@@ -265,7 +278,7 @@ def _restarts(likelihood: MarginalLikelihood, first: FittedHypothesis, starts: l
     if not any(p.per_run for p in effect.declared):
         return starts
     events = best_windows(likelihood, effect, *first.best, first.hypothesis)
-    return [starts[0], *(Hypothesis((effect,), (values,)) for values in events)]
+    return [starts[0], *(replace(starts[0], values=(values,)) for values in events)]
 
 
 def _turned(alone: Hypothesis) -> Iterator[Hypothesis]:
@@ -277,7 +290,7 @@ def _turned(alone: Hypothesis) -> Iterator[Hypothesis]:
             values[:, j] = p.starts[0]
     for angle in range(0, 360, 90) if directions else ():
         values[:, directions[0]] = angle
-        yield Hypothesis((effect,), (values.copy(),))
+        yield replace(alone, values=(values.copy(),))
 
 
 def _same_thing(first: FittedHypothesis, second: FittedHypothesis) -> bool:

@@ -24,14 +24,17 @@ class Hypothesis:
 
     Attributes:
         effects: The effects, prototypes without values of their own.
-        values: Parameter values of each effect, one row a run; parameters that are not per run are equal in all rows.
+        values: Parameter values of each effect, one row a run; parameters that are not per run are equal in all rows of
+            a campaign.
             A time that is inf is none: it never comes, and is no unknown.
         fixed: Names of parameters that are held at their values.
+        campaigns: Number of each run's campaign: what is not per run has a value for each of them. Empty is one.
     """
 
     effects: tuple[Effect, ...]
     values: tuple[Float[np.ndarray, "runs _"], ...]
     fixed: frozenset[str] = frozenset()
+    campaigns: tuple[int, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -39,7 +42,7 @@ class Hypothesis:
         return tuple(e.name for e in self.effects)
 
     def unknowns(self) -> list["_Unknown"]:
-        """All free numbers: effect, parameter, and the run for those that differ between runs."""
+        """All free numbers: effect, parameter, and the runs that they belong to."""
         found = []
         for k, effect in enumerate(self.effects):
             for j, p in enumerate(effect.declared):
@@ -47,12 +50,19 @@ class Hypothesis:
                 if p.random or p.name in self.fixed:
                     continue
                 happens = np.flatnonzero(np.isfinite(self.values[k][:, j])).tolist()
-                found += [_Unknown(k, j, run, p) for run in (happens if p.per_run else [None])]
+                groups = [(run,) for run in happens] if p.per_run else self._groups(len(self.values[k]))
+                found += [_Unknown(k, j, runs, p) for runs in groups]
         return found
+
+    def _groups(self, count: int) -> list[tuple[int, ...]]:
+        """Runs of each campaign."""
+        if not self.campaigns:
+            return [tuple(range(count))]
+        return [tuple(np.flatnonzero(np.array(self.campaigns) == c).tolist()) for c in sorted(set(self.campaigns))]
 
     def vector(self) -> Float[np.ndarray, " m"]:
         """Values of the free numbers."""
-        return np.array([self.values[f.effect][f.run or 0, f.column] for f in self.unknowns()])
+        return np.array([self.values[f.effect][f.runs[0], f.column] for f in self.unknowns()])
 
     def log_prior_of_times(self, durations: Sequence[float]) -> float:
         """Log prior of how often events happen in each run, and of their times beside flat priors within their bounds.
@@ -98,23 +108,27 @@ class Hypothesis:
         """
         values = [v.copy() for v in self.values]
         for f, value in zip(self.unknowns(), vector, strict=True):
-            values[f.effect][slice(None) if f.run is None else f.run, f.column] = value
+            values[f.effect][list(f.runs), f.column] = value
         return replace(self, values=tuple(values))
 
     def of_runs(self, rows: Sequence[int]) -> "Hypothesis":
         """The hypothesis about other runs, each with the values of one of these."""
-        return replace(self, values=tuple(v[list(rows)] for v in self.values))
+        campaigns = tuple(self.campaigns[row] for row in rows) if self.campaigns else ()
+        return replace(self, values=tuple(v[list(rows)] for v in self.values), campaigns=campaigns)
 
-    def in_other_runs(self, number: int) -> "Hypothesis":
-        """The hypothesis about runs of which nothing is known: numbers of all runs hold, events have no time there."""
-        other = self.of_runs([0] * number)
+    def in_other_runs(self, rows: Sequence[int]) -> "Hypothesis":
+        """The hypothesis about unknown runs, each with the numbers of one of these; no event has a time there."""
+        other = self.of_runs(rows)
         for effect, values in zip(self.effects, other.values, strict=True):
             values[:, [p.per_run for p in effect.declared]] = np.inf
         return other
 
     def joined(self, other: "Hypothesis") -> "Hypothesis":
         """Both sets of effects together."""
-        return replace(self, effects=self.effects + other.effects, values=self.values + other.values)
+        campaigns = self.campaigns or other.campaigns
+        return replace(
+            self, effects=self.effects + other.effects, values=self.values + other.values, campaigns=campaigns
+        )
 
 
 @dataclass(frozen=True)
@@ -124,13 +138,13 @@ class _Unknown:
     Attributes:
         effect: Number of the effect.
         column: Number of its parameter.
-        run: The run that it belongs to; None for all.
+        runs: The runs that it belongs to.
         parameter: What it is.
     """
 
     effect: int
     column: int
-    run: int | None
+    runs: tuple[int, ...]
     parameter: Parameter
 
     @property

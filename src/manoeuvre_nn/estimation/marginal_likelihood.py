@@ -62,7 +62,7 @@ def hypothesis_columns(data_set: WhitenedDataSet, hypothesis: Hypothesis) -> Hyp
     parts: list[list[Columns]] = [[] for _ in runs]
     index: list[list[int]] = [[0] for _ in runs]
     for k, effect in enumerate(hypothesis.effects):
-        mine = [[i for i, f in enumerate(unknowns) if f.effect == k and f.run in (None, r)] for r in range(len(runs))]
+        mine = [[i for i, f in enumerate(unknowns) if f.effect == k and r in f.runs] for r in range(len(runs))]
         tables = [
             _table(effect.steady(values), {unknowns[i].column: unknowns[i].parameter for i in at})
             for values, at in zip(hypothesis.values[k], mine, strict=True)

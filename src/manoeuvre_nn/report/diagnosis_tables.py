@@ -68,6 +68,11 @@ def words(value: Value) -> str:
     return criterion_label(value.name.removesuffix(f"_{value.unit}"))[0]
 
 
+def of_campaign(value: Value) -> str:
+    """The campaign that a value belongs to, in brackets."""
+    return f" ({value.campaign})" if value.campaign else ""
+
+
 def value_text(value: Value) -> str:
     """A parameter with its standard error, if this is known, both to the error's second digit: ``11.2 ± 1.4 m/s``."""
     unit = "" if value.unit == "-" else f" {value.unit}"
@@ -123,7 +128,8 @@ def cause_rows(d: Diagnosis, causes: Sequence[Cause]) -> list[dict[str, Any]]:
         {
             "cause": f"{'* ' if cause.name in d.model else ''}{cause.label}",
             "probability": percent(cause.probability),
-            FOUND: "\n".join(f"{words(value)} {value_text(value)}" for value in cause.parameters) or "–",
+            FOUND: "\n".join(f"{words(value)}{of_campaign(value)} {value_text(value)}" for value in cause.parameters)
+            or "–",
             "when": when_text(cause),
             "acts on": _acts_text(cause),
             "ln B": _whole(cause.evidence),
@@ -137,7 +143,7 @@ def parameter_rows(causes: Sequence[Cause]) -> list[dict[str, Any]]:
     return [
         {
             "cause": cause.label,
-            "parameter": words(value),
+            "parameter": f"{words(value)}{of_campaign(value)}",
             FOUND: value_text(value),
             "95 % interval": interval_text(value),
         }
