@@ -21,8 +21,9 @@ DEFAULTS = {"cases": "48", "seed": "", "out": "outputs/concealed_trial", "jobs":
 DEFAULTS |= {"methods": "manoeuvre_nn"}
 METHODS = {
     "manoeuvre_nn": (sys.executable, "diagnose.py", "cases={cases}", "out={out}", "workers=1"),
-    "regression": (sys.executable, "scripts/rivals.py", "method=regression", "cases={cases}", "out={out}"),
-    "pysindy": (sys.executable, "scripts/rivals.py", "method=pysindy", "cases={cases}", "out={out}"),
+} | {
+    rival: (sys.executable, "scripts/rivals.py", f"method={rival}", "cases={cases}", "out={out}")
+    for rival in ("regression", "pysindy", "sample_split", "structural", "neural", "neural_referee")
 }
 """Command of each tool; its answers lie in OUT/answers, or OUT/answers_NAME for others than the first."""
 
