@@ -1,30 +1,52 @@
 """Concealed trial: draws cases nobody knows, lets tools answer them, opens the answers and scores.
 
     python scripts/concealed_trial.py cases=48 seed=7 out=outputs/concealed_trial jobs=2
+    python scripts/concealed_trial.py cases=200 seed=8 sort=clean            # false alarms
+    python scripts/concealed_trial.py cases=60 seed=9 strength=weak methods=manoeuvre_nn,ideal
+
+``sort`` is clean, single, pair, triple or unknown; ``strength`` weak, moderate, strong or extreme; ``channels`` a
+channel set (full, no_shaft, no_log, gps_heading, two_seconds); ``strict=true`` leaves only rudder and warm-up in
+held-out runs;
+``tool`` holds further words for diagnose.py, whose answers then lie in a folder of their own.
 
 Three processes: the first writes recordings and the hashes of the answers, the second runs the tools and never gets the
 seed, the third draws the answers again, checks the hashes and scores. Each goes on where it was stopped.
 """
 
 import os
+import shlex
 import subprocess
 import sys
+from collections.abc import Iterable
+from hashlib import sha256
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))  # studies stand beside the package, not in it
 
 from manoeuvre_nn.core.errors import InputError  # noqa: E402
-from studies.concealed_trial.stages import Trial, answer, generate, score  # noqa: E402
+from studies.concealed_trial.channels import CHANNEL_SETS  # noqa: E402
+from studies.concealed_trial.drawing import ALL, SHARES, Trial  # noqa: E402
+from studies.concealed_trial.stages import answer, generate, score  # noqa: E402
+from studies.concealed_trial.strength import STRENGTHS  # noqa: E402
 
 DEFAULTS = {"cases": "48", "seed": "", "out": "outputs/concealed_trial", "jobs": "2", "nuisance": "1.0"}
-DEFAULTS |= {"methods": "manoeuvre_nn"}
+DEFAULTS |= {"methods": "manoeuvre_nn", "tool": ""} | dict.fromkeys(("sort", "strength", "channels"), ALL)
+DEFAULTS |= {"strict": "false"}
+CHOICES = {"sort": SHARES, "strength": STRENGTHS, "channels": CHANNEL_SETS}
 METHODS = {
     "manoeuvre_nn": (sys.executable, "diagnose.py", "cases={cases}", "out={out}", "workers=1"),
 } | {
     rival: (sys.executable, "scripts/rivals.py", f"method={rival}", "cases={cases}", "out={out}")
     for rival in ("regression", "pysindy", "sample_split", "structural", "neural", "neural_referee")
 }
+METHODS["ideal"] = (
+    sys.executable,
+    "-m",
+    "studies.concealed_trial.ideal",
+    *METHODS["pysindy"][3:],
+    "nuisance={nuisance}",
+)
 """Command of each tool; its answers lie in OUT/answers, or OUT/answers_NAME for others than the first."""
 
 
@@ -92,20 +114,44 @@ def trial_of(given: dict[str, str]) -> Trial:
         nuisance = -1.0
     if not 0 <= nuisance <= 2:
         raise InputError(f"nuisance={given['nuisance']}: write a number from 0 (the model is exact) to 2")
-    return Trial(number(given, "seed", 0), number(given, "cases", 1), nuisance)
+    chosen = {key: one_of(given, key, (ALL, *known)) for key, known in CHOICES.items()}
+    strict = one_of(given, "strict", ("true", "false")) == "true"
+    return Trial(number(given, "seed", 0), number(given, "cases", 1), nuisance, **chosen, strict=strict)
 
 
-def folder_of(out: Path, method: str) -> Path:
+def one_of(given: dict[str, str], key: str, known: Iterable[str]) -> str:
+    """A setting that is one of a few words.
+
+    Args:
+        given: The settings.
+        key: Which one.
+        known: What it may be.
+
+    Returns:
+        The word.
+
+    Raises:
+        InputError: If it is another.
+    """
+    if given[key] not in (words := list(known)):
+        raise InputError(f"{key}={given[key]}: choose from: {', '.join(words)}")
+    return given[key]
+
+
+def folder_of(out: Path, method: str, tool: str = "") -> Path:
     """Where a tool's answers lie.
 
     Args:
         out: Folder of the trial.
         method: Name of the tool.
+        tool: Further words for the package's own command.
 
     Returns:
         The folder.
     """
-    return out / ("answers" if method == next(iter(METHODS)) else f"answers_{method}")
+    if method != next(iter(METHODS)):
+        return out / f"answers_{method}"
+    return out / ("answers" if not tool else f"answers_{sha256(tool.encode()).hexdigest()[:6]}")
 
 
 def run_stage(given: dict[str, str]) -> None:
@@ -114,17 +160,19 @@ def run_stage(given: dict[str, str]) -> None:
     Args:
         given: The settings, with ``stage``.
     """
-    out, jobs, methods = Path(given["out"]), number(given, "jobs", 1), given["methods"].split(",")
+    out, jobs, tool = Path(given["out"]), number(given, "jobs", 1), given["tool"]
+    folders = {method: folder_of(out, method, tool) for method in given["methods"].split(",")}
     if given["stage"] == "answer":
-        for method in methods:
-            folder = folder_of(out, method)
-            answer(out / "recordings", folder, METHODS[method], jobs, root=ROOT, method=method)
+        for method, folder in folders.items():
+            command = [word.replace("{nuisance}", given["nuisance"]) for word in METHODS[method]]
+            words = (*command, *(shlex.split(tool) if method == next(iter(METHODS)) else ()))
+            answer(out / "recordings", folder, words, jobs, root=ROOT, method=method)
         return
     trial = trial_of(given | {"seed": sys.stdin.read().strip()})
     if given["stage"] == "generate":
         generate(trial, out, jobs)
     else:
-        print(score(trial, out, {method: folder_of(out, method) for method in methods}, jobs))
+        print(score(trial, out, folders, jobs))
 
 
 def main(arguments: list[str]) -> int:

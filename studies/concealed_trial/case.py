@@ -27,6 +27,9 @@ class TrialCase:
         outliers: Share of samples that are outliers.
         chance: Seed of all series.
         salt: Salt of the commitment.
+        channels: What the recorder writes, a name of :data:`studies.concealed_trial.channels.CHANNEL_SETS`.
+        hole: Run of which minutes are missing, first and last second of them; None if none are.
+        strict: Whether held-out runs hold rudder and warm-up only.
     """
 
     name: str
@@ -42,22 +45,27 @@ class TrialCase:
     outliers: float
     chance: int
     salt: str
+    channels: str = "full"
+    hole: tuple[str, int, int] | None = None
+    strict: bool = False
 
     def answers(self) -> dict[str, Any]:
         """What was concealed, as published when a set is opened.
 
         Returns:
-            Case, ship, verdict and effects.
+            Case, ship, verdict, effects and the name of the channel set.
         """
         effects = [_published(e, m) for e, m in zip(self.effects, self.measures, strict=True)]
         verdict = "mismatch" if effects else "none"
-        return {"case": self.name, "ship": self.ship.name, "verdict": verdict, "effects": effects}
+        answers = {"case": self.name, "ship": self.ship.name, "verdict": verdict, "effects": effects}
+        return answers | {"channels": self.channels}
 
 
 def _published(effect: ConcealedEffect, measure: float) -> dict[str, Any]:
     """One effect as published."""
     kind = kind_of(effect.name, effect.detail)
-    return {
+    ramp = {"ramp_s": effect.ramp} if effect.ramp else {}
+    return ramp | {
         "name": effect.name,
         "detail": effect.detail,
         "strength": effect.strength,

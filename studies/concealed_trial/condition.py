@@ -117,7 +117,12 @@ def change_depth(tables: Tables, depth_m: float) -> None:
     Args:
         tables: Changed in place.
         depth_m: Water depth [m].
+
+    Raises:
+        ValueError: If the ship is aground.
     """
+    if depth_m <= tables.ship.draught:
+        raise ValueError(f"depth {depth_m:g} m: the draught is {tables.ship.draught:g} m")
     (tanker_at_depth if tables.ship.is_tanker else _kijima)(tables, depth_m)
 
 

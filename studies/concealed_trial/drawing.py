@@ -9,21 +9,54 @@ from typing import TypeVar
 import numpy as np
 
 from studies.concealed_trial.case import TrialCase
+from studies.concealed_trial.channels import CHANNEL_SETS, shows
 from studies.concealed_trial.effects import KINDS, NOISE, UNKNOWN, UNMODELLED, Kind
-from studies.concealed_trial.helm import Run
+from studies.concealed_trial.helm import MANOEUVRE_START, Run
 from studies.concealed_trial.model_error import with_model_error
 from studies.concealed_trial.motion import sail
 from studies.concealed_trial.ships import TrialShip, trial_ships
-from studies.concealed_trial.strength import STEP, STRENGTHS, draw_effect, in_range
+from studies.concealed_trial.strength import LESS, STEP, STRENGTHS, draw_effect, in_range
 
-SHARES = {"none": 0.20, "single": 0.50, "pair": 0.12, UNKNOWN: 0.18}
+SHARES = {"clean": 0.20, "single": 0.44, "pair": 0.12, "triple": 0.06, UNKNOWN: 0.18}
 """How many cases of each sort a trial has."""
+COUNT = {"clean": 0, "single": 1, "pair": 2, "triple": 3, UNKNOWN: 1}
+"""Effects of each sort."""
+RECORDERS = ("full",) * 6 + tuple(name for name in CHANNEL_SETS if name != "full")
+HOLES = (True, False, False, False, False, False)
+"""Channel sets, and cases in which a minute to three of one run are missing, by their shares."""
+HOLE = (60, 180)
+"""Length of a hole [s]."""
+ALL = "all"
+"""Every sort, strength or channel set, by its share."""
 CUBIC = ("Xuvv", "Xudd", "Xuvr", "Yvrd", "Yuur", "Yrrd", "Nvrd", "Nuuv", "Nvvr", "Nuud")
 """Small terms of which one is missing from the model in every case; the last three letters are its factors."""
 
 Item = TypeVar("Item")
-ATTEMPTS, TRIES = 4, 3
-"""A case whose ship is thrown out of its range gets smaller errors of the coefficients, then is drawn again."""
+ATTEMPTS, TRIES = 8, 3
+"""Where a ship is thrown out of its range, the errors of the coefficients shrink; then all is drawn again, smaller."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What a trial is made from; all of it is needed again to open the answers.
+
+    Attributes:
+        seed: Seed.
+        cases: How many.
+        nuisance: Size of what is wrong with the model in every case; 0 leaves the model exact.
+        sort: A key of :data:`SHARES`, or all.
+        strength: One of the strengths, or all.
+        channels: A channel set, or all.
+        strict: Whether held-out runs hold rudder and warm-up only.
+    """
+
+    seed: int
+    cases: int
+    nuisance: float = 1.0
+    sort: str = ALL
+    strength: str = ALL
+    channels: str = ALL
+    strict: bool = False
 
 
 @dataclass(frozen=True)
@@ -34,41 +67,47 @@ class CasePlan:
         ship: Name of the ship.
         kinds: Kinds of the effects.
         strengths: How strong they are to be.
+        channels: Channel set.
+        hole: Whether a part of one run to fit is missing.
+        strict: Whether held-out runs hold rudder and warm-up only.
     """
 
     ship: str
     kinds: tuple[Kind, ...]
     strengths: tuple[str, ...]
+    channels: str = "full"
+    hole: bool = False
+    strict: bool = False
 
 
-def plans(seed: int, cases: int) -> list[CasePlan]:
-    """What the cases of a trial are to be: sorts by their shares, names, strengths and ships in turn.
+def plans(trial: Trial) -> list[CasePlan]:
+    """What the cases of a trial are to be: sorts by their shares; names, strengths, ships and channel sets in turn.
 
     Args:
-        seed: Seed of the trial.
-        cases: How many.
+        trial: The trial.
 
     Returns:
         One plan a case, in random order.
     """
-    rng = np.random.default_rng([seed, 0])
-    sorts = _by_share(cases)
+    rng = np.random.default_rng([trial.seed, 0])
+    sorts = _by_share(trial.cases) if trial.sort == ALL else [trial.sort] * trial.cases
     listed, other = _shuffled_cycle(rng, KINDS), _shuffled_cycle(rng, UNMODELLED)
-    strengths, ships = _shuffled_cycle(rng, STRENGTHS), _shuffled_cycle(rng, tuple(trial_ships()))
+    strengths = _shuffled_cycle(rng, STRENGTHS if trial.strength == ALL else (trial.strength,))
+    recorders = _shuffled_cycle(rng, RECORDERS if trial.channels == ALL else (trial.channels,))
+    ships, holes = _shuffled_cycle(rng, tuple(trial_ships())), _shuffled_cycle(rng, HOLES)
     found = []
     for sort in sorts:
         kinds: tuple[Kind, ...] = ()
-        if sort == "single":
-            kinds = (next(listed),)
-        elif sort == UNKNOWN:
-            kinds = (next(other),)
-        elif sort == "pair":
-            first = next(listed)
-            second = next(k for k in listed if k.family != first.family and k.name not in first.equivalent)
-            kinds = (first, second)
+        for _ in range(COUNT[sort]):
+            source = other if sort == UNKNOWN else listed
+            families, equal = {k.family for k in kinds}, {name for k in kinds for name in k.equivalent}
+            kinds += (next(k for k in source if k.family not in families and k.name not in equal),)
         ship = next(s for s in ships if all(not k.ships or s in k.ships for k in kinds))
-        found.append(CasePlan(ship, kinds, tuple(next(strengths) for _ in kinds)))
-    return [found[k] for k in rng.permutation(cases)]
+        channels = next(recorders)
+        channels = channels if all(shows(channels, kind) for kind in kinds) else "full"
+        drawn = tuple(next(strengths) for _ in kinds)
+        found.append(CasePlan(ship, kinds, drawn, channels, next(holes), trial.strict))
+    return [found[k] for k in rng.permutation(trial.cases)]
 
 
 def _by_share(cases: int) -> list[str]:
@@ -147,7 +186,8 @@ def _drawn(seed: int, index: int, attempt: int, plan: CasePlan, nuisance: float)
     salt = salt_of(seed, index)
     ship = trial_ships()[plan.ship]
     runs = draw_runs(rng, ship)
-    drawn = [draw_effect(rng, ship, k, s, runs) for k, s in zip(plan.kinds, plan.strengths, strict=True)]
+    share = LESS**attempt
+    drawn = [draw_effect(rng, ship, k, s, runs, share) for k, s in zip(plan.kinds, plan.strengths, strict=True)]
     noise = {channel: sd * float(rng.uniform(0.8, 1.3)) for channel, sd in NOISE.items()}
     return TrialCase(
         name=case_name(seed, index),
@@ -163,7 +203,18 @@ def _drawn(seed: int, index: int, attempt: int, plan: CasePlan, nuisance: float)
         outliers=float(rng.choice([0.0, 0.0, 0.003])),
         chance=int(rng.integers(2**62)),
         salt=salt,
+        channels=plan.channels,
+        hole=_draw_hole(rng, runs) if plan.hole else None,
+        strict=plan.strict,
     )
+
+
+def _draw_hole(rng: np.random.Generator, runs: Sequence[Run]) -> tuple[str, int, int]:
+    """Minutes that are missing after the manoeuvre began, in a run to fit."""
+    run = runs[int(rng.choice([k for k, run in enumerate(runs) if run.split == "fit"]))]
+    length = int(rng.uniform(*HOLE))
+    start = int(rng.uniform(2 * MANOEUVRE_START, max(0.8 * run.duration - length, 2 * MANOEUVRE_START + 1)))
+    return run.name, start, start + length
 
 
 def draw_runs(rng: np.random.Generator, ship: TrialShip) -> tuple[Run, ...]:

@@ -35,7 +35,7 @@ class Kind:
         family: Family for scores.
         accepted: Places that count as right; the first is the place.
         low: Smallest sensible size.
-        high: Largest sensible size.
+        high: Largest size that is possible at sea; what keeps the ship in her range may be less.
         make: Parameters from the ship, the size and what is drawn besides.
         extras: What is drawn besides: name and range; ``sign`` is -1 or 1.
         equivalent: Names that count as equal.
@@ -89,7 +89,8 @@ def _lever(ship: TrialShip, s: float, extra: Extras) -> dict[str, float]:
     """Antenna on the ship."""
     angle = np.radians(extra["angle"])
     across = float(np.clip(s * np.sin(angle), -0.5 * ship.beam, 0.5 * ship.beam))
-    return {"dx_m": s * float(np.cos(angle)), "dy_m": across}
+    ahead = float(np.clip(s * np.cos(angle), -0.5 * ship.length, 0.5 * ship.length))
+    return {"dx_m": ahead, "dy_m": across}
 
 
 def _slow(ship: TrialShip, s: float, extra: Extras) -> dict[str, float]:
@@ -105,16 +106,16 @@ def _factor(ship: TrialShip, s: float, extra: Extras) -> dict[str, float]:
 SIGN, ANGLE = {"sign": (-1.0, 1.0)}, {"angle": (0.0, 360.0)}
 
 KINDS: tuple[Kind, ...] = (
-    Kind("wind_steady", "wind and waves", HULL, 2.0, 22.0, _from, ANGLE),
-    Kind("wind_gusty", "wind and waves", HULL, 2.0, 22.0, _gusty, ANGLE | {"gustiness": (0.12, 0.22)}),
-    Kind("wind_onset", "wind and waves", HULL, 2.0, 24.0, _from, ANGLE, confined="onset"),
-    Kind("wave_drift", "wind and waves", HULL, 0.7, 7.0, lambda h, s, e: {"Hs": s, "from_deg": e["angle"]}, ANGLE),
+    Kind("wind_steady", "wind and waves", HULL, 2.0, 40.0, _from, ANGLE),
+    Kind("wind_gusty", "wind and waves", HULL, 2.0, 40.0, _gusty, ANGLE | {"gustiness": (0.12, 0.22)}),
+    Kind("wind_onset", "wind and waves", HULL, 2.0, 40.0, _from, ANGLE, confined="onset"),
+    Kind("wave_drift", "wind and waves", HULL, 0.7, 14.0, lambda h, s, e: {"Hs": s, "from_deg": e["angle"]}, ANGLE),
     Kind(
         "current",
         "current",
         (("kinematics",),),
         0.02,
-        2.0,
+        4.0,
         lambda h, s, e: {"speed": s, "toward_deg": e["angle"]},
         ANGLE,
     ),
@@ -123,7 +124,7 @@ KINDS: tuple[Kind, ...] = (
         "depth",
         (("X", "Y", "N"), ("Y", "N")),
         0.05,
-        3.0,
+        5.0,
         lambda h, s, e: {"depth_m": h.draught * (1 + 1 / s)},
     ),
     Kind(
@@ -131,21 +132,21 @@ KINDS: tuple[Kind, ...] = (
         "rudder",
         RUDDER,
         0.05,
-        4.0,
+        10.0,
         _plain("offset_deg", True),
         SIGN,
         equivalent=("propeller_side_force",),
     ),
-    Kind("rudder_backlash", "rudder", RUDDER, 0.3, 6.0, _plain("width_deg")),
-    Kind("rudder_slow", "rudder", RUDDER, 0.05, 8.0, _slow),
-    Kind("rudder_delay", "rudder", RUDDER, 0.2, 8.0, _plain("delay_s")),
-    Kind("rudder_area_loss", "rudder", RUDDER, 0.01, 0.5, _plain("fraction")),
+    Kind("rudder_backlash", "rudder", RUDDER, 0.3, 20.0, _plain("width_deg")),
+    Kind("rudder_slow", "rudder", RUDDER, 0.05, 20.0, _slow),
+    Kind("rudder_delay", "rudder", RUDDER, 0.2, 30.0, _plain("delay_s")),
+    Kind("rudder_area_loss", "rudder", RUDDER, 0.01, 0.8, _plain("fraction")),
     Kind(
         "propeller_side_force",
         "propeller and resistance",
         (("Y", "N"), ("X", "Y", "N"), ("actuator:propeller",)),
         1e-4,
-        0.012,
+        0.03,
         _force(),
         SIGN,
         equivalent=("rudder_offset",),
@@ -155,7 +156,7 @@ KINDS: tuple[Kind, ...] = (
         "propeller and resistance",
         (("X",), ("actuator:propeller",), ("X", "actuator:propeller"), ("X", "Y", "N")),
         0.01,
-        0.3,
+        0.6,
         _plain("fraction", True),
         SIGN,
     ),
@@ -164,20 +165,20 @@ KINDS: tuple[Kind, ...] = (
         "propeller and resistance",
         (("X",), ("actuator:propeller",), ("X", "actuator:propeller"), ("X", "Y", "N")),
         0.03,
-        0.8,
+        1.0,
         _plain("rpm_slope"),
     ),
-    Kind("hull_fouling", "propeller and resistance", (("X",),), 0.01, 1.0, _plain("added_resistance")),
-    Kind("ice_resistance", "propeller and resistance", (("X",),), 0.01, 0.5, _force(of="resistance")),
-    Kind("displacement_change", "ship condition", (("X", "Y", "N"), ("Y", "N")), 0.01, 0.3, _factor, SIGN),
-    Kind("trim_change", "ship condition", (("Y", "N"), ("X", "Y", "N")), 0.05, 3.5, _plain("trim_m")),
-    Kind("roll_coupling", "roll", (("N",),), 5e-4, 0.15, _plain("N_phi", True), SIGN, ships=("mariner",)),
+    Kind("hull_fouling", "propeller and resistance", (("X",),), 0.01, 2.0, _plain("added_resistance")),
+    Kind("ice_resistance", "propeller and resistance", (("X",),), 0.01, 1.0, _force(of="resistance")),
+    Kind("displacement_change", "ship condition", (("X", "Y", "N"), ("Y", "N")), 0.01, 0.45, _factor, SIGN),
+    Kind("trim_change", "ship condition", (("Y", "N"), ("X", "Y", "N")), 0.05, 5.0, _plain("trim_m")),
+    Kind("roll_coupling", "roll", (("N",),), 5e-4, 0.3, _plain("N_phi", True), SIGN, ships=("mariner",)),
     Kind(
         "side_force",
         "local force",
         (("Y", "N"),),
         5e-4,
-        0.04,
+        0.1,
         _force(lever=True),
         SIGN | {"lever": (-0.25, 0.25)},
         confined="interval",
@@ -187,7 +188,7 @@ KINDS: tuple[Kind, ...] = (
         "local force",
         (("Y", "N"),),
         2e-4,
-        0.02,
+        0.06,
         _force(),
         SIGN,
         equivalent=("side_force",),
@@ -198,7 +199,7 @@ KINDS: tuple[Kind, ...] = (
         "sensors",
         (("sensor:psi",),),
         0.2,
-        5.0,
+        30.0,
         _plain("bias_deg", True),
         SIGN,
         per_unit=lambda h: 1 / NOISE["heading_deg"],
@@ -208,7 +209,7 @@ KINDS: tuple[Kind, ...] = (
         "sensors",
         (("sensor:r",),),
         0.03,
-        0.3,
+        3.0,
         _plain("bias_deg_s", True),
         SIGN,
         per_unit=lambda h: 1 / NOISE["yaw_rate_deg_s"],
@@ -218,7 +219,7 @@ KINDS: tuple[Kind, ...] = (
         "sensors",
         (("sensor:u_log",),),
         0.01,
-        0.3,
+        0.6,
         _factor,
         SIGN,
         per_unit=lambda h: h.speed / NOISE["log_m_s"],
@@ -234,7 +235,7 @@ KINDS: tuple[Kind, ...] = (
             ("kinematics",),
         ),
         1.5,
-        120.0,
+        170.0,
         _lever,
         ANGLE,
         per_unit=lambda h: 1 / NOISE["position_m"],
@@ -272,19 +273,25 @@ def _unlisted_sensor(
 
 
 UNMODELLED: tuple[Kind, ...] = (
-    _unlisted("cubic_by_heading", 0.003, 1.0, **SIGN),
-    _unlisted("lopsided_turn", 2e-4, 0.05, **SIGN),
-    _unlisted("beat", 2e-4, 0.03, period_s=(25.0, 90.0)),
-    _unlisted("turn_drag", 5e-4, 0.1),
-    _unlisted("by_speed", 0.001, 0.1, **SIGN),
-    _unlisted("striped_water", 2e-4, 0.05, stripes_deg=(0.0, 180.0), spacing=(4.0, 9.0)),
-    _unlisted("damped_drift", 0.002, 0.5, **SIGN),
+    _unlisted("cubic_by_heading", 0.003, 3.0, **SIGN),
+    _unlisted("lopsided_turn", 2e-4, 0.15, **SIGN),
+    _unlisted("beat", 2e-4, 0.1, period_s=(25.0, 90.0)),
+    _unlisted("turn_drag", 5e-4, 0.3),
+    _unlisted("by_speed", 0.001, 0.3, **SIGN),
+    _unlisted("striped_water", 2e-4, 0.15, stripes_deg=(0.0, 180.0), spacing=(4.0, 9.0)),
+    _unlisted("damped_drift", 0.002, 1.5, **SIGN),
+    _unlisted("sway_beat", 2e-4, 0.3, period_s=(50.0, 240.0)),
+    _unlisted("late_turn", 2e-4, 0.1, lag_s=(20.0, 120.0), **SIGN),
+    _unlisted("growing_push", 2e-4, 0.1, **SIGN),
+    _unlisted("growing_drag", 2e-4, 0.1),
+    _unlisted("random_push", 5e-4, 0.3, tau_s=(10.0, 120.0), chance=(0.0, 9999.0)),
+    _unlisted("random_moment", 2e-4, 0.1, tau_s=(10.0, 120.0), chance=(0.0, 9999.0)),
     _unlisted("rudder_hole", 0.05, 0.9),
     _unlisted("weak_to_port", 0.02, 0.6),
-    _unlisted_sensor("compass_two_beats", 0.3, 6.0, lambda h: 0.7 / NOISE["heading_deg"]),
-    _unlisted_sensor("log_by_heading", 0.02, 0.4, lambda h: 0.7 * h.speed / NOISE["log_m_s"]),
-    _unlisted_sensor("position_runs_away", 5e-6, 1e-3, lambda h: 0.45 * 600**2 / NOISE["position_m"]),
-    _unlisted_sensor("rate_scale", 0.05, 0.6, lambda h: 0.5 / NOISE["yaw_rate_deg_s"], SIGN),
+    _unlisted_sensor("compass_two_beats", 0.3, 25.0, lambda h: 0.7 / NOISE["heading_deg"]),
+    _unlisted_sensor("log_by_heading", 0.02, 0.6, lambda h: 0.7 * h.speed / NOISE["log_m_s"]),
+    _unlisted_sensor("position_runs_away", 5e-6, 3e-3, lambda h: 0.45 * 600**2 / NOISE["position_m"]),
+    _unlisted_sensor("rate_scale", 0.05, 0.9, lambda h: 0.5 / NOISE["yaw_rate_deg_s"], SIGN),
 )
 """Effects that no list holds."""
 

@@ -30,9 +30,10 @@ class Moment:
         r: Yaw rate [rad/s].
         d: Rudder angle [rad], positive to port.
         n: Shaft speed [rpm].
+        lagged: Yaw rate r L/U0 behind a first-order lag [-]; None where nothing remembers.
     """
 
-    t: float
+    t: float | np.ndarray
     x: np.ndarray
     y: np.ndarray
     psi: np.ndarray
@@ -41,30 +42,35 @@ class Moment:
     r: np.ndarray
     d: np.ndarray
     n: np.ndarray
+    lagged: np.ndarray | None = None
 
 
 Force = Callable[[Moment], np.ndarray]
-Gate = Callable[[float], np.ndarray]
+Gate = Callable[[float | np.ndarray], np.ndarray]
 
 
-def gate(intervals: Mapping[str, list[list[int]]] | str, runs: list[str]) -> Gate:
-    """Whether an effect acts in each run.
+def gate(intervals: Mapping[str, list[list[int]]] | str, runs: list[str], ramp: float = 0.0) -> Gate:
+    """How much of an effect acts in each run.
 
     Args:
         intervals: ``"all"``, or for each run its intervals [s].
         runs: Names of the runs.
+        ramp: How long it takes to set in [s]; half of it acts at the start of an interval.
 
     Returns:
-        Function of time: 1 or 0 for each run.
+        Function of time: 1 or 0 for each run, between them while it sets in.
     """
     if isinstance(intervals, str):
         always = np.ones(len(runs))
         return lambda t: always
-    edges = np.full((2, max(len(intervals.get(run, [])) for run in runs) or 1, len(runs)), np.inf)
-    for column, run in enumerate(runs):
-        for row, (start, end) in enumerate(intervals.get(run, [])):
-            edges[:, row, column] = start, end
-    return lambda t: ((edges[0] <= t) & (t < edges[1])).any(0).astype(float)
+    edges = np.full((2, max((len(parts) for parts in intervals.values()), default=0) or 1, len(runs)), np.inf)
+    names = np.array(runs)
+    for run, parts in intervals.items():
+        for row, (start, end) in enumerate(parts):
+            edges[:, row, names == run] = np.array([[start], [end]])
+    if not ramp:
+        return lambda t: ((edges[0] <= t) & (t < edges[1])).any(0).astype(float)
+    return lambda t: np.where(t < edges[1], np.clip((t - edges[0]) / ramp + 0.5, 0.0, 1.0), 0.0).max(0)
 
 
 def wind(ship: TrialShip, parameters: Mapping[str, float], acts: Gate, gusts: np.ndarray | None = None) -> Force:
@@ -85,7 +91,7 @@ def wind(ship: TrialShip, parameters: Mapping[str, float], acts: Gate, gusts: np
     def force(now: Moment) -> np.ndarray:
         blowing = speed * acts(now.t)
         if gusts is not None:
-            blowing = np.maximum(blowing + _at_second(gusts, now.t), 0.0)
+            blowing = np.maximum(blowing + _at_second(gusts, float(now.t)), 0.0)
         return coefficients.force(blowing, toward, now.psi, now.u, now.v)
 
     return force

@@ -20,7 +20,8 @@ class SailedRuns:
 
     Attributes:
         t: Time [s].
-        state: x, y [m], psi [rad], u, v [m/s], r [rad/s], phi, dphi/dt; shape (times, 8, runs).
+        state: x, y [m], psi [rad], u, v [m/s], r [rad/s], phi, dphi/dt, r L/U0 lagged; shape
+            (times, 9, runs).
         order: Helm orders [rad].
         indicator: Angle that the gear shows [rad], one row for each step.
         n: Shaft speed [rpm].
@@ -63,7 +64,7 @@ def sail(truth: TruthModel, runs: Sequence[Run], *, step: float = STEP, settle: 
     helm, unit = TrialHelm(truth.ship, runs), truth.ship.length / truth.ship.speed
     large = max(step, COARSE)
     before = -large * np.ceil(settle * unit / large)
-    state = np.zeros((8, len(runs)))
+    state = np.zeros((9, len(runs)))
     state[2], state[3] = helm.course - truth.sensors.heading_bias, truth.ship.speed
     gear = SteeringGear(replace(truth.gear, play=0.0), truth.ship.rate, np.zeros(len(runs)))  # no hunting in the play
     n = np.full(len(runs), truth.ship.rpm)
@@ -126,7 +127,7 @@ def runge_kutta(
     Args:
         truth: The truth model.
         t: Time [s].
-        state: 8 rows.
+        state: 9 rows.
         blade: Blade angle at the start [rad].
         blade_after: Blade angle at the end [rad].
         n: Shaft speed [rpm].
@@ -156,14 +157,14 @@ def replay(
 
     Args:
         truth: The truth model.
-        start: State at the first time, 8 rows.
+        start: State at the first time, 9 rows.
         t: Times [s], one second apart.
         order: Orders [rad], (times, runs).
         shown: Angles of the indicator [rad], (times, runs).
         step: Time step [s].
 
     Returns:
-        States (times, 8, runs).
+        States (times, 9, runs).
     """
     per_second = round(1 / step)
     gear = SteeringGear(truth.gear, truth.ship.rate, shown[0])

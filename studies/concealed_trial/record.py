@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from studies.concealed_trial.case import TrialCase
+from studies.concealed_trial.channels import CHANNEL_SETS, published, seconds_of
 from studies.concealed_trial.effects import NOISE
 from studies.concealed_trial.helm import MANOEUVRE_START, Run
 from studies.concealed_trial.model_error import with_model_error
@@ -26,7 +27,7 @@ GAPS = 0.01
 
 
 def record(case: TrialCase, step: float = STEP) -> dict[str, pd.DataFrame]:
-    """The recordings of a case.
+    """The recordings of a case, with all channels at all seconds.
 
     Args:
         case: The case.
@@ -141,9 +142,10 @@ def manifest(case: TrialCase) -> dict[str, Any]:
     Returns:
         Its fields; nothing of the effects.
     """
-    ship, runs = case.ship, []
+    (missing, interval), ship, runs = CHANNEL_SETS[case.channels], case.ship, []
     for run in case.runs:
-        row = {"run": run.name, "file": f"{run.name}.csv", "split": run.split, "rows": run.duration + 1}
+        row: dict[str, Any] = {"run": run.name, "file": f"{run.name}.csv", "split": run.split}
+        row |= {"rows": len(seconds_of(case, run))}
         row |= {"duration_s": run.duration, "manoeuvre": run.manoeuvre, "first_turn": run.first_turn}
         runs.append(row | {"initial_heading_deg": run.heading_deg})
     return {
@@ -152,11 +154,11 @@ def manifest(case: TrialCase) -> dict[str, Any]:
         "particulars": ship.particulars,
         "wind_areas": ship.wind_areas,
         "stability": ship.stability,
-        "sample_interval_s": 1.0,
+        "sample_interval_s": float(interval),
         "warmup_s": float(WARMUP),
         "manoeuvre_start_s": MANOEUVRE_START,
         "nominal_noise_sd": NOISE,
-        "channels": UNITS,
+        "channels": {name: unit for name, unit in UNITS.items() if name not in missing},
         "signs": SIGNS,
         "runs": runs,
     }
@@ -171,8 +173,9 @@ def write_case(case: TrialCase, folder: Path, step: float = STEP) -> None:
         step: Time step of the motion [s].
     """
     folder.mkdir(parents=True, exist_ok=True)
-    for name, table in record(case, step).items():
-        table.to_csv(folder / f"{name}.csv", index=False)
+    tables = record(case, step)
+    for run in case.runs:
+        published(case, run, tables[run.name]).to_csv(folder / f"{run.name}.csv", index=False)
     part = folder / "manifest.part"
     part.write_text(json.dumps(manifest(case), indent=1))
     part.replace(folder / "manifest.json")

@@ -8,6 +8,8 @@ import json
 import sys
 from collections.abc import Mapping
 from functools import lru_cache
+from itertools import permutations
+from math import radians
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +20,10 @@ from manoeuvre_nn.core.errors import InputError
 from studies.concealed_trial import true_model
 from studies.concealed_trial.effects import ANGLES, EQUIVALENT, FAMILY, NAMES, UNKNOWN
 from studies.concealed_trial.scoreboard import markdown, scoreboard
-from studies.concealed_trial.ships import trial_ships
+from studies.concealed_trial.ships import TrialShip, trial_ships
+from studies.concealed_trial.stated import claimed, stated_effects
+from studies.concealed_trial.strength import STRENGTHS
+from studies.concealed_trial.truth import ConcealedEffect
 
 TOLERANCE, ANGLE_TOLERANCE = 0.1, 10.0
 """A parameter is right within 10 % (a direction within 10 deg) or two standard errors."""
@@ -50,6 +55,8 @@ def score_case(case_dir: Path, answer_dir: Path, truth: Mapping[str, Any]) -> di
         "truth": [effect["name"] for effect in effects],
         "detail": [effect.get("detail") for effect in effects],
         "strength": [effect.get("strength") for effect in effects],
+        "strongest": max((effect.get("strength") for effect in effects), key=_rank, default=None),
+        "channels": truth.get("channels", "full"),
         "family": [FAMILY.get(effect["name"], UNKNOWN) for effect in effects],
         "answered": note is None,
         "note": note,
@@ -61,9 +68,16 @@ def score_case(case_dir: Path, answer_dir: Path, truth: Mapping[str, Any]) -> di
     row |= names_right(row["first"], named, effects)
     said = answer["effects"][: len(effects)] if answer["verdict"] == "mismatch" else []
     row["effects"] = [_effect_marks(effect, said, manifest) for effect in effects]
+    row["places"] = places(claimed(answer), effects)
     row["probabilities"] = probabilities(answer, effects)
     row["brier"] = sum((p - y) ** 2 for p, y in row["probabilities"].values())
-    return row | gap(case_dir, answer_dir, truth)
+    stated = stated_effects(answer, trial_ships()[truth["ship"]]) if note is None else None
+    return row | gap(case_dir, answer_dir, truth, stated)
+
+
+def _rank(strength: str | None) -> int:
+    """Strengths in order; those of other sets that name none come first."""
+    return STRENGTHS.index(strength) if strength in STRENGTHS else -1
 
 
 def read_answer(path: Path) -> tuple[dict[str, Any], str | None]:
@@ -96,7 +110,8 @@ def read_answer(path: Path) -> tuple[dict[str, Any], str | None]:
         return nothing, f"answer.json cannot be read: {type(error).__name__} {error}"
     if verdict not in {"none", "mismatch"}:
         return nothing, f"verdict {verdict!r} is neither none nor mismatch"
-    return {"verdict": verdict, "effects": effects}, None
+    model = answer.get("model")
+    return {"verdict": verdict, "effects": effects, "model": model if isinstance(model, list) else None}, None
 
 
 def names_right(first: str, named: list[str], effects: list[Mapping[str, Any]]) -> dict[str, Any]:
@@ -108,18 +123,26 @@ def names_right(first: str, named: list[str], effects: list[Mapping[str, Any]]) 
         effects: What was concealed.
 
     Returns:
-        First name, first two names of a pair, family of the first name, unknown where it was.
+        Whether the first name is one of them; whether one of the first two is; whether the first two are those of a
+        pair, and as many as there are those of a pair or triple; the family of the first name; unknown where it was,
+        and where it was not.
     """
+    wrong = first == UNKNOWN if UNKNOWN not in [effect["name"] for effect in effects] else None
     if not effects:
-        return {"first_right": None, "both_right": None, "family_right": None, "unknown_right": None}
+        none = ("first_right", "first_two_right", "both_right", "all_right", "family_right", "unknown_right")
+        return dict.fromkeys(none) | {"unknown_wrong": wrong}
     alike = [_equal_names(effect) for effect in effects]
-    two = named[:2] if first != "none" else []
+    said = named if first != "none" else []
+    every = _assigned(said[: len(effects)], alike)
     families = {FAMILY.get(name, UNKNOWN) for names in alike for name in names}
     return {
         "first_right": any(first in names for names in alike),
-        "both_right": _paired(two, alike) if len(effects) == 2 else None,
+        "first_two_right": any(name in names for name in said[:2] for names in alike),
+        "both_right": every if len(effects) == 2 else None,
+        "all_right": every if len(effects) > 1 else None,
         "family_right": FAMILY.get(first) in families,
         "unknown_right": first == UNKNOWN if effects[0]["name"] == UNKNOWN else None,
+        "unknown_wrong": wrong,
     }
 
 
@@ -128,12 +151,31 @@ def _equal_names(effect: Mapping[str, Any]) -> set[str]:
     return {effect["name"], *(effect.get("equivalent_names") or EQUIVALENT.get(effect["name"], ()))}
 
 
-def _paired(two: list[str], alike: list[set[str]]) -> bool:
-    """Whether two names are those of two effects, in any order."""
-    if len(two) < 2:
+def _assigned(names: list[str], alike: list[set[str]]) -> bool:
+    """Whether as many names as effects are those of the effects, in any order."""
+    if len(names) < len(alike):
         return False
-    straight = two[0] in alike[0] and two[1] in alike[1]
-    return straight or (two[0] in alike[1] and two[1] in alike[0])
+    return any(all(n in a for n, a in zip(order, alike, strict=True)) for order in permutations(names))
+
+
+def places(said: list[dict[str, Any]], effects: list[Mapping[str, Any]]) -> tuple[int, int, int]:
+    """Places that were found, said in vain and missed.
+
+    Args:
+        said: Entries that the answer holds to be present.
+        effects: What was concealed.
+
+    Returns:
+        True positives, false positives, false negatives.
+    """
+    left = [_as_set(entry["equation"]) for entry in said]
+    for effect in effects:
+        right = [_as_set(place) for place in (effect["equation"], *(effect.get("equation_accepted") or []))]
+        found = next((place for place in left if place in right), None)
+        if found is not None:
+            left.remove(found)
+    true = len(said) - len(left)
+    return true, len(left), len(effects) - true
 
 
 def _effect_marks(
@@ -180,19 +222,23 @@ def parameter_marks(name: str, true: float, given: Any) -> dict[str, Any]:
         given: ``[value, standard error, unit]`` or nothing.
 
     Returns:
-        Error, whether it is right, and whether two standard errors cover it (None without a standard error).
+        Error over the true value (of a direction in rad), whether it is right, and whether two standard errors cover it
+        (None without a standard error).
     """
     try:
         value, se = float(given[0]), float(given[1]) if len(given) > 1 and given[1] is not None else None
     except (TypeError, ValueError, IndexError):
-        return {"name": name, "true": true, "value": None, "se": None, "right": False, "covered": None}
+        nothing = {"name": name, "true": true, "value": None, "se": None, "right": False, "covered": None}
+        return nothing | {"error": None}
     miss = abs(value - true)
     if name in ANGLES:
         miss = abs((value - true + 180.0) % 360.0 - 180.0)
     allowed = ANGLE_TOLERANCE if name in ANGLES else TOLERANCE * abs(true)
     covered = None if se is None else bool(miss <= 2 * se)
     right = bool(miss <= max(allowed, 2 * se if se is not None else 0.0))
-    return {"name": name, "true": true, "value": value, "se": se, "right": right, "covered": covered}
+    error = radians(miss) if name in ANGLES else miss / abs(true) if true else None
+    marks = {"name": name, "true": true, "value": value, "se": se, "right": right, "covered": covered}
+    return marks | {"error": error}
 
 
 def overlap(true: Mapping[str, Any] | str, given: Mapping[str, Any] | str, manifest: Mapping[str, Any]) -> float:
@@ -245,16 +291,22 @@ def probabilities(answer: Mapping[str, Any], effects: list[Mapping[str, Any]]) -
     return {name: (p, int(name in present)) for name, p in given.items()}
 
 
-def gap(case_dir: Path, answer_dir: Path, truth: Mapping[str, Any]) -> dict[str, Any]:
+def gap(
+    case_dir: Path, answer_dir: Path, truth: Mapping[str, Any], stated: list[ConcealedEffect] | None = None
+) -> dict[str, Any]:
     """Errors before, after and of the true model, and the share of the closable gap that was closed.
+
+    The stated effects alone are run by the referee's simulator, with nominal coefficients, as the true model is.
 
     Args:
         case_dir: Recordings and manifest.
         answer_dir: The tool's predictions.
         truth: What was concealed.
+        stated: Effects with the parameters that the answer states.
 
     Returns:
-        J of all three and the share, at least -1; None where a prediction is missing or nothing could be closed.
+        J of all and the shares, at least -1; None where a prediction is missing or nothing could be closed, and by the
+        stated effects where an effect that no list has was concealed.
     """
     ship = trial_ships()[truth["ship"]]
     before, after = (true_model.rmse(case_dir, _read_predictions(answer_dir, which)) for which in ("before", "after"))
@@ -262,16 +314,30 @@ def gap(case_dir: Path, answer_dir: Path, truth: Mapping[str, Any]) -> dict[str,
     before = before or calm  # a tool without predictions is held against the calm-water model
     j_before, j_after, j_best = (None if e is None else true_model.total(ship, e) for e in (before, after, best))
     closable = bool(truth["effects"]) and j_before is not None and j_best is not None
-    share = harmed = None
+    share = harmed = j_stated = share_stated = None
     if j_before is not None and j_best is not None:
         closable = closable and j_before - j_best > CLOSABLE * j_before
         if closable and j_after is not None:
             share = max((j_before - j_after) / (j_before - j_best), -1.0)
+        if closable and stated is not None and UNKNOWN not in [effect["name"] for effect in truth["effects"]]:
+            j_stated = _total_of(case_dir, stated, ship)
+            share_stated = max((j_before - j_stated) / (j_before - j_best), -1.0)
     if j_before is not None and j_after is not None:
         harmed = j_after > HARM * j_before
     errors = {"rmse_before": before, "rmse_after": after, "rmse_true_model": best}
     marks = {"j_before": j_before, "j_after": j_after, "j_true_model": j_best}
+    marks |= {"j_stated": j_stated, "share_stated": share_stated}
     return errors | marks | {"closable": closable, "share": share, "harmed": harmed}
+
+
+def _total_of(case_dir: Path, stated: list[ConcealedEffect], ship: TrialShip) -> float:
+    """J of the simulator with stated effects; infinite where their values cannot be run."""
+    plain = [{"name": e.name, "parameters": dict(e.parameters), "intervals": e.intervals} for e in stated]
+    try:
+        errors = _simulated(case_dir, json.dumps(plain))
+    except (ArithmeticError, ValueError, TypeError):  # a depth less than the draught, a rate of nothing
+        return float("inf")
+    return float("inf") if errors is None else true_model.total(ship, errors)
 
 
 @lru_cache(maxsize=512)

@@ -1,53 +1,12 @@
-"""Totals over the cases of a trial, with Wilson intervals, and the same as Markdown."""
+"""Totals over the cases of a trial, with their intervals, and the same as Markdown."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from math import sqrt
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
-BINS = 10
-"""Bins of the calibration."""
-Z = 1.959964
-"""Two-sided 95 % quantile of the normal distribution."""
-
-
-def wilson(right: int, count: int) -> tuple[float, float]:
-    """95 % interval of a share.
-
-    Args:
-        right: How many of them.
-        count: Of how many.
-
-    Returns:
-        Lower and upper bound; 0 and 1 without any.
-
-    Source:
-        Wilson 1927.
-    """
-    if not count:
-        return 0.0, 1.0
-    p, weight = right / count, Z**2 / count
-    centre = (p + weight / 2) / (1 + weight)
-    half = Z * sqrt(p * (1 - p) / count + weight / (4 * count)) / (1 + weight)
-    return max(0.0, centre - half), min(1.0, centre + half)
-
-
-def rate(marks: Iterable[bool | None]) -> dict[str, Any] | None:
-    """Share of marks that are true, of those that apply.
-
-    Args:
-        marks: True, False, or None where it does not apply.
-
-    Returns:
-        ``right``, ``count``, ``share`` and its bounds ``low`` and ``high``; None if none applies.
-    """
-    known = [bool(mark) for mark in marks if mark is not None]
-    if not known:
-        return None
-    low, high = wilson(sum(known), len(known))
-    return {"right": sum(known), "count": len(known), "share": sum(known) / len(known), "low": low, "high": high}
+from studies.concealed_trial import summaries
+from studies.concealed_trial.strength import STRENGTHS
+from studies.concealed_trial.summaries import Rows, bootstrap, calibration, rate
 
 
 def scoreboard(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -57,69 +16,107 @@ def scoreboard(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         rows: What :func:`studies.concealed_trial.score.score_case` gave for each case.
 
     Returns:
-        ``totals``, ``by_strength``, ``by_family``, ``confusion`` and ``calibration``.
+        ``totals``, their ``intervals`` where they are no shares, ``by_strength``, ``by_family``, ``by_channels``,
+        ``confusion`` and ``calibration``.
     """
     effects = [effect for row in rows for effect in row["effects"]]
-    strengths = [s for s in ("weak", "moderate", "strong") if any(e["strength"] == s for e in effects)]
+    strengths = [s for s in STRENGTHS if any(row["strongest"] == s for row in rows)]
     families = sorted({effect["family"] for effect in effects})
+
+    def part(key: str, value: str) -> dict[str, Any]:
+        """Cases and effects of one family, strength or channel set; the strength of a case is that of its strongest."""
+        with_it = [row for row in rows if value == row[key] or value in (row[key] or ())]
+        of_it = [effect for effect in effects if effect[key.replace("strongest", "strength")] == value]
+        return _part(with_it, of_it)
+
+    recorders = sorted({str(row["channels"]) for row in rows})
+    by_recorder = {c: [row for row in rows if row["channels"] == c] for c in recorders}
     return {
         "totals": _totals(rows, effects),
-        "by_strength": {s: _part(rows, effects, "strength", s) for s in strengths},
-        "by_family": {f: _part(rows, effects, "family", f) for f in families},
+        "intervals": {name: bootstrap(rows, statistic) for name, statistic in STATISTICS.items()},
+        "by_strength": {s: part("strongest", s) for s in strengths},
+        "by_family": {f: part("family", f) for f in families},
+        "by_channels": {c: _part(r, [e for row in r for e in row["effects"]]) for c, r in by_recorder.items()},
         "confusion": _confusion(rows),
         "calibration": calibration([pair for row in rows for pair in row["probabilities"].values()]),
         "notes": {row["case"]: row["note"] for row in rows if row["note"]},
     }
 
 
-def _totals(rows: Sequence[Mapping[str, Any]], effects: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+STATISTICS: dict[str, Callable[[Rows], float | None]] = {
+    "place, F1": summaries.place_f1,
+    "interval overlap, mean": summaries.overlap_mean,
+    "parameter error, median": summaries.parameter_error,
+    "Brier score, sum over names": summaries.brier,
+    "calibration error": summaries.calibration_error,
+    "share of the gap closed, mean": summaries.share_mean,
+    "share of the gap closed, median": summaries.share_median,
+    "share of the gap closed, all together": summaries.share_together,
+    "share of the gap closed by the stated effects alone, mean": summaries.share_stated,
+}
+"""Scores that are no shares of marks: what each is stands at its function."""
+
+
+def _totals(rows: Rows, effects: Rows) -> dict[str, Any]:
     """The scores that the format names."""
     parameters = [p for effect in effects for p in effect["parameters"]]
-    overlaps = [effect["overlap"] for effect in effects if effect["overlap"] is not None]
-    shares = [row["share"] for row in rows if row["share"] is not None]
-    closable = [row for row in rows if row["share"] is not None]
-    closed = sum(row["share"] * (row["j_before"] - row["j_true_model"]) for row in closable)
-    possible = sum(row["j_before"] - row["j_true_model"] for row in closable)
-    bins = calibration([pair for row in rows for pair in row["probabilities"].values()])
-    counted = sum(b["count"] for b in bins)
-    said_unknown = [row["truth"] == ["unknown"] for row in rows if row["first"] == "unknown"]
-    return {
-        "cases": len(rows),
+    said_unknown = ["unknown" in row["truth"] for row in rows if row["first"] == "unknown"]
+    shares = {
         "answered": rate(row["answered"] for row in rows),
         "false alarms": rate(row["false_alarm"] for row in rows),
         "detection": rate(row["detected"] for row in rows),
         "first name": rate(row["first_right"] for row in rows),
         "first name, listed effects": rate(row["first_right"] for row in rows if "unknown" not in row["truth"]),
+        "first two names": rate(row["first_two_right"] for row in rows),
         "both names of pairs": rate(row["both_right"] for row in rows),
+        "all names of triples": rate(row["all_right"] for row in rows if len(row["truth"]) == 3),
         "family": rate(row["family_right"] for row in rows),
         "place": rate(effect["place_right"] for effect in effects),
-        "interval overlap, mean": float(np.mean(overlaps)) if overlaps else None,
         "parameters right": rate(p["right"] for p in parameters),
         "covered by two standard errors": rate(p["covered"] for p in parameters),
         "unknown found": rate(row["unknown_right"] for row in rows),
         "unknown said rightly": rate(said_unknown),
-        "Brier score, sum over names": float(np.mean([row["brier"] for row in rows])) if rows else None,
-        "calibration error": sum(b["count"] * abs(b["said"] - b["found"]) for b in bins) / counted if counted else None,
-        "share of the gap closed, median": float(np.median(shares)) if shares else None,
-        "share of the gap closed, all together": closed / possible if possible else None,
+        "unknown wrongly said": rate(row["unknown_wrong"] for row in rows),
         "predictions made worse": rate(row["harmed"] for row in rows),
     }
+    if any("loss" in row for row in rows):
+        shares["of the losses, limits"] = rate(row["loss"] == "limit" for row in rows if row.get("loss"))
+    return {"cases": len(rows)} | shares | {name: statistic(rows) for name, statistic in STATISTICS.items()}
 
 
-def _part(
-    rows: Sequence[Mapping[str, Any]], effects: Sequence[Mapping[str, Any]], key: str, value: str
-) -> dict[str, Any]:
-    """Scores of the cases, and of the effects, of one strength or family."""
-    with_it = [row for row in rows if value in row[key]]
-    of_it = [effect for effect in effects if effect[key] == value]
-    shares = [row["share"] for row in with_it if row["share"] is not None]
+def label_losses(rows: Sequence[dict[str, Any]], ideal: Rows) -> None:
+    """Say of each loss whether it could have been helped.
+
+    A loss is a false alarm, or a first name that is wrong. It is a ``limit`` where the ideal observer loses the same
+    case, and a ``defect`` where it does not.
+
+    Args:
+        rows: A tool's cases; each gets ``loss``: limit, defect or None.
+        ideal: Those of the ideal observer, in the same order.
+    """
+    for row, best in zip(rows, ideal, strict=True):
+        row["loss"] = ("limit" if _lost(best) else "defect") if _lost(row) else None
+
+
+def _lost(row: Mapping[str, Any]) -> bool:
+    """Whether the first name is wrong, or a clean case raised an alarm."""
+    return row["false_alarm"] is True or row["first_right"] is False
+
+
+def _part(rows: Rows, effects: Rows) -> dict[str, Any]:
+    """Scores of a part of the cases, and of a part of the effects."""
+    parameters = [p for effect in effects for p in effect["parameters"]]
     return {
-        "effects": len(of_it),
-        "detection": rate(row["detected"] for row in with_it),
-        "named": rate(effect["named"] for effect in of_it),
-        "family": rate(row["family_right"] for row in with_it),
-        "parameters right": rate(p["right"] for effect in of_it for p in effect["parameters"]),
-        "share of the gap closed, median": float(np.median(shares)) if shares else None,
+        "effects": len(effects),
+        "detection": rate(row["detected"] for row in rows),
+        "first name": rate(row["first_right"] for row in rows),
+        "first two names": rate(row["first_two_right"] for row in rows),
+        "named": rate(effect["named"] for effect in effects),
+        "family": rate(row["family_right"] for row in rows),
+        "parameters right": rate(p["right"] for p in parameters),
+        "parameter error, median": summaries.parameter_error(rows),
+        "share of the gap closed, median": summaries.share_median(rows),
+        "by the stated effects alone, mean": summaries.share_stated(rows),
     }
 
 
@@ -129,33 +126,6 @@ def _confusion(rows: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, int]]:
     for row in rows:
         counts.setdefault(" + ".join(sorted(row["truth"])) or "none", Counter())[row["first"]] += 1
     return {truth: dict(counts[truth].most_common()) for truth in sorted(counts)}
-
-
-def calibration(pairs: Iterable[tuple[float, int]]) -> list[dict[str, Any]]:
-    """Stated probabilities against how often they were right.
-
-    Args:
-        pairs: Probability and 1 if the effect was present; probabilities of 0 are left out.
-
-    Returns:
-        For each bin that is not empty its bounds, count, mean probability and share present.
-    """
-    known = np.array([pair for pair in pairs if pair[0] > 0]).reshape(-1, 2)
-    at = np.minimum((known[:, 0] * BINS).astype(int), BINS - 1)
-    bins = []
-    for k in sorted(set(at.tolist())):
-        part = known[at == k]
-        low, high = wilson(int(part[:, 1].sum()), len(part))
-        bins.append({
-            "from": k / BINS,
-            "to": (k + 1) / BINS,
-            "count": len(part),
-            "said": float(part[:, 0].mean()),
-            "found": float(part[:, 1].mean()),
-            "low": low,
-            "high": high,
-        })  # fmt: skip
-    return bins
 
 
 def markdown(boards: Mapping[str, Mapping[str, Any]]) -> str:
@@ -168,9 +138,11 @@ def markdown(boards: Mapping[str, Mapping[str, Any]]) -> str:
         Markdown.
     """
     tools = list(boards)
-    lines = ["# Concealed trial", "", "Shares with the 95 % Wilson interval and the numbers behind them.", ""]
-    totals = [boards[tool]["totals"] for tool in tools]
-    lines += _table(["score", *tools], [[name, *(_cell(t[name]) for t in totals)] for name in totals[0]])
+    intervals = "Shares with 95 % Wilson intervals and the numbers behind them, other scores with bootstrap intervals."
+    lines = ["# Concealed trial", "", intervals, ""]
+    names = list(dict.fromkeys(name for tool in tools for name in boards[tool]["totals"]))
+    rows = [[name, *(_total(boards[tool], name) for tool in tools)] for name in names]
+    lines += _table(["score", *tools], rows)
     for tool in tools:
         lines += ["", f"## {tool}", ""]
         lines += _sections(boards[tool])
@@ -180,7 +152,8 @@ def markdown(boards: Mapping[str, Mapping[str, Any]]) -> str:
 def _sections(board: Mapping[str, Any]) -> list[str]:
     """The tables of one tool."""
     lines = []
-    for title, key in (("By strength", "by_strength"), ("By family", "by_family")):
+    titles = {"By strength": "by_strength", "By family": "by_family", "By channel set": "by_channels"}
+    for title, key in titles.items():
         parts = board[key]
         if parts:
             columns = list(next(iter(parts.values())))
@@ -198,6 +171,13 @@ def _sections(board: Mapping[str, Any]) -> list[str]:
         lines += ["", "### Answers that could not be used", ""]
         lines += [f"- {case}: {note}" for case, note in board["notes"].items()]
     return lines
+
+
+def _total(board: Mapping[str, Any], name: str) -> str:
+    """A total with its interval."""
+    bounds = board["intervals"].get(name)
+    text = _cell(board["totals"].get(name))
+    return text if bounds is None else f"{text} [{bounds[0]:.3f}, {bounds[1]:.3f}]"
 
 
 def _cell(value: Any) -> str:

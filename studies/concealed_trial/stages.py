@@ -7,36 +7,22 @@ import sys
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 from manoeuvre_nn.core.errors import InputError
+from studies.concealed_trial.case import TrialCase
 from studies.concealed_trial.commitments import METHOD, check, commitment
-from studies.concealed_trial.drawing import case_name, draw_case, plans
+from studies.concealed_trial.drawing import Trial, case_name, draw_case, plans
 from studies.concealed_trial.record import write_case
 from studies.concealed_trial.score import score_case
-from studies.concealed_trial.scoreboard import markdown, scoreboard
+from studies.concealed_trial.scoreboard import label_losses, markdown, scoreboard
 
 KEPT_ENVIRONMENT = ("PATH", "HOME", "LANG", "TMPDIR", "VIRTUAL_ENV", "SYSTEMROOT")
 """What the tool's processes see of the environment."""
 POLL = 1.0
 """How often progress is looked at [s]."""
-
-
-@dataclass(frozen=True)
-class Trial:
-    """What a trial is made from; all of it is needed again to open the answers.
-
-    Attributes:
-        seed: Seed.
-        cases: How many.
-        nuisance: Size of what is wrong with the model in every case; 0 leaves the model exact.
-    """
-
-    seed: int
-    cases: int
-    nuisance: float = 1.0
 
 
 class Progress:
@@ -85,7 +71,7 @@ def generate(trial: Trial, out: Path, jobs: int) -> None:
     old: dict[str, Any] = json.loads(path.read_text()) if path.is_file() else head | {"commitments": {}}
     commitments: dict[str, str] = old["commitments"]
     if set(commitments) - set(names) or old["trial"] != head["trial"]:
-        raise InputError(f"out={out} holds another trial: give another folder, or seed, cases and nuisance of that one")
+        raise InputError(f"out={out} holds another trial: give another folder, or seed, cases and all else of that one")
     todo = [k for k, name in enumerate(names) if not _is_there(out, name, commitments)]
     progress = Progress("recordings", len(todo))
     (out / "recordings").mkdir(parents=True, exist_ok=True)
@@ -110,9 +96,14 @@ def _is_there(out: Path, name: str, commitments: Mapping[str, str]) -> bool:
 
 def _generate_one(trial: Trial, index: int, folder: Path) -> tuple[str, str]:
     """Draw and write one case; only its hash comes back."""
-    case = draw_case(trial.seed, index, plans(trial.seed, trial.cases)[index], trial.nuisance)
+    case = _drawn(trial, index)
     write_case(case, folder / case.name)
     return case.name, commitment(case.salt, case.answers())
+
+
+def _drawn(trial: Trial, index: int) -> TrialCase:
+    """A case of a trial."""
+    return draw_case(trial.seed, index, plans(trial)[index], trial.nuisance)
 
 
 def read_commitments(out: Path) -> dict[str, str]:
@@ -219,6 +210,10 @@ def score(trial: Trial, out: Path, answers: Mapping[str, Path], jobs: int) -> st
             rows.append(future.result())
             progress.step()
     rows.sort(key=lambda row: row[0])
+    if "ideal" in answers:
+        ideal = [row[1]["ideal"] for row in rows]
+        for tool in answers:
+            label_losses([row[1][tool] for row in rows], ideal)
     boards = {tool: scoreboard([row[1][tool] for row in rows]) for tool in answers}
     text = markdown(boards)
     details = {tool: {"board": boards[tool], "cases": [row[1][tool] for row in rows]} for tool in answers}
@@ -231,7 +226,11 @@ def _score_one(
     trial: Trial, index: int, commitments: Mapping[str, str], recordings: Path, answers: Mapping[str, Path]
 ) -> tuple[str, dict[str, Any]]:
     """Open one case and score every tool's answer to it."""
-    case = draw_case(trial.seed, index, plans(trial.seed, trial.cases)[index], trial.nuisance)
+    case = _drawn(trial, index)
     check(commitments, case.salt, case.answers())
     truth = case.answers()
+    if trial.strict:  # the responses come to light only now
+        recordings = recordings.parent / "responses"
+        if not (recordings / case.name / "manifest.json").is_file():
+            write_case(replace(case, strict=False), recordings / case.name)
     return case.name, {tool: score_case(recordings / case.name, f / case.name, truth) for tool, f in answers.items()}

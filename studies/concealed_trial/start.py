@@ -41,13 +41,13 @@ def smoothed_start(
         warmup: End of the warm-up [s].
 
     Returns:
-        8 rows, one column for each run.
+        9 rows, one column for each run.
     """
     count, t = len(names), np.arange(warmup + 1.0)
     truth = build(ship, effects, names * (len(STEPS) + 1))
     approach = [table[table["t"] <= warmup] for table in tables]
     start = np.stack([first_start(truth, table) for table in approach], axis=1)
-    moved = [start + np.pad(row, (0, 2))[:, None] for row in np.diag(STEPS)]
+    moved = [start + np.pad(row, (0, 3))[:, None] for row in np.diag(STEPS)]
     order, shown = (np.tile(angle, len(STEPS) + 1) for angle in rudder(truth, tables, 0, warmup + 1))
     states = replay(truth, np.concatenate([start, *moved], axis=1), t, order, shown, step=COARSE)
     ends = []
@@ -103,7 +103,7 @@ def first_start(truth: TruthModel, table: pd.DataFrame) -> np.ndarray:
         table: Recording up to the warm-up.
 
     Returns:
-        x, y [m], psi [rad], u, v [m/s], r [rad/s], 0, 0.
+        x, y [m], psi [rad], u, v [m/s], r [rad/s], 0, 0, 0.
     """
     faults, t = truth.sensors, table["t"].to_numpy()
     now = float(t[0])
@@ -126,7 +126,7 @@ def first_start(truth: TruthModel, table: pd.DataFrame) -> np.ndarray:
     u, v = north * cosine + east * sine + r * aside, east * cosine - north * sine - r * forward
     x = line(table["x_north"].to_numpy())[1] - forward * cosine + aside * sine - faults.runaway[0] * now**2
     y = line(table["y_east"].to_numpy())[1] - forward * sine - aside * cosine - faults.runaway[1] * now**2
-    return np.array([x, y, psi, u, v, r, 0.0, 0.0])
+    return np.array([x, y, psi, u, v, r, 0.0, 0.0, 0.0])
 
 
 def shown_by_recorder(truth: TruthModel, t: np.ndarray, state: np.ndarray) -> pd.DataFrame:

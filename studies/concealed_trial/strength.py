@@ -6,16 +6,19 @@ from math import log
 import numpy as np
 
 from studies.concealed_trial.effects import Kind
+from studies.concealed_trial.events import draw_intervals
 from studies.concealed_trial.helm import Run
 from studies.concealed_trial.motion import replay, sail
 from studies.concealed_trial.ships import TrialShip
 from studies.concealed_trial.truth import ConcealedEffect, build
 
-STRENGTHS = ("weak", "moderate", "strong")
-DRIFT = {"weak": (0.05, 0.1), "moderate": (0.2, 0.4), "strong": (0.6, 1.2)}
+STRENGTHS = ("weak", "moderate", "strong", "extreme")
+DRIFT = {"weak": (0.15, 0.5), "moderate": (0.6, 1.1), "strong": (1.4, 2.5), "extreme": (3.0, 8.0)}
 """RMS distance over length that the calm-water roll-outs then miss."""
-SIGMAS = {"weak": (3.0, 5.0), "moderate": (8.0, 15.0), "strong": (20.0, 40.0)}
+SIGMAS = {"weak": (3.0, 5.0), "moderate": (8.0, 15.0), "strong": (20.0, 40.0), "extreme": (60.0, 300.0)}
 """Error of a sensor in standard deviations of its noise."""
+LESS = 0.7
+"""What is left of the wanted size at each further attempt, where the ship was thrown out of her range."""
 WARMUP = 40
 """Roll-outs start here [s]."""
 STEP = 1.0
@@ -53,7 +56,7 @@ def in_range(ship: TrialShip, states: np.ndarray, runs: Sequence[Run]) -> bool:
 
     Args:
         ship: The ship.
-        states: (times, 8, runs).
+        states: (times, 9, runs).
         runs: The runs; what is past their ends does not count.
 
     Returns:
@@ -104,7 +107,7 @@ def strength_of(measured: float, sensor: bool) -> str:
         sensor: Whether it is a sensor's.
 
     Returns:
-        ``weak``, ``moderate`` or ``strong``.
+        One of :data:`STRENGTHS`.
     """
     bounds = SIGMAS if sensor else DRIFT
     edges = [(bounds[a][1] * bounds[b][0]) ** 0.5 for a, b in zip(STRENGTHS, STRENGTHS[1:], strict=False)]
@@ -112,7 +115,7 @@ def strength_of(measured: float, sensor: bool) -> str:
 
 
 def draw_effect(
-    rng: np.random.Generator, ship: TrialShip, kind: Kind, strength: str, runs: Sequence[Run]
+    rng: np.random.Generator, ship: TrialShip, kind: Kind, strength: str, runs: Sequence[Run], share: float = 1.0
 ) -> tuple[ConcealedEffect, float]:
     """One effect of the strength that is wanted, as far as its bounds allow.
 
@@ -122,6 +125,7 @@ def draw_effect(
         kind: What kind.
         strength: How strong it is to be.
         runs: The runs.
+        share: Of the size that is wanted.
 
     Returns:
         The effect with the strength that it has, and its measure.
@@ -129,29 +133,17 @@ def draw_effect(
     extras = {key: float(rng.uniform(*span)) for key, span in kind.extras.items()}
     if "sign" in extras:
         extras["sign"] = float(np.sign(extras["sign"]) or 1.0)
-    where = _where(rng, kind, runs)
+    where, ramp = draw_intervals(rng, kind.confined, runs)
 
     def effect(size: float, label: str = strength) -> ConcealedEffect:
         parameters = {k: float(f"{v:.4g}") for k, v in kind.make(ship, size, extras).items()}
-        return ConcealedEffect(kind.name, parameters, where, kind.detail, label)
+        return ConcealedEffect(kind.name, parameters, where, kind.detail, label, ramp)
 
     if kind.per_unit is not None:
         gain = kind.per_unit(ship)
-        size = float(np.clip(rng.uniform(*SIGMAS[strength]) / gain, kind.low, kind.high))
+        size = float(np.clip(share * rng.uniform(*SIGMAS[strength]) / gain, kind.low, kind.high))
         return effect(size, strength_of(size * gain, True)), size * gain
-    target = float(rng.uniform(*DRIFT[strength]))
+    target = share * float(rng.uniform(*DRIFT[strength]))
     size = sized(lambda s: deviation(ship, effect(s), runs), target, kind.low, kind.high)
     found = deviation(ship, effect(size), runs)
     return effect(size, strength_of(found, False)), found
-
-
-def _where(rng: np.random.Generator, kind: Kind, runs: Sequence[Run]) -> dict[str, list[list[int]]] | str:
-    """Intervals of a confined effect, another one in each run."""
-    if not kind.confined:
-        return "all"
-    intervals = {}
-    for run in runs:
-        start = int(rng.uniform(80, 0.45 * run.duration))
-        length = int(rng.uniform(0.22, 0.4) * run.duration)
-        intervals[run.name] = [[start, run.duration if kind.confined == "onset" else start + length]]
-    return intervals

@@ -47,11 +47,15 @@ def read_run(case_dir: Path, run: Mapping[str, Any], noise: Mapping[str, float])
         noise: Nominal standard deviations of the manifest.
 
     Returns:
-        The table; what is missing or an outlier is NaN.
+        The table at whole seconds from 0 to the end; what is missing or an outlier is NaN.
     """
     table = pd.read_csv(case_dir / str(run["file"]))
+    table = table.reindex(columns=["t", *table.columns.drop("t"), *(c for c in CHANNELS if c not in table)])
+    table.index = table["t"].round().astype(int)
+    table = table.reindex(range(int(table.index[-1]) + 1)).assign(t=lambda full: full.index.astype(float))
     known = table["psi"].notna()
     table.loc[known, "psi"] = np.degrees(np.unwrap(np.radians(table.loc[known, "psi"])))
+    table = table.reset_index(drop=True)
     for channel, name in NOISE_OF.items():
         middle = table[channel].rolling(7, center=True, min_periods=3).median()
         table.loc[(table[channel] - middle).abs() > 8 * noise[name] + 0.01, channel] = np.nan
@@ -65,7 +69,8 @@ def effects_of(truth: Mapping[str, Any]) -> list[ConcealedEffect] | None:
         truth: An ``answers.json``.
 
     Returns:
-        The effects, or None if one of them is not known here.
+        The effects, or None if one of them is not known here. Random forces are left out as gusts are: whoever knows
+        what acts does not know their course.
     """
     found = []
     for entry in truth["effects"]:
@@ -73,7 +78,9 @@ def effects_of(truth: Mapping[str, Any]) -> list[ConcealedEffect] | None:
         own = {**unmodelled.FORCES, **dict.fromkeys(unmodelled.RUDDERS), **unmodelled.SENSORS}
         if name not in FAMILY or (name == UNKNOWN and detail not in own):
             return None
-        found.append(ConcealedEffect(name, parameters, entry["intervals"], detail, entry.get("strength") or "moderate"))
+        if detail not in unmodelled.RANDOM:
+            strength, ramp = entry.get("strength") or "moderate", entry.get("ramp_s") or 0.0
+            found.append(ConcealedEffect(name, parameters, entry["intervals"], detail, strength, ramp))
     return found
 
 
@@ -85,7 +92,7 @@ def predictions(case_dir: Path, effects: Sequence[ConcealedEffect]) -> dict[str,
         effects: What acts; none for the calm-water model.
 
     Returns:
-        Table of each held-out run with the columns of a prediction.
+        Table of each held-out run with the columns of a prediction, one row a second.
     """
     manifest = read_manifest(case_dir)
     ship, warmup = trial_ships()[manifest["ship"]], int(manifest["warmup_s"])
@@ -125,8 +132,8 @@ def rmse(case_dir: Path, tables: Mapping[str, pd.DataFrame]) -> dict[str, float]
         tables: Prediction of each held-out run.
 
     Returns:
-        RMS error of each channel, per run and then over runs; infinite where a prediction is not a number. None if a
-        prediction is missing or does not cover its run.
+        RMS error of each channel that is recorded, per run and then over runs; infinite where a prediction is not a
+        number. None if a prediction is missing or does not cover its run.
     """
     manifest = read_manifest(case_dir)
     warmup, per_run = manifest["warmup_s"], []
@@ -134,16 +141,21 @@ def rmse(case_dir: Path, tables: Mapping[str, pd.DataFrame]) -> dict[str, float]
         if run["split"] != "held_out":
             continue
         recorded = read_run(case_dir, run, manifest["nominal_noise_sd"])
-        recorded = recorded[recorded["t"] >= warmup].reset_index(drop=True)
+        recorded = recorded[(recorded["t"] >= warmup) & recorded[[*CHANNELS]].notna().any(axis=1)]
         predicted = tables.get(run["run"])
-        if predicted is None or len(predicted) != len(recorded) or set(CHANNELS.values()) - set(predicted):
+        needed = {CHANNELS[c] for c in CHANNELS if recorded[c].notna().any()} | {"t"}
+        if predicted is None or needed - set(predicted):
             return None
-        per_run.append(_errors(recorded, predicted.reset_index(drop=True)))
-    return {c: float(np.sqrt(np.mean([e[c] for e in per_run]))) for c in per_run[0]} if per_run else None
+        predicted = predicted.drop_duplicates("t").set_index("t").reindex(columns=[*CHANNELS.values()])
+        if not recorded["t"].isin(predicted.index).all():
+            return None
+        per_run.append(_errors(recorded, predicted.loc[recorded["t"]]))
+    channels = [c for c in per_run[0] if all(c in errors for errors in per_run)] if per_run else []
+    return {c: float(np.sqrt(np.mean([e[c] for e in per_run]))) for c in channels} or None
 
 
 def _errors(recorded: pd.DataFrame, predicted: pd.DataFrame) -> dict[str, float]:
-    """Mean square error of each channel over the samples that were recorded."""
+    """Mean square error of each channel over the samples that were recorded, if any."""
     miss = {c: predicted[p].to_numpy(float) - recorded[c].to_numpy(float) for c, p in CHANNELS.items()}
     miss["psi"] = (miss["psi"] + 180.0) % 360.0 - 180.0
     squares = {c: miss[c] ** 2 for c in ("psi", "u", "v", "r", "u_log")}
@@ -152,6 +164,8 @@ def _errors(recorded: pd.DataFrame, predicted: pd.DataFrame) -> dict[str, float]
     result = {}
     for channel, square in squares.items():
         known = recorded[needed.get(channel, [channel])].notna().all(axis=1).to_numpy()
+        if not known.any():
+            continue
         mean = float(square[known].mean())
         result[channel] = mean if np.isfinite(mean) else float("inf")
     return result
@@ -162,10 +176,10 @@ def total(ship: TrialShip, errors: Mapping[str, float]) -> float:
 
     Args:
         ship: The ship.
-        errors: RMS error of each channel.
+        errors: RMS error of each channel that is recorded.
 
     Returns:
         J [-].
     """
     scale = scales(ship)
-    return float(np.sqrt(np.mean([(errors[c] / s) ** 2 for c, s in scale.items()])))
+    return float(np.sqrt(np.mean([(error / scale[c]) ** 2 for c, error in errors.items()])))

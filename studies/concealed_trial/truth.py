@@ -24,7 +24,8 @@ class ConcealedEffect:
         parameters: With the format's names and units; the measures of an unmodelled effect for ``unknown``.
         intervals: ``"all"``, or for each run its intervals [s].
         detail: Which unmodelled effect.
-        strength: ``weak``, ``moderate`` or ``strong``.
+        strength: ``weak``, ``moderate``, ``strong`` or ``extreme``.
+        ramp: How long it takes to set in [s]; half of it acts at the start of an interval.
     """
 
     name: str
@@ -32,6 +33,7 @@ class ConcealedEffect:
     intervals: Mapping[str, list[list[int]]] | str = "all"
     detail: str | None = None
     strength: str = "moderate"
+    ramp: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -103,6 +105,7 @@ class TruthModel:
         sensors: Faults of the sensors.
         felt: Unlisted rudder, its name and measures.
         model_error: Coloured force, one row of X, Y, N for each run at 0, 1, 2 ... s.
+        lag: Time that the remembered yaw rate is behind [s]; 0 if nothing remembers.
     """
 
     ship: TrialShip
@@ -115,28 +118,29 @@ class TruthModel:
     sensors: Sensors = Sensors()
     felt: tuple[str, Mapping[str, float]] | None = None
     model_error: np.ndarray | None = None
+    lag: float = 0.0
 
-    def derivative(self, t: float, state: np.ndarray, blade: np.ndarray, n: np.ndarray) -> np.ndarray:
-        """Time derivative of x, y [m], psi [rad], u, v [m/s], r [rad/s], phi [rad], dphi/dt of all runs.
+    def derivative(self, t: float | np.ndarray, state: np.ndarray, blade: np.ndarray, n: np.ndarray) -> np.ndarray:
+        """Time derivative of x, y [m], psi [rad], u, v [m/s], r [rad/s], phi [rad], dphi/dt and r L/U0 lagged.
 
         Args:
-            t: Time [s].
-            state: 8 rows, one column for each run; u and v through the water.
+            t: Time [s], the same for all runs or one for each.
+            state: 9 rows, one column for each run; u and v through the water. The last may be missing.
             blade: Angle of the blade [rad], positive to port.
             n: Shaft speed [rpm].
 
         Returns:
-            8 rows.
+            As many rows.
         """
-        x, y, psi, u, v, r, phi, p = state
+        x, y, psi, u, v, r, phi, p = state[:8]
         d = blade if self.felt is None else unmodelled.felt_angle(*self.felt, blade)
         external = np.zeros((3, u.size))
         if self.forces:
-            now = Moment(t, x, y, psi, u, v, r, d, n)
+            now = Moment(t, x, y, psi, u, v, r, d, n, state[8] if self.lag else None)
             for force in self.forces:
                 external += force(now)
-        if self.model_error is not None and t >= 0:
-            external += self.model_error[min(int(t), len(self.model_error) - 1)]
+        if self.model_error is not None and float(t) >= 0:
+            external += self.model_error[min(int(float(t)), len(self.model_error) - 1)]
         if self.roll_gain:
             external[2] += self.roll_gain * phi
         out = np.empty_like(state)
@@ -147,6 +151,8 @@ class TruthModel:
         out[2] = r
         out[6] = p
         out[7] = self._roll(u, r, phi, p, out[4]) if self.roll_gain else 0.0
+        if len(state) > 8:
+            out[8] = (r * self.ship.length / self.ship.speed - state[8]) / self.lag if self.lag else 0.0
         return out
 
     def _roll(self, u, r, phi, p, sway) -> np.ndarray:
@@ -215,7 +221,7 @@ def _add(
 ) -> None:
     """Put one effect where it acts."""
     ship, p, name = truth.ship, effect.parameters, effect.name
-    acts = forces.gate(effect.intervals, runs)
+    acts = forces.gate(effect.intervals, runs, effect.ramp)
     if name in {"wind_steady", "wind_onset", "wind_gusty"}:
         truth.forces.append(forces.wind(ship, p, acts, gusts if name == "wind_gusty" else None))
     elif name == "wave_drift":
@@ -241,7 +247,7 @@ def _add(
     elif name == "power_limit":
         truth.rpm_slope = p["rpm_slope"]
     elif name == "unknown":
-        _add_unmodelled(truth, effect)
+        _add_unmodelled(truth, effect, runs)
     else:
         _add_faults(truth, effect)
 
@@ -267,11 +273,12 @@ def _add_faults(truth: TruthModel, effect: ConcealedEffect) -> None:
         truth.sensors = Sensors(**{**truth.sensors.__dict__, **sensors[name]})
 
 
-def _add_unmodelled(truth: TruthModel, effect: ConcealedEffect) -> None:
+def _add_unmodelled(truth: TruthModel, effect: ConcealedEffect, runs: list[str]) -> None:
     """Put an effect that no list holds where it acts."""
     p, detail = effect.parameters, str(effect.detail)
     if detail in unmodelled.FORCES:
-        truth.forces.append(unmodelled.unmodelled_force(truth.ship, detail, p))
+        truth.forces.append(unmodelled.unmodelled_force(truth.ship, detail, p, runs))
+        truth.lag = p.get("lag_s", truth.lag)
     elif detail in unmodelled.RUDDERS:
         truth.felt = (detail, p)
     else:

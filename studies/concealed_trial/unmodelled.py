@@ -3,9 +3,10 @@
 Forces are in units of 0.5 rho L T U0^2 (moments with L); ``b = v/U0``, ``q = r L/U0``.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
+from scipy.signal import lfilter
 
 from studies.concealed_trial.forces import Force, Moment
 from studies.concealed_trial.ships import TrialShip
@@ -51,6 +52,21 @@ def _striped_water(ship: TrialShip, p: Mapping[str, float], now: Moment) -> np.n
     return p["a"] * np.sin(2 * np.pi * place / p["spacing_m"])
 
 
+def _sway_beat(ship: TrialShip, p: Mapping[str, float], now: Moment) -> np.ndarray:
+    """A side force with a period of its own."""
+    return _beat(ship, p, now)
+
+
+def _late_turn(ship: TrialShip, p: Mapping[str, float], now: Moment) -> np.ndarray:
+    """A yaw moment that remembers: it follows the yaw rate behind a lag."""
+    return p["a"] * np.asarray(now.lagged)
+
+
+def _growing(ship: TrialShip, p: Mapping[str, float], now: Moment) -> np.ndarray:
+    """A force that grows with the time of the run; ``a`` is what it is after ten minutes."""
+    return np.full(now.u.shape, p["a"] * np.maximum(now.t, 0.0) / 600.0)
+
+
 def _damped_drift(ship: TrialShip, p: Mapping[str, float], now: Moment) -> np.ndarray:
     """A side force of drift and turn together, whatever their signs."""
     return p["a"] * np.abs(_turn_rate(ship, now)) * np.abs(now.v) / ship.speed
@@ -64,8 +80,19 @@ FORCES: dict[str, tuple[str, Shape]] = {
     "by_speed": ("N", _by_speed),
     "striped_water": ("Y", _striped_water),
     "damped_drift": ("Y", _damped_drift),
+    "sway_beat": ("Y", _sway_beat),
+    "late_turn": ("N", _late_turn),
+    "growing_push": ("Y", _growing),
+    "growing_drag": ("X", lambda ship, p, now: -_growing(ship, p, now)),
+    "random_push": ("Y", lambda ship, p, now: np.full(now.u.shape, p["a"])),
+    "random_moment": ("N", lambda ship, p, now: np.full(now.u.shape, p["a"])),
 }
 """Equation and shape of the forces."""
+
+RANDOM = ("random_push", "random_moment")
+"""Forces with a random course (Ornstein-Uhlenbeck) of standard deviation ``a``; nobody can predict them."""
+LONGEST_RUN = 4000
+"""Length of their series [s]."""
 
 RUDDERS = ("rudder_hole", "weak_to_port")
 """Rudders that do less than their angle says."""
@@ -79,24 +106,47 @@ SENSORS: dict[str, str] = {
 """Channels that are wrong in a way of their own."""
 
 
-def unmodelled_force(ship: TrialShip, detail: str, parameters: Mapping[str, float]) -> Force:
+def random_course(chance: float, tau: float, runs: Sequence[str]) -> np.ndarray:
+    """Ornstein-Uhlenbeck courses of standard deviation 1, the same for the same run.
+
+    Args:
+        chance: Seed.
+        tau: Correlation time [s].
+        runs: Names of the runs.
+
+    Returns:
+        One row a second, one column a run.
+    """
+    memory = float(np.exp(-1 / tau))
+    columns = []
+    for run in runs:
+        white = np.random.default_rng([int(chance), *run.encode()]).standard_normal(LONGEST_RUN)
+        columns.append(lfilter([np.sqrt(1 - memory**2)], [1.0, -memory], white))
+    return np.stack(columns, axis=1)
+
+
+def unmodelled_force(ship: TrialShip, detail: str, parameters: Mapping[str, float], runs: Sequence[str] = ()) -> Force:
     """The force of an effect that no list holds.
 
     Args:
         ship: The ship.
         detail: A name of :data:`FORCES`.
         parameters: Its ``a`` and what else it needs.
+        runs: Names of the runs, which a random course needs.
 
     Returns:
         The force.
     """
     equation, shape = FORCES[detail]
+    course = random_course(parameters["chance"], parameters["tau_s"], runs) if detail in RANDOM else None
     row = "XYN".index(equation)
     unit = ship.force_unit * (ship.length if equation == "N" else 1.0)
 
     def force(now: Moment) -> np.ndarray:
         rows = np.zeros((3, now.u.size))
         rows[row] = unit * shape(ship, parameters, now)
+        if course is not None:
+            rows[row] *= course[min(max(int(float(now.t)), 0), len(course) - 1)]
         return rows
 
     return force

@@ -170,10 +170,13 @@ def test_what_the_data_do_not_say_stays_as_it_was_before():
     silent = runs([ZIGZAG])[0]
     silent = silent.with_channels(u_log=np.full(len(silent), np.nan))
     likelihood = MarginalLikelihood(whitened_data_set(CALM, [silent]))
-    scale = Hypothesis((LogScale(SHIP),), (np.array([[1.05]]),))
+    scale = Hypothesis((LogScale(SHIP),), (np.array([[1.0]]),))
     judged = likelihood.evaluate(scale)
-    assert judged.hypothesis.vector() == approx([1.0]) and judged.errors == approx([0.08])
-    assert judged.evidence == approx(likelihood.evaluate(NONE).evidence, abs=1e-6)
+    (unknown,) = scale.unknowns()
+    assert judged.hypothesis.vector() == approx([1.0]) and judged.errors == approx([unknown.scale / np.sqrt(2)])
+    # Laplace's method sees the peak of Cauchy's law, not its tails: 1 / sqrt(pi) of it.
+    lost = 0.5 * np.log(np.pi)
+    assert judged.evidence == approx(likelihood.evaluate(NONE).evidence - lost, abs=0.05)
 
 
 def test_a_value_outside_its_bounds_gains_no_evidence():
@@ -187,11 +190,11 @@ def test_a_value_outside_its_bounds_gains_no_evidence():
 
 
 def test_a_prior_that_its_bound_cuts_in_half_counts_double():
-    """Inside the bounds the evidence is that of a normal prior of any sign and log 2."""
+    """Inside the bounds the evidence is that of a prior of any sign and log 2; little of it lies above 10 m/s."""
     likelihood = MarginalLikelihood(stand("current"))
     judged = likelihood.evaluate(hypothesis(*ACTING["current"]))
     weighted = judged.by_level + log_prior_levels(likelihood.data_set, PROCESS_PRIOR)
-    assert judged.evidence - logsumexp(weighted[np.isfinite(weighted)]) == approx(np.log(2), abs=1e-3)
+    assert judged.evidence - logsumexp(weighted[np.isfinite(weighted)]) == approx(np.log(2), abs=0.03)
 
 
 def test_directions_go_round_and_long_steps_are_cut():
@@ -313,7 +316,10 @@ def test_combining_coefficients_loses_no_evidence_and_can_be_undone():
     g, s = judged.best
     e = few.at(g).white[0].embed(place.base)
     whole = posterior(e.dot(e), 0.0, prior, data, COEFFICIENT_SD_LEVELS, count).mean(s)
-    again = np.append(few.rotation @ judged.nuisance[:-1], judged.nuisance[-1])
+    alone = np.full(judged.by_level.shape, -np.inf)
+    alone[g, s] = 0.0
+    at_best = MarginalLikelihood(few).over_levels(NONE, {g: MarginalLikelihood(few).posterior(None, g)}, alone)
+    again = np.append(few.rotation @ at_best.nuisance[:-1], at_best.nuisance[-1])
     assert again == approx(whole, abs=0.1 * COEFFICIENT_SD_LEVELS[s])
 
 

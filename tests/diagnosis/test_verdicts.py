@@ -10,7 +10,7 @@ from trials import SHIP, values
 
 from manoeuvre_nn.diagnosis import decision as under_test
 from manoeuvre_nn.diagnosis.alarm import MIN_GAIN_OF_NAMED, MIN_GAIN_OF_SECOND, MIN_GAIN_OF_UNKNOWN, _drawn
-from manoeuvre_nn.diagnosis.decision import PRIOR, decide
+from manoeuvre_nn.diagnosis.decision import PRIOR_OF_SIZE, PRIOR_UNKNOWN, decide
 from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.effect.current import Current
@@ -85,7 +85,7 @@ def test_odds_are_those_of_evidence_times_prior(decided):
     """Two singles far above calm water."""
     v = decided({"current": 30.0, "rudder_offset": 28.5, "heading_bias": -9.0}, unknown=28.0)
     assert v.effects["current"] / v.effects["rudder_offset"] == approx(np.exp(1.5))
-    odds = np.exp(2.0) * PRIOR["single"] / 3 / PRIOR["unknown"]
+    odds = np.exp(2.0) * PRIOR_OF_SIZE[0] / 3 / PRIOR_UNKNOWN
     assert v.effects["current"] / v.unknown == approx(odds)
 
 

@@ -137,7 +137,9 @@ def summary(d: Diagnosis, dynamics: Model) -> str:
     found = " + ".join(named) or ("unknown" if d.verdict == "mismatch" else "nothing is missing")
     before = cost([p.rmse_before for p in d.proofs], dynamics.particulars)
     after = cost([p.rmse_after for p in d.proofs], dynamics.particulars)
-    proof = f"J {before:.2f} -> {after:.2f}" if d.proofs else "not proved"
+    alone = [p.rmse_alone for p in d.proofs if p.rmse_alone]
+    of_effects = f" ({cost(alone, dynamics.particulars):.2f} with published coefficients)" if alone else ""
+    proof = f"J {before:.2f} -> {after:.2f}{of_effects}" if d.proofs else "not proved"
     return f"{d.case}: {d.verdict}, {found}; {proof}; {d.seconds:.0f} s"
 
 

@@ -30,19 +30,23 @@ class Parameter:
     Attributes:
         name: Its name with the unit as suffix where the field writes it so (``from_deg``, ``force_kN``).
         unit: Unit of the values.
-        low: Smallest value that is physically sensible.
+        low: Smallest value that is possible at sea, times what ``within`` names.
         high: Largest.
         null: Value at which the effect vanishes; None if another parameter makes it vanish (a direction).
-        spread: Prior standard deviation [unit]: how large the effect usually is.
+        spread: How large the effect usually is [unit].
         starts: Values from which a fit is tried.
         period: 360 for directions, None otherwise.
         form: Whether it describes the uncertainty of the formula (a factor on a published curve) rather than the
             effect: it is estimated with its prior and not reported.
         per_run: Whether every run has its own: times of an event.
+        heavy_tailed: Whether its prior is Cauchy's about the null, with the median size of a Gaussian of this spread:
+            what goes wrong at sea may be ten times what is usual. Else it is Gaussian, as form parameters always are.
         random: Whether it describes a random process, whose course is integrated out; the first such parameter of an
             effect is the size of the process, 0 without one.
         power: Exponent of length with which its usual size goes by Froude's law; None takes that of the unit, and 0 for
             all units but m, m/s and kN: what instruments and helmsmen do is no matter of length.
+        within: Dimension of the ship in which the bounds are given (``length``, ``beam``, ``draught``: an antenna is
+            on board); empty for bounds in the unit.
     """
 
     name: str
@@ -55,14 +59,19 @@ class Parameter:
     period: float | None = None
     form: bool = False
     per_run: bool = False
+    heavy_tailed: bool = True
     random: bool = False
     power: float | None = None
+    within: str = ""
 
     def on(self, ship: Particulars) -> "Parameter":
-        """The parameter with spread and starts as usual on a ship, on models by Froude's law; its bounds stay."""
+        """The parameter on a ship: spread and starts as usual, on models by Froude's law, bounds by her dimensions."""
         power = UNIT_POWERS.get(self.unit, 0.0) if self.power is None else self.power
         share = float(ship.sized([1.0], [power])[0])
-        return replace(self, spread=share * self.spread, starts=tuple(share * start for start in self.starts))
+        size = getattr(ship, self.within) if self.within else 1.0
+        low, high = self.low * size, self.high * size
+        starts = tuple(min(max(share * start, low), high) for start in self.starts)
+        return replace(self, low=low, high=high, spread=share * self.spread, starts=starts, within="")
 
 
 @dataclass(frozen=True)

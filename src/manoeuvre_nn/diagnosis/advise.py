@@ -51,7 +51,7 @@ def advise(data_set: WhitenedDataSet, leading: FittedHypothesis, rivals: Sequenc
     plans = [*new_runs(data_set, leading.hypothesis), *same_runs(data_set)]
     again = [about_states(data_set.dynamics, p, p.linearised.track) for p in data_set.runs]
     # Coefficients as they are, not in the combinations that the recordings show: a new run may show others.
-    data_set = WhitenedDataSet(data_set.dynamics, [*again, *(plan.prepared for plan in plans)])
+    data_set = WhitenedDataSet(data_set.dynamics, [*again, *(plan.prepared for plan in plans)], data_set.coupling)
     rows = [*range(len(again)), *(plan.row for plan in plans)]
     whole = _whole(data_set, leading.hypothesis, rows)
     return [_ranked(data_set, whole, r.hypothesis.of_runs(rows), r.best, plans) for r in rivals]
@@ -68,7 +68,8 @@ def _grams(
 ) -> tuple[list[Float[np.ndarray, "p p"]], Float[np.ndarray, " m"]]:
     """Inner products in every run, and the prior spreads of all but the first column."""
     lin = hypothesis_columns(data_set, rival) if rival.effects else None
-    spreads = [REFIT_SPREADS * f.spread for f in rival.unknowns() if f.run is None]
+    shared = np.array([f.run is None for f in rival.unknowns()], dtype=bool)
+    spreads = (REFIT_SPREADS * rival.prior_sds())[shared].tolist()
     sd = np.array([COEFFICIENT_SD_LEVELS[best[1]]] * data_set.combinations + spreads)
     return [_shared(data_set, best[0], run, c, lin) for run, c in enumerate(whole)], sd
 
@@ -110,6 +111,7 @@ def _shared(
     """Inner products in one run of: A less B, coefficients, numbers of B; those of this run alone integrated out."""
     here, k = data_set.at(level), data_set.combinations
     free = [] if lin is None else [lin.hypothesis.unknowns()[i - 1] for i in lin.index[run][1:]]
+    sds = np.zeros(0) if lin is None else REFIT_SPREADS * lin.hypothesis.prior_sds()[lin.index[run][1:] - 1]
     columns = whole
     if lin is not None:
         b = lin.columns[run]
@@ -119,7 +121,7 @@ def _shared(
     latency = p + 1 + k
     own = [*(j for j, f in enumerate(free, 1) if f.run is not None), latency]
     kept = [0, *range(p + 1, latency), *(j for j, f in enumerate(free, 1) if f.run is None)]
-    spread = np.array([*(REFIT_SPREADS * f.spread for f in free if f.run is not None), LATENCY_SD])
+    spread = np.array([*(sd for sd, f in zip(sds, free, strict=True) if f.run is not None), LATENCY_SD])
     cross = g[np.ix_(own, kept)]
     return g[np.ix_(kept, kept)] - cross.T @ np.linalg.solve(g[np.ix_(own, own)] + np.diag(spread**-2.0), cross)
 

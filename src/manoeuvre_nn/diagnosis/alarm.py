@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from manoeuvre_nn.diagnosis.search import SearchResult
+from manoeuvre_nn.diagnosis.search import MIN_GAIN_OF_SECOND, SearchResult
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import hypothesis_columns
 
@@ -15,8 +15,6 @@ MIN_GAIN_OF_NAMED = 8.0
 """Least log Bayes factor over calm water of a named effect: what the draws' own model cannot know."""
 MIN_GAIN_OF_UNKNOWN = 7.0
 """The same for something unknown, which has no formula to be tied to."""
-MIN_GAIN_OF_SECOND = 6.0
-"""Least log evidence that a second effect must add, to the best of one and to what raises the alarm."""
 
 
 def threshold(result: SearchResult) -> float:
@@ -49,7 +47,8 @@ def _information(
     nuisance = g[1:n, 1:n] + np.diag(data_set.nuisance_sd(scatter, len(data_set.runs)) ** -2.0)
     cross = g[1:n, n + 1 :]
     information = g[n + 1 :, n + 1 :] - cross.T @ np.linalg.solve(nuisance, cross)
-    return information, np.array([f.spread for f in hypothesis.unknowns()])
+    at_null = [f.prior_sd(f.mean(v)) for f, v in zip(hypothesis.unknowns(), hypothesis.vector(), strict=True)]
+    return information, np.array(at_null)
 
 
 def _drawn(

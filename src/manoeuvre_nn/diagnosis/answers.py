@@ -17,9 +17,11 @@ def write_answer(d: Diagnosis, folder: Path) -> None:
     for when in ("before", "after"):
         place = folder / "predictions" / when
         place.mkdir(parents=True, exist_ok=True)
-        for proof in d.proofs:
+        for proof in [*d.proofs, *d.forecasts]:
             table: pd.DataFrame = getattr(proof, when).copy()
-            table["psi"] = table["psi"] % 360
+            whole = table["psi"] - table["psi"] % 360
+            for name in [c for c in ("psi", "psi_low", "psi_high") if c in table]:
+                table[name] = table[name] - whole
             table.to_csv(place / f"{proof.run}.csv", index=False, float_format="%.5f")
     # Last, and at once: a case with an answer is complete.
     text = json.dumps(answer(d), indent=1)
@@ -38,6 +40,7 @@ def answer(d: Diagnosis) -> dict:
         "model": model,
         "heldout_rmse_before": {k: _number(v) for k, v in d.rmse("before").items()},
         "heldout_rmse_after": {k: _number(v) for k, v in d.rmse("after").items()},
+        "heldout_rmse_of_effects_alone": {k: _number(v) for k, v in d.rmse("alone").items()},
     }
 
 

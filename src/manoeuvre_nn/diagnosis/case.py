@@ -20,6 +20,7 @@ from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.estimation.data_set import whitened_data_set
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.recording.check.checks import COLUMNS, check_over_ground, check_sampling
+from manoeuvre_nn.recording.holes import answers, told
 from manoeuvre_nn.recording.kind import guess_kind
 from manoeuvre_nn.recording.preparation import common_step, measured, over_ground, prepared, with_own_shafts
 from manoeuvre_nn.recording.read.mapping import Mapping as ChannelMapping
@@ -74,7 +75,12 @@ class Case:
     @property
     def held_out(self) -> list[Recording]:
         """Runs for the proof."""
-        return [run for run in self.runs if run.name in self.proof]
+        return [run for run in self.runs if run.name in self.proof and answers(run, self.warmup)]
+
+    @property
+    def planned(self) -> list[Recording]:
+        """Held-out runs of which nothing but rudder and shaft is known after the warm-up: they prove nothing."""
+        return [run for run in self.runs if run.name in self.proof and not answers(run, self.warmup)]
 
 
 @dataclass(frozen=True)
@@ -256,8 +262,8 @@ def _case(
     step = common_step(raw, p)
     runs = with_own_shafts([prepared(r, step, p, kinds[r.name]) for r in raw])
     name, proof = str(m.get("case", folder.resolve().name)), frozenset(name for name, held in split.items() if held)
-    unknown = _undecided(runs, [run for run in runs if run.name not in proof])
-    return Case(name, str(m.get("ship", p.name)), runs, hull, proof, warmup, unknown)
+    case = Case(name, str(m.get("ship", p.name)), runs, hull, proof, warmup)
+    return replace(case, undecided=_undecided(case))
 
 
 def _even_rudder(run: Recording) -> Float[np.ndarray, " n"]:
@@ -313,8 +319,9 @@ def seen_channels(runs: Sequence[Recording], channels: Sequence[str] = MEASURED)
     return {channel for channel, there in zip(channels, present, strict=True) if there}
 
 
-def _undecided(runs: Sequence[Recording], fitted: Sequence[Recording]) -> tuple[str, ...]:
+def _undecided(case: Case) -> tuple[str, ...]:
     """What runs cannot decide, whatever is in them, and what had to be made from other channels, a sentence each."""
+    runs, fitted, planned = case.runs, case.fitted, ", ".join(run.name for run in case.planned)
     seen = seen_channels(fitted)
     moved = max(float(np.ptp(run["delta"])) for run in fitted) > MIN_RUDDER_TRAVEL
     ordered = any((run["shaft"] != 1).any() for run in fitted)
@@ -330,9 +337,13 @@ def _undecided(runs: Sequence[Recording], fitted: Sequence[Recording]) -> tuple[
         "limit cannot be told.": ordered and "shaft_recorded" not in seen,
         "One run: agreement between runs cannot be tested.": len(fitted) == 1,
         "No held-out run: nothing is proved, and an effect is only proposed.": len(fitted) == len(runs),
+        f"Nothing was recorded after the warm-up of {planned}: predicted with bands, no proof.": bool(planned),
+        "No held-out run was recorded to its end: nothing is proved, and an effect is only proposed.": (
+            bool(planned) and not case.held_out
+        ),
         "No velocity over ground: it was taken from the track.": any("vn" in run.meta["derived"] for run in runs),
         "No helm order: it was taken from the rudder angle, so that a slow gear cannot be told.": any(
             "delta_order" in run.meta["derived"] for run in runs
         ),
     }
-    return tuple(sentence for sentence, true in said.items() if true)
+    return (*(sentence for sentence, true in said.items() if true), *(line for run in runs for line in told(run)))

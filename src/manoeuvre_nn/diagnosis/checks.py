@@ -26,8 +26,8 @@ def _off_bounds(chosen: FittedHypothesis) -> Check:
     on = []
     for f, value in zip(chosen.hypothesis.unknowns(), chosen.hypothesis.vector(), strict=True):
         p = f.parameter
-        reach = 0.01 * (p.high - p.low)
-        inside = p.low + reach < value < p.high - reach or value == p.null
+        at_bound = np.isclose(value, [p.low, p.high], rtol=1e-6, atol=1e-6 * p.spread).any()
+        inside = not at_bound or value == p.null
         if not (inside or p.form or p.per_run or p.period):
             on.append(f"{p.name} = {value:.3g} {p.unit}")
     text = "all parameters are inside their bounds" if not on else f"on a bound: {', '.join(on)}"
@@ -74,7 +74,7 @@ def _alone(
     gram = both.dot(both)
     whole = 2 + data_set.combinations  # stands behind the data, coefficients and latency
     free = [lin.hypothesis.unknowns()[k - 1] for k in lin.index[run][1:]]
-    prior = np.r_[data_set.nuisance_sd(scatter, runs=1), [3 * f.spread for f in free]]
+    prior = np.r_[data_set.nuisance_sd(scatter, runs=1), 3 * lin.hypothesis.prior_sds()[lin.index[run][1:] - 1]]
     keep = np.r_[1:whole, whole + 1 : len(gram)]
     covariance = np.linalg.inv(gram[np.ix_(keep, keep)] + np.diag(prior**-2.0))
     at = [whole - 1 + k for k, f in enumerate(free) if f.run is None and not f.parameter.form]

@@ -2,20 +2,21 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import comb
 
 import numpy as np
 from jaxtyping import Float
 
-from manoeuvre_nn.diagnosis.alarm import MIN_GAIN_OF_NAMED, MIN_GAIN_OF_SECOND, MIN_GAIN_OF_UNKNOWN, raised
+from manoeuvre_nn.diagnosis.alarm import MIN_GAIN_OF_NAMED, MIN_GAIN_OF_UNKNOWN, raised
 from manoeuvre_nn.diagnosis.formula import short_formula
-from manoeuvre_nn.diagnosis.search import SearchResult, at_rest
+from manoeuvre_nn.diagnosis.search import SearchResult, at_rest, worth_its_size
 from manoeuvre_nn.diagnosis.unknown import unknown_evidence
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.effect.formula import Formula
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
 
-PRIOR = {"none": 0.25, "single": 0.53, "pair": 0.12, "unknown": 0.10}
-"""Declared base rates: calm water holds, one effect, two, or something that the shelf does not have."""
+PRIOR_NONE, PRIOR_UNKNOWN, PRIOR_OF_SIZE = 0.25, 0.10, (0.53, 0.10, 0.02)
+"""Declared base rates: calm water holds, something that the shelf does not have, and one effect, two, three."""
 MAX_PROCESS_OF_FITTED_MODEL = 0.1
 """Coloured force over the resistance and over 20 deg of rudder that a model fitted to other recordings may lack by
 itself; more is something that it never met."""
@@ -77,7 +78,7 @@ def settled(result: SearchResult) -> SearchResult:
         The same with their evidence about their own states.
     """
     # Of gusts the course is integrated out about the states of the steady wind.
-    named = [j for j in result.fitted if _worth_its_size(result, j) and not any(e.random for e in j.hypothesis.effects)]
+    named = [j for j in _worthy(result) if not any(e.random for e in j.hypothesis.effects)]
     race = [j for j in named if j.evidence > named[0].evidence - MAX_DEFICIT_IN_RACE][:MAX_IN_RACE]
     if len(race) < 2 or race[0].evidence < result.none.evidence + MIN_GAIN_OF_NAMED:
         return result
@@ -93,7 +94,7 @@ def decide(result: SearchResult) -> Decision:
     # A fitted model has errors that a formula takes up: to raise the alarm it must hold on other runs first.
     trained = is_fitted(data_set.dynamics)
     unmodelled = unknown_evidence(result.likelihood, result.none, None if trained else formula)
-    worthy = [j for j in result.fitted if _worth_its_size(result, j)]
+    worthy = _worthy(result)
     names = sorted({n for j in result.fitted for n in j.names})
     log_weight = _log_weights(none, unmodelled, worthy, len(names))
     best = worthy[int(log_weight[2:].argmax())] if worthy else None
@@ -123,26 +124,24 @@ def _log_weights(
     none: float, unmodelled: float, worthy: Sequence[FittedHypothesis], effects: int
 ) -> Float[np.ndarray, " h"]:
     """Evidence times base rate of calm water, of something unknown, and of the hypotheses with names."""
-    of_size = {1: PRIOR["single"] / max(effects, 1), 2: PRIOR["pair"] / max(effects * (effects - 1) / 2, 1)}
-    prior = [PRIOR["none"], PRIOR["unknown"], *(of_size[len(j.names)] for j in worthy)]
+    of_size = [share / max(comb(effects, k), 1) for k, share in enumerate(PRIOR_OF_SIZE, 1)]
+    prior = [PRIOR_NONE, PRIOR_UNKNOWN, *(of_size[len(j.names) - 1] for j in worthy)]
     return np.array([none, unmodelled, *(j.evidence for j in worthy)]) + np.log(prior)
 
 
 def _claims(
     result: SearchResult, best: FittedHypothesis | None, formula: FittedHypothesis | None, strange: bool
 ) -> list[FittedHypothesis]:
-    """The best hypothesis with a name, of a pair its better effect alone, then a formula for something unknown."""
+    """The best hypothesis with a name, of several effects the better ones, then a formula for something unknown."""
     claims = [] if best is None else [best]
-    if best is not None and len(best.names) > 1:
-        claims += [j for j in result.fitted if len(j.names) == 1 and set(j.names) <= set(best.names)][:1]
+    for size in range(len(best.names) - 1 if best else 0, 0, -1):
+        claims += [j for j in result.fitted if len(j.names) == size and set(j.names) < set(claims[-1].names)][:1]
     if formula is not None and (strange or formula.evidence > result.none.evidence + MIN_GAIN_OF_UNKNOWN):
         claims.append(formula)
     return claims
 
 
-def _worth_its_size(result: SearchResult, fitted: FittedHypothesis) -> bool:
-    """A second effect must add more than chance does."""
-    if len(fitted.names) < 2:
-        return True
-    parts = [j.evidence for j in result.fitted if len(j.names) == 1 and j.names[0] in fitted.names]
-    return fitted.evidence > max(parts, default=-np.inf) + MIN_GAIN_OF_SECOND
+def _worthy(result: SearchResult) -> list[FittedHypothesis]:
+    """Hypotheses of which no effect is there by chance, best first."""
+    known = {frozenset(j.names): j.evidence for j in reversed(result.fitted)}
+    return [j for j in result.fitted if worth_its_size(j, known)]

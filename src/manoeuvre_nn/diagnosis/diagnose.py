@@ -10,6 +10,7 @@ from manoeuvre_nn.diagnosis import checks as checking
 from manoeuvre_nn.diagnosis.case import Question
 from manoeuvre_nn.diagnosis.causes import causes_of
 from manoeuvre_nn.diagnosis.decision import decide, settled
+from manoeuvre_nn.diagnosis.forecast import forecasts
 from manoeuvre_nn.diagnosis.locate import MAX_PROCESS_NOISE, residuals, sites, statements
 from manoeuvre_nn.diagnosis.proof import foreseen, placed, prove
 from manoeuvre_nn.diagnosis.remainder import is_left, with_remainder
@@ -74,6 +75,7 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
         next_steps=next_steps(tried, verdict, chosen, mismatch),
         undecided=list(question.case.undecided),
         tracks={r.name: r.stacked("x", "y") for r in question.case.fitted},
+        forecasts=forecasts(question, tried.likelihood.data_set, chosen),
         network=_network(chosen),
         settings=question.settings,
         seconds=time.perf_counter() - began,

@@ -43,18 +43,21 @@ def prove(
     if not runs:
         return []
     befores = [p.before for p in known] or predict(dynamics, Hypothesis((), ()), runs, warmup)
-    afters = befores
+    afters, alone = befores, []
     if claim.names:
         fitted = len(data_set.runs)
+        latency = LATENCY + float(np.mean(claim.nuisance[-fitted:]))
         # Corrections within a fit's errors take up gusts of these runs, which others do not have.
         if not is_fitted(dynamics):
+            alone = predict(dynamics, elsewhere, runs, warmup, latency)
             shares = dynamics.hull.inertia.new_tensor(data_set.rotation @ claim.nuisance[:-fitted])
             dynamics = Calibrated(dynamics, shares)
-        afters = predict(dynamics, elsewhere, runs, warmup, LATENCY + float(np.mean(claim.nuisance[-fitted:])))
+        afters = predict(dynamics, elsewhere, runs, warmup, latency)
     made = []
-    for run, b, a in zip(runs, befores, afters, strict=True):
+    for k, (run, b, a) in enumerate(zip(runs, befores, afters, strict=True)):
         record = recorded(run, warmup)
-        made.append(Proof(run.name, run.meta["kind"], record, b, a, errors(b, record), errors(a, record)))
+        of_effects = errors(alone[k], record) if alone else {}
+        made.append(Proof(run.name, run.meta["kind"], record, b, a, errors(b, record), errors(a, record), of_effects))
     return made
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import groupby
 
 import numpy as np
 import pandas as pd
@@ -23,6 +24,7 @@ from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linear_run import joined
 from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, heel_of, integrated, linearise, sides_of
 from manoeuvre_nn.estimation.smoothed_run import first_guess
+from manoeuvre_nn.recording.holes import rudder_known_until
 from manoeuvre_nn.recording.outliers import spikes
 from manoeuvre_nn.recording.preparation import measured
 
@@ -45,11 +47,45 @@ def predict(
     # Of gusts only the size is known: the prediction is the mean over their courses, which is the steady wind.
     steady = tuple(e.steady(v) for e, v in zip(hypothesis.effects, hypothesis.values, strict=True))
     hypothesis = replace(hypothesis, values=steady)
+    starts = []
+    for row, run in enumerate(runs):
+        warm = run.between(0.0, warm_up_end(run, warmup))
+        starts.append(start_state(dynamics, hypothesis.of_runs([row]), warm, latency))
+    return free_runs(dynamics, hypothesis, runs, np.stack(starts), warmup, latency)
+
+
+def warm_up_end(run: Recording, warmup: float) -> float:
+    """Time of the first sample after a warm-up [s]."""
+    return float(run.time[np.searchsorted(run.time, warmup - 1e-9)])
+
+
+def free_runs(
+    dynamics: Model,
+    hypothesis: Hypothesis,
+    runs: Sequence[Recording],
+    starts: Float[np.ndarray, "rows k"],
+    warmup: float,
+    latency: float = 0.0,
+    driving: Model | None = None,
+) -> list[pd.DataFrame]:
+    """The same from states that are known.
+
+    Args:
+        dynamics: Calm-water model.
+        hypothesis: What acts on it, values of each row.
+        runs: The recording of each row.
+        starts: States at the end of the warm-up, of :func:`start_state`.
+        warmup: End of the warm-up [s].
+        latency: Delay of the satellite receiver [s].
+        driving: What moves the ship, if every row has a calm-water model of its own.
+
+    Returns:
+        As :func:`predict`.
+    """
     each = [hypothesis.of_runs([row]) for row in range(len(runs))]
-    k = int(np.searchsorted(runs[0].time, warmup - 1e-9))
-    begin, step = float(runs[0].time[k]), runs[0].step
-    starts = [start_state(dynamics, h, run.between(0.0, begin), latency) for h, run in zip(each, runs, strict=True)]
-    rows = {"delta": [_wheel(h, run)[k:] for h, run in zip(each, runs, strict=True)]}
+    begin, step = warm_up_end(runs[0], warmup), runs[0].step
+    k = int(np.searchsorted(runs[0].time, begin - 1e-9))
+    rows = {"delta": [wheel[k:] for wheel in _wheels(hypothesis, runs)]}
     if any((run["shaft"] != 1).any() for run in runs):
         rows["shaft"] = [run["shaft"][k:] for run in runs]
     sides = [sides_of(run, dynamics) for run in runs]
@@ -61,9 +97,9 @@ def predict(
     for name in heels[0] if all(heels) else ():
         rows[name] = [of_run[name].numpy()[k:] for of_run in heels]
     columns = held_columns(rows)
-    moving = Vessel(dynamics, _acting(hypothesis)).model
+    moving = Vessel(driving or dynamics, _acting(hypothesis)).model
     with torch.no_grad():
-        states = integrate(moving, torch.tensor(np.stack(starts)), columns, interval=step, start=begin)
+        states = integrate(moving, torch.tensor(starts), columns, interval=step, start=begin)
     shown = []
     for row, (h, run) in enumerate(zip(each, runs, strict=True)):
         seen, n = run.between(begin, run.time[-1]), len(run) - k
@@ -76,16 +112,21 @@ def _acting(hypothesis: Hypothesis) -> list[Effect]:
     return [e.at(torch.tensor(v)) for e, v in zip(hypothesis.effects, hypothesis.values, strict=True)]
 
 
-def _wheel(hypothesis: Hypothesis, run: Recording) -> Float[np.ndarray, " n"]:
-    """Angle of the blade over the whole run, so that its memory is right when the prediction begins."""
-    blade = torch.tensor(run["delta"])[None]
-    with torch.no_grad():
-        for effect, value in zip(hypothesis.effects, hypothesis.values, strict=True):
-            acting = effect.at(torch.tensor(value)[:, None, :])
-            blade = acting.indicated(blade, torch.tensor(run.time))
-            if type(effect).blade is not Effect.blade:
-                blade = blade_along(acting, run, blade)
-    return blade[0].numpy()
+def _wheels(hypothesis: Hypothesis, runs: Sequence[Recording]) -> list[Float[np.ndarray, " n"]]:
+    """Angle of the blade over each whole run, so that its memory is right when the prediction begins."""
+    made: list[np.ndarray] = []
+    for _, same in groupby(range(len(runs)), key=lambda row: id(runs[row])):
+        rows = list(same)
+        run, mine = runs[rows[0]], hypothesis.of_runs(rows)
+        blade = torch.tensor(run["delta"]).expand(len(rows), -1)
+        with torch.no_grad():
+            for effect, value in zip(mine.effects, mine.values, strict=True):
+                acting = effect.at(torch.tensor(value)[:, None, :])
+                blade = acting.indicated(blade, torch.tensor(run.time))
+                if type(effect).blade is not Effect.blade:
+                    blade = blade_along(acting, run, blade)
+        made += list(blade.expand(len(rows), -1).numpy())
+    return made
 
 
 def start_state(
@@ -102,6 +143,13 @@ def start_state(
     Returns:
         u, v, r, x, y, psi, own states, then those of the effects; u and v through the water.
     """
+    return start_state_and_covariance(dynamics, hypothesis, run, latency)[0]
+
+
+def start_state_and_covariance(
+    dynamics: Model, hypothesis: Hypothesis, run: Recording, latency: float = 0.0
+) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "m m"]]:
+    """The same, and how well the samples of the warm-up tell all of it but the states of the effects."""
     rate, p = Rate(dynamics), dynamics.particulars
     unit = p.speed**2 / p.length * np.array([1.0, 1.0, 1.0 / p.length])
     unit = np.append(unit, typical(dynamics)[3:])
@@ -116,7 +164,8 @@ def start_state(
         solved = integrated(linearised, rate.states.first_noise, 1e-3 * unit, time, spread)
         track = track + solved.states(solved.embed(left))[:, : rate.states.count, 0]
     linearised = linearise(run, rate, track, time)
-    return np.concatenate([track[-1], *(_memory_at_end(hypothesis, linearised))])
+    covariance = solved.covariances[0][-1][: rate.states.count, : rate.states.count]
+    return np.concatenate([track[-1], *(_memory_at_end(hypothesis, linearised))]), covariance
 
 
 def _memory_at_end(hypothesis: Hypothesis, linearised: LinearisedRun) -> list[Float[np.ndarray, " m"]]:
@@ -149,6 +198,8 @@ def _written(
 def recorded(run: Recording, warmup: float) -> pd.DataFrame:
     """A run's recording from the end of the warm-up [s] in the form of a prediction; NaN in gaps and at outliers."""
     m = measured(run)
+    # No free run leads through a time in which nobody knows the rudder.
+    m[run.time > rudder_known_until(run, warmup) + 1e-9] = np.nan
     m = np.where(np.apply_along_axis(spikes, 0, m, min_spread_share=0.0), np.nan, m)
     table = _table(run.time, dict(zip(MEASURED, m.T, strict=True)))
     return table[run.time >= warmup - 1e-9].reset_index(drop=True)

@@ -96,16 +96,18 @@ class Check:
 
 @dataclass(frozen=True)
 class Proof:
-    """A held-out run predicted before and after, beside the recording.
+    """A held-out run predicted before and after, beside the recording; or a planned one, of which nothing was recorded.
 
     Attributes:
         run: The run.
         kind: What was sailed.
         recorded: t, x, y [m], psi [deg], u, v [m/s] over ground, r [deg/s], u_log [m/s]; NaN in gaps and at outliers.
         before: The calm-water model's prediction, same columns and times.
-        after: The repaired model's.
+        after: The repaired model's; of a planned run with x_low, x_high and so on: what 95 % of recordings lie between.
         rmse_before: Channel (pos, psi, u, v, r, u_log) -> RMS error.
         rmse_after: The same after.
+        rmse_alone: The same of the effects alone, with the published coefficients: what of the gain is theirs, and not
+            that of corrected coefficients; empty where the two are the same.
     """
 
     run: str
@@ -115,6 +117,7 @@ class Proof:
     after: pd.DataFrame
     rmse_before: Mapping[str, float]
     rmse_after: Mapping[str, float]
+    rmse_alone: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -140,6 +143,7 @@ class Diagnosis:
         next_steps: What to record next, most useful first.
         undecided: What cannot be decided with these recordings and why.
         tracks: Fitted run -> recorded x and y [m], NaN in gaps.
+        forecasts: Planned runs: rudder and warm-up are known, and nothing that could prove anything.
         network: Weights of the network that learned what physics leaves; empty without one.
         settings: Versions, seed, options, for the record.
         seconds: Time that it took.
@@ -162,6 +166,7 @@ class Diagnosis:
     next_steps: list[str]
     undecided: list[str]
     tracks: Mapping[str, Float[np.ndarray, "n 2"]] = field(default_factory=dict, repr=False)
+    forecasts: list[Proof] = field(default_factory=list)
     network: Mapping[str, float] = field(default_factory=dict, repr=False)
     settings: Mapping[str, str] = field(default_factory=dict)
     seconds: float = 0.0
@@ -172,7 +177,7 @@ class Diagnosis:
         return self.verdict == "mismatch" and self.model in ([], ["unknown"])
 
     def rmse(self, when: str) -> dict[str, float]:
-        """Errors of all held-out runs together, ``before`` or ``after``.
+        """Errors of all held-out runs together, ``before``, ``after``, or of the effects ``alone``.
 
         Returns:
             Channel -> root mean square over the runs' RMS errors; runs that did not record it are left out, NaN where

@@ -1,6 +1,6 @@
-"""The model search: every candidate, then combinations of two, fitted to all recordings together."""
+"""The model search: every candidate, then combinations of two and three, fitted to all recordings together."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from math import inf
@@ -11,10 +11,10 @@ from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.diagnosis.gusts import fitted_gusts
 from manoeuvre_nn.diagnosis.windows import best_windows
 from manoeuvre_nn.diagnosis.workers import shared_out
-from manoeuvre_nn.estimation.data_set import WhitenedDataSet
+from manoeuvre_nn.estimation.data_set import WhitenedDataSet, quiet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood, hypothesis_columns
-from manoeuvre_nn.estimation.relinearise import MAX_PASSES, STATES_AT_REST, change_of_states, refined
+from manoeuvre_nn.estimation.relinearise import MAX_PASSES, STATES_AT_REST, change_of_states, coupled, refined
 
 MAX_FIRST_DEFICIT = 30.0
 """Log evidence by which a candidate may lie behind calm water after its first fit, made at calm water's noise."""
@@ -22,8 +22,14 @@ MIN_GAIN_TO_RELINEARISE = 12.0
 """Evidence of the best effect over calm water from which everything is linearised again about its track."""
 MAX_BUILT_UPON = 5
 """Number of hypotheses that are built upon."""
+MAX_EFFECTS = 3
+"""Effects in a hypothesis."""
 MIN_GAIN_OF_SINGLE = 3.0
 """Evidence of an effect over calm water from which it is combined with others."""
+MIN_GAIN_OF_SECOND = 6.0
+"""Least log evidence that a second or third effect must add, to the best without it and to what raises the alarm."""
+USUAL_SCATTER_LEVEL = 2
+"""Level of the coefficients' standard deviation that published sets have, 3 %."""
 Progress = Callable[[str], None]
 
 
@@ -45,7 +51,7 @@ class SearchResult:
 def search(
     data_set: WhitenedDataSet, effects: Sequence[Effect], progress: Progress = lambda _: None, workers: int = 1
 ) -> SearchResult:
-    """Fit calm water, every effect, and combinations of two.
+    """Fit calm water, every effect, and combinations of two and three.
 
     Args:
         data_set: The fitted runs.
@@ -58,6 +64,8 @@ def search(
     """
     likelihood = MarginalLikelihood(data_set)
     none = likelihood.evaluate(Hypothesis((), ()))
+    likelihood = MarginalLikelihood(coupled(data_set, none))
+    none = likelihood.evaluate(Hypothesis((), ()), around=none.best[0])
 
     # A gusty wind is a variant of what a steady wind explains: see below.
     plain, variants = [e for e in effects if not e.variant_of], [e for e in effects if e.variant_of]
@@ -73,8 +81,17 @@ def search(
     if singles and singles[0].evidence > none.evidence + MIN_GAIN_TO_RELINEARISE:
         progress("second linearisation")
         likelihood, none, singles = _again(likelihood, none, singles)
-    pairs = list(_pairs(likelihood, singles, none, progress, workers))
-    fitted = sorted(singles + pairs, key=lambda j: -j.evidence)
+    fitted, leading = singles, [s for s in singles if s.evidence > none.evidence + MIN_GAIN_OF_SINGLE]
+    for size in range(2, MAX_EFFECTS + 1):
+        singles = [j for j in fitted if len(j.names) == 1]
+        more = list(_extended(likelihood, leading, singles, progress, workers))
+        gained = max((j.evidence for j in more), default=-inf) - max((j.evidence for j in fitted), default=-inf)
+        fitted = sorted([*fitted, *more], key=lambda j: -j.evidence)
+        if more and gained > MIN_GAIN_TO_RELINEARISE:
+            progress(f"linearisation about {' + '.join(fitted[0].names)}")
+            likelihood, none, fitted = _again(likelihood, none, fitted)
+        known = {frozenset(j.names): j.evidence for j in fitted}
+        leading = [j for j in fitted if len(j.names) == size and worth_its_size(j, known)]
     for variant in variants:
         steady = variant.variant_of
         windy = [j for j in fitted[:MAX_BUILT_UPON] if steady in j.names and j.evidence > none.evidence]
@@ -88,22 +105,32 @@ def search(
 
 
 def _again(
-    likelihood: MarginalLikelihood, none: FittedHypothesis, singles: Sequence[FittedHypothesis]
+    likelihood: MarginalLikelihood, none: FittedHypothesis, fitted: Sequence[FittedHypothesis]
 ) -> tuple[MarginalLikelihood, FittedHypothesis, list[FittedHypothesis]]:
-    """The best few singles and calm water about the track of the best; the others keep their distance to calm water."""
-    there = MarginalLikelihood(refined(likelihood.data_set, singles[0]))
+    """The best few and calm water about the states of the best; the others keep their distance to calm water."""
+    about = refined(likelihood.data_set, fitted[0])
+    leading = refine(MarginalLikelihood(about), fitted[0].hypothesis, *fitted[0].best)
+    there = MarginalLikelihood(coupled(about, leading))
     calm = there.evaluate(Hypothesis((), ()), around=none.best[0])
-    best = [refine(there, j.hypothesis, *j.best) for j in singles[:MAX_BUILT_UPON]]
-    rest = [replace(j, evidence=j.evidence - none.evidence + calm.evidence) for j in singles[MAX_BUILT_UPON:]]
+    best = [refine(there, j.hypothesis, *j.best) for j in fitted[:MAX_BUILT_UPON]]
+    rest = [replace(j, evidence=j.evidence - none.evidence + calm.evidence) for j in fitted[MAX_BUILT_UPON:]]
     return there, calm, sorted(best + rest, key=lambda j: -j.evidence)
 
 
 def single(likelihood: MarginalLikelihood, effect: Effect, none: FittedHypothesis) -> FittedHypothesis:
-    """Fit one effect alone, from the noise levels of calm water."""
-    level, scatter = none.best
-    tried = [likelihood.improve(h, level, scatter, rounds=3) for h in _starts(likelihood, effect, level, scatter)]
-    best = max(tried, key=lambda t: t[1])[0]
-    return refine(likelihood, best, level, scatter, none.evidence - MAX_FIRST_DEFICIT)
+    """Fit one effect alone, from the noise levels of calm water and from those at which it must explain the misfit.
+
+    Where calm water calls a large effect wrong coefficients, a fit that begins there stays where the effect is small.
+
+    Returns:
+        The better of the two.
+    """
+    found = []
+    for level, scatter in {none.best, (quiet(none.best[0]), min(none.best[1], USUAL_SCATTER_LEVEL))}:
+        tried = [likelihood.improve(h, level, scatter, rounds=3) for h in _starts(likelihood, effect, level, scatter)]
+        best = max(tried, key=lambda t: t[1])[0]
+        found.append(refine(likelihood, best, level, scatter, none.evidence - MAX_FIRST_DEFICIT))
+    return max(found, key=lambda j: j.evidence)
 
 
 def refine(
@@ -162,15 +189,29 @@ def _starts(likelihood: MarginalLikelihood, effect: Effect, level: int, scatter:
     return [made[k] for k in np.argsort(scores)[::-1][:2]]
 
 
-def _pairs(
+def worth_its_size(fitted: FittedHypothesis, known: Mapping[frozenset[str], float]) -> bool:
+    """Whether the last of several effects adds more than chance does.
+
+    Args:
+        fitted: What was found.
+        known: Log evidence of hypotheses by their effects' names.
+
+    Returns:
+        True for one effect alone.
+    """
+    names = frozenset(fitted.names)
+    parts = [evidence for part, evidence in known.items() if part and part < names]
+    return fitted.evidence > max(parts, default=-inf) + (MIN_GAIN_OF_SECOND if len(names) > 1 else 0.0)
+
+
+def _extended(
     likelihood: MarginalLikelihood,
+    leading: Sequence[FittedHypothesis],
     singles: Sequence[FittedHypothesis],
-    none: FittedHypothesis,
     progress: Progress,
     workers: int,
 ) -> Iterator[FittedHypothesis]:
-    """Two effects at once: all partners of the best few singles, screened by a linear step, the best ones fitted."""
-    leading = [s for s in singles if s.evidence > none.evidence + MIN_GAIN_OF_SINGLE]
+    """One effect more: all partners of the best few hypotheses, screened by a linear step, the best ones fitted."""
     if not leading:
         return
     seen: set[frozenset[str]] = set()
@@ -179,7 +220,7 @@ def _pairs(
     for first in leading[:MAX_BUILT_UPON]:
         for second, starts in turned:
             names = frozenset((*first.names, *second.names))
-            if len(names) < 2 or names in seen or _same_thing(first, second):
+            if len(names) == len(first.names) or names in seen or _same_thing(first, second):
                 continue
             seen.add(names)
             for partner in _restarts(likelihood, first, starts):

@@ -9,7 +9,7 @@ from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet, quiet
 from manoeuvre_nn.estimation.effect_columns import with_roll
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
-from manoeuvre_nn.estimation.linear_run import Columns, Embedded
+from manoeuvre_nn.estimation.linear_run import Columns
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood, hypothesis_columns
 
 BLOCK = 10.0
@@ -83,12 +83,9 @@ def _scan(
         data_set.at(level).base[run],
         white.embed(Columns(np.zeros((len(time), len(states.channels), 2 * count)), moved)),
     )
-    if given is not None:
+    if given is not None:  # the data less what is known
         known = white.embed(given[:1])
-        outer, inner = base.outer.copy(), base.inner.copy()
-        outer[:, 0] -= known.outer[:, 0]
-        inner[:, 0] -= known.inner[:, 0]
-        base = Embedded(outer, inner)
+        base = base[:1].joined(known).combined(np.array([1.0, -1.0])).joined(base[1:])
     # Inner products of blocks with themselves and the data, coefficients and latency taken out.
     own, cross = base.dot(base), base.dot(blocks)
     nuisance = own[1:, 1:] + np.diag(data_set.nuisance_sd(scatter, runs=1) ** -2.0)

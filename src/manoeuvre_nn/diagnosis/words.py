@@ -70,12 +70,14 @@ def _gain(proofs: Sequence[Proof], what: str) -> str:
         return ""
     located = [p for p in proofs if np.isfinite(p.rmse_before.get("pos", np.nan))]
     channel, seen, unit = ("pos", "track", "m") if located else ("psi", "heading", "deg")
-    before, after = (
+    parted = all(p.rmse_alone for p in located or proofs)
+    before, after, *alone = (
         np.sqrt(np.mean([getattr(p, w)[channel] ** 2 for p in located or proofs]))
-        for w in ("rmse_before", "rmse_after")
+        for w in ("rmse_before", "rmse_after", *(["rmse_alone"] if parted else []))
     )
+    told = f" ({alone[0]:.3g} {unit} with published coefficients)" if alone else ""
     return (
-        f"; with {what} the {seen} of runs that were not used is predicted to {after:.3g} {unit} instead of "
+        f"; with {what} the {seen} of runs that were not used is predicted to {after:.3g} {unit}{told} instead of "
         f"{before:.3g} {unit}"
     )
 

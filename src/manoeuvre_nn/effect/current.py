@@ -8,7 +8,7 @@ from torch import Tensor
 from manoeuvre_nn.core.effect import Effect, Parameter, Situation
 from manoeuvre_nn.effect.common import columns, compass, direction
 
-SPEED = Parameter("speed", "m/s", 0.0, 3.0, 0.0, 0.6, (0.5,))
+SPEED = Parameter("speed", "m/s", 0.0, 10.0, 0.0, 0.6, (0.5, 2.5))
 
 
 class _UniformCurrent(Effect):
@@ -59,7 +59,7 @@ class TidalCurrent(_UniformCurrent):
     declared = (
         SPEED,
         direction("toward_deg"),
-        Parameter("change_m_s_h", "m/s per hour", -3.0, 3.0, 0.0, 0.5, (0.3, -0.3)),
+        Parameter("change_m_s_h", "m/s per hour", -10.0, 10.0, 0.0, 0.5, (0.3, -0.3)),
     )
 
     def _speed(self, s: Situation) -> Tensor:

@@ -14,7 +14,12 @@ from manoeuvre_nn.core.units import KNOT
 from manoeuvre_nn.effect.common import columns, factor
 from manoeuvre_nn.effect.series import HullEffect
 
-FORM = (factor("surge", 0.3), factor("sway", 0.3), factor("yaw", 0.3))
+FORM = (
+    factor("surge", 0.3),
+    factor("sway", 0.3),
+    factor("yaw", 0.3),
+    Parameter("source", "-", -0.5, 1.5, 0.5, 0.35, (0.5,), form=True),
+)
 DEPTH = Parameter("depth_m", "m", 1.0, 1000.0, None, 10.0, (30.0,))
 DEEP = 1000.0
 """Depth over draught at which no more than 1e-4 of the effect is left."""
@@ -27,10 +32,11 @@ class _FiniteDepth(HullEffect):
 
     With ``zeta = T / (h - T)``: ships whose set has terms in zeta use these (Xuuz, ..., inertia included), Yuvz with
     its kink at zeta = .8 rounded. For others the hull's terms and added masses are multiplied by factors, drift terms
-    of sway and yaw by f_Yv and f_Nv, terms in r by f_Nr: the mean of two published sets, which lie about 30 % of the
-    change on either side of it. Resistance grows with .16 zeta. The form parameters multiply the changes.
+    of sway and yaw by f_Yv and f_Nv, terms in r by f_Nr: those of Kijima (``source`` 0), of Ankudinov (1) or, as the
+    two lie about 30 % of the change on either side of their mean, of something between. Resistance grows with
+    .16 zeta. The other form parameters multiply the changes.
 
-    The depth may be 1.15 to 25 draughts; deep water is no finite depth, so that the parameter has no null and
+    The depth may be 1.03 to 50 draughts; deep water is no finite depth, so that the parameter has no null and
     :meth:`null` takes ``DEEP`` draughts.
     """
 
@@ -50,7 +56,8 @@ class _FiniteDepth(HullEffect):
         if ship.depth < inf:
             raise InputError(f"effect.{self.name}: the ship is in shallow water already: write ship.depth=inf")
         draught = ship.particulars.draught
-        depth = Parameter("depth_m", "m", 1.15 * draught, 25 * draught, None, draught, (1.5 * draught, 3 * draught))
+        starts = tuple(share * draught for share in (1.2, 1.5, 2.5, 5.0))
+        depth = Parameter("depth_m", "m", 1.03 * draught, 50 * draught, None, draught, starts)
         self.declared = (depth, *(p.on(ship.particulars) for p in type(self).declared[1:]))  # type: ignore[misc] # the range is the ship's
         super().__init__(ship, **values)
 
@@ -75,7 +82,7 @@ class _FiniteDepth(HullEffect):
     def _by_factors(self, s: Situation, immersion: Tensor) -> tuple[Tensor, Tensor]:
         """By factors on the ship's deep-water terms."""
         p, (drift, turn, _) = self.ship.particulars, self.series.parts(s)
-        f = depth_factors(p, immersion)
+        f = depth_factors(p, immersion, self.value("source"))
         zeta, speed = immersion / (1 - immersion), s.u / p.speed
         resistance = RESISTANCE * zeta * p.calm_resistance / self.ship.prime.force * speed * speed.abs()
         surge = (f["Yvdot"] - 1) * turn[..., 0] - resistance
@@ -85,18 +92,21 @@ class _FiniteDepth(HullEffect):
         return columns(surge, sway, yaw), added
 
 
-def depth_factors(ship: Particulars, immersion: Float[Tensor, "*batch"]) -> dict[str, Float[Tensor, "*batch"]]:
+def depth_factors(
+    ship: Particulars, immersion: Float[Tensor, "*batch"], source: Float[Tensor, "*#batch"] | float = 0.5
+) -> dict[str, Float[Tensor, "*batch"]]:
     """Factors on deep-water derivatives.
 
     Args:
         ship: Main dimensions.
         immersion: Draught over depth T/h [-].
+        source: 0 takes Kijima's factors of Yv, Nv and Nr, 1 those of Ankudinov, values between their weighted mean.
 
     Returns:
         Factors of Yv, Nv, Nr (also for Yr), Yvdot (also for Xudot) and Nrdot.
 
     Source:
-        Kijima et al. 1990 and Ankudinov et al. 1990 (Taimuri et al. 2020), the mean of both for Yv, Nv and Nr.
+        Kijima et al. 1990 and Ankudinov et al. 1990 (Taimuri et al. 2020).
     """
     gap = 1 / immersion - 1
     flat = ship.beam / ship.draught
@@ -109,7 +119,7 @@ def depth_factors(ship: Particulars, immersion: Float[Tensor, "*batch"]) -> dict
     powers = {"Yv": 0.4 * ship.block * flat, "Nv": 0.425 * ship.block * flat}
     powers["Nr"] = 1.5 - 14.28 * ship.draught / ship.length
     kijima = {name: (1 - immersion) ** -q - immersion for name, q in powers.items()}
-    mean = {name: 0.5 * (ankudinov[name] + kijima[name]) for name in powers}
+    mean = {name: kijima[name] + source * (ankudinov[name] - kijima[name]) for name in powers}
     return mean | {"Yvdot": k0 + k1 * 2 / 3 + k2 * 8 / 15, "Nrdot": k0 + k1 * 8 / 15 + k2 * 40 / 105}
 
 

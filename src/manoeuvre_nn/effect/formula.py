@@ -145,7 +145,7 @@ class Formula(Effect):
                 raise InputError(f"effect.formula.terms: {term!r} is unknown; write for instance 'N r|r| cos 2psi'")
         self.terms = tuple(terms)
         self.declared = tuple(  # type: ignore[misc]
-            Parameter(f"w{k + 1}", "-", -MAX_WEIGHT, MAX_WEIGHT, 0.0, spread, (0.1 * spread,))
+            Parameter(f"w{k + 1}", "-", -MAX_WEIGHT, MAX_WEIGHT, 0.0, spread, (0.1 * spread,), heavy_tailed=False)
             for k, spread in enumerate(spreads or [0.3] * len(terms))
         )
         super().__init__(ship, **values)

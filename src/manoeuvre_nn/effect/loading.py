@@ -25,7 +25,7 @@ class DisplacementChange(HullEffect):
     fingerprint = "A slower or quicker answer to the rudder on every heading, alike to both sides."
     source = "Mass terms exactly; hull forces by slender-body theory, between T^0 and T^2"
     declared: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("factor", "-", 0.5, 1.6, 1.0, 0.15, (1.1, 0.9)),
+        Parameter("factor", "-", 0.25, 3.0, 1.0, 0.15, (1.1, 0.9, 1.5, 0.6)),
         Parameter("hull_exponent", "-", -0.5, 2.5, 1.0, 0.7, (1.0,), form=True),
     )
 
@@ -49,7 +49,7 @@ class Loading(HullEffect):
     label = "another draught"
     fingerprint = "As another displacement, with another speed on straight courses."
     source = "Slender-body theory, forces as T^2; Mumford's wetted surface"
-    declared = (Parameter("draught_ratio", "-", 0.4, 1.4, 1.0, 0.15, (1.1, 0.8)),)
+    declared = (Parameter("draught_ratio", "-", 0.2, 2.0, 1.0, 0.15, (1.1, 0.8, 0.5)),)
 
     def change(self, s: Situation) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*rows 3"]]:
         """What the draught changes."""
@@ -79,7 +79,7 @@ class TrimChange(HullEffect):
     equations: ClassVar[tuple[str, ...]] = ("Y", "N")
     fingerprint = "Course stability changes, overshoots most, alike to both sides; straight speed is as it should be."
     source = "Inoue, Hirano & Kijima 1981, numbers not checked against the print"
-    declared = (Parameter("trim_m", "m", -8.0, 8.0, 0.0, 1.5, (1.0, -1.0)),)
+    declared = (Parameter("trim_m", "m", -1.0, 1.0, 0.0, 1.5, (1.0, -1.0, 4.0, -4.0), within="draught"),)
 
     def change(self, s: Situation) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*rows 3"]]:
         """What the trim changes."""

@@ -11,8 +11,8 @@ from manoeuvre_nn.effect.common import columns, compass, during, instant
 
 FAMILY = "local force"
 KILO = 1000.0
-FORCE = Parameter("force_kN", "kN", -2000.0, 2000.0, 0.0, 250.0, (100.0, -100.0))
-LEVER = Parameter("lever_m", "m", -200.0, 200.0, None, 60.0, (0.0, 50.0, -50.0))
+FORCE = Parameter("force_kN", "kN", -20000.0, 20000.0, 0.0, 250.0, (100.0, -100.0))
+LEVER = Parameter("lever_m", "m", -0.6, 0.6, None, 60.0, (0.0, 50.0, -50.0), within="length")
 INTERVAL = (instant("start_s", 100.0, 200.0), instant("end_s", 300.0, 400.0))
 
 
@@ -80,7 +80,7 @@ class Tow(Effect):
     fingerprint = "All three equations are pushed in fixed ratios in one interval, on no account of heading or speed."
     source = "X = F cos a, Y = F sin a, N = x_t Y; the line follows the ship"
     declared = (
-        Parameter("force_kN", "kN", 0.0, 2000.0, 0.0, 250.0, (150.0,)),
+        Parameter("force_kN", "kN", 0.0, 20000.0, 0.0, 250.0, (150.0,)),
         Parameter("angle_deg", "deg", 0.0, 360.0, None, 360.0, (90.0, 270.0, 0.0, 180.0), period=360.0),
         LEVER,
         *INTERVAL,

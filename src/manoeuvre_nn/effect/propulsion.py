@@ -25,7 +25,7 @@ class PropellerSideForce(Effect):
     equations = ("Y", "N")
     fingerprint = "The ship turns one way with the rudder amidships on every heading, and more at higher shaft speed."
     source = "Transverse thrust of a single screw as a constant force at n0, with n^2"
-    declared = (Parameter("force_kN", "kN", -600.0, 600.0, 0.0, 100.0, (50.0, -50.0)),)
+    declared = (Parameter("force_kN", "kN", -10000.0, 10000.0, 0.0, 100.0, (50.0, -50.0)),)
     ARM = -0.48
 
     def force(self, s: Situation) -> Float[Tensor, "*batch 3"]:
@@ -49,7 +49,7 @@ class PropellerPitchError(Effect):
     equations = ("X",)
     fingerprint = "Another speed on a straight course at the same shaft speed; the surplus grows as speed is lost."
     source = "dT = f T with T = R0 [(1 + s) n^2 - s n u/U0], or the ship's own thrust"
-    declared = (Parameter("fraction", "-", -0.6, 0.6, 0.0, 0.15, (0.1, -0.1)),)
+    declared = (Parameter("fraction", "-", -1.0, 1.0, 0.0, 0.15, (0.1, -0.1, 0.4, -0.4)),)
 
     def force(self, s: Situation) -> Float[Tensor, "*batch 3"]:
         """The surplus of thrust."""
@@ -74,7 +74,7 @@ class PowerLimit(Effect):
     fingerprint = "More speed is lost in turns to both sides than by the hull alone; straight runs are right."
     source = "Linear shaft speed along the engine's limit curve; first-order lag"
     declared = (
-        Parameter("rpm_slope", "-", 0.0, 1.0, 0.0, 0.3, (0.2,)),
+        Parameter("rpm_slope", "-", 0.0, 1.0, 0.0, 0.3, (0.1, 0.5)),
         Parameter("lag_s", "s", 1.0, 60.0, 8.0, 5.0, (8.0,), form=True),
     )
     memory = 1
@@ -114,7 +114,7 @@ class HullFouling(Effect):
         "Less speed on every heading, straight and turning, as the square of the speed; sway and yaw are right."
     )
     source = "dX = -a R0 (u/U0) |u/U0|; a of .1 to .8 (Schultz 2007)"
-    declared = (Parameter("added_resistance", "-", 0.0, 2.0, 0.0, 0.3, (0.2,)),)
+    declared = (Parameter("added_resistance", "-", 0.0, 5.0, 0.0, 0.3, (0.2, 1.0)),)
 
     def force(self, s: Situation) -> Float[Tensor, "*batch 3"]:
         """The added resistance."""
@@ -137,7 +137,7 @@ class IceResistance(Effect):
     equations = ("X",)
     fingerprint = "Less speed by a constant force: relatively more the slower the ship is."
     source = "Resistance in brash ice at low speed, nearly independent of speed"
-    declared = (Parameter("force_kN", "kN", 0.0, 2000.0, 0.0, 200.0, (100.0,)),)
+    declared = (Parameter("force_kN", "kN", 0.0, 20000.0, 0.0, 200.0, (100.0, 500.0)),)
     SLOW = 0.1
 
     def force(self, s: Situation) -> Float[Tensor, "*batch 3"]:

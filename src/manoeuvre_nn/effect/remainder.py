@@ -25,11 +25,15 @@ def _declared() -> tuple[Parameter, ...]:
     starts = torch.randn(HIDDEN, len(INPUTS) + 1, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
     names = (*INPUTS, "bias")
     into = [
-        Parameter(f"w{j}_{name}", "-", -8.0, 8.0, None, 1.0, (float(starts[j, k]),))
+        Parameter(f"w{j}_{name}", "-", -8.0, 8.0, None, 1.0, (float(starts[j, k]),), heavy_tailed=False)
         for j in range(HIDDEN)
         for k, name in enumerate(names)
     ]
-    out = [Parameter(f"{e}{j}", "-", -3.0, 3.0, 0.0, SPREAD_OUT, (0.0,)) for e in "XYN" for j in range(HIDDEN)]
+    out = [
+        Parameter(f"{e}{j}", "-", -3.0, 3.0, 0.0, SPREAD_OUT, (0.0,), heavy_tailed=False)
+        for e in "XYN"
+        for j in range(HIDDEN)
+    ]
     return (*into, *out)
 
 

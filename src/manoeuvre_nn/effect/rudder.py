@@ -36,7 +36,7 @@ class RudderOffset(_RudderEffect):
     label = "a rudder offset"
     fingerprint = "The ship turns one way with the rudder shown amidships, on every heading, more at higher speed."
     source = "delta = shown + offset"
-    declared = (Parameter("offset_deg", "deg", -5.0, 5.0, 0.0, 1.5, (1.0, -1.0)),)
+    declared = (Parameter("offset_deg", "deg", -35.0, 35.0, 0.0, 1.5, (1.0, -1.0, 6.0, -6.0)),)
 
     def blade(self, before: PerRow, order: PerRow, shown: PerRow, elapsed: PerRow) -> PerRow:
         """The indicated angle and the offset."""
@@ -51,7 +51,7 @@ class RudderBacklash(_RudderEffect):
     label = "backlash of the rudder"
     fingerprint = "After a reversal the ship answers as if the rudder waited; order and turn make a hysteresis loop."
     source = "Play operator of total width w: blade = clamp(before, shown - w/2, shown + w/2)"
-    declared = (Parameter("width_deg", "deg", 0.0, 6.0, 0.0, 1.5, (1.5,)),)
+    declared = (Parameter("width_deg", "deg", 0.0, 70.0, 0.0, 1.5, (0.6, 2.5, 10.0)),)
 
     def blade(self, before: PerRow, order: PerRow, shown: PerRow, elapsed: PerRow) -> PerRow:
         """The angle before, pushed to within half the play of the indicated one."""
@@ -72,7 +72,8 @@ class RudderSlow(_RudderEffect):
     def __init__(self, ship: Ship, **values: float) -> None:
         """Take the nominal rate, at which nothing is wrong, from the ship."""
         nominal = ship.particulars.rudder_rate / DEGREE
-        rate = Parameter("rate_deg_s", "deg/s", 0.05 * nominal, nominal, nominal, 0.6 * nominal, (0.5 * nominal,))
+        starts = (0.5 * nominal, 0.2 * nominal, 0.08 * nominal)
+        rate = Parameter("rate_deg_s", "deg/s", 0.01 * nominal, nominal, nominal, 0.6 * nominal, starts)
         self.declared = (rate,)  # type: ignore[misc] # the null is the ship's
         super().__init__(ship, **values)
 
@@ -107,7 +108,7 @@ class RudderDelay(_RudderEffect):
     equations: ClassVar[tuple[str, ...]] = ("sensor:delta",)
     fingerprint = "The ship turns before the recorded rudder moves; the lead is the same time at every change."
     source = "delta_m(t) = delta(t - tau)"
-    declared = (Parameter("delay_s", "s", -6.0, 10.0, 0.0, 1.5, (1.0, 3.0)),)
+    declared = (Parameter("delay_s", "s", -60.0, 60.0, 0.0, 1.5, (1.0, 4.0, 15.0, -3.0)),)
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
         """Take the rudder angle from before."""
@@ -127,7 +128,7 @@ class RudderAreaLoss(_RudderEffect):
     label = "a loss of rudder area"
     fingerprint = "Everything that the rudder does is smaller by one share, at all angles and to both sides."
     source = "(1 - k) of the terms with the rudder angle"
-    declared = (Parameter("fraction", "-", 0.0, 0.9, 0.0, 0.2, (0.15,)),)
+    declared = (Parameter("fraction", "-", 0.0, 1.0, 0.0, 0.2, (0.1, 0.5)),)
 
     def acceleration(self, s: Situation, memory: Float[Tensor, "*own m"]) -> Float[Tensor, "*batch 3"]:
         """What is missing."""
@@ -177,7 +178,7 @@ class Slipstream(_RudderEffect):
         "Rudder forces follow thrust, not speed: the model's are too weak late in a turn, too strong in coasting."
     )
     source = "Momentum theory of the race (Brix 1993; Soeding 1998): V_inf^2 = V_A^2 (1 + C_Th)"
-    declared = (Parameter("share", "-", -1.0, 1.5, 0.0, 0.5, (0.5,)),)
+    declared = (Parameter("share", "-", -2.0, 3.0, 0.0, 0.5, (0.5,)),)
 
     def acceleration(self, s: Situation, memory: Float[Tensor, "*own m"]) -> Float[Tensor, "*batch 3"]:
         """What is missing."""

@@ -58,7 +58,7 @@ class HeadingBias(_Sensor):
     equations = ("sensor:psi",)
     fingerprint = "Velocity over ground is turned against the heading by one angle, whatever the heading."
     source = "Gyro misalignment, psi_m = psi + e"
-    declared = (Parameter("bias_deg", "deg", -6.0, 6.0, 0.0, 1.5, (1.0, -1.0)),)
+    declared = (Parameter("bias_deg", "deg", -45.0, 45.0, 0.0, 1.5, (1.0, -1.0, 10.0, -10.0)),)
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
         """Add the bias to the heading."""
@@ -74,7 +74,7 @@ class RateBias(_Sensor):
     equations = ("sensor:r",)
     fingerprint = "The integral of the yaw rate runs away from the heading at a constant rate."
     source = "r_m = r + b"
-    declared = (Parameter("bias_deg_s", "deg/s", -0.3, 0.3, 0.0, 0.05, (0.03, -0.03)),)
+    declared = (Parameter("bias_deg_s", "deg/s", -5.0, 5.0, 0.0, 0.05, (0.03, -0.03)),)
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
         """Add the bias to the yaw rate."""
@@ -90,7 +90,7 @@ class LogScale(_Sensor):
     equations = ("sensor:u_log",)
     fingerprint = "The log is off by a share of the speed on every heading, with and against any current."
     source = "u_m = factor u"
-    declared = (Parameter("factor", "-", 0.7, 1.3, 1.0, 0.08, (1.05, 0.95)),)
+    declared = (Parameter("factor", "-", 0.1, 5.0, 1.0, 0.08, (1.05, 0.95, 1.5, 0.6)),)
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
         """Scale the log."""
@@ -107,8 +107,8 @@ class LeverArm(_Sensor):
     fingerprint = "Sway over ground gains a share of the yaw rate, and the turning circle changes its radius."
     source = "Rigid body: x_m = x + dx cos psi - dy sin psi and its rate"
     declared = (
-        Parameter("dx_m", "m", -200.0, 200.0, 0.0, 50.0, (30.0, -30.0)),
-        Parameter("dy_m", "m", -30.0, 30.0, 0.0, 10.0, (0.0,)),
+        Parameter("dx_m", "m", -0.6, 0.6, 0.0, 50.0, (30.0, -30.0), within="length"),
+        Parameter("dy_m", "m", -0.6, 0.6, 0.0, 10.0, (0.0,), within="beam"),
     )
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
@@ -127,7 +127,7 @@ class WrongFrame(_Sensor):
     equations = ("sensor:vn", "sensor:ve")
     fingerprint = "Sway over ground gains a share of the yaw rate although the track is that of the reference point."
     source = "Rigid body: v_m = v + dx r"
-    declared = (Parameter("dx_m", "m", -200.0, 200.0, 0.0, 50.0, (30.0, -30.0)),)
+    declared = (Parameter("dx_m", "m", -0.6, 0.6, 0.0, 50.0, (30.0, -30.0), within="length"),)
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
         """Velocity of the other point."""
@@ -144,7 +144,7 @@ class GpsDelay(_Sensor):
     equations = ("sensor:x", "sensor:y", "sensor:vn", "sensor:ve")
     fingerprint = "The track lags by the speed times one time, and velocity over ground turns after the heading."
     source = "x_m(t) = x(t - tau)"
-    declared = (Parameter("delay_s", "s", -2.0, 5.0, 0.0, 0.7, (0.5,)),)
+    declared = (Parameter("delay_s", "s", -30.0, 30.0, 0.0, 0.7, (0.5,)),)
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
         """Take position and velocity from before."""
@@ -160,7 +160,7 @@ class TimeSync(_Sensor):
     equations = ("sensor:r",)
     fingerprint = "The yaw rate is the derivative of the heading, but of some time before."
     source = "r_m(t) = r(t - tau)"
-    declared = (Parameter("offset_s", "s", -6.0, 6.0, 0.0, 1.5, (1.0, -1.0)),)
+    declared = (Parameter("offset_s", "s", -60.0, 60.0, 0.0, 1.5, (1.0, -1.0, 10.0, -10.0)),)
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
         """Take the yaw rate from before."""
@@ -179,7 +179,7 @@ class GyroSpeedError(_Sensor):
     equations = ("sensor:psi",)
     fingerprint = "The angle between heading and course changes with the cosine of the course and the speed."
     source = "e = V cos psi / (R Omega cos lat)"
-    declared = (Parameter("factor", "-", -4.0, 4.0, 0.0, 1.5, (1.0,)),)
+    declared = (Parameter("factor", "-", -6.0, 6.0, 0.0, 1.5, (1.0,)),)
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
         """Add the error to the heading."""

@@ -13,7 +13,7 @@ from manoeuvre_nn.core.units import GRAVITY
 from manoeuvre_nn.effect.common import columns, compass, direction
 from manoeuvre_nn.effect.sensors import add
 
-HEIGHT = Parameter("Hs", "m", 0.0, 8.0, 0.0, 2.5, (2.5,))
+HEIGHT = Parameter("Hs", "m", 0.0, 20.0, 0.0, 2.5, (1.5, 5.0))
 
 
 class WaveDrift(Effect):

@@ -14,7 +14,7 @@ from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.wind import COEFFICIENTS, usual_kind, wind_load
 from manoeuvre_nn.effect.common import columns, compass, direction, factor, instant, onset
 
-SPEED = Parameter("speed", "m/s", 0.0, 30.0, 0.0, 8.0, (10.0,))
+SPEED = Parameter("speed", "m/s", 0.0, 80.0, 0.0, 8.0, (6.0, 20.0))
 FORM = (
     factor("cx", 0.2),
     factor("cy", 0.2),
@@ -135,7 +135,7 @@ class GustyWind(_TrueWind):
     declared = (
         SPEED,
         direction("from_deg"),
-        Parameter("gust_sd", "m/s", 0.0, 6.0, 0.0, 1.5, (1.5,), random=True),
+        Parameter("gust_sd", "m/s", 0.0, 20.0, 0.0, 1.5, (1.5,), random=True),
         Parameter("gust_time_s", "s", 5.0, 120.0, None, 30.0, (30.0,), random=True),
         Parameter("gust_across", "-", -1.5, 1.5, 0.0, 0.5, (0.0,), random=True),
         *FORM,

@@ -51,7 +51,8 @@ class CollocatedRun:
         first[MOTION:, 0] = self.state[0, MOTION:]
         self._embedded = self.solved.embed(Columns(columns.measured, columns.moved, first))
         self.gram = self._embedded.dot(self._embedded)
-        self.cost = 0.5 * float((self._embedded.outer[:, 0] ** 2).sum())
+        data = self._embedded.outer.combined(np.eye(count)[0])
+        self.cost = 0.5 * float(data.dot(data)[0, 0])
 
     def _steps(self) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray, float], np.ndarray, np.ndarray]:
         """Equations of the steps from sample k to k + 1, what they miss, and what the coefficients push."""

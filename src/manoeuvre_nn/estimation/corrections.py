@@ -111,7 +111,7 @@ class Corrections:
         self,
         moving: Float[Tensor, "*batch m"],
         delta: Float[Tensor, "*batch"],
-        shares: Float[Tensor, " k"],
+        shares: Float[Tensor, "*#batch k"],
         shaft: Float[Tensor, "*batch"] | None = None,
     ) -> Float[Tensor, "*batch m"]:
         """Accelerations of all corrections at given sizes; the sum of the rows, without making them.
@@ -119,25 +119,26 @@ class Corrections:
         Args:
             moving: u, v [m/s], r [rad/s], own states.
             delta: Rudder angle [rad].
-            shares: Size of every correction.
+            shares: Size of every correction, the same everywhere or one row each.
             shaft: Shaft speed over the nominal one [-]; None is nominal.
 
         Returns:
             udot, vdot [m/s^2], rdot [rad/s^2], rates of the own states.
         """
         if self.dynamics.own_names:
-            return (self(moving, delta, shaft) * shares[:, None]).sum(dim=-2)
+            return (self(moving, delta, shaft) * shares[..., None]).sum(dim=-2)
         nu = moving
         hull, acceleration = self.dynamics.hull, self._rate(nu, delta, shaft)
-        first, last = len(shares) - 3 - len(self._missing), len(shares) - 3
+        last = shares.shape[-1] - 3
+        first = last - len(self._missing)
         if self._table is None:
-            changed = (self._of_model(nu, delta, acceleration, shaft) * shares[:first, None]).sum(dim=-2)
+            changed = (self._of_model(nu, delta, acceleration, shaft) * shares[..., :first, None]).sum(dim=-2)
         else:
-            table = torch.zeros_like(self._table)
-            table[self._at[0], self._at[1]] = self._table[self._at[0], self._at[1]] * shares[:first]
-            changed = hull.acceleration_from_force(hull.products(nu, delta) @ table)
-        missing = self._terms(nu, delta) @ (self._weights * shares[first:last, None])
-        return changed + missing - acceleration * shares[last:]
+            table = self._table.new_zeros(*shares.shape[:-1], *self._table.shape)
+            table[..., self._at[0], self._at[1]] = self._table[self._at[0], self._at[1]] * shares[..., :first]
+            changed = hull.acceleration_from_force(_times(hull.products(nu, delta), table))
+        missing = _times(self._terms(nu, delta), self._weights * shares[..., first:last, None])
+        return changed + missing - acceleration * shares[..., last:]
 
     def _rate(self, nu: Tensor, delta: Tensor, shaft: Tensor | None) -> Tensor:
         """Accelerations by the upright ship's forces. Products of coefficients are those of the nominal shaft speed."""
@@ -204,6 +205,11 @@ class Corrections:
         return factors[..., self._letters].prod(dim=-1)
 
 
+def _times(row: Tensor, table: Tensor) -> Tensor:
+    """Rows times one table, or each times its own."""
+    return row @ table if table.ndim == 2 else (row[..., None, :] @ table)[..., 0, :]
+
+
 class Calibrated(Model):
     """A calm-water model with its errors taken out, as far as recordings show them.
 
@@ -214,12 +220,12 @@ class Calibrated(Model):
 
     shares: Tensor
 
-    def __init__(self, calm: Model, shares: Float[Tensor, " k"]) -> None:
+    def __init__(self, calm: Model, shares: Float[Tensor, "*rows k"]) -> None:
         """Store the corrections.
 
         Args:
             calm: The model.
-            shares: Size of every correction, in the order of :attr:`Corrections.names`.
+            shares: Size of every correction, in the order of :attr:`Corrections.names`; a row for each row of a batch.
         """
         super().__init__()
         self.calm, self._corrections = calm, Corrections(calm)

@@ -13,9 +13,10 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.base import Model, calm_accelerations, is_fitted
 from manoeuvre_nn.effect.common import typical as usual
+from manoeuvre_nn.estimation.corrections import Corrections
 from manoeuvre_nn.estimation.effect_columns import coefficient_columns, latency_column
 from manoeuvre_nn.estimation.linear_run import Columns, Embedded, IntegratedRun, joined, summed
-from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, integrated, linearise
+from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, linearise, run_equations
 from manoeuvre_nn.estimation.posterior import Posterior, posterior
 from manoeuvre_nn.estimation.run_states import RunStates
 from manoeuvre_nn.estimation.smoothed_run import smooth
@@ -75,19 +76,23 @@ class WhitenedDataSet:
         runs: The runs.
         combinations: How many combinations of coefficients the runs can show.
         rotation: These combinations, one a column: coefficients' errors are ``rotation @`` those of the combinations.
+        coupling: Correlation of the errors of one term's coefficients in Y and N before the runs are seen.
         levels: Level of the process noise in surge and in sway and yaw, one row a grid point.
     """
 
-    def __init__(self, dynamics: Model, runs: Sequence[PreparedRun]) -> None:
-        """Take the runs."""
-        self.dynamics, self.runs = dynamics, list(runs)
+    def __init__(self, dynamics: Model, runs: Sequence[PreparedRun], coupling: float = 0.0) -> None:
+        """Take the runs, and the correlation of errors in Y and N."""
+        self.dynamics, self.runs, self.coupling = dynamics, list(runs), coupling
         self.unit = typical(dynamics)
         self.levels = np.array(list(product(PROCESS_LEVELS, PROCESS_LEVELS)))
+        time, start = process_time(dynamics), start_spread(dynamics)
+        self._equations = [run_equations(run.linearised, run.noise, time, start) for run in self.runs]
         self._at: dict[int, _Level] = {}
         # Keep the combinations of coefficients that the runs can show; the prior is the same in all directions.
         self.combinations = k = self.runs[0].base.count - 2  # of the base, data and latency are none
-        values, vectors = np.linalg.eigh(self._made(0).base_gram[1 : 1 + k, 1 : 1 + k])
-        self.rotation = vectors[:, values * COEFFICIENT_SD_LEVELS[-1] ** 2 > MIN_SIGNAL_TO_NOISE]
+        root = coupled_root(Corrections(dynamics).names, coupling) if coupling else np.eye(k)
+        values, vectors = np.linalg.eigh(root.T @ self._made(0).base_gram[1 : 1 + k, 1 : 1 + k] @ root)
+        self.rotation = root @ vectors[:, values * COEFFICIENT_SD_LEVELS[-1] ** 2 > MIN_SIGNAL_TO_NOISE]
         self.combinations = self.rotation.shape[1]
         self.runs = [replace(p, base=_turned(p.base, self.rotation)) for p in self.runs]
 
@@ -103,11 +108,8 @@ class WhitenedDataSet:
 
     def _made(self, level: int) -> "_Level":
         """Whiten all runs at a grid point."""
-        start = start_spread(self.dynamics)
         process_sd = self.levels[level][[0, 1, 1, 1]][: len(self.unit)] * self.unit
-        white = [
-            integrated(run.linearised, run.noise, process_sd, process_time(self.dynamics), start) for run in self.runs
-        ]
+        white = [IntegratedRun(equations, process_sd) for equations in self._equations]
         base = [w.embed(p.base) for w, p in zip(white, self.runs, strict=True)]
         g = summed([e.dot(e) for e in base], [self.base_index(k) for k in range(len(base))], self.size)
         return _Level(white, base, g, sum(w.log_norm for w in white))
@@ -169,6 +171,27 @@ class WhitenedDataSet:
         """
         prior = np.r_[np.ones(self.combinations), np.full(len(self.runs), LATENCY_SD), np.array(numbers)]
         return posterior(gram, norm, prior, data, COEFFICIENT_SD_LEVELS, self.combinations)
+
+
+def coupled_root(names: Sequence[str], coupling: float) -> Float[np.ndarray, "k k"]:
+    """Root R of the prior correlation ``R R^T`` of coefficients' errors: a term's force in Y acts at an arm in N.
+
+    What is wrong with a force is wrong with its moment by the same share if the arm is right. Terms that a set lacks
+    have an arm of unknown sign, so that their errors are independent.
+
+    Args:
+        names: Of the corrections: equation and term.
+        coupling: Correlation of one term's errors in Y and N.
+
+    Returns:
+        The root; errors are ``R @`` independent ones.
+    """
+    root, place = np.eye(len(names)), {name: k for k, name in enumerate(names)}
+    for name, k in place.items():
+        pair = place.get("N" + name[1:]) if name.startswith("Y") and name[1:2] != "+" else None
+        if pair is not None:
+            root[pair, k], root[pair, pair] = coupling, np.sqrt(1 - coupling**2)
+    return root
 
 
 def _turned(base: Columns, rotation: Float[np.ndarray, "k kept"]) -> Columns:
@@ -250,7 +273,7 @@ def prepared_run(dynamics: Model, run: Recording) -> PreparedRun:
         least[:6] = x, y, u, v, psi, r
     linearised, noise, inflation, process = smooth(run, rate, first, least, wide, p)
     slow = np.where((noise > least) | (not is_fitted(dynamics)), inflation, 1.0)
-    base = _base_columns(dynamics, linearised)
+    base = base_columns(dynamics, linearised)
     return PreparedRun(linearised, noise * np.sqrt(slow), slow, base, process)
 
 
@@ -266,11 +289,11 @@ def about_states(dynamics: Model, prepared: PreparedRun, track: Float[np.ndarray
         The run about it.
     """
     linearised = linearise(prepared.linearised.run, Rate(dynamics), track, process_time(dynamics))
-    return replace(prepared, linearised=linearised, base=_base_columns(dynamics, linearised))
+    return replace(prepared, linearised=linearised, base=base_columns(dynamics, linearised))
 
 
-def _base_columns(dynamics: Model, linearised: LinearisedRun) -> Columns:
-    """Data, coefficients and latency of a run as columns."""
+def base_columns(dynamics: Model, linearised: LinearisedRun) -> Columns:
+    """Data, coefficients (each on its own) and latency of a run as columns."""
     latency = latency_column(linearised)
     # The unknown is the latency's deviation from its prior mean.
     centred = joined([linearised.data, latency]).combined(np.array([1.0, -LATENCY]))

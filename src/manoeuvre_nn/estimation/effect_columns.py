@@ -162,20 +162,19 @@ def own_states(acting: Effect, s: Situation, rows: int, step: float) -> Float[Te
     ).numpy()
     start = acting.memory_at_start(s).expand(still.shape)[:, 0].numpy()
     drive = forcing.numpy()
-    result = np.empty(still.shape)
     if all((part == part[:1]).all() for part in (matrix, start, drive)):
-        rows = 1  # whatever the values, its states are the same
-    for row in range(rows):
-        whole = expm(np.block([[matrix[row] * step, np.eye(size) * step], [np.zeros((size, 2 * size))]]))
-        free, forced = whole[:size, :size], whole[:size, size:]
-        mean = 0.5 * (drive[row, 1:] + drive[row, :-1]) @ forced.T
-        m = start[row]
-        result[row, 0] = m
-        for k in range(len(mean)):
-            m = free @ m + mean[k]
-            result[row, k + 1] = m
-    result[rows:] = result[:1]
-    return torch.tensor(result)
+        matrix, start, drive = matrix[:1], start[:1], drive[:1]  # whatever the values, its states are the same
+    # Over a step m_{k+1} = free m_k + forced (mean of the drive), from one matrix exponential a row.
+    eye, none = np.broadcast_to(np.eye(size), matrix.shape), np.zeros_like(matrix)
+    whole = expm(step * np.block([[matrix, eye], [none, none]]))
+    free, forced = (part.transpose(0, 2, 1) for part in (whole[:, :size, :size], whole[:, :size, size:]))
+    result = np.concatenate([start[:, None], 0.5 * (drive[:, 1:] + drive[:, :-1]) @ forced], axis=1)
+    # The sum over all earlier steps, twice as many in every round.
+    reach = 1
+    while reach < result.shape[1]:
+        result[:, reach:] += result[:, :-reach] @ free
+        free, reach = free @ free, 2 * reach
+    return torch.tensor(result).expand(still.shape)
 
 
 def with_roll(
@@ -192,8 +191,8 @@ def moved_by(
 ) -> Float[Tensor, "k steps s"]:
     """What rates and a stream add to the state within each step.
 
-    ``h (I + A) / 2`` times their mean, with A the derivative of the next state by the present one: what is pushed early
-    in a step has been damped, turned and carried on by its end.
+    ``h (I + A) / 2`` times their mean (:attr:`.LinearisedRun.carried`), with A the derivative of the next state by the
+    present one: what is pushed early in a step has been damped, turned and carried on by its end.
 
     Args:
         rates: udot, vdot [m/s^2], rdot [rad/s^2] and rates of the own states, of several columns.
@@ -203,11 +202,10 @@ def moved_by(
     Returns:
         u, v, r, x, y, psi, own states.
     """
-    h, k = linearised.run.step, linearised.states.count
+    h = linearised.run.step
     rate = torch.cat([rates[..., :3], stream, torch.zeros_like(stream[..., :1]), rates[..., 3:]], dim=-1)
     push = 0.5 * h * (rate[:, 1:] + rate[:, :-1])
-    carried = push.new_tensor(0.5 * (np.eye(k) + linearised.transition[:, :k, :k]))
-    return torch.einsum("sij,ksj->ksi", carried, push)
+    return torch.einsum("sij,ksj->ksi", linearised.carried, push)
 
 
 def _recorded(acting: Effect, linearised: LinearisedRun, s: Situation, rows: int) -> Float[np.ndarray, "n c k"]:

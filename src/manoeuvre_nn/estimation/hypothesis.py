@@ -2,12 +2,16 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import pi, sqrt
+from math import atan, log, pi, sqrt
 
 import numpy as np
 from jaxtyping import Float
+from scipy.special import log_ndtr
 
 from manoeuvre_nn.core.effect import Effect, Parameter
+
+MEDIAN_OF_GAUSSIAN = 0.6745
+"""Median size of a Gaussian number over its standard deviation."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +48,14 @@ class Hypothesis:
     def vector(self) -> Float[np.ndarray, " m"]:
         """Values of the free numbers."""
         return np.array([self.values[f.effect][f.run or 0, f.column] for f in self.unknowns()])
+
+    def prior_sds(self) -> Float[np.ndarray, " m"]:
+        """Prior standard deviations of the free numbers at their values, see :meth:`_Unknown.prior_sd`."""
+        return np.array([f.prior_sd(v) for f, v in zip(self.unknowns(), self.vector(), strict=True)])
+
+    def prior_excess(self) -> float:
+        """Log density of their priors over that of the Gaussians that stand for them, all together."""
+        return sum(f.prior_excess(v) for f, v in zip(self.unknowns(), self.vector(), strict=True))
 
     def with_vector(self, vector: Float[np.ndarray, " m"]) -> "Hypothesis":
         """The hypothesis at other values.
@@ -86,16 +98,63 @@ class _Unknown:
 
     @property
     def spread(self) -> float:
-        """Prior standard deviation; a flat prior over a range is written as the Gaussian of equal height."""
+        """Usual size: what a number is rarely beyond unless something is far out of order."""
+        return self.parameter.spread
+
+    @property
+    def heavy(self) -> bool:
+        """Whether its prior is Cauchy's, see :attr:`.Parameter.heavy_tailed`."""
         p = self.parameter
+        return p.heavy_tailed and not (p.null is None or p.form or p.period or p.per_run)
+
+    @property
+    def scale(self) -> float:
+        """Half width gamma of a Cauchy prior, its median size: that of a Gaussian of the usual size."""
+        return MEDIAN_OF_GAUSSIAN * self.spread
+
+    def prior_sd(self, value: float) -> float:
+        """Standard deviation of the Gaussian that stands for the prior at a value.
+
+        Cauchy's ``p ~ 1 / (1 + x^2 / gamma^2)`` has the slope of a Gaussian of variance ``(gamma^2 + x^2) / 2``. A flat
+        prior over a range, or over the logarithm of a depth, is written as the Gaussian of equal height.
+
+        Returns:
+            The standard deviation, in the parameter's unit.
+        """
+        p = self.parameter
+        if self.heavy:
+            return sqrt(0.5 * (self.scale**2 + (value - self.mean(value)) ** 2))
+        if p.form or not p.heavy_tailed:
+            return p.spread
         if p.period:
             return p.period / sqrt(2 * pi)
-        return (p.high - p.low) / sqrt(2 * pi) if p.per_run else p.spread
+        return (value * log(p.high / p.low) if p.low > 0 else p.high - p.low) / sqrt(2 * pi)
+
+    def prior_excess(self, value: float) -> float:
+        """Log density of the prior at a value over that of the Gaussian that stands for it."""
+        if not self.heavy:
+            return 0.0
+        x, sd = value - self.mean(value), self.prior_sd(value)
+        cauchy = -log(pi * self.scale) - log(1 + (x / self.scale) ** 2)
+        return cauchy + log(sqrt(2 * pi) * sd) + 0.5 * (x / sd) ** 2
+
+    def prior_inside(self) -> float:
+        """Log of the share of the prior that lies within the bounds."""
+        p, mean = self.parameter, self.mean(0.0)
+        if self.heavy:
+            low, high = (atan((bound - mean) / self.scale) / pi for bound in (p.low, p.high))
+            return log(high - low)
+        return log_inside(p, mean, p.spread)
 
     def mean(self, value: float) -> float:
         """Prior mean; a flat prior has it wherever the value is."""
         p = self.parameter
         return value if p.null is None or p.period or p.per_run else p.null
+
+
+def log_inside(p: Parameter, mean: float, sd: float) -> float:
+    """Log of the probability that a Gaussian lies within a parameter's bounds."""
+    return float(log_ndtr((p.high - mean) / sd) if mean - p.low > p.high - mean else log_ndtr((mean - p.low) / sd))
 
 
 @dataclass(frozen=True)

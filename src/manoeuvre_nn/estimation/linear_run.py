@@ -10,6 +10,12 @@ The precision of the states is a band matrix. One banded Cholesky factor gives t
 any columns (data, coefficients, parameters) in the metric of the samples' marginal covariance, the most likely states
 for given unknowns, and their covariance: what a Kalman filter and smoother give, for hundreds of columns at once.
 
+With ``E`` the equations' derivatives by the states and ``y`` the columns, both in units of the noise, the products are
+``y^T y - (E^T y)^T A^-1 (E^T y)``, ``A = E^T E``. The size of the process noise is unknown, and all of this is asked
+for at one size after another. States that are process noise are therefore in units of their standard deviation D: then
+``A = D M D + P`` and ``D E^T y``, D being 1 for the motion, and ``y^T y``, ``E^T y``, M and P are the same at every
+size (:class:`RunEquations`). What is left for each is a factor and a solution (:class:`IntegratedRun`).
+
 How the equations of the steps are made is the model's business: the trapezoidal rule (:mod:`.collocation`) where
 accelerations are linear in the coefficients, Runge-Kutta steps (:mod:`.linearised_run`) where they are any function.
 
@@ -18,16 +24,19 @@ Source:
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy import sparse
 
 from manoeuvre_nn.numerics.chain import Chain
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Columns:
     """What unknowns add to a run, one a column; data minus columns times unknowns is what is left.
 
@@ -74,7 +83,97 @@ def joined(parts: Sequence[Columns]) -> Columns:
     )
 
 
+class _Rows(NamedTuple):
+    """Equations of one kind in units of their noise: only the columns that enter them, and which of all these are."""
+
+    values: Float[np.ndarray, "a q"]
+    at: Int[np.ndarray, " q"]
+
+
+@dataclass(frozen=True, eq=False)
+class WeightedColumns:
+    """Columns in units of the noise of samples, steps and start; the same at any size of the process noise.
+
+    Attributes:
+        rows: What they add to the samples, to the steps and to the start (y).
+        pull: What they add to the right-hand side of the states' normal equations (E^T y).
+    """
+
+    rows: tuple[_Rows, ...]
+    pull: Float[np.ndarray, "k p"]
+    _products: WeakKeyDictionary["WeightedColumns", Float[np.ndarray, "p q"]] = field(
+        default_factory=WeakKeyDictionary, init=False, repr=False
+    )
+
+    def dot(self, other: "WeightedColumns") -> Float[np.ndarray, "p q"]:
+        """Inner products before states absorb anything; kept, for they are asked for at every level of the noise."""
+        if other not in self._products:
+            made = np.zeros((self.pull.shape[1], other.pull.shape[1]))
+            for mine, others in zip(self.rows, other.rows, strict=True):
+                made[np.ix_(mine.at, others.at)] += mine.values.T @ others.values
+            self._products[other] = made
+        return self._products[other]
+
+    def __getitem__(self, chosen: slice) -> "WeightedColumns":
+        """Some of the columns."""
+        kept = np.arange(self.pull.shape[1])[chosen]
+        rows = (_Rows(a.values[:, np.isin(a.at, kept)], np.flatnonzero(np.isin(kept, a.at))) for a in self.rows)
+        return WeightedColumns(tuple(rows), self.pull[:, chosen])
+
+    def joined(self, other: "WeightedColumns") -> "WeightedColumns":
+        """These columns, and then others."""
+        count = self.pull.shape[1]
+        rows = (
+            _Rows(np.hstack([a.values, b.values]), np.append(a.at, count + b.at))
+            for a, b in zip(self.rows, other.rows, strict=True)
+        )
+        return WeightedColumns(tuple(rows), np.hstack([self.pull, other.pull]))
+
+    def combined(self, shares: Float[np.ndarray, " p"]) -> "WeightedColumns":
+        """The columns summed up, each with a share, as one."""
+        rows = (_Rows((a.values @ shares[a.at])[:, None], np.zeros(1, dtype=int)) for a in self.rows)
+        return WeightedColumns(tuple(rows), (self.pull @ shares)[:, None])
+
+
 @dataclass(frozen=True)
+class Embedded:
+    """Columns as vectors: the inner product is that of ``outer`` less that of ``inner`` (what the states absorb)."""
+
+    outer: WeightedColumns
+    inner: Float[np.ndarray, "b p"]
+
+    def dot(self, other: "Embedded") -> Float[np.ndarray, "p q"]:
+        """Inner products of all columns with all others.
+
+        Args:
+            other: Other columns of the same run at the same noise.
+
+        Returns:
+            One row a column of this, one column a column of the other.
+        """
+        return self.outer.dot(other.outer) - self.inner.T @ other.inner
+
+    def __getitem__(self, chosen: slice) -> "Embedded":
+        """Some of the columns."""
+        return Embedded(self.outer[chosen], self.inner[:, chosen])
+
+    def joined(self, other: "Embedded") -> "Embedded":
+        """These columns, and then others of the same run at the same noise."""
+        return Embedded(self.outer.joined(other.outer), np.hstack([self.inner, other.inner]))
+
+    def combined(self, shares: Float[np.ndarray, " p"]) -> "Embedded":
+        """The columns summed up, each with a share, as one."""
+        return Embedded(self.outer.combined(shares), (self.inner @ shares)[:, None])
+
+
+class _Blocks(NamedTuple):
+    """A block tridiagonal matrix: its blocks on the diagonal and below it."""
+
+    on: Float[np.ndarray, "n s s"]
+    below: Float[np.ndarray, "steps s s"]
+
+
+@dataclass(frozen=True, eq=False)
 class RunEquations:
     """A run's equations about a track: how states follow each other, what channels show of them, where they begin.
 
@@ -87,6 +186,7 @@ class RunEquations:
         precision: One over the variance of each sample's noise; 0 where nothing was measured.
         start: Precision of the first state; 0 where nothing is known.
         unit: Usual size of the states, for the condition of the factor; None is 1.
+        noises: How many of the last states are process noise in units of its standard deviation.
     """
 
     left: Float[np.ndarray, "steps s s"]
@@ -97,74 +197,123 @@ class RunEquations:
     precision: Float[np.ndarray, "n c"]
     start: Float[np.ndarray, " s"]
     unit: Float[np.ndarray, " s"] | None = None
+    noises: int = 0
+    _weighted: WeakKeyDictionary[Columns, WeightedColumns] = field(
+        default_factory=WeakKeyDictionary, init=False, repr=False
+    )
+
+    @cached_property
+    def units(self) -> Float[np.ndarray, " s"]:
+        """Unit of each state."""
+        return np.ones(len(self.start)) if self.unit is None else self.unit
+
+    @cached_property
+    def log_norm(self) -> float:
+        """Log normaliser of samples, steps and start."""
+        prior = self.log_det + 0.5 * float(np.log(self.start[self.start > 0]).sum())
+        noise = 0.5 * float(np.log(self.precision[self.precision > 0]).sum())
+        return prior + noise + float(np.log(self.units).sum()) * len(self.observed)
+
+    @cached_property
+    def _seen(self) -> Float[np.ndarray, "n c s"]:
+        """Derivatives of the samples in units of their noise."""
+        return np.sqrt(self.precision)[..., None] * self.observed * self.units
+
+    @cached_property
+    def _steps(self) -> tuple[Float[np.ndarray, "steps s s"], Float[np.ndarray, "steps s s"]]:
+        """Derivatives of the steps by the states before and after them in units of what they may miss."""
+        return self.root @ (self.left * self.units), self.root @ (self.right * self.units)
+
+    @cached_property
+    def _start(self) -> Float[np.ndarray, " s"]:
+        """Derivatives of the start."""
+        return np.sqrt(self.start) * self.units
+
+    @cached_property
+    def blocks(self) -> tuple[_Blocks, _Blocks]:
+        """``E^T E`` of samples, motion and its start (M), and of the process noise (P)."""
+        motion = len(self.start) - self.noises
+        made = []
+        for rows in (slice(0, motion), slice(motion, None)):
+            left, right = (side[:, rows] for side in self._steps)
+            on = np.zeros((len(self.observed), *self.left.shape[1:]))
+            on[:-1] += left.transpose(0, 2, 1) @ left
+            on[1:] += right.transpose(0, 2, 1) @ right
+            on[0, rows, rows] += np.diag(self._start[rows] ** 2)
+            made.append(_Blocks(on, right.transpose(0, 2, 1) @ left))
+        made[0].on[:] += self._seen.transpose(0, 2, 1) @ self._seen
+        return made[0], made[1]
+
+    @cached_property
+    def _equations(self) -> tuple[sparse.csr_array, sparse.csr_array, sparse.csr_array]:
+        """``E^T`` of samples and of steps of the motion, and what turns these steps into units of their noise."""
+        motion = len(self.start) - self.noises
+        left, right = (_bands(side[:, :motion].transpose(0, 2, 1), here) for here, side in enumerate(self._steps))
+        return _bands(self._seen.transpose(0, 2, 1)), left + right, _bands(self.root[:, :motion, :motion])
+
+    def weighted(self, c: Columns) -> WeightedColumns:
+        """Columns in units of the noise; kept as long as the columns are, for every size of the process noise."""
+        if c not in self._weighted:
+            samples, steps, root = self._equations
+            (seen, shows), (pushed, moves) = _entering(c.measured), _entering(c.moved)
+            rows = [_Rows(np.sqrt(self.precision).reshape(-1, 1) * seen, shows), _Rows(-(root @ pushed), moves)]
+            pull = np.zeros((len(self.observed) * len(self.start), c.count), order="F")  # as LAPACK has it
+            for equations, (values, at) in zip((samples, steps), rows, strict=True):
+                pull[:, at] += equations @ values
+            begun = np.zeros((len(self.start), 0)) if c.start is None else -np.sqrt(self.start)[:, None] * c.start
+            rows.append(_Rows(begun, np.arange(begun.shape[1])))
+            pull[: len(begun), rows[-1].at] += self._start[:, None] * begun
+            self._weighted[c] = WeightedColumns(tuple(rows), pull)
+        return self._weighted[c]
 
 
-@dataclass(frozen=True)
-class Embedded:
-    """Columns as vectors: the inner product is that of ``outer`` less that of ``inner`` (what the states absorb)."""
+def _entering(part: Float[np.ndarray, "n k p"]) -> tuple[Float[np.ndarray, "nk q"], Int[np.ndarray, " q"]]:
+    """Columns that are not 0 throughout, the samples below each other, and which they are."""
+    at = np.flatnonzero(part.any(axis=(0, 1)))
+    return part[..., at].reshape(part[..., 0].size, len(at)), at
 
-    outer: Float[np.ndarray, "a p"]
-    inner: Float[np.ndarray, "b p"]
 
-    def dot(self, other: "Embedded") -> Float[np.ndarray, "p q"]:
-        """Inner products of all columns with all others.
-
-        Args:
-            other: Other columns of the same run at the same noise.
-
-        Returns:
-            One row a column of this, one column a column of the other.
-        """
-        return self.outer.T @ other.outer - self.inner.T @ other.inner
-
-    def joined(self, other: "Embedded") -> "Embedded":
-        """These columns, and then others of the same run at the same noise."""
-        return Embedded(np.hstack([self.outer, other.outer]), np.hstack([self.inner, other.inner]))
-
-    def combined(self, shares: Float[np.ndarray, " p"]) -> "Embedded":
-        """The columns summed up, each with a share, as one."""
-        return Embedded((self.outer @ shares)[:, None], (self.inner @ shares)[:, None])
+def _bands(blocks: Float[np.ndarray, "n a b"], below: int | None = None) -> sparse.csr_array:
+    """Blocks on the diagonal of a matrix; or ``below`` the diagonal of one with one row of blocks more."""
+    n, a, b = blocks.shape
+    ends = np.arange(n + 1) if below is None else np.r_[[0] * below, np.arange(n + 1), [n] * (1 - below)]
+    made = sparse.bsr_array((blocks, np.arange(n), ends), shape=((len(ends) - 1) * a, n * b)).tocsr()
+    made.eliminate_zeros()
+    return made
 
 
 class IntegratedRun:
     """A run at given noise with its states integrated out.
 
     Attributes:
+        equations: Its equations.
         unit: Size of the states inside the factor.
         chain: Their precision.
         log_norm: ``-0.5 log det`` of the covariance of all measured samples, up to a constant of the run.
     """
 
-    def __init__(self, e: RunEquations) -> None:
-        """Factor the precision of the states."""
-        self.unit = np.ones(len(e.start)) if e.unit is None else e.unit
-        self._root = e.root
-        self._left, self._right = e.root @ (e.left * self.unit), e.root @ (e.right * self.unit)
-        self._weight, self._start = np.sqrt(e.precision), np.sqrt(e.start)
-        self._seen = e.observed * self.unit * self._weight[..., None]
-        # ds^T A ds: squares of all equations above.
-        diagonal = self._seen.transpose(0, 2, 1) @ self._seen
-        diagonal[:-1] += self._left.transpose(0, 2, 1) @ self._left
-        diagonal[1:] += self._right.transpose(0, 2, 1) @ self._right
-        diagonal[0] += np.diag((self._start * self.unit) ** 2)
-        self.chain = Chain(diagonal, self._right.transpose(0, 2, 1) @ self._left)
-        prior = e.log_det + float(np.log(self._start[e.start > 0]).sum())
-        noise = float(np.log(self._weight[e.precision > 0]).sum())
-        self.log_norm = prior + noise + float(np.log(self.unit).sum()) * len(diagonal) - 0.5 * self.chain.log_det
+    def __init__(self, equations: RunEquations, process_sd: Float[np.ndarray, " p"] | None = None) -> None:
+        """Factor the precision of the states.
+
+        Args:
+            equations: The run's equations.
+            process_sd: Standard deviation of the process noise; None is 1.
+        """
+        self.equations = equations
+        self._scale = np.ones(len(equations.start))
+        if process_sd is not None:
+            self._scale[len(self._scale) - equations.noises :] = process_sd
+        self.unit = equations.units * self._scale
+        # A = D M D + P, D = 1 for the motion and the size of the process noise for its states.
+        scale, (moving, noise) = self._scale[:, None] * self._scale, equations.blocks
+        self.chain = Chain(scale * moving.on + noise.on, scale * moving.below + noise.below)
+        self.log_norm = equations.log_norm - 0.5 * self.chain.log_det
 
     def embed(self, c: Columns) -> Embedded:
         """Vectors whose inner products are those of the columns in the metric of the samples' marginal covariance."""
-        k = c.moved.shape[1]  # roots do not mix the states that columns may move with the others
-        seen, missed = self._weight[..., None] * c.measured, self._root[:, :k, :k] @ c.moved
-        parts = [seen.reshape(-1, c.count), missed.reshape(-1, c.count)]
-        # A ds = H^T R C - left^T W B - right^T W B, from the derivative of the squares by ds.
-        right = self._seen.transpose(0, 2, 1) @ seen
-        right[1:] -= self._right[:, :k].transpose(0, 2, 1) @ missed
-        right[:-1] -= self._left[:, :k].transpose(0, 2, 1) @ missed
-        if c.start is not None:
-            parts.append(self._start[:, None] * c.start)
-            right[0] -= (self._start * self.unit)[:, None] * parts[-1]
-        return Embedded(np.concatenate(parts), self.chain.whiten(right))
+        weighted = self.equations.weighted(c)
+        pull = np.tile(self._scale, self.chain.samples)[:, None] * weighted.pull
+        return Embedded(weighted, self.chain.whiten(pull.reshape(self.chain.samples, self.chain.size, c.count)))
 
     def states(self, embedded: Embedded) -> Float[np.ndarray, "n s p"]:
         """Most likely deviation of the states from the track for a column, unknowns at zero."""

@@ -23,10 +23,13 @@ from manoeuvre_nn.dynamics.base import Model, calm_accelerations, runge_kutta_st
 from manoeuvre_nn.estimation.linear_run import Columns, IntegratedRun, RunEquations
 from manoeuvre_nn.estimation.process_noise import ProcessNoise
 from manoeuvre_nn.estimation.run_states import PROCESS_DIFFERENCE, RunStates
+from manoeuvre_nn.recording.holes import in_breaks
 from manoeuvre_nn.recording.preparation import measured, smooth_heel
 
 RUDDER_DIFFERENCE = 1e-3
 """Step of the difference quotient by the rudder [rad]."""
+AFTER_BREAK = 10.0
+"""How little is known of a state after a time without a rudder, over how little is known of the first one."""
 
 
 @dataclass(frozen=True)
@@ -119,6 +122,12 @@ class LinearisedRun:
         return sides_of(self.run, self.rate.dynamics)
 
     @cached_property
+    def carried(self) -> Float[Tensor, "steps k k"]:
+        """What is left at the end of a step of what moved the state at any time within it, on average."""
+        k = self.states.count
+        return torch.tensor(0.5 * (np.eye(k) + self.transition[:, :k, :k]))
+
+    @cached_property
     def situation(self) -> Situation:
         """What effects see along the track."""
         run, state = self.run, torch.tensor(self.track)
@@ -199,6 +208,9 @@ def linearise(run: Recording, rate: Rate, track: Float[np.ndarray, "n k"], proce
     up, down = moved[: states.size], moved[states.size :]
     transition = ((up - down) / (2 * size[:, None, None])).permute(1, 2, 0).numpy()
     defect = forward.numpy()[:, : states.count] - track[1:]
+    # Where nobody knows the rudder a ship may come out of a step in any state.
+    broken = in_breaks(run.time, run.meta.get("breaks", ()))
+    transition[broken, : states.count], defect[broken] = 0.0, 0.0
     residual = measured(run, states.channels) - shown(track)
     residual[:, 4] = (residual[:, 4] + np.pi) % (2 * np.pi) - np.pi
     residual = np.nan_to_num(residual, nan=0.0)
@@ -249,25 +261,43 @@ def integrated(
     Returns:
         The run without its states.
     """
+    return IntegratedRun(run_equations(linearised, noise, process_time, start_sd), process_sd)
+
+
+def run_equations(
+    linearised: LinearisedRun, noise: Float[np.ndarray, " c"], process_time: float, start_sd: Float[np.ndarray, " k"]
+) -> RunEquations:
+    """Equations of a run at given noise of its channels, the process noise in units of its standard deviation.
+
+    Args:
+        linearised: The run's linear equations.
+        noise: Standard deviation of the measured channels' noise, in their units.
+        process_time: Correlation time of the process noise [s].
+        start_sd: Prior standard deviation of the first state about the track.
+
+    Returns:
+        The equations, for any size of the process noise.
+    """
     run, states = linearised.run, linearised.states
-    process_sd = np.maximum(process_sd, 1e-12)
     steps, k, sd = len(linearised.transition), states.count, states.step_sd
     # A step's covariance is that of rounding and of the rudder's noise, Q = diag(step_sd^2 h) + push push^T.
     push = linearised.rudder_push * run.meta["rudder_noise"]
     covariance = np.zeros((steps, k, k))
     covariance[:, range(k), range(k)] = sd**2 * run.step
     covariance += push[:, :, None] * push[:, None, :]
+    covariance[in_breaks(run.time, run.meta.get("breaks", ()))] = np.diag((AFTER_BREAK * start_sd) ** 2)
     root = np.zeros((steps, states.size, states.size))
     # root^T root = Q^-1, and the innovations of the process noise.
     scale = sd[:, None] * sd
     root[:, :k, :k] = np.linalg.cholesky(np.linalg.inv(covariance / scale)).transpose(0, 2, 1) / sd
     noises = ProcessNoise(process_time, axes=len(states.driven))
-    root[:, k:, k:] = noises.steps(np.full(1, run.step))[1] / process_sd
+    root[:, k:, k:] = noises.steps(np.full(1, run.step))[1]
     # ds_{k+1} - A_k ds_k = ...
     right = np.broadcast_to(np.eye(states.size), root.shape)
     log_det = float(np.linalg.slogdet(root)[1].sum())
     precision = linearised.present / noise**2
-    start, unit = np.concatenate([start_sd, process_sd]) ** -2.0, np.concatenate([states.unit, process_sd])
-    return IntegratedRun(
-        RunEquations(-linearised.transition, right, root, log_det, linearised.observed, precision, start, unit)
+    count, ones = len(states.driven), np.ones(len(states.driven))
+    start, unit = np.concatenate([start_sd**-2.0, ones]), np.concatenate([states.unit, ones])
+    return RunEquations(
+        -linearised.transition, right, root, log_det, linearised.observed, precision, start, unit, noises=count
     )

@@ -6,20 +6,20 @@ noise and of the coefficients' standard deviation are summed over a grid with a 
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from math import sqrt
+from dataclasses import dataclass, replace
+from math import log, sqrt
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.special import log_ndtr, logsumexp
+from scipy.special import logsumexp
 
 from manoeuvre_nn.core.effect import Parameter
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.estimation.corrections import USUAL_SCATTER
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, PROCESS_LEVELS, WhitenedDataSet
 from manoeuvre_nn.estimation.effect_columns import blades, contribution
-from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
+from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis, log_inside
 from manoeuvre_nn.estimation.linear_run import Columns, Embedded, joined
 from manoeuvre_nn.estimation.posterior import Posterior
 
@@ -29,6 +29,8 @@ COEFFICIENT_SD_PRIOR = USUAL_SCATTER
 """Scale of the half-normal prior of the coefficients' relative error: published scatter is 3 to 6 %."""
 MIN_GAIN = 0.02
 """Log density that a Gauss-Newton step must gain for another one to be made."""
+MIN_LEVEL_WEIGHT = 0.01
+"""Weight of a level of noise, over that of the best, from which on it counts for values and standard errors."""
 MAX_STEP_DEG, MAX_STEP_S, MAX_STEP_SDS = 45.0, 60.0, 1.5
 """Largest step of a direction, of a time, and of other numbers over their prior standard deviation."""
 
@@ -69,7 +71,8 @@ def hypothesis_columns(data_set: WhitenedDataSet, hypothesis: Hypothesis) -> Hyp
             # The effect at its values, then (up - down) / step of every unknown.
             parts[run].append(joined([c[:1], (c[1::2] - c[2::2]) / steps]))
             index[run] += [1 + i for i in mine[run]]
-    columns = [_summed_up(p) for p in parts]
+    nothing = [p.base[:1] - p.base[:1] for p in runs]
+    columns = [_summed_up(p) if p else zero for p, zero in zip(parts, nothing, strict=True)]
     return HypothesisColumns(hypothesis, columns, [np.array(at) for at in index], 1 + len(unknowns))
 
 
@@ -153,12 +156,13 @@ class MarginalLikelihood:
             unknowns = hypothesis.unknowns()
             wholes.append(at)
             numbers += range(at + 1, at + 1 + len(unknowns))
-            spreads += [f.spread for f in unknowns]
+            spreads += hypothesis.prior_sds().tolist()
             # Unknowns are deviations from their prior means: the data stand at the present values.
             data[at : at + 1 + len(unknowns)] = np.append(-1.0, -_shift(hypothesis))
             at += 1 + len(unknowns)
         keep = [0, *wholes, *range(1, size), *numbers]
-        return self.data_set.posterior(gram[np.ix_(keep, keep)], norm, data[keep], spreads)
+        found = self.data_set.posterior(gram[np.ix_(keep, keep)], norm, data[keep], spreads)
+        return replace(found, evidence=found.evidence + sum(h.prior_excess() for h in hypotheses))
 
     def pair_evidence(self, first: Hypothesis, second: Hypothesis, level: int, scatter: int) -> float:
         """Log evidence of two hypotheses together after a linear step of all their numbers."""
@@ -281,14 +285,30 @@ class MarginalLikelihood:
             by_level[level] = found.evidence
         weighted = by_level + prior
         g, s = (int(k) for k in np.unravel_index(int(weighted.argmax()), weighted.shape))
-        m = len(hypothesis.unknowns())
-        mean, covariance = known[g].mean(s), known[g].covariance(s)
-        k = len(mean) - m
+        m, k = len(hypothesis.unknowns()), self.data_set.size - 1
+        mean, covariance = _mixture({at: known[at[0]] for at in _weighty(weighted)}, weighted)
         change = mean[k:] + _shift(hypothesis)
         final = hypothesis if not m else _limited(hypothesis, change)
         evidence = float(logsumexp(weighted)) + _bounded(hypothesis, change, np.diag(covariance)[k:])
         misfit = float(known[g].misfit[s])
         return FittedHypothesis(final, evidence, by_level, covariance[k:, k:], misfit, (g, s), mean[:k])
+
+
+def _weighty(weighted: Float[np.ndarray, "g s"]) -> list[tuple[int, int]]:
+    """Levels whose weight is not negligible beside the best."""
+    least = weighted.max() + log(MIN_LEVEL_WEIGHT)
+    return [(int(g), int(s)) for g, s in zip(*np.nonzero(weighted > least), strict=True)]
+
+
+def _mixture(
+    found: Mapping[tuple[int, int], Posterior], weighted: Float[np.ndarray, "g s"]
+) -> tuple[Float[np.ndarray, " q"], Float[np.ndarray, "q q"]]:
+    """Mean and covariance over several levels of noise: that within them and that of their means (total variance)."""
+    shares = np.exp([weighted[at] - logsumexp([weighted[other] for other in found]) for at in found])
+    means = np.array([posterior.mean(s) for (_, s), posterior in found.items()])
+    mean = shares @ means
+    within = sum(w * p.covariance(s) for w, ((_, s), p) in zip(shares, found.items(), strict=True))
+    return mean, within + (means - mean).T @ ((means - mean) * shares[:, None])
 
 
 def log_prior_levels(data_set: WhitenedDataSet, process_prior: float | None) -> Float[np.ndarray, "g s"]:
@@ -325,13 +345,8 @@ def _bounded(hypothesis: Hypothesis, step: Float[np.ndarray, " m"], variance: Fl
     for f, value, change, v in zip(hypothesis.unknowns(), hypothesis.vector(), step, variance, strict=True):
         p = f.parameter
         if not p.period and not p.per_run and p.null is not None:
-            total += _log_inside(p, value + change, sqrt(v)) - _log_inside(p, f.mean(value), f.spread)
+            total += log_inside(p, value + change, sqrt(v)) - f.prior_inside()
     return total
-
-
-def _log_inside(p: Parameter, mean: float, sd: float) -> float:
-    """Log of the probability that a Gaussian lies within a parameter's bounds."""
-    return float(log_ndtr((p.high - mean) / sd) if mean - p.low > p.high - mean else log_ndtr((mean - p.low) / sd))
 
 
 def _limited(hypothesis: Hypothesis, step: Float[np.ndarray, " m"]) -> Hypothesis:
@@ -339,11 +354,20 @@ def _limited(hypothesis: Hypothesis, step: Float[np.ndarray, " m"]) -> Hypothesi
     unknowns, now = hypothesis.unknowns(), hypothesis.vector()
     new = now.copy()
     reach = 1.0
-    for f, change in zip(unknowns, step, strict=True):
+    for f, change, value in zip(unknowns, step, now, strict=True):
         p = f.parameter
-        largest = MAX_STEP_DEG if p.period else (MAX_STEP_S if p.per_run else MAX_STEP_SDS * p.spread)
+        usual = max(p.spread, f.prior_sd(value))
+        largest = MAX_STEP_DEG if p.period else (MAX_STEP_S if p.per_run else MAX_STEP_SDS * usual)
         reach = min(reach, largest / max(abs(change), 1e-12))
+    moved = now + reach * step
     for k, f in enumerate(unknowns):
-        p, value = f.parameter, now[k] + reach * step[k]
-        new[k] = value % p.period if p.period else float(np.clip(value, p.low, p.high))
+        # A speed below zero toward a direction is one above zero toward the opposite.
+        if f.parameter.period:
+            sizes = [j for j, g in enumerate(unknowns) if g.effect == f.effect and g.parameter.null == g.parameter.low]
+            turned = [j for j in sizes if moved[j] < unknowns[j].parameter.low and not unknowns[j].parameter.form]
+            moved[turned] *= -1
+            moved[k] += 180.0 * bool(turned)
+    for k, f in enumerate(unknowns):
+        p = f.parameter
+        new[k] = moved[k] % p.period if p.period else float(np.clip(moved[k], p.low, p.high))
     return hypothesis.with_vector(new)

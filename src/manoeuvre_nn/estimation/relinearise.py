@@ -1,16 +1,30 @@
 """Linearising again: about the states that a fitted hypothesis itself makes most likely."""
 
-import numpy as np
+from dataclasses import replace
 
-from manoeuvre_nn.estimation.data_set import WhitenedDataSet, about_states
+import numpy as np
+from scipy.special import logsumexp
+
+from manoeuvre_nn.estimation.corrections import Corrections
+from manoeuvre_nn.estimation.data_set import (
+    COEFFICIENT_SD_LEVELS,
+    LATENCY_SD,
+    WhitenedDataSet,
+    about_states,
+    base_columns,
+    coupled_root,
+)
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
-from manoeuvre_nn.estimation.linear_run import joined
-from manoeuvre_nn.estimation.marginal_likelihood import hypothesis_columns
+from manoeuvre_nn.estimation.linear_run import joined, summed
+from manoeuvre_nn.estimation.marginal_likelihood import hypothesis_columns, log_prior_levels
+from manoeuvre_nn.estimation.posterior import posterior
 
 MAX_PASSES = 3
 """Linearisations of one hypothesis at most."""
 STATES_AT_REST = 0.2
 """Root mean square change of a state over its standard error, from which linearising again would change little."""
+COUPLINGS = (0.0, 0.3, 0.6, 0.9)
+"""Correlations of coefficients' errors in Y and N that are tried: from a force at any arm to one at a known arm."""
 
 
 def refined(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedDataSet:
@@ -37,7 +51,40 @@ def refined(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedData
         white = level.white[run]
         states = prepared.linearised.track + white.states(white.embed(left))[:, : prepared.linearised.states.count, 0]
         runs.append(about_states(data_set.dynamics, prepared, states))
-    return WhitenedDataSet(data_set.dynamics, runs)
+    return WhitenedDataSet(data_set.dynamics, runs, data_set.coupling)
+
+
+def coupled(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedDataSet:
+    """The same runs with the correlation of coefficients' errors in Y and N that a fitted hypothesis makes most likely.
+
+    Args:
+        data_set: The runs.
+        fitted: At its values and noise levels; latencies and its own numbers are free.
+
+    Returns:
+        The runs with one of :data:`COUPLINGS`.
+    """
+    level, names = data_set.at(fitted.best[0]), Corrections(data_set.dynamics).names
+    lin = hypothesis_columns(data_set, fitted.hypothesis)
+    whole = [replace(p, base=base_columns(data_set.dynamics, p.linearised)) for p in data_set.runs]
+    k, count = len(names), len(whole)
+    size = 1 + k + count
+    embedded = [w.embed(joined([p.base, c])) for w, p, c in zip(level.white, whole, lin.columns, strict=True)]
+    index = [np.r_[: 1 + k, 1 + k + run, size + at] for run, at in enumerate(lin.index)]
+    gram = summed([e.dot(e) for e in embedded], index, size + lin.count)
+    # The data less what the hypothesis adds at its values; unknowns: coefficients, latencies, the hypothesis' own.
+    data, keep = np.eye(size + lin.count)[0] - np.eye(size + lin.count)[size], [0, size, *range(1, size)]
+    keep += range(size + 1, size + lin.count)
+    prior = np.r_[np.ones(k), np.full(count, LATENCY_SD), fitted.hypothesis.prior_sds()]
+
+    def evidence(coupling: float) -> float:
+        change = np.eye(len(gram))
+        change[1 : 1 + k, 1 : 1 + k] = coupled_root(names, coupling)
+        turned = change.T @ gram @ change
+        found = posterior(turned[np.ix_(keep, keep)], 0.0, prior, data[keep], COEFFICIENT_SD_LEVELS, k)
+        return float(logsumexp(found.evidence + log_prior_levels(data_set, None)[fitted.best[0]]))
+
+    return WhitenedDataSet(data_set.dynamics, whole, max(COUPLINGS, key=evidence))
 
 
 def change_of_states(before: WhitenedDataSet, after: WhitenedDataSet, level: int) -> float:

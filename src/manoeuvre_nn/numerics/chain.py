@@ -93,10 +93,8 @@ def band(diagonal: Float[np.ndarray, "n k k"], below: Float[np.ndarray, "m k k"]
         2 k rows, one column a row of the matrix, in Fortran's order.
     """
     n, k = diagonal.shape[:2]
-    rows = np.zeros((2 * k, n, k))
+    columns = np.zeros((n, k, 2 * k))
     for j in range(k):
-        for i in range(j, k):
-            rows[i - j, :, j] = diagonal[:, i, j]
-        for i in range(k):
-            rows[k + i - j, :-1, j] = below[:, i, j]
-    return np.asfortranarray(rows.reshape(2 * k, n * k))
+        columns[:, j, : k - j] = diagonal[:, j:, j]
+        columns[:-1, j, k - j : 2 * k - j] = below[:, :, j]
+    return columns.reshape(n * k, 2 * k).T

@@ -15,6 +15,7 @@ from manoeuvre_nn.core.frames import body_to_earth
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import RPM
+from manoeuvre_nn.recording.holes import heading_across, holes, with_rudder
 from manoeuvre_nn.recording.local_cubics import WINDOW, smoothed
 from manoeuvre_nn.recording.outliers import far_off, robust_sd
 from manoeuvre_nn.recording.read.mapping import RECORD
@@ -91,7 +92,7 @@ def over_ground(recording: Recording, ship: Particulars) -> Recording:
     if "u" in given:
         channels["vn"], channels["ve"] = body_to_earth(given["u"], given["v"], given["psi"])
     meta = {**recording.meta, "derived": (), "time_unit": ship.time_unit}
-    return _with_velocity(replace(recording, channels=channels, meta=meta), ship)
+    return _with_velocity(heading_across(replace(recording, channels=channels, meta=meta)), ship)
 
 
 def _with_velocity(run: Recording, ship: Particulars) -> Recording:
@@ -134,10 +135,11 @@ def prepared(run: Recording, step: float, ship: Particulars, kind: str = "") -> 
 
     Returns:
         The recording with the channels ``MEASURED``, delta (noise taken out where the rudder rests), delta_order,
-        order_lead and shaft; ``meta`` holds ``rudder_noise`` [rad], ``kind``, ``derived`` and ``time_unit`` [s].
+        order_lead and shaft; ``meta`` holds ``rudder_noise`` [rad], ``kind``, ``derived``, ``time_unit`` [s], and what
+        :func:`~manoeuvre_nn.recording.holes.with_rudder` found.
     """
-    even = _on_even_times(run, step)
-    shown = even.filled("delta")
+    even = with_rudder(_on_even_times(run, step), ship)
+    shown = even["delta"]
     given = "delta_order" in even.channels
     order = even.filled("delta_order") if given else estimated_order(shown, step, ship.rudder_rate)
     if abs(order[0] - shown[0]) > ship.rudder_rate * step:
@@ -154,7 +156,7 @@ def prepared(run: Recording, step: float, ship: Particulars, kind: str = "") -> 
                and np.abs(smooth := _smooth_split(even.filled(split))).max() > MIN_SPLIT}  # fmt: skip
     inputs |= {name: even[name] for name in HEEL if name in even.channels}
     derived = (*run.derived, *(() if given else ("delta_order",)))
-    meta = {**run.meta, "rudder_noise": noise, "kind": kind, "derived": derived, "time_unit": ship.time_unit}
+    meta = {**even.meta, "rudder_noise": noise, "kind": kind, "derived": derived, "time_unit": ship.time_unit}
     return with_measured(replace(even, channels=inputs, meta=meta), columns)
 
 
@@ -192,6 +194,8 @@ def _on_even_times(run: Recording, step: float) -> Recording:
     if "delta_order" in joined:  # an order stands until the next one
         latest = np.searchsorted(time, even + 1e-6 * step, side="right") - 1
         joined["delta_order"] = run.filled("delta_order")[latest]
+        for begin, end in holes(time, np.isfinite(run["delta_order"]), run.step):
+            joined["delta_order"][(even > begin + 1e-9) & (even < end - 1e-9)] = np.nan
     return replace(run, time=even, channels=joined)
 
 

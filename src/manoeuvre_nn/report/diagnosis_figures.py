@@ -15,6 +15,7 @@ from matplotlib.ticker import FixedLocator, MaxNLocator
 
 from manoeuvre_nn.diagnosis.result import Diagnosis, Interval, Proof, Residual
 from manoeuvre_nn.report.diagnosis_tables import AFTER, BEFORE, CHANNELS, main_causes, percent
+from manoeuvre_nn.report.forecast_figure import forecast_figure
 from manoeuvre_nn.report.style import COLOURS, PREDICTED, RECORDED, legend_below, log_axis, new_figure, plain_axes
 from manoeuvre_nn.report.tables import text
 
@@ -38,7 +39,8 @@ def draw_diagnosis(d: Diagnosis) -> dict[str, Figure]:
 
     Returns:
         Name -> figure: ``probabilities``; ``tracks`` and ``errors`` if runs were held out; ``residual/<run>`` for each
-        fitted run; ``where`` if anything was located on a known track; ``channels/<run>`` for each held-out run.
+        fitted run; ``where`` if anything was located on a known track; ``channels/<run>`` for each held-out run;
+        ``planned/<run>`` for each planned one.
     """
     repaired = bool(d.model)
     figures = {"probabilities": probability_figure(d)}
@@ -48,6 +50,7 @@ def draw_diagnosis(d: Diagnosis) -> dict[str, Figure]:
     if located:
         figures["where"] = _window_figure(d.tracks, located)
     figures |= {f"residual/{residual.run}": residual_figure(residual, repaired) for residual in d.residuals}
+    figures |= {f"planned/{planned.run}": forecast_figure(planned) for planned in d.forecasts}
     return figures | {f"channels/{proof.run}": channel_figure(proof, d.noise, repaired) for proof in d.proofs}
 
 

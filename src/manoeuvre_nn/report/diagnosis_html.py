@@ -29,6 +29,7 @@ CAPTIONS = {
     "where": "Places at which something is missing",
     "residual": "Missing force over time",
     "channels": "Channels over time and their errors",
+    "planned": "Planned run as predicted, with the band that 95 % of recordings lie in",
 }
 """What a screen reader says of each kind of figure."""
 
@@ -66,7 +67,7 @@ def diagnosis_html(d: Diagnosis, figures: Mapping[str, Figure], path: Path) -> N
 def log_to_tensorboard(d: Diagnosis, figures: Mapping[str, Figure], folder: Path) -> None:
     """Write the figures, the summary, probabilities and errors into a folder where TensorBoard finds them."""
     scalars = {f"probability/{cause.name}": cause.probability for cause in d.causes}
-    for name, errors in (("before", d.rmse("before")), ("after", d.rmse("after")), ("noise", d.noise)):
+    for name, errors in (*((when, d.rmse(when)) for when in ("before", "alone", "after")), ("noise", d.noise)):
         scalars |= {f"rmse_{name}/{channel}": error for channel, error in errors.items()}
     with SummaryWriter(str(folder)) as writer:
         writer.add_text("diagnosis", diagnosis_markdown(d))

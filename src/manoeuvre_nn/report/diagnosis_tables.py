@@ -30,7 +30,7 @@ SITES = {
     "sensor": "a cause in a sensor",
 }
 """Where a force or a candidate was allowed."""
-BEFORE, AFTER, NOISE = "calm water", "repaired", "noise alone"
+BEFORE, ALONE, AFTER, NOISE = "calm water", "effects alone", "repaired", "noise alone"
 """What the columns and curves of every comparison are called."""
 FOUND = "found ± standard error"
 """Column of the parameters."""
@@ -139,8 +139,9 @@ def parameter_rows(causes: Sequence[Cause]) -> list[dict[str, Any]]:
 
 
 def _errors(d: Diagnosis) -> dict[str, Mapping[str, float]]:
-    """RMS errors on all held-out runs, before and after, and the noise: what -> channel -> size."""
-    return {BEFORE: d.rmse("before"), **({AFTER: d.rmse("after")} if d.model else {}), NOISE: d.noise}
+    """RMS errors on all held-out runs, before, by the effects alone, after, and the noise: what -> channel -> size."""
+    repaired = {ALONE: d.rmse("alone"), AFTER: d.rmse("after")} if d.model else {}
+    return {BEFORE: d.rmse("before"), **{k: v for k, v in repaired.items() if v}, NOISE: d.noise}
 
 
 def error_rows(d: Diagnosis) -> list[dict[str, Any]]:
@@ -222,7 +223,8 @@ def _print_short(d: Diagnosis, say: Callable[..., None]) -> None:
     if d.checks and not failed:
         say("checks", f"all {len(d.checks)} passed", "green")
     if not d.proofs:
-        say("not proved", "no run was held out", "bold red")
+        recorded = " and recorded" if d.forecasts else ""
+        say("not proved", f"no run was held out{recorded}", "bold red")
     if d.runner_up:
         say("runner-up", " ".join(d.runner_up))
     if d.undecided:

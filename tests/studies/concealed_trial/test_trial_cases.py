@@ -9,21 +9,22 @@ import pandas as pd
 import pytest
 
 from manoeuvre_nn.core.errors import InputError
+from studies.concealed_trial.channels import CHANNEL_SETS, shows
 from studies.concealed_trial.commitments import check, commitment
-from studies.concealed_trial.drawing import case_name, draw_case, draw_runs, plans
+from studies.concealed_trial.drawing import Trial, case_name, draw_case, draw_runs, plans
 from studies.concealed_trial.effects import KINDS, NAMES, UNKNOWN, kind_of
 from studies.concealed_trial.record import DECIMALS, GPS, manifest, write_case
 from studies.concealed_trial.ships import trial_ships
-from studies.concealed_trial.strength import deviation, draw_effect, sized, strength_of
+from studies.concealed_trial.strength import DRIFT, SIGMAS, STRENGTHS, deviation, draw_effect, sized, strength_of
 
 
 @pytest.fixture(scope="module")
 def clean():
     """A clean case with an exact model."""
-    wanted = plans(3, 20)
+    wanted = plans(Trial(3, 20, channels="full"))
     index = next(k for k, plan in enumerate(wanted) if not plan.kinds and plan.ship == "mariner")
     case = draw_case(3, index, wanted[index], 0.0)
-    return replace(case, runs=tuple(replace(run, duration=120) for run in case.runs[:3]))
+    return replace(case, runs=tuple(replace(run, duration=120) for run in case.runs[:3]), hole=None)
 
 
 @pytest.fixture(scope="module")
@@ -42,19 +43,23 @@ def test_the_same_case_gives_the_same_files(clean, written, tmp_path):
 
 
 def test_the_same_seed_draws_the_same_case_and_another_another():
-    wanted = plans(7, 12)
+    wanted = plans(Trial(7, 12))
     sensors = {kind.name for kind in KINDS if kind.per_unit}
     index = next(k for k, plan in enumerate(wanted) if not plan.kinds or plan.kinds[0].name in sensors)
-    first, again = (draw_case(7, index, plans(7, 12)[index]) for _ in range(2))
+    first, again = (draw_case(7, index, plans(Trial(7, 12))[index]) for _ in range(2))
     assert first == again
-    assert plans(7, 12) == wanted != plans(8, 12)
+    assert plans(Trial(7, 12)) == wanted != plans(Trial(8, 12))
     assert case_name(7, index) == first.name != case_name(8, index)
 
 
 def test_shares_of_a_trial_are_those_that_are_wanted():
-    wanted = plans(1, 100)
+    wanted = plans(Trial(1, 100))
     sorts = Counter("none" if not p.kinds else UNKNOWN if p.kinds[0].detail else str(len(p.kinds)) for p in wanted)
-    assert sorts == {"none": 20, "1": 50, "2": 12, UNKNOWN: 18}
+    assert sorts == {"none": 20, "1": 44, "2": 12, "3": 6, UNKNOWN: 18}
+    assert {s for plan in wanted for s in plan.strengths} == set(STRENGTHS)
+    assert {plan.channels for plan in wanted} == set(CHANNEL_SETS)
+    assert all(shows(plan.channels, kind) for plan in wanted for kind in plan.kinds)
+    assert 10 < sum(plan.hole for plan in wanted) < 25
     drawn = {kind.name for plan in wanted for kind in plan.kinds}
     assert drawn == set(NAMES)
     assert all(not k.ships or plan.ship in k.ships for plan in wanted for k in plan.kinds)
@@ -121,14 +126,10 @@ def test_a_size_is_found_within_its_bounds():
 
 
 def test_strengths_are_told_apart_between_their_ranges():
-    assert [strength_of(x, False) for x in (0.02, 0.08, 0.3, 0.9, 3.0)] == [
-        "weak",
-        "weak",
-        "moderate",
-        "strong",
-        "strong",
-    ]
-    assert [strength_of(x, True) for x in (4.0, 10.0, 30.0)] == ["weak", "moderate", "strong"]
+    for bounds, sensor in ((DRIFT, False), (SIGMAS, True)):
+        for strength, ends in bounds.items():
+            assert [strength_of(x, sensor) for x in ends] == [strength, strength]
+    assert [strength_of(x, False) for x in (0.02, 20.0)] == ["weak", "extreme"]
 
 
 def test_an_effect_moves_the_roll_outs_by_what_its_strength_says():
@@ -136,5 +137,5 @@ def test_an_effect_moves_the_roll_outs_by_what_its_strength_says():
     runs = tuple(replace(run, duration=120) for run in draw_runs(rng, ship)[:1])
     effect, measure = draw_effect(rng, ship, kind_of("current"), "moderate", runs)
     assert effect.strength == "moderate"
-    assert 0.18 <= measure <= 0.45
+    assert 0.54 <= measure <= 1.25
     assert deviation(ship, effect, runs) == pytest.approx(measure)

@@ -158,9 +158,11 @@ def test_the_rudders_hole_is_between_its_two_angles():
 
 def test_every_unlisted_force_acts_in_the_equation_that_it_names():
     parameters = {"a": 0.01, "period_s": 40.0, "stripes_deg": 30.0, "spacing_m": 900.0}
+    parameters |= {"lag_s": 30.0, "tau_s": 30.0, "chance": 5.0}
     now = moment(x=100.0, y=20.0, psi=0.3, v=-1.0, r=0.01)
+    now.lagged = np.array([0.2])
     for detail, (equation, _) in unmodelled.FORCES.items():
-        force = unmodelled.unmodelled_force(MARINER, detail, parameters)(now)[:, 0]
+        force = unmodelled.unmodelled_force(MARINER, detail, parameters, ["r01"])(now)[:, 0]
         assert [row for row, value in zip("XYN", force, strict=True) if value] == [equation]
 
 

@@ -13,8 +13,9 @@ from studies.concealed_trial.effects import NOISE
 from studies.concealed_trial.helm import Run
 from studies.concealed_trial.record import write_case
 from studies.concealed_trial.score import main, overlap, parameter_marks, probabilities, score_case
-from studies.concealed_trial.scoreboard import calibration, markdown, scoreboard, wilson
+from studies.concealed_trial.scoreboard import markdown, scoreboard
 from studies.concealed_trial.ships import trial_ships
+from studies.concealed_trial.summaries import calibration, wilson
 from studies.concealed_trial.truth import ConcealedEffect
 
 RUNS = (

@@ -13,8 +13,8 @@ import pytest
 from manoeuvre_nn.core.errors import InputError
 from studies.concealed_trial import stages
 from studies.concealed_trial.commitments import METHOD, commitment
-from studies.concealed_trial.drawing import case_name
-from studies.concealed_trial.stages import Trial, answer, generate, score
+from studies.concealed_trial.drawing import Trial, case_name
+from studies.concealed_trial.stages import answer, generate, score
 
 SCRIPT = Path(__file__).parents[3] / "scripts" / "concealed_trial.py"
 TOOL = """
@@ -87,7 +87,7 @@ def test_generated_cases_are_committed_to_and_kept(quick, tmp_path):
     assert (tmp_path / "recordings" / drawn[1].name / "manifest.json").is_file()
 
 
-@pytest.mark.parametrize("other", [Trial(6, 4), Trial(5, 3), Trial(5, 4, 0.5)])
+@pytest.mark.parametrize("other", [Trial(6, 4), Trial(5, 3), Trial(5, 4, 0.5), Trial(5, 4, sort="clean")])
 def test_a_folder_with_another_trial_is_refused(quick, tmp_path, other):
     generate(Trial(5, 4), tmp_path, 1)
     with pytest.raises(InputError, match="holds another trial"):
@@ -143,6 +143,10 @@ def test_scoring_without_a_trial_says_so(tmp_path):
         (["seed=1", "case=3"], "'case=3' is not understood; write cases=..."),
         (["seed=1", "methods=guess"], "'guess' is unknown; choose from: manoeuvre_nn"),
         (["seed=1", "nuisance=5"], "nuisance=5: write a number from 0"),
+        (["seed=1", "sort=none"], "sort=none: choose from: all, clean, single"),
+        (["seed=1", "strength=huge"], "strength=huge: choose from: all, weak, moderate, strong, extreme"),
+        (["seed=1", "channels=few"], "channels=few: choose from: all, full"),
+        (["seed=1", "strict=yes"], "strict=yes: choose from: true, false"),
     ],
 )
 def test_the_script_ends_in_one_line_on_a_wrong_argument(words, message):

@@ -1,6 +1,7 @@
 """The table of checks of units, signs and frames: run before anything is fitted, each where it applies."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.recording.check import axes, units
 from manoeuvre_nn.recording.check.finding import Finding
+from manoeuvre_nn.recording.holes import MOTION_SENSORS, holes
 from manoeuvre_nn.recording.local_cubics import WINDOW, smoothed
 
 FIT, DIAGNOSIS = "fit", "diagnosis"
@@ -134,13 +136,26 @@ def check_sampling(run: Recording, ship: Particulars) -> None:
             f"{run.name}: {uneven:.0%} of the times between samples are more than half off the usual {usual:.3g} s: "
             "write samples at even times"
         )
-    lost = float(np.mean(np.isnan(run.channels.get("delta", np.zeros(1)))))
+    written = np.any([np.isfinite(values) for values in run.channels.values()], axis=0)
+    in_holes = sum(end - begin for begin, end in holes(run.time, written, usual))
+    if run.duration - in_holes < MIN_LENGTH * unit:
+        raise InputError(
+            f"{run.name}: only {run.duration - in_holes:.4g} s of {run.duration:.4g} s were recorded, the rest are "
+            f"holes; a diagnosis of the {ship.name} needs {MIN_LENGTH * unit:.0f} s ({MIN_LENGTH:g} L/U0)"
+        )
+    rudder = [np.isfinite(run[name]) for name in ("delta", "delta_order") if name in run.channels]
+    lost = 1 - float(np.mean(np.any(rudder, axis=0)[written])) if rudder else 0.0
     if lost > MAX_LOST_RUDDER:
         raise InputError(f"{run.name}: {lost:.0%} of delta is empty; a diagnosis needs the rudder throughout")
 
 
 def _without_spikes(recording: Recording, ship: Particulars) -> Recording:
     """The run as a recording: gaps filled, short spikes taken out by a running median, what is lacking derived."""
+    # Where no sensor of the motion wrote anything down there is nothing to check.
+    seen = np.any([np.isfinite(recording[k]) for k in MOTION_SENSORS if k in recording.channels], axis=0)
+    if not seen.all():
+        kept = {k: values[seen] for k, values in recording.channels.items()}
+        recording = replace(recording, time=recording.time[seen], channels=kept)
     c = {k: median_filter(recording.filled(k), 5, mode="nearest") for k in recording.channels}
     derived = {"u"} if "vn" in recording.derived else set()
     c["u"], c["v"] = earth_to_body(c["vn"], c["ve"], c["psi"])

@@ -114,14 +114,15 @@ def read_measured(path: str | Path, mapping: Mapping, ship: Particulars, leave_g
         path: The file.
         mapping: Columns, units, signs, and what is mended.
         ship: The ship, see :func:`read_recording`.
-        leave_gaps: Whether empty cells stay as NaN where the mapping does not say that gaps are filled.
+        leave_gaps: Whether holes in time are let pass, and empty cells stay as NaN where the mapping does not say that
+            gaps are filled.
 
     Returns:
         The recording at midship; velocities as u, v or, where the file has them over ground, as vn, ve.
     """
     path = Path(path)
     table = read_table(path, **mapping.table)
-    time, rows = _time(table, mapping, ship)
+    time, rows = _time(table, mapping, ship, leave_gaps)
     names = _recorded_channels(table, mapping, rows)
     made = {name: _channel(table, name, mapping, time, rows, leave_gaps) for name in names}
     channels = {name: values for name, (values, _, _) in made.items()}
@@ -188,7 +189,7 @@ def _recorded_channels(table: Table, mapping: Mapping, rows: slice) -> list[str]
     return kept
 
 
-def _time(table: Table, mapping: Mapping, ship: Particulars) -> tuple[Series, slice]:
+def _time(table: Table, mapping: Mapping, ship: Particulars, leave_gaps: bool) -> tuple[Series, slice]:
     """Sample times [s] and rows of the window asked for, refused unless times increase steadily for long enough."""
     column = mapping.time.column
     time = table.times(column, mapping.time.unit, mapping.time_zone)
@@ -200,7 +201,7 @@ def _time(table: Table, mapping: Mapping, ship: Particulars) -> tuple[Series, sl
     rows = slice(first, last)
     _check_length(table.path, time[rows], mapping, ship)
     steps = np.diff(time[rows])
-    if steps.max() > max(ship.time_unit, 5 * np.median(steps)):
+    if not leave_gaps and steps.max() > max(ship.time_unit, 5 * np.median(steps)):
         row = first + int(np.argmax(steps)) + 1
         raise table.error(
             column, row, f"jumps by {steps.max():.4g} s; cut the file in two at this hole, or write start: or end: "

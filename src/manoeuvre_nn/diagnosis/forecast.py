@@ -1,0 +1,246 @@
+"""Planned runs: what the repaired model predicts of a rudder that nobody has sailed to its end, with bands.
+
+A band holds what is not known: numbers and coefficients (drawn together from their posterior), the state at the end of
+the warm-up, forces that no hypothesis explains (process noise of the size that the fitted runs need) and the noise of
+the sensors. Of gusts it holds the mean wind alone, and an event takes place when it did in the first fitted run.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+import torch
+from jaxtyping import Float
+from scipy.stats import norm
+from torch import Tensor
+
+from manoeuvre_nn.core.inputs import Inputs
+from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.ship import Ship
+from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.diagnosis.case import Question
+from manoeuvre_nn.diagnosis.repair import (
+    free_runs,
+    predict,
+    recorded,
+    start_state,
+    start_state_and_covariance,
+    warm_up_end,
+)
+from manoeuvre_nn.diagnosis.result import Proof
+from manoeuvre_nn.dynamics.base import Model, is_fitted
+from manoeuvre_nn.estimation.corrections import Calibrated
+from manoeuvre_nn.estimation.data_set import LATENCY, WhitenedDataSet, process_time
+from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
+from manoeuvre_nn.estimation.linear_run import joined
+from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood, hypothesis_columns
+from manoeuvre_nn.estimation.relinearise import refined
+from manoeuvre_nn.scoring.free_runs import errors
+
+DRAWS = 100
+"""Free runs that a band is taken from: its edges are then good to a tenth of its width."""
+BAND = (0.025, 0.975)
+"""Quantiles between which a band lies."""
+SEED = 18
+"""Of the draws, so that an answer is the same twice."""
+COLUMNS = ("x", "y", "psi", "u", "v", "r", "u_log")
+NUDGE = 0.5
+"""Step of the difference quotient of the start by the numbers, in standard errors."""
+
+
+class _Pushed(Model):
+    """A model that is pushed by accelerations over time, one row of a batch each.
+
+    Attributes:
+        calm: The model.
+    """
+
+    def __init__(self, calm: Model, pushes: Float[Tensor, "times rows p"], start: float, interval: float) -> None:
+        """Take the pushes [m/s^2, rad/s^2] at times [s] from a start."""
+        super().__init__()
+        self.calm, self._pushes, self._start, self._interval = calm, pushes, start, interval
+
+    @property
+    def hull(self) -> Ship:
+        """That of the model."""
+        return self.calm.hull
+
+    @property
+    def own_names(self) -> tuple[str, ...]:
+        """Those of the model."""
+        return self.calm.own_names
+
+    def start(self, state: Float[Tensor, "*batch 6"], inputs: Inputs) -> Float[Tensor, "*batch n"]:
+        """As the model starts."""
+        return self.calm.start(state, inputs)
+
+    def forward(self, state: Float[Tensor, "*batch n"], inputs: Inputs) -> Float[Tensor, "*batch n"]:
+        """Rate of the state with the push of the sample before."""
+        assert inputs.time is not None
+        at = int((float(inputs.time.reshape(-1)[0]) - self._start) / self._interval + 1e-6)
+        push = self._pushes[min(at, len(self._pushes) - 1)]
+        rate = self.calm(state, inputs)
+        added = torch.zeros_like(rate)
+        added[..., :3] = push[..., :3]
+        added[..., 6 + len(self.own_names) - (push.shape[-1] - 3) :] = push[..., 3:]
+        return rate + added
+
+    def on_approach(self, speed: float) -> Model:
+        """The pushed ship at another approach speed [m/s]."""
+        return _Pushed(self.calm.on_approach(speed), self._pushes, self._start, self._interval)
+
+
+def forecasts(question: Question, data_set: WhitenedDataSet, chosen: FittedHypothesis) -> list[Proof]:
+    """Planned runs by calm water and by the repaired model, this with bands.
+
+    Args:
+        question: What is asked.
+        data_set: The fitted runs.
+        chosen: What was found; calm water is predicted with its coefficients corrected, too.
+
+    Returns:
+        One a planned run; its errors are NaN.
+    """
+    dynamics, runs, warmup = question.dynamics, question.case.planned, question.case.warmup
+    if not runs:
+        return []
+    known = _known(refined(data_set, chosen) if chosen.names else data_set, chosen)
+    there = chosen.hypothesis.of_runs([0] * len(runs))
+    befores = predict(dynamics, Hypothesis((), ()), runs, warmup)
+    afters = predict(known.corrected(known.mean[: known.data_set.combinations]), there, runs, warmup, known.latency)
+    made = []
+    for run, before, after, band in zip(runs, befores, afters, _bands(known, runs, warmup), strict=True):
+        record = recorded(run, warmup)
+        record[record.columns[1:]] = np.nan
+        none = errors(before, record)
+        made.append(Proof(run.name, run.meta["kind"], record, before, after.join(band), none, none))
+    return made
+
+
+@dataclass(frozen=True)
+class _Known:
+    """What the fitted runs say of coefficients and numbers.
+
+    Attributes:
+        data_set: The fitted runs about the states that the hypothesis implies.
+        chosen: What was found.
+        mean: Most likely combinations of coefficients, then latencies of the runs.
+        latency: Usual delay of the satellite receiver [s].
+        covariance: Of combinations, latencies and numbers.
+    """
+
+    data_set: WhitenedDataSet
+    chosen: FittedHypothesis
+    mean: Float[np.ndarray, " c"]
+    latency: float
+    covariance: Float[np.ndarray, "m m"]
+
+    def corrected(self, combinations: Float[np.ndarray, "*rows c"]) -> Model:
+        """The calm-water model with such coefficients; a fitted one is left as it is but for what is drawn."""
+        dynamics = self.data_set.dynamics
+        if is_fitted(dynamics):
+            combinations = combinations - self.mean[: self.data_set.combinations]
+        return Calibrated(dynamics, dynamics.hull.inertia.new_tensor(combinations @ self.data_set.rotation.T))
+
+
+def _known(data_set: WhitenedDataSet, chosen: FittedHypothesis) -> _Known:
+    """Posterior of everything at the noise that is most likely."""
+    level, scatter = chosen.best
+    lin = hypothesis_columns(data_set, chosen.hypothesis) if chosen.names else None
+    found = MarginalLikelihood(data_set).posterior(lin, level)
+    mean, kept = found.mean(scatter), data_set.combinations
+    base = kept + len(data_set.runs)
+    latency = LATENCY + float(np.mean(mean[kept:base]))
+    return _Known(data_set, chosen, mean[:base], latency, found.covariance(scatter))
+
+
+def _bands(known: _Known, runs: Sequence[Recording], warmup: float) -> list[pd.DataFrame]:
+    """Columns x_low, x_high, ... of every planned run."""
+    g, data_set, chosen = np.random.default_rng(SEED), known.data_set, known.chosen
+    off = g.multivariate_normal(np.zeros(len(known.covariance)), known.covariance, DRAWS, method="eigh")
+    kept = data_set.combinations
+    numbers = off[:, kept + len(data_set.runs) :]
+    driving = known.corrected(np.tile(known.mean[:kept] + off[:, :kept], (len(runs), 1)))
+    draws = [_moved(chosen.hypothesis, change) for change in numbers]
+    values = tuple(
+        np.tile(np.concatenate([d.values[k][:1] for d in draws]), (len(runs), 1))
+        for k in range(len(chosen.hypothesis.effects))
+    )
+    every = Hypothesis(chosen.hypothesis.effects, values, chosen.hypothesis.fixed)
+    starts = np.concatenate([_starts(g, known, run, warmup, numbers) for run in runs])
+    begin, step, time = warm_up_end(runs[0], warmup), runs[0].step, process_time(data_set.dynamics)
+    size = data_set.levels[chosen.best[0]][[0, 1, 1, 1]][: len(data_set.unit)] * data_set.unit
+    pushes = size * _courses(g, max(len(run) for run in runs), len(starts), step / time)[..., : len(size)]
+    pushed = _Pushed(driving, torch.tensor(pushes), begin, step)
+    copies = [run for run in runs for _ in range(DRAWS)]
+    tables = free_runs(data_set.dynamics, every, copies, starts, warmup, known.latency, pushed)
+    noise = _noise(known)
+    return [_band(tables[k * DRAWS : (k + 1) * DRAWS], noise) for k in range(len(runs))]
+
+
+def _moved(hypothesis: Hypothesis, change: Float[np.ndarray, " m"]) -> Hypothesis:
+    """A hypothesis with other numbers, within bounds."""
+    moved = hypothesis.vector() + change
+    for k, f in enumerate(hypothesis.unknowns()):
+        p = f.parameter
+        moved[k] = moved[k] % p.period if p.period else float(np.clip(moved[k], p.low, p.high))
+    return hypothesis.with_vector(moved)
+
+
+def _starts(
+    g: np.random.Generator, known: _Known, run: Recording, warmup: float, numbers: Float[np.ndarray, "draws m"]
+) -> Float[np.ndarray, "draws k"]:
+    """States at the end of a run's warm-up: they go with the numbers drawn and scatter as its samples leave them."""
+    chosen, latency, dynamics = known.chosen, known.latency, known.corrected(known.mean[: known.data_set.combinations])
+    warm = run.between(0.0, warm_up_end(run, warmup))
+    there = chosen.hypothesis.of_runs([0])
+    mean, covariance = start_state_and_covariance(dynamics, there, warm, latency)
+    spread = np.zeros((len(mean), len(mean)))
+    spread[: len(covariance), : len(covariance)] = covariance
+    slopes = np.zeros((numbers.shape[1], len(mean)))
+    for k, error in enumerate(chosen.errors):
+        step = NUDGE * error * np.eye(numbers.shape[1])[k]
+        nudged = _moved(chosen.hypothesis, step)
+        size = float((nudged.vector() - chosen.hypothesis.vector())[k])
+        if abs(size) > 1e-9 * error:
+            slopes[k] = (start_state(dynamics, nudged.of_runs([0]), warm, latency) - mean) / size
+    return mean + numbers @ slopes + g.multivariate_normal(np.zeros(len(mean)), spread, len(numbers), method="eigh")
+
+
+def _courses(g: np.random.Generator, steps: int, rows: int, share: float) -> Float[np.ndarray, "steps rows 4"]:
+    """Courses of Ornstein and Uhlenbeck's process with variance 1; ``share`` is a step over its correlation time."""
+    keep = np.exp(-share)
+    courses = g.standard_normal((steps, rows, 4))
+    for k in range(1, steps):
+        courses[k] = keep * courses[k - 1] + np.sqrt(1 - keep**2) * courses[k]
+    return courses
+
+
+def _noise(known: _Known) -> dict[str, float]:
+    """Standard deviation of a single sample about the repaired model's states, in the units of a prediction."""
+    data_set, kept, squares = known.data_set, known.data_set.combinations, []
+    lin = hypothesis_columns(data_set, known.chosen.hypothesis) if known.chosen.names else None
+    for k, (run, white) in enumerate(zip(data_set.runs, data_set.at(known.chosen.best[0]).white, strict=True)):
+        left, shares = [run.base], np.r_[1.0, -known.mean[:kept], -known.mean[kept + k]]
+        if lin is not None:
+            left, shares = [run.base, lin.columns[k][:1]], np.append(shares, -1.0)
+        data = joined(left).combined(shares)
+        states = white.states(white.embed(data))[..., 0]
+        rest = data.measured[..., 0] - np.einsum("kci,ki->kc", run.linearised.observed, states)
+        there = run.linearised.present
+        squares.append(np.where(there.any(0), (rest**2 * there).sum(0) / np.maximum(there.sum(0), 1), run.noise**2))
+    s = np.sqrt(np.mean(squares, axis=0))
+    return dict(zip(COLUMNS, s[[0, 1, 4, 2, 3, 5, 6]] / (1, 1, DEGREE, 1, 1, DEGREE, 1), strict=True))
+
+
+def _band(tables: Sequence[pd.DataFrame], noise: dict[str, float]) -> pd.DataFrame:
+    """What most recordings of the same run lie between, column by column: quantiles of the draws, widened by noise."""
+    found = {}
+    for name in COLUMNS:
+        drawn = np.stack([table[name] for table in tables])
+        low, middle, high = np.quantile(drawn, (BAND[0], 0.5, BAND[1]), axis=0)
+        room = norm.ppf(BAND[1]) * noise[name]
+        found[f"{name}_low"] = middle - np.hypot(middle - low, room)
+        found[f"{name}_high"] = middle + np.hypot(high - middle, room)
+    return pd.DataFrame(found)

@@ -1,0 +1,76 @@
+"""What an answer states: entries that it holds to be present, and the effects that the simulator can run by them."""
+
+from collections.abc import Mapping
+from math import isfinite
+from typing import Any
+
+from studies.concealed_trial.effects import KINDS, UNKNOWN, Kind
+from studies.concealed_trial.ships import TrialShip
+from studies.concealed_trial.truth import ConcealedEffect
+
+PRESENT = 0.5
+"""An entry is held to be present from this probability on, where the answer does not list its model."""
+
+
+def claimed(answer: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The entries that an answer holds to be present.
+
+    Args:
+        answer: The tool's, as read.
+
+    Returns:
+        Those of its ``model``; without one those with a probability of one half at least; the first at least. None if
+        the verdict is none.
+    """
+    entries = answer["effects"] if answer["verdict"] == "mismatch" else []
+    model = answer.get("model")
+    named = [e for e in entries if (e["name"] in model if model else e["probability"] >= PRESENT)]
+    return named or list(entries[:1])
+
+
+def stated_effects(answer: Mapping[str, Any], ship: TrialShip) -> list[ConcealedEffect]:
+    """The effects of an answer with the parameters and intervals that it states.
+
+    Args:
+        answer: The tool's, as read.
+        ship: The ship.
+
+    Returns:
+        What the simulator can run; ``unknown``, and what lacks a parameter, states nothing that could be run.
+    """
+    found = []
+    for entry in claimed(answer):
+        kind = next((kind for kind in KINDS if kind.name == entry["name"]), None)
+        parameters = {} if kind is None else _values(entry, parameter_names(kind, ship))
+        if parameters:
+            found.append(ConcealedEffect(entry["name"], parameters, _intervals(entry["intervals"])))
+    return found
+
+
+def parameter_names(kind: Kind, ship: TrialShip) -> list[str]:
+    """Names of a listed kind's parameters.
+
+    Args:
+        kind: The kind.
+        ship: The ship.
+
+    Returns:
+        The names that the format gives them.
+    """
+    return [] if kind.name == UNKNOWN else list(kind.make(ship, kind.low, {k: v[1] for k, v in kind.extras.items()}))
+
+
+def _values(entry: Mapping[str, Any], names: list[str]) -> dict[str, float]:
+    """Values of all parameters that are named, or nothing."""
+    try:
+        values = {name: float(entry["parameters"][name][0]) for name in names}
+    except (KeyError, TypeError, ValueError, IndexError):
+        return {}
+    return values if all(isfinite(value) for value in values.values()) else {}
+
+
+def _intervals(given: Any) -> Mapping[str, list[list[int]]] | str:
+    """Intervals as the simulator takes them."""
+    if not isinstance(given, Mapping):
+        return "all"
+    return {str(run): [[round(float(t)) for t in interval] for interval in parts or []] for run, parts in given.items()}

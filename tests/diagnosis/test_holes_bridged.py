@@ -1,0 +1,82 @@
+"""Minutes without a record are bridged by the model; where the rudder is not known either, a run is cut in two."""
+
+import numpy as np
+import pytest
+from sailed import sailed, write_runs
+
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.diagnosis.case import Case, Question, RunSettings, read_runs
+from manoeuvre_nn.diagnosis.diagnose import diagnose
+from manoeuvre_nn.diagnosis.repair import recorded
+from manoeuvre_nn.dynamics.model import CalmWater
+from manoeuvre_nn.effect.current import Current
+from manoeuvre_nn.effect.rudder import RudderOffset
+from manoeuvre_nn.recording.holes import heading_across, told
+from manoeuvre_nn.ship.mariner import mariner_corrected
+
+SHIP = mariner_corrected()
+NAMES = ("zz1", "tc1", "zz2", "tc2")
+FROM, TO = 100.0, 160.0
+RUDDER = ["delta", "delta_order"]
+
+
+def case_of(folder, change) -> Case:
+    tables = {name: change(table.copy()) for name, table in zip(NAMES, sailed(0.4), strict=True)}
+    return read_runs(write_runs(folder, tables), SHIP, RunSettings(rudder_positive_to="port"))
+
+
+def cut_out(table):
+    return table[(table.t < FROM) | (table.t > TO)]
+
+
+def emptied(table, kept=("t",)):
+    table.loc[(table.t >= FROM) & (table.t <= TO), [c for c in table if c not in kept]] = np.nan
+    return table
+
+
+@pytest.mark.parametrize("change", [cut_out, emptied])
+def test_a_rudder_that_was_held_is_bridged_and_one_that_went_over_is_not_known(tmp_path, change):
+    runs = {run.name: run for run in case_of(tmp_path, change).runs}
+    hole = ((99.0, 161.0),)
+    assert all(runs[k].meta["breaks"] == hole and runs[k].meta["held"] == () for k in ("zz1", "zz2"))
+    assert all(runs[k].meta["held"] == hole and runs[k].meta["breaks"] == () for k in ("tc1", "tc2"))
+    assert all(np.isnan(run["x"][101:160]).all() and np.isfinite(run["delta"]).all() for run in runs.values())
+    assert "nothing is known of the rudder from 99 to 161 s" in told(runs["zz1"])[0]
+    assert "it counts as held, and the model bridges the hole" in told(runs["tc1"])[0]
+
+
+def test_an_order_that_was_written_down_tells_the_rudder(tmp_path):
+    plain = case_of(tmp_path / "plain", lambda t: t)
+    case = case_of(tmp_path / "holed", lambda t: emptied(t, ("t", "delta_order")))
+    assert all(run.meta["breaks"] == run.meta["held"] == () for run in case.runs) and case.undecided == ()
+    for run, whole in zip(case.runs, plain.runs, strict=True):
+        assert np.degrees(np.abs(run["delta"] - whole["delta"])).max() < 3.0  # half a second of the steering gear
+
+
+@pytest.mark.parametrize("gyro", [True, False])
+@pytest.mark.parametrize("rate", [2.0, -1.3])
+def test_a_heading_goes_on_through_a_hole_by_whole_turns(gyro, rate):
+    time = np.r_[0.0:60.0, 215.0:300.0]
+    psi = np.radians(rate) * time + np.radians(0.3) * np.sin(time)
+    channels = {"psi": np.unwrap(np.angle(np.exp(1j * psi)))} | (
+        {"r": np.full_like(time, np.radians(rate))} if gyro else {}
+    )
+    assert abs(channels["psi"][-1] - psi[-1]) > 6.0
+    np.testing.assert_allclose(heading_across(Recording("turn", time, channels))["psi"], psi, atol=1e-9)
+
+
+def test_a_diagnosis_bridges_holes_and_free_runs_end_where_the_rudder_is_lost(tmp_path, unchecked_types):
+    case = case_of(tmp_path, cut_out)
+    d = diagnose(Question(case, CalmWater(case.hull), [Current(SHIP), RudderOffset(SHIP)]))
+    speed, toward = d.causes[0].parameters
+    assert d.model == ["current"] and d.rmse("after")["pos"] < 2.0
+    assert abs(speed.value - 0.4) < 3 * speed.error and abs(toward.value - 60.0) < 3 * toward.error
+    assert speed.error < 0.01 and sum("from 99 to 161 s" in line for line in d.undecided) == 4
+    zigzag = next(run for run in case.held_out if run.name == "zz2")
+    assert recorded(zigzag, case.warmup).dropna().t.max() == 99.0
+
+
+def test_a_record_that_is_mostly_holes_is_refused(tmp_path):
+    with pytest.raises(InputError, match="only 69 s of 240 s were recorded, the rest are holes"):
+        case_of(tmp_path, lambda t: t[(t.t < 36) | (t.t > 205)])

@@ -1,0 +1,87 @@
+"""Runs of which only rudder and warm-up are known are predicted with bands and prove nothing."""
+
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pandas as pd
+import pytest
+from fleet import unchecked
+from sailed import sailed, write_runs
+
+from manoeuvre_nn.diagnosis.answers import write_answer
+from manoeuvre_nn.diagnosis.case import Case, Question, RunSettings, read_runs
+from manoeuvre_nn.diagnosis.diagnose import diagnose
+from manoeuvre_nn.diagnosis.repair import recorded
+from manoeuvre_nn.diagnosis.result import Diagnosis
+from manoeuvre_nn.dynamics.model import CalmWater
+from manoeuvre_nn.effect.current import Current
+from manoeuvre_nn.report.diagnosis_figures import draw_diagnosis
+from manoeuvre_nn.report.diagnosis_html import diagnosis_html
+from manoeuvre_nn.ship.mariner import mariner_corrected
+
+SHIP = mariner_corrected()
+NAMES = ("zz1", "tc1", "zz2", "tc2")
+HELD_OUT = ("tc1", "zz2")
+GIVEN = ("t", "delta", "delta_order")
+
+
+def case_of(folder: Path, *planned: str, given=GIVEN) -> Case:
+    tables = {name: table.copy() for name, table in zip(NAMES, sailed(0.4), strict=True)}
+    for name in planned:
+        tables[name].loc[tables[name].t > 40, [c for c in tables[name] if c not in given]] = np.nan
+    settings = RunSettings(HELD_OUT, rudder_positive_to="port")
+    return read_runs(write_runs(folder, tables), SHIP, settings)
+
+
+@cache
+def answered() -> tuple[Case, Diagnosis]:
+    """The whole recordings, and the answer without those of ``tc1`` after its warm-up."""
+    with TemporaryDirectory() as place, unchecked():
+        whole = case_of(Path(place, "whole"))
+        case = case_of(Path(place, "planned"), "tc1")
+        return whole, diagnose(Question(case, CalmWater(case.hull), [Current(SHIP)]))
+
+
+@pytest.mark.parametrize("given", [GIVEN, (*GIVEN, "n"), ("t", "delta")])
+def test_a_planned_run_is_no_held_out_one(tmp_path, given):
+    case = case_of(tmp_path, "tc1", given=given)
+    assert [run.name for run in case.planned] == ["tc1"] and [run.name for run in case.held_out] == ["zz2"]
+    assert "Nothing was recorded after the warm-up of tc1: predicted with bands, no proof." in case.undecided
+
+
+def test_planned_runs_alone_prove_nothing_and_that_is_said(tmp_path):
+    case = case_of(tmp_path, *HELD_OUT)
+    assert case.held_out == [] and len(case.planned) == 2
+    said = "No held-out run was recorded to its end: nothing is proved, and an effect is only proposed."
+    assert said in case.undecided
+
+
+def test_bands_hold_what_was_recorded_as_often_as_they_say():
+    whole, d = answered()
+    (planned,) = d.forecasts
+    record = recorded(next(run for run in whole.runs if run.name == "tc1"), whole.warmup)
+    inside = {
+        c: np.nanmean((record[c] >= planned.after[f"{c}_low"]) & (record[c] <= planned.after[f"{c}_high"]))
+        for c in record.columns[1:]
+    }
+    assert min(inside.values()) > 0.85 and 0.92 < np.mean(list(inside.values())) < 0.99, inside
+    assert np.hypot(planned.after.x - record.x, planned.after.y - record.y).mean() < 2.0
+    width = planned.after.y_high - planned.after.y_low
+    assert width.iloc[-1] > 1.5 * width.iloc[0] and width.iloc[-1] < 20.0
+    assert np.isnan(planned.recorded.x).all() and np.isnan(list(planned.rmse_after.values())).all()
+
+
+def test_a_planned_run_is_written_and_shown_but_does_not_count(tmp_path):
+    _, d = answered()
+    assert d.model == ["current"] and [p.run for p in d.proofs] == ["zz2"]
+    write_answer(d, tmp_path)
+    after = pd.read_csv(tmp_path / "predictions/after/tc1.csv")
+    assert [*after.columns][:8] == ["t", "x", "y", "psi", "u", "v", "r", "u_log"] and "psi_high" in after
+    assert after.psi.between(0, 360).all() and ((after.psi_low < after.psi) & (after.psi < after.psi_high)).all()
+    assert (tmp_path / "predictions/before/tc1.csv").is_file()
+    figures = draw_diagnosis(d)
+    assert "planned/tc1" in figures and "channels/tc1" not in figures
+    diagnosis_html(d, {}, tmp_path / "page.html")
+    assert "Planned runs" in (tmp_path / "page.html").read_text()

@@ -1,0 +1,96 @@
+"""Priors: heavy tails of what goes wrong at sea, errors of coefficients that go together, errors over noise levels."""
+
+import numpy as np
+import pytest
+import torch
+from fleet import unchecked
+from pytest import approx
+from trials import CALM, CIRCLE, NOISE, SHIP, ZIGZAG, run_of, runs
+
+from manoeuvre_nn.diagnosis.search import single
+from manoeuvre_nn.dynamics.rollout import roll_out
+from manoeuvre_nn.dynamics.vessel import Vessel
+from manoeuvre_nn.effect.current import Current
+from manoeuvre_nn.effect.rudder import RudderBacklash, RudderOffset
+from manoeuvre_nn.estimation import marginal_likelihood as under_test
+from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
+from manoeuvre_nn.estimation.data_set import coupled_root, whitened_data_set
+from manoeuvre_nn.estimation.hypothesis import Hypothesis
+from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
+from manoeuvre_nn.estimation.posterior import posterior
+from manoeuvre_nn.estimation.relinearise import coupled
+
+pytestmark = pytest.mark.usefixtures("unchecked_types")
+NONE = Hypothesis((), ())
+
+
+@pytest.mark.parametrize("size", [0.0, 0.5, 4.0, 40.0])
+def test_a_gaussian_stands_for_a_heavy_tail_where_the_value_is(size):
+    """Same height and same slope as Cauchy's density, by differences."""
+    unknown = Hypothesis((RudderOffset(SHIP),), (np.array([[size]]),)).unknowns()[0]
+    gamma, sd = 0.6745 * 1.5, unknown.prior_sd(size)
+
+    def of_cauchy(x: float) -> float:
+        return -np.log(np.pi * gamma * (1 + (x / gamma) ** 2))
+
+    def of_gaussian(x: float) -> float:
+        return -0.5 * (x / sd) ** 2 - np.log(np.sqrt(2 * np.pi) * sd) + unknown.prior_excess(size)
+
+    h = 1e-4
+    slopes = [(density(size + h) - density(size - h)) / (2 * h) for density in (of_cauchy, of_gaussian)]
+    assert of_gaussian(size) == approx(of_cauchy(size)) and slopes[0] == approx(slopes[1], abs=1e-6)
+
+
+def test_a_fault_ten_times_as_large_as_usual_costs_little_more_than_a_usual_one():
+    """Odds of 1 to 100, where a Gaussian prior would say 1 to 1e20."""
+    usual, large = (Hypothesis((RudderOffset(SHIP),), (np.array([[size]]),)).unknowns()[0] for size in (1.0, 15.0))
+    density = [u.prior_excess(x) - 0.5 * (x / u.prior_sd(x)) ** 2 - np.log(u.prior_sd(x)) for u, x in
+               ((usual, 1.0), (large, 15.0))]  # fmt: skip
+    assert 4.0 < density[0] - density[1] < 6.0
+
+
+def test_a_fault_far_beyond_its_usual_size_is_measured():
+    """Rudder that stands 12 deg off, play of 15 deg: both were out of bounds when these fitted what is usual."""
+    for effect, true in ((RudderOffset(SHIP, offset_deg=12.0), 12.0), (RudderBacklash(SHIP, width_deg=15.0), 15.0)):
+        likelihood = MarginalLikelihood(whitened_data_set(CALM, runs([CIRCLE, ZIGZAG], [effect])))
+        judged = single(likelihood, type(effect)(SHIP), likelihood.evaluate(NONE))
+        assert judged.hypothesis.vector()[0] == approx(true, abs=max(4 * judged.errors[0], 0.05))
+
+
+def test_a_speed_below_zero_is_one_toward_the_opposite():
+    there = Hypothesis((Current(SHIP),), (np.array([[0.3, 40.0]]),))
+    moved = under_test._limited(there, np.array([-0.8, 0.0])).vector()
+    assert moved == approx([0.5, 220.0])
+
+
+def test_standard_errors_hold_over_levels_of_noise():
+    """Two levels of equal weight with means 1 and 3, variances 4: mean 2, variance 4 + 1."""
+    data = np.array([1.0, 0.0])
+    found = [
+        posterior(np.array([[9.0, m / 4], [m / 4, 1 / 4 - 1e-12]]), 0.0, np.array([1e6]), data) for m in (1.0, 3.0)
+    ]
+    weighted = np.array([[0.0], [0.0], [-99.0]])
+    mean, covariance = under_test._mixture({(0, 0): found[0], (1, 0): found[1]}, weighted)
+    assert mean == approx([2.0]) and covariance[0, 0] == approx(5.0, rel=1e-6)
+
+
+def test_errors_of_a_term_in_sway_and_yaw_go_together_by_the_stated_correlation():
+    names = ["Xuu", "Yv", "Nv", "Yrr", "N+uv", "Y+uv", "Nd"]
+    root = coupled_root(names, 0.6)
+    expected = np.eye(7)
+    expected[1, 2] = expected[2, 1] = 0.6
+    assert root @ root.T == approx(expected)
+
+
+def test_a_coupling_that_is_there_is_found():
+    """Coefficients of Y and N off by the same share, or by opposite ones: the sign of the arm is not free."""
+    chosen = {}
+    for sign in (1.0, -1.0):
+        shares = [0.1 if n in ("Yv", "Yr", "Yd") else sign * 0.1 if n in ("Nv", "Nr", "Nd") else 0.0
+                  for n in Corrections(CALM).names]  # fmt: skip
+        ship = Calibrated(CALM, torch.tensor(shares, dtype=torch.float64))
+        with unchecked():
+            tracks = roll_out(Vessel(ship), [CIRCLE, ZIGZAG], step=1.0)
+        data_set = whitened_data_set(CALM, [run_of(track, NOISE) for track in tracks])
+        chosen[sign] = coupled(data_set, MarginalLikelihood(data_set).evaluate(NONE)).coupling
+    assert chosen[1.0] >= 0.6 and chosen[-1.0] == 0.0
