@@ -41,11 +41,8 @@ METHODS = {
     for rival in ("regression", "pysindy", "sample_split", "structural", "neural", "neural_referee")
 }
 METHODS["ideal"] = (
-    sys.executable,
-    "-m",
-    "studies.concealed_trial.ideal",
-    *METHODS["pysindy"][3:],
-    "nuisance={nuisance}",
+    *(sys.executable, "-m", "studies.concealed_trial.ideal"),
+    *("cases={cases}", "out={out}", "nuisance={nuisance}"),
 )
 """Command of each tool; its answers lie in OUT/answers, or OUT/answers_NAME for others than the first."""
 

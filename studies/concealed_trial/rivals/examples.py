@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.errors import InputError, check_choice
-from studies.concealed_trial.drawing import CasePlan, draw_case, plans
+from studies.concealed_trial.drawing import CasePlan, Trial, draw_case, plans
 from studies.concealed_trial.record import write_case
 from studies.concealed_trial.rivals.features import features
 from studies.concealed_trial.rivals.package import SHIPS, CalmWater, read_case, shelf
@@ -113,7 +113,7 @@ def _of_shelf(seed: int, batch: int) -> Iterator[tuple[np.ndarray, ...]]:
 
 def _of_referee(seed: int, batch: int) -> Iterator[tuple[np.ndarray, ...]]:
     """Cases that the referee draws."""
-    drawn: Sequence[CasePlan] = plans(1000 * seed + batch, REFEREE_BATCH)
+    drawn: Sequence[CasePlan] = plans(Trial(1000 * seed + batch, REFEREE_BATCH))
     for index, plan in enumerate(drawn):
         concealed = draw_case(1000 * seed + batch, index, plan)
         with tempfile.TemporaryDirectory() as place:

@@ -36,8 +36,8 @@ def judge_by_network(case: Case, learnt: NeuralDiagnosis, effects: Sequence[Effe
         What is found.
     """
     calm = CalmWater(case.hull)
-    data = WhitenedRuns(calm, case.fitted)
-    seen = features(WhitenedRuns(calm, case.fitted, at_samples=True))
+    data = WhitenedRuns(calm, case.fitted, at_samples=True)  # as in the examples
+    seen = features(data)
     found = np.clip(learnt.probabilities(seen[None])[0], LEAST, 1 - LEAST)
     p = {name: float(q) for name, q in zip(names(), found, strict=True)}
     left = data.evaluate(Hypothesis((), ()))[0]

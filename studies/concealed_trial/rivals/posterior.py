@@ -1,5 +1,6 @@
 """Parameters of effects by neural posterior estimation: one flow for all effects, told which one it is asked about."""
 
+import warnings
 from typing import Any
 
 import numpy as np
@@ -86,10 +87,11 @@ def fit_posteriors(data: Examples, seed: int) -> Posteriors:
     except ImportError:
         raise InputError(MISSING) from None
     theta, x = pairs(data, seed)
-    with torch.random.fork_rng(devices=[]):
+    with torch.random.fork_rng(devices=[]), warnings.catch_warnings():
         torch.manual_seed(seed)
         prior = BoxUniform(-BOX * torch.ones(MAX_NUMBERS), BOX * torch.ones(MAX_NUMBERS))
         trainer = NPE(prior, density_estimator=_builder(), show_progress_bars=False)
+        warnings.simplefilter("ignore")  # columns of effects that no example has, and the last epoch
         flow = trainer.append_simulations(theta, x).train(
             training_batch_size=BATCH, learning_rate=RATE, stop_after_epochs=PATIENCE, max_num_epochs=MAX_EPOCHS
         )
