@@ -4,7 +4,7 @@ One rollout then serves all cases of a ship: what a batch costs beside its arith
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import ClassVar
 
 import torch
@@ -109,7 +109,7 @@ class MixedEffect(Effect):
 def _of(s: Situation, rows: slice) -> Situation:
     """What some of the rows see."""
     parts = {f.name: getattr(s, f.name) for f in fields(s)}
-    return Situation(**{name: None if x is None else x[rows] for name, x in parts.items()})
+    return replace(s, **{name: x[rows] for name, x in parts.items() if x is not None})
 
 
 class ScatteredShip(Model):

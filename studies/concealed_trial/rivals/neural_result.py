@@ -45,7 +45,7 @@ def judge_by_network(case: Case, learnt: NeuralDiagnosis, effects: Sequence[Effe
     by_name = {e.name: e for e in effects}
     ranked = sorted(by_name, key=lambda name: -p[name])[:NAMES]
     fits = {name: _fit(data, learnt, by_name[name], p[name], left) for name in ranked}
-    sets = [(name,) for name in ranked]
+    sets: list[tuple[str, ...]] = [(name,) for name in ranked]
     for pair in combinations(ranked[:FIRST_NAMES], 2):
         one, two = (fits[name].hypothesis.effects[0] for name in pair)
         if one.family != two.family:

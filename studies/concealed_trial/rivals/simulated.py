@@ -255,8 +255,8 @@ def _by_seconds(sailed: Solution) -> Solution:
         return out
 
     inputs = Inputs(**{name: filled(values) for name, values in sailed.inputs.given.items()})
-    parts = (filled(x) for x in (sailed.times, sailed.states, sailed.shown, sailed.orders))
-    return Solution(*parts, inputs, sailed.ended)
+    times, states, shown, orders = (filled(x) for x in (sailed.times, sailed.states, sailed.shown, sailed.orders))
+    return Solution(times, states, shown, orders, inputs, sailed.ended)
 
 
 def _measured(

@@ -93,7 +93,7 @@ def distinct(x: Float[np.ndarray, "m t"]) -> Int[np.ndarray, " k"]:
         Their numbers.
     """
     basis = np.zeros((len(x), 0))
-    kept = []
+    kept: list[int] = []
     for k in np.argsort(np.arange(x.shape[1]) % (x.shape[1] // len(ROWS)), kind="stable"):
         left = x[:, k] - basis @ (basis.T @ x[:, k])
         size = float(np.linalg.norm(left))

@@ -134,7 +134,6 @@ def learnt():
     with unchecked(), pytest.MonkeyPatch.context() as patch:
         patch.setattr(neural, "MEMBERS", 2)
         patch.setattr(neural, "MAX_EPOCHS", 6)
-        patch.setattr(posterior, "FLOW", {"model": "maf", "hidden_features": 12, "num_transforms": 2})
         patch.setattr(posterior, "MAX_EPOCHS", 15)
         patch.setattr(posterior, "RATE", 1e-2)
         return neural.learn(small_world())
