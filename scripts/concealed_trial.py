@@ -6,7 +6,7 @@
 
 ``sort`` is clean, single, pair, triple or unknown; ``strength`` weak, moderate, strong or extreme; ``channels`` a
 channel set (full, no_shaft, no_log, gps_heading, two_seconds); ``strict=true`` leaves only rudder and warm-up in
-held-out runs;
+held-out runs; ``loop=true`` sails the run that each uncertain answer advises, and a random one, and asks again;
 ``tool`` holds further words for diagnose.py, whose answers then lie in a folder of their own.
 
 Three processes: the first writes recordings and the hashes of the answers, the second runs the tools and never gets the
@@ -27,12 +27,17 @@ sys.path.insert(0, str(ROOT))  # studies stand beside the package, not in it
 from manoeuvre_nn.core.errors import InputError  # noqa: E402
 from studies.concealed_trial.channels import CHANNEL_SETS  # noqa: E402
 from studies.concealed_trial.drawing import ALL, SHARES, Trial  # noqa: E402
+from studies.concealed_trial.loop import WAYS, compare, sail_next  # noqa: E402
+from studies.concealed_trial.rivals.ablations import PARTS  # noqa: E402
 from studies.concealed_trial.stages import answer, generate, score  # noqa: E402
 from studies.concealed_trial.strength import STRENGTHS  # noqa: E402
 
 DEFAULTS = {"cases": "48", "seed": "", "out": "outputs/concealed_trial", "jobs": "2", "nuisance": "1.0"}
 DEFAULTS |= {"methods": "manoeuvre_nn", "tool": ""} | dict.fromkeys(("sort", "strength", "channels"), ALL)
-DEFAULTS |= {"strict": "false"}
+DEFAULTS |= {"strict": "false", "loop": "false"}
+STAGES = ("generate", "answer", "score")
+LOOP = ("sail_next", "answer_again", "compare")
+"""Stages, in turn; those that answer never learn the seed."""
 CHOICES = {"sort": SHARES, "strength": STRENGTHS, "channels": CHANNEL_SETS}
 METHODS = {
     "manoeuvre_nn": (sys.executable, "diagnose.py", "cases={cases}", "out={out}", "workers=1"),
@@ -40,10 +45,10 @@ METHODS = {
     rival: (sys.executable, "scripts/rivals.py", f"method={rival}", "cases={cases}", "out={out}")
     for rival in ("regression", "pysindy", "sample_split", "structural", "neural", "neural_referee")
 }
-METHODS["ideal"] = (
-    *(sys.executable, "-m", "studies.concealed_trial.ideal"),
-    *("cases={cases}", "out={out}", "nuisance={nuisance}"),
-)
+OF_MODULES = ("cases={cases}", "out={out}")
+METHODS["ideal"] = (sys.executable, "-m", "studies.concealed_trial.ideal", *OF_MODULES, "nuisance={nuisance}")
+ABLATED = (sys.executable, "-m", "studies.concealed_trial.rivals.ablations", *OF_MODULES, "workers=1")
+METHODS |= {f"without_{part}": (*ABLATED, f"without={part}") for part in PARTS}
 """Command of each tool; its answers lie in OUT/answers, or OUT/answers_NAME for others than the first."""
 
 
@@ -151,6 +156,20 @@ def folder_of(out: Path, method: str, tool: str = "") -> Path:
     return out / ("answers" if not tool else f"answers_{sha256(tool.encode()).hexdigest()[:6]}")
 
 
+def words_of(given: dict[str, str], method: str) -> tuple[str, ...]:
+    """Command of a tool.
+
+    Args:
+        given: The settings.
+        method: Name of the tool.
+
+    Returns:
+        Its words; those of ``tool`` go to the package's own.
+    """
+    further = shlex.split(given["tool"]) if method == next(iter(METHODS)) else []
+    return (*(word.replace("{nuisance}", given["nuisance"]) for word in METHODS[method]), *further)
+
+
 def run_stage(given: dict[str, str]) -> None:
     """One stage, in its own process; the seed comes by standard input where it is needed.
 
@@ -159,21 +178,29 @@ def run_stage(given: dict[str, str]) -> None:
     """
     out, jobs, tool = Path(given["out"]), number(given, "jobs", 1), given["tool"]
     folders = {method: folder_of(out, method, tool) for method in given["methods"].split(",")}
+    commands = {method: words_of(given, method) for method in folders}
+    first = next(iter(folders))
     if given["stage"] == "answer":
         for method, folder in folders.items():
-            command = [word.replace("{nuisance}", given["nuisance"]) for word in METHODS[method]]
-            words = (*command, *(shlex.split(tool) if method == next(iter(METHODS)) else ()))
-            answer(out / "recordings", folder, words, jobs, root=ROOT, method=method)
+            answer(out / "recordings", folder, commands[method], jobs, root=ROOT, method=method)
+        return
+    if given["stage"] == "answer_again":
+        for place in (out / "loop" / way for way in WAYS):
+            answer(place / "recordings", place / "answers", commands[first], jobs, root=ROOT, method=first)
         return
     trial = trial_of(given | {"seed": sys.stdin.read().strip()})
     if given["stage"] == "generate":
         generate(trial, out, jobs)
+    elif given["stage"] == "sail_next":
+        sail_next(trial, out, folders[first])
+    elif given["stage"] == "compare":
+        print(compare(trial, out))
     else:
         print(score(trial, out, folders, jobs))
 
 
 def main(arguments: list[str]) -> int:
-    """Run the three stages one after the other.
+    """Run the stages one after the other.
 
     Args:
         arguments: ``key=value``.
@@ -188,9 +215,10 @@ def main(arguments: list[str]) -> int:
     trial = trial_of(given)
     number(given, "jobs", 1)
     passed_on = [f"{key}={value}" for key, value in given.items() if key != "seed"]
-    for stage in ("generate", "answer", "score"):
+    loop = one_of(given, "loop", ("true", "false")) == "true"
+    for stage in (*STAGES, *(LOOP if loop else ())):
         command = [sys.executable, __file__, f"stage={stage}", *passed_on]
-        seed = "" if stage == "answer" else str(trial.seed)
+        seed = "" if stage.startswith("answer") else str(trial.seed)
         environment = os.environ | {"OMP_NUM_THREADS": "1"}
         code = subprocess.run(command, input=seed, text=True, env=environment, check=False).returncode
         if code:

@@ -15,6 +15,8 @@ MANOEUVRE_START = 60.0
 """When the manoeuvre begins [s]."""
 SPIRAL_DEG = (-15.0, -10.0, -6.0, -3.0, 0.0, 3.0, 6.0, 10.0, 15.0, 6.0, 0.0, -6.0, -15.0)
 """Held rudder angles of the spiral."""
+PULL_OUT = float(np.radians(60.0))
+"""Turn after which the rudder of a pull-out is put amidships [rad]."""
 SPIRAL_STEP = 60.0
 """How long each is held [s]."""
 
@@ -26,10 +28,12 @@ class Run:
     Attributes:
         name: ``r01`` and so on.
         split: ``fit`` or ``held_out``.
-        manoeuvre: ``tcNN``, ``zzNN`` or ``spiral``.
+        manoeuvre: ``tcNN``, ``zzNN``, ``poNN`` (pull-out: a turn of 60 deg, then rudder amidships), ``straight`` or
+            ``spiral``.
         first_turn: ``port``, ``starboard``, or None for a spiral.
         heading_deg: Heading of the approach by the ship's compass.
         duration: Length of the recording [s].
+        share: Approach speed and shaft speed over the nominal ones.
     """
 
     name: str
@@ -38,11 +42,12 @@ class Run:
     first_turn: str | None
     heading_deg: float
     duration: int
+    share: float = 1.0
 
     @property
     def angle(self) -> float:
-        """NN with the sign of the first order [rad]; 0 for a spiral."""
-        if self.manoeuvre == "spiral":
+        """NN with the sign of the first order [rad]; 0 for a spiral and a straight run."""
+        if self.manoeuvre in {"spiral", "straight"}:
             return 0.0
         return float(np.radians(float(self.manoeuvre[2:]))) * (1.0 if self.first_turn == "port" else -1.0)
 
@@ -62,6 +67,7 @@ class TrialHelm:
         self.side = np.sign(self.angle)
         self.zigzag = np.array([run.manoeuvre.startswith("zz") for run in runs])
         self.spiral = np.array([run.manoeuvre == "spiral" for run in runs])
+        self.pull_out = np.array([run.manoeuvre.startswith("po") for run in runs])
         self.time_unit = ship.length / ship.speed
         self.integral = np.zeros(len(runs))
 
@@ -81,6 +87,7 @@ class TrialHelm:
             return self._hold_course(heading, rate, step)
         swung = -(heading - self.course) * self.side  # positive when on the side that the first order turns to
         self.side = np.where(self.zigzag & (swung >= np.abs(self.angle)), -self.side, self.side)
+        self.side = np.where(self.pull_out & (swung >= PULL_OUT), 0.0, self.side)
         held = min(int((t - MANOEUVRE_START + 1e-9) / SPIRAL_STEP), len(SPIRAL_DEG) - 1)
         return np.where(self.spiral, np.radians(SPIRAL_DEG[held]), np.abs(self.angle) * self.side)
 

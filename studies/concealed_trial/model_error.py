@@ -14,18 +14,20 @@ USUAL = {"u": 0.3, "v": 0.2, "r": 0.35, "d": 0.35}
 """Size of (u - U0)/U0, v/U0, r L/U0 and d [rad] in a manoeuvre."""
 
 
-def with_model_error(case: TrialCase, rng: np.random.Generator) -> TruthModel:
+def with_model_error(case: TrialCase, rng: np.random.Generator, fresh: np.random.Generator | None = None) -> TruthModel:
     """The truth model of a case with what is wrong in every case: coefficients, a missing term, a force, gusts.
 
     Args:
         case: The case.
-        rng: Source of chance.
+        rng: Source of chance; the coefficients are the first that is taken from it.
+        fresh: Source of gusts and of the force, if they are to be others than those of the case.
 
     Returns:
         The truth model.
     """
     tables, names = Tables.of(case.ship), [run.name for run in case.runs]
     scatter(tables, case.coefficient_sd, rng)
+    rng = fresh or rng
     seconds, count = max(run.duration for run in case.runs) + 2, len(names)
     gust_sd = next((e.parameters["gust_sd"] for e in case.effects if e.name == "wind_gusty"), 0.0)
     gusts = gust_sd * coloured(rng, seconds, (count,), float(rng.uniform(20, 60)))

@@ -65,9 +65,11 @@ def sail(truth: TruthModel, runs: Sequence[Run], *, step: float = STEP, settle: 
     large = max(step, COARSE)
     before = -large * np.ceil(settle * unit / large)
     state = np.zeros((9, len(runs)))
-    state[2], state[3] = helm.course - truth.sensors.heading_bias, truth.ship.speed
+    share = np.array([run.share for run in runs])
+    truth.telegraph = share
+    state[2], state[3] = helm.course - truth.sensors.heading_bias, share * truth.ship.speed
     gear = SteeringGear(replace(truth.gear, play=0.0), truth.ship.rate, np.zeros(len(runs)))  # no hunting in the play
-    n = np.full(len(runs), truth.ship.rpm)
+    n = share * truth.ship.rpm
     for k in range(round(-before / large)):
         state, n, _ = _step(truth, helm, gear, before + k * large, state, n, large)
     state[:2], gear.gear = 0.0, truth.gear

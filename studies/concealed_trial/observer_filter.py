@@ -115,7 +115,7 @@ def _constant(column: np.ndarray, now: Moment) -> np.ndarray:
 def _model_slopes(
     track: Track, effects: list[ConcealedEffect], base: np.ndarray, nuisance: float
 ) -> tuple[list[np.ndarray], np.ndarray]:
-    """LinearModel by the coefficients and the terms that may be missing, and the prior covariance with the latency's."""
+    """Slopes by the coefficients and the terms that may be missing, and the prior covariance with the latency's."""
     nominal = Tables.of(track.ship)
     names = [c for c in nominal.k if c[0] in "XYN" and not c.endswith("z") and nominal.k[c]]
     found, share = [], 0.01

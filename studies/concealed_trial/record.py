@@ -26,18 +26,20 @@ GAPS = 0.01
 """Share of samples that a sensor leaves out."""
 
 
-def record(case: TrialCase, step: float = STEP) -> dict[str, pd.DataFrame]:
+def record(case: TrialCase, step: float = STEP, fresh: np.random.Generator | None = None) -> dict[str, pd.DataFrame]:
     """The recordings of a case, with all channels at all seconds.
 
     Args:
         case: The case.
         step: Time step of the motion [s].
+        fresh: Source of chance of all but the coefficients, for runs that are sailed later.
 
     Returns:
         Table of each run.
     """
     rng = np.random.default_rng(case.chance)
-    truth = with_model_error(case, rng)
+    truth = with_model_error(case, rng, fresh)
+    rng = fresh or rng
     track = sail(truth, case.runs, step=step)
     waves = next((e.parameters for e in case.effects if e.name == "wave_drift"), None)
     tables = {}

@@ -15,6 +15,7 @@ from manoeuvre_nn.core.errors import InputError
 from studies.concealed_trial.case import TrialCase
 from studies.concealed_trial.commitments import METHOD, check, commitment
 from studies.concealed_trial.drawing import Trial, case_name, draw_case, plans
+from studies.concealed_trial.figures import write_figures
 from studies.concealed_trial.record import write_case
 from studies.concealed_trial.score import score_case
 from studies.concealed_trial.scoreboard import label_losses, markdown, scoreboard
@@ -96,13 +97,21 @@ def _is_there(out: Path, name: str, commitments: Mapping[str, str]) -> bool:
 
 def _generate_one(trial: Trial, index: int, folder: Path) -> tuple[str, str]:
     """Draw and write one case; only its hash comes back."""
-    case = _drawn(trial, index)
+    case = drawn(trial, index)
     write_case(case, folder / case.name)
     return case.name, commitment(case.salt, case.answers())
 
 
-def _drawn(trial: Trial, index: int) -> TrialCase:
-    """A case of a trial."""
+def drawn(trial: Trial, index: int) -> TrialCase:
+    """A case of a trial.
+
+    Args:
+        trial: The trial.
+        index: Number of the case.
+
+    Returns:
+        The case.
+    """
     return draw_case(trial.seed, index, plans(trial)[index], trial.nuisance)
 
 
@@ -196,7 +205,7 @@ def score(trial: Trial, out: Path, answers: Mapping[str, Path], jobs: int) -> st
 
     Args:
         trial: What was drawn.
-        out: Folder of the trial; takes scoreboard.md and scoreboard.json.
+        out: Folder of the trial; takes scoreboard.md, scoreboard.json, and the figures with trial.html.
         answers: Folder of each tool's answers.
         jobs: Processes.
 
@@ -219,6 +228,7 @@ def score(trial: Trial, out: Path, answers: Mapping[str, Path], jobs: int) -> st
     details = {tool: {"board": boards[tool], "cases": [row[1][tool] for row in rows]} for tool in answers}
     _write(out / "scoreboard.json", {"trial": _published(trial), "tools": details})
     (out / "scoreboard.md").write_text(text)
+    write_figures(details, out)
     return text
 
 
@@ -226,7 +236,7 @@ def _score_one(
     trial: Trial, index: int, commitments: Mapping[str, str], recordings: Path, answers: Mapping[str, Path]
 ) -> tuple[str, dict[str, Any]]:
     """Open one case and score every tool's answer to it."""
-    case = _drawn(trial, index)
+    case = drawn(trial, index)
     check(commitments, case.salt, case.answers())
     truth = case.answers()
     if trial.strict:  # the responses come to light only now

@@ -105,6 +105,7 @@ class TruthModel:
         sensors: Faults of the sensors.
         felt: Unlisted rudder, its name and measures.
         model_error: Coloured force, one row of X, Y, N for each run at 0, 1, 2 ... s.
+        telegraph: Ordered over nominal shaft speed.
         lag: Time that the remembered yaw rate is behind [s]; 0 if nothing remembers.
     """
 
@@ -118,6 +119,7 @@ class TruthModel:
     sensors: Sensors = Sensors()
     felt: tuple[str, Mapping[str, float]] | None = None
     model_error: np.ndarray | None = None
+    telegraph: float | np.ndarray = 1.0
     lag: float = 0.0
 
     def derivative(self, t: float | np.ndarray, state: np.ndarray, blade: np.ndarray, n: np.ndarray) -> np.ndarray:
@@ -171,7 +173,7 @@ class TruthModel:
         Returns:
             n [rpm].
         """
-        return self.ship.rpm * (1 - self.rpm_slope * (1 - u / self.ship.speed))
+        return self.telegraph * self.ship.rpm * (1 - self.rpm_slope * (1 - u / (self.telegraph * self.ship.speed)))
 
 
 def build(

@@ -14,7 +14,7 @@ from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.diagnosis import words
 from manoeuvre_nn.diagnosis.advise import Ranked, advise, apart, left_over
 from manoeuvre_nn.diagnosis.checks import aliases
-from manoeuvre_nn.diagnosis.next_runs import HALF, Plan, new_runs, same_runs
+from manoeuvre_nn.diagnosis.next_runs import HALF, Plan, _manoeuvres, new_runs, planned, same_runs
 from manoeuvre_nn.diagnosis.words import next_steps, runner_up
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.propulsion import PropellerPitchError
@@ -289,3 +289,31 @@ def test_beside_something_unknown_or_nothing_the_best_candidate_is_the_runner_up
 
 def test_of_something_without_a_name_nothing_is_simulated():
     assert next_steps(search(), verdict(NOTHING), judged(WIND, evidence=9.0), True)[0].startswith("Repeat one run")
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("a 20/20 zigzag, first to port,", {"manoeuvre": "zz20", "first_turn": "port"}),
+        ("a 35 deg turning circle to starboard", {"manoeuvre": "tc35", "first_turn": "starboard"}),
+        ("a pull-out after a 20 deg turn", {"manoeuvre": "po20", "first_turn": "starboard"}),
+        ("a straight run", {"manoeuvre": "straight", "first_turn": "starboard"}),
+    ],
+)
+def test_an_advised_run_can_be_read_by_machines(words, expected):
+    plan = Plan(words, None, heading=np.radians(95.0), share=0.5)
+    told = planned(f"To tell a from b (20 %): {plan.text} (expected log Bayes factor 12; these recordings: 2.0).")
+    assert told == expected | {"heading_deg": 95.0, "speed_share": 0.5}
+    assert planned(f"To tell a from b: {words} (4)") == expected | {"speed_share": 1.0}
+
+
+def test_a_repeat_with_another_channel_can_be_read_and_nothing_else_is_advised():
+    assert planned("To tell a from b (20 %): r02 again with the speed log (expected 3).") == {
+        "repeat": "r02",
+        "channel": "speed log",
+    }
+    assert planned("Nothing more is needed for these manoeuvres; another speed would test the model further.") is None
+
+
+def test_every_manoeuvre_that_is_tried_can_be_read_back():
+    assert all(planned(words) is not None for words in _manoeuvres(np.pi))

@@ -9,7 +9,7 @@ from pytest import approx
 from trials import SHIP, values
 
 from manoeuvre_nn.diagnosis import decision as under_test
-from manoeuvre_nn.diagnosis.alarm import MIN_GAIN_OF_NAMED, MIN_GAIN_OF_SECOND, MIN_GAIN_OF_UNKNOWN, _drawn
+from manoeuvre_nn.diagnosis.alarm import MIN_GAIN_OF_SECOND, MIN_GAIN_OF_UNKNOWN, MIN_GAIN_TO_TRY, _drawn
 from manoeuvre_nn.diagnosis.decision import PRIOR_OF_SIZE, PRIOR_UNKNOWN, decide
 from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.dynamics.base import Model
@@ -52,7 +52,7 @@ def decided(monkeypatch):
 SINGLES = {"current": 12.0, "rudder_offset": 3.0, "heading_bias": -1.0, "log_scale": -2.0}
 
 
-@pytest.mark.parametrize("gain", [-3.0, 0.0, MIN_GAIN_OF_NAMED - 0.1, MIN_GAIN_OF_NAMED + 0.1, 20.0])
+@pytest.mark.parametrize("gain", [-3.0, 0.0, MIN_GAIN_TO_TRY - 0.1, MIN_GAIN_TO_TRY + 0.1, 20.0])
 @pytest.mark.parametrize("unknown", [-5.0, MIN_GAIN_OF_UNKNOWN - 0.1, MIN_GAIN_OF_UNKNOWN + 0.1, 30.0])
 @pytest.mark.parametrize("others", [-1.0, -30.0])
 def test_single_causes_none_and_unknown_add_up_to_one(decided, gain, unknown, others):
@@ -98,8 +98,8 @@ def test_more_evidence_is_more_probability(decided):
 
 def test_what_chance_could_do_is_no_mismatch(decided):
     quiet, loud = (
-        decided(SINGLES | {"current": MIN_GAIN_OF_NAMED - 0.1}),
-        decided(SINGLES | {"current": MIN_GAIN_OF_NAMED + 0.1}),
+        decided(SINGLES | {"current": MIN_GAIN_TO_TRY - 0.1}),
+        decided(SINGLES | {"current": MIN_GAIN_TO_TRY + 0.1}),
     )
     assert (quiet.named, loud.named, quiet.strange) == (False, True, False)
     assert quiet.none > 0.5 > loud.none
@@ -111,10 +111,10 @@ def test_two_effects_need_more_to_raise_the_alarm_than_one(decided):
     def named(gain, *names):
         return decided(dict.fromkeys(SINGLES, -9.0) | {" + ".join(names): gain}).named
 
-    assert not named(MIN_GAIN_OF_NAMED - 0.1, "current") and named(MIN_GAIN_OF_NAMED + 0.1, "current")
+    assert not named(MIN_GAIN_TO_TRY - 0.1, "current") and named(MIN_GAIN_TO_TRY + 0.1, "current")
     both = ("current", "rudder_offset")
-    assert not named(MIN_GAIN_OF_NAMED + MIN_GAIN_OF_SECOND - 0.1, *both) and named(
-        MIN_GAIN_OF_NAMED + MIN_GAIN_OF_SECOND + 0.1, *both
+    assert not named(MIN_GAIN_TO_TRY + MIN_GAIN_OF_SECOND - 0.1, *both) and named(
+        MIN_GAIN_TO_TRY + MIN_GAIN_OF_SECOND + 0.1, *both
     )
 
 

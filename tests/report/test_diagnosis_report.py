@@ -155,12 +155,16 @@ def test_errors_stand_beside_the_noise():
     assert rows["position [m]"]["repaired / noise"] == pytest.approx(d.rmse("after")["pos"])
 
 
-@pytest.mark.parametrize("make", [calm, unknown])
-def test_without_a_repaired_model_nothing_is_shown_of_it(make):
-    d = make()
+def test_without_a_repaired_model_nothing_is_shown_of_it():
+    d = calm()
     assert all("repaired" not in heading for row in error_rows(d) for heading in row)
     for name, figure in draw_diagnosis(d).items():
         assert all(line.get_color() != REPAIRED["color"] for axes in figure.axes for line in axes.get_lines()), name
+
+
+def test_corrected_coefficients_are_shown_though_nothing_is_missing():
+    d = replace(calm(), proofs=windy().proofs)
+    assert d.repaired and all("repaired" in row for row in error_rows(d))
 
 
 @pytest.mark.parametrize(

@@ -188,6 +188,7 @@ class Effect(ABC, nn.Module):
         if "declared" not in vars(self):
             self.declared = tuple(p.on(ship.particulars) for p in self.declared)  # type: ignore[misc]
         known = {p.name: p for p in self.declared}
+        self._column = {p.name: k for k, p in enumerate(self.declared)}
         for key, value in values.items():
             if key not in known:
                 raise InputError(f"effect.{self.name}.{key}: unknown parameter; {self.name} has {', '.join(known)}")
@@ -220,7 +221,7 @@ class Effect(ABC, nn.Module):
 
     def value(self, name: str) -> Float[Tensor, "*rows"]:
         """Value(s) of a parameter, in its unit."""
-        return self.values[..., [p.name for p in self.declared].index(name)]
+        return self.values[..., self._column[name]]
 
     def angle(self, name: str) -> Float[Tensor, "*rows"]:
         """Value(s) of a parameter in degrees, as radians."""

@@ -17,9 +17,12 @@ from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.core.units import DEGREE, KNOT
 from manoeuvre_nn.diagnosis.manifest import adapted, numbers, read_manifest
 from manoeuvre_nn.dynamics.base import Model
+from manoeuvre_nn.effect.current import SPEED
+from manoeuvre_nn.effect.rudder import RudderOffset
 from manoeuvre_nn.estimation.data_set import whitened_data_set
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.recording.check.checks import COLUMNS, check_over_ground, check_sampling
+from manoeuvre_nn.recording.check.weighed import Bounds
 from manoeuvre_nn.recording.holes import answers, told
 from manoeuvre_nn.recording.kind import guess_kind
 from manoeuvre_nn.recording.preparation import common_step, measured, over_ground, prepared, with_own_shafts
@@ -241,8 +244,8 @@ def _checked(run: Recording, ship: Particulars, remedy: str) -> Recording:
     """A recording over ground, refused where it makes no sense."""
     check_sampling(run, ship)
     run = over_ground(run, ship)
-    check_over_ground(run, ship, remedy)
-    return run
+    findings = check_over_ground(run, ship, remedy, Bounds(SPEED.high, RudderOffset.declared[0].high * DEGREE))
+    return replace(run, meta={**run.meta, "findings": findings})
 
 
 def _case(
@@ -346,4 +349,9 @@ def _undecided(case: Case) -> tuple[str, ...]:
             "delta_order" in run.meta["derived"] for run in runs
         ),
     }
-    return (*(sentence for sentence, true in said.items() if true), *(line for run in runs for line in told(run)))
+    return (*(sentence for sentence, true in said.items() if true), *(line for run in runs for line in _told(run)))
+
+
+def _told(run: Recording) -> list[str]:
+    """What was found in one run and weighed, not refused, and what became of its holes."""
+    return [*(f"{run.name}: {text}." for text in run.meta.get("findings", ())), *told(run)]

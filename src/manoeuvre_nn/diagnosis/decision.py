@@ -7,7 +7,7 @@ from math import comb
 import numpy as np
 from jaxtyping import Float
 
-from manoeuvre_nn.diagnosis.alarm import MIN_GAIN_OF_NAMED, MIN_GAIN_OF_UNKNOWN, raised
+from manoeuvre_nn.diagnosis.alarm import MIN_GAIN_OF_UNKNOWN, MIN_GAIN_TO_TRY, raised
 from manoeuvre_nn.diagnosis.formula import short_formula
 from manoeuvre_nn.diagnosis.search import SearchResult, at_rest, worth_its_size
 from manoeuvre_nn.diagnosis.unknown import unknown_evidence
@@ -33,7 +33,7 @@ class Decision:
     """What the recordings say of every cause, and what may be claimed.
 
     Attributes:
-        named: Whether the best named hypothesis beats calm water by more than chance.
+        named: Whether the best named hypothesis beats calm water by so much that it is worth a proof.
         strange: Whether something unknown does.
         none: Probability that calm water explains the recordings.
         unknown: That something acts which the shelf does not have.
@@ -80,7 +80,7 @@ def settled(result: SearchResult) -> SearchResult:
     # Of gusts the course is integrated out about the states of the steady wind.
     named = [j for j in _worthy(result) if not any(e.random for e in j.hypothesis.effects)]
     race = [j for j in named if j.evidence > named[0].evidence - MAX_DEFICIT_IN_RACE][:MAX_IN_RACE]
-    if len(race) < 2 or race[0].evidence < result.none.evidence + MIN_GAIN_OF_NAMED:
+    if len(race) < 2 or race[0].evidence < result.none.evidence + MIN_GAIN_TO_TRY:
         return result
     evidence = {id(j): at_rest(result.likelihood.data_set, j)[1].evidence for j in race}
     fitted = [replace(j, evidence=evidence.get(id(j), j.evidence)) for j in result.fitted]

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from manoeuvre_nn.diagnosis import checks as checking
+from manoeuvre_nn.diagnosis.alarm import least_gain
 from manoeuvre_nn.diagnosis.case import Question
 from manoeuvre_nn.diagnosis.causes import causes_of
 from manoeuvre_nn.diagnosis.decision import decide, settled
@@ -99,7 +100,8 @@ def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypo
         elsewhere = placed(question, j)
         made = prove(question, there, j, elsewhere, proofs)
         after, gain = _cost(question, [p.rmse_after for p in made]), foreseen(question, j, elsewhere)
-        helped = not made or (gain > least and after < MAX_ERROR_GROWTH * before)
+        enough = claim.evidence - none.evidence + gain > least_gain(claim)
+        helped = enough and (not made or (gain > least and after < MAX_ERROR_GROWTH * before))
         text = (
             f"with {labels(j)} the error of free runs goes from {before:.2f} to {after:.2f} ({_unit(question)}), "
             f"and the log evidence of the held-out runs by {gain:+.0f}"
@@ -107,7 +109,10 @@ def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypo
         checks.append(Check("held-out gain", helped, text if made else "no held-out run: not proved"))
         if helped:
             return j, made, [*checks, *checking.checks(tried, claim)]
-    return none, proofs, checks
+    # Nothing is missing, but coefficients may be off within their scatter.
+    corrected = prove(question, data_set, none, none.hypothesis, proofs) if proofs else []
+    better = _cost(question, [p.rmse_after for p in corrected]) < before
+    return none, corrected if better else proofs, checks
 
 
 def _turns(hypothesis: Hypothesis) -> bool:

@@ -1,5 +1,6 @@
 """Runs that could be recorded next: manoeuvres sailed with what was found, as the recorder would write them down."""
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import ceil
@@ -60,6 +61,31 @@ class Plan:
         """The run in words, as the subject of a sentence."""
         begun = "" if self.heading is None else f" begun on heading {self.heading / DEGREE % 360:03.0f}"
         return f"{self.words}{begun}{' at half speed' if self.share < 1 else ''}"
+
+
+def planned(text: str) -> dict[str, str | float] | None:
+    """The run that a sentence advises, for machines: the inverse of :attr:`Plan.text`.
+
+    Args:
+        text: A sentence that holds it.
+
+    Returns:
+        ``manoeuvre`` (zz20, tc35, po20, straight), ``first_turn``, ``heading_deg`` where it matters, ``speed_share``;
+        or ``repeat``, the name of a recorded run, and ``channel``, what to write down too. None if no run is advised.
+    """
+    again = re.search(r"(\S+) again with the ([a-z ]+?)(?: \(|$)", text)
+    if again:
+        return {"repeat": again[1], "channel": again[2]}
+    shapes = {"zz": r"a (\d+)/\d+ zigzag, first to (\w+)", "tc": r"a (\d+) deg turning circle to (\w+)"}
+    shapes |= {"po": r"a pull-out after a (\d+) deg turn()", "straight": r"a straight run()()"}
+    for kind, shape in shapes.items():
+        found = re.search(shape, text)
+        if found:
+            run: dict[str, str | float] = {"manoeuvre": kind + found[1], "first_turn": found[2] or "starboard"}
+            heading = re.search(r"begun on heading (\d+)", text)
+            run |= {} if heading is None else {"heading_deg": float(heading[1])}
+            return run | {"speed_share": HALF if "at half speed" in text else 1.0}
+    return None
 
 
 def same_runs(data_set: WhitenedDataSet) -> Iterator[Plan]:

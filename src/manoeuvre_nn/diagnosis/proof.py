@@ -4,16 +4,16 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 from jaxtyping import Float
 
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.diagnosis.case import Question
 from manoeuvre_nn.diagnosis.gusts import gusty_evidence
-from manoeuvre_nn.diagnosis.repair import predict, recorded
+from manoeuvre_nn.diagnosis.repair import predict, predict_corrected, recorded
 from manoeuvre_nn.diagnosis.result import Proof
 from manoeuvre_nn.diagnosis.windows import best_windows
 from manoeuvre_nn.dynamics.base import Model, is_fitted
-from manoeuvre_nn.estimation.corrections import Calibrated
 from manoeuvre_nn.estimation.data_set import LATENCY, WhitenedDataSet, prepared_run
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
@@ -32,9 +32,10 @@ def prove(
     Args:
         question: What is asked.
         data_set: The fitted runs.
-        claim: What was found; calm water predicts the same before and after.
+        claim: What was found, effects and coefficients.
         elsewhere: It, in the held-out runs: see :func:`placed`.
-        known: Proofs of something else, whose predictions in calm water are the same.
+        known: Proofs of something else, whose predictions in calm water are the same; without any, calm water predicts
+            the same before and after.
 
     Returns:
         One proof a held-out run.
@@ -43,16 +44,17 @@ def prove(
     if not runs:
         return []
     befores = [p.before for p in known] or predict(dynamics, Hypothesis((), ()), runs, warmup)
-    afters, alone = befores, []
-    if claim.names:
+    afters, alone = befores, list[pd.DataFrame]()
+    if claim.names or known:
         fitted = len(data_set.runs)
         latency = LATENCY + float(np.mean(claim.nuisance[-fitted:]))
         # Corrections within a fit's errors take up gusts of these runs, which others do not have.
         if not is_fitted(dynamics):
-            alone = predict(dynamics, elsewhere, runs, warmup, latency)
             shares = dynamics.hull.inertia.new_tensor(data_set.rotation @ claim.nuisance[:-fitted])
-            dynamics = Calibrated(dynamics, shares)
-        afters = predict(dynamics, elsewhere, runs, warmup, latency)
+            alone, afters = predict_corrected(dynamics, shares, elsewhere, runs, warmup, latency)
+            alone = alone if claim.names else []
+        else:
+            afters = predict(dynamics, elsewhere, runs, warmup, latency)
     made = []
     for k, (run, b, a) in enumerate(zip(runs, befores, afters, strict=True)):
         record = recorded(run, warmup)

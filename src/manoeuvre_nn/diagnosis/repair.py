@@ -18,6 +18,7 @@ from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.recorded_inputs import held_columns
 from manoeuvre_nn.dynamics.replay import integrate
 from manoeuvre_nn.dynamics.vessel import Vessel
+from manoeuvre_nn.estimation.corrections import Calibrated
 from manoeuvre_nn.estimation.data_set import process_time, start_spread, typical
 from manoeuvre_nn.estimation.effect_columns import blade_along, contribution, latency_column, own_states, perfect
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
@@ -44,14 +45,53 @@ def predict(
     Returns:
         Per run: t, x, y [m], psi [deg, continuous], u, v [m/s] along and across the recorded heading, r [deg/s], u_log.
     """
-    # Of gusts only the size is known: the prediction is the mean over their courses, which is the steady wind.
+    hypothesis = _steady(hypothesis)
+    starts = np.stack(_starts(dynamics, hypothesis, runs, warmup, latency))
+    return free_runs(dynamics, hypothesis, runs, starts, warmup, latency)
+
+
+def predict_corrected(
+    dynamics: Model,
+    shares: Float[torch.Tensor, " k"],
+    hypothesis: Hypothesis,
+    runs: Sequence[Recording],
+    warmup: float,
+    latency: float,
+) -> tuple[list[pd.DataFrame], list[pd.DataFrame]]:
+    """The same without and with corrections of coefficients, side by side: steps of few rows cost as much as of many.
+
+    Args:
+        dynamics: Calm-water model.
+        shares: Size of every correction.
+        hypothesis: What acts on it, values of each run.
+        runs: The recordings of a case.
+        warmup: End of the warm-up [s].
+        latency: Delay of the satellite receiver [s].
+
+    Returns:
+        What :func:`predict` gives for the model, and for the model with its corrections.
+    """
+    hypothesis, rows = _steady(hypothesis), [row for row in range(len(runs)) for _ in range(2)]
+    alone, corrected = (_starts(d, hypothesis, runs, warmup, latency) for d in (dynamics, Calibrated(dynamics, shares)))
+    starts = np.stack([start for both in zip(alone, corrected, strict=True) for start in both])
+    driving = Calibrated(dynamics, torch.stack([torch.zeros_like(shares), shares]).repeat(len(runs), 1))
+    doubled = [runs[row] for row in rows]
+    made = free_runs(dynamics, hypothesis.of_runs(rows), doubled, starts, warmup, latency, driving)
+    return made[::2], made[1::2]
+
+
+def _steady(hypothesis: Hypothesis) -> Hypothesis:
+    """Of gusts only the size is known: a prediction is the mean over their courses, which is the steady wind."""
     steady = tuple(e.steady(v) for e, v in zip(hypothesis.effects, hypothesis.values, strict=True))
-    hypothesis = replace(hypothesis, values=steady)
-    starts = []
-    for row, run in enumerate(runs):
-        warm = run.between(0.0, warm_up_end(run, warmup))
-        starts.append(start_state(dynamics, hypothesis.of_runs([row]), warm, latency))
-    return free_runs(dynamics, hypothesis, runs, np.stack(starts), warmup, latency)
+    return replace(hypothesis, values=steady)
+
+
+def _starts(
+    dynamics: Model, hypothesis: Hypothesis, runs: Sequence[Recording], warmup: float, latency: float
+) -> list[Float[np.ndarray, " k"]]:
+    """State of every run at the end of its warm-up."""
+    warm = [run.between(0.0, warm_up_end(run, warmup)) for run in runs]
+    return [start_state(dynamics, hypothesis.of_runs([row]), run, latency) for row, run in enumerate(warm)]
 
 
 def warm_up_end(run: Recording, warmup: float) -> float:
@@ -98,7 +138,7 @@ def free_runs(
         rows[name] = [of_run[name].numpy()[k:] for of_run in heels]
     columns = held_columns(rows)
     moving = Vessel(driving or dynamics, _acting(hypothesis)).model
-    with torch.no_grad():
+    with torch.inference_mode():
         states = integrate(moving, torch.tensor(starts), columns, interval=step, start=begin)
     shown = []
     for row, (h, run) in enumerate(zip(each, runs, strict=True)):

@@ -176,6 +176,11 @@ class Diagnosis:
         """Whether the recordings differ from calm water and no effect that is known explains it."""
         return self.verdict == "mismatch" and self.model in ([], ["unknown"])
 
+    @property
+    def repaired(self) -> bool:
+        """Whether the model predicts otherwise than the published one: effects were added or coefficients corrected."""
+        return bool(self.model) or any(p.rmse_after != p.rmse_before for p in self.proofs)
+
     def rmse(self, when: str) -> dict[str, float]:
         """Errors of all held-out runs together, ``before``, ``after``, or of the effects ``alone``.
 

@@ -13,8 +13,14 @@ from manoeuvre_nn.diagnosis.windows import best_windows
 from manoeuvre_nn.diagnosis.workers import shared_out
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet, quiet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
-from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood, hypothesis_columns
-from manoeuvre_nn.estimation.relinearise import MAX_PASSES, STATES_AT_REST, change_of_states, coupled, refined
+from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
+from manoeuvre_nn.estimation.relinearise import (
+    MAX_PASSES,
+    STATES_AT_REST,
+    change_of_states,
+    refined,
+    with_likely_scatter,
+)
 
 MAX_FIRST_DEFICIT = 30.0
 """Log evidence by which a candidate may lie behind calm water after its first fit, made at calm water's noise."""
@@ -64,7 +70,7 @@ def search(
     """
     likelihood = MarginalLikelihood(data_set)
     none = likelihood.evaluate(Hypothesis((), ()))
-    likelihood = MarginalLikelihood(coupled(data_set, none))
+    likelihood = MarginalLikelihood(with_likely_scatter(data_set, none))
     none = likelihood.evaluate(Hypothesis((), ()), around=none.best[0])
 
     # A gusty wind is a variant of what a steady wind explains: see below.
@@ -80,7 +86,7 @@ def search(
     singles.sort(key=lambda j: -j.evidence)
     if singles and singles[0].evidence > none.evidence + MIN_GAIN_TO_RELINEARISE:
         progress("second linearisation")
-        likelihood, none, singles = _again(likelihood, none, singles)
+        likelihood, none, singles = _again(likelihood, none, singles, workers)
     fitted, leading = singles, [s for s in singles if s.evidence > none.evidence + MIN_GAIN_OF_SINGLE]
     for size in range(2, MAX_EFFECTS + 1):
         singles = [j for j in fitted if len(j.names) == 1]
@@ -89,7 +95,7 @@ def search(
         fitted = sorted([*fitted, *more], key=lambda j: -j.evidence)
         if more and gained > MIN_GAIN_TO_RELINEARISE:
             progress(f"linearisation about {' + '.join(fitted[0].names)}")
-            likelihood, none, fitted = _again(likelihood, none, fitted)
+            likelihood, none, fitted = _again(likelihood, none, fitted, workers)
         known = {frozenset(j.names): j.evidence for j in fitted}
         leading = [j for j in fitted if len(j.names) == size and worth_its_size(j, known)]
     for variant in variants:
@@ -105,14 +111,18 @@ def search(
 
 
 def _again(
-    likelihood: MarginalLikelihood, none: FittedHypothesis, fitted: Sequence[FittedHypothesis]
+    likelihood: MarginalLikelihood, none: FittedHypothesis, fitted: Sequence[FittedHypothesis], workers: int
 ) -> tuple[MarginalLikelihood, FittedHypothesis, list[FittedHypothesis]]:
     """The best few and calm water about the states of the best; the others keep their distance to calm water."""
     about = refined(likelihood.data_set, fitted[0])
     leading = refine(MarginalLikelihood(about), fitted[0].hypothesis, *fitted[0].best)
-    there = MarginalLikelihood(coupled(about, leading))
+    there = MarginalLikelihood(with_likely_scatter(about, leading))
     calm = there.evaluate(Hypothesis((), ()), around=none.best[0])
-    best = [refine(there, j.hypothesis, *j.best) for j in fitted[:MAX_BUILT_UPON]]
+
+    def refitted(number: int) -> FittedHypothesis:
+        return refine(there, fitted[number].hypothesis, *fitted[number].best)
+
+    best = list(shared_out(refitted, min(len(fitted), MAX_BUILT_UPON), workers))
     rest = [replace(j, evidence=j.evidence - none.evidence + calm.evidence) for j in fitted[MAX_BUILT_UPON:]]
     return there, calm, sorted(best + rest, key=lambda j: -j.evidence)
 
@@ -185,7 +195,7 @@ def _starts(likelihood: MarginalLikelihood, effect: Effect, level: int, scatter:
     made = [Hypothesis((effect,), (np.tile(row, (len(data_set.runs), 1)),)) for row in grid]
     if len(made) < 3:
         return made
-    scores = [likelihood.posterior(hypothesis_columns(data_set, h), level).evidence[scatter] for h in made]
+    scores = [likelihood.posterior(likelihood.columns(h), level).evidence[scatter] for h in made]
     return [made[k] for k in np.argsort(scores)[::-1][:2]]
 
 

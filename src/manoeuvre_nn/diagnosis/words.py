@@ -36,7 +36,9 @@ def summary_sentence(
     if not mismatch and lacking:
         return f"Nothing is proved: {lacking}."
     if not mismatch:
-        return "The recordings agree with the calm-water model within their noise: nothing needs to be added."
+        corrected = any(p.rmse_after != p.rmse_before for p in proofs)
+        gain = _gain(proofs, "coefficients corrected within their scatter") if corrected else ""
+        return f"The recordings agree with the calm-water model within their noise: nothing needs to be added{gain}."
     if set(model) <= {"unknown"}:
         where = next((c.equations for c in causes if c.name == "unknown"), ())
         shown = f" in {_and([EQUATIONS.get(e, e) for e in where])}" if where else ""

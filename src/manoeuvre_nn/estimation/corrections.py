@@ -1,7 +1,10 @@
 """What a calm-water model may be wrong by, coefficient by coefficient, and the model with such errors taken out."""
 
+from collections.abc import Sequence
 from math import prod
+from typing import NamedTuple
 
+import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -26,6 +29,40 @@ OF_ROLL = ("Xheel", "Yheel", "Nheel", "Khull", "Krudder", "Kheel", "Mp")
 """Corrections of a ship that rolls: what heel does to the forces, heeling moments, righting moment and inertia."""
 FACTORS = "uvrdVR1"
 """Factors of terms: prime variables, magnitudes, one."""
+
+
+class Scatter(NamedTuple):
+    """How the errors of a set of coefficients go together before any run is seen.
+
+    What is wrong with a force is wrong with its moment by the same share if the arm is right. Terms that a set lacks
+    have an arm of unknown sign, so that their errors are independent; how large they are beside the errors of those
+    that it has depends on how many terms it was given.
+
+    Attributes:
+        coupling: Correlation of one term's errors in Y and N.
+        missing: Size of the terms that the set lacks, over ``MISSING``.
+    """
+
+    coupling: float = 0.0
+    missing: float = 1.0
+
+    def root(self, names: Sequence[str]) -> Float[np.ndarray, "k k"]:
+        """Root R of the prior covariance ``R R^T`` of the corrections, that of one alone being 1.
+
+        Args:
+            names: Of the corrections: equation and term.
+
+        Returns:
+            The root; errors are ``R @`` independent ones.
+        """
+        root, place = np.eye(len(names)), {name: k for k, name in enumerate(names)}
+        for name, k in place.items():
+            if name[1:2] == "+":
+                root[k, k] = self.missing
+            pair = place.get("N" + name[1:]) if name.startswith("Y") and name[1:2] != "+" else None
+            if pair is not None:
+                root[pair, k], root[pair, pair] = self.coupling, np.sqrt(1 - self.coupling**2)
+        return root
 
 
 class Corrections:
@@ -113,6 +150,7 @@ class Corrections:
         delta: Float[Tensor, "*batch"],
         shares: Float[Tensor, "*#batch k"],
         shaft: Float[Tensor, "*batch"] | None = None,
+        calm: Float[Tensor, "*batch 3"] | None = None,
     ) -> Float[Tensor, "*batch m"]:
         """Accelerations of all corrections at given sizes; the sum of the rows, without making them.
 
@@ -121,6 +159,7 @@ class Corrections:
             delta: Rudder angle [rad].
             shares: Size of every correction, the same everywhere or one row each.
             shaft: Shaft speed over the nominal one [-]; None is nominal.
+            calm: Accelerations without corrections at the nominal shaft speed, if they are known.
 
         Returns:
             udot, vdot [m/s^2], rdot [rad/s^2], rates of the own states.
@@ -128,7 +167,7 @@ class Corrections:
         if self.dynamics.own_names:
             return (self(moving, delta, shaft) * shares[..., None]).sum(dim=-2)
         nu = moving
-        hull, acceleration = self.dynamics.hull, self._rate(nu, delta, shaft)
+        hull, acceleration = self.dynamics.hull, self._rate(nu, delta, shaft) if calm is None else calm
         last = shares.shape[-1] - 3
         first = last - len(self._missing)
         if self._table is None:
@@ -256,9 +295,11 @@ class Calibrated(Model):
             Its time derivative.
         """
         moving = torch.cat([state[..., :3], state[..., 6:]], dim=-1) if self.own_names else state[..., :3]
-        change = self._corrections.together(moving, inputs.delta, self.shares, inputs.shaft)
+        rate = self.calm(state, inputs)
+        nominal = rate[..., :3] if inputs.given.keys() <= {"delta", "time"} else None
+        change = self._corrections.together(moving, inputs.delta, self.shares, inputs.shaft, nominal)
         still = torch.zeros_like(change[..., :3])
-        return self.calm(state, inputs) + torch.cat([change[..., :3], still, change[..., 3:]], dim=-1)
+        return rate + torch.cat([change[..., :3], still, change[..., 3:]], dim=-1)
 
     def on_approach(self, speed: float) -> "Calibrated":
         """The corrected ship at another approach speed.

@@ -13,7 +13,7 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.base import Model, calm_accelerations, is_fitted
 from manoeuvre_nn.effect.common import typical as usual
-from manoeuvre_nn.estimation.corrections import Corrections
+from manoeuvre_nn.estimation.corrections import Corrections, Scatter
 from manoeuvre_nn.estimation.effect_columns import coefficient_columns, latency_column
 from manoeuvre_nn.estimation.linear_run import Columns, Embedded, IntegratedRun, joined, summed
 from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, linearise, run_equations
@@ -76,13 +76,13 @@ class WhitenedDataSet:
         runs: The runs.
         combinations: How many combinations of coefficients the runs can show.
         rotation: These combinations, one a column: coefficients' errors are ``rotation @`` those of the combinations.
-        coupling: Correlation of the errors of one term's coefficients in Y and N before the runs are seen.
+        scatter: How errors of the coefficients go together before the runs are seen.
         levels: Level of the process noise in surge and in sway and yaw, one row a grid point.
     """
 
-    def __init__(self, dynamics: Model, runs: Sequence[PreparedRun], coupling: float = 0.0) -> None:
-        """Take the runs, and the correlation of errors in Y and N."""
-        self.dynamics, self.runs, self.coupling = dynamics, list(runs), coupling
+    def __init__(self, dynamics: Model, runs: Sequence[PreparedRun], scatter: Scatter | None = None) -> None:
+        """Take the runs, and what is known of the coefficients' errors."""
+        self.dynamics, self.runs, self.scatter = dynamics, list(runs), scatter or Scatter()
         self.unit = typical(dynamics)
         self.levels = np.array(list(product(PROCESS_LEVELS, PROCESS_LEVELS)))
         time, start = process_time(dynamics), start_spread(dynamics)
@@ -90,7 +90,7 @@ class WhitenedDataSet:
         self._at: dict[int, _Level] = {}
         # Keep the combinations of coefficients that the runs can show; the prior is the same in all directions.
         self.combinations = k = self.runs[0].base.count - 2  # of the base, data and latency are none
-        root = coupled_root(Corrections(dynamics).names, coupling) if coupling else np.eye(k)
+        root = self.scatter.root(Corrections(dynamics).names) if scatter else np.eye(k)
         values, vectors = np.linalg.eigh(root.T @ self._made(0).base_gram[1 : 1 + k, 1 : 1 + k] @ root)
         self.rotation = root @ vectors[:, values * COEFFICIENT_SD_LEVELS[-1] ** 2 > MIN_SIGNAL_TO_NOISE]
         self.combinations = self.rotation.shape[1]
@@ -171,27 +171,6 @@ class WhitenedDataSet:
         """
         prior = np.r_[np.ones(self.combinations), np.full(len(self.runs), LATENCY_SD), np.array(numbers)]
         return posterior(gram, norm, prior, data, COEFFICIENT_SD_LEVELS, self.combinations)
-
-
-def coupled_root(names: Sequence[str], coupling: float) -> Float[np.ndarray, "k k"]:
-    """Root R of the prior correlation ``R R^T`` of coefficients' errors: a term's force in Y acts at an arm in N.
-
-    What is wrong with a force is wrong with its moment by the same share if the arm is right. Terms that a set lacks
-    have an arm of unknown sign, so that their errors are independent.
-
-    Args:
-        names: Of the corrections: equation and term.
-        coupling: Correlation of one term's errors in Y and N.
-
-    Returns:
-        The root; errors are ``R @`` independent ones.
-    """
-    root, place = np.eye(len(names)), {name: k for k, name in enumerate(names)}
-    for name, k in place.items():
-        pair = place.get("N" + name[1:]) if name.startswith("Y") and name[1:2] != "+" else None
-        if pair is not None:
-            root[pair, k], root[pair, pair] = coupling, np.sqrt(1 - coupling**2)
-    return root
 
 
 def _turned(base: Columns, rotation: Float[np.ndarray, "k kept"]) -> Columns:

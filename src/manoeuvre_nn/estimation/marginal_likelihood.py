@@ -6,7 +6,7 @@ noise and of the coefficients' standard deviation are summed over a grid with a 
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import log, sqrt
 from typing import NamedTuple
 
@@ -31,6 +31,8 @@ MIN_GAIN = 0.02
 """Log density that a Gauss-Newton step must gain for another one to be made."""
 MIN_LEVEL_WEIGHT = 0.01
 """Weight of a level of noise, over that of the best, from which on it counts for values and standard errors."""
+MAX_KEPT = 16
+"""Hypotheses whose columns are kept."""
 MAX_STEP_DEG, MAX_STEP_S, MAX_STEP_SDS = 45.0, 60.0, 1.5
 """Largest step of a direction, of a time, and of other numbers over their prior standard deviation."""
 
@@ -44,12 +46,14 @@ class HypothesisColumns:
         columns: Columns of each run.
         index: Where each run's columns stand among ``count``.
         count: Number of columns of all runs.
+        known: Grid point -> what the runs say there, once it was asked for.
     """
 
     hypothesis: Hypothesis
     columns: list[Columns]
     index: list[Int[np.ndarray, " k"]]
     count: int
+    known: dict[int, Posterior] = field(default_factory=dict, repr=False)
 
 
 def hypothesis_columns(data_set: WhitenedDataSet, hypothesis: Hypothesis) -> HypothesisColumns:
@@ -121,6 +125,7 @@ class MarginalLikelihood:
         self.data_set = data_set
         self.start_level = 2 * (len(PROCESS_LEVELS) + 1)
         self._pieces: dict[tuple[int, int], _Piece] = {}
+        self._latest: dict[tuple[object, ...], HypothesisColumns] = {}
 
     def posterior(self, lin: HypothesisColumns | None, level: int) -> Posterior:
         """What the runs say about a hypothesis' values: means are those of the unknowns' change.
@@ -135,8 +140,20 @@ class MarginalLikelihood:
         here = self.data_set.at(level)
         if lin is None:
             return self.regress(here.base_gram, here.norm)
-        columns = self.data_set.embedded(level, lin.columns)
-        return self.regress(self.data_set.gram(level, columns, lin.index, lin.count), here.norm, lin.hypothesis)
+        if level not in lin.known:
+            columns = self.data_set.embedded(level, lin.columns)
+            gram = self.data_set.gram(level, columns, lin.index, lin.count)
+            lin.known[level] = self.regress(gram, here.norm, lin.hypothesis)
+        return lin.known[level]
+
+    def columns(self, hypothesis: Hypothesis) -> HypothesisColumns:
+        """Columns of a hypothesis; the last few are kept: screening, fits and levels of noise ask for them again."""
+        key = (tuple(map(id, hypothesis.effects)), hypothesis.fixed, *(v.tobytes() for v in hypothesis.values))
+        found = self._latest.pop(key, None) or hypothesis_columns(self.data_set, hypothesis)
+        self._latest[key] = found  # it holds the effects, so that no other one can have their ids
+        if len(self._latest) > MAX_KEPT:
+            del self._latest[next(iter(self._latest))]
+        return found
 
     def regress(self, gram: Float[np.ndarray, "p p"], norm: float, *hypotheses: Hypothesis) -> Posterior:
         """The same from inner products.
@@ -181,7 +198,7 @@ class MarginalLikelihood:
         """A hypothesis at a force level: whitened once, not once a pair, if it is asked for as the same object."""
         key = (id(hypothesis), level)
         if key not in self._pieces:
-            lin, size = hypothesis_columns(self.data_set, hypothesis), self.data_set.size
+            lin, size = self.columns(hypothesis), self.data_set.size
             columns = self.data_set.embedded(level, lin.columns)
             gram = self.data_set.gram(level, columns, lin.index, lin.count)
             self._pieces[key] = _Piece(lin, columns, gram[:size, size:], gram[size:, size:])
@@ -203,7 +220,7 @@ class MarginalLikelihood:
         trial = hypothesis
         m = len(step)
         for _ in range(rounds):
-            found = self.posterior(hypothesis_columns(self.data_set, trial), level)
+            found = self.posterior(self.columns(trial), level)
             change = found.mean(scatter)[-m:] + _shift(trial) if m else step
             value = float(found.evidence[scatter])
             if m:  # density of data and values at the values themselves: what a step must raise
@@ -238,7 +255,7 @@ class MarginalLikelihood:
             What came out.
         """
         prior = log_prior_levels(self.data_set, process_prior)
-        lin = hypothesis_columns(self.data_set, hypothesis) if hypothesis.effects else None
+        lin = self.columns(hypothesis) if hypothesis.effects else None
         side = len(PROCESS_LEVELS)
         known: dict[int, Posterior] = {}
         best = self.start_level if around is None else around
@@ -264,7 +281,7 @@ class MarginalLikelihood:
         Returns:
             Log evidence.
         """
-        lin = hypothesis_columns(self.data_set, hypothesis) if hypothesis.effects else None
+        lin = self.columns(hypothesis) if hypothesis.effects else None
         return float(self.posterior(lin, level).evidence.max())
 
     def over_levels(

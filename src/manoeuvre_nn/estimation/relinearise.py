@@ -5,14 +5,13 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import logsumexp
 
-from manoeuvre_nn.estimation.corrections import Corrections
+from manoeuvre_nn.estimation.corrections import Corrections, Scatter
 from manoeuvre_nn.estimation.data_set import (
     COEFFICIENT_SD_LEVELS,
     LATENCY_SD,
     WhitenedDataSet,
     about_states,
     base_columns,
-    coupled_root,
 )
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
 from manoeuvre_nn.estimation.linear_run import joined, summed
@@ -23,8 +22,8 @@ MAX_PASSES = 3
 """Linearisations of one hypothesis at most."""
 STATES_AT_REST = 0.2
 """Root mean square change of a state over its standard error, from which linearising again would change little."""
-COUPLINGS = (0.0, 0.3, 0.6, 0.9)
-"""Correlations of coefficients' errors in Y and N that are tried: from a force at any arm to one at a known arm."""
+SCATTERS = tuple(Scatter(coupling, missing) for coupling in (0.0, 0.3, 0.6, 0.9) for missing in (1.0, 3.0))
+"""Kinds of scatter that are tried: forces at any arm to forces at a known arm, missing terms small or large."""
 
 
 def refined(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedDataSet:
@@ -51,18 +50,18 @@ def refined(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedData
         white = level.white[run]
         states = prepared.linearised.track + white.states(white.embed(left))[:, : prepared.linearised.states.count, 0]
         runs.append(about_states(data_set.dynamics, prepared, states))
-    return WhitenedDataSet(data_set.dynamics, runs, data_set.coupling)
+    return WhitenedDataSet(data_set.dynamics, runs, data_set.scatter)
 
 
-def coupled(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedDataSet:
-    """The same runs with the correlation of coefficients' errors in Y and N that a fitted hypothesis makes most likely.
+def with_likely_scatter(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedDataSet:
+    """The same runs with the scatter of coefficients that a fitted hypothesis makes most likely.
 
     Args:
         data_set: The runs.
         fitted: At its values and noise levels; latencies and its own numbers are free.
 
     Returns:
-        The runs with one of :data:`COUPLINGS`.
+        The runs with one of :data:`SCATTERS`.
     """
     level, names = data_set.at(fitted.best[0]), Corrections(data_set.dynamics).names
     lin = hypothesis_columns(data_set, fitted.hypothesis)
@@ -77,14 +76,14 @@ def coupled(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedData
     keep += range(size + 1, size + lin.count)
     prior = np.r_[np.ones(k), np.full(count, LATENCY_SD), fitted.hypothesis.prior_sds()]
 
-    def evidence(coupling: float) -> float:
+    def evidence(scatter: Scatter) -> float:
         change = np.eye(len(gram))
-        change[1 : 1 + k, 1 : 1 + k] = coupled_root(names, coupling)
+        change[1 : 1 + k, 1 : 1 + k] = scatter.root(names)
         turned = change.T @ gram @ change
         found = posterior(turned[np.ix_(keep, keep)], 0.0, prior, data[keep], COEFFICIENT_SD_LEVELS, k)
         return float(logsumexp(found.evidence + log_prior_levels(data_set, None)[fitted.best[0]]))
 
-    return WhitenedDataSet(data_set.dynamics, whole, max(COUPLINGS, key=evidence))
+    return WhitenedDataSet(data_set.dynamics, whole, max(SCATTERS, key=evidence))
 
 
 def change_of_states(before: WhitenedDataSet, after: WhitenedDataSet, level: int) -> float:

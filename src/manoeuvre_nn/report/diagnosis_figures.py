@@ -42,7 +42,7 @@ def draw_diagnosis(d: Diagnosis) -> dict[str, Figure]:
         fitted run; ``where`` if anything was located on a known track; ``channels/<run>`` for each held-out run;
         ``planned/<run>`` for each planned one.
     """
-    repaired = bool(d.model)
+    repaired = d.repaired
     figures = {"probabilities": probability_figure(d)}
     if d.proofs:
         figures |= {"tracks": track_figure(d.proofs, repaired), "errors": error_figure(d)}
@@ -177,7 +177,7 @@ def error_figure(d: Diagnosis) -> Figure:
     axes.axvline(1.0, color="#4D4D4D", linewidth=1.6)
     for row, channel in enumerate(scored):
         unit = CHANNELS[channel][2]
-        noise, values = d.noise[channel], [before[channel], *([after[channel]] if d.model else [])]
+        noise, values = d.noise[channel], [before[channel], *([after[channel]] if d.repaired else [])]
         axes.plot(np.array(values) / noise, [row] * len(values), color="#BBBBBB", linewidth=2.5, zorder=1)
         for value, style, marker in zip(values, (CALM, REPAIRED), "Do", strict=False):
             axes.plot(value / noise, row, marker, color=style["color"], markersize=7)
@@ -194,7 +194,7 @@ def error_figure(d: Diagnosis) -> Figure:
         Line2D([], [], label=AFTER, color=REPAIRED["color"], marker="o", linestyle=""),
         Line2D([], [], label="noise alone", color="#4D4D4D", linewidth=1.6),
     ]
-    legend_below(figure, handles if d.model else [handles[0], handles[2]])
+    legend_below(figure, handles if d.repaired else [handles[0], handles[2]])
     return figure
 
 

@@ -140,13 +140,13 @@ def parameter_rows(causes: Sequence[Cause]) -> list[dict[str, Any]]:
 
 def _errors(d: Diagnosis) -> dict[str, Mapping[str, float]]:
     """RMS errors on all held-out runs, before, by the effects alone, after, and the noise: what -> channel -> size."""
-    repaired = {ALONE: d.rmse("alone"), AFTER: d.rmse("after")} if d.model else {}
+    repaired = {ALONE: d.rmse("alone"), AFTER: d.rmse("after")} if d.repaired else {}
     return {BEFORE: d.rmse("before"), **{k: v for k, v in repaired.items() if v}, NOISE: d.noise}
 
 
 def error_rows(d: Diagnosis) -> list[dict[str, Any]]:
     """RMS errors on all held-out runs, one row a channel; the last column is 1 for a model that cannot be better."""
-    errors, last = _errors(d), AFTER if d.model else BEFORE
+    errors, last = _errors(d), AFTER if d.repaired else BEFORE
     rows = []
     for channel in errors[BEFORE]:
         name, _, unit = CHANNELS[channel]

@@ -24,12 +24,12 @@ COPIES = 5
 """Made-up forces for every effect of the shelf in :func:`others`."""
 
 
-class RandomForce(Effect):
+class DrawnForce(Effect):
     """A force in one equation that is a product of two functions of motion, rudder, heading or time."""
 
-    name = "random_force"
+    name = "drawn_force"
     site = "force"
-    family = "random force"
+    family = "drawn force"
     label = "a made-up force"
     equations: ClassVar[tuple[str, ...]] = ("X", "Y", "N")
     fingerprint = "None: drawn at random."
@@ -69,4 +69,4 @@ def others(ship: Ship) -> list[Effect]:
         Prototypes; made-up forces stand several times.
     """
     kinds = (Bank, Tow, RudderSaturation, RudderStall, GyroSpeedError, TimeSync, WrongFrame)
-    return [*(kind(ship) for kind in kinds), *(RandomForce(ship) for _ in range(COPIES))]
+    return [*(kind(ship) for kind in kinds), *(DrawnForce(ship) for _ in range(COPIES))]

@@ -20,7 +20,7 @@ from studies.concealed_trial.rivals import examples, neural, posterior, simulate
 from studies.concealed_trial.rivals.features import COUNT, features, mirrored
 from studies.concealed_trial.rivals.mixed import MixedEffect, ScatteredShip
 from studies.concealed_trial.rivals.neural_result import judge_by_network
-from studies.concealed_trial.rivals.others import RandomForce, others
+from studies.concealed_trial.rivals.others import DrawnForce, others
 from studies.concealed_trial.rivals.package import SHIPS, Corrections, shelf
 from studies.concealed_trial.rivals.pilot import numbers, pilot, told_of, values_of
 from studies.concealed_trial.rivals.result import Limits, diagnosis
@@ -87,7 +87,7 @@ def test_cases_are_sailed_with_their_effects_and_what_left_the_range_is_left_out
 
 def test_a_made_up_force_acts_in_the_equation_that_was_drawn():
     s = WhitenedRuns(CALM, sailed()[:1], at_samples=True).tracks[0].line.situation
-    force = RandomForce(SHIP, size=0.3, equation=1.0, first=3.0, second=0.0, time_s=30.0)
+    force = DrawnForce(SHIP, size=0.3, equation=1.0, first=3.0, second=0.0, time_s=30.0)
     pushed = force.acceleration(s, s.nu[..., :0])
     assert float(pushed[:, [0, 2]].abs().max()) == 0.0
     assert float(pushed[:, 1].abs().max()) > 0.0

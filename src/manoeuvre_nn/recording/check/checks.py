@@ -15,6 +15,7 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.recording.check import axes, units
 from manoeuvre_nn.recording.check.finding import Finding
+from manoeuvre_nn.recording.check.weighed import Bounds, strong_current, weighed
 from manoeuvre_nn.recording.holes import MOTION_SENSORS, holes
 from manoeuvre_nn.recording.local_cubics import WINDOW, smoothed
 
@@ -54,6 +55,8 @@ COLUMNS = (
     "rpm; for others give mapping=FILE.yaml"
 )
 """What to do about a wrong unit where no mapping was given."""
+NOTHING = Bounds()
+"""No effect explains anything."""
 MIN_LENGTH = 4.0
 """Shortest run that a diagnosis can use, over L/U0: the state at the end of the warm-up takes half of it."""
 MAX_STEP = 0.25
@@ -92,21 +95,32 @@ def check_recording(recording: Recording, ship: Particulars) -> None:
         raise InputError(f"recording {recording.name}: {found[0]}")
 
 
-def check_over_ground(recording: Recording, ship: Particulars, remedy: str = COLUMNS) -> None:
+def check_over_ground(
+    recording: Recording, ship: Particulars, remedy: str = COLUMNS, bounds: Bounds = NOTHING
+) -> tuple[str, ...]:
     """Refuse a run for a diagnosis whose units, signs or frames do not fit each other or the ship.
 
     Args:
         recording: From :func:`~manoeuvre_nn.recording.preparation.over_ground`.
         ship: The ship.
         remedy: What to do about a wrong column.
+        bounds: How far effects go that could explain a finding.
+
+    Returns:
+        Findings that an effect could explain, a clause each.
 
     Raises:
-        InputError: With the first finding.
+        InputError: With the first finding that none explains.
     """
-    found = first_finding(_without_spikes(recording, ship), ship, DIAGNOSIS)
-    if found is not None:
-        finding, of_columns = found
-        raise InputError(f"{recording.name}: {finding}" + (f"; {remedy}" if of_columns else ""))
+    run = _without_spikes(recording, ship)
+    said = [strong_current(run, ship)]
+    for check in CHECKS:
+        found = check.find(run, ship) if DIAGNOSIS in check.where else None
+        finding = None if found is None else weighed(found, run, ship, bounds)
+        if finding is not None and finding.trips:
+            raise InputError(f"{recording.name}: {finding}" + (f"; {remedy}" if check.of_columns else ""))
+        said.append(finding)
+    return tuple(finding.text for finding in said if finding is not None)
 
 
 def check_sampling(run: Recording, ship: Particulars) -> None:

@@ -1,0 +1,147 @@
+"""Findings that an effect could explain: they are told and weighed by a diagnosis, which refuses only the others.
+
+The speed log and the velocity over ground, ``u_ground = u_log + c ahead``, differ by a current c or by a unit. A wrong
+unit multiplies, a current adds and goes with the compass: where the ship turns, the two are told apart. Where she does
+not, speed through the water that she cannot have by herself speaks for a unit.
+"""
+
+from dataclasses import dataclass
+from math import hypot, inf
+
+import numpy as np
+from jaxtyping import Float
+
+from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.core.units import DEGREE, KNOT
+from manoeuvre_nn.recording.check.finding import Finding
+
+MAX_OWN_SPEED = 1.3
+"""Largest speed through the water over the approach speed that a ship may have by herself."""
+MAX_MISFIT = 0.25
+"""Largest misfit of a story over the speed through the water: sway and noise leave less."""
+MIN_MISFIT_RATIO = 0.5
+"""A story is told from another if its misfit is below so much of the other's."""
+MIN_TOLD = 0.25
+"""Smallest current over the approach speed that is told beforehand."""
+AROUND = 90 * DEGREE
+"""Turn from which a current is told from a speed without a log."""
+UNITS = (KNOT, 1 / KNOT, 1 / 3.6, 3.6)
+"""Factors of speeds that were written in other units."""
+
+Series = Float[np.ndarray, " n"]
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """How far effects go that could explain a finding.
+
+    Attributes:
+        current: Fastest current [m/s].
+        rudder_offset: Largest angle between rudder and indicator [rad].
+    """
+
+    current: float = 0.0
+    rudder_offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class _Story:
+    """What the velocity over ground is made of.
+
+    Attributes:
+        speed: Usual speed through the water [m/s].
+        current: Speed of the current [m/s].
+        misfit: What is left over the speed through the water [-].
+    """
+
+    speed: float
+    current: float
+    misfit: float
+
+
+def weighed(finding: Finding, run: Recording, ship: Particulars, bounds: Bounds) -> Finding:
+    """A finding as a note if an effect within its bounds could explain it.
+
+    Args:
+        finding: What a check found.
+        run: The run, without gaps and spikes.
+        ship: The ship.
+        bounds: How far effects go.
+
+    Returns:
+        The finding, or a note.
+    """
+    if finding.check == "rudder stop":
+        beyond = float(np.abs(run["delta"]).max()) - ship.rudder_limit
+        # An offset shifts the range of a rudder from stop to stop, it does not stretch it.
+        if beyond <= bounds.rudder_offset and float(np.ptp(run["delta"])) <= 2 * ship.rudder_limit:
+            return _note(f"{finding.text}: the indicator may be off by {beyond / DEGREE:.2g} deg, or more")
+    if finding.check in {"log unit", "speed", "course"}:
+        story = _with_current(run, ship, bounds)
+        if story is not None:
+            return _note(f"{finding.text}: a current of {story.current:.2g} m/s would explain it")
+    return finding
+
+
+def strong_current(run: Recording, ship: Particulars) -> Finding | None:
+    """A log and a velocity over ground that differ by a good part of the speed."""
+    if "u_log" not in run.channels:
+        return None
+    more = float(np.median(_ahead(run) - run["u_log"]))
+    size = _story(run, 1.0, run["u_log"]).current
+    if size < MIN_TOLD * ship.speed:
+        return None
+    than = f"{abs(more):.2g} m/s {'less' if more > 0 else 'more'} than the speed over ground"
+    return _note(f"the log shows {than}: a current of {size:.2g} m/s would explain it, or a log in other units")
+
+
+def _note(text: str) -> Finding:
+    return Finding("weighed", "note", text)
+
+
+def _ahead(run: Recording) -> Series:
+    """Speed over ground along the heading [m/s]."""
+    return run["vn"] * np.cos(run["psi"]) + run["ve"] * np.sin(run["psi"])
+
+
+def _story(run: Recording, factor: float, log: Series | None, side: int = 1) -> _Story:
+    """Velocity over ground, in a unit of so many m/s, as the way through the water and a current.
+
+    Args:
+        run: The run.
+        factor: Unit of the velocity over ground, over that of the log.
+        log: Speed through the water; None takes one that does not change.
+        side: -1 for a heading that counts to the other side.
+
+    Returns:
+        The story.
+    """
+    north, east = factor * run["vn"], factor * run["ve"]
+    cos, sin = np.cos(run["psi"]), side * np.sin(run["psi"])
+    if log is not None:  # along the heading alone: sway does not count
+        columns, left = np.stack([cos, sin], axis=1), north * cos + east * sin - log
+        current = np.linalg.lstsq(columns, left, rcond=0.05)[0]
+        speed, rest = float(np.median(log)), left - columns @ current
+    else:
+        zero, one = np.zeros_like(cos), np.ones_like(cos)
+        columns = np.stack([np.r_[cos, sin], np.r_[one, zero], np.r_[zero, one]], axis=1)
+        speed, *current = np.linalg.lstsq(columns, np.r_[north, east], rcond=0.05)[0]
+        rest = np.hypot(*np.split(np.r_[north, east] - columns @ np.r_[speed, current], 2))
+    return _Story(speed, hypot(*current), float(np.median(np.abs(rest))) / speed if speed > 0 else inf)
+
+
+def _with_current(run: Recording, ship: Particulars, bounds: Bounds) -> _Story | None:
+    """The story of a current, if it holds and no wrong unit or side tells a better one."""
+    log = run.channels.get("u_log")
+    story = _story(run, 1.0, log)
+    if not 0 < story.speed <= MAX_OWN_SPEED * ship.speed or story.current > bounds.current:
+        return None
+    others = [_story(run, 1.0, log, side=-1)]
+    if log is not None:
+        others += [_story(run, factor, log) for factor in UNITS]
+        others += [_story(run, 1.0, factor * log) for factor in UNITS]
+    elif np.ptp(run["psi"]) < AROUND:
+        return None
+    best = min(other.misfit for other in others)
+    return story if story.misfit < MAX_MISFIT and best > MIN_MISFIT_RATIO * story.misfit else None

@@ -1,0 +1,147 @@
+"""Figures of a trial: reliability diagram, confusion matrix and power by strength, with one page that shows them."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from studies.concealed_trial.effects import NAMES
+from studies.concealed_trial.strength import STRENGTHS
+from studies.concealed_trial.summaries import rate
+
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+"""Of the tools (Okabe & Ito)."""
+MARKS = "osD^vP"
+NOTHING = "none"
+FIGURES = {
+    "reliability.png": "Stated probability against how often the effect was there; bars are 95 % Wilson intervals, "
+    "numbers how many statements a bin holds. On the diagonal a tool is calibrated.",
+    "power.png": "Share of the cases that were detected, and whose first name was right, by the strength of their "
+    "strongest effect; bars are 95 % Wilson intervals, numbers the cases.",
+    "confusion.png": "What was there (rows) and the first name given (columns), for clean cases and single effects; "
+    "right names lie on the diagonal. Names that cannot be told apart stand where they were given.",
+}
+"""Files and what they show."""
+
+
+def write_figures(tools: Mapping[str, Mapping[str, Any]], out: Path) -> None:
+    """Draw all figures of a trial.
+
+    Args:
+        tools: ``board`` and ``cases`` of each tool, as in scoreboard.json; the confusion matrix is the first one's.
+        out: Takes the PNG files and trial.html.
+    """
+    first = next(iter(tools))
+    _save(reliability({name: tool["board"]["calibration"] for name, tool in tools.items()}), out / "reliability.png")
+    _save(power({name: tool["cases"] for name, tool in tools.items()}), out / "power.png")
+    _save(confusion(tools[first]["cases"], first), out / "confusion.png")
+    parts = [f'<h2>{name.removesuffix(".png").title()}</h2><img src="{name}" alt="{escape(text)}"><p>{escape(text)}</p>'
+             for name, text in FIGURES.items()]  # fmt: skip
+    style = "body{font-family:sans-serif;max-width:60em;margin:2em auto}img{max-width:100%}"
+    head = f'<!doctype html><html lang="en"><meta charset="utf-8"><title>Concealed trial</title><style>{style}</style>'
+    table = escape((out / "scoreboard.md").read_text()) if (out / "scoreboard.md").is_file() else ""
+    page = f"{head}<h1>Concealed trial</h1>{''.join(parts)}<h2>Scores</h2><pre>{table}</pre></html>"
+    (out / "trial.html").write_text(page, encoding="utf-8")
+
+
+def _save(figure: Figure, path: Path) -> None:
+    """Write a figure."""
+    figure.savefig(path, dpi=130, bbox_inches="tight")
+
+
+def reliability(bins: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
+    """Stated probabilities against how often they were right.
+
+    Args:
+        bins: Calibration of each tool.
+
+    Returns:
+        The figure, one panel a tool.
+    """
+    figure = Figure(figsize=(4.2 * len(bins), 4.2))
+    for k, (tool, parts) in enumerate(bins.items()):
+        axes: Axes = figure.add_subplot(1, len(bins), k + 1)
+        axes.plot([0, 1], [0, 1], color="0.6", linestyle="--", linewidth=1)
+        said, found = ([b[key] for b in parts] for key in ("said", "found"))
+        spread = np.abs([[b["found"] - b["low"] for b in parts], [b["high"] - b["found"] for b in parts]])
+        axes.errorbar(said, found, spread.reshape(2, -1), fmt=MARKS[k % 6], color=COLOURS[k % 6], capsize=3)
+        for b in parts:
+            axes.annotate(str(b["count"]), (b["said"], b["low"]), (0, -11), textcoords="offset points",
+                          fontsize=8, ha="center", color="0.25")  # fmt: skip
+        axes.set(xlim=(-0.06, 1.06), ylim=(-0.12, 1.06), xlabel="probability stated", title=tool)
+        axes.set_ylabel("share present" if k == 0 else "")
+        axes.grid(alpha=0.25)
+    return figure
+
+
+def power(cases: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
+    """Detection and first name by strength.
+
+    Args:
+        cases: Scored cases of each tool.
+
+    Returns:
+        The figure with one panel for each of both.
+    """
+    panels = {"detected": "detected", "first_right": "first name right"}
+    present = [s for s in STRENGTHS if any(row["strongest"] == s for rows in cases.values() for row in rows)]
+    figure = Figure(figsize=(9.5, 3.8))
+    for panel, (key, title) in enumerate(panels.items()):
+        axes: Axes = figure.add_subplot(1, 2, panel + 1)
+        for k, (tool, rows) in enumerate(cases.items()):
+            at = np.arange(len(present)) + 0.14 * (k - 0.5 * (len(cases) - 1))
+            shares = [rate(row[key] for row in rows if row["strongest"] == s) for s in present]
+            for x, share in zip(at, shares, strict=True):
+                if share is None:
+                    continue
+                spread = [[share["share"] - share["low"]], [share["high"] - share["share"]]]
+                label = tool if x == at[0] else None
+                colour, mark = COLOURS[k % 6], MARKS[k % 6]
+                axes.errorbar(x, share["share"], np.abs(spread), fmt=mark, color=colour, capsize=3, label=label)
+        counts = [sum(row["strongest"] == s for row in next(iter(cases.values()))) for s in present]
+        axes.set_xticks(range(len(present)), [f"{s}\n{n} cases" for s, n in zip(present, counts, strict=True)])
+        axes.set(ylim=(-0.04, 1.04), title=title, xlim=(-0.6, len(present) - 0.4))
+        axes.set_ylabel("share of cases" if panel == 0 else "")
+        axes.grid(axis="y", alpha=0.25)
+    axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    return figure
+
+
+def confusion(cases: Sequence[Mapping[str, Any]], tool: str) -> Figure:
+    """What was there and the first name given.
+
+    Args:
+        cases: Scored cases of one tool.
+        tool: Its name.
+
+    Returns:
+        The figure.
+    """
+    pairs = Counter(
+        ((row["truth"] or [NOTHING])[0], row["first"]) for row in cases if len(row["truth"]) < 2 and row["answered"]
+    )
+    order = [NOTHING, *NAMES]
+    said = [name for name in order if any(name in pair for pair in pairs)]
+    there = [name for name in order if any(name == truth for truth, _ in pairs)]
+    table = np.array([[pairs[truth, first] for first in said] for truth in there], float).reshape(len(there), len(said))
+    figure = Figure(figsize=(2.4 + 0.34 * len(said), 1.9 + 0.3 * len(there)))
+    axes: Axes = figure.add_subplot(1, 1, 1)
+    axes.imshow(table / np.maximum(table.sum(1, keepdims=True), 1), cmap="Blues", vmin=0, vmax=1, aspect="auto")
+    for row, column in zip(*np.nonzero(table), strict=True):
+        dark = table[row, column] > 0.5 * table[row].sum()
+        wrong = there[row] != said[column]
+        axes.text(column, row, f"{table[row, column]:.0f}", ha="center", va="center", fontsize=9,
+                  color="white" if dark else "black", fontweight="bold" if wrong else "normal")  # fmt: skip
+    axes.set_xticks(range(len(said)), said, rotation=60, ha="right", rotation_mode="anchor", fontsize=8)
+    axes.set_yticks(range(len(there)), there, fontsize=8)
+    axes.set(xlabel=f"first name given by {tool}", ylabel="what was there")
+    axes.set_xticks(np.arange(len(said) + 1) - 0.5, minor=True)
+    axes.set_yticks(np.arange(len(there) + 1) - 0.5, minor=True)
+    axes.grid(which="minor", color="0.85", linewidth=0.5)
+    axes.tick_params(which="minor", length=0)
+    return figure

@@ -1,0 +1,90 @@
+"""What an effect could explain is weighed by the diagnosis; a wrong unit is refused as before."""
+
+import re
+
+import numpy as np
+import pytest
+from sailed import sailed, write_runs
+
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.units import KNOT
+from manoeuvre_nn.diagnosis.case import Case, Question, RunSettings, read_runs
+from manoeuvre_nn.diagnosis.diagnose import diagnose
+from manoeuvre_nn.dynamics.model import CalmWater
+from manoeuvre_nn.effect.current import Current
+from manoeuvre_nn.effect.rudder import RudderOffset
+from manoeuvre_nn.recording.check.checks import check_over_ground
+from manoeuvre_nn.recording.check.weighed import Bounds
+from manoeuvre_nn.recording.preparation import over_ground
+from manoeuvre_nn.recording.read.mapping_file import CONCEALED, read_mapping
+from manoeuvre_nn.recording.read.reader import read_measured
+from manoeuvre_nn.ship.mariner import mariner_corrected
+
+SHIP = mariner_corrected()
+SHELF = Bounds(current=10.0, rudder_offset=np.radians(5.0))
+
+
+def case_of(folder, speed, toward, change=lambda t: t) -> Case:
+    tables = {f"r{k}": change(t.copy()) for k, t in enumerate(sailed(speed, toward))}
+    return read_runs(write_runs(folder, tables), SHIP, RunSettings(rudder_positive_to="port"))
+
+
+def checked(folder, table, bounds=SHELF) -> tuple[str, ...]:
+    path = write_runs(folder, {"run": table}) / "run.csv"
+    run = over_ground(read_measured(path, read_mapping(CONCEALED), SHIP.particulars, leave_gaps=True), SHIP.particulars)
+    return check_over_ground(run, SHIP.particulars, bounds=bounds)
+
+
+def test_a_strong_current_is_told_and_diagnosed(tmp_path, unchecked_types):
+    case = case_of(tmp_path, 2.95, 180.0)
+    assert any("less than the speed over ground" in s or "more than the speed over ground" in s for s in case.undecided)
+    d = diagnose(Question(case, CalmWater(case.hull), [Current(SHIP), RudderOffset(SHIP)]))
+    speed, toward = d.causes[0].parameters
+    assert d.model == ["current"] and abs(speed.value - 2.95) < 0.03 and abs(toward.value - 180.0) < 1.0
+
+
+@pytest.mark.parametrize("which", range(4))
+@pytest.mark.parametrize("speed, toward", [(3.7, 180.0), (4.8, 180.0), (5.5, 0.0), (6.5, 90.0), (8.5, 150.0)])
+def test_no_current_within_its_bounds_is_a_wrong_unit(tmp_path, speed, toward, which):
+    said = checked(tmp_path, sailed(speed, toward)[which])
+    found = [
+        float(m[1]) for m in (re.search("a current of ([0-9.]+) m/s would explain it", text) for text in said) if m
+    ]
+    assert found == pytest.approx([speed] * len(said), rel=0.02), said
+    assert all("\n" not in text and len(text) < 300 for text in said)
+
+
+@pytest.mark.parametrize("which", range(4))
+@pytest.mark.parametrize("current", [0.0, 0.4])
+@pytest.mark.parametrize(
+    "change, told",
+    [
+        (lambda t: t.assign(u_log=t.u_log / KNOT), "u_log looks like knots"),
+        (lambda t: t.assign(u_log=t.u_log * 3.6), "u_log looks like km/h"),
+        (lambda t: t.assign(sog=t.sog / KNOT), "u and v look like knots"),
+        (lambda t: t.assign(sog=t.sog / KNOT).drop(columns=["x_north", "y_east"]), "the Mariner approaches at 7.614"),
+        (
+            lambda t: t.assign(sog=t.sog / KNOT).drop(columns=["x_north", "y_east", "u_log"]),
+            "the Mariner approaches at 7.614",
+        ),
+    ],
+)
+def test_a_wrong_unit_is_refused_although_a_current_could_be_as_strong(tmp_path, change, told, current, which):
+    with pytest.raises(InputError, match=told):
+        checked(tmp_path, change(sailed(current)[which]))
+
+
+def test_an_indicator_that_is_off_may_show_more_than_the_stop(tmp_path):
+    table = sailed(0.0)[1]
+    hard = table.assign(delta=table.delta * 1.4 - 3.0, delta_order=table.delta_order * 1.4)
+    assert "the indicator may be off by" in checked(tmp_path, hard)[0]
+    with pytest.raises(InputError, match="stops at 35 deg"):
+        checked(tmp_path, hard, Bounds(10.0, 0.0))
+    with pytest.raises(InputError, match="stops at 35 deg"):
+        checked(tmp_path, table.assign(delta=table.delta * 1.8))
+
+
+def test_a_finding_that_no_effect_explains_stays_as_it_is(tmp_path):
+    with pytest.raises(InputError, match="r looks like rad/s"):
+        checked(tmp_path, sailed(0.4)[0].assign(r=lambda t: np.radians(t.r)))
+    assert checked(tmp_path, sailed(0.4)[0]) == ()

@@ -1,0 +1,47 @@
+"""Figures of a trial show what its scoreboard says."""
+
+import numpy as np
+
+from studies.concealed_trial.figures import FIGURES, confusion, power, reliability, write_figures
+from studies.concealed_trial.summaries import calibration
+
+
+def row(truth, first, strongest="weak"):
+    right = None if not truth else first in truth
+    base = {"truth": truth, "first": first, "strongest": strongest if truth else None, "answered": True}
+    return base | {"detected": first != "none" if truth else None, "first_right": right}
+
+
+ROWS = [row([], "none"), row([], "current"), row(["current"], "current"), row(["current"], "none", "strong")]
+ROWS += [row(["unknown"], "unknown", "strong"), row(["current", "rate_bias"], "current")]
+
+
+def test_the_confusion_matrix_counts_clean_and_single_cases():
+    axes = confusion(ROWS, "tool").axes[0]
+    names = [label.get_text() for label in axes.get_xticklabels()]
+    assert names == ["none", "current", "unknown"]
+    counts = {(text.get_position()): text.get_text() for text in axes.texts}
+    assert counts == {(0, 0): "1", (1, 0): "1", (0, 1): "1", (1, 1): "1", (2, 2): "1"}
+
+
+def test_power_is_the_share_of_each_strength():
+    figure = power({"tool": ROWS, "ideal": ROWS})
+    detected = figure.axes[0]
+    points = [np.atleast_1d(line.get_ydata()) for line in detected.lines]
+    assert {1.0, 0.5} <= {float(y[0]) for y in points if len(y) == 1}
+    assert [label.get_text() for label in detected.get_xticklabels()] == ["weak\n2 cases", "strong\n2 cases"]
+
+
+def test_the_reliability_diagram_has_a_panel_for_each_tool():
+    bins = calibration([(0.2, 0), (0.2, 1), (0.9, 1)])
+    figure = reliability({"one": bins, "other": []})
+    assert [axes.get_title() for axes in figure.axes] == ["one", "other"]
+    assert [text.get_text() for text in figure.axes[0].texts] == ["2", "1"]
+
+
+def test_all_figures_and_the_page_are_written(tmp_path):
+    write_figures({"tool": {"board": {"calibration": calibration([(0.9, 1)])}, "cases": ROWS}}, tmp_path)
+    page = (tmp_path / "trial.html").read_text()
+    for name in FIGURES:
+        assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
+        assert f'src="{name}"' in page
