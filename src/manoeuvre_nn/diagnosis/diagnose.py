@@ -11,7 +11,7 @@ from manoeuvre_nn.diagnosis.alarm import least_gain
 from manoeuvre_nn.diagnosis.case import Question
 from manoeuvre_nn.diagnosis.causes import causes_of
 from manoeuvre_nn.diagnosis.decision import decide, settled
-from manoeuvre_nn.diagnosis.forecast import forecasts
+from manoeuvre_nn.diagnosis.forecast import forecasts, unplaced_events
 from manoeuvre_nn.diagnosis.locate import MAX_PROCESS_NOISE, residuals, sites, statements
 from manoeuvre_nn.diagnosis.proof import foreseen, placed, prove
 from manoeuvre_nn.diagnosis.remainder import is_left, with_remainder
@@ -74,7 +74,7 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
         proofs=proofs,
         noise=_noise(data_set),
         next_steps=next_steps(tried, verdict, chosen, mismatch),
-        undecided=list(question.case.undecided),
+        undecided=[*question.case.undecided, *unplaced_events(question, chosen)],
         tracks={r.name: r.stacked("x", "y") for r in question.case.fitted},
         forecasts=forecasts(question, tried.likelihood.data_set, chosen),
         network=_network(chosen),

@@ -19,12 +19,14 @@ class Value:
         value: Its value.
         error: Standard error.
         unit: Unit of both.
+        campaign: Where every campaign has its own value, which one; else empty.
     """
 
     name: str
     value: float
     error: float
     unit: str
+    campaign: str = ""
 
 
 @dataclass(frozen=True)
@@ -38,10 +40,11 @@ class Cause:
         evidence: Log Bayes factor of the best hypothesis that contains it over calm water.
         equations: Where it acts: X, Y, N, kinematics, actuator:rudder, sensor:psi, ...
         parameters: Its values with standard errors.
-        intervals: Run -> times in which it acts [s]; None: throughout.
+        intervals: Run -> times in which it acts [s], none where it does not act; None: throughout.
         fingerprint: How it is recognised.
         source: Where its formula is from.
         terms: Terms of the formula of something unknown, one a parameter.
+        interval_errors: Standard errors of ``intervals`` [s]; NaN where a run begins or ends within.
     """
 
     name: str
@@ -54,6 +57,7 @@ class Cause:
     fingerprint: str
     source: str
     terms: tuple[str, ...] = ()
+    interval_errors: Mapping[str, list[Interval]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

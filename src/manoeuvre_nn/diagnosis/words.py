@@ -86,7 +86,8 @@ def _gain(proofs: Sequence[Proof], what: str) -> str:
 
 def _values(cause: Cause) -> str:
     said = ((v.name.removesuffix(f"_{v.unit}").replace("_", " "), v) for v in cause.parameters)
-    return ", ".join(f"{name} {v.value:.3g} {v.unit}".rstrip(" -") for name, v in said)
+    of_day = {v.campaign: f" ({v.campaign})" if v.campaign else "" for v in cause.parameters}
+    return ", ".join(f"{name}{of_day[v.campaign]} {v.value:.3g} {v.unit}".rstrip(" -") for name, v in said)
 
 
 def _formula(cause: Cause) -> str:
