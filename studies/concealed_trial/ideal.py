@@ -29,17 +29,19 @@ from studies.concealed_trial.observer_track import Track, read_track, referred
 from studies.concealed_trial.ships import TrialShip
 from studies.concealed_trial.unmodelled import FORCES, RANDOM
 
-FINALISTS, CANDIDATES = 4, 8
+FINALISTS, CANDIDATES = 3, 8
 """Hypotheses that are linearised again, and those that are fitted."""
-LEAST_GAIN = 1.0
+LEAST_GAIN = 3.0
 """Log likelihood that an effect has to add to be fitted; its prior takes more."""
 CLOSE = 25.0
 """A rival this far behind the best in log evidence is not linearised again."""
 ROUNDS = 2
 """Linearisations about the values that were found."""
-GUSTINESS, GUST_TAUS = (0.12, 0.17, 0.22), (25.0, 50.0)
+RESTING = 0.5
+"""Change of the log evidence that ends them."""
+GUSTINESS, GUST_TAUS = (0.13, 0.2), (40.0,)
 """What is tried of gusts, as drawn: standard deviation over mean speed, and correlation time [s]."""
-RANDOM_SIZES, RANDOM_TAUS = 5, (20.0, 70.0)
+RANDOM_SIZES, RANDOM_TAUS = 5, (40.0,)
 """What is tried of random courses."""
 EXACT = 0.2
 """Size that stands for a model without errors: orders and angles are known once a second only."""
@@ -75,7 +77,7 @@ class Observer:
         calm = base.fit(())
         observer._add(calm)
         best = observer._extended(base, calm)
-        observer._random(track, calm, best)
+        observer._random(track, calm)
         before = calm
         for _ in range(2):  # a second effect, and a third
             if best is None or UNKNOWN in best.names or best.log_evidence < before.log_evidence:
@@ -126,13 +128,16 @@ class Observer:
     def _rested(self, fitted: ObservedFit) -> ObservedFit:
         """Linearised about its own values until it rests."""
         for _ in range(ROUNDS):
+            before = fitted.log_evidence
             base, parts = self._about(fitted), fitted.parts
             if not isinstance(parts[-1].intervals, str):
                 parts = (*parts[:-1], sharpened(base, parts[-1], parts[:-1]))
             fitted = _priced(base.fit(parts))
+            if abs(fitted.log_evidence - before) < RESTING:
+                break
         return fitted
 
-    def _random(self, track: Track, calm: ObservedFit, best: ObservedFit | None) -> None:
+    def _random(self, track: Track, calm: ObservedFit) -> None:
         """Random forces, and gusts beside the steady wind."""
         unit = track.ship.force_unit * np.array([1.0, 1.0, track.ship.length])
         for kind in UNMODELLED:
@@ -141,7 +146,8 @@ class Observer:
             direction = (unit * [letter == FORCES[kind.detail][0] for letter in "XYN"])[:, None]
             sizes = np.geomspace(kind.low, kind.high, RANDOM_SIZES)
             self._mixed(track, calm, kind, [RandomForce(direction, s, tau) for s in sizes for tau in RANDOM_TAUS])
-        winds = [fitted for fitted, _ in self.found if [p.kind.name for p in fitted.parts] == ["wind_steady"]]
+        ranked = sorted((fitted for fitted, _ in self.found), key=lambda fitted: -fitted.log_evidence)[:2]
+        winds = [fitted for fitted in ranked if [p.kind.name for p in fitted.parts] == ["wind_steady"]]
         if winds:
             steady, kind = winds[0], next(k for k in KINDS if k.name == "wind_gusty")
             part = steady.parts[0]

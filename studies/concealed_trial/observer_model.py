@@ -17,7 +17,7 @@ DRAWN_ONLY = ("sign", "chance", "gustiness", "tau_s")
 """Extras that are not fitted."""
 COUNTS = {"angle": 8, "stripes_deg": 6, "spacing": 6, "lag_s": 4, "lever": 3, "period_s": 48}
 """Values that are tried of each extra; a period is told from its neighbour by one cycle in a run."""
-SIZES = 3
+SIZES = 2
 """Sizes that are tried: what they do tells what a size between them would do."""
 ITERATIONS, DAMPINGS = 6, (0.0, 0.1, 3.0, 100.0)
 CHANGE = 1e-3

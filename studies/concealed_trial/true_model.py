@@ -146,7 +146,8 @@ def rmse(case_dir: Path, tables: Mapping[str, pd.DataFrame]) -> dict[str, float]
         needed = {CHANNELS[c] for c in CHANNELS if recorded[c].notna().any()} | {"t"}
         if predicted is None or needed - set(predicted):
             return None
-        predicted = predicted.drop_duplicates("t").set_index("t").reindex(columns=[*CHANNELS.values()])
+        predicted = predicted.assign(t=predicted["t"].round(2)).drop_duplicates("t").set_index("t")
+        predicted = predicted.reindex(columns=[*CHANNELS.values()])
         if not recorded["t"].isin(predicted.index).all():
             return None
         per_run.append(_errors(recorded, predicted.loc[recorded["t"]]))

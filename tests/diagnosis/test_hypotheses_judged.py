@@ -208,16 +208,18 @@ def test_directions_go_round_and_long_steps_are_cut():
 def test_free_numbers_go_into_a_vector_and_back():
     """A force with times of its own in each of two runs, and a wind that is the same in both; gusts have no column."""
     force, gusts = SideForce(SHIP), GustyWind(SHIP)
-    table = np.array([[100.0, 20.0, 30.0, 90.0], [100.0, 20.0, 40.0, 80.0]])
+    table = values(force, 2)
+    table[:, :4] = [[100.0, 20.0, 30.0, 90.0], [100.0, 20.0, 40.0, 80.0]]
     h = Hypothesis((force, gusts), (table, values(gusts, 2)), frozenset({"still_air"}))
     free = h.unknowns()
-    names = [(f.parameter.name, f.run) for f in free]
-    assert names[:6] == [("force_kN", None), ("lever_m", None), *[(n, r) for n in ("start_s", "end_s") for r in (0, 1)]]
+    names = [(f.parameter.name, f.runs) for f in free]
+    times = [(name, (run,)) for name in ("start_s", "end_s") for run in (0, 1)]
+    assert names[:6] == [("force_kN", (0, 1)), ("lever_m", (0, 1)), *times]
     assert not {"gust_sd", "gust_time_s", "still_air"} & {n for n, _ in names}
     assert h.vector()[:6].tolist() == [100.0, 20.0, 30.0, 40.0, 90.0, 80.0]
     moved = h.vector() + np.arange(len(free))
     again = h.with_vector(moved)
-    assert again.vector() == approx(moved) and again.values[0].tolist() == [[100, 21, 32, 94], [100, 21, 43, 85]]
+    assert again.vector() == approx(moved) and again.values[0][:, :4].tolist() == [[100, 21, 32, 94], [100, 21, 43, 85]]
     assert h.values[0] is table and table[0, 0] == 100.0, "the old one is as it was"
     kept = [p.name in {"gust_sd", "gust_time_s", "still_air"} for p in gusts.declared]
     assert (again.values[1][:, kept] == h.values[1][:, kept]).all()
@@ -226,13 +228,15 @@ def test_free_numbers_go_into_a_vector_and_back():
 
 def test_columns_of_a_hypothesis_are_its_contribution_and_slopes_in_the_runs_they_belong_to():
     likelihood, thruster = MarginalLikelihood(stand("nothing")), BowThruster(SHIP)
-    table = np.array([[120.0, 60.0, 150.0], [120.0, 90.0, 200.0]])
+    table = values(thruster, 2)
+    table[:, :3] = [[120.0, 60.0, 150.0], [120.0, 90.0, 200.0]]
+    table[:, -1] = 20.0  # the ramp, off its bound
     h = Hypothesis((thruster, ACTING["current"][0]), (table, values(ACTING["current"][0], 2)))
     lin = hypothesis_columns(likelihood.data_set, h)
-    names = [(f.parameter.name, f.run) for f in h.unknowns()]
+    names = [(f.parameter.name, f.runs) for f in h.unknowns()]
     assert lin.count == 1 + len(names)
     for run, place in enumerate(likelihood.data_set.runs):
-        mine = [k for k, (_, r) in enumerate(names) if r in (None, run)]
+        mine = [k for k, (_, r) in enumerate(names) if run in r]
         assert sorted(lin.index[run]) == [0, *(1 + k for k in mine)]
 
         def whole(at: Hypothesis, place=place, run=run):

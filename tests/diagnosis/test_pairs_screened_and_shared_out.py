@@ -50,4 +50,4 @@ def test_two_processes_find_what_one_finds():
     once, twice = (search(stand, [type(e)(SHIP) for e in (*ACTING, PUSH)], workers=n) for n in (1, 2))
     assert [j.names for j in once.fitted] == [j.names for j in twice.fitted]
     assert [j.evidence for j in once.fitted] == approx([j.evidence for j in twice.fitted], abs=1e-9)
-    assert set(once.fitted[0].names) == {"current", "rudder_offset"}
+    assert {"current", "rudder_offset"} <= set(once.fitted[0].names)

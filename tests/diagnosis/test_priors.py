@@ -12,6 +12,7 @@ from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.rudder import RudderBacklash, RudderOffset
+from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.estimation import marginal_likelihood as under_test
 from manoeuvre_nn.estimation.corrections import Calibrated, Corrections, Scatter
 from manoeuvre_nn.estimation.data_set import whitened_data_set
@@ -95,3 +96,31 @@ def test_a_coupling_that_is_there_is_found():
         data_set = whitened_data_set(CALM, [run_of(track, NOISE) for track in tracks])
         chosen[sign] = with_likely_scatter(data_set, MarginalLikelihood(data_set).evaluate(NONE)).scatter.coupling
     assert chosen[1.0] >= 0.6 and chosen[-1.0] == 0.0
+
+
+def test_each_campaign_has_its_own_wind_and_the_same_coefficients():
+    """Two days with winds from opposite sides, and a ship whose rudder is 10 % weaker than published."""
+    shares = torch.tensor([-0.1 if n in ("Yd", "Nd") else 0.0 for n in Corrections(CALM).names], dtype=torch.float64)
+    days = {
+        "monday": SteadyWind(SHIP, speed=14.0, from_deg=60.0),
+        "friday": SteadyWind(SHIP, speed=9.0, from_deg=250.0),
+    }
+    recorded = []
+    for day, wind in days.items():
+        with unchecked():
+            tracks = roll_out(Vessel(Calibrated(CALM, shares), [wind]), [CIRCLE, ZIGZAG], step=1.0)
+        recorded += [run_of(track, NOISE, seed=len(recorded) + k, campaign=day) for k, track in enumerate(tracks)]
+    data_set = whitened_data_set(CALM, recorded)
+    assert data_set.campaigns == (0, 0, 1, 1)
+    likelihood = MarginalLikelihood(data_set)
+    none = likelihood.evaluate(NONE)
+    found = single(likelihood, SteadyWind(SHIP), none)
+    told = {(f.parameter.name, f.runs): (v, e) for f, v, e in
+            zip(found.hypothesis.unknowns(), found.hypothesis.vector(), found.errors, strict=True)}  # fmt: skip
+    for number, wind in enumerate(days.values()):
+        for name in ("speed", "from_deg"):
+            value, error = told[name, (2 * number, 2 * number + 1)]
+            assert value == approx(float(wind.value(name)), abs=max(3 * error, 0.1))
+    assert found.evidence > none.evidence + 50
+    elsewhere = found.hypothesis.of_runs([3, 0])
+    assert elsewhere.campaigns == (1, 0) and elsewhere.values[0][1, 0] == found.hypothesis.values[0][0, 0]

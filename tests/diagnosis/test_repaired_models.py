@@ -89,7 +89,8 @@ def test_runs_that_are_predicted_together_are_predicted_as_if_alone():
     """Of other lengths, and with values of their own: a thruster at other times."""
     thruster = BowThruster(SHIP, force_kN=150.0, start_s=60.0, end_s=115.0)
     runs = [late_run([thruster]), late_run([thruster]).between(0.0, 110.0), late_run([])]
-    table = np.array([[150.0, 60.0, 115.0], [150.0, 70.0, 90.0], [80.0, 50.0, 130.0]])
+    table = np.tile(thruster.values.numpy(), (3, 1))
+    table[:, :3] = [[150.0, 60.0, 115.0], [150.0, 70.0, 90.0], [80.0, 50.0, 130.0]]
     together = predict(CALM, Hypothesis((thruster,), (table,)), runs, WARMUP)
     for run, row, found in zip(runs, table, together, strict=True):
         (alone,) = predict(CALM, Hypothesis((thruster,), (row[None],)), [run], WARMUP)

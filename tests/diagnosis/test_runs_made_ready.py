@@ -47,6 +47,15 @@ def test_a_rudder_at_rest_is_averaged_and_a_turning_one_is_left_as_recorded():
     assert noise == approx(NOISE, rel=0.2)
 
 
+@pytest.mark.parametrize("late", [12.0, 30.0])
+def test_an_indicator_that_is_late_is_left_where_it_moves(late):
+    """Long after the nominal gear has arrived: no outliers of a rudder at rest."""
+    order, shown = gear([(20.0, 20.0), (90.0, -20.0)])
+    shown = np.interp(TIME - late, TIME, shown)
+    smooth, _ = smooth_rudder(noisy(shown), order, 1.0, RATE)
+    assert np.abs(smooth - shown).max() < 4 * NOISE
+
+
 def test_the_noise_of_the_indicator_is_found_over_many_recordings():
     order, shown = gear(ZIGZAG)
     found = [smooth_rudder(noisy(shown, seed), order, 1.0, RATE)[1] for seed in range(20)]

@@ -79,16 +79,16 @@ def test_fouling_grows_with_the_square_of_the_speed_and_ice_does_not(ship):
 
 @pytest.mark.parametrize("time", [30.0, 100.0, 150.0, 200.0, 260.0])
 def test_a_side_force_acts_in_its_interval(time):
-    effect = made("side_force", "mariner", force_kN=50.0, lever_m=-20.0, start_s=100.0, end_s=200.0)
+    effect = made("side_force", "mariner", force_kN=50.0, lever_m=-20.0, start_s=100.0, end_s=200.0, ramp_s=20.0)
     share = {30.0: 0.0, 100.0: 0.5, 150.0: 1.0, 200.0: 0.5, 260.0: 0.0}[time]
     force = effect.force(at("mariner", 5.0, time=time))[0].tolist()
     assert force == pytest.approx([0.0, 50e3 * share, -20.0 * 50e3 * share], abs=1e-3)
 
 
 def test_the_gate_has_the_stated_slope():
-    effect = made("side_force", "mariner", force_kN=1.0, start_s=100.0, end_s=200.0)
+    effect = made("side_force", "mariner", force_kN=1.0, start_s=100.0, end_s=200.0, ramp_s=20.0)
     early, late = (float(effect.force(at("mariner", 5.0, time=t))[0, 1]) for t in (99.99, 100.01))
-    assert (late - early) / 0.02 == pytest.approx(1000.0 / 2.0, rel=1e-3)
+    assert (late - early) / 0.02 == pytest.approx(1000.0 / 20.0, rel=1e-3)
 
 
 def test_a_bow_thruster_pushes_at_four_tenths_of_the_length():

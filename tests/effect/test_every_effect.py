@@ -1,5 +1,6 @@
 from functools import cache
 
+import numpy as np
 import pytest
 import torch
 from fleet import SHIPS, ship_named, unchecked, without_offsets
@@ -168,7 +169,7 @@ def test_every_effect_says_what_it_is(name):
 def test_starts_lie_within_bounds_and_form_parameters_start_at_their_null(name):
     for ship in DEEP:
         for p in made(name, ship).declared:
-            assert all(p.low <= start <= p.high for start in p.starts) and p.spread > 0
+            assert all(p.low <= t <= p.high or (p.per_run and t == np.inf) for t in p.starts) and p.spread > 0
             assert p.null is None or p.low <= p.null <= p.high
             assert not p.form or p.starts[0] == p.null
             assert (p.period is None) == (p.unit != "deg" or p.name not in MIRRORED or name == "rudder_stall")

@@ -88,7 +88,10 @@ def test_a_full_ship_is_taken_for_a_tanker_unless_told():
 
 
 def test_a_wind_sets_in_at_its_time():
-    steady, onset = made("wind_steady", "mariner", speed=9.0), made("wind_onset", "mariner", speed=9.0, start_s=50.0)
+    steady, onset = (
+        made("wind_steady", "mariner", speed=9.0),
+        made("wind_onset", "mariner", speed=9.0, start_s=50.0, ramp_s=1.0),
+    )
     half = made("wind_steady", "mariner", speed=4.5)
     before, then, after = (at("mariner", 6.0, time=t) for t in (40.0, 50.0, 60.0))
     assert float(onset.force(before).abs().max()) < 1e-3

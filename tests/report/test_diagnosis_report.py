@@ -188,11 +188,17 @@ def test_values_have_the_digits_of_their_error(value, shown, interval):
     assert (value_text(value), interval_text(value)) == (shown, interval)
 
 
+def acting(times, errors=None):
+    """A cause that acts at times."""
+    return replace(windy().causes[0], intervals=times, interval_errors=errors or {})
+
+
 def test_times_are_named_up_to_a_number_and_then_counted():
     times = {"r01": [(0.0, 10.4)], "r02": [(5.0, 6.0), (7.0, 8.0)]}
-    assert when_text(times) == "r01 0–10 s, r02 5–6 s, r02 7–8 s"
-    assert when_text(times, 2) == "r01 0–10 s, r02 5–6 s, and 1 more"
-    assert (when_text(None), when_text({})) == ("throughout", "–")
+    errors = {"r01": [(np.nan, 2.4)], "r02": [(0.2, 3.0), (1.0, np.nan)]}
+    assert when_text(acting(times)) == "r01 0–10 s, r02 5–6 s, r02 7–8 s"
+    assert when_text(acting(times, errors), 2) == "r01 0–10 ± 2 s, r02 5 ± 1–6 ± 3 s, and 1 more"
+    assert (when_text(acting(None)), when_text(acting({}))) == ("throughout", "–")
 
 
 def test_errors_of_all_runs_leave_out_channels_that_a_run_did_not_record():

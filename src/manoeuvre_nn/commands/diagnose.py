@@ -26,7 +26,7 @@ from manoeuvre_nn.diagnosis.search import MAX_BUILT_UPON
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.report.diagnosis_figures import draw_diagnosis
 from manoeuvre_nn.report.diagnosis_html import diagnosis_html, log_to_tensorboard
-from manoeuvre_nn.report.diagnosis_tables import print_diagnosis, value_text
+from manoeuvre_nn.report.diagnosis_tables import of_campaign, print_diagnosis, value_text
 from manoeuvre_nn.report.html import save_figures
 from manoeuvre_nn.scoring.free_runs import cost
 
@@ -130,7 +130,7 @@ def _report(error: Exception, out: Path) -> str:
 def summary(d: Diagnosis, dynamics: Model) -> str:
     """Verdict, effects of the repaired model, error on the held-out runs before and after, and time on one line."""
     named = [
-        f"{c.name} ({', '.join(f'{v.name} {value_text(v)}' for v in c.parameters)})"
+        f"{c.name} ({', '.join(f'{v.name}{of_campaign(v)} {value_text(v)}' for v in c.parameters)})"
         for c in d.causes
         if c.name in d.model
     ]

@@ -202,9 +202,11 @@ def found_effects(d: Diagnosis, effects: Sequence[Effect], shelf: Mapping[str, M
 
 def _values(cause: Cause, effect: Effect) -> dict[str, float]:
     """Values within the effect's bounds; times of an event are those of the first run that shows it."""
-    times = next((times[0] for times in (cause.intervals or {}).values() if times), None)
-    found = dict(zip([p.name for p in effect.declared if p.per_run], times or (), strict=False))
-    found |= {v.name: v.value for v in cause.parameters}
+    found = {v.name: v.value for v in cause.parameters}
+    half = 0.5 * found.get("ramp_s", 0.0)
+    times = next((times for times in (cause.intervals or {}).values() if times), [])
+    halfway = [t for start, end in times for t in (start + half, end - half)]
+    found |= dict(zip([p.name for p in effect.declared if p.per_run], halfway, strict=False))
     bounds = {p.name: (p.low, p.high) for p in effect.declared}
     return {name: float(f"{np.clip(value, *bounds[name]):.6g}") for name, value in found.items()}
 

@@ -4,7 +4,7 @@ import copy
 from abc import ABC
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from math import pi
+from math import inf, pi
 from typing import ClassVar
 
 import numpy as np
@@ -38,7 +38,7 @@ class Parameter:
         period: 360 for directions, None otherwise.
         form: Whether it describes the uncertainty of the formula (a factor on a published curve) rather than the
             effect: it is estimated with its prior and not reported.
-        per_run: Whether every run has its own: times of an event.
+        per_run: Whether every run has its own: times of an event, by turns a start and an end; inf is never.
         heavy_tailed: Whether its prior is Cauchy's about the null, with the median size of a Gaussian of this spread:
             what goes wrong at sea may be ten times what is usual. Else it is Gaussian, as form parameters always are.
         random: Whether it describes a random process, whose course is integrated out; the first such parameter of an
@@ -70,7 +70,7 @@ class Parameter:
         share = float(ship.sized([1.0], [power])[0])
         size = getattr(ship, self.within) if self.within else 1.0
         low, high = self.low * size, self.high * size
-        starts = tuple(min(max(share * start, low), high) for start in self.starts)
+        starts = tuple(start if start == inf else min(max(share * start, low), high) for start in self.starts)
         return replace(self, low=low, high=high, spread=share * self.spread, starts=starts, within="")
 
 
@@ -193,7 +193,7 @@ class Effect(ABC, nn.Module):
             if key not in known:
                 raise InputError(f"effect.{self.name}.{key}: unknown parameter; {self.name} has {', '.join(known)}")
             p = known[key]
-            if not p.low <= value <= p.high:
+            if not (p.low <= value <= p.high or (p.per_run and value == inf)):
                 raise InputError(f"effect.{self.name}.{key}={value:g}: expected {p.low:g} to {p.high:g} {p.unit}")
         given = [values.get(p.name, p.starts[0] if p.null is None or not p.form else p.null) for p in self.declared]
         self.register_buffer("values", ship.inertia.new_tensor(given))

@@ -68,7 +68,7 @@ def _grams(
 ) -> tuple[list[Float[np.ndarray, "p p"]], Float[np.ndarray, " m"]]:
     """Inner products in every run, and the prior spreads of all but the first column."""
     lin = hypothesis_columns(data_set, rival) if rival.effects else None
-    shared = np.array([f.run is None for f in rival.unknowns()], dtype=bool)
+    shared = np.array([not f.parameter.per_run for f in rival.unknowns()], dtype=bool)
     spreads = (REFIT_SPREADS * rival.prior_sds())[shared].tolist()
     sd = np.array([COEFFICIENT_SD_LEVELS[best[1]]] * data_set.combinations + spreads)
     return [_shared(data_set, best[0], run, c, lin) for run, c in enumerate(whole)], sd
@@ -119,9 +119,9 @@ def _shared(
     both = here.white[run].embed(columns).joined(here.base[run])
     g, p = both.dot(both), 1 + len(free)
     latency = p + 1 + k
-    own = [*(j for j, f in enumerate(free, 1) if f.run is not None), latency]
-    kept = [0, *range(p + 1, latency), *(j for j, f in enumerate(free, 1) if f.run is None)]
-    spread = np.array([*(sd for sd, f in zip(sds, free, strict=True) if f.run is not None), LATENCY_SD])
+    own = [*(j for j, f in enumerate(free, 1) if f.parameter.per_run), latency]
+    kept = [0, *range(p + 1, latency), *(j for j, f in enumerate(free, 1) if not f.parameter.per_run)]
+    spread = np.array([*(sd for sd, f in zip(sds, free, strict=True) if f.parameter.per_run), LATENCY_SD])
     cross = g[np.ix_(own, kept)]
     return g[np.ix_(kept, kept)] - cross.T @ np.linalg.solve(g[np.ix_(own, own)] + np.diag(spread**-2.0), cross)
 

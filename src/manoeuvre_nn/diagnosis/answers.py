@@ -56,7 +56,11 @@ def _effect(c: Cause) -> dict:
         "equation": list(c.equations),
         "intervals": intervals,
         "parameters": {
-            v.name: [_number(-v.value if v.name in OTHER_SIGN else v.value), _number(v.error), v.unit]
+            f"{v.name} ({v.campaign})" if v.campaign else v.name: [
+                _number(-v.value if v.name in OTHER_SIGN else v.value),
+                _number(v.error),
+                v.unit,
+            ]
             for v in c.parameters
         },
     }

@@ -19,7 +19,7 @@ from manoeuvre_nn.diagnosis.manifest import adapted, numbers, read_manifest
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.effect.current import SPEED
 from manoeuvre_nn.effect.rudder import RudderOffset
-from manoeuvre_nn.estimation.data_set import whitened_data_set
+from manoeuvre_nn.estimation.data_set import CAMPAIGN, whitened_data_set
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.recording.check.checks import COLUMNS, check_over_ground, check_sampling
 from manoeuvre_nn.recording.check.weighed import Bounds
@@ -237,7 +237,8 @@ def _read_run(path: Path, entry: Mapping[str, Any], ship: Particulars, asked: Ru
             "case"
         )
     remedy = COLUMNS if mapping.optional else "mind the columns, units and signs of the mapping"
-    return _checked(replace(run, name=entry.get("run", path.stem)), ship, remedy)
+    meta = {**run.meta, **{key: entry[key] for key in (CAMPAIGN,) if key in entry}}
+    return _checked(replace(run, name=entry.get("run", path.stem), meta=meta), ship, remedy)
 
 
 def _checked(run: Recording, ship: Particulars, remedy: str) -> Recording:

@@ -1,22 +1,35 @@
 """What was found, as a list of causes with probabilities, parameters and times."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float
 
+from manoeuvre_nn.core.effect import Parameter
+from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.diagnosis.case import Question
 from manoeuvre_nn.diagnosis.decision import Decision
 from manoeuvre_nn.diagnosis.proof import placed
-from manoeuvre_nn.diagnosis.result import Cause, Interval, Value
+from manoeuvre_nn.diagnosis.result import Cause, Interval, Nature, Value
 from manoeuvre_nn.diagnosis.search import SearchResult
+from manoeuvre_nn.effect.common import RAMP
 from manoeuvre_nn.effect.formula import Formula, place_of
+from manoeuvre_nn.estimation.data_set import CAMPAIGN
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
+from manoeuvre_nn.estimation.marginal_likelihood import hypothesis_columns
 
 LEADING = 0.25
 """Chi-square of a formula's term, over that of its clearest, from which it counts for the place of the mismatch."""
 
 
-def causes_of(question: Question, tried: SearchResult, verdict: Decision, chosen: FittedHypothesis) -> list[Cause]:
+def causes_of(
+    question: Question,
+    tried: SearchResult,
+    verdict: Decision,
+    chosen: FittedHypothesis,
+    nature: Nature | None = None,
+) -> list[Cause]:
     """All candidates and ``unknown`` with their probability: what was proved first, then the likeliest."""
     causes = []
     for name in verdict.effects:
@@ -24,6 +37,7 @@ def causes_of(question: Question, tried: SearchResult, verdict: Decision, chosen
         j = chosen if proved else max((j for j in tried.fitted if name in j.names), key=lambda j: j.evidence)
         k = j.names.index(name)
         effect = j.hypothesis.effects[k]
+        when = _when(question, j, k, proved)
         causes.append(
             Cause(
                 name,
@@ -31,13 +45,17 @@ def causes_of(question: Question, tried: SearchResult, verdict: Decision, chosen
                 verdict.probability(name, chosen),
                 verdict.bayes[name],
                 effect.equations,
-                _values_of(j, k),
-                _intervals(question, j, k, proved),
+                _values_of(j, k, question.case.fitted),
+                None if when is None else {run: [times for times, _ in spans] for run, spans in when.items()},
                 effect.fingerprint,
                 effect.source,
+                interval_errors={run: [errors for _, errors in spans] for run, spans in (when or {}).items()},
             )
         )
-    causes.append(_unmodelled(tried, verdict, chosen))
+    unknown = _unmodelled(tried, verdict, chosen)
+    if nature is not None:
+        unknown = replace(unknown, nature=nature, equations=unknown.equations if unknown.terms else nature.equations)
+    causes.append(unknown)
     return sorted(causes, key=lambda c: (-(c.name in chosen.names), -c.probability))
 
 
@@ -45,8 +63,9 @@ def _unmodelled(tried: SearchResult, verdict: Decision, chosen: FittedHypothesis
     """What no effect of the shelf explains, with its formula if that holds on runs that were not used."""
     formula = chosen.hypothesis.effects[0] if Formula.name in chosen.names else None
     terms = formula.terms if isinstance(formula, Formula) else ()
-    values = tuple(replace(v, name=t) for v, t in zip(_values_of(chosen, 0), terms, strict=True)) if terms else ()
-    clear = np.array([(v.value / v.error) ** 2 for v in values])
+    found = _values_of(chosen, 0) if terms else ()
+    values = (*(replace(v, name=t) for v, t in zip(found, terms, strict=False)), *found[len(terms) :])
+    clear = np.array([(v.value / v.error) ** 2 for v in values[: len(terms)]])
     where = [place_of(t) for t, c in zip(terms, clear, strict=True) if c > LEADING * clear.max()]
     return Cause(
         name="unknown",
@@ -69,30 +88,68 @@ def _equations(tried: SearchResult) -> tuple[str, ...]:
     return tuple(e for e, level in (("X", surge), ("Y", lateral), ("N", lateral)) if level > 5e-4) or ("kinematics",)
 
 
-def _values_of(fitted: FittedHypothesis, effect: int) -> tuple[Value, ...]:
-    """Parameters of one effect with standard errors, form and per-run parameters left out."""
+def _values_of(fitted: FittedHypothesis, effect: int, runs: Sequence[Recording] = ()) -> tuple[Value, ...]:
+    """Parameters of one effect with standard errors, form and per-run parameters left out; each campaign's own."""
     h = fitted.hypothesis
     found = []
     for f, value, error in zip(h.unknowns(), h.vector(), fitted.errors, strict=True):
-        if f.effect == effect and not f.parameter.form and not f.parameter.per_run:
-            found.append(Value(f.parameter.name, float(value), float(error), f.parameter.unit))
+        told = not (f.parameter.form or f.parameter.per_run or _is_step(f.parameter, value, error))
+        if f.effect == effect and told:
+            campaign = str(runs[f.runs[0]].meta.get(CAMPAIGN, "")) if runs and h.campaigns else ""
+            found.append(Value(f.parameter.name, float(value), float(error), f.parameter.unit, campaign))
     sizes = [p for p in h.effects[effect].declared if p.random and p.name in fitted.random]
     found += [Value(p.name, *fitted.random[p.name], p.unit) for p in sizes]
     return tuple(found)
 
 
-def _intervals(
+def _is_step(parameter: Parameter, value: float, error: float) -> bool:
+    """Whether a ramp is so short, or so uncertain, that nothing speaks against a step."""
+    return parameter.name == RAMP.name and bool(value - RAMP.low < 2 * error)
+
+
+def _when(
     question: Question, fitted: FittedHypothesis, effect: int, held_out: bool
-) -> dict[str, list[Interval]] | None:
-    """Run -> times in which an effect acts, in the held-out runs too if wanted; None if it acts throughout."""
-    timed = [j for j, p in enumerate(fitted.hypothesis.effects[effect].declared) if p.per_run]
-    if not timed:
+) -> dict[str, list[tuple[Interval, Interval]]] | None:
+    """Run -> times in which an effect acts and their standard errors, in the held-out runs too if wanted.
+
+    Returns:
+        None if it acts throughout; an empty list for a run in which it does not.
+    """
+    h = fitted.hypothesis
+    if not any(p.per_run for p in h.effects[effect].declared):
         return None
-    runs, values = [*question.case.fitted], fitted.hypothesis.values[effect]
+    ramp = next((v for v in _values_of(fitted, effect) if v.name == RAMP.name), None)
+    found = _spans(h, effect, fitted.covariance, question.case.fitted, ramp)
     if held_out and question.case.held_out:
-        runs, values = [*runs, *question.case.held_out], np.vstack([values, placed(question, fitted).values[effect]])
-    found: dict[str, list[Interval]] = {}
-    for run, times in zip(runs, values[:, timed], strict=True):
-        end = float(times[1] if len(times) > 1 else run.time[-1])
-        found[run.name] = [(float(times[0]), end)] if end > times[0] + 1 else []
+        elsewhere = placed(question, fitted)
+        free = replace(elsewhere, fixed=frozenset(p.name for e in h.effects for p in e.declared if not p.per_run))
+        runs, (level, scatter) = question.held_out, fitted.best
+        covariance = runs.posterior(hypothesis_columns(runs.data_set, free), level).covariance(scatter)
+        number = len(free.unknowns())
+        found |= _spans(free, effect, covariance[len(covariance) - number :, -number:], question.case.held_out, ramp)
+    return found
+
+
+def _spans(
+    h: Hypothesis, effect: int, covariance: Float[np.ndarray, "m m"], runs: Sequence[Recording], ramp: Value | None
+) -> dict[str, list[tuple[Interval, Interval]]]:
+    """From when half of an effect acts to when half of it is gone; with a clear ramp from its first to its last."""
+    errors = dict(
+        zip([(f.effect, f.column, f.runs[0]) for f in h.unknowns()], np.sqrt(np.diag(covariance)), strict=True)
+    )
+    timed = [j for j, p in enumerate(h.effects[effect].declared) if p.per_run]
+    half, unsure = (0.0, 0.0) if ramp is None else (0.5 * ramp.value, 0.5 * ramp.error)
+    found: dict[str, list[tuple[Interval, Interval]]] = {}
+    for row, run in enumerate(runs):
+        spans, (first, last) = [], run.time[[0, -1]].tolist()
+        for a, b in zip(timed[::2], timed[1::2], strict=True):
+            start, end = (float(h.values[effect][row, j]) for j in (a, b))
+            if not np.isfinite(start) or end <= start or start - half >= last:
+                continue
+            ends = max(start - half, first), min(end + half, last)
+            of_ends = [float(np.hypot(errors.get((effect, j, row), np.nan), unsure)) for j in (a, b)]
+            # What acts before a run, or on after it, has no time there.
+            sure = of_ends[0] if ends[0] > first else np.nan, of_ends[1] if ends[1] < last else np.nan
+            spans.append((ends, sure))
+        found[run.name] = sorted(spans)
     return found

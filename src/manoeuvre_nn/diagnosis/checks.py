@@ -77,7 +77,7 @@ def _alone(
     prior = np.r_[data_set.nuisance_sd(scatter, runs=1), 3 * lin.hypothesis.prior_sds()[lin.index[run][1:] - 1]]
     keep = np.r_[1:whole, whole + 1 : len(gram)]
     covariance = np.linalg.inv(gram[np.ix_(keep, keep)] + np.diag(prior**-2.0))
-    at = [whole - 1 + k for k, f in enumerate(free) if f.run is None and not f.parameter.form]
+    at = [whole - 1 + k for k, f in enumerate(free) if not (f.parameter.per_run or f.parameter.form)]
     return (covariance @ (gram[0] - gram[whole])[keep])[at], covariance[np.ix_(at, at)]
 
 

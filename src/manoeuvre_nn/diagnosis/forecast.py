@@ -31,7 +31,7 @@ from manoeuvre_nn.diagnosis.repair import (
 from manoeuvre_nn.diagnosis.result import Proof
 from manoeuvre_nn.dynamics.base import Model, is_fitted
 from manoeuvre_nn.estimation.corrections import Calibrated
-from manoeuvre_nn.estimation.data_set import LATENCY, WhitenedDataSet, process_time
+from manoeuvre_nn.estimation.data_set import LATENCY, WhitenedDataSet, process_time, same_campaigns
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.linear_run import joined
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood, hypothesis_columns
@@ -106,7 +106,7 @@ def forecasts(question: Question, data_set: WhitenedDataSet, chosen: FittedHypot
     if not runs:
         return []
     known = _known(refined(data_set, chosen) if chosen.names else data_set, chosen)
-    there = chosen.hypothesis.of_runs([0] * len(runs))
+    there = chosen.hypothesis.in_other_runs(known.rows(runs))
     befores = predict(dynamics, Hypothesis((), ()), runs, warmup)
     afters = predict(known.corrected(known.mean[: known.data_set.combinations]), there, runs, warmup, known.latency)
     made = []
@@ -116,6 +116,13 @@ def forecasts(question: Question, data_set: WhitenedDataSet, chosen: FittedHypot
         none = errors(before, record)
         made.append(Proof(run.name, run.meta["kind"], record, before, after.join(band), none, none))
     return made
+
+
+def unplaced_events(question: Question, chosen: FittedHypothesis) -> list[str]:
+    """A sentence on every event that planned runs are predicted without."""
+    runs = ", ".join(run.name for run in question.case.planned)
+    events = [e.label for e in chosen.hypothesis.effects if any(p.per_run for p in e.declared)] if runs else []
+    return [f"When {label} acts in {runs} is not known beforehand: predicted without it." for label in events]
 
 
 @dataclass(frozen=True)
@@ -143,6 +150,10 @@ class _Known:
             combinations = combinations - self.mean[: self.data_set.combinations]
         return Calibrated(dynamics, dynamics.hull.inertia.new_tensor(combinations @ self.data_set.rotation.T))
 
+    def rows(self, runs: Sequence[Recording]) -> list[int]:
+        """For each of other runs a fitted one of the same campaign."""
+        return same_campaigns([prepared.linearised.run for prepared in self.data_set.runs], runs)
+
 
 def _known(data_set: WhitenedDataSet, chosen: FittedHypothesis) -> _Known:
     """Posterior of everything at the noise that is most likely."""
@@ -164,7 +175,7 @@ def _bands(known: _Known, runs: Sequence[Recording], warmup: float) -> list[pd.D
     driving = known.corrected(np.tile(known.mean[:kept] + off[:, :kept], (len(runs), 1)))
     draws = [_moved(chosen.hypothesis, change) for change in numbers]
     values = tuple(
-        np.tile(np.concatenate([d.values[k][:1] for d in draws]), (len(runs), 1))
+        np.concatenate([d.in_other_runs([row]).values[k] for row in known.rows(runs) for d in draws])
         for k in range(len(chosen.hypothesis.effects))
     )
     every = Hypothesis(chosen.hypothesis.effects, values, chosen.hypothesis.fixed)
@@ -194,7 +205,8 @@ def _starts(
     """States at the end of a run's warm-up: they go with the numbers drawn and scatter as its samples leave them."""
     chosen, latency, dynamics = known.chosen, known.latency, known.corrected(known.mean[: known.data_set.combinations])
     warm = run.between(0.0, warm_up_end(run, warmup))
-    there = chosen.hypothesis.of_runs([0])
+    row = known.rows([run])
+    there = chosen.hypothesis.in_other_runs(row)
     mean, covariance = start_state_and_covariance(dynamics, there, warm, latency)
     spread = np.zeros((len(mean), len(mean)))
     spread[: len(covariance), : len(covariance)] = covariance
@@ -204,7 +216,7 @@ def _starts(
         nudged = _moved(chosen.hypothesis, step)
         size = float((nudged.vector() - chosen.hypothesis.vector())[k])
         if abs(size) > 1e-9 * error:
-            slopes[k] = (start_state(dynamics, nudged.of_runs([0]), warm, latency) - mean) / size
+            slopes[k] = (start_state(dynamics, nudged.in_other_runs(row), warm, latency) - mean) / size
     return mean + numbers @ slopes + g.multivariate_normal(np.zeros(len(mean)), spread, len(numbers), method="eigh")
 
 

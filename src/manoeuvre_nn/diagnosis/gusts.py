@@ -149,7 +149,7 @@ def _chosen(found: list[tuple[FittedHypothesis, _Gusts]], wind: int, gusty: Effe
     evidence = float(logsumexp(scores)) - float(np.log(len(scores)))
     return replace(
         fitted,
-        hypothesis=Hypothesis(effects, tuple(values)),
+        hypothesis=replace(fitted.hypothesis, effects=effects, values=tuple(values)),
         evidence=evidence,
         random={gusty.random[0]: (size, error)},
     )

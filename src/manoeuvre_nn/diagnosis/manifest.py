@@ -90,6 +90,10 @@ def _check_runs(m: Mapping[str, Any], folder: Path) -> None:
         for key in ("run", "file", "split"):
             if not isinstance(entry.get(key), str):
                 raise InputError(f"a run has {key} {entry.get(key)!r}; expected run, file and split, such as fit")
+        if not isinstance(entry.get("campaign", ""), str):
+            raise InputError(
+                f"campaign of run {entry['run']} is {entry['campaign']!r}; expected a name, such as monday"
+            )
         check_choice(f"split of run {entry['run']}", entry["split"], ["fit", "held_out"])
         for key in ("run", "file"):
             if Path(entry[key]).name != entry[key] or entry[key].startswith("."):

@@ -5,16 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float
 
-from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.diagnosis.case import Question
 from manoeuvre_nn.diagnosis.gusts import gusty_evidence
 from manoeuvre_nn.diagnosis.repair import predict, predict_corrected, recorded
 from manoeuvre_nn.diagnosis.result import Proof
-from manoeuvre_nn.diagnosis.windows import best_windows
-from manoeuvre_nn.dynamics.base import Model, is_fitted
-from manoeuvre_nn.estimation.data_set import LATENCY, WhitenedDataSet, prepared_run
+from manoeuvre_nn.diagnosis.windows import replaced
+from manoeuvre_nn.dynamics.base import is_fitted
+from manoeuvre_nn.estimation.data_set import LATENCY, WhitenedDataSet, same_campaigns
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.scoring.free_runs import errors
@@ -69,7 +67,8 @@ def foreseen(question: Question, claim: FittedHypothesis, elsewhere: Hypothesis)
     # its coefficients than on any effect. This judges the steps, not the whole course.
     if not question.case.held_out:
         return 0.0
-    fixed = frozenset(p.name for e in elsewhere.effects for p in e.declared)
+    # Times that were placed there are integrated out again: what was looked for in a run is no gain.
+    fixed = frozenset(p.name for e in elsewhere.effects for p in e.declared if not p.per_run)
     held, level = replace(elsewhere, fixed=fixed), claim.best[0]
     evidence_of = gusty_evidence if any(e.random for e in held.effects) else MarginalLikelihood.evidence_at
     calm = question.held_out.evidence_at(Hypothesis((), ()), level)
@@ -79,22 +78,9 @@ def foreseen(question: Question, claim: FittedHypothesis, elsewhere: Hypothesis)
 def placed(question: Question, fitted: FittedHypothesis) -> Hypothesis:
     """What was found in the held-out runs: its values, but times of an event placed in each run's own recording."""
     found = fitted.hypothesis
-    runs = question.case.held_out
-    elsewhere = found.of_runs([0] * len(runs))
-    for k, effect in enumerate(found.effects):
-        if any(p.per_run for p in effect.declared):
-            for row, run in enumerate(runs):
-                elsewhere.values[k][row] = _placed(question.dynamics, fitted, k, run)
-    return elsewhere
-
-
-def _placed(dynamics: Model, fitted: FittedHypothesis, which: int, run: Recording) -> Float[np.ndarray, " p"]:
-    """Start and end of an event in one run, everything else as found."""
-    likelihood = MarginalLikelihood(WhitenedDataSet(dynamics, [prepared_run(dynamics, run)]))
-    one = fitted.hypothesis.of_runs([0])
-    timed = np.array([p.per_run for p in one.effects[which].declared])
-    start = next(best_windows(likelihood, one.effects[which], one.values[which], *fitted.best))
-    one.values[which][0, timed] = start[0, timed]
-    fixed = frozenset(p.name for e in one.effects for p in e.declared if not p.per_run)
-    found, _ = likelihood.improve(replace(one, fixed=fixed), *fitted.best, rounds=6)
-    return found.values[which][0]
+    elsewhere = found.in_other_runs(same_campaigns(question.case.fitted, question.case.held_out))
+    if not question.case.held_out or not any(p.per_run for effect in found.effects for p in effect.declared):
+        return elsewhere
+    fixed = frozenset(p.name for e in found.effects for p in e.declared if not p.per_run)
+    free = replaced(question.held_out, replace(elsewhere, fixed=fixed), *fitted.best)
+    return replace(free, fixed=found.fixed)

@@ -6,10 +6,11 @@ from itertools import product
 from math import inf
 
 import numpy as np
+from jaxtyping import Float
 
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.diagnosis.gusts import fitted_gusts
-from manoeuvre_nn.diagnosis.windows import best_windows
+from manoeuvre_nn.diagnosis.windows import best_windows, replaced
 from manoeuvre_nn.diagnosis.workers import shared_out
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet, quiet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
@@ -136,7 +137,10 @@ def single(likelihood: MarginalLikelihood, effect: Effect, none: FittedHypothesi
         The better of the two.
     """
     found = []
-    for level, scatter in {none.best, (quiet(none.best[0]), min(none.best[1], USUAL_SCATTER_LEVEL))}:
+    noises = {(quiet(none.best[0]), min(none.best[1], USUAL_SCATTER_LEVEL))}
+    if not any(p.per_run for p in effect.declared):  # events are placed where they must explain the misfit anyway
+        noises.add(none.best)
+    for level, scatter in noises:
         tried = [likelihood.improve(h, level, scatter, rounds=3) for h in _starts(likelihood, effect, level, scatter)]
         best = max(tried, key=lambda t: t[1])[0]
         found.append(refine(likelihood, best, level, scatter, none.evidence - MAX_FIRST_DEFICIT))
@@ -160,6 +164,10 @@ def refine(
     """
     hypothesis, _ = likelihood.improve(hypothesis, level, scatter)
     fitted = likelihood.evaluate(hypothesis, around=level)
+    if fitted.evidence > min_evidence:
+        elsewhen = replaced(likelihood, fitted.hypothesis, *fitted.best)
+        if elsewhen is not fitted.hypothesis:
+            fitted = likelihood.evaluate(elsewhen, around=fitted.best[0])
     for _ in range(2):
         if fitted.evidence < min_evidence:
             return fitted
@@ -189,14 +197,26 @@ def at_rest(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> tuple[Whiten
 def _starts(likelihood: MarginalLikelihood, effect: Effect, level: int, scatter: int) -> list[Hypothesis]:
     """The two most promising of all starts, by what a linear step from each would gain; windows of an event."""
     data_set = likelihood.data_set
-    grid = np.array(list(product(*[(p.null,) if p.form else p.starts for p in effect.declared])), dtype=float)
     if any(p.per_run for p in effect.declared):
-        return [Hypothesis((effect,), (v,)) for v in best_windows(likelihood, effect, grid, level, scatter)]
-    made = [Hypothesis((effect,), (np.tile(row, (len(data_set.runs), 1)),)) for row in grid]
-    if len(made) < 3:
-        return made
-    scores = [likelihood.posterior(likelihood.columns(h), level).evidence[scatter] for h in made]
-    return [made[k] for k in np.argsort(scores)[::-1][:2]]
+        events = best_windows(likelihood, effect, level, scatter)
+        return [Hypothesis((effect,), (values,), campaigns=data_set.campaigns) for values in events]
+    grid = np.array(list(product(*[(p.null,) if p.form else p.starts for p in effect.declared])), dtype=float)
+    made = np.tile(grid[:, None], (1, len(data_set.runs), 1))
+    if len(grid) < 3:
+        return [Hypothesis((effect,), (values,), campaigns=data_set.campaigns) for values in made]
+
+    def scores(values: Float[np.ndarray, "k runs p"]) -> Float[np.ndarray, " k"]:
+        each = [Hypothesis((effect,), (v,), campaigns=data_set.campaigns) for v in values]
+        found = [likelihood.posterior(likelihood.columns(h), level).evidence[scatter] for h in each]
+        return np.array(found)
+
+    # What acts in one campaign is another thing than what acts in the next: each on its own, nothing in the others.
+    best = np.empty((2, len(data_set.runs), grid.shape[1]))
+    for number in set(data_set.campaigns) or {0}:
+        mine = np.array(data_set.campaigns or [0] * len(data_set.runs)) == number
+        alone = np.where(mine[None, :, None], made, effect.null().numpy())
+        best[:, mine] = made[np.argsort(scores(alone))[::-1][:2]][:, mine]
+    return [Hypothesis((effect,), (values,), campaigns=data_set.campaigns) for values in best]
 
 
 def worth_its_size(fitted: FittedHypothesis, known: Mapping[frozenset[str], float]) -> bool:
@@ -257,9 +277,8 @@ def _restarts(likelihood: MarginalLikelihood, first: FittedHypothesis, starts: l
     (effect,) = starts[0].effects
     if not any(p.per_run for p in effect.declared):
         return starts
-    grid = np.stack([h.values[0][0] for h in starts])
-    events = best_windows(likelihood, effect, grid, *first.best, first.hypothesis)
-    return [starts[0], *(Hypothesis((effect,), (values,)) for values in events)]
+    events = best_windows(likelihood, effect, *first.best, first.hypothesis)
+    return [starts[0], *(replace(starts[0], values=(values,)) for values in events)]
 
 
 def _turned(alone: Hypothesis) -> Iterator[Hypothesis]:
@@ -271,7 +290,7 @@ def _turned(alone: Hypothesis) -> Iterator[Hypothesis]:
             values[:, j] = p.starts[0]
     for angle in range(0, 360, 90) if directions else ():
         values[:, directions[0]] = angle
-        yield Hypothesis((effect,), (values.copy(),))
+        yield replace(alone, values=(values.copy(),))
 
 
 def _same_thing(first: FittedHypothesis, second: FittedHypothesis) -> bool:

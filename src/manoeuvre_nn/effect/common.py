@@ -1,13 +1,14 @@
 """What several effects share: kinds of parameters, gates in time, thrust and the part of the rudder."""
 
 from collections.abc import Callable
-from math import pi
+from math import inf, pi
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
+from torch.nn.functional import softplus
 
-from manoeuvre_nn.core.effect import Parameter, Situation
+from manoeuvre_nn.core.effect import Effect, Parameter, Situation
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.units import DEGREE
 
@@ -15,8 +16,10 @@ TIGHT_TURN = {"u": 0.3, "v": 0.25, "r": 0.7, "d": 0.35}
 """What (u - U0)/U0, v/U0, r L/U0 and the rudder angle [rad] are in a tight turn."""
 PRIME_ACCELERATION_OF_20_DEG = (0.06, 0.5)
 """20 deg of rudder in sway and yaw in prime accelerations: about those of the Mariner."""
-RISE = 2.0
-"""Time in which an event would be complete at its steepest rate [s]; it makes the time of the event differentiable."""
+ROUND = 2.0
+"""Time over which the corners of an event's course are rounded [s]; it makes its times differentiable."""
+RAMP = Parameter("ramp_s", "s", 1.0, 1800.0, 1.0, 60.0, (15.0,))
+"""Time in which an event builds up about each start, and dies away about each end; the least is a step."""
 
 
 def direction(name: str) -> Parameter:
@@ -41,8 +44,14 @@ def factor(name: str, spread: float, low: float = 0.0, high: float = 3.0) -> Par
 
 
 def instant(name: str, *starts: float) -> Parameter:
-    """A time in a recording, and values from which a fit is tried [s]."""
+    """A time in a recording, and values from which a fit is tried [s]; inf is never."""
     return Parameter(name, "s", 0.0, 7200.0, None, 600.0, starts, per_run=True)
+
+
+def several(number: int) -> tuple[Parameter, ...]:
+    """Start and end of each time that an event happens in a run; all but the first need not be."""
+    later = (instant(f"{what}_{k}_s", inf) for k in range(2, number + 1) for what in ("start", "end"))
+    return (instant("start_s", 100.0, 200.0), instant("end_s", 300.0, 400.0), *later)
 
 
 def columns(*parts: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
@@ -79,14 +88,33 @@ def in_tight_turns(ship: Ship, s: Situation) -> dict[str, Tensor]:
     return {letter: value / TIGHT_TURN[letter] for letter, value in z.items()}
 
 
-def onset(time: Float[Tensor, "..."], start: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
-    """A smooth step from 0 to 1 within about ``RISE``, half way at ``start`` [s]."""
-    return torch.sigmoid(4.0 * (time - start) / RISE)
+def during(effect: Effect, time: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+    """Share of an event that acts: half of it at each start and at each end, with a ramp about these.
+
+    It is the mean, over the time of the ramp, of a gate that is 1 between start and end.
+
+    Args:
+        effect: The event; its times are declared in pairs, a start and an end, and ``RAMP`` among its parameters.
+        time: Since the start of the recording [s].
+
+    Returns:
+        Between 0 and 1.
+    """
+    times, ramp = [p.name for p in effect.declared if p.per_run], effect.value(RAMP.name)
+    share = torch.zeros_like(time + ramp)
+    for first, last in zip(times[::2], times[1::2], strict=True):
+        start = effect.value(first)
+        if bool(torch.isfinite(start).any()):
+            share = share + _risen(time, start, ramp) - _risen(time, torch.maximum(start, effect.value(last)), ramp)
+    return share
 
 
-def during(time: Float[Tensor, "..."], start: Float[Tensor, "..."], end: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
-    """A smooth gate, 1 between two times [s] and 0 outside."""
-    return onset(time, start) * onset(-time, -end)
+def _risen(time: Float[Tensor, "..."], start: Float[Tensor, "..."], ramp: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
+    """A straight rise from 0 to 1 about a time, its corners rounded; 0 where the time is inf."""
+    # About its middle: a fit whose ramp rests on its bound leaves the time alone.
+    steep = 4.0 / ROUND
+    rise = softplus(steep * (time - start + 0.5 * ramp)) - softplus(steep * (time - start - 0.5 * ramp))
+    return rise / (steep * ramp)
 
 
 def compass(degrees: Float[Tensor, "..."]) -> tuple[Float[Tensor, "..."], Float[Tensor, "..."]]:

@@ -7,17 +7,17 @@ from jaxtyping import Float
 from torch import Tensor
 
 from manoeuvre_nn.core.effect import Effect, Parameter, Situation
-from manoeuvre_nn.effect.common import columns, compass, during, instant
+from manoeuvre_nn.effect.common import RAMP, columns, compass, during, several
 
 FAMILY = "local force"
 KILO = 1000.0
 FORCE = Parameter("force_kN", "kN", -20000.0, 20000.0, 0.0, 250.0, (100.0, -100.0))
 LEVER = Parameter("lever_m", "m", -0.6, 0.6, None, 60.0, (0.0, 50.0, -50.0), within="length")
-INTERVAL = (instant("start_s", 100.0, 200.0), instant("end_s", 300.0, 400.0))
+TIMES = (*several(3), RAMP)
 
 
 class _LateralForce(Effect):
-    """A constant lateral force for a while, positive to starboard, at a lever that each gives itself."""
+    """A constant lateral force for a while, once or more, positive to starboard, at a lever that each gives itself."""
 
     site = "force"
     acts_indoors = False
@@ -28,7 +28,7 @@ class _LateralForce(Effect):
 
     def force(self, s: Situation) -> Float[Tensor, "*batch 3"]:
         """The force and its moment."""
-        sway = KILO * self.value("force_kN") * during(s.time, self.value("start_s"), self.value("end_s"))
+        sway = KILO * self.value("force_kN") * during(self, s.time)
         return columns(torch.zeros_like(sway), sway, self._lever() * sway)
 
     @abstractmethod
@@ -43,8 +43,8 @@ class SideForce(_LateralForce):
     candidate = True
     label = "a side force"
     fingerprint = "Sway and yaw are pushed in a fixed ratio in one interval, on no account of heading or speed."
-    source = "Constant force with a smooth gate in time"
-    declared = (FORCE, LEVER, *INTERVAL)
+    source = "Constant force, built up over a ramp"
+    declared = (FORCE, LEVER, *TIMES)
 
     def _lever(self) -> Tensor:
         """Where it acts, forward of midship [m]."""
@@ -58,8 +58,8 @@ class BowThruster(_LateralForce):
     candidate = True
     label = "a running bow thruster"
     fingerprint = "Sway and yaw are pushed to the same side in one interval, as by a force at the bow."
-    source = "Constant force with a smooth gate in time; loss by forward speed is not modelled"
-    declared = (FORCE, *INTERVAL)
+    source = "Constant force, built up over a ramp; loss by forward speed is not modelled"
+    declared = (FORCE, *TIMES)
 
     def _lever(self) -> Tensor:
         """Where it acts, forward of midship [m]."""
@@ -83,11 +83,11 @@ class Tow(Effect):
         Parameter("force_kN", "kN", 0.0, 20000.0, 0.0, 250.0, (150.0,)),
         Parameter("angle_deg", "deg", 0.0, 360.0, None, 360.0, (90.0, 270.0, 0.0, 180.0), period=360.0),
         LEVER,
-        *INTERVAL,
+        *TIMES,
     )
 
     def force(self, s: Situation) -> Float[Tensor, "*batch 3"]:
         """The force and its moment."""
-        pull = KILO * self.value("force_kN") * during(s.time, self.value("start_s"), self.value("end_s"))
+        pull = KILO * self.value("force_kN") * during(self, s.time)
         ahead, starboard = compass(self.value("angle_deg"))
         return columns(pull * ahead, pull * starboard, self.value("lever_m") * pull * starboard)

@@ -1,7 +1,7 @@
 """Wind on the part of the ship above the water."""
 
 from abc import abstractmethod
-from math import exp, sqrt
+from math import exp, inf, sqrt
 
 import torch
 from jaxtyping import Float
@@ -12,7 +12,7 @@ from manoeuvre_nn.core.effect import Effect, Parameter, Situation
 from manoeuvre_nn.core.errors import check_choice
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.wind import COEFFICIENTS, usual_kind, wind_load
-from manoeuvre_nn.effect.common import columns, compass, direction, factor, instant, onset
+from manoeuvre_nn.effect.common import RAMP, columns, compass, direction, during, factor, instant
 
 SPEED = Parameter("speed", "m/s", 0.0, 80.0, 0.0, 8.0, (6.0, 20.0))
 FORM = (
@@ -105,18 +105,18 @@ class SteadyWind(_TrueWind):
 
 
 class WindOnset(_TrueWind):
-    """Calm until the wind sets in, then steady."""
+    """Calm until the wind sets in, then steady, until it dies away if it does."""
 
     name = "wind_onset"
     candidate = True
     label = "a wind that sets in"
     fingerprint = "Nothing until a time, then the forces of a steady wind."
-    source = "Blendermann 1994; smooth step in time"
-    declared = (SPEED, direction("from_deg"), instant("start_s", 200.0, 400.0, 100.0), *FORM)
+    source = "Blendermann 1994; the wind's speed rises over a ramp"
+    declared = (SPEED, direction("from_deg"), instant("start_s", 200.0, 400.0), instant("end_s", inf), RAMP, *FORM)
 
     def _speed(self, s: Situation) -> Tensor:
         """Speed of the true wind at every sample [m/s]."""
-        return self.value("speed") * onset(s.time, self.value("start_s"))
+        return self.value("speed") * during(self, s.time)
 
 
 class GustyWind(_TrueWind):

@@ -33,6 +33,8 @@ COEFFICIENT_SD_LEVELS = (0.002, 0.015, 0.03, 0.05, 0.08, 0.2)
 """Levels of the relative error of the calm-water coefficients."""
 MIN_SIGNAL_TO_NOISE = 0.02
 """Least signal-to-noise ratio, squared, of a combination of coefficients that is carried along."""
+CAMPAIGN = "campaign"
+"""What a recording's ``meta`` calls the day, load or speed that it belongs to."""
 LATENCY, LATENCY_SD = 0.25, 0.25
 """Delay of the satellite receiver [s]: mean and s.d. before the recording is seen."""
 
@@ -115,6 +117,13 @@ class WhitenedDataSet:
         return _Level(white, base, g, sum(w.log_norm for w in white))
 
     @property
+    def campaigns(self) -> tuple[int, ...]:
+        """Number of each run's campaign, where they are of several days, loads or speeds; else empty."""
+        names = [str(prepared.linearised.run.meta.get(CAMPAIGN, "")) for prepared in self.runs]
+        each = list(dict.fromkeys(names))
+        return tuple(each.index(name) for name in names) if len(each) > 1 else ()
+
+    @property
     def size(self) -> int:
         """Number of base columns: data, coefficients, one latency a run."""
         return 1 + self.combinations + len(self.runs)
@@ -178,6 +187,16 @@ def _turned(base: Columns, rotation: Float[np.ndarray, "k kept"]) -> Columns:
     coefficients = base[1:-1]
     combined = Columns(coefficients.measured @ rotation, coefficients.moved @ rotation)
     return joined([base[:1], combined, base[-1:]])
+
+
+def same_campaigns(known: Sequence[Recording], runs: Sequence[Recording]) -> list[int]:
+    """For each of some runs a known run of the same campaign; the first where there is none.
+
+    Returns:
+        Numbers of known runs.
+    """
+    days = [run.meta.get(CAMPAIGN) for run in known]
+    return [days.index(day) if (day := run.meta.get(CAMPAIGN)) in days else 0 for run in runs]
 
 
 def quiet(level: int) -> int:

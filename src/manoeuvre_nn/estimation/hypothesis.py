@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import atan, log, pi, sqrt
+from math import atan, lgamma, log, pi, sqrt
 
 import numpy as np
 from jaxtyping import Float
@@ -10,6 +10,10 @@ from scipy.special import log_ndtr
 
 from manoeuvre_nn.core.effect import Effect, Parameter
 
+NUMBER_OF_INTERVALS = (0.3, 0.5, 0.15, 0.05)
+"""Prior probability that an event happens never, once, twice, three times in a run."""
+STOPS = 0.25
+"""Prior probability that what may last to the end of a run ends before."""
 MEDIAN_OF_GAUSSIAN = 0.6745
 """Median size of a Gaussian number over its standard deviation."""
 
@@ -20,13 +24,17 @@ class Hypothesis:
 
     Attributes:
         effects: The effects, prototypes without values of their own.
-        values: Parameter values of each effect, one row a run; parameters that are not per run are equal in all rows.
+        values: Parameter values of each effect, one row a run; parameters that are not per run are equal in all rows of
+            a campaign.
+            A time that is inf is none: it never comes, and is no unknown.
         fixed: Names of parameters that are held at their values.
+        campaigns: Number of each run's campaign: what is not per run has a value for each of them. Empty is one.
     """
 
     effects: tuple[Effect, ...]
     values: tuple[Float[np.ndarray, "runs _"], ...]
     fixed: frozenset[str] = frozenset()
+    campaigns: tuple[int, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -34,20 +42,52 @@ class Hypothesis:
         return tuple(e.name for e in self.effects)
 
     def unknowns(self) -> list["_Unknown"]:
-        """All free numbers: effect, parameter, and the run for those that differ between runs."""
+        """All free numbers: effect, parameter, and the runs that they belong to."""
         found = []
         for k, effect in enumerate(self.effects):
             for j, p in enumerate(effect.declared):
                 # The course of a random process is integrated out: its parameters have no column of their own.
                 if p.random or p.name in self.fixed:
                     continue
-                runs = range(len(self.values[k])) if p.per_run else [None]
-                found += [_Unknown(k, j, run, p) for run in runs]
+                happens = np.flatnonzero(np.isfinite(self.values[k][:, j])).tolist()
+                groups = [(run,) for run in happens] if p.per_run else self._groups(len(self.values[k]))
+                found += [_Unknown(k, j, runs, p) for runs in groups]
         return found
+
+    def _groups(self, count: int) -> list[tuple[int, ...]]:
+        """Runs of each campaign."""
+        if not self.campaigns:
+            return [tuple(range(count))]
+        return [tuple(np.flatnonzero(np.array(self.campaigns) == c).tolist()) for c in sorted(set(self.campaigns))]
 
     def vector(self) -> Float[np.ndarray, " m"]:
         """Values of the free numbers."""
-        return np.array([self.values[f.effect][f.run or 0, f.column] for f in self.unknowns()])
+        return np.array([self.values[f.effect][f.runs[0], f.column] for f in self.unknowns()])
+
+    def log_prior_of_times(self, durations: Sequence[float]) -> float:
+        """Log prior of how often events happen in each run, and of their times beside flat priors within their bounds.
+
+        ``p(k intervals) (2 k)! / T^(2 k)``: times are in order, and anywhere in a run of duration T.
+
+        Args:
+            durations: Of the runs [s].
+
+        Returns:
+            0 without an event whose times are free.
+        """
+        total = 0.0
+        for effect, values in zip(self.effects, self.values, strict=True):
+            timed = [j for j, p in enumerate(effect.declared) if p.per_run and p.name not in self.fixed]
+            ranges = np.array([effect.declared[j].high - effect.declared[j].low for j in timed])
+            may_last = len(timed) > 1 and np.isinf(effect.declared[timed[1]].starts[0])
+            for row, duration in zip(values[:, timed], durations if timed else (), strict=bool(timed)):
+                known = np.isfinite(row)
+                number = int(known[::2].sum())
+                total += log(NUMBER_OF_INTERVALS[number]) + lgamma(1 + known.sum())
+                total += float(np.log(ranges[known] / duration).sum())
+                if may_last and number:
+                    total += log(STOPS if known[1] else 1 - STOPS)
+        return total
 
     def prior_sds(self) -> Float[np.ndarray, " m"]:
         """Prior standard deviations of the free numbers at their values, see :meth:`_Unknown.prior_sd`."""
@@ -68,16 +108,27 @@ class Hypothesis:
         """
         values = [v.copy() for v in self.values]
         for f, value in zip(self.unknowns(), vector, strict=True):
-            values[f.effect][slice(None) if f.run is None else f.run, f.column] = value
+            values[f.effect][list(f.runs), f.column] = value
         return replace(self, values=tuple(values))
 
     def of_runs(self, rows: Sequence[int]) -> "Hypothesis":
         """The hypothesis about other runs, each with the values of one of these."""
-        return replace(self, values=tuple(v[list(rows)] for v in self.values))
+        campaigns = tuple(self.campaigns[row] for row in rows) if self.campaigns else ()
+        return replace(self, values=tuple(v[list(rows)] for v in self.values), campaigns=campaigns)
+
+    def in_other_runs(self, rows: Sequence[int]) -> "Hypothesis":
+        """The hypothesis about unknown runs, each with the numbers of one of these; no event has a time there."""
+        other = self.of_runs(rows)
+        for effect, values in zip(self.effects, other.values, strict=True):
+            values[:, [p.per_run for p in effect.declared]] = np.inf
+        return other
 
     def joined(self, other: "Hypothesis") -> "Hypothesis":
         """Both sets of effects together."""
-        return replace(self, effects=self.effects + other.effects, values=self.values + other.values)
+        campaigns = self.campaigns or other.campaigns
+        return replace(
+            self, effects=self.effects + other.effects, values=self.values + other.values, campaigns=campaigns
+        )
 
 
 @dataclass(frozen=True)
@@ -87,13 +138,13 @@ class _Unknown:
     Attributes:
         effect: Number of the effect.
         column: Number of its parameter.
-        run: The run that it belongs to; None for all.
+        runs: The runs that it belongs to.
         parameter: What it is.
     """
 
     effect: int
     column: int
-    run: int | None
+    runs: tuple[int, ...]
     parameter: Parameter
 
     @property

@@ -62,7 +62,7 @@ def hypothesis_columns(data_set: WhitenedDataSet, hypothesis: Hypothesis) -> Hyp
     parts: list[list[Columns]] = [[] for _ in runs]
     index: list[list[int]] = [[0] for _ in runs]
     for k, effect in enumerate(hypothesis.effects):
-        mine = [[i for i, f in enumerate(unknowns) if f.effect == k and f.run in (None, r)] for r in range(len(runs))]
+        mine = [[i for i, f in enumerate(unknowns) if f.effect == k and r in f.runs] for r in range(len(runs))]
         tables = [
             _table(effect.steady(values), {unknowns[i].column: unknowns[i].parameter for i in at})
             for values, at in zip(hypothesis.values[k], mine, strict=True)
@@ -179,7 +179,9 @@ class MarginalLikelihood:
             at += 1 + len(unknowns)
         keep = [0, *wholes, *range(1, size), *numbers]
         found = self.data_set.posterior(gram[np.ix_(keep, keep)], norm, data[keep], spreads)
-        return replace(found, evidence=found.evidence + sum(h.prior_excess() for h in hypotheses))
+        durations = [float(np.ptp(p.linearised.run.time)) for p in self.data_set.runs]
+        prior = sum(h.prior_excess() + h.log_prior_of_times(durations) for h in hypotheses)
+        return replace(found, evidence=found.evidence + prior)
 
     def pair_evidence(self, first: Hypothesis, second: Hypothesis, level: int, scatter: int) -> float:
         """Log evidence of two hypotheses together after a linear step of all their numbers."""
@@ -380,7 +382,9 @@ def _limited(hypothesis: Hypothesis, step: Float[np.ndarray, " m"]) -> Hypothesi
     for k, f in enumerate(unknowns):
         # A speed below zero toward a direction is one above zero toward the opposite.
         if f.parameter.period:
-            sizes = [j for j, g in enumerate(unknowns) if g.effect == f.effect and g.parameter.null == g.parameter.low]
+            sizes = [
+                j for j, g in enumerate(unknowns) if g.effect == f.effect and g.parameter.null == g.parameter.low == 0
+            ]
             turned = [j for j in sizes if moved[j] < unknowns[j].parameter.low and not unknowns[j].parameter.form]
             moved[turned] *= -1
             moved[k] += 180.0 * bool(turned)

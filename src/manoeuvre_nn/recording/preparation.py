@@ -228,7 +228,8 @@ def smooth_rudder(
     """Take the noise out of an indicated rudder angle where the rudder rests.
 
     While the rudder moves the record is kept: a mean would blur the ramp. It moves from a change of the order until the
-    nominal gear would have arrived and two seconds more.
+    nominal gear would have arrived and two seconds more, and wherever the record itself moves: a slow gear, or an
+    indicator that is late.
 
     Args:
         recorded: Indicated angle [rad].
@@ -244,6 +245,7 @@ def smooth_rudder(
     reach = max(1, round(2.0 / step))
     busy = np.convolve(busy, np.ones(2 * reach + 1), mode="same") > 0
     busy |= np.abs(np.diff(order, prepend=order[0])) > 1e-9
+    busy |= np.convolve(_moves(recorded, reach), np.ones(2 * reach + 1), mode="same") > 0
     result = recorded.copy()
     half = max(1, round(0.5 * RESTING_WINDOW_S / step))
     edges = np.flatnonzero(np.diff(np.concatenate([[True], busy, [True]]).astype(int)))
@@ -257,6 +259,13 @@ def smooth_rudder(
     if not residuals:
         return result, 0.0
     return result, robust_sd(np.concatenate(residuals))
+
+
+def _moves(recorded: Float[np.ndarray, " n"], reach: int) -> Bool[np.ndarray, " n"]:
+    """Where a noisy record moves on: medians so many samples before and after differ by more than noise makes them."""
+    noise = max(robust_sd(np.diff(recorded)) / np.sqrt(2), MIN_RESTING_SD)
+    middle = np.pad(median_filter(recorded, 2 * reach + 1, mode="nearest"), reach, mode="edge")
+    return np.abs(middle[2 * reach :] - middle[: -2 * reach]) > MAX_RESTING_SDS * noise
 
 
 def order_lead(

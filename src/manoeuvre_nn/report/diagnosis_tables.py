@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from manoeuvre_nn.diagnosis.result import Cause, Diagnosis, Interval, Value
+from manoeuvre_nn.diagnosis.result import Cause, Diagnosis, Value
 from manoeuvre_nn.report.tables import criterion_label, rich_table, text, to_markdown
 
 CHANNELS: dict[str, tuple[str, str, str]] = {
@@ -68,6 +68,11 @@ def words(value: Value) -> str:
     return criterion_label(value.name.removesuffix(f"_{value.unit}"))[0]
 
 
+def of_campaign(value: Value) -> str:
+    """The campaign that a value belongs to, in brackets."""
+    return f" ({value.campaign})" if value.campaign else ""
+
+
 def value_text(value: Value) -> str:
     """A parameter with its standard error, if this is known, both to the error's second digit: ``11.2 ± 1.4 m/s``."""
     unit = "" if value.unit == "-" else f" {value.unit}"
@@ -86,11 +91,19 @@ def interval_text(value: Value) -> str:
     return " to ".join(f"{value.value + sign * 1.96 * value.error:.{digits}f}" for sign in (-1, 1))
 
 
-def when_text(intervals: Mapping[str, Sequence[Interval]] | None, most: int = 4) -> str:
-    """When a cause acts, such as ``r01 120–240 s, r03 60–180 s``; beyond so many times the rest is only counted."""
-    if intervals is None:
+def when_text(cause: Cause, most: int = 4) -> str:
+    """When a cause acts, such as ``r01 120 ± 3–240 ± 4 s, r03 60–180 s``; beyond so many times the rest is counted."""
+    if cause.intervals is None:
         return "throughout"
-    spans = [f"{run} {start:.0f}–{end:.0f} s" for run, times in intervals.items() for start, end in times]
+    spans = []
+    for run, times in cause.intervals.items():
+        errors = cause.interval_errors.get(run) or [(math.nan, math.nan)] * len(times)
+        for ends, of_ends in zip(times, errors, strict=True):
+            shown = [
+                f"{t:.0f} ± {max(e, 1):.0f}" if math.isfinite(e) else f"{t:.0f}"
+                for t, e in zip(ends, of_ends, strict=True)
+            ]
+            spans.append(f"{run} {'–'.join(shown)} s")
     rest = [f"and {len(spans) - most} more"] if len(spans) > most else []
     return ", ".join([*spans[:most], *rest]) or "–"
 
@@ -115,8 +128,9 @@ def cause_rows(d: Diagnosis, causes: Sequence[Cause]) -> list[dict[str, Any]]:
         {
             "cause": f"{'* ' if cause.name in d.model else ''}{cause.label}",
             "probability": percent(cause.probability),
-            FOUND: "\n".join(f"{words(value)} {value_text(value)}" for value in cause.parameters) or "–",
-            "when": when_text(cause.intervals),
+            FOUND: "\n".join(f"{words(value)}{of_campaign(value)} {value_text(value)}" for value in cause.parameters)
+            or "–",
+            "when": when_text(cause),
             "acts on": _acts_text(cause),
             "ln B": _whole(cause.evidence),
         }
@@ -129,7 +143,7 @@ def parameter_rows(causes: Sequence[Cause]) -> list[dict[str, Any]]:
     return [
         {
             "cause": cause.label,
-            "parameter": words(value),
+            "parameter": f"{words(value)}{of_campaign(value)}",
             FOUND: value_text(value),
             "95 % interval": interval_text(value),
         }
@@ -201,8 +215,8 @@ def _short_causes(d: Diagnosis) -> Table:
         {
             "cause": row["cause"],
             "probability": row["probability"],
-            FOUND: "\n".join(str(row[FOUND]).splitlines()[:3]),
-            "where and when": f"{row['acts on']}; {when_text(cause.intervals, 2)}",
+            FOUND: "\n".join(str(row[FOUND]).splitlines()[: None if row["cause"].startswith("*") else 3]),
+            "where and when": f"{row['acts on']}; {when_text(cause, 2)}",
         }
         for cause, row in zip(main_causes(d), cause_rows(d, main_causes(d)), strict=True)
     ])

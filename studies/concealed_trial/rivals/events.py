@@ -26,7 +26,7 @@ def timed(effect: Effect) -> list[int]:
     Returns:
         None for an effect that acts throughout, one for an onset, two for an interval.
     """
-    return [k for k, p in enumerate(effect.declared) if p.per_run]
+    return [k for k, p in enumerate(effect.declared) if p.per_run and np.isfinite(p.starts[0])]
 
 
 def placed(

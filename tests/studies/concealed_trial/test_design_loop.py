@@ -74,7 +74,7 @@ def test_a_pull_out_turns_by_sixty_degrees_and_then_holds_the_rudder_amidships()
 
 
 def test_the_new_run_has_the_coefficients_of_the_case_and_chances_of_its_own():
-    again = replace(CASE, runs=(replace(CASE.runs[0], name="r03"),))
+    again = replace(CASE, runs=tuple(replace(run, name=f"new {run.name}") for run in CASE.runs))
     first = with_model_error(CASE, np.random.default_rng(CASE.chance))
     second = with_model_error(again, np.random.default_rng(CASE.chance), np.random.default_rng(5))
     np.testing.assert_array_equal(first.equations.table, second.equations.table)

@@ -1,0 +1,223 @@
+"""Events that happen in some runs only, twice, or over minutes: their times, errors, and place in runs to predict."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+import torch
+from pytest import approx
+from trials import CALM, NOISE, SHIP, run_of, unchecked
+
+from manoeuvre_nn.core.channels import MEASURED
+from manoeuvre_nn.core.effect import Effect
+from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.diagnosis.case import Case, Question
+from manoeuvre_nn.diagnosis.causes import _when
+from manoeuvre_nn.diagnosis.forecast import unplaced_events
+from manoeuvre_nn.diagnosis.proof import foreseen, placed
+from manoeuvre_nn.diagnosis.search import search, single
+from manoeuvre_nn.diagnosis.windows import replaced, times_of
+from manoeuvre_nn.dynamics.rollout import roll_out
+from manoeuvre_nn.dynamics.vessel import Vessel
+from manoeuvre_nn.effect.common import during
+from manoeuvre_nn.effect.current import Current
+from manoeuvre_nn.effect.local import BowThruster, SideForce
+from manoeuvre_nn.effect.sensors import RateBias
+from manoeuvre_nn.effect.wind import SteadyWind, WindOnset
+from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
+from manoeuvre_nn.estimation.data_set import whitened_data_set
+from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
+from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
+from manoeuvre_nn.manoeuvre.turning import turning_circle
+from manoeuvre_nn.manoeuvre.zigzag import zigzag
+from manoeuvre_nn.recording.preparation import without_samples
+
+pytestmark = pytest.mark.usefixtures("unchecked_types")
+TIME = 420.0
+TRIALS = [zigzag(20.0, duration=TIME), turning_circle(15.0, duration=TIME)]
+TRIALS += [turning_circle(25.0, side="port", duration=TIME), zigzag(10.0, duration=TIME)]
+WIND = {"speed": 13.0, "from_deg": 110.0}
+SCATTER = 0.03
+"""Relative error of the coefficients."""
+
+
+def push(**times: float) -> SideForce:
+    return SideForce(SHIP, force_kN=150.0, lever_m=30.0, ramp_s=4.0, **times)
+
+
+def thrust(**times: float) -> BowThruster:
+    return BowThruster(SHIP, force_kN=-110.0, ramp_s=4.0, **times)
+
+
+def wind(start: float, ramp: float = 4.0) -> WindOnset:
+    return WindOnset(SHIP, **WIND, start_s=start, ramp_s=ramp)
+
+
+def campaign(acting: Sequence[Effect | None], seed: int = 0) -> list[Recording]:
+    """A run a trial, each with an effect of its own or none, of a ship whose coefficients are off."""
+    shares = SCATTER * np.random.default_rng(seed).standard_normal(len(Corrections(CALM).names))
+    shares[len(Corrections(CALM)._entries) :] = 0.0
+    truth, made = Calibrated(CALM, torch.tensor(shares)), []
+    with unchecked():
+        for k, (trial, effect) in enumerate(zip(TRIALS, acting, strict=False)):
+            (record,) = roll_out(Vessel(truth, [effect] if effect else []), [trial], step=1.0)
+            made.append(run_of(record, NOISE, 10 * seed + k))
+    return made
+
+
+def fitted(effect: Effect, runs: Sequence[Recording]) -> tuple[MarginalLikelihood, FittedHypothesis, FittedHypothesis]:
+    with unchecked():
+        likelihood = MarginalLikelihood(whitened_data_set(CALM, runs))
+        none = likelihood.evaluate(Hypothesis((), ()))
+        return likelihood, none, single(likelihood, effect, none)
+
+
+def times(found: FittedHypothesis) -> list[tuple[tuple[float, float], ...]]:
+    """When the first effect acts in every run."""
+    return [times_of(found.hypothesis.effects[0], values) for values in found.hypothesis.values[0]]
+
+
+def value(found: FittedHypothesis, name: str) -> float:
+    declared = [p.name for p in found.hypothesis.effects[0].declared]
+    return float(found.hypothesis.values[0][0, declared.index(name)])
+
+
+def edges(found: Hypothesis | FittedHypothesis, effect: int = 0) -> list[tuple[int, float, float]]:
+    """Run, time and standard error of every time of an event."""
+    h, errors = found.hypothesis, found.errors
+    free = zip(h.unknowns(), h.vector(), errors, strict=True)
+    return [(f.runs[0], v, e) for f, v, e in free if f.parameter.per_run and f.effect == effect]
+
+
+@cache
+def one_of_three() -> tuple[MarginalLikelihood, FittedHypothesis, FittedHypothesis]:
+    return fitted(SideForce(SHIP), campaign([None, push(start_s=150.0, end_s=290.0), None]))
+
+
+def test_a_force_that_acts_in_one_run_of_three_is_not_placed_in_the_others():
+    _, none, found = one_of_three()
+    first, (there,), last = times(found)
+    assert (first, last) == ((), ()) and there == approx((150.0, 290.0), abs=5.0)
+    assert value(found, "force_kN") == approx(150.0, rel=0.1) and value(found, "lever_m") == approx(30.0, abs=6.0)
+    assert found.evidence > none.evidence + 50
+
+
+def test_a_thruster_that_is_used_twice_in_a_run_has_two_intervals_there_and_one_force():
+    twice = thrust(start_s=90.0, end_s=170.0, start_2_s=300.0, end_2_s=380.0)
+    _, _, found = fitted(BowThruster(SHIP), campaign([twice, thrust(start_s=150.0, end_s=290.0)]))
+    (a, b), (only,) = times(found)
+    assert [*a, *b] == approx([90.0, 170.0, 300.0, 380.0], abs=6.0) and only == approx((150.0, 290.0), abs=6.0)
+    assert value(found, "force_kN") == approx(-110.0, rel=0.08)
+
+
+@cache
+def slow_wind() -> tuple[MarginalLikelihood, FittedHypothesis, FittedHypothesis]:
+    """A wind that is half there after 210 and 180 s, and sets in over three minutes."""
+    return fitted(WindOnset(SHIP), campaign([wind(210.0, 180.0), wind(180.0, 180.0)]))
+
+
+def test_a_wind_that_sets_in_over_three_minutes_is_found_with_its_ramp():
+    _, none, found = slow_wind()
+    assert found.evidence > none.evidence + 50
+    assert value(found, "ramp_s") == approx(180.0, abs=30.0)
+    assert value(found, "speed") == approx(13.0, rel=0.12) and value(found, "from_deg") == approx(110.0, abs=5.0)
+    assert [start for ((start, _),) in times(found)] == approx([210.0, 180.0], abs=12.0)
+
+
+def test_intervals_of_a_clear_ramp_begin_where_it_begins_and_last_with_the_run():
+    likelihood, _, found = slow_wind()
+    runs = [p.linearised.run for p in likelihood.data_set.runs]
+    spans = _when(Question(Case("trial", "mariner", tuple(runs), SHIP), CALM, []), found, 0, False)
+    for run, true in zip(runs, (120.0, 90.0), strict=True):
+        (((start, end), (error, of_end)),) = spans[run.name]
+        assert abs(start - true) < 3 * error < 60.0 and end == run.time[-1] and np.isnan(of_end)
+
+
+def test_a_step_is_no_ramp_and_its_times_are_within_their_errors():
+    """Over three seeds and all edges: off by as many standard errors as chance has it."""
+    z, ramps = [], []
+    for seed in range(3):
+        _, _, found = fitted(SideForce(SHIP), campaign([push(start_s=150.0, end_s=290.0)], seed))
+        z += [(v - true) / e for (_, v, e), true in zip(edges(found), (150.0, 290.0), strict=True)]
+        ramps.append(value(found, "ramp_s"))
+    assert 0.3 < np.sqrt(np.mean(np.square(z))) < 1.7 and np.abs(z).max() < 3.5
+    assert np.median(ramps) < 20.0
+
+
+def question(runs: Sequence[Recording], held_out: Sequence[str], effects: Sequence[Effect]) -> Question:
+    return Question(Case("trial", "mariner", tuple(runs), SHIP, frozenset(held_out)), CALM, effects)
+
+
+@pytest.mark.parametrize("kind", ["wind", "push"])
+def test_in_runs_to_predict_an_event_is_placed_by_their_recordings_or_left_out(kind):
+    if kind == "wind":
+        acting, true = [wind(120.0), wind(200.0), wind(270.0), None], (270.0, np.inf)
+    else:
+        acting, true = [push(start_s=150.0, end_s=290.0), None, push(start_s=240.0, end_s=330.0), None], (240.0, 330.0)
+    runs = campaign(acting)
+    _, _, found = fitted(WindOnset(SHIP) if kind == "wind" else SideForce(SHIP), runs[:2])
+    asked = question(runs, [r.name for r in runs[2:]], found.hypothesis.effects)
+    elsewhere = placed(asked, found)
+    there, absent = (times_of(elsewhere.effects[0], values) for values in elsewhere.values[0])
+    assert absent == () and len(there) == 1
+    assert there[0] == approx(true, abs=15.0)
+    assert foreseen(asked, found, elsewhere) > 20
+    spans = _when(asked, found, 0, True)
+    ((ends, errors),) = spans[runs[2].name]
+    assert spans[runs[3].name] == [] and abs(ends[0] - true[0]) < 4 * errors[0] < 40
+
+
+def test_a_planned_run_is_predicted_without_the_event_and_that_is_said():
+    """Also a run that says nothing, if it is looked at all the same, has no event."""
+    likelihood, _, found = one_of_three()
+    run = likelihood.data_set.runs[1].linearised.run
+    silent = without_samples(run, np.broadcast_to(run.time[:, None] > 40.0, (len(run), len(MEASURED))))
+    (said,) = unplaced_events(question([silent], [silent.name], []), found)
+    assert said == f"When a side force acts in {silent.name} is not known beforehand: predicted without it."
+    there = found.hypothesis.in_other_runs([0])
+    assert times_of(there.effects[0], there.values[0][0]) == ()
+    assert there.values[0][0, :2] == approx(found.hypothesis.values[0][0, :2])
+    blind = MarginalLikelihood(whitened_data_set(CALM, [silent]))
+    fixed = frozenset(p.name for p in there.effects[0].declared if not p.per_run)
+    looked = replaced(blind, replace(there, fixed=fixed), *found.best)
+    assert times_of(looked.effects[0], looked.values[0][0]) == ()
+
+
+def test_no_partner_is_added_that_mends_the_time_of_a_wind():
+    runs = campaign([wind(160.0), wind(230.0)], seed=3)
+    kinds = (WindOnset, SteadyWind, Current, RateBias)
+    with unchecked():
+        result = search(whitened_data_set(CALM, runs), [kind(SHIP) for kind in kinds])
+    best = next(j for j in result.fitted if j.names == ("wind_onset",))
+    more = max(j.evidence for j in result.fitted if len(j.names) > 1)
+    assert more < best.evidence + 6 and all(len(j.names) > 1 for j in result.fitted if j.evidence > best.evidence)
+    assert [start for ((start, _),) in times(best)] == approx([160.0, 230.0], abs=8.0)
+
+
+def test_a_gate_is_half_open_at_its_times_and_built_up_over_its_ramp():
+    time = torch.arange(0.0, 400.0, dtype=torch.float64)
+    effect = SideForce(SHIP, start_s=100.0, end_s=200.0, start_2_s=300.0, end_2_s=np.inf, ramp_s=40.0)
+    share = during(effect, time)
+    assert share[[60, 100, 140, 200, 250, 300, 399]].tolist() == approx([0, 0.5, 1, 0.5, 0, 0.5, 1], abs=0.01)
+    assert share[110] == approx(0.75, abs=0.01)
+    never = SideForce(SHIP, start_s=np.inf, end_s=np.inf)
+    assert during(never, time).abs().max() == 0
+
+
+def test_a_time_that_never_comes_is_no_unknown_and_further_intervals_cost_prior():
+    effect = SideForce(SHIP)
+    table = np.tile(effect.values.numpy(), (2, 1))
+    timed = [j for j, p in enumerate(effect.declared) if p.per_run]
+    table[1, timed] = np.inf
+    one = Hypothesis((effect,), (table,))
+    assert [(f.parameter.name, f.runs) for f in one.unknowns() if f.parameter.per_run] == [
+        ("start_s", (0,)),
+        ("end_s", (0,)),
+    ]
+    more = Hypothesis((effect,), (table.copy(),))
+    more.values[0][0, timed[2:4]] = (300.0, 350.0)
+    # 2 times: .5 * 2 / T^2; 4 times: .15 * 24 / T^4, beside flat priors over 7200 s.
+    gain = more.log_prior_of_times([600.0, 600.0]) - one.log_prior_of_times([600.0, 600.0])
+    assert gain == approx(np.log(0.15 * 24 / (0.5 * 2)) + 2 * np.log(7200 / 600))
