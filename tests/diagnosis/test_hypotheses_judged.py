@@ -277,6 +277,22 @@ def test_a_bench_adds_up_the_inner_products_of_its_runs():
     assert stood.at(LEVEL).norm == approx(sum(w.log_norm for w in stood.at(LEVEL).white))
 
 
+def test_columns_that_are_kept_are_those_of_the_values_that_are_asked_for():
+    stood = stand("nothing")
+    likelihood, effects = MarginalLikelihood(stood), ACTING["current"]
+    first = likelihood.columns(hypothesis(*effects))
+    evidence = likelihood.posterior(first, LEVEL).evidence
+    assert likelihood.columns(hypothesis(*effects)) is first
+    other = hypothesis(*effects).with_vector(np.array([0.3, 200.0]))
+    for h in (other, replace(other, fixed=frozenset({"speed"}))):
+        found, new = likelihood.columns(h), hypothesis_columns(stood, h)
+        assert found.count == new.count
+        assert [c.moved for c in found.columns] == [approx(c.moved, abs=0) for c in new.columns]
+        apart = MarginalLikelihood(stood).posterior(new, LEVEL).evidence
+        assert likelihood.posterior(found, LEVEL).evidence == approx(apart, abs=1e-9)
+        assert apart != approx(evidence, abs=0.01)
+
+
 def test_effects_that_are_there_are_found_better_than_calm_water_and_others_are_not():
     likelihood = MarginalLikelihood(stand("offset and compass"))
     clean = likelihood.evaluate(NONE).evidence

@@ -8,8 +8,9 @@ from trials import CALM, CIRCLE, PORT, SHIP, ZIGZAG, runs
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.diagnosis.formula import short_formula
 from manoeuvre_nn.diagnosis.unknown import unknown_evidence
-from manoeuvre_nn.effect.formula import Formula, is_ordinary, library, place_of
+from manoeuvre_nn.effect.formula import Formula, is_ordinary, library, mark_of, place_of
 from manoeuvre_nn.estimation.data_set import whitened_data_set
+from manoeuvre_nn.estimation.effect_columns import own_states
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.ship.known import no_part
@@ -52,9 +53,10 @@ def test_a_linear_step_of_every_term_is_its_effect_for_a_small_weight():
     s = place.linearised.situation
     for term in library():
         effect = Formula(SHIP, [term])
-        push, errors = effect.unit_of(term, s)
-        acting = effect.at(torch.tensor([1e-3], dtype=torch.float64))
-        assert torch.allclose(acting.acceleration(s, s.nu[..., :0]), 1e-3 * push, rtol=1e-3, atol=1e-12)
+        memory = own_states(effect, s, 1, 1.0)[0]
+        push, errors = effect.unit_of(term, s, memory)
+        acting = effect.at(torch.cat([torch.tensor([1e-3], dtype=torch.float64), effect.values[1:]]))
+        assert torch.allclose(acting.acceleration(s, memory), 1e-3 * push, rtol=1e-3, atol=1e-12)
         blank = {c: torch.zeros_like(s.psi) for c in ("x", "y", "vn", "ve", "psi", "r", "u_log")}
         for channel, written in acting.record(blank, s).items():
             assert torch.allclose(written, 1e-3 * errors.get(channel, torch.zeros_like(s.psi)))
@@ -74,6 +76,9 @@ def test_ordinary_terms_are_those_that_port_and_starboard_share():
     other = s.with_(nu=s.nu * flip, psi=-s.psi, delta=-s.delta)
     for term in library():
         effect = Formula(SHIP, [term])
+        if mark_of(term):
+            assert not is_ordinary(term)
+            continue
         push, errors = effect.unit_of(term, s)
         shared = not errors and torch.allclose(effect.unit_of(term, other)[0], push * flip, atol=1e-12)
         turns = " psi" in term or "2psi" in term or "3psi" in term
@@ -91,3 +96,13 @@ def test_a_ship_of_which_only_the_inertia_is_known_has_units_for_its_terms_too()
     size = Formula(bare, ["N |v|"]).get_buffer("size")
     own = Formula(SHIP, ["N |v|"]).get_buffer("size")
     assert (size[1:] > 0).all() and torch.allclose(size[1:], own[1:], rtol=0.5)
+
+
+def test_a_force_that_follows_the_motion_late_has_its_time_constant():
+    """``m' = (z - m) / memory_s`` of a step is ``1 - exp(-t / memory_s)``."""
+    effect = Formula(SHIP, ["N lag d"], scales={"memory_s": 25.0})
+    s = whitened_data_set(CALM, runs([ZIGZAG])).runs[0].linearised.situation
+    stepped = s.with_(delta=torch.where(s.time < 100.0, 0.0, 0.35).double())
+    memory = own_states(effect, stepped, 1, 1.0)[0, :, 0]
+    late = (s.time - 99.5).clamp(min=0.0)  # the rudder is linear in between samples
+    assert torch.allclose(memory, 1 - torch.exp(-late / 25.0), atol=2e-3)

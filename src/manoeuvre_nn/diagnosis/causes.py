@@ -11,7 +11,7 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.diagnosis.case import Question
 from manoeuvre_nn.diagnosis.decision import Decision
 from manoeuvre_nn.diagnosis.proof import placed
-from manoeuvre_nn.diagnosis.result import Cause, Interval, Value
+from manoeuvre_nn.diagnosis.result import Cause, Interval, Nature, Value
 from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.effect.common import RAMP
 from manoeuvre_nn.effect.formula import Formula, place_of
@@ -23,7 +23,13 @@ LEADING = 0.25
 """Chi-square of a formula's term, over that of its clearest, from which it counts for the place of the mismatch."""
 
 
-def causes_of(question: Question, tried: SearchResult, verdict: Decision, chosen: FittedHypothesis) -> list[Cause]:
+def causes_of(
+    question: Question,
+    tried: SearchResult,
+    verdict: Decision,
+    chosen: FittedHypothesis,
+    nature: Nature | None = None,
+) -> list[Cause]:
     """All candidates and ``unknown`` with their probability: what was proved first, then the likeliest."""
     causes = []
     for name in verdict.effects:
@@ -46,7 +52,10 @@ def causes_of(question: Question, tried: SearchResult, verdict: Decision, chosen
                 interval_errors={run: [errors for _, errors in spans] for run, spans in (when or {}).items()},
             )
         )
-    causes.append(_unmodelled(tried, verdict, chosen))
+    unknown = _unmodelled(tried, verdict, chosen)
+    if nature is not None:
+        unknown = replace(unknown, nature=nature, equations=unknown.equations if unknown.terms else nature.equations)
+    causes.append(unknown)
     return sorted(causes, key=lambda c: (-(c.name in chosen.names), -c.probability))
 
 
@@ -54,8 +63,9 @@ def _unmodelled(tried: SearchResult, verdict: Decision, chosen: FittedHypothesis
     """What no effect of the shelf explains, with its formula if that holds on runs that were not used."""
     formula = chosen.hypothesis.effects[0] if Formula.name in chosen.names else None
     terms = formula.terms if isinstance(formula, Formula) else ()
-    values = tuple(replace(v, name=t) for v, t in zip(_values_of(chosen, 0), terms, strict=True)) if terms else ()
-    clear = np.array([(v.value / v.error) ** 2 for v in values])
+    found = _values_of(chosen, 0) if terms else ()
+    values = (*(replace(v, name=t) for v, t in zip(found, terms, strict=False)), *found[len(terms) :])
+    clear = np.array([(v.value / v.error) ** 2 for v in values[: len(terms)]])
     where = [place_of(t) for t, c in zip(terms, clear, strict=True) if c > LEADING * clear.max()]
     return Cause(
         name="unknown",

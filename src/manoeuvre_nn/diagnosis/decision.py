@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from manoeuvre_nn.diagnosis.alarm import MIN_GAIN_OF_UNKNOWN, MIN_GAIN_TO_TRY, raised
 from manoeuvre_nn.diagnosis.formula import short_formula
-from manoeuvre_nn.diagnosis.search import SearchResult, at_rest, worth_its_size
+from manoeuvre_nn.diagnosis.search import MIN_GAIN_OF_SINGLE, SearchResult, at_rest, worth_its_size
 from manoeuvre_nn.diagnosis.unknown import unknown_evidence
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.effect.formula import Formula
@@ -42,6 +42,7 @@ class Decision:
         bayes: Log Bayes factor of the best hypothesis of every effect over calm water.
         unmodelled: Log Bayes factor of something unknown over calm water.
         claims: Hypotheses that may be claimed, in this order, if runs that were not used are predicted better.
+        formula: A short formula for something unknown, whether it may be claimed or not.
     """
 
     named: bool
@@ -53,6 +54,7 @@ class Decision:
     bayes: Mapping[str, float]
     unmodelled: float = 0.0
     claims: Sequence[FittedHypothesis] = ()
+    formula: FittedHypothesis | None = None
 
     def mismatch(self, chosen: FittedHypothesis) -> bool:
         """Whether a claim was proved, calm water being none, or something unknown beats calm water."""
@@ -65,7 +67,31 @@ class Decision:
             at_work = Formula.name in chosen.names or (self.strange and not chosen.names)
             return max(probability, MIN_UNKNOWN) if at_work else probability
         unproved = name not in chosen.names and (self.named or self.strange)
+        if name in chosen.names and not self.named:
+            return max(self.effects[name], MIN_UNKNOWN)
         return min(self.effects[name], MAX_UNPROVED) if unproved else self.effects[name]
+
+    def without_calm_water(self, result: SearchResult) -> "Decision":
+        """The same once free runs of calm water have missed the recordings by more than scatter and noise explain.
+
+        Args:
+            result: The search.
+
+        Returns:
+            Something acts; the best hypothesis with a name may be claimed if there is any evidence for it.
+        """
+        calm = min(self.none, 1 - MIN_CALM_WITHOUT_ALARM)
+        share = (1 - calm) / max(1 - self.none, 1e-12)
+        least = result.none.evidence + MIN_GAIN_OF_SINGLE
+        likely = [self.best] if self.best is not None and self.best.evidence > least else []
+        return replace(
+            self,
+            strange=True,
+            none=calm,
+            unknown=share * self.unknown,
+            effects={name: min(share * p, 1.0) for name, p in self.effects.items()},
+            claims=likely + ([] if self.formula is None else [self.formula]),
+        )
 
 
 def settled(result: SearchResult) -> SearchResult:
@@ -117,6 +143,7 @@ def decide(result: SearchResult) -> Decision:
         bayes={n: max(j.evidence for j in result.fitted if n in j.names) - none for n in names},
         unmodelled=unmodelled - none,
         claims=_claims(result, best if named and shares[1] < 0.5 else None, formula, strange),
+        formula=formula,
     )
 
 

@@ -13,11 +13,20 @@ from manoeuvre_nn.diagnosis.causes import causes_of
 from manoeuvre_nn.diagnosis.decision import decide, settled
 from manoeuvre_nn.diagnosis.forecast import forecasts, unplaced_events
 from manoeuvre_nn.diagnosis.locate import MAX_PROCESS_NOISE, residuals, sites, statements
+from manoeuvre_nn.diagnosis.nature import nature_of
+from manoeuvre_nn.diagnosis.predictive import calm_check
 from manoeuvre_nn.diagnosis.proof import foreseen, placed, prove
 from manoeuvre_nn.diagnosis.remainder import is_left, with_remainder
 from manoeuvre_nn.diagnosis.result import Cause, Check, Diagnosis, Proof, Residual
 from manoeuvre_nn.diagnosis.search import Progress, SearchResult, at_rest, search
-from manoeuvre_nn.diagnosis.words import labels, left_open, next_steps, runner_up, summary_sentence
+from manoeuvre_nn.diagnosis.words import (
+    labels,
+    left_open,
+    nature_sentence,
+    next_steps,
+    runner_up,
+    summary_sentence,
+)
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.effect.formula import Formula
 from manoeuvre_nn.effect.remainder import Remainder
@@ -28,7 +37,7 @@ from manoeuvre_nn.estimation.relinearise import refined
 from manoeuvre_nn.scoring.free_runs import cost, counted_as_one
 
 PROVED = 3.0
-"""Log evidence that an effect must add on held-out runs where the model was fitted: its errors may look like one."""
+"""Log evidence that a formula must add on held-out runs, and any effect where the model was fitted."""
 MAX_ERROR_GROWTH = 1.05
 """Growth of the error of free runs from which an effect is not named."""
 
@@ -50,12 +59,21 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
     verdict = decide(tried)
     progress("proof")
     chosen, proofs, checks = _proved(question, tried, verdict.claims)
+    if not verdict.mismatch(chosen) and not is_fitted(question.dynamics):
+        check = calm_check(question, tried)
+        if not check.passed:
+            verdict = verdict.without_calm_water(tried)
+            chosen, proofs, checks = _proved(question, tried, verdict.claims)
+        checks = [check, *checks]
     if question.remainder and is_left(tried.likelihood, chosen):
         chosen, proofs, checks = _with_network(question, tried, (chosen, proofs, checks), progress)
     mismatch, data_set = verdict.mismatch(chosen), tried.likelihood.data_set
-    causes = causes_of(question, tried, verdict, chosen)
     allowed = float(np.clip(2 * data_set.levels[tried.none.best[0]].max(), 0.05, MAX_PROCESS_NOISE))
     found = residuals(data_set, chosen.hypothesis, allowed)
+    strange = mismatch and set(chosen.names) <= {Formula.name, Remainder.name}
+    tested = Formula.name in chosen.names if verdict.formula in verdict.claims and proofs else None
+    nature = nature_of(tried, verdict, found, tested) if strange else None
+    causes = causes_of(question, tried, verdict, chosen, nature)
     found = _shaded(found, [c for c in causes if c.name in chosen.names])
     model = ["unknown" if name == Formula.name else name for name in chosen.names if name != Remainder.name]
     return Diagnosis(
@@ -67,7 +85,7 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
         model=model,
         alias=checking.aliases(tried, chosen),
         sites=sites(tried),
-        statements=statements(data_set, found),
+        statements=[*([nature_sentence(nature)] if nature else []), *statements(data_set, found)],
         residuals=found,
         checks=checks,
         runner_up=runner_up(tried, verdict),
@@ -90,7 +108,6 @@ Proved = tuple[FittedHypothesis, list[Proof], list[Check]]
 def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypothesis]) -> Proved:
     """The first claim that predicts runs which it has not seen better; calm water if none does."""
     data_set, none = tried.likelihood.data_set, tried.none
-    least = PROVED if is_fitted(data_set.dynamics) else 0.0
     checks: list[Check] = []
     proofs = prove(question, data_set, none, none.hypothesis)
     before = _cost(question, [p.rmse_before for p in proofs])
@@ -99,6 +116,8 @@ def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypo
         there, j = (data_set, claim) if _turns(claim.hypothesis) else at_rest(data_set, claim)
         elsewhere = placed(question, j)
         made = prove(question, there, j, elsewhere, proofs)
+        # The errors of a fitted model may look like an effect, and one formula of hundreds like anything.
+        least = PROVED if is_fitted(data_set.dynamics) or Formula.name in j.names else 0.0
         after, gain = _cost(question, [p.rmse_after for p in made]), foreseen(question, j, elsewhere)
         enough = claim.evidence - none.evidence + gain > least_gain(claim)
         helped = enough and (not made or (gain > least and after < MAX_ERROR_GROWTH * before))

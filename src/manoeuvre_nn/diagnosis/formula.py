@@ -1,15 +1,17 @@
 """A short formula for what no effect of the shelf explains, chosen term by term by the evidence."""
 
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
 from jaxtyping import Float
 
 from manoeuvre_nn.core.channels import MEASURED
-from manoeuvre_nn.effect.formula import Formula, is_ordinary, library
+from manoeuvre_nn.diagnosis.recurring import recurring
+from manoeuvre_nn.effect.formula import LAG, Formula, in_time, is_ordinary, library, mark_of
 from manoeuvre_nn.estimation.data_set import PreparedRun, WhitenedDataSet, quiet
-from manoeuvre_nn.estimation.effect_columns import moved_by, with_roll
+from manoeuvre_nn.estimation.effect_columns import moved_by, own_states, with_roll
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.linear_run import Columns
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
@@ -21,61 +23,124 @@ ORDINARY = 12.0
 that is off by more than is usual."""
 SIZES = (0.02, 0.1, 0.4, 1.5)
 """What a term may add, root mean square over the runs, over the resistance and the force of 20 deg of rudder."""
+PROMPT = 0.5
+"""Memory over L/U0 below which a force follows the motion as any force of a hull does."""
+SHORTEST_MEMORY_S, MEMORIES = 5.0, 7
+"""Time constant from which forces are tried that follow the motion late; up to a third of a run; how many."""
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """What may be added to a formula.
+
+    Attributes:
+        terms: Its terms, two for a wave of unknown phase.
+        shares: Their shares.
+        scales: Memory, period or waves a kilometre.
+        tried: Of how many alike it is the best already.
+    """
+
+    terms: tuple[str, ...]
+    shares: tuple[float, ...] = (1.0,)
+    scales: Mapping[str, float] = field(default_factory=dict)
+    tried: int = 1
+
+    def beside(self, others: Sequence["_Candidate"]) -> bool:
+        """Whether it can stand beside others: what terms of a kind share must be the same."""
+        told = {name: value for other in others for name, value in other.scales.items()}
+        new = not any(set(self.terms) & set(other.terms) for other in others)
+        return new and all(told.get(name, value) == value for name, value in self.scales.items())
+
+
+def _candidates(data_set: WhitenedDataSet) -> list[_Candidate]:
+    """All terms of the library, late ones at several time constants, and what comes again most clearly."""
+    plain = [_Candidate((term,)) for term in library() if not mark_of(term)]
+    grown = [_Candidate((term,)) for term in in_time() if mark_of(term) == "t"]
+    longest = min(p.linearised.run.duration for p in data_set.runs) / 3
+    memories = np.geomspace(SHORTEST_MEMORY_S, max(longest, 2 * SHORTEST_MEMORY_S), MEMORIES)
+    late = [
+        _Candidate((term,), scales={"memory_s": float(m)})
+        for term in in_time()
+        if mark_of(term) == LAG
+        for m in memories
+    ]
+    waves = [
+        _Candidate((f"{w.equation} cos {w.mark}", f"{w.equation} sin {w.mark}"), w.shares, w.scales, w.tried)
+        for w in recurring(data_set)
+    ]
+    return [*plain, *grown, *late, *waves]
 
 
 def short_formula(likelihood: MarginalLikelihood, none: FittedHypothesis) -> FittedHypothesis | None:
     """Choose terms one after another as long as each raises the evidence by more than its choice costs.
 
-    A library of 140 shapes is rolled out through all runs once; what any further term would add to the evidence follows
+    Some 250 shapes are rolled out through all runs once; what any further term would add to the evidence follows
     from the inner products, coefficients, initial states, latency and coloured force integrated out.
 
     Returns:
         The formula, its evidence less what the choice of its terms costs; None if no term is worth that.
     """
-    data_set, terms = likelihood.data_set, library()
-    made = [_columns(data_set, prepared, terms) for prepared in data_set.runs]
-    columns, index = [c for c, _ in made], [np.arange(len(terms))] * len(made)
+    data_set = likelihood.data_set
+    candidates = _candidates(data_set)
+    made = [_columns(data_set, prepared, candidates) for prepared in data_set.runs]
+    columns, index = [c for c, _ in made], [np.arange(len(candidates))] * len(made)
     unit = 1 / np.sqrt(np.mean([m for _, m in made], axis=0) + 1e-12)
     level, scatter = quiet(none.best[0]), min(none.best[1], 2)
-    chosen = _chosen(
-        data_set.gram(level, data_set.embedded(level, columns), index, len(terms)), data_set, scatter, unit
-    )
+    gram = data_set.gram(level, data_set.embedded(level, columns), index, len(candidates))
+    chosen = _chosen(gram, data_set, scatter, unit, candidates)
     if not chosen:
         return None
-    effect = Formula(data_set.dynamics.hull, [terms[k] for k, _ in chosen], [float(spread) for _, spread in chosen])
-    start = Hypothesis((effect,), (np.zeros((len(data_set.runs), len(chosen))),))
-    best, _ = likelihood.improve(start, level, scatter)
+    mine = [candidates[k] for k, _ in chosen]
+    terms = [term for c in mine for term in c.terms]
+    spreads = [float(spread) for c, (_, spread) in zip(mine, chosen, strict=True) for _ in c.terms]
+    effect = Formula(data_set.dynamics.hull, terms, spreads, {k: v for c in mine for k, v in c.scales.items()})
+    values = effect.values.numpy() * [not p.name.startswith("w") for p in effect.declared]
+    start = Hypothesis((effect,), (np.tile(values, (len(data_set.runs), 1)),))
+    best, _ = likelihood.improve(start, level, scatter, rounds=5 if len(values) == len(terms) else 9)
     fitted = likelihood.evaluate(best, around=level)
-    choices = sum(np.log(len(SIZES) * (len(terms) - k) / (k + 1)) for k in range(len(chosen)))
-    ordinary = ORDINARY if all(is_ordinary(term) for term in effect.terms) else 0.0
+    # How often a period was tried is in its prior.
+    choices = sum(np.log(len(SIZES) * (len(candidates) - k) / (k + 1)) for k in range(len(chosen)))
+    at = dict(zip((p.name for p in effect.declared), best.values[0][0], strict=True))
+    prompt = at.get("memory_s", 0.0) < PROMPT * data_set.dynamics.particulars.time_unit
+    usual = [is_ordinary(term) or (prompt and mark_of(term) == LAG) for term in effect.terms]
+    ordinary = ORDINARY if all(usual) else 0.0
     return replace(fitted, evidence=fitted.evidence - float(choices) - ordinary)
 
 
 def _columns(
-    data_set: WhitenedDataSet, prepared: PreparedRun, terms: tuple[str, ...]
+    data_set: WhitenedDataSet, prepared: PreparedRun, candidates: Sequence[_Candidate]
 ) -> tuple[Columns, Float[np.ndarray, " terms"]]:
-    """What a unit of every term does to a run, and its mean square force."""
-    effect, s = Formula(data_set.dynamics.hull, terms), prepared.linearised.situation
-    measured = np.zeros((len(s.psi), len(prepared.linearised.states.channels), len(terms)))
-    pushes, squares = [], np.zeros(len(terms))
+    """What a unit of every candidate does to a run, and its mean square force."""
+    hull, s = data_set.dynamics.hull, prepared.linearised.situation
+    plain = Formula(hull)
+    measured = np.zeros((len(s.psi), len(prepared.linearised.states.channels), len(candidates)))
+    pushes, squares = [], np.zeros(len(candidates))
     with torch.no_grad():
-        for k, term in enumerate(terms):
-            push, errors = effect.unit_of(term, s)
+        for k, c in enumerate(candidates):
+            effect = Formula(hull, c.terms, scales=c.scales) if c.scales else plain
+            memory = own_states(effect, s, 1, prepared.linearised.run.step)[0] if effect.memory else None
+            made = [effect.unit_of(term, s, memory) for term in c.terms]
+            push = torch.stack([share * p for share, (p, _) in zip(c.shares, made, strict=True)]).sum(dim=0)
+            errors = made[0][1]
             pushes.append(push)
-            squares[k] = float((push / effect.get_buffer("size")).square().mean(dim=0).max())
+            squares[k] = float((push / plain.get_buffer("size")).square().mean(dim=0).max())
             for channel, error in errors.items():
                 measured[:, MEASURED.index(channel), k] = error.numpy()
                 squares[k] = 1.0
-        a = with_roll(effect.ship, torch.stack(pushes), 0 * s.u)
+        a = with_roll(hull, torch.stack(pushes), 0 * s.u)
         moved = moved_by(a, a.new_zeros(*a.shape[:2], 2), prepared.linearised).permute(1, 2, 0).numpy()
     return Columns(measured, moved), squares
 
 
 def _chosen(
-    gram: Float[np.ndarray, "p p"], data_set: WhitenedDataSet, scatter: int, unit: Float[np.ndarray, " terms"]
+    gram: Float[np.ndarray, "p p"],
+    data_set: WhitenedDataSet,
+    scatter: int,
+    unit: Float[np.ndarray, " terms"],
+    candidates: Sequence[_Candidate],
 ) -> list[tuple[int, float]]:
-    """Numbers of the terms and the prior spread of their weights, greedily by evidence."""
-    n = data_set.size
+    """Numbers of the candidates and the prior spread of their weights, greedily by evidence."""
+    n, searched = data_set.size, np.log([c.tried for c in candidates])
     precision = data_set.nuisance_sd(scatter, len(data_set.runs)) ** -2.0
     chosen: list[tuple[int, float]] = []
     while len(chosen) < MAX_TERMS:
@@ -86,7 +151,8 @@ def _chosen(
         pull = gram[0, n:] - gram[0, at] @ solved[:, n:]
         spreads = np.array(SIZES)[:, None] * unit
         gain = 0.5 * pull**2 / (own + spreads**-2) - 0.5 * np.log1p(own * spreads**2)
-        gain[:, [k for k, _ in chosen]] = -np.inf
+        mine = [candidates[k] for k, _ in chosen]
+        gain = np.where([c.beside(mine) for c in candidates], gain - searched, -np.inf)
         size, best = np.unravel_index(int(gain.argmax()), gain.shape)
         if gain[size, best] < np.log(gain.size / (len(chosen) + 1)):
             break

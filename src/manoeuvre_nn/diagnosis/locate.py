@@ -1,6 +1,7 @@
 """Where the mismatch sits: the force that is missing over time, its windows, frame, parity and region."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import ruptures
@@ -26,6 +27,8 @@ OF_SHIPS, OF_MODELS = {"kN": 1e3, "MN m": 1e6}, {"N": 1.0, "N m": 1.0}
 """Units of forces and of the moment -> their size in SI."""
 TURNING = 0.3
 """Share of the largest yaw rate from which the ship turns."""
+FRAME = 0.5
+"""Share of the variance that a constant in body or earth axes must explain for the frame to be told."""
 
 
 def residuals(data_set: WhitenedDataSet, hypothesis: Hypothesis, size: float = MAX_PROCESS_NOISE) -> list[Residual]:
@@ -42,7 +45,7 @@ def residuals(data_set: WhitenedDataSet, hypothesis: Hypothesis, size: float = M
         One a run.
     """
     columns = hypothesis_columns(data_set, hypothesis).columns if hypothesis.effects else [None] * len(data_set.runs)
-    made, scale = [], _forces(data_set)
+    made, scale = [], in_units(data_set)
     for prepared, c in zip(data_set.runs, columns, strict=True):
         run, white = prepared.linearised.run, _loose(data_set, prepared, size)
         before = after = prepared.linearised.data
@@ -61,10 +64,19 @@ def residuals(data_set: WhitenedDataSet, hypothesis: Hypothesis, size: float = M
 
 def _windows(data_set: WhitenedDataSet, prepared: PreparedRun, data: Columns) -> list[Interval]:
     """Times in which something is missing; looked for where the data alone shape the force."""
-    white, scale = _loose(data_set, prepared, MAX_PROCESS_NOISE), _forces(data_set)
+    white, scale = _loose(data_set, prepared, MAX_PROCESS_NOISE), in_units(data_set)
     process = prepared.linearised.states.forces
     force, error = white.states(white.embed(data))[:, process, 0], _spread(white, process)
     return changes(prepared.linearised.run.time, scale(force), np.abs(scale(error)))
+
+
+def missing_accelerations(data_set: WhitenedDataSet) -> list[Float[np.ndarray, "n 3"]]:
+    """Accelerations that calm water lacks over every run, shaped by the data alone [m/s^2, m/s^2, rad/s^2]."""
+    made = []
+    for prepared in data_set.runs:
+        white = _loose(data_set, prepared, MAX_PROCESS_NOISE)
+        made.append(white.states(white.embed(prepared.linearised.data))[:, prepared.linearised.states.forces, 0])
+    return made
 
 
 def _loose(data_set: WhitenedDataSet, prepared: PreparedRun, size: float) -> IntegratedRun:
@@ -79,7 +91,7 @@ def units(data_set: WhitenedDataSet) -> tuple[str, str, str]:
     return force, force, moment
 
 
-def _forces(data_set: WhitenedDataSet) -> Callable[[Float[np.ndarray, "n 3"]], Float[np.ndarray, "n 3"]]:
+def in_units(data_set: WhitenedDataSet) -> Callable[[Float[np.ndarray, "n 3"]], Float[np.ndarray, "n 3"]]:
     """Accelerations -> forces and moment in their units."""
     hull, sizes = data_set.dynamics.hull, OF_SHIPS | OF_MODELS
     prime = np.array([hull.prime.force, hull.prime.force, hull.prime.moment])
@@ -140,47 +152,87 @@ def sites(tried: SearchResult) -> dict[str, float]:
     return {k: float(v) for k, v in found.items()}
 
 
-def statements(data_set: WhitenedDataSet, found: Sequence[Residual]) -> list[str]:
-    """Equation, frame, parity and region of the missing force in sentences."""
+@dataclass(frozen=True)
+class Shape:
+    """What the missing force of the clearest equation looks like.
+
+    Attributes:
+        strongest: Number of the equation.
+        ratio: Root mean square of X, Y and N over their errors.
+        explained: Share of its variance that a constant in body axes, the heading, and rudder and yaw rate explain;
+            empty if no run turns through 90 deg.
+        sides: Its mean in port and in starboard turns; empty if one side was left out.
+        hard: Share of its square, and of the time, with more than half the helm; empty where the helm was always alike.
+    """
+
+    strongest: int
+    ratio: Float[np.ndarray, " 3"]
+    explained: tuple[float, ...] = ()
+    sides: tuple[float, ...] = ()
+    hard: tuple[float, ...] = ()
+
+    @property
+    def frame(self) -> str:
+        """``body``, ``earth`` or empty."""
+        if not self.explained or max(self.explained[:2]) < FRAME:
+            return ""
+        return "body" if self.explained[0] > self.explained[1] else "earth"
+
+    @property
+    def parity(self) -> str:
+        """``even``, ``odd``, ``mixed`` or empty."""
+        if not self.sides:
+            return ""
+        even, odd = abs(sum(self.sides)) / 2, abs(self.sides[1] - self.sides[0]) / 2
+        return "even" if even > 2 * odd else "odd" if odd > 2 * even else "mixed"
+
+
+def shape_of(data_set: WhitenedDataSet, found: Sequence[Residual]) -> Shape:
+    """Equation, frame, parity and region of the missing force."""
     force, error = (np.concatenate([getattr(r, k) for r in found]) for k in ("force", "error"))
     ratio = np.sqrt(np.mean((force / np.maximum(error, 1e-12)) ** 2, axis=0))
-    said = []
-    for k, (name, unit) in enumerate(zip(EQUATIONS, units(data_set), strict=True)):
-        rms = np.sqrt(np.mean(force[:, k] ** 2))
-        said.append(f"Missing {name}: {rms:.3g} {unit} rms, {ratio[k]:.1f} times its error.")
-    strongest = int(ratio.argmax())
-    if ratio[strongest] < 1.5:
-        return [*said, "In no equation does the missing force stand out of what the smoother is unsure of."]
-    y = force[:, strongest]
+    y = force[:, int(ratio.argmax())]
     r, psi = np.concatenate([p.linearised.track[:, [2, 5]] for p in data_set.runs]).T
     delta = np.concatenate([p.linearised.run["delta"] for p in data_set.runs])
-    if max(np.ptp(p.linearised.track[:, 5]) for p in data_set.runs) < np.pi / 2:
-        said.append("Body or earth axes cannot be told: no run turns through 90 deg.")
-    else:
-        body, earth = _explained(y, [np.ones_like(y)]), _explained(y, [np.cos(psi), np.sin(psi)])
-        turning = _explained(y, [r, delta])
-        said.append(
-            f"Of the {EQUATIONS[strongest]}'s variance a constant in body axes explains {body:.0%}, the heading "
-            f"{earth:.0%}, rudder and yaw rate {turning:.0%}."
-        )
-    said += _parity(EQUATIONS[strongest], units(data_set)[strongest], y, r)
-    hard = np.abs(delta) > 0.5 * np.abs(delta).max()
-    if hard.any() and not hard.all():
-        share = float(np.sum(y[hard] ** 2) / np.sum(y**2))
-        said.append(f"{share:.0%} of it falls into the {hard.mean():.0%} of the time with more than half the helm.")
-    return said
-
-
-def _parity(name: str, unit: str, y: Float[np.ndarray, " n"], r: Float[np.ndarray, " n"]) -> list[str]:
-    """The missing force of port turns beside that of starboard turns; nothing if one side was left out."""
+    explained: tuple[float, ...] = ()
+    if max(np.ptp(p.linearised.track[:, 5]) for p in data_set.runs) >= np.pi / 2:
+        bases = ([np.ones_like(y)], [np.cos(psi), np.sin(psi)], [r, delta])
+        explained = tuple(_explained(y, basis) for basis in bases)
     turns = TURNING * np.abs(r).max()
     port, starboard = y[r < -turns], y[r > turns]
-    if min(len(port), len(starboard)) < 10:
-        return []
-    left, right = float(port.mean()), float(starboard.mean())
-    even, odd = abs(right + left) / 2, abs(right - left) / 2
-    alike = "the same on both sides" if even > 2 * odd else "of opposite sign" if odd > 2 * even else "on one side more"
-    return [f"Mean {name}: {left:.3g} {unit} in port turns, {right:.3g} {unit} in starboard turns: {alike}."]
+    sides = () if min(len(port), len(starboard)) < 10 else (float(port.mean()), float(starboard.mean()))
+    over = np.abs(delta) > 0.5 * np.abs(delta).max()
+    hard = () if over.all() or not over.any() else (float(np.sum(y[over] ** 2) / np.sum(y**2)), float(over.mean()))
+    return Shape(int(ratio.argmax()), ratio, explained, sides, hard)
+
+
+def statements(data_set: WhitenedDataSet, found: Sequence[Residual]) -> list[str]:
+    """Equation, frame, parity, region and times of the missing force in sentences."""
+    shape, used = shape_of(data_set, found), units(data_set)
+    said = []
+    for k, (name, unit) in enumerate(zip(EQUATIONS, used, strict=True)):
+        rms = np.sqrt(np.mean(np.concatenate([r.force for r in found])[:, k] ** 2))
+        said.append(f"Missing {name}: {rms:.3g} {unit} rms, {shape.ratio[k]:.1f} times its error.")
+    name, unit = EQUATIONS[shape.strongest], used[shape.strongest]
+    if shape.ratio[shape.strongest] < 1.5:
+        return [*said, "In no equation does the missing force stand out of what the smoother is unsure of."]
+    if shape.explained:
+        body, earth, turning = shape.explained
+        said.append(
+            f"Of the {name}'s variance a constant in body axes explains {body:.0%}, the heading {earth:.0%}, rudder "
+            f"and yaw rate {turning:.0%}."
+        )
+    else:
+        said.append("Body or earth axes cannot be told: no run turns through 90 deg.")
+    if shape.sides:
+        left, right = shape.sides
+        alike = {"even": "the same on both sides", "odd": "of opposite sign", "mixed": "on one side more"}[shape.parity]
+        said.append(f"Mean {name}: {left:.3g} {unit} in port turns, {right:.3g} {unit} in starboard turns: {alike}.")
+    if shape.hard:
+        share, time = shape.hard
+        said.append(f"{share:.0%} of it falls into the {time:.0%} of the time with more than half the helm.")
+    times = [f"{r.run} {a:.0f} to {b:.0f} s" for r in found for a, b in r.windows]
+    return [*said, f"It is missing at some times only: {', '.join(times)}."] if times else said
 
 
 def _explained(y: Float[np.ndarray, " n"], basis: list[Float[np.ndarray, " n"]]) -> float:

@@ -125,7 +125,29 @@ def free_runs(
     each = [hypothesis.of_runs([row]) for row in range(len(runs))]
     begin, step = warm_up_end(runs[0], warmup), runs[0].step
     k = int(np.searchsorted(runs[0].time, begin - 1e-9))
-    rows = {"delta": [wheel[k:] for wheel in _wheels(hypothesis, runs)]}
+    columns = controls(dynamics, runs, k) | held_columns({"delta": [d[k:] for d in _wheels(hypothesis, runs)]})
+    moving = Vessel(driving or dynamics, _acting(hypothesis)).model
+    with torch.inference_mode():
+        states = integrate(moving, torch.tensor(starts), columns, interval=step, start=begin)
+    shown = []
+    for row, (h, run) in enumerate(zip(each, runs, strict=True)):
+        seen, n = run.between(begin, run.time[-1]), len(run) - k
+        shown.append(_written(dynamics, h, seen, states[:n, row], columns["delta"][row, :n], latency))
+    return shown
+
+
+def controls(dynamics: Model, runs: Sequence[Recording], k: int) -> dict[str, Float[torch.Tensor, "rows n"]]:
+    """Inputs of free runs as they were recorded: rudder, shaft where it was not nominal, sides, heel.
+
+    Args:
+        dynamics: Calm-water model.
+        runs: The recording of each row.
+        k: Number of the sample at which they begin.
+
+    Returns:
+        Name of an input -> its samples, a row each; short rows hold their last value.
+    """
+    rows = {"delta": [run["delta"][k:] for run in runs]}
     if any((run["shaft"] != 1).any() for run in runs):
         rows["shaft"] = [run["shaft"][k:] for run in runs]
     sides = [sides_of(run, dynamics) for run in runs]
@@ -136,15 +158,7 @@ def free_runs(
     heels = [heel_of(run, dynamics) for run in runs]
     for name in heels[0] if all(heels) else ():
         rows[name] = [of_run[name].numpy()[k:] for of_run in heels]
-    columns = held_columns(rows)
-    moving = Vessel(driving or dynamics, _acting(hypothesis)).model
-    with torch.inference_mode():
-        states = integrate(moving, torch.tensor(starts), columns, interval=step, start=begin)
-    shown = []
-    for row, (h, run) in enumerate(zip(each, runs, strict=True)):
-        seen, n = run.between(begin, run.time[-1]), len(run) - k
-        shown.append(_written(dynamics, h, seen, states[:n, row], columns["delta"][row, :n], latency))
-    return shown
+    return held_columns(rows)
 
 
 def _acting(hypothesis: Hypothesis) -> list[Effect]:
@@ -187,12 +201,27 @@ def start_state(
 
 
 def start_state_and_covariance(
-    dynamics: Model, hypothesis: Hypothesis, run: Recording, latency: float = 0.0
+    dynamics: Model,
+    hypothesis: Hypothesis,
+    run: Recording,
+    latency: float = 0.0,
+    process_sd: Float[np.ndarray, " p"] | None = None,
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "m m"]]:
-    """The same, and how well the samples of the warm-up tell all of it but the states of the effects."""
+    """The same, and how well the samples of the warm-up tell all of it but the states of the effects.
+
+    Args:
+        dynamics: Calm-water model.
+        hypothesis: What acts on it, values of this run.
+        run: The run up to there.
+        latency: Delay of the satellite receiver [s].
+        process_sd: S.d. of the process noise [m/s^2, m/s^2, rad/s^2, rad/s^2]; None takes next to none.
+
+    Returns:
+        State and covariance.
+    """
     rate, p = Rate(dynamics), dynamics.particulars
     unit = p.speed**2 / p.length * np.array([1.0, 1.0, 1.0 / p.length])
-    unit = np.append(unit, typical(dynamics)[3:])
+    noise = 1e-3 * np.append(unit, typical(dynamics)[3:]) if process_sd is None else process_sd
     time, spread = process_time(dynamics), start_spread(dynamics)
     track = first_guess(run, rate.states.own)
     for _ in range(3):
@@ -201,7 +230,7 @@ def start_state_and_covariance(
         # Data less latency and effects at their values.
         all_of_them = joined([linearised.data, latency_column(linearised), *added])
         left = all_of_them.combined(np.array([1.0, -latency, *[-1.0] * len(added)]))
-        solved = integrated(linearised, rate.states.first_noise, 1e-3 * unit, time, spread)
+        solved = integrated(linearised, rate.states.first_noise, noise, time, spread)
         track = track + solved.states(solved.embed(left))[:, : rate.states.count, 0]
     linearised = linearise(run, rate, track, time)
     covariance = solved.covariances[0][-1][: rate.states.count, : rate.states.count]

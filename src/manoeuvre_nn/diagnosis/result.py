@@ -30,6 +30,34 @@ class Value:
 
 
 @dataclass(frozen=True)
+class Nature:
+    """What something unknown is like.
+
+    Attributes:
+        kind: ``random``, ``periodic``, ``lagging``, ``growing``, ``tied to the place``, ``tied to the heading``,
+            ``tied to the motion``, or ``in an instrument``.
+        equations: Where it acts: X, Y, N, actuator:rudder, sensor:<channel>.
+        size: Standard deviation of a random force, amplitude of a periodic one, root mean square of others.
+        scales: Correlation time, period, phase at time 0, memory, growth a minute, spacing of stripes: what there is.
+        against: Log evidence for this kind against the likeliest other: of a periodic force against red noise.
+        predictable: Whether it can be foreseen in other runs; of a random force only its size is known.
+        frame: ``body``, ``earth``, or empty where the recordings do not tell.
+        parity: Of the missing force in port and starboard turns: ``even``, ``odd``, ``mixed``; empty without both.
+        regime: Share of the missing force's square that falls into hard helm; NaN where the helm was always alike.
+    """
+
+    kind: str
+    equations: tuple[str, ...]
+    size: Value
+    scales: tuple[Value, ...] = ()
+    against: float = 0.0
+    predictable: bool = True
+    frame: str = ""
+    parity: str = ""
+    regime: float = float("nan")
+
+
+@dataclass(frozen=True)
 class Cause:
     """A candidate for what was left out.
 
@@ -44,6 +72,7 @@ class Cause:
         fingerprint: How it is recognised.
         source: Where its formula is from.
         terms: Terms of the formula of something unknown, one a parameter.
+        nature: What something unknown is like; None for effects, and where nothing unknown was found.
         interval_errors: Standard errors of ``intervals`` [s]; NaN where a run begins or ends within.
     """
 
@@ -57,6 +86,7 @@ class Cause:
     fingerprint: str
     source: str
     terms: tuple[str, ...] = ()
+    nature: Nature | None = None
     interval_errors: Mapping[str, list[Interval]] = field(default_factory=dict)
 
 

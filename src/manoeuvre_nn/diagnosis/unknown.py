@@ -6,20 +6,113 @@ It wins where the misfit is real, repeats, and no name fits. Channels whose erro
 scale or a lever arm are a fault of a sensor that the shelf does not have.
 """
 
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
+from jaxtyping import Float
+from scipy.optimize import minimize
 from scipy.special import logsumexp
 
 from manoeuvre_nn.core.channels import MEASURED
-from manoeuvre_nn.estimation.data_set import WhitenedDataSet
+from manoeuvre_nn.estimation.data_set import PROCESS_LEVELS, WhitenedDataSet, process_time, quiet, start_spread
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
-from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
+from manoeuvre_nn.estimation.linear_run import summed
+from manoeuvre_nn.estimation.linearised_run import integrated
+from manoeuvre_nn.estimation.marginal_likelihood import PROCESS_PRIOR, MarginalLikelihood, log_prior_levels
 
 COLOURED = 4.0
 """Variance factor of a channel's slow errors from which its sensor is not trusted."""
 SENSOR_PER_RUN = 12.0
 """Log evidence for a strange sensor of every run in which its error is coloured so."""
+MAX_RANDOM = 3.0
+"""Largest random force, over the resistance and 20 deg of rudder."""
+SHORTEST_RANDOM_S = 2.0
+"""Shortest correlation time of a random force [s]; the longest is a run's length."""
+MIN_GAIN_OF_EQUATION = 3.0
+"""Log evidence for a random force in one equation more."""
+
+
+@dataclass(frozen=True)
+class RandomCourse:
+    """A force without a rule: a first-order Markov process of its own size and correlation time.
+
+    Attributes:
+        axes: Equations that it acts in: 0 surge, 1 sway, 2 yaw; the clearest first.
+        size: Standard deviation over the resistance and the force of 20 deg of rudder.
+        time: Correlation time [s].
+        errors: Relative standard errors of both.
+        evidence: Log evidence.
+    """
+
+    axes: tuple[int, ...]
+    size: float
+    time: float
+    errors: tuple[float, float]
+    evidence: float
+
+
+def random_force(likelihood: MarginalLikelihood, none: FittedHypothesis) -> RandomCourse:
+    """Fit size and correlation time of a random force, in the equation that it is clearest in.
+
+    Everything else is as under the other hypotheses: states, coefficients, latency integrated out. Size and time have
+    log-uniform priors and are integrated out by Laplace's method.
+
+    Returns:
+        What came out.
+    """
+    process = _RandomProcess(likelihood, quiet(none.best[0]))
+    start = np.log(process_time(likelihood.data_set.dynamics))
+    tried = {
+        (axis, size): process.evidence((axis,), np.array([np.log(size), start]))
+        for axis, size in product(range(3), PROCESS_LEVELS[2:])
+    }
+    axis, size = max(tried, key=lambda k: tried[k])
+    first = np.array([np.log(size), start])
+    simplex = first + np.array([[0.0, 0.0], [0.6, 0.0], [0.0, 0.6]])
+    found = minimize(
+        lambda x: -process.evidence((axis,), x), first, method="Nelder-Mead",
+        options={"initial_simplex": simplex, "maxfev": 30, "xatol": 0.05, "fatol": 0.1},
+    )  # fmt: skip
+    x, best = found.x, -found.fun
+    h = 0.3 * np.eye(2)
+    up, down, corner = (process.evidence((axis,), x + step) for step in (h[0], -h[0], h[0] + h[1]))
+    later, sooner = (process.evidence((axis,), x + step) for step in (h[1], -h[1]))
+    cross = (up + later - corner - best) / 0.09
+    curvature = np.diag([2 * best - up - down, 2 * best - later - sooner]) / 0.09 + cross * (1 - np.eye(2))
+    values, vectors = np.linalg.eigh(curvature)
+    covariance = (vectors / np.maximum(values, 0.1)) @ vectors.T
+    others = [b for b in range(3) if b != axis and process.evidence((axis, b), x) > best + MIN_GAIN_OF_EQUATION]
+    prior = np.log(MAX_RANDOM / PROCESS_LEVELS[0]) * np.log(process.longest / SHORTEST_RANDOM_S)
+    evidence = best + np.log(2 * np.pi / prior) + 0.5 * np.linalg.slogdet(covariance)[1] - np.log(3)
+    errors = np.sqrt(np.diag(covariance))
+    size, time = (float(v) for v in np.exp(x))
+    return RandomCourse((axis, *others), size, time, (float(errors[0]), float(errors[1])), float(evidence))
+
+
+class _RandomProcess:
+    """Log evidence of random forces of any size and correlation time."""
+
+    def __init__(self, likelihood: MarginalLikelihood, level: int) -> None:
+        """Take the runs, and the level of the process noise that calm water keeps beside."""
+        data_set = likelihood.data_set
+        self.likelihood, self.prior = likelihood, log_prior_levels(data_set, PROCESS_PRIOR)[level]
+        self.usual = data_set.levels[level][[0, 1, 1, 1]][: len(data_set.unit)]
+        self.longest = max(p.linearised.run.duration for p in data_set.runs)
+
+    def evidence(self, axes: tuple[int, ...], x: Float[np.ndarray, " 2"]) -> float:
+        """Log evidence of a size and a correlation time, as logarithms; errors of coefficients summed over."""
+        low = np.log([PROCESS_LEVELS[0], SHORTEST_RANDOM_S])
+        size, time = np.exp(np.clip(x, low, np.log([MAX_RANDOM, self.longest])))
+        data_set, sd = self.likelihood.data_set, self.usual.copy()
+        sd[list(axes)] = np.hypot(sd[list(axes)], size)
+        start = start_spread(data_set.dynamics)
+        white = [integrated(p.linearised, p.noise, sd * data_set.unit, time, start) for p in data_set.runs]
+        base = [w.embed(p.base) for w, p in zip(white, data_set.runs, strict=True)]
+        gram = summed([e.dot(e) for e in base], [data_set.base_index(k) for k in range(len(base))], data_set.size)
+        found = self.likelihood.regress(gram, sum(w.log_norm for w in white))
+        outside = 10.0 * float(np.abs(x - np.log([size, time])).sum())
+        return float(logsumexp(found.evidence + self.prior)) - outside
 
 
 def unknown_evidence(likelihood: MarginalLikelihood, none: FittedHypothesis, formula: FittedHypothesis | None) -> float:

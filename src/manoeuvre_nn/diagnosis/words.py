@@ -6,7 +6,7 @@ import numpy as np
 
 from manoeuvre_nn.diagnosis.advise import Ranked, advise
 from manoeuvre_nn.diagnosis.decision import Decision
-from manoeuvre_nn.diagnosis.result import Cause, Proof
+from manoeuvre_nn.diagnosis.result import Cause, Nature, Proof, Value
 from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
@@ -42,7 +42,8 @@ def summary_sentence(
     if set(model) <= {"unknown"}:
         where = next((c.equations for c in causes if c.name == "unknown"), ())
         shown = f" in {_and([EQUATIONS.get(e, e) for e in where])}" if where else ""
-        told = next((_formula(c) for c in causes if c.terms), "")
+        told = "".join(f"; it is {nature_words(c.nature)}" for c in causes if c.nature)
+        told += next((_formula(c) for c in causes if c.terms), "")
         gain = _gain(proofs, "that") if model else ""
         known = "no effect that is known explains it"
         return f"Unknown: the recordings differ from calm water{shown}, and {known}{told}{gain}."
@@ -92,8 +93,58 @@ def _values(cause: Cause) -> str:
 
 def _formula(cause: Cause) -> str:
     """The formula of something unknown: weights are shares of the resistance or of 20 deg of rudder."""
-    said = " ".join(f"{v.value:+.3g} {v.name}" for v in cause.parameters).lstrip("+")
-    return f"; a short formula for it is {said} (motion in units of a tight turn)"
+    count = len(cause.terms)
+    said = " ".join(f"{v.value:+.3g} {v.name}" for v in cause.parameters[:count]).lstrip("+")
+    scales = [f"{v.name.removesuffix('_s').replace('_', ' ')} {v.value:.3g} {v.unit}" for v in cause.parameters[count:]]
+    return f"; a short formula for it is {', '.join([said, *scales])} (motion in units of a tight turn)"
+
+
+def nature_words(nature: Nature) -> str:
+    """What something unknown is like, such as ``a periodic force in yaw, amplitude 5.1 ± 0.2 MN m, period 50 ± 1 s``.
+
+    Args:
+        nature: It.
+
+    Returns:
+        A clause.
+    """
+    where = _and([EQUATIONS.get(e, e) for e in nature.equations])
+    kind = {
+        "lagging": "a force{} that follows the motion late",
+        "growing": "a force{} that grows with time",
+        "in an instrument": "an error{}",
+        "periodic": "a periodic force{}",
+        "random": "a random force{}",
+    }.get(nature.kind, f"a force{{}} {nature.kind}")
+    told = [f"{v.name} {_measured(v)}" for v in (nature.size, *nature.scales) if np.isfinite(v.value)]
+    if nature.kind == "in an instrument":
+        told = []
+    clause = ", ".join([kind.format(f" in {where}"), *told])
+    if nature.predictable:
+        return clause
+    return f"{clause}; its course cannot be predicted, only how far it throws a run off"
+
+
+def nature_sentence(nature: Nature) -> str:
+    """The same as a sentence, with frame, parity, regime, and the odds against the likeliest other kind."""
+    frame = {"body": "fixed to the ship", "earth": "fixed to the earth"}.get(nature.frame, "")
+    parity = {"even": "alike in port and starboard turns", "odd": "of opposite sign in port and starboard turns"}
+    said = [frame, parity.get(nature.parity, "")]
+    if np.isfinite(nature.regime):
+        said.append(f"{nature.regime:.0%} of its square with more than half the helm")
+    more = ", ".join(part for part in said if part)
+    other = "red noise" if nature.predictable else "any formula"
+    against = f"log evidence against {other} {nature.against:+.0f}"
+    clause = nature_words(nature)
+    return f"What is unknown is {clause} ({'; '.join([*([more] if more else []), against])})."
+
+
+def _measured(v: Value) -> str:
+    """A value with its standard error, to two digits of it."""
+    if not (np.isfinite(v.error) and v.error > 0):
+        return f"{v.value:.3g} {v.unit}"
+    digits = max(0, 1 - int(np.floor(np.log10(v.error))))
+    return f"{v.value:.{digits}f} ± {v.error:.{digits}f} {v.unit}"
 
 
 def _and(parts: Sequence[str]) -> str:

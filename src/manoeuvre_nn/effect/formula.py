@@ -1,7 +1,9 @@
-"""A force that no name stands for, as a short formula in the motion, the rudder angle and the heading."""
+"""A force that no name stands for, as a short formula in the motion, the rudder, the heading, time and place."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from itertools import product
+from math import pi
 from typing import ClassVar
 
 import torch
@@ -62,6 +64,22 @@ RUDDERS |= {
 }
 
 
+LAG, BEAT, STRIPES, GROWING = "lag", "beat", "stripes", "t"
+"""Marks of terms that follow the motion late, come again in time or over the sea, or grow with time."""
+LAGGED = ("r", "v", "d", "|r|", "|v|", "|d|")
+"""Motions that a force may follow late: those without a magnitude in sway and yaw, the others in surge."""
+GROWN = ("1", "r", "d", "|r|")
+"""Factors that may grow with time."""
+SCALES: dict[str, tuple[Parameter, ...]] = {
+    LAG: (Parameter("memory_s", "s", 1.0, 3000.0, None, 60.0, (30.0,)),),
+    BEAT: (Parameter("period_s", "s", 4.0, 6000.0, None, 20.0, (60.0,)),),
+    STRIPES: (
+        Parameter("north_per_km", "1/km", -20.0, 20.0, None, 0.5, (1.0,)),
+        Parameter("east_per_km", "1/km", -20.0, 20.0, None, 0.5, (0.0,)),
+    ),
+}
+"""Mark -> what all terms with it share: time constant, period, waves a kilometre north and east."""
+
 MAX_WEIGHT = 100.0
 """Bound of a weight: a high power of a gentle motion is small."""
 
@@ -88,14 +106,28 @@ def library() -> tuple[str, ...]:
     shapes = [*MOTIONS, *turning]
     forces = (f"{equation} {shape}" for equation in "XYN" for shape in shapes)
     errors = (f"{SENSOR}{channel} {shape}" for channel, made in INSTRUMENTS.items() for shape in made)
-    return (*forces, *(RUDDER + name for name in RUDDERS), *errors)
+    return (*forces, *(RUDDER + name for name in RUDDERS), *errors, *in_time())
+
+
+def in_time() -> tuple[str, ...]:
+    """Terms that remember, come again or grow: ``N lag r``, ``N sin beat``, ``Y cos stripes``, ``X t``, ``N r t``."""
+    late = [f"{e} {LAG} {m}" for e in "XYN" for m in LAGGED if (e == "X") == m.startswith("|")]
+    again = [f"{e} {wave} {mark}" for e in "XYN" for mark in (BEAT, STRIPES) for wave in ("cos", "sin")]
+    grown = [f"{e} {GROWING}" if m == "1" else f"{e} {m} {GROWING}" for e in "XYN" for m in GROWN]
+    return (*late, *again, *grown)
+
+
+def mark_of(term: str) -> str:
+    """Which of ``lag``, ``beat``, ``stripes`` and ``t`` a term bears; empty for one of motion, rudder or heading."""
+    marks = {LAG, BEAT, STRIPES, GROWING} & set(term.split(" ")[1:]) if not term.startswith(SENSOR) else set()
+    return next(iter(marks), "")
 
 
 def is_ordinary(term: str) -> bool:
     """Whether a calm-water model may have the term, alike to both sides: even terms of X, odd ones of Y and N."""
     equation, _, shape = term.partition(" ")
     odd = shape in ("v", "r", "d", "v|v|", "r|r|", "r^3", "v|r|", "u v", "u r")
-    even = shape in MOTIONS and not odd
+    even = shape in MOTIONS and not odd  # terms in time are neither
     return even if equation == "X" else odd and equation in ("Y", "N")
 
 
@@ -112,8 +144,13 @@ class Formula(Effect):
     A term of X weighs in units of the resistance, one of Y or N in those of the force of 20 deg of rudder, the motion
     in units of a tight turn; one of the rudder says by which share of the shown angle it acts as if further over.
 
+    A term that follows the motion late has a state of its own, ``m' = (z - m) / memory_s``; what comes again does so
+    with ``cos`` and ``sin`` of ``2 pi t / period_s`` or of ``2 pi (x north_per_km + y east_per_km) / 1000``; what grows
+    has its weight after ``DRIFT_TIME_S``. Time counts from the start of the recording.
+
     Attributes:
         terms: The terms, of :func:`library`.
+        memory: Number of terms that follow late.
     """
 
     name = "formula"
@@ -127,7 +164,12 @@ class Formula(Effect):
     declared: ClassVar[tuple[Parameter, ...]] = ()
 
     def __init__(
-        self, ship: Ship, terms: Sequence[str] = ("N r|r|",), spreads: Sequence[float] | None = None, **values: float
+        self,
+        ship: Ship,
+        terms: Sequence[str] = ("N r|r|",),
+        spreads: Sequence[float] | None = None,
+        scales: Mapping[str, float] | None = None,
+        **values: float,
     ) -> None:
         """Take terms.
 
@@ -135,6 +177,7 @@ class Formula(Effect):
             ship: The ship that it acts on.
             terms: Terms of :func:`library`.
             spreads: Prior standard deviation of every weight; None takes 0.3.
+            scales: Where memory, period and waves a kilometre start, by name.
             values: ``w1``, ``w2``, ...: their weights [-].
 
         Raises:
@@ -148,6 +191,13 @@ class Formula(Effect):
             Parameter(f"w{k + 1}", "-", -MAX_WEIGHT, MAX_WEIGHT, 0.0, spread, (0.1 * spread,), heavy_tailed=False)
             for k, spread in enumerate(spreads or [0.3] * len(terms))
         )
+        marks = [mark_of(term) for term in terms]
+        self.memory = marks.count(LAG)  # type: ignore[misc]
+        started = scales or {}
+        for p in (p for mark, shared in SCALES.items() if mark in marks for p in shared):
+            start = started.get(p.name, p.starts[0])
+            spread = 0.5 * abs(start) if p.unit == "s" else p.spread
+            self.declared += (replace(p, starts=(start,), spread=spread),)  # type: ignore[misc]
         super().__init__(ship, **values)
         self.register_buffer("size", typical(ship))
 
@@ -159,7 +209,7 @@ class Formula(Effect):
             if term.startswith(RUDDER):
                 angle = angle + weight * RUDDERS[term.removeprefix(RUDDER)](s.delta)
             elif not term.startswith(SENSOR):
-                total = total + weight[..., None] * self._force(term, s)
+                total = total + weight[..., None] * self._force(term, s, memory)
         return total + self._of_rudder(angle, s) if any(t.startswith(RUDDER) for t in self.terms) else total
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
@@ -171,14 +221,30 @@ class Formula(Effect):
                     written[channel] = written[channel] + self.values[..., k] * error
         return written
 
-    def unit_of(self, term: str, s: Situation) -> tuple[Float[Tensor, "*batch 3"], dict[str, Tensor]]:
+    def memory_at_start(self, s: Situation) -> Float[Tensor, "*batch m"]:
+        """What is followed, as it is on the approach."""
+        return self._followed(s) if self.memory else super().memory_at_start(s)
+
+    def memory_rate(self, s: Situation, memory: Float[Tensor, "*batch m"]) -> Float[Tensor, "*batch m"]:
+        """``(z - m) / memory_s``."""
+        return (self._followed(s) - memory) / self.value("memory_s")[..., None] if self.memory else 0 * memory
+
+    def _followed(self, s: Situation) -> Float[Tensor, "*batch m"]:
+        """Motion that is followed late, one column a term."""
+        z = in_tight_turns(self.ship, s)
+        late = [MOTIONS[t.split(" ")[-1]](z) for t in self.terms if mark_of(t) == LAG]
+        return torch.stack(torch.broadcast_tensors(*late), dim=-1)
+
+    def unit_of(
+        self, term: str, s: Situation, memory: Float[Tensor, "*batch m"] | None = None
+    ) -> tuple[Float[Tensor, "*batch 3"], dict[str, Tensor]]:
         """What a small weight of a term adds, over the weight: accelerations, and errors of channels."""
         if term.startswith(SENSOR):
             return torch.zeros_like(s.nu), self._errors(term, s)
         if term.startswith(RUDDER):
             small = 1e-3
             return self._of_rudder(small * RUDDERS[term.removeprefix(RUDDER)](s.delta), s) / small, {}
-        return self._force(term, s), {}
+        return self._force(term, s, memory), {}
 
     def _errors(self, term: str, s: Situation) -> dict[str, Float[Tensor, "*batch"]]:
         """Channel -> its error for a weight of one."""
@@ -199,9 +265,28 @@ class Formula(Effect):
         nu, delta = s.nu.expand(*angle.shape, 3), s.delta.expand(angle.shape)
         return self.ship.acceleration(nu, delta + angle) - self.ship.acceleration(nu, delta)
 
-    def _force(self, term: str, s: Situation) -> Float[Tensor, "*batch 3"]:
+    def _force(self, term: str, s: Situation, memory: Tensor | None) -> Float[Tensor, "*batch 3"]:
         """A term's acceleration for a weight of one."""
         equation, _, shape = term.partition(" ")
-        motion, _, heading = (shape, "", "") if shape in MOTIONS else shape.partition(" ")
-        value = MOTIONS[motion](in_tight_turns(self.ship, s)) * (HEADINGS[heading](s.psi) if heading else 1.0)
+        value = self._in_time(term, shape, s, memory) if mark_of(term) else self._of_motion(shape, s)
         return value[..., None] * self.get_buffer("size") * value.new_tensor([e == equation for e in "XYN"])
+
+    def _of_motion(self, shape: str, s: Situation) -> Float[Tensor, "*batch"]:
+        """A factor of the motion, or one of the motion and one of the heading."""
+        motion, _, heading = (shape, "", "") if shape in MOTIONS else shape.partition(" ")
+        return MOTIONS[motion](in_tight_turns(self.ship, s)) * (HEADINGS[heading](s.psi) if heading else 1.0)
+
+    def _in_time(self, term: str, shape: str, s: Situation, memory: Tensor | None) -> Float[Tensor, "*batch"]:
+        """A factor that remembers, comes again or grows."""
+        mark, motion = mark_of(term), shape.partition(" ")[0]
+        if mark == LAG:
+            if memory is None:
+                raise ValueError(f"{term}: its memory is needed")
+            return memory[..., [t for t in self.terms if mark_of(t) == LAG].index(term)]
+        if mark == GROWING:
+            return self._of_motion("1" if motion == GROWING else motion, s) * s.time / DRIFT_TIME_S
+        if mark == BEAT:
+            turns = s.time / self.value("period_s")
+        else:
+            turns = (s.x * self.value("north_per_km") + s.y * self.value("east_per_km")) / 1000.0
+        return (torch.cos if motion == "cos" else torch.sin)(2 * pi * turns) + 0 * s.u

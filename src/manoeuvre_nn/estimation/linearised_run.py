@@ -101,8 +101,9 @@ class LinearisedRun:
 
     @cached_property
     def present(self) -> Float[np.ndarray, "n c"]:
-        """One where a channel was measured, else 0."""
-        return np.isfinite(measured(self.run, self.states.channels)).astype(float)
+        """One where a channel was measured, else 0: what was made from other channels says nothing that they do not."""
+        there = np.isfinite(measured(self.run, self.states.channels))
+        return (there & [name not in self.run.derived for name in self.states.channels]).astype(float)
 
     @cached_property
     def moving(self) -> Float[Tensor, "n k"]:

@@ -215,7 +215,7 @@ def _short_causes(d: Diagnosis) -> Table:
         {
             "cause": row["cause"],
             "probability": row["probability"],
-            FOUND: "\n".join(str(row[FOUND]).splitlines()[:3]),
+            FOUND: "\n".join(str(row[FOUND]).splitlines()[: None if row["cause"].startswith("*") else 3]),
             "where and when": f"{row['acts on']}; {when_text(cause, 2)}",
         }
         for cause, row in zip(main_causes(d), cause_rows(d, main_causes(d)), strict=True)

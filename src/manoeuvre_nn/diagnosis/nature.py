@@ -1,0 +1,155 @@
+"""What something unknown is like: random, periodic, lagging, growing, tied to place, heading or motion."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import torch
+from jaxtyping import Float
+
+from manoeuvre_nn.diagnosis.decision import Decision
+from manoeuvre_nn.diagnosis.locate import in_units, shape_of, units
+from manoeuvre_nn.diagnosis.result import Nature, Residual, Value
+from manoeuvre_nn.diagnosis.search import SearchResult
+from manoeuvre_nn.diagnosis.unknown import RandomCourse, random_force
+from manoeuvre_nn.dynamics.base import is_fitted
+from manoeuvre_nn.effect.formula import BEAT, DRIFT_TIME_S, GROWING, LAG, STRIPES, Formula, mark_of, place_of
+from manoeuvre_nn.estimation.data_set import WhitenedDataSet
+from manoeuvre_nn.estimation.effect_columns import own_states
+from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
+
+KINDS = {LAG: "lagging", BEAT: "periodic", STRIPES: "tied to the place", GROWING: "growing"}
+"""Mark of a term -> kind of force."""
+RANDOM, HEADING, MOTION, INSTRUMENT = "random", "tied to the heading", "tied to the motion", "in an instrument"
+
+
+def nature_of(tried: SearchResult, verdict: Decision, found: Sequence[Residual], proved: bool | None) -> Nature | None:
+    """Say what something unknown is like.
+
+    Args:
+        tried: The search.
+        verdict: With a formula.
+        found: Missing force of the fitted runs.
+        proved: Whether the formula predicts runs that were not used; None if that was not tried.
+
+    Returns:
+        Its nature: by a formula that is proved, not by one that failed, else by the likelier of formula and random
+        force. None where there is neither.
+    """
+    data_set, formula = tried.likelihood.data_set, verdict.formula
+    random = None if is_fitted(data_set.dynamics) else random_force(tried.likelihood, tried.none)
+    calm = tried.none.evidence
+    by_rule = -np.inf if formula is None else formula.evidence
+    by_chance = -np.inf if random is None else random.evidence
+    likelier = by_rule > max(by_chance, calm) and (proved is None or random is None)
+    if formula is not None and (proved or likelier):
+        nature = _by_rule(data_set, formula, by_rule - max(by_chance, calm))
+    elif random is not None:
+        nature = _by_chance(data_set, random, by_chance - max(by_rule, calm))
+    else:
+        return None
+    shape = shape_of(data_set, found)
+    hard = shape.hard[0] if shape.hard else float("nan")
+    return replace(nature, frame=shape.frame, parity=shape.parity, regime=hard)
+
+
+def _by_chance(data_set: WhitenedDataSet, random: RandomCourse, against: float) -> Nature:
+    """A random force with its size and correlation time."""
+    axis = random.axes[0]
+    size = random.size * float(_unit_forces(data_set)[axis])
+    return Nature(
+        RANDOM,
+        tuple("XYN"[k] for k in random.axes),
+        Value("standard deviation", abs(size), abs(size) * random.errors[0], units(data_set)[axis]),
+        (Value("correlation time", random.time, random.time * random.errors[1], "s"),),
+        float(against),
+        predictable=False,
+    )
+
+
+def _unit_forces(data_set: WhitenedDataSet) -> Float[np.ndarray, " 3"]:
+    """Resistance, and force and moment of 20 deg of rudder, in the units that forces are told in."""
+    return np.diag(in_units(data_set)(np.diag(data_set.unit[:3])))
+
+
+def _by_rule(data_set: WhitenedDataSet, formula: FittedHypothesis, against: float) -> Nature:
+    """The kind of the clearest terms of a formula, with their size and time scale."""
+    effect = formula.hypothesis.effects[0]
+    assert isinstance(effect, Formula)
+    values = dict(zip((p.name for p in effect.declared), formula.hypothesis.values[0][0].tolist(), strict=True))
+    errors = dict(zip((p.name for p in effect.declared), formula.errors.tolist(), strict=True))
+    weight = np.array([values[f"w{k + 1}"] for k in range(len(effect.terms))])
+    clear = (weight / np.maximum([errors[f"w{k + 1}"] for k in range(len(weight))], 1e-12)) ** 2
+    kinds = [_kind(term) for term in effect.terms]
+    kind = max(set(kinds), key=lambda name: clear[[k == name for k in kinds]].sum())
+    leading = np.array([k == kind for k in kinds])
+    where = tuple(dict.fromkeys(place_of(t) for t, mine in zip(effect.terms, leading, strict=True) if mine))
+    relative = 1 / np.sqrt(clear[leading].sum())
+    size, unit = _size(data_set, formula, leading)
+    if kind == KINDS[BEAT]:
+        size *= 2**0.5
+    name = "amplitude" if kind == KINDS[BEAT] else "root mean square"
+    return Nature(
+        kind, where, Value(name, size, size * float(relative), unit), _scales(data_set, effect, kind, values, errors),
+        float(against),
+    )  # fmt: skip
+
+
+def _kind(term: str) -> str:
+    """What a term is like."""
+    if term.startswith("sensor"):
+        return INSTRUMENT
+    return KINDS.get(mark_of(term), HEADING if "psi" in term else MOTION)
+
+
+def _size(
+    data_set: WhitenedDataSet, formula: FittedHypothesis, leading: Float[np.ndarray, " terms"]
+) -> tuple[float, str]:
+    """Root mean square over the fitted runs of what some terms of a formula add, and its unit."""
+    effect, scale = formula.hypothesis.effects[0], in_units(data_set)
+    values = formula.hypothesis.values[0][0].copy()
+    values[: len(leading)] *= leading
+    acting, forces = effect.at(torch.tensor(values)[None]), []
+    for prepared in data_set.runs:
+        s = prepared.linearised.situation
+        with torch.no_grad():
+            memory = own_states(acting, s, 1, prepared.linearised.run.step)
+            forces.append(scale(acting.acceleration(s, memory).reshape(len(s.psi), 3).numpy()))
+    rms = np.sqrt(np.mean(np.concatenate(forces) ** 2, axis=0))
+    axis = int((rms / np.maximum(np.abs(_unit_forces(data_set)), 1e-30)).argmax())
+    return float(rms[axis]), units(data_set)[axis]
+
+
+def _scales(
+    data_set: WhitenedDataSet,
+    effect: Formula,
+    kind: str,
+    values: Mapping[str, float],
+    errors: Mapping[str, float],
+) -> tuple[Value, ...]:
+    """What is told of a kind beside its size."""
+    if kind == KINDS[LAG]:
+        return (Value("memory", values["memory_s"], errors["memory_s"], "s"),)
+    if kind == KINDS[GROWING]:
+        at, term = next((f"w{k + 1}", t) for k, t in enumerate(effect.terms) if mark_of(t) == GROWING)
+        axis = "XYN".index(term[0])
+        minute = 60 / DRIFT_TIME_S * float(abs(_unit_forces(data_set)[axis]))
+        return (Value("growth a minute", minute * values[at], minute * errors[at], units(data_set)[axis]),)
+    if kind not in (KINDS[BEAT], KINDS[STRIPES]):
+        return ()
+    mark = BEAT if kind == KINDS[BEAT] else STRIPES
+    waves = {t.split(" ")[1]: f"w{k + 1}" for k, t in enumerate(effect.terms) if mark_of(t) == mark}
+    a, b = (values.get(waves.get(w, ""), 0.0) for w in ("cos", "sin"))
+    error_a, error_b = (errors.get(waves.get(w, ""), 0.0) for w in ("cos", "sin"))
+    turn = np.degrees(np.hypot(a * error_b, b * error_a) / np.hypot(a, b) ** 2)
+    phase = Value("phase at the start", float(np.degrees(np.arctan2(a, b))) % 360, float(turn), "deg")
+    if mark == BEAT:
+        return (Value("period", values["period_s"], errors["period_s"], "s"), phase)
+    k = np.array([values["north_per_km"], values["east_per_km"]])
+    e = np.array([errors["north_per_km"], errors["east_per_km"]])
+    number = float(np.hypot(*k))
+    along, across = float(np.hypot(*(k * e)) / number), float(np.hypot(*(k[::-1] * e)) / number)
+    return (
+        Value("spacing", 1000 / number, 1000 * along / number**2, "m"),
+        Value("across", float(np.degrees(np.arctan2(k[1], k[0]))) % 180, float(np.degrees(across / number)), "deg"),
+    )

@@ -1,0 +1,320 @@
+"""Whether calm water could have sailed the recorded runs: a posterior predictive test by free runs.
+
+Free runs are drawn of all runs, fitted and held out, from their warm-up on: with coefficients as the fit corrected them
+(the posterior of the empty hypothesis), and beside it as published, with their usual scatter; each with the process
+noise that calm water is allowed, an uncertain start and the channels' noise. Recorded runs must not lie further from
+the middle of the draws than the draws themselves do.
+
+Source:
+    Gelman, Meng & Stern 1996 (Statistica Sinica 6:733) for the test; Hill 1975 (Annals of Statistics 3:1163) for the
+    tail beyond the largest draws; Westfall & Young 1993, Resampling-Based Multiple Testing, for many looks at once.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.diagnosis.case import Question
+from manoeuvre_nn.diagnosis.repair import controls, recorded, start_state_and_covariance
+from manoeuvre_nn.diagnosis.result import Check
+from manoeuvre_nn.diagnosis.search import SearchResult
+from manoeuvre_nn.dynamics.base import Model, runge_kutta_step
+from manoeuvre_nn.dynamics.limits import inside_physical_range
+from manoeuvre_nn.dynamics.recorded_inputs import inputs_at
+from manoeuvre_nn.estimation.corrections import USUAL_SCATTER, Corrections
+from manoeuvre_nn.estimation.data_set import (
+    COEFFICIENT_SD_LEVELS,
+    LATENCY,
+    PROCESS_LEVELS,
+    PreparedRun,
+    process_time,
+)
+from manoeuvre_nn.estimation.hypothesis import Hypothesis
+from manoeuvre_nn.estimation.linearised_run import shown
+from manoeuvre_nn.estimation.marginal_likelihood import COEFFICIENT_SD_PRIOR, PROCESS_PRIOR
+
+DRAWS = 96
+"""Free runs of every run, with coefficients as corrected and as published each."""
+FALSE_ALARMS = 0.005
+"""Probability, over all channels and parts of the runs, below which calm water did not sail these runs."""
+TAIL = 0.2
+"""Share of the draws that the tail is taken from."""
+PRIOR_SDS = 2.0
+"""Process noise and scatter that calm water is allowed, over the scale of their half-normal priors."""
+STEPS_PER_LENGTH = 10
+"""Runge-Kutta steps in the time L/U0 at least: the test needs no more."""
+BLOCK, WINDOW = 0.5, 3.0
+"""Length of the means that are compared, and of the parts in which runs are looked at, over L/U0."""
+NOISE_ERROR = 0.1
+"""Relative standard error of the channels' noise."""
+
+
+@dataclass(frozen=True)
+class _Allowed:
+    """What calm water may be: coefficients, process noise, in draws; the middle first.
+
+    Attributes:
+        shares: Corrections of each draw.
+        latency: Delay of the receiver [s].
+        process_sd: S.d. of the process noise [m/s^2, m/s^2, rad/s^2, rad/s^2].
+    """
+
+    shares: Float[np.ndarray, "draws k"]
+    latency: float
+    process_sd: Float[np.ndarray, " p"]
+
+
+def calm_check(question: Question, tried: SearchResult) -> Check:
+    """Test whether free runs of calm water miss the recorded ones by more than scatter and noise explain.
+
+    Args:
+        question: What is asked.
+        tried: The search, for calm water's posterior.
+
+    Returns:
+        The test; the text says where the runs miss most.
+    """
+    runs = [*question.case.fitted, *question.case.held_out]
+    prepared = [*tried.likelihood.data_set.runs]
+    if question.case.held_out:
+        prepared += question.held_out.data_set.runs
+    rng = np.random.default_rng(0)
+    found = {}
+    for how, allowed in (("as corrected", corrected(tried, rng)), ("as published", published(tried, rng))):
+        drawn = drawn_runs(question.dynamics, runs, question.case.warmup, allowed, rng)
+        found[how] = surprise(question, runs, prepared, drawn)
+    how = min(found, key=lambda name: found[name][0])
+    p, channel, ratio = found[how]
+    p = min(1.0, len(found) * p)
+    text = (
+        f"free runs of calm water with its coefficients {how} miss the recorded {channel} by {ratio:.1f} times what "
+        f"scatter and noise do: p = {p:.2g}"
+    )
+    return Check("calm water sails these runs", p > FALSE_ALARMS, text)
+
+
+def corrected(tried: SearchResult, rng: np.random.Generator) -> _Allowed:
+    """Calm water as the fit left it; what the fitted runs do not show of the coefficients keeps its scatter."""
+    data_set, side = tried.likelihood.data_set, len(PROCESS_LEVELS)
+    row, column = divmod(tried.none.best[0], side)
+    most = int(np.searchsorted(PROCESS_LEVELS, PRIOR_SDS * PROCESS_PRIOR)) - 1
+    level = min(row, most) * side + min(column, most)
+    scatter = min(tried.none.best[1], int(np.searchsorted(COEFFICIENT_SD_LEVELS, PRIOR_SDS * COEFFICIENT_SD_PRIOR)) - 1)
+    found, k = tried.likelihood.posterior(None, level), data_set.combinations
+    mean, root = found.mean(scatter), np.linalg.cholesky(found.covariance(scatter)[:k, :k] + 1e-18 * np.eye(k))
+    shares = (mean[:k] + np.vstack([np.zeros(k), rng.standard_normal((DRAWS, k)) @ root.T])) @ data_set.rotation.T
+    root, unseen = _root(tried), rng.standard_normal((DRAWS, len(data_set.rotation)))
+    kept = np.linalg.solve(root, data_set.rotation)  # orthonormal
+    shares[1:] += COEFFICIENT_SD_LEVELS[scatter] * (unseen - unseen @ kept @ kept.T) @ root.T
+    return _Allowed(shares, LATENCY + float(np.mean(mean[k:])), _process(tried, level))
+
+
+def published(tried: SearchResult, rng: np.random.Generator) -> _Allowed:
+    """Calm water before any recording was seen."""
+    count, side = len(tried.likelihood.data_set.rotation), len(PROCESS_LEVELS)
+    level = int(np.searchsorted(PROCESS_LEVELS, PROCESS_PRIOR)) * (side + 1)
+    shares = np.vstack([np.zeros(count), USUAL_SCATTER * rng.standard_normal((DRAWS, count)) @ _root(tried).T])
+    return _Allowed(shares, LATENCY, _process(tried, level))
+
+
+def _root(tried: SearchResult) -> Float[np.ndarray, "k k"]:
+    """Root of the prior covariance of the coefficients' errors."""
+    data_set = tried.likelihood.data_set
+    return data_set.scatter.root(Corrections(data_set.dynamics).names)
+
+
+def _process(tried: SearchResult, level: int) -> Float[np.ndarray, " p"]:
+    data_set = tried.likelihood.data_set
+    return data_set.levels[level][[0, 1, 1, 1]][: len(data_set.unit)] * data_set.unit
+
+
+def drawn_runs(
+    dynamics: Model, runs: Sequence[Recording], warmup: float, allowed: _Allowed, rng: np.random.Generator
+) -> list[Float[np.ndarray, "draws n c"]]:
+    """Free runs of every run, the middle one first.
+
+    Args:
+        dynamics: Calm-water model.
+        runs: The recordings, with one step.
+        warmup: End of the warm-up [s].
+        allowed: What calm water may be.
+        rng: Source of chance.
+
+    Returns:
+        What perfect sensors show at the times of each run's samples from there on.
+    """
+    k, rows = int(np.searchsorted(runs[0].time, warmup - 1e-9)), len(allowed.shares)
+    begin, step = float(runs[0].time[k]), runs[0].step
+    every = max(1, int(dynamics.particulars.time_unit / STEPS_PER_LENGTH / step))
+    starts = [_starts(dynamics, run.between(0.0, begin), allowed, rng) for run in runs]
+    columns = {name: c.repeat_interleave(rows, 0) for name, c in controls(dynamics, runs, k).items()}
+    count = columns["delta"].shape[1]
+    at = np.r_[0 : count - 1 : every, count - 1]
+    # Of the process noise the middle has none.
+    noise = _coloured(rng, at * step, len(runs) * rows, allowed.process_sd, process_time(dynamics))
+    noise[:, ::rows] = 0.0
+    with torch.no_grad():
+        states = _integrated(
+            dynamics, torch.tensor(np.concatenate(starts)), columns, at, (begin, step),
+            torch.tensor(np.tile(allowed.shares, (len(runs), 1))), torch.tensor(noise),
+        ).numpy()  # fmt: skip
+    made = []
+    for number, run in enumerate(runs):
+        mine = states[:, number * rows : (number + 1) * rows]
+        time, own = run.time[k:], at * step + begin
+        seen = np.stack([shown(mine[:, row])[:, :7] for row in range(rows)])
+        whole = np.stack([[np.interp(time, own, c) for c in row.T] for row in seen]).transpose(0, 2, 1)
+        whole[..., :4] -= allowed.latency * np.gradient(whole[..., :4], step, axis=1)
+        made.append(whole)
+    return made
+
+
+def _starts(
+    dynamics: Model, warm: Recording, allowed: _Allowed, rng: np.random.Generator
+) -> Float[np.ndarray, "draws k"]:
+    """States at the end of a warm-up: the smoother's, and about it as its covariance says."""
+    mean, covariance = start_state_and_covariance(
+        dynamics, Hypothesis((), ()), warm, allowed.latency, allowed.process_sd
+    )
+    root = np.linalg.cholesky(covariance + 1e-18 * np.eye(len(mean)))
+    chance = rng.standard_normal((len(allowed.shares), len(mean)))
+    chance[0] = 0.0
+    return mean + chance @ root.T
+
+
+def _coloured(
+    rng: np.random.Generator, time: Float[np.ndarray, " m"], rows: int, sd: Float[np.ndarray, " p"], scale: float
+) -> Float[np.ndarray, "m rows p"]:
+    """Process noise of correlation time ``scale`` [s]."""
+    fresh = rng.standard_normal((len(time), rows, len(sd)))
+    decay = np.exp(-np.diff(time, prepend=0.0) / scale)
+    for k in range(1, len(time)):
+        fresh[k] = decay[k] * fresh[k - 1] + np.sqrt(1 - decay[k] ** 2) * fresh[k]
+    return sd * fresh
+
+
+def _integrated(
+    dynamics: Model,
+    first: Float[Tensor, "rows k"],
+    columns: Mapping[str, Tensor],
+    at: np.ndarray,
+    clock: tuple[float, float],
+    shares: Float[Tensor, "rows c"],
+    noise: Float[Tensor, "m rows p"],
+) -> Float[Tensor, "m rows k"]:
+    """States at some samples; corrections of the coefficients are held over a step, beside which they are small."""
+    corrections, ship, (begin, step) = Corrections(dynamics), dynamics.particulars, clock
+    states, moving = [first], [0, 1, 2, *range(6, first.shape[1])]
+    driven = slice(-noise.shape[-1] + 3, None) if noise.shape[-1] > 3 else slice(0, 0)
+    for j in range(len(at) - 1):
+        state, ends = states[-1], (at[j], 0.5 * (at[j] + at[j + 1]), at[j + 1])
+        now, midway, then = (inputs_at(columns, begin + step * t, interval=step, start=begin) for t in ends)
+        added = torch.einsum("rcm,rc->rm", corrections(state[:, moving], midway.delta, midway.shaft), shares)
+        added[:, :3] += 0.5 * (noise[j] + noise[j + 1])[:, :3]
+        added[:, driven] += 0.5 * (noise[j] + noise[j + 1])[:, 3:]
+        constant = torch.zeros_like(state)
+        constant[:, moving] = added
+
+        def rate(s: Tensor, i, constant: Tensor = constant) -> Tensor:
+            return torch.where(inside_physical_range(s, ship)[:, None], dynamics(s, i) + constant, 0.0)
+
+        states.append(runge_kutta_step(rate, state, (now, midway, then), state.new_tensor((at[j + 1] - at[j]) * step)))
+    return torch.stack(states)
+
+
+def surprise(
+    question: Question,
+    runs: Sequence[Recording],
+    prepared: Sequence[PreparedRun],
+    drawn: Sequence[Float[np.ndarray, "draws n c"]],
+) -> tuple[float, str, float]:
+    """How improbable the recorded runs are among the draws.
+
+    Every channel is looked at over all fitted and all held-out runs, and by its largest part of a few ship lengths.
+
+    Args:
+        question: What is asked.
+        runs: The recordings.
+        prepared: The same with their noise.
+        drawn: Free runs of each.
+
+    Returns:
+        Probability, corrected for the number of looks; the channel and run that miss most; by how many times.
+    """
+    warmup, unit = question.case.warmup, question.dynamics.particulars.time_unit
+    rng = np.random.default_rng(1)
+    looks: dict[tuple[str, str], list[Float[np.ndarray, " rows"]]] = {}
+    for run, p, free in zip(runs, prepared, drawn, strict=True):
+        held = "held-out" if run.name in question.case.proof else "fitted"
+        noise = p.noise[:7] * np.exp(NOISE_ERROR * rng.standard_normal((len(free), 1, 7)))
+        noisy = free + noise * rng.standard_normal(free.shape)
+        noisy[0] = free[0]
+        record = recorded(run, warmup)
+        off = _off(noisy, record)
+        for channel, e in off.items():
+            if not np.isfinite(e[0]).any():
+                continue
+            e = _blocks(e, max(1, round(BLOCK * unit / run.step)))
+            looks.setdefault((held, channel), []).append(_relative(e))
+            parts = np.array_split(e, max(1, round(e.shape[1] * BLOCK / WINDOW)), axis=1)
+            looks[f"a part of {run.name}", channel] = [np.max([_relative(part) for part in parts], axis=0)]
+    sizes = np.stack([np.sqrt(np.mean(np.square(several), axis=0)) for several in looks.values()])
+    chance = np.stack([tail(of_look, of_look[1:]) for of_look in sizes])
+    # How small the least of so many alike probabilities is by chance, the draws say themselves (Westfall & Young).
+    rarest = 1 / chance.min(axis=0)
+    least, (where, channel) = int(chance[:, 0].argmin()), list(looks)[int(chance[:, 0].argmin())]
+    ratio = sizes[least, 0] / np.sqrt(np.mean(sizes[least, 1:] ** 2))
+    return float(tail(rarest[:1], rarest[1:])[0]), f"{channel} of {where}", float(ratio)
+
+
+def _off(free: Float[np.ndarray, "rows n c"], record: pd.DataFrame) -> dict[str, Float[np.ndarray, "rows n"]]:
+    """Channel -> distance from the middle: of the recording in the first row, of the draws in the others."""
+    x, y, vn, ve, psi, r, log = np.moveaxis(free, -1, 0)
+    cos, sin = np.cos(psi), np.sin(psi)
+    u, v = vn * cos + ve * sin, -vn * sin + ve * cos
+    c = {"x": x, "y": y, "psi": psi, "u": u, "v": v, "r": r, "u_log": log}
+    unit = {"psi": DEGREE, "r": DEGREE}
+    off = {}
+    for name, mine in c.items():
+        rows = np.vstack([record[name].to_numpy() * unit.get(name, 1.0), mine[1:]])
+        off[name] = rows - mine[0]
+    off["psi"] = (off["psi"] + np.pi) % (2 * np.pi) - np.pi
+    return off
+
+
+def _blocks(off: Float[np.ndarray, "rows n"], length: int) -> Float[np.ndarray, "rows m"]:
+    """Means over blocks of samples that were recorded: what free runs miss is slow, the channels' noise is not."""
+    off = off[:, np.isfinite(off[0])]
+    return np.stack([part.mean(axis=1) for part in np.array_split(off, max(1, off.shape[1] // length), axis=1)], axis=1)
+
+
+def _relative(off: Float[np.ndarray, "rows n"]) -> Float[np.ndarray, " rows"]:
+    """RMS of every row over that of all draws together."""
+    size = np.sqrt(np.mean(off**2, axis=1))
+    return size / np.sqrt(np.mean(size[1:] ** 2))
+
+
+def tail(values: Float[np.ndarray, " m"], draws: Float[np.ndarray, " n"]) -> Float[np.ndarray, " m"]:
+    """Probability that a draw exceeds a value: by rank, beyond the largest fifth by Hill's tail of these.
+
+    ``p = k/n (x/x_k)^(-1/g)``, ``g`` the mean of ``log(x_j/x_k)`` over the k largest.
+
+    Args:
+        values: Values, positive.
+        draws: Draws, positive.
+
+    Returns:
+        The probability of each.
+    """
+    ordered, k = np.sort(draws), max(3, round(TAIL * len(draws)))
+    above = len(draws) - np.searchsorted(ordered, values)
+    largest, least = ordered[-k:], ordered[-k - 1]
+    beyond = k / len(draws) * (np.maximum(values, least) / least) ** (-1 / np.log(largest / least).mean())
+    return np.where(values > least, beyond, (1 + above) / (1 + len(draws)))

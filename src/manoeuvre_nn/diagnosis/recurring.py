@@ -1,0 +1,89 @@
+"""What comes again in the missing force, in time or over the sea: periodograms of the smoothed force of all runs."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from manoeuvre_nn.core.effect import Situation
+from manoeuvre_nn.diagnosis.locate import missing_accelerations
+from manoeuvre_nn.effect.common import in_tight_turns
+from manoeuvre_nn.effect.formula import BEAT, STRIPES
+from manoeuvre_nn.estimation.data_set import WhitenedDataSet
+
+PEAKS = 2
+"""Peaks of each equation that are tried."""
+MIN_WAVELENGTH = 0.5
+"""Shortest period over L/U0, and shortest spacing over L, that a ship answers to."""
+OVERSAMPLED = 3.0
+"""Frequencies within the inverse of the longest run, or of the largest extent of the track."""
+MAX_PER_SIDE = 40
+"""Wave numbers tried north and east, either side."""
+
+
+@dataclass(frozen=True)
+class Wave:
+    """A peak of a periodogram.
+
+    Attributes:
+        equation: X, Y or N.
+        mark: ``beat`` or ``stripes``.
+        scales: Period, or waves a kilometre.
+        shares: Of cosine and sine.
+        tried: Number of independent frequencies among which it is the peak.
+    """
+
+    equation: str
+    mark: str
+    scales: Mapping[str, float]
+    shares: tuple[float, float]
+    tried: int
+
+
+def recurring(data_set: WhitenedDataSet) -> list[Wave]:
+    """Peaks of the periodograms of missing X, Y and N over time and over the place, phases alike in all runs."""
+    situations = [p.linearised.situation for p in data_set.runs]
+    force = np.concatenate(missing_accelerations(data_set))
+    basis = np.concatenate([_of_the_motion(data_set, s) for s in situations])
+    force = force - basis @ np.linalg.lstsq(basis, force, rcond=None)[0]
+    clock = np.concatenate([s.time.numpy() for s in situations])
+    north, east = (np.concatenate([getattr(s, k).numpy() for s in situations]) / 1000 for k in "xy")
+    ship = data_set.dynamics.particulars
+    longest = max(float(s.time[-1]) for s in situations)
+    beats = np.arange(1.5, longest / (MIN_WAVELENGTH * ship.time_unit), 1 / OVERSAMPLED) / longest
+    found = [
+        Wave(e, BEAT, {"period_s": float(1 / f[0])}, shares, round(longest * beats[-1]))
+        for e, f, shares in _peaks(force, clock[:, None], beats[:, None])
+    ]
+    extent = max(np.ptp(north), np.ptp(east), 1e-3)
+    side = np.arange(0, min(extent / (MIN_WAVELENGTH * ship.length / 1000) * OVERSAMPLED, MAX_PER_SIDE) + 1)
+    k = np.stack(np.meshgrid(side, np.r_[-side[:0:-1], side], indexing="ij"), axis=-1).reshape(-1, 2)
+    k = k[(k**2).sum(axis=1) > (1.5 * OVERSAMPLED) ** 2] / (OVERSAMPLED * extent)
+    found += [
+        Wave(e, STRIPES, {"north_per_km": float(n), "east_per_km": float(w)}, shares, round(len(k) / OVERSAMPLED**2))
+        for e, (n, w), shares in _peaks(force, np.stack([north, east], axis=-1), k)
+    ]
+    return found
+
+
+def _of_the_motion(data_set: WhitenedDataSet, s: Situation) -> Float[np.ndarray, "n k"]:
+    """What wrong coefficients may look like: it is no wave."""
+    z = {k: v.numpy() for k, v in in_tight_turns(data_set.dynamics.hull, s).items()}
+    u, v, r, d = (z[k] for k in "uvrd")
+    return np.stack([np.ones_like(u), u, v, r, d, abs(v), abs(r), abs(d), r * abs(r), v * abs(v), u * r], axis=-1)
+
+
+def _peaks(
+    force: Float[np.ndarray, "n 3"], place: Float[np.ndarray, "n q"], waves: Float[np.ndarray, "w q"]
+) -> Iterator[tuple[str, Float[np.ndarray, " q"], tuple[float, float]]]:
+    """Equation, wave numbers and shares of cosine and sine of the highest peaks."""
+    amplitude = np.exp(-2j * np.pi * place @ waves.T).T @ force / len(force)
+    for k, equation in enumerate("XYN"):
+        power, taken = np.abs(amplitude[:, k]), np.zeros(len(waves), dtype=bool)
+        for _ in range(min(PEAKS, len(waves))):
+            best = int(np.where(taken, -1.0, power).argmax())
+            near = np.linalg.norm(waves - waves[best], axis=1)
+            taken |= near <= 1.01 * np.sort(near)[min(4, len(near) - 1)]
+            a = amplitude[best, k] / max(power[best], 1e-30)
+            yield equation, waves[best], (float(a.real), float(-a.imag))

@@ -1,0 +1,47 @@
+"""Nothing is said to be missing only after free runs of calm water were looked at, all of them."""
+
+import numpy as np
+import pytest
+from pytest import approx
+from strangers import Stranger, asked, calm_only, of, strange_runs
+
+from manoeuvre_nn.diagnosis.diagnose import diagnose
+from manoeuvre_nn.diagnosis.predictive import _coloured, calm_check, tail
+
+pytestmark = pytest.mark.usefixtures("unchecked_types")
+NAME = "calm water sails these runs"
+
+
+def test_what_acts_in_the_held_out_run_alone_is_a_mismatch_without_a_name():
+    """The fitted runs ask for nothing: evidence does not see it."""
+    d = diagnose(asked(strange_runs(4, Stranger(1.0, "N", of("v"), runs=(0.0, 0.0, 1.0)))))
+    assert (d.verdict, d.unknown) == ("mismatch", True)
+    (check,) = [c for c in d.checks if c.name == NAME]
+    assert not check.passed and "held" in check.text
+    assert next(c.probability for c in d.causes if c.name == "unknown") > 0.5
+
+
+def test_a_random_force_in_surge_and_sway_is_too_much_for_calm_water():
+    question = asked(strange_runs(5, random=[(0.2, "X", 60.0), (0.2, "Y", 60.0)]))
+    assert not calm_check(question, calm_only(question)).passed
+
+
+def test_clean_runs_show_the_check_that_they_passed():
+    """Coefficients off by 4 % and a small coloured force are calm water."""
+    d = diagnose(asked(strange_runs(1)))
+    (check,) = d.checks
+    assert d.verdict == "none" and check.name == NAME and check.passed and "p = " in check.text
+
+
+def test_the_tail_goes_on_where_draws_end():
+    """Of a Pareto law of exponent 4 the rank is right within the draws and the law beyond them."""
+    draws = np.random.default_rng(0).pareto(4.0, 20000) + 1
+    p = tail(np.array([0.5, 1.05, 2.0, 10.0, 100.0]), draws)
+    assert p[:3] == approx([1.0, 1.05**-4.0, 2.0**-4.0], rel=0.05)
+    assert np.log(p[3:]) == approx(-4 * np.log([10.0, 100.0]), rel=0.05)
+
+
+def test_drawn_process_noise_has_its_size_and_its_memory():
+    noise = _coloured(np.random.default_rng(0), np.arange(0.0, 400.0, 2.0), 800, np.array([1.0, 3.0]), 20.0)
+    assert noise.std(axis=(0, 1)) == approx([1.0, 3.0], rel=0.03)
+    assert np.corrcoef(noise[:-10, :, 0].ravel(), noise[10:, :, 0].ravel())[0, 1] == approx(np.exp(-1), abs=0.03)

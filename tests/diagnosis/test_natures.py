@@ -1,0 +1,75 @@
+"""What has no name is described: its kind, equation, size and time scale; what can be predicted is."""
+
+import pytest
+import torch
+from pytest import approx
+from strangers import SHIP, Stranger, asked, beat, calm_only, of, ramp, strange_runs
+
+from manoeuvre_nn.diagnosis.diagnose import diagnose
+from manoeuvre_nn.diagnosis.result import Diagnosis, Nature, Value
+from manoeuvre_nn.diagnosis.unknown import random_force
+from manoeuvre_nn.diagnosis.words import nature_sentence
+from manoeuvre_nn.effect.common import typical
+from manoeuvre_nn.scoring.free_runs import cost
+
+pytestmark = pytest.mark.usefixtures("unchecked_types")
+
+
+def closed(d: Diagnosis) -> float:
+    """Share of the error of free runs that is gone, the noise counted as what nobody can take away."""
+    before, after = (cost([getattr(p, k) for p in d.proofs], SHIP.particulars) for k in ("rmse_before", "rmse_after"))
+    left = cost([d.noise], SHIP.particulars)
+    return (before - after) / (before - left)
+
+
+def nature(d: Diagnosis) -> Nature:
+    assert (d.verdict, d.unknown, d.causes[0].name) == ("mismatch", True, "unknown")
+    found = d.causes[0].nature
+    assert found is not None and d.statements[0] == nature_sentence(found)
+    return found
+
+
+def scale(found: Nature, name: str) -> Value:
+    return next(v for v in found.scales if v.name == name)
+
+
+def test_a_periodic_yaw_moment_has_its_period_its_phase_and_its_amplitude():
+    d = diagnose(asked(strange_runs(2, Stranger(0.15, "N", beat(50.0)))))
+    found = nature(d)
+    assert (found.kind, found.equations, found.predictable) == ("periodic", ("N",), True)
+    assert scale(found, "period").value == approx(50.0, rel=0.01) and found.against > 20
+    assert abs((scale(found, "phase at the start").value + 180) % 360 - 180) < 10
+    assert closed(d) > 0.8 and "periodic force in yaw" in d.sentence
+
+
+def test_a_yaw_moment_that_grows_has_its_growth_a_minute():
+    d = diagnose(asked(strange_runs(4, Stranger(0.2, "N", ramp))))
+    found = nature(d)
+    assert (found.kind, found.equations, found.frame, found.parity) == ("growing", ("N",), "body", "even")
+    (growth,) = found.scales
+    moment = float(SHIP.force_from_acceleration(0.2 * typical(SHIP) * torch.tensor([0.0, 0.0, 1.0]))[2])
+    assert growth.unit == "MN m"
+    assert growth.value == approx(moment * SHIP.prime.moment / 1e6 / 10, rel=0.15)
+    assert closed(d) > 0.8 and "grows with time" in d.sentence
+
+
+def test_a_side_force_that_follows_the_rudder_late_has_its_memory():
+    d = diagnose(asked(strange_runs(3, Stranger(1.0, "Y", of("d"), lag=40.0), scatter=0.01)))
+    found = nature(d)
+    assert (found.kind, found.equations) == ("lagging", ("Y",))
+    assert scale(found, "memory").value == approx(40.0, rel=0.25)
+    assert closed(d) > 0.8 and "follows the motion late" in d.sentence
+
+
+def test_a_random_yaw_moment_has_its_size_and_its_correlation_time():
+    tried = calm_only(asked(strange_runs(7, random=[(0.2, "N", 25.0)])))
+    found = random_force(tried.likelihood, tried.none)
+    assert found.axes == (2,) and found.evidence > tried.none.evidence + 7
+    assert found.size == approx(0.2, rel=0.25) and found.time == approx(25.0, rel=0.25)
+    assert 0.05 < found.errors[0] < 0.3 and 0.1 < found.errors[1] < 0.5
+
+
+def test_what_cannot_be_predicted_is_said_to_be_so():
+    random = Nature("random", ("N",), Value("standard deviation", 12.3, 2.1, "MN m"), predictable=False)
+    said = nature_sentence(random)
+    assert "a random force in yaw, standard deviation 12.3 ± 2.1 MN m; its course cannot be predicted" in said
