@@ -41,8 +41,9 @@ LOOP = ("sail_next", "answer_again", "compare")
 CHOICES = {"sort": SHARES, "strength": STRENGTHS, "channels": CHANNEL_SETS}
 METHODS = {
     "manoeuvre_nn": (sys.executable, "diagnose.py", "cases={cases}", "out={out}", "workers=1"),
-    "regression": (sys.executable, "scripts/rivals.py", "method=regression", "cases={cases}", "out={out}"),
-    "pysindy": (sys.executable, "scripts/rivals.py", "method=pysindy", "cases={cases}", "out={out}"),
+} | {
+    rival: (sys.executable, "scripts/rivals.py", f"method={rival}", "cases={cases}", "out={out}")
+    for rival in ("regression", "pysindy", "sample_split", "structural", "neural", "neural_referee")
 }
 OF_MODULES = ("cases={cases}", "out={out}")
 METHODS["ideal"] = (sys.executable, "-m", "studies.concealed_trial.ideal", *OF_MODULES, "nuisance={nuisance}")

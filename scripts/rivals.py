@@ -1,12 +1,14 @@
-"""Two other ways to name what a calm-water model lacks, for comparison: they answer cases as diagnose.py does.
+"""Other ways to name what a calm-water model lacks, for comparison: they answer cases as diagnose.py does.
 
     python scripts/rivals.py method=regression cases=DIR out=DIR
-    python scripts/rivals.py method=pysindy cases=DIR out=DIR
-    python scripts/rivals.py method=regression calibrate=SEED [clean=24]
+    python scripts/rivals.py method=structural calibrate=SEED [clean=24]
+    python scripts/rivals.py method=neural train=10000 seed=SEED [model=FILE]
 
-``regression`` fits every effect to the errors of the equations on a smoothed track and compares by an information
-criterion; ``pysindy`` finds terms by sparse regression and names the effect that makes the same ones. ``calibrate``
-draws clean cases and writes the least limits at which none of them alarms; the other commands read these (limits=FILE).
+Methods are ``regression``, ``pysindy``, ``sample_split``, ``structural`` and ``neural``, which learns from cases of our
+own shelf, or as ``neural_referee`` from those of the referee (studies/concealed_trial/README.md says what each does).
+``calibrate`` draws clean cases and writes the least limits at which none of them alarms; the commands that answer read
+these (limits=FILE). ``train`` makes examples beside the model's file as far as they are missing, says how accuracy
+grows with their number, and writes the model.
 """
 
 import sys
@@ -28,11 +30,19 @@ from manoeuvre_nn.diagnosis.answers import write_answer  # noqa: E402
 from manoeuvre_nn.diagnosis.case import Case, read_case  # noqa: E402
 from studies.concealed_trial.drawing import CasePlan, draw_case  # noqa: E402
 from studies.concealed_trial.record import write_case  # noqa: E402
-from studies.concealed_trial.rivals.result import METHODS, Limits, diagnosis, judge  # noqa: E402
+from studies.concealed_trial.rivals.examples import Examples, examples  # noqa: E402
+from studies.concealed_trial.rivals.methods import LEARNT, METHODS, judge  # noqa: E402
+from studies.concealed_trial.rivals.neural import accuracy, learn, save  # noqa: E402
+from studies.concealed_trial.rivals.result import Limits, diagnosis  # noqa: E402
 from studies.concealed_trial.ships import trial_ships  # noqa: E402
 
 DEFAULTS = {"method": "regression", "cases": "", "out": "", "calibrate": "", "clean": "24"}
+DEFAULTS |= {"train": "", "seed": "", "model": ""}
 DEFAULTS |= {"limits": str(ROOT / "studies" / "concealed_trial" / "rivals" / "limits.yaml")}
+MODELS = ROOT / "outputs" / "rivals"
+"""Where what was learnt lies."""
+TESTED = 0.15
+"""Share of the examples that accuracy is told on."""
 
 
 def settings(arguments: list[str]) -> dict[str, str]:
@@ -56,9 +66,34 @@ def settings(arguments: list[str]) -> dict[str, str]:
     check_choice("method", given["method"], METHODS)
     if given["calibrate"] and not (given["calibrate"].isdecimal() and given["clean"].isdecimal()):
         raise InputError(f"calibrate={given['calibrate']} clean={given['clean']}: write whole numbers")
-    if not given["calibrate"] and not (given["cases"] and given["out"]):
+    if given["train"] and not (given["train"].isdecimal() and given["seed"].isdecimal() and given["method"] in LEARNT):
+        raise InputError(f"train={given['train']}: write whole numbers train= and seed=, and method={LEARNT[0]}")
+    if not (given["calibrate"] or given["train"]) and not (given["cases"] and given["out"]):
         raise InputError("cases= or out= is missing; write cases=DIR out=DIR, or calibrate=SEED")
+    given["model"] = given["model"] or str(MODELS / f"{given['method']}.pt")
     return given
+
+
+def train(given: dict[str, str]) -> None:
+    """Make examples, say how accuracy grows with their number on some that are held out, and learn from all others.
+
+    Args:
+        given: The settings.
+    """
+    path, count, world = (
+        Path(given["model"]),
+        int(given["train"]),
+        "shelf" if given["method"] == "neural" else "referee",
+    )
+    made: Examples = examples(world, count, int(given["seed"]), path.with_suffix(".npz"))
+    last = int(count * (1 - TESTED))
+    test = made.some(slice(last, None))
+    for part in (8, 4, 2):
+        told = accuracy(learn(made.some(slice(0, last // part)), with_posteriors=False), test)
+        print(last // part, *(f"{what} {share:.2f}" for what, share in told.items()), sep="  ", flush=True)
+    learnt = learn(made.some(slice(0, last)))
+    print(last, *(f"{what} {share:.2f}" for what, share in accuracy(learnt, test).items()), sep="  ", flush=True)
+    save(learnt, path)
 
 
 def clean_cases(seed: int, count: int) -> Iterator[Case]:
@@ -88,7 +123,7 @@ def calibrate(given: dict[str, str]) -> None:
     method, path, seed, count = given["method"], Path(given["limits"]), int(given["calibrate"]), int(given["clean"])
     reached = []
     for case in clean_cases(seed, count):
-        reached.append([round(float(x), 2) for x in astuple(judge(case, method).evidence)])
+        reached.append([round(float(x), 2) for x in astuple(judge(case, method, model=Path(given["model"])).evidence)])
         print(f"{case.name}  {case.ship:18} gain {reached[-1][0]:7.2f}  misfit {reached[-1][1]:5.2f}", flush=True)
     gain, misfit = np.max(reached, axis=0).tolist()
     row = {"gain": gain, "misfit": misfit, "seed": seed, "clean": count, "reached": reached}
@@ -119,7 +154,7 @@ def answer(given: dict[str, str]) -> int:
             continue
         try:
             case = read_case(folder)
-            said = diagnosis(case, judge(case, method), limits)
+            said = diagnosis(case, judge(case, method, model=Path(given["model"])), limits)
         except (InputError, ArithmeticError, ValueError) as error:
             failed += 1
             print(f"{folder.name}: failed: {error}", file=sys.stderr, flush=True)
@@ -131,7 +166,7 @@ def answer(given: dict[str, str]) -> int:
 
 
 def main(arguments: list[str]) -> int:
-    """Answer or calibrate.
+    """Answer, calibrate or train.
 
     Args:
         arguments: ``key=value``.
@@ -141,8 +176,8 @@ def main(arguments: list[str]) -> int:
     """
     use_threads(1)
     given = settings(arguments)
-    if given["calibrate"]:
-        calibrate(given)
+    if given["calibrate"] or given["train"]:
+        (calibrate if given["calibrate"] else train)(given)
         return 0
     return 1 if answer(given) else 0
 

@@ -247,7 +247,7 @@ def test_columns_of_a_hypothesis_are_its_contribution_and_slopes_in_the_runs_the
         assert lin.columns[run].measured[..., 0] == approx(whole(h)[1], abs=1e-12)
         for column, number in enumerate(lin.index[run][1:], start=1):
             up = h.vector()
-            size = {"start_s": 2.0, "end_s": 2.0}.get(names[number - 1][0], 0.01)
+            size = {"start_s": 2.0, "end_s": 2.0, "ramp_s": 1.2}.get(names[number - 1][0], 0.01)
             up[number - 1] += size
             down = up.copy()
             down[number - 1] -= 2 * size
@@ -275,6 +275,22 @@ def test_a_bench_adds_up_the_inner_products_of_its_runs():
         expected += wide @ blocks @ wide.T
     assert g == approx(expected, rel=1e-9, abs=1e-9 * np.abs(expected).max())
     assert stood.at(LEVEL).norm == approx(sum(w.log_norm for w in stood.at(LEVEL).white))
+
+
+def test_columns_that_are_kept_are_those_of_the_values_that_are_asked_for():
+    stood = stand("nothing")
+    likelihood, effects = MarginalLikelihood(stood), ACTING["current"]
+    first = likelihood.columns(hypothesis(*effects))
+    evidence = likelihood.posterior(first, LEVEL).evidence
+    assert likelihood.columns(hypothesis(*effects)) is first
+    other = hypothesis(*effects).with_vector(np.array([0.3, 200.0]))
+    for h in (other, replace(other, fixed=frozenset({"speed"}))):
+        found, new = likelihood.columns(h), hypothesis_columns(stood, h)
+        assert found.count == new.count
+        assert [c.moved for c in found.columns] == [approx(c.moved, abs=0) for c in new.columns]
+        apart = MarginalLikelihood(stood).posterior(new, LEVEL).evidence
+        assert likelihood.posterior(found, LEVEL).evidence == approx(apart, abs=1e-9)
+        assert apart != approx(evidence, abs=0.01)
 
 
 def test_effects_that_are_there_are_found_better_than_calm_water_and_others_are_not():

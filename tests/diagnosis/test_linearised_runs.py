@@ -15,8 +15,8 @@ from manoeuvre_nn.dynamics.base import calm_accelerations
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.propulsion import PowerLimit
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS
-from manoeuvre_nn.estimation.linear_run import Columns, joined
-from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, integrated, shown
+from manoeuvre_nn.estimation.linear_run import Columns, IntegratedRun, joined
+from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, integrated, run_equations, shown
 from manoeuvre_nn.estimation.posterior import posterior
 from manoeuvre_nn.recording.preparation import measured, with_measured, without_samples
 
@@ -107,6 +107,35 @@ def test_the_normaliser_is_that_of_the_samples_covariance(gaps):
     line = short(gaps)
     expected = -0.5 * np.linalg.slogdet(Dense(line).covariance)[1]
     assert integrated(line, NOISE, FORCE, FORCE_TIME, SPREAD).log_norm == approx(expected, abs=1e-6)
+
+
+def test_equations_that_are_kept_give_at_another_size_of_the_process_noise_what_new_ones_give():
+    line, size = short(), np.array([3.0, 0.2, 5.0]) * FORCE
+    equations, columns = run_equations(line, NOISE, FORCE_TIME, SPREAD), joined([line.data, some_columns(line)])
+    first, kept = (IntegratedRun(equations, sd) for sd in (FORCE, size))
+    new = integrated(line, NOISE, size, FORCE_TIME, SPREAD)
+    before, e, whole = first.embed(columns), kept.embed(columns), new.embed(columns[:])
+    close(e.dot(e), whole.dot(whole), 1e-9)
+    close(kept.states(e), new.states(whole), 1e-9)
+    assert kept.log_norm == approx(new.log_norm, abs=1e-9)
+    assert np.abs(before.dot(before) - e.dot(e)).max() > 1e-3 * np.abs(e.dot(e)).max()
+
+
+def test_columns_that_enter_channels_or_steps_alone_are_as_among_others():
+    """A force and a sensor's error apart, sliced and joined, against all columns together."""
+    line = short()
+    white, columns = integrated(line, NOISE, FORCE, FORCE_TIME, SPREAD), joined([line.data, some_columns(line)])
+    none = columns - columns
+    parts = [Columns(columns.measured, none.moved), Columns(none.measured, columns.moved)]
+    whole, (seen, moved) = white.embed(columns), (white.embed(part) for part in parts)
+    both = seen.joined(moved)
+    n = columns.count
+    products, cross = both.dot(both), seen.dot(moved)
+    close(products, np.block([[seen.dot(seen), cross], [cross.T, moved.dot(moved)]]), 1e-9)
+    close(both[n:].dot(both[n:]), moved.dot(moved), 1e-9)
+    close(seen.dot(seen) + cross + cross.T + moved.dot(moved), whole.dot(whole), 1e-9)
+    shares = np.arange(1.0, n + 1)
+    close(whole.combined(shares).dot(whole)[0], shares @ whole.dot(whole), 1e-9)
 
 
 def test_the_likelihood_is_that_of_a_kalman_filter():

@@ -4,11 +4,11 @@ import numpy as np
 import pandas as pd
 import pytest
 from pytest import approx
-from trials import CALM, NOISE, SHIP, run_of, sailed, states_of, values
+from trials import CALM, NOISE, SHIP, run_of, sailed, states_of, tensor, values
 
 from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.diagnosis.repair import predict, recorded, start_state
+from manoeuvre_nn.diagnosis.repair import predict, predict_corrected, recorded, start_state
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.local import BowThruster
 from manoeuvre_nn.effect.propulsion import PowerLimit
@@ -16,6 +16,7 @@ from manoeuvre_nn.effect.roll import RollCoupling
 from manoeuvre_nn.effect.rudder import RudderBacklash, RudderOffset, RudderSlow
 from manoeuvre_nn.effect.sensors import HeadingBias, LeverArm, LogScale
 from manoeuvre_nn.effect.wind import SteadyWind
+from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.recording.preparation import measured, with_measured
 from manoeuvre_nn.scoring.free_runs import errors
@@ -157,3 +158,15 @@ def test_a_recording_is_compared_without_its_outliers_and_from_the_warm_up_on():
     true = states_of(sailed([LATE])[0])[40:]
     perfect = recorded(late_run([]), WARMUP)[["u", "v"]].to_numpy()
     assert np.abs(perfect - true[:, :2])[np.isfinite(perfect)].max() < 1e-9
+
+
+def test_runs_without_and_with_corrections_side_by_side_are_those_of_each_model():
+    effects = [RudderOffset(SHIP, offset_deg=2.0)]
+    h = Hypothesis(tuple(effects), tuple(values(e, 2) for e in effects))
+    both = [late_run([]), late_run(effects)]
+    shares = tensor(0.05 * np.cos(np.arange(len(Corrections(CALM).names))))
+    alone, corrected = predict_corrected(CALM, shares, h, both, WARMUP, 0.2)
+    for found, model in ((alone, CALM), (corrected, Calibrated(CALM, shares))):
+        for one, other in zip(found, predict(model, h, both, WARMUP, 0.2), strict=True):
+            assert one.to_numpy() == approx(other.to_numpy(), abs=1e-6)
+    assert abs(alone[0]["psi"].iloc[-1] - corrected[0]["psi"].iloc[-1]) > 0.5

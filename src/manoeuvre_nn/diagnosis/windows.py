@@ -65,10 +65,10 @@ def best_windows(
     Yields:
         Values for every run.
     """
-    rows, ramp = _grid(effect), _column(effect, RAMP.name)
+    rows, ramp = _grid(effect), [p.name == RAMP.name for p in effect.declared]
     blocks = _all_blocks(likelihood, effect, [rows] * len(likelihood.data_set.runs), (level, scatter), given)
     found = []
-    for long in (float(rows[0, ramp]), *(LONG_RAMPS if _may_last(effect) else ())):
+    for long in (_ramp(effect, rows[0]), *(LONG_RAMPS if _may_last(effect) and any(ramp) else ())):
         gates = [b.gates(_may_last(effect), long) for b in blocks]
         for k in range(len(rows)):
             total = sum(
@@ -117,7 +117,7 @@ def replaced(likelihood: MarginalLikelihood, hypothesis: Hypothesis, level: int,
         )
         rows = [row[None] for row in best.values[k]]
         blocks = _all_blocks(likelihood, effect, rows, (level, scatter), given if others else None)
-        ramp = float(best.values[k][0, _column(effect, RAMP.name)])
+        ramp = _ramp(effect, best.values[k][0])
         for run, b in enumerate(blocks):
             for times in _sets_of_times(b, 0, effect, ramp, every=True):
                 if _alike(times, times_of(effect, best.values[k][run])):
@@ -150,8 +150,9 @@ def _timed(effect: Effect) -> list[int]:
     return [j for j, p in enumerate(effect.declared) if p.per_run]
 
 
-def _column(effect: Effect, name: str) -> int:
-    return [p.name for p in effect.declared].index(name)
+def _ramp(effect: Effect, values: Float[np.ndarray, " p"]) -> float:
+    """Time in which it builds up [s]; a step where it declares none."""
+    return next((float(v) for p, v in zip(effect.declared, values, strict=True) if p.name == RAMP.name), RAMP.low)
 
 
 def _may_last(effect: Effect) -> bool:

@@ -1,19 +1,13 @@
 """What a rival method says of a case: names by the criterion, alarms by limits from clean cases, predictions."""
 
-import importlib
-import pkgutil
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
-import manoeuvre_nn.effect
-from manoeuvre_nn.core.effect import Effect
-from manoeuvre_nn.core.ship import Ship
 from studies.concealed_trial.rivals.events import placed, timed
 from studies.concealed_trial.rivals.package import (
     Calibrated,
-    CalmWater,
     Case,
     Cause,
     Diagnosis,
@@ -25,12 +19,10 @@ from studies.concealed_trial.rivals.package import (
     predict,
     recorded,
 )
-from studies.concealed_trial.rivals.search import LONG, LeastSquaresFit, fitted, gusts, search
-from studies.concealed_trial.rivals.sindy import Terms
+from studies.concealed_trial.rivals.search import LeastSquaresFit
 from studies.concealed_trial.rivals.track import LATENCY, ROWS
 from studies.concealed_trial.rivals.whitened import WhitenedRuns
 
-METHODS = ("regression", "pysindy")
 TEMPERATURE = 3.0
 """Criteria are divided by it before they become probabilities: they are too sure of themselves."""
 EXPLAINED = 0.5
@@ -63,17 +55,18 @@ class RivalResult:
         none: Calm water as the method sees it.
         fits: Everything else, best first.
         best: The first of them as it fits the recordings themselves.
+        evidence: Gain and misfit, to be held against those of clean cases.
+        rest: Misfit that the best leaves.
+        probabilities: Of every name, where the method gives its own; None takes them from the criteria.
     """
 
     data: WhitenedRuns
     none: LeastSquaresFit
     fits: list[LeastSquaresFit]
     best: LeastSquaresFit
-
-    @property
-    def evidence(self) -> Limits:
-        """Gain and misfit, to be held against those of clean cases."""
-        return Limits(self.none.criterion - self.fits[0].criterion, self.none.misfit)
+    evidence: Limits
+    rest: float
+    probabilities: Mapping[str, float] | None = None
 
     def verdict(self, limits: Limits) -> str:
         """What there is.
@@ -86,54 +79,26 @@ class RivalResult:
         """
         if self.evidence.gain <= limits.gain and self.evidence.misfit <= limits.misfit:
             return "none"
-        unusual, rest = (f.misfit - limits.misfit for f in (self.none, self.fits[0]))
+        unusual, rest = self.evidence.misfit - limits.misfit, self.rest - limits.misfit
         return "unknown" if rest > max(0.0, (1 - EXPLAINED) * unusual) else "named"
 
 
-def shelf(ship: Ship) -> list[Effect]:
-    """Every effect that an answer may name.
+def compared(
+    data: WhitenedRuns, none: LeastSquaresFit, fits: list[LeastSquaresFit], best: LeastSquaresFit | None = None
+) -> RivalResult:
+    """A result by the criteria of all fits.
 
     Args:
-        ship: The ship.
+        data: The runs.
+        none: Calm water as the method sees it.
+        fits: Everything else, best first.
+        best: The first of them as it fits the recordings themselves; None is the same.
 
     Returns:
-        Prototypes.
+        The result.
     """
-    found: dict[str, Effect] = {}
-    for entry in pkgutil.iter_modules(manoeuvre_nn.effect.__path__):
-        module = importlib.import_module(f"manoeuvre_nn.effect.{entry.name}")
-        for kind in vars(module).values():
-            if isinstance(kind, type) and issubclass(kind, Effect) and kind.candidate:
-                found.setdefault(kind.name, kind(ship))
-    return list(found.values())
-
-
-def judge(case: Case, method: str, effects: Sequence[Effect] | None = None) -> RivalResult:
-    """Judge a case.
-
-    Args:
-        case: The case.
-        method: One of ``METHODS``.
-        effects: Prototypes of the candidates; None takes all.
-
-    Returns:
-        What the method finds.
-    """
-    effects = shelf(case.hull) if effects is None else effects
-    gusty = [e for e in effects if e.random]
-    dynamics = CalmWater(case.hull)
-    data = WhitenedRuns(dynamics, case.fitted)
-    if method == "regression":
-        none, fits = search(data, effects)
-        fits += [gusts(data, f, g) for f in fits for g in gusty if "wind_steady" in f.names]
-        fits.sort(key=lambda f: f.criterion)
-        return RivalResult(data, none, fits, fits[0])
-    none, fits = search(Terms(dynamics, case.fitted), effects)
-    best = fitted(data, fits[0].hypothesis, *LONG)
-    if "wind_steady" in best.names:  # terms know no gusts: they are read off what the steady wind leaves
-        best = min([best, *(gusts(data, best, g) for g in gusty)], key=lambda f: f.criterion)
-        fits[0] = replace(fits[0], hypothesis=best.hypothesis)
-    return RivalResult(data, none, fits, best)
+    evidence = Limits(none.criterion - fits[0].criterion, none.misfit)
+    return RivalResult(data, none, fits, best or fits[0], evidence, fits[0].misfit)
 
 
 def diagnosis(case: Case, found: RivalResult, limits: Limits) -> Diagnosis:
@@ -197,11 +162,13 @@ def _causes(case: Case, found: RivalResult, verdict: str, elsewhere: dict[str, n
     causes = []
     for name in dict.fromkeys(n for f in found.fits for n in f.names):
         probability = float(sum(w for w, f in zip(weight, found.fits, strict=True) if name in f.names))
+        probability = probability if found.probabilities is None else found.probabilities[name]
         fit = found.best if name in found.best.names else next(f for f in found.fits if name in f.names)
         causes.append(_cause(case, fit, name, probability, elsewhere.get(name)))
     causes.sort(key=lambda c: (c.name not in found.best.names, -c.probability))
     row = int((found.none.left**2).mean(axis=0).argmax())
     doubt = present * (0.8 if strange else 0.05)
+    doubt = doubt if found.probabilities is None else found.probabilities["unknown"]
     unknown = Cause("unknown", "something else", doubt, 0.0, (PLACES[row % len(ROWS)],), (), None, "", "")
     return [unknown, *causes] if strange else [*causes, unknown]
 

@@ -76,9 +76,9 @@ def search(data: WhitenedRuns, effects: Sequence[Effect]) -> tuple[LeastSquaresF
     Returns:
         Calm water, and everything else, best first; gusts are left to :func:`gusts`.
     """
-    none = fitted(data, Hypothesis((), (), TIMES))
+    none = none_of(data)
     plain = [e for e in effects if not e.random]
-    fits = _settled(data, [_added(data, none, e) for e in plain])
+    fits = settled(data, [added(data, none, e) for e in plain])
     if fits[0].criterion < none.criterion:
         fits = sorted([*fits, *_pairs(data, plain, fits)], key=lambda f: f.criterion)
     return none, fits
@@ -87,23 +87,52 @@ def search(data: WhitenedRuns, effects: Sequence[Effect]) -> tuple[LeastSquaresF
 def _pairs(data: WhitenedRuns, effects: Sequence[Effect], fits: Sequence[LeastSquaresFit]) -> list[LeastSquaresFit]:
     """The best effect with every other of another family; with the best of these, others of the first one's family."""
     (one,) = fits[0].hypothesis.effects
-    pairs = _settled(data, [_added(data, fits[0], e) for e in effects if e.family != one.family])
+    pairs = settled(data, [added(data, fits[0], e) for e in effects if e.family != one.family])
     second = next(f for f in fits if f.names == pairs[0].names[1:])
     others = [e for e in effects if e.family == one.family and e.name != one.name]
-    pairs += _settled(data, [_added(data, second, e) for e in others])
+    pairs += settled(data, [added(data, second, e) for e in others])
     return [replace(f, criterion=f.criterion + PAIR) for f in pairs]
 
 
-def _settled(data: WhitenedRuns, fits: Sequence[LeastSquaresFit]) -> list[LeastSquaresFit]:
-    """All fits, the best few of them brought to their end, best first."""
+def none_of(data: WhitenedRuns) -> LeastSquaresFit:
+    """Calm water.
+
+    Args:
+        data: The runs.
+
+    Returns:
+        Its fit.
+    """
+    return fitted(data, Hypothesis((), (), TIMES))
+
+
+def settled(data: WhitenedRuns, fits: Sequence[LeastSquaresFit]) -> list[LeastSquaresFit]:
+    """All fits, the best few of them brought to their end, best first.
+
+    Args:
+        data: The runs.
+        fits: Fits in any order.
+
+    Returns:
+        As many.
+    """
     ranked = sorted(fits, key=lambda f: f.criterion)
     ends = [min(f, fitted(data, f.hypothesis, *LONG), key=lambda g: g.criterion) for f in ranked[:FINAL]]
     return sorted([*ends, *ranked[FINAL:]], key=lambda f: f.criterion)
 
 
-def _added(data: WhitenedRuns, base: LeastSquaresFit, effect: Effect) -> LeastSquaresFit:
-    """The best fit with one more effect."""
-    h, runs, starts = base.hypothesis, len(data.tracks), _starts(effect)
+def added(data: WhitenedRuns, base: LeastSquaresFit, effect: Effect) -> LeastSquaresFit:
+    """The best fit with one more effect.
+
+    Args:
+        data: The runs.
+        base: What else acts.
+        effect: Prototype of the effect.
+
+    Returns:
+        The fit.
+    """
+    h, runs, starts = base.hypothesis, len(data.tracks), starts_of(effect)
     if timed(effect):
         found = [placed(data, h, effect, row) for row in starts]
         best = max(found, key=lambda item: item[1])[0]
@@ -119,8 +148,15 @@ def _added(data: WhitenedRuns, base: LeastSquaresFit, effect: Effect) -> LeastSq
     return min(fits, key=lambda f: f.criterion)
 
 
-def _starts(effect: Effect) -> Float[np.ndarray, "k p"]:
-    """Values from which a fit is tried: all starts, formulas as published."""
+def starts_of(effect: Effect) -> Float[np.ndarray, "k p"]:
+    """Values from which a fit is tried: all starts, formulas as published.
+
+    Args:
+        effect: The effect.
+
+    Returns:
+        One set a row; of times only the first.
+    """
     grids = [(p.null,) if p.form and p.null is not None else p.starts for p in effect.declared]
     return np.array(list(product(*(g[:1] if p.per_run else g for p, g in zip(effect.declared, grids, strict=True)))))
 

@@ -69,7 +69,7 @@ def library(t: SmoothedTrack) -> Float[np.ndarray, "n t"]:
         One column a term.
     """
     speed, turn = t.unit[3], t.unit[4]
-    nu, psi, d = t.line.track[:, :3] / [speed, speed, turn], t.channels[:, 4], t.run["delta"]
+    nu, psi, d = t.states[:, :3] / [speed, speed, turn], t.channels[:, 4], t.run["delta"]
     z = {"u": nu[:, 0] - 1, "v": nu[:, 1], "r": nu[:, 2], "d": d}
     made = {term: np.prod([z[letter] for letter in term], axis=0) for term in TERMS if set(term) <= set(z)}
     made |= {"1": np.ones_like(d), "cos": np.cos(psi), "sin": np.sin(psi)}

@@ -6,18 +6,22 @@ rate of the heading less the gyro, shaft speed less the nominal. All are average
 """
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import torch
 from jaxtyping import Float
 from scipy.ndimage import median_filter
+from scipy.signal import savgol_filter
 
 from manoeuvre_nn.core.channels import MEASURED
-from manoeuvre_nn.core.effect import Effect, Situation
+from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.recording import Recording
 from studies.concealed_trial.rivals.package import (
+    ORDER,
     Columns,
+    Corrections,
     LinearisedRun,
     Model,
     Rate,
@@ -25,7 +29,6 @@ from studies.concealed_trial.rivals.package import (
     contribution,
     linearise,
     measured,
-    smoothed,
 )
 
 ROWS = ("X", "Y", "N", "log", "gyro", "shaft")
@@ -46,8 +49,8 @@ class SmoothedTrack:
 
     Attributes:
         run: The run.
-        line: It about that track, as contributions of effects ask for it.
-        situation: What effects see along it.
+        states: u, v, r, x, y, psi along it.
+        time_unit: L/U0 [s].
         channels: Smoothed channels in the order of ``MEASURED``.
         slopes: Their rates.
         rate: Calm-water accelerations.
@@ -57,14 +60,19 @@ class SmoothedTrack:
     """
 
     run: Recording
-    line: LinearisedRun
-    situation: Situation
+    states: Float[np.ndarray, "n 6"]
+    time_unit: float
     channels: Float[np.ndarray, "n 8"]
     slopes: Float[np.ndarray, "n 8"]
     rate: Rate
     unit: Float[np.ndarray, " 6"]
     weight: Float[np.ndarray, " w"]
     known: dict[tuple[str, bytes], tuple[np.ndarray, np.ndarray]] = field(default_factory=dict, repr=False)
+
+    @cached_property
+    def line(self) -> LinearisedRun:
+        """The run about the track, as contributions of effects ask for it."""
+        return linearise(self.run, self.rate, self.states, self.time_unit)
 
     def averaged(self, rows: Float[np.ndarray, "n *k"]) -> Float[np.ndarray, "b *k"]:
         """Averages over time.
@@ -100,7 +108,7 @@ class SmoothedTrack:
         sway = d[..., 3] * cos - d[..., 2] * sin - ground * d[..., 4]
         with torch.no_grad():
             nu = torch.tensor(np.stack([log, across, r], axis=-1))
-            calm = self.rate(nu, self.situation.delta, self.situation.shaft).numpy()
+            calm = self.rate(nu, torch.tensor(self.run["delta"]), torch.tensor(self.run["shaft"])).numpy()
         force = np.stack([d[..., 6], sway, d[..., 5]], axis=-1) - calm
         if pushed is not None:
             force = force - pushed.transpose(2, 0, 1)
@@ -129,11 +137,13 @@ class SmoothedTrack:
         found = [self.known[key] for key in keys]
         return np.stack([a for a, _ in found], axis=-1), np.stack([p for _, p in found], axis=-1)
 
-    def nuisances(self, dynamics: Model) -> Float[np.ndarray, "b 6 m"]:
+    def nuisances(self, corrections: Corrections, at_samples: bool = False) -> Float[np.ndarray, "b 6 m"]:
         """What is uncertain under every hypothesis, as columns of the errors.
 
         Args:
-            dynamics: Calm-water model.
+            corrections: Of the calm-water model.
+            at_samples: Whether corrections are taken at the samples instead of within the steps between them, which is
+                quicker.
 
         Returns:
             A second more of the receiver's delay, then every correction of the model by 100 %.
@@ -141,7 +151,13 @@ class SmoothedTrack:
         added = np.zeros((len(self.run), len(MEASURED), 1))
         added[:, :4, 0] = -0.1 * self.slopes[:, :4]
         late = (self.errors() - self.errors(added)) / 0.1
-        push = self._pushed(coefficient_columns(dynamics, self.line)) / self.unit[:3, None]
+        if at_samples:
+            with torch.no_grad():
+                moving = torch.tensor(self.states[:, :3])
+                push = corrections(moving, torch.tensor(self.run["delta"])).numpy().transpose(0, 2, 1)
+        else:
+            push = self._pushed(coefficient_columns(corrections.dynamics, self.line))
+        push = push / self.unit[:3, None]
         return np.concatenate([late, self.averaged(np.concatenate([push, 0 * push], axis=1))], axis=-1)
 
     def _pushed(self, columns: Columns) -> Float[np.ndarray, "n 3 k"]:
@@ -173,17 +189,30 @@ def track(dynamics: Model, run: Recording) -> SmoothedTrack:
     run = run.with_channels(
         shaft=np.ones(len(run))
     )  # a shaft that is not at its nominal speed is a misfit like any other
-    pairs = [smoothed(run.time, _filled(recorded[:, k]), SMOOTH * p.time_unit) for k in range(len(MEASURED))]
-    channels, slopes = (np.stack(part, axis=-1) for part in zip(*pairs, strict=True))
+    filled = np.stack([_filled(column) for column in recorded.T], axis=-1)
+    size = smoother_size(p.time_unit, run.step)
+    channels, slopes = (savgol_filter(filled, size, ORDER, deriv=d, delta=run.step, axis=0) for d in (0, 1))
     channels[:, :4] += LATENCY * slopes[:, :4]
     slopes[:, :4] += LATENCY * np.gradient(slopes[:, :4], run.step, axis=0)
     x, y, vn, ve, psi, r, log, _ = channels.T
     states = np.stack([log, ve * np.cos(psi) - vn * np.sin(psi), r, x, y, psi], axis=-1)
-    line = linearise(run, rate, states, p.time_unit)
     turn = p.speed / p.length
     unit = np.array([p.speed * turn, p.speed * turn, turn**2, p.speed, turn, 1.0])
     weight = np.hanning(2 * max(2, round(0.5 * AVERAGE * p.time_unit / run.step)) + 2)[1:-1]
-    return SmoothedTrack(run, line, line.situation, channels, slopes, rate, unit, weight / weight.sum())
+    return SmoothedTrack(run, states, p.time_unit, channels, slopes, rate, unit, weight / weight.sum())
+
+
+def smoother_size(time_unit: float, step: float) -> int:
+    """Samples in the window of the local cubics.
+
+    Args:
+        time_unit: L/U0 [s].
+        step: Time between samples [s].
+
+    Returns:
+        An odd number.
+    """
+    return max(2 * round(SMOOTH * time_unit / step / 2) + 1, ORDER + 2)
 
 
 def _filled(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:

@@ -15,8 +15,16 @@ from scipy.signal import savgol_coeffs
 
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.recording import Recording
-from studies.concealed_trial.rivals.package import FIRST_NOISE, ORDER, Hypothesis, Model, process_time, typical
-from studies.concealed_trial.rivals.track import ROWS, SMOOTH, SmoothedTrack, track
+from studies.concealed_trial.rivals.package import (
+    FIRST_NOISE,
+    ORDER,
+    Corrections,
+    Hypothesis,
+    Model,
+    process_time,
+    typical,
+)
+from studies.concealed_trial.rivals.track import ROWS, SmoothedTrack, smoother_size, track
 
 SCATTER = 0.045
 """Relative standard deviation of published coefficients: 3 to 6 % is usual."""
@@ -40,19 +48,22 @@ class WhitenedRuns:
         covariance: Of the flattened errors.
     """
 
-    def __init__(self, dynamics: Model, runs: Sequence[Recording]) -> None:
+    def __init__(self, dynamics: Model, runs: Sequence[Recording], at_samples: bool = False) -> None:
         """Smooth the runs.
 
         Args:
             dynamics: Calm-water model.
             runs: The runs.
+            at_samples: See :meth:`.SmoothedTrack.nuisances`.
         """
         self.dynamics, self.tracks = dynamics, [track(dynamics, run) for run in runs]
         errors = [t.errors()[..., 0] for t in self.tracks]
         ends = list(accumulate((len(e) for e in errors), initial=0))
         self.parts = [slice(a, b) for a, b in zip(ends, ends[1:], strict=False)]
         self.errors = np.concatenate(errors)
-        columns = np.concatenate([t.nuisances(dynamics) for t in self.tracks]).reshape(self.errors.size, -1)
+        corrections = Corrections(dynamics)
+        columns = np.concatenate([t.nuisances(corrections, at_samples) for t in self.tracks])
+        columns = columns.reshape(self.errors.size, -1)
         self.nuisances = columns * np.append(LATENCY_SPREAD, np.full(columns.shape[1] - 1, SCATTER))
         own = [_own(dynamics, t, len(e)) for t, e in zip(self.tracks, errors, strict=True)]
         self.covariance = block_diag(*own) + self.nuisances @ self.nuisances.T
@@ -135,32 +146,71 @@ class WhitenedRuns:
 
 def _own(dynamics: Model, t: SmoothedTrack, count: int) -> Float[np.ndarray, "m m"]:
     """Covariance of the flattened errors of one run by instruments and a coloured force."""
-    p, step, hop = dynamics.particulars, t.run.step, len(t.weight) // 2
-    size = max(2 * round(SMOOTH * p.time_unit / step / 2) + 1, ORDER + 2)
-    value = np.convolve(t.weight, savgol_coeffs(size, ORDER))
-    slope = np.convolve(t.weight, savgol_coeffs(size, ORDER, deriv=1, delta=step))
+    speed = dynamics.particulars.speed
+    value, slope = kernels(dynamics, t, 2)
     _, _, north, _, psi, r, log, shaft = FIRST_NOISE
-    drift = float(np.hypot(north, p.speed * psi))
-    through = np.abs(_jacobian(t, p.speed)) * [log, drift, r]
-    slopes = [[log], [north, p.speed * psi], [r], [], [psi], []]
+    drift = float(np.hypot(north, speed * psi))
+    through = np.abs(jacobian(t, speed)) * [log, drift, r]
+    slopes = [[log], [north, speed * psi], [r], [], [psi], []]
     values = [*through.tolist(), [log, north], [r], [shaft]]
     rough = np.append(ROUGH * typical(dynamics), [0.0, 0.0, 0.0])
-    gap = np.arange(len(t.weight))
     total = np.zeros((count, len(ROWS), count, len(ROWS)))
     for row in range(len(ROWS)):
-        lags = np.zeros(count)
-        for lag in range(min(count, 12)):
-            k = lag * hop
-            for kernel, sizes in ((value, values[row]), (slope, slopes[row])):
-                lags[lag] += np.square(sizes).sum() * (kernel[k:] @ kernel[: len(kernel) - k] if k < len(kernel) else 0)
-            fading = np.exp(-np.abs(gap[:, None] - gap - k) * step / process_time(dynamics))
-            lags[lag] += rough[row] ** 2 * (t.weight @ fading @ t.weight)
-        total[:, row, :, row] = toeplitz(lags) / t.unit[row] ** 2
+        parts = [(value, values[row]), (slope, slopes[row])]
+        total[:, row, :, row] = noise_covariance(dynamics, t, parts, float(rough[row]), count) / t.unit[row] ** 2
     return total.reshape(count * len(ROWS), -1)
 
 
-def _jacobian(t: SmoothedTrack, speed: float) -> Float[np.ndarray, "3 3"]:
-    """Derivative of the calm-water accelerations by u, v, r on the approach."""
+def kernels(dynamics: Model, t: SmoothedTrack, orders: int) -> list[Float[np.ndarray, " k"]]:
+    """From the samples of a channel to averages of it and of its derivatives.
+
+    Args:
+        dynamics: Calm-water model.
+        t: The run.
+        orders: 2 for value and slope, 3 for the second derivative too.
+
+    Returns:
+        One kernel an order.
+    """
+    size, step = smoother_size(dynamics.particulars.time_unit, t.run.step), t.run.step
+    return [np.convolve(t.weight, savgol_coeffs(size, ORDER, deriv=d, delta=step)) for d in range(orders)]
+
+
+def noise_covariance(
+    dynamics: Model, t: SmoothedTrack, parts: Sequence[tuple[np.ndarray, Sequence[float]]], rough: float, count: int
+) -> Float[np.ndarray, "n n"]:
+    """Covariance of the averages of one row by white noise through kernels and a coloured force.
+
+    Args:
+        dynamics: Calm-water model.
+        t: The run.
+        parts: Kernels, each with the standard deviations of the noises that pass through it.
+        rough: Standard deviation of the coloured force, in the row's unit.
+        count: How many averages.
+
+    Returns:
+        The covariance.
+    """
+    gap, hop, lags = np.arange(len(t.weight)), len(t.weight) // 2, np.zeros(count)
+    for lag in range(min(count, 12)):
+        k = lag * hop
+        for kernel, sizes in parts:
+            lags[lag] += np.square(sizes).sum() * (kernel[k:] @ kernel[: len(kernel) - k] if k < len(kernel) else 0)
+        fading = np.exp(-np.abs(gap[:, None] - gap - k) * t.run.step / process_time(dynamics))
+        lags[lag] += rough**2 * (t.weight @ fading @ t.weight)
+    return toeplitz(lags)
+
+
+def jacobian(t: SmoothedTrack, speed: float) -> Float[np.ndarray, "3 3"]:
+    """Derivative of the calm-water accelerations by u, v, r on the approach.
+
+    Args:
+        t: The run.
+        speed: Approach speed [m/s].
+
+    Returns:
+        One row an acceleration.
+    """
     steps = np.array([0.01 * speed, 0.01 * speed, 0.01 * t.unit[4]])
     nu = torch.tensor(np.vstack([np.zeros(3), np.diag(steps)]) + [speed, 0.0, 0.0])
     with torch.no_grad():
