@@ -86,7 +86,7 @@ def test_wrong_commands_are_refused(cli, tmp_path, words, told):
         ("effect=[current,wind]", "effect=wind is unknown; manoeuvre train --help lists the choices"),
         ("effect=current effect.current.sped=1", "there is no setting effect.current.sped; manoeuvre train"),
         ("effect=current +effect.current.sped=1", "effect.current.sped: unknown parameter; current has speed, toward"),
-        ("effect=current effect.current.speed=9", "effect.current.speed=9: expected 0 to 3 m/s"),
+        ("effect=current effect.current.speed=90", "effect.current.speed=90: expected 0 to 10 m/s"),
         ("effect=current effect.current.speed=fast", "speed=fast: expected a number"),
         ("effect=bank effect.bank.side=left", "effect.bank.side 'left' is unknown; choose one of: starboard, port"),
         ("effect.current.speed=1", "there is no setting effect.current.speed"),

@@ -13,7 +13,7 @@ from manoeuvre_nn.effect.local import SideForce
 from manoeuvre_nn.effect.rudder import RudderOffset
 from manoeuvre_nn.estimation.data_set import whitened_data_set
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
-from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood, hypothesis_columns
+from manoeuvre_nn.estimation.marginal_likelihood import MAX_KEPT, MarginalLikelihood, hypothesis_columns
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 ACTING = (Current(SHIP, speed=0.6, toward_deg=50.0), RudderOffset(SHIP, offset_deg=1.5))
@@ -51,3 +51,24 @@ def test_two_processes_find_what_one_finds():
     assert [j.names for j in once.fitted] == [j.names for j in twice.fitted]
     assert [j.evidence for j in once.fitted] == approx([j.evidence for j in twice.fitted], abs=1e-9)
     assert {"current", "rudder_offset"} <= set(once.fitted[0].names)
+
+
+def test_a_hypothesis_that_was_forgotten_is_not_taken_for_another():
+    """Hypotheses made for one score get the memory of those before them: sizes and values must be their own."""
+    stand = whitened_data_set(CALM, runs([CIRCLE, ZIGZAG], ACTING))
+    likelihood = MarginalLikelihood(stand)
+    first = Hypothesis((ACTING[0],), (values(ACTING[0], 2),))
+    level, scatter = likelihood.evaluate(first).best
+    kinds = [type(e)(SHIP) for e in (*ACTING, PUSH)]
+
+    def score(k: int, judge: MarginalLikelihood) -> float:
+        other = kinds[k % len(kinds)]
+        table = values(other, 2)
+        table[:, 0] *= 1 + 0.01 * k
+        return judge.pair_evidence(first, Hypothesis((other,), (table,)), level, scatter)
+
+    apart = [score(k, MarginalLikelihood(stand)) for k in range(9)]
+    found = []
+    for k in range(9):
+        found += [score(k, likelihood) for _ in range(MAX_KEPT)][-1:]  # equal ones come and go
+    assert found == approx(apart)

@@ -67,7 +67,7 @@ def test_without_effects_it_is_the_calm_ship_and_its_recording():
 
 
 def test_the_state_starts_with_the_effects_own_states_behind_the_ships():
-    ship = Vessel(CALM, [RollCoupling(SHIP), SteadyWind(SHIP), PowerLimit(SHIP)]).model
+    ship = Vessel(CALM, [RollCoupling(SHIP), SteadyWind(SHIP), PowerLimit(SHIP, rpm_slope=0.2)]).model
     six = torch.tensor([7.0, 0.1, 0.01, 1.0, 2.0, 3.0], dtype=torch.float64)
     state = ship.start(six, Inputs(torch.tensor(0.0).double()))
     engine = 1 - 0.2 * (1 - 7.0 / SHIP.particulars.speed)
@@ -162,7 +162,9 @@ def test_effects_act_on_the_ship_at_its_approach_speed_and_keep_their_choices():
 @pytest.mark.parametrize("solver", ["rollout", "simulate"])
 def test_a_recording_with_effects_has_what_sensors_write(solver):
     record = sailed(
-        [Current(SHIP, speed=1.0, toward_deg=90.0), PowerLimit(SHIP)], turning_circle(25.0, duration=80.0), solver
+        [Current(SHIP, speed=1.0, toward_deg=90.0), PowerLimit(SHIP, rpm_slope=0.2)],
+        turning_circle(25.0, duration=80.0),
+        solver,
     )
     late = record.between(40.0, 80.0)
     for position, velocity in (("x", "vn"), ("y", "ve")):

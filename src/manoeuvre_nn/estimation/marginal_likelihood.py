@@ -124,7 +124,7 @@ class MarginalLikelihood:
         """Take the runs."""
         self.data_set = data_set
         self.start_level = 2 * (len(PROCESS_LEVELS) + 1)
-        self._pieces: dict[tuple[int, int], _Piece] = {}
+        self._pieces: dict[tuple[object, ...], _Piece] = {}
         self._latest: dict[tuple[object, ...], HypothesisColumns] = {}
 
     def posterior(self, lin: HypothesisColumns | None, level: int) -> Posterior:
@@ -148,7 +148,7 @@ class MarginalLikelihood:
 
     def columns(self, hypothesis: Hypothesis) -> HypothesisColumns:
         """Columns of a hypothesis; the last few are kept: screening, fits and levels of noise ask for them again."""
-        key = (tuple(map(id, hypothesis.effects)), hypothesis.fixed, *(v.tobytes() for v in hypothesis.values))
+        key = _key(hypothesis)
         found = self._latest.pop(key, None) or hypothesis_columns(self.data_set, hypothesis)
         self._latest[key] = found  # it holds the effects, so that no other one can have their ids
         if len(self._latest) > MAX_KEPT:
@@ -197,8 +197,8 @@ class MarginalLikelihood:
         return float(self.regress(gram, base.norm, first, second).evidence[scatter])
 
     def _piece(self, hypothesis: Hypothesis, level: int) -> _Piece:
-        """A hypothesis at a force level: whitened once, not once a pair, if it is asked for as the same object."""
-        key = (id(hypothesis), level)
+        """A hypothesis at a force level: whitened once, not once a pair."""
+        key = (level, *_key(hypothesis))
         if key not in self._pieces:
             lin, size = self.columns(hypothesis), self.data_set.size
             columns = self.data_set.embedded(level, lin.columns)
@@ -350,6 +350,12 @@ def log_prior_levels(data_set: WhitenedDataSet, process_prior: float | None) -> 
         scatter = -0.5 * np.square(np.array(COEFFICIENT_SD_LEVELS) / COEFFICIENT_SD_PRIOR)
     total = process[:, None] + scatter[None, :]
     return total - logsumexp(total)
+
+
+def _key(hypothesis: Hypothesis) -> tuple[object, ...]:
+    """What tells hypotheses apart as long as their effects are kept, so that no other one can have their ids."""
+    effects = tuple(map(id, hypothesis.effects))
+    return (effects, hypothesis.fixed, hypothesis.campaigns, *(v.tobytes() for v in hypothesis.values))
 
 
 def _shift(hypothesis: Hypothesis) -> Float[np.ndarray, " m"]:
