@@ -7,8 +7,8 @@ from manoeuvre_nn.core.effect import Effect
 from studies.concealed_trial.rivals.package import Hypothesis
 from studies.concealed_trial.rivals.whitened import WhitenedRuns
 
-TIMES = frozenset({"start_s", "end_s"})
-"""Parameters that are found on the grid; least squares cannot move them."""
+TIMES = frozenset(f"{what}{number}_s" for what in ("start", "end") for number in ("", "_2", "_3"))
+"""Parameters that are found on the grid, or stay where they are; least squares cannot move them."""
 NEVER, ALWAYS = 7000.0, (-1e4, 1e5)
 """Start and end of an event that a run does not have, and of one that lasts all the time [s]."""
 GRID, SHORTEST = 8.0, 4

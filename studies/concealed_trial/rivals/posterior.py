@@ -1,12 +1,14 @@
 """Parameters of effects by neural posterior estimation: one flow for all effects, told which one it is asked about."""
 
 import warnings
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor, nn
+from torch.utils.tensorboard import SummaryWriter
 
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.errors import InputError
@@ -84,13 +86,15 @@ def fit_posteriors(data: Examples, seed: int) -> Posteriors:
     try:
         from sbi.inference import NPE
         from sbi.utils import BoxUniform
+        from sbi.utils.tracking import TensorBoardTracker
     except ImportError:
         raise InputError(MISSING) from None
     theta, x = pairs(data, seed)
-    with torch.random.fork_rng(devices=[]), warnings.catch_warnings():
+    with TemporaryDirectory() as place, torch.random.fork_rng(devices=[]), warnings.catch_warnings():
         torch.manual_seed(seed)
+        tracker = TensorBoardTracker(SummaryWriter(place))  # left to itself, sbi writes where it is called
         prior = BoxUniform(-BOX * torch.ones(MAX_NUMBERS), BOX * torch.ones(MAX_NUMBERS))
-        trainer = NPE(prior, density_estimator=_builder(), show_progress_bars=False)
+        trainer = NPE(prior, density_estimator=_builder(), tracker=tracker, show_progress_bars=False)
         warnings.simplefilter("ignore")  # columns of effects that no example has, and the last epoch
         flow = trainer.append_simulations(theta, x).train(
             training_batch_size=BATCH, learning_rate=RATE, stop_after_epochs=PATIENCE, max_num_epochs=MAX_EPOCHS

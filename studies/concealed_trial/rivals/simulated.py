@@ -161,6 +161,9 @@ def _values(rng: np.random.Generator, ship: Ship, effect: Effect, runs: int, sec
     size = float(np.exp(rng.uniform(*np.log(SIZES))))
     begin = rng.uniform(min(80.0, 0.3 * seconds), 0.45 * seconds, runs)
     for k, p in enumerate(effect.declared):
+        if p.per_run and not np.isfinite(p.starts[0]):
+            table[:, k] = p.starts[0]  # events have one interval
+            continue
         if p.per_run:
             table[:, k] = begin if p.name == "start_s" else begin + rng.uniform(0.22, 0.4, runs) * seconds
         elif p.name == effect.random[0] if effect.random else False:

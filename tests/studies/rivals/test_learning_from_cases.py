@@ -1,5 +1,6 @@
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -129,14 +130,17 @@ def small_world() -> examples.Examples:
 
 
 @pytest.fixture(scope="module")
-def learnt():
+def learnt(tmp_path_factory):
     pytest.importorskip("sbi")
     with unchecked(), pytest.MonkeyPatch.context() as patch:
         patch.setattr(neural, "MEMBERS", 2)
         patch.setattr(neural, "MAX_EPOCHS", 6)
         patch.setattr(posterior, "MAX_EPOCHS", 15)
         patch.setattr(posterior, "RATE", 1e-2)
-        return neural.learn(small_world())
+        patch.chdir(tmp_path_factory.mktemp("here"))
+        made = neural.learn(small_world())
+        assert list(Path.cwd().iterdir()) == []  # sbi keeps a log of its training, of which nothing stays
+        return made
 
 
 def test_a_network_names_and_sizes_an_offset_that_it_has_not_seen(learnt):
