@@ -222,6 +222,15 @@ def test_a_time_that_never_comes_is_no_unknown_and_further_intervals_cost_prior(
     ]
     more = Hypothesis((effect,), (table.copy(),))
     more.values[0][0, timed[2:4]] = (300.0, 350.0)
-    # 2 times: .5 * 2 / T^2; 4 times: .15 * 24 / T^4, beside flat priors over 7200 s.
-    gain = more.log_prior_of_times([600.0, 600.0]) - one.log_prior_of_times([600.0, 600.0])
-    assert gain == approx(np.log(0.15 * 24 / (0.5 * 2)) + 2 * np.log(7200 / 600))
+    # 2 times: .5 * 2 / T^2; 4 times: .15 * 24 / T^4, the powers of T by the standard deviations.
+    assert more.log_prior_of_times() - one.log_prior_of_times() == approx(np.log(0.15 * 24 / (0.5 * 2)))
+    sds = dict(zip([(f.parameter.name, f.runs) for f in one.unknowns()], one.prior_sds([600.0, 900.0]), strict=True))
+    assert sds["start_s", (0,)] == approx(600 / np.sqrt(2 * np.pi))
+
+
+def test_times_that_the_data_do_not_say_are_no_evidence():
+    """A force too small to be seen, anywhere in two runs: Laplace's Gaussian is as wide as the prior, not wider."""
+    likelihood = MarginalLikelihood(whitened_data_set(CALM, campaign([None, None])))
+    effect = SideForce(SHIP, force_kN=1e-4, start_s=150.0, end_s=290.0)
+    nothing = likelihood.evaluate(Hypothesis((effect,), (np.tile(effect.values.numpy(), (2, 1)),)))
+    assert nothing.evidence < likelihood.evaluate(Hypothesis((), ())).evidence + 0.5

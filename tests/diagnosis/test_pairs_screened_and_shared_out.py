@@ -72,3 +72,11 @@ def test_a_hypothesis_that_was_forgotten_is_not_taken_for_another():
     for k in range(9):
         found += [score(k, likelihood) for _ in range(MAX_KEPT)][-1:]  # equal ones come and go
     assert found == approx(apart)
+
+
+def test_no_columns_at_all_are_columns_too():
+    """A hypothesis whose scan leaves nothing to be looked at."""
+    stand = whitened_data_set(CALM, runs([CIRCLE]))
+    white, base = stand.at(6).white[0], stand.runs[0].base
+    nothing = white.embed(base[:0])
+    assert nothing.dot(white.embed(base[:2])).shape == (0, 2) and nothing.dot(nothing).shape == (0, 0)

@@ -18,7 +18,7 @@ from manoeuvre_nn.diagnosis.predictive import calm_check
 from manoeuvre_nn.diagnosis.proof import foreseen, placed, prove
 from manoeuvre_nn.diagnosis.remainder import is_left, with_remainder
 from manoeuvre_nn.diagnosis.result import Cause, Check, Diagnosis, Proof, Residual
-from manoeuvre_nn.diagnosis.search import Progress, SearchResult, at_rest, search
+from manoeuvre_nn.diagnosis.search import MIN_GAIN_OF_SECOND, Progress, SearchResult, at_rest, search
 from manoeuvre_nn.diagnosis.words import (
     labels,
     left_open,
@@ -121,6 +121,7 @@ def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypo
         after, gain = _cost(question, [p.rmse_after for p in made]), foreseen(question, j, elsewhere)
         enough = claim.evidence - none.evidence + gain > least_gain(claim)
         helped = enough and (not made or (gain > least and after < MAX_ERROR_GROWTH * before))
+        helped = helped and _last_effect_helps(question, claim, gain, claims)
         text = (
             f"with {labels(j)} the error of free runs goes from {before:.2f} to {after:.2f} ({_unit(question)}), "
             f"and the log evidence of the held-out runs by {gain:+.0f}"
@@ -132,6 +133,15 @@ def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypo
     corrected = prove(question, data_set, none, none.hypothesis, proofs) if proofs else []
     better = _cost(question, [p.rmse_after for p in corrected]) < before
     return none, corrected if better else proofs, checks
+
+
+def _last_effect_helps(
+    question: Question, claim: FittedHypothesis, gain: float, claims: Sequence[FittedHypothesis]
+) -> bool:
+    """Whether several effects say more in fitted and held-out runs together than the same without the last of them."""
+    fewer = [j for j in claims if len(j.names) == len(claim.names) - 1 and set(j.names) < set(claim.names)]
+    others = [j.evidence + foreseen(question, j, placed(question, j)) for j in fewer]
+    return claim.evidence + gain > max(others, default=-np.inf) + (MIN_GAIN_OF_SECOND if others else 0.0)
 
 
 def _turns(hypothesis: Hypothesis) -> bool:

@@ -102,8 +102,9 @@ def search(
     for variant in variants:
         steady = variant.variant_of
         windy = [j for j in fitted[:MAX_BUILT_UPON] if steady in j.names and j.evidence > none.evidence]
-        # On ponds the mean wind may show in nothing but its gusts.
-        unmixed = [j for j in fitted if j.names == (steady,) and data_set.dynamics.particulars.is_model]
+        # Alone too: beside a steady wind gusts are taken for another effect. On ponds the mean may not show at all.
+        on_pond = data_set.dynamics.particulars.is_model
+        unmixed = [j for j in fitted if j.names == (steady,) and (on_pond or j.evidence > none.evidence)]
         for j in windy[:3] + [j for j in unmixed if j not in windy[:3]]:
             progress(" + ".join(j.names).replace(steady, variant.name))
             fitted.append(fitted_gusts(likelihood, j, variant))

@@ -64,13 +64,10 @@ class Hypothesis:
         """Values of the free numbers."""
         return np.array([self.values[f.effect][f.runs[0], f.column] for f in self.unknowns()])
 
-    def log_prior_of_times(self, durations: Sequence[float]) -> float:
-        """Log prior of how often events happen in each run, and of their times beside flat priors within their bounds.
+    def log_prior_of_times(self) -> float:
+        """Log prior of how often events happen in each run, and of the order of their times.
 
-        ``p(k intervals) (2 k)! / T^(2 k)``: times are in order, and anywhere in a run of duration T.
-
-        Args:
-            durations: Of the runs [s].
+        ``p(k intervals) (2 k)!``, beside ``1 / T^(2 k)`` of times anywhere in a run of duration T: :meth:`prior_sds`.
 
         Returns:
             0 without an event whose times are free.
@@ -78,20 +75,29 @@ class Hypothesis:
         total = 0.0
         for effect, values in zip(self.effects, self.values, strict=True):
             timed = [j for j, p in enumerate(effect.declared) if p.per_run and p.name not in self.fixed]
-            ranges = np.array([effect.declared[j].high - effect.declared[j].low for j in timed])
             may_last = len(timed) > 1 and np.isinf(effect.declared[timed[1]].starts[0])
-            for row, duration in zip(values[:, timed], durations if timed else (), strict=bool(timed)):
+            for row in values[:, timed] if timed else ():
                 known = np.isfinite(row)
                 number = int(known[::2].sum())
                 total += log(NUMBER_OF_INTERVALS[number]) + lgamma(1 + known.sum())
-                total += float(np.log(ranges[known] / duration).sum())
                 if may_last and number:
                     total += log(STOPS if known[1] else 1 - STOPS)
         return total
 
-    def prior_sds(self) -> Float[np.ndarray, " m"]:
-        """Prior standard deviations of the free numbers at their values, see :meth:`_Unknown.prior_sd`."""
-        return np.array([f.prior_sd(v) for f, v in zip(self.unknowns(), self.vector(), strict=True)])
+    def prior_sds(self, durations: Sequence[float] = ()) -> Float[np.ndarray, " m"]:
+        """Prior standard deviations of the free numbers at their values, see :meth:`_Unknown.prior_sd`.
+
+        Args:
+            durations: Of the runs [s]: a time is one within its run. Else it is anywhere within its bounds.
+
+        Returns:
+            One a number.
+        """
+        sds = [f.prior_sd(v) for f, v in zip(self.unknowns(), self.vector(), strict=True)]
+        for k, f in enumerate(self.unknowns()):
+            if durations and f.parameter.per_run:
+                sds[k] = durations[f.runs[0]] / sqrt(2 * pi)
+        return np.array(sds)
 
     def prior_excess(self) -> float:
         """Log density of their priors over that of the Gaussians that stand for them, all together."""

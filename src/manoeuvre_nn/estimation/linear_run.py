@@ -270,7 +270,7 @@ class RunEquations:
 def _entering(part: Float[np.ndarray, "n k p"]) -> tuple[Float[np.ndarray, "nk q"], Int[np.ndarray, " q"]]:
     """Columns that are not 0 throughout, the samples below each other, and which they are."""
     at = np.flatnonzero(part.any(axis=(0, 1)))
-    return part[..., at].reshape(part[..., 0].size, len(at)), at
+    return part[..., at].reshape(int(np.prod(part.shape[:-1])), len(at)), at
 
 
 def _bands(blocks: Float[np.ndarray, "n a b"], below: int | None = None) -> sparse.csr_array:

@@ -169,18 +169,18 @@ class MarginalLikelihood:
         size = at = self.data_set.size
         data = np.append(1.0, np.zeros(len(gram) - 1))
         wholes, numbers, spreads = list[int](), list[int](), list[float]()
+        durations = [float(np.ptp(p.linearised.run.time)) for p in self.data_set.runs]
         for hypothesis in hypotheses:
             unknowns = hypothesis.unknowns()
             wholes.append(at)
             numbers += range(at + 1, at + 1 + len(unknowns))
-            spreads += hypothesis.prior_sds().tolist()
+            spreads += hypothesis.prior_sds(durations).tolist()
             # Unknowns are deviations from their prior means: the data stand at the present values.
             data[at : at + 1 + len(unknowns)] = np.append(-1.0, -_shift(hypothesis))
             at += 1 + len(unknowns)
         keep = [0, *wholes, *range(1, size), *numbers]
         found = self.data_set.posterior(gram[np.ix_(keep, keep)], norm, data[keep], spreads)
-        durations = [float(np.ptp(p.linearised.run.time)) for p in self.data_set.runs]
-        prior = sum(h.prior_excess() + h.log_prior_of_times(durations) for h in hypotheses)
+        prior = sum(h.prior_excess() + h.log_prior_of_times() for h in hypotheses)
         return replace(found, evidence=found.evidence + prior)
 
     def pair_evidence(self, first: Hypothesis, second: Hypothesis, level: int, scatter: int) -> float:
