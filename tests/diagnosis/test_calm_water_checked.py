@@ -6,7 +6,8 @@ from pytest import approx
 from strangers import Stranger, asked, calm_only, of, strange_runs
 
 from manoeuvre_nn.diagnosis.diagnose import diagnose
-from manoeuvre_nn.diagnosis.predictive import _coloured, calm_check, tail
+from manoeuvre_nn.diagnosis.predictive import calm_check, tail
+from manoeuvre_nn.estimation.process_noise import drawn_process
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 NAME = "calm water sails these runs"
@@ -42,6 +43,7 @@ def test_the_tail_goes_on_where_draws_end():
 
 
 def test_drawn_process_noise_has_its_size_and_its_memory():
-    noise = _coloured(np.random.default_rng(0), np.arange(0.0, 400.0, 2.0), 800, np.array([1.0, 3.0]), 20.0)
+    courses = drawn_process(np.random.default_rng(0), np.arange(0.0, 400.0, 2.0), 20.0, (800, 2))
+    noise = np.array([1.0, 3.0]) * courses
     assert noise.std(axis=(0, 1)) == approx([1.0, 3.0], rel=0.03)
     assert np.corrcoef(noise[:-10, :, 0].ravel(), noise[10:, :, 0].ravel())[0, 1] == approx(np.exp(-1), abs=0.03)

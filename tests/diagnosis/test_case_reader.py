@@ -318,3 +318,17 @@ def test_a_damaged_or_foreign_manifest_is_refused_by_name(tmp_path, content):
     assert "\n" not in str(refusal.value)
     with pytest.raises(InputError, match="does not exist"):
         read_manifest(tmp_path / "nowhere")
+
+
+def test_the_campaign_of_a_run_stands_in_the_manifest(tmp_path):
+    folder = a_case(tmp_path)
+    path = folder / "manifest.json"
+    said = json.loads(path.read_text())
+    said["runs"][0]["campaign"] = "friday"
+    path.write_text(json.dumps(said))
+    first, *others = read_case(folder).runs
+    assert first.meta["campaign"] == "friday" and all("campaign" not in run.meta for run in others)
+    said["runs"][0]["campaign"] = 3
+    path.write_text(json.dumps(said))
+    with pytest.raises(InputError, match="campaign of run .* is 3; expected a name"):
+        read_case(folder)

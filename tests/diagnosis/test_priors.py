@@ -14,12 +14,12 @@ from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.rudder import RudderBacklash, RudderOffset
 from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.estimation import marginal_likelihood as under_test
-from manoeuvre_nn.estimation.corrections import Calibrated, Corrections, Scatter
+from manoeuvre_nn.estimation.corrections import Calibrated, CoefficientPrior, Corrections
 from manoeuvre_nn.estimation.data_set import whitened_data_set
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.posterior import posterior
-from manoeuvre_nn.estimation.relinearise import with_likely_scatter
+from manoeuvre_nn.estimation.relinearise import with_likely_coefficient_prior
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 NONE = Hypothesis((), ())
@@ -77,7 +77,7 @@ def test_standard_errors_hold_over_levels_of_noise():
 
 def test_errors_of_a_term_in_sway_and_yaw_go_together_by_the_stated_correlation():
     names = ["Xuu", "Yv", "Nv", "Yrr", "N+uv", "Y+uv", "Nd"]
-    root = Scatter(0.6, 3.0).root(names)
+    root = CoefficientPrior(0.6, 3.0).root(names)
     expected = np.eye(7)
     expected[1, 2] = expected[2, 1] = 0.6
     expected[4, 4] = expected[5, 5] = 9.0
@@ -94,7 +94,9 @@ def test_a_coupling_that_is_there_is_found():
         with unchecked():
             tracks = roll_out(Vessel(ship), [CIRCLE, ZIGZAG], step=1.0)
         data_set = whitened_data_set(CALM, [run_of(track, NOISE) for track in tracks])
-        chosen[sign] = with_likely_scatter(data_set, MarginalLikelihood(data_set).evaluate(NONE)).scatter.coupling
+        chosen[sign] = with_likely_coefficient_prior(
+            data_set, MarginalLikelihood(data_set).evaluate(NONE)
+        ).coefficient_prior.coupling
     assert chosen[1.0] >= 0.6 and chosen[-1.0] == 0.0
 
 

@@ -1,23 +1,31 @@
 """From recordings to a named cause and a better prediction, and from clean recordings to nothing."""
 
 from functools import cache
+from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
+import torch
+from fleet import unchecked
 from pytest import approx
-from trials import CALM, NOISE, SHIP, run_of, sailed
+from trials import CALM, NOISE, SHIP, run_of
 
 from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage
 from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.diagnosis import diagnose as under_test
 from manoeuvre_nn.diagnosis.case import Case, Question
 from manoeuvre_nn.diagnosis.diagnose import diagnose
 from manoeuvre_nn.diagnosis.result import Diagnosis
+from manoeuvre_nn.dynamics.rollout import roll_out
+from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.formula import Formula
 from manoeuvre_nn.effect.propulsion import HullFouling
 from manoeuvre_nn.effect.rudder import RudderOffset
 from manoeuvre_nn.effect.sensors import HeadingBias, LogScale
 from manoeuvre_nn.effect.wind import SteadyWind
+from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 CANDIDATES = [kind(SHIP) for kind in (Current, SteadyWind, RudderOffset, HullFouling, HeadingBias, LogScale)]
@@ -41,13 +49,18 @@ STRANGE = ("Y |v||r|", "N r|r| cos psi")
 TRUE = {
     "current": Current(SHIP, speed=0.7, toward_deg=200.0),
     "offset": RudderOffset(SHIP, offset_deg=2.0),
+    "log": LogScale(SHIP, factor=1.1),
     "strange": Formula(SHIP, STRANGE, w1=1.5, w2=0.5),
 }
 
 
 @cache
-def diagnosis(*acting: str, remainder: bool = False) -> Diagnosis:
-    records = sailed(TRIALS, [TRUE[a] for a in acting])
+def diagnosis(*acting: str, remainder: bool = False, weaker: float = 0.0) -> Diagnosis:
+    """Of runs of a ship whose rudder is so much weaker than published, with these effects."""
+    shares = [-weaker if name in ("Yd", "Nd") else 0.0 for name in Corrections(CALM).names]
+    ship = Calibrated(CALM, torch.tensor(shares, dtype=torch.float64)) if weaker else CALM
+    with unchecked():
+        records = roll_out(Vessel(ship, [TRUE[a] for a in acting]), TRIALS, step=1.0)
     *fitted, last = (run_of(r, NOISE, seed) for seed, r in enumerate(records, start=20))
     case = Case("trial", "mariner", (*fitted, last), SHIP, frozenset({last.name}))
     return diagnose(Question(case, CALM, CANDIDATES, remainder=remainder))
@@ -83,6 +96,41 @@ def test_clean_recordings_end_with_nothing():
     assert all(probability(d, e.name) < 0.5 for e in CANDIDATES) and probability(d, "unknown") < 0.5
     assert d.rmse("before") == approx(d.rmse("after"))
     assert all(r.windows == [] for r in d.residuals)
+
+
+def test_what_effects_gain_alone_is_told_from_what_corrected_coefficients_gain():
+    """A current, and a rudder that is 8 % weaker than published."""
+    d = diagnosis("current", weaker=0.08)
+    before, alone, after = (d.rmse(when)["pos"] for when in ("before", "alone", "after"))
+    assert d.model == ["current"] and before > 1.5 * alone > 3 * after
+    assert f"({alone:.3g} m with published coefficients)" in d.sentence
+
+
+def test_where_nothing_is_missing_corrected_coefficients_predict():
+    d = diagnosis(weaker=0.06)
+    assert (d.verdict, d.model) == ("none", []) and d.repaired
+    assert d.rmse("after")["pos"] < 0.5 * d.rmse("before")["pos"] and np.isnan(d.rmse("alone").get("pos", np.nan))
+    assert "coefficients corrected within their scatter" in d.sentence
+
+
+def test_three_effects_at_once_are_all_named_with_their_values():
+    d = diagnosis("current", "offset", "log")
+    assert set(d.model) == {"current", "rudder_offset", "log_scale"}
+    found = {v.name: v for c in d.causes if c.name in d.model for v in c.parameters}
+    for name, true in {"speed": 0.7, "toward_deg": 200.0, "offset_deg": 2.0, "factor": 1.1}.items():
+        assert abs(found[name].value - true) < 4 * found[name].error
+
+
+@pytest.mark.parametrize("fitted, held_out, helps", [(7.0, 3.0, True), (7.0, -3.0, False), (4.0, 1.0, False)])
+def test_the_last_of_two_effects_must_add_six_in_fitted_and_held_out_runs_together(
+    monkeypatch, fitted, held_out, helps
+):
+    one, two = (SimpleNamespace(names=names, evidence=20.0) for names in (("current",), ("current", "wind")))
+    two.evidence += fitted
+    monkeypatch.setattr(under_test, "placed", lambda question, j: j)
+    monkeypatch.setattr(under_test, "foreseen", lambda question, j, there: 5.0)
+    assert under_test._last_effect_helps(Mock(), two, 5.0 + held_out, [two, one]) is helps
+    assert under_test._last_effect_helps(Mock(), one, 5.0, [two, one])
 
 
 def test_two_effects_at_once_are_both_named():

@@ -51,7 +51,9 @@ def advise(data_set: WhitenedDataSet, leading: FittedHypothesis, rivals: Sequenc
     plans = [*new_runs(data_set, leading.hypothesis), *same_runs(data_set)]
     again = [about_states(data_set.dynamics, p, p.linearised.track) for p in data_set.runs]
     # Coefficients as they are, not in the combinations that the recordings show: a new run may show others.
-    data_set = WhitenedDataSet(data_set.dynamics, [*again, *(plan.prepared for plan in plans)], data_set.scatter)
+    data_set = WhitenedDataSet(
+        data_set.dynamics, [*again, *(plan.prepared for plan in plans)], data_set.coefficient_prior
+    )
     rows = [*range(len(again)), *(plan.row for plan in plans)]
     whole = _whole(data_set, leading.hypothesis, rows)
     return [_ranked(data_set, whole, r.hypothesis.of_runs(rows), r.best, plans) for r in rivals]

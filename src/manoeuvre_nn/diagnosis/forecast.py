@@ -2,7 +2,7 @@
 
 A band holds what is not known: numbers and coefficients (drawn together from their posterior), the state at the end of
 the warm-up, forces that no hypothesis explains (process noise of the size that the fitted runs need) and the noise of
-the sensors. Of gusts it holds the mean wind alone, and an event takes place when it did in the first fitted run.
+the sensors. Of gusts it holds the mean wind alone, and no event has a time in it.
 """
 
 from collections.abc import Sequence
@@ -17,7 +17,6 @@ from torch import Tensor
 
 from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis.case import Question
 from manoeuvre_nn.diagnosis.repair import (
@@ -29,12 +28,13 @@ from manoeuvre_nn.diagnosis.repair import (
     warm_up_end,
 )
 from manoeuvre_nn.diagnosis.result import Proof
-from manoeuvre_nn.dynamics.base import Model, is_fitted
+from manoeuvre_nn.dynamics.base import Model, ModelAround, is_fitted
 from manoeuvre_nn.estimation.corrections import Calibrated
 from manoeuvre_nn.estimation.data_set import LATENCY, WhitenedDataSet, process_time, same_campaigns
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.linear_run import joined
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood, hypothesis_columns
+from manoeuvre_nn.estimation.process_noise import drawn_process
 from manoeuvre_nn.estimation.relinearise import refined
 from manoeuvre_nn.scoring.free_runs import errors
 
@@ -49,7 +49,7 @@ NUDGE = 0.5
 """Step of the difference quotient of the start by the numbers, in standard errors."""
 
 
-class _Pushed(Model):
+class _Pushed(ModelAround):
     """A model that is pushed by accelerations over time, one row of a batch each.
 
     Attributes:
@@ -58,22 +58,8 @@ class _Pushed(Model):
 
     def __init__(self, calm: Model, pushes: Float[Tensor, "times rows p"], start: float, interval: float) -> None:
         """Take the pushes [m/s^2, rad/s^2] at times [s] from a start."""
-        super().__init__()
-        self.calm, self._pushes, self._start, self._interval = calm, pushes, start, interval
-
-    @property
-    def hull(self) -> Ship:
-        """That of the model."""
-        return self.calm.hull
-
-    @property
-    def own_names(self) -> tuple[str, ...]:
-        """Those of the model."""
-        return self.calm.own_names
-
-    def start(self, state: Float[Tensor, "*batch 6"], inputs: Inputs) -> Float[Tensor, "*batch n"]:
-        """As the model starts."""
-        return self.calm.start(state, inputs)
+        super().__init__(calm)
+        self._pushes, self._start, self._interval = pushes, start, interval
 
     def forward(self, state: Float[Tensor, "*batch n"], inputs: Inputs) -> Float[Tensor, "*batch n"]:
         """Rate of the state with the push of the sample before."""
@@ -173,7 +159,7 @@ def _bands(known: _Known, runs: Sequence[Recording], warmup: float) -> list[pd.D
     kept = data_set.combinations
     numbers = off[:, kept + len(data_set.runs) :]
     driving = known.corrected(np.tile(known.mean[:kept] + off[:, :kept], (len(runs), 1)))
-    draws = [_moved(chosen.hypothesis, change) for change in numbers]
+    draws = [chosen.hypothesis.within_bounds(chosen.hypothesis.vector() + change) for change in numbers]
     values = tuple(
         np.concatenate([d.in_other_runs([row]).values[k] for row in known.rows(runs) for d in draws])
         for k in range(len(chosen.hypothesis.effects))
@@ -182,21 +168,13 @@ def _bands(known: _Known, runs: Sequence[Recording], warmup: float) -> list[pd.D
     starts = np.concatenate([_starts(g, known, run, warmup, numbers) for run in runs])
     begin, step, time = warm_up_end(runs[0], warmup), runs[0].step, process_time(data_set.dynamics)
     size = data_set.levels[chosen.best[0]][[0, 1, 1, 1]][: len(data_set.unit)] * data_set.unit
-    pushes = size * _courses(g, max(len(run) for run in runs), len(starts), step / time)[..., : len(size)]
+    instants = step * np.arange(max(len(run) for run in runs))
+    pushes = size * drawn_process(g, instants, time, (len(starts), len(size)))
     pushed = _Pushed(driving, torch.tensor(pushes), begin, step)
     copies = [run for run in runs for _ in range(DRAWS)]
     tables = free_runs(data_set.dynamics, every, copies, starts, warmup, known.latency, pushed)
     noise = _noise(known)
     return [_band(tables[k * DRAWS : (k + 1) * DRAWS], noise) for k in range(len(runs))]
-
-
-def _moved(hypothesis: Hypothesis, change: Float[np.ndarray, " m"]) -> Hypothesis:
-    """A hypothesis with other numbers, within bounds."""
-    moved = hypothesis.vector() + change
-    for k, f in enumerate(hypothesis.unknowns()):
-        p = f.parameter
-        moved[k] = moved[k] % p.period if p.period else float(np.clip(moved[k], p.low, p.high))
-    return hypothesis.with_vector(moved)
 
 
 def _starts(
@@ -213,20 +191,11 @@ def _starts(
     slopes = np.zeros((numbers.shape[1], len(mean)))
     for k, error in enumerate(chosen.errors):
         step = NUDGE * error * np.eye(numbers.shape[1])[k]
-        nudged = _moved(chosen.hypothesis, step)
+        nudged = chosen.hypothesis.within_bounds(chosen.hypothesis.vector() + step)
         size = float((nudged.vector() - chosen.hypothesis.vector())[k])
         if abs(size) > 1e-9 * error:
             slopes[k] = (start_state(dynamics, nudged.in_other_runs(row), warm, latency) - mean) / size
     return mean + numbers @ slopes + g.multivariate_normal(np.zeros(len(mean)), spread, len(numbers), method="eigh")
-
-
-def _courses(g: np.random.Generator, steps: int, rows: int, share: float) -> Float[np.ndarray, "steps rows 4"]:
-    """Courses of Ornstein and Uhlenbeck's process with variance 1; ``share`` is a step over its correlation time."""
-    keep = np.exp(-share)
-    courses = g.standard_normal((steps, rows, 4))
-    for k in range(1, steps):
-        courses[k] = keep * courses[k - 1] + np.sqrt(1 - keep**2) * courses[k]
-    return courses
 
 
 def _noise(known: _Known) -> dict[str, float]:

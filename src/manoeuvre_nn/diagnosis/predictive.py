@@ -39,6 +39,7 @@ from manoeuvre_nn.estimation.data_set import (
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linearised_run import shown
 from manoeuvre_nn.estimation.marginal_likelihood import COEFFICIENT_SD_PRIOR, PROCESS_PRIOR
+from manoeuvre_nn.estimation.process_noise import drawn_process
 
 DRAWS = 96
 """Free runs of every run, with coefficients as corrected and as published each."""
@@ -129,7 +130,7 @@ def published(tried: SearchResult, rng: np.random.Generator) -> _Allowed:
 def _root(tried: SearchResult) -> Float[np.ndarray, "k k"]:
     """Root of the prior covariance of the coefficients' errors."""
     data_set = tried.likelihood.data_set
-    return data_set.scatter.root(Corrections(data_set.dynamics).names)
+    return data_set.coefficient_prior.root(Corrections(data_set.dynamics).names)
 
 
 def _process(tried: SearchResult, level: int) -> Float[np.ndarray, " p"]:
@@ -160,7 +161,8 @@ def drawn_runs(
     count = columns["delta"].shape[1]
     at = np.r_[0 : count - 1 : every, count - 1]
     # Of the process noise the middle has none.
-    noise = _coloured(rng, at * step, len(runs) * rows, allowed.process_sd, process_time(dynamics))
+    shape = (len(runs) * rows, len(allowed.process_sd))
+    noise = allowed.process_sd * drawn_process(rng, at * step, process_time(dynamics), shape)
     noise[:, ::rows] = 0.0
     with torch.no_grad():
         states = _integrated(
@@ -189,17 +191,6 @@ def _starts(
     chance = rng.standard_normal((len(allowed.shares), len(mean)))
     chance[0] = 0.0
     return mean + chance @ root.T
-
-
-def _coloured(
-    rng: np.random.Generator, time: Float[np.ndarray, " m"], rows: int, sd: Float[np.ndarray, " p"], scale: float
-) -> Float[np.ndarray, "m rows p"]:
-    """Process noise of correlation time ``scale`` [s]."""
-    fresh = rng.standard_normal((len(time), rows, len(sd)))
-    decay = np.exp(-np.diff(time, prepend=0.0) / scale)
-    for k in range(1, len(time)):
-        fresh[k] = decay[k] * fresh[k - 1] + np.sqrt(1 - decay[k] ** 2) * fresh[k]
-    return sd * fresh
 
 
 def _integrated(

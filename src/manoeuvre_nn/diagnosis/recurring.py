@@ -19,11 +19,11 @@ MIN_WAVELENGTH = 0.5
 OVERSAMPLED = 3.0
 """Frequencies within the inverse of the longest run, or of the largest extent of the track."""
 MAX_PER_SIDE = 40
-"""Wave numbers tried north and east, either side."""
+"""SpectralPeak numbers tried north and east, either side."""
 
 
 @dataclass(frozen=True)
-class Wave:
+class SpectralPeak:
     """A peak of a periodogram.
 
     Attributes:
@@ -41,7 +41,7 @@ class Wave:
     tried: int
 
 
-def recurring(data_set: WhitenedDataSet) -> list[Wave]:
+def recurring(data_set: WhitenedDataSet) -> list[SpectralPeak]:
     """Peaks of the periodograms of missing X, Y and N over time and over the place, phases alike in all runs."""
     situations = [p.linearised.situation for p in data_set.runs]
     force = np.concatenate(missing_accelerations(data_set))
@@ -53,7 +53,7 @@ def recurring(data_set: WhitenedDataSet) -> list[Wave]:
     longest = max(float(s.time[-1]) for s in situations)
     beats = np.arange(1.5, longest / (MIN_WAVELENGTH * ship.time_unit), 1 / OVERSAMPLED) / longest
     found = [
-        Wave(e, BEAT, {"period_s": float(1 / f[0])}, shares, round(longest * beats[-1]))
+        SpectralPeak(e, BEAT, {"period_s": float(1 / f[0])}, shares, round(longest * beats[-1]))
         for e, f, shares in _peaks(force, clock[:, None], beats[:, None])
     ]
     extent = max(np.ptp(north), np.ptp(east), 1e-3)
@@ -61,7 +61,9 @@ def recurring(data_set: WhitenedDataSet) -> list[Wave]:
     k = np.stack(np.meshgrid(side, np.r_[-side[:0:-1], side], indexing="ij"), axis=-1).reshape(-1, 2)
     k = k[(k**2).sum(axis=1) > (1.5 * OVERSAMPLED) ** 2] / (OVERSAMPLED * extent)
     found += [
-        Wave(e, STRIPES, {"north_per_km": float(n), "east_per_km": float(w)}, shares, round(len(k) / OVERSAMPLED**2))
+        SpectralPeak(
+            e, STRIPES, {"north_per_km": float(n), "east_per_km": float(w)}, shares, round(len(k) / OVERSAMPLED**2)
+        )
         for e, (n, w), shares in _peaks(force, np.stack([north, east], axis=-1), k)
     ]
     return found

@@ -20,7 +20,7 @@ from manoeuvre_nn.estimation.relinearise import (
     STATES_AT_REST,
     change_of_states,
     refined,
-    with_likely_scatter,
+    with_likely_coefficient_prior,
 )
 
 MAX_FIRST_DEFICIT = 30.0
@@ -35,7 +35,7 @@ MIN_GAIN_OF_SINGLE = 3.0
 """Evidence of an effect over calm water from which it is combined with others."""
 MIN_GAIN_OF_SECOND = 6.0
 """Least log evidence that a second or third effect must add, to the best without it and to what raises the alarm."""
-USUAL_SCATTER_LEVEL = 2
+PUBLISHED_SD_LEVEL = 2
 """Level of the coefficients' standard deviation that published sets have, 3 %."""
 Progress = Callable[[str], None]
 
@@ -71,7 +71,7 @@ def search(
     """
     likelihood = MarginalLikelihood(data_set)
     none = likelihood.evaluate(Hypothesis((), ()))
-    likelihood = MarginalLikelihood(with_likely_scatter(data_set, none))
+    likelihood = MarginalLikelihood(with_likely_coefficient_prior(data_set, none))
     none = likelihood.evaluate(Hypothesis((), ()), around=none.best[0])
 
     # A gusty wind is a variant of what a steady wind explains: see below.
@@ -118,7 +118,7 @@ def _again(
     """The best few and calm water about the states of the best; the others keep their distance to calm water."""
     about = refined(likelihood.data_set, fitted[0])
     leading = refine(MarginalLikelihood(about), fitted[0].hypothesis, *fitted[0].best)
-    there = MarginalLikelihood(with_likely_scatter(about, leading))
+    there = MarginalLikelihood(with_likely_coefficient_prior(about, leading))
     calm = there.evaluate(Hypothesis((), ()), around=none.best[0])
 
     def refitted(number: int) -> FittedHypothesis:
@@ -138,7 +138,7 @@ def single(likelihood: MarginalLikelihood, effect: Effect, none: FittedHypothesi
         The better of the two.
     """
     found = []
-    noises = {(quiet(none.best[0]), min(none.best[1], USUAL_SCATTER_LEVEL))}
+    noises = {(quiet(none.best[0]), min(none.best[1], PUBLISHED_SD_LEVEL))}
     if not any(p.per_run for p in effect.declared):  # events are placed where they must explain the misfit anyway
         noises.add(none.best)
     for level, scatter in noises:

@@ -113,6 +113,33 @@ class Model(ABC, nn.Module):
         return state[..., None, :3][..., :0, :]
 
 
+class ModelAround(Model):
+    """A model that changes the rates of another: the ship and its own states are those of that one.
+
+    Attributes:
+        calm: The other model.
+    """
+
+    def __init__(self, calm: Model) -> None:
+        """Take the model."""
+        super().__init__()
+        self.calm = calm
+
+    @property
+    def hull(self) -> Ship:
+        """That of the model."""
+        return self.calm.hull
+
+    @property
+    def own_names(self) -> tuple[str, ...]:
+        """Those of the model; what is added has no channels."""
+        return self.calm.own_names
+
+    def start(self, state: Float[Tensor, "*batch 6"], inputs: Inputs) -> Float[Tensor, "*batch n"]:
+        """As the model starts."""
+        return self.calm.start(state, inputs)
+
+
 def rate_of_state(
     state: Float[Tensor, "*batch n"], nudot: Float[Tensor, "*batch 3"], *own: Float[Tensor, "*batch k"]
 ) -> Float[Tensor, "*batch m"]:

@@ -11,13 +11,13 @@ from torch import Tensor, nn
 from manoeuvre_nn.core.effect import Effect, Situation
 from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.ship import Ship
-from manoeuvre_nn.dynamics.base import Model
+from manoeuvre_nn.dynamics.base import Model, ModelAround
 
 AT_REST_S = 1e6
 """Time after which every rudder has come to rest [s]; finite, since a rate of 0 times infinity is no number."""
 
 
-class _Affected(Model):
+class _Affected(ModelAround):
     """A calm-water model and effects on top, itself a model.
 
     The state is u, v, r *through the water*, x, y, psi over ground, the model's own states, then those of the
@@ -31,18 +31,8 @@ class _Affected(Model):
 
     def __init__(self, calm: Model, effects: Sequence[Effect]) -> None:
         """Join model and effects."""
-        super().__init__()
-        self.calm, self.effects = calm, nn.ModuleList(effects)
-
-    @property
-    def hull(self) -> Ship:
-        """That of the calm-water model."""
-        return self.calm.hull
-
-    @property
-    def own_names(self) -> tuple[str, ...]:
-        """Those of the calm-water model; effects' states have no channels."""
-        return self.calm.own_names
+        super().__init__(calm)
+        self.effects = nn.ModuleList(effects)
 
     def forward(self, state: Float[Tensor, "*batch n"], inputs: Inputs) -> Float[Tensor, "*batch n"]:
         """Rate of the state: in calm water, and what every effect adds."""

@@ -10,8 +10,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from manoeuvre_nn.core.inputs import Inputs
-from manoeuvre_nn.core.ship import Ship
-from manoeuvre_nn.dynamics.base import Model, calm_accelerations
+from manoeuvre_nn.dynamics.base import Model, ModelAround, calm_accelerations
 
 SURGE_TERMS = ("uu", "vv", "rr", "dd", "vr", "vd", "rd", "uvv", "uvr", "udd")
 LATERAL_TERMS = (
@@ -31,7 +30,7 @@ FACTORS = "uvrdVR1"
 """Factors of terms: prime variables, magnitudes, one."""
 
 
-class Scatter(NamedTuple):
+class CoefficientPrior(NamedTuple):
     """How the errors of a set of coefficients go together before any run is seen.
 
     What is wrong with a force is wrong with its moment by the same share if the arm is right. Terms that a set lacks
@@ -249,7 +248,7 @@ def _times(row: Tensor, table: Tensor) -> Tensor:
     return row @ table if table.ndim == 2 else (row[..., None, :] @ table)[..., 0, :]
 
 
-class Calibrated(Model):
+class Calibrated(ModelAround):
     """A calm-water model with its errors taken out, as far as recordings show them.
 
     Attributes:
@@ -266,23 +265,9 @@ class Calibrated(Model):
             calm: The model.
             shares: Size of every correction, in the order of :attr:`Corrections.names`; a row for each row of a batch.
         """
-        super().__init__()
-        self.calm, self._corrections = calm, Corrections(calm)
+        super().__init__(calm)
+        self._corrections = Corrections(calm)
         self.register_buffer("shares", shares)
-
-    @property
-    def hull(self) -> Ship:
-        """That of the model."""
-        return self.calm.hull
-
-    @property
-    def own_names(self) -> tuple[str, ...]:
-        """Those of the model."""
-        return self.calm.own_names
-
-    def start(self, state: Float[Tensor, "*batch 6"], inputs: Inputs) -> Float[Tensor, "*batch n"]:
-        """As the model starts."""
-        return self.calm.start(state, inputs)
 
     def forward(self, state: Float[Tensor, "*batch n"], inputs: Inputs) -> Float[Tensor, "*batch n"]:
         """Rate of the state with the corrections.

@@ -13,7 +13,7 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.base import Model, calm_accelerations, is_fitted
 from manoeuvre_nn.effect.common import typical as usual
-from manoeuvre_nn.estimation.corrections import Corrections, Scatter
+from manoeuvre_nn.estimation.corrections import CoefficientPrior, Corrections
 from manoeuvre_nn.estimation.effect_columns import coefficient_columns, latency_column
 from manoeuvre_nn.estimation.linear_run import Columns, Embedded, IntegratedRun, joined, summed
 from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, linearise, run_equations
@@ -78,13 +78,16 @@ class WhitenedDataSet:
         runs: The runs.
         combinations: How many combinations of coefficients the runs can show.
         rotation: These combinations, one a column: coefficients' errors are ``rotation @`` those of the combinations.
-        scatter: How errors of the coefficients go together before the runs are seen.
+        coefficient_prior: How errors of the coefficients go together before the runs are seen.
         levels: Level of the process noise in surge and in sway and yaw, one row a grid point.
     """
 
-    def __init__(self, dynamics: Model, runs: Sequence[PreparedRun], scatter: Scatter | None = None) -> None:
+    def __init__(
+        self, dynamics: Model, runs: Sequence[PreparedRun], coefficient_prior: CoefficientPrior | None = None
+    ) -> None:
         """Take the runs, and what is known of the coefficients' errors."""
-        self.dynamics, self.runs, self.scatter = dynamics, list(runs), scatter or Scatter()
+        self.dynamics, self.runs = dynamics, list(runs)
+        self.coefficient_prior = coefficient_prior or CoefficientPrior()
         self.unit = typical(dynamics)
         self.levels = np.array(list(product(PROCESS_LEVELS, PROCESS_LEVELS)))
         time, start = process_time(dynamics), start_spread(dynamics)
@@ -92,7 +95,7 @@ class WhitenedDataSet:
         self._at: dict[int, _Level] = {}
         # Keep the combinations of coefficients that the runs can show; the prior is the same in all directions.
         self.combinations = k = self.runs[0].base.count - 2  # of the base, data and latency are none
-        root = self.scatter.root(Corrections(dynamics).names) if scatter else np.eye(k)
+        root = self.coefficient_prior.root(Corrections(dynamics).names) if coefficient_prior else np.eye(k)
         values, vectors = np.linalg.eigh(root.T @ self._made(0).base_gram[1 : 1 + k, 1 : 1 + k] @ root)
         self.rotation = root @ vectors[:, values * COEFFICIENT_SD_LEVELS[-1] ** 2 > MIN_SIGNAL_TO_NOISE]
         self.combinations = self.rotation.shape[1]

@@ -117,6 +117,15 @@ class Hypothesis:
             values[f.effect][list(f.runs), f.column] = value
         return replace(self, values=tuple(values))
 
+    def within_bounds(self, vector: Float[np.ndarray, " m"]) -> "Hypothesis":
+        """The hypothesis at the values within their bounds that are nearest to others; directions turn round."""
+        parameters = [f.parameter for f in self.unknowns()]
+        held = [
+            value % p.period if p.period else float(np.clip(value, p.low, p.high))
+            for value, p in zip(vector, parameters, strict=True)
+        ]
+        return self.with_vector(np.array(held))
+
     def of_runs(self, rows: Sequence[int]) -> "Hypothesis":
         """The hypothesis about other runs, each with the values of one of these."""
         campaigns = tuple(self.campaigns[row] for row in rows) if self.campaigns else ()

@@ -377,7 +377,6 @@ def _bounded(hypothesis: Hypothesis, step: Float[np.ndarray, " m"], variance: Fl
 def _limited(hypothesis: Hypothesis, step: Float[np.ndarray, " m"]) -> Hypothesis:
     """A step held within bounds and within what the linear equations can be trusted for."""
     unknowns, now = hypothesis.unknowns(), hypothesis.vector()
-    new = now.copy()
     reach = 1.0
     for f, change, value in zip(unknowns, step, now, strict=True):
         p = f.parameter
@@ -394,7 +393,4 @@ def _limited(hypothesis: Hypothesis, step: Float[np.ndarray, " m"]) -> Hypothesi
             turned = [j for j in sizes if moved[j] < unknowns[j].parameter.low and not unknowns[j].parameter.form]
             moved[turned] *= -1
             moved[k] += 180.0 * bool(turned)
-    for k, f in enumerate(unknowns):
-        p = f.parameter
-        new[k] = moved[k] % p.period if p.period else float(np.clip(moved[k], p.low, p.high))
-    return hypothesis.with_vector(new)
+    return hypothesis.within_bounds(moved)

@@ -54,3 +54,24 @@ class ProcessNoise:
         right = np.linalg.inv(np.linalg.cholesky(np.eye(self.order) - shift @ shift.transpose(0, 2, 1)))
         eye = np.eye(self.axes)
         return np.kron(-right @ shift, eye), np.kron(right, eye)
+
+
+def drawn_process(
+    rng: np.random.Generator, time: Float[np.ndarray, " n"], correlation_time: float, shape: tuple[int, ...]
+) -> Float[np.ndarray, "n *shape"]:
+    """Courses of Ornstein and Uhlenbeck's process with variance 1.
+
+    Args:
+        rng: Source of chance.
+        time: Sample times [s].
+        correlation_time: Its correlation time [s].
+        shape: Of the courses, which are independent.
+
+    Returns:
+        Time first.
+    """
+    courses = rng.standard_normal((len(time), *shape))
+    keep = np.exp(-np.diff(time) / correlation_time)
+    for k, share in enumerate(keep, 1):
+        courses[k] = share * courses[k - 1] + np.sqrt(1 - share**2) * courses[k]
+    return courses

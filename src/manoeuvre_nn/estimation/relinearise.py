@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import logsumexp
 
-from manoeuvre_nn.estimation.corrections import Corrections, Scatter
+from manoeuvre_nn.estimation.corrections import CoefficientPrior, Corrections
 from manoeuvre_nn.estimation.data_set import (
     COEFFICIENT_SD_LEVELS,
     LATENCY_SD,
@@ -22,8 +22,10 @@ MAX_PASSES = 3
 """Linearisations of one hypothesis at most."""
 STATES_AT_REST = 0.2
 """Root mean square change of a state over its standard error, from which linearising again would change little."""
-SCATTERS = tuple(Scatter(coupling, missing) for coupling in (0.0, 0.3, 0.6, 0.9) for missing in (1.0, 3.0))
-"""Kinds of scatter that are tried: forces at any arm to forces at a known arm, missing terms small or large."""
+COEFFICIENT_PRIORS = tuple(
+    CoefficientPrior(coupling, missing) for coupling in (0.0, 0.3, 0.6, 0.9) for missing in (1.0, 3.0)
+)
+"""Priors that are tried: forces at any arm to forces at a known arm, missing terms small or large."""
 
 
 def refined(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedDataSet:
@@ -50,18 +52,18 @@ def refined(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedData
         white = level.white[run]
         states = prepared.linearised.track + white.states(white.embed(left))[:, : prepared.linearised.states.count, 0]
         runs.append(about_states(data_set.dynamics, prepared, states))
-    return WhitenedDataSet(data_set.dynamics, runs, data_set.scatter)
+    return WhitenedDataSet(data_set.dynamics, runs, data_set.coefficient_prior)
 
 
-def with_likely_scatter(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedDataSet:
-    """The same runs with the scatter of coefficients that a fitted hypothesis makes most likely.
+def with_likely_coefficient_prior(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedDataSet:
+    """The same runs with the prior of coefficients that a fitted hypothesis makes most likely.
 
     Args:
         data_set: The runs.
         fitted: At its values and noise levels; latencies and its own numbers are free.
 
     Returns:
-        The runs with one of :data:`SCATTERS`.
+        The runs with one of :data:`COEFFICIENT_PRIORS`.
     """
     level, names = data_set.at(fitted.best[0]), Corrections(data_set.dynamics).names
     lin = hypothesis_columns(data_set, fitted.hypothesis)
@@ -76,14 +78,14 @@ def with_likely_scatter(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> 
     keep += range(size + 1, size + lin.count)
     prior = np.r_[np.ones(k), np.full(count, LATENCY_SD), fitted.hypothesis.prior_sds()]
 
-    def evidence(scatter: Scatter) -> float:
+    def evidence(kind: CoefficientPrior) -> float:
         change = np.eye(len(gram))
-        change[1 : 1 + k, 1 : 1 + k] = scatter.root(names)
+        change[1 : 1 + k, 1 : 1 + k] = kind.root(names)
         turned = change.T @ gram @ change
         found = posterior(turned[np.ix_(keep, keep)], 0.0, prior, data[keep], COEFFICIENT_SD_LEVELS, k)
         return float(logsumexp(found.evidence + log_prior_levels(data_set, None)[fitted.best[0]]))
 
-    return WhitenedDataSet(data_set.dynamics, whole, max(SCATTERS, key=evidence))
+    return WhitenedDataSet(data_set.dynamics, whole, max(COEFFICIENT_PRIORS, key=evidence))
 
 
 def change_of_states(before: WhitenedDataSet, after: WhitenedDataSet, level: int) -> float:
