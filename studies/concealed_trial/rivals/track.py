@@ -11,7 +11,6 @@ from functools import cached_property
 import numpy as np
 import torch
 from jaxtyping import Float
-from scipy.ndimage import median_filter
 from scipy.signal import savgol_filter
 
 from manoeuvre_nn.core.channels import MEASURED
@@ -19,6 +18,7 @@ from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.recording import Recording
 from studies.concealed_trial.rivals.package import (
+    FIRST_NOISE,
     ORDER,
     Columns,
     Corrections,
@@ -39,8 +39,8 @@ LATENCY = 0.25
 """Usual delay of a satellite receiver [s]."""
 MOST = 200
 """Contributions that a run keeps in mind."""
-SPIKE = 6.0
-"""Samples further from the median of their neighbours than this many standard deviations are left out."""
+SPIKE, NEIGHBOURS = 6.0, 3
+"""Samples further from their neighbours' lines than this many standard deviations are left out; neighbours a side."""
 
 
 @dataclass(frozen=True)
@@ -189,7 +189,7 @@ def track(dynamics: Model, run: Recording) -> SmoothedTrack:
     run = run.with_channels(
         shaft=np.ones(len(run))
     )  # a shaft that is not at its nominal speed is a misfit like any other
-    filled = np.stack([_filled(column) for column in recorded.T], axis=-1)
+    filled = np.stack([_filled(c, sd) for c, sd in zip(recorded.T, FIRST_NOISE, strict=True)], axis=-1)
     size = smoother_size(p.time_unit, run.step)
     channels, slopes = (savgol_filter(filled, size, ORDER, deriv=d, delta=run.step, axis=0) for d in (0, 1))
     channels[:, :4] += LATENCY * slopes[:, :4]
@@ -215,12 +215,16 @@ def smoother_size(time_unit: float, step: float) -> int:
     return max(2 * round(SMOOTH * time_unit / step / 2) + 1, ORDER + 2)
 
 
-def _filled(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+def _filled(values: Float[np.ndarray, " n"], noise: float) -> Float[np.ndarray, " n"]:
     """Gaps and spikes filled in a straight line; a shaft that was not recorded is nominal."""
     at, good = np.arange(len(values)), np.isfinite(values)
     if not good.any():
         return np.ones(len(values))
     filled = np.interp(at, at[good], values[good])
-    off = filled - median_filter(filled, 7, mode="nearest")
-    good &= np.abs(off) <= SPIKE * (1.4826 * np.median(np.abs(off)) + 1e-9)
+    around = np.pad(filled, NEIGHBOURS, mode="reflect", reflect_type="odd")
+    window = np.lib.stride_tricks.sliding_window_view(around, 2 * NEIGHBOURS + 1)
+    # Lines between neighbours on both sides follow any steady motion, where a median of the neighbours is the sample.
+    lines = 0.5 * (window + window[:, ::-1])[:, :NEIGHBOURS]
+    off = np.abs(filled - np.median(lines, axis=1))
+    good &= off <= SPIKE * max(1.4826 * float(np.median(off)), noise)
     return np.interp(at, at[good], filled[good])

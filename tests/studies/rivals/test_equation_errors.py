@@ -11,6 +11,7 @@ from manoeuvre_nn.effect.sensors import HeadingBias, LeverArm, LogScale, RateBia
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.recording.preparation import measured, with_measured
 from studies.concealed_trial.rivals.track import ROWS, track
+from studies.concealed_trial.rivals.track import _filled as filled
 from studies.concealed_trial.rivals.whitened import SCATTER, WhitenedRuns
 
 FIRST = {
@@ -65,6 +66,18 @@ def test_gaps_and_spikes_do_not_reach_the_track():
     good, bad = track(CALM, run), track(CALM, spoiled)
     assert np.abs(good.channels[:, 0] - bad.channels[:, 0]).max() < 0.5
     assert np.abs(good.channels[:, 5] - bad.channels[:, 5]).max() < 1e-3
+
+
+def test_good_samples_stay_where_a_channel_runs_one_way_and_spikes_there_do_not():
+    rng, t = np.random.default_rng(4), np.arange(400.0)
+    running = 1.2 * t + 0.7 * rng.standard_normal(400)  # a position: most samples are the median of their neighbours
+    assert filled(running, 0.7) == pytest.approx(running, abs=1e-9)
+    creeping = 0.003 * t + 1e-6 * rng.standard_normal(400)  # smoother than its sensor is said to be
+    assert filled(creeping, 0.04) == pytest.approx(creeping, abs=1e-9)
+    spoiled = running.copy()
+    spoiled[[50, 90, 92, 397]] += [30.0, -8.0, 40.0, 9.0]
+    assert filled(spoiled, 0.7) == pytest.approx(running, abs=3.0)
+    assert (filled(spoiled, 0.7) != spoiled).sum() == 4
 
 
 def test_a_run_without_a_channel_is_refused_in_a_line():
