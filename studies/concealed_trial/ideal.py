@@ -22,7 +22,7 @@ import numpy as np
 from manoeuvre_nn.core.errors import InputError
 from studies.concealed_trial.drawing import SHARES
 from studies.concealed_trial.effects import KINDS, UNKNOWN, UNMODELLED, Kind
-from studies.concealed_trial.observer_events import EDGE, edges, event_starts, sharpened
+from studies.concealed_trial.observer_events import cost_of_times, event_starts, sharpened
 from studies.concealed_trial.observer_filter import RandomForce, Whitening, slopes
 from studies.concealed_trial.observer_model import Evaluation, ObservedFit, Part, combinations
 from studies.concealed_trial.observer_track import Track, read_track, referred
@@ -100,12 +100,10 @@ class Observer:
         misfit = base.misfits([before.parts])[:, 0]
         taken = {part.kind.family for part in before.parts} | {n for p in before.parts for n in p.kind.equivalent}
         kinds = [k for k in (*KINDS, *(UNMODELLED if not before.parts else ())) if _possible(k, self.track.ship, taken)]
-        starts: list[tuple[float, tuple[Part, ...]]] = []
-        for kind in kinds:
-            for part in _starts(base, kind, before.parts, misfit):
-                left = base.misfits([(*before.parts, part)])[:, 0]
-                if left @ left < misfit @ misfit - 2 * LEAST_GAIN:
-                    starts.append((float(left @ left), (*before.parts, part)))
+        starts = base.starts([kind for kind in kinds if not kind.confined], before.parts, misfit)
+        events = [event_starts(base, k, before.parts, misfit, combinations(k)) for k in kinds if k.confined]
+        starts += base.best(events, before.parts)
+        starts = [start for start in starts if start[0] < misfit @ misfit - 2 * LEAST_GAIN]
         starts.sort(key=lambda start: start[0])
         chosen: dict[tuple[str, str | None], ObservedFit] = {}
         for _, parts in starts:
@@ -197,16 +195,9 @@ def _possible(kind: Kind, ship: TrialShip, taken: set[str]) -> bool:
     return drawn and (not kind.ships or ship.name in kind.ships) and not {kind.family, kind.name} & taken
 
 
-def _starts(base: Evaluation, kind: Kind, beside: tuple[Part, ...], misfit: np.ndarray) -> list[Part]:
-    """Values of a kind that promise most."""
-    if not kind.confined:
-        return base.starts(kind, beside, misfit)
-    return event_starts(base, kind, beside, misfit, combinations(kind))
-
-
 def _priced(fitted: ObservedFit) -> ObservedFit:
-    """Its evidence with what the edges of its intervals cost."""
-    return replace(fitted, log_evidence=fitted.log_evidence - EDGE * edges(fitted.parts))
+    """Its evidence with what the times of its events cost."""
+    return replace(fitted, log_evidence=fitted.log_evidence - cost_of_times(fitted.parts))
 
 
 def _gust_direction(track: Track, part: Part) -> np.ndarray:

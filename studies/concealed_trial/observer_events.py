@@ -2,14 +2,18 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from math import log
 
 import numpy as np
 
 from studies.concealed_trial.effects import Kind
+from studies.concealed_trial.events import RAMPS
 from studies.concealed_trial.observer_model import Evaluation, Part
 
-BIN = 20
-"""Resolution of the scan [s]; edges are then moved by a half and a fifth of it."""
+BIN, STEPS = 20, (8, 3, 1)
+"""Resolution of the scan, and by what edges are then moved once or twice [s]."""
+RAMP_TIMES = (0.0, *np.arange(RAMPS[0], RAMPS[1] + 1, 30))
+"""Ramps that are tried [s]; every other wind sets in at once, as drawn."""
 EDGE = 3.0
 """What an edge of an interval costs in log evidence: it is one of some twenty that could be told apart."""
 EARLIEST = 60
@@ -18,15 +22,19 @@ FACTORS, WIND_POWER = 9, 1.5
 """Sizes that are tried, and the power of its speed that the force of a wind grows with while the ship moves."""
 
 
-def _binned(
-    evaluation: Evaluation, part: Part, beside: tuple[Part, ...], misfit: np.ndarray, run: str
-) -> tuple[np.ndarray, np.ndarray]:
-    """Edges of the bins of a run, and what the effect changes if it acts in one of them."""
-    last = int(max(t for t, name in zip(evaluation.track.t, evaluation.track.runs, strict=True) if name == run)) + 1
-    edges = np.append(np.arange(EARLIEST, last - BIN, BIN), last)
-    bins = [[[int(a), int(b)]] for a, b in zip(edges, edges[1:], strict=False)]
-    trials = [(*beside, replace(part, intervals={run: only})) for only in bins]
-    return edges, evaluation.misfits(trials) - misfit[:, None]
+def _binned(evaluation: Evaluation, part: Part, beside: tuple[Part, ...]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """For each run the edges of its bins, and what the effect changes if it acts in one of them."""
+    track, changed = evaluation.track, evaluation.process([(*beside, part), beside])
+    runs, found, bins = np.array(track.runs), {}, list[np.ndarray]()
+    for run in dict.fromkeys(track.runs):
+        last = int(track.t[runs == run].max()) + 1
+        edges = np.append(np.arange(EARLIEST, last - BIN, BIN), last)
+        found[run] = edges, slice(len(bins), len(bins) + len(edges) - 1)
+        bins += [(runs == run) & (track.t >= a) & (track.t < b) for a, b in zip(edges, edges[1:], strict=False)]
+    # Along the reference a second knows nothing of those before: what acts throughout is cut into bins.
+    pushed = (changed[..., :1] - changed[..., 1:]) * np.stack(bins, axis=1)[:, None]
+    columns = evaluation.whitening.whiten(pushed, np.zeros((len(pushed), 8, len(bins))))
+    return {run: (edges, columns[:, part]) for run, (edges, part) in found.items()}
 
 
 def _intervals(columns: np.ndarray, misfit: np.ndarray, confined: str) -> tuple[list[tuple[int, int]], float]:
@@ -62,7 +70,7 @@ def _intervals(columns: np.ndarray, misfit: np.ndarray, confined: str) -> tuple[
 
 
 def sharpened(evaluation: Evaluation, part: Part, beside: tuple[Part, ...]) -> Part:
-    """Edges moved by seconds as long as that explains more.
+    """Edges and ramp moved by seconds as long as that explains more.
 
     Args:
         evaluation: The track.
@@ -73,11 +81,20 @@ def sharpened(evaluation: Evaluation, part: Part, beside: tuple[Part, ...]) -> P
         The effect at better intervals.
     """
     intervals_of: dict[str, list[list[int]]] = part.intervals  # type: ignore[assignment]
-    for step in (BIN // 2, BIN // 5):
+    onset = part.kind.confined == "onset"
+    for step in STEPS:
+        if onset:
+            part = _least(evaluation, [replace(part, ramp=ramp) for ramp in RAMP_TIMES], beside)
         for run, intervals in intervals_of.items():
-            for k, edge in ((k, edge) for k in range(len(intervals)) for edge in (0, 1)):
+            for k, edge in ((k, edge) for k in range(len(intervals)) for edge in (0, 1)[: 2 - onset]):
                 part = _moved_edge(evaluation, part, beside, (run, k, edge), step)
     return part
+
+
+def _least(evaluation: Evaluation, tried: Sequence[Part], beside: tuple[Part, ...]) -> Part:
+    """The one that leaves least."""
+    left = np.sum(evaluation.misfits([(*beside, trial) for trial in tried]) ** 2, axis=0)
+    return tried[int(np.argmin(left))]
 
 
 def _moved_edge(
@@ -86,16 +103,13 @@ def _moved_edge(
     """The best of an edge as it is, earlier and later; the end of a run stays."""
     run, k, edge = which
     intervals: dict[str, list[list[int]]] = part.intervals  # type: ignore[assignment]
-    if edge and part.kind.confined == "onset":
-        return part
     tried = []
-    for change in (0, -step, step):
+    for change in (0, -step, step, -2 * step, 2 * step):
         other = {name: [list(i) for i in parts] for name, parts in intervals.items()}
         other[run][k][edge] += change
         if other[run][k][0] < other[run][k][1]:
             tried.append(replace(part, intervals=other))
-    left = np.sum(evaluation.misfits([(*beside, trial) for trial in tried]) ** 2, axis=0)
-    return tried[int(np.argmin(left))]
+    return _least(evaluation, tried, beside)
 
 
 def event_starts(
@@ -120,10 +134,10 @@ def event_starts(
         The two that explain most; fewer if they do not pay.
     """
     found: list[tuple[float, Part]] = []
-    runs, middle = list(dict.fromkeys(evaluation.track.runs)), float(np.sqrt(kind.low * kind.high))
+    middle = float(np.sqrt(kind.low * kind.high))
     for extras in grid:
         unit = Part(kind, middle, extras)
-        binned = {run: _binned(evaluation, unit, beside, misfit, run) for run in runs}
+        binned = _binned(evaluation, unit, beside)
         for size in np.geomspace(kind.low, kind.high, FACTORS):
             stretch = (size / middle) ** (WIND_POWER if "angle" in extras else 1.0)
             intervals, gained = {}, 0.0
@@ -137,17 +151,19 @@ def event_starts(
     return [part for _, part in found[:2]]
 
 
-def edges(parts: tuple[Part, ...]) -> int:
-    """Number of edges that were placed.
+def cost_of_times(parts: tuple[Part, ...]) -> float:
+    """What the times of events cost in log evidence.
 
     Args:
         parts: Effects.
 
     Returns:
-        The count: one for an onset, two for an interval.
+        For every onset one edge, for an interval two; for an onset the share of its ramp among those that are tried.
     """
-    count = 0
+    cost = 0.0
     for part in parts:
         if not isinstance(part.intervals, str):
-            count += sum(len(i) for i in part.intervals.values()) * (1 if part.kind.confined == "onset" else 2)
-    return count
+            onset = part.kind.confined == "onset"
+            cost += EDGE * sum(len(i) for i in part.intervals.values()) * (1 if onset else 2)
+            cost += log(2 * (len(RAMP_TIMES) - 1 if part.ramp else 1)) if onset else 0.0
+    return cost

@@ -11,7 +11,6 @@ from functools import partial
 from math import sqrt
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from studies.concealed_trial.condition import Tables
 from studies.concealed_trial.drawing import CUBIC
@@ -172,8 +171,8 @@ class Whitening:
         known = np.isfinite(track.measured).T
         covariance = np.zeros((size, size))
         covariance[own:, own:] = linear.spread
-        self.into, self.seen, self.own = into, seen, own
-        self.gains, self.roots, self.log_determinant, fresh = [], [], 0.0, True
+        self.own, roots, gains = own, np.zeros((len(into), 8, 8)), np.empty((len(into), size, 8))
+        self.log_determinant, fresh = 0.0, True
         for k, step in enumerate(into):
             if fresh:
                 covariance[:own], covariance[:, :own] = 0.0, 0.0
@@ -181,13 +180,24 @@ class Whitening:
             noise = track.sd**2 * np.where(known[k], 1.0, UNSEEN)
             cross = covariance @ seen[k].T
             root = np.linalg.cholesky(seen[k] @ cross + np.diag(noise))
-            half = solve_triangular(root, cross.T, lower=True, check_finite=False)
+            inverse = np.linalg.inv(root)
+            half = inverse @ cross.T
             covariance = covariance - half.T @ half
-            self.gains.append(solve_triangular(root.T, half, lower=False, check_finite=False).T)
-            self.roots.append(np.linalg.inv(root) * known[k][:, None])
+            gains[k], roots[k] = half.T @ inverse, inverse * known[k][:, None]
             self.log_determinant += 2 * float(np.log(np.diag(root))[known[k]].sum())
             covariance = self._predicted(covariance, step)
             fresh = bool(track.ends[k])
+        self.by_state = np.concatenate([-roots @ seen, self._later(into, np.eye(size) - gains @ seen)], axis=1)
+        self.by_measured = np.concatenate([roots, self._later(into, gains)], axis=1)
+
+    def _later(self, into: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """Estimates a second later, of all columns; a segment begins with what is the same in all."""
+        own = self.own
+        moved = rows.copy()
+        moved[:, :6] = into @ rows
+        moved[:, 6:own] *= self.decay[:, None]
+        moved[self.ends, :own] = 0.0
+        return moved
 
     def _predicted(self, covariance: np.ndarray, step: np.ndarray) -> np.ndarray:
         """Covariance a second later."""
@@ -211,16 +221,8 @@ class Whitening:
         Returns:
             (columns times 8, hypotheses).
         """
-        own, size = self.own, self.seen.shape[2]
-        state = np.zeros((size, process.shape[2]))
-        found = np.empty((len(process), 8, process.shape[2]))
-        for k, step in enumerate(self.into):
-            miss = measured[k] - self.seen[k] @ state
-            found[k] = self.roots[k] @ miss
-            state = state + self.gains[k] @ miss
-            moved = step @ state + process[k]
-            state[6:own] *= self.decay[:, None]
-            state[:6] = moved
-            if self.ends[k]:
-                state[:own] = 0.0
-        return found.reshape(-1, process.shape[2])
+        found = self.by_measured @ measured
+        found[~self.ends, 8:14] += process[~self.ends]
+        for k in range(1, len(found)):
+            found[k] += self.by_state[k] @ found[k - 1, 8:]
+        return found[:, :8].reshape(-1, process.shape[2])

@@ -1,6 +1,6 @@
 """Hypotheses of the ideal observer: effects of the referee's catalogue, evaluated and fitted along a track."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from math import exp, log, pi
@@ -19,6 +19,8 @@ COUNTS = {"angle": 8, "stripes_deg": 6, "spacing": 6, "lag_s": 4, "lever": 3, "p
 """Values that are tried of each extra; a period is told from its neighbour by one cycle in a run."""
 SIZES = 2
 """Sizes that are tried: what they do tells what a size between them would do."""
+KEPT, CHUNK = 2, 50
+"""Starts of a kind that are kept, and hypotheses that are evaluated at once."""
 ITERATIONS, DAMPINGS = 6, (0.0, 0.1, 3.0, 100.0)
 CHANGE = 1e-3
 """Of a parameter, over its range, for the slopes."""
@@ -35,12 +37,14 @@ class Part:
         size: Its size.
         extras: What is drawn besides.
         intervals: When it acts.
+        ramp: How long it takes to set in [s].
     """
 
     kind: Kind
     size: float
     extras: dict[str, float]
     intervals: dict[str, list[list[int]]] | str = "all"
+    ramp: float = 0.0
 
     def effect(self, ship: TrialShip) -> ConcealedEffect:
         """The effect as the simulator takes it.
@@ -52,7 +56,7 @@ class Part:
             The effect.
         """
         parameters = self.kind.make(ship, self.size, self.extras)
-        return ConcealedEffect(self.kind.name, parameters, self.intervals, self.kind.detail)
+        return ConcealedEffect(self.kind.name, parameters, self.intervals, self.kind.detail, ramp=self.ramp)
 
     @property
     def free(self) -> list[tuple[float, float]]:
@@ -124,13 +128,28 @@ class Evaluation:
         Returns:
             One column a hypothesis.
         """
+        return self.whitening.whiten(*self._left(hypotheses))
+
+    def process(self, hypotheses: Sequence[Sequence[Part]]) -> np.ndarray:
+        """What hypotheses leave unexplained of the motion.
+
+        Args:
+            hypotheses: Their effects.
+
+        Returns:
+            State after a second minus the reference then, (columns, 6, hypotheses).
+        """
+        return self._left(hypotheses)[0]
+
+    def _left(self, hypotheses: Sequence[Sequence[Part]]) -> tuple[np.ndarray, np.ndarray]:
+        """What hypotheses leave unexplained of motion and measurements."""
         process, measured = [], []
         for parts in hypotheses:
             with np.errstate(all="ignore"):
                 d, e = self.track.residuals(self.track.truth([part.effect(self.track.ship) for part in parts]))
             process.append(np.nan_to_num(d, nan=FAR, posinf=FAR, neginf=-FAR))
             measured.append(e)
-        return self.whitening.whiten(np.stack(process, axis=2), np.stack(measured, axis=2))
+        return np.stack(process, axis=2), np.stack(measured, axis=2)
 
     def log_likelihood(self, misfit: np.ndarray) -> float:
         """Log likelihood of one column but for a constant of the recordings.
@@ -187,43 +206,64 @@ class Evaluation:
         misfits = self.misfits([parts, *tried])
         return misfits[:, 0], (misfits[:, 1:] - misfits[:, :1]) / changes.sum(1)
 
-    def starts(self, kind: Kind, beside: tuple[Part, ...], misfit: np.ndarray, keep: int = 2) -> list[Part]:
-        """Values of a kind that promise most, from sizes whose effect is stretched as if it were linear.
+    def starts(
+        self, kinds: Sequence[Kind], beside: tuple[Part, ...], misfit: np.ndarray
+    ) -> list[tuple[float, tuple[Part, ...]]]:
+        """Values of kinds that promise most, from sizes whose effect is stretched as if it were linear.
 
         Args:
-            kind: A kind that always acts.
+            kinds: Kinds that always act.
             beside: Effects that act already.
             misfit: What they leave.
-            keep: How many.
 
         Returns:
-            The best, the most promising first.
+            What is left, squared, and the hypothesis: the best two of each kind.
         """
-        sizes = np.geomspace(kind.low, kind.high, SIZES)
-        grid = [Part(kind, size, extras) for extras in combinations(kind) for size in sizes]
-        proposals: list[tuple[float, Part]] = []
-        for first in range(0, len(grid), 100):
-            some = grid[first : first + 100]
-            left = self.misfits([(*beside, part) for part in some])
+        grid = [Part(k, s, extras) for k in kinds for extras in combinations(k) for s in _sizes(k)]
+        proposals: dict[int, list[tuple[float, Part]]] = {}
+        for some, left in self._chunks(grid, beside):
             change = left - misfit[:, None]
             power, along = np.sum(change**2, axis=0), -(change.T @ misfit)
             stretch = np.where(power > 0, along / np.maximum(power, 1e-300), 0.0)
             for part, p, a, s in zip(some, power, along, stretch, strict=True):
                 if not s > 0:
                     continue
-                size = float(np.clip(part.size * s, kind.low, kind.high))
+                size = float(np.clip(part.size * s, part.kind.low, part.kind.high))
                 used = size / part.size
-                gain = used * a - 0.5 * used**2 * p
-                proposals.append((gain, replace(part, size=size)))
-        proposals.sort(key=lambda proposal: -proposal[0])
-        return self._best([part for _, part in proposals[: 4 * keep]], beside, keep)
+                promised = used * a - 0.5 * used**2 * p
+                proposals.setdefault(id(part.kind), []).append((promised, replace(part, size=size)))
+        for ranked in proposals.values():
+            ranked.sort(key=lambda one: -one[0])
+        return self.best([[part for _, part in ranked[: 4 * KEPT]] for ranked in proposals.values()], beside)
 
-    def _best(self, parts: list[Part], beside: tuple[Part, ...], keep: int) -> list[Part]:
-        """The parts that leave least, really."""
-        if not parts:
-            return []
-        left = np.sum(self.misfits([(*beside, part) for part in parts]) ** 2, axis=0)
-        return [parts[k] for k in np.argsort(left)[:keep]]
+    def best(self, parts: Sequence[Sequence[Part]], beside: tuple[Part, ...]) -> list[tuple[float, tuple[Part, ...]]]:
+        """The parts of each group that leave least, really.
+
+        Args:
+            parts: Groups of parts.
+            beside: Effects that act already.
+
+        Returns:
+            As of :meth:`starts`.
+        """
+        left = [float(x) for _, some in self._chunks([p for g in parts for p in g], beside) for x in np.sum(some**2, 0)]
+        found, first = [], 0
+        for group in parts:
+            here = left[first : first + len(group)]
+            found += [(here[k], (*beside, group[k])) for k in np.argsort(here)[:KEPT]]
+            first += len(group)
+        return found
+
+    def _chunks(self, parts: Sequence[Part], beside: tuple[Part, ...]) -> Iterator[tuple[Sequence[Part], np.ndarray]]:
+        """Parts and what they leave, some at once: a pass through the filter costs as much as a few of them."""
+        for first in range(0, len(parts), CHUNK):
+            some = parts[first : first + CHUNK]
+            yield some, self.misfits([(*beside, part) for part in some])
+
+
+def _sizes(kind: Kind) -> list[float]:
+    """Sizes that are tried of a kind."""
+    return [float(size) for size in np.geomspace(kind.low, kind.high, SIZES)]
 
 
 def moved(parts: tuple[Part, ...], values: np.ndarray) -> tuple[Part, ...]:

@@ -20,10 +20,12 @@ from studies.concealed_trial.truth import ConcealedEffect
 
 RUNS = (Run("r01", "fit", "tc20", "port", 10.0, 260), Run("r02", "fit", "zz20", "starboard", 80.0, 260))
 INTERVALS = {"r01": [[120, 220]], "r02": []}
+SET_IN = {"r01": [[150, 260]], "r02": [[170, 260]]}
 EFFECTS = {
     "clean": (),
     "exact current": (ConcealedEffect("current", {"speed": 1.2, "toward_deg": 40.0}),),
     "compass": (ConcealedEffect("heading_bias", {"bias_deg": 20.0}),),
+    "ramp": (ConcealedEffect("wind_onset", {"speed": 16.0, "from_deg": 70.0}, SET_IN, ramp=120.0),),
     "push": (ConcealedEffect("side_force", {"force_kN": 500.0, "lever_m": 10.0}, INTERVALS),),
 }
 CATALOGUE = ("current", "heading_bias", "hull_fouling", "rudder_area_loss")
@@ -112,6 +114,18 @@ def test_a_push_is_placed_in_its_run_and_time(tracks):
     assert abs(start - 120) <= 20 and abs(end - 220) <= 20
     force = part.effect(tracks["push"].ship).parameters["force_kN"]
     assert force > 200
+
+
+def test_a_wind_that_sets_in_over_minutes_needs_no_second_effect(tracks, monkeypatch):
+    monkeypatch.setattr(ideal, "KINDS", tuple(kind_of(name) for name in ("wind_onset", "side_force", "rudder_offset")))
+    monkeypatch.setattr(ideal, "UNMODELLED", ())
+    observer = Observer.of(tracks["ramp"])
+    names = {entry["name"]: entry["probability"] for entry in answer_of("c1", observer)["effects"]}
+    assert names.pop("wind_onset") > 0.99
+    assert max(names.values(), default=0.0) < 0.2
+    part = next(part for part in observer.posterior()[0][0].parts if part.kind.name == "wind_onset")
+    assert part.ramp in (90.0, 120.0, 150.0)
+    assert abs(part.intervals["r01"][0][0] - 150) < 12
 
 
 def test_gauss_newton_rests_where_it_began_at_the_truth(tracks):
