@@ -50,18 +50,20 @@ def seconds_of(case: TrialCase, run: Run) -> np.ndarray:
     return seconds[(seconds < case.hole[1]) | (seconds > case.hole[2])]
 
 
-def published(case: TrialCase, run: Run, table: pd.DataFrame) -> pd.DataFrame:
+def published(case: TrialCase, run: Run, table: pd.DataFrame, more: tuple[str, ...] = ()) -> pd.DataFrame:
     """What of a recording the tools get.
 
     Args:
         case: The case.
         run: The run.
         table: All columns, one row a second.
+        more: Columns that are written down although the channel set lacks them.
 
     Returns:
         The columns of the channel set at the seconds that are recorded.
     """
-    table = table.iloc[seconds_of(case, run)].drop(columns=list(CHANNEL_SETS[case.channels][0]))
+    missing = [column for column in CHANNEL_SETS[case.channels][0] if column not in more]
+    table = table.iloc[seconds_of(case, run)].drop(columns=missing)
     if case.strict and run.split == "held_out":
         answering = [name for name in table if name not in GIVEN]
         table.loc[table["t"] > WARMUP, answering] = np.nan

@@ -21,7 +21,7 @@ from studies.concealed_trial.drawing import Trial, case_name
 from studies.concealed_trial.effects import kind_of
 from studies.concealed_trial.events import draw_intervals
 from studies.concealed_trial.helm import Run
-from studies.concealed_trial.record import manifest, record
+from studies.concealed_trial.record import UNITS, manifest, record
 from studies.concealed_trial.score import score_case
 from studies.concealed_trial.ships import TrialShip
 from studies.concealed_trial.stages import Progress, drawn
@@ -32,6 +32,8 @@ SURE = 0.9
 STREAM = 9
 """Of the random numbers of new runs."""
 WAYS = ("advised", "random")
+COLUMNS = {"speed log": ("u_log",), "rate of turn": ("r",), "shaft speed": ("n",)}
+"""What an answer may ask to be written down too -> columns."""
 
 
 def unresolved(row: Mapping[str, Any]) -> bool:
@@ -94,7 +96,9 @@ def random_run(case: TrialCase, rng: np.random.Generator) -> Run:
     return Run(f"r{len(case.runs) + 1:02d}", "fit", manoeuvre, side, heading, case.ship.manoeuvres_s[manoeuvre])
 
 
-def write_extended(case: TrialCase, run: Run, recordings: Path, out: Path, rng: np.random.Generator) -> None:
+def write_extended(
+    case: TrialCase, run: Run, recordings: Path, out: Path, rng: np.random.Generator, more: tuple[str, ...] = ()
+) -> None:
     """Recordings of a case and one run more; the manifest last.
 
     Args:
@@ -103,6 +107,7 @@ def write_extended(case: TrialCase, run: Run, recordings: Path, out: Path, rng: 
         recordings: The case's recordings.
         out: The new case's folder.
         rng: Source of chance of all that differs from run to run.
+        more: Columns that the new run has beside those of the others.
     """
     effects = []
     for effect in case.effects:
@@ -112,9 +117,10 @@ def write_extended(case: TrialCase, run: Run, recordings: Path, out: Path, rng: 
     later = replace(case, runs=(run,), effects=tuple(effects), hole=None)
     table = record(later, fresh=rng)[run.name]
     shutil.copytree(recordings, out, dirs_exist_ok=True, ignore=shutil.ignore_patterns("manifest.json"))
-    published(later, run, table).to_csv(out / f"{run.name}.csv", index=False)
+    published(later, run, table, more).to_csv(out / f"{run.name}.csv", index=False)
     described = json.loads((recordings / "manifest.json").read_text())
     described["runs"] += manifest(later)["runs"]
+    described["channels"] |= {column: UNITS[column] for column in more}
     (out / "manifest.json").write_text(json.dumps(described, indent=1))
 
 
@@ -190,10 +196,11 @@ def prepare(case: TrialCase, answer: Mapping[str, Any], folder: Path, seed: list
     run = advised_run(plan, case, rng) if plan else None
     if run is None:
         return False
+    more = {"advised": COLUMNS.get(str((plan or {}).get("channel")), ())}
     for way, sailed in zip(WAYS, (run, random_run(case, rng)), strict=True):
         out = folder / "loop" / way / "recordings" / case.name
         if not (out / "manifest.json").is_file():
-            write_extended(case, sailed, folder / "recordings" / case.name, out, rng)
+            write_extended(case, sailed, folder / "recordings" / case.name, out, rng, more.get(way, ()))
     return True
 
 

@@ -100,6 +100,19 @@ def test_both_new_cases_hold_the_recordings_and_one_run_more_of_the_same_recorde
     assert runs["advised"]["split"] == runs["random"]["split"] == "fit"
 
 
+def test_a_run_sailed_again_has_the_channel_that_was_asked_for(tmp_path):
+    case = replace(CASE, effects=(), measures=())
+    write_case(case, tmp_path / "recordings" / CASE.name, 0.5)
+    assert prepare(case, {"next_run": {"repeat": "r01", "channel": "speed log"}}, tmp_path, [3, 0])
+    folder = tmp_path / "loop" / "advised" / "recordings" / CASE.name
+    logged = pd.read_csv(folder / "r03.csv")["u_log"]
+    assert logged.notna().mean() > 0.9
+    assert json.loads((folder / "manifest.json").read_text())["channels"]["u_log"] == "m/s"
+    for name in ("r01", "r02"):
+        assert "u_log" not in pd.read_csv(folder / f"{name}.csv")
+    assert "u_log" not in pd.read_csv(tmp_path / "loop" / "random" / "recordings" / CASE.name / "r03.csv")
+
+
 def test_a_random_run_is_one_of_the_ships():
     drawn = {random_run(CASE, np.random.default_rng(k)).manoeuvre for k in range(40)}
     assert drawn == {name for name in CASE.ship.manoeuvres_s if name != "spiral"}
