@@ -4,7 +4,7 @@ from types import SimpleNamespace
 from unittest.mock import Mock
 
 import pytest
-from trials import SHIP
+from trials import SHIP, values
 
 from manoeuvre_nn.diagnosis import diagnose as proving
 from manoeuvre_nn.diagnosis import search as under_test
@@ -13,6 +13,7 @@ from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.local import SideForce
 from manoeuvre_nn.effect.sensors import LogScale
 from manoeuvre_nn.effect.wind import GustyWind, SteadyWind
+from manoeuvre_nn.estimation.hypothesis import Hypothesis
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 EFFECTS = [Current(SHIP), SteadyWind(SHIP), LogScale(SHIP), GustyWind(SHIP)]
@@ -96,10 +97,10 @@ def test_a_named_effect_must_gain_eight_in_fitted_and_held_out_runs_together(
 ):
     """And six more for a second one; whatever is gained in fitted runs, something in the held-out ones."""
     none, claim = fit(100.0), fit(100.0 + fitted, *names)
-    none.hypothesis = claim.hypothesis = Mock(effects=(), values=())
+    none.hypothesis = claim.hypothesis = Hypothesis(tuple(EFFECTS[:1]), (values(EFFECTS[0]),))
     proof = SimpleNamespace(rmse_before={}, rmse_after={})
     for name, made in {
-        "prove": lambda *_: [proof], "at_rest": lambda data_set, j: (data_set, j), "placed": lambda question, j: j,
+        "prove": lambda *_: [proof], "at_rest": lambda data_set, j: (data_set, j), "placed": lambda question, j: j.hypothesis,
         "foreseen": lambda *_: held_out, "is_fitted": lambda dynamics: False, "_cost": lambda *_: 1.0,
         "_last_effect_helps": lambda *_: True, "labels": lambda j: "", "_unit": lambda question: "",
     }.items():  # fmt: skip
