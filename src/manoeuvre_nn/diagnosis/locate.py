@@ -209,13 +209,15 @@ def shape_of(data_set: WhitenedDataSet, found: Sequence[Residual]) -> Shape:
 def statements(data_set: WhitenedDataSet, found: Sequence[Residual]) -> list[str]:
     """Equation, frame, parity, region and times of the missing force in sentences."""
     shape, used = shape_of(data_set, found), units(data_set)
-    said = []
-    for k, (name, unit) in enumerate(zip(EQUATIONS, used, strict=True)):
-        rms = np.sqrt(np.mean(np.concatenate([r.force for r in found])[:, k] ** 2))
-        said.append(f"Missing {name}: {rms:.3g} {unit} rms, {shape.ratio[k]:.1f} times its error.")
+    rms = np.sqrt(np.mean(np.concatenate([r.force for r in found]) ** 2, axis=0))
+    sizes = [
+        f"{name} {size:.3g} {unit} ({ratio:.1f} times its standard deviation)"
+        for name, size, unit, ratio in zip(EQUATIONS, rms, used, shape.ratio, strict=True)
+    ]
+    said = [f"Missing, root mean square: {', '.join(sizes)}."]
     name, unit = EQUATIONS[shape.strongest], used[shape.strongest]
     if shape.ratio[shape.strongest] < 1.5:
-        return [*said, "In no equation does the missing force stand out of what the smoother is unsure of."]
+        return [*said, "In no equation does the missing force stand out of its standard deviation."]
     if shape.explained:
         body, earth, turning = shape.explained
         said.append(
@@ -226,7 +228,7 @@ def statements(data_set: WhitenedDataSet, found: Sequence[Residual]) -> list[str
         said.append("Body or earth axes cannot be told: no run turns through 90 deg.")
     if shape.sides:
         left, right = shape.sides
-        alike = {"even": "the same on both sides", "odd": "of opposite sign", "mixed": "on one side more"}[shape.parity]
+        alike = {"even": "of the same sign", "odd": "of opposite sign", "mixed": "on one side more"}[shape.parity]
         said.append(f"Mean {name}: {left:.3g} {unit} in port turns, {right:.3g} {unit} in starboard turns: {alike}.")
     if shape.hard:
         share, time = shape.hard
