@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from manoeuvre_nn.diagnosis.result import Diagnosis, Value
+from manoeuvre_nn.diagnosis.result import Check, Diagnosis, Value
 from manoeuvre_nn.diagnosis.words import summary_sentence
 from manoeuvre_nn.report.diagnosis_figures import (
     CALM,
@@ -29,6 +29,7 @@ from manoeuvre_nn.report.diagnosis_tables import (
     diagnosis_markdown,
     error_rows,
     interval_text,
+    outcomes,
     parameter_rows,
     percent,
     print_diagnosis,
@@ -350,8 +351,16 @@ def test_the_sentence_comes_first_and_what_to_record_follows_the_proof(page):
 
 def test_the_top_of_the_page_says_what_was_not_passed_and_what_to_record(page):
     top = page[: page.index("<h2>")]
-    assert '<span class="bad">Not passed:</span> residual is white: sway of r03' in top
+    assert '<strong class="bad">Not passed:</strong> residual is white: sway of r03' in top
     assert "<strong>Record next:</strong> Sail a turning circle of 35 deg to port" in top
+
+
+def test_a_claim_that_held_out_runs_refused_is_no_failed_test_of_the_answer():
+    refused = Check("held-out gain", False, "with a wind and a tug the error goes from 9 to 8")
+    passed = Check("held-out gain", True, "with a wind it goes from 9 to 1")
+    d = replace(windy(), checks=[refused, passed, Check("little is left", True, "0.3 %")])
+    assert outcomes(d) == [("tests passed", "held-out gain, little is left", "good"), ("refused", refused.text, "")]
+    assert "refused: with a wind and a tug" in printed(d) and "not passed" not in printed(d)
 
 
 def test_values_of_other_causes_are_not_shown_as_found(page):

@@ -121,10 +121,12 @@ def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypo
         after, gain = _cost(question, [p.rmse_after for p in made]), foreseen(question, j, elsewhere)
         enough = claim.evidence - none.evidence + gain > least_gain(claim)
         helped = enough and (not made or (gain > least and after < MAX_ERROR_GROWTH * before))
+        foretold = helped
         helped = helped and _last_effect_helps(question, claim, gain, claims)
+        fewer = "; fewer of these effects do as well" if foretold and not helped else ""
         text = (
             f"with {labels(j)} the error of free runs goes from {before:.2f} to {after:.2f} ({_unit(question)}), "
-            f"and the log evidence of the held-out runs by {gain:+.0f}"
+            f"and the log evidence of the held-out runs by {gain:+.0f}{fewer}"
         )
         checks.append(Check("held-out gain", helped, text if made else "no held-out run: not proved"))
         if helped:

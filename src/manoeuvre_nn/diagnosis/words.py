@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from manoeuvre_nn.core.units import three_digits
 from manoeuvre_nn.diagnosis.advise import Ranked, advise
 from manoeuvre_nn.diagnosis.decision import Decision
 from manoeuvre_nn.diagnosis.result import Cause, Nature, Proof, Value
@@ -83,10 +84,11 @@ def _gain(proofs: Sequence[Proof], what: str, seen: bool = False) -> str:
     )
     if seen and f"{before:.2g}" == f"{after:.2g}":
         return ""
-    told = f" ({alone[0]:.3g} {unit} with published coefficients)" if alone else ""
+    before, after, *alone = (three_digits(value) for value in (before, after, *alone))
+    told = f" ({alone[0]} {unit} with published coefficients)" if alone and alone[0] != after else ""
     return (
-        f"; with {what} the predicted {curve} of runs that were not used is {after:.3g} {unit} off{told} instead of "
-        f"{before:.3g} {unit}"
+        f"; with {what} the predicted {curve} of runs that were not used is {after} {unit} off{told} instead of "
+        f"{before} {unit}"
     )
 
 
@@ -99,7 +101,7 @@ def _values(cause: Cause) -> str:
 def _sized(v: Value) -> str:
     """A value with its unit, and where its sign has words with these in its place: ``222 kN to port``."""
     value, side = (abs(v.value), v.sides[v.value < 0]) if v.sides else (v.value, "")
-    return " ".join(part for part in (f"{value:.3g}", v.unit.strip("-"), side) if part)
+    return " ".join(part for part in (three_digits(value), v.unit.strip("-"), side) if part)
 
 
 def _times(cause: Cause) -> str:

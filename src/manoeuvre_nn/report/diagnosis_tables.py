@@ -34,6 +34,8 @@ BEFORE, ALONE, AFTER, NOISE = "calm water", "effects alone", "repaired", "noise 
 """What the columns and curves of every comparison are called."""
 FOUND = "found ± standard error"
 """Column of the parameters."""
+GAIN = "held-out gain"
+"""Test of one claim after another; those that fail it are refused."""
 MIN_LISTED, MAX_LISTED = 3, 5
 """Causes that a short list shows: at least, at most. Beyond the fewest, those with 1 % or more."""
 
@@ -227,14 +229,20 @@ def _short_causes(d: Diagnosis) -> Table:
     return table
 
 
-def outcomes(d: Diagnosis) -> list[tuple[str, str, bool]]:
-    """How the tests went and whether there is a proof: heading, words, and whether it is good."""
-    failed = [check for check in d.checks if not check.passed]
-    told = [("not passed", f"{check.name}: {check.text}", False) for check in failed]
-    if d.checks and not failed:
-        told.append(("tests passed", ", ".join(check.name for check in d.checks), True))
+def outcomes(d: Diagnosis) -> list[tuple[str, str, str]]:
+    """How the tests went, whether there is a proof, and what was refused: a claim that held-out runs did not bear out.
+
+    Returns:
+        Heading, words, and ``good``, ``bad`` or nothing.
+    """
+    tests = [check for check in d.checks if check.passed or check.name != GAIN]
+    failed = [check for check in tests if not check.passed]
+    told = [("not passed", f"{check.name}: {check.text}", "bad") for check in failed]
+    if tests and not failed:
+        told.append(("tests passed", ", ".join(check.name for check in tests), "good"))
+    told += [("refused", check.text, "") for check in d.checks if check not in tests]
     if not d.proofs:
-        told.append(("not proved", f"no run was held out{' and recorded' if d.forecasts else ''}", False))
+        told.append(("not proved", f"no run was held out{' and recorded' if d.forecasts else ''}", "bad"))
     return told
 
 
@@ -244,8 +252,8 @@ def _print_short(d: Diagnosis, say: Callable[..., None]) -> None:
         say("undecided", sentence)
     if d.statements:
         say("where", " ".join(d.statements[:2]))
-    for head, told, good in outcomes(d):
-        say(head, told, "green" if good else "bold red")
+    for head, told, kind in outcomes(d):
+        say(head, told, {"good": "green", "bad": "bold red"}.get(kind, ""))
     if d.runner_up:
         say("runner-up", " ".join(d.runner_up))
     if d.undecided:
