@@ -1,18 +1,26 @@
 """What an effect could explain is weighed by the diagnosis; a wrong unit is refused as before."""
 
 import re
+from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
-from sailed import sailed, write_runs
+from fleet import unchecked
+from sailed import sailed, table_of, write_runs
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.frames import body_to_earth
 from manoeuvre_nn.core.units import KNOT
 from manoeuvre_nn.diagnosis.case import Case, Question, RunSettings, read_runs
 from manoeuvre_nn.diagnosis.diagnose import diagnose
 from manoeuvre_nn.dynamics.model import CalmWater
+from manoeuvre_nn.dynamics.rollout import roll_out
+from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.rudder import RudderOffset
+from manoeuvre_nn.effect.sensors import LeverArm
+from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.recording.check.checks import check_over_ground
 from manoeuvre_nn.recording.check.weighed import Bounds
 from manoeuvre_nn.recording.preparation import over_ground
@@ -21,12 +29,33 @@ from manoeuvre_nn.recording.read.reader import read_measured
 from manoeuvre_nn.ship.mariner import mariner_corrected
 
 SHIP = mariner_corrected()
-SHELF = Bounds(current=10.0, rudder_offset=np.radians(5.0))
+SHELF = Bounds(current=10.0, rudder_offset=np.radians(5.0), antenna=(91.4, 13.1))
+WRONG_FRAMES = {
+    "swapped": lambda t: t.rename(columns={"x_north": "y_east", "y_east": "x_north"}),
+    "mirrored": lambda t: t.assign(psi=-t.psi % 360.0, r=-t.r),
+    "other side": lambda t: t.assign(v=-t.v),
+    "exchanged": lambda t: t.assign(u=t.v, v=t.u),
+    "earth-fixed": lambda t: t.assign(
+        **dict(zip("uv", body_to_earth(*t[["u", "v"]].to_numpy().T, np.radians(t.psi.to_numpy())), strict=True))
+    ),
+    "knots": lambda t: t.assign(u=t.u / KNOT, v=t.v / KNOT),
+}
+"""What no antenna explains."""
 
 
 def case_of(folder, speed, toward, change=lambda t: t) -> Case:
     tables = {f"r{k}": change(t.copy()) for k, t in enumerate(sailed(speed, toward))}
     return read_runs(write_runs(folder, tables), SHIP, RunSettings(rudder_positive_to="port"))
+
+
+@cache
+def with_antenna(ahead: float, abeam: float = 0.0, noise: float = 0.0):
+    """A circle of the Mariner with a receiver off midship whose positions have so much more noise [m]."""
+    with unchecked():
+        antenna = LeverArm(SHIP, dx_m=ahead, dy_m=abeam)
+        (run,) = roll_out(Vessel(CalmWater(SHIP), [antenna]), [turning_circle(15.0, duration=240.0)], step=1.0)
+    table, more = table_of(run, 7).drop(columns=["sog", "cog"]), np.random.default_rng(3).standard_normal((2, 241))
+    return table.assign(x_north=table.x_north + noise * more[0], y_east=table.y_east + noise * more[1])
 
 
 def checked(folder, table, bounds=SHELF) -> tuple[str, ...]:
@@ -88,3 +117,27 @@ def test_a_finding_that_no_effect_explains_stays_as_it_is(tmp_path):
     with pytest.raises(InputError, match="r looks like rad/s"):
         checked(tmp_path, sailed(0.4)[0].assign(r=lambda t: np.radians(t.r)))
     assert checked(tmp_path, sailed(0.4)[0]) == ()
+
+
+@pytest.mark.parametrize("ahead", [55.0, 60.0, 65.0])
+def test_noise_beside_the_small_sway_of_an_antenna_near_the_pivot_point_is_no_wrong_frame(tmp_path, ahead):
+    (said,) = checked(tmp_path, with_antenna(ahead, noise=1.5))
+    assert "an antenna off the reference point would explain it" in said
+
+
+def test_velocities_of_the_reference_point_and_positions_of_an_antenna_are_told(tmp_path):
+    at = [with_antenna(*where).assign(**with_antenna(0.0)[["u", "v"]]) for where in [(35, 5), (-40, -4)]]
+    ahead, aft = (" ".join(checked(tmp_path, table)) for table in at)
+    assert re.search("x and y are of a point 3[3-7] m ahead and [4-6].* m to starboard of that of u and v", ahead)
+    assert re.search("x and y are of a point (3[89]|4[0-2]) m aft and [3-5].* m to port of that of u and v", aft)
+    with pytest.raises(InputError, match="u, v do not follow from x, y and psi"):
+        checked(tmp_path, at[0], replace(SHELF, antenna=(25.0, 13.1)))
+
+
+@pytest.mark.parametrize("ahead", [0.0, 35.0, 60.0])
+@pytest.mark.parametrize("wrong", WRONG_FRAMES)
+def test_what_no_antenna_explains_is_refused_wherever_it_is(tmp_path, wrong, ahead):
+    if wrong == "other side" and ahead == 60.0:  # there is no sway there
+        return
+    with pytest.raises(InputError):
+        checked(tmp_path, WRONG_FRAMES[wrong](with_antenna(ahead)))

@@ -10,7 +10,7 @@ from scipy.special import logsumexp
 from trials import CALM, CIRCLE, NOISE, SHIP, ZIGZAG, run_of, runs, sailed, values
 
 from manoeuvre_nn.core.effect import Effect
-from manoeuvre_nn.diagnosis.search import at_rest
+from manoeuvre_nn.diagnosis.search import at_rest, search
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.local import BowThruster, SideForce
 from manoeuvre_nn.effect.propulsion import HullFouling, PropellerPitchError
@@ -357,3 +357,14 @@ def test_linearised_until_it_rests_another_linearisation_changes_little():
     kept = [k for k, f in enumerate(found.hypothesis.unknowns()) if not f.parameter.form]
     found_at, true = found.hypothesis.vector()[kept], np.array([10.0, 60.0])
     assert (np.abs(found_at - true) < 3.5 * found.errors[kept] + 0.01 * true).all()
+
+
+@pytest.mark.parametrize("acting", ["nothing", "wind"])
+def test_all_hypotheses_are_weighed_about_the_states_of_what_leads(acting):
+    """Of calm water where no effect gains much: about the first, rough states small effects gain by chance."""
+    stood = stand(acting)
+    found = search(stood, [SteadyWind(SHIP), RudderOffset(SHIP)])
+    leads = found.none if acting == "nothing" else found.fitted[0]
+    there = found.likelihood.data_set
+    assert leads.names == (() if acting == "nothing" else ("wind_steady",))
+    assert change_of_states(there, refined(there, leads), leads.best[0]) < 1.0  # standard errors

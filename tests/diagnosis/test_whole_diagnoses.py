@@ -21,6 +21,7 @@ from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.formula import Formula
+from manoeuvre_nn.effect.local import SideForce
 from manoeuvre_nn.effect.propulsion import HullFouling
 from manoeuvre_nn.effect.rudder import RudderOffset
 from manoeuvre_nn.effect.sensors import HeadingBias, LogScale
@@ -104,6 +105,22 @@ def test_what_effects_gain_alone_is_told_from_what_corrected_coefficients_gain()
     before, alone, after = (d.rmse(when)["pos"] for when in ("before", "alone", "after"))
     assert d.model == ["current"] and before > 1.5 * alone > 3 * after
     assert f"({alone:.3g} m with published coefficients)" in d.sentence
+
+
+def test_an_event_that_no_held_out_run_had_is_named_by_the_run_that_had_it():
+    """What it predicts of other runs is calm water, which neither proves nor refutes it."""
+    push = SideForce(SHIP, force_kN=250.0, lever_m=20.0, start_s=70.0, end_s=140.0)
+    with unchecked():
+        records = roll_out(Vessel(CALM, [push]), TRIALS[:1], step=1.0) + roll_out(Vessel(CALM), TRIALS[1:], step=1.0)
+    *fitted, last = (run_of(r, NOISE, seed) for seed, r in enumerate(records, start=50))
+    case = Case("pushed once", "mariner", (*fitted, last), SHIP, frozenset({last.name}))
+    d = diagnose(Question(case, CALM, [SideForce(SHIP), RudderOffset(SHIP)]))
+    assert (d.verdict, d.model) == ("mismatch", ["side_force"]) and probability(d, "side_force") > 0.9
+    intervals = d.causes[0].intervals
+    assert intervals is not None and [len(intervals[r.name]) for r in records] == [1, 0, 0, 0]
+    assert "no run that was not used had it" in d.sentence
+    (check,) = (c for c in d.checks if c.name == "held-out gain")
+    assert check.passed and "did not act in a held-out run: not proved" in check.text
 
 
 def test_where_nothing_is_missing_corrected_coefficients_predict():

@@ -363,6 +363,11 @@ def test_a_claim_that_held_out_runs_refused_is_no_failed_test_of_the_answer():
     assert "refused: with a wind and a tug" in printed(d) and "not passed" not in printed(d)
 
 
+def test_an_event_that_no_held_out_run_had_is_told_as_not_proved():
+    absent = Check("held-out gain", True, "a tug did not act in a held-out run: not proved")
+    assert outcomes(replace(windy(), checks=[absent])) == [("not proved", "a tug did not act in a held-out run", "bad")]
+
+
 def test_values_of_other_causes_are_not_shown_as_found(page):
     how_much = page.split("<h2>How much</h2>")[1].split("</table>")[0]
     assert "a rudder offset" in how_much and "a wind that sets in" not in how_much

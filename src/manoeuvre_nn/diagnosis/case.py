@@ -19,6 +19,7 @@ from manoeuvre_nn.diagnosis.manifest import adapted, numbers, read_manifest
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.effect.current import SPEED
 from manoeuvre_nn.effect.rudder import RudderOffset
+from manoeuvre_nn.effect.sensors import LeverArm
 from manoeuvre_nn.estimation.data_set import CAMPAIGN, whitened_data_set
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.recording.check.checks import COLUMNS, check_over_ground, check_sampling
@@ -245,7 +246,9 @@ def _checked(run: Recording, ship: Particulars, remedy: str) -> Recording:
     """A recording over ground, refused where it makes no sense."""
     check_sampling(run, ship)
     run = over_ground(run, ship)
-    findings = check_over_ground(run, ship, remedy, Bounds(SPEED.high, RudderOffset.declared[0].high * DEGREE))
+    ahead, abeam = (parameter.on(ship).high for parameter in LeverArm.declared)
+    bounds = Bounds(SPEED.high, RudderOffset.declared[0].high * DEGREE, (ahead, abeam))
+    findings = check_over_ground(run, ship, remedy, bounds)
     return replace(run, meta={**run.meta, "findings": findings})
 
 

@@ -120,21 +120,30 @@ def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypo
         least = PROVED if is_fitted(data_set.dynamics) or Formula.name in j.names else 0.0
         after, gain = _cost(question, [p.rmse_after for p in made]), foreseen(question, j, elsewhere)
         enough = claim.evidence - none.evidence + gain > least_gain(claim)
-        helped = enough and (not made or (gain > least and after < MAX_ERROR_GROWTH * before))
-        foretold = helped
-        helped = helped and _last_effect_helps(question, claim, gain, claims)
+        better = gain > least and after < MAX_ERROR_GROWTH * before
+        tested = bool(made) and _acts(elsewhere)
+        foretold = enough and (better or not tested)
+        helped = foretold and _last_effect_helps(question, claim, gain, claims)
         fewer = "; fewer of these effects do as well" if foretold and not helped else ""
         text = (
             f"with {labels(j)} the error of free runs goes from {before:.2f} to {after:.2f} ({_unit(question)}), "
             f"and the log evidence of the held-out runs by {gain:+.0f}{fewer}"
         )
-        checks.append(Check("held-out gain", helped, text if made else "no held-out run: not proved"))
+        untested = f"{labels(j)} did not act in a held-out run" if made else "no held-out run"
+        checks.append(Check("held-out gain", helped, text if tested else f"{untested}: not proved"))
         if helped:
             return j, made, [*checks, *checking.checks(tried, claim)]
     # Nothing is missing, but coefficients may be off within their scatter.
     corrected = prove(question, data_set, none, none.hypothesis, proofs) if proofs else []
     better = _cost(question, [p.rmse_after for p in corrected]) < before
     return none, corrected if better else proofs, checks
+
+
+def _acts(hypothesis: Hypothesis) -> bool:
+    """Whether any effect acts in the runs: an event may have none there."""
+    timed = [np.array([p.per_run for p in effect.declared]) for effect in hypothesis.effects]
+    each = zip(hypothesis.values, timed, strict=True)
+    return any(not times.any() or np.isfinite(values[:, times]).any() for values, times in each)
 
 
 def _last_effect_helps(

@@ -26,7 +26,8 @@ from manoeuvre_nn.estimation.relinearise import (
 MAX_FIRST_DEFICIT = 30.0
 """Log evidence by which a candidate may lie behind calm water after its first fit, made at calm water's noise."""
 MIN_GAIN_TO_RELINEARISE = 12.0
-"""Evidence of the best effect over calm water from which everything is linearised again about its track."""
+"""Evidence of the best effect over calm water from which everything is linearised again about its states; below it,
+everything is about those of calm water."""
 MAX_BUILT_UPON = 5
 """Number of hypotheses that are built upon."""
 MAX_EFFECTS = 3
@@ -85,9 +86,10 @@ def search(
         progress(effect.name)
         singles.append(found)
     singles.sort(key=lambda j: -j.evidence)
-    if singles and singles[0].evidence > none.evidence + MIN_GAIN_TO_RELINEARISE:
+    if singles:
         progress("second linearisation")
-        likelihood, none, singles = _again(likelihood, none, singles, workers)
+        clear = singles[0].evidence > none.evidence + MIN_GAIN_TO_RELINEARISE
+        likelihood, none, singles = _again(likelihood, none, singles, workers, singles[0] if clear else none)
     fitted, leading = singles, [s for s in singles if s.evidence > none.evidence + MIN_GAIN_OF_SINGLE]
     for size in range(2, MAX_EFFECTS + 1):
         singles = [j for j in fitted if len(j.names) == 1]
@@ -96,7 +98,7 @@ def search(
         fitted = sorted([*fitted, *more], key=lambda j: -j.evidence)
         if more and gained > MIN_GAIN_TO_RELINEARISE:
             progress(f"linearisation about {' + '.join(fitted[0].names)}")
-            likelihood, none, fitted = _again(likelihood, none, fitted, workers)
+            likelihood, none, fitted = _again(likelihood, none, fitted, workers, fitted[0])
         known = {frozenset(j.names): j.evidence for j in fitted}
         leading = [j for j in fitted if len(j.names) == size and worth_its_size(j, known)]
     for variant in variants:
@@ -113,12 +115,15 @@ def search(
 
 
 def _again(
-    likelihood: MarginalLikelihood, none: FittedHypothesis, fitted: Sequence[FittedHypothesis], workers: int
+    likelihood: MarginalLikelihood,
+    none: FittedHypothesis,
+    fitted: Sequence[FittedHypothesis],
+    workers: int,
+    about: FittedHypothesis,
 ) -> tuple[MarginalLikelihood, FittedHypothesis, list[FittedHypothesis]]:
-    """The best few and calm water about the states of the best; the others keep their distance to calm water."""
-    about = refined(likelihood.data_set, fitted[0])
-    leading = refine(MarginalLikelihood(about), fitted[0].hypothesis, *fitted[0].best)
-    there = MarginalLikelihood(with_likely_coefficient_prior(about, leading))
+    """The best few and calm water about the states of one of them; the others keep their distance to calm water."""
+    data_set, leading = at_rest(likelihood.data_set, about)
+    there = MarginalLikelihood(with_likely_coefficient_prior(data_set, leading))
     calm = there.evaluate(Hypothesis((), ()), around=none.best[0])
 
     def refitted(number: int) -> FittedHypothesis:

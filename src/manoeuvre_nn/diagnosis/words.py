@@ -53,7 +53,10 @@ def summary_sentence(
         return f"Unknown: the recordings differ from calm water{shown}, and {known}{told}{gain}."
     named = [c for c in causes if c.name in model]
     said = _and([f"{c.label} ({'; '.join(part for part in (_values(c), _times(c)) if part)})" for c in named])
-    return f"The recordings show {said}{_gain(proofs, 'it' if len(named) == 1 else 'them')}."
+    them = "it" if len(named) == 1 else "them"
+    if proofs and not any(c.intervals is None or c.intervals.get(p.run) for c in named for p in proofs):
+        return f"The recordings show {said}; no run that was not used had {them}, so that none can prove {them}."
+    return f"The recordings show {said}{_gain(proofs, them)}."
 
 
 def left_open(tried: SearchResult, verdict: Decision) -> str:

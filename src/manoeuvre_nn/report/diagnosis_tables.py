@@ -36,6 +36,8 @@ FOUND = "found ± standard error"
 """Column of the parameters."""
 GAIN = "held-out gain"
 """Test of one claim after another; those that fail it are refused."""
+UNTESTED = ": not proved"
+"""How the text of a test ends that no held-out run could make."""
 MIN_LISTED, MAX_LISTED = 3, 5
 """Causes that a short list shows: at least, at most. Beyond the fewest, those with 1 % or more."""
 
@@ -235,14 +237,17 @@ def outcomes(d: Diagnosis) -> list[tuple[str, str, str]]:
     Returns:
         Heading, words, and ``good``, ``bad`` or nothing.
     """
-    tests = [check for check in d.checks if check.passed or check.name != GAIN]
+    untested = [check for check in d.checks if check.passed and check.text.endswith(UNTESTED)]
+    tests = [check for check in d.checks if check not in untested and (check.passed or check.name != GAIN)]
     failed = [check for check in tests if not check.passed]
     told = [("not passed", f"{check.name}: {check.text}", "bad") for check in failed]
     if tests and not failed:
         told.append(("tests passed", ", ".join(check.name for check in tests), "good"))
-    told += [("refused", check.text, "") for check in d.checks if check not in tests]
+    told += [("refused", check.text, "") for check in d.checks if check.name == GAIN and not check.passed]
     if not d.proofs:
         told.append(("not proved", f"no run was held out{' and recorded' if d.forecasts else ''}", "bad"))
+    else:
+        told += [("not proved", check.text.removesuffix(UNTESTED), "bad") for check in untested]
     return told
 
 

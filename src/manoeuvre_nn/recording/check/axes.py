@@ -35,9 +35,9 @@ def heading_rate(recording: Recording, ship: Particulars) -> Finding | None:
     m = smoothed_motion(recording, ship)
     if np.ptp(m["psi"]) < 0.5 * DEGREE and np.ptp(recording["r"]) == 0:
         return None
-    slope = _robust_slope(m["r"], m["psidot"])
+    slope = robust_slope(m["r"], m["psidot"])
     # A constant error of the gyro is no wrong unit.
-    centred = _robust_slope(m["r"] - np.median(m["r"]), m["psidot"] - np.median(m["psidot"]))
+    centred = robust_slope(m["r"] - np.median(m["r"]), m["psidot"] - np.median(m["psidot"]))
     if min(abs(slope - 1), abs(centred - 1)) < 0.2:
         return None
     said = f"the heading changes {slope:.3g} times as fast as r says; expected 1"
@@ -53,17 +53,33 @@ def heading_rate_in_turns(run: Recording, ship: Particulars) -> Finding | None:
 
 def frame(recording: Recording, ship: Particulars) -> Finding | None:
     """Body velocities against those of the track: frames, signs, swapped columns, heading offset."""
-    # Every simple mistake is tried; the one that brings the two together best is named.
+    # The mistake without which the two come together best is named.
     if recording.derived & {"u", "x"}:
         return None
     m = smoothed_motion(recording, ship)
     as_given = _misfit(m)
     if as_given < MISFIT:
         return None
+    tried = mistakes(m)
+    cause, change, mended = min(tried, key=lambda one: _misfit(one[2]))
+    cause, changes = (cause, (change,)) if _misfit(mended) <= 0.6 * as_given else _other_point(m, as_given)
+    text = f"u, v do not follow from x, y and psi (misfit {as_given:.2g}, expected below {MISFIT})"
+    return refused("frame", text, cause, *changes)
+
+
+def mistakes(m: Recording) -> list[tuple[str, Change, Recording]]:
+    """Simple mistakes with axes, frames and signs, and the motion without each.
+
+    Args:
+        m: From :func:`~manoeuvre_nn.recording.check.motion.smoothed_motion`.
+
+    Returns:
+        What looks wrong and what to do, the same as a change of the mapping, the motion with it.
+    """
     offset = _heading_offset(m)
     north, east = body_to_earth(m["u"], m["v"], m["psi"])
     ahead, abeam = earth_to_body(m["u"], m["v"], m["psi"])
-    tried: list[tuple[str, Change, Recording]] = [
+    return [
         ("u and v look earth-fixed: write frame: earth", Change("frame", value="earth"),
          m.with_channels(u=ahead, v=abeam)),
         ("u and v look body-fixed: write frame: body", Change("frame", value="body"),
@@ -77,10 +93,6 @@ def frame(recording: Recording, ship: Particulars) -> Finding | None:
         (f"psi looks {offset / DEGREE:.0f} deg off: take that from the heading",
          Change("channels.psi", "offset", offset), m.with_channels(psi=m["psi"] - offset)),
     ]  # fmt: skip
-    cause, change, mended = min(tried, key=lambda one: _misfit(one[2]))
-    cause, changes = (cause, (change,)) if _misfit(mended) <= 0.6 * as_given else _other_point(m, as_given)
-    text = f"u, v do not follow from x, y and psi (misfit {as_given:.2g}, expected below {MISFIT})"
-    return refused("frame", text, cause, *changes)
 
 
 def frame_in_turns(run: Recording, ship: Particulars) -> Finding | None:
@@ -165,7 +177,7 @@ def _rate_remedy(recording: Recording, ship: Particulars, m: Recording, slope: f
 def _other_point(m: Recording, as_given: float) -> tuple[str, tuple[Change, ...]]:
     """Positions of another point than the velocities; else nobody knows."""
     _, abeam = earth_to_body(m["xdot"], m["ydot"], m["psi"])
-    lever = _robust_slope(m["r"], abeam - m["v"])
+    lever = robust_slope(m["r"], abeam - m["v"])
     if _misfit(m.with_channels(v=m["v"] + lever * m["r"])) > 0.6 * as_given:
         return "mind the columns and signs of u, v, x, y, psi, and reference_point", ()
     side = "ahead of" if lever > 0 else "aft of"
@@ -193,8 +205,16 @@ def _heading_offset(m: Recording) -> float:
     return float(np.angle(np.mean(np.exp(1j * (m["psi"] - way)[weight]))))
 
 
-def _robust_slope(x: Series, y: Series) -> float:
-    """Slope of y on x through the origin, where x is large, without the samples that lie far off."""
+def robust_slope(x: Series, y: Series) -> float:
+    """Slope of y on x through the origin, where x is large, without the samples that lie far off.
+
+    Args:
+        x: One channel.
+        y: Another.
+
+    Returns:
+        Slope, in units of y over those of x.
+    """
     large = np.abs(x) > 0.2 * np.quantile(np.abs(x), 0.95)
     return float(trimmed_least_squares(x[:, None], y, SLOPE_SDS, 1e-12, large)[0][0])
 

@@ -3,6 +3,9 @@
 The speed log and the velocity over ground, ``u_ground = u_log + c ahead``, differ by a current c or by a unit. A wrong
 unit multiplies, a current adds and goes with the compass: where the ship turns, the two are told apart. Where she does
 not, speed through the water that she cannot have by herself speaks for a unit.
+
+Velocities of the track and those that were recorded may be of two points of the ship, ``u_track = u - b r``, ``v_track
+= v + a r``, or of one antenna; near the pivot point of a turn its sway is so small that noise is large beside it.
 """
 
 from dataclasses import dataclass
@@ -10,11 +13,18 @@ from math import hypot, inf
 
 import numpy as np
 from jaxtyping import Float
+from scipy.signal import savgol_coeffs
 
+from manoeuvre_nn.core.frames import earth_to_body
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE, KNOT
+from manoeuvre_nn.recording.check.axes import mistakes, robust_slope
 from manoeuvre_nn.recording.check.finding import Finding
+from manoeuvre_nn.recording.check.motion import smoothed_motion
+from manoeuvre_nn.recording.local_cubics import ORDER, WINDOW, smoothed
+from manoeuvre_nn.recording.outliers import robust_sd
+from manoeuvre_nn.recording.thinning import thinned
 
 MAX_OWN_SPEED = 1.3
 """Largest speed through the water over the approach speed that a ship may have by herself."""
@@ -26,6 +36,9 @@ MIN_TOLD = 0.25
 """Smallest current over the approach speed that is told beforehand."""
 AROUND = 90 * DEGREE
 """Turn from which a current is told from a speed without a log."""
+MAX_NOISE_RATIO = 3.0
+"""Difference of two smoothed velocities over what white noise of the samples' size leaves, up to which it is noise: a
+running median of five samples leaves up to 2.4 times as much at low frequencies."""
 UNITS = (KNOT, 1 / KNOT, 1 / 3.6, 3.6)
 """Factors of speeds that were written in other units."""
 
@@ -39,10 +52,12 @@ class Bounds:
     Attributes:
         current: Fastest current [m/s].
         rudder_offset: Largest angle between rudder and indicator [rad].
+        antenna: How far ahead and abeam of the reference point a receiver may be [m].
     """
 
     current: float = 0.0
     rudder_offset: float = 0.0
+    antenna: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -81,6 +96,11 @@ def weighed(finding: Finding, run: Recording, ship: Particulars, bounds: Bounds)
         story = _with_current(run, ship, bounds)
         if story is not None:
             return _note(f"{finding.text}: a current of {story.current:.2g} m/s would explain it")
+    if finding.check == "frame":
+        lever = _antenna(run, ship, bounds)
+        if lever is not None:
+            where = f"x and y are of a point {_where(*lever)} that of u and v"
+            return _note(f"{finding.text}: noise and an antenna off the reference point would explain it ({where})")
     return finding
 
 
@@ -93,11 +113,58 @@ def strong_current(run: Recording, ship: Particulars) -> Finding | None:
     if size < MIN_TOLD * ship.speed:
         return None
     than = f"{abs(more):.2g} m/s {'less' if more > 0 else 'more'} than the speed over ground"
-    return _note(f"the log shows {than}: a current of {size:.2g} m/s would explain it, or a log in other units")
+    return _note(
+        f"the log shows {than}: a current of {size:.2g} m/s would explain it, or a log of another unit or scale"
+    )
 
 
 def _note(text: str) -> Finding:
     return Finding("weighed", "note", text)
+
+
+def _where(ahead: float, abeam: float) -> str:
+    """A point of the ship beside another one, in words."""
+    along = f"{abs(ahead):.2g} m {'ahead' if ahead > 0 else 'aft'}"
+    return f"{along} and {abs(abeam):.2g} m to {'starboard' if abeam > 0 else 'port'} of"
+
+
+def _antenna(run: Recording, ship: Particulars, bounds: Bounds) -> tuple[float, float] | None:
+    """How far ahead and to starboard of the point of u, v that of the track is [m]; None if it explains nothing."""
+    # It explains the difference if noise is left, and less than without the best of all simple mistakes.
+    raw = thinned(run, ship)
+    m, most = smoothed_motion(raw, ship), MAX_NOISE_RATIO * _noise_of_difference(raw, ship)
+    ahead, abeam = lever = [robust_slope(m["psidot"], moved) for moved in _differences(m)]
+    if any(abs(arm) > high for arm, high in zip(lever, bounds.antenna, strict=True)):
+        return None
+    left = _rms(m.with_channels(u=m["u"] - abeam * m["psidot"], v=m["v"] + ahead * m["psidot"]), ship)
+    others = [_rms(mended, ship) for _, _, mended in mistakes(m)]
+    explained = left < min(most, *others) or _rms(m, ship) < most
+    return (ahead, abeam) if explained else None
+
+
+def _differences(m: Recording) -> tuple[Series, Series]:
+    """What the track moves faster than u and v say [m/s]: a psidot to starboard, b psidot aft of a rigid body."""
+    ahead, abeam = earth_to_body(m["xdot"], m["ydot"], m["psi"])
+    return abeam - m["v"], m["u"] - ahead
+
+
+def _rms(m: Recording, ship: Particulars) -> float:
+    """Size of the larger difference of both velocities [m/s]; near its ends a smoothed record is noisier."""
+    end = WINDOW * ship.time_unit / 2
+    inside = (m.time >= m.time[0] + end) & (m.time <= m.time[-1] - end)
+    return max(float(np.sqrt(np.mean(d[inside] ** 2))) for d in _differences(m))
+
+
+def _noise_of_difference(raw: Recording, ship: Particulars) -> float:
+    """Standard deviation that the samples' noise leaves between a recorded velocity and that of the track [m/s]."""
+    window = WINDOW * ship.time_unit
+    count = max(2 * round(window / raw.step / 2) + 1, ORDER + 2)
+
+    def noise(names: str, derivative: int) -> float:
+        gain = np.linalg.norm(savgol_coeffs(count, ORDER, deriv=derivative, delta=raw.step))
+        return float(gain * max(robust_sd(raw[k] - smoothed(raw.time, raw[k], window)[0]) for k in names))
+
+    return hypot(noise("xy", 1), noise("uv", 0))
 
 
 def _ahead(run: Recording) -> Series:
