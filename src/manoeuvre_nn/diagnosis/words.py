@@ -96,9 +96,13 @@ def _gain(proofs: Sequence[Proof], what: str, seen: bool = False) -> str:
 
 
 def _values(cause: Cause) -> str:
-    said = ((v.name.removesuffix(f"_{v.unit}").replace("_", " "), v) for v in cause.parameters)
-    of_day = {v.campaign: f" ({v.campaign})" if v.campaign else "" for v in cause.parameters}
-    return ", ".join(f"{name}{of_day[v.campaign]} {_sized(v)}" for name, v in said)
+    """What was found, campaign by campaign where each has its own."""
+    told = {v.campaign: [w for w in cause.parameters if w.campaign == v.campaign] for v in cause.parameters}
+    said = {
+        campaign: ", ".join(f"{v.name.removesuffix(f'_{v.unit}').replace('_', ' ')} {_sized(v)}" for v in values)
+        for campaign, values in told.items()
+    }
+    return "; ".join(f"{campaign}: {values}" if campaign else values for campaign, values in said.items())
 
 
 def _sized(v: Value) -> str:
