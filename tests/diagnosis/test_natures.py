@@ -1,12 +1,16 @@
 """What has no name is described: its kind, equation, size and time scale; what can be predicted is."""
 
+import json
+from types import SimpleNamespace
+
 import pytest
 import torch
 from pytest import approx
 from strangers import SHIP, Stranger, asked, beat, calm_only, of, ramp, strange_runs
 
+from manoeuvre_nn.diagnosis.answers import answer
 from manoeuvre_nn.diagnosis.diagnose import diagnose
-from manoeuvre_nn.diagnosis.result import Diagnosis, Nature, Value
+from manoeuvre_nn.diagnosis.result import Cause, Diagnosis, Nature, Value
 from manoeuvre_nn.diagnosis.unknown import random_force
 from manoeuvre_nn.diagnosis.words import nature_sentence
 from manoeuvre_nn.effect.common import typical
@@ -73,3 +77,21 @@ def test_what_cannot_be_predicted_is_said_to_be_so():
     random = Nature("random", ("N",), Value("standard deviation", 12.3, 2.1, "MN m"), predictable=False)
     said = nature_sentence(random)
     assert "a random force in yaw, standard deviation 12.3 ± 2.1 MN m; its course cannot be predicted" in said
+
+
+def test_the_answer_holds_what_is_known_of_something_unknown():
+    beats = Nature("periodic", ("N",), Value("amplitude", 8.0, 0.5, "MN m"), (Value("period", 50.0, 0.4, "s"),), 21.5)
+    causes = [
+        Cause(name, "", 0.9, 30.0, ("N",), (), None, "", "", nature=found)
+        for name, found in (("unknown", beats), ("current", None))
+    ]
+    d = SimpleNamespace(
+        case="c1", verdict="mismatch", causes=causes, model=["unknown"], next_steps=[], rmse=lambda when: {}
+    )
+    unknown, current = json.loads(json.dumps(answer(d)))["effects"]
+    assert unknown["nature"] == {
+        "kind": "periodic", "equation": ["N"], "size": {"name": "amplitude", "value": [8.0, 0.5, "MN m"]},
+        "scales": {"period": [50.0, 0.4, "s"]}, "log_evidence": 21.5, "predictable": True, "frame": None,
+        "parity": None, "share_in_hard_helm": None,
+    }  # fmt: skip
+    assert "nature" not in current

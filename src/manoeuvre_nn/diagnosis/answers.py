@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 
 from manoeuvre_nn.diagnosis.next_runs import planned
-from manoeuvre_nn.diagnosis.result import Cause, Diagnosis
+from manoeuvre_nn.diagnosis.result import Cause, Diagnosis, Nature, Value
 
 OTHER_SIGN = frozenset({"offset_deg"})
 """Parameters whose sign goes with the rudder's: positive to port in the cases, to starboard in the package."""
@@ -50,6 +50,7 @@ def _effect(c: Cause) -> dict:
     intervals = (
         "all" if c.intervals is None else {r: [[round(t, 1) for t in i] for i in v] for r, v in c.intervals.items()}
     )
+    more = {} if c.nature is None else {"nature": _nature(c.nature)}
     return {
         "name": c.name,
         "probability": round(c.probability, 4),
@@ -63,7 +64,27 @@ def _effect(c: Cause) -> dict:
             ]
             for v in c.parameters
         },
+        **more,
     }
+
+
+def _nature(nature: Nature) -> dict:
+    """What something unknown is like; null is what the recordings do not tell."""
+    return {
+        "kind": nature.kind,
+        "equation": list(nature.equations),
+        "size": {"name": nature.size.name, "value": _with_error(nature.size)},
+        "scales": {v.name: _with_error(v) for v in nature.scales},
+        "log_evidence": _number(nature.against),
+        "predictable": nature.predictable,
+        "frame": nature.frame or None,
+        "parity": nature.parity or None,
+        "share_in_hard_helm": _number(nature.regime),
+    }
+
+
+def _with_error(v: Value) -> list:
+    return [_number(v.value), _number(v.error), v.unit]
 
 
 def _number(x: float) -> float | None:
