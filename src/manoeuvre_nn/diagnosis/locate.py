@@ -234,7 +234,7 @@ def statements(data_set: WhitenedDataSet, found: Sequence[Residual]) -> list[str
         said.append(f"Mean {name}: {means}: {alike}.")
     if shape.hard:
         share, time = shape.hard
-        said.append(f"{share:.0%} of it falls into the {time:.0%} of the time with more than half the helm.")
+        said.append(f"{share:.0%} of its square falls into the {time:.0%} of the time with more than half the helm.")
     return [*said, when_missing(found)] if any(r.windows for r in found) else said
 
 
