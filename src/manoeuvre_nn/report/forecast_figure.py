@@ -33,9 +33,9 @@ def forecast_figure(planned: Proof) -> Figure:
         axes, beside = (figure.add_subplot(grid[row, k], sharex=columns[0][0] if columns[0] else None) for k in (0, 1))
         plain_axes(axes, "", f"{words}\n[{unit}]")
         plain_axes(beside, "", f"band [{unit}]").axhline(0.0, color=MODEL["color"], linewidth=0.8)
-        bounds = [after[f"{name}_{side}"] for side in ("low", "high")]
-        axes.fill_between(after["t"], *bounds, **BAND)
-        beside.fill_between(after["t"], *(bound - after[name] for bound in bounds), **BAND)
+        low, high = after[f"{name}_low"], after[f"{name}_high"]
+        axes.fill_between(after["t"], low, high, **BAND)
+        beside.fill_between(after["t"], low - after[name], high - after[name], **BAND)
         for table, style in ((before, PREDICTED), (after, MODEL)):
             axes.plot(table["t"], table[name], **style)
         for column, part in zip(columns, (axes, beside), strict=True):
