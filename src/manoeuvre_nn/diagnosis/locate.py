@@ -48,7 +48,7 @@ def residuals(data_set: WhitenedDataSet, hypothesis: Hypothesis, size: float = M
     made, scale = [], in_units(data_set)
     for prepared, c in zip(data_set.runs, columns, strict=True):
         run, white = prepared.linearised.run, _loose(data_set, prepared, size)
-        before = after = prepared.linearised.data
+        before = after = prepared.data
         if c is not None:
             # What the sensors and the stream do is no force: it is taken out of both.
             stream = np.zeros_like(c[:1].moved)
@@ -75,7 +75,7 @@ def missing_accelerations(data_set: WhitenedDataSet) -> list[Float[np.ndarray, "
     made = []
     for prepared in data_set.runs:
         white = _loose(data_set, prepared, MAX_PROCESS_NOISE)
-        made.append(white.states(white.embed(prepared.linearised.data))[:, prepared.linearised.states.forces, 0])
+        made.append(white.states(white.embed(prepared.data))[:, prepared.linearised.states.forces, 0])
     return made
 
 

@@ -108,7 +108,10 @@ class RudderDelay(_RudderEffect):
     equations: ClassVar[tuple[str, ...]] = ("sensor:delta",)
     fingerprint = "The ship turns before the recorded rudder moves; the lead is the same time at every change."
     source = "delta_m(t) = delta(t - tau)"
-    declared = (Parameter("delay_s", "s", -60.0, 60.0, 0.0, 1.5, (1.0, 4.0, 15.0, -3.0)),)
+    # A start must be nearer than a rudder movement lasts: between movements that do not overlap nothing leads on.
+    declared = (
+        Parameter("delay_s", "s", -60.0, 60.0, 0.0, 1.5, (1.0, 4.0, -3.0, *(float(k) for k in range(8, 60, 5)), -8.0)),
+    )
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
         """Take the rudder angle from before."""
