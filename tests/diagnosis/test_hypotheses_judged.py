@@ -26,6 +26,7 @@ from manoeuvre_nn.estimation.data_set import (
     COEFFICIENT_SD_LEVELS,
     LATENCY_SD,
     WhitenedDataSet,
+    base_columns,
     prepared_run,
     whitened_data_set,
 )
@@ -314,7 +315,8 @@ def test_effects_held_at_their_values_are_taken_out_of_the_data():
     lin = hypothesis_columns(stood, held)
     places = []
     for place, c in zip(stood.runs, lin.columns, strict=True):
-        measured, moved = place.base.measured.copy(), place.base.moved.copy()
+        whole = base_columns(CALM, place.linearised)
+        measured, moved = whole.measured.copy(), whole.moved.copy()
         measured[..., 0] -= c.measured[..., 0]
         moved[..., 0] -= c.moved[..., 0]
         places.append(replace(place, base=Columns(measured, moved)))

@@ -100,7 +100,7 @@ class WhitenedDataSet:
         self._at: dict[int, _Level] = {}
         # Keep the combinations of coefficients that the runs can show; the prior is the same in all directions.
         self.combinations = k = self.runs[0].base.count - 2  # of the base, data and latency are none
-        root = self.coefficient_prior.root(Corrections(dynamics).names) if coefficient_prior else np.eye(k)
+        root = self.coefficient_prior.root(Corrections(dynamics).names)
         values, vectors = np.linalg.eigh(root.T @ self._made(0).base_gram[1 : 1 + k, 1 : 1 + k] @ root)
         self.rotation = root @ vectors[:, values * COEFFICIENT_SD_LEVELS[-1] ** 2 > MIN_SIGNAL_TO_NOISE]
         self.combinations = self.rotation.shape[1]
