@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from studies.concealed_trial.effects import NAMES
-from studies.concealed_trial.strength import STRENGTHS
+from studies.concealed_trial.strength import DRIFT, STRENGTHS
 from studies.concealed_trial.summaries import rate
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
@@ -20,11 +20,14 @@ MARKS = "osD^vP"
 NOTHING = "none"
 FIGURES = {
     "reliability.png": "Stated probability against how often the effect was there; bars are 95 % Wilson intervals, "
-    "numbers how many statements a bin holds. On the diagonal a tool is calibrated.",
+    "the numbers at the bottom how many statements each tenth holds. On the diagonal a tool is calibrated.",
     "power.png": "Share of the cases that were detected, and whose first name was right, by the strength of their "
-    "strongest effect; bars are 95 % Wilson intervals, numbers the cases.",
-    "confusion.png": "What was there (rows) and the first name given (columns), for clean cases and single effects; "
-    "right names lie on the diagonal. Names that cannot be told apart stand where they were given.",
+    "strongest effect: the root mean square distance, in ship lengths L, by which calm-water predictions then miss "
+    "(sensors: their error against their noise). Bars are 95 % Wilson intervals; a case without an answer counts as "
+    "missed.",
+    "confusion.png": "What was there (rows) and the first name given (columns), for answered clean cases and single "
+    "effects; numbers are cases, the shade their share of the row. Names on the diagonal are right, others are "
+    "in bold: some of these count as right, as the recordings cannot tell them from what was there.",
 }
 """Files and what they show."""
 
@@ -42,11 +45,41 @@ def write_figures(tools: Mapping[str, Mapping[str, Any]], out: Path) -> None:
     _save(confusion(tools[first]["cases"], first), out / "confusion.png")
     parts = [f'<h2>{name.removesuffix(".png").title()}</h2><img src="{name}" alt="{escape(text)}"><p>{escape(text)}</p>'
              for name, text in FIGURES.items()]  # fmt: skip
-    style = "body{font-family:sans-serif;max-width:60em;margin:2em auto}img{max-width:100%}"
-    head = f'<!doctype html><html lang="en"><meta charset="utf-8"><title>Concealed trial</title><style>{style}</style>'
-    table = escape((out / "scoreboard.md").read_text()) if (out / "scoreboard.md").is_file() else ""
-    page = f"{head}<h1>Concealed trial</h1>{''.join(parts)}<h2>Scores</h2><pre>{table}</pre></html>"
+    style = (
+        "body{font-family:sans-serif;max-width:60em;margin:2em auto;padding:0 1em}img{max-width:100%}"
+        "div{overflow-x:auto}table{border-collapse:collapse;font-size:.85em;font-variant-numeric:tabular-nums}"
+        "td,th{border:1px solid #ddd;padding:.25em .6em;text-align:left;vertical-align:top}"
+        "td:not(:first-child){white-space:nowrap}"
+    )
+    head = (
+        '<!doctype html><html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
+        f"<title>Concealed trial</title><style>{style}</style>"
+    )
+    scores = (out / "scoreboard.md").read_text() if (out / "scoreboard.md").is_file() else ""
+    page = f"{head}<h1>Concealed trial</h1>{''.join(parts)}<h2>Scores</h2>{_as_html(scores)}</html>"
     (out / "trial.html").write_text(page, encoding="utf-8")
+
+
+def _as_html(scoreboard: str) -> str:
+    """The scoreboard's Markdown, whose first heading the page has already: headings, tables, lists and sentences."""
+    parts = []
+    for block in scoreboard.split("\n\n"):
+        lines = [escape(line) for line in block.strip().splitlines()]
+        if not lines or lines[0].startswith("# "):
+            continue
+        if lines[0].startswith("#"):
+            level = len(lines[0]) - len(lines[0].lstrip("#")) + 1
+            parts.append(f"<h{level}>{lines[0].lstrip('# ')}</h{level}>")
+        elif lines[0].startswith("|"):
+            rows = [line.strip("| ").split(" | ") for line in lines]
+            head, *body = ["".join(f"<td>{cell}</td>" for cell in row) for row in (rows[0], *rows[2:])]
+            cells = "".join(f"<tr>{row}</tr>" for row in body)
+            parts.append(f"<div><table><tr>{head.replace('td>', 'th>')}</tr>{cells}</table></div>")
+        elif lines[0].startswith("- "):
+            parts.append(f"<ul>{''.join(f'<li>{line[2:]}</li>' for line in lines)}</ul>")
+        else:
+            parts.append(f"<p>{' '.join(lines)}</p>")
+    return "".join(parts)
 
 
 def _save(figure: Figure, path: Path) -> None:
@@ -70,11 +103,10 @@ def reliability(bins: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
         said, found = ([b[key] for b in parts] for key in ("said", "found"))
         spread = np.abs([[b["found"] - b["low"] for b in parts], [b["high"] - b["found"] for b in parts]])
         axes.errorbar(said, found, spread.reshape(2, -1), fmt=MARKS[k % 6], color=COLOURS[k % 6], capsize=3)
-        for b in parts:
-            axes.annotate(str(b["count"]), (b["said"], b["low"]), (0, -11), textcoords="offset points",
-                          fontsize=8, ha="center", color="0.25")  # fmt: skip
-        axes.set(xlim=(-0.06, 1.06), ylim=(-0.12, 1.06), xlabel="probability stated", title=tool)
-        axes.set_ylabel("share present" if k == 0 else "")
+        for b in parts:  # in the middle of its bin, where neighbours cannot meet
+            axes.text((b["from"] + b["to"]) / 2, -0.09, str(b["count"]), fontsize=8, ha="center", color="0.25")
+        axes.set(xlim=(-0.06, 1.06), ylim=(-0.12, 1.06), xlabel="probability stated [-]", title=tool)
+        axes.set_ylabel("share of statements with the effect present [-]" if k == 0 else "")
         axes.grid(alpha=0.25)
     return figure
 
@@ -104,9 +136,11 @@ def power(cases: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
                 colour, mark = COLOURS[k % 6], MARKS[k % 6]
                 axes.errorbar(x, share["share"], np.abs(spread), fmt=mark, color=colour, capsize=3, label=label)
         counts = [sum(row["strongest"] == s for row in next(iter(cases.values()))) for s in present]
-        axes.set_xticks(range(len(present)), [f"{s}\n{n} cases" for s, n in zip(present, counts, strict=True)])
+        sizes = ["{:g}–{:g} L".format(*DRIFT[s]) for s in present]
+        told = [f"{s}\n{size}\n{n} cases" for s, size, n in zip(present, sizes, counts, strict=True)]
+        axes.set_xticks(range(len(present)), told)
         axes.set(ylim=(-0.04, 1.04), title=title, xlim=(-0.6, len(present) - 0.4))
-        axes.set_ylabel("share of cases" if panel == 0 else "")
+        axes.set_ylabel("share of cases [-]" if panel == 0 else "")
         axes.grid(axis="y", alpha=0.25)
     axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return figure

@@ -161,7 +161,7 @@ def misfits(stand: WhitenedDataSet, effect: Effect) -> np.ndarray:
     (place,), p = stand.runs, SHIP.particulars
     force = 1e-3 * p.speed**2 / p.length * np.array([1.0, 1.0, 1.0 / p.length])
     white = integrated(place.linearised, FIRST_NOISE, force, p.time_unit, np.array([2.0, 2.0, 0.01, 50.0, 50.0, 0.3]))
-    e = white.embed(joined([place.linearised.data, added(effect, place.linearised)]))
+    e = white.embed(joined([place.data, added(effect, place.linearised)]))
     return e.dot(e)
 
 

@@ -5,23 +5,28 @@ from functools import cache
 
 import numpy as np
 import pytest
+import torch
+from fleet import unchecked
 from pytest import approx
 from scipy.special import logsumexp
-from trials import CALM, CIRCLE, NOISE, SHIP, ZIGZAG, run_of, runs, sailed, values
+from trials import CALM, CIRCLE, NOISE, PORT, SHIP, ZIGZAG, run_of, runs, sailed, values
 
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.diagnosis.search import at_rest, search
+from manoeuvre_nn.dynamics.rollout import roll_out
+from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.local import BowThruster, SideForce
 from manoeuvre_nn.effect.propulsion import HullFouling, PropellerPitchError
-from manoeuvre_nn.effect.rudder import RudderOffset
+from manoeuvre_nn.effect.rudder import RudderDelay, RudderOffset
 from manoeuvre_nn.effect.sensors import HeadingBias, LogScale
 from manoeuvre_nn.effect.wind import GustyWind, SteadyWind
-from manoeuvre_nn.estimation.corrections import Corrections
+from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
 from manoeuvre_nn.estimation.data_set import (
     COEFFICIENT_SD_LEVELS,
     LATENCY_SD,
     WhitenedDataSet,
+    base_columns,
     prepared_run,
     whitened_data_set,
 )
@@ -310,7 +315,8 @@ def test_effects_held_at_their_values_are_taken_out_of_the_data():
     lin = hypothesis_columns(stood, held)
     places = []
     for place, c in zip(stood.runs, lin.columns, strict=True):
-        measured, moved = place.base.measured.copy(), place.base.moved.copy()
+        whole = base_columns(CALM, place.linearised)
+        measured, moved = whole.measured.copy(), whole.moved.copy()
         measured[..., 0] -= c.measured[..., 0]
         moved[..., 0] -= c.moved[..., 0]
         places.append(replace(place, base=Columns(measured, moved)))
@@ -368,3 +374,21 @@ def test_all_hypotheses_are_weighed_about_the_states_of_what_leads(acting):
     there = found.likelihood.data_set
     assert leads.names == (() if acting == "nothing" else ("wind_steady",))
     assert change_of_states(there, refined(there, leads), leads.best[0]) < 1.0  # standard errors
+
+
+def test_an_effect_acts_on_the_ship_as_her_corrected_coefficients_say():
+    """Of a rudder 12 % weaker than published that stands 5 deg off, angle and strength are told apart."""
+    shares = torch.tensor([-0.12 * (name in ("Yd", "Nd")) for name in Corrections(CALM).names], dtype=torch.float64)
+    offset = RudderOffset(SHIP, offset_deg=5.0)
+    with unchecked():
+        records = roll_out(Vessel(Calibrated(CALM, shares), [offset]), [CIRCLE, ZIGZAG], step=1.0)
+    stood = whitened_data_set(CALM, [run_of(r, NOISE, seed) for seed, r in enumerate(records)])
+    found = search(stood, [RudderOffset(SHIP)]).fitted[0]
+    assert found.hypothesis.vector()[0] == approx(5.0, abs=0.1)
+    assert abs(found.hypothesis.vector()[0] - 5.0) < 3 * found.errors[0] < 0.3
+
+
+def test_a_rudder_recorded_so_late_that_movements_do_not_overlap_is_found():
+    late = runs([CIRCLE, PORT], [RudderDelay(SHIP, delay_s=44.0)])
+    found = search(whitened_data_set(CALM, late), [RudderDelay(SHIP)]).fitted[0]
+    assert found.hypothesis.vector()[0] == approx(44.0, abs=1.0)

@@ -51,6 +51,12 @@ def test_null_values_change_nothing(name):
 
 
 @pytest.mark.parametrize("name", FILES)
+def test_a_signed_size_says_in_words_what_its_sign_means(name):
+    reported = [p for p in kind_of(name).declared if not p.form and p.unit not in {"-", "1/km"}]
+    assert [p.name for p in reported if (p.low < 0) != bool(p.sides)] == []
+
+
+@pytest.mark.parametrize("name", FILES)
 def test_many_rows_of_values_at_once_are_the_same_one_at_a_time(name):
     for ship in DEEP:
         s = situation(ship)

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from manoeuvre_nn.diagnosis.result import Diagnosis, Value
+from manoeuvre_nn.diagnosis.result import Check, Diagnosis, Value
 from manoeuvre_nn.diagnosis.words import summary_sentence
 from manoeuvre_nn.report.diagnosis_figures import (
     CALM,
@@ -29,6 +29,8 @@ from manoeuvre_nn.report.diagnosis_tables import (
     diagnosis_markdown,
     error_rows,
     interval_text,
+    outcomes,
+    parameter_rows,
     percent,
     print_diagnosis,
     site_rows,
@@ -196,8 +198,8 @@ def acting(times, errors=None):
 def test_times_are_named_up_to_a_number_and_then_counted():
     times = {"r01": [(0.0, 10.4)], "r02": [(5.0, 6.0), (7.0, 8.0)]}
     errors = {"r01": [(np.nan, 2.4)], "r02": [(0.2, 3.0), (1.0, np.nan)]}
-    assert when_text(acting(times)) == "r01 0–10 s, r02 5–6 s, r02 7–8 s"
-    assert when_text(acting(times, errors), 2) == "r01 0–10 ± 2 s, r02 5 ± 1–6 ± 3 s, and 1 more"
+    assert when_text(acting(times)) == "r01 0 to 10 s, r02 5 to 6 s, r02 7 to 8 s"
+    assert when_text(acting(times, errors), 2) == "r01 0 to 10 ± 2 s, r02 5 ± 1 to 6 ± 3 s, and 1 more"
     assert (when_text(acting(None)), when_text(acting({}))) == ("throughout", "–")
 
 
@@ -230,18 +232,42 @@ def test_the_captain_is_told_what_is_unknown_and_where_and_whether_a_formula_hel
     assert summary_sentence(causes, [], proofs, True) == f"{said}."
     told = replace(causes[0], terms=("Y |r|",), parameters=(Value("Y |r|", 0.4, 0.1, "-"),))
     assert summary_sentence([told], ["unknown"], proofs, True).startswith(
-        f"{said}; a short formula for it is 0.4 Y |r| (motion in units of a tight turn); with that the track of runs"
+        f"{said}; a short formula for it is 0.4 Y |r| (motion in units of a tight turn); with that the predicted"
     )
     assert summary_sentence(causes, [], proofs, False).startswith("The recordings agree")
+
+
+def test_the_captain_is_told_to_which_side_and_when():
+    force = Value("force_kN", -221.6, 1.7, "kN", sides=("to starboard", "to port"))
+    lever = Value("lever_m", 10.19, 0.48, "m", sides=("forward of midship", "aft of midship"))
+    times = {"r01": [(190.6, 383.0)], "r02": [], "r03": [(20.0, 60.4), (266.0, 402.0)]}
+    pushed = replace(windy().causes[0], label="a side force", parameters=(force, lever), intervals=times)
+    said = summary_sentence([pushed], ["wind_steady"], [], True)
+    place = "force 222 kN to port, lever 10.2 m forward of midship"
+    assert said == f"The recordings show a side force ({place}; r01 191 to 383 s, r03 20 to 60 s and 1 more)."
+    assert [row["positive is"] for row in parameter_rows([pushed])] == ["to starboard", "forward of midship"]
+    assert all("positive is" not in row for row in parameter_rows(windy().causes))
+
+
+def test_corrected_coefficients_are_told_where_two_digits_show_what_they_gain():
+    p, agrees = calm().proofs[0], "The recordings agree with the calm-water model"
+    for before, after, told in ((15.7, 15.6, False), (20.0, 4.0, True)):
+        proofs = [replace(p, rmse_before={"pos": before}, rmse_after={"pos": after})]
+        said = summary_sentence([], [], proofs, False)
+        assert said.startswith(agrees) and ("is 4 m off instead of 20 m" in said) == told == (
+            "coefficients cor" in said
+        )
 
 
 def test_the_captain_is_told_of_the_heading_where_no_run_has_a_position():
     blind = [replace(p, rmse_before={"psi": 4.0}, rmse_after={"psi": 0.5}) for p in windy().proofs]
     said = summary_sentence(windy().causes, windy().model, blind, True)
-    assert said.endswith("; with them the heading of runs that were not used is predicted to 0.5 deg instead of 4 deg.")
+    assert said.endswith(
+        "; with them the predicted heading of runs that were not used is 0.5 deg off instead of 4 deg."
+    )
     half = summary_sentence(windy().causes, windy().model, [blind[0], replace(blind[1], rmse_before={"pos": 90.0},
                    rmse_after={"pos": 3.0})], True)  # fmt: skip
-    assert half.endswith("the track of runs that were not used is predicted to 3 m instead of 90 m.")
+    assert half.endswith("the predicted track of runs that were not used is 3 m off instead of 90 m.")
     assert "a steady wind (speed 11.2 m/s, from 243 deg, cx 1.04) and a rudder offset (offset 1.04 deg)" in half
 
 
@@ -318,9 +344,40 @@ def test_the_page_loads_nothing_from_anywhere(page):
 
 def test_the_sentence_comes_first_and_what_to_record_follows_the_proof(page):
     order = ("<h1", "A steady wind of 11.2", "<img", "<table>", "held out</h2>", "against the runner-up",
-             "a wind that sets in explains", "What to record next", "residual is white")  # fmt: skip
+             "a wind that sets in explains", "What to record next", ">residual is white")  # fmt: skip
     places = [page.index(words) for words in order]
     assert places == sorted(places)
+
+
+def test_the_top_of_the_page_says_what_was_not_passed_and_what_to_record(page):
+    top = page[: page.index("<h2>")]
+    assert '<strong class="bad">Not passed:</strong> residual is white: sway of r03' in top
+    assert "<strong>Record next:</strong> Sail a turning circle of 35 deg to port" in top
+
+
+def test_a_claim_that_held_out_runs_refused_is_no_failed_test_of_the_answer():
+    refused = Check("held-out gain", False, "with a wind and a tug the error goes from 9 to 8")
+    passed = Check("held-out gain", True, "with a wind it goes from 9 to 1")
+    d = replace(windy(), checks=[refused, passed, Check("little is left", True, "0.3 %")])
+    assert outcomes(d) == [("tests passed", "held-out gain, little is left", "good"), ("refused", refused.text, "")]
+    assert "refused: with a wind and a tug" in printed(d) and "not passed" not in printed(d)
+
+
+def test_an_event_that_no_held_out_run_had_is_told_as_not_proved():
+    absent = Check("held-out gain", True, "a tug did not act in a held-out run: not proved")
+    assert outcomes(replace(windy(), checks=[absent])) == [("not proved", "a tug did not act in a held-out run", "bad")]
+
+
+def test_values_of_other_causes_are_not_shown_as_found(page):
+    how_much = page.split("<h2>How much</h2>")[1].split("</table>")[0]
+    assert "a rudder offset" in how_much and "a wind that sets in" not in how_much
+    assert "11.00 ± 0.60 m/s" in page.split("All candidates</summary>")[1]
+
+
+def test_errors_have_their_unit_and_what_is_written_above_them_meets_nothing():
+    shown, beside = channel_figure(windy().proofs[0], NOISE, repaired=True).axes[:2]
+    assert (shown.get_ylabel(), beside.get_ylabel()) == ("heading ψ\n[deg]", "error [deg]")
+    assert beside.get_title("left") == ""
 
 
 def test_a_page_of_nothing_says_that_nothing_was_proved_and_leaves_out_the_rest(tmp_path):

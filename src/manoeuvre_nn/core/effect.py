@@ -47,6 +47,8 @@ class Parameter:
             all units but m, m/s and kN: what instruments and helmsmen do is no matter of length.
         within: Dimension of the ship in which the bounds are given (``length``, ``beam``, ``draught``: an antenna is
             on board); empty for bounds in the unit.
+        sides: What a positive value means to a person, and a negative one (``to starboard``, ``to port``); empty where
+            the sign needs no words.
     """
 
     name: str
@@ -63,6 +65,7 @@ class Parameter:
     random: bool = False
     power: float | None = None
     within: str = ""
+    sides: tuple[str, str] | tuple[()] = ()
 
     def on(self, ship: Particulars) -> "Parameter":
         """The parameter on a ship: spread and starts as usual, on models by Froude's law, bounds by her dimensions."""

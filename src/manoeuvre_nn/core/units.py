@@ -14,3 +14,8 @@ SEA_WATER = 1025.0
 """Density of sea water [kg/m^3]."""
 FRESH_WATER = 1000.0
 """Density of fresh water, as in towing tanks and ponds [kg/m^3]."""
+
+
+def three_digits(value: float) -> str:
+    """A number to three digits, never as a power of ten: ``4740``, ``0.0123``."""
+    return f"{float(f'{value:.3g}'):.6g}"

@@ -96,7 +96,8 @@ def _values_of(fitted: FittedHypothesis, effect: int, runs: Sequence[Recording] 
         told = not (f.parameter.form or f.parameter.per_run or _is_step(f.parameter, value, error))
         if f.effect == effect and told:
             campaign = str(runs[f.runs[0]].meta.get(CAMPAIGN, "")) if runs and h.campaigns else ""
-            found.append(Value(f.parameter.name, float(value), float(error), f.parameter.unit, campaign))
+            p = f.parameter
+            found.append(Value(p.name, float(value), float(error), p.unit, campaign, p.sides))
     sizes = [p for p in h.effects[effect].declared if p.random and p.name in fitted.random]
     found += [Value(p.name, *fitted.random[p.name], p.unit) for p in sizes]
     return tuple(found)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from manoeuvre_nn.diagnosis import checks as checking
-from manoeuvre_nn.diagnosis.alarm import least_gain
+from manoeuvre_nn.diagnosis.alarm import MIN_GAIN_TO_TRY, least_gain
 from manoeuvre_nn.diagnosis.case import Question
 from manoeuvre_nn.diagnosis.causes import causes_of
 from manoeuvre_nn.diagnosis.decision import decide, settled
@@ -38,6 +38,9 @@ from manoeuvre_nn.scoring.free_runs import cost, counted_as_one
 
 PROVED = 3.0
 """Log evidence that a formula must add on held-out runs, and any effect where the model was fitted."""
+REFUTED = -MIN_GAIN_TO_TRY
+"""Log evidence of the held-out runs that refutes any other effect: as much against it as would raise an alarm. Less is
+weighed with what the fitted runs say: calm water is given corrections of its own there."""
 MAX_ERROR_GROWTH = 1.05
 """Growth of the error of free runs from which an effect is not named."""
 
@@ -117,15 +120,17 @@ def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypo
         elsewhere = placed(question, j)
         made = prove(question, there, j, elsewhere, proofs)
         # The errors of a fitted model may look like an effect, and one formula of hundreds like anything.
-        least = PROVED if is_fitted(data_set.dynamics) or Formula.name in j.names else 0.0
+        least = PROVED if is_fitted(data_set.dynamics) or Formula.name in j.names else REFUTED
         after, gain = _cost(question, [p.rmse_after for p in made]), foreseen(question, j, elsewhere)
         enough = claim.evidence - none.evidence + gain > least_gain(claim)
         better = gain > least and after < MAX_ERROR_GROWTH * before
         tested = bool(made) and _acts(elsewhere)
-        helped = enough and (better or not tested) and _last_effect_helps(question, claim, gain, claims)
+        foretold = enough and (better or not tested)
+        helped = foretold and _last_effect_helps(question, claim, gain, claims)
+        fewer = "; fewer of these effects do as well" if foretold and not helped else ""
         text = (
             f"with {labels(j)} the error of free runs goes from {before:.2f} to {after:.2f} ({_unit(question)}), "
-            f"and the log evidence of the held-out runs by {gain:+.0f}"
+            f"and the log evidence of the held-out runs by {gain:+.0f}{fewer}"
         )
         untested = f"{labels(j)} did not act in a held-out run" if made else "no held-out run"
         checks.append(Check("held-out gain", helped, text if tested else f"{untested}: not proved"))

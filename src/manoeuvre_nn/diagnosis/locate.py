@@ -8,6 +8,7 @@ import ruptures
 from jaxtyping import Float
 
 from manoeuvre_nn.core.effect import SITES
+from manoeuvre_nn.core.units import three_digits
 from manoeuvre_nn.diagnosis.result import Interval, Residual
 from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.estimation.data_set import PROCESS_LEVELS, PreparedRun, WhitenedDataSet, process_time, start_spread
@@ -48,7 +49,7 @@ def residuals(data_set: WhitenedDataSet, hypothesis: Hypothesis, size: float = M
     made, scale = [], in_units(data_set)
     for prepared, c in zip(data_set.runs, columns, strict=True):
         run, white = prepared.linearised.run, _loose(data_set, prepared, size)
-        before = after = prepared.linearised.data
+        before = after = prepared.data
         if c is not None:
             # What the sensors and the stream do is no force: it is taken out of both.
             stream = np.zeros_like(c[:1].moved)
@@ -75,7 +76,7 @@ def missing_accelerations(data_set: WhitenedDataSet) -> list[Float[np.ndarray, "
     made = []
     for prepared in data_set.runs:
         white = _loose(data_set, prepared, MAX_PROCESS_NOISE)
-        made.append(white.states(white.embed(prepared.linearised.data))[:, prepared.linearised.states.forces, 0])
+        made.append(white.states(white.embed(prepared.data))[:, prepared.linearised.states.forces, 0])
     return made
 
 
@@ -209,13 +210,15 @@ def shape_of(data_set: WhitenedDataSet, found: Sequence[Residual]) -> Shape:
 def statements(data_set: WhitenedDataSet, found: Sequence[Residual]) -> list[str]:
     """Equation, frame, parity, region and times of the missing force in sentences."""
     shape, used = shape_of(data_set, found), units(data_set)
-    said = []
-    for k, (name, unit) in enumerate(zip(EQUATIONS, used, strict=True)):
-        rms = np.sqrt(np.mean(np.concatenate([r.force for r in found])[:, k] ** 2))
-        said.append(f"Missing {name}: {rms:.3g} {unit} rms, {shape.ratio[k]:.1f} times its error.")
+    rms = np.sqrt(np.mean(np.concatenate([r.force for r in found]) ** 2, axis=0))
+    sizes = [
+        f"{name} {three_digits(size)} {unit} ({ratio:.1f} times its standard deviation)"
+        for name, size, unit, ratio in zip(EQUATIONS, rms, used, shape.ratio, strict=True)
+    ]
+    said = [f"Missing, root mean square: {', '.join(sizes)}."]
     name, unit = EQUATIONS[shape.strongest], used[shape.strongest]
     if shape.ratio[shape.strongest] < 1.5:
-        return [*said, "In no equation does the missing force stand out of what the smoother is unsure of."]
+        return [*said, "In no equation does the missing force stand out of its standard deviation."]
     if shape.explained:
         body, earth, turning = shape.explained
         said.append(
@@ -226,13 +229,27 @@ def statements(data_set: WhitenedDataSet, found: Sequence[Residual]) -> list[str
         said.append("Body or earth axes cannot be told: no run turns through 90 deg.")
     if shape.sides:
         left, right = shape.sides
-        alike = {"even": "the same on both sides", "odd": "of opposite sign", "mixed": "on one side more"}[shape.parity]
-        said.append(f"Mean {name}: {left:.3g} {unit} in port turns, {right:.3g} {unit} in starboard turns: {alike}.")
+        alike = {"even": "of the same sign", "odd": "of opposite sign", "mixed": "on one side more"}[shape.parity]
+        means = f"{three_digits(left)} {unit} in port turns, {three_digits(right)} {unit} in starboard turns"
+        said.append(f"Mean {name}: {means}: {alike}.")
     if shape.hard:
         share, time = shape.hard
-        said.append(f"{share:.0%} of it falls into the {time:.0%} of the time with more than half the helm.")
-    times = [f"{r.run} {a:.0f} to {b:.0f} s" for r in found for a, b in r.windows]
-    return [*said, f"It is missing at some times only: {', '.join(times)}."] if times else said
+        said.append(f"{share:.0%} of its square falls into the {time:.0%} of the time with more than half the helm.")
+    return [*said, when_missing(found)] if any(r.windows for r in found) else said
+
+
+def when_missing(found: Sequence[Residual]) -> str:
+    """Times of the missing force in a sentence; windows that touch are one."""
+    times, inside = [], 0.0
+    for r in found:
+        joined: list[Interval] = []
+        for start, end in sorted((max(a, r.time[0]), min(b, r.time[-1])) for a, b in r.windows):
+            touches = bool(joined) and start <= joined[-1][1]
+            joined[-1:] = [(joined[-1][0], max(end, joined[-1][1]))] if touches else [*joined[-1:], (start, end)]
+        inside += sum(end - start for start, end in joined)
+        times += [f"{r.run} {start:.0f} to {end:.0f} s" for start, end in joined]
+    share = inside / sum(r.time[-1] - r.time[0] for r in found)
+    return f"It was located in {share:.0%} of the time: {', '.join(times)}."
 
 
 def _explained(y: Float[np.ndarray, " n"], basis: list[Float[np.ndarray, " n"]]) -> float:

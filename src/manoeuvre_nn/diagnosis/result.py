@@ -20,6 +20,7 @@ class Value:
         error: Standard error.
         unit: Unit of both.
         campaign: Where every campaign has its own value, which one; else empty.
+        sides: What a positive value means, and a negative one; empty where the sign needs no words.
     """
 
     name: str
@@ -27,6 +28,7 @@ class Value:
     error: float
     unit: str
     campaign: str = ""
+    sides: tuple[str, str] | tuple[()] = ()
 
 
 @dataclass(frozen=True)

@@ -121,7 +121,7 @@ def _again(
     workers: int,
     about: FittedHypothesis,
 ) -> tuple[MarginalLikelihood, FittedHypothesis, list[FittedHypothesis]]:
-    """The best few and calm water about the states of one of them; the others keep their distance to calm water."""
+    """The best few and calm water about the states of one of them; the others keep their distance to that one."""
     data_set, leading = at_rest(likelihood.data_set, about)
     there = MarginalLikelihood(with_likely_coefficient_prior(data_set, leading))
     calm = there.evaluate(Hypothesis((), ()), around=none.best[0])
@@ -130,7 +130,9 @@ def _again(
         return refine(there, fitted[number].hypothesis, *fitted[number].best)
 
     best = list(shared_out(refitted, min(len(fitted), MAX_BUILT_UPON), workers))
-    rest = [replace(j, evidence=j.evidence - none.evidence + calm.evidence) for j in fitted[MAX_BUILT_UPON:]]
+    # Not to calm water: where that misses much, its own evidence changes by more than what parts the others.
+    gained = next((j for j in best if j.names == about.names), calm).evidence - about.evidence
+    rest = [replace(j, evidence=j.evidence + gained) for j in fitted[MAX_BUILT_UPON:]]
     return there, calm, sorted(best + rest, key=lambda j: -j.evidence)
 
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from manoeuvre_nn.core.units import three_digits
 from manoeuvre_nn.diagnosis.advise import Ranked, advise
 from manoeuvre_nn.diagnosis.decision import Decision
 from manoeuvre_nn.diagnosis.result import Cause, Nature, Proof, Value
@@ -37,8 +38,11 @@ def summary_sentence(
         return f"Nothing is proved: {lacking}."
     if not mismatch:
         corrected = any(p.rmse_after != p.rmse_before for p in proofs)
-        gain = _gain(proofs, "coefficients corrected within their scatter") if corrected else ""
-        return f"The recordings agree with the calm-water model within their noise: nothing needs to be added{gain}."
+        gain = _gain(proofs, "coefficients corrected within their scatter", seen=True) if corrected else ""
+        return (
+            "The recordings agree with the calm-water model within their noise and the scatter of its coefficients: "
+            f"nothing needs to be added{gain}."
+        )
     if set(model) <= {"unknown"}:
         where = next((c.equations for c in causes if c.name == "unknown"), ())
         shown = f" in {_and([EQUATIONS.get(e, e) for e in where])}" if where else ""
@@ -48,7 +52,7 @@ def summary_sentence(
         known = "no effect that is known explains it"
         return f"Unknown: the recordings differ from calm water{shown}, and {known}{told}{gain}."
     named = [c for c in causes if c.name in model]
-    said = " and ".join(f"{c.label} ({_values(c)})" for c in named)
+    said = _and([f"{c.label} ({'; '.join(part for part in (_values(c), _times(c)) if part)})" for c in named])
     them = "it" if len(named) == 1 else "them"
     if proofs and not any(c.intervals is None or c.intervals.get(p.run) for c in named for p in proofs):
         return f"The recordings show {said}; no run that was not used had {them}, so that none can prove {them}."
@@ -70,28 +74,47 @@ def left_open(tried: SearchResult, verdict: Decision) -> str:
     return f"{said}; with {labels(verdict.best)} runs that were not used are not predicted better"
 
 
-def _gain(proofs: Sequence[Proof], what: str) -> str:
-    """How much better runs that were not used are predicted."""
+def _gain(proofs: Sequence[Proof], what: str, seen: bool = False) -> str:
+    """How much better runs that were not used are predicted; if wanted, only where two digits show it."""
     if not proofs:
         return ""
     located = [p for p in proofs if np.isfinite(p.rmse_before.get("pos", np.nan))]
-    channel, seen, unit = ("pos", "track", "m") if located else ("psi", "heading", "deg")
+    channel, curve, unit = ("pos", "track", "m") if located else ("psi", "heading", "deg")
     parted = all(p.rmse_alone for p in located or proofs)
     before, after, *alone = (
         np.sqrt(np.mean([getattr(p, w)[channel] ** 2 for p in located or proofs]))
         for w in ("rmse_before", "rmse_after", *(["rmse_alone"] if parted else []))
     )
-    told = f" ({alone[0]:.3g} {unit} with published coefficients)" if alone else ""
+    if seen and f"{before:.2g}" == f"{after:.2g}":
+        return ""
+    before, after, *alone = (three_digits(value) for value in (before, after, *alone))
+    told = f" ({alone[0]} {unit} with published coefficients)" if alone and alone[0] != after else ""
     return (
-        f"; with {what} the {seen} of runs that were not used is predicted to {after:.3g} {unit}{told} instead of "
-        f"{before:.3g} {unit}"
+        f"; with {what} the predicted {curve} of runs that were not used is {after} {unit} off{told} instead of "
+        f"{before} {unit}"
     )
 
 
 def _values(cause: Cause) -> str:
-    said = ((v.name.removesuffix(f"_{v.unit}").replace("_", " "), v) for v in cause.parameters)
-    of_day = {v.campaign: f" ({v.campaign})" if v.campaign else "" for v in cause.parameters}
-    return ", ".join(f"{name}{of_day[v.campaign]} {v.value:.3g} {v.unit}".rstrip(" -") for name, v in said)
+    """What was found, campaign by campaign where each has its own."""
+    told = {v.campaign: [w for w in cause.parameters if w.campaign == v.campaign] for v in cause.parameters}
+    said = {
+        campaign: ", ".join(f"{v.name.removesuffix(f'_{v.unit}').replace('_', ' ')} {_sized(v)}" for v in values)
+        for campaign, values in told.items()
+    }
+    return "; ".join(f"{campaign}: {values}" if campaign else values for campaign, values in said.items())
+
+
+def _sized(v: Value) -> str:
+    """A value with its unit, and where its sign has words with these in its place: ``222 kN to port``."""
+    value, side = (abs(v.value), v.sides[v.value < 0]) if v.sides else (v.value, "")
+    return " ".join(part for part in (three_digits(value), v.unit.strip("-"), side) if part)
+
+
+def _times(cause: Cause) -> str:
+    """When an event happens, two times and how many more: ``r01 191 to 383 s, r03 266 to 402 s and 4 more``."""
+    spans = [f"{run} {a:.0f} to {b:.0f} s" for run, times in (cause.intervals or {}).items() for a, b in times]
+    return ", ".join(spans) if len(spans) <= 2 else f"{', '.join(spans[:2])} and {len(spans) - 2} more"
 
 
 def _formula(cause: Cause) -> str:
@@ -131,7 +154,10 @@ def nature_words(nature: Nature) -> str:
 def nature_sentence(nature: Nature) -> str:
     """The same as a sentence, with frame, parity, regime, and the odds against the likeliest other kind."""
     frame = {"body": "fixed to the ship", "earth": "fixed to the earth"}.get(nature.frame, "")
-    parity = {"even": "alike in port and starboard turns", "odd": "of opposite sign in port and starboard turns"}
+    parity = {
+        "even": "of the same sign in port and starboard turns",
+        "odd": "of opposite sign in port and starboard turns",
+    }
     said = [frame, parity.get(nature.parity, "")]
     if np.isfinite(nature.regime):
         said.append(f"{nature.regime:.0%} of its square with more than half the helm")

@@ -18,6 +18,12 @@ PRIME_ACCELERATION_OF_20_DEG = (0.06, 0.5)
 """20 deg of rudder in sway and yaw in prime accelerations: about those of the Mariner."""
 ROUND = 2.0
 """Time over which the corners of an event's course are rounded [s]; it makes its times differentiable."""
+ACROSS = ("to starboard", "to port")
+"""What the sign of a lateral force or distance means."""
+LENGTHWISE = ("forward", "aft")
+"""The same along the ship."""
+LATE = ("late", "early")
+"""The same of a delay."""
 RAMP = Parameter("ramp_s", "s", 1.0, 1800.0, 1.0, 60.0, (15.0,))
 """Time in which an event builds up about each start, and dies away about each end; the least is a step."""
 

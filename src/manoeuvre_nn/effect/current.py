@@ -59,7 +59,7 @@ class TidalCurrent(_UniformCurrent):
     declared = (
         SPEED,
         direction("toward_deg"),
-        Parameter("change_m_s_h", "m/s per hour", -10.0, 10.0, 0.0, 0.5, (0.3, -0.3)),
+        Parameter("change_m_s_h", "m/s per hour", -10.0, 10.0, 0.0, 0.5, (0.3, -0.3), sides=("growing", "falling")),
     )
 
     def _speed(self, s: Situation) -> Tensor:

@@ -9,6 +9,8 @@ from manoeuvre_nn.core.effect import Parameter, Situation
 from manoeuvre_nn.effect.common import columns
 from manoeuvre_nn.effect.series import HullEffect
 
+BY = ("by the stern", "by the bow")
+
 
 class DisplacementChange(HullEffect):
     """A mass that is a multiple k of the nominal one.
@@ -79,7 +81,7 @@ class TrimChange(HullEffect):
     equations: ClassVar[tuple[str, ...]] = ("Y", "N")
     fingerprint = "Course stability changes, overshoots most, alike to both sides; straight speed is as it should be."
     source = "Inoue, Hirano & Kijima 1981, numbers not checked against the print"
-    declared = (Parameter("trim_m", "m", -1.0, 1.0, 0.0, 1.5, (1.0, -1.0, 4.0, -4.0), within="draught"),)
+    declared = (Parameter("trim_m", "m", -1.0, 1.0, 0.0, 1.5, (1.0, -1.0, 4.0, -4.0), within="draught", sides=BY),)
 
     def change(self, s: Situation) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*rows 3"]]:
         """What the trim changes."""

@@ -7,12 +7,13 @@ from jaxtyping import Float
 from torch import Tensor
 
 from manoeuvre_nn.core.effect import Effect, Parameter, Situation
-from manoeuvre_nn.effect.common import RAMP, columns, compass, during, several
+from manoeuvre_nn.effect.common import ACROSS, RAMP, columns, compass, during, several
 
 FAMILY = "local force"
 KILO = 1000.0
-FORCE = Parameter("force_kN", "kN", -20000.0, 20000.0, 0.0, 250.0, (100.0, -100.0))
-LEVER = Parameter("lever_m", "m", -0.6, 0.6, None, 60.0, (0.0, 50.0, -50.0), within="length")
+OF_MIDSHIP = ("forward of midship", "aft of midship")
+FORCE = Parameter("force_kN", "kN", -20000.0, 20000.0, 0.0, 250.0, (100.0, -100.0), sides=ACROSS)
+LEVER = Parameter("lever_m", "m", -0.6, 0.6, None, 60.0, (0.0, 50.0, -50.0), within="length", sides=OF_MIDSHIP)
 TIMES = (*several(3), RAMP)
 
 

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from manoeuvre_nn.core.effect import Effect, Parameter, Situation
-from manoeuvre_nn.effect.common import columns
+from manoeuvre_nn.effect.common import ACROSS, columns
 
 FAMILY = "propeller and resistance"
 KILO = 1000.0
@@ -25,7 +25,7 @@ class PropellerSideForce(Effect):
     equations = ("Y", "N")
     fingerprint = "The ship turns one way with the rudder amidships on every heading, and more at higher shaft speed."
     source = "Transverse thrust of a single screw as a constant force at n0, with n^2"
-    declared = (Parameter("force_kN", "kN", -10000.0, 10000.0, 0.0, 100.0, (50.0, -50.0)),)
+    declared = (Parameter("force_kN", "kN", -10000.0, 10000.0, 0.0, 100.0, (50.0, -50.0), sides=ACROSS),)
     ARM = -0.48
 
     def force(self, s: Situation) -> Float[Tensor, "*batch 3"]:
@@ -49,7 +49,9 @@ class PropellerPitchError(Effect):
     equations = ("X",)
     fingerprint = "Another speed on a straight course at the same shaft speed; the surplus grows as speed is lost."
     source = "dT = f T with T = R0 [(1 + s) n^2 - s n u/U0], or the ship's own thrust"
-    declared = (Parameter("fraction", "-", -1.0, 1.0, 0.0, 0.15, (0.1, -0.1, 0.4, -0.4)),)
+    declared = (
+        Parameter("fraction", "-", -1.0, 1.0, 0.0, 0.15, (0.1, -0.1, 0.4, -0.4), sides=("more thrust", "less thrust")),
+    )
 
     def force(self, s: Situation) -> Float[Tensor, "*batch 3"]:
         """The surplus of thrust."""

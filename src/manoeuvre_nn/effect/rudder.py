@@ -15,7 +15,7 @@ from torch import Tensor
 from manoeuvre_nn.core.effect import Effect, Parameter, PerRow, Situation
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.effect.common import rudder_part
+from manoeuvre_nn.effect.common import LATE, rudder_part
 from manoeuvre_nn.effect.sensors import shifted
 
 
@@ -36,7 +36,18 @@ class RudderOffset(_RudderEffect):
     label = "a rudder offset"
     fingerprint = "The ship turns one way with the rudder shown amidships, on every heading, more at higher speed."
     source = "delta = shown + offset"
-    declared = (Parameter("offset_deg", "deg", -35.0, 35.0, 0.0, 1.5, (1.0, -1.0, 6.0, -6.0)),)
+    declared = (
+        Parameter(
+            "offset_deg",
+            "deg",
+            -35.0,
+            35.0,
+            0.0,
+            1.5,
+            (1.0, -1.0, 6.0, -6.0),
+            sides=("turning to starboard", "turning to port"),
+        ),
+    )
 
     def blade(self, before: PerRow, order: PerRow, shown: PerRow, elapsed: PerRow) -> PerRow:
         """The indicated angle and the offset."""
@@ -108,7 +119,9 @@ class RudderDelay(_RudderEffect):
     equations: ClassVar[tuple[str, ...]] = ("sensor:delta",)
     fingerprint = "The ship turns before the recorded rudder moves; the lead is the same time at every change."
     source = "delta_m(t) = delta(t - tau)"
-    declared = (Parameter("delay_s", "s", -60.0, 60.0, 0.0, 1.5, (1.0, 4.0, 15.0, -3.0)),)
+    # A start must be nearer than a rudder movement lasts: between movements that do not overlap nothing leads on.
+    STARTS_S = (1.0, 4.0, -3.0, *(float(k) for k in range(8, 60, 5)), -8.0)
+    declared = (Parameter("delay_s", "s", -60.0, 60.0, 0.0, 1.5, STARTS_S, sides=LATE),)
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
         """Take the rudder angle from before."""

@@ -8,6 +8,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from manoeuvre_nn.core.effect import Effect, Parameter, Situation
+from manoeuvre_nn.effect.common import ACROSS, LATE, LENGTHWISE
 
 EARTH = 465.1
 """Speed of the equator by the earth's rotation [m/s]."""
@@ -58,7 +59,9 @@ class HeadingBias(_Sensor):
     equations = ("sensor:psi",)
     fingerprint = "Velocity over ground is turned against the heading by one angle, whatever the heading."
     source = "Gyro misalignment, psi_m = psi + e"
-    declared = (Parameter("bias_deg", "deg", -45.0, 45.0, 0.0, 1.5, (1.0, -1.0, 10.0, -10.0)),)
+    declared = (
+        Parameter("bias_deg", "deg", -45.0, 45.0, 0.0, 1.5, (1.0, -1.0, 10.0, -10.0), sides=("too much", "too little")),
+    )
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
         """Add the bias to the heading."""
@@ -74,7 +77,7 @@ class RateBias(_Sensor):
     equations = ("sensor:r",)
     fingerprint = "The integral of the yaw rate runs away from the heading at a constant rate."
     source = "r_m = r + b"
-    declared = (Parameter("bias_deg_s", "deg/s", -5.0, 5.0, 0.0, 0.05, (0.03, -0.03)),)
+    declared = (Parameter("bias_deg_s", "deg/s", -5.0, 5.0, 0.0, 0.05, (0.03, -0.03), sides=ACROSS),)
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
         """Add the bias to the yaw rate."""
@@ -107,8 +110,8 @@ class LeverArm(_Sensor):
     fingerprint = "Sway over ground gains a share of the yaw rate, and the turning circle changes its radius."
     source = "Rigid body: x_m = x + dx cos psi - dy sin psi and its rate"
     declared = (
-        Parameter("dx_m", "m", -0.6, 0.6, 0.0, 50.0, (30.0, -30.0), within="length"),
-        Parameter("dy_m", "m", -0.6, 0.6, 0.0, 10.0, (0.0,), within="beam"),
+        Parameter("dx_m", "m", -0.6, 0.6, 0.0, 50.0, (30.0, -30.0), within="length", sides=LENGTHWISE),
+        Parameter("dy_m", "m", -0.6, 0.6, 0.0, 10.0, (0.0,), within="beam", sides=ACROSS),
     )
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
@@ -127,7 +130,7 @@ class WrongFrame(_Sensor):
     equations = ("sensor:vn", "sensor:ve")
     fingerprint = "Sway over ground gains a share of the yaw rate although the track is that of the reference point."
     source = "Rigid body: v_m = v + dx r"
-    declared = (Parameter("dx_m", "m", -0.6, 0.6, 0.0, 50.0, (30.0, -30.0), within="length"),)
+    declared = (Parameter("dx_m", "m", -0.6, 0.6, 0.0, 50.0, (30.0, -30.0), within="length", sides=LENGTHWISE),)
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
         """Velocity of the other point."""
@@ -144,7 +147,7 @@ class GpsDelay(_Sensor):
     equations = ("sensor:x", "sensor:y", "sensor:vn", "sensor:ve")
     fingerprint = "The track lags by the speed times one time, and velocity over ground turns after the heading."
     source = "x_m(t) = x(t - tau)"
-    declared = (Parameter("delay_s", "s", -30.0, 30.0, 0.0, 0.7, (0.5,)),)
+    declared = (Parameter("delay_s", "s", -30.0, 30.0, 0.0, 0.7, (0.5,), sides=LATE),)
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
         """Take position and velocity from before."""
@@ -160,7 +163,7 @@ class TimeSync(_Sensor):
     equations = ("sensor:r",)
     fingerprint = "The yaw rate is the derivative of the heading, but of some time before."
     source = "r_m(t) = r(t - tau)"
-    declared = (Parameter("offset_s", "s", -60.0, 60.0, 0.0, 1.5, (1.0, -1.0, 10.0, -10.0)),)
+    declared = (Parameter("offset_s", "s", -60.0, 60.0, 0.0, 1.5, (1.0, -1.0, 10.0, -10.0), sides=LATE),)
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
         """Take the yaw rate from before."""

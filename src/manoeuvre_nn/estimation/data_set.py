@@ -13,7 +13,7 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.base import Model, calm_accelerations, is_fitted
 from manoeuvre_nn.effect.common import typical as usual
-from manoeuvre_nn.estimation.corrections import CoefficientPrior, Corrections
+from manoeuvre_nn.estimation.corrections import Calibrated, CoefficientPrior, Corrections
 from manoeuvre_nn.estimation.effect_columns import coefficient_columns, latency_column
 from manoeuvre_nn.estimation.linear_run import Columns, Embedded, IntegratedRun, joined, summed
 from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, linearise, run_equations
@@ -57,6 +57,11 @@ class PreparedRun:
     base: Columns
     process: Float[np.ndarray, "n p"]
 
+    @property
+    def data(self) -> Columns:
+        """The recording as a column: what the track and the model with published coefficients leave unexplained."""
+        return joined([self.base[:1], self.base[-1:]]).combined(np.array([1.0, LATENCY]))
+
 
 @dataclass(frozen=True)
 class _Level:
@@ -95,7 +100,7 @@ class WhitenedDataSet:
         self._at: dict[int, _Level] = {}
         # Keep the combinations of coefficients that the runs can show; the prior is the same in all directions.
         self.combinations = k = self.runs[0].base.count - 2  # of the base, data and latency are none
-        root = self.coefficient_prior.root(Corrections(dynamics).names) if coefficient_prior else np.eye(k)
+        root = self.coefficient_prior.root(Corrections(dynamics).names)
         values, vectors = np.linalg.eigh(root.T @ self._made(0).base_gram[1 : 1 + k, 1 : 1 + k] @ root)
         self.rotation = root @ vectors[:, values * COEFFICIENT_SD_LEVELS[-1] ** 2 > MIN_SIGNAL_TO_NOISE]
         self.combinations = self.rotation.shape[1]
@@ -278,24 +283,34 @@ def prepared_run(dynamics: Model, run: Recording) -> PreparedRun:
     return PreparedRun(linearised, noise * np.sqrt(slow), slow, base, process)
 
 
-def about_states(dynamics: Model, prepared: PreparedRun, track: Float[np.ndarray, "n k"]) -> PreparedRun:
+def about_states(
+    dynamics: Model,
+    prepared: PreparedRun,
+    track: Float[np.ndarray, "n k"],
+    corrections: Float[np.ndarray, " k"] | None = None,
+) -> PreparedRun:
     """The same run about another track.
 
     Args:
         dynamics: Calm-water model.
         prepared: The run.
         track: u, v, r, x, y, psi, own states.
+        corrections: Sizes of :class:`.Corrections` that the equations are linearised about too, so that effects act on
+            the corrected ship: a rudder offset on the rudder as strong as it is; None are none.
 
     Returns:
         The run about it.
     """
-    linearised = linearise(prepared.linearised.run, Rate(dynamics), track, process_time(dynamics))
+    about = dynamics if corrections is None else Calibrated(dynamics, dynamics.hull.inertia.new_tensor(corrections))
+    linearised = linearise(prepared.linearised.run, Rate(about), track, process_time(dynamics))
     return replace(prepared, linearised=linearised, base=base_columns(dynamics, linearised))
 
 
 def base_columns(dynamics: Model, linearised: LinearisedRun) -> Columns:
     """Data, coefficients (each on its own) and latency of a run as columns."""
-    latency = latency_column(linearised)
-    # The unknown is the latency's deviation from its prior mean.
-    centred = joined([linearised.data, latency]).combined(np.array([1.0, -LATENCY]))
-    return joined([centred, coefficient_columns(dynamics, linearised), latency])
+    latency, coefficients = latency_column(linearised), coefficient_columns(dynamics, linearised)
+    about = linearised.rate.dynamics
+    taken_out = about.shares.numpy() if isinstance(about, Calibrated) else np.zeros(coefficients.count)
+    # The unknowns are the latency's deviation from its prior mean, and whole corrections, also those taken out already.
+    shares = np.r_[1.0, -LATENCY, taken_out]
+    return joined([joined([linearised.data, latency, coefficients]).combined(shares), coefficients, latency])

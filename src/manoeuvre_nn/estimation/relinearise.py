@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import logsumexp
 
+from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.estimation.corrections import CoefficientPrior, Corrections
 from manoeuvre_nn.estimation.data_set import (
     COEFFICIENT_SD_LEVELS,
@@ -29,7 +30,7 @@ COEFFICIENT_PRIORS = tuple(
 
 
 def refined(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedDataSet:
-    """The runs about the states of a fitted hypothesis.
+    """The runs about the states and the corrected coefficients of a fitted hypothesis.
 
     The first states were found with any force, stream and sensor error allowed; what these mistook for one another is
     only corrected to first order there.
@@ -43,6 +44,9 @@ def refined(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedData
     """
     lin = hypothesis_columns(data_set, fitted.hypothesis)
     level = data_set.at(fitted.best[0])
+    # A fitted model's corrections within its errors take up gusts: it stays as it is.
+    trained = is_fitted(data_set.dynamics)
+    shares = None if trained else data_set.rotation @ fitted.nuisance[: data_set.combinations]
     runs = []
     for run, prepared in enumerate(data_set.runs):
         # Data less coefficients, latency and the hypothesis at their values.
@@ -51,7 +55,7 @@ def refined(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedData
         left = joined([prepared.base, lin.columns[run]]).combined(np.concatenate([[1.0], -nuisance, -whole]))
         white = level.white[run]
         states = prepared.linearised.track + white.states(white.embed(left))[:, : prepared.linearised.states.count, 0]
-        runs.append(about_states(data_set.dynamics, prepared, states))
+        runs.append(about_states(data_set.dynamics, prepared, states, shares))
     return WhitenedDataSet(data_set.dynamics, runs, data_set.coefficient_prior)
 
 

@@ -49,7 +49,7 @@ def draw_diagnosis(d: Diagnosis) -> dict[str, Figure]:
     located = [r for r in d.residuals if r.windows and len(r.time) == len(d.tracks.get(r.run, ()))]
     if located:
         figures["where"] = _window_figure(d.tracks, located)
-    figures |= {f"residual/{residual.run}": residual_figure(residual, repaired) for residual in d.residuals}
+    figures |= {f"residual/{residual.run}": residual_figure(residual, bool(d.model)) for residual in d.residuals}
     figures |= {f"planned/{planned.run}": forecast_figure(planned) for planned in d.forecasts}
     return figures | {f"channels/{proof.run}": channel_figure(proof, d.noise, repaired) for proof in d.proofs}
 
@@ -253,17 +253,17 @@ def channel_figure(proof: Proof, noise: Mapping[str, float], repaired: bool) -> 
     for (axes, beside), name in zip(grid, rows, strict=True):
         words, _, unit = CHANNELS[name]
         plain_axes(axes, "", f"{words}\n[{unit}]")
-        plain_axes(beside, "", "")
+        plain_axes(beside, "", f"error [{unit}]")
         truth, *models = _series(proof, name, repaired)
         axes.plot(time, truth, **TRUTH)
         for values, style in zip(models, (CALM, REPAIRED), strict=False):
             axes.plot(time, values, **style)
         _draw_errors(beside, time, [values - truth for values in models], noise.get(name, 0.0), unit)
-    grid[0, 1].set_title("error", fontsize=9, loc="left")
     for axes in grid[-1]:
         axes.set_xlabel("time t [s]")
         axes.xaxis.set_major_locator(MaxNLocator(4))
-    figure.align_ylabels(grid[:, 0])
+    for column in grid.T:
+        figure.align_ylabels(column)
     legend_below(figure, [*_models(repaired), Patch(color=TRUTH["color"], **BAND, label="± 2 noise")], columns=4)
     return figure
 

@@ -16,6 +16,7 @@ from manoeuvre_nn.report.diagnosis_tables import (
     diagnosis_markdown,
     error_rows,
     main_causes,
+    outcomes,
     parameter_rows,
     site_rows,
     verdict_text,
@@ -50,13 +51,14 @@ def diagnosis_html(d: Diagnosis, figures: Mapping[str, Figure], path: Path) -> N
         images=images,
         verdict=verdict_text(d),
         alias=alias_texts(d),
+        outcomes=outcomes(d),
         causes=[{k: v for k, v in row.items() if k != FOUND} for row in cause_rows(d, main_causes(d))],
-        parameters=parameter_rows(main_causes(d)),
+        parameters=parameter_rows([cause for cause in d.causes if cause.name in d.model]),
         errors=error_rows(d),
         sites=site_rows(d),
         checks=check_rows(d),
         everything=[
-            {k: row[k] for k in ("cause", "probability", "ln B")}
+            {k: row[k] for k in ("cause", "probability", "ln B", FOUND)}
             | {"how it is recognised": cause.fingerprint, "source": cause.source}
             for cause, row in zip(d.causes, cause_rows(d, d.causes), strict=True)
         ],

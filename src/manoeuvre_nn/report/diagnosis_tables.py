@@ -34,6 +34,10 @@ BEFORE, ALONE, AFTER, NOISE = "calm water", "effects alone", "repaired", "noise 
 """What the columns and curves of every comparison are called."""
 FOUND = "found ± standard error"
 """Column of the parameters."""
+GAIN = "held-out gain"
+"""Test of one claim after another; those that fail it are refused."""
+UNTESTED = ": not proved"
+"""How the text of a test ends that no held-out run could make."""
 MIN_LISTED, MAX_LISTED = 3, 5
 """Causes that a short list shows: at least, at most. Beyond the fewest, those with 1 % or more."""
 
@@ -92,7 +96,7 @@ def interval_text(value: Value) -> str:
 
 
 def when_text(cause: Cause, most: int = 4) -> str:
-    """When a cause acts, such as ``r01 120 ± 3–240 ± 4 s, r03 60–180 s``; beyond so many times the rest is counted."""
+    """When a cause acts, ``r01 120 ± 3 to 240 ± 4 s, r03 60 to 180 s``; beyond so many times the rest is counted."""
     if cause.intervals is None:
         return "throughout"
     spans = []
@@ -103,7 +107,7 @@ def when_text(cause: Cause, most: int = 4) -> str:
                 f"{t:.0f} ± {max(e, 1):.0f}" if math.isfinite(e) else f"{t:.0f}"
                 for t, e in zip(ends, of_ends, strict=True)
             ]
-            spans.append(f"{run} {'–'.join(shown)} s")
+            spans.append(f"{run} {' to '.join(shown)} s")
     rest = [f"and {len(spans) - most} more"] if len(spans) > most else []
     return ", ".join([*spans[:most], *rest]) or "–"
 
@@ -130,7 +134,7 @@ def cause_rows(d: Diagnosis, causes: Sequence[Cause]) -> list[dict[str, Any]]:
             "probability": percent(cause.probability),
             FOUND: "\n".join(f"{words(value)}{of_campaign(value)} {value_text(value)}" for value in cause.parameters)
             or "–",
-            "when": when_text(cause),
+            "when": when_text(cause).replace(", ", "\n"),
             "acts on": _acts_text(cause),
             "ln B": _whole(cause.evidence),
         }
@@ -139,13 +143,15 @@ def cause_rows(d: Diagnosis, causes: Sequence[Cause]) -> list[dict[str, Any]]:
 
 
 def parameter_rows(causes: Sequence[Cause]) -> list[dict[str, Any]]:
-    """Parameters with their intervals, one a row."""
+    """Parameters with their intervals, one a row, and what a positive value means where the sign needs words."""
+    signed = any(value.sides for cause in causes for value in cause.parameters)
     return [
         {
             "cause": cause.label,
             "parameter": f"{words(value)}{of_campaign(value)}",
             FOUND: value_text(value),
             "95 % interval": interval_text(value),
+            **({"positive is": value.sides[0] if value.sides else "–"} if signed else {}),
         }
         for cause in causes
         for value in cause.parameters
@@ -225,20 +231,34 @@ def _short_causes(d: Diagnosis) -> Table:
     return table
 
 
+def outcomes(d: Diagnosis) -> list[tuple[str, str, str]]:
+    """How the tests went, whether there is a proof, and what was refused: a claim that held-out runs did not bear out.
+
+    Returns:
+        Heading, words, and ``good``, ``bad`` or nothing.
+    """
+    untested = [check for check in d.checks if check.passed and check.text.endswith(UNTESTED)]
+    tests = [check for check in d.checks if check not in untested and (check.passed or check.name != GAIN)]
+    failed = [check for check in tests if not check.passed]
+    told = [("not passed", f"{check.name}: {check.text}", "bad") for check in failed]
+    if tests and not failed:
+        told.append(("tests passed", ", ".join(check.name for check in tests), "good"))
+    told += [("refused", check.text, "") for check in d.checks if check.name == GAIN and not check.passed]
+    if not d.proofs:
+        told.append(("not proved", f"no run was held out{' and recorded' if d.forecasts else ''}", "bad"))
+    else:
+        told += [("not proved", check.text.removesuffix(UNTESTED), "bad") for check in untested]
+    return told
+
+
 def _print_short(d: Diagnosis, say: Callable[..., None]) -> None:
     """What fits a line or two each."""
     for sentence in alias_texts(d):
         say("undecided", sentence)
     if d.statements:
         say("where", " ".join(d.statements[:2]))
-    failed = [check for check in d.checks if not check.passed]
-    for check in failed:
-        say("not passed", f"{check.name}: {check.text}", "bold red")
-    if d.checks and not failed:
-        say("checks", f"all {len(d.checks)} passed", "green")
-    if not d.proofs:
-        recorded = " and recorded" if d.forecasts else ""
-        say("not proved", f"no run was held out{recorded}", "bold red")
+    for head, told, kind in outcomes(d):
+        say(head, told, {"good": "green", "bad": "bold red"}.get(kind, ""))
     if d.runner_up:
         say("runner-up", " ".join(d.runner_up))
     if d.undecided:

@@ -38,7 +38,7 @@ def text(value: Any, digits: int = 4) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
-        return f"{value:.{digits}g}" if abs(value) < 1e4 else f"{value:.{digits - 1}e}"
+        return f"{float(f'{value:.{digits}g}'):.6g}" if abs(value) < 1e4 else f"{value:.{digits - 1}e}"
     return str(value)
 
 

@@ -1,6 +1,7 @@
 """Figures of a trial show what its scoreboard says."""
 
 import numpy as np
+import pytest
 
 from studies.concealed_trial.figures import FIGURES, confusion, power, reliability, write_figures
 from studies.concealed_trial.summaries import calibration
@@ -29,7 +30,10 @@ def test_power_is_the_share_of_each_strength():
     detected = figure.axes[0]
     points = [np.atleast_1d(line.get_ydata()) for line in detected.lines]
     assert {1.0, 0.5} <= {float(y[0]) for y in points if len(y) == 1}
-    assert [label.get_text() for label in detected.get_xticklabels()] == ["weak\n2 cases", "strong\n2 cases"]
+    assert [label.get_text() for label in detected.get_xticklabels()] == [
+        "weak\n0.15–0.5 L\n2 cases",
+        "strong\n1.4–2.5 L\n2 cases",
+    ]
 
 
 def test_the_reliability_diagram_has_a_panel_for_each_tool():
@@ -39,9 +43,26 @@ def test_the_reliability_diagram_has_a_panel_for_each_tool():
     assert [text.get_text() for text in figure.axes[0].texts] == ["2", "1"]
 
 
+def test_counts_of_neighbouring_bins_do_not_meet():
+    axes = reliability({"tool": calibration([(0.59, 0), (0.61, 1)])}).axes[0]
+    assert [text.get_position()[0] for text in axes.texts] == pytest.approx([0.55, 0.65])
+
+
+def test_the_scoreboard_is_shown_as_tables(tmp_path):
+    board = "# Concealed trial\n\nShares & more.\n\n| score | a |\n| --- | --- |\n| cases | 4 |\n| no | - |\n"
+    board += "\n## tool\n\n- c1: <x>\n"
+    (tmp_path / "scoreboard.md").write_text(board)
+    write_figures({"tool": {"board": {"calibration": []}, "cases": ROWS}}, tmp_path)
+    page = (tmp_path / "trial.html").read_text().partition("<h2>Scores</h2>")[2]
+    row = "<tr><td>cases</td><td>4</td></tr><tr><td>no</td><td>-</td></tr>"
+    table = f"<div><table><tr><th>score</th><th>a</th></tr>{row}</table></div>"
+    assert page == f"<p>Shares &amp; more.</p>{table}<h3>tool</h3><ul><li>c1: &lt;x&gt;</li></ul></html>"
+
+
 def test_all_figures_and_the_page_are_written(tmp_path):
     write_figures({"tool": {"board": {"calibration": calibration([(0.9, 1)])}, "cases": ROWS}}, tmp_path)
     page = (tmp_path / "trial.html").read_text()
+    assert '<meta name="viewport"' in page
     for name in FIGURES:
         assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
         assert f'src="{name}"' in page

@@ -133,9 +133,8 @@ def _antenna(run: Recording, ship: Particulars, bounds: Bounds) -> tuple[float, 
     # It explains the difference if noise is left, and less than without the best of all simple mistakes.
     raw = thinned(run, ship)
     m, most = smoothed_motion(raw, ship), MAX_NOISE_RATIO * _noise_of_difference(raw, ship)
-    ahead, abeam = lever = [robust_slope(m["psidot"], moved) for moved in _differences(m)]
-    if any(abs(arm) > high for arm, high in zip(lever, bounds.antenna, strict=True)):
-        return None
+    lever = [robust_slope(m["psidot"], moved) for moved in _differences(m)]
+    ahead, abeam = (float(np.clip(arm, -high, high)) for arm, high in zip(lever, bounds.antenna, strict=True))
     left = _rms(m.with_channels(u=m["u"] - abeam * m["psidot"], v=m["v"] + ahead * m["psidot"]), ship)
     others = [_rms(mended, ship) for _, _, mended in mistakes(m)]
     explained = left < min(most, *others) or _rms(m, ship) < most
