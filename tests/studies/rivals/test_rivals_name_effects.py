@@ -54,8 +54,8 @@ def test_an_offset_is_named_sized_and_helps_on_held_out_runs(method):
     first = said["effects"][0]
     assert (said["verdict"], first["name"], said["model"]) == ("mismatch", "rudder_offset", ["rudder_offset"])
     value, error, unit = first["parameters"]["offset_deg"]
-    assert value == pytest.approx(-1.5, abs=0.1)  # the answer's rudder is positive to port
     assert 0 < error < 0.2
+    assert value == pytest.approx(-1.5, abs=2 * error)  # the answer's rudder is positive to port
     assert unit == "deg"
     assert said["heldout_rmse_after"]["pos"] < 0.2 * said["heldout_rmse_before"]["pos"]
 
