@@ -153,7 +153,7 @@ def _antenna(run: Recording, ship: Particulars, bounds: Bounds) -> tuple[float, 
 
 
 def _rudder_delay(run: Recording, ship: Particulars, bounds: Bounds) -> float | None:
-    """How late the rudder was recorded [s], if then it turns the ship to the right side, clearer than now to the other."""
+    """How late the rudder was recorded [s], if the ship then turns to the right side, clearer than now to the other."""
     # In a zigzag the other sign and half a period look much alike; a simple mistake has no delay.
     lags = np.linspace(-1.0, 1.0, 2 * RUDDER_LAGS + 1) * bounds.rudder_delay
     moved = [run.with_channels(delta=np.interp(run.time + lag, run.time, run["delta"])) for lag in lags]
