@@ -20,7 +20,8 @@ from manoeuvre_nn.dynamics.base import calm_accelerations
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.depth import ShallowWater
-from manoeuvre_nn.effect.local import Tow
+from manoeuvre_nn.effect.loading import DisplacementChange
+from manoeuvre_nn.effect.local import SideForce, Tow
 from manoeuvre_nn.effect.propulsion import HullFouling, PowerLimit, PropellerSideForce
 from manoeuvre_nn.effect.roll import RollCoupling
 from manoeuvre_nn.effect.rudder import RudderBacklash, RudderDelay, RudderOffset, RudderSaturation, RudderSlow
@@ -32,6 +33,7 @@ from manoeuvre_nn.estimation.effect_columns import (
     blade_along,
     coefficient_columns,
     contribution,
+    hulls_beside,
     latency_column,
     own_states,
     perfect,
@@ -99,6 +101,26 @@ def test_an_effect_moves_the_ship_as_calm_water_lacks_along_its_true_track(name)
     off = np.abs(c.moved[..., 0] - missing) / (np.abs(missing).max(axis=0) + STATES)
     # A rudder that comes to rest between two samples is not linear between them. Positions see it later.
     assert np.quantile(off[:, :3], 0.9, axis=0).max() < 0.01 and off.max() < 0.1
+
+
+@pytest.mark.parametrize(
+    "pushed",
+    [SideForce(SHIP, force_kN=400.0, lever_m=30.0, start_s=0.0, end_s=80.0), RudderOffset(SHIP, offset_deg=4.0)],
+)
+def test_what_pushes_a_ship_moves_her_as_another_effect_has_changed_her_inertia(pushed):
+    heavy = DisplacementChange(SHIP, factor=1.6)
+    (record,) = sailed([TIMED], [heavy, pushed])
+    line = about(run_of(record), states_of(record))
+    with unchecked():
+        made = [
+            contribution(e, values(e), line, hulls=hulls_beside([heavy, pushed], [heavy.values.numpy()] * 2, k))
+            for k, e in enumerate((heavy, pushed))
+        ]
+    missing = -line.defect
+    for both, right in ((made, True), ([made[0], added(pushed, line)], False)):
+        moved = sum(c.moved[..., 0] for c in both)
+        off = np.abs(moved - missing) / (np.abs(missing).max(axis=0) + STATES)
+        assert (np.quantile(off[:, :3], 0.9, axis=0).max() < 0.01) == right
 
 
 @pytest.mark.parametrize("name", LARGE)

@@ -11,6 +11,7 @@ from sailed import sailed, table_of, write_runs
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.frames import body_to_earth
+from manoeuvre_nn.core.manoeuvre import Stage
 from manoeuvre_nn.core.units import KNOT
 from manoeuvre_nn.diagnosis.case import Case, Question, RunSettings, read_runs
 from manoeuvre_nn.diagnosis.diagnose import diagnose
@@ -18,9 +19,10 @@ from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.current import Current
-from manoeuvre_nn.effect.rudder import RudderOffset
+from manoeuvre_nn.effect.rudder import RudderDelay, RudderOffset
 from manoeuvre_nn.effect.sensors import LeverArm
 from manoeuvre_nn.manoeuvre.turning import turning_circle
+from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.recording.check.checks import check_over_ground
 from manoeuvre_nn.recording.check.weighed import Bounds
 from manoeuvre_nn.recording.preparation import over_ground
@@ -29,7 +31,7 @@ from manoeuvre_nn.recording.read.reader import read_measured
 from manoeuvre_nn.ship.mariner import mariner_corrected
 
 SHIP = mariner_corrected()
-SHELF = Bounds(current=10.0, rudder_offset=np.radians(5.0), antenna=(91.4, 13.1))
+SHELF = Bounds(current=10.0, rudder_offset=np.radians(5.0), antenna=(91.4, 13.1), rudder_delay=60.0)
 WRONG_FRAMES = {
     "swapped": lambda t: t.rename(columns={"x_north": "y_east", "y_east": "x_north"}),
     "mirrored": lambda t: t.assign(psi=-t.psi % 360.0, r=-t.r),
@@ -141,3 +143,24 @@ def test_what_no_antenna_explains_is_refused_wherever_it_is(tmp_path, wrong, ahe
         return
     with pytest.raises(InputError):
         checked(tmp_path, WRONG_FRAMES[wrong](with_antenna(ahead)))
+
+
+@pytest.mark.parametrize(
+    "late, side, explained", [(37.0, 1, True), (52.0, 1, True), (0.0, -1, False), (2.0, -1, False)]
+)
+def test_a_rudder_written_down_late_is_told_from_one_of_the_other_sign(tmp_path, late, side, explained):
+    weave = zigzag(15.0, duration=300.0)
+    weave = replace(weave, stages=(Stage(0.0, hold=70.0), *weave.stages))
+    with unchecked():
+        (run,) = roll_out(Vessel(CalmWater(SHIP), [RudderDelay(SHIP, delay_s=late)]), [weave], step=1.0)
+    table = table_of(run, 3)
+    table = table.assign(delta=side * table.delta, delta_order=side * table.delta_order)
+    if not explained:
+        with pytest.raises(InputError, match="rudder sign opposite to the turn"):
+            checked(tmp_path, table)
+        return
+    with pytest.raises(InputError, match="rudder sign opposite to the turn"):
+        checked(tmp_path, table, replace(SHELF, rudder_delay=0.0))
+    (said,) = checked(tmp_path, table)
+    found = re.search("written down some ([0-9]+) s late would explain it", said)
+    assert found and float(found[1]) == pytest.approx(late, abs=5.0)

@@ -148,3 +148,20 @@ def test_parts_of_a_series_add_up_to_its_forces_but_for_rudder_and_resistance():
     assert mass == pytest.approx(0.1913, rel=1e-3)
     q = s.r / units[2]
     torch.testing.assert_close(inertial[:, 1], -mass * q)
+
+
+@pytest.mark.parametrize("ship", DEEP)
+def test_a_ship_of_twice_the_inertia_is_moved_half_as_much_by_the_same_force(ship):
+    """Masses and added masses doubled; what else moves her is as in :class:`DisplacementChange`."""
+    s, heavy = situation(ship), made("displacement_change", ship, factor=2.0, hull_exponent=1.0)
+    nudot = s.nu.new_tensor([0.02, -0.01, 3e-4]).expand(s.nu.shape)
+    inertia = ship_named(ship).inertia
+    off_diagonal = float((inertia - torch.diag(inertia.diagonal())).abs().max()) > 0
+    found = heavy.answered(s, nudot)
+    torch.testing.assert_close(found[:, 0], 0.5 * nudot[:, 0])
+    if not off_diagonal:
+        torch.testing.assert_close(found, 0.5 * nudot)
+    twice = inertia + torch.diag(inertia.diagonal())
+    units = ship_named(ship).acceleration_units
+    by_hand = torch.linalg.solve(twice, inertia @ (nudot[0] / units)) * units
+    torch.testing.assert_close(found[0], by_hand)

@@ -247,6 +247,18 @@ class Effect(ABC, nn.Module):
         force = self.force(s)
         return torch.zeros_like(s.nu) if force is None else self.ship.acceleration_from_si(force)
 
+    def answered(self, s: Situation, nudot: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
+        """What other forces cause on the ship as this effect changes her; effects on her inertia override it.
+
+        Args:
+            s: The situation.
+            nudot: What they would cause on the ship as she is [m/s^2, rad/s^2].
+
+        Returns:
+            What they cause: half as much on a ship of twice the mass.
+        """
+        return nudot
+
     def heeling(self, s: Situation) -> Float[Tensor, "*batch"]:
         """Moment about the longitudinal axis that acts on a ship that rolls [N m], positive to starboard."""
         return torch.zeros_like(s.u)

@@ -18,7 +18,7 @@ from manoeuvre_nn.core.units import DEGREE, KNOT
 from manoeuvre_nn.diagnosis.manifest import adapted, numbers, read_manifest
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.effect.current import SPEED
-from manoeuvre_nn.effect.rudder import RudderOffset
+from manoeuvre_nn.effect.rudder import RudderDelay, RudderOffset
 from manoeuvre_nn.effect.sensors import LeverArm
 from manoeuvre_nn.estimation.data_set import CAMPAIGN, whitened_data_set
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
@@ -247,7 +247,8 @@ def _checked(run: Recording, ship: Particulars, remedy: str) -> Recording:
     check_sampling(run, ship)
     run = over_ground(run, ship)
     ahead, abeam = (parameter.on(ship).high for parameter in LeverArm.declared)
-    bounds = Bounds(SPEED.high, RudderOffset.declared[0].high * DEGREE, (ahead, abeam))
+    offset, delay = RudderOffset.declared[0].high * DEGREE, RudderDelay.declared[0].high
+    bounds = Bounds(SPEED.high, offset, (ahead, abeam), delay)
     findings = check_over_ground(run, ship, remedy, bounds)
     return replace(run, meta={**run.meta, "findings": findings})
 

@@ -11,7 +11,7 @@ from scipy.special import logsumexp
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.estimation.data_set import PROCESS_LEVELS
-from manoeuvre_nn.estimation.effect_columns import contribution
+from manoeuvre_nn.estimation.effect_columns import contribution, hulls_beside
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.linear_run import Columns
 from manoeuvre_nn.estimation.marginal_likelihood import (
@@ -167,7 +167,8 @@ def _course(
     mean = max(sets[0, speed], nudge)
     sets[1, speed] += nudge
     sets[2, direction] += np.degrees(nudge / mean)
-    c = contribution(effect, sets, prepared.linearised)
+    hulls = hulls_beside(hypothesis.effects, [v[run] for v in hypothesis.values], wind)
+    c = contribution(effect, sets, prepared.linearised, hulls=hulls)
     pushes = (c.moved[..., 1:] - c.moved[..., :1]) / nudge
     time = prepared.linearised.run.time[1:] - 0.5 * prepared.linearised.run.step
     gap = memory / KNOTS

@@ -20,7 +20,14 @@ from manoeuvre_nn.dynamics.replay import integrate
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.estimation.corrections import Calibrated
 from manoeuvre_nn.estimation.data_set import process_time, start_spread, typical
-from manoeuvre_nn.estimation.effect_columns import blade_along, contribution, latency_column, own_states, perfect
+from manoeuvre_nn.estimation.effect_columns import (
+    blade_along,
+    contribution,
+    hulls_beside,
+    latency_column,
+    own_states,
+    perfect,
+)
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linear_run import joined
 from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, heel_of, integrated, linearise, sides_of
@@ -226,7 +233,10 @@ def start_state_and_covariance(
     track = first_guess(run, rate.states.own)
     for _ in range(3):
         linearised = linearise(run, rate, track, time)
-        added = [contribution(e, v, linearised) for e, v in zip(hypothesis.effects, hypothesis.values, strict=True)]
+        effects, here = hypothesis.effects, [v[0] for v in hypothesis.values]
+        beside = [hulls_beside(effects, here, k) for k in range(len(effects))]
+        each = zip(effects, hypothesis.values, beside, strict=True)
+        added = [contribution(e, v, linearised, hulls=hulls) for e, v, hulls in each]
         # Data less latency and effects at their values.
         all_of_them = joined([linearised.data, latency_column(linearised), *added])
         left = all_of_them.combined(np.array([1.0, -latency, *[-1.0] * len(added)]))

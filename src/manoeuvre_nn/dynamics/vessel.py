@@ -22,7 +22,7 @@ class _Affected(ModelAround):
 
     The state is u, v, r *through the water*, x, y, psi over ground, the model's own states, then those of the
     effects. A uniform current therefore changes the track and nothing else (Fossen 2012; Hegrenaes & Hallingstad 2011).
-    Several hull and force effects add their accelerations.
+    Several effects add their accelerations, which are those of the ship as effects on her inertia have changed her.
 
     Attributes:
         calm: The calm-water model: a reference ship or an identified one.
@@ -38,8 +38,13 @@ class _Affected(ModelAround):
         """Rate of the state: in calm water, and what every effect adds."""
         s, motion, rolling = self._seen(state, inputs)
         added, heeling, own = torch.zeros_like(s.nudot), torch.zeros_like(s.u), []
+        hulls = [e for e in self._effects() if type(e).answered is not Effect.answered]
         for effect, memory in self._memories(state):
-            added = added + effect.acceleration(s, memory)
+            caused = effect.acceleration(s, memory)
+            if type(effect).acceleration is not Effect.acceleration or type(effect).force is not Effect.force:
+                for hull in hulls if effect not in hulls else ():
+                    caused = hull.answered(s, caused)
+            added = added + caused
             motion = motion + nn.functional.pad(effect.stream(s), (0, 1))
             own.append(effect.memory_rate(s, memory))
             if self.own_names:

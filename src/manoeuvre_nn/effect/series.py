@@ -116,10 +116,18 @@ class HullEffect(Effect):
     def acceleration(self, s: Situation, memory: Float[Tensor, "*own m"]) -> Float[Tensor, "*batch 3"]:
         """What the changed hull adds."""
         force, inertia = self.change(s)
-        surge, sway, yaw = (self.ship.force_from_acceleration(s.nudot) + force).unbind(-1)
+        return self._caused(self.ship.force_from_acceleration(s.nudot) + force, inertia) - s.nudot
+
+    def answered(self, s: Situation, nudot: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
+        """``(M' + dM')^-1 M' nudot``: the forces are as they were, the ship is not."""
+        return self._caused(self.ship.force_from_acceleration(nudot), self.change(s)[1])
+
+    def _caused(self, force: Float[Tensor, "*batch 3"], inertia: Float[Tensor, "*rows 3"]) -> Float[Tensor, "*batch 3"]:
+        """Accelerations by right-hand sides f' with a change of the inertia's diagonal."""
+        surge, sway, yaw = force.unbind(-1)
         (m11, _, _), (_, m22, m23), (_, m32, m33) = self.ship.inertia.tolist()
         dx, dy, dz = inertia.unbind(-1)
         determinant = (m22 + dy) * (m33 + dz) - m23 * m32
         rates = [surge / (m11 + dx), ((m33 + dz) * sway - m23 * yaw) / determinant]
         rates.append(((m22 + dy) * yaw - m32 * sway) / determinant)
-        return torch.stack(rates, dim=-1) * self.ship.acceleration_units - s.nudot
+        return torch.stack(rates, dim=-1) * self.ship.acceleration_units

@@ -23,6 +23,7 @@ def contribution(
     values: Float[np.ndarray, "k p"],
     linearised: LinearisedRun,
     blade: Float[Tensor, "k n"] | None = None,
+    hulls: Sequence[Effect] = (),
 ) -> Columns:
     """What an effect adds to a run, for several sets of parameter values at once.
 
@@ -31,6 +32,7 @@ def contribution(
         values: Parameter values, one set a row.
         linearised: The run about its track.
         blade: Angle of the blade for each set (:func:`blades`); None finds it.
+        hulls: Effects beside it that change the ship's inertia, at their values (:func:`hulls_beside`).
 
     Returns:
         One column a set.
@@ -53,10 +55,18 @@ def contribution(
             )
         heeling = acting.heeling(here) if linearised.states.own else s.u
         changed = changed + with_roll(acting.ship, acting.acceleration(here, memory), heeling)
+        for hull in hulls:
+            changed = torch.cat([hull.answered(s, changed[..., :3]), changed[..., 3:]], dim=-1)
         stream = acting.stream(here).expand(rows, n, 2)
         moved = moved_by(changed, stream, linearised)
         seen = s.with_(shaft=shaft.expand(rows, n))
         return Columns(_recorded(acting, linearised, seen, rows), moved.permute(1, 2, 0).numpy())
+
+
+def hulls_beside(effects: Sequence[Effect], values: Sequence[Float[np.ndarray, " p"]], number: int) -> list[Effect]:
+    """Those among the effects of a run that change the ship's inertia under one that does not, at their values."""
+    hulls = [k for k, e in enumerate(effects) if type(e).answered is not Effect.answered]
+    return [] if number in hulls else [effects[k].at(effects[k].values.new_tensor(values[k])) for k in hulls]
 
 
 def blades(

@@ -18,7 +18,7 @@ from manoeuvre_nn.core.effect import Parameter
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.estimation.corrections import USUAL_SCATTER
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, PROCESS_LEVELS, WhitenedDataSet
-from manoeuvre_nn.estimation.effect_columns import blades, contribution
+from manoeuvre_nn.estimation.effect_columns import blades, contribution, hulls_beside
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis, log_inside
 from manoeuvre_nn.estimation.linear_run import Columns, Embedded, joined
 from manoeuvre_nn.estimation.posterior import Posterior
@@ -69,7 +69,8 @@ def hypothesis_columns(data_set: WhitenedDataSet, hypothesis: Hypothesis) -> Hyp
         ]
         angles = blades(effect, tables, [r.linearised.run for r in runs])
         for run, prepared in enumerate(runs):
-            c = contribution(effect, tables[run], prepared.linearised, angles[run])
+            hulls = hulls_beside(hypothesis.effects, [v[run] for v in hypothesis.values], k)
+            c = contribution(effect, tables[run], prepared.linearised, angles[run], hulls)
             changed = range(len(mine[run])), [unknowns[i].column for i in mine[run]]
             steps = tables[run][1::2][changed] - tables[run][2::2][changed]
             # The effect at its values, then (up - down) / step of every unknown.

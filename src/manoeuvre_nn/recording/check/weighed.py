@@ -19,7 +19,7 @@ from manoeuvre_nn.core.frames import earth_to_body
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE, KNOT
-from manoeuvre_nn.recording.check.axes import mistakes, robust_slope
+from manoeuvre_nn.recording.check.axes import STRONG_EVIDENCE, mistakes, robust_slope, rudder_effect
 from manoeuvre_nn.recording.check.finding import Finding
 from manoeuvre_nn.recording.check.motion import smoothed_motion
 from manoeuvre_nn.recording.local_cubics import ORDER, WINDOW, smoothed
@@ -39,6 +39,10 @@ AROUND = 90 * DEGREE
 MAX_NOISE_RATIO = 3.0
 """Difference of two smoothed velocities over what white noise of the samples' size leaves, up to which it is noise: a
 running median of five samples leaves up to 2.4 times as much at low frequencies."""
+RUDDER_LAGS = 30
+"""Delays to either side at which a late rudder is looked for."""
+IN_TIME = 0.25
+"""Delay over L/U0 that gear and hull have without any fault."""
 UNITS = (KNOT, 1 / KNOT, 1 / 3.6, 3.6)
 """Factors of speeds that were written in other units."""
 
@@ -53,11 +57,13 @@ class Bounds:
         current: Fastest current [m/s].
         rudder_offset: Largest angle between rudder and indicator [rad].
         antenna: How far ahead and abeam of the reference point a receiver may be [m].
+        rudder_delay: Longest time by which the recorded rudder may be late or early [s].
     """
 
     current: float = 0.0
     rudder_offset: float = 0.0
     antenna: tuple[float, float] = (0.0, 0.0)
+    rudder_delay: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -101,6 +107,11 @@ def weighed(finding: Finding, run: Recording, ship: Particulars, bounds: Bounds)
         if lever is not None:
             where = f"x and y are of a point {_where(*lever)} that of u and v"
             return _note(f"{finding.text}: noise and an antenna off the reference point would explain it ({where})")
+    if finding.check == "rudder sign":
+        late = _rudder_delay(run, ship, bounds)
+        if late is not None:
+            when = "late" if late > 0 else "early"
+            return _note(f"{finding.text}: a rudder written down some {abs(late):.0f} s {when} would explain it")
     return finding
 
 
@@ -139,6 +150,17 @@ def _antenna(run: Recording, ship: Particulars, bounds: Bounds) -> tuple[float, 
     others = [_rms(mended, ship) for _, _, mended in mistakes(m)]
     explained = left < min(most, *others) or _rms(m, ship) < most
     return (ahead, abeam) if explained else None
+
+
+def _rudder_delay(run: Recording, ship: Particulars, bounds: Bounds) -> float | None:
+    """How late the rudder was recorded [s], if the ship then turns to the right side, clearer than now to the other."""
+    # In a zigzag the other sign and half a period look much alike; a simple mistake has no delay.
+    lags = np.linspace(-1.0, 1.0, 2 * RUDDER_LAGS + 1) * bounds.rudder_delay
+    moved = [run.with_channels(delta=np.interp(run.time + lag, run.time, run["delta"])) for lag in lags]
+    effects = [rudder_effect(one, ship) for one in moved]
+    clear = np.array([b / error if error > 0 else 0.0 for b, error in effects])
+    now, best = clear[np.abs(lags) <= IN_TIME * ship.time_unit].min(), int(clear.argmax())
+    return float(lags[best]) if bounds.rudder_delay and clear[best] > max(STRONG_EVIDENCE, -now) else None
 
 
 def _differences(m: Recording) -> tuple[Series, Series]:
