@@ -21,7 +21,7 @@ from manoeuvre_nn.effect.propulsion import HullFouling, PropellerPitchError
 from manoeuvre_nn.effect.rudder import RudderDelay, RudderOffset
 from manoeuvre_nn.effect.sensors import HeadingBias, LogScale
 from manoeuvre_nn.effect.wind import GustyWind, SteadyWind
-from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
+from manoeuvre_nn.estimation.corrections import Calibrated, CoefficientPrior, Corrections
 from manoeuvre_nn.estimation.data_set import (
     COEFFICIENT_SD_LEVELS,
     LATENCY_SD,
@@ -345,7 +345,7 @@ def test_combining_coefficients_loses_no_evidence_and_can_be_undone():
     alone = np.full(judged.by_level.shape, -np.inf)
     alone[g, s] = 0.0
     at_best = MarginalLikelihood(few).over_levels(NONE, {g: MarginalLikelihood(few).posterior(None, g)}, alone)
-    again = np.append(few.rotation @ at_best.nuisance[:-1], at_best.nuisance[-1])
+    again = np.append(at_best.corrections, at_best.latencies)
     assert again == approx(whole, abs=0.1 * COEFFICIENT_SD_LEVELS[s])
 
 
@@ -392,3 +392,13 @@ def test_a_rudder_recorded_so_late_that_movements_do_not_overlap_is_found():
     late = runs([CIRCLE, PORT], [RudderDelay(SHIP, delay_s=44.0)])
     found = search(whitened_data_set(CALM, late), [RudderDelay(SHIP)]).fitted[0]
     assert found.hypothesis.vector()[0] == approx(44.0, abs=1.0)
+
+
+def test_corrections_are_those_of_the_ship_in_whatever_combinations_they_were_found():
+    """Fitted to runs combined in one way, a hypothesis may be linearised again about runs combined in another."""
+    stood = stand("thrust")
+    found = MarginalLikelihood(stood).evaluate(NONE, around=LEVEL)
+    whole = [replace(p, base=base_columns(CALM, p.linearised)) for p in stood.runs]
+    other = WhitenedDataSet(CALM, whole, CoefficientPrior(0.9, 3.0))
+    assert other.combinations != stood.combinations
+    assert change_of_states(refined(stood, found), refined(other, found), LEVEL) < 3.0  # standard errors

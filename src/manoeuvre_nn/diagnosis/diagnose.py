@@ -112,13 +112,13 @@ def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypo
     """The first claim that predicts runs which it has not seen better; calm water if none does."""
     data_set, none = tried.likelihood.data_set, tried.none
     checks: list[Check] = []
-    proofs = prove(question, data_set, none, none.hypothesis)
+    proofs = prove(question, none, none.hypothesis)
     before = _cost(question, [p.rmse_before for p in proofs])
     for claim in claims:
         # Strong gusts explain what a fit without them would lay on the mean wind.
-        there, j = (data_set, claim) if _turns(claim.hypothesis) else at_rest(data_set, claim)
+        j = claim if _turns(claim.hypothesis) else at_rest(data_set, claim)[1]
         elsewhere = placed(question, j)
-        made = prove(question, there, j, elsewhere, proofs)
+        made = prove(question, j, elsewhere, proofs)
         # The errors of a fitted model may look like an effect, and one formula of hundreds like anything.
         least = PROVED if is_fitted(data_set.dynamics) or Formula.name in j.names else REFUTED
         after, gain = _cost(question, [p.rmse_after for p in made]), foreseen(question, j, elsewhere)
@@ -137,7 +137,7 @@ def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypo
         if helped:
             return j, made, [*checks, *checking.checks(tried, claim)]
     # Nothing is missing, but coefficients may be off within their scatter.
-    corrected = prove(question, data_set, none, none.hypothesis, proofs) if proofs else []
+    corrected = prove(question, none, none.hypothesis, proofs) if proofs else []
     better = _cost(question, [p.rmse_after for p in corrected]) < before
     return none, corrected if better else proofs, checks
 
@@ -174,7 +174,7 @@ def _with_network(question: Question, tried: SearchResult, proved: Proved, progr
     there = refined(tried.likelihood.data_set, chosen) if chosen.names else tried.likelihood.data_set
     more = with_remainder(MarginalLikelihood(there), chosen, progress)
     with_it, without = placed(question, more), placed(question, chosen)
-    made = prove(question, there, more, with_it, proofs)
+    made = prove(question, more, with_it, proofs)
     now, then = (_cost(question, [p.rmse_after for p in some]) for some in (proofs, made))
     helped = bool(made) and then < now and foreseen(question, more, with_it) > foreseen(question, chosen, without)
     text = f"with a network on top the error of free runs goes from {now:.2f} to {then:.2f} ({_unit(question)})"

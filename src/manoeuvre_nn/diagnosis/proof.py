@@ -12,24 +12,19 @@ from manoeuvre_nn.diagnosis.repair import predict, predict_corrected, recorded
 from manoeuvre_nn.diagnosis.result import Proof
 from manoeuvre_nn.diagnosis.windows import replaced
 from manoeuvre_nn.dynamics.base import is_fitted
-from manoeuvre_nn.estimation.data_set import LATENCY, WhitenedDataSet, same_campaigns
+from manoeuvre_nn.estimation.data_set import LATENCY, same_campaigns
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.scoring.free_runs import errors
 
 
 def prove(
-    question: Question,
-    data_set: WhitenedDataSet,
-    claim: FittedHypothesis,
-    elsewhere: Hypothesis,
-    known: Sequence[Proof] = (),
+    question: Question, claim: FittedHypothesis, elsewhere: Hypothesis, known: Sequence[Proof] = ()
 ) -> list[Proof]:
     """Held-out runs predicted before and after.
 
     Args:
         question: What is asked.
-        data_set: The fitted runs.
         claim: What was found, effects and coefficients.
         elsewhere: It, in the held-out runs: see :func:`placed`.
         known: Proofs of something else, whose predictions in calm water are the same; without any, calm water predicts
@@ -44,11 +39,10 @@ def prove(
     befores = [p.before for p in known] or predict(dynamics, Hypothesis((), ()), runs, warmup)
     afters, alone = befores, list[pd.DataFrame]()
     if claim.names or known:
-        fitted = len(data_set.runs)
-        latency = LATENCY + float(np.mean(claim.nuisance[-fitted:]))
+        latency = LATENCY + float(np.mean(claim.latencies))
         # Corrections within a fit's errors take up gusts of these runs, which others do not have.
         if not is_fitted(dynamics):
-            shares = dynamics.hull.inertia.new_tensor(data_set.rotation @ claim.nuisance[:-fitted])
+            shares = dynamics.hull.inertia.new_tensor(claim.corrections)
             alone, afters = predict_corrected(dynamics, shares, elsewhere, runs, warmup, latency)
             alone = alone if claim.names else []
         else:

@@ -234,7 +234,8 @@ class FittedHypothesis:
         covariance: Of the free numbers.
         misfit: Chi-square of the data at the best level.
         best: Force level and scatter level with the highest weight.
-        nuisance: Most likely coefficients (relative error) and latencies.
+        corrections: Most likely sizes of :class:`.Corrections`, whatever combinations of them the runs were fitted by.
+        latencies: Most likely latency of each run, less its prior mean [s].
         random: Sizes of random courses (gusts) with standard errors.
     """
 
@@ -244,7 +245,8 @@ class FittedHypothesis:
     covariance: Float[np.ndarray, "m m"] = field(repr=False)
     misfit: float = 0.0
     best: tuple[int, int] = (0, 0)
-    nuisance: Float[np.ndarray, " k"] = field(default_factory=lambda: np.zeros(0), repr=False)
+    corrections: Float[np.ndarray, " k"] = field(default_factory=lambda: np.zeros(0), repr=False)
+    latencies: Float[np.ndarray, " runs"] = field(default_factory=lambda: np.zeros(0), repr=False)
     random: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property

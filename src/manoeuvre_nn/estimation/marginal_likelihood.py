@@ -311,7 +311,9 @@ class MarginalLikelihood:
         final = hypothesis if not m else _limited(hypothesis, change)
         evidence = float(logsumexp(weighted)) + _bounded(hypothesis, change, np.diag(covariance)[k:])
         misfit = float(known[g].misfit[s])
-        return FittedHypothesis(final, evidence, by_level, covariance[k:, k:], misfit, (g, s), mean[:k])
+        combined, latencies = np.split(mean[:k], [self.data_set.combinations])
+        corrections = self.data_set.rotation @ combined
+        return FittedHypothesis(final, evidence, by_level, covariance[k:, k:], misfit, (g, s), corrections, latencies)
 
 
 def _weighty(weighted: Float[np.ndarray, "g s"]) -> list[tuple[int, int]]:

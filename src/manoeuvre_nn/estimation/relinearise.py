@@ -46,11 +46,13 @@ def refined(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedData
     level = data_set.at(fitted.best[0])
     # A fitted model's corrections within its errors take up gusts: it stays as it is.
     trained = is_fitted(data_set.dynamics)
-    shares = None if trained else data_set.rotation @ fitted.nuisance[: data_set.combinations]
+    # In the combinations that these runs show: the hypothesis may have been fitted by others.
+    combined = np.linalg.lstsq(data_set.rotation, fitted.corrections, rcond=None)[0]
+    shares = None if trained else data_set.rotation @ combined
     runs = []
     for run, prepared in enumerate(data_set.runs):
         # Data less coefficients, latency and the hypothesis at their values.
-        nuisance = fitted.nuisance[data_set.base_index(run)[1:] - 1]
+        nuisance = np.append(combined, fitted.latencies[run])
         whole = np.append(1.0, np.zeros(lin.columns[run].count - 1))
         left = joined([prepared.base, lin.columns[run]]).combined(np.concatenate([[1.0], -nuisance, -whole]))
         white = level.white[run]
