@@ -1,0 +1,78 @@
+"""Runs linearised again: about states at rest, about what leads, about corrected coefficients in any combinations."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from fleet import unchecked
+from pytest import approx
+from test_hypotheses_judged import LEVEL, NONE, fitted, hypothesis, stand
+from trials import CALM, CIRCLE, NOISE, PORT, SHIP, ZIGZAG, run_of, runs
+
+from manoeuvre_nn.diagnosis.search import at_rest, search
+from manoeuvre_nn.dynamics.rollout import roll_out
+from manoeuvre_nn.dynamics.vessel import Vessel
+from manoeuvre_nn.effect.rudder import RudderDelay, RudderOffset
+from manoeuvre_nn.effect.wind import SteadyWind
+from manoeuvre_nn.estimation.corrections import Calibrated, CoefficientPrior, Corrections
+from manoeuvre_nn.estimation.data_set import WhitenedDataSet, base_columns, whitened_data_set
+from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
+from manoeuvre_nn.estimation.relinearise import STATES_AT_REST, change_of_states, refined
+
+pytestmark = pytest.mark.usefixtures("unchecked_types")
+
+
+def test_linearised_until_it_rests_another_linearisation_changes_little():
+    """From a wind taken for half as strong, whose states are its own only after the first pass."""
+    stood = stand("wind")
+    likelihood = MarginalLikelihood(stood)
+    far = fitted(likelihood, hypothesis(SteadyWind(SHIP, speed=5.0, from_deg=80.0)), 4)
+    there, found = at_rest(stood, far)
+    first, again = refined(stood, far), refined(there, found)
+    assert change_of_states(stood, first, far.best[0]) > change_of_states(there, again, found.best[0])
+    assert change_of_states(there, again, found.best[0]) < STATES_AT_REST
+    once_more = MarginalLikelihood(again).evaluate(found.hypothesis, around=found.best[0])
+    assert once_more.evidence == approx(found.evidence, abs=0.3)
+    kept = [k for k, f in enumerate(found.hypothesis.unknowns()) if not f.parameter.form]
+    found_at, true = found.hypothesis.vector()[kept], np.array([10.0, 60.0])
+    assert (np.abs(found_at - true) < 3.5 * found.errors[kept] + 0.01 * true).all()
+
+
+@pytest.mark.parametrize("acting", ["nothing", "wind"])
+def test_all_hypotheses_are_weighed_about_the_states_of_what_leads(acting):
+    """Of calm water where no effect gains much: about the first, rough states small effects gain by chance."""
+    stood = stand(acting)
+    found = search(stood, [SteadyWind(SHIP), RudderOffset(SHIP)])
+    leads = found.none if acting == "nothing" else found.fitted[0]
+    there = found.likelihood.data_set
+    assert leads.names == (() if acting == "nothing" else ("wind_steady",))
+    assert change_of_states(there, refined(there, leads), leads.best[0]) < 1.0  # standard errors
+
+
+def test_an_effect_acts_on_the_ship_as_her_corrected_coefficients_say():
+    """Of a rudder 12 % weaker than published that stands 5 deg off, angle and strength are told apart."""
+    shares = torch.tensor([-0.12 * (name in ("Yd", "Nd")) for name in Corrections(CALM).names], dtype=torch.float64)
+    offset = RudderOffset(SHIP, offset_deg=5.0)
+    with unchecked():
+        records = roll_out(Vessel(Calibrated(CALM, shares), [offset]), [CIRCLE, ZIGZAG], step=1.0)
+    stood = whitened_data_set(CALM, [run_of(r, NOISE, seed) for seed, r in enumerate(records)])
+    found = search(stood, [RudderOffset(SHIP)]).fitted[0]
+    assert found.hypothesis.vector()[0] == approx(5.0, abs=0.1)
+    assert abs(found.hypothesis.vector()[0] - 5.0) < 3 * found.errors[0] < 0.3
+
+
+def test_a_rudder_recorded_so_late_that_movements_do_not_overlap_is_found():
+    late = runs([CIRCLE, PORT], [RudderDelay(SHIP, delay_s=44.0)])
+    found = search(whitened_data_set(CALM, late), [RudderDelay(SHIP)]).fitted[0]
+    assert found.hypothesis.vector()[0] == approx(44.0, abs=1.0)
+
+
+def test_corrections_are_those_of_the_ship_in_whatever_combinations_they_were_found():
+    """Fitted to runs combined in one way, a hypothesis may be linearised again about runs combined in another."""
+    stood = stand("thrust")
+    found = MarginalLikelihood(stood).evaluate(NONE, around=LEVEL)
+    whole = [replace(p, base=base_columns(CALM, p.linearised)) for p in stood.runs]
+    other = WhitenedDataSet(CALM, whole, CoefficientPrior(0.9, 3.0))
+    assert other.combinations != stood.combinations
+    assert change_of_states(refined(stood, found), refined(other, found), LEVEL) < 3.0  # standard errors
