@@ -247,7 +247,7 @@ class Effect(ABC, nn.Module):
         force = self.force(s)
         return torch.zeros_like(s.nu) if force is None else self.ship.acceleration_from_si(force)
 
-    def answered(self, s: Situation, nudot: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
+    def with_changed_inertia(self, s: Situation, nudot: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
         """What other forces cause on the ship as this effect changes her; effects on her inertia override it.
 
         Args:

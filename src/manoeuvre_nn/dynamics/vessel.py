@@ -38,12 +38,11 @@ class _Affected(ModelAround):
         """Rate of the state: in calm water, and what every effect adds."""
         s, motion, rolling = self._seen(state, inputs)
         added, heeling, own = torch.zeros_like(s.nudot), torch.zeros_like(s.u), []
-        hulls = [e for e in self._effects() if type(e).answered is not Effect.answered]
+        hulls = [e for e in self._effects() if type(e).with_changed_inertia is not Effect.with_changed_inertia]
         for effect, memory in self._memories(state):
             caused = effect.acceleration(s, memory)
-            if type(effect).acceleration is not Effect.acceleration or type(effect).force is not Effect.force:
-                for hull in hulls if effect not in hulls else ():
-                    caused = hull.answered(s, caused)
+            for hull in () if effect in hulls else hulls:
+                caused = hull.with_changed_inertia(s, caused)
             added = added + caused
             motion = motion + nn.functional.pad(effect.stream(s), (0, 1))
             own.append(effect.memory_rate(s, memory))

@@ -118,7 +118,7 @@ class HullEffect(Effect):
         force, inertia = self.change(s)
         return self._caused(self.ship.force_from_acceleration(s.nudot) + force, inertia) - s.nudot
 
-    def answered(self, s: Situation, nudot: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
+    def with_changed_inertia(self, s: Situation, nudot: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
         """``(M' + dM')^-1 M' nudot``: the forces are as they were, the ship is not."""
         return self._caused(self.ship.force_from_acceleration(nudot), self.change(s)[1])
 

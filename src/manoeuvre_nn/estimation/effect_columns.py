@@ -56,7 +56,7 @@ def contribution(
         heeling = acting.heeling(here) if linearised.states.own else s.u
         changed = changed + with_roll(acting.ship, acting.acceleration(here, memory), heeling)
         for hull in hulls:
-            changed = torch.cat([hull.answered(s, changed[..., :3]), changed[..., 3:]], dim=-1)
+            changed = torch.cat([hull.with_changed_inertia(s, changed[..., :3]), changed[..., 3:]], dim=-1)
         stream = acting.stream(here).expand(rows, n, 2)
         moved = moved_by(changed, stream, linearised)
         seen = s.with_(shaft=shaft.expand(rows, n))
@@ -65,7 +65,7 @@ def contribution(
 
 def hulls_beside(effects: Sequence[Effect], values: Sequence[Float[np.ndarray, " p"]], number: int) -> list[Effect]:
     """Those among the effects of a run that change the ship's inertia under one that does not, at their values."""
-    hulls = [k for k, e in enumerate(effects) if type(e).answered is not Effect.answered]
+    hulls = [k for k, e in enumerate(effects) if type(e).with_changed_inertia is not Effect.with_changed_inertia]
     return [] if number in hulls else [effects[k].at(effects[k].values.new_tensor(values[k])) for k in hulls]
 
 
