@@ -24,6 +24,7 @@ from manoeuvre_nn.estimation.effect_columns import (
     blade_along,
     contribution,
     hulls_beside,
+    indicated,
     latency_column,
     own_states,
     perfect,
@@ -183,7 +184,7 @@ def _wheels(hypothesis: Hypothesis, runs: Sequence[Recording]) -> list[Float[np.
         with torch.no_grad():
             for effect, value in zip(mine.effects, mine.values, strict=True):
                 acting = effect.at(torch.tensor(value)[:, None, :])
-                blade = acting.indicated(blade, torch.tensor(run.time))
+                blade = indicated(acting, run, blade)
                 if type(effect).blade is not Effect.blade:
                     blade = blade_along(acting, run, blade)
         made += list(blade.expand(len(rows), -1).numpy())

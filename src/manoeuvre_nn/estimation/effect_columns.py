@@ -88,10 +88,16 @@ def blades(
     with torch.no_grad():
         if type(effect).indicated is not Effect.indicated:
             acting = [effect.at(torch.tensor(table)[:, None, :]) for table in tables]
-            return [a.indicated(d, torch.tensor(r.time)) for a, d, r in zip(acting, shown, runs, strict=True)]
+            return [indicated(a, r, d) for a, d, r in zip(acting, shown, runs, strict=True)]
         if type(effect).blade is Effect.blade:
             return [None] * len(runs)
         return list(_behind(effect, [torch.tensor(table) for table in tables], runs, shown))
+
+
+def indicated(acting: Effect, run: Recording, recorded: Float[Tensor, "rows n"]) -> Float[Tensor, "rows n"]:
+    """What the indicator showed during a run behind a recorded angle [rad] (:meth:`.Effect.indicated`)."""
+    ordered = run.ordered_rudder(acting.ship.particulars.rudder_rate)
+    return acting.indicated(recorded, None if ordered is None else torch.tensor(ordered), torch.tensor(run.time))
 
 
 def blade_along(acting: Effect, run: Recording, shown: Float[Tensor, "rows n"]) -> Float[Tensor, "rows n"]:
