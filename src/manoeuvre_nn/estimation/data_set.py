@@ -288,6 +288,7 @@ def about_states(
     prepared: PreparedRun,
     track: Float[np.ndarray, "n k"],
     corrections: Float[np.ndarray, " k"] | None = None,
+    indicated: Float[np.ndarray, " n"] | None = None,
 ) -> PreparedRun:
     """The same run about another track.
 
@@ -297,12 +298,13 @@ def about_states(
         track: u, v, r, x, y, psi, own states.
         corrections: Sizes of :class:`.Corrections` that the equations are linearised about too, so that effects act on
             the corrected ship: a rudder offset on the rudder as strong as it is; None are none.
+        indicated: What the rudder indicator showed, where corrections of rudder forces act [rad]; None is the record.
 
     Returns:
         The run about it.
     """
     about = dynamics if corrections is None else Calibrated(dynamics, dynamics.hull.inertia.new_tensor(corrections))
-    linearised = linearise(prepared.linearised.run, Rate(about), track, process_time(dynamics))
+    linearised = linearise(prepared.linearised.run, Rate(about), track, process_time(dynamics), indicated)
     return replace(prepared, linearised=linearised, base=base_columns(dynamics, linearised))
 
 

@@ -14,6 +14,7 @@ from manoeuvre_nn.estimation.data_set import (
     about_states,
     base_columns,
 )
+from manoeuvre_nn.estimation.effect_columns import behind_record
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
 from manoeuvre_nn.estimation.linear_run import joined, summed
 from manoeuvre_nn.estimation.marginal_likelihood import hypothesis_columns, log_prior_levels
@@ -57,7 +58,9 @@ def refined(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedData
         left = joined([prepared.base, lin.columns[run]]).combined(np.concatenate([[1.0], -nuisance, -whole]))
         white = level.white[run]
         states = prepared.linearised.track + white.states(white.embed(left))[:, : prepared.linearised.states.count, 0]
-        runs.append(about_states(data_set.dynamics, prepared, states, shares))
+        here = [v[run] for v in fitted.hypothesis.values]
+        shown = behind_record(prepared.linearised, fitted.hypothesis.effects, here).indicated
+        runs.append(about_states(data_set.dynamics, prepared, states, shares, shown))
     return WhitenedDataSet(data_set.dynamics, runs, data_set.coefficient_prior)
 
 
