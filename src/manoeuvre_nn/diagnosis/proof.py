@@ -15,6 +15,7 @@ from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.estimation.data_set import LATENCY, same_campaigns
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
+from manoeuvre_nn.estimation.relinearise import beside
 from manoeuvre_nn.scoring.free_runs import errors
 
 
@@ -66,7 +67,7 @@ def foreseen(question: Question, claim: FittedHypothesis, elsewhere: Hypothesis)
     held, level = replace(elsewhere, fixed=fixed), claim.best[0]
     evidence_of = gusty_evidence if any(e.random for e in held.effects) else MarginalLikelihood.evidence_at
     calm = question.held_out.evidence_at(Hypothesis((), ()), level)
-    return evidence_of(question.held_out, held, level) - calm
+    return evidence_of(beside(question.held_out, held), held, level) - calm
 
 
 def placed(question: Question, fitted: FittedHypothesis) -> Hypothesis:
