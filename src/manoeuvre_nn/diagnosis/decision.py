@@ -117,11 +117,11 @@ def settled(result: SearchResult) -> SearchResult:
 def decide(result: SearchResult) -> Decision:
     """Weigh all hypotheses, raise the alarm if chance alone would not reach it, and say what may be claimed."""
     none, data_set = result.none.evidence, result.likelihood.data_set
-    calm = beside(result.likelihood, result.none.hypothesis)
-    formula = short_formula(calm, result.none)
+    there = beside(result.likelihood, result.none.hypothesis)
+    formula = short_formula(there, result.none)
     # A fitted model has errors that a formula takes up: to raise the alarm it must hold on other runs first.
     trained = is_fitted(data_set.dynamics)
-    unmodelled = unknown_evidence(calm, result.none, None if trained else formula)
+    unmodelled = unknown_evidence(there, result.none, None if trained else formula)
     worthy = _worthy(result)
     names = sorted({n for j in result.fitted for n in j.names})
     log_weight = _log_weights(none, unmodelled, worthy, len(names))

@@ -71,8 +71,7 @@ def hypothesis_columns(data_set: WhitenedDataSet, hypothesis: Hypothesis) -> Hyp
         ]
         angles = blades(effect, tables, lines)
         for run, line in enumerate(lines):
-            hulls = hulls_beside(hypothesis.effects, here[run], k)
-            c = contribution(effect, tables[run], line, angles[run], hulls)
+            c = contribution(effect, tables[run], line, angles[run], hulls_beside(hypothesis.effects, here[run], k))
             changed = range(len(mine[run])), [unknowns[i].column for i in mine[run]]
             steps = tables[run][1::2][changed] - tables[run][2::2][changed]
             # The effect at its values, then (up - down) / step of every unknown.
