@@ -113,7 +113,7 @@ def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypo
     data_set, none = tried.likelihood.data_set, tried.none
     checks: list[Check] = []
     proofs = prove(question, none, none.hypothesis)
-    before = _cost(question, [p.rmse_before for p in proofs])
+    before, calm = _cost(question, [p.rmse_before for p in proofs]), foreseen(question, none, none.hypothesis)
     for claim in claims:
         # Strong gusts explain what a fit without them would lay on the mean wind.
         j = claim if _turns(claim.hypothesis) else at_rest(data_set, claim)[1]
@@ -121,12 +121,13 @@ def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypo
         made = prove(question, j, elsewhere, proofs)
         # The errors of a fitted model may look like an effect, and one formula of hundreds like anything.
         least = PROVED if is_fitted(data_set.dynamics) or Formula.name in j.names else REFUTED
-        after, gain = _cost(question, [p.rmse_after for p in made]), foreseen(question, j, elsewhere)
+        after, there = _cost(question, [p.rmse_after for p in made]), foreseen(question, j, elsewhere)
+        gain = there - calm
         enough = claim.evidence - none.evidence + gain > least_gain(claim)
         better = gain > least and after < MAX_ERROR_GROWTH * before
         tested = bool(made) and _acts(elsewhere)
         foretold = enough and (better or not tested)
-        helped = foretold and _last_effect_helps(question, claim, gain, claims)
+        helped = foretold and _last_effect_helps(question, claim, there, claims)
         fewer = "; fewer of these effects do as well" if foretold and not helped else ""
         text = (
             f"with {labels(j)} the error of free runs goes from {before:.2f} to {after:.2f} ({_unit(question)}), "
@@ -150,12 +151,12 @@ def _acts(hypothesis: Hypothesis) -> bool:
 
 
 def _last_effect_helps(
-    question: Question, claim: FittedHypothesis, gain: float, claims: Sequence[FittedHypothesis]
+    question: Question, claim: FittedHypothesis, there: float, claims: Sequence[FittedHypothesis]
 ) -> bool:
     """Whether several effects say more in fitted and held-out runs together than the same without the last of them."""
     fewer = [j for j in claims if len(j.names) == len(claim.names) - 1 and set(j.names) < set(claim.names)]
     others = [j.evidence + foreseen(question, j, placed(question, j)) for j in fewer]
-    return claim.evidence + gain > max(others, default=-np.inf) + (MIN_GAIN_OF_SECOND if others else 0.0)
+    return claim.evidence + there > max(others, default=-np.inf) + (MIN_GAIN_OF_SECOND if others else 0.0)
 
 
 def _turns(hypothesis: Hypothesis) -> bool:

@@ -56,17 +56,16 @@ def prove(
 
 
 def foreseen(question: Question, claim: FittedHypothesis, elsewhere: Hypothesis) -> float:
-    """Log Bayes factor over calm water of a claim, held at its values, on runs that were not used; 0 without any."""
+    """Log evidence of a claim, held at its values and its process noise, on runs that were not used; 0 without any."""
     # Free runs alone would not decide: the track of a course-unstable ship depends more on the last per cent of
     # its coefficients than on any effect. This judges the steps, not the whole course.
     if not question.case.held_out:
         return 0.0
     # Times that were placed there are integrated out again: what was looked for in a run is no gain.
     fixed = frozenset(p.name for e in elsewhere.effects for p in e.declared if not p.per_run)
-    held, level = replace(elsewhere, fixed=fixed), claim.best[0]
+    held = replace(elsewhere, fixed=fixed)
     evidence_of = gusty_evidence if any(e.random for e in held.effects) else MarginalLikelihood.evidence_at
-    calm = question.held_out.evidence_at(Hypothesis((), ()), level)
-    return evidence_of(question.held_out, held, level) - calm
+    return evidence_of(question.held_out, held, claim.best[0])
 
 
 def placed(question: Question, fitted: FittedHypothesis) -> Hypothesis:
