@@ -14,7 +14,6 @@ from trials import CALM, NOISE, SHIP, run_of
 from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis import diagnose as under_test
-from manoeuvre_nn.diagnosis import proof as proving
 from manoeuvre_nn.diagnosis.case import Case, Question
 from manoeuvre_nn.diagnosis.diagnose import diagnose
 from manoeuvre_nn.diagnosis.result import Diagnosis
@@ -145,29 +144,9 @@ def test_the_last_of_two_effects_must_add_six_in_fitted_and_held_out_runs_togeth
 ):
     one, two = (SimpleNamespace(names=names, evidence=20.0) for names in (("current",), ("current", "wind")))
     two.evidence += fitted
-    monkeypatch.setattr(under_test, "placed", lambda question, j: j)
-    monkeypatch.setattr(under_test, "foreseen", lambda question, j, there: 5.0)
+    monkeypatch.setattr(under_test, "in_held_out_runs", lambda question, j: SimpleNamespace(evidence=5.0))
     assert under_test._last_effect_helps(Mock(), two, 5.0 + held_out, [two, one]) is helps
     assert under_test._last_effect_helps(Mock(), one, 5.0, [two, one])
-
-
-def test_held_out_runs_weigh_two_claims_by_evidence_not_by_gains_over_calm_water_at_their_own_process_noise(
-    monkeypatch,
-):
-    """Calm water with much process noise explains more: a gain over it at each claim's own would favour the noisier."""
-    evidence = {("current", 5): 400.0, ("current+wind", 1): 450.0, ("", 5): 50.0, ("", 1): 300.0}
-    one, two = (
-        SimpleNamespace(names=tuple(n.split("+")), evidence=20.0, best=(level, 0))
-        for n, level in (("current", 5), ("current+wind", 1))
-    )
-    monkeypatch.setattr(under_test, "placed", lambda question, j: j)
-    monkeypatch.setattr(proving, "replace", lambda j, **_: j)
-    for j in (one, two):
-        j.effects = ()
-    at = lambda likelihood, j, level: evidence["+".join(j.names), level]  # noqa: E731
-    monkeypatch.setattr(proving.MarginalLikelihood, "evidence_at", at)
-    there = proving.foreseen(Mock(), two, two)
-    assert under_test._last_effect_helps(Mock(), two, there, [two, one])
 
 
 def test_two_effects_at_once_are_both_named():
