@@ -17,7 +17,7 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.diagnosis.case import Case, Question
 from manoeuvre_nn.diagnosis.causes import _when
 from manoeuvre_nn.diagnosis.forecast import unplaced_events
-from manoeuvre_nn.diagnosis.proof import foreseen, placed
+from manoeuvre_nn.diagnosis.proof import in_held_out_runs
 from manoeuvre_nn.diagnosis.search import search, single
 from manoeuvre_nn.diagnosis.windows import replaced, times_of
 from manoeuvre_nn.dynamics.rollout import roll_out
@@ -163,11 +163,11 @@ def test_in_runs_to_predict_an_event_is_placed_by_their_recordings_or_left_out(k
         acting, true = [push(start_s=240.0, end_s=330.0), None], (240.0, 330.0)
     runs = campaign(acting, 1, TRIALS[2:])
     asked = question(runs, [r.name for r in runs], found.hypothesis.effects)
-    elsewhere = placed(asked, found)
-    there, absent = (times_of(elsewhere.effects[0], values) for values in elsewhere.values[0])
+    calm, elsewhere = (in_held_out_runs(asked, j) for j in (replace(found, hypothesis=Hypothesis((), ())), found))
+    there, absent = (times_of(found.hypothesis.effects[0], values) for values in elsewhere.hypothesis.values[0])
     assert absent == () and len(there) == 1
     assert there[0] == approx(true, abs=15.0)
-    assert foreseen(asked, found, elsewhere) > 20
+    assert elsewhere.evidence - calm.evidence > 20
     spans = _when(asked, found, 0, True)
     ((ends, errors),) = spans[runs[0].name]
     assert spans[runs[1].name] == [] and abs(ends[0] - true[0] + half_of_ramp) < 4 * errors[0] < 60
