@@ -21,7 +21,7 @@ EFFECTS = [Current(SHIP), SteadyWind(SHIP), LogScale(SHIP), GustyWind(SHIP)]
 
 def fit(evidence: float, *names: str) -> SimpleNamespace:
     """A fitted hypothesis of these effects."""
-    return SimpleNamespace(evidence=evidence, names=names, best=(4, 3))
+    return SimpleNamespace(evidence=evidence, names=names, best=(4, 3), hypothesis=Hypothesis((), ()))
 
 
 def searched(monkeypatch, alone: dict[str, float], more: list[SimpleNamespace]) -> tuple[list, list]:

@@ -18,7 +18,7 @@ from manoeuvre_nn.diagnosis.case import Case, Question
 from manoeuvre_nn.diagnosis.causes import _when
 from manoeuvre_nn.diagnosis.forecast import unplaced_events
 from manoeuvre_nn.diagnosis.proof import in_held_out_runs
-from manoeuvre_nn.diagnosis.search import search, single
+from manoeuvre_nn.diagnosis.search import _with_other_forms, search, single
 from manoeuvre_nn.diagnosis.windows import replaced, times_of
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.vessel import Vessel
@@ -95,6 +95,22 @@ def edges(found: Hypothesis | FittedHypothesis, effect: int = 0) -> list[tuple[i
 @cache
 def one_of_three() -> tuple[MarginalLikelihood, FittedHypothesis, FittedHypothesis]:
     return fitted(SideForce(SHIP), campaign([None, push(start_s=150.0, end_s=290.0), None]))
+
+
+def test_an_event_is_judged_in_each_form_at_the_same_times():
+    """A force forward of midship, whose own fit stopped at other times than a thruster's, is fitted from that one's."""
+    runs = campaign([None, SideForce(SHIP, force_kN=150.0, lever_m=40.0, start_s=150.0, end_s=290.0), None])
+    likelihood, _, thruster = fitted(BowThruster(SHIP), runs)
+    late = thruster.hypothesis.values[0].copy()
+    late[1, 1:3] = 60.0, 100.0  # start, end
+    astray = Hypothesis((SideForce(SHIP),), (np.insert(late, 1, 0.0, axis=1),))
+    stopped = likelihood.evaluate(astray)
+    with unchecked():
+        best, *rest = _with_other_forms(likelihood, [stopped, thruster], [SideForce(SHIP), BowThruster(SHIP)])
+    assert [j.names for j in rest] == [("bow_thruster",)]
+    assert best.names == ("side_force",) and best.evidence > max(stopped.evidence, thruster.evidence) + 5
+    assert value(best, "lever_m") == approx(40.0, abs=10.0)
+    assert times(best)[1][0] == approx((150.0, 290.0), abs=10.0)
 
 
 def test_a_force_that_acts_in_one_run_of_three_is_not_placed_in_the_others():
