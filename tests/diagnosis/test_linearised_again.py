@@ -18,11 +18,12 @@ from manoeuvre_nn.diagnosis.search import at_rest, search
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.rudder import RudderDelay, RudderOffset
+from manoeuvre_nn.effect.sensors import RateBias
 from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.estimation.corrections import Calibrated, CoefficientPrior, Corrections
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet, base_columns, whitened_data_set
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
-from manoeuvre_nn.estimation.relinearise import STATES_AT_REST, beside, change_of_states, refined
+from manoeuvre_nn.estimation.relinearise import MAX_CORRECTION, STATES_AT_REST, beside, change_of_states, refined
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 
@@ -76,6 +77,15 @@ def test_held_out_runs_judge_an_effect_about_its_own_states_and_on_the_corrected
     )
     assert true.evidence < less.evidence
     assert in_held_out_runs(asked, true).evidence > in_held_out_runs(asked, less).evidence + 10
+
+
+def test_a_hypothesis_that_would_need_another_ship_is_not_linearised_about_her():
+    """Calm water for a rate gyro that is off by far: no coefficients make a track of it."""
+    stood = whitened_data_set(CALM, runs([CIRCLE, PORT], [RateBias(SHIP, bias_deg_s=3.0)]))
+    calm = MarginalLikelihood(stood).evaluate(NONE)
+    assert np.abs(calm.corrections).max() > MAX_CORRECTION
+    data_set, found = at_rest(stood, calm)
+    assert data_set is stood and found.evidence == calm.evidence
 
 
 def test_an_effect_acts_on_the_ship_as_her_corrected_coefficients_say():
