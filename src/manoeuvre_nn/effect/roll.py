@@ -32,7 +32,7 @@ class RollCoupling(Effect):
     -.004. They act by the share ``N_phi^2 / (N_phi^2 + .01^2)``: without N_phi there is no effect. Else five forces
     that no reported number tells of take up what wrong coefficients do. ``damping`` is a factor on zeta, which is .02
     to .15 for ships without and with bilge keels, at rest and at speed. The arm (KG - T/2)/GM makes one number with
-    N_phi.
+    N_phi, whose bound is Munk's moment of a heeled hull, about .17, at an arm three times as long.
     """
 
     name = "roll_coupling"
