@@ -17,7 +17,7 @@ from manoeuvre_nn.effect.common import RAMP
 from manoeuvre_nn.effect.formula import Formula, place_of
 from manoeuvre_nn.estimation.data_set import CAMPAIGN
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
-from manoeuvre_nn.estimation.marginal_likelihood import hypothesis_columns
+from manoeuvre_nn.estimation.hypothesis_columns import hypothesis_columns
 
 LEADING = 0.25
 """Chi-square of a formula's term, over that of its clearest, from which it counts for the place of the mismatch."""
