@@ -55,8 +55,8 @@ class _SortedSeries:
         for row, term in enumerate(ship.terms):
             # Products with the length in them are in m^2/s^2, all others over the square of the speed.
             unit = self.mass / ship.prime.speed**2 if "L" in term else self.mass
-            mass[row, 0] = unit if term in {"vr", "Lvr"} else 0.0
-            mass[row, 1] = -unit if term in {"r", "ur", "Lur"} else 0.0
+            mass[..., row, 0] = unit if term in {"vr", "Lvr"} else 0.0
+            mass[..., row, 1] = -unit if term in {"r", "ur", "Lur"} else 0.0
         kinds, hull = [_kind(t) for t in ship.terms], table - mass
         self.drift, self.yaw = _rows(kinds, "drift", table), _rows(kinds, "yaw", table)
         self.tables = hull * self.drift, hull * self.yaw, mass
@@ -99,8 +99,10 @@ def diagonal(*parts: Float[Tensor, "*#batch"]) -> Float[Tensor, "*batch 3 3"]:
 
 
 def _mixed(part: Float[Tensor, "*batch 3"], shares: Float[Tensor, "*#batch 3 3"]) -> Float[Tensor, "*batch 3"]:
-    """X', Y', N' times a matrix of shares each."""
-    return (part[..., :, None] * shares).sum(dim=-2)
+    """X', Y', N' times a matrix of shares each; one product for all samples where the shares are the same."""
+    if shares.ndim > 2 and shares.shape[-3] == 1:
+        return part @ shares[..., 0, :, :]
+    return times(part, shares)
 
 
 class HullEffect(Effect):
