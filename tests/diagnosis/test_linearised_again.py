@@ -9,7 +9,7 @@ import torch
 from fleet import unchecked
 from pytest import approx
 from test_hypotheses_judged import LEVEL, NONE, fitted, hypothesis, stand
-from trials import CALM, CIRCLE, NOISE, PORT, SHIP, ZIGZAG, run_of, runs, tensor
+from trials import CALM, CIRCLE, NOISE, PORT, SHIP, ZIGZAG, run_of, runs
 
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.diagnosis.case import Case, Question
@@ -17,11 +17,10 @@ from manoeuvre_nn.diagnosis.proof import in_held_out_runs
 from manoeuvre_nn.diagnosis.search import at_rest, search
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.vessel import Vessel
-from manoeuvre_nn.effect.depth import ShallowWater
 from manoeuvre_nn.effect.rudder import RudderDelay, RudderOffset
 from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.estimation.corrections import Calibrated, CoefficientPrior, Corrections
-from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, WhitenedDataSet, base_columns, whitened_data_set
+from manoeuvre_nn.estimation.data_set import WhitenedDataSet, base_columns, whitened_data_set
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.relinearise import STATES_AT_REST, change_of_states, refined
 
@@ -100,15 +99,3 @@ def test_corrections_are_those_of_the_ship_in_whatever_combinations_they_were_fo
     other = WhitenedDataSet(CALM, whole, CoefficientPrior(0.9, 3.0))
     assert other.combinations != stood.combinations
     assert change_of_states(refined(stood, found), refined(other, found), LEVEL) < 3.0  # standard errors
-
-
-def test_a_shallow_water_is_found_under_a_ship_whose_coefficients_are_not_the_published_ones():
-    """It multiplies the errors too: taken for errors of the deep ship, they were four times the usual ones."""
-    shares = tensor(0.05 * np.cos(3.0 * np.arange(len(Corrections(CALM).names))))
-    shallow = ShallowWater(SHIP, depth_m=1.25 * SHIP.particulars.draught)
-    with unchecked():
-        records = roll_out(Vessel(Calibrated(CALM, shares), [shallow]), [CIRCLE, ZIGZAG], step=2.0)
-    stood = whitened_data_set(CALM, [run_of(r, NOISE, seed) for seed, r in enumerate(records)])
-    found = search(stood, [ShallowWater(SHIP)]).fitted[0]
-    assert COEFFICIENT_SD_LEVELS[found.best[1]] <= 0.05
-    assert found.hypothesis.vector()[0] == approx(shallow.values[0], abs=2.5 * found.errors[0])

@@ -98,7 +98,7 @@ def diagonal(*parts: Float[Tensor, "*#batch"]) -> Float[Tensor, "*batch 3 3"]:
     return torch.diag_embed(columns(*parts))
 
 
-def _mixed(part: Float[Tensor, "*batch 3"], shares: Float[Tensor, "*#batch 3 3"]) -> Float[Tensor, "*batch 3"]:
+def _mixed(part: Float[Tensor, "*batch 3"], shares: Float[Tensor, "*rows 3 3"]) -> Float[Tensor, "*both 3"]:
     """X', Y', N' times a matrix of shares each; one product for all samples where the shares are the same."""
     if shares.ndim > 2 and shares.shape[-3] == 1:
         return part @ shares[..., 0, :, :]
