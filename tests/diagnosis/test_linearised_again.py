@@ -18,11 +18,12 @@ from manoeuvre_nn.diagnosis.search import at_rest, search
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.rudder import RudderDelay, RudderOffset
+from manoeuvre_nn.effect.sensors import RateBias
 from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.estimation.corrections import Calibrated, CoefficientPrior, Corrections
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet, base_columns, whitened_data_set
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
-from manoeuvre_nn.estimation.relinearise import STATES_AT_REST, change_of_states, refined
+from manoeuvre_nn.estimation.relinearise import MAX_CORRECTION, STATES_AT_REST, beside, change_of_states, refined
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 
@@ -78,6 +79,15 @@ def test_held_out_runs_judge_an_effect_about_its_own_states_and_on_the_corrected
     assert in_held_out_runs(asked, true).evidence > in_held_out_runs(asked, less).evidence + 10
 
 
+def test_a_hypothesis_that_would_need_another_ship_is_not_linearised_about_her():
+    """Calm water for a rate gyro that is off by far: no coefficients make a track of it."""
+    stood = whitened_data_set(CALM, runs([CIRCLE, PORT], [RateBias(SHIP, bias_deg_s=3.0)]))
+    calm = MarginalLikelihood(stood).evaluate(NONE)
+    assert np.abs(calm.corrections).max() > MAX_CORRECTION
+    data_set, found = at_rest(stood, calm)
+    assert data_set is stood and found.evidence == calm.evidence
+
+
 def test_an_effect_acts_on_the_ship_as_her_corrected_coefficients_say():
     """Of a weak rudder that stands off, angle and strength are told apart."""
     found = search(whitened_data_set(CALM, weak_rudder_off()), [RudderOffset(SHIP)]).fitted[0]
@@ -89,6 +99,21 @@ def test_a_rudder_recorded_so_late_that_movements_do_not_overlap_is_found():
     late = runs([CIRCLE, PORT], [RudderDelay(SHIP, delay_s=44.0)])
     found = search(whitened_data_set(CALM, late), [RudderDelay(SHIP)]).fitted[0]
     assert found.hypothesis.vector()[0] == approx(44.0, abs=1.0)
+
+
+def test_corrections_of_a_rudder_that_is_recorded_late_act_when_it_is_laid():
+    """Of a rudder 12 % weaker than published and recorded 25 s late, strength and delay are found."""
+    shares = np.array([-0.12 * (name in ("Yd", "Nd")) for name in Corrections(CALM).names])
+    weak = Vessel(Calibrated(CALM, torch.tensor(shares)), [RudderDelay(SHIP, delay_s=25.0)])
+    with unchecked():
+        records = roll_out(weak, [CIRCLE, ZIGZAG], step=1.0)
+    stood = whitened_data_set(CALM, [run_of(r, NOISE, seed) for seed, r in enumerate(records)])
+    there, late = at_rest(stood, fitted(MarginalLikelihood(stood), hypothesis(RudderDelay(SHIP, delay_s=22.0))))
+    assert late.hypothesis.vector()[0] == approx(25.0, abs=4 * late.errors[0] + 0.05)
+    turning = [Corrections(CALM).names.index("Nd")]
+    assert late.corrections[turning] == approx(shares[turning], abs=0.04)
+    assert beside(MarginalLikelihood(there), NONE).data_set is not there, "calm water has the rudder as it was recorded"
+    assert beside(MarginalLikelihood(stood), NONE).data_set is stood
 
 
 def test_corrections_are_those_of_the_ship_in_whatever_combinations_they_were_found():
