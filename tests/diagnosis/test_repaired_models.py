@@ -10,10 +10,11 @@ from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis.repair import predict, predict_corrected, recorded, start_state
 from manoeuvre_nn.effect.current import Current
+from manoeuvre_nn.effect.loading import DisplacementChange
 from manoeuvre_nn.effect.local import BowThruster
 from manoeuvre_nn.effect.propulsion import PowerLimit
 from manoeuvre_nn.effect.roll import RollCoupling
-from manoeuvre_nn.effect.rudder import RudderBacklash, RudderDelay, RudderOffset, RudderSlow
+from manoeuvre_nn.effect.rudder import RudderAreaLoss, RudderBacklash, RudderDelay, RudderOffset, RudderSlow
 from manoeuvre_nn.effect.sensors import HeadingBias, LeverArm, LogScale
 from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
@@ -171,3 +172,12 @@ def test_runs_without_and_with_corrections_side_by_side_are_those_of_each_model(
         for one, other in zip(found, predict(model, h, both, WARMUP, 0.2), strict=True):
             assert one.to_numpy() == approx(other.to_numpy(), abs=1e-6)
     assert abs(alone[0]["psi"].iloc[-1] - corrected[0]["psi"].iloc[-1]) > 0.5
+
+
+def test_effects_on_the_hull_run_on_the_corrected_ship_beside_the_published_one():
+    effects = [DisplacementChange(SHIP, factor=1.5), RudderAreaLoss(SHIP, fraction=0.3)]
+    h = Hypothesis(tuple(effects), tuple(values(e) for e in effects))
+    runs, shares = [late_run(effects)], tensor(0.1 * np.cos(np.arange(len(Corrections(CALM).names))))
+    alone, corrected = predict_corrected(CALM, shares, h, runs, WARMUP, 0.2)
+    for found, model in ((alone, CALM), (corrected, Calibrated(CALM, shares))):
+        assert found[0].to_numpy() == approx(predict(model, h, runs, WARMUP, 0.2)[0].to_numpy(), abs=1e-6)

@@ -1,12 +1,19 @@
+import numpy as np
 import pytest
 import torch
-from fleet import ship_named
+from fleet import ship_named, unchecked
 from shelf import DEEP, at, made, situation
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.ship import Ship
+from manoeuvre_nn.dynamics.model import CalmWater
+from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.depth import depth_factors
+from manoeuvre_nn.estimation.changed_coefficients import change_of_coefficients
+from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
 from manoeuvre_nn.ship.esso_190k import PARTICULARS, esso_190k
+from manoeuvre_nn.ship.taylor import TaylorShip
 
 
 def total(effect, s):
@@ -165,3 +172,72 @@ def test_a_ship_of_twice_the_inertia_is_moved_half_as_much_by_the_same_force(shi
     units = ship_named(ship).acceleration_units
     by_hand = torch.linalg.solve(twice, inertia @ (nudot[0] / units)) * units
     torch.testing.assert_close(found[0], by_hand)
+
+
+CHANGING = [
+    [("shallow_water", {"depth_m": 24.0})],
+    [("displacement_change", {"factor": 1.6})],
+    [("trim_change", {"trim_m": 2.0})],
+    [("loading", {"draught_ratio": 0.7})],
+    [("rudder_area_loss", {"fraction": 0.4})],
+    [("displacement_change", {"factor": 0.6}), ("rudder_area_loss", {"fraction": 0.4})],
+]
+
+
+def accelerations(model, s):
+    """Of a model in some situations."""
+    return model(torch.cat([s.nu, 0 * s.nu], dim=-1), Inputs(s.delta))[:, :3]
+
+
+def named(effects) -> str:
+    return "+".join(name for name, _ in effects)
+
+
+@pytest.mark.parametrize("effects", CHANGING, ids=named)
+@pytest.mark.parametrize("ship", ["mariner", "great_lakes_bulker"])
+def test_effects_act_on_the_coefficients_as_they_are(ship, effects):
+    """A published ship with corrections, and a ship that was built with these coefficients."""
+    published = ship_named(ship)
+    names = Corrections(CalmWater(published)).names
+    errors = {name: 0.2 * np.cos(k) for k, name in enumerate(names) if "+" not in name and name[0] in "XYN"}
+
+    def name_of(term: str) -> str:
+        return "".join(sorted(term.strip("0"), key="uvrd".index)) or "0"
+
+    scattered = {
+        e: {t: c * (1 + errors[e + name_of(t)]) for t, c in of.items()} for e, of in published.coefficients.items()
+    }
+    real = TaylorShip(
+        published.particulars, published._inertia_values, scattered, prime=published.prime, taylor=published.taylor,
+        scaling=published.scaling, positive_rudder_turns_to=published.positive_rudder_turns_to,
+    )  # fmt: skip
+    s, shares = situation(published, n=20), published.inertia.new_tensor([errors.get(name, 0.0) for name in names])
+    with unchecked():
+        found = accelerations(
+            Vessel(Calibrated(CalmWater(published), shares), [made(n, published, **v) for n, v in effects]).model, s
+        )
+        expected = accelerations(Vessel(CalmWater(real), [made(n, real, **v) for n, v in effects]).model, s)
+    torch.testing.assert_close(found, expected, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("effects", CHANGING, ids=named)
+@pytest.mark.parametrize("ship", DEEP)
+def test_errors_of_coefficients_are_multiplied_as_the_terms_are(ship, effects):
+    """Their columns, recombined, are the derivatives of the changed ship by her corrections."""
+    calm = CalmWater(ship_named(ship))
+    corrections, acting = Corrections(calm), [made(n, ship, **v) for n, v in effects]
+    s, size = situation(ship, n=20), 1e-4
+    with unchecked():
+        columns = corrections(s.nu, s.delta).numpy()
+        change = change_of_coefficients(corrections, acting, [e.values.numpy() for e in acting])
+        sides = []
+        for step in (size, -size):
+            shares = step * torch.eye(len(corrections.names), dtype=torch.float64)
+            models = (Vessel(Calibrated(calm, row), acting).model for row in shares)
+            sides.append(np.stack([accelerations(model, s).numpy() for model in models], axis=1))
+    expected = (sides[0] - sides[1]) / (2 * size)
+    found = np.einsum("nkj,ki->nij", columns, change + np.eye(len(change)))
+    # Without off-diagonal inertia; with it a wrong Mv or Mr has another shape.
+    whole = [k for k, name in enumerate(corrections.names) if name not in ("Mv", "Mr")]
+    usual = np.sqrt((expected**2).mean(axis=(0, 1)))
+    assert np.abs((found - expected) / usual)[:, whole].max() < 1e-6

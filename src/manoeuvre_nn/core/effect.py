@@ -230,6 +230,14 @@ class Effect(ABC, nn.Module):
         """Value(s) of a parameter in degrees, as radians."""
         return self.value(name) * (pi / 180.0)
 
+    def aboard(self, ship: Ship) -> "Effect":
+        """The same effect with the same values and choices on another ship."""
+        if ship is self.ship:
+            return self
+        moved = self.at(self.values)
+        moved._ship = [ship]
+        return moved
+
     def null(self) -> Float[Tensor, " p"]:
         """Values at which the effect vanishes; the first start where a parameter has none."""
         return self.values.new_tensor([p.starts[0] if p.null is None else p.null for p in self.declared])
@@ -258,6 +266,15 @@ class Effect(ABC, nn.Module):
             What they cause: half as much on a ship of twice the mass.
         """
         return nudot
+
+    def changed_terms(self) -> Float[Tensor, "terms 3 3"] | None:
+        """What it adds to the terms of the ship's series where it multiplies terms; effects that do override it.
+
+        Returns:
+            A matrix for every term, at one row of values: what is added to X', Y', N' (columns) by the term's own X',
+            Y', N' (rows). None if it multiplies no term.
+        """
+        return None
 
     def heeling(self, s: Situation) -> Float[Tensor, "*batch"]:
         """Moment about the longitudinal axis that acts on a ship that rolls [N m], positive to starboard."""

@@ -14,6 +14,11 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 
+def times(rows: Float[Tensor, "*batch k"], table: Float[Tensor, "*own k m"]) -> Float[Tensor, "*both m"]:
+    """Rows times one table, or each times its own."""
+    return rows @ table if table.ndim == 2 else (rows[..., None, :] @ table)[..., 0, :]
+
+
 def products_of(
     variables: Float[Tensor, "variables *batch"], places: Int[Tensor, "terms order"]
 ) -> Float[Tensor, "*batch terms"]:

@@ -12,6 +12,7 @@ from torch import Tensor, nn
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.inputs import Inputs
+from manoeuvre_nn.core.network import times
 from manoeuvre_nn.core.prime import PrimeSystem
 from manoeuvre_nn.core.units import KNOT, SEA_WATER
 
@@ -256,15 +257,16 @@ class Ship(ABC, nn.Module):
         """Coefficients that :meth:`products` are multiplied by; None if the forces are no such series."""
         return None
 
+    def with_table(self, table: Float[Tensor, "*rows terms 3"]) -> "Ship | None":
+        """The same ship with other coefficients, of each row of a batch its own; None if her family has no such way."""
+        return None
+
     def products(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch terms"]:
         """What the coefficients are multiplied by: ``f' = products @ table``.
 
         Args:
             nu: u, v [m/s], r [rad/s] through the water.
             delta: Rudder angle [rad], positive turns to starboard.
-
-        Raises:
-            NotImplementedError: If the forces are no such series.
         """
         raise NotImplementedError
 
@@ -346,9 +348,8 @@ class Ship(ABC, nn.Module):
         Returns:
             f' [-] in the ship's prime system.
         """
-        products = self.products(nu, delta)
         assert self.table is not None
-        return products @ self.table
+        return times(self.products(nu, delta), self.table)
 
     @abstractmethod
     def on_approach(self, speed: float) -> "Ship":

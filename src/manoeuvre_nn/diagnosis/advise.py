@@ -26,8 +26,8 @@ from jaxtyping import Float
 from manoeuvre_nn.diagnosis.next_runs import Plan, new_runs, same_runs
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, LATENCY_SD, WhitenedDataSet, about_states
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
+from manoeuvre_nn.estimation.hypothesis_columns import HypothesisColumns, hypothesis_columns
 from manoeuvre_nn.estimation.linear_run import Columns, joined
-from manoeuvre_nn.estimation.marginal_likelihood import HypothesisColumns, hypothesis_columns
 
 REFIT_SPREADS = 3.0
 """Prior spreads within which a rival may be fitted again."""
@@ -118,9 +118,12 @@ def _shared(
     if lin is not None:
         b = lin.columns[run]
         columns = joined([whole - b[:1], b[1:]])
-    both = here.white[run].embed(columns).joined(here.base[run])
+    both = here.base[run].joined(here.white[run].embed(columns))
+    # The base last, its data without a part.
     g, p = both.dot(both), 1 + len(free)
-    latency = p + 1 + k
+    g = g if lin is None else lin.turn(run, g, gram=True)
+    order = np.r_[2 + k : len(g), 0 : 2 + k]
+    g, latency = g[np.ix_(order, order)], p + 1 + k
     own = [*(j for j, f in enumerate(free, 1) if f.parameter.per_run), latency]
     kept = [0, *range(p + 1, latency), *(j for j, f in enumerate(free, 1) if not f.parameter.per_run)]
     spread = np.array([*(sd for sd, f in zip(sds, free, strict=True) if f.parameter.per_run), LATENCY_SD])

@@ -10,7 +10,7 @@ from manoeuvre_nn.diagnosis.result import Check
 from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
-from manoeuvre_nn.estimation.marginal_likelihood import HypothesisColumns, hypothesis_columns
+from manoeuvre_nn.estimation.hypothesis_columns import HypothesisColumns, hypothesis_columns
 
 INDISTINGUISHABLE = 9.0
 """Expected gap, twice the log evidence, below which two effects are reported together."""
@@ -71,7 +71,7 @@ def _alone(
     level, scatter = best
     here = data_set.at(level)
     both = here.base[run].joined(here.white[run].embed(lin.columns[run]))
-    gram = both.dot(both)
+    gram = lin.turn(run, both.dot(both), gram=True)
     whole = 2 + data_set.combinations  # stands behind the data, coefficients and latency
     free = [lin.hypothesis.unknowns()[k - 1] for k in lin.index[run][1:]]
     prior = np.r_[data_set.nuisance_sd(scatter, runs=1), 3 * lin.hypothesis.prior_sds()[lin.index[run][1:] - 1]]

@@ -32,8 +32,9 @@ from manoeuvre_nn.dynamics.base import Model, ModelAround, is_fitted
 from manoeuvre_nn.estimation.corrections import Calibrated
 from manoeuvre_nn.estimation.data_set import LATENCY, WhitenedDataSet, process_time, same_campaigns
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
+from manoeuvre_nn.estimation.hypothesis_columns import hypothesis_columns
 from manoeuvre_nn.estimation.linear_run import joined
-from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood, hypothesis_columns
+from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.process_noise import drawn_process
 from manoeuvre_nn.estimation.relinearise import refined
 from manoeuvre_nn.scoring.free_runs import errors
@@ -205,7 +206,7 @@ def _noise(known: _Known) -> dict[str, float]:
     for k, (run, white) in enumerate(zip(data_set.runs, data_set.at(known.chosen.best[0]).white, strict=True)):
         left, shares = [run.base], np.r_[1.0, -known.mean[:kept], -known.mean[kept + k]]
         if lin is not None:
-            left, shares = [run.base, lin.columns[k][:1]], np.append(shares, -1.0)
+            left, shares = [run.base, lin.columns[k][:1]], np.append(lin.of_base(k, shares), -1.0)
         data = joined(left).combined(shares)
         states = white.states(white.embed(data))[..., 0]
         rest = data.measured[..., 0] - np.einsum("kci,ki->kc", run.linearised.observed, states)

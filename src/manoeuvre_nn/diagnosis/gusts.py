@@ -13,14 +13,9 @@ from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.estimation.data_set import PROCESS_LEVELS
 from manoeuvre_nn.estimation.effect_columns import contribution, hulls_beside
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
+from manoeuvre_nn.estimation.hypothesis_columns import HypothesisColumns, hypothesis_columns
 from manoeuvre_nn.estimation.linear_run import Columns
-from manoeuvre_nn.estimation.marginal_likelihood import (
-    PROCESS_PRIOR,
-    HypothesisColumns,
-    MarginalLikelihood,
-    hypothesis_columns,
-    log_prior_levels,
-)
+from manoeuvre_nn.estimation.marginal_likelihood import PROCESS_PRIOR, MarginalLikelihood, log_prior_levels
 
 
 @dataclass(frozen=True)
@@ -119,7 +114,8 @@ def _without_course(
         for g, level in enumerate(levels):
             white, base = data_set.at(level).white[run], data_set.at(level).base[run]
             both, loose = base.joined(white.embed(c)), {form: white.embed(course) for form, course in courses.items()}
-            whole, inner = both.dot(both), {form: (e.dot(e), e.dot(both)) for form, e in loose.items()}
+            whole = lin.turn(run, both.dot(both), gram=True)
+            inner = {form: (e.dot(e), lin.turn(run, both.dot(e)).T) for form, e in loose.items()}
             for k, kind in enumerate(kinds):
                 own, cross = inner[kind.memory, kind.across]
                 factor = np.linalg.cholesky(kind.size**2 * own + np.eye(len(own)))

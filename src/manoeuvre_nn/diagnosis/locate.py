@@ -13,9 +13,9 @@ from manoeuvre_nn.diagnosis.result import Interval, Residual
 from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.estimation.data_set import PROCESS_LEVELS, PreparedRun, WhitenedDataSet, process_time, start_spread
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
+from manoeuvre_nn.estimation.hypothesis_columns import hypothesis_columns
 from manoeuvre_nn.estimation.linear_run import Columns, IntegratedRun
 from manoeuvre_nn.estimation.linearised_run import integrated
-from manoeuvre_nn.estimation.marginal_likelihood import hypothesis_columns
 
 BIN = 10.0
 """Length of the means in which windows are looked for [s]."""

@@ -21,8 +21,9 @@ from manoeuvre_nn.effect.common import RAMP
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet, quiet
 from manoeuvre_nn.estimation.effect_columns import contribution
 from manoeuvre_nn.estimation.hypothesis import NUMBER_OF_INTERVALS, STOPS, Hypothesis
+from manoeuvre_nn.estimation.hypothesis_columns import HypothesisColumns, hypothesis_columns
 from manoeuvre_nn.estimation.linear_run import Columns
-from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood, hypothesis_columns
+from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 
 BLOCK, MAX_BLOCKS, MAX_BLOCKS_OF_GRID = 10.0, 90, 36
 """Least length of the blocks that times are made of [s]; their number in a long run, for one force and for a grid."""
@@ -323,11 +324,8 @@ def _all_blocks(
     data_set = likelihood.data_set
     # Not the levels that calm water needs: there the event itself is taken for a coloured force and wrong coefficients.
     low = quiet(noise[0]), min(noise[1], 2)
-    there = None if given is None else hypothesis_columns(data_set, given).columns
-    return [
-        _blocks(data_set, run, effect, table, low, None if there is None else there[run])
-        for run, table in enumerate(rows)
-    ]
+    there = None if given is None else hypothesis_columns(data_set, given)
+    return [_blocks(data_set, run, effect, table, low, there) for run, table in enumerate(rows)]
 
 
 def _blocks(
@@ -336,7 +334,7 @@ def _blocks(
     effect: Effect,
     rows: Float[np.ndarray, "k p"],
     noise: tuple[int, int],
-    given: Columns | None,
+    given: HypothesisColumns | None,
 ) -> _Blocks:
     """A run in blocks, coefficients and latency taken out."""
     linearised, white = data_set.runs[run].linearised, data_set.at(noise[0]).white[run]
@@ -356,9 +354,11 @@ def _blocks(
     none = np.zeros((len(time), len(linearised.states.channels), parts * count))
     base, blocks = data_set.at(noise[0]).base[run], white.embed(Columns(none, moved.reshape(*moved.shape[:2], -1)))
     if given is not None:  # the data less what is known
-        known = white.embed(given[:1])
+        known = white.embed(given.columns[run][:1])
         base = base[:1].joined(known).combined(np.array([1.0, -1.0])).joined(base[1:])
     own, cross = base.dot(base), base.dot(blocks)
+    if given is not None:
+        own, cross = given.turn(run, own, gram=True), given.turn(run, cross)
     nuisance = own[1:, 1:] + np.diag(data_set.nuisance_sd(noise[1], runs=1) ** -2.0)
     weights = np.linalg.solve(nuisance, cross[1:])
     gram, right = blocks.dot(blocks) - cross[1:].T @ weights, cross[0] - own[0, 1:] @ weights

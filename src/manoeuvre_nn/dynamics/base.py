@@ -41,6 +41,10 @@ class Model(ABC, nn.Module):
         """Standard deviation that recorded u, v, r, x, y, psi were given in the model's fit [SI]; 0 without one."""
         return torch.zeros_like(self.hull.velocity_units).repeat(2)
 
+    def corrected(self, ship: Ship) -> Ship:
+        """A ship as the model's corrections of coefficients change her; she herself where it has none."""
+        return ship
+
     @abstractmethod
     def forward(self, state: Float[Tensor, "*batch n"], inputs: Inputs) -> Float[Tensor, "*batch n"]:
         """Rate of the state.
@@ -129,6 +133,10 @@ class ModelAround(Model):
     def hull(self) -> Ship:
         """That of the model."""
         return self.calm.hull
+
+    def corrected(self, ship: Ship) -> Ship:
+        """As the model corrects her."""
+        return self.calm.corrected(ship)
 
     @property
     def own_names(self) -> tuple[str, ...]:

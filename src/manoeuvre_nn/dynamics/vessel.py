@@ -10,7 +10,6 @@ from torch import Tensor, nn
 
 from manoeuvre_nn.core.effect import Effect, Situation
 from manoeuvre_nn.core.inputs import Inputs
-from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.dynamics.base import Model, ModelAround
 
 AT_REST_S = 1e6
@@ -22,7 +21,8 @@ class _Affected(ModelAround):
 
     The state is u, v, r *through the water*, x, y, psi over ground, the model's own states, then those of the
     effects. A uniform current therefore changes the track and nothing else (Fossen 2012; Hegrenaes & Hallingstad 2011).
-    Several effects add their accelerations, which are those of the ship as effects on her inertia have changed her.
+    Several effects add their accelerations, which are those of the ship as effects on her inertia have changed her, her
+    coefficients corrected where the model corrects them.
 
     Attributes:
         calm: The calm-water model: a reference ship or an identified one.
@@ -32,7 +32,7 @@ class _Affected(ModelAround):
     def __init__(self, calm: Model, effects: Sequence[Effect]) -> None:
         """Join model and effects."""
         super().__init__(calm)
-        self.effects = nn.ModuleList(effects)
+        self.effects = nn.ModuleList(e.aboard(calm.corrected(e.ship)) for e in effects)
 
     def forward(self, state: Float[Tensor, "*batch n"], inputs: Inputs) -> Float[Tensor, "*batch n"]:
         """Rate of the state: in calm water, and what every effect adds."""
@@ -64,7 +64,7 @@ class _Affected(ModelAround):
     def on_approach(self, speed: float) -> "_Affected":
         """The same ship and effects at another approach speed; what effects do follows the ship."""
         calm = self.calm.on_approach(speed)
-        return _Affected(calm, [_aboard(e, calm.hull) for e in self._effects()])
+        return _Affected(calm, [e.aboard(calm.hull) for e in self._effects()])
 
     def _effects(self) -> list[Effect]:
         """The effects as such, for the type checker."""
@@ -110,13 +110,6 @@ def _situation(state: Tensor, nudot: Tensor, inputs: Inputs) -> Situation:
     if inputs.phi is not None and inputs.p is not None and inputs.pdot is not None:
         heel = torch.stack([inputs.phi, inputs.p, inputs.pdot], dim=-1)
     return Situation(state[..., :3], nudot, x, y, psi, inputs.delta, inputs.shaft, time, heel)
-
-
-def _aboard(effect: Effect, ship: Ship) -> Effect:
-    """The same effect with the same values and choices on another ship."""
-    moved = effect.at(effect.values)
-    moved._ship = [ship]
-    return moved
 
 
 @dataclass(frozen=True)
@@ -239,7 +232,7 @@ class Vessel:
     def on_approach(self, speed: float) -> "Vessel":
         """The same vessel coming in at another speed [m/s]; what effects do follows the ship."""
         calm = self.calm.on_approach(speed)
-        return Vessel(calm, [_aboard(e, calm.hull) for e in self.effects])
+        return Vessel(calm, [e.aboard(calm.hull) for e in self.effects])
 
 
 def as_vessel(ship: Model | Vessel) -> Vessel:

@@ -12,7 +12,7 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.core.units import KNOT
 from manoeuvre_nn.effect.common import columns, factor
-from manoeuvre_nn.effect.series import HullEffect
+from manoeuvre_nn.effect.series import HullEffect, diagonal
 
 FORM = (
     factor("surge", 0.3),
@@ -75,21 +75,37 @@ class _FiniteDepth(HullEffect):
         """What the bottom changes."""
         immersion = self._immersion(s)
         own = self.ship.shallow_change(s.nu, s.delta, s.shaft, immersion / (1 - immersion))
-        force, inertia = self._by_factors(s, immersion) if own is None else own
-        form = columns(self.value("surge"), self.value("sway"), self.value("yaw"))
-        return form * force, form * inertia
+        if own is None:
+            return self._by_factors(s, immersion)
+        force, inertia = own
+        return self._form() * force, self._form() * inertia
 
     def _by_factors(self, s: Situation, immersion: Tensor) -> tuple[Tensor, Tensor]:
         """By factors on the ship's deep-water terms."""
-        p, (drift, turn, _) = self.ship.particulars, self.series.parts(s)
-        f = depth_factors(p, immersion, self.value("source"))
+        p, f = self.ship.particulars, self._factors(immersion)
         zeta, speed = immersion / (1 - immersion), s.u / p.speed
         resistance = RESISTANCE * zeta * p.calm_resistance / self.ship.prime.force * speed * speed.abs()
-        surge = (f["Yvdot"] - 1) * turn[..., 0] - resistance
-        sway = (f["Yv"] - 1) * drift[..., 1] + (f["Nr"] - 1) * turn[..., 1]
-        yaw = (f["Nv"] - 1) * drift[..., 2] + (f["Nr"] - 1) * turn[..., 2]
+        slower = self._form() * columns(resistance, 0 * resistance, 0 * resistance)
         added = columns(f["Yvdot"] - 1, f["Yvdot"] - 1, f["Nrdot"] - 1) * self.series.added
-        return columns(surge, sway, yaw), added
+        return self.rescaled(s) - slower, self._form() * added
+
+    def shares(self, s: Situation) -> tuple[Float[Tensor, "*batch 3 3"], Float[Tensor, "*batch 3 3"]]:
+        """Factors less 1; nothing where terms in zeta of the ship's own add to those of deep water."""
+        immersion = self._immersion(s)
+        if self.ship.shallow_change(s.nu, s.delta, s.shaft, immersion / (1 - immersion)) is not None:
+            none = diagonal(*[0 * immersion] * 3)
+            return none, none
+        f, form = self._factors(immersion), self._form()[..., None, :]
+        drift = diagonal(0 * f["Yv"], f["Yv"] - 1, f["Nv"] - 1)
+        return form * drift, form * diagonal(f["Yvdot"] - 1, f["Nr"] - 1, f["Nr"] - 1)
+
+    def _form(self) -> Float[Tensor, "*rows 3"]:
+        """Factors on the changes of X, Y and N."""
+        return columns(self.value("surge"), self.value("sway"), self.value("yaw"))
+
+    def _factors(self, immersion: Tensor) -> dict[str, Tensor]:
+        """Factors on deep-water derivatives."""
+        return depth_factors(self.ship.particulars, immersion, self.value("source"))
 
 
 def depth_factors(

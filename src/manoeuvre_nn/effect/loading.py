@@ -2,12 +2,13 @@
 
 from typing import ClassVar
 
+import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from manoeuvre_nn.core.effect import Parameter, Situation
 from manoeuvre_nn.effect.common import columns
-from manoeuvre_nn.effect.series import HullEffect
+from manoeuvre_nn.effect.series import HullEffect, diagonal
 
 BY = ("by the stern", "by the bow")
 
@@ -33,9 +34,18 @@ class DisplacementChange(HullEffect):
 
     def change(self, s: Situation) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*rows 3"]]:
         """What the mass changes."""
-        (drift, turn, inertial), ratio = self.series.parts(s), self.value("factor")[..., None]
-        mass, hull = ratio - 1, ratio ** self.value("hull_exponent")[..., None] - 1
-        return mass * inertial + hull * (drift + turn), mass * self.series.masses + hull * self.series.added
+        inertial, hull = self.series.parts(s)[2], self._of_hull()[..., None]
+        mass = self.value("factor")[..., None] - 1
+        return mass * inertial + self.rescaled(s), mass * self.series.masses + hull * self.series.added
+
+    def shares(self, s: Situation) -> tuple[Float[Tensor, "*batch 3 3"], Float[Tensor, "*batch 3 3"]]:
+        """All of the hull alike."""
+        hull = diagonal(*[self._of_hull()] * 3)
+        return hull, hull
+
+    def _of_hull(self) -> Tensor:
+        """What is added to the hull's forces and added masses, over these."""
+        return self.value("factor") ** self.value("hull_exponent") - 1
 
 
 class Loading(HullEffect):
@@ -55,15 +65,20 @@ class Loading(HullEffect):
 
     def change(self, s: Situation) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*rows 3"]]:
         """What the draught changes."""
-        drift, turn, inertial = self.series.parts(s)
+        inertial = self.series.parts(s)[2]
         p, ratio = self.ship.particulars, self.value("draught_ratio")
         side = 1.7 * p.length * p.draught
         wetter = (ratio - 1) * side / (side + p.mass / (p.rho * p.draught))
         speed = s.u / p.speed
         surge = -wetter * p.calm_resistance / self.ship.prime.force * speed * speed.abs()
         mass, hull = ratio[..., None] - 1, ratio[..., None].square() - 1
-        force = mass * inertial + hull * (drift + turn) + columns(surge, 0 * surge, 0 * surge)
+        force = mass * inertial + self.rescaled(s) + columns(surge, 0 * surge, 0 * surge)
         return force, mass * self.series.masses + hull * self.series.added
+
+    def shares(self, s: Situation) -> tuple[Float[Tensor, "*batch 3 3"], Float[Tensor, "*batch 3 3"]]:
+        """All of the hull alike."""
+        hull = diagonal(*[self.value("draught_ratio").square() - 1] * 3)
+        return hull, hull
 
 
 class TrimChange(HullEffect):
@@ -85,9 +100,15 @@ class TrimChange(HullEffect):
 
     def change(self, s: Situation) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*rows 3"]]:
         """What the trim changes."""
-        drift, turn, _ = self.series.parts(s, linear=True)
-        trim = self.value("trim_m") / self.ship.particulars.draught
-        sway = trim * (0.67 * drift[..., 1] + 0.80 * turn[..., 1])
-        yaw = trim * (-0.27 * drift[..., 1] + 0.30 * turn[..., 2])
-        force = columns(0 * sway, sway, yaw)
+        force = self.rescaled(s)
         return force, 0 * force
+
+    def shares(self, s: Situation) -> tuple[Float[Tensor, "*batch 3 3"], Float[Tensor, "*batch 3 3"]]:
+        """Nv gets a share of Yv."""
+        trim = (self.value("trim_m") / self.ship.particulars.draught)[..., None, None]
+        drift = [[0.0, 0.0, 0.0], [0.0, 0.67, -0.27], [0.0, 0.0, 0.0]]
+        return trim * trim.new_tensor(drift), trim * torch.diag(trim.new_tensor([0.0, 0.80, 0.30]))
+
+    def nonlinear(self) -> float:
+        """The formula is for linear terms."""
+        return 0.0

@@ -157,6 +157,15 @@ class RudderAreaLoss(_RudderEffect):
         """What is missing."""
         return -self.value("fraction")[..., None] * rudder_part(self.ship, s)
 
+    def changed_terms(self) -> Float[Tensor, "terms 3 3"] | None:
+        """The share that is missing of every term with the rudder angle."""
+        if not self.ship.terms:
+            return None
+        units = self.ship.velocity_units
+        over, middle = (self.ship.products(0.5 * units, 0 * units[0] + angle) for angle in (0.5, 0.0))
+        lost = -self.value("fraction").reshape(-1)[0] * torch.eye(3).to(self.values)
+        return (over != middle)[:, None, None] * lost
+
 
 class RudderStall(_RudderEffect):
     """A rudder whose flow separates beyond an angle of attack: sway and yaw by it lose a share, its drag stays.

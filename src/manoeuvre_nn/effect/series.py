@@ -9,11 +9,15 @@ from torch import Tensor
 
 from manoeuvre_nn.core.effect import Effect, Situation
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.network import times
 from manoeuvre_nn.core.ship import Ship
+from manoeuvre_nn.effect.common import columns
 
 DRIFT, YAW = {"uv", "|v|v"}, {"Lur", "L|v|r", "Lvr", "vr"}
 """Products that the hull makes and whose letters do not say so: the BIS tanker's, and v r, which is even."""
 LINEAR = {"v", "uv", "r", "ur", "Lur"}
+MAX_SORTED = 16
+"""Ships whose sorted terms an effect keeps."""
 GYRATION = 0.25
 """Radius of gyration in yaw over L [-], where the inertia is parted into mass and added mass."""
 
@@ -51,11 +55,12 @@ class _SortedSeries:
         for row, term in enumerate(ship.terms):
             # Products with the length in them are in m^2/s^2, all others over the square of the speed.
             unit = self.mass / ship.prime.speed**2 if "L" in term else self.mass
-            mass[row, 0] = unit if term in {"vr", "Lvr"} else 0.0
-            mass[row, 1] = -unit if term in {"r", "ur", "Lur"} else 0.0
+            mass[..., row, 0] = unit if term in {"vr", "Lvr"} else 0.0
+            mass[..., row, 1] = -unit if term in {"r", "ur", "Lur"} else 0.0
         kinds, hull = [_kind(t) for t in ship.terms], table - mass
-        self.tables = torch.stack([hull * _rows(kinds, "drift", hull), hull * _rows(kinds, "yaw", hull), mass])
-        self.linear = _rows([t in LINEAR for t in ship.terms], True, hull)
+        self.drift, self.yaw = _rows(kinds, "drift", table), _rows(kinds, "yaw", table)
+        self.tables = hull * self.drift, hull * self.yaw, mass
+        self.linear = _rows([t in LINEAR for t in ship.terms], True, table)
 
     def parts(self, s: Situation, *, linear: bool = False) -> tuple[Float[Tensor, "*batch 3"], ...]:
         """Contributions to the right-hand sides f' [-], by what makes them.
@@ -68,9 +73,9 @@ class _SortedSeries:
             The hull's terms with more v than r and without rudder; its terms with r, mass terms excluded; and those of
             mass, ``m' v' r'`` in surge and ``-m' u' r'`` in sway.
         """
-        tables = self.tables * self.linear if linear else self.tables
+        tables = tuple(t * self.linear for t in self.tables) if linear else self.tables
         products = self.ship.products(s.nu, s.delta)
-        return tuple(products @ table for table in tables)
+        return tuple(times(products, table) for table in tables)
 
 
 def _kind(term: str) -> str:
@@ -88,10 +93,23 @@ def _rows(kinds: list, kind: object, like: Tensor) -> Tensor:
     return like.new_tensor([float(k == kind) for k in kinds])[:, None]
 
 
+def diagonal(*parts: Float[Tensor, "*#batch"]) -> Float[Tensor, "*batch 3 3"]:
+    """Shares of X', Y', N' that stay in their equations, as matrices."""
+    return torch.diag_embed(columns(*parts))
+
+
+def _mixed(part: Float[Tensor, "*batch 3"], shares: Float[Tensor, "*rows 3 3"]) -> Float[Tensor, "*both 3"]:
+    """X', Y', N' times a matrix of shares each; one product for all samples where the shares are the same."""
+    if shares.ndim > 2 and shares.shape[-3] == 1:
+        return part @ shares[..., 0, :, :]
+    return times(part, shares)
+
+
 class HullEffect(Effect):
     """Coefficients and inertia that are not the ship's: adds ``(M' + dM')^-1 (f' + df') - M'^-1 f'``.
 
-    f' is that of the whole ship, which the situation's accelerations tell.
+    f' is that of the whole ship, which the situation's accelerations tell. df' multiplies the hull's terms as they are:
+    ``df' = sum over drift and yaw of [f'_linear + nonlinear (f'_part - f'_linear)] shares``, and what else there is.
     """
 
     site = "hull"
@@ -100,14 +118,44 @@ class HullEffect(Effect):
     def __init__(self, ship: Ship, **values: float) -> None:
         """Sort the ship's terms: its forces must be a series."""
         super().__init__(ship, **values)
-        self._sorted = [_SortedSeries(ship, self.name)]
+        self._sorted = {id(ship): _SortedSeries(ship, self.name)}
 
     @property
     def series(self) -> _SortedSeries:
-        """The ship's terms, sorted anew where the effect was taken to another ship."""
-        if self._sorted[0].ship is not self.ship:
-            self._sorted = [_SortedSeries(self.ship, self.name)]
-        return self._sorted[0]
+        """The ship's terms, sorted once for each of the last ships that the effect was taken to."""
+        if id(self.ship) not in self._sorted:
+            if len(self._sorted) == MAX_SORTED:
+                self._sorted.clear()
+            self._sorted[id(self.ship)] = _SortedSeries(self.ship, self.name)
+        return self._sorted[id(self.ship)]
+
+    @abstractmethod
+    def shares(self, s: Situation) -> tuple[Float[Tensor, "*batch 3 3"], Float[Tensor, "*batch 3 3"]]:
+        """What is added to the hull's drift terms and to its yaw terms, by their own X', Y', N' (rows)."""
+
+    def nonlinear(self) -> Float[Tensor, "*rows"] | float:
+        """Share of this that the nonlinear terms get."""
+        return 1.0
+
+    def rescaled(self, s: Situation) -> Float[Tensor, "*batch 3"]:
+        """What :meth:`shares` add to the hull's forces f' [-]."""
+        share, whole = self.nonlinear(), self.series.parts(s)[:2]
+        if not isinstance(share, float) or share != 1.0:
+            linear = self.series.parts(s, linear=True)[:2]
+            share = share if isinstance(share, float) else share[..., None]
+            whole = tuple(one + share * (part - one) for part, one in zip(whole, linear, strict=True))
+        drift, yaw = self.shares(s)
+        return _mixed(whole[0], drift) + _mixed(whole[1], yaw)
+
+    def changed_terms(self) -> Float[Tensor, "terms 3 3"]:
+        """What :meth:`shares` add on the approach: the whole correction of a coefficient is the hull's."""
+        zero = self.ship.inertia.new_zeros(1)
+        nu = torch.stack([zero + self.ship.particulars.speed, zero, zero], dim=-1)
+        s = Situation(nu, 0 * nu, zero, zero, zero, zero, zero + 1, zero)
+        drift, yaw = (m.reshape(-1, 3, 3)[0] for m in self.shares(s))
+        series, share = self.series, torch.as_tensor(self.nonlinear()).reshape(-1)[0]
+        of_term = series.linear + share * (1 - series.linear)
+        return (of_term * series.drift)[..., None] * drift + (of_term * series.yaw)[..., None] * yaw
 
     @abstractmethod
     def change(self, s: Situation) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*rows 3"]]:

@@ -10,6 +10,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from manoeuvre_nn.core.inputs import Inputs
+from manoeuvre_nn.core.network import times
+from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.dynamics.base import Model, ModelAround, calm_accelerations
 
 SURGE_TERMS = ("uu", "vv", "rr", "dd", "vr", "vd", "rd", "uvv", "uvr", "udd")
@@ -116,6 +118,27 @@ class Corrections:
         weights = [MISSING * size[e] / scale for (e, _), scale in zip(self._missing, there, strict=True)]
         self._weights = units.new_tensor(weights)[:, None] * torch.eye(3).to(units)[[e for e, _ in self._missing]]
 
+    def of_terms(self) -> list[tuple[int, int, str, int | None, float]]:
+        """Corrections of single terms of the forces.
+
+        Returns:
+            Number, equation, term, its row in the table, coefficient. Missing terms, as ``+`` and their letters, and
+            inertias, as ``M``, have no row: they are prime accelerations.
+        """
+        last = len(self.names) - 3 - len(OF_ROLL) * bool(self.dynamics.own_names)
+        terms, units = self.dynamics.hull.terms, self.dynamics.hull.acceleration_units
+        found: list[tuple[int, int, str, int | None, float]] = []
+        for k, (row, equation) in enumerate(self._entries):
+            found.append((k, equation, terms[row], row, float(self._table[row, equation])))  # type: ignore[index]
+        first = last - len(self._missing)
+        for k, (equation, term) in enumerate(self._missing):
+            found.append((first + k, equation, "+" + term, None, float(self._weights[k, equation] / units[equation])))
+        return found + [(last + k, k, "M", None, 1.0) for k in range(3)]
+
+    def fits(self, ship: Ship) -> bool:
+        """Whether what is corrected are coefficients of such a ship."""
+        return self._table is not None and ship.table is not None and ship.terms == self.dynamics.hull.terms
+
     def __call__(
         self,
         moving: Float[Tensor, "*batch m"],
@@ -174,9 +197,26 @@ class Corrections:
         else:
             table = self._table.new_zeros(*shares.shape[:-1], *self._table.shape)
             table[..., self._at[0], self._at[1]] = self._table[self._at[0], self._at[1]] * shares[..., :first]
-            changed = hull.acceleration_from_force(_times(hull.products(nu, delta), table))
-        missing = _times(self._terms(nu, delta), self._weights * shares[..., first:last, None])
+            changed = hull.acceleration_from_force(times(hull.products(nu, delta), table))
+        missing = times(self._terms(nu, delta), self._weights * shares[..., first:last, None])
         return changed + missing - acceleration * shares[..., last:]
+
+    def table(self, ship: Ship, shares: Float[Tensor, "*rows k"]) -> Float[Tensor, "*rows terms 3"] | None:
+        """Coefficients of a ship with their corrections, ``T (1 + c)``.
+
+        Args:
+            ship: A ship of the model's terms.
+            shares: Size of every correction, or one row each.
+
+        Returns:
+            The table; None where other things than coefficients are corrected.
+        """
+        if not self.fits(ship):
+            return None
+        assert ship.table is not None
+        factors = ship.table.new_ones(*shares.shape[:-1], *ship.table.shape)
+        factors[..., self._at[0], self._at[1]] += shares[..., : len(self._entries)]
+        return ship.table * factors
 
     def _rate(self, nu: Tensor, delta: Tensor, shaft: Tensor | None) -> Tensor:
         """Accelerations by the upright ship's forces. Products of coefficients are those of the nominal shaft speed."""
@@ -243,11 +283,6 @@ class Corrections:
         return factors[..., self._letters].prod(dim=-1)
 
 
-def _times(row: Tensor, table: Tensor) -> Tensor:
-    """Rows times one table, or each times its own."""
-    return row @ table if table.ndim == 2 else (row[..., None, :] @ table)[..., 0, :]
-
-
 class Calibrated(ModelAround):
     """A calm-water model with its errors taken out, as far as recordings show them.
 
@@ -266,7 +301,7 @@ class Calibrated(ModelAround):
             shares: Size of every correction, in the order of :attr:`Corrections.names`; a row for each row of a batch.
         """
         super().__init__(calm)
-        self._corrections = Corrections(calm)
+        self._corrections, self._ships = Corrections(calm), dict[int, tuple[Ship, Ship]]()
         self.register_buffer("shares", shares)
 
     def forward(self, state: Float[Tensor, "*batch n"], inputs: Inputs) -> Float[Tensor, "*batch n"]:
@@ -285,6 +320,13 @@ class Calibrated(ModelAround):
         change = self._corrections.together(moving, inputs.delta, self.shares, inputs.shaft, nominal)
         still = torch.zeros_like(change[..., :3])
         return rate + torch.cat([change[..., :3], still, change[..., 3:]], dim=-1)
+
+    def corrected(self, ship: Ship) -> Ship:
+        """The ship with ``table (1 + c)``, so that effects act on her as she is; made once a ship."""
+        if id(ship) not in self._ships:
+            table = self._corrections.table(ship, self.shares)
+            self._ships[id(ship)] = ship, ship if table is None else ship.with_table(table) or ship
+        return self._ships[id(ship)][1]
 
     def on_approach(self, speed: float) -> "Calibrated":
         """The corrected ship at another approach speed.

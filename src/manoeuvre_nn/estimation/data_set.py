@@ -74,6 +74,7 @@ class _Level:
 
     white: list[IntegratedRun]
     base: list[Embedded]
+    each: list[Float[np.ndarray, "b b"]]
     base_gram: Float[np.ndarray, "p p"]
     norm: float
 
@@ -87,7 +88,9 @@ class WhitenedDataSet:
         dynamics: Calm-water model.
         runs: The runs.
         combinations: How many combinations of coefficients the runs can show.
+        corrections: What may be wrong, and is combined.
         rotation: These combinations, one a column: coefficients' errors are ``rotation @`` those of the combinations.
+        seen: What the runs see of coefficients' errors: those of the combinations are ``seen @`` these.
         coefficient_prior: How errors of the coefficients go together before the runs are seen.
         levels: Level of the process noise in surge and in sway and yaw, one row a grid point.
     """
@@ -106,9 +109,12 @@ class WhitenedDataSet:
         self._by_rudder: dict[bytes, WhitenedDataSet] = {}
         # Keep the combinations of coefficients that the runs can show; the prior is the same in all directions.
         self.combinations = k = self.runs[0].base.count - 2  # of the base, data and latency are none
-        root = self.coefficient_prior.root(Corrections(dynamics).names)
+        self.corrections = Corrections(dynamics)
+        root = self.coefficient_prior.root(self.corrections.names)
         values, vectors = np.linalg.eigh(root.T @ self._made(0).base_gram[1 : 1 + k, 1 : 1 + k] @ root)
-        self.rotation = root @ vectors[:, values * COEFFICIENT_SD_LEVELS[-1] ** 2 > MIN_SIGNAL_TO_NOISE]
+        kept = vectors[:, values * COEFFICIENT_SD_LEVELS[-1] ** 2 > MIN_SIGNAL_TO_NOISE]
+        # Combinations are orthogonal in what runs show: of any errors they show ``seen @`` these; seen @ rotation = 1.
+        self.rotation, self.seen = root @ kept, np.linalg.solve(root.T, kept).T
         self.combinations = self.rotation.shape[1]
         self.runs = [replace(p, base=_turned(p.base, self.rotation)) for p in self.runs]
 
@@ -127,8 +133,9 @@ class WhitenedDataSet:
         process_sd = self.levels[level][[0, 1, 1, 1]][: len(self.unit)] * self.unit
         white = [IntegratedRun(equations, process_sd) for equations in self._equations]
         base = [w.embed(p.base) for w, p in zip(white, self.runs, strict=True)]
-        g = summed([e.dot(e) for e in base], [self.base_index(k) for k in range(len(base))], self.size)
-        return _Level(white, base, g, sum(w.log_norm for w in white))
+        each = [e.dot(e) for e in base]
+        g = summed(each, [self.base_index(k) for k in range(len(base))], self.size)
+        return _Level(white, base, each, g, sum(w.log_norm for w in white))
 
     def with_rudders(self, indicated: Sequence[Float[np.ndarray, " n"]]) -> "WhitenedDataSet":
         """The same runs about the same states, corrections of rudder forces acting at other angles.
@@ -176,7 +183,12 @@ class WhitenedDataSet:
         return np.append(shared, 1 + self.combinations + run)
 
     def gram(
-        self, level: int, extra: Sequence[Embedded], index: Sequence[Int[np.ndarray, " k"]], count: int
+        self,
+        level: int,
+        extra: Sequence[Embedded],
+        index: Sequence[Int[np.ndarray, " k"]],
+        count: int,
+        turned: Sequence[Float[np.ndarray, "b b"]] = (),
     ) -> Float[np.ndarray, "p p"]:
         """Inner products of base and extra columns over all runs.
 
@@ -185,6 +197,7 @@ class WhitenedDataSet:
             extra: Further columns of each run, embedded at it.
             index: Where each run's extra columns stand among ``count``.
             count: Number of extra columns of all runs.
+            turned: Base columns of each run as combinations S of those of calm water (:func:`.changed_base`).
 
         Returns:
             Base first, then the extra ones.
@@ -192,8 +205,12 @@ class WhitenedDataSet:
         n, here = self.size, self.at(level)
         g = np.zeros((n + count,) * 2)
         g[:n, :n] = here.base_gram
+        if turned:
+            own = [s.T @ products @ s for s, products in zip(turned, here.each, strict=True)]
+            g[:n, :n] = summed(own, [self.base_index(run) for run in range(len(own))], n)
         for run, (more, at) in enumerate(zip(extra, index, strict=True)):
-            g[np.ix_(self.base_index(run), n + at)] += here.base[run].dot(more)
+            cross = here.base[run].dot(more)
+            g[np.ix_(self.base_index(run), n + at)] += turned[run].T @ cross if turned else cross
             g[np.ix_(n + at, n + at)] += more.dot(more)
         g[n:, :n] = g[:n, n:].T
         return g

@@ -40,7 +40,7 @@ def contribution(
     """
     s, rate = linearised.situation, linearised.rate
     with torch.no_grad():
-        acting = effect.at(s.nu.new_tensor(values)[:, None, :])
+        acting = effect.at(s.nu.new_tensor(values)[:, None, :]).aboard(rate.dynamics.corrected(effect.ship))
         rows, n, sides, moving = len(values), len(linearised.run), linearised.sides, linearised.moving
         here, changed = s, s.nu.new_zeros(rows, n, moving.shape[-1])
         if blade is None:

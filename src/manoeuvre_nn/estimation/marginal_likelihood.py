@@ -5,22 +5,21 @@ the receiver and process noise are integrated out *inside* it, the empty hypothe
 noise and of the coefficients' standard deviation are summed over a grid with a prior.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from math import log, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from scipy.special import logsumexp
 
-from manoeuvre_nn.core.effect import Parameter
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.estimation.corrections import USUAL_SCATTER
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, PROCESS_LEVELS, WhitenedDataSet
-from manoeuvre_nn.estimation.effect_columns import behind_record, blades, contribution, hulls_beside
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis, log_inside
-from manoeuvre_nn.estimation.linear_run import Columns, Embedded, joined
+from manoeuvre_nn.estimation.hypothesis_columns import HypothesisColumns, hypothesis_columns
+from manoeuvre_nn.estimation.linear_run import Embedded
 from manoeuvre_nn.estimation.posterior import Posterior
 
 PROCESS_PRIOR = 0.03
@@ -35,74 +34,6 @@ MAX_KEPT = 16
 """Hypotheses whose columns are kept."""
 MAX_STEP_DEG, MAX_STEP_S, MAX_STEP_SDS = 45.0, 60.0, 1.5
 """Largest step of a direction, of a time, and of other numbers over their prior standard deviation."""
-
-
-@dataclass(frozen=True)
-class HypothesisColumns:
-    """A hypothesis as columns of every run: what it adds at its values, and per unit of every unknown.
-
-    Attributes:
-        hypothesis: It.
-        columns: Columns of each run.
-        index: Where each run's columns stand among ``count``.
-        count: Number of columns of all runs.
-        known: Grid point -> what the runs say there, once it was asked for.
-    """
-
-    hypothesis: Hypothesis
-    columns: list[Columns]
-    index: list[Int[np.ndarray, " k"]]
-    count: int
-    known: dict[int, Posterior] = field(default_factory=dict, repr=False)
-
-
-def hypothesis_columns(data_set: WhitenedDataSet, hypothesis: Hypothesis) -> HypothesisColumns:
-    """Columns of a hypothesis: one of the whole contribution, one an unknown by central differences."""
-    runs, unknowns = data_set.runs, hypothesis.unknowns()
-    parts: list[list[Columns]] = [[] for _ in runs]
-    index: list[list[int]] = [[0] for _ in runs]
-    here = [[v[run] for v in hypothesis.values] for run in range(len(runs))]
-    lines = [behind_record(p.linearised, hypothesis.effects, v) for p, v in zip(runs, here, strict=True)]
-    for k, effect in enumerate(hypothesis.effects):
-        mine = [[i for i, f in enumerate(unknowns) if f.effect == k and r in f.runs] for r in range(len(runs))]
-        tables = [
-            _table(effect.steady(values), {unknowns[i].column: unknowns[i].parameter for i in at})
-            for values, at in zip(hypothesis.values[k], mine, strict=True)
-        ]
-        angles = blades(effect, tables, lines)
-        for run, line in enumerate(lines):
-            c = contribution(effect, tables[run], line, angles[run], hulls_beside(hypothesis.effects, here[run], k))
-            changed = range(len(mine[run])), [unknowns[i].column for i in mine[run]]
-            steps = tables[run][1::2][changed] - tables[run][2::2][changed]
-            # The effect at its values, then (up - down) / step of every unknown.
-            parts[run].append(joined([c[:1], (c[1::2] - c[2::2]) / steps]))
-            index[run] += [1 + i for i in mine[run]]
-    nothing = [p.base[:1] - p.base[:1] for p in runs]
-    columns = [_summed_up(p) if p else zero for p, zero in zip(parts, nothing, strict=True)]
-    return HypothesisColumns(hypothesis, columns, [np.array(at) for at in index], 1 + len(unknowns))
-
-
-def _table(values: Float[np.ndarray, " p"], unknowns: Mapping[int, Parameter]) -> Float[np.ndarray, "k p"]:
-    """An effect's values, and a row above and one below for every unknown (column -> parameter) of a run."""
-    table = np.tile(values, (1 + 2 * len(unknowns), 1))
-    for j, (column, parameter) in enumerate(unknowns.items()):
-        table[1 + 2 * j, column], table[2 + 2 * j, column] = _apart(parameter, values[column])
-    return table
-
-
-def _apart(p: Parameter, value: float) -> tuple[float, float]:
-    """Values above and below for the difference quotient, within bounds."""
-    step = 0.5 if p.period else (2.0 if p.per_run else 0.02 * p.spread)
-    if p.period:
-        return value + step, value - step
-    return min(value + step, p.high), max(value - step, p.low)
-
-
-def _summed_up(effects: Sequence[Columns]) -> Columns:
-    """Contributions of all effects as one column, then the columns of their unknowns."""
-    first = np.concatenate([np.append(1.0, np.zeros(c.count - 1)) for c in effects])
-    whole = joined(effects)
-    return joined([whole.combined(first), whole[first == 0]])
 
 
 class _Piece(NamedTuple):
@@ -144,7 +75,7 @@ class MarginalLikelihood:
             return self.regress(here.base_gram, here.norm)
         if level not in lin.known:
             columns = self.data_set.embedded(level, lin.columns)
-            gram = self.data_set.gram(level, columns, lin.index, lin.count)
+            gram = self.data_set.gram(level, columns, lin.index, lin.count, lin.turned)
             lin.known[level] = self.regress(gram, here.norm, lin.hypothesis)
         return lin.known[level]
 
@@ -188,6 +119,8 @@ class MarginalLikelihood:
     def pair_evidence(self, first: Hypothesis, second: Hypothesis, level: int, scatter: int) -> float:
         """Log evidence of two hypotheses together after a linear step of all their numbers."""
         a, b, base = self._piece(first, level), self._piece(second, level), self.data_set.at(level)
+        if a.lin.turned or b.lin.turned:
+            return self._turned_pair(a, b, level, scatter)
         between = np.zeros((len(a.own), len(b.own)))
         for mine, at, other, to in zip(a.columns, a.lin.index, b.columns, b.lin.index, strict=True):
             between[np.ix_(at, to)] += mine.dot(other)
@@ -197,6 +130,16 @@ class MarginalLikelihood:
             [b.cross.T, between.T, b.own],
         ])
         return float(self.regress(gram, base.norm, first, second).evidence[scatter])
+
+    def _turned_pair(self, a: _Piece, b: _Piece, level: int, scatter: int) -> float:
+        """The same where effects multiply coefficients: what both do to these adds up."""
+        one, number = np.eye(self.data_set.combinations + 2), range(len(self.data_set.runs))
+        turned = [sum((p.lin.turned[run] - one for p in (a, b) if p.lin.turned), one) for run in number]
+        columns = [mine.joined(other) for mine, other in zip(a.columns, b.columns, strict=True)]
+        index = [np.r_[at, a.lin.count + to] for at, to in zip(a.lin.index, b.lin.index, strict=True)]
+        gram = self.data_set.gram(level, columns, index, a.lin.count + b.lin.count, turned)
+        found = self.regress(gram, self.data_set.at(level).norm, a.lin.hypothesis, b.lin.hypothesis)
+        return float(found.evidence[scatter])
 
     def _piece(self, hypothesis: Hypothesis, level: int) -> _Piece:
         """A hypothesis at a force level: whitened once, not once a pair."""

@@ -7,6 +7,7 @@ from jaxtyping import Float
 from scipy.special import logsumexp
 
 from manoeuvre_nn.dynamics.base import is_fitted
+from manoeuvre_nn.estimation.changed_coefficients import changed_base
 from manoeuvre_nn.estimation.corrections import CoefficientPrior, Corrections
 from manoeuvre_nn.estimation.data_set import (
     COEFFICIENT_SD_LEVELS,
@@ -17,8 +18,9 @@ from manoeuvre_nn.estimation.data_set import (
 )
 from manoeuvre_nn.estimation.effect_columns import behind_record
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
+from manoeuvre_nn.estimation.hypothesis_columns import hypothesis_columns
 from manoeuvre_nn.estimation.linear_run import joined, summed
-from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood, hypothesis_columns, log_prior_levels
+from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood, log_prior_levels
 from manoeuvre_nn.estimation.posterior import posterior
 
 MAX_PASSES = 3
@@ -59,9 +61,9 @@ def refined(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedData
     runs, rudders = [], _rudders(data_set, fitted.hypothesis)
     for run, prepared in enumerate(data_set.runs):
         # Data less coefficients, latency and the hypothesis at their values.
-        nuisance = np.append(combined, fitted.latencies[run])
+        base = lin.of_base(run, np.r_[1.0, -combined, -fitted.latencies[run]])
         whole = np.append(1.0, np.zeros(lin.columns[run].count - 1))
-        left = joined([prepared.base, lin.columns[run]]).combined(np.concatenate([[1.0], -nuisance, -whole]))
+        left = joined([prepared.base, lin.columns[run]]).combined(np.r_[base, -whole])
         white = level.white[run]
         states = prepared.linearised.track + white.states(white.embed(left))[:, : prepared.linearised.states.count, 0]
         runs.append(about_states(data_set.dynamics, prepared, states, shares, rudders[run]))
@@ -108,7 +110,8 @@ def with_likely_coefficient_prior(data_set: WhitenedDataSet, fitted: FittedHypot
     size = 1 + k + count
     embedded = [w.embed(joined([p.base, c])) for w, p, c in zip(level.white, whole, lin.columns, strict=True)]
     index = [np.r_[: 1 + k, 1 + k + run, size + at] for run, at in enumerate(lin.index)]
-    gram = summed([e.dot(e) for e in embedded], index, size + lin.count)
+    lin = replace(lin, turned=changed_base(data_set, fitted.hypothesis, combined=False))
+    gram = summed([lin.turn(run, e.dot(e), gram=True) for run, e in enumerate(embedded)], index, size + lin.count)
     # The data less what the hypothesis adds at its values; unknowns: coefficients, latencies, the hypothesis' own.
     data, keep = np.eye(size + lin.count)[0] - np.eye(size + lin.count)[size], [0, size, *range(1, size)]
     keep += range(size + 1, size + lin.count)

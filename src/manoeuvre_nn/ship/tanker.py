@@ -1,5 +1,6 @@
 """Large tankers: propeller, rudder in the propeller race and shallow water in the BIS system."""
 
+import copy
 from collections.abc import Mapping
 from math import inf
 from typing import Literal
@@ -9,6 +10,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.network import times
 from manoeuvre_nn.core.prime import bis_system
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.core.units import RPM
@@ -126,6 +128,12 @@ class TankerShip(Ship):
         """Coefficients over the BIS unit of acceleration."""
         return self.coefficient_table
 
+    def with_table(self, table: Float[Tensor, "*rows terms 3"]) -> "TankerShip":
+        """The same tanker with other coefficients; her terms in zeta are as they were."""
+        made = copy.copy(self)
+        made._buffers = {**made._buffers, "coefficient_table": table}
+        return made
+
     @property
     def shaft_rpm(self) -> float:
         """Shaft speed [rpm]."""
@@ -175,7 +183,7 @@ class TankerShip(Ship):
         self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"], shaft: Float[Tensor, "*batch"]
     ) -> Float[Tensor, "*batch 3"]:
         """What another shaft speed changes: thrust, and the race over the rudder."""
-        return (self.products(nu, delta, shaft) - self.products(nu, delta)) @ self.table
+        return times(self.products(nu, delta, shaft) - self.products(nu, delta), self.table)
 
     def on_approach(self, speed: float) -> "TankerShip":
         """The tanker at another approach speed; the forces are as they are, ``shaft`` says what the propeller does."""

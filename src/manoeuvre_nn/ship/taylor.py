@@ -1,5 +1,6 @@
 """Ships whose forces are a Taylor series in u, v, r and delta (Abkowitz's form)."""
 
+import copy
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
@@ -151,6 +152,13 @@ class TaylorShip(Ship):
     def table(self) -> Float[Tensor, "terms 3"]:
         """Coefficients of the bare products."""
         return self.series.coefficients
+
+    def with_table(self, table: Float[Tensor, "*rows terms 3"]) -> "TaylorShip":
+        """The same ship with other coefficients of the bare products."""
+        made, series = copy.copy(self), copy.copy(self.series)
+        series._buffers = {**series._buffers, "coefficients": table}
+        made._modules = {**made._modules, "series": series}
+        return made
 
     def products(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch terms"]:
         """The bare products, times ``(Us / U0)^2``."""
