@@ -16,6 +16,7 @@ from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.hypothesis_columns import HypothesisColumns, hypothesis_columns
 from manoeuvre_nn.estimation.linear_run import Columns
 from manoeuvre_nn.estimation.marginal_likelihood import PROCESS_PRIOR, MarginalLikelihood, log_prior_levels
+from manoeuvre_nn.estimation.posterior import Posterior
 
 
 @dataclass(frozen=True)
@@ -70,16 +71,23 @@ def _around(level: int) -> list[int]:
 
 
 def gusty_evidence(likelihood: MarginalLikelihood, hypothesis: Hypothesis, level: int) -> float:
-    """Log evidence of a hypothesis with a gusty wind at its values, about a force level, its course integrated out."""
+    """Log evidence of a hypothesis with a gusty wind at its values, noise levels about a force level summed out."""
+    known = _without_gusts(likelihood, hypothesis, _around(level))
+    return likelihood.over_levels(hypothesis, known, log_prior_levels(likelihood.data_set, PROCESS_PRIOR)).evidence
+
+
+def _without_gusts(
+    likelihood: MarginalLikelihood, hypothesis: Hypothesis, levels: Sequence[int]
+) -> dict[int, Posterior]:
+    """Posterior at force levels of a hypothesis with a gusty wind at its values, its course integrated out."""
     wind = next(k for k, e in enumerate(hypothesis.effects) if e.random)
     declared = [p.name for p in hypothesis.effects[wind].declared]
     kind = _Gusts(
         *(float(hypothesis.values[wind][0, declared.index(name)]) for name in hypothesis.effects[wind].random)
     )
-    levels, lin = _around(level), hypothesis_columns(likelihood.data_set, hypothesis)
+    lin = hypothesis_columns(likelihood.data_set, hypothesis)
     grams, norms = _without_course(likelihood, lin, wind, [kind], levels)
-    known = {g: likelihood.regress(grams[0, k], norms[0, k], hypothesis) for k, g in enumerate(levels)}
-    return likelihood.over_levels(hypothesis, known, log_prior_levels(likelihood.data_set, PROCESS_PRIOR)).evidence
+    return {g: likelihood.regress(grams[0, k], norms[0, k], hypothesis) for k, g in enumerate(levels)}
 
 
 def _tried(
