@@ -10,14 +10,15 @@ from omegaconf import DictConfig
 from rich.console import Console
 
 from manoeuvre_nn.commands import config as configs
-from manoeuvre_nn.commands import guard
 from manoeuvre_nn.commands.job import known_part
 from manoeuvre_nn.commands.provenance import shown, versions, write_provenance
 from manoeuvre_nn.commands.shelves import plain
+from manoeuvre_nn.core.ending import WRONG_INPUT
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.core.threads import use_threads
+from manoeuvre_nn.core.writing import write_file
 from manoeuvre_nn.estimation.record_information import excitation_findings
 from manoeuvre_nn.recording.check.finding import Finding
 from manoeuvre_nn.recording.check.inspection import Inspection, inspect_file
@@ -36,7 +37,7 @@ from manoeuvre_nn.report.check_tables import (
     together_rows,
     trouble_rows,
 )
-from manoeuvre_nn.report.html import Report, write_report
+from manoeuvre_nn.report.html import Report, save_figure, write_report
 from manoeuvre_nn.report.tables import rich_table
 from manoeuvre_nn.training.settings import expand
 
@@ -54,7 +55,7 @@ def check_or_refuse(cfg: DictConfig, out: Path) -> None:
         SystemExit: With code 2 if one is.
     """
     if any(one.verdict == "refuse" for one in check(cfg, out)):
-        raise SystemExit(guard.WRONG_INPUT)
+        raise SystemExit(WRONG_INPUT)
 
 
 def check(cfg: DictConfig, out: Path, console: Console | None = None) -> list[Inspection]:
@@ -109,12 +110,11 @@ def _usable(found: Sequence[Inspection], known: Ship) -> list[Recording]:
 
 def _figures(found: Sequence[Inspection], ship: Particulars, out: Path) -> dict[str, Figure]:
     """A page for each recording, written as PNG too."""
-    (out / "figures").mkdir(parents=True, exist_ok=True)
     made = {}
     for one in found:
         figure = check_figure(one, ship)
         if figure is not None:
-            figure.savefig(out / "figures" / f"{one.name}.png", dpi=110)
+            save_figure(figure, out / "figures" / f"{one.name}.png", dpi=110)
             made[f"{one.name}/channels"] = figure
     return made
 
@@ -146,7 +146,7 @@ def _write(
     )
     write_report(out / PAGE, report)
     told = checks_json(found, columns, together, versions())
-    (out / RESULT).write_text(json.dumps(told, indent=1), encoding="utf-8")
+    write_file(out / RESULT, json.dumps(told, indent=1))
 
 
 def _print(

@@ -19,6 +19,7 @@ from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.core.writing import write_file
 from manoeuvre_nn.estimation.agreement import birge_scaled_covariance
 from manoeuvre_nn.estimation.captive_fit import fit_captive, towed
 from manoeuvre_nn.estimation.closed_loop import first, solve
@@ -129,7 +130,7 @@ def write_coefficients(told: Coefficients, out: Path) -> dict[str, Figure]:
     drawn = figures(told)
     save_figures({f"coefficients/{name}": figure for name, figure in drawn.items()}, out / "figures")
     text = json.dumps({**coefficients_json(told), "versions": versions()}, indent=1)
-    (out / RESULT).write_text(text, encoding="utf-8")
+    write_file(out / RESULT, text)
     return {f"Coefficients in figures/{name}": figure for name, figure in drawn.items()}
 
 

@@ -17,6 +17,7 @@ from manoeuvre_nn.core.data_files import load_yaml
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.core.writing import write_file
 from manoeuvre_nn.diagnosis.case import Case, Question, RunSettings, read_case, read_runs, seen_channels
 from manoeuvre_nn.diagnosis.result import Cause, Diagnosis
 from manoeuvre_nn.dynamics.base import Model
@@ -214,4 +215,4 @@ def _values(cause: Cause, effect: Effect) -> dict[str, float]:
 def write_effects(found: Mapping[str, Any], sentence: str, path: Path) -> None:
     """Write what was found, after a sentence on it, so that ``manoeuvre train effects=FILE`` sails with it."""
     text = yaml.safe_dump(dict(found), sort_keys=False, allow_unicode=True) if found else "{}\n"
-    path.write_text(f"# {' '.join(sentence.split())}\n# manoeuvre train ship=... effects={path.name}\n{text}")
+    write_file(path, f"# {' '.join(sentence.split())}\n# manoeuvre train ship=... effects={path.name}\n{text}")

@@ -101,7 +101,6 @@ def as_sensed(run: Recording) -> Recording:
 
 def write_runs(runs: Sequence[Recording], ship: Particulars, out: Path) -> None:
     """Write a csv each run, and a figure of all tracks, into the output folder."""
-    out.mkdir(parents=True, exist_ok=True)
     for run in runs:
         as_sensed(run).to_csv(out / f"{run.name}.csv")
     save_figures({"runs": runs_figure(runs, ship.length)}, out / "figures")

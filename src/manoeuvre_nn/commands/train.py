@@ -1,12 +1,12 @@
 """``manoeuvre train``: from a config to a trained, scored and documented model, alone or in a sweep."""
 
 import json
-import traceback
 from collections.abc import Callable, Mapping
 from math import inf
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import yaml
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from omegaconf import DictConfig
@@ -21,11 +21,11 @@ from manoeuvre_nn.commands.response_results import print_response, score_respons
 from manoeuvre_nn.commands.results import print_outcome, score_finally, write_results
 from manoeuvre_nn.commands.shelves import plain
 from manoeuvre_nn.core.threads import use_threads
+from manoeuvre_nn.core.writing import write_file
 from manoeuvre_nn.report.figures import comparison_figures
+from manoeuvre_nn.report.sweep import OVERRIDES
 from manoeuvre_nn.training import session
 from manoeuvre_nn.training.rollout_score import RolloutScore
-
-ERROR = "error.txt"
 
 
 class _Task(NamedTuple):
@@ -48,19 +48,17 @@ def run_job(cfg: DictConfig, out: Path) -> float | None:
     Returns:
         The error that a search for settings makes small; infinite if it failed.
     """
+    (out / guard.ERROR).unlink(missing_ok=True)
+    write_file(out / OVERRIDES, yaml.safe_dump(list(HydraConfig.get().overrides.task), allow_unicode=True))
     if HydraConfig.get().mode != RunMode.MULTIRUN:
         plugged_in(cfg)
         return train(cfg, out)[1]
-    (out / ERROR).unlink(missing_ok=True)
     console = Console(quiet=True)
     try:
         plugged_in(cfg)  # jobs of a sweep run in processes of their own
         told, error = train(cfg, out, console)
     except Exception as failure:  # whatever it is, the other jobs go on
-        out.mkdir(parents=True, exist_ok=True)
-        line = guard.explain(failure) or f"{type(failure).__name__}: {failure}"
-        (out / ERROR).write_text(f"{line}\n\n{traceback.format_exc()}")
-        told, error = f"failed: {line}", inf
+        told, error = f"failed: {guard.write_error(failure, out)}", inf
     job = HydraConfig.get().job
     print(f"#{job.num}  {job.override_dirname}: {told}", flush=True)
     return error

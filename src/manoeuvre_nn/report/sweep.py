@@ -14,7 +14,9 @@ from matplotlib.lines import Line2D
 from rich.table import Table
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.writing import write_file
 from manoeuvre_nn.dynamics.limits import OK
+from manoeuvre_nn.report.html import save_figure
 from manoeuvre_nn.report.style import COLOURS, FIGURE_WIDTH_IN, MARKERS, legend_below, log_axis, new_figure, plain_axes
 from manoeuvre_nn.report.tables import Row, columns, rich_table, to_markdown, write_csv
 
@@ -258,7 +260,7 @@ def write_sweep(folder: Path) -> Table:
     rows = sweep_rows(folder)
     write_csv(folder / "sweep.csv", rows)
     short = _short_rows(rows)
-    (folder / "sweep.md").write_text(to_markdown(short), encoding="utf-8")
+    write_file(folder / "sweep.md", to_markdown(short))
     if any(name.startswith((DEV, RMS)) for name in columns(rows)):
-        sweep_figure(rows).savefig(folder / "sweep.png", dpi=150)
+        save_figure(sweep_figure(rows), folder / "sweep.png", dpi=150)
     return rich_table(short, f"Sweep {folder.name}")

@@ -5,6 +5,7 @@ import signal
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from time import monotonic, perf_counter
 from types import FrameType
@@ -14,10 +15,12 @@ import lightning as L
 import torch
 from lightning.pytorch.callbacks import Checkpoint
 from lightning.pytorch.loggers import TensorBoardLogger
+from lightning.pytorch.plugins.io import TorchCheckpointIO
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.writing import write_file
 from manoeuvre_nn.training.checkpoint import load_weights, read_checkpoint
 from manoeuvre_nn.training.fits import Fit
 from manoeuvre_nn.training.scorer import Scorer
@@ -123,6 +126,7 @@ def run(
         devices=1,
         max_epochs=session.max_epochs,
         callbacks=callbacks,
+        plugins=[_WholeFiles()],
         logger=logger,
         log_every_n_steps=1,
         enable_progress_bar=False,
@@ -130,7 +134,10 @@ def run(
         num_sanity_val_steps=0,
     )
     began = perf_counter()
-    trainer.fit(fit, datamodule=data, ckpt_path=checkpoint, weights_only=True)
+    try:
+        trainer.fit(fit, datamodule=data, ckpt_path=checkpoint, weights_only=True)
+    except SystemExit as end:  # which Lightning makes of ctrl-C, with another exit code
+        raise (end.__context__ if isinstance(end.__context__, KeyboardInterrupt) else end) from None
     seconds = perf_counter() - began
     stopped = _why(fit, trainer, graceful.interrupted)
     if session.keep == "best" and keeper.best:
@@ -208,17 +215,11 @@ class _BestAndLast(Checkpoint):
         if self.scorer.scored(trainer.current_epoch + 1):
             if self.scorer.best is self.scorer.history[-1]:
                 self.best = {name: value.detach().clone() for name, value in pl_module.state_dict().items()}
-                self._store(trainer, "best.ckpt")
+                trainer.save_checkpoint(self.folder / "best.ckpt")
             scores, count = [self.scorer.error_of(row) for row in self.scorer.history], self.patience
             if count is not None and len(scores) > count and min(scores[-count:]) >= min(scores[:-count]):
                 trainer.should_stop = True
-        self._store(trainer, "last.ckpt")
-
-    def _store(self, trainer: L.Trainer, name: str) -> None:
-        """Write beside the old file and take its place at once, so that a kill in between damages neither."""
-        part = self.folder / f"{name}.part"
-        trainer.save_checkpoint(part)
-        part.replace(self.folder / name)
+        trainer.save_checkpoint(self.folder / "last.ckpt")
 
     def state_dict(self) -> dict[str, Any]:
         """The best weights."""
@@ -227,6 +228,16 @@ class _BestAndLast(Checkpoint):
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
         """Take the best weights up again."""
         self.best = dict(state_dict["best"])
+
+
+class _WholeFiles(TorchCheckpointIO):
+    """Writes a checkpoint as every file is written: a kill or a full disk leaves the one before."""
+
+    def save_checkpoint(self, checkpoint: dict[str, Any], path: str | Path, storage_options: Any = None) -> None:
+        """Write a checkpoint; Lightning's options of storages elsewhere have no meaning here."""
+        content = BytesIO()
+        torch.save(checkpoint, content)
+        write_file(Path(path), content.getvalue())
 
 
 class _RunProgress(L.Callback):
