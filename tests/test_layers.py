@@ -223,3 +223,30 @@ def test_a_broken_rule_is_seen(rule, source, culprit):
 )
 def test_what_keeps_the_rules_is_no_offence(source):
     assert not any(rule_breakers(source).values())
+
+
+def writes(source: str) -> list[str]:
+    """Calls that write a file by themselves, and not a draft or a stream, by line."""
+    found = []
+    for node in ast.walk(ast.parse(source)):
+        if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)):
+            continue
+        name, given = node.func.attr, {ast.unparse(one) for one in node.args}
+        by_itself = name in {"write_text", "write_bytes", "dump"} or ast.unparse(node.func) == "torch.save"
+        if (by_itself or name in {"to_csv", "savefig", "savez"}) and not given & {"draft", "file", "buffer", "content"}:
+            found.append(f"{node.lineno} {name}")
+    return found
+
+
+@pytest.mark.parametrize("path", [*SOURCES, *ENTRIES, *STUDIES], ids=name_of)
+def test_files_are_written_whole_or_not_at_all(path):
+    if path not in {PACKAGE / "core" / "writing.py", PACKAGE / "formulas" / "check.py"}:  # which writes to a scratch
+        assert writes(path.read_text()) == [], "write with manoeuvre_nn.core.writing"
+
+
+@pytest.mark.parametrize(
+    "source", ["p.write_text('a')", "t.to_csv(path)", "f.savefig(p)", "json.dump(a, f)", "torch.save(a, path)"]
+)
+def test_a_file_that_is_written_by_itself_is_seen(source):
+    assert writes(source)
+    assert not writes("frame.to_csv(draft)\ntorch.save(a, content)")

@@ -34,7 +34,7 @@ from manoeuvre_nn.report.coefficient_figures import figures
 from manoeuvre_nn.report.coefficient_tables import Coefficients, coefficients_json, notes, sentence, tables
 from manoeuvre_nn.report.html import Report, save_figures, write_report
 from manoeuvre_nn.report.tables import rich_table
-from manoeuvre_nn.training.closed_loop_fit import ClosedLoopFit, explained
+from manoeuvre_nn.training.closed_loop_fit import ClosedLoopFit, breakdown_told, explained
 
 PAGE, RESULT = "coefficients.html", "coefficients.json"
 INERTIA = ("mx", "my", "mz", "Yrdot", "Nvdot")
@@ -98,8 +98,9 @@ def _fitted(cfg: DictConfig, console: Console) -> Coefficients:
         fit = make_fit(cfg, job)
         assert isinstance(fit, ClosedLoopFit)  # by the fit's _target_, which was checked first
         problem = explained(fit.dynamics, job.data.measured, fit.settings)
-        start = first(problem, process_sd=fit.settings.force)
-        found = solve(problem, start, passes=int(cfg.trainer.max_epochs), enough=fit.settings.enough)
+        with breakdown_told():
+            start = first(problem, process_sd=fit.settings.force)
+            found = solve(problem, start, passes=int(cfg.trainer.max_epochs), enough=fit.settings.enough)
     return coefficients_of(fit, problem, found, job.data.describe())
 
 

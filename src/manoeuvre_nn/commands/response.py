@@ -12,6 +12,7 @@ from rich.console import Console
 from manoeuvre_nn.commands import config as configs
 from manoeuvre_nn.commands.job import Job, blank_network, check_pair, config_beside, fit_of, session_of
 from manoeuvre_nn.commands.shelves import build, check_arguments, made_by, plain
+from manoeuvre_nn.commands.waiting import waiting
 from manoeuvre_nn.core.data_files import load_yaml
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.network import Network
@@ -171,12 +172,8 @@ def make_response_fit(cfg: DictConfig, job: Job[ResponseData]) -> Fit:
 
 def fit(cfg: DictConfig, job: Job[ResponseData], out: Path, console: Console) -> session.Trained:
     """Compute or take the records, and train on them; checkpoints are kept in the output folder."""
-    if console.is_terminal:
-        with console.status("records") as status:
-            job.data.say = status.update
-            job.data.setup()
-    else:
-        console.print("records are computed or read ...")
+    with waiting(console) as job.data.say:
+        job.data.say("records")
         job.data.setup()
     score = ResponseScore(job.data, draw=response_figures, **cfg.scoring)
     return session.run(make_response_fit(cfg, job), job.data, score, job.session, out, console)

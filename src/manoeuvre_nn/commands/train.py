@@ -20,6 +20,7 @@ from manoeuvre_nn.commands.provenance import SCORES, check_same_run, write_prove
 from manoeuvre_nn.commands.response_results import print_response, score_response, write_response
 from manoeuvre_nn.commands.results import print_outcome, score_finally, write_results
 from manoeuvre_nn.commands.shelves import plain
+from manoeuvre_nn.commands.waiting import waiting
 from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.core.writing import write_file
 from manoeuvre_nn.report.figures import comparison_figures
@@ -87,8 +88,12 @@ def train(cfg: DictConfig, out: Path, console: Console | None = None) -> tuple[s
     write_provenance(cfg, out)
     for line in [*_chosen_with(), *job.data.remarks()]:
         console.print(f"note: {line}", highlight=False, soft_wrap=True)
-    outcome = task.score(plain(cfg), task.fit(cfg, job, out, console), job.data)
-    task.write(outcome, out)
+    trained = task.fit(cfg, job, out, console)
+    with waiting(console) as say:
+        say("scoring")
+        outcome = task.score(plain(cfg), trained, job.data)
+        say("writing the report")
+        task.write(outcome, out)
     task.tell(outcome, out, console)
     return f"{outcome.in_short} in {outcome.trained.seconds:.0f} s", outcome.error
 
@@ -122,7 +127,8 @@ def _chosen_with() -> list[str]:
 
 def fit(cfg: DictConfig, job: Job, out: Path, console: Console) -> session.Trained:
     """Fit a model to the job's recordings, and keep checkpoints in the output folder."""
-    job.data.setup(stage=None)
+    with waiting(console) as job.data.say:
+        job.data.setup(stage=None)
     rollout_score = RolloutScore(job.data.held_out, draw=comparison_figures, **cfg.scoring)
     return session.run(make_fit(cfg, job), job.data, rollout_score, job.session, out, console)
 

@@ -59,6 +59,10 @@ class Session:
         """
         check_choice("trainer.keep", self.keep, ["best", "last"])
         check_choice("trainer.accelerator", self.accelerator, ["cpu", "gpu", "cuda", "auto"])
+        if self.accelerator in {"gpu", "cuda"} and not _has_gpu(self.accelerator):
+            raise InputError(
+                f"trainer.accelerator={self.accelerator}: torch finds none here: write trainer.accelerator=cpu"
+            )
         for name, value in (("max_epochs", self.max_epochs), ("patience", self.patience)):
             if value is not None and value < 1:
                 raise InputError(f"trainer.{name}={value}: expected at least 1")
@@ -94,6 +98,11 @@ class Trained:
         """Write the hparams table and end the log."""
         self.logger.log_hyperparams(dict(settings), dict(scores))
         self.logger.finalize("success")
+
+
+def _has_gpu(kind: str) -> bool:
+    """Whether there is what ``gpu`` or ``cuda`` stands for."""
+    return torch.cuda.is_available() or (kind == "gpu" and torch.backends.mps.is_available())
 
 
 def run(
