@@ -18,6 +18,7 @@ from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.relinearise import (
     MAX_PASSES,
     STATES_AT_REST,
+    beside,
     change_of_states,
     refined,
     with_likely_coefficient_prior,
@@ -90,12 +91,13 @@ def search(
         progress("second linearisation")
         clear = singles[0].evidence > none.evidence + MIN_GAIN_TO_RELINEARISE
         likelihood, none, singles = _again(likelihood, none, singles, workers, singles[0] if clear else none)
-    fitted, leading = singles, [s for s in singles if s.evidence > none.evidence + MIN_GAIN_OF_SINGLE]
+    fitted = _with_other_forms(likelihood, singles, plain)
+    leading = [s for s in fitted if s.evidence > none.evidence + MIN_GAIN_OF_SINGLE]
     for size in range(2, MAX_EFFECTS + 1):
         singles = [j for j in fitted if len(j.names) == 1]
         more = list(_extended(likelihood, leading, singles, progress, workers))
         gained = max((j.evidence for j in more), default=-inf) - max((j.evidence for j in fitted), default=-inf)
-        fitted = sorted([*fitted, *more], key=lambda j: -j.evidence)
+        fitted = _with_other_forms(likelihood, [*fitted, *more], plain) if more else fitted
         if more and gained > MIN_GAIN_TO_RELINEARISE:
             progress(f"linearisation about {' + '.join(fitted[0].names)}")
             likelihood, none, fitted = _again(likelihood, none, fitted, workers, fitted[0])
@@ -124,7 +126,7 @@ def _again(
     """The best few and calm water about the states of one of them; the others keep their distance to that one."""
     data_set, leading = at_rest(likelihood.data_set, about)
     there = MarginalLikelihood(with_likely_coefficient_prior(data_set, leading))
-    calm = there.evaluate(Hypothesis((), ()), around=none.best[0])
+    calm = beside(there, none.hypothesis).evaluate(none.hypothesis, around=none.best[0])
 
     def refitted(number: int) -> FittedHypothesis:
         return refine(there, fitted[number].hypothesis, *fitted[number].best)
@@ -170,18 +172,19 @@ def refine(
     Returns:
         What came out.
     """
-    hypothesis, _ = likelihood.improve(hypothesis, level, scatter)
-    fitted = likelihood.evaluate(hypothesis, around=level)
+    hypothesis, _ = beside(likelihood, hypothesis).improve(hypothesis, level, scatter)
+    there = beside(likelihood, hypothesis)
+    fitted = there.evaluate(hypothesis, around=level)
     if fitted.evidence > min_evidence:
-        elsewhen = replaced(likelihood, fitted.hypothesis, *fitted.best)
+        elsewhen = replaced(there, fitted.hypothesis, *fitted.best)
         if elsewhen is not fitted.hypothesis:
-            fitted = likelihood.evaluate(elsewhen, around=fitted.best[0])
+            fitted = there.evaluate(elsewhen, around=fitted.best[0])
     for _ in range(2):
         if fitted.evidence < min_evidence:
             return fitted
         before = fitted
-        hypothesis, _ = likelihood.improve(fitted.hypothesis, *fitted.best, rounds=4)
-        fitted = likelihood.evaluate(hypothesis, around=fitted.best[0])
+        hypothesis, _ = beside(likelihood, fitted.hypothesis).improve(fitted.hypothesis, *fitted.best, rounds=4)
+        fitted = beside(likelihood, hypothesis).evaluate(hypothesis, around=fitted.best[0])
         if fitted.evidence < before.evidence + 0.1:
             return max(before, fitted, key=lambda j: j.evidence)
     return fitted
@@ -193,7 +196,7 @@ def at_rest(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> tuple[Whiten
     Returns:
         The runs about its states, and the hypothesis fitted to them.
     """
-    random = fitted.random
+    random, data_set = fitted.random, beside(MarginalLikelihood(data_set), fitted.hypothesis).data_set
     for _ in range(MAX_PASSES):
         there = refined(data_set, fitted)
         if change_of_states(data_set, there, fitted.best[0]) < STATES_AT_REST:
@@ -299,6 +302,45 @@ def _turned(alone: Hypothesis) -> Iterator[Hypothesis]:
     for angle in range(0, 360, 90) if directions else ():
         values[:, directions[0]] = angle
         yield replace(alone, values=(values.copy(),))
+
+
+def _with_other_forms(
+    likelihood: MarginalLikelihood, fitted: Sequence[FittedHypothesis], effects: Sequence[Effect]
+) -> list[FittedHypothesis]:
+    """Hypotheses with different effects, the best one also with its events in each other form of them.
+
+    Placed on its own, another form may have stopped at other times: that would judge the times and not the form.
+
+    Returns:
+        The same and the new ones, the most evidence first.
+    """
+    if not fitted:
+        return []
+    best, exchanged = max(fitted, key=lambda j: j.evidence), []
+    level, scatter = best.best
+    for k, effect in enumerate(best.hypothesis.effects):
+        for other in effects:
+            events = all(any(p.per_run for p in e.declared) for e in (effect, other))
+            if events and effect.exclusive and other.exclusive == effect.exclusive and other.name != effect.name:
+                starts = _exchanged(best.hypothesis, k, other)
+                made = max((likelihood.improve(h, level, scatter, 3) for h in starts), key=lambda found: found[1])[0]
+                exchanged.append(refine(likelihood, made, level, scatter))
+    of_each: dict[frozenset[str], FittedHypothesis] = {}
+    for j in sorted([*fitted, *exchanged], key=lambda j: -j.evidence):
+        of_each.setdefault(frozenset(j.names), j)
+    return list(of_each.values())
+
+
+def _exchanged(h: Hypothesis, number: int, other: Effect) -> Iterator[Hypothesis]:
+    """A hypothesis with one effect in another form, at the values that both have and at each start of the rest."""
+    known = {p.name: h.values[number][:, j] for j, p in enumerate(h.effects[number].declared)}
+    for start in product(*[(0.0,) if p.name in known else p.starts for p in other.declared]):
+        columns = [
+            known.get(p.name, np.full(len(h.values[number]), s)) for p, s in zip(other.declared, start, strict=True)
+        ]
+        effects, values = list(h.effects), list(h.values)
+        effects[number], values[number] = other, np.stack(columns, axis=1)
+        yield replace(h, effects=tuple(effects), values=tuple(values))
 
 
 def _same_thing(first: FittedHypothesis, second: FittedHypothesis) -> bool:
