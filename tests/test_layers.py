@@ -232,8 +232,14 @@ def writes(source: str) -> list[str]:
         if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)):
             continue
         name, given = node.func.attr, {ast.unparse(one) for one in node.args}
-        by_itself = name in {"write_text", "write_bytes", "dump"} or ast.unparse(node.func) == "torch.save"
-        if (by_itself or name in {"to_csv", "savefig", "savez"}) and not given & {"draft", "file", "buffer", "content"}:
+        tables = name == "to_csv" and any(keyword.arg == "index" for keyword in node.keywords)  # a recording's is ours
+        others = name in {"write_text", "write_bytes", "dump", "savefig", "savez"}
+        if (tables or others or ast.unparse(node.func) == "torch.save") and not given & {
+            "draft",
+            "file",
+            "buffer",
+            "content",
+        }:
             found.append(f"{node.lineno} {name}")
     return found
 
@@ -245,8 +251,9 @@ def test_files_are_written_whole_or_not_at_all(path):
 
 
 @pytest.mark.parametrize(
-    "source", ["p.write_text('a')", "t.to_csv(path)", "f.savefig(p)", "json.dump(a, f)", "torch.save(a, path)"]
+    "source",
+    ["p.write_text('a')", "t.to_csv(path, index=False)", "f.savefig(p)", "json.dump(a, f)", "torch.save(a, path)"],
 )
 def test_a_file_that_is_written_by_itself_is_seen(source):
     assert writes(source)
-    assert not writes("frame.to_csv(draft)\ntorch.save(a, content)")
+    assert not writes("frame.to_csv(draft, index=False)\ntorch.save(a, content)")

@@ -14,10 +14,10 @@ from omegaconf import OmegaConf, open_dict
 from pytest import approx
 from rich.console import Console
 
-from manoeuvre_nn.commands import guard
 from manoeuvre_nn.commands.coefficients import tell
 from manoeuvre_nn.commands.groups import register_resolvers
 from manoeuvre_nn.commands.train import train
+from manoeuvre_nn.core.ending import WRONG_INPUT
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.estimation.coefficients import fitted_from
 
@@ -173,4 +173,4 @@ def test_the_command_line_says_what_is_wrong(monkeypatch, capsys, tmp_path):
     monkeypatch.setattr(sys, "argv", ["coefficients.py", "run=nowhere", "hydra.run.dir=out"])
     with pytest.raises(SystemExit) as ended:
         runpy.run_path(str(ROOT / "scripts" / "coefficients.py"), run_name="__main__")
-    assert ended.value.code == guard.WRONG_INPUT and "holds no coefficients.json" in capsys.readouterr().err
+    assert ended.value.code == WRONG_INPUT and "holds no coefficients.json" in capsys.readouterr().err
