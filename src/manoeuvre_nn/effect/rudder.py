@@ -208,7 +208,7 @@ class Slipstream(_RudderEffect):
         speed = self.ship.particulars.speed
         one = torch.ones_like(s.u)
         loading = self._loading()
-        thrust = self.ship.thrust(s.u, s.shaft) / self.ship.thrust(speed * one, one)
+        thrust = self.ship.thrust(s.u, s.shaft)[..., 0] / self.ship.thrust(speed * one, one)[..., 0]
         pressure = ((s.u / speed).square() + loading * thrust) / (1 + loading)
         return (self.value("share") * (pressure - 1))[..., None] * rudder_part(self.ship, s)
 
