@@ -17,6 +17,7 @@ from manoeuvre_nn.commands import guard
 from manoeuvre_nn.commands.diagnosis_setup import found_effects, setup, write_effects
 from manoeuvre_nn.commands.provenance import check_same_run, shown, write_provenance
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.terminal import Terminal
 from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.diagnosis.answers import write_answer
 from manoeuvre_nn.diagnosis.case import Question
@@ -45,7 +46,7 @@ def diagnose_all(cfg: DictConfig, out: Path, console: Console | None = None) -> 
     Raises:
         InputError: If it is not clear which.
     """
-    console = console or Console()
+    console = console or Terminal()
     use_threads(1)
     if (cfg.cases is None) == (cfg.recordings is None):
         raise InputError(f"write either cases=DIR or recordings=DIR; {guard.program()} --help tells more")

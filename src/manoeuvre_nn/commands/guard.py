@@ -13,6 +13,7 @@ from hydra.errors import HydraException
 from omegaconf.errors import OmegaConfBaseException
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.plain_text import harmless
 
 WRONG_INPUT = 2
 FAILED_JOBS = 1
@@ -37,7 +38,7 @@ def one_line() -> Generator[None]:
         message = explain(error)
         if message is None:
             raise
-        print(f"error: {message}", file=sys.stderr)
+        print(f"error: {harmless(' '.join(message.split()))}", file=sys.stderr)
         raise SystemExit(WRONG_INPUT) from None
 
 

@@ -12,6 +12,7 @@ from omegaconf import DictConfig
 
 from manoeuvre_nn import __version__
 from manoeuvre_nn.commands.shelves import plain
+from manoeuvre_nn.core.data_files import FORMAT, load_yaml, without_format
 from manoeuvre_nn.core.errors import InputError
 
 CONFIG, SCORES = "config.yaml", "scores.json"
@@ -37,7 +38,8 @@ def shown(out: Path) -> Path:
 def write_provenance(cfg: DictConfig, out: Path) -> None:
     """Write the resolved config and the versions into the output folder, before anything is computed."""
     out.mkdir(parents=True, exist_ok=True)
-    text = yaml.safe_dump({**plain(cfg), "versions": versions()}, sort_keys=False, allow_unicode=True)
+    told = {"format": FORMAT, **plain(cfg), "versions": versions()}
+    text = yaml.safe_dump(told, sort_keys=False, allow_unicode=True)
     part = out / f"{CONFIG}.{os.getpid()}.part"  # two processes may share the folder: neither reads half a file
     part.write_text(text)
     part.replace(out / CONFIG)
@@ -57,8 +59,8 @@ def check_same_run(cfg: DictConfig, out: Path, setting: str = "hydra.run.dir") -
     if not (out / CONFIG).is_file():
         return
     try:
-        before = flat(yaml.safe_load((out / CONFIG).read_text()))
-    except (yaml.YAMLError, AttributeError, UnicodeDecodeError) as error:
+        before = flat(without_format(load_yaml(out / CONFIG), str(out / CONFIG)))
+    except (InputError, AttributeError, TypeError, ValueError) as error:
         raise InputError(f"{out / CONFIG} is damaged: remove the folder or choose another {setting}") from error
     before = {k: v for k, v in before.items() if not k.startswith("versions.")}
     # The round trip through yaml makes both sides the same kind of number.

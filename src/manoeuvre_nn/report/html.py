@@ -2,7 +2,6 @@
 
 import base64
 import io
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
@@ -14,6 +13,7 @@ import yaml
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
+from manoeuvre_nn.core.plain_text import as_file_name, harmless
 from manoeuvre_nn.report.tables import Row, columns, html_cells, text
 
 TRAINING = "training"
@@ -74,7 +74,7 @@ def save_figures(figures: Mapping[str, Figure], folder: Path) -> dict[str, Path]
         Name -> file.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    paths = {name: folder / f"{re.sub('[/ ]', '_', name)}.png" for name in figures}
+    paths = {name: folder / f"{as_file_name(name)}.png" for name in figures}
     for name, figure in figures.items():
         figure.savefig(paths[name], dpi=110)
         figure.set_layout_engine("none")
@@ -93,7 +93,7 @@ def write_page(path: Path, template: str, package: str = "manoeuvre_nn.report", 
     Returns:
         The file.
     """
-    page = _environment(package).get_template(template).render(content)
+    page = harmless(_environment(package).get_template(template).render(content))
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(page, encoding="utf-8")
     return path
