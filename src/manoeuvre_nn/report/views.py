@@ -28,7 +28,7 @@ TABLE_COLUMNS = 100
 """Letters in a line of a printed table."""
 
 
-def _printed(show: Callable[[Console], None]) -> str:
+def _printed(show: Callable[[Terminal], None]) -> str:
     """What is shown on a console, as text."""
     console = Terminal(width=TABLE_COLUMNS, record=True, file=StringIO())
     show(console)
