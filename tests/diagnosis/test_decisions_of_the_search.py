@@ -21,7 +21,7 @@ EFFECTS = [Current(SHIP), SteadyWind(SHIP), LogScale(SHIP), GustyWind(SHIP)]
 
 def fit(evidence: float, *names: str) -> SimpleNamespace:
     """A fitted hypothesis of these effects."""
-    return SimpleNamespace(evidence=evidence, names=names, best=(4, 3))
+    return SimpleNamespace(evidence=evidence, names=names, best=(4, 3), hypothesis=Hypothesis((), ()))
 
 
 def searched(monkeypatch, alone: dict[str, float], more: list[SimpleNamespace]) -> tuple[list, list]:
@@ -102,8 +102,10 @@ def test_a_named_effect_must_gain_eight_in_fitted_and_held_out_runs_together(
     proof = SimpleNamespace(rmse_before={}, rmse_after={})
     for name, made in {
         "prove": lambda *_: [proof], "at_rest": lambda data_set, j: (data_set, j),
-        "placed": lambda question, j: j.hypothesis,
-        "foreseen": lambda *_: held_out, "is_fitted": lambda dynamics: False, "_cost": lambda *_: 1.0,
+        "in_held_out_runs": lambda question, j: SimpleNamespace(
+            hypothesis=j.hypothesis, evidence=7.0 + (held_out if j is claim else 0.0)
+        ),
+        "is_fitted": lambda dynamics: False, "_cost": lambda *_: 1.0,
         "_last_effect_helps": lambda *_: True, "labels": lambda j: "", "_unit": lambda question: "",
     }.items():  # fmt: skip
         monkeypatch.setattr(proving, name, made)

@@ -17,8 +17,8 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.diagnosis.case import Case, Question
 from manoeuvre_nn.diagnosis.causes import _when
 from manoeuvre_nn.diagnosis.forecast import unplaced_events
-from manoeuvre_nn.diagnosis.proof import foreseen, placed
-from manoeuvre_nn.diagnosis.search import search, single
+from manoeuvre_nn.diagnosis.proof import in_held_out_runs
+from manoeuvre_nn.diagnosis.search import _with_other_forms, search, single
 from manoeuvre_nn.diagnosis.windows import replaced, times_of
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.vessel import Vessel
@@ -97,6 +97,22 @@ def one_of_three() -> tuple[MarginalLikelihood, FittedHypothesis, FittedHypothes
     return fitted(SideForce(SHIP), campaign([None, push(start_s=150.0, end_s=290.0), None]))
 
 
+def test_an_event_is_judged_in_each_form_at_the_same_times():
+    """A force forward of midship, whose own fit stopped at other times than a thruster's, is fitted from that one's."""
+    runs = campaign([None, SideForce(SHIP, force_kN=150.0, lever_m=40.0, start_s=150.0, end_s=290.0), None])
+    likelihood, _, thruster = fitted(BowThruster(SHIP), runs)
+    late = thruster.hypothesis.values[0].copy()
+    late[1, 1:3] = 60.0, 100.0  # start, end
+    astray = Hypothesis((SideForce(SHIP),), (np.insert(late, 1, 0.0, axis=1),))
+    stopped = likelihood.evaluate(astray)
+    with unchecked():
+        best, *rest = _with_other_forms(likelihood, [stopped, thruster], [SideForce(SHIP), BowThruster(SHIP)])
+    assert [j.names for j in rest] == [("bow_thruster",)]
+    assert best.names == ("side_force",) and best.evidence > max(stopped.evidence, thruster.evidence) + 5
+    assert value(best, "lever_m") == approx(40.0, abs=10.0)
+    assert times(best)[1][0] == approx((150.0, 290.0), abs=10.0)
+
+
 def test_a_force_that_acts_in_one_run_of_three_is_not_placed_in_the_others():
     _, none, found = one_of_three()
     first, (there,), last = times(found)
@@ -163,11 +179,11 @@ def test_in_runs_to_predict_an_event_is_placed_by_their_recordings_or_left_out(k
         acting, true = [push(start_s=240.0, end_s=330.0), None], (240.0, 330.0)
     runs = campaign(acting, 1, TRIALS[2:])
     asked = question(runs, [r.name for r in runs], found.hypothesis.effects)
-    elsewhere = placed(asked, found)
-    there, absent = (times_of(elsewhere.effects[0], values) for values in elsewhere.values[0])
+    calm, elsewhere = (in_held_out_runs(asked, j) for j in (replace(found, hypothesis=Hypothesis((), ())), found))
+    there, absent = (times_of(found.hypothesis.effects[0], values) for values in elsewhere.hypothesis.values[0])
     assert absent == () and len(there) == 1
     assert there[0] == approx(true, abs=15.0)
-    assert foreseen(asked, found, elsewhere) > 20
+    assert elsewhere.evidence - calm.evidence > 20
     spans = _when(asked, found, 0, True)
     ((ends, errors),) = spans[runs[0].name]
     assert spans[runs[1].name] == [] and abs(ends[0] - true[0] + half_of_ramp) < 4 * errors[0] < 60

@@ -1,6 +1,7 @@
 """Runs linearised again: about states at rest, about what leads, about corrected coefficients in any combinations."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -10,15 +11,19 @@ from pytest import approx
 from test_hypotheses_judged import LEVEL, NONE, fitted, hypothesis, stand
 from trials import CALM, CIRCLE, NOISE, PORT, SHIP, ZIGZAG, run_of, runs
 
+from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.diagnosis.case import Case, Question
+from manoeuvre_nn.diagnosis.proof import in_held_out_runs
 from manoeuvre_nn.diagnosis.search import at_rest, search
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.rudder import RudderDelay, RudderOffset
+from manoeuvre_nn.effect.sensors import RateBias
 from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.estimation.corrections import Calibrated, CoefficientPrior, Corrections
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet, base_columns, whitened_data_set
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
-from manoeuvre_nn.estimation.relinearise import STATES_AT_REST, change_of_states, refined
+from manoeuvre_nn.estimation.relinearise import MAX_CORRECTION, STATES_AT_REST, change_of_states, refined
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 
@@ -50,14 +55,42 @@ def test_all_hypotheses_are_weighed_about_the_states_of_what_leads(acting):
     assert change_of_states(there, refined(there, leads), leads.best[0]) < 1.0  # standard errors
 
 
-def test_an_effect_acts_on_the_ship_as_her_corrected_coefficients_say():
-    """Of a rudder 12 % weaker than published that stands 5 deg off, angle and strength are told apart."""
+@cache
+def weak_rudder_off() -> tuple[Recording, ...]:
+    """A circle and a zigzag of a ship with a rudder 12 % weaker than published that stands 5 deg off."""
     shares = torch.tensor([-0.12 * (name in ("Yd", "Nd")) for name in Corrections(CALM).names], dtype=torch.float64)
     offset = RudderOffset(SHIP, offset_deg=5.0)
     with unchecked():
         records = roll_out(Vessel(Calibrated(CALM, shares), [offset]), [CIRCLE, ZIGZAG], step=1.0)
-    stood = whitened_data_set(CALM, [run_of(r, NOISE, seed) for seed, r in enumerate(records)])
-    found = search(stood, [RudderOffset(SHIP)]).fitted[0]
+    return tuple(run_of(r, NOISE, seed) for seed, r in enumerate(records))
+
+
+def test_held_out_runs_judge_an_effect_about_its_own_states_and_on_the_corrected_ship():
+    """About the first, rough states and published coefficients 4.4 deg explain more than the true 5."""
+    runs = weak_rudder_off()
+    asked = Question(Case("trial", "mariner", runs, SHIP, frozenset(r.name for r in runs)), CALM, ())
+    true, less = (
+        asked.held_out.evaluate(
+            replace(hypothesis(RudderOffset(SHIP, offset_deg=angle)), fixed=frozenset({"offset_deg"}))
+        )
+        for angle in (5.0, 4.4)
+    )
+    assert true.evidence < less.evidence
+    assert in_held_out_runs(asked, true).evidence > in_held_out_runs(asked, less).evidence + 10
+
+
+def test_a_hypothesis_that_would_need_another_ship_is_not_linearised_about_her():
+    """Calm water for a rate gyro that is off by far: no coefficients make a track of it."""
+    stood = whitened_data_set(CALM, runs([CIRCLE, PORT], [RateBias(SHIP, bias_deg_s=3.0)]))
+    calm = MarginalLikelihood(stood).evaluate(NONE)
+    assert np.abs(calm.corrections).max() > MAX_CORRECTION
+    data_set, found = at_rest(stood, calm)
+    assert data_set is stood and found.evidence == calm.evidence
+
+
+def test_an_effect_acts_on_the_ship_as_her_corrected_coefficients_say():
+    """Of a weak rudder that stands off, angle and strength are told apart."""
+    found = search(whitened_data_set(CALM, weak_rudder_off()), [RudderOffset(SHIP)]).fitted[0]
     assert found.hypothesis.vector()[0] == approx(5.0, abs=0.1)
     assert abs(found.hypothesis.vector()[0] - 5.0) < 3 * found.errors[0] < 0.3
 

@@ -144,8 +144,7 @@ def test_the_last_of_two_effects_must_add_six_in_fitted_and_held_out_runs_togeth
 ):
     one, two = (SimpleNamespace(names=names, evidence=20.0) for names in (("current",), ("current", "wind")))
     two.evidence += fitted
-    monkeypatch.setattr(under_test, "placed", lambda question, j: j)
-    monkeypatch.setattr(under_test, "foreseen", lambda question, j, there: 5.0)
+    monkeypatch.setattr(under_test, "in_held_out_runs", lambda question, j: SimpleNamespace(evidence=5.0))
     assert under_test._last_effect_helps(Mock(), two, 5.0 + held_out, [two, one]) is helps
     assert under_test._last_effect_helps(Mock(), one, 5.0, [two, one])
 

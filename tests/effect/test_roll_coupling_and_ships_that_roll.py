@@ -34,7 +34,9 @@ def pair(gm: float, coupling: dict[str, float]) -> tuple[FourDegreeShip, FourDeg
     # M dp/dt + lever (dv/dt + u r) + 2 zeta omega M p + omega^2 M phi = 0
     matrix = torch.diag(torch.tensor([1.05 * mass, 1.9 * mass, 0.11 * mass * length**2, inertia], dtype=torch.float64))
     matrix[3, 1] = lever
-    c = {"N_phi": 0.0, **dict.fromkeys(FORMS, 0.0), **coupling}
+    size = coupling["N_phi"] ** 2
+    share = {name: 1.0 if name == "N_phi" else size / (size + 0.01**2) for name in coupling}
+    c = {**dict.fromkeys(FORMS, 0.0), **{name: share[name] * value for name, value in coupling.items()}}
     u = like.speed
     terms = {
         "X": {"u |u|": -0.03 * force / u**2, "v r": 1.3 * mass},
@@ -49,7 +51,7 @@ def pair(gm: float, coupling: dict[str, float]) -> tuple[FourDegreeShip, FourDeg
     return FourDegreeShip(like, matrix, hull, drives), FourDegreeShip(like, matrix, hull, drives, rolls=False)
 
 
-CASES = [(0.3, {"N_phi": -0.01}), (1.0, {"N_phi": 0.006, "N_rrphi": -0.08, "N_p": 0.003})]
+CASES = [(0.3, {"N_phi": -0.01}), (1.0, {"N_phi": 0.012, "N_rrphi": -0.08, "N_p": 0.003})]
 
 
 @pytest.mark.parametrize("gm, coupling", CASES, ids=["linear", "turning"])
@@ -81,3 +83,29 @@ def test_at_a_recorded_heel_the_effect_is_what_heel_does_to_the_ship_that_rolls(
     s = Situation(nu, upright.acceleration(nu, delta), zero, zero, zero, delta, zero + 1, zero, heel)
     found = effect.acceleration(s, torch.zeros(2, dtype=torch.float64))  # its own heel does not count then
     torch.testing.assert_close(found, expected, rtol=1e-9, atol=1e-15)
+
+
+def test_without_a_yaw_moment_by_heel_nothing_of_the_effect_is_left():
+    """Else forces that no reported number tells of could be evidence for it."""
+    upright = container(rolls=False)
+    one = torch.ones((), dtype=torch.float64)
+    s = Situation(
+        torch.tensor([8.0, -0.9, 0.02], dtype=torch.float64), torch.zeros(3, dtype=torch.float64),
+        0 * one, 0 * one, 0 * one, 0.3 * one, one, 0 * one,
+    )  # fmt: skip
+    memory = torch.tensor([0.1, 0.01], dtype=torch.float64)
+    made = [RollCoupling(upright, N_phi=size, Y_pdot=0.004, **FORMS).acceleration(s, memory) for size in (0.0, 0.02)]
+    assert (made[0] == 0).all() and (made[1][1:] != 0).all()
+
+
+def test_roll_dies_away_by_its_damping():
+    """``phi ~ exp(-zeta omega t)``: twice the damping, the square of what is left after a period."""
+    upright = container(rolls=False)
+    heel, still = upright.particulars.heeling, torch.zeros((), dtype=torch.float64)
+    s = Situation(torch.zeros(3, dtype=torch.float64), torch.zeros(3, dtype=torch.float64), *[still] * 6)
+    omega = 2 * pi / heel.roll_period
+    for factor in (1.0, 2.0):
+        effect = RollCoupling(upright, damping=factor)
+        units = torch.eye(2, dtype=torch.float64)
+        matrix = torch.stack([effect.memory_rate(s, unit) for unit in units], dim=-1)
+        assert np.linalg.eigvals(matrix.numpy()).real == approx([-factor * heel.roll_damping * omega] * 2)

@@ -74,9 +74,9 @@ def test_the_wind_of_the_ships_own_speed_is_in_its_resistance():
 def test_form_parameters_multiply_the_published_curves():
     s = situation("mariner")
     plain = made("wind_steady", "mariner", speed=12.0, from_deg=70.0).force(s)
-    formed = made("wind_steady", "mariner", speed=12.0, from_deg=70.0, cx=0.5, cy=1.2, cn=2.0).force(s)
+    formed = made("wind_steady", "mariner", speed=12.0, from_deg=70.0, cx=0.5, load=1.2, cn=2.0).force(s)
     shifted = made("wind_steady", "mariner", speed=12.0, from_deg=70.0, cn_shift=0.1).force(s)
-    torch.testing.assert_close(formed, plain * torch.tensor([0.5, 1.2, 2.0]))
+    torch.testing.assert_close(formed, plain * torch.tensor([0.6, 1.2, 2.4]))
     torch.testing.assert_close(shifted[:, 2] - plain[:, 2], 0.1 * OVERALL * plain[:, 1])
 
 

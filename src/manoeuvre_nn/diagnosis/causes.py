@@ -10,14 +10,13 @@ from manoeuvre_nn.core.effect import Parameter
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.diagnosis.case import Question
 from manoeuvre_nn.diagnosis.decision import Decision
-from manoeuvre_nn.diagnosis.proof import placed
+from manoeuvre_nn.diagnosis.proof import in_held_out_runs
 from manoeuvre_nn.diagnosis.result import Cause, Interval, Nature, Value
 from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.effect.common import RAMP
 from manoeuvre_nn.effect.formula import Formula, place_of
 from manoeuvre_nn.estimation.data_set import CAMPAIGN
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
-from manoeuvre_nn.estimation.marginal_likelihood import hypothesis_columns
 
 LEADING = 0.25
 """Chi-square of a formula's term, over that of its clearest, from which it counts for the place of the mismatch."""
@@ -122,12 +121,8 @@ def _when(
     ramp = next((v for v in _values_of(fitted, effect) if v.name == RAMP.name), None)
     found = _spans(h, effect, fitted.covariance, question.case.fitted, ramp)
     if held_out and question.case.held_out:
-        elsewhere = placed(question, fitted)
-        free = replace(elsewhere, fixed=frozenset(p.name for e in h.effects for p in e.declared if not p.per_run))
-        runs, (level, scatter) = question.held_out, fitted.best
-        covariance = runs.posterior(hypothesis_columns(runs.data_set, free), level).covariance(scatter)
-        number = len(free.unknowns())
-        found |= _spans(free, effect, covariance[len(covariance) - number :, -number:], question.case.held_out, ramp)
+        there = in_held_out_runs(question, fitted)
+        found |= _spans(there.hypothesis, effect, there.covariance, question.case.held_out, ramp)
     return found
 
 

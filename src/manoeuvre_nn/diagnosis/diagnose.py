@@ -15,7 +15,7 @@ from manoeuvre_nn.diagnosis.forecast import forecasts, unplaced_events
 from manoeuvre_nn.diagnosis.locate import MAX_PROCESS_NOISE, residuals, sites, statements
 from manoeuvre_nn.diagnosis.nature import nature_of
 from manoeuvre_nn.diagnosis.predictive import calm_check
-from manoeuvre_nn.diagnosis.proof import foreseen, placed, prove
+from manoeuvre_nn.diagnosis.proof import in_held_out_runs, prove
 from manoeuvre_nn.diagnosis.remainder import is_left, with_remainder
 from manoeuvre_nn.diagnosis.result import Cause, Check, Diagnosis, Proof, Residual
 from manoeuvre_nn.diagnosis.search import MIN_GAIN_OF_SECOND, Progress, SearchResult, at_rest, search
@@ -113,20 +113,20 @@ def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypo
     data_set, none = tried.likelihood.data_set, tried.none
     checks: list[Check] = []
     proofs = prove(question, none, none.hypothesis)
-    before = _cost(question, [p.rmse_before for p in proofs])
+    before, calm = _cost(question, [p.rmse_before for p in proofs]), in_held_out_runs(question, none).evidence
     for claim in claims:
         # Strong gusts explain what a fit without them would lay on the mean wind.
         j = claim if _turns(claim.hypothesis) else at_rest(data_set, claim)[1]
-        elsewhere = placed(question, j)
-        made = prove(question, j, elsewhere, proofs)
+        there = in_held_out_runs(question, j)
+        made = prove(question, j, there.hypothesis, proofs)
         # The errors of a fitted model may look like an effect, and one formula of hundreds like anything.
         least = PROVED if is_fitted(data_set.dynamics) or Formula.name in j.names else REFUTED
-        after, gain = _cost(question, [p.rmse_after for p in made]), foreseen(question, j, elsewhere)
+        after, gain = _cost(question, [p.rmse_after for p in made]), there.evidence - calm
         enough = claim.evidence - none.evidence + gain > least_gain(claim)
         better = gain > least and after < MAX_ERROR_GROWTH * before
-        tested = bool(made) and _acts(elsewhere)
+        tested = bool(made) and _acts(there.hypothesis)
         foretold = enough and (better or not tested)
-        helped = foretold and _last_effect_helps(question, claim, gain, claims)
+        helped = foretold and _last_effect_helps(question, claim, there.evidence, claims)
         fewer = "; fewer of these effects do as well" if foretold and not helped else ""
         text = (
             f"with {labels(j)} the error of free runs goes from {before:.2f} to {after:.2f} ({_unit(question)}), "
@@ -150,12 +150,12 @@ def _acts(hypothesis: Hypothesis) -> bool:
 
 
 def _last_effect_helps(
-    question: Question, claim: FittedHypothesis, gain: float, claims: Sequence[FittedHypothesis]
+    question: Question, claim: FittedHypothesis, held_out: float, claims: Sequence[FittedHypothesis]
 ) -> bool:
     """Whether several effects say more in fitted and held-out runs together than the same without the last of them."""
     fewer = [j for j in claims if len(j.names) == len(claim.names) - 1 and set(j.names) < set(claim.names)]
-    others = [j.evidence + foreseen(question, j, placed(question, j)) for j in fewer]
-    return claim.evidence + gain > max(others, default=-np.inf) + (MIN_GAIN_OF_SECOND if others else 0.0)
+    others = [j.evidence + in_held_out_runs(question, j).evidence for j in fewer]
+    return claim.evidence + held_out > max(others, default=-np.inf) + (MIN_GAIN_OF_SECOND if others else 0.0)
 
 
 def _turns(hypothesis: Hypothesis) -> bool:
@@ -173,10 +173,10 @@ def _with_network(question: Question, tried: SearchResult, proved: Proved, progr
     chosen, proofs, checks = proved
     there = refined(tried.likelihood.data_set, chosen) if chosen.names else tried.likelihood.data_set
     more = with_remainder(MarginalLikelihood(there), chosen, progress)
-    with_it, without = placed(question, more), placed(question, chosen)
-    made = prove(question, more, with_it, proofs)
+    with_it, without = in_held_out_runs(question, more), in_held_out_runs(question, chosen)
+    made = prove(question, more, with_it.hypothesis, proofs)
     now, then = (_cost(question, [p.rmse_after for p in some]) for some in (proofs, made))
-    helped = bool(made) and then < now and foreseen(question, more, with_it) > foreseen(question, chosen, without)
+    helped = bool(made) and then < now and with_it.evidence > without.evidence
     text = f"with a network on top the error of free runs goes from {now:.2f} to {then:.2f} ({_unit(question)})"
     checks = [*checks, Check("remainder", helped, text if made else "no held-out run: a network is not trusted")]
     return (more, made, checks) if helped else (chosen, proofs, checks)

@@ -75,16 +75,16 @@ def _around(level: int) -> list[int]:
 
 
 def gusty_evidence(likelihood: MarginalLikelihood, hypothesis: Hypothesis, level: int) -> float:
-    """Log evidence of a hypothesis with a gusty wind, its course integrated out, at its values and a force level."""
+    """Log evidence of a hypothesis with a gusty wind at its values, about a force level, its course integrated out."""
     wind = next(k for k, e in enumerate(hypothesis.effects) if e.random)
     declared = [p.name for p in hypothesis.effects[wind].declared]
     kind = _Gusts(
         *(float(hypothesis.values[wind][0, declared.index(name)]) for name in hypothesis.effects[wind].random)
     )
-    grams, norms = _without_course(
-        likelihood, hypothesis_columns(likelihood.data_set, hypothesis), wind, [kind], [level]
-    )
-    return float(likelihood.regress(grams[0, 0], norms[0, 0], hypothesis).evidence.max())
+    levels, lin = _around(level), hypothesis_columns(likelihood.data_set, hypothesis)
+    grams, norms = _without_course(likelihood, lin, wind, [kind], levels)
+    known = {g: likelihood.regress(grams[0, k], norms[0, k], hypothesis) for k, g in enumerate(levels)}
+    return likelihood.over_levels(hypothesis, known, log_prior_levels(likelihood.data_set, PROCESS_PRIOR)).evidence
 
 
 def _tried(

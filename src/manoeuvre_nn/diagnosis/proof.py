@@ -10,7 +10,7 @@ from manoeuvre_nn.diagnosis.case import Question
 from manoeuvre_nn.diagnosis.gusts import gusty_evidence
 from manoeuvre_nn.diagnosis.repair import predict, predict_corrected, recorded
 from manoeuvre_nn.diagnosis.result import Proof
-from manoeuvre_nn.diagnosis.windows import replaced
+from manoeuvre_nn.diagnosis.search import at_rest, refine
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.estimation.data_set import LATENCY, same_campaigns
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
@@ -26,7 +26,7 @@ def prove(
     Args:
         question: What is asked.
         claim: What was found, effects and coefficients.
-        elsewhere: It, in the held-out runs: see :func:`placed`.
+        elsewhere: It, in the held-out runs: see :func:`in_held_out_runs`.
         known: Proofs of something else, whose predictions in calm water are the same; without any, calm water predicts
             the same before and after.
 
@@ -55,26 +55,26 @@ def prove(
     return made
 
 
-def foreseen(question: Question, claim: FittedHypothesis, elsewhere: Hypothesis) -> float:
-    """Log Bayes factor over calm water of a claim, held at its values, on runs that were not used; 0 without any."""
-    # Free runs alone would not decide: the track of a course-unstable ship depends more on the last per cent of
-    # its coefficients than on any effect. This judges the steps, not the whole course.
-    if not question.case.held_out:
-        return 0.0
-    # Times that were placed there are integrated out again: what was looked for in a run is no gain.
-    fixed = frozenset(p.name for e in elsewhere.effects for p in e.declared if not p.per_run)
-    held, level = replace(elsewhere, fixed=fixed), claim.best[0]
-    evidence_of = gusty_evidence if any(e.random for e in held.effects) else MarginalLikelihood.evidence_at
-    calm = question.held_out.evidence_at(Hypothesis((), ()), level)
-    return evidence_of(question.held_out, held, level) - calm
+def in_held_out_runs(question: Question, fitted: FittedHypothesis) -> FittedHypothesis:
+    """What was found, at its values in runs that were not used, which are linearised about it until their states rest.
 
+    Its log evidence there judges the steps, not the whole course: the track of a course-unstable ship depends more on
+    the last per cent of its coefficients than on any effect. The noise levels are those that the runs show.
 
-def placed(question: Question, fitted: FittedHypothesis) -> Hypothesis:
-    """What was found in the held-out runs: its values, but times of an event placed in each run's own recording."""
+    Args:
+        question: What is asked.
+        fitted: What was found in the fitted runs.
+
+    Returns:
+        It, with nothing free but the times of events, which are placed by each run's own recording and integrated out:
+        what was looked for in a run is no gain. Without held-out runs its evidence is 0.
+    """
     found = fitted.hypothesis
     elsewhere = found.in_other_runs(same_campaigns(question.case.fitted, question.case.held_out))
-    if not question.case.held_out or not any(p.per_run for effect in found.effects for p in effect.declared):
-        return elsewhere
-    fixed = frozenset(p.name for e in found.effects for p in e.declared if not p.per_run)
-    free = replaced(question.held_out, replace(elsewhere, fixed=fixed), *fitted.best)
-    return replace(free, fixed=found.fixed)
+    held = replace(elsewhere, fixed=frozenset(p.name for e in found.effects for p in e.declared if not p.per_run))
+    if not question.case.held_out:
+        return replace(fitted, hypothesis=held, evidence=0.0)
+    data_set, there = at_rest(question.held_out.data_set, refine(question.held_out, held, *fitted.best))
+    if any(e.random for e in held.effects):
+        there = replace(there, evidence=gusty_evidence(MarginalLikelihood(data_set), there.hypothesis, there.best[0]))
+    return there

@@ -90,12 +90,13 @@ def search(
         progress("second linearisation")
         clear = singles[0].evidence > none.evidence + MIN_GAIN_TO_RELINEARISE
         likelihood, none, singles = _again(likelihood, none, singles, workers, singles[0] if clear else none)
-    fitted, leading = singles, [s for s in singles if s.evidence > none.evidence + MIN_GAIN_OF_SINGLE]
+    fitted = _with_other_forms(likelihood, singles, plain)
+    leading = [s for s in fitted if s.evidence > none.evidence + MIN_GAIN_OF_SINGLE]
     for size in range(2, MAX_EFFECTS + 1):
         singles = [j for j in fitted if len(j.names) == 1]
         more = list(_extended(likelihood, leading, singles, progress, workers))
         gained = max((j.evidence for j in more), default=-inf) - max((j.evidence for j in fitted), default=-inf)
-        fitted = sorted([*fitted, *more], key=lambda j: -j.evidence)
+        fitted = _with_other_forms(likelihood, [*fitted, *more], plain) if more else fitted
         if more and gained > MIN_GAIN_TO_RELINEARISE:
             progress(f"linearisation about {' + '.join(fitted[0].names)}")
             likelihood, none, fitted = _again(likelihood, none, fitted, workers, fitted[0])
@@ -299,6 +300,45 @@ def _turned(alone: Hypothesis) -> Iterator[Hypothesis]:
     for angle in range(0, 360, 90) if directions else ():
         values[:, directions[0]] = angle
         yield replace(alone, values=(values.copy(),))
+
+
+def _with_other_forms(
+    likelihood: MarginalLikelihood, fitted: Sequence[FittedHypothesis], effects: Sequence[Effect]
+) -> list[FittedHypothesis]:
+    """Hypotheses with different effects, the best one also with its events in each other form of them.
+
+    Placed on its own, another form may have stopped at other times: that would judge the times and not the form.
+
+    Returns:
+        The same and the new ones, the most evidence first.
+    """
+    if not fitted:
+        return []
+    best, exchanged = max(fitted, key=lambda j: j.evidence), []
+    level, scatter = best.best
+    for k, effect in enumerate(best.hypothesis.effects):
+        for other in effects:
+            events = all(any(p.per_run for p in e.declared) for e in (effect, other))
+            if events and effect.exclusive and other.exclusive == effect.exclusive and other.name != effect.name:
+                starts = _exchanged(best.hypothesis, k, other)
+                made = max((likelihood.improve(h, level, scatter, 3) for h in starts), key=lambda found: found[1])[0]
+                exchanged.append(refine(likelihood, made, level, scatter))
+    of_each: dict[frozenset[str], FittedHypothesis] = {}
+    for j in sorted([*fitted, *exchanged], key=lambda j: -j.evidence):
+        of_each.setdefault(frozenset(j.names), j)
+    return list(of_each.values())
+
+
+def _exchanged(h: Hypothesis, number: int, other: Effect) -> Iterator[Hypothesis]:
+    """A hypothesis with one effect in another form, at the values that both have and at each start of the rest."""
+    known = {p.name: h.values[number][:, j] for j, p in enumerate(h.effects[number].declared)}
+    for start in product(*[(0.0,) if p.name in known else p.starts for p in other.declared]):
+        columns = [
+            known.get(p.name, np.full(len(h.values[number]), s)) for p, s in zip(other.declared, start, strict=True)
+        ]
+        effects, values = list(h.effects), list(h.values)
+        effects[number], values[number] = other, np.stack(columns, axis=1)
+        yield replace(h, effects=tuple(effects), values=tuple(values))
 
 
 def _same_thing(first: FittedHypothesis, second: FittedHypothesis) -> bool:

@@ -12,6 +12,9 @@ from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.units import GRAVITY
 from manoeuvre_nn.effect.common import columns, factor
 
+N_PHI_OF_HALF_FORM = 0.01
+"""N_phi at which half of what the form parameters say acts, half of its usual size."""
+
 
 class RollCoupling(Effect):
     """Sway force and yaw moment by heel; the heel is the recorded one, or else that of the turn.
@@ -26,7 +29,10 @@ class RollCoupling(Effect):
     ship. Own states: heel [rad] and its rate. All but N_phi are form parameters. Their priors span both
     published ships: a least-squares fit to what heel does in turns and zigzags gives for Son & Nomoto's container ship
     N_rrphi -.1, Y_phi 0, Y_rrphi .2, N_p .004, Y_pdot .004, for Blanke & Christensen's naval vessel -.09, .02, .2, 0,
-    -.004.
+    -.004. They act by the share ``N_phi^2 / (N_phi^2 + .01^2)``: without N_phi there is no effect. Else five forces
+    that no reported number tells of take up what wrong coefficients do. ``damping`` is a factor on zeta, which is .02
+    to .15 for ships without and with bilge keels, at rest and at speed. The arm (KG - T/2)/GM makes one number with
+    N_phi.
     """
 
     name = "roll_coupling"
@@ -39,16 +45,17 @@ class RollCoupling(Effect):
     fingerprint = "An odd yaw moment as the square of the speed that lags the turn and rings at the roll period."
     source = (
         "Son & Nomoto 1982 and Blanke & Christensen 1993, the terms in heel that weigh most, v as it goes with r in "
-        "turns; roll as an oscillator driven by the centripetal acceleration"
+        "turns; roll as an oscillator driven by the centripetal acceleration; Himeno 1981 for the range of its damping"
     )
     declared = (
-        Parameter("N_phi", "-", -0.2, 0.2, 0.0, 0.02, (0.01, -0.01)),
+        Parameter("N_phi", "-", -0.5, 0.5, 0.0, 0.02, (0.01, -0.01)),
         Parameter("N_rrphi", "-", -0.5, 0.5, 0.0, 0.1, (0.0,), form=True),
         Parameter("N_p", "-", -0.03, 0.03, 0.0, 0.004, (0.0,), form=True),
         Parameter("Y_phi", "-", -0.1, 0.1, 0.0, 0.02, (0.0,), form=True),
         Parameter("Y_rrphi", "-", -1.0, 1.0, 0.0, 0.2, (0.0,), form=True),
         Parameter("Y_pdot", "-", -0.03, 0.03, 0.0, 0.004, (0.0,), form=True),
         factor("period", 0.1, low=0.5, high=2.0),
+        factor("damping", 0.5, low=0.2, high=3.0),
     )
     memory = 2
 
@@ -63,10 +70,12 @@ class RollCoupling(Effect):
         """Accelerations by the forces of the heel."""
         p = self.ship.particulars
         phi, rate, roll = self._heel(s, memory)
-        turn, per_second = s.r * p.time_unit, p.time_unit
-        yaw = (self.value("N_phi") + self.value("N_rrphi") * turn**2) * phi + self.value("N_p") * rate * per_second
+        turn, per_second, size = s.r * p.time_unit, p.time_unit, self.value("N_phi")
+        share = size**2 / (size**2 + N_PHI_OF_HALF_FORM**2)
+        yaw = self.value("N_rrphi") * turn**2 * phi + self.value("N_p") * rate * per_second
         sway = (self.value("Y_phi") + self.value("Y_rrphi") * turn**2) * phi
-        sway = p.prime.force * (sway + self.value("Y_pdot") * roll * per_second**2)
+        sway = p.prime.force * share * (sway + self.value("Y_pdot") * roll * per_second**2)
+        yaw = size * phi + share * yaw
         return self.ship.acceleration_from_si(columns(0.0 * s.u, sway, p.prime.moment * yaw))
 
     def _heel(self, s: Situation, memory: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -84,5 +93,5 @@ class RollCoupling(Effect):
         steady = -arm / (GRAVITY * heel.gm) * (s.u * s.r + s.nudot[..., 1])
         phi, rate = memory.unbind(-1)
         omega = 2 * pi / (heel.roll_period * self.value("period"))
-        roll = omega**2 * (steady - phi) - 2 * heel.roll_damping * omega * rate
+        roll = omega**2 * (steady - phi) - 2 * heel.roll_damping * self.value("damping") * omega * rate
         return torch.stack(torch.broadcast_tensors(rate, roll), dim=-1)

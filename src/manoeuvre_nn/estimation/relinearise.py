@@ -23,6 +23,8 @@ MAX_PASSES = 3
 """Linearisations of one hypothesis at most."""
 STATES_AT_REST = 0.2
 """Root mean square change of a state over its standard error, from which linearising again would change little."""
+MAX_CORRECTION = 10 * COEFFICIENT_SD_LEVELS[-1]
+"""Size of a correction from which the equations are those of no ship: ten standard deviations at the widest prior."""
 COEFFICIENT_PRIORS = tuple(
     CoefficientPrior(coupling, missing) for coupling in (0.0, 0.3, 0.6, 0.9) for missing in (1.0, 3.0)
 )
@@ -40,7 +42,8 @@ def refined(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedData
         fitted: What was found.
 
     Returns:
-        The runs about the new states.
+        The runs about the new states; as they are where the coefficients would be those of another ship, by which a
+        hypothesis that is far off tries to explain what it cannot.
     """
     lin = hypothesis_columns(data_set, fitted.hypothesis)
     level = data_set.at(fitted.best[0])
@@ -49,6 +52,8 @@ def refined(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedData
     # In the combinations that these runs show: the hypothesis may have been fitted by others.
     combined = np.linalg.lstsq(data_set.rotation, fitted.corrections, rcond=None)[0]
     shares = None if trained else data_set.rotation @ combined
+    if shares is not None and np.abs(shares).max(initial=0.0) > MAX_CORRECTION:
+        return data_set
     runs = []
     for run, prepared in enumerate(data_set.runs):
         # Data less coefficients, latency and the hypothesis at their values.
