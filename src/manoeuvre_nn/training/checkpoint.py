@@ -27,14 +27,6 @@ class _StoredWeights(BaseModel):
     state_dict: dict[str, Tensor]
 
 
-class _StoredOptimizer(BaseModel):
-    """Where an optimizer was; what it keeps of each parameter is its own."""
-
-    model_config = STRICT
-    state: dict[int, dict[str, Any]]
-    param_groups: list[dict[str, Any]]
-
-
 class _StoredCount(BaseModel):
     """How often something was begun and ended."""
 
@@ -74,7 +66,7 @@ class _StoredRun(BaseModel):
     epoch: Count
     global_step: Count
     lightning: Annotated[str, Field(alias="pytorch-lightning_version")]
-    optimizer_states: Annotated[list[_StoredOptimizer], Field(min_length=1)]
+    optimizer_states: Annotated[list[dict[str, Any]], Field(min_length=1)]
     lr_schedulers: list[dict[str, Any]]
     loops: _StoredLoops
     callbacks: dict[str, dict[str, Any]]
