@@ -5,6 +5,7 @@ imported by reading it.
 """
 
 import json
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,7 +16,7 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.plain_text import OBEYED, harmless
+from manoeuvre_nn.core.plain_text import harmless
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 CONF = _PACKAGE / "conf" if (_PACKAGE / "conf").is_dir() else _PACKAGE.parents[1] / "conf"
@@ -28,6 +29,9 @@ MAX_VALUES = 300_000
 """Most values in a file, where a reference counts as what it refers to."""
 PLAIN = (str, int, float, bool, NoneType)
 """Kinds of values that settings have."""
+REFUSED = re.compile("[\x00-\x08\x0b-\x1f\x7f\ud800-\udfff]")
+"""Characters that no text has. Others that a terminal would obey stand in headings of old programs: they are shown
+harmlessly, see :mod:`~manoeuvre_nn.core.plain_text`."""
 Schema = TypeVar("Schema", bound=BaseModel)
 
 
@@ -160,8 +164,8 @@ def _short(value: Any) -> str:
 
 def _count(value: Any, counted: dict[int, int | None]) -> int:
     """How many values there are if references count as what they refer to; refused are too many, and endless ones."""
-    if isinstance(value, str) and OBEYED.search(value):
-        raise ValueError(f"{_short(value)} holds a control character; write plain letters")
+    if isinstance(value, str) and REFUSED.search(value):
+        raise ValueError(f"{_short(value)} holds a control character; write letters")
     if not isinstance(value, dict | list):
         return 1
     if id(value) in counted:

@@ -50,8 +50,8 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     try:
         numbers(m)
         for key in ("case", "ship"):
-            if key in m:
-                check_name(key, m[key])
+            if not isinstance(m.get(key, ""), str | int):
+                raise InputError(f"{key} is {m[key]!r}; expected a name")
         _check_runs(m, folder)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
@@ -99,8 +99,8 @@ def _check_runs(m: Mapping[str, Any], folder: Path) -> None:
         check_choice(f"split of run {entry['run']}", entry["split"], ["fit", "held_out"])
         if not isinstance(entry.get("rows", 0), int):
             raise InputError(f"rows of run {entry['run']} is {entry['rows']!r}; expected a whole number")
-        if entry.get("manoeuvre") is not None:
-            check_name(f"manoeuvre of run {entry['run']}", entry["manoeuvre"])
+        if not isinstance(entry.get("manoeuvre") or "", str):
+            raise InputError(f"manoeuvre of run {entry['run']} is {entry['manoeuvre']!r}; expected a name")
         for key in ("run", "file"):
             check_name(key, entry[key])
         if not (folder / entry["file"]).is_file():
