@@ -24,12 +24,20 @@ from manoeuvre_nn.effect.loading import DisplacementChange
 from manoeuvre_nn.effect.local import SideForce, Tow
 from manoeuvre_nn.effect.propulsion import HullFouling, PowerLimit, PropellerSideForce
 from manoeuvre_nn.effect.roll import RollCoupling
-from manoeuvre_nn.effect.rudder import RudderBacklash, RudderDelay, RudderOffset, RudderSaturation, RudderSlow
+from manoeuvre_nn.effect.rudder import (
+    RudderAreaLoss,
+    RudderBacklash,
+    RudderDelay,
+    RudderOffset,
+    RudderSaturation,
+    RudderSlow,
+)
 from manoeuvre_nn.effect.sensors import GpsDelay, HeadingBias, LeverArm, LogScale, RateBias
 from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.estimation.corrections import MISSING, Calibrated, Corrections
 from manoeuvre_nn.estimation.data_set import FIRST_NOISE, WhitenedDataSet, whitened_data_set
 from manoeuvre_nn.estimation.effect_columns import (
+    behind_record,
     blade_along,
     coefficient_columns,
     contribution,
@@ -101,6 +109,19 @@ def test_an_effect_moves_the_ship_as_calm_water_lacks_along_its_true_track(name)
     off = np.abs(c.moved[..., 0] - missing) / (np.abs(missing).max(axis=0) + STATES)
     # A rudder that comes to rest between two samples is not linear between them. Positions see it later.
     assert np.quantile(off[:, :3], 0.9, axis=0).max() < 0.01 and off.max() < 0.1
+
+
+@pytest.mark.parametrize("fault", [RudderAreaLoss(SHIP, fraction=0.3), RudderBacklash(SHIP, width_deg=6.0)])
+def test_what_acts_beside_a_late_record_of_the_rudder_does_so_when_the_rudder_is_laid(fault):
+    both = [RudderDelay(SHIP, delay_s=9.0), fault]
+    line = about(run_of(sailed([TIMED], both)[0]), states_of(sailed([TIMED], both)[0]))
+    with unchecked():
+        behind = behind_record(line, both, [e.values.numpy() for e in both])
+        added = sum(contribution(e, values(e), behind).moved[..., 0] for e in both)
+        late = sum(contribution(e, values(e), line).moved[..., 0] for e in both)
+    off, without = (np.abs(a + line.defect)[:, :3] / np.abs(line.defect)[:, :3].max(axis=0) for a in (added, late))
+    assert np.quantile(off, 0.9, axis=0).max() < 0.01 and off.max() < 0.1
+    assert np.quantile(without, 0.9, axis=0).min() > 0.03
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.estimation.corrections import Calibrated, CoefficientPrior, Corrections
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet, base_columns, whitened_data_set
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
-from manoeuvre_nn.estimation.relinearise import MAX_CORRECTION, STATES_AT_REST, change_of_states, refined
+from manoeuvre_nn.estimation.relinearise import MAX_CORRECTION, STATES_AT_REST, beside, change_of_states, refined
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 
@@ -99,6 +99,21 @@ def test_a_rudder_recorded_so_late_that_movements_do_not_overlap_is_found():
     late = runs([CIRCLE, PORT], [RudderDelay(SHIP, delay_s=44.0)])
     found = search(whitened_data_set(CALM, late), [RudderDelay(SHIP)]).fitted[0]
     assert found.hypothesis.vector()[0] == approx(44.0, abs=1.0)
+
+
+def test_corrections_of_a_rudder_that_is_recorded_late_act_when_it_is_laid():
+    """Of a rudder 12 % weaker than published and recorded 25 s late, strength and delay are found."""
+    shares = np.array([-0.12 * (name in ("Yd", "Nd")) for name in Corrections(CALM).names])
+    weak = Vessel(Calibrated(CALM, torch.tensor(shares)), [RudderDelay(SHIP, delay_s=25.0)])
+    with unchecked():
+        records = roll_out(weak, [CIRCLE, ZIGZAG], step=1.0)
+    stood = whitened_data_set(CALM, [run_of(r, NOISE, seed) for seed, r in enumerate(records)])
+    there, late = at_rest(stood, fitted(MarginalLikelihood(stood), hypothesis(RudderDelay(SHIP, delay_s=22.0))))
+    assert late.hypothesis.vector()[0] == approx(25.0, abs=4 * late.errors[0] + 0.05)
+    turning = [Corrections(CALM).names.index("Nd")]
+    assert late.corrections[turning] == approx(shares[turning], abs=0.04)
+    assert beside(MarginalLikelihood(there), NONE).data_set is not there, "calm water has the rudder as it was recorded"
+    assert beside(MarginalLikelihood(stood), NONE).data_set is stood
 
 
 def test_corrections_are_those_of_the_ship_in_whatever_combinations_they_were_found():

@@ -13,7 +13,7 @@ from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.local import BowThruster
 from manoeuvre_nn.effect.propulsion import PowerLimit
 from manoeuvre_nn.effect.roll import RollCoupling
-from manoeuvre_nn.effect.rudder import RudderBacklash, RudderOffset, RudderSlow
+from manoeuvre_nn.effect.rudder import RudderBacklash, RudderDelay, RudderOffset, RudderSlow
 from manoeuvre_nn.effect.sensors import HeadingBias, LeverArm, LogScale
 from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
@@ -33,6 +33,7 @@ ACTING = [
     [SteadyWind(SHIP, speed=12.0, from_deg=40.0)],
     [RudderOffset(SHIP, offset_deg=2.0)],
     [RudderBacklash(SHIP, width_deg=5.0)],
+    [RudderDelay(SHIP, delay_s=33.0)],
     [PowerLimit(SHIP, rpm_slope=0.4)],
     [RollCoupling(SHIP, N_phi=0.02)],
     [BowThruster(SHIP, force_kN=150.0, start_s=60.0, end_s=115.0)],

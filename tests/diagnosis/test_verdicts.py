@@ -36,6 +36,7 @@ def decided(monkeypatch):
     """Decides on log Bayes factors over calm water; what chance can do is known, and so is the stranger."""
 
     def run(factors: dict, unknown: float = -5.0, lacked: float | None = None):
+        monkeypatch.setattr(under_test, "beside", lambda likelihood, hypothesis: likelihood)
         monkeypatch.setattr(under_test, "short_formula", lambda likelihood, none: None)
         monkeypatch.setattr(under_test, "unknown_evidence", lambda likelihood, none, formula: CALM_EVIDENCE + unknown)
         monkeypatch.setattr("manoeuvre_nn.diagnosis.alarm.threshold", lambda contest: 1.0)

@@ -35,6 +35,9 @@ def test_the_tankers_pitch_error_is_a_share_of_its_own_thrust():
     hull = -0.0377 * ship.self_propulsion**2 / 304.8  # Xuu u^2 / L, which thrust balances
     change = made("propeller_pitch_error", ship, fraction=0.1).acceleration(s, NONE)
     assert float(change[0, 0]) == pytest.approx(-0.1 * hull / 1.05, rel=2e-4)
+    # Its side force and moment are shares YT and NT of gT, of which 1 - t pushes ahead (Table 1, with m22 and m33).
+    assert float(change[0, 1]) == pytest.approx(-0.1 * hull / 0.78 * 0.04 / 2.02, rel=1e-3)
+    assert float(change[0, 2]) == pytest.approx(-0.1 * hull / 0.78 * -0.02 / 0.1232 / 304.8, rel=1e-3)
 
 
 @pytest.mark.parametrize("ship", DEEP)

@@ -5,6 +5,8 @@ import torch
 from fleet import ship_named
 from shelf import DEEP, at, made, situation
 
+from manoeuvre_nn.core.recording import followed
+
 RAD = radians(1.0)
 
 
@@ -64,12 +66,31 @@ def test_a_late_recording_is_put_right_again():
     effect = made("rudder_delay", "mariner", delay_s=2.5)
     s = situation("mariner", n=60)
     written = effect.record({"delta": true, "psi": s.psi}, s.with_(time=time))
-    torch.testing.assert_close(written["delta"], true - 0.025)
+    torch.testing.assert_close(written["delta"][3:], true[3:] - 0.025)
     assert written["psi"] is s.psi
-    torch.testing.assert_close(effect.indicated(written["delta"], time), true)
+    torch.testing.assert_close(effect.indicated(written["delta"], None, time)[3:-3], true[3:-3])
     bent = torch.sin(0.1 * time)
-    again = effect.indicated(effect.record({"delta": bent}, s.with_(time=time))["delta"], time)
+    again = effect.indicated(effect.record({"delta": bent}, s.with_(time=time))["delta"], None, time)
     torch.testing.assert_close(again[5:-5], bent[5:-5], rtol=0.0, atol=3e-3)
+
+
+@pytest.mark.parametrize("delay", [13.0, -13.0])
+def test_a_rudder_that_moves_where_no_sample_tells_of_it_is_taken_from_the_orders(delay):
+    """It is under way when the late record ends, or when the early one begins: without orders it is held there."""
+    rate, time = ship_named("mariner").particulars.rudder_rate, torch.arange(60, dtype=torch.float64)
+    order = torch.where(time < 7, -0.3, torch.where(time < 50, 0.2, -0.25)).double()
+    true = torch.tensor(followed(time.numpy(), order.numpy(), rate, start=0.0))
+    effect, s = made("rudder_delay", "mariner", delay_s=delay), situation("mariner", n=60).with_(time=time)
+    written = effect.record({"delta": true}, s)["delta"]
+    end = 0 if delay > 0 else -1
+    assert written[end] == true[end], "before and after a run the rudder stands still"
+    ordered = torch.tensor(followed(time.numpy(), order.numpy(), rate, start=0.0))
+    torch.testing.assert_close(effect.indicated(written, ordered, time), true)
+    held = effect.indicated(written, None, time)
+    told = slice(None, -13) if delay > 0 else slice(13, None)
+    untold = held[-13:] if delay > 0 else held[:13]
+    torch.testing.assert_close(held[told], true[told])
+    assert (untold == (written[-1] if delay > 0 else written[0])).all()
 
 
 @pytest.mark.parametrize("ship", DEEP)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.recording import followed
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.recording.outliers import spikes
-from manoeuvre_nn.recording.read.mending import followed
 from manoeuvre_nn.recording.read.position import local_metres
 from manoeuvre_nn.recording.read.reader import read_recording
 

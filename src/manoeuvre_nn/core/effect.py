@@ -289,13 +289,16 @@ class Effect(ABC, nn.Module):
         """
         return shown
 
-    def indicated(self, recorded: Float[Tensor, "*batch n"], time: Float[Tensor, " n"]) -> Float[Tensor, "*batch n"]:
+    def indicated(
+        self, recorded: Float[Tensor, "*batch n"], ordered: Float[Tensor, " n"] | None, time: Float[Tensor, " n"]
+    ) -> Float[Tensor, "*batch n"]:
         """True indicator angle behind a recorded one, the inverse of :meth:`record` for the rudder channel.
 
         Effects that make the recorded rudder late or early override it.
 
         Args:
             recorded: Recorded rudder angle [rad].
+            ordered: Where the nominal gear has the rudder by the recorded orders [rad]; None if none was recorded.
             time: Sample times [s].
 
         Returns:

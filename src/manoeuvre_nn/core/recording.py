@@ -95,6 +95,12 @@ class Recording:
         good = np.isfinite(values)
         return np.interp(self.time, self.time[good], values[good])
 
+    def ordered_rudder(self, rate: float) -> Float[np.ndarray, " n"] | None:
+        """Where a gear of this rate [rad/s] has the rudder by the recorded orders [rad]; None if none was recorded."""
+        if "delta_order" not in self.channels or "delta_order" in self.derived:
+            return None
+        return followed(self.time, self.filled("delta_order"), rate)
+
     def stacked(self, *names: str) -> Float[np.ndarray, "n k"]:
         """Several channels side by side, one column each."""
         return np.stack([self[name] for name in names], axis=-1)
@@ -148,3 +154,28 @@ class Recording:
         """Write time and all channels, SI and radians, unit in the heading."""
         named = {f"{k} [{UNITS.get(k, '-')}]": c for k, c in {"t": self.time, **self.channels}.items()}
         pd.DataFrame(named).to_csv(path, index=False, float_format="%.9g")
+
+
+def followed(
+    time: Float[np.ndarray, " n"], order: Float[np.ndarray, " n"], rate: float, start: float | None = None
+) -> Float[np.ndarray, " n"]:
+    """The rudder of a steering gear that goes evenly towards its order.
+
+    An order stands until the next sample. Unless it is said where the rudder begins it is taken to stand at the first
+    order already: a record had better begin before the rudder is moved.
+
+    Args:
+        time: Sample times [s].
+        order: Ordered angle [rad].
+        rate: Rate of the steering gear [rad/s].
+        start: Angle at the first sample [rad]; None is the first order.
+
+    Returns:
+        Rudder angle [rad].
+    """
+    angle = float(order[0] if start is None else start)
+    result = [angle]
+    for wanted, reach in zip(order[:-1].tolist(), (rate * np.diff(time)).tolist(), strict=True):
+        angle += min(max(wanted - angle, -reach), reach)
+        result.append(angle)
+    return np.array(result)

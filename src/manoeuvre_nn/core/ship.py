@@ -273,21 +273,22 @@ class Ship(ABC, nn.Module):
         """Shaft speed on the approach [rpm]: the nominal one unless a family says otherwise."""
         return self.particulars.rpm
 
-    def thrust(self, u: Float[Tensor, "*batch"], shaft: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
-        """Propulsive force behind the hull: thrust less thrust deduction.
+    def thrust(self, u: Float[Tensor, "*batch"], shaft: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
+        """Propulsive force behind the hull, thrust less thrust deduction, and the side force that goes with it.
 
         ``T = R0 [(1 + s) (n/n0)^2 - s (n/n0) u/U0]``: thrust linear in the advance ratio, equal to the resistance R0
-        on the approach. Families that model the propeller override it.
+        on the approach, without a side force. Families that model the propeller override it.
 
         Args:
             u: Forward speed through the water [m/s].
             shaft: n / n0 [-].
 
         Returns:
-            Force [N].
+            X, Y [N], N [N m].
         """
         p = self.particulars
-        return p.calm_resistance * shaft * ((1 + p.thrust_slope) * shaft - p.thrust_slope * u / p.speed)
+        surge = p.calm_resistance * shaft * ((1 + p.thrust_slope) * shaft - p.thrust_slope * u / p.speed)
+        return torch.nn.functional.pad(surge[..., None], (0, 2))
 
     def shaft_force(
         self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"], shaft: Float[Tensor, "*batch"]
@@ -305,8 +306,8 @@ class Ship(ABC, nn.Module):
             Addition to f' [-].
         """
         u = nu[..., 0]
-        surge = (self.thrust(u, shaft) - self.thrust(u, torch.ones_like(u))) / self.prime.force
-        return torch.stack([surge, torch.zeros_like(surge), torch.zeros_like(surge)], dim=-1)
+        units = u.new_tensor([self.prime.force, self.prime.force, self.prime.moment])
+        return (self.thrust(u, shaft) - self.thrust(u, torch.ones_like(u))) / units
 
     def acceleration_from_si(self, force: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
         """Accelerations udot, vdot [m/s^2], rdot [rad/s^2] that an external force X, Y [N], N [N m] causes."""

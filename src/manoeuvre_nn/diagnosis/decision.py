@@ -14,6 +14,7 @@ from manoeuvre_nn.diagnosis.unknown import unknown_evidence
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.effect.formula import Formula
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
+from manoeuvre_nn.estimation.relinearise import beside
 
 PRIOR_NONE, PRIOR_UNKNOWN, PRIOR_OF_SIZE = 0.25, 0.10, (0.53, 0.10, 0.02)
 """Declared base rates: calm water holds, something that the shelf does not have, and one effect, two, three."""
@@ -116,10 +117,11 @@ def settled(result: SearchResult) -> SearchResult:
 def decide(result: SearchResult) -> Decision:
     """Weigh all hypotheses, raise the alarm if chance alone would not reach it, and say what may be claimed."""
     none, data_set = result.none.evidence, result.likelihood.data_set
-    formula = short_formula(result.likelihood, result.none)
+    there = beside(result.likelihood, result.none.hypothesis)
+    formula = short_formula(there, result.none)
     # A fitted model has errors that a formula takes up: to raise the alarm it must hold on other runs first.
     trained = is_fitted(data_set.dynamics)
-    unmodelled = unknown_evidence(result.likelihood, result.none, None if trained else formula)
+    unmodelled = unknown_evidence(there, result.none, None if trained else formula)
     worthy = _worthy(result)
     names = sorted({n for j in result.fitted for n in j.names})
     log_weight = _log_weights(none, unmodelled, worthy, len(names))

@@ -21,9 +21,11 @@ from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.estimation.corrections import Calibrated
 from manoeuvre_nn.estimation.data_set import process_time, start_spread, typical
 from manoeuvre_nn.estimation.effect_columns import (
+    behind_record,
     blade_along,
     contribution,
     hulls_beside,
+    indicated,
     latency_column,
     own_states,
     perfect,
@@ -183,7 +185,7 @@ def _wheels(hypothesis: Hypothesis, runs: Sequence[Recording]) -> list[Float[np.
         with torch.no_grad():
             for effect, value in zip(mine.effects, mine.values, strict=True):
                 acting = effect.at(torch.tensor(value)[:, None, :])
-                blade = acting.indicated(blade, torch.tensor(run.time))
+                blade = indicated(acting, run, blade)
                 if type(effect).blade is not Effect.blade:
                     blade = blade_along(acting, run, blade)
         made += list(blade.expand(len(rows), -1).numpy())
@@ -236,7 +238,8 @@ def start_state_and_covariance(
         effects, here = hypothesis.effects, [v[0] for v in hypothesis.values]
         beside = [hulls_beside(effects, here, k) for k in range(len(effects))]
         each = zip(effects, hypothesis.values, beside, strict=True)
-        added = [contribution(e, v, linearised, hulls=hulls) for e, v, hulls in each]
+        line = behind_record(linearised, effects, here)
+        added = [contribution(e, v, line, hulls=hulls) for e, v, hulls in each]
         # Data less latency and effects at their values.
         all_of_them = joined([linearised.data, latency_column(linearised), *added])
         left = all_of_them.combined(np.array([1.0, -latency, *[-1.0] * len(added)]))

@@ -18,6 +18,7 @@ from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.relinearise import (
     MAX_PASSES,
     STATES_AT_REST,
+    beside,
     change_of_states,
     refined,
     with_likely_coefficient_prior,
@@ -125,7 +126,7 @@ def _again(
     """The best few and calm water about the states of one of them; the others keep their distance to that one."""
     data_set, leading = at_rest(likelihood.data_set, about)
     there = MarginalLikelihood(with_likely_coefficient_prior(data_set, leading))
-    calm = there.evaluate(Hypothesis((), ()), around=none.best[0])
+    calm = beside(there, none.hypothesis).evaluate(none.hypothesis, around=none.best[0])
 
     def refitted(number: int) -> FittedHypothesis:
         return refine(there, fitted[number].hypothesis, *fitted[number].best)
@@ -171,18 +172,19 @@ def refine(
     Returns:
         What came out.
     """
-    hypothesis, _ = likelihood.improve(hypothesis, level, scatter)
-    fitted = likelihood.evaluate(hypothesis, around=level)
+    hypothesis, _ = beside(likelihood, hypothesis).improve(hypothesis, level, scatter)
+    there = beside(likelihood, hypothesis)
+    fitted = there.evaluate(hypothesis, around=level)
     if fitted.evidence > min_evidence:
-        elsewhen = replaced(likelihood, fitted.hypothesis, *fitted.best)
+        elsewhen = replaced(there, fitted.hypothesis, *fitted.best)
         if elsewhen is not fitted.hypothesis:
-            fitted = likelihood.evaluate(elsewhen, around=fitted.best[0])
+            fitted = there.evaluate(elsewhen, around=fitted.best[0])
     for _ in range(2):
         if fitted.evidence < min_evidence:
             return fitted
         before = fitted
-        hypothesis, _ = likelihood.improve(fitted.hypothesis, *fitted.best, rounds=4)
-        fitted = likelihood.evaluate(hypothesis, around=fitted.best[0])
+        hypothesis, _ = beside(likelihood, fitted.hypothesis).improve(fitted.hypothesis, *fitted.best, rounds=4)
+        fitted = beside(likelihood, hypothesis).evaluate(hypothesis, around=fitted.best[0])
         if fitted.evidence < before.evidence + 0.1:
             return max(before, fitted, key=lambda j: j.evidence)
     return fitted
@@ -194,7 +196,7 @@ def at_rest(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> tuple[Whiten
     Returns:
         The runs about its states, and the hypothesis fitted to them.
     """
-    random = fitted.random
+    random, data_set = fitted.random, beside(MarginalLikelihood(data_set), fitted.hypothesis).data_set
     for _ in range(MAX_PASSES):
         there = refined(data_set, fitted)
         if change_of_states(data_set, there, fitted.best[0]) < STATES_AT_REST:

@@ -93,7 +93,9 @@ def _rudder(vessel: Vessel, times: np.ndarray, record: Recording, like: Tensor) 
     """Recorded angle, what the indicator showed, and the order in force at some times."""
     recorded = np.interp(times, record.time, record["delta"])
     clock = like.new_tensor(record.time - record.time[0])
-    shown = vessel.gear.indicated(like.new_tensor(record["delta"]), clock).detach().cpu().numpy()
+    sound = record.ordered_rudder(vessel.model.particulars.rudder_rate)
+    ordered = None if sound is None else like.new_tensor(sound)
+    shown = vessel.gear.indicated(like.new_tensor(record["delta"]), ordered, clock).detach().cpu().numpy()
     shown = np.interp(times, record.time, shown)
     if "delta_order" not in record.channels:
         return recorded, shown, shown

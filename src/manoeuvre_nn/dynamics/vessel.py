@@ -165,10 +165,12 @@ class RudderGear:
         before = torch.stack([delta] * max(len(self._faults), 1), dim=-1)
         return self.after(before, delta, delta, torch.full_like(delta, AT_REST_S))
 
-    def indicated(self, recorded: Float[Tensor, "*batch n"], time: Float[Tensor, " n"]) -> Float[Tensor, "*batch n"]:
+    def indicated(
+        self, recorded: Float[Tensor, "*batch n"], ordered: Float[Tensor, " n"] | None, time: Float[Tensor, " n"]
+    ) -> Float[Tensor, "*batch n"]:
         """What the rudder indicator showed [rad]: every effect's record undone, the last one's first."""
         for effect in reversed(self.effects):
-            recorded = effect.indicated(recorded, time)
+            recorded = effect.indicated(recorded, ordered, time)
         return recorded
 
 

@@ -35,9 +35,9 @@ class PropellerSideForce(Effect):
 
 
 class PropellerPitchError(Effect):
-    """Thrust that deviates by a fraction at every shaft speed.
+    """Thrust that deviates by a fraction at every shaft speed, and the side force and moment that go with it.
 
-    Where the coefficient set has a thrust of its own, side forces and race that follow from it are left as they are.
+    What a coefficient set makes of shaft speed and advance ratio otherwise, the race over the rudder, is left as it is.
     """
 
     name = "propeller_pitch_error"
@@ -54,9 +54,8 @@ class PropellerPitchError(Effect):
     )
 
     def force(self, s: Situation) -> Float[Tensor, "*batch 3"]:
-        """The surplus of thrust."""
-        surge = self.value("fraction") * self.ship.thrust(s.u, s.shaft)
-        return columns(surge, torch.zeros_like(surge), torch.zeros_like(surge))
+        """The surplus of thrust and of what goes with it."""
+        return self.value("fraction")[..., None] * self.ship.thrust(s.u, s.shaft)
 
 
 class PowerLimit(Effect):

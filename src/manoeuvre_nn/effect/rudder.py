@@ -124,13 +124,23 @@ class RudderDelay(_RudderEffect):
     declared = (Parameter("delay_s", "s", -60.0, 60.0, 0.0, 1.5, STARTS_S, sides=LATE),)
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
-        """Take the rudder angle from before."""
-        delay = self.value("delay_s")
-        return {k: shifted(c, s.time, delay) if k == "delta" else c for k, c in channels.items()}
+        """Take the rudder angle from before; it stood still before the run, and is taken to after it."""
+        asked = _within(s.time, s.time - self.value("delay_s"))
+        return {k: shifted(c, s.time, s.time - asked) if k == "delta" else c for k, c in channels.items()}
 
-    def indicated(self, recorded: Float[Tensor, "*batch n"], time: Float[Tensor, " n"]) -> Float[Tensor, "*batch n"]:
-        """Take the rudder angle from after."""
-        return shifted(recorded, time, -self.value("delay_s"))
+    def indicated(
+        self, recorded: Float[Tensor, "*batch n"], ordered: Float[Tensor, " n"] | None, time: Float[Tensor, " n"]
+    ) -> Float[Tensor, "*batch n"]:
+        """Take the rudder angle from after; what was never recorded from the orders, or held where there are none."""
+        asked = time + self.value("delay_s")
+        known = _within(time, asked)
+        angle = shifted(recorded, time, time - known)
+        return angle if ordered is None else torch.where(asked == known, angle, ordered)
+
+
+def _within(time: Float[Tensor, "*#batch n"], asked: Float[Tensor, "*#batch n"]) -> Float[Tensor, "*batch n"]:
+    """Times of which a record tells: before its first sample that one, beyond its last that."""
+    return torch.minimum(torch.maximum(asked, time[..., :1]), time[..., -1:])
 
 
 class RudderAreaLoss(_RudderEffect):
@@ -198,7 +208,7 @@ class Slipstream(_RudderEffect):
         speed = self.ship.particulars.speed
         one = torch.ones_like(s.u)
         loading = self._loading()
-        thrust = self.ship.thrust(s.u, s.shaft) / self.ship.thrust(speed * one, one)
+        thrust = self.ship.thrust(s.u, s.shaft)[..., 0] / self.ship.thrust(speed * one, one)[..., 0]
         pressure = ((s.u / speed).square() + loading * thrust) / (1 + loading)
         return (self.value("share") * (pressure - 1))[..., None] * rudder_part(self.ship, s)
 

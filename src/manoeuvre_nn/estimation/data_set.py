@@ -37,6 +37,11 @@ CAMPAIGN = "campaign"
 """What a recording's ``meta`` calls the day, load or speed that it belongs to."""
 LATENCY, LATENCY_SD = 0.25, 0.25
 """Delay of the satellite receiver [s]: mean and s.d. before the recording is seen."""
+SAME_RUDDER = 1.0 * DEGREE
+"""Standard deviation of the difference of two rudder angles from which on corrections tell them apart [rad]: of it, 5 %
+are half the noise of an indicator."""
+MAX_RUDDERS = 4
+"""Sets of runs about other rudder angles that are kept."""
 
 
 @dataclass(frozen=True)
@@ -98,6 +103,7 @@ class WhitenedDataSet:
         time, start = process_time(dynamics), start_spread(dynamics)
         self._equations = [run_equations(run.linearised, run.noise, time, start) for run in self.runs]
         self._at: dict[int, _Level] = {}
+        self._by_rudder: dict[bytes, WhitenedDataSet] = {}
         # Keep the combinations of coefficients that the runs can show; the prior is the same in all directions.
         self.combinations = k = self.runs[0].base.count - 2  # of the base, data and latency are none
         root = self.coefficient_prior.root(Corrections(dynamics).names)
@@ -123,6 +129,30 @@ class WhitenedDataSet:
         base = [w.embed(p.base) for w, p in zip(white, self.runs, strict=True)]
         g = summed([e.dot(e) for e in base], [self.base_index(k) for k in range(len(base))], self.size)
         return _Level(white, base, g, sum(w.log_norm for w in white))
+
+    def with_rudders(self, indicated: Sequence[Float[np.ndarray, " n"]]) -> "WhitenedDataSet":
+        """The same runs about the same states, corrections of rudder forces acting at other angles.
+
+        Args:
+            indicated: What the rudder indicator showed in each run [rad].
+
+        Returns:
+            The runs; these if the angles differ by less than matters.
+        """
+        lines = [p.linearised for p in self.runs]
+        if max(np.std(a - x.indicated) for a, x in zip(indicated, lines, strict=True)) < SAME_RUDDER:
+            return self
+        key = b"".join(a.tobytes() for a in indicated)
+        if key not in self._by_rudder:
+            moved = [replace(x, indicated=a) for a, x in zip(indicated, lines, strict=True)]
+            made = [
+                replace(p, linearised=x, base=base_columns(self.dynamics, x))
+                for p, x in zip(self.runs, moved, strict=True)
+            ]
+            if len(self._by_rudder) >= MAX_RUDDERS:
+                del self._by_rudder[next(iter(self._by_rudder))]
+            self._by_rudder[key] = WhitenedDataSet(self.dynamics, made, self.coefficient_prior)
+        return self._by_rudder[key]
 
     @property
     def campaigns(self) -> tuple[int, ...]:
@@ -288,6 +318,7 @@ def about_states(
     prepared: PreparedRun,
     track: Float[np.ndarray, "n k"],
     corrections: Float[np.ndarray, " k"] | None = None,
+    indicated: Float[np.ndarray, " n"] | None = None,
 ) -> PreparedRun:
     """The same run about another track.
 
@@ -297,12 +328,13 @@ def about_states(
         track: u, v, r, x, y, psi, own states.
         corrections: Sizes of :class:`.Corrections` that the equations are linearised about too, so that effects act on
             the corrected ship: a rudder offset on the rudder as strong as it is; None are none.
+        indicated: What the rudder indicator showed, where corrections of rudder forces act [rad]; None is the record.
 
     Returns:
         The run about it.
     """
     about = dynamics if corrections is None else Calibrated(dynamics, dynamics.hull.inertia.new_tensor(corrections))
-    linearised = linearise(prepared.linearised.run, Rate(about), track, process_time(dynamics))
+    linearised = linearise(prepared.linearised.run, Rate(about), track, process_time(dynamics), indicated)
     return replace(prepared, linearised=linearised, base=base_columns(dynamics, linearised))
 
 

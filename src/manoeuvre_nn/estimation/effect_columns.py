@@ -1,6 +1,7 @@
 """What effects, coefficients and sensors add to a run: columns of its linear equations."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -30,7 +31,7 @@ def contribution(
     Args:
         effect: The effect.
         values: Parameter values, one set a row.
-        linearised: The run about its track.
+        linearised: The run about its track, and the rudder as :func:`behind_record` has it.
         blade: Angle of the blade for each set (:func:`blades`); None finds it.
         hulls: Effects beside it that change the ship's inertia, at their values (:func:`hulls_beside`).
 
@@ -43,10 +44,11 @@ def contribution(
         rows, n, sides, moving = len(values), len(linearised.run), linearised.sides, linearised.moving
         here, changed = s, s.nu.new_zeros(rows, n, moving.shape[-1])
         if blade is None:
-            (blade,) = blades(effect, [values], [linearised.run])
+            (blade,) = blades(effect, [values], [linearised])
         if blade is not None:
             here = s.with_(delta=blade)
-            changed = changed + rate(moving.expand(rows, n, -1), blade, s.shaft, sides) - linearised.calm
+            without = linearised.as_recorded if _undoes_a_record(effect) else linearised.calm
+            changed = changed + rate(moving.expand(rows, n, -1), blade, s.shaft, sides) - without
         memory = own_states(acting, s, rows, linearised.run.step)
         shaft = acting.shaft(here, memory)
         if type(effect).shaft is not Effect.shaft and bool((s.shaft == 1).all()):
@@ -70,7 +72,7 @@ def hulls_beside(effects: Sequence[Effect], values: Sequence[Float[np.ndarray, "
 
 
 def blades(
-    effect: Effect, tables: Sequence[Float[np.ndarray, "k p"]], runs: Sequence[Recording]
+    effect: Effect, tables: Sequence[Float[np.ndarray, "k p"]], linearised: Sequence[LinearisedRun]
 ) -> list[Float[Tensor, "k n"] | None]:
     """Angle of the blade at all samples of several runs behind one effect, for several sets of values at once.
 
@@ -79,19 +81,42 @@ def blades(
     Args:
         effect: The effect.
         tables: Parameter values of each run, one set a row.
-        runs: The runs.
+        linearised: The runs.
 
     Returns:
         One table of angles a run; None if the effect leaves the blade as indicated.
     """
-    shown = [torch.tensor(run["delta"]).expand(len(table), -1) for run, table in zip(runs, tables, strict=True)]
+    runs = [line.run for line in linearised]
     with torch.no_grad():
-        if type(effect).indicated is not Effect.indicated:
+        if _undoes_a_record(effect):
             acting = [effect.at(torch.tensor(table)[:, None, :]) for table in tables]
-            return [a.indicated(d, torch.tensor(r.time)) for a, d, r in zip(acting, shown, runs, strict=True)]
+            return [indicated(a, r, torch.tensor(r["delta"])[None]) for a, r in zip(acting, runs, strict=True)]
         if type(effect).blade is Effect.blade:
             return [None] * len(runs)
+        shown = [torch.tensor(x.indicated).expand(len(v), -1) for x, v in zip(linearised, tables, strict=True)]
         return list(_behind(effect, [torch.tensor(table) for table in tables], runs, shown))
+
+
+def _undoes_a_record(effect: Effect) -> bool:
+    return type(effect).indicated is not Effect.indicated
+
+
+def behind_record(
+    linearised: LinearisedRun, effects: Sequence[Effect], values: Sequence[Float[np.ndarray, " p"]]
+) -> LinearisedRun:
+    """A run with the rudder where the effects of a hypothesis say that its indicator was, for what acts beside them."""
+    shown = torch.tensor(linearised.run["delta"])[None]
+    for effect, here in zip(reversed(effects), reversed(values), strict=True):
+        if _undoes_a_record(effect):
+            shown = indicated(effect.at(shown.new_tensor(here)), linearised.run, shown)
+    same = np.array_equal(shown[0], linearised.indicated)
+    return linearised if same else replace(linearised, indicated=shown[0].numpy())
+
+
+def indicated(acting: Effect, run: Recording, recorded: Float[Tensor, "rows n"]) -> Float[Tensor, "rows n"]:
+    """What the indicator showed during a run behind a recorded angle [rad] (:meth:`.Effect.indicated`)."""
+    ordered = run.ordered_rudder(acting.ship.particulars.rudder_rate)
+    return acting.indicated(recorded, None if ordered is None else torch.tensor(ordered), torch.tensor(run.time))
 
 
 def blade_along(acting: Effect, run: Recording, shown: Float[Tensor, "rows n"]) -> Float[Tensor, "rows n"]:

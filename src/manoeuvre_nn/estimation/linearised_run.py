@@ -83,6 +83,8 @@ class LinearisedRun:
         observed: Derivative of the channels by the state.
         residual: Measured minus what the track shows; 0 where nothing was measured.
         rudder_push: What a radian of rudder adds to the state within a step.
+        indicated: What the rudder indicator showed [rad]: the record, unless that is said to be late or early. All
+            derivatives are about it; the defect is that of the record.
     """
 
     run: Recording
@@ -93,6 +95,7 @@ class LinearisedRun:
     observed: Float[np.ndarray, "n c s"]
     residual: Float[np.ndarray, "n c"]
     rudder_push: Float[np.ndarray, "steps k"]
+    indicated: Float[np.ndarray, " n"]
 
     @property
     def states(self) -> RunStates:
@@ -113,9 +116,16 @@ class LinearisedRun:
     @cached_property
     def calm(self) -> Float[Tensor, "n k"]:
         """Their rates in calm water."""
-        run = self.run
+        return self._calm(self.indicated)
+
+    @cached_property
+    def as_recorded(self) -> Float[Tensor, "n k"]:
+        """The same if the recorded rudder was right."""
+        return self._calm(self.run["delta"])
+
+    def _calm(self, delta: Float[np.ndarray, " n"]) -> Float[Tensor, "n k"]:
         with torch.no_grad():
-            return self.rate(self.moving, torch.tensor(run["delta"]), torch.tensor(run["shaft"]), self.sides)
+            return self.rate(self.moving, torch.tensor(delta), torch.tensor(self.run["shaft"]), self.sides)
 
     @cached_property
     def sides(self) -> dict[str, Tensor]:
@@ -132,7 +142,7 @@ class LinearisedRun:
     def situation(self) -> Situation:
         """What effects see along the track."""
         run, state = self.run, torch.tensor(self.track)
-        delta, shaft, time = (torch.tensor(part) for part in (run["delta"], run["shaft"], run.time))
+        delta, shaft, time = (torch.tensor(part) for part in (self.indicated, run["shaft"], run.time))
         heel = heel_of(self.run, self.rate.dynamics)
         known = None if not heel else torch.stack(list(heel.values()), dim=-1)
         x, y, psi = state[:, 3:6].unbind(-1)
@@ -185,7 +195,13 @@ def heel_of(run: Recording, dynamics: Model) -> dict[str, Tensor]:
     return {name: torch.tensor(values) for name, values in smooth_heel(run).items()}
 
 
-def linearise(run: Recording, rate: Rate, track: Float[np.ndarray, "n k"], process_time: float) -> LinearisedRun:
+def linearise(
+    run: Recording,
+    rate: Rate,
+    track: Float[np.ndarray, "n k"],
+    process_time: float,
+    indicated: Float[np.ndarray, " n"] | None = None,
+) -> LinearisedRun:
     """Linearise a run's equations about a track.
 
     Args:
@@ -193,19 +209,21 @@ def linearise(run: Recording, rate: Rate, track: Float[np.ndarray, "n k"], proce
         rate: Rates of the calm-water model.
         track: u, v, r, x, y, psi and own states; its process noise is 0, so that all of them shows in the data.
         process_time: Correlation time of the process noise [s].
+        indicated: What the rudder indicator showed [rad]; None is what was recorded.
 
     Returns:
         The linear equations.
     """
     states, sides = rate.states, sides_of(run, rate.dynamics)
-    delta, shaft = torch.tensor(run["delta"]), torch.tensor(run["shaft"])
+    recorded, shaft = torch.tensor(run["delta"]), torch.tensor(run["shaft"])
+    delta = recorded if indicated is None else torch.tensor(indicated)
     step = partial(_step, rate, shaft=shaft, sides=sides, h=run.step, decay=float(np.exp(-run.step / process_time)))
     state = torch.nn.functional.pad(torch.tensor(track[:-1]), (0, len(states.driven)))
     size = state.new_tensor(states.difference)
     nudges = torch.cat([torch.diag(size), -torch.diag(size)])[:, None, :]
     with torch.no_grad():
-        forward, moved = step(state, delta), step(state + nudges, delta)
-        push = step(state, delta + RUDDER_DIFFERENCE) - forward
+        forward, moved = step(state, recorded), step(state + nudges, delta)
+        push = step(state, delta + RUDDER_DIFFERENCE) - (forward if indicated is None else step(state, delta))
     up, down = moved[: states.size], moved[states.size :]
     transition = ((up - down) / (2 * size[:, None, None])).permute(1, 2, 0).numpy()
     defect = forward.numpy()[:, : states.count] - track[1:]
@@ -218,7 +236,8 @@ def linearise(run: Recording, rate: Rate, track: Float[np.ndarray, "n k"], proce
     # What a turned rudder adds to position and heading within the step is left out.
     pushed = [name in PROCESS_DIFFERENCE for name in states.moving]
     rudder_push = push[:, : states.count].numpy() / RUDDER_DIFFERENCE * pushed
-    return LinearisedRun(run, track, rate, transition, defect, _observed(track, states), residual, rudder_push)
+    shows = _observed(track, states)
+    return LinearisedRun(run, track, rate, transition, defect, shows, residual, rudder_push, delta.numpy())
 
 
 def _step(

@@ -18,7 +18,7 @@ from manoeuvre_nn.core.effect import Parameter
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.estimation.corrections import USUAL_SCATTER
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, PROCESS_LEVELS, WhitenedDataSet
-from manoeuvre_nn.estimation.effect_columns import blades, contribution, hulls_beside
+from manoeuvre_nn.estimation.effect_columns import behind_record, blades, contribution, hulls_beside
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis, log_inside
 from manoeuvre_nn.estimation.linear_run import Columns, Embedded, joined
 from manoeuvre_nn.estimation.posterior import Posterior
@@ -61,16 +61,17 @@ def hypothesis_columns(data_set: WhitenedDataSet, hypothesis: Hypothesis) -> Hyp
     runs, unknowns = data_set.runs, hypothesis.unknowns()
     parts: list[list[Columns]] = [[] for _ in runs]
     index: list[list[int]] = [[0] for _ in runs]
+    here = [[v[run] for v in hypothesis.values] for run in range(len(runs))]
+    lines = [behind_record(p.linearised, hypothesis.effects, v) for p, v in zip(runs, here, strict=True)]
     for k, effect in enumerate(hypothesis.effects):
         mine = [[i for i, f in enumerate(unknowns) if f.effect == k and r in f.runs] for r in range(len(runs))]
         tables = [
             _table(effect.steady(values), {unknowns[i].column: unknowns[i].parameter for i in at})
             for values, at in zip(hypothesis.values[k], mine, strict=True)
         ]
-        angles = blades(effect, tables, [r.linearised.run for r in runs])
-        for run, prepared in enumerate(runs):
-            hulls = hulls_beside(hypothesis.effects, [v[run] for v in hypothesis.values], k)
-            c = contribution(effect, tables[run], prepared.linearised, angles[run], hulls)
+        angles = blades(effect, tables, lines)
+        for run, line in enumerate(lines):
+            c = contribution(effect, tables[run], line, angles[run], hulls_beside(hypothesis.effects, here[run], k))
             changed = range(len(mine[run])), [unknowns[i].column for i in mine[run]]
             steps = tables[run][1::2][changed] - tables[run][2::2][changed]
             # The effect at its values, then (up - down) / step of every unknown.

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float
 from scipy.special import logsumexp
 
 from manoeuvre_nn.dynamics.base import is_fitted
@@ -14,9 +15,10 @@ from manoeuvre_nn.estimation.data_set import (
     about_states,
     base_columns,
 )
-from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
+from manoeuvre_nn.estimation.effect_columns import behind_record
+from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.linear_run import joined, summed
-from manoeuvre_nn.estimation.marginal_likelihood import hypothesis_columns, log_prior_levels
+from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood, hypothesis_columns, log_prior_levels
 from manoeuvre_nn.estimation.posterior import posterior
 
 MAX_PASSES = 3
@@ -54,7 +56,7 @@ def refined(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedData
     shares = None if trained else data_set.rotation @ combined
     if shares is not None and np.abs(shares).max(initial=0.0) > MAX_CORRECTION:
         return data_set
-    runs = []
+    runs, rudders = [], _rudders(data_set, fitted.hypothesis)
     for run, prepared in enumerate(data_set.runs):
         # Data less coefficients, latency and the hypothesis at their values.
         nuisance = np.append(combined, fitted.latencies[run])
@@ -62,8 +64,31 @@ def refined(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedData
         left = joined([prepared.base, lin.columns[run]]).combined(np.concatenate([[1.0], -nuisance, -whole]))
         white = level.white[run]
         states = prepared.linearised.track + white.states(white.embed(left))[:, : prepared.linearised.states.count, 0]
-        runs.append(about_states(data_set.dynamics, prepared, states, shares))
+        runs.append(about_states(data_set.dynamics, prepared, states, shares, rudders[run]))
     return WhitenedDataSet(data_set.dynamics, runs, data_set.coefficient_prior)
+
+
+def beside(likelihood: MarginalLikelihood, hypothesis: Hypothesis) -> MarginalLikelihood:
+    """Where a hypothesis is fitted: corrections of rudder forces act when it has the rudder there.
+
+    Args:
+        likelihood: The runs, corrections acting at some rudder angles.
+        hypothesis: With or without a late record of the rudder, at its values.
+
+    Returns:
+        The same runs, corrections acting at the rudder angles of the hypothesis.
+    """
+    data_set = likelihood.data_set
+    there = data_set.with_rudders(_rudders(data_set, hypothesis))
+    return likelihood if there is data_set else MarginalLikelihood(there)
+
+
+def _rudders(data_set: WhitenedDataSet, hypothesis: Hypothesis) -> list[Float[np.ndarray, " n"]]:
+    """What the rudder indicator showed in every run by a hypothesis [rad]."""
+    return [
+        behind_record(p.linearised, hypothesis.effects, [v[run] for v in hypothesis.values]).indicated
+        for run, p in enumerate(data_set.runs)
+    ]
 
 
 def with_likely_coefficient_prior(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedDataSet:

@@ -9,10 +9,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from manoeuvre_nn.core.channels import MEASURED
-from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.recording import Recording, followed
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.recording.read.mending import followed
 
 MIN_HOLE_S = 5.0
 """Shorter gaps are bridged by straight lines [s]: a steering gear moves by no more than a zigzag's order meanwhile."""

@@ -12,14 +12,13 @@ from scipy.ndimage import median_filter, uniform_filter1d
 from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.frames import body_to_earth
-from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.recording import Recording, followed
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import RPM
 from manoeuvre_nn.recording.holes import heading_across, holes, with_rudder
 from manoeuvre_nn.recording.local_cubics import WINDOW, smoothed
 from manoeuvre_nn.recording.outliers import far_off, robust_sd
 from manoeuvre_nn.recording.read.mapping import RECORD
-from manoeuvre_nn.recording.read.mending import followed
 
 MIN_STEP_S = 1.0
 """Finest step that recordings are read off at [s], unless the ship is fast."""

@@ -131,9 +131,11 @@ class TankerShip(Ship):
         """Shaft speed [rpm]."""
         return self.rpm
 
-    def thrust(self, u: Float[Tensor, "*batch"], shaft: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
-        """``m gT (1 - t)`` [N]."""
-        return self.prime.mass * (1 - self.coefficients["t"]) * self._thrust_over_mass(u, shaft)
+    def thrust(self, u: Float[Tensor, "*batch"], shaft: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
+        """``m gT [1 - t, YT, L NT]`` [N, N, N m]: a screw pushes the stern to one side too."""
+        units = u.new_tensor([self.prime.force, self.prime.force, self.prime.moment])
+        product = self.particulars.length * self._thrust_over_mass(u, shaft)[..., None]
+        return units * product * self.table[..., self.terms.index("LgT"), :]
 
     def _thrust_over_mass(self, u: Tensor, shaft: Tensor | float) -> Tensor:
         """GT [m/s^2]."""

@@ -1,4 +1,4 @@
-"""What is mended in a column before it becomes a channel: gaps, delays; a rudder that follows its order."""
+"""What is mended in a column before it becomes a channel: gaps, delays."""
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -29,26 +29,3 @@ def without_delays(
     late = [*delays.values(), 0.0]
     kept = time[(time + min(late) >= time[0] - 1e-9) & (time + max(late) <= time[-1] + 1e-9)]
     return kept, {k: np.interp(kept + delays.get(k, 0.0), time, c) for k, c in channels.items()}
-
-
-def followed(time: Series, order: Series, rate: float, start: float | None = None) -> Series:
-    """The rudder of a steering gear that goes evenly towards its order.
-
-    An order stands until the next sample. Unless it is said where the rudder begins it is taken to stand at the first
-    order already: a record had better begin before the rudder is moved.
-
-    Args:
-        time: Sample times [s].
-        order: Ordered angle [rad].
-        rate: Rate of the steering gear [rad/s].
-        start: Angle at the first sample [rad]; None is the first order.
-
-    Returns:
-        Rudder angle [rad].
-    """
-    angle = float(order[0] if start is None else start)
-    result = [angle]
-    for wanted, reach in zip(order[:-1], rate * np.diff(time), strict=True):
-        angle += float(np.clip(wanted - angle, -reach, reach))
-        result.append(angle)
-    return np.array(result)

@@ -13,7 +13,7 @@ from scipy.ndimage import find_objects, label
 from manoeuvre_nn.core.channels import PERIODIC
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.frames import body_to_earth, earth_to_body
-from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.recording import Recording, followed
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.recording.drift import drift_by_arcs, known_drift, without_drift
@@ -23,7 +23,7 @@ from manoeuvre_nn.recording.outliers import spikes
 from manoeuvre_nn.recording.read.containers import READERS
 from manoeuvre_nn.recording.read.mapping import REQUIRED, SIDES, Mapping, with_means
 from manoeuvre_nn.recording.read.mapping_file import mapping_of
-from manoeuvre_nn.recording.read.mending import followed, line_across, without_delays
+from manoeuvre_nn.recording.read.mending import line_across, without_delays
 from manoeuvre_nn.recording.read.position import local_metres
 from manoeuvre_nn.recording.read.quantity import COUNT, PAIRS
 from manoeuvre_nn.recording.read.table import TEXT, Table, read_table
