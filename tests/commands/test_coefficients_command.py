@@ -14,7 +14,7 @@ from omegaconf import OmegaConf, open_dict
 from pytest import approx
 from rich.console import Console
 
-from manoeuvre_nn.commands.coefficients import tell
+from manoeuvre_nn.commands.coefficients import _read, tell
 from manoeuvre_nn.commands.groups import register_resolvers
 from manoeuvre_nn.commands.train import train
 from manoeuvre_nn.core.ending import WRONG_INPUT
@@ -148,6 +148,30 @@ def test_a_file_that_is_no_result_is_refused(tmp_path):
     (tmp_path / "coefficients.json").write_text("{}")
     with pytest.raises(InputError, match="was not written by"):
         told(tmp_path / "out", f"run={tmp_path}")
+
+
+SPOILT = (None, "x", [], {}, True, [None], -1, float("inf"))
+
+
+def test_results_that_were_changed_field_by_field_are_refused_in_one_line_or_read(run, tmp_path):
+    good, path = json.loads((run / "coefficients.json").read_text()), tmp_path / "coefficients.json"
+    places = [(key,) for key in good] + [("particulars", key) for key in good["particulars"]]
+    places += [("derived", 0, key) for key in good["derived"][0]] + [("fitted", key) for key in good["fitted"]]
+    refused = 0
+    for place in places:
+        for value in SPOILT:
+            changed = json.loads(json.dumps(good))
+            inner = changed
+            for key in place[:-1]:
+                inner = inner[key]
+            inner[place[-1]] = value
+            path.write_text(json.dumps(changed))
+            try:
+                _read(tmp_path)
+            except InputError as error:
+                assert "\n" not in str(error) and len(str(error)) < 400
+                refused += 1
+    assert refused > 0.6 * len(SPOILT) * (len(places) - 3)  # of coefficients, groups and versions nothing is read
 
 
 def test_a_turn_that_is_never_steady_is_no_number_in_the_file_and_comes_back_as_none(run, tmp_path):

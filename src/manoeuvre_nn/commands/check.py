@@ -8,6 +8,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from omegaconf import DictConfig
 from rich.console import Console
+from rich.text import Text
 
 from manoeuvre_nn.commands import config as configs
 from manoeuvre_nn.commands.job import known_part
@@ -17,6 +18,7 @@ from manoeuvre_nn.core.ending import WRONG_INPUT
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.core.terminal import Terminal
 from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.core.writing import write_file
 from manoeuvre_nn.estimation.record_information import excitation_findings
@@ -60,7 +62,7 @@ def check_or_refuse(cfg: DictConfig, out: Path) -> None:
 
 def check(cfg: DictConfig, out: Path, console: Console | None = None) -> list[Inspection]:
     """Check all files and write everything to a folder; what was found comes file by file."""
-    console = console or Console()
+    console = console or Terminal()
     use_threads(1)
     drawn = configs.switch("figures", cfg.figures)
     ship, known = known_part(cfg)
@@ -71,7 +73,7 @@ def check(cfg: DictConfig, out: Path, console: Console | None = None) -> list[In
     found = []
     with console.status("checking") as status:
         for path in paths:
-            status.update(f"checking {path.name}")
+            status.update(Text(f"checking {path.name}"))
             found.append(_with_information(inspect_file(path, columns, particulars), known))
         usable = _usable(found, known)
         together = excitation_findings(usable, known) if len(usable) > 1 else []

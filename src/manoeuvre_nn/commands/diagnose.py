@@ -16,6 +16,7 @@ from manoeuvre_nn.commands import guard
 from manoeuvre_nn.commands.diagnosis_setup import found_effects, setup, write_effects
 from manoeuvre_nn.commands.provenance import check_same_run, shown, write_provenance
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.terminal import Terminal
 from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.core.writing import FolderInUse, locked
 from manoeuvre_nn.diagnosis.answers import write_answer
@@ -43,7 +44,7 @@ def diagnose_all(cfg: DictConfig, out: Path, console: Console | None = None) -> 
     Raises:
         InputError: If it is not clear which.
     """
-    console = console or Console()
+    console = console or Terminal()
     use_threads(1)
     if (cfg.cases is None) == (cfg.recordings is None):
         raise InputError(f"write either cases=DIR or recordings=DIR; {guard.program()} --help tells more")

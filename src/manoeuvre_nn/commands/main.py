@@ -126,12 +126,11 @@ def _task(command: str) -> Callable[[DictConfig], float | None]:
 
 def _import(words: list[str]) -> None:
     """Propose a mapping; its settings are few and no config."""
-    from rich.console import Console
-
     from manoeuvre_nn.commands import import_recording
+    from manoeuvre_nn.core.terminal import Terminal
 
     if {"-h", "--help"} & set(words):
         print(import_recording.HELP)
         return
     asked = import_recording.request(words)
-    import_recording.import_recording(asked, Console(width=None if sys.stdout.isatty() else 130))
+    import_recording.import_recording(asked, Terminal(width=None if sys.stdout.isatty() else 130))

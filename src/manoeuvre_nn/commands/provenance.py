@@ -11,6 +11,7 @@ from omegaconf import DictConfig
 
 from manoeuvre_nn import __version__
 from manoeuvre_nn.commands.shelves import plain
+from manoeuvre_nn.core.data_files import FORMAT, load_yaml, without_format
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.writing import write_file
 
@@ -36,7 +37,8 @@ def shown(out: Path) -> Path:
 
 def write_provenance(cfg: DictConfig, out: Path) -> None:
     """Write the resolved config and the versions into the output folder, before anything is computed."""
-    text = yaml.safe_dump({**plain(cfg), "versions": versions()}, sort_keys=False, allow_unicode=True)
+    told = {"format": FORMAT, **plain(cfg), "versions": versions()}
+    text = yaml.safe_dump(told, sort_keys=False, allow_unicode=True)
     write_file(out / CONFIG, text)  # two processes may share the folder: neither reads half a file
 
 
@@ -54,8 +56,8 @@ def check_same_run(cfg: DictConfig, out: Path, setting: str = "hydra.run.dir") -
     if not (out / CONFIG).is_file():
         return
     try:
-        before = flat(yaml.safe_load((out / CONFIG).read_text()))
-    except (yaml.YAMLError, AttributeError, UnicodeDecodeError) as error:
+        before = flat(without_format(load_yaml(out / CONFIG), str(out / CONFIG)))
+    except (InputError, AttributeError, TypeError, ValueError) as error:
         raise InputError(f"{out / CONFIG} is damaged: remove the folder or choose another {setting}") from error
     before = {k: v for k, v in before.items() if not k.startswith("versions.")}
     # The round trip through yaml makes both sides the same kind of number.

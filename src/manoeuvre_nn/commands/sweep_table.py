@@ -6,9 +6,9 @@ from typing import Any
 
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig
-from rich.console import Console
 
 from manoeuvre_nn.commands import guard
+from manoeuvre_nn.core.terminal import Terminal
 from manoeuvre_nn.core.writing import locked
 from manoeuvre_nn.report.sweep import sweep_rows, write_sweep
 
@@ -30,6 +30,6 @@ class SweepTable(Callback):
         """Write ``sweep.csv``, ``sweep.md`` and ``sweep.png``, and print the table."""
         folder = Path(config.hydra.sweep.dir)
         with guard.one_line(), _alone:
-            Console().print(write_sweep(folder))
+            Terminal().print(write_sweep(folder))
             guard.failed_jobs += [str(r["job"]) for r in sweep_rows(folder) if str(r["status"]).startswith("failed")]
             print(f"table: {folder / 'sweep.csv'}, {folder / 'sweep.md'}   figure: {folder / 'sweep.png'}")

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.plain_text import harmless
 from manoeuvre_nn.core.writing import FULL, FolderInUse
 
 WRONG_INPUT, DEFECT = 2, 1
@@ -97,7 +98,7 @@ def full_story(error: BaseException) -> str:
 
 def _tell(line: str) -> None:
     """A line to the person."""
-    print(" ".join(line.splitlines()), file=sys.stderr, flush=True)
+    print(harmless(" ".join(line.split())), file=sys.stderr, flush=True)
 
 
 def _written_down(error: BaseException) -> str:

@@ -3,7 +3,8 @@
 import logging
 import signal
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -20,8 +21,9 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.terminal import Terminal
 from manoeuvre_nn.core.writing import write_file
-from manoeuvre_nn.training.checkpoint import load_weights, read_checkpoint
+from manoeuvre_nn.training.checkpoint import check_weights, load_weights, read_training
 from manoeuvre_nn.training.fits import Fit
 from manoeuvre_nn.training.scorer import Scorer
 
@@ -122,10 +124,11 @@ def run(
         What came of it.
     """
     _quiet()
+    keeper, graceful = _BestAndLast(scorer, out / CHECKPOINTS, session.patience), _GracefulStop(console)
     checkpoint = _resume_from(session, out, console)
     if checkpoint is not None:
         load_weights(fit, checkpoint)  # refuses another network's in one line; Lightning then restores everything
-    keeper, graceful = _BestAndLast(scorer, out / CHECKPOINTS, session.patience), _GracefulStop(console)
+        _check_callbacks(fit, scorer, keeper, checkpoint)
     callbacks: list[L.Callback] = [scorer, graceful, keeper]
     if session.progress:
         callbacks.append(_RunProgress(scorer, console))
@@ -144,7 +147,8 @@ def run(
     )
     began = perf_counter()
     try:
-        trainer.fit(fit, datamodule=data, ckpt_path=checkpoint, weights_only=True)
+        with _going_on(trainer, checkpoint):
+            trainer.fit(fit, datamodule=data, ckpt_path=checkpoint, weights_only=True)
     except SystemExit as end:  # which Lightning makes of ctrl-C, with another exit code
         raise (end.__context__ if isinstance(end.__context__, KeyboardInterrupt) else end) from None
     seconds = perf_counter() - began
@@ -164,9 +168,39 @@ def _resume_from(session: Session, out: Path, console: Console) -> Path | None:
     path = out / CHECKPOINTS / "last.ckpt" if session.resume == "auto" else Path(session.resume)
     if session.resume == "auto" and not path.exists():
         return None
-    epoch = read_checkpoint(path)["epoch"]
+    epoch = read_training(path)["epoch"]
     console.print(f"going on from {path} after epoch {epoch + 1}", soft_wrap=True)
     return path
+
+
+def _check_callbacks(fit: Fit, scorer: Scorer, keeper: "_BestAndLast", path: Path) -> None:
+    """Refuse scores and best weights of a checkpoint that are not of this training; both are taken up by Lightning."""
+    stored = read_training(path)["callbacks"]
+    missing = [one.state_key for one in (scorer, keeper) if one.state_key not in stored]
+    if missing:
+        raise InputError(f"checkpoint {path} is damaged: callbacks has no {missing[0]}")
+    scorer.check_history(stored[scorer.state_key], path)
+    best, own = stored[keeper.state_key].get("best"), fit.state_dict()
+    same = isinstance(best, dict) and (not best or set(best) == set(own))
+    if not same or any(not isinstance(w, torch.Tensor) or w.shape != own[name].shape for name, w in best.items()):
+        raise InputError(f"checkpoint {path} is damaged: its best weights are of another network, or none")
+    check_weights(fit, best, path)
+
+
+@contextmanager
+def _going_on(trainer: L.Trainer, path: Path | None) -> Generator[None]:
+    """Refuse a checkpoint that training breaks on before its first epoch is done, whatever it ends in."""
+    try:
+        yield
+    except (OSError, MemoryError):
+        raise
+    except Exception as error:
+        if path is None or trainer.current_epoch > read_training(path)["epoch"] + 1:
+            raise
+        said = " ".join(f"{'' if isinstance(error, InputError) else type(error).__name__} {error}".split())
+        raise InputError(
+            f"checkpoint {path} cannot be gone on from ({said[:120]}): write trainer.resume=never"
+        ) from error
 
 
 def _why(fit: Fit, trainer: L.Trainer, interrupted: bool) -> str:
@@ -254,7 +288,7 @@ class _RunProgress(L.Callback):
 
     def __init__(self, scorer: Scorer, console: Console | None = None, seconds: float = 15.0) -> None:
         """Set up the display; without a terminal there are some seconds between lines."""
-        self.scorer, self.console, self.seconds = scorer, console or Console(), seconds
+        self.scorer, self.console, self.seconds = scorer, console or Terminal(), seconds
         self._bar: Progress | None = None
         self._shown = 0.0
 
@@ -307,7 +341,7 @@ class _GracefulStop(L.Callback):
 
     def __init__(self, console: Console | None = None) -> None:
         """Say where to tell what happens."""
-        self.console = console or Console()
+        self.console = console or Terminal()
         self.interrupted = False
         self._before: Any = None
 
