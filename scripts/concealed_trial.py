@@ -15,6 +15,7 @@ seed, the third draws the answers again, checks the hashes and scores. Each goes
 
 import os
 import shlex
+import signal
 import subprocess
 import sys
 from collections.abc import Iterable
@@ -24,7 +25,9 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))  # studies stand beside the package, not in it
 
+from manoeuvre_nn.core.ending import TERMINATED, Terminated, one_line  # noqa: E402
 from manoeuvre_nn.core.errors import InputError  # noqa: E402
+from manoeuvre_nn.core.writing import locked  # noqa: E402
 from studies.concealed_trial.channels import CHANNEL_SETS  # noqa: E402
 from studies.concealed_trial.drawing import ALL, SHARES, Trial  # noqa: E402
 from studies.concealed_trial.loop import WAYS, compare, sail_next  # noqa: E402
@@ -210,25 +213,45 @@ def main(arguments: list[str]) -> int:
     """
     given = settings(arguments)
     if "stage" in given:
-        run_stage(given)
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # ctrl-C is for the process that began this one, and ends it
+        try:
+            run_stage(given)
+        except Terminated:
+            return TERMINATED
         return 0
     trial = trial_of(given)
     number(given, "jobs", 1)
     passed_on = [f"{key}={value}" for key, value in given.items() if key != "seed"]
     loop = one_of(given, "loop", ("true", "false")) == "true"
-    for stage in (*STAGES, *(LOOP if loop else ())):
-        command = [sys.executable, __file__, f"stage={stage}", *passed_on]
-        seed = "" if stage.startswith("answer") else str(trial.seed)
-        environment = os.environ | {"OMP_NUM_THREADS": "1"}
-        code = subprocess.run(command, input=seed, text=True, env=environment, check=False).returncode
-        if code:
-            return code
+    with locked(Path(given["out"])):
+        for stage in (*STAGES, *(LOOP if loop else ())):
+            command = [sys.executable, __file__, f"stage={stage}", *passed_on]
+            code = in_process(command, "" if stage.startswith("answer") else str(trial.seed))
+            if code:
+                return code
     return 0
 
 
+def in_process(command: list[str], seed: str) -> int:
+    """Run a stage in a process of its own, which ends with this one.
+
+    Args:
+        command: Its words.
+        seed: What it reads.
+
+    Returns:
+        Exit code.
+    """
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, text=True, env=os.environ | {"OMP_NUM_THREADS": "1"}
+    ) as stage:
+        try:
+            stage.communicate(seed)
+        finally:
+            stage.terminate()
+    return stage.returncode
+
+
 if __name__ == "__main__":
-    try:
+    with one_line():
         sys.exit(main(sys.argv[1:]))
-    except InputError as error:
-        print(error, file=sys.stderr)
-        sys.exit(2)

@@ -24,8 +24,10 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))  # studies stand beside the package, not in it
 
 from manoeuvre_nn.commands.diagnose import ANSWER, case_folders  # noqa: E402
+from manoeuvre_nn.commands.guard import one_line  # noqa: E402
 from manoeuvre_nn.core.errors import InputError, check_choice  # noqa: E402
 from manoeuvre_nn.core.threads import use_threads  # noqa: E402
+from manoeuvre_nn.core.writing import write_file  # noqa: E402
 from manoeuvre_nn.diagnosis.answers import write_answer  # noqa: E402
 from manoeuvre_nn.diagnosis.case import Case, read_case  # noqa: E402
 from studies.concealed_trial.drawing import CasePlan, draw_case  # noqa: E402
@@ -130,7 +132,7 @@ def calibrate(given: dict[str, str]) -> None:
     gain, misfit = np.max(reached, axis=0).tolist()
     row = {"gain": gain, "misfit": misfit, "seed": seed, "clean": count, "reached": reached}
     known = (yaml.safe_load(path.read_text()) if path.is_file() else None) or {}
-    path.write_text(yaml.safe_dump(known | {method: row}, sort_keys=False, default_flow_style=None, width=110))
+    write_file(path, yaml.safe_dump(known | {method: row}, sort_keys=False, default_flow_style=None, width=110))
 
 
 def answer(given: dict[str, str]) -> int:
@@ -185,8 +187,5 @@ def main(arguments: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    try:
+    with one_line():
         sys.exit(main(sys.argv[1:]))
-    except InputError as error:
-        print(error, file=sys.stderr)
-        sys.exit(2)

@@ -15,7 +15,7 @@ from manoeuvre_nn.commands.shelves import build
 from manoeuvre_nn.ship.mariner import mariner
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "SECURITY.md", *sorted((ROOT / "docs").glob("*.md"))]
 PYTHON = re.compile(r"(<!-- run(?: slow)? -->\n)?```python\n(.*?)```", re.DOTALL)
 OWN_FILE = re.compile(r"```(?:python|yaml)\n((?:# @package .*\n)?# mine/([\w/]+\.(?:py|yaml)).*?)```", re.DOTALL)
 """A block that is a file of the reader's own folder ``mine``, and its path there."""

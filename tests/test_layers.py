@@ -32,6 +32,8 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 STUDIES = sorted((ROOT / "studies").rglob("*.py"))
 ENTRIES = sorted([*ROOT.glob("*.py"), *(ROOT / "scripts").rglob("*.py")])
 LONGEST_FILE, LONGEST_BODY = 400, 60
+OF_ALL = tuple(f"manoeuvre_nn.core.{room}." for room in ("ending", "errors", "writing"))
+"""How commands end and files are written: no physics, so that the referee may use it."""
 
 
 def imported(tree: ast.AST) -> list[str]:
@@ -68,7 +70,7 @@ def study_breaches(source: str, folder: str) -> list[str]:
         if top == "studies" and rest and rest[0] not in {folder.split("/")[0], "reproduction"}:
             wrong.append(f"{folder} imports {name}")
         if folder == "concealed_trial" and (
-            (top == "manoeuvre_nn" and not name.startswith("manoeuvre_nn.core.errors"))
+            (top == "manoeuvre_nn" and not name.startswith(OF_ALL))
             or (top == "studies" and rest[:2] == ["concealed_trial", "rivals"])
         ):
             wrong.append(f"the referee imports {name}")
@@ -221,3 +223,37 @@ def test_a_broken_rule_is_seen(rule, source, culprit):
 )
 def test_what_keeps_the_rules_is_no_offence(source):
     assert not any(rule_breakers(source).values())
+
+
+def writes(source: str) -> list[str]:
+    """Calls that write a file by themselves, and not a draft or a stream, by line."""
+    found = []
+    for node in ast.walk(ast.parse(source)):
+        if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)):
+            continue
+        name, given = node.func.attr, {ast.unparse(one) for one in node.args}
+        tables = name == "to_csv" and any(keyword.arg == "index" for keyword in node.keywords)  # a recording's is ours
+        others = name in {"write_text", "write_bytes", "dump", "savefig", "savez"}
+        if (tables or others or ast.unparse(node.func) == "torch.save") and not given & {
+            "draft",
+            "file",
+            "buffer",
+            "content",
+        }:
+            found.append(f"{node.lineno} {name}")
+    return found
+
+
+@pytest.mark.parametrize("path", [*SOURCES, *ENTRIES, *STUDIES], ids=name_of)
+def test_files_are_written_whole_or_not_at_all(path):
+    if path not in {PACKAGE / "core" / "writing.py", PACKAGE / "formulas" / "check.py"}:  # which writes to a scratch
+        assert writes(path.read_text()) == [], "write with manoeuvre_nn.core.writing"
+
+
+@pytest.mark.parametrize(
+    "source",
+    ["p.write_text('a')", "t.to_csv(path, index=False)", "f.savefig(p)", "json.dump(a, f)", "torch.save(a, path)"],
+)
+def test_a_file_that_is_written_by_itself_is_seen(source):
+    assert writes(source)
+    assert not writes("frame.to_csv(draft, index=False)\ntorch.save(a, content)")

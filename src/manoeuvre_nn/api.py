@@ -16,7 +16,6 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from matplotlib.figure import Figure
-from rich.console import Console
 
 from manoeuvre_nn.commands import config as configs
 from manoeuvre_nn.commands.diagnosis_setup import setup
@@ -33,7 +32,9 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.core.terminal import Terminal
 from manoeuvre_nn.core.units import KNOT
+from manoeuvre_nn.core.writing import locked
 from manoeuvre_nn.diagnosis.case import case_of
 from manoeuvre_nn.diagnosis.diagnose import diagnose as find_causes
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
@@ -170,9 +171,10 @@ def fit(
     job = prepare(cfg, tuple(runs), None if isinstance(ship, str) else ship)
     with TemporaryDirectory() as scratch:
         folder = Path(scratch if out is None else out)
-        write_provenance(cfg, folder)
-        trained = fit_job(cfg, job, folder, Console(quiet=True))
-        trained.close({}, {})
+        with locked(folder):
+            write_provenance(cfg, folder)
+            trained = fit_job(cfg, job, folder, Terminal(quiet=True))
+            trained.close({}, {})
     model = trained.fit.dynamics.double().cpu()
     kept = None if out is None else Path(out)
     return FittedModel(model, Runs(tuple(runs), model.particulars), job.data.describe(), kept)

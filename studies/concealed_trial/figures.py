@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from manoeuvre_nn.core.writing import draft_of, write_file
 from studies.concealed_trial.effects import NAMES
 from studies.concealed_trial.strength import DRIFT, STRENGTHS
 from studies.concealed_trial.summaries import rate
@@ -57,7 +58,7 @@ def write_figures(tools: Mapping[str, Mapping[str, Any]], out: Path) -> None:
     )
     scores = (out / "scoreboard.md").read_text() if (out / "scoreboard.md").is_file() else ""
     page = f"{head}<h1>Concealed trial</h1>{''.join(parts)}<h2>Scores</h2>{_as_html(scores)}</html>"
-    (out / "trial.html").write_text(page, encoding="utf-8")
+    write_file(out / "trial.html", page)
 
 
 def _as_html(scoreboard: str) -> str:
@@ -84,7 +85,8 @@ def _as_html(scoreboard: str) -> str:
 
 def _save(figure: Figure, path: Path) -> None:
     """Write a figure."""
-    figure.savefig(path, dpi=130, bbox_inches="tight")
+    with draft_of(path) as draft:
+        figure.savefig(draft, format="png", dpi=130, bbox_inches="tight")
 
 
 def reliability(bins: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:

@@ -19,7 +19,9 @@ from typing import Any
 
 import numpy as np
 
+from manoeuvre_nn.core.ending import one_line
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.writing import write_file
 from studies.concealed_trial.drawing import SHARES
 from studies.concealed_trial.effects import KINDS, UNKNOWN, UNMODELLED, Kind
 from studies.concealed_trial.observer_events import cost_of_times, event_starts, sharpened
@@ -269,10 +271,7 @@ def observe(cases: Iterable[Path], out: Path, nuisance: float = 1.0) -> None:
         if path.is_file():
             continue
         answer = answer_of(case.name, Observer.of(read_track(case), nuisance))
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_suffix(".part")
-        part.write_text(json.dumps(answer, indent=1))
-        part.replace(path)
+        write_file(path, json.dumps(answer, indent=1))
 
 
 def main(arguments: list[str]) -> None:
@@ -294,8 +293,5 @@ def main(arguments: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    try:
+    with one_line():
         main(sys.argv[1:])
-    except InputError as error:
-        print(error, file=sys.stderr)
-        sys.exit(2)

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.writing import draft_of, write_file
 from studies.concealed_trial.case import TrialCase
 from studies.concealed_trial.channels import published
 from studies.concealed_trial.drawing import Trial, case_name
@@ -117,11 +118,12 @@ def write_extended(
     later = replace(case, runs=(run,), effects=tuple(effects), hole=None)
     table = record(later, fresh=rng)[run.name]
     shutil.copytree(recordings, out, dirs_exist_ok=True, ignore=shutil.ignore_patterns("manifest.json"))
-    published(later, run, table, more).to_csv(out / f"{run.name}.csv", index=False)
+    with draft_of(out / f"{run.name}.csv") as draft:
+        published(later, run, table, more).to_csv(draft, index=False)
     described = json.loads((recordings / "manifest.json").read_text())
     described["runs"] += manifest(later)["runs"]
     described["channels"] |= {column: UNITS[column] for column in more}
-    (out / "manifest.json").write_text(json.dumps(described, indent=1))
+    write_file(out / "manifest.json", json.dumps(described, indent=1))
 
 
 def sail_next(trial: Trial, out: Path, answers: Path) -> None:
@@ -166,8 +168,8 @@ def compare(trial: Trial, out: Path) -> str:
         for way, folder in folders.items():
             after[way].append(score_case(folder / "recordings" / name, folder / "answers" / name, truth))
     text = loop_table(before, after)
-    (out / "loop.md").write_text(text)
-    (out / "loop.json").write_text(json.dumps({"before": before, **after}, indent=1))
+    write_file(out / "loop.md", text)
+    write_file(out / "loop.json", json.dumps({"before": before, **after}, indent=1))
     return text
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from manoeuvre_nn.core.writing import draft_of, write_file
 from studies.concealed_trial.case import TrialCase
 from studies.concealed_trial.channels import CHANNEL_SETS, published, seconds_of
 from studies.concealed_trial.effects import NOISE
@@ -174,10 +175,8 @@ def write_case(case: TrialCase, folder: Path, step: float = STEP) -> None:
         folder: The case's own folder.
         step: Time step of the motion [s].
     """
-    folder.mkdir(parents=True, exist_ok=True)
     tables = record(case, step)
     for run in case.runs:
-        published(case, run, tables[run.name]).to_csv(folder / f"{run.name}.csv", index=False)
-    part = folder / "manifest.part"
-    part.write_text(json.dumps(manifest(case), indent=1))
-    part.replace(folder / "manifest.json")
+        with draft_of(folder / f"{run.name}.csv") as draft:
+            published(case, run, tables[run.name]).to_csv(draft, index=False)
+    write_file(folder / "manifest.json", json.dumps(manifest(case), indent=1))

@@ -16,7 +16,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from manoeuvre_nn.core.ending import one_line
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.writing import write_file
 from studies.concealed_trial import true_model
 from studies.concealed_trial.effects import ANGLES, EQUIVALENT, FAMILY, NAMES, UNKNOWN
 from studies.concealed_trial.scoreboard import markdown, scoreboard
@@ -373,15 +375,12 @@ def main(arguments: list[str]) -> None:
         raise InputError(f"out={out} does not exist; give the folder with the tool's answers")
     rows = [score_case(case, out / case.name, json.loads((case / "answers.json").read_text())) for case in cases]
     board = scoreboard(rows)
-    (out / "scoreboard.json").write_text(json.dumps({"board": board, "cases": rows}, indent=1))
+    write_file(out / "scoreboard.json", json.dumps({"board": board, "cases": rows}, indent=1))
     text = markdown({"answers": board})
-    (out / "scoreboard.md").write_text(text)
+    write_file(out / "scoreboard.md", text)
     print(text)
 
 
 if __name__ == "__main__":
-    try:
+    with one_line():
         main(sys.argv[1:])
-    except InputError as error:
-        print(error, file=sys.stderr)
-        sys.exit(2)

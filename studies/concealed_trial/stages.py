@@ -1,17 +1,20 @@
 """The three stages of a concealed trial: generate, answer, score. The middle one never learns the seed."""
 
 import json
+import multiprocessing
 import os
 import subprocess
 import sys
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Generator, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.writing import write_file
 from studies.concealed_trial.case import TrialCase
 from studies.concealed_trial.commitments import METHOD, check, commitment
 from studies.concealed_trial.drawing import Trial, case_name, draw_case, plans
@@ -76,13 +79,25 @@ def generate(trial: Trial, out: Path, jobs: int) -> None:
     todo = [k for k, name in enumerate(names) if not _is_there(out, name, commitments)]
     progress = Progress("recordings", len(todo))
     (out / "recordings").mkdir(parents=True, exist_ok=True)
-    with ProcessPoolExecutor(jobs) as pool:
+    with _processes(jobs) as pool:
         waiting = [pool.submit(_generate_one, trial, k, out / "recordings") for k in todo]
         for future in as_completed(waiting):
             name, digest = future.result()
             commitments[name] = digest
             _write(path, head | {"commitments": dict(sorted(commitments.items()))})
             progress.step()
+
+
+@contextmanager
+def _processes(jobs: int) -> Generator[ProcessPoolExecutor]:
+    """Processes that end at once when something goes wrong: a case takes minutes, and many may be waiting."""
+    with ProcessPoolExecutor(jobs) as pool:
+        try:
+            yield pool
+        except BaseException:
+            for process in multiprocessing.active_children():
+                process.terminate()
+            raise
 
 
 def _published(trial: Trial) -> dict[str, Any]:
@@ -136,9 +151,7 @@ def read_commitments(out: Path) -> dict[str, str]:
 
 def _write(path: Path, content: object) -> None:
     """Write JSON so that the file is whole at any time."""
-    part = path.with_suffix(".part")
-    part.write_text(json.dumps(content, indent=1))
-    part.replace(path)
+    write_file(path, json.dumps(content, indent=1))
 
 
 def answer(recordings: Path, answers: Path, command: Sequence[str], jobs: int, *, root: Path, method: str) -> None:
@@ -213,7 +226,7 @@ def score(trial: Trial, out: Path, answers: Mapping[str, Path], jobs: int) -> st
         The scoreboard as Markdown.
     """
     commitments, progress, rows = read_commitments(out), Progress("cases scored", trial.cases), []
-    with ProcessPoolExecutor(jobs) as pool:
+    with _processes(jobs) as pool:
         arguments = [(trial, k, commitments, out / "recordings", dict(answers)) for k in range(trial.cases)]
         for future in as_completed([pool.submit(_score_one, *a) for a in arguments]):
             rows.append(future.result())
@@ -227,7 +240,7 @@ def score(trial: Trial, out: Path, answers: Mapping[str, Path], jobs: int) -> st
     text = markdown(boards)
     details = {tool: {"board": boards[tool], "cases": [row[1][tool] for row in rows]} for tool in answers}
     _write(out / "scoreboard.json", {"trial": _published(trial), "tools": details})
-    (out / "scoreboard.md").write_text(text)
+    write_file(out / "scoreboard.md", text)
     write_figures(details, out)
     return text
 

@@ -20,7 +20,8 @@ from manoeuvre_nn.commands.config import as_list, switch, whole_number
 from manoeuvre_nn.commands.provenance import check_same_run, versions, write_provenance
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.threads import use_threads
-from manoeuvre_nn.report.html import data_address
+from manoeuvre_nn.core.writing import locked, write_file
+from manoeuvre_nn.report.html import data_address, save_figure
 from studies.reproduction.document import (
     Done,
     Reproduction,
@@ -39,8 +40,6 @@ from studies.reproduction.watch import Watch
 RESULT, PAGE = "reproduction.json", "reproduction.html"
 WIDTH = 110
 """Columns where the output goes to a file."""
-STOPPED = 130
-"""Exit code after ctrl-C, as shells have it."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +88,8 @@ def run_reproduction(cfg: DictConfig) -> None:
         use_threads(1)
         job, console = job_of(cfg), Console()
         roomy = console.is_terminal or "COLUMNS" in os.environ
-        reproduce(job, console if roomy else Console(width=WIDTH))
+        with locked(job.out):
+            reproduce(job, console if roomy else Console(width=WIDTH))
 
 
 def job_of(cfg: DictConfig) -> ReproductionJob:
@@ -142,7 +142,7 @@ def reproduce(job: ReproductionJob, console: Console) -> None:
         console: Where to print.
 
     Raises:
-        SystemExit: On ctrl-C, after a line.
+        KeyboardInterrupt: On ctrl-C, after a line.
     """
     began = monotonic()
     settings = OmegaConf.create(job.numbers)
@@ -153,7 +153,7 @@ def reproduce(job: ReproductionJob, console: Console) -> None:
         chapters = _do_and_tell(job, before, console)
     except KeyboardInterrupt:
         console.print(f"stopped; the same command with out={job.out} goes on from here", soft_wrap=True)
-        raise SystemExit(STOPPED) from None
+        raise
     paper = job.paper
     whole = Reproduction(paper.name, paper.title, paper.source, job.effort, chapters, versions(), monotonic() - began)
     write_all(whole, job.out, console)
@@ -198,15 +198,7 @@ def keep(job: ReproductionJob, name: str, section: ChapterResult, seconds: float
         seconds: How long it took [s].
     """
     content = {**job.numbers, "chapter": name, "seconds": seconds, "section": section_to_json(section)}
-    _write(job.kept(name), json.dumps(content))
-
-
-def _write(path: Path, content: str) -> None:
-    """Write a file as a whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
-    part.write_text(content, encoding="utf-8")
-    part.replace(path)
+    write_file(job.kept(name), json.dumps(content))
 
 
 def read_kept(job: ReproductionJob, name: str) -> Done | None:
@@ -244,7 +236,6 @@ def write_all(r: Reproduction, out: Path, console: Console) -> None:
         out: Output folder.
         console: Where to say what is being done.
     """
-    (out / "figures").mkdir(parents=True, exist_ok=True)
     files: dict[str, list[str]] = {}
     images: dict[str, list[str]] = {}
     taken: set[str] = set()
@@ -254,10 +245,10 @@ def write_all(r: Reproduction, out: Path, console: Console) -> None:
                 status.update(f"drawing {plot.name}")
                 name = _file_name(plot, done.name, taken)
                 figure = reproduction_figure(plot)
-                figure.savefig(out / "figures" / name, dpi=120)
+                save_figure(figure, out / "figures" / name, dpi=120)
                 files.setdefault(done.name, []).append(f"figures/{name}")
                 images.setdefault(done.name, []).append(data_address(figure))
-    _write(out / RESULT, json.dumps(reproduction_json(r, files), indent=1, allow_nan=False))
+    write_file(out / RESULT, json.dumps(reproduction_json(r, files), indent=1, allow_nan=False))
     reproduction_html(r, images, out / PAGE)
 
 

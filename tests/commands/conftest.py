@@ -48,6 +48,13 @@ class Ended:
     err: str
 
 
+def code_of(end: SystemExit) -> int:
+    """Exit code; a fault of the program, whose traceback is in a file, fails the test with it."""
+    if isinstance(end.__cause__, Exception):
+        raise end.__cause__
+    return int(end.code or 0)
+
+
 @pytest.fixture(autouse=True)
 def as_people_run_it() -> Generator[None]:
     """Without checks of types: a config gives 35 where an annotation says float, which Python takes."""
@@ -84,7 +91,7 @@ def _run(words) -> int:
     try:
         runpy.run_path(str(ROOT / "train.py"), run_name="__main__")
     except SystemExit as end:
-        return int(end.code or 0)
+        return code_of(end)
     finally:
         sys.argv = before
         GlobalHydra.instance().clear()
@@ -142,7 +149,7 @@ def attempt(composed, capsys) -> Callable[..., Ended]:
             with guard.one_line():
                 train(composed(*words), out, Console(quiet=True))
         except SystemExit as end:
-            code = int(end.code or 0)
+            code = code_of(end)
         told = capsys.readouterr()
         return Ended(code, told.out, told.err)
 

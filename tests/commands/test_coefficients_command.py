@@ -14,10 +14,10 @@ from omegaconf import OmegaConf, open_dict
 from pytest import approx
 from rich.console import Console
 
-from manoeuvre_nn.commands import guard
-from manoeuvre_nn.commands.coefficients import tell
+from manoeuvre_nn.commands.coefficients import _read, tell
 from manoeuvre_nn.commands.groups import register_resolvers
 from manoeuvre_nn.commands.train import train
+from manoeuvre_nn.core.ending import WRONG_INPUT
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.estimation.coefficients import fitted_from
 
@@ -150,6 +150,30 @@ def test_a_file_that_is_no_result_is_refused(tmp_path):
         told(tmp_path / "out", f"run={tmp_path}")
 
 
+SPOILT = (None, "x", [], {}, True, [None], -1, float("inf"))
+
+
+def test_results_that_were_changed_field_by_field_are_refused_in_one_line_or_read(run, tmp_path):
+    good, path = json.loads((run / "coefficients.json").read_text()), tmp_path / "coefficients.json"
+    places = [(key,) for key in good] + [("particulars", key) for key in good["particulars"]]
+    places += [("derived", 0, key) for key in good["derived"][0]] + [("fitted", key) for key in good["fitted"]]
+    refused = 0
+    for place in places:
+        for value in SPOILT:
+            changed = json.loads(json.dumps(good))
+            inner = changed
+            for key in place[:-1]:
+                inner = inner[key]
+            inner[place[-1]] = value
+            path.write_text(json.dumps(changed))
+            try:
+                _read(tmp_path)
+            except InputError as error:
+                assert "\n" not in str(error) and len(str(error)) < 400
+                refused += 1
+    assert refused > 0.6 * len(SPOILT) * (len(places) - 3)  # of coefficients, groups and versions nothing is read
+
+
 def test_a_turn_that_is_never_steady_is_no_number_in_the_file_and_comes_back_as_none(run, tmp_path):
     stored = json.loads((run / "coefficients.json").read_text())
     turn = next(d for d in stored["derived"] if d["name"].startswith("r L/U0"))
@@ -173,4 +197,4 @@ def test_the_command_line_says_what_is_wrong(monkeypatch, capsys, tmp_path):
     monkeypatch.setattr(sys, "argv", ["coefficients.py", "run=nowhere", "hydra.run.dir=out"])
     with pytest.raises(SystemExit) as ended:
         runpy.run_path(str(ROOT / "scripts" / "coefficients.py"), run_name="__main__")
-    assert ended.value.code == guard.WRONG_INPUT and "holds no coefficients.json" in capsys.readouterr().err
+    assert ended.value.code == WRONG_INPUT and "holds no coefficients.json" in capsys.readouterr().err

@@ -41,7 +41,7 @@ def test_a_formula_is_written_and_acts_as_it_was_found(tmp_path):
     read = yaml.safe_load((tmp_path / "effects.yaml").read_text())
     effect, true = Formula(SHIP, **read["formula"]), Formula(SHIP, TERMS, w1=0.4, w2=-0.25)
     s = situation()
-    assert list(read) == ["formula"] and effect.terms == TERMS
+    assert list(read) == ["format", "formula"] and effect.terms == TERMS
     assert torch.equal(effect.acceleration(s, s.nu[..., :0]), true.acceleration(s, s.nu[..., :0]))
 
 

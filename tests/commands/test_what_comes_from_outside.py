@@ -1,17 +1,26 @@
 """Files from outside are data: nothing that they say is run, whatever they name."""
 
 import json
-from contextlib import nullcontext
 
 import numpy as np
 import pandas as pd
 import pytest
 import yaml
+from conftest import CONF
+from hydra import compose as hydra_compose
+from hydra import initialize_config_dir
 
 from manoeuvre_nn.commands.config import with_effects
-from manoeuvre_nn.commands.groups import compose
+from manoeuvre_nn.commands.groups import compose, own_folder
+from manoeuvre_nn.commands.guard import one_line
 from manoeuvre_nn.commands.job import load_model, prepare
+from manoeuvre_nn.commands.train import finished
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.diagnosis.manifest import read_manifest
+from manoeuvre_nn.recording.read.mapping_file import read_mapping
+from manoeuvre_nn.recording.read.reader import read_recording
+from manoeuvre_nn.report.html import Report, write_report
+from manoeuvre_nn.ship.mariner import mariner
 
 UNITS = {"u": "m/s", "v": "m/s", "r": "rad/s", "x": "m", "y": "m", "psi": "rad", "delta": "rad"}
 
@@ -69,12 +78,8 @@ def test_the_config_beside_a_checkpoint_runs_nothing(part, attack, tmp_path, don
     good = yaml.safe_load((done / "config.yaml").read_text())
     for spoilt in (hostile, {**good[part], "deep": [hostile]}, {**good[part], "speed_kn": hostile}):
         (run / "config.yaml").write_text(yaml.safe_dump({**good, part: spoilt}))
-        with (
-            pytest.raises(InputError)
-            if part != "manoeuvre" or "speed_kn" in spoilt and "deep" not in spoilt
-            else nullcontext()
-        ):
-            load_model(run / "checkpoints" / "best.ckpt")  # of manoeuvres it reads the speed alone
+        with pytest.raises(InputError):
+            load_model(run / "checkpoints" / "best.ckpt")
         assert unharmed(victim)
 
 
@@ -133,6 +138,8 @@ GLOBAL = "# @package _global_\n"
         ("ship/mine.yaml", f"{GLOBAL}defaults: [{{/ship@_here_: ../outputs/evil}}]\n"),
         ("ship/mine.yaml", f"{GLOBAL}defaults: [/evil]\n"),
         ("hydra/launcher/evil.yaml", "_target_: my_evil.Launcher\n"),
+        ("ship/mine.yaml", f"{GLOBAL}out: /elsewhere\n"),
+        ("ship/mine.yaml", "# @package out\na: 1\n"),
         ("linked/mine.yaml", f"{GLOBAL}hydra: {{{CALLBACK}}}\n"),
     ],
 )
@@ -169,3 +176,125 @@ def test_a_manifest_runs_nothing(attack, tmp_path):
     with pytest.raises(InputError):
         read_case(tmp_path, "starboard", None)
     assert unharmed(victim)
+
+
+@pytest.mark.parametrize(
+    "word",
+    [
+        "hydra.searchpath=[file:///theirs]",
+        "+hydra.searchpath=[file:///theirs]",
+        "--config-path=/theirs",
+        "--config-pa",
+        "-cp",
+        "--config-name=theirs",
+        "-cn",
+        "--experimental-rerun=theirs/config.pickle",
+        "--exp",
+    ],
+)
+def test_hydras_own_ways_to_unchecked_and_pickled_configs_are_closed(word):
+    with pytest.raises(InputError, match="is refused: what hydra finds there may run code: write config_dir=FOLDER"):
+        own_folder(["ship=mariner", word])
+
+
+def test_the_beginning_of_a_word_for_a_folder_is_the_word_for_it(tmp_path):
+    (tmp_path / "ship").mkdir()
+    (tmp_path / "ship" / "mine.yaml").write_text(f"{GLOBAL}plugins: [my_evil]\n")
+    with pytest.raises(InputError, match="may not set config_dir, hydra, out, plugins"):
+        own_folder(["--config-d", str(tmp_path)])
+
+
+@pytest.mark.parametrize("name", ["../../../elsewhere", "/elsewhere", "a\\b\x1b[2J"])
+def test_a_name_of_a_run_leads_to_no_other_folder(name, tmp_path, monkeypatch):
+    with initialize_config_dir(str(CONF), version_base="1.3"):
+        cfg = hydra_compose("train", return_hydra_config=True)
+    cfg.name = name
+    folder = (tmp_path / cfg.hydra.run.dir).resolve()
+    assert folder.parent.parent == tmp_path / "outputs" and "\x1b" not in str(folder)
+
+
+def test_a_manoeuvre_of_others_is_called_after_no_file(composed):
+    cfg = composed("manoeuvre=straight", "+manoeuvre.straight.name='../../report'")
+    with pytest.raises(InputError, match="manoeuvre: name '../../report' is no plain name"):
+        prepare(cfg)
+
+
+@pytest.mark.parametrize("kind", ["mapping", "effects", "config", "manifest"])
+def test_files_of_a_later_form_are_refused(kind, tmp_path, composed, done):
+    path = tmp_path / "later.yaml"
+    path.write_text("format: 2\ntime: {column: t, unit: s}\nchannels: {}\n")
+    with pytest.raises(InputError, match="format is 2, this version reads 1"):
+        if kind == "mapping":
+            read_mapping(path)
+        elif kind == "effects":
+            with_effects(composed(f"effects={path}"))
+        elif kind == "manifest":
+            (tmp_path / "manifest.json").write_text('{"format": 2}')
+            read_manifest(tmp_path)
+        else:
+            load_model(beside(done, tmp_path / "run", {"format": 2}))
+
+
+def beside(done, run, more):
+    """A copy of the checkpoint of a run, its config changed."""
+    (run / "checkpoints").mkdir(parents=True, exist_ok=True)
+    (run / "checkpoints" / "best.ckpt").write_bytes((done / "checkpoints" / "best.ckpt").read_bytes())
+    good = yaml.safe_load((done / "config.yaml").read_text())
+    (run / "config.yaml").write_text(yaml.safe_dump({**good, **more}))
+    return run / "checkpoints" / "best.ckpt"
+
+
+SPOILT = (None, "x", -1, [], {}, 1e300, float("nan"), True, ["a"], {"a": 1}, "\x1b[31m", 10**30, "${oc.env:HOME}")
+
+
+def test_a_config_beside_a_checkpoint_that_was_changed_field_by_field_is_refused_in_one_line_or_read(tmp_path, done):
+    good = yaml.safe_load((done / "config.yaml").read_text())
+    places = [(part, key) for part in ("ship", "linear", "network", "fit") for key in good[part]]
+    places += [("seed",), ("manoeuvre",), ("manoeuvre", "speed_kn"), ("network",), ("fit", "damping", "mu")]
+    refused = 0
+    for number, place in enumerate(places):
+        for value in SPOILT[number % 6 :: 6]:
+            changed = json.loads(json.dumps(good))
+            inner = changed
+            for key in place[:-1]:
+                inner = inner[key]
+            inner[place[-1]] = value
+            try:
+                load_model(beside(done, tmp_path / "run", changed))
+            except InputError as error:
+                assert "\n" not in str(error) and len(str(error)) < 600
+                refused += 1
+    assert refused > 15
+
+
+def test_a_network_that_no_memory_could_hold_is_not_begun(tmp_path, done):
+    good = yaml.safe_load((done / "config.yaml").read_text())["network"]
+    with pytest.raises(InputError, match=r"network has a size of 1e\+09; expected 100000 at most"):
+        load_model(beside(done, tmp_path / "run", {"network": {**good, "hidden": 10**9}}))
+
+
+def test_codes_in_a_heading_reach_neither_the_terminal_nor_a_page_nor_a_mapping(attack, tmp_path, capsys):
+    heading = "u\x1b]0;mine\x07\x1b[2J"
+    table = pd.read_csv(tmp_path / "run.csv")
+    table.rename(columns={"r": heading}).to_csv(tmp_path / "sent.csv", index=False)
+    with pytest.raises(SystemExit), one_line():
+        read_recording(tmp_path / "sent.csv", read_mapping(mapping_of_run(tmp_path)), mariner().particulars)
+    assert r"u\x1b]0;mine\x07\x1b[2J" in capsys.readouterr().err
+    page = write_report(
+        tmp_path / "report.html", Report(title=heading, summary="", tables={heading: [{heading: heading}]})
+    )
+    assert not {"\x1b", "\x07"} & set(page.read_text())
+
+
+def mapping_of_run(folder):
+    channels = {name: {"column": name, "unit": unit} for name, unit in UNITS.items()}
+    (folder / "map.yaml").write_text(yaml.safe_dump({"time": {"column": "t", "unit": "s"}, "channels": channels}))
+    return folder / "map.yaml"
+
+
+@pytest.mark.parametrize(
+    "training", [None, [], {"stopped": 1, "epochs": 2}, {"stopped": "all epochs done", "epochs": "x"}]
+)
+def test_scores_that_were_changed_are_not_taken_for_a_finished_run(training, tmp_path):
+    (tmp_path / "scores.json").write_text(json.dumps({"training": training}))
+    assert not finished(tmp_path, 10)

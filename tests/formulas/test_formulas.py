@@ -232,6 +232,27 @@ def test_words_from_outside_cannot_run_or_break_a_text(tmp_path):
             assert check.largest_difference(named, kind, SCRIPT[kind](named)) < 1e-12
 
 
+@pytest.mark.parametrize("stroke", ["\\", "??/"])
+def test_a_title_from_outside_does_not_end_a_comment_of_c(stroke, tmp_path):
+    trace = tmp_path / "was_here"
+    code = f'#include <stdio.h>\n__attribute__((constructor)) static void f(void) {{ fopen("{trace}", "w"); }}\n'
+    title = f"a ship *{stroke}\n/\n{code}/{stroke}\n*"
+    named = replace(to_program(response()), title=title, notes=[title])
+    if compiler():
+        assert check.largest_difference(named, "c", c_text(named)) < 1e-12
+    assert not trace.exists()
+    assert c_text(named).count("*/") == c_text(replace(named, title="a ship", notes=[])).count("*/")
+
+
+@pytest.mark.parametrize(
+    "symbol", [r"\input{/etc/passwd}", "^^5cinput{x}", "$a$", "a%", r"\write18{ls}", r"\catcode1=2"]
+)
+def test_a_symbol_from_outside_is_letters_and_no_command(symbol):
+    with pytest.raises(InputError, match="write letters, Greek ones"):
+        Variable("V", "kn", 0.5, "speed", symbol)
+    assert Variable("V", "kn", 0.5, "speed", r"\bar{\psi}_{1/3}").symbol == r"\bar{\psi}_{1/3}"
+
+
 def test_names_that_no_language_takes_are_refused_and_those_of_the_house_make_way():
     def named(name: str) -> Response:
         inputs = [Variable(name, "m", 1.0, "a length", low=1.0, high=2.0), *VARIABLES[1:]]

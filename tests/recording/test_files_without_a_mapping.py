@@ -91,9 +91,9 @@ def test_an_old_first_line_is_passed_over_and_any_other_code_is_refused(tmp_path
 @pytest.mark.parametrize(
     "text, told",
     [
-        ("_target_: subprocess.run\n" + PLAIN, "_target_: subprocess.run is refused; a mapping is data"),
-        (PLAIN + "kind: {_target_: os.system}\n", "_target_: os.system is refused; a mapping is data"),
-        (PLAIN + "kind: ${oc.env:HOME}\n", "refers to nothing else"),
+        ("_target_: subprocess.run\n" + PLAIN, "_target_: subprocess.run is refused; settings are plain"),
+        (PLAIN + "kind: {_target_: os.system}\n", "_target_: os.system is refused; settings are plain"),
+        (PLAIN + "kind: ${oc.env:HOME}\n", "expected a plain value"),
         ("columns: {}\n", "is no mapping of a record over time: write time: and channels: into it"),
         ("- 1\n", "is no mapping of a record over time"),
         (PLAIN + "optional: 3\n", "mapping: optional=3; write true or false"),

@@ -217,7 +217,7 @@ def test_a_heading_cannot_break_out_of_its_line_in_the_yaml(zz20, ship, tmp_path
     path.write_text("\t".join(name.replace('"', "'") for name in columns) + f"\n{units}{numbers}")
     made = propose(path, ship)
     content = yaml.safe_load(to_yaml(made))
-    assert set(content) == set(made.settings) and "evil" not in content
+    assert set(content) == {"format", *made.settings} and "evil" not in content
     assert content["channels"]["psi"]["column"] == choice(made, "psi").column
 
 

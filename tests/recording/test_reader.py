@@ -279,3 +279,36 @@ def test_a_file_that_may_not_be_read_is_refused(frame, write, columns, ship, mon
     path = write(frame)
     monkeypatch.setattr("os.access", lambda *_: False)
     refused(path, columns(), ship, "run.csv: may not be read")
+
+
+@pytest.mark.parametrize(
+    ("channel", "value", "told"),
+    [
+        ("x", 1e20, "is 1e.20 m, which no ship and no instrument can mean: empty the cell"),
+        ("y", -3e7, "is -3e.07 m, which no ship"),
+        ("psi", 1e20, "is 1e.20 rad, which no ship"),
+        ("u", 1e300, "is 1e.300 m/s, which no ship"),
+    ],
+)
+def test_a_value_outside_anything_physical_is_refused_with_its_cell(frame, write, columns, ship, channel, value, told):
+    frame.loc[30, channel] = value
+    refused(write(frame), columns(), ship, f"run.csv, line 32: column '{channel}' {told}")
+
+
+@pytest.mark.parametrize("channel", ["x", "psi"])
+def test_a_value_outside_anything_physical_is_filled_as_an_outlier_where_that_is_asked_for(
+    zz20, frame, write, columns, ship, channel
+):
+    frame.loc[[30, 31], channel] = [1e20, -1e300]  # two in a row, which are no spike
+    record = read_recording(write(frame), columns(outliers="fill"), ship)
+    np.testing.assert_allclose(record[channel], zz20[channel], atol=2.0 if channel == "x" else 0.02)
+
+
+def test_positions_far_from_the_origin_of_their_map_are_read(zz20, frame, write, columns, ship):
+    frame["y"] += 9.9e7
+    assert read_recording(write(frame), columns(), ship)["y"] == pytest.approx(zz20["y"] + 9.9e7)
+
+
+def test_a_mark_of_a_logger_is_left_to_the_checks(frame, write, columns, ship):
+    frame.loc[30, "u"] = 99999.0
+    assert read_recording(write(frame), columns(), ship)["u"][30] == 99999.0

@@ -8,16 +8,19 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from omegaconf import DictConfig
 from rich.console import Console
+from rich.text import Text
 
 from manoeuvre_nn.commands import config as configs
-from manoeuvre_nn.commands import guard
 from manoeuvre_nn.commands.job import known_part
 from manoeuvre_nn.commands.provenance import shown, versions, write_provenance
 from manoeuvre_nn.commands.shelves import plain
+from manoeuvre_nn.core.ending import WRONG_INPUT
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.core.terminal import Terminal
 from manoeuvre_nn.core.threads import use_threads
+from manoeuvre_nn.core.writing import write_file
 from manoeuvre_nn.estimation.record_information import excitation_findings
 from manoeuvre_nn.recording.check.finding import Finding
 from manoeuvre_nn.recording.check.inspection import Inspection, inspect_file
@@ -36,7 +39,7 @@ from manoeuvre_nn.report.check_tables import (
     together_rows,
     trouble_rows,
 )
-from manoeuvre_nn.report.html import Report, write_report
+from manoeuvre_nn.report.html import Report, save_figure, write_report
 from manoeuvre_nn.report.tables import rich_table
 from manoeuvre_nn.training.settings import expand
 
@@ -54,12 +57,12 @@ def check_or_refuse(cfg: DictConfig, out: Path) -> None:
         SystemExit: With code 2 if one is.
     """
     if any(one.verdict == "refuse" for one in check(cfg, out)):
-        raise SystemExit(guard.WRONG_INPUT)
+        raise SystemExit(WRONG_INPUT)
 
 
 def check(cfg: DictConfig, out: Path, console: Console | None = None) -> list[Inspection]:
     """Check all files and write everything to a folder; what was found comes file by file."""
-    console = console or Console()
+    console = console or Terminal()
     use_threads(1)
     drawn = configs.switch("figures", cfg.figures)
     ship, known = known_part(cfg)
@@ -70,7 +73,7 @@ def check(cfg: DictConfig, out: Path, console: Console | None = None) -> list[In
     found = []
     with console.status("checking") as status:
         for path in paths:
-            status.update(f"checking {path.name}")
+            status.update(Text(f"checking {path.name}"))
             found.append(_with_information(inspect_file(path, columns, particulars), known))
         usable = _usable(found, known)
         together = excitation_findings(usable, known) if len(usable) > 1 else []
@@ -109,12 +112,11 @@ def _usable(found: Sequence[Inspection], known: Ship) -> list[Recording]:
 
 def _figures(found: Sequence[Inspection], ship: Particulars, out: Path) -> dict[str, Figure]:
     """A page for each recording, written as PNG too."""
-    (out / "figures").mkdir(parents=True, exist_ok=True)
     made = {}
     for one in found:
         figure = check_figure(one, ship)
         if figure is not None:
-            figure.savefig(out / "figures" / f"{one.name}.png", dpi=110)
+            save_figure(figure, out / "figures" / f"{one.name}.png", dpi=110)
             made[f"{one.name}/channels"] = figure
     return made
 
@@ -146,7 +148,7 @@ def _write(
     )
     write_report(out / PAGE, report)
     told = checks_json(found, columns, together, versions())
-    (out / RESULT).write_text(json.dumps(told, indent=1), encoding="utf-8")
+    write_file(out / RESULT, json.dumps(told, indent=1))
 
 
 def _print(

@@ -4,21 +4,25 @@ import json
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from omegaconf import DictConfig, OmegaConf
+from pydantic import BaseModel, ConfigDict, Field
 from rich.console import Console
 
 from manoeuvre_nn.commands.job import NOTHING_HELD_OUT, make_fit, prepare
 from manoeuvre_nn.commands.provenance import shown, versions, write_provenance
 from manoeuvre_nn.commands.shelves import build, made_by, plain
+from manoeuvre_nn.core.data_files import FORMAT, load_json, read_as, without_format
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.core.terminal import Terminal
 from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.core.writing import write_file
 from manoeuvre_nn.estimation.agreement import birge_scaled_covariance
 from manoeuvre_nn.estimation.captive_fit import fit_captive, towed
 from manoeuvre_nn.estimation.closed_loop import first, solve
@@ -33,10 +37,47 @@ from manoeuvre_nn.report.coefficient_figures import figures
 from manoeuvre_nn.report.coefficient_tables import Coefficients, coefficients_json, notes, sentence, tables
 from manoeuvre_nn.report.html import Report, save_figures, write_report
 from manoeuvre_nn.report.tables import rich_table
-from manoeuvre_nn.training.closed_loop_fit import ClosedLoopFit, explained
+from manoeuvre_nn.training.closed_loop_fit import ClosedLoopFit, breakdown_told, explained
 
 PAGE, RESULT = "coefficients.html", "coefficients.json"
 INERTIA = ("mx", "my", "mz", "Yrdot", "Nvdot")
+
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+STRICT = ConfigDict(strict=True)
+
+
+class _StoredShip(BaseModel):
+    """Particulars of whose coefficients these are."""
+
+    model_config = STRICT
+    length: Positive
+    draught: Positive
+    speed: Positive
+    rho: Positive
+    rpm: Positive
+
+
+class _StoredDerived(BaseModel):
+    """What follows from coefficients."""
+
+    model_config = STRICT
+    name: str
+    value: float | None
+    interval_95: Annotated[list[float | None], Field(min_length=2, max_length=2)]
+    words: str
+
+
+class _StoredCoefficients(BaseModel):
+    """What is read again of ``coefficients.json``."""
+
+    model_config = STRICT
+    ship: str
+    particulars: _StoredShip
+    derived: list[_StoredDerived]
+    fitted: dict[str, Any]
+    notes: Annotated[list[str], Field(min_length=1)]
+    birge_ratio: Positive
 
 
 def tell(cfg: DictConfig, out: Path, console: Console | None = None) -> Coefficients:
@@ -53,7 +94,7 @@ def tell(cfg: DictConfig, out: Path, console: Console | None = None) -> Coeffici
     Raises:
         InputError: If settings do not go together.
     """
-    console = console or Console()
+    console = console or Terminal()
     use_threads(1)
     check_choice("terms", cfg.terms, ["network", "own"])
     if cfg.captive.file is not None and cfg.terms == "own":
@@ -97,8 +138,9 @@ def _fitted(cfg: DictConfig, console: Console) -> Coefficients:
         fit = make_fit(cfg, job)
         assert isinstance(fit, ClosedLoopFit)  # by the fit's _target_, which was checked first
         problem = explained(fit.dynamics, job.data.measured, fit.settings)
-        start = first(problem, process_sd=fit.settings.force)
-        found = solve(problem, start, passes=int(cfg.trainer.max_epochs), enough=fit.settings.enough)
+        with breakdown_told():
+            start = first(problem, process_sd=fit.settings.force)
+            found = solve(problem, start, passes=int(cfg.trainer.max_epochs), enough=fit.settings.enough)
     return coefficients_of(fit, problem, found, job.data.describe())
 
 
@@ -128,8 +170,8 @@ def write_coefficients(told: Coefficients, out: Path) -> dict[str, Figure]:
     """Write ``coefficients.json`` and the figures, which are returned."""
     drawn = figures(told)
     save_figures({f"coefficients/{name}": figure for name, figure in drawn.items()}, out / "figures")
-    text = json.dumps({**coefficients_json(told), "versions": versions()}, indent=1)
-    (out / RESULT).write_text(text, encoding="utf-8")
+    text = json.dumps({"format": FORMAT, **coefficients_json(told), "versions": versions()}, indent=1)
+    write_file(out / RESULT, text)
     return {f"Coefficients in figures/{name}": figure for name, figure in drawn.items()}
 
 
@@ -167,20 +209,17 @@ def _read(folder: Path) -> Coefficients:
         raise InputError(
             f"run={folder} holds no {RESULT}: write a folder of manoeuvre train with network=cubic, modulus or abkowitz"
         )
-    try:
-        stored = json.loads(path.read_text(encoding="utf-8"))
-        rows = [(d["name"], d["value"], *d["interval_95"], d["words"]) for d in stored["derived"]]
-        found = pd.DataFrame(rows, columns=COLUMNS).astype({"value": float, "low": float, "high": float})
-        p = stored["particulars"]
-        beam = 0.16 * p["length"]  # not stored and not used: a particulars has one
-        ship = Particulars(
-            stored["ship"], p["length"], beam, p["draught"], 0.7, p["speed"], 0.05, 0.6, rho=p["rho"], rpm=p["rpm"]
-        )
-        return Coefficients(
-            ship, fitted_from(stored["fitted"]), found, stored["notes"][0], ratio=float(stored["birge_ratio"])
-        )
-    except (ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path} was not written by manoeuvre train or coefficients: {error!r}") from error
+    where = f"{path} was not written by manoeuvre train or coefficients"
+    content = load_json(path)
+    if not isinstance(content, Mapping):
+        raise InputError(f"{where}: it holds a {type(content).__name__}")
+    stored = read_as(_StoredCoefficients, without_format(content, str(path)), where)
+    rows = [(d.name, d.value, *d.interval_95, d.words) for d in stored.derived]
+    found = pd.DataFrame(rows, columns=COLUMNS).astype({"value": float, "low": float, "high": float})
+    p = stored.particulars
+    beam = 0.16 * p.length  # not stored and not used: a particulars has one
+    ship = Particulars(stored.ship, p.length, beam, p.draught, 0.7, p.speed, 0.05, 0.6, rho=p.rho, rpm=p.rpm)
+    return Coefficients(ship, fitted_from(stored.fitted), found, stored.notes[0], ratio=stored.birge_ratio)
 
 
 def _inertia(cfg: DictConfig) -> np.ndarray | None:

@@ -8,8 +8,8 @@ from typing import Any
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
 from manoeuvre_nn.commands.groups import option
-from manoeuvre_nn.commands.shelves import TARGET, build, check_plain
-from manoeuvre_nn.core.data_files import load_yaml
+from manoeuvre_nn.commands.shelves import TARGET, build
+from manoeuvre_nn.core.data_files import check_plain, load_yaml, without_format
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
@@ -21,7 +21,7 @@ from manoeuvre_nn.recording.read.mapping import Mapping as ColumnMapping
 
 def whole_number(what: str, value: Any, least: int) -> int:
     """Read a setting that counts something; ``what`` is its name, and a smaller number than ``least`` is refused."""
-    if not isinstance(value, int) or value < least:
+    if type(value) is not int or not least <= value < 2**63:
         raise InputError(f"{what}={value}: expected a whole number, {least} or more")
     return value
 
@@ -97,6 +97,7 @@ def read_effects(path: Path, own: str | None = None) -> dict[str, dict[str, Any]
         InputError: If it holds anything else than values of effects that are in conf/effect.
     """
     found = load_yaml(path)
+    found = without_format(found, f"effects={path}") if isinstance(found, Mapping) else found
     if not isinstance(found, Mapping) or not all(isinstance(entry, Mapping) for entry in found.values()):
         raise InputError(f"effects={path}: expected the values of effects, such as wind_steady: {{speed: 12}}")
     entries = {}

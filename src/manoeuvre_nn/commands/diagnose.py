@@ -3,7 +3,6 @@
 Columns of a csv: see :func:`~manoeuvre_nn.diagnosis.case.read_runs`.
 """
 
-import traceback
 from collections.abc import Mapping
 from pathlib import Path
 from time import monotonic
@@ -17,7 +16,9 @@ from manoeuvre_nn.commands import guard
 from manoeuvre_nn.commands.diagnosis_setup import found_effects, setup, write_effects
 from manoeuvre_nn.commands.provenance import check_same_run, shown, write_provenance
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.terminal import Terminal
 from manoeuvre_nn.core.threads import use_threads
+from manoeuvre_nn.core.writing import FolderInUse, locked
 from manoeuvre_nn.diagnosis.answers import write_answer
 from manoeuvre_nn.diagnosis.case import Question
 from manoeuvre_nn.diagnosis.diagnose import diagnose
@@ -30,11 +31,9 @@ from manoeuvre_nn.report.diagnosis_tables import of_campaign, print_diagnosis, v
 from manoeuvre_nn.report.html import save_figures
 from manoeuvre_nn.scoring.free_runs import cost
 
-ANSWER, ERROR = "answer.json", "error.txt"
+ANSWER = "answer.json"
 OF_ANSWERS = ["candidates", "model", "rudder_positive_to"]
 """Settings that answers of cases depend on; a command with others may not go on in their folder."""
-STOPPED = 130
-"""Exit code after ctrl-C, as shells have it."""
 STEPS = MAX_BUILT_UPON + 6
 """Steps of a diagnosis beside one a candidate: pairs, gusts, tracks, proof."""
 
@@ -45,7 +44,7 @@ def diagnose_all(cfg: DictConfig, out: Path, console: Console | None = None) -> 
     Raises:
         InputError: If it is not clear which.
     """
-    console = console or Console()
+    console = console or Terminal()
     use_threads(1)
     if (cfg.cases is None) == (cfg.recordings is None):
         raise InputError(f"write either cases=DIR or recordings=DIR; {guard.program()} --help tells more")
@@ -57,7 +56,7 @@ def answer_cases(cfg: DictConfig, out: Path, console: Console) -> None:
 
     Raises:
         InputError: If there is no case.
-        SystemExit: On ctrl-C, after a line.
+        KeyboardInterrupt: On ctrl-C, after a line.
     """
     folders = case_folders(Path(cfg.cases))
     if cfg.get("ship") is not None:
@@ -67,23 +66,27 @@ def answer_cases(cfg: DictConfig, out: Path, console: Console) -> None:
     check_same_run(kept, out, "out")
     write_provenance(kept, out)
     todo = [f for f in folders if not (out / f.name / ANSWER).is_file()]
-    failed = []
+    answered, failed = [], []
     with _Tracker(console, len(todo), len(common.wanted) + STEPS) as tracker:
         for folder in todo:
             tracker.begin(folder.name)
             try:
-                question = common.question(common.case(folder))
-                tracker.say(_answer_case(question, out / folder.name, cfg.report, tracker))
+                with locked(out / folder.name):
+                    question = common.question(common.case(folder))
+                    tracker.say(_answer_case(question, out / folder.name, cfg.report, tracker))
+                answered.append(folder.name)
+            except FolderInUse:
+                tracker.say(f"{folder.name}: another process is at work on it")
             except KeyboardInterrupt:
                 tracker.say(f"{folder.name}: stopped; the same command goes on from here")
-                raise SystemExit(STOPPED) from None
+                raise
             except Exception as error:  # whatever it is, the other cases go on
                 failed.append(folder.name)
-                tracker.say(f"{folder.name}: failed: {_report(error, out / folder.name)}")
+                tracker.say(f"{folder.name}: failed: {guard.write_error(error, out / folder.name)}")
     done = len(folders) - len(todo)
     before = f"{done} done before, " if done else ""
     console.print(
-        f"{len(folders)} cases: {before}{len(todo) - len(failed)} answered, {len(failed)} failed; {out}", soft_wrap=True
+        f"{len(folders)} cases: {before}{len(answered)} answered, {len(failed)} failed; {out}", soft_wrap=True
     )
     guard.failed_jobs += failed
 
@@ -114,17 +117,9 @@ def _answer_case(question: Question, out: Path, report: bool, tracker: "_Tracker
     d = diagnose(question, tracker.step)
     if report:
         write_page(d, draw_diagnosis(d), out)
-    (out / ERROR).unlink(missing_ok=True)
+    (out / guard.ERROR).unlink(missing_ok=True)
     write_answer(d, out)
     return summary(d, question.dynamics)
-
-
-def _report(error: Exception, out: Path) -> str:
-    """Write down why a case failed; the reason on a line."""
-    line = str(error) if isinstance(error, InputError) else f"{type(error).__name__}: {error}".splitlines()[0]
-    out.mkdir(parents=True, exist_ok=True)
-    (out / ERROR).write_text(f"{line}\n\n{''.join(traceback.format_exception(error))}")
-    return line
 
 
 def summary(d: Diagnosis, dynamics: Model) -> str:

@@ -13,10 +13,12 @@ from manoeuvre_nn.commands import config as configs
 from manoeuvre_nn.commands.groups import options
 from manoeuvre_nn.commands.provenance import versions
 from manoeuvre_nn.commands.shelves import TARGET, build, check_arguments, on_shelf
-from manoeuvre_nn.core.data_files import load_yaml
+from manoeuvre_nn.core.data_files import FORMAT, load_yaml
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.plain_text import harmless
 from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.core.writing import write_file
 from manoeuvre_nn.diagnosis.case import Case, Question, RunSettings, read_case, read_runs, seen_channels
 from manoeuvre_nn.diagnosis.result import Cause, Diagnosis
 from manoeuvre_nn.dynamics.base import Model
@@ -213,5 +215,6 @@ def _values(cause: Cause, effect: Effect) -> dict[str, float]:
 
 def write_effects(found: Mapping[str, Any], sentence: str, path: Path) -> None:
     """Write what was found, after a sentence on it, so that ``manoeuvre train effects=FILE`` sails with it."""
-    text = yaml.safe_dump(dict(found), sort_keys=False, allow_unicode=True) if found else "{}\n"
-    path.write_text(f"# {' '.join(sentence.split())}\n# manoeuvre train ship=... effects={path.name}\n{text}")
+    text = yaml.safe_dump({"format": FORMAT, **found}, sort_keys=False, allow_unicode=True)
+    said = harmless(" ".join(sentence.split()))
+    write_file(path, f"# {said}\n# manoeuvre train ship=... effects={path.name}\n{text}")

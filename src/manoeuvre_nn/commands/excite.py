@@ -17,7 +17,9 @@ from manoeuvre_nn.commands.train import fit
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.core.terminal import Terminal
 from manoeuvre_nn.core.threads import use_threads
+from manoeuvre_nn.core.writing import write_file
 from manoeuvre_nn.design.candidates import sail
 from manoeuvre_nn.design.expected_error import DesignEffort, disagreements, prospects
 from manoeuvre_nn.design.expected_information import information
@@ -66,7 +68,7 @@ class _Question:
 
 def excite(cfg: DictConfig, out: Path, console: Console | None = None) -> ManoeuvreAdvice | None:
     """Train unless a model is given, ask, and write everything; None if the folder already holds the advice."""
-    console = console or Console()
+    console = console or Terminal()
     use_threads(configs.whole_number("trainer.threads", cfg.trainer.threads, 1))
     cfg = configs.with_effects(_of_model(cfg))
     question = question_of(cfg)
@@ -195,7 +197,7 @@ def _write(a: ManoeuvreAdvice, config: dict[str, Any], out: Path) -> None:
         notes=[a.trained_on, *a.left_out],
     )
     write_report(out / PAGE, report)
-    (out / RESULT).write_text(json.dumps(advice_json(a, versions()), indent=1), encoding="utf-8")
+    write_file(out / RESULT, json.dumps(advice_json(a, versions()), indent=1))
 
 
 def _print(a: ManoeuvreAdvice, out: Path, console: Console) -> None:

@@ -13,6 +13,7 @@ from manoeuvre_nn.commands.provenance import shown
 from manoeuvre_nn.commands.response import load_response
 from manoeuvre_nn.commands.shelves import build
 from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.terminal import Terminal
 from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.formulas.formats import WRITERS, Written, write_down
@@ -40,7 +41,7 @@ def export(cfg: DictConfig, out: Path, console: Console | None = None) -> list[W
     Raises:
         InputError: If settings do not go together.
     """
-    console = console or Console()
+    console = console or Terminal()
     use_threads(1)
     check_choice("format", cfg.format, [*WRITERS, ALL])
     if not isinstance(cfg.document, bool):

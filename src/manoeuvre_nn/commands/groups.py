@@ -17,12 +17,18 @@ from omegaconf import DictConfig, OmegaConf
 from manoeuvre_nn.commands import guard
 from manoeuvre_nn.core.data_files import CONF, load_yaml
 from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.plain_text import as_file_name
 
 OWN = ("config_dir", "--config-dir", "-cd")
 """How a folder of the user's own is named."""
+UNCHECKED = ("-cp", "-cn", *(f"{sign}hydra.searchpath" for sign in ("", "+", "++")))
+UNCHECKED_BEGIN = ("--config-p", "--config-n", "--exp")
+"""Hydra's own ways to configs that nobody has checked, and to a pickled one: ``--experimental-rerun``."""
 GROUPS = sorted(path.name for path in CONF.iterdir() if path.is_dir())
 OF_THE_USER = {"hydra", "plugins", "config_dir"}
 """Settings that are said on the command line and nowhere else."""
+OUTPUT = "out"
+"""Where a command writes: the same."""
 COMMON = ("speed_kn", "rudder_split_deg", "shaft_split")
 """Settings of the group manoeuvre that hold for all manoeuvres."""
 own_modules: set[str] = set()
@@ -87,13 +93,17 @@ def own_folder(words: Sequence[str]) -> tuple[list[str], Path | None]:
         Words with ``config_dir=`` alone, the path made absolute; and the folder, None if none is named.
 
     Raises:
-        InputError: If it is no folder, or its files reach beyond their groups.
+        InputError: If it is no folder, or its files reach beyond their groups; or if hydra is told another way to it.
     """
     kept, named = [], None
     left = list(words)
     while left:
         key, sign, value = left.pop(0).partition("=")
-        if key not in OWN:
+        if key in UNCHECKED or key.startswith(UNCHECKED_BEGIN):
+            raise InputError(
+                f"{key} is refused: what hydra finds there may run code: write config_dir=FOLDER; its files are checked"
+            )
+        if key not in OWN and not key.startswith("--config-d"):  # hydra takes the beginning of a word for the word
             kept.append(f"{key}{sign}{value}")
         elif value not in {"", "null"}:
             named = value
@@ -122,8 +132,10 @@ def _check_own_file(path: Path, folder: Path) -> None:
     content = content if isinstance(content, Mapping) else {}
     package = re.findall(r"^\s*#\s*@package\s+(\S+)", path.read_text(encoding="utf-8"), flags=re.MULTILINE)
     reached = [*content, *package, content.get("defaults", ""), path.relative_to(folder).with_suffix("")]
-    if OF_THE_USER & set(re.findall(r"\w+", " ".join(map(str, reached)))):
-        raise InputError(f"{path} is refused: a file in config_dir= may not set {', '.join(sorted(OF_THE_USER))}")
+    places = {str(key).partition(".")[0] for key in [*content, *package]}
+    if OF_THE_USER & set(re.findall(r"\w+", " ".join(map(str, reached)))) or OUTPUT in places:
+        named = ", ".join(sorted([*OF_THE_USER, OUTPUT]))
+        raise InputError(f"{path} is refused: a file in config_dir= may not set {named}")
     for entry in content.get("defaults") or []:
         named = next(iter(entry), "") if isinstance(entry, Mapping) else entry
         group = str(named).rpartition(" ")[2].partition("@")[0]
@@ -179,6 +191,7 @@ def brought_along(choices: Mapping[str, str], words: Sequence[str], config: str 
 def register_resolvers() -> None:
     """Make ``${ship_name:...}``, ``${run_name:...}`` and ``${program:}`` known to OmegaConf."""
     OmegaConf.register_new_resolver("program", guard.program, replace=True)
+    OmegaConf.register_new_resolver("file_name", lambda name: as_file_name(str(name)), replace=True)
     OmegaConf.register_new_resolver("ship_name", _ship_name, replace=True)
     OmegaConf.register_new_resolver("run_name", _run_name, replace=True)
     OmegaConf.register_new_resolver("task_name", _task_name, replace=True)

@@ -1,10 +1,9 @@
-"""One line and exit code 2 for what a person got wrong; a traceback only for what we did."""
+"""How the commands end: one line for whatever ends them early, hydra's complaints among it."""
 
-import errno
 import os
 import re
 import sys
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -12,12 +11,13 @@ import yaml
 from hydra.errors import HydraException
 from omegaconf.errors import OmegaConfBaseException
 
-from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core import ending
+from manoeuvre_nn.core.ending import DEFECT, causes, full_story, in_short
+from manoeuvre_nn.core.writing import write_file
 
-WRONG_INPUT = 2
-FAILED_JOBS = 1
+ERROR = "error.txt"
+"""File that says why one of many jobs failed."""
 OF_CONFIG = (HydraException, OmegaConfBaseException, yaml.YAMLError)
-OF_FILES = (errno.ENOENT, errno.EACCES, errno.ENOTDIR, errno.EEXIST, errno.EROFS, errno.ENOSPC)
 NO_GROUP = "Config group override must be a string"
 """How hydra complains of ``ship=null``, with a traceback."""
 OF_EXTRAS = {"hydra/sweeper=optuna": "search", "hydra/launcher=submitit_local": "sweep"}
@@ -30,25 +30,9 @@ failed_jobs: list[str] = []
 
 @contextmanager
 def one_line() -> Generator[None]:
-    """Turn wrong input into one line and exit code 2; let faults of the program through."""
-    try:
+    """What :func:`manoeuvre_nn.core.ending.one_line` does, and hydra's complaints explained."""
+    with ending.one_line(explain):
         yield
-    except (*OF_CONFIG, ValueError, OSError) as error:
-        message = explain(error)
-        if message is None:
-            raise
-        print(f"error: {message}", file=sys.stderr)
-        raise SystemExit(WRONG_INPUT) from None
-
-
-def _of_file(error: OSError) -> str | None:
-    """What to do about a file or folder that cannot be read or written."""
-    if error.filename is None or error.errno not in OF_FILES:
-        return None
-    path = str(error.filename)
-    if os.path.isfile(path) and not os.access(path, os.R_OK):
-        return f"cannot read {path}: {error.strerror}; ask its owner, or copy it"
-    return f"cannot write {path}: {error.strerror}; choose another folder (hydra.run.dir=, or out=)"
 
 
 def guarded(main: Callable[[], None]) -> None:
@@ -58,13 +42,13 @@ def guarded(main: Callable[[], None]) -> None:
         main: The function that ``hydra.main`` made.
 
     Raises:
-        SystemExit: With code 2 after one line for wrong input, with code 1 if jobs of a sweep failed.
+        SystemExit: As :func:`one_line` says, and with code 1 if jobs of a sweep failed.
     """
     os.environ["HYDRA_FULL_ERROR"] = "1"  # hydra then raises instead of printing its own traceback
     with one_line():
         main()
     if failed_jobs:
-        raise SystemExit(FAILED_JOBS)
+        raise SystemExit(DEFECT)
 
 
 def explain(error: BaseException) -> str | None:
@@ -76,24 +60,23 @@ def explain(error: BaseException) -> str | None:
     Returns:
         The line; None if the cause is a fault of the program.
     """
-    chain = list(_causes(error))
-    for cause in chain:
-        if isinstance(cause, InputError):
-            return str(cause)
-    if isinstance(error, OSError) and not isinstance(error, OF_CONFIG):  # a config that hydra misses is both
-        return _of_file(error)
+    known = ending.explain(error)
+    if known is not None:
+        return known
     if NO_GROUP in str(error):
         given = [word for word in sys.argv[1:] if word.endswith("=null")]
         return f"{' '.join(given)}: a group cannot be empty: leave it out or choose an option"
-    if not isinstance(error, OF_CONFIG) or any(not isinstance(c, (*OF_CONFIG, TypeError, ValueError)) for c in chain):
+    if not isinstance(error, OF_CONFIG):
         return None
-    return _one_line(str(error))
+    ours = any(not isinstance(cause, (*OF_CONFIG, TypeError, ValueError)) for cause in causes(error))
+    return None if ours else _one_line(str(error))
 
 
-def _causes(error: BaseException | None) -> Iterator[BaseException]:
-    while error is not None:
-        yield error
-        error = error.__cause__ or error.__context__
+def write_error(error: BaseException, out: Path) -> str:
+    """Write down why one of many jobs failed, in a folder of its own; the reason on a line."""
+    line = explain(error) or in_short(error)
+    write_file(out / ERROR, f"{line}\n\n{full_story(error)}")
+    return line
 
 
 def _one_line(text: str) -> str:

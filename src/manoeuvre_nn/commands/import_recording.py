@@ -13,6 +13,7 @@ from manoeuvre_nn.commands.shelves import build
 from manoeuvre_nn.core.data_files import load_yaml
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.core.writing import write_file
 from manoeuvre_nn.recording.propose.choice import Choice
 from manoeuvre_nn.recording.propose.proposal import Proposal, propose
 from manoeuvre_nn.recording.propose.proposal_yaml import to_yaml
@@ -91,8 +92,7 @@ def import_recording(asked: _Request, console: Console) -> Proposal:
     plugged_in({"plugins": asked.plugins, "config_dir": asked.own})
     proposal = propose(asked.file, ship_called(asked.ship, asked.own))
     show(proposal, console)
-    asked.out.parent.mkdir(parents=True, exist_ok=True)
-    asked.out.write_text(to_yaml(proposal), encoding="utf-8")
+    write_file(asked.out, to_yaml(proposal))
     _say(console, f"written: {asked.out}")
     _say(console, next_command(proposal, asked))
     return proposal

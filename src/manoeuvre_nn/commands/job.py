@@ -1,7 +1,8 @@
 """What several commands make of a config: ship, known part, network, data and the method that joins them."""
 
 import inspect
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -16,14 +17,14 @@ from manoeuvre_nn.commands.shelves import (
     TARGET,
     build,
     check_arguments,
-    check_plain,
     gathered,
     kinds,
     made_by,
     on_shelf,
     plain,
+    without_targets,
 )
-from manoeuvre_nn.core.data_files import load_yaml
+from manoeuvre_nn.core.data_files import check_plain, load_yaml, without_format
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.network import Network
 from manoeuvre_nn.core.recording import Recording
@@ -47,6 +48,8 @@ NOTHING_HELD_OUT = [{"straight": {"duration": 60, "name": "placeholder"}}]
 """What stands for ``score`` where data must have held-out manoeuvres but nothing is chosen by them."""
 OF_FILES = (TARGET, "folder", "files", "mapping")
 """Settings of ``data=recording`` that say which files are read, and how."""
+MAX_NETWORK_SIZE = 100_000
+"""Largest number among the sizes of a network that comes from a file."""
 DTYPES = {"float64": torch.float64, "float32": torch.float32}
 
 
@@ -223,6 +226,15 @@ def fit_of(cfg: DictConfig, dynamics: IdentifiedShip | RecursiveShip | Response)
     return build(settings, "fit", dynamics=dynamics)
 
 
+def _check_sizes(value: Any, where: str) -> None:
+    """Refuse a network from outside that no memory could hold."""
+    if isinstance(value, Mapping | list):
+        for inner in value.values() if isinstance(value, Mapping) else value:
+            _check_sizes(inner, where)
+    elif isinstance(value, int) and abs(value) > MAX_NETWORK_SIZE:
+        raise InputError(f"{where} has a size of {value:.3g}; expected {MAX_NETWORK_SIZE} at most")
+
+
 def config_beside(checkpoint: Path, parts: Sequence[str] = PARTS) -> DictConfig:
     """The config that a training wrote beside its checkpoint, as data: what it names is checked when it is built.
 
@@ -244,8 +256,24 @@ def config_beside(checkpoint: Path, parts: Sequence[str] = PARTS) -> DictConfig:
     content = load_yaml(path)
     if not isinstance(content, dict) or not all(isinstance(content.get(part), dict) for part in parts):
         raise InputError(f"model={checkpoint}: {path} is no config of manoeuvre train")
-    check_plain({str(k): v for k, v in content.items() if k != "hydra"}, str(path), allowed=[TARGET])
+    content = {str(k): v for k, v in without_format(content, str(path)).items() if k not in {"hydra", "plugins"}}
+    check_plain(without_targets(content), str(path))
+    _check_sizes(content.get("network"), f"model={checkpoint}: {path}: network")
     return OmegaConf.create(content)
+
+
+@contextmanager
+def made_again(checkpoint: Path) -> Generator[None]:
+    """Refuse a config from outside whose values make no model, in one line whatever they end in."""
+    try:
+        yield
+    except (InputError, ImportError):
+        raise
+    except Exception as error:
+        said = next(iter(str(error).splitlines()), "")
+        raise InputError(
+            f"model={checkpoint}: the {CONFIG} of its run describes no model ({type(error).__name__}: {said[:120]})"
+        ) from error
 
 
 def load_model(path: Path) -> IdentifiedShip | RecursiveShip:
@@ -259,10 +287,11 @@ def load_model(path: Path) -> IdentifiedShip | RecursiveShip:
     """
     read_checkpoint(path)
     cfg = config_beside(path)
-    ship, known = known_part(cfg)
-    network, _, dtype = blank_network(cfg)
-    blank = Scaling(torch.zeros(4), torch.ones(4), torch.ones(3))
-    fit = fit_of(cfg, joined_model(ship, known, network, blank).to(dtype))
+    with made_again(path):
+        ship, known = known_part(cfg)
+        network, _, dtype = blank_network(cfg)
+        blank = Scaling(torch.zeros(4), torch.ones(4), torch.ones(3))
+        fit = fit_of(cfg, joined_model(ship, known, network, blank).to(dtype))
     load_weights(fit, path)
     return fit.dynamics.double()
 

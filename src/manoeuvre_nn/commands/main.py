@@ -3,6 +3,7 @@
 import importlib
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 
 import hydra
@@ -12,7 +13,9 @@ from omegaconf import DictConfig
 from manoeuvre_nn import __version__
 from manoeuvre_nn.commands import guard
 from manoeuvre_nn.commands.groups import CONF, options, own_folder, plugged_in
+from manoeuvre_nn.core.ending import WRONG_INPUT
 from manoeuvre_nn.core.errors import check_choice
+from manoeuvre_nn.core.writing import locked
 
 USAGE = """manoeuvre COMMAND [group=option] [setting=value]
 
@@ -59,11 +62,11 @@ def main() -> None:
         run(command, words)
     else:
         print(f"error: there is no command {command}; choose one of: {', '.join([*TASKS, 'import'])}", file=sys.stderr)
-        raise SystemExit(guard.WRONG_INPUT)
+        raise SystemExit(WRONG_INPUT)
 
 
 def run(command: str, words: list[str] | None = None) -> None:
-    """Run a command; wrong input ends in one line and exit code 2.
+    """Run a command; whatever ends it early ends in one line.
 
     Args:
         command: Its name.
@@ -108,11 +111,14 @@ def _task(command: str) -> Callable[[DictConfig], float | None]:
     module, _, function = TASKS[command].partition(".")
 
     def task(cfg: DictConfig) -> float | None:
-        with guard.one_line():  # here, not outside alone: hydra would put a line of its own before ours
+        with guard.one_line(), ExitStack() as stack:  # here, not outside alone: hydra would put a line before ours
+            out = Path(HydraConfig.get().runtime.output_dir)
+            if command != "export" and cfg.get("cases") is None:  # several may answer cases into one folder
+                stack.enter_context(locked(out))
             if command != "train":  # in a sweep, what a job cannot import is a failure of that job
                 plugged_in(cfg)
             job = getattr(importlib.import_module(f"manoeuvre_nn.commands.{module}"), function)
-            error: float | None = job(cfg, Path(HydraConfig.get().runtime.output_dir))
+            error: float | None = job(cfg, out)
             return error  # what a search makes small
 
     return task
@@ -120,12 +126,11 @@ def _task(command: str) -> Callable[[DictConfig], float | None]:
 
 def _import(words: list[str]) -> None:
     """Propose a mapping; its settings are few and no config."""
-    from rich.console import Console
-
     from manoeuvre_nn.commands import import_recording
+    from manoeuvre_nn.core.terminal import Terminal
 
     if {"-h", "--help"} & set(words):
         print(import_recording.HELP)
         return
     asked = import_recording.request(words)
-    import_recording.import_recording(asked, Console(width=None if sys.stdout.isatty() else 130))
+    import_recording.import_recording(asked, Terminal(width=None if sys.stdout.isatty() else 130))

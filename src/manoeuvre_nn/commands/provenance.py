@@ -1,6 +1,5 @@
 """What a second person needs to make a result again: resolved config, seed, versions."""
 
-import os
 import platform
 from collections.abc import Mapping
 from importlib.metadata import version
@@ -12,7 +11,9 @@ from omegaconf import DictConfig
 
 from manoeuvre_nn import __version__
 from manoeuvre_nn.commands.shelves import plain
+from manoeuvre_nn.core.data_files import FORMAT, load_yaml, without_format
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.writing import write_file
 
 CONFIG, SCORES = "config.yaml", "scores.json"
 LIBRARIES: tuple[str, ...] = (
@@ -36,11 +37,9 @@ def shown(out: Path) -> Path:
 
 def write_provenance(cfg: DictConfig, out: Path) -> None:
     """Write the resolved config and the versions into the output folder, before anything is computed."""
-    out.mkdir(parents=True, exist_ok=True)
-    text = yaml.safe_dump({**plain(cfg), "versions": versions()}, sort_keys=False, allow_unicode=True)
-    part = out / f"{CONFIG}.{os.getpid()}.part"  # two processes may share the folder: neither reads half a file
-    part.write_text(text)
-    part.replace(out / CONFIG)
+    told = {"format": FORMAT, **plain(cfg), "versions": versions()}
+    text = yaml.safe_dump(told, sort_keys=False, allow_unicode=True)
+    write_file(out / CONFIG, text)  # two processes may share the folder: neither reads half a file
 
 
 def check_same_run(cfg: DictConfig, out: Path, setting: str = "hydra.run.dir") -> None:
@@ -57,8 +56,8 @@ def check_same_run(cfg: DictConfig, out: Path, setting: str = "hydra.run.dir") -
     if not (out / CONFIG).is_file():
         return
     try:
-        before = flat(yaml.safe_load((out / CONFIG).read_text()))
-    except (yaml.YAMLError, AttributeError, UnicodeDecodeError) as error:
+        before = flat(without_format(load_yaml(out / CONFIG), str(out / CONFIG)))
+    except (InputError, AttributeError, TypeError, ValueError) as error:
         raise InputError(f"{out / CONFIG} is damaged: remove the folder or choose another {setting}") from error
     before = {k: v for k, v in before.items() if not k.startswith("versions.")}
     # The round trip through yaml makes both sides the same kind of number.

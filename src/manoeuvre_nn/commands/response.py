@@ -10,9 +10,10 @@ from omegaconf import DictConfig
 from rich.console import Console
 
 from manoeuvre_nn.commands import config as configs
-from manoeuvre_nn.commands.job import Job, blank_network, check_pair, config_beside, fit_of, session_of
+from manoeuvre_nn.commands.job import Job, blank_network, check_pair, config_beside, fit_of, made_again, session_of
 from manoeuvre_nn.commands.shelves import build, check_arguments, made_by, plain
-from manoeuvre_nn.core.data_files import load_yaml
+from manoeuvre_nn.commands.waiting import waiting
+from manoeuvre_nn.core.data_files import check_plain, load_yaml, without_format
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.network import Network
 from manoeuvre_nn.core.response import Quantities, Response, Variable
@@ -157,7 +158,9 @@ def read_records_mapping(path: str | None) -> RecordsMapping | None:
     content = load_yaml(Path(path))
     if not isinstance(content, Mapping) or "columns" not in content:
         raise InputError(f"data.mapping={path} is no mapping of records: write columns: into it")
-    return records_mapping(**{str(k): v for k, v in content.items()})
+    settings = {str(k): v for k, v in without_format(content, f"data.mapping={path}").items()}
+    check_plain(settings, f"data.mapping={path}")
+    return records_mapping(**settings)
 
 
 def make_response_fit(cfg: DictConfig, job: Job[ResponseData]) -> Fit:
@@ -171,12 +174,8 @@ def make_response_fit(cfg: DictConfig, job: Job[ResponseData]) -> Fit:
 
 def fit(cfg: DictConfig, job: Job[ResponseData], out: Path, console: Console) -> session.Trained:
     """Compute or take the records, and train on them; checkpoints are kept in the output folder."""
-    if console.is_terminal:
-        with console.status("records") as status:
-            job.data.say = status.update
-            job.data.setup()
-    else:
-        console.print("records are computed or read ...")
+    with waiting(console) as job.data.say:
+        job.data.say("records")
         job.data.setup()
     score = ResponseScore(job.data, draw=response_figures, **cfg.scoring)
     return session.run(make_response_fit(cfg, job), job.data, score, job.session, out, console)
@@ -193,11 +192,12 @@ def load_response(path: Path) -> Response:
     """
     read_checkpoint(path)
     cfg = config_beside(path, PARTS)
-    quantities, _ = quantities_of(cfg)
-    network, _, dtype = response_network(cfg, quantities)
-    count = len(quantities.sees)
-    blank = Scaling(torch.zeros(count), torch.ones(count), torch.ones(1), torch.zeros(1))
-    made = fit_of(cfg, Response(network, blank, quantities).to(dtype))
+    with made_again(path):
+        quantities, _ = quantities_of(cfg)
+        network, _, dtype = response_network(cfg, quantities)
+        count = len(quantities.sees)
+        blank = Scaling(torch.zeros(count), torch.ones(count), torch.ones(1), torch.zeros(1))
+        made = fit_of(cfg, Response(network, blank, quantities).to(dtype))
     load_weights(made, path)
     assert isinstance(made.dynamics, Response)
     return made.dynamics.double()

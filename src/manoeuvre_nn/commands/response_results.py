@@ -13,6 +13,7 @@ from rich.console import Console
 
 from manoeuvre_nn.commands.provenance import SCORES, hyperparameters, shown, versions
 from manoeuvre_nn.core.response import Response
+from manoeuvre_nn.core.writing import draft_of, write_file
 from manoeuvre_nn.report.figures import learning_figure
 from manoeuvre_nn.report.html import Report, save_figures, write_report
 from manoeuvre_nn.report.response_figures import response_figures
@@ -112,7 +113,8 @@ def summary(outcome: _ResponseOutcome) -> str:
 
 def write_response(outcome: _ResponseOutcome, out: Path) -> None:
     """Write records, figures, report, TensorBoard's last entries; ``scores.json`` last, as the mark of the end."""
-    pd.DataFrame(outcome.data.records.in_units()).to_csv(out / RECORDS, index=False)
+    with draft_of(out / RECORDS) as draft:
+        pd.DataFrame(outcome.data.records.in_units()).to_csv(draft, index=False)
     drawn = response_figures(outcome.data, outcome.response)
     drawn["errors/how much each variable counts"] = sensitivity_figure(outcome.sensitivities)
     if outcome.trained.history:
@@ -134,7 +136,7 @@ def write_response(outcome: _ResponseOutcome, out: Path) -> None:
     outcome.trained.close(
         hyperparameters(outcome.config), {f"final/{name}/rms": e["rms"] for name, e in outcome.errors.items()}
     )
-    (out / SCORES).write_text(json.dumps(as_dict(outcome), indent=1))
+    write_file(out / SCORES, json.dumps(as_dict(outcome), indent=1))
 
 
 def variable_rows(outcome: _ResponseOutcome) -> list[Row]:

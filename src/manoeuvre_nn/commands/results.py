@@ -15,6 +15,7 @@ from rich.console import Console
 from manoeuvre_nn.commands.coefficients import coefficients_of, write_coefficients
 from manoeuvre_nn.commands.provenance import SCORES, hyperparameters, shown, versions
 from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.writing import write_file
 from manoeuvre_nn.dynamics.limits import OK
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.estimation.baselines import fit_baselines
@@ -147,7 +148,6 @@ def as_dict(outcome: _Outcome) -> dict[str, Any]:
 
 def write_results(outcome: _Outcome, out: Path) -> None:
     """Write predictions, figures, report, TensorBoard's last entries; ``scores.json`` last, as the mark of the end."""
-    (out / "predictions").mkdir(parents=True, exist_ok=True)
     for reference, prediction in zip(outcome.data.held_out.references, outcome.predictions, strict=True):
         prediction.to_csv(out / "predictions" / f"{reference.name}.csv")
     drawn = figures(outcome)
@@ -178,7 +178,7 @@ def write_results(outcome: _Outcome, out: Path) -> None:
     )
     write_report(out / "report.html", report)
     _log_hyperparameters(outcome)
-    (out / SCORES).write_text(json.dumps(as_dict(outcome), indent=1))
+    write_file(out / SCORES, json.dumps(as_dict(outcome), indent=1))
 
 
 def _log_hyperparameters(outcome: _Outcome) -> None:

@@ -12,10 +12,10 @@ from typing import Any, NamedTuple, get_args
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
 from manoeuvre_nn.commands.groups import option, options, own_modules
+from manoeuvre_nn.core.data_files import check_plain
 from manoeuvre_nn.core.errors import InputError
 
 TARGET = "_target_"
-PLAIN = (str, int, float, bool, NoneType)
 
 
 class _Shelf(NamedTuple):
@@ -40,6 +40,8 @@ SHELVES = {
     ),
 }
 """Group of conf -> its shelf."""
+SEVERAL = ("manoeuvre", "effect")
+"""Groups of which several are chosen at once, each under its name."""
 
 
 def build(config: Any, group: str, **more: Any) -> Any:
@@ -107,6 +109,22 @@ def on_shelf(target: str, group: str) -> Callable[..., Any]:
     return found
 
 
+def without_targets(config: Mapping[str, Any]) -> dict[str, Any]:
+    """A config without the ``_target_`` of each group, where one may stand; any other is left where it is."""
+    kept: dict[str, Any] = {}
+    for name, settings in config.items():
+        if name in SEVERAL and isinstance(settings, Mapping):
+            kept[name] = {key: _without_target(entry) for key, entry in settings.items()}
+        else:
+            kept[name] = _without_target(settings) if name in SHELVES else settings
+    return kept
+
+
+def _without_target(settings: Any) -> Any:
+    """Settings of one thing."""
+    return {k: v for k, v in settings.items() if k != TARGET} if isinstance(settings, Mapping) else settings
+
+
 def made_by(config: Any, group: str) -> Any:
     """The class of what a piece of config describes, without making it; None if its function does not say."""
     made = on_shelf(str(config[TARGET]), group)
@@ -134,29 +152,6 @@ def _makes(found: Any, shelf: _Shelf) -> bool:
         return True  # the user's own need not say what it returns
     answers = get_args(returned) or (returned,)
     return all(inspect.isclass(answer) and issubclass(answer, kinds) for answer in answers)
-
-
-def check_plain(value: Any, where: str, allowed: Sequence[str] = ()) -> None:
-    """Refuse settings that are more than numbers, words, and lists and tables of them.
-
-    Args:
-        value: The settings.
-        where: What they are settings of, for the message.
-        allowed: Keys beginning with _ that are checked elsewhere.
-
-    Raises:
-        InputError: If one names code, or refers to something else.
-    """
-    if isinstance(value, Mapping):
-        for key, inner in value.items():
-            if str(key).startswith("_") and key not in allowed:
-                raise InputError(f"{where}: {key}: {inner} is refused; settings are plain values and name no code")
-            check_plain(inner, f"{where}.{key}", allowed)
-    elif isinstance(value, Sequence) and not isinstance(value, str):
-        for inner in value:
-            check_plain(inner, where, allowed)
-    elif not isinstance(value, PLAIN) or (isinstance(value, str) and "${" in value):
-        raise InputError(f"{where}={value}: expected a plain value: a number, a word, true, false or null")
 
 
 def gathered(function: Callable[..., Any], settings: Mapping[str, Any]) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.core.terminal import Terminal
 from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.simulate import simulate as solve
@@ -29,7 +30,7 @@ from manoeuvre_nn.training.settings import check_positive, check_simulable, nois
 
 def simulate(cfg: DictConfig, out: Path, console: Console | None = None) -> list[Recording]:
     """Sail the manoeuvres of a config, and write what was recorded into the output folder."""
-    console = console or Console()
+    console = console or Terminal()
     use_threads(1)
     cfg = configs.with_effects(cfg)
     ship = ship_on_approach(cfg)
@@ -101,7 +102,6 @@ def as_sensed(run: Recording) -> Recording:
 
 def write_runs(runs: Sequence[Recording], ship: Particulars, out: Path) -> None:
     """Write a csv each run, and a figure of all tracks, into the output folder."""
-    out.mkdir(parents=True, exist_ok=True)
     for run in runs:
         as_sensed(run).to_csv(out / f"{run.name}.csv")
     save_figures({"runs": runs_figure(runs, ship.length)}, out / "figures")

@@ -1,27 +1,35 @@
 """The table at the end of a sweep; apart from the jobs, so that hydra need not load torch to call it."""
 
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig
-from rich.console import Console
 
 from manoeuvre_nn.commands import guard
+from manoeuvre_nn.core.terminal import Terminal
+from manoeuvre_nn.core.writing import locked
 from manoeuvre_nn.report.sweep import sweep_rows, write_sweep
+
+_alone = ExitStack()
+"""Holds the sweep's folder; not in the callback, which is sent to the processes of the jobs."""
 
 
 class SweepTable(Callback):
-    """Hydra's callback: one table over all jobs when a sweep ends."""
+    """Hydra's callback: one table over all jobs when a sweep ends; until then its folder is the sweep's alone."""
 
     def on_multirun_start(self, config: DictConfig, **kwargs: Any) -> None:
         """Say where the sweep goes and how to continue it."""
         folder = config.hydra.sweep.dir
+        with guard.one_line():  # hydra makes a warning of what goes wrong here, unless it ends the command
+            _alone.enter_context(locked(Path(folder)))
         print(f"sweep into {folder}; to continue it later, add hydra.sweep.dir={folder}", flush=True)
 
     def on_multirun_end(self, config: DictConfig, **kwargs: Any) -> None:
         """Write ``sweep.csv``, ``sweep.md`` and ``sweep.png``, and print the table."""
         folder = Path(config.hydra.sweep.dir)
-        Console().print(write_sweep(folder))
-        guard.failed_jobs += [str(r["job"]) for r in sweep_rows(folder) if str(r["status"]).startswith("failed")]
-        print(f"table: {folder / 'sweep.csv'}, {folder / 'sweep.md'}   figure: {folder / 'sweep.png'}")
+        with guard.one_line(), _alone:
+            Terminal().print(write_sweep(folder))
+            guard.failed_jobs += [str(r["job"]) for r in sweep_rows(folder) if str(r["status"]).startswith("failed")]
+            print(f"table: {folder / 'sweep.csv'}, {folder / 'sweep.md'}   figure: {folder / 'sweep.png'}")

@@ -1,15 +1,15 @@
 """``manoeuvre train``: from a config to a trained, scored and documented model, alone or in a sweep."""
 
-import json
-import traceback
 from collections.abc import Callable, Mapping
 from math import inf
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import yaml
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from omegaconf import DictConfig
+from pydantic import BaseModel, ConfigDict
 from rich.console import Console
 
 from manoeuvre_nn.commands import config as configs
@@ -20,12 +20,34 @@ from manoeuvre_nn.commands.provenance import SCORES, check_same_run, write_prove
 from manoeuvre_nn.commands.response_results import print_response, score_response, write_response
 from manoeuvre_nn.commands.results import print_outcome, score_finally, write_results
 from manoeuvre_nn.commands.shelves import plain
+from manoeuvre_nn.commands.waiting import waiting
+from manoeuvre_nn.core.data_files import load_json, read_as
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.plain_text import harmless
+from manoeuvre_nn.core.terminal import Terminal
 from manoeuvre_nn.core.threads import use_threads
+from manoeuvre_nn.core.writing import write_file
 from manoeuvre_nn.report.figures import comparison_figures
+from manoeuvre_nn.report.sweep import OVERRIDES
 from manoeuvre_nn.training import session
 from manoeuvre_nn.training.rollout_score import RolloutScore
 
-ERROR = "error.txt"
+
+class _StoredTraining(BaseModel):
+    """How a training ended."""
+
+    model_config = ConfigDict(strict=True)
+    stopped: str
+    epochs: int
+
+
+class _StoredScores(BaseModel):
+    """What is read again of ``scores.json``."""
+
+    model_config = ConfigDict(strict=True)
+    training: _StoredTraining
+    error: float | None = None
+    mean_dev_L: float | None = None  # noqa: N815  # the file's name
 
 
 class _Task(NamedTuple):
@@ -48,21 +70,19 @@ def run_job(cfg: DictConfig, out: Path) -> float | None:
     Returns:
         The error that a search for settings makes small; infinite if it failed.
     """
+    (out / guard.ERROR).unlink(missing_ok=True)
+    write_file(out / OVERRIDES, yaml.safe_dump(list(HydraConfig.get().overrides.task), allow_unicode=True))
     if HydraConfig.get().mode != RunMode.MULTIRUN:
         plugged_in(cfg)
         return train(cfg, out)[1]
-    (out / ERROR).unlink(missing_ok=True)
-    console = Console(quiet=True)
+    console = Terminal(quiet=True)
     try:
         plugged_in(cfg)  # jobs of a sweep run in processes of their own
         told, error = train(cfg, out, console)
     except Exception as failure:  # whatever it is, the other jobs go on
-        out.mkdir(parents=True, exist_ok=True)
-        line = guard.explain(failure) or f"{type(failure).__name__}: {failure}"
-        (out / ERROR).write_text(f"{line}\n\n{traceback.format_exc()}")
-        told, error = f"failed: {line}", inf
+        told, error = f"failed: {guard.write_error(failure, out)}", inf
     job = HydraConfig.get().job
-    print(f"#{job.num}  {job.override_dirname}: {told}", flush=True)
+    print(harmless(f"#{job.num}  {job.override_dirname}: {told}"), flush=True)
     return error
 
 
@@ -77,7 +97,7 @@ def train(cfg: DictConfig, out: Path, console: Console | None = None) -> tuple[s
     Returns:
         What came out, in a few words, and the error that says how good it is.
     """
-    console = console or Console()
+    console = console or Terminal()
     use_threads(configs.whole_number("trainer.threads", cfg.trainer.threads, 1))
     task = OF_RESPONSES if "task" in cfg else OF_SHIPS
     cfg = configs.with_effects(cfg)
@@ -89,8 +109,12 @@ def train(cfg: DictConfig, out: Path, console: Console | None = None) -> tuple[s
     write_provenance(cfg, out)
     for line in [*_chosen_with(), *job.data.remarks()]:
         console.print(f"note: {line}", highlight=False, soft_wrap=True)
-    outcome = task.score(plain(cfg), task.fit(cfg, job, out, console), job.data)
-    task.write(outcome, out)
+    trained = task.fit(cfg, job, out, console)
+    with waiting(console) as say:
+        say("scoring")
+        outcome = task.score(plain(cfg), trained, job.data)
+        say("writing the report")
+        task.write(outcome, out)
     task.tell(outcome, out, console)
     return f"{outcome.in_short} in {outcome.trained.seconds:.0f} s", outcome.error
 
@@ -98,18 +122,17 @@ def train(cfg: DictConfig, out: Path, console: Console | None = None) -> tuple[s
 def finished(out: Path, max_epochs: int) -> bool:
     """Whether a folder holds a scored run that ctrl-C did not end, with as many epochs as are asked for now."""
     try:
-        training = json.loads((out / SCORES).read_text())["training"]
-        stopped, epochs = training["stopped"], training["epochs"]
-    except (OSError, ValueError, KeyError, TypeError):
+        stored = read_as(_StoredScores, load_json(out / SCORES), str(out / SCORES)).training
+    except InputError:
         return False
+    stopped, epochs = stored.stopped, stored.epochs
     return stopped != session.CTRL_C and not (stopped == session.ALL_EPOCHS and epochs < max_epochs)
 
 
 def error_before(out: Path) -> float | None:
     """The error of a run that was finished before; None if its file does not say it."""
-    scores = json.loads((out / SCORES).read_text())
-    found = scores.get("error", scores.get("mean_dev_L"))
-    return found if isinstance(found, float) else None
+    stored = read_as(_StoredScores, load_json(out / SCORES), str(out / SCORES))
+    return stored.mean_dev_L if stored.error is None else stored.error
 
 
 def _chosen_with() -> list[str]:
@@ -124,7 +147,8 @@ def _chosen_with() -> list[str]:
 
 def fit(cfg: DictConfig, job: Job, out: Path, console: Console) -> session.Trained:
     """Fit a model to the job's recordings, and keep checkpoints in the output folder."""
-    job.data.setup(stage=None)
+    with waiting(console) as job.data.say:
+        job.data.setup(stage=None)
     rollout_score = RolloutScore(job.data.held_out, draw=comparison_figures, **cfg.scoring)
     return session.run(make_fit(cfg, job), job.data, rollout_score, job.session, out, console)
 

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.plain_text import check_name
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE, KNOT
 
@@ -53,6 +54,10 @@ class Manoeuvre:
     rudder_split: float = 0.0
     shaft_split: float = 0.0
     ends: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse a name that no file can be called after."""
+        check_name("manoeuvre: name", self.name)
 
     @property
     def largest_order(self) -> float:

@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from manoeuvre_nn.core.channels import UNITS
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.writing import draft_of
 
 
 @dataclass(frozen=True, repr=False)
@@ -153,7 +154,8 @@ class Recording:
     def to_csv(self, path: Path) -> None:
         """Write time and all channels, SI and radians, unit in the heading."""
         named = {f"{k} [{UNITS.get(k, '-')}]": c for k, c in {"t": self.time, **self.channels}.items()}
-        pd.DataFrame(named).to_csv(path, index=False, float_format="%.9g")
+        with draft_of(path) as draft:
+            pd.DataFrame(named).to_csv(draft, index=False, float_format="%.9g")
 
 
 def followed(

@@ -1,5 +1,6 @@
 """A response of a ship in a seaway as a function of a few service parameters: records of it, and approximations."""
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import isfinite, pi
@@ -36,6 +37,12 @@ DERIVED: Mapping[str, tuple[Formula, tuple[str, ...], str, str]] = {
     "wave_number_along": (wave_number_along, ("beta", "T"), "k_x", "rad/m"),
 }
 """Inputs that linear theory makes of the variables -> formula, variables that it needs, symbol, unit."""
+SYMBOLS = frozenset(
+    "alpha beta gamma delta epsilon varepsilon zeta eta theta vartheta iota kappa lambda mu nu xi pi rho varrho sigma "
+    "tau upsilon phi varphi chi psi omega Gamma Delta Theta Lambda Xi Pi Sigma Upsilon Phi Psi Omega nabla mathrm "
+    "mathbf mathit mathcal text bar hat tilde vec dot ddot overline prime".split()
+)
+"""Commands of LaTeX in a symbol: it may come from a file, and others, such as one that reads a file, are obeyed."""
 COSINE = "cos_"
 """Before the name of an angle: its cosine."""
 
@@ -70,6 +77,11 @@ class Variable:
         """
         if not self.name.isidentifier():
             raise InputError(f"inputs.{self.name}: expected a word of letters, digits and underscores")
+        rest = re.sub(r"\\([A-Za-z]+)", lambda found: "" if found[1] in SYMBOLS else found[0], self.symbol)
+        if "^^" in rest or not re.fullmatch(r"[\w{}^ /,.()'+-]*", rest):
+            raise InputError(
+                f"inputs.{self.name}: symbol is {self.symbol!r}: write letters, Greek ones, bars and indices: H_s"
+            )
         if not self.low < self.high:
             low, high = self.low / self.size, self.high / self.size
             raise InputError(f"inputs.{self.name}: from {low:g} to {high:g} {self.unit} is no range")

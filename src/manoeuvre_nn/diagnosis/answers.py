@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from manoeuvre_nn.core.writing import draft_of, write_file
 from manoeuvre_nn.diagnosis.next_runs import planned
 from manoeuvre_nn.diagnosis.result import Cause, Diagnosis, Nature, Value
 
@@ -17,18 +18,15 @@ def write_answer(d: Diagnosis, folder: Path) -> None:
     """Write ``answer.json`` and the predictions of a case into a folder."""
     for when in ("before", "after"):
         place = folder / "predictions" / when
-        place.mkdir(parents=True, exist_ok=True)
         for proof in [*d.proofs, *d.forecasts]:
             table: pd.DataFrame = getattr(proof, when).copy()
             whole = table["psi"] - table["psi"] % 360
             for name in [c for c in ("psi", "psi_low", "psi_high") if c in table]:
                 table[name] = table[name] - whole
-            table.to_csv(place / f"{proof.run}.csv", index=False, float_format="%.5f")
+            with draft_of(place / f"{proof.run}.csv") as draft:
+                table.to_csv(draft, index=False, float_format="%.5f")
     # Last, and at once: a case with an answer is complete.
-    text = json.dumps(answer(d), indent=1)
-    draft = folder / "answer.json.part"
-    draft.write_text(text + "\n")
-    draft.replace(folder / "answer.json")
+    write_file(folder / "answer.json", json.dumps(answer(d), indent=1) + "\n")
 
 
 def answer(d: Diagnosis) -> dict:

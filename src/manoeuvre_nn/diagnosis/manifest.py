@@ -1,13 +1,14 @@
 """The manifest of a case: what it may say, and a ship as it says it is."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import replace
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
+from manoeuvre_nn.core.data_files import load_json, without_format
 from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.plain_text import check_name
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.units import DEGREE
 
@@ -42,14 +43,15 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     path = folder / "manifest.json"
     if not path.is_file():
         raise InputError(f"{path} does not exist: write a folder with a manifest.json and the csv files that it names")
-    try:
-        m = json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, OSError) as error:
-        raise InputError(f"{path} is no valid JSON: {str(error).splitlines()[0]}") from error
+    m = load_json(path)
     if not isinstance(m, dict):
         raise InputError(f"{path} holds a {type(m).__name__}; expected an object with ship, particulars and runs")
+    m = without_format(m, str(path))
     try:
         numbers(m)
+        for key in ("case", "ship"):
+            if not isinstance(m.get(key, ""), str | int):
+                raise InputError(f"{key} is {m[key]!r}; expected a name")
         _check_runs(m, folder)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
@@ -95,9 +97,12 @@ def _check_runs(m: Mapping[str, Any], folder: Path) -> None:
                 f"campaign of run {entry['run']} is {entry['campaign']!r}; expected a name, such as monday"
             )
         check_choice(f"split of run {entry['run']}", entry["split"], ["fit", "held_out"])
+        if not isinstance(entry.get("rows", 0), int):
+            raise InputError(f"rows of run {entry['run']} is {entry['rows']!r}; expected a whole number")
+        if not isinstance(entry.get("manoeuvre") or "", str):
+            raise InputError(f"manoeuvre of run {entry['run']} is {entry['manoeuvre']!r}; expected a name")
         for key in ("run", "file"):
-            if Path(entry[key]).name != entry[key] or entry[key].startswith("."):
-                raise InputError(f"{key} {entry[key]!r} is no plain name; expected such as r01 and r01.csv")
+            check_name(key, entry[key])
         if not (folder / entry["file"]).is_file():
             raise InputError(f"run {entry['run']} is in {entry['file']}, which is not in the folder")
     names = [entry["run"] for entry in entries]

@@ -1,6 +1,7 @@
 """Candidates shared out among processes: threads would wait for each other in Python."""
 
 import multiprocessing
+import signal
 from collections.abc import Callable, Iterator
 from typing import TypeVar
 
@@ -25,10 +26,15 @@ def shared_out(work: Callable[[int], Result], count: int, workers: int) -> Itera
         return
     _work.append(work)
     try:
-        with multiprocessing.get_context("fork").Pool(min(workers, count)) as pool:
+        with multiprocessing.get_context("fork").Pool(min(workers, count), _leave_ctrl_c) as pool:
             yield from pool.imap(_do, range(count))
     finally:
         _work.pop()
+
+
+def _leave_ctrl_c() -> None:
+    """Ctrl-C is for the process that began this one, and ends it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _do(number: int) -> object:

@@ -7,6 +7,7 @@ import sympy
 from sympy.printing.c import C99CodePrinter
 from sympy.printing.pycode import PythonCodePrinter
 
+from manoeuvre_nn.core.plain_text import harmless
 from manoeuvre_nn.formulas.program import Program, Quantity, logistic, median, smallest
 
 LINE = 110
@@ -173,13 +174,14 @@ def _given(program: Program) -> str:
 
 
 def _quoted(text: str) -> str:
-    """Words that do not end a docstring, wherever they are from."""
-    return text.replace("\\", "/").replace('"', "'")
+    """Words on one line that do not end a docstring, wherever they are from."""
+    return " ".join(harmless(text).split()).replace("\\", "/").replace('"', "'")
 
 
 def _uncommented(line: str) -> str:
-    """A line that does not end a comment of C."""
-    return line.replace("*/", "* /").replace("/*", "/ *")
+    """A line that does not end a comment of C; by a stroke or ``??/`` at its end C would join it to the next one."""
+    joined = harmless(line).replace("\n", " ").replace("\\", "/").replace("??", "? ?")
+    return joined.replace("*/", "* /").replace("/*", "/ *")
 
 
 def uses(program: Program, kind: Callable) -> bool:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.writing import write_file
 from manoeuvre_nn.formulas.check import MAX_DIFFERENCE, largest_difference
 from manoeuvre_nn.formulas.code import c_text, python_text
 from manoeuvre_nn.formulas.latex import latex_text
@@ -56,8 +57,7 @@ class Written:
             if path.is_file() and path.read_bytes() == self.text.encode():
                 return False
             raise InputError(f"{path} exists and holds something else: choose another out=, or remove it")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(self.text.encode())
+        write_file(path, self.text)
         return True
 
 

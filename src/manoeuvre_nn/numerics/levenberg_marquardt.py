@@ -154,6 +154,25 @@ class LevenbergMarquardt(torch.optim.Optimizer):
         self._check_step(origin, start, before)
         return self.loss
 
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Take up a stored state.
+
+        Args:
+            state_dict: What ``state_dict()`` gave.
+
+        Raises:
+            InputError: If it is of another number of rows, or holds a damping that no step could come from.
+        """
+        own = {name: value for name, value in self._state.items() if isinstance(value, Tensor)}
+        super().load_state_dict(state_dict)
+        state = self._state
+        for name, value in own.items():
+            if not isinstance(state.get(name), Tensor) or state[name].shape != value.shape:
+                raise InputError(f"stored state of Levenberg-Marquardt: {name} is no tensor of {tuple(value.shape)}")
+        known = (state["reason"] >= 0) & (state["reason"] < len(REASONS))
+        if not bool(((state["mu"] >= 0) & (state["nu"] >= 2) & known).all()):  # from a smaller nu no search ends
+            raise InputError("stored state of Levenberg-Marquardt: expected mu >= 0, nu >= 2 and a known reason")
+
     @torch.no_grad()
     def validate(self, mse: Float[Tensor, " rows"]) -> None:
         """Tell the optimizer the error on data kept back; it remembers the best weights of every row.

@@ -2,7 +2,6 @@
 
 import base64
 import io
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
@@ -14,6 +13,8 @@ import yaml
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
+from manoeuvre_nn.core.plain_text import as_file_name, harmless
+from manoeuvre_nn.core.writing import draft_of, write_file
 from manoeuvre_nn.report.tables import Row, columns, html_cells, text
 
 TRAINING = "training"
@@ -73,12 +74,17 @@ def save_figures(figures: Mapping[str, Figure], folder: Path) -> dict[str, Path]
     Returns:
         Name -> file.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    paths = {name: folder / f"{re.sub('[/ ]', '_', name)}.png" for name in figures}
+    paths = {name: folder / f"{as_file_name(name)}.png" for name in figures}
     for name, figure in figures.items():
-        figure.savefig(paths[name], dpi=110)
+        save_figure(figure, paths[name], dpi=110)
         figure.set_layout_engine("none")
     return paths
+
+
+def save_figure(figure: Figure, path: Path, dpi: int) -> None:
+    """Write a figure to a file of the kind that its ending says."""
+    with draft_of(path) as draft:
+        figure.savefig(draft, format=path.suffix.removeprefix("."), dpi=dpi)
 
 
 def write_page(path: Path, template: str, package: str = "manoeuvre_nn.report", **content: Any) -> Path:
@@ -93,9 +99,7 @@ def write_page(path: Path, template: str, package: str = "manoeuvre_nn.report", 
     Returns:
         The file.
     """
-    page = _environment(package).get_template(template).render(content)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(page, encoding="utf-8")
+    write_file(path, harmless(_environment(package).get_template(template).render(content)))
     return path
 
 

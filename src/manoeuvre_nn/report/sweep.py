@@ -1,20 +1,21 @@
 """What came out of many runs: one table and one figure for the jobs of a sweep."""
 
-import json
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
-import yaml
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from rich.table import Table
 
+from manoeuvre_nn.core.data_files import load_json, load_yaml
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.writing import write_file
 from manoeuvre_nn.dynamics.limits import OK
+from manoeuvre_nn.report.html import save_figure
 from manoeuvre_nn.report.style import COLOURS, FIGURE_WIDTH_IN, MARKERS, legend_below, log_axis, new_figure, plain_axes
 from manoeuvre_nn.report.tables import Row, columns, rich_table, to_markdown, write_csv
 
@@ -75,8 +76,8 @@ def _status(job: Path, scores: Mapping[str, Any] | None) -> str:
 def _read_json(path: Path) -> dict[str, Any] | None:
     """What a file holds; None if it is missing, damaged or not a mapping."""
     try:
-        found = json.loads(path.read_text())
-    except (OSError, ValueError):
+        found = load_json(path)
+    except (OSError, InputError):
         return None
     return found if isinstance(found, dict) else None
 
@@ -84,8 +85,8 @@ def _read_json(path: Path) -> dict[str, Any] | None:
 def _overrides(path: Path) -> dict[str, Any]:
     """Settings that a job was given; numbers as numbers, the rest as text."""
     try:
-        lines = yaml.safe_load(path.read_text())
-    except (OSError, ValueError, yaml.YAMLError):
+        lines = load_yaml(path)
+    except (OSError, InputError):
         return {}
     pairs = [str(line).lstrip("+~").partition("=") for line in lines] if isinstance(lines, list) else []
     return {key: _value(value) for key, equals, value in pairs if equals}
@@ -258,7 +259,7 @@ def write_sweep(folder: Path) -> Table:
     rows = sweep_rows(folder)
     write_csv(folder / "sweep.csv", rows)
     short = _short_rows(rows)
-    (folder / "sweep.md").write_text(to_markdown(short), encoding="utf-8")
+    write_file(folder / "sweep.md", to_markdown(short))
     if any(name.startswith((DEV, RMS)) for name in columns(rows)):
-        sweep_figure(rows).savefig(folder / "sweep.png", dpi=150)
+        save_figure(sweep_figure(rows), folder / "sweep.png", dpi=150)
     return rich_table(short, f"Sweep {folder.name}")

@@ -10,6 +10,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
+from manoeuvre_nn.core.writing import draft_of
 from manoeuvre_nn.dynamics.limits import OK
 from manoeuvre_nn.scoring.score import SCORED_CHANNELS, Score
 
@@ -195,8 +196,8 @@ def _is_number(value: Any) -> bool:
 
 def write_csv(path: Path, rows: Sequence[Row]) -> Path:
     """Write rows with all their digits, and return the file."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    pd.DataFrame(list(rows), columns=columns(rows)).to_csv(path, index=False, float_format="%.10g")
+    with draft_of(path) as draft:
+        pd.DataFrame(list(rows), columns=columns(rows)).to_csv(draft, index=False, float_format="%.10g")
     return path
 
 

@@ -8,11 +8,11 @@ from typing import overload
 
 import pandas as pd
 from matplotlib.figure import Figure
-from rich.console import Console
 
 from manoeuvre_nn.core.errors import check_choice
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.core.terminal import Terminal
 from manoeuvre_nn.diagnosis.result import Diagnosis
 from manoeuvre_nn.recording.check.turn_drift import is_circle
 from manoeuvre_nn.recording.drift import drift_by_arcs, known_drift, without_drift
@@ -28,9 +28,9 @@ TABLE_COLUMNS = 100
 """Letters in a line of a printed table."""
 
 
-def _printed(show: Callable[[Console], None]) -> str:
+def _printed(show: Callable[[Terminal], None]) -> str:
     """What is shown on a console, as text."""
-    console = Console(width=TABLE_COLUMNS, record=True, file=StringIO())
+    console = Terminal(width=TABLE_COLUMNS, record=True, file=StringIO())
     show(console)
     return console.export_text().rstrip()
 

@@ -1,15 +1,75 @@
 """Reading checkpoints without trusting them."""
 
 import pickle
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import torch
+from pydantic import BaseModel, ConfigDict, Field
+from torch import Tensor
 
 from manoeuvre_nn import __version__
+from manoeuvre_nn.core.data_files import read_as
 from manoeuvre_nn.core.errors import InputError
 
 VERSION_KEY = "manoeuvre_nn_version"
+MAX_COUNT = 10**9
+"""Largest count of epochs, steps or samples in a checkpoint."""
+Count = Annotated[int, Field(ge=0, le=MAX_COUNT)]
+STRICT = ConfigDict(strict=True, arbitrary_types_allowed=True)
+
+
+class _StoredWeights(BaseModel):
+    """What a model is made from."""
+
+    model_config = STRICT
+    state_dict: dict[str, Tensor]
+
+
+class _StoredCount(BaseModel):
+    """How often something was begun and ended."""
+
+    model_config = STRICT
+    ready: Count
+    started: Count
+    processed: Count
+    completed: Count
+
+
+class _StoredEpochs(BaseModel):
+    """Epochs, of this run and in all."""
+
+    model_config = STRICT
+    current: _StoredCount
+    total: _StoredCount
+
+
+class _StoredFitLoop(BaseModel):
+    """Where Lightning was."""
+
+    model_config = STRICT
+    epoch_progress: _StoredEpochs
+
+
+class _StoredLoops(BaseModel):
+    """The loops of Lightning, of which one runs here."""
+
+    model_config = STRICT
+    fit_loop: _StoredFitLoop
+
+
+class _StoredRun(BaseModel):
+    """What a training is gone on with, beside the weights."""
+
+    model_config = STRICT
+    epoch: Count
+    global_step: Count
+    lightning: Annotated[str, Field(alias="pytorch-lightning_version")]
+    optimizer_states: Annotated[list[dict[str, Any]], Field(min_length=1)]
+    lr_schedulers: list[dict[str, Any]]
+    loops: _StoredLoops
+    callbacks: dict[str, dict[str, Any]]
 
 
 def read_checkpoint(path: Path) -> dict[str, Any]:
@@ -43,7 +103,48 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
             f"checkpoint {path} was made by manoeuvre-nn {version}, this is {__version__}: train anew, or install "
             f"manoeuvre-nn {version}"
         )
+    read_as(_StoredWeights, stored, f"checkpoint {path} is damaged")
     return stored
+
+
+def read_training(path: Path) -> dict[str, Any]:
+    """Read a checkpoint to go on from, as :func:`read_checkpoint` does.
+
+    Args:
+        path: The file.
+
+    Returns:
+        What Lightning stored, each part of the kind that it must be.
+
+    Raises:
+        InputError: If a part is missing or of another kind, or its counts belong to different epochs.
+    """
+    stored, damaged = read_checkpoint(path), f"checkpoint {path} is damaged"
+    run = read_as(_StoredRun, stored, damaged)
+    counts = run.loops.fit_loop.epoch_progress.current
+    if not {counts.ready, counts.started, counts.processed, counts.completed} <= {run.epoch, run.epoch + 1}:
+        raise InputError(f"{damaged}: it is of epoch {run.epoch}, its counts are of others: {counts}")
+    _check_counts(stored["loops"], damaged)
+    _check_numbers(stored["optimizer_states"], damaged)
+    return stored
+
+
+def _check_counts(value: Any, damaged: str, place: str = "loops") -> None:
+    """Refuse what is no count among counts."""
+    if isinstance(value, Mapping):
+        for key, inner in value.items():
+            _check_counts(inner, damaged, f"{place}.{key}")
+    elif not isinstance(value, int) or not 0 <= value <= MAX_COUNT:
+        raise InputError(f"{damaged}: {place} is {str(value)[:40]!r}: expected a count")
+
+
+def _check_numbers(value: Any, damaged: str, place: str = "optimizer_states") -> None:
+    """Refuse NaN among what an optimizer keeps."""
+    if isinstance(value, Mapping | list | tuple):
+        for key, inner in value.items() if isinstance(value, Mapping) else enumerate(value):
+            _check_numbers(inner, damaged, f"{place}.{key}")
+    elif isinstance(value, float | Tensor) and torch.as_tensor(value).isnan().any():
+        raise InputError(f"{damaged}: {place} is not a number: go on from an older checkpoint, or train anew")
 
 
 def _first_line(error: Exception) -> str:
@@ -61,11 +162,35 @@ def load_weights(module: torch.nn.Module, path: Path) -> None:
     Raises:
         InputError: If the checkpoint cannot be used or belongs to another network.
     """
-    stored = read_checkpoint(path)
+    stored = read_checkpoint(path)["state_dict"]
+    check_weights(module, stored, path)
     try:
-        module.load_state_dict(stored["state_dict"])
+        module.load_state_dict(stored)
     except RuntimeError as error:
         lines = [line.strip() for line in str(error).splitlines() if line.strip()]
         raise InputError(
             f"checkpoint {path} is of another network: {lines[1] if len(lines) > 1 else lines[0]}"
         ) from error
+
+
+def check_weights(module: torch.nn.Module, weights: Mapping[str, Tensor], path: Path) -> None:
+    """Refuse weights of a checkpoint that are no numbers where the fit's own are.
+
+    Args:
+        module: The fit.
+        weights: Name -> weights.
+        path: The file, for the message.
+
+    Raises:
+        InputError: If one is NaN or infinite; the message names it.
+    """
+    for name, own in module.state_dict().items():
+        stored = weights.get(name)
+        if stored is None or not own.isfinite().all():  # what is infinite before the first epoch may stay so
+            continue
+        if not stored.isfinite().all():
+            count = int((~stored.isfinite()).sum())
+            raise InputError(
+                f"checkpoint {path} is refused: {count} of {stored.numel()} numbers of {name} are NaN or infinite: use "
+                "an older checkpoint, or train anew"
+            )

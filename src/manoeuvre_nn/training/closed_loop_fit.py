@@ -1,6 +1,7 @@
 """A fit of a series in closed loop: states and coefficients together, a pass an epoch."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -81,6 +82,19 @@ class ClosedLoopSettings:
 
 DEFAULT_SETTINGS = ClosedLoopSettings()
 """As in ``conf/fit/closed_loop.yaml``; by this force left-out Esso Osaka runs are predicted best (docs/measured.md)."""
+
+
+@contextmanager
+def breakdown_told() -> Generator[None]:
+    """Make wrong input of recordings that cannot be explained at all.
+
+    Raises:
+        InputError: If the fit breaks down.
+    """
+    try:
+        yield
+    except np.linalg.LinAlgError as error:
+        raise InputError(f"fit=closed_loop broke down: {error}; mind the units of the recordings") from error
 
 
 def explained(
@@ -194,7 +208,8 @@ class ClosedLoopFit(Fit):
         data: Any = self.trainer.datamodule  # type: ignore[attr-defined]
         assert isinstance(data, ManoeuvreData)
         self.problem = explained(self.dynamics, data.measured, self.settings)
-        self.estimate: Estimate = first(self.problem, process_sd=self.settings.force)
+        with breakdown_told():
+            self.estimate: Estimate = first(self.problem, process_sd=self.settings.force)
         if bool(self.noise.any()):
             shared = self.values.cpu().numpy()
             rest = np.zeros(len(self.estimate.values) - len(shared))
@@ -210,15 +225,10 @@ class ClosedLoopFit(Fit):
         Args:
             batch: Tuples; only the error on them is reported, nothing is learnt from it.
             batch_idx: 0.
-
-        Raises:
-            InputError: If the recordings cannot be explained at all.
         """
         before = self.estimate
-        try:
+        with breakdown_told():
             self.estimate = improve(self.problem, before)
-        except np.linalg.LinAlgError as error:
-            raise InputError(f"fit=closed_loop broke down: {error}; mind the units of the recordings") from error
         count = self.forces.count
         self.values.copy_(torch.as_tensor(self.estimate.values[:count]))
         self.covariance.copy_(torch.as_tensor(self.estimate.covariance[:count, :count]))

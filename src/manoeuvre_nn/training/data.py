@@ -1,7 +1,7 @@
 """Lightning data modules: manoeuvres in, (u, v, r, delta) -> g tuples out."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -38,6 +38,8 @@ Batch = tuple[
 ]
 """Training inputs and targets, validation inputs and targets."""
 
+Say = Callable[[str], None]
+"""Tells the person who waits what is being done."""
 DEFAULT_SCORE = ("zz20", "tc25", "tc25_port")
 """What a model of a simulated ship is scored on unless ``score=`` says otherwise."""
 SUBSTITUTES = {"zz20": "zz15", "tc25": "tc20", "tc25_port": "tc20_port"}
@@ -99,6 +101,7 @@ class ManoeuvreData(ABC, L.LightningDataModule):
         reference: The ship, or its particulars where no more is known.
         exact: Whether the accelerations are exact, so that g carries no noise.
         noise: Standard deviations of what the sensors add to the channels [SI and radians].
+        say: Is told what is being computed.
     """
 
     known: Ship
@@ -109,6 +112,7 @@ class ManoeuvreData(ABC, L.LightningDataModule):
     measured: Sequence[Recording]
     tuples: Tuples
     held_out: HeldOut
+    say: Say = staticmethod(lambda words: None)
 
     def __init__(self, known: Ship, settings: DataSettings) -> None:
         """Store what is common to all sources."""
@@ -263,6 +267,7 @@ class SimulatedData(ManoeuvreData):
         for index, manoeuvre in enumerate(self.manoeuvres):
             # A record longer than the trial's usual length is simulated for as long as it is asked for.
             asked = manoeuvre if length is None else replace(manoeuvre, duration=length)
+            self.say(f"simulating {asked.name} over {asked.duration_for(self.ship.model.particulars):g} s")
             record = simulate(self.ship, asked, interval=1 / rate if rate else None)
             made.append(add_noise(record, self.noise, seed=self.settings.seed + index) if self.noise else record)
         self.prepare(made, noisy=bool(self.noise))

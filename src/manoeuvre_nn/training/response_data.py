@@ -18,11 +18,9 @@ from manoeuvre_nn.core.response import Quantities, Records, Response, check_reco
 from manoeuvre_nn.recording.read.records import RecordsMapping, read_records
 from manoeuvre_nn.seakeeping.form import HullForm
 from manoeuvre_nn.seakeeping.pitch import MAX_DRAUGHT_RATIO, METHODS, MIN_DRAUGHT_RATIO, significant_pitch
-from manoeuvre_nn.training.data import Batch
+from manoeuvre_nn.training.data import Batch, Say
 from manoeuvre_nn.training.settings import expand
 
-Say = Callable[[str], None]
-"""Tells the person who waits what is being done."""
 MIN_STANDARD_ERRORS = 3.0
 """Standard errors from which on a difference of two correlations is told."""
 CONDITIONS = ("d", "V", "beta", "Hs", "T")

@@ -2,12 +2,22 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, ClassVar
 
 import lightning as L
 import numpy as np
+from pydantic import BaseModel, ConfigDict
 
+from manoeuvre_nn.core.data_files import read_as
 from manoeuvre_nn.core.errors import InputError
+
+
+class _StoredHistory(BaseModel):
+    """What a checkpoint keeps of the scores."""
+
+    model_config = ConfigDict(strict=True)
+    history: list[dict[str, float]]
 
 
 class Scorer(ABC, L.Callback):
@@ -87,6 +97,13 @@ class Scorer(ABC, L.Callback):
     def state_dict(self) -> dict[str, Any]:
         """The history, so that a resumed run goes on with it."""
         return {"history": self.history}
+
+    def check_history(self, state_dict: Mapping[str, Any], path: Path) -> None:
+        """Refuse a history of a checkpoint that is none; ``path`` is for the message."""
+        damaged = f"checkpoint {path} is damaged: {self.state_key}"
+        rows = read_as(_StoredHistory, state_dict, damaged).history
+        if not all(self.monitor in row and row.get("epoch", 0.0) >= 1 for row in rows):
+            raise InputError(f"{damaged}: a score lacks its epoch or {self.monitor}")
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
         """Take the history up again."""

@@ -3,8 +3,10 @@
 import logging
 import signal
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from time import monotonic, perf_counter
 from types import FrameType
@@ -14,11 +16,14 @@ import lightning as L
 import torch
 from lightning.pytorch.callbacks import Checkpoint
 from lightning.pytorch.loggers import TensorBoardLogger
+from lightning.pytorch.plugins.io import TorchCheckpointIO
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from manoeuvre_nn.core.errors import InputError, check_choice
-from manoeuvre_nn.training.checkpoint import load_weights, read_checkpoint
+from manoeuvre_nn.core.terminal import Terminal
+from manoeuvre_nn.core.writing import write_file
+from manoeuvre_nn.training.checkpoint import check_weights, load_weights, read_training
 from manoeuvre_nn.training.fits import Fit
 from manoeuvre_nn.training.scorer import Scorer
 
@@ -56,6 +61,10 @@ class Session:
         """
         check_choice("trainer.keep", self.keep, ["best", "last"])
         check_choice("trainer.accelerator", self.accelerator, ["cpu", "gpu", "cuda", "auto"])
+        if self.accelerator in {"gpu", "cuda"} and not _has_gpu(self.accelerator):
+            raise InputError(
+                f"trainer.accelerator={self.accelerator}: torch finds none here: write trainer.accelerator=cpu"
+            )
         for name, value in (("max_epochs", self.max_epochs), ("patience", self.patience)):
             if value is not None and value < 1:
                 raise InputError(f"trainer.{name}={value}: expected at least 1")
@@ -93,6 +102,11 @@ class Trained:
         self.logger.finalize("success")
 
 
+def _has_gpu(kind: str) -> bool:
+    """Whether there is what ``gpu`` or ``cuda`` stands for."""
+    return torch.cuda.is_available() or (kind == "gpu" and torch.backends.mps.is_available())
+
+
 def run(
     fit: Fit, data: L.LightningDataModule, scorer: Scorer, session: Session, out: Path, console: Console
 ) -> Trained:
@@ -110,10 +124,11 @@ def run(
         What came of it.
     """
     _quiet()
+    keeper, graceful = _BestAndLast(scorer, out / CHECKPOINTS, session.patience), _GracefulStop(console)
     checkpoint = _resume_from(session, out, console)
     if checkpoint is not None:
         load_weights(fit, checkpoint)  # refuses another network's in one line; Lightning then restores everything
-    keeper, graceful = _BestAndLast(scorer, out / CHECKPOINTS, session.patience), _GracefulStop(console)
+        _check_callbacks(fit, scorer, keeper, checkpoint)
     callbacks: list[L.Callback] = [scorer, graceful, keeper]
     if session.progress:
         callbacks.append(_RunProgress(scorer, console))
@@ -123,6 +138,7 @@ def run(
         devices=1,
         max_epochs=session.max_epochs,
         callbacks=callbacks,
+        plugins=[_WholeFiles()],
         logger=logger,
         log_every_n_steps=1,
         enable_progress_bar=False,
@@ -130,7 +146,11 @@ def run(
         num_sanity_val_steps=0,
     )
     began = perf_counter()
-    trainer.fit(fit, datamodule=data, ckpt_path=checkpoint, weights_only=True)
+    try:
+        with _going_on(trainer, checkpoint):
+            trainer.fit(fit, datamodule=data, ckpt_path=checkpoint, weights_only=True)
+    except SystemExit as end:  # which Lightning makes of ctrl-C, with another exit code
+        raise (end.__context__ if isinstance(end.__context__, KeyboardInterrupt) else end) from None
     seconds = perf_counter() - began
     stopped = _why(fit, trainer, graceful.interrupted)
     if session.keep == "best" and keeper.best:
@@ -148,9 +168,39 @@ def _resume_from(session: Session, out: Path, console: Console) -> Path | None:
     path = out / CHECKPOINTS / "last.ckpt" if session.resume == "auto" else Path(session.resume)
     if session.resume == "auto" and not path.exists():
         return None
-    epoch = read_checkpoint(path)["epoch"]
+    epoch = read_training(path)["epoch"]
     console.print(f"going on from {path} after epoch {epoch + 1}", soft_wrap=True)
     return path
+
+
+def _check_callbacks(fit: Fit, scorer: Scorer, keeper: "_BestAndLast", path: Path) -> None:
+    """Refuse scores and best weights of a checkpoint that are not of this training; both are taken up by Lightning."""
+    stored = read_training(path)["callbacks"]
+    missing = [one.state_key for one in (scorer, keeper) if one.state_key not in stored]
+    if missing:
+        raise InputError(f"checkpoint {path} is damaged: callbacks has no {missing[0]}")
+    scorer.check_history(stored[scorer.state_key], path)
+    best, own = stored[keeper.state_key].get("best"), fit.state_dict()
+    same = isinstance(best, dict) and (not best or set(best) == set(own))
+    if not same or any(not isinstance(w, torch.Tensor) or w.shape != own[name].shape for name, w in best.items()):
+        raise InputError(f"checkpoint {path} is damaged: its best weights are of another network, or none")
+    check_weights(fit, best, path)
+
+
+@contextmanager
+def _going_on(trainer: L.Trainer, path: Path | None) -> Generator[None]:
+    """Refuse a checkpoint that training breaks on before its first epoch is done, whatever it ends in."""
+    try:
+        yield
+    except (OSError, MemoryError):
+        raise
+    except Exception as error:
+        if path is None or trainer.current_epoch > read_training(path)["epoch"] + 1:
+            raise
+        said = " ".join(f"{'' if isinstance(error, InputError) else type(error).__name__} {error}".split())
+        raise InputError(
+            f"checkpoint {path} cannot be gone on from ({said[:120]}): write trainer.resume=never"
+        ) from error
 
 
 def _why(fit: Fit, trainer: L.Trainer, interrupted: bool) -> str:
@@ -208,17 +258,11 @@ class _BestAndLast(Checkpoint):
         if self.scorer.scored(trainer.current_epoch + 1):
             if self.scorer.best is self.scorer.history[-1]:
                 self.best = {name: value.detach().clone() for name, value in pl_module.state_dict().items()}
-                self._store(trainer, "best.ckpt")
+                trainer.save_checkpoint(self.folder / "best.ckpt")
             scores, count = [self.scorer.error_of(row) for row in self.scorer.history], self.patience
             if count is not None and len(scores) > count and min(scores[-count:]) >= min(scores[:-count]):
                 trainer.should_stop = True
-        self._store(trainer, "last.ckpt")
-
-    def _store(self, trainer: L.Trainer, name: str) -> None:
-        """Write beside the old file and take its place at once, so that a kill in between damages neither."""
-        part = self.folder / f"{name}.part"
-        trainer.save_checkpoint(part)
-        part.replace(self.folder / name)
+        trainer.save_checkpoint(self.folder / "last.ckpt")
 
     def state_dict(self) -> dict[str, Any]:
         """The best weights."""
@@ -229,12 +273,22 @@ class _BestAndLast(Checkpoint):
         self.best = dict(state_dict["best"])
 
 
+class _WholeFiles(TorchCheckpointIO):
+    """Writes a checkpoint as every file is written: a kill or a full disk leaves the one before."""
+
+    def save_checkpoint(self, checkpoint: dict[str, Any], path: str | Path, storage_options: Any = None) -> None:
+        """Write a checkpoint; Lightning's options of storages elsewhere have no meaning here."""
+        content = BytesIO()
+        torch.save(checkpoint, content)
+        write_file(Path(path), content.getvalue())
+
+
 class _RunProgress(L.Callback):
     """One bar for the whole fit where a person watches, a line now and then where nobody does."""
 
     def __init__(self, scorer: Scorer, console: Console | None = None, seconds: float = 15.0) -> None:
         """Set up the display; without a terminal there are some seconds between lines."""
-        self.scorer, self.console, self.seconds = scorer, console or Console(), seconds
+        self.scorer, self.console, self.seconds = scorer, console or Terminal(), seconds
         self._bar: Progress | None = None
         self._shown = 0.0
 
@@ -287,7 +341,7 @@ class _GracefulStop(L.Callback):
 
     def __init__(self, console: Console | None = None) -> None:
         """Say where to tell what happens."""
-        self.console = console or Console()
+        self.console = console or Terminal()
         self.interrupted = False
         self._before: Any = None
 

@@ -13,8 +13,9 @@ from math import inf
 import numpy as np
 from jaxtyping import Float
 
+from manoeuvre_nn.commands.guard import one_line
 from manoeuvre_nn.commands.main import run
-from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.errors import check_choice
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.diagnosis import gusts, search
 from manoeuvre_nn.diagnosis.case import Case
@@ -105,8 +106,5 @@ def main(arguments: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    try:
+    with one_line():
         main(sys.argv[1:])
-    except InputError as error:
-        print(error, file=sys.stderr)
-        sys.exit(2)

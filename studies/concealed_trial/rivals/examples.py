@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.writing import draft_of
 from studies.concealed_trial.drawing import CasePlan, Trial, draw_case, plans
 from studies.concealed_trial.record import write_case
 from studies.concealed_trial.rivals.features import features
@@ -87,14 +88,14 @@ def examples(world: str, count: int, seed: int, path: Path) -> Examples:
                 raise InputError(f"{path} holds other examples: {kept['head']}; give another folder")
             rows = list(zip(*(kept[kind] for kind in KINDS), strict=True))
             batches = int(kept["batches"])
-    path.parent.mkdir(parents=True, exist_ok=True)
     while len(rows) < count:
         made = _of_shelf(seed, batches) if world == "shelf" else _of_referee(seed, batches)
         rows += list(made)
         batches += 1
         arrays = (np.stack(part) for part in zip(*rows, strict=True))
         kinds = dict(zip(KINDS, arrays, strict=True))
-        np.savez(path, head=head, batches=batches, **kinds)  # type: ignore[arg-type]
+        with draft_of(path) as draft, draft.open("wb") as file:
+            np.savez(file, head=head, batches=batches, **kinds)  # type: ignore[arg-type]
         print(f"{len(rows)} of {count} examples", flush=True)
     return Examples(*(np.stack(part) for part in zip(*rows[:count], strict=True)))
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.writing import write_file
 from studies.concealed_trial.rivals.examples import STRANGE, Examples, names
 from studies.concealed_trial.rivals.features import COUNT, mirrored
 from studies.concealed_trial.rivals.posterior import Posteriors, fit_posteriors, untrained
@@ -134,8 +136,9 @@ def save(learnt: NeuralDiagnosis, path: Path) -> None:
     assert learnt.posteriors is not None
     state: dict[str, Any] = {"mean": torch.as_tensor(learnt.mean), "sd": torch.as_tensor(learnt.sd)}
     state |= {"temperature": learnt.temperature, "members": [m.state_dict() for m in learnt.members]}
-    path.parent.mkdir(parents=True, exist_ok=True)
-    torch.save(state | {"flow": learnt.posteriors.flow.state_dict(), "names": names()}, path)
+    content = BytesIO()
+    torch.save(state | {"flow": learnt.posteriors.flow.state_dict(), "names": names()}, content)
+    write_file(path, content.getvalue())
 
 
 def load(path: Path) -> NeuralDiagnosis:

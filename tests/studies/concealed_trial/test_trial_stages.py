@@ -164,4 +164,4 @@ def test_the_script_says_it_on_standard_error_with_code_two():
         [sys.executable, SCRIPT, "seed=x"], capture_output=True, text=True, env=dict(os.environ), check=False
     )
     assert done.returncode == 2
-    assert done.stderr == "seed=x: write a whole number, 0 or more\n"
+    assert done.stderr == "error: seed=x: write a whole number, 0 or more\n"

@@ -4,6 +4,8 @@ import json
 import re
 from typing import Any
 
+from manoeuvre_nn.core.data_files import FORMAT
+from manoeuvre_nn.core.plain_text import OBEYED
 from manoeuvre_nn.recording.propose.choice import Choice
 from manoeuvre_nn.recording.propose.proposal import Proposal
 
@@ -16,7 +18,8 @@ UNDECIDED = "  # undecided"
 def to_yaml(proposal: Proposal) -> str:
     """Write a mapping down, as a yaml that ``data.mapping=`` takes."""
     made = proposal
-    lines = [f"# Columns of {made.file.path.name}, proposed by manoeuvre import; look at what is undecided."]
+    name = _one_line(made.file.path.name)
+    lines = [f"# Columns of {name}, proposed by manoeuvre import; look at what is undecided.", f"format: {FORMAT}"]
     lines += [f"# {_one_line(note).strip()}" for note in made.notes]
     lines += [f"# The checks say: {_one_line(made.finding).strip()}"] if made.finding else []
     lines += [f"time: {_entry(made, made.time)}", "channels:"]
@@ -50,4 +53,4 @@ def _value(value: Any) -> str:
 
 def _one_line(text: str) -> str:
     """Text without line breaks: a heading must not break out of its comment."""
-    return "".join(" " if ord(c) < 32 or c in "\x7f\x85\u2028\u2029" else c for c in text)
+    return "".join(" " if c in "\t\n" or OBEYED.match(c) else c for c in text)

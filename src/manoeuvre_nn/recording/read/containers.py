@@ -47,6 +47,8 @@ def check_there(path: Path) -> None:
         raise InputError(f"{path}: is a folder; write a file")
     if not path.exists():
         raise InputError(f"{path}: no such file")
+    if not path.is_file():
+        raise InputError(f"{path}: is no file but a device or a pipe; write a file")
     if not os.access(path, os.R_OK):
         raise InputError(f"{path}: may not be read; ask its owner, or copy it")
     if not path.stat().st_size:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any, get_args, get_type_hints
 from zoneinfo import ZoneInfo
 
+from manoeuvre_nn.core.data_files import without_format
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.manoeuvre import side_sign
 from manoeuvre_nn.recording.read.quantity import PAIRS, QUANTITY, STAMPS, units_of
@@ -193,7 +194,7 @@ def mapping(**settings: Any) -> Mapping:
     Raises:
         InputError: If a key is unknown or missing, or a value makes no sense.
     """
-    given = {k: v for k, v in settings.items() if not k.startswith("_")}
+    given = {k: v for k, v in without_format(settings, "mapping").items() if not k.startswith("_")}
     known = [f.name for f in fields(Mapping)]
     for key in given:
         check_choice("mapping: key", key, known)

@@ -1,12 +1,11 @@
 """Mappings as files: yaml is data and names no code."""
 
-from collections.abc import Iterable
 from collections.abc import Mapping as AnyMapping
 from pathlib import Path
 from typing import Any
 
 from manoeuvre_nn.core.channels import DECLARED
-from manoeuvre_nn.core.data_files import CONF, load_yaml
+from manoeuvre_nn.core.data_files import CONF, check_plain, load_yaml, without_format
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.recording.read.captive import CaptiveMapping, captive_mapping
 from manoeuvre_nn.recording.read.mapping import REQUIRED, ChannelMap, Mapping, mapping
@@ -50,22 +49,10 @@ def _content(name: str | Path, own: str | Path | None) -> Any:
 
 def _without_code(content: AnyMapping[Any, Any], where: str, old: str) -> dict[str, Any]:
     """Settings of a file from outside; what names code is refused."""
-    settings = {str(key): value for key, value in content.items() if (key, value) != ("_target_", old)}
-    _check_plain(settings, where)
+    rest = without_format(content, where)
+    settings = {str(key): value for key, value in rest.items() if (key, value) != ("_target_", old)}
+    check_plain(settings, where)
     return settings
-
-
-def _check_plain(value: Any, where: str) -> None:
-    """Refuse what is more than numbers, words, and lists and tables of them."""
-    inner = [value] if isinstance(value, str) else value.values() if isinstance(value, AnyMapping) else value
-    for key in value if isinstance(value, AnyMapping) else ():
-        if str(key).startswith("_"):
-            raise InputError(f"{where}: {key}: {value[key]} is refused; a mapping is data and names no code")
-    for one in inner if isinstance(inner, Iterable) else ():
-        if isinstance(one, str) and "${" in one:
-            raise InputError(f"{where}: {one} is refused; a mapping is data and refers to nothing else")
-        if not isinstance(one, str):
-            _check_plain(one, where)
 
 
 def is_written_by_package(path: Path) -> bool:

@@ -1,5 +1,8 @@
 """What the channels of a measured file are, and the units that they come in."""
 
+import numpy as np
+from jaxtyping import Bool, Float
+
 from manoeuvre_nn.core.channels import DECLARED
 from manoeuvre_nn.core.units import DEGREE, KNOT, RPM
 
@@ -28,8 +31,20 @@ MEASURED_BY = {
 """Unit inside the package -> what it measures."""
 QUANTITY = {c.name: MEASURED_BY[c.unit] for c in DECLARED if c.name != "t"}
 """Channels that a file may give, and what they measure."""
+LIMITS = {"length": 2e7, "force": 1e12, "torque": 1e14}
+"""Quantity -> what nothing on the water reaches, in SI: of positions half the way round the Earth from the median."""
+LIMIT = 1e6
+"""The same of all other quantities; also beyond the 9999 and 99999 by which loggers mark what is missing."""
 PAIRS = (("u", "v"), ("x", "y"), ("lat", "lon"), ("sog", "cog"), ("vn", "ve"))
 """Where the ship is and how it moves: one pair is needed, half a pair is of no use."""
+
+
+def beyond_all(channel: str, values: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+    """Which values of a channel [SI] no ship and no instrument can mean; an empty one is none of them."""
+    quantity = QUANTITY.get(channel, "")
+    middle = np.nanmedian(values) if quantity == "length" else 0.0
+    with np.errstate(invalid="ignore", over="ignore"):
+        return np.abs(values - middle) > LIMITS.get(quantity, LIMIT)
 
 
 def units_of(channel: str, record: bool = False) -> dict[str, float]:

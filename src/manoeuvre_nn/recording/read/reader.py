@@ -25,7 +25,7 @@ from manoeuvre_nn.recording.read.mapping import REQUIRED, SIDES, Mapping, with_m
 from manoeuvre_nn.recording.read.mapping_file import mapping_of
 from manoeuvre_nn.recording.read.mending import line_across, without_delays
 from manoeuvre_nn.recording.read.position import local_metres
-from manoeuvre_nn.recording.read.quantity import COUNT, PAIRS
+from manoeuvre_nn.recording.read.quantity import COUNT, PAIRS, beyond_all
 from manoeuvre_nn.recording.read.table import TEXT, Table, read_table
 
 MIN_SAMPLES = 20
@@ -234,9 +234,18 @@ def _channel(
     lost = np.isnan(values)
     if lost.all():
         raise InputError(f"{table.path.name}: column {column!r} is empty; leave {name} out of the mapping")
+    far = beyond_all(name, values) & (where.unit != COUNT)
+    if far.any() and mapping.outliers == "keep":
+        row = rows.start + int(np.argmax(far))
+        raise table.error(
+            column, row, f"is {table.numbers(column)[row]:.6g} {where.unit}, which no ship and no instrument can mean: "
+            "empty the cell, mind the unit, or write outliers: fill"
+        )  # fmt: skip
+    values[far] = np.nan  # filled with the other outliers
     if name in PERIODIC and where.unit != COUNT:
-        values[~lost] = np.unwrap(values[~lost])
-    odd = spikes(values) if mapping.outliers == "fill" else np.zeros(len(values), dtype=bool)
+        there = ~(lost | far)
+        values[there] = np.unwrap(values[there])
+    odd = far | spikes(values) if mapping.outliers == "fill" else far
     if odd.mean() > MAX_OUTLIERS:
         raise InputError(
             f"{table.path.name}: {odd.mean():.0%} of column {column!r} lie far off their neighbours: that is noise, "

@@ -1,0 +1,173 @@
+"""How a command ends: well, or in one line that says why."""
+
+import errno
+import os
+import signal
+import sys
+import tempfile
+import threading
+import traceback
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.plain_text import harmless
+from manoeuvre_nn.core.writing import FULL, FolderInUse
+
+WRONG_INPUT, DEFECT = 2, 1
+STOPPED, TERMINATED = 130, 143
+"""Exit codes after ctrl-C and SIGTERM, as shells have them."""
+OF_FILES = (errno.ENOENT, errno.EACCES, errno.ENOTDIR, errno.EEXIST, errno.EISDIR, errno.EROFS, errno.ENAMETOOLONG)
+ANOTHER_FOLDER = "choose another folder (hydra.run.dir=, or out=)"
+
+
+class Terminated(KeyboardInterrupt):
+    """SIGTERM: ends what ctrl-C ends, in the same way."""
+
+
+def explain(error: BaseException) -> str | None:
+    """The one line that a person needs.
+
+    Args:
+        error: What was raised.
+
+    Returns:
+        The line; None if the cause is a fault of the program.
+    """
+    chain = list(causes(error))
+    for cause in chain:
+        if isinstance(cause, InputError | FolderInUse):
+            return str(cause)
+    full = next((c for c in chain if isinstance(c, OSError) and c.errno in FULL), None)
+    if full is not None:
+        which = f"cannot write {full.filename}" if full.filename else "cannot write"
+        return f"{which}: {full.strerror}: make room, or {ANOTHER_FOLDER}"
+    if not isinstance(error, OSError) or error.filename is None or error.errno not in OF_FILES:
+        return None
+    path = str(error.filename)
+    if os.path.isfile(path) and not os.access(path, os.R_OK):
+        return f"cannot read {path}: {error.strerror}; ask its owner, or copy it"
+    return f"cannot write {path}: {error.strerror}; {ANOTHER_FOLDER}"
+
+
+def causes(error: BaseException | None) -> Iterator[BaseException]:
+    """An error, what it was raised from or while, and so on."""
+    while error is not None:
+        yield error
+        error = error.__cause__ or error.__context__
+
+
+@contextmanager
+def one_line(explained: Callable[[BaseException], str | None] = explain) -> Generator[None]:
+    """Turn whatever ends a command early into one line and an exit code.
+
+    Args:
+        explained: What to say of an error that is no fault of the program; None for one that is.
+
+    Raises:
+        SystemExit: With code 2 for wrong input and for what cannot be read or written, 1 for a fault of the program,
+            whose traceback is then written to a file, 130 for ctrl-C, 143 for SIGTERM.
+    """
+    try:
+        with _sigterm_raised(), _threads_quiet_of_full_disks():
+            yield
+    except KeyboardInterrupt as stop:
+        terminated = isinstance(stop, Terminated)
+        _tell(f"stopped by {'SIGTERM' if terminated else 'ctrl-C'}")
+        raise SystemExit(TERMINATED if terminated else STOPPED) from None
+    except Exception as error:
+        line = explained(error)
+        if line is not None:
+            _tell(f"error: {line}")
+            raise SystemExit(WRONG_INPUT) from None
+        _tell(f"error: {in_short(error)}: a fault of the program: please report it with {_written_down(error)}")
+        raise SystemExit(DEFECT) from error
+
+
+def in_short(error: BaseException) -> str:
+    """Kind and first line of a fault of the program."""
+    first = next(iter(str(error).splitlines()), "")
+    return f"{type(error).__name__}: {first}" if first else type(error).__name__
+
+
+def full_story(error: BaseException) -> str:
+    """An error's traceback."""
+    return "".join(traceback.format_exception(error))
+
+
+def _tell(line: str) -> None:
+    """A line to the person."""
+    print(harmless(" ".join(line.split())), file=sys.stderr, flush=True)
+
+
+def _written_down(error: BaseException) -> str:
+    """Path of a file with an error's traceback; where none can be written, it is printed."""
+    try:
+        with tempfile.NamedTemporaryFile("w", prefix="manoeuvre_", suffix=".txt", delete=False, encoding="utf-8") as f:
+            f.write(full_story(error))
+    except OSError:
+        print(full_story(error), file=sys.stderr)
+        return "the lines above"
+    return f.name
+
+
+@contextmanager
+def _sigterm_raised() -> Generator[None]:
+    """Make SIGTERM an exception, so that it ends as orderly as ctrl-C; only the main thread can."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, _raise_terminated)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before or signal.SIG_DFL)
+
+
+def _raise_terminated(number: int, frame: FrameType | None) -> None:
+    raise Terminated
+
+
+@contextmanager
+def _threads_quiet_of_full_disks() -> Generator[None]:
+    """Let TensorBoard's thread say nothing of a full disk: the next who writes to it is told."""
+    before = threading.excepthook
+
+    def hook(args: threading.ExceptHookArgs) -> None:
+        if not (isinstance(args.exc_value, OSError) and args.exc_value.errno in FULL):
+            before(args)
+
+    threading.excepthook = hook
+    try:
+        yield
+    finally:
+        threading.excepthook = before
+
+
+def _ours() -> bool:
+    """Whether SIGTERM is an exception now."""
+    return signal.getsignal(signal.SIGTERM) is _raise_terminated
+
+
+def _hold_sigterm() -> None:
+    """Before a process is forked: what is sent to it before it listens would be lost."""
+    if _ours():
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
+
+
+def _take_sigterm() -> None:
+    """Afterwards, where it was forked from."""
+    if _ours():
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
+
+
+def _end_at_sigterm() -> None:
+    """Afterwards, in the forked process: it is ended by its parent at once, and has nothing to say."""
+    if _ours():
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(before=_hold_sigterm, after_in_parent=_take_sigterm, after_in_child=_end_at_sigterm)

@@ -1,0 +1,143 @@
+"""Whatever ends a command early is one line and an exit code."""
+
+import errno
+import os
+import signal
+import tempfile
+import threading
+from pathlib import Path
+
+import pytest
+
+from manoeuvre_nn.core.ending import Terminated, explain, one_line
+from manoeuvre_nn.core.errors import InputError
+
+
+def ended(act, capsys) -> tuple[int, str]:
+    """Exit code and what is told when something ends a command."""
+    with pytest.raises(SystemExit) as caught, one_line():
+        act()
+    told = capsys.readouterr()
+    assert told.out == "" and told.err.count("\n") == 1
+    return caught.value.code, told.err.strip()
+
+
+def raising(error):
+    def act():
+        raise error
+
+    return act
+
+
+def test_wrong_input_ends_with_2(capsys):
+    assert ended(raising(InputError("write a\nsmaller one")), capsys) == (2, "error: write a smaller one")
+
+
+@pytest.mark.parametrize("error", [ZeroDivisionError, TypeError, ValueError, KeyError, AssertionError, OSError])
+def test_a_fault_of_the_program_ends_with_1_and_its_traceback_is_in_a_file(error, capsys):
+    code, told = ended(raising(error("a fault")), capsys)
+    path = Path(told.rpartition(" ")[2])
+    try:
+        assert code == 1 and told.startswith(f"error: {error.__name__}: ") and "a fault" in told
+        assert path.read_text().startswith("Traceback") and "in raising" not in told and __file__ in path.read_text()
+    finally:
+        path.unlink()
+
+
+def test_where_no_file_can_be_written_the_traceback_is_printed(capsys, monkeypatch):
+    monkeypatch.setattr(tempfile, "NamedTemporaryFile", lambda *_, **__: raising(OSError(errno.ENOSPC, "full"))())
+    with pytest.raises(SystemExit) as caught, one_line():
+        raise ZeroDivisionError("x")
+    told = capsys.readouterr().err
+    assert caught.value.code == 1 and "Traceback" in told and told.endswith("report it with the lines above\n")
+
+
+def test_ctrl_c_ends_with_130(capsys):
+    assert ended(lambda: os.kill(os.getpid(), signal.SIGINT), capsys) == (130, "stopped by ctrl-C")
+
+
+def test_sigterm_ends_with_143_and_is_what_it_was_before_afterwards(capsys):
+    before = signal.getsignal(signal.SIGTERM)
+    cleaned = []
+
+    def act():
+        try:
+            os.kill(os.getpid(), signal.SIGTERM)
+        finally:
+            cleaned.append(True)
+
+    assert ended(act, capsys) == (143, "stopped by SIGTERM")
+    assert cleaned and signal.getsignal(signal.SIGTERM) is before
+
+
+def test_one_inside_another_says_it_once(capsys):
+    def act():
+        with one_line():
+            raise InputError("write another")
+
+    assert ended(act, capsys) == (2, "error: write another")
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EFBIG])
+def test_a_full_disk_is_one_line_even_where_the_system_names_no_file(number, capsys):
+    code, told = ended(raising(OSError(number, os.strerror(number))), capsys)
+    assert code == 2 and told.startswith(f"error: cannot write: {os.strerror(number)}: make room, or choose another")
+    assert "cannot write /a/b:" in explain(OSError(number, os.strerror(number), "/a/b"))
+
+
+def test_a_full_disk_is_seen_behind_what_a_library_makes_of_it():
+    with pytest.raises(RuntimeError) as caught:
+        try:
+            raise OSError(errno.ENOSPC, "No space left on device", "/a/b")
+        except OSError as error:
+            raise RuntimeError("enforce fail at inline_container.cc") from error
+    assert "cannot write /a/b" in explain(caught.value)
+
+
+def test_a_thread_is_quiet_of_a_full_disk_and_of_nothing_else(monkeypatch):
+    def run(error):
+        thread = threading.Thread(target=raising(error))
+        thread.start()
+        thread.join()
+
+    told = []
+    monkeypatch.setattr(threading, "excepthook", lambda args: told.append(args.exc_value))
+    fault = ZeroDivisionError("x")
+    with one_line():
+        run(OSError(errno.ENOSPC, "full"))
+        run(fault)
+    run(late := OSError(errno.ENOSPC, "full"))
+    assert told == [fault, late]
+
+
+def test_outside_the_main_thread_it_works_without_signals(capsys):
+    codes = []
+
+    def act():
+        try:
+            with one_line():
+                raise InputError("no")
+        except SystemExit as end:
+            codes.append(end.code)
+
+    thread = threading.Thread(target=act)
+    thread.start()
+    thread.join()
+    assert codes == [2]
+
+
+def test_a_forked_process_is_ended_by_sigterm_however_soon_it_comes():
+    with one_line():
+        for _ in range(20):
+            child = os.fork()
+            if not child:
+                signal.alarm(5)
+                signal.pause()
+            os.kill(child, signal.SIGTERM)
+            _, status = os.waitpid(child, 0)
+            assert os.WTERMSIG(status) == signal.SIGTERM
+        assert signal.SIGTERM not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+
+def test_what_ends_on_ctrl_c_ends_on_sigterm():
+    assert issubclass(Terminated, KeyboardInterrupt)
