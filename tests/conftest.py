@@ -1,6 +1,7 @@
 """One thread a process, a process a core; two zigzags of the Mariner that several rooms look at."""
 
 import os
+import signal
 
 os.environ["OMP_NUM_THREADS"] = "1"  # the processes that share out the tests start with it
 
@@ -28,6 +29,12 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The file that takes minutes is begun first: last, it would keep one process busy and the other waiting."""
     items.sort(key=lambda item: item.path.name != "test_four_concealed_cases.py")
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _ctrl_c_interrupts() -> None:
+    """A shell that starts the tests in the background has them ignore ctrl-C, which some of them press."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")

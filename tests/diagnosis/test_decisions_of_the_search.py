@@ -1,8 +1,10 @@
 """What the search decides between its fits: about which states, from which noise levels, which gusts, what suffices."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from unittest.mock import Mock
 
+import numpy as np
 import pytest
 from trials import SHIP, values
 
@@ -13,7 +15,7 @@ from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.local import SideForce
 from manoeuvre_nn.effect.sensors import LogScale
 from manoeuvre_nn.effect.wind import GustyWind, SteadyWind
-from manoeuvre_nn.estimation.hypothesis import Hypothesis
+from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 EFFECTS = [Current(SHIP), SteadyWind(SHIP), LogScale(SHIP), GustyWind(SHIP)]
@@ -48,6 +50,23 @@ def searched(monkeypatch, alone: dict[str, float], more: list[SimpleNamespace]) 
     data_set = SimpleNamespace(dynamics=SimpleNamespace(particulars=SimpleNamespace(is_model=False)))
     search(data_set, EFFECTS)
     return about, windy
+
+
+@pytest.mark.parametrize("worse, built_upon", [(1, []), (2, ["wind", "log"])])
+def test_pairs_are_built_upon_the_best_beside_published_coefficients_where_calm_water_needs_worse_ones(
+    worse, built_upon
+):
+    """Two strong effects: coefficients that are off by 20 % explain them better than either alone."""
+
+    def fitted(published: float, anything: float, name: str) -> FittedHypothesis:
+        by_level = np.array([[published] * (PUBLISHED_SD_LEVEL + 1) + [anything] * 3])
+        effect = SimpleNamespace(name=name)
+        return FittedHypothesis(Hypothesis((effect,), (np.zeros((1, 0)),)), anything, by_level, np.zeros((0, 0)))
+
+    none = replace(fitted(-300.0, 0.0, ""), best=(6, PUBLISHED_SD_LEVEL + worse))
+    found = under_test._beside_published(none, [fitted(-200.0, -4.0, "log"), fitted(-100.0, -9.0, "wind")])
+    assert [j.names[0] for j in found] == built_upon
+    assert all(j.best == (under_test.quiet(6), PUBLISHED_SD_LEVEL) for j in found)
 
 
 @pytest.mark.parametrize("gain, pair_leads", [(13.0, True), (11.0, False)])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 from pytest import approx
-from trials import CALM, NOISE, SHIP, run_of, unchecked
+from trials import CALM, NOISE, SHIP, run_of, runs, unchecked
 
 from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.core.effect import Effect
@@ -25,7 +25,7 @@ from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.common import during
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.local import BowThruster, SideForce
-from manoeuvre_nn.effect.sensors import RateBias
+from manoeuvre_nn.effect.sensors import LogScale, RateBias
 from manoeuvre_nn.effect.wind import WindOnset
 from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
 from manoeuvre_nn.estimation.data_set import whitened_data_set
@@ -111,6 +111,19 @@ def test_an_event_is_judged_in_each_form_at_the_same_times():
     assert best.names == ("side_force",) and best.evidence > max(stopped.evidence, thruster.evidence) + 5
     assert value(best, "lever_m") == approx(40.0, abs=10.0)
     assert times(best)[1][0] == approx((150.0, 290.0), abs=10.0)
+
+
+def test_what_leads_is_judged_beside_the_same_without_each_of_its_effects():
+    """A third effect that adds nothing is only seen if the two others were fitted together."""
+    acting = [Current(SHIP, speed=0.6, toward_deg=200.0), RateBias(SHIP, bias_deg_s=0.06), LogScale(SHIP)]
+    with unchecked():
+        likelihood = MarginalLikelihood(whitened_data_set(CALM, runs(TRIALS[:2], acting[:2])))
+        three = likelihood.evaluate(
+            Hypothesis(tuple(acting), tuple(e.values.numpy()[None].repeat(2, 0) for e in acting))
+        )
+        found = {j.names: j.evidence for j in _with_other_forms(likelihood, [three], acting)}
+    assert set(found) == {three.names, *(three.hypothesis.without(k).names for k in range(3))}
+    assert found["current", "rate_bias"] == max(found.values())
 
 
 def test_a_force_that_acts_in_one_run_of_three_is_not_placed_in_the_others():

@@ -92,7 +92,7 @@ def search(
         clear = singles[0].evidence > none.evidence + MIN_GAIN_TO_RELINEARISE
         likelihood, none, singles = _again(likelihood, none, singles, workers, singles[0] if clear else none)
     fitted = _with_other_forms(likelihood, singles, plain)
-    leading = [s for s in fitted if s.evidence > none.evidence + MIN_GAIN_OF_SINGLE]
+    leading = [s for s in fitted if s.evidence > none.evidence + MIN_GAIN_OF_SINGLE] or _beside_published(none, fitted)
     for size in range(2, MAX_EFFECTS + 1):
         singles = [j for j in fitted if len(j.names) == 1]
         more = list(_extended(likelihood, leading, singles, progress, workers))
@@ -114,6 +114,21 @@ def search(
             fitted.append(fitted_gusts(likelihood, j, variant))
     fitted.sort(key=lambda j: -j.evidence)
     return SearchResult(none, fitted, likelihood)
+
+
+def _beside_published(none: FittedHypothesis, singles: Sequence[FittedHypothesis]) -> list[FittedHypothesis]:
+    """What pairs are built upon where no effect alone gains and calm water needs worse coefficients than are published.
+
+    Coefficients that may be anything explain two strong effects better than one of the two does.
+
+    Returns:
+        The best effects with published coefficients; none where calm water does with these.
+    """
+    at = quiet(none.best[0]), PUBLISHED_SD_LEVEL
+    if none.best[1] <= PUBLISHED_SD_LEVEL + 1:
+        return []
+    ranked = sorted(singles, key=lambda s: -float(s.by_level[:, : PUBLISHED_SD_LEVEL + 1].max()))
+    return [replace(s, best=at) for s in ranked[:MAX_BUILT_UPON]]
 
 
 def _again(
@@ -307,9 +322,10 @@ def _turned(alone: Hypothesis) -> Iterator[Hypothesis]:
 def _with_other_forms(
     likelihood: MarginalLikelihood, fitted: Sequence[FittedHypothesis], effects: Sequence[Effect]
 ) -> list[FittedHypothesis]:
-    """Hypotheses with different effects, the best one also with its events in each other form of them.
+    """Hypotheses with different effects, the best also with its events in each other form and without each effect.
 
-    Placed on its own, another form may have stopped at other times: that would judge the times and not the form.
+    Placed on its own, another form may have stopped at other times: that would judge the times and not the form. And
+    what an effect adds can only be told beside the same without it.
 
     Returns:
         The same and the new ones, the most evidence first.
@@ -325,6 +341,11 @@ def _with_other_forms(
                 starts = _exchanged(best.hypothesis, k, other)
                 made = max((likelihood.improve(h, level, scatter, 3) for h in starts), key=lambda found: found[1])[0]
                 exchanged.append(refine(likelihood, made, level, scatter))
+    known = {frozenset(j.names) for j in fitted}
+    several = len(best.hypothesis.effects) > 1
+    for fewer in (best.hypothesis.without(k) for k in range(len(best.hypothesis.effects)) if several):
+        if frozenset(fewer.names) not in known:
+            exchanged.append(refine(likelihood, fewer, level, scatter))
     of_each: dict[frozenset[str], FittedHypothesis] = {}
     for j in sorted([*fitted, *exchanged], key=lambda j: -j.evidence):
         of_each.setdefault(frozenset(j.names), j)

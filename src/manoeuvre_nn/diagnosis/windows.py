@@ -9,7 +9,7 @@ With a flat prior over all pairs of a start and an end the mean of exp(ratio) is
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -112,12 +112,9 @@ def replaced(likelihood: MarginalLikelihood, hypothesis: Hypothesis, level: int,
     for k, effect in enumerate(hypothesis.effects):
         if not any(p.per_run for p in effect.declared):
             continue
-        others = [j for j in range(len(hypothesis.effects)) if j != k]
-        given = replace(
-            best, effects=tuple(best.effects[j] for j in others), values=tuple(best.values[j] for j in others)
-        )
+        given = best.without(k)
         rows = [row[None] for row in best.values[k]]
-        blocks = _all_blocks(likelihood, effect, rows, (level, scatter), given if others else None)
+        blocks = _all_blocks(likelihood, effect, rows, (level, scatter), given if given.effects else None)
         ramp = _ramp(effect, best.values[k][0])
         for run, b in enumerate(blocks):
             for times in _sets_of_times(b, 0, effect, ramp, every=True):

@@ -145,6 +145,13 @@ class Hypothesis:
             self, effects=self.effects + other.effects, values=self.values + other.values, campaigns=campaigns
         )
 
+    def without(self, number: int) -> "Hypothesis":
+        """The same without one of the effects, the others at their values."""
+        k = number
+        return replace(
+            self, effects=self.effects[:k] + self.effects[k + 1 :], values=self.values[:k] + self.values[k + 1 :]
+        )
+
 
 @dataclass(frozen=True)
 class _Unknown:
