@@ -33,7 +33,7 @@ class _TrueWind(Effect):
 
     They are taken less the same in still air, which the hull's resistance contains. The wind is taken relative to the
     ship's motion through the water. The form parameter load multiplies X, Y and N, as an error of the areas or of the
-    wind's profile does: without an anemometer the speed is known to about a tenth, however long the recording. cx
+    wind's profile does: without an anemometer the speed of a wind much faster than the ship is known to a tenth. cx
     multiplies X alone and cn the arm of Y; cx3 and cy3 are shares of a third harmonic in X and Y, by which published
     curves differ; cn_shift moves the centre of pressure (L_oa); still_air is the share of the load in still air that
     the hull's resistance contains.
