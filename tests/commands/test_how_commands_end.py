@@ -2,16 +2,15 @@
 
 import json
 import os
-import resource
 import signal
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
 from io import StringIO
 
 import pytest
 from conftest import ROOT, TINY
+from full_disk import room_for
 from rich.console import Console
 
 from manoeuvre_nn.commands import main, train
@@ -19,17 +18,6 @@ from manoeuvre_nn.commands.waiting import waiting
 from manoeuvre_nn.core.writing import locked
 from manoeuvre_nn.training import data
 from manoeuvre_nn.training.rollout_score import RolloutScore
-
-
-@contextmanager
-def room_for(size: int):
-    """No file may grow beyond a size, as on a full disk."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 def test_import_on_a_full_disk_leaves_the_mapping_that_was_there(tmp_path, capsys):

@@ -2,29 +2,17 @@
 
 import errno
 import os
-import resource
 import signal
 import subprocess
 import sys
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from full_disk import room_for
 
 from manoeuvre_nn.core.writing import LOCK, FolderInUse, draft_of, locked, write_file
 
 HOLD = "import sys, time; from pathlib import Path; from manoeuvre_nn.core.writing import locked\n"
-
-
-@contextmanager
-def room_for(bytes_a_file: int):
-    """A disk that is full when a file reaches a size: the system ends writing as on a full disk, with EFBIG."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (bytes_a_file, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 def test_a_text_is_written_in_utf8_and_its_folder_made(tmp_path):

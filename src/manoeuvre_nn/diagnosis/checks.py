@@ -109,12 +109,6 @@ def aliases(tried: SearchResult, chosen: FittedHypothesis) -> dict[str, list[str
 
 def _without(hypothesis: Hypothesis, name: str, fitted: frozenset[str]) -> Hypothesis:
     """A hypothesis without one of its effects; what was not fitted by itself (a network) is held at its values."""
-    kept = [k for k, e in enumerate(hypothesis.effects) if e.name != name]
-    effects = tuple(hypothesis.effects[k] for k in kept)
-    held = {p.name for e in effects if e.name not in fitted for p in e.declared}
-    return replace(
-        hypothesis,
-        effects=effects,
-        values=tuple(hypothesis.values[k] for k in kept),
-        fixed=hypothesis.fixed | held,
-    )
+    left = hypothesis.without(hypothesis.names.index(name))
+    held = {p.name for e in left.effects if e.name not in fitted for p in e.declared}
+    return replace(left, fixed=hypothesis.fixed | held)
