@@ -61,9 +61,16 @@ def with_antenna(ahead: float, abeam: float = 0.0, noise: float = 0.0):
 
 
 def checked(folder, table, bounds=SHELF) -> tuple[str, ...]:
-    path = write_runs(folder, {"run": table}) / "run.csv"
-    run = over_ground(read_measured(path, read_mapping(CONCEALED), SHIP.particulars, leave_gaps=True), SHIP.particulars)
-    return check_over_ground(run, SHIP.particulars, bounds=bounds)
+    return all_checked(folder, [table], bounds)[0]
+
+
+def all_checked(folder, tables, bounds=SHELF) -> list[tuple[str, ...]]:
+    write_runs(folder, {f"r{k}": table for k, table in enumerate(tables)})
+    runs = []
+    for k in range(len(tables)):
+        measured = read_measured(folder / f"r{k}.csv", read_mapping(CONCEALED), SHIP.particulars, leave_gaps=True)
+        runs.append(over_ground(measured, SHIP.particulars))
+    return check_over_ground(runs, SHIP.particulars, bounds=bounds)
 
 
 def test_a_strong_current_is_told_and_diagnosed(tmp_path, unchecked_types):
@@ -164,3 +171,33 @@ def test_a_rudder_written_down_late_is_told_from_one_of_the_other_sign(tmp_path,
     (said,) = checked(tmp_path, table)
     found = re.search("written down some ([0-9]+) s late would explain it", said)
     assert found and float(found[1]) == pytest.approx(late, abs=5.0)
+
+
+ANGLES = (25.0, 35.0, 10.0, 20.0)
+
+
+@cache
+def late(seconds: float, angle: float, noise: int):
+    """A long circle of the Mariner, every 2 s, whose rudder was written down so late."""
+    with unchecked():
+        circle = turning_circle(angle, duration=560.0)
+        circle = replace(circle, stages=(Stage(0.0, hold=60.0), *circle.stages))
+        (run,) = roll_out(Vessel(CalmWater(SHIP), [RudderDelay(SHIP, delay_s=seconds)]), [circle], step=2.0)
+    return table_of(run, noise)
+
+
+@pytest.mark.parametrize("seconds", [10.0, 12.0, 15.0])
+def test_a_late_rudder_is_told_from_the_other_sign_by_all_runs_together(tmp_path, seconds):
+    tables = [late(seconds, angle, 20 + k) for k, angle in enumerate(ANGLES)]
+    notes = all_checked(tmp_path, tables)
+    delays = [float(m) for said in notes for text in said for m in re.findall("some ([0-9]+) s late", text)]
+    assert delays and delays == pytest.approx([seconds] * len(delays), abs=4.0)
+
+
+def test_a_rudder_of_the_other_sign_in_all_circles_or_in_one_is_refused(tmp_path):
+    right = [late(0.0, angle, 20 + k) for k, angle in enumerate(ANGLES)]
+    wrong = [t.assign(delta=-t.delta, delta_order=-t.delta_order) for t in right]
+    assert all_checked(tmp_path / "right", right) == [()] * len(right)
+    for tables in (wrong, [*right[:-1], wrong[-1]]):
+        with pytest.raises(InputError, match="rudder sign opposite to the turn"):
+            all_checked(tmp_path / f"wrong{tables is wrong}", tables)

@@ -1,6 +1,6 @@
 """Folders of recordings: those of concealed cases with their manifest, and a person's own runs."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -201,7 +201,7 @@ def case_of(
         The case.
     """
     hull = adapted(ship, {})
-    raw = [_checked(run, hull.particulars, "mind the units and signs of the channels") for run in runs]
+    raw = _checked(runs, hull.particulars, "mind the units and signs of the channels")
     return _case(Path(name), {}, hull, raw, held_out)
 
 
@@ -223,12 +223,17 @@ def _read(folder: Path, m: Mapping[str, Any], ship: Particulars, asked: RunSetti
     paths = expand(folder, asked.files, "files") or [folder / file for file in listed] or recordings_in(folder)
     if not paths:
         raise InputError(f"{folder} holds no csv file: write the folder that holds them")
-    return [_read_run(path, listed.get(path.name, {}), ship, asked) for path in paths]
+    mapping = asked.mapping or read_mapping(SI_DEGREES)
+    runs = [_read_run(path, listed.get(path.name, {}), ship, asked, mapping) for path in paths]
+    return _checked(runs, ship, COLUMNS if mapping.optional else "mind the columns, units and signs of the mapping")
 
 
-def _read_run(path: Path, entry: Mapping[str, Any], ship: Particulars, asked: RunSettings) -> Recording:
-    """One file, read and checked; gaps stay where the mapping does not say that they are filled."""
-    mapping = asked.mapping or (WRITTEN if is_written_by_package(path) else read_mapping(SI_DEGREES))
+def _read_run(
+    path: Path, entry: Mapping[str, Any], ship: Particulars, asked: RunSettings, mapping: ChannelMapping
+) -> Recording:
+    """One file; gaps stay where the mapping does not say that they are filled."""
+    if asked.mapping is None and is_written_by_package(path):
+        mapping = WRITTEN
     if asked.rudder_positive_to is not None:
         mapping = replace(mapping, rudder_positive_to=asked.rudder_positive_to)
     run = read_measured(path, mapping, ship, leave_gaps=True)
@@ -237,20 +242,21 @@ def _read_run(path: Path, entry: Mapping[str, Any], ship: Particulars, asked: Ru
             f"{path.name} has {len(run)} rows, the manifest says {entry['rows']}: it was cut off or belongs to another "
             "case"
         )
-    remedy = COLUMNS if mapping.optional else "mind the columns, units and signs of the mapping"
     meta = {**run.meta, **{key: entry[key] for key in (CAMPAIGN,) if key in entry}}
-    return _checked(replace(run, name=entry.get("run", path.stem), meta=meta), ship, remedy)
+    return replace(run, name=entry.get("run", path.stem), meta=meta)
 
 
-def _checked(run: Recording, ship: Particulars, remedy: str) -> Recording:
-    """A recording over ground, refused where it makes no sense."""
-    check_sampling(run, ship)
-    run = over_ground(run, ship)
+def _checked(runs: Iterable[Recording], ship: Particulars, remedy: str) -> list[Recording]:
+    """Recordings over ground, refused where they make no sense."""
+    raw = []
+    for run in runs:
+        check_sampling(run, ship)
+        raw.append(over_ground(run, ship))
     ahead, abeam = (parameter.on(ship).high for parameter in LeverArm.declared)
     offset, delay = RudderOffset.declared[0].high * DEGREE, RudderDelay.declared[0].high
     bounds = Bounds(SPEED.high, offset, (ahead, abeam), delay)
-    findings = check_over_ground(run, ship, remedy, bounds)
-    return replace(run, meta={**run.meta, "findings": findings})
+    findings = check_over_ground(raw, ship, remedy, bounds)
+    return [replace(run, meta={**run.meta, "findings": said}) for run, said in zip(raw, findings, strict=True)]
 
 
 def _case(

@@ -1,6 +1,6 @@
 """The table of checks of units, signs and frames: run before anything is fitted, each where it applies."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -96,31 +96,34 @@ def check_recording(recording: Recording, ship: Particulars) -> None:
 
 
 def check_over_ground(
-    recording: Recording, ship: Particulars, remedy: str = COLUMNS, bounds: Bounds = NOTHING
-) -> tuple[str, ...]:
-    """Refuse a run for a diagnosis whose units, signs or frames do not fit each other or the ship.
+    recordings: Sequence[Recording], ship: Particulars, remedy: str = COLUMNS, bounds: Bounds = NOTHING
+) -> list[tuple[str, ...]]:
+    """Refuse runs for a diagnosis whose units, signs or frames do not fit each other or the ship.
 
     Args:
-        recording: From :func:`~manoeuvre_nn.recording.preparation.over_ground`.
+        recordings: Runs of one recorder, from :func:`~manoeuvre_nn.recording.preparation.over_ground`.
         ship: The ship.
         remedy: What to do about a wrong column.
         bounds: How far effects go that could explain a finding.
 
     Returns:
-        Findings that an effect could explain, a clause each.
+        For each run, findings that an effect could explain, a clause each.
 
     Raises:
         InputError: With the first finding that none explains.
     """
-    run = _without_spikes(recording, ship)
-    said = [strong_current(run, ship)]
-    for check in CHECKS:
-        found = check.find(run, ship) if DIAGNOSIS in check.where else None
-        finding = None if found is None else weighed(found, run, ship, bounds)
-        if finding is not None and finding.trips:
-            raise InputError(f"{recording.name}: {finding}" + (f"; {remedy}" if check.of_columns else ""))
-        said.append(finding)
-    return tuple(finding.text for finding in said if finding is not None)
+    runs = [_without_spikes(recording, ship) for recording in recordings]
+    notes = []
+    for run in runs:
+        said = [strong_current(run, ship)]
+        for check in CHECKS:
+            found = check.find(run, ship) if DIAGNOSIS in check.where else None
+            finding = None if found is None else weighed(found, run, ship, bounds, runs)
+            if finding is not None and finding.trips:
+                raise InputError(f"{run.name}: {finding}" + (f"; {remedy}" if check.of_columns else ""))
+            said.append(finding)
+        notes.append(tuple(finding.text for finding in said if finding is not None))
+    return notes
 
 
 def check_sampling(run: Recording, ship: Particulars) -> None:

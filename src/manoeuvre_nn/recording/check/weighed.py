@@ -8,6 +8,7 @@ Velocities of the track and those that were recorded may be of two points of the
 = v + a r``, or of one antenna; near the pivot point of a turn its sway is so small that noise is large beside it.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import hypot, inf
 
@@ -19,7 +20,7 @@ from manoeuvre_nn.core.frames import earth_to_body
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE, KNOT
-from manoeuvre_nn.recording.check.axes import STRONG_EVIDENCE, mistakes, robust_slope, rudder_effect
+from manoeuvre_nn.recording.check.axes import RUDDER_WINDOW, STRONG_EVIDENCE, mistakes, robust_slope
 from manoeuvre_nn.recording.check.finding import Finding
 from manoeuvre_nn.recording.check.motion import smoothed_motion
 from manoeuvre_nn.recording.local_cubics import ORDER, WINDOW, smoothed
@@ -41,8 +42,8 @@ MAX_NOISE_RATIO = 3.0
 running median of five samples leaves up to 2.4 times as much at low frequencies."""
 RUDDER_LAGS = 30
 """Delays to either side at which a late rudder is looked for."""
-IN_TIME = 0.25
-"""Delay over L/U0 that gear and hull have without any fault."""
+TINY = 1e-12
+"""Share of a sum of squares below which there is nothing but rounding."""
 UNITS = (KNOT, 1 / KNOT, 1 / 3.6, 3.6)
 """Factors of speeds that were written in other units."""
 
@@ -81,7 +82,9 @@ class _Story:
     misfit: float
 
 
-def weighed(finding: Finding, run: Recording, ship: Particulars, bounds: Bounds) -> Finding:
+def weighed(
+    finding: Finding, run: Recording, ship: Particulars, bounds: Bounds, runs: Sequence[Recording] = ()
+) -> Finding:
     """A finding as a note if an effect within its bounds could explain it.
 
     Args:
@@ -89,6 +92,7 @@ def weighed(finding: Finding, run: Recording, ship: Particulars, bounds: Bounds)
         run: The run, without gaps and spikes.
         ship: The ship.
         bounds: How far effects go.
+        runs: All runs of the same recorder; the run itself may be among them.
 
     Returns:
         The finding, or a note.
@@ -108,7 +112,7 @@ def weighed(finding: Finding, run: Recording, ship: Particulars, bounds: Bounds)
             where = f"x and y are of a point {_where(*lever)} that of u and v"
             return _note(f"{finding.text}: noise and an antenna off the reference point would explain it ({where})")
     if finding.check == "rudder sign":
-        late = _rudder_delay(run, ship, bounds)
+        late = _rudder_delay(run, ship, bounds, runs)
         if late is not None:
             when = "late" if late > 0 else "early"
             return _note(f"{finding.text}: a rudder written down some {abs(late):.0f} s {when} would explain it")
@@ -152,15 +156,38 @@ def _antenna(run: Recording, ship: Particulars, bounds: Bounds) -> tuple[float, 
     return (ahead, abeam) if explained else None
 
 
-def _rudder_delay(run: Recording, ship: Particulars, bounds: Bounds) -> float | None:
-    """How late the rudder was recorded [s], if the ship then turns to the right side, clearer than now to the other."""
-    # In a zigzag the other sign and half a period look much alike; a simple mistake has no delay.
+def _rudder_delay(run: Recording, ship: Particulars, bounds: Bounds, runs: Sequence[Recording]) -> float | None:
+    """How late the rudder was recorded [s]; None if the ship does not clearly turn to the right side at any delay."""
+    # In one zigzag the other sign and half a period look much alike, in one circle little but its beginning tells a
+    # late rudder from the other sign: all runs of the recorder have one delay.
+    if not bounds.rudder_delay:
+        return None
     lags = np.linspace(-1.0, 1.0, 2 * RUDDER_LAGS + 1) * bounds.rudder_delay
-    moved = [run.with_channels(delta=np.interp(run.time + lag, run.time, run["delta"])) for lag in lags]
-    effects = [rudder_effect(one, ship) for one in moved]
-    clear = np.array([b / error if error > 0 else 0.0 for b, error in effects])
-    now, best = clear[np.abs(lags) <= IN_TIME * ship.time_unit].min(), int(clear.argmax())
-    return float(lags[best]) if bounds.rudder_delay and clear[best] > max(STRONG_EVIDENCE, -now) else None
+    own = _evidence_of_delays(run, ship, lags)
+    right, wrong = sum((_evidence_of_delays(other, ship, lags) for other in runs if other is not run), own)
+    best, strong = int(right.argmax()), STRONG_EVIDENCE**2 / 2
+    explained = right[best] > wrong.max() + strong and own[0, best] > own[1].max() - strong
+    return float(lags[best]) if explained else None
+
+
+def _evidence_of_delays(run: Recording, ship: Particulars, lags: Series) -> Float[np.ndarray, "2 lags"]:
+    """Log likelihood of ``rdot = a r + b delta(t + lag) + c`` over that without a rudder, for b >= 0 and for b <= 0."""
+    run, window = thinned(run, ship), RUDDER_WINDOW * ship.time_unit
+    (rudder, _), (r, rdot) = (smoothed(run.time, run[k], window) for k in ("delta", "r"))
+    # Samples half a window apart have nearly independent errors.
+    rows = slice(None, None, max(round(0.5 * window / run.step), 1))
+    time, target, others = run.time[rows], rdot[rows], np.stack([r, np.ones_like(r)], axis=1)[rows]
+    found = np.zeros((2, len(lags)))
+    for k, lag in enumerate(lags):
+        known = time + lag <= run.time[-1]  # on the approach, before the record begins, the rudder was held
+        columns = np.column_stack([np.interp(time[known] + lag, run.time, rudder), target[known]])
+        base = np.linalg.qr(others[known])[0]
+        (late, left) = (columns - base @ (base.T @ columns)).T
+        along, size, whole = late @ left, late @ late, left @ left
+        if size * whole > TINY * np.prod((columns**2).sum(axis=0)):
+            share = min(along**2 / (size * whole), 1 - TINY)
+            found[int(along < 0), k] = -0.5 * known.sum() * np.log1p(-share)
+    return found
 
 
 def _differences(m: Recording) -> tuple[Series, Series]:
