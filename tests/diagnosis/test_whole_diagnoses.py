@@ -20,16 +20,19 @@ from manoeuvre_nn.diagnosis.result import Diagnosis
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.current import Current
+from manoeuvre_nn.effect.depth import ShallowWater
 from manoeuvre_nn.effect.formula import Formula
+from manoeuvre_nn.effect.loading import DisplacementChange, TrimChange
 from manoeuvre_nn.effect.local import SideForce
 from manoeuvre_nn.effect.propulsion import HullFouling
-from manoeuvre_nn.effect.rudder import RudderOffset
+from manoeuvre_nn.effect.rudder import RudderAreaLoss, RudderOffset
 from manoeuvre_nn.effect.sensors import HeadingBias, LogScale
 from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 CANDIDATES = [kind(SHIP) for kind in (Current, SteadyWind, RudderOffset, HullFouling, HeadingBias, LogScale)]
+OF_THE_HULL = [kind(SHIP) for kind in (ShallowWater, DisplacementChange, TrimChange, RudderAreaLoss)]
 
 
 def trial(name: str, *stages: tuple[float, float | None]) -> Manoeuvre:
@@ -47,11 +50,13 @@ TRIALS = [
 
 
 STRANGE = ("Y |v||r|", "N r|r| cos psi")
+DEPTH = 1.4 * SHIP.particulars.draught
 TRUE = {
     "current": Current(SHIP, speed=0.7, toward_deg=200.0),
     "offset": RudderOffset(SHIP, offset_deg=2.0),
     "log": LogScale(SHIP, factor=1.1),
     "strange": Formula(SHIP, STRANGE, w1=1.5, w2=0.5),
+    "depth": ShallowWater(SHIP, depth_m=DEPTH),
 }
 
 
@@ -64,7 +69,8 @@ def diagnosis(*acting: str, remainder: bool = False, weaker: float = 0.0) -> Dia
         records = roll_out(Vessel(ship, [TRUE[a] for a in acting]), TRIALS, step=1.0)
     *fitted, last = (run_of(r, NOISE, seed) for seed, r in enumerate(records, start=20))
     case = Case("trial", "mariner", (*fitted, last), SHIP, frozenset({last.name}))
-    return diagnose(Question(case, CALM, CANDIDATES, remainder=remainder))
+    candidates = CANDIDATES + (OF_THE_HULL if "depth" in acting else [])
+    return diagnose(Question(case, CALM, candidates, remainder=remainder))
 
 
 def probability(d: Diagnosis, name: str) -> float:
@@ -180,3 +186,13 @@ def test_a_force_without_a_name_is_unknown_and_its_formula_predicts_the_run_that
 def test_a_network_is_not_taken_where_physics_reaches_the_noise(acting):
     d = diagnosis(*acting, remainder=True)
     assert d.network == {} and d.model == list(acting)
+
+
+def test_a_depth_is_named_and_measured_although_coefficients_are_off():
+    """Depth changes all that the coefficients change: they must not take its share."""
+    d = diagnosis("depth", weaker=0.06)
+    assert (d.verdict, d.model) == ("mismatch", ["shallow_water"])
+    (found,) = (v for v in d.causes[0].parameters if v.name == "depth_m")
+    assert abs(found.value - DEPTH) < 2.5 * found.error < 0.25 * DEPTH
+    before, alone, after = (d.rmse(when)["pos"] for when in ("before", "alone", "after"))
+    assert alone < 0.5 * before and after < 0.2 * before
