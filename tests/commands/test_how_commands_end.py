@@ -82,6 +82,16 @@ def test_training_is_stopped_by_a_second_ctrl_c_with_its_own_code(cli, tmp_path,
     assert ended.code == 130 and ended.err == "stopped by ctrl-C\n"
 
 
+@pytest.mark.parametrize("lines", [1, 20_000])  # what fits into the stream's buffer, and what does not
+def test_a_reader_that_has_left_ends_the_command_quietly(lines):
+    script = f"from manoeuvre_nn.core.ending import one_line\nwith one_line():\n    for k in range({lines}): print(k)"
+    reads, writes = os.pipe()
+    os.close(reads)
+    ended = subprocess.run([sys.executable, "-c", script], stdout=writes, stderr=subprocess.PIPE, timeout=60)
+    os.close(writes)
+    assert (ended.returncode, ended.stderr) == (141, b"")
+
+
 HOLD = "import time; from pathlib import Path; from manoeuvre_nn.core.writing import locked\n"
 
 

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import select
 import signal
 import sys
 import tempfile
@@ -10,14 +11,15 @@ import traceback
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import TextIO
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.plain_text import harmless
 from manoeuvre_nn.core.writing import FULL, FolderInUse
 
 WRONG_INPUT, DEFECT = 2, 1
-STOPPED, TERMINATED = 130, 143
-"""Exit codes after ctrl-C and SIGTERM, as shells have them."""
+STOPPED, UNREAD, TERMINATED = 130, 141, 143
+"""Exit codes after ctrl-C, when nobody reads on (``| head``), and after SIGTERM, as shells have them."""
 OF_FILES = (errno.ENOENT, errno.EACCES, errno.ENOTDIR, errno.EEXIST, errno.EISDIR, errno.EROFS, errno.ENAMETOOLONG)
 ANOTHER_FOLDER = "choose another folder (hydra.run.dir=, or out=)"
 
@@ -67,22 +69,43 @@ def one_line(explained: Callable[[BaseException], str | None] = explain) -> Gene
 
     Raises:
         SystemExit: With code 2 for wrong input and for what cannot be read or written, 1 for a fault of the program,
-            whose traceback is then written to a file, 130 for ctrl-C, 143 for SIGTERM.
+            whose traceback is then written to a file, 130 for ctrl-C, 143 for SIGTERM, 141 if nobody reads on.
     """
     try:
         with _sigterm_raised(), _threads_quiet_of_full_disks():
             yield
+            sys.stdout.flush()
     except KeyboardInterrupt as stop:
         terminated = isinstance(stop, Terminated)
         _tell(f"stopped by {'SIGTERM' if terminated else 'ctrl-C'}")
         raise SystemExit(TERMINATED if terminated else STOPPED) from None
     except Exception as error:
+        if isinstance(error, BrokenPipeError) and _nobody_reads(sys.stdout):
+            raise SystemExit(UNREAD) from None
         line = explained(error)
         if line is not None:
             _tell(f"error: {line}")
             raise SystemExit(WRONG_INPUT) from None
         _tell(f"error: {in_short(error)}: a fault of the program: please report it with {_written_down(error)}")
         raise SystemExit(DEFECT) from error
+
+
+def _nobody_reads(stream: TextIO) -> bool:
+    """Whether the reader of a pipe has left; what is left in the stream then goes nowhere, so that its end is quiet."""
+    try:
+        number = stream.fileno()
+    except (OSError, ValueError):  # no file of the system's
+        return False
+    if not hasattr(select, "poll"):  # Windows
+        return False
+    pipe = select.poll()
+    pipe.register(number, 0)
+    left = any(event & select.POLLERR for _, event in pipe.poll(0))
+    if left:
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, number)
+        os.close(nowhere)
+    return left
 
 
 def in_short(error: BaseException) -> str:
