@@ -14,6 +14,7 @@ from manoeuvre_nn.diagnosis.decision import PRIOR_OF_SIZE, PRIOR_UNKNOWN, decide
 from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.effect.current import Current
+from manoeuvre_nn.effect.local import SideForce
 from manoeuvre_nn.effect.rudder import RudderOffset
 from manoeuvre_nn.effect.sensors import HeadingBias, LogScale
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
@@ -21,6 +22,10 @@ from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.posterior import posterior
 
 EFFECTS = {e.name: e for e in (Current(SHIP), RudderOffset(SHIP), HeadingBias(SHIP), LogScale(SHIP))}
+FORCE = {"force_kN": 200.0, "start_s": 60.0, "end_s": 120.0}
+END = 0.6 * SHIP.particulars.length
+EFFECTS |= {where: SideForce(SHIP, **FORCE, lever_m=m) for where, m in {"aft": -END, "ahead": END, "on": 50.0}.items()}
+EFFECTS["wide"] = RudderOffset(SHIP, offset_deg=RudderOffset.declared[0].high)
 CALM_EVIDENCE = -1000.0
 
 
@@ -75,6 +80,24 @@ def test_a_pair_counts_for_both_of_its_effects(decided):
     assert v.effects["current"] == approx(1.0, abs=1e-4) and v.effects["rudder_offset"] == approx(1.0, abs=1e-4)
     assert only.effects["rudder_offset"] < 0.01
     assert v.bayes == approx({"current": 30.0, "rudder_offset": 30.0, "heading_bias": -1.0, "log_scale": -2.0})
+
+
+@pytest.mark.parametrize("where", ["aft", "ahead"])
+def test_a_force_at_the_end_of_where_it_can_act_is_no_cause(decided, where):
+    v = decided(SINGLES | {where: 40.0})
+    assert v.best is not None and v.best.names == ("current",) and v.effects["side_force"] == 0.0
+    v = decided(SINGLES | {f"current + {where}": 60.0, "current + rudder_offset": 30.0})
+    assert (
+        v.best is not None
+        and v.best.names == ("current", "rudder_offset")
+        and [len(c.names) for c in v.claims] == [2, 1]
+    )
+
+
+def test_a_force_on_board_and_a_steady_effect_on_its_bound_are(decided):
+    for name, said in {"on": "side_force", "wide": "rudder_offset"}.items():
+        v = decided({"current": 12.0, name: 40.0})
+        assert v.best is not None and v.best.names == (said,) and v.effects[said] > 0.99
 
 
 def test_a_second_effect_must_earn_its_place(decided):

@@ -23,13 +23,7 @@ def checks(tried: SearchResult, chosen: FittedHypothesis) -> list[Check]:
 
 def _off_bounds(chosen: FittedHypothesis) -> Check:
     """Parameters that end on a bound are a sign of the wrong effect."""
-    on = []
-    for f, value in zip(chosen.hypothesis.unknowns(), chosen.hypothesis.vector(), strict=True):
-        p = f.parameter
-        at_bound = np.isclose(value, [p.low, p.high], rtol=1e-6, atol=1e-6 * p.spread).any()
-        inside = not at_bound or value == p.null
-        if not (inside or p.form or p.per_run or p.period):
-            on.append(f"{p.name} = {value:.3g} {p.unit}")
+    on = [f"{f.parameter.name} = {value:.3g} {f.parameter.unit}" for f, value in chosen.hypothesis.on_bounds()]
     text = "all parameters are inside their bounds" if not on else f"on a bound: {', '.join(on)}"
     return Check("parameters off their bounds", not on, text)
 

@@ -13,7 +13,7 @@ from manoeuvre_nn.diagnosis.search import MIN_GAIN_OF_SINGLE, SearchResult, at_r
 from manoeuvre_nn.diagnosis.unknown import unknown_evidence
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.effect.formula import Formula
-from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
+from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.relinearise import beside
 
 PRIOR_NONE, PRIOR_UNKNOWN, PRIOR_OF_SIZE = 0.25, 0.10, (0.53, 0.10, 0.02)
@@ -171,6 +171,13 @@ def _claims(
 
 
 def _worthy(result: SearchResult) -> list[FittedHypothesis]:
-    """Hypotheses of which no effect is there by chance, best first."""
+    """Hypotheses of which no effect is there by chance and no event is where it cannot be, best first."""
     known = {frozenset(j.names): j.evidence for j in reversed(result.fitted)}
-    return [j for j in result.fitted if worth_its_size(j, known)]
+    return [j for j in result.fitted if worth_its_size(j, known) and not _event_on_bound(j.hypothesis)]
+
+
+def _event_on_bound(hypothesis: Hypothesis) -> bool:
+    """Whether a force that acts for a time is of a size or at a place that is just possible."""
+    # Windows may be laid around the stretches of any small random moment: the lever then runs to the end of its range.
+    timed = [any(p.per_run for p in effect.declared) for effect in hypothesis.effects]
+    return any(timed[f.effect] for f, _ in hypothesis.on_bounds())

@@ -54,6 +54,16 @@ class Hypothesis:
                 found += [_Unknown(k, j, runs, p) for runs in groups]
         return found
 
+    def on_bounds(self) -> list[tuple["_Unknown", float]]:
+        """Free numbers that stand on a bound, with their values; neither times nor the uncertain parts of formulas."""
+        found = []
+        for f, value in zip(self.unknowns(), self.vector().tolist(), strict=True):
+            p = f.parameter
+            at_bound = np.isclose(value, [p.low, p.high], rtol=1e-6, atol=1e-6 * p.spread).any()
+            if at_bound and value != p.null and not (p.form or p.per_run or p.period):
+                found.append((f, value))
+        return found
+
     def _groups(self, count: int) -> list[tuple[int, ...]]:
         """Runs of each campaign."""
         if not self.campaigns:
