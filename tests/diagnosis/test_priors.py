@@ -15,7 +15,7 @@ from manoeuvre_nn.effect.rudder import RudderBacklash, RudderOffset
 from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.estimation import marginal_likelihood as under_test
 from manoeuvre_nn.estimation.corrections import Calibrated, CoefficientPrior, Corrections
-from manoeuvre_nn.estimation.data_set import whitened_data_set
+from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, whitened_data_set
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.posterior import posterior
@@ -126,3 +126,21 @@ def test_each_campaign_has_its_own_wind_and_the_same_coefficients():
     assert found.evidence > none.evidence + 50
     elsewhere = found.hypothesis.of_runs([3, 0])
     assert elsewhere.campaigns == (1, 0) and elsewhere.values[0][1, 0] == found.hypothesis.values[0][0, 0]
+
+
+def test_scatter_is_that_of_the_printed_coefficients_where_no_term_is_missing():
+    """Coefficients 8 % off in one ship, exact in another that lacks terms: the prior says which of them is wrong."""
+    names, errors = Corrections(CALM).names, np.random.default_rng(4)
+    printed = np.array(["+" not in n and not n.startswith("M") for n in names])
+    added = np.array(["+" in n for n in names])
+    chosen = {}
+    for what, off in (("printed", 0.08 * printed), ("missing", 0.08 * added)):
+        ship = Calibrated(CALM, torch.tensor(off * errors.standard_normal(len(names))))
+        with unchecked():
+            tracks = roll_out(Vessel(ship), [CIRCLE, ZIGZAG], step=1.0)
+        data_set = whitened_data_set(CALM, [run_of(track, NOISE) for track in tracks])
+        likely = with_likely_coefficient_prior(data_set, MarginalLikelihood(data_set).evaluate(NONE))
+        scatter = COEFFICIENT_SD_LEVELS[MarginalLikelihood(likely).evaluate(NONE).best[1]]
+        chosen[what] = (likely.coefficient_prior.missing, scatter)
+    assert chosen["printed"][0] < 1.0 and 0.04 < chosen["printed"][1] < 0.12
+    assert chosen["missing"][0] > 1.0
