@@ -30,10 +30,10 @@ STATES_AT_REST = 0.2
 MAX_CORRECTION = 10 * COEFFICIENT_SD_LEVELS[-1]
 """Size of a correction from which the equations are those of no ship: ten standard deviations at the widest prior."""
 COEFFICIENT_PRIORS = tuple(
-    CoefficientPrior(coupling, missing) for coupling in (0.0, 0.3, 0.6, 0.9) for missing in (0.1, 0.3, 1.0, 3.0)
+    CoefficientPrior(coupling, missing) for coupling in (0.0, 0.3, 0.6, 0.9) for missing in (0.3, 1.0, 3.0)
 )
-"""Priors that are tried: forces at any arm to forces at a known arm, missing terms absent, small or large. Where none
-is missing, terms as uncertain as those printed would make the scatter of these look smaller than it is."""
+"""Priors that are tried: forces at any arm to forces at a known arm, missing terms small or large. Where few
+are missing, terms as uncertain as those printed make the scatter of these look smaller than it is."""
 
 
 def refined(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedDataSet:
