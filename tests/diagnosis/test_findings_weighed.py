@@ -201,3 +201,31 @@ def test_a_rudder_of_the_other_sign_in_all_circles_or_in_one_is_refused(tmp_path
     for tables in (wrong, [*right[:-1], wrong[-1]]):
         with pytest.raises(InputError, match="rudder sign opposite to the turn"):
             all_checked(tmp_path / f"wrong{tables is wrong}", tables)
+
+
+WEAVES = (0, 2)
+"""Of the runs that were sailed, those that turn through less than 90 deg."""
+
+
+def without_log(current: float, which, factor: float = 1.0):
+    """Runs without a log, all that was measured over ground in a unit of 1 / ``factor``."""
+    columns = ["x_north", "y_east", "u", "v", "sog"]
+    tables = [sailed(current, 30.0)[k].drop(columns=["u_log"]) for k in which]
+    return [t.assign(**{c: factor * t[c] for c in columns}) for t in tables]
+
+
+def test_a_strong_current_on_weaves_without_a_log_is_told_by_the_circles_of_the_same_day(tmp_path):
+    with pytest.raises(InputError, match="the speed reaches"):
+        all_checked(tmp_path / "weaves", without_log(6.0, WEAVES))
+    said = all_checked(tmp_path / "all", without_log(6.0, range(4)))
+    notes = " ".join(text for texts in said for text in texts)
+    told = [float(m) for m in re.findall("a current of ([0-9.]+) m/s would explain", notes)]
+    assert len(told) >= 2 and told == pytest.approx([6.0] * len(told), rel=0.15)
+
+
+@pytest.mark.parametrize("current", [0.0, 0.4])
+def test_another_unit_of_all_columns_is_no_current_in_any_number_of_runs(tmp_path, current):
+    right, wrong = without_log(current, range(4)), without_log(current, range(4), 1 / KNOT)
+    for name, tables in {"all": wrong, "circle": [*right[:3], wrong[3]], "weave": [*right[1:], wrong[0]]}.items():
+        with pytest.raises(InputError, match="the speed reaches"):
+            all_checked(tmp_path / name, tables)

@@ -14,6 +14,9 @@ from manoeuvre_nn.core.channels import UNITS
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.writing import draft_of
 
+CAMPAIGN = "campaign"
+"""What a recording's ``meta`` calls the day, load or speed that it belongs to."""
+
 
 @dataclass(frozen=True, repr=False)
 class Recording:

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.errors import InputError, check_choice
-from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.recording import CAMPAIGN, Recording
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.core.units import DEGREE, KNOT
 from manoeuvre_nn.diagnosis.manifest import adapted, numbers, read_manifest
@@ -20,7 +20,7 @@ from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.effect.current import SPEED
 from manoeuvre_nn.effect.rudder import RudderDelay, RudderOffset
 from manoeuvre_nn.effect.sensors import LeverArm
-from manoeuvre_nn.estimation.data_set import CAMPAIGN, whitened_data_set
+from manoeuvre_nn.estimation.data_set import whitened_data_set
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.recording.check.checks import COLUMNS, check_over_ground, check_sampling
 from manoeuvre_nn.recording.check.weighed import Bounds

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.core.effect import Parameter
-from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.recording import CAMPAIGN, Recording
 from manoeuvre_nn.diagnosis.case import Question
 from manoeuvre_nn.diagnosis.decision import Decision
 from manoeuvre_nn.diagnosis.proof import in_held_out_runs
@@ -15,7 +15,6 @@ from manoeuvre_nn.diagnosis.result import Cause, Interval, Nature, Value
 from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.effect.common import RAMP
 from manoeuvre_nn.effect.formula import Formula, place_of
-from manoeuvre_nn.estimation.data_set import CAMPAIGN
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 
 LEADING = 0.25

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int
 
-from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.recording import CAMPAIGN, Recording
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.base import Model, calm_accelerations, is_fitted
 from manoeuvre_nn.effect.common import typical as usual
@@ -33,8 +33,6 @@ COEFFICIENT_SD_LEVELS = (0.002, 0.015, 0.03, 0.05, 0.08, 0.2)
 """Levels of the relative error of the calm-water coefficients."""
 MIN_SIGNAL_TO_NOISE = 0.02
 """Least signal-to-noise ratio, squared, of a combination of coefficients that is carried along."""
-CAMPAIGN = "campaign"
-"""What a recording's ``meta`` calls the day, load or speed that it belongs to."""
 LATENCY, LATENCY_SD = 0.25, 0.25
 """Delay of the satellite receiver [s]: mean and s.d. before the recording is seen."""
 SAME_RUDDER = 1.0 * DEGREE

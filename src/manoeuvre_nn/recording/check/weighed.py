@@ -2,7 +2,9 @@
 
 The speed log and the velocity over ground, ``u_ground = u_log + c ahead``, differ by a current c or by a unit. A wrong
 unit multiplies, a current adds and goes with the compass: where the ship turns, the two are told apart. Where she does
-not, speed through the water that she cannot have by herself speaks for a unit.
+not, speed through the water that she cannot have by herself speaks for a unit. Without a log all runs of a day are
+taken together, ``(vn, ve) = u_k (cos psi, sin psi) + b r (-sin psi, cos psi) + c``, u_k the speed in run k and b r the
+sway of a steady turn: a current is common to them, whichever way they were sailed.
 
 Velocities of the track and those that were recorded may be of two points of the ship, ``u_track = u - b r``, ``v_track
 = v + a r``, or of one antenna; near the pivot point of a turn its sway is so small that noise is large beside it.
@@ -17,7 +19,7 @@ from jaxtyping import Float
 from scipy.signal import savgol_coeffs
 
 from manoeuvre_nn.core.frames import earth_to_body
-from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.recording import CAMPAIGN, Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE, KNOT
 from manoeuvre_nn.recording.check.axes import RUDDER_WINDOW, STRONG_EVIDENCE, mistakes, robust_slope
@@ -103,7 +105,7 @@ def weighed(
         if beyond <= bounds.rudder_offset and float(np.ptp(run["delta"])) <= 2 * ship.rudder_limit:
             return _note(f"{finding.text}: the indicator may be off by {beyond / DEGREE:.2g} deg, or more")
     if finding.check in {"log unit", "speed", "course"}:
-        story = _with_current(run, ship, bounds)
+        story = _with_current(run, ship, bounds, runs)
         if story is not None:
             return _note(f"{finding.text}: a current of {story.current:.2g} m/s would explain it")
     if finding.check == "frame":
@@ -220,43 +222,69 @@ def _ahead(run: Recording) -> Series:
     return run["vn"] * np.cos(run["psi"]) + run["ve"] * np.sin(run["psi"])
 
 
-def _story(run: Recording, factor: float, log: Series | None, side: int = 1) -> _Story:
-    """Velocity over ground, in a unit of so many m/s, as the way through the water and a current.
+def _story(run: Recording, factor: float, log: Series, side: int = 1) -> _Story:
+    """Velocity over ground, in a unit of so many m/s, as logged way through the water and a current.
 
     Args:
         run: The run.
         factor: Unit of the velocity over ground, over that of the log.
-        log: Speed through the water; None takes one that does not change.
+        log: Speed through the water.
         side: -1 for a heading that counts to the other side.
 
     Returns:
         The story.
     """
-    north, east = factor * run["vn"], factor * run["ve"]
     cos, sin = np.cos(run["psi"]), side * np.sin(run["psi"])
-    if log is not None:  # along the heading alone: sway does not count
-        columns, left = np.stack([cos, sin], axis=1), north * cos + east * sin - log
-        current = np.linalg.lstsq(columns, left, rcond=0.05)[0]
-        speed, rest = float(np.median(log)), left - columns @ current
-    else:
-        zero, one = np.zeros_like(cos), np.ones_like(cos)
-        columns = np.stack([np.r_[cos, sin], np.r_[one, zero], np.r_[zero, one]], axis=1)
-        speed, *current = np.linalg.lstsq(columns, np.r_[north, east], rcond=0.05)[0]
-        rest = np.hypot(*np.split(np.r_[north, east] - columns @ np.r_[speed, current], 2))
-    return _Story(speed, hypot(*current), float(np.median(np.abs(rest))) / speed if speed > 0 else inf)
+    # Along the heading alone: sway does not count.
+    columns, left = np.stack([cos, sin], axis=1), factor * (run["vn"] * cos + run["ve"] * sin) - log
+    current = np.linalg.lstsq(columns, left, rcond=0.05)[0]
+    speed = float(np.median(log))
+    misfit = float(np.median(np.abs(left - columns @ current))) / speed if speed > 0 else inf
+    return _Story(speed, hypot(*current), misfit)
 
 
-def _with_current(run: Recording, ship: Particulars, bounds: Bounds) -> _Story | None:
+def _story_of_all(runs: Sequence[Recording], side: int = 1) -> _Story:
+    """The same without a log, of all runs: each has a speed of its own, sway is ``v = b r``, the current one.
+
+    Args:
+        runs: The story's speed is that of the first.
+        side: -1 for a heading that counts to the other side.
+
+    Returns:
+        The story.
+    """
+    blocks = []
+    for k, run in enumerate(runs):
+        cos, sin, r = np.cos(run["psi"]), side * np.sin(run["psi"]), side * run["r"]
+        block = np.zeros((2, len(run), len(runs) + 3))
+        block[:, :, k] = cos, sin
+        block[:, :, -3] = -sin * r, cos * r
+        block[0, :, -2] = block[1, :, -1] = 1.0
+        blocks.append(block)
+    columns = np.concatenate(blocks, axis=1)
+    ground = np.concatenate([np.stack([run["vn"], run["ve"]]) for run in runs], axis=1)
+    found = np.linalg.lstsq(columns.reshape(-1, len(runs) + 3), ground.ravel(), rcond=None)[0]
+    rest = np.hypot(*(ground - columns @ found))
+    speeds = np.repeat(found[: len(runs)], [len(run) for run in runs])
+    left = float(np.median(rest / speeds)) if speeds.min() > 0 else inf
+    return _Story(float(found[0]), hypot(*found[-2:]), left)
+
+
+def _with_current(run: Recording, ship: Particulars, bounds: Bounds, runs: Sequence[Recording]) -> _Story | None:
     """The story of a current, if it holds and no wrong unit or side tells a better one."""
     log = run.channels.get("u_log")
-    story = _story(run, 1.0, log)
-    if not 0 < story.speed <= MAX_OWN_SPEED * ship.speed or story.current > bounds.current:
-        return None
-    others = [_story(run, 1.0, log, side=-1)]
     if log is not None:
+        story = _story(run, 1.0, log)
+        others = [_story(run, 1.0, log, side=-1)]
         others += [_story(run, factor, log) for factor in UNITS]
         others += [_story(run, 1.0, factor * log) for factor in UNITS]
-    elif np.ptp(run["psi"]) < AROUND:
+    else:
+        # A day has one current, and runs that hardly turn share it with others that do.
+        day = [other for other in runs if other is not run and other.meta.get(CAMPAIGN) == run.meta.get(CAMPAIGN)]
+        if max(np.ptp(r["psi"]) for r in [run, *day]) < AROUND:
+            return None
+        story, others = _story_of_all([run, *day]), [_story_of_all([run, *day], side=-1)]
+    if not 0 < story.speed <= MAX_OWN_SPEED * ship.speed or story.current > bounds.current:
         return None
     best = min(other.misfit for other in others)
     return story if story.misfit < MAX_MISFIT and best > MIN_MISFIT_RATIO * story.misfit else None
