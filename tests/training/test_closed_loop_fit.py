@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from shutil import copytree
 
 import numpy as np
 import pytest
@@ -23,11 +24,13 @@ from manoeuvre_nn.scoring.score import score
 from manoeuvre_nn.ship.known import clarke_inertia_part, clarke_part
 from manoeuvre_nn.ship.mariner import mariner
 from manoeuvre_nn.training import closed_loop_fit
+from manoeuvre_nn.training.checkpoint import load_weights
 from manoeuvre_nn.training.closed_loop_fit import (
     DEFAULT_SETTINGS,
     RESTING,
     ClosedLoopFit,
     ClosedLoopSettings,
+    as_stored,
     explained,
     fit_series,
 )
@@ -59,6 +62,12 @@ def noisy():
         data = SimulatedData(SHIP, KNOWN, [zigzag(35.0)], [turning_circle(25.0, duration=200.0)], settings=settings)
         data.setup()
     return data
+
+
+@cache
+def short(noise):
+    length = 90.0 if noise == 1 else 400.0  # so long that its stretches have a say
+    return tiny.simulated(noise={channel: noise * sd for channel, sd in NOISE.items()}, length=length)
 
 
 @pytest.fixture(scope="module")
@@ -93,14 +102,74 @@ def test_what_the_model_lacks_is_little_on_a_ship_of_its_own_kind(trained):
     assert (done.fit.relative_rmse(tuples.inputs, tuples.targets) < 0.1).all()
 
 
-def test_a_fit_that_was_left_goes_on_from_its_coefficients(trained, tmp_path):
-    done, *_ = trained
-    half = ClosedLoopFit(blank())
-    tiny.train(half, tmp_path, data=noisy(), max_epochs=3, every=9, keep="last")
-    again = ClosedLoopFit(blank())
-    tiny.train(again, tmp_path, data=noisy(), max_epochs=20, every=9, keep="last")
-    errors = np.sqrt(np.diag(done.fit.covariance.numpy()))
-    assert np.abs((again.values - done.fit.values).numpy() / errors).max() < 0.05
+def lost(epoch):
+    """A callback that pulls the plug when an epoch is stored."""
+
+    def pull(now, trainer):
+        if now == epoch:
+            raise KeyError("pulled the plug")
+
+    return tiny.Each(pull)
+
+
+LATE = replace(DEFAULT_SETTINGS, delays=["psi"], offsets=["r"])
+FIXED = replace(DEFAULT_SETTINGS, learn_force=False, learn_floor=False, force=(1e-3, 1e-3, 3e-3))
+
+
+@pytest.mark.parametrize(
+    ("settings", "noise", "epochs", "kept"),
+    [(DEFAULT_SETTINGS, 1.0, 40, 3), (DEFAULT_SETTINGS, 0.1, 9, 5), (LATE, 1.0, 4, 2), (FIXED, 1.0, 4, 3)],
+    ids=["until it rests", "past a change of the floor", "sensors' errors", "nothing learnt of the noise"],
+)
+def test_a_fit_that_was_killed_goes_on_as_if_it_had_not_been_bit_for_bit(settings, noise, epochs, kept, tmp_path):
+    straight, killed, resumed = (ClosedLoopFit(blank(), settings) for _ in range(3))
+    common = {"data": short(noise), "every": 99, "keep": "last", "max_epochs": epochs}
+    done, _ = tiny.train(straight, tmp_path / "straight", **common)
+    assert (straight.estimate.floor < straight.problem.floor).any() == (noise < 1)
+    with pytest.raises(KeyError, match="plug"):
+        tiny.train(killed, tmp_path / "killed", extra=[lost(kept)], **common)
+    again, _ = tiny.train(resumed, tmp_path / "killed", **common)
+    assert again.epochs == done.epochs > kept and again.stopped == done.stopped
+    assert again.history == done.history
+    ours, theirs = (as_stored(fit.estimate) for fit in (resumed, straight))
+    for name, value in theirs.items():
+        torch.testing.assert_close(ours[name], value, rtol=0, atol=0, msg=name)
+    for name, value in straight.state_dict().items():
+        assert torch.equal(resumed.state_dict()[name], value), name
+
+
+def test_a_fit_that_was_killed_when_it_had_come_to_rest_makes_no_further_pass(trained, tmp_path):
+    done, _, folder = trained
+    copytree(folder / "checkpoints", tmp_path / "checkpoints")
+    again, _ = tiny.train(ClosedLoopFit(blank()), tmp_path, data=noisy(), max_epochs=20, every=20, keep="last")
+    assert (again.epochs, again.stopped, again.history) == (done.epochs, RESTING, done.history)
+    assert torch.equal(again.fit.values, done.fit.values) and torch.equal(again.fit.covariance, done.fit.covariance)
+    tuples = noisy().tuples
+    ours, theirs = (fit.relative_rmse(tuples.inputs, tuples.targets) for fit in (again.fit, done.fit))
+    assert torch.equal(ours, theirs)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda stored: stored.pop("estimate"), "its states are missing, as in those of earlier versions"),
+        (lambda stored: stored["estimate"].pop("floor"), "its states are missing"),
+        (lambda stored: stored["estimate"]["noise"].fill_(torch.nan), "estimate.noise is damaged"),
+        (lambda stored: stored["estimate"].update(passes="3"), "estimate.passes is damaged"),
+        (lambda stored: stored["estimate"].update(states=(torch.ones(7, 9),)), "estimate.states is damaged"),
+    ],
+)  # fmt: skip
+def test_a_checkpoint_without_where_the_fit_was_is_refused_to_go_on_from_and_is_still_a_model(
+    trained, change, told, tmp_path
+):
+    done, _, folder = trained
+    stored = torch.load(folder / "checkpoints" / "last.ckpt", weights_only=True)
+    change(stored)
+    torch.save(stored, tmp_path / "old.ckpt")
+    with pytest.raises(InputError, match=f"{told}.*write trainer.resume=never"):
+        tiny.train(ClosedLoopFit(blank()), tmp_path, data=noisy(), max_epochs=40, resume=str(tmp_path / "old.ckpt"))
+    load_weights(model := ClosedLoopFit(blank()), tmp_path / "old.ckpt")
+    assert torch.equal(model.network.coefficients, done.fit.network.coefficients)
 
 
 def test_members_are_as_far_apart_as_runs_disagree():

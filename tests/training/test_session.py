@@ -13,6 +13,7 @@ from rich.console import Console
 from tiny import Each
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.numerics.steepest_descent import StoppingRules
 from manoeuvre_nn.training.rollout_score import MONITOR
 from manoeuvre_nn.training.session import Session
 
@@ -77,6 +78,23 @@ def test_patience_survives_a_resumption(tmp_path):
     tiny.train(tiny.lm(), tmp_path / "broken", max_epochs=straight.epochs - 3, patience=2)
     resumed, _ = tiny.train(tiny.lm(), tmp_path / "broken", max_epochs=60, patience=3)
     assert resumed.epochs > straight.epochs - 3 and resumed.stopped == "no better held-out score"
+
+
+STOPPED = {
+    "by the optimizer": (lambda: tiny.lm(goal=1e-4), {}),
+    "by a stopping rule": (lambda: tiny.backprop(stopping=StoppingRules(goal=0.02)), {}),
+    "by scores that were no better": (tiny.lm, {"patience": 1}),
+    "at the last epoch": (tiny.backprop, {"max_epochs": 3}),
+}
+
+
+@pytest.mark.parametrize(("make", "settings"), STOPPED.values(), ids=STOPPED)
+def test_a_training_that_had_stopped_when_it_was_killed_is_not_trained_any_further(make, settings, tmp_path):
+    common = {"max_epochs": 60, "every": 2, "keep": "last"} | settings
+    done, _ = tiny.train(make(), tmp_path, **common)
+    again, _ = tiny.train(make(), tmp_path, **common)
+    assert 1 < done.epochs < 60 and (again.epochs, again.stopped) == (done.epochs, done.stopped)
+    assert again.history == done.history and same(again.fit, done.fit)
 
 
 def test_keep_best_takes_the_epoch_that_scored_best_and_keep_last_the_last(tmp_path):

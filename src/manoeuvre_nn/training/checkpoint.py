@@ -13,7 +13,8 @@ from manoeuvre_nn import __version__
 from manoeuvre_nn.core.data_files import read_as
 from manoeuvre_nn.core.errors import InputError
 
-VERSION_KEY = "manoeuvre_nn_version"
+VERSION_KEY, STOPPED_KEY = "manoeuvre_nn_version", "stopped"
+"""Where a checkpoint says who wrote it, and why the optimizer had stopped: empty while it ran."""
 MAX_COUNT = 10**9
 """Largest count of epochs, steps or samples in a checkpoint."""
 Count = Annotated[int, Field(ge=0, le=MAX_COUNT)]
@@ -70,6 +71,7 @@ class _StoredRun(BaseModel):
     lr_schedulers: list[dict[str, Any]]
     loops: _StoredLoops
     callbacks: dict[str, dict[str, Any]]
+    stopped: str = ""
 
 
 def read_checkpoint(path: Path) -> dict[str, Any]:

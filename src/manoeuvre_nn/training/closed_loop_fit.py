@@ -1,8 +1,8 @@
 """A fit of a series in closed loop: states and coefficients together, a pass an epoch."""
 
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,10 @@ from manoeuvre_nn.training.fits import Fit
 from manoeuvre_nn.training.scalings import approach_scaling
 
 RESTING = "coefficients and noise at rest"
+ESTIMATE = "estimate"
+"""Where a checkpoint holds how far the estimation has come."""
+STORED = tuple(f.name for f in fields(Estimate) if f.name != "state_covariance")
+"""What it holds of an :class:`.Estimate`: all but what is large and depends on nothing that went before the last pass."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +86,51 @@ class ClosedLoopSettings:
 
 DEFAULT_SETTINGS = ClosedLoopSettings()
 """As in ``conf/fit/closed_loop.yaml``; by this force left-out Esso Osaka runs are predicted best (docs/measured.md)."""
+
+
+def as_stored(estimate: Estimate) -> dict[str, Any]:
+    """How far an estimation has come, as a checkpoint holds it: tensors and numbers, to the last bit."""
+    return {name: _each_array(getattr(estimate, name), torch.as_tensor) for name in STORED}
+
+
+def taken_up(first: Estimate, stored: Any) -> Estimate:
+    """An estimation that goes on where it was.
+
+    Args:
+        first: Where it would begin, which says of what kind and size everything is.
+        stored: What :func:`as_stored` gave.
+
+    Returns:
+        Where it was.
+
+    Raises:
+        InputError: If a field is missing, damaged, or of other recordings or settings.
+    """
+    if not isinstance(stored, dict) or not set(STORED) <= set(stored):
+        raise InputError("its states are missing, as in those of earlier versions")
+    found = {name: _each_array(stored[name], Tensor.numpy) for name in STORED}
+    for name, value in found.items():
+        finite = _kind(value) == _kind(getattr(first, name)) and all(np.isfinite(part).all() for part in _parts(value))
+        if not finite:
+            raise InputError(f"{ESTIMATE}.{name} is damaged, or of other recordings")
+    return replace(first, **found)
+
+
+def _each_array(value: Any, convert: Callable[[Any], Any]) -> Any:
+    """A field with its arrays made tensors, or the other way round; numbers as they are."""
+    if isinstance(value, tuple):
+        return tuple(_each_array(part, convert) for part in value)
+    return convert(value) if isinstance(value, np.ndarray | Tensor) else value
+
+
+def _parts(value: Any) -> tuple[Any, ...]:
+    """The arrays or numbers of a field."""
+    return value if isinstance(value, tuple) else (value,)
+
+
+def _kind(value: Any) -> list[Any]:
+    """What a field must be like."""
+    return [(part.shape, part.dtype) if isinstance(part, np.ndarray) else type(part) for part in _parts(value)]
 
 
 @contextmanager
@@ -203,20 +252,23 @@ class ClosedLoopFit(Fit):
     def configure_optimizers(self) -> None:
         """None: a pass solves for everything at once."""
 
-    def on_train_start(self) -> None:
-        """Bring the recordings into the form of the estimation, and take a fit that was left up again."""
+    def setup(self, stage: str) -> None:
+        """Bring the recordings into the form of the estimation."""
         data: Any = self.trainer.datamodule  # type: ignore[attr-defined]
         assert isinstance(data, ManoeuvreData)
         self.problem = explained(self.dynamics, data.measured, self.settings)
         with breakdown_told():
             self.estimate: Estimate = first(self.problem, process_sd=self.settings.force)
-        if bool(self.noise.any()):
-            shared = self.values.cpu().numpy()
-            rest = np.zeros(len(self.estimate.values) - len(shared))
-            start = np.concatenate([shared, rest])
-            noise = self.noise.cpu().numpy()
-            floor = np.minimum(self.problem.floor, noise)
-            self.estimate = replace(self.estimate, values=start, noise=noise, floor=floor)
+
+    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Keep where the estimation is."""
+        super().on_save_checkpoint(checkpoint)
+        checkpoint[ESTIMATE] = as_stored(self.estimate)
+
+    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Take the estimation up again where it was."""
+        super().on_load_checkpoint(checkpoint)
+        self.estimate = taken_up(self.estimate, checkpoint.get(ESTIMATE))
 
     @torch.no_grad()
     def training_step(self, batch: Batch, batch_idx: int) -> None:

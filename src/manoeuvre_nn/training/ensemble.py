@@ -94,11 +94,6 @@ class EnsembleFit(Fit):
         """Prime tuples as every member sees them."""
         return self.dynamics.scaling.inputs(inputs), self.dynamics.scaling.outputs(targets)
 
-    def on_train_start(self) -> None:
-        """Leave an ensemble that was resumed when it was complete as it is."""
-        if int(self.network.trained) >= self.network.members:
-            self.stopped, self.trainer.should_stop = ALL_TRAINED, True
-
     @torch.no_grad()
     def training_step(self, batch: Batch, batch_idx: int) -> None:
         """Train the next member."""

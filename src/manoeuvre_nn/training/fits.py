@@ -21,7 +21,7 @@ from manoeuvre_nn.numerics.evidence import WeightDecay, nothing_shrunk
 from manoeuvre_nn.numerics.levenberg_marquardt import LevenbergMarquardt
 from manoeuvre_nn.numerics.one_hidden import OneHidden
 from manoeuvre_nn.numerics.steepest_descent import RateSchedule, SteepestDescent, StoppingRules
-from manoeuvre_nn.training.checkpoint import VERSION_KEY
+from manoeuvre_nn.training.checkpoint import STOPPED_KEY, VERSION_KEY
 from manoeuvre_nn.training.data import Batch
 
 LARGEST_BLOCK = 2e7
@@ -110,8 +110,16 @@ class Fit(ABC, L.LightningModule):
         return None
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Say which version wrote the checkpoint."""
-        checkpoint[VERSION_KEY] = __version__
+        """Say which version wrote the checkpoint, and whether the optimizer had stopped."""
+        checkpoint[VERSION_KEY], checkpoint[STOPPED_KEY] = __version__, self.stopped
+
+    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Take up whether the optimizer had stopped; in checkpoints of earlier versions it had not."""
+        self.stopped = checkpoint.get(STOPPED_KEY, "")
+
+    def on_train_start(self) -> None:
+        """Leave a fit as it is that was resumed after it had stopped."""
+        self.trainer.should_stop = self.trainer.should_stop or bool(self.stopped)
 
     def finish(self, batch: Batch, loss: Tensor) -> None:
         """Log the mean square error of an epoch and stop the trainer if the optimizer has."""

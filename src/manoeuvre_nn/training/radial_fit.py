@@ -144,4 +144,5 @@ class GeneralRegressionFit(Fit):
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Take the search up again."""
+        super().on_load_checkpoint(checkpoint)
         self._before = checkpoint.get(SEARCH)

@@ -159,6 +159,7 @@ class RecursiveFit(Fit):
 
     def on_train_start(self) -> None:
         """Bring the steps to the device and floating type that is trained on."""
+        super().on_train_start()
         self.windows.material = self.windows.prepared()
 
     def training_step(self, batch: Batch, batch_idx: int) -> None:

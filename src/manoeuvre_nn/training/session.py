@@ -253,16 +253,23 @@ class _BestAndLast(Checkpoint):
         """Its name in checkpoints, which those of earlier versions know it by."""
         return "BestAndLast"
 
+    def on_train_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
+        """End a fit that was resumed after it had gained nothing."""
+        trainer.should_stop = trainer.should_stop or self._gains_nothing()
+
     def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         """Store, and end a fit that gains nothing."""
         if self.scorer.scored(trainer.current_epoch + 1):
             if self.scorer.best is self.scorer.history[-1]:
                 self.best = {name: value.detach().clone() for name, value in pl_module.state_dict().items()}
                 trainer.save_checkpoint(self.folder / "best.ckpt")
-            scores, count = [self.scorer.error_of(row) for row in self.scorer.history], self.patience
-            if count is not None and len(scores) > count and min(scores[-count:]) >= min(scores[:-count]):
-                trainer.should_stop = True
+            trainer.should_stop = trainer.should_stop or self._gains_nothing()
         trainer.save_checkpoint(self.folder / "last.ckpt")
+
+    def _gains_nothing(self) -> bool:
+        """Whether as many scores in a row as are waited for were no better."""
+        scores, count = [self.scorer.error_of(row) for row in self.scorer.history], self.patience
+        return count is not None and len(scores) > count and min(scores[-count:]) >= min(scores[:-count])
 
     def state_dict(self) -> dict[str, Any]:
         """The best weights."""
