@@ -29,7 +29,7 @@ RESTING = "coefficients and noise at rest"
 ESTIMATE = "estimate"
 """Where a checkpoint holds how far the estimation has come."""
 STORED = tuple(f.name for f in fields(Estimate) if f.name != "state_covariance")
-"""What it holds of an :class:`.Estimate`: all but what is large and depends on nothing that went before the last pass."""
+"""What it holds of an :class:`.Estimate`: all but what is large, and needed by no pass that follows."""
 
 
 @dataclass(frozen=True)
