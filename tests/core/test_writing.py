@@ -43,6 +43,21 @@ def test_what_breaks_off_leaves_the_old_file_and_no_draft(tmp_path, error):
     assert path.read_text() == "good" and list(tmp_path.iterdir()) == [path]
 
 
+@pytest.mark.skipif(os.name == "nt", reason="kill -9 is POSIX")
+def test_a_draft_of_a_killed_process_goes_when_the_file_is_written_again(tmp_path):
+    path, of_another = tmp_path / "scores.json", tmp_path / f".scores.json.{os.getppid()}.part"
+    of_another.write_text("half")
+    child = os.fork()
+    if child == 0:
+        with draft_of(path) as draft:
+            draft.write_text("half")
+            os.kill(os.getpid(), signal.SIGKILL)
+    os.waitpid(child, 0)
+    assert not path.exists() and (tmp_path / f".scores.json.{child}.part").exists()
+    write_file(path, "whole")
+    assert path.read_text() == "whole" and set(tmp_path.iterdir()) == {path, of_another}
+
+
 def test_the_draft_is_on_the_disk_before_it_takes_the_place(tmp_path, monkeypatch):
     done = []
     monkeypatch.setattr(os, "fsync", lambda file: done.append(os.fstat(file).st_size))

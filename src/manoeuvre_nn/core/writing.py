@@ -51,6 +51,7 @@ def draft_of(path: Path) -> Generator[Path]:
     if path.exists() and not os.access(path, os.W_OK):  # which replacing it would not mind
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
     draft = path.with_name(f".{path.name[:MAX_NAME]}.{os.getpid()}.part")
+    _remove_abandoned(draft)
     try:
         yield draft
         with draft.open("rb+") as written:
@@ -65,6 +66,29 @@ def draft_of(path: Path) -> Generator[Path]:
     finally:
         with suppress(OSError):
             draft.unlink()
+
+
+def _remove_abandoned(draft: Path) -> None:
+    """Remove drafts of the same file whose processes were killed; those of others at work are left alone."""
+    if fcntl is None:  # Windows: to ask for a process there is to send it a signal
+        return
+    begin = draft.name.removesuffix(f"{os.getpid()}.part")
+    with suppress(OSError):
+        for other in draft.parent.iterdir():
+            number = other.name.removeprefix(begin).removesuffix(".part")
+            if other.name == f"{begin}{number}.part" and number.isdecimal() and not _runs(int(number)):
+                other.unlink()
+
+
+def _runs(process: int) -> bool:
+    """Whether a process runs, whoever's it is."""
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        pass
+    return True
 
 
 def write_file(path: Path, content: str | bytes) -> None:
