@@ -52,10 +52,11 @@ def test_a_sweep_survives_a_failing_job_and_can_be_continued(cli, fast, tmp_path
 
 
 @pytest.mark.skipif(os.name == "nt", reason="kill -9 is POSIX")
-def test_a_killed_run_goes_on_to_the_scores_of_an_undisturbed_one(cli, fast, tmp_path):
+def test_a_killed_run_goes_on_elsewhere_to_the_scores_of_an_undisturbed_one(cli, fast, tmp_path):
     long = [*TINY, "trainer.max_epochs=2000", "scoring.every=1000", "trainer.progress=false"]
     killed, straight = tmp_path / "killed", tmp_path / "straight"
-    environment = {**os.environ, "OMP_NUM_THREADS": "1", "HYDRA_FULL_ERROR": "0"}
+    elsewhere = {"PYTHONHASHSEED": "77", "TZ": "Pacific/Auckland", "OMP_NUM_THREADS": "2"}
+    environment = {**os.environ, **elsewhere, "HYDRA_FULL_ERROR": "0"}
     process = subprocess.Popen(
         [sys.executable, str(ROOT / "train.py"), *long, f"hydra.run.dir={killed}"],
         env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,

@@ -76,7 +76,7 @@ def smoothed_jointly(recording: Recording, delays: Sequence[str] = (), offsets: 
         )
     given = [k for k in CHANNELS if k in recording.channels and k not in recording.derived]
     for setting, names in (("delays", delays), ("offsets", offsets)):
-        for name in set(names).difference(given):
+        for name in (k for k in names if k not in given):
             raise InputError(f"data.{setting}: recording {recording.name} has no sensor of {name}: leave {name} out")
     u, t = float(np.sqrt(np.mean(recording["u"] ** 2 + recording["v"] ** 2))) or 1.0, second
     units = np.array([u, u, 1 / t, u * t, u * t, 1.0, u / t, u / t, 1 / t**2])
