@@ -1,11 +1,14 @@
 """Short cuts of the search that must not change what it finds."""
 
 import os
+import signal
+from concurrent.futures.process import BrokenProcessPool
 
 import pytest
 from pytest import approx
 from trials import CALM, CIRCLE, SHIP, ZIGZAG, runs, values
 
+from manoeuvre_nn.core.ending import explain
 from manoeuvre_nn.diagnosis.search import search
 from manoeuvre_nn.diagnosis.workers import shared_out
 from manoeuvre_nn.effect.current import Current
@@ -43,6 +46,19 @@ def test_results_come_in_order_from_several_processes():
     assert [number for number, _ in found] == list(range(5)) and os.getpid() not in {pid for _, pid in found}
     assert [pid for _, pid in shared_out(process, 3, 1)] == [os.getpid()] * 3
     assert list(shared_out(process, 0, 2)) == []
+
+
+def killed(number: int) -> int:
+    if number == 1:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number
+
+
+def test_a_process_that_is_killed_is_told_and_not_waited_for():
+    with pytest.raises(BrokenProcessPool) as broken:
+        list(shared_out(killed, 4, 2))
+    assert "one of several processes was killed" in str(explain(broken.value))
+    assert list(shared_out(abs, 4, 2)) == [0, 1, 2, 3]
 
 
 def test_two_processes_find_what_one_finds():

@@ -9,6 +9,7 @@ import tempfile
 import threading
 import traceback
 from collections.abc import Callable, Generator, Iterator
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from types import FrameType
 from typing import TextIO
@@ -41,6 +42,8 @@ def explain(error: BaseException) -> str | None:
     for cause in chain:
         if isinstance(cause, InputError | FolderInUse):
             return str(cause)
+        if isinstance(cause, BrokenProcessPool):
+            return "one of several processes was killed, as where memory is short: write the same command, with fewer"
     full = next((c for c in chain if isinstance(c, OSError) and c.errno in FULL), None)
     if full is not None:
         which = f"cannot write {full.filename}" if full.filename else "cannot write"

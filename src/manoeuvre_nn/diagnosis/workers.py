@@ -3,6 +3,7 @@
 import multiprocessing
 import signal
 from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
 from typing import TypeVar
 
 Result = TypeVar("Result")
@@ -19,16 +20,22 @@ def shared_out(work: Callable[[int], Result], count: int, workers: int) -> Itera
         workers: Processes; 1, or a system that cannot fork, does all in this one.
 
     Yields:
-        The results in order.
+        The results in order; that a process was killed, as one is where memory is short, is a ``BrokenProcessPool``.
     """
     if min(workers, count) < 2 or "fork" not in multiprocessing.get_all_start_methods():
         yield from map(work, range(count))
         return
     _work.append(work)
+    # multiprocessing's own pool would wait for ever for what a killed process was to do.
+    pool = ProcessPoolExecutor(min(workers, count), multiprocessing.get_context("fork"), _leave_ctrl_c)
     try:
-        with multiprocessing.get_context("fork").Pool(min(workers, count), _leave_ctrl_c) as pool:
-            yield from pool.imap(_do, range(count))
+        yield from pool.map(_do, range(count))
+    except BaseException:  # nobody waits for the others
+        for process in dict(pool._processes or {}).values():
+            process.terminate()
+        raise
     finally:
+        pool.shutdown(cancel_futures=True)
         _work.pop()
 
 
