@@ -1,6 +1,6 @@
 """Do the same commands again under other circumstances, and say whether the same numbers come out.
 
-    python benchmarks/determinism.py [only=closed_loop]
+    python benchmarks/determinism.py [only=closed_loop,diagnose]
 
 A row a command, a column a circumstance: ``same`` is bit for bit, in scores, checkpoints, predictions, tables and
 answers; else the largest difference over the largest number of its column or array. Circumstances are *elsewhere*: at
@@ -61,7 +61,7 @@ def _run_all(circumstance: str, into: Path, only: str) -> int:
     )  # fmt: skip
     cases, kept_in = write_cases(into / "cases"), into / "found.jsonl"
     kept_in.touch()
-    for command in (c for c in (*COMMANDS, *more) if only in c.name):
+    for command in (c for c in (*COMMANDS, *more) if any(part in c.name for part in only.split(","))):
         words: tuple[str, ...] = THREADS if circumstance == "threads" and command.family in {"train", "sweep"} else ()
         if circumstance == "processes":
             if command.family not in PROCESSES:
