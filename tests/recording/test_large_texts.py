@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from manoeuvre_nn.core import memory
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.recording.read import table, text
 from manoeuvre_nn.recording.read.mapping_file import is_written_by_package
@@ -109,16 +110,16 @@ def test_whose_file_it_is_is_told_by_its_top_alone(tmp_path):
 def test_a_text_that_does_not_fit_into_memory_is_refused_with_what_to_do(tmp_path, monkeypatch):
     path = tmp_path / "long.csv"
     path.write_text("a,b\n" + "1,2\n" * 2000)
-    monkeypatch.setattr(text, "free_memory", lambda: 5 * path.stat().st_size)
+    monkeypatch.setattr(memory, "free_memory", lambda: 5 * path.stat().st_size)
     assert len(read_table(path).cells) == 2000
     path.write_text('a,b\n"1",2\n' + "1,2\n" * 2000)
     with pytest.raises(InputError, match="GB of memory, .* are free: write it without quotes .* keep fewer samples"):
         read_table(path)
-    monkeypatch.setattr(text, "free_memory", lambda: 2 * path.stat().st_size)
+    monkeypatch.setattr(memory, "free_memory", lambda: 2 * path.stat().st_size)
     with pytest.raises(InputError, match="are free: keep fewer samples"):
         read_table(path)
 
 
 def test_free_memory_is_between_nothing_and_what_the_machine_has():
-    free = text.free_memory()
+    free = memory.free_memory()
     assert free is None or 1e6 < free < 1e14

@@ -9,18 +9,10 @@ import pandas as pd
 from jaxtyping import Float
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.memory import check_memory
 from manoeuvre_nn.recording.read.containers import check_there, columns_in, has_reader
 from manoeuvre_nn.recording.read.quantity import STAMPS
-from manoeuvre_nn.recording.read.text import (
-    EMPTY,
-    MEMORY_EVEN,
-    MEMORY_RAGGED,
-    cells_of,
-    check_memory,
-    even_frame,
-    is_blank,
-    lines_of,
-)
+from manoeuvre_nn.recording.read.text import EMPTY, cells_of, even_frame, is_blank, lines_of
 
 TEXT = (".csv", ".txt", ".dat")
 """Suffixes of texts; a file of any other suffix that has no reader is taken for one, too."""
@@ -28,6 +20,8 @@ ZONED = r"T?\d\d:\d\d.*(?:Z|[+-]\d\d:?\d\d)$"
 """A time stamp that says its zone."""
 TOP = 400
 """Lines, after those to be skipped, among which headings are looked for first."""
+MEMORY_IN_BLOCKS, MEMORY_BY_LINE = 3.0, 20.0
+"""Bytes of memory that a byte of a text takes, read in blocks or line by line."""
 THINNER = "keep fewer samples (a ship's motion needs no more than 400 in the time L/U0), or cut the file into parts"
 """What to do with a text that is too large."""
 MIDNIGHT = 43200.0
@@ -169,7 +163,7 @@ def read_table(
         headings = [str(k) for k in range(1, len(headings) + 1)]
     hint = f"; is the delimiter {delimiter!r}?" if len(headings) == 1 else ""
     _check_headings(path, headings, columns, optional, hint)
-    check_memory(path, MEMORY_EVEN, THINNER)
+    _check_fits(path, MEMORY_IN_BLOCKS, THINNER)
     even = even_frame(path, first, headings, delimiter, decimal)
     frame = _ragged_frame(path, first, headings, delimiter) if even is None else even
     if not len(frame):
@@ -202,9 +196,15 @@ def _first_line(path: Path, skip: int) -> tuple[int, str]:
     raise InputError(f"{path.name}: no line after the first {skip}; expected columns of numbers: mind skip_rows")
 
 
+def _check_fits(path: Path, factor: float, remedy: str) -> None:
+    """Refuse a text whose cells would not fit into memory, at so many bytes of it for each of the text."""
+    size = path.stat().st_size
+    check_memory(f"{path.name}: {size / 1e9:.2g} GB of text", factor * size, remedy)
+
+
 def _ragged_frame(path: Path, first: int, headings: Sequence[str], delimiter: str) -> pd.DataFrame:
     """Cells below a line, read line by line, blank lines passed over."""
-    check_memory(path, MEMORY_RAGGED, f"write it without quotes and blank lines, or {THINNER}")
+    _check_fits(path, MEMORY_BY_LINE, f"write it without quotes and blank lines, or {THINNER}")
     lines = lines_of(path)
     rows = {k: cells_of(line, delimiter) for k, line in enumerate(lines[first:]) if not is_blank(line)}
     for k, cells in rows.items():

@@ -22,8 +22,6 @@ WHITESPACE = "whitespace"
 """Delimiter that stands for any number of blanks and tabs."""
 BLOCK = 1 << 23
 """Bytes that are cut into cells at once."""
-MEMORY_EVEN, MEMORY_RAGGED = 3, 20
-"""Bytes of memory that a byte of a text takes, read in blocks or line by line: less than 8 digits a cell are rare."""
 SPELT = [form for word in EMPTY for form in dict.fromkeys((word, word.upper(), word.title()))] + ["NaN"]
 """Empty cells as they are usually written."""
 
@@ -67,7 +65,7 @@ def lines_of(path: Path, most: int | None = None) -> list[str]:
         At least so many lines, if there are as many.
 
     Raises:
-        InputError: If it is no text, says nothing, or would not fit into memory as lines.
+        InputError: If it is no text, or says nothing.
     """
     check_there(path)
     with path.open("rb") as file:
@@ -84,34 +82,6 @@ def lines_of(path: Path, most: int | None = None) -> list[str]:
         text = raw.decode("latin-1")  # headings such as psi [degree sign] from older programs
     # Lines end where an editor ends them: a heading may hold other characters that splitlines takes for ends of lines.
     return text.replace("\r\n", "\n").replace("\r", "\n").removesuffix("\n").split("\n")
-
-
-def check_memory(path: Path, factor: int, remedy: str) -> None:
-    """Refuse a text whose cells would not fit into the memory that is free, where the system says how much that is.
-
-    Args:
-        path: The file.
-        factor: Bytes of memory that each of its bytes takes.
-        remedy: What to do.
-
-    Raises:
-        InputError: If it does not fit.
-    """
-    needed, free = factor * path.stat().st_size, free_memory()
-    if free is not None and needed > free:
-        raise InputError(
-            f"{path.name}: {path.stat().st_size / 1e9:.3g} GB of text take about {needed / 1e9:.2g} GB of memory, "
-            f"{free / 1e9:.2g} GB are free: {remedy}"
-        )
-
-
-def free_memory() -> int | None:
-    """Bytes of memory that can be had without swapping; None where the system does not say it (only Linux does)."""
-    try:
-        said = Path("/proc/meminfo").read_text().partition("MemAvailable:")[2].split()
-        return 1024 * int(said[0])
-    except (OSError, IndexError, ValueError):
-        return None
 
 
 def even_frame(
