@@ -69,3 +69,12 @@ def write_voyage(path: Path, samples: int, rate_hz: float = 1.0) -> Path:
             table = pa.table({f"{name} [{UNITS[name]}]": values for name, values in columns.items()})
             csv.write_csv(table, file, csv.WriteOptions(include_header=start == 0))
     return path
+
+
+def write_case(path: Path) -> Path:
+    """Write 150 s of the hour, in the columns and units of a concealed case; the path."""
+    columns = part(0, 151)
+    named = {"t": columns["t"], "x_north": columns["x"], "y_east": columns["y"], "u": columns["u"], "v": columns["v"]}
+    named |= {"psi": columns["psi"] / DEGREE, "r": columns["r"] / DEGREE, "delta": columns["delta"] / DEGREE}
+    csv.write_csv(pa.table(named), path, csv.WriteOptions(quoting_style="none"))
+    return path
