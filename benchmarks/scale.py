@@ -4,9 +4,10 @@
         [cases=1000]
 
 Only what is named is done. Growing sizes: each step at each size runs in a process of its own; its time is CPU time,
-its memory the peak above what the process began with, and the exponents are the slopes of both over the size, in
-logarithms (1: linear). Repeated work: one process does all, and its resident memory, open files and threads are read
-now and then; the slope of the memory over the second half, with its standard error, says what so many more would add.
+its memory the peak of that process, of which 0.3 to 0.4 GB are Python and its libraries. The exponents are the slopes
+of both over the two largest sizes, in logarithms (1: linear). Repeated work: one process does all; its resident memory,
+open files and threads are read now and then, and the slope of the memory over the second half, with its standard error,
+says what so many more would add.
 
     rows    recordings of so many samples at 100 Hz: read, check, import, and made ready for a diagnosis
     files   folders of so many recordings of 300 s: check, and the data of a training
@@ -108,8 +109,7 @@ def _repeated(name: str, count: int, folder: Path) -> int:
 
 
 def in_process(work: Work, folder: Path) -> tuple[float, float]:
-    """CPU time [s] of a piece of work in a forked process, and its peak memory above that at the start [MB]."""
-    began = _resident()
+    """CPU time [s] of a piece of work in a forked process, and its peak memory [MB]."""
     child = os.fork()
     if child == 0:
         code = 1
@@ -127,12 +127,7 @@ def in_process(work: Work, folder: Path) -> tuple[float, float]:
     _, status, used = os.wait4(child, 0)
     if os.waitstatus_to_exitcode(status):
         print(f"  ended with {os.waitstatus_to_exitcode(status)}: {(folder / 'said.txt').read_text()[-600:]}")
-    return used.ru_utime + used.ru_stime, used.ru_maxrss / 1024 - began
-
-
-def _resident() -> float:
-    """Memory of this process now [MB]."""
-    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
+    return used.ru_utime + used.ru_stime, used.ru_maxrss / 1024
 
 
 if __name__ == "__main__":

@@ -30,29 +30,34 @@ def command(*words: str) -> None:
 
 def rows(count: int, folder: Path) -> Steps:
     """One recording of so many rows."""
-    path = write_voyage(_fresh(folder) / "rows.csv", count, RATE)
-    ship = mariner_corrected()
+    path, ship = _fresh(folder) / "rows.csv", mariner_corrected()
+    yield "(write)", partial(write_voyage, path, count, RATE)
     yield "read", lambda: read_recording(path, WRITTEN, ship.particulars)
-    yield "check", partial(command, "check", SHIP, f"data.folder={path.parent}", f"hydra.run.dir={folder}/out")
     yield "prepare", lambda: read_runs(path.parent, ship)
+    yield "check", partial(command, "check", SHIP, f"data.folder={path.parent}", f"hydra.run.dir={folder}/out")
     yield "import", partial(command, "import", str(path), "ship=mariner", f"out={folder}/mine.yaml", "overwrite=true")
 
 
 def files(count: int, folder: Path) -> Steps:
     """A folder of so many recordings."""
     place = _fresh(folder)
+    yield "(write)", partial(_write_copies, place, count)
+    words = (SHIP, f"data.folder={place}", "figures=false", f"hydra.run.dir={folder}/out")
+    yield "check", partial(command, "check", *words)
+    yield "train data", partial(_data_of, place)
+
+
+def _write_copies(place: Path, count: int) -> None:
+    """The first minutes of a voyage, so many times."""
     first = write_voyage(place / "run0000.csv", SHORT)
     for number in range(1, count):
         shutil.copy(first, place / f"run{number:04}.csv")
-    words = (SHIP, f"data.folder={place}", "figures=false", f"hydra.run.dir={folder}/out")
-    yield "check", partial(command, "check", *words)
-    yield "train data", partial(_data_of, sorted(place.iterdir()))
 
 
-def _data_of(paths: list[Path]) -> None:
+def _data_of(place: Path) -> None:
     """Recordings read, checked and made tuples, a third of them held out."""
     ship = mariner_corrected()
-    runs = [read_recording(path, WRITTEN, ship.particulars) for path in paths]
+    runs = [read_recording(path, WRITTEN, ship.particulars) for path in sorted(place.iterdir())]
     held = len(runs) // 3
     RecordedData(ship, clarke_part(ship), runs[held:], runs[:held], settings=DataSettings()).setup()
 
@@ -60,8 +65,10 @@ def _data_of(paths: list[Path]) -> None:
 def hours(count: int, folder: Path) -> Steps:
     """A voyage of so many hours, a sample a second, and half an hour to prove by."""
     place = _fresh(folder)
-    write_voyage(place / "voyage.csv", 3600 * count)
-    write_voyage(place / "short.csv", 1800)
+    yield (
+        "(write)",
+        lambda: [write_voyage(place / f"{n}.csv", s) for n, s in (("voyage", 3600 * count), ("short", 1800))],
+    )
     of_files = (f"data.folder={place}", "data.files=[voyage.csv]")
     yield "check", partial(command, "check", SHIP, *of_files, f"hydra.run.dir={folder}/out")
     recorded = (SHIP, "data=recording", *of_files, "score=[short.csv]", f"hydra.run.dir={folder}/fitted")

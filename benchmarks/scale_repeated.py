@@ -4,7 +4,6 @@ import gc
 import importlib
 import json
 import os
-import shutil
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -78,26 +77,27 @@ def jobs(count: int, folder: Path) -> Kinds:
 
 def cases(count: int, folder: Path) -> Kinds:
     """A folder of so many cases, two runs of 150 s each and one candidate."""
-    particulars = {"ship": "mariner", "case": "c", "runs": []}
     place = folder / "cases"
-    for number in range(count):
-        (place / f"c{number:04}").mkdir(parents=True)
-        runs = []
-        for name, split in (("a", "fit"), ("b", "held_out")):
-            if number == 0:
-                write_case(place / "c0000" / f"{name}.csv")
-            else:
-                shutil.copy(place / "c0000" / f"{name}.csv", place / f"c{number:04}" / f"{name}.csv")
-            runs.append({"run": name, "file": f"{name}.csv", "split": split})
-        told = {**particulars, "case": f"c{number:04}", "runs": runs}
-        (place / f"c{number:04}" / "manifest.json").write_text(json.dumps(told))
 
     def work(read: Done) -> None:
         _watch("manoeuvre_nn.commands.diagnose", "_answer_case", read, count)
+        _write_cases(place, count)
         asked = ("candidates=[current]", "workers=1", "rudder_positive_to=starboard")
         command("diagnose", f"cases={place}", f"out={folder / 'answers'}", *asked)
 
     yield "one process", work
+
+
+def _write_cases(place: Path, count: int) -> None:
+    """The same two runs in every case."""
+    runs = [{"run": n, "file": f"{n}.csv", "split": split} for n, split in (("a", "fit"), ("b", "held_out"))]
+    for number in range(count):
+        case = place / f"c{number:04}"
+        case.mkdir(parents=True)
+        for run in runs:
+            write_case(case / run["file"])
+        told = {"ship": "mariner", "case": case.name, "runs": runs}
+        (case / "manifest.json").write_text(json.dumps(told))
 
 
 def _watch(module: str, function: str, read: Done, count: int) -> None:

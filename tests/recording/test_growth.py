@@ -9,6 +9,7 @@ import pytest
 from manoeuvre_nn.recording import local_cubics
 from manoeuvre_nn.recording.check.samples import stuck
 from manoeuvre_nn.recording.local_cubics import savgol_filter, smoothed
+from manoeuvre_nn.recording.outliers import least_squares
 
 
 def calls(work) -> int:
@@ -48,3 +49,10 @@ def test_a_window_of_many_samples_is_summed_up_at_the_ends_alone(monkeypatch):
     )  # fmt: skip
     smoothed(np.arange(20_000) / 100.0, np.zeros(20_000), 16.0)
     assert given and max(given) == 1601
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_column_of_nothing_in_a_least_squares_fit_is_known_to_be_nothing_and_no_warning():
+    x = np.column_stack([np.arange(9.0), np.zeros(9)])
+    solution, covariance = least_squares(x, 2 * np.arange(9.0) + [0, 1, -1, 0, 1, -1, 0, 1, -1])
+    assert solution[1] == 0.0 and np.isfinite(covariance).all() and covariance[0, 0] > 0
