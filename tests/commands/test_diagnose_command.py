@@ -3,6 +3,7 @@
 import json
 import runpy
 import sys
+import time
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
@@ -225,12 +226,13 @@ def test_a_case_is_found_from_inside(cases, monkeypatch):
 
 
 def test_progress_names_the_candidate_and_the_time_left(capsys):
-    with _Tracker(Console(width=200), cases=2, steps=4, seconds=-1.0) as tracker:
-        tracker.begin("c1")
-        tracker.step("current")
-        tracker.step("heading_bias")
-    first, second = capsys.readouterr().out.splitlines()
-    assert first == "c1 (1/2): current" and second.startswith("c1 (1/2): heading_bias, about 0 s left")
+    with _Tracker(Console(width=200), cases=2, steps=4, seconds=0.03) as tracker:
+        for show, what in ((tracker.begin, "c1"), (tracker.step, "current"), (tracker.step, "heading_bias")):
+            show(what)
+            time.sleep(0.2)  # a step that takes long is told again and again
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) > 3 and lines[0] == "c1 (1/2): reading: 0 s so far"
+    assert "c1 (1/2): current: 0 s so far" in lines and lines[-1].startswith("c1 (1/2): heading_bias, about ")
 
 
 GOOD = "ship=mariner_corrected recordings={recordings}"

@@ -146,6 +146,10 @@ def test_what_takes_minutes_says_what_it_does_and_for_how_long():
         time.sleep(0.1)
     lines = text.getvalue().splitlines()
     assert lines and set(lines) == {"simulating zz35 over 100000 s: 0 s so far"}
+    first = StringIO()
+    with waiting(Console(file=first, width=100), "reading a.csv", seconds=0.6):
+        time.sleep(0.4)  # the first line comes after a third of the time between lines: five seconds, not fifteen
+    assert first.getvalue() == "reading a.csv: 0 s so far\n"
     shown = StringIO()
     with waiting(Console(file=shown, width=100, force_terminal=True)) as say:
         say("simulating zz35 over 100000 s")

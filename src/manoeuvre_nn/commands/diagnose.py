@@ -4,6 +4,7 @@ Columns of a csv: see :func:`~manoeuvre_nn.diagnosis.case.read_runs`.
 """
 
 from collections.abc import Mapping
+from contextlib import nullcontext
 from pathlib import Path
 from time import monotonic
 
@@ -15,6 +16,7 @@ from rich.progress import BarColumn, Progress, TextColumn
 from manoeuvre_nn.commands import guard
 from manoeuvre_nn.commands.diagnosis_setup import found_effects, setup, write_effects
 from manoeuvre_nn.commands.provenance import check_same_run, shown, write_provenance
+from manoeuvre_nn.commands.waiting import waiting
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.terminal import Terminal
 from manoeuvre_nn.core.threads import use_threads
@@ -141,7 +143,8 @@ def summary(d: Diagnosis, dynamics: Model) -> str:
 def diagnose_recordings(cfg: DictConfig, out: Path, console: Console) -> None:
     """Diagnose a person's own runs, with report, figures and dashboard."""
     common = setup(cfg)
-    case = common.runs()
+    with waiting(console, "reading and checking the recordings"):
+        case = common.runs()
     check_same_run(cfg, out, "out")
     if (out / ANSWER).is_file():
         console.print(f"{out} holds this diagnosis already: nothing to do", soft_wrap=True)
@@ -174,40 +177,47 @@ class _Tracker:
 
     def __init__(self, console: Console, cases: int, steps: int, seconds: float = 15.0) -> None:
         """Set up the display of cases with so many steps, with seconds between lines where there is no terminal."""
-        self.console, self.cases, self.steps, self.seconds = console, cases, steps, seconds
+        self.console, self.cases, self.steps = console, cases, steps
         columns = (TextColumn("{task.description}", markup=False), BarColumn(), TextColumn("{task.fields[left]}"))
         self._bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
         self._task = self._bar.add_task("", total=1.0, left="")
-        self._began = self._shown = monotonic()
+        self._lines = nullcontext(self.say) if console.is_terminal else waiting(console, seconds=seconds)
+        self._began = monotonic()
         self._case, self._name, self._step = 0, "", 0
 
     def __enter__(self) -> "_Tracker":
-        """Open the bar."""
+        """Open the bar, or begin the lines."""
         self._bar.start()
+        self._line = self._lines.__enter__()
         return self
 
     def __exit__(self, *_: object) -> None:
         """Close it, whatever happened."""
         self._bar.stop()
+        self._lines.__exit__(None, None, None)
 
     def begin(self, name: str) -> None:
         """A case begins."""
         self._case, self._name, self._step = self._case + 1, name, 0
+        self._show("reading")
 
     def step(self, what: str) -> None:
         """A candidate is under test."""
-        share = (self._case - 1 + min(self._step / self.steps, 0.95)) / self.cases
+        self._show(what)
         self._step += 1
-        now, left = monotonic(), ""
+
+    def _show(self, what: str) -> None:
+        """What is under way, and how long all will take."""
+        share = (self._case - 1 + min(self._step / self.steps, 0.95)) / self.cases
+        left = ""
         if share > 0:
-            seconds = (now - self._began) * (1 - share) / share
+            seconds = (monotonic() - self._began) * (1 - share) / share
             left = f"about {seconds / 60:.0f} min left" if seconds > 90 else f"about {seconds:.0f} s left"
         line = f"{self._name} ({self._case}/{self.cases}): {what}"
         if self.console.is_terminal:
             self._bar.update(self._task, completed=share, description=line, left=left)
-        elif now - self._shown > self.seconds:
-            self._shown = now
-            self.say(", ".join(part for part in (line, left) if part))
+        else:
+            self._line(", ".join(part for part in (line, left) if part))
 
     def say(self, line: str) -> None:
         """A line that stays."""

@@ -10,6 +10,7 @@ from rich.text import Text
 
 from manoeuvre_nn.commands.groups import CONF, options, plugged_in
 from manoeuvre_nn.commands.shelves import build
+from manoeuvre_nn.commands.waiting import waiting
 from manoeuvre_nn.core.data_files import load_yaml
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.ship import Particulars, Ship
@@ -90,7 +91,8 @@ def ship_called(name: str, own: str | None = None) -> Particulars | None:
 def import_recording(asked: _Request, console: Console) -> Proposal:
     """Propose, show, write."""
     plugged_in({"plugins": asked.plugins, "config_dir": asked.own})
-    proposal = propose(asked.file, ship_called(asked.ship, asked.own))
+    with waiting(console, f"reading {asked.file.name}"):
+        proposal = propose(asked.file, ship_called(asked.ship, asked.own))
     show(proposal, console)
     write_file(asked.out, to_yaml(proposal))
     _say(console, f"written: {asked.out}")

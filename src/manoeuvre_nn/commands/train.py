@@ -101,17 +101,19 @@ def train(cfg: DictConfig, out: Path, console: Console | None = None) -> tuple[s
     use_threads(configs.whole_number("trainer.threads", cfg.trainer.threads, 1))
     task = OF_RESPONSES if "task" in cfg else OF_SHIPS
     cfg = configs.with_effects(cfg)
-    job = task.prepare(cfg)
+    with waiting(console, "reading and checking what is learnt from"):
+        job = task.prepare(cfg)
     check_same_run(cfg, out)
     if finished(out, job.session.max_epochs):
         console.print(f"{out} holds this run already: nothing to do", soft_wrap=True)
         return "done before", error_before(out)
     write_provenance(cfg, out)
-    for line in [*_chosen_with(), *job.data.remarks()]:
+    with waiting(console, "checking what is learnt from"):
+        remarks = job.data.remarks()
+    for line in [*_chosen_with(), *remarks]:
         console.print(f"note: {line}", highlight=False, soft_wrap=True)
     trained = task.fit(cfg, job, out, console)
-    with waiting(console) as say:
-        say("scoring")
+    with waiting(console, "scoring") as say:
         outcome = task.score(plain(cfg), trained, job.data)
         say("writing the report")
         task.write(outcome, out)

@@ -1,12 +1,15 @@
 """The terminal: what comes from files is shown there and never obeyed."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 
 from manoeuvre_nn.core.plain_text import OBEYED, harmless
+
+Say = Callable[[str], None]
+"""Tells the person who waits what is being done."""
 
 
 class Terminal(Console):

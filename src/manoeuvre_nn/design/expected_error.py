@@ -14,6 +14,7 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.terminal import Say
 from manoeuvre_nn.design.candidates import CandidateRun, ExpectedGain, remark, sail
 from manoeuvre_nn.dynamics.members import has_members
 from manoeuvre_nn.dynamics.model import IdentifiedShip
@@ -27,7 +28,6 @@ FURTHER_STEPS = 3
 MAX_DEVIATION = 5.0
 """Deviation over L beyond which a track is lost, however far it goes [-]."""
 
-Say = Callable[[str], None]
 Record = Callable[[Recording, int], Tuples]
 """What a sailed manoeuvre would be learnt as, with noise of a seed."""
 

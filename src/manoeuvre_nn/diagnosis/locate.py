@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import ruptures
 from jaxtyping import Float
 
 from manoeuvre_nn.core.effect import SITES
@@ -129,8 +128,7 @@ def changes(
     z = (force / np.maximum(error, 1e-12))[: count * width].reshape(count, width, 3).mean(axis=1)
     z = z - np.median(z, axis=0)
     z = z / (1.4826 * np.median(np.abs(np.diff(z, axis=0)), axis=0) / np.sqrt(2) + 1e-9)
-    ends = ruptures.Pelt(model="l2", min_size=3, jump=1).fit(z).predict(pen=12 * np.log(count))
-    edges = [0, *ends]
+    edges = _level_pieces(z, 3, 12 * np.log(count))
     means = [np.abs(z[a:b].mean(axis=0)).max() for a, b in zip(edges, edges[1:], strict=False)]
     if len(means) == 1 or min(means) > 2.0:
         return []
@@ -139,6 +137,39 @@ def changes(
         for a, b, m in zip(edges, edges[1:], means, strict=False)
         if m > 4.0
     ]
+
+
+def _level_pieces(z: Float[np.ndarray, "n k"], least: int, penalty: float) -> list[int]:
+    """Edges of the pieces of at least so many rows, each about its mean, that cost least together.
+
+    A piece costs the squares about its mean and a penalty. Optimal partitioning: the best pieces up to a row are the
+    best ones up to where the last of them begins, and that one.
+
+    Args:
+        z: A sample a row.
+        least: Fewest rows of a piece.
+        penalty: Cost of a piece beside its squares.
+
+    Returns:
+        The first row of every piece, and the number of rows.
+
+    Source:
+        Jackson et al. 2005, IEEE Signal Process. Lett. 12, 105-108.
+    """
+    count = len(z)
+    sums, squares = (np.concatenate([[np.zeros_like(a[0])], np.cumsum(a, axis=0)]) for a in (z, (z**2).sum(axis=1)))
+    cost, begins = np.full(count + 1, np.inf), np.zeros(count + 1, dtype=int)
+    cost[0] = 0.0
+    for end in range(least, count + 1):
+        start = np.arange(end - least + 1)
+        about = squares[end] - squares[start] - ((sums[end] - sums[start]) ** 2).sum(axis=1) / (end - start)
+        total = cost[start] + about + penalty
+        begins[end] = int(total.argmin())
+        cost[end] = total[begins[end]]
+    edges = [count]
+    while edges[0]:
+        edges.insert(0, int(begins[edges[0]]))
+    return edges
 
 
 def sites(tried: SearchResult) -> dict[str, float]:

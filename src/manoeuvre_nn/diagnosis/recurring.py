@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Complex, Float
 
 from manoeuvre_nn.core.effect import Situation
 from manoeuvre_nn.diagnosis.locate import missing_accelerations
@@ -20,6 +20,8 @@ OVERSAMPLED = 3.0
 """Frequencies within the inverse of the longest run, or of the largest extent of the track."""
 MAX_PER_SIDE = 40
 """SpectralPeak numbers tried north and east, either side."""
+AT_ONCE = 1 << 13
+"""Samples whose waves over the place are in memory at once."""
 
 
 @dataclass(frozen=True)
@@ -54,18 +56,21 @@ def recurring(data_set: WhitenedDataSet) -> list[SpectralPeak]:
     beats = np.arange(1.5, longest / (MIN_WAVELENGTH * ship.time_unit), 1 / OVERSAMPLED) / longest
     found = [
         SpectralPeak(e, BEAT, {"period_s": float(1 / f[0])}, shares, round(longest * beats[-1]))
-        for e, f, shares in _peaks(force, clock[:, None], beats[:, None])
+        for e, f, shares in _peaks(_over_time(force, clock, beats), beats[:, None])
     ]
     extent = max(np.ptp(north), np.ptp(east), 1e-3)
     side = np.arange(0, min(extent / (MIN_WAVELENGTH * ship.length / 1000) * OVERSAMPLED, MAX_PER_SIDE) + 1)
-    k = np.stack(np.meshgrid(side, np.r_[-side[:0:-1], side], indexing="ij"), axis=-1).reshape(-1, 2)
-    k = k[(k**2).sum(axis=1) > (1.5 * OVERSAMPLED) ** 2] / (OVERSAMPLED * extent)
+    sides = side / (OVERSAMPLED * extent), np.r_[-side[:0:-1], side] / (OVERSAMPLED * extent)
+    k = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 2)
+    long = (k**2).sum(axis=1) <= (1.5 / extent) ** 2 * (1 + 1e-9)  # longer than the track: a trend, not a wave
+    over_place = _over_place(force, (north, east), sides)[~long]
     found += [
         SpectralPeak(
-            e, STRIPES, {"north_per_km": float(n), "east_per_km": float(w)}, shares, round(len(k) / OVERSAMPLED**2)
+            e, STRIPES, {"north_per_km": float(n), "east_per_km": float(w)}, shares,
+            round(np.count_nonzero(~long) / OVERSAMPLED**2),
         )
-        for e, (n, w), shares in _peaks(force, np.stack([north, east], axis=-1), k)
-    ]
+        for e, (n, w), shares in _peaks(over_place, k[~long])
+    ]  # fmt: skip
     return found
 
 
@@ -76,11 +81,39 @@ def _of_the_motion(data_set: WhitenedDataSet, s: Situation) -> Float[np.ndarray,
     return np.stack([np.ones_like(u), u, v, r, d, abs(v), abs(r), abs(d), r * abs(r), v * abs(v), u * r], axis=-1)
 
 
+def _over_time(
+    force: Float[np.ndarray, "n 3"], clock: Float[np.ndarray, " n"], beats: Float[np.ndarray, " w"]
+) -> Complex[np.ndarray, "w 3"]:
+    """Amplitudes ``sum_k f_k exp(-2 pi i w t_k) / n`` at even frequencies w and times that are whole steps."""
+    # With the spacing of w as 1/(N h) they are a discrete Fourier transform over N steps h of f exp(-2 pi i w_0 t).
+    if len(beats) < 2:
+        return np.exp(-2j * np.pi * np.outer(beats, clock)) @ force / len(force)
+    step = float(np.diff(clock[:2])[0])
+    number, length = np.rint(clock / step).astype(int), round(1 / ((beats[1] - beats[0]) * step))
+    begun = np.exp(-2j * np.pi * beats[0] * clock)[:, None] * force
+    together = np.zeros((length, force.shape[1]), dtype=complex)
+    np.add.at(together, number % length, begun)
+    return np.fft.fft(together, axis=0)[: len(beats)] / len(force)
+
+
+def _over_place(
+    force: Float[np.ndarray, "n 3"],
+    place: tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]],
+    waves: tuple[Float[np.ndarray, " a"], Float[np.ndarray, " b"]],
+) -> Complex[np.ndarray, "ab 3"]:
+    """Amplitudes ``sum_k f_k exp(-2 pi i (a x_k + b y_k)) / n``: a product of what goes north and what goes east."""
+    total = np.zeros((force.shape[1], len(waves[0]), len(waves[1])), dtype=complex)
+    for start in range(0, len(force), AT_ONCE):
+        rows = slice(start, start + AT_ONCE)
+        along, across = (np.exp(-2j * np.pi * np.outer(p[rows], w)) for p, w in zip(place, waves, strict=True))
+        total += [along.T @ (f[:, None] * across) for f in force[rows].T]
+    return total.reshape(force.shape[1], -1).T / len(force)
+
+
 def _peaks(
-    force: Float[np.ndarray, "n 3"], place: Float[np.ndarray, "n q"], waves: Float[np.ndarray, "w q"]
+    amplitude: Complex[np.ndarray, "w 3"], waves: Float[np.ndarray, "w q"]
 ) -> Iterator[tuple[str, Float[np.ndarray, " q"], tuple[float, float]]]:
     """Equation, wave numbers and shares of cosine and sine of the highest peaks."""
-    amplitude = np.exp(-2j * np.pi * place @ waves.T).T @ force / len(force)
     for k, equation in enumerate("XYN"):
         power, taken = np.abs(amplitude[:, k]), np.zeros(len(waves), dtype=bool)
         for _ in range(min(PEAKS, len(waves))):

@@ -28,6 +28,7 @@ from jaxtyping import Float
 from scipy.signal import savgol_filter
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.memory import check_memory
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.estimation.agreement import agreed_floor
 from manoeuvre_nn.estimation.collocation import CollocatedRun
@@ -46,6 +47,11 @@ PROCESS_SD_RESOLUTION = 3e-3
 MIN_PROCESS_SD, MAX_PROCESS_FACTOR = 1e-4, 3.0
 """Least size of the process noise, which moves no ship; the factor that it changes by at most in a pass."""
 
+COPIES = 12.0
+"""Tables of samples times states times unknowns that a pass holds at once, as measured."""
+FEWER = "write fewer files into data.files=, a shorter data.length=, or start: and end: into the mapping"
+"""What to do with recordings that are too long together."""
+
 
 def first(
     problem: EstimationProblem, noise: float = 0.01, process_sd: Sequence[float] = (3e-4, 5e-4, 1e-3)
@@ -62,6 +68,8 @@ def first(
     """
     mean, spread = problem.prior
     size = MOTION + problem.process.size
+    samples = sum(map(len, problem.recordings))
+    check_memory(f"{samples} samples to be fitted", COPIES * 8 * samples * size * (1 + len(mean)), FEWER)
     states = (_smoothed(r, m, size) for r, m in zip(problem.recordings, problem.measured, strict=True))
     return Estimate(
         tuple(states), mean.copy(), np.full(6, noise), np.array(process_sd, dtype=float), problem.present,

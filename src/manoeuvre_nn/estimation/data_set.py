@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from jaxtyping import Float, Int
 
+from manoeuvre_nn.core.memory import check_memory
 from manoeuvre_nn.core.recording import CAMPAIGN, Recording
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.base import Model, calm_accelerations, is_fitted
@@ -38,6 +39,10 @@ LATENCY, LATENCY_SD = 0.25, 0.25
 SAME_RUDDER = 1.0 * DEGREE
 """Standard deviation of the difference of two rudder angles from which on corrections tell them apart [rad]: of it, 5 %
 are half the noise of an indicator."""
+COPIES = 2.5
+"""What a diagnosis holds at once, over the tables of samples times states times columns of all levels, as measured."""
+FEWER = "write fewer files into files=, hold out more, or cut the recordings by start: and end: in the mapping"
+"""What to do with recordings that are too long together."""
 MAX_RUDDERS = 4
 """Sets of runs about other rudder angles that are kept."""
 
@@ -305,6 +310,10 @@ def start_spread(dynamics: Model) -> Float[np.ndarray, " k"]:
 
 def whitened_data_set(dynamics: Model, runs: Sequence[Recording]) -> WhitenedDataSet:
     """Find states and noise of runs, linearise and whiten."""
+    samples, states = sum(map(len, runs)), Rate(dynamics).states.count
+    columns = len(Corrections(dynamics).names) + 2 * states
+    needed = COPIES * 8 * samples * states * columns * len(PROCESS_LEVELS) ** 2
+    check_memory(f"{samples} samples to be diagnosed", needed, FEWER)
     return WhitenedDataSet(dynamics, [prepared_run(dynamics, run) for run in runs])
 
 

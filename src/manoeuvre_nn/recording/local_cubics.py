@@ -3,12 +3,14 @@
 import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import make_smoothing_spline
-from scipy.signal import savgol_filter
+from scipy.signal import oaconvolve, savgol_coeffs, savgol_filter
 
 ORDER = 3
 """Order of the local polynomials."""
 WINDOW = 0.8
 """Length of the smoother's window over L/U0."""
+MAX_DIRECT = 500
+"""Samples of a window up to which its sum is formed for every sample; beyond, a Fourier transform forms all at once."""
 
 
 def smoothed(
@@ -34,6 +36,20 @@ def smoothed(
     samples = values if on_grid else np.interp(even, time, values)
     count = min(max(2 * round((window or 0.0) / step / 2) + 1, ORDER + 2), (len(samples) - 1) // 2 * 2 + 1)
     order = min(ORDER, count - 1)
-    value = savgol_filter(samples, count, order)
-    slope = savgol_filter(samples, count, order, deriv=1, delta=step)
+    value, slope = (_local_polynomial(samples, count, order, derivative, step) for derivative in (0, 1))
     return (value, slope) if on_grid else (np.interp(time, even, value), np.interp(time, even, slope))
+
+
+def _local_polynomial(
+    samples: Float[np.ndarray, " n"], count: int, order: int, derivative: int, step: float
+) -> Float[np.ndarray, " n"]:
+    """Value or slope of local polynomials over an odd number of samples; at either end, of the last whole window."""
+    if count <= MAX_DIRECT:
+        return savgol_filter(samples, count, order, deriv=derivative, delta=step)
+    half, middle = count // 2, float(np.mean(samples))
+    weights = savgol_coeffs(count, order, deriv=derivative, delta=step)
+    inner = oaconvolve(samples - middle, weights, mode="valid") + (0.0 if derivative else middle)
+    first, last = (
+        savgol_filter(s, count, order, deriv=derivative, delta=step) for s in (samples[:count], samples[-count:])
+    )
+    return np.concatenate([first[:half], inner, last[half + 1 :]])

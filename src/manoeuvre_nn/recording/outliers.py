@@ -117,4 +117,5 @@ def least_squares(x: Float[np.ndarray, "n k"], y: Series) -> tuple[Float[np.ndar
     inverse = np.linalg.pinv((x / size).T @ (x / size), rcond=1e-9, hermitian=True)
     solution = inverse @ ((x / size).T @ y) / size
     rest = y - x @ solution
-    return solution, float(rest @ rest) / max(len(y) - x.shape[1], 1) * inverse / np.outer(size, size)
+    variance = float(rest @ rest) / max(len(y) - x.shape[1], 1)
+    return solution, variance * inverse / size[:, None] / size  # one by one: the square of the least size is 0

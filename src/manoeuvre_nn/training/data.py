@@ -1,7 +1,7 @@
 """Lightning data modules: manoeuvres in, (u, v, r, delta) -> g tuples out."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -19,6 +19,7 @@ from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.core.terminal import Say
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.simulate import simulate
 from manoeuvre_nn.dynamics.vessel import Vessel, in_words
@@ -37,9 +38,6 @@ Batch = tuple[
     Float[Tensor, "n inputs"], Float[Tensor, "n outputs"], Float[Tensor, "k inputs"], Float[Tensor, "k outputs"]
 ]
 """Training inputs and targets, validation inputs and targets."""
-
-Say = Callable[[str], None]
-"""Tells the person who waits what is being done."""
 DEFAULT_SCORE = ("zz20", "tc25", "tc25_port")
 """What a model of a simulated ship is scored on unless ``score=`` says otherwise."""
 SUBSTITUTES = {"zz20": "zz15", "tc25": "tc20", "tc25_port": "tc20_port"}

@@ -15,10 +15,11 @@ from torch.utils.data import DataLoader
 
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.response import Quantities, Records, Response, check_records
+from manoeuvre_nn.core.terminal import Say
 from manoeuvre_nn.recording.read.records import RecordsMapping, read_records
 from manoeuvre_nn.seakeeping.form import HullForm
 from manoeuvre_nn.seakeeping.pitch import MAX_DRAUGHT_RATIO, METHODS, MIN_DRAUGHT_RATIO, significant_pitch
-from manoeuvre_nn.training.data import Batch, Say
+from manoeuvre_nn.training.data import Batch
 from manoeuvre_nn.training.settings import expand
 
 MIN_STANDARD_ERRORS = 3.0

@@ -144,16 +144,13 @@ def _standing(recording: Recording, ship: Particulars, name: str, turned: dict[s
     """Times in which a channel stands still and others say that it should not."""
     begins, lengths = _runs(recording[name])
     usual = 1.0 if len(lengths) < 5 else float(np.quantile(np.repeat(lengths, lengths), 0.5))
-    spans = []
-    for begin, length in zip(begins, lengths, strict=True):
-        last = begin + length - 1
-        span = float(recording.time[begin]), float(recording.time[last])
-        lasting = length > 5 * usual and length >= 5 and span[1] - span[0] > 0.15 * ship.time_unit
-        if name == "delta":
-            lasting = length == len(recording)
-        if lasting and _belied(recording, name, turned, int(begin), int(last)):
-            spans.append(span)
-    return spans
+    first, last = recording.time[begins], recording.time[begins + lengths - 1]
+    lasting = (lengths > max(5 * usual, 4)) & (last - first > 0.15 * ship.time_unit)
+    if name == "delta":
+        lasting = lengths == len(recording)
+    ends = zip(begins[lasting].tolist(), (begins + lengths - 1)[lasting].tolist(), strict=True)
+    belied = [(a, b) for a, b in ends if _belied(recording, name, turned, a, b)]
+    return [(float(recording.time[a]), float(recording.time[b])) for a, b in belied]
 
 
 def _stuck(recording: Recording, ship: Particulars, names: tuple[str, ...], spans: Spans) -> Finding:

@@ -14,7 +14,8 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.recording.propose.headings import Heading, take_apart
 from manoeuvre_nn.recording.read.containers import has_reader
 from manoeuvre_nn.recording.read.mapping import Mapping
-from manoeuvre_nn.recording.read.table import EMPTY, Table, cells_of, is_blank, lines_of, numbers_in, read_table
+from manoeuvre_nn.recording.read.table import Table, numbers_in, read_table
+from manoeuvre_nn.recording.read.text import EMPTY, cells_of, is_blank, lines_of
 
 DELIMITERS = (",", ";", "\t", "|", "whitespace")
 LOOKED_AT = 400
@@ -78,7 +79,7 @@ def sniff(path: Path) -> Sniffed:
 
 def _layout(path: Path) -> tuple[dict[str, Any], dict[str, str], dict[str, str]]:
     """How a text is cut: settings of a mapping, column -> its heading, column -> its unit below the heading."""
-    lines = lines_of(path)[:LOOKED_AT]
+    lines = lines_of(path, LOOKED_AT)[:LOOKED_AT]
     options = [(d, m) for d in DELIMITERS for m in ("point", "comma") if (d, m) != (",", "comma")]
     rated = [(*_numeric_block(lines, d, m), d, m) for d, m in options]
     _, first, width, delimiter, decimal = max(rated, key=lambda r: (r[0], r[2]))

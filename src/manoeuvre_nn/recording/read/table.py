@@ -1,8 +1,5 @@
 """Columns of a measured file, read so that every complaint names file, line and column."""
 
-import codecs
-import csv
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,17 +9,21 @@ import pandas as pd
 from jaxtyping import Float
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.memory import check_memory
 from manoeuvre_nn.recording.read.containers import check_there, columns_in, has_reader
 from manoeuvre_nn.recording.read.quantity import STAMPS
+from manoeuvre_nn.recording.read.text import EMPTY, cells_of, even_frame, is_blank, lines_of
 
 TEXT = (".csv", ".txt", ".dat")
 """Suffixes of texts; a file of any other suffix that has no reader is taken for one, too."""
-EMPTY = frozenset({"", "nan", "na", "n/a", "null", "none", "-"})
-"""Cells that hold no number, in small letters."""
 ZONED = r"T?\d\d:\d\d.*(?:Z|[+-]\d\d:?\d\d)$"
 """A time stamp that says its zone."""
-UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
-"""How a text begins that a spreadsheet saved as "Unicode"."""
+TOP = 400
+"""Lines, after those to be skipped, among which headings are looked for first."""
+MEMORY_IN_BLOCKS, MEMORY_BY_LINE = 3.0, 20.0
+"""Bytes of memory that a byte of a text takes, read in blocks or line by line."""
+THINNER = "keep fewer samples (a ship's motion needs no more than 400 in the time L/U0), or cut the file into parts"
+"""What to do with a text that is too large."""
 MIDNIGHT = 43200.0
 """A time of day that goes back by more than this [s] has passed midnight."""
 
@@ -154,17 +155,17 @@ def read_table(
         frame = columns_in(path, columns or None)
         _check_headings(path, list(frame.columns), columns, optional)
         return Table(path, frame, "row", decimal)
-    lines = lines_of(path)
-    first = _first_line(path, lines, skip_rows)
-    headings = [cell.strip() for cell in cells_of(lines[first], delimiter)]
+    first, line = _first_line(path, skip_rows)
+    headings = [cell.strip() for cell in cells_of(line, delimiter)]
     if header:
         first += 1
     else:
         headings = [str(k) for k in range(1, len(headings) + 1)]
     hint = f"; is the delimiter {delimiter!r}?" if len(headings) == 1 else ""
     _check_headings(path, headings, columns, optional, hint)
-    even = _even_frame(lines[first:], headings, delimiter, decimal)
-    frame = _ragged_frame(path, lines, first, headings, delimiter) if even is None else even
+    _check_fits(path, MEMORY_IN_BLOCKS, THINNER)
+    even = even_frame(path, first, headings, delimiter, decimal)
+    frame = _ragged_frame(path, first, headings, delimiter) if even is None else even
     if not len(frame):
         raise InputError(f"{path.name}: no line of numbers below the headings")
     return Table(path, frame.set_axis(frame.index + first + 1), decimal=decimal)
@@ -175,8 +176,7 @@ def headings_of(path: Path) -> list[str]:
     if path.suffix.lower() not in TEXT:
         check_there(path)
         return []
-    lines = lines_of(path)
-    return [cell.strip() for cell in cells_of(lines[_first_line(path, lines, 0)], ",")]
+    return [cell.strip() for cell in cells_of(_first_line(path, 0)[1], ",")]
 
 
 def numbers_in(text: "pd.Series[str]", decimal: str) -> Float[np.ndarray, " n"]:
@@ -186,42 +186,26 @@ def numbers_in(text: "pd.Series[str]", decimal: str) -> Float[np.ndarray, " n"]:
     return pd.to_numeric(text, errors="coerce").to_numpy(dtype=float, copy=True)
 
 
-def _first_line(path: Path, lines: Sequence[str], skip: int) -> int:
-    """The first line after those to be skipped that says something, counted from 0."""
-    first = next((k for k in range(skip, len(lines)) if not is_blank(lines[k])), None)
-    if first is None:
-        raise InputError(f"{path.name}: no line after the first {skip}; expected columns of numbers: mind skip_rows")
-    return first
+def _first_line(path: Path, skip: int) -> tuple[int, str]:
+    """The first line after those to be skipped that says something: its number, counted from 0, and what it says."""
+    for most in (skip + TOP, None):
+        lines = lines_of(path, most)
+        first = next((k for k in range(skip, len(lines)) if not is_blank(lines[k])), None)
+        if first is not None:
+            return first, lines[first]
+    raise InputError(f"{path.name}: no line after the first {skip}; expected columns of numbers: mind skip_rows")
 
 
-def is_blank(line: str) -> bool:
-    """Whether a line holds no cell with anything in it."""
-    return not line.strip(" \t,;")
+def _check_fits(path: Path, factor: float, remedy: str) -> None:
+    """Refuse a text whose cells would not fit into memory, at so many bytes of it for each of the text."""
+    size = path.stat().st_size
+    check_memory(f"{path.name}: {size / 1e9:.2g} GB of text", factor * size, remedy)
 
 
-def _even_frame(lines: Sequence[str], headings: Sequence[str], delimiter: str, decimal: str) -> pd.DataFrame | None:
-    """Cells read at once; None if lines differ in length or are quoted, which needs a closer look."""
-    if delimiter == "whitespace" or len(set(headings)) < len(headings):
-        return None
-    parts = len(headings) - 1
-    if any(line.count(delimiter) != parts or '"' in line or is_blank(line) for line in lines):
-        return None
-    spelt = [form for word in EMPTY for form in dict.fromkeys((word, word.upper(), word.title()))]
-    try:
-        return pd.read_csv(
-            io.BytesIO("\n".join(lines).encode()), sep=delimiter, header=None, names=list(headings),
-            na_values=[*spelt, "NaN"], keep_default_na=False, decimal="," if decimal == "comma" else ".",
-            quoting=csv.QUOTE_NONE, skip_blank_lines=False, low_memory=False,
-            index_col=False,
-        )  # fmt: skip
-    except ValueError:
-        return None
-
-
-def _ragged_frame(
-    path: Path, lines: Sequence[str], first: int, headings: Sequence[str], delimiter: str
-) -> pd.DataFrame:
+def _ragged_frame(path: Path, first: int, headings: Sequence[str], delimiter: str) -> pd.DataFrame:
     """Cells below a line, read line by line, blank lines passed over."""
+    _check_fits(path, MEMORY_BY_LINE, f"write it without quotes and blank lines, or {THINNER}")
+    lines = lines_of(path)
     rows = {k: cells_of(line, delimiter) for k, line in enumerate(lines[first:]) if not is_blank(line)}
     for k, cells in rows.items():
         if len(cells) != len(headings):
@@ -231,32 +215,6 @@ def _ragged_frame(
                 "this line"
             )
     return pd.DataFrame(list(rows.values()), columns=list(headings), index=list(rows), dtype=str)
-
-
-def cells_of(line: str, delimiter: str) -> list[str]:
-    """A line of a text cut into cells by one character or ``whitespace``; the line itself where it cannot be cut."""
-    if delimiter == "whitespace":
-        return line.split()
-    try:
-        return next(csv.reader([line], delimiter=delimiter), [])
-    except csv.Error:  # such as a cell of a million letters
-        return [line]
-
-
-def lines_of(path: Path) -> list[str]:
-    """Lines of a text file; refused if it is no text, or says nothing."""
-    check_there(path)
-    raw = path.read_bytes()
-    if not raw.strip():
-        raise InputError(f"{path.name}: empty file; expected columns of numbers")
-    if b"\0" in raw and not raw.startswith(UTF16):
-        raise InputError(f"{path.name}: not a text file; export it as CSV (text, one line a sample)")
-    try:
-        text = raw.decode("utf-16" if raw.startswith(UTF16) else "utf-8-sig")
-    except UnicodeDecodeError:
-        text = raw.decode("latin-1")  # headings such as psi [degree sign] from older programs
-    # Lines end where an editor ends them: a heading may hold other characters that splitlines takes for ends of lines.
-    return text.replace("\r\n", "\n").replace("\r", "\n").removesuffix("\n").split("\n")
 
 
 def _check_headings(
