@@ -3,7 +3,9 @@
 import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import make_smoothing_spline
-from scipy.signal import savgol_filter
+from scipy.signal import savgol_coeffs, savgol_filter
+
+from manoeuvre_nn.recording.outliers import robust_sd
 
 ORDER = 3
 """Order of the local polynomials."""
@@ -37,3 +39,23 @@ def smoothed(
     value = savgol_filter(samples, count, order)
     slope = savgol_filter(samples, count, order, deriv=1, delta=step)
     return (value, slope) if on_grid else (np.interp(time, even, value), np.interp(time, even, slope))
+
+
+def noise_left(
+    time: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"], window: float, derivative: int = 0
+) -> float:
+    """Standard deviation that white noise of the samples' size leaves in what :func:`smoothed` gives.
+
+    Args:
+        time: Sample times [s].
+        values: Samples.
+        window: Window of the local cubics [s].
+        derivative: 0 of the values, 1 of the slope.
+
+    Returns:
+        The standard deviation, in the unit of either.
+    """
+    step = float(np.median(np.diff(time)))
+    count = max(2 * round(window / step / 2) + 1, ORDER + 2)
+    gain = np.linalg.norm(savgol_coeffs(count, ORDER, deriv=derivative, delta=step))
+    return float(gain * robust_sd(values - smoothed(time, values, window)[0]))
