@@ -9,6 +9,7 @@ What is tried, by the part of the number that is drawn:
   (robustness_oracle.py) is the only right answer; where that finds no number, an empty cell, a time that does not rise,
   a hole or a number beyond all ships, it **must be refused**. A change that leaves another well-formed number cannot be
   told from a measurement: then either is right, a refusal or exactly that number.
+- *proposed*: a file whose headings name its channels and units; what ``import`` proposes and does not doubt is right.
 - *faults*: a recording whose channels contradict each other or the ship (robustness_faults.py says which): it **must be
   reported** by the checks or refused; the same without a fault must not be.
 - *mapping, effects, manifest, manoeuvre, ship, records, hostile yaml*: one value of a file of settings is changed
@@ -41,6 +42,7 @@ KINDS: dict[str, tuple[float, Callable[[np.random.Generator, Path], Tried]]] = {
     "rewritten": (0.2, robustness_recordings.rewritten),
     "spoilt": (0.3, robustness_recordings.spoilt),
     "container": (0.05, robustness_recordings.container),
+    "proposed": (0.03, robustness_recordings.proposed),
     "faults": (0.15, robustness_faults.attack),
     **robustness_settings.KINDS,
 }

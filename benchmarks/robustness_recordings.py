@@ -24,6 +24,8 @@ from robustness_oracle import (
 )
 
 import manoeuvre_nn as mnn
+from manoeuvre_nn.recording.propose.proposal import propose
+from manoeuvre_nn.recording.read.reader import read_recording
 
 CHANNELS = ("u", "v", "r", "x", "y", "psi", "delta")
 SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "bar": "|", "blanks": "whitespace"}
@@ -115,10 +117,24 @@ def rewritten(rng: np.random.Generator, folder: Path) -> Tried:
         table = table[list(rng.permutation(table.columns))]
     if rng.random() < 0.4:
         table = table.assign(**{"not\x1b[2J needed": np.nan, "remarks": "steady, so far"})
+    if rng.random() < 0.2:
+        table, made = _with_gaps(rng, table, made)
+        said["fill_gaps"] = True
     content, suffix, told = _text(rng, table, said)
     path = written(folder, f"run{suffix}", content, said)
     work = partial(reads, path, said, made.ship, made.truth)
     return Tried(f"{made.ship} {told} {list(table.columns)}", work, "read", (path.name,))
+
+
+def _with_gaps(rng: np.random.Generator, table: pd.DataFrame, made: Form) -> tuple[pd.DataFrame, Form]:
+    """Up to three cells in a row of a channel are empty, and filled by a straight line."""
+    channel = str(rng.choice(list(made.said["channels"])))
+    first, count = int(rng.integers(5, len(table) - 9)), int(rng.integers(1, 4))
+    lost = np.isin(np.arange(len(table)), np.arange(first, first + count))
+    column = made.said["channels"][channel]["column"]
+    time, values = made.truth["time"], made.truth[channel]
+    filled = np.where(lost, np.interp(time, time[~lost], values[~lost]), values)
+    return table.assign(**{column: table[column].mask(lost)}), with_truth(made, **{channel: filled})
 
 
 def _text(rng: np.random.Generator, table: pd.DataFrame, said: Said) -> tuple[bytes, str, str]:
@@ -144,8 +160,10 @@ def _text(rng: np.random.Generator, table: pd.DataFrame, said: Said) -> tuple[by
         said["channels"] = {k: {**e, "column": place[e["column"]]} for k, e in said["channels"].items()}
     if rng.random() < 0.2:
         said["skip_rows"], lines = 2, ["of the ship's recorder", "1;2,3 | 4", *lines]
-    lines += [between.join(row) for row in rows]
-    lines = [part for line in lines for part in ([line, ""] if rng.random() < 0.02 else [line])]
+    rows = [[cell or "NaN" for cell in row] for row in rows] if kind == "blanks" else rows
+    lines += [
+        part for row in rows for part in ([between.join(row), ""] if rng.random() < 0.02 else [between.join(row)])
+    ]
     end = str(rng.choice(["\n", "\r\n", "\r"]))
     coding = str(rng.choice(["utf-8", "utf-8-sig", "utf-16"], p=[0.6, 0.2, 0.2]))
     text = end.join(lines) + (end if rng.random() < 0.7 else "")
@@ -300,6 +318,25 @@ def _reads_container(path: Path, made: Form) -> str:
     return f"accepted, although {expected}" if isinstance(expected, str) else difference(run, expected)
 
 
-def with_table(made: Form, table: pd.DataFrame, **truth: np.ndarray) -> Form:
-    """The same with another table."""
-    return replace(made, table=table, truth={**made.truth, **truth})
+def with_truth(made: Form, **truth: np.ndarray) -> Form:
+    """The same with other right answers."""
+    return replace(made, truth={**made.truth, **truth})
+
+
+def proposed(rng: np.random.Generator, folder: Path) -> Tried:
+    """A file without a mapping, whose headings name channels and units: what is proposed and not doubted is right."""
+    made = form(rng, plain=True)
+    named = {e["column"]: f"{e['column']} [{e['unit']}]" for e in made.said["channels"].values()}
+    table = made.table.rename(columns={**named, "time": f"time [{made.said['time']['unit']}]"})
+    path = folder / "run.csv"
+    table[list(rng.permutation(table.columns))].to_csv(path, index=False)
+    return Tried(f"{made.ship} {list(table.columns)}", partial(_proposes, path, made), "either", (path.name,))
+
+
+def _proposes(path: Path, made: Form) -> str:
+    """Read it by the mapping that is proposed for it."""
+    proposal = propose(path, made.particulars)
+    doubted = [c for c in (proposal.time, *proposal.choices) if not c.decided]
+    if doubted or proposal.undecided or proposal.finding:
+        return ""
+    return difference(read_recording(path, proposal.mapping, made.particulars), made.truth)

@@ -73,7 +73,7 @@ def _wrong_entry(channel: str, entry: dict[str, Any], said: dict[str, Any], head
         return "the column is that of another channel"
     if not isinstance(entry["unit"], str) or entry["unit"] not in UNITS[channel]:
         return "the unit measures something else"
-    if isinstance(entry.get("sign"), bool) or entry.get("sign", 1) not in {1, -1}:
+    if not is_number(entry.get("sign", 1)) or abs(entry.get("sign", 1)) != 1:
         return "it is no sign"
     numbers = [entry.get("offset", 0), entry.get("scale", 1), entry.get("delay", 0)]
     if not all(map(is_number, numbers)) or not numbers[1] > 0:
@@ -299,8 +299,9 @@ def ship(rng: np.random.Generator, folder: Path) -> Tried:
     key = str(rng.choice([*said, "colour"]))
     said[key] = value = _odd(rng)
     _write(folder / "mine.yaml", said)
-    bad = key in {"_target_", "colour"} or (key != "name" and not (is_number(value) and value > 0))
-    bad = (bad or (key == "name" and not isinstance(value, str))) and not (key == "displacement_t" and value is None)
+    word = isinstance(value, str | int | float) and not isinstance(value, bool)
+    good = word if key == "name" else is_number(value) and value > 0 or (key == "displacement_t" and value is None)
+    bad = key in {"_target_", "colour"} or not good
     work = partial(_reads_ship, folder / "mine.yaml", key, value)
     return Tried(f"{key} = {value!r}", work, "refuse" if bad else "either", (key, "mine", "ship"))
 
