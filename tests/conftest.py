@@ -7,6 +7,7 @@ os.environ["OMP_NUM_THREADS"] = "1"  # the processes that share out the tests st
 
 import pytest
 import torch
+from hypothesis import HealthCheck, settings
 from threadpoolctl import threadpool_limits
 
 from manoeuvre_nn.core.recording import Recording
@@ -15,6 +16,12 @@ from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.simulate import simulate
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.ship.mariner import mariner
+
+# Property tests draw the same few inputs each time; pytest --hypothesis-profile=long draws many, others each time.
+COMMON = {"deadline": None, "database": None, "suppress_health_check": list(HealthCheck)}
+settings.register_profile("short", max_examples=20, derandomize=True, **COMMON)
+settings.register_profile("long", max_examples=1000, **COMMON)
+settings.load_profile("short")
 
 torch.set_num_threads(1)
 threadpool_limits(1)  # where numpy was loaded before this file

@@ -20,13 +20,12 @@ from matplotlib.figure import Figure
 from manoeuvre_nn.commands import config as configs
 from manoeuvre_nn.commands.diagnosis_setup import setup
 from manoeuvre_nn.commands.export import checkpoint_of, program_of
-from manoeuvre_nn.commands.groups import compose, option
+from manoeuvre_nn.commands.groups import compose, option, settings_in
 from manoeuvre_nn.commands.job import load_model, prepare, with_rate
 from manoeuvre_nn.commands.provenance import write_provenance
 from manoeuvre_nn.commands.shelves import build
 from manoeuvre_nn.commands.simulate import as_sensed, sail
 from manoeuvre_nn.commands.train import fit as fit_job
-from manoeuvre_nn.core.data_files import load_yaml
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
@@ -272,8 +271,7 @@ def _described(ship: str) -> dict[str, Any]:
     """What a ship's yaml says, found by its path or by its name in conf/ship."""
     if not ship.endswith(YAML):
         return option("ship", ship)
-    content = load_yaml(Path(ship))
-    return content.get("ship", content)
+    return settings_in(Path(ship), "ship")
 
 
 def _effects(named: Named | Effect, ship: Ship | Particulars) -> list[Effect]:

@@ -1,9 +1,15 @@
 """What one choice brings with it is said, and what the user wrote is never overruled."""
 
+import re
+
 import hydra
+import pytest
 from hydra.core.hydra_config import HydraConfig
 
-from manoeuvre_nn.commands.groups import CONF, brought_along, compose
+from manoeuvre_nn.api import read
+from manoeuvre_nn.commands.groups import CONF, brought_along, compose, option
+from manoeuvre_nn.commands.shelves import build
+from manoeuvre_nn.core.errors import InputError
 
 MINE = ["data=recording", "network=modulus", "data.folder=x", "data.files=[a.csv]"]
 
@@ -35,3 +41,28 @@ def test_a_config_from_python_does_not_take_the_name_of_a_command_that_ran_befor
         before = hydra.compose("train", ["ship=mariner"], return_hydra_config=True)
     monkeypatch.setattr(HydraConfig.instance(), "cfg", before)
     assert compose("train", ["ship=esso_190k"]).name.startswith("esso_190k_")
+
+
+@pytest.mark.parametrize("text", ["|", "[1, 2]", "ship: 5", "5", "null"])
+def test_a_file_that_holds_no_settings_is_refused(text, tmp_path):
+    for group in ("ship", "manoeuvre"):
+        (tmp_path / group).mkdir()
+        (tmp_path / group / "mine.yaml").write_text(text.replace("ship", group))
+        with pytest.raises(InputError, match=rf"mine.yaml holds no settings of a {group}"):
+            option(group, "mine", str(tmp_path))
+    with pytest.raises(InputError, match="holds no settings of a ship"):
+        read("none.csv", ship=str(tmp_path / "ship" / "mine.yaml"))
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"rudder_deg": True}, "rudder_deg=True: expected a number"),
+        ({"executes": False}, "executes=False: expected a whole number or null"),
+        ({"name": {"a": 1}}, "name={'a': 1}: expected a word"),
+        ({"name": [1]}, "name=[1]: expected a word or null"),
+    ],
+)
+def test_a_switch_is_no_number_and_a_table_no_word(change, said):
+    with pytest.raises(InputError, match=re.escape(said)):
+        build({**option("manoeuvre", "zz20"), **change}, "manoeuvre")

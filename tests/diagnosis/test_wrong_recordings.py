@@ -62,6 +62,14 @@ MISTAKES = {
     "times at random": (
         lambda t: t.assign(t=t.t + np.where(t.t % 2, 0.7, 0.0)), "of the times between samples are more than half off"
     ),
+    "a heading in any order": (
+        lambda t: t.assign(psi=np.random.default_rng(0).permutation(t.psi)), "psi has no order in time"
+    ),
+    "a heading that never moves": (lambda t: t.assign(psi=10.0), "psi never moves, while the course turns through"),
+    "a position in any order": (
+        lambda t: t.assign(y_east=np.random.default_rng(0).permutation(t.y_east)), "y has no order in time"
+    ),
+    "a position that never moves": (lambda t: t.assign(x_north=7.0), "x never moves, while the heading turns through"),
     "psi in rad": (lambda t: t.assign(psi=t.psi * DEGREE), "psi looks like radians"),
     "psi in rad, no track": (
         lambda t: t.assign(psi=t.psi * DEGREE).drop(columns=OVER_GROUND[:4]), "psi looks like radians"

@@ -8,8 +8,8 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.manoeuvre.spiral import spiral
 from manoeuvre_nn.manoeuvre.straight import random_rudder, straight
-from manoeuvre_nn.manoeuvre.turning import pull_out, turning_circle
-from manoeuvre_nn.manoeuvre.zigzag import mixed_zigzag, zigzag
+from manoeuvre_nn.manoeuvre.turning import pull_out, tactical_circle, turning_circle
+from manoeuvre_nn.manoeuvre.zigzag import mixed_zigzag, overshoot, zigzag
 from manoeuvre_nn.ship.mariner import WANG
 
 
@@ -92,7 +92,16 @@ def test_another_approach_speed_makes_a_new_trial():
         (lambda: zigzag(-20.0), "expected an angle in degrees between 0 and 90"),
         (lambda: zigzag(20.0, 100.0), "heading_deg=100.0: expected"),
         (lambda: zigzag(20.0, first="left"), "first='left': write starboard or port"),
-        (lambda: zigzag(20.0, executes=0), "executes=0: expected at least 1"),
+        (lambda: zigzag(20.0, executes=0), "executes=0: expected 1 to 1000"),
+        (lambda: zigzag(20.0, executes=10**30), "expected 1 to 1000"),
+        (lambda: overshoot(20.0, cycles=float("nan")), "cycles=nan: expected half or whole cycles"),
+        (lambda: straight(1e9), "more than 0 and up to 1e+06"),
+        (lambda: pull_out(20.0, turn_deg=float("nan")), "turn_deg=nan: expected a change of heading"),
+        (lambda: tactical_circle(20.0, turn_deg=float("inf")), "turn_deg=inf: expected a change of heading"),
+        (lambda: spiral(20.0, 1e-9), "step_deg=1e-09 makes 8e+10 rudder orders; expected 100000 at most"),
+        (lambda: random_rudder(shortest_period=1e-6, duration=600.0), "shortest_period=1e-06 makes 2.4e+09 rudder"),
+        (lambda: random_rudder(shortest_period=0.0), "shortest_period=0.0: expected a time in seconds"),
+        (lambda: random_rudder(seed=-1), "seed=-1: expected a whole number, 0 or more"),
         (lambda: zigzag(20.0, duration=0.0), "duration=0.0: expected a time in seconds, more than 0"),
         (lambda: turning_circle(20.0, "right"), "side='right': write starboard or port"),
         (lambda: turning_circle(20.0, duration=-1.0), "more than 0"),

@@ -2,7 +2,9 @@ import pytest
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.units import DEGREE, KNOT
+from manoeuvre_nn.recording.read.captive import captive_mapping
 from manoeuvre_nn.recording.read.mapping import mapping
+from manoeuvre_nn.recording.read.records import records_mapping
 
 
 def refused(columns, message, channels=None, **settings):
@@ -103,3 +105,25 @@ def test_a_heading_that_yaml_took_for_something_else_is_refused(columns, heading
 def test_the_example_of_channels_is_one_of_channels():
     with pytest.raises(InputError, match="channels is None; write e.g. channels: {psi"):
         mapping(time={"column": "t", "unit": "s"}, channels=None)
+
+
+@pytest.mark.parametrize(
+    ("channels", "settings", "said"),
+    [
+        ({"u": {"column": "v", "unit": "m/s"}}, {}, "u and v both name the column 'v'"),
+        ({"psi": {"column": "delta", "unit": "rad"}}, {}, "psi and delta both name the column 'delta'"),
+        ({"n": {"column": "u", "unit": "rpm"}}, {"optional": True}, "u and n both name the column 'u'"),
+        ({"r": {"column": "t", "unit": "rad/s"}}, {}, "time and r both name the column 't'"),
+        ({"q": {"column": "r", "unit": "count"}}, {"kind": "record"}, "r and q both name the column 'r'"),
+    ],
+)
+def test_a_column_is_one_channel(columns, channels, settings, said):
+    refused(columns, f"mapping: {said}; a column is one of them", channels, **settings)
+
+
+def test_a_column_of_a_table_is_one_quantity():
+    one = {name: {"column": name} for name in ("X", "Y", "N")} | {"beta": {"column": "a", "unit": "deg"}}
+    with pytest.raises(InputError, match="captive mapping: beta and delta both name the column 'a'"):
+        captive_mapping(columns=one | {"delta": {"column": "a", "unit": "deg"}})
+    with pytest.raises(InputError, match="mapping of records: Hs and T both name the column 'h'"):
+        records_mapping(columns={"Hs": {"column": "h", "unit": "m"}, "T": {"column": "h", "unit": "s"}})

@@ -63,6 +63,13 @@ def test_every_file_is_read_and_passes_all_checks(dataset):
         check_recording(record, ship)
 
 
+def test_positions_heading_and_rudder_alone_pass_all_checks(dataset):
+    columns = yaml.safe_load((CONF / f"{SETS[dataset][0]}.yaml").read_text())["channels"]
+    records, ship = read(dataset, channels={name: columns[name] for name in ("x", "y", "psi", "delta")})
+    for record in records:
+        check_recording(record, ship)
+
+
 def test_the_kind_of_manoeuvre_is_guessed_from_the_rudder(dataset):
     records, _ = read(dataset, kind=None)
     assert {r.meta["kind"] for r in records} == {SETS[dataset][3]}

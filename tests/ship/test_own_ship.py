@@ -1,5 +1,7 @@
 """A ship by numbers alone is the same ship as one of the shelf with these numbers."""
 
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -32,5 +34,9 @@ def test_the_mariner_by_numbers_accelerates_as_the_mariner_does():
 def test_a_missing_inertia_and_a_speed_of_nothing_are_refused():
     with pytest.raises(InputError, match="inertia lacks my, mz"):
         own_ship(MINE, {"mx": 0.1}, COEFFICIENTS)
+    for key in ("displacement_t", "rpm", "rho", "rudder_limit_deg", "length", "record_length"):
+        for value in (-1.0, float("nan"), float("inf")):
+            with pytest.raises(InputError, match="ship mine: .* must be positive|expected length > beam"):
+                own_particulars(replace(MINE, **{key: value}))
     with pytest.raises(InputError, match="speed_kn is 0"):
         own_particulars(OwnParticulars("mine", 100.0, 16.0, 6.0, 0.7, 0.0))

@@ -58,8 +58,16 @@ def option(group: str, name: Any, own: str | None = None, what: str = "") -> dic
     """
     known = options(group, own)
     check_choice(what or group, name, list(known))
-    content = load_yaml(known[name])
-    return content.get(group, content)  # some files choose other groups too
+    return settings_in(known[name], group)
+
+
+def settings_in(path: Path, group: str) -> dict[str, Any]:
+    """What a file like those of a group says of that group; refused if it holds no settings."""
+    content = load_yaml(path)
+    found = content.get(group, content) if isinstance(content, Mapping) else content  # some choose other groups too
+    if not isinstance(found, Mapping):
+        raise InputError(f"{path} holds no settings of a {group}: write name: value, as in the files of conf/{group}")
+    return dict(found)
 
 
 def compose(name: str, words: Sequence[str] = ()) -> DictConfig:

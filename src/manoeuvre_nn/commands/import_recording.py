@@ -8,10 +8,9 @@ from rich.console import Console
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from manoeuvre_nn.commands.groups import CONF, options, plugged_in
+from manoeuvre_nn.commands.groups import CONF, options, plugged_in, settings_in
 from manoeuvre_nn.commands.shelves import build
 from manoeuvre_nn.commands.waiting import waiting
-from manoeuvre_nn.core.data_files import load_yaml
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.core.writing import write_file
@@ -83,8 +82,7 @@ def ship_called(name: str, own: str | None = None) -> Particulars | None:
     ships = options("ship", own)
     if name not in ships:
         raise InputError(f"ship={name} is unknown; choose one of: {', '.join(ships)}")
-    content = load_yaml(ships[name])
-    made: Ship | Particulars = build(content.get("ship", content), "ship")
+    made: Ship | Particulars = build(settings_in(ships[name], "ship"), "ship")
     return made.particulars
 
 

@@ -204,10 +204,12 @@ def check_arguments(function: Callable[..., Any], settings: Mapping[str, Any]) -
         kinds = _kinds(parameter.annotation) if parameter else {object}
         if Sequence[float] in kinds:
             _check_numbers(name, value, NoneType in kinds)
+        if str in kinds <= {str, int, float, NoneType} and not isinstance(value, str | int | float | NoneType):
+            raise InputError(f"{name}={value}: expected a word{' or null' if NoneType in kinds else ''}")
         if not kinds <= {int, float, bool, NoneType}:
             continue
         accepted = tuple(kinds | {int}) if float in kinds else tuple(kinds)
-        if not isinstance(value, accepted):
+        if not isinstance(value, accepted) or (isinstance(value, bool) and bool not in kinds):
             wanted = "a number" if float in kinds else "a whole number" if int in kinds else "true or false"
             raise InputError(f"{name}={value}: expected {wanted}{' or null' if NoneType in kinds else ''}")
 

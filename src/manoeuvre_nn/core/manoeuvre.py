@@ -11,6 +11,9 @@ from manoeuvre_nn.core.plain_text import check_name
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE, KNOT
 
+MAX_DURATION_S, MAX_TURN_DEG, MAX_ORDERS = 1e6, 36000.0, 100_000
+"""Longest trial [s], largest change of heading in it [deg], most rudder orders."""
+
 
 @dataclass(frozen=True)
 class Stage:
@@ -180,7 +183,22 @@ def check_duration(what: str, value: float | None) -> None:
         value: Time [s] or None.
 
     Raises:
-        InputError: If it is zero or negative.
+        InputError: If it is zero or negative, or longer than any trial.
     """
-    if value is not None and not value > 0:
-        raise InputError(f"{what}={value}: expected a time in seconds, more than 0")
+    if value is not None and not 0 < value <= MAX_DURATION_S:
+        raise InputError(f"{what}={value}: expected a time in seconds, more than 0 and up to {MAX_DURATION_S:g}")
+
+
+def check_turn(turn_deg: float) -> None:
+    """Refuse a change of heading in degrees that is not positive, or that no ship comes to."""
+    if not 0 < turn_deg <= MAX_TURN_DEG:
+        raise InputError(
+            f"manoeuvre turn_deg={turn_deg}: expected a change of heading in degrees, more than 0 and up to "
+            f"{MAX_TURN_DEG:g}"
+        )
+
+
+def check_count(what: str, count: float) -> None:
+    """Refuse more rudder orders than a trial has."""
+    if not count <= MAX_ORDERS:
+        raise InputError(f"{what} makes {count:.3g} rudder orders; expected {MAX_ORDERS} at most")

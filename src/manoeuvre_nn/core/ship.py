@@ -116,9 +116,9 @@ class Particulars:
         Raises:
             InputError: If a dimension is not positive, or length, beam and draught are not in that order.
         """
-        sizes = {k: getattr(self, k) for k in ("length", "beam", "draught", "block", "speed", "rudder_rate")}
-        for key, value in sizes.items():
-            if not value > 0:
+        for key, value in vars(self).items():
+            free = key in {"surge_damping", "rudder_drag", "thrust_slope"} or not isinstance(value, int | float)
+            if not free and (not value > 0 or (value == inf and key != "longest_turn")):
                 raise InputError(f"ship {self.name}: {key} is {value}; it must be positive")
         if not self.length > self.beam > self.draught or self.block > 1:
             raise InputError(

@@ -3,7 +3,7 @@
 import numpy as np
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage, check_degrees, check_duration, side_sign
+from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage, check_count, check_degrees, check_duration, side_sign
 from manoeuvre_nn.core.units import DEGREE
 
 
@@ -38,6 +38,7 @@ def spiral(
     check_degrees("manoeuvre rudder_deg", rudder_deg)
     check_degrees("manoeuvre step_deg", step_deg, rudder_deg)
     check_duration("manoeuvre hold", hold)
+    check_count(f"manoeuvre step_deg={step_deg}", 4 * rudder_deg / step_deg)
     steps = round(rudder_deg / step_deg)
     if abs(steps * step_deg - rudder_deg) > 1e-9:
         raise InputError(f"manoeuvre step_deg={step_deg} does not divide rudder_deg={rudder_deg}")

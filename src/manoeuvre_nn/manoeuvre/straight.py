@@ -3,7 +3,7 @@
 import numpy as np
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage, check_degrees, check_duration
+from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage, check_count, check_degrees, check_duration
 
 
 def straight(duration: float | None = None, name: str = "straight") -> Manoeuvre:
@@ -37,16 +37,22 @@ def random_rudder(
         The manoeuvre.
 
     Raises:
-        InputError: If the shortest period is not resolved by the interval, or longer than the run.
+        InputError: If a setting makes no sense, or the shortest period is not resolved by the interval, or longer than
+            the run.
     """
     rudder = check_degrees("manoeuvre rudder_deg", rudder_deg)
     check_duration("manoeuvre duration", duration)
+    check_duration("manoeuvre shortest_period", shortest_period)
+    check_duration("manoeuvre interval", interval)
     interval = shortest_period / 4 if interval is None else interval
     if not 2 * interval <= shortest_period <= duration:
         raise InputError(
             f"manoeuvre shortest_period={shortest_period}: expected between {2 * interval:g} s (two intervals) and "
             f"the duration, {duration:g} s"
         )
+    check_count(f"manoeuvre duration={duration}, shortest_period={shortest_period}", duration / interval)
+    if not seed >= 0:
+        raise InputError(f"manoeuvre seed={seed}: expected a whole number, 0 or more")
     count = int(duration / interval) + 1
     spectrum = np.fft.rfft(np.random.default_rng(seed).standard_normal(count))
     spectrum[np.fft.rfftfreq(count, interval) > 1 / shortest_period] = 0.0

@@ -3,8 +3,7 @@
 from collections.abc import Sequence
 from math import pi
 
-from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage, check_degrees, check_duration, set_of, side_sign
+from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage, check_degrees, check_duration, check_turn, set_of, side_sign
 
 TACTICAL_LENGTHS = 200.0
 """Ship lengths at approach speed in which a circle of 540 deg is over at 5 deg of rudder, with the approach before."""
@@ -51,17 +50,13 @@ def tactical_circle(
     Returns:
         The manoeuvre.
 
-    Raises:
-        InputError: If the angle of the turn is not positive.
-
     Source:
         Stenson & Hundley 1989, as described by Hess & Faller 2000.
     """
     rudder = check_degrees("manoeuvre rudder_deg", rudder_deg)
     sign = side_sign("manoeuvre side", side)
     check_duration("manoeuvre approach", approach)
-    if turn_deg <= 0:
-        raise InputError(f"manoeuvre turn_deg={turn_deg}: expected a change of heading in degrees, more than 0")
+    check_turn(turn_deg)
     turn = Stage(sign * rudder, heading=sign * turn_deg * pi / 180, direction=sign)
     name = name or f"circle{rudder_deg:g}" + ("_port" if sign < 0 else "")
     stages = (Stage(0.0, hold=approach), turn, Stage(0.0))
@@ -109,17 +104,13 @@ def pull_out(
     Returns:
         The manoeuvre.
 
-    Raises:
-        InputError: If the angle of the turn is not positive.
-
     Source:
         Burcher 1972; IMO MSC/Circ.1053, section 4.
     """
     rudder = check_degrees("manoeuvre rudder_deg", rudder_deg)
     sign = side_sign("manoeuvre side", side)
     check_duration("manoeuvre coast", coast)
-    if turn_deg <= 0:
-        raise InputError(f"manoeuvre turn_deg={turn_deg}: expected a change of heading in degrees, more than 0")
+    check_turn(turn_deg)
     turn = Stage(sign * rudder, heading=sign * turn_deg * pi / 180, direction=sign)
     name = name or f"pullout{rudder_deg:g}" + ("_port" if sign < 0 else "")
     return Manoeuvre(name, "pull_out", (turn, Stage(0.0)), duration=coast, ship_lengths=40.0)

@@ -6,6 +6,8 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage, check_degrees, check_duration, set_of, side_sign
 from manoeuvre_nn.core.units import DEGREE
 
+MAX_EXECUTES = 1000
+"""Most rudder executes of a trial."""
 UNLIMITED = 60
 """Executes that no record of ordinary length reaches."""
 OVERSHOOT_LENGTHS = 200.0
@@ -47,8 +49,8 @@ def zigzag(
     heading = rudder if heading_deg is None else check_degrees("manoeuvre heading_deg", heading_deg)
     sign = side_sign("manoeuvre first", first)
     check_duration("manoeuvre duration", duration)
-    if executes is not None and executes < 1:
-        raise InputError(f"manoeuvre executes={executes}: expected at least 1")
+    if executes is not None and not 1 <= executes <= MAX_EXECUTES:
+        raise InputError(f"manoeuvre executes={executes}: expected 1 to {MAX_EXECUTES}")
     turns = [sign * (-1) ** k for k in range(executes or UNLIMITED)]
     about = start_deg * DEGREE
     stages = [Stage(side * rudder, heading=about + side * heading, direction=side) for side in turns]
@@ -80,7 +82,7 @@ def overshoot(
         Stenson & Hundley 1989, as described by Hess & Faller 2000.
     """
     check_duration("manoeuvre approach", approach)
-    executes = round(2 * cycles)
+    executes = round(2 * cycles) if abs(cycles) < MAX_EXECUTES else 0
     if executes < 1 or abs(executes - 2 * cycles) > 1e-9:
         raise InputError(f"manoeuvre cycles={cycles}: expected half or whole cycles, .5 or more")
     made = zigzag(rudder_deg, first=first, executes=executes)

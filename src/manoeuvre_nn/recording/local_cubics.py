@@ -5,6 +5,8 @@ from jaxtyping import Float
 from scipy.interpolate import make_smoothing_spline
 from scipy.signal import oaconvolve, savgol_coeffs, savgol_filter
 
+from manoeuvre_nn.recording.outliers import robust_sd
+
 ORDER = 3
 """Order of the local polynomials."""
 WINDOW = 0.8
@@ -53,3 +55,23 @@ def _local_polynomial(
         savgol_filter(s, count, order, deriv=derivative, delta=step) for s in (samples[:count], samples[-count:])
     )
     return np.concatenate([first[:half], inner, last[half + 1 :]])
+
+
+def noise_left(
+    time: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"], window: float, derivative: int = 0
+) -> float:
+    """Standard deviation that white noise of the samples' size leaves in what :func:`smoothed` gives.
+
+    Args:
+        time: Sample times [s].
+        values: Samples.
+        window: Window of the local cubics [s].
+        derivative: 0 of the values, 1 of the slope.
+
+    Returns:
+        The standard deviation, in the unit of either.
+    """
+    step = float(np.median(np.diff(time)))
+    count = max(2 * round(window / step / 2) + 1, ORDER + 2)
+    gain = np.linalg.norm(savgol_coeffs(count, ORDER, deriv=derivative, delta=step))
+    return float(gain * robust_sd(values - smoothed(time, values, window)[0]))

@@ -113,7 +113,7 @@ def trimmed_least_squares(
 
 def least_squares(x: Float[np.ndarray, "n k"], y: Series) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k k"]]:
     """Unknowns of ``y = x a``, and their covariance for white noise of the size that is left."""
-    size = np.maximum(np.sqrt((x**2).sum(axis=0)), 1e-300)
+    size = np.maximum(np.sqrt((x**2).sum(axis=0)), 1e-150)  # its square is no 0
     inverse = np.linalg.pinv((x / size).T @ (x / size), rcond=1e-9, hermitian=True)
     solution = inverse @ ((x / size).T @ y) / size
     rest = y - x @ solution

@@ -25,6 +25,9 @@ RECENT = 2.5
 STRONG_EVIDENCE = 4.0
 """Least ratio of the rudder's coefficient to its standard error for a verdict on its sign."""
 
+WAY = 0.5
+"""Speed over that of the approach from which on a ship goes where she heads; a slower one drifts in the wind."""
+
 Series = Float[np.ndarray, " n"]
 
 
@@ -113,6 +116,12 @@ def course(run: Recording, ship: Particulars) -> Finding | None:
         f"the course over ground {said} most of the time: x is north and y east, cog and psi are clockwise from north"
     )
     return refused("course", text, "exchange or turn round those that are not")
+
+
+def course_of_track(recording: Recording, ship: Particulars) -> Finding | None:
+    """The same of positions that u and v were derived from, for nothing else compares those with the heading."""
+    makes_way = float(np.quantile(np.hypot(recording["u"], recording["v"]), 0.9)) > WAY * ship.speed
+    return course(recording, ship) if recording.derived & {"u", "x"} == {"u"} and makes_way else None
 
 
 def rudder_sign(recording: Recording, ship: Particulars) -> Finding | None:

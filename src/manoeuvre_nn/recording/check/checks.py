@@ -13,7 +13,7 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.frames import earth_to_body
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
-from manoeuvre_nn.recording.check import axes, units
+from manoeuvre_nn.recording.check import axes, order, units
 from manoeuvre_nn.recording.check.finding import Finding
 from manoeuvre_nn.recording.check.weighed import Bounds, strong_current, weighed
 from manoeuvre_nn.recording.holes import MOTION_SENSORS, holes
@@ -26,14 +26,16 @@ BOTH = (FIT, DIAGNOSIS)
 
 
 class _Check(NamedTuple):
-    """A check, where it applies, and whether a wrong column of the file may be what it finds."""
+    """A check, where it applies, whether a wrong column of the file may be what it finds, whether it looks at noise."""
 
     find: Callable[[Recording, Particulars], Finding | None]
     where: tuple[str, ...]
     of_columns: bool = True
+    of_noise: bool = False
 
 
 CHECKS = (
+    _Check(order.no_order, BOTH, of_noise=True),
     _Check(units.heading_unit, (DIAGNOSIS,)),
     _Check(units.stuck_rudder, (DIAGNOSIS,)),
     _Check(units.rudder_unit, BOTH),
@@ -41,6 +43,7 @@ CHECKS = (
     _Check(units.log_unit, (DIAGNOSIS,)),
     _Check(units.shaft_unit, (DIAGNOSIS,)),
     _Check(units.speed_unit, BOTH),
+    _Check(axes.course_of_track, (FIT,)),
     _Check(units.speed_size, BOTH),
     _Check(axes.heading_rate, (FIT,)),
     _Check(axes.heading_rate_in_turns, (DIAGNOSIS,)),
@@ -114,10 +117,11 @@ def check_over_ground(
     """
     runs = [_without_spikes(recording, ship) for recording in recordings]
     notes = []
-    for run in runs:
+    for raw, run in zip(recordings, runs, strict=True):
         said = [strong_current(run, ship)]
         for check in CHECKS:
-            found = check.find(run, ship) if DIAGNOSIS in check.where else None
+            looked_at = raw if check.of_noise else run
+            found = check.find(looked_at, ship) if DIAGNOSIS in check.where else None
             finding = None if found is None else weighed(found, run, ship, bounds, runs)
             if finding is not None and finding.trips:
                 raise InputError(f"{run.name}: {finding}" + (f"; {remedy}" if check.of_columns else ""))

@@ -114,12 +114,13 @@ def speed_size(recording: Recording, ship: Particulars) -> Finding | None:
     """Speeds that the ship cannot have. Slow runs are let pass: a trial may be made at any speed."""
     usual = float(np.quantile(np.hypot(recording["u"], recording["v"]), 0.9))
     approach = f"{usual:.4g} m/s; the {ship.name} approaches at {ship.speed:.4g} m/s"
+    choose = "or choose the right ship (model scale, full scale)"
+    given = "mind the units of x, y and time" if "u" in recording.derived else "mind the unit of u and v"
     if usual > 1.6 * ship.speed:
-        remedy = "u and v look like knots or km/h: write their unit, or choose the right ship (model scale, full scale)"
-        return refused("speed", f"the speed reaches {approach}", remedy)
+        looks = given if "u" in recording.derived else "u and v look like knots or km/h: write their unit"
+        return refused("speed", f"the speed reaches {approach}", f"{looks}, {choose}")
     if usual < 0.05 * ship.speed:
-        remedy = "mind the unit of u and v, or choose the right ship (model scale, full scale)"
-        return refused("speed", f"the speed stays below {approach}", remedy)
+        return refused("speed", f"the speed stays below {approach}", f"{given}, {choose}")
     forward = float(np.quantile(recording["u"], 0.95))
     if forward < 0:
         text = f"u stays below {forward:.3g} m/s, the ship runs astern throughout"

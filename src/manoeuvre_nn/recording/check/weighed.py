@@ -16,7 +16,6 @@ from math import hypot, inf
 
 import numpy as np
 from jaxtyping import Float
-from scipy.signal import savgol_coeffs
 
 from manoeuvre_nn.core.frames import earth_to_body
 from manoeuvre_nn.core.recording import CAMPAIGN, Recording
@@ -25,8 +24,7 @@ from manoeuvre_nn.core.units import DEGREE, KNOT
 from manoeuvre_nn.recording.check.axes import RUDDER_WINDOW, STRONG_EVIDENCE, mistakes, robust_slope
 from manoeuvre_nn.recording.check.finding import Finding
 from manoeuvre_nn.recording.check.motion import smoothed_motion
-from manoeuvre_nn.recording.local_cubics import ORDER, WINDOW, smoothed
-from manoeuvre_nn.recording.outliers import robust_sd
+from manoeuvre_nn.recording.local_cubics import WINDOW, noise_left, smoothed
 from manoeuvre_nn.recording.thinning import thinned
 
 MAX_OWN_SPEED = 1.3
@@ -208,13 +206,11 @@ def _rms(m: Recording, ship: Particulars) -> float:
 def _noise_of_difference(raw: Recording, ship: Particulars) -> float:
     """Standard deviation that the samples' noise leaves between a recorded velocity and that of the track [m/s]."""
     window = WINDOW * ship.time_unit
-    count = max(2 * round(window / raw.step / 2) + 1, ORDER + 2)
-
-    def noise(names: str, derivative: int) -> float:
-        gain = np.linalg.norm(savgol_coeffs(count, ORDER, deriv=derivative, delta=raw.step))
-        return float(gain * max(robust_sd(raw[k] - smoothed(raw.time, raw[k], window)[0]) for k in names))
-
-    return hypot(noise("xy", 1), noise("uv", 0))
+    slope, level = (
+        max(noise_left(raw.time, raw[k], window, derivative) for k in names)
+        for names, derivative in (("xy", 1), ("uv", 0))
+    )
+    return hypot(slope, level)
 
 
 def _ahead(run: Recording) -> Series:

@@ -317,8 +317,10 @@ def _pair(
     told: _Told,
 ) -> list[Choice]:
     """Two channels that are rated together."""
-    why = "; ".join(part for part in (unit.why, "columns exchanged" if swapped else "", told.why) if part)
-    clear = unit.decided and told.clear
+    stated = {columns[name].unit for name in names}
+    apart = "the headings state different units, and one is taken for both" if len(stated) > 1 else ""
+    why = "; ".join(part for part in (unit.why, apart, "columns exchanged" if swapped else "", told.why) if part)
+    clear = unit.decided and told.clear and not apart
     return [
         Choice(name, columns[source].column, unit.unit, sign, 0.0, why, clear, told.misfit, told.next)
         for name, source, sign in zip(names, names[::-1] if swapped else names, signs, strict=True)

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.manoeuvre import side_sign
-from manoeuvre_nn.recording.read.mapping import ChannelMap, column_of, is_number, sign_of
+from manoeuvre_nn.recording.read.mapping import ChannelMap, check_once, column_of, is_number, sign_of
 from manoeuvre_nn.recording.read.quantity import UNITS
 from manoeuvre_nn.recording.read.table import read_table
 
@@ -114,6 +114,7 @@ def captive_mapping(**settings: Any) -> CaptiveMapping:
         unit, sign = str(where.get("unit", "-")), sign_of(f"captive mapping: sign of {name}", where.get("sign", 1))
         check_choice(f"captive mapping: unit of {name}", unit, list(UNITS[COLUMNS[name]]))
         columns[name] = ChannelMap(column_of(f"captive mapping: column of {name}", where["column"]), unit, sign)
+    check_once("captive mapping", columns)
     lacking = [name for name in NEEDED if name not in columns]
     if lacking:
         raise InputError(f"captive mapping: columns has no {', '.join(lacking)}")

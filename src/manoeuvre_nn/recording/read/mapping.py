@@ -141,6 +141,7 @@ class Mapping:
             raise InputError(
                 "mapping: rudder=order says that the column of delta holds the order; take delta_order out of channels"
             )
+        check_once("mapping", {"time": self.time, **self.channels})
         if self.kind != RECORD:
             _check_complete(with_means(self.channels), self.optional)
         elif not self.channels:
@@ -247,6 +248,18 @@ def column_of(what: str, given: object) -> str:
     if isinstance(given, bool) or not isinstance(given, str | int | float):
         raise InputError(f'{what} is {given!r}; write its heading, in quotation marks where yaml has a meaning: "yes"')
     return str(given)
+
+
+def check_once(what: str, columns: AnyMapping[str, ChannelMap]) -> None:
+    """Refuse a column that is mapped to two things: what it holds can be one of them only."""
+    named: dict[str, str] = {}
+    for name, where in columns.items():
+        other = named.setdefault(where.column, name)
+        if other != name:
+            raise InputError(
+                f"{what}: {other} and {name} both name the column {where.column!r}; a column is one of them: mend or "
+                "leave out the other"
+            )
 
 
 def sign_of(what: str, given: object) -> int:

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.response import Records, Variable
 from manoeuvre_nn.core.units import GRAVITY
-from manoeuvre_nn.recording.read.mapping import ChannelMap, column_of, is_number
+from manoeuvre_nn.recording.read.mapping import ChannelMap, check_once, column_of, is_number
 from manoeuvre_nn.recording.read.quantity import UNITS
 from manoeuvre_nn.recording.read.table import Table, read_table
 
@@ -84,6 +84,7 @@ def records_mapping(**settings: Any) -> RecordsMapping:
             raise InputError(f"mapping of records: factor of {name} is {times!r}; expected a number more than 0")
         columns[str(name)] = ChannelMap(column_of(f"mapping of records: column of {name}", where["column"]), unit)
         factors[str(name)] = float(times)
+    check_once("mapping of records", columns)
     zero = settings.get("heading_zero", "following")
     check_choice("mapping of records: heading_zero", zero, ["following", "head"])
     return RecordsMapping(columns, factors, zero)
