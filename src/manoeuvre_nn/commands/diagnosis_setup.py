@@ -96,7 +96,7 @@ class _Setup:
             dynamics,
             effects,
             settings,
-            workers=configs.whole_number("workers", self.cfg.workers, 1),
+            workers=configs.whole_number("workers", self.cfg.workers, 1, configs.MAX_THREADS),
             remainder=configs.switch("remainder", self.cfg.remainder),
         )
 

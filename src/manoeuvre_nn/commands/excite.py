@@ -69,7 +69,7 @@ class _Question:
 def excite(cfg: DictConfig, out: Path, console: Console | None = None) -> ManoeuvreAdvice | None:
     """Train unless a model is given, ask, and write everything; None if the folder already holds the advice."""
     console = console or Terminal()
-    use_threads(configs.whole_number("trainer.threads", cfg.trainer.threads, 1))
+    use_threads(configs.whole_number("trainer.threads", cfg.trainer.threads, 1, configs.MAX_THREADS))
     cfg = configs.with_effects(_of_model(cfg))
     question = question_of(cfg)
     check_same_run(cfg, out)
