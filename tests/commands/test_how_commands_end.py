@@ -46,6 +46,13 @@ def test_training_on_a_full_disk_ends_in_one_line_and_leaves_no_halves(cli, tmp_
     assert not (out / "scores.json").exists() and not list(out.rglob("*.part")) and not (out / ".lock").exists()
 
 
+def test_a_sweep_on_a_full_disk_leaves_no_lock(cli, tmp_path):
+    with room_for(50):
+        ended = cli("-m", "hydra/launcher=basic", *TINY, f"hydra.sweep.dir={tmp_path / 'sweep'}")
+    assert ended.code == 2 and ended.err.startswith("error: cannot write") and ended.err.count("\n") == 1
+    assert not list(tmp_path.rglob(".lock"))
+
+
 def test_sigterm_while_it_prepares_ends_in_one_line(tmp_path):
     words = [sys.executable, str(ROOT / "train.py"), *TINY, "data.length=20000", f"hydra.run.dir={tmp_path / 'run'}"]
     environment = os.environ | {"OMP_NUM_THREADS": "1"}
