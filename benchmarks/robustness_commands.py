@@ -40,6 +40,16 @@ from manoeuvre_nn.commands.groups import compose
 
 CPU_S, LIMIT_S = 60, 240.0
 """A command that computes for longer than the first, or waits for longer than the second, hangs [s]."""
+OF_PARTS = {"sweep", "diagnose cases"}
+"""Commands that go on where a part fails, and say so."""
+UNREAD = {
+    "simulate": {"linear", "fit", "network"},
+    "diagnose": {"linear", "fit", "network", "report"},
+    "diagnose cases": {"linear", "fit", "network"},
+    "check": {"fit", "network"},
+    "coefficients": {"linear", "fit", "network", "manoeuvre", "data", "ship", "trainer", "scoring", "seed", "relative"},
+}
+"""Groups and settings that a legal command does not use: nothing of them is carried out."""
 OF_HYDRA = (
     "train", "train pitch", "simulate", "diagnose", "check", "import", "coefficients", "excite", "export", "sweep",
 )  # fmt: skip
@@ -69,7 +79,7 @@ def attack(number: int, seed: int, folder: Path) -> Outcome:
     (folder / "canary.txt").write_text("mine")
     _strange_files(folder)
     files = hostile_files(folder, [word for word in attempt.more if word.startswith("HOSTILE")])
-    more = tuple(files.get(word, word) for word in attempt.more)
+    more = tuple(part for word in attempt.more for part in (files[word].split(" ") if word in files else [word]))
     words = (attempt.name,) if attempt.name.startswith("scripts/") else legal(attempt.name)
     what = f"{attempt.name}: {' '.join(more)[:200]!r}"
     os.environ["SECRET"] = "7"
@@ -104,8 +114,10 @@ def _settings() -> Iterator[_Attempt]:
             kind = float if type(value) is int else type(value)
             for wanted, text in (*_each(SPOILT[kind]), *_each(ANY)):
                 text = text.replace("{{key}}", f"${{{key}}}")
-                must = "refused" if key.endswith("_target_") else wanted
-                yield _Attempt(name, (f"{key}={text}",), must, (key.rpartition(".")[2], text, key.split(".")[0]))
+                group = key.split(".")[0]
+                must = REFUSED if key.endswith("_target_") else wanted
+                must = EITHER if group in UNREAD.get(name, ()) else must
+                yield _Attempt(name, (f"{key}={text}",), must, (key.rpartition(".")[2], text, group))
 
 
 def _each(table: dict[str, tuple[str, ...]]) -> Iterator[tuple[str, str]]:
@@ -130,7 +142,13 @@ def _words() -> Iterator[_Attempt]:
     for name in OF_HYDRA:
         for wanted, word in _each(GRAMMAR):
             must = EITHER if name in {"import", "sweep"} else wanted
-            yield _Attempt(name, (word,), must, (word.strip("~+'\"").partition("=")[0][:9],))
+            yield _Attempt(name, (word,), must, _parts_of(word))
+
+
+def _parts_of(word: str) -> tuple[str, ...]:
+    """What an error may name of a word."""
+    key, _, value = word.strip("~+'\"").partition("=")
+    return key[:9], value[:9]
 
 
 def _options() -> Iterator[_Attempt]:
@@ -191,14 +209,14 @@ def _judged(ended: Ended, attempt: _Attempt, words: tuple[str, ...], what: str, 
         return Outcome("executed", said)
     if ended.code in {None, -signal.SIGKILL, -signal.SIGXCPU}:
         return Outcome("hang", said)
-    if attempt.name == "sweep" and ended.code == 1 and not lines and ": failed: " in ended.out:
-        return Outcome("clear error", said)  # of a job
+    if attempt.name in OF_PARTS and ended.code == 1 and not lines and ": failed: " in ended.out:
+        return Outcome("clear error", said)  # of a job or a case
     if ended.code == 0:
         wrong = attempt.wanted == "refused" or not _finite(folder)
         return Outcome("wrong" if wrong else "right answer", said)
     if ended.code != 2 or "Traceback" in ended.err:
         return Outcome("traceback", said)
-    names = not attempt.named or any(name in lines[-1] for name in attempt.named if name)
+    names = not any(attempt.named) or any(name in lines[-1] for name in attempt.named if name)
     clear = len(lines) == 1 and lines[0].startswith("error: ") and len(lines[0]) < 1000 and names
     return Outcome("clear error" if clear and not re.search("[\x00-\x08\x0b-\x1f\x7f]", lines[0]) else "wrong", said)
 

@@ -123,13 +123,14 @@ def _yaml(content: Any) -> str:
     return yaml.safe_dump(content)
 
 
+_captive = _mapping("captive.mapping", lambda payload: payload)
 FOLDERS = (
     Place("effects", "simulate", _mapping("effects", lambda p: {"current": {"speed": p}})),
     Place("effects itself", "simulate", _mapping("effects", lambda p: {"current": p})),
     Place("mapping", "train recordings", _mapping("data.mapping", lambda p: p)),
     Place("mapping of time", "check", _mapping("data.mapping", lambda p: {"time": p, "channels": {"u": p}})),
     Place("tag", "check", lambda f, p: _tagged(f, p, "data.mapping")),
-    Place("captive", "coefficients", _mapping("captive.mapping", lambda p: p)),
+    Place("captive", "coefficients", lambda f, p: f"{_captive(f, p)} captive.file=empty"),
     Place("diagnosis mapping", "diagnose", _mapping("mapping", lambda p: {**p, "time": {"column": "t", "unit": "s"}})),
     Place("beside model=", "diagnose", lambda f, p: f"model={_run_with(f, lambda c: c.update(network=p))}"),
     Place("beside excite", "excite", lambda f, p: f"model={_run_with(f, lambda c: c['ship'].update(deep=p))}"),

@@ -45,6 +45,9 @@ def refused(ended, out, *told) -> None:
         ("data.length=10", "too short for the Mariner: write at least 40 s"),
         ("network.hiden=3", "there is no setting network.hiden; python train.py --cfg job lists them all"),
         ("scoring.every=0", "scoring.every=0: expected at least 1 epoch"),
+        ("--nosuch", "unrecognized arguments: --nosuch"),
+        ("--cfg=banana", "invalid choice: 'banana'"),
+        ("config_dir=loop", "config_dir=loop is not a folder"),
         ("zz35", "Error parsing override 'zz35'"),
         ("seed=${oc.decode:'{a:b}'}", "Error parsing override"),
         ("experiment=7", "experiment=7: a group has names: leave it out or choose an option"),
@@ -55,6 +58,7 @@ def refused(ended, out, *told) -> None:
 )
 def test_wrong_commands_are_refused(cli, tmp_path, words, told):
     out = tmp_path / "run"
+    (tmp_path / "loop").symlink_to("loop")
     refused(cli(*common(words), f"hydra.run.dir={out}"), out, told)
 
 
@@ -102,6 +106,8 @@ def test_wrong_commands_are_refused(cli, tmp_path, words, told):
         ("effect.current.speed=1", "there is no setting effect.current.speed"),
         ("effect=current data=recording", "effect=[current] acts on simulated ships, data=recording are measured"),
         ("data=recording", "names no recording: write data.files=[FILE,...], relative to data.folder"),
+        ("data=recording data.mapping=kvlcc2_hsva data.files=[/no/x]", "data.files: /no/x is not in .; it holds"),
+        ("data=recording data.mapping=kvlcc2_hsva data.files=['']", "data.files: is not in .; it holds"),
         ("data=recording data.mapping=kvlcc2_hsva", "data.files=[] names no recording"),
     ],
 )

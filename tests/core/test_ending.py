@@ -54,6 +54,11 @@ def test_where_no_file_can_be_written_the_traceback_is_printed(capsys, monkeypat
     assert caught.value.code == 1 and "Traceback" in told and told.endswith("report it with the lines above\n")
 
 
+def test_a_line_is_never_longer_than_a_screen(capsys):
+    code, told = ended(raising(InputError(f"name={5000 * 'x'} is unknown: write another")), capsys)
+    assert code == 2 and len(told) < 910 and " ... " in told and told.endswith("x is unknown: write another")
+
+
 def test_ctrl_c_ends_with_130(capsys):
     assert ended(lambda: os.kill(os.getpid(), signal.SIGINT), capsys) == (130, "stopped by ctrl-C")
 

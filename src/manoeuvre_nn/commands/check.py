@@ -8,12 +8,12 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from omegaconf import DictConfig
 from rich.console import Console
-from rich.text import Text
 
 from manoeuvre_nn.commands import config as configs
 from manoeuvre_nn.commands.job import known_part
 from manoeuvre_nn.commands.provenance import shown, versions, write_provenance
 from manoeuvre_nn.commands.shelves import plain
+from manoeuvre_nn.commands.waiting import waiting
 from manoeuvre_nn.core.ending import WRONG_INPUT
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.recording import Recording
@@ -71,13 +71,13 @@ def check(cfg: DictConfig, out: Path, console: Console | None = None) -> list[In
     columns = configs.read_mapping(cfg.data.mapping, cfg.get("config_dir")) or mapping_of(paths[0])
     write_provenance(cfg, out)
     found = []
-    with console.status("checking") as status:
-        for path in paths:
-            status.update(Text(f"checking {path.name}"))
+    with waiting(console) as say:
+        for k, path in enumerate(paths, start=1):
+            say(f"checking {path.name} ({k} of {len(paths)})")
             found.append(_with_information(inspect_file(path, columns, particulars), known))
         usable = _usable(found, known)
         together = excitation_findings(usable, known) if len(usable) > 1 else []
-        status.update("drawing")
+        say("drawing")
         figures = _figures(found, particulars, out) if drawn else {}
     _write(found, together, columns, figures, cfg, out)
     _print(found, together, columns, out, console)

@@ -16,6 +16,7 @@ from rich.console import Console
 from manoeuvre_nn.commands.job import NOTHING_HELD_OUT, make_fit, prepare
 from manoeuvre_nn.commands.provenance import shown, versions, write_provenance
 from manoeuvre_nn.commands.shelves import build, made_by, plain
+from manoeuvre_nn.commands.waiting import waiting
 from manoeuvre_nn.core.data_files import FORMAT, load_json, read_as, without_format
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.ship import Particulars, Ship
@@ -133,7 +134,8 @@ def _fitted(cfg: DictConfig, console: Console) -> Coefficients:
     job = prepare(_unscored(cfg))
     for line in job.data.remarks():
         console.print(f"note: {line}", highlight=False, soft_wrap=True)
-    with console.status("fitting in closed loop"):
+    with waiting(console) as say:
+        say("fitting in closed loop")
         job.data.setup(stage=None)
         fit = make_fit(cfg, job)
         assert isinstance(fit, ClosedLoopFit)  # by the fit's _target_, which was checked first
@@ -191,7 +193,8 @@ def _own(cfg: DictConfig, console: Console) -> Coefficients:
     if not (is_number(cfg.relative) and cfg.relative > 0):
         raise InputError(f"relative={cfg.relative}: expected more than 0, such as .2")
     job = prepare(_unscored(cfg))
-    with console.status("fitting in closed loop"):
+    with waiting(console) as say:
+        say("fitting in closed loop")
         job.data.setup(stage=None)
         f = cfg.fit
         fitted, forces, ratio = fit_own_terms(

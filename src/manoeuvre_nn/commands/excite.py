@@ -14,6 +14,7 @@ from manoeuvre_nn.commands.job import NOTHING_HELD_OUT, Job, config_beside, know
 from manoeuvre_nn.commands.provenance import check_same_run, shown, versions, write_provenance
 from manoeuvre_nn.commands.shelves import check_arguments, plain
 from manoeuvre_nn.commands.train import fit
+from manoeuvre_nn.commands.waiting import waiting
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.ship import Particulars, Ship
@@ -77,14 +78,16 @@ def excite(cfg: DictConfig, out: Path, console: Console | None = None) -> Manoeu
         console.print(f"{out} holds this advice already: nothing to do", soft_wrap=True)
         return None
     write_provenance(cfg, out)
-    question.job.data.setup(stage=None)
+    with waiting(console) as question.job.data.say:
+        question.job.data.setup(stage=None)
     model = question.model
     if model is None:
         trained = fit(cfg, question.job, out, console)
         trained.close({}, {})
         model = with_rate(trained.fit.dynamics.double().cpu(), "excite")
-    with console.status("sailing") as status:
-        advice = _advice(question, model, lambda name: status.update(f"after {name}"))
+    with waiting(console) as say:
+        say("sailing")
+        advice = _advice(question, model, lambda name: say(f"sailing after {name}"))
     _write(advice, plain(cfg), out)
     _print(advice, out, console)
     return advice

@@ -12,6 +12,7 @@ from manoeuvre_nn.commands.job import NOTHING_HELD_OUT, config_beside, load_mode
 from manoeuvre_nn.commands.provenance import shown
 from manoeuvre_nn.commands.response import load_response
 from manoeuvre_nn.commands.shelves import build
+from manoeuvre_nn.commands.waiting import waiting
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.terminal import Terminal
 from manoeuvre_nn.core.threads import use_threads
@@ -49,7 +50,8 @@ def export(cfg: DictConfig, out: Path, console: Console | None = None) -> list[W
     if cfg.run is None:
         raise InputError("run must be given: write run=OUT, the output folder of manoeuvre train")
     checkpoint = checkpoint_of(Path(cfg.run))
-    with console.status("reading the model and what it was trained on"):
+    with waiting(console) as say:
+        say("reading the model and what it was trained on")
         program = program_of(checkpoint)
     kinds = list(WRITERS) if cfg.format == ALL else [cfg.format]
     made = [write_down(program, kind, document=cfg.document) for kind in kinds]

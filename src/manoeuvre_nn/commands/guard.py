@@ -108,7 +108,7 @@ def _one_line(text: str) -> str:
         return f"{name} must be given: write {name}=..."
     lines = [line.strip() for line in text.splitlines() if line.strip() and "HYDRA_FULL_ERROR" not in line]
     told, given = " ".join(lines[:3])[:400], [word[:200] for word in sys.argv[1:] if "${" in word]
-    return f"{' '.join(given)}: {told}" if given and "interpolation" in told else told
+    return f"{' '.join(given)}: {told}" if given and "interpolation" in told.lower() else told
 
 
 def program() -> str:

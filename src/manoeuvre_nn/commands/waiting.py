@@ -12,12 +12,13 @@ from manoeuvre_nn.training.data import Say
 
 
 @contextmanager
-def waiting(console: Console, seconds: float = 15.0) -> Generator[Say]:
+def waiting(console: Console, seconds: float = 15.0, first: float = 5.0) -> Generator[Say]:
     """Show what is being done, and for how long.
 
     Args:
         console: Where: on a terminal a line that moves and goes again, elsewhere a line now and then.
         seconds: Time between these lines [s].
+        first: Time after which the first of them comes [s].
 
     Yields:
         What is told each time that something else is done.
@@ -31,7 +32,9 @@ def waiting(console: Console, seconds: float = 15.0) -> Generator[Say]:
         bar.update(task, description=what)
 
     def now_and_then() -> None:
-        while not done.wait(seconds):
+        pause = min(first, seconds)
+        while not done.wait(pause):
+            pause = seconds
             console.print(f"{words[0]}: {monotonic() - began:.0f} s so far", highlight=False, markup=False)
 
     thread = Thread(target=now_and_then, daemon=True)

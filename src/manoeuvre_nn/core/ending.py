@@ -21,6 +21,8 @@ WRONG_INPUT, DEFECT = 2, 1
 STOPPED, UNREAD, TERMINATED = 130, 141, 143
 """Exit codes after ctrl-C, when nobody reads on (``| head``), and after SIGTERM, as shells have them."""
 OF_FILES = (errno.ENOENT, errno.EACCES, errno.ENOTDIR, errno.EEXIST, errno.EISDIR, errno.EROFS, errno.ENAMETOOLONG)
+MAX_LINE = 900
+"""Characters of a line of an error: names that people give may be as long as they like."""
 ANOTHER_FOLDER = "choose another folder (hydra.run.dir=, or out=)"
 
 
@@ -146,8 +148,10 @@ def full_story(error: BaseException) -> str:
 
 
 def _tell(line: str) -> None:
-    """A line to the person."""
-    print(harmless(" ".join(line.split())), file=sys.stderr, flush=True)
+    """A line to the person, what is longer than a screen with its middle left out."""
+    told = harmless(" ".join(line.split()))
+    told = told if len(told) <= MAX_LINE else f"{told[: MAX_LINE - 200]} ... {told[-190:]}"
+    print(told, file=sys.stderr, flush=True)
 
 
 def _written_down(error: BaseException) -> str:
