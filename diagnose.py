@@ -3,7 +3,7 @@
 ``python diagnose.py --help`` tells more; ``manoeuvre diagnose`` is the same.
 """
 
-from manoeuvre_nn.commands.main import run
+from manoeuvre_nn.commands.start import run
 
 if __name__ == "__main__":
     run("diagnose")

@@ -3,7 +3,7 @@
 ``python train.py --help`` tells more; ``manoeuvre train`` is the same.
 """
 
-from manoeuvre_nn.commands.main import run
+from manoeuvre_nn.commands.start import run
 
 if __name__ == "__main__":
     run("train")

@@ -1,7 +1,7 @@
 """Attack readers and commands as a stranger would, and count what comes of it.
 
-    python benchmarks/robustness.py [inputs=10000] [commands=300] [disks=20] [checkpoints=100] [kills=50] [seed=0]
-        [first=0] [out=FILE.json]
+    python benchmarks/robustness.py [inputs=10000] [commands=300] [disks=20] [checkpoints=100] [signals=60] [kills=50]
+        [seed=0] [first=0] [out=FILE.json]
 
 Only what is named is done, so many attacks each; ``first=4711 inputs=1`` repeats a single one. Each attack is made in
 a process of its own. The exit code is 1 if a file's content was run (*executed*), a command hung, ended in a traceback,
@@ -11,6 +11,7 @@ or gave a wrong answer in silence.
     commands     command lines
     disks        disks that are full or read-only, under every command
     checkpoints  damaged checkpoints
+    signals      ctrl-C and SIGTERM at a random moment of every command
     kills        kill -9 at a random moment, then the same command again: the same results, bit for bit
 """
 
@@ -27,7 +28,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 from robustness_attack import BAD, RESULTS, Attack, Outcome
 
-SECTIONS = ("inputs", "commands", "disks", "checkpoints", "kills")
+SECTIONS = ("inputs", "commands", "disks", "checkpoints", "signals", "kills")
 """What can be attacked: the module robustness_NAME has a function ``attack``."""
 SHOWN = 20
 """Most bad outcomes that are printed for a section."""

@@ -3,7 +3,7 @@
 ``python scripts/coefficients.py --help`` tells more; ``manoeuvre coefficients`` is the same.
 """
 
-from manoeuvre_nn.commands.main import run
+from manoeuvre_nn.commands.start import run
 
 if __name__ == "__main__":
     run("coefficients")

@@ -25,7 +25,10 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))  # studies stand beside the package, not in it
 
-from manoeuvre_nn.core.ending import TERMINATED, Terminated, one_line  # noqa: E402
+from manoeuvre_nn.core.ending import TERMINATED, Terminated, listen, one_line  # noqa: E402
+
+if __name__ == "__main__":
+    listen()  # imports take seconds
 from manoeuvre_nn.core.errors import InputError  # noqa: E402
 from manoeuvre_nn.core.writing import locked  # noqa: E402
 from studies.concealed_trial.channels import CHANNEL_SETS  # noqa: E402

@@ -3,7 +3,7 @@
 ``python scripts/excite.py --help`` tells more; ``manoeuvre excite`` is the same.
 """
 
-from manoeuvre_nn.commands.main import run
+from manoeuvre_nn.commands.start import run
 
 if __name__ == "__main__":
     run("excite")

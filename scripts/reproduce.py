@@ -4,10 +4,15 @@ import os
 import sys
 from pathlib import Path
 
-import hydra
-from omegaconf import DictConfig
+from manoeuvre_nn.core.ending import listen
 
-from manoeuvre_nn.commands.guard import guarded
+if __name__ == "__main__":
+    listen()  # imports take seconds
+
+import hydra  # noqa: E402
+from omegaconf import DictConfig  # noqa: E402
+
+from manoeuvre_nn.commands.guard import guarded  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[1]
 CONF = ROOT / "studies" / "reproduction"

@@ -23,6 +23,11 @@ import yaml
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))  # studies stand beside the package, not in it
 
+from manoeuvre_nn.core.ending import listen  # noqa: E402
+
+if __name__ == "__main__":
+    listen()  # imports take seconds
+
 from manoeuvre_nn.commands.diagnose import ANSWER, case_folders  # noqa: E402
 from manoeuvre_nn.commands.guard import one_line  # noqa: E402
 from manoeuvre_nn.core.errors import InputError, check_choice  # noqa: E402

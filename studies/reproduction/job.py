@@ -16,7 +16,7 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from manoeuvre_nn.commands import guard
-from manoeuvre_nn.commands.config import as_list, switch, whole_number
+from manoeuvre_nn.commands.config import MAX_THREADS, as_list, switch, whole_number
 from manoeuvre_nn.commands.provenance import check_same_run, versions, write_provenance
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.threads import use_threads
@@ -105,7 +105,7 @@ def job_of(cfg: DictConfig) -> ReproductionJob:
     effort = ComputingEffort(
         switch("quick", cfg.quick), int(whole_number("starts", cfg.starts, 1)), int(whole_number("seed", cfg.seed, 0))
     )
-    workers = int(whole_number("workers", cfg.workers, 1))
+    workers = int(whole_number("workers", cfg.workers, 1, MAX_THREADS))
     named = wanted(as_list(cfg.chapters), list(paper.chapters))
     return ReproductionJob(paper, {name: paper.chapter(name) for name in named}, effort, workers, Path(cfg.out))
 

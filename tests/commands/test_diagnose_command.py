@@ -26,6 +26,7 @@ from manoeuvre_nn.commands.config import with_effects
 from manoeuvre_nn.commands.diagnose import _Tracker, case_folders, diagnose_all
 from manoeuvre_nn.commands.diagnosis_setup import setup, wanted, write_effects
 from manoeuvre_nn.commands.job import load_model, prepare
+from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.units import KNOT
 from manoeuvre_nn.dynamics.base import calm_accelerations
 from manoeuvre_nn.dynamics.simulate import simulate
@@ -127,6 +128,12 @@ def test_what_was_found_is_loaded_by_train(found, composed):
     acting = {e.name: e.values.tolist() for e in data.effects}
     assert acting["heading_bias"] == [1.0]
     assert acting["current"] == pytest.approx(CURRENT, rel=0.05)
+
+
+@pytest.mark.parametrize("word", ["workers=1.5", "workers=1000000", "remainder=7", "report=perhaps"])
+def test_settings_of_all_cases_are_checked_before_the_first(word):
+    with pytest.raises(InputError, match=f"{word}: expected"):
+        setup(config("cases=nowhere", word))
 
 
 def test_effects_that_cannot_be_loaded_are_refused(attempt, tmp_path, found):

@@ -1,11 +1,13 @@
 """Full disks, ctrl-C, SIGTERM and two runs in one folder, as a person meets them: one line, nothing lost."""
 
+import inspect
 import json
 import os
 import signal
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 from io import StringIO
 
 import pytest
@@ -13,7 +15,7 @@ from conftest import ROOT, TINY
 from full_disk import room_for
 from rich.console import Console
 
-from manoeuvre_nn.commands import main, train
+from manoeuvre_nn.commands import check, main, simulate, train
 from manoeuvre_nn.commands.waiting import waiting
 from manoeuvre_nn.core.writing import locked
 from manoeuvre_nn.training import data
@@ -44,6 +46,13 @@ def test_training_on_a_full_disk_ends_in_one_line_and_leaves_no_halves(cli, tmp_
     assert ended.code == 2 and ended.err.count("\n") == 1
     assert ended.err.startswith("error: cannot write") and "File too large: make room" in ended.err
     assert not (out / "scores.json").exists() and not list(out.rglob("*.part")) and not (out / ".lock").exists()
+
+
+def test_a_sweep_on_a_full_disk_leaves_no_lock(cli, tmp_path):
+    with room_for(50):
+        ended = cli("-m", "hydra/launcher=basic", *TINY, f"hydra.sweep.dir={tmp_path / 'sweep'}")
+    assert ended.code == 2 and ended.err.startswith("error: cannot write") and ended.err.count("\n") == 1
+    assert not list(tmp_path.rglob(".lock"))
 
 
 def test_sigterm_while_it_prepares_ends_in_one_line(tmp_path):
@@ -146,15 +155,44 @@ def test_what_takes_minutes_says_what_it_does_and_for_how_long():
         time.sleep(0.1)
     lines = text.getvalue().splitlines()
     assert lines and set(lines) == {"simulating zz35 over 100000 s: 0 s so far"}
-    first = StringIO()
-    with waiting(Console(file=first, width=100), "reading a.csv", seconds=0.6):
-        time.sleep(0.4)  # the first line comes after a third of the time between lines: five seconds, not fifteen
-    assert first.getvalue() == "reading a.csv: 0 s so far\n"
     shown = StringIO()
     with waiting(Console(file=shown, width=100, force_terminal=True)) as say:
         say("simulating zz35 over 100000 s")
         time.sleep(0.2)
     assert "simulating zz35 over 100000 s" in shown.getvalue() and "0:00:00" in shown.getvalue()
+
+
+def test_the_first_word_comes_after_seconds():
+    text = StringIO()
+    with waiting(Console(file=text), "reading a.csv", first=0.05):
+        time.sleep(0.15)
+    assert text.getvalue() == "reading a.csv: 0 s so far\n"
+    assert inspect.signature(waiting).parameters["first"].default <= 5
+
+
+LONG = {
+    "simulate": (simulate, "solve", "sailing zz20 over 100000 s (1 of 1)", ["manoeuvre.zz20.duration=100000"]),
+    "check": (check, "inspect_file", "checking run.csv (1 of 1)", ["data.files=run.csv", "data.mapping=esso_osaka"]),
+}
+
+
+@pytest.mark.parametrize("name", LONG)
+def test_what_takes_long_is_named_before_it_begins(name, tmp_path, monkeypatch, capsys):
+    module, step, told, words = LONG[name]
+    said = []
+
+    @contextmanager
+    def heard(console):
+        yield said.append
+
+    monkeypatch.setattr(module, "waiting", heard)
+    monkeypatch.setattr(module, step, lambda *_, **__: os.kill(os.getpid(), signal.SIGINT))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "run.csv").write_text("t [s],u [m/s]\n")
+    monkeypatch.setattr(sys, "argv", ["manoeuvre"])
+    with pytest.raises(SystemExit) as end:
+        main.run(name, [*words, "hydra.run.dir=out"])
+    assert end.value.code == 130 and said == [told], capsys.readouterr().err
 
 
 def test_a_long_simulation_is_named_before_it_begins(cli, tmp_path, monkeypatch):

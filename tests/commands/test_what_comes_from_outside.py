@@ -197,6 +197,11 @@ def test_hydras_own_ways_to_unchecked_and_pickled_configs_are_closed(word):
         own_folder(["ship=mariner", word])
 
 
+def test_a_word_for_a_folder_without_a_folder_is_refused():
+    with pytest.raises(InputError, match="--config-dir names no folder: write config_dir=FOLDER"):
+        own_folder(["ship=mariner", "--config-dir"])
+
+
 def test_the_beginning_of_a_word_for_a_folder_is_the_word_for_it(tmp_path):
     (tmp_path / "ship").mkdir()
     (tmp_path / "ship" / "mine.yaml").write_text(f"{GLOBAL}plugins: [my_evil]\n")

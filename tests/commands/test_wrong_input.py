@@ -45,12 +45,20 @@ def refused(ended, out, *told) -> None:
         ("data.length=10", "too short for the Mariner: write at least 40 s"),
         ("network.hiden=3", "there is no setting network.hiden; python train.py --cfg job lists them all"),
         ("scoring.every=0", "scoring.every=0: expected at least 1 epoch"),
+        ("--nosuch", "unrecognized arguments: --nosuch"),
+        ("--cfg=banana", "invalid choice: 'banana'"),
+        ("config_dir=loop", "config_dir=loop is not a folder"),
         ("zz35", "Error parsing override 'zz35'"),
+        ("seed=${oc.decode:'{a:b}'}", "Error parsing override"),
+        ("experiment=7", "experiment=7: a group has names: leave it out or choose an option"),
+        ("seed=${nosuch:1}", "seed=${nosuch:1}: Unsupported interpolation type nosuch"),
+        ("seed=${seed}", "seed=${seed}: Recursive interpolation detected"),
         ("data=recording data.mapping=none.yaml", "none.yaml does not exist"),
     ],
 )
 def test_wrong_commands_are_refused(cli, tmp_path, words, told):
     out = tmp_path / "run"
+    (tmp_path / "loop").symlink_to("loop")
     refused(cli(*common(words), f"hydra.run.dir={out}"), out, told)
 
 
@@ -73,7 +81,13 @@ def test_wrong_commands_are_refused(cli, tmp_path, words, told):
         ("network.dtype=float16", "network.dtype 'float16' is unknown; choose one of: float64, float32"),
         ("trainer.max_epochs=many", "max_epochs=many: expected a whole number"),
         ("trainer.max_epochs=0", "trainer.max_epochs=0: expected at least 1"),
-        ("trainer.threads=0", "trainer.threads=0: expected a whole number, 1 or more"),
+        ("trainer.threads=0", "trainer.threads=0: expected a whole number, 1 to 256"),
+        ("trainer.threads=1000000", "trainer.threads=1000000: expected a whole number, 1 to 256"),
+        ("network.hidden=1000000000", "network has a size of 1e+09; expected 100000 at most"),
+        ("data.delays=7", "delays=7: expected a list such as delays=[a,b]"),
+        ("network.spread=nan", "spread=nan: expected a number"),
+        ("network.spread=true", "spread=True: expected a number"),
+        ("trainer.resume=7", "resume=7: expected a word"),
         ("trainer.resume=nowhere.ckpt", "nowhere.ckpt does not exist"),
         ("scoring.solver=euler", "scoring.solver 'euler' is unknown; choose one of: torchdiffeq, rollout"),
         ("fit.iterations_per_epoch=small", "iterations_per_epoch=small: expected a whole number"),
@@ -92,6 +106,8 @@ def test_wrong_commands_are_refused(cli, tmp_path, words, told):
         ("effect.current.speed=1", "there is no setting effect.current.speed"),
         ("effect=current data=recording", "effect=[current] acts on simulated ships, data=recording are measured"),
         ("data=recording", "names no recording: write data.files=[FILE,...], relative to data.folder"),
+        ("data=recording data.mapping=kvlcc2_hsva data.files=[/no/x]", "data.files: /no/x is not in .; it holds"),
+        ("data=recording data.mapping=kvlcc2_hsva data.files=['']", "data.files: is not in .; it holds"),
         ("data=recording data.mapping=kvlcc2_hsva", "data.files=[] names no recording"),
     ],
 )

@@ -3,13 +3,15 @@
 import errno
 import os
 import signal
+import subprocess
+import sys
 import tempfile
 import threading
 from pathlib import Path
 
 import pytest
 
-from manoeuvre_nn.core.ending import Terminated, explain, one_line
+from manoeuvre_nn.core.ending import Terminated, explain, listen, one_line
 from manoeuvre_nn.core.errors import InputError
 
 
@@ -50,6 +52,11 @@ def test_where_no_file_can_be_written_the_traceback_is_printed(capsys, monkeypat
         raise ZeroDivisionError("x")
     told = capsys.readouterr().err
     assert caught.value.code == 1 and "Traceback" in told and told.endswith("report it with the lines above\n")
+
+
+def test_a_line_is_never_longer_than_a_screen(capsys):
+    code, told = ended(raising(InputError(f"name={5000 * 'x'} is unknown: write another")), capsys)
+    assert code == 2 and len(told) < 910 and " ... " in told and told.endswith("x is unknown: write another")
 
 
 def test_ctrl_c_ends_with_130(capsys):
@@ -141,3 +148,54 @@ def test_a_forked_process_is_ended_by_sigterm_however_soon_it_comes():
 
 def test_what_ends_on_ctrl_c_ends_on_sigterm():
     assert issubclass(Terminated, KeyboardInterrupt)
+
+
+def test_what_a_library_makes_of_ctrl_c_is_still_ctrl_c(capsys):
+    def act():
+        try:
+            os.kill(os.getpid(), signal.SIGINT)
+        except KeyboardInterrupt as stop:
+            raise ImportError("cannot import a module") from stop
+
+    assert ended(act, capsys) == (130, "stopped by ctrl-C")
+
+
+@pytest.mark.parametrize(
+    "error", [MemoryError("Unable to allocate 7.11 PiB"), RuntimeError("DefaultCPUAllocator: can't allocate memory")]
+)
+def test_sizes_that_no_memory_has_are_wrong_input(error, capsys):
+    code, told = ended(raising(error), capsys)
+    assert code == 2 and told.startswith("error: not enough memory (") and "write smaller sizes" in told
+
+
+@pytest.mark.parametrize(("number", "code", "told"), [(2, 130, "ctrl-C"), (15, 143, "SIGTERM")])
+def test_a_program_that_still_imports_ends_in_one_line(number, code, told):
+    start = "from manoeuvre_nn.core.ending import listen; listen(); import time; print(flush=True); time.sleep(60)"
+    script = f"import signal; signal.signal(signal.SIGINT, signal.default_int_handler); {start}"
+    process = subprocess.Popen(
+        [sys.executable, "-c", script], text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    process.stdout.readline()
+    process.send_signal(number)
+    _, err = process.communicate(timeout=60)
+    assert (process.returncode, err) == (code, f"stopped by {told}\n")
+
+
+def test_the_commands_listen_before_they_import_anything_that_takes_long():
+    script = "import manoeuvre_nn.commands.start, sys; print({'hydra', 'numpy', 'torch', 'yaml'} & set(sys.modules))"
+    assert (
+        subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout == "set()\n"
+    )
+
+
+def test_ctrl_c_is_raised_again_where_it_can_be_ended_orderly(capsys, monkeypatch):
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    monkeypatch.setattr(os, "_exit", lambda code: pytest.fail("it was ended at once"))
+    try:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        listen()
+        assert ended(lambda: os.kill(os.getpid(), signal.SIGINT), capsys) == (130, "stopped by ctrl-C")
+        assert signal.getsignal(signal.SIGINT) is not signal.default_int_handler
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,7 +1,6 @@
 """Checkpoints are changed field by field: each is refused in one line, or gone on with to finite weights."""
 
 import copy
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -11,15 +10,11 @@ import pytest
 import tiny
 import torch
 
+from benchmarks.robustness_fields import SPOILT, changed, places
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.training.checkpoint import load_weights
 
-GONE = object()
-SPOILT = (
-    None, "x", -1, [], {}, float("nan"), True, {"a": 1}, [None], torch.zeros(2), 10**30, torch.tensor(torch.nan), GONE,
-)  # fmt: skip
 FITS = {"levenberg_marquardt": tiny.lm, "backprop": tiny.backprop}
-Place = tuple[Any, ...]
 
 
 @cache
@@ -27,26 +22,6 @@ def stored(kind: str) -> dict[str, Any]:
     with TemporaryDirectory() as folder:
         tiny.train(FITS[kind](), Path(folder), max_epochs=2)
         return torch.load(Path(folder, "checkpoints", "last.ckpt"), weights_only=True)
-
-
-def places(value: Any, before: Place = ()) -> Iterator[Place]:
-    if before:
-        yield before
-    inner = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
-    for key, part in inner:
-        yield from places(part, (*before, key))
-
-
-def changed(content: dict[str, Any], place: Place, value: Any) -> dict[str, Any]:
-    made = copy.deepcopy(content)
-    inner = made
-    for key in place[:-1]:
-        inner = inner[key]
-    if value is GONE:
-        del inner[place[-1]]
-    else:
-        inner[place[-1]] = value
-    return made
 
 
 def endings(kind: str, every: int, tmp_path: Path) -> list[str]:

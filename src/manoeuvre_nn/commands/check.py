@@ -72,8 +72,8 @@ def check(cfg: DictConfig, out: Path, console: Console | None = None) -> list[In
     write_provenance(cfg, out)
     found = []
     with waiting(console) as say:
-        for path in paths:
-            say(f"checking {path.name}")
+        for k, path in enumerate(paths, start=1):
+            say(f"checking {path.name} ({k} of {len(paths)})")
             found.append(_with_information(inspect_file(path, columns, particulars), known))
         say("what the recordings can identify")
         usable = _usable(found, known)

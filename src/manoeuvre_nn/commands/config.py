@@ -18,11 +18,15 @@ from manoeuvre_nn.core.units import DEGREE, KNOT
 from manoeuvre_nn.recording.read import mapping_file
 from manoeuvre_nn.recording.read.mapping import Mapping as ColumnMapping
 
+MAX_THREADS = 256
+"""Threads, or processes, that a command may be told to use at once."""
 
-def whole_number(what: str, value: Any, least: int) -> int:
-    """Read a setting that counts something; ``what`` is its name, and a smaller number than ``least`` is refused."""
-    if type(value) is not int or not least <= value < 2**63:
-        raise InputError(f"{what}={value}: expected a whole number, {least} or more")
+
+def whole_number(what: str, value: Any, least: int, most: int = 2**63 - 1) -> int:
+    """Read a setting that counts something; ``what`` is its name, and what is not from least to most is refused."""
+    if type(value) is not int or not least <= value <= most:
+        wanted = f"{least} or more" if most == 2**63 - 1 else f"{least} to {most}"
+        raise InputError(f"{what}={value}: expected a whole number, {wanted}")
     return value
 
 

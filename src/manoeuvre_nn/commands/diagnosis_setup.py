@@ -96,8 +96,8 @@ class _Setup:
             dynamics,
             effects,
             settings,
-            workers=configs.whole_number("workers", self.cfg.workers, 1),
-            remainder=configs.switch("remainder", self.cfg.remainder),
+            workers=self.cfg.workers,
+            remainder=self.cfg.remainder,
         )
 
     def candidates(self, case: Case) -> tuple[list[Effect], list[str]]:
@@ -133,6 +133,9 @@ class _Setup:
 
 def setup(cfg: DictConfig, model: IdentifiedShip | None = None) -> _Setup:
     """Check everything that concerns all cases, with a fitted model that is at hand or else that of the config."""
+    configs.whole_number("workers", cfg.workers, 1, configs.MAX_THREADS)
+    for key in ("remainder", "report"):
+        configs.switch(key, cfg[key])
     shelf = {name: load_yaml(path) for name, path in options("effect", cfg.get("config_dir")).items()}
     if model is None and cfg.model is not None:
         # It brings Lightning, seconds that a ship's own model needs not.

@@ -70,7 +70,7 @@ class _Question:
 def excite(cfg: DictConfig, out: Path, console: Console | None = None) -> ManoeuvreAdvice | None:
     """Train unless a model is given, ask, and write everything; None if the folder already holds the advice."""
     console = console or Terminal()
-    use_threads(configs.whole_number("trainer.threads", cfg.trainer.threads, 1))
+    use_threads(configs.whole_number("trainer.threads", cfg.trainer.threads, 1, configs.MAX_THREADS))
     cfg = configs.with_effects(_of_model(cfg))
     question = question_of(cfg)
     check_same_run(cfg, out)
@@ -78,14 +78,15 @@ def excite(cfg: DictConfig, out: Path, console: Console | None = None) -> Manoeu
         console.print(f"{out} holds this advice already: nothing to do", soft_wrap=True)
         return None
     write_provenance(cfg, out)
-    question.job.data.setup(stage=None)
+    with waiting(console) as question.job.data.say:
+        question.job.data.setup(stage=None)
     model = question.model
     if model is None:
         trained = fit(cfg, question.job, out, console)
         trained.close({}, {})
         model = with_rate(trained.fit.dynamics.double().cpu(), "excite")
     with waiting(console, "sailing") as say:
-        advice = _advice(question, model, lambda name: say(f"after {name}"))
+        advice = _advice(question, model, lambda name: say(f"sailing after {name}"))
     _write(advice, plain(cfg), out)
     _print(advice, out, console)
     return advice

@@ -115,11 +115,13 @@ def own_folder(words: Sequence[str]) -> tuple[list[str], Path | None]:
             kept.append(f"{key}{sign}{value}")
         elif value not in {"", "null"}:
             named = value
-        elif not sign and left:
+        elif not sign:
+            if not left:
+                raise InputError(f"{key} names no folder: write config_dir=FOLDER")
             named = left.pop(0)
     if named is None:
         return kept, None
-    folder = Path(named.strip("'\"")).expanduser().resolve()
+    folder = Path(os.path.realpath(Path(named.strip("'\"")).expanduser()))  # unlike resolve, also of a link to itself
     if not folder.is_dir():
         raise InputError(f"config_dir={named} is not a folder: write one with ship/, effect/, manoeuvre/ ... in it")
     for group in GROUPS:  # other folders, such as those of runs, may hold anything: nothing of theirs can be chosen

@@ -4,11 +4,11 @@ import os
 import re
 import sys
 from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import yaml
-from hydra.errors import HydraException
+from hydra.errors import HydraException, OverrideParseException
 from omegaconf.errors import OmegaConfBaseException
 
 from manoeuvre_nn.core import ending
@@ -20,10 +20,14 @@ ERROR = "error.txt"
 OF_CONFIG = (HydraException, OmegaConfBaseException, yaml.YAMLError)
 NO_GROUP = "Config group override must be a string"
 """How hydra complains of ``ship=null``, with a traceback."""
+NO_OPTION = re.compile(r"[^.=]*=\W*(\d|true$|false$|\{)", re.IGNORECASE)
+"""What is written for a group and is no name."""
 OF_EXTRAS = {"hydra/sweeper=optuna": "search", "hydra/launcher=submitit_local": "sweep"}
 """Option that an extra of the package brings -> the extra."""
 command = "train"
 """The command that runs, for advice."""
+until_the_end = ExitStack()
+"""What is held until a command ends, however it ends: the lock of a sweep's folder."""
 failed_jobs: list[str] = []
 """Jobs of a sweep that failed; the sweep goes on and ends with exit code 1."""
 
@@ -45,7 +49,7 @@ def guarded(main: Callable[[], None]) -> None:
         SystemExit: As :func:`one_line` says, and with code 1 if jobs of a sweep failed.
     """
     os.environ["HYDRA_FULL_ERROR"] = "1"  # hydra then raises instead of printing its own traceback
-    with one_line():
+    with one_line(), until_the_end:
         main()
     if failed_jobs:
         raise SystemExit(DEFECT)
@@ -64,10 +68,13 @@ def explain(error: BaseException) -> str | None:
     if known is not None:
         return known
     if NO_GROUP in str(error):
-        given = [word for word in sys.argv[1:] if word.endswith("=null")]
-        return f"{' '.join(given)}: a group cannot be empty: leave it out or choose an option"
+        empty = [word for word in sys.argv[1:] if word.endswith("=null")]
+        given, why = empty or [word for word in sys.argv[1:] if NO_OPTION.match(word)], "cannot be empty"
+        return f"{' '.join(given)}: a group {why if empty else 'has names'}: leave it out or choose an option"
     if not isinstance(error, OF_CONFIG):
         return None
+    if isinstance(error, OverrideParseException):  # whatever its parser broke on
+        return _one_line(str(error) if "Error parsing" in str(error) else f"Error parsing override {error.override!r}")
     ours = any(not isinstance(cause, (*OF_CONFIG, TypeError, ValueError)) for cause in causes(error))
     return None if ours else _one_line(str(error))
 
@@ -100,7 +107,8 @@ def _one_line(text: str) -> str:
         name = (full or mandatory)[1]
         return f"{name} must be given: write {name}=..."
     lines = [line.strip() for line in text.splitlines() if line.strip() and "HYDRA_FULL_ERROR" not in line]
-    return " ".join(lines[:3])[:400]
+    told, given = " ".join(lines[:3])[:400], [word[:200] for word in sys.argv[1:] if "${" in word]
+    return f"{' '.join(given)}: {told}" if given and "interpolation" in told.lower() else told
 
 
 def program() -> str:

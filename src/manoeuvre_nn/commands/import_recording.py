@@ -53,7 +53,8 @@ def request(arguments: list[str]) -> _Request:
         else:
             files.append(Path(argument))
     if len(files) != 1:
-        raise InputError(f"{len(files)} files are given, expected one; write {USAGE}")
+        given_files = f" ({', '.join(map(str, files))})" if files else ""
+        raise InputError(f"{len(files)} files are given{given_files}, expected one; write {USAGE}")
     if given.get("overwrite", "false") not in {"true", "false"}:
         raise InputError(f"overwrite={given['overwrite']}: expected true or false")
     if "name" in given and "out" in given:

@@ -49,7 +49,7 @@ NOTHING_HELD_OUT = [{"straight": {"duration": 60, "name": "placeholder"}}]
 OF_FILES = (TARGET, "folder", "files", "mapping")
 """Settings of ``data=recording`` that say which files are read, and how."""
 MAX_NETWORK_SIZE = 100_000
-"""Largest number among the sizes of a network that comes from a file."""
+"""Largest number among the sizes of a network."""
 DTYPES = {"float64": torch.float64, "float32": torch.float32}
 
 
@@ -152,6 +152,7 @@ def blank_network(
         InputError: If the first or the second is not said how, or the network has a size of its own.
     """
     settings = plain(cfg.network)
+    _check_sizes(settings, "network")
     for key in ("scaling", "dtype"):
         if key not in settings:
             raise InputError(f"network.{key} must be given: see the files of conf/network")
@@ -227,11 +228,11 @@ def fit_of(cfg: DictConfig, dynamics: IdentifiedShip | RecursiveShip | Response)
 
 
 def _check_sizes(value: Any, where: str) -> None:
-    """Refuse a network from outside that no memory could hold."""
+    """Refuse a network that no memory could hold."""
     if isinstance(value, Mapping | list):
         for inner in value.values() if isinstance(value, Mapping) else value:
             _check_sizes(inner, where)
-    elif isinstance(value, int) and abs(value) > MAX_NETWORK_SIZE:
+    elif isinstance(value, int | float) and MAX_NETWORK_SIZE < abs(value):
         raise InputError(f"{where} has a size of {value:.3g}; expected {MAX_NETWORK_SIZE} at most")
 
 

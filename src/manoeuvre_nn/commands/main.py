@@ -5,8 +5,10 @@ import sys
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from typing import NoReturn
 
 import hydra
+from hydra._internal.utils import get_args_parser
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig
 
@@ -14,7 +16,7 @@ from manoeuvre_nn import __version__
 from manoeuvre_nn.commands import guard
 from manoeuvre_nn.commands.groups import CONF, options, own_folder, plugged_in
 from manoeuvre_nn.core.ending import WRONG_INPUT
-from manoeuvre_nn.core.errors import check_choice
+from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.writing import locked
 
 USAGE = """manoeuvre COMMAND [group=option] [setting=value]
@@ -80,9 +82,21 @@ def run(command: str, words: list[str] | None = None) -> None:
         return
     with guard.one_line():
         words, folder = own_folder(words)
+        _check_options(words)
         words, config = task_of(words, command, folder)
     sys.argv = [sys.argv[0], *words, *(() if folder is None else ("--config-dir", str(folder)))]
     guard.guarded(hydra.main(version_base="1.3", config_path=str(CONF), config_name=config)(_task(command)))
+
+
+def _check_options(words: list[str]) -> None:
+    """Refuse options (``--name``) that hydra does not know, of which it would tell on several lines."""
+
+    def refuse(message: str) -> NoReturn:
+        raise InputError(f"{message}; {guard.program()} --help lists what there is")
+
+    parser = get_args_parser()
+    parser.error = refuse  # type: ignore[method-assign]
+    parser.parse_args([word for word in words if word != "--version"])
 
 
 def task_of(words: Sequence[str], command: str, own: Path | None = None) -> tuple[list[str], str]:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, is_dataclass, replace
 from types import NoneType, UnionType
-from typing import Any, NamedTuple, get_args
+from typing import Any, Literal, NamedTuple, Union, get_args, get_origin
 
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
@@ -201,27 +201,43 @@ def check_arguments(function: Callable[..., Any], settings: Mapping[str, Any]) -
     others = next((p for p in known.values() if p.kind is p.VAR_KEYWORD), None)
     for name, value in settings.items():
         parameter = known.get(name, others)
-        kinds = _kinds(parameter.annotation) if parameter else {object}
-        if Sequence[float] in kinds:
-            _check_numbers(name, value, NoneType in kinds)
-        if str in kinds <= {str, int, float, NoneType} and not isinstance(value, str | int | float | NoneType):
-            raise InputError(f"{name}={value}: expected a word{' or null' if NoneType in kinds else ''}")
-        if not kinds <= {int, float, bool, NoneType}:
-            continue
-        accepted = tuple(kinds | {int}) if float in kinds else tuple(kinds)
-        if not isinstance(value, accepted) or (isinstance(value, bool) and bool not in kinds):
-            wanted = "a number" if float in kinds else "a whole number" if int in kinds else "true or false"
-            raise InputError(f"{name}={value}: expected {wanted}{' or null' if NoneType in kinds else ''}")
+        if parameter and not _fits(value, parameter.annotation):
+            raise InputError(f"{name}={value}: expected {_in_words(name, parameter.annotation)}")
 
 
 def _kinds(annotation: Any) -> set[Any]:
     """What an argument may be, one by one."""
-    return set(get_args(annotation)) if isinstance(annotation, UnionType) else {annotation}
+    return set(get_args(annotation)) if get_origin(annotation) in {UnionType, Union} else {annotation}
 
 
-def _check_numbers(name: str, value: Any, optional: bool) -> None:
-    """Refuse what is no list of numbers."""
-    numbers = isinstance(value, Sequence) and all(isinstance(v, int | float) for v in value)
-    if not numbers and not (optional and value is None):
-        wanted = f"numbers in brackets such as {name}=[5,10,20]"
-        raise InputError(f"{name}={value}: expected {wanted}{' or null' if optional else ''}")
+def _fits(value: Any, annotation: Any) -> bool:
+    """Whether a plain value is of the kind that an argument has; what a config cannot give is the caller's matter."""
+    if len(kinds := _kinds(annotation)) > 1:
+        return any(_fits(value, kind) for kind in kinds)
+    origin, inner = get_origin(annotation), get_args(annotation)
+    if origin in {list, tuple, Sequence}:
+        of = inner[0] if inner else object
+        return isinstance(value, Sequence) and not isinstance(value, str) and all(_fits(v, of) for v in value)
+    if origin in {dict, Mapping}:
+        return isinstance(value, Mapping) and all(_fits(v, inner[1]) for v in value.values())
+    if annotation in {int, float}:
+        accepted = int if annotation is int else (int, float)
+        return isinstance(value, accepted) and not isinstance(value, bool) and value == value  # noqa: PLR0124  not NaN
+    if origin is Literal or annotation in {str, bool, None, NoneType}:
+        kind = str if origin is Literal else annotation or NoneType
+        return isinstance(value, kind)
+    return True
+
+
+def _in_words(name: str, annotation: Any) -> str:
+    """What an argument may be, for a person."""
+    words = []
+    for kind in sorted(_kinds(annotation) - {NoneType}, key=str):
+        if get_origin(kind) in {list, tuple, Sequence}:
+            numbers = get_args(kind)[:1] in {(float,), (int,)}
+            words.append(f"numbers in brackets such as {name}=[5,10,20]" if numbers else f"a list such as {name}=[a,b]")
+        elif get_origin(kind) in {dict, Mapping}:
+            words.append(f"settings in braces such as {name}={{a: 1}}")
+        else:
+            words.append({float: "a number", int: "a whole number", bool: "true or false"}.get(kind, "a word"))
+    return " or ".join([*dict.fromkeys(words), *(["null"] if NoneType in _kinds(annotation) else [])])

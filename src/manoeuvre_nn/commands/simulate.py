@@ -10,6 +10,7 @@ from rich.console import Console
 from manoeuvre_nn.commands import config as configs
 from manoeuvre_nn.commands.job import ship_on_approach
 from manoeuvre_nn.commands.provenance import write_provenance
+from manoeuvre_nn.commands.waiting import waiting
 from manoeuvre_nn.core.channels import ACCELERATION
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.errors import InputError
@@ -25,6 +26,7 @@ from manoeuvre_nn.recording.noise import add_noise
 from manoeuvre_nn.report.html import save_figures
 from manoeuvre_nn.report.runs import run_rows, runs_figure
 from manoeuvre_nn.report.tables import rich_table
+from manoeuvre_nn.training.data import Say
 from manoeuvre_nn.training.settings import check_positive, check_simulable, noise_in_si
 
 
@@ -39,7 +41,8 @@ def simulate(cfg: DictConfig, out: Path, console: Console | None = None) -> list
     effects = configs.chosen_effects(cfg.get("effect"), ship)
     manoeuvres = configs.training_manoeuvres(cfg.manoeuvre)
     seed = configs.whole_number("seed", cfg.seed, 0)
-    runs = sail(ship, manoeuvres, effects, noise_in_si(cfg.noise), rate_hz=cfg.rate_hz, seed=seed)
+    with waiting(console) as say:
+        runs = sail(ship, manoeuvres, effects, noise_in_si(cfg.noise), rate_hz=cfg.rate_hz, seed=seed, say=say)
     write_provenance(cfg, out)
     write_runs(runs, ship.particulars, out)
     console.print(rich_table(run_rows(runs, ship.particulars.length), f"The {ship.particulars.name}"))
@@ -55,6 +58,7 @@ def sail(
     *,
     rate_hz: float | None = None,
     seed: int = 0,
+    say: Say = lambda what: None,
 ) -> list[Recording]:
     """Sail a ship through manoeuvres.
 
@@ -65,6 +69,7 @@ def sail(
         noise: Channel -> standard deviation of what sensors add [SI].
         rate_hz: Samples a second; None is the ship's usual rate.
         seed: Seed of the noise.
+        say: Is told what is being sailed.
 
     Returns:
         A recording each.
@@ -80,7 +85,10 @@ def sail(
     for manoeuvre in manoeuvres:
         manoeuvre.check(ship.particulars)
     vessel = Vessel(CalmWater(ship), effects)
-    runs = [solve(vessel, m, interval=1 / rate_hz if rate_hz else None) for m in manoeuvres]
+    runs = []
+    for k, m in enumerate(manoeuvres, start=1):
+        say(f"sailing {m.name} over {m.duration_for(ship.particulars):g} s ({k} of {len(manoeuvres)})")
+        runs.append(solve(vessel, m, interval=1 / rate_hz if rate_hz else None))
     return [add_noise(run, noise, seed=seed + k) for k, run in enumerate(runs)] if noise else runs
 
 

@@ -1,6 +1,5 @@
 """The table at the end of a sweep; apart from the jobs, so that hydra need not load torch to call it."""
 
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +11,6 @@ from manoeuvre_nn.core.terminal import Terminal
 from manoeuvre_nn.core.writing import locked
 from manoeuvre_nn.report.sweep import sweep_rows, write_sweep
 
-_alone = ExitStack()
-"""Holds the sweep's folder; not in the callback, which is sent to the processes of the jobs."""
-
 
 class SweepTable(Callback):
     """Hydra's callback: one table over all jobs when a sweep ends; until then its folder is the sweep's alone."""
@@ -23,13 +19,13 @@ class SweepTable(Callback):
         """Say where the sweep goes and how to continue it."""
         folder = config.hydra.sweep.dir
         with guard.one_line():  # hydra makes a warning of what goes wrong here, unless it ends the command
-            _alone.enter_context(locked(Path(folder)))
+            guard.until_the_end.enter_context(locked(Path(folder)))
         print(f"sweep into {folder}; to continue it later, add hydra.sweep.dir={folder}", flush=True)
 
     def on_multirun_end(self, config: DictConfig, **kwargs: Any) -> None:
         """Write ``sweep.csv``, ``sweep.md`` and ``sweep.png``, and print the table."""
         folder = Path(config.hydra.sweep.dir)
-        with guard.one_line(), _alone:
+        with guard.one_line(), guard.until_the_end:
             Terminal().print(write_sweep(folder))
             guard.failed_jobs += [str(r["job"]) for r in sweep_rows(folder) if str(r["status"]).startswith("failed")]
             print(f"table: {folder / 'sweep.csv'}, {folder / 'sweep.md'}   figure: {folder / 'sweep.png'}")

@@ -98,7 +98,7 @@ def train(cfg: DictConfig, out: Path, console: Console | None = None) -> tuple[s
         What came out, in a few words, and the error that says how good it is.
     """
     console = console or Terminal()
-    use_threads(configs.whole_number("trainer.threads", cfg.trainer.threads, 1))
+    use_threads(configs.whole_number("trainer.threads", cfg.trainer.threads, 1, configs.MAX_THREADS))
     task = OF_RESPONSES if "task" in cfg else OF_SHIPS
     cfg = configs.with_effects(cfg)
     with waiting(console, "reading and checking what is learnt from"):

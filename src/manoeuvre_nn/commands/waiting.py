@@ -12,13 +12,14 @@ from manoeuvre_nn.core.terminal import Say
 
 
 @contextmanager
-def waiting(console: Console, what: str = "", seconds: float = 15.0) -> Generator[Say]:
+def waiting(console: Console, what: str = "", seconds: float = 15.0, first: float = 5.0) -> Generator[Say]:
     """Show what is being done, and for how long.
 
     Args:
         console: Where: on a terminal a line that moves and goes again, elsewhere a line now and then.
         what: What is done first.
-        seconds: Time between these lines [s]; the first one comes after a third of it.
+        seconds: Time between these lines [s].
+        first: Time after which the first of them comes [s].
 
     Yields:
         What is told each time that something else is done.
@@ -32,7 +33,7 @@ def waiting(console: Console, what: str = "", seconds: float = 15.0) -> Generato
         bar.update(task, description=what)
 
     def now_and_then() -> None:
-        pause = seconds / 3
+        pause = min(first, seconds)
         while not done.wait(pause):
             pause = seconds
             console.print(f"{words[0]}: {monotonic() - began:.0f} s so far", highlight=False, markup=False)

@@ -22,6 +22,8 @@ WRONG_INPUT, DEFECT = 2, 1
 STOPPED, UNREAD, TERMINATED = 130, 141, 143
 """Exit codes after ctrl-C, when nobody reads on (``| head``), and after SIGTERM, as shells have them."""
 OF_FILES = (errno.ENOENT, errno.EACCES, errno.ENOTDIR, errno.EEXIST, errno.EISDIR, errno.EROFS, errno.ENAMETOOLONG)
+MAX_LINE = 900
+"""Characters of a line of an error: names that people give may be as long as they like."""
 ANOTHER_FOLDER = "choose another folder (hydra.run.dir=, or out=)"
 
 
@@ -48,6 +50,8 @@ def explain(error: BaseException) -> str | None:
     if full is not None:
         which = f"cannot write {full.filename}" if full.filename else "cannot write"
         return f"{which}: {full.strerror}: make room, or {ANOTHER_FOLDER}"
+    if any(isinstance(c, MemoryError) or "can't allocate memory" in str(c) for c in chain):
+        return f"not enough memory ({in_short(error)[:120]}): write smaller sizes, or shorter or fewer recordings"
     if not isinstance(error, OSError) or error.filename is None or error.errno not in OF_FILES:
         return None
     path = str(error.filename)
@@ -63,6 +67,22 @@ def causes(error: BaseException | None) -> Iterator[BaseException]:
         error = error.__cause__ or error.__context__
 
 
+def listen() -> None:
+    """From the first line of a program on, while it imports: ctrl-C and SIGTERM end it in one line.
+
+    Nothing is begun yet that must be ended orderly; what is, is inside of :func:`one_line`.
+    """
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(number) in {signal.default_int_handler, signal.SIG_DFL}:  # nobody said otherwise
+            signal.signal(number, _end_now)
+
+
+def _end_now(number: int, frame: FrameType | None) -> None:
+    terminated = number == signal.SIGTERM
+    os.write(2, f"stopped by {'SIGTERM' if terminated else 'ctrl-C'}\n".encode())
+    os._exit(TERMINATED if terminated else STOPPED)
+
+
 @contextmanager
 def one_line(explained: Callable[[BaseException], str | None] = explain) -> Generator[None]:
     """Turn whatever ends a command early into one line and an exit code.
@@ -75,14 +95,15 @@ def one_line(explained: Callable[[BaseException], str | None] = explain) -> Gene
             whose traceback is then written to a file, 130 for ctrl-C, 143 for SIGTERM, 141 if nobody reads on.
     """
     try:
-        with _sigterm_raised(), _threads_quiet_of_full_disks():
+        with _signals_raised(), _threads_quiet_of_full_disks():
             yield
             sys.stdout.flush()
     except KeyboardInterrupt as stop:
-        terminated = isinstance(stop, Terminated)
-        _tell(f"stopped by {'SIGTERM' if terminated else 'ctrl-C'}")
-        raise SystemExit(TERMINATED if terminated else STOPPED) from None
+        raise SystemExit(_stopped(stop)) from None
     except Exception as error:
+        for stop in causes(error):
+            if isinstance(stop, KeyboardInterrupt):  # of which a library has made something else
+                raise SystemExit(_stopped(stop)) from None
         if isinstance(error, BrokenPipeError) and _nobody_reads(sys.stdout):
             raise SystemExit(UNREAD) from None
         line = explained(error)
@@ -91,6 +112,13 @@ def one_line(explained: Callable[[BaseException], str | None] = explain) -> Gene
             raise SystemExit(WRONG_INPUT) from None
         _tell(f"error: {in_short(error)}: a fault of the program: please report it with {_written_down(error)}")
         raise SystemExit(DEFECT) from error
+
+
+def _stopped(stop: KeyboardInterrupt) -> int:
+    """Say that somebody stopped it; the exit code that goes with it."""
+    terminated = isinstance(stop, Terminated)
+    _tell(f"stopped by {'SIGTERM' if terminated else 'ctrl-C'}")
+    return TERMINATED if terminated else STOPPED
 
 
 def _nobody_reads(stream: TextIO) -> bool:
@@ -123,8 +151,10 @@ def full_story(error: BaseException) -> str:
 
 
 def _tell(line: str) -> None:
-    """A line to the person."""
-    print(harmless(" ".join(line.split())), file=sys.stderr, flush=True)
+    """A line to the person, what is longer than a screen with its middle left out."""
+    told = harmless(" ".join(line.split()))
+    told = told if len(told) <= MAX_LINE else f"{told[: MAX_LINE - 200]} ... {told[-190:]}"
+    print(told, file=sys.stderr, flush=True)
 
 
 def _written_down(error: BaseException) -> str:
@@ -139,16 +169,19 @@ def _written_down(error: BaseException) -> str:
 
 
 @contextmanager
-def _sigterm_raised() -> Generator[None]:
+def _signals_raised() -> Generator[None]:
     """Make SIGTERM an exception, so that it ends as orderly as ctrl-C; only the main thread can."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.signal(signal.SIGTERM, _raise_terminated)
+    before = {signal.SIGTERM: signal.signal(signal.SIGTERM, _raise_terminated)}
+    if signal.getsignal(signal.SIGINT) is _end_now:
+        before[signal.SIGINT] = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before or signal.SIG_DFL)
+        for number, handler in before.items():
+            signal.signal(number, handler or signal.SIG_DFL)
 
 
 def _raise_terminated(number: int, frame: FrameType | None) -> None:

@@ -15,6 +15,7 @@ from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.hypothesis_columns import hypothesis_columns
 from manoeuvre_nn.estimation.linear_run import Columns, IntegratedRun
 from manoeuvre_nn.estimation.linearised_run import integrated
+from manoeuvre_nn.numerics.finite_algebra import lstsq
 
 BIN = 10.0
 """Length of the means in which windows are looked for [s]."""
@@ -286,5 +287,5 @@ def when_missing(found: Sequence[Residual]) -> str:
 def _explained(y: Float[np.ndarray, " n"], basis: list[Float[np.ndarray, " n"]]) -> float:
     """Share of the second moment that a basis explains."""
     a = np.stack(basis, axis=-1)
-    fit = a @ np.linalg.lstsq(a, y, rcond=None)[0]
+    fit = a @ lstsq(a, y)
     return float(1 - np.sum((y - fit) ** 2) / max(np.sum(y**2), 1e-30))

@@ -11,6 +11,7 @@ from manoeuvre_nn.diagnosis.locate import missing_accelerations
 from manoeuvre_nn.effect.common import in_tight_turns
 from manoeuvre_nn.effect.formula import BEAT, STRIPES
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet
+from manoeuvre_nn.numerics.finite_algebra import lstsq
 
 PEAKS = 2
 """Peaks of each equation that are tried."""
@@ -48,7 +49,7 @@ def recurring(data_set: WhitenedDataSet) -> list[SpectralPeak]:
     situations = [p.linearised.situation for p in data_set.runs]
     force = np.concatenate(missing_accelerations(data_set))
     basis = np.concatenate([_of_the_motion(data_set, s) for s in situations])
-    force = force - basis @ np.linalg.lstsq(basis, force, rcond=None)[0]
+    force = force - basis @ lstsq(basis, force)
     clock = np.concatenate([s.time.numpy() for s in situations])
     north, east = (np.concatenate([getattr(s, k).numpy() for s in situations]) / 1000 for k in "xy")
     ship = data_set.dynamics.particulars

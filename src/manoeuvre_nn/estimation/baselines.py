@@ -13,6 +13,7 @@ from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
 from manoeuvre_nn.estimation.derivatives import ABKOWITZ, taylor_columns
+from manoeuvre_nn.numerics.finite_algebra import check_finite, lstsq
 from manoeuvre_nn.recording.tuples import Tuples
 from manoeuvre_nn.ship.known import clarke_part
 from manoeuvre_nn.ship.taylor import TaylorForce
@@ -239,7 +240,7 @@ def _solved(columns: np.ndarray, target: np.ndarray) -> np.ndarray:
     """Least squares; of coefficients that the samples do not tell apart the smallest."""
     _check(columns)
     part, size = _scaled(columns)
-    return np.linalg.lstsq(part, target, rcond=MIN_SINGULAR_RATIO)[0] / size
+    return lstsq(part, target, rcond=MIN_SINGULAR_RATIO) / size
 
 
 def _truncated(
@@ -259,6 +260,7 @@ def _truncated(
 
 def _by_rank(part: np.ndarray, target: np.ndarray) -> Float[np.ndarray, "k ranks"]:
     """Solutions in 1, 2, ... singular directions, one a column."""
+    check_finite(part)
     left, sizes, right = np.linalg.svd(part, full_matrices=False)
     along = np.where(sizes > MIN_SINGULAR_RATIO * sizes[0], left.T @ target / np.maximum(sizes, 1e-300), 0.0)
     return np.cumsum(right.T * along, axis=1)

@@ -22,6 +22,7 @@ from manoeuvre_nn.estimation.hypothesis_columns import hypothesis_columns
 from manoeuvre_nn.estimation.linear_run import joined, summed
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood, log_prior_levels
 from manoeuvre_nn.estimation.posterior import posterior
+from manoeuvre_nn.numerics.finite_algebra import lstsq
 
 MAX_PASSES = 3
 """Linearisations of one hypothesis at most."""
@@ -55,7 +56,7 @@ def refined(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedData
     # A fitted model's corrections within its errors take up gusts: it stays as it is.
     trained = is_fitted(data_set.dynamics)
     # In the combinations that these runs show: the hypothesis may have been fitted by others.
-    combined = np.linalg.lstsq(data_set.rotation, fitted.corrections, rcond=None)[0]
+    combined = lstsq(data_set.rotation, fitted.corrections)
     shares = None if trained else data_set.rotation @ combined
     if shares is not None and np.abs(shares).max(initial=0.0) > MAX_CORRECTION:
         return data_set

@@ -107,7 +107,7 @@ def expand(folder: Path, names: Sequence[str], what: str) -> list[Path]:
         raise InputError(f"data.folder={folder} is not a folder: write the folder that holds the recordings")
     found: list[Path] = []
     for name in names:
-        hits = sorted(folder.glob(str(name)))
+        hits = [] if Path(name).is_absolute() else sorted(folder.glob(str(name) or " "))
         if not hits:
             there = ", ".join([p.name for p in recordings_in(folder)][:12]) or "no recording"
             raise InputError(f"{what}: {name} is not in {folder}; it holds {there}")

@@ -17,6 +17,7 @@ from scipy.optimize import minimize_scalar
 from manoeuvre_nn.core.frames import body_to_earth
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.numerics.finite_algebra import lstsq
 from manoeuvre_nn.recording.local_cubics import WINDOW, smoothed
 from manoeuvre_nn.recording.outliers import robust_sd, trimmed_least_squares
 
@@ -142,9 +143,7 @@ class Identities:
         """Noise of the leftover, measured on what some faults together leave; what they are is known as far as said."""
         y, x = np.nan_to_num(self.leftover(values or {})), self.slopes(names)
         size = np.maximum(y.std(axis=1), 1e-12)
-        fit, *_ = np.linalg.lstsq(
-            (x / size[:, None, None]).reshape(y.size, -1), (y / size[:, None]).ravel(), rcond=1e-8
-        )
+        fit = lstsq((x / size[:, None, None]).reshape(y.size, -1), (y / size[:, None]).ravel(), rcond=1e-8)
         rest = y - x @ fit
         groups = ([rest[:1]] if self.heading else []) + ([rest[-2:]] if self.track else [])
         models = [model for group in groups for model in [_noise_model(group)] * len(group)]

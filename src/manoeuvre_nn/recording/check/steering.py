@@ -8,6 +8,7 @@ from jaxtyping import Float
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.numerics.finite_algebra import lstsq
 from manoeuvre_nn.recording.check.finding import Change, Finding
 from manoeuvre_nn.recording.local_cubics import WINDOW, smoothed
 from manoeuvre_nn.recording.outliers import robust_sd
@@ -176,7 +177,7 @@ def _slopes(recording: Recording, ship: Particulars, first: int, last: int) -> d
     found = {}
     for name in UNSTEADY:
         values = recording[name][first:last] / _scale(name, ship)
-        fit, *_ = np.linalg.lstsq(columns, values, rcond=None)
+        fit = lstsq(columns, values)
         # A bend is no noise: what a cubic leaves is.
         rest = values - np.polynomial.Polynomial.fit(time, values, 3)(time)
         variance = float(rest @ rest) / max(len(rest) / _memory(rest) - 2, 1)
@@ -208,5 +209,5 @@ def _misfit(delta: Series, motion: Float[np.ndarray, "n 5"], rdot: Series) -> fl
     """What is left of the yaw acceleration with the rudder of another time, mean square."""
     columns = np.column_stack([delta, delta**3, motion])
     columns = columns / np.maximum(np.abs(columns).max(axis=0), 1e-300)
-    fit, *_ = np.linalg.lstsq(columns, rdot, rcond=None)
+    fit = lstsq(columns, rdot)
     return float(np.mean((rdot - columns @ fit) ** 2))

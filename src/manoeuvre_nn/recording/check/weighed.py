@@ -21,6 +21,7 @@ from manoeuvre_nn.core.frames import earth_to_body
 from manoeuvre_nn.core.recording import CAMPAIGN, Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE, KNOT
+from manoeuvre_nn.numerics.finite_algebra import lstsq
 from manoeuvre_nn.recording.check.axes import RUDDER_WINDOW, STRONG_EVIDENCE, mistakes, robust_slope
 from manoeuvre_nn.recording.check.finding import Finding
 from manoeuvre_nn.recording.check.motion import smoothed_motion
@@ -233,7 +234,7 @@ def _story(run: Recording, factor: float, log: Series, side: int = 1) -> _Story:
     cos, sin = np.cos(run["psi"]), side * np.sin(run["psi"])
     # Along the heading alone: sway does not count.
     columns, left = np.stack([cos, sin], axis=1), factor * (run["vn"] * cos + run["ve"] * sin) - log
-    current = np.linalg.lstsq(columns, left, rcond=0.05)[0]
+    current = lstsq(columns, left, rcond=0.05)
     speed = float(np.median(log))
     misfit = float(np.median(np.abs(left - columns @ current))) / speed if speed > 0 else inf
     return _Story(speed, hypot(*current), misfit)
@@ -259,7 +260,7 @@ def _story_of_all(runs: Sequence[Recording], side: int = 1) -> _Story:
         blocks.append(block)
     columns = np.concatenate(blocks, axis=1)
     ground = np.concatenate([np.stack([run["vn"], run["ve"]]) for run in runs], axis=1)
-    found = np.linalg.lstsq(columns.reshape(-1, len(runs) + 3), ground.ravel(), rcond=None)[0]
+    found = lstsq(columns.reshape(-1, len(runs) + 3), ground.ravel())
     rest = np.hypot(*(ground - columns @ found))
     speeds = np.repeat(found[: len(runs)], [len(run) for run in runs])
     left = float(np.median(rest / speeds)) if speeds.min() > 0 else inf
