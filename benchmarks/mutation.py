@@ -18,8 +18,8 @@ own imports the one module with the slip in it and runs the tests that execute t
     durations  output of pytest --durations=0 --durations-min=1: tests that are known to be slow are not begun
     cache      where it is kept which test executes which line (some minutes a room; made again when the code changes)
 
-A slip is *killed* by a test that fails, or by tests that take four times as long. Those in mutation_equivalent.yaml change nothing
-that can be observed, and stand in their own column. The exit code is 1 if a room has 10 % survivors or more.
+A slip is *killed* by a test that fails, or by tests that take four times as long. Those in mutation_equivalent.yaml
+change nothing that can be observed, and stand in their own column. The exit code is 1 if a room has 10 % survivors.
 Needs ``pip install -e ".[test,mutation]"``. ``MUTATION_LOG=FILE`` keeps what the last run of tests has printed.
 """
 

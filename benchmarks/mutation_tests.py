@@ -45,9 +45,16 @@ def load_libraries() -> None:
 
 
 def forked(work: Callable[[], int], limit: float) -> int | None:
-    """Exit code of some work in a process of its own that says nothing; None if it ran longer than the limit [s].
+    """Some work in a process of its own that says nothing.
 
     Time is that of the processor: the machine may be busy. What waits without end is ended after ten times as long.
+
+    Args:
+        work: What is done.
+        limit: Most time [s].
+
+    Returns:
+        The exit code; None if it ran longer.
     """
     if not (child := os.fork()):
         code = 70
