@@ -71,6 +71,11 @@ def _uses() -> dict[str, set[tuple[str, int]]]:
         for node in ast.walk(_tree(file)):
             if isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Load):
                 found[node.id if isinstance(node, ast.Name) else node.attr].add((file, node.lineno))
+            elif isinstance(node, ast.FunctionDef):  # what its defaults are made of acts in its body
+                defaults = [d for d in (*node.args.defaults, *node.args.kw_defaults) if d is not None]
+                for name in (n.id for d in defaults for n in ast.walk(d) if isinstance(n, ast.Name)):
+                    lines = range(node.body[0].lineno, (node.end_lineno or 0) + 1)
+                    found[name] |= {(file, line) for line in lines}
             elif isinstance(node, ast.ClassDef):
                 for function in _functions(node):
                     lines = range(function.body[0].lineno, (function.end_lineno or 0) + 1)
