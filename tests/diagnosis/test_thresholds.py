@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from pytest import approx
 from scipy.stats import norm
-from trials import SHIP, values
+from trials import CALM, SHIP, values
 
 from manoeuvre_nn.diagnosis import alarm, causes, checks, formula, gusts, locate, predictive, unknown, words
 from manoeuvre_nn.diagnosis import decision as under_test
@@ -343,6 +343,77 @@ def test_a_formula_has_four_terms_at_most():
     assert chosen_terms([9.0, 8.0, 7.0, 6.0, 5.0]) == [0, 1, 2, 3]
 
 
+FORMULAS = [  # terms, memory [L/U0], whether a calm-water model could have them all
+    (["Y v|v|"], None, True),
+    (["N r|r| cos psi"], None, False),
+    (["Y v|v|", "N r|r| cos psi"], None, False),
+    (["Y lag d"], 0.45, True),
+    (["Y lag d"], 0.55, False),
+]
+
+
+@pytest.mark.parametrize("terms, memory, ordinary", FORMULAS)
+def test_a_formula_pays_for_its_choice_and_twelve_if_a_calm_water_model_could_have_it(
+    monkeypatch, terms, memory, ordinary
+):
+    """Of ten candidates in four sizes; two terms are one choice whatever their order."""
+    scales = {} if memory is None else {"memory_s": memory * SHIP.particulars.time_unit}
+    candidates = [formula._Candidate((t,), scales=scales) for t in terms] + [None] * (10 - len(terms))
+    monkeypatch.setattr(formula, "_candidates", lambda data_set: candidates)
+    monkeypatch.setattr(formula, "_columns", lambda data_set, run, some: (None, np.zeros(10)))
+    monkeypatch.setattr(formula, "_chosen", lambda *_: [(k, 0.1) for k in range(len(terms))])
+    data_set = SimpleNamespace(runs=[0], dynamics=CALM, gram=lambda *_: None, embedded=lambda *_: None)
+    likelihood = SimpleNamespace(
+        data_set=data_set,
+        improve=lambda start, level, scatter, rounds: (start, 0.0),
+        evaluate=lambda h, around: FittedHypothesis(h, 50.0, np.zeros((1, 1)), np.eye(3)),
+    )
+    choice = np.log(40.0) if len(terms) == 1 else np.log(40.0) + np.log(4.0 * 9.0 / 2.0)
+    found = formula.short_formula(likelihood, fitted(0.0))
+    assert found.evidence == approx(50.0 - choice - 12.0 * ordinary, abs=1.0 if ordinary else 1e-9)
+
+
+def test_something_unknown_is_averaged_over_noise_near_calm_waters_and_its_formula_is_half_of_it():
+    """Equal evidence at every level of the grid: eleven levels near, of those that there are."""
+    side, scatters = len(PROCESS_LEVELS), 5
+    likelihood = SimpleNamespace(
+        data_set=SimpleNamespace(levels=np.zeros((side**2, 2)), runs=instruments(1.0).runs),
+        posterior=lambda h, g: SimpleNamespace(evidence=np.full(scatters, 7.0)),
+    )
+    inside, corner = fitted(0.0, best=(side + 1, 0)), fitted(0.0, best=(0, 0))
+    assert unknown.unknown_evidence(likelihood, inside, None) == approx(7.0 + np.log(11 / side**2 / 2))
+    assert unknown.unknown_evidence(likelihood, corner, None) == approx(7.0 + np.log(6 / side**2 / 2))
+    with_rule = unknown.unknown_evidence(likelihood, inside, fitted(9.0))
+    assert with_rule == approx(np.log(np.exp(7.0) * 11 / side**2 + np.exp(9.0)) - np.log(2))
+
+
+WINDS = [  # whether the ship is a model, evidence of each round -> rounds
+    (False, (5.0, 9.0, 12.0, 15.0), 1),
+    (True, (5.0, 9.0, 12.0, 15.0), 3),
+    (True, (5.0, 5.4, 12.0, 15.0), 2),
+    (True, (5.0, 5.6, 5.9, 15.0), 3),
+]
+
+
+@pytest.mark.parametrize("is_model, evidences, rounds", WINDS)
+def test_gusts_on_ponds_are_fitted_as_long_as_the_mean_wind_gains_by_them(monkeypatch, is_model, evidences, rounds):
+    """And only where little coloured force competes with them: below six hundredths."""
+    seen = []
+
+    def tried(likelihood, hypothesis, wind, kinds, levels):
+        seen.append((len(kinds), levels))
+        return [fitted(evidences[len(seen) - 1])], ["size"]
+
+    monkeypatch.setattr(gusts, "_tried", tried)
+    monkeypatch.setattr(gusts, "_chosen", lambda found, wind, gusty: found)
+    monkeypatch.setattr(gusts, "is_fitted", lambda dynamics: False)
+    likelihood = found(levels=[(0.01, 0.02), (0.058, 0.0), (0.0, 0.062), (0.3, 0.3)]).likelihood
+    likelihood.data_set.dynamics = SimpleNamespace(particulars=SimpleNamespace(is_model=is_model))
+    steady = SimpleNamespace(names=("wind_steady",), hypothesis=None, best=(0, 0))
+    gusts.fitted_gusts(likelihood, steady, SimpleNamespace(variant_of="wind_steady"))
+    assert len(seen) == rounds and seen[0] == (12 if is_model else 6, [0, 1])
+
+
 # What is said --------------------------------------------------------------------------------------------------------
 
 
@@ -444,6 +515,24 @@ def test_body_and_earth_axes_are_told_where_a_run_turns_through_a_right_angle(he
     data_set, residuals = straight_and_turning(0.5)
     data_set.runs[0].linearised.track[:, 5] = np.linspace(0.0, heading, 300)
     assert bool(locate.shape_of(data_set, residuals).explained) is told
+
+
+@pytest.mark.parametrize("stands_out, told", [(1.4, False), (1.6, True)])
+def test_a_force_below_one_and_a_half_standard_deviations_is_not_described(monkeypatch, stands_out, told):
+    shape = locate.Shape(1, np.array([0.3, stands_out, 0.2]), (0.6, 0.1, 0.2), (1.0, 1.0), (0.5, 0.2))
+    monkeypatch.setattr(locate, "shape_of", lambda data_set, found: shape)
+    monkeypatch.setattr(locate, "units", lambda data_set: ("kN", "kN", "MN m"))
+    said = locate.statements(Mock(), straight_and_turning(0.5)[1])
+    assert ("In no equation" in said[1]) is not told and len(said) == (4 if told else 2)
+
+
+@pytest.mark.parametrize("count, step, windows", [(119, 1.0, 0), (120, 1.0, 1), (59, 2.0, 0), (60, 2.0, 1)])
+def test_windows_are_looked_for_in_means_of_ten_seconds_of_which_there_are_twelve(count, step, windows):
+    time = step * np.arange(count)
+    force = 0.3 * np.random.default_rng(2).standard_normal((count, 3))
+    force[(time >= 40) & (time < 80), 1] += 9.0
+    found = locate.changes(time, force, np.ones((count, 3)))
+    assert found == [(40.0, 80.0)] * windows
 
 
 def test_gusts_are_tried_at_a_tenth_to_a_third_of_the_wind_and_last_half_a_minute():
