@@ -6,6 +6,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+import torch
 from pytest import approx
 from scipy.stats import norm
 from trials import CALM, SHIP, values
@@ -387,6 +388,24 @@ def test_something_unknown_is_averaged_over_noise_near_calm_waters_and_its_formu
     assert with_rule == approx(np.log(np.exp(7.0) * 11 / side**2 + np.exp(9.0)) - np.log(2))
 
 
+@pytest.mark.parametrize("gain, axes", [(2.8, (2,)), (3.2, (2, 0))])
+def test_a_random_force_is_judged_over_all_sizes_and_times_that_it_could_have(monkeypatch, gain, axes):
+    """A Gaussian peak of known width where the fit begins: Laplace's method is exact, a third for each equation."""
+    sds, start = np.array([0.2, 0.3]), np.log([0.15, 40.0])
+
+    def evidence(these, x):
+        best = {(2,): 50.0, (2, 0): 50.0 + gain}.get(these, 20.0)
+        return best - 0.5 * float((((x - start) / sds) ** 2).sum())
+
+    process = SimpleNamespace(evidence=evidence, longest=480.0)
+    monkeypatch.setattr(unknown, "_RandomProcess", lambda likelihood, level: process)
+    monkeypatch.setattr(unknown, "process_time", lambda dynamics: 40.0)
+    course = unknown.random_force(SimpleNamespace(data_set=SimpleNamespace(dynamics=None)), fitted(0.0, best=(6, 0)))
+    volume = np.log(3.0 / 0.003) * np.log(480.0 / 2.0) * 3
+    assert course.evidence == approx(50.0 + np.log(2 * np.pi * sds.prod() / volume), abs=1e-6)
+    assert course.axes == axes and course.errors == approx(sds) and (course.size, course.time) == approx((0.15, 40.0))
+
+
 WINDS = [  # whether the ship is a model, evidence of each round -> rounds
     (False, (5.0, 9.0, 12.0, 15.0), 1),
     (True, (5.0, 9.0, 12.0, 15.0), 3),
@@ -515,6 +534,17 @@ def test_body_and_earth_axes_are_told_where_a_run_turns_through_a_right_angle(he
     data_set, residuals = straight_and_turning(0.5)
     data_set.runs[0].linearised.track[:, 5] = np.linspace(0.0, heading, 300)
     assert bool(locate.shape_of(data_set, residuals).explained) is told
+
+
+@pytest.mark.parametrize("is_model, names, sizes", [
+    (False, ("kN", "kN", "MN m"), [1e3, 1e3, 1e6]), (True, ("N", "N", "N m"), [1.0, 1.0, 1.0]),
+])  # fmt: skip
+def test_missing_forces_are_mass_times_acceleration_in_units_of_ships_or_of_models(is_model, names, sizes):
+    particulars = SimpleNamespace(is_model=is_model)
+    data_set = SimpleNamespace(dynamics=SimpleNamespace(particulars=particulars, hull=SHIP))
+    a, prime = np.array([[0.01, 0.02, 1e-4]]), SHIP.prime
+    per_unit = SHIP.force_from_acceleration(torch.tensor(a)).numpy() * [prime.force, prime.force, prime.moment]
+    assert locate.units(data_set) == names and locate.in_units(data_set)(a) == approx(per_unit / sizes)
 
 
 @pytest.mark.parametrize("stands_out, told", [(1.4, False), (1.6, True)])
