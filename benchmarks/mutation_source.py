@@ -39,6 +39,8 @@ NAMES = {a: b for pair in PAIRS.split(",") for a, b in [pair.split(), pair.split
 """Functions and methods, and what is written for them by mistake."""
 DROPPED = frozenset("abs sqrt clip sorted reversed maximum minimum max min nan_to_num fabs exp log log1p".split())
 """Functions that may be forgotten: their first argument stays."""
+EITHER_WAY = frozenset("isinstance hasattr max min maximum minimum hypot allclose logaddexp".split())
+"""Functions whose arguments may change places, or end in an error at once."""
 SKIPPED_FLAGS = frozenset("strict keepdim keepdims frozen slots kw_only check exist_ok parents axis dim".split())
 """Keywords whose values decide nothing, or whose slips end in an error at once."""
 SMALLEST = 1e-6
@@ -314,5 +316,5 @@ def _calls(node: ast.Call) -> Iterator[tuple[str, ast.AST]]:
         yield "function", node.args[0]
     if len(node.args) >= 2 and all(isinstance(a, ast.Name | ast.Attribute) for a in node.args[:2]):
         first, second, *others = node.args
-        if ast.unparse(first) != ast.unparse(second) and name not in {"isinstance", "hasattr"}:
+        if ast.unparse(first) != ast.unparse(second) and name not in EITHER_WAY:
             yield "arguments", ast.Call(node.func, [second, first, *others], node.keywords)

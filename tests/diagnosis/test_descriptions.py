@@ -4,15 +4,17 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
+import torch
 from pytest import approx
 from scipy.special import logsumexp
 from trials import CALM, SHIP, values
 
 from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.diagnosis import advise, forecast, nature, next_runs, predictive, windows, words
-from manoeuvre_nn.diagnosis.result import Value
+from manoeuvre_nn.diagnosis import advise, answers, forecast, nature, next_runs, predictive, recurring, windows, words
+from manoeuvre_nn.diagnosis.result import Cause, Value
 from manoeuvre_nn.effect.formula import Formula
 from manoeuvre_nn.effect.local import SideForce
 from manoeuvre_nn.effect.wind import WindOnset
@@ -286,3 +288,121 @@ def test_odds_and_probabilities_are_told_with_the_digits_that_matter():
     assert words._odds(13.7) != words._odds(13.9) == "odds less than one in a million" == words._odds(50.0)
     assert words._percent(0.499) == "50 %" and words._percent(1.0) == "99 %"
     assert [words._ln(f) for f in (3.14, 9.94, 9.96, -12.3)] == ["3.1", "9.9", "10", "-12"]
+
+
+# Answers -------------------------------------------------------------------------------------------------------------
+
+
+def test_an_answer_has_the_rudder_positive_to_port_and_leaves_out_what_is_as_good_as_impossible():
+    values_found = (Value("offset_deg", 2.0, 0.25, "deg"), Value("speed", 3.0, float("nan"), "m/s", "monday"))
+    common = {"evidence": 9.0, "equations": ("N",), "fingerprint": "", "source": "", "label": ""}
+    causes = [
+        Cause("rudder_offset", probability=0.98765, parameters=values_found, intervals={"r1": [(1.26, 3.0)]}, **common),
+        Cause("current", probability=1.1e-4, parameters=(), intervals=None, **common),
+        Cause("log_scale", probability=0.9e-4, parameters=(), intervals=None, **common),
+    ]
+    rmse = {"pos": 1.234567, "psi": float("nan")}
+    d = SimpleNamespace(
+        case="c", verdict="mismatch", causes=causes, model=[], next_steps=["Sail on."], rmse=lambda _: rmse
+    )
+    told = answers.answer(d)
+    first, second = told["effects"]
+    assert first["parameters"] == {"offset_deg": [-2.0, 0.25, "deg"], "speed (monday)": [3.0, None, "m/s"]}
+    assert (first["probability"], first["intervals"], second["intervals"]) == (0.9877, {"r1": [[1.3, 3.0]]}, "all")
+    assert (second["name"], told["model"], told["next_run"]) == ("current", ["unknown"], None)
+    assert told["heldout_rmse_before"] == {"pos": 1.2346, "psi": None}
+    d.verdict = "none"
+    assert answers.answer(d)["model"] == []
+
+
+def test_headings_of_predictions_are_written_within_a_turn_and_their_bands_beside_them(tmp_path):
+    table = pd.DataFrame({"t": [0.0, 1.0], "psi": [725.0, -10.0], "psi_low": [719.0, -12.0], "psi_high": [731.0, 2.0]})
+    proof = SimpleNamespace(run="r1", before=table[["t", "psi"]], after=table)
+    d = SimpleNamespace(
+        proofs=[proof], forecasts=[], case="c", verdict="none", causes=[], model=[], next_steps=[], rmse=lambda _: {}
+    )
+    answers.write_answer(d, tmp_path)
+    written = pd.read_csv(tmp_path / "predictions" / "after" / "r1.csv")
+    assert written.to_numpy() == approx(np.array([[0.0, 5.0, -1.0, 11.0], [1.0, 350.0, 348.0, 362.0]]))
+    assert (tmp_path / "predictions" / "before" / "r1.csv").exists() and (tmp_path / "answer.json").exists()
+
+
+# What comes again ----------------------------------------------------------------------------------------------------
+
+
+def missing(monkeypatch, force) -> list[recurring.SpectralPeak]:
+    """Peaks in a force over 500 s that a ship lacks on a round of 2 by 2 km, beside its mean."""
+    time = np.arange(0.0, 500.0)
+    north, east = (1000.0 + 1000.0 * f(2 * np.pi * time / 500.0) for f in (np.cos, np.sin))
+    s = SimpleNamespace(**{k: torch.tensor(v) for k, v in {"time": time, "x": north, "y": east}.items()})
+    monkeypatch.setattr(recurring, "missing_accelerations", lambda data_set: [force(time, north / 1000, east / 1000)])
+    monkeypatch.setattr(recurring, "_of_the_motion", lambda data_set, s: np.ones((500, 1)))
+    run = SimpleNamespace(linearised=SimpleNamespace(situation=s))
+    return recurring.recurring(SimpleNamespace(runs=[run], dynamics=SimpleNamespace(particulars=SHIP.particulars)))
+
+
+def test_a_beat_is_found_at_its_period_with_its_phase_among_all_that_could_be(monkeypatch):
+    period = 499.0 / (1.5 + 25 / 3)  # one of those that are tried
+
+    def force(time, north, east):
+        y = np.zeros((500, 3))
+        y[:, 1] = 3.0 + np.cos(2 * np.pi * time / period - np.radians(60.0))
+        return y
+
+    found = [p for p in missing(monkeypatch, force) if (p.equation, p.mark) == ("Y", "beat")]
+    assert len(found) == recurring.PEAKS and found[0].scales["period_s"] == approx(period)
+    assert found[0].shares == approx((0.5, 3**0.5 / 2), abs=0.02)
+    fastest = 0.5 * SHIP.particulars.time_unit  # half the time in which she sails her length
+    assert found[0].tried == approx(499.0 / fastest, abs=1.5)
+    assert abs(found[1].scales["period_s"] - period) > 3.0, "the flanks of a peak are no second one"
+
+
+def test_stripes_are_found_at_their_spacing_and_across_which_way_they_lie(monkeypatch):
+    def force(time, north, east):
+        n = np.zeros((500, 3))
+        n[:, 2] = np.sin(2 * np.pi * (1.5 * north - 2.0 * east))
+        return n
+
+    found = [p for p in missing(monkeypatch, force) if (p.equation, p.mark) == ("N", "stripes")]
+    assert found[0].scales == {"north_per_km": approx(1.5, abs=0.1), "east_per_km": approx(-2.0, abs=0.1)}
+    assert found[0].shares == approx((0.0, 1.0), abs=0.1)
+    side = 40  # numbers a side; numbers near none are no waves
+    assert found[0].tried == approx((side + 1) * (2 * side + 1) / 9, rel=0.02)
+
+
+# Planned runs --------------------------------------------------------------------------------------------------------
+
+
+def test_planned_runs_are_predicted_with_bands_and_prove_nothing(monkeypatch):
+    columns = ["t", "x", "y", "psi", "u", "v", "r", "u_log"]
+    table = pd.DataFrame(1.0, index=range(3), columns=columns)
+    run = SimpleNamespace(name="plan", meta={"kind": "zigzag"})
+    known = SimpleNamespace(
+        rows=lambda runs: [0], data_set=SimpleNamespace(combinations=1), mean=np.zeros(2), latency=0.3,
+        corrected=lambda mean: "corrected",
+    )  # fmt: skip
+    asked = []
+    monkeypatch.setattr(forecast, "_known", lambda data_set, chosen: known)
+    monkeypatch.setattr(forecast, "predict", lambda dynamics, h, runs, *more: asked.append((dynamics, more)) or [table])
+    monkeypatch.setattr(forecast, "_bands", lambda known, runs, warmup: [pd.DataFrame({"x_low": [0.0] * 3})])
+    monkeypatch.setattr(forecast, "recorded", lambda run, warmup: table.copy())
+    chosen = SimpleNamespace(names=(), hypothesis=Hypothesis((), ()))
+    question = SimpleNamespace(dynamics="calm", case=SimpleNamespace(planned=[run], warmup=40.0))
+    (made,) = forecast.forecasts(question, None, chosen)
+    assert asked == [("calm", (40.0,)), ("corrected", (40.0, 0.3))] and "x_low" in made.after
+    assert np.isnan(list(made.rmse_after.values())).all() and made.recorded["t"].notna().all()
+    question.case.planned = []
+    assert forecast.forecasts(question, None, chosen) == []
+
+
+def test_a_rival_is_fitted_again_within_three_of_its_spreads_but_for_times_of_events(monkeypatch):
+    rival = Hypothesis((SideForce(SHIP),), (values(SideForce(SHIP)),))
+    monkeypatch.setattr(advise, "hypothesis_columns", lambda data_set, rival: None)
+    monkeypatch.setattr(advise, "_shared", lambda *_: np.eye(1))
+    _, sd = advise._grams(SimpleNamespace(combinations=2), [None], rival, (0, 2))
+    shared = [s for f, s in zip(rival.unknowns(), rival.prior_sds(), strict=True) if not f.parameter.per_run]
+    assert sd == approx([0.03, 0.03, *(3 * np.array(shared))])
+
+
+def test_what_acts_throughout_began_long_before_any_ramp():
+    assert windows.ALWAYS < -10 * max(windows.LONG_RAMPS)
