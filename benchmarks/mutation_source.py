@@ -41,7 +41,9 @@ DROPPED = frozenset("abs sqrt clip sorted reversed maximum minimum max min nan_t
 """Functions that may be forgotten: their first argument stays."""
 EITHER_WAY = frozenset("isinstance hasattr max min maximum minimum hypot allclose logaddexp".split())
 """Functions whose arguments may change places, or end in an error at once."""
-SKIPPED_FLAGS = frozenset("strict keepdim keepdims frozen slots kw_only check exist_ok parents axis dim".split())
+SKIPPED_FLAGS = frozenset(
+    "strict keepdim keepdims frozen slots kw_only repr compare check exist_ok parents axis dim".split()
+)
 """Keywords whose values decide nothing, or whose slips end in an error at once."""
 SMALLEST = 1e-6
 """Smaller numbers keep a division from zero or bound a rounding error: not broken."""

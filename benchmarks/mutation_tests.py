@@ -10,6 +10,7 @@ import importlib.abc
 import importlib.machinery
 import json
 import os
+import re
 import resource
 import signal
 import sys
@@ -264,9 +265,7 @@ def test_map(files: list[Path], cache: Path, slowest: float, left_out: frozenset
     found = TestMap()
     cache.mkdir(parents=True, exist_ok=True)
     for file in files:
-        beside = sorted({*(ROOT / "tests").glob("*.py"), *file.parent.glob("*.py")})
-        helpers = [path for path in beside if not path.name.startswith("test_")]
-        stored = cache / f"{file.stem}-{source}-{_digest([file, *helpers])}-{slowest:g}.json"
+        stored = cache / f"{file.stem}-{source}-{_digest([file, *_helpers(file)])}-{slowest:g}.json"
         if not stored.exists():
             print(f"which lines do the tests of {file.relative_to(ROOT)} execute", flush=True)
             forked(functools.partial(_record, file, stored, slowest, left_out), limit=1800.0)
@@ -275,6 +274,19 @@ def test_map(files: list[Path], cache: Path, slowest: float, left_out: frozenset
         else:
             print(f"warning: nothing was recorded of {file}")
     return found
+
+
+def _helpers(file: Path) -> list[Path]:
+    """Modules beside a file of tests, or above it, that it names, and those that these name; fixtures of all."""
+    beside = sorted({*(ROOT / "tests").glob("*.py"), *file.parent.glob("*.py")})
+    others = {path.stem: path for path in beside if not path.name.startswith("test_")}
+    found: dict[str, Path] = {}
+    new = {file.stem: file} | {stem: path for stem, path in others.items() if stem == "conftest"}
+    while new:
+        found |= new
+        named = set(re.findall(r"\w+", " ".join(path.read_text() for path in new.values())))
+        new = {stem: path for stem, path in others.items() if stem in named and stem not in found}
+    return sorted(path for path in found.values() if path != file)
 
 
 def _record(file: Path, stored: Path, slowest: float, left_out: frozenset[str]) -> int:
