@@ -1,0 +1,408 @@
+"""What is said of what was found, by numbers that are known: kinds of forces, times of events, runs to sail next."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+from pytest import approx
+from scipy.special import logsumexp
+from trials import CALM, SHIP, values
+
+from manoeuvre_nn.core.channels import MEASURED
+from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.diagnosis import advise, answers, forecast, nature, next_runs, predictive, recurring, windows, words
+from manoeuvre_nn.diagnosis.result import Cause, Value
+from manoeuvre_nn.effect.formula import Formula
+from manoeuvre_nn.effect.local import SideForce
+from manoeuvre_nn.effect.wind import WindOnset
+from manoeuvre_nn.estimation.hypothesis import STOPS, FittedHypothesis, Hypothesis
+
+pytestmark = pytest.mark.usefixtures("unchecked_types")
+
+
+def formula_of(terms: list[str], sds: float = 0.1, **numbers: float) -> FittedHypothesis:
+    """A fitted formula at these numbers, all weights with the same standard error, scales with a tenth of theirs."""
+    effect = Formula(SHIP, terms, **numbers)
+    h = Hypothesis((effect,), (values(effect),))
+    errors = [
+        sds if f.parameter.name.startswith("w") else 0.1 * v for f, v in zip(h.unknowns(), h.vector(), strict=True)
+    ]
+    return FittedHypothesis(h, 20.0, np.zeros((1, 1)), np.diag(np.square(errors)))
+
+
+KINDS = [  # terms, numbers; kind, where, scales with errors
+    (["N r|r| cos psi", "Y |v||r|"], {"w1": 1.0, "w2": 0.5}, "tied to the heading", ("N",), {}),
+    (["N r|r| cos psi", "Y |v||r|"], {"w1": 0.5, "w2": 1.0}, "tied to the motion", ("Y",), {}),
+    (["sensor psi r"], {"w1": 1.0}, "in an instrument", ("sensor:psi",), {}),
+    (["Y lag d", "N lag d"], {"w1": 1.0, "w2": 1.0, "memory_s": 40.0}, "lagging", ("Y", "N"), {"memory": (40.0, 4.0)}),
+    (["N cos beat", "N sin beat"], {"w1": 0.3, "w2": 0.3, "period_s": 50.0}, "periodic", ("N",),
+     {"period": (50.0, 5.0), "phase at the start": (45.0, np.degrees(0.1 / 0.3 / 2**0.5))}),
+    (["N cos beat", "N sin beat"], {"w1": -0.3, "w2": 0.0, "period_s": 50.0}, "periodic", ("N",),
+     {"period": (50.0, 5.0), "phase at the start": (270.0, np.degrees(0.1 / 0.3))}),
+    (["Y cos stripes", "Y sin stripes"], {"w1": 0.0, "w2": 0.3, "north_per_km": 3.0, "east_per_km": 4.0},
+     "tied to the place", ("Y",),
+     {"spacing": (200.0, 1000 * np.hypot(0.9, 1.6) / 5 / 25), "across": (np.degrees(np.arctan2(4.0, 3.0)),
+      np.degrees(np.hypot(1.2, 1.2) / 25))}),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("terms, numbers, kind, where, scales", KINDS)
+def test_a_formula_is_of_the_kind_of_its_clearest_terms(monkeypatch, terms, numbers, kind, where, scales):
+    monkeypatch.setattr(nature, "_size", lambda data_set, formula, leading: (2.0, "kN"))
+    fitted = formula_of(terms, **numbers)
+    found = nature._by_rule(SimpleNamespace(dynamics=CALM), fitted, 7.0)
+    assert (found.kind, found.equations, found.against, found.predictable) == (kind, where, 7.0, True)
+    periodic = kind == "periodic"
+    assert found.size.value == approx(2.0 * 2**0.5 if periodic else 2.0)
+    assert found.size.name == ("amplitude" if periodic else "root mean square")
+    weights = np.array([w for name, w in numbers.items() if name.startswith("w")]) / 0.1
+    clearest = weights if len(where) == len(terms) or periodic or scales else weights[[weights.argmax()]]
+    assert found.size.error / found.size.value == approx(1 / np.sqrt((clearest**2).sum()))
+    assert {v.name: (v.value, v.error) for v in found.scales} == {k: approx(v, rel=1e-6) for k, v in scales.items()}
+
+
+def test_a_growing_force_has_its_growth_a_minute():
+    """A weight is what it is after ten minutes: a tenth of it a minute."""
+    fitted = formula_of(["N t"], w1=0.5)
+    data_set = SimpleNamespace(dynamics=CALM, unit=np.ones(4), runs=[])
+    force = abs(nature._unit_forces(data_set)[2])
+    (growth,) = nature._scales(data_set, fitted.hypothesis.effects[0], "growing", {"w1": 0.5}, {"w1": 0.1})
+    assert (growth.name, growth.unit) == ("growth a minute", "MN m")
+    assert (growth.value, growth.error) == approx((0.05 * force, 0.01 * force))
+
+
+NATURES = [  # evidence of the formula, of a random force (None: model was fitted), whether proved -> by, against
+    (20.0, 9.0, None, ("rule", 11.0)),
+    (20.0, 24.0, None, ("chance", 4.0)),
+    (20.0, 24.0, True, ("rule", -4.0)),
+    (20.0, 9.0, False, ("chance", -11.0)),
+    (20.0, None, False, ("rule", 17.0)),
+    (2.0, 1.0, None, ("chance", -2.0)),  # neither beats calm water at 3
+    (2.0, None, None, None),
+    (None, 9.0, None, ("chance", 6.0)),
+    (None, None, None, None),
+]
+
+
+@pytest.mark.parametrize("rule, chance, proved, expected", NATURES)
+def test_something_unknown_is_described_by_a_proved_formula_or_by_what_is_likelier(
+    monkeypatch, rule, chance, proved, expected
+):
+    monkeypatch.setattr(nature, "is_fitted", lambda dynamics: chance is None)
+    monkeypatch.setattr(nature, "random_force", lambda likelihood, none: SimpleNamespace(evidence=chance))
+    told = nature.Nature("", (), Value("", 0.0, 0.0, ""))
+    for how in ("rule", "chance"):
+        monkeypatch.setattr(
+            nature, f"_by_{how}", lambda data_set, one, against, how=how: replace(told, kind=how, against=against)
+        )
+    monkeypatch.setattr(
+        nature, "shape_of", lambda data_set, found: SimpleNamespace(hard=(0.7, 0.2), frame="body", parity="odd")
+    )
+    formula = None if rule is None else SimpleNamespace(evidence=rule)
+    tried = SimpleNamespace(
+        likelihood=SimpleNamespace(data_set=SimpleNamespace(dynamics=None)), none=SimpleNamespace(evidence=3.0)
+    )
+    found = nature.nature_of(tried, SimpleNamespace(formula=formula), [], proved)
+    assert (None if found is None else (found.kind, found.against)) == expected
+    assert found is None or (found.frame, found.parity, found.regime) == ("body", "odd", 0.7)
+
+
+# Events --------------------------------------------------------------------------------------------------------------
+
+EDGES = np.arange(0.0, 101.0, 10.0)
+
+
+@pytest.mark.parametrize("may_last", [False, True])
+def test_times_of_an_event_have_a_flat_prior_and_last_two_blocks(may_last):
+    blocks = windows._Blocks(EDGES, np.zeros((1, 10)), np.zeros((1, 10, 10)), (1.0, 1.0))
+    gates = blocks.gates(may_last, 0.0)
+    length = np.diff(gates.times, axis=1)[:, 0]
+    assert logsumexp(gates.prior) == approx(0.0, abs=1e-12) and length.min() == 20.0
+    assert len(gates.times) == 10 * 9 / 2 and np.isinf(length).sum() == (9 if may_last else 0)
+    if may_last:
+        assert np.exp(logsumexp(gates.prior[np.isfinite(length)])) == approx(STOPS)
+    inside = gates.shares[(gates.times == [20.0, 50.0]).all(axis=1)][0]
+    assert inside.tolist() == [0, 0, 1, 1, 1, 0, 0, 0, 0, 0]
+
+
+def test_what_builds_up_for_minutes_begins_and_goes_on():
+    blocks = windows._Blocks(EDGES, np.zeros((1, 10)), np.zeros((1, 10, 10)), (1.0, 1.0))
+    gates = blocks.gates(True, 60.0)
+    assert np.isinf(gates.times[:, 1]).all()
+    (begun,) = gates.shares[gates.times[:, 0] == 50.0]
+    assert begun == approx(np.clip((EDGES[:-1] + 5.0 - 50.0) / 60.0 + 0.5, 0.0, 1.0))
+
+
+def test_the_likelihood_ratio_of_an_event_is_that_of_its_blocks_at_the_likeliest_size():
+    """Pull b and square a of all blocks within: s b - s^2 a / 2, s from 0.7 to 1.4; beside others at its own size."""
+    right, gram = np.array([[3.0, 1.0, 8.0]]), np.diag([2.0, 2.0, 1.0])[None]
+    blocks = windows._Blocks(np.arange(4.0), right, gram, windows.SCALES)
+    gates = np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
+    ratios = blocks.ratios(0, gates)
+    assert ratios == approx([4.0 - 2.0, 1.4 * 8.0 - 0.98, 0.7 - 0.49], abs=1e-6)
+    beside = blocks.ratios(0, gates, np.array([0.0, 0.5, 1.0]))
+    assert beside == approx([3.0 - 2.0, 7.0 - 0.5, 0.0 - 1.0], abs=1e-6)
+
+
+SETS = [
+    ((), (30.0, 60.0), 1.0, ((30.0, 60.0),)),
+    (((70.0, 90.0),), (30.0, 50.0), 1.0, ((30.0, 50.0), (70.0, 90.0))),
+    (((10.0, 90.0),), (30.0, 50.0), -1.0, ((10.0, 30.0), (50.0, 90.0))),
+    (((10.0, 20.0), (25.0, 90.0)), (30.0, 50.0), -1.0, ((10.0, 20.0), (25.0, 30.0), (50.0, 90.0))),
+]
+
+
+@pytest.mark.parametrize("there, more, sign, after", SETS)
+def test_an_interval_is_added_or_cut_out_of_another(there, more, sign, after):
+    assert windows._with(there, more, sign) == after
+
+
+def test_two_intervals_are_two_blocks_apart_and_a_hole_two_from_the_ends():
+    times = np.array([[0.0, 20.0], [0.0, 30.0], [60.0, 80.0], [80.0, 100.0], [90.0, 100.0], [50.0, 60.0]])
+    gates = windows._Gates(times, np.zeros((6, 1)), np.zeros(6))
+    (sign, beside), (hole_sign, holes) = windows._allowed(gates, ((40.0, 70.0),))
+    assert (sign, beside.tolist()) == (1.0, [True, False, False, False, True, False])
+    assert hole_sign == -1.0 and not holes.any()
+    (_, everywhere), (_, holes) = [
+        next(iter(windows._allowed(gates, ()))),
+        list(windows._allowed(gates, ((30.0, 100.0),)))[1],
+    ]
+    assert everywhere.all() and holes.tolist() == [False, False, True, False, False, True]
+
+
+@pytest.mark.parametrize("other, alike", [
+    (((10.0, 40.0),), True), (((24.0, 26.0),), True), (((24.0, 56.0),), False), (((26.0, 40.0),), False), ((), False),
+])  # fmt: skip
+def test_times_less_than_a_quarter_of_a_minute_apart_lead_to_one_fit(other, alike):
+    assert windows._alike(((10.0, 40.0),), other) is alike
+    assert windows._alike(((10.0, np.inf),), ((24.0, np.inf),)) and windows._alike((), ())
+
+
+def test_sizes_of_an_event_are_tried_by_factors_of_two_four_times_beyond_its_starts():
+    (force,) = [p for p in SideForce.declared if p.name == "force_kN"]
+    grid = np.unique(windows._grid(SideForce(SHIP))[:, SideForce.declared.index(force)])
+    sizes = grid[grid > 0]
+    starts = np.abs(force.starts)
+    assert sizes[0] == approx(starts.min() / 4) and sizes[-1] == approx(min(4 * starts.max(), force.high))
+    assert (sizes[1:] / sizes[:-1] < 2.2).all() and (sizes[1:-1] / sizes[:-2] > 1.8).all()
+    assert not np.isinf(windows._grid(WindOnset(SHIP))[:, 0]).any()
+
+
+def test_main_courses_leave_out_a_hundredth_of_the_squared_forces():
+    """Two courses alike but for a share of e have eigenvalues 2 - e^2/2 and e^2/2 of 2."""
+    for e, kept in ((0.19, 1), (0.21, 2)):
+        base, other = np.zeros((2, 400))
+        base[0], other[1] = 1.0, 1.0
+        second = np.sqrt(1 - e**2 + e**4 / 4) * base + e * np.sqrt(1 - e**2 / 4) * other  # correlation 1 - e^2/2
+        moved = np.zeros((400, 6, 2))
+        moved[:, 1, 0], moved[:, 1, 1] = base, second
+        courses, shares = windows._main_courses(moved, np.ones(3))
+        assert courses.shape[-1] == kept
+        assert kept == 1 or courses @ shares.T == approx(moved)
+
+
+# What to sail next ---------------------------------------------------------------------------------------------------
+
+
+def test_what_a_rival_cannot_imitate_is_what_is_left_of_the_difference_with_a_prior_on_its_numbers():
+    d, n, spread = np.array([3.0, 4.0]), np.array([1.0, 0.0]), 0.5
+    gram = np.array([[d @ d, d @ n], [d @ n, n @ n]])
+    assert advise.left_over(gram, np.array([spread])) == approx(0.5 * (25.0 - 9.0 / (1.0 + 4.0)))
+    assert advise.left_over(gram, np.array([1e6])) == approx(8.0)
+    assert advise.left_over(np.array([[1.0, 2.0], [2.0, 1.0]]), np.array([1e6])) == 0.0, "no less than nothing"
+
+
+PLANS = [
+    ("a straight run", 0.0, 1.0,
+     {"manoeuvre": "straight", "first_turn": "starboard", "heading_deg": 0.0, "speed_share": 1.0}),
+    ("a 20/20 zigzag, first to port,", 90.0, 1.0,
+     {"manoeuvre": "zz20", "first_turn": "port", "heading_deg": 90.0, "speed_share": 1.0}),
+    ("a 35 deg turning circle to port", None, 0.5, {"manoeuvre": "tc35", "first_turn": "port", "speed_share": 0.5}),
+    ("a pull-out after a 20 deg turn", -90.0, 0.5,
+     {"manoeuvre": "po20", "first_turn": "starboard", "heading_deg": 270.0, "speed_share": 0.5}),
+    ("r01 again with the speed log", None, 1.0, {"repeat": "r01", "channel": "speed log"}),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("said, heading, share, run", PLANS)
+def test_a_run_that_is_advised_is_read_back_from_its_sentence(said, heading, share, run):
+    plan = next_runs.Plan(said, None, None if heading is None else heading * DEGREE, share)
+    assert next_runs.planned(f"To tell a from b (50 %): {plan.text} (expected log Bayes factor 9.0).") == run
+    assert next_runs.planned("Nothing more is needed.") is None
+
+
+def test_channels_that_can_be_written_down_too_are_those_of_a_run():
+    named = {words: tuple(MEASURED[k] for k in at) for words, at in next_runs.CHANNELS.items()}
+    assert named == {
+        "position": ("x", "y"), "speed and course over ground": ("vn", "ve"), "heading": ("psi",),
+        "rate of turn": ("r",), "speed log": ("u_log",), "shaft speed": (MEASURED[7],),
+    }  # fmt: skip
+    assert next_runs.HEADINGS == tuple(90.0 * k for k in range(4)), "from all four sides"
+
+
+def test_manoeuvres_beyond_the_rudders_limit_are_not_tried():
+    every, gentle = next_runs._manoeuvres(35 * DEGREE), next_runs._manoeuvres(30 * DEGREE)
+    assert len(every) == 2 + 2 * (3 + 2) and set(every) - set(gentle) == {m for m in every if "35" in m}
+    assert all(m.largest_order == approx(20 * DEGREE) for words, m in every.items() if "20" in words)
+
+
+def test_bands_hold_nineteen_of_twenty():
+    low, high = forecast.BAND
+    assert high - low == approx(0.95) and low + high == approx(1.0)
+    assert forecast.DRAWS * low >= 2, "an edge lies within the draws"
+
+
+# Free runs -----------------------------------------------------------------------------------------------------------
+
+
+def test_distances_are_compared_in_means_over_blocks_of_what_was_recorded():
+    off = np.vstack([np.r_[np.nan, np.arange(1.0, 7.0)], np.arange(7.0) ** 2])
+    assert predictive._blocks(off, 2) == approx(np.array([[1.5, 3.5, 5.5], [2.5, 12.5, 30.5]]))
+    assert predictive._blocks(off, 9).shape == (2, 1)
+    relative = predictive._relative(np.array([[3.0, -3.0], [1.0, 1.0], [2.0, 0.0]]))
+    assert relative == approx(np.array([3.0, 1.0, np.sqrt(2.0)]) / np.sqrt(1.5))
+
+
+def test_few_draws_have_a_tail_of_three():
+    p = predictive.tail(np.array([2.0, 8.0, 16.0]), np.array([1.0, 1.0, 1.0, 1.0, 1.0, 2.0, 4.0, 8.0]))
+    mean = np.log([2.0, 4.0, 8.0]).mean()
+    assert p == approx(3 / 8 * np.array([2.0, 8.0, 16.0]) ** (-1 / mean))
+
+
+# Words ---------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("value, error, said", [
+    (12.345, 2.13, "12.3 ± 2.1 m"), (12.345, 0.0213, "12.345 ± 0.021 m"), (1234.5, 210.0, "1234 ± 210 m"),
+    (12.345, 0.0, "12.3 m"), (12.345, float("nan"), "12.3 m"),
+])  # fmt: skip
+def test_a_value_is_told_to_two_digits_of_its_error(value, error, said):
+    assert words._measured(Value("x", value, error, "m")) == said
+
+
+def test_odds_and_probabilities_are_told_with_the_digits_that_matter():
+    assert words._odds(np.log(20.0)) == "odds 1 to 20" and words._odds(-3.0) == "odds 1 to 1"
+    assert words._odds(13.7) != words._odds(13.9) == "odds less than one in a million" == words._odds(50.0)
+    assert words._percent(0.499) == "50 %" and words._percent(1.0) == "99 %"
+    assert [words._ln(f) for f in (3.14, 9.94, 9.96, -12.3)] == ["3.1", "9.9", "10", "-12"]
+
+
+# Answers -------------------------------------------------------------------------------------------------------------
+
+
+def test_an_answer_has_the_rudder_positive_to_port_and_leaves_out_what_is_as_good_as_impossible():
+    values_found = (Value("offset_deg", 2.0, 0.25, "deg"), Value("speed", 3.0, float("nan"), "m/s", "monday"))
+    common = {"evidence": 9.0, "equations": ("N",), "fingerprint": "", "source": "", "label": ""}
+    causes = [
+        Cause("rudder_offset", probability=0.98765, parameters=values_found, intervals={"r1": [(1.26, 3.0)]}, **common),
+        Cause("current", probability=1.1e-4, parameters=(), intervals=None, **common),
+        Cause("log_scale", probability=0.9e-4, parameters=(), intervals=None, **common),
+    ]
+    rmse = {"pos": 1.234567, "psi": float("nan")}
+    d = SimpleNamespace(
+        case="c", verdict="mismatch", causes=causes, model=[], next_steps=["Sail on."], rmse=lambda _: rmse
+    )
+    told = answers.answer(d)
+    first, second = told["effects"]
+    assert first["parameters"] == {"offset_deg": [-2.0, 0.25, "deg"], "speed (monday)": [3.0, None, "m/s"]}
+    assert (first["probability"], first["intervals"], second["intervals"]) == (0.9877, {"r1": [[1.3, 3.0]]}, "all")
+    assert (second["name"], told["model"], told["next_run"]) == ("current", ["unknown"], None)
+    assert told["heldout_rmse_before"] == {"pos": 1.2346, "psi": None}
+    d.verdict = "none"
+    assert answers.answer(d)["model"] == []
+
+
+def test_headings_of_predictions_are_written_within_a_turn_and_their_bands_beside_them(tmp_path):
+    table = pd.DataFrame({"t": [0.0, 1.0], "psi": [725.0, -10.0], "psi_low": [719.0, -12.0], "psi_high": [731.0, 2.0]})
+    proof = SimpleNamespace(run="r1", before=table[["t", "psi"]], after=table)
+    d = SimpleNamespace(
+        proofs=[proof], forecasts=[], case="c", verdict="none", causes=[], model=[], next_steps=[], rmse=lambda _: {}
+    )
+    answers.write_answer(d, tmp_path)
+    written = pd.read_csv(tmp_path / "predictions" / "after" / "r1.csv")
+    assert written.to_numpy() == approx(np.array([[0.0, 5.0, -1.0, 11.0], [1.0, 350.0, 348.0, 362.0]]))
+    assert (tmp_path / "predictions" / "before" / "r1.csv").exists() and (tmp_path / "answer.json").exists()
+
+
+# What comes again ----------------------------------------------------------------------------------------------------
+
+
+def missing(monkeypatch, force) -> list[recurring.SpectralPeak]:
+    """Peaks in a force over 500 s that a ship lacks on a round of 2 by 2 km, beside its mean."""
+    time = np.arange(0.0, 500.0)
+    north, east = (1000.0 + 1000.0 * f(2 * np.pi * time / 500.0) for f in (np.cos, np.sin))
+    s = SimpleNamespace(**{k: torch.tensor(v) for k, v in {"time": time, "x": north, "y": east}.items()})
+    monkeypatch.setattr(recurring, "missing_accelerations", lambda data_set: [force(time, north / 1000, east / 1000)])
+    monkeypatch.setattr(recurring, "_of_the_motion", lambda data_set, s: np.ones((500, 1)))
+    run = SimpleNamespace(linearised=SimpleNamespace(situation=s))
+    return recurring.recurring(SimpleNamespace(runs=[run], dynamics=SimpleNamespace(particulars=SHIP.particulars)))
+
+
+def test_a_beat_is_found_at_its_period_with_its_phase_among_all_that_could_be(monkeypatch):
+    period = 499.0 / (1.5 + 25 / 3)  # one of those that are tried
+
+    def force(time, north, east):
+        y = np.zeros((500, 3))
+        y[:, 1] = 3.0 + np.cos(2 * np.pi * time / period - np.radians(60.0))
+        return y
+
+    found = [p for p in missing(monkeypatch, force) if (p.equation, p.mark) == ("Y", "beat")]
+    assert len(found) == recurring.PEAKS and found[0].scales["period_s"] == approx(period)
+    assert found[0].shares == approx((0.5, 3**0.5 / 2), abs=0.02)
+    fastest = 0.5 * SHIP.particulars.time_unit  # half the time in which she sails her length
+    assert found[0].tried == approx(499.0 / fastest, abs=1.5)
+    assert abs(found[1].scales["period_s"] - period) > 3.0, "the flanks of a peak are no second one"
+
+
+def test_stripes_are_found_at_their_spacing_and_across_which_way_they_lie(monkeypatch):
+    def force(time, north, east):
+        n = np.zeros((500, 3))
+        n[:, 2] = np.sin(2 * np.pi * (1.5 * north - 2.0 * east))
+        return n
+
+    found = [p for p in missing(monkeypatch, force) if (p.equation, p.mark) == ("N", "stripes")]
+    assert found[0].scales == {"north_per_km": approx(1.5, abs=0.1), "east_per_km": approx(-2.0, abs=0.1)}
+    assert found[0].shares == approx((0.0, 1.0), abs=0.1)
+    side = 40  # numbers a side; numbers near none are no waves
+    assert found[0].tried == approx((side + 1) * (2 * side + 1) / 9, rel=0.02)
+
+
+# Planned runs --------------------------------------------------------------------------------------------------------
+
+
+def test_planned_runs_are_predicted_with_bands_and_prove_nothing(monkeypatch):
+    columns = ["t", "x", "y", "psi", "u", "v", "r", "u_log"]
+    table = pd.DataFrame(1.0, index=range(3), columns=columns)
+    run = SimpleNamespace(name="plan", meta={"kind": "zigzag"})
+    known = SimpleNamespace(
+        rows=lambda runs: [0], data_set=SimpleNamespace(combinations=1), mean=np.zeros(2), latency=0.3,
+        corrected=lambda mean: "corrected",
+    )  # fmt: skip
+    asked = []
+    monkeypatch.setattr(forecast, "_known", lambda data_set, chosen: known)
+    monkeypatch.setattr(forecast, "predict", lambda dynamics, h, runs, *more: asked.append((dynamics, more)) or [table])
+    monkeypatch.setattr(forecast, "_bands", lambda known, runs, warmup: [pd.DataFrame({"x_low": [0.0] * 3})])
+    monkeypatch.setattr(forecast, "recorded", lambda run, warmup: table.copy())
+    chosen = SimpleNamespace(names=(), hypothesis=Hypothesis((), ()))
+    question = SimpleNamespace(dynamics="calm", case=SimpleNamespace(planned=[run], warmup=40.0))
+    (made,) = forecast.forecasts(question, None, chosen)
+    assert asked == [("calm", (40.0,)), ("corrected", (40.0, 0.3))] and "x_low" in made.after
+    assert np.isnan(list(made.rmse_after.values())).all() and made.recorded["t"].notna().all()
+    question.case.planned = []
+    assert forecast.forecasts(question, None, chosen) == []
+
+
+def test_a_rival_is_fitted_again_within_three_of_its_spreads_but_for_times_of_events(monkeypatch):
+    rival = Hypothesis((SideForce(SHIP),), (values(SideForce(SHIP)),))
+    monkeypatch.setattr(advise, "hypothesis_columns", lambda data_set, rival: None)
+    monkeypatch.setattr(advise, "_shared", lambda *_: np.eye(1))
+    _, sd = advise._grams(SimpleNamespace(combinations=2), [None], rival, (0, 2))
+    shared = [s for f, s in zip(rival.unknowns(), rival.prior_sds(), strict=True) if not f.parameter.per_run]
+    assert sd == approx([0.03, 0.03, *(3 * np.array(shared))])
+
+
+def test_what_acts_throughout_began_long_before_any_ramp():
+    assert windows.ALWAYS < -10 * max(windows.LONG_RAMPS)
