@@ -35,14 +35,19 @@ def test_a_zigzag_about_another_course_shifts_all_its_headings():
         (spiral(), "spiral20"),
         (straight(), "straight"),
         (random_rudder(seed=3), "random3"),
-        *((make(20.0, name="mine"), "mine") for make in (zigzag, turning_circle, pull_out, tactical_circle, overshoot)),
-        *((make(name="mine"), "mine") for make in (spiral, straight, random_rudder, mixed_zigzag)),
+        (zigzag(20.0, name="mine"), "mine"),
         (mixed_zigzag(), "zz5to25"),
         (mixed_zigzag([20.0, 10.0], first="port"), "zz20to10_port"),
     ],
 )
 def test_names_say_what_is_done(made, name):
     assert made.name == name
+
+
+def test_any_trial_may_have_a_name_of_its_own():
+    made = [make(20.0, name="mine") for make in (zigzag, turning_circle, pull_out, tactical_circle, overshoot)]
+    made += [make(name="mine") for make in (spiral, straight, random_rudder, mixed_zigzag)]
+    assert {m.name for m in made} == {"mine"}
 
 
 def test_a_mixed_zigzag_goes_through_its_angles_to_both_sides_and_begins_anew():
@@ -122,10 +127,10 @@ def test_each_family_is_as_long_as_it_usually_takes():
     for made, lengths in ((mixed_zigzag(), 40.0), (pull_out(20.0), 40.0), (turning_circle(20.0), 30.0)):
         assert made.duration_for(WANG) == approx(lengths * unit)
     assert pull_out(20.0, coast=90.0).duration_for(WANG) == 90.0
-    assert (pull_out(20.0, "port").stages[0].heading, pull_out(20.0).stages[0].heading) == approx((
-        -1.5 * np.pi,
-        1.5 * np.pi,
-    ))
+    turns = [pull_out(20.0, side).stages[0].heading for side in ("port", "starboard")]
+    assert turns == approx([-1.5 * np.pi, 1.5 * np.pi]), "270 deg"
+    little = [make(20.0, turn_deg=0.5).stages[k].heading for make, k in ((pull_out, 0), (tactical_circle, 1))]
+    assert little == approx([0.5 * DEGREE] * 2), "any turn will do"
     assert spiral().duration == 17 * 60.0 and spiral().stages[0].order == approx(20 * DEGREE)
 
 
