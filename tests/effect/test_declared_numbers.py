@@ -8,8 +8,9 @@ Cauchy prior, .67 of its spread, lies in the range that is usual (offsets .5 to 
 
 from pathlib import Path
 
+from fleet import unchecked
 from pytest import approx
-from shelf import FILES, kind_of, made
+from shelf import FILES, kind_of, made, outcome, situation
 
 from manoeuvre_nn.core.effect import UNIT_POWERS, Effect, Parameter
 
@@ -48,7 +49,12 @@ def declared() -> list[str]:
 
 
 def test_effects_declare_the_numbers_that_results_were_measured_with():
+    """And are finite where a fit begins."""
     assert declared() == TABLE.read_text().splitlines()
+    with unchecked():
+        for name in FILES:
+            said = outcome(made(name, "mariner"), situation("mariner"))
+            assert all(bool(value.isfinite().all()) for value in said.values()), name
 
 
 def test_sizes_go_with_length_by_froudes_law_and_bounds_with_the_ship():
