@@ -151,6 +151,14 @@ def test_less_rudder_area_is_less_of_every_term_with_the_rudder():
     assert acting("rudder_area_loss", fraction=0.35) == approx(full - 0.35 * (full - none), rel=1e-9)
 
 
+def test_a_lost_area_changes_the_terms_with_the_rudder_and_none_of_a_ship_without_terms():
+    ship = ship_named("mariner_corrected")
+    lost = made("rudder_area_loss", ship, fraction=0.35).changed_terms()
+    for term, shares in zip(ship.terms, lost, strict=True):
+        torch.testing.assert_close(shares, -0.35 * torch.eye(3, dtype=torch.float64) * ("d" in term))
+    assert made("rudder_area_loss", no_part(ship)).changed_terms() is None
+
+
 def test_usual_accelerations_are_those_of_the_resistance_and_of_20_deg_of_rudder():
     """Formulas without a name weigh their terms by them."""
     turned = mariner(delta=np.radians(20), u=SPEED, v=0.0, r=0.0) - mariner(delta=0.0, u=SPEED, v=0.0, r=0.0)
