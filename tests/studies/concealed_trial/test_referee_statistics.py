@@ -262,3 +262,33 @@ def test_a_recorder_leaves_out_its_columns_its_seconds_and_a_hole(drawn):
     strict = published(replace(case, strict=True, hole=None), replace(run, split="held_out"), table)
     blank = strict[strict["t"] > 40].drop(columns=["t", "delta_order", "delta"])
     assert blank.isna().all().all() and strict[strict["t"] <= 40]["psi"].notna().any()
+
+
+def test_the_manifest_says_what_the_recordings_hold(drawn):
+    runs = (Run("r01", "fit", "tc20", "port", 33.0, 200), Run("r02", "held_out", "zz10", "starboard", 210.0, 150))
+    case = replace(drawn[0], runs=runs, channels="two_seconds", hole=("r01", 100, 120))
+    found = record.manifest(case)
+    assert (found["sample_interval_s"], found["warmup_s"], found["manoeuvre_start_s"]) == (2.0, 40.0, 60.0)
+    assert [run["rows"] for run in found["runs"]] == [101 - 11, 76] and found["nominal_noise_sd"] == NOISE
+    held_out = {"split": "held_out", "manoeuvre": "zz10", "first_turn": "starboard", "initial_heading_deg": 210.0}
+    assert found["runs"][1] == held_out | {"run": "r02", "file": "r02.csv", "rows": 76, "duration_s": 150}
+    assert (found["case"], found["ship"], found["particulars"]) == (case.name, "mariner", case.ship.particulars)
+    bare = record.manifest(replace(case, channels="gps_heading"))
+    assert set(found["channels"]) - set(bare["channels"]) == {"r", "u_log", "n"}
+    assert found["channels"] | {"r": "deg/s", "delta": "deg", "n": "rpm", "v": "m/s"} == found["channels"]
+
+
+def test_a_coloured_force_acts_second_by_second_from_the_start_of_the_recording_on(drawn):
+    truth, ship = build(drawn[0].ship, [], ["a", "b"]), drawn[0].ship
+    truth.model_error = 1e5 * np.arange(1.0, 13.0).reshape(2, 3, 2)
+    state = np.zeros((9, 2))
+    state[3] = 7.0
+
+    def push(t):
+        return truth.derivative(t, state, np.zeros(2), np.full(2, 76.0))[3:6]
+
+    plain = build(ship, [], ["a", "b"]).derivative(0.0, state, np.zeros(2), np.full(2, 76.0))[3:6]
+    by_force = truth.equations.external
+    for t, row in ((0.0, 0), (0.9, 0), (1.0, 1), (1.7, 1), (500.0, 1)):
+        np.testing.assert_allclose(push(t) - plain, by_force @ truth.model_error[row], rtol=1e-9, atol=1e-12)
+    np.testing.assert_array_equal(push(-0.1), plain)
