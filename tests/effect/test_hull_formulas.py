@@ -159,6 +159,15 @@ def test_a_lost_area_changes_the_terms_with_the_rudder_and_none_of_a_ship_withou
     assert made("rudder_area_loss", no_part(ship)).changed_terms() is None
 
 
+def test_an_effect_that_is_taken_to_many_ships_keeps_the_terms_of_the_last_few():
+    effect, hull = made("loading", "great_lakes_bulker"), ship_named("great_lakes_bulker")
+    ships = [hull.on_approach(4.0 + 0.01 * k) for k in range(20)]
+    sorted_of = [effect.aboard(ship).series for ship in ships]
+    assert all(one.ship is ship for one, ship in zip(sorted_of, ships, strict=True))
+    assert 1 <= len(effect._sorted) <= 16
+    assert effect.aboard(ships[-1]).series is sorted_of[-1], "kept, not sorted anew"
+
+
 def test_usual_accelerations_are_those_of_the_resistance_and_of_20_deg_of_rudder():
     """Formulas without a name weigh their terms by them."""
     turned = mariner(delta=np.radians(20), u=SPEED, v=0.0, r=0.0) - mariner(delta=0.0, u=SPEED, v=0.0, r=0.0)
