@@ -135,6 +135,8 @@ def test_holes_last_one_to_three_minutes_and_begin_after_the_manoeuvre_did():
     places = [(start + 0.5 - 120) / (800 - length - 120) for (_, start, _), length in zip(holes, lengths, strict=True)]
     assert kstest(places, "uniform").pvalue > P
     assert even(Counter(name for name, *_ in holes)[run.name] for run in FIT[:3])
+    short = [Run("r01", "fit", "tc20", "port", 0.0, 200)]
+    assert {_draw_hole(rng, short)[1] for _ in range(40)} == {120}, "a short run begins as late"
 
 
 PER_UNIT = {

@@ -76,6 +76,7 @@ def test_the_catalogue_draws_within_what_is_possible_at_sea():
     found = {k.detail or k.name: (k.low, k.high) for k in (*KINDS, *UNMODELLED)}
     assert found == BOUNDS
     for kind in (*KINDS, *UNMODELLED):
+        assert kind_of(kind.name, kind.detail) is kind
         for name, span in kind.extras.items():
             assert span == EXTRAS[kind.detail if name == "period_s" else name], (kind, name)
 
