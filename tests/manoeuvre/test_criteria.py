@@ -74,6 +74,50 @@ def test_what_the_recording_is_too_short_for_is_absent():
     assert set(half) == {"advance_L", "transfer_L", "tactical_diameter_L"}
 
 
+@pytest.mark.parametrize("change, steady", [(0.019, True), (0.021, False), (-0.019, True), (-0.021, False)])
+@pytest.mark.parametrize("channel", ["u", "r"])
+def test_a_turn_is_steady_if_speed_and_rate_change_by_less_than_2_percent_over_its_last_90_deg(channel, change, steady):
+    made = circle(step=0.5)
+    # 90 deg take 62.8 s; the change is over the middle value.
+    course = 1 + change * (made.time - made.time[-1] + 0.25 * pi * 40.0) / (0.5 * pi * 40.0)
+    slow = made.with_channels(**{channel: made[channel] * course})
+    found = criteria(slow, "turning_circle", LENGTH)
+    assert ("steady_u_m_s" in found) == steady
+    if steady:  # read over the last fifth: its middle is .4 of the stretch after that of the whole
+        expected = {"u": 5.0, "r": 0.025}[channel] * (1 + 0.4 * change)
+        assert found["steady_u_m_s" if channel == "u" else "steady_r_deg_s"] == approx(
+            expected if channel == "u" else expected / DEGREE, rel=5e-4
+        )
+
+
+def test_a_steady_turn_needs_270_deg_and_three_samples_of_its_last_quarter():
+    made = circle(step=0.5)
+    quarter = 0.5 * pi * 40.0
+    assert "steady_u_m_s" in criteria(made.between(0.0, 3 * quarter + 1), "turning_circle", LENGTH)
+    assert "steady_u_m_s" not in criteria(made.between(0.0, 3 * quarter - 1), "turning_circle", LENGTH)
+    assert "steady_u_m_s" not in criteria(circle(step=45.0), "turning_circle", LENGTH)
+    lost = criteria(circle(straight=60.0).with_channels(u=np.where(circle(straight=60.0).time <= 60, 5.0, 4.0)),
+                    "turning_circle", LENGTH)  # fmt: skip
+    assert lost["speed_loss"] == approx(0.2) and lost["steady_diameter_L"] == approx(2 * 4.0 / 0.025 / LENGTH)
+
+
+@pytest.mark.parametrize("deg, moved", [(0.97, False), (1.03, True)])
+def test_a_rudder_that_moves_by_less_than_a_degree_is_no_execute(deg, moved):
+    t = np.arange(100.0)
+    delta = (2.0 + np.where(t > 30, deg, 0.0)) * DEGREE
+    seen = trace(recording(t, 0 * t, 0 * t, delta))
+    assert (seen is not None) == moved
+    assert not moved or (seen.side, seen.base) == (1, approx(2 * DEGREE))
+
+
+def test_four_whole_samples_make_a_trace():
+    made = circle().between(0.0, 4.0)
+    assert len(made) == 5 and trace(made) is not None
+    for gaps, enough in ((1, True), (2, False)):
+        holed = made.with_channels(psi=np.where(np.arange(5) < gaps, np.nan, made["psi"]))
+        assert (trace(holed) is not None) == enough
+
+
 def test_a_turn_that_still_slows_down_has_no_steady_part():
     made = circle()
     slowing = made.with_channels(u=5.0 - 0.01 * made.time)
@@ -135,6 +179,38 @@ def test_the_overshoot_counts_from_the_heading_at_the_reversal_not_from_the_one_
         (late,) = roll_out(CalmWater(ship_named("mariner")), [trial])
     found = criteria(late, "zigzag", 152.4)
     assert found["overshoot_1_deg"] == approx(late["psi"].max() / DEGREE - 22.0, abs=0.01)
+
+
+def test_the_last_overshoot_ends_where_the_rudder_is_given_up():
+    """Amidships after three executes: what the heading does later is no overshoot of the third."""
+    made, first, _ = swinging(step=0.5)
+    last = first + 60.0 + 15.0  # the third rudder is over
+    given_up = made.with_channels(delta=np.where(made.time < last, made["delta"], 0.0))
+    times, end = reversal_times(trace(given_up))
+    assert times == approx([first, first + 60.0], abs=0.01) and end == approx(last, abs=1.0)
+    found = criteria(given_up, "zigzag", LENGTH)
+    assert found["reversals"] == 2 and "period_s" not in found and "overshoot_2_deg" not in found
+    assert found["overshoot_1_deg"] == approx(10.0, abs=0.01)
+
+
+def test_a_rudder_counts_as_over_beyond_three_tenths_of_its_largest_angle():
+    t = np.arange(0.0, 200.0, 0.5)
+    psi = 20 * np.sin(2 * pi * t / 100) * DEGREE
+    for share, reversals in ((0.28, 0), (0.32, 1)):
+        delta = np.where(t < 2, 0.0, np.where(t < 80, 20.0, -20.0 * share)) * DEGREE
+        found = criteria(recording(t, psi, np.gradient(psi, t), delta), "zigzag", LENGTH)
+        assert found["reversals"] == reversals
+
+
+def test_a_ship_that_curves_has_sailed_the_length_of_her_path_at_ten_degrees():
+    """Speed 5 m/s ahead and 2 to the side, growing evenly: the mean of both ends times the time."""
+    t = np.arange(0.0, 60.0)
+    r = np.full_like(t, 0.5 * DEGREE)
+    made = recording(t, r * t, r, np.where(t < 1, 0.0, 10.0) * DEGREE, u=5.0 + 0.1 * t, v=0.4 * (5.0 + 0.1 * t))
+    found = criteria(made, "zigzag", LENGTH)
+    # From the execute at 0 s to 20 s: hypot(1, .4) times 5 to 7 m/s.
+    assert found["initial_turning_time_s"] == approx(20.0, abs=1e-6)
+    assert found["initial_turning_L"] == approx(np.hypot(1.0, 0.4) * 6.0 * 20.0 / LENGTH, rel=1e-6)
 
 
 def test_an_overshoot_that_is_still_growing_is_absent():
@@ -205,6 +281,32 @@ def test_a_spiral_with_a_known_loop(first):
     assert found["neutral_rudder_deg"] == approx(1.5, abs=0.01)
     assert found["loop_width_deg"] == approx(4.0, abs=0.01)
     assert found["loop_height_deg_s"] == approx(0.2, abs=1e-3)
+
+
+def test_the_rate_after_a_pull_out_is_the_mean_of_its_last_fifth_and_falls_by_half_between_samples():
+    t = np.arange(0.0, 301.0)
+    late = np.clip(t - 100.0, 0.0, None)
+    rate = np.where(t < 100, 1.0, np.maximum(0.3, 1.0 - 0.01 * late) - 1e-4 * late)
+    delta = np.where((t > 0) & (t <= 100), 20.0, 0.0)
+    found = criteria(recording(t, np.cumsum(rate) * DEGREE, rate * DEGREE, delta * DEGREE), "pull_out", LENGTH)
+    residual = 0.3 - 1e-4 * 180.0
+    assert found["residual_rate_deg_s"] == approx(residual)
+    # From 1 deg/s half of the rest is gone where 1 - .0101 t has come down to the middle of both.
+    assert found["half_time_s"] == approx((1 - 0.5 * (1 + residual)) / 0.0101, abs=0.02)
+    still = recording(t, 0 * t, 0 * t + 0.5 * DEGREE, delta * DEGREE)
+    assert set(criteria(still, "pull_out", LENGTH)) == {"residual_rate_deg_s"}, "nothing falls"
+
+
+def test_a_straight_run_is_read_over_its_first_and_last_fifth():
+    t = np.arange(0.0, 101.0)
+    made = recording(
+        t, 0 * t + 0.3 + 0.001 * t, 0 * t, 0 * t, u=np.where(t <= 20, 5.0, np.where(t >= 80, 3.0, 9.0)), v=0.0
+    )
+    found = criteria(made, "straight", LENGTH)
+    assert found == approx({"speed_change": -0.4, "heading_change_deg": 0.1 / DEGREE})
+    drifting = made.with_channels(u=0 * t + 4.0, v=0 * t + 3.0, x=1.0 * t, y=2.0 * t)
+    found = criteria(drifting, "straight", LENGTH)
+    assert found["drift_L"] == approx((200 * np.cos(0.3) - 100 * np.sin(0.3)) / LENGTH) and found["speed_change"] == 0
 
 
 def test_a_straight_run_has_its_loss_of_speed_and_drift():

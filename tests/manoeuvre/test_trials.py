@@ -5,11 +5,11 @@ import pytest
 from pytest import approx
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.core.units import DEGREE, KNOT
 from manoeuvre_nn.manoeuvre.spiral import spiral
 from manoeuvre_nn.manoeuvre.straight import random_rudder, straight
-from manoeuvre_nn.manoeuvre.turning import pull_out, tactical_circle, turning_circle
-from manoeuvre_nn.manoeuvre.zigzag import mixed_zigzag, overshoot, zigzag
+from manoeuvre_nn.manoeuvre.turning import pull_out, tactical_circle, tactical_circles, turning_circle
+from manoeuvre_nn.manoeuvre.zigzag import mixed_zigzag, overshoot, overshoots, zigzag
 from manoeuvre_nn.ship.mariner import WANG
 
 
@@ -42,6 +42,12 @@ def test_a_zigzag_about_another_course_shifts_all_its_headings():
 )
 def test_names_say_what_is_done(made, name):
     assert made.name == name
+
+
+def test_any_trial_may_have_a_name_of_its_own():
+    made = [make(20.0, name="mine") for make in (zigzag, turning_circle, pull_out, tactical_circle, overshoot)]
+    made += [make(name="mine") for make in (spiral, straight, random_rudder, mixed_zigzag)]
+    assert {m.name for m in made} == {"mine"}
 
 
 def test_a_mixed_zigzag_goes_through_its_angles_to_both_sides_and_begins_anew():
@@ -85,6 +91,60 @@ def test_another_approach_speed_makes_a_new_trial():
     assert made.at_speed(5.0).speed == 5.0 and made.speed is None and made.at_speed(None) is made
 
 
+def test_naval_trials_are_an_approach_a_manoeuvre_and_an_end():
+    """Stenson & Hundley: a minute from COMEX to EXECUTE, a circle of 540 deg, two cycles and a half of overshoots."""
+    circle, swing = tactical_circle(35.0, "port", approach=45.0, turn_deg=500.0), overshoot(15.0, "port", cycles=1.5)
+    orders = [(s.order / DEGREE, s.heading and s.heading / DEGREE, s.direction, s.hold) for s in circle.stages]
+    assert orders == [(0.0, None, 1, 45.0), (approx(-35.0), approx(-500.0), -1, None), (0.0, None, 1, None)]
+    assert [s.order / DEGREE for s in swing.stages] == approx([0.0, -15.0, 15.0, -15.0, 0.0])
+    assert [s.hold for s in swing.stages] == [60.0, None, None, None, None]
+    for made, name in ((circle, "circle35_port"), (swing, "overshoot15_port"), (tactical_circle(20.0), "circle20"),
+                       (overshoot(20.0), "overshoot20")):  # fmt: skip
+        assert (made.name, made.ends) == (name, True)
+        assert made.duration_for(WANG) == approx(200 * 152.4 / 7.614), "long enough at 5 deg"
+    assert tactical_circle(20.0).stages[0].hold == 60.0 and tactical_circle(20.0).stages[1].heading == approx(3 * np.pi)
+    assert len(overshoot(20.0).stages) == 1 + 5 + 1 and len(overshoot(20.0, cycles=0.5).stages) == 3
+    assert (circle.kind, swing.kind) == ("turning_circle", "zigzag")
+
+
+def test_a_set_of_naval_trials_has_every_angle_at_every_speed():
+    circles, swings = tactical_circles(), overshoots([10.0], [8.0], "starboard", approach=30.0, cycles=1.0)
+    assert [m.name for m in circles[:4]] == [
+        "circle10_12kn",
+        "circle10_port_12kn",
+        "circle20_12kn",
+        "circle20_port_12kn",
+    ]
+    assert len(circles) == 12 and {m.speed / KNOT for m in circles} == {12.0, 20.0}
+    assert [(m.name, m.speed, len(m.stages), m.stages[0].hold) for m in swings] == [
+        ("overshoot10_8kn", approx(8 * 1852 / 3600), 4, 30.0)
+    ]
+    assert len(overshoots()) == 12 and len(tactical_circles([35.0], [12.0], "port", 20.0, 400.0)) == 1
+
+
+def test_each_family_is_as_long_as_it_usually_takes():
+    unit = 152.4 / 7.614
+    for made, lengths in ((mixed_zigzag(), 40.0), (pull_out(20.0), 40.0), (turning_circle(20.0), 30.0)):
+        assert made.duration_for(WANG) == approx(lengths * unit)
+    assert pull_out(20.0, coast=90.0).duration_for(WANG) == 90.0
+    turns = [pull_out(20.0, side).stages[0].heading for side in ("port", "starboard")]
+    assert turns == approx([-1.5 * np.pi, 1.5 * np.pi]), "270 deg"
+    little = [make(20.0, turn_deg=0.5).stages[k].heading for make, k in ((pull_out, 0), (tactical_circle, 1))]
+    assert little == approx([0.5 * DEGREE] * 2), "any turn will do"
+    assert spiral().duration == 17 * 60.0 and spiral().stages[0].order == approx(20 * DEGREE)
+
+
+def test_a_random_rudder_has_half_the_largest_angle_for_its_size_and_four_orders_a_period():
+    made = random_rudder(10.0, shortest_period=32.0, duration=16_000.0)
+    orders = np.array([s.order for s in made.stages]) / DEGREE
+    assert {s.hold for s in made.stages} == {8.0} and len(orders) == 2001 and np.abs(orders).max() == approx(10.0)
+    assert orders.std() == approx(5.0, abs=0.25), "a twentieth of its orders is clipped"
+    assert abs(orders.mean()) < 0.7
+    power = np.abs(np.fft.rfft(orders)) ** 2
+    inside = np.fft.rfftfreq(len(orders), 8.0) < 1 / 33.0
+    assert power[inside].sum() > 0.9 * power.sum() and power[inside][50:].sum() > 0.5 * power.sum()
+
+
 @pytest.mark.parametrize(
     "make, message",
     [
@@ -112,6 +172,12 @@ def test_another_approach_speed_makes_a_new_trial():
         (lambda: random_rudder(shortest_period=1.0, interval=2.0), "expected between 4 s"),
         (lambda: random_rudder(shortest_period=900.0), "and the duration, 600 s"),
         (lambda: straight(-5.0), "expected a time in seconds"),
+        (lambda: overshoot(20.0, cycles=0.7), "cycles=0.7: expected half or whole cycles"),
+        (lambda: overshoot(20.0, cycles=0.0), "cycles=0.0: expected half or whole cycles"),
+        (lambda: tactical_circle(20.0, turn_deg=-1.0), "turn_deg=-1.0: expected a change of heading"),
+        (lambda: tactical_circle(20.0, approach=0.0), "expected a time in seconds, more than 0"),
+        (lambda: overshoots(first="left"), "write starboard, port or both"),
+        (lambda: tactical_circles(speed_kn=[0.0]), "expected approach speeds in knots, more than 0"),
     ],
 )
 def test_what_makes_no_sense_is_refused_with_the_cure(make, message):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from studies.concealed_trial.condition import Tables, change_depth
-from studies.concealed_trial.helm import Run, SteeringGear, play
+from studies.concealed_trial.helm import PULL_OUT, SPIRAL_DEG, Run, SteeringGear, TrialHelm, play
 from studies.concealed_trial.motion import replay, runge_kutta, sail
 from studies.concealed_trial.ships import trial_ships
 from studies.concealed_trial.truth import ConcealedEffect, Gear, build
@@ -143,3 +143,38 @@ def test_shallow_water_widens_the_turn(name):
         state[-1, 3, 0] / abs(state[-1, 5, 0]) for state in (held(w, -15.0, 400, step=1.0) for w in (shallow, deep))
     ]
     assert radius[0] > 1.1 * radius[1]
+
+
+def test_a_course_is_kept_by_three_terms_and_a_manoeuvre_follows_its_plan():
+    ship = SHIPS["mariner"]
+    runs = [Run("a", "fit", "zz20", "port", 30.0, 400), Run("b", "fit", "po15", "starboard", 30.0, 400),
+            Run("c", "fit", "spiral", None, 30.0, 840), Run("d", "fit", "straight", None, 30.0, 400),
+            Run("e", "fit", "tc35", "starboard", 30.0, 400)]  # fmt: skip
+    helm, unit = TrialHelm(ship, runs), 152.4 / 7.614
+    heading, rate = np.radians(30.0) + np.array([0.02, -0.02, 0.5, -0.9, 0.0]), np.array([0.001, 0.002, 0, 0, 0])
+    error = heading - np.radians(30.0)
+    for k in (1, 2):
+        expected = np.clip(1.5 * error + 3 * unit * rate + k * 0.4 * error * 0.2 / unit, -0.5, 0.5)
+        np.testing.assert_allclose(helm.order(10.0, heading, rate, 0.4), expected)
+    for _ in range(3000):
+        helm.order(20.0, heading, 0 * rate, 0.4)
+    assert np.abs(helm.integral).max() == pytest.approx(np.radians(15.0))
+    at = np.radians(30.0)
+    started = np.degrees(helm.order(60.0, np.full(5, at), rate, 0.4))
+    np.testing.assert_allclose(started, [20.0, -15.0, -15.0, 0.0, -35.0])
+    swung = np.array([at - np.radians(20.0), at + np.radians(60.0), at, at + 1.0, at + 9.0])
+    assert np.degrees(helm.order(130.0, swung + [0.01, -0.01, 0, 0, 0], rate, 0.4)).tolist() == pytest.approx([
+        20.0,
+        -15.0,
+        -10.0,
+        0.0,
+        -35.0,
+    ]), "not yet"
+    turned_back = np.degrees(helm.order(180.0, swung + [-1e-9, 1e-9, 0, 0, 0], rate, 0.4))
+    np.testing.assert_allclose(turned_back, [-20.0, 0.0, -6.0, 0.0, -35.0], atol=1e-12)
+    later = np.degrees(helm.order(300.0, np.full(5, at), rate, 0.4))
+    np.testing.assert_allclose(later, [-20.0, 0.0, 0.0, 0.0, -35.0], atol=1e-12)
+    assert np.degrees(helm.order(345.0, np.full(5, at + np.radians(20.001)), rate, 0.4))[0] == pytest.approx(20.0)
+    assert np.degrees(helm.order(5000.0, np.full(5, at), rate, 0.4))[2] == pytest.approx(-15.0)
+    assert np.degrees(PULL_OUT) == pytest.approx(60.0) and len(SPIRAL_DEG) == 13
+    assert [SPIRAL_DEG[k] for k in (0, 3, 8, 12)] == [-15.0, -3.0, 15.0, -15.0] and sum(SPIRAL_DEG) == -15.0
