@@ -4,9 +4,11 @@ import os
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
+import sparing
 import torch
-from jaxtyping import TypeCheckError
+from jaxtyping import Float, TypeCheckError, jaxtyped
 from threadpoolctl import threadpool_info
 
 from manoeuvre_nn.core.frames import body_to_earth
@@ -20,6 +22,39 @@ def test_a_process_computes_with_one_thread():
 def test_shapes_and_types_are_checked():
     with pytest.raises(TypeCheckError):
         body_to_earth("1", "2", "3")
+
+
+@jaxtyped(typechecker=sparing.checked)
+def product(
+    a: Float[torch.Tensor, " n"], b: Float[torch.Tensor, " n"] | Float[np.ndarray, " n"], more: tuple[Path, ...] = ()
+) -> Float[torch.Tensor, " n"]:
+    return torch.cat([a * b, torch.zeros(int(a[0]))])
+
+
+def test_what_was_checked_once_is_refused_all_the_same_where_shape_type_or_result_differ():
+    one, two = torch.ones(3), torch.zeros(3)
+    for _ in range(2):
+        assert product(two, two).shape == (3,)
+        assert product(two, two, more=(Path(),)).shape == (3,)
+        for wrong in ((two, torch.zeros(4)), (two, two.long()), (two, two.numpy().astype(int)), (two, "b")):
+            with pytest.raises(TypeCheckError, match="parameters"):
+                product(*wrong)
+        with pytest.raises(TypeCheckError, match="parameters"):
+            product(two, two, more=("a",))
+        with pytest.raises(TypeCheckError, match="return value"):
+            product(one, two)
+
+
+def test_arguments_of_kinds_that_were_seen_are_not_checked_again(monkeypatch):
+    checks = []
+    monkeypatch.setattr(sparing, "beartype", lambda function: lambda *args, **kwargs: checks.append(args))
+
+    def scaled(a: Float[torch.Tensor, " n"], by: float) -> None: ...
+
+    check = sparing.checked(scaled)
+    for a, by in ((torch.zeros(2), 1.0), (torch.ones(2), 2.0), (torch.ones(3), 2.0), (torch.ones(2), 2)):
+        check(a, by)
+    assert [(len(a), by) for a, by in checks] == [(2, 1.0), (3, 2.0), (2, 2)]
 
 
 def test_one_file_is_tested_in_one_process_and_all_in_two(pytestconfig):
@@ -36,7 +71,7 @@ def test_one_file_is_tested_in_one_process_and_all_in_two(pytestconfig):
 
 def test_the_longest_file_is_begun_first(pytestconfig):
     ours = pytestconfig.pluginmanager.get_plugin(str(Path(__file__).parent / "conftest.py"))
-    longest = next(Path(__file__).parent.rglob("test_four_concealed_cases.py")).name
+    longest = next(Path(__file__).parent.rglob("test_concealed_cases.py")).name
     items = [SimpleNamespace(path=Path(name)) for name in ("test_a.py", "test_b.py", longest, longest, "test_c.py")]
     ours.pytest_collection_modifyitems(items)
     assert [i.path.name for i in items] == [longest, longest, "test_a.py", "test_b.py", "test_c.py"]

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+import lightning  # noqa: F401  before the package, see tests/conftest.py
 import pytest
 from fleet import unchecked
 from hydra import compose, initialize_config_dir

@@ -1,4 +1,4 @@
-"""The concealed trial in small: four cases drawn, diagnosed by the command that a user runs, opened and scored."""
+"""The concealed trial in small: cases drawn, diagnosed by the command that a user runs, opened and scored."""
 
 import json
 import subprocess
@@ -10,18 +10,24 @@ import pytest
 ROOT = Path(__file__).parents[3]
 
 
+@pytest.fixture(scope="module", params=[2, pytest.param(4, marks=pytest.mark.slow)])
+def cases(request):
+    """A clean one and a strong current; of four, these, an ice field and an effect that is not listed."""
+    return request.param
+
+
 @pytest.fixture(scope="module")
-def tool(tmp_path_factory):
+def tool(cases, tmp_path_factory):
     out = tmp_path_factory.mktemp("trial")
-    command = [sys.executable, "scripts/concealed_trial.py", "cases=4", "seed=52", f"out={out}", "jobs=2"]
-    command += ["strength=strong", "channels=full"]
+    command = [sys.executable, "scripts/concealed_trial.py", f"cases={cases}", "seed=52", f"out={out}"]
+    command += [f"jobs={cases // 2}", "strength=strong", "channels=full"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=1200)
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
     return json.loads((out / "scoreboard.json").read_text())["tools"]["manoeuvre_nn"]
 
 
-def test_every_case_is_answered(tool):
-    assert tool["board"]["totals"]["answered"]["right"] == 4
+def test_every_case_is_answered(tool, cases):
+    assert tool["board"]["totals"]["answered"]["right"] == cases
     assert tool["board"]["notes"] == {}
 
 
@@ -31,8 +37,8 @@ def test_clean_cases_raise_no_alarm(tool):
     assert alarms["right"] == 0
 
 
-def test_strong_effects_of_the_list_are_named_and_no_prediction_is_made_worse(tool):
+def test_strong_effects_of_the_list_are_named_and_no_prediction_is_made_worse(tool, cases):
     clear = [case for case in tool["cases"] if case["truth"] and "unknown" not in case["truth"]]
-    assert len(clear) == 2
+    assert len(clear) == cases // 2
     assert [case["case"] for case in clear if not case["first_right"]] == []
     assert tool["board"]["totals"]["predictions made worse"]["right"] == 0
