@@ -42,9 +42,11 @@ def test_the_lowest_lock_pins_the_lowest_releases_that_are_admitted():
     pinned = pins(LOCKS["py311-lowest"].path)
     lowest = {n: Version(s.version) for n, all_of in DIRECT.items() for s in all_of if s.operator == ">="}
     assert set(lowest) == set(DIRECT)
-    # Only to the second number: of some the first release of a series does not go with others' lowest.
-    higher = [n for n, v in lowest.items() if (pinned[n].major, pinned[n].minor) != (v.major, v.minor)]
-    assert higher == []
+    assert [name for name, version in lowest.items() if _three_numbers(pinned[name]) != _three_numbers(version)] == []
+
+
+def _three_numbers(version: Version) -> tuple[int, int, int]:
+    return version.major, version.minor, version.micro
 
 
 def test_every_python_that_is_named_has_a_lock():
