@@ -1,11 +1,20 @@
 """Python's way in: the same functions as the commands, and what they give prints and plots itself."""
 
+import logging
+import os
+import random
+import signal
 import subprocess
 import sys
+import threading
+import warnings
 
 import numpy as np
 import pytest
+import torch
 from fleet import unchecked
+from hydra.core.global_hydra import GlobalHydra
+from matplotlib import pyplot, rcParams
 from matplotlib.figure import Figure
 
 import manoeuvre_nn as mnn
@@ -14,6 +23,34 @@ from manoeuvre_nn.core.errors import InputError
 
 CURRENT = {"current": {"speed": 0.6, "toward_deg": 90.0}}
 NOISE = {"x": 0.5, "y": 0.5, "psi_deg": 0.05, "r_deg_s": 0.005}
+
+
+def process_state() -> dict:
+    """What a person's program may have set, and would miss."""
+    return {
+        "environment": {name: value for name, value in os.environ.items() if not name.startswith("PYTEST")},
+        "folder and paths": (os.getcwd(), list(sys.path), list(sys.argv)),
+        "signals": [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGPIPE)],
+        "threads": sorted(thread.name for thread in threading.enumerate()),
+        "open files": sorted(os.readlink(entry.path) for entry in os.scandir("/proc/self/fd") if entry.is_symlink()),
+        "warnings": list(warnings.filters),
+        "loggers": {name: logging.getLogger(name).level for name in ("", "lightning.pytorch", "lightning.fabric")},
+        "random numbers": (random.getstate(), np.random.get_state()[1].tolist()),  # noqa: NPY002  the global one
+        "torch": (torch.get_default_dtype(), torch.get_num_threads(), torch.is_grad_enabled()),
+        "numpy": (np.geterr(), np.get_printoptions()),
+        "figures": (dict(rcParams), pyplot.get_fignums()),
+        "hydra": GlobalHydra.instance().is_initialized(),
+        "ends": (sys.excepthook, sys.stdout, sys.stderr),
+    }
+
+
+@pytest.fixture(autouse=True)
+def nothing_is_left():
+    """Whatever a test calls: the process is then as it was."""
+    before = process_state()
+    yield
+    after = process_state()
+    assert [name for name in before if after[name] != before[name]] == []
 
 
 @pytest.fixture(autouse=True)

@@ -3,6 +3,7 @@
 import inspect
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -212,3 +213,21 @@ def test_a_long_simulation_is_named_before_it_begins(cli, tmp_path, monkeypatch)
     monkeypatch.setattr(data.SimulatedData, "setup", setup)
     ended = cli(*TINY, "data.length=100000", f"hydra.run.dir={tmp_path / 'run'}")
     assert ended.code == 130 and said == ["simulating zz35 over 100000 s"]
+
+
+OF_LIBRARIES = r"home/\.(cache|config)(/matplotlib(/fontlist.*\.json)?)?|temporary/torchinductor_\w+"
+"""Matplotlib's list of fonts, and an empty folder that torch makes when Lightning imports its compiler."""
+
+
+def test_a_command_writes_into_its_folder_alone(tmp_path):
+    home, temporary, here = (tmp_path / name for name in ("home", "temporary", "here"))
+    for folder in (home, temporary, here):
+        folder.mkdir()
+    kept = {name: value for name, value in os.environ.items() if name in {"PATH", "PYTHONPATH"}}
+    set_here = {"HOME": str(home), "TMPDIR": str(temporary), "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
+    words = [sys.executable, str(ROOT / "train.py"), *TINY, "hydra.run.dir=run"]
+    ended = subprocess.run(words, cwd=here, env=kept | set_here, text=True, capture_output=True)
+    assert ended.returncode == 0 and ended.stderr == ""
+    assert os.listdir(here) == ["run"] and not list(here.rglob(".lock")) and not list(here.rglob("*.part"))
+    left = [str(path.relative_to(tmp_path)) for folder in (home, temporary) for path in folder.rglob("*")]
+    assert [name for name in left if not re.fullmatch(OF_LIBRARIES, name)] == []

@@ -2,6 +2,7 @@
 
 import io
 import json
+from pathlib import Path
 
 import pytest
 from pydantic import BaseModel
@@ -50,19 +51,28 @@ def test_a_yaml_of_any_kind_ends_in_one_line(tmp_path, text):
     assert str(path) in refused(load_yaml, path)
 
 
-@pytest.mark.parametrize("merged", [False, True])
-def test_references_to_references_are_counted_and_not_followed(tmp_path, merged):
+def bomb(path: Path, first: str, opening: str, closing: str) -> Path:
+    """A yaml of ten lines, each of which refers ten times to the one before."""
     names = "abcdefghij"
-    first = "a: &a {x: 1}" if merged else "a: &a [x, x, x, x, x, x, x, x, x, x]"
-    lines = [first] + [
-        f"{name}: &{name} {{<<: [{', '.join([f'*{before}'] * 10)}]}}"
-        if merged
-        else f"{name}: &{name} [{', '.join([f'*{before}'] * 10)}]"
+    lines = [
+        f"{name}: &{name} {opening}{', '.join([f'*{before}'] * 10)}{closing}"
         for before, name in zip(names, names[1:], strict=False)
     ]
-    path = tmp_path / "bomb.yaml"
-    path.write_text("\n".join(lines))
+    path.write_text("\n".join([f"a: &a {first}", *lines]))
+    return path
+
+
+def test_references_to_references_are_counted_and_not_followed(tmp_path):
+    path = bomb(tmp_path / "bomb.yaml", "[x, x, x, x, x, x, x, x, x, x]", "[", "]")
     assert "more than 300000 values" in refused(load_yaml, path)
+
+
+def test_mappings_merged_ten_times_over_are_refused_or_read_once(tmp_path):
+    path = bomb(tmp_path / "bomb.yaml", "{x: 1}", "{<<: [", "]}")
+    try:
+        assert load_yaml(path) == dict.fromkeys("abcdefghij", {"x": 1})  # since PyYAML 6.0.4
+    except InputError as refusal:
+        assert "more than 300000 values" in str(refusal)
 
 
 @pytest.mark.parametrize("text", ["{", "[" * 100_000, '{"a": "\\u001b[2J"}', "9" * 5000, "\x00", '{"a": "\\ud83d"}'])

@@ -41,7 +41,7 @@ def weights(rows: int = 1, seed: int = 4, sees: torch.Tensor = SEES) -> torch.Te
 def design(p: dict, output: int, whole: torch.Tensor) -> torch.Tensor:
     """Columns of an output, one after the other, for one row's weights (H, W)."""
     columns = []
-    for h, j in zip(p["node"].tolist(), p["factor"].tolist(), strict=True):
+    for h, j in zip(p["node"], p["factor"], strict=True):  # torch 2.6 makes no lists of these within jacfwd
         side = torch.tanh(p["z"] @ whole[h, :-1] + whole[h, -1])
         other = torch.tanh((p["z"] * p["mirror"]) @ whole[h, :-1] + whole[h, -1])
         columns.append(p["factors"][j] * (side + p["parity"][output] * other))

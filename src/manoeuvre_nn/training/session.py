@@ -107,6 +107,23 @@ def _has_gpu(kind: str) -> bool:
     return torch.cuda.is_available() or (kind == "gpu" and torch.backends.mps.is_available())
 
 
+@contextmanager
+def _quiet() -> Generator[None]:
+    """Lightning talks of GPUs, workers and folders that mean nothing here; its errors still come through."""
+    names = ("lightning.pytorch", "lightning.fabric", "lightning.pytorch.utilities.rank_zero")
+    levels = {log: log.level for log in map(logging.getLogger, names)}
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", module="lightning.*")
+        try:
+            for log in levels:
+                log.setLevel(logging.ERROR)
+            yield
+        finally:
+            for log, level in levels.items():
+                log.setLevel(level)
+
+
+@_quiet()
 def run(
     fit: Fit, data: L.LightningDataModule, scorer: Scorer, session: Session, out: Path, console: Console
 ) -> Trained:
@@ -123,7 +140,6 @@ def run(
     Returns:
         What came of it.
     """
-    _quiet()
     keeper, graceful = _BestAndLast(scorer, out / CHECKPOINTS, session.patience), _GracefulStop(console)
     checkpoint = _resume_from(session, out, console)
     if checkpoint is not None:
@@ -217,13 +233,6 @@ def _choice(session: Session, scorer: Scorer) -> str:
     if session.keep == "last" or not scorer.history:
         return "The network is the last one of the training."
     return scorer.how_chosen()
-
-
-def _quiet() -> None:
-    """Lightning talks of GPUs, workers and folders that mean nothing here; its errors still come through."""
-    for name in ("lightning.pytorch", "lightning.fabric", "lightning.pytorch.utilities.rank_zero"):
-        logging.getLogger(name).setLevel(logging.ERROR)
-    warnings.filterwarnings("ignore", module="lightning.*")
 
 
 class _BestAndLast(Checkpoint):
