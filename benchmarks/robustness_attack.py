@@ -82,7 +82,10 @@ def _wait(child: int, until: float) -> int | None:
             return os.waitstatus_to_exitcode(status)
         time.sleep(pause)
         pause = min(1.5 * pause, 0.05)
-    os.killpg(child, signal.SIGKILL)
+    try:
+        os.killpg(child, signal.SIGKILL)
+    except ProcessLookupError:  # it has no group of its own yet, and has started nothing
+        os.kill(child, signal.SIGKILL)
     os.waitpid(child, 0)
     return None
 
