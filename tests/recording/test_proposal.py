@@ -96,6 +96,19 @@ def test_a_heading_that_states_the_wrong_unit_is_read_by_the_data_and_marked(zz2
     assert choice(made, "u").unit == "m/s" and not choice(made, "u").decided
 
 
+def test_two_velocities_whose_headings_state_different_units_are_marked(zz20, ship, export):
+    """One unit is taken for both: the sway in knots was read as m/s without a word."""
+    table = plain(zz20)
+    mixed = {
+        **{k: v for k, v in table.items() if k not in {"u", "v"}},
+        "u [m/s]": table["u"],
+        "v [kn]": table["v"] / KNOT,
+    }
+    made = propose(export(mixed), ship)
+    for name in ("u", "v"):
+        assert not choice(made, name).decided and "headings state different units" in choice(made, name).why
+
+
 def test_reasons_show_the_misfit_of_what_was_chosen_and_of_the_next(zz20, ship, export):
     made = propose(export(EXPORTS["sway to port"](zz20)), ship)
     sway = choice(made, "v")
