@@ -12,7 +12,7 @@ from typing import Any, Literal, NamedTuple, Union, get_args, get_origin
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
 from manoeuvre_nn.commands.groups import option, options, own_modules
-from manoeuvre_nn.core.data_files import check_plain
+from manoeuvre_nn.core.data_files import PLAIN, check_plain
 from manoeuvre_nn.core.errors import InputError
 
 TARGET = "_target_"
@@ -223,10 +223,9 @@ def _fits(value: Any, annotation: Any) -> bool:
     if annotation in {int, float}:
         accepted = int if annotation is int else (int, float)
         return isinstance(value, accepted) and not isinstance(value, bool) and value == value  # noqa: PLR0124  not NaN
-    if origin is Literal or annotation in {str, bool, None, NoneType}:
-        kind = str if origin is Literal else annotation or NoneType
-        return isinstance(value, kind)
-    return True
+    if origin is Literal or annotation is str:  # a path of the caller's is as good
+        return isinstance(value, str) or not isinstance(value, (*PLAIN, Sequence, Mapping))
+    return isinstance(value, annotation or NoneType) if annotation in {bool, None, NoneType} else True
 
 
 def _in_words(name: str, annotation: Any) -> str:

@@ -101,9 +101,9 @@ def one_line(explained: Callable[[BaseException], str | None] = explain) -> Gene
     except KeyboardInterrupt as stop:
         raise SystemExit(_stopped(stop)) from None
     except Exception as error:
-        for stop in causes(error):
-            if isinstance(stop, KeyboardInterrupt):  # of which a library has made something else
-                raise SystemExit(_stopped(stop)) from None
+        for cause in causes(error):
+            if isinstance(cause, KeyboardInterrupt):  # of which a library has made something else
+                raise SystemExit(_stopped(cause)) from None
         if isinstance(error, BrokenPipeError) and _nobody_reads(sys.stdout):
             raise SystemExit(UNREAD) from None
         line = explained(error)
