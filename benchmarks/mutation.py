@@ -12,7 +12,7 @@ own imports the one module with the slip in it and runs the tests that execute t
     per_room   how many slips of a room are tried; two thirds are thresholds, bounds, priors and vetoes, while there are
                so many, the others come from all files and kinds
     only       slips by their names, or those that survived in a FILE.json of before
-    tests      folders or files below tests/ whose tests may tell a slip; without it, those of the room and its neighbours
+    tests      folders or files below tests/ that may tell a slip; without it, those of the room and its neighbours
     slowest    tests that take longer [s] are not asked
     seconds    most time [s] of the tests that are asked about one slip
     durations  output of pytest --durations=0 --durations-min=1: tests that are known to be slow are not begun
