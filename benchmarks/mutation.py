@@ -1,7 +1,7 @@
 """Break the code as a physicist or a statistician would by a slip, and count which slips no test tells.
 
     python benchmarks/mutation.py rooms=diagnosis,effect,recording/check,manoeuvre/criteria.py,studies/concealed_trial
-        [per_room=30] [seed=0] [out=FILE.json] [only=ID,... | only=FILE.json] [tests=FOLDER,...] [slowest=4]
+        [per_room=30] [seed=0] [out=FILE.json] [only=ID,... | only=FILE.json] [tests=PLACE,...] [slowest=4]
         [seconds=20] [durations=FILE] [cache=FOLDER]
 
 A slip is another number, sign, operation or comparison, a term left out, a condition that is never or always met,
@@ -12,7 +12,7 @@ own imports the one module with the slip in it and runs the tests that execute t
     per_room   how many slips of a room are tried; two thirds are thresholds, bounds, priors and vetoes, while there are
                so many, the others come from all files and kinds
     only       slips by their names, or those that survived in a FILE.json of before
-    tests      folders below tests/ whose tests may tell a slip; without it, those of the room and of its neighbours
+    tests      folders or files below tests/ that may tell a slip; without it, those of the room and its neighbours
     slowest    tests that take longer [s] are not asked
     seconds    most time [s] of the tests that are asked about one slip
     durations  output of pytest --durations=0 --durations-min=1: tests that are known to be slow are not begun
@@ -143,7 +143,8 @@ def _test_files(rooms: list[str], tests: str) -> list[Path]:
     """Files of tests that may tell a slip in the rooms."""
     own = [room if room.startswith("studies/") else room.split("/")[0] for room in rooms]
     folders = tests.split(",") if tests else [f for room in own for f in (room, *NEIGHBOURS.get(room, ()))]
-    return sorted({file for folder in folders for file in (ROOT / "tests" / folder).rglob("test_*.py")})
+    paths = [ROOT / "tests" / folder for folder in folders]
+    return sorted({file for path in paths for file in ([path] if path.suffix else path.rglob("test_*.py"))})
 
 
 def _slow(durations: str, slowest: float) -> frozenset[str]:

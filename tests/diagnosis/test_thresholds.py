@@ -336,6 +336,7 @@ def test_terms_are_chosen_as_long_as_each_gains_more_than_the_logarithm_of_its_c
     gain = 0.5 * 9.0 * 2.25 / 3.25 - 0.5 * np.log(3.25)
     assert np.log(4 * 2) < gain < np.log(4 * 4)
     assert chosen_terms([3.0, 0.0]) == [0] and chosen_terms([3.0, 0.0, 0.0, 0.0]) == []
+    assert chosen_terms([2.80, 0.0]) == [0] and chosen_terms([2.74, 0.0]) == [], "ln 8 at a pull of 2.777"
     assert chosen_terms([5.0, 3.0, 0.0, 0.0]) == [0, 1], "the second has half the choices"
     assert chosen_terms([3.0, 0.0], tried=8) == [], "a peak among eight frequencies is no better than its search"
 
