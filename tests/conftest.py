@@ -1,5 +1,6 @@
 """One thread a process, a process a core; two zigzags of the Mariner that several rooms look at."""
 
+import gc
 import os
 import signal
 
@@ -39,6 +40,16 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The file that takes minutes is begun first: last, it would keep one process busy and the other waiting."""
     items.sort(key=lambda item: item.path.name != "test_concealed_cases.py")
+
+
+def pytest_collection() -> None:
+    """What is imported and collected stays: it need not be looked through for garbage, now or during the tests."""
+    gc.disable()
+
+
+def pytest_collection_finish() -> None:
+    gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture(autouse=True, scope="session")

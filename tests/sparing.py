@@ -12,7 +12,7 @@ import torch
 from beartype import beartype
 from jaxtyping import AbstractArray
 
-REMEMBERED = 1000
+REMEMBERED, LONG = 100, 20
 
 
 def checked(function: Callable) -> Callable:
@@ -37,10 +37,12 @@ def _has_shapes(hint: object) -> bool:
 
 
 def _kind(value: object) -> Hashable:
-    """All that an annotation could say of a value; collections of other kinds are like no other."""
+    """All that an annotation could say of a value; long collections and those of other kinds are like no other."""
     kind = type(value)
     if isinstance(value, torch.Tensor | np.ndarray):
         return kind, value.dtype, value.shape
+    if isinstance(value, Collection) and len(value) > LONG:
+        return object()
     if isinstance(value, tuple | list):
         return kind, *map(_kind, value)
     if isinstance(value, dict):

@@ -146,9 +146,9 @@ def test_without_way_on_the_ship_rolls_with_its_natural_period():
 
 
 def test_she_heels_outward_in_a_turn_and_by_the_closed_form_of_a_steady_one():
-    (run,) = roll_out(CalmWater(container(screws=2, gm=1.0)), [replace(tactical_circle(20.0), ship_lengths=60.0)])
-    assert run["r"][-1] > 0 > run["phi"][-1]
     ship = container(screws=2, gm=1.0)
+    (run,) = roll_out(CalmWater(ship), [replace(tactical_circle(20.0, approach=5.0), ship_lengths=25.0)])
+    assert run["r"][-1] > 0 > run["phi"][-1]
     nu = tensor(*(run[k][-1] for k in ("u", "v", "r")))
     upright = ship.forces(nu, tensor(0.0, 0.0), Inputs(tensor(run["delta"][-1])[0]))
     slope = ship.forces(nu, tensor(1e-4, 0.0), Inputs(tensor(run["delta"][-1])[0])) - upright
@@ -201,11 +201,10 @@ def test_recordings_hold_both_sides_and_their_means():
 
 
 def test_trials_of_navies_begin_after_the_approach_and_end_by_themselves():
-    model = CalmWater(naval_vessel())
-    circle = simulate(model, tactical_circle(35.0, "port", approach=20.0))
+    trials = [tactical_circle(35.0, "port", approach=20.0), overshoot(10.0, approach=20.0)]
+    circle, zigzag = roll_out(CalmWater(naval_vessel()), trials)
     assert np.degrees(circle["psi"][-1]) == approx(-540.0, abs=6.0)
     assert circle["delta_order"][circle.time < 20].tolist() == [0.0] * np.count_nonzero(circle.time < 20)
-    zigzag = simulate(model, overshoot(10.0, approach=20.0))
     orders = zigzag["delta_order"]
     assert np.count_nonzero(np.diff(orders)) == 5 and abs(orders[-1]) == approx(np.radians(10))
     names = [m.name for m in tactical_circles([10.0], [12.0, 20.0])]
