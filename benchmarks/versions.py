@@ -2,8 +2,8 @@
 
     python benchmarks/versions.py [locks=py311-lowest,py313] [tests=tests/core] [update=true] [folder=FOLDER]
 
-Needs uv (``pip install uv``) and the Pythons. Without ``locks`` it is all four, without ``tests`` all tests. A lock is
-a file of constraints, ``locks/NAME.txt``; that of Python 3.11 is ``constraints.txt``, which CI installs.
+Needs uv (``pip install uv``) and the Pythons in PATH. Without ``locks`` it is all four, without ``tests`` all tests. A
+lock is a file of constraints, ``locks/NAME.txt``; that of Python 3.11 is ``constraints.txt``, which CI installs.
 ``update=true`` first writes the named locks anew from pyproject.toml. ``folder`` keeps environments and what pytest
 printed. The exit code is 1 if a test failed or an installation did.
 """
@@ -82,7 +82,9 @@ def _tested(name: str, folder: Path, tests: str) -> tuple[str | int, ...]:
     lock, place = LOCKS[name], folder / name
     report, python = folder / f"{name}.xml", place / "bin" / "python"
     report.unlink(missing_ok=True)
-    subprocess.run(["uv", "venv", "--quiet", "--clear", "--python", lock.python, place], check=True)
+    make = ["uv", "venv", "--quiet", "--clear", "--no-python-downloads", "--python", lock.python, place]
+    if subprocess.run(make, check=False).returncode:
+        return name, lock.python, "-", "-", "no Python", "-", "-"
     install = ["uv", "pip", "install", "--quiet", "--python", python, "-c", lock.path, "-r", "pyproject.toml"]
     if subprocess.run([*install, "--extra", "test"], cwd=ROOT, check=False).returncode:
         return name, lock.python, "-", "-", "not installed", "-", "-"
