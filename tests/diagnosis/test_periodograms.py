@@ -1,10 +1,15 @@
-"""Amplitudes of waves over time and place: those of the plain sum, in memory that does not grow with their number."""
+"""What comes again over time and place: found, by amplitudes of the plain sum, in memory that does not grow with it."""
 
 import tracemalloc
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import torch
+from pytest import approx
+from trials import SHIP
 
+from manoeuvre_nn.diagnosis import recurring
 from manoeuvre_nn.diagnosis.recurring import OVERSAMPLED, _over_place, _over_time
 
 
@@ -53,3 +58,45 @@ def test_memory_grows_with_the_samples_and_not_with_samples_times_waves():
     finally:
         tracemalloc.stop()
     assert len(waves) * count * 16 > 1e9 and peak < 6e7
+
+
+def missing(monkeypatch, force) -> list[recurring.SpectralPeak]:
+    """Peaks in a force over 500 s that a ship lacks on a round of 2 by 2 km, beside its mean."""
+    time = np.arange(0.0, 500.0)
+    north, east = (1000.0 + 1000.0 * f(2 * np.pi * time / 500.0) for f in (np.cos, np.sin))
+    s = SimpleNamespace(**{k: torch.tensor(v) for k, v in {"time": time, "x": north, "y": east}.items()})
+    monkeypatch.setattr(recurring, "missing_accelerations", lambda data_set: [force(time, north / 1000, east / 1000)])
+    monkeypatch.setattr(recurring, "_of_the_motion", lambda data_set, s: np.ones((500, 1)))
+    run = SimpleNamespace(linearised=SimpleNamespace(situation=s))
+    return recurring.recurring(SimpleNamespace(runs=[run], dynamics=SimpleNamespace(particulars=SHIP.particulars)))
+
+
+@pytest.mark.usefixtures("unchecked_types")
+def test_a_beat_is_found_at_its_period_with_its_phase_among_all_that_could_be(monkeypatch):
+    period = 499.0 / (1.5 + 25 / 3)  # one of those that are tried
+
+    def force(time, north, east):
+        y = np.zeros((500, 3))
+        y[:, 1] = 3.0 + np.cos(2 * np.pi * time / period - np.radians(60.0))
+        return y
+
+    found = [p for p in missing(monkeypatch, force) if (p.equation, p.mark) == ("Y", "beat")]
+    assert len(found) == recurring.PEAKS and found[0].scales["period_s"] == approx(period)
+    assert found[0].shares == approx((0.5, 3**0.5 / 2), abs=0.02)
+    fastest = 0.5 * SHIP.particulars.time_unit  # half the time in which she sails her length
+    assert found[0].tried == approx(499.0 / fastest, abs=1.5)
+    assert abs(found[1].scales["period_s"] - period) > 3.0, "the flanks of a peak are no second one"
+
+
+@pytest.mark.usefixtures("unchecked_types")
+def test_stripes_are_found_at_their_spacing_and_across_which_way_they_lie(monkeypatch):
+    def force(time, north, east):
+        n = np.zeros((500, 3))
+        n[:, 2] = np.sin(2 * np.pi * (1.5 * north - 2.0 * east))
+        return n
+
+    found = [p for p in missing(monkeypatch, force) if (p.equation, p.mark) == ("N", "stripes")]
+    assert found[0].scales == {"north_per_km": approx(1.5, abs=0.1), "east_per_km": approx(-2.0, abs=0.1)}
+    assert found[0].shares == approx((0.0, 1.0), abs=0.1)
+    side = 40  # numbers a side; numbers near none are no waves
+    assert found[0].tried == approx((side + 1) * (2 * side + 1) / 9, rel=0.02)

@@ -1,0 +1,326 @@
+"""Limits in what is said of something unknown, of events and of runs to sail, each side of them."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+import torch
+from pytest import approx
+from scipy.stats import norm
+from trials import CALM, SHIP, values
+
+from manoeuvre_nn.diagnosis import causes, formula, gusts, locate, predictive, unknown, words
+from manoeuvre_nn.diagnosis.decision import Decision
+from manoeuvre_nn.diagnosis.remainder import is_left
+from manoeuvre_nn.diagnosis.result import Residual
+from manoeuvre_nn.diagnosis.search import SearchResult
+from manoeuvre_nn.effect.common import RAMP
+from manoeuvre_nn.effect.current import Current
+from manoeuvre_nn.effect.formula import Formula
+from manoeuvre_nn.effect.rudder import RudderOffset
+from manoeuvre_nn.effect.sensors import HeadingBias, LogScale
+from manoeuvre_nn.estimation.data_set import PROCESS_LEVELS
+from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
+
+pytestmark = pytest.mark.usefixtures("unchecked_types")
+EFFECTS = {e.name: e for e in (Current(SHIP), RudderOffset(SHIP), HeadingBias(SHIP), LogScale(SHIP))}
+
+
+def fitted(evidence: float, *names: str, best: tuple[int, int] = (0, 0)) -> FittedHypothesis:
+    """A hypothesis of these effects at their null values."""
+    effects = tuple(EFFECTS[name] for name in names)
+    h = Hypothesis(effects, tuple(values(e) for e in effects))
+    return FittedHypothesis(h, evidence, np.zeros((1, 1)), np.eye(len(h.vector())), best=best)
+
+
+def found(*hypotheses: FittedHypothesis, levels=((0.003, 0.003),), none: float = 0.0) -> SearchResult:
+    """A search that ended with these."""
+    likelihood = SimpleNamespace(data_set=SimpleNamespace(levels=np.array(levels)))
+    return SearchResult(fitted(none), list(hypotheses), likelihood)  # type: ignore[arg-type]
+
+
+# Something unknown ---------------------------------------------------------------------------------------------------
+
+
+def instruments(*inflation: float, derived=()) -> SimpleNamespace:
+    """Runs whose second channel has slow errors of so many times the usual variance."""
+    run = SimpleNamespace(run=SimpleNamespace(meta={"derived": derived}))
+    return SimpleNamespace(
+        runs=[SimpleNamespace(linearised=run, inflation=np.array([1.0, f] + 6 * [1.0])) for f in inflation]
+    )
+
+
+@pytest.mark.parametrize("inflation, evidence", [
+    ((3.8, 3.8), 0.0), ((4.2, 3.8), 12.0), ((4.2, 4.2), 24.0), ((4.2, 1.0, 1.0), 0.0), ((4.2, 4.2, 1.0), 24.0),
+])  # fmt: skip
+def test_a_sensor_with_slow_errors_in_half_of_the_runs_is_strange_by_twelve_a_run(inflation, evidence):
+    assert unknown._strange_sensors(instruments(*inflation)) == approx(evidence, rel=0.04)
+
+
+def test_a_velocity_taken_from_positions_is_no_strange_sensor():
+    assert unknown._strange_sensors(instruments(9.0, 9.0, derived=("y",))) == 0.0
+
+
+@pytest.mark.parametrize("level, left", [(0.0095, False), (0.0105, True)])
+def test_a_network_is_tried_where_more_than_a_hundredth_is_left(level, left):
+    assert is_left(found(levels=[(0.0, level)]).likelihood, fitted(0.0)) is left
+
+
+def gram_of(*pulls: float) -> np.ndarray:
+    """Inner products of data, one nuisance column and independent candidates that each explain pull^2 / 2."""
+    gram = np.diag([sum(p**2 for p in pulls) + 1.0, 1.0, *np.ones(len(pulls))])
+    gram[0, 2:] = gram[2:, 0] = pulls
+    return gram
+
+
+def chosen_terms(pulls, tried=1) -> list[int]:
+    data_set = SimpleNamespace(size=2, runs=[0], nuisance_sd=lambda scatter, runs: np.ones(1))
+    candidates = [formula._Candidate((f"t{k}",), tried=tried) for k in range(len(pulls))]
+    return [k for k, _ in formula._chosen(gram_of(*pulls), data_set, 0, np.ones(len(pulls)), candidates)]
+
+
+def test_terms_are_chosen_as_long_as_each_gains_more_than_the_logarithm_of_its_choices():
+    """With spread s a pull p gains p^2/2 s^2/(1+s^2) - ln(1+s^2)/2, the best s of four 1.5 for p = 3; 8 choices."""
+    gain = 0.5 * 9.0 * 2.25 / 3.25 - 0.5 * np.log(3.25)
+    assert np.log(4 * 2) < gain < np.log(4 * 4)
+    assert chosen_terms([3.0, 0.0]) == [0] and chosen_terms([3.0, 0.0, 0.0, 0.0]) == []
+    assert chosen_terms([2.80, 0.0]) == [0] and chosen_terms([2.74, 0.0]) == [], "ln 8 at a pull of 2.777"
+    assert chosen_terms([5.0, 3.0, 0.0, 0.0]) == [0, 1], "the second has half the choices"
+    assert chosen_terms([3.0, 0.0], tried=8) == [], "a peak among eight frequencies is no better than its search"
+
+
+def test_a_formula_has_four_terms_at_most():
+    assert chosen_terms([9.0, 8.0, 7.0, 6.0, 5.0]) == [0, 1, 2, 3]
+
+
+FORMULAS = [  # terms, memory [L/U0], whether a calm-water model could have them all
+    (["Y v|v|"], None, True),
+    (["N r|r| cos psi"], None, False),
+    (["Y v|v|", "N r|r| cos psi"], None, False),
+    (["Y lag d"], 0.45, True),
+    (["Y lag d"], 0.55, False),
+]
+
+
+@pytest.mark.parametrize("terms, memory, ordinary", FORMULAS)
+def test_a_formula_pays_for_its_choice_and_twelve_if_a_calm_water_model_could_have_it(
+    monkeypatch, terms, memory, ordinary
+):
+    """Of ten candidates in four sizes; two terms are one choice whatever their order."""
+    scales = {} if memory is None else {"memory_s": memory * SHIP.particulars.time_unit}
+    candidates = [formula._Candidate((t,), scales=scales) for t in terms] + [None] * (10 - len(terms))
+    monkeypatch.setattr(formula, "_candidates", lambda data_set: candidates)
+    monkeypatch.setattr(formula, "_columns", lambda data_set, run, some: (None, np.zeros(10)))
+    monkeypatch.setattr(formula, "_chosen", lambda *_: [(k, 0.1) for k in range(len(terms))])
+    data_set = SimpleNamespace(runs=[0], dynamics=CALM, gram=lambda *_: None, embedded=lambda *_: None)
+    likelihood = SimpleNamespace(
+        data_set=data_set,
+        improve=lambda start, level, scatter, rounds: (start, 0.0),
+        evaluate=lambda h, around: FittedHypothesis(h, 50.0, np.zeros((1, 1)), np.eye(3)),
+    )
+    choice = np.log(40.0) if len(terms) == 1 else np.log(40.0) + np.log(4.0 * 9.0 / 2.0)
+    found = formula.short_formula(likelihood, fitted(0.0))
+    assert found.evidence == approx(50.0 - choice - 12.0 * ordinary, abs=1.0 if ordinary else 1e-9)
+
+
+def test_something_unknown_is_averaged_over_noise_near_calm_waters_and_its_formula_is_half_of_it():
+    """Equal evidence at every level of the grid: eleven levels near, of those that there are."""
+    side, scatters = len(PROCESS_LEVELS), 5
+    likelihood = SimpleNamespace(
+        data_set=SimpleNamespace(levels=np.zeros((side**2, 2)), runs=instruments(1.0).runs),
+        posterior=lambda h, g: SimpleNamespace(evidence=np.full(scatters, 7.0)),
+    )
+    inside, corner = fitted(0.0, best=(side + 1, 0)), fitted(0.0, best=(0, 0))
+    assert unknown.unknown_evidence(likelihood, inside, None) == approx(7.0 + np.log(11 / side**2 / 2))
+    assert unknown.unknown_evidence(likelihood, corner, None) == approx(7.0 + np.log(6 / side**2 / 2))
+    with_rule = unknown.unknown_evidence(likelihood, inside, fitted(9.0))
+    assert with_rule == approx(np.log(np.exp(7.0) * 11 / side**2 + np.exp(9.0)) - np.log(2))
+
+
+@pytest.mark.parametrize("gain, axes", [(2.8, (2,)), (3.2, (2, 0))])
+def test_a_random_force_is_judged_over_all_sizes_and_times_that_it_could_have(monkeypatch, gain, axes):
+    """A Gaussian peak of known width where the fit begins: Laplace's method is exact, a third for each equation."""
+    sds, start = np.array([0.2, 0.3]), np.log([0.15, 40.0])
+
+    def evidence(these, x):
+        best = {(2,): 50.0, (2, 0): 50.0 + gain}.get(these, 20.0)
+        return best - 0.5 * float((((x - start) / sds) ** 2).sum())
+
+    process = SimpleNamespace(evidence=evidence, longest=480.0)
+    monkeypatch.setattr(unknown, "_RandomProcess", lambda likelihood, level: process)
+    monkeypatch.setattr(unknown, "process_time", lambda dynamics: 40.0)
+    course = unknown.random_force(SimpleNamespace(data_set=SimpleNamespace(dynamics=None)), fitted(0.0, best=(6, 0)))
+    volume = np.log(3.0 / 0.003) * np.log(480.0 / 2.0) * 3
+    assert course.evidence == approx(50.0 + np.log(2 * np.pi * sds.prod() / volume), abs=1e-6)
+    assert course.axes == axes and course.errors == approx(sds) and (course.size, course.time) == approx((0.15, 40.0))
+
+
+WINDS = [  # whether the ship is a model, evidence of each round -> rounds
+    (False, (5.0, 9.0, 12.0, 15.0), 1),
+    (True, (5.0, 9.0, 12.0, 15.0), 3),
+    (True, (5.0, 5.4, 12.0, 15.0), 2),
+    (True, (5.0, 5.6, 5.9, 15.0), 3),
+]
+
+
+@pytest.mark.parametrize("is_model, evidences, rounds", WINDS)
+def test_gusts_on_ponds_are_fitted_as_long_as_the_mean_wind_gains_by_them(monkeypatch, is_model, evidences, rounds):
+    """And only where little coloured force competes with them: below six hundredths."""
+    seen = []
+
+    def tried(likelihood, hypothesis, wind, kinds, levels):
+        seen.append((len(kinds), levels))
+        return [fitted(evidences[len(seen) - 1])], ["size"]
+
+    monkeypatch.setattr(gusts, "_tried", tried)
+    monkeypatch.setattr(gusts, "_chosen", lambda found, wind, gusty: found)
+    monkeypatch.setattr(gusts, "is_fitted", lambda dynamics: False)
+    likelihood = found(levels=[(0.01, 0.02), (0.058, 0.0), (0.0, 0.062), (0.3, 0.3)]).likelihood
+    likelihood.data_set.dynamics = SimpleNamespace(particulars=SimpleNamespace(is_model=is_model))
+    steady = SimpleNamespace(names=("wind_steady",), hypothesis=None, best=(0, 0))
+    gusts.fitted_gusts(likelihood, steady, SimpleNamespace(variant_of="wind_steady"))
+    assert len(seen) == rounds and seen[0] == (12 if is_model else 6, [0, 1])
+
+
+# What is said --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("value, error, step", [(RAMP.low + 9.0, 5.0, True), (RAMP.low + 11.0, 5.0, False)])
+def test_a_ramp_of_less_than_two_standard_errors_is_a_step(value, error, step):
+    assert causes._is_step(RAMP, value, error) is step
+    assert not causes._is_step(Current.declared[0], value, error)
+
+
+@pytest.mark.parametrize("second, where", [(0.52, ("Y", "N")), (0.48, ("Y",))])
+def test_a_term_with_a_quarter_of_the_clearest_ones_chi_square_counts_for_the_place(second, where):
+    effect = Formula(SHIP, ["Y |v||r|", "N r|r|"], w1=1.0, w2=second)
+    h = Hypothesis((effect,), (values(effect),))
+    j = FittedHypothesis(h, 9.0, np.zeros((1, 1)), np.eye(2) * 0.01)
+    verdict = Decision(False, True, 0.1, 0.8, {}, None, {})
+    assert causes._unmodelled(Mock(), verdict, j).equations == where
+
+
+@pytest.mark.parametrize("of_rival, duels", [(0.045, 0), (0.055, 1)])
+def test_a_rival_that_is_possible_is_to_be_told_apart(of_rival, duels):
+    result = found(fitted(20.0, "current"), fitted(18.0, "log_scale"))
+    verdict = Decision(True, False, 0.0, 0.0, {"current": 0.9, "log_scale": of_rival}, result.fitted[0], {})
+    assert len(words._duels(result, verdict, result.fitted[0], True)) == duels
+    calm = replace(verdict, effects={"current": of_rival})
+    assert len(words._duels(result, calm, result.none, False)) == duels
+
+
+@pytest.mark.parametrize("expected, advised", [(2.8, False), (3.2, True)])
+def test_a_run_is_advised_that_is_expected_to_add_three(monkeypatch, expected, advised):
+    run = SimpleNamespace(text="a straight run begun on heading 090", heading=1.0)
+    said = words._told(fitted(20.0, "current"), fitted(18.0, "log_scale"), 0.3, [(expected, run)])
+    assert (run.text in said) is advised and ("measure" in said) is not advised
+    monkeypatch.setattr(words, "advise", lambda data_set, leading, rivals: [[(expected, run)]])
+    result = found(fitted(4.0, "current"))
+    verdict = Decision(False, False, 0.7, 0.1, {"current": 0.2}, result.fitted[0], {})
+    assert len(words.next_steps(result, verdict, result.none, False)) == 1 + advised
+
+
+@pytest.mark.parametrize("p, passed", [(0.0024, False), (0.0026, True)])
+def test_calm_water_fails_the_free_runs_at_one_half_per_cent_over_both_looks(monkeypatch, p, passed):
+    monkeypatch.setattr(predictive, "corrected", lambda tried, rng: None)
+    monkeypatch.setattr(predictive, "published", lambda tried, rng: None)
+    monkeypatch.setattr(predictive, "drawn_runs", lambda *_: None)
+    looks = iter([(0.4, "x of fitted", 1.0), (p, "psi of held-out", 3.0)])
+    monkeypatch.setattr(predictive, "surprise", lambda *_: next(looks))
+    check = predictive.calm_check(
+        Mock(case=Mock(fitted=[], held_out=[])), Mock(likelihood=Mock(data_set=Mock(runs=[])))
+    )
+    assert check.passed is passed and "psi of held-out" in check.text and "as published" in check.text
+
+
+def test_process_noise_that_calm_water_is_allowed_is_twice_its_usual_size():
+    """The level next below two prior scales, of a half-normal prior: 95 % of it."""
+    most = int(np.searchsorted(PROCESS_LEVELS, predictive.PRIOR_SDS * predictive.PROCESS_PRIOR)) - 1
+    assert PROCESS_LEVELS[most] <= 2 * predictive.PROCESS_PRIOR < PROCESS_LEVELS[most + 1]
+    assert norm.cdf(predictive.PRIOR_SDS) - norm.cdf(-predictive.PRIOR_SDS) == approx(0.95, abs=0.006)
+
+
+@pytest.mark.parametrize("explained, frame", [
+    ((0.52, 0.2, 0.9), "body"), ((0.2, 0.52, 0.0), "earth"), ((0.48, 0.2, 0.9), ""), ((), "")
+])  # fmt: skip
+def test_a_frame_is_told_that_explains_half_of_the_variance(explained, frame):
+    assert locate.Shape(0, np.ones(3), explained).frame == frame
+
+
+@pytest.mark.parametrize("sides, parity", [
+    ((1.0, 1.0), "even"), ((-1.0, 1.0), "odd"), ((2.9, 1.0), "even"), ((3.1, 1.0), "mixed"), ((-2.9, -1.0), "even"),
+    ((2.9, -1.0), "odd"), ((3.1, -1.0), "mixed"), ((-2.9, 1.0), "odd"), ((), ""),
+])  # fmt: skip
+def test_sides_are_alike_where_their_mean_is_twice_half_their_difference(sides, parity):
+    assert locate.Shape(0, np.ones(3), sides=sides).parity == parity
+
+
+def straight_and_turning(share: float) -> tuple[SimpleNamespace, list[Residual]]:
+    """A run of 300 samples: 100 without a turn, 100 each to port and starboard at a share of the largest yaw rate."""
+    r = np.concatenate([np.zeros(99), [1.0], np.full(100, -share), np.full(100, share)])
+    track = np.zeros((300, 6))
+    track[:, 2], track[:, 5] = 0.02 * r, np.linspace(0.0, 1.0, 300)
+    run = SimpleNamespace(linearised=SimpleNamespace(track=track, run={"delta": 0.3 * r}))
+    force = np.zeros((300, 3))
+    force[:, 1] = np.where(r > 0, 2.0, 1.0)
+    return SimpleNamespace(runs=[run]), [Residual("r", np.arange(300.0), force, np.ones((300, 3)), force, [])]
+
+
+@pytest.mark.parametrize("share, sides", [(0.28, ()), (0.32, (1.0, 2.0))])
+def test_a_ship_turns_from_three_tenths_of_the_largest_yaw_rate_on(share, sides):
+    assert locate.shape_of(*straight_and_turning(share)).sides == approx(sides)
+
+
+@pytest.mark.parametrize("share, hard", [(0.48, (4.0, 1 / 300)), (0.52, (504.0, 201 / 300))])
+def test_hard_helm_is_more_than_half_of_the_largest(share, hard):
+    square = 99 * 1.0 + 100 * 1.0 + 101 * 4.0
+    shape = locate.shape_of(*straight_and_turning(share))
+    assert shape.strongest == 1 and shape.hard == approx((hard[0] / square, hard[1]))
+
+
+@pytest.mark.parametrize("heading, told", [(1.56, False), (1.58, True)])
+def test_body_and_earth_axes_are_told_where_a_run_turns_through_a_right_angle(heading, told):
+    data_set, residuals = straight_and_turning(0.5)
+    data_set.runs[0].linearised.track[:, 5] = np.linspace(0.0, heading, 300)
+    assert bool(locate.shape_of(data_set, residuals).explained) is told
+
+
+@pytest.mark.parametrize("is_model, names, sizes", [
+    (False, ("kN", "kN", "MN m"), [1e3, 1e3, 1e6]), (True, ("N", "N", "N m"), [1.0, 1.0, 1.0]),
+])  # fmt: skip
+def test_missing_forces_are_mass_times_acceleration_in_units_of_ships_or_of_models(is_model, names, sizes):
+    particulars = SimpleNamespace(is_model=is_model)
+    data_set = SimpleNamespace(dynamics=SimpleNamespace(particulars=particulars, hull=SHIP))
+    a, prime = np.array([[0.01, 0.02, 1e-4]]), SHIP.prime
+    per_unit = SHIP.force_from_acceleration(torch.tensor(a)).numpy() * [prime.force, prime.force, prime.moment]
+    assert locate.units(data_set) == names and locate.in_units(data_set)(a) == approx(per_unit / sizes)
+
+
+@pytest.mark.parametrize("stands_out, told", [(1.4, False), (1.6, True)])
+def test_a_force_below_one_and_a_half_standard_deviations_is_not_described(monkeypatch, stands_out, told):
+    shape = locate.Shape(1, np.array([0.3, stands_out, 0.2]), (0.6, 0.1, 0.2), (1.0, 1.0), (0.5, 0.2))
+    monkeypatch.setattr(locate, "shape_of", lambda data_set, found: shape)
+    monkeypatch.setattr(locate, "units", lambda data_set: ("kN", "kN", "MN m"))
+    said = locate.statements(Mock(), straight_and_turning(0.5)[1])
+    assert ("In no equation" in said[1]) is not told and len(said) == (4 if told else 2)
+
+
+@pytest.mark.parametrize("count, step, windows", [(119, 1.0, 0), (120, 1.0, 1), (59, 2.0, 0), (60, 2.0, 1)])
+def test_windows_are_looked_for_in_means_of_ten_seconds_of_which_there_are_twelve(count, step, windows):
+    time = step * np.arange(count)
+    force = 0.3 * np.random.default_rng(2).standard_normal((count, 3))
+    force[(time >= 40) & (time < 80), 1] += 9.0
+    found = locate.changes(time, force, np.ones((count, 3)))
+    assert found == [(40.0, 80.0)] * windows
+
+
+def test_gusts_are_tried_at_a_tenth_to_a_third_of_the_wind_and_last_half_a_minute():
+    sizes = [g.size for g in gusts.AT_SEA]
+    assert sizes[0] == approx(0.1) and sizes[-1] == approx(1 / 3, rel=0.05)
+    assert np.ptp(np.diff(np.log(sizes))) < 0.06, "even on a logarithmic scale, as the mean over sizes takes them"
+    assert all(20.0 <= g.memory <= 60.0 and g.across == 0.0 for g in gusts.AT_SEA)
+    on_ponds = np.array([g.size for g in gusts.ON_PONDS]).reshape(2, 3)
+    assert np.ptp(np.diff(np.log(on_ponds), axis=1)) < 0.06 and (on_ponds[0] == on_ponds[1]).all()
+    assert {(g.memory, g.across) for g in gusts.ON_PONDS} == {(10.0, 1.0), (5.0, 1.0)}
