@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from pytest import approx
 
+from studies.concealed_trial import strength
+from studies.concealed_trial.drawing import CasePlan, _drawn
 from studies.concealed_trial.effects import KINDS, UNMODELLED, kind_of
 from studies.concealed_trial.helm import Run
 from studies.concealed_trial.ships import trial_ships
-from studies.concealed_trial.strength import DRIFT, SIGMAS, WARMUP, deviation, in_range, strength_of
+from studies.concealed_trial.strength import DRIFT, SIGMAS, WARMUP, deviation, draw_effect, in_range, strength_of
 from studies.concealed_trial.truth import ConcealedEffect
 
 SHIPS = trial_ships()
@@ -109,3 +111,20 @@ def test_an_antenna_stays_on_board_and_stripes_are_counted_in_lengths():
     assert signed == {"a": -0.1, "lag_s": 50.0}
     beats = kind_of("unknown", "compass_two_beats").make(SHIPS["mariner"], 2.0, {"angle": 44.0})
     assert beats == {"a": 2.0, "direction_deg": 44.0}
+
+
+@pytest.mark.parametrize("share", [1.0, 0.49])
+def test_a_size_is_sought_that_drifts_by_a_share_of_what_its_strength_wants(monkeypatch, share):
+    """Of a drift that grows as the size; within a tenth of what is wanted."""
+    monkeypatch.setattr(strength, "deviation", lambda ship, effect, runs: 0.4 * effect.parameters["speed"])
+    rng = np.random.default_rng(3)
+    measures = [draw_effect(rng, SHIPS["mariner"], kind_of("current"), "moderate", (), share)[1] for _ in range(60)]
+    assert min(measures) >= share * 0.6 / 1.11 and max(measures) <= share * 1.1 * 1.11
+    assert np.mean(measures) == approx(share * 0.85, rel=0.1)
+
+
+def test_each_further_attempt_wants_seven_tenths_of_the_size():
+    """Where a ship is thrown out of her range: .343 of 8 to 15 standard deviations at the fourth."""
+    plan = CasePlan("mariner", (kind_of("heading_bias"),), ("moderate",))
+    measures = [_drawn(5, index, 3, plan, 1.0).measures[0] for index in range(60)]
+    assert 0.343 * 8 <= min(measures) < 0.343 * 8.7 and 0.343 * 14.3 < max(measures) <= 0.343 * 15
