@@ -10,6 +10,7 @@ from manoeuvre_nn.api import read
 from manoeuvre_nn.commands.groups import CONF, brought_along, compose, option
 from manoeuvre_nn.commands.shelves import build
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.ship.mariner import mariner
 
 MINE = ["data=recording", "network=modulus", "data.folder=x", "data.files=[a.csv]"]
 
@@ -66,3 +67,8 @@ def test_a_file_that_holds_no_settings_is_refused(text, tmp_path):
 def test_a_switch_is_no_number_and_a_table_no_word(change, said):
     with pytest.raises(InputError, match=re.escape(said)):
         build({**option("manoeuvre", "zz20"), **change}, "manoeuvre")
+
+
+def test_a_file_does_not_say_on_which_ship_an_effect_acts():
+    with pytest.raises(InputError, match="effect: ship=3.1 is no setting of Squat: leave ship out"):
+        build({**option("effect", "squat"), "ship": 3.1}, "effect", ship=mariner())

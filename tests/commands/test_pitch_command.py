@@ -97,6 +97,8 @@ def test_a_table_of_ones_own_is_learnt_with_a_mapping(cli, tmp_path, fast):
         (("+form.masts=3",), "form 'masts' is unknown"),
         (("inputs.d.unit=fathom",), "unit 'fathom' is unknown"),
         (("inputs.d.values=[a]",), "expected numbers in brackets"),
+        (("inputs.V.possible=[null]",), "expected the smallest and the largest value"),
+        (("inputs.V.possible=5",), "expected the smallest and the largest value"),
         (("network.scaling=centred",), "'centred' is unknown"),
         (("scoring.every=0",), "expected at least 1 epoch"),
         (("data=recording",), "data.files=\\[\\] names no table"),

@@ -137,6 +137,9 @@ GLOBAL = "# @package _global_\n"
         ("ship/mine.yaml", f"{GLOBAL}defaults: [/outputs/evil]\n"),
         ("ship/mine.yaml", f"{GLOBAL}defaults: [{{/ship@_here_: ../outputs/evil}}]\n"),
         ("ship/mine.yaml", f"{GLOBAL}defaults: [/evil]\n"),
+        ("ship/mine.yaml", "defaults: {x: 1}\n"),
+        ("ship/mine.yaml", "defaults: [3]\n"),
+        ("ship/mine.yaml", "!!binary aGVsbG8=\n"),
         ("hydra/launcher/evil.yaml", "_target_: my_evil.Launcher\n"),
         ("ship/mine.yaml", f"{GLOBAL}out: /elsewhere\n"),
         ("ship/mine.yaml", "# @package out\na: 1\n"),
@@ -155,7 +158,7 @@ def test_a_folder_from_outside_sets_up_neither_hydra_nor_code(name, text, tmp_pa
     (inside / name).write_text(text)
     (folder / "my_evil.py").write_text("raise SystemExit('it was run')\n")
     monkeypatch.setattr("sys.argv", ["manoeuvre"])
-    with pytest.raises(InputError, match="is refused: (a file in config_dir= may not set|its defaults name)"):
+    with pytest.raises(InputError, match="is refused: (a file in config_dir= may|its defaults name|it holds a bytes)"):
         compose("train", [f"config_dir={folder}", "ship=mine"])
 
 

@@ -72,6 +72,8 @@ def test_wrong_commands_are_refused(cli, tmp_path, words, told):
         ("data.noise.u=-1", "data.noise.u=-1: expected a standard deviation, 0 or more"),
         ("data.noise.q=1", "there is no setting data.noise.q"),
         ("data.rate_hz=-1", "data.rate_hz=-1: expected a number more than 0"),
+        ("data.rate_hz=1e9", "samples; expected 1 to 1e+08: mind its times, and rate_hz"),
+        ("data.length=1e21", "data.length=1e+21: expected a time in seconds, more than 0 and up to 1e+06"),
         ("nosuch=3", "there is no setting nosuch; manoeuvre train --cfg job lists them all"),
         ("+network.foo=1", "settings of wang_network: got an unexpected keyword argument 'foo'"),
         ("+trainer.foo=1", "settings of Session: got an unexpected keyword argument 'foo'"),

@@ -11,9 +11,11 @@ from manoeuvre_nn.core.frames import body_to_earth
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.rollout import roll_out
+from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.recording.check.finding import Change, Finding, settings, worst
 from manoeuvre_nn.recording.check.inspection import inspect_file, summary_lines
+from manoeuvre_nn.recording.check.samples import stuck
 from manoeuvre_nn.recording.read.mapping import mapping
 from manoeuvre_nn.recording.read.reader import read_recording
 from manoeuvre_nn.ship.mariner import mariner_corrected
@@ -209,6 +211,17 @@ def test_a_heading_that_stands_still_is_cut_out(truth, inspected):
     assert "stuck" in tripped(one)
     changes = settings([f for f in one.findings if f.check == "stuck"], MAPPING)
     assert set(changes) == {"start"} and changes["start"] == pytest.approx(95.0)
+
+
+def test_nothing_that_stands_still_in_a_steady_turn_is_stuck():
+    with unchecked():
+        (run,) = roll_out(CalmWater(SHIP), [turning_circle(25.0, duration=600.0)], step=0.5)
+    rounded = run.with_channels(v=np.round(run["v"], 3), u=np.round(run["u"], 3))
+    assert np.ptp(rounded["v"][-60:]) == 0
+    assert [f.verdict for f in stuck(rounded, SHIP.particulars)] == ["ok"]
+    turning_in = (run.time > 30.0) & (run.time < 60.0)
+    frozen = rounded.with_channels(v=np.where(turning_in, rounded["v"][np.argmax(turning_in)], rounded["v"]))
+    assert [(f.verdict, f.channels) for f in stuck(frozen, SHIP.particulars)] == [("mend", ("v",))]
 
 
 def test_positions_of_a_point_far_off_are_carried_to_midship(truth, inspected):

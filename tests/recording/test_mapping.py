@@ -127,3 +127,7 @@ def test_a_column_of_a_table_is_one_quantity():
         captive_mapping(columns=one | {"delta": {"column": "a", "unit": "deg"}})
     with pytest.raises(InputError, match="mapping of records: Hs and T both name the column 'h'"):
         records_mapping(columns={"Hs": {"column": "h", "unit": "m"}, "T": {"column": "h", "unit": "s"}})
+
+
+def test_a_drift_is_a_word_or_a_velocity(columns):
+    refused(columns, "drift=\\['a'\\]; write keep, arcs", drift=["a"])

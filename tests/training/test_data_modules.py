@@ -180,7 +180,8 @@ def test_single_precision_reaches_the_batch():
         ({"noise": {"u": -0.1}}, "data.noise.u=-0.1", "expected a standard deviation, 0 or more"),
         ({"rate_hz": -1.0}, "data.rate_hz=-1.0", "expected a number more than 0"),
         ({"rate_hz": float("nan")}, "data.rate_hz=nan", "expected a number more than 0"),
-        ({"length": -5.0}, "data.length=-5.0", "expected a number more than 0"),
+        ({"length": -5.0}, "data.length=-5.0", "expected a time in seconds, more than 0"),
+        ({"length": 1e7}, "data.length=10000000.0", "up to 1e+06"),
         ({"validation": 1.0}, "data.validation=1.0", "expected a share from 0 to below 1"),
         ({"accelerations": "guess"}, "data.accelerations 'guess' is unknown", "auto, exact, central, smoother, joint"),
         (

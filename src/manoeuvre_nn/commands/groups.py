@@ -138,15 +138,19 @@ def _quoted(text: str) -> str:
 
 def _check_own_file(path: Path, folder: Path) -> None:
     """Refuse a yaml that would set what only the user says: hydra's settings and plugins= name code that is run."""
-    content = load_yaml(path)
-    content = content if isinstance(content, Mapping) else {}
+    content = load_yaml(path) or {}
+    if not isinstance(content, Mapping):
+        raise InputError(f"{path} is refused: it holds a {type(content).__name__}; expected settings, such as beam: 20")
     package = re.findall(r"^\s*#\s*@package\s+(\S+)", path.read_text(encoding="utf-8"), flags=re.MULTILINE)
     reached = [*content, *package, content.get("defaults", ""), path.relative_to(folder).with_suffix("")]
     places = {str(key).partition(".")[0] for key in [*content, *package]}
     if OF_THE_USER & set(re.findall(r"\w+", " ".join(map(str, reached)))) or OUTPUT in places:
         named = ", ".join(sorted([*OF_THE_USER, OUTPUT]))
         raise InputError(f"{path} is refused: a file in config_dir= may not set {named}")
-    for entry in content.get("defaults") or []:
+    defaults = content.get("defaults") or []
+    if not isinstance(defaults, list) or not all(isinstance(entry, str | Mapping) and entry for entry in defaults):
+        raise InputError(f"{path} is refused: its defaults name {defaults}; write a list such as [pitch, _self_]")
+    for entry in defaults:
         named = next(iter(entry), "") if isinstance(entry, Mapping) else entry
         group = str(named).rpartition(" ")[2].partition("@")[0]
         if ".." in str(entry) or (group.startswith("/") and group.split("/")[1] not in GROUPS):

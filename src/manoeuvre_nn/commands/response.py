@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import fields, replace
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -87,7 +88,10 @@ def _variable(where: str, name: str, said: Any) -> Variable:
     for key in said:
         check_choice(where, key, sorted(VARIABLE))
     size = unit_size(str(said.get("unit", "-")))
-    low, high = said.get("possible") or (-float("inf"), float("inf"))
+    possible = said.get("possible") or [-inf, inf]
+    if not isinstance(possible, list) or [type(end) in {int, float} for end in possible] != [True, True]:
+        raise InputError(f"{where}.possible={possible}: expected the smallest and the largest value, such as [0, 5]")
+    low, high = possible
     about = {key: str(said[key]) for key in ("meaning", "symbol") if said.get(key) is not None}
     ends = {"low": float(low) * size, "high": float(high) * size}
     return Variable(name, str(said.get("unit", "-")), size, **{"meaning": "", **about}, **ends)  # type: ignore[arg-type]

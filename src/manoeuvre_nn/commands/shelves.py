@@ -53,13 +53,17 @@ def build(config: Any, group: str, **more: Any) -> Any:
         more: Further arguments.
 
     Returns:
-        The object. What is not on the group's shelf is refused, and so is an argument that is unknown or of the wrong
-        kind.
+        The object.
+
+    Raises:
+        InputError: If it is not on the group's shelf, or an argument is unknown or of the wrong kind.
     """
     described = plain(config)
     made = on_shelf(str(described.get(TARGET)), group)
     settings = {name: value for name, value in described.items() if name != TARGET}
     check_plain(settings, group)
+    for name in settings.keys() & more.keys():
+        raise InputError(f"{group}: {name}={settings[name]} is no setting of {made.__name__}: leave {name} out")
     settings = gathered(made, {**settings, **more})
     check_arguments(made, settings)
     return made(**settings)

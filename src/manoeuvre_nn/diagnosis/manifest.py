@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +28,8 @@ AREAS = {
 }
 HEEL = {"GM_m": "gm", "KG_m": "kg", "roll_period_s": "roll_period", "roll_damping_ratio": "roll_damping"}
 SIGNED = frozenset({"lateral_centroid_fwd_of_midship_m"})
+MAX_NUMBER = 1e9
+"""No ship has a particular, in these units, as large as this."""
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
@@ -71,11 +72,11 @@ def numbers(m: Mapping[str, Any]) -> dict[str, float]:
     given = {"warmup_s": m["warmup_s"]} if "warmup_s" in m else {}
     for part, keys in wanted.items():
         content = m.get(part, {})
-        if not isinstance(content, Mapping):
-            raise InputError(f"{part} is {content!r}; expected an object of numbers")
+        if not isinstance(content, Mapping) or (content and not set(content) & {*keys}):
+            raise InputError(f"{part} is {content!r}; expected an object of numbers such as {keys[0]}")
         given |= {key: content[key] for key in keys if key in content}
     for key, value in given.items():
-        good = isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
+        good = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < MAX_NUMBER
         if not good or (value <= 0 and key not in SIGNED):
             raise InputError(f"{key} is {value!r}; expected a number" + ("" if key in SIGNED else " more than 0"))
     return {key: float(value) for key, value in given.items()}

@@ -24,6 +24,8 @@ from manoeuvre_nn.dynamics.vessel import Vessel, as_vessel
 
 ROWS_AT_ONCE = 16
 """Rows that are turned into recordings at once: enough to share the overhead, few enough to stay in the cache."""
+MAX_SAMPLES = 1e8
+"""Samples of a run; their times alone take a gigabyte."""
 
 
 @dataclass(frozen=True)
@@ -88,9 +90,18 @@ def sample_times(ship: Particulars, manoeuvre: Manoeuvre, interval: float | None
 
     Returns:
         Times [s].
+
+    Raises:
+        InputError: If there is none between the first and the last, or more of them than any trial needs.
     """
     manoeuvre.check(ship)
-    return np.arange(0.0, manoeuvre.duration_for(ship) + 1e-9, interval or ship.sample_interval)
+    duration, step = manoeuvre.duration_for(ship), interval or ship.sample_interval
+    if not 1 <= duration / step < MAX_SAMPLES:
+        raise InputError(
+            f"manoeuvre {manoeuvre.name}: {duration:.3g} s at {1 / step:.3g} samples a second are "
+            f"{duration / step:.3g} samples; expected 1 to {MAX_SAMPLES:.0e}: mind its times, and rate_hz"
+        )
+    return np.arange(0.0, duration + 1e-9, step)
 
 
 def simulate(

@@ -16,7 +16,7 @@ from torch.utils.data import DataLoader
 from manoeuvre_nn.core.channels import ACCELERATION
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.errors import InputError, check_choice
-from manoeuvre_nn.core.manoeuvre import Manoeuvre
+from manoeuvre_nn.core.manoeuvre import Manoeuvre, check_duration
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.core.terminal import Say
@@ -77,7 +77,7 @@ class DataSettings:
         Raises:
             InputError: If one is out of range.
         """
-        check_positive("data.length", self.length)
+        check_duration("data.length", self.length)
         check_positive("data.rate_hz", self.rate_hz)
         check_choice("data.accelerations", self.accelerations, ["auto", *METHODS])
         check_sensors(self.accelerations, self.delays, self.offsets)

@@ -320,7 +320,7 @@ def test_a_number_stands_for_its_parts_and_the_papers_order_is_kept():
         ("paper=wang1996 starts=many", "starts=many: expected a whole number"),
         ("paper=wang1996 quick=maybe", "quick=maybe: expected true or false"),
         ("paper=wang1996 seed=-1", "seed=-1: expected a whole number, 0 or more"),
-        ("paper=wang1996 workers=0", "workers=0: expected a whole number, 1 or more"),
+        ("paper=wang1996 workers=0", "workers=0: expected a whole number, 1 to 256"),
         ("paper=../wang1996", "paper '../wang1996' is unknown"),
         ("paper=wang1996 nosuch=3", "there is no setting nosuch"),
     ],

@@ -31,6 +31,8 @@ NOTED_POSITION_STEP, USELESS_POSITION_STEP = 0.01, 0.05
 """Step of a position over L from which on it is noted, and from which on it is of no use."""
 TURN = 4 * DEGREE
 """Change of heading that a channel which stands still belies."""
+STEADY = 0.01
+"""Change of the rate of turn over itself up to which a turn is steady: then speeds stand still too, but for noise."""
 MAX_WINDOW_SAMPLES = 400
 """Samples beyond which a longer window tells no more of the noise."""
 CHANNELS = ("u", "v", "r", "x", "y", "psi", "delta")
@@ -274,6 +276,9 @@ def _belied(recording: Recording, name: str, turned: dict[str, Series], first: i
         way = np.trapezoid(np.hypot(u, v) * along(psi + np.arctan2(v, u)), recording.time[rows])
         usual = float(np.quantile(np.abs(np.diff(recording[name])), 0.9))
         return bool(abs(way) > 5 * usual)
+    rate = recording["r"][first : last + 1]
+    if np.ptp(rate) < STEADY * abs(rate.mean()):  # nothing moves in a steady turn
+        return False
     return bool(max(abs(by_r), abs(by_psi)) > 2 * TURN)
 
 

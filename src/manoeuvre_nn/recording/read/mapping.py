@@ -294,7 +294,7 @@ def _check_drift(drift: object) -> None:
     if isinstance(drift, AnyMapping):
         right = set(drift) == {"speed", "toward_deg"} and all(map(is_number, drift.values()))
     else:
-        right = drift in {"keep", "arcs"}
+        right = isinstance(drift, str) and drift in {"keep", "arcs"}
     if not right:
         raise InputError(f"mapping: drift={drift!r}; write {WANTED['drift']}")
 
