@@ -110,7 +110,7 @@ def _archive(run: Path, draw: random.Random, folder: Path) -> str:
     elif how == "doubled":
         entries.append((name, content[::-1]))
     elif how == "renamed":
-        entries[k] = (draw.choice(("../../executed", "/tmp/executed", name + "x", "")), content)
+        entries[k] = (draw.choice(("../../executed", "/tmp/executed", name + "x", " ")), content)
     elif how == "exchanged":
         entries[k] = (name, draw.choice(entries)[1])
     elif how == "emptied":
