@@ -4,7 +4,13 @@ import pytest
 import torch
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.numerics.radial_basis import gaussian_nodes, k_means, neighbour_distances, ridge_by_press
+from manoeuvre_nn.numerics.radial_basis import (
+    gaussian_nodes,
+    k_means,
+    neighbour_distances,
+    ridge_by_press,
+    squared_distances,
+)
 
 DOUBLE = {"dtype": torch.float64}
 
@@ -99,3 +105,9 @@ def test_two_nodes_that_are_one_are_no_obstacle():
 def test_nothing_to_choose_from_is_refused():
     with pytest.raises(InputError, match="at least one"):
         ridge_by_press(drawn(5, 2), drawn(5, 1), [])
+
+
+def test_distances_of_points_that_are_close_and_far_from_zero_keep_their_digits():
+    x, apart = 1e6 + drawn(5, 3), 2.0**-12 * drawn(4, 3, seed=1).round()
+    found = squared_distances(x, x[0] + apart)
+    torch.testing.assert_close(found[0], apart.square().sum(1), rtol=1e-12, atol=0.0)

@@ -158,7 +158,7 @@ def test_gradients_of_a_rollout_by_the_values_of_effects_are_those_of_finite_dif
             out = rollout(
                 ship, trials, ship.model.start(start, Inputs(start[:, 1])), 4.0 * torch.arange(11).double(), step=4.0
             )
-        assert float(out.orders[-1, 0]) < 0, "the rudder has been reversed"
+        assert float(out.orders[-1, 0].detach()) < 0, "the rudder has been reversed"
         return (out.states[-1] / out.states.new_tensor([1.0, 1.0, 0.01, 10.0, 10.0, 0.1, 0.1])).sum(0)
 
     ones = torch.ones(7, dtype=torch.float64, requires_grad=True)

@@ -8,6 +8,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from manoeuvre_nn.numerics.radial_basis import squared_distances
+
 
 def kernel_mean(
     x: Float[Tensor, "n i"],
@@ -35,9 +37,7 @@ def kernel_mean(
     Source:
         Nadaraya 1964; Watson 1964; Specht 1991, eq. 5.
     """
-    scaled, kept = x / widths, records / widths
-    square = scaled.square().sum(1)[:, None] - 2 * scaled @ kept.mT + kept.square().sum(1)
-    logarithm = -0.5 * square
+    logarithm = -0.5 * squared_distances(x / widths, records / widths)
     if leave_one_out:
         logarithm = logarithm.masked_fill(torch.eye(len(x), dtype=torch.bool, device=x.device), -torch.inf)
     return logarithm.softmax(1) @ values

@@ -26,8 +26,13 @@ def gaussian_nodes(
     Source:
         Broomhead & Lowe 1988.
     """
-    square = x.square().sum(1)[:, None] - 2 * x @ centres.mT + centres.square().sum(1)
-    return torch.exp(-0.5 * square.clamp(min=0) / widths.square())
+    return torch.exp(-0.5 * squared_distances(x, centres) / widths.square())
+
+
+def squared_distances(x: Float[Tensor, "n i"], centres: Float[Tensor, "h i"]) -> Float[Tensor, "n h"]:
+    """``|x - c_h|^2`` as the sum of its parts: ``x^2 - 2 x c + c^2`` cancels where x and c are close and far from 0."""
+    parts = ((a[:, None] - c).square() for a, c in zip(x.mT, centres.mT, strict=True))
+    return sum(parts, x.new_zeros(len(x), len(centres)))
 
 
 def k_means(x: Float[Tensor, "n i"], count: int, *, seed: int = 0, iterations: int = 100) -> Float[Tensor, "h i"]:
