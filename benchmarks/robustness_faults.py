@@ -133,6 +133,8 @@ def attack(rng: np.random.Generator, folder: Path) -> Tried:
         return Tried(name, partial(_checked, folder, ship, ()), "refuse", (str(one), str(other)))
     if fault == "delta to port" and run.meta["kind"] != "zigzag":
         fault = "none"  # one movement of the rudder tells little beside noise
+    if fault == "v out of order" and noise == 1.0:
+        fault = "none"  # noise of the size of the sway itself has no order either
     spoilt = table if fault == "none" else faults[fault][0](table, rng)
     _put(folder, spoilt, said)
     if ship in HULLS and fault in OF_DIAGNOSIS and rng.random() < 0.3:

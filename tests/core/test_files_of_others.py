@@ -37,6 +37,8 @@ def refused(call, *given) -> str:
         "a: " + "[" * 1200,
         "a: !!python/object/apply:os.system [ls]",
         "a: !!python/name:os.system",
+        "a: !!set {b, c}",
+        "!!binary aGVsbG8=",
         'a: "\\e[31mred"',
         '"\\a": 1',
         'a: "\\ud800"',

@@ -175,6 +175,7 @@ def test_speed_and_course_over_ground_become_velocities_along_and_across_the_hea
         ({"lat": {"column": "a", "unit": "deg"}, "lon": {"column": "b", "unit": "deg"}}, "leave one pair out"),
         ({"u": {"column": "u", "unit": "count"}}, "unit of u .* 'count' is unknown"),
         ({"u": {"column": "u", "unit": "m/s", "scale": 0}}, "scale of u is 0; write a factor above 0"),
+        ({"u": {"column": "u", "unit": "m/s", "scale": 1e30}}, "scale of u is 1e.30; write a factor above 0"),
         ({"u": {"column": "u", "unit": "m/s", "offset": "low"}}, "offset of u is 'low'; write a number"),
     ],
 )

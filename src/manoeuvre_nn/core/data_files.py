@@ -166,6 +166,8 @@ def _count(value: Any, counted: dict[int, int | None]) -> int:
     """How many values there are if references count as what they refer to; refused are too many, and endless ones."""
     if isinstance(value, str) and REFUSED.search(value):
         raise ValueError(f"{_short(value)} holds a control character; write letters")
+    if isinstance(value, set | bytes | tuple):  # of tags such as !!set
+        raise ValueError(f"{_short(value)} is a {type(value).__name__}; write numbers, words, lists or tables")
     if not isinstance(value, dict | list):
         return 1
     if id(value) in counted:

@@ -33,6 +33,8 @@ WANTED = {
     "rudder_positive_to": "starboard or port",
 }
 """Setting -> what to write; any other is a word."""
+MAX_SCALE = 1e6
+"""Largest scale, and the inverse of the smallest: what is further off is another unit."""
 
 
 @dataclass(frozen=True)
@@ -235,8 +237,10 @@ def _channel_map(name: str, given: object) -> ChannelMap:
     for key, value in numbers.items():
         if not is_number(value):
             raise InputError(f"mapping: {key} of {name} is {value!r}; write a number")
-    if not numbers.get("scale", 1.0) > 0:
-        raise InputError(f"mapping: scale of {name} is {given['scale']!r}; write a factor above 0, and sign: -1")
+    if not 1 / MAX_SCALE < numbers.get("scale", 1.0) < MAX_SCALE:
+        raise InputError(
+            f"mapping: scale of {name} is {given['scale']!r}; write a factor above 0 (to {MAX_SCALE:g}), and sign: -1"
+        )
     if name == "time" and set(given) - {"column", "unit", "scale"}:
         raise InputError("mapping: time has column, unit and scale; a delay is that of a channel")
     column = column_of(f"mapping: column of {name}", given["column"])
