@@ -16,7 +16,7 @@ from typing import Literal
 
 import torch
 
-from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.ending import explain, in_short
 from manoeuvre_nn.core.threads import use_threads
 from studies.reproduction.section import ChapterResult, ComputingEffort, Say
 
@@ -131,8 +131,7 @@ def _do(task: Task, effort: ComputingEffort, writer: Connection, parent: int) ->
             end = "finished", ""
         except Exception as error:  # whatever it is, the other chapters go on
             traceback.print_exc(file=log)
-            message = next(iter(str(error).splitlines()), "")
-            end = "failed", message if isinstance(error, InputError) else f"{type(error).__name__}: {message}"
+            end = "failed", explain(error) or in_short(error)
     if not task.log.stat().st_size:
         task.log.unlink()
     writer.send(end)

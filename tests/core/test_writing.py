@@ -52,9 +52,10 @@ def test_a_draft_of_a_killed_process_goes_when_the_file_is_written_again(tmp_pat
         with draft_of(path) as draft:
             draft.write_text("half")
             os.kill(os.getpid(), signal.SIGKILL)
-    os.waitpid(child, 0)
+    os.waitid(os.P_PID, child, os.WEXITED | os.WNOWAIT)  # ended, and still in the system's list
     assert not path.exists() and (tmp_path / f".scores.json.{child}.part").exists()
     write_file(path, "whole")
+    os.waitpid(child, 0)
     assert path.read_text() == "whole" and set(tmp_path.iterdir()) == {path, of_another}
 
 

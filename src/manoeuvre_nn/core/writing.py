@@ -88,6 +88,8 @@ def _runs(process: int) -> bool:
         return False
     except OSError:
         pass
+    with suppress(OSError):  # where there is /proc: one that has ended and that nobody has asked for has the state Z
+        return Path(f"/proc/{process}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0] != "Z"
     return True
 
 
