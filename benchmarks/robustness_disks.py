@@ -104,16 +104,15 @@ def _plain(disk: _Disk, place: Path, good: Path | None, made: Callable[[], Outco
 def _mounted(disk: _Disk, place: Path, good: Path | None, made: Callable[[], Outcome]) -> Outcome:
     """A file system in memory, with what was written before and room for so much more."""
     _alone()
-    files = list(good.rglob("*")) if good else []
-    used = sum(4096 * (1 + path.stat().st_size // 4096) for path in files)
-    size = used + (disk.size if disk.kind == "room" else 2**27)
-    inodes = len(files) + (2 + disk.size if disk.kind == "inodes" else 10_000)
-    _mount("-t", "tmpfs", "-o", f"size={size},nr_inodes={inodes}", "tmpfs", str(place))
+    _mount("-t", "tmpfs", "-o", "size=1g,nr_inodes=100k", "tmpfs", str(place))
     try:
         if good is not None:
             shutil.copytree(good, place, dirs_exist_ok=True)
-        if disk.kind == "read-only":
-            _mount("-o", "remount,ro", str(place))
+        now = os.statvfs(place)
+        room = (now.f_blocks - now.f_bfree) * now.f_frsize + disk.size
+        files = now.f_files - now.f_ffree + disk.size
+        limit = {"room": f"size={room}", "inodes": f"nr_inodes={files}", "read-only": "ro"}[disk.kind]
+        _mount("-o", f"remount,{limit}", str(place))
         return made()
     finally:
         subprocess.run(["umount", "-l", str(place)], check=True)
