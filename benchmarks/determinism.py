@@ -59,7 +59,8 @@ def _run_all(circumstance: str, into: Path, only: str) -> int:
              "fit.epochs=3", SHORT[0], "hydra.run.dir={out}")),
         Tiny("simulate", "simulate", "simulate", ("manoeuvre=zz20", "effect=[wind_gusty]", "out={out}")),
     )  # fmt: skip
-    cases, kept_in = write_cases(into / "cases"), into / "found.jsonl"
+    cases, kept_in = into / "cases", into / "found.jsonl"
+    in_child(partial(write_cases, cases), into, LIMIT_S)  # threads of linear algebra do not outlive a fork: none here
     kept_in.touch()
     for command in (c for c in (*COMMANDS, *more) if any(part in c.name for part in only.split(","))):
         words: tuple[str, ...] = THREADS if circumstance == "threads" and command.family in {"train", "sweep"} else ()

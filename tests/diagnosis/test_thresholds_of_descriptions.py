@@ -9,36 +9,20 @@ import pytest
 import torch
 from pytest import approx
 from scipy.stats import norm
+from searches import fitted, found
 from trials import CALM, SHIP, values
 
 from manoeuvre_nn.diagnosis import causes, formula, gusts, locate, predictive, unknown, words
 from manoeuvre_nn.diagnosis.decision import Decision
 from manoeuvre_nn.diagnosis.remainder import is_left
 from manoeuvre_nn.diagnosis.result import Residual
-from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.effect.common import RAMP
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.formula import Formula
-from manoeuvre_nn.effect.rudder import RudderOffset
-from manoeuvre_nn.effect.sensors import HeadingBias, LogScale
 from manoeuvre_nn.estimation.data_set import PROCESS_LEVELS
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
-EFFECTS = {e.name: e for e in (Current(SHIP), RudderOffset(SHIP), HeadingBias(SHIP), LogScale(SHIP))}
-
-
-def fitted(evidence: float, *names: str, best: tuple[int, int] = (0, 0)) -> FittedHypothesis:
-    """A hypothesis of these effects at their null values."""
-    effects = tuple(EFFECTS[name] for name in names)
-    h = Hypothesis(effects, tuple(values(e) for e in effects))
-    return FittedHypothesis(h, evidence, np.zeros((1, 1)), np.eye(len(h.vector())), best=best)
-
-
-def found(*hypotheses: FittedHypothesis, levels=((0.003, 0.003),), none: float = 0.0) -> SearchResult:
-    """A search that ended with these."""
-    likelihood = SimpleNamespace(data_set=SimpleNamespace(levels=np.array(levels)))
-    return SearchResult(fitted(none), list(hypotheses), likelihood)  # type: ignore[arg-type]
 
 
 # Something unknown ---------------------------------------------------------------------------------------------------
