@@ -70,6 +70,7 @@ def test_wrong_commands_are_refused(cli, tmp_path, words, told):
         ("manoeuvre.speed_kn=100", "100"),
         ("data.length=long", "length=long: expected a number or null"),
         ("data.noise.u=-1", "data.noise.u=-1: expected a standard deviation, 0 or more"),
+        ("data.noise.y=1e308", "data.noise.y=1e+308: expected a standard deviation, 0 or more, to 1e+06"),
         ("data.noise.q=1", "there is no setting data.noise.q"),
         ("data.rate_hz=-1", "data.rate_hz=-1: expected a number more than 0"),
         ("data.rate_hz=1e9", "samples; expected 1 to 1e+08: mind its times, and rate_hz"),

@@ -1,5 +1,6 @@
 """Files of others are data: whatever stands in them ends in plain values or in one line."""
 
+import errno
 import io
 import json
 from pathlib import Path
@@ -146,3 +147,13 @@ def test_the_terminal_shows_texts_as_they_are():
     assert not any(code in text for code in ("\x1b[2J", "\x1b]0", "\x07", "\x9b"))
     assert "\x1b[31m" in text  # colours of our own are there
     assert json.dumps("\\x1b[2J")[1:-1].replace("\\\\", "\\") in text
+
+
+def test_a_file_that_the_system_does_not_read_is_refused(tmp_path, monkeypatch):
+    def fail(*_, **__):
+        raise OSError(errno.EIO, "Input/output error")
+
+    path = tmp_path / "sent.yaml"
+    path.write_text("a: 1")
+    monkeypatch.setattr(Path, "read_text", fail)
+    assert "cannot be read: Input/output error" in refused(load_yaml, path)

@@ -141,7 +141,7 @@ def setup(cfg: DictConfig, model: IdentifiedShip | None = None) -> _Setup:
         # It brings Lightning, seconds that a ship's own model needs not.
         from manoeuvre_nn.commands.job import load_model, with_rate
 
-        model = with_rate(load_model(Path(cfg.model)), "a diagnosis")
+        model = with_rate(load_model(Path(str(cfg.model))), "a diagnosis")
     chosen = cfg.candidates
     if chosen == DEFAULT and cfg.mapping is not None:
         given = configs.read_mapping(cfg.mapping, cfg.get("config_dir"))

@@ -149,6 +149,10 @@ def _text(path: Path, kind: str, such: str, limit: int) -> str:
         return path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
         raise InputError(f"{path} is no valid {kind}: {_said(error)}") from error
+    except OSError as error:
+        raise InputError(
+            f"{path} cannot be read: {error.strerror}: write the path of a {kind} file, such as {such}"
+        ) from error
 
 
 def _said(error: Exception) -> str:

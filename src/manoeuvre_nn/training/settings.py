@@ -33,6 +33,10 @@ def check_simulable(ship: object) -> None:
         )
 
 
+MAX_NOISE = 1e6
+"""Largest standard deviation of a sensor's noise [m, m/s, deg ...]."""
+
+
 def check_positive(what: str, value: float | None) -> None:
     """Refuse a number that is not positive.
 
@@ -76,13 +80,13 @@ def noise_in_si(noise: Mapping[str, float]) -> dict[str, float]:
         Channel -> standard deviation [SI].
 
     Raises:
-        InputError: If a setting is unknown or negative.
+        InputError: If a setting is unknown, negative, or beyond any sensor.
     """
     result = {}
     for key, value in noise.items():
         check_choice("data.noise", key, list(NOISE_UNITS))
-        if value < 0:
-            raise InputError(f"data.noise.{key}={value}: expected a standard deviation, 0 or more")
+        if not 0 <= value <= MAX_NOISE:
+            raise InputError(f"data.noise.{key}={value}: expected a standard deviation, 0 or more, to {MAX_NOISE:g}")
         channel, unit = NOISE_UNITS[key]
         if value:
             result[channel] = value * unit
