@@ -121,3 +121,14 @@ def test_weights_of_another_size_are_refused_and_leave_the_network_alone(stored,
         load_weights(other, tmp_path / "a.ckpt")
     assert "\n" not in str(refusal.value)
     assert all((a == b).all() for a, b in zip(before, tiny.weights(other), strict=True))
+
+
+def test_a_bit_that_has_turned_over_is_seen(tmp_path):
+    path = tmp_path / "model.ckpt"
+    torch.save({"weights": torch.arange(1000.0)}, path)
+    whole = bytearray(path.read_bytes())
+    whole[whole.index(torch.arange(1000.0).numpy().tobytes()) + 2001] ^= 1
+    path.write_bytes(whole)
+    assert not torch.equal(torch.load(path, weights_only=True)["weights"], torch.arange(1000.0))
+    with pytest.raises(InputError, match="is damaged: .* is not what was written"):
+        read_checkpoint(path)

@@ -2,6 +2,7 @@
 
 import pickle
 import warnings
+import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -75,6 +76,19 @@ class _StoredRun(BaseModel):
     stopped: str = ""
 
 
+def _check_sums(path: Path) -> None:
+    """Refuse a file that is not what was written: torch does not look at the checksums that its archives hold."""
+    if not zipfile.is_zipfile(path):  # torch itself refuses it, or reads an old form
+        return
+    try:
+        with zipfile.ZipFile(path) as archive:
+            damaged = archive.testzip()
+    except Exception as error:  # damaged archives end in whatever they happen to cause
+        raise InputError(f"checkpoint {path} cannot be read ({_first_line(error)})") from error
+    if damaged is not None:
+        raise InputError(f"checkpoint {path} is damaged: {damaged} is not what was written")
+
+
 def read_checkpoint(path: Path) -> dict[str, Any]:
     """Read a checkpoint that holds tensors, numbers and names, and nothing that runs.
 
@@ -89,6 +103,7 @@ def read_checkpoint(path: Path) -> dict[str, Any]:
     """
     if not path.is_file():
         raise InputError(f"checkpoint {path} does not exist: write the path of a .ckpt file of an earlier run")
+    _check_sums(path)
     try:
         with warnings.catch_warnings(action="ignore"):  # torch's, on files of old forms: they are refused or read
             stored = torch.load(path, map_location="cpu", weights_only=True)
