@@ -25,6 +25,10 @@ CURRENT = {"current": {"speed": 0.6, "toward_deg": 90.0}}
 NOISE = {"x": 0.5, "y": 0.5, "psi_deg": 0.05, "r_deg_s": 0.005}
 
 
+def open_files() -> list[str]:
+    return [os.readlink(entry.path) for entry in os.scandir("/proc/self/fd") if entry.is_symlink()]
+
+
 def process_state() -> dict:
     """What a person's program may have set, and would miss."""
     return {
@@ -32,7 +36,7 @@ def process_state() -> dict:
         "folder and paths": (os.getcwd(), list(sys.path), list(sys.argv)),
         "signals": [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGPIPE)],
         "threads": sorted(thread.name for thread in threading.enumerate()),
-        "open files": sorted(os.readlink(entry.path) for entry in os.scandir("/proc/self/fd") if entry.is_symlink()),
+        "open files": sorted(file for file in open_files() if not file.endswith(".ttf")),  # matplotlib keeps its fonts
         "warnings": list(warnings.filters),
         "loggers": {name: logging.getLogger(name).level for name in ("", "lightning.pytorch", "lightning.fabric")},
         "random numbers": (random.getstate(), np.random.get_state()[1].tolist()),  # noqa: NPY002  the global one
