@@ -6,6 +6,7 @@ from math import inf, radians
 import numpy as np
 import pytest
 from pytest import approx
+from referee_folder import write_manifest
 
 from studies.concealed_trial import score, true_model
 from studies.concealed_trial.score import names_right, overlap, parameter_marks, probabilities, read_answer
@@ -144,12 +145,7 @@ def test_an_answer_is_read_with_its_probabilities_between_nothing_and_one(tmp_pa
 
 @pytest.fixture
 def case(tmp_path):
-    """A folder with a manifest of two runs of 100 s."""
-    runs = [{"run": r, "split": s, "file": f"{r}.csv", "duration_s": 100} for r, s in (("a", "fit"), ("b", "held_out"))]
-    noise = {"position_m": 0.7, "gps_velocity_m_s": 0.04, "heading_deg": 0.1, "yaw_rate_deg_s": 0.02, "log_m_s": 0.05}
-    manifest = {"ship": "mariner", "runs": runs, "warmup_s": 4.0, "nominal_noise_sd": noise}
-    (tmp_path / "manifest.json").write_text(json.dumps(manifest))
-    return tmp_path
+    return write_manifest(tmp_path)
 
 
 def scored(case, monkeypatch, answer, effects, **truth):

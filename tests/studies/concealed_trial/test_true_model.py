@@ -1,12 +1,12 @@
 """Errors of predictions against recordings, J, and what counts as an outlier, on recordings that are made by hand."""
 
-import json
 from math import inf
 
 import numpy as np
 import pandas as pd
 import pytest
 from pytest import approx
+from referee_folder import write_manifest
 
 from studies.concealed_trial import true_model
 from studies.concealed_trial.ships import trial_ships
@@ -16,12 +16,7 @@ MARINER = trial_ships()["mariner"]
 
 @pytest.fixture
 def case(tmp_path):
-    """A folder with a manifest of two runs of 100 s."""
-    runs = [{"run": r, "split": s, "file": f"{r}.csv", "duration_s": 100} for r, s in (("a", "fit"), ("b", "held_out"))]
-    noise = {"position_m": 0.7, "gps_velocity_m_s": 0.04, "heading_deg": 0.1, "yaw_rate_deg_s": 0.02, "log_m_s": 0.05}
-    manifest = {"ship": "mariner", "runs": runs, "warmup_s": 4.0, "nominal_noise_sd": noise}
-    (tmp_path / "manifest.json").write_text(json.dumps(manifest))
-    return tmp_path
+    return write_manifest(tmp_path)
 
 
 def test_j_is_the_root_of_the_mean_square_of_errors_over_the_published_scales():
