@@ -29,6 +29,8 @@ CIRCUMSTANCES: dict[str, dict[str, str]] = {
 }
 """What differs in the environment."""
 THREADS = ("trainer.threads=2",)
+TOLD = ("config.yaml", "multirun.yaml", "overrides.yaml", ".png")
+"""Files that repeat the words of the command; and figures, which are drawn from the numbers."""
 PROCESSES = {"diagnose": ("workers=2",), "sweep": ("hydra.launcher.n_jobs=2",), "trial": ("jobs=1",)}
 """Family of commands -> words that change the number of processes."""
 
@@ -72,8 +74,9 @@ def _run_all(circumstance: str, into: Path, only: str) -> int:
         out.parent.mkdir()
         ended = in_child(partial(command.run, out, cases, words), out.parent, LIMIT_S)
         found = results(out) if ended.code == 0 else {"failed": ended.err[-500:]}
-        kept = {name: content for name, content in found.items() if not name.endswith(("config.yaml", "multirun.yaml"))}
+        kept = {name: content for name, content in found.items() if not name.endswith(TOLD)}
         text = json.dumps({command.name: kept}, default=lambda content: content.decode(errors="replace"))
+        text = text.replace(f",{THREADS[0]}", "")  # in the name of a job's folder
         with kept_in.open("a") as file:
             file.write(text + "\n")
     return 0
@@ -109,24 +112,32 @@ def told(one: Any, other: Any) -> str:
         return ""
     if json.dumps(one, sort_keys=True) == json.dumps(other, sort_keys=True):  # where NaN is equal to itself
         return "same"
-    difference = _difference(one, other)
-    return "not the same" if difference is None else f"{difference:.0e}"
+    try:
+        return f"{_difference(one, other):.0e}"
+    except _NoNumbers as place:
+        return f"not {place}"
 
 
-def _difference(one: Any, other: Any) -> float | None:
-    """Largest difference of numbers over the largest of their list; None if more than numbers differs."""
+class _NoNumbers(Exception):
+    """More than numbers differs; the name of what does."""
+
+
+def _difference(one: Any, other: Any, name: str = "all") -> float:
+    """Largest difference of numbers over the largest of their list."""
     if isinstance(one, dict) and isinstance(other, dict) and one.keys() == other.keys():
-        parts = [_difference(one[key], other[key]) for key in one]
-    elif isinstance(one, list) and isinstance(other, list) and len(one) == len(other):
+        return max((_difference(one[key], other[key], str(key)) for key in one), default=0.0)
+    if isinstance(one, list) and isinstance(other, list) and len(one) == len(other):
         if all(isinstance(v, int | float) for v in (*one, *other)):
             a, b = np.array(one, dtype=float), np.array(other, dtype=float)
-            return float(np.nanmax(np.abs(a - b), initial=0.0) / max(np.nanmax(np.abs(a), initial=0.0), 1e-300))
-        parts = [_difference(a, b) for a, b in zip(one, other, strict=True)]
-    elif isinstance(one, int | float) and isinstance(other, int | float):
+            differ = (a != b) & ~(np.isnan(a) & np.isnan(b))
+            largest = max(np.nanmax(np.abs(a), initial=0.0), 1e-300)
+            return float(np.max(np.abs(a[differ] - b[differ]), initial=0.0) / largest)
+        return max((_difference(a, b, name) for a, b in zip(one, other, strict=True)), default=0.0)
+    if isinstance(one, int | float) and isinstance(other, int | float):
         return abs(one - other) / max(abs(one), 1e-300)
-    else:
-        return 0.0 if one == other else None
-    return None if None in parts else max((p for p in parts if p is not None), default=0.0)
+    if one != other:
+        raise _NoNumbers(name)
+    return 0.0
 
 
 if __name__ == "__main__":

@@ -117,7 +117,7 @@ def _settings() -> Iterator[_Attempt]:
                 group = key.split(".")[0]
                 must = REFUSED if key.endswith("_target_") else wanted
                 must = EITHER if group in UNREAD.get(name, ()) else must
-                yield _Attempt(name, (f"{key}={text}",), must, (key.rpartition(".")[2], text, group))
+                yield _Attempt(name, (f"{key}={text}",), must, (*key.split("."), text))
 
 
 def _each(table: dict[str, tuple[str, ...]]) -> Iterator[tuple[str, str]]:
@@ -216,9 +216,17 @@ def _judged(ended: Ended, attempt: _Attempt, words: tuple[str, ...], what: str, 
         return Outcome("wrong" if wrong else "right answer", said)
     if ended.code != 2 or "Traceback" in ended.err:
         return Outcome("traceback", said)
-    names = not any(attempt.named) or any(name in lines[-1] for name in attempt.named if name)
+    names = not any(attempt.named) or any(name in lines[-1] for name in map(_in_a_line, attempt.named) if name)
     clear = len(lines) == 1 and lines[0].startswith("error: ") and len(lines[0]) < 1000 and names
     return Outcome("clear error" if clear and not re.search("[\x00-\x08\x0b-\x1f\x7f]", lines[0]) else "wrong", said)
+
+
+def _in_a_line(word: str) -> str:
+    """A word as an error can show it: a number as Python writes it, without ends of lines."""
+    try:
+        return f"{float(word):g}"
+    except ValueError:
+        return " ".join(word.replace(r"\n", " ").strip('"').split())
 
 
 def _finite(folder: Path) -> bool:

@@ -125,10 +125,13 @@ TOGETHER: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "excite": {
         REFUSED: (
-            "score=[]", "candidates=[]", "candidates=[kvlcc2]", "effort={truths: 1000000000, others: 2, samples: 50}",
+            "score=[]", "candidates=[]", "candidates=[kvlcc2]",
             "effort={truths: 0, others: 0, samples: 0}",
         ),
-        EITHER: ("candidates=[zz20,zz20]", "goal=coefficients network.members=1"),
+        EITHER: (
+            "candidates=[zz20,zz20]", "goal=coefficients network.members=1",
+            "effort={truths: 1000000000, others: 2, samples: 50}",  # all members
+        ),
     },
     "export": {REFUSED: ("format=exe", "document=perhaps", "run=null")},
     "sweep": {

@@ -195,15 +195,17 @@ def manifest(rng: np.random.Generator, folder: Path) -> Tried:
         inside = inside and not ("/" in str(value) and key == "run")
     else:
         key = str(rng.choice(list(m[part])))
-        m[part][key] = value
+        own, m[part][key] = m[part][key], value
         inside = is_number(value) and (value > 0 or key.startswith("lateral_centroid"))
-        if key in {"length_m", "beam_m", "draft_m"}:
-            inside = False
+        if key in SIZES:
+            inside = is_number(value) and abs(value / own - 1) < SAME_SIZE
     (folder / "manifest.json").write_text(json.dumps(m))
     work = partial(_reads_case, folder, part, key, value)
     return Tried(f"{part}.{key} = {value!r}", work, "either" if inside else "refuse", ("manifest", "r01", key, "ship"))
 
 
+SIZES, SAME_SIZE = {"length_m", "beam_m", "draft_m"}, 0.02
+"""Sizes of the ship, and how far another may be [relative] that is taken for the same."""
 PLACES = {
     "approach_speed_m_s": ("speed", 1.0), "rudder_rate_deg_s": ("rudder_rate", np.pi / 180), "nominal_rpm": ("rpm", 1),
     "calm_water_resistance_kN": ("resistance", 1e3), "displacement_t": ("displacement", 1e3),
@@ -213,7 +215,7 @@ PLACES = {
 def _reads_case(folder: Path, part: str, key: str, value: Any) -> str:
     """Read a case; its ship is as the manifest says."""
     case = read_case(folder)
-    if part == "particulars":
+    if part == "particulars" and key not in SIZES:
         name, unit = PLACES[key]
         got = getattr(case.hull.particulars, name)
         return "" if abs(got / (value * unit) - 1) < 1e-9 else f"{name} is {got}"

@@ -7,6 +7,7 @@ import sys
 import traceback
 from collections import deque
 from collections.abc import Callable, Generator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
@@ -111,6 +112,21 @@ def _heard(reader: Connection, name: str, process: BaseProcess) -> Event:
 def _do(task: Task, effort: ComputingEffort, writer: Connection, parent: int) -> None:
     """Do a chapter in a process of its own."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # ctrl-C is the parent's, which ends this process
+
+    def say(what: str) -> None:
+        if os.getppid() != parent:  # killed: nobody waits for this chapter
+            os._exit(1)
+        writer.send(("said", what))
+
+    try:
+        end = _logged(task, effort, say)
+    except OSError as error:  # the log cannot be written, as on a full disk
+        end = "failed", explain(error) or in_short(error)
+    writer.send(end)
+
+
+def _logged(task: Task, effort: ComputingEffort, say: Say) -> tuple[str, str]:
+    """Do a chapter, with what it prints in its log; how it ended, and why it failed."""
     task.log.parent.mkdir(parents=True, exist_ok=True)
     with task.log.open("w", buffering=1, encoding="utf-8") as log:
         for number in (1, 2):
@@ -118,20 +134,15 @@ def _do(task: Task, effort: ComputingEffort, writer: Connection, parent: int) ->
         sys.stdout = sys.stderr = log
         use_threads(1)
         torch.manual_seed(effort.seed)
-
-        def say(what: str) -> None:
-            if os.getppid() != parent:  # killed: nobody waits for this chapter
-                os._exit(1)
-            writer.send(("said", what))
-
         try:
             began = monotonic()
             section = task.run(effort, say)
             task.keep(section, monotonic() - began)
             end = "finished", ""
         except Exception as error:  # whatever it is, the other chapters go on
-            traceback.print_exc(file=log)
+            with suppress(OSError):
+                traceback.print_exc(file=log)
             end = "failed", explain(error) or in_short(error)
     if not task.log.stat().st_size:
         task.log.unlink()
-    writer.send(end)
+    return end

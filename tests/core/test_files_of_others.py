@@ -12,7 +12,7 @@ from rich.table import Table
 from manoeuvre_nn.core.data_files import check_plain, load_json, load_yaml, read_as, without_format
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage
-from manoeuvre_nn.core.plain_text import as_file_name, check_name, harmless
+from manoeuvre_nn.core.plain_text import as_file_name, check_name, harmless, listed
 from manoeuvre_nn.core.terminal import Terminal
 
 
@@ -157,3 +157,10 @@ def test_a_file_that_the_system_does_not_read_is_refused(tmp_path, monkeypatch):
     path.write_text("a: 1")
     monkeypatch.setattr(Path, "read_text", fail)
     assert "cannot be read: Input/output error" in refused(load_yaml, path)
+
+
+def test_an_error_lists_names_that_fit_a_line():
+    assert listed(["t", "u"]) == "t, u" and listed([]) == "none"
+    assert listed(["x" * 25, "y" * 26]) == f"{'x' * 25}, {'y' * 22}..."
+    line = listed([f"{k:060d}" for k in range(1000)])
+    assert line.endswith(" and 980 more") and len(line) < 600

@@ -97,6 +97,16 @@ def test_a_damaged_file_of_coefficients_is_refused_in_one_line():
         fitted_from({k: v for k, v in stored.items() if k != "covariance"})
     with pytest.raises(InputError, match="values has shape"):
         fitted_from({**stored, "values": [1.0]})
+    for key, spoilt in (
+        ("values", [1.0, np.inf]),
+        ("inertia", [[1, 0, 0], [0, 1, 0], [0, "inf", 1]]),
+        ("inertia", [[1, 0, 0], [0, 1, 2], [0, 1, 1]]),
+        ("inertia", [[-1, 0, 0], [0, 1, 0], [0, 0, 1]]),
+        ("covariance", [[-1, 0], [0, 1]]),
+        ("spread", [0, 1]),
+    ):
+        with pytest.raises(InputError, match=key):
+            fitted_from({**stored, key: spoilt})
 
 
 def test_what_is_known_of_two_coefficients_that_go_together_is_their_sum():

@@ -1,6 +1,7 @@
 """Words from files of others: what a terminal, a page or a path would obey is taken out or refused."""
 
 import re
+from collections.abc import Sequence
 
 from manoeuvre_nn.core.errors import InputError
 
@@ -10,10 +11,20 @@ a letter. The tab and the end of a line are none of them."""
 MAX_NAME = 150
 """Letters of a name; with an ending it must fit the 255 bytes of a file's name."""
 
+LISTED, MOST_LISTED = 25, 20
+"""Letters of a name, and names, that an error lists."""
+
 
 def harmless(text: str) -> str:
     r"""A text that can be shown anywhere: what would be obeyed stands as ``\x1b`` instead."""
     return OBEYED.sub(lambda found: repr(found[0])[1:-1], text)
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names for a line of an error: the first 20, each up to 25 letters, and how many more there are."""
+    shown = [name if len(name) <= LISTED else f"{name[: LISTED - 3]}..." for name in names[:MOST_LISTED]]
+    more = f" and {len(names) - MOST_LISTED} more" if len(names) > MOST_LISTED else ""
+    return (", ".join(shown) or "none") + more
 
 
 def check_name(what: str, name: object) -> str:

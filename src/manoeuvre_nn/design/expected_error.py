@@ -37,7 +37,7 @@ class DesignEffort:
     """How much is computed.
 
     Attributes:
-        truths: Members that are taken as the truth, one after the other.
+        truths: Members that are taken as the truth, one after the other; all of them where they are fewer.
         others: Members that learn from it each time.
         samples: Samples of what is recorded already that they learn from at most; a candidate's are as dense.
         seed: Seed of the noise.

@@ -119,7 +119,7 @@ def fitted_from(stored: Mapping[str, Any]) -> Fitted:
         The coefficients.
 
     Raises:
-        InputError: If something is missing or of the wrong size.
+        InputError: If something is missing, of the wrong size, not finite, or an inertia or variance that cannot be.
     """
     try:
         names = tuple((int(o), str(t)) for o, t in stored["names"])
@@ -131,6 +131,13 @@ def fitted_from(stored: Mapping[str, Any]) -> Fitted:
     for key, shape in zip(ARRAYS, ((p,), (p, p), (p,), (p,), (3, 3)), strict=True):
         if arrays[key].shape != shape:
             raise InputError(f"coefficients: {key} has shape {arrays[key].shape}, expected {shape}; fit again")
+        if not np.isfinite(arrays[key]).all():
+            raise InputError(f"coefficients: {key} holds what is no finite number; fit again")
+    m = arrays["inertia"]
+    if not (m[0, 0] > 0 and m[1, 1] > 0 and np.linalg.det(m[1:, 1:]) > 0):  # kinetic energy of any motion
+        raise InputError(f"coefficients: inertia {m.tolist()} is no ship's; fit again")
+    if (arrays["covariance"].diagonal() < 0).any() or (arrays["spread"] <= 0).any():
+        raise InputError("coefficients: covariance or spread holds no squares of errors; fit again")
     return Fitted(names, form=form, **arrays)
 
 

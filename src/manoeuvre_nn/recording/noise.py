@@ -28,12 +28,15 @@ def add_noise(recording: Recording, sd: Mapping[str, float], seed: int = 0) -> R
         What was written down.
 
     Raises:
-        InputError: If a standard deviation is negative.
+        InputError: If a standard deviation is negative, or a channel is not recorded.
     """
     noisy = {}
     for name, value in sd.items():
         if not value >= 0:
             raise InputError(f"noise of {name} is {value}; expected a standard deviation in SI units, 0 or more")
+        if name not in recording.channels:
+            has = ", ".join(recording.channels)
+            raise InputError(f"noise of {name}: recording {recording.name} has no such channel; it has: {has}")
         stream = np.random.default_rng([seed, crc32(name.encode())])
         noisy[name] = recording[name] + value * stream.standard_normal(len(recording))
     return replace(

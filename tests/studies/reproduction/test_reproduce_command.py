@@ -255,6 +255,14 @@ def test_processes_end_when_nobody_listens(tmp_path):
         os.kill(number, 0)
 
 
+def test_a_chapter_whose_log_cannot_be_written_fails_in_a_line(tmp_path, capfd):
+    (tmp_path / "chapters").write_text("a file where the folder should be")
+    chapter = Task("1", endless, lambda section, seconds: None, tmp_path / "chapters" / "1.log")
+    *_, end = do_chapters([chapter], ComputingEffort(), 1)
+    assert end.kind == "failed" and end.text.startswith("cannot write ")
+    assert capfd.readouterr().err == ""
+
+
 def test_as_many_chapters_are_at_work_as_there_are_workers(tmp_path):
     def run(effort, say):
         say("a")

@@ -11,6 +11,7 @@ import pandas as pd
 from jaxtyping import Float
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.plain_text import listed
 from manoeuvre_nn.recording.propose.headings import Heading, take_apart
 from manoeuvre_nn.recording.read.containers import has_reader
 from manoeuvre_nn.recording.read.mapping import Mapping
@@ -58,7 +59,7 @@ class Sniffed:
 
     def overview(self) -> str:
         """What its first columns are called."""
-        return ", ".join(self.called(h.column) for h in self.headings[:20])
+        return listed([self.called(h.column) for h in self.headings])
 
 
 def sniff(path: Path) -> Sniffed:

@@ -13,6 +13,7 @@ from scipy.ndimage import find_objects, label
 from manoeuvre_nn.core.channels import PERIODIC
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.frames import body_to_earth, earth_to_body
+from manoeuvre_nn.core.plain_text import listed
 from manoeuvre_nn.core.recording import Recording, followed
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE
@@ -185,7 +186,7 @@ def _recorded_channels(table: Table, mapping: Mapping, rows: slice) -> list[str]
     kept = [name for name in there if name in full and halves.get(name, name) in full]
     if not any(a in kept for a, _ in PAIRS):
         pairs = " or ".join(f"{column[a]}, {column[dict(PAIRS)[a]]}" for a in column if a in dict(PAIRS))
-        raise InputError(f"{file}: neither position nor velocity: it needs {pairs}; it has: {', '.join(headings[:20])}")
+        raise InputError(f"{file}: neither position nor velocity: it needs {pairs}; it has: {listed(headings)}")
     return kept
 
 

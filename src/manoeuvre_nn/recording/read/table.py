@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.memory import check_memory
+from manoeuvre_nn.core.plain_text import listed
 from manoeuvre_nn.recording.read.containers import check_there, columns_in, has_reader
 from manoeuvre_nn.recording.read.quantity import STAMPS
 from manoeuvre_nn.recording.read.text import EMPTY, cells_of, even_frame, is_blank, lines_of
@@ -223,6 +224,6 @@ def _check_headings(
     """Refuse headings that are missing or stand twice."""
     for column in columns:
         if column not in headings and column not in optional:
-            raise InputError(f"{path.name}: no column {column!r}; it has: {', '.join(headings[:30]) or 'none'}{hint}")
+            raise InputError(f"{path.name}: no column {column!r}; it has: {listed(headings)}{hint}")
         if headings.count(column) > 1:
             raise InputError(f"{path.name}: column {column!r} stands {headings.count(column)} times; rename one")
