@@ -12,8 +12,9 @@ What is tried, by the part of the number that is drawn:
 - *proposed*: a file whose headings name its channels and units; what ``import`` proposes and does not doubt is right.
 - *faults*: a recording whose channels contradict each other or the ship (robustness_faults.py says which): it **must be
   reported** by the checks or refused; the same without a fault must not be.
-- *mapping, effects, manifest, manoeuvre, ship, records, hostile yaml*: one value of a file of settings is changed
+- *mapping, effects, manifest, manoeuvre, ship, records*: one value of a file of settings is changed
   (robustness_settings.py). What makes no sense **must be refused**; else what it says must be what is used.
+- *trap*: a file that would run something or never end (robustness_traps.py). It **must be refused**.
 
 No fault is planted that no data can tell: a mirror of the whole motion, a current against a log that is off, one
 plausible unit for another in a channel that nothing else measures.
@@ -28,6 +29,7 @@ import numpy as np
 import robustness_faults
 import robustness_recordings
 import robustness_settings
+import robustness_traps
 from robustness_attack import Ended, Outcome, in_child
 from robustness_oracle import Tried
 
@@ -58,7 +60,7 @@ def attack(number: int, seed: int, folder: Path) -> Outcome:
     kind = names[rng.choice(len(names), p=shares / shares.sum())]
     tried = KINDS[kind][1](rng, folder)
     ended = in_child(partial(_answer, tried, folder), folder, LIMIT_S)
-    return _named(tried, f"{kind}: {tried.what}", ended, (folder / robustness_settings.CANARY).exists())
+    return _named(tried, f"{kind}: {tried.what}", ended, (folder / robustness_traps.CANARY).exists())
 
 
 def _answer(tried: Tried, folder: Path) -> None:
