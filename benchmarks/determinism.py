@@ -29,8 +29,8 @@ CIRCUMSTANCES: dict[str, dict[str, str]] = {
 }
 """What differs in the environment."""
 THREADS = ("trainer.threads=2",)
-TOLD = ("config.yaml", "multirun.yaml", "overrides.yaml", ".png", ".html")
-"""Files that repeat the words of the command, and figures and pages, which show numbers that stand in other files."""
+TOLD = ("config.yaml", "multirun.yaml", "overrides.yaml", "sweep.csv", ".png", ".html")
+"""Files that repeat words of the command or show numbers that stand in other files."""
 PROCESSES = {"diagnose": ("workers=2",), "sweep": ("hydra.launcher.n_jobs=2",), "trial": ("jobs=1",)}
 """Family of commands -> words that change the number of processes."""
 

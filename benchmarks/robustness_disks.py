@@ -7,6 +7,7 @@ needs root and a mount namespace: where there is none, the attack is refused, an
 Half of the disks hold what the same command has written before, which is to be written again.
 """
 
+import codecs
 import ctypes
 import json
 import os
@@ -172,6 +173,7 @@ def _prepare(disk: _Disk, pipes: list[tuple[int, int]]) -> None:
     if disk.kind == "file":
         resource.setrlimit(resource.RLIMIT_FSIZE, (disk.size, disk.size))
     elif disk.kind == "nobody":
+        codecs.lookup("utf-8-sig")  # the interpreter itself may lie where this user reads nothing
         os.setresgid(NOBODY, NOBODY, NOBODY)
         os.setresuid(NOBODY, NOBODY, NOBODY)
 

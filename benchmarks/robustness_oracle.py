@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import pandas as pd
 
 import manoeuvre_nn as mnn
 
@@ -164,13 +163,14 @@ def _cut(line: str, delimiter: str) -> list[str]:
 
 def table_of(path: Path) -> dict[str, list[Any]] | str:
     """The columns of a MAT or parquet file, by their own libraries; or that they cannot be read."""
+    from pyarrow import parquet
     from scipy.io import loadmat
 
     try:
         if path.suffix == ".mat":
             given = {k: np.ravel(v) for k, v in loadmat(path).items() if not k.startswith("__")}
         else:
-            given = {k: v.to_numpy() for k, v in pd.read_parquet(path).items()}
+            given = {k: v.to_numpy() for k, v in parquet.read_table(path).to_pandas(ignore_metadata=True).items()}
     except Exception as error:  # noqa: BLE001 - whatever they raise, the file cannot be read
         return f"{type(error).__name__} by its own library"
     return {k: list(v) for k, v in given.items()}

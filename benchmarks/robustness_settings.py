@@ -299,6 +299,7 @@ def ship(rng: np.random.Generator, folder: Path) -> Tried:
     key = str(rng.choice([*said, "colour"]))
     said[key] = value = _odd(rng)
     _write(folder / "mine.yaml", said)
+    value = yaml.safe_load((folder / "mine.yaml").read_text())[key]  # blanks of other alphabets end lines
     word = isinstance(value, str | int | float) and not isinstance(value, bool)
     good = word if key == "name" else is_number(value) and value > 0 or (key == "displacement_t" and value is None)
     bad = key in {"_target_", "colour"} or not good

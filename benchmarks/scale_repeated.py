@@ -27,8 +27,9 @@ METHODS = {
     "levenberg_marquardt": (*ONE_STEP, "fit.stops.min_grad=0"),
     "backprop": ("network=wang", "network.hidden=2", "fit=backprop", "fit.iterations_per_epoch=2"),
     "closed_loop": ("network=modulus", "fit=closed_loop", "fit.enough=1e-300", "data.length=150"),
-    "ensemble": ("network=hull_rudder", "network.members=1", "network.hidden=2", "fit=ensemble", "fit.epochs=3"),
+    "ensemble": ("network=hull_rudder", "network.members={count}", "network.hidden=2", "fit=ensemble", "fit.epochs=3"),
 }
+"""Way of training -> settings; an ensemble trains a member an epoch."""
 
 
 def watched(work: Callable[[Done], object], told: Path) -> None:
@@ -59,7 +60,7 @@ def epochs(count: int, folder: Path) -> Kinds:
             keep = session._BestAndLast.on_train_epoch_end
             session._BestAndLast.on_train_epoch_end = reading  # type: ignore[method-assign]
             length = (f"trainer.max_epochs={count}", f"scoring.every={count}", f"hydra.run.dir={folder / method}")
-            command("train", *TINY, *words, *length)
+            command("train", *TINY, *(word.format(count=count) for word in words), *length)
 
         yield method, work
 

@@ -27,7 +27,7 @@ sys.path.insert(0, str(ROOT))  # studies stand beside the package, not in it
 
 from manoeuvre_nn.core.ending import TERMINATED, Terminated, listen, one_line  # noqa: E402
 
-if __name__ == "__main__":
+if __name__ == "__main__" and not any(word.startswith("stage=") for word in sys.argv):
     listen()  # imports take seconds
 from manoeuvre_nn.core.errors import InputError  # noqa: E402
 from manoeuvre_nn.core.writing import locked  # noqa: E402
@@ -216,7 +216,6 @@ def main(arguments: list[str]) -> int:
     """
     given = settings(arguments)
     if "stage" in given:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # ctrl-C is for the process that began this one, and ends it
         try:
             run_stage(given)
         except Terminated:
@@ -246,13 +245,18 @@ def in_process(command: list[str], seed: str) -> int:
         Exit code.
     """
     with subprocess.Popen(
-        command, stdin=subprocess.PIPE, text=True, env=os.environ | {"OMP_NUM_THREADS": "1"}
+        command, stdin=subprocess.PIPE, text=True, env=os.environ | {"OMP_NUM_THREADS": "1"}, preexec_fn=_hear_no_ctrl_c
     ) as stage:
         try:
             stage.communicate(seed)
         finally:
             stage.terminate()
     return stage.returncode
+
+
+def _hear_no_ctrl_c() -> None:
+    """In the process of a stage: ctrl-C is for the process that began this one, and ends it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 if __name__ == "__main__":

@@ -25,7 +25,7 @@ from studies.concealed_trial.scoreboard import label_losses, markdown, scoreboar
 
 KEPT_ENVIRONMENT = ("PATH", "HOME", "LANG", "TMPDIR", "VIRTUAL_ENV", "SYSTEMROOT")
 """What the tool's processes see of the environment."""
-POLL = 1.0
+POLL, PATIENCE = 1.0, 20.0
 """How often progress is looked at [s]."""
 
 
@@ -177,16 +177,15 @@ def answer(recordings: Path, answers: Path, command: Sequence[str], jobs: int, *
     answers.mkdir(parents=True, exist_ok=True)
     environment = {key: os.environ[key] for key in KEPT_ENVIRONMENT if key in os.environ}
     environment |= {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
-    running = []
-    for part in parts:
-        words = [word.format(cases=part, out=answers.resolve()) for word in command]
-        with (part.parent / f"{part.name}.log").open("w") as log:
-            running.append(subprocess.Popen(words, cwd=root, env=environment, stdout=log, stderr=subprocess.STDOUT))
+    running: list[subprocess.Popen] = []
     try:
+        for part in parts:
+            words = [word.format(cases=part, out=answers.resolve()) for word in command]
+            with (part.parent / f"{part.name}.log").open("w") as log:
+                running.append(subprocess.Popen(words, cwd=root, env=environment, stdout=log, stderr=subprocess.STDOUT))
         _watch(running, answers, todo, Progress(f"{method}, cases answered", len(todo)))
     finally:
-        for process in running:
-            process.terminate()
+        _end(running)
     for part, process in zip(parts, running, strict=True):
         if process.returncode:
             log_file = part.parent / f"{part.name}.log"
@@ -201,6 +200,18 @@ def _part(folder: Path, recordings: Path, names: Iterable[str]) -> Path:
     for name in names:
         (folder / name).symlink_to((recordings / name).resolve(), target_is_directory=True)
     return folder.resolve()
+
+
+def _end(running: Sequence[subprocess.Popen]) -> None:
+    """End processes that are still at work, and wait until they are gone; what does not listen is killed."""
+    for process in running:
+        process.terminate()
+    for process in running:
+        try:
+            process.wait(PATIENCE)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
 
 
 def _watch(running: Sequence[subprocess.Popen], answers: Path, todo: Sequence[str], progress: Progress) -> None:

@@ -77,6 +77,19 @@ def test_sigterm_ends_with_143_and_is_what_it_was_before_afterwards(capsys):
     assert cleaned and signal.getsignal(signal.SIGTERM) is before
 
 
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_that_comes_while_memory_is_freed_is_not_lost(number, code, capsys):
+    class Freed:
+        def __del__(self):
+            signal.raise_signal(number)
+
+    def act():
+        Freed()  # Python would print what is raised now, and go on
+        threading.Event().wait(10)
+
+    assert ended(act, capsys) == (code, "stopped by SIGTERM" if code == 143 else "stopped by ctrl-C")
+
+
 def test_one_inside_another_says_it_once(capsys):
     def act():
         with one_line():

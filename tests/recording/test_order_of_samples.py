@@ -43,6 +43,17 @@ def test_any_order_has_a_ratio_of_two_and_stays_above_the_critical_one():
     assert disorder(np.full(50, 0.1 + 0.2)) == pytest.approx((np.nan, np.nan), nan_ok=True)
 
 
+def test_a_yaw_rate_that_never_moves_is_no_steady_turn_where_the_heading_says_that_it_varies():
+    for ship in SHIPS:
+        run, p = written(ship, "tc25"), ship_named(ship).particulars
+        found = no_order(run.with_channels(r=np.full(len(run), run["r"][-1])), p)
+        assert found is not None and found.text.startswith("r never moves, while by the heading"), ship
+        rate = np.full(len(run), run["r"][-1])
+        steady = run.with_channels(r=rate, psi=rate * run.time)
+        assert no_order(steady, p) is None
+        assert no_order(run.with_channels(r=0 * rate, psi=0 * rate, x=5 * run.time, y=0 * rate), p) is None
+
+
 @pytest.mark.parametrize("kind", DERIVED)
 @pytest.mark.parametrize("channel", ["x", "y", "psi"])
 @pytest.mark.parametrize("trial", WIDE)

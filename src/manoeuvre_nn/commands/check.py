@@ -87,8 +87,8 @@ def check(cfg: DictConfig, out: Path, console: Console | None = None) -> list[In
 
 def _files(cfg: DictConfig) -> list[Path]:
     """Files that are named, or all of the folder."""
-    folder = Path(cfg.data.folder)
-    names = configs.as_list(cfg.data.files)
+    folder = configs.path("data.folder", cfg.data.folder)
+    names = configs.names("data.files", cfg.data.files)
     paths = expand(folder, names, "data.files")
     if names:
         return paths

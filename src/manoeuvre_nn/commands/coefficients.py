@@ -13,6 +13,7 @@ from omegaconf import DictConfig, OmegaConf
 from pydantic import BaseModel, ConfigDict, Field
 from rich.console import Console
 
+from manoeuvre_nn.commands import config as configs
 from manoeuvre_nn.commands.job import NOTHING_HELD_OUT, make_fit, prepare
 from manoeuvre_nn.commands.provenance import shown, versions, write_provenance
 from manoeuvre_nn.commands.shelves import build, made_by, plain
@@ -105,7 +106,7 @@ def tell(cfg: DictConfig, out: Path, console: Console | None = None) -> Coeffici
             "coefficients are fitted in closed loop: write fit=closed_loop and network=cubic, modulus or abkowitz"
         )
     tests, inertia = _captive_tests(cfg), _inertia(cfg)
-    told = _read(Path(cfg.run)) if cfg.run is not None else _fitted(cfg, console)
+    told = _read(configs.path("run", cfg.run)) if cfg.run is not None else _fitted(cfg, console)
     if inertia is not None:
         told = _for_inertia(told, inertia)
     if tests is not None:
@@ -254,7 +255,7 @@ def _captive_tests(cfg: DictConfig) -> CaptiveTests | None:
     if cfg.captive.file is None:
         return None
     mapping = read_captive_mapping(cfg.captive.mapping, cfg.get("config_dir"))
-    path = Path(cfg.captive.file)
+    path = configs.path("captive.file", cfg.captive.file)
     if not path.is_file():
         raise InputError(f"captive.file={path} does not exist")
     return read_captive(path, mapping)

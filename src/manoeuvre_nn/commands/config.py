@@ -37,6 +37,22 @@ def switch(what: str, value: Any) -> bool:
     return value
 
 
+def path(what: str, value: Any) -> Path:
+    """Read a setting that names a file or folder; ``what`` is its name, and what is no word or number is refused."""
+    if isinstance(value, bool) or not isinstance(value, str | int | float) or value == "":
+        raise InputError(f"{what}={value}: expected the path of a file or folder")
+    return Path(str(value))
+
+
+def names(what: str, value: Any) -> list[str]:
+    """Read a setting that names one file or several; ``what`` is its name, and what is no word or number is refused."""
+    found = as_list(value)
+    for one in found:
+        if isinstance(one, bool) or not isinstance(one, str | int | float) or one == "":
+            raise InputError(f"{what}={value}: expected names of files, such as [A.csv,B.csv]")
+    return [str(one) for one in found]
+
+
 def training_manoeuvres(config: DictConfig) -> list[Manoeuvre]:
     """The manoeuvres of ``cfg.manoeuvre`` (an entry each or for several) with what holds for all of them."""
     chosen = [v for v in config.values() if isinstance(v, DictConfig) and TARGET in v]
@@ -80,7 +96,7 @@ def with_effects(cfg: DictConfig) -> DictConfig:
     """
     if cfg.get("effects") is None:
         return cfg
-    found, chosen = read_effects(Path(cfg.effects), cfg.get("config_dir")), cfg.get("effect") or {}
+    found, chosen = read_effects(path("effects", cfg.effects), cfg.get("config_dir")), cfg.get("effect") or {}
     for name in found:
         if name in chosen:
             raise InputError(f"{name} is both in effect= and in {cfg.effects}: leave one out")

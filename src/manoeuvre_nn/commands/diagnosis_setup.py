@@ -58,10 +58,10 @@ class _Setup:
         settings = RunSettings(
             held_out=c.held_out if isinstance(c.held_out, str) else configs.as_list(c.held_out),
             mapping=configs.read_mapping(c.mapping, c.get("config_dir")),
-            files=[] if c.files is None else [str(name) for name in configs.as_list(c.files)],
+            files=[] if c.files is None else configs.names("files", c.files),
             **told,
         )
-        return read_runs(Path(c.recordings), self._ship(), settings)
+        return read_runs(configs.path("recordings", c.recordings), self._ship(), settings)
 
     def _ship(self) -> Ship | None:
         """What was chosen with ship= and model=; None leaves it to a manifest."""
@@ -141,7 +141,7 @@ def setup(cfg: DictConfig, model: IdentifiedShip | None = None) -> _Setup:
         # It brings Lightning, seconds that a ship's own model needs not.
         from manoeuvre_nn.commands.job import load_model, with_rate
 
-        model = with_rate(load_model(Path(str(cfg.model))), "a diagnosis")
+        model = with_rate(load_model(configs.path("model", cfg.model)), "a diagnosis")
     chosen = cfg.candidates
     if chosen == DEFAULT and cfg.mapping is not None:
         given = configs.read_mapping(cfg.mapping, cfg.get("config_dir"))

@@ -122,7 +122,7 @@ def question_of(cfg: DictConfig) -> _Question:
         cfg.goal,
         ship,
         job,
-        None if cfg.model is None else with_rate(load_model(Path(str(cfg.model))), "excite"),
+        None if cfg.model is None else with_rate(load_model(configs.path("model", cfg.model)), "excite"),
         possible,
         targets,
         refused,
@@ -135,8 +135,9 @@ def _of_model(cfg: DictConfig) -> DictConfig:
     """The config with what a given model is and was trained on."""
     if cfg.model is None:
         return cfg
-    read_checkpoint(Path(str(cfg.model)))
-    told = config_beside(Path(str(cfg.model)))
+    path = configs.path("model", cfg.model)
+    read_checkpoint(path)
+    told = config_beside(path)
     plain = OmegaConf.to_container(cfg)
     assert isinstance(plain, dict)
     return OmegaConf.create({**plain, **{k: told[k] for k in OF_MODEL if k in told}})

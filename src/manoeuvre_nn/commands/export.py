@@ -49,7 +49,7 @@ def export(cfg: DictConfig, out: Path, console: Console | None = None) -> list[W
         raise InputError(f"document={cfg.document}: expected true or false")
     if cfg.run is None:
         raise InputError("run must be given: write run=OUT, the output folder of manoeuvre train")
-    checkpoint = checkpoint_of(Path(cfg.run))
+    checkpoint = checkpoint_of(configs.path("run", cfg.run))
     with waiting(console, "reading the model and what it was trained on"):
         program = program_of(checkpoint)
     kinds = list(WRITERS) if cfg.format == ALL else [cfg.format]
@@ -124,7 +124,8 @@ def _path(one: Written, cfg: DictConfig, checkpoint: Path) -> Path:
     """Where a text goes: to ``out``, which of several formats is a folder, or to the run's own folder."""
     if cfg.out is None:
         return checkpoint.resolve().parents[1] / FOLDER / one.file_name
-    return Path(cfg.out) / one.file_name if cfg.format == ALL else Path(cfg.out)
+    out = configs.path("out", cfg.out)
+    return out / one.file_name if cfg.format == ALL else out
 
 
 def _print(made: Sequence[Written], paths: Sequence[Path], fresh: Sequence[bool], console: Console) -> None:

@@ -199,7 +199,8 @@ def _recorded(cfg: DictConfig, common: dict[str, Any], names: list[str]) -> Reco
         raise InputError(f"effect=[{acting}] acts on simulated ships, data=recording are measured: leave effect= out")
     settings = plain(cfg.data)
     columns = configs.read_mapping(settings.pop("mapping"), cfg.get("config_dir"))
-    settings["files"] = configs.as_list(settings["files"])
+    settings["files"] = configs.names("data.files", settings["files"])
+    settings["folder"] = str(configs.path("data.folder", settings["folder"]))
     return build(settings, "data", **common, mapping=columns, score=names)
 
 

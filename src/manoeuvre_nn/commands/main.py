@@ -14,7 +14,7 @@ from omegaconf import DictConfig
 
 from manoeuvre_nn import __version__
 from manoeuvre_nn.commands import guard
-from manoeuvre_nn.commands.groups import CONF, options, own_folder, plugged_in
+from manoeuvre_nn.commands.groups import CONF, GROUPS, options, own_folder, plugged_in
 from manoeuvre_nn.core.ending import WRONG_INPUT
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.writing import locked
@@ -83,6 +83,7 @@ def run(command: str, words: list[str] | None = None) -> None:
     with guard.one_line():
         words, folder = own_folder(words)
         _check_options(words)
+        _check_choices(words)
         words, config = task_of(words, command, folder)
     sys.argv = [sys.argv[0], *words, *(() if folder is None else ("--config-dir", str(folder)))]
     guard.guarded(hydra.main(version_base="1.3", config_path=str(CONF), config_name=config)(_task(command)))
@@ -97,6 +98,14 @@ def _check_options(words: list[str]) -> None:
     parser = get_args_parser()
     parser.error = refuse  # type: ignore[method-assign]
     parser.parse_args([word for word in words if word != "--version"])
+
+
+def _check_choices(words: Sequence[str]) -> None:
+    """Refuse an option of a group that is a way to another folder."""
+    for word in words:
+        key, _, value = word.lstrip("+").partition("=")
+        if key in GROUPS and (".." in value or "/" in value[:2]):
+            raise InputError(f"{word}: expected the name of an option of {key}: {', '.join(options(key))}")
 
 
 def task_of(words: Sequence[str], command: str, own: Path | None = None) -> tuple[list[str], str]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import fields, replace
-from math import inf
+from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
@@ -124,8 +124,8 @@ def _data(
         if extra:
             raise InputError(f"{extra[0]} is for recordings over time; tables of records have no such setting")
         columns = read_records_mapping(settings["mapping"])
-        files = configs.as_list(settings["files"])
-        folder = str(settings["folder"])
+        files = configs.names("data.files", settings["files"])
+        folder = str(configs.path("data.folder", settings["folder"]))
         return recorded_records(quantities, files, columns, hull_form(cfg, ship), folder=folder, **common)
     if made_by(settings, "data") is not ResponseData:
         raise InputError(f"task={cfg.task} learns records: write data=seakeeping or data=recording")
@@ -140,7 +140,7 @@ def hull_form(cfg: DictConfig, ship: Particulars) -> HullForm:
     known = {f.name for f in fields(HullForm)}
     for name, value in said.items():
         check_choice("form", name, sorted(known))
-        if isinstance(value, bool) or not isinstance(value, int | float):
+        if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
             raise InputError(f"form.{name}={value}: expected a number")
     return replace(estimated_form(ship), **{name: float(value) for name, value in said.items()})
 

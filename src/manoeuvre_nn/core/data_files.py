@@ -27,6 +27,8 @@ MAX_YAML, MAX_JSON = 300_000, 10_000_000
 """Largest files [bytes]: yaml is read at about 100 kB a second."""
 MAX_VALUES = 300_000
 """Most values in a file, where a reference counts as what it refers to."""
+MAX_BITS = 1024
+"""Bits of a whole number: as a float it is finite, and it can be printed."""
 PLAIN = (str, int, float, bool, NoneType)
 """Kinds of values that settings have."""
 REFUSED = re.compile("[\x00-\x08\x0b-\x1f\x7f\ud800-\udfff]")
@@ -172,6 +174,8 @@ def _count(value: Any, counted: dict[int, int | None]) -> int:
         raise ValueError(f"{_short(value)} holds a control character; write letters")
     if isinstance(value, set | bytes | tuple):  # of tags such as !!set
         raise ValueError(f"{_short(value)} is a {type(value).__name__}; write numbers, words, lists or tables")
+    if isinstance(value, int) and value.bit_length() > MAX_BITS:
+        raise ValueError("a whole number is larger than anything counts; write fewer digits")
     if not isinstance(value, dict | list):
         return 1
     if id(value) in counted:

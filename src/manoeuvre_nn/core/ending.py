@@ -11,8 +11,9 @@ import traceback
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from functools import partial
 from types import FrameType
-from typing import TextIO
+from typing import Any, TextIO
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.plain_text import harmless
@@ -24,6 +25,8 @@ STOPPED, UNREAD, TERMINATED = 130, 141, 143
 OF_FILES = (errno.ENOENT, errno.EACCES, errno.ENOTDIR, errno.EEXIST, errno.EISDIR, errno.EROFS, errno.ENAMETOOLONG)
 MAX_LINE = 900
 """Characters of a line of an error: names that people give may be as long as they like."""
+AGAIN_S = 0.05
+"""After this long a signal that was lost is sent again [s]."""
 ANOTHER_FOLDER = "choose another folder (hydra.run.dir=, or out=)"
 
 
@@ -174,14 +177,28 @@ def _signals_raised() -> Generator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
+    unraisable = sys.unraisablehook
     before = {signal.SIGTERM: signal.signal(signal.SIGTERM, _raise_terminated)}
     if signal.getsignal(signal.SIGINT) is _end_now:
         before[signal.SIGINT] = signal.signal(signal.SIGINT, signal.default_int_handler)
+    sys.unraisablehook = partial(_raise_again, unraisable)
     try:
         yield
     finally:
+        sys.unraisablehook = unraisable
         for number, handler in before.items():
             signal.signal(number, handler or signal.SIG_DFL)
+
+
+def _raise_again(told: Callable[[Any], Any], lost: Any) -> None:
+    """Send a signal again that came while Python freed memory, where what is raised is lost."""
+    if not isinstance(lost.exc_value, KeyboardInterrupt):
+        told(lost)
+        return
+    number = signal.SIGTERM if isinstance(lost.exc_value, Terminated) else signal.SIGINT
+    again = threading.Timer(AGAIN_S, os.kill, (os.getpid(), number))  # by then this is over
+    again.daemon = True
+    again.start()
 
 
 def _raise_terminated(number: int, frame: FrameType | None) -> None:

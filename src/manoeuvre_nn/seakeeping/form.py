@@ -72,6 +72,11 @@ class HullForm:
                 f"hull with block {self.block}, waterplane {self.waterplane} and midship coefficient {self.midship}: "
                 "write block < waterplane < 1 and block < midship < 1"
             )
+        if not 0 < self.gyradius < 0.5 or not 0 < self.weight_height < self.length:
+            raise InputError(
+                f"hull with gyradius {self.gyradius} and weight_height {self.weight_height}: write a radius of "
+                "gyration between 0 and half the length, as a share of it, and a height above the keel in metres"
+            )
         _ = self._sections
 
     @cached_property

@@ -61,9 +61,11 @@ def own_particulars(settings: OwnParticulars) -> Particulars:
         The same in SI.
 
     Raises:
-        InputError: If the speed is not positive.
+        InputError: If the name is blank or the speed is not positive.
     """
     s = settings
+    if not s.name.strip():
+        raise InputError(f"a ship's name is {s.name!r}: write letters")
     if not s.speed_kn > 0:
         raise InputError(f"ship {s.name}: speed_kn is {s.speed_kn}; it must be positive")
     speed = s.speed_kn * KNOT

@@ -85,7 +85,7 @@ def noise_in_si(noise: Mapping[str, float]) -> dict[str, float]:
     result = {}
     for key, value in noise.items():
         check_choice("data.noise", key, list(NOISE_UNITS))
-        if not 0 <= value <= MAX_NOISE:
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value <= MAX_NOISE:
             raise InputError(f"data.noise.{key}={value}: expected a standard deviation, 0 or more, to {MAX_NOISE:g}")
         channel, unit = NOISE_UNITS[key]
         if value:

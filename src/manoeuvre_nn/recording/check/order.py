@@ -29,6 +29,9 @@ ROUNDING = 1e-12
 MOTION_SHARE = 0.5
 """Share of a channel's variance that others say is motion, from which on it must have an order."""
 
+UNEVEN = 0.1
+"""Share of a rate that it must vary by, as others tell, for one that never moves to be no steady turn or speed."""
+
 Series = Float[np.ndarray, " n"]
 
 
@@ -70,7 +73,11 @@ def no_order(recording: Recording, ship: Particulars) -> Finding | None:
 
 
 def _rate_without_order(run: Recording, ship: Particulars, has: set[str]) -> Finding | None:
-    """A rate without an order in time, although heading and track say that most of what it shows must be motion."""
+    """A rate without an order in time, or a yaw rate that never moves, although heading and track say that it must."""
+    if "r" in has and np.isnan(disorder(run["r"])[0]):
+        varies = float(np.sqrt(max(_motion_told(run, ship, "r"), 0.0)))
+        if varies > UNEVEN * float(np.nanmax(np.abs(run["r"]))) > 0:
+            return _finding("r", run["r"], f"by the heading its standard deviation is {varies / DEGREE:.2g} deg/s")
     for name in (k for k in ("r", "u", "v", "vn", "ve") if k in has):
         ratio, critical = disorder(run[name])
         if ratio > critical and _motion_told(run, ship, name) > MOTION_SHARE * np.nanvar(run[name]):
