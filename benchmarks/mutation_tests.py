@@ -87,9 +87,8 @@ class Recorder:
         """Begin to record."""
         import coverage
 
-        self.coverage = coverage.Coverage(
-            data_file=None, config_file=False, source=[str(ROOT / "src"), str(ROOT / "studies")], messages=False
-        )
+        folders = [str(ROOT / folder) for folder in ("src", "studies", "tests")]
+        self.coverage = coverage.Coverage(data_file=None, config_file=False, source=folders, messages=False)
         self.slowest, self.left_out = slowest, left_out
         self.stack: list[str] = ["import"]
         self.uses: dict[str, set[str]] = defaultdict(set)
@@ -261,7 +260,8 @@ class TestMap:
 
 def test_map(files: list[Path], cache: Path, slowest: float, left_out: frozenset[str]) -> TestMap:
     """The map of some files of tests; what was recorded before and has not changed is read."""
-    source = _digest([*sorted((ROOT / "src").rglob("*.py")), *sorted((ROOT / "studies").rglob("*.py"))])
+    rooms = [path for folder in ("src", "studies") for path in sorted((ROOT / folder).rglob("*.py"))]
+    source = _digest([Path(__file__), *rooms])
     found = TestMap()
     cache.mkdir(parents=True, exist_ok=True)
     for file in files:

@@ -44,8 +44,8 @@ def _tree(file: str) -> ast.Module:
 
 @cache
 def _files() -> tuple[str, ...]:
-    """Of package and studies."""
-    paths = [*sorted((ROOT / "src").rglob("*.py")), *sorted((ROOT / "studies").rglob("*.py"))]
+    """Of package, studies and tests: a test that reads a constant by its name may execute no line beside it."""
+    paths = [path for folder in ("src", "studies", "tests") for path in sorted((ROOT / folder).rglob("*.py"))]
     return tuple(str(path.relative_to(ROOT)) for path in paths)
 
 
@@ -71,9 +71,9 @@ def _uses() -> dict[str, set[tuple[str, int]]]:
         for node in ast.walk(_tree(file)):
             if isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Load):
                 found[node.id if isinstance(node, ast.Name) else node.attr].add((file, node.lineno))
-            elif isinstance(node, ast.FunctionDef):  # what its defaults are made of acts in its body
-                defaults = [d for d in (*node.args.defaults, *node.args.kw_defaults) if d is not None]
-                for name in (n.id for d in defaults for n in ast.walk(d) if isinstance(n, ast.Name)):
+            elif isinstance(node, ast.FunctionDef):  # what its defaults and cases are made of acts in its body
+                given = [*node.args.defaults, *filter(None, node.args.kw_defaults), *node.decorator_list]
+                for name in (n.id for d in given for n in ast.walk(d) if isinstance(n, ast.Name)):
                     lines = range(node.body[0].lineno, (node.end_lineno or 0) + 1)
                     found[name] |= {(file, line) for line in lines}
             elif isinstance(node, ast.ClassDef):
