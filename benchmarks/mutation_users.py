@@ -68,9 +68,12 @@ def _uses() -> dict[str, set[tuple[str, int]]]:
     """Name -> lines in functions where it is read, as a name or an attribute; of a class, its methods as well."""
     found: dict[str, set[tuple[str, int]]] = defaultdict(set)
     for file in _files():
+        imported = [alias for n in _tree(file).body if isinstance(n, ast.ImportFrom) for alias in n.names]
+        elsewhere = {alias.asname: alias.name for alias in imported if alias.asname}
         for node in ast.walk(_tree(file)):
             if isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Load):
-                found[node.id if isinstance(node, ast.Name) else node.attr].add((file, node.lineno))
+                name = node.id if isinstance(node, ast.Name) else node.attr
+                found[elsewhere.get(name, name)].add((file, node.lineno))
             elif isinstance(node, ast.FunctionDef):  # what its defaults and cases are made of acts in its body
                 given = [*node.args.defaults, *filter(None, node.args.kw_defaults), *node.decorator_list]
                 for name in (n.id for d in given for n in ast.walk(d) if isinstance(n, ast.Name)):

@@ -31,6 +31,14 @@ def test_products_are_those_of_their_letters():
     )
 
 
+def test_sway_turning_rudder_and_the_wind_from_the_side_change_their_signs_in_the_mirror():
+    x = torch.tensor([[0.8, -0.2, 0.5, 0.3, 1.1, 2.0, -1.5]], dtype=torch.float64)
+    made = Series(SeriesSettings(surge=[], lateral=list(VARIABLES), symmetric=False))
+    mirrored = made.products(x * torch.tensor([1.0, -1, -1, -1, 1, 1, -1]))
+    signs = torch.tensor([[parity(term) for term in made.terms]])
+    np.testing.assert_allclose(mirrored, made.products(x) * signs)
+
+
 def test_forces_are_sums_of_coefficients_times_products():
     made, x = filled(), torch.rand(5, 4, dtype=torch.float64)
     products = dict(zip(made.terms, made.products(x).T, strict=True))
