@@ -62,6 +62,13 @@ def test_a_circle_ends_when_the_heading_has_come_round(ship):
     assert np.diff(run["delta"]).max() == pytest.approx(SHIP.particulars.rudder_rate)
 
 
+def test_a_run_has_the_accelerations_of_what_it_has_velocities_of(ship):
+    run = simulate(ship, tactical_circle(35.0))
+    assert {name for name in run.channels if name.endswith("dot")} == {"udot", "vdot", "pdot", "rdot"}
+    assert run["rdot"] == pytest.approx(np.gradient(run["r"], run.time), abs=0.1 * np.ptp(run["rdot"]))
+    assert np.abs(run["udot"]).max() < 1e-9 < np.abs(run["rdot"]).max()
+
+
 def test_the_helmsman_reverses_at_the_heading_that_the_network_predicts(ship):
     run = simulate(ship, zigzag(20.0))
     changed = np.flatnonzero(np.diff(run["delta_order"]))

@@ -1,0 +1,66 @@
+"""Limits in what is proposed for a column and told of a recording, and holes where an instrument shows nothing."""
+
+import numpy as np
+import pytest
+from fleet import unchecked
+from pytest import approx
+
+from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.recording.check.steering import steady_approach
+from manoeuvre_nn.recording.check.weighed import strong_current
+from manoeuvre_nn.recording.holes import heading_across
+from manoeuvre_nn.recording.propose.headings import Heading
+from manoeuvre_nn.recording.propose.proposal import _other
+from manoeuvre_nn.ship.mariner import mariner
+
+SHIP = mariner().particulars
+
+
+@pytest.fixture(autouse=True)
+def _unchecked_types():
+    with unchecked():
+        yield
+
+
+@pytest.mark.parametrize("largest, unit", [(24.0, "1/s"), (26.0, "rpm")])
+def test_no_shaft_of_a_ship_that_is_not_known_turns_faster_than_twenty_five_times_a_second(largest, unit):
+    """A model's motor makes 20; a ship's slowest engine 30 to 60 a minute."""
+    chosen = _other("n", Heading("n", "n", ""), np.full(50, largest), 7.0, None)
+    assert chosen.unit == unit and chosen.decided is (unit == "rpm")
+
+
+@pytest.mark.parametrize("lengths, slopes", [(0.95, False), (1.05, True)])
+def test_an_approach_shows_slopes_from_one_ships_length_on(lengths, slopes):
+    time = np.arange(0.0, 60.0, 0.2)
+    zero, begins = 0 * time, lengths * SHIP.time_unit
+    c = {"u": zero + 7.0, "v": zero, "r": zero, "x": 7.0 * time, "y": zero, "psi": zero}
+    run = Recording("run", time, c | {"delta": 0.2 * (time > begins)})
+    assert ("straight and steady for" in steady_approach(run, SHIP).text) is slopes
+
+
+def circling(**channels) -> Recording:
+    """A circle in four minutes at 7 m/s through the water, in a current of 2.5 m/s to the north."""
+    time = np.arange(0.0, 240.0)
+    psi = 2 * np.pi * time / 240.0
+    north, east = 7.0 * np.cos(psi) + 2.5, 7.0 * np.sin(psi)
+    c = {"psi": psi, "vn": north, "ve": east, "u": north * np.cos(psi) + east * np.sin(psi), "u_log": 0 * time + 7.0}
+    return Recording("circle", time, c | channels)
+
+
+def test_a_log_and_a_velocity_over_ground_that_differ_tell_the_current_in_a_circle():
+    run = circling()
+    found = strong_current(run, SHIP)
+    assert found is not None and "a current of 2.5 m/s would explain it" in found.text
+    still = circling(vn=run["vn"] - 2.5, u=run["u"] - 2.5 * np.cos(run["psi"]))
+    assert strong_current(still, SHIP) is None
+
+
+@pytest.mark.parametrize("silent", ["before", "after", "throughout"])
+def test_where_the_gyro_shows_nothing_the_heading_tells_the_rate_of_turn(silent):
+    time = np.r_[0.0:60.0, 215.0:300.0]
+    psi = 2 * DEGREE * time
+    r = np.full_like(time, 2 * DEGREE)
+    r[{"before": time < 100, "after": time > 100, "throughout": time >= 0}[silent]] = np.nan
+    across = heading_across(Recording("turn", time, {"psi": np.unwrap(np.angle(np.exp(1j * psi))), "r": r}))
+    assert across["psi"] == approx(psi, abs=1e-9)
