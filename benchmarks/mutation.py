@@ -45,6 +45,7 @@ EQUIVALENT = Path(__file__).with_name("mutation_equivalent.yaml")
 NEIGHBOURS = {
     "core": ["manoeuvre", "effect", "network"],
     "estimation": ["diagnosis"],
+    "recording": ["diagnosis/test_findings_weighed.py", "diagnosis/test_holes_bridged.py"],
     "numerics": ["estimation", "training"],
     "scoring": ["diagnosis", "training"],
     "effect": ["physics", "dynamics"],

@@ -18,7 +18,7 @@ from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.design import expected_error
 from manoeuvre_nn.design.candidates import STEPS_PER_LENGTH, CandidateRun, ExpectedGain, remark, sail
 from manoeuvre_nn.design.expected_error import DesignEffort, disagreements, prospects
-from manoeuvre_nn.design.expected_information import information
+from manoeuvre_nn.design.expected_information import _columns, information
 from manoeuvre_nn.dynamics.limits import OK
 from manoeuvre_nn.dynamics.members import sail_members
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
@@ -200,7 +200,9 @@ def test_a_run_repeated_divides_standard_errors_by_the_root_of_two(whole):
         assert found.gain == pytest.approx(0.5 * log(2), rel=1e-3)
         assert found.then / found.now == pytest.approx(0.5**0.5, rel=1e-3)
     assert 0.5**0.5 - 1e-6 < found.then / found.now <= 1.0
-    assert set(found.targets) == {"X", "Y", "N"}
+    counts = {e: columns.shape[1] for e, columns in _columns(given, known, same).items()}
+    own = dict(zip("XYN", (ship.table != 0).sum(dim=0).tolist(), strict=True))
+    assert (counts == own) is whole and set(found.targets) == set(counts)
     assert found.per_minute == pytest.approx(60 * found.gain / found.seconds)
 
 

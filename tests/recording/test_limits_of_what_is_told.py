@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from fleet import unchecked
 from pytest import approx
+from scipy.signal import lfilter
 
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.recording.check.steering import steady_approach
+from manoeuvre_nn.recording.check.steering import rudder_lag, steady_approach
 from manoeuvre_nn.recording.check.weighed import strong_current
 from manoeuvre_nn.recording.holes import heading_across
 from manoeuvre_nn.recording.propose.headings import Heading
@@ -37,6 +38,23 @@ def test_an_approach_shows_slopes_from_one_ships_length_on(lengths, slopes):
     c = {"u": zero + 7.0, "v": zero, "r": zero, "x": 7.0 * time, "y": zero, "psi": zero}
     run = Recording("run", time, c | {"delta": 0.2 * (time > begins)})
     assert ("straight and steady for" in steady_approach(run, SHIP).text) is slopes
+
+
+@pytest.mark.parametrize("lengths, seen", [(-0.9, True), (0.5, True), (0.9, True), (1.05, False)])
+def test_a_late_or_early_rudder_is_timed_up_to_the_time_in_which_the_ship_sails_her_length(lengths, seen):
+    """Nomoto's equation: ``T rdot + r = K delta``, the rudder on and off by a sum of sines."""
+    time, late = np.arange(0.0, 900.0), lengths * SHIP.time_unit
+
+    def rudder(t):
+        return 0.2 * np.sin(t / 19.0) + 0.15 * np.sin(t / 31.0 + 1.0)
+
+    fine = np.arange(0.0, 900.0, 0.1)
+    r = lfilter([0.1], [1.0, 0.1 / 30.0 - 1.0], 0.05 / 30.0 * rudder(fine))[::10]
+    c = {"v": -40.0 * r, "r": r, "delta": rudder(time - late)}
+    found = rudder_lag(Recording("run", time, c), SHIP)
+    assert (found is not None) is seen
+    if found is not None:
+        assert found.measured == approx(late, abs=0.05 * SHIP.time_unit)
 
 
 def circling(**channels) -> Recording:
