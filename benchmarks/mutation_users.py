@@ -74,6 +74,8 @@ def _uses() -> dict[str, set[tuple[str, int]]]:
             if isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Load):
                 name = node.id if isinstance(node, ast.Name) else node.attr
                 found[elsewhere.get(name, name)].add((file, node.lineno))
+            elif isinstance(node, ast.Constant) and file.startswith("tests/") and _is_constants_name(node.value):
+                found[node.value] |= _around(file, node.lineno)
             elif isinstance(node, ast.FunctionDef):  # what its defaults and cases are made of acts in its body
                 given = [*node.args.defaults, *filter(None, node.args.kw_defaults), *node.decorator_list]
                 for name in (n.id for d in given for n in ast.walk(d) if isinstance(n, ast.Name)):
@@ -84,6 +86,16 @@ def _uses() -> dict[str, set[tuple[str, int]]]:
                     lines = range(function.body[0].lineno, (function.end_lineno or 0) + 1)
                     found[node.name] |= {(file, line) for line in lines}
     return found
+
+
+def _is_constants_name(value: object) -> bool:
+    return isinstance(value, str) and value.isidentifier() and value.isupper() and len(value) > 2
+
+
+def _around(file: str, line: int) -> set[tuple[str, int]]:
+    """Lines of the function that a line is in; of all functions of the file if it is in none."""
+    bodies = [range(f.body[0].lineno, (f.end_lineno or 0) + 1) for f in _functions(_tree(file))]
+    return {(file, k) for body in ([b for b in bodies if line in b] or bodies) for k in body}
 
 
 @cache

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 import torch
 from pytest import approx
-from trials import CALM, CIRCLE, run_of, sailed
+from trials import CIRCLE, run_of, sailed
 
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis import advise, case, forecast, formula, predictive, proof, windows
@@ -17,6 +17,7 @@ from manoeuvre_nn.effect.formula import library, mark_of
 from manoeuvre_nn.estimation.corrections import Corrections
 from manoeuvre_nn.estimation.hypothesis import NUMBER_OF_INTERVALS
 from manoeuvre_nn.ship.container import container
+from manoeuvre_nn.ship.mariner import mariner
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 
@@ -101,18 +102,18 @@ def test_a_shaft_that_was_ordered_is_told_where_it_was_not_recorded_and_not_the_
     assert any("was ordered otherwise than the model's nominal speed" in line for line in said) is told
 
 
-def test_a_random_moment_in_roll_rolls_the_ship_and_nothing_else_at_once():
-    """From rest in roll, over a step of 20 ms: the roll rate is the acceleration times the time."""
-    model = CalmWater(container())
-    rows, step, push = 4, 0.02, 1e-3
-    first = torch.zeros(rows, 8, dtype=torch.float64)
+@pytest.mark.parametrize("ship, driven, state", [(mariner, 2, 2), (container, 3, 7)])
+def test_a_random_moment_turns_or_rolls_the_ship_and_does_nothing_else_at_once(ship, driven, state):
+    """Over a step of 20 ms the rate is the acceleration times the time; the first row has no noise."""
+    model = CalmWater(ship())
+    rows, step, push, count = 5, 0.02, 1e-3, 6 + len(model.own_names)
+    first = torch.zeros(rows, count, dtype=torch.float64)
     first[:, 0] = model.particulars.speed
     columns = {name: torch.full((rows, 2), float(name == "shaft")) for name in ("delta", "shaft")}
-    noise = torch.zeros(2, rows, 4, dtype=torch.float64)
-    noise[:, 1:, 3] = push
+    noise = torch.zeros(2, rows, 3 + bool(model.own_names), dtype=torch.float64)
+    noise[:, 1:, driven] = push
     shares = torch.zeros(rows, len(Corrections(model).names), dtype=torch.float64)
     end = predictive._integrated(model, first, columns, np.arange(2), (0.0, step), shares, noise)[-1]
     moved = (end - end[0]).numpy()
-    assert moved[1:, 7] == approx(np.full(3, push * step), rel=1e-2)
-    assert np.abs(moved[:, :3]).max() < 0.05 * push * step
-    assert CALM.own_names == () and model.own_names == ("phi", "p")
+    assert moved[1:, state] == approx(np.full(4, push * step), rel=1e-2)
+    assert np.abs(np.delete(moved, state, axis=1)).max() < 0.05 * push * step * (1.0 if ship is container else 60.0)
