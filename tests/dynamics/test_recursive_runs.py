@@ -19,6 +19,7 @@ from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.manoeuvre.straight import straight
 from manoeuvre_nn.manoeuvre.turning import tactical_circle
 from manoeuvre_nn.manoeuvre.zigzag import overshoot, zigzag
+from manoeuvre_nn.network.force_modules import BasicForces
 from manoeuvre_nn.network.recursive import RecursiveNetwork, RecursiveSettings
 from manoeuvre_nn.ship.container import container
 
@@ -118,6 +119,14 @@ def test_a_split_between_the_sides_reaches_the_forces_and_the_record(ship):
     assert run["delta_starboard"] - run["delta_port"] == pytest.approx(np.full(len(run), 10 * DEGREE))
     assert run["n_starboard"] / run["n_port"] == pytest.approx(np.full(len(run), 1.1 / 0.9))
     assert run["r"][20] > 0.0 and abs(alike["r"][20]) < 1e-12  # the starboard rudder alone turns this ship
+
+
+def test_shaft_speeds_of_both_sides_part_about_that_of_the_approach(ship, monkeypatch):
+    seen, forces = [], BasicForces.forward
+    monkeypatch.setattr(BasicForces, "forward", lambda self, *given: seen.append(given[2]) or forces(self, *given))
+    simulate(ship, replace(tactical_circle(20.0), shaft_split=0.1))
+    n = SHIP.shaft_rpm / 60 * LENGTH / SPEED
+    assert seen[-1][0, 2:4].tolist() == pytest.approx([1.1 * n, 0.9 * n])
 
 
 def test_a_run_that_leaves_the_physical_range_says_when():

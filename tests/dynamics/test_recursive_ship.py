@@ -137,13 +137,18 @@ def test_constants_of_the_forces_are_the_ships_over_powers_of_her_length():
     ship, water = SHIP.particulars, SHIP.particulars.rho
     made, air = force_constants(ship, ForceSettings()), ship.above_water
     lengths = [made.diameter, made.gm, made.wind_areas.lateral_centre, made.wind_areas.length_overall]
-    assert [LENGTH * c for c in lengths] == pytest.approx(
-        [0.55 * ship.draught, ship.heeling.gm, air.lateral_centre, air.length_overall]
-    )
+    assert [LENGTH * c for c in lengths] == pytest.approx([
+        0.55 * ship.draught,
+        ship.heeling.gm,
+        air.lateral_centre,
+        air.length_overall,
+    ])
     areas = [2 * made.rudder_area, made.wind_areas.frontal, made.wind_areas.lateral]
-    assert [LENGTH**2 * c for c in areas] == pytest.approx(
-        [ship.rudder_area_ratio * LENGTH * ship.draught, air.frontal, air.lateral]
-    )
+    assert [LENGTH**2 * c for c in areas] == pytest.approx([
+        ship.rudder_area_ratio * LENGTH * ship.draught,
+        air.frontal,
+        air.lateral,
+    ])
     assert LENGTH**3 * made.volume == pytest.approx(ship.mass / water) and made.water == water
 
 

@@ -1,11 +1,14 @@
-"""How much slower averages of correlated errors get better than those of white noise."""
+"""What noise tells: averages of correlated errors, and samples of noise with outliers."""
 
 import numpy as np
 import pytest
 from pytest import approx
 from scipy.signal import lfilter
+from scipy.stats import norm
+from scipy.stats import t as student_t
 
-from manoeuvre_nn.estimation.measurement_noise import MIN_SAMPLES
+from manoeuvre_nn.estimation.hypothesis import Hypothesis
+from manoeuvre_nn.estimation.measurement_noise import GAUSSIAN, INFORMATION, MIN_SAMPLES, STUDENT_FREEDOM
 from manoeuvre_nn.estimation.smoothed_run import _long_run
 
 WHITE = np.random.default_rng(0).standard_normal((40_000, 2))
@@ -28,3 +31,21 @@ def test_a_channel_of_too_few_samples_counts_as_white():
     slow[MIN_SAMPLES:, 0] = slow[MIN_SAMPLES - 1 :, 1] = 0.0
     enough, few = _long_run(slow)
     assert enough > 5.0 and few == 1.0
+
+
+def test_a_sample_of_students_t_tells_as_much_as_its_score_varies():
+    score = lambda x: (STUDENT_FREEDOM + 1) * x / (STUDENT_FREEDOM + x**2)  # noqa: E731
+    assert student_t(STUDENT_FREEDOM).expect(lambda x: score(x) ** 2) == approx(INFORMATION, rel=1e-6)
+
+
+def test_the_scale_of_students_t_that_fits_gaussian_noise_best_is_where_its_likelihood_is_level():
+    def slope(x: float) -> float:
+        return (STUDENT_FREEDOM + 1) * x**2 / (STUDENT_FREEDOM + x**2) - 1
+
+    assert norm(scale=GAUSSIAN).expect(slope) == approx(0.0, abs=1e-3)
+
+
+def test_effects_that_are_joined_keep_the_campaigns_of_either():
+    neither, either = Hypothesis((), ()), Hypothesis((), (), campaigns=(0, 0, 1))
+    assert neither.joined(either).campaigns == either.joined(neither).campaigns == (0, 0, 1)
+    assert neither.joined(neither).campaigns == ()

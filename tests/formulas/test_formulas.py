@@ -256,20 +256,24 @@ def test_a_symbol_from_outside_is_letters_and_no_command(symbol):
     assert Variable("V", "kn", 0.5, "speed", r"\bar{\psi}_{1/3}").symbol == r"\bar{\psi}_{1/3}"
 
 
-def test_names_that_no_language_takes_are_refused_and_those_of_the_house_make_way():
-    def named(name: str) -> Response:
-        inputs = [Variable(name, "m", 1.0, "a length", low=1.0, high=2.0), *VARIABLES[1:]]
-        quantities = Quantities(inputs, PITCH, [name, "V", "cos_beta", "Hs", "T"], per=name)
-        return Response(response().network, scaling(5, 1), quantities).requires_grad_(False)
+def named(name: str) -> Response:
+    inputs = [Variable(name, "m", 1.0, "a length", low=1.0, high=2.0), *VARIABLES[1:]]
+    quantities = Quantities(inputs, PITCH, [name, "V", "cos_beta", "Hs", "T"], per=name)
+    return Response(response().network, scaling(5, 1), quantities).requires_grad_(False)
 
+
+def test_a_name_longer_than_a_line_stays_whole_in_c():
+    longer = "a" * (LINE + 20)
+    assert longer in c_text(to_program(named(longer))).partition("{")[2]
+
+
+def test_names_that_no_language_takes_are_refused_and_those_of_the_house_make_way():
     for name in ("lambda", "double", "exp", "median"):
         with pytest.raises(InputError, match=f"{name}' cannot be a name"):
             to_program(named(name))
     for name in ("h_1", "x_1", "y_1", "math_"):
         for kind in WRITERS:
             assert (kind == "c" and not compiler()) or write_down(to_program(named(name)), kind).difference < 1e-12
-    longer = "a" * (LINE + 20)
-    assert longer in c_text(to_program(named(longer))).partition("{")[2], "a name stays whole in the lines of C"
 
 
 def test_lines_of_python_are_as_long_as_they_may_be_and_no_longer():

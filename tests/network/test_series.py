@@ -79,6 +79,17 @@ def test_the_estimate_answers_and_members_scatter_as_their_covariance_says():
     np.testing.assert_allclose(made.of(x, rows).detach(), torch.stack(alone).detach())
 
 
+def test_how_well_coefficients_are_known_is_told_after_a_fit():
+    """The forces of all standard errors together have the variance that the covariance says: 0.01 of each product."""
+    x = torch.rand(5, 4, dtype=torch.float64)
+    assert series().sensitivities(x).shape == (5, 0, 3)
+    made = filled()
+    by_hand = torch.zeros(5, 3, dtype=torch.float64)
+    for output, term in made.names:
+        by_hand[:, output] += 0.01 * made.products(x)[:, made.terms.index(term)].square()
+    np.testing.assert_allclose(made.sensitivities(x).square().sum(dim=1).detach(), by_hand)
+
+
 def test_without_the_shaft_speed_forces_scale_with_the_square_of_the_approach():
     made = filled(surge=["a", "a a"], lateral=["v", "r", "a d"])
     assert made.speed_law == "approach"

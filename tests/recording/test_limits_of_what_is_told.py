@@ -8,10 +8,12 @@ from scipy.signal import lfilter
 
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.recording.check.steering import rudder_lag, steady_approach
+from manoeuvre_nn.recording.check.steering import _first_execute, rudder_lag, steady_approach
+from manoeuvre_nn.recording.check.units import speed_unit
 from manoeuvre_nn.recording.check.weighed import strong_current
 from manoeuvre_nn.recording.holes import heading_across
 from manoeuvre_nn.recording.propose.headings import Heading
+from manoeuvre_nn.recording.propose.motion_columns import _headings
 from manoeuvre_nn.recording.propose.proposal import _other
 from manoeuvre_nn.ship.mariner import mariner
 
@@ -55,6 +57,39 @@ def test_a_late_or_early_rudder_is_timed_up_to_the_time_in_which_the_ship_sails_
     assert (found is not None) is seen
     if found is not None:
         assert found.measured == approx(late, abs=0.05 * SHIP.time_unit)
+
+
+UNITS = [  # track over u and v, what is told
+    (1852 / 3600, "knots: write unit: kn"), (3600 / 1852, "m/s, not knots"), (1000 / 3600, "km/h: write unit: km/h"),
+    (3600 / 1000, "m/s, not km/h"), (12 * 0.0254, "metres, not feet"), (1 / (12 * 0.0254), "feet: write unit: ft"),
+    (0.001, "milliseconds"), (1000.0, "seconds, not milliseconds"), (60.0, "minutes"),
+    (1 / 60.0, "seconds, not minutes"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("off", [0.96, 1.0, 1.04])
+@pytest.mark.parametrize("ratio, told", UNITS)
+def test_a_wrong_unit_is_told_by_the_track(ratio, told, off):
+    time = np.arange(0.0, 300.0)
+    c = {"u": 0 * time + 7.0, "v": 0 * time, "r": 0 * time, "x": 7.0 * ratio * off * time, "y": 0 * time}
+    found = speed_unit(Recording("run", time, c | {"psi": 0 * time, "delta": 0 * time}), SHIP)
+    assert found is not None and told in str(found.remedy)
+
+
+def test_a_rudder_that_never_moves_has_its_first_execute_at_the_end():
+    assert _first_execute(np.full(50, 0.1)) == 49
+    assert _first_execute(np.r_[np.full(20, 0.1), np.full(30, 0.4)]) == 20
+
+
+@pytest.mark.parametrize("largest, unit, read", [
+    (3.0, "", ["rad", "deg"]), (300.0, "", ["deg", "rad"]), (3.0, "deg", ["deg"]),
+])  # fmt: skip
+def test_without_a_yaw_rate_a_heading_is_read_in_the_unit_that_it_states_or_by_its_size(largest, unit, read):
+    columns, values = {"psi": Heading("psi", "psi", unit)}, {"psi": np.linspace(0.0, largest, 50)}
+    found = _headings(np.arange(50.0), columns, values)
+    assert [yaw.psi_unit for yaw, _ in found] == read and [yaw.misfit for yaw, _ in found] == sorted(
+        yaw.misfit for yaw, _ in found
+    )
 
 
 def circling(**channels) -> Recording:

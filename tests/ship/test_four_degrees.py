@@ -124,6 +124,9 @@ def test_the_upright_ship_is_the_rolling_one_whose_heel_is_held(name):
     rates, no_roll = held.rates(nu, nu[:0], Inputs(delta))
     torch.testing.assert_close(rates, expected)
     assert no_roll.shape == (0,)
+    moved, no_roll = held.added(expected, tensor(4e5)[0])
+    torch.testing.assert_close(moved, expected)
+    assert no_roll.shape == (0,)
     # and the 3 x 3 description of the free one gives what she does at the moment in which she is upright
     torch.testing.assert_close(free.acceleration(nu, delta), free.rates(nu, tensor(0.0, 0.0), Inputs(delta))[0])
 
