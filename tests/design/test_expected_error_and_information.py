@@ -16,7 +16,7 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.ship import Stability
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.design import expected_error
-from manoeuvre_nn.design.candidates import STEPS_PER_LENGTH, CandidateRun, ExpectedGain, remark, sail
+from manoeuvre_nn.design.candidates import CandidateRun, ExpectedGain, remark, sail
 from manoeuvre_nn.design.expected_error import DesignEffort, disagreements, prospects
 from manoeuvre_nn.design.expected_information import _columns, information
 from manoeuvre_nn.dynamics.limits import OK
@@ -97,7 +97,8 @@ def test_a_run_is_as_long_as_its_manoeuvre_and_keeps_its_place():
         runs = sail(ensemble(), fast)
     assert [r.manoeuvre for r in runs] == fast
     for run in runs:
-        step = 152.4 / (run.manoeuvre.speed or 7.614) / STEPS_PER_LENGTH
+        step = 152.4 / (run.manoeuvre.speed or 7.614) / 8  # eight in the time in which she sails her length
+        assert run.times.diff().tolist() == pytest.approx([step] * (len(run.times) - 1))
         assert run.manoeuvre.duration - step < run.seconds <= run.manoeuvre.duration
     assert runs[1].states[0, 0, 0] == 5.0
 

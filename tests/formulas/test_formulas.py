@@ -24,6 +24,7 @@ from manoeuvre_nn.formulas.code import LINE, _assigned, c_text, python_text
 from manoeuvre_nn.formulas.formats import WRITERS, write_down
 from manoeuvre_nn.formulas.latex import escaped, latex_text
 from manoeuvre_nn.formulas.models import to_program
+from manoeuvre_nn.formulas.motion import CONTROLS
 from manoeuvre_nn.formulas.networks import closed_form
 from manoeuvre_nn.formulas.ranges import usual_ranges
 from manoeuvre_nn.formulas.spreadsheet import cells, csv_text
@@ -264,7 +265,8 @@ def named(name: str) -> Response:
 
 def test_a_name_longer_than_a_line_stays_whole_in_c():
     longer = "a" * (LINE + 20)
-    assert longer in c_text(to_program(named(longer))).partition("{")[2]
+    body = c_text(to_program(named(longer))).rpartition(")\n{")[2]
+    assert body.count(longer) == 2
 
 
 def test_names_that_no_language_takes_are_refused_and_those_of_the_house_make_way():
@@ -286,6 +288,11 @@ def test_lines_of_python_are_as_long_as_they_may_be_and_no_longer():
         assert eval(" ".join(lines).split("=", 1)[1]) == float(value.count("1.0"))
 
 
+def test_examples_are_the_approach_at_the_nominal_shaft_speed_in_still_air():
+    examples = {key: q.example for key, q in CONTROLS.items()}
+    assert examples == {"shaft": 1.0, "approach": 1.0, "wind_north": 0.0, "wind_east": 0.0}
+
+
 @pytest.mark.parametrize("name, angle", [("mariner_chislett1965", 35.0), ("esso_190k", 20.0)])
 def test_hard_turns_stay_within_the_usual_ranges_and_need_most_of_the_speeds(name, angle):
     ship = ship_named(name)
@@ -293,6 +300,7 @@ def test_hard_turns_stay_within_the_usual_ranges_and_need_most_of_the_speeds(nam
     for channel in ("u", "v", "r", "delta"):
         low, high = usual_ranges(ship)[channel]
         assert low <= run[channel].min() and run[channel].max() <= high
+    assert run["u"].max() > 0.9 * usual_ranges(ship)["u"][1]
     assert name != "esso_190k" or run["u"].min() < 1.7 * usual_ranges(ship)["u"][0]
 
 
