@@ -1,7 +1,8 @@
 """What is taken where nothing is said: from Python what the commands take, and units and choices as they are named."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from manoeuvre_nn.estimation.problem import Estimate
 from manoeuvre_nn.numerics.damping import Stops
 from manoeuvre_nn.training import ensemble
 from manoeuvre_nn.training.closed_loop_fit import ClosedLoopSettings, as_stored, taken_up
+from manoeuvre_nn.training.recursive_windows import RecursiveFitSettings
 from manoeuvre_nn.training.rollout_refinement import Refinement
 from manoeuvre_nn.training.rollout_score import GENERALIZATION, MONITOR, RolloutScore
 from manoeuvre_nn.training.settings import NOISE_UNITS, noise_in_si
@@ -31,9 +33,10 @@ def test_python_takes_what_the_commands_take():
     fit = said("ensemble")
     assert Refinement() == Refinement(**fit["refine"])
     assert ensemble.DEFAULT_STOPS == Stops(epochs=fit["epochs"], goal=fit["goal"], min_fall=fit["min_fall"])
-    closed_loop, default = said("closed_loop"), ClosedLoopSettings()
-    for name, value in vars(default).items():
-        assert name == "prior" or closed_loop[name] == (list(value) if isinstance(value, tuple) else value), name
+    for config, default in (("closed_loop", ClosedLoopSettings()), ("recursive", RecursiveFitSettings())):
+        for name in {field.name for field in fields(default)} - {"prior"}:
+            value = getattr(default, name)
+            assert said(config)[name] == (list(value) if isinstance(value, tuple) else value), name
 
 
 @pytest.mark.parametrize("setting", NOISE_UNITS)
@@ -49,6 +52,17 @@ def test_a_network_is_chosen_by_the_error_that_the_fit_states_or_else_by_the_hel
     assert "epoch 1, the best of 2 scores on these very manoeuvres" in scorer.how_chosen()
     scorer.history = [row | {GENERALIZATION: 3.0 - row["epoch"]} for row in scorer.history]
     assert "epoch 2, the best of 2 by the error over training and held-out runs together" in scorer.how_chosen()
+
+
+@pytest.mark.parametrize("every, epochs, scored", [(1, 3, [1, 2, 3]), (4, 6, [4, 6]), (2, 4, [2, 4]), (9, 5, [5])])
+def test_every_so_many_epochs_and_the_last_are_scored_counted_from_one(monkeypatch, every, epochs, scored):
+    with unchecked():
+        scorer = RolloutScore(held_out=SimpleNamespace(), every=every)
+        monkeypatch.setattr(scorer, "score", lambda trainer, module: {MONITOR: 0.1})
+        for epoch in range(epochs):
+            trainer = Mock(should_stop=False, current_epoch=epoch, max_epochs=epochs, callback_metrics={})
+            scorer.on_train_epoch_end(trainer, Mock())
+    assert [row["epoch"] for row in scorer.history] == scored and scorer.scored(epochs)
 
 
 def test_steps_are_chosen_by_predicting_each_twelfth_of_the_time_from_the_others(monkeypatch):
