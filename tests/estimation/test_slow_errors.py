@@ -1,12 +1,16 @@
 """What noise tells: averages of correlated errors, and samples of noise with outliers."""
 
+from unittest.mock import Mock
+
 import numpy as np
 import pytest
+from fleet import unchecked
 from pytest import approx
 from scipy.signal import lfilter
 from scipy.stats import norm
 from scipy.stats import t as student_t
 
+from manoeuvre_nn.estimation import agreement
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.measurement_noise import GAUSSIAN, INFORMATION, MIN_SAMPLES, STUDENT_FREEDOM
 from manoeuvre_nn.estimation.smoothed_run import _long_run
@@ -49,3 +53,13 @@ def test_effects_that_are_joined_keep_the_campaigns_of_either():
     neither, either = Hypothesis((), ()), Hypothesis((), (), campaigns=(0, 0, 1))
     assert neither.joined(either).campaigns == either.joined(neither).campaigns == (0, 0, 1)
     assert neither.joined(neither).campaigns == ()
+
+
+@pytest.mark.parametrize("ratio, share", [(4.0, 1.0), (0.25, 0.5), (1e-8, 0.03)])
+def test_a_floor_that_binds_sinks_with_the_root_of_the_disagreement_to_three_hundredths(monkeypatch, ratio, share):
+    floor = np.array([0.01, 0.01, 0.03, 0.02, 0.02, 0.03])
+    monkeypatch.setattr(agreement, "birge_ratio", lambda problem, found: ratio)
+    with unchecked():
+        sunk = agreement.agreed_floor(Mock(floor=floor), Mock(floor=floor, noise=floor))
+        free = agreement.agreed_floor(Mock(floor=floor), Mock(floor=0.5 * floor, noise=9.0 * floor))
+    assert sunk == approx(share * floor) and free == approx(0.5 * floor), "what does not bind stays"
