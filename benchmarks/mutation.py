@@ -43,11 +43,13 @@ from mutation_users import lines_of
 PACKAGE = Path("src/manoeuvre_nn")
 EQUIVALENT = Path(__file__).with_name("mutation_equivalent.yaml")
 NEIGHBOURS = {
+    "core": ["manoeuvre", "effect", "network"],
     "estimation": ["diagnosis"],
+    "recording": ["diagnosis/test_findings_weighed.py", "diagnosis/test_holes_bridged.py"],
     "numerics": ["estimation", "training"],
     "scoring": ["diagnosis", "training"],
     "effect": ["physics", "dynamics"],
-    "ship": ["physics", "dynamics"],
+    "ship": ["physics", "dynamics", "studies/wang1996/test_wang1996_simulations.py"],
     "dynamics": ["physics"],
 }
 """Rooms whose tests are asked as well."""

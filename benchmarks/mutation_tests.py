@@ -87,9 +87,8 @@ class Recorder:
         """Begin to record."""
         import coverage
 
-        self.coverage = coverage.Coverage(
-            data_file=None, config_file=False, source=[str(ROOT / "src"), str(ROOT / "studies")], messages=False
-        )
+        folders = [str(ROOT / folder) for folder in ("src", "studies", "tests")]
+        self.coverage = coverage.Coverage(data_file=None, config_file=False, source=folders, messages=False)
         self.slowest, self.left_out = slowest, left_out
         self.stack: list[str] = ["import"]
         self.uses: dict[str, set[str]] = defaultdict(set)
@@ -221,11 +220,13 @@ class TestMap:
         seconds: Test, fixture or cached function -> time while lines were recorded [s].
         shared: Test -> fixtures and cached functions that it uses.
         by_line: File -> line -> tests.
+        collected: Tests of a file, and the lines that are executed while they are collected, for their cases, say.
     """
 
     seconds: dict[str, float] = field(default_factory=dict)
     shared: dict[str, frozenset[str]] = field(default_factory=dict)
     by_line: dict[str, dict[int, set[str]]] = field(default_factory=lambda: defaultdict(lambda: defaultdict(set)))
+    collected: list[tuple[set[str], set[tuple[str, int]]]] = field(default_factory=list)
 
     def add(self, recorded: dict) -> None:
         """The tests of one file."""
@@ -243,14 +244,28 @@ class TestMap:
             for file, lines in recorded["lines"].get(name, {}).items():
                 for line in lines:
                     self.by_line[file][line] |= tests
+        imported = recorded["lines"].get("import", {})
+        self.collected.append((set(recorded["tests"]), {(file, line) for file in imported for line in imported[file]}))
 
     def chosen(self, lines: Iterable[tuple[str, int]], most: float) -> tuple[list[str], float]:
-        """Tests that execute any of the lines, cheapest first, as many as take so long; and their time [s]."""
-        found = set().union(*(self.by_line.get(file, {}).get(line, set()) for file, line in lines))
+        """Tests that execute any of the lines, cheapest first, as many as take so long; and their time [s].
+
+        Those come last whose cases execute them.
+
+        Args:
+            lines: File and number.
+            most: Time [s].
+
+        Returns:
+            The tests, and their time [s].
+        """
+        places = set(lines)
+        direct = set().union(*(self.by_line.get(file, {}).get(line, set()) for file, line in places))
+        found = direct.union(*(tests for tests, imported in self.collected if places & imported))
         whole = {t: self.seconds[t] + sum(self.seconds.get(s, 0.0) for s in self.shared[t]) for t in found}
         paid: set[str] = set()
         taken, total = [], 0.0
-        for test in sorted(found, key=lambda t: (whole[t], t)):
+        for test in sorted(found, key=lambda t: (t not in direct, whole[t], t)):
             cost = self.seconds[test] + sum(self.seconds.get(s, 0.0) for s in self.shared[test] - paid)
             if total + cost <= most or not taken:
                 taken.append(test)
@@ -261,7 +276,8 @@ class TestMap:
 
 def test_map(files: list[Path], cache: Path, slowest: float, left_out: frozenset[str]) -> TestMap:
     """The map of some files of tests; what was recorded before and has not changed is read."""
-    source = _digest([*sorted((ROOT / "src").rglob("*.py")), *sorted((ROOT / "studies").rglob("*.py"))])
+    rooms = [path for folder in ("src", "studies") for path in sorted((ROOT / folder).rglob("*.py"))]
+    source = _digest([Path(__file__), *rooms])
     found = TestMap()
     cache.mkdir(parents=True, exist_ok=True)
     for file in files:

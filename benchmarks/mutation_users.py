@@ -44,8 +44,8 @@ def _tree(file: str) -> ast.Module:
 
 @cache
 def _files() -> tuple[str, ...]:
-    """Of package and studies."""
-    paths = [*sorted((ROOT / "src").rglob("*.py")), *sorted((ROOT / "studies").rglob("*.py"))]
+    """Of package, studies and tests: a test that reads a constant by its name may execute no line beside it."""
+    paths = [path for folder in ("src", "studies", "tests") for path in sorted((ROOT / folder).rglob("*.py"))]
     return tuple(str(path.relative_to(ROOT)) for path in paths)
 
 
@@ -68,12 +68,17 @@ def _uses() -> dict[str, set[tuple[str, int]]]:
     """Name -> lines in functions where it is read, as a name or an attribute; of a class, its methods as well."""
     found: dict[str, set[tuple[str, int]]] = defaultdict(set)
     for file in _files():
+        imported = [alias for n in _tree(file).body if isinstance(n, ast.ImportFrom) for alias in n.names]
+        elsewhere = {alias.asname: alias.name for alias in imported if alias.asname}
         for node in ast.walk(_tree(file)):
             if isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Load):
-                found[node.id if isinstance(node, ast.Name) else node.attr].add((file, node.lineno))
-            elif isinstance(node, ast.FunctionDef):  # what its defaults are made of acts in its body
-                defaults = [d for d in (*node.args.defaults, *node.args.kw_defaults) if d is not None]
-                for name in (n.id for d in defaults for n in ast.walk(d) if isinstance(n, ast.Name)):
+                name = node.id if isinstance(node, ast.Name) else node.attr
+                found[elsewhere.get(name, name)].add((file, node.lineno))
+            elif isinstance(node, ast.Constant) and file.startswith("tests/") and _is_constants_name(node.value):
+                found[node.value] |= _around(file, node.lineno)
+            elif isinstance(node, ast.FunctionDef):  # what its defaults and cases are made of acts in its body
+                given = [*node.args.defaults, *filter(None, node.args.kw_defaults), *node.decorator_list]
+                for name in (n.id for d in given for n in ast.walk(d) if isinstance(n, ast.Name)):
                     lines = range(node.body[0].lineno, (node.end_lineno or 0) + 1)
                     found[name] |= {(file, line) for line in lines}
             elif isinstance(node, ast.ClassDef):
@@ -81,6 +86,16 @@ def _uses() -> dict[str, set[tuple[str, int]]]:
                     lines = range(function.body[0].lineno, (function.end_lineno or 0) + 1)
                     found[node.name] |= {(file, line) for line in lines}
     return found
+
+
+def _is_constants_name(value: object) -> bool:
+    return isinstance(value, str) and value.isidentifier() and value.isupper() and len(value) > 2
+
+
+def _around(file: str, line: int) -> set[tuple[str, int]]:
+    """Lines of the function that a line is in; of all functions of the file if it is in none."""
+    bodies = [range(f.body[0].lineno, (f.end_lineno or 0) + 1) for f in _functions(_tree(file))]
+    return {(file, k) for body in ([b for b in bodies if line in b] or bodies) for k in body}
 
 
 @cache

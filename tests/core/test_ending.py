@@ -105,6 +105,16 @@ def test_a_full_disk_is_one_line_even_where_the_system_names_no_file(number, cap
     assert "cannot write /a/b:" in explain(OSError(number, os.strerror(number), "/a/b"))
 
 
+def test_a_file_that_may_not_be_read_is_told_from_one_that_may_not_be_written(tmp_path, monkeypatch):
+    path = tmp_path / "there.csv"
+    path.write_text("")
+    error = OSError(errno.EACCES, "Permission denied", str(path))
+    assert f"cannot write {path}: Permission denied; choose another folder" in explain(error)
+    monkeypatch.setattr(os, "access", lambda path, mode: mode != os.R_OK)
+    assert f"cannot read {path}: Permission denied; ask its owner" in explain(error)
+    assert "cannot write" in explain(OSError(errno.EACCES, "Permission denied", str(tmp_path / "not_there.csv")))
+
+
 def test_a_full_disk_is_seen_behind_what_a_library_makes_of_it():
     with pytest.raises(RuntimeError) as caught:
         try:

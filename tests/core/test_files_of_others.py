@@ -70,6 +70,12 @@ def test_references_to_references_are_counted_and_not_followed(tmp_path):
     assert "more than 300000 values" in refused(load_yaml, path)
 
 
+def test_a_value_that_holds_itself_is_refused_as_such(tmp_path):
+    path = tmp_path / "round.yaml"
+    path.write_text("a: &b {c: [1, *b]}")
+    assert "holds itself" in refused(load_yaml, path)
+
+
 def test_mappings_merged_ten_times_over_are_refused_or_read_once(tmp_path):
     path = bomb(tmp_path / "bomb.yaml", "{x: 1}", "{<<: [", "]}")
     try:

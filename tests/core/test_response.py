@@ -76,7 +76,11 @@ def test_records_are_told_in_the_units_of_the_edge():
 
 @pytest.mark.parametrize(
     "change, said",
-    [({"name": "two words"}, "expected a word"), ({"low": 3.0, "high": 3.0}, "is no range")],
+    [
+        ({"name": "two words"}, "expected a word"),
+        ({"symbol": "V^^2"}, "write letters"),
+        ({"low": 3.0, "high": 3.0}, "is no range"),
+    ],
 )
 def test_what_is_no_variable_is_refused(change, said):
     with pytest.raises(InputError, match=said):

@@ -1,7 +1,7 @@
 """What is taken of a ship of which little is known, and of her thrust: the formulas of the docstrings by numbers."""
 
 from dataclasses import replace
-from math import sqrt
+from math import inf, sqrt
 
 import numpy as np
 import pytest
@@ -10,6 +10,7 @@ from fleet import ship_named
 from pytest import approx
 
 from manoeuvre_nn.core.channels import CHANNELS, MEASURED, PERIODIC, SMOOTHED
+from manoeuvre_nn.core.effect import Parameter
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage
 from manoeuvre_nn.core.recording import Recording, followed
@@ -43,6 +44,15 @@ def test_models_have_usual_sizes_by_froudes_law_and_ships_as_they_are():
     sizes = model.sized([2.0, 2.0, 2.0, 2.0, 2.0], [1.0, 0.5, -0.5, 3.0, 0.0])
     assert sizes.tolist() == approx([2 / 40, 2 / sqrt(40), 2 * sqrt(40), 2 / 40**3, 2.0]), "4 m of 160 m"
     assert SHIP.sized([2.0, 3.0], [1.0, 3.0]).tolist() == [2.0, 3.0]
+
+
+@pytest.mark.parametrize("unit, power", [("m", 1.0), ("m/s", 0.5), ("kN", 3.0), ("deg", 0.0)])
+def test_the_usual_size_of_a_parameter_goes_by_its_unit_or_by_what_it_says(unit, power):
+    model = replace(SHIP, length=4.0, beam=0.7, draught=0.3)
+    parameter = Parameter("size", unit, -1e9, 1e9, 0.0, 2.0, (1.0, inf))
+    assert parameter.on(model).spread == approx(2.0 / 40**power) and parameter.on(SHIP).spread == 2.0
+    assert parameter.on(model).starts == approx((1 / 40**power, inf))
+    assert replace(parameter, power=-0.5).on(model).spread == approx(2.0 * sqrt(40))
 
 
 def test_an_approach_may_be_up_to_twice_as_fast_as_the_ship():

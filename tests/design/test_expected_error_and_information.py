@@ -2,20 +2,23 @@
 
 from dataclasses import replace
 from functools import cache
-from math import atan, log
+from math import atan, log, tan
 
 import numpy as np
 import pytest
 import torch
+import yaml
 from fleet import unchecked
 
 from manoeuvre_nn.core.channels import MOTION
+from manoeuvre_nn.core.data_files import CONF
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.ship import Stability
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.design.candidates import STEPS_PER_LENGTH, CandidateRun, ExpectedGain, remark, sail
+from manoeuvre_nn.design import expected_error
+from manoeuvre_nn.design.candidates import CandidateRun, ExpectedGain, remark, sail
 from manoeuvre_nn.design.expected_error import DesignEffort, disagreements, prospects
-from manoeuvre_nn.design.expected_information import information
+from manoeuvre_nn.design.expected_information import _columns, information
 from manoeuvre_nn.dynamics.limits import OK
 from manoeuvre_nn.dynamics.members import sail_members
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
@@ -94,7 +97,8 @@ def test_a_run_is_as_long_as_its_manoeuvre_and_keeps_its_place():
         runs = sail(ensemble(), fast)
     assert [r.manoeuvre for r in runs] == fast
     for run in runs:
-        step = 152.4 / (run.manoeuvre.speed or 7.614) / STEPS_PER_LENGTH
+        step = 152.4 / (run.manoeuvre.speed or 7.614) / 8  # eight in the time in which she sails her length
+        assert run.times.diff().tolist() == pytest.approx([step] * (len(run.times) - 1))
         assert run.manoeuvre.duration - step < run.seconds <= run.manoeuvre.duration
     assert runs[1].states[0, 0, 0] == 5.0
 
@@ -175,6 +179,9 @@ def test_what_speaks_against_a_manoeuvre_is_told():
     tender = replace(ship, stability=Stability(0.2, 8.4, 21.5))
     heel = atan(7.0 * DEGREE * (8.4 - 8.138 / 2) / (9.81 * 0.2)) / DEGREE
     assert heel > 12 and remark(run_of(), tender) == f"heels {heel:.0f} deg"
+    for limit, words in ((11.8, OK), (12.2, "heels 12 deg")):
+        gm = 7.0 * DEGREE * (8.4 - 8.138 / 2) / (9.81 * tan(limit * DEGREE))
+        assert remark(run_of(), replace(ship, stability=Stability(gm, 8.4, 21.5))) == words
     assert remark(run_of((torch.inf, 3.0)), ship) == "1 of 2 members left the physical range at 3 s"
 
 
@@ -194,7 +201,9 @@ def test_a_run_repeated_divides_standard_errors_by_the_root_of_two(whole):
         assert found.gain == pytest.approx(0.5 * log(2), rel=1e-3)
         assert found.then / found.now == pytest.approx(0.5**0.5, rel=1e-3)
     assert 0.5**0.5 - 1e-6 < found.then / found.now <= 1.0
-    assert set(found.targets) == {"X", "Y", "N"}
+    counts = {e: columns.shape[1] for e, columns in _columns(given, known, same).items()}
+    own = dict(zip("XYN", (ship.table != 0).sum(dim=0).tolist(), strict=True))
+    assert (counts == own) is whole and set(found.targets) == set(counts)
     assert found.per_minute == pytest.approx(60 * found.gain / found.seconds)
 
 
@@ -222,6 +231,10 @@ def test_what_sensors_make_of_a_candidate_is_what_is_learnt_from():
     assert seen[:2] == [("zz10", 3 * 1009 + k, 1.0, sorted(MOTION), mariner().particulars.time_unit) for k in (0, 3)]
 
 
+def test_python_computes_as_much_as_the_command():
+    assert DesignEffort() == DesignEffort(**yaml.safe_load((CONF / "excite.yaml").read_text())["effort"])
+
+
 def test_wrong_settings_are_told():
     with pytest.raises(InputError, match="effort.others=1: expected 2 or more"):
         DesignEffort(others=1)
@@ -232,6 +245,22 @@ def test_wrong_settings_are_told():
         prospects(ensemble(), recorded(), [], TARGETS)
     with pytest.raises(InputError, match="names no manoeuvre"):
         information(mariner(), clarke_part(mariner()), recorded(), [], 1.0)
+
+
+def test_a_track_that_is_lost_counts_as_five_lengths_however_far_it_goes(monkeypatch):
+    sailed = []
+
+    def far_off(model, manoeuvres, *interval):
+        runs = sail(model, manoeuvres, *interval)
+        sailed.append(runs)
+        shift = torch.tensor([0.0, 0.0, 0.0, 1e5, 0.0, 0.0])  # of the truths' tracks, which are sailed first
+        return [replace(run, states=run.states + shift) for run in runs] if len(sailed) == 1 else runs
+
+    monkeypatch.setattr(expected_error, "sail", far_off)
+    few = replace(EFFORT, truths=1, others=2, samples=50)
+    with unchecked():
+        (found,) = prospects(ensemble(), recorded(), [zigzag(10.0, duration=30.0)], [FIRST], effort=few)
+    assert (found.now, found.then, found.gain) == (5.0, 5.0, 0.0)
 
 
 def test_a_candidate_gets_no_credit_for_itself():

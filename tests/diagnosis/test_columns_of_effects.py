@@ -34,7 +34,7 @@ from manoeuvre_nn.effect.rudder import (
 )
 from manoeuvre_nn.effect.sensors import GpsDelay, HeadingBias, LeverArm, LogScale, RateBias
 from manoeuvre_nn.effect.wind import SteadyWind
-from manoeuvre_nn.estimation.corrections import MISSING, Calibrated, Corrections
+from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
 from manoeuvre_nn.estimation.data_set import FIRST_NOISE, WhitenedDataSet, whitened_data_set
 from manoeuvre_nn.estimation.effect_columns import (
     behind_record,
@@ -360,7 +360,7 @@ def test_a_model_without_coefficients_is_corrected_by_hull_and_rudder():
     assert not rows[delta == 0][:, at[3:]].any(), "a rudder amidships has no force"
 
 
-def test_terms_that_the_ship_lacks_weigh_a_share_of_its_rudder_in_a_tight_turn():
+def test_terms_that_the_ship_lacks_weigh_three_fifths_of_its_rudder_in_a_tight_turn():
     p = SHIP.particulars
     hard = np.array([0.7 * p.speed, -0.25 * p.speed, 0.7 * p.speed / p.length, 0.0, 0.0, 0.0])
     run = run_of(calm_record()).between(0.0, 2.0)
@@ -369,10 +369,13 @@ def test_terms_that_the_ship_lacks_weigh_a_share_of_its_rudder_in_a_tight_turn()
         columns, names = coefficient_columns(CALM, line), Corrections(CALM).names
         nu = torch.tensor(hard[:3])
         rudder = calm_accelerations(CALM, nu, nu.new_tensor(0.35)) - calm_accelerations(CALM, nu, nu.new_tensor(0.0))
+        unit = Corrections(CALM)(nu, nu.new_tensor(0.35))
     for equation, letter in ((1, "Y"), (2, "N")):
         sizes = [abs(columns.moved[0, equation, k]) for k, n in enumerate(names) if n.startswith(f"{letter}+")]
         assert len(sizes) > 10 and sizes == approx([sizes[0]] * len(sizes))
-        assert sizes[0] == approx(MISSING * abs(float(rudder[equation])), rel=0.15)
+        assert sizes[0] == approx(0.6 * abs(float(rudder[equation])), rel=0.15), "in a second, in which she turns on"
+        now = [abs(float(unit[k, equation])) for k, n in enumerate(names) if n.startswith(f"{letter}+")]
+        assert now == approx([0.6 * abs(float(rudder[equation]))] * len(sizes))
 
 
 def test_a_late_receiver_shows_where_the_ship_was():

@@ -5,10 +5,11 @@ from types import SimpleNamespace
 from unittest.mock import Mock
 
 import numpy as np
+import pandas as pd
 import pytest
 import torch
 from pytest import approx
-from scipy.stats import norm
+from scipy.stats import chi2, norm
 from searches import fitted, found
 from trials import CALM, SHIP, values
 
@@ -195,6 +196,16 @@ def test_a_rival_that_is_possible_is_to_be_told_apart(of_rival, duels):
     assert len(words._duels(result, calm, result.none, False)) == duels
 
 
+def test_two_rivals_of_the_same_leader_are_told_apart_the_likelier_first():
+    leader, *rivals = [fitted(9.0 - k, name) for k, name in enumerate(["current", "log_scale", "heading_bias"])]
+    pair = fitted(6.0, "current", "rudder_offset")
+    verdict = Decision(True, False, 0.0, 0.0, {"current": 0.9, "heading_bias": 0.08, "log_scale": 0.2}, leader, {})
+    duels = words._duels(found(leader, *rivals, pair), verdict, leader, True)
+    assert duels == [(leader, rivals[0], 0.2), (leader, rivals[1], 0.08)]
+    beside = replace(verdict, effects={"current": 0.9, "log_scale": 0.2, "rudder_offset": 0.1})
+    assert words._duels(found(leader, *rivals, pair), beside, leader, True) == duels[:1], "another leader: the pair's"
+
+
 @pytest.mark.parametrize("expected, advised", [(2.8, False), (3.2, True)])
 def test_a_run_is_advised_that_is_expected_to_add_three(monkeypatch, expected, advised):
     run = SimpleNamespace(text="a straight run begun on heading 090", heading=1.0)
@@ -217,6 +228,21 @@ def test_calm_water_fails_the_free_runs_at_one_half_per_cent_over_both_looks(mon
         Mock(case=Mock(fitted=[], held_out=[])), Mock(likelihood=Mock(data_set=Mock(runs=[])))
     )
     assert check.passed is passed and "psi of held-out" in check.text and "as published" in check.text
+
+
+def test_draws_allow_noise_a_tenth_larger_or_smaller_than_was_estimated(monkeypatch):
+    """A recording that is nothing but noise: its RMS among those of draws, e^(0.1 z) sqrt(chi-square_n / n)."""
+    samples, draws, rms = 120, 8000, 1.08
+    larger = norm.expect(lambda z: chi2.sf(samples * (rms * np.exp(-0.1 * z)) ** 2, samples))
+    row = np.full(samples, rms)
+    record = pd.DataFrame({c: np.nan * row for c in ("x", "y", "psi", "u", "v", "r", "u_log")}).assign(u_log=row)
+    monkeypatch.setattr(predictive, "recorded", lambda run, warmup: record)
+    monkeypatch.setattr(predictive, "BLOCK", 0.0)  # every sample by itself, all of them one part
+    question = Mock(case=Mock(warmup=0.0, proof=()), dynamics=Mock(particulars=Mock(time_unit=1.0)))
+    run, prepared = Mock(step=1.0), Mock(noise=np.ones(8))
+    run.name = "zigzag"
+    p, look, _ = predictive.surprise(question, [run], [prepared], [np.zeros((1 + draws, samples, 7))])
+    assert look == "u_log of fitted" and p == approx(larger, abs=0.006)
 
 
 def test_process_noise_that_calm_water_is_allowed_is_twice_its_usual_size():

@@ -19,6 +19,7 @@ from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.manoeuvre.straight import straight
 from manoeuvre_nn.manoeuvre.turning import tactical_circle
 from manoeuvre_nn.manoeuvre.zigzag import overshoot, zigzag
+from manoeuvre_nn.network.force_modules import BasicForces
 from manoeuvre_nn.network.recursive import RecursiveNetwork, RecursiveSettings
 from manoeuvre_nn.ship.container import container
 
@@ -60,6 +61,13 @@ def test_a_circle_ends_when_the_heading_has_come_round(ship):
     moved = run["delta"] > 1e-9
     assert run.time[moved][0] == 61.0 and run["delta"].max() == pytest.approx(35 * DEGREE)
     assert np.diff(run["delta"]).max() == pytest.approx(SHIP.particulars.rudder_rate)
+
+
+def test_a_run_has_the_accelerations_of_what_it_has_velocities_of(ship):
+    run = simulate(ship, tactical_circle(35.0))
+    assert {name for name in run.channels if name.endswith("dot")} == {"udot", "vdot", "pdot", "rdot"}
+    assert run["rdot"] == pytest.approx(np.gradient(run["r"], run.time), abs=0.1 * np.ptp(run["rdot"]))
+    assert np.abs(run["udot"]).max() < 1e-9 < np.abs(run["rdot"]).max()
 
 
 def test_the_helmsman_reverses_at_the_heading_that_the_network_predicts(ship):
@@ -111,6 +119,14 @@ def test_a_split_between_the_sides_reaches_the_forces_and_the_record(ship):
     assert run["delta_starboard"] - run["delta_port"] == pytest.approx(np.full(len(run), 10 * DEGREE))
     assert run["n_starboard"] / run["n_port"] == pytest.approx(np.full(len(run), 1.1 / 0.9))
     assert run["r"][20] > 0.0 and abs(alike["r"][20]) < 1e-12  # the starboard rudder alone turns this ship
+
+
+def test_shaft_speeds_of_both_sides_part_about_that_of_the_approach(ship, monkeypatch):
+    seen, forces = [], BasicForces.forward
+    monkeypatch.setattr(BasicForces, "forward", lambda self, *given: seen.append(given[2]) or forces(self, *given))
+    simulate(ship, replace(tactical_circle(20.0), shaft_split=0.1))
+    n = SHIP.shaft_rpm / 60 * LENGTH / SPEED
+    assert seen[-1][0, 2:4].tolist() == pytest.approx([1.1 * n, 0.9 * n])
 
 
 def test_a_run_that_leaves_the_physical_range_says_when():

@@ -7,9 +7,13 @@ import torch
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.scaling import Scaling
 from manoeuvre_nn.dynamics.course import TimeTable, at_times, course_of, start_speed
-from manoeuvre_nn.dynamics.recursive import RecursiveShip, track_of
-from manoeuvre_nn.network.recursive import RecursiveNetwork, RecursiveSettings
+from manoeuvre_nn.dynamics.model import IdentifiedShip
+from manoeuvre_nn.dynamics.recursive import RecursiveShip, force_constants, joined_model, track_of
+from manoeuvre_nn.network.perceptron import wang_network
+from manoeuvre_nn.network.recursive import ForceSettings, RecursiveNetwork, RecursiveSettings
+from manoeuvre_nn.ship.known import clarke_part
 from manoeuvre_nn.ship.mariner import mariner
 
 SHIP = mariner()
@@ -111,6 +115,41 @@ def test_the_loop_is_the_network_fed_by_hand(freedom):
         velocities, before, angles, time = new, velocities, angles + step * turned, time + step
         assert torch.allclose(made.velocities[:, k + 1], velocities) and torch.allclose(made.angles[:, k + 1], angles)
         assert torch.allclose(made.time[:, k + 1], time)
+
+
+def test_a_ship_that_has_nearly_stopped_goes_on_by_steps_of_at_most_twenty_times_the_length():
+    model, course, steps = fitted([recording()])
+    zero = torch.zeros(2, dtype=torch.long)
+    start, share = steps.start(zero, zero, 7), torch.tensor([[0.06], [1e-3]], dtype=torch.float64)
+    slow = start._replace(velocities=start.velocities * share / start.velocities[:, :2].norm(dim=1, keepdim=True))
+    made = model.unroll(slow, course.controls.rows(zero).at, course.speed[zero], 1)
+    assert made.time.diff(dim=1)[:, 0].tolist() == pytest.approx([0.09 / 0.06, 20 * 0.09])
+
+
+def test_a_network_that_predicts_velocities_goes_from_step_to_step_and_one_that_gives_forces_is_integrated():
+    network, known, scaling = boat().network, clarke_part(SHIP), Scaling(torch.zeros(4), torch.ones(4), torch.ones(3))
+    stepping = joined_model(SHIP, known, network, scaling)
+    assert isinstance(stepping, RecursiveShip) and stepping.network is network
+    assert isinstance(joined_model(SHIP, known, wang_network(3), scaling), IdentifiedShip)
+
+
+def test_constants_of_the_forces_are_the_ships_over_powers_of_her_length():
+    ship, water = SHIP.particulars, SHIP.particulars.rho
+    made, air = force_constants(ship, ForceSettings()), ship.above_water
+    lengths = [made.diameter, made.gm, made.wind_areas.lateral_centre, made.wind_areas.length_overall]
+    assert [LENGTH * c for c in lengths] == pytest.approx([
+        0.55 * ship.draught,
+        ship.heeling.gm,
+        air.lateral_centre,
+        air.length_overall,
+    ])
+    areas = [2 * made.rudder_area, made.wind_areas.frontal, made.wind_areas.lateral]
+    assert [LENGTH**2 * c for c in areas] == pytest.approx([
+        ship.rudder_area_ratio * LENGTH * ship.draught,
+        air.frontal,
+        air.lateral,
+    ])
+    assert LENGTH**3 * made.volume == pytest.approx(ship.mass / water) and made.water == water
 
 
 def test_gradients_of_the_unrolled_loop_are_those_of_its_differences():

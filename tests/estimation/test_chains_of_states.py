@@ -29,6 +29,13 @@ def test_solutions_and_determinant_are_those_of_the_dense_matrix(system):
     assert chain.log_det == pytest.approx(np.linalg.slogdet(dense)[1])
 
 
+def test_no_right_hand_side_has_no_solution(system):
+    chain, _ = system
+    none = np.zeros((chain.samples, chain.size, 0))
+    assert chain.whiten(none).shape == (chain.samples * chain.size, 0)
+    assert chain.unwhiten(chain.whiten(none)).shape == none.shape
+
+
 def test_whitened_vectors_have_the_inner_products_of_the_inverse(system):
     chain, dense = system
     right = np.random.default_rng(2).standard_normal((chain.samples, chain.size, 3))

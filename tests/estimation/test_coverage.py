@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import torch
 import yaml
-from coverage import CHANNELS, FORCE, NOISE, errors, run_of, with_noise, zigzags
 from fleet import ship_named, unchecked
+from noisy_zigzags import CHANNELS, FORCE, NOISE, errors, run_of, with_noise, zigzags
 from pytest import approx
 
 from manoeuvre_nn.core.recording import Recording

@@ -70,6 +70,14 @@ def test_pieces_astern_are_left_out_where_the_propeller_counts():
         to_prime([straight(n=-np.ones(1600))], SHIP, 60.0, "shaft")
 
 
+def test_a_wind_that_sets_in_at_once_is_there_after_half_the_time_in_which_the_ship_sails_her_length():
+    time = np.arange(1600) * 0.25
+    north, _ = air_velocity(straight(wind_speed=8.0 * (time > 200.0), wind_from=np.zeros(1600)), SHIP)
+    rising = time[(north < -0.01) & (north > -7.99)]
+    assert np.ptp(rising) + 2 * 0.25 == pytest.approx(0.5 * SHIP.length / SHIP.speed, abs=0.3)
+    assert rising.mean() == pytest.approx(200.0, abs=0.3)
+
+
 def test_wind_from_the_north_blows_to_the_south_and_gusts_are_averaged():
     time = np.arange(1600) * 0.25
     run = straight(wind_speed=8.0 + np.sin(20 * time), wind_from=np.zeros(1600))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import sympy
 import torch
+from fleet import coarse, ship_named
 from models import MAKERS, PITCH, VARIABLES, ensemble, model, regression, response, scaling
 
 from manoeuvre_nn.core.errors import InputError
@@ -19,12 +20,15 @@ from manoeuvre_nn.core.response import Quantities, Response, Variable
 from manoeuvre_nn.core.scaling import Scaling
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
 from manoeuvre_nn.formulas import check
-from manoeuvre_nn.formulas.code import c_text, python_text
+from manoeuvre_nn.formulas.code import LINE, _assigned, c_text, python_text
 from manoeuvre_nn.formulas.formats import WRITERS, write_down
 from manoeuvre_nn.formulas.latex import escaped, latex_text
 from manoeuvre_nn.formulas.models import to_program
+from manoeuvre_nn.formulas.motion import CONTROLS
 from manoeuvre_nn.formulas.networks import closed_form
+from manoeuvre_nn.formulas.ranges import usual_ranges
 from manoeuvre_nn.formulas.spreadsheet import cells, csv_text
+from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.network.perceptron import Perceptron
 from manoeuvre_nn.ship.container import container
 from manoeuvre_nn.ship.esso_osaka_model import esso_osaka_mmg
@@ -253,18 +257,51 @@ def test_a_symbol_from_outside_is_letters_and_no_command(symbol):
     assert Variable("V", "kn", 0.5, "speed", r"\bar{\psi}_{1/3}").symbol == r"\bar{\psi}_{1/3}"
 
 
-def test_names_that_no_language_takes_are_refused_and_those_of_the_house_make_way():
-    def named(name: str) -> Response:
-        inputs = [Variable(name, "m", 1.0, "a length", low=1.0, high=2.0), *VARIABLES[1:]]
-        quantities = Quantities(inputs, PITCH, [name, "V", "cos_beta", "Hs", "T"], per=name)
-        return Response(response().network, scaling(5, 1), quantities).requires_grad_(False)
+def named(name: str) -> Response:
+    inputs = [Variable(name, "m", 1.0, "a length", low=1.0, high=2.0), *VARIABLES[1:]]
+    quantities = Quantities(inputs, PITCH, [name, "V", "cos_beta", "Hs", "T"], per=name)
+    return Response(response().network, scaling(5, 1), quantities).requires_grad_(False)
 
+
+def test_a_name_longer_than_a_line_stays_whole_in_c():
+    longer = "a" * (LINE + 20)
+    body = c_text(to_program(named(longer))).rpartition(")\n{")[2]
+    assert body.count(longer) == 2
+
+
+def test_names_that_no_language_takes_are_refused_and_those_of_the_house_make_way():
     for name in ("lambda", "double", "exp", "median"):
         with pytest.raises(InputError, match=f"{name}' cannot be a name"):
             to_program(named(name))
     for name in ("h_1", "x_1", "y_1", "math_"):
         for kind in WRITERS:
             assert (kind == "c" and not compiler()) or write_down(to_program(named(name)), kind).difference < 1e-12
+
+
+def test_lines_of_python_are_as_long_as_they_may_be_and_no_longer():
+    assert _assigned("1.0 + 2.0", "x") == ["    x = 1.0 + 2.0"]
+    sums = [" + ".join(["1.0"] * count) for count in range(15, 25)]
+    made = [_assigned(value, "x") for value in sums]
+    assert {len(lines) for lines in made} == {1, 4} and max(len(line) for lines in made for line in lines) <= LINE
+    for value, lines in zip(sums, made, strict=True):
+        assert (len(lines) == 1) == (len(f"    x = {value}") <= LINE)
+        assert eval(" ".join(lines).split("=", 1)[1]) == float(value.count("1.0"))
+
+
+def test_examples_are_the_approach_at_the_nominal_shaft_speed_in_still_air():
+    examples = {key: q.example for key, q in CONTROLS.items()}
+    assert examples == {"shaft": 1.0, "approach": 1.0, "wind_north": 0.0, "wind_east": 0.0}
+
+
+@pytest.mark.parametrize("name, angle", [("mariner_chislett1965", 35.0), ("esso_190k", 20.0)])
+def test_hard_turns_stay_within_the_usual_ranges_and_need_most_of_the_speeds(name, angle):
+    ship = ship_named(name)
+    (run,) = coarse(ship, [turning_circle(angle)], 1200.0, 5.0)
+    for channel in ("u", "v", "r", "delta"):
+        low, high = usual_ranges(ship)[channel]
+        assert low <= run[channel].min() and run[channel].max() <= high
+    assert run["u"].max() > 0.9 * usual_ranges(ship)["u"][1]
+    assert name != "esso_190k" or run["u"].min() < 1.7 * usual_ranges(ship)["u"][0]
 
 
 class _Odd(Network):

@@ -1,5 +1,6 @@
 """Criteria of paths that are known in closed form, and of recordings as they come."""
 
+import warnings
 from math import pi, sqrt
 
 import numpy as np
@@ -11,7 +12,7 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.rollout import roll_out
-from manoeuvre_nn.manoeuvre.criteria import criteria, reversal_times, trace
+from manoeuvre_nn.manoeuvre.criteria import _last_fitted, criteria, reversal_times, trace
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 
@@ -295,6 +296,16 @@ def test_the_rate_after_a_pull_out_is_the_mean_of_its_last_fifth_and_falls_by_ha
     assert found["half_time_s"] == approx((1 - 0.5 * (1 + residual)) / 0.0101, abs=0.02)
     still = recording(t, 0 * t, 0 * t + 0.5 * DEGREE, delta * DEGREE)
     assert set(criteria(still, "pull_out", LENGTH)) == {"residual_rate_deg_s"}, "nothing falls"
+
+
+@pytest.mark.parametrize("count", [5, 12, 40])
+def test_the_value_at_an_end_is_that_of_a_line_through_the_last_tenth_or_of_the_last_of_few_samples(count):
+    time = np.linspace(0.0, 100.0, count)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert _last_fitted(time, 2.0 + 0.1 * time) == approx(12.0)
+    bent = np.where(time < 90.0, 50.0, 3.0 - 0.2 * (time - 100.0))
+    assert _last_fitted(time, bent) == approx(3.0), "what was before does not count"
 
 
 def test_a_straight_run_is_read_over_its_first_and_last_fifth():

@@ -2,8 +2,11 @@
 
 import numpy as np
 import pytest
+import yaml
+from fleet import unchecked
 from pytest import approx
 
+from manoeuvre_nn.core.data_files import CONF
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.units import DEGREE, KNOT
 from manoeuvre_nn.manoeuvre.spiral import spiral
@@ -120,6 +123,14 @@ def test_a_set_of_naval_trials_has_every_angle_at_every_speed():
         ("overshoot10_8kn", approx(8 * 1852 / 3600), 4, 30.0)
     ]
     assert len(overshoots()) == 12 and len(tactical_circles([35.0], [12.0], "port", 20.0, 400.0)) == 1
+
+
+@pytest.mark.parametrize("name, family", [("overshoots", overshoots), ("circles", tactical_circles)])
+def test_python_and_the_commands_take_the_same_set(name, family):
+    said = yaml.safe_load((CONF / "manoeuvre" / f"{name}.yaml").read_text())
+    assert said.pop("_target_") == f"{family.__module__}.{family.__name__}"
+    with unchecked():
+        assert family(**said) == family()
 
 
 def test_each_family_is_as_long_as_it_usually_takes():

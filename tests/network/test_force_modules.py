@@ -8,7 +8,7 @@ import torch
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.ship import WindAreas
-from manoeuvre_nn.core.wind import AIR
+from manoeuvre_nn.core.wind import AIR, COEFFICIENTS
 from manoeuvre_nn.network.force_modules import (
     BasicForces,
     ForceConstants,
@@ -119,6 +119,12 @@ def test_wind_from_ahead_pushes_back_with_the_square_of_its_speed():
     assert abs(y) < 1e-9 and abs(n) < 1e-9
 
 
+def test_wind_from_the_side_pushes_a_loaded_cargo_ship_away_and_turns_it_about_the_middle_of_what_it_meets():
+    x, y, n = wind(0.0, 0.0, 0.0, 0.0, 2.0)
+    assert y == pytest.approx(AIR / 1025.0 * 4.0 * 0.06 * 0.85) and n == pytest.approx(-0.02 * y) and abs(x) < 1e-9
+    assert SHIP.wind_coefficients == COEFFICIENTS["cargo_loaded"]
+
+
 def test_wind_force_turns_with_the_compass_and_is_mirrored_with_the_ship():
     assert wind(0.8, 0.1, 0.3, -1.0, 0.5) == pytest.approx(wind(0.8, 0.1, 0.3 + pi / 2, -0.5, -1.0))
     assert wind(0.8, -0.1, -0.3, -1.0, -0.5) == pytest.approx(wind(0.8, 0.1, 0.3, -1.0, 0.5) * t(1.0, -1.0, -1.0))
@@ -131,6 +137,7 @@ def test_all_forces_of_a_step_stand_side_by_side():
     velocities = torch.tensor([[0.9, -0.1, 0.01, 0.02, 0.0, 0.4]], dtype=torch.float64)
     made = forces(velocities, t(0.05, 0.01, 1.0)[None], controls, t(0.04))[0]
     assert len(made) == 10
+    assert BasicForces(SHIP, rolls=True).wind is None, "it is in calm air unless it is told"
     assert made[4] == pytest.approx(float(RightingMoment(SHIP.volume, SHIP.gm)(t(0.05), t(0.04))))
     assert made[6] == pytest.approx(float(MunkMoment(SHIP.volume)(t(0.9), t(-0.1))))
     swapped = forces(velocities, t(0.05, 0.01, 1.0)[None], controls[:, [1, 0, 3, 2, 4, 5]], t(0.04))[0]

@@ -20,6 +20,12 @@ MIRROR = torch.tensor([1.0, -1.0, -1.0, -1.0], dtype=torch.float64)
 SIDES = torch.tensor([1.0, -1.0, -1.0], dtype=torch.float64)
 
 
+def test_two_nodes_are_the_fewest_one_for_the_hull_and_one_for_the_rudder():
+    assert HullRudderSettings(2, 1).hidden == 2
+    with pytest.raises(InputError, match="at least 2 nodes"):
+        HullRudderSettings(1, 1)
+
+
 def called(kind: dict) -> str:
     return "-".join(str(value) for value in kind.values())
 

@@ -5,6 +5,7 @@ import torch
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.network.recursive import RecursiveNetwork, RecursiveSettings
+from manoeuvre_nn.network.recursive_settings import ForceSettings
 
 
 def network(seed=0, **settings):
@@ -110,6 +111,29 @@ def test_the_scaling_drawn_into_the_weights_is_the_scaling_of_the_inputs():
     nodes = torch.sigmoid(z @ made.weights[0] + made.biases[0])
     plain = made.middle + made.half_range * (2 * torch.sigmoid(2 * nodes @ made.weights[1]) - 1)
     assert torch.allclose(made(x), plain, atol=1e-12)
+
+
+@pytest.mark.parametrize("settings", [{"symmetric": False}, {"symmetric": True, "wind": True}, {"about_last": False}])
+def test_what_is_pulled_back_is_the_gradient_of_the_answer_within_and_beyond_the_range_of_the_outputs(settings):
+    made, x, _ = network(hidden=(7, 5), **settings)
+    draw = torch.Generator().manual_seed(2)
+    for parameter in made.parameters():
+        parameter.data.normal_(0.0, 0.3, generator=draw)
+    count, folded = len(made.middle), made.folded()
+    x = x[:6]
+    x[:3, -2 * count : -count] = made.middle + made.half_range * torch.tensor([[-1.5], [1.0 + 1e-9], [0.4]])
+    x.requires_grad_()
+    answer = made.answer(x, folded)
+    cotangent = torch.randn(answer.shape, generator=draw, dtype=x.dtype)
+    (expected,) = torch.autograd.grad((answer * cotangent).sum(), x)
+    back, _ = made.pulled_back(cotangent, made.nodes(x, folded)[1], folded)
+    torch.testing.assert_close(back, expected)
+
+
+def test_a_propeller_of_the_source_gives_no_thrust_at_an_advance_of_one_and_a_half_diameters():
+    """Hess & Faller 2000, Table 3, ship 1: ``K_T = .6 - .4 J``."""
+    c1, c2 = ForceSettings().thrust
+    assert c1 == 0.6 and c1 + 1.5 * c2 == pytest.approx(0.0)
 
 
 def test_the_wind_acts_on_the_output_nodes_in_proportion_and_still_air_not_at_all():

@@ -31,6 +31,14 @@ def test_products_are_those_of_their_letters():
     )
 
 
+def test_sway_turning_rudder_and_the_wind_from_the_side_change_their_signs_in_the_mirror():
+    x = torch.tensor([[0.8, -0.2, 0.5, 0.3, 1.1, 2.0, -1.5]], dtype=torch.float64)
+    made = Series(SeriesSettings(surge=[], lateral=list(VARIABLES), symmetric=False))
+    mirrored = made.products(x * torch.tensor([1.0, -1, -1, -1, 1, 1, -1]))
+    signs = torch.tensor([[parity(term) for term in made.terms]])
+    np.testing.assert_allclose(mirrored, made.products(x) * signs)
+
+
 def test_forces_are_sums_of_coefficients_times_products():
     made, x = filled(), torch.rand(5, 4, dtype=torch.float64)
     products = dict(zip(made.terms, made.products(x).T, strict=True))
@@ -69,6 +77,17 @@ def test_the_estimate_answers_and_members_scatter_as_their_covariance_says():
     x, rows = torch.rand(2, 4, dtype=torch.float64), torch.tensor([5, 7])
     alone = [made.products(x[k]) @ made.coefficients[row].T for k, row in enumerate(rows)]
     np.testing.assert_allclose(made.of(x, rows).detach(), torch.stack(alone).detach())
+
+
+def test_how_well_coefficients_are_known_is_told_after_a_fit():
+    """The forces of all standard errors together have the variance that the covariance says: 0.01 of each product."""
+    x = torch.rand(5, 4, dtype=torch.float64)
+    assert series().sensitivities(x).shape == (5, 0, 3)
+    made = filled()
+    by_hand = torch.zeros(5, 3, dtype=torch.float64)
+    for output, term in made.names:
+        by_hand[:, output] += 0.01 * made.products(x)[:, made.terms.index(term)].square()
+    np.testing.assert_allclose(made.sensitivities(x).square().sum(dim=1).detach(), by_hand)
 
 
 def test_without_the_shaft_speed_forces_scale_with_the_square_of_the_approach():

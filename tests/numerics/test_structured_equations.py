@@ -44,6 +44,11 @@ def test_blocks_give_the_products_of_the_dense_jacobian(activation, outputs, own
     torch.testing.assert_close(gradient, (jacobian.mT @ errors[..., None])[..., 0], rtol=1e-12, atol=1e-12)
 
 
+def test_products_of_rows_on_another_device_stay_there():
+    products = gram(torch.empty(ROWS, HIDDEN, SAMPLES, device="meta"))
+    assert products.shape == (ROWS, HIDDEN, HIDDEN) and products.device.type == "meta"
+
+
 def test_some_rows_of_a_problem_are_the_problem_of_those_rows():
     network, x, y = given(own=True)
     rows = torch.tensor([2, 0])

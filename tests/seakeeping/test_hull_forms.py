@@ -10,7 +10,7 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.units import GRAVITY, SEA_WATER
 from manoeuvre_nn.seakeeping.form import S175, HullForm, estimated_form
 from manoeuvre_nn.seakeeping.hull import immerse
-from manoeuvre_nn.seakeeping.panels import panelled
+from manoeuvre_nn.seakeeping.panels import MAX_DRAUGHT, panelled
 from manoeuvre_nn.ship.esso_190k import esso_190k
 from manoeuvre_nn.ship.mariner import mariner
 
@@ -87,7 +87,8 @@ def test_what_is_no_hull_is_refused(change, message):
         replace(S175, **change)
 
 
-def test_a_draught_above_the_sides_is_refused():
+def test_a_ship_may_lie_as_deep_as_her_sides_reach_and_no_deeper():
+    assert panelled(S175, MAX_DRAUGHT * S175.draught).vertices[..., 2].max() == 0.0
     with pytest.raises(InputError, match="write 0 to 13.3 m"):
         panelled(S175, 14.0)
 

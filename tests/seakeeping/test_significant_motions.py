@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fleet import unchecked
 from pytest import approx
 
 from manoeuvre_nn.core.errors import InputError
@@ -113,6 +114,14 @@ def test_strips_and_panels_agree_on_the_mariner(monkeypatch):
     monkeypatch.setattr(module, "MOTIONS", np.array([0.05, 0.3, 0.5, 0.7, 0.9, 1.2, 1.8]))
     by_strips, by_panels = (significant_motions(rows, m, form) for m in ("strip_theory", "boundary_element"))
     np.testing.assert_allclose(by_strips, by_panels, rtol=0.15)
+
+
+def test_each_method_solves_the_flow_by_its_own_program(monkeypatch):
+    for program in ("radiate", "radiate_strips"):
+        monkeypatch.setattr(module, program, lambda hull, frequency, program=program: program)
+    with unchecked():
+        solved = {method: module._solved.__wrapped__(S175, 8, method) for method in module.METHODS[1:]}
+    assert solved == {"strip_theory": "radiate_strips", "boundary_element": "radiate"}
 
 
 def test_progress_tells_every_draught_that_is_solved():

@@ -49,6 +49,14 @@ def test_the_tanker_moves_by_its_equations_in_any_depth(ratio, zeta, rpm):
     compare(esso_190k(depth=depth, rpm=rpm), lambda u, v, r, d: esso(u, v, r, d, zeta, rpm))
 
 
+@pytest.mark.parametrize("make", [mariner.mariner, mariner.mariner_chislett1965, bulker.great_lakes_bulker, esso_190k])
+def test_more_speed_is_slowed_down_more_up_to_twice_that_of_the_approach(make):
+    ship = make()
+    u = torch.linspace(0.1, 2.0, 39, dtype=torch.float64) * ship.particulars.speed
+    surge = ship.force(torch.stack([u, 0 * u, 0 * u], dim=-1), 0 * u)[:, 0]
+    assert (surge.diff() < 0).all() and float(surge[18]) == approx(0.0, abs=1e-4)
+
+
 def test_a_derivative_is_divided_by_the_factorials_and_a_plain_factor_is_not():
     values = {"Y": {"vvv": 6.0, "rvv": 2.0, "d": 1.0, "0": 0.5}}
     motion = torch.tensor([0.0, 2.0, 3.0, 5.0], dtype=torch.float64)

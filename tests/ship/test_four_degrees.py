@@ -20,7 +20,7 @@ from manoeuvre_nn.manoeuvre.turning import tactical_circle, tactical_circles
 from manoeuvre_nn.manoeuvre.zigzag import overshoot
 from manoeuvre_nn.ship.container import DRIVE, container
 from manoeuvre_nn.ship.four_degrees import FourDegreeShip, twin
-from manoeuvre_nn.ship.naval_vessel import naval_vessel
+from manoeuvre_nn.ship.naval_vessel import ADDED, naval_vessel
 
 SHIPS = {"container": container, "twin": lambda: container(screws=2), "naval": naval_vessel}
 
@@ -121,6 +121,12 @@ def test_the_upright_ship_is_the_rolling_one_whose_heel_is_held(name):
     force = free.forces(nu, tensor(0.0, 0.0), Inputs(delta))
     expected = torch.linalg.solve(free.mass_matrix[:3, :3], force[:3])
     torch.testing.assert_close(held.acceleration(nu, delta), expected)
+    rates, no_roll = held.rates(nu, nu[:0], Inputs(delta))
+    torch.testing.assert_close(rates, expected)
+    assert no_roll.shape == (0,)
+    moved, no_roll = held.added(expected, tensor(4e5)[0])
+    torch.testing.assert_close(moved, expected)
+    assert no_roll.shape == (0,)
     # and the 3 x 3 description of the free one gives what she does at the moment in which she is upright
     torch.testing.assert_close(free.acceleration(nu, delta), free.rates(nu, tensor(0.0, 0.0), Inputs(delta))[0])
 
@@ -134,8 +140,9 @@ def test_external_forces_meet_the_inertia_of_four_degrees_of_freedom(name):
     torch.testing.assert_close(torch.cat([nudot, own[1:]]), expected)
 
 
-def test_without_way_on_the_ship_rolls_with_its_natural_period():
-    ship = container(gm=1.0)
+@pytest.mark.parametrize("make, given", [(container, {"gm": 1.0}), (naval_vessel, {"scale": 2.0})])
+def test_without_way_on_the_ship_rolls_with_its_natural_period(make, given):
+    ship = make(**given)
     rate = lambda y: torch.cat(ship.rates(tensor(1e-3, 0.0, 0.0), y, Inputs(tensor(0.0)[0], tensor(0.0)[0])))[3:]  # noqa: E731
     omega = 2 * pi / ship.particulars.heeling.roll_period
     sway_coupled = ship.mass_matrix[3, 3] - ship.mass_matrix[3, :3] @ torch.linalg.solve(
@@ -163,6 +170,11 @@ def test_the_faster_starboard_screw_turns_her_to_port_and_a_deflected_rudder_to_
     alike = model(start, Inputs(tensor(0.1)[0]))
     parted = model(start, Inputs(tensor(0.1)[0], delta_split=tensor(0.05)[0]))
     assert float(alike[2]) > 0 and float(parted[2]) == approx(float(alike[2]), rel=0.05)
+
+
+def test_forces_by_roll_and_moments_by_sway_are_of_one_added_mass():
+    """A potential flow's added masses are symmetric; the source prints Y_pdot and K_vdot with opposite signs."""
+    assert ADDED["Ypdot"] == -ADDED["Kvdot"] and ADDED["Krdot"] == ADDED["Npdot"] == 0
 
 
 def test_ships_of_one_form_move_alike_by_froude():

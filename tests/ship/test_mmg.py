@@ -137,5 +137,6 @@ def test_with_one_flow_straightening_on_both_sides_port_mirrors_starboard():
 
 
 def test_a_propeller_that_cannot_give_the_thrust_is_refused():
-    with pytest.raises(InputError, match="no shaft speed keeps up"):
-        MMGShip(SHIP.particulars, replace(SHIP.coefficients, thrust=(-0.1, -0.3, -0.1)))
+    for thrust in ((-0.1, -0.3, -0.1), (0.0, 0.3, 0.1), (-0.1, 0.9, 0.9)):
+        with pytest.raises(InputError, match="no shaft speed keeps up"):
+            MMGShip(SHIP.particulars, replace(SHIP.coefficients, thrust=thrust))

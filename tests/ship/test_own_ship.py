@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE, KNOT
 from manoeuvre_nn.ship.mariner import COEFFICIENTS, INERTIA, WANG, mariner
 from manoeuvre_nn.ship.own import OwnParticulars, own_particulars, own_ship
@@ -23,6 +24,13 @@ def test_units_of_the_yaml_become_si():
     assert p.rudder_limit == pytest.approx(30 * torch.pi / 180)
     assert p.mass == 7e6
     assert p.sample_interval == pytest.approx(0.05 * p.time_unit)
+
+
+def test_what_is_not_said_of_an_own_ship_is_what_is_usual():
+    p = own_particulars(OwnParticulars("mine", 100.0, 16.0, 6.0, 0.7, 12.0))
+    usual = Particulars("mine", 100.0, 16.0, 6.0, 0.7, p.speed, 2.5 * DEGREE, 35 * DEGREE)
+    same = ("rudder_rate", "rudder_limit", "rpm", "rudder_area_ratio", "record_length", "rho", "mass")
+    assert {name: getattr(p, name) for name in same} == {name: getattr(usual, name) for name in same}
 
 
 def test_the_mariner_by_numbers_accelerates_as_the_mariner_does():

@@ -45,17 +45,14 @@ def residuals(data_set: WhitenedDataSet, hypothesis: Hypothesis, size: float = M
     Returns:
         One a run.
     """
-    columns = hypothesis_columns(data_set, hypothesis).columns if hypothesis.effects else [None] * len(data_set.runs)
+    columns = hypothesis_columns(data_set, hypothesis).columns
     made, scale = [], in_units(data_set)
     for prepared, c in zip(data_set.runs, columns, strict=True):
         run, white = prepared.linearised.run, _loose(data_set, prepared, size)
-        before = after = prepared.data
-        if c is not None:
-            # What the sensors and the stream do is no force: it is taken out of both.
-            stream = np.zeros_like(c[:1].moved)
-            stream[:, POSITION] = c[:1].moved[:, POSITION]
-            before = before - Columns(c[:1].measured, stream)
-            after = after - c[:1]
+        # What the sensors and the stream do is no force: it is taken out of both.
+        stream = np.zeros_like(c[:1].moved)
+        stream[:, POSITION] = c[:1].moved[:, POSITION]
+        before, after = prepared.data - Columns(c[:1].measured, stream), prepared.data - c[:1]
         process = prepared.linearised.states.forces
         force, left = (scale(white.states(white.embed(x))[:, process, 0]) for x in (before, after))
         error, windows = np.abs(scale(_spread(white, process))), _windows(data_set, prepared, before)

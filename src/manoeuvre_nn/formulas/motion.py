@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from math import pi
 
 import numpy as np
 import sympy
@@ -30,7 +29,7 @@ CONTROLS = {
     "wind_north": Quantity("w_N", "m/s", "velocity of the air over ground, north"),
     "wind_east": Quantity("w_E", "m/s", "velocity of the air over ground, east"),
 }
-HEADING = Quantity("psi", "rad", "heading, clockwise from north", -pi, pi, symbol=r"\psi")
+HEADING = Quantity("psi", "rad", "heading, clockwise from north", symbol=r"\psi")
 RATES = (
     Quantity("udot", "m/s^2", "acceleration forward"),
     Quantity("vdot", "m/s^2", "acceleration to starboard"),

@@ -1,0 +1,119 @@
+"""Small decisions of the diagnosis, each by itself: orders of channels and runs, what is left out and what is told."""
+
+from types import SimpleNamespace
+from unittest.mock import Mock
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+from pytest import approx
+from trials import CIRCLE, run_of, sailed
+
+from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.diagnosis import advise, case, forecast, formula, predictive, proof, windows
+from manoeuvre_nn.dynamics.model import CalmWater
+from manoeuvre_nn.effect.formula import library, mark_of
+from manoeuvre_nn.estimation.corrections import Corrections
+from manoeuvre_nn.estimation.hypothesis import NUMBER_OF_INTERVALS
+from manoeuvre_nn.ship.container import container
+from manoeuvre_nn.ship.mariner import mariner
+
+pytestmark = pytest.mark.usefixtures("unchecked_types")
+
+
+def test_without_held_out_runs_nothing_is_predicted_and_nothing_proved():
+    question = Mock(dynamics=None, case=Mock(held_out=[], warmup=60.0))
+    assert proof.prove(question, Mock(names=("current",)), Mock()) == []
+
+
+def test_the_run_that_tells_most_stands_first(monkeypatch):
+    """A first column alone: every plan adds half its square to the expected log Bayes factor."""
+    grams = [np.array([[squares]]) for squares in (3.0, 2.0, 8.0, 4.0)]
+    monkeypatch.setattr(advise, "_grams", lambda *_: (grams, np.zeros(0)))
+    plans = [SimpleNamespace(text=text) for text in ("little", "most", "more")]
+    ranked = advise._ranked(Mock(), [], Mock(), (0, 0), plans)
+    assert [(gain, plan.text) for gain, plan in ranked] == [(4.0, "most"), (2.0, "more"), (1.0, "little")]
+
+
+def test_noise_is_told_of_the_channels_as_they_are_shown(monkeypatch):
+    """x, y, vn, ve, psi, r, log -> x, y, psi, u, v, r, log; angles in degrees."""
+    monkeypatch.setattr(forecast, "joined", lambda _: Mock(combined=lambda _: Mock(measured=np.zeros((5, 8, 1)))))
+    white = Mock(embed=lambda data: data, states=lambda data: np.zeros((5, 9, 1)))
+    linearised = Mock(observed=np.zeros((5, 8, 9)), present=np.zeros((5, 8), dtype=bool))  # nothing was recorded
+    run = Mock(base=None, linearised=linearised, noise=np.arange(1.0, 9.0))
+    data_set = Mock(combinations=0, runs=[run], at=lambda level: Mock(white=[white]))
+    noise = forecast._noise(Mock(data_set=data_set, mean=np.zeros(1), chosen=Mock(names=(), best=(0, 0))))
+    assert noise == approx({
+        "x": 1.0,
+        "y": 2.0,
+        "psi": 5.0 / DEGREE,
+        "u": 3.0,
+        "v": 4.0,
+        "r": 6.0 / DEGREE,
+        "u_log": 7.0,
+    })
+
+
+def test_an_event_happens_as_often_in_a_run_as_has_a_probability():
+    assert NUMBER_OF_INTERVALS[windows.MAX_INTERVALS :] == (NUMBER_OF_INTERVALS[-1],) and windows.MAX_INTERVALS > 1
+
+
+def test_candidates_of_a_formula_are_the_terms_of_the_library_with_shares_of_unit_length(monkeypatch):
+    wave = Mock(equation="Y", mark="t", shares=(0.6, 0.8), scales={"period_s": 60.0}, tried=8)
+    monkeypatch.setattr(formula, "recurring", lambda data_set: [wave])
+    run = Mock(linearised=Mock(run=Mock(duration=600.0)))
+    candidates = formula._candidates(Mock(runs=[run]))
+    for candidate in candidates:
+        assert len(candidate.shares) == len(candidate.terms) and np.linalg.norm(candidate.shares) == approx(1.0)
+    plain = [c.terms[0] for c in candidates if not c.scales and len(c.terms) == 1]
+    assert [term for term in plain if not mark_of(term)] == [term for term in library() if not mark_of(term)]
+
+
+@pytest.mark.parametrize("size", [0.02, 0.1, 0.4, 1.5])
+def test_a_term_of_a_formula_has_the_size_that_makes_the_data_likeliest(size):
+    """With own information I and pull p the evidence is largest where I s^2 = p^2/I - 1; here both sides are 5."""
+    own = 5.0 / size**2
+    pull = np.sqrt(6.0 * own)
+    gram = np.array([[pull**2, 0.0, pull], [0.0, 1.0, 0.0], [pull, 0.0, own]])
+    data_set = Mock(size=2, runs=[0], nuisance_sd=lambda scatter, runs: np.ones(1))
+    assert formula._chosen(gram, data_set, 0, np.ones(1), [formula._Candidate(("t",))]) == [(0, size)]
+
+
+def test_free_runs_are_compared_along_and_across_the_ship():
+    psi, u, v = np.radians([30.0, 120.0, -70.0]), np.array([7.0, 6.0, 5.0]), np.array([-0.5, 0.2, 0.8])
+    north, east = u * np.cos(psi) - v * np.sin(psi), u * np.sin(psi) + v * np.cos(psi)
+    flat = np.zeros(3)
+    run = np.stack([flat, flat, north, east, psi, flat, u], axis=1)
+    record = pd.DataFrame({"x": 1.0, "y": 2.0, "psi": np.degrees(psi) + 359.0, "u": u + 0.1, "v": v - 0.2, "r": 3.0,
+                           "u_log": u})  # fmt: skip
+    off = predictive._off(np.stack([run, run]), record)
+    expected = {"x": 1.0, "y": 2.0, "psi": -DEGREE, "u": 0.1, "v": -0.2, "r": 3.0 * DEGREE, "u_log": 0.0}
+    assert {name: rows[0] for name, rows in off.items()} == {name: approx([e] * 3) for name, e in expected.items()}
+    assert all(rows[1] == approx(flat) for rows in off.values())
+
+
+@pytest.mark.parametrize("share, recorded, told", [(1.0, False, False), (0.8, False, True), (0.8, True, False)])
+def test_a_shaft_that_was_ordered_is_told_where_it_was_not_recorded_and_not_the_nominal_one(share, recorded, told):
+    run = run_of(sailed([CIRCLE])[0].between(0.0, 5.0), derived=())
+    shaft = np.full(len(run), share if recorded else np.nan)
+    run = run.with_channels(shaft=np.full(len(run), share), shaft_recorded=shaft)
+    said = case._undecided(Mock(runs=[run, run], fitted=[run], planned=[], held_out=[run]))
+    assert any("was ordered otherwise than the model's nominal speed" in line for line in said) is told
+
+
+@pytest.mark.parametrize("ship, driven, state", [(mariner, 2, 2), (container, 3, 7)])
+def test_a_random_moment_turns_or_rolls_the_ship_and_does_nothing_else_at_once(ship, driven, state):
+    """Over a step of 20 ms the rate is the acceleration times the time; the first row has no noise."""
+    model = CalmWater(ship())
+    rows, step, push, count = 5, 0.02, 1e-3, 6 + len(model.own_names)
+    first = torch.zeros(rows, count, dtype=torch.float64)
+    first[:, 0] = model.particulars.speed
+    columns = {name: torch.full((rows, 2), float(name == "shaft")) for name in ("delta", "shaft")}
+    noise = torch.zeros(2, rows, 3 + bool(model.own_names), dtype=torch.float64)
+    noise[:, 1:, driven] = push
+    shares = torch.zeros(rows, len(Corrections(model).names), dtype=torch.float64)
+    end = predictive._integrated(model, first, columns, np.arange(2), (0.0, step), shares, noise)[-1]
+    moved = (end - end[0]).numpy()
+    assert moved[1:, state] == approx(np.full(4, push * step), rel=1e-2)
+    assert np.abs(np.delete(moved, state, axis=1)).max() < 0.05 * push * step * (1.0 if ship is container else 60.0)
