@@ -34,7 +34,6 @@ from manoeuvre_nn.core.writing import locked  # noqa: E402
 from studies.concealed_trial.channels import CHANNEL_SETS  # noqa: E402
 from studies.concealed_trial.drawing import ALL, SHARES, Trial  # noqa: E402
 from studies.concealed_trial.loop import WAYS, compare, sail_next  # noqa: E402
-from studies.concealed_trial.rivals.ablations import PARTS  # noqa: E402
 from studies.concealed_trial.stages import answer, generate, score  # noqa: E402
 from studies.concealed_trial.strength import STRENGTHS  # noqa: E402
 
@@ -54,7 +53,8 @@ METHODS = {
 OF_MODULES = ("cases={cases}", "out={out}")
 METHODS["ideal"] = (sys.executable, "-m", "studies.concealed_trial.ideal", *OF_MODULES, "nuisance={nuisance}")
 ABLATED = (sys.executable, "-m", "studies.concealed_trial.rivals.ablations", *OF_MODULES, "workers=1")
-METHODS |= {f"without_{part}": (*ABLATED, f"without={part}") for part in PARTS}
+WITHOUT = ("scatter", "process_noise", "relinearisation", "other_runs")  # a copy: their module imports torch
+METHODS |= {f"without_{part}": (*ABLATED, f"without={part}") for part in WITHOUT}
 """Command of each tool; its answers lie in OUT/answers, or OUT/answers_NAME for others than the first."""
 
 

@@ -73,12 +73,17 @@ def diagnosis(*acting: str, remainder: bool = False, weaker: float = 0.0) -> Dia
     return diagnose(Question(case, CALM, candidates, remainder=remainder))
 
 
+def with_a_network_to_try(*acting: str) -> Diagnosis:
+    """One diagnosis for many tests: a network that is not taken changes nothing but that this is said."""
+    return diagnosis(*acting, remainder=True)
+
+
 def probability(d: Diagnosis, name: str) -> float:
     return next(c.probability for c in d.causes if c.name == name)
 
 
 def test_a_current_is_named_with_its_speed_and_direction():
-    d = diagnosis("current")
+    d = with_a_network_to_try("current")
     assert (d.verdict, d.model, d.causes[0].name) == ("mismatch", ["current"], "current")
     assert probability(d, "current") > 0.9
     found = {v.name: v for v in d.causes[0].parameters}
@@ -88,7 +93,7 @@ def test_a_current_is_named_with_its_speed_and_direction():
 
 
 def test_with_the_current_the_run_that_was_not_used_is_predicted_to_the_noise():
-    d = diagnosis("current")
+    d = with_a_network_to_try("current")
     before, after = d.rmse("before"), d.rmse("after")
     assert after["pos"] < 0.1 * before["pos"] and after["v"] < 0.5 * before["v"]
     assert after["psi"] < 0.5 and after["u_log"] < 1.2 * NOISE[6]
@@ -98,7 +103,7 @@ def test_with_the_current_the_run_that_was_not_used_is_predicted_to_the_noise():
 
 
 def test_clean_recordings_end_with_nothing():
-    d = diagnosis()
+    d = with_a_network_to_try()
     assert (d.verdict, d.model) == ("none", [])
     assert all(probability(d, e.name) < 0.5 for e in CANDIDATES) and probability(d, "unknown") < 0.5
     assert d.rmse("before") == approx(d.rmse("after"))
@@ -164,7 +169,7 @@ def test_two_effects_at_once_are_both_named():
 
 
 def test_probabilities_and_noise_are_numbers_that_can_be_shown():
-    d = diagnosis("current")
+    d = with_a_network_to_try("current")
     assert [c.probability for c in d.causes[1:]] == sorted((c.probability for c in d.causes[1:]), reverse=True)
     assert all(0 <= c.probability <= 1 and np.isfinite(c.evidence) for c in d.causes)
     assert d.noise["pos"] == approx(np.hypot(*NOISE[:2]), rel=0.2) and d.noise["psi"] == approx(0.1, rel=0.2)
@@ -184,7 +189,7 @@ def test_a_force_without_a_name_is_unknown_and_its_formula_predicts_the_run_that
 
 @pytest.mark.parametrize("acting", [(), ("current",)])
 def test_a_network_is_not_taken_where_physics_reaches_the_noise(acting):
-    d = diagnosis(*acting, remainder=True)
+    d = with_a_network_to_try(*acting)
     assert d.network == {} and d.model == list(acting)
 
 

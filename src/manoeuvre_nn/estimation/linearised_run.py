@@ -221,10 +221,11 @@ def linearise(
     state = torch.nn.functional.pad(torch.tensor(track[:-1]), (0, len(states.driven)))
     size = state.new_tensor(states.difference)
     nudges = torch.cat([torch.diag(size), -torch.diag(size)])[:, None, :]
-    with torch.no_grad():
-        forward, moved = step(state, recorded), step(state + nudges, delta)
-        push = step(state, delta + RUDDER_DIFFERENCE) - (forward if indicated is None else step(state, delta))
-    up, down = moved[: states.size], moved[states.size :]
+    rudders = torch.stack([*[delta] * len(nudges), recorded, delta, delta + RUDDER_DIFFERENCE])
+    with torch.no_grad():  # all at once: a step of a short run is mostly calls
+        moved = step(torch.cat([state + nudges, state.expand(3, *state.shape)]), rudders)
+    up, down, (forward, still, pushed) = moved.split([states.size, states.size, 3])
+    push = pushed - still
     transition = ((up - down) / (2 * size[:, None, None])).permute(1, 2, 0).numpy()
     defect = forward.numpy()[:, : states.count] - track[1:]
     # Where nobody knows the rudder a ship may come out of a step in any state.
@@ -234,8 +235,8 @@ def linearise(
     residual[:, 4] = (residual[:, 4] + np.pi) % (2 * np.pi) - np.pi
     residual = np.nan_to_num(residual, nan=0.0)
     # What a turned rudder adds to position and heading within the step is left out.
-    pushed = [name in PROCESS_DIFFERENCE for name in states.moving]
-    rudder_push = push[:, : states.count].numpy() / RUDDER_DIFFERENCE * pushed
+    driven = [name in PROCESS_DIFFERENCE for name in states.moving]
+    rudder_push = push[:, : states.count].numpy() / RUDDER_DIFFERENCE * driven
     shows = _observed(track, states)
     return LinearisedRun(run, track, rate, transition, defect, shows, residual, rudder_push, delta.numpy())
 
@@ -244,7 +245,7 @@ def _step(
     rate: Rate, state: Tensor, delta: Tensor, shaft: Tensor, sides: Mapping[str, Tensor], h: float, decay: float
 ) -> Tensor:
     """One Runge-Kutta step from every sample to the next at once, rudder and shaft linear in between."""
-    start, end = delta[:-1], delta[1:]
+    start, end = delta[..., :-1], delta[..., 1:]
     turns, splits = 0.5 * (shaft[:-1] + shaft[1:]), {k: 0.5 * (s[:-1] + s[1:]) for k, s in sides.items()}
     k = rate.states.count
 

@@ -8,18 +8,20 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[3]
+SEEDS = {2: 1101, 4: 52}
+"""Of two, short runs of small ships."""
 
 
 @pytest.fixture(scope="module", params=[2, pytest.param(4, marks=pytest.mark.slow)])
 def cases(request):
-    """A clean one and a strong current; of four, these, an ice field and an effect that is not listed."""
+    """A clean one and a strong current; of four, an ice field and an effect that is not listed besides."""
     return request.param
 
 
 @pytest.fixture(scope="module")
 def tool(cases, tmp_path_factory):
     out = tmp_path_factory.mktemp("trial")
-    command = [sys.executable, "scripts/concealed_trial.py", f"cases={cases}", "seed=52", f"out={out}"]
+    command = [sys.executable, "scripts/concealed_trial.py", f"cases={cases}", f"seed={SEEDS[cases]}", f"out={out}"]
     command += [f"jobs={cases // 2}", "strength=strong", "channels=full"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=1200)
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]

@@ -14,6 +14,7 @@ from manoeuvre_nn.core.errors import InputError
 from studies.concealed_trial import stages
 from studies.concealed_trial.commitments import METHOD, commitment
 from studies.concealed_trial.drawing import Trial, case_name
+from studies.concealed_trial.rivals.ablations import PARTS
 from studies.concealed_trial.stages import answer, generate, score
 
 SCRIPT = Path(__file__).parents[3] / "scripts" / "concealed_trial.py"
@@ -134,6 +135,18 @@ def test_scoring_without_a_trial_says_so(tmp_path):
         score(Trial(5, 1), tmp_path, {}, 1)
 
 
+@pytest.fixture(scope="module")
+def script():
+    spec = importlib.util.spec_from_file_location("concealed_trial", SCRIPT)
+    made = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(made)
+    return made
+
+
+def test_the_diagnosis_without_each_of_its_parts_is_a_method(script):
+    assert [name for name in script.METHODS if name.startswith("without_")] == [f"without_{part}" for part in PARTS]
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -149,10 +162,7 @@ def test_scoring_without_a_trial_says_so(tmp_path):
         (["seed=1", "strict=yes"], "strict=yes: choose from: true, false"),
     ],
 )
-def test_the_script_ends_in_one_line_on_a_wrong_argument(words, message):
-    spec = importlib.util.spec_from_file_location("concealed_trial", SCRIPT)
-    script = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(script)
+def test_the_script_ends_in_one_line_on_a_wrong_argument(script, words, message):
     with pytest.raises(InputError) as caught:
         script.main(words)
     assert message in str(caught.value)
