@@ -251,6 +251,7 @@ def in_process(command: list[str], seed: str) -> int:
             stage.communicate(seed)
         finally:
             stage.terminate()
+            stage.wait()  # its own processes are gone by then
     return stage.returncode
 
 
