@@ -54,6 +54,12 @@ def refused(ended, out, *told) -> None:
         ("seed=${nosuch:1}", "seed=${nosuch:1}: Unsupported interpolation type nosuch"),
         ("seed=${seed}", "seed=${seed}: Recursive interpolation detected"),
         ("data=recording data.mapping=none.yaml", "none.yaml does not exist"),
+        ("effect=../ship/mariner", "effect=../ship/mariner: expected the name of an option of effect: bank"),
+        ("effects={a:1}", "effects={'a': 1}: expected the path of a file or folder"),
+        ("effects=2026", "effects=2026 does not exist"),
+        ("data=recording data.files=[true]", "data.files=[True]: expected names of files, such as [A.csv,B.csv]"),
+        ("trainer.resume=nowhere.ckpt", "trainer.resume=nowhere.ckpt: expected auto, never, or the path of a .ckpt"),
+        ("data.noise.p_deg_s=1", "noise of p: recording zz35 has no such channel; it has: u, v, r"),
     ],
 )
 def test_wrong_commands_are_refused(cli, tmp_path, words, told):

@@ -29,6 +29,7 @@ def refused(call, *given) -> str:
     [
         "a: 2020-99-99",
         "a: " + "9" * 5000,
+        "a: 0x" + "f" * 5000,
         "a: !!int ''",
         "a: !!bool maybe",
         "a: !!timestamp x",

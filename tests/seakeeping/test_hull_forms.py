@@ -80,6 +80,8 @@ def test_the_longitudinal_metacentric_height_is_near_the_published_one():
         ({"block": 0.75}, "block < waterplane < 1"),
         ({"centre": 40.0}, "no hull has this block coefficient and LCB"),
         ({"flotation": -60.0}, "no hull has this waterplane coefficient and LCF"),
+        ({"gyradius": 0.5}, "gyradius 0.5 and"),
+        ({"weight_height": float("nan")}, "weight_height nan: write"),
     ],
 )
 def test_what_is_no_hull_is_refused(change, message):

@@ -45,6 +45,12 @@ def test_the_unit_of_a_noise_is_that_of_its_name(setting):
     assert noise_in_si({setting: 2.0}) == {channel: approx(2.0 * (DEGREE if unit else 1.0))}
 
 
+@pytest.mark.parametrize("sd", [-1.0, float("nan"), 1e7])
+def test_noise_is_a_number_that_a_sensor_may_have(sd):
+    with pytest.raises(InputError, match="data.noise.x=.*: expected a standard deviation"):
+        noise_in_si({"x": sd})
+
+
 def test_a_network_is_chosen_by_the_error_that_the_fit_states_or_else_by_the_held_out_runs():
     with unchecked():
         scorer = RolloutScore(held_out=SimpleNamespace())

@@ -114,8 +114,10 @@ def read_effects(path: Path, own: str | None = None) -> dict[str, dict[str, Any]
         Effect -> its entry of conf/effect with the file's values.
 
     Raises:
-        InputError: If it holds anything else than values of effects that are in conf/effect.
+        InputError: If it does not exist, or holds anything else than values of effects that are in conf/effect.
     """
+    if not path.is_file():
+        raise InputError(f"effects={path} does not exist: write the path of a yaml file, as diagnose writes it")
     found = load_yaml(path)
     found = without_format(found, f"effects={path}") if isinstance(found, Mapping) else found
     if not isinstance(found, Mapping) or not all(isinstance(entry, Mapping) for entry in found.values()):

@@ -17,6 +17,7 @@ from manoeuvre_nn.commands import guard
 from manoeuvre_nn.commands.groups import CONF, GROUPS, options, own_folder, plugged_in
 from manoeuvre_nn.core.ending import WRONG_INPUT
 from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.plain_text import listed
 from manoeuvre_nn.core.writing import locked
 
 USAGE = """manoeuvre COMMAND [group=option] [setting=value]
@@ -105,7 +106,7 @@ def _check_choices(words: Sequence[str]) -> None:
     for word in words:
         key, _, value = word.lstrip("+").partition("=")
         if key in GROUPS and (".." in value or "/" in value[:2]):
-            raise InputError(f"{word}: expected the name of an option of {key}: {', '.join(options(key))}")
+            raise InputError(f"{word}: expected the name of an option of {key}: {listed(list(options(key)))}")
 
 
 def task_of(words: Sequence[str], command: str, own: Path | None = None) -> tuple[list[str], str]:

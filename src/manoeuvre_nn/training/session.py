@@ -182,6 +182,10 @@ def _resume_from(session: Session, out: Path, console: Console) -> Path | None:
     if session.resume == "never":
         return None
     path = out / CHECKPOINTS / "last.ckpt" if session.resume == "auto" else Path(session.resume)
+    if session.resume != "auto" and not path.is_file():
+        raise InputError(
+            f"trainer.resume={session.resume}: expected auto, never, or the path of a .ckpt file that exists"
+        )
     if session.resume == "auto" and not path.exists():
         return None
     epoch = read_training(path)["epoch"]
