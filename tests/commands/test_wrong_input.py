@@ -116,7 +116,7 @@ def test_wrong_commands_are_refused(cli, tmp_path, words, told):
         ("effect=current data=recording", "effect=[current] acts on simulated ships, data=recording are measured"),
         ("data=recording", "names no recording: write data.files=[FILE,...], relative to data.folder"),
         ("data=recording data.mapping=kvlcc2_hsva data.files=[/no/x]", "data.files: /no/x is not in .; it holds"),
-        ("data=recording data.mapping=kvlcc2_hsva data.files=['']", "data.files: is not in .; it holds"),
+        ("data=recording data.mapping=kvlcc2_hsva data.files=['']", "data.files=['']: expected names of files"),
         ("data=recording data.mapping=kvlcc2_hsva", "data.files=[] names no recording"),
     ],
 )
