@@ -33,7 +33,9 @@ def test_no_noise_changes_nothing(zz20):
     np.testing.assert_array_equal(add_noise(zz20, {"u": 0.0})["u"], zz20["u"])
 
 
-@pytest.mark.parametrize(("sd", "message"), [({"u": -1.0}, "0 or more"), ({"yaw": 1.0}, "noise of yaw: recording zz20 has no such channel")])
+@pytest.mark.parametrize(
+    ("sd", "message"), [({"u": -1.0}, "0 or more"), ({"yaw": 1.0}, "noise of yaw: recording zz20 has no such channel")]
+)
 def test_noise_that_makes_no_sense_is_refused(zz20, sd, message):
     with pytest.raises(InputError, match=message):
         add_noise(zz20, sd)

@@ -160,7 +160,7 @@ def test_a_checkpoint_of_another_network_or_method_is_refused_before_training(tm
 
 
 def test_a_checkpoint_that_is_missing_is_refused(tmp_path):
-    with pytest.raises(InputError, match="does not exist: write the path of a .ckpt file"):
+    with pytest.raises(InputError, match="trainer.resume=.*expected auto, never, or the path"):
         tiny.train(tiny.lm(), tmp_path, resume=str(tmp_path / "none.ckpt"))
 
 
