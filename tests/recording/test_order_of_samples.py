@@ -9,6 +9,7 @@ from fleet import TRIALS, rolled, ship_named
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.recording.check.axes import robust_slope
 from manoeuvre_nn.recording.check.checks import check_recording
 from manoeuvre_nn.recording.check.order import disorder, no_order
 from manoeuvre_nn.recording.noise import add_noise
@@ -52,6 +53,11 @@ def test_a_yaw_rate_that_never_moves_is_no_steady_turn_where_the_heading_says_th
         steady = run.with_channels(r=rate, psi=rate * run.time)
         assert no_order(steady, p) is None
         assert no_order(run.with_channels(r=0 * rate, psi=0 * rate, x=5 * run.time, y=0 * rate), p) is None
+
+
+def test_nothing_follows_from_a_channel_that_is_zero_throughout():
+    assert robust_slope(np.zeros(50), np.ones(50)) == 0.0
+    assert robust_slope(np.arange(50.0), 2 * np.arange(50.0)) == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize("kind", DERIVED)

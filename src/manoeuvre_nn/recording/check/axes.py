@@ -222,10 +222,10 @@ def robust_slope(x: Series, y: Series) -> float:
         y: Another.
 
     Returns:
-        Slope, in units of y over those of x.
+        Slope, in units of y over those of x; 0 where x is 0 throughout.
     """
     large = np.abs(x) > 0.2 * np.quantile(np.abs(x), 0.95)
-    return float(trimmed_least_squares(x[:, None], y, SLOPE_SDS, 1e-12, large)[0][0])
+    return float(trimmed_least_squares(x[:, None], y, SLOPE_SDS, 1e-12, large)[0][0]) if large.any() else 0.0
 
 
 def _has_moved(rudder: Series, count: int) -> Bool[np.ndarray, " n"]:
