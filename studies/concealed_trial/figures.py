@@ -130,13 +130,14 @@ def power(cases: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
         for k, (tool, rows) in enumerate(cases.items()):
             at = np.arange(len(present)) + 0.14 * (k - 0.5 * (len(cases) - 1))
             shares = [rate(row[key] for row in rows if row["strongest"] == s) for s in present]
+            label: str | None = tool
             for x, share in zip(at, shares, strict=True):
                 if share is None:
                     continue
                 spread = [[share["share"] - share["low"]], [share["high"] - share["share"]]]
-                label = tool if x == at[0] else None
                 colour, mark = COLOURS[k % 6], MARKS[k % 6]
                 axes.errorbar(x, share["share"], np.abs(spread), fmt=mark, color=colour, capsize=3, label=label)
+                label = None  # a tool is named once
         counts = [sum(row["strongest"] == s for row in next(iter(cases.values()))) for s in present]
         sizes = ["{:g}–{:g} L".format(*DRIFT[s]) for s in present]
         told = [f"{s}\n{size}\n{n} cases" for s, size, n in zip(present, sizes, counts, strict=True)]
@@ -144,7 +145,8 @@ def power(cases: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
         axes.set(ylim=(-0.04, 1.04), title=title, xlim=(-0.6, len(present) - 0.4))
         axes.set_ylabel("share of cases [-]" if panel == 0 else "")
         axes.grid(axis="y", alpha=0.25)
-    axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    if axes.get_legend_handles_labels()[1]:  # no tool has a share where no case had a cause
+        axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return figure
 
 

@@ -36,6 +36,14 @@ def test_power_is_the_share_of_each_strength():
     ]
 
 
+def test_a_tool_is_named_once_and_a_trial_without_a_cause_has_no_legend():
+    late = [row([], "none"), {**row(["current"], "none"), "detected": None, "first_right": None}]
+    late += [row(["current"], "current", "strong")]
+    figure = power({"tool": [*late, row(["current"], "none", "extreme")]})
+    assert [text.get_text() for text in figure.axes[1].get_legend().get_texts()] == ["tool"]
+    assert power({"tool": [row([], "none")]}).axes[1].get_legend() is None
+
+
 def test_the_reliability_diagram_has_a_panel_for_each_tool():
     bins = calibration([(0.2, 0), (0.2, 1), (0.9, 1)])
     figure = reliability({"one": bins, "other": []})
