@@ -57,6 +57,7 @@ def refused(ended, out, *told) -> None:
         ("effect=../ship/mariner", "effect=../ship/mariner: expected the name of an option of effect: bank"),
         ("effects={a:1}", "effects={'a': 1}: expected the path of a file or folder"),
         ("effects=2026", "effects=2026 does not exist"),
+        ("plugins=[../evil]", "plugins=../evil: no name of a module"),
         ("data=recording data.files=[true]", "data.files=[True]: expected names of files, such as [A.csv,B.csv]"),
         ("data.noise.p_deg_s=1", "noise of p: recording zz35 has no such channel; it has: u, v, r"),
     ],

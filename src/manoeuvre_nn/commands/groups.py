@@ -175,6 +175,10 @@ def plugged_in(cfg: DictConfig | Mapping[str, Any]) -> None:
     if modules and folder is not None and folder not in sys.path:
         sys.path.append(folder)  # last, and also where worker processes look
     for module in modules:
+        if not all(part.isidentifier() for part in module.split(".")):
+            raise InputError(
+                f"plugins={module}: no name of a module; write that of a py file in config_dir=, without a path"
+            )
         try:
             importlib.import_module(module)
         except ModuleNotFoundError as error:
