@@ -11,9 +11,10 @@ from fleet import SHIPS, TRIALS, coarse, rolled, ship_named, solved, without_off
 from pytest import approx
 
 from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.dynamics import rollout as rollout_module
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.rollout import roll_out
-from manoeuvre_nn.manoeuvre.turning import turning_circle
+from manoeuvre_nn.manoeuvre.turning import tactical_circle, turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.ship.esso_190k import PARTICULARS as ESSO
 from manoeuvre_nn.ship.esso_190k import SELF_PROPULSION, esso_190k
@@ -152,3 +153,14 @@ def test_a_turn_to_port_from_a_copy_leaves_the_ship_as_it_was():
     roll_out(CalmWater(ship), [turning_circle(25.0, "port", duration=50.0).at_speed(5.0)])
     assert all(torch.equal(v, before[k]) for k, v in ship.state_dict().items())
     assert ship.particulars.speed == 7.614
+
+
+def test_a_trial_that_is_over_does_not_sail_on_to_the_longest_end_of_its_batch(monkeypatch):
+    """A circle that may take forty minutes has come round after one: nobody sails on for the rest."""
+    passes = []
+    one = rollout_module._pass
+    monkeypatch.setattr(rollout_module, "_pass", lambda *args: passes.append(1) or one(*args))
+    trials = [zigzag(20.0, duration=20.0), tactical_circle(35.0, approach=5.0, turn_deg=20.0)]
+    weave, circle = roll_out(CalmWater(ship_named("mariner")), trials, step=1.0)
+    assert weave.time[-1] == 20.0 and circle.time[-1] < 60.0
+    assert len(passes) < 100

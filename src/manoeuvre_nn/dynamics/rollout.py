@@ -62,6 +62,7 @@ def rollout(
     times: Float[Tensor, " times"],
     *,
     step: float | None = None,
+    samples: Sequence[int] | None = None,
 ) -> Solution:
     """Run a batch of manoeuvres in closed loop with fixed Runge-Kutta steps.
 
@@ -75,6 +76,7 @@ def rollout(
         start: Whole initial states, as ``Model.start`` makes them.
         times: Sample times [s], evenly spaced from 0.
         step: Largest step [s]; by default 1/20 of L/U0.
+        samples: How many samples each row is asked for, after which it rests; by default all.
 
     Returns:
         The runs; a row that left the physical range rests in its last good state from then on.
@@ -92,9 +94,10 @@ def rollout(
     sides = sides_of(manoeuvres, vessel, amidships)
     batch = _Batch(start, helm, amidships, none, none, never, start, never, sides)
     past, final = [batch], none.new_tensor([len(m.stages) - 1 if m.ends else len(m.stages) for m in manoeuvres])
+    asked = none.new_tensor([parts * (count - 1) for count in samples or [len(times)] * len(manoeuvres)])
     while bool((batch.steps < len(ends) - 1).any()):
         batch = _over(
-            _sampled(_pass(vessel, batch, ends), batch, parts, particulars, len(ends) - 1), final, len(ends) - 1
+            _sampled(_pass(vessel, batch, ends), batch, parts, particulars, len(ends) - 1), final, asked, len(ends) - 1
         )
         past.append(replace(batch, sampled=start))  # what is not read off need not be kept
     return _read_off(past, times, parts)
@@ -129,9 +132,9 @@ def _sampled(batch: _Batch, before: _Batch, parts: int, ship: Particulars, last:
     return replace(batch, sampled=torch.where(sample[:, None], batch.state, batch.sampled))
 
 
-def _over(batch: _Batch, final: Int[Tensor, " rows"], last: int) -> _Batch:
-    """The batch with rows ended whose trial is over, its final stage having begun: they rest."""
-    over = batch.helm.stage >= final
+def _over(batch: _Batch, final: Int[Tensor, " rows"], asked: Int[Tensor, " rows"], last: int) -> _Batch:
+    """The batch with rows ended whose trial is over, its final stage having begun or all steps made: they rest."""
+    over = (batch.helm.stage >= final) | (batch.steps >= asked)
     return replace(batch, steps=batch.steps.masked_fill(over, last)) if over.any() else batch
 
 
@@ -238,7 +241,8 @@ def roll_out(
         with torch.inference_mode():
             amidships = Inputs(vessel.gear.at_rest(start.new_zeros(len(group)))[..., -1])
             starts = vessel.model.start(start[:6].repeat(len(group), 1), amidships)
-            runs = rollout(vessel, group, starts, start.new_tensor(max(clocks, key=len)), step=step)
+            times = start.new_tensor(max(clocks, key=len))
+            runs = rollout(vessel, group, starts, times, step=step, samples=[len(clock) for clock in clocks])
         exact = replace(runs, times=torch.as_tensor(max(clocks, key=len)))
         done |= zip(indices, to_recordings(vessel, group, exact, [float(clock[-1]) for clock in clocks]), strict=True)
     return [done[i] for i in range(len(manoeuvres))]
