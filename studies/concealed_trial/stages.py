@@ -26,7 +26,7 @@ from studies.concealed_trial.scoreboard import label_losses, markdown, scoreboar
 KEPT_ENVIRONMENT = ("PATH", "HOME", "LANG", "TMPDIR", "VIRTUAL_ENV", "SYSTEMROOT")
 """What the tool's processes see of the environment."""
 POLL, PATIENCE = 1.0, 20.0
-"""How often progress is looked at [s]."""
+"""How often progress is looked at, and how long a process may take to end [s]."""
 
 
 class Progress:

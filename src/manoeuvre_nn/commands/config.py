@@ -39,7 +39,7 @@ def switch(what: str, value: Any) -> bool:
 
 def path(what: str, value: Any) -> Path:
     """Read a setting that names a file or folder; ``what`` is its name, and what is no word or number is refused."""
-    if isinstance(value, bool) or not isinstance(value, str | int | float) or value == "":
+    if not _can_name(value):
         raise InputError(f"{what}={value}: expected the path of a file or folder")
     return Path(str(value))
 
@@ -47,10 +47,14 @@ def path(what: str, value: Any) -> Path:
 def names(what: str, value: Any) -> list[str]:
     """Read a setting that names one file or several; ``what`` is its name, and what is no word or number is refused."""
     found = as_list(value)
-    for one in found:
-        if isinstance(one, bool) or not isinstance(one, str | int | float) or one == "":
-            raise InputError(f"{what}={value}: expected names of files, such as [A.csv,B.csv]")
+    if not all(map(_can_name, found)):
+        raise InputError(f"{what}={value}: expected names of files, such as [A.csv,B.csv]")
     return [str(one) for one in found]
+
+
+def _can_name(value: Any) -> bool:
+    """Whether a file may be called so: a folder such as 2026 is a number to hydra."""
+    return isinstance(value, str | int | float) and not isinstance(value, bool) and value != ""
 
 
 def training_manoeuvres(config: DictConfig) -> list[Manoeuvre]:

@@ -84,7 +84,7 @@ def run(command: str, words: list[str] | None = None) -> None:
     with guard.one_line():
         words, folder = own_folder(words)
         _check_options(words)
-        _check_choices(words)
+        _check_choices(words, None if folder is None else str(folder))
         words, config = task_of(words, command, folder)
     sys.argv = [sys.argv[0], *words, *(() if folder is None else ("--config-dir", str(folder)))]
     guard.guarded(hydra.main(version_base="1.3", config_path=str(CONF), config_name=config)(_task(command)))
@@ -101,12 +101,12 @@ def _check_options(words: list[str]) -> None:
     parser.parse_args([word for word in words if word != "--version"])
 
 
-def _check_choices(words: Sequence[str]) -> None:
+def _check_choices(words: Sequence[str], own: str | None) -> None:
     """Refuse an option of a group that is a way to another folder."""
     for word in words:
         key, _, value = word.lstrip("+").partition("=")
         if key in GROUPS and (".." in value or "/" in value[:2]):
-            raise InputError(f"{word}: expected the name of an option of {key}: {listed(list(options(key)))}")
+            raise InputError(f"{word}: expected the name of an option of {key}: {listed(list(options(key, own)))}")
 
 
 def task_of(words: Sequence[str], command: str, own: Path | None = None) -> tuple[list[str], str]:

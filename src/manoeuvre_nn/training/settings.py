@@ -15,6 +15,8 @@ NOISE_UNITS = {
     "phi_deg": ("phi", DEGREE), "p_deg_s": ("p", DEGREE),
 }  # fmt: skip
 """Setting of ``data.noise`` -> channel and SI value of its unit."""
+MAX_NOISE = 1e6
+"""Largest standard deviation of a sensor's noise [m, m/s, deg ...]."""
 
 
 def check_simulable(ship: object) -> None:
@@ -31,10 +33,6 @@ def check_simulable(ship: object) -> None:
             f"the {ship.name} has particulars but no coefficients and cannot be simulated: write data=recording "
             "data.folder=FOLDER data.files=[FILE,...], or choose a ship with coefficients"
         )
-
-
-MAX_NOISE = 1e6
-"""Largest standard deviation of a sensor's noise [m, m/s, deg ...]."""
 
 
 def check_positive(what: str, value: float | None) -> None:
