@@ -25,7 +25,7 @@ TRAPS = (
     "{{_target_: os.system, command: 'touch {canary}'}}",
     "{{_target_: subprocess.call, _args_: [['touch', '{canary}']]}}",
     "{{_target_: manoeuvre_nn.core.recording.Recording.to_csv, path: '{canary}'}}",
-    "{{_target_: manoeuvre_nn.commands.groups.plugged_in, cfg: {{plugins: [evil], config_dir: '{folder}'}}}}",
+    "{{_target_: manoeuvre_nn.commands.groups.accept, cfg: {{plugins: [evil], config_dir: '{folder}'}}}}",
     "{{plugins: [evil], config_dir: '{folder}'}}",
     "'${{oc.env:HOME}}'",
     "'${{oc.create:{{_target_: os.system}}}}'",

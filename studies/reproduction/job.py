@@ -16,8 +16,9 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from manoeuvre_nn.commands import guard
-from manoeuvre_nn.commands.config import MAX_THREADS, as_list, switch, whole_number
+from manoeuvre_nn.commands.config import names
 from manoeuvre_nn.commands.provenance import check_same_run, versions, write_provenance
+from manoeuvre_nn.commands.settings import MAX_THREADS, NAMES, PATH, SWITCH, WORD, check_settings, or_null, whole
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.core.writing import locked, write_file
@@ -40,6 +41,11 @@ from studies.reproduction.watch import Watch
 RESULT, PAGE = "reproduction.json", "reproduction.html"
 WIDTH = 110
 """Columns where the output goes to a file."""
+SETTINGS = {
+    "chapters": NAMES, "out": PATH, "paper": or_null(WORD), "quick": SWITCH, "seed": whole(0), "starts": whole(1),
+    "workers": whole(1, MAX_THREADS),
+}  # fmt: skip
+"""Setting -> what it may be."""
 
 
 @dataclass(frozen=True)
@@ -101,13 +107,13 @@ def job_of(cfg: DictConfig) -> ReproductionJob:
     Returns:
         What is asked for. A wrong setting is refused in one line.
     """
+    check_settings(cfg, kinds=SETTINGS)
     paper = read_paper(cfg.paper)
-    effort = ComputingEffort(
-        switch("quick", cfg.quick), int(whole_number("starts", cfg.starts, 1)), int(whole_number("seed", cfg.seed, 0))
+    named = wanted(names(cfg.chapters), list(paper.chapters))
+    effort = ComputingEffort(cfg.quick, cfg.starts, cfg.seed)
+    return ReproductionJob(
+        paper, {name: paper.chapter(name) for name in named}, effort, cfg.workers, Path(str(cfg.out))
     )
-    workers = int(whole_number("workers", cfg.workers, 1, MAX_THREADS))
-    named = wanted(as_list(cfg.chapters), list(paper.chapters))
-    return ReproductionJob(paper, {name: paper.chapter(name) for name in named}, effort, workers, Path(cfg.out))
 
 
 def wanted(named: Iterable[Any], known: list[str]) -> list[str]:

@@ -19,6 +19,7 @@ from rich.console import Console
 
 from manoeuvre_nn.commands import guard
 from manoeuvre_nn.commands.groups import register_resolvers
+from manoeuvre_nn.commands.settings import check_settings
 from manoeuvre_nn.commands.train import train
 
 ROOT = Path(__file__).parents[2]
@@ -133,6 +134,7 @@ def composed() -> Callable[..., DictConfig]:
 def _config(*words: str) -> DictConfig:
     with _composing():
         cfg = compose("train", list(words), return_hydra_config=True)
+    check_settings(cfg)
     with open_dict(cfg):
         del cfg["hydra"]
         cfg.name = "test"

@@ -8,14 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fleet import unchecked
-from hydra import compose, initialize_config_dir
-from hydra.core.global_hydra import GlobalHydra
-from omegaconf import OmegaConf, open_dict
 from pytest import approx
 from rich.console import Console
 
 from manoeuvre_nn.commands.coefficients import _read, tell
-from manoeuvre_nn.commands.groups import register_resolvers
+from manoeuvre_nn.commands.groups import compose
 from manoeuvre_nn.commands.train import train
 from manoeuvre_nn.core.ending import WRONG_INPUT
 from manoeuvre_nn.core.errors import InputError
@@ -28,15 +25,7 @@ NOISY = ("data.length=120", "data.noise.u=.03", "data.noise.v=.03", "data.noise.
 
 
 def config(name, *words):
-    register_resolvers()
-    GlobalHydra.instance().clear()
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        cfg = compose(name, [*NOISY, *words], return_hydra_config=True)
-    with open_dict(cfg):
-        del cfg["hydra"]
-        cfg.name = "test"
-    OmegaConf.set_struct(cfg, True)
-    return cfg
+    return compose(name, [*NOISY, *words, "name=test"])
 
 
 def told(out, *words):

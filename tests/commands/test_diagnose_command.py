@@ -14,7 +14,6 @@ import pytest
 import torch
 import yaml
 from fleet import unchecked
-from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 from omegaconf import DictConfig
 from rich.console import Console
@@ -25,6 +24,7 @@ from manoeuvre_nn.commands import guard
 from manoeuvre_nn.commands.config import with_effects
 from manoeuvre_nn.commands.diagnose import _Tracker, case_folders, diagnose_all
 from manoeuvre_nn.commands.diagnosis_setup import setup, wanted, write_effects
+from manoeuvre_nn.commands.groups import compose
 from manoeuvre_nn.commands.job import load_model, prepare
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.units import KNOT
@@ -49,9 +49,7 @@ class Ended(NamedTuple):
 
 @cache
 def config(*words: str) -> DictConfig:
-    GlobalHydra.instance().clear()
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        return compose("diagnose", list(words))
+    return compose("diagnose", words)
 
 
 def diagnose(capsys, out: Path, *words: str, terminal: bool = False) -> Ended:
@@ -266,9 +264,9 @@ GOOD = "ship=mariner_corrected recordings={recordings}"
         (f"{GOOD} held_out=[zz1,tc1,zz2]", "held out are all runs"),
         (f"{GOOD} rudder_positive_to=port", "change rudder_positive_to"),
         (f"{GOOD} rudder_positive_to=left", "rudder_positive_to='left': write starboard or port"),
-        (f"{GOOD} warmup_s=long", "warmup_s=long: expected a number or null"),
-        (f"{GOOD} speed_kn=0", "approach_speed_m_s is 0"),
-        (f"{GOOD} rpm=fast", "rpm=fast: expected a number or null"),
+        (f"{GOOD} warmup_s=long", "warmup_s=long: expected a number more than 0, or null"),
+        (f"{GOOD} speed_kn=0", "speed_kn=0: expected a number more than 0"),
+        (f"{GOOD} rpm=fast", "rpm=fast: expected a number more than 0, or null"),
         (f"{GOOD} mapping=nowhere.yaml", "nowhere.yaml does not exist"),
         (f"{GOOD} mapping=kvlcc2_hsva", "no column 't_s'"),
         (f"{GOOD} model=nowhere.ckpt", "checkpoint nowhere.ckpt does not exist"),

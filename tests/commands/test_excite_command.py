@@ -7,14 +7,11 @@ from pathlib import Path
 
 import pytest
 import yaml
-from hydra import compose, initialize_config_dir
-from hydra.core.global_hydra import GlobalHydra
-from omegaconf import OmegaConf, open_dict
 from rich.console import Console
 
 from manoeuvre_nn.commands import guard
 from manoeuvre_nn.commands.excite import excite, question_of
-from manoeuvre_nn.commands.groups import register_resolvers
+from manoeuvre_nn.commands.groups import compose
 from manoeuvre_nn.core.errors import InputError
 
 ROOT = Path(__file__).parents[2]
@@ -27,15 +24,7 @@ TINY = (
 
 
 def config(*words):
-    register_resolvers()
-    GlobalHydra.instance().clear()
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        cfg = compose("excite", [*TINY, *words], return_hydra_config=True)
-    with open_dict(cfg):
-        del cfg["hydra"]
-        cfg.name = "test"
-    OmegaConf.set_struct(cfg, True)
-    return cfg
+    return compose("excite", [*TINY, *words, "name=test"])
 
 
 @pytest.fixture(scope="module")
@@ -127,10 +116,7 @@ def test_wrong_settings_are_refused_in_one_line(words, told, tmp_path):
 
 
 def bare(*words):
-    register_resolvers()
-    GlobalHydra.instance().clear()
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        return compose("excite", ["name=test", *dict.fromkeys(words)])
+    return compose("excite", ["name=test", *dict.fromkeys(words)])
 
 
 def test_the_script_lists_its_settings(monkeypatch, capsys):

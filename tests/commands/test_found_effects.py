@@ -2,12 +2,10 @@
 
 from pathlib import Path
 
-import pytest
 import torch
 import yaml
 from fleet import ship_named
 
-from manoeuvre_nn.commands.config import switch
 from manoeuvre_nn.commands.diagnosis_setup import found_effects, write_effects
 from manoeuvre_nn.core.effect import Situation
 from manoeuvre_nn.diagnosis.result import Cause, Diagnosis, Value
@@ -54,10 +52,3 @@ def test_a_network_on_top_is_written_with_its_weights():
 
 def test_nothing_is_written_for_what_has_no_formula():
     assert found_effects(diagnosis(model=[]), [], SHELF) == {}
-
-
-@pytest.mark.parametrize("value", ["yes", 1, None])
-def test_a_switch_is_on_or_off(value):
-    assert switch("remainder", True) is True
-    with pytest.raises(ValueError, match="expected true or false"):
-        switch("remainder", value)

@@ -64,7 +64,7 @@ def check(cfg: DictConfig, out: Path, console: Console | None = None) -> list[In
     """Check all files and write everything to a folder; what was found comes file by file."""
     console = console or Terminal()
     use_threads(1)
-    drawn = configs.switch("figures", cfg.figures)
+    drawn = cfg.figures
     ship, known = known_part(cfg)
     particulars = ship.particulars
     paths = _files(cfg)
@@ -87,8 +87,8 @@ def check(cfg: DictConfig, out: Path, console: Console | None = None) -> list[In
 
 def _files(cfg: DictConfig) -> list[Path]:
     """Files that are named, or all of the folder."""
-    folder = configs.path("data.folder", cfg.data.folder)
-    names = configs.names("data.files", cfg.data.files)
+    folder = Path(str(cfg.data.folder))
+    names = configs.names(cfg.data.files)
     paths = expand(folder, names, "data.files")
     if names:
         return paths

@@ -13,7 +13,6 @@ from omegaconf import DictConfig, OmegaConf
 from pydantic import BaseModel, ConfigDict, Field
 from rich.console import Console
 
-from manoeuvre_nn.commands import config as configs
 from manoeuvre_nn.commands.job import NOTHING_HELD_OUT, make_fit, prepare
 from manoeuvre_nn.commands.provenance import shown, versions, write_provenance
 from manoeuvre_nn.commands.shelves import build, made_by, plain
@@ -106,7 +105,7 @@ def tell(cfg: DictConfig, out: Path, console: Console | None = None) -> Coeffici
             "coefficients are fitted in closed loop: write fit=closed_loop and network=cubic, modulus or abkowitz"
         )
     tests, inertia = _captive_tests(cfg), _inertia(cfg)
-    told = _read(configs.path("run", cfg.run)) if cfg.run is not None else _fitted(cfg, console)
+    told = _read(Path(str(cfg.run))) if cfg.run is not None else _fitted(cfg, console)
     if inertia is not None:
         told = _for_inertia(told, inertia)
     if tests is not None:
@@ -192,8 +191,6 @@ def _own(cfg: DictConfig, console: Console) -> Coefficients:
     if not isinstance(ship, Ship) or ship.table is None:
         name = ship.particulars.name
         raise InputError(f"terms=own: the forces of the {name} are no sum of known products; write terms=network")
-    if not (is_number(cfg.relative) and cfg.relative > 0):
-        raise InputError(f"relative={cfg.relative}: expected more than 0, such as .2")
     with waiting(console, "fitting in closed loop"):
         job = prepare(_unscored(cfg))
         job.data.setup(stage=None)
@@ -230,8 +227,8 @@ def _inertia(cfg: DictConfig) -> np.ndarray | None:
     """The ship's inertia where the user knows it better."""
     if cfg.inertia is None:
         return None
-    given = OmegaConf.to_container(cfg.inertia, resolve=True) if isinstance(cfg.inertia, DictConfig) else cfg.inertia
-    if not isinstance(given, Mapping) or not {"mx", "my", "mz"} <= set(given) or not set(given) <= set(INERTIA):
+    given = plain(cfg.inertia)
+    if not {"mx", "my", "mz"} <= set(given) or not set(given) <= set(INERTIA):
         raise InputError(f"inertia={given}: write inertia={{mx: M, my: M, mz: M, Yrdot: 0, Nvdot: 0}}")
     for key, value in given.items():
         if not is_number(value):
@@ -255,7 +252,7 @@ def _captive_tests(cfg: DictConfig) -> CaptiveTests | None:
     if cfg.captive.file is None:
         return None
     mapping = read_captive_mapping(cfg.captive.mapping, cfg.get("config_dir"))
-    path = configs.path("captive.file", cfg.captive.file)
+    path = Path(str(cfg.captive.file))
     if not path.is_file():
         raise InputError(f"captive.file={path} does not exist")
     return read_captive(path, mapping)
@@ -263,14 +260,9 @@ def _captive_tests(cfg: DictConfig) -> CaptiveTests | None:
 
 def _beside(told: Coefficients, tests: CaptiveTests, cfg: DictConfig) -> Coefficients:
     """Set captive tests beside coefficients."""
-    settings: dict[str, Any] = {k: cfg.captive[k] for k in ("speed", "shaft")}
-    for key, value in settings.items():
-        if value is not None and not (is_number(value) and value > 0):
-            raise InputError(f"captive.{key}={value}: expected a number more than 0")
-    drift = cfg.captive.largest_drift_deg
-    if not (is_number(drift) and drift > 0):
-        raise InputError(f"captive.largest_drift_deg={drift}: expected degrees, more than 0")
-    used = towed(tests, told.ship.length / told.ship.draught, largest_drift=drift * DEGREE, **settings)
+    c = cfg.captive
+    drift = c.largest_drift_deg * DEGREE
+    used = towed(tests, told.ship.length / told.ship.draught, largest_drift=drift, speed=c.speed, shaft=c.shaft)
     return replace(told, tests=used, captive=fit_captive(used, told.fitted))
 
 

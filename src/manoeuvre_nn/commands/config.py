@@ -18,44 +18,6 @@ from manoeuvre_nn.core.units import DEGREE, KNOT
 from manoeuvre_nn.recording.read import mapping_file
 from manoeuvre_nn.recording.read.mapping import Mapping as ColumnMapping
 
-MAX_THREADS = 256
-"""Threads, or processes, that a command may be told to use at once."""
-
-
-def whole_number(what: str, value: Any, least: int, most: int = 2**63 - 1) -> int:
-    """Read a setting that counts something; ``what`` is its name, and what is not from least to most is refused."""
-    if type(value) is not int or not least <= value <= most:
-        wanted = f"{least} or more" if most == 2**63 - 1 else f"{least} to {most}"
-        raise InputError(f"{what}={value}: expected a whole number, {wanted}")
-    return value
-
-
-def switch(what: str, value: Any) -> bool:
-    """Read a setting that is on or off; ``what`` is its name, and all but true and false is refused."""
-    if not isinstance(value, bool):
-        raise InputError(f"{what}={value}: expected true or false")
-    return value
-
-
-def path(what: str, value: Any) -> Path:
-    """Read a setting that names a file or folder; ``what`` is its name, and what is no word or number is refused."""
-    if not _can_name(value):
-        raise InputError(f"{what}={value}: expected the path of a file or folder")
-    return Path(str(value))
-
-
-def names(what: str, value: Any) -> list[str]:
-    """Read a setting that names one file or several; ``what`` is its name, and what is no word or number is refused."""
-    found = as_list(value)
-    if not all(map(_can_name, found)):
-        raise InputError(f"{what}={value}: expected names of files, such as [A.csv,B.csv]")
-    return [str(one) for one in found]
-
-
-def _can_name(value: Any) -> bool:
-    """Whether a file may be called so: a folder such as 2026 is a number to hydra."""
-    return isinstance(value, str | int | float) and not isinstance(value, bool) and value != ""
-
 
 def training_manoeuvres(config: DictConfig) -> list[Manoeuvre]:
     """The manoeuvres of ``cfg.manoeuvre`` (an entry each or for several) with what holds for all of them."""
@@ -72,13 +34,8 @@ def _built(settings: Any) -> list[Manoeuvre]:
 
 def with_sides(manoeuvres: Sequence[Manoeuvre], config: DictConfig) -> list[Manoeuvre]:
     """Manoeuvres with what ``cfg.manoeuvre`` says of two rudders and screws: rudder_split_deg and shaft_split."""
-    found = []
-    for key, most in (("rudder_split_deg", 70), ("shaft_split", 2)):
-        value = config.get(key) or 0.0
-        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= most:
-            raise InputError(f"manoeuvre.{key}={value}: expected a number from -{most} to {most}")
-        found.append(0.5 * value)
-    return [replace(m, rudder_split=found[0] * DEGREE, shaft_split=found[1]) for m in manoeuvres]
+    rudders, shafts = (0.5 * (config.get(key) or 0.0) for key in ("rudder_split_deg", "shaft_split"))
+    return [replace(m, rudder_split=rudders * DEGREE, shaft_split=shafts) for m in manoeuvres]
 
 
 def chosen_effects(config: DictConfig | None, ship: Ship) -> list[Effect]:
@@ -100,7 +57,7 @@ def with_effects(cfg: DictConfig) -> DictConfig:
     """
     if cfg.get("effects") is None:
         return cfg
-    found, chosen = read_effects(path("effects", cfg.effects), cfg.get("config_dir")), cfg.get("effect") or {}
+    found, chosen = read_effects(Path(str(cfg.effects)), cfg.get("config_dir")), cfg.get("effect") or {}
     for name in found:
         if name in chosen:
             raise InputError(f"{name} is both in effect= and in {cfg.effects}: leave one out")
@@ -137,13 +94,9 @@ def read_effects(path: Path, own: str | None = None) -> dict[str, dict[str, Any]
 
 
 def approach_speed(config: DictConfig) -> float | None:
-    """``speed_kn`` of ``cfg.manoeuvre`` in m/s; None is the ship's own, and all but a positive number is refused."""
+    """``speed_kn`` of ``cfg.manoeuvre`` in m/s; None is the ship's own."""
     speed = config.get("speed_kn")
-    if speed is None:
-        return None
-    if not isinstance(speed, int | float) or not speed > 0:
-        raise InputError(f"manoeuvre.speed_kn={speed}: expected an approach speed in knots, more than 0")
-    return speed * KNOT
+    return None if speed is None else speed * KNOT
 
 
 def named_manoeuvres(names: Sequence[Any], speed: float | None, own: str | None = None) -> list[Manoeuvre]:
@@ -175,6 +128,11 @@ def as_list(value: Any) -> list[Any]:
     if isinstance(value, ListConfig):
         value = OmegaConf.to_container(value)
     return list(value) if isinstance(value, list | tuple) else [value]
+
+
+def names(value: Any) -> list[str]:
+    """The same as words: a file such as 2026 is a number to hydra."""
+    return [str(one) for one in as_list(value)]
 
 
 def read_mapping(name: str | None, own: str | None = None) -> ColumnMapping | None:

@@ -13,7 +13,6 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
-from manoeuvre_nn.commands import config as configs
 from manoeuvre_nn.commands import guard
 from manoeuvre_nn.commands.diagnosis_setup import found_effects, setup, write_effects
 from manoeuvre_nn.commands.provenance import check_same_run, shown, write_provenance
@@ -61,7 +60,7 @@ def answer_cases(cfg: DictConfig, out: Path, console: Console) -> None:
         InputError: If there is no case.
         KeyboardInterrupt: On ctrl-C, after a line.
     """
-    folders = case_folders(configs.path("cases", cfg.cases))
+    folders = case_folders(Path(str(cfg.cases)))
     if cfg.get("ship") is not None:
         raise InputError("ship= goes with recordings=: the ship of a case is in its manifest.json")
     kept = OmegaConf.masked_copy(cfg, OF_ANSWERS)

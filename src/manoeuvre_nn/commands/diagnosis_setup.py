@@ -58,10 +58,10 @@ class _Setup:
         settings = RunSettings(
             held_out=c.held_out if isinstance(c.held_out, str) else configs.as_list(c.held_out),
             mapping=configs.read_mapping(c.mapping, c.get("config_dir")),
-            files=[] if c.files is None else configs.names("files", c.files),
+            files=[] if c.files is None else configs.names(c.files),
             **told,
         )
-        return read_runs(configs.path("recordings", c.recordings), self._ship(), settings)
+        return read_runs(Path(str(c.recordings)), self._ship(), settings)
 
     def _ship(self) -> Ship | None:
         """What was chosen with ship= and model=; None leaves it to a manifest."""
@@ -133,15 +133,12 @@ class _Setup:
 
 def setup(cfg: DictConfig, model: IdentifiedShip | None = None) -> _Setup:
     """Check everything that concerns all cases, with a fitted model that is at hand or else that of the config."""
-    configs.whole_number("workers", cfg.workers, 1, configs.MAX_THREADS)
-    for key in ("remainder", "report"):
-        configs.switch(key, cfg[key])
     shelf = {name: load_yaml(path) for name, path in options("effect", cfg.get("config_dir")).items()}
     if model is None and cfg.model is not None:
         # It brings Lightning, seconds that a ship's own model needs not.
         from manoeuvre_nn.commands.job import load_model, with_rate
 
-        model = with_rate(load_model(configs.path("model", cfg.model)), "a diagnosis")
+        model = with_rate(load_model(Path(str(cfg.model))), "a diagnosis")
     chosen = cfg.candidates
     if chosen == DEFAULT and cfg.mapping is not None:
         given = configs.read_mapping(cfg.mapping, cfg.get("config_dir"))
@@ -165,7 +162,7 @@ def wanted(chosen: Any, shelf: Mapping[str, Mapping[str, Any]]) -> list[str]:
         return listed
     if chosen == TANK:
         return [name for name in listed if classes[name].acts_indoors]
-    names = possible if chosen == ALL else [str(name) for name in configs.as_list(chosen)]
+    names = possible if chosen == ALL else configs.names(chosen)
     for name in names:
         check_choice("candidate", name, possible)
     if not names:

@@ -70,7 +70,7 @@ class _Question:
 def excite(cfg: DictConfig, out: Path, console: Console | None = None) -> ManoeuvreAdvice | None:
     """Train unless a model is given, ask, and write everything; None if the folder already holds the advice."""
     console = console or Terminal()
-    use_threads(configs.whole_number("trainer.threads", cfg.trainer.threads, 1, configs.MAX_THREADS))
+    use_threads(cfg.trainer.threads)
     cfg = configs.with_effects(_of_model(cfg))
     question = question_of(cfg)
     check_same_run(cfg, out)
@@ -122,12 +122,12 @@ def question_of(cfg: DictConfig) -> _Question:
         cfg.goal,
         ship,
         job,
-        None if cfg.model is None else with_rate(load_model(configs.path("model", cfg.model)), "excite"),
+        None if cfg.model is None else with_rate(load_model(Path(str(cfg.model))), "excite"),
         possible,
         targets,
         refused,
         DesignEffort(**{"seed": cfg.seed, **cfg.effort}),
-        configs.switch("per_minute", cfg.per_minute),
+        cfg.per_minute,
     )
 
 
@@ -135,7 +135,7 @@ def _of_model(cfg: DictConfig) -> DictConfig:
     """The config with what a given model is and was trained on."""
     if cfg.model is None:
         return cfg
-    path = configs.path("model", cfg.model)
+    path = Path(str(cfg.model))
     read_checkpoint(path)
     told = config_beside(path)
     plain = OmegaConf.to_container(cfg)

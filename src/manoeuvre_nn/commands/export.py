@@ -45,11 +45,9 @@ def export(cfg: DictConfig, out: Path, console: Console | None = None) -> list[W
     console = console or Terminal()
     use_threads(1)
     check_choice("format", cfg.format, [*WRITERS, ALL])
-    if not isinstance(cfg.document, bool):
-        raise InputError(f"document={cfg.document}: expected true or false")
     if cfg.run is None:
         raise InputError("run must be given: write run=OUT, the output folder of manoeuvre train")
-    checkpoint = checkpoint_of(configs.path("run", cfg.run))
+    checkpoint = checkpoint_of(Path(str(cfg.run)))
     with waiting(console, "reading the model and what it was trained on"):
         program = program_of(checkpoint)
     kinds = list(WRITERS) if cfg.format == ALL else [cfg.format]
@@ -124,7 +122,7 @@ def _path(one: Written, cfg: DictConfig, checkpoint: Path) -> Path:
     """Where a text goes: to ``out``, which of several formats is a folder, or to the run's own folder."""
     if cfg.out is None:
         return checkpoint.resolve().parents[1] / FOLDER / one.file_name
-    out = configs.path("out", cfg.out)
+    out = Path(str(cfg.out))
     return out / one.file_name if cfg.format == ALL else out
 
 

@@ -15,6 +15,7 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
 from manoeuvre_nn.commands import guard
+from manoeuvre_nn.commands.settings import check_settings
 from manoeuvre_nn.core.data_files import CONF, load_yaml
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.plain_text import as_file_name
@@ -87,7 +88,7 @@ def compose(name: str, words: Sequence[str] = ()) -> DictConfig:
     HydraConfig.instance().cfg = None  # the choices of a command that ran before in this process are not this one's
     with hydra.initialize_config_dir(str(CONF), version_base="1.3"):
         cfg = hydra.compose(name, words)
-    plugged_in(cfg)
+    accept(cfg)
     return cfg
 
 
@@ -159,16 +160,17 @@ def _check_own_file(path: Path, folder: Path) -> None:
             )
 
 
-def plugged_in(cfg: DictConfig | Mapping[str, Any]) -> None:
-    """Import the user's own modules, those that ``plugins=`` names and no other, from ``config_dir`` or as installed.
+def accept(cfg: DictConfig | Mapping[str, Any]) -> None:
+    """Check the settings, and import the user's own modules, from ``config_dir`` or as installed.
 
     Args:
-        cfg: The config.
+        cfg: The config; ``plugins`` names the modules, and no other is imported.
 
     Raises:
-        InputError: If there is no such module.
-        ModuleNotFoundError: If it imports one that is not installed.
+        InputError: If a setting is of the wrong kind, or there is no such module.
+        ModuleNotFoundError: If a module imports one that is not installed.
     """
+    check_settings(cfg)
     named = cfg.get("plugins") or []
     modules = [str(name).removesuffix(".py") for name in ([named] if isinstance(named, str) else named)]
     folder = cfg.get("config_dir")

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from manoeuvre_nn.commands.groups import CONF, options, plugged_in, settings_in
+from manoeuvre_nn.commands.groups import CONF, accept, options, settings_in
 from manoeuvre_nn.commands.shelves import build
 from manoeuvre_nn.commands.waiting import waiting
 from manoeuvre_nn.core.errors import InputError
@@ -89,7 +89,7 @@ def ship_called(name: str, own: str | None = None) -> Particulars | None:
 
 def import_recording(asked: _Request, console: Console) -> Proposal:
     """Propose, show, write."""
-    plugged_in({"plugins": asked.plugins, "config_dir": asked.own})
+    accept({"plugins": list(asked.plugins), "config_dir": asked.own})
     with waiting(console, f"reading {asked.file.name}"):
         proposal = propose(asked.file, ship_called(asked.ship, asked.own))
     show(proposal, console)

@@ -13,6 +13,7 @@ from omegaconf import DictConfig, OmegaConf
 from manoeuvre_nn.commands import config as configs
 from manoeuvre_nn.commands.groups import option, options
 from manoeuvre_nn.commands.provenance import CONFIG
+from manoeuvre_nn.commands.settings import check_settings
 from manoeuvre_nn.commands.shelves import (
     TARGET,
     build,
@@ -92,9 +93,8 @@ def prepare(
     ship, known = known_part(cfg, ship)
     network, scaling, dtype = blank_network(cfg)
     check_pair(cfg, type(network))
-    seed = configs.whole_number("seed", cfg.seed, 0)
     check_arguments(RolloutScore, {"held_out": None, **cfg.scoring})
-    common: dict[str, Any] = {"ship": ship, "known": known, "seed": seed, "dtype": dtype}
+    common: dict[str, Any] = {"ship": ship, "known": known, "seed": cfg.seed, "dtype": dtype}
     data = _given(cfg, common, runs) if runs else _data(cfg, common)
     return Job(data, network, scaling, dtype, session_of(cfg))
 
@@ -164,7 +164,7 @@ def blank_network(
         sized = ", ".join(name for name in options("network", cfg.get("config_dir")) if _takes(name, wanted))
         raise InputError(f"network._target_={target} has the inputs of a ship's forces: write network= one of {sized}")
     check_choice("network.scaling", scaling, list(scalings))
-    network = build(settings, "network", seed=configs.whole_number("seed", cfg.seed, 0), dtype=dtype, **wanted)
+    network = build(settings, "network", seed=cfg.seed, dtype=dtype, **wanted)
     if network.scalings and sizes is None:
         check_choice("network.scaling", scaling, list(network.scalings))
     return network, scaling, dtype
@@ -199,8 +199,8 @@ def _recorded(cfg: DictConfig, common: dict[str, Any], names: list[str]) -> Reco
         raise InputError(f"effect=[{acting}] acts on simulated ships, data=recording are measured: leave effect= out")
     settings = plain(cfg.data)
     columns = configs.read_mapping(settings.pop("mapping"), cfg.get("config_dir"))
-    settings["files"] = configs.names("data.files", settings["files"])
-    settings["folder"] = str(configs.path("data.folder", settings["folder"]))
+    settings["files"] = configs.names(settings["files"])
+    settings["folder"] = str(settings["folder"])
     return build(settings, "data", **common, mapping=columns, score=names)
 
 
@@ -224,7 +224,7 @@ def fit_of(cfg: DictConfig, dynamics: IdentifiedShip | RecursiveShip | Response)
     settings = plain(cfg.fit)
     settings.pop("scaling", None)  # which network.scaling refers to
     if "seed" in settings:
-        settings["seed"] = int(cfg.seed)
+        settings["seed"] = cfg.seed
     return build(settings, "fit", dynamics=dynamics)
 
 
@@ -261,6 +261,7 @@ def config_beside(checkpoint: Path, parts: Sequence[str] = PARTS) -> DictConfig:
     content = {str(k): v for k, v in without_format(content, str(path)).items() if k not in {"hydra", "plugins"}}
     check_plain(without_targets(content), str(path))
     _check_sizes(content.get("network"), f"model={checkpoint}: {path}: network")
+    check_settings(content, f"model={checkpoint}: {path}: ")
     return OmegaConf.create(content)
 
 

@@ -14,7 +14,7 @@ from omegaconf import DictConfig
 
 from manoeuvre_nn import __version__
 from manoeuvre_nn.commands import guard
-from manoeuvre_nn.commands.groups import CONF, GROUPS, options, own_folder, plugged_in
+from manoeuvre_nn.commands.groups import CONF, GROUPS, accept, options, own_folder
 from manoeuvre_nn.core.ending import WRONG_INPUT
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.plain_text import listed
@@ -140,7 +140,7 @@ def _task(command: str) -> Callable[[DictConfig], float | None]:
             if command != "export" and cfg.get("cases") is None:  # several may answer cases into one folder
                 stack.enter_context(locked(out))
             if command != "train":  # in a sweep, what a job cannot import is a failure of that job
-                plugged_in(cfg)
+                accept(cfg)
             job = getattr(importlib.import_module(f"manoeuvre_nn.commands.{module}"), function)
             error: float | None = job(cfg, out)
             return error  # what a search makes small

@@ -12,6 +12,7 @@ from rich.console import Console
 
 from manoeuvre_nn.commands import config as configs
 from manoeuvre_nn.commands.job import Job, blank_network, check_pair, config_beside, fit_of, made_again, session_of
+from manoeuvre_nn.commands.settings import SWITCH
 from manoeuvre_nn.commands.shelves import build, check_arguments, made_by, plain
 from manoeuvre_nn.commands.waiting import waiting
 from manoeuvre_nn.core.data_files import check_plain, load_yaml, without_format
@@ -77,7 +78,9 @@ def quantities_of(cfg: DictConfig) -> tuple[Quantities, dict[str, list[float]]]:
     output = plain(cfg.output)
     response = _variable("output", str(output.get("name")), {k: v for k, v in output.items() if k != "name"})
     per, sees = cfg.get("per"), plain(cfg.sees)
-    seen = [name for name, wanted in sees.items() if configs.switch(f"sees.{name}", wanted)]
+    for name, wanted in sees.items():
+        SWITCH.check(f"sees.{name}", wanted)
+    seen = [name for name, wanted in sees.items() if wanted]
     return Quantities(inputs, response, seen, None if per in {None, "none"} else str(per)), values
 
 
@@ -118,14 +121,14 @@ def _data(
     shares = {"learning": cfg.learning, "validation": settings.pop("validation", 0.0)}
     check_arguments(Split, shares)
     ship = build(cfg.ship, "ship").particulars
-    common: dict[str, Any] = {"split": Split(**shares, seed=configs.whole_number("seed", cfg.seed, 0)), "dtype": dtype}
+    common: dict[str, Any] = {"split": Split(**shares, seed=cfg.seed), "dtype": dtype}
     if "files" in settings:
         extra = [f"data.{k}={v}" for k, v in settings.items() if k not in OF_RECORDS and v not in (None, [], "auto")]
         if extra:
             raise InputError(f"{extra[0]} is for recordings over time; tables of records have no such setting")
         columns = read_records_mapping(settings["mapping"])
-        files = configs.names("data.files", settings["files"])
-        folder = str(configs.path("data.folder", settings["folder"]))
+        files = configs.names(settings["files"])
+        folder = str(settings["folder"])
         return recorded_records(quantities, files, columns, hull_form(cfg, ship), folder=folder, **common)
     if made_by(settings, "data") is not ResponseData:
         raise InputError(f"task={cfg.task} learns records: write data=seakeeping or data=recording")

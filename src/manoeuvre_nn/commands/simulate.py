@@ -40,9 +40,8 @@ def simulate(cfg: DictConfig, out: Path, console: Console | None = None) -> list
     assert isinstance(ship, Ship)
     effects = configs.chosen_effects(cfg.get("effect"), ship)
     manoeuvres = configs.training_manoeuvres(cfg.manoeuvre)
-    seed = configs.whole_number("seed", cfg.seed, 0)
     with waiting(console) as say:
-        runs = sail(ship, manoeuvres, effects, noise_in_si(cfg.noise), rate_hz=cfg.rate_hz, seed=seed, say=say)
+        runs = sail(ship, manoeuvres, effects, noise_in_si(cfg.noise), rate_hz=cfg.rate_hz, seed=cfg.seed, say=say)
     write_provenance(cfg, out)
     write_runs(runs, ship.particulars, out)
     console.print(rich_table(run_rows(runs, ship.particulars.length), f"The {ship.particulars.name}"))

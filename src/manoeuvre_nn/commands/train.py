@@ -14,7 +14,7 @@ from rich.console import Console
 
 from manoeuvre_nn.commands import config as configs
 from manoeuvre_nn.commands import guard, response
-from manoeuvre_nn.commands.groups import brought_along, plugged_in
+from manoeuvre_nn.commands.groups import accept, brought_along
 from manoeuvre_nn.commands.job import Job, make_fit, prepare
 from manoeuvre_nn.commands.provenance import SCORES, check_same_run, write_provenance
 from manoeuvre_nn.commands.response_results import print_response, score_response, write_response
@@ -73,11 +73,11 @@ def run_job(cfg: DictConfig, out: Path) -> float | None:
     (out / guard.ERROR).unlink(missing_ok=True)
     write_file(out / OVERRIDES, yaml.safe_dump(list(HydraConfig.get().overrides.task), allow_unicode=True))
     if HydraConfig.get().mode != RunMode.MULTIRUN:
-        plugged_in(cfg)
+        accept(cfg)
         return train(cfg, out)[1]
     console = Terminal(quiet=True)
     try:
-        plugged_in(cfg)  # jobs of a sweep run in processes of their own
+        accept(cfg)  # jobs of a sweep run in processes of their own
         told, error = train(cfg, out, console)
     except Exception as failure:  # whatever it is, the other jobs go on
         told, error = f"failed: {guard.write_error(failure, out)}", inf
@@ -98,7 +98,7 @@ def train(cfg: DictConfig, out: Path, console: Console | None = None) -> tuple[s
         What came out, in a few words, and the error that says how good it is.
     """
     console = console or Terminal()
-    use_threads(configs.whole_number("trainer.threads", cfg.trainer.threads, 1, configs.MAX_THREADS))
+    use_threads(cfg.trainer.threads)
     task = OF_RESPONSES if "task" in cfg else OF_SHIPS
     cfg = configs.with_effects(cfg)
     with waiting(console, "reading and checking what is learnt from"):
