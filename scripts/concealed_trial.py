@@ -29,6 +29,7 @@ from manoeuvre_nn.core.ending import TERMINATED, Terminated, listen, one_line  #
 
 if __name__ == "__main__" and not any(word.startswith("stage=") for word in sys.argv):
     listen()  # imports take seconds
+from manoeuvre_nn.commands.settings import MAX_COUNT, MAX_THREADS, whole  # noqa: E402
 from manoeuvre_nn.core.errors import InputError  # noqa: E402
 from manoeuvre_nn.core.writing import locked  # noqa: E402
 from studies.concealed_trial.channels import CHANNEL_SETS  # noqa: E402
@@ -84,24 +85,22 @@ def settings(arguments: list[str]) -> dict[str, str]:
     return result
 
 
-def number(given: dict[str, str], key: str, least: float) -> int:
+def number(given: dict[str, str], key: str, least: int, most: int = MAX_COUNT) -> int:
     """A whole number among the settings.
 
     Args:
         given: The settings.
         key: Which one.
         least: Smallest value.
+        most: Largest value.
 
     Returns:
-        The number.
-
-    Raises:
-        InputError: If it is none, or too small.
+        The number; one that is too small or too large is refused.
     """
-    text = given[key]
-    if not text.isdecimal() or int(text) < least:
-        raise InputError(f"{key}={text}: write a whole number, {least:.0f} or more")
-    return int(text)
+    value = int(given[key]) if given[key].isdecimal() and len(given[key]) < 20 else None
+    whole(least, most).check(key, given[key] if value is None else value)
+    assert value is not None
+    return value
 
 
 def trial_of(given: dict[str, str]) -> Trial:
@@ -182,7 +181,7 @@ def run_stage(given: dict[str, str]) -> None:
     Args:
         given: The settings, with ``stage``.
     """
-    out, jobs, tool = Path(given["out"]), number(given, "jobs", 1), given["tool"]
+    out, jobs, tool = Path(given["out"]), number(given, "jobs", 1, MAX_THREADS), given["tool"]
     folders = {method: folder_of(out, method, tool) for method in given["methods"].split(",")}
     commands = {method: words_of(given, method) for method in folders}
     first = next(iter(folders))
@@ -222,7 +221,7 @@ def main(arguments: list[str]) -> int:
             return TERMINATED
         return 0
     trial = trial_of(given)
-    number(given, "jobs", 1)
+    number(given, "jobs", 1, MAX_THREADS)
     passed_on = [f"{key}={value}" for key, value in given.items() if key != "seed"]
     loop = one_of(given, "loop", ("true", "false")) == "true"
     with locked(Path(given["out"])):

@@ -150,9 +150,10 @@ def test_the_diagnosis_without_each_of_its_parts_is_a_method(script):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["seed=x"], "seed=x: write a whole number, 0 or more"),
-        ([], "seed=: write a whole number"),
-        (["seed=1", "cases=0"], "cases=0: write a whole number, 1 or more"),
+        (["seed=x"], "seed=x: expected a whole number, 0 or more"),
+        ([], "seed=: expected a whole number"),
+        (["seed=1", "cases=0"], "cases=0: expected a whole number, 1 or more"),
+        (["seed=1", "jobs=257"], "jobs=257: expected a whole number, 1 to 256"),
         (["seed=1", "case=3"], "'case=3' is not understood; write cases=..."),
         (["seed=1", "methods=guess"], "'guess' is unknown; choose from: manoeuvre_nn"),
         (["seed=1", "nuisance=5"], "nuisance=5: write a number from 0"),
@@ -174,4 +175,4 @@ def test_the_script_says_it_on_standard_error_with_code_two():
         [sys.executable, SCRIPT, "seed=x"], capture_output=True, text=True, env=dict(os.environ), check=False
     )
     assert done.returncode == 2
-    assert done.stderr == "error: seed=x: write a whole number, 0 or more\n"
+    assert done.stderr == "error: seed=x: expected a whole number, 0 or more\n"
