@@ -17,7 +17,7 @@ from typing import Literal
 
 import torch
 
-from manoeuvre_nn.core.ending import explain, in_short
+from manoeuvre_nn.core.ending import end_with_parent, explain, in_short
 from manoeuvre_nn.core.threads import use_threads
 from studies.reproduction.section import ChapterResult, ComputingEffort, Say
 
@@ -77,7 +77,7 @@ def do_chapters(tasks: Sequence[Task], effort: ComputingEffort, workers: int, ti
             while waiting and len(running) < workers:
                 task = waiting.popleft()
                 reader, writer = context.Pipe(duplex=False)
-                process = context.Process(target=_do, args=(task, effort, writer, os.getpid()), daemon=True)  # type: ignore
+                process = context.Process(target=_do, args=(task, effort, writer), daemon=True)  # type: ignore
                 process.start()
                 writer.close()  # so that the end of the process is the end of the pipe
                 running[reader] = task.name, process
@@ -109,13 +109,12 @@ def _heard(reader: Connection, name: str, process: BaseProcess) -> Event:
     return Event(kind, name, text)
 
 
-def _do(task: Task, effort: ComputingEffort, writer: Connection, parent: int) -> None:
+def _do(task: Task, effort: ComputingEffort, writer: Connection) -> None:
     """Do a chapter in a process of its own."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # ctrl-C is the parent's, which ends this process
+    end_with_parent()
 
     def say(what: str) -> None:
-        if os.getppid() != parent:  # killed: nobody waits for this chapter
-            os._exit(1)
         writer.send(("said", what))
 
     try:

@@ -7,11 +7,12 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from pathlib import Path
 
 import pytest
 
-from manoeuvre_nn.core.ending import Terminated, explain, listen, one_line
+from manoeuvre_nn.core.ending import WATCH, Terminated, end_with_parent, explain, listen, one_line
 from manoeuvre_nn.core.errors import InputError
 
 
@@ -222,3 +223,40 @@ def test_ctrl_c_is_raised_again_where_it_can_be_ended_orderly(capsys, monkeypatc
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+BEGINS_OTHERS = {
+    "that of a pool": """
+from manoeuvre_nn.diagnosis.workers import shared_out
+list(shared_out(work, 2, 2))
+""",
+    "one that says so": """
+def alone(): end_with_parent(); work(0)
+process = multiprocessing.get_context("fork").Process(target=alone)
+process.start(), process.join()
+""",
+}
+
+
+@pytest.mark.parametrize("begins", BEGINS_OTHERS.values(), ids=BEGINS_OTHERS)
+def test_a_process_that_another_began_ends_when_that_one_is_killed(begins):
+    code = f"""
+import multiprocessing, os, time
+from manoeuvre_nn.core.ending import end_with_parent
+def work(number): print(os.getpid(), flush=True); time.sleep(60)
+{begins}"""
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as parent:
+        assert parent.stdout is not None
+        child = int(parent.stdout.readline())
+        parent.kill()
+    for _ in range(100):
+        if not Path(f"/proc/{child}").exists():
+            return
+        time.sleep(0.1)
+    os.kill(child, signal.SIGKILL)
+    pytest.fail(f"{child} is still there")
+
+
+def test_a_process_of_a_person_does_not_end_with_its_shell():
+    end_with_parent()
+    assert WATCH not in {thread.name for thread in threading.enumerate()}

@@ -1,12 +1,14 @@
 """How a command ends: well, or in one line that says why."""
 
 import errno
+import multiprocessing
 import os
 import select
 import signal
 import sys
 import tempfile
 import threading
+import time
 import traceback
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures.process import BrokenProcessPool
@@ -27,6 +29,10 @@ MAX_LINE = 900
 """Characters of a line of an error: names that people give may be as long as they like."""
 AGAIN_S = 0.05
 """After this long a signal that was lost is sent again [s]."""
+LOOK_S = 0.5
+"""How often a process that another began looks whether that one is still there [s]."""
+WATCH = "watch of the parent"
+"""Name of the thread that looks."""
 ANOTHER_FOLDER = "choose another folder (hydra.run.dir=, or out=)"
 
 
@@ -84,6 +90,22 @@ def _end_now(number: int, frame: FrameType | None) -> None:
     terminated = number == signal.SIGTERM
     os.write(2, f"stopped by {'SIGTERM' if terminated else 'ctrl-C'}\n".encode())
     os._exit(TERMINATED if terminated else STOPPED)
+
+
+def end_with_parent() -> None:
+    """End a process that another began when that one is gone, by kill -9 for instance: nobody waits for its work then.
+
+    A process that a person began goes on, whatever becomes of the shell.
+    """
+    parent = multiprocessing.parent_process()
+    if parent is not None and WATCH not in {thread.name for thread in threading.enumerate()}:
+        threading.Thread(target=_end_after, args=(parent.pid,), name=WATCH, daemon=True).start()
+
+
+def _end_after(parent: int | None) -> None:
+    while os.getppid() == parent:
+        time.sleep(LOOK_S)
+    os._exit(TERMINATED)
 
 
 @contextmanager

@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from typing import Any, TypeVar
 
+from manoeuvre_nn.core.ending import end_with_parent
+
 Result = TypeVar("Result")
 _work: list[Callable[[int], object]] = []
 """What a forked process is to do; it inherits the recordings with it, so that nothing large is sent."""
@@ -27,7 +29,7 @@ def shared_out(work: Callable[[int], Result], count: int, workers: int) -> Itera
         return
     _work.append(work)
     # multiprocessing's own pool would wait for ever for what a killed process was to do.
-    pool = ProcessPoolExecutor(min(workers, count), multiprocessing.get_context("fork"), _leave_ctrl_c)
+    pool = ProcessPoolExecutor(min(workers, count), multiprocessing.get_context("fork"), _begin)
     try:
         yield from pool.map(_do, range(count))
     except BaseException:  # nobody waits for the others
@@ -39,9 +41,10 @@ def shared_out(work: Callable[[int], Result], count: int, workers: int) -> Itera
         _work.pop()
 
 
-def _leave_ctrl_c() -> None:
-    """Ctrl-C is for the process that began this one, and ends it."""
+def _begin() -> None:
+    """Leave ctrl-C to the process that began this one, and end with it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_with_parent()
 
 
 def _do(number: int) -> Any:
