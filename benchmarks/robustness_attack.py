@@ -6,6 +6,7 @@ import sys
 import time
 import traceback
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
@@ -14,6 +15,8 @@ Result = Literal["clear error", "right answer", "wrong", "traceback", "hang", "e
 RESULTS: tuple[Result, ...] = get_args(Result)
 BAD: tuple[Result, ...] = ("wrong", "traceback", "hang", "executed")
 """What must never come of an attack."""
+END_S = 10.0
+"""How long processes may take to see that the one that began them was killed: imports are not interrupted [s]."""
 
 
 @dataclass(frozen=True)
@@ -42,21 +45,24 @@ class Ended:
         out: What it printed.
         err: What it printed to stderr.
         seconds: How long it ran.
+        left: Names of processes that it had begun and that did not end with it; they are killed.
     """
 
     code: int | None
     out: str
     err: str
     seconds: float
+    left: tuple[str, ...] = ()
 
 
-def in_child(work: Callable[[], None], folder: Path, limit_s: float) -> Ended:
+def in_child(work: Callable[[], None], folder: Path, limit_s: float, alone: bool = False) -> Ended:
     """Run a function in a forked process, so that nothing that it does stays.
 
     Args:
         work: The function; it ends as a command does, with SystemExit, or with a traceback.
         folder: Where the texts that it prints are kept meanwhile.
         limit_s: After this long it is killed [s].
+        alone: Whether it is killed alone, or with all that it has begun.
 
     Returns:
         How it ended.
@@ -66,15 +72,16 @@ def in_child(work: Callable[[], None], folder: Path, limit_s: float) -> Ended:
     child = os.fork()
     if child == 0:
         _be_child(work, texts)
-    code = _wait(child, began + limit_s)
+    code = _wait(child, began + limit_s, alone)
+    left = _left_after(child) if code is None and alone else ()
     out, err = (path.read_text(errors="replace") if path.exists() else "" for path in texts)
     for path in texts:
         path.unlink(missing_ok=True)
-    return Ended(code, out, err, time.monotonic() - began)
+    return Ended(code, out, err, time.monotonic() - began, left)
 
 
-def _wait(child: int, until: float) -> int | None:
-    """Exit code of a child; None if it had to be killed, with whatever it had started."""
+def _wait(child: int, until: float, alone: bool) -> int | None:
+    """Exit code of a child; None if it had to be killed, alone or with whatever it had started."""
     pause = 0.001
     while time.monotonic() < until:
         ended, status = os.waitpid(child, os.WNOHANG)
@@ -83,11 +90,41 @@ def _wait(child: int, until: float) -> int | None:
         time.sleep(pause)
         pause = min(1.5 * pause, 0.05)
     try:
-        os.killpg(child, signal.SIGKILL)
+        (os.kill if alone else os.killpg)(child, signal.SIGKILL)
     except ProcessLookupError:  # it has no group of its own yet, and has started nothing
         os.kill(child, signal.SIGKILL)
     os.waitpid(child, 0)
     return None
+
+
+def _left_after(session: int) -> tuple[str, ...]:
+    """What has not ended some seconds after the process that began it; it is killed."""
+    until = time.monotonic() + END_S
+    while processes_of(session) and time.monotonic() < until:
+        time.sleep(0.1)
+    return kill_session(session)
+
+
+def processes_of(session: int) -> dict[int, str]:
+    """Number -> name of the processes of a session that are still there."""
+    found = {}
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            name, fields = path.read_text().rsplit(")", 1)
+        except OSError:
+            continue
+        if int(fields.split()[3]) == session and fields.split()[0] != "Z":
+            found[int(path.parent.name)] = name.partition("(")[2]
+    return found
+
+
+def kill_session(session: int) -> tuple[str, ...]:
+    """Kill what is left of a session; their names."""
+    left = processes_of(session)
+    for number in left:
+        with suppress(ProcessLookupError):
+            os.kill(number, signal.SIGKILL)
+    return tuple(left.values())
 
 
 def _be_child(work: Callable[[], None], texts: tuple[Path, Path]) -> None:

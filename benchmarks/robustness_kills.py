@@ -1,8 +1,9 @@
 """Kill -9 at a random moment, then the same command again until it is done: the same results, bit for bit.
 
 Commands are those of :mod:`tiny_commands`, each family as often as the others; what it leaves when nobody disturbs it
-is found once. A kill ends the command's processes all at once, at a moment that is uniform over its duration. After
-every kill each file that is not a draft must be whole, and at the end no draft and no lock may be left.
+is found once. A kill is at a moment that is uniform over its duration. Half of the kills end all of the command's
+processes at once, half the first of them alone, after which the others must end by themselves. After every kill each
+file that is not a draft must be whole, and at the end no draft and no lock may be left.
 """
 
 import atexit
@@ -81,8 +82,11 @@ def attack(number: int, seed: int, folder: Path) -> Outcome:
     kills = 1 + (draw.uniform() < MORE_KILLS)
     for _ in range(kills):
         moment = draw.uniform(0, seconds)
-        what += f", killed after {moment:.2f} of {seconds:.2f} s"
-        ended = _run(command, out, moment)
+        alone = bool(draw.uniform() < 0.5)
+        what += f", killed {'alone' if alone else 'with all that it began'} after {moment:.2f} of {seconds:.2f} s"
+        ended = _run(command, out, moment, alone)
+        if ended.left:
+            return Outcome("wrong", f"{what}: processes left: {', '.join(ended.left)}")
         halves = half_written(out)
         if halves:
             return Outcome("wrong", f"{what}: half written: {halves[0]}")
@@ -100,10 +104,10 @@ def attack(number: int, seed: int, folder: Path) -> Outcome:
     return Outcome("wrong", f"{what}: {', '.join(different[:5])}") if different else Outcome("right answer", what)
 
 
-def _run(command: Tiny, out: Path, limit_s: float) -> Ended:
+def _run(command: Tiny, out: Path, limit_s: float, alone: bool = False) -> Ended:
     """A command in a process of its own, killed after so long [s]."""
     out.parent.mkdir(parents=True, exist_ok=True)
-    return in_child(partial(command.run, out, _place() / "cases"), out.parent, limit_s)
+    return in_child(partial(command.run, out, _place() / "cases"), out.parent, limit_s, alone)
 
 
 def _last(ended: Ended) -> str:

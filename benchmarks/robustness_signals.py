@@ -12,7 +12,7 @@ import time
 from functools import cache
 from pathlib import Path
 
-from robustness_attack import Ended, Outcome
+from robustness_attack import Ended, Outcome, kill_session
 from robustness_disks import COMMANDS, LIMIT_S, damage, missing, written
 from robustness_runs import legal, typed
 
@@ -27,7 +27,8 @@ def attack(number: int, seed: int, folder: Path) -> Outcome:
     place = folder / "place"
     place.mkdir()
     ended = typed(legal(name), place, LIMIT_S, lambda: _prepare(kind, after, folder / "pid"), texts=folder)
-    left = _left(int((folder / "pid").read_text()))
+    time.sleep(0.3)
+    left = kill_session(int((folder / "pid").read_text()))
     what = f"{name}, {kind.name} after {after:.2f} s: code {ended.code}: {' | '.join(ended.err.splitlines())[-400:]}"
     return _judged(ended, kind, name, place, f"{what}{' process left: ' + left[0] if left else ''}", bool(left))
 
@@ -53,21 +54,6 @@ def _prepare(kind: signal.Signals, after: float, pid: Path) -> None:
         (os.killpg if kind == signal.SIGINT else os.kill)(command, kind)
     finally:
         os._exit(0)
-
-
-def _left(session: int) -> list[str]:
-    """What is still at work of a command that has ended; it is killed."""
-    time.sleep(0.3)
-    found = []
-    for path in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            name, fields = path.read_text().rsplit(")", 1)
-        except OSError:
-            continue
-        if int(fields.split()[3]) == session and fields.split()[0] != "Z":
-            found.append(name)
-            os.kill(int(path.parent.name), signal.SIGKILL)
-    return found
 
 
 def _judged(ended: Ended, kind: signal.Signals, name: str, place: Path, what: str, left: bool) -> Outcome:

@@ -210,7 +210,7 @@ def _started(words: Any, *more: Any, **given: Any) -> Any:
 class _Forked:
     """What the concealed trial needs of ``subprocess.Popen``."""
 
-    def __init__(self, words: Sequence[str], *, cwd: Any = None, env: Any = None, stdout: Any = None, **_: Any) -> None:
+    def __init__(self, words: Sequence[str], *, stdout: Any = None, preexec_fn: Any = None, **given: Any) -> None:
         """Start a script."""
         self.returncode: int | None = None
         reader, self.stdin = os.pipe()
@@ -223,10 +223,12 @@ class _Forked:
         sys.stdin = os.fdopen(0)
         for number in (1, 2) if stdout is not None else ():
             os.dup2(stdout.fileno(), number)
-        os.environ.update(env or {})
-        os.chdir(cwd or ".")
+        os.environ.update(given.get("env") or {})
+        os.chdir(given.get("cwd") or ".")
         code = 1
         try:
+            if preexec_fn is not None:
+                preexec_fn()
             _run_script(list(words[1:]))
             code = 0
         except SystemExit as end:
@@ -258,6 +260,20 @@ class _Forked:
         """End it."""
         if self.poll() is None:
             os.kill(self.pid, signal.SIGTERM)
+
+    def kill(self) -> None:
+        """End it at once."""
+        if self.poll() is None:
+            os.kill(self.pid, signal.SIGKILL)
+
+    def wait(self, timeout: float | None = None) -> int | None:
+        """Wait for its end."""
+        until = None if timeout is None else time.monotonic() + timeout
+        while until is not None and self.poll() is None:
+            if time.monotonic() > until:
+                raise subprocess.TimeoutExpired("a script", timeout or 0.0)
+            time.sleep(0.01)
+        return self._wait(0)
 
     def _wait(self, options: int) -> int | None:
         """Exit code, None while it runs."""

@@ -13,6 +13,7 @@ Three processes: the first writes recordings and the hashes of the answers, the 
 seed, the third draws the answers again, checks the hashes and scores. Each goes on where it was stopped.
 """
 
+import ctypes
 import os
 import shlex
 import signal
@@ -41,6 +42,8 @@ from studies.concealed_trial.strength import STRENGTHS  # noqa: E402
 DEFAULTS = {"cases": "48", "seed": "", "out": "outputs/concealed_trial", "jobs": "2", "nuisance": "1.0"}
 DEFAULTS |= {"methods": "manoeuvre_nn", "tool": ""} | dict.fromkeys(("sort", "strength", "channels"), ALL)
 DEFAULTS |= {"strict": "false", "loop": "false"}
+DEATH_SIGNAL = 1
+"""``PR_SET_PDEATHSIG`` of prctl(2): the signal that a process gets when its parent is killed."""
 STAGES = ("generate", "answer", "score")
 LOOP = ("sail_next", "answer_again", "compare")
 """Stages, in turn; those that answer never learn the seed."""
@@ -255,8 +258,10 @@ def in_process(command: list[str], seed: str) -> int:
 
 
 def _hear_no_ctrl_c() -> None:
-    """In the process of a stage: ctrl-C is for the process that began this one, and ends it."""
+    """In the process of a stage: ctrl-C is for the process that began this one, and ends it, however it ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(DEATH_SIGNAL, signal.SIGTERM)
 
 
 if __name__ == "__main__":
