@@ -53,7 +53,7 @@ def test_the_settings_of_every_command_are_of_their_kinds(path):
         ("manoeuvre.speed_kn", [15, 15.5, None], [0, -1, True, "15", NAN, ENDLESS, [15]]),
         ("manoeuvre.rudder_split_deg", [-70, 0, 3.5, None], [71, "port", NAN, True]),
         ("manoeuvre.shaft_split", [-2, 2.0], [2.1, -ENDLESS]),
-        ("captive.speed", [0.76, None], [0, -0.76, "slow", False, ENDLESS]),
+        ("captive.speed", [0.76, None], [0, -0.76, "slow", False, ENDLESS, 10**400]),
         ("captive", [{"file": None}], [None, 5, "x", []]),
         ("relative", [0.2, 1], [0, -0.2, None, "x", True, NAN]),
         ("score", ["default", ["zz20", {"zz5": {"duration": 50}}], []], [None, True, [["zz20"]], [{"zz5": 3}], [{}]]),

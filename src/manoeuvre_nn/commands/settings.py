@@ -4,8 +4,8 @@ Settings of a group are arguments of what it makes: :func:`~manoeuvre_nn.command
 its annotations.
 """
 
+import sys
 from collections.abc import Callable, Mapping
-from math import isfinite
 from typing import Any, NamedTuple
 
 from omegaconf import DictConfig, OmegaConf
@@ -57,8 +57,8 @@ def or_null(kind: SettingKind) -> SettingKind:
 
 
 def _is_number(value: Any) -> bool:
-    """Whether it is a finite number."""
-    return type(value) in {int, float} and isfinite(value)
+    """Whether it is a finite number; a whole one may be too large for a float."""
+    return type(value) in {int, float} and abs(value) <= sys.float_info.max
 
 
 def _can_name(value: Any) -> bool:
