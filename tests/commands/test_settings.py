@@ -26,7 +26,10 @@ def test_every_setting_of_every_command_has_a_kind(path):
 
 
 def test_no_kind_is_of_a_setting_that_there_is_not():
-    known = {f"data.{key}" for key in yaml.safe_load((CONF / "data" / "files.yaml").read_text())} | {"trainer.threads"}
+    known = {f"data.{key}" for key in yaml.safe_load((CONF / "data" / "files.yaml").read_text())} | {
+        "trainer.threads",
+        "trainer.resume",
+    }
     for path in COMMANDS:
         said = yaml.safe_load(path.read_text())
         known |= {*said, *(f"{key}.{inner}" for key in ("manoeuvre", "data", "captive") for inner in said.get(key, ()))}
@@ -46,7 +49,7 @@ def test_the_settings_of_every_command_are_of_their_kinds(path):
         ("seed", [0, 7, 2**63 - 1], [-1, 1.0, True, "1", None, 2**63, [1], {}]),
         ("workers", [1, 256], [0, 257, "two", 1.5, None]),
         ("remainder", [True, False], ["yes", 1, 0, None, "true", []]),
-        ("model", ["a/best.ckpt", 2026, None], [True, [], ["a"], {"a": 1}, ""]),
+        ("model", ["a/best.ckpt", 2026, None], [True, [], ["a"], {"a": 1}, "", 256 * "x", 2048 * "a/"]),
         ("data.folder", ["runs", 2026], [None, "", ["a"], False]),
         ("data.files", ["A.csv", ["A.csv", 7], []], [None, [True], [["A"]], {"a": 1}, [""], True]),
         ("files", ["A.csv", None], [[None], True, {}]),

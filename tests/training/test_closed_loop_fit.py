@@ -216,6 +216,9 @@ def test_settings_that_make_no_sense_are_refused():
         ClosedLoopFit(blank(), ClosedLoopSettings(force=[1.0, 2.0]))
     with pytest.raises(InputError, match="relative=0.0"):
         ClosedLoopFit(blank(), ClosedLoopSettings(prior={"relative": 0.0, "size": 1.0}))
+    for beyond in ({"prior": {"relative": 1e308}}, {"force_time": 1e9}, {"floor": [1e9] * 6}):
+        with pytest.raises(InputError, match=r"to 1e\+06"):
+            ClosedLoopSettings(**beyond)
 
 
 def test_stretches_are_compared_once_where_a_series_has_no_members(tmp_path, monkeypatch):

@@ -16,6 +16,8 @@ MAX_COUNT = 2**63 - 1
 """Largest whole number that torch and numpy take, as a seed for instance."""
 MAX_THREADS = 256
 """Threads, or processes, that a command may be told to use at once."""
+MAX_PATH, MAX_NAME = 4096, 255
+"""Longest path, and name of a file, that systems take [bytes]."""
 
 
 class SettingKind(NamedTuple):
@@ -63,7 +65,9 @@ def _is_number(value: Any) -> bool:
 
 def _can_name(value: Any) -> bool:
     """Whether a file may be called so: a folder such as 2026 is a number to hydra."""
-    return type(value) in {str, int, float} and value != ""
+    said = str(value) if type(value) in {str, int, float} else ""
+    sizes = [len(part.encode("utf-8", "surrogatepass")) for part in said.split("/")]
+    return said != "" and sum(sizes) + len(sizes) <= MAX_PATH and max(sizes) <= MAX_NAME
 
 
 def _or_several(accepts: Callable[[Any], bool]) -> Callable[[Any], bool]:
@@ -100,6 +104,7 @@ SETTINGS: dict[str, SettingKind] = {
     "out": or_null(PATH),
     "plugins": or_null(NAMES),
     "seed": whole(0),
+    "trainer.resume": PATH,
     "trainer.threads": whole(1, MAX_THREADS),
     "data.files": FILES,
     "data.folder": PATH,

@@ -30,6 +30,8 @@ ESTIMATE = "estimate"
 """Where a checkpoint holds how far the estimation has come."""
 STORED = tuple(f.name for f in fields(Estimate) if f.name != "state_covariance")
 """What it holds of an :class:`.Estimate`: all but what is large, and needed by no pass that follows."""
+MAX_SIZE = 1e6
+"""Largest standard deviation or time that is taken, in units of the ship: so large it says that nothing is known."""
 
 
 @dataclass(frozen=True)
@@ -68,17 +70,17 @@ class ClosedLoopSettings:
         """Check the numbers.
 
         Raises:
-            InputError: If one is missing or not positive.
+            InputError: If one is missing, not positive or beyond any ship.
         """
         given = {"fit.force": (self.force, 3), "fit.floor": (self.floor, 6)}
         for name, (values, count) in given.items():
-            if len(values) != count or not all(v > 0 for v in values):
-                raise InputError(f"{name}={list(values)}: expected {count} numbers, all more than 0")
-        if not all(value > 0 for value in self.prior.values()):
+            if len(values) != count or not all(0 < v <= MAX_SIZE for v in values):
+                raise InputError(f"{name}={list(values)}: expected {count} numbers, all more than 0, to {MAX_SIZE:g}")
+        if not all(0 < value <= MAX_SIZE for value in self.prior.values()):
             said = ", ".join(f"{name}={value}" for name, value in self.prior.items())
-            raise InputError(f"fit.prior: {said}: expected numbers more than 0")
-        if not self.force_time > 0:
-            raise InputError(f"fit.force_time={self.force_time}: expected L/U0, more than 0")
+            raise InputError(f"fit.prior: {said}: expected numbers more than 0, to {MAX_SIZE:g}")
+        if not 0 < self.force_time <= MAX_SIZE:
+            raise InputError(f"fit.force_time={self.force_time}: expected L/U0, more than 0, to {MAX_SIZE:g}")
         for setting, channels in (("fit.delays", self.delays), ("fit.offsets", self.offsets)):
             for channel in channels:
                 check_choice(setting, channel, list(CHANNELS))

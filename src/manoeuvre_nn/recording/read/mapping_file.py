@@ -23,7 +23,7 @@ WRITTEN = Mapping(
 
 def read_mapping(name: str | Path, own: str | Path | None = None) -> Mapping:
     """Read a mapping of a record over time: a yaml, by its path or its name in conf/recording or ``own``/recording."""
-    content = _content(name, own)
+    content = _content("mapping", name, own)
     if not isinstance(content, AnyMapping) or "channels" not in content:
         raise InputError(f"mapping={name} is no mapping of a record over time: write time: and channels: into it")
     return mapping(**_without_code(content, f"mapping={name}", "manoeuvre_nn.recording.mapping.mapping"))
@@ -33,18 +33,21 @@ def read_captive_mapping(name: str | Path | None, own: str | Path | None = None)
     """Read a mapping of a table of captive tests, found as in :func:`read_mapping`."""
     if name is None:
         raise InputError("captive.mapping is not given: write the path of a yaml, or a name in conf/recording/")
-    content = _content(name, own)
+    content = _content("captive.mapping", name, own)
     if not isinstance(content, AnyMapping) or "columns" not in content:
         raise InputError(f"captive.mapping={name} is no mapping of captive tests: write columns: into it")
     old = "manoeuvre_nn.recording.captive.captive_mapping"
     return captive_mapping(**_without_code(content, f"captive.mapping={name}", old))
 
 
-def _content(name: str | Path, own: str | Path | None) -> Any:
-    """What a yaml holds that is given by its name or its path."""
+def _content(setting: str, name: str | Path, own: str | Path | None) -> Any:
+    """What a yaml holds that a setting gives by its name or its path."""
     folders = [CONF, *([Path(own)] if own else [])]
     named = [folder / "recording" / f"{name}.yaml" for folder in folders]
-    return load_yaml(next((path for path in named if path.is_file()), Path(name)))
+    try:
+        return load_yaml(next((path for path in named if path.is_file()), Path(name)))
+    except InputError as error:
+        raise InputError(f"{setting}={name}: {error}") from error
 
 
 def _without_code(content: AnyMapping[Any, Any], where: str, old: str) -> dict[str, Any]:
