@@ -164,7 +164,7 @@ def wanted(chosen: Any, shelf: Mapping[str, Mapping[str, Any]]) -> list[str]:
         return [name for name in listed if classes[name].acts_indoors]
     names = possible if chosen == ALL else configs.names(chosen)
     for name in names:
-        check_choice("candidate", name, possible)
+        check_choice("candidates:", name, possible)
     if not names:
         raise InputError("candidates=[] names no effect: write for instance candidates=[wind_steady,current]")
     return names

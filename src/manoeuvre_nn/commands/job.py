@@ -178,12 +178,11 @@ def _takes(name: str, wanted: Mapping[str, int]) -> bool:
 
 def _data(cfg: DictConfig, common: dict[str, Any]) -> ManoeuvreData:
     """The data module, its files read or its manoeuvres checked."""
-    names = configs.as_list(cfg.score)
+    names, manoeuvres = configs.as_list(cfg.score), configs.training_manoeuvres(cfg.manoeuvre)
     if "files" in cfg.data:
         return _recorded(cfg, common, [] if names == ["default"] else names)
     check_simulable(common["ship"])
     effects = configs.chosen_effects(cfg.get("effect"), common["ship"])
-    manoeuvres = configs.training_manoeuvres(cfg.manoeuvre)
     if names == ["default"]:
         seen = {m.name for m in manoeuvres}
         names = [SUBSTITUTES[name] if name in seen else name for name in DEFAULT_SCORE]

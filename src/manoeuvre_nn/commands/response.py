@@ -76,6 +76,8 @@ def quantities_of(cfg: DictConfig) -> tuple[Quantities, dict[str, list[float]]]:
             raise InputError(f"inputs.{name}.values={grid}: expected numbers in brackets such as [5,10,15]")
         values[name] = sorted(float(v) * variable.size for v in grid)
     output = plain(cfg.output)
+    if not str(output.get("name")).isidentifier():
+        raise InputError(f"output.name={output.get('name')}: expected a word of letters, digits and underscores")
     response = _variable("output", str(output.get("name")), {k: v for k, v in output.items() if k != "name"})
     per, sees = cfg.get("per"), plain(cfg.sees)
     for name, wanted in sees.items():

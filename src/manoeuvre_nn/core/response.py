@@ -76,7 +76,7 @@ class Variable:
             InputError: If the name is no word, or the range is empty.
         """
         if not self.name.isidentifier():
-            raise InputError(f"inputs.{self.name}: expected a word of letters, digits and underscores")
+            raise InputError(f"{self.name!r} names no variable: expected a word of letters, digits and underscores")
         rest = re.sub(r"\\([A-Za-z]+)", lambda found: "" if found[1] in SYMBOLS else found[0], self.symbol)
         if "^^" in rest or not re.fullmatch(r"[\w{}^ /,.()'+-]*", rest):
             raise InputError(
