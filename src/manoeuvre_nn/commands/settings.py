@@ -63,9 +63,14 @@ def _is_number(value: Any) -> bool:
     return type(value) in {int, float} and abs(value) <= sys.float_info.max
 
 
+def _is_word(value: Any) -> bool:
+    """Whether it is a word, or what hydra takes for a number, such as 2026."""
+    return type(value) in {str, int, float} and value != ""
+
+
 def _can_name(value: Any) -> bool:
-    """Whether a file may be called so: a folder such as 2026 is a number to hydra."""
-    said = str(value) if type(value) in {str, int, float} else ""
+    """Whether a file may be called so."""
+    said = str(value) if _is_word(value) else ""
     sizes = [len(part.encode("utf-8", "surrogatepass")) for part in said.split("/")]
     return said != "" and sum(sizes) + len(sizes) <= MAX_PATH and max(sizes) <= MAX_NAME
 
@@ -77,13 +82,13 @@ def _or_several(accepts: Callable[[Any], bool]) -> Callable[[Any], bool]:
 
 def _is_choice(value: Any) -> bool:
     """A name, or ``{name: {setting: value}}``."""
-    return _can_name(value) or (isinstance(value, dict) and [type(v) for v in value.values()] == [dict])
+    return _is_word(value) or (isinstance(value, dict) and [type(v) for v in value.values()] == [dict])
 
 
 SWITCH = SettingKind(lambda value: type(value) is bool, "true or false")
-WORD = SettingKind(_can_name, "a word")
+WORD = SettingKind(_is_word, "a word")
 PATH = SettingKind(_can_name, "the path of a file or folder")
-NAMES = SettingKind(_or_several(_can_name), "a name, or several such as [A,B]")
+NAMES = SettingKind(_or_several(_is_word), "a name, or several such as [A,B]")
 FILES = SettingKind(_or_several(_can_name), "names of files, such as [A.csv,B.csv]")
 CHOICES = SettingKind(_or_several(_is_choice), "a name, or a list of names and {name: {setting: value}}")
 TABLE = SettingKind(lambda value: isinstance(value, dict), "settings in braces such as {a: 1}")
