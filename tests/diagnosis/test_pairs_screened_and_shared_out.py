@@ -3,6 +3,7 @@
 import os
 import signal
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
 
 import pytest
 from pytest import approx
@@ -62,7 +63,7 @@ def test_a_process_that_is_killed_is_told_and_not_waited_for():
 
 
 def test_two_processes_find_what_one_finds():
-    stand = whitened_data_set(CALM, runs([CIRCLE, ZIGZAG], ACTING))
+    stand = whitened_data_set(CALM, runs([replace(trial, duration=120.0) for trial in (CIRCLE, ZIGZAG)], ACTING))
     once, twice = (search(stand, [type(e)(SHIP) for e in (*ACTING, PUSH)], workers=n) for n in (1, 2))
     assert [j.names for j in once.fitted] == [j.names for j in twice.fitted]
     assert [j.evidence for j in once.fitted] == approx([j.evidence for j in twice.fitted], abs=1e-9)
