@@ -11,12 +11,14 @@ from pathlib import Path
 
 import lightning  # noqa: F401  before the package, see tests/conftest.py
 import omegaconf._utils
+import omegaconf.base
 import pytest
 from fleet import unchecked
 from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf._utils import get_yaml_loader
+from omegaconf.grammar_parser import parse
 from rich.console import Console
 from yaml.constructor import SafeConstructor
 from yaml.cyaml import CParser
@@ -134,6 +136,7 @@ def quick_loader() -> type:
 
 
 omegaconf._utils.get_yaml_loader = quick_loader
+omegaconf._utils.parse = omegaconf.base.parse = cache(parse)  # the same few interpolations in each of these files
 
 
 @contextmanager
