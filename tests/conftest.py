@@ -6,9 +6,11 @@ import signal
 
 os.environ["OMP_NUM_THREADS"] = "1"  # the processes that share out the tests start with it
 
-# Libraries are imported before the package: what a module imports while jaxtyping's hook loads it is compiled anew.
+# Libraries are imported before the package: what a module imports while jaxtyping's hook loads it is compiled anew;
+# and tests/sparing.py sees to how its functions are checked.
 import pandas  # noqa: F401
 import pytest
+import sparing  # noqa: F401
 import torch
 import torchdiffeq  # noqa: F401
 from hypothesis import HealthCheck, settings

@@ -1,35 +1,94 @@
 """The checks of shapes and types while tests run: what a function was checked with once is not checked again.
 
 An annotation says something about an array's kind, type and shape and nothing about its numbers. To check it at each of
-the thousands of calls of a simulation would take two thirds of the time.
+the thousands of calls of a simulation would take two thirds of the time; and to make the checks of functions that no
+test calls, most of the time of an import.
 """
 
 from collections.abc import Callable, Collection, Hashable
-from typing import get_args
+from functools import cache, wraps
+from types import FunctionType
+from typing import Any, get_args, get_type_hints
 
+import jaxtyping
 import numpy as np
 import torch
 from beartype import beartype
-from jaxtyping import AbstractArray
+from jaxtyping import AbstractArray, config
 
 REMEMBERED, LONG = 100, 20
+complete = jaxtyping.jaxtyped
 
 
 def checked(function: Callable) -> Callable:
-    """Beartype for ``jaxtyped``, which calls it on two stubs of each function: of arguments, and of the result too."""
-    check = beartype(function)
-    if not any(map(_has_shapes, function.__annotations__.values())):
-        return check  # as fast as looking what it was called with
-    seen: set[Hashable] = set()
+    """The typechecker that jaxtyping is told to use."""
+    return beartype(function)
 
-    def sparing(*args, **kwargs) -> None:
-        key = (*map(_kind, args), *kwargs, *map(_kind, kwargs.values()))
-        if key not in seen:
-            check(*args, **kwargs)
-            if len(seen) < REMEMBERED:
-                seen.add(key)
+
+def jaxtyped(fn: Any = None, **how: Any) -> Any:
+    """What ``jaxtyping.jaxtyped`` makes of classes, which comes back here with their functions, and of functions."""
+    if isinstance(fn, FunctionType):
+        return _spared(fn)
+    return complete(**how) if fn is None else complete(fn, **how)
+
+
+def _spared(function: Callable) -> Callable:
+    """The function with checks that are made at its first call."""
+    checks = cache(lambda: _checks(function))
+
+    @wraps(function)
+    def sparing(*args, **kwargs):
+        return function(*args, **kwargs) if config.jaxtyping_disable else checks()(*args, **kwargs)
 
     return sparing
+
+
+def _checks(function: Callable) -> Callable:
+    """The function with its checks: without shapes, beartype's are as fast as looking what it was called with."""
+    try:
+        hints = get_type_hints(function)
+    except (NameError, TypeError):  # names that are there for mypy alone
+        return complete(function, typechecker=checked)
+    return _remembering(function) if any(map(_has_shapes, hints.values())) else checked(function)
+
+
+def _remembering(function: Callable) -> Callable:
+    """The function, checked when it is called with, or returns, what it was not called with before."""
+    whole = complete(function, typechecker=checked)
+    check_result = cache(lambda: _check_of_result(function))
+    seen: dict[Hashable, set[Hashable]] = {}
+
+    def remembering(*args, **kwargs):
+        key = (*map(_kind, args), *kwargs, *map(_kind, kwargs.values()))
+        if key not in seen:
+            result = whole(*args, **kwargs)
+            if len(seen) < REMEMBERED:
+                seen[key] = {_kind(result)}
+            return result
+        result = function(*args, **kwargs)
+        if (kind := _kind(result)) not in seen[key]:
+            check_result()(result, args, kwargs)
+            seen[key].add(kind)
+        return result
+
+    return remembering
+
+
+def _check_of_result(function: Callable) -> Callable:
+    """A check of a result beside the arguments that led to it: a function that returns what it is given, checked."""
+    results = []
+
+    def give(*_, **__):
+        return results.pop()
+
+    stub = FunctionType(give.__code__, function.__globals__, closure=give.__closure__)  # annotations are read in there
+    check = complete(wraps(function)(stub), typechecker=checked)
+
+    def check_result(result: Any, args: tuple, kwargs: dict) -> None:
+        results.append(result)
+        check(*args, **kwargs)
+
+    return check_result
 
 
 def _has_shapes(hint: object) -> bool:
@@ -50,3 +109,7 @@ def _kind(value: object) -> Hashable:
     if isinstance(value, str | bool):
         return kind, value  # Literal
     return object() if isinstance(value, Collection) else kind
+
+
+# All functions of the package are decorated with it: this file is imported before any of them.
+jaxtyping.jaxtyped = jaxtyping._decorator.jaxtyped = jaxtyped

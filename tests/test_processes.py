@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 import sparing
 import torch
+from beartype.roar import BeartypeCallHintViolation
+from fleet import unchecked
 from jaxtyping import Float, TypeCheckError, jaxtyped
 from threadpoolctl import threadpool_info
 
@@ -47,14 +49,29 @@ def test_what_was_checked_once_is_refused_all_the_same_where_shape_type_or_resul
 
 def test_arguments_of_kinds_that_were_seen_are_not_checked_again(monkeypatch):
     checks = []
-    monkeypatch.setattr(sparing, "beartype", lambda function: lambda *args, **kwargs: checks.append(args))
+    monkeypatch.setattr(sparing, "beartype", lambda function: lambda *args, **kwargs: checks.append((args, kwargs)))
 
-    def scaled(a: Float[torch.Tensor, " n"], by: float) -> None: ...
+    @jaxtyped(typechecker=sparing.checked)
+    def scaled(a: Float[torch.Tensor, " n"], by: float): ...
 
-    check = sparing.checked(scaled)
     for a, by in ((torch.zeros(2), 1.0), (torch.ones(2), 2.0), (torch.ones(3), 2.0), (torch.ones(2), 2)):
-        check(a, by)
-    assert [(len(a), by) for a, by in checks] == [(2, 1.0), (3, 2.0), (2, 2)]
+        scaled(a, by)
+    assert [(len(a), by) for (a, by), _ in checks] == [(2, 1.0), (3, 2.0), (2, 2)]
+
+
+def test_a_function_without_shapes_is_checked_at_each_call_in_arguments_and_result():
+    @jaxtyped(typechecker=sparing.checked)
+    def named(number: int, name: str = "a") -> str | None:
+        return name * number if number else number
+
+    assert named(2) == "aa" and named(1, name="b") == "b"
+    for wrong in ((1.5,), (2, 3)):
+        with pytest.raises(BeartypeCallHintViolation, match="parameter"):
+            named(*wrong)
+    with pytest.raises(BeartypeCallHintViolation, match="return"):
+        named(0)
+    with unchecked():
+        assert named(0) == 0
 
 
 def test_one_file_is_tested_in_one_process_and_all_in_two(pytestconfig):

@@ -10,12 +10,19 @@ from functools import cache
 from pathlib import Path
 
 import lightning  # noqa: F401  before the package, see tests/conftest.py
+import omegaconf._utils
+import omegaconf.base
 import pytest
 from fleet import unchecked
 from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 from omegaconf import DictConfig, OmegaConf, open_dict
+from omegaconf._utils import get_yaml_loader
+from omegaconf.grammar_parser import parse
 from rich.console import Console
+from yaml.constructor import SafeConstructor
+from yaml.cyaml import CParser
+from yaml.resolver import Resolver
 
 from manoeuvre_nn.commands import guard
 from manoeuvre_nn.commands.groups import register_resolvers
@@ -113,6 +120,23 @@ def done(tmp_path_factory) -> Path:
     with unchecked():
         assert _run([*TINY, f"hydra.run.dir={out}"]) == 0
     return out
+
+
+@cache
+def quick_loader() -> type:
+    """Omegaconf's reader of yaml on libyaml, which parses ten times as fast; hydra reads twenty files for a command."""
+
+    class Quick(CParser, get_yaml_loader()):
+        def __init__(self, stream):
+            CParser.__init__(self, stream)
+            SafeConstructor.__init__(self)
+            Resolver.__init__(self)
+
+    return Quick
+
+
+omegaconf._utils.get_yaml_loader = quick_loader
+omegaconf._utils.parse = omegaconf.base.parse = cache(parse)  # the same few interpolations in each of these files
 
 
 @contextmanager

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from hydra.core.global_hydra import GlobalHydra
 from rich.console import Console
 
 from manoeuvre_nn.commands import guard

@@ -40,6 +40,8 @@ TIME = 420.0
 TRIALS = [zigzag(20.0, duration=TIME), turning_circle(15.0, duration=TIME)]
 TRIALS += [turning_circle(25.0, side="port", duration=TIME), zigzag(10.0, duration=TIME)]
 WIND = {"speed": 13.0, "from_deg": 110.0}
+STEP = 2.0
+"""Between samples [s]; their noise is such that they tell as much in all as at one every second."""
 SCATTER = 0.03
 """Relative error of the coefficients."""
 
@@ -56,15 +58,17 @@ def wind(start: float, ramp: float = 4.0) -> WindOnset:
     return WindOnset(SHIP, **WIND, start_s=start, ramp_s=ramp)
 
 
-def campaign(acting: Sequence[Effect | None], seed: int = 0, trials: Sequence[Manoeuvre] = TRIALS) -> list[Recording]:
+def campaign(
+    acting: Sequence[Effect | None], seed: int = 0, trials: Sequence[Manoeuvre] = TRIALS, step: float = STEP
+) -> list[Recording]:
     """A run a trial, each with an effect of its own or none, of a ship whose coefficients are off."""
     shares = SCATTER * np.random.default_rng(seed).standard_normal(len(Corrections(CALM).names))
     shares[len(Corrections(CALM)._entries) :] = 0.0
     truth, made = Calibrated(CALM, torch.tensor(shares)), []
     with unchecked():
         for k, (trial, effect) in enumerate(zip(trials, acting, strict=False)):
-            (record,) = roll_out(Vessel(truth, [effect] if effect else []), [trial], step=1.0)
-            made.append(run_of(record, NOISE, 10 * seed + k))
+            (record,) = roll_out(Vessel(truth, [effect] if effect else []), [trial], step=step, interval=step)
+            made.append(run_of(record, NOISE / step**0.5, 10 * seed + k))
     return made
 
 
@@ -219,7 +223,7 @@ def test_a_planned_run_is_predicted_without_the_event_and_that_is_said():
 
 
 def test_no_partner_is_added_that_mends_the_time_of_a_wind():
-    runs = campaign([wind(160.0), wind(230.0)], seed=3)
+    runs = campaign([wind(160.0), wind(230.0)], seed=3, step=1.0)
     kinds = (WindOnset, Current, RateBias)
     with unchecked():
         result = search(whitened_data_set(CALM, runs), [kind(SHIP) for kind in kinds])

@@ -30,6 +30,7 @@ from manoeuvre_nn.recording.read.mapping_file import CONCEALED, read_mapping
 from manoeuvre_nn.recording.read.reader import read_measured
 from manoeuvre_nn.ship.mariner import mariner_corrected
 
+pytestmark = pytest.mark.usefixtures("unchecked_types")
 SHIP = mariner_corrected()
 SHELF = Bounds(current=10.0, rudder_offset=np.radians(5.0), antenna=(91.4, 13.1), rudder_delay=60.0)
 WRONG_FRAMES = {
@@ -73,7 +74,7 @@ def all_checked(folder, tables, bounds=SHELF) -> list[tuple[str, ...]]:
     return check_over_ground(runs, SHIP.particulars, bounds=bounds)
 
 
-def test_a_strong_current_is_told_and_diagnosed(tmp_path, unchecked_types):
+def test_a_strong_current_is_told_and_diagnosed(tmp_path):
     case = case_of(tmp_path, 2.95, 180.0)
     assert any("less than the speed over ground" in s or "more than the speed over ground" in s for s in case.undecided)
     d = diagnose(Question(case, CalmWater(case.hull), [Current(SHIP), RudderOffset(SHIP)]))
@@ -177,25 +178,24 @@ ANGLES = (25.0, 35.0, 10.0, 20.0)
 
 
 @cache
-def late(seconds: float, angle: float, noise: int):
-    """A long circle of the Mariner, every 2 s, whose rudder was written down so late."""
+def late(seconds: float):
+    """Long circles of the Mariner whose rudder was written down so late."""
+    circles = [turning_circle(angle, duration=560.0) for angle in ANGLES]
+    circles = [replace(c, stages=(Stage(0.0, hold=60.0), *c.stages)) for c in circles]
     with unchecked():
-        circle = turning_circle(angle, duration=560.0)
-        circle = replace(circle, stages=(Stage(0.0, hold=60.0), *circle.stages))
-        (run,) = roll_out(Vessel(CalmWater(SHIP), [RudderDelay(SHIP, delay_s=seconds)]), [circle], step=2.0)
-    return table_of(run, noise)
+        runs = roll_out(Vessel(CalmWater(SHIP), [RudderDelay(SHIP, delay_s=seconds)]), circles, step=2.0)
+    return [table_of(run, 20 + k) for k, run in enumerate(runs)]
 
 
 @pytest.mark.parametrize("seconds", [10.0, 12.0, 15.0])
 def test_a_late_rudder_is_told_from_the_other_sign_by_all_runs_together(tmp_path, seconds):
-    tables = [late(seconds, angle, 20 + k) for k, angle in enumerate(ANGLES)]
-    notes = all_checked(tmp_path, tables)
+    notes = all_checked(tmp_path, late(seconds))
     delays = [float(m) for said in notes for text in said for m in re.findall("some ([0-9]+) s late", text)]
     assert delays and delays == pytest.approx([seconds] * len(delays), abs=4.0)
 
 
 def test_a_rudder_of_the_other_sign_in_all_circles_or_in_one_is_refused(tmp_path):
-    right = [late(0.0, angle, 20 + k) for k, angle in enumerate(ANGLES)]
+    right = late(0.0)
     wrong = [t.assign(delta=-t.delta, delta_order=-t.delta_order) for t in right]
     assert all_checked(tmp_path / "right", right) == [()] * len(right)
     for tables in (wrong, [*right[:-1], wrong[-1]]):

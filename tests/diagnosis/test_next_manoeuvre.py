@@ -218,7 +218,7 @@ def verdict(best: FittedHypothesis, **effects: float) -> SimpleNamespace:
 def test_the_sentence_names_the_run_its_heading_and_what_is_expected_of_it():
     first, second = judged(CURRENT, evidence=30.0), judged(COMPASS, evidence=28.8)
     (said,) = next_steps(search(first, second), verdict(first, current=0.7, heading_bias=0.28), first, True)
-    expected, best = advise(stand("straight", CURRENT), first, [second])[0][0]
+    expected, best = ranked(stand("straight", CURRENT), CURRENT, COMPASS)[0]
     assert said == (
         f"To tell a current from a compass error (28 %): {best.text} (expected log Bayes factor {expected:.0f}; "
         "these recordings: 1.2)."

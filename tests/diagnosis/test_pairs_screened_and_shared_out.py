@@ -3,6 +3,7 @@
 import os
 import signal
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
 
 import pytest
 from pytest import approx
@@ -14,12 +15,14 @@ from manoeuvre_nn.diagnosis.workers import shared_out
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.local import SideForce
 from manoeuvre_nn.effect.rudder import RudderOffset
+from manoeuvre_nn.effect.sensors import LogScale
 from manoeuvre_nn.estimation.data_set import whitened_data_set
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MAX_KEPT, MarginalLikelihood, hypothesis_columns
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 ACTING = (Current(SHIP, speed=0.6, toward_deg=50.0), RudderOffset(SHIP, offset_deg=1.5))
+SCALE = LogScale(SHIP)
 PUSH = SideForce(SHIP, force_kN=100.0, lever_m=20.0, start_s=80.0, end_s=150.0)
 
 
@@ -62,8 +65,8 @@ def test_a_process_that_is_killed_is_told_and_not_waited_for():
 
 
 def test_two_processes_find_what_one_finds():
-    stand = whitened_data_set(CALM, runs([CIRCLE, ZIGZAG], ACTING))
-    once, twice = (search(stand, [type(e)(SHIP) for e in (*ACTING, PUSH)], workers=n) for n in (1, 2))
+    stand = whitened_data_set(CALM, runs([replace(trial, duration=120.0) for trial in (CIRCLE, ZIGZAG)], ACTING))
+    once, twice = (search(stand, [type(e)(SHIP) for e in (*ACTING, SCALE)], workers=n) for n in (1, 2))
     assert [j.names for j in once.fitted] == [j.names for j in twice.fitted]
     assert [j.evidence for j in once.fitted] == approx([j.evidence for j in twice.fitted], abs=1e-9)
     assert {"current", "rudder_offset"} <= set(once.fitted[0].names)

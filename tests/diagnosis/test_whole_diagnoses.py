@@ -32,6 +32,8 @@ from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 CANDIDATES = [kind(SHIP) for kind in (Current, SteadyWind, RudderOffset, HullFouling, HeadingBias, LogScale)]
+FEW = [kind(SHIP) for kind in (Current, RudderOffset, LogScale, HeadingBias)]
+"""Where what is asked is not which of many it is."""
 OF_THE_HULL = [kind(SHIP) for kind in (ShallowWater, DisplacementChange, TrimChange, RudderAreaLoss)]
 
 
@@ -69,7 +71,7 @@ def diagnosis(*acting: str, remainder: bool = False, weaker: float = 0.0) -> Dia
         records = roll_out(Vessel(ship, [TRUE[a] for a in acting]), TRIALS, step=1.0)
     *fitted, last = (run_of(r, NOISE, seed) for seed, r in enumerate(records, start=20))
     case = Case("trial", "mariner", (*fitted, last), SHIP, frozenset({last.name}))
-    candidates = CANDIDATES + (OF_THE_HULL if "depth" in acting else [])
+    candidates = [*FEW, *OF_THE_HULL] if "depth" in acting else (FEW if weaker or len(acting) > 1 else CANDIDATES)
     return diagnose(Question(case, CALM, candidates, remainder=remainder))
 
 

@@ -1,6 +1,7 @@
 """Simulated trials of the Mariner as a diagnosis gets them: sampled, noisy, with effects."""
 
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 import torch
@@ -34,8 +35,14 @@ TIMED = Manoeuvre("timed", "random_rudder", tuple(Stage(a * DEGREE, hold=t) for 
 
 def sailed(trials: Sequence[Manoeuvre], effects: Sequence[Effect] = (), step: float = 1.0) -> list[Recording]:
     """What happened; steps of a second are good to a millimetre a minute."""
+    return list(_sailed_once(tuple(trials), tuple(effects), step))
+
+
+@cache
+def _sailed_once(trials: tuple[Manoeuvre, ...], effects: tuple[Effect, ...], step: float) -> tuple[Recording, ...]:
+    """The same for all tests; effects are told apart as objects."""
     with unchecked():
-        return roll_out(Vessel(CALM, list(effects)), list(trials), step=step)
+        return tuple(roll_out(Vessel(CALM, list(effects)), list(trials), step=step))
 
 
 def run_of(record: Recording, noise: np.ndarray | float = 0.0, seed: int = 0, **more) -> Recording:

@@ -1,6 +1,7 @@
 """The joint estimation: against a dense solver, against the truth, with faults and outliers."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -36,8 +37,9 @@ SHIP = CoefficientForces(NAMES, products, np.array([0, 1, 2, 1, 3, 4]), np.eye(3
 """A ship with six coefficients."""
 
 
-def sailed(n=200, h=0.05, noise=0.0, seed=0):
-    """A run of that ship by small steps, and its track with noise."""
+@cache
+def exact(n, h):
+    """Times, rudder and states of a run of that ship by small steps."""
     time, fine = h * np.arange(n), 20
     delta = 0.5 * np.sign(np.sin(0.9 * time)) * (time > 0.5)
     state, states = np.array([0.9, 0.0, 0.0, 0.0, 0.0, 0.3]), []
@@ -51,7 +53,12 @@ def sailed(n=200, h=0.05, noise=0.0, seed=0):
             nudot = (force.columns(state[None], {"delta": np.array([rudder])}) @ TRUTH)[0]
             rate = [*nudot, u * np.cos(psi) - v * np.sin(psi), u * np.sin(psi) + v * np.cos(psi), r]
             state = state + h / fine * np.array(rate)
-    states = np.array(states)
+    return time, delta, np.array(states)
+
+
+def sailed(n=200, h=0.05, noise=0.0, seed=0):
+    """A run of that ship, and its track with noise."""
+    time, delta, states = exact(n, h)
     measured = states + noise * np.random.default_rng(seed).standard_normal(states.shape)
     return states, run("run", time, measured, {"delta": delta})
 

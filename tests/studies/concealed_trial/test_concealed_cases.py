@@ -10,6 +10,8 @@ import pytest
 ROOT = Path(__file__).parents[3]
 SEEDS = {2: 1101, 4: 52}
 """Of two, short runs of small ships."""
+CANDIDATES = {2: "[current,wind_steady,shallow_water,hull_fouling,rudder_offset,heading_bias,log_scale,side_force]"}
+"""Of two, one or two effects of each family; of four, all that an answer may name."""
 
 
 @pytest.fixture(scope="module", params=[2, pytest.param(4, marks=pytest.mark.slow)])
@@ -23,6 +25,7 @@ def tool(cases, tmp_path_factory):
     out = tmp_path_factory.mktemp("trial")
     command = [sys.executable, "scripts/concealed_trial.py", f"cases={cases}", f"seed={SEEDS[cases]}", f"out={out}"]
     command += [f"jobs={cases // 2}", "strength=strong", "channels=full"]
+    command.append(f"tool=candidates={CANDIDATES.get(cases, 'default')}")
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=1200)
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
     return json.loads((out / "scoreboard.json").read_text())["tools"]["manoeuvre_nn"]

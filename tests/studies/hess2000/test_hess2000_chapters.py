@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from fleet import unchecked
 from pytest import approx
 
 from manoeuvre_nn.core.units import KNOT
@@ -28,9 +29,10 @@ def runs():
     sides = ("starboard", "port", "starboard", "starboard")
     plans = [
         PlannedRun(replace(overshoot(20.0, side, cycles=2.0), speed=speed * KNOT))
-        for side, speed in zip(sides, (15.0, 14.0, 14.5, 15.5), strict=True)
+        for side, speed in zip(sides, (25.0, 24.0, 24.5, 25.5), strict=True)
     ]
-    sailed = sail(ship, plans)
+    with unchecked():
+        sailed = sail(ship, plans)
     return RunSet(ship, tuple(sailed[:2]), (sailed[2],), (sailed[3],))
 
 
@@ -104,7 +106,8 @@ def test_every_table_in_miniature(monkeypatch, runs, table):
     monkeypatch.setattr(rivals, "QUICK_EPOCHS", 1)
     monkeypatch.setattr(rivals, "SERIES", {"cubic": rivals.SERIES["cubic"]})
     monkeypatch.setattr(tables, "SERIES", rivals.SERIES)
-    found = tables.table_chapter(table, QUICK, quiet)
+    with unchecked():
+        found = tables.table_chapter(table, QUICK, quiet)
     assert sum(claim.where == f"Table {table[1:]}" for claim in found.claims) == 40
     assert {row["by"] for row in found.tables["Percent errors"]} == {"paper", "ours, median", "ours, seed 0"}
     if table == "T6":

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fleet import unchecked
 from pytest import approx
 
 from manoeuvre_nn.core.units import DEGREE, KNOT
@@ -14,6 +15,13 @@ from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.manoeuvre.turning import tactical_circle
 from manoeuvre_nn.manoeuvre.zigzag import overshoot
 from studies.hess2000.runs import CIRCLE_SPEEDS_KN, SHIPS, Counts, PlannedRun, plan_circles, plan_overshoots, sail
+
+
+@pytest.fixture(autouse=True)
+def unchecked_types():
+    """Thousands of steps without the checks of shapes and types."""
+    with unchecked():
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -175,18 +175,17 @@ def axes_readings(m: Motion, open_: Mapping[str, Sequence], trusted: Sequence[st
     Returns:
         Readings with their misfit.
     """
-    made, rated = [], _Rating(m)
-    for values in product(*open_.values()):
-        chosen = dict(zip(open_, values, strict=True))
-        price = sum(
-            _price(k, v, open_[k][0]) + AGAINST * (k in trusted and v != open_[k][0]) for k, v in chosen.items()
-        )
-        made.append(rated(Axes(**chosen), price))
+    rated = _Rating(m)
+    prices = [
+        [_price(k, value, values[0]) + AGAINST * (k in trusted and value != values[0]) for value in values]
+        for k, values in open_.items()
+    ]
+    chosen = zip(product(*open_.values()), product(*prices), strict=True)
+    made = [rated(Axes(**dict(zip(open_, values, strict=True))), sum(price)) for values, price in chosen]
     if "turn" in open_ and min(reading.evidence for reading in made) > MAX_EVIDENCE:
         straight = [reading for reading in made if reading.turn == 0]
-        prices = [reading.score - reading.evidence for reading in straight]
         turned = [replace(a, turn=round(_askew(m, a), 1)) for a in straight]
-        made += [rated(a, price + ASKEW) for a, price in zip(turned, prices, strict=True)]
+        made += [rated(a, b.score - b.evidence + ASKEW) for a, b in zip(turned, straight, strict=True)]
     return sorted(made, key=lambda reading: reading.score)
 
 
