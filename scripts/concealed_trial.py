@@ -247,7 +247,11 @@ def in_process(command: list[str], seed: str) -> int:
         Exit code.
     """
     with subprocess.Popen(
-        command, stdin=subprocess.PIPE, text=True, env=os.environ | {"OMP_NUM_THREADS": "1"}, preexec_fn=_hear_no_ctrl_c
+        command,
+        stdin=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"OMP_NUM_THREADS": "1"},
+        preexec_fn=_begin_stage,
     ) as stage:
         try:
             stage.communicate(seed)
@@ -257,8 +261,8 @@ def in_process(command: list[str], seed: str) -> int:
     return stage.returncode
 
 
-def _hear_no_ctrl_c() -> None:
-    """In the process of a stage: ctrl-C is for the process that began this one, and ends it, however it ends."""
+def _begin_stage() -> None:
+    """In the process of a stage: leave ctrl-C to the trial, and end orderly when the trial is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(DEATH_SIGNAL, signal.SIGTERM)

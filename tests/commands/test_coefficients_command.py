@@ -19,7 +19,6 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.estimation.coefficients import fitted_from
 
 ROOT = Path(__file__).parents[2]
-CONF = ROOT / "conf"
 NOISY = ("data.length=120", "data.noise.u=.03", "data.noise.v=.03", "data.noise.r_deg_s=.02", "data.noise.x=1",
          "data.noise.y=1", "data.noise.psi_deg=.2", "trainer.progress=false")  # fmt: skip
 

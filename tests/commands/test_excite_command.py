@@ -16,7 +16,6 @@ from manoeuvre_nn.commands.groups import compose
 from manoeuvre_nn.core.errors import InputError
 
 ROOT = Path(__file__).parents[2]
-CONF = ROOT / "conf"
 TINY = (
     "network.members=3", "network.hidden=3", "fit.epochs=3", "data.length=60", "trainer.progress=false",
     "candidates=[{zz20: {duration: 60}},{tc10: {duration: 60}}]", "score=[{zz10: {duration: 60}}]",

@@ -90,7 +90,7 @@ def test_a_table_of_ones_own_is_learnt_with_a_mapping(cli, tmp_path, fast):
         (("data=simulated",), "learns records: write data=seakeeping or data=recording"),
         (("manoeuvre=zz20",), "there is no setting manoeuvre"),
         (("sees.T=maybe",), "sees.T=maybe: expected true or false"),
-        (("output.name=7",), "output.name=7: expected a word of letters"),
+        (("output.name=7",), "output: '7' names no variable: expected a word of letters"),
         (("per=V2",), "per 'V2' is unknown"),
         (("learning=2",), "expected a share of the records"),
         (("ship=mariner", "inputs.d.values=[5,11]"), "the hull of the Mariner goes from 2.4 to 10.6 m"),

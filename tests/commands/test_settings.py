@@ -26,10 +26,8 @@ def test_every_setting_of_every_command_has_a_kind(path):
 
 
 def test_no_kind_is_of_a_setting_that_there_is_not():
-    known = {f"data.{key}" for key in yaml.safe_load((CONF / "data" / "files.yaml").read_text())} | {
-        "trainer.threads",
-        "trainer.resume",
-    }
+    known = {f"data.{key}" for key in yaml.safe_load((CONF / "data" / "files.yaml").read_text())}
+    known |= {f"trainer.{key}" for key in yaml.safe_load((CONF / "trainer" / "default.yaml").read_text())}
     for path in COMMANDS:
         said = yaml.safe_load(path.read_text())
         known |= {*said, *(f"{key}.{inner}" for key in ("manoeuvre", "data", "captive") for inner in said.get(key, ()))}
@@ -38,9 +36,7 @@ def test_no_kind_is_of_a_setting_that_there_is_not():
 
 @pytest.mark.parametrize("path", COMMANDS, ids=lambda path: path.stem)
 def test_the_settings_of_every_command_are_of_their_kinds(path):
-    check_settings(
-        compose(path.relative_to(CONF).with_suffix("").as_posix(), ["out=."] if path.stem == "diagnose" else [])
-    )
+    check_settings(compose(path.relative_to(CONF).with_suffix("").as_posix()))
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from omegaconf import DictConfig
 from manoeuvre_nn.commands import config as configs
 from manoeuvre_nn.commands.groups import options
 from manoeuvre_nn.commands.provenance import versions
-from manoeuvre_nn.commands.shelves import TARGET, build, check_arguments, on_shelf
+from manoeuvre_nn.commands.shelves import TARGET, build, on_shelf
 from manoeuvre_nn.core.data_files import FORMAT, load_yaml
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.errors import InputError, check_choice
@@ -54,7 +54,6 @@ class _Setup:
         """Read a person's own runs."""
         c = self.cfg
         told = {key: c[key] for key in ("rudder_positive_to", "speed_kn", "rpm", "warmup_s")}
-        check_arguments(RunSettings, told)
         settings = RunSettings(
             held_out=c.held_out if isinstance(c.held_out, str) else configs.as_list(c.held_out),
             mapping=configs.read_mapping(c.mapping, c.get("config_dir")),

@@ -76,8 +76,6 @@ def quantities_of(cfg: DictConfig) -> tuple[Quantities, dict[str, list[float]]]:
             raise InputError(f"inputs.{name}.values={grid}: expected numbers in brackets such as [5,10,15]")
         values[name] = sorted(float(v) * variable.size for v in grid)
     output = plain(cfg.output)
-    if not str(output.get("name")).isidentifier():
-        raise InputError(f"output.name={output.get('name')}: expected a word of letters, digits and underscores")
     response = _variable("output", str(output.get("name")), {k: v for k, v in output.items() if k != "name"})
     per, sees = cfg.get("per"), plain(cfg.sees)
     for name, wanted in sees.items():
@@ -99,7 +97,10 @@ def _variable(where: str, name: str, said: Any) -> Variable:
     low, high = possible
     about = {key: str(said[key]) for key in ("meaning", "symbol") if said.get(key) is not None}
     ends = {"low": float(low) * size, "high": float(high) * size}
-    return Variable(name, str(said.get("unit", "-")), size, **{"meaning": "", **about}, **ends)  # type: ignore[arg-type]
+    try:
+        return Variable(name, str(said.get("unit", "-")), size, **{"meaning": "", **about}, **ends)  # type: ignore[arg-type]
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error
 
 
 def response_network(cfg: DictConfig, quantities: Quantities) -> tuple[Network, str, torch.dtype]:

@@ -5,6 +5,7 @@ import json
 import os
 import subprocess
 import sys
+import time
 from concurrent.futures import Future
 from pathlib import Path
 
@@ -168,6 +169,19 @@ def test_the_script_ends_in_one_line_on_a_wrong_argument(script, words, message)
         script.main(words)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_stage_ends_when_the_trial_is_killed():
+    stage = f"{[sys.executable, '-c', 'import os, time; print(os.getpid(), flush=True); time.sleep(60)']}"
+    code = f"import runpy; runpy.run_path({str(SCRIPT)!r})['in_process']({stage}, '')"
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as trial:
+        assert trial.stdout is not None
+        pid = int(trial.stdout.readline())
+        trial.kill()
+    until = time.monotonic() + 10
+    while Path(f"/proc/{pid}").exists() and time.monotonic() < until:
+        time.sleep(0.05)
+    assert not Path(f"/proc/{pid}").exists()
 
 
 def test_the_script_says_it_on_standard_error_with_code_two():
