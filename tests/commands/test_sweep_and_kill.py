@@ -9,6 +9,7 @@ import time
 import pytest
 from conftest import ROOT, TINY
 
+from manoeuvre_nn.commands.sweep_table import SweepTable
 from manoeuvre_nn.training.checkpoint import read_checkpoint
 
 SWEEP = [
@@ -25,11 +26,18 @@ def numbers(out) -> dict:
     return found
 
 
-def test_a_sweep_survives_a_failing_job_and_can_be_continued(cli, fast, tmp_path):
-    folder = tmp_path / "sweep"
+def test_a_sweep_survives_a_failing_job_and_can_be_continued(cli, fast, tmp_path, monkeypatch):
+    folder, kept, end = tmp_path / "sweep", [], SweepTable.on_job_end
+
+    def ended_job(self, config, job_return, **more):
+        end(self, config, job_return, **more)
+        kept.append(job_return)
+
+    monkeypatch.setattr(SweepTable, "on_job_end", ended_job)
     command = [*SWEEP, *JOBS, "network.hidden=2,0,3", f"hydra.sweep.dir={folder}"]
     ended = cli(*command)
     assert ended.code == 1
+    assert len(kept) == 3 and all(job.cfg is None and job.hydra_cfg is None for job in kept)  # which hydra keeps
     jobs = {p.name.split("network.hidden=")[1].split(",")[0]: p for p in folder.iterdir() if p.is_dir()}
     assert set(jobs) == {"2", "0", "3"}
     assert (jobs["0"] / "error.txt").read_text().startswith("network.hidden=0: three 4-m-1 networks need at least 1")

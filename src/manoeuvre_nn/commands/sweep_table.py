@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+from hydra.core.utils import JobReturn
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig
 
@@ -21,6 +22,10 @@ class SweepTable(Callback):
         with guard.one_line():  # hydra makes a warning of what goes wrong here, unless it ends the command
             guard.until_the_end.enter_context(locked(Path(folder)))
         print(f"sweep into {folder}; to continue it later, add hydra.sweep.dir={folder}", flush=True)
+
+    def on_job_end(self, config: DictConfig, job_return: JobReturn, **kwargs: Any) -> None:
+        """Let go of a job's config: hydra would keep those of all jobs until the sweep ends, .2 MB each."""
+        job_return.cfg = job_return.hydra_cfg = None
 
     def on_multirun_end(self, config: DictConfig, **kwargs: Any) -> None:
         """Write ``sweep.csv``, ``sweep.md`` and ``sweep.png``, and print the table."""
