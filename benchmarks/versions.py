@@ -85,8 +85,8 @@ def _tested(name: str, folder: Path, tests: str) -> tuple[str | int, ...]:
     make = ["uv", "venv", "--quiet", "--clear", "--no-python-downloads", "--python", lock.python, place]
     if subprocess.run(make, check=False).returncode:
         return name, lock.python, "-", "-", "no Python", "-", "-"
-    install = ["uv", "pip", "install", "--quiet", "--python", python, "-c", lock.path, "-r", "pyproject.toml"]
-    if subprocess.run([*install, "--extra", "test"], cwd=ROOT, check=False).returncode:
+    install = ["uv", "pip", "install", "--quiet", "--python", python, "-c", lock.path, "-e", ".[test]"]
+    if subprocess.run(install, cwd=ROOT, check=False).returncode:
         return name, lock.python, "-", "-", "not installed", "-", "-"
     asked = "import torch; print(torch.__version__)"
     torch = subprocess.run([python, "-c", asked], check=True, text=True, stdout=subprocess.PIPE).stdout.strip()
