@@ -27,7 +27,7 @@ def noisy(run, count):
 
 def test_channels_that_stand_still_are_looked_for_with_as_many_calls_in_a_long_record(zz20, ship):
     few, many = (calls(partial(stuck, noisy(zz20, count), ship)) for count in (2_000, 8_000))
-    assert many < few + 100
+    assert many < 1.5 * few  # one call for each sample more than doubles them
 
 
 @pytest.mark.parametrize("count", [2501, 6000])

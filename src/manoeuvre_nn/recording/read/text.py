@@ -6,6 +6,7 @@ import io
 from collections.abc import Iterator, Sequence
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -24,6 +25,10 @@ BLOCK = 1 << 23
 """Bytes that are cut into cells at once."""
 SPELT = [form for word in EMPTY for form in dict.fromkeys((word, word.upper(), word.title()))] + ["NaN"]
 """Empty cells as they are usually written."""
+EXACTLY: dict[str, Any] = (
+    {} if tuple(map(int, pd.__version__.split(".")[:2])) >= (3, 1) else {"float_precision": "round_trip"}
+)
+"""What makes pandas read the double that is nearest to the digits: before 3.1 it may take a neighbour of it."""
 
 
 def _among(letters: bytes) -> Bool[np.ndarray, " 256"]:
@@ -187,7 +192,7 @@ def _cut(
             io.BytesIO(block), sep=r"\s+" if delimiter == WHITESPACE else delimiter, header=None, names=list(headings),
             na_values=SPELT, keep_default_na=False, decimal="," if decimal == "comma" else ".",
             quoting=csv.QUOTE_NONE, skip_blank_lines=False, low_memory=False, index_col=False,
-            dtype=dict.fromkeys(texts, str),
+            dtype=dict.fromkeys(texts, str), **EXACTLY,
         )  # fmt: skip
     except ValueError:
         return None
