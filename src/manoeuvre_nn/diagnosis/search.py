@@ -74,6 +74,7 @@ def search(
     likelihood = MarginalLikelihood(data_set)
     none = likelihood.evaluate(Hypothesis((), ()))
     likelihood = MarginalLikelihood(with_likely_coefficient_prior(data_set, none))
+    data_set.release()
     none = likelihood.evaluate(Hypothesis((), ()), around=none.best[0])
 
     # A gusty wind is a variant of what a steady wind explains: see below.
@@ -141,6 +142,8 @@ def _again(
     """The best few and calm water about the states of one of them; the others keep their distance to that one."""
     data_set, leading = at_rest(likelihood.data_set, about)
     there = MarginalLikelihood(with_likely_coefficient_prior(data_set, leading))
+    for followed in (data_set, likelihood.data_set):
+        followed.release()
     calm = beside(there, none.hypothesis).evaluate(none.hypothesis, around=none.best[0])
 
     def refitted(number: int) -> FittedHypothesis:

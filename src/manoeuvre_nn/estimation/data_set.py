@@ -16,7 +16,7 @@ from manoeuvre_nn.dynamics.base import Model, calm_accelerations, is_fitted
 from manoeuvre_nn.effect.common import typical as usual
 from manoeuvre_nn.estimation.corrections import Calibrated, CoefficientPrior, Corrections
 from manoeuvre_nn.estimation.effect_columns import coefficient_columns, latency_column
-from manoeuvre_nn.estimation.linear_run import Columns, Embedded, IntegratedRun, joined, summed
+from manoeuvre_nn.estimation.linear_run import Columns, Embedded, IntegratedRun, RunEquations, joined, summed
 from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, linearise, run_equations
 from manoeuvre_nn.estimation.posterior import Posterior, posterior
 from manoeuvre_nn.estimation.run_states import RunStates
@@ -39,8 +39,10 @@ LATENCY, LATENCY_SD = 0.25, 0.25
 SAME_RUDDER = 1.0 * DEGREE
 """Standard deviation of the difference of two rudder angles from which on corrections tell them apart [rad]: of it, 5 %
 are half the noise of an indicator."""
-COPIES = 2.5
-"""What a diagnosis holds at once, over the tables of samples times states times columns of all levels, as measured."""
+COPIES = 32.0
+"""What a diagnosis holds at once, over a table of samples times states times columns, as measured."""
+MAX_KEPT_BYTES = 2**29
+"""What the levels of one data set may take: for hours of recordings it is that of the few that are in use."""
 FEWER = "write fewer files into files=, hold out more, or cut the recordings by start: and end: in the mapping"
 """What to do with recordings that are too long together."""
 MAX_RUDDERS = 4
@@ -81,6 +83,11 @@ class _Level:
     base_gram: Float[np.ndarray, "p p"]
     norm: float
 
+    @property
+    def bytes(self) -> int:
+        """Memory that the factors and the whitened columns take."""
+        return sum(w.chain.factor.nbytes for w in self.white) + sum(e.inner.nbytes for e in self.base)
+
 
 class WhitenedDataSet:
     """Fitted runs, linearised and whitened at a grid of noise levels.
@@ -106,8 +113,7 @@ class WhitenedDataSet:
         self.coefficient_prior = coefficient_prior or CoefficientPrior()
         self.unit = typical(dynamics)
         self.levels = np.array(list(product(PROCESS_LEVELS, PROCESS_LEVELS)))
-        time, start = process_time(dynamics), start_spread(dynamics)
-        self._equations = [run_equations(run.linearised, run.noise, time, start) for run in self.runs]
+        self._equations: list[RunEquations] = []
         self._at: dict[int, _Level] = {}
         self._by_rudder: dict[bytes, WhitenedDataSet] = {}
         # Keep the combinations of coefficients that the runs can show; the prior is the same in all directions.
@@ -122,23 +128,32 @@ class WhitenedDataSet:
         self.runs = [replace(p, base=_turned(p.base, self.rotation)) for p in self.runs]
 
     def at(self, level: int) -> "_Level":
-        """The runs whitened at a grid point; made when it is first asked for.
+        """The runs whitened at a grid point; made when it is asked for, and kept as long as there is room.
 
         Returns:
             Whitened runs, their embedded base columns and what follows from them.
         """
-        if level not in self._at:
-            self._at[level] = self._made(level)
-        return self._at[level]
+        found = self._at.pop(level, None) or self._made(level)
+        self._at[level] = found  # what was asked for last stands last
+        while len(self._at) > 1 and sum(one.bytes for one in self._at.values()) > MAX_KEPT_BYTES:
+            del self._at[next(iter(self._at))]
+        return found
 
     def _made(self, level: int) -> "_Level":
         """Whiten all runs at a grid point."""
+        if not self._equations:
+            time, start = process_time(self.dynamics), start_spread(self.dynamics)
+            self._equations = [run_equations(run.linearised, run.noise, time, start) for run in self.runs]
         process_sd = self.levels[level][[0, 1, 1, 1]][: len(self.unit)] * self.unit
         white = [IntegratedRun(equations, process_sd) for equations in self._equations]
         base = [w.embed(p.base) for w, p in zip(white, self.runs, strict=True)]
         each = [e.dot(e) for e in base]
         g = summed(each, [self.base_index(k) for k in range(len(base))], self.size)
         return _Level(white, base, each, g, sum(w.log_norm for w in white))
+
+    def release(self) -> None:
+        """Free the memory of all that can be made again: of a data set that another one has followed."""
+        self._equations, self._at, self._by_rudder = [], {}, {}
 
     def with_rudders(self, indicated: Sequence[Float[np.ndarray, " n"]]) -> "WhitenedDataSet":
         """The same runs about the same states, corrections of rudder forces acting at other angles.
@@ -312,8 +327,7 @@ def whitened_data_set(dynamics: Model, runs: Sequence[Recording]) -> WhitenedDat
     """Find states and noise of runs, linearise and whiten."""
     samples, states = sum(map(len, runs)), Rate(dynamics).states.count
     columns = len(Corrections(dynamics).names) + 2 * states
-    needed = COPIES * 8 * samples * states * columns * len(PROCESS_LEVELS) ** 2
-    check_memory(f"{samples} samples to be diagnosed", needed, FEWER)
+    check_memory(f"{samples} samples to be diagnosed", COPIES * 8 * samples * states * columns, FEWER)
     return WhitenedDataSet(dynamics, [prepared_run(dynamics, run) for run in runs])
 
 

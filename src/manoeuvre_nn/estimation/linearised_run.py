@@ -28,6 +28,8 @@ from manoeuvre_nn.recording.preparation import measured, smooth_heel
 
 RUDDER_DIFFERENCE = 1e-3
 """Step of the difference quotient by the rudder [rad]."""
+MAX_STEPS = 2048
+"""Steps that are made at once: of hours of recording, all would take gigabytes."""
 AFTER_BREAK = 10.0
 """How little is known of a state after a time without a rudder, over how little is known of the first one."""
 
@@ -222,8 +224,9 @@ def linearise(
     size = state.new_tensor(states.difference)
     nudges = torch.cat([torch.diag(size), -torch.diag(size)])[:, None, :]
     rudders = torch.stack([*[delta] * len(nudges), recorded, delta, delta + RUDDER_DIFFERENCE])
+    tried = torch.cat([state + nudges, state.expand(3, *state.shape)])
     with torch.no_grad():  # all at once: a step of a short run is mostly calls
-        moved = step(torch.cat([state + nudges, state.expand(3, *state.shape)]), rudders)
+        moved = torch.cat([step(tried[:, a:b], rudders, a, b) for a, b in _pieces(len(state))], dim=1)
     up, down, (forward, still, pushed) = moved.split([states.size, states.size, 3])
     push = pushed - still
     transition = ((up - down) / (2 * size[:, None, None])).permute(1, 2, 0).numpy()
@@ -241,12 +244,19 @@ def linearise(
     return LinearisedRun(run, track, rate, transition, defect, shows, residual, rudder_push, delta.numpy())
 
 
+def _pieces(steps: int) -> list[tuple[int, int]]:
+    """First step of each piece of a run, and the one after its last."""
+    return [(begin, min(begin + MAX_STEPS, steps)) for begin in range(0, steps, MAX_STEPS)]
+
+
 def _step(
-    rate: Rate, state: Tensor, delta: Tensor, shaft: Tensor, sides: Mapping[str, Tensor], h: float, decay: float
-) -> Tensor:
-    """One Runge-Kutta step from every sample to the next at once, rudder and shaft linear in between."""
-    start, end = delta[..., :-1], delta[..., 1:]
-    turns, splits = 0.5 * (shaft[:-1] + shaft[1:]), {k: 0.5 * (s[:-1] + s[1:]) for k, s in sides.items()}
+    rate: Rate, state: Tensor, delta: Tensor, a: int, b: int, shaft: Tensor, sides: Mapping[str, Tensor], h: float,
+    decay: float,
+) -> Tensor:  # fmt: skip
+    """One Runge-Kutta step from samples a to b - 1 to the next ones at once, rudder and shaft linear in between."""
+    start, end = delta[..., a:b], delta[..., a + 1 : b + 1]
+    turns, *split = (0.5 * (each[a:b] + each[a + 1 : b + 1]) for each in (shaft, *sides.values()))
+    splits = dict(zip(sides, split, strict=True))
     k = rate.states.count
 
     def f(s: Tensor, rudder: Tensor) -> Tensor:
