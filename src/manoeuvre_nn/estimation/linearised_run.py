@@ -216,17 +216,23 @@ def linearise(
     Returns:
         The linear equations.
     """
-    states, sides = rate.states, sides_of(run, rate.dynamics)
-    recorded, shaft = torch.tensor(run["delta"]), torch.tensor(run["shaft"])
+    states = rate.states
+    sides = {"shaft": torch.tensor(run["shaft"])} | sides_of(run, rate.dynamics)
+    between = {name: 0.5 * (each[:-1] + each[1:]) for name, each in sides.items()}
+    recorded = torch.tensor(run["delta"])
     delta = recorded if indicated is None else torch.tensor(indicated)
-    step = partial(_step, rate, shaft=shaft, sides=sides, h=run.step, decay=float(np.exp(-run.step / process_time)))
+    step = partial(_step, rate, h=run.step, decay=float(np.exp(-run.step / process_time)))
     state = torch.nn.functional.pad(torch.tensor(track[:-1]), (0, len(states.driven)))
     size = state.new_tensor(states.difference)
     nudges = torch.cat([torch.diag(size), -torch.diag(size)])[:, None, :]
     rudders = torch.stack([*[delta] * len(nudges), recorded, delta, delta + RUDDER_DIFFERENCE])
     tried = torch.cat([state + nudges, state.expand(3, *state.shape)])
     with torch.no_grad():  # all at once: a step of a short run is mostly calls
-        moved = torch.cat([step(tried[:, a:b], rudders, a, b) for a, b in _pieces(len(state))], dim=1)
+        pieces = [
+            step(tried[:, a:b], rudders[:, a : b + 1], {name: each[a:b] for name, each in between.items()})
+            for a, b in _pieces(len(state))
+        ]
+    moved = torch.cat(pieces, dim=1)
     up, down, (forward, still, pushed) = moved.split([states.size, states.size, 3])
     push = pushed - still
     transition = ((up - down) / (2 * size[:, None, None])).permute(1, 2, 0).numpy()
@@ -249,14 +255,10 @@ def _pieces(steps: int) -> list[tuple[int, int]]:
     return [(begin, min(begin + MAX_STEPS, steps)) for begin in range(0, steps, MAX_STEPS)]
 
 
-def _step(
-    rate: Rate, state: Tensor, delta: Tensor, a: int, b: int, shaft: Tensor, sides: Mapping[str, Tensor], h: float,
-    decay: float,
-) -> Tensor:  # fmt: skip
-    """One Runge-Kutta step from samples a to b - 1 to the next ones at once, rudder and shaft linear in between."""
-    start, end = delta[..., a:b], delta[..., a + 1 : b + 1]
-    turns, *split = (0.5 * (each[a:b] + each[a + 1 : b + 1]) for each in (shaft, *sides.values()))
-    splits = dict(zip(sides, split, strict=True))
+def _step(rate: Rate, state: Tensor, delta: Tensor, between: Mapping[str, Tensor], h: float, decay: float) -> Tensor:
+    """One Runge-Kutta step from every sample to the next at once: rudder linear in between, shafts at their mean."""
+    start, end = delta[..., :-1], delta[..., 1:]
+    turns, splits = between["shaft"], {name: each for name, each in between.items() if name != "shaft"}
     k = rate.states.count
 
     def f(s: Tensor, rudder: Tensor) -> Tensor:
