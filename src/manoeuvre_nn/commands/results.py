@@ -84,8 +84,10 @@ class _Outcome:
 
     @cached_property
     def imo(self) -> list[dict[str, Any]]:
-        """IMO criteria of the predictions."""
-        return imo_table({s.manoeuvre: s.criteria for s in self.scores}, self.trained.fit.dynamics.particulars)
+        """IMO criteria of the predictions, each at the angles that its reference was steered by."""
+        found = [score.criteria for score in self.scores]
+        trials = zip(self.data.held_out.references, found, strict=True)
+        return imo_table(trials, self.trained.fit.dynamics.particulars)
 
 
 def score_finally(config: Mapping[str, Any], trained: Trained, data: ManoeuvreData) -> _Outcome:

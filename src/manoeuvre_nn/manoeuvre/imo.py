@@ -1,16 +1,22 @@
 """The manoeuvrability standards of IMO resolution MSC.137(76)."""
 
-import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
+import numpy as np
+
+from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.manoeuvre.criteria import reversal_times, trace
 
-TRIAL = re.compile(r"(?P<family>tc|zz)(?P<angle>[0-9.]+)(_(?P<heading>[0-9.]+))?(_port|_starboard)?")
-"""Names that say the angles: ``tc35``, ``tc35_port``, ``zz10``, ``zz20_10``."""
-NO_VERDICT = "not judged: the resolution asks for {}"
+NO_VERDICT = "not judged: the resolution asks for {}, this is {}"
 """Verdict on a trial at another angle than the resolution's."""
+RUDDER_DEG, HEADING_DEG = 1.0, 2.0
+"""How far a trial may be from the angles of the resolution to be judged as such [deg]: rudders are read off to a
+degree; headings at which the order is given are those of a helmsman, who sees them turn by a degree a second."""
+CIRCLE = {"advance_L": 4.5, "tactical_diameter_L": 5.0}
+"""Limits for turning circles, 5.3.1."""
 
 
 def overshoot_limits(time_unit: float) -> tuple[float, float, float]:
@@ -32,14 +38,15 @@ def overshoot_limits(time_unit: float) -> tuple[float, float, float]:
     return 5 + 0.5 * bounded, 17.5 + 0.75 * bounded, 25.0
 
 
-def imo_table(values: Mapping[str, Mapping[str, float]], ship: Particulars) -> list[dict[str, Any]]:
+def imo_table(trials: Iterable[tuple[Recording, Mapping[str, float]]], ship: Particulars) -> list[dict[str, Any]]:
     """Hold the criteria of trials against the resolution.
 
     Only what was run is in the table. Turning circles are judged at 35 deg of rudder or the ship's stop, zigzags at
-    10/10 and 20/20 deg; trials at other angles are listed with the limit of the nearest such trial, but not judged.
+    10/10 and 20/20 deg; trials at other angles are listed with the limit of the nearest such trial, but not judged. The
+    angles are those that were recorded, whatever the trial is called.
 
     Args:
-        values: Name of the trial (``tc35``, ``zz10``, ``zz20_port``) -> its criteria.
+        trials: How each trial was sailed (rudder and heading, family in ``meta["kind"]``), and its criteria.
         ship: The ship, for L/V and the rudder stop.
 
     Returns:
@@ -51,28 +58,48 @@ def imo_table(values: Mapping[str, Mapping[str, float]], ship: Particulars) -> l
         :func:`overshoot_limits`. The resolution asks for deep water, full load and at least 90 % of the speed at 85 %
         of the engine's output; whether a trial was made so is for its reader to see.
     """
-    return [row for name, found in values.items() for row in _rows(name, found, ship)]
+    return [row for recording, found in trials for row in _rows(recording, found, ship)]
 
 
-def _rows(name: str, found: Mapping[str, float], ship: Particulars) -> list[dict[str, Any]]:
+def _steered_by(recording: Recording, family: str) -> tuple[float, float] | None:
+    """Recorded rudder angle of a circle or zigzag, and the heading at which it was reversed [rad].
+
+    Returns:
+        The heading of a circle is 0; None for other families, and where no rudder was laid or reversed.
+    """
+    seen = trace(recording) if family in {"turning_circle", "zigzag"} else None
+    reversals = reversal_times(seen)[0] if seen and family == "zigzag" else []
+    if seen is None or (family == "zigzag" and not reversals):
+        return None
+    rudder = np.abs(seen.rudder)
+    held = float(np.median(rudder[rudder > 0.9 * rudder.max()]))
+    return held, float(np.median(np.abs(seen.turn(np.array(reversals))))) if reversals else 0.0
+
+
+def _rows(recording: Recording, found: Mapping[str, float], ship: Particulars) -> list[dict[str, Any]]:
     """The rows of one trial; none if the resolution has nothing to say about its family."""
     first, second, first_20 = overshoot_limits(ship.time_unit)
     zigzag_10 = {"initial_turning_L": 2.5, "overshoot_1_deg": first, "overshoot_2_deg": second}
-    parts = TRIAL.fullmatch(name)
-    if parts is None:
+    family = str(recording.meta.get("kind", ""))
+    angles = _steered_by(recording, family)
+    if angles is None:
         return []
-    family, angle, heading = parts["family"], float(parts["angle"]), float(parts["heading"] or parts["angle"])
-    hardest = min(35.0, ship.rudder_limit / DEGREE)
-    if family == "tc":
-        limits, wanted = {"advance_L": 4.5, "tactical_diameter_L": 5.0}, f"{hardest:.3g} deg of rudder"
-        asked = abs(angle - hardest) < 0.5
+    rudder, heading = (angle / DEGREE for angle in angles)
+    if family == "turning_circle":
+        hardest = min(35.0, ship.rudder_limit / DEGREE)
+        limits, wanted, asked = CIRCLE, f"{hardest:.3g} deg of rudder", abs(rudder - hardest) <= RUDDER_DEG
+        sailed = f"{rudder:.3g}"
     else:
-        limits = {"overshoot_1_deg": first_20} if angle > 15 else zigzag_10
-        wanted, asked = "10/10 and 20/20 zigzags", angle == heading and angle in {10.0, 20.0}
-    other = None if asked else NO_VERDICT.format(wanted)
+        limits = {"overshoot_1_deg": first_20} if rudder > 15 else zigzag_10
+        wanted, sailed = "10/10 and 20/20 zigzags", f"{rudder:.3g}/{heading:.3g}"
+        near = [abs(rudder - angle) <= RUDDER_DEG and abs(heading - angle) <= HEADING_DEG for angle in (10.0, 20.0)]
+        asked = any(near)
+    other = None if asked else NO_VERDICT.format(wanted, sailed)
     rows = []
     for key, limit in limits.items():
         if key in found:
             verdict = other or ("met" if found[key] <= limit else "not met")
-            rows.append({"criterion": f"{name} {key}", "value": found[key], "limit": limit, "verdict": verdict})
+            rows.append({
+                "criterion": f"{recording.name} {key}", "value": found[key], "limit": limit, "verdict": verdict
+            })  # fmt: skip
     return rows
