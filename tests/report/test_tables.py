@@ -1,6 +1,7 @@
 import csv
 import io
 import math
+from dataclasses import replace
 
 import pandas as pd
 import pytest
@@ -46,9 +47,9 @@ def printed(table, width: int = 100) -> str:
     return console.file.getvalue()
 
 
-def test_the_score_table_fits_100_columns_without_cutting_anything():
-    shown = printed(score_table([ZIGZAG, LOST, SPIRAL]))
-    assert max(map(len, shown.splitlines())) <= 100
+def test_the_score_table_fits_80_columns_without_cutting_anything():
+    shown = printed(score_table([ZIGZAG, LOST, SPIRAL]), 80)
+    assert max(map(len, shown.splitlines())) <= 80
     for line in ("overshoot 1: 10.6 (10.3) deg", "period: 177 (181) s", "tactical diameter: – (4.76) L", "0.123"):
         assert line in shown
     assert "…" not in shown.replace("tc35_port_sha…", "")
@@ -60,6 +61,13 @@ def test_the_score_table_keeps_its_names_on_a_narrow_terminal():
         assert "zz20" in shown
         assert "spiral20" in shown
         assert "0.123" in shown
+
+
+def test_main_criteria_of_a_manoeuvre_stand_in_a_line_and_there_is_no_table_of_none():
+    shown = printed(score_table([ZIGZAG]), 80)
+    assert " zz20 overshoot 1: 10.6 (10.3) deg, overshoot 2: 9.2 (8.75) deg, " in " ".join(shown.split())
+    bare = replace(ZIGZAG, criteria={}, reference={})
+    assert "predicted (recorded)" in shown and "predicted (recorded)" not in printed(score_table([bare]))
 
 
 def test_the_tenth_overshoot_is_not_taken_for_the_first():

@@ -7,6 +7,7 @@ from typing import Any
 
 import pandas as pd
 from rich.box import SIMPLE_HEAD
+from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
@@ -63,14 +64,14 @@ def _main_criteria(score: Score) -> list[str]:
     return (chosen or known)[:3]
 
 
-def _criteria_text(score: Score) -> str:
-    """Predicted and recorded values of the main criteria, a line each."""
+def _criteria_text(score: Score, between: str = "\n") -> str:
+    """Predicted and recorded values of the main criteria, a line each or in one."""
     lines = []
     for name in _main_criteria(score):
         words, unit = criterion_label(name)
         predicted, recorded = (text(values.get(name), 3) for values in (score.criteria, score.reference))
         lines.append(f"{words}: {predicted} ({recorded}) {unit}".rstrip())
-    return "\n".join(lines)
+    return between.join(lines)
 
 
 def score_rows(scores: Iterable[Score], baselines: Baselines | None = None) -> list[dict[str, Any]]:
@@ -146,8 +147,8 @@ def _bare_table(title: str) -> Table:
 
 def score_table(
     scores: Sequence[Score], baselines: Baselines | None = None, title: str = "Held-out manoeuvres"
-) -> Table:
-    """Scores for the terminal, within 100 columns.
+) -> Group:
+    """Scores for the terminal, within 80 columns.
 
     Args:
         scores: One a manoeuvre.
@@ -155,26 +156,31 @@ def score_table(
         title: Heading.
 
     Returns:
-        The table: manoeuvre, status, dev/L, how far an ensemble's members go apart and dev/L of the simpler models, or
-        where there are none of these nRMSE of u, v, r, psi; main criteria, predicted (recorded).
+        A table of manoeuvre, status, dev/L, how far an ensemble's members go apart and dev/L of the simpler models, or
+        where there are none of these nRMSE of u, v, r, psi; and one of the main criteria, predicted (recorded).
     """
     table = _bare_table(title)
     banded, others = any(s.spread_L is not None for s in scores), list(baselines or {})
     headings = ["dev/L", *(["spread"] if banded else []), *(others or SCORED_CHANNELS)]
     what = f"{', '.join(others)}: dev/L of simpler models" if others else "u v r psi: RMS error / std"
     apart = "; spread: of the members" if banded else ""
-    table.caption = f"dev: largest track distance{apart}; {what}; criteria: predicted (recorded)"
+    table.caption = f"dev: largest track distance{apart}; {what}"
     # Names of files are long: folded, they can still be told apart.
     table.add_column("manoeuvre", min_width=10, max_width=16, overflow="fold")
     table.add_column("status", max_width=10)
     for heading in headings:
         table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column("criteria")
+    found = _bare_table("")
     for s in scores:
         beside = [dev for _, dev in _beside(baselines, s.manoeuvre)] if others else map(s.nrmse.get, SCORED_CHANNELS)
         numbers = [text(s.dev_L, 3), *([text(s.spread_L, 2)] if banded else []), *(text(x, 2) for x in beside)]
-        table.add_row(*map(_coloured, (s.manoeuvre, s.status, *numbers, _criteria_text(s))))
-    return table
+        table.add_row(*map(_coloured, (s.manoeuvre, s.status, *numbers)))
+    found.add_column("manoeuvre", min_width=10, max_width=16, overflow="fold")
+    found.add_column("criteria, predicted (recorded)")
+    for s in scores:
+        if said := _criteria_text(s, ", "):
+            found.add_row(*map(_coloured, (s.manoeuvre, said)))
+    return Group(table, *([found] if found.row_count else []))
 
 
 def is_good(cell: str) -> bool | None:
