@@ -42,7 +42,8 @@ def offences() -> Offences:
         found["constants"] |= {f"{path} {name}" for name in constants(tree) if name in VAGUE_CONSTANTS}
         found["words"] |= {f"{path} {word}" for word in private_words(tree, path.split("/", maxsplit=1)[0])}
         found["subclasses"] |= {f"{path} {name}" for name in subclasses_of(tree, concrete)}
-    found["classes"] = set(repeated_classes())
+    studies = [ast.parse(p.read_text()) for p in (ROOT / "studies").rglob("*.py")]
+    found["classes"] = set(repeated_classes([*trees.values(), *studies]))
     return {rule: sorted(who) for rule, who in sorted(found.items())}
 
 
@@ -109,10 +110,9 @@ def subclasses_of(tree: ast.AST, concrete: set[str]) -> Iterator[str]:
     return (n.name for n in ast.walk(tree) if isinstance(n, ast.ClassDef) and _bases(n) & concrete)
 
 
-def repeated_classes() -> list[str]:
+def repeated_classes(trees: list[ast.Module]) -> list[str]:
     """Names of public classes that stand more than once in the package and the studies."""
-    paths = [*PACKAGE.rglob("*.py"), *(ROOT / "studies").rglob("*.py")]
-    names = [n.name for p in paths for n in ast.parse(p.read_text()).body if isinstance(n, ast.ClassDef)]
+    names = [n.name for tree in trees for n in tree.body if isinstance(n, ast.ClassDef)]
     return sorted(name for name, count in Counter(names).items() if count > 1 and not name.startswith("_"))
 
 

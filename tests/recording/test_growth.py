@@ -5,10 +5,11 @@ from functools import partial
 
 import numpy as np
 import pytest
+from scipy.signal import savgol_filter
 
 from manoeuvre_nn.recording import local_cubics
 from manoeuvre_nn.recording.check.samples import stuck
-from manoeuvre_nn.recording.local_cubics import savgol_filter, smoothed
+from manoeuvre_nn.recording.local_cubics import smoothed
 from manoeuvre_nn.recording.outliers import least_squares
 
 
@@ -40,15 +41,20 @@ def test_a_window_of_many_samples_smooths_as_its_sum_does(monkeypatch, count):
         np.testing.assert_allclose(one, other, rtol=0, atol=tolerance)
 
 
-def test_a_window_of_many_samples_is_summed_up_at_the_ends_alone(monkeypatch):
-    given = []
-    monkeypatch.setattr(
-        local_cubics, "savgol_filter", lambda values, *rest, **more: given.append(len(values)) or savgol_filter(
-            values, *rest, **more
-        ),
-    )  # fmt: skip
-    smoothed(np.arange(20_000) / 100.0, np.zeros(20_000), 16.0)
-    assert given and max(given) == 1601
+@pytest.mark.parametrize("n, window", [(5, 5), (200, 17), (201, 201), (1500, 499), (1500, 501), (1501, 1501)])
+def test_local_cubics_are_those_of_savitzky_and_golay_at_the_ends_too(n, window):
+    step = 0.1
+    values = 50 + np.random.default_rng(n).standard_normal(n)
+    for derivative, found in enumerate(smoothed(step * np.arange(n), values, step * (window - 1))):
+        second_route = savgol_filter(values, window, 3, deriv=derivative, delta=step)
+        np.testing.assert_allclose(found, second_route, rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("n", [2, 3, 4])
+def test_of_few_samples_the_polynomial_goes_through_as_many_as_are_odd(n):
+    value, slope = smoothed(np.arange(float(n)), 3.0 * np.arange(n) + 1, 100.0)
+    assert value == pytest.approx(3.0 * np.arange(n) + 1)
+    assert slope == pytest.approx(np.full(n, 0.0 if n == 2 else 3.0))
 
 
 @pytest.mark.filterwarnings("error")

@@ -1,9 +1,12 @@
 """A channel and its slope by local cubics (Savitzky & Golay 1964), or by a cross-validated spline."""
 
+from functools import lru_cache
+
 import numpy as np
 from jaxtyping import Float
+from numpy.polynomial import legendre
 from scipy.interpolate import make_smoothing_spline
-from scipy.signal import oaconvolve, savgol_coeffs, savgol_filter
+from scipy.signal import oaconvolve, savgol_coeffs
 
 from manoeuvre_nn.recording.outliers import robust_sd
 
@@ -46,15 +49,27 @@ def _local_polynomial(
     samples: Float[np.ndarray, " n"], count: int, order: int, derivative: int, step: float
 ) -> Float[np.ndarray, " n"]:
     """Value or slope of local polynomials over an odd number of samples; at either end, of the last whole window."""
-    if count <= MAX_DIRECT:
-        return savgol_filter(samples, count, order, deriv=derivative, delta=step)
     half, middle = count // 2, float(np.mean(samples))
-    weights = savgol_coeffs(count, order, deriv=derivative, delta=step)
-    inner = oaconvolve(samples - middle, weights, mode="valid") + (0.0 if derivative else middle)
-    first, last = (
-        savgol_filter(s, count, order, deriv=derivative, delta=step) for s in (samples[:count], samples[-count:])
-    )
-    return np.concatenate([first[:half], inner, last[half + 1 :]])
+    shape, fit = _window(count, order, derivative)
+    first, last = (shape @ (fit @ some) for some in (samples[:count], samples[-count:]))
+    convolve = np.convolve if count <= MAX_DIRECT else oaconvolve
+    inner = convolve(samples - middle, (shape[half] @ fit)[::-1], mode="valid") + (0.0 if derivative else middle)
+    return np.concatenate([first[:half], inner, last[half + 1 :]]) * (2 / max(count - 1, 1) / step) ** derivative
+
+
+@lru_cache(maxsize=64)
+def _window(
+    count: int, order: int, derivative: int
+) -> tuple[Float[np.ndarray, "count k"], Float[np.ndarray, "k count"]]:
+    """Least squares in a window from -1 to 1: ``y ~ P c``, P of Legendre polynomials.
+
+    Returns:
+        P or its derivative at every sample, and what makes the coefficients of samples, ``c = P^+ y``.
+    """
+    at = np.linspace(-1, 1, count) if count > 1 else np.zeros(1)
+    polynomials = legendre.legvander(at, order)
+    terms = [legendre.legval(at, legendre.legder(c, derivative)) for c in np.eye(order + 1)]
+    return np.stack(terms, axis=-1), np.linalg.pinv(polynomials)
 
 
 def noise_left(
