@@ -13,7 +13,7 @@ from manoeuvre_nn.core.memory import check_memory
 from manoeuvre_nn.core.plain_text import listed
 from manoeuvre_nn.recording.read.containers import check_there, columns_in, has_reader
 from manoeuvre_nn.recording.read.quantity import STAMPS
-from manoeuvre_nn.recording.read.text import EMPTY, cells_of, even_frame, is_blank, lines_of
+from manoeuvre_nn.recording.read.text import EMPTY, EXACTLY, cells_of, even_frame, is_blank, lines_of
 
 TEXT = (".csv", ".txt", ".dat")
 """Suffixes of texts; a file of any other suffix that has no reader is taken for one, too."""
@@ -184,7 +184,11 @@ def numbers_in(text: "pd.Series[str]", decimal: str) -> Float[np.ndarray, " n"]:
     """Cells as numbers, NaN where one is none, as where the other decimal sign parts thousands."""
     if decimal == "comma":
         text = text.str.replace(".", "?", regex=False).str.replace(",", ".", regex=False)
-    return pd.to_numeric(text, errors="coerce").to_numpy(dtype=float, copy=True)
+    numbers = pd.to_numeric(text, errors="coerce").to_numpy(dtype=float, copy=True)
+    if EXACTLY:  # a pandas that needs it
+        there = np.isfinite(numbers)
+        numbers[there] = [float(cell) for cell in text[there]]
+    return numbers
 
 
 def _first_line(path: Path, skip: int) -> tuple[int, str]:
