@@ -114,7 +114,9 @@ def trimmed_least_squares(
 def least_squares(x: Float[np.ndarray, "n k"], y: Series) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k k"]]:
     """Unknowns of ``y = x a``, and their covariance for white noise of the size that is left."""
     size = np.maximum(np.sqrt((x**2).sum(axis=0)), 1e-150)  # its square is no 0
-    inverse = np.linalg.pinv((x / size).T @ (x / size), rcond=1e-9, hermitian=True)
+    gram = (x / size).T @ (x / size)
+    # That of one column is 1, or 0 where it is 0 throughout: no decomposition is needed.
+    inverse = np.linalg.pinv(gram, rcond=1e-9, hermitian=True) if len(gram) > 1 else np.round(gram)
     solution = inverse @ ((x / size).T @ y) / size
     rest = y - x @ solution
     variance = float(rest @ rest) / max(len(y) - x.shape[1], 1)

@@ -41,7 +41,7 @@ def test_runs_of_all_speeds_in_one_batch_are_those_sailed_alone(ship):
 
 
 def test_each_run_has_its_own_wind(ship):
-    manoeuvre = replace(overshoot(10.0, cycles=0.5), speed=12.0 * KNOT)
+    manoeuvre = replace(overshoot(10.0, cycles=0.5), speed=12.0 * KNOT, duration=90.0)
     runs = sail(ship, [PlannedRun(manoeuvre, 12.0, 10.0), PlannedRun(manoeuvre, 6.0, 190.0)])
     for run, (speed, origin) in zip(runs, [(12.0, 10.0), (6.0, 190.0)], strict=True):
         wind = SteadyWind(ship, speed=speed, from_deg=origin)
