@@ -27,7 +27,8 @@ def numbers(out) -> dict:
 
 def test_scores_have_the_agreed_form(done):
     found = scores(done)
-    assert set(found) == {"scores", "mean_dev_L", "baselines", "trained_on", "training", "seed", "chosen", "versions"}
+    parts = {"verdict", "scores", "mean_dev_L", "baselines", "trained_on", "training", "seed", "chosen", "versions"}
+    assert set(found) == parts
     assert set(found["baselines"]) == {"linear", "taylor", "true terms"}
     assert found["baselines"]["true terms"]["zz20"] < found["baselines"]["linear"]["zz20"]
     for group, name in (("scores", "zz20"), ("trained_on", "zz35")):
@@ -39,6 +40,24 @@ def test_scores_have_the_agreed_form(done):
     assert set(found["training"]["relrmse"]) == {"g1", "g2", "g3"}
     assert (found["training"]["epochs"], found["training"]["samples"], found["seed"]) == (4, 61, 0)
     assert found["training"]["stopped"] == "all epochs done"
+
+
+def test_the_page_says_with_the_scores_what_the_model_may_be_used_for(done):
+    verdict, page = scores(done)["verdict"], (done / "report.html").read_text()
+    assert verdict["word"] == "usable" and verdict["sentence"].startswith(
+        "Usable for manoeuvres like zz20, rudder to 20"
+    )
+    assert verdict["sentence"] in page and 'class="verdict fine"' in page
+
+
+def test_a_useless_model_is_told_as_such_everywhere_and_its_criteria_are_not_judged(fast, cli, tmp_path):
+    trained = ("data.length=41", "network.hidden=2", "score=[{zz10: {duration: 250}}]")
+    ended = cli("manoeuvre=zz35", *TINY, *trained, f"hydra.run.dir={tmp_path / 'out'}")
+    assert ended.code == 0, ended
+    verdict, page = scores(tmp_path / "out")["verdict"], (tmp_path / "out" / "report.html").read_text()
+    assert verdict["word"] == "do not use" and set(verdict["missed"]) == {"zz10"}
+    assert ended.code == 0 and "Do not use: zz10" in ended.out and "met" not in ended.out.split()
+    assert 'class="verdict poor"' in page and 'class="good">met' not in page
 
 
 def test_scores_are_strict_json(done):

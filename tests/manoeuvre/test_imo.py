@@ -163,6 +163,12 @@ def test_a_ship_is_judged_by_what_was_run():
     assert imo_table([], WANG) == []
 
 
+def test_criteria_of_a_trial_that_the_model_does_not_predict_are_not_judged():
+    trials = [(circle(35.0, name="a"), {"advance_L": 4.0}), (circle(35.0, name="b"), {"advance_L": 4.0})]
+    said = [row["verdict"] for row in imo_table(trials, WANG, {"b": "is 20 L off"})]
+    assert said == ["met", "not judged: the model is 20 L off"]
+
+
 def test_a_ship_whose_rudder_goes_further_is_judged_at_35_deg():
     assert verdicts(circle(35.0), CHISLETT, advance_L=4.0) == ["met"]
     assert "35 deg" in verdicts(circle(40.0), CHISLETT, advance_L=4.0)[0]

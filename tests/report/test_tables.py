@@ -12,8 +12,8 @@ from manoeuvre_nn.report.tables import (
     criteria_rows,
     criterion_label,
     is_good,
+    main_criteria_rows,
     rich_table,
-    score_rows,
     score_table,
     text,
     to_markdown,
@@ -71,7 +71,8 @@ def test_main_criteria_of_a_manoeuvre_stand_in_a_line_and_there_is_no_table_of_n
 
 
 def test_the_tenth_overshoot_is_not_taken_for_the_first():
-    assert score_rows([ZIGZAG])[0]["predicted (recorded)"].splitlines() == [
+    (row,) = main_criteria_rows([ZIGZAG])
+    assert row["criteria, predicted (recorded)"].split(", ") == [
         "overshoot 1: 10.6 (10.3) deg",
         "overshoot 2: 9.2 (8.75) deg",
         "period: 177 (181) s",

@@ -175,7 +175,7 @@ def test_single_precision_reaches_the_batch():
 @pytest.mark.parametrize(
     "settings, told, cure",
     [
-        ({"length": 10.0}, "data.length=10 s of zz35 is too short for the Mariner", "write at least 40 s"),
+        ({"length": 10.0}, "data.length=10 s of zz35 is too short for the Mariner", "write at least 40.1 s"),
         ({"noise": {"w": 0.1}}, "data.noise 'w' is unknown", "choose one of: u, v, x, y, r_deg_s, psi_deg, delta_deg"),
         ({"noise": {"u": -0.1}}, "data.noise.u=-0.1", "expected a standard deviation, 0 or more"),
         ({"rate_hz": -1.0}, "data.rate_hz=-1.0", "expected a number more than 0"),
@@ -261,7 +261,7 @@ def test_a_measured_record_is_cut_and_reduced_to_the_usual_rate(folder):
         ({"score": ["none.csv"]}, "it holds tc25.csv, zz20.csv, zz35.csv"),
         ({"files": ["zz*.csv"], "score": ["zz35.csv"]}, "zz35.csv is both in data.files and in score"),
         ({"files": ["*.csv"]}, "no recording is left in"),
-        ({"length": 5.0}, "write at least 40 s"),
+        ({"length": 5.0}, "write at least 40.1 s"),
     ],
 )
 def test_lists_of_files_that_make_no_sense_are_refused(folder, settings, told):

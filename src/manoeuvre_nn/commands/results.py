@@ -16,16 +16,24 @@ from manoeuvre_nn.commands.coefficients import coefficients_of, write_coefficien
 from manoeuvre_nn.commands.provenance import SCORES, hyperparameters, shown, versions
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.writing import write_file
-from manoeuvre_nn.dynamics.limits import OK
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.estimation.baselines import fit_baselines
 from manoeuvre_nn.manoeuvre.imo import imo_table
 from manoeuvre_nn.report import coefficient_tables
 from manoeuvre_nn.report.figures import comparison_figures, excitation_figure, force_figure, learning_figure
 from manoeuvre_nn.report.html import Report, save_figures, write_report
-from manoeuvre_nn.report.tables import Row, criteria_rows, rich_table, score_rows, score_table
+from manoeuvre_nn.report.tables import (
+    Row,
+    criteria_rows,
+    main_criteria_rows,
+    rich_table,
+    score_rows,
+    score_table,
+    verdict_text,
+)
 from manoeuvre_nn.scoring.held_out import HeldOut
 from manoeuvre_nn.scoring.score import Score
+from manoeuvre_nn.scoring.verdict import ModelVerdict, model_verdict
 from manoeuvre_nn.training.closed_loop_fit import ClosedLoopFit
 from manoeuvre_nn.training.data import ManoeuvreData
 from manoeuvre_nn.training.rollout_score import scalars
@@ -83,11 +91,16 @@ class _Outcome:
         return {name: float(error) for name, error in zip(self.trained.fit.errors_of, errors, strict=True)}
 
     @cached_property
+    def verdict(self) -> ModelVerdict:
+        """What the model may be used for."""
+        return model_verdict(self.scores, self.data.held_out.references, self.baselines)
+
+    @cached_property
     def imo(self) -> list[dict[str, Any]]:
         """IMO criteria of the predictions, each at the angles that its reference was steered by."""
         found = [score.criteria for score in self.scores]
         trials = zip(self.data.held_out.references, found, strict=True)
-        return imo_table(trials, self.trained.fit.dynamics.particulars)
+        return imo_table(trials, self.trained.fit.dynamics.particulars, self.verdict.missed)
 
 
 def score_finally(config: Mapping[str, Any], trained: Trained, data: ManoeuvreData) -> _Outcome:
@@ -131,6 +144,7 @@ def figures(outcome: _Outcome) -> dict[str, Figure]:
 def as_dict(outcome: _Outcome) -> dict[str, Any]:
     """What ``scores.json`` holds: plain numbers and strings."""
     return {
+        "verdict": outcome.verdict.as_dict(),
         "scores": {s.manoeuvre: s.as_dict() for s in outcome.scores},
         "mean_dev_L": outcome.mean_dev,
         "baselines": {name: {s.manoeuvre: s.dev_L for s in scores} for name, scores in outcome.baselines.items()},
@@ -157,6 +171,7 @@ def write_results(outcome: _Outcome, out: Path) -> None:
         outcome.trained.add_image(f"final/{name}", imread(path), outcome.trained.epochs)
     tables: dict[str, Sequence[Row]] = {
         "Held-out manoeuvres": score_rows(outcome.scores, outcome.baselines),
+        "Main criteria": main_criteria_rows(outcome.scores),
         "Manoeuvres that were trained on, in closed loop": score_rows(outcome.training_scores),
         IMO: outcome.imo,
         "All criteria of the held-out manoeuvres": criteria_rows(outcome.scores),
@@ -172,6 +187,7 @@ def write_results(outcome: _Outcome, out: Path) -> None:
     report = Report(
         title=f"{outcome.config['name']}: trained and scored",
         summary=summary(outcome),
+        good={"usable": True, "do not use": False}.get(outcome.verdict.word),
         tables=tables,
         figures=drawn,
         config=outcome.config,
@@ -191,19 +207,18 @@ def _log_hyperparameters(outcome: _Outcome) -> None:
 
 
 def summary(outcome: _Outcome) -> str:
-    """The verdict in one sentence."""
-    lost = [s.manoeuvre for s in outcome.scores if s.status != OK]
-    worst = max(outcome.scores, key=lambda s: s.dev_L)
-    text = (
-        f"In closed loop on {len(outcome.scores)} held-out manoeuvres the model stays within {worst.dev_L:.3g} L of "
-        f"the recorded tracks (worst: {worst.manoeuvre}; mean {outcome.mean_dev:.3g} L)"
+    """What the model may be used for, and how close it stays to the recorded tracks."""
+    worst, count = max(outcome.scores, key=lambda s: s.dev_L), len(outcome.scores)
+    return (
+        f"{outcome.verdict.sentence} In closed loop on {count} held-out manoeuvres the tracks are at most "
+        f"{worst.dev_L:.3g} L apart ({worst.manoeuvre}; mean {outcome.mean_dev:.3g} L)."
     )
-    return text + (f"; {', '.join(lost)} left the physical range." if lost else ".")
 
 
 def print_outcome(outcome: _Outcome, out: Path, console: Console) -> None:
     """One table in the terminal and where the rest is."""
     console.print(score_table(outcome.scores, outcome.baselines))
+    console.print(verdict_text(outcome.verdict))
     assessed = [row for row in outcome.imo if not row["verdict"].startswith("not judged")]
     if assessed:
         console.print(rich_table(assessed, IMO))

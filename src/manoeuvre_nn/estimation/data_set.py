@@ -39,7 +39,7 @@ LATENCY, LATENCY_SD = 0.25, 0.25
 SAME_RUDDER = 1.0 * DEGREE
 """Standard deviation of the difference of two rudder angles from which on corrections tell them apart [rad]: of it, 5 %
 are half the noise of an indicator."""
-COPIES = 32.0
+COPIES = 35.0
 """What a diagnosis holds at once, over a table of samples times states times columns, as measured."""
 MAX_KEPT_BYTES = 2**29
 """What the levels of one data set may take: for hours of recordings it is that of the few that are in use."""

@@ -1,6 +1,7 @@
 """The manoeuvrability standards of IMO resolution MSC.137(76)."""
 
 from collections.abc import Iterable, Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -38,7 +39,11 @@ def overshoot_limits(time_unit: float) -> tuple[float, float, float]:
     return 5 + 0.5 * bounded, 17.5 + 0.75 * bounded, 25.0
 
 
-def imo_table(trials: Iterable[tuple[Recording, Mapping[str, float]]], ship: Particulars) -> list[dict[str, Any]]:
+def imo_table(
+    trials: Iterable[tuple[Recording, Mapping[str, float]]],
+    ship: Particulars,
+    missed: Mapping[str, str] = MappingProxyType({}),
+) -> list[dict[str, Any]]:
     """Hold the criteria of trials against the resolution.
 
     Only what was run is in the table. Turning circles are judged at 35 deg of rudder or the ship's stop, zigzags at
@@ -48,6 +53,7 @@ def imo_table(trials: Iterable[tuple[Recording, Mapping[str, float]]], ship: Par
     Args:
         trials: How each trial was sailed (rudder and heading, family in ``meta["kind"]``), and its criteria.
         ship: The ship, for L/V and the rudder stop.
+        missed: Names of trials that a model does not predict -> why: its criteria there are not judged.
 
     Returns:
         One row a criterion, in the order of the trials: ``criterion`` with the trial's name and the unit, ``value``,
@@ -58,7 +64,7 @@ def imo_table(trials: Iterable[tuple[Recording, Mapping[str, float]]], ship: Par
         :func:`overshoot_limits`. The resolution asks for deep water, full load and at least 90 % of the speed at 85 %
         of the engine's output; whether a trial was made so is for its reader to see.
     """
-    return [row for recording, found in trials for row in _rows(recording, found, ship)]
+    return [row for trial, found in trials for row in _rows(trial, found, ship, missed.get(trial.name, ""))]
 
 
 def _steered_by(recording: Recording, family: str) -> tuple[float, float] | None:
@@ -76,7 +82,7 @@ def _steered_by(recording: Recording, family: str) -> tuple[float, float] | None
     return held, float(np.median(np.abs(seen.turn(np.array(reversals))))) if reversals else 0.0
 
 
-def _rows(recording: Recording, found: Mapping[str, float], ship: Particulars) -> list[dict[str, Any]]:
+def _rows(recording: Recording, found: Mapping[str, float], ship: Particulars, missed: str) -> list[dict[str, Any]]:
     """The rows of one trial; none if the resolution has nothing to say about its family."""
     first, second, first_20 = overshoot_limits(ship.time_unit)
     zigzag_10 = {"initial_turning_L": 2.5, "overshoot_1_deg": first, "overshoot_2_deg": second}
@@ -95,6 +101,7 @@ def _rows(recording: Recording, found: Mapping[str, float], ship: Particulars) -
         near = [abs(rudder - angle) <= RUDDER_DEG and abs(heading - angle) <= HEADING_DEG for angle in (10.0, 20.0)]
         asked = any(near)
     other = None if asked else NO_VERDICT.format(wanted, sailed)
+    other = f"not judged: the model {missed}" if missed else other
     rows = []
     for key, limit in limits.items():
         if key in found:

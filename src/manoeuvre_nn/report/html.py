@@ -37,6 +37,7 @@ class Report:
         versions: Package, system, seed or commit -> what it was.
         notes: Sentences on what it was trained on and on what to mind.
         unfolded: Headings of tables that are shown whatever their length.
+        good: Whether the summary is good news, None if neither: the colour of its bar.
     """
 
     title: str
@@ -47,6 +48,7 @@ class Report:
     versions: Mapping[str, Any] = field(default_factory=dict)
     notes: Sequence[str] = ()
     unfolded: Sequence[str] = ()
+    good: bool | None = None
 
 
 def write_report(path: Path, report: Report) -> Path:

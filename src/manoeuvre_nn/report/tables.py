@@ -14,6 +14,7 @@ from rich.text import Text
 from manoeuvre_nn.core.writing import draft_of
 from manoeuvre_nn.dynamics.limits import OK
 from manoeuvre_nn.scoring.score import SCORED_CHANNELS, Score
+from manoeuvre_nn.scoring.verdict import ModelVerdict
 
 Row = Mapping[str, Any]
 """Column heading -> cell. Cells are numbers, strings, or None where there is nothing."""
@@ -22,6 +23,8 @@ Baselines = Mapping[str, Sequence[Score]]
 """Simpler models than the network -> their scores on the same manoeuvres."""
 MAIN_CRITERIA = ("overshoot_1", "overshoot_2", "period", "advance", "tactical_diameter")
 """Criteria that the short table shows, by the start of their names; a kind with none of them shows its first three."""
+CRITERIA = "criteria, predicted (recorded)"
+"""Heading of their column."""
 UNIT_SUFFIXES = {"deg": "deg", "s": "s", "L": "L", "deg_s": "deg/s", "m": "m", "m_s": "m/s"}
 """Endings of criteria names and the units that they stand for."""
 GOOD, BAD = (
@@ -64,14 +67,14 @@ def _main_criteria(score: Score) -> list[str]:
     return (chosen or known)[:3]
 
 
-def _criteria_text(score: Score, between: str = "\n") -> str:
-    """Predicted and recorded values of the main criteria, a line each or in one."""
-    lines = []
+def _criteria_text(score: Score) -> str:
+    """Predicted and recorded values of the main criteria."""
+    said = []
     for name in _main_criteria(score):
         words, unit = criterion_label(name)
         predicted, recorded = (text(values.get(name), 3) for values in (score.criteria, score.reference))
-        lines.append(f"{words}: {predicted} ({recorded}) {unit}".rstrip())
-    return between.join(lines)
+        said.append(f"{words}: {predicted} ({recorded}) {unit}".rstrip())
+    return ", ".join(said)
 
 
 def score_rows(scores: Iterable[Score], baselines: Baselines | None = None) -> list[dict[str, Any]]:
@@ -82,8 +85,7 @@ def score_rows(scores: Iterable[Score], baselines: Baselines | None = None) -> l
         baselines: Simpler models -> their scores on the same manoeuvres.
 
     Returns:
-        One row a manoeuvre: status, dev/L, that of the simpler models, nRMSE and the main criteria, predicted
-        (recorded).
+        One row a manoeuvre: status, dev/L, that of the simpler models, and nRMSE.
     """
     return [
         {
@@ -93,10 +95,14 @@ def score_rows(scores: Iterable[Score], baselines: Baselines | None = None) -> l
             **({} if s.spread_L is None else {"spread/L": s.spread_L}),
             **{f"{name} dev/L": dev for name, dev in _beside(baselines, s.manoeuvre)},
             **{f"nRMSE {name}": s.nrmse.get(name) for name in SCORED_CHANNELS},
-            "predicted (recorded)": _criteria_text(s),
         }
         for s in scores
     ]
+
+
+def main_criteria_rows(scores: Iterable[Score]) -> list[dict[str, Any]]:
+    """A row each manoeuvre that has criteria: the main ones, predicted (recorded)."""
+    return [{"manoeuvre": s.manoeuvre, CRITERIA: said} for s in scores if (said := _criteria_text(s))]
 
 
 def _beside(baselines: Baselines | None, manoeuvre: str) -> list[tuple[str, float]]:
@@ -176,11 +182,19 @@ def score_table(
         numbers = [text(s.dev_L, 3), *([text(s.spread_L, 2)] if banded else []), *(text(x, 2) for x in beside)]
         table.add_row(*map(_coloured, (s.manoeuvre, s.status, *numbers)))
     found.add_column("manoeuvre", min_width=10, max_width=16, overflow="fold")
-    found.add_column("criteria, predicted (recorded)")
-    for s in scores:
-        if said := _criteria_text(s, ", "):
-            found.add_row(*map(_coloured, (s.manoeuvre, said)))
+    found.add_column(CRITERIA)
+    for row in main_criteria_rows(scores):
+        found.add_row(*map(_coloured, row.values()))
     return Group(table, *([found] if found.row_count else []))
+
+
+def verdict_text(verdict: ModelVerdict) -> Text:
+    """What a model may be used for, for the terminal; its first words are coloured."""
+    said = Text(verdict.sentence)
+    said.stylize(
+        {"usable": "green", "doubtful": "yellow", "do not use": "bold red"}[verdict.word], 0, len(verdict.word)
+    )
+    return said
 
 
 def is_good(cell: str) -> bool | None:

@@ -20,9 +20,10 @@ from manoeuvre_nn.report.diagnosis_figures import draw_diagnosis
 from manoeuvre_nn.report.diagnosis_tables import print_diagnosis
 from manoeuvre_nn.report.figures import track_figure
 from manoeuvre_nn.report.runs import run_rows, runs_figure
-from manoeuvre_nn.report.tables import rich_table, score_table
+from manoeuvre_nn.report.tables import rich_table, score_table, verdict_text
 from manoeuvre_nn.scoring.error_measures import error_measures
 from manoeuvre_nn.scoring.score import Score
+from manoeuvre_nn.scoring.verdict import ModelVerdict, model_verdict
 
 TABLE_COLUMNS = 100
 """Letters in a line of a printed table."""
@@ -119,7 +120,12 @@ class Scores(Sequence[Score]):
     def __repr__(self) -> str:
         """A table: a line each run."""
         table = score_table(self.scores, title="Predicted and recorded")
-        return _printed(lambda console: console.print(table, highlight=False))
+        return _printed(lambda console: console.print(table, verdict_text(self.verdict), highlight=False))
+
+    @property
+    def verdict(self) -> ModelVerdict:
+        """What the model may be used for, by these runs; no simpler models are beside it."""
+        return model_verdict(self.scores, self.runs)
 
     def plot(self, which: int | None = None) -> Figure:
         """Predicted and recorded track of a run by its number; None takes the run that is predicted worst."""

@@ -1,7 +1,7 @@
 """Checks of what a person sets for the data, made before any computing starts."""
 
 from collections.abc import Mapping, Sequence
-from math import isnan
+from math import ceil, isnan
 from pathlib import Path
 
 from manoeuvre_nn.core.errors import InputError, check_choice
@@ -63,8 +63,8 @@ def check_length(what: str, length: float, ship: Particulars) -> None:
     shortest = 2 * ship.time_unit
     if length < shortest:
         raise InputError(
-            f"data.length={length:g} s of {what} is too short for the {ship.name}: write at least {shortest:.0f} s "
-            "(two ship lengths)"
+            f"data.length={length:g} s of {what} is too short for the {ship.name}: "
+            f"write at least {ceil(10 * shortest) / 10:g} s (two ship lengths)"
         )
 
 

@@ -1,0 +1,95 @@
+"""What a model may be used for: a useless one does not look fine."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.scoring.score import Score
+from manoeuvre_nn.scoring.verdict import CLOSER, MAX_DEV_L, model_verdict
+
+TIME = np.arange(5.0)
+RUNS = [
+    Recording(name, TIME, {"u": speed - 0.2 * TIME, "delta": np.array([0, -1, 1, np.nan, 0.5]) * angle * DEGREE})
+    for name, speed, angle in (("zz20", 7.0, 20.0), ("tc35", 8.0, 35.0))
+]
+
+
+def scores(*devs, **more):
+    return [Score(run.name, "ok", dev, {}, **more) for run, dev in zip(RUNS, devs, strict=True)]
+
+
+def judged(own, **baselines):
+    return model_verdict(own, RUNS, baselines)
+
+
+def test_a_model_that_predicts_every_manoeuvre_is_usable_for_what_they_cover():
+    found = judged(scores(MAX_DEV_L, 0.01))
+    assert found.word == "usable" and found.predicted == ("zz20", "tc35") and found.missed == {}
+    assert found.sentence == (
+        "Usable for manoeuvres like zz20, tc35, rudder to 35 deg, 6.2 to 8 m/s: each is within 0.5 L."
+    )
+
+
+def test_a_network_twenty_lengths_off_beside_terms_that_are_closer_is_not_to_be_used():
+    found = judged(scores(20.0, 0.2), linear=scores(30.0, 9.0), terms=scores(1.4, 1.4))
+    assert found.word == "do not use" and found.missed == {"zz20": "is 20 L off"}
+    assert found.sentence == (
+        "Do not use: zz20 is 20 L off; the simpler model 'terms' is closer: 1.4 L in the mean, this one 10 L."
+    )
+
+
+def test_a_model_that_misses_one_manoeuvre_is_doubtful():
+    found = judged(scores(0.6, 0.1), linear=scores(0.5, 0.1))
+    assert (found.word, found.predicted) == ("doubtful", ("tc35",))
+    assert found.sentence == "Doubtful: tc35 within 0.5 L, but zz20 is 0.6 L off."
+
+
+def test_a_model_that_misses_all_is_not_to_be_used():
+    assert judged(scores(0.51, 0.52)).word == "do not use"
+
+
+def test_one_that_breaks_down_anywhere_is_not_to_be_used():
+    own = scores(0.1, 0.1)
+    own[1] = replace(own[1], status="left the physical range at 30 s")
+    found = judged(own)
+    assert found.word == "do not use" and found.sentence == "Do not use: tc35 left the physical range at 30 s."
+
+
+@pytest.mark.parametrize("dev", [np.nan, np.inf])
+def test_a_deviation_that_is_no_number_is_a_miss(dev):
+    assert judged(scores(dev, dev)).word == "do not use"
+
+
+def test_what_the_members_leave_open_is_not_predicted():
+    assert judged(scores(0.01, 0.01, spread_L=MAX_DEV_L)).word == "usable"
+    found = judged(scores(0.01, 0.01, spread_L=0.7))
+    assert found.word == "do not use" and found.missed["zz20"] == "is left open by the data (members 0.7 L apart)"
+
+
+def test_a_simpler_model_must_be_clearly_closer_and_sail_all_manoeuvres():
+    own = scores(0.6, 0.2)
+    near, closer = scores(0.6 / CLOSER + 0.01, 0.2 / CLOSER), scores(0.6 / CLOSER - 0.01, 0.2 / CLOSER)
+    assert judged(own, near=near).word == "doubtful"
+    assert judged(own, closer=closer).word == "do not use"
+    lost = [replace(s, status="left the physical range at 30 s") for s in closer]
+    assert judged(own, lost=lost).word == "doubtful"
+    assert judged(scores(0.4, 0.2), closer=scores(0.0, 0.0)).word == "usable", "both are good enough"
+
+
+def test_many_manoeuvres_are_not_all_named():
+    runs = [replace(RUNS[0], name=f"run {k}") for k in range(7)]
+    found = model_verdict([Score(run.name, "ok", 3.0, {}) for run in runs], runs)
+    assert found.sentence.endswith("run 3 is 3 L off and 3 more.") and len(found.missed) == 7
+
+
+def test_scores_hold_it_in_plain_words():
+    told = judged(scores(0.6, 0.1)).as_dict()
+    assert told == {
+        "word": "doubtful",
+        "sentence": "Doubtful: tc35 within 0.5 L, but zz20 is 0.6 L off.",
+        "predicted": ["tc35"],
+        "missed": {"zz20": "is 0.6 L off"},
+    }
