@@ -173,7 +173,7 @@ def fit(
         with locked(folder):
             write_provenance(cfg, folder)
             trained = fit_job(cfg, job, folder, Terminal(quiet=True))
-            trained.close({}, {})
+            trained.logger.finalize("success")
     model = trained.fit.dynamics.double().cpu()
     kept = None if out is None else Path(out)
     return FittedModel(model, Runs(tuple(runs), model.particulars), job.data.describe(), kept)

@@ -96,14 +96,15 @@ def test_figures_and_checkpoints_are_there(done):
 def test_the_dashboard_can_be_read_back(done):
     events = EventAccumulator(str(done / "tensorboard"), size_guidance={"images": 0, "scalars": 0}).Reload()
     tags = events.Tags()
-    assert {"train/mse", "score/dev_L", "zz20/nrmse_psi", "train/relrmse_g2"} <= set(tags["scalars"])
-    assert [e.step for e in events.Scalars("train/mse")] == sorted({e.step for e in events.Scalars("train/mse")})
-    assert len(events.Scalars("train/mse")) == 4
-    assert {"final/zz20/track", "final/training/forces"} <= set(tags["images"])
-    final = events.Scalars("final/zz20/dev_L")[-1].value
+    assert {"3 training/mse", "1 held-out/dev_L", "4 zz20/nrmse_psi", "3 training/relrmse_g2"} <= set(tags["scalars"])
+    errors = events.Scalars("3 training/mse")
+    assert [e.step for e in errors] == sorted({e.step for e in errors}) and len(errors) == 4
+    assert {"2 tracks/zz20", "5 figures/training forces"} <= set(tags["images"])
+    final = events.Scalars("1 held-out/dev_L zz20")[-1].value
     assert final == pytest.approx(scores(done)["scores"]["zz20"]["dev_L"], rel=1e-5)
     summaries = {data.plugin_data.plugin_name for data in events.summary_metadata.values()}
-    assert "hparams" in summaries
+    assert "hparams" in summaries and "custom_scalars" in summaries
+    assert min(tags["scalars"]) == "1 held-out/dev_L" and not any("epoch" in tag for tag in tags["scalars"])
 
 
 def test_the_same_command_in_the_same_folder_has_nothing_to_do(done, cli):

@@ -79,10 +79,11 @@ def test_the_history_survives_its_state():
 def test_scores_and_errors_are_on_the_dashboard(tmp_path):
     trained, _ = tiny.train(tiny.lm(), tmp_path, max_epochs=4, every=2)
     events = EventAccumulator(str(tmp_path / "tensorboard")).Reload()
-    assert len(events.Scalars("train/mse")) == 4
-    shown = [event.value for event in events.Scalars(MONITOR)]
+    assert len(events.Scalars("3 training/mse")) == 4
+    shown = [event.value for event in events.Scalars("1 held-out/dev_L")]
     assert shown == pytest.approx([row[MONITOR] for row in trained.history], rel=1e-6)
-    assert {"score/left_range", "zz20/nrmse_psi", "train/relrmse_g3", "train/mu"} <= set(events.Tags()["scalars"])
+    seen = {"1 held-out/left_range", "4 zz20/nrmse_psi", "3 training/relrmse_g3", "3 training/mu"}
+    assert seen <= set(events.Tags()["scalars"])
 
 
 def test_solvers_get_a_double_copy_of_a_single_precision_model():

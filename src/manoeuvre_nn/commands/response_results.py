@@ -120,7 +120,7 @@ def write_response(outcome: _ResponseOutcome, out: Path) -> None:
     if outcome.trained.history:
         drawn["training/learning"] = learning_figure(outcome.trained.history)
     for name, path in save_figures(drawn, out / "figures").items():
-        outcome.trained.add_image(f"final/{name}", imread(path), outcome.trained.epochs)
+        outcome.trained.logger.add_image(name, imread(path), outcome.trained.epochs)
     tables: dict[str, Sequence[Row]] = {"Errors": outcome.rows, "Variables": variable_rows(outcome)}
     tables["How much each variable counts"] = [one.row() for one in outcome.sensitivities]
     report = Report(
@@ -133,9 +133,8 @@ def write_response(outcome: _ResponseOutcome, out: Path) -> None:
         notes=[*told_in_notes(outcome.data), outcome.trained.chosen],
     )
     write_report(out / "report.html", report)
-    outcome.trained.close(
-        hyperparameters(outcome.config), {f"final/{name}/rms": e["rms"] for name, e in outcome.errors.items()}
-    )
+    errors = {f"{name}/rms": e["rms"] for name, e in outcome.errors.items()}
+    outcome.trained.logger.end(hyperparameters(outcome.config), errors, outcome.trained.epochs)
     write_file(out / SCORES, json.dumps(as_dict(outcome), indent=1))
 
 

@@ -168,7 +168,7 @@ def write_results(outcome: _Outcome, out: Path) -> None:
         prediction.to_csv(out / "predictions" / f"{reference.name}.csv")
     drawn = figures(outcome)
     for name, path in save_figures(drawn, out / "figures").items():
-        outcome.trained.add_image(f"final/{name}", imread(path), outcome.trained.epochs)
+        outcome.trained.logger.add_image(name, imread(path), outcome.trained.epochs)
     tables: dict[str, Sequence[Row]] = {
         "Held-out manoeuvres": score_rows(outcome.scores, outcome.baselines),
         "Main criteria": main_criteria_rows(outcome.scores),
@@ -202,8 +202,8 @@ def write_results(outcome: _Outcome, out: Path) -> None:
 def _log_hyperparameters(outcome: _Outcome) -> None:
     """The hparams table of TensorBoard: the choices and numbers that make a difference, and the final scores."""
     wanted = {k: v for k, v in scalars(list(outcome.scores)).items() if k.endswith(("dev_L", "left_range"))}
-    errors = {f"final/relrmse_{name}": error for name, error in outcome.relative_rmse.items()}
-    outcome.trained.close(hyperparameters(outcome.config), {f"final/{k}": v for k, v in wanted.items()} | errors)
+    errors = {f"train/relrmse_{name}": error for name, error in outcome.relative_rmse.items()}
+    outcome.trained.logger.end(hyperparameters(outcome.config), wanted | errors, outcome.trained.epochs)
 
 
 def summary(outcome: _Outcome) -> str:
@@ -218,10 +218,10 @@ def summary(outcome: _Outcome) -> str:
 def print_outcome(outcome: _Outcome, out: Path, console: Console) -> None:
     """One table in the terminal and where the rest is."""
     console.print(score_table(outcome.scores, outcome.baselines))
-    console.print(verdict_text(outcome.verdict))
     assessed = [row for row in outcome.imo if not row["verdict"].startswith("not judged")]
     if assessed:
         console.print(rich_table(assessed, IMO))
+    console.print(verdict_text(outcome.verdict))
     how = outcome.trained
     errors = ", ".join(f"{name} {error:.2e}" for name, error in outcome.relative_rmse.items())
     console.print(outcome.data.describe())

@@ -45,6 +45,6 @@ class ResponseScore(Scorer):
         errors = {name: found["rms"] for name, found in self.data.errors(response).items()}
         if self.draw and self.figures_every and (len(self.history) + 1) % self.figures_every == 0:
             for name, figure in self.draw(self.data, response).items():
-                trainer.logger.experiment.add_figure(name, figure, trainer.current_epoch + 1)  # type: ignore
+                trainer.logger.add_figure(name, figure, trainer.current_epoch + 1)  # type: ignore[union-attr]
         chosen = errors.get(TESTING, errors[LEARNING])
         return {self.monitor: chosen, **{f"{name}/rms": error for name, error in errors.items()}}

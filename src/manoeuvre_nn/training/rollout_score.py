@@ -7,7 +7,6 @@ from typing import Any
 import lightning as L
 import numpy as np
 import torch
-from lightning.pytorch.loggers import TensorBoardLogger
 
 from manoeuvre_nn.core.errors import check_choice
 from manoeuvre_nn.core.recording import Recording
@@ -15,6 +14,7 @@ from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.limits import OK
 from manoeuvre_nn.scoring.held_out import HeldOut, Solver
 from manoeuvre_nn.scoring.score import Score
+from manoeuvre_nn.training.dashboard import Dashboard
 from manoeuvre_nn.training.fits import Fit
 from manoeuvre_nn.training.scorer import Scorer
 
@@ -76,11 +76,11 @@ class RolloutScore(Scorer):
 
     def _show(self, trainer: L.Trainer, predictions: list[Recording]) -> None:
         """Figures of every manoeuvre to TensorBoard."""
-        if not isinstance(trainer.logger, TensorBoardLogger) or self.draw is None:
+        if not isinstance(trainer.logger, Dashboard) or self.draw is None:
             return
         for reference, prediction in zip(self.held_out.references, predictions, strict=True):
             for name, figure in self.draw(reference, prediction).items():
-                trainer.logger.experiment.add_figure(f"{reference.name}/{name}", figure, trainer.current_epoch + 1)
+                trainer.logger.add_figure(f"{reference.name}/{name}", figure, trainer.current_epoch + 1)
 
     def error_of(self, row: Mapping[str, float]) -> float:
         """The error that the fit states, or dev/L."""
@@ -106,7 +106,7 @@ def for_solvers(dynamics: Model) -> Model:
 
 
 def scalars(scores: list[Score]) -> dict[str, float]:
-    """Scores as TensorBoard scalars.
+    """Scores by name, as they are logged.
 
     Args:
         scores: One a manoeuvre.

@@ -15,7 +15,6 @@ from typing import Any, Literal
 import lightning as L
 import torch
 from lightning.pytorch.callbacks import Checkpoint
-from lightning.pytorch.loggers import TensorBoardLogger
 from lightning.pytorch.plugins.io import TorchCheckpointIO
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -24,6 +23,7 @@ from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.terminal import Terminal
 from manoeuvre_nn.core.writing import write_file
 from manoeuvre_nn.training.checkpoint import check_weights, load_weights, read_training
+from manoeuvre_nn.training.dashboard import Dashboard
 from manoeuvre_nn.training.fits import Fit
 from manoeuvre_nn.training.scorer import Scorer
 
@@ -90,16 +90,7 @@ class Trained:
     stopped: str
     history: Sequence[Mapping[str, float]]
     chosen: str
-    logger: TensorBoardLogger
-
-    def add_image(self, name: str, image: Any, epoch: int) -> None:
-        """Show a picture, height x width x colour from 0 to 1."""
-        self.logger.experiment.add_image(name, image, epoch, dataformats="HWC")
-
-    def close(self, settings: Mapping[str, Any], scores: Mapping[str, float]) -> None:
-        """Write the hparams table and end the log."""
-        self.logger.log_hyperparams(dict(settings), dict(scores))
-        self.logger.finalize("success")
+    logger: Dashboard
 
 
 def _has_gpu(kind: str) -> bool:
@@ -148,7 +139,7 @@ def run(
     callbacks: list[L.Callback] = [scorer, graceful, keeper]
     if session.progress:
         callbacks.append(_RunProgress(scorer, console))
-    logger = TensorBoardLogger(out, name="", version=DASHBOARD, default_hp_metric=False)
+    logger = Dashboard(out, DASHBOARD)
     trainer = L.Trainer(
         accelerator=session.accelerator,
         devices=1,

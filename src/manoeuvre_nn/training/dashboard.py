@@ -1,0 +1,97 @@
+"""What TensorBoard shows of a training: held-out manoeuvres first, then their tracks, then the training itself.
+
+TensorBoard puts cards into groups by what stands before the first stroke of their names, and sorts the groups.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from lightning.pytorch.loggers import TensorBoardLogger
+from torch.utils.tensorboard.summary import hparams
+
+HELD_OUT, TRACKS, TRAINING, DETAILS, FIGURES = "1 held-out", "2 tracks", "3 training", "4 {}", "5 figures"
+"""Groups of cards in the order in which they are shown."""
+OF_TRAINING = ("train", "noise")
+"""First words of what the training itself logs."""
+MAIN = ("dev_L", "rms")
+"""Errors of each manoeuvre, or of each set of records, that stand in the first group."""
+
+CURVES = {
+    "Held-out": {kind: ["Multiline", [f"{HELD_OUT}/{kind}.*"]] for kind in MAIN},
+    "Training": {kind: ["Multiline", [f"{TRAINING}/.*{kind}.*"]] for kind in ("mse", "relrmse")},
+}
+"""A page on which curves of a kind, those of all manoeuvres, share a chart."""
+
+
+class Dashboard(TensorBoardLogger):
+    """TensorBoard's log of a training in a folder."""
+
+    def __init__(self, out: Path, folder: str) -> None:
+        """Open it.
+
+        Args:
+            out: Output folder.
+            folder: Its part for TensorBoard's files.
+        """
+        super().__init__(out, name="", version=folder, default_hp_metric=False)
+
+    def log_metrics(self, metrics: Mapping[str, float], step: int | None = None) -> None:
+        """Numbers over epochs by their places on the dashboard; Lightning's count of epochs is none."""
+        shown = {place_of(name): value for name, value in metrics.items() if name != "epoch"}
+        if shown:
+            super().log_metrics(shown, step)
+
+    def add_image(self, name: str, image: Any, epoch: int) -> None:
+        """Show a picture, height x width x colour from 0 to 1, at its place."""
+        self.experiment.add_image(image_place_of(name), image, epoch, dataformats="HWC")
+
+    def add_figure(self, name: str, figure: Any, epoch: int) -> None:
+        """Show a figure at its place."""
+        self.experiment.add_figure(image_place_of(name), figure, epoch)
+
+    def end(self, settings: Mapping[str, Any], scores: Mapping[str, float], epoch: int) -> None:
+        """Write the last scores, the table of settings beside them, and the page of curves; close the log.
+
+        Args:
+            settings: Settings that make a difference.
+            scores: Scores of the network that is kept, by the names under which they were logged.
+            epoch: Epochs done.
+        """
+        self.log_metrics(scores, epoch)
+        shown = {place_of(name): float(value) for name, value in scores.items()}
+        writer = self.experiment._get_file_writer()
+        for part in hparams(dict(settings), shown):
+            writer.add_summary(part)
+        self.experiment.add_custom_scalars(CURVES)
+        self.finalize("success")
+
+
+def place_of(name: str) -> str:
+    """Where a number is shown.
+
+    Args:
+        name: Of the number, as it was logged: ``zz20/dev_L``, ``score/dev_L``, ``train/mse``.
+
+    Returns:
+        Group and name of its card: ``1 held-out/dev_L zz20``, ``1 held-out/dev_L``, ``3 training/mse``.
+    """
+    of, _, what = name.rpartition("/")
+    if of == "score":
+        return f"{HELD_OUT}/{what}"
+    if not of or of in OF_TRAINING:
+        return f"{TRAINING}/{what}"
+    return f"{HELD_OUT}/{what} {of}" if what in MAIN else f"{DETAILS.format(of)}/{what}"
+
+
+def image_place_of(name: str) -> str:
+    """Where a figure is shown: tracks before all others.
+
+    Args:
+        name: ``zz20/track``, ``training/forces``.
+
+    Returns:
+        Group and name of its card.
+    """
+    of, _, what = name.rpartition("/")
+    return f"{TRACKS}/{of}" if what == "track" else f"{FIGURES}/{of} {what}".replace("/ ", "/")
