@@ -154,6 +154,13 @@ def test_the_files_are_written_and_the_best_job_stands_first(sweep):
     assert "1 ended early" in shown
 
 
+def test_the_verdict_on_each_model_stands_beside_its_errors(sweep):
+    path = sweep / "9" / "scores.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), "verdict": {"word": "doubtful"}}))
+    assert [row.get("verdict") for row in sweep_rows(sweep)] == [None, None, "doubtful", None]
+    assert "doubtful" in printed(write_sweep(sweep)) and "verdict" not in swept(sweep_rows(sweep))
+
+
 def test_a_sweep_in_which_every_job_failed_still_gives_a_table(tmp_path):
     (job(tmp_path, "0", ["a.b=1"], None) / "error.txt").write_text("")
     assert "failed: no message" in printed(write_sweep(tmp_path))

@@ -25,7 +25,7 @@ MEAN, DEV = "mean dev/L", "dev/L "
 """Columns of the mean and, followed by its name, of each held-out manoeuvre."""
 RMS = "RMS "
 """Column of the error of each set of records, followed by its name and unit, where a response is approximated."""
-RESULTS = ("job", "status", "ended early", MEAN, "seed", "epochs", "stopped", "seconds")
+RESULTS = ("job", "status", "verdict", "ended early", MEAN, "seed", "epochs", "stopped", "seconds")
 """Columns that are not settings, beside those that start with ``dev/L``, ``RMS`` or ``relRMSE``."""
 
 
@@ -108,7 +108,8 @@ def _results(scores: Mapping[str, Any]) -> dict[str, Any]:
     scored = {name: _mapping(score) for name, score in scored.items()}
     training = _mapping(scores.get("training"))
     ended = [name for name, score in scored.items() if score.get("status", OK) != OK]
-    row: dict[str, Any] = {"ended early": " ".join(ended) or None, MEAN: scores.get("mean_dev_L")}
+    verdict = _mapping(scores.get("verdict")).get("word")
+    row: dict[str, Any] = {"verdict": verdict, "ended early": " ".join(ended) or None, MEAN: scores.get("mean_dev_L")}
     row |= {f"{DEV}{name}": score.get("dev_L") for name, score in scored.items()}
     errors = {name: _mapping(error).get("rms") for name, error in _mapping(scores.get("errors")).items()}
     row |= {f"{RMS}{name} [{scores.get('unit')}]": error for name, error in errors.items()}
@@ -133,7 +134,7 @@ def swept(rows: Sequence[Row]) -> list[str]:
 
 
 def _short_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Settings that differ (else the job), status, mean dev/L, the worst manoeuvre, seconds; best first."""
+    """Settings that differ (else the job), status, mean dev/L, the worst manoeuvre, verdict, seconds; best first."""
     names = swept(rows)
     short = []
     for row in sorted(rows, key=_error):
@@ -145,7 +146,8 @@ def _short_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
         named = {_last(name, names): row.get(name) for name in names}
         cells = named if any(value is not None for value in named.values()) else {"job": row["job"]}
         cells |= {"status": f"{ended} ended early" if ended else row["status"], MEAN: row.get(MEAN), **errors}
-        short.append({**cells, "worst": worst and f"{worst} {devs[worst]:.3g}", "seconds": row.get("seconds")})
+        cells |= {"worst": worst and f"{worst} {devs[worst]:.3g}", "verdict": row.get("verdict")}
+        short.append({**cells, "seconds": row.get("seconds")})
     headings = dict.fromkeys(name for row in short for name in row)
     return [{n: row.get(n) for n in headings if any(r.get(n) is not None for r in short)} for row in short]
 

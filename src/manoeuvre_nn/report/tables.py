@@ -28,8 +28,8 @@ CRITERIA = "criteria, predicted (recorded)"
 UNIT_SUFFIXES = {"deg": "deg", "s": "s", "L": "L", "deg_s": "deg/s", "m": "m", "m_s": "m/s"}
 """Endings of criteria names and the units that they stand for."""
 GOOD, BAD = (
-    frozenset({"ok", "pass", "passed", "met", "yes", "finished"}),
-    frozenset({"fail", "failed", "no", "not met", "mend", "refuse"}),
+    frozenset({"ok", "pass", "passed", "met", "yes", "finished", "usable"}),
+    frozenset({"fail", "failed", "no", "not met", "mend", "refuse", "do not use"}),
 )
 """Words that are shown green and red."""
 LONG_TEXT = 40
