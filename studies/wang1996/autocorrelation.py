@@ -42,7 +42,7 @@ def coupled_values(ship: TaylorShip, system: System) -> dict[str, Any]:
     assert system.matrix is not None and printed is not None
     modes, roots = free_modes(system.matrix, START), np.linalg.eigvals(printed)
     (fast, slow), (vdot, rdot) = modes.rates.tolist(), (system.matrix @ START).tolist()
-    real = bool(np.isrealobj(roots))
+    real = not roots.imag.any()
     return {
         "printed_roots": "real" if real else f"{roots[0].real:.4f} +- {abs(roots[0].imag):.4f} i 1/s",
         "printed_roots_are_real": real,

@@ -206,8 +206,9 @@ def free_modes(matrix: Float[np.ndarray, "n n"], start: Float[np.ndarray, " n"])
         Wang 1996, eqs 7.37-7.40, with amplitudes that meet the rates of the system at time 0, not rates of zero.
     """
     rates, vectors = np.linalg.eig(matrix)
-    if np.iscomplexobj(rates):
+    if rates.imag.any():  # from numpy 2.5 on they are complex numbers in any case
         raise InputError(f"the free motion swings, with roots {rates[0]:.4g} and so on: modes are for real roots")
+    rates, vectors = rates.real, vectors.real
     amplitudes = vectors * np.linalg.solve(vectors, start)
     order = np.argsort(rates)
     return Modes(rates[order], amplitudes[:, order])
