@@ -283,6 +283,7 @@ def test_a_value_is_told_to_two_digits_of_its_error(value, error, said):
 
 
 def test_odds_and_probabilities_are_told_with_the_digits_that_matter():
+    assert words._odds(8.92) == "odds 1 to 7,500" and words._odds(13.7) == "odds 1 to 890,000"
     assert words._odds(np.log(20.0)) == "odds 1 to 20" and words._odds(-3.0) == "odds 1 to 1"
     assert words._odds(13.7) != words._odds(13.9) == "odds less than one in a million" == words._odds(50.0)
     assert words._percent(0.499) == "50 %" and words._percent(1.0) == "99 %"

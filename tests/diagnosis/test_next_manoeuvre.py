@@ -272,7 +272,7 @@ def test_the_runner_up_is_told_with_what_speaks_for_and_against_it():
         "0.3 % of the rudder's force at 20 deg is left, not 5 %.",
     ]
     close = runner_up(search(first, judged(COMPASS, evidence=28.0)), verdict(first))
-    assert close[1] == "Against it: with a current they are explained better still, by 2.0 (odds 1 to 7.39)."
+    assert close[1] == "Against it: with a current they are explained better still, by 2.0 (odds 1 to 7.4)."
     behind = runner_up(search(first, judged(COMPASS, evidence=-2.0)), verdict(first))
     assert behind[0].startswith("For a compass error nothing speaks")
 

@@ -222,7 +222,11 @@ def _percent(probability: float) -> str:
 
 
 def _odds(gap: float) -> str:
-    return f"odds 1 to {np.exp(max(gap, 0.0)):.3g}" if gap < 13.8 else "odds less than one in a million"
+    """Odds of a gap in log evidence, to two digits."""
+    if gap >= 13.8:
+        return "odds less than one in a million"
+    times = float(f"{np.exp(max(gap, 0.0)):.2g}")
+    return f"odds 1 to {times:,.0f}" if times >= 10 else f"odds 1 to {times:g}"
 
 
 def next_steps(tried: SearchResult, verdict: Decision, chosen: FittedHypothesis, mismatch: bool) -> list[str]:
