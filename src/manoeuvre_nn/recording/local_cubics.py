@@ -57,7 +57,7 @@ def _local_polynomial(
     return np.concatenate([first[:half], inner, last[half + 1 :]]) * (2 / max(count - 1, 1) / step) ** derivative
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=16)
 def _window(
     count: int, order: int, derivative: int
 ) -> tuple[Float[np.ndarray, "count k"], Float[np.ndarray, "k count"]]:
