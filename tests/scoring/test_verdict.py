@@ -44,7 +44,7 @@ def test_a_network_twenty_lengths_off_beside_terms_that_are_closer_is_not_to_be_
 def test_a_model_that_misses_one_manoeuvre_is_doubtful():
     found = judged(scores(0.6, 0.1), linear=scores(0.5, 0.1))
     assert (found.word, found.predicted) == ("doubtful", ("tc35",))
-    assert found.sentence == "Doubtful: tc35 within 0.5 L, but zz20 is 0.6 L off."
+    assert found.sentence == "Doubtful: tc35 within 0.5 L; but zz20 is 0.6 L off."
 
 
 def test_a_model_that_misses_all_is_not_to_be_used():
@@ -89,7 +89,45 @@ def test_scores_hold_it_in_plain_words():
     told = judged(scores(0.6, 0.1)).as_dict()
     assert told == {
         "word": "doubtful",
-        "sentence": "Doubtful: tc35 within 0.5 L, but zz20 is 0.6 L off.",
+        "sentence": "Doubtful: tc35 within 0.5 L; but zz20 is 0.6 L off.",
         "predicted": ["tc35"],
+        "criteria": [],
         "missed": {"zz20": "is 0.6 L off"},
     }
+
+
+RECORDED = {"overshoot_1_deg": 9.0, "overshoot_2_deg": 30.0, "overshoot_3_deg": 9.0, "period_s": 50.0}
+
+
+def zigzags(dev, **wrong):
+    """Two zigzags whose tracks are off by as much, the criteria of the first by what is named."""
+    good = Score("zz20", "ok", dev, {}, RECORDED, RECORDED)
+    return [
+        replace(good, criteria=RECORDED | {k: RECORDED[k] + e for k, e in wrong.items()}),
+        replace(good, manoeuvre="tc35"),
+    ]
+
+
+@pytest.mark.parametrize("wrong, close", [
+    ({"overshoot_1_deg": 1.9}, True), ({"overshoot_1_deg": -2.1}, False), ({"overshoot_2_deg": 2.9}, True),
+    ({"overshoot_2_deg": 3.1}, False), ({"period_s": 4.9}, True), ({"period_s": -5.1}, False),
+    ({"overshoot_3_deg": 9.0}, True),
+])  # fmt: skip
+def test_criteria_count_for_themselves_where_tracks_run_away(wrong, close):
+    found = judged(zigzags(9.0, **wrong))
+    assert found.word == ("usable" if close else "doubtful")
+    assert found.predicted == () and found.criteria == (("zz20", "tc35") if close else ("tc35",))
+    assert found.unfit == ({} if close else {"zz20": "is 9 L off"})
+    said = "not for tracks: all criteria are" if close else "criteria of 1 of 2 manoeuvres"
+    assert f"{said} within 10 %, overshoots 2 deg; but zz20 is 9 L off, tc35 is 9 L off." in found.sentence
+
+
+def test_a_criterion_that_was_not_reached_is_not_predicted():
+    first, second = zigzags(9.0)
+    short = replace(first, criteria={k: v for k, v in RECORDED.items() if k != "period_s"})
+    assert judged([short, second]).criteria == ("tc35",)
+    assert judged([replace(s, criteria={}) for s in zigzags(9.0)]).word == "do not use"
+
+
+def test_criteria_do_not_make_up_for_a_simpler_model_that_is_closer():
+    assert judged(zigzags(9.0), terms=scores(1.0, 1.0)).word == "do not use"

@@ -100,7 +100,7 @@ class _Outcome:
         """IMO criteria of the predictions, each at the angles that its reference was steered by."""
         found = [score.criteria for score in self.scores]
         trials = zip(self.data.held_out.references, found, strict=True)
-        return imo_table(trials, self.trained.fit.dynamics.particulars, self.verdict.missed)
+        return imo_table(trials, self.trained.fit.dynamics.particulars, self.verdict.unfit)
 
 
 def score_finally(config: Mapping[str, Any], trained: Trained, data: ManoeuvreData) -> _Outcome:

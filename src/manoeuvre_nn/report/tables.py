@@ -21,8 +21,6 @@ Row = Mapping[str, Any]
 
 Baselines = Mapping[str, Sequence[Score]]
 """Simpler models than the network -> their scores on the same manoeuvres."""
-MAIN_CRITERIA = ("overshoot_1", "overshoot_2", "period", "advance", "tactical_diameter")
-"""Criteria that the short table shows, by the start of their names; a kind with none of them shows its first three."""
 CRITERIA = "criteria, predicted (recorded)"
 """Heading of their column."""
 UNIT_SUFFIXES = {"deg": "deg", "s": "s", "L": "L", "deg_s": "deg/s", "m": "m", "m_s": "m/s"}
@@ -60,17 +58,10 @@ def criterion_label(name: str) -> tuple[str, str]:
     return name.replace("_", " "), ""
 
 
-def _main_criteria(score: Score) -> list[str]:
-    """Names of the criteria that a short table has room for."""
-    known = [*score.reference, *(name for name in score.criteria if name not in score.reference)]
-    chosen = [name for start in MAIN_CRITERIA for name in known if name.startswith(f"{start}_")]
-    return (chosen or known)[:3]
-
-
 def _criteria_text(score: Score) -> str:
     """Predicted and recorded values of the main criteria."""
     said = []
-    for name in _main_criteria(score):
+    for name in (score.main_criteria or [*{**score.reference, **score.criteria}])[:3]:  # of other kinds the first three
         words, unit = criterion_label(name)
         predicted, recorded = (text(values.get(name), 3) for values in (score.criteria, score.reference))
         said.append(f"{words}: {predicted} ({recorded}) {unit}".rstrip())

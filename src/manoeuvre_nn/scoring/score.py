@@ -13,6 +13,8 @@ from manoeuvre_nn.manoeuvre.criteria import criteria
 
 SCORED_CHANNELS = ("u", "v", "r", "psi")
 """Channels whose errors a score reports."""
+MAIN_CRITERIA = ("overshoot_1", "overshoot_2", "period", "advance", "tactical_diameter")
+"""Criteria that zigzags and turning circles are known by, by the start of their names."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,12 @@ class Score:
     def errors(self) -> dict[str, float]:
         """Prediction minus recording of every criterion that both have."""
         return {k: v - self.reference[k] for k, v in self.criteria.items() if k in self.reference}
+
+    @property
+    def main_criteria(self) -> list[str]:
+        """Names of :data:`MAIN_CRITERIA` that the recording or the prediction has."""
+        known = [*self.reference, *(name for name in self.criteria if name not in self.reference)]
+        return [name for start in MAIN_CRITERIA for name in known if name.startswith(f"{start}_")]
 
     def as_dict(self) -> dict[str, Any]:
         """What ``scores.json`` holds for the manoeuvre.

@@ -15,6 +15,8 @@ from manoeuvre_nn.scoring.score import Score
 MAX_DEV_L = 0.5
 """Deviation of a track over L up to which a manoeuvre counts as predicted [-]: a tenth of the tactical diameter of 5 L
 that IMO MSC.137(76) allows."""
+MAX_CRITERION, MAX_OVERSHOOT_DEG = 0.1, 2.0
+"""Relative error up to which a criterion counts as predicted [-]; of an overshoot as many degrees will do."""
 CLOSER = 2.0
 """How many times closer a simpler model must be, in the mean, to be preferred to one that misses manoeuvres."""
 MAX_NAMED = 4
@@ -28,17 +30,24 @@ class ModelVerdict:
     """What held-out manoeuvres say of a model.
 
     Attributes:
-        word: ``usable`` if every one was predicted, ``do not use`` if none was, a run broke down or a simpler model is
-            closer, ``doubtful`` otherwise.
+        word: ``usable`` if every track was predicted, or every criterion; ``do not use`` if nothing was, a run broke
+            down or a simpler model is closer; ``doubtful`` otherwise.
         sentence: The same for people, with what it rests on.
-        predicted: Held-out manoeuvres that were predicted.
+        predicted: Held-out manoeuvres whose tracks were predicted.
         missed: The others -> why.
+        criteria: Manoeuvres whose main criteria were predicted.
     """
 
     word: Word
     sentence: str
     predicted: tuple[str, ...]
     missed: Mapping[str, str]
+    criteria: tuple[str, ...]
+
+    @property
+    def unfit(self) -> dict[str, str]:
+        """Manoeuvres of which neither the track nor the criteria were predicted -> why."""
+        return {name: why for name, why in self.missed.items() if name not in self.criteria}
 
     def as_dict(self) -> dict[str, Any]:
         """What ``scores.json`` holds.
@@ -46,9 +55,8 @@ class ModelVerdict:
         Returns:
             Plain strings.
         """
-        return {
-            "word": self.word, "sentence": self.sentence, "predicted": list(self.predicted), "missed": dict(self.missed)
-        }  # fmt: skip
+        names = {"predicted": list(self.predicted), "criteria": list(self.criteria), "missed": dict(self.missed)}
+        return {"word": self.word, "sentence": self.sentence, **names}
 
 
 def model_verdict(
@@ -58,9 +66,10 @@ def model_verdict(
 ) -> ModelVerdict:
     """Say what a model may be used for.
 
-    A manoeuvre is predicted if its track is within :data:`MAX_DEV_L` of the recorded one, and if an ensemble's members
-    agree to as much. A model that misses some should not be used where a simpler one, made from the same data or from
-    the ship's particulars, is closer.
+    A track is predicted if it is within :data:`MAX_DEV_L` of the recorded one, and if an ensemble's members agree to as
+    much. The track of a course-unstable ship, driven by the recorded rudder, may run away while the overshoots and
+    periods of her own zigzags are right: criteria count for themselves. A model that misses tracks should not be used
+    where a simpler one, made from the same data or from the ship's particulars, is closer.
 
     Args:
         scores: Of the held-out manoeuvres.
@@ -72,15 +81,43 @@ def model_verdict(
     """
     missed = {s.manoeuvre: why for s in scores if (why := _why_missed(s))}
     predicted = tuple(s.manoeuvre for s in scores if s.manoeuvre not in missed)
-    known = _listed(predicted)
+    criteria = tuple(s.manoeuvre for s in scores if _has_criteria_of(s))
+    word, sentence = _told(scores, missed, predicted, criteria, _closer(scores, baselines), _covered(references))
+    return ModelVerdict(word, sentence, predicted, missed, criteria)
+
+
+def _told(
+    scores: Sequence[Score],
+    missed: Mapping[str, str],
+    predicted: Sequence[str],
+    criteria: Sequence[str],
+    simpler: str,
+    covered: str,
+) -> tuple[Word, str]:
+    """The verdict's word and sentence."""
     if not missed:
-        sentence = f"Usable for manoeuvres like {known}, {_covered(references)}: each is within {MAX_DEV_L:g} L."
-        return ModelVerdict("usable", sentence, predicted, missed)
-    told = _listed([f"{name} {why}" for name, why in missed.items()])
-    simpler, broken = _closer(scores, baselines), any(s.status != OK for s in scores)
-    if broken or simpler or not predicted:
-        return ModelVerdict("do not use", f"Do not use: {told}{simpler}.", predicted, missed)
-    return ModelVerdict("doubtful", f"Doubtful: {known} within {MAX_DEV_L:g} L, but {told}.", predicted, missed)
+        return "usable", f"Usable for manoeuvres like {_listed(predicted)}, {covered}: each is within {MAX_DEV_L:g} L."
+    but = _listed([f"{name} {why}" for name, why in missed.items()])
+    if simpler or any(s.status != OK for s in scores) or not (predicted or criteria):
+        return "do not use", f"Do not use: {but}{simpler}."
+    close = f"within {100 * MAX_CRITERION:.0f} %, overshoots {MAX_OVERSHOOT_DEG:g} deg"
+    if len(criteria) == len(scores):
+        return "usable", f"Usable for criteria, {covered}, not for tracks: all criteria are {close}; but {but}."
+    tracks = f"{_listed(predicted)} within {MAX_DEV_L:g} L; " if predicted else ""
+    count = sum(bool(s.main_criteria) for s in scores)
+    counted = f"criteria of {len(criteria)} of {count} manoeuvres {close}; " if count else ""
+    return "doubtful", f"Doubtful: {tracks}{counted}but {but}."
+
+
+def _has_criteria_of(score: Score) -> bool:
+    """Whether the main criteria of a manoeuvre, if it has any, were predicted."""
+    names, errors = score.main_criteria, score.errors
+
+    def close(name: str) -> bool:
+        least = MAX_OVERSHOOT_DEG if name.startswith("overshoot") else 0.0
+        return abs(errors[name]) <= max(least, MAX_CRITERION * abs(score.reference[name]))
+
+    return bool(names) and all(name in errors and close(name) for name in names)
 
 
 def _why_missed(score: Score) -> str:
