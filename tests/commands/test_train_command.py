@@ -9,6 +9,7 @@ import yaml
 from conftest import TINY, TINY_ENSEMBLE
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+from manoeuvre_nn.commands.provenance import hyperparameters
 from manoeuvre_nn.training.checkpoint import read_checkpoint
 
 CHANNELS = {"t [s]", "u [m/s]", "v [m/s]", "r [rad/s]", "x [m]", "y [m]", "psi [rad]", "delta [rad]"}
@@ -105,6 +106,13 @@ def test_the_dashboard_can_be_read_back(done):
     summaries = {data.plugin_data.plugin_name for data in events.summary_metadata.values()}
     assert "hparams" in summaries and "custom_scalars" in summaries
     assert min(tags["scalars"]) == "1 held-out/dev_L" and not any("epoch" in tag for tag in tags["scalars"])
+
+
+def test_the_table_of_settings_tells_choices_and_what_was_typed(done):
+    told = hyperparameters(yaml.safe_load((done / "config.yaml").read_text()), done)
+    assert {"ship": "mariner", "seed": 0, "network.hidden": 3, "data.length": 60}.items() <= told.items()
+    assert {"network", "fit", "data"} <= set(told)
+    assert not {"trainer.progress", "fit.damping.mu", "network.dtype", "format", "name", "versions.numpy"} & set(told)
 
 
 def test_the_same_command_in_the_same_folder_has_nothing_to_do(done, cli):

@@ -14,6 +14,7 @@ from manoeuvre_nn.commands.shelves import plain
 from manoeuvre_nn.core.data_files import FORMAT, load_yaml, without_format
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.writing import write_file
+from manoeuvre_nn.report.sweep import OVERRIDES, overrides_of
 
 CONFIG, SCORES = "config.yaml", "scores.json"
 LIBRARIES: tuple[str, ...] = (
@@ -70,9 +71,24 @@ def check_same_run(cfg: DictConfig, out: Path, setting: str = "hydra.run.dir") -
             )
 
 
-def hyperparameters(config: Mapping[str, Any]) -> dict[str, Any]:
-    """What TensorBoard's table of hparams tells of a config: the choices and numbers that make a difference."""
-    chosen = {k: v for k, v in flat(dict(config)).items() if not k.startswith(("trainer.", "scoring."))}
+def hyperparameters(config: Mapping[str, Any], out: Path) -> dict[str, Any]:
+    """What TensorBoard's table of hparams tells of a run: what was chosen, the seed, and the settings that were typed.
+
+    A column for every setting would hide the few in which the runs of a sweep differ.
+
+    Args:
+        config: The resolved config.
+        out: Output folder, where hydra has written what was typed.
+
+    Returns:
+        Name -> text or number.
+    """
+    typed = [k for k in overrides_of(out / OVERRIDES) if "." in k and not k.startswith(("trainer.", "scoring."))]
+
+    def told(name: str) -> bool:
+        return "." not in name or name.endswith("_target_") or any(f"{name}.".startswith(f"{t}.") for t in typed)
+
+    chosen = {k: v for k, v in flat(dict(config)).items() if k not in {"name", "format"} and told(k)}
     return {
         k.removesuffix("._target_"): str(v).rsplit(".", 1)[-1] if k.endswith("_target_") else v
         for k, v in chosen.items()

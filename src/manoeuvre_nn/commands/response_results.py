@@ -134,7 +134,7 @@ def write_response(outcome: _ResponseOutcome, out: Path) -> None:
     )
     write_report(out / "report.html", report)
     errors = {f"{name}/rms": e["rms"] for name, e in outcome.errors.items()}
-    outcome.trained.logger.end(hyperparameters(outcome.config), errors, outcome.trained.epochs)
+    outcome.trained.logger.end(hyperparameters(outcome.config, out), errors, outcome.trained.epochs)
     write_file(out / SCORES, json.dumps(as_dict(outcome), indent=1))
 
 

@@ -195,15 +195,15 @@ def write_results(outcome: _Outcome, out: Path) -> None:
         notes=notes,
     )
     write_report(out / "report.html", report)
-    _log_hyperparameters(outcome)
+    _log_hyperparameters(outcome, out)
     write_file(out / SCORES, json.dumps(as_dict(outcome), indent=1))
 
 
-def _log_hyperparameters(outcome: _Outcome) -> None:
-    """The hparams table of TensorBoard: the choices and numbers that make a difference, and the final scores."""
+def _log_hyperparameters(outcome: _Outcome, out: Path) -> None:
+    """The hparams table of TensorBoard: choices and settings that were typed beside the final scores."""
     wanted = {k: v for k, v in scalars(list(outcome.scores)).items() if k.endswith(("dev_L", "left_range"))}
     errors = {f"train/relrmse_{name}": error for name, error in outcome.relative_rmse.items()}
-    outcome.trained.logger.end(hyperparameters(outcome.config), wanted | errors, outcome.trained.epochs)
+    outcome.trained.logger.end(hyperparameters(outcome.config, out), wanted | errors, outcome.trained.epochs)
 
 
 def summary(outcome: _Outcome) -> str:

@@ -60,7 +60,7 @@ def _row(job: Path, folder: Path) -> dict[str, Any]:
     scores = _read_json(job / SCORES)
     results = _results(scores) if scores else {}
     name = str(job.relative_to(folder))
-    return {"job": name, **_overrides(job / OVERRIDES), "status": _status(job, scores), **results}
+    return {"job": name, **overrides_of(job / OVERRIDES), "status": _status(job, scores), **results}
 
 
 def _status(job: Path, scores: Mapping[str, Any] | None) -> str:
@@ -82,8 +82,15 @@ def _read_json(path: Path) -> dict[str, Any] | None:
     return found if isinstance(found, dict) else None
 
 
-def _overrides(path: Path) -> dict[str, Any]:
-    """Settings that a job was given; numbers as numbers, the rest as text."""
+def overrides_of(path: Path) -> dict[str, Any]:
+    """Settings that a job was given.
+
+    Args:
+        path: Hydra's list of them.
+
+    Returns:
+        Name -> number, or text; nothing where the file is damaged or missing.
+    """
     try:
         lines = load_yaml(path)
     except (OSError, InputError):
