@@ -42,7 +42,7 @@ def refused(ended, out, *told) -> None:
         ("manoeuvre=zz21", "manoeuvre=zz21 is unknown; choose one of: circles"),
         ("manoeuvre=zigzag manoeuvre.zigzag.rudder_deg=50", "the Mariner stops at 35 deg: write a smaller rudder_deg"),
         ("manoeuvre.speed_kn=-5", "manoeuvre.speed_kn=-5: expected an approach speed in knots, more than 0"),
-        ("data.length=10", "too short for the Mariner: write at least 40 s"),
+        ("data.length=10", "too short for the Mariner: write at least 40.1 s"),
         ("network.hiden=3", "there is no setting network.hiden; python train.py --cfg job lists them all"),
         ("scoring.every=0", "scoring.every=0: expected at least 1 epoch"),
         ("--nosuch", "unrecognized arguments: --nosuch"),

@@ -50,7 +50,8 @@ def searched(monkeypatch, alone: dict[str, float], more: list[SimpleNamespace]) 
 
     monkeypatch.setattr(under_test, "_extended", extended)
     monkeypatch.setattr(under_test, "fitted_gusts", gusts)
-    data_set = SimpleNamespace(dynamics=SimpleNamespace(particulars=SimpleNamespace(is_model=False)))
+    dynamics = SimpleNamespace(particulars=SimpleNamespace(is_model=False))
+    data_set = SimpleNamespace(dynamics=dynamics, release=lambda: None)
     search(data_set, EFFECTS)
     return about, windy, built_upon
 
