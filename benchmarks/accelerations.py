@@ -169,7 +169,7 @@ def main(arguments: list[str]) -> None:
     Args:
         arguments: See the module.
     """
-    seeds = range(int(dict(a.split("=", 1) for a in arguments).get("seeds", "8")))
+    seeds = range(int(dict(a.partition("=")[::2] for a in arguments).get("seeds", "8")))
     truths = {}
     for hz in (1, 10):
         truths[hz] = simulate(CalmWater(SHIP), replace(zigzag(35.0), duration=360.0), interval=1 / hz)

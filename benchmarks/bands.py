@@ -82,7 +82,7 @@ def main(arguments: list[str]) -> None:
         arguments: See the module.
     """
     usual = {"seeds": "10", "winds": "0,8,15", "network": "abkowitz", "learn_floor": "true", "floor": "1"}
-    given = usual | dict(a.split("=", 1) for a in arguments)
+    given = usual | dict(a.partition("=")[::2] for a in arguments)
     floor = tuple(float(given["floor"]) * f for f in DEFAULT_SETTINGS.floor)
     noise_settings = replace(DEFAULT_SETTINGS, floor=floor, learn_floor=given["learn_floor"] == "true")
     truth = roll_out(CalmWater(SHIP), JUDGED)

@@ -37,7 +37,7 @@ PROCESSES = {"diagnose": ("workers=2",), "sweep": ("hydra.launcher.n_jobs=2",), 
 
 def main(words: list[str]) -> int:
     """Run everything under every circumstance; exit code 1 if a command fails."""
-    settings = dict(word.split("=", 1) for word in words)
+    settings = dict(word.partition("=")[::2] for word in words)
     if "_circumstance" in settings:
         return _run_all(settings["_circumstance"], Path(settings["_into"]), settings["only"])
     with tempfile.TemporaryDirectory(prefix="same_") as place:

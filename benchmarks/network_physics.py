@@ -228,7 +228,7 @@ def main(arguments: Sequence[str]) -> None:
     Args:
         arguments: ``ship=``, ``seeds=``, ``from=`` (the first seed), ``rows=``.
     """
-    given = dict(a.split("=", 1) for a in arguments)
+    given = dict(a.partition("=")[::2] for a in arguments)
     first, wanted = int(given.get("from", "0")), given.get("rows", "")
     seeds = range(first, first + int(given.get("seeds", "8")))
     torch.set_num_threads(1)

@@ -97,7 +97,7 @@ def main(arguments: list[str]) -> None:
         "floor": "1",
         "late": "0",
     }
-    given = usual | dict(a.split("=", 1) for a in arguments)
+    given = usual | dict(a.partition("=")[::2] for a in arguments)
     gps, floor, late = (float(given[k]) for k in ("gps", "floor", "late"))
     truth = simulate(CalmWater(SHIP), replace(zigzag(35.0), duration=360.0))
     references = roll_out(CalmWater(SHIP), JUDGED)

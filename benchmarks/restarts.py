@@ -54,7 +54,7 @@ def main(arguments: list[str]) -> None:
         arguments: As above.
     """
     use_threads(1)
-    given = dict(a.split("=", 1) for a in arguments)
+    given = dict(a.partition("=")[::2] for a in arguments)
     epochs, data = int(given.get("epochs", "30")), tanker()
     batches = [int(size) for size in given.get("batch", "1,8,64,512").split(",")]
     print(f"{epochs} epochs of networks of {SMALLEST} to {HIDDEN} nodes, {len(data.x)} samples")

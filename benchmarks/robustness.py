@@ -36,7 +36,7 @@ SHOWN = 20
 
 def main(words: list[str]) -> int:
     """Make the attacks that were asked for; the exit code."""
-    settings = dict(word.split("=", 1) for word in words)
+    settings = dict(word.partition("=")[::2] for word in words)
     unknown = set(settings) - {*SECTIONS, "seed", "first", "out"}
     if unknown or not set(settings) & set(SECTIONS):
         asked = sorted(unknown) or "nothing was asked for"

@@ -172,7 +172,7 @@ def main(arguments: list[str]) -> None:
         arguments: ``batch=1,10,...`` or nothing.
     """
     torch.set_num_threads(1)
-    given = dict(a.split("=", 1) for a in arguments)
+    given = dict(a.partition("=")[::2] for a in arguments)
     ship = CalmWater(mariner())
     sample, default = 1.0, roll_out(ship, trials(10))
     fine = roll_out(ship, trials(10), step=sample / 2)

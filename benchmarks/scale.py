@@ -41,7 +41,7 @@ FLAT_MB, LINEAR = 5.0, 1.15
 
 def main(words: Sequence[str]) -> int:
     """Measure what was asked for; 1 if something grows."""
-    asked = dict(word.split("=", 1) for word in words)
+    asked = dict(word.partition("=")[::2] for word in words)
     unknown = set(asked) - {*GROWING, *REPEATED}
     if unknown or not asked:
         print(f"error: {sorted(unknown) or 'nothing was asked for'}: write {'=N '.join([*GROWING, *REPEATED])}=N")

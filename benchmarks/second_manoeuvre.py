@@ -191,7 +191,7 @@ def main(arguments: list[str]) -> None:
         arguments: As above.
     """
     torch.set_num_threads(1)
-    given = dict(a.split("=", 1) for a in arguments)
+    given = dict(a.partition("=")[::2] for a in arguments)
     name, which = given.get("ship", "mariner"), given.get("seconds", "all")
     first = zigzag(float(given.get("first", "zz35").removeprefix("zz")))
     s = setup(name, int(given.get("members", "16")))

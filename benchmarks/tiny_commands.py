@@ -287,7 +287,7 @@ def _run_script(words: list[str]) -> None:
     """Run a script with its words, as ``python`` does."""
     GlobalHydra.instance().clear()
     if words[0] == RIVALS:
-        _answer_at_once(dict(word.split("=", 1) for word in words[1:]))
+        _answer_at_once(dict(word.partition("=")[::2] for word in words[1:]))
         return
     sys.argv = words
     sys.path.insert(0, str(Path(words[0]).parent))

@@ -49,7 +49,7 @@ LOCKS = {
 
 def main(words: list[str]) -> int:
     """Test the locks that were asked for; the exit code."""
-    settings = dict(word.split("=", 1) for word in words)
+    settings = dict(word.partition("=")[::2] for word in words)
     names = settings["locks"].split(",") if "locks" in settings else list(LOCKS)
     if set(settings) - {"locks", "tests", "update", "folder"} or set(names) - set(LOCKS):
         print(f"error: write locks={','.join(LOCKS)} tests=tests/core update=true folder=FOLDER")
