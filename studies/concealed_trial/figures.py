@@ -1,8 +1,7 @@
 """Figures of a trial: reliability diagram, confusion matrix and power by strength, with one page that shows them."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from html import escape
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from manoeuvre_nn.core.writing import draft_of, write_file
+from manoeuvre_nn.core.writing import draft_of
+from manoeuvre_nn.report.html import data_address, write_page
 from studies.concealed_trial.effects import NAMES
 from studies.concealed_trial.strength import DRIFT, STRENGTHS
 from studies.concealed_trial.summaries import rate
@@ -34,59 +34,53 @@ FIGURES = {
 
 
 def write_figures(tools: Mapping[str, Mapping[str, Any]], out: Path) -> None:
-    """Draw all figures of a trial.
+    """Draw all figures of a trial, and show them with its scores on a page.
 
     Args:
         tools: ``board`` and ``cases`` of each tool, as in scoreboard.json; the confusion matrix is the first one's.
-        out: Takes the PNG files and trial.html.
+        out: Takes the PNG files and trial.html; holds scoreboard.md, if there is one.
     """
     first = next(iter(tools))
-    _save(reliability({name: tool["board"]["calibration"] for name, tool in tools.items()}), out / "reliability.png")
-    _save(power({name: tool["cases"] for name, tool in tools.items()}), out / "power.png")
-    _save(confusion(tools[first]["cases"], first), out / "confusion.png")
-    parts = [f'<h2>{name.removesuffix(".png").title()}</h2><img src="{name}" alt="{escape(text)}"><p>{escape(text)}</p>'
-             for name, text in FIGURES.items()]  # fmt: skip
-    style = (
-        "body{font-family:sans-serif;max-width:60em;margin:2em auto;padding:0 1em}img{max-width:100%}"
-        "div{overflow-x:auto}table{border-collapse:collapse;font-size:.85em;font-variant-numeric:tabular-nums}"
-        "td,th{border:1px solid #ddd;padding:.25em .6em;text-align:left;vertical-align:top}"
-        "td:not(:first-child){white-space:nowrap}"
-    )
-    head = (
-        '<!doctype html><html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
-        f"<title>Concealed trial</title><style>{style}</style>"
-    )
+    drawn = {
+        "reliability.png": reliability({name: tool["board"]["calibration"] for name, tool in tools.items()}),
+        "power.png": power({name: tool["cases"] for name, tool in tools.items()}),
+        "confusion.png": confusion(tools[first]["cases"], first),
+    }
+    for name, figure in drawn.items():
+        _save(figure, out / name)
+    shown = [(name.removesuffix(".png").title(), FIGURES[name], data_address(figure)) for name, figure in drawn.items()]
     scores = (out / "scoreboard.md").read_text() if (out / "scoreboard.md").is_file() else ""
-    page = f"{head}<h1>Concealed trial</h1>{''.join(parts)}<h2>Scores</h2>{_as_html(scores)}</html>"
-    write_file(out / "trial.html", page)
+    write_page(out / "trial.html", "trial.html", "studies.concealed_trial", figures=shown, scores=list(blocks(scores)))
 
 
-def _as_html(scoreboard: str) -> str:
-    """The scoreboard's Markdown, whose first heading the page has already: headings, tables, lists and sentences."""
-    parts = []
+def blocks(scoreboard: str) -> Iterator[tuple[str, Any]]:
+    """Blocks of the scoreboard's Markdown, whose first heading the page has already.
+
+    Args:
+        scoreboard: The text.
+
+    Yields:
+        Kind and content: ``heading`` and its words, ``table`` and its rows, ``list`` and its items, ``text``.
+    """
     for block in scoreboard.split("\n\n"):
-        lines = [escape(line) for line in block.strip().splitlines()]
+        lines = block.strip().splitlines()
         if not lines or lines[0].startswith("# "):
             continue
         if lines[0].startswith("#"):
-            level = len(lines[0]) - len(lines[0].lstrip("#")) + 1
-            parts.append(f"<h{level}>{lines[0].lstrip('# ')}</h{level}>")
+            yield "heading", lines[0].lstrip("# ")
         elif lines[0].startswith("|"):
-            rows = [line.strip("| ").split(" | ") for line in lines]
-            head, *body = ["".join(f"<td>{cell}</td>" for cell in row) for row in (rows[0], *rows[2:])]
-            cells = "".join(f"<tr>{row}</tr>" for row in body)
-            parts.append(f"<div><table><tr>{head.replace('td>', 'th>')}</tr>{cells}</table></div>")
+            names, _, *rows = [line.strip("| ").split(" | ") for line in lines]
+            yield "table", [dict(zip(names, row, strict=False)) for row in rows]
         elif lines[0].startswith("- "):
-            parts.append(f"<ul>{''.join(f'<li>{line[2:]}</li>' for line in lines)}</ul>")
+            yield "list", [line[2:] for line in lines]
         else:
-            parts.append(f"<p>{' '.join(lines)}</p>")
-    return "".join(parts)
+            yield "text", " ".join(lines)
 
 
 def _save(figure: Figure, path: Path) -> None:
     """Write a figure."""
     with draft_of(path) as draft:
-        figure.savefig(draft, format="png", dpi=130, bbox_inches="tight")
+        figure.savefig(draft, format="png", dpi=130)
 
 
 def reliability(bins: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
@@ -98,7 +92,7 @@ def reliability(bins: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
     Returns:
         The figure, one panel a tool.
     """
-    figure = Figure(figsize=(4.2 * len(bins), 4.2))
+    figure = Figure(figsize=(4.2 * len(bins), 4.2), layout="constrained")
     for k, (tool, parts) in enumerate(bins.items()):
         axes: Axes = figure.add_subplot(1, len(bins), k + 1)
         axes.plot([0, 1], [0, 1], color="0.6", linestyle="--", linewidth=1)
@@ -124,7 +118,7 @@ def power(cases: Mapping[str, Sequence[Mapping[str, Any]]]) -> Figure:
     """
     panels = {"detected": "detected", "first_right": "first name right"}
     present = [s for s in STRENGTHS if any(row["strongest"] == s for rows in cases.values() for row in rows)]
-    figure = Figure(figsize=(9.5, 3.8))
+    figure = Figure(figsize=(9.5, 3.8), layout="constrained")
     for panel, (key, title) in enumerate(panels.items()):
         axes: Axes = figure.add_subplot(1, 2, panel + 1)
         for k, (tool, rows) in enumerate(cases.items()):
@@ -167,7 +161,7 @@ def confusion(cases: Sequence[Mapping[str, Any]], tool: str) -> Figure:
     said = [name for name in order if any(name in pair for pair in pairs)]
     there = [name for name in order if any(name == truth for truth, _ in pairs)]
     table = np.array([[pairs[truth, first] for first in said] for truth in there], float).reshape(len(there), len(said))
-    figure = Figure(figsize=(2.4 + 0.34 * len(said), 1.9 + 0.3 * len(there)))
+    figure = Figure(figsize=(4.0 + 0.34 * len(said), 3.0 + 0.3 * len(there)), layout="constrained")
     axes: Axes = figure.add_subplot(1, 1, 1)
     axes.imshow(table / np.maximum(table.sum(1, keepdims=True), 1), cmap="Blues", vmin=0, vmax=1, aspect="auto")
     for row, column in zip(*np.nonzero(table), strict=True):

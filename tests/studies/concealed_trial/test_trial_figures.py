@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from studies.concealed_trial.figures import FIGURES, confusion, power, reliability, write_figures
+from studies.concealed_trial.figures import FIGURES, blocks, confusion, power, reliability, write_figures
 from studies.concealed_trial.summaries import calibration
 
 
@@ -59,18 +59,26 @@ def test_counts_of_neighbouring_bins_do_not_meet():
 def test_the_scoreboard_is_shown_as_tables(tmp_path):
     board = "# Concealed trial\n\nShares & more.\n\n| score | a |\n| --- | --- |\n| cases | 4 |\n| no | - |\n"
     board += "\n## tool\n\n- c1: <x>\n"
+    assert list(blocks(board)) == [
+        ("text", "Shares & more."), ("table", [{"score": "cases", "a": "4"}, {"score": "no", "a": "-"}]),
+        ("heading", "tool"), ("list", ["c1: <x>"]),
+    ]  # fmt: skip
     (tmp_path / "scoreboard.md").write_text(board)
     write_figures({"tool": {"board": {"calibration": []}, "cases": ROWS}}, tmp_path)
-    page = (tmp_path / "trial.html").read_text().partition("<h2>Scores</h2>")[2]
-    row = "<tr><td>cases</td><td>4</td></tr><tr><td>no</td><td>-</td></tr>"
-    table = f"<div><table><tr><th>score</th><th>a</th></tr>{row}</table></div>"
-    assert page == f"<p>Shares &amp; more.</p>{table}<h3>tool</h3><ul><li>c1: &lt;x&gt;</li></ul></html>"
+    page = "".join((tmp_path / "trial.html").read_text().partition("<h2>Scores</h2>")[2].split())
+    for part in (
+        "<p>Shares&amp;more.</p>",
+        "<h3>tool</h3>",
+        "<li>c1:&lt;x&gt;</li>",
+        '>cases</td><tdclass="text">4</td>',
+    ):
+        assert part in page
 
 
-def test_all_figures_and_the_page_are_written(tmp_path):
+def test_all_figures_and_a_page_that_stands_alone_are_written(tmp_path):
     write_figures({"tool": {"board": {"calibration": calibration([(0.9, 1)])}, "cases": ROWS}}, tmp_path)
     page = (tmp_path / "trial.html").read_text()
-    assert '<meta name="viewport"' in page
+    assert '<meta name="viewport"' in page and "Scores" not in page
     for name in FIGURES:
         assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
-        assert f'src="{name}"' in page
+    assert page.count('<img src="data:image/svg+xml') == len(FIGURES)
