@@ -32,8 +32,8 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 STUDIES = sorted((ROOT / "studies").rglob("*.py"))
 ENTRIES = sorted([*ROOT.glob("*.py"), *(ROOT / "scripts").rglob("*.py")])
 LONGEST_FILE, LONGEST_BODY = 400, 60
-OF_ALL = tuple(f"manoeuvre_nn.core.{room}." for room in ("ending", "errors", "writing"))
-"""How commands end and files are written: no physics, so that the referee may use it."""
+OF_ALL = tuple(f"manoeuvre_nn.{room}." for room in ("core.ending", "core.errors", "core.writing", "report.html"))
+"""How commands end, and how files and pages are written: no physics, so that the referee may use it."""
 
 
 def imported(tree: ast.AST) -> list[str]:

@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from manoeuvre_nn.core.writing import draft_of
-from manoeuvre_nn.report.html import data_address, write_page
 from studies.concealed_trial.effects import NAMES
 from studies.concealed_trial.strength import DRIFT, STRENGTHS
 from studies.concealed_trial.summaries import rate
@@ -40,6 +39,8 @@ def write_figures(tools: Mapping[str, Mapping[str, Any]], out: Path) -> None:
         tools: ``board`` and ``cases`` of each tool, as in scoreboard.json; the confusion matrix is the first one's.
         out: Takes the PNG files and trial.html; holds scoreboard.md, if there is one.
     """
+    from manoeuvre_nn.report.html import data_address, write_page  # it loads torch, which no other stage needs
+
     first = next(iter(tools))
     drawn = {
         "reliability.png": reliability({name: tool["board"]["calibration"] for name, tool in tools.items()}),
