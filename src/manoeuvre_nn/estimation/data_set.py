@@ -39,10 +39,10 @@ LATENCY, LATENCY_SD = 0.25, 0.25
 SAME_RUDDER = 1.0 * DEGREE
 """Standard deviation of the difference of two rudder angles from which on corrections tell them apart [rad]: of it, 5 %
 are half the noise of an indicator."""
-COPIES = 35.0
+COPIES = 37.0
 """What a diagnosis holds at once, over a table of samples times states times columns, as measured."""
-MAX_KEPT_BYTES = 2**29
-"""What the levels of one data set may take: for hours of recordings it is that of the few that are in use."""
+MAX_KEPT_BYTES = 2**31
+"""What the levels of one data set may take: of a day of recording it is that of the few that are in use."""
 FEWER = "write fewer files into files=, hold out more, or cut the recordings by start: and end: in the mapping"
 """What to do with recordings that are too long together."""
 MAX_RUDDERS = 4
