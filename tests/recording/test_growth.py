@@ -28,7 +28,7 @@ def noisy(run, count):
 
 def test_channels_that_stand_still_are_looked_for_with_as_many_calls_in_a_long_record(zz20, ship):
     few, many = (calls(partial(stuck, noisy(zz20, count), ship)) for count in (2_000, 8_000))
-    assert many < 1.5 * few  # one call for each sample more than doubles them
+    assert many < few + 1000  # of 6,000 samples more; noise changes how often some are looked at
 
 
 @pytest.mark.parametrize("count", [2501, 6000])
@@ -39,6 +39,15 @@ def test_a_window_of_many_samples_smooths_as_its_sum_does(monkeypatch, count):
     monkeypatch.setattr(local_cubics, "MAX_DIRECT", 10**6)
     for one, other, tolerance in zip(fast, smoothed(time, values, 16.0), (1e-7, 1e-7), strict=True):
         np.testing.assert_allclose(one, other, rtol=0, atol=tolerance)
+
+
+def test_a_window_of_many_samples_is_summed_up_by_a_transform_at_once(monkeypatch):
+    given, transform = [], local_cubics.oaconvolve
+    monkeypatch.setattr(local_cubics, "oaconvolve", lambda *a, **how: given.append(len(a[1])) or transform(*a, **how))
+    smoothed(np.arange(20_000) / 100.0, np.zeros(20_000), 4.0)
+    assert not given
+    smoothed(np.arange(20_000) / 100.0, np.zeros(20_000), 16.0)
+    assert given == [1601, 1601]
 
 
 @pytest.mark.parametrize("n, window", [(5, 5), (200, 17), (201, 201), (1500, 499), (1500, 501), (1501, 1501)])

@@ -11,7 +11,7 @@ from manoeuvre_nn.training.dashboard import HELD_OUT, image_place_of, place_of
     ("zz20/dev_L", "1 held-out/dev_L zz20"),
     ("testing/rms", "1 held-out/rms testing"),
     ("train/mse", "3 training/mse"),
-    ("noise/psi", "3 training/psi"),
+    ("noise/psi", "3 training/noise psi"),
     ("steps", "3 training/steps"),
     ("zz20/error_overshoot_1_deg", "4 zz20/error_overshoot_1_deg"),
     ("A/zz 1/nrmse_u", "4 A/zz 1/nrmse_u"),

@@ -11,10 +11,9 @@ from omegaconf import DictConfig
 
 from manoeuvre_nn import __version__
 from manoeuvre_nn.commands.shelves import plain
-from manoeuvre_nn.core.data_files import FORMAT, load_yaml, without_format
+from manoeuvre_nn.core.data_files import FORMAT, OVERRIDES, load_yaml, overrides_of, without_format
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.writing import write_file
-from manoeuvre_nn.report.sweep import OVERRIDES, overrides_of
 
 CONFIG, SCORES = "config.yaml", "scores.json"
 LIBRARIES: tuple[str, ...] = (

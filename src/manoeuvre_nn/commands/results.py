@@ -25,6 +25,7 @@ from manoeuvre_nn.report.html import Report, save_figures, write_report
 from manoeuvre_nn.report.tables import (
     Row,
     criteria_rows,
+    is_good,
     main_criteria_rows,
     rich_table,
     score_rows,
@@ -171,8 +172,8 @@ def write_results(outcome: _Outcome, out: Path) -> None:
         outcome.trained.logger.add_image(name, imread(path), outcome.trained.epochs)
     tables: dict[str, Sequence[Row]] = {
         "Held-out manoeuvres": score_rows(outcome.scores, outcome.baselines),
-        "Main criteria": main_criteria_rows(outcome.scores),
         "Manoeuvres that were trained on, in closed loop": score_rows(outcome.training_scores),
+        "Main criteria of all": main_criteria_rows([*outcome.scores, *outcome.training_scores]),
         IMO: outcome.imo,
         "All criteria of the held-out manoeuvres": criteria_rows(outcome.scores),
     }
@@ -187,7 +188,7 @@ def write_results(outcome: _Outcome, out: Path) -> None:
     report = Report(
         title=f"{outcome.config['name']}: trained and scored",
         summary=summary(outcome),
-        good={"usable": True, "do not use": False}.get(outcome.verdict.word),
+        good=is_good(outcome.verdict.word),
         tables=tables,
         figures=drawn,
         config=outcome.config,

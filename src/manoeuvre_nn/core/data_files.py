@@ -21,6 +21,8 @@ from manoeuvre_nn.core.plain_text import harmless
 _PACKAGE = Path(__file__).resolve().parents[1]
 CONF = _PACKAGE / "conf" if (_PACKAGE / "conf").is_dir() else _PACKAGE.parents[1] / "conf"
 """Folder of the settings: in a wheel it lies in the package, in the repository at the top."""
+OVERRIDES = ".hydra/overrides.yaml"
+"""Where hydra writes, in a run's folder, what was typed."""
 FORMAT = 1
 """Number of the form that files of the package's own have; a file says it as ``format: 1``."""
 MAX_YAML, MAX_JSON = 300_000, 10_000_000
@@ -208,3 +210,30 @@ class _OnlyOnce(yaml.SafeLoader):
         super().flatten_mapping(node)
         if len(node.value) > MAX_VALUES:
             raise yaml.constructor.ConstructorError(None, None, f"more than {MAX_VALUES} values", node.start_mark)
+
+
+def overrides_of(path: Path) -> dict[str, Any]:
+    """Settings that a job was given.
+
+    Args:
+        path: Hydra's list of them.
+
+    Returns:
+        Name -> number, or text; nothing where the file is damaged or missing.
+    """
+    try:
+        lines = load_yaml(path)
+    except (OSError, InputError):
+        return {}
+    pairs = [str(line).lstrip("+~").partition("=") for line in lines] if isinstance(lines, list) else []
+    return {key: _value(value) for key, equals, value in pairs if equals}
+
+
+def _value(value: str) -> Any:
+    """A number where the text is one."""
+    for kind in (int, float):
+        try:
+            return kind(value)
+        except ValueError:
+            continue
+    return value

@@ -190,14 +190,14 @@ def reversal_times(seen: _Trace) -> tuple[list[float], float]:
     index = np.maximum.accumulate(np.where(side != 0, np.arange(len(side)), 0))
     changes = (np.flatnonzero(np.diff(side[index]) * (side[index][:-1] != 0)) + 1).tolist()
     bounds = [int(np.argmax(side != 0)), *changes, len(side)]
-    held = [_held(seen.rudder[a:b]) for a, b in pairwise(bounds)]
+    held = [held_angle(seen.rudder[a:b]) for a, b in pairwise(bounds)]
     times = [left_angle(seen.time, seen.rudder, k, *pair) for k, pair in zip(changes, pairwise(held), strict=True)]
     over = bounds[-2] + int(np.argmax(np.abs(level[bounds[-2] :]) > 0.6))
     given_up = np.flatnonzero(np.abs(level[over:]) < 0.3)
     return times, float(seen.time[over + given_up[0]] if len(given_up) else seen.time[-1])
 
 
-def _held(rudder: Samples) -> float:
+def held_angle(rudder: Samples) -> float:
     """The angle that the rudder was held at between two movements."""
     return float(np.median(rudder[np.abs(rudder) >= 0.9 * np.abs(rudder).max()]))
 
@@ -210,7 +210,7 @@ def _pull_out(seen: _Trace, length: float) -> dict[str, float]:
     if not len(given_up):
         return {}
     middle = over + int(given_up[0])
-    held, amidships = _held(seen.rudder[:middle]), float(np.median(seen.rudder[middle:]))
+    held, amidships = held_angle(seen.rudder[:middle]), float(np.median(seen.rudder[middle:]))
     start = left_angle(seen.time, seen.rudder, middle, held, amidships)
     after = seen.time >= start
     time, rate = seen.time[after], seen.rate[after]

@@ -9,7 +9,7 @@ import numpy as np
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.manoeuvre.criteria import reversal_times, trace
+from manoeuvre_nn.manoeuvre.criteria import held_angle, reversal_times, trace
 
 NO_VERDICT = "not judged: the resolution asks for {}, this is {}"
 """Verdict on a trial at another angle than the resolution's."""
@@ -77,9 +77,9 @@ def _steered_by(recording: Recording, family: str) -> tuple[float, float] | None
     reversals = reversal_times(seen)[0] if seen and family == "zigzag" else []
     if seen is None or (family == "zigzag" and not reversals):
         return None
-    rudder = np.abs(seen.rudder)
-    held = float(np.median(rudder[rudder > 0.9 * rudder.max()]))
-    return held, float(np.median(np.abs(seen.turn(np.array(reversals))))) if reversals else 0.0
+    return held_angle(np.abs(seen.rudder)), float(
+        np.median(np.abs(seen.turn(np.array(reversals))))
+    ) if reversals else 0.0
 
 
 def _rows(recording: Recording, found: Mapping[str, float], ship: Particulars, missed: str) -> list[dict[str, Any]]:

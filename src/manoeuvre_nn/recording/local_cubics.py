@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.polynomial import legendre
 from scipy.interpolate import make_smoothing_spline
-from scipy.signal import oaconvolve, savgol_coeffs
+from scipy.signal import oaconvolve
 
 from manoeuvre_nn.recording.outliers import robust_sd
 
@@ -50,16 +50,16 @@ def _local_polynomial(
 ) -> Float[np.ndarray, " n"]:
     """Value or slope of local polynomials over an odd number of samples; at either end, of the last whole window."""
     half, middle = count // 2, float(np.mean(samples))
-    shape, fit = _window(count, order, derivative)
+    shape, fit = _window(count, order, derivative, step)
     first, last = (shape @ (fit @ some) for some in (samples[:count], samples[-count:]))
     convolve = np.convolve if count <= MAX_DIRECT else oaconvolve
     inner = convolve(samples - middle, (shape[half] @ fit)[::-1], mode="valid") + (0.0 if derivative else middle)
-    return np.concatenate([first[:half], inner, last[half + 1 :]]) * (2 / max(count - 1, 1) / step) ** derivative
+    return np.concatenate([first[:half], inner, last[half + 1 :]])
 
 
 @lru_cache(maxsize=16)
 def _window(
-    count: int, order: int, derivative: int
+    count: int, order: int, derivative: int, step: float
 ) -> tuple[Float[np.ndarray, "count k"], Float[np.ndarray, "k count"]]:
     """Least squares in a window from -1 to 1: ``y ~ P c``, P of Legendre polynomials.
 
@@ -69,7 +69,8 @@ def _window(
     at = np.linspace(-1, 1, count) if count > 1 else np.zeros(1)
     polynomials = legendre.legvander(at, order)
     terms = [legendre.legval(at, legendre.legder(c, derivative)) for c in np.eye(order + 1)]
-    return np.stack(terms, axis=-1), np.linalg.pinv(polynomials)
+    per_step = (2 / max(count - 1, 1) / step) ** derivative
+    return per_step * np.stack(terms, axis=-1), np.linalg.pinv(polynomials)
 
 
 def noise_left(
@@ -88,5 +89,6 @@ def noise_left(
     """
     step = float(np.median(np.diff(time)))
     count = max(2 * round(window / step / 2) + 1, ORDER + 2)
-    gain = np.linalg.norm(savgol_coeffs(count, ORDER, deriv=derivative, delta=step))
+    shape, fit = _window(count, ORDER, derivative, step)
+    gain = np.linalg.norm(shape[count // 2] @ fit)
     return float(gain * robust_sd(values - smoothed(time, values, window)[0]))

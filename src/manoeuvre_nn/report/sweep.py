@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from rich.table import Table
 
-from manoeuvre_nn.core.data_files import load_json, load_yaml
+from manoeuvre_nn.core.data_files import OVERRIDES, load_json, overrides_of
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.writing import write_file
 from manoeuvre_nn.dynamics.limits import OK
@@ -19,7 +19,7 @@ from manoeuvre_nn.report.html import save_figure
 from manoeuvre_nn.report.style import COLOURS, FIGURE_WIDTH_IN, MARKERS, legend_below, log_axis, new_figure, plain_axes
 from manoeuvre_nn.report.tables import Row, columns, rich_table, to_markdown, write_csv
 
-SCORES, OVERRIDES, ERROR = "scores.json", ".hydra/overrides.yaml", "error.txt"
+SCORES, ERROR = "scores.json", "error.txt"
 """Files of a job's folder: what it scored, what was swept, and why it failed."""
 MEAN, DEV = "mean dev/L", "dev/L "
 """Columns of the mean and, followed by its name, of each held-out manoeuvre."""
@@ -80,33 +80,6 @@ def _read_json(path: Path) -> dict[str, Any] | None:
     except (OSError, InputError):
         return None
     return found if isinstance(found, dict) else None
-
-
-def overrides_of(path: Path) -> dict[str, Any]:
-    """Settings that a job was given.
-
-    Args:
-        path: Hydra's list of them.
-
-    Returns:
-        Name -> number, or text; nothing where the file is damaged or missing.
-    """
-    try:
-        lines = load_yaml(path)
-    except (OSError, InputError):
-        return {}
-    pairs = [str(line).lstrip("+~").partition("=") for line in lines] if isinstance(lines, list) else []
-    return {key: _value(value) for key, equals, value in pairs if equals}
-
-
-def _value(value: str) -> Any:
-    """A number where the text is one."""
-    for kind in (int, float):
-        try:
-            return kind(value)
-        except ValueError:
-            continue
-    return value
 
 
 def _results(scores: Mapping[str, Any]) -> dict[str, Any]:

@@ -29,7 +29,9 @@ GOOD, BAD = (
     frozenset({"ok", "pass", "passed", "met", "yes", "finished", "usable"}),
     frozenset({"fail", "failed", "no", "not met", "mend", "refuse", "do not use"}),
 )
-"""Words that are shown green and red."""
+"""Words that are good and bad."""
+STYLES = {True: "green", False: "bold red", None: ""}
+"""How they are shown in the terminal."""
 LONG_TEXT = 40
 """Letters from which on a cell of a page may be broken into lines."""
 
@@ -182,9 +184,7 @@ def score_table(
 def verdict_text(verdict: ModelVerdict) -> Text:
     """What a model may be used for, for the terminal; its first words are coloured."""
     said = Text(verdict.sentence)
-    said.stylize(
-        {"usable": "green", "doubtful": "yellow", "do not use": "bold red"}[verdict.word], 0, len(verdict.word)
-    )
+    said.stylize(STYLES[is_good(verdict.word)], 0, len(verdict.word))
     return said
 
 
@@ -197,7 +197,7 @@ def is_good(cell: str) -> bool | None:
 
 def _coloured(cell: str) -> Text:
     """A cell for the terminal; as it is not markup, brackets in it are shown and not obeyed."""
-    return Text(cell, {True: "green", False: "bold red", None: ""}[is_good(cell)])
+    return Text(cell, STYLES[is_good(cell)])
 
 
 def _is_number(value: Any) -> bool:

@@ -9,7 +9,7 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.recorded_inputs import approach_speed
-from manoeuvre_nn.manoeuvre.criteria import reversal_times, trace
+from manoeuvre_nn.manoeuvre.criteria import held_angle, reversal_times, trace
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 
 MIN_REVERSALS = 2
@@ -37,8 +37,8 @@ def as_steered(recording: Recording, ship: Particulars) -> Manoeuvre | None:
     if len(times) < MIN_REVERSALS:
         return None
     heading = np.interp(times, recording.time, recording["psi"]) - recording["psi"][0]
-    rudder, before = np.abs(recording["delta"]), np.interp(times[0], recording.time, recording["delta"])
-    held, first = float(np.median(rudder[rudder > 0.9 * rudder.max()])), "starboard" if before > 0 else "port"
+    before = np.interp(times[0], recording.time, recording["delta"])
+    held, first = held_angle(np.abs(recording["delta"])), "starboard" if before > 0 else "port"
     speed = approach_speed(recording, ship)
     manoeuvre = zigzag(
         held / DEGREE, float(np.median(np.abs(heading))) / DEGREE, first=first,

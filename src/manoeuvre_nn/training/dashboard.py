@@ -12,8 +12,6 @@ from torch.utils.tensorboard.summary import hparams
 
 HELD_OUT, TRACKS, TRAINING, DETAILS, FIGURES = "1 held-out", "2 tracks", "3 training", "4 {}", "5 figures"
 """Groups of cards in the order in which they are shown."""
-OF_TRAINING = ("train", "noise")
-"""First words of what the training itself logs."""
 MAIN = ("dev_L", "rms")
 """Errors of each manoeuvre, or of each set of records, that stand in the first group."""
 
@@ -79,8 +77,10 @@ def place_of(name: str) -> str:
     of, _, what = name.rpartition("/")
     if of == "score":
         return f"{HELD_OUT}/{what}"
-    if not of or of in OF_TRAINING:
+    if of in {"", "train"}:
         return f"{TRAINING}/{what}"
+    if of == "noise":
+        return f"{TRAINING}/noise {what}"
     return f"{HELD_OUT}/{what} {of}" if what in MAIN else f"{DETAILS.format(of)}/{what}"
 
 

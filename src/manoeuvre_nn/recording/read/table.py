@@ -13,7 +13,7 @@ from manoeuvre_nn.core.memory import check_memory
 from manoeuvre_nn.core.plain_text import listed
 from manoeuvre_nn.recording.read.containers import check_there, columns_in, has_reader
 from manoeuvre_nn.recording.read.quantity import STAMPS
-from manoeuvre_nn.recording.read.text import EMPTY, EXACTLY, cells_of, even_frame, is_blank, lines_of
+from manoeuvre_nn.recording.read.text import EMPTY, INEXACT, cells_of, even_frame, is_blank, lines_of
 
 TEXT = (".csv", ".txt", ".dat")
 """Suffixes of texts; a file of any other suffix that has no reader is taken for one, too."""
@@ -185,7 +185,7 @@ def numbers_in(text: "pd.Series[str]", decimal: str) -> Float[np.ndarray, " n"]:
     if decimal == "comma":
         text = text.str.replace(".", "?", regex=False).str.replace(",", ".", regex=False)
     numbers = pd.to_numeric(text, errors="coerce").to_numpy(dtype=float, copy=True)
-    if EXACTLY:  # a pandas that needs it
+    if INEXACT:
         there = np.isfinite(numbers)
         numbers[there] = [float(cell) for cell in text[there]]
     return numbers

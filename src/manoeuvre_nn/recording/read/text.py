@@ -25,10 +25,8 @@ BLOCK = 1 << 23
 """Bytes that are cut into cells at once."""
 SPELT = [form for word in EMPTY for form in dict.fromkeys((word, word.upper(), word.title()))] + ["NaN"]
 """Empty cells as they are usually written."""
-EXACTLY: dict[str, Any] = (
-    {} if tuple(map(int, pd.__version__.split(".")[:2])) >= (3, 1) else {"float_precision": "round_trip"}
-)
-"""What makes pandas read the double that is nearest to the digits: before 3.1 it may take a neighbour of it."""
+INEXACT = tuple(map(int, pd.__version__.split(".")[:2])) < (3, 1)
+"""Whether this pandas, unless told otherwise, may read a neighbour of the double that is nearest to the digits."""
 
 
 def _among(letters: bytes) -> Bool[np.ndarray, " 256"]:
@@ -187,12 +185,13 @@ def _cut(
     block: bytes, headings: Sequence[str], delimiter: str, decimal: str, texts: frozenset[str]
 ) -> pd.DataFrame | None:
     """Cells of even lines; None for what is no UTF-8."""
+    exactly: dict[str, Any] = {"float_precision": "round_trip"} if INEXACT else {}
     try:
         return pd.read_csv(
             io.BytesIO(block), sep=r"\s+" if delimiter == WHITESPACE else delimiter, header=None, names=list(headings),
             na_values=SPELT, keep_default_na=False, decimal="," if decimal == "comma" else ".",
             quoting=csv.QUOTE_NONE, skip_blank_lines=False, low_memory=False, index_col=False,
-            dtype=dict.fromkeys(texts, str), **EXACTLY,
+            dtype=dict.fromkeys(texts, str), **exactly,
         )  # fmt: skip
     except ValueError:
         return None
