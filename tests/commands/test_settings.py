@@ -1,5 +1,7 @@
 """Settings of no group: every one has a kind, and what is of another kind is refused before anything is read."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -86,3 +88,10 @@ def test_the_settings_beside_a_model_are_checked_too(tmp_path):
     (tmp_path / "config.yaml").write_text("format: 1\nseed: much\n")
     with pytest.raises(InputError, match=r"config.yaml: seed=much: expected a whole number"):
         config_beside(tmp_path / "checkpoints" / "best.ckpt", ())
+
+
+def test_what_every_command_loads_first_loads_neither_figures_nor_torch():
+    told = "print(sorted({'matplotlib', 'pandas', 'torch'} & set(sys.modules)))"
+    code = f"import sys, manoeuvre_nn.commands.provenance; {told}"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"

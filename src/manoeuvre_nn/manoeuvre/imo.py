@@ -77,9 +77,8 @@ def _steered_by(recording: Recording, family: str) -> tuple[float, float] | None
     reversals = reversal_times(seen)[0] if seen and family == "zigzag" else []
     if seen is None or (family == "zigzag" and not reversals):
         return None
-    return held_angle(np.abs(seen.rudder)), float(
-        np.median(np.abs(seen.turn(np.array(reversals))))
-    ) if reversals else 0.0
+    heading = float(np.median(np.abs(seen.turn(np.array(reversals))))) if reversals else 0.0
+    return held_angle(np.abs(seen.rudder)), heading
 
 
 def _rows(recording: Recording, found: Mapping[str, float], ship: Particulars, missed: str) -> list[dict[str, Any]]:
