@@ -56,6 +56,19 @@ def test_the_antenna_moves_as_a_point_of_a_rigid_body():
         torch.testing.assert_close(slope, written[rate][1:-1], rtol=0.0, atol=1e-5)
 
 
+def test_converted_positions_are_stretched_along_each_axis_and_turned_clockwise():
+    """A course due east that is turned by 90 deg leads south."""
+    s = turning()
+    true = recorded(s)
+    added = changes("position_conversion", north=1.0, east=-2.0, turn_deg=0.0)
+    assert set(added) == {"x", "y"}
+    torch.testing.assert_close(added["x"], 0.01 * true["x"])
+    torch.testing.assert_close(added["y"], -0.02 * true["y"])
+    turned = made("position_conversion", "mariner", north=0.0, east=0.0, turn_deg=90.0).record(true, s)
+    torch.testing.assert_close(turned["x"], -true["y"])
+    torch.testing.assert_close(turned["y"], true["x"])
+
+
 def test_an_antenna_forward_of_midship_swings_to_starboard_in_a_starboard_turn():
     s = turning()
     added = changes("gps_lever_arm", dx_m=50.0, dy_m=0.0)

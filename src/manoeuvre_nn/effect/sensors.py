@@ -10,6 +10,7 @@ from torch import Tensor
 from manoeuvre_nn.core.effect import Effect, Parameter, Situation
 from manoeuvre_nn.effect.common import ACROSS, LATE, LENGTHWISE
 
+TOO = ("too long", "too short")
 EARTH = 465.1
 """Speed of the equator by the earth's rotation [m/s]."""
 
@@ -120,6 +121,35 @@ class LeverArm(_Sensor):
         forward, starboard = self.value("dx_m"), self.value("dy_m")
         north, east = forward * cos - starboard * sin, forward * sin + starboard * cos
         return add(channels, x=north, y=east, vn=-s.r * east, ve=s.r * north)
+
+
+class PositionConversion(_Sensor):
+    """Positions that were converted wrongly: longer or shorter along an axis, and the grid turned against true north.
+
+    A sphere for the ellipsoid makes up to .7 % along an axis, a wrong latitude anything along the east axis, a grid its
+    scale and its convergence. All are about the origin of the coordinates. Speed over ground, which a receiver finds by
+    itself, is right. A datum that is off by a constant moves all runs alike and shows nowhere.
+    """
+
+    name = "position_conversion"
+    candidate = True
+    label = "an error in the conversion of positions"
+    equations = ("sensor:x", "sensor:y")
+    fingerprint = "The track is longer or shorter than the speed over ground adds up to, by one share along each axis."
+    source = "Snyder 1987, USGS PP 1395: scale factor and convergence of a grid, radii of the ellipsoid"
+    declared = (
+        Parameter("north", "%", -80.0, 400.0, 0.0, 0.5, (0.3, -0.3), sides=TOO),
+        Parameter("east", "%", -80.0, 400.0, 0.0, 0.5, (0.0,), sides=TOO),
+        Parameter("turn_deg", "deg", -180.0, 180.0, 0.0, 1.0, (0.0,), sides=("clockwise", "anticlockwise")),
+    )
+
+    def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
+        """``(x_m, y_m) = R(turn) ((1 + north) x, (1 + east) y)``."""
+        if not {"x", "y"} <= channels.keys():
+            return dict(channels)
+        cos, sin = torch.cos(self.angle("turn_deg")), torch.sin(self.angle("turn_deg"))
+        x, y = (channels[at] * (1 + 0.01 * self.value(name)) for at, name in (("x", "north"), ("y", "east")))
+        return {**channels, "x": x * cos - y * sin, "y": x * sin + y * cos}
 
 
 class WrongFrame(_Sensor):
