@@ -334,19 +334,18 @@ def test_planned_runs_are_predicted_with_bands_and_prove_nothing(monkeypatch):
     columns = ["t", "x", "y", "psi", "u", "v", "r", "u_log"]
     table = pd.DataFrame(1.0, index=range(3), columns=columns)
     run = SimpleNamespace(name="plan", meta={"kind": "zigzag"})
-    known = SimpleNamespace(
-        rows=lambda runs: [0], data_set=SimpleNamespace(combinations=1), mean=np.zeros(2), latency=0.3,
-        corrected=lambda mean: "corrected",
-    )  # fmt: skip
-    asked = []
-    monkeypatch.setattr(forecast, "_known", lambda data_set, chosen: known)
+    known = SimpleNamespace(rows=lambda runs: [0])
+    asked, drawn = [], [table + k for k in range(3)]
+    monkeypatch.setattr(forecast, "known_of", lambda data_set, chosen: known)
     monkeypatch.setattr(forecast, "predict", lambda dynamics, h, runs, *more: asked.append((dynamics, more)) or [table])
-    monkeypatch.setattr(forecast, "_bands", lambda known, runs, warmup: [pd.DataFrame({"x_low": [0.0] * 3})])
+    monkeypatch.setattr(forecast, "drawn_tables", lambda known, there, runs, warmup: [drawn])
+    monkeypatch.setattr(forecast, "_noise", lambda known: dict.fromkeys(forecast.COLUMNS, 0.0))
     monkeypatch.setattr(forecast, "recorded", lambda run, warmup: table.copy())
     chosen = SimpleNamespace(names=(), hypothesis=Hypothesis((), ()))
     question = SimpleNamespace(dynamics="calm", case=SimpleNamespace(planned=[run], warmup=40.0))
     (made,) = forecast.forecasts(question, None, chosen)
-    assert asked == [("calm", (40.0,)), ("corrected", (40.0, 0.3))] and "x_low" in made.after
+    assert asked == [("calm", (40.0,))] and made.before is table
+    assert (made.after.x == 1.0).all() and made.after.x_low.between(2.0, 2.1).all(), "the first is the most likely one"
     assert np.isnan(list(made.rmse_after.values())).all() and made.recorded["t"].notna().all()
     question.case.planned = []
     assert forecast.forecasts(question, None, chosen) == []

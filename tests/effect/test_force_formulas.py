@@ -73,6 +73,16 @@ def test_near_beam_wind_the_drag_from_ahead_goes_over_into_that_from_astern():
     )
 
 
+def test_every_row_that_is_drawn_has_gusts_of_its_own_of_the_same_size():
+    values = dict(speed=8.0, from_deg=70.0, gust_sd=2.0, gust_time_s=25.0, gust_across=0.6)
+    drawn = made("wind_gusty", "mariner", **values).drawn(4000, torch.Generator().manual_seed(1))
+    first, then = (drawn._speed(at("mariner", 5.0, 0.4, psi=2.0, time=time)) - 8.0 for time in (0.0, 25.0))
+    assert float(first.std()) == approx(2.0, rel=0.1) and len(set(first.tolist())) > 3900
+    assert float(torch.corrcoef(torch.stack([first, then]))[0, 1]) == approx(exp(-1), abs=0.06)
+    alone = made("wind_steady", "mariner")
+    assert alone.drawn(3, torch.Generator()) is alone
+
+
 def test_gusts_across_the_wind_come_from_its_right():
     """At any time the wind is a steady one from the sum of both vectors."""
     values = dict(speed=8.0, from_deg=70.0, gust_sd=2.0, gust_time_s=25.0, gust_across=0.6)

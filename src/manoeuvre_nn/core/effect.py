@@ -216,6 +216,10 @@ class Effect(ABC, nn.Module):
         size = self.random[:1]
         return np.where([p.name in size for p in self.declared], 0.0, values)
 
+    def drawn(self, rows: int, generator: torch.Generator) -> "Effect":
+        """The same effect with a random course of its own for every row of a batch; itself where nothing is random."""
+        return self
+
     def at(self, values: Float[Tensor, "*rows p"]) -> "Effect":
         """The same effect with other values [parameters' units]; the copy shares everything else."""
         made = copy.copy(self)

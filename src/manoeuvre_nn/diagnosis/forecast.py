@@ -2,11 +2,11 @@
 
 A band holds what is not known: numbers and coefficients (drawn together from their posterior), the state at the end of
 the warm-up, forces that no hypothesis explains (process noise of the size that the fitted runs need) and the noise of
-the sensors. Of gusts it holds the mean wind alone, and no event has a time in it.
+the sensors. No event has a time in it.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -25,6 +25,7 @@ from manoeuvre_nn.diagnosis.repair import (
     recorded,
     start_state,
     start_state_and_covariance,
+    steady,
     warm_up_end,
 )
 from manoeuvre_nn.diagnosis.result import Proof
@@ -92,16 +93,16 @@ def forecasts(question: Question, data_set: WhitenedDataSet, chosen: FittedHypot
     dynamics, runs, warmup = question.dynamics, question.case.planned, question.case.warmup
     if not runs:
         return []
-    known = _known(refined(data_set, chosen) if chosen.names else data_set, chosen)
+    known = known_of(data_set, chosen)
     there = chosen.hypothesis.in_other_runs(known.rows(runs))
     befores = predict(dynamics, Hypothesis((), ()), runs, warmup)
-    afters = predict(known.corrected(known.mean[: known.data_set.combinations]), there, runs, warmup, known.latency)
+    noise, drawn = _noise(known), drawn_tables(known, there, runs, warmup)
     made = []
-    for run, before, after, band in zip(runs, befores, afters, _bands(known, runs, warmup), strict=True):
+    for run, before, (after, *others) in zip(runs, befores, drawn, strict=True):
         record = recorded(run, warmup)
         record[record.columns[1:]] = np.nan
         none = errors(before, record)
-        made.append(Proof(run.name, run.meta["kind"], record, before, after.join(band), none, none))
+        made.append(Proof(run.name, run.meta["kind"], record, before, after.join(_band(others, noise)), none, none))
     return made
 
 
@@ -113,7 +114,7 @@ def unplaced_events(question: Question, chosen: FittedHypothesis) -> list[str]:
 
 
 @dataclass(frozen=True)
-class _Known:
+class Known:
     """What the fitted runs say of coefficients and numbers.
 
     Attributes:
@@ -142,50 +143,84 @@ class _Known:
         return same_campaigns([prepared.linearised.run for prepared in self.data_set.runs], runs)
 
 
-def _known(data_set: WhitenedDataSet, chosen: FittedHypothesis) -> _Known:
-    """Posterior of everything at the noise that is most likely."""
+def known_of(data_set: WhitenedDataSet, chosen: FittedHypothesis) -> Known:
+    """Posterior of everything at the noise that is most likely, about the states that the hypothesis implies."""
+    data_set = refined(data_set, chosen) if chosen.names else data_set
     level, scatter = chosen.best
     lin = hypothesis_columns(data_set, chosen.hypothesis) if chosen.names else None
     found = MarginalLikelihood(data_set).posterior(lin, level)
     mean, kept = found.mean(scatter), data_set.combinations
     base = kept + len(data_set.runs)
     latency = LATENCY + float(np.mean(mean[kept:base]))
-    return _Known(data_set, chosen, mean[:base], latency, found.covariance(scatter))
+    return Known(data_set, chosen, mean[:base], latency, found.covariance(scatter))
 
 
-def _bands(known: _Known, runs: Sequence[Recording], warmup: float) -> list[pd.DataFrame]:
-    """Columns x_low, x_high, ... of every planned run."""
+def drawn_tables(
+    known: Known, there: Hypothesis, runs: Sequence[Recording], warmup: float, every: int = 1
+) -> list[list[pd.DataFrame]]:
+    """Free runs with everything that is not known drawn, sensors' noise excepted.
+
+    Args:
+        known: What the fitted runs say, see :func:`known_of`.
+        there: What was found, in these runs; times of events are its own.
+        runs: The runs.
+        warmup: End of the warm-up [s].
+        every: Samples of the runs from one step to the next.
+
+    Returns:
+        Per run tables as :func:`~manoeuvre_nn.diagnosis.repair.predict` gives: the most likely one, then
+        :data:`DRAWS`.
+    """
     g, data_set, chosen = np.random.default_rng(SEED), known.data_set, known.chosen
     off = g.multivariate_normal(np.zeros(len(known.covariance)), known.covariance, DRAWS, method="eigh")
-    kept = data_set.combinations
+    off, kept, rows = np.vstack([0 * off[:1], off]), data_set.combinations, known.rows(runs)
     numbers = off[:, kept + len(data_set.runs) :]
     driving = known.corrected(np.tile(known.mean[:kept] + off[:, :kept], (len(runs), 1)))
     draws = [chosen.hypothesis.within_bounds(chosen.hypothesis.vector() + change) for change in numbers]
-    values = tuple(
-        np.concatenate([d.in_other_runs([row]).values[k] for row in known.rows(runs) for d in draws])
-        for k in range(len(chosen.hypothesis.effects))
-    )
-    every = Hypothesis(chosen.hypothesis.effects, values, chosen.hypothesis.fixed)
-    starts = np.concatenate([_starts(g, known, run, warmup, numbers) for run in runs])
-    begin, step, time = warm_up_end(runs[0], warmup), runs[0].step, process_time(data_set.dynamics)
+    draws[0] = steady(chosen.hypothesis)
+    drawn = _in_turn([_timed(d.in_other_runs([row]), there.of_runs([k])) for k, row in enumerate(rows) for d in draws])
+    starts = np.concatenate([_starts(g, known, run, warmup, numbers, there.of_runs([k])) for k, run in enumerate(runs)])
+    begin, process = warm_up_end(runs[0], warmup), process_time(data_set.dynamics)
+    first = int(np.searchsorted(runs[0].time, begin - 1e-9)) % every
+    copies = [thin for thin in (run.rows(slice(first, None, every)) for run in runs) for _ in draws]
     size = data_set.levels[chosen.best[0]][[0, 1, 1, 1]][: len(data_set.unit)] * data_set.unit
-    instants = step * np.arange(max(len(run) for run in runs))
-    pushes = size * drawn_process(g, instants, time, (len(starts), len(size)))
-    pushed = _Pushed(driving, torch.tensor(pushes), begin, step)
-    copies = [run for run in runs for _ in range(DRAWS)]
-    tables = free_runs(data_set.dynamics, every, copies, starts, warmup, known.latency, pushed)
-    noise = _noise(known)
-    return [_band(tables[k * DRAWS : (k + 1) * DRAWS], noise) for k in range(len(runs))]
+    instants = copies[0].step * np.arange(max(len(run) for run in copies))
+    pushes = size * drawn_process(g, instants, process, (len(starts), len(size)))
+    pushes[:, :: len(draws)] = 0.0
+    pushed = _Pushed(driving, torch.tensor(pushes), begin, copies[0].step)
+    tables = free_runs(data_set.dynamics, drawn, copies, starts, warmup, known.latency, pushed)
+    return [tables[k * len(draws) : (k + 1) * len(draws)] for k in range(len(runs))]
+
+
+def _timed(numbers: Hypothesis, there: Hypothesis) -> Hypothesis:
+    """A hypothesis with the times of events of another."""
+    values = tuple(
+        np.where([p.per_run for p in effect.declared], theirs, mine)
+        for effect, mine, theirs in zip(numbers.effects, numbers.values, there.values, strict=True)
+    )
+    return replace(numbers, values=values)
+
+
+def _in_turn(each: Sequence[Hypothesis]) -> Hypothesis:
+    """One hypothesis of many rows, each with gusts of its own."""
+    values = tuple(np.concatenate(of_effect) for of_effect in zip(*(h.values for h in each), strict=True))
+    chance = torch.Generator().manual_seed(SEED)
+    effects = tuple(effect.drawn(len(each), chance) for effect in each[0].effects)
+    return Hypothesis(effects, values, each[0].fixed)
 
 
 def _starts(
-    g: np.random.Generator, known: _Known, run: Recording, warmup: float, numbers: Float[np.ndarray, "draws m"]
+    g: np.random.Generator,
+    known: Known,
+    run: Recording,
+    warmup: float,
+    numbers: Float[np.ndarray, "draws m"],
+    there: Hypothesis,
 ) -> Float[np.ndarray, "draws k"]:
-    """States at the end of a run's warm-up: they go with the numbers drawn and scatter as its samples leave them."""
+    """States at the end of a run's warm-up: they go with the numbers and scatter, but for the first."""
     chosen, latency, dynamics = known.chosen, known.latency, known.corrected(known.mean[: known.data_set.combinations])
     warm = run.between(0.0, warm_up_end(run, warmup))
     row = known.rows([run])
-    there = chosen.hypothesis.in_other_runs(row)
     mean, covariance = start_state_and_covariance(dynamics, there, warm, latency)
     spread = np.zeros((len(mean), len(mean)))
     spread[: len(covariance), : len(covariance)] = covariance
@@ -195,11 +230,13 @@ def _starts(
         nudged = chosen.hypothesis.within_bounds(chosen.hypothesis.vector() + step)
         size = float((nudged.vector() - chosen.hypothesis.vector())[k])
         if abs(size) > 1e-9 * error:
-            slopes[k] = (start_state(dynamics, nudged.in_other_runs(row), warm, latency) - mean) / size
-    return mean + numbers @ slopes + g.multivariate_normal(np.zeros(len(mean)), spread, len(numbers), method="eigh")
+            slopes[k] = (start_state(dynamics, _timed(nudged.in_other_runs(row), there), warm, latency) - mean) / size
+    chance = g.multivariate_normal(np.zeros(len(mean)), spread, len(numbers), method="eigh")
+    chance[0] = 0.0
+    return mean + numbers @ slopes + chance
 
 
-def _noise(known: _Known) -> dict[str, float]:
+def _noise(known: Known) -> dict[str, float]:
     """Standard deviation of a single sample about the repaired model's states, in the units of a prediction."""
     data_set, kept, squares = known.data_set, known.data_set.combinations, []
     lin = hypothesis_columns(data_set, known.chosen.hypothesis) if known.chosen.names else None

@@ -54,7 +54,7 @@ def predict(
     Returns:
         Per run: t, x, y [m], psi [deg, continuous], u, v [m/s] along and across the recorded heading, r [deg/s], u_log.
     """
-    hypothesis = _steady(hypothesis)
+    hypothesis = steady(hypothesis)
     starts = np.stack(_starts(dynamics, hypothesis, runs, warmup, latency))
     return free_runs(dynamics, hypothesis, runs, starts, warmup, latency)
 
@@ -80,7 +80,7 @@ def predict_corrected(
     Returns:
         What :func:`predict` gives for the model, and for the model with its corrections.
     """
-    hypothesis, rows = _steady(hypothesis), [row for row in range(len(runs)) for _ in range(2)]
+    hypothesis, rows = steady(hypothesis), [row for row in range(len(runs)) for _ in range(2)]
     alone, corrected = (_starts(d, hypothesis, runs, warmup, latency) for d in (dynamics, Calibrated(dynamics, shares)))
     starts = np.stack([start for both in zip(alone, corrected, strict=True) for start in both])
     driving = Calibrated(dynamics, torch.stack([torch.zeros_like(shares), shares]).repeat(len(runs), 1))
@@ -89,7 +89,7 @@ def predict_corrected(
     return made[::2], made[1::2]
 
 
-def _steady(hypothesis: Hypothesis) -> Hypothesis:
+def steady(hypothesis: Hypothesis) -> Hypothesis:
     """Of gusts only the size is known: a prediction is the mean over their courses, which is the steady wind."""
     steady = tuple(e.steady(v) for e, v in zip(hypothesis.effects, hypothesis.values, strict=True))
     return replace(hypothesis, values=steady)

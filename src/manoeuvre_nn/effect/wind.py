@@ -148,6 +148,8 @@ class GustyWind(_TrueWind):
 
     gusts: Tensor
     swings: Tensor
+    begin: Tensor
+    """Where the realisation begins [correlation times], one or one a row."""
 
     def __init__(self, ship: Ship, kind: str | None = None, seed: int = 0, **values: float) -> None:
         """Draw the gusts.
@@ -167,6 +169,13 @@ class GustyWind(_TrueWind):
             kicks[1:] *= sqrt(1 - decay**2)
             series = lfilter([1.0], [1.0, -decay], kicks).tolist()
             self.register_buffer(name, self.values.new_tensor(series), persistent=False)
+        self.register_buffer("begin", self.values.new_zeros(()), persistent=False)
+
+    def drawn(self, rows: int, generator: torch.Generator) -> Effect:
+        """The same wind whose gusts begin anywhere in the realisation, in every row of a batch elsewhere."""
+        made = self.at(self.values)
+        made._buffers["begin"] = self.LAST * torch.rand(rows, generator=generator, dtype=torch.float64).to(self.values)
+        return made
 
     def _speed(self, s: Situation) -> Tensor:
         """Speed of the true wind along its mean direction at every sample [m/s]."""
@@ -178,6 +187,6 @@ class GustyWind(_TrueWind):
 
     def _course(self, s: Situation, series: Tensor) -> Tensor:
         """A realisation at every sample [-]."""
-        place = torch.remainder(s.time / self.value("gust_time_s"), self.LAST) / self.STEP
+        place = torch.remainder(s.time / self.value("gust_time_s") + self.begin, self.LAST) / self.STEP
         low = place.detach().floor().long().clamp(max=len(series) - 2)
         return series[low] + (place - low) * (series[low + 1] - series[low])
