@@ -4,13 +4,20 @@ import numpy as np
 import pytest
 from pytest import approx
 from strangers import Stranger, asked, calm_only, of, strange_runs
+from trials import CALM, SHIP
 
 from manoeuvre_nn.diagnosis.diagnose import diagnose
-from manoeuvre_nn.diagnosis.predictive import calm_check, tail
+from manoeuvre_nn.diagnosis.predictive import calm_check, repaired_check, tail
+from manoeuvre_nn.diagnosis.proof import in_held_out_runs
+from manoeuvre_nn.diagnosis.search import search
+from manoeuvre_nn.effect.rudder import RudderOffset
+from manoeuvre_nn.effect.sensors import LeverArm, LogScale, PositionConversion
+from manoeuvre_nn.estimation.data_set import whitened_data_set
 from manoeuvre_nn.estimation.process_noise import drawn_process
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 NAME = "calm water sails these runs"
+SHELF = [PositionConversion(SHIP), LogScale(SHIP), LeverArm(SHIP)]
 
 
 def test_what_acts_in_the_held_out_run_alone_is_a_mismatch_without_a_name():
@@ -32,6 +39,28 @@ def test_clean_runs_show_the_check_that_they_passed():
     d = diagnose(asked(strange_runs(1)))
     (check,) = d.checks
     assert d.verdict == "none" and check.name == NAME and check.passed and "p = " in check.text
+
+
+def test_a_repaired_model_must_sail_the_held_out_runs_too():
+    """With its offset of the rudder it does; where positions were converted by 1 % too long it misses what it should
+    not, although it is better than calm water by far."""
+    runs = strange_runs(3, RudderOffset(SHIP, offset_deg=2.0))
+    question = asked(runs, [RudderOffset(SHIP)])
+    tried = search(whitened_data_set(CALM, question.case.fitted), question.effects)
+    last = runs[-1]
+    stretched = asked([*runs[:-1], last.with_channels(x=1.01 * last["x"], y=1.01 * last["y"])], question.effects)
+    for here, passes in ((question, True), (stretched, False)):
+        check = repaired_check(here, tried, tried.fitted[0], in_held_out_runs(here, tried.fitted[0]).hypothesis)
+        assert check.passed is passes, check.text
+    assert " x of " in check.text or " y of " in check.text
+
+
+def test_positions_that_were_converted_wrongly_are_named_by_how_much():
+    """A quarter of a per cent: 37 times the noise after an hour."""
+    d = diagnose(asked(strange_runs(3, PositionConversion(SHIP, north=0.24, east=0.24)), SHELF))
+    assert d.model == ["position_conversion"] and "% too long" in d.sentence
+    found = {v.name: v.value for v in d.causes[0].parameters}
+    assert [found["north"], found["east"]] == approx([0.24, 0.24], abs=0.1)
 
 
 def test_the_tail_goes_on_where_draws_end():

@@ -8,9 +8,9 @@ import torch
 from pytest import approx
 from trials import CALM, CIRCLE, NOISE, PORT, SHIP, ZIGZAG, run_of, runs, sailed, values
 
+from manoeuvre_nn.diagnosis.fits import single
 from manoeuvre_nn.diagnosis.gusts import fitted_gusts
 from manoeuvre_nn.diagnosis.locate import Shape, changes, residuals
-from manoeuvre_nn.diagnosis.search import single
 from manoeuvre_nn.diagnosis.windows import best_windows
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.local import SideForce

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 from pytest import approx
+from strangers import strange_runs
 from trials import CALM, NOISE, SHIP, run_of, runs, unchecked
 
 from manoeuvre_nn.core.channels import MEASURED
@@ -16,9 +17,10 @@ from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.diagnosis.case import Case, Question
 from manoeuvre_nn.diagnosis.causes import _when
+from manoeuvre_nn.diagnosis.fits import single
 from manoeuvre_nn.diagnosis.forecast import unplaced_events
 from manoeuvre_nn.diagnosis.proof import in_held_out_runs
-from manoeuvre_nn.diagnosis.search import _with_other_forms, search, single
+from manoeuvre_nn.diagnosis.search import _with_other_forms, search
 from manoeuvre_nn.diagnosis.windows import replaced, times_of
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.vessel import Vessel
@@ -267,3 +269,16 @@ def test_times_that_the_data_do_not_say_are_no_evidence():
     effect = SideForce(SHIP, force_kN=1e-4, start_s=150.0, end_s=290.0)
     nothing = likelihood.evaluate(Hypothesis((effect,), (np.tile(effect.values.numpy(), (2, 1)),)))
     assert nothing.evidence < likelihood.evaluate(Hypothesis((), ())).evidence + 0.5
+
+
+@pytest.mark.parametrize("force_kN", [-600.0, -2500.0])
+def test_a_force_of_any_size_is_placed_in_all_runs_that_were_not_used(force_kN):
+    """As long as one of two such runs lacks it, coefficients that are off by far explain both better than it does."""
+    records = strange_runs(6, SideForce(SHIP, force_kN=force_kN, lever_m=60.0, start_s=150.0, end_s=300.0))
+    case = Case("strange", "mariner", tuple(records), SHIP, frozenset({r.name for r in records[1:]}))
+    asked = Question(case, CALM, [SideForce(SHIP)])
+    fitted = search(whitened_data_set(CALM, case.fitted), asked.effects).fitted[0]
+    there = in_held_out_runs(asked, fitted).hypothesis
+    assert [times_of(there.effects[0], values) for values in there.values[0]] == [
+        (approx((150.0, 300.0), abs=2.0),)
+    ] * 2

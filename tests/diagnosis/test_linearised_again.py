@@ -13,12 +13,15 @@ from trials import CALM, CIRCLE, NOISE, PORT, SHIP, ZIGZAG, run_of, runs
 
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.diagnosis.case import Case, Question
+from manoeuvre_nn.diagnosis.fits import at_rest
 from manoeuvre_nn.diagnosis.proof import in_held_out_runs
-from manoeuvre_nn.diagnosis.search import at_rest, search
+from manoeuvre_nn.diagnosis.search import search
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.vessel import Vessel
-from manoeuvre_nn.effect.rudder import RudderDelay, RudderOffset
-from manoeuvre_nn.effect.sensors import RateBias
+from manoeuvre_nn.effect.current import Current
+from manoeuvre_nn.effect.propulsion import PropellerPitchError
+from manoeuvre_nn.effect.rudder import RudderAreaLoss, RudderDelay, RudderOffset
+from manoeuvre_nn.effect.sensors import HeadingBias, LeverArm, LogScale, RateBias
 from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.estimation.corrections import Calibrated, CoefficientPrior, Corrections
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet, base_columns, whitened_data_set
@@ -79,13 +82,25 @@ def test_held_out_runs_judge_an_effect_about_its_own_states_and_on_the_corrected
     assert in_held_out_runs(asked, true).evidence > in_held_out_runs(asked, less).evidence + 10
 
 
-def test_a_hypothesis_that_would_need_another_ship_is_not_linearised_about_her():
+def test_a_hypothesis_that_would_need_another_ship_is_linearised_about_its_states_and_the_published_one():
     """Calm water for a rate gyro that is off by far: no coefficients make a track of it."""
     stood = whitened_data_set(CALM, runs([CIRCLE, PORT], [RateBias(SHIP, bias_deg_s=3.0)]))
     calm = MarginalLikelihood(stood).evaluate(NONE)
     assert np.abs(calm.corrections).max() > MAX_CORRECTION
-    data_set, found = at_rest(stood, calm)
-    assert data_set is stood and found.evidence == calm.evidence
+    there = refined(stood, calm)
+    assert all(p.linearised.rate.dynamics is CALM for p in there.runs)
+    assert change_of_states(stood, there, calm.best[0]) > STATES_AT_REST
+
+
+def test_of_two_large_effects_both_are_found_although_calm_water_is_far_off():
+    """A rudder without most of its area and a propeller with little thrust: about states that were found with any force
+    allowed neither explains anything, and coefficients that are off by half explain them together."""
+    acting = [RudderAreaLoss(SHIP, fraction=0.8), PropellerPitchError(SHIP, fraction=0.6)]
+    data_set = whitened_data_set(CALM, runs([CIRCLE, ZIGZAG], acting))
+    others = [LeverArm(SHIP), HeadingBias(SHIP), LogScale(SHIP), Current(SHIP)]
+    found = search(data_set, [RudderAreaLoss(SHIP), PropellerPitchError(SHIP), *others]).fitted[0]
+    assert set(found.names) == {"rudder_area_loss", "propeller_pitch_error"}
+    assert sorted(found.hypothesis.vector()) == approx([0.6, 0.8], abs=0.05)
 
 
 def test_an_effect_acts_on_the_ship_as_her_corrected_coefficients_say():

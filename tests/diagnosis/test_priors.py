@@ -7,7 +7,7 @@ from fleet import unchecked
 from pytest import approx
 from trials import CALM, CIRCLE, NOISE, SHIP, ZIGZAG, run_of, runs
 
-from manoeuvre_nn.diagnosis.search import single
+from manoeuvre_nn.diagnosis.fits import single
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.current import Current

@@ -12,7 +12,8 @@ from searches import EFFECTS, fitted, found
 from manoeuvre_nn.diagnosis import alarm, checks
 from manoeuvre_nn.diagnosis import decision as under_test
 from manoeuvre_nn.diagnosis.decision import PRIOR_NONE, PRIOR_OF_SIZE, PRIOR_UNKNOWN, Decision, settled
-from manoeuvre_nn.diagnosis.search import PUBLISHED_SD_LEVEL, worth_its_size
+from manoeuvre_nn.diagnosis.fits import PUBLISHED_SD_LEVEL
+from manoeuvre_nn.diagnosis.search import worth_its_size
 from manoeuvre_nn.effect.rudder import RudderOffset
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS
 
@@ -175,12 +176,16 @@ def test_what_was_not_proved_stays_below_one_half_and_what_was_does_not(named, s
 def test_where_free_runs_miss_calm_water_the_best_effect_is_claimed_from_three_on(gain, claimed):
     best = fitted(gain - 5.0, "current")
     d = Decision(False, False, 0.8, 0.05, {"current": 0.15}, best, {}, formula=None)
-    missed = d.without_calm_water(found(none=-5.0))
+    missed = d.without_calm_water(found(best, fitted(-9.0, "log_scale"), none=-5.0))
     assert missed.strange and missed.none == approx(0.4, abs=0.03)
     assert missed.none + missed.unknown + missed.effects["current"] == approx(1.0)
     assert missed.unknown / missed.effects["current"] == approx(1 / 3)
     assert missed.claims == [best] * len(claimed)
     assert replace(d, none=0.2).without_calm_water(found()).none == 0.2
+    several = [
+        fitted(-0.5 - 0.2 * k, name) for k, name in enumerate(("current", "log_scale", "rudder_offset", "heading_bias"))
+    ]
+    assert d.without_calm_water(found(*several, none=-5.0)).claims == several[:3], "runs that were not used decide"
 
 
 RACES = [

@@ -8,8 +8,9 @@ import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.diagnosis.alarm import MIN_GAIN_OF_UNKNOWN, MIN_GAIN_TO_TRY, raised
+from manoeuvre_nn.diagnosis.fits import at_rest
 from manoeuvre_nn.diagnosis.formula import short_formula
-from manoeuvre_nn.diagnosis.search import MIN_GAIN_OF_SINGLE, SearchResult, at_rest, worth_its_size
+from manoeuvre_nn.diagnosis.search import MIN_GAIN_OF_SINGLE, SearchResult, worth_its_size
 from manoeuvre_nn.diagnosis.unknown import unknown_evidence
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.effect.formula import Formula
@@ -68,7 +69,7 @@ class Decision:
             at_work = Formula.name in chosen.names or (self.strange and not chosen.names)
             return max(probability, MIN_UNKNOWN) if at_work else probability
         unproved = name not in chosen.names and (self.named or self.strange)
-        if name in chosen.names and not self.named:
+        if name in chosen.names:
             return max(self.effects[name], MIN_UNKNOWN)
         return min(self.effects[name], MAX_UNPROVED) if unproved else self.effects[name]
 
@@ -79,12 +80,12 @@ class Decision:
             result: The search.
 
         Returns:
-            Something acts; the best hypothesis with a name may be claimed if there is any evidence for it.
+            Something acts; the best hypotheses with a name may be claimed if there is any evidence for them.
         """
         calm = min(self.none, 1 - MIN_CALM_WITHOUT_ALARM)
         share = (1 - calm) / max(1 - self.none, 1e-12)
         least = result.none.evidence + MIN_GAIN_OF_SINGLE
-        likely = [self.best] if self.best is not None and self.best.evidence > least else []
+        likely = [j for j in _worthy(result) if j.evidence > least][:MAX_IN_RACE]
         return replace(
             self,
             strange=True,
@@ -161,13 +162,20 @@ def _log_weights(
 def _claims(
     result: SearchResult, best: FittedHypothesis | None, formula: FittedHypothesis | None, strange: bool
 ) -> list[FittedHypothesis]:
-    """The best hypothesis with a name, of several effects the better ones, then a formula for something unknown."""
+    """The best hypothesis with a name and its rivals, of several effects the better ones, a formula for the unknown."""
     claims = [] if best is None else [best]
     for size in range(len(best.names) - 1 if best else 0, 0, -1):
         claims += [j for j in result.fitted if len(j.names) == size and set(j.names) < set(claims[-1].names)][:1]
+    claims[1:1] = [] if best is None else [j for j in _worthy(result) if are_rivals(best, j)][: MAX_IN_RACE - 1]
     if formula is not None and (strange or formula.evidence > result.none.evidence + MIN_GAIN_OF_UNKNOWN):
         claims.append(formula)
     return claims
+
+
+def are_rivals(leading: FittedHypothesis, other: FittedHypothesis) -> bool:
+    """Whether the fitted runs alone do not settle it: as many effects, not the same ones, and hardly less evidence."""
+    close = other.evidence > leading.evidence - MAX_DEFICIT_IN_RACE
+    return close and len(other.names) == len(leading.names) and set(other.names) != set(leading.names)
 
 
 def _worthy(result: SearchResult) -> list[FittedHypothesis]:

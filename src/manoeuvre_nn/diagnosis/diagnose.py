@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,15 +10,16 @@ from manoeuvre_nn.diagnosis import checks as checking
 from manoeuvre_nn.diagnosis.alarm import MIN_GAIN_TO_TRY, least_gain
 from manoeuvre_nn.diagnosis.case import Question
 from manoeuvre_nn.diagnosis.causes import causes_of
-from manoeuvre_nn.diagnosis.decision import decide, settled
+from manoeuvre_nn.diagnosis.decision import are_rivals, decide, settled
+from manoeuvre_nn.diagnosis.fits import at_rest
 from manoeuvre_nn.diagnosis.forecast import forecasts, unplaced_events
 from manoeuvre_nn.diagnosis.locate import MAX_PROCESS_NOISE, residuals, sites, statements
 from manoeuvre_nn.diagnosis.nature import nature_of
-from manoeuvre_nn.diagnosis.predictive import calm_check
+from manoeuvre_nn.diagnosis.predictive import calm_check, repaired_check
 from manoeuvre_nn.diagnosis.proof import in_held_out_runs, prove
 from manoeuvre_nn.diagnosis.remainder import is_left, with_remainder
 from manoeuvre_nn.diagnosis.result import Cause, Check, Diagnosis, Proof, Residual
-from manoeuvre_nn.diagnosis.search import MIN_GAIN_OF_SECOND, Progress, SearchResult, at_rest, search
+from manoeuvre_nn.diagnosis.search import MIN_GAIN_OF_SECOND, Progress, SearchResult, search
 from manoeuvre_nn.diagnosis.words import (
     labels,
     left_open,
@@ -110,36 +111,90 @@ Proved = tuple[FittedHypothesis, list[Proof], list[Check]]
 
 def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypothesis]) -> Proved:
     """The first claim that predicts runs which it has not seen better; calm water if none does."""
-    data_set, none = tried.likelihood.data_set, tried.none
+    none = tried.none
     checks: list[Check] = []
     proofs = prove(question, none, none.hypothesis)
     before, calm = _cost(question, [p.rmse_before for p in proofs]), in_held_out_runs(question, none).evidence
     for claim in claims:
-        # Strong gusts explain what a fit without them would lay on the mean wind.
-        j = claim if _turns(claim.hypothesis) else at_rest(data_set, claim)[1]
-        there = in_held_out_runs(question, j)
-        made = prove(question, j, there.hypothesis, proofs)
-        # The errors of a fitted model may look like an effect, and one formula of hundreds like anything.
-        least = PROVED if is_fitted(data_set.dynamics) or Formula.name in j.names else REFUTED
-        after, gain = _cost(question, [p.rmse_after for p in made]), there.evidence - calm
-        enough = claim.evidence - none.evidence + gain > least_gain(claim)
-        better = gain > least and after < MAX_ERROR_GROWTH * before
-        tested = bool(made) and _acts(there.hypothesis)
-        foretold = enough and (better or not tested)
-        helped = foretold and _last_effect_helps(question, claim, there.evidence, claims)
-        fewer = "; fewer of these effects do as well" if foretold and not helped else ""
-        text = (
-            f"with {labels(j)} the error of free runs goes from {before:.2f} to {after:.2f} ({_unit(question)}), "
-            f"and the log evidence of the held-out runs by {gain:+.0f}{fewer}"
-        )
-        untested = f"{labels(j)} did not act in a held-out run" if made else "no held-out run"
-        checks.append(Check("held-out gain", helped, text if tested else f"{untested}: not proved"))
-        if helped:
-            return j, made, [*checks, *checking.checks(tried, claim)]
+        tried_here = _put_to_proof(question, tried, claim, claims, (proofs, before, calm))
+        checks.append(tried_here.check)
+        if not tried_here.helped:
+            continue
+        # What the fitted runs leave open others may settle.
+        rivals = [c for c in claims if Formula.name not in (*c.names, *claim.names) and are_rivals(claim, c)]
+        for rival in rivals:
+            other = _put_to_proof(question, tried, rival, claims, (proofs, before, calm))
+            checks.append(other.check)
+            if other.helped and other.evidence > tried_here.evidence:
+                tried_here = other
+        sailed = [repaired_check(question, tried, tried_here.fitted, tried_here.there)] if tried_here.acted else []
+        return tried_here.fitted, tried_here.proofs, [*checks, *sailed, *checking.checks(tried, tried_here.fitted)]
     # Nothing is missing, but coefficients may be off within their scatter.
     corrected = prove(question, none, none.hypothesis, proofs) if proofs else []
     better = _cost(question, [p.rmse_after for p in corrected]) < before
     return none, corrected if better else proofs, checks
+
+
+@dataclass(frozen=True)
+class _Tried:
+    """A claim that was put to the proof.
+
+    Attributes:
+        fitted: It, about its own states.
+        there: It, in the held-out runs.
+        proofs: These, predicted with it.
+        check: What came out.
+        acted: Whether any of it acts in a held-out run.
+        evidence: Log evidence of fitted and held-out runs together.
+    """
+
+    fitted: FittedHypothesis
+    there: Hypothesis
+    proofs: list[Proof]
+    check: Check
+    acted: bool
+    evidence: float
+
+    @property
+    def helped(self) -> bool:
+        """Whether it passed."""
+        return self.check.passed
+
+
+def _put_to_proof(
+    question: Question,
+    tried: SearchResult,
+    claim: FittedHypothesis,
+    claims: Sequence[FittedHypothesis],
+    calm_water: tuple[list[Proof], float, float],
+) -> _Tried:
+    """One claim, against calm water's predictions, their error, and its log evidence in the held-out runs."""
+    (proofs, before, calm), data_set = calm_water, tried.likelihood.data_set
+    # Strong gusts explain what a fit without them would lay on the mean wind.
+    j = claim if _turns(claim.hypothesis) else at_rest(data_set, claim)[1]
+    there = in_held_out_runs(question, j)
+    made = prove(question, j, there.hypothesis, proofs)
+    # The errors of a fitted model may look like an effect, and one formula of hundreds like anything.
+    least = PROVED if is_fitted(data_set.dynamics) or Formula.name in j.names else REFUTED
+    after, gain = _cost(question, [p.rmse_after for p in made]), there.evidence - calm
+    alone = [p.rmse_alone for p in made if p.rmse_alone]
+    if after >= MAX_ERROR_GROWTH * before and alone and _cost(question, alone) < after:
+        # Coefficients as corrected by the fitted runs do not hold in others: the effects may.
+        made = prove(question, replace(j, corrections=0 * j.corrections), there.hypothesis, proofs)
+        after = _cost(question, [p.rmse_after for p in made])
+    enough = claim.evidence - tried.none.evidence + gain > least_gain(claim)
+    better = gain > least and after < MAX_ERROR_GROWTH * before
+    tested = bool(made) and _acts(there.hypothesis)
+    foretold = enough and (better or not tested)
+    helped = foretold and _last_effect_helps(question, claim, there.evidence, claims)
+    fewer = "; fewer of these effects do as well" if foretold and not helped else ""
+    text = (
+        f"with {labels(j)} the error of free runs goes from {before:.2f} to {after:.2f} ({_unit(question)}), "
+        f"and the log evidence of the held-out runs by {gain:+.0f}{fewer}"
+    )
+    untested = f"{labels(j)} did not act in a held-out run" if made else "no held-out run"
+    check = Check("held-out gain", helped, text if tested else f"{untested}: not proved")
+    return _Tried(j, there.hypothesis, made, check, tested, claim.evidence + there.evidence)
 
 
 def _acts(hypothesis: Hypothesis) -> bool:

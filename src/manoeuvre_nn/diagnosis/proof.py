@@ -7,10 +7,10 @@ import numpy as np
 import pandas as pd
 
 from manoeuvre_nn.diagnosis.case import Question
+from manoeuvre_nn.diagnosis.fits import at_rest, refine
 from manoeuvre_nn.diagnosis.gusts import gusty_evidence
 from manoeuvre_nn.diagnosis.repair import predict, predict_corrected, recorded
 from manoeuvre_nn.diagnosis.result import Proof
-from manoeuvre_nn.diagnosis.search import at_rest, refine
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.estimation.data_set import LATENCY, same_campaigns
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis

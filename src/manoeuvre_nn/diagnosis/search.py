@@ -6,26 +6,20 @@ from itertools import product
 from math import inf
 
 import numpy as np
-from jaxtyping import Float
 
 from manoeuvre_nn.core.effect import Effect
+from manoeuvre_nn.diagnosis.fits import PUBLISHED_SD_LEVEL, at_rest, refine, single
 from manoeuvre_nn.diagnosis.gusts import fitted_gusts
-from manoeuvre_nn.diagnosis.windows import best_windows, replaced
+from manoeuvre_nn.diagnosis.windows import best_windows
 from manoeuvre_nn.diagnosis.workers import shared_out
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet, quiet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.relinearise import (
-    MAX_PASSES,
-    STATES_AT_REST,
     beside,
-    change_of_states,
-    refined,
     with_likely_coefficient_prior,
 )
 
-MAX_FIRST_DEFICIT = 30.0
-"""Log evidence by which a candidate may lie behind calm water after its first fit, made at calm water's noise."""
 MIN_GAIN_TO_RELINEARISE = 12.0
 """Evidence of the best effect over calm water from which everything is linearised again about its states; below it,
 everything is about those of calm water."""
@@ -37,8 +31,6 @@ MIN_GAIN_OF_SINGLE = 3.0
 """Evidence of an effect over calm water from which it is combined with others."""
 MIN_GAIN_OF_SECOND = 6.0
 """Least log evidence that a second or third effect must add, to the best without it and to what raises the alarm."""
-PUBLISHED_SD_LEVEL = 2
-"""Level of the coefficients' standard deviation that published sets have, 3 %."""
 Progress = Callable[[str], None]
 
 
@@ -76,24 +68,36 @@ def search(
     likelihood = MarginalLikelihood(with_likely_coefficient_prior(data_set, none))
     data_set.release()
     none = likelihood.evaluate(Hypothesis((), ()), around=none.best[0])
+    # Where calm water is far off, so are the states that were found with any force allowed: linearised about them
+    # nothing may explain the recordings.
+    rested = at_rest(likelihood.data_set, none)
+    everywhere = [(likelihood, none)]
+    if rested[1].evidence > none.evidence + MIN_GAIN_TO_RELINEARISE:
+        likelihood, none = MarginalLikelihood(rested[0]), rested[1]
+        everywhere.append((likelihood, none))
 
     # A gusty wind is a variant of what a steady wind explains: see below.
     plain, variants = [e for e in effects if not e.variant_of], [e for e in effects if e.variant_of]
 
     def alone(number: int) -> FittedHypothesis:
-        return single(likelihood, plain[number], none)
+        there, calm = everywhere[number // len(plain)]
+        return single(there, plain[number % len(plain)], calm)
 
     singles = []
-    for effect, found in zip(plain, shared_out(alone, len(plain), workers), strict=True):
-        progress(effect.name)
+    count = len(everywhere) * len(plain)
+    for number, found in enumerate(shared_out(alone, count, workers)):
+        progress(plain[number % len(plain)].name)
         singles.append(found)
+    if len(everywhere) > 1:
+        singles = _about_own_states([there.data_set for there, _ in everywhere], singles)
     singles.sort(key=lambda j: -j.evidence)
     if singles:
         progress("second linearisation")
         clear = singles[0].evidence > none.evidence + MIN_GAIN_TO_RELINEARISE
         likelihood, none, singles = _again(likelihood, none, singles, workers, singles[0] if clear else none)
     fitted = _with_other_forms(likelihood, singles, plain)
-    leading = [s for s in fitted if s.evidence > none.evidence + MIN_GAIN_OF_SINGLE] or _beside_published(none, fitted)
+    leading = [s for s in fitted if s.evidence > none.evidence + MIN_GAIN_OF_SINGLE][:MAX_BUILT_UPON]
+    leading += _beside_published(none, fitted)
     for size in range(2, MAX_EFFECTS + 1):
         singles = [j for j in fitted if len(j.names) == 1]
         more = list(_extended(likelihood, leading, singles, progress, workers))
@@ -103,7 +107,7 @@ def search(
             progress(f"linearisation about {' + '.join(fitted[0].names)}")
             likelihood, none, fitted = _again(likelihood, none, fitted, workers, fitted[0])
         known = {frozenset(j.names): j.evidence for j in fitted}
-        leading = [j for j in fitted if len(j.names) == size and worth_its_size(j, known)]
+        leading = [j for j in fitted if len(j.names) == size and worth_its_size(j, known)][:MAX_BUILT_UPON]
     for variant in variants:
         steady = variant.variant_of
         windy = [j for j in fitted[:MAX_BUILT_UPON] if steady in j.names and j.evidence > none.evidence]
@@ -117,8 +121,22 @@ def search(
     return SearchResult(none, fitted, likelihood)
 
 
+def _about_own_states(
+    data_sets: Sequence[WhitenedDataSet], singles: Sequence[FittedHypothesis]
+) -> list[FittedHypothesis]:
+    """Fits of every effect, made about the states of each data set in turn: one an effect, the best about its own."""
+    count = len(singles) // len(data_sets)
+    of_each: dict[tuple[str, ...], FittedHypothesis] = {}
+    for k, data_set in enumerate(data_sets):
+        made = sorted(singles[k * count : (k + 1) * count], key=lambda j: -j.evidence)
+        for j in [*(at_rest(data_set, j)[1] for j in made[:MAX_BUILT_UPON]), *made[MAX_BUILT_UPON:]]:
+            if j.names not in of_each or j.evidence > of_each[j.names].evidence:
+                of_each[j.names] = j
+    return list(of_each.values())
+
+
 def _beside_published(none: FittedHypothesis, singles: Sequence[FittedHypothesis]) -> list[FittedHypothesis]:
-    """What pairs are built upon where no effect alone gains and calm water needs worse coefficients than are published.
+    """What pairs are built upon, too, where calm water needs worse coefficients than are published.
 
     Coefficients that may be anything explain two strong effects better than one of the two does.
 
@@ -156,98 +174,6 @@ def _again(
     return there, calm, sorted(best + rest, key=lambda j: -j.evidence)
 
 
-def single(likelihood: MarginalLikelihood, effect: Effect, none: FittedHypothesis) -> FittedHypothesis:
-    """Fit one effect alone, from the noise levels of calm water and from those at which it must explain the misfit.
-
-    Where calm water calls a large effect wrong coefficients, a fit that begins there stays where the effect is small.
-
-    Returns:
-        The better of the two.
-    """
-    found = []
-    noises = {(quiet(none.best[0]), min(none.best[1], PUBLISHED_SD_LEVEL))}
-    if not any(p.per_run for p in effect.declared):  # events are placed where they must explain the misfit anyway
-        noises.add(none.best)
-    for level, scatter in noises:
-        tried = [likelihood.improve(h, level, scatter, rounds=3) for h in _starts(likelihood, effect, level, scatter)]
-        best = max(tried, key=lambda t: t[1])[0]
-        found.append(refine(likelihood, best, level, scatter, none.evidence - MAX_FIRST_DEFICIT))
-    return max(found, key=lambda j: j.evidence)
-
-
-def refine(
-    likelihood: MarginalLikelihood, hypothesis: Hypothesis, level: int, scatter: int, min_evidence: float = -inf
-) -> FittedHypothesis:
-    """Fit to the end, at the noise levels that the hypothesis itself leaves.
-
-    Args:
-        likelihood: Where.
-        hypothesis: Roughly fitted.
-        level: Level of the process noise to begin with.
-        scatter: Level of the coefficients' standard deviation to begin with.
-        min_evidence: Evidence below which it is not worked on.
-
-    Returns:
-        What came out.
-    """
-    hypothesis, _ = beside(likelihood, hypothesis).improve(hypothesis, level, scatter)
-    there = beside(likelihood, hypothesis)
-    fitted = there.evaluate(hypothesis, around=level)
-    if fitted.evidence > min_evidence:
-        elsewhen = replaced(there, fitted.hypothesis, *fitted.best)
-        if elsewhen is not fitted.hypothesis:
-            fitted = there.evaluate(elsewhen, around=fitted.best[0])
-    for _ in range(2):
-        if fitted.evidence < min_evidence:
-            return fitted
-        before = fitted
-        hypothesis, _ = beside(likelihood, fitted.hypothesis).improve(fitted.hypothesis, *fitted.best, rounds=4)
-        fitted = beside(likelihood, hypothesis).evaluate(hypothesis, around=fitted.best[0])
-        if fitted.evidence < before.evidence + 0.1:
-            return max(before, fitted, key=lambda j: j.evidence)
-    return fitted
-
-
-def at_rest(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> tuple[WhitenedDataSet, FittedHypothesis]:
-    """A hypothesis about its own states, linearised until they rest.
-
-    Returns:
-        The runs about its states, and the hypothesis fitted to them.
-    """
-    random, data_set = fitted.random, beside(MarginalLikelihood(data_set), fitted.hypothesis).data_set
-    for _ in range(MAX_PASSES):
-        there = refined(data_set, fitted)
-        if change_of_states(data_set, there, fitted.best[0]) < STATES_AT_REST:
-            break
-        data_set, fitted = there, refine(MarginalLikelihood(there), fitted.hypothesis, *fitted.best)
-    return data_set, replace(fitted, random=random)
-
-
-def _starts(likelihood: MarginalLikelihood, effect: Effect, level: int, scatter: int) -> list[Hypothesis]:
-    """The two most promising of all starts, by what a linear step from each would gain; windows of an event."""
-    data_set = likelihood.data_set
-    if any(p.per_run for p in effect.declared):
-        events = best_windows(likelihood, effect, level, scatter)
-        return [Hypothesis((effect,), (values,), campaigns=data_set.campaigns) for values in events]
-    grid = np.array(list(product(*[(p.null,) if p.form else p.starts for p in effect.declared])), dtype=float)
-    made = np.tile(grid[:, None], (1, len(data_set.runs), 1))
-    if len(grid) < 3:
-        return [Hypothesis((effect,), (values,), campaigns=data_set.campaigns) for values in made]
-
-    def scores(values: Float[np.ndarray, "k runs p"]) -> Float[np.ndarray, " k"]:
-        each = [Hypothesis((effect,), (v,), campaigns=data_set.campaigns) for v in values]
-        found = [likelihood.posterior(likelihood.columns(h), level).evidence[scatter] for h in each]
-        return np.array(found)
-
-    # What acts in one campaign is another thing than what acts in the next: each on its own, nothing in the others.
-    best = np.empty((2, len(data_set.runs), grid.shape[1]))
-    for number in set(data_set.campaigns) or {0}:
-        mine = np.array(data_set.campaigns or [0] * len(data_set.runs)) == number
-        alone = np.where(mine[None, :, None], made, effect.null().numpy())
-        best[:, mine] = made[np.argsort(scores(alone))[::-1][:2]][:, mine]
-    return [Hypothesis((effect,), (values,), campaigns=data_set.campaigns) for values in best]
-
-
 def worth_its_size(fitted: FittedHypothesis, known: Mapping[frozenset[str], float]) -> bool:
     """Whether the last of several effects adds more than chance does.
 
@@ -273,15 +199,15 @@ def _extended(
     """One effect more: all partners of the best few hypotheses, screened by a linear step, the best ones fitted."""
     if not leading:
         return
-    seen: set[frozenset[str]] = set()
+    seen: set[tuple[frozenset[str], tuple[int, int]]] = set()
     screened = []
     turned = [(second, [second.hypothesis, *_turned(second.hypothesis)]) for second in singles]
-    for first in leading[:MAX_BUILT_UPON]:
+    for first in leading:
         for second, starts in turned:
             names = frozenset((*first.names, *second.names))
-            if len(names) == len(first.names) or names in seen or _same_thing(first, second):
+            if len(names) == len(first.names) or (names, first.best) in seen or _same_thing(first, second):
                 continue
-            seen.add(names)
+            seen.add((names, first.best))
             for partner in _restarts(likelihood, first, starts):
                 score = likelihood.pair_evidence(first.hypothesis, partner, *first.best)
                 screened.append((score, first, first.hypothesis.joined(partner)))

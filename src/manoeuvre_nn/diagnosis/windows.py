@@ -116,20 +116,25 @@ def replaced(likelihood: MarginalLikelihood, hypothesis: Hypothesis, level: int,
         rows = [row[None] for row in best.values[k]]
         blocks = _all_blocks(likelihood, effect, rows, (level, scatter), given if given.effects else None)
         ramp = _ramp(effect, best.values[k][0])
-        for run, b in enumerate(blocks):
-            for times in _sets_of_times(b, 0, effect, ramp, every=True):
-                if _alike(times, times_of(effect, best.values[k][run])):
-                    continue
-                if score is None:
-                    score = _score(likelihood, best, level, scatter)
-                trial = best.with_vector(best.vector())
+        sets = [_sets_of_times(b, 0, effect, ramp, every=True) for b in blocks]
+        # All runs at once first: as long as others lack theirs, coefficients that suit these speak against any.
+        trials = [dict(enumerate(of_run[-1] for of_run in sets))]
+        trials += [{run: times} for run, of_run in enumerate(sets) for times in of_run]
+        for trial_times in trials:
+            now = {run: times_of(effect, best.values[k][run]) for run in trial_times}
+            if all(_alike(times, now[run]) for run, times in trial_times.items()):
+                continue
+            if score is None:
+                score = _score(likelihood, best, level, scatter)
+            trial = best.with_vector(best.vector())
+            for run, times in trial_times.items():
                 _write(effect, trial.values[k][run], times)
-                if not trial.fixed and np.isinf(trial.values[k][:, _timed(effect)]).all():
-                    continue
-                trial, _ = likelihood.improve(trial, level, scatter, rounds=4)
-                there = _score(likelihood, trial, level, scatter)
-                if there > score + MIN_GAIN and _in_order(effect, trial.values[k][run]):
-                    best, score = trial, there
+            if not trial.fixed and np.isinf(trial.values[k][:, _timed(effect)]).all():
+                continue
+            trial, _ = likelihood.improve(trial, level, scatter, rounds=4)
+            there = _score(likelihood, trial, level, scatter)
+            if there > score + MIN_GAIN and all(_in_order(effect, trial.values[k][run]) for run in trial_times):
+                best, score = trial, there
     return best
 
 

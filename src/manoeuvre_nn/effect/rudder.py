@@ -62,7 +62,7 @@ class RudderBacklash(_RudderEffect):
     label = "backlash of the rudder"
     fingerprint = "After a reversal the ship answers as if the rudder waited; order and turn make a hysteresis loop."
     source = "Play operator of total width w: blade = clamp(before, shown - w/2, shown + w/2)"
-    declared = (Parameter("width_deg", "deg", 0.0, 70.0, 0.0, 1.5, (0.6, 2.5, 10.0)),)
+    declared = (Parameter("width_deg", "deg", 0.0, 70.0, 0.0, 1.5, (0.6, 2.5, 10.0, 30.0)),)
 
     def blade(self, before: PerRow, order: PerRow, shown: PerRow, elapsed: PerRow) -> PerRow:
         """The angle before, pushed to within half the play of the indicated one."""
@@ -151,7 +151,7 @@ class RudderAreaLoss(_RudderEffect):
     label = "a loss of rudder area"
     fingerprint = "Everything that the rudder does is smaller by one share, at all angles and to both sides."
     source = "(1 - k) of the terms with the rudder angle"
-    declared = (Parameter("fraction", "-", 0.0, 1.0, 0.0, 0.2, (0.1, 0.5)),)
+    declared = (Parameter("fraction", "-", 0.0, 1.0, 0.0, 0.2, (0.1, 0.5, 0.9)),)
 
     def acceleration(self, s: Situation, memory: Float[Tensor, "*own m"]) -> Float[Tensor, "*batch 3"]:
         """What is missing."""

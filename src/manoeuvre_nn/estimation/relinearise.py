@@ -59,7 +59,7 @@ def refined(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedData
     combined = lstsq(data_set.rotation, fitted.corrections)
     shares = None if trained else data_set.rotation @ combined
     if shares is not None and np.abs(shares).max(initial=0.0) > MAX_CORRECTION:
-        return data_set
+        shares = None
     runs, rudders = [], _rudders(data_set, fitted.hypothesis)
     for run, prepared in enumerate(data_set.runs):
         # Data less coefficients, latency and the hypothesis at their values.

@@ -17,7 +17,7 @@ from manoeuvre_nn.commands.guard import one_line
 from manoeuvre_nn.commands.main import run
 from manoeuvre_nn.core.errors import check_choice
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.diagnosis import gusts, search
+from manoeuvre_nn.diagnosis import fits, gusts, search
 from manoeuvre_nn.diagnosis.case import Case
 from manoeuvre_nn.estimation import marginal_likelihood, relinearise
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet
@@ -71,7 +71,7 @@ def _process_noise() -> None:
 def _relinearisation() -> None:
     """Runs stay linearised about the states of the smoother."""
     search.MIN_GAIN_TO_RELINEARISE = inf
-    search.MAX_PASSES = 0
+    fits.MAX_PASSES = 0
 
 
 def _other_runs() -> None:

@@ -1,0 +1,127 @@
+"""Fits of one hypothesis: from several starts, at the noise that it leaves, about the states that it implies."""
+
+from dataclasses import replace
+from itertools import product
+from math import inf
+
+import numpy as np
+from jaxtyping import Float
+
+from manoeuvre_nn.core.effect import Effect
+from manoeuvre_nn.diagnosis.windows import best_windows, replaced
+from manoeuvre_nn.estimation.data_set import WhitenedDataSet, quiet
+from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
+from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
+from manoeuvre_nn.estimation.relinearise import MAX_PASSES, STATES_AT_REST, beside, change_of_states, refined
+
+MAX_FIRST_DEFICIT = 30.0
+"""Log evidence by which a candidate may lie behind calm water after its first fit, made at calm water's noise."""
+WORSE = 1.0
+"""Log density by which the mean over all levels of noise may be less likely than the values that were fitted."""
+PUBLISHED_SD_LEVEL = 2
+"""Level of the coefficients' standard deviation that published sets have, 3 %."""
+
+
+def single(likelihood: MarginalLikelihood, effect: Effect, none: FittedHypothesis) -> FittedHypothesis:
+    """Fit one effect alone, from the noise levels of calm water and from those at which it must explain the misfit.
+
+    Where calm water calls a large effect wrong coefficients, a fit that begins there stays where the effect is small.
+
+    Returns:
+        The better of the two.
+    """
+    found = []
+    noises = {(quiet(none.best[0]), min(none.best[1], PUBLISHED_SD_LEVEL))}
+    if not any(p.per_run for p in effect.declared):  # events are placed where they must explain the misfit anyway
+        noises.add(none.best)
+    for level, scatter in noises:
+        starts = _starts(likelihood, effect, level, scatter)
+        tried = [likelihood.improve(_in_form(likelihood, h, level, scatter), level, scatter, rounds=3) for h in starts]
+        best = max(tried, key=lambda t: t[1])[0]
+        found.append(refine(likelihood, best, level, scatter, none.evidence - MAX_FIRST_DEFICIT))
+    return max(found, key=lambda j: j.evidence)
+
+
+def _in_form(likelihood: MarginalLikelihood, start: Hypothesis, level: int, scatter: int) -> Hypothesis:
+    """A start whose form suits its size: else a fit would leave a right size for the sake of a wrong form."""
+    (effect,) = start.effects
+    sizes = frozenset(p.name for p in effect.declared if not p.form)
+    if len(sizes) == len(effect.declared) or any(p.per_run or p.random for p in effect.declared):
+        return start
+    return replace(likelihood.improve(replace(start, fixed=sizes), level, scatter, rounds=2)[0], fixed=start.fixed)
+
+
+def _starts(likelihood: MarginalLikelihood, effect: Effect, level: int, scatter: int) -> list[Hypothesis]:
+    """The two most promising of all starts, by what a linear step from each would gain; windows of an event."""
+    data_set = likelihood.data_set
+    if any(p.per_run for p in effect.declared):
+        events = best_windows(likelihood, effect, level, scatter)
+        return [Hypothesis((effect,), (values,), campaigns=data_set.campaigns) for values in events]
+    grid = np.array(list(product(*[(p.null,) if p.form else p.starts for p in effect.declared])), dtype=float)
+    made = np.tile(grid[:, None], (1, len(data_set.runs), 1))
+    if len(grid) < 5:
+        return [Hypothesis((effect,), (values,), campaigns=data_set.campaigns) for values in made]
+
+    def scores(values: Float[np.ndarray, "k runs p"]) -> Float[np.ndarray, " k"]:
+        each = [Hypothesis((effect,), (v,), campaigns=data_set.campaigns) for v in values]
+        found = [likelihood.posterior(likelihood.columns(h), level).evidence[scatter] for h in each]
+        return np.array(found)
+
+    # What acts in one campaign is another thing than what acts in the next: each on its own, nothing in the others.
+    best = np.empty((2, len(data_set.runs), grid.shape[1]))
+    for number in set(data_set.campaigns) or {0}:
+        mine = np.array(data_set.campaigns or [0] * len(data_set.runs)) == number
+        alone = np.where(mine[None, :, None], made, effect.null().numpy())
+        best[:, mine] = made[np.argsort(scores(alone))[::-1][:2]][:, mine]
+    return [Hypothesis((effect,), (values,), campaigns=data_set.campaigns) for values in best]
+
+
+def refine(
+    likelihood: MarginalLikelihood, hypothesis: Hypothesis, level: int, scatter: int, min_evidence: float = -inf
+) -> FittedHypothesis:
+    """Fit to the end, at the noise levels that the hypothesis itself leaves.
+
+    Args:
+        likelihood: Where.
+        hypothesis: Roughly fitted.
+        level: Level of the process noise to begin with.
+        scatter: Level of the coefficients' standard deviation to begin with.
+        min_evidence: Evidence below which it is not worked on.
+
+    Returns:
+        What came out.
+    """
+    hypothesis, _ = beside(likelihood, hypothesis).improve(hypothesis, level, scatter)
+    there = beside(likelihood, hypothesis)
+    fitted = there.evaluate(hypothesis, around=level)
+    if fitted.evidence > min_evidence:
+        elsewhen = replaced(there, fitted.hypothesis, *fitted.best)
+        if elsewhen is not fitted.hypothesis:
+            fitted = there.evaluate(elsewhen, around=fitted.best[0])
+    for _ in range(2):
+        if fitted.evidence < min_evidence:
+            return fitted
+        # Where the recordings do not change with a value, its mean is that of the prior, far from where it was fitted.
+        here = beside(likelihood, hypothesis)
+        stayed, moved = (here.improve(h, *fitted.best, rounds=1)[1] for h in (hypothesis, fitted.hypothesis))
+        before = fitted if moved > stayed - WORSE else replace(fitted, hypothesis=hypothesis)
+        hypothesis, _ = beside(likelihood, before.hypothesis).improve(before.hypothesis, *before.best, rounds=4)
+        fitted = beside(likelihood, hypothesis).evaluate(hypothesis, around=before.best[0])
+        if fitted.evidence < before.evidence + 0.1:
+            return max(before, fitted, key=lambda j: j.evidence)
+    return fitted
+
+
+def at_rest(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> tuple[WhitenedDataSet, FittedHypothesis]:
+    """A hypothesis about its own states, linearised until they rest.
+
+    Returns:
+        The runs about its states, and the hypothesis fitted to them.
+    """
+    random, data_set = fitted.random, beside(MarginalLikelihood(data_set), fitted.hypothesis).data_set
+    for _ in range(MAX_PASSES):
+        there = refined(data_set, fitted)
+        if change_of_states(data_set, there, fitted.best[0]) < STATES_AT_REST:
+            break
+        data_set, fitted = there, refine(MarginalLikelihood(there), fitted.hypothesis, *fitted.best)
+    return data_set, replace(fitted, random=random)
