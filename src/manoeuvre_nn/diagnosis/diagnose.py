@@ -15,7 +15,7 @@ from manoeuvre_nn.diagnosis.fits import at_rest
 from manoeuvre_nn.diagnosis.forecast import forecasts, unplaced_events
 from manoeuvre_nn.diagnosis.locate import MAX_PROCESS_NOISE, residuals, sites, statements
 from manoeuvre_nn.diagnosis.nature import nature_of
-from manoeuvre_nn.diagnosis.predictive import calm_check, repaired_check
+from manoeuvre_nn.diagnosis.predictive import calm_check, repaired_check, still_missing
 from manoeuvre_nn.diagnosis.proof import in_held_out_runs, prove
 from manoeuvre_nn.diagnosis.remainder import is_left, with_remainder
 from manoeuvre_nn.diagnosis.result import Cause, Check, Diagnosis, Proof, Residual
@@ -84,7 +84,7 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
         case=question.case.name,
         ship=question.dynamics.particulars.name,
         verdict="mismatch" if mismatch else "none",
-        sentence=summary_sentence(causes, model, proofs, mismatch, left_open(tried, verdict)),
+        sentence=summary_sentence(causes, model, proofs, mismatch, left_open(tried, verdict), still_missing(checks)),
         causes=causes,
         model=model,
         alias=checking.aliases(tried, chosen),

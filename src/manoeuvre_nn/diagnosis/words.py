@@ -20,7 +20,12 @@ EQUATIONS = {"X": "surge", "Y": "sway", "N": "yaw", "kinematics": "kinematics or
 
 
 def summary_sentence(
-    causes: Sequence[Cause], model: Sequence[str], proofs: Sequence[Proof], mismatch: bool, lacking: str = ""
+    causes: Sequence[Cause],
+    model: Sequence[str],
+    proofs: Sequence[Proof],
+    mismatch: bool,
+    lacking: str = "",
+    left: str = "",
 ) -> str:
     """One sentence that a captain understands.
 
@@ -30,6 +35,7 @@ def summary_sentence(
         proofs: Held-out runs.
         mismatch: Whether recordings and model differ.
         lacking: What is left where the model was itself fitted to recordings, see :func:`left_open`; else empty.
+        left: How far free runs of the repaired model miss those that were not used; empty where they do as they should.
 
     Returns:
         The sentence.
@@ -43,6 +49,7 @@ def summary_sentence(
             "The recordings agree with the calm-water model within their noise and the scatter of its coefficients: "
             f"nothing needs to be added{gain}."
         )
+    more = f"; something is still missing: {left}" if left else ""
     if set(model) <= {"unknown"}:
         where = next((c.equations for c in causes if c.name == "unknown"), ())
         shown = f" in {_and([EQUATIONS.get(e, e) for e in where])}" if where else ""
@@ -50,13 +57,13 @@ def summary_sentence(
         told += next((_formula(c) for c in causes if c.terms), "")
         gain = _gain(proofs, "that") if model else ""
         known = "no effect that is known explains it"
-        return f"Unknown: the recordings differ from calm water{shown}, and {known}{told}{gain}."
+        return f"Unknown: the recordings differ from calm water{shown}, and {known}{told}{gain}{more}."
     named = [c for c in causes if c.name in model]
     said = _and([f"{c.label} ({'; '.join(part for part in (_values(c), _times(c)) if part)})" for c in named])
     them = "it" if len(named) == 1 else "them"
     if proofs and not any(c.intervals is None or c.intervals.get(p.run) for c in named for p in proofs):
         return f"The recordings show {said}; no run that was not used had {them}, so that none can prove {them}."
-    return f"The recordings show {said}{_gain(proofs, them)}."
+    return f"The recordings show {said}{_gain(proofs, them)}{more}."
 
 
 def left_open(tried: SearchResult, verdict: Decision) -> str:
