@@ -183,6 +183,10 @@ def test_nothing_is_certain(probability, shown):
     [
         (Value("speed", 11.234, 0.42, "m/s"), "11.23 ± 0.42 m/s", "10.41 to 12.06"),
         (Value("gap", 1234.0, 120.0, "m"), "1230 ± 120 m", "999 to 1469"),
+        (Value("width_deg", 20.0, 14.0, "deg", low=0.0, high=70.0), "20 ± 14 deg", "0 to 47"),
+        (Value("fraction", 0.9, 0.1, "-", low=0.0, high=1.0), "0.90 ± 0.10", "0.70 to 1.00"),
+        (Value("from_deg", 355.0, 10.0, "deg", period=360.0), "355 ± 10 deg", "335 to 15"),
+        (Value("from_deg", 20.0, 92.0, "deg", period=360.0), "20 ± 92 deg", "any"),
         (Value("cx", 1.0, 0.0, "-"), "1", "–"),
         (Value("cx", 1.0, float("inf"), "-"), "1", "–"),
     ],

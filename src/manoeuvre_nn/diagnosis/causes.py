@@ -95,7 +95,8 @@ def _values_of(fitted: FittedHypothesis, effect: int, runs: Sequence[Recording] 
         if f.effect == effect and told:
             campaign = str(runs[f.runs[0]].meta.get(CAMPAIGN, "")) if runs and h.campaigns else ""
             p = f.parameter
-            found.append(Value(p.name, float(value), float(error), p.unit, campaign, p.sides))
+            possible = {"low": p.low, "high": p.high} if p.period is None else {"period": p.period}
+            found.append(Value(p.name, float(value), float(error), p.unit, campaign, p.sides, **possible))
     sizes = [p for p in h.effects[effect].declared if p.random and p.name in fitted.random]
     found += [Value(p.name, *fitted.random[p.name], p.unit) for p in sizes]
     return tuple(found)

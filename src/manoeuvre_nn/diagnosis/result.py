@@ -21,6 +21,9 @@ class Value:
         unit: Unit of both.
         campaign: Where every campaign has its own value, which one; else empty.
         sides: What a positive value means, and a negative one; empty where the sign needs no words.
+        low: Least value that is possible.
+        high: Largest one.
+        period: After which values are the same again, of a direction; 0 without one.
     """
 
     name: str
@@ -29,6 +32,9 @@ class Value:
     unit: str
     campaign: str = ""
     sides: tuple[str, str] | tuple[()] = ()
+    low: float = float("-inf")
+    high: float = float("inf")
+    period: float = 0.0
 
 
 @dataclass(frozen=True)

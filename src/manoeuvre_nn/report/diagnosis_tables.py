@@ -88,11 +88,16 @@ def value_text(value: Value) -> str:
 
 
 def interval_text(value: Value) -> str:
-    """Where a parameter lies with 95 %, such as ``8.5 to 13.9``; a dash where the error is unknown."""
+    """Where a possible parameter lies with 95 %: ``8.5 to 13.9``, ``any`` direction, a dash where the error is unknown."""
     if not (math.isfinite(value.error) and value.error > 0):
         return "–"
     digits = max(1 - math.floor(math.log10(value.error)), 0)
-    return " to ".join(f"{value.value + sign * 1.96 * value.error:.{digits}f}" for sign in (-1, 1))
+    ends = [min(max(value.value + sign * 1.96 * value.error, value.low), value.high) for sign in (-1, 1)]
+    if value.period:
+        if ends[1] - ends[0] >= value.period:
+            return "any"
+        ends = [round(end, digits) % value.period for end in ends]
+    return " to ".join(f"{end:.{digits}f}" for end in ends)
 
 
 def when_text(cause: Cause, most: int = 4) -> str:
