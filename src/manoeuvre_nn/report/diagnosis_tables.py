@@ -88,7 +88,7 @@ def value_text(value: Value) -> str:
 
 
 def interval_text(value: Value) -> str:
-    """Where a possible parameter lies with 95 %: ``8.5 to 13.9``, ``any`` direction, a dash where the error is unknown."""
+    """Where a possible value lies with 95 %: ``8.5 to 13.9``, ``any`` direction, a dash where the error is unknown."""
     if not (math.isfinite(value.error) and value.error > 0):
         return "–"
     digits = max(1 - math.floor(math.log10(value.error)), 0)
