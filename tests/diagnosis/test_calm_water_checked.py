@@ -42,13 +42,13 @@ def test_clean_runs_show_the_check_that_they_passed():
 
 
 def test_a_repaired_model_must_sail_the_held_out_runs_too():
-    """With its offset of the rudder it does; where positions were converted by 1 % too long it misses what it should
+    """With its offset of the rudder it does; where positions were converted by 2 % too long it misses what it should
     not, although it is better than calm water by far."""
     runs = strange_runs(3, RudderOffset(SHIP, offset_deg=2.0))
     question = asked(runs, [RudderOffset(SHIP)])
     tried = search(whitened_data_set(CALM, question.case.fitted), question.effects)
     last = runs[-1]
-    stretched = asked([*runs[:-1], last.with_channels(x=1.01 * last["x"], y=1.01 * last["y"])], question.effects)
+    stretched = asked([*runs[:-1], last.with_channels(x=1.02 * last["x"], y=1.02 * last["y"])], question.effects)
     for here, passes in ((question, True), (stretched, False)):
         check = repaired_check(here, tried, tried.fitted[0], in_held_out_runs(here, tried.fitted[0]).hypothesis)
         assert check.passed is passes, check.text

@@ -30,8 +30,14 @@ from manoeuvre_nn.diagnosis.repair import (
 )
 from manoeuvre_nn.diagnosis.result import Proof
 from manoeuvre_nn.dynamics.base import Model, ModelAround, is_fitted
-from manoeuvre_nn.estimation.corrections import Calibrated
-from manoeuvre_nn.estimation.data_set import LATENCY, WhitenedDataSet, process_time, same_campaigns
+from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
+from manoeuvre_nn.estimation.data_set import (
+    COEFFICIENT_SD_LEVELS,
+    LATENCY,
+    WhitenedDataSet,
+    process_time,
+    same_campaigns,
+)
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.hypothesis_columns import hypothesis_columns
 from manoeuvre_nn.estimation.linear_run import joined
@@ -131,12 +137,15 @@ class Known:
     latency: float
     covariance: Float[np.ndarray, "m m"]
 
-    def corrected(self, combinations: Float[np.ndarray, "*rows c"]) -> Model:
+    def corrected(
+        self, combinations: Float[np.ndarray, "*rows c"], unseen: Float[np.ndarray, "*rows k"] | float = 0.0
+    ) -> Model:
         """The calm-water model with such coefficients; a fitted one is left as it is but for what is drawn."""
         dynamics = self.data_set.dynamics
         if is_fitted(dynamics):
             combinations = combinations - self.mean[: self.data_set.combinations]
-        return Calibrated(dynamics, dynamics.hull.inertia.new_tensor(combinations @ self.data_set.rotation.T))
+        shares = combinations @ self.data_set.rotation.T + unseen
+        return Calibrated(dynamics, dynamics.hull.inertia.new_tensor(shares))
 
     def rows(self, runs: Sequence[Recording]) -> list[int]:
         """For each of other runs a fitted one of the same campaign."""
@@ -155,8 +164,33 @@ def known_of(data_set: WhitenedDataSet, chosen: FittedHypothesis) -> Known:
     return Known(data_set, chosen, mean[:base], latency, found.covariance(scatter))
 
 
+def unseen_scatter(
+    data_set: WhitenedDataSet, scatter: int, draws: int, g: np.random.Generator
+) -> Float[np.ndarray, "draws k"]:
+    """Errors of coefficients, drawn, of which the fitted runs show nothing: other runs may.
+
+    Args:
+        data_set: The fitted runs.
+        scatter: Level of the coefficients' standard deviation.
+        draws: How many; the first has none.
+        g: Source of chance.
+
+    Returns:
+        Sizes of the corrections.
+    """
+    root = data_set.coefficient_prior.root(Corrections(data_set.dynamics).names)
+    chance, seen = g.standard_normal((draws, len(data_set.rotation))), np.linalg.solve(root, data_set.rotation)
+    chance[0] = 0.0
+    return COEFFICIENT_SD_LEVELS[scatter] * (chance - chance @ seen @ seen.T) @ root.T  # what is seen is orthonormal
+
+
 def drawn_tables(
-    known: Known, there: Hypothesis, runs: Sequence[Recording], warmup: float, every: int = 1
+    known: Known,
+    there: Hypothesis,
+    runs: Sequence[Recording],
+    warmup: float,
+    every: int = 1,
+    least_level: int = 0,
 ) -> list[list[pd.DataFrame]]:
     """Free runs with everything that is not known drawn, sensors' noise excepted.
 
@@ -166,6 +200,7 @@ def drawn_tables(
         runs: The runs.
         warmup: End of the warm-up [s].
         every: Samples of the runs from one step to the next.
+        least_level: Grid point whose process noise is allowed, whatever the fitted runs need.
 
     Returns:
         Per run tables as :func:`~manoeuvre_nn.diagnosis.repair.predict` gives: the most likely one, then
@@ -175,7 +210,8 @@ def drawn_tables(
     off = g.multivariate_normal(np.zeros(len(known.covariance)), known.covariance, DRAWS, method="eigh")
     off, kept, rows = np.vstack([0 * off[:1], off]), data_set.combinations, known.rows(runs)
     numbers = off[:, kept + len(data_set.runs) :]
-    driving = known.corrected(np.tile(known.mean[:kept] + off[:, :kept], (len(runs), 1)))
+    unseen = 0.0 if is_fitted(data_set.dynamics) else unseen_scatter(data_set, chosen.best[1], len(off), g)
+    driving = known.corrected(*(np.tile(part, (len(runs), 1)) for part in (known.mean[:kept] + off[:, :kept], unseen)))
     draws = [chosen.hypothesis.within_bounds(chosen.hypothesis.vector() + change) for change in numbers]
     draws[0] = steady(chosen.hypothesis)
     drawn = _in_turn([_timed(d.in_other_runs([row]), there.of_runs([k])) for k, row in enumerate(rows) for d in draws])
@@ -183,7 +219,8 @@ def drawn_tables(
     begin, process = warm_up_end(runs[0], warmup), process_time(data_set.dynamics)
     first = int(np.searchsorted(runs[0].time, begin - 1e-9)) % every
     copies = [thin for thin in (run.rows(slice(first, None, every)) for run in runs) for _ in draws]
-    size = data_set.levels[chosen.best[0]][[0, 1, 1, 1]][: len(data_set.unit)] * data_set.unit
+    levels = np.maximum(data_set.levels[chosen.best[0]], data_set.levels[least_level])
+    size = levels[[0, 1, 1, 1]][: len(data_set.unit)] * data_set.unit
     instants = copies[0].step * np.arange(max(len(run) for run in copies))
     pushes = size * drawn_process(g, instants, process, (len(starts), len(size)))
     pushes[:, :: len(draws)] = 0.0

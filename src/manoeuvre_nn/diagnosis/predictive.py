@@ -22,11 +22,11 @@ from torch import Tensor
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis.case import Question
-from manoeuvre_nn.diagnosis.forecast import COLUMNS, drawn_tables, known_of
+from manoeuvre_nn.diagnosis.forecast import COLUMNS, drawn_tables, known_of, unseen_scatter
 from manoeuvre_nn.diagnosis.repair import controls, recorded, start_state_and_covariance
 from manoeuvre_nn.diagnosis.result import Check
 from manoeuvre_nn.diagnosis.search import SearchResult
-from manoeuvre_nn.dynamics.base import Model, runge_kutta_step
+from manoeuvre_nn.dynamics.base import Model, is_fitted, runge_kutta_step
 from manoeuvre_nn.dynamics.limits import inside_physical_range
 from manoeuvre_nn.dynamics.recorded_inputs import inputs_at
 from manoeuvre_nn.estimation.corrections import USUAL_SCATTER, Corrections
@@ -107,8 +107,8 @@ def calm_check(question: Question, tried: SearchResult) -> Check:
 def repaired_check(question: Question, tried: SearchResult, chosen: FittedHypothesis, there: Hypothesis) -> Check:
     """Test whether free runs of the repaired model miss the held-out runs by more than is unknown about it.
 
-    Drawn are its numbers and coefficients from their posterior, gusts, process noise as the fitted runs need it, an
-    uncertain start and the channels' noise: see :func:`~manoeuvre_nn.diagnosis.forecast.drawn_tables`.
+    Drawn are its numbers and coefficients from their posterior, gusts, an uncertain start and the channels' noise, see
+    :func:`~manoeuvre_nn.diagnosis.forecast.drawn_tables`, and the process noise that calm water is allowed.
 
     Args:
         question: What is asked, with held-out runs.
@@ -122,7 +122,8 @@ def repaired_check(question: Question, tried: SearchResult, chosen: FittedHypoth
     runs, warmup = question.case.held_out, question.case.warmup
     every = _samples_a_step(question.dynamics, runs[0].step)
     first = int(np.searchsorted(runs[0].time, warmup - 1e-9)) % every
-    drawn = drawn_tables(known_of(tried.likelihood.data_set, chosen), there, runs, warmup, every)
+    allowed = 0 if is_fitted(question.dynamics) else _most_allowed() * (len(PROCESS_LEVELS) + 1)
+    drawn = drawn_tables(known_of(tried.likelihood.data_set, chosen), there, runs, warmup, every, allowed)
     thin = [run.rows(slice(first, None, every)) for run in runs]
     shown_by = [_as_shown(tables) for tables in drawn]
     p, channel, ratio = surprise(question, thin, question.held_out.data_set.runs, shown_by)
@@ -146,18 +147,21 @@ def corrected(tried: SearchResult, rng: np.random.Generator) -> _Allowed:
     """Calm water as the fit left it; what the fitted runs do not show of the coefficients keeps its scatter."""
     data_set, side = tried.likelihood.data_set, len(PROCESS_LEVELS)
     row, column = divmod(tried.none.best[0], side)
-    most = int(np.searchsorted(PROCESS_LEVELS, PRIOR_SDS * PROCESS_PRIOR)) - 1
+    most = _most_allowed()
     level = min(row, most) * side + min(column, most)
     scatter = min(tried.none.best[1], int(np.searchsorted(COEFFICIENT_SD_LEVELS, PRIOR_SDS * COEFFICIENT_SD_PRIOR)) - 1)
     found, k = tried.likelihood.posterior(None, level), data_set.combinations
     mean, root = found.mean(scatter), np.linalg.cholesky(found.covariance(scatter)[:k, :k] + 1e-18 * np.eye(k))
     shares = (mean[:k] + np.vstack([np.zeros(k), rng.standard_normal((DRAWS, k)) @ root.T])) @ data_set.rotation.T
-    root, unseen = _root(tried), rng.standard_normal((DRAWS, len(data_set.rotation)))
-    kept = np.linalg.solve(root, data_set.rotation)  # orthonormal
-    shares[1:] += COEFFICIENT_SD_LEVELS[scatter] * (unseen - unseen @ kept @ kept.T) @ root.T
+    shares += unseen_scatter(data_set, scatter, len(shares), rng)
     # That quiet runs were fitted is no reason to forbid what calm water is allowed before.
     process = np.maximum(_process(tried, level), _process(tried, most * (side + 1)))
     return _Allowed(shares, LATENCY + float(np.mean(mean[k:])), process)
+
+
+def _most_allowed() -> int:
+    """Largest level of process noise that calm water is allowed in surge, and beside it."""
+    return int(np.searchsorted(PROCESS_LEVELS, PRIOR_SDS * PROCESS_PRIOR)) - 1
 
 
 def published(tried: SearchResult, rng: np.random.Generator) -> _Allowed:
