@@ -174,6 +174,25 @@ def test_a_value_of_which_nothing_is_recorded_stays_where_it_was_fitted(monkeypa
     assert found.evidence == 12.0 and found.hypothesis.values[0][0, 0] == kept
 
 
+@pytest.mark.parametrize("start, noise", [(np.inf, (2, 1)), (100.0, (7, 5))])
+def test_an_event_without_a_time_is_looked_for_at_the_noise_that_was_asked_for(monkeypatch, start, noise):
+    """Without it coefficients that are off by far explain the runs, and then nothing asks for it."""
+    effect, looked = SideForce(SHIP), []
+    columns = [p.name for p in effect.declared]
+    row = values(effect).copy()
+    row[:, [p.per_run for p in effect.declared]] = np.inf
+    row[:, columns.index("start_s")], row[:, columns.index("end_s")] = start, start + 50.0
+    hypothesis = Hypothesis((effect,), (row,))
+    there = SimpleNamespace(
+        improve=lambda h, level, scatter, rounds=5: (h, 0.0),
+        evaluate=lambda h, around: FittedHypothesis(h, 1.0, np.zeros((1, 1)), np.zeros((0, 0)), best=(7, 5)),
+    )
+    monkeypatch.setattr(fits, "beside", lambda likelihood, hypothesis: there)
+    monkeypatch.setattr(fits, "replaced", lambda there, h, *at: looked.append(at) or h)
+    fits.refine(there, hypothesis, 2, 1)
+    assert looked == [noise]
+
+
 def test_gusts_are_tried_for_a_wind_alone_behind_any_number_of_pairs(monkeypatch):
     pairs = [fit(60.0 - k, "wind_steady", f"other {k}") for k in range(4)]
     _, windy, _ = searched(monkeypatch, {"wind_steady": 20.0}, pairs)

@@ -95,7 +95,9 @@ def refine(
     there = beside(likelihood, hypothesis)
     fitted = there.evaluate(hypothesis, around=level)
     if fitted.evidence > min_evidence:
-        elsewhen = replaced(there, fitted.hypothesis, *fitted.best)
+        # As long as an event has no time anywhere, coefficients that are off by far are called for in its place.
+        noise = (level, scatter) if _unplaced(fitted.hypothesis) else fitted.best
+        elsewhen = replaced(there, fitted.hypothesis, *noise)
         if elsewhen is not fitted.hypothesis:
             fitted = there.evaluate(elsewhen, around=fitted.best[0])
     for _ in range(2):
@@ -110,6 +112,13 @@ def refine(
         if fitted.evidence < before.evidence + 0.1:
             return max(before, fitted, key=lambda j: j.evidence)
     return fitted
+
+
+def _unplaced(hypothesis: Hypothesis) -> bool:
+    """Whether an event acts in no run."""
+    timed = [[p.per_run for p in effect.declared] for effect in hypothesis.effects]
+    each = zip(hypothesis.values, timed, strict=True)
+    return any(any(times) and not np.isfinite(values[:, times]).any() for values, times in each)
 
 
 def at_rest(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> tuple[WhitenedDataSet, FittedHypothesis]:
