@@ -27,7 +27,7 @@ rudder_positive_to: starboard
 def refused(ended, out, *told) -> None:
     assert ended.code == 2, ended
     (line,) = ended.err.splitlines()
-    assert line.startswith("error: ") and len(line) < 600
+    assert line.startswith("error: ") and len(line) < 640
     for part in told:
         assert part in line
     assert not (out / "checkpoints").exists() and not (out / "scores.json").exists()

@@ -11,13 +11,12 @@ from manoeuvre_nn.diagnosis.predictive import calm_check, repaired_check, tail
 from manoeuvre_nn.diagnosis.proof import in_held_out_runs
 from manoeuvre_nn.diagnosis.search import search
 from manoeuvre_nn.effect.rudder import RudderOffset
-from manoeuvre_nn.effect.sensors import LeverArm, LogScale, PositionConversion
+from manoeuvre_nn.effect.sensors import LogScale, PositionConversion
 from manoeuvre_nn.estimation.data_set import whitened_data_set
 from manoeuvre_nn.estimation.process_noise import drawn_process
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 NAME = "calm water sails these runs"
-SHELF = [PositionConversion(SHIP), LogScale(SHIP), LeverArm(SHIP)]
 
 
 def test_what_acts_in_the_held_out_run_alone_is_a_mismatch_without_a_name():
@@ -57,10 +56,13 @@ def test_a_repaired_model_must_sail_the_held_out_runs_too():
 
 def test_positions_that_were_converted_wrongly_are_named_by_how_much():
     """A quarter of a per cent: 37 times the noise after an hour."""
-    d = diagnose(asked(strange_runs(3, PositionConversion(SHIP, north=0.24, east=0.24)), SHELF))
-    assert d.model == ["position_conversion"] and "% too long" in d.sentence
-    found = {v.name: v.value for v in d.causes[0].parameters}
-    assert [found["north"], found["east"]] == approx([0.24, 0.24], abs=0.1)
+    question = asked(strange_runs(3, PositionConversion(SHIP, north=0.24, east=0.24)))
+    tried = search(whitened_data_set(CALM, question.case.fitted), [PositionConversion(SHIP), LogScale(SHIP)])
+    best = tried.fitted[0]
+    assert best.names == ("position_conversion",) and best.evidence > tried.none.evidence + 20
+    assert best.hypothesis.vector() == approx([0.24, 0.24, 0.0], abs=0.1)
+    there = in_held_out_runs(question, best)
+    assert there.evidence > in_held_out_runs(question, tried.none).evidence + 20
 
 
 def test_the_tail_goes_on_where_draws_end():

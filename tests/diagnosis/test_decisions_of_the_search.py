@@ -34,7 +34,8 @@ def searched(
 ) -> tuple[list, list, list]:
     """About what a search linearises again, for what it tries gusts, what it builds upon: fits leave this evidence."""
     calm, about, windy, built_upon = fit(0.0), [], [], []
-    likelihood = SimpleNamespace(data_set=None, evaluate=lambda hypothesis, around=None: calm)
+    kept = SimpleNamespace(release=lambda: None)
+    likelihood = SimpleNamespace(data_set=kept, evaluate=lambda hypothesis, around=None: calm)
 
     def again(likelihood, none, fitted, workers, leads):
         about.append(leads.names)
@@ -118,7 +119,7 @@ def test_where_calm_water_is_far_off_effects_are_fitted_about_both_states_and_we
         under_test, "single", lambda likelihood, e, none: asked.append(e.name) or fit(singles[e.name], e.name)
     )
     monkeypatch.setattr(
-        under_test, "at_rest", lambda _, j: ("rest", fit(own[j.names[0]], *j.names) if j.names else fit(gain))
+        under_test, "at_rest", lambda kept, j: (kept, fit(own[j.names[0]], *j.names) if j.names else fit(gain))
     )
     about = []
     monkeypatch.setattr(

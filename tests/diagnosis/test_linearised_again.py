@@ -18,10 +18,9 @@ from manoeuvre_nn.diagnosis.proof import in_held_out_runs
 from manoeuvre_nn.diagnosis.search import search
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.vessel import Vessel
-from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.propulsion import PropellerPitchError
 from manoeuvre_nn.effect.rudder import RudderAreaLoss, RudderDelay, RudderOffset
-from manoeuvre_nn.effect.sensors import HeadingBias, LeverArm, LogScale, RateBias
+from manoeuvre_nn.effect.sensors import HeadingBias, LeverArm, RateBias
 from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.estimation.corrections import Calibrated, CoefficientPrior, Corrections
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet, base_columns, whitened_data_set
@@ -97,7 +96,7 @@ def test_of_two_large_effects_both_are_found_although_calm_water_is_far_off():
     allowed neither explains anything, and coefficients that are off by half explain them together."""
     acting = [RudderAreaLoss(SHIP, fraction=0.8), PropellerPitchError(SHIP, fraction=0.6)]
     data_set = whitened_data_set(CALM, runs([CIRCLE, ZIGZAG], acting))
-    others = [LeverArm(SHIP), HeadingBias(SHIP), LogScale(SHIP), Current(SHIP)]
+    others = [LeverArm(SHIP), HeadingBias(SHIP)]
     found = search(data_set, [RudderAreaLoss(SHIP), PropellerPitchError(SHIP), *others]).fitted[0]
     assert set(found.names) == {"rudder_area_loss", "propeller_pitch_error"}
     assert sorted(found.hypothesis.vector()) == approx([0.6, 0.8], abs=0.05)

@@ -9,7 +9,6 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from manoeuvre_nn.diagnosis.predictive import REPAIRED_SAILS, still_missing
 from manoeuvre_nn.diagnosis.result import Check, Diagnosis, Value
 from manoeuvre_nn.diagnosis.words import summary_sentence
 from manoeuvre_nn.report.diagnosis_figures import (
@@ -242,18 +241,6 @@ def test_the_captain_is_told_what_is_unknown_and_where_and_whether_a_formula_hel
     assert summary_sentence(causes, [], proofs, False).startswith("The recordings agree")
 
 
-def test_the_first_sentence_says_what_the_repaired_model_still_misses():
-    """37 times the noise is no success, however large the gain."""
-    missed = "free runs of the repaired model miss the recorded x of r05 by 5.6 times what is unknown about it"
-    passed, failed = (Check(REPAIRED_SAILS, good, f"{missed}: p = 0.0008") for good in (True, False))
-    d = windy()
-    for checks, end in (((passed,), ""), ((failed,), f"; something is still missing: {missed}"), ((), "")):
-        for model in (d.model, ["unknown"]):
-            plain = summary_sentence(d.causes, model, d.proofs, True)
-            told = summary_sentence(d.causes, model, d.proofs, True, left=still_missing(checks))
-            assert told == f"{plain.removesuffix('.')}{end}."
-
-
 def test_the_captain_is_told_to_which_side_and_when():
     force = Value("force_kN", -221.6, 1.7, "kN", sides=("to starboard", "to port"))
     lever = Value("lever_m", 10.19, 0.48, "m", sides=("forward of midship", "aft of midship"))
@@ -264,16 +251,6 @@ def test_the_captain_is_told_to_which_side_and_when():
     assert said == f"The recordings show a side force ({place}; r01 191 to 383 s, r03 20 to 60 s and 1 more)."
     assert [row["positive is"] for row in parameter_rows([pushed])] == ["to starboard", "forward of midship"]
     assert all("positive is" not in row for row in parameter_rows(windy().causes))
-
-
-def test_corrected_coefficients_are_told_where_two_digits_show_what_they_gain():
-    p, agrees = calm().proofs[0], "The recordings agree with the calm-water model"
-    for before, after, told in ((15.7, 15.6, False), (20.0, 4.0, True)):
-        proofs = [replace(p, rmse_before={"pos": before}, rmse_after={"pos": after})]
-        said = summary_sentence([], [], proofs, False)
-        assert said.startswith(agrees) and ("is 4 m off instead of 20 m" in said) == told == (
-            "coefficients cor" in said
-        )
 
 
 def test_the_captain_is_told_of_the_heading_where_no_run_has_a_position():

@@ -111,28 +111,28 @@ Proved = tuple[FittedHypothesis, list[Proof], list[Check]]
 
 def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypothesis]) -> Proved:
     """The first claim that predicts runs which it has not seen better; calm water if none does."""
-    none = tried.none
-    checks: list[Check] = []
+    none, known = tried.none, dict[int, _Tried]()
     proofs = prove(question, none, none.hypothesis)
     before, calm = _cost(question, [p.rmse_before for p in proofs]), in_held_out_runs(question, none).evidence
+
+    def put(claim: FittedHypothesis) -> _Tried:
+        if id(claim) not in known:
+            known[id(claim)] = _put_to_proof(question, tried, claim, claims, (proofs, before, calm))
+        return known[id(claim)]
+
     for claim in claims:
-        tried_here = _put_to_proof(question, tried, claim, claims, (proofs, before, calm))
-        checks.append(tried_here.check)
-        if not tried_here.helped:
+        if not put(claim).helped:
             continue
         # What the fitted runs leave open others may settle.
         rivals = [c for c in claims if Formula.name not in (*c.names, *claim.names) and are_rivals(claim, c)]
-        for rival in rivals:
-            other = _put_to_proof(question, tried, rival, claims, (proofs, before, calm))
-            checks.append(other.check)
-            if other.helped and other.evidence > tried_here.evidence:
-                tried_here = other
-        sailed = [repaired_check(question, tried, tried_here.fitted, tried_here.there)] if tried_here.acted else []
-        return tried_here.fitted, tried_here.proofs, [*checks, *sailed, *checking.checks(tried, tried_here.fitted)]
+        best = max((t for t in map(put, [claim, *rivals]) if t.helped), key=lambda t: t.evidence)
+        checks = [t.check for t in known.values()]
+        sailed = [repaired_check(question, tried, best.fitted, best.there)] if best.acted else []
+        return best.fitted, best.proofs, [*checks, *sailed, *checking.checks(tried, best.fitted)]
     # Nothing is missing, but coefficients may be off within their scatter.
     corrected = prove(question, none, none.hypothesis, proofs) if proofs else []
     better = _cost(question, [p.rmse_after for p in corrected]) < before
-    return none, corrected if better else proofs, checks
+    return none, corrected if better else proofs, [t.check for t in known.values()]
 
 
 @dataclass(frozen=True)

@@ -184,6 +184,12 @@ def unseen_scatter(
     return COEFFICIENT_SD_LEVELS[scatter] * (chance - chance @ seen @ seen.T) @ root.T  # what is seen is orthonormal
 
 
+def thinned(runs: Sequence[Recording], warmup: float, every: int) -> list[Recording]:
+    """Every so many samples of runs, the first one after the warm-up [s] among them."""
+    first = int(np.searchsorted(runs[0].time, warmup - 1e-9)) % every
+    return [run.rows(slice(first, None, every)) for run in runs]
+
+
 def drawn_tables(
     known: Known,
     there: Hypothesis,
@@ -217,8 +223,7 @@ def drawn_tables(
     drawn = _in_turn([_timed(d.in_other_runs([row]), there.of_runs([k])) for k, row in enumerate(rows) for d in draws])
     starts = np.concatenate([_starts(g, known, run, warmup, numbers, there.of_runs([k])) for k, run in enumerate(runs)])
     begin, process = warm_up_end(runs[0], warmup), process_time(data_set.dynamics)
-    first = int(np.searchsorted(runs[0].time, begin - 1e-9)) % every
-    copies = [thin for thin in (run.rows(slice(first, None, every)) for run in runs) for _ in draws]
+    copies = [thin for thin in thinned(runs, warmup, every) for _ in draws]
     levels = np.maximum(data_set.levels[chosen.best[0]], data_set.levels[least_level])
     size = levels[[0, 1, 1, 1]][: len(data_set.unit)] * data_set.unit
     instants = copies[0].step * np.arange(max(len(run) for run in copies))

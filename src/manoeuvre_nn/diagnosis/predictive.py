@@ -22,7 +22,7 @@ from torch import Tensor
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis.case import Question
-from manoeuvre_nn.diagnosis.forecast import COLUMNS, drawn_tables, known_of, unseen_scatter
+from manoeuvre_nn.diagnosis.forecast import COLUMNS, drawn_tables, known_of, thinned, unseen_scatter
 from manoeuvre_nn.diagnosis.repair import controls, recorded, start_state_and_covariance
 from manoeuvre_nn.diagnosis.result import Check
 from manoeuvre_nn.diagnosis.search import SearchResult
@@ -121,12 +121,14 @@ def repaired_check(question: Question, tried: SearchResult, chosen: FittedHypoth
     """
     runs, warmup = question.case.held_out, question.case.warmup
     every = _samples_a_step(question.dynamics, runs[0].step)
-    first = int(np.searchsorted(runs[0].time, warmup - 1e-9)) % every
     allowed = 0 if is_fitted(question.dynamics) else _most_allowed() * (len(PROCESS_LEVELS) + 1)
     drawn = drawn_tables(known_of(tried.likelihood.data_set, chosen), there, runs, warmup, every, allowed)
-    thin = [run.rows(slice(first, None, every)) for run in runs]
-    shown_by = [_as_shown(tables) for tables in drawn]
-    p, channel, ratio = surprise(question, thin, question.held_out.data_set.runs, shown_by)
+    # The last samples may lie behind the last step.
+    seen = [
+        run.between(run.time[0], thin.time[-1]) for run, thin in zip(runs, thinned(runs, warmup, every), strict=True)
+    ]
+    shown_by = [_as_shown(tables, run.time[run.time > warmup - 1e-9]) for tables, run in zip(drawn, seen, strict=True)]
+    p, channel, ratio = surprise(question, seen, question.held_out.data_set.runs, shown_by)
     text = f"free runs of the repaired model miss the recorded {channel} by {ratio:.1f} times what is unknown about it"
     return Check(REPAIRED_SAILS, p > FALSE_ALARMS, f"{text}: p = {p:.2g}")
 
@@ -136,9 +138,10 @@ def still_missing(checks: Sequence[Check]) -> str:
     return next((c.text.partition(": p")[0] for c in checks if c.name == REPAIRED_SAILS and not c.passed), "")
 
 
-def _as_shown(tables: Sequence[pd.DataFrame]) -> Float[np.ndarray, "rows n 7"]:
-    """Predictions as x, y, speed north and east, heading, yaw rate and log of perfect sensors."""
-    x, y, psi, u, v, r, log = (np.stack([table[name] for table in tables]) for name in COLUMNS)
+def _as_shown(tables: Sequence[pd.DataFrame], time: Float[np.ndarray, " n"]) -> Float[np.ndarray, "rows n 7"]:
+    """Predictions as x, y, speed north and east, heading, yaw rate and log of perfect sensors, at times [s]."""
+    at = tables[0]["t"]
+    x, y, psi, u, v, r, log = (np.stack([np.interp(time, at, table[name]) for table in tables]) for name in COLUMNS)
     cos, sin = np.cos(psi * DEGREE), np.sin(psi * DEGREE)
     return np.stack([x, y, u * cos - v * sin, u * sin + v * cos, psi * DEGREE, r * DEGREE, log], axis=-1)
 

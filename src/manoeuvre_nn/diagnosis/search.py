@@ -68,13 +68,8 @@ def search(
     likelihood = MarginalLikelihood(with_likely_coefficient_prior(data_set, none))
     data_set.release()
     none = likelihood.evaluate(Hypothesis((), ()), around=none.best[0])
-    # Where calm water is far off, so are the states that were found with any force allowed: linearised about them
-    # nothing may explain the recordings.
-    rested = at_rest(likelihood.data_set, none)
-    everywhere = [(likelihood, none)]
-    if rested[1].evidence > none.evidence + MIN_GAIN_TO_RELINEARISE:
-        likelihood, none = MarginalLikelihood(rested[0]), rested[1]
-        everywhere.append((likelihood, none))
+    everywhere = [(likelihood, none), *_about_calm_water(likelihood, none)]
+    likelihood, none = everywhere[-1]
 
     # A gusty wind is a variant of what a steady wind explains: see below.
     plain, variants = [e for e in effects if not e.variant_of], [e for e in effects if e.variant_of]
@@ -90,6 +85,7 @@ def search(
         singles.append(found)
     if len(everywhere) > 1:
         singles = _about_own_states([there.data_set for there, _ in everywhere], singles)
+        everywhere[0][0].data_set.release()
     singles.sort(key=lambda j: -j.evidence)
     if singles:
         progress("second linearisation")
@@ -119,6 +115,20 @@ def search(
             fitted.append(fitted_gusts(likelihood, j, variant))
     fitted.sort(key=lambda j: -j.evidence)
     return SearchResult(none, fitted, likelihood)
+
+
+def _about_calm_water(
+    likelihood: MarginalLikelihood, none: FittedHypothesis
+) -> list[tuple[MarginalLikelihood, FittedHypothesis]]:
+    """The runs about the states of calm water, and it there; nothing where it gains little by them."""
+    # Where calm water is far off, so are the states that were found with any force allowed: linearised about them
+    # nothing may explain the recordings.
+    data_set, calm = at_rest(likelihood.data_set, none)
+    if calm.evidence > none.evidence + MIN_GAIN_TO_RELINEARISE:
+        return [(MarginalLikelihood(data_set), calm)]
+    if data_set is not likelihood.data_set:
+        data_set.release()
+    return []
 
 
 def _about_own_states(

@@ -61,6 +61,10 @@ __all__ = [
 ]
 
 
+NEVER_HIDDEN = ("position_conversion",)
+"""Candidates of the package that the trial's instructions do not have."""
+
+
 def shelf(ship: Ship) -> list[Effect]:
     """Every effect that an answer may name.
 
@@ -74,6 +78,7 @@ def shelf(ship: Ship) -> list[Effect]:
     for entry in pkgutil.iter_modules(manoeuvre_nn.effect.__path__):
         module = importlib.import_module(f"manoeuvre_nn.effect.{entry.name}")
         for kind in vars(module).values():
-            if isinstance(kind, type) and issubclass(kind, Effect) and kind.candidate:
+            candidate = isinstance(kind, type) and issubclass(kind, Effect) and kind.candidate
+            if candidate and kind.name not in NEVER_HIDDEN:
                 found.setdefault(kind.name, kind(ship))
     return list(found.values())
