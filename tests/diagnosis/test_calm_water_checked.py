@@ -55,7 +55,7 @@ def test_a_repaired_model_must_sail_the_held_out_runs_too():
 
 
 def test_positions_that_were_converted_wrongly_are_named_by_how_much():
-    """A quarter of a per cent: 37 times the noise after an hour."""
+    """A quarter of a per cent, which speed over ground contradicts."""
     question = asked(strange_runs(3, PositionConversion(SHIP, north=0.24, east=0.24)))
     tried = search(whitened_data_set(CALM, question.case.fitted), [PositionConversion(SHIP), LogScale(SHIP)])
     best = tried.fitted[0]

@@ -14,6 +14,7 @@ from manoeuvre_nn.diagnosis import search as under_test
 from manoeuvre_nn.diagnosis.fits import PUBLISHED_SD_LEVEL, single
 from manoeuvre_nn.diagnosis.search import search
 from manoeuvre_nn.effect.current import Current
+from manoeuvre_nn.effect.depth import ShallowWater
 from manoeuvre_nn.effect.local import SideForce
 from manoeuvre_nn.effect.rudder import RudderBacklash
 from manoeuvre_nn.effect.sensors import LogScale
@@ -221,6 +222,16 @@ def test_the_better_of_the_fits_from_published_scatter_and_from_that_of_calm_wat
     assert single(likelihood, SideForce(SHIP), none).begun == "published", "events explain the misfit or nothing"
 
 
+def test_the_form_of_an_effect_is_fitted_at_each_start_of_its_size_first():
+    """Else a right depth is left for the sake of a resistance that is a little off; other effects have no form."""
+    asked = []
+    likelihood = SimpleNamespace(improve=lambda h, level, scatter, rounds: (asked.append(h.fixed) or h, 0.0))
+    for effect, fixed in ((ShallowWater(SHIP), [{"depth_m"}]), (LogScale(SHIP), []), (SideForce(SHIP), [])):
+        asked.clear()
+        start = Hypothesis((effect,), (values(effect),))
+        assert fits._in_form(likelihood, start, 6, 2).fixed == frozenset() and asked == fixed
+
+
 PROVED = [  # effects, model was fitted, gain in fitted runs, in held-out ones, growth of the error; whether it is named
     (("current",), False, 5.5, 2.3, 1.0, False),
     (("current",), False, 5.5, 2.7, 1.0, True),
@@ -242,25 +253,13 @@ def test_a_named_effect_must_gain_eight_in_fitted_and_held_out_runs_together(
     monkeypatch, names, trained, fitted, held_out, growth, named
 ):
     """And six more for a second one; whatever is gained in fitted runs, held-out ones refute what loses five there."""
-    none, claim = fit(100.0), fit(100.0 + fitted, *names)
-    none.hypothesis = claim.hypothesis = Hypothesis(tuple(EFFECTS[:1]), (values(EFFECTS[0]),))
-    proof = SimpleNamespace(rmse_before={"cost": 2.0}, rmse_after={"cost": 2.0 * growth}, rmse_alone={})
-    for name, made in {
-        "prove": lambda *_: [proof], "at_rest": lambda data_set, j: (data_set, j),
-        "in_held_out_runs": lambda question, j: SimpleNamespace(
-            hypothesis=j.hypothesis, evidence=7.0 + (held_out if j is claim else 0.0)
-        ),
-        "is_fitted": lambda dynamics: trained, "_cost": lambda question, errors: errors[0]["cost"],
-        "_last_effect_helps": lambda *_: True, "labels": lambda j: "", "_unit": lambda question: "",
-        "repaired_check": lambda *_: "sailed",
-    }.items():  # fmt: skip
-        monkeypatch.setattr(proving, name, made)
-    monkeypatch.setattr(proving.checking, "checks", lambda *_: [])
-    chosen, _, checks = proving._proved(Mock(), SimpleNamespace(likelihood=Mock(), none=none), [claim])
-    assert chosen is (claim if named else none) and checks[0].passed is named
+    claim = fit(100.0 + fitted, *names)
+    errors = {names: (2.0 * growth, 2.0 * growth)}
+    chosen, _, checks = proved(monkeypatch, [claim], {names: held_out}, errors, trained)
+    assert chosen.names == (names if named else ()) and checks[0].passed is named
 
 
-def proved(monkeypatch, claims, gains, errors) -> tuple:
+def proved(monkeypatch, claims, gains, errors, trained=False) -> tuple:
     """What is chosen among claims with these gains in held-out runs; errors of effects alone, with corrections."""
     none = fit(100.0)
     acting = Hypothesis(tuple(EFFECTS[:1]), (values(EFFECTS[0]),))
@@ -278,7 +277,7 @@ def proved(monkeypatch, claims, gains, errors) -> tuple:
         "in_held_out_runs": lambda question, j: SimpleNamespace(
             hypothesis=acting, evidence=7.0 + gains.get(j.names, 0.0)
         ),
-        "is_fitted": lambda dynamics: False, "_cost": lambda question, errors: errors[0]["cost"],
+        "is_fitted": lambda dynamics: trained, "_cost": lambda question, errors: errors[0]["cost"],
         "_last_effect_helps": lambda *_: True, "labels": lambda j: "", "_unit": lambda question: "",
         "repaired_check": lambda *_: "sailed",
     }.items():  # fmt: skip

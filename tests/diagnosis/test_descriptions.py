@@ -17,6 +17,7 @@ from manoeuvre_nn.diagnosis.result import Cause, Value
 from manoeuvre_nn.effect.formula import Formula
 from manoeuvre_nn.effect.local import SideForce
 from manoeuvre_nn.effect.wind import WindOnset
+from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS
 from manoeuvre_nn.estimation.hypothesis import STOPS, FittedHypothesis, Hypothesis
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
@@ -328,6 +329,22 @@ def test_headings_of_predictions_are_written_within_a_turn_and_their_bands_besid
 
 
 # Planned runs --------------------------------------------------------------------------------------------------------
+
+
+def test_coefficients_of_which_the_fitted_runs_show_nothing_keep_their_usual_scatter(monkeypatch):
+    """Of three coefficients, two of them correlated, one combination is seen: the draws have none of it."""
+    root = np.array([[1.0, 0.0, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 2.0]])
+    seen = root @ np.array([[0.6], [0.8], [0.0]])
+    monkeypatch.setattr(forecast, "Corrections", lambda dynamics: SimpleNamespace(names=()))
+    data_set = SimpleNamespace(dynamics=None, rotation=seen, coefficient_prior=SimpleNamespace(root=lambda names: root))
+    drawn = forecast.unseen_scatter(data_set, 2, 20001, np.random.default_rng(0))
+    whitened = np.linalg.solve(root, drawn[1:].T)
+    assert (drawn[0] == 0.0).all() and np.abs(np.linalg.solve(root, seen).T @ whitened).max() < 1e-12
+    assert np.array([[0.8, -0.6, 0.0], [0.0, 0.0, 1.0]]) @ np.cov(whitened) @ np.array([
+        [0.8, 0.0],
+        [-0.6, 0.0],
+        [0.0, 1.0],
+    ]) == approx(COEFFICIENT_SD_LEVELS[2] ** 2 * np.eye(2), abs=3e-5)
 
 
 def test_planned_runs_are_predicted_with_bands_and_prove_nothing(monkeypatch):

@@ -92,8 +92,7 @@ def test_a_hypothesis_that_would_need_another_ship_is_linearised_about_its_state
 
 
 def test_of_two_large_effects_both_are_found_although_calm_water_is_far_off():
-    """A rudder without most of its area and a propeller with little thrust: about states that were found with any force
-    allowed neither explains anything, and coefficients that are off by half explain them together."""
+    """A rudder without most of its area and a propeller with little thrust, beside two instruments that might err."""
     acting = [RudderAreaLoss(SHIP, fraction=0.8), PropellerPitchError(SHIP, fraction=0.6)]
     data_set = whitened_data_set(CALM, runs([CIRCLE, ZIGZAG], acting))
     others = [LeverArm(SHIP), HeadingBias(SHIP)]

@@ -10,7 +10,7 @@ from manoeuvre_nn.diagnosis.words import summary_sentence
 
 
 def test_the_first_sentence_says_what_the_repaired_model_still_misses():
-    """37 times the noise is no success, however large the gain."""
+    """A large gain is no success as long as free runs are off by more than they should be."""
     missed = "free runs of the repaired model miss the recorded x of r05 by 5.6 times what is unknown about it"
     passed, failed = (Check(REPAIRED_SAILS, good, f"{missed}: p = 0.0008") for good in (True, False))
     d = windy()

@@ -16,6 +16,8 @@ from manoeuvre_nn.estimation.relinearise import MAX_PASSES, STATES_AT_REST, besi
 
 MAX_FIRST_DEFICIT = 30.0
 """Log evidence by which a candidate may lie behind calm water after its first fit, made at calm water's noise."""
+MAX_STARTS = 4
+"""Starts of an effect that are all fitted from: a linear step tells badly where a depth or a play leads."""
 WORSE = 1.0
 """Log density by which the mean over all levels of noise may be less likely than the values that were fitted."""
 PUBLISHED_SD_LEVEL = 2
@@ -52,14 +54,14 @@ def _in_form(likelihood: MarginalLikelihood, start: Hypothesis, level: int, scat
 
 
 def _starts(likelihood: MarginalLikelihood, effect: Effect, level: int, scatter: int) -> list[Hypothesis]:
-    """The two most promising of all starts, by what a linear step from each would gain; windows of an event."""
+    """All starts, of many the two most promising by what a linear step from each would gain; windows of an event."""
     data_set = likelihood.data_set
     if any(p.per_run for p in effect.declared):
         events = best_windows(likelihood, effect, level, scatter)
         return [Hypothesis((effect,), (values,), campaigns=data_set.campaigns) for values in events]
     grid = np.array(list(product(*[(p.null,) if p.form else p.starts for p in effect.declared])), dtype=float)
     made = np.tile(grid[:, None], (1, len(data_set.runs), 1))
-    if len(grid) < 5:
+    if len(grid) <= MAX_STARTS:
         return [Hypothesis((effect,), (values,), campaigns=data_set.campaigns) for values in made]
 
     def scores(values: Float[np.ndarray, "k runs p"]) -> Float[np.ndarray, " k"]:

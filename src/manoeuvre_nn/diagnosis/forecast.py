@@ -120,7 +120,7 @@ def unplaced_events(question: Question, chosen: FittedHypothesis) -> list[str]:
 
 
 @dataclass(frozen=True)
-class Known:
+class _Known:
     """What the fitted runs say of coefficients and numbers.
 
     Attributes:
@@ -152,7 +152,7 @@ class Known:
         return same_campaigns([prepared.linearised.run for prepared in self.data_set.runs], runs)
 
 
-def known_of(data_set: WhitenedDataSet, chosen: FittedHypothesis) -> Known:
+def known_of(data_set: WhitenedDataSet, chosen: FittedHypothesis) -> _Known:
     """Posterior of everything at the noise that is most likely, about the states that the hypothesis implies."""
     data_set = refined(data_set, chosen) if chosen.names else data_set
     level, scatter = chosen.best
@@ -161,7 +161,7 @@ def known_of(data_set: WhitenedDataSet, chosen: FittedHypothesis) -> Known:
     mean, kept = found.mean(scatter), data_set.combinations
     base = kept + len(data_set.runs)
     latency = LATENCY + float(np.mean(mean[kept:base]))
-    return Known(data_set, chosen, mean[:base], latency, found.covariance(scatter))
+    return _Known(data_set, chosen, mean[:base], latency, found.covariance(scatter))
 
 
 def unseen_scatter(
@@ -191,7 +191,7 @@ def thinned(runs: Sequence[Recording], warmup: float, every: int) -> list[Record
 
 
 def drawn_tables(
-    known: Known,
+    known: _Known,
     there: Hypothesis,
     runs: Sequence[Recording],
     warmup: float,
@@ -253,7 +253,7 @@ def _in_turn(each: Sequence[Hypothesis]) -> Hypothesis:
 
 def _starts(
     g: np.random.Generator,
-    known: Known,
+    known: _Known,
     run: Recording,
     warmup: float,
     numbers: Float[np.ndarray, "draws m"],
@@ -278,7 +278,7 @@ def _starts(
     return mean + numbers @ slopes + chance
 
 
-def _noise(known: Known) -> dict[str, float]:
+def _noise(known: _Known) -> dict[str, float]:
     """Standard deviation of a single sample about the repaired model's states, in the units of a prediction."""
     data_set, kept, squares = known.data_set, known.data_set.combinations, []
     lin = hypothesis_columns(data_set, known.chosen.hypothesis) if known.chosen.names else None

@@ -68,25 +68,9 @@ def search(
     likelihood = MarginalLikelihood(with_likely_coefficient_prior(data_set, none))
     data_set.release()
     none = likelihood.evaluate(Hypothesis((), ()), around=none.best[0])
-    everywhere = [(likelihood, none), *_about_calm_water(likelihood, none)]
-    likelihood, none = everywhere[-1]
-
     # A gusty wind is a variant of what a steady wind explains: see below.
     plain, variants = [e for e in effects if not e.variant_of], [e for e in effects if e.variant_of]
-
-    def alone(number: int) -> FittedHypothesis:
-        there, calm = everywhere[number // len(plain)]
-        return single(there, plain[number % len(plain)], calm)
-
-    singles = []
-    count = len(everywhere) * len(plain)
-    for number, found in enumerate(shared_out(alone, count, workers)):
-        progress(plain[number % len(plain)].name)
-        singles.append(found)
-    if len(everywhere) > 1:
-        singles = _about_own_states([there.data_set for there, _ in everywhere], singles)
-        everywhere[0][0].data_set.release()
-    singles.sort(key=lambda j: -j.evidence)
+    likelihood, none, singles = _alone(likelihood, none, plain, progress, workers)
     if singles:
         progress("second linearisation")
         clear = singles[0].evidence > none.evidence + MIN_GAIN_TO_RELINEARISE
@@ -115,6 +99,30 @@ def search(
             fitted.append(fitted_gusts(likelihood, j, variant))
     fitted.sort(key=lambda j: -j.evidence)
     return SearchResult(none, fitted, likelihood)
+
+
+def _alone(
+    likelihood: MarginalLikelihood,
+    none: FittedHypothesis,
+    effects: Sequence[Effect],
+    progress: Progress,
+    workers: int,
+) -> tuple[MarginalLikelihood, FittedHypothesis, list[FittedHypothesis]]:
+    """Every effect alone, best first, and calm water, about its own states where it is far off."""
+    everywhere = [(likelihood, none), *_about_calm_water(likelihood, none)]
+
+    def fitted(number: int) -> FittedHypothesis:
+        there, calm = everywhere[number // len(effects)]
+        return single(there, effects[number % len(effects)], calm)
+
+    singles = []
+    for number, found in enumerate(shared_out(fitted, len(everywhere) * len(effects), workers)):
+        progress(effects[number % len(effects)].name)
+        singles.append(found)
+    if len(everywhere) > 1:
+        singles = _about_own_states([there.data_set for there, _ in everywhere], singles)
+        likelihood.data_set.release()
+    return *everywhere[-1], sorted(singles, key=lambda j: -j.evidence)
 
 
 def _about_calm_water(
