@@ -10,13 +10,17 @@ import pytest
 from fleet import unchecked
 from sailed import sailed, write_runs
 
+from manoeuvre_nn.diagnosis import forecast
 from manoeuvre_nn.diagnosis.answers import write_answer
 from manoeuvre_nn.diagnosis.case import Case, Question, RunSettings, read_runs
 from manoeuvre_nn.diagnosis.diagnose import diagnose
-from manoeuvre_nn.diagnosis.repair import recorded
+from manoeuvre_nn.diagnosis.repair import predict, recorded
 from manoeuvre_nn.diagnosis.result import Diagnosis
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.effect.current import Current
+from manoeuvre_nn.estimation.data_set import whitened_data_set
+from manoeuvre_nn.estimation.hypothesis import Hypothesis
+from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.report.diagnosis_figures import draw_diagnosis
 from manoeuvre_nn.report.diagnosis_html import diagnosis_html
 from manoeuvre_nn.ship.mariner import mariner_corrected
@@ -85,3 +89,21 @@ def test_a_planned_run_is_written_and_shown_but_does_not_count(tmp_path):
     assert "planned/tc1" in figures and "channels/tc1" not in figures
     diagnosis_html(d, {}, tmp_path / "page.html")
     assert "Planned runs" in (tmp_path / "page.html").read_text()
+
+
+def test_predictions_have_the_errors_of_coefficients_that_the_fitted_runs_do_not_show(tmp_path, monkeypatch):
+    """Here each draw has the same ones: the most likely run is then that of a ship with such coefficients."""
+    case = case_of(tmp_path)
+    turn, nothing = [run for run in case.held_out if run.name == "tc1"], Hypothesis((), ())
+    with unchecked():
+        data_set = whitened_data_set(CalmWater(SHIP), [run.between(0.0, 55.0) for run in case.fitted])
+        known = forecast.known_of(data_set, MarginalLikelihood(data_set).evaluate(nothing))
+        errors = 0.1 * np.random.default_rng(2).standard_normal(len(data_set.rotation))
+        monkeypatch.setattr(forecast, "unseen_scatter", lambda *_: errors)
+        ((drawn, *_),) = forecast.drawn_tables(known, nothing, turn, case.warmup, every=4)
+        combinations = known.mean[: data_set.combinations]
+        alike, without = (
+            predict(known.corrected(combinations, c), nothing, turn, case.warmup, known.latency)[0].psi.iloc[-1]
+            for c in (errors, 0.0)
+        )
+    assert abs(alike - without) > 10.0 and drawn.psi.iloc[-1] == pytest.approx(alike, abs=0.1 * abs(alike - without))
