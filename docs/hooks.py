@@ -74,5 +74,6 @@ def _page_of(path: Path) -> str:
 
 
 def _equation(source: str, *_: Any, **__: Any) -> str:
-    """A block of LaTeX as MathML, each line an equation of its own."""
-    return f'<div class="equation">{convert(source, display="block")}</div>'
+    """A block of LaTeX as MathML; aligned lines become a table, which site.css aligns."""
+    shown = convert(source.replace("{aligned}", "{align*}"), display="block")
+    return f'<div class="equation">{shown}</div>'
