@@ -46,7 +46,7 @@ def run_here(book) -> dict[str, Any]:
     with unchecked():  # a person writes 120 where an annotation says float
         for cell in book.cells:
             if cell.cell_type == "code":
-                exec(compile(cell.source, "cell", "exec"), left)
+                exec(compile(re.sub(r"^%.*$", "", cell.source, flags=re.MULTILINE), "cell", "exec"), left)
     plt.close("all")
     return left
 
@@ -108,22 +108,31 @@ def test_the_wind_that_was_guessed_is_named_as_it_was():
         assert abs((float(found) - float(was) + 180) % 360 - 180) < 2 * float(error)
 
 
-@forms({"network.members=8": "network.members=2"})
+@forms({"network.members=8": "network.members=2", '"tc25", "tc35_port"]': '"tc25"]'})
 def test_the_series_predicts_the_mariner_closer_than_networks_where_the_record_is_noisy(form):
     table = run_here(book_of("identify_mariner", form))["table"]
     assert (table["series"] < 0.5).all() and (table["networks"] > table["series"]).all()
 
 
-@forms({"STARTS, EPOCHS = 4, 200": "STARTS, EPOCHS = 1, 60"})
+@forms({"STARTS, EPOCHS = 4, 200": "STARTS, EPOCHS = 1, 60", '"zz10", "tc25"]': '"zz10"]'})
 def test_a_smaller_training_error_of_the_tanker_is_no_better_ship_outside_her_zigzag(form):
     left = run_here(book_of("tanker_levenberg_marquardt", form))
     losses, found = left["losses"], left["found"]
     assert losses["nielsen", 0][-1] < 1e-3 < 1e-2 < losses["adam", 0][-1]
-    assert found["training error"].is_monotonic_decreasing and found["dev/L zz20"].is_monotonic_decreasing
-    assert (found["dev/L zz10"] > 1).all() and (found["dev/L tc25"] > 0.1).all()
+    assert found["training error"].is_monotonic_decreasing and found["dev/L zz20"].iloc[-1] < 0.05
+    assert (found["dev/L zz10"] > 1).all()
 
 
-@forms({'candidates="default"': 'candidates=["current", "wind_steady", "rudder_offset"]'})
+@forms({"network.members=8": "network.members=2", '"zz20", "tc10", "tc20", "tc35"]': '"zz20"]'})
+def test_the_spread_or_the_status_tells_what_lies_outside_the_data(form):
+    left = run_here(book_of("outside_its_data", form))
+    table, status = left["table"], {one.manoeuvre: one.status for one in left["scores"]}
+    assert table["dev/L"]["zz10"] < 0.1 and table["samples inside the data"]["zz5"] == 1.0
+    assert table["dev/L"]["zz5"] > 0.5 and table["spread of the members, L"]["zz5"] > 0.3
+    assert table["dev/L"]["zz20"] > 1.0 and status["zz20"].startswith("left")
+
+
+@forms({'candidates="default"': 'candidates=["current", "wind_steady"]'})
 def test_the_disturbance_of_the_sample_is_named_as_it_was_made(form):
     left = run_here(book_of("sample_diagnosis", form))
     (name, made), found = *CONCEALED.items(), left["answer"].effects
