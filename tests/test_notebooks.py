@@ -74,7 +74,9 @@ def test_a_notebook_is_small_defines_nothing_and_shows_what_came_out_when_it_ran
         return
     assert counts == list(range(1, len(code) + 1))
     kinds = {output.output_type for cell in code for output in cell.outputs}
-    assert "display_data" in kinds and "error" not in kinds
+    assert "error" not in kinds and any(
+        "image/png" in output.get("data", {}) for cell in code for output in cell.outputs
+    )
     assert not re.search(r"/tmp/|/home/|/root/|/work/|Warning", printed(book)), "paths and warnings are nobody's"
 
 
@@ -108,13 +110,20 @@ def test_the_wind_that_was_guessed_is_named_as_it_was():
         assert abs((float(found) - float(was) + 180) % 360 - 180) < 2 * float(error)
 
 
-@forms({"network.members=8": "network.members=2", '"tc25", "tc35_port"]': '"tc25"]'})
+@forms({
+    "network.members=8": "network.members=2",
+    '"zz20", "tc25", "tc35_port"]': '{"zz20": {"duration": 200.0}}, {"tc25": {"duration": 200.0}}]',
+})
 def test_the_series_predicts_the_mariner_closer_than_networks_where_the_record_is_noisy(form):
     table = run_here(book_of("identify_mariner", form))["table"]
     assert (table["series"] < 0.5).all() and (table["networks"] > table["series"]).all()
 
 
-@forms({"STARTS, EPOCHS = 4, 200": "STARTS, EPOCHS = 1, 60", '"zz10", "tc25"]': '"zz10"]'})
+@forms({
+    "STARTS, EPOCHS = 4, 200": "STARTS, EPOCHS = 1, 20",
+    "(5, 20, 50, EPOCHS)": "(5, 20)",
+    '["zz20", "zz10", "tc25"]': '[{"zz20": {"duration": 600.0}}, {"zz10": {"duration": 600.0}}]',
+})
 def test_a_smaller_training_error_of_the_tanker_is_no_better_ship_outside_her_zigzag(form):
     left = run_here(book_of("tanker_levenberg_marquardt", form))
     losses, found = left["losses"], left["found"]
@@ -123,13 +132,17 @@ def test_a_smaller_training_error_of_the_tanker_is_no_better_ship_outside_her_zi
     assert (found["dev/L zz10"] > 1).all()
 
 
-@forms({"network.members=8": "network.members=2", '"zz20", "tc10", "tc20", "tc35"]': '"zz20"]'})
-def test_the_spread_or_the_status_tells_what_lies_outside_the_data(form):
-    left = run_here(book_of("outside_its_data", form))
-    table, status = left["table"], {one.manoeuvre: one.status for one in left["scores"]}
-    assert table["dev/L"]["zz10"] < 0.1 and table["samples inside the data"]["zz5"] == 1.0
-    assert table["dev/L"]["zz5"] > 0.5 and table["spread of the members, L"]["zz5"] > 0.3
-    assert table["dev/L"]["zz20"] > 1.0 and status["zz20"].startswith("left")
+@forms({
+    "network.members=8": "network.members=2",
+    'simulate("esso_190k", ["zz10"])': 'simulate("esso_190k", {"zz10": {"duration": 700.0}})',
+    '["zz5", "zz10", "zz20", "tc10", "tc20", "tc35"]': '[{"zz5": {"duration": 500.0}}, {"zz10": {"duration": 500.0}}]',
+    '["tc35"])': '[{"tc35": {"duration": 300.0}}])',
+})
+def test_what_lies_inside_the_box_of_the_data_may_still_be_missed(form):
+    table = run_here(book_of("outside_its_data", form))["table"]
+    assert table["samples inside the data"]["zz5"] > 0.99 and table["dev/L"]["zz10"] < 0.2
+    assert table["dev/L"]["zz5"] > 2 * table["dev/L"]["zz10"]
+    assert table["spread of the members, L"]["zz5"] > 2 * table["spread of the members, L"]["zz10"]
 
 
 @forms({'candidates="default"': 'candidates=["current", "wind_steady"]'})
