@@ -5,17 +5,20 @@ import shlex
 from pathlib import Path
 
 import pytest
+import torch
 from fleet import unchecked
 
 from manoeuvre_nn.commands import import_recording
 from manoeuvre_nn.commands.config import chosen_effects
 from manoeuvre_nn.commands.groups import compose
+from manoeuvre_nn.commands.job import blank_network
 from manoeuvre_nn.commands.main import task_of
 from manoeuvre_nn.commands.shelves import build
+from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.ship.mariner import mariner
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", ROOT / "SECURITY.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "SECURITY.md", *sorted((ROOT / "docs").rglob("*.md"))]
 PYTHON = re.compile(r"(<!-- run(?: slow)? -->\n)?```python\n(.*?)```", re.DOTALL)
 OWN_FILE = re.compile(r"```(?:python|yaml)\n((?:# @package .*\n)?# mine/([\w/]+\.(?:py|yaml)).*?)```", re.DOTALL)
 """A block that is a file of the reader's own folder ``mine``, and its path there."""
@@ -134,11 +137,19 @@ def mine(tmp_path):
     return tmp_path
 
 
-def test_a_ship_and_an_effect_of_ones_own_are_built_as_the_pages_write_them(mine):
+def test_ships_and_an_effect_of_ones_own_are_built_as_the_pages_write_them(mine):
     cfg = compose("simulate", [f"config_dir={mine}", "plugins=[kite]", "ship=ferry", "effect=[kite]"])
     assert build(cfg.ship, "ship").name == "ferry"
+    coaster = build(compose("simulate", [f"config_dir={mine}", "ship=coaster"]).ship, "ship")
+    assert coaster.particulars.name == "coaster" and isinstance(coaster, Ship)
     (kite,) = chosen_effects(cfg.effect, mariner())
     assert kite.name == "kite" and float(kite.value("pull_kN")) == 100.0
+
+
+def test_a_network_of_ones_own_is_built_as_the_pages_write_it(mine):
+    words = [f"config_dir={mine}", "plugins=[deep]", "ship=mariner", "manoeuvre=zz35", "network=deep"]
+    network, scaling, dtype = blank_network(compose("train", words))
+    assert network(torch.zeros(5, 4, dtype=dtype)).shape == (5, 3) and scaling == "centred"
 
 
 @pytest.mark.parametrize("step", STEPS)

@@ -85,6 +85,13 @@ def test_runs_are_a_sequence_that_prints_and_plots(runs):
     assert isinstance(runs.plot(), Figure) and len(runs[:1] + runs[1:]) == 3
 
 
+def test_a_notebook_shows_a_table_once(runs, monkeypatch):
+    shown = []
+    monkeypatch.setattr("rich.console._is_jupyter", lambda: True)
+    monkeypatch.setattr("rich.jupyter.display", lambda *parts: shown.append(parts))
+    assert "zz10" in repr(runs) and not shown
+
+
 def test_effects_are_a_name_a_mapping_or_a_list_of_these_and_a_scaled_log_stays_scaled():
     trial = {"tc25": {"duration": 60.0}}
     listed, alone = (mnn.simulate("mariner", trial, effects=given)[0] for given in ([CURRENT], CURRENT))

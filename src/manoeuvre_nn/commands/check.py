@@ -26,7 +26,7 @@ from manoeuvre_nn.recording.check.finding import Finding
 from manoeuvre_nn.recording.check.inspection import Inspection, inspect_file
 from manoeuvre_nn.recording.read.mapping import Mapping
 from manoeuvre_nn.recording.read.mapping_file import mapping_of
-from manoeuvre_nn.recording.read.reader import recordings_in
+from manoeuvre_nn.recording.read.reader import place_of, recordings_in
 from manoeuvre_nn.recording.thinning import thinned
 from manoeuvre_nn.report.check_figures import check_figure
 from manoeuvre_nn.report.check_tables import (
@@ -87,7 +87,7 @@ def check(cfg: DictConfig, out: Path, console: Console | None = None) -> list[In
 
 def _files(cfg: DictConfig) -> list[Path]:
     """Files that are named, or all of the folder."""
-    folder = Path(str(cfg.data.folder))
+    folder = place_of(str(cfg.data.folder))
     names = configs.names(cfg.data.files)
     paths = expand(folder, names, "data.files")
     if names:

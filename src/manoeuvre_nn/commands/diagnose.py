@@ -49,7 +49,10 @@ def diagnose_all(cfg: DictConfig, out: Path, console: Console | None = None) -> 
     console = console or Terminal()
     use_threads(1)
     if (cfg.cases is None) == (cfg.recordings is None):
-        raise InputError(f"write either cases=DIR or recordings=DIR; {guard.program()} --help tells more")
+        raise InputError(
+            "write either cases=DIR or recordings=DIR, or recordings=sample, which comes with the package; "
+            f"{guard.program()} --help tells more"
+        )
     (answer_cases if cfg.recordings is None else diagnose_recordings)(cfg, out, console)
 
 

@@ -25,6 +25,7 @@ from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
 from manoeuvre_nn.effect.formula import Formula
 from manoeuvre_nn.effect.remainder import Remainder
+from manoeuvre_nn.recording.read.reader import place_of
 
 DEFAULT, TANK, ALL = "default", "tank", "all"
 SENSOR = "sensor:"
@@ -60,7 +61,7 @@ class _Setup:
             files=[] if c.files is None else configs.names(c.files),
             **told,
         )
-        return read_runs(Path(str(c.recordings)), self._ship(), settings)
+        return read_runs(place_of(str(c.recordings)), self._ship(), settings)
 
     def _ship(self) -> Ship | None:
         """What was chosen with ship= and model=; None leaves it to a manifest."""

@@ -101,7 +101,9 @@ def _one_line(text: str) -> str:
     key = re.search(r"Could not override '([^']+)'", text) or re.search(r"Key '([^']+)' is not in struct", text)
     full = re.search(r"full_key: (\S+)", text)
     if key:
-        return f"there is no setting {(full or key)[1]}; {program()} --cfg job lists them all"
+        name = (full or key)[1]
+        folder = "; the folder to write into is hydra.run.dir=FOLDER" if name == "out" else ""
+        return f"there is no setting {name}{folder}; {program()} --cfg job lists them all"
     mandatory = re.search(r"Missing mandatory value: (\S+)", text)
     if mandatory:
         name = (full or mandatory)[1]

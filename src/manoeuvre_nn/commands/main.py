@@ -31,7 +31,8 @@ USAGE = """manoeuvre COMMAND [group=option] [setting=value]
   excite        which manoeuvre to sail next
   export        a trained model as formulas: LaTeX, Python, C, spreadsheet
 
-manoeuvre COMMAND --help lists groups, options and settings."""
+manoeuvre COMMAND --help lists groups, options and settings.
+To begin with: manoeuvre diagnose recordings=sample"""
 
 
 TASKS = {

@@ -31,7 +31,8 @@ TABLE_COLUMNS = 100
 
 def _printed(show: Callable[[Terminal], None]) -> str:
     """What is shown on a console, as text."""
-    console = Terminal(width=TABLE_COLUMNS, record=True, file=StringIO())
+    # A notebook shows what is printed by itself: rich would show it there a second time.
+    console = Terminal(width=TABLE_COLUMNS, record=True, file=StringIO(), force_jupyter=False)
     show(console)
     return console.export_text().rstrip()
 

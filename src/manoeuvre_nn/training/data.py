@@ -3,7 +3,6 @@
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Literal
 
 import lightning as L
@@ -29,7 +28,7 @@ from manoeuvre_nn.recording.check.checks import check_recording
 from manoeuvre_nn.recording.check.inspection import inspect_recording, summary_lines
 from manoeuvre_nn.recording.noise import add_noise, resample
 from manoeuvre_nn.recording.read.mapping import Mapping as ChannelMapping
-from manoeuvre_nn.recording.read.reader import read_recording, recordings_in
+from manoeuvre_nn.recording.read.reader import place_of, read_recording, recordings_in
 from manoeuvre_nn.recording.tuples import Tuples, to_tuples
 from manoeuvre_nn.scoring.held_out import HeldOut, references, simulated_references
 from manoeuvre_nn.training.settings import check_length, check_positive, check_simulable, expand, noise_in_si
@@ -360,7 +359,7 @@ def recorded_files(
         files: What to train on, relative to ``folder``.
         score: Held-out recordings, relative to ``folder``; empty takes every other recording in the folder.
         mapping: Columns, units and signs; None for files that this package wrote.
-        folder: Where the files are.
+        folder: Where the files are, or ``sample``.
         settings: What of the recordings is used, and how.
 
     Returns:
@@ -371,7 +370,7 @@ def recorded_files(
     """
     if settings is not None and settings.noise:
         raise InputError("data.noise: measured files carry their own noise; leave it out")
-    where = Path(folder)
+    where = place_of(folder)
     paths = expand(where, files, "data.files")
     if not paths:
         raise InputError("data.files=[] names no recording: write data.files=[FILE,...], relative to data.folder")

@@ -29,6 +29,8 @@ from manoeuvre_nn.recording.read.position import local_metres
 from manoeuvre_nn.recording.read.quantity import COUNT, PAIRS, beyond_all
 from manoeuvre_nn.recording.read.table import TEXT, Table, read_table
 
+SAMPLE = "sample"
+"""Stands for a folder: the recordings that come with the package, made by ``scripts/sample_recordings.py``."""
 MIN_SAMPLES = 20
 """Fewest samples of a recording."""
 MIN_LENGTH = 2.0
@@ -47,8 +49,8 @@ def read_recordings(
     """Read several files of one kind, as :func:`read_recording` reads each.
 
     Args:
-        where: A folder (all its files that can be read), a file, a pattern such as ``runs/zz*.csv``, or a list of
-            files.
+        where: A folder (all its files that can be read), a file, a pattern such as ``runs/zz*.csv``, a list of files,
+            or ``sample``.
         mapping: Columns, units, signs; None for files that this package wrote.
         ship: The ship.
 
@@ -60,7 +62,7 @@ def read_recordings(
     """
     if not isinstance(where, (str, Path)):
         return [read_recording(path, mapping, ship) for path in where]
-    place = Path(where)
+    place = place_of(where)
     if place.is_dir():
         paths = recordings_in(place)
     elif place.exists():
@@ -72,6 +74,19 @@ def read_recordings(
         kinds = " or ".join(suffix.removeprefix(".") for suffix in (".csv", *READERS))
         raise InputError(f"{where}: no {kinds} file there; write a file, a folder or a pattern such as runs/zz*.csv")
     return [read_recording(path, mapping, ship) for path in paths]
+
+
+def place_of(where: str | Path) -> Path:
+    """Where recordings are: the path that is given, or those that come with the package.
+
+    Args:
+        where: A path, or ``sample``; something of one's own that is called ``sample`` comes first.
+
+    Returns:
+        A path.
+    """
+    place = Path(where)
+    return Path(__file__).parents[1] / SAMPLE if str(where) == SAMPLE and not place.exists() else place
 
 
 def recordings_in(folder: Path) -> list[Path]:
