@@ -19,6 +19,7 @@ from manoeuvre_nn.diagnosis.diagnose import diagnose
 from manoeuvre_nn.diagnosis.result import Diagnosis
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.vessel import Vessel
+from manoeuvre_nn.effect.common import typical
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.depth import ShallowWater
 from manoeuvre_nn.effect.formula import Formula
@@ -184,8 +185,13 @@ def test_a_force_without_a_name_is_unknown_and_its_formula_predicts_the_run_that
     cause = d.causes[0]
     assert cause.name == "unknown" and cause.terms[0] in STRANGE and set(cause.terms) >= set(STRANGE)
     assert set(cause.equations) <= {"Y", "N"}
-    weights = {t: v for t, v in zip(cause.terms, cause.parameters, strict=True)}
-    assert abs(weights["Y |v||r|"].value - 1.5) < 4 * weights["Y |v||r|"].error + 0.05
+    found = next(v for v in cause.parameters if v.name == "Y |v||r|")
+    weight = cause.weights[f"w{cause.terms.index(found.name) + 1}"]
+    assert abs(weight - 1.5) < 4 * weight * found.error / found.value + 0.05
+    # A weight of one is the force of 20 deg of rudder: on the approach, Y_d 20 deg.
+    of_rudder = SHIP.force_from_acceleration(typical(SHIP))[1] * SHIP.prime.force / 1e3
+    assert found.unit == "kN" and found.value == approx(weight * float(of_rudder), rel=0.1)
+    assert f"{found.value:.3g} kN |v||r|" in d.sentence
     assert d.rmse("before")["pos"] > 3 * d.noise["pos"] and d.rmse("after")["pos"] < 1.2 * d.noise["pos"]
 
 

@@ -36,6 +36,20 @@ class Value:
     high: float = float("inf")
     period: float = 0.0
 
+    @property
+    def interval(self) -> Interval | None:
+        """Ends of the 95 % interval within what is possible; those of a direction go round, 0 and the period are any.
+
+        Returns:
+            The ends in the value's unit; None where the standard error is not known.
+        """
+        if not (np.isfinite(self.error) and self.error > 0):
+            return None
+        low, high = (float(min(max(self.value + sign * 1.96 * self.error, self.low), self.high)) for sign in (-1, 1))
+        if not self.period:
+            return low, high
+        return (0.0, self.period) if high - low >= self.period else (low % self.period, high % self.period)
+
 
 @dataclass(frozen=True)
 class Nature:
@@ -79,7 +93,8 @@ class Cause:
         intervals: Run -> times in which it acts [s], none where it does not act; None: throughout.
         fingerprint: How it is recognised.
         source: Where its formula is from.
-        terms: Terms of the formula of something unknown, one a parameter.
+        terms: Terms of the formula of something unknown, one a parameter; what these share stands behind.
+        weights: The formula's own parameters, those of conf/effect/formula.yaml.
         nature: What something unknown is like; None for effects, and where nothing unknown was found.
         interval_errors: Standard errors of ``intervals`` [s]; NaN where a run begins or ends within.
     """
@@ -94,6 +109,7 @@ class Cause:
     fingerprint: str
     source: str
     terms: tuple[str, ...] = ()
+    weights: Mapping[str, float] = field(default_factory=dict)
     nature: Nature | None = None
     interval_errors: Mapping[str, list[Interval]] = field(default_factory=dict)
 

@@ -7,6 +7,7 @@ import numpy as np
 from manoeuvre_nn.core.units import three_digits
 from manoeuvre_nn.diagnosis.advise import Ranked, advise
 from manoeuvre_nn.diagnosis.decision import Decision
+from manoeuvre_nn.diagnosis.locate import PUSHES
 from manoeuvre_nn.diagnosis.result import Cause, Nature, Proof, Value
 from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.dynamics.base import is_fitted
@@ -125,11 +126,25 @@ def _times(cause: Cause) -> str:
 
 
 def _formula(cause: Cause) -> str:
-    """The formula of something unknown: weights are shares of the resistance or of 20 deg of rudder."""
-    count = len(cause.terms)
-    said = " ".join(f"{v.value:+.3g} {v.name}" for v in cause.parameters[:count]).lstrip("+")
-    scales = [f"{v.name.removesuffix('_s').replace('_', ' ')} {v.value:.3g} {v.unit}" for v in cause.parameters[count:]]
-    return f"; a short formula for it is {', '.join([said, *scales])} (motion in units of a tight turn)"
+    """The formula of something unknown, equation by equation, every coefficient with its unit."""
+    sums: dict[str, str] = {}
+    for v in cause.parameters[: len(cause.terms)]:
+        kind, _, shape = v.name.partition(" ")
+        channel, _, of_channel = shape.partition(" ")
+        place, shape = {
+            "rudder": ("more rudder", f"of the angle {shape}"),
+            "sensor": (f"error of {channel}", of_channel),
+        }.get(kind, (kind, shape))
+        term = f"{abs(v.value):.3g} {v.unit} {shape.removeprefix('1').lstrip()}".rstrip()
+        sign = "-" if v.value < 0 else "+"
+        sums[place] = f"{sums[place]} {sign} {term}" if place in sums else f"{place} = {sign.strip('+')}{term}"
+    scales = [
+        f"{v.name.removesuffix('_s').replace('_', ' ')} {v.value:.3g} {v.unit}"
+        for v in cause.parameters[len(cause.terms) :]
+    ]
+    positive = [f"{e} {PUSHES[e][0]}" for e in sums if e in PUSHES]
+    read = "; ".join([*([f"positive: {', '.join(positive)}"] if positive else []), "motion in units of a tight turn"])
+    return f"; a short formula for it is {', '.join([*sums.values(), *scales])} ({read})"
 
 
 def nature_words(nature: Nature) -> str:

@@ -127,7 +127,8 @@ def tables(told: Coefficients) -> dict[str, list[Row]]:
     made: dict[str, list[Row]] = {}
     made["Coefficients"] = [
         {"": r["symbol"], "value": r["value"], "± 95 %": (r["high"] - r["low"]) / 2, "before": r["prior"],
-         "± before": REACH * r["prior_error"], "narrowed by [%]": round(100 * r["learnt"]), "it is": _word(r["word"], r["with"])}
+         "± before": REACH * r["prior_error"], "narrowed by [%]": round(100 * r["learnt"]),
+         "it is": _word(r["word"], r["with"])}
         for r in told.rows.to_dict("records")
     ]  # fmt: skip
     made["Known only together"] = [

@@ -78,26 +78,42 @@ def of_campaign(value: Value) -> str:
 
 
 def value_text(value: Value) -> str:
-    """A parameter with its standard error, if this is known, both to the error's second digit: ``11.2 ± 1.4 m/s``."""
-    unit = "" if value.unit == "-" else f" {value.unit}"
+    """A parameter with its standard error, if this is known, both to the error's second digit.
+
+    Returns:
+        ``11.2 ± 1.4 m/s``; where its sign has words, with these in its place: ``222 ± 12 kN to port``.
+    """
+    size, side = (abs(value.value), f" {value.sides[value.value < 0]}") if value.sides else (value.value, "")
+    unit = ("" if value.unit == "-" else f" {value.unit}") + side
     if not (math.isfinite(value.error) and value.error > 0 and math.isfinite(value.value)):
-        return f"{text(value.value, 4)}{unit}"
+        return f"{text(size, 4)}{unit}"
     digits = 1 - math.floor(math.log10(value.error))
-    shown = [f"{round(number, digits):.{max(digits, 0)}f}" for number in (value.value, value.error)]
+    shown = [f"{round(number, digits):.{max(digits, 0)}f}" for number in (size, value.error)]
     return f"{' ± '.join(shown)}{unit}"
 
 
 def interval_text(value: Value) -> str:
-    """Where a possible value lies with 95 %: ``8.5 to 13.9``, ``any`` direction, a dash where the error is unknown."""
-    if not (math.isfinite(value.error) and value.error > 0):
+    """Where a possible value lies with 95 %.
+
+    Returns:
+        ``8.5 to 13.9``; ``any`` of a direction; a dash where the error is unknown; where the sign has words,
+        ``198 to 246 to port``, or ``10 to port, 20 to starboard`` if 0 lies within.
+    """
+    ends = value.interval
+    if ends is None:
         return "–"
+    if value.period and ends == (0.0, value.period):
+        return "any"
     digits = max(1 - math.floor(math.log10(value.error)), 0)
-    ends = [min(max(value.value + sign * 1.96 * value.error, value.low), value.high) for sign in (-1, 1)]
-    if value.period:
-        if ends[1] - ends[0] >= value.period:
-            return "any"
-        ends = [round(end, digits) % value.period for end in ends]
-    return " to ".join(f"{end:.{digits}f}" for end in ends)
+    # What rounding takes to the period is 0.
+    shown = [round(end, digits) % value.period if value.period else end for end in ends]
+    if not value.sides:
+        return " to ".join(f"{end:.{digits}f}" for end in shown)
+    positive, negative = value.sides
+    if ends[0] < 0 < ends[1]:
+        return f"{-shown[0]:.{digits}f} {negative}, {shown[1]:.{digits}f} {positive}"
+    low, high = sorted(map(abs, shown))
+    return f"{low:.{digits}f} to {high:.{digits}f} {negative if ends[1] <= 0 else positive}"
 
 
 def when_text(cause: Cause, most: int = 4) -> str:
@@ -148,15 +164,13 @@ def cause_rows(d: Diagnosis, causes: Sequence[Cause]) -> list[dict[str, Any]]:
 
 
 def parameter_rows(causes: Sequence[Cause]) -> list[dict[str, Any]]:
-    """Parameters with their intervals, one a row, and what a positive value means where the sign needs words."""
-    signed = any(value.sides for cause in causes for value in cause.parameters)
+    """Parameters with their intervals, one a row."""
     return [
         {
             "cause": cause.label,
             "parameter": f"{words(value)}{of_campaign(value)}",
             FOUND: value_text(value),
             "95 % interval": interval_text(value),
-            **({"positive is": value.sides[0] if value.sides else "–"} if signed else {}),
         }
         for cause in causes
         for value in cause.parameters
