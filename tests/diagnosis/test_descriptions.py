@@ -99,7 +99,10 @@ def test_every_coefficient_of_a_formula_has_a_unit_in_which_it_gives_the_force_o
     assert all(v.error == approx(v.value / 5) for v in found[: len(UNITS)])
     cause = Cause("unknown", "", 0.9, 9.0, ("N",), found, None, "", "", tuple(UNITS))
     said = words._formula(cause)
-    assert f"N = {by_name['N r|r| cos psi'].value:.3g} MN m r|r| cos psi + {by_name['N r t'].value:.3g} MN m/min r t" in said
+    assert (
+        f"N = {by_name['N r|r| cos psi'].value:.3g} MN m r|r| cos psi + {by_name['N r t'].value:.3g} MN m/min r t"
+        in said
+    )
     assert "more rudder = 0.5 deg/deg of the angle to port" in said and "error of u_log =" in said
     assert "positive: X ahead, N bow to starboard, Y to starboard" in said
 

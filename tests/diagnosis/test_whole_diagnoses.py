@@ -11,9 +11,11 @@ from fleet import unchecked
 from pytest import approx
 from trials import CALM, NOISE, SHIP, run_of
 
+from manoeuvre_nn.commands.diagnose import summary
 from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis import diagnose as under_test
+from manoeuvre_nn.diagnosis.answers import answer
 from manoeuvre_nn.diagnosis.case import Case, Question
 from manoeuvre_nn.diagnosis.diagnose import diagnose
 from manoeuvre_nn.diagnosis.result import Diagnosis
@@ -30,6 +32,8 @@ from manoeuvre_nn.effect.rudder import RudderAreaLoss, RudderOffset
 from manoeuvre_nn.effect.sensors import HeadingBias, LogScale
 from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
+from manoeuvre_nn.report.diagnosis_tables import verdict_text
+from manoeuvre_nn.report.views import Answer
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 CANDIDATES = [kind(SHIP) for kind in (Current, SteadyWind, RudderOffset, HullFouling, HeadingBias, LogScale)]
@@ -135,6 +139,22 @@ def test_an_event_that_no_held_out_run_had_is_named_by_the_run_that_had_it():
     assert "no run that was not used had it" in d.sentence
     (check,) = (c for c in d.checks if c.name == "held-out gain")
     assert check.passed and "did not act in a held-out run: not proved" in check.text
+
+
+def test_a_claim_that_runs_which_were_not_used_do_not_bear_out_is_in_no_headline():
+    """A current in the fitted runs alone: the search is sure of it, and the held-out run had none."""
+    with unchecked():
+        *fitted, _ = roll_out(Vessel(CALM, [TRUE["current"]]), TRIALS[1:], step=1.0)
+        (last,) = roll_out(Vessel(CALM), TRIALS[-1:], step=1.0)
+    *fitted, last = (run_of(r, NOISE, seed) for seed, r in enumerate([*fitted, last], start=70))
+    case = Case("gone", "mariner", (*fitted, last), SHIP, frozenset({last.name}))
+    d = diagnose(Question(case, CALM, [Current(SHIP)]))
+    refused = [c.text for c in d.checks if c.name == "held-out gain" and not c.passed]
+    assert any("a current" in text for text in refused) and "current" not in d.model
+    found = next(c for c in d.causes if c.name == "current")
+    assert found.evidence > 50 and found.probability < 0.5
+    for said in (d.sentence, verdict_text(d), summary(d, CALM), Answer(d).summary, answer(d)["sentence"]):
+        assert "current" not in said
 
 
 def test_where_nothing_is_missing_corrected_coefficients_predict():

@@ -225,7 +225,7 @@ def test_errors_of_all_runs_leave_out_channels_that_a_run_did_not_record():
 def test_what_is_unknown_is_called_so():
     assert [d.unknown for d in (windy(), unknown(), calm())] == [False, True, False]
     for d, said in ((windy(), "something is"), (unknown(), "something unknown is"), (calm(), "nothing is")):
-        assert verdict_text(d) == f"{said} missing"
+        assert verdict_text(d) == f"{said} missing in the calm-water model"
         assert f"{said} missing" in printed(d) and f"{said} missing" in diagnosis_markdown(d)
     rows = {row["cause"]: row["ln B"] for row in cause_rows(unknown(), unknown().causes)}
     assert rows["something that is not in the list"] == 88 and rows["a current"] == 120

@@ -50,7 +50,8 @@ def nature_of(tried: SearchResult, verdict: Decision, found: Sequence[Residual],
         return None
     shape = shape_of(data_set, found)
     hard = shape.hard[0] if shape.hard else float("nan")
-    return replace(nature, frame=shape.frame, parity=shape.parity, regime=hard)
+    refuted = nature.predictable and proved is False
+    return replace(nature, frame=shape.frame, parity=shape.parity, regime=hard, refuted=refuted)
 
 
 def _by_chance(data_set: WhitenedDataSet, random: RandomCourse, against: float) -> Nature:

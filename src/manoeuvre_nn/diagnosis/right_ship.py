@@ -19,7 +19,7 @@ from jaxtyping import Float
 from scipy.special import logsumexp
 
 from manoeuvre_nn.diagnosis.decision import PRIOR_NONE, PRIOR_OF_SIZE, PRIOR_UNKNOWN
-from manoeuvre_nn.diagnosis.result import Check
+from manoeuvre_nn.diagnosis.result import RIGHT_SHIP, Check
 from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.estimation.corrections import USUAL_SCATTER
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS
@@ -29,12 +29,10 @@ from manoeuvre_nn.estimation.relinearise import beside
 
 MIN_GAIN_OF_ANOTHER = 7.0
 """Log Bayes factor from which the ship is called in question: of the right one fewer than one set in a thousand."""
-USUAL = int(np.searchsorted(COEFFICIENT_SD_LEVELS, 2 * USUAL_SCATTER))
+USUAL_LEVELS = int(np.searchsorted(COEFFICIENT_SD_LEVELS, 2 * USUAL_SCATTER))
 """Number of the levels of the coefficients' standard deviation that are usual; those behind are another ship's."""
 MAX_COMPLETED = 2
-"""Hypotheses of each account of which every level of process noise is looked at before the ship is called in question."""
-RIGHT_SHIP = "the coefficients are this ship's"
-"""Name of the test."""
+"""Hypotheses of each account that are looked at with all process noise before the ship is called in question."""
 
 
 def right_ship_check(tried: SearchResult, formula: FittedHypothesis | None) -> Check:
@@ -52,9 +50,10 @@ def right_ship_check(tried: SearchResult, formula: FittedHypothesis | None) -> C
     if gain > MIN_GAIN_OF_ANOTHER:
         accounts = accounts.completed()
         gain = accounts.gain()
-    usual, wide = (100 * COEFFICIENT_SD_LEVELS[k] for k in (USUAL - 1, -1))
+    usual, wide = (100 * COEFFICIENT_SD_LEVELS[k] for k in (USUAL_LEVELS - 1, -1))
     text = (
-        f"coefficients off by {wide:.0f} % and not by {usual:.0f} % at most, whatever acts: log evidence {gain:+.0f}"
+        f"whatever acts, coefficients that are off by {wide:.0f} % explain the recordings better than those within "
+        f"their scatter, {usual:.0f} % at most: log evidence {gain:+.0f}"
     )
     return Check(RIGHT_SHIP, gain <= MIN_GAIN_OF_ANOTHER, text)
 
@@ -76,11 +75,11 @@ class _Accounts:
         prior = log_prior_levels(data_set, PROCESS_PRIOR)
         usual, other = (
             np.array([log(share) + self._evidence(j, prior, levels) for j, share in self.weighed])
-            for levels in (slice(0, USUAL), slice(USUAL, None))
+            for levels in (slice(0, USUAL_LEVELS), slice(USUAL_LEVELS, None))
         )
         # Something unknown on the named ship: any force.
-        free = np.broadcast_to(logsumexp(prior, axis=0), prior.shape)[:, :USUAL]
-        at_will = logsumexp(self.tried.none.by_level[:, :USUAL] + free) - logsumexp(free)
+        free = np.broadcast_to(logsumexp(prior, axis=0), prior.shape)[:, :USUAL_LEVELS]
+        at_will = logsumexp(self.tried.none.by_level[:, :USUAL_LEVELS] + free) - logsumexp(free)
         return float(logsumexp(other) - logsumexp([*usual, log(0.5 * PRIOR_UNKNOWN) + at_will]))
 
     @staticmethod
@@ -94,7 +93,7 @@ class _Accounts:
         prior = log_prior_levels(self.tried.likelihood.data_set, PROCESS_PRIOR)
         best = {
             id(j)
-            for levels in (slice(0, USUAL), slice(USUAL, None))
+            for levels in (slice(0, USUAL_LEVELS), slice(USUAL_LEVELS, None))
             for j in sorted(self.tried.fitted, key=lambda j: -self._evidence(j, prior, levels))[:MAX_COMPLETED]
         }
         fitted = [self._everywhere(j) if id(j) in best and not j.random else j for j in self.tried.fitted]

@@ -45,7 +45,8 @@ class Coefficients:
         source: Sentence on what they were fitted to.
         tests: Captive tests to set beside them, where there are any.
         captive: Coefficients from these tests.
-        ratio: How far stretches of the recordings disagree over what noise allows; errors are widened by its root.
+        ratio: How far stretches of the recordings disagree over their standard errors, squared; errors are widened by
+            its root.
     """
 
     ship: Particulars
@@ -102,9 +103,9 @@ def notes(told: Coefficients) -> list[str]:
 def _error_note(ratio: float) -> str:
     """How far errors can be believed."""
     if ratio <= 1.0:
-        return "Stretches of the recordings agree on the coefficients as noise allows: errors are those of noise."
+        return "Stretches of the recordings agree on the coefficients within their standard errors."
     return (
-        f"Stretches of 10 L/U0 disagree on coefficients by {ratio**0.5:.1f} times what noise allows: the products are "
+        f"Stretches of 10 L/U0 disagree on coefficients by {ratio**0.5:.1f} times their errors: the products are "
         "not quite those of the ship. All errors are widened so far."
     )
 

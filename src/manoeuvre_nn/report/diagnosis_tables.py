@@ -30,7 +30,7 @@ SITES = {
     "sensor": "a cause in a sensor",
 }
 """Where a force or a candidate was allowed."""
-BEFORE, ALONE, AFTER, NOISE = "calm water", "effects alone", "repaired", "noise alone"
+BEFORE, ALONE, AFTER, NOISE = "calm water", "effects alone", "repaired", "measurement noise"
 """What the columns and curves of every comparison are called."""
 FOUND = "found ± standard error"
 """Column of the parameters."""
@@ -43,9 +43,11 @@ MIN_LISTED, MAX_LISTED = 3, 5
 
 
 def verdict_text(d: Diagnosis) -> str:
-    """What was found, in three words."""
+    """What was found, in a few words."""
+    if d.doubtful:
+        return "this may not be the ship, or her model is wrong"
     what = "something unknown" if d.unknown else "something" if d.verdict == "mismatch" else "nothing"
-    return f"{what} is missing"
+    return f"{what} is missing in the calm-water model"
 
 
 def alias_texts(d: Diagnosis) -> list[str]:
@@ -178,7 +180,7 @@ def parameter_rows(causes: Sequence[Cause]) -> list[dict[str, Any]]:
 
 
 def _errors(d: Diagnosis) -> dict[str, Mapping[str, float]]:
-    """RMS errors on all held-out runs, before, by the effects alone, after, and the noise: what -> channel -> size."""
+    """RMS errors on all held-out runs, before, by the effects alone, after, and the measurement noise."""
     repaired = {ALONE: d.rmse("alone"), AFTER: d.rmse("after")} if d.repaired else {}
     return {BEFORE: d.rmse("before"), **{k: v for k, v in repaired.items() if v}, NOISE: d.noise}
 
@@ -225,7 +227,7 @@ def _whole(evidence: float) -> float | int:
 
 def print_diagnosis(d: Diagnosis, console: Console) -> None:
     """About 25 lines: sentence, causes, errors, where, what speaks against it, and what to do next."""
-    console.print(Text(f"{d.case}, {d.ship}: {verdict_text(d)} in the calm-water model", "dim"))
+    console.print(Text(f"{d.case}, {d.ship}: {verdict_text(d)}", "dim"))
     console.print(Text(d.sentence, "bold"))
     if d.causes:
         console.print(_short_causes(d))
