@@ -12,10 +12,9 @@ from trials import CALM, SHIP, values
 
 from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.diagnosis import advise, answers, causes, forecast, nature, next_runs, predictive, windows, words
+from manoeuvre_nn.diagnosis import advise, answers, forecast, nature, next_runs, predictive, windows, words
 from manoeuvre_nn.diagnosis.locate import unit_forces
 from manoeuvre_nn.diagnosis.result import Cause, Value
-from manoeuvre_nn.effect.common import typical
 from manoeuvre_nn.effect.formula import Formula
 from manoeuvre_nn.effect.local import SideForce
 from manoeuvre_nn.effect.wind import WindOnset
@@ -74,37 +73,6 @@ def test_a_growing_force_has_its_growth_a_minute():
     (growth,) = nature._scales(data_set, fitted.hypothesis.effects[0], "growing", {"w1": 0.5}, {"w1": 0.1})
     assert (growth.name, growth.unit) == ("growth a minute", "MN m")
     assert (growth.value, growth.error) == approx((0.05 * force, 0.01 * force))
-
-
-UNITS = {
-    "X |d|": "kN", "N r|r| cos psi": "MN m", "Y lag v": "kN", "N r t": "MN m/min", "rudder to port": "deg/deg",
-    "sensor psi cos psi": "deg", "sensor psi t^2": "deg/min^2", "sensor r t": "deg/s/min", "sensor u_log |v|": "m/s",
-    "sensor north t^2": "m/min^2",
-}  # fmt: skip
-
-
-def test_every_coefficient_of_a_formula_has_a_unit_in_which_it_gives_the_force_or_error_that_acts():
-    """In a motion of one tight turn everywhere, at the start and after ten minutes."""
-    data_set = SimpleNamespace(dynamics=CALM, unit=typical(SHIP).numpy())
-    formula = Formula(SHIP, list(UNITS), **{f"w{k + 1}": 0.5 for k in range(len(UNITS))})
-    given = [Value(p.name, 0.5, 0.1, p.unit) for p in formula.declared]
-    found = causes._with_units(data_set, formula, given)
-    assert {v.name: v.unit for v in found[: len(UNITS)]} == UNITS and found[-1].name == "memory_s"
-    by_name = {v.name: v for v in found}
-    assert by_name["X |d|"].value == approx(0.5 * unit_forces(data_set)[0])
-    p, minutes = SHIP.particulars, 10.0
-    assert by_name["N r t"].value * minutes == approx(0.5 * unit_forces(data_set)[2])
-    assert by_name["sensor psi t^2"].value * minutes**2 == approx(2.5)
-    assert by_name["sensor north t^2"].value * minutes**2 == approx(0.1 * p.length)
-    assert all(v.error == approx(v.value / 5) for v in found[: len(UNITS)])
-    cause = Cause("unknown", "", 0.9, 9.0, ("N",), found, None, "", "", tuple(UNITS))
-    said = words._formula(cause)
-    assert (
-        f"N = {by_name['N r|r| cos psi'].value:.3g} MN m r|r| cos psi + {by_name['N r t'].value:.3g} MN m/min r t"
-        in said
-    )
-    assert "more rudder = 0.5 deg/deg of the angle to port" in said and "error of u_log =" in said
-    assert "positive: X ahead, N bow to starboard, Y to starboard" in said
 
 
 NATURES = [  # evidence of the formula, of a random force (None: model was fitted), whether proved -> by, against

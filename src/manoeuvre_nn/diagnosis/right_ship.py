@@ -2,8 +2,8 @@
 
 Two accounts of the same recordings are compared, each a mixture over everything that was tried, calm water included:
 the named ship, whose coefficients are off by no more than their usual scatter, with anything acting, known or not; and
-a ship whose coefficients are off by more, with the same effects. A few effects never take up all that another ship does
-otherwise; what they leave is asked of the coefficients. Something unknown that acts on the named ship leaves a force.
+a ship whose coefficients are off by more, with nothing acting but what is known. A few effects never take up all that
+another ship does otherwise; what they leave is asked of the coefficients.
 
 Source:
     Kass & Raftery 1995 (Journal of the American Statistical Association 90:773) for the comparison; Markov's inequality
@@ -12,7 +12,7 @@ Source:
 """
 
 from dataclasses import replace
-from math import comb, log
+from math import comb, inf, log
 
 import numpy as np
 from jaxtyping import Float
@@ -21,6 +21,7 @@ from scipy.special import logsumexp
 from manoeuvre_nn.diagnosis.decision import PRIOR_NONE, PRIOR_OF_SIZE, PRIOR_UNKNOWN
 from manoeuvre_nn.diagnosis.result import RIGHT_SHIP, Check
 from manoeuvre_nn.diagnosis.search import SearchResult
+from manoeuvre_nn.diagnosis.unknown import random_force
 from manoeuvre_nn.estimation.corrections import USUAL_SCATTER
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
@@ -48,8 +49,8 @@ def right_ship_check(tried: SearchResult, formula: FittedHypothesis | None) -> C
     accounts = _Accounts(tried, formula)
     gain = accounts.gain()
     if gain > MIN_GAIN_OF_ANOTHER:
-        accounts = accounts.completed()
-        gain = accounts.gain()
+        # A search stops beside the best, and beside it a force without a rule is a course of its own.
+        gain = accounts.completed().gain(random_force(tried.likelihood, tried.none, USUAL_LEVELS).evidence)
     usual, wide = (100 * COEFFICIENT_SD_LEVELS[k] for k in (USUAL_LEVELS - 1, -1))
     text = (
         f"whatever acts, coefficients that are off by {wide:.0f} % explain the recordings better than those within "
@@ -67,20 +68,28 @@ class _Accounts:
         effects = len({name for j in tried.fitted for name in j.names})
         of_size = [share / max(comb(effects, k), 1) for k, share in enumerate(PRIOR_OF_SIZE, 1)]
         self.weighed = [(tried.none, PRIOR_NONE), *((j, of_size[len(j.names) - 1]) for j in tried.fitted)]
-        self.weighed += [] if formula is None else [(formula, 0.5 * PRIOR_UNKNOWN)]
 
-    def gain(self) -> float:
-        """Log Bayes factor of a ship with unusual coefficients over the named one."""
+    def gain(self, random: float = -inf) -> float:
+        """Log Bayes factor of a ship with unusual coefficients over the named one.
+
+        Args:
+            random: Log evidence of a random force on the named ship, if it is known.
+
+        Returns:
+            The factor.
+        """
         data_set = self.tried.likelihood.data_set
         prior = log_prior_levels(data_set, PROCESS_PRIOR)
-        usual, other = (
-            np.array([log(share) + self._evidence(j, prior, levels) for j, share in self.weighed])
+        named, other = (
+            [log(share) + self._evidence(j, prior, levels) for j, share in self.weighed]
             for levels in (slice(0, USUAL_LEVELS), slice(USUAL_LEVELS, None))
         )
-        # Something unknown on the named ship: any force.
+        # Something unknown on the named ship: any force, one without a rule, or a formula.
         free = np.broadcast_to(logsumexp(prior, axis=0), prior.shape)[:, :USUAL_LEVELS]
         at_will = logsumexp(self.tried.none.by_level[:, :USUAL_LEVELS] + free) - logsumexp(free)
-        return float(logsumexp(other) - logsumexp([*usual, log(0.5 * PRIOR_UNKNOWN) + at_will]))
+        ruled = -inf if self.formula is None else self._evidence(self.formula, prior, slice(0, USUAL_LEVELS))
+        unknown = log(PRIOR_UNKNOWN / 3) + np.array([at_will, random, ruled])
+        return float(logsumexp(other) - logsumexp([*named, *unknown]))
 
     @staticmethod
     def _evidence(fitted: FittedHypothesis, prior: Float[np.ndarray, "g s"], levels: slice) -> float:
@@ -89,7 +98,7 @@ class _Accounts:
         return float(logsumexp((fitted.by_level + prior)[:, levels]) - logsumexp(prior[:, levels]) + cost)
 
     def completed(self) -> "_Accounts":
-        """The same with the best hypotheses at every level of the process noise: a search stops beside the best."""
+        """The same with the best hypotheses at every level of the process noise."""
         prior = log_prior_levels(self.tried.likelihood.data_set, PROCESS_PRIOR)
         best = {
             id(j)
