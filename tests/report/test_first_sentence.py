@@ -15,7 +15,7 @@ from manoeuvre_nn.diagnosis.predictive import REPAIRED_SAILS, still_missing
 from manoeuvre_nn.diagnosis.result import RIGHT_SHIP, Check, Nature, Value
 from manoeuvre_nn.diagnosis.words import if_this_ship, nature_sentence, summary_sentence
 from manoeuvre_nn.report.diagnosis_html import diagnosis_html
-from manoeuvre_nn.report.diagnosis_tables import diagnosis_markdown, print_diagnosis, verdict_text
+from manoeuvre_nn.report.diagnosis_tables import diagnosis_markdown, outcomes, print_diagnosis, verdict_text
 from manoeuvre_nn.report.views import Answer
 
 
@@ -43,7 +43,7 @@ def test_corrected_coefficients_are_told_where_two_digits_show_what_they_gain():
 
 def doubtful(d):
     """The same, with coefficients that are not this ship's."""
-    check = Check(RIGHT_SHIP, False, "whatever acts, coefficients that are off by 20 % explain the recordings better")
+    check = Check(RIGHT_SHIP, False, "the coefficients would have to be off by some 20 %: log evidence +44")
     d = replace(d, checks=[check, *d.checks])
     return replace(d, sentence=if_this_ship(d.sentence, d.ship, d.checks))
 
@@ -53,8 +53,8 @@ def test_that_it_may_not_be_the_ship_comes_before_a_formula_and_before_causes():
     formula = summary_sentence([terms], ["unknown"], unknown().proofs, True)
     for sentence, inner in ((formula, "a short formula"), (windy().sentence, "A steady wind")):
         said = doubtful(replace(windy(), sentence=sentence)).sentence
-        assert said.startswith("This may not be the mariner, or her model is wrong: whatever acts, coefficients")
-        assert 0 < said.index("off by 20 %") < said.index(inner)
+        assert said.startswith("This may not be the mariner, or her model is wrong: the coefficients would have")
+        assert 0 < said.index("off by some 20 %") < said.index(inner)
     assert not windy().doubtful and if_this_ship("As it is.", "mariner", windy().checks) == "As it is."
 
 
@@ -103,3 +103,11 @@ def test_noise_is_that_of_the_instruments_wherever_it_is_said(make, tmp_path):
     print_diagnosis(d, console)
     for shown in (console.file.getvalue(), diagnosis_markdown(d), (tmp_path / "report.html").read_text()):
         assert not re.findall(r"(?<!measurement )(?<!/ )noise", shown, re.IGNORECASE)
+
+
+def test_where_it_may_not_be_the_ship_nothing_is_told_as_good(tmp_path):
+    """Neither the banner of recordings that agree with a model of wrong coefficients nor the tests that passed."""
+    d = doubtful(calm())
+    diagnosis_html(d, {}, tmp_path / "report.html")
+    assert '<h1 class="sentence mismatch">' in (tmp_path / "report.html").read_text()
+    assert not any(RIGHT_SHIP in words for _, words, kind in outcomes(d) if kind == "good")

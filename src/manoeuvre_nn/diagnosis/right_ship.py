@@ -52,11 +52,10 @@ def right_ship_check(tried: SearchResult, formula: FittedHypothesis | None) -> C
         # A search stops beside the best, and beside it a force without a rule is a course of its own.
         gain = accounts.completed().gain(random_force(tried.likelihood, tried.none, USUAL_LEVELS).evidence)
     usual, wide = (100 * COEFFICIENT_SD_LEVELS[k] for k in (USUAL_LEVELS - 1, -1))
-    text = (
-        f"whatever acts, coefficients that are off by {wide:.0f} % explain the recordings better than those within "
-        f"their scatter, {usual:.0f} % at most: log evidence {gain:+.0f}"
-    )
-    return Check(RIGHT_SHIP, gain <= MIN_GAIN_OF_ANOTHER, text)
+    passed = gain <= MIN_GAIN_OF_ANOTHER
+    off = f"would have to be off by some {wide:.0f} %, not by {usual:.0f} % at most as usual"
+    text = f"whatever else acts, the coefficients {f'are not off by {wide:.0f} %' if passed else off}"
+    return Check(RIGHT_SHIP, passed, f"{text}: log evidence {gain:+.0f}")
 
 
 class _Accounts:

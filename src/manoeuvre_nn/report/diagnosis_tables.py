@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from manoeuvre_nn.diagnosis.result import Cause, Diagnosis, Value
+from manoeuvre_nn.diagnosis.result import RIGHT_SHIP, Cause, Diagnosis, Value
 from manoeuvre_nn.report.tables import criterion_label, rich_table, text, to_markdown
 
 CHANNELS: dict[str, tuple[str, str, str]] = {
@@ -259,7 +259,10 @@ def outcomes(d: Diagnosis) -> list[tuple[str, str, str]]:
         Heading, words, and ``good``, ``bad`` or nothing.
     """
     untested = [check for check in d.checks if check.passed and check.text.endswith(UNTESTED)]
-    tests = [check for check in d.checks if check not in untested and (check.passed or check.name != GAIN)]
+    told_elsewhere = (GAIN, RIGHT_SHIP)  # what was refused below, the ship in the first sentence
+    tests = [
+        check for check in d.checks if check not in untested and (check.passed or check.name not in told_elsewhere)
+    ]
     failed = [check for check in tests if not check.passed]
     told = [("not passed", f"{check.name}: {check.text}", "bad") for check in failed]
     if tests and not failed:
