@@ -11,6 +11,7 @@ Source:
     1/b at most.
 """
 
+from collections.abc import Collection
 from dataclasses import replace
 from math import comb, inf, log
 
@@ -26,12 +27,15 @@ from manoeuvre_nn.estimation.corrections import USUAL_SCATTER
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import PROCESS_PRIOR, log_prior_levels
+from manoeuvre_nn.estimation.posterior import Posterior
 from manoeuvre_nn.estimation.relinearise import beside
 
 MIN_GAIN_OF_ANOTHER = 7.0
 """Log Bayes factor from which the ship is called in question: of the right one fewer than one set in a thousand."""
 USUAL_LEVELS = int(np.searchsorted(COEFFICIENT_SD_LEVELS, 2 * USUAL_SCATTER))
-"""Number of the levels of the coefficients' standard deviation that are usual; those behind are another ship's."""
+"""Number of the levels of the coefficients' standard deviation that are usual."""
+OTHER_SD = np.array([0.2, 0.5, 1.0, 2.0])
+"""Relative errors of the coefficients that are another ship's."""
 MAX_COMPLETED = 2
 """Hypotheses of each account that are looked at with all process noise before the ship is called in question."""
 
@@ -50,23 +54,37 @@ def right_ship_check(tried: SearchResult, formula: FittedHypothesis | None) -> C
     gain = accounts.gain()
     if gain > MIN_GAIN_OF_ANOTHER:
         # A search stops beside the best, and beside it a force without a rule is a course of its own.
-        gain = accounts.completed().gain(random_force(tried.likelihood, tried.none, USUAL_LEVELS).evidence)
-    usual, wide = (100 * COEFFICIENT_SD_LEVELS[k] for k in (USUAL_LEVELS - 1, -1))
-    passed = gain <= MIN_GAIN_OF_ANOTHER
-    off = f"would have to be off by some {wide:.0f} %, not by {usual:.0f} % at most as usual"
-    text = f"whatever else acts, the coefficients {f'are not off by {wide:.0f} %' if passed else off}"
+        accounts = accounts.completed()
+        gain = accounts.gain(random_force(tried.likelihood, tried.none, USUAL_LEVELS).evidence)
+    passed, usual = gain <= MIN_GAIN_OF_ANOTHER, COEFFICIENT_SD_LEVELS[USUAL_LEVELS - 1]
+    off = f"would have to be off by some {100 * accounts.size:.0f} %, not by {100 * usual:.0f} % at most as usual"
+    text = f"whatever else acts, the coefficients {'are off by no more than usual' if passed else off}"
     return Check(RIGHT_SHIP, passed, f"{text}: log evidence {gain:+.0f}")
 
 
 class _Accounts:
-    """All hypotheses that were tried, to be weighed with usual and with unusual coefficients."""
+    """All hypotheses that were tried, to be weighed with usual and with unusual coefficients.
 
-    def __init__(self, tried: SearchResult, formula: FittedHypothesis | None) -> None:
-        """Take the hypotheses with their base rates."""
+    Attributes:
+        size: Relative error of the coefficients that is likeliest among those that are not usual.
+    """
+
+    def __init__(self, tried: SearchResult, formula: FittedHypothesis | None, everywhere: Collection[int] = ()) -> None:
+        """Take the hypotheses with their base rates; of some, by their ids, all unusual errors are looked at.
+
+        Of calm water they are in any case, of the others at first the least alone, which the search has looked at.
+        """
         self.tried, self.formula = tried, formula
         effects = len({name for j in tried.fitted for name in j.names})
         of_size = [share / max(comb(effects, k), 1) for k, share in enumerate(PRIOR_OF_SIZE, 1)]
         self.weighed = [(tried.none, PRIOR_NONE), *((j, of_size[len(j.names) - 1]) for j in tried.fitted)]
+        self.prior = log_prior_levels(tried.likelihood.data_set, PROCESS_PRIOR)
+        looked_at = {id(tried.none), *everywhere}
+        self.other = [
+            self._unusual(j) if id(j) in looked_at else np.append(self._evidence(j, slice(-1, None)), [-inf] * 3)
+            for j, _ in self.weighed
+        ]
+        self.size = float(OTHER_SD[np.argmax(self.other) % len(OTHER_SD)])
 
     def gain(self, random: float = -inf) -> float:
         """Log Bayes factor of a ship with unusual coefficients over the named one.
@@ -77,42 +95,49 @@ class _Accounts:
         Returns:
             The factor.
         """
-        data_set = self.tried.likelihood.data_set
-        prior = log_prior_levels(data_set, PROCESS_PRIOR)
-        named, other = (
-            [log(share) + self._evidence(j, prior, levels) for j, share in self.weighed]
-            for levels in (slice(0, USUAL_LEVELS), slice(USUAL_LEVELS, None))
-        )
+        usual, shares = slice(0, USUAL_LEVELS), np.log([share for _, share in self.weighed])
+        named = shares + [self._evidence(j, usual) for j, _ in self.weighed]
+        other = shares + logsumexp(self.other, axis=1) - log(len(OTHER_SD))
         # Something unknown on the named ship: any force, one without a rule, or a formula.
-        free = np.broadcast_to(logsumexp(prior, axis=0), prior.shape)[:, :USUAL_LEVELS]
-        at_will = logsumexp(self.tried.none.by_level[:, :USUAL_LEVELS] + free) - logsumexp(free)
-        ruled = -inf if self.formula is None else self._evidence(self.formula, prior, slice(0, USUAL_LEVELS))
+        free = np.broadcast_to(logsumexp(self.prior, axis=0), self.prior.shape)[:, usual]
+        at_will = logsumexp(self.tried.none.by_level[:, usual] + free) - logsumexp(free)
+        ruled = -inf if self.formula is None else self._evidence(self.formula, usual)
         unknown = log(PRIOR_UNKNOWN / 3) + np.array([at_will, random, ruled])
         return float(logsumexp(other) - logsumexp([*named, *unknown]))
 
-    @staticmethod
-    def _evidence(fitted: FittedHypothesis, prior: Float[np.ndarray, "g s"], levels: slice) -> float:
-        """Log evidence with coefficients off by one of some levels; what its choice costs is taken off as before."""
-        cost = fitted.evidence - logsumexp(fitted.by_level + prior)
-        return float(logsumexp((fitted.by_level + prior)[:, levels]) - logsumexp(prior[:, levels]) + cost)
+    def _evidence(self, fitted: FittedHypothesis, levels: slice) -> float:
+        """Log evidence with coefficients off by one of some levels."""
+        weighted = (fitted.by_level + self.prior)[:, levels]
+        return float(logsumexp(weighted) - logsumexp(self.prior[:, levels])) + self._cost(fitted)
+
+    def _cost(self, fitted: FittedHypothesis) -> float:
+        """What bounds, and the choice of terms, add to the evidence of the levels: the same at all of them."""
+        return fitted.evidence - float(logsumexp(fitted.by_level + self.prior))
+
+    def _unusual(self, fitted: FittedHypothesis) -> Float[np.ndarray, " s"]:
+        """Log evidence with each of the unusual errors, at the levels of process noise that were looked at."""
+        process = logsumexp(self.prior, axis=1)
+        seen = np.flatnonzero(np.isfinite(fitted.by_level).any(axis=1))
+        found = [self._posterior(fitted, g).evidence_at(OTHER_SD) + process[g] for g in seen]
+        return logsumexp(found, axis=0) + self._cost(fitted)
+
+    def _posterior(self, fitted: FittedHypothesis, level: int) -> Posterior:
+        there = beside(self.tried.likelihood, fitted.hypothesis)
+        return there.posterior(there.columns(fitted.hypothesis) if fitted.hypothesis.effects else None, level)
 
     def completed(self) -> "_Accounts":
-        """The same with the best hypotheses at every level of the process noise."""
-        prior = log_prior_levels(self.tried.likelihood.data_set, PROCESS_PRIOR)
-        best = {
-            id(j)
-            for levels in (slice(0, USUAL_LEVELS), slice(USUAL_LEVELS, None))
-            for j in sorted(self.tried.fitted, key=lambda j: -self._evidence(j, prior, levels))[:MAX_COMPLETED]
-        }
-        fitted = [self._everywhere(j) if id(j) in best and not j.random else j for j in self.tried.fitted]
+        """The same with the best hypotheses at every level of the process noise, and at all unusual errors."""
+        named = [self._evidence(j, slice(0, USUAL_LEVELS)) for j, _ in self.weighed]
+        orders = (np.argsort(named)[::-1], np.argsort(np.max(self.other, axis=1))[::-1])
+        best = {id(self.weighed[k][0]) for order in orders for k in order[:MAX_COMPLETED]} | {id(self.tried.none)}
+        made = {id(j): self._everywhere(j) for j, _ in self.weighed if id(j) in best and not j.random}
+        fitted = [made.get(id(j), j) for j in self.tried.fitted]
+        tried = replace(self.tried, none=made[id(self.tried.none)], fitted=fitted)
         formula = None if self.formula is None else self._everywhere(self.formula)
-        return _Accounts(replace(self.tried, none=self._everywhere(self.tried.none), fitted=fitted), formula)
+        return _Accounts(tried, formula, {id(j) for j in made.values()})
 
     def _everywhere(self, fitted: FittedHypothesis) -> FittedHypothesis:
         """A hypothesis with its evidence at every level; its own evidence changes by what the new ones add."""
-        there = beside(self.tried.likelihood, fitted.hypothesis)
-        lin = there.columns(fitted.hypothesis) if fitted.hypothesis.effects else None
-        by_level = np.stack([there.posterior(lin, g).evidence for g in range(len(fitted.by_level))])
-        prior = log_prior_levels(there.data_set, PROCESS_PRIOR)
-        added = logsumexp(by_level + prior) - logsumexp(fitted.by_level + prior)
+        by_level = np.stack([self._posterior(fitted, g).evidence for g in range(len(fitted.by_level))])
+        added = logsumexp(by_level + self.prior) - logsumexp(fitted.by_level + self.prior)
         return replace(fitted, by_level=by_level, evidence=fitted.evidence + added)
