@@ -25,8 +25,9 @@ def situation() -> Situation:
 
 
 def diagnosis(**more) -> Diagnosis:
-    values = tuple(Value(t, w, 0.01, "-") for t, w in zip(TERMS, (0.4, -0.25), strict=True))
-    cause = Cause("unknown", "something", 0.9, 30.0, ("Y",), values, None, "It is real.", "", TERMS)
+    values = tuple(Value(t, w, 0.01, "kN") for t, w in zip(TERMS, (812.0, -507.0), strict=True))
+    weights = {"w1": 0.4, "w2": -0.25}
+    cause = Cause("unknown", "something", 0.9, 30.0, ("Y",), values, None, "It is real.", "", TERMS, weights)
     given = {"model": ["unknown"], **more}
     rest = {"alias": {}, "sites": {}, "statements": [], "residuals": [], "checks": [], "runner_up": []}
     rest |= {"proofs": [], "noise": {}, "next_steps": [], "undecided": []}

@@ -1,5 +1,6 @@
 import json
 import re
+from html import unescape
 
 import numpy as np
 import pandas as pd
@@ -57,8 +58,10 @@ def test_a_useless_model_is_told_as_such_everywhere_and_its_criteria_are_not_jud
     assert ended.code == 0, ended
     verdict, page = scores(tmp_path / "out")["verdict"], (tmp_path / "out" / "report.html").read_text()
     assert verdict["word"] == "do not use" and set(verdict["missed"]) == {"zz10"}
-    assert ended.code == 0 and "Do not use: zz10" in ended.out and "met" not in ended.out.split()
-    assert 'class="verdict poor"' in page and 'class="good">met' not in page
+    assert "met" not in ended.out.split() and 'class="verdict poor"' in page and 'class="good">met' not in page
+    banner = unescape(page.partition('class="verdict poor">')[2].partition("</p>")[0])
+    assert verdict["sentence"].startswith("Do not use: zz10") and banner.startswith(verdict["sentence"])
+    assert verdict["sentence"] in " ".join(ended.out.split())
 
 
 def test_scores_are_strict_json(done):

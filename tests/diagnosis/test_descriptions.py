@@ -13,6 +13,7 @@ from trials import CALM, SHIP, values
 from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis import advise, answers, forecast, nature, next_runs, predictive, windows, words
+from manoeuvre_nn.diagnosis.locate import unit_forces
 from manoeuvre_nn.diagnosis.result import Cause, Value
 from manoeuvre_nn.effect.formula import Formula
 from manoeuvre_nn.effect.local import SideForce
@@ -68,7 +69,7 @@ def test_a_growing_force_has_its_growth_a_minute():
     """A weight is what it is after ten minutes: a tenth of it a minute."""
     fitted = formula_of(["N t"], w1=0.5)
     data_set = SimpleNamespace(dynamics=CALM, unit=np.ones(4), runs=[])
-    force = abs(nature._unit_forces(data_set)[2])
+    force = unit_forces(data_set)[2]
     (growth,) = nature._scales(data_set, fitted.hypothesis.effects[0], "growing", {"w1": 0.5}, {"w1": 0.1})
     assert (growth.name, growth.unit) == ("growth a minute", "MN m")
     assert (growth.value, growth.error) == approx((0.05 * force, 0.01 * force))

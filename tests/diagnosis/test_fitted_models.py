@@ -253,7 +253,8 @@ def test_what_a_fitted_model_leaves_open_is_said():
     assert "5 % of the resistance and 1.5 % of 20 deg of rudder" in said and "no effect explains" in said
     wind = SteadyWind(CALM.ship)
     named = SimpleNamespace(named=True, best=SimpleNamespace(hypothesis=Hypothesis((wind,), (np.zeros((1, 9)),))))
-    assert "with a steady wind runs that were not used" in left_open(tried(True), named)
+    assert "no effect predicts runs that were not used better" in left_open(tried(True), named)
+    assert "wind" not in left_open(tried(True), named)
 
 
 class GustsOfTheirOwn(GustyWind):

@@ -1,13 +1,20 @@
 """Formulas for what has no name: the term that acted is found, its weight too, and clean runs get none."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import torch
+from pytest import approx
 from trials import CALM, CIRCLE, PORT, SHIP, ZIGZAG, runs
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.diagnosis import causes, words
 from manoeuvre_nn.diagnosis.formula import short_formula
+from manoeuvre_nn.diagnosis.locate import unit_forces
+from manoeuvre_nn.diagnosis.result import Cause, Value
 from manoeuvre_nn.diagnosis.unknown import unknown_evidence
+from manoeuvre_nn.effect.common import typical
 from manoeuvre_nn.effect.formula import Formula, is_ordinary, library, mark_of, place_of
 from manoeuvre_nn.estimation.data_set import whitened_data_set
 from manoeuvre_nn.estimation.effect_columns import own_states
@@ -106,3 +113,34 @@ def test_a_force_that_follows_the_motion_late_has_its_time_constant():
     memory = own_states(effect, stepped, 1, 1.0)[0, :, 0]
     late = (s.time - 99.5).clamp(min=0.0)  # the rudder is linear in between samples
     assert torch.allclose(memory, 1 - torch.exp(-late / 25.0), atol=2e-3)
+
+
+UNITS = {
+    "X |d|": "kN", "N r|r| cos psi": "MN m", "Y lag v": "kN", "N r t": "MN m/min", "rudder to port": "deg/deg",
+    "sensor psi cos psi": "deg", "sensor psi t^2": "deg/min^2", "sensor r t": "deg/s/min", "sensor u_log |v|": "m/s",
+    "sensor north t^2": "m/min^2",
+}  # fmt: skip
+
+
+def test_every_coefficient_of_a_formula_has_a_unit_in_which_it_gives_the_force_or_error_that_acts():
+    """In a motion of one tight turn everywhere, at the start and after ten minutes."""
+    data_set = SimpleNamespace(dynamics=CALM, unit=typical(SHIP).numpy())
+    formula = Formula(SHIP, list(UNITS), **{f"w{k + 1}": 0.5 for k in range(len(UNITS))})
+    given = [Value(p.name, 0.5, 0.1, p.unit) for p in formula.declared]
+    found = causes._with_units(data_set, formula, given)
+    assert {v.name: v.unit for v in found[: len(UNITS)]} == UNITS and found[-1].name == "memory_s"
+    by_name = {v.name: v for v in found}
+    assert by_name["X |d|"].value == approx(0.5 * unit_forces(data_set)[0])
+    p, minutes = SHIP.particulars, 10.0
+    assert by_name["N r t"].value * minutes == approx(0.5 * unit_forces(data_set)[2])
+    assert by_name["sensor psi t^2"].value * minutes**2 == approx(2.5)
+    assert by_name["sensor north t^2"].value * minutes**2 == approx(0.1 * p.length)
+    assert all(v.error == approx(v.value / 5) for v in found[: len(UNITS)])
+    cause = Cause("unknown", "", 0.9, 9.0, ("N",), found, None, "", "", tuple(UNITS))
+    said = words._formula(cause)
+    assert (
+        f"N = {by_name['N r|r| cos psi'].value:.3g} MN m r|r| cos psi + {by_name['N r t'].value:.3g} MN m/min r t"
+        in said
+    )
+    assert "more rudder = 0.5 deg/deg of the angle to port" in said and "error of u_log =" in said
+    assert "positive: X ahead, N bow to starboard, Y to starboard" in said

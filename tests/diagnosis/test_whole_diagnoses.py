@@ -11,14 +11,17 @@ from fleet import unchecked
 from pytest import approx
 from trials import CALM, NOISE, SHIP, run_of
 
+from manoeuvre_nn.commands.diagnose import summary
 from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis import diagnose as under_test
+from manoeuvre_nn.diagnosis.answers import answer
 from manoeuvre_nn.diagnosis.case import Case, Question
 from manoeuvre_nn.diagnosis.diagnose import diagnose
 from manoeuvre_nn.diagnosis.result import Diagnosis
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.vessel import Vessel
+from manoeuvre_nn.effect.common import typical
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.depth import ShallowWater
 from manoeuvre_nn.effect.formula import Formula
@@ -29,6 +32,8 @@ from manoeuvre_nn.effect.rudder import RudderAreaLoss, RudderOffset
 from manoeuvre_nn.effect.sensors import HeadingBias, LogScale
 from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
+from manoeuvre_nn.report.diagnosis_tables import verdict_text
+from manoeuvre_nn.report.views import Answer
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 CANDIDATES = [kind(SHIP) for kind in (Current, SteadyWind, RudderOffset, HullFouling, HeadingBias, LogScale)]
@@ -136,6 +141,22 @@ def test_an_event_that_no_held_out_run_had_is_named_by_the_run_that_had_it():
     assert check.passed and "did not act in a held-out run: not proved" in check.text
 
 
+def test_a_claim_that_runs_which_were_not_used_do_not_bear_out_is_in_no_headline():
+    """A current in the fitted runs alone: the search is sure of it, and the held-out run had none."""
+    with unchecked():
+        *fitted, _ = roll_out(Vessel(CALM, [TRUE["current"]]), TRIALS[1:], step=1.0)
+        (last,) = roll_out(Vessel(CALM), TRIALS[-1:], step=1.0)
+    *fitted, last = (run_of(r, NOISE, seed) for seed, r in enumerate([*fitted, last], start=70))
+    case = Case("gone", "mariner", (*fitted, last), SHIP, frozenset({last.name}))
+    d = diagnose(Question(case, CALM, [Current(SHIP)]))
+    refused = [c.text for c in d.checks if c.name == "held-out gain" and not c.passed]
+    assert any("a current" in text for text in refused) and "current" not in d.model
+    found = next(c for c in d.causes if c.name == "current")
+    assert found.evidence > 50 and found.probability < 0.5
+    for said in (d.sentence, verdict_text(d), summary(d, CALM), Answer(d).summary, answer(d)["sentence"]):
+        assert "current" not in said
+
+
 def test_where_nothing_is_missing_corrected_coefficients_predict():
     d = diagnosis(weaker=0.06)
     assert (d.verdict, d.model) == ("none", []) and d.repaired
@@ -184,8 +205,13 @@ def test_a_force_without_a_name_is_unknown_and_its_formula_predicts_the_run_that
     cause = d.causes[0]
     assert cause.name == "unknown" and cause.terms[0] in STRANGE and set(cause.terms) >= set(STRANGE)
     assert set(cause.equations) <= {"Y", "N"}
-    weights = {t: v for t, v in zip(cause.terms, cause.parameters, strict=True)}
-    assert abs(weights["Y |v||r|"].value - 1.5) < 4 * weights["Y |v||r|"].error + 0.05
+    found = next(v for v in cause.parameters if v.name == "Y |v||r|")
+    weight = cause.weights[f"w{cause.terms.index(found.name) + 1}"]
+    assert abs(weight - 1.5) < 4 * weight * found.error / found.value + 0.05
+    # A weight of one is the force of 20 deg of rudder: on the approach, Y_d 20 deg.
+    of_rudder = SHIP.force_from_acceleration(typical(SHIP))[1] * SHIP.prime.force / 1e3
+    assert found.unit == "kN" and found.value == approx(weight * float(of_rudder), rel=0.1)
+    assert f"{found.value:.3g} kN |v||r|" in d.sentence
     assert d.rmse("before")["pos"] > 3 * d.noise["pos"] and d.rmse("after")["pos"] < 1.2 * d.noise["pos"]
 
 

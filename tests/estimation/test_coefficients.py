@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import pandas as pd
 import pytest
 import torch
 from fleet import SHIPS, ship_named, unchecked
@@ -27,9 +28,10 @@ from manoeuvre_nn.estimation.coefficients import (
     symbol,
 )
 from manoeuvre_nn.estimation.collinear import collinear_groups
-from manoeuvre_nn.estimation.linear_motion import derived, linear_motion, steady_turn
+from manoeuvre_nn.estimation.linear_motion import COLUMNS, derived, linear_motion, steady_turn
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.network.series import Series, SeriesSettings
+from manoeuvre_nn.report.coefficient_tables import Coefficients, coefficients_json, sentence, tables
 from manoeuvre_nn.ship.clarke import clarke_derivatives
 from manoeuvre_nn.ship.known import clarke_inertia_part
 from manoeuvre_nn.ship.kvlcc2 import kvlcc2_hsva
@@ -83,6 +85,34 @@ def test_a_word_says_how_far_the_recordings_narrowed_a_coefficient():
     assert list(rows["word"]) == ["measured", "partly", "prior"]
     assert list(rows["learnt"]) == approx([0.9, 0.5, 0.025], abs=5e-4)
     assert (rows["low"][0], rows["high"][0]) == approx((3 - 0.196, 3 + 0.196))
+
+
+def test_a_coefficient_whose_error_is_that_of_another_is_not_measured_by_itself():
+    """Y_v and Y_r were narrowed to a tenth, but their errors are correlated by .995; those of Y_d and N_d by .985."""
+    names = [(1, "v"), (1, "r"), (1, "d"), (2, "d")]
+    close, open_ = 0.995, 0.985
+    covariance = 0.01 * np.array([[1, close, 0, 0], [close, 1, 0, 0], [0, 0, 1, open_], [0, 0, open_, 1]])
+    rows = coefficient_table(fitted(names, covariance=covariance))
+    assert list(rows["word"]) == ["together", "together", "measured", "measured"]
+    assert list(rows["with"]) == [("Y_r",), ("Y_v",), (), ()]
+    told = Coefficients(kvlcc2_hsva(), fitted(names, covariance=covariance), derived=pd.DataFrame(columns=COLUMNS))
+    assert sentence(told).startswith("2 of 4 coefficients are measured, 2 only together with others, 0 partly")
+    assert [row["it is"] for row in tables(told)["Coefficients"]] == ["together with Y_r", "together with Y_v"] + 2 * [
+        "measured"
+    ]
+    stored = coefficients_json(told)
+    assert [c["together_with"] for c in stored["coefficients"]] == [["Y_r"], ["Y_v"], [], []]
+    assert [g["symbols"] for g in stored["groups"]] == [["Y_v", "Y_r"], ["Y_d", "N_d"]]
+
+
+def test_neighbours_that_are_not_measured_by_themselves_are_in_one_group():
+    """Errors of five coefficients, each correlated with the next by .991, the ends by .87: two groups by their ends."""
+    angle = np.deg2rad(7.5 * np.arange(5))
+    names = [(1, "v"), (1, "r"), (1, "d"), (2, "v"), (2, "r")]
+    told = fitted(names, covariance=0.01 * np.cos(angle[:, None] - angle) + 1e-9 * np.eye(5))
+    (group,) = collinear_groups(told).itertuples()
+    assert group.symbols == tuple(coefficient_table(told)["symbol"])
+    assert all(set(others) <= set(group.symbols) and others for others in coefficient_table(told)["with"])
 
 
 def test_coefficients_can_be_written_and_taken_up_again():

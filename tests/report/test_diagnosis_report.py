@@ -24,6 +24,7 @@ from manoeuvre_nn.report.diagnosis_figures import (
 )
 from manoeuvre_nn.report.diagnosis_html import diagnosis_html, log_to_tensorboard
 from manoeuvre_nn.report.diagnosis_tables import (
+    FOUND,
     alias_texts,
     cause_rows,
     diagnosis_markdown,
@@ -224,7 +225,7 @@ def test_errors_of_all_runs_leave_out_channels_that_a_run_did_not_record():
 def test_what_is_unknown_is_called_so():
     assert [d.unknown for d in (windy(), unknown(), calm())] == [False, True, False]
     for d, said in ((windy(), "something is"), (unknown(), "something unknown is"), (calm(), "nothing is")):
-        assert verdict_text(d) == f"{said} missing"
+        assert verdict_text(d) == f"{said} missing in the calm-water model"
         assert f"{said} missing" in printed(d) and f"{said} missing" in diagnosis_markdown(d)
     rows = {row["cause"]: row["ln B"] for row in cause_rows(unknown(), unknown().causes)}
     assert rows["something that is not in the list"] == 88 and rows["a current"] == 120
@@ -234,9 +235,10 @@ def test_the_captain_is_told_what_is_unknown_and_where_and_whether_a_formula_hel
     causes, proofs = unknown().causes, windy().proofs
     said = "Unknown: the recordings differ from calm water in sway, and no effect that is known explains it"
     assert summary_sentence(causes, [], proofs, True) == f"{said}."
-    told = replace(causes[0], terms=("Y |r|",), parameters=(Value("Y |r|", 0.4, 0.1, "-"),))
+    told = replace(causes[0], terms=("Y |r|",), parameters=(Value("Y |r|", 412.0, 10.0, "kN"),))
+    sides = "positive: Y to starboard; motion in units of a tight turn"
     assert summary_sentence([told], ["unknown"], proofs, True).startswith(
-        f"{said}; a short formula for it is 0.4 Y |r| (motion in units of a tight turn); with that the predicted"
+        f"{said}; a short formula for it is Y = 412 kN |r| ({sides}); with that the predicted"
     )
     assert summary_sentence(causes, [], proofs, False).startswith("The recordings agree")
 
@@ -249,8 +251,14 @@ def test_the_captain_is_told_to_which_side_and_when():
     said = summary_sentence([pushed], ["wind_steady"], [], True)
     place = "force 222 kN to port, lever 10.2 m forward of midship"
     assert said == f"The recordings show a side force ({place}; r01 191 to 383 s, r03 20 to 60 s and 1 more)."
-    assert [row["positive is"] for row in parameter_rows([pushed])] == ["to starboard", "forward of midship"]
-    assert all("positive is" not in row for row in parameter_rows(windy().causes))
+    rows = [(row[FOUND], row["95 % interval"]) for row in parameter_rows([pushed])]
+    assert rows == [
+        ("221.6 ± 1.7 kN to port", "218.3 to 224.9 to port"),
+        ("10.19 ± 0.48 m forward of midship", "9.25 to 11.13 forward of midship"),
+    ]
+    unsure = replace(force, error=200.0)
+    assert interval_text(unsure) == "614 to port, 170 to starboard"
+    assert interval_text(replace(unsure, value=221.6, low=0.0)) == "0 to 614 to starboard"
 
 
 def test_the_captain_is_told_of_the_heading_where_no_run_has_a_position():

@@ -1,12 +1,22 @@
 """The first sentence of a diagnosis, and what it must not keep to itself."""
 
+import io
+import json
+import re
 from dataclasses import replace
+from html import unescape
 
-from diagnosed import calm, windy
+import pytest
+from diagnosed import CASES, calm, unknown, windy
+from rich.console import Console
 
+from manoeuvre_nn.diagnosis.answers import write_answer
 from manoeuvre_nn.diagnosis.predictive import REPAIRED_SAILS, still_missing
-from manoeuvre_nn.diagnosis.result import Check
-from manoeuvre_nn.diagnosis.words import summary_sentence
+from manoeuvre_nn.diagnosis.result import RIGHT_SHIP, Check, Nature, Value
+from manoeuvre_nn.diagnosis.words import if_this_ship, nature_sentence, summary_sentence
+from manoeuvre_nn.report.diagnosis_html import diagnosis_html
+from manoeuvre_nn.report.diagnosis_tables import diagnosis_markdown, outcomes, print_diagnosis, verdict_text
+from manoeuvre_nn.report.views import Answer
 
 
 def test_the_first_sentence_says_what_the_repaired_model_still_misses():
@@ -29,3 +39,75 @@ def test_corrected_coefficients_are_told_where_two_digits_show_what_they_gain():
         assert said.startswith(agrees) and ("is 4 m off instead of 20 m" in said) == told == (
             "coefficients cor" in said
         )
+
+
+def doubtful(d):
+    """The same, with coefficients that are not this ship's."""
+    check = Check(RIGHT_SHIP, False, "the coefficients would have to be off by some 20 %: log evidence +44")
+    d = replace(d, checks=[check, *d.checks])
+    return replace(d, sentence=if_this_ship(d.sentence, d.ship, d.checks))
+
+
+def test_that_it_may_not_be_the_ship_comes_before_a_formula_and_before_causes():
+    terms = replace(unknown().causes[0], terms=("Y |r|",), parameters=(Value("Y |r|", 412.0, 10.0, "kN"),))
+    formula = summary_sentence([terms], ["unknown"], unknown().proofs, True)
+    for sentence, inner in ((formula, "a short formula"), (windy().sentence, "A steady wind")):
+        said = doubtful(replace(windy(), sentence=sentence)).sentence
+        assert said.startswith("This may not be the mariner, or her model is wrong: the coefficients would have")
+        assert 0 < said.index("off by some 20 %") < said.index(inner)
+    assert not windy().doubtful and if_this_ship("As it is.", "mariner", windy().checks) == "As it is."
+
+
+@pytest.mark.parametrize("make", [windy, calm, unknown])
+@pytest.mark.parametrize("change", [lambda d: d, doubtful], ids=["ship", "another ship"])
+def test_page_terminal_and_json_say_the_same_verdict_first(make, change, tmp_path):
+    d = change(make())
+    diagnosis_html(d, {}, tmp_path / "report.html")
+    write_answer(d, tmp_path)
+    console = Console(file=io.StringIO(), width=1000)
+    print_diagnosis(d, console)
+    line, sentence, *_ = console.file.getvalue().splitlines()
+    stored, page = json.loads((tmp_path / "answer.json").read_text()), (tmp_path / "report.html").read_text()
+    banner = unescape(page.partition('<h1 class="sentence')[2].partition(">")[2].partition("</h1>")[0])
+    assert banner == sentence.strip() == stored["sentence"] == Answer(d).summary == d.sentence
+    assert stored["this_ship"] == (not d.doubtful) and stored["verdict"] == d.verdict
+    header = " ".join(unescape(page.partition("<header>")[2].partition("</header>")[0]).split())
+    assert verdict_text(d) in header and verdict_text(d) in line and f"# {d.case}" in diagnosis_markdown(d)
+    assert ("may not be the ship" in verdict_text(d)) == d.doubtful
+
+
+def test_what_a_refuted_formula_says_of_something_unknown_is_not_in_the_first_sentence():
+    nature = Nature("tied to the heading", ("N",), Value("root mean square", 5.0, 0.5, "MN m"))
+    for refuted in (False, True):
+        cause = replace(unknown().causes[0], nature=replace(nature, refuted=refuted))
+        assert ("tied to the heading" in summary_sentence([cause], [], unknown().proofs, True)) != refuted
+        assert ("it does not predict runs that were not used" in nature_sentence(cause.nature)) == refuted
+
+
+def test_recordings_agree_within_the_noise_only_where_they_are_predicted_to_it():
+    p = calm().proofs[0]
+    for off, said in (
+        (1.2, "agree with the calm-water model within the measurement noise: nothing needs to be added"),
+        (16.0, "coefficients are known (the predicted track is 16 m off, 16.0 times the measurement noise): nothing"),
+    ):
+        proofs = [replace(p, rmse_before={"pos": off}, rmse_after={"pos": off})]
+        assert said in summary_sentence([], [], proofs, False, noise={"pos": 1.0})
+    assert "model as far as its coefficients are known: nothing" in summary_sentence([], [], [], False)
+
+
+@pytest.mark.parametrize("make", [windy, *CASES.values()], ids=["wind", *CASES])
+def test_noise_is_that_of_the_instruments_wherever_it_is_said(make, tmp_path):
+    d = make()
+    diagnosis_html(d, {}, tmp_path / "report.html")
+    console = Console(file=io.StringIO(), width=400)
+    print_diagnosis(d, console)
+    for shown in (console.file.getvalue(), diagnosis_markdown(d), (tmp_path / "report.html").read_text()):
+        assert not re.findall(r"(?<!measurement )(?<!/ )noise", shown, re.IGNORECASE)
+
+
+def test_where_it_may_not_be_the_ship_nothing_is_told_as_good(tmp_path):
+    """Neither the banner of recordings that agree with a model of wrong coefficients nor the tests that passed."""
+    d = doubtful(calm())
+    diagnosis_html(d, {}, tmp_path / "report.html")
+    assert '<h1 class="sentence mismatch">' in (tmp_path / "report.html").read_text()
+    assert not any(RIGHT_SHIP in words for _, words, kind in outcomes(d) if kind == "good")

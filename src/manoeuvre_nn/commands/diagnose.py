@@ -29,7 +29,7 @@ from manoeuvre_nn.diagnosis.search import MAX_BUILT_UPON
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.report.diagnosis_figures import draw_diagnosis
 from manoeuvre_nn.report.diagnosis_html import diagnosis_html, log_to_tensorboard
-from manoeuvre_nn.report.diagnosis_tables import of_campaign, print_diagnosis, value_text
+from manoeuvre_nn.report.diagnosis_tables import of_campaign, print_diagnosis, value_text, verdict_text
 from manoeuvre_nn.report.html import save_figures
 from manoeuvre_nn.scoring.free_runs import cost
 
@@ -140,7 +140,8 @@ def summary(d: Diagnosis, dynamics: Model) -> str:
     alone = [p.rmse_alone for p in d.proofs if p.rmse_alone]
     of_effects = f" ({cost(alone, dynamics.particulars):.2f} with published coefficients)" if alone else ""
     proof = f"J {before:.2f} -> {after:.2f}{of_effects}" if d.proofs else "not proved"
-    return f"{d.case}: {d.verdict}, {found}; {proof}; {d.seconds:.0f} s"
+    first = f"{verdict_text(d)}; if she is: " if d.doubtful else ""
+    return f"{d.case}: {d.verdict}, {first}{found}; {proof}; {d.seconds:.0f} s"
 
 
 def diagnose_recordings(cfg: DictConfig, out: Path, console: Console) -> None:

@@ -192,7 +192,7 @@ def found_effects(d: Diagnosis, effects: Sequence[Effect], shelf: Mapping[str, M
     found: dict[str, Any] = {}
     for c in [c for c in d.causes if c.name in d.model]:
         if c.terms:
-            weights = {f"w{k + 1}": float(f"{v.value:.6g}") for k, v in enumerate(c.parameters)}
+            weights = {name: float(f"{value:.6g}") for name, value in c.weights.items()}
             found[Formula.name] = {"terms": list(c.terms), **weights}
         else:
             choices = {name: value for name, value in shelf[c.name].items() if name != TARGET}

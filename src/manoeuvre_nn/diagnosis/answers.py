@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -35,12 +36,16 @@ def answer(d: Diagnosis) -> dict:
     return {
         "case": d.case,
         "verdict": d.verdict,
+        "sentence": d.sentence,
+        "this_ship": not d.doubtful,
         "effects": [_effect(c) for c in d.causes if c.probability >= 1e-4],
         "model": model,
         "next_run": next((run for run in map(planned, d.next_steps) if run is not None), None),
         "heldout_rmse_before": {k: _number(v) for k, v in d.rmse("before").items()},
         "heldout_rmse_after": {k: _number(v) for k, v in d.rmse("after").items()},
         "heldout_rmse_of_effects_alone": {k: _number(v) for k, v in d.rmse("alone").items()},
+        "measurement_noise": {k: _number(v) for k, v in d.noise.items()},
+        "checks": [{"name": c.name, "passed": c.passed, "text": c.text} for c in d.checks],
     }
 
 
@@ -54,14 +59,8 @@ def _effect(c: Cause) -> dict:
         "probability": round(c.probability, 4),
         "equation": list(c.equations),
         "intervals": intervals,
-        "parameters": {
-            f"{v.name} ({v.campaign})" if v.campaign else v.name: [
-                _number(-v.value if v.name in OTHER_SIGN else v.value),
-                _number(v.error),
-                v.unit,
-            ]
-            for v in c.parameters
-        },
+        "parameters": {_key(v): _with_error(_signed(v)) for v in c.parameters},
+        "intervals_95": {_key(v): _ends(_signed(v)) for v in c.parameters},
         **more,
     }
 
@@ -79,6 +78,20 @@ def _nature(nature: Nature) -> dict:
         "parity": nature.parity or None,
         "share_in_hard_helm": _number(nature.regime),
     }
+
+
+def _key(v: Value) -> str:
+    return f"{v.name} ({v.campaign})" if v.campaign else v.name
+
+
+def _signed(v: Value) -> Value:
+    """A value in the sign of the cases."""
+    return replace(v, value=-v.value, low=-v.high, high=-v.low) if v.name in OTHER_SIGN else v
+
+
+def _ends(v: Value) -> list[float | None] | None:
+    """The 95 % interval; from north on 350 to 10 go round; null where the standard error is not known."""
+    return None if v.interval is None else [_number(end) for end in v.interval]
 
 
 def _with_error(v: Value) -> list:

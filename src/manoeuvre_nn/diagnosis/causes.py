@@ -10,11 +10,13 @@ from manoeuvre_nn.core.effect import Parameter
 from manoeuvre_nn.core.recording import CAMPAIGN, Recording
 from manoeuvre_nn.diagnosis.case import Question
 from manoeuvre_nn.diagnosis.decision import Decision
+from manoeuvre_nn.diagnosis.locate import unit_forces, units
 from manoeuvre_nn.diagnosis.proof import in_held_out_runs
 from manoeuvre_nn.diagnosis.result import Cause, Interval, Nature, Value
 from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.effect.common import RAMP
-from manoeuvre_nn.effect.formula import Formula, place_of
+from manoeuvre_nn.effect.formula import Formula, growth_of, place_of
+from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 
 LEADING = 0.25
@@ -59,10 +61,11 @@ def causes_of(
 
 def _unmodelled(tried: SearchResult, verdict: Decision, chosen: FittedHypothesis) -> Cause:
     """What no effect of the shelf explains, with its formula if that holds on runs that were not used."""
-    formula = chosen.hypothesis.effects[0] if Formula.name in chosen.names else None
-    terms = formula.terms if isinstance(formula, Formula) else ()
-    found = _values_of(chosen, 0) if terms else ()
-    values = (*(replace(v, name=t) for v, t in zip(found, terms, strict=False)), *found[len(terms) :])
+    effect = chosen.hypothesis.effects[0] if Formula.name in chosen.names else None
+    formula = effect if isinstance(effect, Formula) else None
+    terms = formula.terms if formula else ()
+    found = _values_of(chosen, 0) if formula else ()
+    values = _with_units(tried.likelihood.data_set, formula, found) if formula else ()
     clear = np.array([(v.value / v.error) ** 2 for v in values[: len(terms)]])
     where = [place_of(t) for t, c in zip(terms, clear, strict=True) if c > LEADING * clear.max()]
     return Cause(
@@ -76,7 +79,19 @@ def _unmodelled(tried: SearchResult, verdict: Decision, chosen: FittedHypothesis
         fingerprint="The misfit is real, and no effect of the shelf removes it.",
         source="",
         terms=terms,
+        weights={v.name: v.value for v in found},
     )
+
+
+def _with_units(data_set: WhitenedDataSet, formula: Formula, found: Sequence[Value]) -> tuple[Value, ...]:
+    """Coefficients of a formula's terms by their names, in units of forces, angles and channels; the rest as it is."""
+    forces = dict(zip("XYN", zip(unit_forces(data_set).tolist(), units(data_set), strict=True), strict=True))
+    told = []
+    for term, v in zip(formula.terms, found, strict=False):
+        size, unit = forces.get(term[0]) or formula.unit_of_weight(term)
+        minute, grown = growth_of(term)
+        told.append(Value(term, minute * size * v.value, minute * size * v.error, unit + grown))
+    return (*told, *found[len(told) :])
 
 
 def _equations(tried: SearchResult) -> tuple[str, ...]:

@@ -33,7 +33,7 @@ def _little_left(tried: SearchResult, chosen: FittedHypothesis) -> Check:
     levels = tried.likelihood.data_set.levels
     before, after = levels[tried.none.best[0]].max(), levels[chosen.best[0]].max()
     text = (
-        f"process noise of {100 * after:.2g} % of the resistance and of the force of 20 deg of rudder is left, "
+        f"a random force of {100 * after:.2g} % of the resistance and of the force of 20 deg of rudder is left, "
         f"{100 * before:.2g} % in calm water"
     )
     return Check("little is left", bool(after < 1.5e-2 or after < before), text)

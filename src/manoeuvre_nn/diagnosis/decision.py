@@ -74,7 +74,7 @@ class Decision:
         return min(self.effects[name], MAX_UNPROVED) if unproved else self.effects[name]
 
     def without_calm_water(self, result: SearchResult) -> "Decision":
-        """The same once free runs of calm water have missed the recordings by more than scatter and noise explain.
+        """The same once free runs of calm water have missed the recordings by more than is unknown about it.
 
         Args:
             result: The search.

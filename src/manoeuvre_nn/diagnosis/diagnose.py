@@ -10,7 +10,7 @@ from manoeuvre_nn.diagnosis import checks as checking
 from manoeuvre_nn.diagnosis.alarm import MIN_GAIN_TO_TRY, least_gain
 from manoeuvre_nn.diagnosis.case import Question
 from manoeuvre_nn.diagnosis.causes import causes_of
-from manoeuvre_nn.diagnosis.decision import are_rivals, decide, settled
+from manoeuvre_nn.diagnosis.decision import Decision, are_rivals, decide, settled
 from manoeuvre_nn.diagnosis.fits import at_rest
 from manoeuvre_nn.diagnosis.forecast import forecasts, unplaced_events
 from manoeuvre_nn.diagnosis.locate import MAX_PROCESS_NOISE, residuals, sites, statements
@@ -19,8 +19,10 @@ from manoeuvre_nn.diagnosis.predictive import calm_check, repaired_check, still_
 from manoeuvre_nn.diagnosis.proof import in_held_out_runs, prove
 from manoeuvre_nn.diagnosis.remainder import is_left, with_remainder
 from manoeuvre_nn.diagnosis.result import Cause, Check, Diagnosis, Proof, Residual
+from manoeuvre_nn.diagnosis.right_ship import right_ship_check
 from manoeuvre_nn.diagnosis.search import MIN_GAIN_OF_SECOND, Progress, SearchResult, search
 from manoeuvre_nn.diagnosis.words import (
+    if_this_ship,
     labels,
     left_open,
     nature_sentence,
@@ -60,15 +62,8 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
     progress("tracks and noise")
     data_set = whitened_data_set(question.dynamics, question.case.fitted)
     tried = settled(search(data_set, question.effects, progress, question.workers))
-    verdict = decide(tried)
     progress("proof")
-    chosen, proofs, checks = _proved(question, tried, verdict.claims)
-    if not verdict.mismatch(chosen) and not is_fitted(question.dynamics):
-        check = calm_check(question, tried)
-        if not check.passed:
-            verdict = verdict.without_calm_water(tried)
-            chosen, proofs, checks = _proved(question, tried, verdict.claims)
-        checks = [check, *checks]
+    verdict, (chosen, proofs, checks) = _decided(question, tried)
     if question.remainder and is_left(tried.likelihood, chosen):
         chosen, proofs, checks = _with_network(question, tried, (chosen, proofs, checks), progress)
     mismatch, data_set = verdict.mismatch(chosen), tried.likelihood.data_set
@@ -80,11 +75,13 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
     causes = causes_of(question, tried, verdict, chosen, nature)
     found = _shaded(found, [c for c in causes if c.name in chosen.names])
     model = ["unknown" if name == Formula.name else name for name in chosen.names if name != Remainder.name]
+    noise, open_still = _noise(data_set), (left_open(tried, verdict), still_missing(checks))
+    sentence = summary_sentence(causes, model, proofs, mismatch, *open_still, noise)
     return Diagnosis(
         case=question.case.name,
         ship=question.dynamics.particulars.name,
         verdict="mismatch" if mismatch else "none",
-        sentence=summary_sentence(causes, model, proofs, mismatch, left_open(tried, verdict), still_missing(checks)),
+        sentence=if_this_ship(sentence, question.dynamics.particulars.name, checks),
         causes=causes,
         model=model,
         alias=checking.aliases(tried, chosen),
@@ -94,7 +91,7 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
         checks=checks,
         runner_up=runner_up(tried, verdict),
         proofs=proofs,
-        noise=_noise(data_set),
+        noise=noise,
         next_steps=next_steps(tried, verdict, chosen, mismatch),
         undecided=[*question.case.undecided, *unplaced_events(question, chosen)],
         tracks={r.name: r.stacked("x", "y") for r in question.case.fitted},
@@ -103,6 +100,21 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
         settings=question.settings,
         seconds=time.perf_counter() - began,
     )
+
+
+def _decided(question: Question, tried: SearchResult) -> "tuple[Decision, Proved]":
+    """What may be claimed and what of it was proved; whether calm water could have sailed the runs, and this ship."""
+    verdict = decide(tried)
+    chosen, proofs, checks = _proved(question, tried, verdict.claims)
+    if is_fitted(question.dynamics):
+        return verdict, (chosen, proofs, checks)
+    if not verdict.mismatch(chosen):
+        check = calm_check(question, tried)
+        if not check.passed:
+            verdict = verdict.without_calm_water(tried)
+            chosen, proofs, checks = _proved(question, tried, verdict.claims)
+        checks = [check, *checks]
+    return verdict, (chosen, proofs, [right_ship_check(tried, verdict.formula), *checks])
 
 
 Proved = tuple[FittedHypothesis, list[Proof], list[Check]]
@@ -265,8 +277,8 @@ def _network(fitted: FittedHypothesis) -> dict[str, float]:
 
 
 def _noise(data_set: WhitenedDataSet) -> dict[str, float]:
-    """RMS of every channel's noise: no prediction can do better."""
-    s = np.sqrt(np.mean([p.noise**2 for p in data_set.runs], axis=0))
+    """RMS of every channel's measurement noise: no prediction can do better."""
+    s = np.sqrt(np.mean([p.noise**2 / p.inflation for p in data_set.runs], axis=0))
     deg = 180 / np.pi
     return {
         "pos": float(np.hypot(s[0], s[1])), "psi": float(s[4] * deg), "u": float(s[2]), "v": float(s[3]),

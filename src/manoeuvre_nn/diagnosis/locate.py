@@ -24,6 +24,8 @@ MAX_PROCESS_NOISE = 0.5
 POSITION = slice(3, 5)
 """Of u, v, r, x, y, psi what a stream moves."""
 EQUATIONS = ("surge force X", "sway force Y", "yaw moment N")
+PUSHES = {"X": ("ahead", "astern"), "Y": ("to starboard", "to port"), "N": ("bow to starboard", "bow to port")}
+"""Which way a positive force or moment pushes, and a negative one."""
 OF_SHIPS, OF_MODELS = {"kN": 1e3, "MN m": 1e6}, {"N": 1.0, "N m": 1.0}
 """Units of forces and of the moment -> their size in SI."""
 TURNING = 0.3
@@ -99,6 +101,11 @@ def in_units(data_set: WhitenedDataSet) -> Callable[[Float[np.ndarray, "n 3"]], 
         return hull.force_from_acceleration(hull.inertia.new_tensor(a)).numpy() * per
 
     return scale
+
+
+def unit_forces(data_set: WhitenedDataSet) -> Float[np.ndarray, " 3"]:
+    """Resistance, and force and moment of 20 deg of rudder, in the units that forces are told in."""
+    return np.abs(np.diag(in_units(data_set)(np.diag(data_set.unit[:3]))))
 
 
 def _spread(white: IntegratedRun, process: slice) -> Float[np.ndarray, "n 3"]:
@@ -259,7 +266,11 @@ def statements(data_set: WhitenedDataSet, found: Sequence[Residual]) -> list[str
     if shape.sides:
         left, right = shape.sides
         alike = {"even": "of the same sign", "odd": "of opposite sign", "mixed": "on one side more"}[shape.parity]
-        means = f"{three_digits(left)} {unit} in port turns, {three_digits(right)} {unit} in starboard turns"
+        way = PUSHES["XYN"[shape.strongest]]
+        means = " and ".join(
+            f"{three_digits(abs(mean))} {unit} {way[mean < 0]} in {side} turns"
+            for mean, side in ((left, "port"), (right, "starboard"))
+        )
         said.append(f"Mean {name}: {means}: {alike}.")
     if shape.hard:
         share, time = shape.hard

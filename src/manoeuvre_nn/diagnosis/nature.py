@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Float
 
 from manoeuvre_nn.diagnosis.decision import Decision
-from manoeuvre_nn.diagnosis.locate import in_units, shape_of, units
+from manoeuvre_nn.diagnosis.locate import in_units, shape_of, unit_forces, units
 from manoeuvre_nn.diagnosis.result import Nature, Residual, Value
 from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.diagnosis.unknown import RandomCourse, random_force
@@ -50,26 +50,22 @@ def nature_of(tried: SearchResult, verdict: Decision, found: Sequence[Residual],
         return None
     shape = shape_of(data_set, found)
     hard = shape.hard[0] if shape.hard else float("nan")
-    return replace(nature, frame=shape.frame, parity=shape.parity, regime=hard)
+    refuted = nature.predictable and proved is False
+    return replace(nature, frame=shape.frame, parity=shape.parity, regime=hard, refuted=refuted)
 
 
 def _by_chance(data_set: WhitenedDataSet, random: RandomCourse, against: float) -> Nature:
     """A random force with its size and correlation time."""
     axis = random.axes[0]
-    size = random.size * float(_unit_forces(data_set)[axis])
+    size = random.size * float(unit_forces(data_set)[axis])
     return Nature(
         RANDOM,
         tuple("XYN"[k] for k in random.axes),
-        Value("standard deviation", abs(size), abs(size) * random.errors[0], units(data_set)[axis]),
-        (Value("correlation time", random.time, random.time * random.errors[1], "s"),),
+        Value("standard deviation", size, size * random.errors[0], units(data_set)[axis], low=0.0),
+        (Value("correlation time", random.time, random.time * random.errors[1], "s", low=0.0),),
         float(against),
         predictable=False,
     )
-
-
-def _unit_forces(data_set: WhitenedDataSet) -> Float[np.ndarray, " 3"]:
-    """Resistance, and force and moment of 20 deg of rudder, in the units that forces are told in."""
-    return np.diag(in_units(data_set)(np.diag(data_set.unit[:3])))
 
 
 def _by_rule(data_set: WhitenedDataSet, formula: FittedHypothesis, against: float) -> Nature:
@@ -90,8 +86,8 @@ def _by_rule(data_set: WhitenedDataSet, formula: FittedHypothesis, against: floa
         size *= 2**0.5
     name = "amplitude" if kind == KINDS[BEAT] else "root mean square"
     return Nature(
-        kind, where, Value(name, size, size * float(relative), unit), _scales(data_set, effect, kind, values, errors),
-        float(against),
+        kind, where, Value(name, size, size * float(relative), unit, low=0.0),
+        _scales(data_set, effect, kind, values, errors), float(against),
     )  # fmt: skip
 
 
@@ -116,7 +112,7 @@ def _size(
             memory = own_states(acting, s, 1, prepared.linearised.run.step)
             forces.append(scale(acting.acceleration(s, memory).reshape(len(s.psi), 3).numpy()))
     rms = np.sqrt(np.mean(np.concatenate(forces) ** 2, axis=0))
-    axis = int((rms / np.maximum(np.abs(_unit_forces(data_set)), 1e-30)).argmax())
+    axis = int((rms / np.maximum(unit_forces(data_set), 1e-30)).argmax())
     return float(rms[axis]), units(data_set)[axis]
 
 
@@ -129,11 +125,11 @@ def _scales(
 ) -> tuple[Value, ...]:
     """What is told of a kind beside its size."""
     if kind == KINDS[LAG]:
-        return (Value("memory", values["memory_s"], errors["memory_s"], "s"),)
+        return (Value("memory", values["memory_s"], errors["memory_s"], "s", low=0.0),)
     if kind == KINDS[GROWING]:
         at, term = next((f"w{k + 1}", t) for k, t in enumerate(effect.terms) if mark_of(t) == GROWING)
         axis = "XYN".index(term[0])
-        minute = 60 / DRIFT_TIME_S * float(abs(_unit_forces(data_set)[axis]))
+        minute = 60 / DRIFT_TIME_S * float(unit_forces(data_set)[axis])
         return (Value("growth a minute", minute * values[at], minute * errors[at], units(data_set)[axis]),)
     if kind not in (KINDS[BEAT], KINDS[STRIPES]):
         return ()
@@ -142,14 +138,20 @@ def _scales(
     a, b = (values.get(waves.get(w, ""), 0.0) for w in ("cos", "sin"))
     error_a, error_b = (errors.get(waves.get(w, ""), 0.0) for w in ("cos", "sin"))
     turn = np.degrees(np.hypot(a * error_b, b * error_a) / np.hypot(a, b) ** 2)
-    phase = Value("phase at the start", float(np.degrees(np.arctan2(a, b))) % 360, float(turn), "deg")
+    phase = Value("phase at the start", float(np.degrees(np.arctan2(a, b))) % 360, float(turn), "deg", period=360.0)
     if mark == BEAT:
-        return (Value("period", values["period_s"], errors["period_s"], "s"), phase)
+        return (Value("period", values["period_s"], errors["period_s"], "s", low=0.0), phase)
     k = np.array([values["north_per_km"], values["east_per_km"]])
     e = np.array([errors["north_per_km"], errors["east_per_km"]])
     number = float(np.hypot(*k))
     along, across = float(np.hypot(*(k * e)) / number), float(np.hypot(*(k[::-1] * e)) / number)
     return (
-        Value("spacing", 1000 / number, 1000 * along / number**2, "m"),
-        Value("across", float(np.degrees(np.arctan2(k[1], k[0]))) % 180, float(np.degrees(across / number)), "deg"),
+        Value("spacing", 1000 / number, 1000 * along / number**2, "m", low=0.0),
+        Value(
+            "across",
+            float(np.degrees(np.arctan2(k[1], k[0]))) % 180,
+            float(np.degrees(across / number)),
+            "deg",
+            period=180.0,
+        ),
     )

@@ -76,7 +76,7 @@ class _Allowed:
 
 
 def calm_check(question: Question, tried: SearchResult) -> Check:
-    """Test whether free runs of calm water miss the recorded ones by more than scatter and noise explain.
+    """Test whether free runs of calm water miss the recorded ones by more than is unknown about it.
 
     Args:
         question: What is asked.
@@ -98,8 +98,8 @@ def calm_check(question: Question, tried: SearchResult) -> Check:
     p, channel, ratio = found[how]
     p = min(1.0, len(found) * p)
     text = (
-        f"free runs of calm water with its coefficients {how} miss the recorded {channel} by {ratio:.1f} times what "
-        f"scatter and noise do: p = {p:.2g}"
+        f"free runs of calm water with its coefficients {how} miss the recorded {channel} by {ratio:.1f} times what is "
+        f"unknown about it: p = {p:.2g}"
     )
     return Check("calm water sails these runs", p > FALSE_ALARMS, text)
 

@@ -8,6 +8,8 @@ import pandas as pd
 from jaxtyping import Float
 
 Interval = tuple[float, float]
+RIGHT_SHIP = "the coefficients are this ship's"
+"""Name of the test that calls the ship in question, or her model."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,20 @@ class Value:
     high: float = float("inf")
     period: float = 0.0
 
+    @property
+    def interval(self) -> Interval | None:
+        """Ends of the 95 % interval within what is possible; those of a direction go round, 0 and the period are any.
+
+        Returns:
+            The ends in the value's unit; None where the standard error is not known.
+        """
+        if not (np.isfinite(self.error) and self.error > 0):
+            return None
+        low, high = (float(min(max(self.value + sign * 1.96 * self.error, self.low), self.high)) for sign in (-1, 1))
+        if not self.period:
+            return low, high
+        return (0.0, self.period) if high - low >= self.period else (low % self.period, high % self.period)
+
 
 @dataclass(frozen=True)
 class Nature:
@@ -47,11 +63,12 @@ class Nature:
         equations: Where it acts: X, Y, N, actuator:rudder, sensor:<channel>.
         size: Standard deviation of a random force, amplitude of a periodic one, root mean square of others.
         scales: Correlation time, period, phase at time 0, memory, growth a minute, spacing of stripes: what there is.
-        against: Log evidence for this kind against the likeliest other: of a periodic force against red noise.
+        against: Log evidence for this kind against the likeliest other: of a periodic force against a random one.
         predictable: Whether it can be foreseen in other runs; of a random force only its size is known.
         frame: ``body``, ``earth``, or empty where the recordings do not tell.
         parity: Of the missing force in port and starboard turns: ``even``, ``odd``, ``mixed``; empty without both.
         regime: Share of the missing force's square that falls into hard helm; NaN where the helm was always alike.
+        refuted: Whether it is told by a formula that does not predict runs that were not used.
     """
 
     kind: str
@@ -63,6 +80,7 @@ class Nature:
     frame: str = ""
     parity: str = ""
     regime: float = float("nan")
+    refuted: bool = False
 
 
 @dataclass(frozen=True)
@@ -79,7 +97,8 @@ class Cause:
         intervals: Run -> times in which it acts [s], none where it does not act; None: throughout.
         fingerprint: How it is recognised.
         source: Where its formula is from.
-        terms: Terms of the formula of something unknown, one a parameter.
+        terms: Terms of the formula of something unknown, one a parameter; what these share stands behind.
+        weights: The formula's own parameters, those of conf/effect/formula.yaml.
         nature: What something unknown is like; None for effects, and where nothing unknown was found.
         interval_errors: Standard errors of ``intervals`` [s]; NaN where a run begins or ends within.
     """
@@ -94,6 +113,7 @@ class Cause:
     fingerprint: str
     source: str
     terms: tuple[str, ...] = ()
+    weights: Mapping[str, float] = field(default_factory=dict)
     nature: Nature | None = None
     interval_errors: Mapping[str, list[Interval]] = field(default_factory=dict)
 
@@ -181,7 +201,7 @@ class Diagnosis:
         checks: Tests that the claim passed or not.
         runner_up: What speaks for and against the runner-up, a sentence each.
         proofs: Held-out runs before and after.
-        noise: Channel -> RMS of the noise alone: no prediction can be better.
+        noise: Channel -> RMS of its measurement noise: no prediction can be better.
         next_steps: What to record next, most useful first.
         undecided: What cannot be decided with these recordings and why.
         tracks: Fitted run -> recorded x and y [m], NaN in gaps.
@@ -212,6 +232,11 @@ class Diagnosis:
     network: Mapping[str, float] = field(default_factory=dict, repr=False)
     settings: Mapping[str, str] = field(default_factory=dict)
     seconds: float = 0.0
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the recordings may not be of this ship, or her model does not hold: asked before any cause."""
+        return any(check.name == RIGHT_SHIP and not check.passed for check in self.checks)
 
     @property
     def unknown(self) -> bool:

@@ -15,7 +15,14 @@ from scipy.optimize import minimize
 from scipy.special import logsumexp
 
 from manoeuvre_nn.core.channels import MEASURED
-from manoeuvre_nn.estimation.data_set import PROCESS_LEVELS, WhitenedDataSet, process_time, quiet, start_spread
+from manoeuvre_nn.estimation.data_set import (
+    COEFFICIENT_SD_LEVELS,
+    PROCESS_LEVELS,
+    WhitenedDataSet,
+    process_time,
+    quiet,
+    start_spread,
+)
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
 from manoeuvre_nn.estimation.linear_run import summed
 from manoeuvre_nn.estimation.linearised_run import integrated
@@ -52,16 +59,23 @@ class RandomCourse:
     evidence: float
 
 
-def random_force(likelihood: MarginalLikelihood, none: FittedHypothesis) -> RandomCourse:
+def random_force(
+    likelihood: MarginalLikelihood, none: FittedHypothesis, levels: int = len(COEFFICIENT_SD_LEVELS)
+) -> RandomCourse:
     """Fit size and correlation time of a random force, in the equation that it is clearest in.
 
     Everything else is as under the other hypotheses: states, coefficients, latency integrated out. Size and time have
     log-uniform priors and are integrated out by Laplace's method.
 
+    Args:
+        likelihood: The runs.
+        none: Calm water.
+        levels: How many of the levels of the coefficients' standard deviation are allowed, from the least.
+
     Returns:
         What came out.
     """
-    process = _RandomProcess(likelihood, quiet(none.best[0]))
+    process = _RandomProcess(likelihood, quiet(none.best[0]), levels)
     start = np.log(process_time(likelihood.data_set.dynamics))
     tried = {
         (axis, size): process.evidence((axis,), np.array([np.log(size), start]))
@@ -93,10 +107,10 @@ def random_force(likelihood: MarginalLikelihood, none: FittedHypothesis) -> Rand
 class _RandomProcess:
     """Log evidence of random forces of any size and correlation time."""
 
-    def __init__(self, likelihood: MarginalLikelihood, level: int) -> None:
-        """Take the runs, and the level of the process noise that calm water keeps beside."""
+    def __init__(self, likelihood: MarginalLikelihood, level: int, levels: int) -> None:
+        """Take the runs, the level of the process noise that calm water keeps beside, how far coefficients are off."""
         data_set = likelihood.data_set
-        self.likelihood, self.prior = likelihood, log_prior_levels(data_set, PROCESS_PRIOR)[level]
+        self.likelihood, self.prior = likelihood, log_prior_levels(data_set, PROCESS_PRIOR)[level, :levels]
         self.usual = data_set.levels[level][[0, 1, 1, 1]][: len(data_set.unit)]
         self.longest = max(p.linearised.run.duration for p in data_set.runs)
 
@@ -112,7 +126,7 @@ class _RandomProcess:
         gram = summed([e.dot(e) for e in base], [data_set.base_index(k) for k in range(len(base))], data_set.size)
         found = self.likelihood.regress(gram, sum(w.log_norm for w in white))
         outside = 10.0 * float(np.abs(x - np.log([size, time])).sum())
-        return float(logsumexp(found.evidence + self.prior)) - outside
+        return float(logsumexp(found.evidence[: len(self.prior)] + self.prior)) - outside
 
 
 def unknown_evidence(likelihood: MarginalLikelihood, none: FittedHypothesis, formula: FittedHypothesis | None) -> float:

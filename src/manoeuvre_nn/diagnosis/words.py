@@ -1,19 +1,23 @@
 """Sentences for people."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 
 from manoeuvre_nn.core.units import three_digits
 from manoeuvre_nn.diagnosis.advise import Ranked, advise
 from manoeuvre_nn.diagnosis.decision import Decision
-from manoeuvre_nn.diagnosis.result import Cause, Nature, Proof, Value
+from manoeuvre_nn.diagnosis.locate import PUSHES
+from manoeuvre_nn.diagnosis.result import RIGHT_SHIP, Cause, Check, Nature, Proof, Value
 from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
 
 POSSIBLE = 0.05
 """Probability of a rival from which a run is sought that tells it from what was found."""
+AT_NOISE = 1.5
+"""RMS error over the measurement noise up to which runs are predicted to the noise."""
 MIN_EXPECTED_EVIDENCE = 3.0
 """Log Bayes factor, odds of 1 to 20, that a run must be expected to add."""
 EQUATIONS = {"X": "surge", "Y": "sway", "N": "yaw", "kinematics": "kinematics or sensors"}
@@ -26,6 +30,7 @@ def summary_sentence(
     mismatch: bool,
     lacking: str = "",
     left: str = "",
+    noise: Mapping[str, float] = MappingProxyType({}),
 ) -> str:
     """One sentence that a captain understands.
 
@@ -36,6 +41,7 @@ def summary_sentence(
         mismatch: Whether recordings and model differ.
         lacking: What is left where the model was itself fitted to recordings, see :func:`left_open`; else empty.
         left: How far free runs of the repaired model miss those that were not used; empty where they do as they should.
+        noise: Channel -> RMS of its measurement noise.
 
     Returns:
         The sentence.
@@ -45,15 +51,13 @@ def summary_sentence(
     if not mismatch:
         corrected = any(p.rmse_after != p.rmse_before for p in proofs)
         gain = _gain(proofs, "coefficients corrected within their scatter", seen=True) if corrected else ""
-        return (
-            "The recordings agree with the calm-water model within their noise and the scatter of its coefficients: "
-            f"nothing needs to be added{gain}."
-        )
+        agree = f"The recordings agree with the calm-water model {_agreement(proofs, noise)}"
+        return f"{agree}: nothing needs to be added{gain}."
     more = f"; something is still missing: {left}" if left else ""
     if set(model) <= {"unknown"}:
         where = next((c.equations for c in causes if c.name == "unknown"), ())
         shown = f" in {_and([EQUATIONS.get(e, e) for e in where])}" if where else ""
-        told = "".join(f"; it is {nature_words(c.nature)}" for c in causes if c.nature)
+        told = "".join(f"; it is {nature_words(c.nature)}" for c in causes if c.nature and not c.nature.refuted)
         told += next((_formula(c) for c in causes if c.terms), "")
         gain = _gain(proofs, "that") if model else ""
         known = "no effect that is known explains it"
@@ -64,6 +68,12 @@ def summary_sentence(
     if proofs and not any(c.intervals is None or c.intervals.get(p.run) for c in named for p in proofs):
         return f"The recordings show {said}; no run that was not used had {them}, so that none can prove {them}."
     return f"The recordings show {said}{_gain(proofs, them)}{more}."
+
+
+def if_this_ship(sentence: str, ship: str, checks: Sequence[Check]) -> str:
+    """The sentence; before it, where the coefficients are not those of this ship, that it may not be her."""
+    why = next((c.text for c in checks if c.name == RIGHT_SHIP and not c.passed), "")
+    return f"This may not be the {ship}, or her model is wrong: {why}. If she is: {sentence}" if why else sentence
 
 
 def left_open(tried: SearchResult, verdict: Decision) -> str:
@@ -78,18 +88,36 @@ def left_open(tried: SearchResult, verdict: Decision) -> str:
     )
     if not verdict.named or verdict.best is None:
         return f"{said}, and no effect explains them"
-    return f"{said}; with {labels(verdict.best)} runs that were not used are not predicted better"
+    return f"{said}, and no effect predicts runs that were not used better"
+
+
+def _scored(proofs: Sequence[Proof]) -> tuple[str, str, str, list[Proof]]:
+    """Channel that runs are told by, its curve and unit, and the runs that recorded it: the track, else the heading."""
+    located = [p for p in proofs if np.isfinite(p.rmse_before.get("pos", np.nan))]
+    return ("pos", "track", "m", located) if located else ("psi", "heading", "deg", list(proofs))
+
+
+def _agreement(proofs: Sequence[Proof], noise: Mapping[str, float]) -> str:
+    """How far recordings agree with calm water: to the noise of the instruments only if they are predicted to it."""
+    channel, curve, unit, scored = _scored(proofs)
+    off = float(np.sqrt(np.mean([p.rmse_after.get(channel, np.nan) ** 2 for p in scored]))) if scored else np.nan
+    ratio = off / noise[channel] if noise.get(channel, 0.0) > 0 else np.nan
+    if ratio < AT_NOISE:
+        return "within the measurement noise"
+    known = "as far as its coefficients are known"
+    if not np.isfinite(ratio):
+        return known
+    return f"{known} (the predicted {curve} is {three_digits(off)} {unit} off, {ratio:.1f} times the measurement noise)"
 
 
 def _gain(proofs: Sequence[Proof], what: str, seen: bool = False) -> str:
     """How much better runs that were not used are predicted; if wanted, only where two digits show it."""
     if not proofs:
         return ""
-    located = [p for p in proofs if np.isfinite(p.rmse_before.get("pos", np.nan))]
-    channel, curve, unit = ("pos", "track", "m") if located else ("psi", "heading", "deg")
-    parted = all(p.rmse_alone for p in located or proofs)
+    channel, curve, unit, scored = _scored(proofs)
+    parted = all(p.rmse_alone for p in scored)
     before, after, *alone = (
-        np.sqrt(np.mean([getattr(p, w)[channel] ** 2 for p in located or proofs]))
+        np.sqrt(np.mean([getattr(p, w)[channel] ** 2 for p in scored]))
         for w in ("rmse_before", "rmse_after", *(["rmse_alone"] if parted else []))
     )
     if seen and f"{before:.2g}" == f"{after:.2g}":
@@ -125,11 +153,25 @@ def _times(cause: Cause) -> str:
 
 
 def _formula(cause: Cause) -> str:
-    """The formula of something unknown: weights are shares of the resistance or of 20 deg of rudder."""
-    count = len(cause.terms)
-    said = " ".join(f"{v.value:+.3g} {v.name}" for v in cause.parameters[:count]).lstrip("+")
-    scales = [f"{v.name.removesuffix('_s').replace('_', ' ')} {v.value:.3g} {v.unit}" for v in cause.parameters[count:]]
-    return f"; a short formula for it is {', '.join([said, *scales])} (motion in units of a tight turn)"
+    """The formula of something unknown, equation by equation, every coefficient with its unit."""
+    sums: dict[str, str] = {}
+    for v in cause.parameters[: len(cause.terms)]:
+        kind, _, shape = v.name.partition(" ")
+        channel, _, of_channel = shape.partition(" ")
+        place, shape = {
+            "rudder": ("more rudder", f"of the angle {shape}"),
+            "sensor": (f"error of {channel}", of_channel),
+        }.get(kind, (kind, shape))
+        term = f"{abs(v.value):.3g} {v.unit} {shape.removeprefix('1').lstrip()}".rstrip()
+        sign = "-" if v.value < 0 else "+"
+        sums[place] = f"{sums[place]} {sign} {term}" if place in sums else f"{place} = {sign.strip('+')}{term}"
+    scales = [
+        f"{v.name.removesuffix('_s').replace('_', ' ')} {v.value:.3g} {v.unit}"
+        for v in cause.parameters[len(cause.terms) :]
+    ]
+    positive = [f"{e} {PUSHES[e][0]}" for e in sums if e in PUSHES]
+    read = "; ".join([*([f"positive: {', '.join(positive)}"] if positive else []), "motion in units of a tight turn"])
+    return f"; a short formula for it is {', '.join([*sums.values(), *scales])} ({read})"
 
 
 def nature_words(nature: Nature) -> str:
@@ -169,10 +211,11 @@ def nature_sentence(nature: Nature) -> str:
     if np.isfinite(nature.regime):
         said.append(f"{nature.regime:.0%} of its square with more than half the helm")
     more = ", ".join(part for part in said if part)
-    other = "red noise" if nature.predictable else "any formula"
+    other = "a random force" if nature.predictable else "any formula"
     against = f"log evidence against {other} {nature.against:+.0f}"
+    failed = ["it does not predict runs that were not used better"] if nature.refuted else []
     clause = nature_words(nature)
-    return f"What is unknown is {clause} ({'; '.join([*([more] if more else []), against])})."
+    return f"What is unknown is {clause} ({'; '.join([*([more] if more else []), against, *failed])})."
 
 
 def _measured(v: Value) -> str:

@@ -138,6 +138,13 @@ def place_of(term: str) -> str:
     return {"rudder": "actuator:rudder", "sensor": f"sensor:{written}"}.get(kind, kind)
 
 
+def growth_of(term: str) -> tuple[float, str]:
+    """What of its weight, which it has after ``DRIFT_TIME_S``, a growing term has after a minute, and its unit."""
+    shape = term.split(" ")[-1]
+    power = {GROWING: 1, f"{GROWING}^2": 2}.get(shape, 0)
+    return (60 / DRIFT_TIME_S) ** power, ("", "/min", "/min^2")[power]
+
+
 class Formula(Effect):
     """A sum of terms, each with a weight.
 
@@ -246,6 +253,18 @@ class Formula(Effect):
             return self._of_rudder(small * RUDDERS[term.removeprefix(RUDDER)](s.delta), s) / small, {}
         return self._force(term, s, memory), {}
 
+    def unit_of_weight(self, term: str) -> tuple[float, str]:
+        """What a weight of one is of the rudder or an instrument, in the unit that is told."""
+        if term.startswith(RUDDER):
+            return 1.0, "deg/deg"
+        p, channel = self.ship.particulars, term.split(" ")[1]
+        sizes = {
+            "psi": (5.0, "deg"),
+            "r": (0.1 * p.speed / p.length / DEGREE, "deg/s"),
+            "u_log": (0.1 * p.speed, "m/s"),
+        }
+        return sizes.get(channel, (0.2 * p.length, "m"))
+
     def _errors(self, term: str, s: Situation) -> dict[str, Float[Tensor, "*batch"]]:
         """Channel -> its error for a weight of one."""
         _, channel, shape = term.split(" ", maxsplit=2)
@@ -253,7 +272,8 @@ class Formula(Effect):
         if channel in RECEIVER:
             position, velocity = RECEIVER[channel]
             return {position: 0.2 * p.length * late**2, velocity: 0.4 * p.length / DRIFT_TIME_S * late}
-        size = {"psi": 5 * DEGREE, "r": 0.1 * p.speed / p.length, "u_log": 0.1 * p.speed}[channel]
+        size, unit = self.unit_of_weight(term)
+        size *= DEGREE if unit.startswith("deg") else 1.0
         drifts = {"t": late, "t^2": late**2}
         if shape in drifts:
             return {channel: size * drifts[shape]}

@@ -17,9 +17,12 @@ from manoeuvre_nn.estimation.derivatives import coefficient_name
 EQUATIONS = "XYN"
 TAYLOR, PLAIN, OWN = "taylor", "plain", "own"
 """What coefficients are: derivatives about the approach, factors of products, or those of a ship's own source."""
-MEASURED, PARTLY, PRIOR = "measured", "partly", "prior"
+MEASURED, TOGETHER, PARTLY, PRIOR = "measured", "together", "partly", "prior"
 MEASURED_SHARE, PARTLY_SHARE = 0.75, 0.1
 """Share by which the recordings narrow a coefficient for it to be called measured, and partly measured."""
+MAX_CORRELATION = 0.99
+"""Correlation of its error with that of another beyond which a coefficient is not measured by itself: given the other,
+its standard error would be a seventh."""
 REACH = 1.96
 """Half of a 95 % interval over the standard error."""
 ARRAYS = ("values", "covariance", "mean", "spread", "inertia")
@@ -56,6 +59,12 @@ class Fitted:
     def errors(self) -> Float[np.ndarray, " p"]:
         """Standard errors."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    @property
+    def correlation(self) -> Float[np.ndarray, "p p"]:
+        """Of their errors; of one without any error 0."""
+        sizes = np.maximum(self.errors, 1e-300)
+        return self.covariance / sizes[:, None] / sizes
 
     @property
     def in_prior_units(self) -> Float[np.ndarray, "p p"]:
@@ -148,11 +157,17 @@ def coefficient_table(fitted: Fitted) -> pd.DataFrame:
         symbol: such as ``Y_v|v|`` or ``N_dnn``; value: factor of the product, for a Taylor series the derivative,
         ``Y_vvv`` of ``Y_vvv v^3 / 6``; error: its standard error; prior, prior_error: what it was before any run was
         seen; factor: of the bare product; low, high: ends of the 95 % interval; learnt: how much the recordings
-        narrowed it, 0 not at all, 1 wholly; word: ``measured``, ``partly`` or ``prior``.
+        narrowed it, 0 not at all, 1 wholly; with: symbols of those that it is correlated with beyond
+        :data:`MAX_CORRELATION`; word: ``measured``, ``together`` if only together with these, ``partly`` or ``prior``.
     """
     times = np.array([_factorials(term) if fitted.form == TAYLOR else 1.0 for _, term in fitted.names])
     value, error, prior, prior_error = (times * x for x in (fitted.values, fitted.errors, fitted.mean, fitted.spread))
     learnt = np.maximum(0.0, 1 - error / prior_error)
+    partners = [
+        tuple(other for k, other in enumerate(fitted.symbols) if k != own and abs(row[k]) > MAX_CORRELATION)
+        for own, row in enumerate(fitted.correlation)
+    ]
+    tied = np.array([bool(others) for others in partners])
     return pd.DataFrame({
         "symbol": fitted.symbols,
         "value": value,
@@ -163,7 +178,12 @@ def coefficient_table(fitted: Fitted) -> pd.DataFrame:
         "low": value - REACH * error,
         "high": value + REACH * error,
         "learnt": learnt,
-        "word": np.select([learnt >= MEASURED_SHARE, learnt >= PARTLY_SHARE], [MEASURED, PARTLY], PRIOR),
+        "with": partners,
+        "word": np.select(
+            [(learnt >= PARTLY_SHARE) & tied, learnt >= MEASURED_SHARE, learnt >= PARTLY_SHARE],
+            [TOGETHER, MEASURED, PARTLY],
+            PRIOR,
+        ),
     })
 
 

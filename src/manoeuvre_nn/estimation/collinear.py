@@ -8,9 +8,10 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float, Int
 from scipy.cluster.hierarchy import fcluster, linkage
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import squareform
 
-from manoeuvre_nn.estimation.coefficients import Fitted
+from manoeuvre_nn.estimation.coefficients import MAX_CORRELATION, Fitted
 from manoeuvre_nn.network.series import VARIABLES
 
 MIN_CORRELATION = 0.9
@@ -34,8 +35,8 @@ COLUMNS = ["symbols", "correlation", "determined", "value", "error", "words"]
 def collinear_groups(fitted: Fitted, close: float = MIN_CORRELATION) -> pd.DataFrame:
     """Groups of coefficients that are known only together.
 
-    Complete linkage: in a group every pair is correlated. What is determined is the eigenvector of the least variance
-    in units of the prior.
+    Complete linkage: in a group every pair is correlated; groups of which two coefficients are tied beyond
+    :data:`.MAX_CORRELATION` are one. What is determined is the eigenvector of the least variance in units of the prior.
 
     Args:
         fitted: The coefficients.
@@ -51,11 +52,12 @@ def collinear_groups(fitted: Fitted, close: float = MIN_CORRELATION) -> pd.DataF
     """
     if len(fitted.values) < 2:
         return pd.DataFrame(columns=COLUMNS)
-    sizes = np.maximum(fitted.errors, 1e-300)
-    correlation = fitted.covariance / sizes[:, None] / sizes
+    correlation = fitted.correlation
     apart = np.clip(1 - np.abs(correlation), 0.0, None)
     np.fill_diagonal(apart, 0.0)
     labels = fcluster(linkage(squareform(apart, checks=False), "complete"), 1 - close, "distance")
+    alike = (labels[:, None] == labels) | (np.abs(correlation) > MAX_CORRELATION)
+    labels = connected_components(alike, directed=False)[1]
     groups = [np.flatnonzero(labels == k) for k in np.unique(labels)]
     made = [_group(fitted, correlation, g) for g in groups if len(g) > 1]
     return pd.DataFrame(made, columns=COLUMNS).sort_values("correlation", key=lambda c: -c.abs(), kind="stable")

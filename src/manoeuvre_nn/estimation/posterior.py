@@ -51,6 +51,19 @@ class Posterior:
         square = self.scales[scale] ** 2
         return square / (1 + square * self.sizes)
 
+    def evidence_at(self, scales: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Log marginal likelihood at other scales of the prior.
+
+        Args:
+            scales: Factors on the prior standard deviation of c.
+
+        Returns:
+            One a scale.
+        """
+        square = np.append(self.scales[0], scales)[:, None] ** 2
+        gain = 0.5 * (square * self.along**2 / (1 + square * self.sizes) - np.log1p(square * self.sizes)).sum(axis=1)
+        return self.evidence[0] + gain[1:] - gain[0]
+
     def mean(self, scale: int = 0) -> Float[np.ndarray, " m"]:
         """Most likely deviations."""
         c = self.axes @ (self._variances(scale) * self.along)

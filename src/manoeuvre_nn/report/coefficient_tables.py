@@ -1,6 +1,6 @@
 """Coefficients in tables, sentences and JSON."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -18,6 +18,7 @@ from manoeuvre_nn.estimation.coefficients import (
     PRIOR,
     REACH,
     TAYLOR,
+    TOGETHER,
     Fitted,
     coefficient_table,
 )
@@ -44,7 +45,8 @@ class Coefficients:
         source: Sentence on what they were fitted to.
         tests: Captive tests to set beside them, where there are any.
         captive: Coefficients from these tests.
-        ratio: How far stretches of the recordings disagree over what noise allows; errors are widened by its root.
+        ratio: How far stretches of the recordings disagree over their standard errors, squared; errors are widened by
+            its root.
     """
 
     ship: Particulars
@@ -74,10 +76,11 @@ class Coefficients:
 
 
 def sentence(told: Coefficients) -> str:
-    """The verdict in one sentence: how many are measured, and how many go together."""
+    """The verdict in one sentence: how many are measured by themselves, and how many go together."""
     words = list(told.rows["word"])
+    together = f"{words.count(TOGETHER)} only together with others, " if TOGETHER in words else ""
     text = (
-        f"{words.count(MEASURED)} of {len(words)} coefficients are measured, {words.count(PARTLY)} partly, "
+        f"{words.count(MEASURED)} of {len(words)} coefficients are measured, {together}{words.count(PARTLY)} partly, "
         f"{words.count(PRIOR)} are what was assumed; the recordings fix {told.fitted.determined:.1f} combinations"
     )
     tied = len({s for symbols in told.groups["symbols"] for s in symbols})
@@ -100,9 +103,9 @@ def notes(told: Coefficients) -> list[str]:
 def _error_note(ratio: float) -> str:
     """How far errors can be believed."""
     if ratio <= 1.0:
-        return "Stretches of the recordings agree on the coefficients as noise allows: errors are those of noise."
+        return "Stretches of the recordings agree on the coefficients within their standard errors."
     return (
-        f"Stretches of 10 L/U0 disagree on coefficients by {ratio**0.5:.1f} times what noise allows: the products are "
+        f"Stretches of 10 L/U0 disagree on coefficients by {ratio**0.5:.1f} times their errors: the products are "
         "not quite those of the ship. All errors are widened so far."
     )
 
@@ -125,7 +128,8 @@ def tables(told: Coefficients) -> dict[str, list[Row]]:
     made: dict[str, list[Row]] = {}
     made["Coefficients"] = [
         {"": r["symbol"], "value": r["value"], "± 95 %": (r["high"] - r["low"]) / 2, "before": r["prior"],
-         "± before": REACH * r["prior_error"], "narrowed by [%]": round(100 * r["learnt"]), "it is": r["word"]}
+         "± before": REACH * r["prior_error"], "narrowed by [%]": round(100 * r["learnt"]),
+         "it is": _word(r["word"], r["with"])}
         for r in told.rows.to_dict("records")
     ]  # fmt: skip
     made["Known only together"] = [
@@ -157,6 +161,14 @@ def tables(told: Coefficients) -> dict[str, list[Row]]:
     return made
 
 
+def _word(word: str, others: Sequence[str]) -> str:
+    """How far a coefficient is measured; with which others if it is only together with them."""
+    if word != TOGETHER:
+        return word
+    more = f" and {len(others) - 1} more" if len(others) > 1 else ""
+    return f"{word} with {others[0]}{more}"
+
+
 def coefficients_json(told: Coefficients) -> dict[str, Any]:
     """What ``coefficients.json`` holds: plain numbers and strings."""
     fields: Mapping[str, Any] = {
@@ -171,6 +183,7 @@ def coefficients_json(told: Coefficients) -> dict[str, Any]:
                 "symbol": r["symbol"], "value": r["value"], "standard_error": r["error"],
                 "interval_95": [r["low"], r["high"]], "prior": r["prior"], "prior_standard_deviation": r["prior_error"],
                 "factor": r["factor"], "learnt": r["learnt"], "word": r["word"],
+                "together_with": list(r["with"]),
             }
             for r in told.rows.to_dict("records")
         ],

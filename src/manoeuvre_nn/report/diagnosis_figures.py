@@ -167,13 +167,13 @@ def _draw_map(axes: Axes, curves: Sequence[Curve], reference: Float[np.ndarray, 
 
 
 def error_figure(d: Diagnosis) -> Figure:
-    """RMS errors on the held-out runs over the noise alone, before and after; 1 cannot be beaten."""
+    """RMS errors on the held-out runs over the measurement noise, before and after; 1 cannot be beaten."""
     before, after = d.rmse("before"), d.rmse("after")
     scored = [c for c in before if d.noise.get(c, 0.0) > 0 and np.isfinite(before[c]) and before[c] > 0]
     if not scored:
-        return _only("The noise is not known.")
+        return _only("The measurement noise is not known.")
     figure = new_figure(1.2 + 0.52 * len(scored))
-    axes = plain_axes(figure.subplots(), "RMS error over noise [-]", "")
+    axes = plain_axes(figure.subplots(), "RMS error over measurement noise [-]", "")
     axes.axvline(1.0, color="#4D4D4D", linewidth=1.6)
     for row, channel in enumerate(scored):
         unit = CHANNELS[channel][2]
@@ -192,7 +192,7 @@ def error_figure(d: Diagnosis) -> Figure:
     handles = [
         Line2D([], [], label=BEFORE, color=CALM["color"], marker="D", linestyle=""),
         Line2D([], [], label=AFTER, color=REPAIRED["color"], marker="o", linestyle=""),
-        Line2D([], [], label="noise alone", color="#4D4D4D", linewidth=1.6),
+        Line2D([], [], label="measurement noise", color="#4D4D4D", linewidth=1.6),
     ]
     legend_below(figure, handles if d.repaired else [handles[0], handles[2]])
     return figure
@@ -264,7 +264,9 @@ def channel_figure(proof: Proof, noise: Mapping[str, float], repaired: bool) -> 
         axes.xaxis.set_major_locator(MaxNLocator(4))
     for column in grid.T:
         figure.align_ylabels(column)
-    legend_below(figure, [*_models(repaired), Patch(color=TRUTH["color"], **BAND, label="± 2 noise")], columns=4)
+    legend_below(
+        figure, [*_models(repaired), Patch(color=TRUTH["color"], **BAND, label="± 2 measurement noise")], columns=4
+    )
     return figure
 
 

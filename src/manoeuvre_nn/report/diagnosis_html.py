@@ -26,7 +26,7 @@ from manoeuvre_nn.report.html import data_address, write_page
 CAPTIONS = {
     "probabilities": "Probability of each cause",
     "tracks": "Tracks of the held-out runs: recorded, by the calm-water model and by the repaired model",
-    "errors": "RMS errors over the noise, before and after",
+    "errors": "RMS errors over the measurement noise, before and after",
     "where": "Places at which something is missing",
     "residual": "Missing force over time",
     "channels": "Channels over time and their errors",

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from manoeuvre_nn.diagnosis.result import Cause, Diagnosis, Value
+from manoeuvre_nn.diagnosis.result import RIGHT_SHIP, Cause, Diagnosis, Value
 from manoeuvre_nn.report.tables import criterion_label, rich_table, text, to_markdown
 
 CHANNELS: dict[str, tuple[str, str, str]] = {
@@ -30,7 +30,7 @@ SITES = {
     "sensor": "a cause in a sensor",
 }
 """Where a force or a candidate was allowed."""
-BEFORE, ALONE, AFTER, NOISE = "calm water", "effects alone", "repaired", "noise alone"
+BEFORE, ALONE, AFTER, NOISE = "calm water", "effects alone", "repaired", "measurement noise"
 """What the columns and curves of every comparison are called."""
 FOUND = "found ± standard error"
 """Column of the parameters."""
@@ -43,9 +43,11 @@ MIN_LISTED, MAX_LISTED = 3, 5
 
 
 def verdict_text(d: Diagnosis) -> str:
-    """What was found, in three words."""
+    """What was found, in a few words."""
+    if d.doubtful:
+        return "this may not be the ship, or her model is wrong"
     what = "something unknown" if d.unknown else "something" if d.verdict == "mismatch" else "nothing"
-    return f"{what} is missing"
+    return f"{what} is missing in the calm-water model"
 
 
 def alias_texts(d: Diagnosis) -> list[str]:
@@ -78,26 +80,42 @@ def of_campaign(value: Value) -> str:
 
 
 def value_text(value: Value) -> str:
-    """A parameter with its standard error, if this is known, both to the error's second digit: ``11.2 ± 1.4 m/s``."""
-    unit = "" if value.unit == "-" else f" {value.unit}"
+    """A parameter with its standard error, if this is known, both to the error's second digit.
+
+    Returns:
+        ``11.2 ± 1.4 m/s``; where its sign has words, with these in its place: ``222 ± 12 kN to port``.
+    """
+    size, side = (abs(value.value), f" {value.sides[value.value < 0]}") if value.sides else (value.value, "")
+    unit = ("" if value.unit == "-" else f" {value.unit}") + side
     if not (math.isfinite(value.error) and value.error > 0 and math.isfinite(value.value)):
-        return f"{text(value.value, 4)}{unit}"
+        return f"{text(size, 4)}{unit}"
     digits = 1 - math.floor(math.log10(value.error))
-    shown = [f"{round(number, digits):.{max(digits, 0)}f}" for number in (value.value, value.error)]
+    shown = [f"{round(number, digits):.{max(digits, 0)}f}" for number in (size, value.error)]
     return f"{' ± '.join(shown)}{unit}"
 
 
 def interval_text(value: Value) -> str:
-    """Where a possible value lies with 95 %: ``8.5 to 13.9``, ``any`` direction, a dash where the error is unknown."""
-    if not (math.isfinite(value.error) and value.error > 0):
+    """Where a possible value lies with 95 %.
+
+    Returns:
+        ``8.5 to 13.9``; ``any`` of a direction; a dash where the error is unknown; where the sign has words,
+        ``198 to 246 to port``, or ``10 to port, 20 to starboard`` if 0 lies within.
+    """
+    ends = value.interval
+    if ends is None:
         return "–"
+    if value.period and ends == (0.0, value.period):
+        return "any"
     digits = max(1 - math.floor(math.log10(value.error)), 0)
-    ends = [min(max(value.value + sign * 1.96 * value.error, value.low), value.high) for sign in (-1, 1)]
-    if value.period:
-        if ends[1] - ends[0] >= value.period:
-            return "any"
-        ends = [round(end, digits) % value.period for end in ends]
-    return " to ".join(f"{end:.{digits}f}" for end in ends)
+    # What rounding takes to the period is 0.
+    shown = [round(end, digits) % value.period if value.period else end for end in ends]
+    if not value.sides:
+        return " to ".join(f"{end:.{digits}f}" for end in shown)
+    positive, negative = value.sides
+    if ends[0] < 0 < ends[1]:
+        return f"{-shown[0]:.{digits}f} {negative}, {shown[1]:.{digits}f} {positive}"
+    low, high = sorted(map(abs, shown))
+    return f"{low:.{digits}f} to {high:.{digits}f} {negative if ends[1] <= 0 else positive}"
 
 
 def when_text(cause: Cause, most: int = 4) -> str:
@@ -148,15 +166,13 @@ def cause_rows(d: Diagnosis, causes: Sequence[Cause]) -> list[dict[str, Any]]:
 
 
 def parameter_rows(causes: Sequence[Cause]) -> list[dict[str, Any]]:
-    """Parameters with their intervals, one a row, and what a positive value means where the sign needs words."""
-    signed = any(value.sides for cause in causes for value in cause.parameters)
+    """Parameters with their intervals, one a row."""
     return [
         {
             "cause": cause.label,
             "parameter": f"{words(value)}{of_campaign(value)}",
             FOUND: value_text(value),
             "95 % interval": interval_text(value),
-            **({"positive is": value.sides[0] if value.sides else "–"} if signed else {}),
         }
         for cause in causes
         for value in cause.parameters
@@ -164,7 +180,7 @@ def parameter_rows(causes: Sequence[Cause]) -> list[dict[str, Any]]:
 
 
 def _errors(d: Diagnosis) -> dict[str, Mapping[str, float]]:
-    """RMS errors on all held-out runs, before, by the effects alone, after, and the noise: what -> channel -> size."""
+    """RMS errors on all held-out runs, before, by the effects alone, after, and the measurement noise."""
     repaired = {ALONE: d.rmse("alone"), AFTER: d.rmse("after")} if d.repaired else {}
     return {BEFORE: d.rmse("before"), **{k: v for k, v in repaired.items() if v}, NOISE: d.noise}
 
@@ -211,7 +227,7 @@ def _whole(evidence: float) -> float | int:
 
 def print_diagnosis(d: Diagnosis, console: Console) -> None:
     """About 25 lines: sentence, causes, errors, where, what speaks against it, and what to do next."""
-    console.print(Text(f"{d.case}, {d.ship}: {verdict_text(d)} in the calm-water model", "dim"))
+    console.print(Text(f"{d.case}, {d.ship}: {verdict_text(d)}", "dim"))
     console.print(Text(d.sentence, "bold"))
     if d.causes:
         console.print(_short_causes(d))
@@ -243,7 +259,10 @@ def outcomes(d: Diagnosis) -> list[tuple[str, str, str]]:
         Heading, words, and ``good``, ``bad`` or nothing.
     """
     untested = [check for check in d.checks if check.passed and check.text.endswith(UNTESTED)]
-    tests = [check for check in d.checks if check not in untested and (check.passed or check.name != GAIN)]
+    told_elsewhere = (GAIN, RIGHT_SHIP)  # what was refused below, the ship in the first sentence
+    tests = [
+        check for check in d.checks if check not in untested and (check.passed or check.name not in told_elsewhere)
+    ]
     failed = [check for check in tests if not check.passed]
     told = [("not passed", f"{check.name}: {check.text}", "bad") for check in failed]
     if tests and not failed:
