@@ -57,7 +57,7 @@ def form_of(before: Sequence[bytes]) -> StampForm | None:
     for form in FORMS:
         times = form.read(some)
         if np.isfinite(times).sum() >= MOSTLY * max(len(some), 1):
-            return replace(form, dated=form.dated or (not form.clock and np.nanmedian(times) > EPOCH[-1][0]))
+            return replace(form, dated=form.dated or (not form.clock and bool(np.nanmedian(times) > EPOCH[-1][0])))
     return None
 
 

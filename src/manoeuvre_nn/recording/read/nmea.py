@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.memory import check_memory
@@ -19,7 +19,7 @@ from manoeuvre_nn.recording.read.streams import Stream, on_one_axis
 
 BLOCK = 1 << 23
 """Bytes that are looked at together."""
-MEMORY = 2.5
+MEMORY = 3.0
 """Bytes of memory that a byte of a log takes."""
 LOOKED_AT = 200
 """Lines at the begin of a text that tell whether it is a log of sentences."""
@@ -114,13 +114,14 @@ def _blocks(path: Path) -> Iterator[bytes]:
 def _add(log: _Log, block: bytes) -> None:
     """Read the sentences of a block into what has been read."""
     found = SENTENCE.findall(block)
+    if found and not log.count:
+        log.checked = sum(bool(f[4]) for f in found) > len(found) / 2
+    if found and log.checked:
+        good = _checksums_hold(found)
+        log.wrong += int((~good).sum())
+        found = [one for one, kept in zip(found, good, strict=True) if kept]
     if not found:
         return
-    if not log.count:
-        log.checked = sum(bool(f[4]) for f in found) > len(found) / 2
-    good = _checksums_hold(found) if log.checked else np.ones(len(found), dtype=bool)
-    log.wrong += int((~good).sum())
-    found = [one for one, kept in zip(found, good, strict=True) if kept]
     before = [one[0] for one in found]
     if not log.count:
         log.form = form_of(before)
@@ -181,7 +182,9 @@ def _times(path: Path, log: _Log, whole: dict[tuple[str, str], tuple[np.ndarray,
     return times, bool(len(dated))
 
 
-def _after_positions(places: np.ndarray, known: np.ndarray, times: Series) -> Series:
+def _after_positions(
+    places: Int[np.ndarray, " m"], known: Int[np.ndarray, " n"], times: Series
+) -> Float[np.ndarray, " m"]:
     """Times of sentences of one kind: of the position before, spread evenly if there are several before the next.
 
     Args:

@@ -8,7 +8,7 @@ import pandas as pd
 from jaxtyping import Bool, Float
 
 Series = Float[np.ndarray, " n"]
-Columns = dict[str, Series]
+Columns = dict[str, np.ndarray]
 UTC, DATE = "utc", "date"
 """Time of day [s] and date [s since 1970] that a sentence gives; no columns."""
 SPEED = {"N": 1852 / 3600, "K": 1 / 3.6, "M": 1.0, "S": 1609.344 / 3600}

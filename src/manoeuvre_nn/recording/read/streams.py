@@ -57,8 +57,9 @@ def on_one_axis(streams: Sequence[Stream], wanted: Sequence[str] | None, dated: 
     """Put sensors on one axis of time.
 
     The axis are the samples of the slowest sensor of motion or rudder that is wanted: it keeps its samples as they are.
-    Where all columns are asked for, used or not, it is the one of median step. Every other is read off at these times by a line between its own two neighbours, an angle the short way round. Where
-    these lie further apart than 3.5 of its usual steps, a cell is empty.
+    Where all columns are asked for, used or not, it is the one of median step. Every other is read off at these times
+    by a line between its own two neighbours, an angle the short way round. Where these lie further apart than 3.5 of
+    its usual steps, a cell is empty.
 
     Args:
         streams: The sensors.
