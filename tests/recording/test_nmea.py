@@ -7,6 +7,7 @@ from logs import MIDNIGHT, placed, sentence, sentences, write_nmea
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.units import DEGREE, KNOT
+from manoeuvre_nn.recording.check.file_checks import file_findings
 from manoeuvre_nn.recording.propose.proposal import propose
 from manoeuvre_nn.recording.propose.proposal_yaml import to_yaml
 from manoeuvre_nn.recording.read import nmea
@@ -94,6 +95,8 @@ def test_what_is_damaged_or_foreign_is_dropped_and_counted(zz20, ship, tmp_path)
     made = propose(path, ship)
     lost = sum(a != b for a, b in zip(lines, cut, strict=True))
     assert f"Dropped: {lost} of " in made.notes[0] and f"# Dropped: {lost} of " in to_yaml(made)
+    said = [f.text for f in file_findings(path, made.mapping, ship) if f.verdict == "note"]
+    assert any(text.startswith(f"Dropped: {lost} of ") for text in said)
     record = read_recording(path, made.mapping, ship)
     np.testing.assert_allclose(record["psi"], np.interp(_since(record), zz20.time, zz20["psi"]), atol=0.05 * DEGREE)
 

@@ -120,7 +120,7 @@ def show(proposal: Proposal, console: Console) -> None:
     if proposal.finding:
         _say(console, f"The checks say: {proposal.finding}")
     if proposal.questions:
-        _say(console, "Undecided, please answer, and change the yaml where the answer is no:", "yellow")
+        _say(console, "Undecided; please answer, and mend the yaml:", "yellow")
     for key, question in proposal.questions.items():
         _say(console, f"  {key}: {question}", "yellow")
 

@@ -32,6 +32,7 @@ def question_of(choice: Choice, called: str) -> str:
     """
     others = ", ".join(unit for unit in units_of(choice.channel, record=choice.unit == "count") if unit != choice.unit)
     meant = f", {POSITIVE[choice.channel]}" if choice.channel in POSITIVE else ""
-    change = f"unit (to {others})" if others else "sign"
-    also = " or sign" if meant and others else ""
-    return f"is {called!r} in {choice.unit}{meant}? If not, change its {change}{also}."
+    change = [f"unit (to {others})"] if others else []
+    change += ["sign"] if meant else []
+    change += ["offset"] if choice.channel in {"psi", "cog"} else []
+    return f"is {called!r} in {choice.unit}{meant}? If not, change its {', '.join(change)}."
