@@ -146,9 +146,10 @@ def test_where_a_sensor_was_silent_its_cells_are_empty(tmp_path):
 
 def test_without_stamps_several_headings_between_two_positions_are_spread_evenly(tmp_path):
     lines = [one for k in range(30) for one in (position(k), *(sentence(f"HEHDT,{k + j / 4},T") for j in range(4)))]
-    table = cells(tmp_path / "run.log", *lines)
-    heading = table.numbers("HEHDT.heading [deg]")
-    seconds = table.times("time", "iso")
+    cells(tmp_path / "run.log", *lines)
+    table = read_table(tmp_path / "run.log", ["HEHDT.heading [deg]"])
+    heading, seconds = table.numbers("HEHDT.heading [deg]"), table.times("time", "iso")
+    assert len(heading) == 120
     np.testing.assert_allclose(heading, seconds - seconds[0], atol=1e-6)
     assert seconds[0] == pd.Timestamp("1994-03-23").timestamp()
 

@@ -5,8 +5,11 @@ them must be plain words, lists in them have bounded lengths, and definitions in
 """
 
 import re
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import IntEnum
+from keyword import iskeyword
 from pathlib import Path
 from typing import Any
 
@@ -24,12 +27,12 @@ MAX_DEFINITION = 1 << 20
 """Letters of a message's definition."""
 MAX_ARRAY, MAX_LIST = 10_000, 100_000
 """Numbers of a list of fixed length in a definition, and of a list in a message."""
-MAX_FIELDS = 64
-"""Numbers of a message that become columns; messages with more are no measurements of a ship."""
-MAX_DEPTH = 8
-"""How deep messages are looked into."""
+MAX_PARTS = 64
+"""Numbers, and messages in it, of a message that becomes columns; one with more is no measurement of a ship."""
 MEMORY = 4.0
 """Bytes of memory that a byte of a bag takes."""
+BYTES = ("uint8", "int8", "byte", "char", "octet")
+"""What pictures and clouds of points are lists of."""
 PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*")
 TURN = "geometry_msgs/msg/Quaternion"
 VECTORS = {"geometry_msgs/msg/Vector3", "geometry_msgs/msg/Point"}
@@ -43,6 +46,15 @@ Getter = Callable[[Any], float]
 Series = Float[np.ndarray, " n"]
 
 
+class Node(IntEnum):
+    """Kinds of fields in a definition, as rosbags numbers them."""
+
+    VALUE = 1
+    MESSAGE = 2
+    ARRAY = 3
+    LIST = 4
+
+
 @dataclass
 class _Topic:
     """What is read of a topic.
@@ -50,6 +62,7 @@ class _Topic:
     Attributes:
         getters: Column -> how it is taken out of a message.
         stamped: Whether messages have a header.
+        turns: Whether headings are among the columns.
         times: Receive times and header stamps [s].
         rows: Numbers of each message.
         frame: ``frame_id`` of the first message.
@@ -140,7 +153,7 @@ def _store(connections: Sequence[Any]) -> Any:
         words = [name, *(c[0] for c in constants), *(f[0] for f in fields)]
         if not all(PLAIN.fullmatch(word) for word in words):
             raise ValueError(f"{name!r} holds names that are no plain words")
-        if any(desc[0] == 3 and desc[1][1] > MAX_ARRAY for _, desc in fields):  # 3: a list of fixed length
+        if any(node == Node.ARRAY and what[1] > MAX_ARRAY for _, (node, what) in fields):
             raise ValueError(f"{name} holds a list of more than {MAX_ARRAY} entries")
     store = get_typestore(Stores.EMPTY)
     store.max_sequence_length = MAX_LIST
@@ -149,53 +162,72 @@ def _store(connections: Sequence[Any]) -> Any:
 
 
 def _topic(definitions: Mapping[str, Any], name: str, kind: str) -> _Topic:
-    """What can be taken out of messages of a kind; nothing of pictures, clouds of points and the like."""
-    getters = dict(_getters(definitions, kind, [], 0))
+    """What can be taken out of messages of a kind."""
+    getters = {f"{name}.{'.'.join(way)}": getter for way, getter in _getters(definitions, kind)}
     fields = [f[0] for f in definitions[kind][1]]
-    if len(getters) > MAX_FIELDS:
-        getters = {}
-    named = {f"{name}.{'.'.join(way)}": getter for way, getter in getters.items()}
-    turns = any(column.endswith("heading [rad]") for column in named)
-    return _Topic(named, "header" in fields and bool(named), turns)
+    turns = any(column.endswith("heading [rad]") for column in getters)
+    return _Topic(getters, "header" in fields, turns)
 
 
-def _getters(
-    definitions: Mapping[str, Any], kind: str, way: Sequence[str], depth: int
-) -> Iterator[tuple[tuple[str, ...], Getter]]:
-    """Numbers of a message by their places; lists, texts and headers are passed over."""
-    for name, desc in definitions[kind][1]:
-        here = (*way, name)
-        if desc[0] == 1 and desc[1][0] not in {"string", "wstring"}:  # 1: a plain value
-            degrees = " [deg]" if name in {"latitude", "longitude"} else ""
-            yield (*way, name + degrees), _taken(here)
-        elif desc[0] == 2 and desc[1] == TURN:  # 2: another message
-            for k, angle in enumerate(("roll", "pitch", "heading")):
-                yield (*here, f"{angle} [rad]"), _turned(here, k)
-        elif desc[0] == 2 and desc[1] in VECTORS:
-            unit = f" [{UNITS[name]}]" if name in UNITS else ""
-            yield from (((*here, f"{axis}{unit}"), _taken((*here, axis))) for axis in "xyz")
-        elif desc[0] == 2 and depth < MAX_DEPTH and desc[1] != "std_msgs/msg/Header":
-            yield from _getters(definitions, desc[1], here, depth + 1)
+def _getters(definitions: Mapping[str, Any], kind: str) -> list[tuple[tuple[str, ...], Getter]]:
+    """Numbers of a message by their places; lists, texts and headers are passed over.
+
+    Args:
+        definitions: Fields of all kinds of messages.
+        kind: The kind.
+
+    Returns:
+        Place and getter of each number; none for messages with a list of bytes, as pictures and clouds of points have,
+        or with too many parts.
+    """
+    found: list[tuple[tuple[str, ...], Getter]] = []
+    left: deque[tuple[tuple[str, ...], str]] = deque([((), kind)])
+    seen = 0
+    while left:
+        way, part = left.popleft()
+        seen += 1
+        for name, (node, what) in definitions[part][1]:
+            here = (*way, name)
+            if node == Node.LIST and what[0] in {(Node.VALUE, (byte, 0)) for byte in BYTES}:
+                return []
+            if node == Node.VALUE and what[0] not in {"string", "wstring"}:
+                degrees = " [deg]" if name in {"latitude", "longitude"} else ""
+                found.append(((*way, name + degrees), _taken(here)))
+            elif node == Node.MESSAGE and what == TURN:
+                angles = enumerate(("roll", "pitch", "heading"))
+                found += [((*here, f"{angle} [rad]"), _turned(here, k)) for k, angle in angles]
+            elif node == Node.MESSAGE and what in VECTORS:
+                unit = f" [{UNITS[name]}]" if name in UNITS else ""
+                found += [((*here, f"{axis}{unit}"), _taken((*here, axis))) for axis in "xyz"]
+            elif node == Node.MESSAGE and what != "std_msgs/msg/Header":
+                left.append((here, what))
+        if max(len(found), seen + len(left)) > MAX_PARTS:
+            return []
+    return found
 
 
 def _taken(way: Sequence[str]) -> Getter:
     """How a number is taken out of a message."""
 
     def take(message: Any) -> float:
-        for name in way:
-            message = getattr(message, name)
-        return float(message)
+        return float(_part(message, way))
 
     return take
+
+
+def _part(message: Any, way: Sequence[str]) -> Any:
+    """A part of a message; rosbags writes words of Python with a stroke behind."""
+    for name in way:
+        message = getattr(message, f"{name}_" if iskeyword(name) else name)
+    return message
 
 
 def _turned(way: Sequence[str], k: int) -> Getter:
     """How roll, pitch or yaw (k = 0, 1, 2) is taken out of a message's quaternion; NaN where there is none."""
 
     def take(message: Any) -> float:
-        for name in way:
-            message = getattr(message, name)
-        return _angles(message.x, message.y, message.z, message.w)[k]
+        turn = _part(message, way)
+        return _angles(turn.x, turn.y, turn.z, turn.w)[k]
 
     return take
 

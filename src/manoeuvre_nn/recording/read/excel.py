@@ -71,10 +71,10 @@ def excel_frame(path: Path, columns: Sequence[str] | None = None) -> pd.DataFram
     return next(iter(tables.values()))
 
 
-def _rows(sheet: Any) -> list[tuple[Cell, ...]]:
+def _rows(worksheet: Any) -> list[tuple[Cell, ...]]:
     """Rows of a sheet."""
-    sheet.reset_dimensions()  # what is written there of the sheet's size may be wrong
-    return [tuple(row) for row in sheet.iter_rows(values_only=True)]
+    worksheet.reset_dimensions()  # what is written there of the sheet's size may be wrong
+    return [tuple(row) for row in worksheet.iter_rows(values_only=True)]
 
 
 def _is_value(cell: Cell) -> bool:

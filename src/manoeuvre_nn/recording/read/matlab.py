@@ -52,6 +52,8 @@ def mat_frame(path: Path, columns: Sequence[str] | None = None) -> pd.DataFrame:
         raise InputError(f"{path.name}: holds no vector of numbers; expected one vector a channel{said}")
     signals = [name.rpartition(".")[0] for name in vectors if name.lower().endswith(f".{TIMED[1]}")]
     timed = _signals(vectors, signals)
+    if timed and len(vectors) > 2 * len(timed):
+        notes = [*notes, "Left out is what is no structure of Time and Data, for others are: give it such a one."]
     frame = on_one_axis(timed, columns, dated=False) if timed else _framed(path, vectors, columns)
     frame.attrs[NOTES] = notes
     return frame
@@ -145,7 +147,7 @@ def _columns(name: str, value: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def _signals(vectors: Vectors, names: Sequence[str]) -> list[Stream]:
-    """Signals with times of their own; none unless all structures with data have times as many."""
+    """Signals with times of their own, of structures that have as many times as data."""
     found = {}
     for name in names:
         time, data = (next((v for k, v in vectors.items() if k.lower() == f"{name}.{f}".lower()), None) for f in TIMED)

@@ -147,7 +147,7 @@ def _mwv(f: Fields) -> Columns:
     unit = np.array([SPEED.get(letter, np.nan) for letter in f.words(3)])
     speed, good = f.numbers(2) * unit, f.is_letter(4, "A")
     relative = {"apparent_wind_angle [deg]": f.numbers(0), "apparent_wind_speed [m/s]": speed}
-    true = {"wind_speed [m/s]": speed}
+    true = {"theoretical_wind_angle [deg]": f.numbers(0), "theoretical_wind_speed [m/s]": speed}  # from the bow
     return _where(good & f.is_letter(1, "R"), relative) | _where(good & f.is_letter(1, "T"), true)
 
 

@@ -35,7 +35,7 @@ class Stream:
 
 
 @dataclass(frozen=True)
-class _Sensor:
+class _Samples:
     """One column: its samples in the order of time, angles continuous."""
 
     time: Series
@@ -87,7 +87,7 @@ def on_one_axis(streams: Sequence[Stream], wanted: Sequence[str] | None, dated: 
     return pd.DataFrame({name: times, **columns})
 
 
-def _sensor(stream: Stream, name: str) -> _Sensor:
+def _sensor(stream: Stream, name: str) -> _Samples:
     """Samples of a column in the order of time; of several at one time the first."""
     values = stream.columns[name]
     there = np.isfinite(values) & np.isfinite(stream.time)
@@ -95,10 +95,10 @@ def _sensor(stream: Stream, name: str) -> _Sensor:
     values = values[there][first]
     if name in stream.circles:
         values = np.unwrap(values, period=stream.circles[name])
-    return _Sensor(time, values, stream.leads)
+    return _Samples(time, values, stream.leads)
 
 
-def _at(axis: Series, sensor: _Sensor) -> Series:
+def _at(axis: Series, sensor: _Samples) -> Series:
     """A sensor at some times; NaN in its holes, and before and after its samples."""
     read = np.interp(axis, sensor.time, sensor.values, left=np.nan, right=np.nan)
     after = np.clip(np.searchsorted(sensor.time, axis), 0, len(sensor.time) - 1)
