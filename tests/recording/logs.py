@@ -119,6 +119,40 @@ def write_bag(path: Path, run: Recording, frame: str = "map", receive_delay: flo
     return path
 
 
+def write_sensors(path: Path, run: Recording) -> Path:
+    """A bag of ROS 1 with a receiver and its velocity to east and north at 1 Hz, an IMU and a rudder [deg] at 5 Hz."""
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    t, nine = store.types, np.zeros(9)
+    kinds = {"/fix": "sensor_msgs/msg/NavSatFix", "/vel": "geometry_msgs/msg/TwistStamped",
+             "/imu": "sensor_msgs/msg/Imu", "/rudder_angle": "std_msgs/msg/Float64"}  # fmt: skip
+    table, north_east = ros(run), body_to_earth(run["u"], run["v"], run["psi"])
+    table["yaw"], table["to_north"], table["to_east"] = np.pi / 2 - run["psi"], *north_east
+    table["lat"], table["lon"] = placed(run)["lat"], placed(run)["lon"]
+    vector = t["geometry_msgs/msg/Vector3"]
+    with Writer(path) as bag:
+        links = {topic: bag.add_connection(topic, kind, typestore=store) for topic, kind in kinds.items()}
+        for k, now in enumerate(np.arange(0.0, run.time[-1], 0.2)):
+            at = {name: float(np.interp(now, run.time, table[name])) for name in table}
+            nanoseconds = int(MIDNIGHT.value + round(now * 1e9))
+            stamp = t["builtin_interfaces/msg/Time"](*divmod(nanoseconds, 10**9))
+            header = t["std_msgs/msg/Header"](seq=k, stamp=stamp, frame_id="imu_link")
+            turn = t["geometry_msgs/msg/Quaternion"](0.0, 0.0, np.sin(at["yaw"] / 2), np.cos(at["yaw"] / 2))
+            rate, pull = vector(0.0, 0.0, at["turning_left"]), vector(0.0, 0.0, 9.8)
+            said = {"/imu": t["sensor_msgs/msg/Imu"](header, turn, nine, rate, nine, pull, nine),
+                    "/rudder_angle": t["std_msgs/msg/Float64"](at["rudder"] * D)}  # fmt: skip
+            if k % 5 == 2:
+                fix = t["sensor_msgs/msg/NavSatStatus"](-1 if k == 7 else 0, 1)
+                over = t["geometry_msgs/msg/Twist"](vector(at["to_east"], at["to_north"], 0.0), vector(0.0, 0.0, 0.0))
+                said["/fix"] = t["sensor_msgs/msg/NavSatFix"](header, fix, at["lat"], at["lon"], 0.0, nine, 0)
+                said["/vel"] = t["geometry_msgs/msg/TwistStamped"](header, over)
+            for topic, message in said.items():
+                bag.write(links[topic], nanoseconds, store.serialize_ros1(message, kinds[topic]))
+    return path
+
+
 def write_mat73(path: Path, columns: dict[str, np.ndarray], structure: str = "") -> Path:
     """As save(file, "-v7.3") writes it: an HDF5 file behind 512 bytes, columns of MATLAB as rows."""
     import h5py

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from logs import MIDNIGHT, write_bag
+from logs import MIDNIGHT, write_bag, write_sensors
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.recording.propose.headings import assign, take_apart
@@ -31,6 +31,18 @@ def test_a_bag_is_proposed_and_read_as_it_was_sailed(zz20, ship, tmp_path, name)
     np.testing.assert_allclose(record.time, zz20.time, atol=1e-6)
     assert record.meta["started"] == pytest.approx(MIDNIGHT.timestamp(), abs=1e-3)
     assert any("left out: /note" in note for note in made.notes)
+
+
+def test_sensors_of_several_rates_and_axes_are_put_together(zz20, ship, tmp_path):
+    path = write_sensors(tmp_path / "run.bag", zz20)
+    made = propose(path, ship)
+    columns = {c.channel: c.column for c in made.choices}
+    assert made.mapping.frame == "earth" and columns["u"] == "/vel.twist.linear.y [m/s]"
+    record = read_recording(path, made.mapping, ship)
+    assert record.step == pytest.approx(1.0) and len(record) == len(zz20) - 1
+    since = record.time + record.meta["started"] - MIDNIGHT.timestamp()
+    for name, error in {"u": 1e-4, "v": 1e-4, "r": 1e-9, "psi": 1e-8, "delta": 1e-8}.items():
+        np.testing.assert_allclose(record[name], np.interp(since, zz20.time, zz20[name]), atol=error)
 
 
 @pytest.mark.parametrize("frame", ["imu_link", "map"])
@@ -64,7 +76,7 @@ def test_roll_and_pitch_of_a_quaternion_are_those_of_its_turns():
 
 
 def test_times_are_those_of_the_headers_not_of_receiving(zz20, tmp_path):
-    table = read_table(write_bag(tmp_path / "run.bag", zz20, receive_delay=3.0))
+    table = read_table(write_bag(tmp_path / "run.bag", zz20.between(0.0, 9.0), receive_delay=3.0))
     assert table.times("time", "iso")[0] == pytest.approx(MIDNIGHT.timestamp(), abs=1e-3)
 
 
@@ -96,7 +108,8 @@ BROKEN = {
 @pytest.mark.parametrize("suffix", ["bag", "mcap", "db3"])
 @pytest.mark.parametrize("how", BROKEN)
 def test_a_broken_bag_is_refused(zz20, tmp_path, how, suffix):
-    written = write_bag(tmp_path / {"bag": "run.bag", "mcap": "run_mcap", "db3": "run"}[suffix], zz20)
+    name = {"bag": "run.bag", "mcap": "run_mcap", "db3": "run"}[suffix]
+    written = write_bag(tmp_path / name, zz20.between(0.0, 9.0))
     whole = written if suffix == "bag" else written / f"{written.name}.{suffix}"
     make, message = BROKEN[how]
     path = tmp_path / f"broken.{suffix}"
@@ -165,7 +178,7 @@ def test_a_message_that_holds_itself_is_left_out(zz20, tmp_path):
 
 
 def test_without_rosbags_the_extra_is_named(zz20, tmp_path, monkeypatch):
-    path = write_bag(tmp_path / "run.bag", zz20)
+    path = write_bag(tmp_path / "run.bag", zz20.between(0.0, 5.0))
     monkeypatch.setitem(__import__("sys").modules, "rosbags.highlevel", None)
     refused(path, r"pip install 'manoeuvre-nn\[ros\]'")
 
