@@ -66,7 +66,7 @@ def test_times_of_a_logger_are_read_in_its_form_over_midnight(zz20, tmp_path, ho
         np.testing.assert_allclose(table.times("time", "iso"), MIDNIGHT.timestamp() + zz20.time)
 
 
-@pytest.mark.parametrize("count", ["\\s:GPS,c:%d*5A\\", "%d ", "%.3f,"])
+@pytest.mark.parametrize("count", ["\\s:GPS,c:%d*5A\\", "%d ", "%.3f,", "17, %d, COM3, "])
 def test_counts_since_1970_in_tag_blocks_or_before_sentences_are_times(tmp_path, count):
     for unit in (1, 1000):
         lines = [count % (unit * (1.6e9 + k)) + sentence(f"HEHDT,{k}.0,T") for k in range(40)]
@@ -77,6 +77,11 @@ def test_counts_since_1970_in_tag_blocks_or_before_sentences_are_times(tmp_path,
 def test_seconds_since_the_logger_started_are_times_too(tmp_path):
     table = cells(tmp_path / "run.log", *(f"{0.5 * k:.2f} {sentence(f'HEHDT,{k}.0,T')}" for k in range(40)))
     np.testing.assert_allclose(table.numbers("time [s]"), 0.5 * np.arange(40))
+
+
+def test_numbers_of_lines_are_no_times(tmp_path):
+    table = cells(tmp_path / "run.log", *(f"{k},{position(2 * k)}" for k in range(25)))
+    np.testing.assert_allclose(np.diff(table.times("time", "iso")), 2.0)
 
 
 def test_what_is_damaged_or_foreign_is_dropped_and_counted(zz20, ship, tmp_path):

@@ -99,7 +99,7 @@ def propose(path: Path, ship: Particulars | None = None) -> Proposal:
     file = sniff(path)
     named = assign([h for h in file.headings if h.column in file.numbers])
     time, seconds = choose_time(file, named, ship)
-    others = {c: [h for h in hs if h.column != time.column] for c, hs in named.items()}
+    others = {c: _moving_first(file, c, [h for h in hs if h.column != time.column]) for c, hs in named.items()}
     columns, spare = _columns({c: hs[0] for c, hs in others.items() if hs})
     if not columns:
         raise InputError(
@@ -141,6 +141,16 @@ def propose(path: Path, ship: Particulars | None = None) -> Proposal:
     )
 
 
+def _moving_first(file: Sniffed, channel: str, headings: list[Heading]) -> list[Heading]:
+    """Columns for a channel, those last that never move: messages hold zeros for what a sensor does not measure."""
+    return sorted(headings, key=lambda h: channel in MOVING and _is_still(file.numbers[h.column]))
+
+
+def _is_still(values: Series) -> bool:
+    """Whether a column holds one value throughout."""
+    return bool(np.nanmin(values) == np.nanmax(values))
+
+
 def _assumed(choice: Choice, file: Sniffed) -> Choice:
     """A choice about which the file's reader had to assume something, marked as undecided."""
     said = file.table.questions.get(choice.column)
@@ -152,7 +162,7 @@ def _open_questions(file: Sniffed, columns: dict[str, Heading]) -> list[str]:
     notes = [*file.table.notes]
     notes += [f"Several columns are called {name!r} and are left out: rename them." for name in file.twice]
     moving = {c: file.numbers[h.column] for c, h in columns.items() if c in MOVING}
-    still = [f"{c} ({file.called(columns[c].column)})" for c, v in moving.items() if np.nanmin(v) == np.nanmax(v)]
+    still = [f"{c} ({file.called(columns[c].column)})" for c, v in moving.items() if _is_still(v)]
     if still:
         notes.append(f"Never moving, so that nothing can be compared with it: {', '.join(still)}; name another column.")
     return notes

@@ -25,8 +25,10 @@ DATE_FIRST = re.compile(rf"(?<!\d)(\d{{4}})[-/.]?(\d\d)[-/.]?(\d\d)[T ,;_]+{CLOC
 DAY_FIRST = re.compile(rf"(?<!\d)(\d\d)\.(\d\d)\.(\d{{4}})[T ,;_]+{CLOCK}(Z|[+-]\d\d:?\d\d)?")
 TIME_OF_DAY = re.compile(r"(?<![\d:])(\d\d):(\d\d):(\d\d(?:[.,]\d+)?)")
 TAG_BLOCK = re.compile(r"\\[^\\]*?\bc:(\d+(?:\.\d+)?)")
-COUNT = re.compile(r"(?<![\w.:-])(\d+(?:\.\d+)?)(?![\w.:-])")
-"""A number that stands alone: a count of seconds, or of parts of them."""
+SINCE_1970 = re.compile(r"(?<![\w.:-])(\d{9,20}(?:\.\d+)?)(?![\w.:-])")
+"""A large number that stands alone: a count of seconds, or of parts of them."""
+SINCE_START = re.compile(r"(?<![\w.:-])(\d+\.\d+)(?![\w.:-])")
+"""Seconds with decimals: a whole number may be that of the line."""
 
 
 @dataclass(frozen=True)
@@ -109,6 +111,7 @@ FORMS = (
     StampForm(DATE_FIRST, lambda found: _dates(found, (0, 1, 2)), dated=True),
     StampForm(DAY_FIRST, lambda found: _dates(found, (2, 1, 0)), dated=True),
     StampForm(TIME_OF_DAY, lambda found: _seconds([groups or NO_CLOCK for groups in found]), clock=True),
-    StampForm(COUNT, _counts),
+    StampForm(SINCE_1970, _counts),
+    StampForm(SINCE_START, _counts),
 )
 """Forms in the order in which they are tried."""
