@@ -53,7 +53,7 @@ def test_axes_that_frame_id_does_not_tell_are_undecided(zz20, ship, tmp_path, fr
 
 
 @pytest.mark.parametrize(("frame", "told"), [("enu_origin", True), ("/earth", True), ("local_NED", True),
-                                             ("", False), ("odom", False), ("base_link", False)])  # fmt: skip
+                                             ("", False), ("odom", False), ("combined_imu", False)])  # fmt: skip
 def test_frames_that_tell_the_axes_leave_nothing_to_ask(zz20, tmp_path, frame, told):
     short = zz20.between(0.0, 5.0)
     assert (not read_table(write_bag(tmp_path / "run.bag", short, frame)).questions) is told

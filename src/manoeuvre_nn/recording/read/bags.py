@@ -40,7 +40,8 @@ UNITS = {"position": "m", "linear": "m/s", "angular": "rad/s", "angular_velocity
 """Vectors in messages of ROS itself -> their unit (REP 103)."""
 MOVES = re.compile(r"latitude|position|orientation|linear|angular|heading|yaw|rudder|helm|steer|delta|\bdata\b")
 """Fields, or topics of plain numbers, of sensors of motion or rudder."""
-NED, ENU = re.compile(r"ned", re.IGNORECASE), re.compile(r"enu|^/?(map|earth|utm|world)$", re.IGNORECASE)
+NED = re.compile(r"(?<![a-z])ned(?![a-z])", re.IGNORECASE)
+ENU = re.compile(r"(?<![a-z])enu(?![a-z])|^/?(map|earth|utm|world)$", re.IGNORECASE)
 """Frames whose names tell that z points down, or that x points east."""
 Getter = Callable[[Any], float]
 Series = Float[np.ndarray, " n"]
