@@ -120,7 +120,7 @@ def write_bag(path: Path, run: Recording, frame: str = "map", receive_delay: flo
 
 
 def write_sensors(path: Path, run: Recording) -> Path:
-    """A bag of ROS 1 with a receiver and its velocity to east and north at 1 Hz, an IMU and a rudder [deg] at 5 Hz."""
+    """A bag of ROS 1 with a receiver and its velocity to east and north at 1 Hz, an IMU and a rudder [deg] at 2 Hz."""
     from rosbags.rosbag1 import Writer
     from rosbags.typesys import Stores, get_typestore
 
@@ -134,7 +134,7 @@ def write_sensors(path: Path, run: Recording) -> Path:
     vector = t["geometry_msgs/msg/Vector3"]
     with Writer(path) as bag:
         links = {topic: bag.add_connection(topic, kind, typestore=store) for topic, kind in kinds.items()}
-        for k, now in enumerate(np.arange(0.0, run.time[-1], 0.2)):
+        for k, now in enumerate(np.arange(0.0, run.time[-1], 0.5)):
             at = {name: float(np.interp(now, run.time, table[name])) for name in table}
             nanoseconds = int(MIDNIGHT.value + round(now * 1e9))
             stamp = t["builtin_interfaces/msg/Time"](*divmod(nanoseconds, 10**9))
@@ -143,7 +143,7 @@ def write_sensors(path: Path, run: Recording) -> Path:
             rate, pull = vector(0.0, 0.0, at["turning_left"]), vector(0.0, 0.0, 9.8)
             said = {"/imu": t["sensor_msgs/msg/Imu"](header, turn, nine, rate, nine, pull, nine),
                     "/rudder_angle": t["std_msgs/msg/Float64"](at["rudder"] * D)}  # fmt: skip
-            if k % 5 == 2:
+            if k % 2 == 1:
                 fix = t["sensor_msgs/msg/NavSatStatus"](-1 if k == 7 else 0, 1)
                 over = t["geometry_msgs/msg/Twist"](vector(at["to_east"], at["to_north"], 0.0), vector(0.0, 0.0, 0.0))
                 said["/fix"] = t["sensor_msgs/msg/NavSatFix"](header, fix, at["lat"], at["lon"], 0.0, nine, 0)
