@@ -47,10 +47,29 @@ def test_the_table_shows_what_was_chosen_and_why_and_ends_with_the_next_command(
     assert rows["v"].split()[:5] == ["v", "v", "m/s", "-", "0.00"] and "unit by data" in rows["v"]
     assert rows["r"].split()[1:4] == ["rot_degps", "deg/s", "+"] and "unit by name" in rows["r"]
     assert "rudder_positive_to: port" in said and "reference_point: 0.0  (undecided" in said
-    last = shlex.split(said.splitlines()[-1])
-    assert last[:4] == ["next:", "manoeuvre", "train", "ship=mariner"]
+    check, last = (shlex.split(line) for line in said.splitlines()[-2:])
+    assert check[:4] == ["next:", "manoeuvre", "check", "ship=mariner"] and check[4:] == last[5:]
+    assert last[:5] == ["then:", "manoeuvre", "train", "ship=mariner", "data=recording"]
     assert f"data.mapping={tmp_path / 'my.yaml'}" in last and 'data.files=["zz (1).csv"]' in last
     assert max(map(len, said.splitlines()[:12])) <= 130
+
+
+def test_what_is_undecided_is_asked_in_the_terminal_and_in_the_yaml(recorded, tmp_path):
+    table = pd.read_csv(recorded).assign(u=lambda f: f["u"] / 0.5144, v=lambda f: f["v"] / 0.5144)
+    table.drop(columns=["x", "y"]).to_csv(tmp_path / "a.csv", index=False)
+    said = printed(request([str(tmp_path / "a.csv"), f"out={tmp_path / 'my.yaml'}"]))
+    question = "is 'u' in m/s, positive ahead? If not, change its unit (to kn, km/h), sign."
+    assert f"  u: {question}" in said and question in (tmp_path / "my.yaml").read_text()
+    assert "write your ship for SHIP" in said and "next: manoeuvre check ship=SHIP" in said
+
+
+@pytest.mark.slow
+def test_the_command_that_is_told_next_runs_as_it_stands(recorded, tmp_path):
+    said = printed(request([str(recorded), "ship=mariner", f"out={tmp_path / 'my.yaml'}"]))
+    words = shlex.split(next(line for line in said.splitlines() if line.startswith("next: ")))[3:]
+    command = [sys.executable, str(ROOT / "scripts" / "check_recordings.py"), *words, "figures=false"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=tmp_path)
+    assert done.returncode == 0 and "1 recording" in done.stdout, done.stderr
 
 
 def test_the_yaml_is_a_mapping_that_training_takes(recorded, tmp_path):

@@ -6,6 +6,7 @@ import struct
 import numpy as np
 import pandas as pd
 import pytest
+from logs import placed, write_mat73
 from scipy.io import savemat
 
 from manoeuvre_nn.core.errors import InputError
@@ -95,8 +96,8 @@ BROKEN = {
     "endless": (
         lambda whole, trap: struct.pack("<5i", 0, 2**30, 2**30, 0, 2) + b"u\0", "not a MAT file|no vector|no column",
     ),
-    "HDF5": (lambda whole, trap: b"\x89HDF\r\n\x1a\n" + bytes(200), "version 7.3; save it again as"),
-    "7.3": (lambda whole, trap: b"MATLAB 7.3 MAT-file, Platform".ljust(600), "version 7.3; save it again as"),
+    "HDF5": (lambda whole, trap: b"\x89HDF\r\n\x1a\n" + bytes(200), "not a MAT file of version 7.3, or cut off"),
+    "7.3": (lambda whole, trap: b"MATLAB 7.3 MAT-file, Platform".ljust(600), "not a MAT file of version 7.3, or cut"),
 }  # fmt: skip
 
 
@@ -107,6 +108,62 @@ def test_a_broken_mat_file_is_refused(frame, tmp_path, columns, ship, how):
     (tmp_path / "run.mat").write_bytes(make(whole_file(frame, tmp_path), trap))
     refused(tmp_path / "run.mat", columns(), ship, message)
     assert not trap.exists()
+
+
+@pytest.fixture
+def newer(tmp_path):
+    """Writes a MAT file of version 7.3."""
+    pytest.importorskip("h5py", reason='MAT files of version 7.3 need the extra: pip install -e ".[mat]"')
+    return lambda columns, structure="": write_mat73(tmp_path / "run.mat", columns, structure)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_mat_file_of_version_7_3_is_read_as_an_older_one_is(zz20, frame, newer, columns, ship, turned):
+    record = read_recording(newer({k: v[:, None] if turned else v for k, v in vectors(frame).items()}), columns(), ship)
+    np.testing.assert_array_equal(record["u"], zz20["u"])
+
+
+def test_structures_and_matrices_of_version_7_3_have_the_names_that_older_ones_have(zz20, frame, newer, ship):
+    content = {**vectors(frame.drop(columns=["u", "v"])), "uv": frame[["u", "v"]].to_numpy().T}
+    made = propose(newer(content, "log"), ship)
+    assert {"log.psi", "log.t"} <= set(made.file.numbers) and "log.uv.2" in made.left_out
+    np.testing.assert_array_equal(made.file.numbers["log.uv.2"], zz20["v"])
+
+
+def test_signals_with_times_of_their_own_are_put_on_one_axis(zz20, frame, tmp_path, newer, columns, ship):
+    signals = {k: {"Time": frame["t"].to_numpy(), "Data": v} for k, v in vectors(frame).items() if k != "t"}
+    signals["r"] = {"Time": zz20.time[::2], "Data": zz20["r"][::2]}
+    savemat(tmp_path / "old.mat", signals)
+    read = columns(time={"column": "time [s]", "unit": "s"})
+    record = read_recording(tmp_path / "old.mat", read, ship)
+    np.testing.assert_allclose(record["v"], zz20["v"][::2])
+    flat = {f"{name}/{k}": v for name, both in signals.items() for k, v in both.items()}
+    np.testing.assert_allclose(read_recording(newer(flat), read, ship)["v"], zz20["v"][::2])
+
+
+def test_links_out_of_a_mat_file_of_version_7_3_are_not_followed(frame, newer, columns, ship, tmp_path):
+    path = newer(vectors(frame.drop(columns="psi")))
+    h5py = pytest.importorskip("h5py")
+    write_mat73(tmp_path / "other.mat", {"psi": frame["psi"].to_numpy()})
+    with h5py.File(path, "r+") as file:
+        file["psi"] = h5py.ExternalLink(str(tmp_path / "other.mat"), "psi")
+        layout = h5py.VirtualLayout(shape=(1, len(frame)), dtype="f8")
+        layout[:] = h5py.VirtualSource(str(tmp_path / "other.mat"), "psi", shape=(1, len(frame)))
+        file.create_virtual_dataset("psi2", layout)
+    refused(path, columns(), ship, "no column 'psi'; it has: delta, r, t, u, v, x, y")
+
+
+def test_a_mat_file_of_version_7_3_that_does_not_fit_into_memory_is_refused(newer, columns, ship, tmp_path):
+    path = newer({"t": np.arange(5.0)})
+    with pytest.importorskip("h5py").File(path, "r+") as file:
+        file.create_dataset("u", shape=(1, 10**13), dtype="f8", chunks=(1, 1000))
+    refused(path, columns(), ship, "GB of numbers need about 1.6e.05 GB of memory")
+
+
+def test_without_h5py_the_extra_is_named(frame, newer, columns, ship, monkeypatch):
+    path = newer(vectors(frame))
+    monkeypatch.setitem(__import__("sys").modules, "h5py", None)
+    refused(path, columns(), ship, r"pip install 'manoeuvre-nn\[mat\]', or save it again")
 
 
 def test_a_mat_file_called_csv_is_refused(frame, tmp_path, columns, ship):
@@ -139,6 +196,16 @@ def test_a_parquet_file_is_read_with_times_as_dates(zz20, frame, parquet, column
     np.testing.assert_allclose(record["u"], zz20["u"], rtol=1e-6)
     np.testing.assert_allclose(record.time, zz20.time)
     assert record.meta["started"] == 1596164400.0
+
+
+def test_a_mapping_is_proposed_for_a_parquet_file_by_units_in_its_names(zz20, parquet, ship):
+    names = ["t [s]", "lat", "lon", "SOG (kn)", "COG deg", "Heading (deg)", "ROT deg/min", "rudder [°]", "u kn", "v kn"]
+    path = parquet(placed(zz20).set_axis(names, axis=1))
+    made = propose(path, ship)
+    assert made.finding is None and {c.channel: c.unit for c in made.choices}["r"] == "deg/min"
+    record = read_recording(path, made.mapping, ship)
+    for name in ("u", "v", "r", "delta", "psi"):
+        np.testing.assert_allclose(record[name], zz20[name], atol=1e-12)
 
 
 def test_a_parquet_file_without_a_column_is_refused(frame, parquet, columns, ship):

@@ -12,7 +12,7 @@ from exports import EXPORTS, plain, wrapped
 from fleet import unchecked
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.units import KNOT
+from manoeuvre_nn.core.units import DEGREE, KNOT
 from manoeuvre_nn.recording.propose.headings import take_apart, word_score
 from manoeuvre_nn.recording.propose.proposal import propose
 from manoeuvre_nn.recording.propose.proposal_yaml import to_yaml
@@ -67,6 +67,34 @@ def test_the_ship_need_not_be_known_where_the_file_says_enough(zz20, ship, expor
     made = propose(path)
     assert max(apart(read_recording(path, made.mapping, ship), zz20).values()) < 0.01
     assert all(c.decided for c in (made.time, *made.choices)) and set(made.undecided) <= {"reference_point"}
+
+
+UNITS = {
+    "ROT deg/min": ("rot", "deg/min"), "ROT [deg / min]": ("rot", "deg/min"), "ROT (°/min)": ("rot", "deg/min"),
+    "Turn rate °/min": ("turn_rate", "deg/min"), "turn rate deg per min": ("turn_rate", "deg/min"),
+    "rot_deg_per_min": ("rot", "deg/min"), "Yaw rate °/s": ("yaw_rate", "deg/s"), "Speed m/s": ("speed", "m/s"),
+    "n 1/s": ("n", "1/s"), "psi °": ("psi", "deg"), "Heading true deg": ("heading_true", "deg"),
+    "log.nav.yaw_rate [rad/s]": ("log_nav_yaw_rate", "rad/s"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("heading", UNITS)
+def test_units_behind_a_name_are_read_with_and_without_brackets(heading):
+    made = take_apart(heading)
+    assert (made.name, made.unit) == UNITS[heading]
+
+
+@pytest.mark.parametrize("unit", ["deg/min", "deg/s", ""])
+def test_a_rate_of_turn_in_degrees_a_minute_is_decided_by_the_heading_whatever_its_own_says(zz20, ship, export, unit):
+    table = {**plain(zz20), "psi": wrapped(zz20["psi"])}
+    table = {k: v for k, v in table.items() if k != "r"} | {f"ROT {unit}".strip(): -zz20["r"] * 60 / DEGREE}
+    r = choice(propose(export(table), ship), "r")
+    assert (r.unit, r.sign, r.decided) == ("deg/min", -1, True) and float(r.misfit) < 0.02
+    assert (
+        r.why
+        == {"deg/min": "unit by name", "deg/s": "unit by data, against its heading", "": "unit by data"}[unit]
+        + "; sign by psi"
+    )
 
 
 def test_noise_does_not_turn_the_axes(zz20, ship, export):

@@ -116,7 +116,7 @@ def test_several_files_are_read_from_a_folder_a_pattern_or_a_list(frame, tmp_pat
     assert [r.name for r in read_recordings(tmp_path, columns(), ship)] == ["a", "b"]
     assert [r.name for r in read_recordings(str(tmp_path / "b*.csv"), columns(), ship)] == ["b"]
     assert [r.name for r in read_recordings([tmp_path / "b.csv", tmp_path / "a.csv"], columns(), ship)] == ["b", "a"]
-    with pytest.raises(InputError, match="no csv or mat or parquet file there"):
+    with pytest.raises(InputError, match="no csv or .*parquet or .* file there"):
         read_recordings(tmp_path / "c*.csv", columns(), ship)
 
 

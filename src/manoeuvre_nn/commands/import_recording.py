@@ -24,9 +24,10 @@ HELP = f"""Propose how a measured file is read, say why, and write the mapping.
 
     {USAGE}
 
-FILE is a text of columns (csv, txt, dat), a MAT file, a parquet file, or of a format that a module named by plugins= in
-config_dir= reads. The yaml goes to FILE's name in this folder, to out=, or with name= to that name in this folder; with
-config_dir= into its recording/, where data.mapping=NAME finds it. ship= tells units apart by the ship's speed."""
+FILE is a text of columns (csv, txt, dat), a log of NMEA 0183 sentences, a bag of ROS 1 or 2 (a folder, too), an MCAP,
+MAT, parquet or Excel file, or of a format that a module named by plugins= in config_dir= reads. The yaml goes to FILE's
+name in this folder, to out=, or with name= to that name in this folder; with config_dir= into its recording/, where
+data.mapping=NAME finds it. ship= tells units apart by the ship's speed."""
 KEYS = ("ship", "name", "out", "overwrite", "config_dir", "plugins")
 
 
@@ -95,7 +96,8 @@ def import_recording(asked: _Request, console: Console) -> Proposal:
     show(proposal, console)
     write_file(asked.out, to_yaml(proposal))
     _say(console, f"written: {asked.out}")
-    _say(console, next_command(proposal, asked))
+    for line in next_commands(proposal, asked):
+        _say(console, line)
     return proposal
 
 
@@ -117,9 +119,10 @@ def show(proposal: Proposal, console: Console) -> None:
         _say(console, f"Not read: {', '.join(proposal.file.called(c) for c in proposal.left_out)}.")
     if proposal.finding:
         _say(console, f"The checks say: {proposal.finding}")
-    look = [c.channel for c in (proposal.time, *proposal.choices) if not c.decided] + [*proposal.undecided]
-    if look:
-        _say(console, f"Undecided, please look: {', '.join(look)}.", "yellow")
+    if proposal.questions:
+        _say(console, "Undecided; please answer, and mend the yaml:", "yellow")
+    for key, question in proposal.questions.items():
+        _say(console, f"  {key}: {question}", "yellow")
 
 
 def _row(proposal: Proposal, choice: Choice) -> tuple[str, ...]:
@@ -137,10 +140,10 @@ def _say(console: Console, line: str, style: str = "") -> None:
     console.print(Text(line, style=style), soft_wrap=True)
 
 
-def next_command(proposal: Proposal, asked: _Request) -> str:
+def next_commands(proposal: Proposal, asked: _Request) -> list[str]:
     """What to type next, or why there is nothing to type."""
     if proposal.settings.get("kind") == RECORD:
-        return "next: nothing to train: this is a record of channels, not a manoeuvre with heading, rudder and motion"
+        return ["next: nothing to train: this is a record of channels, not a manoeuvre with heading, rudder and motion"]
     own = [f"config_dir={asked.own}"] if asked.own else []
     named = asked.own is not None and asked.out.parent == Path(asked.own, "recording") and asked.out.suffix == ".yaml"
     mapping = asked.out.stem if named else str(asked.out)
@@ -148,5 +151,8 @@ def next_command(proposal: Proposal, asked: _Request) -> str:
     plain = all(letter.isalnum() or letter in "._-" for letter in name)
     files = f"data.files=[{name}]" if plain else f'data.files=["{name}"]'
     settings = [*own, f"data.mapping={mapping}", f"data.folder={folder}", files]
+    words = " ".join(shlex.quote(word) for word in settings)
     ship = asked.ship or "SHIP"
-    return f"next: manoeuvre train ship={ship} data=recording {' '.join(shlex.quote(s) for s in settings)}"
+    unknown = [] if asked.ship else ["write your ship for SHIP: a name that manoeuvre check --help lists, or your own"]
+    check = f"next: manoeuvre check ship={ship} {words}"
+    return [*unknown, check, f"then: manoeuvre train ship={ship} data=recording {words}"]

@@ -22,7 +22,7 @@ Lost = dict[str, Bool[np.ndarray, " n"]]
 
 
 def file_findings(path: Path, mapping: Mapping, ship: Particulars) -> list[Finding]:
-    """Empty cells and holes of a file, before it is read; none where the reader's own complaint says more."""
+    """Empty cells, holes, and what its reader left out, before a file is read; none where a complaint says more."""
     try:
         table = read_table(path, **mapping.table)
         time = table.times(mapping.time.column, mapping.time.unit, mapping.time_zone)
@@ -37,7 +37,8 @@ def file_findings(path: Path, mapping: Mapping, ship: Particulars) -> list[Findi
     time, cells = time[inside], {k: lost[inside] for k, lost in cells.items()}
     if len(time) < 2:
         return []
-    return [*_empty(time, cells, mapping, ship), *_holes(time, ship)]
+    notes = [Finding("reading", "note", note.rstrip(".")) for note in table.notes]
+    return [*notes, *_empty(time, cells, mapping, ship), *_holes(time, ship)]
 
 
 def _empty(time: Series, cells: Lost, mapping: Mapping, ship: Particulars) -> list[Finding]:

@@ -3,6 +3,7 @@
 import re
 import unicodedata
 from dataclasses import dataclass
+from functools import lru_cache
 
 from manoeuvre_nn.recording.read.quantity import units_of
 
@@ -12,7 +13,8 @@ UNIT_WORDS = {
     "m/s": "m/s mps ms-1 m_s m/sec ms^-1 m.s-1", "kn": "kn kt kts knot knots kns", "km/h": "km/h kmh kph kmph",
     "rad": "rad rads radian radians", "deg": "deg degs degree degrees ° grad º",
     "rad/s": "rad/s radps rad_s rads-1 rad/sec rps_rad",
-    "deg/s": "deg/s degps deg_s dps °/s º/s deg/sec degs-1", "deg/min": "deg/min °/min degpm dpm deg_min º/min",
+    "deg/s": "deg/s degps deg_s dps °/s º/s deg/sec degs-1 deg_per_s deg_per_sec degrees_per_second degrees/s",
+    "deg/min": "deg/min °/min degpm dpm deg_min º/min deg_per_min degrees_per_minute degrees/min grad/min",
     "1/s": "1/s rps hz rev/s s-1", "rpm": "rpm u/min rev/min 1/min min-1", "N": "n newton", "kN": "kn_force",
     "N m": "nm n_m n.m n*m", "kN m": "knm kn_m", "count": "count counts raw adc lsb", "iso": "utc iso",
 }  # fmt: skip
@@ -70,6 +72,15 @@ NORTH, EAST = re.compile(r"north|^xn$|(^|_)n(_|$)"), re.compile(r"east|^ye$|(^|_
 MIDSHIP = re.compile(r"(^|_)(mid|midship|midships)(_|$)")
 COMPASS = re.compile(r"head|hdg|hdt|compass|gyro|course|kurs")
 """A heading named like this is counted clockwise from north."""
+COMPONENT = re.compile(
+    r"\.([a-z_]*(?:position|orientation|linear|angular|velocity|acceleration|field|vector))\.([xyz])\b"
+)
+"""A part of a vector, as messages of ROS name it."""
+COMPONENTS = {
+    ("position", "x"): "x", ("position", "y"): "y", ("linear", "x"): "u", ("linear", "y"): "v",
+    ("angular", "z"): "r", ("angular_velocity", "z"): "r", ("angular", "x"): "p", ("angular_velocity", "x"): "p",
+}  # fmt: skip
+"""Vector and axis -> channel; of any other vector no part is one."""
 PERFECT = 100.0
 MAX_LETTERS = 120
 """Letters of a heading that are looked at: patterns take long over more."""
@@ -102,13 +113,16 @@ def take_apart(column: str, below: str = "") -> Heading:
     """
     text = column[:MAX_LETTERS].strip().strip("#%'\"").strip()
     unit = _SPELT.get(below.strip().strip("[](){}").lower(), "")
+    front, _, last = re.sub(r"\s*/\s*", "/", text).rpartition(" ")
+    if front and last.lower() in _SPELT and re.search("[/°º]", last):  # ROT deg/min, and no "min" after a stroke
+        return Heading(column, _snake(front), unit or _SPELT[last.lower()])
     bracket = re.search(r"[\[\(\{<]\s*([^\]\)\}>]*?)\s*[\]\)\}>]|[,/:]\s*(\S+)$", text)
     if bracket and (word := (bracket[1] or bracket[2] or "").lower().replace(" ", "")) in _SPELT:
         unit, text = unit or _SPELT[word], text[: bracket.start()] + text[bracket.end() :]
     name = _snake(text)
     if not unit:
         parts = name.split("_")
-        for count in (2, 1):
+        for count in (3, 2, 1):
             front, word = "_".join(parts[:-count]), "_".join(parts[-count:])
             if front and word in _SPELT:
                 parted = Heading(column, front, _SPELT[word])
@@ -142,13 +156,22 @@ def word_score(channel: str, heading: Heading) -> float:
     if heading.unit and heading.unit not in units_of(channel, record=True):
         return 0.0
     name = heading.name
-    options = [name, name.rsplit("_", 1)[-1]] if "." in heading.column else [name]
+    component = COMPONENT.search(heading.column)
+    if component:
+        return PERFECT / 2 if COMPONENTS.get((component[1], component[2])) == channel else 0.0
+    options = [name, _last_part(heading.column)] if "." in heading.column else [name]
     best = 0.0
     for place, pattern in enumerate(WORDS[channel].split()):
         for k, option in enumerate(options):
             if re.fullmatch(pattern, option):
                 best = max(best, PERFECT - place - 15 * k - (30 if ".*" in pattern else 0))
     return best + 5.0 if heading.unit and best else best
+
+
+@lru_cache(maxsize=512)
+def _last_part(column: str) -> str:
+    """What stands behind the last point of a heading, without its unit: of ``ship.yaw_rate [deg/s]``."""
+    return take_apart(column.rpartition(".")[2]).name
 
 
 def assign(headings: list[Heading]) -> dict[str, list[Heading]]:

@@ -17,6 +17,7 @@ from manoeuvre_nn.recording.outliers import spikes
 from manoeuvre_nn.recording.propose.choice import Choice
 from manoeuvre_nn.recording.propose.headings import COMPASS, Heading, assign
 from manoeuvre_nn.recording.propose.motion_columns import FULL_CIRCLE, Settings, read_motions, usual_speed
+from manoeuvre_nn.recording.propose.questions import SETTINGS, question_of
 from manoeuvre_nn.recording.propose.sniff import Sniffed, sniff
 from manoeuvre_nn.recording.propose.time_column import choose_time
 from manoeuvre_nn.recording.read.mapping import RECORD, Mapping, mapping
@@ -69,6 +70,14 @@ class Proposal:
         """The mapping."""
         return mapping(**self.settings)
 
+    @property
+    def questions(self) -> dict[str, str]:
+        """Channel or setting that is undecided -> what a person must answer."""
+        looked = [choice for choice in (self.time, *self.choices) if not choice.decided]
+        return {c.channel: question_of(c, self.file.called(c.column)) for c in looked} | {
+            key: SETTINGS.get(key, "is this so?") for key in self.undecided
+        }
+
 
 def propose(path: Path, ship: Particulars | None = None) -> Proposal:
     """Propose a mapping for a file.
@@ -90,7 +99,7 @@ def propose(path: Path, ship: Particulars | None = None) -> Proposal:
     file = sniff(path)
     named = assign([h for h in file.headings if h.column in file.numbers])
     time, seconds = choose_time(file, named, ship)
-    others = {c: [h for h in hs if h.column != time.column] for c, hs in named.items()}
+    others = {c: _moving_first(file, c, [h for h in hs if h.column != time.column]) for c, hs in named.items()}
     columns, spare = _columns({c: hs[0] for c, hs in others.items() if hs})
     if not columns:
         raise InputError(
@@ -113,6 +122,7 @@ def propose(path: Path, ship: Particulars | None = None) -> Proposal:
         rest = set(columns) - {choice.channel for choice in choices}
         choices += [_other(c, h, values[c], usual_speed(motion), ship) for c, h in columns.items() if c in rest]
         notes += [*spare, *_mirrored(columns)]
+    choices = [_assumed(choice, file) for choice in choices]
     raw = {c.channel: file.numbers[c.column] for c in choices}
     settings |= _gaps(seconds, raw)
     notes += _outlying(raw)
@@ -131,11 +141,28 @@ def propose(path: Path, ship: Particulars | None = None) -> Proposal:
     )
 
 
+def _moving_first(file: Sniffed, channel: str, headings: list[Heading]) -> list[Heading]:
+    """Columns for a channel, those last that never move: messages hold zeros for what a sensor does not measure."""
+    return sorted(headings, key=lambda h: channel in MOVING and _is_still(file.numbers[h.column]))
+
+
+def _is_still(values: Series) -> bool:
+    """Whether a column holds one value throughout."""
+    return bool(np.nanmin(values) == np.nanmax(values))
+
+
+def _assumed(choice: Choice, file: Sniffed) -> Choice:
+    """A choice about which the file's reader had to assume something, marked as undecided."""
+    said = file.table.questions.get(choice.column)
+    return replace(choice, why=f"{said}; {choice.why}", decided=False) if said else choice
+
+
 def _open_questions(file: Sniffed, columns: dict[str, Heading]) -> list[str]:
-    """What is wrong with columns by themselves."""
-    notes = [f"Several columns are called {name!r} and are left out: rename them." for name in file.twice]
+    """What its reader has to say, and what is wrong with columns by themselves."""
+    notes = [*file.table.notes]
+    notes += [f"Several columns are called {name!r} and are left out: rename them." for name in file.twice]
     moving = {c: file.numbers[h.column] for c, h in columns.items() if c in MOVING}
-    still = [f"{c} ({file.called(columns[c].column)})" for c, v in moving.items() if np.nanmin(v) == np.nanmax(v)]
+    still = [f"{c} ({file.called(columns[c].column)})" for c, v in moving.items() if _is_still(v)]
     if still:
         notes.append(f"Never moving, so that nothing can be compared with it: {', '.join(still)}; name another column.")
     return notes

@@ -27,7 +27,9 @@ def to_yaml(proposal: Proposal) -> str:
     for key, value in made.settings.items():
         if key not in {"time", "channels"}:
             why = made.reasons.get(key, "")
-            comment = f"{UNDECIDED}: {why}" if key in made.undecided else f"  # {why}" if why else ""
+            comment = (
+                f"{UNDECIDED}: {why}; {made.questions[key]}" if key in made.undecided else f"  # {why}" if why else ""
+            )
             lines.append(f"{key}: {_value(value)}{_one_line(comment)}")
     return "\n".join(lines) + "\n"
 
@@ -35,7 +37,7 @@ def to_yaml(proposal: Proposal) -> str:
 def _entry(proposal: Proposal, choice: Choice) -> str:
     """One channel on a line."""
     parts = [f"{k}: {_value(v) if isinstance(v, str) else format(v, 'g')}" for k, v in choice.entry.items()]
-    comment = "" if choice.decided else f"{UNDECIDED}: {choice.why}"
+    comment = "" if choice.decided else f"{UNDECIDED}: {choice.why}; {proposal.questions[choice.channel]}"
     called = proposal.file.called(choice.column)
     if called != choice.column:
         comment = f"  # {called}{comment.replace('  #', ',')}"

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.plain_text import listed
 from manoeuvre_nn.recording.propose.headings import Heading, take_apart
-from manoeuvre_nn.recording.read.containers import has_reader
+from manoeuvre_nn.recording.read.containers import reader_of
 from manoeuvre_nn.recording.read.mapping import Mapping
 from manoeuvre_nn.recording.read.table import Table, numbers_in, read_table
 from manoeuvre_nn.recording.read.text import EMPTY, cells_of, is_blank, lines_of
@@ -64,7 +64,7 @@ class Sniffed:
 
 def sniff(path: Path) -> Sniffed:
     """Look at a file; refused if it holds no columns of numbers."""
-    layout, spoken, below = ({}, {}, {}) if has_reader(path) else _layout(path)
+    layout, spoken, below = _layout(path) if reader_of(path) is None else ({}, {}, {})
     table = read_table(path, **layout)
     numbers, stamps = _columns(table)
     if not numbers:

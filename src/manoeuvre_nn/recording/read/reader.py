@@ -21,7 +21,7 @@ from manoeuvre_nn.recording.drift import drift_by_arcs, known_drift, without_dri
 from manoeuvre_nn.recording.kind import guess_kind
 from manoeuvre_nn.recording.local_cubics import WINDOW, smoothed
 from manoeuvre_nn.recording.outliers import spikes
-from manoeuvre_nn.recording.read.containers import READERS
+from manoeuvre_nn.recording.read.containers import BAG_FOLDER, READERS, is_bag_folder
 from manoeuvre_nn.recording.read.mapping import REQUIRED, SIDES, Mapping, with_means
 from manoeuvre_nn.recording.read.mapping_file import mapping_of
 from manoeuvre_nn.recording.read.mending import line_across, without_delays
@@ -63,7 +63,7 @@ def read_recordings(
     if not isinstance(where, (str, Path)):
         return [read_recording(path, mapping, ship) for path in where]
     place = place_of(where)
-    if place.is_dir():
+    if place.is_dir() and not is_bag_folder(place):
         paths = recordings_in(place)
     elif place.exists():
         paths = [place]
@@ -71,7 +71,7 @@ def read_recordings(
         # A folder's own name may hold brackets or stars: only the last part is taken as a pattern.
         paths = sorted(place.parent.glob(place.name))
     if not paths:
-        kinds = " or ".join(suffix.removeprefix(".") for suffix in (".csv", *READERS))
+        kinds = " or ".join(suffix.removeprefix(".") for suffix in (".csv", *READERS) if suffix != BAG_FOLDER)
         raise InputError(f"{where}: no {kinds} file there; write a file, a folder or a pattern such as runs/zz*.csv")
     return [read_recording(path, mapping, ship) for path in paths]
 
@@ -91,8 +91,10 @@ def place_of(where: str | Path) -> Path:
 
 def recordings_in(folder: Path) -> list[Path]:
     """Files of a folder that recordings are read from; ``.txt`` and ``.dat``, which may be notes, in need only."""
-    there = sorted(p for p in folder.iterdir() if p.is_file() and p.suffix.lower() in (*TEXT, *READERS))
-    return [p for p in there if p.suffix.lower() in (".csv", *READERS)] or there
+    there = sorted(
+        p for p in folder.iterdir() if is_bag_folder(p) or (p.is_file() and p.suffix.lower() in (*TEXT, *READERS))
+    )
+    return [p for p in there if p.suffix.lower() in (".csv", *READERS) or is_bag_folder(p)] or there
 
 
 def read_recording(path: str | Path, mapping: Mapping | None, ship: Particulars) -> Recording:

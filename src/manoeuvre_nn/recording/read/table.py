@@ -11,7 +11,9 @@ from jaxtyping import Float
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.memory import check_memory
 from manoeuvre_nn.core.plain_text import listed
-from manoeuvre_nn.recording.read.containers import check_there, columns_in, has_reader
+from manoeuvre_nn.recording.read import bags, excel, matlab, nmea  # noqa: F401  each registers what it reads
+from manoeuvre_nn.recording.read.containers import NOTES, QUESTIONS, check_there, columns_in, reader_of
+from manoeuvre_nn.recording.read.logger_stamps import without_midnights
 from manoeuvre_nn.recording.read.quantity import STAMPS
 from manoeuvre_nn.recording.read.text import EMPTY, INEXACT, cells_of, even_frame, is_blank, lines_of
 
@@ -25,8 +27,6 @@ MEMORY_IN_BLOCKS, MEMORY_BY_LINE = 3.0, 20.0
 """Bytes of memory that a byte of a text takes, read in blocks or line by line."""
 THINNER = "keep fewer samples (a ship's motion needs no more than 400 in the time L/U0), or cut the file into parts"
 """What to do with a text that is too large."""
-MIDNIGHT = 43200.0
-"""A time of day that goes back by more than this [s] has passed midnight."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +44,16 @@ class Table:
     cells: pd.DataFrame
     row: str = "line"
     decimal: str = "point"
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What its reader has to say of how it was read."""
+        return tuple(self.cells.attrs.get(NOTES, ()))
+
+    @property
+    def questions(self) -> dict[str, str]:
+        """Column -> what its reader assumed, and a person must know."""
+        return dict(self.cells.attrs.get(QUESTIONS, {}))
 
     def text(self, column: str) -> "pd.Series[str]":
         """A column as text without blanks around it; empty where a cell is."""
@@ -90,7 +100,7 @@ class Table:
             text = self.text(column)
             day = pd.to_timedelta(text, errors="coerce").dt.total_seconds().to_numpy(dtype=float, copy=True)
             self._check_stamps(column, day, text, "13:04:24.5")
-            return day + 86400.0 * np.cumsum(np.diff(day, prepend=day[:1]) < -MIDNIGHT)
+            return without_midnights(day)
         given = self.cells[column]
         if pd.api.types.is_datetime64_any_dtype(given):
             times, text = given, given.astype(str)
@@ -152,7 +162,7 @@ def read_table(
     Raises:
         InputError: If the file is missing, empty, foreign, cut off, or lacks a column.
     """
-    if has_reader(path):
+    if reader_of(path) is not None:
         frame = columns_in(path, columns or None)
         _check_headings(path, list(frame.columns), columns, optional)
         return Table(path, frame, "row", decimal)
