@@ -68,6 +68,9 @@ class Mathematics(LatexPrinter):
     def _print_median(self, expr: sympy.Expr, exp: object = None) -> str:
         return self._called(r"\operatorname{median}", expr.args)
 
+    def _print_arctan2(self, expr: sympy.Expr, exp: object = None) -> str:
+        return self._called(r"\operatorname{atan2}", expr.args)
+
     def _print_smallest(self, expr: sympy.Expr, exp: object = None) -> str:
         first, last = self._print(expr.args[0]), self._print(expr.args[-1])
         return rf"\min\left({first}, \ldots, {last}\right)"
