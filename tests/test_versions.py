@@ -18,7 +18,8 @@ from benchmarks.versions import LOCKS, OF_TORCH
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 EXTRAS = PROJECT["optional-dependencies"]
-TESTED = [Requirement(r) for r in (*PROJECT["dependencies"], *EXTRAS["test"], *EXTRAS["notebook"], *EXTRAS["search"])]
+OF_TESTS = ("test", "notebook", "onnx", "search")
+TESTED = [Requirement(r) for r in (*PROJECT["dependencies"], *(r for extra in OF_TESTS for r in EXTRAS[extra]))]
 DIRECT = {canonicalize_name(r.name): r.specifier for r in TESTED if r.name != PROJECT["name"]}
 """What the package and its tests name, and the versions of it that they admit."""
 
@@ -55,8 +56,8 @@ def test_every_python_that_is_named_has_a_lock():
 
 
 def test_the_package_imports_what_it_asks_for_alone():
-    asked = {canonicalize_name(Requirement(r).name) for r in (*PROJECT["dependencies"], *EXTRAS["parquet"])}
-    asked |= {canonicalize_name(Requirement(r).name) for r in EXTRAS["seakeeping"]}
+    extras = [r for extra in ("onnx", "parquet", "seakeeping") for r in EXTRAS[extra]]
+    asked = {canonicalize_name(Requirement(r).name) for r in (*PROJECT["dependencies"], *extras)}
     providers = packages_distributions()
     for top in _imported() - set(sys.stdlib_module_names) - {"manoeuvre_nn"}:
         assert asked & {canonicalize_name(name) for name in providers.get(top, [top])}, f"{top} is not asked for"
