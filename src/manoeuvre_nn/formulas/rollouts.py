@@ -127,8 +127,74 @@ def by_the_clock(run: Recording) -> Manoeuvre:
     return Manoeuvre(run.name, str(run.meta["kind"]), tuple(stages), duration=float(run.time[-1]))
 
 
+class _Callbacks(ctypes.Structure):
+    """``fmi2CallbackFunctions``, without any."""
+
+    _fields_ = [(name, ctypes.c_void_p) for name in ("logger", "allocate", "free", "finished", "environment")]
+
+
+class Unit:
+    """A unit of co-simulation whose binary is called as a master calls it.
+
+    Attributes:
+        library: The binary; None where the archive holds none.
+    """
+
+    def __init__(self, program: Program, content: bytes) -> None:
+        """Load the binary.
+
+        Args:
+            program: What was written.
+            content: The archive.
+        """
+        self._places = {s.quantity.name: k for k, s in enumerate(signals_of(program))}
+        self._callbacks, self.library = _Callbacks(), None
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            self._guid = archive.read("modelDescription.xml").decode().partition('guid="')[2].partition('"')[0].encode()
+            binary = next((name for name in archive.namelist() if name.startswith("binaries/")), None)
+            if binary is not None:
+                with TemporaryDirectory() as folder:
+                    self.library = ctypes.CDLL(archive.extract(binary, folder))
+                self.library.fmi2Instantiate.restype = ctypes.c_void_p
+
+    def started(self) -> ctypes.c_void_p:
+        """A ship on her approach."""
+        assert self.library is not None
+        callbacks, zero = ctypes.byref(self._callbacks), ctypes.c_double(0.0)
+        made = self.library.fmi2Instantiate(b"ship", 1, self._guid, ctypes.c_char_p(), callbacks, 0, 0)
+        assert made is not None, "the unit refuses to be instantiated"
+        ship = ctypes.c_void_p(made)
+        assert self.library.fmi2SetupExperiment(ship, 0, zero, zero, 0, zero) == 0
+        assert self.library.fmi2EnterInitializationMode(ship) == 0
+        assert self.library.fmi2ExitInitializationMode(ship) == 0
+        return ship
+
+    def step(self, ship: ctypes.c_void_p, time: float, length: float) -> bool:
+        """Go on from a time by a length [s]; whether it could."""
+        assert self.library is not None
+        return self.library.fmi2DoStep(ship, ctypes.c_double(time), ctypes.c_double(length), 1) == 0
+
+    def order(self, ship: ctypes.c_void_p, angle: float) -> None:
+        """Order a rudder angle [rad]."""
+        assert self.library is not None
+        place = (ctypes.c_uint * 1)(self._places["delta_order"])
+        assert self.library.fmi2SetReal(ship, place, 1, (ctypes.c_double * 1)(angle)) == 0
+
+    def position(self, ship: ctypes.c_void_p) -> list[float]:
+        """X and y [m]."""
+        assert self.library is not None
+        places, at = (ctypes.c_uint * 2)(self._places["x"], self._places["y"]), (ctypes.c_double * 2)()
+        assert self.library.fmi2GetReal(ship, places, 2, at) == 0
+        return list(at)
+
+    def free(self, ship: ctypes.c_void_p) -> None:
+        """End a run."""
+        assert self.library is not None
+        self.library.fmi2FreeInstance(ship)
+
+
 def of_unit(program: Program, content: bytes) -> list[TrackDeviation]:
-    """Deviations of a unit of co-simulation, its binary called as a master calls it.
+    """Deviations of a unit of co-simulation.
 
     Args:
         program: What was written.
@@ -138,56 +204,23 @@ def of_unit(program: Program, content: bytes) -> list[TrackDeviation]:
         A deviation for each of ``TRIALS``, from the model with the same orders at the same times; none where the
         archive holds no binary.
     """
-    vessel = program.vessel
-    assert vessel is not None
-    with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        binary = next((name for name in archive.namelist() if name.startswith("binaries/")), None)
-        if binary is None:
-            return []
-        description = archive.read("modelDescription.xml").decode()
-        with TemporaryDirectory() as folder:
-            unit = ctypes.CDLL(archive.extract(binary, folder))
-    guid = description.partition('guid="')[2].partition('"')[0]
-    timed = [by_the_clock(run) for run in roll_out(vessel, TRIALS)]
-    length = vessel.model.particulars.length
-    return [_deviation(step_through(unit, guid, program, run), run, length) for run in roll_out(vessel, timed)]
+    assert program.vessel is not None
+    unit = Unit(program, content)
+    if unit.library is None:
+        return []
+    runs = roll_out(program.vessel, [by_the_clock(run) for run in roll_out(program.vessel, TRIALS)])
+    length = program.vessel.model.particulars.length
+    return [_deviation(_steered(unit, run), run, length) for run in runs]
 
 
-class _Callbacks(ctypes.Structure):
-    """``fmi2CallbackFunctions``, without any."""
-
-    _fields_ = [(name, ctypes.c_void_p) for name in ("logger", "allocate", "free", "finished", "environment")]
-
-
-def step_through(unit: ctypes.CDLL, guid: str, program: Program, run: Recording) -> Recording:
-    """A run by a unit of co-simulation that is given the orders of a recording at its sample times.
-
-    Args:
-        unit: Its binary.
-        guid: Its GUID.
-        program: What was written.
-        run: The recording.
-
-    Returns:
-        x and y at the same times, as far as the unit went.
-    """
-    places = {s.quantity.name: k for k, s in enumerate(signals_of(program))}
-    callbacks = _Callbacks()
-    unit.fmi2Instantiate.restype = ctypes.c_void_p
-    name, none = b"ship", ctypes.c_char_p()
-    ship = ctypes.c_void_p(unit.fmi2Instantiate(name, 1, guid.encode(), none, ctypes.byref(callbacks), 0, 0))
-    assert ship.value is not None, "the unit refuses to be instantiated"
-    zero, last = ctypes.c_double(0.0), ctypes.c_double(float(run.time[-1]))
-    assert unit.fmi2SetupExperiment(ship, 0, zero, zero, 1, last) == 0
-    assert unit.fmi2EnterInitializationMode(ship) == 0 and unit.fmi2ExitInitializationMode(ship) == 0
-    order, track = (ctypes.c_uint * 1)(places["delta_order"]), (ctypes.c_uint * 2)(places["x"], places["y"])
-    at, rows = (ctypes.c_double * 2)(), []
+def _steered(unit: Unit, run: Recording) -> Recording:
+    """X and y of a unit that is given the orders of a recording at its sample times, as far as it went."""
+    ship, rows = unit.started(), []
     for k, now in enumerate(run.time.tolist()):
-        assert unit.fmi2GetReal(ship, track, 2, at) == 0
-        rows.append(list(at))
-        assert unit.fmi2SetReal(ship, order, 1, (ctypes.c_double * 1)(float(run["delta_order"][k]))) == 0
-        if k + 1 < len(run) and unit.fmi2DoStep(ship, ctypes.c_double(now), ctypes.c_double(run.time[k + 1] - now), 1):
+        rows.append(unit.position(ship))
+        unit.order(ship, float(run["delta_order"][k]))
+        if k + 1 < len(run) and not unit.step(ship, now, run.time[k + 1] - now):
             break
-    unit.fmi2FreeInstance(ship)
+    unit.free(ship)
     x, y = np.array(rows).T
     return Recording(run.name, run.time[: len(x)], {"x": x, "y": y}, run.status, run.meta)
