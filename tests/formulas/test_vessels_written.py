@@ -105,7 +105,7 @@ def test_the_metadata_of_a_graph_say_which_column_is_what():
     assert [one["name"] for one in json.loads(said["state"])] == ["u", "v", "r", "x", "y", "psi"]
     (rudder,) = json.loads(said["inputs"])
     assert rudder["unit"] == "rad" and "positive turns the ship to starboard" in rudder["meaning"]
-    assert [one["unit"] for one in json.loads(said["rates"])][:3] == ["m/s/s", "m/s/s", "rad/s/s"]
+    assert [one["unit"] for one in json.loads(said["rates"])][:3] == ["m/s^2", "m/s^2", "rad/s^2"]
     assert "psi clockwise from north" in said["axes"]
 
 

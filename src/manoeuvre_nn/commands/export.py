@@ -29,7 +29,7 @@ from manoeuvre_nn.formulas.formats import CONVERSIONS, FORMATS, Written, write_d
 from manoeuvre_nn.formulas.models import to_program
 from manoeuvre_nn.formulas.program import Program
 from manoeuvre_nn.formulas.ranges import Ranges, trained_ranges
-from manoeuvre_nn.formulas.rollouts import TRIALS, sailed
+from manoeuvre_nn.formulas.rollouts import sailed
 from manoeuvre_nn.report.tables import rich_table
 
 ALL = "all"
@@ -189,12 +189,16 @@ def _path(one: Written, cfg: DictConfig, checkpoint: Path) -> Path:
 def _print(made: Sequence[Written], paths: Sequence[Path], fresh: Sequence[bool], console: Console) -> None:
     """Ranges, one table and where the files are."""
     program = made[0].program
-    ranges = "; ".join(f"{q.name} {q.low:.4g} to {q.high:.4g} {q.unit}" for q in program.inputs)
-    rows = [_row(one) for one in made]
+    ranges = "; ".join(f"{q.name} {q.low:.4g} to {q.high:.4g} {q.unit}" for q in program.inputs if not q.parameter)
+    changeable = "; ".join(f"{q.name} = {q.example:.6g} {q.unit}" for q in program.inputs if q.parameter)
+    sailed_by = list(dict.fromkeys(d.manoeuvre for one in made for d in one.deviations))
+    rows = [_row(one, sailed_by) for one in made]
     console.print(rich_table(rows, program.title))
     for note in program.notes[1:]:
         console.print(note, highlight=False, markup=False)
     console.print(f"range of validity: {ranges}", highlight=False)
+    if changeable:
+        console.print(f"may be changed: {changeable}", highlight=False)
     for one in made:
         for line in price(one.deviations) if one.kind in CONVERSIONS else ():
             console.print(f"{one.kind}: {line}", highlight=False)
@@ -202,16 +206,10 @@ def _print(made: Sequence[Written], paths: Sequence[Path], fresh: Sequence[bool]
         console.print(f"{'written' if new else 'there already'}: {shown(path)}", soft_wrap=True, highlight=False)
 
 
-def _row(one: Written) -> dict[str, str]:
+def _row(one: Written, trials: Sequence[str]) -> dict[str, str]:
     """A row of the table: differences from the model, of rates over the largest rate, of tracks over L."""
     row = {"format": one.kind, "kB": f"{len(one.bytes) / 1000:.1f}"}
-    row["rates"] = (
-        ("fitted" if one.kind in CONVERSIONS else "not run") if one.difference is None else f"{one.difference:.1e}"
-    )
-    if one.program.vessel is not None:
-        tracks = {d.manoeuvre: d for d in one.deviations}
-        row |= {
-            f"{trial.name} (L)": f"{tracks[trial.name].largest:.1e}" if trial.name in tracks else "not sailed"
-            for trial in TRIALS
-        }
-    return row
+    unknown = "fitted" if one.kind in CONVERSIONS else "not run"
+    row["rates"] = unknown if one.difference is None else f"{one.difference:.1e}"
+    tracks = {d.manoeuvre: d for d in one.deviations}
+    return row | {f"{n} (L)": f"{tracks[n].largest:.1e}" if n in tracks else "not sailed" for n in trials}

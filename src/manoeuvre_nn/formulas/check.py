@@ -88,7 +88,7 @@ def load_python(program: Program, text: str) -> Run:
 def load_c(program: Program, text: str) -> Run | None:
     """What a written file of C computes; None without a compiler."""
     with TemporaryDirectory() as folder:
-        library = compiled({"model.c": text}, "model.c", Path(folder))
+        library = compiled({"model.c": text}, "model.c", Path(folder), "-O1")
         if library is None:
             return None
         function = getattr(ctypes.CDLL(str(library)), program.name)
@@ -106,14 +106,14 @@ def load_c(program: Program, text: str) -> Run | None:
     return _by_rows(program, filled)
 
 
-def compiled(sources: Mapping[str, str], main: str, folder: Path, optimised: str = "-O1") -> Path | None:
+def compiled(sources: Mapping[str, str], main: str, folder: Path, *options: str) -> Path | None:
     """Compile C to a shared library.
 
     Args:
         sources: Name of a file -> its text.
         main: The file that is compiled; it includes the others.
         folder: Where to.
-        optimised: Option of the compiler.
+        *options: Of the compiler.
 
     Returns:
         The library; None without a compiler.
@@ -124,8 +124,7 @@ def compiled(sources: Mapping[str, str], main: str, folder: Path, optimised: str
     for name, text in sources.items():
         (folder / name).write_text(text, encoding="utf-8")
     library = folder / f"{Path(main).stem}.so"
-    options = ["-std=c99", optimised, "-fPIC", "-shared", "-fvisibility=hidden" if len(sources) > 1 else "-Wall"]
-    words = [compiler, *options, str(folder / main), "-o", str(library), "-lm"]
+    words = [compiler, "-std=c99", "-fPIC", "-shared", *options, str(folder / main), "-o", str(library), "-lm"]
     subprocess.run(words, check=True, capture_output=True)
     return library
 

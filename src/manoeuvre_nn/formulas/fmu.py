@@ -89,7 +89,7 @@ def fmu_bytes(program: Program) -> bytes:
     files |= {f"sources/{file}": text for file, text in sources.items()}
     if (sys.platform, platform.machine()) == MACHINE:
         with TemporaryDirectory() as scratch:
-            library = compiled(sources, "fmu.c", Path(scratch))
+            library = compiled(sources, "fmu.c", Path(scratch), "-O2", "-fvisibility=hidden")
             files |= {} if library is None else {f"binaries/{FOLDER}/{name}.so": library.read_bytes()}
     return _zipped(files)
 

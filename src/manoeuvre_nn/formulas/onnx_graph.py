@@ -23,7 +23,7 @@ from manoeuvre_nn.formulas.program import (
     median,
     smallest,
 )
-from manoeuvre_nn.formulas.state import parameters_of, state_of
+from manoeuvre_nn.formulas.state import parameters_of, rate_of, state_of
 
 try:
     import onnx
@@ -71,7 +71,7 @@ def onnx_bytes(program: Program) -> bytes:
     made, outputs = [graph.known[sympy.Symbol(q.name, real=True)] for q in program.outputs], program.outputs
     if program.vessel is not None:
         states = given["state"]
-        outputs = [Quantity(f"{q.name}dot", f"{q.unit}/s", f"rate of {q.name}") for q in states]
+        outputs = [rate_of(q) for q in states]
         made = [graph.value(formula) for formula in _rates(program, states)]
     whole = "outputs" if program.vessel is None else "rates"
     graph.nodes.append(helper.make_node("Concat", [graph.in_all_rows(one) for one in made], [whole], axis=1))

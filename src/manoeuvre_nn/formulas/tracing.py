@@ -64,11 +64,12 @@ class Trace(TorchDispatchMode):
         name = func._schema.name.removeprefix("aten::")
         if name in FILLING or not any(self._is_variable(one) for one in _flat((args, kwargs))):
             return found
+        settings = {key: value for key, value in kwargs.items() if value is not None}
         if name in MOVING:
             made = self._moved(func, args, kwargs)
-        elif name in COMPUTED:
+        elif name in COMPUTED and set(settings) <= {"alpha", "min"}:
             arrays = tree_map(lambda one: self._values(one) if isinstance(one, Tensor) else one, args)
-            made = COMPUTED[name](self, *arrays, **{k: v for k, v in kwargs.items() if k in {"alpha", "min", "max"}})
+            made = COMPUTED[name](self, *arrays, **settings)
         else:
             raise InputError(f"uses {name} of torch, which has no formula here")
         for tensor, values in zip(_flat(found), _flat(made), strict=True):
@@ -177,12 +178,9 @@ def _function(of_numbers: Callable[..., float], of_formulas: Callable[..., sympy
 LARGER = _function(np.maximum, sympy.Max)
 
 
-def _clamped(z: Element, low: float | None = None, high: float | None = None, **ends: float | None) -> Element:
+def _clamped(z: Element, min: float) -> Element:  # noqa: A002  # torch's name
     """The larger of a value and an end; no effect has an upper one."""
-    low = ends.get("min", low)
-    if low is None or high is not None or ends.get("max") is not None:
-        raise InputError("clamps from above, which has no formula here")
-    return LARGER(z, float(low))
+    return LARGER(z, float(min))
 
 
 def _softplus(z: Element, beta: float = 1.0) -> Element:

@@ -14,7 +14,8 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.dynamics.vessel import Vessel, in_words
 from manoeuvre_nn.formulas.motion import CONTROLS, HEADING
-from manoeuvre_nn.formulas.program import Builder, Program, Quantity, Reference, added, singles
+from manoeuvre_nn.formulas.program import Builder, Program, Quantity, Reference, added, checked_name, singles
+from manoeuvre_nn.formulas.state import OWN, rate_of
 from manoeuvre_nn.formulas.tracing import Trace
 
 TIME = Quantity("t", "s", "time since the start", high=600.0)
@@ -48,7 +49,7 @@ def with_effects(calm: Program, vessel: Vessel) -> Program:
     outputs = [*calm.outputs]
     if any(type(e).stream is not Effect.stream for e in effects):
         outputs += STREAM
-    outputs += [Quantity(f"{q.name}dot", f"{q.unit}/s", f"rate of {q.name}") for q in own_states(effects)]
+    outputs += [rate_of(q) for q in own_states(effects)]
     build = Builder(given, outputs)
     _write(effects, build, build.go_on(calm), {q.name: q for q in given})
     steps = [step for section in build.sections for step in section.steps]
@@ -73,7 +74,7 @@ def own_states(effects: Sequence[Effect]) -> list[Quantity]:
     made: list[Quantity] = []
     for effect in effects:
         for _ in range(effect.memory):
-            made.append(Quantity(f"m_{len(made) + 1}", "-", f"state of {effect.label}", -0.3, 0.3))
+            made.append(Quantity(f"{OWN}{len(made) + 1}", "-", f"state of {effect.label}", -0.3, 0.3))
     return made
 
 
@@ -104,8 +105,8 @@ def _inputs(vessel: Vessel, calm: Program, effects: Sequence[Effect]) -> list[Qu
         for p in _tunable(effect):
             value = float(effect.value(p.name))
             low, high = max(p.low, value - p.spread), min(p.high, value + p.spread)
-            name, unit = f"{effect.name}_{p.name}", p.unit
-            made.append(Quantity(name, unit, f"{p.name} of {effect.label}", low, high, value, parameter=True))
+            name = checked_name(f"{effect.name}_{p.name}", "parameter")
+            made.append(Quantity(name, p.unit, f"{p.name} of {effect.label}", low, high, value, parameter=True))
     return made
 
 
@@ -121,7 +122,7 @@ def _write(effects: Sequence[Effect], build: Builder, calm: Sequence[sympy.Symbo
         for effect in effects:
             build.section(f"{effect.label[:1].upper()}{effect.label[1:]}")
             count = len(rates)
-            own = [f"m_{count + k + 1}" for k in range(effect.memory)]
+            own = [f"{OWN}{count + k + 1}" for k in range(effect.memory)]
             memory = trace.variable(torch.zeros(1, len(own), dtype=torch.float64), [symbols[name] for name in own])
             try:
                 tuned = effect.at(_values(trace, effect, symbols))
@@ -141,7 +142,7 @@ def _write(effects: Sequence[Effect], build: Builder, calm: Sequence[sympy.Symbo
         for q, column in zip(STREAM, stream, strict=True):
             build.output(q.name, added(column))
     for k, formula in enumerate(rates):
-        build.output(f"m_{k + 1}dot", formula)
+        build.output(f"{OWN}{k + 1}dot", formula)
 
 
 def _values(trace: Trace, effect: Effect, symbols: dict[str, sympy.Symbol]) -> Tensor:
