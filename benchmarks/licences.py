@@ -24,6 +24,8 @@ HARMLESS = {
     "pathspec": "MPL-2.0 holds for changed copies of its own files; it is used as it is, by mypy alone",
 }
 """Package under such a licence -> why it may be installed beside a package under MIT."""
+SILENT = {"fmpy": "BSD-2-Clause"}
+"""Package whose metadata name no licence -> which its LICENSE.txt is."""
 INTRODUCTION = """# Licences
 
 This package is under MIT. Its wheel holds its own files alone; what it needs is installed beside it from where its
@@ -77,13 +79,14 @@ def licence(package: Distribution) -> str:
     name = " ".join((said.get("License") or "").split())
     classes = [c.rpartition(" :: ")[2] for c in said.get_all("Classifier", []) if c.startswith("License ::")]
     whole_text = name == "UNKNOWN" or len(name) > 40
-    return said.get("License-Expression") or ("" if whole_text else name) or ", ".join(classes)
+    known = SILENT.get(canonicalize_name(said["Name"]), "")
+    return said.get("License-Expression") or ("" if whole_text else name) or ", ".join(classes) or known
 
 
 def page() -> str:
     """The page."""
     own = needed()
-    of_tests = {name: part for name, part in needed("test", "notebook", "search").items() if name not in own}
+    of_tests = {name: part for name, part in needed("test", "notebook", "onnx", "search").items() if name not in own}
     parts = [INTRODUCTION]
     for heading, packages in (("What the package needs", own), ("What its tests need beside", of_tests)):
         cells = [(name, Version(part.version).public, licence(part)) for name, part in sorted(packages.items())]
@@ -96,7 +99,7 @@ def page() -> str:
 def main() -> int:
     """Write the page; the exit code is 1 if a package needs a remark or says no licence."""
     try:
-        everything = needed("test", "notebook", "search")
+        everything = needed("test", "notebook", "onnx", "search")
     except PackageNotFoundError as missing:
         print(f'error: {missing.name} is not installed: pip install -c constraints.txt -e ".[test]"', file=sys.stderr)
         return 2

@@ -18,7 +18,8 @@ from benchmarks.versions import LOCKS, OF_TORCH
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 EXTRAS = PROJECT["optional-dependencies"]
-TESTED = [Requirement(r) for r in (*PROJECT["dependencies"], *EXTRAS["test"], *EXTRAS["notebook"], *EXTRAS["search"])]
+OF_TESTS = ("test", "notebook", "onnx", "search")
+TESTED = [Requirement(r) for r in (*PROJECT["dependencies"], *(r for extra in OF_TESTS for r in EXTRAS[extra]))]
 DIRECT = {canonicalize_name(r.name): r.specifier for r in TESTED if r.name != PROJECT["name"]}
 """What the package and its tests name, and the versions of it that they admit."""
 
@@ -55,7 +56,7 @@ def test_every_python_that_is_named_has_a_lock():
 
 
 def test_the_package_imports_what_it_asks_for_alone():
-    extras = (EXTRAS[name] for name in ("excel", "mat", "parquet", "ros", "seakeeping"))
+    extras = (EXTRAS[name] for name in ("excel", "mat", "onnx", "parquet", "ros", "seakeeping"))
     asked = {canonicalize_name(Requirement(r).name) for part in (PROJECT["dependencies"], *extras) for r in part}
     providers = packages_distributions()
     for top in _imported() - set(sys.stdlib_module_names) - {"manoeuvre_nn"}:

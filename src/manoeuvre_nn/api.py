@@ -36,9 +36,11 @@ from manoeuvre_nn.core.units import KNOT
 from manoeuvre_nn.core.writing import locked
 from manoeuvre_nn.diagnosis.case import case_of
 from manoeuvre_nn.diagnosis.diagnose import diagnose as find_causes
+from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
 from manoeuvre_nn.dynamics.recursive import RecursiveShip
-from manoeuvre_nn.formulas.formats import WRITERS, kind_of, write_down
+from manoeuvre_nn.dynamics.vessel import Vessel
+from manoeuvre_nn.formulas.formats import FORMATS, kind_of, write_down
 from manoeuvre_nn.formulas.models import to_program
 from manoeuvre_nn.formulas.ranges import recorded_ranges
 from manoeuvre_nn.recording.read.mapping import Mapping as ColumnMapping
@@ -234,32 +236,52 @@ def diagnose(
     return Answer(find_causes(common.question(case)))
 
 
-def export(model: Any, to: str | Path = "python", *, document: bool = True) -> str:
-    """Write a model down as formulas, as ``manoeuvre export`` does; the text is run and compared with the model.
+def export(
+    model: Any,
+    to: str | Path = "python",
+    *,
+    effects: Named | Effect | Sequence[Named | Effect] = (),
+    document: bool = True,
+) -> str | bytes:
+    """Write a model down as ``manoeuvre export`` does; what is written is run and compared with the model.
 
     Args:
         model: What :func:`fit` gave, the output folder of a training or a checkpoint of it, a model, or a ship (name or
             object) in calm water.
-        to: A format, ``latex``, ``python``, ``c`` or ``csv``; or a file to write, whose ending (``.tex``, ``.py``,
-            ``.c``, ``.csv``) says the format.
+        to: A format: ``latex``, ``python``, ``c``, ``csv``, ``onnx``, ``fmu``, ``gazebo`` or ``mss``; or a file to
+            write, whose ending (``.tex``, ``.py``, ``.c``, ``.csv``, ``.onnx``, ``.fmu``, ``.sdf``, ``.m``) says the
+            format.
+        effects: What acts on the ship, see :func:`simulate`.
         document: Whether LaTeX is a document of its own; else it is a part of one.
 
     Returns:
-        The text.
+        The text; of ONNX and FMU the bytes of the file.
     """
-    path = None if str(to) in WRITERS else Path(to)
+    path = None if str(to) in FORMATS else Path(to)
     kind = str(to) if path is None else kind_of(path)
     if isinstance(model, FittedModel):
         notes = [f"Network: {type(model.model.network).__name__}. Trained on {model.source}"]
-        program = to_program(model.model, recorded_ranges(model.model, tuple(model.runs)), notes)
+        program = to_program(
+            _with_effects(model.model, effects), recorded_ranges(model.model, tuple(model.runs)), notes
+        )
     elif isinstance(model, Path) or (isinstance(model, str) and Path(model).exists()):
-        program = program_of(checkpoint_of(Path(model)))
+        program = program_of(checkpoint_of(Path(model)), lambda moves: _with_effects(moves, effects))
     else:
-        program = to_program(_model(model))
+        program = to_program(_with_effects(_model(model), effects))
     written = write_down(program, kind, document=document)
     if path is not None:
         written.save(path)
-    return written.text
+    return written.content
+
+
+def _with_effects(model: Any, effects: Named | Effect | Sequence[Named | Effect]) -> Any:
+    """A model with what acts on it; as it is where nothing does."""
+    listed = [effects] if isinstance(effects, str | Mapping | Effect) else effects
+    if not listed:
+        return model
+    if not isinstance(model, Model):
+        raise InputError(f"effects={effects}: a {type(model).__name__} has no effects: leave effects= out")
+    return Vessel(model, [made for given in listed for made in _effects(given, model.corrected(model.hull))])
 
 
 def _ship(ship: AnyShip) -> Ship | Particulars:

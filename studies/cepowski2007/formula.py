@@ -69,7 +69,11 @@ def chapter(effort: ComputingEffort, say: Say) -> ChapterResult:
         read_claims("cepowski2007", "formula").beside(quantities),
         {
             "The recommended network as text": [
-                {"as": kind, "lines": w.text.count("\n"), "largest difference over the largest pitch": w.difference}
+                {
+                    "as": kind,
+                    "lines": len(w.bytes.splitlines()),
+                    "largest difference over the largest pitch": w.difference,
+                }
                 for kind, w in written.items()
             ],
             "Its nodes: psi = H_s (b + sum_h B_h tanh(w_h + W_h x)), x scaled": node_table(model),

@@ -20,11 +20,25 @@ from manoeuvre_nn.commands.main import main
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.dynamics.base import calm_accelerations
 from manoeuvre_nn.dynamics.recursive import RecursiveShip
+from manoeuvre_nn.formulas import conversions, onnx_graph, rollouts
+from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.network.recursive import RecursiveNetwork
 from manoeuvre_nn.ship.naval_vessel import naval_vessel
 
 SHORT = ["network.surge=[u u,n n]", "network.lateral=[u v,u r,d]", "network.members=1", "trainer.max_epochs=2"]
-FILES = {"accelerations.tex", "accelerations.py", "accelerations.c", "accelerations.csv"}
+FILES = {
+    *(f"accelerations{ending}" for ending in (".tex", ".py", ".c", ".csv")),
+    *(f"mariner{ending}" for ending in (".onnx", ".fmu", ".sdf", ".m")),
+    "export.json",
+}
+
+
+@pytest.fixture(autouse=True)
+def short(monkeypatch):
+    """Few and short manoeuvres to fit to and to sail."""
+    monkeypatch.setattr(conversions, "ZIGZAGS_DEG", (30.0,))
+    monkeypatch.setattr(conversions, "CIRCLES_DEG", ())
+    monkeypatch.setattr(rollouts, "TRIALS", (zigzag(20.0, duration=60.0),))
 
 
 @pytest.fixture
@@ -61,7 +75,8 @@ def test_all_formats_of_a_run_are_written_beside_it_and_the_function_is_the_mode
     assert {p.name for p in (run / "export").iterdir()} == FILES
     assert {p.name for p in tmp_path.iterdir()} == {"run"}  # no folder of hydra's
     for told in (
-        "largest difference",
+        "zz20 (L)",
+        "mss: zz20: the track deviates from the model's by ",
         "range of validity: u ",
         "; delta -",
         "written: ",
@@ -104,7 +119,12 @@ def test_the_checkpoint_that_a_training_kept_is_taken(run):
         ([], "run must be given: write run=OUT"),
         (["run=nowhere"], "run=nowhere: there is no such folder"),
         (["run=."], "run=.: there is no checkpoints/best.ckpt; write the output folder of manoeuvre train"),
-        (["run={run}", "format=fortran"], "format 'fortran' is unknown; choose one of: latex, python, c, csv, all"),
+        (
+            ["run={run}", "format=fortran"],
+            "format 'fortran' is unknown; choose one of: latex, python, c, csv, onnx, fmu, gazebo, ",
+        ),
+        (["run={run}", "format=mss", "effect=[current]"], "format=mss holds coefficients of calm water alone: leave"),
+        (["run={run}", "effect=[rudder_slow]"], "effect.rudder_slow acts on the steering gear, which is no part of"),
         (["run={run}", "document=3"], "document=3: expected true or false"),
         (["run={run}/config.yaml"], "config.yaml"),
         (["run={run}", "form=c"], "there is no setting form"),
@@ -116,6 +136,25 @@ def test_wrong_input_ends_in_one_line(typed, run, words, told):
     (line,) = ended.err.splitlines()
     assert line.startswith("error: ") and told in line
     assert not (run / "export").exists()
+
+
+def test_effects_go_with_the_model_and_what_is_found_out_is_kept(typed, run):
+    ended = typed(f"run={run}", "format=onnx", "effect=[current]", "effect.current.speed=0.7")
+    assert ended.code == 0, ended.err
+    assert "may be changed: current_speed = 0.7 m/s; current_toward_deg = " in " ".join(ended.out.split())
+    assert typed(f"run={run}", "format=python").code == 0
+    kept = json.loads((run / "export" / "export.json").read_text())
+    assert set(kept) == {"mariner.onnx", "accelerations.py"} and kept["mariner.onnx"]["format"] == "onnx"
+    assert kept["mariner.onnx"]["difference"] < 1e-9
+    assert kept["accelerations.py"]["tracks"]["zz20"]["largest_over_L"] < 1e-9
+
+
+def test_without_onnx_one_line_says_what_to_install(typed, run, monkeypatch):
+    monkeypatch.setattr(onnx_graph, "onnx", None)
+    ended = typed(f"run={run}", "format=onnx")
+    assert ended.code == 2
+    (line,) = ended.err.splitlines()
+    assert line == "error: format=onnx needs the packages onnx and onnxruntime: pip install 'manoeuvre-nn[onnx]'"
 
 
 def test_a_recursive_network_is_refused_with_what_to_do(monkeypatch, run):
@@ -140,7 +179,9 @@ def test_pythons_way_in_writes_a_model_a_run_and_a_ship(run, tmp_path):
     assert text.startswith("Accelerations of the Mariner") and json.dumps("zz35")[1:-1] in text
     assert mnn.export(run / "checkpoints" / "best.ckpt", tmp_path / "a.tex") == (tmp_path / "a.tex").read_text()
     assert "double out[3]" in mnn.export("esso_190k", "c")
-    with pytest.raises(InputError, match=r"'\.txt' is unknown; choose one of: \.tex, \.py, \.c, \.csv"):
+    windy = mnn.export("mariner", "python", effects={"wind_steady": {"speed": 9}})
+    assert "wind_steady_speed: speed of a steady wind [m/s]" in windy
+    with pytest.raises(InputError, match=r"'\.txt' is unknown; choose one of: \.tex, \.py, \.c, \.csv, \.onnx, \.fmu"):
         mnn.export("mariner", tmp_path / "a.txt")
     calm = mnn.simulate("mariner", {"zz20": {"duration": 120.0}})
     fitted = mnn.fit("mariner", calm, "modulus", SHORT)

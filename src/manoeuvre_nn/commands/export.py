@@ -1,7 +1,10 @@
-"""The job of ``manoeuvre export``: a trained model as formulas, checked against the model."""
+"""The job of ``manoeuvre export``: a trained model as formulas or for another simulator, checked against the model."""
 
-from collections.abc import Sequence
+import json
+from collections.abc import Callable, Sequence
+from math import isfinite
 from pathlib import Path
+from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
@@ -13,19 +16,25 @@ from manoeuvre_nn.commands.provenance import shown
 from manoeuvre_nn.commands.response import load_response
 from manoeuvre_nn.commands.shelves import build
 from manoeuvre_nn.commands.waiting import waiting
+from manoeuvre_nn.core.data_files import load_json
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.terminal import Terminal
 from manoeuvre_nn.core.threads import use_threads
+from manoeuvre_nn.core.writing import write_file
+from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.model import IdentifiedShip
-from manoeuvre_nn.formulas.formats import WRITERS, Written, write_down
+from manoeuvre_nn.dynamics.vessel import Vessel
+from manoeuvre_nn.formulas.conversions import price
+from manoeuvre_nn.formulas.formats import CONVERSIONS, FORMATS, Written, write_down
 from manoeuvre_nn.formulas.models import to_program
 from manoeuvre_nn.formulas.program import Program
 from manoeuvre_nn.formulas.ranges import Ranges, trained_ranges
+from manoeuvre_nn.formulas.rollouts import sailed
 from manoeuvre_nn.report.tables import rich_table
 
 ALL = "all"
-FOLDER = "export"
-"""Folder of a run that holds what was exported of it."""
+FOLDER, NOTES = "export", "export.json"
+"""Folder of a run that holds what was exported of it, and the file there that says how well."""
 
 
 def export(cfg: DictConfig, out: Path, console: Console | None = None) -> list[Written]:
@@ -44,18 +53,52 @@ def export(cfg: DictConfig, out: Path, console: Console | None = None) -> list[W
     """
     console = console or Terminal()
     use_threads(1)
-    check_choice("format", cfg.format, [*WRITERS, ALL])
+    check_choice("format", cfg.format, [*FORMATS, ALL])
     if cfg.run is None:
         raise InputError("run must be given: write run=OUT, the output folder of manoeuvre train")
+    cfg = configs.with_effects(cfg)
     checkpoint = checkpoint_of(Path(str(cfg.run)))
-    with waiting(console, "reading the model and what it was trained on"):
-        program = program_of(checkpoint)
-    kinds = list(WRITERS) if cfg.format == ALL else [cfg.format]
-    made = [write_down(program, kind, document=cfg.document) for kind in kinds]
+    with waiting(console, "reading the model and what it was trained on") as say:
+        program = program_of(checkpoint, lambda model: _with_effects(model, cfg.get("effect")))
+        made, left_out = _written(program, cfg, say)
     paths = [_path(one, cfg, checkpoint) for one in made]
     fresh = [one.save(path) for one, path in zip(made, paths, strict=True)]
+    if program.vessel is not None:
+        _note(made, paths)
     _print(made, paths, fresh, console)
+    for line in left_out:
+        console.print(line, highlight=False, markup=False)
     return made
+
+
+def _written(program: Program, cfg: DictConfig, say: Callable[[str], None]) -> tuple[list[Written], list[str]]:
+    """What was asked for; of all formats those that the model has, and why it has not the others."""
+    if cfg.format != ALL:
+        say(f"writing {cfg.format}, and sailing by it")
+        return [write_down(program, cfg.format, document=cfg.document, runs=sailed(program))], []
+    say("sailing by the model")
+    runs, made, left_out = sailed(program), [], []
+    for kind in FORMATS:
+        say(f"writing {kind}, and sailing by it")
+        try:
+            made.append(write_down(program, kind, document=cfg.document, runs=runs))
+        except InputError as error:
+            left_out.append(f"not written: {error}")
+    return made, left_out
+
+
+def _note(made: Sequence[Written], paths: Sequence[Path]) -> None:
+    """Keep how well each file does in ``export.json`` beside it; what stands there of other files stays."""
+    for one, path in zip(made, paths, strict=True):
+        noted = path.with_name(NOTES)
+        known = load_json(noted) if noted.is_file() else {}
+        known = known if isinstance(known, dict) else {}
+        tracks = {
+            d.manoeuvre: {"largest_over_L": d.largest, "rms_over_L": d.rms} if isfinite(d.largest) else None
+            for d in one.deviations
+        }
+        known[path.name] = {"format": one.kind, "difference": one.difference, "tracks": tracks}
+        write_file(noted, json.dumps(known, indent=2) + "\n")
 
 
 def checkpoint_of(run: Path) -> Path:
@@ -82,17 +125,34 @@ def checkpoint_of(run: Path) -> Path:
     return there[-1] if keep == "last" else there[0]
 
 
-def program_of(checkpoint: Path) -> Program:
-    """The program of a checkpoint's model, with the ranges of what it was trained on."""
+def program_of(checkpoint: Path, acted_on: Callable[[Any], Any] = lambda model: model) -> Program:
+    """The program of a checkpoint's model, with the ranges of what it was trained on.
+
+    Args:
+        checkpoint: The checkpoint.
+        acted_on: Takes the model and gives it with what acts on it beside calm water.
+
+    Returns:
+        The program.
+    """
     notes = [f"Written by manoeuvre-nn {__version__} from {checkpoint}."]
     cfg = config_beside(checkpoint, ())
     if "task" in cfg:
-        return to_program(load_response(checkpoint), None, [*notes, _records_of(cfg)])
+        return to_program(acted_on(load_response(checkpoint)), None, [*notes, _records_of(cfg)])
     model = load_model(checkpoint)
     if not isinstance(model, IdentifiedShip):
         return to_program(model, None, notes)  # which says why not
     ranges, source = _trained_on(cfg, model)
-    return to_program(model, ranges, [*notes, f"Network: {type(model.network).__name__}. {source}"])
+    return to_program(acted_on(model), ranges, [*notes, f"Network: {type(model.network).__name__}. {source}"])
+
+
+def _with_effects(model: Any, effect: DictConfig | None) -> Any:
+    """A model with the effects of a config; as it is where there are none."""
+    if not effect:
+        return model
+    if not isinstance(model, Model):
+        raise InputError(f"effect={','.join(map(str, effect))}: a response has no effects: leave effect= out")
+    return Vessel(model, configs.chosen_effects(effect, model.corrected(model.hull)))
 
 
 def _records_of(cfg: DictConfig) -> str:
@@ -129,19 +189,27 @@ def _path(one: Written, cfg: DictConfig, checkpoint: Path) -> Path:
 def _print(made: Sequence[Written], paths: Sequence[Path], fresh: Sequence[bool], console: Console) -> None:
     """Ranges, one table and where the files are."""
     program = made[0].program
-    ranges = "; ".join(f"{q.name} {q.low:.4g} to {q.high:.4g} {q.unit}" for q in program.inputs)
-    rows = [
-        {
-            "format": one.kind,
-            "numbers": program.numbers_count,
-            "characters": len(one.text),
-            "largest difference": "not run: no C compiler" if one.difference is None else f"{one.difference:.1e}",
-        }
-        for one in made
-    ]
-    console.print(rich_table(rows, f"{program.title}: differences from the model over its largest outputs"))
+    ranges = "; ".join(f"{q.name} {q.low:.4g} to {q.high:.4g} {q.unit}" for q in program.inputs if not q.parameter)
+    changeable = "; ".join(f"{q.name} = {q.example:.6g} {q.unit}" for q in program.inputs if q.parameter)
+    sailed_by = list(dict.fromkeys(d.manoeuvre for one in made for d in one.deviations))
+    rows = [_row(one, sailed_by) for one in made]
+    console.print(rich_table(rows, program.title))
     for note in program.notes[1:]:
-        console.print(note, highlight=False)
+        console.print(note, highlight=False, markup=False)
     console.print(f"range of validity: {ranges}", highlight=False)
+    if changeable:
+        console.print(f"may be changed: {changeable}", highlight=False)
+    for one in made:
+        for line in price(one.deviations) if one.kind in CONVERSIONS else ():
+            console.print(f"{one.kind}: {line}", highlight=False)
     for path, new in zip(paths, fresh, strict=True):
         console.print(f"{'written' if new else 'there already'}: {shown(path)}", soft_wrap=True, highlight=False)
+
+
+def _row(one: Written, trials: Sequence[str]) -> dict[str, str]:
+    """A row of the table: differences from the model, of rates over the largest rate, of tracks over L."""
+    row = {"format": one.kind, "kB": f"{len(one.bytes) / 1000:.1f}"}
+    unknown = "fitted" if one.kind in CONVERSIONS else "not run"
+    row["rates"] = unknown if one.difference is None else f"{one.difference:.1e}"
+    tracks = {d.manoeuvre: d for d in one.deviations}
+    return row | {f"{n} (L)": f"{tracks[n].largest:.1e}" if n in tracks else "not sailed" for n in trials}

@@ -29,7 +29,7 @@ USAGE = """manoeuvre COMMAND [group=option] [setting=value]
   import        propose how a measured file is read
   coefficients  coefficients with intervals
   excite        which manoeuvre to sail next
-  export        a trained model as formulas: LaTeX, Python, C, spreadsheet
+  export        a trained model as formulas or for another simulator: ONNX, FMU, ...
 
 manoeuvre COMMAND --help lists groups, options and settings.
 To begin with: manoeuvre diagnose recordings=sample"""

@@ -5,7 +5,7 @@ import math
 import re
 import shutil
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
@@ -14,7 +14,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.formulas import latex_reader
+from manoeuvre_nn.formulas.onnx_graph import INSTALL, tables
 from manoeuvre_nn.formulas.program import Program
 from manoeuvre_nn.formulas.spreadsheet import cells
 
@@ -27,11 +29,14 @@ RANGE = re.compile(r"B(\d+):B(\d+)")
 LITTLE = 0.1
 """How far to both sides of its value an input is varied for the comparison that did not vary in the training."""
 COMPILERS = ("cc", "gcc", "clang")
-Points = Float[np.ndarray, "n inputs"]
-Outputs = Float[np.ndarray, "n outputs"]
+Columns = Mapping[str, Float[np.ndarray, " n"]]
+"""Name of an input -> its values."""
+Run = Callable[[Columns], dict[str, np.ndarray]]
+"""Inputs to outputs by their names; of a ship x, y, psi may be given though the program does not take them."""
 CELL_FUNCTIONS: dict[str, Any] = {
     "TANH": math.tanh, "COS": math.cos, "SIN": math.sin, "EXP": math.exp, "LN": math.log, "ABS": abs, "MAX": max,
-    "MIN": min, "SQRT": math.sqrt, "POWER": pow, "MEDIAN": lambda *values: median(values),
+    "ATAN2": lambda x, y: math.atan2(y, x), "MIN": min, "SQRT": math.sqrt, "POWER": pow,
+    "MEDIAN": lambda *values: median(values),
 }  # fmt: skip
 """What functions of a spreadsheet do."""
 
@@ -43,59 +48,89 @@ def sample(program: Program, count: int = POINTS, seed: int = 0) -> Float[np.nda
     return low + (high - low) * np.random.default_rng(seed).random((count, len(low)))
 
 
-def largest_difference(program: Program, kind: str, text: str) -> float | None:
-    """Compare a text with the model.
+def largest_difference(program: Program, kind: str, content: str | bytes) -> float | None:
+    """Compare what was written with the model, point by point.
 
     Args:
         program: What was written.
-        kind: ``python``, ``c``, ``csv`` or ``latex``.
-        text: The text.
+        kind: ``python``, ``c``, ``csv``, ``latex`` or ``onnx``.
+        content: The text or the bytes.
 
     Returns:
         Largest difference over the largest size of the output [-]; None for C where there is no compiler.
     """
-    points = sample(program)
-    found = RUN[kind](program, text, points)
-    if found is None:
+    run = LOADERS[kind](program, content)
+    if run is None:
         return None
-    expected = program.reference(points)
+    points = sample(program)
+    columns = dict(zip([q.name for q in program.inputs], points.T, strict=True))
+    expected, found = program.reference(points), run(columns)
     sizes = np.maximum(np.abs(expected).max(axis=0), np.finfo(float).tiny)
-    return float((np.abs(found - expected).max(axis=0) / sizes).max())
+    apart = np.abs(np.stack([found[q.name] for q in program.outputs], axis=1) - expected).max(axis=0) / sizes
+    return float(apart.max())
 
 
-def run_python(program: Program, text: str, points: Points) -> Outputs:
-    """Outputs of a written module."""
+def load_python(program: Program, text: str) -> Run:
+    """What a written module computes."""
     module: dict[str, Any] = {}
     exec(compile(text, program.name, "exec"), module)  # our own text, a moment old
-    return np.array([np.atleast_1d(module[program.name](*row)) for row in points.tolist()])
+    function = module[program.name]
+
+    def at(row: Sequence[float]) -> Any:
+        try:
+            return np.atleast_1d(function(*row))
+        except OverflowError:  # which other languages call infinite
+            return [math.inf] * len(program.outputs)
+
+    return _by_rows(program, at)
 
 
-def run_c(program: Program, text: str, points: Points) -> Outputs | None:
-    """Outputs of a written file of C; None without a compiler."""
+def load_c(program: Program, text: str) -> Run | None:
+    """What a written file of C computes; None without a compiler."""
+    with TemporaryDirectory() as folder:
+        library = compiled({"model.c": text}, "model.c", Path(folder), "-O1")
+        if library is None:
+            return None
+        function = getattr(ctypes.CDLL(str(library)), program.name)
+    count = len(program.outputs)
+    out = (ctypes.c_double * count)()
+    function.restype = ctypes.c_double if count == 1 else None
+    function.argtypes = [ctypes.c_double] * len(program.inputs) + ([] if count == 1 else [type(out)])
+    if count == 1:
+        return _by_rows(program, lambda row: [function(*row)])
+
+    def filled(row: Sequence[float]) -> list[float]:
+        function(*row, out)
+        return list(out)
+
+    return _by_rows(program, filled)
+
+
+def compiled(sources: Mapping[str, str], main: str, folder: Path, *options: str) -> Path | None:
+    """Compile C to a shared library.
+
+    Args:
+        sources: Name of a file -> its text.
+        main: The file that is compiled; it includes the others.
+        folder: Where to.
+        *options: Of the compiler.
+
+    Returns:
+        The library; None without a compiler.
+    """
     compiler = next((c for c in COMPILERS if shutil.which(c)), None)
     if compiler is None:
         return None
-    with TemporaryDirectory() as folder:
-        source, library = Path(folder, "model.c"), Path(folder, "model.so")
-        source.write_text(text, encoding="utf-8")
-        options = ["-std=c99", "-O1", "-fPIC", "-shared"]
-        subprocess.run([compiler, *options, str(source), "-o", str(library), "-lm"], check=True, capture_output=True)
-        function = getattr(ctypes.CDLL(str(library)), program.name)
-        count = len(program.outputs)
-        out = (ctypes.c_double * count)()
-        function.restype = ctypes.c_double if count == 1 else None
-        function.argtypes = [ctypes.c_double] * len(program.inputs) + ([] if count == 1 else [type(out)])
-        if count == 1:
-            return np.array([[function(*row)] for row in points.tolist()])
-        found = []
-        for row in points.tolist():
-            function(*row, out)
-            found.append(list(out))
-        return np.array(found)
+    for name, text in sources.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    library = folder / f"{Path(main).stem}.so"
+    words = [compiler, "-std=c99", "-fPIC", "-shared", *options, str(folder / main), "-o", str(library), "-lm"]
+    subprocess.run(words, check=True, capture_output=True)
+    return library
 
 
-def run_csv(program: Program, text: str, points: Points) -> Outputs:
-    """Outputs of a spreadsheet, its cells computed from top to bottom."""
+def load_csv(program: Program, text: str) -> Run:
+    """What a spreadsheet computes, its cells from top to bottom."""
     rows = cells(text)
     start = next(k for k, row in enumerate(rows) if row[:1] == ["inputs"])
     ends = next(k for k, row in enumerate(rows) if row[:1] == ["outputs"])
@@ -107,7 +142,7 @@ def run_csv(program: Program, text: str, points: Points) -> Outputs:
     }
     outputs = [f"B{k + 1}" for k in range(ends + 1, ends + 1 + len(program.outputs))]
     last = {name: formulas.pop(name) for name in outputs}  # above what they are made of
-    return np.array([_cells_at(dict(zip(inputs, row, strict=True)), formulas, last) for row in points.tolist()])
+    return _by_rows(program, lambda row: _cells_at(dict(zip(inputs, row, strict=True)), formulas, last))
 
 
 def _cells_at(values: dict[str, float], formulas: dict[str, Any], last: dict[str, Any]) -> list[float]:
@@ -119,12 +154,63 @@ def _cells_at(values: dict[str, float], formulas: dict[str, Any], last: dict[str
     return [float(eval(formula, known)) for formula in last.values()]
 
 
-def run_latex(program: Program, text: str, points: Points) -> Outputs:
-    """Outputs of a page of mathematics, read back."""
-    return latex_reader.evaluate(text, points)
+def load_latex(program: Program, text: str) -> Run:
+    """What a page of mathematics says, read back."""
+    names = [q.name for q in program.inputs]
+    return lambda columns: _named(program, latex_reader.evaluate(text, np.stack([columns[n] for n in names], axis=1)))
 
 
-RUN: dict[str, Callable[[Program, str, Points], Outputs | None]] = {
-    "latex": run_latex, "python": run_python, "c": run_c, "csv": run_csv,
+def load_onnx(program: Program, content: bytes) -> Run:
+    """What a graph computes, by onnxruntime.
+
+    Args:
+        program: What was written.
+        content: The file.
+
+    Returns:
+        The program's outputs; of a ship the water's velocity too, by the graph's kinematics.
+
+    Raises:
+        InputError: If onnxruntime is not installed.
+    """
+    try:
+        import onnxruntime
+    except ImportError as error:
+        raise InputError(f"format=onnx needs the packages onnx and onnxruntime: {INSTALL}") from error
+    settings = onnxruntime.SessionOptions()
+    settings.intra_op_num_threads = settings.inter_op_num_threads = 1
+    session, taken = onnxruntime.InferenceSession(content, settings), tables(program)
+
+    def run(columns: Columns) -> dict[str, np.ndarray]:
+        zero = np.zeros(len(next(iter(columns.values()))))
+        feed = {t: np.stack([columns.get(q.name, zero) for q in qs], axis=1) for t, qs in taken.items()}
+        (found,) = session.run(None, feed)
+        if program.vessel is None:
+            return _named(program, found)
+        rates = {f"{q.name}dot": found[:, k] for k, q in enumerate(taken["state"])}
+        u, v, cos, sin = columns["u"], columns["v"], *(f(columns.get("psi", zero)) for f in (np.cos, np.sin))
+        return {**rates, "c_N": rates["xdot"] - u * cos + v * sin, "c_E": rates["ydot"] - u * sin - v * cos}
+
+    return run
+
+
+def _by_rows(program: Program, function: Callable[[Sequence[float]], Any]) -> Run:
+    """A function of one point, for many."""
+    names = [q.name for q in program.inputs]
+
+    def run(columns: Columns) -> dict[str, np.ndarray]:
+        rows = np.stack([columns[name] for name in names], axis=1).tolist()
+        return _named(program, np.array([function(row) for row in rows]))
+
+    return run
+
+
+def _named(program: Program, table: Float[np.ndarray, "n outputs"]) -> dict[str, np.ndarray]:
+    """Columns of outputs by their names."""
+    return dict(zip([q.name for q in program.outputs], table.T, strict=True))
+
+
+LOADERS: dict[str, Callable[[Program, Any], Run | None]] = {
+    "latex": load_latex, "python": load_python, "c": load_c, "csv": load_csv, "onnx": load_onnx,
 }  # fmt: skip
-"""Kind of text -> what computes its outputs."""
+"""Format -> what makes of the written thing a function again."""

@@ -71,6 +71,9 @@ class _Python(PythonCodePrinter):
     def _print_smallest(self, expr: sympy.Expr) -> str:
         return f"min({', '.join(self._print(a) for a in expr.args)})"
 
+    def _print_arctan2(self, expr: sympy.Expr) -> str:
+        return f"math.atan2({', '.join(self._print(a) for a in expr.args)})"
+
 
 class _C99(C99CodePrinter):
     """The same in C."""
@@ -89,6 +92,9 @@ class _C99(C99CodePrinter):
         return f"{expr.func.__name__}({len(expr.args)}, (double[]){{{values}}})"
 
     _print_smallest = _print_median
+
+    def _print_arctan2(self, expr: sympy.Expr) -> str:
+        return f"atan2({', '.join(self._print(a) for a in expr.args)})"
 
 
 def python_text(program: Program) -> str:

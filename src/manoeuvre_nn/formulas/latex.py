@@ -59,21 +59,26 @@ class Mathematics(LatexPrinter):
         digits, _, power = repr(float(expr)).partition("e")
         return rf"{digits} \cdot 10^{{{int(power)}}}" if power else digits
 
-    def _print_Max(self, expr: sympy.Expr, exp: object = None) -> str:  # noqa: N802  # sympy's name
-        return self._called(r"\max", expr.args)
+    def _print_Max(self, expr: sympy.Expr, exp: str | None = None) -> str:  # noqa: N802  # sympy's name
+        return self._called(r"\max", expr.args, exp)
 
-    def _print_logistic(self, expr: sympy.Expr, exp: object = None) -> str:
-        return self._called(r"\sigma", expr.args)
+    def _print_logistic(self, expr: sympy.Expr, exp: str | None = None) -> str:
+        return self._called(r"\sigma", expr.args, exp)
 
-    def _print_median(self, expr: sympy.Expr, exp: object = None) -> str:
-        return self._called(r"\operatorname{median}", expr.args)
+    def _print_median(self, expr: sympy.Expr, exp: str | None = None) -> str:
+        return self._called(r"\operatorname{median}", expr.args, exp)
 
-    def _print_smallest(self, expr: sympy.Expr, exp: object = None) -> str:
+    def _print_arctan2(self, expr: sympy.Expr, exp: str | None = None) -> str:
+        return self._called(r"\operatorname{atan2}", expr.args, exp)
+
+    def _print_smallest(self, expr: sympy.Expr, exp: str | None = None) -> str:
         first, last = self._print(expr.args[0]), self._print(expr.args[-1])
         return rf"\min\left({first}, \ldots, {last}\right)"
 
-    def _called(self, name: str, arguments: Sequence[sympy.Expr]) -> str:
-        return rf"{name}\left({', '.join(self._print(a) for a in arguments)}\right)"
+    def _called(self, name: str, arguments: Sequence[sympy.Expr], exp: str | None = None) -> str:
+        """A function of arguments, to a power where one is given."""
+        called = rf"{name}\left({', '.join(self._print(a) for a in arguments)}\right)"
+        return called if exp is None else f"{called}^{{{exp}}}"
 
     def lines(self, formula: sympy.Expr) -> list[str]:
         """A formula broken into lines at its outermost signs, or between the values of a median."""

@@ -28,6 +28,7 @@ FUNCTIONS: dict[str, Callable] = {
     r"\max": lambda *values: np.maximum.reduce(np.broadcast_arrays(*values)),
     r"\min": lambda *values: np.minimum.reduce(np.broadcast_arrays(*values)),
     r"\sigma": lambda x: 0.5 + 0.5 * np.tanh(0.5 * x),
+    r"\operatorname{atan2}": np.arctan2,
     r"\operatorname{median}": lambda *values: np.median(np.broadcast_arrays(*values), axis=0),
 }
 """Functions of mathematics and what they do."""
@@ -38,7 +39,7 @@ class _Reader:
 
     def __init__(self, text: str, values: Values) -> None:
         symbols = "|".join(re.escape(s) for s in sorted(values, key=len, reverse=True)) or r"(?!)"
-        pattern = rf"(?P<symbol>{symbols})|(?P<number>{NUMBER})|\\operatorname\{{median\}}|\\[a-zA-Z]+|\\[,!;]|\S"
+        pattern = rf"(?P<symbol>{symbols})|(?P<number>{NUMBER})|\\operatorname\{{\w+\}}|\\[a-zA-Z]+|\\[,!;]|\S"
         self.tokens = [(m.lastgroup, m[0]) for m in re.finditer(pattern, text)]
         self.values, self.place = values, 0
 

@@ -8,10 +8,12 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.response import Response
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
 from manoeuvre_nn.dynamics.recursive import RecursiveShip
+from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.formulas.motion import identified_ship, ship_in_calm_water
 from manoeuvre_nn.formulas.program import Program
 from manoeuvre_nn.formulas.ranges import Ranges
 from manoeuvre_nn.formulas.responses import response
+from manoeuvre_nn.formulas.vessels import with_effects
 
 
 @singledispatch
@@ -40,6 +42,13 @@ def recursive_ship(model: RecursiveShip, ranges: Ranges | None = None, notes: Se
         "a recursive network has a memory of past steps, so it is no formula: use its checkpoint, or train "
         "network=hull_rudder, cubic or wang on the same runs and export that"
     )
+
+
+@to_program.register
+def ship_with_effects(model: Vessel, ranges: Ranges | None = None, notes: Sequence[str] = ()) -> Program:
+    """Accelerations of a ship with what acts on her."""
+    calm = to_program(model.calm, ranges, notes)
+    return with_effects(calm, model) if model.effects else calm
 
 
 to_program.register(CalmWater, ship_in_calm_water)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from math import inf
 
 import numpy as np
 import sympy
@@ -12,6 +13,7 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
+from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.formulas.networks import closed_form, numbers
 from manoeuvre_nn.formulas.program import Builder, Program, Quantity, Reference, added, ratio, shifted, times
 from manoeuvre_nn.formulas.ranges import Ranges, usual_ranges
@@ -123,8 +125,9 @@ def _of_ship(
         low, high = ends[names.get(q.name, q.name)]
         ranged.append(replace(q, low=low, high=high, example=example.get(q.name, q.example)))
     shaft = "" if {"shaft"} & set(_takes(model)) else " at the shaft speed of the approach"
+    water = "deep water" if ship.depth == inf else f"water of {ship.depth:.6g} m"
     own = [
-        f"Calm deep water{shaft}; the axes move with the ship, forward and to starboard.",
+        f"Calm {water}{shaft}; the axes move with the ship, forward and to starboard.",
         f"Non-dimensional values: {ship.prime.name}; L = {ship.prime.length:.6g} m, unit of speed "
         f"{ship.prime.speed:.6g} m/s, of force {ship.prime.force:.6g} N, of moment {ship.prime.moment:.6g} N m.",
     ]
@@ -137,6 +140,7 @@ def _of_ship(
         notes=[*notes, *own],
         reference=_reference(model, [q.name for q in inputs]),
         symbols=build.symbols,
+        vessel=Vessel(model),
     )
 
 

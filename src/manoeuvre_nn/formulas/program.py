@@ -2,18 +2,19 @@
 
 import keyword
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import sympy
 from jaxtyping import Float
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.dynamics.vessel import Vessel
 
 TAKEN = frozenset(
-    "abs acos asin auto break case char const continue cos default do double else enum exp extern fabs float fmax fmin "
-    "for goto if inline int log logistic long math max median min pow register restrict return short signed sin sinh "
-    "sizeof sqrt static struct switch tan tanh typedef union unsigned void volatile while".split()
+    "abs acos asin atan2 auto break case char const continue cos default do double else enum exp extern fabs float "
+    "fmax fmin for goto if inline int log logistic long math max median min pow register restrict return short signed "
+    "sin sinh sizeof sqrt static struct switch tan tanh typedef union unsigned void volatile while".split()
 )
 """Words of C, and functions that the written texts use: no value may be called so."""
 
@@ -34,6 +35,10 @@ class smallest(sympy.Function):  # noqa: N801
     """The smallest of many values."""
 
 
+class arctan2(sympy.Function):  # noqa: N801
+    """The angle of the point (x, y), of y and x."""
+
+
 @dataclass(frozen=True)
 class Quantity:
     """An input or an output of a program.
@@ -46,6 +51,7 @@ class Quantity:
         high: Upper end.
         example: A value of an input to begin with.
         symbol: Symbol in LaTeX; empty takes the name.
+        parameter: Whether it is a number that is chosen once for a run, not an input that changes in it.
     """
 
     name: str
@@ -55,6 +61,7 @@ class Quantity:
     high: float = 0.0
     example: float = 0.0
     symbol: str = ""
+    parameter: bool = False
 
 
 @dataclass(frozen=True)
@@ -149,6 +156,7 @@ class Program:
         notes: Where it is from, and what holds of it, a sentence each.
         reference: The model itself: inputs, a row a point, to outputs.
         symbols: Name of a value -> its symbol in LaTeX, where sympy's own would not do.
+        vessel: The ship that moves so; None for a response.
     """
 
     name: str
@@ -159,6 +167,7 @@ class Program:
     notes: Sequence[str]
     reference: Reference
     symbols: Mapping[str, str]
+    vessel: Vessel | None = None
 
     def assignments(self) -> list[tuple[str, list[tuple[sympy.Symbol, sympy.Expr]]]]:
         """Title of each section, and its values one by one."""
@@ -197,6 +206,29 @@ class Builder:
         self._written = {q.symbol or sympy.latex(sympy.Symbol(q.name)) for q in (*inputs, *outputs)}
         self._used = {q.name for q in (*inputs, *outputs)} | TAKEN | set(keyword.kwlist)
         self.inputs = [sympy.Symbol(q.name, real=True) for q in inputs]
+
+    def go_on(self, program: Program) -> list[sympy.Symbol]:
+        """Begin with the steps of another program, whose inputs are among those of this one.
+
+        Args:
+            program: The other program.
+
+        Returns:
+            Symbols that stand for its outputs.
+        """
+        renamed = {sympy.Symbol(q.name, real=True): self._named([f"{q.name}_0"], [""])[0] for q in program.outputs}
+
+        def moved(step: Step) -> Step:
+            if isinstance(step, Single):
+                return replace(step, target=renamed.get(step.target, step.target))
+            return replace(step, targets=tuple(renamed.get(t, t) for t in step.targets))
+
+        self.sections += [Section(s.title, [moved(step) for step in s.steps]) for s in program.sections]
+        steps = [step for s in program.sections for step in s.steps]
+        self._used |= {str(target) for step in steps for target, _ in singles(step)}
+        self.symbols = {**program.symbols, **self.symbols}
+        self._written |= set(program.symbols.values())
+        return list(renamed.values())
 
     def section(self, title: str) -> None:
         """Begin a new section."""

@@ -64,6 +64,9 @@ class _Formula(CodePrinter):
     def _print_ExpBase(self, expr: sympy.Expr) -> str:  # noqa: N802  # sympy's name
         return f"EXP({self._print(expr.args[0])})"
 
+    def _print_arctan2(self, expr: sympy.Expr) -> str:
+        return f"ATAN2({self._print(expr.args[1])},{self._print(expr.args[0])})"  # of x and y
+
     def _print_logistic(self, expr: sympy.Expr) -> str:
         return f"(0.5+0.5*TANH(0.5*({self._print(expr.args[0])})))"
 
