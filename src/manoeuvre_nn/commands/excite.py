@@ -83,7 +83,8 @@ def excite(cfg: DictConfig, out: Path, console: Console | None = None) -> Manoeu
     model = question.model
     if model is None:
         trained = fit(cfg, question.job, out, console)
-        trained.logger.finalize("success")
+        for logger in trained.loggers:
+            logger.finalize("success")
         model = with_rate(trained.fit.dynamics.double().cpu(), "excite")
     with waiting(console, "sailing") as say:
         advice = _advice(question, model, lambda name: say(f"sailing after {name}"))

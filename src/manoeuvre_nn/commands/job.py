@@ -100,8 +100,10 @@ def prepare(
 
 
 def session_of(cfg: DictConfig) -> session.Session:
-    """How long to train and what to keep, as ``cfg.trainer`` says it."""
+    """How long to train, what to keep and where to log it, as ``cfg.trainer`` and ``cfg.logger`` say it."""
     lasting = {k: v for k, v in cfg.trainer.items() if k != "threads"}
+    if "logger" in cfg:
+        lasting["loggers"] = [build(settings, "logger") for settings in cfg.logger.values()]
     check_arguments(session.Session, lasting)
     return session.Session(**lasting)
 

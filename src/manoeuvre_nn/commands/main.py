@@ -10,11 +10,12 @@ from typing import NoReturn
 import hydra
 from hydra._internal.utils import get_args_parser
 from hydra.core.hydra_config import HydraConfig
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import DictConfig
 
 from manoeuvre_nn import __version__
 from manoeuvre_nn.commands import guard
-from manoeuvre_nn.commands.groups import CONF, GROUPS, accept, options, own_folder
+from manoeuvre_nn.commands.groups import CONF, GROUPS, accept, options, own_folder, quoted
 from manoeuvre_nn.core.ending import WRONG_INPUT
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.plain_text import listed
@@ -30,6 +31,7 @@ USAGE = """manoeuvre COMMAND [group=option] [setting=value]
   coefficients  coefficients with intervals
   excite        which manoeuvre to sail next
   export        a trained model as formulas: LaTeX, Python, C, spreadsheet
+  compare       one table over trained models, wherever they lie
 
 manoeuvre COMMAND --help lists groups, options and settings."""
 
@@ -46,6 +48,8 @@ TASKS = {
 """Command, which is the name of its config too -> module and function that do it."""
 
 
+OF_FILES = {"import": "import_recording.import_recording", "compare": "compare.compare"}
+"""Commands that are given files or folders and have no config: the same."""
 OF_HYDRA = ("hydra/launcher=two_cores", "hydra/job_logging=disabled")
 """Hydra's groups as train has them."""
 
@@ -61,10 +65,10 @@ def main() -> None:
         print(USAGE)
     elif command == "--version":
         print(__version__)
-    elif command in TASKS or command == "import":
+    elif command in TASKS or command in OF_FILES:
         run(command, words)
     else:
-        print(f"error: there is no command {command}; choose one of: {', '.join([*TASKS, 'import'])}", file=sys.stderr)
+        print(f"error: there is no command {command}; choose one of: {', '.join([*TASKS, *OF_FILES])}", file=sys.stderr)
         raise SystemExit(WRONG_INPUT)
 
 
@@ -77,15 +81,16 @@ def run(command: str, words: list[str] | None = None) -> None:
     """
     words = sys.argv[1:] if words is None else words
     guard.command = command
-    if command == "import":
+    if command in OF_FILES:
         with guard.one_line():
-            _import(words)
+            _of_files(OF_FILES[command], words)
         return
     with guard.one_line():
         words, folder = own_folder(words)
         _check_options(words)
         _check_choices(words, None if folder is None else str(folder))
         words, config = task_of(words, command, folder)
+        words = with_job_names(words)
     sys.argv = [sys.argv[0], *words, *(() if folder is None else ("--config-dir", str(folder)))]
     guard.guarded(hydra.main(version_base="1.3", config_path=str(CONF), config_name=config)(_task(command)))
 
@@ -130,6 +135,16 @@ def task_of(words: Sequence[str], command: str, own: Path | None = None) -> tupl
     return left, f"task/{named[-1]}"
 
 
+def with_job_names(words: Sequence[str]) -> list[str]:
+    """Say in the words of a sweep which settings are the same in all jobs: they are left out of the jobs' names."""
+    if not {"-m", "--multirun"} & set(words):
+        return list(words)
+    typed = [word for word in words if not word.startswith("-")]
+    parsed = OverridesParser.create().parse_overrides(typed)
+    same = [quoted(one.get_key_element()) for one in parsed if not one.is_sweep_override()]
+    return [*words, f"hydra.job.config.override_dirname.exclude_keys=[{','.join(same)}]"]
+
+
 def _task(command: str) -> Callable[[DictConfig], float | None]:
     """What hydra calls; a job is imported when it runs: torch and lightning take seconds, and --help need not wait."""
     module, _, function = TASKS[command].partition(".")
@@ -148,13 +163,13 @@ def _task(command: str) -> Callable[[DictConfig], float | None]:
     return task
 
 
-def _import(words: list[str]) -> None:
-    """Propose a mapping; its settings are few and no config."""
-    from manoeuvre_nn.commands import import_recording
+def _of_files(task: str, words: list[str]) -> None:
+    """Do a command that is given files or folders; its settings are few and no config."""
     from manoeuvre_nn.core.terminal import Terminal
 
+    module, _, function = task.partition(".")
+    job = importlib.import_module(f"manoeuvre_nn.commands.{module}")
     if {"-h", "--help"} & set(words):
-        print(import_recording.HELP)
+        print(job.HELP)
         return
-    asked = import_recording.request(words)
-    import_recording.import_recording(asked, Terminal(width=None if sys.stdout.isatty() else 130))
+    getattr(job, function)(job.request(words), Terminal(width=None if sys.stdout.isatty() else 130))

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.image import imread
 from rich.console import Console
 
 from manoeuvre_nn.commands.coefficients import coefficients_of, write_coefficients
@@ -169,7 +168,8 @@ def write_results(outcome: _Outcome, out: Path) -> None:
         prediction.to_csv(out / "predictions" / f"{reference.name}.csv")
     drawn = figures(outcome)
     for name, path in save_figures(drawn, out / "figures").items():
-        outcome.trained.logger.add_image(name, imread(path), outcome.trained.epochs)
+        for logger in outcome.trained.loggers:
+            logger.add_picture(name, path, outcome.trained.epochs)
     tables: dict[str, Sequence[Row]] = {
         "Held-out manoeuvres": score_rows(outcome.scores, outcome.baselines),
         "Manoeuvres that were trained on, in closed loop": score_rows(outcome.training_scores),
@@ -204,7 +204,8 @@ def _log_hyperparameters(outcome: _Outcome, out: Path) -> None:
     """The hparams table of TensorBoard: choices and settings that were typed beside the final scores."""
     wanted = {k: v for k, v in scalars(list(outcome.scores)).items() if k.endswith(("dev_L", "left_range"))}
     errors = {f"train/relrmse_{name}": error for name, error in outcome.relative_rmse.items()}
-    outcome.trained.logger.end(hyperparameters(outcome.config, out), wanted | errors, outcome.trained.epochs)
+    for logger in outcome.trained.loggers:
+        logger.end(hyperparameters(outcome.config, out), wanted | errors, outcome.trained.epochs)
 
 
 def summary(outcome: _Outcome) -> str:

@@ -83,8 +83,7 @@ def run_job(cfg: DictConfig, out: Path) -> float | None:
         told, error = train(cfg, out, console)
     except Exception as failure:  # whatever it is, the other jobs go on
         told, error = f"failed: {guard.write_error(failure, out)}", inf
-    job = HydraConfig.get().job
-    print(harmless(f"#{job.num}  {job.override_dirname}: {told}"), flush=True)
+    print(harmless(f"#{HydraConfig.get().job.num}  {out.name}: {told}"), flush=True)
     return error
 
 

@@ -23,11 +23,12 @@ from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.terminal import Terminal
 from manoeuvre_nn.core.writing import write_file
 from manoeuvre_nn.training.checkpoint import check_weights, load_weights, read_training
-from manoeuvre_nn.training.dashboard import Dashboard
+from manoeuvre_nn.training.dashboard import RunLogger
 from manoeuvre_nn.training.fits import Fit
+from manoeuvre_nn.training.loggers import LogTo, ToTensorBoard
 from manoeuvre_nn.training.scorer import Scorer
 
-CHECKPOINTS, DASHBOARD = "checkpoints", "tensorboard"
+CHECKPOINTS = "checkpoints"
 CTRL_C, ALL_EPOCHS = "ctrl-C", "all epochs done"
 """Why a training ended that may be gone on with: interrupted, or more epochs wanted."""
 
@@ -44,6 +45,7 @@ class Session:
             of a checkpoint.
         accelerator: ``cpu`` or ``gpu``.
         progress: Whether to show progress.
+        loggers: Where it is logged.
     """
 
     max_epochs: int
@@ -52,6 +54,7 @@ class Session:
     resume: str = "auto"
     accelerator: str = "cpu"
     progress: bool = True
+    loggers: Sequence[LogTo] = (ToTensorBoard(),)
 
     def __post_init__(self) -> None:
         """Check the settings.
@@ -81,7 +84,7 @@ class Trained:
         stopped: Why it ended.
         history: Scored epochs, see :class:`~manoeuvre_nn.training.scorer.Scorer`.
         chosen: How the network was chosen, in words.
-        logger: TensorBoard's.
+        loggers: Where it was logged; the last scores go there too.
     """
 
     fit: Fit
@@ -90,7 +93,7 @@ class Trained:
     stopped: str
     history: Sequence[Mapping[str, float]]
     chosen: str
-    logger: Dashboard
+    loggers: Sequence[RunLogger]
 
 
 def _has_gpu(kind: str) -> bool:
@@ -139,14 +142,14 @@ def run(
     callbacks: list[L.Callback] = [scorer, graceful, keeper]
     if session.progress:
         callbacks.append(_RunProgress(scorer, console))
-    logger = Dashboard(out, DASHBOARD)
+    loggers = [chosen.open(out) for chosen in session.loggers]
     trainer = L.Trainer(
         accelerator=session.accelerator,
         devices=1,
         max_epochs=session.max_epochs,
         callbacks=callbacks,
         plugins=[_WholeFiles()],
-        logger=logger,
+        logger=loggers,
         log_every_n_steps=1,
         enable_progress_bar=False,
         enable_model_summary=False,
@@ -165,7 +168,7 @@ def run(
         if not (out / CHECKPOINTS / "best.ckpt").exists():  # resumed from another folder and nothing better since
             trainer.save_checkpoint(out / CHECKPOINTS / "best.ckpt")
     chosen = _choice(session, scorer)
-    return Trained(fit, trainer.current_epoch, seconds, stopped, scorer.history, chosen, logger)
+    return Trained(fit, trainer.current_epoch, seconds, stopped, scorer.history, chosen, loggers)
 
 
 def _resume_from(session: Session, out: Path, console: Console) -> Path | None:
