@@ -16,13 +16,13 @@ from rich.console import Console
 from manoeuvre_nn.commands.job import NOTHING_HELD_OUT, make_fit, prepare
 from manoeuvre_nn.commands.provenance import shown, versions, write_provenance
 from manoeuvre_nn.commands.shelves import build, made_by, plain
-from manoeuvre_nn.commands.waiting import waiting
 from manoeuvre_nn.core.data_files import FORMAT, load_json, read_as, without_format
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.core.terminal import Terminal
 from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.core.waiting import waiting
 from manoeuvre_nn.core.writing import write_file
 from manoeuvre_nn.estimation.agreement import birge_scaled_covariance
 from manoeuvre_nn.estimation.captive_fit import fit_captive, towed
@@ -111,18 +111,18 @@ def tell(cfg: DictConfig, out: Path, console: Console | None = None) -> Coeffici
     if tests is not None:
         told = _beside(told, tests, cfg)
     write_provenance(cfg, out)
-    drawn = write_coefficients(told, out)
-    report = Report(
-        title=f"Coefficients of the {told.ship.name}",
-        summary=sentence(told),
-        tables=tables(told),
-        figures=drawn,
-        config=plain(cfg),
-        versions=versions(),
-        notes=notes(told),
-        unfolded=tuple(tables(told)),
-    )
-    write_report(out / PAGE, report)
+    with waiting(console, "drawing and writing the report"):
+        report = Report(
+            title=f"Coefficients of the {told.ship.name}",
+            summary=sentence(told),
+            tables=tables(told),
+            figures=write_coefficients(told, out),
+            config=plain(cfg),
+            versions=versions(),
+            notes=notes(told),
+            unfolded=tuple(tables(told)),
+        )
+        write_report(out / PAGE, report)
     _print(told, out, console)
     return told
 

@@ -14,12 +14,12 @@ from manoeuvre_nn.commands.job import NOTHING_HELD_OUT, Job, config_beside, know
 from manoeuvre_nn.commands.provenance import check_same_run, shown, versions, write_provenance
 from manoeuvre_nn.commands.shelves import check_arguments, plain
 from manoeuvre_nn.commands.train import fit
-from manoeuvre_nn.commands.waiting import waiting
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.core.terminal import Terminal
 from manoeuvre_nn.core.threads import use_threads
+from manoeuvre_nn.core.waiting import waiting
 from manoeuvre_nn.core.writing import write_file
 from manoeuvre_nn.design.candidates import sail
 from manoeuvre_nn.design.expected_error import DesignEffort, disagreements, prospects
@@ -87,8 +87,9 @@ def excite(cfg: DictConfig, out: Path, console: Console | None = None) -> Manoeu
             logger.finalize("success")
         model = with_rate(trained.fit.dynamics.double().cpu(), "excite")
     with waiting(console, "sailing") as say:
-        advice = _advice(question, model, lambda name: say(f"sailing after {name}"))
-    _write(advice, plain(cfg), out)
+        advice = _advice(question, model, say)
+        say("drawing and writing the report")
+        _write(advice, plain(cfg), out)
     _print(advice, out, console)
     return advice
 

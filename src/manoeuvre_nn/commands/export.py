@@ -12,10 +12,10 @@ from manoeuvre_nn.commands.job import NOTHING_HELD_OUT, config_beside, load_mode
 from manoeuvre_nn.commands.provenance import shown
 from manoeuvre_nn.commands.response import load_response
 from manoeuvre_nn.commands.shelves import build
-from manoeuvre_nn.commands.waiting import waiting
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.terminal import Terminal
 from manoeuvre_nn.core.threads import use_threads
+from manoeuvre_nn.core.waiting import waiting
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.formulas.formats import WRITERS, Written, write_down
 from manoeuvre_nn.formulas.models import to_program
@@ -50,8 +50,11 @@ def export(cfg: DictConfig, out: Path, console: Console | None = None) -> list[W
     checkpoint = checkpoint_of(Path(str(cfg.run)))
     with waiting(console, "reading the model and what it was trained on"):
         program = program_of(checkpoint)
-    kinds = list(WRITERS) if cfg.format == ALL else [cfg.format]
-    made = [write_down(program, kind, document=cfg.document) for kind in kinds]
+    kinds, made = list(WRITERS) if cfg.format == ALL else [cfg.format], list[Written]()
+    with waiting(console) as say:
+        for kind in kinds:
+            say(f"writing {kind} and comparing it with the model", len(made) / len(kinds))
+            made.append(write_down(program, kind, document=cfg.document))
     paths = [_path(one, cfg, checkpoint) for one in made]
     fresh = [one.save(path) for one, path in zip(made, paths, strict=True)]
     _print(made, paths, fresh, console)

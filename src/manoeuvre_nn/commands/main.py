@@ -16,9 +16,12 @@ from omegaconf import DictConfig
 from manoeuvre_nn import __version__
 from manoeuvre_nn.commands import guard
 from manoeuvre_nn.commands.groups import CONF, GROUPS, accept, options, own_folder, quoted
+from manoeuvre_nn.commands.logs import logged
 from manoeuvre_nn.core.ending import WRONG_INPUT
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.plain_text import listed
+from manoeuvre_nn.core.terminal import Terminal, be_quiet
+from manoeuvre_nn.core.waiting import loading
 from manoeuvre_nn.core.writing import locked
 
 USAGE = """manoeuvre COMMAND [group=option] [setting=value]
@@ -33,7 +36,11 @@ USAGE = """manoeuvre COMMAND [group=option] [setting=value]
   export        a trained model as formulas: LaTeX, Python, C, spreadsheet
   compare       one table over trained models, wherever they lie
 
-manoeuvre COMMAND --help lists groups, options and settings."""
+manoeuvre COMMAND --help lists groups, options and settings. Every command takes
+  -q            print errors only
+  -v            also show warnings and what libraries say
+and keeps what it prints in run.log of its folder. manoeuvre --version"""
+QUIET, VERBOSE = ("-q", "--quiet"), ("-v", "--verbose")
 
 
 TASKS = {
@@ -50,7 +57,7 @@ TASKS = {
 
 OF_FILES = {"import": "import_recording.import_recording", "compare": "compare.compare"}
 """Commands that are given files or folders and have no config: the same."""
-OF_HYDRA = ("hydra/launcher=two_cores", "hydra/job_logging=disabled")
+OF_HYDRA = ("hydra/launcher=two_cores", "hydra/job_logging=disabled", "hydra/hydra_logging=disabled")
 """Hydra's groups as train has them."""
 
 
@@ -81,6 +88,9 @@ def run(command: str, words: list[str] | None = None) -> None:
     """
     words = sys.argv[1:] if words is None else words
     guard.command = command
+    with guard.one_line():
+        words, quiet, verbose = _loudness(words)
+    be_quiet(quiet)
     if command in OF_FILES:
         with guard.one_line():
             _of_files(OF_FILES[command], words)
@@ -92,7 +102,17 @@ def run(command: str, words: list[str] | None = None) -> None:
         words, config = task_of(words, command, folder)
         words = with_job_names(words)
     sys.argv = [sys.argv[0], *words, *(() if folder is None else ("--config-dir", str(folder)))]
-    guard.guarded(hydra.main(version_base="1.3", config_path=str(CONF), config_name=config)(_task(command)))
+    guard.guarded(
+        hydra.main(version_base="1.3", config_path=str(CONF), config_name=config)(_task(command, quiet, verbose))
+    )
+
+
+def _loudness(words: Sequence[str]) -> tuple[list[str], bool, bool]:
+    """Take ``-q`` and ``-v`` out of a command line, for a command that hydra knows neither of."""
+    quiet, verbose = (bool(set(names) & set(words)) for names in (QUIET, VERBOSE))
+    if quiet and verbose:
+        raise InputError("-q and -v: write one of them")
+    return [word for word in words if word not in {*QUIET, *VERBOSE}], quiet, verbose
 
 
 def _check_options(words: list[str]) -> None:
@@ -145,18 +165,23 @@ def with_job_names(words: Sequence[str]) -> list[str]:
     return [*words, f"hydra.job.config.override_dirname.exclude_keys=[{','.join(same)}]"]
 
 
-def _task(command: str) -> Callable[[DictConfig], float | None]:
+def _task(command: str, quiet: bool = False, verbose: bool = False) -> Callable[[DictConfig], float | None]:
     """What hydra calls; a job is imported when it runs: torch and lightning take seconds, and --help need not wait."""
     module, _, function = TASKS[command].partition(".")
 
     def task(cfg: DictConfig) -> float | None:
+        be_quiet(quiet)  # a job of a sweep runs in a process of its own
         with guard.one_line(), ExitStack() as stack:  # here, not outside alone: hydra would put a line before ours
             out = Path(HydraConfig.get().runtime.output_dir)
-            if command != "export" and cfg.get("cases") is None:  # several may answer cases into one folder
-                stack.enter_context(locked(out))
+            if command != "export":  # which has no folder of its own
+                if cfg.get("cases") is None:  # several may answer cases into one folder
+                    stack.enter_context(locked(out))
+                typed = " ".join(HydraConfig.get().overrides.task)
+                stack.enter_context(logged(out, f"manoeuvre {command} {typed}", verbose))
             if command != "train":  # in a sweep, what a job cannot import is a failure of that job
                 accept(cfg)
             job = getattr(importlib.import_module(f"manoeuvre_nn.commands.{module}"), function)
+            loading.close()
             error: float | None = job(cfg, out)
             return error  # what a search makes small
 
@@ -165,10 +190,9 @@ def _task(command: str) -> Callable[[DictConfig], float | None]:
 
 def _of_files(task: str, words: list[str]) -> None:
     """Do a command that is given files or folders; its settings are few and no config."""
-    from manoeuvre_nn.core.terminal import Terminal
-
     module, _, function = task.partition(".")
     job = importlib.import_module(f"manoeuvre_nn.commands.{module}")
+    loading.close()
     if {"-h", "--help"} & set(words):
         print(job.HELP)
         return

@@ -12,6 +12,7 @@ from rich.console import Console
 
 from manoeuvre_nn.commands.provenance import SCORES, hyperparameters, shown, versions
 from manoeuvre_nn.core.response import Response
+from manoeuvre_nn.core.terminal import Say
 from manoeuvre_nn.core.writing import draft_of, write_file
 from manoeuvre_nn.report.figures import learning_figure
 from manoeuvre_nn.report.html import Report, save_figures, write_report
@@ -89,8 +90,8 @@ class _ResponseOutcome:
         ]
 
 
-def score_response(config: Mapping[str, Any], trained: Trained, data: ResponseData) -> _ResponseOutcome:
-    """Score the network that is kept."""
+def score_response(config: Mapping[str, Any], trained: Trained, data: ResponseData, say: Say) -> _ResponseOutcome:
+    """Score the network that is kept; that takes no time that is worth a word."""
     response = trained.fit.double().cpu().dynamics
     assert isinstance(response, Response)
     return _ResponseOutcome(config, data, trained, response)

@@ -93,8 +93,9 @@ class Dashboard(RunLogger, TensorBoardLogger):
 def show_figures(trainer: L.Trainer, figures: Mapping[str, Any]) -> None:
     """Show figures (name -> figure) of the epoch that is just done wherever a training is logged."""
     for logger in trainer.loggers:
-        for name, figure in figures.items() if isinstance(logger, RunLogger) else ():
-            logger.add_figure(name, figure, trainer.current_epoch + 1)
+        if isinstance(logger, RunLogger):
+            for name, figure in figures.items():
+                logger.add_figure(name, figure, trainer.current_epoch + 1)
 
 
 def place_of(name: str) -> str:

@@ -110,7 +110,7 @@ class ManoeuvreData(ABC, L.LightningDataModule):
     measured: Sequence[Recording]
     tuples: Tuples
     held_out: HeldOut
-    say: Say = staticmethod(lambda words: None)
+    say: Say = staticmethod(lambda *_: None)
 
     def __init__(self, known: Ship, settings: DataSettings) -> None:
         """Store what is common to all sources."""
@@ -262,15 +262,20 @@ class SimulatedData(ManoeuvreData):
         if hasattr(self, "tuples"):
             return
         made, length, rate = [], self.settings.length, self.settings.rate_hz
+        count = len(self.manoeuvres) + len(self.score_manoeuvres)
         for index, manoeuvre in enumerate(self.manoeuvres):
             # A record longer than the trial's usual length is simulated for as long as it is asked for.
             asked = manoeuvre if length is None else replace(manoeuvre, duration=length)
-            self.say(f"simulating {asked.name} over {asked.duration_for(self.ship.model.particulars):g} s")
+            lasts = f"{asked.duration_for(self.ship.model.particulars):g} s"
+            self.say(f"simulating {asked.name} over {lasts} ({index + 1} of {count})", index / count)
             record = simulate(self.ship, asked, interval=1 / rate if rate else None)
             made.append(add_noise(record, self.noise, seed=self.settings.seed + index) if self.noise else record)
         self.prepare(made, noisy=bool(self.noise))
-        unseen = simulated_references(self.ship, self.score_manoeuvres)
-        self.held_out = HeldOut(unseen, self.ship.model.particulars.length)
+        unseen: list[Recording] = []
+        for index, manoeuvre in enumerate(self.score_manoeuvres, start=len(made)):
+            self.say(f"simulating {manoeuvre.name} ({index + 1} of {count})", index / count)
+            unseen += simulated_references(self.ship, [manoeuvre])
+        self.held_out = HeldOut(tuple(unseen), self.ship.model.particulars.length)
 
     def describe(self) -> str:
         """Ship, effects, manoeuvres, length, rate and noise, a sentence."""

@@ -6,6 +6,7 @@ from typing import Any
 import lightning as L
 
 from manoeuvre_nn.core.response import Response
+from manoeuvre_nn.training.dashboard import show_figures
 from manoeuvre_nn.training.fits import Fit
 from manoeuvre_nn.training.response_data import LEARNING, TESTING, ResponseData
 from manoeuvre_nn.training.scorer import Scorer

@@ -1,0 +1,66 @@
+"""The log of a run: a plain text of what was printed, with times and warnings."""
+
+import logging
+import sys
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+
+from manoeuvre_nn.commands import guard
+from manoeuvre_nn.core.ending import full_story, stopped_by
+from manoeuvre_nn.core.terminal import LOG
+
+FILE = "run.log"
+FORM = "%(asctime)s %(levelname)s %(message)s"
+WARNINGS = logging.getLogger("py.warnings")
+"""Where Python's warnings go."""
+
+
+class _LogFile(logging.FileHandler):
+    """Python's, which tells of a full disk with a traceback; the next file that is written tells it in a line."""
+
+    def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802  # Python's name
+        """Leave it to the others."""
+
+
+@contextmanager
+def logged(out: Path, command: str, verbose: bool = False) -> Generator[None]:
+    """Keep a log in a run's folder, to which a resumed run adds.
+
+    Args:
+        out: The folder.
+        command: What was typed, for the first line.
+        verbose: Whether warnings and what libraries say are shown on the terminal too.
+    """
+    handler, root = _LogFile(out / FILE, encoding="utf-8"), logging.getLogger()
+    shown = [logging.StreamHandler(sys.stderr)] if verbose else []
+    for one in (handler, *shown):
+        one.setFormatter(logging.Formatter(FORM))
+        root.addHandler(one)
+    for one in shown:
+        one.addFilter(lambda record: record.name != LOG.name)  # it is on the terminal already
+    before = LOG.level, root.level
+    LOG.setLevel(logging.INFO)
+    root.setLevel(logging.INFO if verbose else logging.WARNING)
+    LOG.disabled = WARNINGS.disabled = False  # hydra disables all that it meets
+    logging.captureWarnings(True)
+    LOG.info("begun: %s", command)
+    try:
+        yield
+        LOG.info("done")
+    except KeyboardInterrupt as stop:
+        LOG.error(stopped_by(stop))
+        raise
+    except SystemExit as end:  # of checks that refuse a file
+        LOG.error("exit code %s", end.code)
+        raise
+    except Exception as error:
+        LOG.error("%s", guard.explain(error) or full_story(error).strip())
+        raise
+    finally:
+        logging.captureWarnings(False)
+        LOG.setLevel(before[0])
+        root.setLevel(before[1])
+        for one in (handler, *shown):
+            root.removeHandler(one)
+        handler.close()
