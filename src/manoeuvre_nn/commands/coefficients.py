@@ -132,7 +132,7 @@ def _fitted(cfg: DictConfig, console: Console) -> Coefficients:
     if cfg.terms == "own":
         return _own(cfg, console)
     with waiting(console, "reading and checking the recordings"):
-        job = prepare(_unscored(cfg))
+        job = prepare(unscored(cfg))
         remarks = job.data.remarks()
     for line in remarks:
         console.print(f"note: {line}", highlight=False, soft_wrap=True)
@@ -144,7 +144,7 @@ def _fitted(cfg: DictConfig, console: Console) -> Coefficients:
         with breakdown_told():
             start = first(problem, process_sd=fit.settings.force)
             found = solve(problem, start, passes=int(cfg.trainer.max_epochs), enough=fit.settings.enough)
-    return coefficients_of(fit, problem, found, job.data.describe())
+            return coefficients_of(fit, problem, found, job.data.describe())
 
 
 def coefficients_of(fit: ClosedLoopFit, problem: EstimationProblem, found: Estimate, source: str) -> Coefficients:
@@ -178,11 +178,9 @@ def write_coefficients(told: Coefficients, out: Path) -> dict[str, Figure]:
     return {f"Coefficients in figures/{name}": figure for name, figure in drawn.items()}
 
 
-def _unscored(cfg: DictConfig) -> DictConfig:
-    """The config without the held-out manoeuvres of a simulated ship, which would be sailed for nothing."""
-    if "files" in cfg.data:
-        return cfg
-    return OmegaConf.merge(cfg, {"score": NOTHING_HELD_OUT})  # type: ignore[return-value]
+def unscored(cfg: DictConfig) -> DictConfig:
+    """The config without held-out manoeuvres and files, which would be sailed and read for nothing."""
+    return OmegaConf.merge(cfg, {"score": None if "files" in cfg.data else NOTHING_HELD_OUT})  # type: ignore[return-value]
 
 
 def _own(cfg: DictConfig, console: Console) -> Coefficients:
@@ -192,7 +190,7 @@ def _own(cfg: DictConfig, console: Console) -> Coefficients:
         name = ship.particulars.name
         raise InputError(f"terms=own: the forces of the {name} are no sum of known products; write terms=network")
     with waiting(console, "fitting in closed loop"):
-        job = prepare(_unscored(cfg))
+        job = prepare(unscored(cfg))
         job.data.setup(stage=None)
         f = cfg.fit
         fitted, forces, ratio = fit_own_terms(

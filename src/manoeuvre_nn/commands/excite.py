@@ -24,7 +24,6 @@ from manoeuvre_nn.core.writing import write_file
 from manoeuvre_nn.design.candidates import sail
 from manoeuvre_nn.design.expected_error import DesignEffort, disagreements, prospects
 from manoeuvre_nn.design.expected_information import information
-from manoeuvre_nn.dynamics.members import has_members
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.network.hull_rudder import HullRudder
 from manoeuvre_nn.report.design_figures import gain_figure, where_figure
@@ -171,7 +170,7 @@ def _advice(q: _Question, model: IdentifiedShip, say: Any) -> ManoeuvreAdvice:
         expected, coefficients = information(q.ship, known, tuples, sail(model, q.candidates), interval)  # type: ignore[assignment]
     speed = known.particulars.speed / known.prime.speed
     inputs = tuples.inputs.double().numpy()
-    where = disagreements(model, tuples, sail(model, q.targets)) if has_members(model) else None
+    where = disagreements(model, tuples, sail(model, q.targets)) if isinstance(model.network, HullRudder) else None
     return ManoeuvreAdvice(
         ship=known.particulars.name,
         goal=q.goal,

@@ -182,7 +182,7 @@ def _data(cfg: DictConfig, common: dict[str, Any]) -> ManoeuvreData:
     """The data module, its files read or its manoeuvres checked."""
     names, manoeuvres = configs.as_list(cfg.score), configs.training_manoeuvres(cfg.manoeuvre)
     if "files" in cfg.data:
-        return _recorded(cfg, common, [] if names == ["default"] else names)
+        return _recorded(cfg, common, None if cfg.score is None else [] if names == ["default"] else names)
     check_simulable(common["ship"])
     effects = configs.chosen_effects(cfg.get("effect"), common["ship"])
     if names == ["default"]:
@@ -193,7 +193,7 @@ def _data(cfg: DictConfig, common: dict[str, Any]) -> ManoeuvreData:
     return build(cfg.data, "data", **common, manoeuvres=manoeuvres, score=score, effects=effects)
 
 
-def _recorded(cfg: DictConfig, common: dict[str, Any], names: list[str]) -> RecordedData:
+def _recorded(cfg: DictConfig, common: dict[str, Any], names: list[str] | None) -> RecordedData:
     """The data module for measured files; their mapping is a yaml of its own, by path or by name in conf/recording."""
     if cfg.get("effect"):
         acting = ",".join(cfg.effect)

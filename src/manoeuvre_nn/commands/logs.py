@@ -31,6 +31,10 @@ def logged(out: Path, command: str, verbose: bool = False) -> Generator[None]:
         out: The folder.
         command: What was typed, for the first line.
         verbose: Whether warnings and what libraries say are shown on the terminal too.
+
+    Raises:
+        KeyboardInterrupt: As it came, logged.
+        SystemExit: Likewise.
     """
     handler, root = _LogFile(out / FILE, encoding="utf-8"), logging.getLogger()
     shown = [logging.StreamHandler(sys.stderr)] if verbose else []

@@ -1,6 +1,7 @@
 """The command ``manoeuvre``, and what train.py, diagnose.py and scripts/ call."""
 
 import importlib
+import os
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -11,6 +12,7 @@ import hydra
 from hydra._internal.utils import get_args_parser
 from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.types import RunMode
 from omegaconf import DictConfig
 
 from manoeuvre_nn import __version__
@@ -55,6 +57,7 @@ TASKS = {
 """Command, which is the name of its config too -> module and function that do it."""
 
 
+SWEEP_FOLDER = "hydra.sweep.dir="
 OF_FILES = {"import": "import_recording.import_recording", "compare": "compare.compare"}
 """Commands that are given files or folders and have no config: the same."""
 OF_HYDRA = ("hydra/launcher=two_cores", "hydra/job_logging=disabled", "hydra/hydra_logging=disabled")
@@ -156,13 +159,29 @@ def task_of(words: Sequence[str], command: str, own: Path | None = None) -> tupl
 
 
 def with_job_names(words: Sequence[str]) -> list[str]:
-    """Say in the words of a sweep which settings are the same in all jobs: they are left out of the jobs' names."""
+    """Say in the words of a sweep which settings are the same in all jobs: they are left out of the jobs' names.
+
+    The sweep's folder is made absolute, for jobs may begin in another one.
+
+    Args:
+        words: The words.
+
+    Returns:
+        More words; those of a single run as they are.
+    """
     if not {"-m", "--multirun"} & set(words):
         return list(words)
+    words = [_absolute(word) if word.startswith(SWEEP_FOLDER) else word for word in words]
     typed = [word for word in words if not word.startswith("-")]
     parsed = OverridesParser.create().parse_overrides(typed)
     same = [quoted(one.get_key_element()) for one in parsed if not one.is_sweep_override()]
     return [*words, f"hydra.job.config.override_dirname.exclude_keys=[{','.join(same)}]"]
+
+
+def _absolute(word: str) -> str:
+    """The word that chooses the sweep's folder, with its whole path."""
+    folder = Path(word.removeprefix(SWEEP_FOLDER).strip("'\"")).absolute()
+    return SWEEP_FOLDER + quoted(str(folder))
 
 
 def _task(command: str, quiet: bool = False, verbose: bool = False) -> Callable[[DictConfig], float | None]:
@@ -172,11 +191,14 @@ def _task(command: str, quiet: bool = False, verbose: bool = False) -> Callable[
     def task(cfg: DictConfig) -> float | None:
         be_quiet(quiet)  # a job of a sweep runs in a process of its own
         with guard.one_line(), ExitStack() as stack:  # here, not outside alone: hydra would put a line before ours
-            out = Path(HydraConfig.get().runtime.output_dir)
+            hydra_cfg = HydraConfig.get()
+            out = Path(hydra_cfg.runtime.output_dir)
+            if hydra_cfg.mode == RunMode.MULTIRUN:
+                os.chdir(hydra_cfg.runtime.cwd)  # a job on another machine begins elsewhere
             if command != "export":  # which has no folder of its own
                 if cfg.get("cases") is None:  # several may answer cases into one folder
                     stack.enter_context(locked(out))
-                typed = " ".join(HydraConfig.get().overrides.task)
+                typed = " ".join(hydra_cfg.overrides.task)
                 stack.enter_context(logged(out, f"manoeuvre {command} {typed}", verbose))
             if command != "train":  # in a sweep, what a job cannot import is a failure of that job
                 accept(cfg)

@@ -1,5 +1,7 @@
 """The command ``manoeuvre`` and the scripts from their first moment on: they may be stopped while they import."""
 
+import atexit
+import gc
 import sys
 from contextlib import ExitStack
 
@@ -32,6 +34,7 @@ def _loading() -> ExitStack:
     from manoeuvre_nn.core.terminal import Terminal
     from manoeuvre_nn.core.waiting import loading, waiting
 
+    atexit.register(gc.freeze)  # what is left goes with the process: to look through torch takes a second
     if not SAID_NOTHING & set(sys.argv):
         loading.enter_context(waiting(Terminal(force_terminal=False), "loading"))
     return loading

@@ -1,5 +1,6 @@
 """The table at the end of a sweep; apart from the jobs, so that hydra need not load torch to call it."""
 
+from contextlib import ExitStack
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -10,10 +11,14 @@ from hydra.experimental.callback import Callback
 from omegaconf import DictConfig
 
 from manoeuvre_nn.commands import guard
+from manoeuvre_nn.commands.provenance import shown
 from manoeuvre_nn.core.terminal import Terminal
 from manoeuvre_nn.core.waiting import loading, waiting
 from manoeuvre_nn.core.writing import locked
 from manoeuvre_nn.report.sweep import ERROR, SCORES, job_folders, sweep_rows, write_sweep
+
+_shown = ExitStack()
+"""What is shown until the sweep ends; not the callback's own, for that is sent to every job."""
 
 
 class SweepTable(Callback):
@@ -21,15 +26,14 @@ class SweepTable(Callback):
 
     def on_multirun_start(self, config: DictConfig, **kwargs: Any) -> None:
         """Say where the sweep goes and how to continue it."""
-        folder = config.hydra.sweep.dir
+        folder = shown(Path(config.hydra.sweep.dir))
         with guard.one_line():  # hydra makes a warning of what goes wrong here, unless it ends the command
-            guard.until_the_end.enter_context(locked(Path(folder)))
+            guard.until_the_end.enter_context(locked(folder))
         console = Terminal()
         console.print(f"sweep into {folder}; to continue it later, add hydra.sweep.dir={folder}", soft_wrap=True)
         count = jobs_of(config)
         loading.close()
-        self._shown = waiting(console, "sweep", poll=lambda: how_far(Path(folder), count))
-        self._shown.__enter__()
+        _shown.enter_context(waiting(console, "sweep", poll=lambda: how_far(folder, count)))
 
     def on_job_end(self, config: DictConfig, job_return: JobReturn, **kwargs: Any) -> None:
         """Let go of a job's config: hydra would keep those of all jobs until the sweep ends, .2 MB each."""
@@ -37,8 +41,8 @@ class SweepTable(Callback):
 
     def on_multirun_end(self, config: DictConfig, **kwargs: Any) -> None:
         """Write ``sweep.csv``, ``sweep.md`` and ``sweep.png``, and print the table."""
-        folder = Path(config.hydra.sweep.dir)
-        self._shown.__exit__(None, None, None)
+        folder = shown(Path(config.hydra.sweep.dir))
+        _shown.close()
         with guard.one_line(), guard.until_the_end:
             Terminal().print(write_sweep(folder))
             guard.failed_jobs += [str(r["job"]) for r in sweep_rows(folder) if str(r["status"]).startswith("failed")]

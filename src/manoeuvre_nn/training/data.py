@@ -351,7 +351,7 @@ def recorded_files(
     ship: Ship | Particulars,
     known: Ship,
     files: Sequence[str],
-    score: Sequence[str],
+    score: Sequence[str] | None,
     mapping: ChannelMapping | None,
     *,
     folder: str = ".",
@@ -363,7 +363,8 @@ def recorded_files(
         ship: The ship, for its particulars.
         known: Known part of the forces.
         files: What to train on, relative to ``folder``.
-        score: Held-out recordings, relative to ``folder``; empty takes every other recording in the folder.
+        score: Held-out recordings, relative to ``folder``; empty takes every other recording in the folder, None
+            takes none.
         mapping: Columns, units and signs; None for files that this package wrote.
         folder: Where the files are.
         settings: What of the recordings is used, and how.
@@ -380,15 +381,16 @@ def recorded_files(
     paths = expand(where, files, "data.files")
     if not paths:
         raise InputError("data.files=[] names no recording: write data.files=[FILE,...], relative to data.folder")
-    unseen = expand(where, score, "score") or [p for p in recordings_in(where) if p not in paths]
+    others = [] if score is None else [p for p in recordings_in(where) if p not in paths]
+    unseen = expand(where, score or (), "score") or others
     both = sorted({p.name for p in paths} & {p.name for p in unseen})
     if both:
         raise InputError(f"{', '.join(both)} is both in data.files and in score: a model is scored on unseen runs")
-    if not unseen:
+    if not unseen and score is not None:
         raise InputError(f"no recording is left in {where} to score: write score=[FILE,...]")
     particulars = ship.particulars
-    runs, others = ([read_recording(p, mapping, particulars) for p in some] for some in (paths, unseen))
-    return RecordedData(ship, known, runs, others, mapping=mapping, settings=settings)
+    runs, held_out = ([read_recording(p, mapping, particulars) for p in some] for some in (paths, unseen))
+    return RecordedData(ship, known, runs, held_out, mapping=mapping, settings=settings)
 
 
 def _is_simulated(run: Recording) -> bool:
