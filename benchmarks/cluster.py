@@ -20,7 +20,8 @@ from manoeuvre_nn.report.sweep import SCORES, sweep_rows
 from manoeuvre_nn.report.tables import to_markdown
 
 SWEEP = (
-    "network=wang", "fit=levenberg_marquardt", "network.hidden=2,3,4", "data.length=60,90", "score=[{zz20:{duration:60}}]",
+    "network=wang", "fit=levenberg_marquardt", "network.hidden=2,3,4", "data.length=60,90",
+    "score=[{zz20:{duration:60}}]",
     "scoring.solver=rollout", "scoring.every=200", "trainer.max_epochs=200", "fit.iterations_per_epoch=1",
 )  # fmt: skip
 JOBS = 6
@@ -82,10 +83,10 @@ def ray_rows(folder: Path) -> list[dict[str, object]]:
 
     if until(lambda: under_way(folder) and workers(), process):
         victim = workers()[0]
-        told(f"worker {len(rows) + 1} of a job (kill -9)")
+        told("a worker in the middle of a job (kill -9)")
         os.kill(victim, signal.SIGKILL)
     if until(lambda: len(finished(folder)) >= 2 and under_way(folder), process):
-        told("the second node with all its processes")
+        told("one of the two nodes with all its processes")
         cluster.remove_node(second, allow_graceful=False)
     code = process.wait(LIMIT_S)
     told(f"nothing: the sweep ended with exit code {code}")

@@ -56,7 +56,7 @@ def test_every_python_that_is_named_has_a_lock():
 
 def test_the_package_imports_what_it_asks_for_alone():
     asked = {canonicalize_name(Requirement(r).name) for r in (*PROJECT["dependencies"], *EXTRAS["parquet"])}
-    asked |= {canonicalize_name(Requirement(r).name) for r in EXTRAS["seakeeping"]}
+    asked |= {canonicalize_name(Requirement(r).name) for r in (*EXTRAS["seakeeping"], *EXTRAS["mlflow"])}
     providers = packages_distributions()
     for top in _imported() - set(sys.stdlib_module_names) - {"manoeuvre_nn"}:
         assert asked & {canonicalize_name(name) for name in providers.get(top, [top])}, f"{top} is not asked for"
