@@ -64,3 +64,16 @@ def test_errors_are_told_in_a_quiet_run_too(cli, tmp_path):
 
 def test_quiet_and_verbose_are_refused_together(cli):
     assert cli("-q", "-v").err == "error: -q and -v: write one of them\n"
+
+
+@pytest.mark.parametrize("verbose", [True, False])
+def test_a_verbose_run_shows_warnings_and_what_libraries_say_and_nothing_twice(tmp_path, capsys, verbose):
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        with logged(tmp_path, "manoeuvre train", verbose):
+            Terminal().print("3 runs")
+            warnings.warn("a coarse clock", stacklevel=1)
+            logging.getLogger("a.library").info("a cache is used")
+    told = capsys.readouterr()
+    assert (told.out, told.err.count("3 runs")) == ("3 runs\n", 0)
+    assert ("a coarse clock" in told.err, "a cache is used" in told.err) == (verbose, verbose)

@@ -36,17 +36,19 @@ def logged(out: Path, command: str, verbose: bool = False) -> Generator[None]:
         KeyboardInterrupt: As it came, logged.
         SystemExit: Likewise.
     """
-    handler, root = _LogFile(out / FILE, encoding="utf-8"), logging.getLogger()
-    shown = [logging.StreamHandler(sys.stderr)] if verbose else []
-    for one in (handler, *shown):
-        one.setFormatter(logging.Formatter(FORM))
-        root.addHandler(one)
-    for one in shown:
-        one.addFilter(lambda record: record.name != LOG.name)  # it is on the terminal already
+    root, handlers = logging.getLogger(), list[logging.Handler]([_LogFile(out / FILE, encoding="utf-8")])
+    if verbose:
+        handlers.append(logging.StreamHandler(sys.stderr))
+        handlers[1].addFilter(lambda record: record.name != LOG.name)  # it is on the terminal already
+    for handler in handlers:
+        handler.setFormatter(logging.Formatter(FORM))
+        root.addHandler(handler)
     before = LOG.level, root.level
     LOG.setLevel(logging.INFO)
     root.setLevel(logging.INFO if verbose else logging.WARNING)
-    LOG.disabled = WARNINGS.disabled = False  # hydra disables all that it meets
+    others = [one for one in logging.root.manager.loggerDict.values() if isinstance(one, logging.Logger)]
+    for one in (LOG, WARNINGS, *(others if verbose else ())):
+        one.disabled = False  # hydra disables all that it meets
     logging.captureWarnings(True)
     LOG.info("begun: %s", command)
     try:
@@ -65,6 +67,6 @@ def logged(out: Path, command: str, verbose: bool = False) -> Generator[None]:
         logging.captureWarnings(False)
         LOG.setLevel(before[0])
         root.setLevel(before[1])
-        for one in (handler, *shown):
-            root.removeHandler(one)
-        handler.close()
+        for handler in handlers:
+            root.removeHandler(handler)
+        handlers[0].close()

@@ -33,6 +33,7 @@ class SweepTable(Callback):
         console.print(f"sweep into {folder}; to continue it later, add hydra.sweep.dir={folder}", soft_wrap=True)
         count = jobs_of(config)
         loading.close()
+        guard.until_the_end.enter_context(_shown)
         _shown.enter_context(waiting(console, "sweep", poll=lambda: how_far(folder, count)))
 
     def on_job_end(self, config: DictConfig, job_return: JobReturn, **kwargs: Any) -> None:

@@ -11,6 +11,8 @@ from hydra.types import RunMode
 from omegaconf import DictConfig
 from pydantic import BaseModel, ConfigDict
 from rich.console import Console
+from rich.control import Control
+from rich.segment import ControlType
 
 from manoeuvre_nn.commands import config as configs
 from manoeuvre_nn.commands import guard, response
@@ -31,6 +33,9 @@ from manoeuvre_nn.report.figures import comparison_figures
 from manoeuvre_nn.report.sweep import OVERRIDES
 from manoeuvre_nn.training import session
 from manoeuvre_nn.training.rollout_score import RolloutScore
+
+OVER_THE_BAR = Control(ControlType.CARRIAGE_RETURN, (ControlType.ERASE_IN_LINE, 2))
+"""What a job of a sweep sends before its line: the terminal shows the sweep's progress there."""
 
 
 class _StoredTraining(BaseModel):
@@ -82,7 +87,9 @@ def run_job(cfg: DictConfig, out: Path) -> float | None:
         told, error = train(cfg, out, console)
     except Exception as failure:  # whatever it is, the other jobs go on
         told, error = f"failed: {guard.write_error(failure, out)}", inf
-    Terminal().print(f"#{HydraConfig.get().job.num}  {out.name}: {told}", soft_wrap=True, highlight=False)
+    shown = Terminal()
+    shown.control(OVER_THE_BAR)
+    shown.print(f"#{HydraConfig.get().job.num}  {out.name}: {told}", soft_wrap=True, highlight=False)
     return error
 
 
