@@ -12,7 +12,7 @@ from manoeuvre_nn.commands import import_recording
 from manoeuvre_nn.commands.config import chosen_effects
 from manoeuvre_nn.commands.groups import compose
 from manoeuvre_nn.commands.job import blank_network
-from manoeuvre_nn.commands.main import task_of
+from manoeuvre_nn.commands.main import OF_FILES, task_of
 from manoeuvre_nn.commands.shelves import build
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.ship.mariner import mariner
@@ -96,6 +96,8 @@ def test_a_command_of_the_pages_knows_its_settings(name, words):
     script = ROOT / ("" if name in {"train", "diagnose"} else "scripts") / f"{name}.py"
     if name == "import":
         import_recording.request(words)
+    elif name in OF_FILES:  # of folders that the reader has
+        assert all("=" not in word or word.startswith("out=") for word in words)
     elif any(word.startswith("config_dir=") for word in words):
         pytest.skip("needs a folder of the reader's own")
     elif name in {"train", "simulate", "diagnose", "check", "coefficients", "excite", "export"}:

@@ -56,7 +56,7 @@ def test_every_python_that_is_named_has_a_lock():
 
 
 def test_the_package_imports_what_it_asks_for_alone():
-    extras = (EXTRAS[name] for name in ("excel", "mat", "onnx", "parquet", "ros", "seakeeping"))
+    extras = (EXTRAS[name] for name in ("excel", "mat", "mlflow", "onnx", "parquet", "ros", "seakeeping"))
     asked = {canonicalize_name(Requirement(r).name) for part in (PROJECT["dependencies"], *extras) for r in part}
     providers = packages_distributions()
     for top in _imported() - set(sys.stdlib_module_names) - {"manoeuvre_nn"}:

@@ -175,7 +175,8 @@ def fit(
         with locked(folder):
             write_provenance(cfg, folder)
             trained = fit_job(cfg, job, folder, Terminal(quiet=True))
-            trained.logger.finalize("success")
+            for logger in trained.loggers:
+                logger.finalize("success")
     model = trained.fit.dynamics.double().cpu()
     kept = None if out is None else Path(out)
     return FittedModel(model, Runs(tuple(runs), model.particulars), job.data.describe(), kept)

@@ -11,6 +11,7 @@ from hydra.core.global_hydra import GlobalHydra
 from rich.console import Console
 
 from manoeuvre_nn.commands import guard
+from manoeuvre_nn.commands.config import named_manoeuvres, training_manoeuvres
 from manoeuvre_nn.commands.excite import excite, question_of
 from manoeuvre_nn.commands.groups import compose
 from manoeuvre_nn.core.errors import InputError
@@ -127,3 +128,11 @@ def test_the_script_lists_its_settings(monkeypatch, capsys):
         runpy.run_path(str(ROOT / "scripts" / "excite.py"), run_name="__main__")
     assert not end.value.code and "which manoeuvre to sail next" in capsys.readouterr().out
     assert guard.failed_jobs == []
+
+
+def test_what_is_advised_can_be_typed_back_as_it_stands():
+    cfg = compose("excite")
+    for name in dict.fromkeys([*cfg.candidates, *cfg.score]):
+        (asked,) = named_manoeuvres([name], None)
+        (typed,) = training_manoeuvres(compose("simulate", [f"manoeuvre={name}"]).manoeuvre)
+        assert typed == asked and typed.name == name

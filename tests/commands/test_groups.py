@@ -4,10 +4,13 @@ import re
 
 import hydra
 import pytest
+from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra.core.hydra_config import HydraConfig
+from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from manoeuvre_nn.api import read
-from manoeuvre_nn.commands.groups import CONF, brought_along, compose, option
+from manoeuvre_nn.commands.groups import CONF, brought_along, compose, job_name, option
+from manoeuvre_nn.commands.main import with_job_names
 from manoeuvre_nn.commands.shelves import build
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.ship.mariner import mariner
@@ -72,3 +75,27 @@ def test_a_switch_is_no_number_and_a_table_no_word(change, said):
 def test_a_file_does_not_say_on_which_ship_an_effect_acts():
     with pytest.raises(InputError, match="effect: ship=3.1 is no setting of Squat: leave ship out"):
         build({**option("effect", "squat"), "ship": 3.1}, "effect", ship=mariner())
+
+
+@pytest.mark.parametrize(
+    ("words", "names"),
+    [
+        (["ship=mariner", "network.hidden=7,11", "data.length=180,240"], "hidden=7,length=180"),
+        (["network.hidden=2,3", "fit.hidden=4,5", "seed=0"], "network.hidden=2,fit.hidden=4"),
+        (["+manoeuvre.zz35.executes=2,3", "config_dir='/my own'"], "executes=2"),
+        (["effect=[current],[bank]", "seed=range(0,3)"], "effect=[current],seed=0"),
+        (["effects=a/b.yaml,c.yaml"], "effects=a_b.yaml"),
+        (["ship=mariner"], "run"),
+    ],
+)
+def test_a_job_of_a_sweep_is_called_by_what_was_changed(words, names):
+    *_, last = with_job_names(["-m", *words])
+    same = OverridesParser.create().parse_override(last).value()
+    first = [
+        BasicSweeper.split_arguments([one], None)[0][0][0] for one in OverridesParser.create().parse_overrides(words)
+    ]
+    assert job_name(first, [str(name) for name in same]) == names
+
+
+def test_the_words_of_a_single_run_stay_as_they_are():
+    assert with_job_names(["network.hidden=7", "--cfg", "job"]) == ["network.hidden=7", "--cfg", "job"]

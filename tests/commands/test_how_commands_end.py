@@ -18,7 +18,7 @@ from full_disk import room_for
 from rich.console import Console
 
 from manoeuvre_nn.commands import check, main, simulate, train
-from manoeuvre_nn.commands.waiting import waiting
+from manoeuvre_nn.core.waiting import _Work, waiting
 from manoeuvre_nn.core.writing import locked
 from manoeuvre_nn.training import data
 from manoeuvre_nn.training.rollout_score import RolloutScore
@@ -164,12 +164,34 @@ def test_what_takes_minutes_says_what_it_does_and_for_how_long():
     assert "simulating zz35 over 100000 s" in shown.getvalue() and "0:00:00" in shown.getvalue()
 
 
-def test_the_first_word_comes_after_seconds():
+def test_the_time_that_is_left_is_that_of_the_pace_since_the_first_share(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr("manoeuvre_nn.core.waiting.monotonic", lambda: now[0])
+    work = _Work("training")
+    work.say("training", 0.5)  # resumed: the first half took no time of this run
+    assert work.line == "training: 0 s so far"
+    now[0] += 10
+    work.say("training", 0.6)
+    assert work.line == "training: 10 s so far, about 40 s left"
+    now[0] += 15
+    assert work.line == "training: 25 s so far, about 25 s left"
+    now[0] += 1000
+    assert work.left == "about 0 s left"
+    work.say("drawing")
+    assert work.left == ""
+
+
+def test_silence_counts_over_phases_and_not_from_the_beginning_of_each(monkeypatch):
+    silent = [0.0]
+    monkeypatch.setattr("manoeuvre_nn.core.waiting.silent_s", lambda: silent[0])
     text = StringIO()
-    with waiting(Console(file=text), "reading a.csv", first=0.05):
-        time.sleep(0.15)
-    assert text.getvalue() == "reading a.csv: 0 s so far\n"
-    assert inspect.signature(waiting).parameters["first"].default <= 5
+    with waiting(Console(file=text), "reading a.csv", seconds=0.02):
+        time.sleep(0.1)
+        assert text.getvalue() == ""
+        silent[0] = 5.0
+        time.sleep(0.1)
+    assert text.getvalue().startswith("reading a.csv: 0 s so far\n")
+    assert inspect.signature(waiting).parameters["seconds"].default <= 5
 
 
 LONG = {

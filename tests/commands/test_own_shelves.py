@@ -13,9 +13,12 @@ from sailed import table_of, to_starboard, write_runs
 
 import manoeuvre_nn as mnn
 from manoeuvre_nn.commands.check import check
+from manoeuvre_nn.commands.coefficients import unscored
 from manoeuvre_nn.commands.config import read_mapping
 from manoeuvre_nn.commands.diagnose import diagnose_all
-from manoeuvre_nn.commands.diagnosis_setup import wanted
+from manoeuvre_nn.commands.diagnosis_setup import setup, wanted
+from manoeuvre_nn.commands.excite import excite
+from manoeuvre_nn.commands.export import export
 from manoeuvre_nn.commands.groups import compose, options
 from manoeuvre_nn.commands.import_recording import import_recording, request
 from manoeuvre_nn.commands.job import load_model, prepare
@@ -253,3 +256,39 @@ def test_a_broken_file_of_an_own_format_is_refused_in_its_readers_words(own, log
     compose("check", own)
     with pytest.raises(InputError, match="half.log64: cut off within a sample"), unchecked():
         mnn.read(tmp_path / "half.log64", read_mapping("logger", own[0].partition("=")[2]))
+
+
+@pytest.fixture(scope="module")
+def learnt(own, tmp_path_factory) -> Path:
+    """A run of the own ship on the own manoeuvre."""
+    out = tmp_path_factory.mktemp("learnt") / "run"
+    words = [*own, *SHORT, "ship=barge", "manoeuvre=nudge", "network=wang", "fit=backprop", "trainer.max_epochs=1"]
+    with unchecked():
+        train(compose("train", [*words, "score=[{nudge: {order: 0.2, duration: 60}}]"]), out, Console(quiet=True))
+    return out
+
+
+def test_a_run_with_an_own_ship_and_manoeuvre_is_exported_and_diagnosed_with(own, learnt, sailed, tmp_path):
+    with unchecked():
+        (made,) = export(compose("export", [*own, f"run={learnt}", "format=python"]), tmp_path, Console(quiet=True))
+        model = load_model(learnt / "checkpoints/best.ckpt")
+        words = [*own, f"recordings={sailed}", f"model={learnt}/checkpoints/best.ckpt", "candidates=[mill_race]"]
+        setup(compose("diagnose", [*words, f"out={tmp_path}"]))
+    assert "nudge0.3" in made.text and model.particulars.name == "Mariner"
+
+
+def test_coefficients_need_no_held_out_file_and_take_an_own_ship_format_and_mapping(own, logged):
+    words = [*own, "ship=barge", "data=recording", "data.mapping=logger", f"data.folder={logged.parent}"]
+    with unchecked():
+        job = prepare(unscored(compose("coefficients", [*words, "data.files=[zz20.log64]", "network=cubic"])))
+    assert [run.name for run in job.data.runs] == ["zz20"] and not job.data.unseen
+    with pytest.raises(InputError, match="no recording is left"), unchecked():
+        prepare(compose("train", [*words, "data.files=[zz20.log64]"]))
+
+
+def test_an_own_manoeuvre_is_a_candidate_of_what_to_sail_next(own, tmp_path):
+    words = [*own, "ship=barge", "manoeuvre=nudge", "network=cubic", "fit=closed_loop", "goal=coefficients"]
+    words += ["candidates=[{nudge: {order: 0.1}}]", "score=[nudge]", "trainer.max_epochs=1"]
+    with unchecked():
+        advice = excite(compose("excite", words), tmp_path, Console(quiet=True))
+    assert [one.manoeuvre for one in advice.expected] == ["nudge0.1"]

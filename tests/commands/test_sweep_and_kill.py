@@ -38,7 +38,7 @@ def test_a_sweep_survives_a_failing_job_and_can_be_continued(cli, fast, tmp_path
     ended = cli(*command)
     assert ended.code == 1
     assert len(kept) == 3 and all(job.cfg is None and job.hydra_cfg is None for job in kept)  # which hydra keeps
-    jobs = {p.name.split("network.hidden=")[1].split(",")[0]: p for p in folder.iterdir() if p.is_dir()}
+    jobs = {p.name.removeprefix("hidden="): p for p in folder.iterdir() if p.is_dir()}
     assert set(jobs) == {"2", "0", "3"}
     assert (jobs["0"] / "error.txt").read_text().startswith("network.hidden=0: three 4-m-1 networks need at least 1")
     assert "failed: network.hidden=0" in ended.out and "Traceback" not in ended.out + ended.err

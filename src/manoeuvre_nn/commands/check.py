@@ -13,13 +13,13 @@ from manoeuvre_nn.commands import config as configs
 from manoeuvre_nn.commands.job import known_part
 from manoeuvre_nn.commands.provenance import shown, versions, write_provenance
 from manoeuvre_nn.commands.shelves import plain
-from manoeuvre_nn.commands.waiting import waiting
 from manoeuvre_nn.core.ending import WRONG_INPUT
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.core.terminal import Terminal
 from manoeuvre_nn.core.threads import use_threads
+from manoeuvre_nn.core.waiting import waiting
 from manoeuvre_nn.core.writing import write_file
 from manoeuvre_nn.estimation.record_information import excitation_findings
 from manoeuvre_nn.recording.check.finding import Finding
@@ -73,14 +73,14 @@ def check(cfg: DictConfig, out: Path, console: Console | None = None) -> list[In
     found = []
     with waiting(console) as say:
         for k, path in enumerate(paths, start=1):
-            say(f"checking {path.name} ({k} of {len(paths)})")
+            say(f"checking {path.name} ({k} of {len(paths)})", (k - 1) / len(paths))
             found.append(_with_information(inspect_file(path, columns, particulars), known))
         say("what the recordings can identify")
         usable = _usable(found, known)
         together = excitation_findings(usable, known) if len(usable) > 1 else []
         say("drawing")
         figures = _figures(found, particulars, out) if drawn else {}
-    _write(found, together, columns, figures, cfg, out)
+        _write(found, together, columns, figures, cfg, out)
     _print(found, together, columns, out, console)
     return found
 

@@ -16,13 +16,13 @@ from rich.console import Console
 from manoeuvre_nn.commands.job import NOTHING_HELD_OUT, make_fit, prepare
 from manoeuvre_nn.commands.provenance import shown, versions, write_provenance
 from manoeuvre_nn.commands.shelves import build, made_by, plain
-from manoeuvre_nn.commands.waiting import waiting
 from manoeuvre_nn.core.data_files import FORMAT, load_json, read_as, without_format
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.core.terminal import Terminal
 from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.core.waiting import waiting
 from manoeuvre_nn.core.writing import write_file
 from manoeuvre_nn.estimation.agreement import birge_scaled_covariance
 from manoeuvre_nn.estimation.captive_fit import fit_captive, towed
@@ -111,18 +111,18 @@ def tell(cfg: DictConfig, out: Path, console: Console | None = None) -> Coeffici
     if tests is not None:
         told = _beside(told, tests, cfg)
     write_provenance(cfg, out)
-    drawn = write_coefficients(told, out)
-    report = Report(
-        title=f"Coefficients of the {told.ship.name}",
-        summary=sentence(told),
-        tables=tables(told),
-        figures=drawn,
-        config=plain(cfg),
-        versions=versions(),
-        notes=notes(told),
-        unfolded=tuple(tables(told)),
-    )
-    write_report(out / PAGE, report)
+    with waiting(console, "drawing and writing the report"):
+        report = Report(
+            title=f"Coefficients of the {told.ship.name}",
+            summary=sentence(told),
+            tables=tables(told),
+            figures=write_coefficients(told, out),
+            config=plain(cfg),
+            versions=versions(),
+            notes=notes(told),
+            unfolded=tuple(tables(told)),
+        )
+        write_report(out / PAGE, report)
     _print(told, out, console)
     return told
 
@@ -132,7 +132,7 @@ def _fitted(cfg: DictConfig, console: Console) -> Coefficients:
     if cfg.terms == "own":
         return _own(cfg, console)
     with waiting(console, "reading and checking the recordings"):
-        job = prepare(_unscored(cfg))
+        job = prepare(unscored(cfg))
         remarks = job.data.remarks()
     for line in remarks:
         console.print(f"note: {line}", highlight=False, soft_wrap=True)
@@ -144,7 +144,7 @@ def _fitted(cfg: DictConfig, console: Console) -> Coefficients:
         with breakdown_told():
             start = first(problem, process_sd=fit.settings.force)
             found = solve(problem, start, passes=int(cfg.trainer.max_epochs), enough=fit.settings.enough)
-    return coefficients_of(fit, problem, found, job.data.describe())
+            return coefficients_of(fit, problem, found, job.data.describe())
 
 
 def coefficients_of(fit: ClosedLoopFit, problem: EstimationProblem, found: Estimate, source: str) -> Coefficients:
@@ -178,11 +178,9 @@ def write_coefficients(told: Coefficients, out: Path) -> dict[str, Figure]:
     return {f"Coefficients in figures/{name}": figure for name, figure in drawn.items()}
 
 
-def _unscored(cfg: DictConfig) -> DictConfig:
-    """The config without the held-out manoeuvres of a simulated ship, which would be sailed for nothing."""
-    if "files" in cfg.data:
-        return cfg
-    return OmegaConf.merge(cfg, {"score": NOTHING_HELD_OUT})  # type: ignore[return-value]
+def unscored(cfg: DictConfig) -> DictConfig:
+    """The config without held-out manoeuvres and files, which would be sailed and read for nothing."""
+    return OmegaConf.merge(cfg, {"score": None if "files" in cfg.data else NOTHING_HELD_OUT})  # type: ignore[return-value]
 
 
 def _own(cfg: DictConfig, console: Console) -> Coefficients:
@@ -192,7 +190,7 @@ def _own(cfg: DictConfig, console: Console) -> Coefficients:
         name = ship.particulars.name
         raise InputError(f"terms=own: the forces of the {name} are no sum of known products; write terms=network")
     with waiting(console, "fitting in closed loop"):
-        job = prepare(_unscored(cfg))
+        job = prepare(unscored(cfg))
         job.data.setup(stage=None)
         f = cfg.fit
         fitted, forces, ratio = fit_own_terms(

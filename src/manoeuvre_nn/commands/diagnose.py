@@ -4,22 +4,19 @@ Columns of a csv: see :func:`~manoeuvre_nn.diagnosis.case.read_runs`.
 """
 
 from collections.abc import Mapping
-from contextlib import nullcontext
 from pathlib import Path
-from time import monotonic
 
 from matplotlib.figure import Figure
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn
 
 from manoeuvre_nn.commands import guard
 from manoeuvre_nn.commands.diagnosis_setup import found_effects, setup, write_effects
 from manoeuvre_nn.commands.provenance import check_same_run, shown, write_provenance
-from manoeuvre_nn.commands.waiting import waiting
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.terminal import Terminal
 from manoeuvre_nn.core.threads import use_threads
+from manoeuvre_nn.core.waiting import PAUSE_S, waiting
 from manoeuvre_nn.core.writing import FolderInUse, locked
 from manoeuvre_nn.diagnosis.answers import write_answer
 from manoeuvre_nn.diagnosis.case import Question
@@ -160,9 +157,10 @@ def diagnose_recordings(cfg: DictConfig, out: Path, console: Console) -> None:
         tracker.begin(case.name)
         question = common.question(case)
         d = diagnose(question, tracker.step)
-    figures = draw_diagnosis(d)
-    write_page(d, figures, out)
-    log_to_tensorboard(d, figures, out / "tensorboard")
+    with waiting(console, "drawing and writing the report"):
+        figures = draw_diagnosis(d)
+        write_page(d, figures, out)
+        log_to_tensorboard(d, figures, out / "tensorboard")
     write_effects(found_effects(d, question.effects, common.shelf), f"{d.case}: {d.sentence}", out / "effects.yaml")
     write_answer(d, out)
     print_diagnosis(d, console)
@@ -177,28 +175,22 @@ def write_page(d: Diagnosis, figures: Mapping[str, Figure], out: Path) -> None:
 
 
 class _Tracker:
-    """Which candidate of which case is under test, and how long it will take: a bar, or a line now and then."""
+    """Which candidate of which case is under test, and how long it will take."""
 
-    def __init__(self, console: Console, cases: int, steps: int, seconds: float = 15.0) -> None:
+    def __init__(self, console: Console, cases: int, steps: int, seconds: float = PAUSE_S) -> None:
         """Set up the display of cases with so many steps, with seconds between lines where there is no terminal."""
         self.console, self.cases, self.steps = console, cases, steps
-        columns = (TextColumn("{task.description}", markup=False), BarColumn(), TextColumn("{task.fields[left]}"))
-        self._bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
-        self._task = self._bar.add_task("", total=1.0, left="")
-        self._lines = nullcontext(self.say) if console.is_terminal else waiting(console, seconds=seconds)
-        self._began = monotonic()
+        self._shown = waiting(console, seconds=seconds)
         self._case, self._name, self._step = 0, "", 0
 
     def __enter__(self) -> "_Tracker":
-        """Open the bar, or begin the lines."""
-        self._bar.start()
-        self._line = self._lines.__enter__()
+        """Begin."""
+        self._say = self._shown.__enter__()
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close it, whatever happened."""
-        self._bar.stop()
-        self._lines.__exit__(None, None, None)
+        """End, whatever happened."""
+        self._shown.__exit__(None, None, None)
 
     def begin(self, name: str) -> None:
         """A case begins."""
@@ -211,17 +203,9 @@ class _Tracker:
         self._step += 1
 
     def _show(self, what: str) -> None:
-        """What is under way, and how long all will take."""
+        """What is under way, and how much of all is done."""
         share = (self._case - 1 + min(self._step / self.steps, 0.95)) / self.cases
-        left = ""
-        if share > 0:
-            seconds = (monotonic() - self._began) * (1 - share) / share
-            left = f"about {seconds / 60:.0f} min left" if seconds > 90 else f"about {seconds:.0f} s left"
-        line = f"{self._name} ({self._case}/{self.cases}): {what}"
-        if self.console.is_terminal:
-            self._bar.update(self._task, completed=share, description=line, left=left)
-        else:
-            self._line(", ".join(part for part in (line, left) if part))
+        self._say(f"{self._name} ({self._case}/{self.cases}): {what}", share)
 
     def say(self, line: str) -> None:
         """A line that stays."""

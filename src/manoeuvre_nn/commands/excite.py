@@ -14,17 +14,16 @@ from manoeuvre_nn.commands.job import NOTHING_HELD_OUT, Job, config_beside, know
 from manoeuvre_nn.commands.provenance import check_same_run, shown, versions, write_provenance
 from manoeuvre_nn.commands.shelves import check_arguments, plain
 from manoeuvre_nn.commands.train import fit
-from manoeuvre_nn.commands.waiting import waiting
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.core.terminal import Terminal
 from manoeuvre_nn.core.threads import use_threads
+from manoeuvre_nn.core.waiting import waiting
 from manoeuvre_nn.core.writing import write_file
 from manoeuvre_nn.design.candidates import sail
 from manoeuvre_nn.design.expected_error import DesignEffort, disagreements, prospects
 from manoeuvre_nn.design.expected_information import information
-from manoeuvre_nn.dynamics.members import has_members
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.network.hull_rudder import HullRudder
 from manoeuvre_nn.report.design_figures import gain_figure, where_figure
@@ -83,11 +82,13 @@ def excite(cfg: DictConfig, out: Path, console: Console | None = None) -> Manoeu
     model = question.model
     if model is None:
         trained = fit(cfg, question.job, out, console)
-        trained.logger.finalize("success")
+        for logger in trained.loggers:
+            logger.finalize("success")
         model = with_rate(trained.fit.dynamics.double().cpu(), "excite")
     with waiting(console, "sailing") as say:
-        advice = _advice(question, model, lambda name: say(f"sailing after {name}"))
-    _write(advice, plain(cfg), out)
+        advice = _advice(question, model, say)
+        say("drawing and writing the report")
+        _write(advice, plain(cfg), out)
     _print(advice, out, console)
     return advice
 
@@ -169,7 +170,7 @@ def _advice(q: _Question, model: IdentifiedShip, say: Any) -> ManoeuvreAdvice:
         expected, coefficients = information(q.ship, known, tuples, sail(model, q.candidates), interval)  # type: ignore[assignment]
     speed = known.particulars.speed / known.prime.speed
     inputs = tuples.inputs.double().numpy()
-    where = disagreements(model, tuples, sail(model, q.targets)) if has_members(model) else None
+    where = disagreements(model, tuples, sail(model, q.targets)) if isinstance(model.network, HullRudder) else None
     return ManoeuvreAdvice(
         ship=known.particulars.name,
         goal=q.goal,

@@ -15,11 +15,11 @@ from manoeuvre_nn.commands.job import NOTHING_HELD_OUT, config_beside, load_mode
 from manoeuvre_nn.commands.provenance import shown
 from manoeuvre_nn.commands.response import load_response
 from manoeuvre_nn.commands.shelves import build
-from manoeuvre_nn.commands.waiting import waiting
 from manoeuvre_nn.core.data_files import load_json
 from manoeuvre_nn.core.errors import InputError, check_choice
-from manoeuvre_nn.core.terminal import Terminal
+from manoeuvre_nn.core.terminal import Say, Terminal
 from manoeuvre_nn.core.threads import use_threads
+from manoeuvre_nn.core.waiting import waiting
 from manoeuvre_nn.core.writing import write_file
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.model import IdentifiedShip
@@ -71,15 +71,15 @@ def export(cfg: DictConfig, out: Path, console: Console | None = None) -> list[W
     return made
 
 
-def _written(program: Program, cfg: DictConfig, say: Callable[[str], None]) -> tuple[list[Written], list[str]]:
+def _written(program: Program, cfg: DictConfig, say: Say) -> tuple[list[Written], list[str]]:
     """What was asked for; of all formats those that the model has, and why it has not the others."""
     if cfg.format != ALL:
         say(f"writing {cfg.format}, and sailing by it")
         return [write_down(program, cfg.format, document=cfg.document, runs=sailed(program))], []
     say("sailing by the model")
     runs, made, left_out = sailed(program), [], []
-    for kind in FORMATS:
-        say(f"writing {kind}, and sailing by it")
+    for k, kind in enumerate(FORMATS):
+        say(f"writing {kind}, and sailing by it", k / len(FORMATS))
         try:
             made.append(write_down(program, kind, document=cfg.document, runs=runs))
         except InputError as error:

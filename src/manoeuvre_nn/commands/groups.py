@@ -83,7 +83,7 @@ def compose(name: str, words: Sequence[str] = ()) -> DictConfig:
     """
     words, folder = own_folder(list(words))
     if folder is not None:
-        words.append(f"hydra.searchpath=[{_quoted('file://' + str(folder))}]")
+        words.append(f"hydra.searchpath=[{quoted('file://' + str(folder))}]")
     GlobalHydra.instance().clear()
     HydraConfig.instance().cfg = None  # the choices of a command that ran before in this process are not this one's
     with hydra.initialize_config_dir(str(CONF), version_base="1.3"):
@@ -129,10 +129,10 @@ def own_folder(words: Sequence[str]) -> tuple[list[str], Path | None]:
         for place, _, names in os.walk(folder / group, followlinks=True):
             for name in fnmatch.filter(names, "*.yaml"):
                 _check_own_file(Path(place, name), folder)
-    return [*kept, f"config_dir={_quoted(str(folder))}"], folder
+    return [*kept, f"config_dir={quoted(str(folder))}"], folder
 
 
-def _quoted(text: str) -> str:
+def quoted(text: str) -> str:
     """A word as hydra's grammar takes it, whatever is in it."""
     return "'" + text.replace("\\", "\\\\").replace("'", "\\'") + "'"
 
@@ -215,6 +215,7 @@ def register_resolvers() -> None:
     OmegaConf.register_new_resolver("ship_name", _ship_name, replace=True)
     OmegaConf.register_new_resolver("run_name", _run_name, replace=True)
     OmegaConf.register_new_resolver("task_name", _task_name, replace=True)
+    OmegaConf.register_new_resolver("job_name", job_name, replace=True)
 
 
 def _ship_name(ship: Any) -> str:
@@ -222,6 +223,24 @@ def _ship_name(ship: Any) -> str:
     if HydraConfig.initialized() and "ship" in HydraConfig.get().runtime.choices:
         return str(HydraConfig.get().runtime.choices["ship"])
     return str(ship["_target_"]).rpartition(".")[2]
+
+
+def job_name(words: Sequence[str], same: Sequence[str]) -> str:
+    """What a job of a sweep is called: what it differs in from the others.
+
+    Args:
+        words: What it was given: ``ship=mariner``, ``network.hidden=7``, ``data.length=180``.
+        same: Settings that are the same in all jobs.
+
+    Returns:
+        ``hidden=7,length=180``; a setting's full name if another one ends in the same word.
+    """
+    given = [word.lstrip("+~").partition("=") for word in words]
+    changed = [(key, value) for key, _, value in given if key not in same]
+    ends = [key.rpartition(".")[2] for key, _ in changed]
+    names = [end if ends.count(end) == 1 else key for end, (key, _) in zip(ends, changed, strict=True)]
+    told = ",".join(f"{name}={value}" for name, (_, value) in zip(names, changed, strict=True))
+    return as_file_name(told) or "run"
 
 
 def _task_name(task: str, data: Any) -> str:

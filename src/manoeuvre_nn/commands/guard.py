@@ -22,7 +22,11 @@ NO_GROUP = "Config group override must be a string"
 """How hydra complains of ``ship=null``, with a traceback."""
 NO_OPTION = re.compile(r"[^.=]*=\W*(\d|true$|false$|\{)", re.IGNORECASE)
 """What is written for a group and is no name."""
-OF_EXTRAS = {"hydra/sweeper=optuna": "search", "hydra/launcher=submitit_local": "sweep"}
+OF_EXTRAS = {
+    "hydra/sweeper=optuna": "search",
+    **dict.fromkeys(("hydra/launcher=submitit_local", "hydra/launcher=submitit_slurm"), "sweep"),
+    "hydra/launcher=ray": "ray",
+}
 """Option that an extra of the package brings -> the extra."""
 command = "train"
 """The command that runs, for advice."""

@@ -100,8 +100,10 @@ def prepare(
 
 
 def session_of(cfg: DictConfig) -> session.Session:
-    """How long to train and what to keep, as ``cfg.trainer`` says it."""
+    """How long to train, what to keep and where to log it, as ``cfg.trainer`` and ``cfg.logger`` say it."""
     lasting = {k: v for k, v in cfg.trainer.items() if k != "threads"}
+    if "logger" in cfg:
+        lasting["loggers"] = [build(settings, "logger") for settings in cfg.logger.values()]
     check_arguments(session.Session, lasting)
     return session.Session(**lasting)
 
@@ -180,7 +182,7 @@ def _data(cfg: DictConfig, common: dict[str, Any]) -> ManoeuvreData:
     """The data module, its files read or its manoeuvres checked."""
     names, manoeuvres = configs.as_list(cfg.score), configs.training_manoeuvres(cfg.manoeuvre)
     if "files" in cfg.data:
-        return _recorded(cfg, common, [] if names == ["default"] else names)
+        return _recorded(cfg, common, None if cfg.score is None else [] if names == ["default"] else names)
     check_simulable(common["ship"])
     effects = configs.chosen_effects(cfg.get("effect"), common["ship"])
     if names == ["default"]:
@@ -191,7 +193,7 @@ def _data(cfg: DictConfig, common: dict[str, Any]) -> ManoeuvreData:
     return build(cfg.data, "data", **common, manoeuvres=manoeuvres, score=score, effects=effects)
 
 
-def _recorded(cfg: DictConfig, common: dict[str, Any], names: list[str]) -> RecordedData:
+def _recorded(cfg: DictConfig, common: dict[str, Any], names: list[str] | None) -> RecordedData:
     """The data module for measured files; their mapping is a yaml of its own, by path or by name in conf/recording."""
     if cfg.get("effect"):
         acting = ",".join(cfg.effect)

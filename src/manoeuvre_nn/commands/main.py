@@ -1,6 +1,7 @@
 """The command ``manoeuvre``, and what train.py, diagnose.py and scripts/ call."""
 
 import importlib
+import os
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -10,14 +11,19 @@ from typing import NoReturn
 import hydra
 from hydra._internal.utils import get_args_parser
 from hydra.core.hydra_config import HydraConfig
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.types import RunMode
 from omegaconf import DictConfig
 
 from manoeuvre_nn import __version__
 from manoeuvre_nn.commands import guard
-from manoeuvre_nn.commands.groups import CONF, GROUPS, accept, options, own_folder
+from manoeuvre_nn.commands.groups import CONF, GROUPS, accept, options, own_folder, quoted
+from manoeuvre_nn.commands.logs import logged
 from manoeuvre_nn.core.ending import WRONG_INPUT
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.plain_text import listed
+from manoeuvre_nn.core.terminal import Terminal, be_quiet
+from manoeuvre_nn.core.waiting import loading
 from manoeuvre_nn.core.writing import locked
 
 USAGE = """manoeuvre COMMAND [group=option] [setting=value]
@@ -30,9 +36,14 @@ USAGE = """manoeuvre COMMAND [group=option] [setting=value]
   coefficients  coefficients with intervals
   excite        which manoeuvre to sail next
   export        a trained model as formulas or for another simulator: ONNX, FMU, ...
+  compare       one table over trained models, wherever they lie
 
-manoeuvre COMMAND --help lists groups, options and settings.
+manoeuvre COMMAND --help lists groups, options and settings. Every command takes
+  -q            print errors only
+  -v            also show warnings and what libraries say
+and keeps what it prints in run.log of its folder. manoeuvre --version
 To begin with: manoeuvre diagnose recordings=sample"""
+QUIET, VERBOSE = ("-q", "--quiet"), ("-v", "--verbose")
 
 
 TASKS = {
@@ -47,7 +58,10 @@ TASKS = {
 """Command, which is the name of its config too -> module and function that do it."""
 
 
-OF_HYDRA = ("hydra/launcher=two_cores", "hydra/job_logging=disabled")
+SWEEP_FOLDER = "hydra.sweep.dir="
+OF_FILES = {"import": "import_recording.import_recording", "compare": "compare.compare"}
+"""Commands that are given files or folders and have no config: the same."""
+OF_HYDRA = ("hydra/launcher=two_cores", "hydra/job_logging=disabled", "hydra/hydra_logging=disabled")
 """Hydra's groups as train has them."""
 
 
@@ -62,10 +76,10 @@ def main() -> None:
         print(USAGE)
     elif command == "--version":
         print(__version__)
-    elif command in TASKS or command == "import":
+    elif command in TASKS or command in OF_FILES:
         run(command, words)
     else:
-        print(f"error: there is no command {command}; choose one of: {', '.join([*TASKS, 'import'])}", file=sys.stderr)
+        print(f"error: there is no command {command}; choose one of: {', '.join([*TASKS, *OF_FILES])}", file=sys.stderr)
         raise SystemExit(WRONG_INPUT)
 
 
@@ -78,17 +92,31 @@ def run(command: str, words: list[str] | None = None) -> None:
     """
     words = sys.argv[1:] if words is None else words
     guard.command = command
-    if command == "import":
+    with guard.one_line():
+        words, quiet, verbose = _loudness(words)
+    be_quiet(quiet)
+    if command in OF_FILES:
         with guard.one_line():
-            _import(words)
+            _of_files(OF_FILES[command], words)
         return
     with guard.one_line():
         words, folder = own_folder(words)
         _check_options(words)
         _check_choices(words, None if folder is None else str(folder))
         words, config = task_of(words, command, folder)
+        words = with_job_names(words)
     sys.argv = [sys.argv[0], *words, *(() if folder is None else ("--config-dir", str(folder)))]
-    guard.guarded(hydra.main(version_base="1.3", config_path=str(CONF), config_name=config)(_task(command)))
+    guard.guarded(
+        hydra.main(version_base="1.3", config_path=str(CONF), config_name=config)(_task(command, quiet, verbose))
+    )
+
+
+def _loudness(words: Sequence[str]) -> tuple[list[str], bool, bool]:
+    """Take ``-q`` and ``-v`` out of a command line, for a command that hydra knows neither of."""
+    quiet, verbose = (bool(set(names) & set(words)) for names in (QUIET, VERBOSE))
+    if quiet and verbose:
+        raise InputError("-q and -v: write one of them")
+    return [word for word in words if word not in {*QUIET, *VERBOSE}], quiet, verbose
 
 
 def _check_options(words: list[str]) -> None:
@@ -131,31 +159,64 @@ def task_of(words: Sequence[str], command: str, own: Path | None = None) -> tupl
     return left, f"task/{named[-1]}"
 
 
-def _task(command: str) -> Callable[[DictConfig], float | None]:
+def with_job_names(words: Sequence[str]) -> list[str]:
+    """Say in the words of a sweep which settings are the same in all jobs: they are left out of the jobs' names.
+
+    The sweep's folder is made absolute, for jobs may begin in another one.
+
+    Args:
+        words: The words.
+
+    Returns:
+        More words; those of a single run as they are.
+    """
+    if not {"-m", "--multirun"} & set(words):
+        return list(words)
+    words = [_absolute(word) if word.startswith(SWEEP_FOLDER) else word for word in words]
+    typed = [word for word in words if not word.startswith("-")]
+    parsed = OverridesParser.create().parse_overrides(typed)
+    same = [quoted(one.get_key_element()) for one in parsed if not one.is_sweep_override()]
+    return [*words, f"hydra.job.config.override_dirname.exclude_keys=[{','.join(same)}]"]
+
+
+def _absolute(word: str) -> str:
+    """The word that chooses the sweep's folder, with its whole path."""
+    folder = Path(word.removeprefix(SWEEP_FOLDER).strip("'\"")).absolute()
+    return SWEEP_FOLDER + quoted(str(folder))
+
+
+def _task(command: str, quiet: bool = False, verbose: bool = False) -> Callable[[DictConfig], float | None]:
     """What hydra calls; a job is imported when it runs: torch and lightning take seconds, and --help need not wait."""
     module, _, function = TASKS[command].partition(".")
 
     def task(cfg: DictConfig) -> float | None:
+        be_quiet(quiet)  # a job of a sweep runs in a process of its own
         with guard.one_line(), ExitStack() as stack:  # here, not outside alone: hydra would put a line before ours
-            out = Path(HydraConfig.get().runtime.output_dir)
-            if command != "export" and cfg.get("cases") is None:  # several may answer cases into one folder
-                stack.enter_context(locked(out))
+            hydra_cfg = HydraConfig.get()
+            out = Path(hydra_cfg.runtime.output_dir)
+            if hydra_cfg.mode == RunMode.MULTIRUN:
+                os.chdir(hydra_cfg.runtime.cwd)  # a job on another machine begins elsewhere
+            if command != "export":  # which has no folder of its own
+                if cfg.get("cases") is None:  # several may answer cases into one folder
+                    stack.enter_context(locked(out))
+                typed = " ".join(hydra_cfg.overrides.task)
+                stack.enter_context(logged(out, f"manoeuvre {command} {typed}", verbose))
             if command != "train":  # in a sweep, what a job cannot import is a failure of that job
                 accept(cfg)
             job = getattr(importlib.import_module(f"manoeuvre_nn.commands.{module}"), function)
+            loading.close()
             error: float | None = job(cfg, out)
             return error  # what a search makes small
 
     return task
 
 
-def _import(words: list[str]) -> None:
-    """Propose a mapping; its settings are few and no config."""
-    from manoeuvre_nn.commands import import_recording
-    from manoeuvre_nn.core.terminal import Terminal
-
+def _of_files(task: str, words: list[str]) -> None:
+    """Do a command that is given files or folders; its settings are few and no config."""
+    module, _, function = task.partition(".")
+    job = importlib.import_module(f"manoeuvre_nn.commands.{module}")
+    loading.close()
     if {"-h", "--help"} & set(words):
-        print(import_recording.HELP)
+        print(job.HELP)
         return
-    asked = import_recording.request(words)
-    import_recording.import_recording(asked, Terminal(width=None if sys.stdout.isatty() else 130))
+    getattr(job, function)(job.request(words), Terminal(width=None if sys.stdout.isatty() else 130))

@@ -20,8 +20,8 @@ LIBRARIES: tuple[str, ...] = (
     "torch", "lightning", "hydra-core", "torchdiffeq", "tensorboard", "numpy", "scipy", "statsmodels", "pandas",
     "matplotlib",
 )  # fmt: skip
-NOT_COMPARED = {"name", "trainer.progress", "trainer.resume", "trainer.max_epochs"}
-"""Settings in which a resumed run may differ from what it resumes."""
+NOT_COMPARED = ("name", "trainer.progress", "trainer.resume", "trainer.max_epochs", "logger")
+"""Settings, and groups, in which a resumed run may differ from what it resumes."""
 
 
 def versions() -> dict[str, str]:
@@ -63,7 +63,8 @@ def check_same_run(cfg: DictConfig, out: Path, setting: str = "hydra.run.dir") -
     # The round trip through yaml makes both sides the same kind of number.
     now = flat(yaml.safe_load(yaml.safe_dump(plain(cfg))))
     for key in sorted(set(before) | set(now)):
-        if key not in NOT_COMPARED and before.get(key) != now.get(key):
+        compared = not f"{key}.".startswith(tuple(f"{name}." for name in NOT_COMPARED))
+        if compared and before.get(key) != now.get(key):
             raise InputError(
                 f"{out} holds a run with {key}={before.get(key)}, this one has {key}={now.get(key)}: "
                 f"choose another {setting} or remove the folder"
@@ -71,7 +72,7 @@ def check_same_run(cfg: DictConfig, out: Path, setting: str = "hydra.run.dir") -
 
 
 def hyperparameters(config: Mapping[str, Any], out: Path) -> dict[str, Any]:
-    """What TensorBoard's table of hparams tells of a run: what was chosen, the seed, and the settings that were typed.
+    """What loggers, TensorBoard in its table of hparams, tell of a run: what was chosen and typed.
 
     A column for every setting would hide the few in which the runs of a sweep differ.
 
@@ -87,7 +88,8 @@ def hyperparameters(config: Mapping[str, Any], out: Path) -> dict[str, Any]:
     def told(name: str) -> bool:
         return "." not in name or name.endswith("_target_") or any(f"{name}.".startswith(f"{t}.") for t in typed)
 
-    chosen = {k: v for k, v in flat(dict(config)).items() if k not in {"name", "format"} and told(k)}
+    settings = {k: v for k, v in config.items() if k not in {"name", "format", "logger"}}
+    chosen = {k: v for k, v in flat(settings).items() if told(k)}
     return {
         k.removesuffix("._target_"): str(v).rsplit(".", 1)[-1] if k.endswith("_target_") else v
         for k, v in chosen.items()

@@ -14,13 +14,13 @@ from manoeuvre_nn.commands import config as configs
 from manoeuvre_nn.commands.job import Job, blank_network, check_pair, config_beside, fit_of, made_again, session_of
 from manoeuvre_nn.commands.settings import SWITCH
 from manoeuvre_nn.commands.shelves import build, check_arguments, made_by, plain
-from manoeuvre_nn.commands.waiting import waiting
 from manoeuvre_nn.core.data_files import check_plain, load_yaml, without_format
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.network import Network
 from manoeuvre_nn.core.response import Quantities, Response, Variable
 from manoeuvre_nn.core.scaling import Scaling
 from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.core.waiting import waiting
 from manoeuvre_nn.recording.read.records import RecordsMapping, records_mapping, unit_size
 from manoeuvre_nn.report.response_figures import response_figures
 from manoeuvre_nn.seakeeping.form import HullForm, estimated_form

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-from matplotlib.image import imread
 from rich.console import Console
 
 from manoeuvre_nn.commands.provenance import SCORES, hyperparameters, shown, versions
 from manoeuvre_nn.core.response import Response
+from manoeuvre_nn.core.terminal import Say
 from manoeuvre_nn.core.writing import draft_of, write_file
 from manoeuvre_nn.report.figures import learning_figure
 from manoeuvre_nn.report.html import Report, save_figures, write_report
@@ -90,8 +90,8 @@ class _ResponseOutcome:
         ]
 
 
-def score_response(config: Mapping[str, Any], trained: Trained, data: ResponseData) -> _ResponseOutcome:
-    """Score the network that is kept."""
+def score_response(config: Mapping[str, Any], trained: Trained, data: ResponseData, say: Say) -> _ResponseOutcome:
+    """Score the network that is kept; that takes no time that is worth a word."""
     response = trained.fit.double().cpu().dynamics
     assert isinstance(response, Response)
     return _ResponseOutcome(config, data, trained, response)
@@ -120,7 +120,8 @@ def write_response(outcome: _ResponseOutcome, out: Path) -> None:
     if outcome.trained.history:
         drawn["training/learning"] = learning_figure(outcome.trained.history)
     for name, path in save_figures(drawn, out / "figures").items():
-        outcome.trained.logger.add_image(name, imread(path), outcome.trained.epochs)
+        for logger in outcome.trained.loggers:
+            logger.add_picture(name, path, outcome.trained.epochs)
     tables: dict[str, Sequence[Row]] = {"Errors": outcome.rows, "Variables": variable_rows(outcome)}
     tables["How much each variable counts"] = [one.row() for one in outcome.sensitivities]
     report = Report(
@@ -134,7 +135,8 @@ def write_response(outcome: _ResponseOutcome, out: Path) -> None:
     )
     write_report(out / "report.html", report)
     errors = {f"{name}/rms": e["rms"] for name, e in outcome.errors.items()}
-    outcome.trained.logger.end(hyperparameters(outcome.config, out), errors, outcome.trained.epochs)
+    for logger in outcome.trained.loggers:
+        logger.end(hyperparameters(outcome.config, out), errors, outcome.trained.epochs)
     write_file(out / SCORES, json.dumps(as_dict(outcome), indent=1))
 
 

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.image import imread
 from rich.console import Console
 
 from manoeuvre_nn.commands.coefficients import coefficients_of, write_coefficients
 from manoeuvre_nn.commands.provenance import SCORES, hyperparameters, shown, versions
 from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.terminal import Say
 from manoeuvre_nn.core.writing import write_file
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.estimation.baselines import fit_baselines
@@ -104,21 +104,31 @@ class _Outcome:
         return imo_table(trials, self.trained.fit.dynamics.particulars, self.verdict.unfit)
 
 
-def score_finally(config: Mapping[str, Any], trained: Trained, data: ManoeuvreData) -> _Outcome:
+def score_finally(
+    config: Mapping[str, Any], trained: Trained, data: ManoeuvreData, say: Say = lambda *_: None
+) -> _Outcome:
     """Score the network that is kept, on the held-out manoeuvres and on those that it was trained on."""
     model = trained.fit.double().cpu().dynamics
     held_out, known = data.held_out, HeldOut(tuple(data.recordings), data.held_out.length)
-    predictions, members = held_out.predict(model), held_out.predict_members(model)
+    say("scoring: the held-out manoeuvres", 0.0)
+    predictions = held_out.predict(model)
+    say("scoring: the members of the ensemble", 1 / 4)
+    members = held_out.predict_members(model)
+    say("scoring: simpler models", 1 / 2)
     baselines, missing = fit_baselines(data.reference, data.known, data.tuples)
+    beside = {r.name: held_out.score(held_out.predict(r.dynamics, "rollout")) for r in baselines}
+    say("scoring: criteria as steered", 3 / 4)
+    scores = held_out.score(predictions, members, held_out.steer(model))
+    say("scoring: the manoeuvres that were trained on", 3 / 4)
     return _Outcome(
         config=config,
         data=data,
         trained=trained,
         predictions=predictions,
         members=members,
-        scores=held_out.score(predictions, members, held_out.steer(model)),
+        scores=scores,
         training_scores=known.score(known.predict(model)),
-        baselines={r.name: held_out.score(held_out.predict(r.dynamics, "rollout")) for r in baselines},
+        baselines=beside,
         notes=[f"Beside the network: {r.name}: {r.note}." for r in baselines] + [f"Missing: {m}." for m in missing],
     )
 
@@ -169,7 +179,8 @@ def write_results(outcome: _Outcome, out: Path) -> None:
         prediction.to_csv(out / "predictions" / f"{reference.name}.csv")
     drawn = figures(outcome)
     for name, path in save_figures(drawn, out / "figures").items():
-        outcome.trained.logger.add_image(name, imread(path), outcome.trained.epochs)
+        for logger in outcome.trained.loggers:
+            logger.add_picture(name, path, outcome.trained.epochs)
     tables: dict[str, Sequence[Row]] = {
         "Held-out manoeuvres": score_rows(outcome.scores, outcome.baselines),
         "Manoeuvres that were trained on, in closed loop": score_rows(outcome.training_scores),
@@ -204,7 +215,8 @@ def _log_hyperparameters(outcome: _Outcome, out: Path) -> None:
     """The hparams table of TensorBoard: choices and settings that were typed beside the final scores."""
     wanted = {k: v for k, v in scalars(list(outcome.scores)).items() if k.endswith(("dev_L", "left_range"))}
     errors = {f"train/relrmse_{name}": error for name, error in outcome.relative_rmse.items()}
-    outcome.trained.logger.end(hyperparameters(outcome.config, out), wanted | errors, outcome.trained.epochs)
+    for logger in outcome.trained.loggers:
+        logger.end(hyperparameters(outcome.config, out), wanted | errors, outcome.trained.epochs)
 
 
 def summary(outcome: _Outcome) -> str:

@@ -38,9 +38,10 @@ SHELVES = {
         ("manoeuvre_nn.training.data", "manoeuvre_nn.training.response_data"),
         ("manoeuvre_nn.training.data.ManoeuvreData", "manoeuvre_nn.training.response_data.ResponseData"),
     ),
+    "logger": _Shelf(("manoeuvre_nn.training.loggers",), ("manoeuvre_nn.training.loggers.LogTo",)),
 }
 """Group of conf -> its shelf."""
-SEVERAL = ("manoeuvre", "effect")
+SEVERAL = ("manoeuvre", "effect", "logger")
 """Groups of which several are chosen at once, each under its name."""
 
 

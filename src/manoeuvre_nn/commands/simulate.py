@@ -10,7 +10,6 @@ from rich.console import Console
 from manoeuvre_nn.commands import config as configs
 from manoeuvre_nn.commands.job import ship_on_approach
 from manoeuvre_nn.commands.provenance import write_provenance
-from manoeuvre_nn.commands.waiting import waiting
 from manoeuvre_nn.core.channels import ACCELERATION
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.errors import InputError
@@ -19,6 +18,7 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars, Ship
 from manoeuvre_nn.core.terminal import Terminal
 from manoeuvre_nn.core.threads import use_threads
+from manoeuvre_nn.core.waiting import waiting
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.simulate import simulate as solve
 from manoeuvre_nn.dynamics.vessel import Vessel
@@ -42,8 +42,9 @@ def simulate(cfg: DictConfig, out: Path, console: Console | None = None) -> list
     manoeuvres = configs.training_manoeuvres(cfg.manoeuvre)
     with waiting(console) as say:
         runs = sail(ship, manoeuvres, effects, noise_in_si(cfg.noise), rate_hz=cfg.rate_hz, seed=cfg.seed, say=say)
-    write_provenance(cfg, out)
-    write_runs(runs, ship.particulars, out)
+        say("writing and drawing the runs")
+        write_provenance(cfg, out)
+        write_runs(runs, ship.particulars, out)
     console.print(rich_table(run_rows(runs, ship.particulars.length), f"The {ship.particulars.name}"))
     console.print(f"written: {out}/*.csv, {out / 'figures'}", soft_wrap=True, highlight=False)
     return runs
@@ -57,7 +58,7 @@ def sail(
     *,
     rate_hz: float | None = None,
     seed: int = 0,
-    say: Say = lambda what: None,
+    say: Say = lambda *_: None,
 ) -> list[Recording]:
     """Sail a ship through manoeuvres.
 
@@ -86,7 +87,8 @@ def sail(
     vessel = Vessel(CalmWater(ship), effects)
     runs = []
     for k, m in enumerate(manoeuvres, start=1):
-        say(f"sailing {m.name} over {m.duration_for(ship.particulars):g} s ({k} of {len(manoeuvres)})")
+        lasts = f"{m.duration_for(ship.particulars):g} s"
+        say(f"sailing {m.name} over {lasts} ({k} of {len(manoeuvres)})", (k - 1) / len(manoeuvres))
         runs.append(solve(vessel, m, interval=1 / rate_hz if rate_hz else None))
     return [add_noise(run, noise, seed=seed + k) for k, run in enumerate(runs)] if noise else runs
 

@@ -11,6 +11,8 @@ from hydra.types import RunMode
 from omegaconf import DictConfig
 from pydantic import BaseModel, ConfigDict
 from rich.console import Console
+from rich.control import Control
+from rich.segment import ControlType
 
 from manoeuvre_nn.commands import config as configs
 from manoeuvre_nn.commands import guard, response
@@ -20,18 +22,20 @@ from manoeuvre_nn.commands.provenance import SCORES, check_same_run, write_prove
 from manoeuvre_nn.commands.response_results import print_response, score_response, write_response
 from manoeuvre_nn.commands.results import print_outcome, score_finally, write_results
 from manoeuvre_nn.commands.shelves import plain
-from manoeuvre_nn.commands.waiting import waiting
 from manoeuvre_nn.core.data_files import load_json, read_as
 from manoeuvre_nn.core.ending import end_with_parent
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.plain_text import harmless
-from manoeuvre_nn.core.terminal import Terminal
+from manoeuvre_nn.core.terminal import Say, Terminal
 from manoeuvre_nn.core.threads import use_threads
+from manoeuvre_nn.core.waiting import waiting
 from manoeuvre_nn.core.writing import write_file
 from manoeuvre_nn.report.figures import comparison_figures
 from manoeuvre_nn.report.sweep import OVERRIDES
 from manoeuvre_nn.training import session
 from manoeuvre_nn.training.rollout_score import RolloutScore
+
+OVER_THE_BAR = Control(ControlType.CARRIAGE_RETURN, (ControlType.ERASE_IN_LINE, 2))
+"""What a job of a sweep sends before its line: the terminal shows the sweep's progress there."""
 
 
 class _StoredTraining(BaseModel):
@@ -56,7 +60,7 @@ class _Task(NamedTuple):
 
     prepare: Callable[[DictConfig], Any]
     fit: Callable[[DictConfig, Any, Path, Console], session.Trained]
-    score: Callable[[Mapping[str, Any], session.Trained, Any], Any]
+    score: Callable[[Mapping[str, Any], session.Trained, Any, Say], Any]
     write: Callable[[Any, Path], None]
     tell: Callable[[Any, Path, Console], None]
 
@@ -83,8 +87,9 @@ def run_job(cfg: DictConfig, out: Path) -> float | None:
         told, error = train(cfg, out, console)
     except Exception as failure:  # whatever it is, the other jobs go on
         told, error = f"failed: {guard.write_error(failure, out)}", inf
-    job = HydraConfig.get().job
-    print(harmless(f"#{job.num}  {job.override_dirname}: {told}"), flush=True)
+    shown = Terminal()
+    shown.control(OVER_THE_BAR)
+    shown.print(f"#{HydraConfig.get().job.num}  {out.name}: {told}", soft_wrap=True, highlight=False)
     return error
 
 
@@ -116,7 +121,7 @@ def train(cfg: DictConfig, out: Path, console: Console | None = None) -> tuple[s
         console.print(f"note: {line}", highlight=False, soft_wrap=True)
     trained = task.fit(cfg, job, out, console)
     with waiting(console, "scoring") as say:
-        outcome = task.score(plain(cfg), trained, job.data)
+        outcome = task.score(plain(cfg), trained, job.data, say)
         say("writing the report")
         task.write(outcome, out)
     task.tell(outcome, out, console)

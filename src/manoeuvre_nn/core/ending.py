@@ -141,9 +141,13 @@ def one_line(explained: Callable[[BaseException], str | None] = explain) -> Gene
 
 def _stopped(stop: KeyboardInterrupt) -> int:
     """Say that somebody stopped it; the exit code that goes with it."""
-    terminated = isinstance(stop, Terminated)
-    _tell(f"stopped by {'SIGTERM' if terminated else 'ctrl-C'}")
-    return TERMINATED if terminated else STOPPED
+    _tell(stopped_by(stop))
+    return TERMINATED if isinstance(stop, Terminated) else STOPPED
+
+
+def stopped_by(stop: KeyboardInterrupt) -> str:
+    """What somebody stopped a command with, in a line."""
+    return f"stopped by {'SIGTERM' if isinstance(stop, Terminated) else 'ctrl-C'}"
 
 
 def _nobody_reads(stream: TextIO) -> bool:

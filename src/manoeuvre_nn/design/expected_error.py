@@ -92,7 +92,7 @@ def prospects(
     *,
     record: Record | None = None,
     effort: DesignEffort | None = None,
-    say: Say = lambda _: None,
+    say: Say = lambda *_: None,
 ) -> list[ExpectedGain]:
     """What each candidate is expected to bring for the prediction of the targets.
 
@@ -113,7 +113,7 @@ def prospects(
         targets: What is to be predicted.
         record: What sensors and smoothing make of a run.
         effort: How much is computed.
-        say: Called before each candidate.
+        say: Called before each candidate with what is done.
 
     Returns:
         One a candidate, in their order.
@@ -132,9 +132,9 @@ def prospects(
     if not candidates or not targets:
         raise InputError("candidates=[] or targets=[]: name at least one manoeuvre of each, such as candidates=[zz20]")
     truths = _MemberTruths(model, network, tuples, sail(model, targets), record, effort or DesignEffort())
-    found = []
+    found: list[ExpectedGain] = []
     for run in sail(model, candidates, truths.interval):
-        say(run.manoeuvre.name)
+        say(f"sailing after {run.manoeuvre.name}", len(found) / len(candidates))
         found.append(truths.prospect(run))
     return found
 

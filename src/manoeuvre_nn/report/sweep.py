@@ -29,25 +29,29 @@ RESULTS = ("job", "status", "verdict", "ended early", MEAN, "seed", "epochs", "s
 """Columns that are not settings, beside those that start with ``dev/L``, ``RMS`` or ``relRMSE``."""
 
 
+def job_folders(folder: Path) -> list[Path]:
+    """Runs in a folder: every folder in it, or itself, that holds scores, overrides or an error; job 10 after job 9."""
+    jobs = {path.parent for name in (SCORES, ERROR) for path in folder.rglob(name)}
+    jobs |= {path.parents[1] for path in folder.rglob(OVERRIDES)}
+    return sorted(jobs, key=lambda path: _natural(str(path.relative_to(folder))))
+
+
 def sweep_rows(folder: Path) -> list[dict[str, Any]]:
     """Collect what the jobs of a sweep left behind.
 
     Args:
-        folder: The sweep's folder; every folder below it that holds scores, overrides or an error is a job.
+        folder: The sweep's folder.
 
     Returns:
-        One row a job, by job number: job, overrides, status (``finished``, ``unfinished``, or ``failed:`` and the
-        first line of the error), dev/L of each manoeuvre and their mean, manoeuvres that ended early, relRMSE of g,
-        epochs, seconds. What a damaged or missing file would have told is not in the row.
+        One row a job, by job number: job, overrides, and what came out, see :func:`results_of`.
 
     Raises:
         InputError: If there is no job.
     """
-    jobs = {path.parent for name in (SCORES, ERROR) for path in folder.rglob(name)}
-    jobs |= {path.parents[1] for path in folder.rglob(OVERRIDES)}
+    jobs = job_folders(folder)
     if not jobs:
         raise InputError(f"{folder} holds no runs: expected folders with {SCORES}, as manoeuvre train -m leaves them")
-    return [_row(job, folder) for job in sorted(jobs, key=lambda path: _natural(str(path.relative_to(folder))))]
+    return [{"job": str(job.relative_to(folder)), **overrides_of(job / OVERRIDES), **results_of(job)} for job in jobs]
 
 
 def _natural(name: str) -> list[tuple[int, str]]:
@@ -55,12 +59,19 @@ def _natural(name: str) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)]
 
 
-def _row(job: Path, folder: Path) -> dict[str, Any]:
-    """Everything about one job."""
+def results_of(job: Path) -> dict[str, Any]:
+    """What came out of a run.
+
+    Args:
+        job: Its folder.
+
+    Returns:
+        status (``finished``, ``unfinished``, or ``failed:`` and the first line of the error), verdict, dev/L of each
+        manoeuvre and their mean, manoeuvres that ended early, relRMSE of g, epochs, seconds. What a damaged or missing
+        file would have told is not there.
+    """
     scores = _read_json(job / SCORES)
-    results = _results(scores) if scores else {}
-    name = str(job.relative_to(folder))
-    return {"job": name, **overrides_of(job / OVERRIDES), "status": _status(job, scores), **results}
+    return {"status": _status(job, scores), **(_results(scores) if scores else {})}
 
 
 def _status(job: Path, scores: Mapping[str, Any] | None) -> str:
@@ -113,11 +124,11 @@ def swept(rows: Sequence[Row]) -> list[str]:
     return sorted(differ or settings[:1], key=lambda name: (name == "seed", -len(values[name])))
 
 
-def _short_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
+def short_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """Settings that differ (else the job), status, mean dev/L, the worst manoeuvre, verdict, seconds; best first."""
     names = swept(rows)
     short = []
-    for row in sorted(rows, key=_error):
+    for row in sorted(rows, key=error_of):
         errors = {n: row.get(n) for n in columns(rows) if n.startswith(RMS) and not n.startswith(f"{RMS}learning")}
         devs = {name.removeprefix(DEV): _number(value) for name, value in row.items() if name.startswith(DEV)}
         worst = max(devs, key=lambda name: devs[name]) if devs else None
@@ -132,7 +143,7 @@ def _short_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
     return [{n: row.get(n) for n in headings if any(r.get(n) is not None for r in short)} for row in short]
 
 
-def _error(row: Row) -> float:
+def error_of(row: Row) -> float:
     """By what jobs are put in order: the mean dev/L, or the error of the records kept for validation or testing."""
     starts = (MEAN, f"{RMS}validation", f"{RMS}testing")
     found = [row[name] for start in starts for name in row if name.startswith(start)]
@@ -240,8 +251,13 @@ def write_sweep(folder: Path) -> Table:
     """Write ``sweep.csv``, ``sweep.md`` and, if any job has a score, ``sweep.png``; return a table for the terminal."""
     rows = sweep_rows(folder)
     write_csv(folder / "sweep.csv", rows)
-    short = _short_rows(rows)
+    short = short_rows(rows)
     write_file(folder / "sweep.md", to_markdown(short))
-    if any(name.startswith((DEV, RMS)) for name in columns(rows)):
+    if has_scores(rows):
         save_figure(sweep_figure(rows), folder / "sweep.png", dpi=150)
     return rich_table(short, f"Sweep {folder.name}")
+
+
+def has_scores(rows: Sequence[Row]) -> bool:
+    """Whether there is anything to draw."""
+    return any(name.startswith((DEV, RMS)) for name in columns(rows))

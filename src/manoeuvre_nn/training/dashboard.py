@@ -3,11 +3,14 @@
 TensorBoard puts cards into groups by what stands before the first stroke of their names, and sorts the groups.
 """
 
+from abc import ABC
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from lightning.pytorch.loggers import TensorBoardLogger
+import lightning as L
+from lightning.pytorch.loggers import Logger, TensorBoardLogger
+from matplotlib.image import imread
 from torch.utils.tensorboard.summary import hparams
 
 HELD_OUT, TRACKS, TRAINING, DETAILS, FIGURES = "1 held-out", "2 tracks", "3 training", "4 {}", "5 figures"
@@ -22,7 +25,35 @@ CURVES = {
 """A page on which curves of a kind, those of all manoeuvres, share a chart."""
 
 
-class Dashboard(TensorBoardLogger):
+class RunLogger(Logger, ABC):
+    """One of Lightning's loggers, with what a run tells beside numbers over epochs; here of one that shows numbers."""
+
+    def add_picture(self, name: str, path: Path, epoch: int) -> None:
+        """Show a figure that is written already.
+
+        Args:
+            name: ``zz20/track``, ``training/forces``.
+            path: The file, a PNG.
+            epoch: Epochs done.
+        """
+
+    def add_figure(self, name: str, figure: Any, epoch: int) -> None:
+        """Show a figure; ``name`` and ``epoch`` as in :meth:`add_picture`."""
+
+    def end(self, settings: Mapping[str, Any], scores: Mapping[str, float], epoch: int) -> None:
+        """Write the last scores and the settings, and close the log.
+
+        Args:
+            settings: Settings that make a difference.
+            scores: Scores of the network that is kept, by the names under which they were logged.
+            epoch: Epochs done.
+        """
+        self.log_metrics(dict(scores), epoch)
+        self.log_hyperparams(dict(settings))
+        self.finalize("success")
+
+
+class Dashboard(RunLogger, TensorBoardLogger):
     """TensorBoard's log of a training in a folder."""
 
     def __init__(self, out: Path, folder: str) -> None:
@@ -40,22 +71,16 @@ class Dashboard(TensorBoardLogger):
         if shown:
             super().log_metrics(shown, step)
 
-    def add_image(self, name: str, image: Any, epoch: int) -> None:
-        """Show a picture, height x width x colour from 0 to 1, at its place."""
-        self.experiment.add_image(image_place_of(name), image, epoch, dataformats="HWC")
+    def add_picture(self, name: str, path: Path, epoch: int) -> None:
+        """Show a figure that is written already at its place."""
+        self.experiment.add_image(image_place_of(name), imread(path), epoch, dataformats="HWC")
 
     def add_figure(self, name: str, figure: Any, epoch: int) -> None:
         """Show a figure at its place."""
         self.experiment.add_figure(image_place_of(name), figure, epoch)
 
     def end(self, settings: Mapping[str, Any], scores: Mapping[str, float], epoch: int) -> None:
-        """Write the last scores, the table of settings beside them, and the page of curves; close the log.
-
-        Args:
-            settings: Settings that make a difference.
-            scores: Scores of the network that is kept, by the names under which they were logged.
-            epoch: Epochs done.
-        """
+        """Write the last scores, the table of settings beside them, and the page of curves; close the log."""
         self.log_metrics(scores, epoch)
         shown = {place_of(name): float(value) for name, value in scores.items()}
         writer = self.experiment._get_file_writer()
@@ -63,6 +88,14 @@ class Dashboard(TensorBoardLogger):
             writer.add_summary(part)
         self.experiment.add_custom_scalars(CURVES)
         self.finalize("success")
+
+
+def show_figures(trainer: L.Trainer, figures: Mapping[str, Any]) -> None:
+    """Show figures (name -> figure) of the epoch that is just done wherever a training is logged."""
+    for logger in trainer.loggers:
+        if isinstance(logger, RunLogger):
+            for name, figure in figures.items():
+                logger.add_figure(name, figure, trainer.current_epoch + 1)
 
 
 def place_of(name: str) -> str:

@@ -109,7 +109,7 @@ class ManoeuvreData(ABC, L.LightningDataModule):
     measured: Sequence[Recording]
     tuples: Tuples
     held_out: HeldOut
-    say: Say = staticmethod(lambda words: None)
+    say: Say = staticmethod(lambda *_: None)
 
     def __init__(self, known: Ship, settings: DataSettings) -> None:
         """Store what is common to all sources."""
@@ -261,15 +261,20 @@ class SimulatedData(ManoeuvreData):
         if hasattr(self, "tuples"):
             return
         made, length, rate = [], self.settings.length, self.settings.rate_hz
+        count = len(self.manoeuvres) + len(self.score_manoeuvres)
         for index, manoeuvre in enumerate(self.manoeuvres):
             # A record longer than the trial's usual length is simulated for as long as it is asked for.
             asked = manoeuvre if length is None else replace(manoeuvre, duration=length)
-            self.say(f"simulating {asked.name} over {asked.duration_for(self.ship.model.particulars):g} s")
+            lasts = f"{asked.duration_for(self.ship.model.particulars):g} s"
+            self.say(f"simulating {asked.name} over {lasts} ({index + 1} of {count})", index / count)
             record = simulate(self.ship, asked, interval=1 / rate if rate else None)
             made.append(add_noise(record, self.noise, seed=self.settings.seed + index) if self.noise else record)
         self.prepare(made, noisy=bool(self.noise))
-        unseen = simulated_references(self.ship, self.score_manoeuvres)
-        self.held_out = HeldOut(unseen, self.ship.model.particulars.length)
+        unseen: list[Recording] = []
+        for index, manoeuvre in enumerate(self.score_manoeuvres, start=len(made)):
+            self.say(f"simulating {manoeuvre.name} ({index + 1} of {count})", index / count)
+            unseen += simulated_references(self.ship, [manoeuvre])
+        self.held_out = HeldOut(tuple(unseen), self.ship.model.particulars.length)
 
     def describe(self) -> str:
         """Ship, effects, manoeuvres, length, rate and noise, a sentence."""
@@ -345,7 +350,7 @@ def recorded_files(
     ship: Ship | Particulars,
     known: Ship,
     files: Sequence[str],
-    score: Sequence[str],
+    score: Sequence[str] | None,
     mapping: ChannelMapping | None,
     *,
     folder: str = ".",
@@ -357,7 +362,8 @@ def recorded_files(
         ship: The ship, for its particulars.
         known: Known part of the forces.
         files: What to train on, relative to ``folder``.
-        score: Held-out recordings, relative to ``folder``; empty takes every other recording in the folder.
+        score: Held-out recordings, relative to ``folder``; empty takes every other recording in the folder, None
+            takes none.
         mapping: Columns, units and signs; None for files that this package wrote.
         folder: Where the files are, or ``sample``.
         settings: What of the recordings is used, and how.
@@ -374,15 +380,16 @@ def recorded_files(
     paths = expand(where, files, "data.files")
     if not paths:
         raise InputError("data.files=[] names no recording: write data.files=[FILE,...], relative to data.folder")
-    unseen = expand(where, score, "score") or [p for p in recordings_in(where) if p not in paths]
+    others = [] if score is None else [p for p in recordings_in(where) if p not in paths]
+    unseen = expand(where, score or (), "score") or others
     both = sorted({p.name for p in paths} & {p.name for p in unseen})
     if both:
         raise InputError(f"{', '.join(both)} is both in data.files and in score: a model is scored on unseen runs")
-    if not unseen:
+    if not unseen and score is not None:
         raise InputError(f"no recording is left in {where} to score: write score=[FILE,...]")
     particulars = ship.particulars
-    runs, others = ([read_recording(p, mapping, particulars) for p in some] for some in (paths, unseen))
-    return RecordedData(ship, known, runs, others, mapping=mapping, settings=settings)
+    runs, held_out = ([read_recording(p, mapping, particulars) for p in some] for some in (paths, unseen))
+    return RecordedData(ship, known, runs, held_out, mapping=mapping, settings=settings)
 
 
 def _is_simulated(run: Recording) -> bool:

@@ -46,6 +46,7 @@ class EnsembleFit(Fit):
     """
 
     made_for = HullRudder
+    epoch_is = "member"
     steps: Tensor
 
     def __init__(
@@ -80,6 +81,10 @@ class EnsembleFit(Fit):
         self.stops = Stops(epochs=epochs, goal=goal, min_fall=min_fall)
         self.refinement = refine or Refinement()
         self.register_buffer("steps", torch.tensor(-1))
+
+    def epochs_of(self, most: int) -> int:
+        """One a member."""
+        return min(most, self.network.members)
 
     @property
     def network(self) -> HullRudder:

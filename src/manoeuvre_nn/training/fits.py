@@ -43,6 +43,8 @@ class Fit(ABC, L.LightningModule):
     """The networks that the method trains; None are all that any method can train."""
     errors_of: tuple[str, ...] = ("g1", "g2", "g3")
     """What :meth:`relative_rmse` is the error of: forces, or what the network gives instead."""
+    epoch_is: ClassVar[str] = "epoch"
+    """What an epoch trains, in a word."""
 
     def __init__(self, dynamics: IdentifiedShip | RecursiveShip | Response, iterations_per_epoch: int) -> None:
         """Store the model.
@@ -104,6 +106,10 @@ class Fit(ABC, L.LightningModule):
         """Root mean square error of each target over its root mean square [-]."""
         g = self.unknown_force(inputs)
         return ((g - targets).square().mean(0) / targets.square().mean(0).clamp(min=1e-30)).sqrt()
+
+    def epochs_of(self, most: int) -> int:
+        """Epochs that the fit has to do if it does not stop before, of so many at most."""
+        return most
 
     def generalization_error(self, data: L.LightningDataModule) -> float | None:
         """The error by which a network is chosen; None for the mean deviation on held-out runs."""

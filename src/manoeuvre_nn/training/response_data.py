@@ -68,7 +68,7 @@ class ResponseData(L.LightningDataModule):
 
     records: Records
     between: Records | None
-    say: Say = staticmethod(lambda words: None)
+    say: Say = staticmethod(lambda *_: None)
 
     def __init__(
         self,

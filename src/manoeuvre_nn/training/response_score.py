@@ -6,6 +6,7 @@ from typing import Any
 import lightning as L
 
 from manoeuvre_nn.core.response import Response
+from manoeuvre_nn.training.dashboard import show_figures
 from manoeuvre_nn.training.fits import Fit
 from manoeuvre_nn.training.response_data import LEARNING, TESTING, ResponseData
 from manoeuvre_nn.training.scorer import Scorer
@@ -44,7 +45,6 @@ class ResponseScore(Scorer):
         response = pl_module.dynamics
         errors = {name: found["rms"] for name, found in self.data.errors(response).items()}
         if self.draw and self.figures_every and (len(self.history) + 1) % self.figures_every == 0:
-            for name, figure in self.draw(self.data, response).items():
-                trainer.logger.add_figure(name, figure, trainer.current_epoch + 1)  # type: ignore[union-attr]
+            show_figures(trainer, self.draw(self.data, response))
         chosen = errors.get(TESTING, errors[LEARNING])
         return {self.monitor: chosen, **{f"{name}/rms": error for name, error in errors.items()}}

@@ -14,7 +14,7 @@ from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.limits import OK
 from manoeuvre_nn.scoring.held_out import HeldOut, Solver
 from manoeuvre_nn.scoring.score import Score
-from manoeuvre_nn.training.dashboard import Dashboard
+from manoeuvre_nn.training.dashboard import show_figures
 from manoeuvre_nn.training.fits import Fit
 from manoeuvre_nn.training.scorer import Scorer
 
@@ -75,12 +75,10 @@ class RolloutScore(Scorer):
         return values
 
     def _show(self, trainer: L.Trainer, predictions: list[Recording]) -> None:
-        """Figures of every manoeuvre to TensorBoard."""
-        if not isinstance(trainer.logger, Dashboard) or self.draw is None:
-            return
+        """Figures of every manoeuvre to the loggers."""
         for reference, prediction in zip(self.held_out.references, predictions, strict=True):
-            for name, figure in self.draw(reference, prediction).items():
-                trainer.logger.add_figure(f"{reference.name}/{name}", figure, trainer.current_epoch + 1)
+            drawn = self.draw(reference, prediction) if self.draw else {}
+            show_figures(trainer, {f"{reference.name}/{name}": figure for name, figure in drawn.items()})
 
     def error_of(self, row: Mapping[str, float]) -> float:
         """The error that the fit states, or dev/L."""

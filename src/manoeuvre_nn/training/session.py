@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from time import monotonic, perf_counter
+from time import perf_counter
 from types import FrameType
 from typing import Any, Literal
 
@@ -17,17 +17,18 @@ import torch
 from lightning.pytorch.callbacks import Checkpoint
 from lightning.pytorch.plugins.io import TorchCheckpointIO
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from manoeuvre_nn.core.errors import InputError, check_choice
-from manoeuvre_nn.core.terminal import Terminal
+from manoeuvre_nn.core.terminal import Say, Terminal
+from manoeuvre_nn.core.waiting import PAUSE_S, waiting
 from manoeuvre_nn.core.writing import write_file
 from manoeuvre_nn.training.checkpoint import check_weights, load_weights, read_training
-from manoeuvre_nn.training.dashboard import Dashboard
+from manoeuvre_nn.training.dashboard import RunLogger
 from manoeuvre_nn.training.fits import Fit
+from manoeuvre_nn.training.loggers import LogTo, ToTensorBoard
 from manoeuvre_nn.training.scorer import Scorer
 
-CHECKPOINTS, DASHBOARD = "checkpoints", "tensorboard"
+CHECKPOINTS = "checkpoints"
 CTRL_C, ALL_EPOCHS = "ctrl-C", "all epochs done"
 """Why a training ended that may be gone on with: interrupted, or more epochs wanted."""
 
@@ -44,6 +45,7 @@ class Session:
             of a checkpoint.
         accelerator: ``cpu`` or ``gpu``.
         progress: Whether to show progress.
+        loggers: Where it is logged.
     """
 
     max_epochs: int
@@ -52,6 +54,7 @@ class Session:
     resume: str = "auto"
     accelerator: str = "cpu"
     progress: bool = True
+    loggers: Sequence[LogTo] = (ToTensorBoard(),)
 
     def __post_init__(self) -> None:
         """Check the settings.
@@ -81,7 +84,7 @@ class Trained:
         stopped: Why it ended.
         history: Scored epochs, see :class:`~manoeuvre_nn.training.scorer.Scorer`.
         chosen: How the network was chosen, in words.
-        logger: TensorBoard's.
+        loggers: Where it was logged; the last scores go there too.
     """
 
     fit: Fit
@@ -90,7 +93,7 @@ class Trained:
     stopped: str
     history: Sequence[Mapping[str, float]]
     chosen: str
-    logger: Dashboard
+    loggers: Sequence[RunLogger]
 
 
 def _has_gpu(kind: str) -> bool:
@@ -139,14 +142,14 @@ def run(
     callbacks: list[L.Callback] = [scorer, graceful, keeper]
     if session.progress:
         callbacks.append(_RunProgress(scorer, console))
-    logger = Dashboard(out, DASHBOARD)
+    loggers = [chosen.open(out) for chosen in session.loggers]
     trainer = L.Trainer(
         accelerator=session.accelerator,
         devices=1,
         max_epochs=session.max_epochs,
         callbacks=callbacks,
         plugins=[_WholeFiles()],
-        logger=logger,
+        logger=loggers,
         log_every_n_steps=1,
         enable_progress_bar=False,
         enable_model_summary=False,
@@ -165,7 +168,7 @@ def run(
         if not (out / CHECKPOINTS / "best.ckpt").exists():  # resumed from another folder and nothing better since
             trainer.save_checkpoint(out / CHECKPOINTS / "best.ckpt")
     chosen = _choice(session, scorer)
-    return Trained(fit, trainer.current_epoch, seconds, stopped, scorer.history, chosen, logger)
+    return Trained(fit, trainer.current_epoch, seconds, stopped, scorer.history, chosen, loggers)
 
 
 def _resume_from(session: Session, out: Path, console: Console) -> Path | None:
@@ -295,56 +298,43 @@ class _WholeFiles(TorchCheckpointIO):
 
 
 class _RunProgress(L.Callback):
-    """One bar for the whole fit where a person watches, a line now and then where nobody does."""
+    """What is trained, and how long it will take at most."""
 
-    def __init__(self, scorer: Scorer, console: Console | None = None, seconds: float = 15.0) -> None:
+    def __init__(self, scorer: Scorer, console: Console | None = None, seconds: float = PAUSE_S) -> None:
         """Set up the display; without a terminal there are some seconds between lines."""
-        self.scorer, self.console, self.seconds = scorer, console or Terminal(), seconds
-        self._bar: Progress | None = None
-        self._shown = 0.0
+        self.scorer, self._shown = scorer, waiting(console or Terminal(), seconds=seconds)
+        self._say: Say | None = None
 
     def on_train_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Open the bar."""
-        self._shown = monotonic()
-        if not self.console.is_terminal:
-            return
-        epoch = TextColumn("epoch {task.completed}/{task.total}  {task.fields[note]}")
-        columns = (
-            TextColumn("training"),
-            BarColumn(),
-            epoch,
-            TimeElapsedColumn(),
-            TextColumn("left"),
-            TimeRemainingColumn(),
-        )
-        self._bar = Progress(*columns, console=self.console, transient=True)
-        self._bar.start()
-        self._bar.add_task("fit", total=trainer.max_epochs, completed=trainer.current_epoch, note="")
+        """Begin."""
+        self._say = self._shown.__enter__()
+        self._show(trainer, pl_module, trainer.current_epoch)
 
     def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Show the epoch, the training error and the last score."""
-        metrics = trainer.callback_metrics
-        note = f"mse {float(metrics['train/mse']):.2e}" if "train/mse" in metrics else ""
+        """An epoch is done."""
+        self._show(trainer, pl_module, trainer.current_epoch + 1)
+
+    def _show(self, trainer: L.Trainer, pl_module: L.LightningModule, done: int) -> None:
+        """Epochs that are done, the training error and the last score."""
+        assert isinstance(pl_module, Fit) and self._say is not None
+        metrics, count = trainer.callback_metrics, pl_module.epochs_of(trainer.max_epochs or done)
+        note = f", mse {float(metrics['train/mse']):.2e}" if "train/mse" in metrics else ""
         if self.scorer.monitor in metrics:
-            note += "  " + self.scorer.in_words.format(float(metrics[self.scorer.monitor]))
-        if self._bar is not None:
-            self._bar.update(self._bar.task_ids[0], completed=trainer.current_epoch + 1, note=note)
-        elif monotonic() - self._shown > self.seconds:
-            self._shown = monotonic()
-            self.console.print(f"epoch {trainer.current_epoch + 1}/{trainer.max_epochs}  {note}")
+            note += ", " + self.scorer.in_words.format(float(metrics[self.scorer.monitor]))
+        self._say(f"training, {pl_module.epoch_is} {done}/{count}{note}", done / count)
 
     def on_train_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Close the bar."""
+        """End."""
         self._close()
 
     def on_exception(self, trainer: L.Trainer, pl_module: L.LightningModule, exception: BaseException) -> None:
-        """Close the bar, so that the terminal is left in order."""
+        """End, so that the terminal is left in order."""
         self._close()
 
     def _close(self) -> None:
-        if self._bar is not None:
-            self._bar.stop()
-            self._bar = None
+        if self._say is not None:
+            self._shown.__exit__(None, None, None)
+            self._say = None
 
 
 class _GracefulStop(L.Callback):

@@ -1,0 +1,216 @@
+"""``manoeuvre compare``: one table over runs of ``manoeuvre train``, wherever they lie."""
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import datetime
+from itertools import chain
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rich.console import Console
+from rich.table import Table
+
+from manoeuvre_nn.commands.provenance import CONFIG, flat, shown, versions
+from manoeuvre_nn.commands.shelves import SEVERAL, TARGET
+from manoeuvre_nn.core.data_files import OVERRIDES, load_yaml, overrides_of
+from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.writing import locked
+from manoeuvre_nn.report.html import Report, write_report
+from manoeuvre_nn.report.sweep import DEV, MEAN, error_of, has_scores, job_folders, results_of, short_rows, sweep_figure
+from manoeuvre_nn.report.tables import Row, columns, rich_table, write_csv
+
+USAGE = "manoeuvre compare FOLDER [FOLDER ...] [out=FOLDER]"
+HELP = f"""One table over runs of manoeuvre train, wherever they lie, the closest to the recorded tracks first.
+
+    {USAGE}
+    manoeuvre compare outputs/*
+
+Columns are the settings in which the runs differ, the verdict, and dev/L of every held-out manoeuvre. Written to out:
+runs.csv, with everything, and compare.html."""
+TABLE, PAGE = "runs.csv", "compare.html"
+NOT_SHOWN = (
+    "format", "versions", "name", "logger", "score", "config_dir", "trainer.progress", "trainer.resume",
+    "trainer.threads",
+)  # fmt: skip
+"""Parts of a config that make no difference to a model, or that the columns of results say."""
+AFTER_SCORES = ("seed", "epochs", "stopped", "seconds")
+"""Results that stand last."""
+MAX_DRAWN = 3
+"""Settings that differ up to which a figure can be read."""
+
+
+MAX_WIDTH = 10_000
+"""No table is wider [columns]."""
+
+
+class _Asked(NamedTuple):
+    """What was asked for: folders, and where the table goes."""
+
+    folders: list[Path]
+    out: Path
+
+
+def request(words: Sequence[str]) -> _Asked:
+    """Read the command line; refused if a setting is unknown, or a folder is none."""
+    folders, out = [], Path("outputs", f"{datetime.now():%Y-%m-%d}", f"{datetime.now():%H-%M-%S}_comparison")
+    for word in words:
+        key, sign, value = word.partition("=")
+        if key == "out" and value:
+            out = Path(value)
+        elif Path(word).is_dir():
+            folders.append(Path(word))
+        elif sign or not Path(word).exists():  # a file among folders/* is left
+            raise InputError(f"{word} is neither a folder nor out=FOLDER; write {USAGE}")
+    if not folders:
+        raise InputError(f"no folder is given; write {USAGE}")
+    return _Asked(folders, out)
+
+
+def compare(asked: _Asked, console: Console) -> list[dict[str, Any]]:
+    """Write table and page, and print what fits; a row each run."""
+    rows = compared(asked.folders)
+    notes, out = list(remarks(rows)), asked.out
+    with locked(out):
+        write_csv(out / TABLE, rows)
+        _write_page(rows, notes, asked)
+    console.print(fitting(rows, console))
+    for line in notes:
+        console.print(f"note: {line}", highlight=False)
+    here = shown(out.resolve())
+    console.print(f"table: {here / TABLE}   page: {here / PAGE}", soft_wrap=True, highlight=False)
+    return rows
+
+
+def _write_page(rows: Sequence[Row], notes: Sequence[str], asked: _Asked) -> None:
+    """The table and, where few settings differ, the figure of a sweep."""
+    names = settings_in(rows)
+    told = [name for name in columns(rows) if name not in {"stopped", "epochs"} and not name.startswith("relRMSE")]
+    drawn = {"training/held-out errors": sweep_figure(rows)} if has_scores(rows) and len(names) <= MAX_DRAWN else {}
+    report = Report(
+        title=f"{len(rows)} runs compared",
+        summary=_summary(rows, names),
+        tables={"Runs": [{_heading(name, names): row[name] for name in told} for row in rows]},
+        figures=drawn,
+        config={"folders": [str(folder) for folder in asked.folders]},
+        versions=versions(),
+        notes=notes,
+        unfolded=("Runs",),
+    )
+    write_report(asked.out / PAGE, report)
+
+
+def compared(folders: Sequence[Path]) -> list[dict[str, Any]]:
+    """What runs differ in and what came out of each.
+
+    Args:
+        folders: Runs, or folders of runs.
+
+    Returns:
+        A row each run, best first: ``job``, its folder below what all share; settings that differ; what came out.
+
+    Raises:
+        InputError: If there is no run.
+    """
+    jobs = list(dict.fromkeys(Path(os.path.realpath(job)) for folder in folders for job in job_folders(folder)))
+    if not jobs:
+        raise InputError(f"{', '.join(map(str, folders))}: no run of manoeuvre train is there; write {USAGE}")
+    above = Path(os.path.commonpath([job.parent for job in jobs]))
+    settings = [settings_of(job) for job in jobs]
+    typed = set(chain.from_iterable(overrides_of(job / OVERRIDES) for job in jobs))
+    names = [name for name in differing(settings, typed) if name != "seed"]  # which is among the results
+    rows = [
+        {"job": str(job.relative_to(above)), **{name: said.get(name) for name in names}, **results_of(job)}
+        for job, said in zip(jobs, settings, strict=True)
+    ]
+    order = sorted(columns(rows), key=lambda n: (n in AFTER_SCORES, n.startswith("relRMSE"), n.startswith(DEV)))
+    return [{name: row.get(name) for name in order} for row in sorted(rows, key=error_of)]
+
+
+def settings_of(job: Path) -> dict[str, Any]:
+    """Settings of a run by their names; a group stands for what it makes, several things for their names."""
+    try:
+        config = load_yaml(job / CONFIG)
+    except InputError:
+        return dict(overrides_of(job / OVERRIDES))  # it failed before its config was written
+    config = config if isinstance(config, Mapping) else {}
+    found: dict[str, Any] = {}
+    for group, said in config.items():
+        if isinstance(said, Mapping) and TARGET in said:
+            found[group] = str(said[TARGET]).rpartition(".")[2]
+        elif isinstance(said, Mapping) and group in SEVERAL:
+            found[group] = " ".join(name for name, one in said.items() if isinstance(one, Mapping)) or "none"
+    found |= {k: v if isinstance(v, str | int | float) else str(v) for k, v in flat(dict(config)).items()}
+    left_out = tuple(f"{name}." for name in NOT_SHOWN)
+    return {k: v for k, v in found.items() if not k.endswith(TARGET) and not f"{k}.".startswith(left_out)}
+
+
+def differing(settings: Sequence[Mapping[str, Any]], typed: set[str]) -> list[str]:
+    """Settings in which runs differ.
+
+    Args:
+        settings: Of each run.
+        typed: Settings that somebody wrote.
+
+    Returns:
+        Names of those that have several values; without those that come with the option of a group and that nobody
+        wrote: two networks differ in more than a choice.
+    """
+    names = [name for name in columns(settings) if len({str(s[name]) for s in settings if name in s}) > 1]
+    return [name for name in names if name in typed or not _comes_along(name, names, settings)]
+
+
+def _comes_along(name: str, names: Sequence[str], settings: Sequence[Mapping[str, Any]]) -> bool:
+    """Whether the option of a setting's group, which differs too, says what the setting is."""
+    group, inner, _ = name.partition(".")
+    if not inner or group not in names:
+        return False
+    pairs = {(str(s.get(group)), str(s[name])) for s in settings if name in s}
+    return len(pairs) == len({option for option, _ in pairs})
+
+
+def settings_in(rows: Sequence[Row]) -> list[str]:
+    """Columns of rows that are settings: those between the run and its status."""
+    names = columns(rows)
+    return names[1 : names.index("status")]
+
+
+def remarks(rows: Sequence[Row]) -> Iterator[str]:
+    """What is to be minded when rows are compared."""
+    sets = {
+        tuple(n for n in row if n.startswith(DEV) and row[n] is not None) for row in rows if row.get(MEAN) is not None
+    }
+    if len(sets) > 1:
+        yield "The runs are not scored on the same manoeuvres: compare their columns, not the means."
+
+
+def _summary(rows: Sequence[Row], named: Sequence[str]) -> str:
+    """What came out, in a sentence."""
+    scored = [row for row in rows if error_of(row) < float("inf")]
+    if not scored:
+        return "No run has a score."
+    best = scored[0]
+    how = (
+        ", ".join(f"{_heading(name, named)}={best[name]}" for name in named if best.get(name) is not None)
+        or best["job"]
+    )
+    return f"{len(scored)} of {len(rows)} runs have a score; the best is {how}: error {error_of(best):.3g}."
+
+
+def fitting(rows: Sequence[Row], console: Console) -> Table:
+    """The fullest table that fits the terminal: with every run's folder and every manoeuvre, or with less."""
+    title, names = f"{len(rows)} runs", settings_in(rows)
+    told = [name for name in ("seed", "status") if len({row.get(name) for row in rows}) > 1]
+    kept = [*names, *told, "verdict", MEAN, *(n for n in columns(rows) if n.startswith(DEV))]
+    for some in (["job", *kept], kept):
+        full = [{_heading(n, names): row.get(n) for n in some} for row in rows]
+        table = rich_table(full, title)
+        if console.measure(table, options=console.options.update(width=MAX_WIDTH)).maximum <= console.width:
+            return table
+    return rich_table([{k: v for k, v in row.items() if k != "seconds"} for row in short_rows(rows)], title)
+
+
+def _heading(name: str, settings: Sequence[str]) -> str:
+    """A column's name as a terminal has room for it."""
+    last = name.rpartition(".")[2]
+    alone = sum(other.rpartition(".")[2] == last for other in settings) == 1
+    return "run" if name == "job" else last if name in settings and alone else name.removeprefix(DEV)

@@ -1,0 +1,115 @@
+"""Runs are put into one table wherever they lie, by what differs in their configs."""
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+import yaml
+from rich.console import Console
+
+from manoeuvre_nn.commands.compare import compare, request
+from manoeuvre_nn.core.errors import InputError
+
+USUAL = {
+    "network": {"_target_": "manoeuvre_nn.network.perceptron.wang_network", "hidden": 7, "activation": "tanh"},
+    "ship": {"_target_": "manoeuvre_nn.ship.mariner.mariner"},
+    "manoeuvre": {"speed_kn": None, "zz35": {"_target_": "manoeuvre_nn.manoeuvre.zigzag.zigzag", "rudder_deg": 35}},
+    "trainer": {"max_epochs": 60, "progress": True},
+    "name": "mariner_zz35",
+}
+
+
+def run(folder: Path, dev: dict[str, float] | None, typed=(), **config) -> Path:
+    (folder / ".hydra").mkdir(parents=True)
+    (folder / ".hydra/overrides.yaml").write_text(yaml.safe_dump(list(typed)))
+    (folder / "config.yaml").write_text(
+        yaml.safe_dump({"format": 1, **USUAL, **config, "versions": {"torch": folder.name}})
+    )
+    if dev is not None:
+        scores = {name: {"dev_L": value, "status": "ok"} for name, value in dev.items()}
+        mean = sum(dev.values()) / len(dev)
+        found = {"scores": scores, "mean_dev_L": mean, "seed": 0, "verdict": {"word": "usable"}}
+        (folder / "scores.json").write_text(json.dumps(found))
+    return folder
+
+
+def series(hidden: int) -> dict:
+    return {"network": {**USUAL["network"], "hidden": hidden}}
+
+
+@pytest.fixture
+def asked(tmp_path, monkeypatch):
+    """``asked(*folders)`` compares them; rows, what is printed at 80 columns, and the rows of the file."""
+    monkeypatch.chdir(tmp_path)
+
+    def ask(*words: str):
+        console = Console(width=80, record=True, quiet=False, file=(tmp_path / "printed").open("w"))
+        rows = compare(request([*words, "out=table"]), console)
+        assert "runs compared" in Path("table/compare.html").read_text()
+        with Path("table/runs.csv").open() as file:
+            return rows, console.export_text(), list(csv.DictReader(file))
+
+    return ask
+
+
+def test_runs_of_several_folders_stand_in_one_table_the_best_first_with_what_differs_alone(tmp_path, asked):
+    run(tmp_path / "monday/a", {"zz20": 0.3, "tc25": 0.5}, **series(7))
+    run(tmp_path / "tuesday/sweep/hidden=11", {"zz20": 0.1, "tc25": 0.2}, **series(11))
+    rows, printed, file = asked("monday", "tuesday/sweep")
+    assert [row["job"] for row in rows] == ["tuesday/sweep/hidden=11", "monday/a"] == [row["job"] for row in file]
+    assert list(file[0])[:7] == ["job", "network.hidden", "status", "verdict", "mean dev/L", "dev/L zz20", "dev/L tc25"]
+    assert [row["network.hidden"] for row in file] == ["11", "7"]
+    heading = next(line for line in printed.splitlines() if "hidden" in line)
+    assert heading.split() == ["run", "hidden", "verdict", "mean", "dev/L", "zz20", "tc25"]
+
+
+def test_a_setting_that_comes_with_another_network_is_no_difference_unless_somebody_wrote_it(tmp_path, asked):
+    other = {"_target_": "manoeuvre_nn.network.hull_rudder.HullRudder", "hidden": 16, "activation": "sine"}
+    run(tmp_path / "a", {"zz20": 0.3}, typed=["network.hidden=7"])
+    run(tmp_path / "b", {"zz20": 0.1}, network=other)
+    rows, _, _ = asked("a", "b")
+    assert [(row["network"], row["network.hidden"]) for row in rows] == [("HullRudder", 16), ("wang_network", 7)]
+    assert "network.activation" not in rows[0]
+
+
+def test_a_run_that_failed_or_was_stopped_stands_last_and_says_so(tmp_path, asked):
+    run(tmp_path / "all/good", {"zz20": 0.3})
+    run(tmp_path / "all/stopped", None)
+    failed = run(tmp_path / "all/failed", None)
+    (failed / "error.txt").write_text("network.hidden=0: expected 1\n")
+    (failed / "config.yaml").unlink()
+    rows, printed, _ = asked("all")
+    assert [row["job"] for row in rows] == ["good", "failed", "stopped"]
+    assert "failed: network.hidden=0: expected 1" in " ".join(printed.split()) and "unfinished" in printed
+
+
+def test_means_over_different_manoeuvres_are_not_compared_without_a_word(tmp_path, asked):
+    run(tmp_path / "all/a", {"zz20": 0.3})
+    run(tmp_path / "all/b", {"zz20": 0.3, "tc25": 4.0})
+    assert "not scored on the same manoeuvres" in " ".join(asked("all")[1].split())
+
+
+def test_a_table_of_many_manoeuvres_still_fits_eighty_columns(tmp_path, asked):
+    for k in range(3):
+        run(
+            tmp_path / f"all/{k}",
+            {f"{kind}{angle}": 0.1 * k + angle for kind in ("zz", "tc") for angle in range(10, 35, 5)},
+        )
+    _, printed, file = asked("all")
+    assert max(map(len, printed.splitlines())) <= 80 and "worst" in printed
+    assert sum(name.startswith("dev/L ") for name in file[0]) == 10
+
+
+@pytest.mark.parametrize(
+    ("words", "advice"),
+    [
+        ([], "no folder is given"),
+        (["nothing"], "nothing is neither a folder"),
+        (["width=3"], "width=3 is neither"),
+        (["."], "no run of"),
+    ],
+)
+def test_what_cannot_be_compared_is_refused_in_a_line(tmp_path, asked, words, advice):
+    with pytest.raises(InputError, match=advice):
+        asked(*words)
