@@ -7,6 +7,7 @@ import pytest
 import torch
 import yaml
 from conftest import TINY, TINY_ENSEMBLE
+from pages import unexplained
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from manoeuvre_nn.commands.provenance import hyperparameters
@@ -83,7 +84,7 @@ def test_the_report_stands_alone(done):
     fetched = re.findall(r"""(?:src|href)\s*=\s*["']?([^"'\s>]+)""", page) + re.findall(r"url\(([^)]+)\)", page)
     assert fetched and all(address.startswith(("data:", "#")) for address in fetched)
     assert "<script src" not in page and "@import" not in page
-    assert "zz20" in page and "max_epochs: 4" in page
+    assert "zz20" in page and "max_epochs: 4" in page and unexplained(page) == set()
 
 
 def test_figures_and_checkpoints_are_there(done):

@@ -15,9 +15,9 @@ from manoeuvre_nn.report.figures import (
     time_series_figure,
     track_figure,
 )
-from manoeuvre_nn.report.manoeuvre_charts import ship_shape
 from manoeuvre_nn.report.runs import run_rows, runs_figure
 from manoeuvre_nn.report.style import PREDICTED, RECORDED, log_axis
+from manoeuvre_nn.report.track_marks import ship_shape
 from manoeuvre_nn.scoring.score import score
 
 LENGTH = 100.0

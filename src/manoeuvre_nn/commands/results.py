@@ -23,7 +23,7 @@ from manoeuvre_nn.report import coefficient_tables
 from manoeuvre_nn.report.chart import Chart
 from manoeuvre_nn.report.figures import draw_comparison, excitation_figure, force_figure, learning_figure
 from manoeuvre_nn.report.html import Report, save_figures, write_report
-from manoeuvre_nn.report.manoeuvre_charts import comparison_charts, effect_arrows
+from manoeuvre_nn.report.manoeuvre_charts import comparison_charts
 from manoeuvre_nn.report.tables import (
     Row,
     criteria_rows,
@@ -34,6 +34,7 @@ from manoeuvre_nn.report.tables import (
     score_table,
     verdict_text,
 )
+from manoeuvre_nn.report.track_marks import effect_arrows
 from manoeuvre_nn.scoring.held_out import HeldOut
 from manoeuvre_nn.scoring.score import Score
 from manoeuvre_nn.scoring.verdict import ModelVerdict, model_verdict

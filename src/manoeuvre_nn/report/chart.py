@@ -17,6 +17,8 @@ from manoeuvre_nn.report.style import plain_axes
 
 ARROW = "→"
 """What is turned to show a direction."""
+MAX_POINTS = 1000
+"""Most points that are drawn of a line."""
 Samples = Float[np.ndarray, " n"]
 
 
@@ -39,6 +41,11 @@ class Curve:
     label: str = ""
     times: Samples | None = None
     filled: bool = False
+
+    @property
+    def drawn(self) -> slice:
+        """Which points are drawn: all, or of a long line every second, third, ..."""
+        return slice(None, None, 1 if self.filled else max(-(-len(self.x) // MAX_POINTS), 1))
 
 
 def along(track: Float[np.ndarray, "n 2"], style: Mapping[str, Any], label: str = "", **more: Any) -> Curve:
@@ -86,7 +93,7 @@ class Arrow(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Panel:
+class ChartPanel:
     """One pair of axes.
 
     Attributes:
@@ -126,12 +133,12 @@ class Chart:
         one_time: Whether all have the same time along, so that they are zoomed together.
     """
 
-    panels: Sequence[Panel]
+    panels: Sequence[ChartPanel]
     columns: int = 1
     one_time: bool = False
 
 
-def draw_panel(axes: Axes, panel: Panel) -> Axes:
+def draw_panel(axes: Axes, panel: ChartPanel) -> Axes:
     """Draw a panel on axes, and return them."""
     plain_axes(axes, panel.xlabel, panel.ylabel)
     if panel.level is not None:
@@ -144,7 +151,7 @@ def draw_panel(axes: Axes, panel: Panel) -> Axes:
         if curve.filled:
             axes.add_patch(PathPatch(_outlines(curve), **curve.style))
         else:
-            axes.plot(curve.x, curve.y, **curve.style)
+            axes.plot(curve.x[curve.drawn], curve.y[curve.drawn], **curve.style)
     for mark in panel.marks:
         if mark.symbol:
             axes.plot(mark.x, mark.y, mark.symbol, color=mark.colour, markersize=6, zorder=5)
@@ -183,7 +190,7 @@ def _draw_arrow(axes: Axes, arrow: Arrow, row: int) -> None:
     axes.annotate(arrow.text, (0, 1), (28, height), fontsize=8, va="center", **place)
 
 
-def legend_entries(panels: Sequence[Panel]) -> list[Any]:
+def legend_entries(panels: Sequence[ChartPanel]) -> list[Any]:
     """Entries of a legend for all that has a label, each once."""
     found: dict[str, Any] = {}
     for panel in panels:

@@ -124,6 +124,7 @@ PATTERNS = (
 )  # fmt: skip
 """Headings that hold a name, and what stands in such a column."""
 OF_TABLE = {
+    "Jobs, best first": "setting that differs between jobs",
     "Deviation over L of each target": "expected dev/L of this manoeuvre",
     "Standard errors of each equation": "standard error of a force over the noise of a sample, geometric mean",
 }

@@ -10,11 +10,11 @@ from jaxtyping import Float
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis.result import Diagnosis, Interval, Proof, Residual
-from manoeuvre_nn.report.chart import Arrow, Band, Chart, Curve, Mark, Panel, Samples, Span, along
+from manoeuvre_nn.report.chart import Arrow, Band, Chart, ChartPanel, Curve, Mark, Samples, Span, along
 from manoeuvre_nn.report.diagnosis_tables import AFTER, BEFORE, CHANNELS
-from manoeuvre_nn.report.manoeuvre_charts import effect_arrows, rudder_marks, ships
 from manoeuvre_nn.report.style import COLOURS, PREDICTED, RECORDED, short_name
 from manoeuvre_nn.report.tables import text
+from manoeuvre_nn.report.track_marks import effect_arrows, rudder_marks, ships
 
 TRUTH: dict[str, Any] = RECORDED
 CALM: dict[str, Any] = PREDICTED
@@ -64,7 +64,7 @@ def track_chart(
     return Chart([_map(proof, repaired, dimensions, arrows) for proof in proofs], columns=min(len(proofs), 2))
 
 
-def _map(proof: Proof, repaired: bool, dimensions: tuple[float, float] | None, arrows: Sequence[Arrow]) -> Panel:
+def _map(proof: Proof, repaired: bool, dimensions: tuple[float, float] | None, arrows: Sequence[Arrow]) -> ChartPanel:
     """One run."""
     tables = dict(zip(STYLES, models(proof, repaired), strict=False))
     origin = start_of(proof.recorded[["y", "x"]].to_numpy(float))
@@ -82,10 +82,13 @@ def _map(proof: Proof, repaired: bool, dimensions: tuple[float, float] | None, a
     return track_panel(curves, f"{run_title(proof, TITLE_LETTERS)}\noff by {missed}", marks, arrows)
 
 
-def track_panel(curves: Sequence[Curve], title: str, marks: Sequence[Mark] = (), arrows: Sequence[Arrow] = ()) -> Panel:
+def track_panel(
+    curves: Sequence[Curve], title: str, marks: Sequence[Mark] = (), arrows: Sequence[Arrow] = ()
+) -> ChartPanel:
     """A map in metres from where the tracks start."""
     start = Mark(0.0, 0.0, "" if marks else "start", "*")
-    return Panel("east y [m]", "north x [m]", curves, marks=[start, *marks], arrows=arrows, equal=True, title=title)
+    labels = "east y [m]", "north x [m]"
+    return ChartPanel(*labels, curves, marks=[start, *marks], arrows=arrows, equal=True, title=title)
 
 
 def start_of(track: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " 2"]:
@@ -126,7 +129,7 @@ def channel_chart(proof: Proof, noise: Mapping[str, float], repaired: bool) -> C
             Curve(time, values, style, said)
             for values, (said, style) in zip([truth, *predicted], STYLES.items(), strict=False)
         ]
-        panels.append(Panel("time t [s]", f"{words}\n[{unit}]", curves))
+        panels.append(ChartPanel("time t [s]", f"{words}\n[{unit}]", curves))
         panels.append(_error_panel(time, [values - truth for values in predicted], noise.get(name, 0.0), unit))
     return Chart(panels, columns=2, one_time=True)
 
@@ -152,7 +155,7 @@ def _series(proof: Proof, name: str, repaired: bool) -> list[Samples]:
     return [angle - 360.0 * np.round((angle[first] - values[0][first]) / 360.0) for angle in values]
 
 
-def _error_panel(time: Samples, errors: Sequence[Samples], sigma: float, unit: str) -> Panel:
+def _error_panel(time: Samples, errors: Sequence[Samples], sigma: float, unit: str) -> ChartPanel:
     """Errors on the scale of the repaired model's; where calm water's leave it, the largest of them is written."""
     sigma = sigma if np.isfinite(sigma) else 0.0
     # Noise on a dashed line is a row of dots: here calm water is drawn through, and paler.
@@ -162,7 +165,7 @@ def _error_panel(time: Samples, errors: Sequence[Samples], sigma: float, unit: s
     height = max(3 * sigma, 1.2 * peaks[-1])
     level = np.full(2, 2 * sigma)
     ends = time[[0, -1]]
-    return Panel(
+    return ChartPanel(
         "time t [s]", f"error [{unit}]", curves,
         bands=[Band(ends, -level, level, {**BAND, "color": TRUTH["color"]}, "± 2 noise")],
         limits=(*ends.tolist(), -height, height) if height > 0 else None,
@@ -179,7 +182,7 @@ def residual_chart(residual: Residual, repaired: bool) -> Chart:
         if repaired:
             curves.append(Curve(time, left, REPAIRED, "missing from the repaired model"))
         about = {**BAND, "color": MISSING["color"]}
-        panels.append(Panel(
+        panels.append(ChartPanel(
             "time t [s]", f"{words}\n[{residual.units[k]}]", curves,
             bands=[Band(time, force - spread, force + spread, about, "± 2 standard deviations")],
             spans=_windows(time, residual.windows), limits=_limits(time, [one.y for one in curves], spread), level=0.0,

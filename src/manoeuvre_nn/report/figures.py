@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.report.chart import Chart, draw_panel, legend_entries
-from manoeuvre_nn.report.manoeuvre_charts import BREADTH, comparison_charts, time_chart, track_chart
+from manoeuvre_nn.report.manoeuvre_charts import comparison_charts, time_chart, track_chart
 from manoeuvre_nn.report.style import (
     COLOURS,
     FIGURE_WIDTH_IN,
@@ -27,6 +27,7 @@ from manoeuvre_nn.report.style import (
     new_figure,
     plain_axes,
 )
+from manoeuvre_nn.report.track_marks import BREADTH
 
 
 def track_figure(
@@ -194,7 +195,7 @@ def excitation_figure(trained: Float[np.ndarray, "n 4"], held_out: Mapping[str, 
     Returns:
         The figure.
     """
-    figure = new_figure(3.8, width=6.6, title="What the training saw")
+    figure = new_figure(3.8, width=6.6, title="Coverage: trained on, and scored")
     left, right = figure.subplots(1, 2)
     plain_axes(left, "rudder δ [deg]", "yaw rate r′ [-]")
     plain_axes(right, "sway v′ [-]", "yaw rate r′ [-]")

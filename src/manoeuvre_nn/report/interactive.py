@@ -9,13 +9,12 @@ from hashlib import sha256
 from importlib.resources import files
 from typing import Any
 
+import numpy as np
 from matplotlib.colors import to_rgb
 
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.report.chart import ARROW, Band, Chart, Curve, Mark, Panel, Samples
+from manoeuvre_nn.report.chart import ARROW, Band, Chart, ChartPanel, Curve, Mark, Samples
 
-MAX_POINTS = 1000
-"""Most points that a curve of a page has; longer ones are thinned evenly."""
 DIGITS = 5
 """Significant digits of a number on a page."""
 PX_PER_POINT = 4 / 3
@@ -31,6 +30,9 @@ def scripts() -> tuple[str, str]:
 
     ``plotly-basic.min.js`` is what ``npm pack plotly.js-basic-dist-min@4.1.1`` brings, unchanged: the part of plotly.js
     that draws lines and bars, 1.2 MB, where the Python package carries all of it, 4.5 MB.
+
+    Returns:
+        Both, as a page holds them.
     """
     here = files("manoeuvre_nn.report")
     names = ("plotly-basic.LICENSE", "plotly-basic.min.js", "interactive.js")
@@ -72,7 +74,7 @@ def _first_labels(chart: Chart) -> list[set[str]]:
     return found
 
 
-def _panel(panel: Panel, named: set[str]) -> dict[str, Any]:
+def _panel(panel: ChartPanel, named: set[str]) -> dict[str, Any]:
     """One panel."""
     traces = [trace for band in panel.bands for trace in _band(band)]
     traces += [_curve(curve) for curve in panel.curves]
@@ -102,7 +104,7 @@ def _plain(words: str) -> str:
 
 def _curve(curve: Curve) -> dict[str, Any]:
     """A line or an outline."""
-    keep = slice(None) if curve.filled else _thinned(len(curve.x))
+    keep = curve.drawn
     trace: dict[str, Any] = {**_along(curve.x[keep]), "y": _numbers(curve.y[keep]), "mode": "lines"}
     trace |= {"line": _line(curve.style), "name": _plain(curve.label)}
     if marker := curve.style.get("marker"):
@@ -137,13 +139,9 @@ def _rgba(style: Mapping[str, Any], which: str = "facecolor") -> str:
 
 def _band(band: Band) -> list[dict[str, Any]]:
     """A lower edge that is not seen, and an upper one that is filled down to it."""
-    keep = _thinned(len(band.x))
-    edge = {**_along(band.x[keep]), "mode": "lines", "line": {"width": 0}, "hoverinfo": "skip"}
-    named = {"name": _plain(band.label)}
-    return [
-        edge | {"y": _numbers(band.low[keep])},
-        edge | {"y": _numbers(band.high[keep]), "fill": "tonexty", "fillcolor": _rgba(band.style)} | named,
-    ]
+    edges = [_curve(Curve(band.x, y, {"color": "black", "linewidth": 0})) for y in (band.low, band.high)]
+    edges[1] |= {"fill": "tonexty", "fillcolor": _rgba(band.style), "name": _plain(band.label)}
+    return [{**edge, "hoverinfo": "skip"} for edge in edges]
 
 
 def _mark(mark: Mark) -> dict[str, Any]:
@@ -163,11 +161,6 @@ def _mark(mark: Mark) -> dict[str, Any]:
     return trace | {"showlegend": False, "hoverinfo": "skip", "cliponaxis": False}
 
 
-def _thinned(count: int) -> slice:
-    """Every sample, or every second, ..."""
-    return slice(None, None, max(-(-count // MAX_POINTS), 1))
-
-
 def _along(x: Samples) -> dict[str, Any]:
     """Where the points are along the axis: even steps by the first and the step, which a page has room for."""
     steps = np.diff(x)
@@ -177,7 +170,7 @@ def _along(x: Samples) -> dict[str, Any]:
 
 def _numbers(values: Samples) -> list[float | None]:
     """Numbers as a page holds them; a gap is null."""
-    return [_short(float(value)) for value in values]
+    return [float(f"{value:.{DIGITS}g}") if math.isfinite(value) else None for value in values.tolist()]
 
 
 def _short(value: float) -> float | None:

@@ -1,6 +1,6 @@
 """A predicted manoeuvre beside the recorded one: track from above, channels over time, yaw rate over rudder."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from math import pi
@@ -13,8 +13,9 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.limits import OK
 from manoeuvre_nn.manoeuvre.criteria import reversal_times, spiral_holds, spiral_loop, trace
-from manoeuvre_nn.report.chart import Arrow, Band, Chart, Curve, Mark, Panel, Span, along
+from manoeuvre_nn.report.chart import Arrow, Band, Chart, ChartPanel, Curve, Mark, Span, along
 from manoeuvre_nn.report.style import COLOURS, PREDICTED, RECORDED
+from manoeuvre_nn.report.track_marks import BREADTH, Track, recorded_wind, rudder_marks, ships
 
 PANELS: dict[str, tuple[str, float]] = {
     "psi": ("heading ψ [deg]", 1 / DEGREE),
@@ -30,20 +31,12 @@ ENDED: dict[str, Any] = {"color": COLOURS[0], "alpha": 0.12, "linewidth": 0}
 MEASURE: dict[str, Any] = {"color": "black", "linestyle": ":", "linewidth": 1.0}
 APART: dict[str, Any] = {"color": COLOURS[1], "linestyle": "-", "linewidth": 1.5}
 LOOP: dict[str, Any] = {**MEASURE, "linestyle": "-", "linewidth": 3.0, "alpha": 0.6}
-STARBOARD, PORT = "#00694A", "#B3261E"
-"""Colours of the ship's sides, as its lights have them."""
-WIND, CURRENT = "#56616E", COLOURS[1]
+MAX_OVERSHOOTS = 8
+"""Overshoots that are marked: the first ones."""
+MEMBER_POINTS = 150
+"""About how many points the track of a member has: they are many."""
 OUTLINES = 8
 """Ships on a track, at even times."""
-BREADTH = 0.16
-"""B/L of a ship of which no beam is known [-]."""
-BLADE = 0.08
-"""Length of the rudder's blade over L, about four times a usual one [-]."""
-MAX_RUDDER_MARKS = 8
-"""A helm that is moved more often is not marked."""
-
-Track = Float[np.ndarray, "_ 2"]
-"""Places (east, north)."""
 
 
 def comparison_charts(
@@ -103,7 +96,7 @@ def track_chart(
         return (np.stack([run["y"], run["x"]], axis=-1) - start) / length
 
     tracks = [seen_from_start(run) for run in (reference, prediction)]
-    curves = [along(seen_from_start(member), MEMBER, times=member.time) for member in members]
+    curves = [along(seen_from_start(member)[:: 1 + len(member) // MEMBER_POINTS], MEMBER) for member in members]
     times = np.linspace(reference.time[0], reference.time[-1], OUTLINES)
     runs = ((reference, tracks[0], RECORDED, "recorded"), (prediction, tracks[1], PREDICTED, "predicted"))
     for run, track, style, label in runs:
@@ -111,7 +104,7 @@ def track_chart(
     measures, marks = _turning_measures(reference, start, length)
     winds = [*recorded_wind(reference), *arrows]
     low, high = _limits([*tracks, *(np.stack([m.x, m.y], axis=-1) for m in measures)])
-    map_panel = Panel(
+    map_panel = ChartPanel(
         "east y/L [-]", "north x/L [-]", [*curves, *measures], marks=[*rudder_marks(reference, tracks[0]), *marks],
         arrows=winds, equal=True, limits=(low[0], high[0], low[1], high[1] + 0.08 * len(winds) * (high[1] - low[1])),
         title=_predicted_measures(prediction, length) if measures else "",
@@ -126,73 +119,6 @@ def _limits(tracks: Sequence[Track]) -> tuple[Float[np.ndarray, " 2"], Float[np.
     low, high = points.min(axis=0) - 0.7, points.max(axis=0) + 0.7
     lacking = np.maximum(0.25 * (high - low).max() - (high - low), 0.0)
     return low - lacking / 2, high + lacking / 2
-
-
-def ships(
-    run: Recording,
-    track: Track,
-    times: Float[np.ndarray, " k"],
-    dimensions: tuple[float, float],
-    style: Mapping[str, Any],
-) -> Curve:
-    """Outlines of the ship at some times.
-
-    Args:
-        run: The run, with heading and rudder.
-        track: Where it was (east, north).
-        times: When [s]; times after its end are left out.
-        dimensions: Length and beam, in the unit of the track.
-        style: Of its curve.
-
-    Returns:
-        One filled curve.
-    """
-    shapes = [np.empty((0, 2))]
-    for time in times[times <= run.time[-1] + 1e-9]:
-        *place, psi, delta = (np.interp(time, run.time, column) for column in (*track.T, run["psi"], run["delta"]))
-        shape = np.array(place) + ship_shape(psi, delta, *dimensions)
-        if np.isfinite(shape).all():  # not in a gap
-            shapes += [shape, np.full((1, 2), np.nan)]
-    look = {"facecolor": style["color"], "alpha": 0.35, "edgecolor": style["color"], "linewidth": 0.8}
-    return along(np.concatenate(shapes), look, filled=True)
-
-
-def ship_shape(psi: float, delta: float = 0.0, length: float = 1.0, beam: float = BREADTH) -> Track:
-    """Corners of a ship with its rudder, seen from above.
-
-    Args:
-        psi: Heading [rad].
-        delta: Rudder angle, positive to starboard [rad]: the blade points there, longer than it is, to be seen.
-        length: L.
-        beam: B.
-
-    Returns:
-        Corners (east, north) from midship; the bow is the third.
-    """
-    blade = (-0.5 - BLADE * np.cos(delta), BLADE * length / beam * np.sin(delta))
-    corners = [(-0.5, -0.5), (0.25, -0.5), (0.5, 0.0), (0.25, 0.5), (-0.5, 0.5), (-0.5, 0.0), blade, (-0.5, 0.0)]
-    ahead, abeam = np.array(corners).T * [[length], [beam]]
-    cos, sin = np.cos(psi), np.sin(psi)
-    return np.stack([ahead * sin + abeam * cos, ahead * cos - abeam * sin], axis=-1)
-
-
-def rudder_marks(run: Recording, track: Track) -> list[Mark]:
-    """Where the rudder was laid over to a side: a triangle of its light's colour, and the angle that it was held at."""
-    seen = trace(run)
-    if seen is None:
-        return []
-    reversals, end = reversal_times(seen)
-    starts = [seen.execute, *reversals]
-    marks: list[Mark] = []
-    for start, stop in pairwise([*starts, end] if len(starts) <= MAX_RUDDER_MARKS else []):
-        held = run["delta"][(run.time >= start) & (run.time < stop)]
-        held = held[np.isfinite(held)]
-        angle = float(held[np.abs(held).argmax()]) if len(held) else 0.0
-        symbol, side, colour = (">", "starboard", STARBOARD) if angle > 0 else ("<", "port", PORT)
-        if angle and (not marks or marks[-1].symbol != symbol):
-            east, north = (float(np.interp(start, run.time, column)) for column in track.T)
-            marks.append(Mark(east, north, f"δ {abs(angle) / DEGREE:.0f}° {side}", symbol, colour))
-    return marks
 
 
 def _turning_measures(
@@ -248,41 +174,7 @@ def _size(segment: Float[np.ndarray, "2 2"]) -> float:
     return float(np.hypot(*(segment[1] - segment[0])))
 
 
-def recorded_wind(run: Recording) -> list[Arrow]:
-    """The mean of a recorded wind, where there is one."""
-    if not {"wind_speed", "wind_from"} <= set(run.channels):
-        return []
-    mean = complex(np.nanmean(run["wind_speed"] * np.exp(1j * run["wind_from"])))
-    return [] if np.isnan(mean) else [_wind(abs(mean), float(np.angle(mean)) / DEGREE, ", recorded mean")]
-
-
-def effect_arrows(effects: Mapping[str, Mapping[str, Any]], how: str = "") -> list[Arrow]:
-    """Winds and currents among effects, which are known by what gives their direction.
-
-    Args:
-        effects: Name of an effect -> its parameters.
-        how: What is written after each, such as where it is known from.
-
-    Returns:
-        An arrow each, the way that air or water goes.
-    """
-    arrows = []
-    for values in effects.values():
-        if "from_deg" in values and values.get("speed"):
-            arrows.append(_wind(values["speed"], values["from_deg"], how))
-        elif "toward_deg" in values and values.get("speed"):
-            toward = values["toward_deg"]
-            words = f"current {values['speed']:.3g} m/s towards {toward % 360:.0f}°{how}"
-            arrows.append(Arrow(words, toward * DEGREE, CURRENT))
-    return arrows
-
-
-def _wind(speed: float, from_deg: float, how: str) -> Arrow:
-    """A wind, which is named by where it comes from."""
-    return Arrow(f"wind {speed:.3g} m/s from {from_deg % 360:.0f}°{how}", from_deg * DEGREE + pi, WIND)
-
-
-def _distance_panel(reference: Recording, prediction: Recording, length: float) -> Panel:
+def _distance_panel(reference: Recording, prediction: Recording, length: float) -> ChartPanel:
     """Distance between the tracks; a prediction that ended early rests, as the score has it."""
     ended = prediction.status != OK
     times = reference.time if ended else reference.time[reference.time <= prediction.time[-1] + 1e-9]
@@ -292,7 +184,7 @@ def _distance_panel(reference: Recording, prediction: Recording, length: float) 
     distance = np.hypot(*gaps) / length
     peak = int(distance.argmax())
     high = 1.08 * float(distance[peak]) or 1.0
-    return Panel(
+    return ChartPanel(
         "time t [s]", "distance / L [-]", [Curve(times, distance, APART)], spans=_ended(reference, prediction),
         marks=[Mark(float(times[peak]), float(distance[peak]), "", "o", COLOURS[1])],
         limits=(float(reference.time[0]), float(reference.time[-1]), 0.0, high),
@@ -333,7 +225,7 @@ def time_chart(reference: Recording, prediction: Recording, members: Sequence[Re
             for run, style, said in ((reference, RECORDED, "recorded"), (prediction, PREDICTED, "predicted"))
         ]
         band = _members_band(names[0], prediction, members)
-        panels.append(Panel("time t [s]", label, curves, bands=band, spans=_ended(reference, prediction)))
+        panels.append(ChartPanel("time t [s]", label, curves, bands=band, spans=_ended(reference, prediction)))
     said = ["● overshoot, recorded (predicted)"] if marks else []
     said += [f"prediction {prediction.status}"] if prediction.status != OK else []
     panels[0] = replace(panels[0], marks=marks, title="; ".join(said))
@@ -354,7 +246,7 @@ def _overshoots(reference: Recording, prediction: Recording) -> list[Mark]:
         return []
     recorded, predicted = _swings(reference), _swings(prediction)
     marks, mean = [], float(np.mean([heading for _, heading, _ in recorded] or [0.0]))
-    for k, (time, heading, overshoot) in enumerate(recorded):
+    for k, (time, heading, overshoot) in enumerate(recorded[:MAX_OVERSHOOTS]):
         model = f" ({predicted[k][2]:.3g}°)" if k < len(predicted) else ""
         late = time > reference.time[0] + 0.8 * reference.duration
         place = f"{'top' if heading > mean else 'bottom'} {'left' if late else 'right'}"
@@ -378,7 +270,7 @@ def _swings(run: Recording) -> list[tuple[float, float, float]]:
     return swings
 
 
-def _rate_panel(reference: Recording, prediction: Recording) -> Panel:
+def _rate_panel(reference: Recording, prediction: Recording) -> ChartPanel:
     """Yaw rate over rudder angle; of a spiral the ends of the holds, and how wide and high its loop is."""
     spiral = reference.meta.get("kind") == "spiral"
     curves = []
@@ -392,7 +284,7 @@ def _rate_panel(reference: Recording, prediction: Recording) -> Panel:
         curves.append(Curve(delta, rate, {**style, **face}, f"{said}, end of each hold"))
     measures, marks = _loop_measures(reference) if spiral else ([], [])
     labels = "rudder δ [deg], positive to starboard", "yaw rate r [deg/s], positive to starboard"
-    return Panel(*labels, [*curves, *measures], marks=marks, level=0.0)
+    return ChartPanel(*labels, [*curves, *measures], marks=marks, level=0.0)
 
 
 def _loop_measures(run: Recording) -> tuple[list[Curve], list[Mark]]:
