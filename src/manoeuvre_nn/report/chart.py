@@ -74,7 +74,7 @@ class Span(NamedTuple):
 
 
 class Mark(NamedTuple):
-    """A marker with a word beside it (``place``: top or bottom, right or left); without a symbol the word alone."""
+    """A marker with a word beside it (``place``: top or bottom; right, left or center), or a word alone."""
 
     x: float
     y: float
@@ -155,12 +155,7 @@ def draw_panel(axes: Axes, panel: ChartPanel) -> Axes:
     for mark in panel.marks:
         if mark.symbol:
             axes.plot(mark.x, mark.y, mark.symbol, color=mark.colour, markersize=6, zorder=5)
-        above, left = mark.place.startswith("top"), mark.place.endswith("left")
-        side: dict[str, Any] = {"va": "bottom" if above else "top", "ha": "right" if left else "left"}
-        side |= {"textcoords": "offset points", "fontsize": 8, "color": mark.colour, "zorder": 6}
-        axes.annotate(mark.text, (mark.x, mark.y), (-5 if left else 5, 2 if above else -2), **side)
-    if panel.marks and not panel.limits and not panel.equal:
-        axes.margins(y=0.2)  # room for the words
+        _write(axes, mark)
     for row, arrow in enumerate(panel.arrows):
         _draw_arrow(axes, arrow, row)
     if panel.limits:
@@ -171,6 +166,15 @@ def draw_panel(axes: Axes, panel: ChartPanel) -> Axes:
     if panel.title:
         axes.set_title(panel.title, fontsize=9, loc="left")
     return axes
+
+
+def _write(axes: Axes, mark: Mark) -> None:
+    """The word of a mark, beside it."""
+    height, side = mark.place.split()
+    up, aligned = {"top": (3, "bottom"), "bottom": (-3, "top")}[height]
+    beside, put = {"right": (5, "left"), "left": (-5, "right"), "center": (0, "center")}[side]
+    look: dict[str, Any] = {"va": aligned, "ha": put, "fontsize": 8, "color": mark.colour, "zorder": 6}
+    axes.annotate(mark.text, (mark.x, mark.y), (beside, up), textcoords="offset points", **look)
 
 
 def _outlines(curve: Curve) -> Path:

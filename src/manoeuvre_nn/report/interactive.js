@@ -36,7 +36,8 @@
     order.forEach((panel, k) => {
       const row = Math.floor(k / columns), column = k % columns, n = k ? k + 1 : "";
       const top = 1 - row * (ROW + GAP) / room, x = "x" + (column ? column + 1 : ""), y = "y" + n;
-      traces.push(...panel.traces.map(trace => ({ ...trace, type: "scatter", xaxis: x, yaxis: y })));
+      traces.push(...panel.traces.map(trace => ({ ...trace, type: "scatter", xaxis: x, yaxis: y,
+        ...(trace.textfont && width < 700 ? { textfont: { ...trace.textfont, size: 9 } } : {}) })));
       layout["yaxis" + n] = axis(panel.ylabel, { domain: [top - ROW / room, top], anchor: x, automargin: true,
         ...(panel.limits ? { range: panel.limits.slice(2) } : {}) });
       const last = row === Math.floor((order.length - 1 - column) / columns);

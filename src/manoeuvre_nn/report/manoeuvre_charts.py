@@ -228,8 +228,15 @@ def time_chart(reference: Recording, prediction: Recording, members: Sequence[Re
         panels.append(ChartPanel("time t [s]", label, curves, bands=band, spans=_ended(reference, prediction)))
     said = ["● overshoot, recorded (predicted)"] if marks else []
     said += [f"prediction {prediction.status}"] if prediction.status != OK else []
-    panels[0] = replace(panels[0], marks=marks, title="; ".join(said))
+    panels[0] = replace(panels[0], marks=marks, title="; ".join(said), limits=_roomy(panels[0]) if marks else None)
     return Chart(panels, one_time=True)
+
+
+def _roomy(panel: ChartPanel) -> tuple[float, float, float, float]:
+    """Ends of axes with room for words above and below the curves."""
+    low, high = (float(end([end(curve.y) for curve in panel.curves])) for end in (np.nanmin, np.nanmax))
+    time = panel.curves[0].x
+    return float(time[0]), float(time[-1]), low - 0.25 * (high - low), high + 0.25 * (high - low)
 
 
 def _members_band(name: str, prediction: Recording, members: Sequence[Recording]) -> list[Band]:
@@ -248,8 +255,7 @@ def _overshoots(reference: Recording, prediction: Recording) -> list[Mark]:
     marks, mean = [], float(np.mean([heading for _, heading, _ in recorded] or [0.0]))
     for k, (time, heading, overshoot) in enumerate(recorded[:MAX_OVERSHOOTS]):
         model = f" ({predicted[k][2]:.3g}°)" if k < len(predicted) else ""
-        late = time > reference.time[0] + 0.8 * reference.duration
-        place = f"{'top' if heading > mean else 'bottom'} {'left' if late else 'right'}"
+        place = f"{'top' if heading > mean else 'bottom'} center"
         marks.append(Mark(time, heading, f"{overshoot:.3g}°{model}", "o", place=place))
     return marks
 
@@ -297,8 +303,8 @@ def _loop_measures(run: Recording) -> tuple[list[Curve], list[Mark]]:
     curves, marks = [], []
     if np.isfinite([left, right]).all():
         curves.append(Curve(np.array([left, right]), np.zeros(2), LOOP))
-        marks.append(Mark(float(max(left, right)), 0.0, f"loop width {abs(left - right):.3g}°"))
+        marks.append(Mark(float(max(left, right)), 0.0, f"loop width {abs(left - right):.3g}°", place="bottom right"))
     if np.isfinite([low, high]).all():
         curves.append(Curve(np.zeros(2), np.array([low, high]), LOOP))
-        marks.append(Mark(0.0, float(max(low, high)), f"loop height {abs(low - high):.3g}°/s"))
+        marks.append(Mark(0.0, float(max(low, high)), f"loop height {abs(low - high):.3g}°/s", place="top left"))
     return curves, marks

@@ -241,7 +241,7 @@ def _mark_values(axes: Axes, values: pd.Series) -> None:
 
 
 def heat_map(rows: Sequence[Row]) -> Figure | None:
-    """Error over the two settings with the most values, a cell each pair: the darker, the larger, and each cell says its number.
+    """Error over the two settings with the most values, a cell each pair that says its number.
 
     Jobs that differ in other settings or in the seed alone share a cell, which holds their median.
 

@@ -24,7 +24,6 @@ BLADE = 0.08
 MAX_RUDDER_MARKS = 8
 """A helm that is moved more often is not marked."""
 
-
 Track = Float[np.ndarray, "_ 2"]
 """Places (east, north)."""
 
