@@ -15,11 +15,11 @@ LENGTH = 100.0
 
 
 def turning(side: int = 1, course: float = 0.4, radius: float = 150.0) -> Recording:
-    """60 s straight ahead at 5 m/s, then a circle with the rudder at 20 deg."""
+    """60 s straight ahead at 5 m/s, then a circle with the rudder at 20 deg in a current of .5 m/s ahead."""
     time = np.arange(0.0, 400.0)
     late = np.clip(time - 60.0, 0.0, None)
     turned = late * 5.0 / radius
-    ahead, abeam = 5.0 * np.minimum(time, 60.0) + radius * np.sin(turned), radius * (1 - np.cos(turned))
+    ahead, abeam = 5.0 * np.minimum(time, 60.0) + radius * np.sin(turned) + 0.5 * late, radius * (1 - np.cos(turned))
     channels = {
         "x": ahead * np.cos(course) - side * abeam * np.sin(course) + 3000.0,
         "y": ahead * np.sin(course) + side * abeam * np.cos(course) - 70.0,

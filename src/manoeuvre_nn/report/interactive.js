@@ -51,7 +51,8 @@
   // Height over width of what a map shows; its ends are those of its curves unless they are given.
   function ends(panel) {
     if (panel.limits) return panel.limits;
-    const all = key => panel.traces.flatMap(trace => trace[key]).filter(value => value !== null);
+    const even = trace => trace.y.map((_, k) => trace.x0 + k * trace.dx);
+    const all = key => panel.traces.flatMap(trace => trace[key] ?? even(trace)).filter(value => value !== null);
     const [x, y] = [all("x"), all("y")].map(values => values.length ? [Math.min(...values), Math.max(...values)] : [0, 1]);
     const edge = .06 * Math.max(x[1] - x[0], y[1] - y[0]) || 1;
     return [x[0] - edge, x[1] + edge, y[0] - edge, y[1] + edge];
@@ -96,4 +97,15 @@
     for (const one of seen.filter(each => each.isIntersecting)) { watch.unobserve(one.target); draw(one.target); }
   }, { rootMargin: "400px" });
   document.querySelectorAll("figure.chart").forEach(figure => watch.observe(figure));
+
+  let width = innerWidth, soon; // a phone that is turned
+  addEventListener("resize", () => {
+    if (innerWidth === width) return;
+    width = innerWidth;
+    clearTimeout(soon);
+    soon = setTimeout(() => document.querySelectorAll("figure.drawn").forEach(figure => {
+      figure.querySelector(".live").remove();
+      draw(figure);
+    }), 200);
+  });
 })();
