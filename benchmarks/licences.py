@@ -28,7 +28,8 @@ SILENT = {"fmpy": "BSD-2-Clause"}
 """Package whose metadata name no licence -> which its LICENSE.txt is."""
 INTRODUCTION = """# Licences
 
-This package is under MIT. Its wheel holds its own files alone; what it needs is installed beside it from where its
+This package is under MIT. Its wheel holds its own files and one other: the basic bundle of plotly.js 4.1.1, under MIT
+with its notice, which every page with figures to zoom carries on. What it needs is installed beside it from where its
 authors publish it. Whoever passes on an environment or an image with all of that passes on these packages too, under
 their licences. They are listed as the metadata of the packages say, of the versions of `constraints.txt`;
 `python benchmarks/licences.py` writes this page.

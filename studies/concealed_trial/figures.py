@@ -39,7 +39,7 @@ def write_figures(tools: Mapping[str, Mapping[str, Any]], out: Path) -> None:
         tools: ``board`` and ``cases`` of each tool, as in scoreboard.json; the confusion matrix is the first one's.
         out: Takes the PNG files and trial.html; holds scoreboard.md, if there is one.
     """
-    from manoeuvre_nn.report.html import data_address, write_page  # it loads torch, which no other stage needs
+    from manoeuvre_nn.report.html import picture, write_page  # it loads torch, which no other stage needs
 
     first = next(iter(tools))
     drawn = {
@@ -49,7 +49,7 @@ def write_figures(tools: Mapping[str, Mapping[str, Any]], out: Path) -> None:
     }
     for name, figure in drawn.items():
         _save(figure, out / name)
-    shown = [(name.removesuffix(".png").title(), FIGURES[name], data_address(figure)) for name, figure in drawn.items()]
+    shown = [(name.removesuffix(".png").title(), picture(FIGURES[name], figure)) for name, figure in drawn.items()]
     scores = (out / "scoreboard.md").read_text() if (out / "scoreboard.md").is_file() else ""
     write_page(out / "trial.html", "trial.html", "studies.concealed_trial", figures=shown, scores=list(blocks(scores)))
 

@@ -14,6 +14,7 @@ import yaml
 from fleet import unchecked
 from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
+from pages import unexplained
 from rich.console import Console
 
 from manoeuvre_nn.commands.check import check
@@ -80,6 +81,7 @@ def test_the_folder_holds_a_page_figures_and_findings(checked):
     out, found, _ = checked
     assert {p.name for p in (out / "figures").iterdir()} == {"good.png", "late.png"}
     page = (out / "checks.html").read_text()
+    assert unexplained(page) == set()
     assert re.findall(r"""(?:src|href)\s*=\s*["'](?!data:|#)""", page) == []
     assert "too late: move r back" in page and "1 can be used as it is, 1 should be mended first" in page
     assert [one.name for one in found] == ["good", "late"]

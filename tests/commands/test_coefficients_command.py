@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fleet import unchecked
+from pages import unexplained
 from pytest import approx
 from rich.console import Console
 
@@ -68,6 +69,7 @@ def test_a_run_of_train_py_leaves_its_coefficients(run):
     names = [row["symbol"] for row in stored["coefficients"]]
     assert {"X_uu", "Y_uv", "N_ur", "N_dnn", "Y_v|v|"} <= set(names)
     page = (run / "report.html").read_text()
+    assert unexplained(page) == set()
     assert "What follows from them" in page and "Free runs show forces over inertia only" in page
     assert (run / "figures" / "coefficients_intervals.png").is_file()
     one = stored["coefficients"][0]
@@ -85,7 +87,8 @@ def test_coefficients_of_a_run_are_told_again_without_a_fit_and_beside_captive_t
     assert rows["Y' by drift"]["captive"] == approx(-0.25, rel=0.05) and "Y_ur" not in rows
     assert "Recordings beside captive tests" in said and "known is" in said
     assert (tmp_path / "figures" / "coefficients_forces.png").is_file()
-    assert "captive tests" in (tmp_path / "coefficients.html").read_text()
+    page = (tmp_path / "coefficients.html").read_text()
+    assert "captive tests" in page and unexplained(page) == set()
 
 
 def test_another_inertia_scales_the_forces_and_not_the_motion(run, tmp_path):

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 from hydra.core.global_hydra import GlobalHydra
+from pages import unexplained
 from rich.console import Console
 
 from manoeuvre_nn.commands import guard
@@ -49,7 +50,9 @@ def test_the_best_candidate_is_named_in_the_terminal_in_json_and_on_the_page(ask
     told = json.loads((folder / "excite.json").read_text())
     gains = {row["manoeuvre"]: row["gain"] for row in told["candidates"]}
     assert set(gains) == {"zz20", "tc10"} and told["sail_next"] == max(gains, key=gains.get)
-    for text in (said, (folder / "report.html").read_text()):
+    page = (folder / "report.html").read_text()
+    assert unexplained(page) == set()
+    for text in (said, page):
         assert f"Sail next: {told['sail_next']}" in text
     assert "because the members disagree most about zz10" in told["sentence"]
     assert told["candidates"][0]["targets"]["zz10"]["now"] == pytest.approx(told["candidates"][0]["now"])

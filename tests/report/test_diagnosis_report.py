@@ -40,6 +40,7 @@ from manoeuvre_nn.report.diagnosis_tables import (
     when_text,
     words,
 )
+from manoeuvre_nn.report.interactive import scripts
 
 
 def drawn(axes, label_or_colour) -> np.ndarray:
@@ -96,8 +97,8 @@ def test_errors_are_on_the_scale_of_the_repaired_model_and_the_largest_of_calm_w
     beside = channel_figure(windy().proofs[0], NOISE, repaired=True).axes[3]
     errors = [np.nanmax(np.abs(drawn(beside, style)[:, 1])) for style in (CALM, REPAIRED)]
     assert beside.get_ylim()[1] == pytest.approx(max(1.2 * errors[1], 3 * NOISE["r"]))
-    assert beside.get_title("right") == f"calm water: up to {errors[0]:.2g} deg/s"
-    assert beside.patches[0].get_height() == pytest.approx(4 * NOISE["r"])
+    assert beside.get_title("left") == f"calm water: up to {errors[0]:.2g} deg/s"
+    assert np.ptp(beside.collections[0].get_paths()[0].vertices[:, 1]) == pytest.approx(4 * NOISE["r"])
 
 
 def test_the_band_of_the_missing_force_is_two_standard_deviations_and_windows_end_with_the_run():
@@ -338,15 +339,16 @@ def page(tmp_path_factory) -> str:
 
 
 def test_the_page_loads_nothing_from_anywhere(page):
-    assert len(Page(page).addresses) == 6
-    assert all(address.startswith("data:image/svg+xml;base64,") for address in Page(page).addresses)
-    assert {"script", "link", "iframe", "b"}.isdisjoint(Page(page).tags)
-    assert "url(" not in page
+    addresses = [address for address in Page(page).addresses if not address.startswith("#part")]
+    assert len(addresses) == 6
+    assert all(address.startswith("data:image/svg+xml;base64,") for address in addresses)
+    assert {"link", "iframe", "b"}.isdisjoint(Page(page).tags)
+    assert "url(" not in page.replace(scripts()[0], "")
 
 
 def test_the_sentence_comes_first_and_what_to_record_follows_the_proof(page):
-    order = ("<h1", "A steady wind of 11.2", "<img", "<table>", "held out</h2>", "against the runner-up",
-             "a wind that sets in explains", "What to record next", ">residual is white")  # fmt: skip
+    order = ("<h1", "A steady wind of 11.2", "<img", "<table", "held out</h2>", "against the runner-up</h2>",
+             "a wind that sets in explains", "What to record next</h2>", ">residual is white")  # fmt: skip
     places = [page.index(words) for words in order]
     assert places == sorted(places)
 
@@ -379,7 +381,7 @@ def test_values_of_other_causes_are_not_shown_as_found(page):
 def test_errors_have_their_unit_and_what_is_written_above_them_meets_nothing():
     shown, beside = channel_figure(windy().proofs[0], NOISE, repaired=True).axes[:2]
     assert (shown.get_ylabel(), beside.get_ylabel()) == ("heading ψ\n[deg]", "error [deg]")
-    assert beside.get_title("left") == ""
+    assert shown.get_title("left") == ""
 
 
 def test_a_page_of_nothing_says_that_nothing_was_proved_and_leaves_out_the_rest(tmp_path):

@@ -8,18 +8,16 @@ from matplotlib.figure import Figure
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.report.figures import (
     _end_to_end,
-    _ship_shape,
     comparison_figures,
     excitation_figure,
     force_figure,
-    hold_ends,
     learning_figure,
-    rate_against_rudder_figure,
     time_series_figure,
     track_figure,
 )
 from manoeuvre_nn.report.runs import run_rows, runs_figure
 from manoeuvre_nn.report.style import PREDICTED, RECORDED, log_axis
+from manoeuvre_nn.report.track_marks import ship_shape
 from manoeuvre_nn.scoring.score import score
 
 LENGTH = 100.0
@@ -57,7 +55,7 @@ def test_the_largest_distance_in_the_figure_is_the_score(recorded, make_course):
 
 @pytest.mark.parametrize(("psi", "bow"), [(0.0, (0.0, 0.5)), (np.pi / 2, (0.5, 0.0)), (np.pi, (0.0, -0.5))])
 def test_the_bow_points_where_the_heading_says(psi, bow):
-    assert _ship_shape(0.0, 0.0, psi)[2] == pytest.approx(np.array(bow), abs=1e-12)
+    assert ship_shape(psi)[2] == pytest.approx(np.array(bow), abs=1e-12)
 
 
 def test_a_prediction_that_ended_early_is_shaded_and_says_why(recorded, make_course):
@@ -85,21 +83,8 @@ def test_the_rudder_gets_its_own_panel_when_the_heading_goes_far(recorded):
     assert len(time_series_figure(turning, turning).axes) == 5
 
 
-def test_a_hold_ends_with_the_last_sample_before_the_order_changes(spiral):
-    assert hold_ends(spiral).tolist() == [9, 19, 29, 39, 49]
-
-
-def test_orders_that_change_all_the_time_are_no_holds(recorded):
-    assert len(hold_ends(recorded)) == 0
-
-
-def test_holds_are_found_in_the_rudder_where_orders_were_not_recorded(spiral):
-    bare = replace(spiral, channels={k: c for k, c in spiral.channels.items() if k != "delta_order"})
-    assert hold_ends(bare).tolist() == hold_ends(spiral).tolist()
-
-
 def test_the_points_of_a_spiral_are_the_steady_ones(spiral):
-    axes = rate_against_rudder_figure(spiral, spiral).axes[0]
+    axes = comparison_figures(spiral, spiral)["rate against rudder"].axes[0]
     points = next(line for line in axes.get_lines() if line.get_marker() == "o")
     delta, r = points.get_data()
     assert delta == pytest.approx([20, 10, 0, -10, -20], abs=1e-9)

@@ -5,10 +5,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pages import unexplained
 from rich.console import Console
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.report.sweep import sweep_figure, sweep_rows, swept, write_sweep
+from manoeuvre_nn.report.sweep import heat_map, sweep_figure, sweep_rows, swept, write_sweep
 
 LOST = "left the physical range at 10 s"
 
@@ -176,3 +177,21 @@ def test_two_settings_with_the_same_last_word_keep_their_full_names(tmp_path):
 def test_a_folder_without_runs_is_refused(tmp_path):
     with pytest.raises(InputError, match="holds no runs"):
         sweep_rows(tmp_path)
+
+
+def test_the_map_of_two_settings_has_a_cell_each_pair_with_the_median_of_its_repeats(tmp_path):
+    for k, (hidden, epochs, seed) in enumerate([(3, 5, 0), (3, 5, 1), (3, 9, 0), (7, 5, 0), (7, 9, 0)]):
+        job(tmp_path, str(k), [f"network.hidden={hidden}", f"trainer.max_epochs={epochs}"], {"zz20": k + 1.0}, seed)
+    axes, bar = heat_map(sweep_rows(tmp_path)).axes
+    cells = {(text.get_position(), text.get_text()) for text in axes.texts}
+    assert cells == {((0.5, 0.5), "1.5"), ((0.5, 1.5), "3"), ((1.5, 0.5), "4"), ((1.5, 1.5), "5")}
+    assert {axes.get_xlabel(), axes.get_ylabel()} == {"network.hidden", "trainer.max_epochs"}
+    assert bar.get_ylabel() == "mean dev/L [-]"
+    write_sweep(tmp_path)
+    assert (tmp_path / "sweep_map.png").is_file()
+    page = (tmp_path / "sweep.html").read_text()
+    assert "Best of 5 jobs" in page and page.count("<figure") == 2 and unexplained(page) == set()
+
+
+def test_one_setting_alone_has_no_map(sweep):
+    assert heat_map(sweep_rows(sweep)) is None

@@ -20,8 +20,10 @@ from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.estimation.baselines import fit_baselines
 from manoeuvre_nn.manoeuvre.imo import imo_table
 from manoeuvre_nn.report import coefficient_tables
-from manoeuvre_nn.report.figures import comparison_figures, excitation_figure, force_figure, learning_figure
+from manoeuvre_nn.report.chart import Chart
+from manoeuvre_nn.report.figures import draw_comparison, excitation_figure, force_figure, learning_figure
 from manoeuvre_nn.report.html import Report, save_figures, write_report
+from manoeuvre_nn.report.manoeuvre_charts import comparison_charts
 from manoeuvre_nn.report.tables import (
     Row,
     criteria_rows,
@@ -32,6 +34,7 @@ from manoeuvre_nn.report.tables import (
     score_table,
     verdict_text,
 )
+from manoeuvre_nn.report.track_marks import effect_arrows
 from manoeuvre_nn.scoring.held_out import HeldOut
 from manoeuvre_nn.scoring.score import Score
 from manoeuvre_nn.scoring.verdict import ModelVerdict, model_verdict
@@ -75,6 +78,11 @@ class _Outcome:
         return float(np.mean([s.dev_L for s in self.scores]))
 
     @property
+    def worst(self) -> Score:
+        """The held-out manoeuvre that is predicted worst."""
+        return max(self.scores, key=lambda s: s.dev_L)
+
+    @property
     def error(self) -> float:
         """What a search for settings makes small."""
         return self.mean_dev
@@ -95,6 +103,13 @@ class _Outcome:
     def verdict(self) -> ModelVerdict:
         """What the model may be used for."""
         return model_verdict(self.scores, self.data.held_out.references, self.baselines)
+
+    @cached_property
+    def charts(self) -> dict[str, dict[str, Chart]]:
+        """What is shown of each held-out manoeuvre: manoeuvre -> name -> chart."""
+        ship, arrows = self.trained.fit.dynamics.particulars, effect_arrows(self.config.get("effect") or {})
+        runs = zip(self.data.held_out.references, self.predictions, self.members, strict=True)
+        return {r.name: comparison_charts(r, p, members, ship.beam / ship.length, arrows) for r, p, members in runs}
 
     @cached_property
     def imo(self) -> list[dict[str, Any]]:
@@ -137,9 +152,9 @@ def figures(outcome: _Outcome) -> dict[str, Figure]:
     """All figures of a run: ``manoeuvre/name`` -> figure."""
     references, fit, tuples = outcome.data.held_out.references, outcome.trained.fit, outcome.data.tuples
     made = {
-        f"{reference.name}/{name}": figure
-        for reference, prediction, members in zip(references, outcome.predictions, outcome.members, strict=True)
-        for name, figure in comparison_figures(reference, prediction, members).items()
+        f"{run}/{name}": figure
+        for run, of_run in outcome.charts.items()
+        for name, figure in draw_comparison(of_run, run).items()
     }
     inputs, units = tuples.inputs.double(), fit.dynamics.hull.velocity_units.double().numpy()
     if isinstance(fit.dynamics, IdentifiedShip):
@@ -202,6 +217,8 @@ def write_results(outcome: _Outcome, out: Path) -> None:
         good=is_good(outcome.verdict.word),
         tables=tables,
         figures=drawn,
+        charts={f"{run}/{name}": chart for run, of_run in outcome.charts.items() for name, chart in of_run.items()},
+        key=f"{outcome.worst.manoeuvre}/track",
         config=outcome.config,
         versions=versions(),
         notes=notes,
@@ -221,7 +238,7 @@ def _log_hyperparameters(outcome: _Outcome, out: Path) -> None:
 
 def summary(outcome: _Outcome) -> str:
     """What the model may be used for, and how close it stays to the recorded tracks."""
-    worst, count = max(outcome.scores, key=lambda s: s.dev_L), len(outcome.scores)
+    worst, count = outcome.worst, len(outcome.scores)
     return (
         f"{outcome.verdict.sentence} In closed loop on {count} held-out manoeuvres the tracks are at most "
         f"{worst.dev_L:.3g} L apart ({worst.manoeuvre}; mean {outcome.mean_dev:.3g} L)."

@@ -41,13 +41,13 @@ class SweepTable(Callback):
         job_return.cfg = job_return.hydra_cfg = None
 
     def on_multirun_end(self, config: DictConfig, **kwargs: Any) -> None:
-        """Write ``sweep.csv``, ``sweep.md`` and ``sweep.png``, and print the table."""
+        """Write the tables, figures and page of the sweep, and print the table."""
         folder = shown(Path(config.hydra.sweep.dir))
         _shown.close()
         with guard.one_line(), guard.until_the_end:
             Terminal().print(write_sweep(folder))
             guard.failed_jobs += [str(r["job"]) for r in sweep_rows(folder) if str(r["status"]).startswith("failed")]
-            where = f"table: {folder / 'sweep.csv'}, {folder / 'sweep.md'}   figure: {folder / 'sweep.png'}"
+            where = f"table: {folder / 'sweep.csv'}, {folder / 'sweep.md'}   page: {folder / 'sweep.html'}"
             Terminal().print(where, soft_wrap=True, highlight=False)
 
 

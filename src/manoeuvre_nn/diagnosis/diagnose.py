@@ -74,12 +74,13 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
     nature = nature_of(tried, verdict, found, tested) if strange else None
     causes = causes_of(question, tried, verdict, chosen, nature)
     found = _shaded(found, [c for c in causes if c.name in chosen.names])
+    particulars = question.dynamics.particulars
     model = ["unknown" if name == Formula.name else name for name in chosen.names if name != Remainder.name]
     noise, open_still = _noise(data_set), (left_open(tried, verdict), still_missing(checks))
     sentence = summary_sentence(causes, model, proofs, mismatch, *open_still, noise)
     return Diagnosis(
         case=question.case.name,
-        ship=question.dynamics.particulars.name,
+        ship=particulars.name,
         verdict="mismatch" if mismatch else "none",
         sentence=if_this_ship(sentence, question.dynamics.particulars.name, checks),
         causes=causes,
@@ -97,6 +98,7 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
         tracks={r.name: r.stacked("x", "y") for r in question.case.fitted},
         forecasts=forecasts(question, tried.likelihood.data_set, chosen),
         network=_network(chosen),
+        dimensions=(particulars.length, particulars.beam),
         settings=question.settings,
         seconds=time.perf_counter() - began,
     )

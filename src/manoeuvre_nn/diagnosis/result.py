@@ -163,8 +163,9 @@ class Proof:
     Attributes:
         run: The run.
         kind: What was sailed.
-        recorded: t, x, y [m], psi [deg], u, v [m/s] over ground, r [deg/s], u_log [m/s]; NaN in gaps and at outliers.
-        before: The calm-water model's prediction, same columns and times.
+        recorded: t, x, y [m], psi [deg], u, v [m/s] over ground, r [deg/s], u_log [m/s], delta [deg]; NaN in
+            gaps and at outliers.
+        before: The calm-water model's prediction, same times and columns but the last.
         after: The repaired model's; of a planned run with x_low, x_high and so on: what 95 % of recordings lie between.
         rmse_before: Channel (pos, psi, u, v, r, u_log) -> RMS error.
         rmse_after: The same after.
@@ -207,6 +208,7 @@ class Diagnosis:
         tracks: Fitted run -> recorded x and y [m], NaN in gaps.
         forecasts: Planned runs: rudder and warm-up are known, and nothing that could prove anything.
         network: Weights of the network that learned what physics leaves; empty without one.
+        dimensions: Length and beam of the ship [m], None where they are not known.
         settings: Versions, seed, options, for the record.
         seconds: Time that it took.
     """
@@ -230,6 +232,7 @@ class Diagnosis:
     tracks: Mapping[str, Float[np.ndarray, "n 2"]] = field(default_factory=dict, repr=False)
     forecasts: list[Proof] = field(default_factory=list)
     network: Mapping[str, float] = field(default_factory=dict, repr=False)
+    dimensions: tuple[float, float] | None = None
     settings: Mapping[str, str] = field(default_factory=dict)
     seconds: float = 0.0
 

@@ -68,8 +68,8 @@ class _Trace:
         times = self.turn.solve(turn, extrapolate=False)
         return float(min(times[times >= self.execute], default=nan))
 
-    def peak(self, start: float, end: float, side: int) -> float:
-        """Largest change of heading to one side within a time, if the ship swung back from it.
+    def peak_time(self, start: float, end: float, side: int) -> float:
+        """When the heading went furthest to one side within a time, if the ship swung back from it.
 
         Args:
             start: First time [s].
@@ -77,16 +77,20 @@ class _Trace:
             side: +1 for the side of the first rudder, -1 for the other.
 
         Returns:
-            That change of heading, positive to the side of the first rudder [rad]; NaN if the heading was still
-            growing.
+            Time [s]; NaN if the heading was still growing.
         """
         times = self.turn.derivative().roots(extrapolate=False)
         times = times[(times > start) & (times < end)]
         inside = self.time[(self.time >= start) & (self.time <= end)]
         if not len(times) or not len(inside):
             return nan
-        peak = float((side * self.turn(times)).max())
-        return side * peak if peak >= (side * self.turn(inside)).max() - 1e-9 else nan
+        peak = float(times[(side * self.turn(times)).argmax()])
+        return peak if side * self.turn(peak) >= (side * self.turn(inside)).max() - 1e-9 else nan
+
+    def place_at(self, time: float) -> tuple[float, float]:
+        """Distances ahead of the execute along the approach course, and to the side of the first rudder [m]."""
+        assert self.ahead is not None and self.abeam is not None
+        return float(self.ahead(time)), float(self.abeam(time))
 
     def distance(self, start: float, end: float) -> float:
         """Distance sailed [m] between two times [s], through the water or over ground, whichever the velocities are."""
@@ -128,9 +132,9 @@ def _turning_circle(seen: _Trace, length: float) -> dict[str, float]:
     """Advance and transfer at 90 deg, tactical diameter at 180 deg, and the steady turn."""
     found: dict[str, float] = {}
     if seen.ahead is not None and seen.abeam is not None:
-        quarter, half = seen.time_at(0.5 * pi), seen.time_at(pi)
-        found = {"advance_L": seen.ahead(quarter) / length, "transfer_L": seen.abeam(quarter) / length}
-        found["tactical_diameter_L"] = seen.abeam(half) / length
+        (advance, transfer), (_, diameter) = (seen.place_at(seen.time_at(turn)) for turn in (0.5 * pi, pi))
+        found = {"advance_L": advance, "transfer_L": transfer, "tactical_diameter_L": diameter}
+        found = {name: distance / length for name, distance in found.items()}
     start = float(seen.turn(seen.time[-1])) - 0.5 * pi
     last = (seen.turn(seen.time) > start) & (seen.time > seen.execute)
     if start < pi or not _is_steady(seen, last):
@@ -166,7 +170,8 @@ def _zigzag(seen: _Trace, length: float) -> dict[str, float]:
     found = {"reversals": float(len(reversals))}
     for k, (start, stop) in enumerate(pairwise([*reversals, end])):
         side = (-1) ** k
-        found[f"overshoot_{k + 1}_deg"] = side * (seen.peak(start, stop, side) - float(seen.turn(start))) / DEGREE
+        peak = float(seen.turn(seen.peak_time(start, stop, side)))
+        found[f"overshoot_{k + 1}_deg"] = side * (peak - float(seen.turn(start))) / DEGREE
     if len(reversals) > 2:  # from rudder to rudder of the same side; the first half-swing starts from a straight course
         found["period_s"] = reversals[2] - reversals[0]
     turned = seen.time_at(INITIAL_TURN)
@@ -228,22 +233,38 @@ def _pull_out(seen: _Trace, length: float) -> dict[str, float]:
 
 def _spiral(seen: _Trace, length: float) -> dict[str, float]:
     """Where the two branches of yaw rate over rudder cross zero, and how far they are apart."""
-    holds = _holds(seen)
-    if len(holds) < 4:
+    loop = spiral_loop(seen)
+    if loop is None:
         return {}
-    turning = int(np.argmin(holds[:, 0]))
-    branches = (holds[: turning + 1], holds[turning:])
-    there, back = (_at_zero(rate, rudder) for rudder, rate in (b.T for b in branches))
-    above, below = (_at_zero(rudder + seen.side * seen.base, rate) for rudder, rate in (b.T for b in branches))
+    (there, back), (above, below) = loop
     return {
-        "neutral_rudder_deg": (seen.side * 0.5 * (there + back) + seen.base) / DEGREE,
+        "neutral_rudder_deg": 0.5 * (there + back) / DEGREE,
         "loop_width_deg": abs(there - back) / DEGREE,
         "loop_height_deg_s": abs(above - below) / DEGREE,
     }
 
 
-def _holds(seen: _Trace) -> Float[np.ndarray, "holds 2"]:
-    """Rudder angle of every hold and the yaw rate at its end [rad, rad/s]."""
+def spiral_loop(seen: _Trace) -> tuple[tuple[float, float], tuple[float, float]] | None:
+    """Where the branches of a spiral, there and back, cross the axes.
+
+    Args:
+        seen: The trial.
+
+    Returns:
+        Rudder angles of no yaw [rad] and yaw rates with the rudder amidships [rad/s]; None if there are few holds.
+    """
+    holds = spiral_holds(seen)
+    if len(holds) < 4:
+        return None
+    turning = int(np.argmin(seen.side * holds[:, 0]))
+    branches = (holds[: turning + 1].T, holds[turning:].T)
+    there, back = (_at_zero(rate, rudder) for rudder, rate in branches)
+    above, below = (_at_zero(rudder, rate) for rudder, rate in branches)
+    return (there, back), (above, below)
+
+
+def spiral_holds(seen: _Trace) -> Float[np.ndarray, "holds 2"]:
+    """Rudder angle of every hold of a spiral and the yaw rate at its end, positive to starboard [rad, rad/s]."""
     starts, level, count = [0], seen.rudder[0], 1
     for k, angle in enumerate(seen.rudder[1:], start=1):
         if abs(angle - level) > LEAST_RUDDER:
@@ -254,7 +275,8 @@ def _holds(seen: _Trace) -> Float[np.ndarray, "holds 2"]:
     longest = max(time[-1] - time[0] for time, _, _ in pieces)
     # On its way from one hold to the next the rudder is nowhere for long.
     held = [(t, rudder, rate) for t, rudder, rate in pieces if t[-1] - t[0] > 0.3 * longest]
-    return np.array([[np.median(rudder[len(rudder) // 2 :]), _last_fitted(t, rate)] for t, rudder, rate in held])
+    steady = [[np.median(rudder[len(rudder) // 2 :]), _last_fitted(t, rate)] for t, rudder, rate in held]
+    return seen.side * np.array(steady) + [seen.base, 0.0]
 
 
 def _last_fitted(time: Samples, values: Samples) -> float:

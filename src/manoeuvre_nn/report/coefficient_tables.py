@@ -127,7 +127,7 @@ def tables(told: Coefficients) -> dict[str, list[Row]]:
     """All tables of a report: heading -> rows."""
     made: dict[str, list[Row]] = {}
     made["Coefficients"] = [
-        {"": r["symbol"], "value": r["value"], "± 95 %": (r["high"] - r["low"]) / 2, "before": r["prior"],
+        {"coefficient": r["symbol"], "value": r["value"], "± 95 %": (r["high"] - r["low"]) / 2, "before": r["prior"],
          "± before": REACH * r["prior_error"], "narrowed by [%]": round(100 * r["learnt"]),
          "it is": _word(r["word"], r["with"])}
         for r in told.rows.to_dict("records")
@@ -143,7 +143,7 @@ def tables(told: Coefficients) -> dict[str, list[Row]]:
     ]
     made["What follows from them"] = [
         {
-            "": d["name"],
+            "quantity": d["name"],
             "value": d["value"],
             "from": _number(d["low"]),
             "to": _number(d["high"]),
@@ -153,9 +153,9 @@ def tables(told: Coefficients) -> dict[str, list[Row]]:
     ]
     if told.compared is not None:
         made["Recordings beside captive tests"] = [
-            {"": r["name"], "recordings": r["free"], "± 95 %": REACH * r["free_error"], "captive": r["towed"],
-             "± 95 % ": REACH * r["towed_error"], "apart by": round(r["apart"], 1) if r["known"] else None,
-             "they": r["word"]}
+            {"coefficient": r["name"], "recordings": r["free"], "± 95 %": REACH * r["free_error"],
+             "captive": r["towed"], "± 95 % ": REACH * r["towed_error"],
+             "apart by": round(r["apart"], 1) if r["known"] else None, "they": r["word"]}
             for r in told.compared.to_dict("records")
         ]  # fmt: skip
     return made

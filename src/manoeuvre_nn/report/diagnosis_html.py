@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 from torch.utils.tensorboard import SummaryWriter
 
 from manoeuvre_nn.diagnosis.result import Diagnosis
+from manoeuvre_nn.report.diagnosis_charts import diagnosis_charts
 from manoeuvre_nn.report.diagnosis_tables import (
     FOUND,
     alias_texts,
@@ -21,7 +22,7 @@ from manoeuvre_nn.report.diagnosis_tables import (
     site_rows,
     verdict_text,
 )
-from manoeuvre_nn.report.html import data_address, write_page
+from manoeuvre_nn.report.html import Picture, picture, write_page
 
 CAPTIONS = {
     "probabilities": "Probability of each cause",
@@ -37,12 +38,16 @@ CAPTIONS = {
 
 def diagnosis_html(d: Diagnosis, figures: Mapping[str, Figure], path: Path) -> None:
     """Write a diagnosis as a page: the summary first, then causes, proof, place, what speaks against it, what to do."""
-    drawn = {name: data_address(figure) for name, figure in figures.items()}
+    charts = diagnosis_charts(d)
 
-    def images(*kinds: str) -> list[tuple[str, str]]:
-        """Words and addresses of the figures of some kinds: ``residual/r01`` is of the kind ``residual``."""
-        parts = ((name.partition("/"), address) for name, address in drawn.items())
-        return [(CAPTIONS[kind] + (f", run {run}" if run else ""), at) for (kind, _, run), at in parts if kind in kinds]
+    def images(*kinds: str) -> list[Picture]:
+        """Figures of some kinds: ``residual/r01`` is of the kind ``residual``."""
+        named = [(name, *name.partition("/")[::2]) for name in figures]
+        return [
+            picture(CAPTIONS[kind] + (f", run {run}" if run else ""), figures[name], charts.get(name))
+            for name, kind, run in named
+            if kind in kinds
+        ]
 
     write_page(
         path,

@@ -2,11 +2,12 @@
 
 import base64
 import io
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import yaml
@@ -15,12 +16,27 @@ from matplotlib.figure import Figure
 
 from manoeuvre_nn.core.plain_text import as_file_name, harmless
 from manoeuvre_nn.core.writing import draft_of, write_file
+from manoeuvre_nn.report.chart import Chart
+from manoeuvre_nn.report.columns import explained
+from manoeuvre_nn.report.interactive import as_data, script_policy, scripts
 from manoeuvre_nn.report.tables import Row, columns, html_cells, text
 
 TRAINING = "training"
 """Section of the figures that belong to no manoeuvre."""
 LONG_TABLE = 12
 """Tables with more rows are folded away until they are asked for."""
+CONTENTS = "<!-- contents -->"
+"""Where a template wants the list of its headings."""
+NO_SCRIPT, SCRIPTS = "script-src 'none'", "<!-- scripts -->"
+"""What the frame of all pages says of scripts, and where they go."""
+
+
+class Picture(NamedTuple):
+    """A figure on a page: what it shows, the image's address, and what the script draws in its place on a screen."""
+
+    words: str
+    address: str
+    chart: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -33,6 +49,8 @@ class Report:
         tables: Heading -> rows; a table without rows is left out.
         figures: Name -> figure. ``zz20/track`` goes to the section ``zz20``; ``training/...`` and a name without a
             stroke to the one about training.
+        charts: The same names -> what those figures show that can be zoomed.
+        key: Name of the figure that stands below the summary; empty for none.
         config: Resolved configuration.
         versions: Package, system, seed or commit -> what it was.
         notes: Sentences on what it was trained on and on what to mind.
@@ -44,6 +62,8 @@ class Report:
     summary: str
     tables: Mapping[str, Sequence[Row]] = field(default_factory=dict)
     figures: Mapping[str, Figure] = field(default_factory=dict)
+    charts: Mapping[str, Chart] = field(default_factory=dict)
+    key: str = ""
     config: Mapping[str, Any] = field(default_factory=dict)
     versions: Mapping[str, Any] = field(default_factory=dict)
     notes: Sequence[str] = ()
@@ -53,15 +73,21 @@ class Report:
 
 def write_report(path: Path, report: Report) -> Path:
     """Write a report of tables and figures, and return the file."""
-    sections: dict[str, list[tuple[str, str]]] = {}
+    sections: dict[str, list[Picture]] = {}
     for name, figure in report.figures.items():
         section, _, caption = name.rpartition("/")
         section = section or TRAINING
         words = f"{'Training' if section == TRAINING else section}: {caption}"
-        sections.setdefault(section, []).append((words, data_address(figure)))
-    training = sections.pop(TRAINING, [])
+        shown = picture(words, figure, report.charts.get(name))
+        sections.setdefault("" if name == report.key else section, []).append(shown)
+    key, training = sections.pop("", []), sections.pop(TRAINING, [])
     config = yaml.safe_dump(dict(report.config), sort_keys=False, allow_unicode=True)
-    return write_page(path, "report.html", report=report, config=config, sections=sections, training=training)
+    return write_page(path, "report.html", report=report, config=config, key=key, sections=sections, training=training)
+
+
+def picture(words: str, figure: Figure, chart: Chart | None = None) -> Picture:
+    """A figure for a page, with what it shows if it can be zoomed."""
+    return Picture(words, data_address(figure), None if chart is None else as_data(chart))
 
 
 def save_figures(figures: Mapping[str, Figure], folder: Path) -> dict[str, Path]:
@@ -101,8 +127,30 @@ def write_page(path: Path, template: str, package: str = "manoeuvre_nn.report", 
     Returns:
         The file.
     """
-    write_file(path, harmless(_environment(package).get_template(template).render(content)))
+    made = harmless(_environment(package).get_template(template).render(content))
+    write_file(path, _with_scripts(_with_contents(made)))
     return path
+
+
+def _with_scripts(page: str) -> str:
+    """A page with the scripts that its figures need, and leave to run them; one without such figures runs none."""
+    if '<figure class="chart">' not in page:
+        return page
+    tags = "\n".join(f"<script>{script}</script>" for script in scripts())
+    return page.replace(NO_SCRIPT, script_policy(), 1).replace(SCRIPTS, tags, 1)
+
+
+def _with_contents(page: str) -> str:
+    """A page with an address for each heading and the list of them; what is given as text is escaped: it has no tag."""
+    headings: list[str] = []
+
+    def numbered(found: re.Match[str]) -> str:
+        headings.append(found[1])
+        return f'<a id="part{len(headings)}"></a>{found[0]}'
+
+    page = re.sub(r"<h2>(.*?)</h2>", numbered, page, flags=re.DOTALL)
+    items = "".join(f'<li><a href="#part{k}">{heading}</a></li>' for k, heading in enumerate(headings, start=1))
+    return page.replace(CONTENTS, f'<nav class="contents" aria-label="Contents"><ol>{items}</ol></nav>', 1)
 
 
 @cache
@@ -116,13 +164,16 @@ def _environment(package: str) -> Environment:
         lstrip_blocks=True,
     )
     made.globals |= {"columns": columns, "html_cells": html_cells, "long_table": LONG_TABLE, "text": text}
+    made.globals["explained"] = made.tests["explained"] = explained
     return made
 
 
 def data_address(figure: Figure) -> str:
-    """A figure as an address that carries the image itself; the same figure always gives the same text."""
+    """A figure as an address that carries the image itself, without ground; the same figure gives the same text."""
     # An image of its own, unlike SVG among the page's elements, cannot share identifiers with another one.
     buffer = io.BytesIO()
     with mpl.rc_context({"svg.hashsalt": "manoeuvre-nn"}):
-        figure.savefig(buffer, format="svg", metadata={"Date": None}, dpi=150)
-    return "data:image/svg+xml;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
+        figure.savefig(buffer, format="svg", metadata={"Date": None}, dpi=150, transparent=True)
+    # A hundredth of a point is not seen; more digits double the page.
+    drawn = re.sub(rb' d="[^"]*"', lambda path: re.sub(rb"(\.\d\d)\d+", rb"\1", path[0]), buffer.getvalue())
+    return "data:image/svg+xml;base64," + base64.b64encode(drawn).decode("ascii")

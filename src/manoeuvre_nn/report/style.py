@@ -1,5 +1,6 @@
 """How figures look: colours, axes and legends; no pyplot, so no global state."""
 
+import textwrap
 from collections.abc import Sequence
 from typing import Any, Literal
 
@@ -12,8 +13,9 @@ COLOURS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7
 """Colours that the colour-blind can tell apart (Okabe and Ito 2008, and two more)."""
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 """A second way to tell curves apart, for print."""
-RECORDED: dict[str, Any] = {"color": "#4D4D4D", "linestyle": "-", "linewidth": 1.8}
+RECORDED: dict[str, Any] = {"color": "#8C8C8C", "linestyle": "-", "linewidth": 3.0}
 PREDICTED: dict[str, Any] = {"color": COLOURS[0], "linestyle": (0, (4, 2)), "linewidth": 1.5}
+"""Broad and grey below thin and dashed: where they coincide, both are seen, in print too."""
 FIGURE_WIDTH_IN = 5.8
 """Width of a figure [in]: text stays legible when a phone scales it to its screen."""
 
@@ -26,6 +28,13 @@ def plain_axes(axes: Axes, xlabel: str, ylabel: str) -> Axes:
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
     return axes
+
+
+def short_name(words: str, width: int) -> str:
+    """Words on two lines of a width at most, without their middle if need be, and never taken for a formula."""
+    if len(words) > 2 * width:
+        words = f"{words[: width - 1]}… {words[1 - width :]}"
+    return "\n".join(textwrap.wrap(words, width)).replace("$", r"\$")
 
 
 def new_figure(height: float, width: float = FIGURE_WIDTH_IN, title: str = "") -> Figure:

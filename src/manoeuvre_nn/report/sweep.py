@@ -5,8 +5,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from rich.table import Table
@@ -15,12 +17,14 @@ from manoeuvre_nn.core.data_files import OVERRIDES, load_json, overrides_of
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.writing import write_file
 from manoeuvre_nn.dynamics.limits import OK
-from manoeuvre_nn.report.html import save_figure
+from manoeuvre_nn.report.html import Report, save_figure, write_report
 from manoeuvre_nn.report.style import COLOURS, FIGURE_WIDTH_IN, MARKERS, legend_below, log_axis, new_figure, plain_axes
-from manoeuvre_nn.report.tables import Row, columns, rich_table, to_markdown, write_csv
+from manoeuvre_nn.report.tables import Row, columns, rich_table, text, to_markdown, write_csv
 
 SCORES, ERROR = "scores.json", "error.txt"
 """Files of a job's folder: what it scored, what was swept, and why it failed."""
+JOBS = "Jobs, best first"
+"""Heading of their table on the page."""
 MEAN, DEV = "mean dev/L", "dev/L "
 """Columns of the mean and, followed by its name, of each held-out manoeuvre."""
 RMS = "RMS "
@@ -247,14 +251,57 @@ def _mark_values(axes: Axes, values: pd.Series) -> None:
         axes.set_xticks(tried, [f"{value:g}" for value in tried])
 
 
+def heat_map(rows: Sequence[Row]) -> Figure | None:
+    """Error over the two settings with the most values, a cell each pair that says its number.
+
+    Jobs that differ in other settings or in the seed alone share a cell, which holds their median.
+
+    Args:
+        rows: One a job.
+
+    Returns:
+        The figure; None if fewer than two settings differ, or no job has an error.
+    """
+    names = [name for name in swept(rows) if name != "seed"]
+    cells = pd.DataFrame([{**{n: row.get(n) for n in names}, "error": error_of(row)} for row in rows])
+    cells = cells[(cells.error > 0) & (cells.error < float("inf"))]
+    if len(names) < 2 or cells.empty:
+        return None
+    along, up = names[:2]
+    table = cells.pivot_table(index=up, columns=along, values="error", aggfunc="median")
+    figure = new_figure(1.6 + 0.5 * len(table), title="median error of each pair")
+    axes = plain_axes(figure.subplots(), along, up)
+    values = table.to_numpy(float)
+    scale = LogNorm(cells.error.min(), max(cells.error.max(), 1.01 * cells.error.min()))
+    image = axes.pcolormesh(values, norm=scale, cmap="Blues", edgecolors="white", linewidth=1.5)
+    for (row, column), value in np.ndenumerate(values):
+        if np.isfinite(value):
+            ink = "white" if scale(value) > 0.6 else "black"
+            axes.text(column + 0.5, row + 0.5, f"{value:.3g}", ha="center", va="center", color=ink, fontsize=9)
+    axes.set_xticks(np.arange(len(table.columns)) + 0.5, [str(value) for value in table.columns])
+    axes.set_yticks(np.arange(len(table.index)) + 0.5, [str(value) for value in table.index])
+    axes.grid(visible=False)
+    label = MEAN if any(MEAN in row for row in rows) else "RMS error"
+    figure.colorbar(image, ax=axes, label=f"{label} [-]" if label == MEAN else label)
+    return figure
+
+
 def write_sweep(folder: Path) -> Table:
-    """Write ``sweep.csv``, ``sweep.md`` and, if any job has a score, ``sweep.png``; return a table for the terminal."""
+    """Write ``sweep.csv``, ``sweep.md``, ``sweep.html`` and figures if any job has a score; return a table to print."""
     rows = sweep_rows(folder)
     write_csv(folder / "sweep.csv", rows)
     short = short_rows(rows)
     write_file(folder / "sweep.md", to_markdown(short))
+    figures = {}
     if has_scores(rows):
-        save_figure(sweep_figure(rows), folder / "sweep.png", dpi=150)
+        drawn = {"sweep": sweep_figure(rows), "sweep_map": heat_map(rows)}
+        figures = {name: figure for name, figure in drawn.items() if figure is not None}
+        for name, figure in figures.items():
+            save_figure(figure, folder / f"{name}.png", dpi=150)
+    best = ", ".join(f"{name} {text(value, 3)}" for name, value in short[0].items() if value is not None)
+    named = {f"Errors over what was swept/{name}": figure for name, figure in figures.items()}
+    page = Report(f"Sweep {folder.name}", f"Best of {len(rows)} jobs: {best}.", {JOBS: short}, named, unfolded=(JOBS,))
+    write_report(folder / "sweep.html", page)
     return rich_table(short, f"Sweep {folder.name}")
 
 
