@@ -9,6 +9,7 @@ from trials import CALM, SHIP
 from manoeuvre_nn.diagnosis.diagnose import diagnose
 from manoeuvre_nn.diagnosis.predictive import calm_check, repaired_check, tail
 from manoeuvre_nn.diagnosis.proof import in_held_out_runs
+from manoeuvre_nn.diagnosis.result import RIGHT_SHIP
 from manoeuvre_nn.diagnosis.search import search
 from manoeuvre_nn.effect.rudder import RudderOffset
 from manoeuvre_nn.effect.sensors import LogScale, PositionConversion
@@ -36,8 +37,9 @@ def test_a_random_force_in_surge_and_sway_is_too_much_for_calm_water():
 def test_clean_runs_show_the_check_that_they_passed():
     """Coefficients off by 4 % and a small coloured force are calm water."""
     d = diagnose(asked(strange_runs(1)))
-    (check,) = d.checks
+    ship, check = d.checks
     assert d.verdict == "none" and check.name == NAME and check.passed and "p = " in check.text
+    assert ship.name == RIGHT_SHIP and ship.passed and not d.doubtful
 
 
 def test_a_repaired_model_must_sail_the_held_out_runs_too():

@@ -295,8 +295,18 @@ def test_odds_and_probabilities_are_told_with_the_digits_that_matter():
 # Answers -------------------------------------------------------------------------------------------------------------
 
 
+def unspecific(**more) -> SimpleNamespace:
+    """A diagnosis that found nothing, but for what is given."""
+    none = {"case": "c", "verdict": "none", "sentence": "", "doubtful": False, "causes": [], "model": [], "noise": {}}
+    return SimpleNamespace(**{**none, "checks": [], "next_steps": [], "rmse": lambda _: {}, **more})
+
+
 def test_an_answer_has_the_rudder_positive_to_port_and_leaves_out_what_is_as_good_as_impossible():
-    values_found = (Value("offset_deg", 2.0, 0.25, "deg"), Value("speed", 3.0, float("nan"), "m/s", "monday"))
+    values_found = (
+        Value("offset_deg", 2.0, 0.25, "deg", low=1.8, high=9.0),
+        Value("speed", 3.0, float("nan"), "m/s", "monday"),
+        Value("from_deg", 355.0, 10.0, "deg", period=360.0),
+    )
     common = {"evidence": 9.0, "equations": ("N",), "fingerprint": "", "source": "", "label": ""}
     causes = [
         Cause("rudder_offset", probability=0.98765, parameters=values_found, intervals={"r1": [(1.26, 3.0)]}, **common),
@@ -304,12 +314,14 @@ def test_an_answer_has_the_rudder_positive_to_port_and_leaves_out_what_is_as_goo
         Cause("log_scale", probability=0.9e-4, parameters=(), intervals=None, **common),
     ]
     rmse = {"pos": 1.234567, "psi": float("nan")}
-    d = SimpleNamespace(
-        case="c", verdict="mismatch", causes=causes, model=[], next_steps=["Sail on."], rmse=lambda _: rmse
-    )
+    d = unspecific(causes=causes, verdict="mismatch", next_steps=["Sail on."], rmse=lambda _: rmse)
     told = answers.answer(d)
     first, second = told["effects"]
-    assert first["parameters"] == {"offset_deg": [-2.0, 0.25, "deg"], "speed (monday)": [3.0, None, "m/s"]}
+    assert first["parameters"] == {
+        "offset_deg": [-2.0, 0.25, "deg"], "speed (monday)": [3.0, None, "m/s"], "from_deg": [355.0, 10.0, "deg"]
+    }  # fmt: skip
+    ends = {"offset_deg": [-2.49, -1.8], "speed (monday)": None, "from_deg": [335.4, 14.6]}
+    assert first["intervals_95"] == ends, "within what is possible, and round the compass"
     assert (first["probability"], first["intervals"], second["intervals"]) == (0.9877, {"r1": [[1.3, 3.0]]}, "all")
     assert (second["name"], told["model"], told["next_run"]) == ("current", ["unknown"], None)
     assert told["heldout_rmse_before"] == {"pos": 1.2346, "psi": None}
@@ -320,9 +332,7 @@ def test_an_answer_has_the_rudder_positive_to_port_and_leaves_out_what_is_as_goo
 def test_headings_of_predictions_are_written_within_a_turn_and_their_bands_beside_them(tmp_path):
     table = pd.DataFrame({"t": [0.0, 1.0], "psi": [725.0, -10.0], "psi_low": [719.0, -12.0], "psi_high": [731.0, 2.0]})
     proof = SimpleNamespace(run="r1", before=table[["t", "psi"]], after=table)
-    d = SimpleNamespace(
-        proofs=[proof], forecasts=[], case="c", verdict="none", causes=[], model=[], next_steps=[], rmse=lambda _: {}
-    )
+    d = unspecific(proofs=[proof], forecasts=[])
     answers.write_answer(d, tmp_path)
     written = pd.read_csv(tmp_path / "predictions" / "after" / "r1.csv")
     assert written.to_numpy() == approx(np.array([[0.0, 5.0, -1.0, 11.0], [1.0, 350.0, 348.0, 362.0]]))

@@ -85,8 +85,9 @@ def test_the_answer_holds_what_is_known_of_something_unknown():
         Cause(name, "", 0.9, 30.0, ("N",), (), None, "", "", nature=found)
         for name, found in (("unknown", beats), ("current", None))
     ]
+    more = {"sentence": "", "doubtful": False, "noise": {}, "checks": []}
     d = SimpleNamespace(
-        case="c1", verdict="mismatch", causes=causes, model=["unknown"], next_steps=[], rmse=lambda when: {}
+        case="c1", verdict="mismatch", causes=causes, model=["unknown"], next_steps=[], rmse=lambda when: {}, **more
     )
     unknown, current = json.loads(json.dumps(answer(d)))["effects"]
     assert unknown["nature"] == {

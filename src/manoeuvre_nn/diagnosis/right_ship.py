@@ -117,7 +117,7 @@ class _Accounts:
     def _unusual(self, fitted: FittedHypothesis) -> Float[np.ndarray, " s"]:
         """Log evidence with each of the unusual errors, at the levels of process noise that were looked at."""
         process = logsumexp(self.prior, axis=1)
-        seen = np.flatnonzero(np.isfinite(fitted.by_level).any(axis=1))
+        seen = np.flatnonzero(np.isfinite(fitted.by_level).any(axis=1)).tolist()
         found = [self._posterior(fitted, g).evidence_at(OTHER_SD) + process[g] for g in seen]
         return logsumexp(found, axis=0) + self._cost(fitted)
 
