@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
+from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis.case import Question
 from manoeuvre_nn.diagnosis.fits import at_rest, refine
 from manoeuvre_nn.diagnosis.gusts import gusty_evidence
@@ -50,6 +51,7 @@ def prove(
     made = []
     for k, (run, b, a) in enumerate(zip(runs, befores, afters, strict=True)):
         record = recorded(run, warmup)
+        record = record.assign(delta=np.interp(record["t"], run.time, run["delta"]) / DEGREE)
         of_effects = errors(alone[k], record) if alone else {}
         made.append(Proof(run.name, run.meta["kind"], record, b, a, errors(b, record), errors(a, record), of_effects))
     return made

@@ -283,7 +283,7 @@ def recorded(run: Recording, warmup: float) -> pd.DataFrame:
     # No free run leads through a time in which nobody knows the rudder.
     m[run.time > rudder_known_until(run, warmup) + 1e-9] = np.nan
     m = np.where(np.apply_along_axis(spikes, 0, m, min_spread_share=0.0), np.nan, m)
-    table = _table(run.time, dict(zip(MEASURED, m.T, strict=True))).assign(delta=run["delta"] / DEGREE)
+    table = _table(run.time, dict(zip(MEASURED, m.T, strict=True)))
     return table[run.time >= warmup - 1e-9].reset_index(drop=True)
 
 

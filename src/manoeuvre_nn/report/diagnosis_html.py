@@ -29,7 +29,7 @@ CAPTIONS = {
     "tracks": "Tracks of the held-out runs: recorded, by the calm-water model and by the repaired model",
     "errors": "RMS errors over the measurement noise, before and after",
     "where": "Places at which something is missing",
-    "residual": "Missing force over time",
+    "residual": "Missing force over time, shaded where it was located",
     "channels": "Channels over time and their errors",
     "planned": "Planned run as predicted, with the band that 95 % of recordings lie in",
 }
