@@ -20,7 +20,7 @@ from manoeuvre_nn.commands.main import main
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.dynamics.base import calm_accelerations
 from manoeuvre_nn.dynamics.recursive import RecursiveShip
-from manoeuvre_nn.formulas import conversions, onnx_graph, rollouts
+from manoeuvre_nn.formulas import check, conversions, onnx_graph, rollouts
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.network.recursive import RecursiveNetwork
 from manoeuvre_nn.ship.naval_vessel import naval_vessel
@@ -147,6 +147,14 @@ def test_effects_go_with_the_model_and_what_is_found_out_is_kept(typed, run):
     assert set(kept) == {"mariner.onnx", "accelerations.py"} and kept["mariner.onnx"]["format"] == "onnx"
     assert kept["mariner.onnx"]["difference"] < 1e-9
     assert kept["accelerations.py"]["tracks"]["zz20"]["largest_over_L"] < 1e-9
+
+
+def test_without_a_compiler_one_line_says_so_and_the_sources_are_written(typed, run, monkeypatch):
+    monkeypatch.setattr(check, "COMPILERS", ())
+    ended = typed(f"run={run}", "format=fmu")
+    assert ended.code == 0, ended.err
+    assert "fmu: holds its sources without a binary, and was not run: no compiler of C" in " ".join(ended.out.split())
+    assert (run / "export" / "mariner.fmu").is_file()
 
 
 def test_without_onnx_one_line_says_what_to_install(typed, run, monkeypatch):

@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from fleet import unchecked
 from fmpy import extract, read_model_description, simulate_fmu
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import FMU2Slave
@@ -38,11 +39,18 @@ def program(*effects: str):
     return to_program(Vessel(CalmWater(ship), [acting(name, ship) for name in effects]))
 
 
+@pytest.fixture(autouse=True)
+def without_checks_of_types():
+    with unchecked():
+        yield
+
+
 @pytest.fixture(scope="module")
 def unit(tmp_path_factory):
     """The file of the Mariner in a wind and a current."""
     path = tmp_path_factory.mktemp("fmu") / "mariner.fmu"
-    path.write_bytes(fmu_bytes(program("wind_steady", "current")))
+    with unchecked():
+        path.write_bytes(fmu_bytes(program("wind_steady", "current")))
     return path
 
 

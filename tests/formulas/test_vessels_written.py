@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import sympy
 import torch
+from fleet import unchecked
 from models import joined
 from onnx import load_from_string
 
@@ -33,6 +34,12 @@ MOVING = (
     "wind_onset", "wind_steady",
 )  # fmt: skip
 """Effects that act on the motion itself; gusts are drawn by chance."""
+
+
+@pytest.fixture(autouse=True)
+def without_checks_of_types():
+    with unchecked():
+        yield
 
 
 def acting(name: str, ship, **values):

@@ -24,6 +24,7 @@ from manoeuvre_nn.core.writing import write_file
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.dynamics.vessel import Vessel
+from manoeuvre_nn.formulas.check import COMPILERS
 from manoeuvre_nn.formulas.conversions import price
 from manoeuvre_nn.formulas.formats import CONVERSIONS, FORMATS, Written, write_down
 from manoeuvre_nn.formulas.models import to_program
@@ -33,6 +34,11 @@ from manoeuvre_nn.formulas.rollouts import sailed
 from manoeuvre_nn.report.tables import rich_table
 
 ALL = "all"
+NEEDS_COMPILER = {
+    "c": f"not run: no compiler of C was found ({', '.join(COMPILERS)})",
+    "fmu": f"holds its sources without a binary, and was not run: no compiler of C was found ({', '.join(COMPILERS)})",
+}
+"""Format -> what is told where there is no compiler."""
 FOLDER, NOTES = "export", "export.json"
 """Folder of a run that holds what was exported of it, and the file there that says how well."""
 
@@ -202,6 +208,8 @@ def _print(made: Sequence[Written], paths: Sequence[Path], fresh: Sequence[bool]
     for one in made:
         for line in price(one.deviations) if one.kind in CONVERSIONS else ():
             console.print(f"{one.kind}: {line}", highlight=False)
+        if one.kind in NEEDS_COMPILER and one.difference is None and not one.deviations:
+            console.print(f"{one.kind}: {NEEDS_COMPILER[one.kind]}", highlight=False)
     for path, new in zip(paths, fresh, strict=True):
         console.print(f"{'written' if new else 'there already'}: {shown(path)}", soft_wrap=True, highlight=False)
 

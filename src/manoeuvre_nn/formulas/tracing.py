@@ -185,10 +185,10 @@ def _clamped(z: Element, min: float) -> Element:  # noqa: A002  # torch's name
 
 def _softplus(z: Element, beta: float = 1.0) -> Element:
     """``log(1 + exp(beta z)) / beta``, which does not overflow so."""
-    z = _product(z, float(beta))
     if isinstance(z, float):
-        return float(np.logaddexp(0.0, z)) / beta
-    return (sympy.Max(z, sympy.Float(0.0)) + sympy.log(1 + sympy.exp(-sympy.Abs(z)))) / float(beta)
+        return float(np.logaddexp(0.0, beta * z)) / beta
+    rest = sympy.log(1 + sympy.exp(-sympy.Abs(_product(z, float(beta)))))
+    return sympy.Max(z, sympy.Float(0.0)) + rest / float(beta)
 
 
 def _matrix(trace: Trace, a: np.ndarray, b: np.ndarray) -> np.ndarray:
