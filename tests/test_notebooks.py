@@ -127,17 +127,14 @@ def test_a_smaller_training_error_of_the_tanker_is_no_better_ship_outside_her_zi
     assert (found["dev/L zz10"] > 1).all()
 
 
-@forms({
-    "network.members=8": "network.members=2",
-    'simulate("esso_190k", ["zz10"])': 'simulate("esso_190k", {"zz10": {"duration": 700.0}})',
-    '["zz5", "zz10", "zz20", "tc10", "tc20", "tc35"]': '[{"zz5": {"duration": 500.0}}, {"zz10": {"duration": 500.0}}]',
-    '["tc35"])': '[{"tc35": {"duration": 300.0}}])',
-})
-def test_what_lies_inside_the_box_of_the_data_may_still_be_missed(form):
-    table = run_here(book_of("outside_its_data", form))["table"]
-    assert table["samples inside the data"]["zz5"] > 0.99 and table["dev/L"]["zz10"] < 0.2
-    assert table["dev/L"]["zz5"] > 2 * table["dev/L"]["zz10"]
-    assert table["spread of the members, L"]["zz5"] > 2 * table["spread of the members, L"]["zz10"]
+@pytest.mark.slow  # nothing shorter than a whole zigzag teaches networks the tanker
+def test_what_lies_inside_the_box_of_the_data_may_still_be_missed_and_the_spread_or_the_status_tells():
+    left = run_here(book_of("outside_its_data"))
+    table, status = left["table"], {one.manoeuvre: one.status for one in left["scores"]}
+    assert table["dev/L"]["zz10"] < 0.1 and table["samples inside the data"]["zz5"] == 1.0
+    assert table["dev/L"]["zz5"] > 0.5 and table["spread of the members, L"]["zz5"] > 0.5
+    assert all(status[name].startswith("left") for name in ("zz20", "tc20", "tc35"))
+    assert all(one.status == "ok" for one in left["after"])
 
 
 @forms({'candidates="default"': 'candidates=["wind_steady"]'})
