@@ -17,7 +17,6 @@ ROOT = Path(__file__).parents[1]
 COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 nbformat = pytest.importorskip("nbformat", reason='notebooks need the extra: pip install -e ".[test]"')
-nbclient = pytest.importorskip("nbclient", reason='notebooks need the extra: pip install -e ".[test]"')
 
 WITHOUT_OUTPUTS = {"esso_osaka_from_file_to_diagnosis", "hess2000_wind"}
 """Notebooks that need recordings, or half an hour: their text says what came out."""
@@ -73,22 +72,19 @@ def test_a_notebook_is_small_defines_nothing_and_shows_what_came_out_when_it_ran
         assert set(counts) == {None} and not any(cell.outputs for cell in code)
         return
     assert counts == list(range(1, len(code) + 1))
-    kinds = {output.output_type for cell in code for output in cell.outputs}
-    assert "error" not in kinds and any(
-        "image/png" in output.get("data", {}) for cell in code for output in cell.outputs
-    )
+    outputs = [output for cell in code for output in cell.outputs]
+    assert not any(output.output_type == "error" for output in outputs)
+    assert any("image/png" in output.get("data", {}) for output in outputs)
     assert not re.search(r"/tmp/|/home/|/root/|/work/|Warning", printed(book)), "paths and warnings are nobody's"
 
 
 @pytest.mark.recordings
 @forms(POND)
-def test_two_runs_go_from_their_raw_file_to_a_diagnosis(form):
+def test_two_runs_go_from_their_raw_file_to_a_diagnosis(form, capsys):
     if not os.environ.get("RECORDINGS"):
         pytest.skip("RECORDINGS is not set: write RECORDINGS=FOLDER with the measured files")
-    book = book_of("esso_osaka_from_file_to_diagnosis", form)
-    where = {"metadata": {"path": str(ROOT / "notebooks")}}
-    nbclient.NotebookClient(book, timeout=300, kernel_name="python3", resources=where).execute()
-    said = printed(book)
+    run_here(book_of("esso_osaka_from_file_to_diagnosis", form))
+    said = capsys.readouterr().out
     late = [float(s) for s in re.findall(r"x, y: written down ([\d.]+)", said)]
     assert 0.85 < late[0] < 1.0 and late[-1] < 0.1
     wind = re.search(r"recorded wind: ([\d.]+) m/s from (\d+) deg", said)
@@ -100,11 +96,10 @@ def test_two_runs_go_from_their_raw_file_to_a_diagnosis(form):
 
 
 @pytest.mark.slow
-def test_the_wind_that_was_guessed_is_named_as_it_was():
-    book = book_of("hess2000_wind")
-    where = {"metadata": {"path": str(ROOT / "notebooks")}}
-    nbclient.NotebookClient(book, timeout=900, kernel_name="python3", resources=where).execute()
-    said = printed(book)
+def test_the_wind_that_was_guessed_is_named_as_it_was(capsys, monkeypatch):
+    monkeypatch.chdir(ROOT / "notebooks")
+    run_here(book_of("hess2000_wind"))
+    said = capsys.readouterr().out
     assert "named: wind_" in said
     for found, error, was in re.findall(r"([\d.]+) \+- ([\d.]+) (?:m/s|deg); it was ([\d.]+)", said):
         assert abs((float(found) - float(was) + 180) % 360 - 180) < 2 * float(error)
@@ -132,20 +127,17 @@ def test_a_smaller_training_error_of_the_tanker_is_no_better_ship_outside_her_zi
     assert (found["dev/L zz10"] > 1).all()
 
 
-@forms({
-    "network.members=8": "network.members=2",
-    'simulate("esso_190k", ["zz10"])': 'simulate("esso_190k", {"zz10": {"duration": 700.0}})',
-    '["zz5", "zz10", "zz20", "tc10", "tc20", "tc35"]': '[{"zz5": {"duration": 500.0}}, {"zz10": {"duration": 500.0}}]',
-    '["tc35"])': '[{"tc35": {"duration": 300.0}}])',
-})
-def test_what_lies_inside_the_box_of_the_data_may_still_be_missed(form):
-    table = run_here(book_of("outside_its_data", form))["table"]
-    assert table["samples inside the data"]["zz5"] > 0.99 and table["dev/L"]["zz10"] < 0.2
-    assert table["dev/L"]["zz5"] > 2 * table["dev/L"]["zz10"]
-    assert table["spread of the members, L"]["zz5"] > 2 * table["spread of the members, L"]["zz10"]
+@pytest.mark.slow  # nothing shorter than a whole zigzag teaches networks the tanker
+def test_what_lies_inside_the_box_of_the_data_may_still_be_missed_and_the_spread_or_the_status_tells():
+    left = run_here(book_of("outside_its_data"))
+    table, status = left["table"], {one.manoeuvre: one.status for one in left["scores"]}
+    assert table["dev/L"]["zz10"] < 0.1 and table["samples inside the data"]["zz5"] == 1.0
+    assert table["dev/L"]["zz5"] > 0.5 and table["spread of the members, L"]["zz5"] > 0.5
+    assert all(status[name].startswith("left") for name in ("zz20", "tc20", "tc35"))
+    assert all(one.status == "ok" for one in left["after"])
 
 
-@forms({'candidates="default"': 'candidates=["current", "wind_steady"]'})
+@forms({'candidates="default"': 'candidates=["wind_steady"]'})
 def test_the_disturbance_of_the_sample_is_named_as_it_was_made(form):
     left = run_here(book_of("sample_diagnosis", form))
     (name, made), found = *CONCEALED.items(), left["answer"].effects
