@@ -282,8 +282,8 @@ class SimulatedData(ManoeuvreData):
         noise = ", ".join(f"{k} {v:g}" for k, v in self.noise.items()) or "none"
         acting = f" with {in_words(self.effects)}" if self.effects else ""
         return (
-            f"{len(self.tuples.inputs)} tuples of the simulated {self.ship.model.particulars.name}{acting}: {names}; noise (SI): {noise}."
-            + (sensors_in_words(self.recordings))
+            f"{len(self.tuples.inputs)} tuples of the simulated {self.ship.model.particulars.name}{acting}: {names}; "
+            f"noise (SI): {noise}.{sensors_in_words(self.recordings)}"
         )
 
 
