@@ -207,7 +207,7 @@ def test_what_takes_long_is_named_before_it_begins(name, tmp_path, monkeypatch, 
 
     @contextmanager
     def heard(console):
-        yield said.append
+        yield lambda what, *share: said.append(what)
 
     monkeypatch.setattr(module, "waiting", heard)
     monkeypatch.setattr(module, step, lambda *_, **__: os.kill(os.getpid(), signal.SIGINT))
@@ -229,13 +229,13 @@ def test_a_long_simulation_is_named_before_it_begins(cli, tmp_path, monkeypatch)
     before = data.SimulatedData.setup
 
     def setup(self, stage=None):
-        shown, self.say = self.say, said.append
+        shown, self.say = self.say, lambda what, *share: said.append(what)
         assert shown is not data.ManoeuvreData.say
         before(self, stage)
 
     monkeypatch.setattr(data.SimulatedData, "setup", setup)
     ended = cli(*TINY, "data.length=100000", f"hydra.run.dir={tmp_path / 'run'}")
-    assert ended.code == 130 and said == ["simulating zz35 over 100000 s"]
+    assert ended.code == 130 and said == ["simulating zz35 over 100000 s (1 of 2)"]
 
 
 OF_LIBRARIES = r"home/\.(cache|config)(/matplotlib)?|temporary/torchinductor_\w+"

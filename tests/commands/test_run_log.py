@@ -1,7 +1,9 @@
 """A run keeps a plain log; -q shows errors only, -v warnings too."""
 
+import io
 import logging
 import re
+import time
 import warnings
 
 import pytest
@@ -28,7 +30,11 @@ def test_a_log_holds_what_was_printed_and_warnings_with_times_and_no_progress(tm
             with waiting(console, "sailing zz20", seconds=0.01) as say:
                 say("sailing tc25", 0.5)
                 console.print("[bold] 3 runs \x1b[31m are fitted", style="red")
+            piped = Terminal(file=io.StringIO())
+            with waiting(piped, "sailing zz10", seconds=0.01):
+                time.sleep(0.1)
             warnings.warn("a coarse clock", stacklevel=1)
+    assert "sailing zz10" in piped.file.getvalue()
     text = (tmp_path / "run.log").read_text()
     assert all(LINE.match(line) for line in text.splitlines() if "warnings.warn" not in line and line.strip())
     assert "INFO begun: manoeuvre train ship=mariner" in text and "INFO done" in text

@@ -173,7 +173,7 @@ def with_job_names(words: Sequence[str]) -> list[str]:
     if not {"-m", "--multirun"} & set(words):
         return list(words)
     words = [_absolute(word) if word.startswith(SWEEP_FOLDER) else word for word in words]
-    typed = [word for word in words if not word.startswith("-")]
+    typed = [word for word in words if "=" in word or word.startswith("~")]  # not --cfg job
     parsed = OverridesParser.create().parse_overrides(typed)
     same = [quoted(one.get_key_element()) for one in parsed if not one.is_sweep_override()]
     return [*words, f"hydra.job.config.override_dirname.exclude_keys=[{','.join(same)}]"]

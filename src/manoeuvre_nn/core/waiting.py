@@ -14,7 +14,7 @@ PAUSE_S = 4.5
 """Longest silence where there is no terminal [s]: nothing is silent for 5 s."""
 TICK_S = 0.5
 """Time between two looks [s]."""
-WIDTH = 16
+BAR_COLUMNS = 16
 """Columns of the bar."""
 Poll = Callable[[], tuple[str, float | None]]
 """What is being done, and which share of it is done, for work that does not tell."""
@@ -76,7 +76,7 @@ def waiting(console: Console, what: str = "", seconds: float = PAUSE_S, poll: Po
         What is told each time that something else is done, with the share of all that is done then, if it is known.
     """
     columns = (
-        SpinnerColumn(), TextColumn("{task.description}", markup=False), BarColumn(WIDTH), TimeElapsedColumn(),
+        SpinnerColumn(), TextColumn("{task.description}", markup=False), BarColumn(BAR_COLUMNS), TimeElapsedColumn(),
         TextColumn("{task.fields[left]}"),
     )  # fmt: skip
     bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
@@ -97,7 +97,7 @@ def waiting(console: Console, what: str = "", seconds: float = PAUSE_S, poll: Po
                 work.say(*poll())
             if console.is_terminal:
                 show()
-            elif silent_s() + tick > seconds:
+            elif work.what and True:
                 show_passing(console, work.line)
 
     Thread(target=now_and_then, daemon=True).start()

@@ -262,29 +262,27 @@ class SimulatedData(ManoeuvreData):
             return
         made, length, rate = [], self.settings.length, self.settings.rate_hz
         count = len(self.manoeuvres) + len(self.score_manoeuvres)
-        for index, manoeuvre in enumerate(self.manoeuvres):
-            # A record longer than the trial's usual length is simulated for as long as it is asked for.
+        for index, manoeuvre in enumerate(self.manoeuvres):  # for as long as it is asked, beyond the usual length too
             asked = manoeuvre if length is None else replace(manoeuvre, duration=length)
-            lasts = f"{asked.duration_for(self.ship.model.particulars):g} s"
-            self.say(f"simulating {asked.name} over {lasts} ({index + 1} of {count})", index / count)
+            lasts = asked.duration_for(self.ship.model.particulars)
+            self.say(f"simulating {asked.name} over {lasts:g} s ({index + 1} of {count})", index / count)
             record = simulate(self.ship, asked, interval=1 / rate if rate else None)
             made.append(add_noise(record, self.noise, seed=self.settings.seed + index) if self.noise else record)
         self.prepare(made, noisy=bool(self.noise))
-        unseen: list[Recording] = []
+        unseen: tuple[Recording, ...] = ()
         for index, manoeuvre in enumerate(self.score_manoeuvres, start=len(made)):
             self.say(f"simulating {manoeuvre.name} ({index + 1} of {count})", index / count)
             unseen += simulated_references(self.ship, [manoeuvre])
-        self.held_out = HeldOut(tuple(unseen), self.ship.model.particulars.length)
+        self.held_out = HeldOut(unseen, self.ship.model.particulars.length)
 
     def describe(self) -> str:
         """Ship, effects, manoeuvres, length, rate and noise, a sentence."""
         names = ", ".join(f"{r.name} ({r.duration:g} s)" for r in self.recordings)
         noise = ", ".join(f"{k} {v:g}" for k, v in self.noise.items()) or "none"
-        count = len(self.tuples.inputs)
         acting = f" with {in_words(self.effects)}" if self.effects else ""
         return (
-            f"{count} tuples of the simulated {self.ship.model.particulars.name}{acting}: {names}; noise (SI): {noise}."
-            + (sensors_in_words(self.recordings))
+            f"{len(self.tuples.inputs)} tuples of the simulated {self.ship.model.particulars.name}{acting}: {names}; "
+            f"noise (SI): {noise}.{sensors_in_words(self.recordings)}"
         )
 
 
@@ -341,9 +339,9 @@ class RecordedData(ManoeuvreData):
     def describe(self) -> str:
         """Names, lengths and rate, a sentence."""
         names = ", ".join(f"{r.name} ({r.duration:.0f} s)" for r in self.recordings)
-        measured = "" if any(_is_simulated(r) for r in self.runs) else "measured "
-        words = f"{len(self.tuples.inputs)} tuples of the {measured}{self.particulars.name}: {names}."
-        return words + sensors_in_words(self.recordings)
+        measured = "" if any(map(_is_simulated, self.runs)) else "measured "
+        told = f"{len(self.tuples.inputs)} tuples of the {measured}{self.particulars.name}: {names}."
+        return told + sensors_in_words(self.recordings)
 
 
 def recorded_files(
@@ -362,8 +360,7 @@ def recorded_files(
         ship: The ship, for its particulars.
         known: Known part of the forces.
         files: What to train on, relative to ``folder``.
-        score: Held-out recordings, relative to ``folder``; empty takes every other recording in the folder, None
-            takes none.
+        score: Held-out recordings, relative to ``folder``; empty takes every other one in the folder, None takes none.
         mapping: Columns, units and signs; None for files that this package wrote.
         folder: Where the files are, or ``sample``.
         settings: What of the recordings is used, and how.
@@ -376,18 +373,17 @@ def recorded_files(
     """
     if settings is not None and settings.noise:
         raise InputError("data.noise: measured files carry their own noise; leave it out")
-    where = place_of(folder)
+    where, particulars = place_of(folder), ship.particulars
     paths = expand(where, files, "data.files")
     if not paths:
         raise InputError("data.files=[] names no recording: write data.files=[FILE,...], relative to data.folder")
-    others = [] if score is None else [p for p in recordings_in(where) if p not in paths]
-    unseen = expand(where, score or (), "score") or others
+    others = [] if score is None else recordings_in(where)
+    unseen = expand(where, score or (), "score") or [p for p in others if p not in paths]
     both = sorted({p.name for p in paths} & {p.name for p in unseen})
     if both:
         raise InputError(f"{', '.join(both)} is both in data.files and in score: a model is scored on unseen runs")
     if not unseen and score is not None:
         raise InputError(f"no recording is left in {where} to score: write score=[FILE,...]")
-    particulars = ship.particulars
     runs, held_out = ([read_recording(p, mapping, particulars) for p in some] for some in (paths, unseen))
     return RecordedData(ship, known, runs, held_out, mapping=mapping, settings=settings)
 
