@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 
 from manoeuvre_nn.commands import config as configs
 from manoeuvre_nn.commands.diagnosis_setup import setup
-from manoeuvre_nn.commands.export import checkpoint_of, program_of
+from manoeuvre_nn.commands.export import checkpoint_of, program_of, with_effects
 from manoeuvre_nn.commands.groups import compose, option, settings_in
 from manoeuvre_nn.commands.job import load_model, prepare, with_rate
 from manoeuvre_nn.commands.provenance import write_provenance
@@ -36,10 +36,8 @@ from manoeuvre_nn.core.units import KNOT
 from manoeuvre_nn.core.writing import locked
 from manoeuvre_nn.diagnosis.case import case_of
 from manoeuvre_nn.diagnosis.diagnose import diagnose as find_causes
-from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
 from manoeuvre_nn.dynamics.recursive import RecursiveShip
-from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.formulas.formats import FORMATS, kind_of, write_down
 from manoeuvre_nn.formulas.models import to_program
 from manoeuvre_nn.formulas.ranges import recorded_ranges
@@ -258,31 +256,25 @@ def export(
     Returns:
         The text; of ONNX and FMU the bytes of the file.
     """
+    listed = [effects] if isinstance(effects, str | Mapping | Effect) else effects
+
+    def make(ship: Ship) -> list[Effect]:
+        return [made for given in listed for made in _effects(given, ship)]
+
     path = None if str(to) in FORMATS else Path(to)
     kind = str(to) if path is None else kind_of(path)
     if isinstance(model, FittedModel):
         notes = [f"Network: {type(model.model.network).__name__}. Trained on {model.source}"]
-        program = to_program(
-            _with_effects(model.model, effects), recorded_ranges(model.model, tuple(model.runs)), notes
-        )
+        program = to_program(with_effects(model.model, make), recorded_ranges(model.model, tuple(model.runs)), notes)
     elif isinstance(model, Path) or (isinstance(model, str) and Path(model).exists()):
-        program = program_of(checkpoint_of(Path(model)), lambda moves: _with_effects(moves, effects))
+        program = program_of(checkpoint_of(Path(model)), make if listed else None)
     else:
-        program = to_program(_with_effects(_model(model), effects))
+        moves = _model(model)
+        program = to_program(with_effects(moves, make) if listed else moves)
     written = write_down(program, kind, document=document)
     if path is not None:
         written.save(path)
     return written.content
-
-
-def _with_effects(model: Any, effects: Named | Effect | Sequence[Named | Effect]) -> Any:
-    """A model with what acts on it; as it is where nothing does."""
-    listed = [effects] if isinstance(effects, str | Mapping | Effect) else effects
-    if not listed:
-        return model
-    if not isinstance(model, Model):
-        raise InputError(f"effects={effects}: a {type(model).__name__} has no effects: leave effects= out")
-    return Vessel(model, [made for given in listed for made in _effects(given, model.corrected(model.hull))])
 
 
 def _ship(ship: AnyShip) -> Ship | Particulars:

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable, Sequence
+from functools import partial
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,9 @@ from manoeuvre_nn.commands.provenance import shown
 from manoeuvre_nn.commands.response import load_response
 from manoeuvre_nn.commands.shelves import build
 from manoeuvre_nn.core.data_files import load_json
+from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.terminal import Say, Terminal
 from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.core.waiting import waiting
@@ -65,7 +68,8 @@ def export(cfg: DictConfig, out: Path, console: Console | None = None) -> list[W
     cfg = configs.with_effects(cfg)
     checkpoint = checkpoint_of(Path(str(cfg.run)))
     with waiting(console, "reading the model and what it was trained on") as say:
-        program = program_of(checkpoint, lambda model: _with_effects(model, cfg.get("effect")))
+        effect = cfg.get("effect")
+        program = program_of(checkpoint, partial(configs.chosen_effects, effect) if effect else None)
         made, left_out = _written(program, cfg, say)
     paths = [_path(one, cfg, checkpoint) for one in made]
     fresh = [one.save(path) for one, path in zip(made, paths, strict=True)]
@@ -131,12 +135,12 @@ def checkpoint_of(run: Path) -> Path:
     return there[-1] if keep == "last" else there[0]
 
 
-def program_of(checkpoint: Path, acted_on: Callable[[Any], Any] = lambda model: model) -> Program:
+def program_of(checkpoint: Path, effects: Callable[[Ship], list[Effect]] | None = None) -> Program:
     """The program of a checkpoint's model, with the ranges of what it was trained on.
 
     Args:
         checkpoint: The checkpoint.
-        acted_on: Takes the model and gives it with what acts on it beside calm water.
+        effects: Gives what acts on its ship beside calm water; None is nothing.
 
     Returns:
         The program.
@@ -144,21 +148,33 @@ def program_of(checkpoint: Path, acted_on: Callable[[Any], Any] = lambda model: 
     notes = [f"Written by manoeuvre-nn {__version__} from {checkpoint}."]
     cfg = config_beside(checkpoint, ())
     if "task" in cfg:
-        return to_program(acted_on(load_response(checkpoint)), None, [*notes, _records_of(cfg)])
+        learnt = load_response(checkpoint)
+        return to_program(with_effects(learnt, effects) if effects else learnt, None, [*notes, _records_of(cfg)])
     model = load_model(checkpoint)
     if not isinstance(model, IdentifiedShip):
         return to_program(model, None, notes)  # which says why not
     ranges, source = _trained_on(cfg, model)
-    return to_program(acted_on(model), ranges, [*notes, f"Network: {type(model.network).__name__}. {source}"])
+    moves = with_effects(model, effects) if effects else model
+    return to_program(moves, ranges, [*notes, f"Network: {type(model.network).__name__}. {source}"])
 
 
-def _with_effects(model: Any, effect: DictConfig | None) -> Any:
-    """A model with the effects of a config; as it is where there are none."""
-    if not effect:
-        return model
+def with_effects(model: Any, make: Callable[[Ship], list[Effect]]) -> Any:
+    """A model with what acts on it.
+
+    Args:
+        model: The model.
+        make: Gives the effects on its ship.
+
+    Returns:
+        The vessel; the model itself where nothing acts on it.
+
+    Raises:
+        InputError: If it is no ship.
+    """
     if not isinstance(model, Model):
-        raise InputError(f"effect={','.join(map(str, effect))}: a response has no effects: leave effect= out")
-    return Vessel(model, configs.chosen_effects(effect, model.corrected(model.hull)))
+        raise InputError(f"a {type(model).__name__} is no ship: leave effects out")
+    effects = make(model.corrected(model.hull))
+    return Vessel(model, effects) if effects else model
 
 
 def _records_of(cfg: DictConfig) -> str:
@@ -217,7 +233,7 @@ def _print(made: Sequence[Written], paths: Sequence[Path], fresh: Sequence[bool]
 def _row(one: Written, trials: Sequence[str]) -> dict[str, str]:
     """A row of the table: differences from the model, of rates over the largest rate, of tracks over L."""
     row = {"format": one.kind, "kB": f"{len(one.bytes) / 1000:.1f}"}
-    unknown = "fitted" if one.kind in CONVERSIONS else "not run"
+    unknown = "fitted" if one.kind in CONVERSIONS else "-" if one.deviations else "not run"
     row["rates"] = unknown if one.difference is None else f"{one.difference:.1e}"
     tracks = {d.manoeuvre: d for d in one.deviations}
     return row | {f"{n} (L)": f"{tracks[n].largest:.1e}" if n in tracks else "not sailed" for n in trials}
