@@ -43,7 +43,7 @@ manoeuvre COMMAND --help lists groups, options and settings. Every command takes
   -v            also show warnings and what libraries say
 and keeps what it prints in run.log of its folder. manoeuvre --version
 To begin with: manoeuvre diagnose recordings=sample"""
-QUIET, VERBOSE = ("-q", "--quiet"), ("-v", "--verbose")
+QUIET_WORDS, VERBOSE_WORDS = ("-q", "--quiet"), ("-v", "--verbose")
 
 
 TASKS = {
@@ -113,10 +113,10 @@ def run(command: str, words: list[str] | None = None) -> None:
 
 def _loudness(words: Sequence[str]) -> tuple[list[str], bool, bool]:
     """Take ``-q`` and ``-v`` out of a command line, for a command that hydra knows neither of."""
-    quiet, verbose = (bool(set(names) & set(words)) for names in (QUIET, VERBOSE))
+    quiet, verbose = (bool(set(names) & set(words)) for names in (QUIET_WORDS, VERBOSE_WORDS))
     if quiet and verbose:
         raise InputError("-q and -v: write one of them")
-    return [word for word in words if word not in {*QUIET, *VERBOSE}], quiet, verbose
+    return [word for word in words if word not in {*QUIET_WORDS, *VERBOSE_WORDS}], quiet, verbose
 
 
 def _check_options(words: list[str]) -> None:

@@ -97,7 +97,7 @@ def waiting(console: Console, what: str = "", seconds: float = PAUSE_S, poll: Po
                 work.say(*poll())
             if console.is_terminal:
                 show()
-            elif work.what and True:
+            elif work.what and silent_s() + tick > seconds:
                 show_passing(console, work.line)
 
     Thread(target=now_and_then, daemon=True).start()
