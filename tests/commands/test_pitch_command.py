@@ -119,7 +119,7 @@ def test_what_cannot_be_used_is_refused_in_one_line(cli, words, said):
 
 def test_a_task_has_a_config_of_its_own():
     words = ["ship=mariner", "task=pitch", "-m", "hydra/launcher=basic"]
-    kept = ["ship=mariner", "-m", "hydra/launcher=basic", "hydra/job_logging=disabled"]
+    kept = ["ship=mariner", "-m", "hydra/launcher=basic", "hydra/job_logging=disabled", "hydra/hydra_logging=disabled"]
     assert task_of(words, "train") == (kept, "task/pitch")
     assert task_of(["ship=mariner"], "train") == (["ship=mariner"], "train")
     with pytest.raises(InputError, match="task 'heave' is unknown; choose one of: pitch"):
