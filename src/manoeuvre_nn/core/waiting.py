@@ -8,7 +8,7 @@ from time import monotonic
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from manoeuvre_nn.core.terminal import Say, show_passing
+from manoeuvre_nn.core.terminal import Say, show_passing, silent_s
 
 PAUSE_S = 4.5
 """Longest silence where there is no terminal [s]: nothing is silent for 5 s."""
