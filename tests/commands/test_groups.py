@@ -85,6 +85,7 @@ def test_a_file_does_not_say_on_which_ship_an_effect_acts():
         (["+manoeuvre.zz35.executes=2,3", "config_dir='/my own'"], "executes=2"),
         (["effect=[current],[bank]", "seed=range(0,3)"], "effect=[current],seed=0"),
         (["effects=a/b.yaml,c.yaml"], "effects=a_b.yaml"),
+        (["network.hidden=3", "network.hidden=7,11"], "hidden=7"),
         (["ship=mariner"], "run"),
     ],
 )

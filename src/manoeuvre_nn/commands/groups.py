@@ -235,8 +235,8 @@ def job_name(words: Sequence[str], same: Sequence[str]) -> str:
     Returns:
         ``hidden=7,length=180``; a setting's full name if another one ends in the same word.
     """
-    given = [word.lstrip("+~").partition("=") for word in words]
-    changed = [(key, value) for key, _, value in given if key not in same]
+    given = {key: value for key, _, value in (word.lstrip("+~").partition("=") for word in words)}  # the last one holds
+    changed = [(key, value) for key, value in given.items() if key not in same]
     ends = [key.rpartition(".")[2] for key, _ in changed]
     names = [end if ends.count(end) == 1 else key for end, (key, _) in zip(ends, changed, strict=True)]
     told = ",".join(f"{name}={value}" for name, (_, value) in zip(names, changed, strict=True))

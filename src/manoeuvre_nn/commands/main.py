@@ -175,7 +175,8 @@ def with_job_names(words: Sequence[str]) -> list[str]:
     words = [_absolute(word) if word.startswith(SWEEP_FOLDER) else word for word in words]
     typed = [word for word in words if "=" in word or word.startswith("~")]  # not --cfg job
     parsed = OverridesParser.create().parse_overrides(typed)
-    same = [quoted(one.get_key_element()) for one in parsed if not one.is_sweep_override()]
+    swept = {one.get_key_element(): one.is_sweep_override() for one in parsed}  # of two words the last one holds
+    same = [quoted(key) for key, several in swept.items() if not several]
     return [*words, f"hydra.job.config.override_dirname.exclude_keys=[{','.join(same)}]"]
 
 
