@@ -18,6 +18,8 @@ from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.ship.mariner import mariner
 
 ROOT = Path(__file__).parents[1]
+LAUNCHERS = {"hydra/launcher=slurm": "submitit", "hydra/launcher=ray_cluster": "ray"}
+"""Choice of a launcher -> what it needs."""
 PAGES = [ROOT / "README.md", ROOT / "SECURITY.md", *sorted((ROOT / "docs").rglob("*.md"))]
 PYTHON = re.compile(r"(<!-- run(?: slow)? -->\n)?```python\n(.*?)```", re.DOTALL)
 OWN_FILE = re.compile(r"```(?:python|yaml)\n((?:# @package .*\n)?# mine/([\w/]+\.(?:py|yaml)).*?)```", re.DOTALL)
@@ -101,6 +103,8 @@ def test_a_command_of_the_pages_knows_its_settings(name, words):
     elif any(word.startswith("config_dir=") for word in words):
         pytest.skip("needs a folder of the reader's own")
     elif name in {"train", "simulate", "diagnose", "check", "coefficients", "excite", "export"}:
+        for plugin in (plugin for word, plugin in LAUNCHERS.items() if word in words):
+            pytest.importorskip(plugin, reason="this launcher is an extra")
         words, config = task_of(words, name)
         compose(
             config, [word for word in words if word != "-m" and "," not in word.partition("=")[2].partition("[")[0]]

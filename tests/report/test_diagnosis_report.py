@@ -262,18 +262,6 @@ def test_the_captain_is_told_to_which_side_and_when():
     assert interval_text(replace(unsure, value=221.6, low=0.0)) == "0 to 614 to starboard"
 
 
-def test_the_captain_is_told_of_the_heading_where_no_run_has_a_position():
-    blind = [replace(p, rmse_before={"psi": 4.0}, rmse_after={"psi": 0.5}) for p in windy().proofs]
-    said = summary_sentence(windy().causes, windy().model, blind, True)
-    assert said.endswith(
-        "; with them the predicted heading of runs that were not used is 0.5 deg off instead of 4 deg."
-    )
-    half = summary_sentence(windy().causes, windy().model, [blind[0], replace(blind[1], rmse_before={"pos": 90.0},
-                   rmse_after={"pos": 3.0})], True)  # fmt: skip
-    assert half.endswith("the predicted track of runs that were not used is 3 m off instead of 90 m.")
-    assert "a steady wind (speed 11.2 m/s, from 243 deg, cx 1.04) and a rudder offset (offset 1.04 deg)" in half
-
-
 def test_every_named_cause_has_its_own_rivals():
     said = ["These recordings cannot tell a steady wind from wave drift, a current.",
             "These recordings cannot tell a rudder offset from another effect, number 1."]  # fmt: skip

@@ -111,3 +111,15 @@ def test_where_it_may_not_be_the_ship_nothing_is_told_as_good(tmp_path):
     diagnosis_html(d, {}, tmp_path / "report.html")
     assert '<h1 class="sentence mismatch">' in (tmp_path / "report.html").read_text()
     assert not any(RIGHT_SHIP in words for _, words, kind in outcomes(d) if kind == "good")
+
+
+def test_the_sentence_tells_of_the_heading_where_no_run_has_a_position():
+    blind = [replace(p, rmse_before={"psi": 4.0}, rmse_after={"psi": 0.5}) for p in windy().proofs]
+    said = summary_sentence(windy().causes, windy().model, blind, True)
+    assert said.endswith(
+        "; with them the predicted heading of runs that were not used is 0.5 deg off instead of 4 deg."
+    )
+    half = summary_sentence(windy().causes, windy().model, [blind[0], replace(blind[1], rmse_before={"pos": 90.0},
+                   rmse_after={"pos": 3.0})], True)  # fmt: skip
+    assert half.endswith("the predicted track of runs that were not used is 3 m off instead of 90 m.")
+    assert "a steady wind (speed 11.2 m/s, from 243 deg, cx 1.04) and a rudder offset (offset 1.04 deg)" in half
