@@ -97,7 +97,7 @@ EXPLAINED = {
     "calm water": "of the model as it was given",
     "effects alone": "of the model with the effects found and the published coefficients",
     "repaired": "of the model with the effects found and the coefficients that the fitted runs make likely",
-    "noise alone": "what no prediction can be better than",
+    "measurement noise": "what no prediction can be better than",
     "site": "where a force of any kind was allowed",
     "ln B over calm water": "log Bayes factor of allowing it there",
     "test": "what a claim must pass",
@@ -120,7 +120,7 @@ PATTERNS = (
     (r"RMS \[(.*)\]", r"root mean square error in {0}"),
     (r"mean error \[(.*)\]", r"mean of predicted less recorded in {0}"),
     (r"largest \[(.*)\]", r"largest error in {0}"),
-    (r"(.*) / noise", r"{0} over noise alone: 1 cannot be beaten"),
+    (r"(.*) / noise", r"{0} over measurement noise: 1 cannot be beaten"),
 )  # fmt: skip
 """Headings that hold a name, and what stands in such a column."""
 OF_TABLE = {
