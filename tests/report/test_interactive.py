@@ -135,5 +135,5 @@ def test_every_column_of_scores_and_of_a_diagnosis_is_explained_on_the_spot(tmp_
 
 def test_a_heading_that_holds_a_name_is_explained_with_it_and_an_unknown_one_is_not():
     assert explained("taylor dev/L") == "dev/L of a simpler model, taylor"
-    assert explained("repaired / noise") == "repaired over noise alone: 1 cannot be beaten"
+    assert explained("repaired / noise") == "repaired over measurement noise: 1 cannot be beaten"
     assert explained("zz10", "Deviation over L of each target") and not explained("zz10")
