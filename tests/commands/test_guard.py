@@ -28,7 +28,7 @@ def raised(act) -> BaseException:
             ["experiment=nope"],
             "experiment=nope is unknown; choose one of: cepowski2007, rajesh2009, structure, wang1996",
         ),
-        (["hydra/launcher=nope"], "hydra/launcher=nope is unknown; choose one of: basic, joblib, two_cores"),
+        (["hydra/launcher=nope"], "hydra/launcher=nope is unknown; choose one of: basic, joblib, "),
         (["manoeuvre=[zz35,nope]"], "manoeuvre=nope is unknown; manoeuvre train --help lists the choices"),
         (["network.hiden=3"], "there is no setting network.hiden; manoeuvre train --cfg job lists them all"),
         (["nosuch=3"], "there is no setting nosuch; manoeuvre train --cfg job lists them all"),

@@ -274,7 +274,7 @@ def test_a_run_with_an_own_ship_and_manoeuvre_is_exported_and_diagnosed_with(own
         model = load_model(learnt / "checkpoints/best.ckpt")
         words = [*own, f"recordings={sailed}", f"model={learnt}/checkpoints/best.ckpt", "candidates=[mill_race]"]
         setup(compose("diagnose", [*words, f"out={tmp_path}"]))
-    assert "nudge0.3" in made.text and model.particulars.name == "Mariner"
+    assert "nudge0.3" in made.content and model.particulars.name == "Mariner"
 
 
 def test_coefficients_need_no_held_out_file_and_take_an_own_ship_format_and_mapping(own, logged):

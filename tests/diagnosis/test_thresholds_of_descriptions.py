@@ -134,7 +134,7 @@ def test_a_random_force_is_judged_over_all_sizes_and_times_that_it_could_have(mo
         return best - 0.5 * float((((x - start) / sds) ** 2).sum())
 
     process = SimpleNamespace(evidence=evidence, longest=480.0)
-    monkeypatch.setattr(unknown, "_RandomProcess", lambda likelihood, level: process)
+    monkeypatch.setattr(unknown, "_RandomProcess", lambda likelihood, level, scatters: process)
     monkeypatch.setattr(unknown, "process_time", lambda dynamics: 40.0)
     course = unknown.random_force(SimpleNamespace(data_set=SimpleNamespace(dynamics=None)), fitted(0.0, best=(6, 0)))
     volume = np.log(3.0 / 0.003) * np.log(480.0 / 2.0) * 3
@@ -179,7 +179,9 @@ def test_a_ramp_of_less_than_two_standard_errors_is_a_step(value, error, step):
 
 
 @pytest.mark.parametrize("second, where", [(0.52, ("Y", "N")), (0.48, ("Y",))])
-def test_a_term_with_a_quarter_of_the_clearest_ones_chi_square_counts_for_the_place(second, where):
+def test_a_term_with_a_quarter_of_the_clearest_ones_chi_square_counts_for_the_place(monkeypatch, second, where):
+    monkeypatch.setattr(causes, "unit_forces", lambda data_set: np.ones(3))
+    monkeypatch.setattr(causes, "units", lambda data_set: ("N", "N", "N m"))
     effect = Formula(SHIP, ["Y |v||r|", "N r|r|"], w1=1.0, w2=second)
     h = Hypothesis((effect,), (values(effect),))
     j = FittedHypothesis(h, 9.0, np.zeros((1, 1)), np.eye(2) * 0.01)

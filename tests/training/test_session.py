@@ -1,7 +1,9 @@
 import io
 import math
 import os
+import re
 import signal
+from contextlib import contextmanager
 from itertools import pairwise
 
 import numpy as np
@@ -204,14 +206,20 @@ def test_a_fit_that_breaks_gives_the_signal_back(tmp_path):
     assert signal.getsignal(signal.SIGINT) is before
 
 
-def test_progress_prints_lines_where_nobody_watches(tmp_path, monkeypatch):
-    monkeypatch.setattr("manoeuvre_nn.training.session.monotonic", iter(range(0, 10_000, 20)).__next__)
-    console = Console(file=io.StringIO(), width=200)
-    tiny.train(tiny.lm(), tmp_path, max_epochs=3, every=2, console=console)
-    lines = [line for line in console.file.getvalue().splitlines() if line.startswith("epoch ")]
-    assert [line.split()[1] for line in lines] == ["1/3", "2/3", "3/3"]
-    errors = [float(line.split()[3]) for line in lines]
-    assert all(later < earlier for earlier, later in pairwise(errors))
+def test_progress_tells_the_epochs_that_are_done_the_error_and_the_last_score(tmp_path, monkeypatch):
+    said = []
+
+    @contextmanager
+    def waiting(*_, **settings):
+        yield lambda what, share=None: said.append((what, share))
+
+    monkeypatch.setattr("manoeuvre_nn.training.session.waiting", waiting)
+    tiny.train(tiny.lm(), tmp_path, max_epochs=3, every=2)
+    told = [(what.split()[2].rstrip(","), share) for what, share in said if what.startswith("training, epoch ")]
+    assert told == [(f"{k}/3", k / 3) for k in range(4)]
+    lines = [what for what, _ in said if "mse" in what]
+    errors = [float(re.search(r"mse ([^,]+)", line)[1]) for line in lines]
+    assert len(errors) == 3 and all(later < earlier for earlier, later in pairwise(errors))
     assert "held-out" not in lines[0] and "held-out dev" in lines[1]
 
 

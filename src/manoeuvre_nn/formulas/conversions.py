@@ -17,6 +17,7 @@ from manoeuvre_nn.formulas.program import Program
 from manoeuvre_nn.formulas.rollouts import TrackDeviation
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
+from manoeuvre_nn.numerics.finite_algebra import lstsq
 
 ZIGZAGS_DEG, CIRCLES_DEG = (5.0, 10.0, 30.0), (10.0, 15.0, 35.0)
 """What coefficients are fitted to: zigzags to either side first, and turning circles to either side. Those that the
@@ -112,7 +113,7 @@ def fitted(terms: Terms, variables: Mapping[str, np.ndarray], forces: Float[np.n
         table = np.stack([product_of(term, variables) for term in products], axis=1)
         sizes = np.sqrt(np.mean(table**2, axis=0))
         sizes[sizes == 0] = 1.0
-        values = np.linalg.lstsq(table / sizes, forces[:, column], rcond=SMALLEST_SHARE)[0] / sizes
+        values = lstsq(table / sizes, forces[:, column], rcond=SMALLEST_SHARE) / sizes
         found[equation] = dict(zip(products, values.tolist(), strict=True))
     return found
 
