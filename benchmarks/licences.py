@@ -20,6 +20,8 @@ PAGE = ROOT / "docs" / "licences.md"
 RECIPROCAL = re.compile(r"GPL|GNU|MPL|Mozilla|EUPL|CDDL|Eclipse|EPL|CeCILL|\bSSPL|CC-BY-(SA|NC)", re.IGNORECASE)
 """Licences that ask something of those who pass on what is made with the work, not of the work alone."""
 HARMLESS = {
+    "certifi": "MPL-2.0 holds for changed copies of its own files; it is used as it is, by notebooks in the site",
+    "hypothesis": "MPL-2.0 holds for changed copies of its own files; it is used as it is, by tests alone",
     "tqdm": "MPL-2.0 holds for changed copies of its own files; it is used as it is",
     "pathspec": "MPL-2.0 holds for changed copies of its own files; it is used as it is, by mypy alone",
 }
@@ -50,20 +52,21 @@ def needed(*extras: str) -> dict[str, Distribution]:
         Normalised name -> distribution. PackageNotFoundError is raised if one is not installed.
     """
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    wanted = {canonicalize_name(project["name"]): {"", *extras}}
-    offered = {e: project["optional-dependencies"][e] for e in extras}
-    left = [Requirement(text) for group in (project["dependencies"], *offered.values()) for text in group]
+    own, offered = canonicalize_name(project["name"]), {"": project["dependencies"], **project["optional-dependencies"]}
+    left = [Requirement(f"{own}[{','.join(extras)}]")]
+    wanted: dict[str, set[str]] = {}
     found: dict[str, Distribution] = {}
     while left:
         requirement = left.pop()
         name = canonicalize_name(requirement.name)
         new = {"", *requirement.extras} - wanted.get(name, set())
-        if not new:
-            continue
         wanted[name] = wanted.get(name, set()) | new
-        found[name] = part = distribution(name)
-        further = map(Requirement, part.requires or [])
-        left += [r for r in further if r.marker is None or any(r.marker.evaluate({"extra": e}) for e in new)]
+        if name == own:
+            left += [Requirement(text) for extra in new for text in offered[extra]]
+        elif new:
+            found[name] = part = distribution(name)
+            further = map(Requirement, part.requires or [])
+            left += [r for r in further if r.marker is None or any(r.marker.evaluate({"extra": e}) for e in new)]
     return found
 
 
@@ -87,7 +90,7 @@ def licence(package: Distribution) -> str:
 def page() -> str:
     """The page."""
     own = needed()
-    of_tests = {name: part for name, part in needed("test", "notebook", "onnx", "search").items() if name not in own}
+    of_tests = {name: part for name, part in needed("test").items() if name not in own}
     parts = [INTRODUCTION]
     for heading, packages in (("What the package needs", own), ("What its tests need beside", of_tests)):
         cells = [(name, Version(part.version).public, licence(part)) for name, part in sorted(packages.items())]
@@ -100,7 +103,7 @@ def page() -> str:
 def main() -> int:
     """Write the page; the exit code is 1 if a package needs a remark or says no licence."""
     try:
-        everything = needed("test", "notebook", "onnx", "search")
+        everything = needed("test")
     except PackageNotFoundError as missing:
         print(f'error: {missing.name} is not installed: pip install -c constraints.txt -e ".[test]"', file=sys.stderr)
         return 2

@@ -1,6 +1,7 @@
 """The command line in this process: an import of torch costs more than a tiny run."""
 
 import copy
+import logging
 import runpy
 import sys
 from collections.abc import Callable, Generator
@@ -46,6 +47,17 @@ TINY_ENSEMBLE = (
 def typed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every test begins as if train had been typed, whatever ran in this process before."""
     monkeypatch.setattr(guard, "command", "train")
+
+
+@pytest.fixture(autouse=True)
+def log_as_before() -> Generator[None]:
+    """Hydra's help opens a log on the terminal of its test and leaves it to the end of the process."""
+    root = logging.getLogger()
+    before, level = list(root.handlers), root.level
+    yield
+    for handler in [h for h in root.handlers if h not in before and type(h) is logging.StreamHandler]:
+        root.removeHandler(handler)
+    root.setLevel(level)
 
 
 @dataclass(frozen=True)
