@@ -78,8 +78,9 @@ def test_a_notebook_is_small_defines_nothing_and_shows_what_came_out_when_it_ran
     assert not re.search(r"/tmp/|/home/|/root/|/work/|Warning", printed(book)), "paths and warnings are nobody's"
 
 
+@pytest.mark.slow  # a minute in its light form; a generated pond is diagnosed in tests/diagnosis/test_fitted_models.py
 @pytest.mark.recordings
-@forms(POND)
+@pytest.mark.parametrize("form", [POND, {}], ids=["light", "whole"])
 def test_two_runs_go_from_their_raw_file_to_a_diagnosis(form, capsys):
     if not os.environ.get("RECORDINGS"):
         pytest.skip("RECORDINGS is not set: write RECORDINGS=FOLDER with the measured files")

@@ -150,6 +150,7 @@ def test_the_nodes_in_the_table_are_the_network(small):
     np.testing.assert_allclose(found, model.at(sets.between.conditions), rtol=1e-4, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_the_chapter_of_the_networks_tells_every_table(small):
     section = networks.chapter(QUICK, quiet)
     assert max(claim(section, f"{which} RMS of 5-7-1").ours for which in ("learning", "testing")) < 0.13
