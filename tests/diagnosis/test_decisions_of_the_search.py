@@ -301,3 +301,28 @@ def test_an_effect_is_not_refuted_by_coefficients_that_do_not_hold_in_other_runs
     claim = fit(120.0, "current")
     found, proofs, _ = proved(monkeypatch, [claim], {("current",): 40.0}, {("current",): (alone, corrected)})
     assert (found.names, proofs[0].rmse_after["cost"]) == ((("current",), after) if after else ((), 2.0))
+
+
+def test_an_event_that_was_given_times_has_an_error_for_each_of_them(monkeypatch):
+    """Where its values were fitted is then where its times were found, not where it had none."""
+    effect = SideForce(SHIP)
+    nowhere = np.tile(effect.values.numpy(), (2, 1))
+    timed = [p.per_run for p in effect.declared]
+    nowhere[1, timed] = np.inf
+    somewhere = nowhere.copy()
+    somewhere[1] = somewhere[0]
+    without, placed = (Hypothesis((effect,), (values,)) for values in (nowhere, somewhere))
+    assert len(placed.unknowns()) > len(without.unknowns())
+
+    class Anywhere:
+        def improve(self, h, level, scatter, rounds=5):
+            return h, 10.0 if h is without else 0.0
+
+        def evaluate(self, h, around=None):
+            moved = h.with_vector(h.vector() + 1.0)
+            return FittedHypothesis(moved, 5.0, np.zeros((1, 1)), np.eye(len(h.unknowns())))
+
+    monkeypatch.setattr(fits, "beside", lambda likelihood, h: likelihood)
+    monkeypatch.setattr(fits, "replaced", lambda likelihood, h, level, scatter: placed)
+    found = fits.refine(Anywhere(), without, 0, 0)
+    assert len(found.errors) == len(found.hypothesis.unknowns()) == len(placed.unknowns())

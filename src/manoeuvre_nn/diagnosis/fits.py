@@ -101,7 +101,7 @@ def refine(
         noise = (level, scatter) if _unplaced(fitted.hypothesis) else fitted.best
         elsewhen = replaced(there, fitted.hypothesis, *noise)
         if elsewhen is not fitted.hypothesis:
-            fitted = there.evaluate(elsewhen, around=fitted.best[0])
+            hypothesis, fitted = elsewhen, there.evaluate(elsewhen, around=fitted.best[0])
     for _ in range(2):
         if fitted.evidence < min_evidence:
             return fitted
