@@ -16,7 +16,17 @@ from manoeuvre_nn.core.data_files import OVERRIDES, load_yaml, overrides_of
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.writing import locked
 from manoeuvre_nn.report.html import Report, write_report
-from manoeuvre_nn.report.sweep import DEV, MEAN, error_of, has_scores, job_folders, results_of, short_rows, sweep_figure
+from manoeuvre_nn.report.sweep import (
+    DEV,
+    MEAN,
+    error_of,
+    has_scores,
+    job_folders,
+    results_of,
+    short_name,
+    short_rows,
+    sweep_figure,
+)
 from manoeuvre_nn.report.tables import Row, columns, rich_table, write_csv
 
 USAGE = "manoeuvre compare FOLDER [FOLDER ...] [out=FOLDER]"
@@ -37,8 +47,6 @@ AFTER_SCORES = ("seed", "epochs", "stopped", "seconds")
 """Results that stand last."""
 MAX_DRAWN = 3
 """Settings that differ up to which a figure can be read."""
-
-
 MAX_WIDTH = 10_000
 """No table is wider [columns]."""
 
@@ -211,6 +219,6 @@ def fitting(rows: Sequence[Row], console: Console) -> Table:
 
 def _heading(name: str, settings: Sequence[str]) -> str:
     """A column's name as a terminal has room for it."""
-    last = name.rpartition(".")[2]
-    alone = sum(other.rpartition(".")[2] == last for other in settings) == 1
-    return "run" if name == "job" else last if name in settings and alone else name.removeprefix(DEV)
+    if name in settings:
+        return short_name(name, settings)
+    return "run" if name == "job" else name.removeprefix(DEV)

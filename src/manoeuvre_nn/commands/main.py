@@ -41,7 +41,7 @@ USAGE = """manoeuvre COMMAND [group=option] [setting=value]
 manoeuvre COMMAND --help lists groups, options and settings. Every command takes
   -q            print errors only
   -v            also show warnings and what libraries say
-and keeps what it prints in run.log of its folder. manoeuvre --version
+What is printed stands in run.log of the run's folder too. manoeuvre --version
 To begin with: manoeuvre diagnose recordings=sample"""
 QUIET_WORDS, VERBOSE_WORDS = ("-q", "--quiet"), ("-v", "--verbose")
 

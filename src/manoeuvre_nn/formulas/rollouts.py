@@ -164,10 +164,16 @@ class Unit:
         made = self.library.fmi2Instantiate(b"ship", 1, self._guid, ctypes.c_char_p(), callbacks, 0, 0)
         assert made is not None, "the unit refuses to be instantiated"
         ship = ctypes.c_void_p(made)
-        assert self.library.fmi2SetupExperiment(ship, 0, zero, zero, 0, zero) == 0
-        assert self.library.fmi2EnterInitializationMode(ship) == 0
-        assert self.library.fmi2ExitInitializationMode(ship) == 0
+        self._call("fmi2SetupExperiment", ship, 0, zero, zero, 0, zero)
+        self._call("fmi2EnterInitializationMode", ship)
+        self._call("fmi2ExitInitializationMode", ship)
         return ship
+
+    def _call(self, function: str, *arguments: object) -> None:
+        """Call a function that must succeed."""
+        status = getattr(self.library, function)(*arguments)
+        if status != 0:
+            raise RuntimeError(f"{function} of the unit returned status {status}")
 
     def step(self, ship: ctypes.c_void_p, time: float, length: float) -> bool:
         """Go on from a time by a length [s]; whether it could."""
@@ -176,15 +182,13 @@ class Unit:
 
     def order(self, ship: ctypes.c_void_p, angle: float) -> None:
         """Order a rudder angle [rad]."""
-        assert self.library is not None
         place = (ctypes.c_uint * 1)(self._places["delta_order"])
-        assert self.library.fmi2SetReal(ship, place, 1, (ctypes.c_double * 1)(angle)) == 0
+        self._call("fmi2SetReal", ship, place, 1, (ctypes.c_double * 1)(angle))
 
     def position(self, ship: ctypes.c_void_p) -> list[float]:
         """X and y [m]."""
-        assert self.library is not None
         places, at = (ctypes.c_uint * 2)(self._places["x"], self._places["y"]), (ctypes.c_double * 2)()
-        assert self.library.fmi2GetReal(ship, places, 2, at) == 0
+        self._call("fmi2GetReal", ship, places, 2, at)
         return list(at)
 
     def free(self, ship: ctypes.c_void_p) -> None:

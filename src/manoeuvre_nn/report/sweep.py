@@ -138,7 +138,7 @@ def short_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
         worst = max(devs, key=lambda name: devs[name]) if devs else None
         ended = len(str(row.get("ended early") or "").split())
         # The settings that differ say which job it is; its folder's name would only repeat them.
-        named = {_last(name, names): row.get(name) for name in names}
+        named = {short_name(name, names): row.get(name) for name in names}
         cells = named if any(value is not None for value in named.values()) else {"job": row["job"]}
         cells |= {"status": f"{ended} ended early" if ended else row["status"], MEAN: row.get(MEAN), **errors}
         cells |= {"worst": worst and f"{worst} {devs[worst]:.3g}", "verdict": row.get("verdict")}
@@ -154,7 +154,7 @@ def error_of(row: Row) -> float:
     return _number(next(iter(found), None), float("inf"))
 
 
-def _last(name: str, names: Sequence[str]) -> str:
+def short_name(name: str, names: Sequence[str]) -> str:
     """``network.hidden`` as a heading has room for it: ``hidden``, unless another setting ends in the same word."""
     last = name.rpartition(".")[2]
     return last if sum(other.rpartition(".")[2] == last for other in names) == 1 else name
@@ -214,7 +214,7 @@ def _points(rows: Sequence[Row], along: str, others: Sequence[str]) -> pd.DataFr
     points = []
     for manoeuvre, column in scored.items():
         for row in rows:
-            rest = ", ".join(f"{_last(name, others)} {row.get(name)}" for name in others)
+            rest = ", ".join(f"{short_name(name, others)} {row.get(name)}" for name in others)
             panel, label = (manoeuvre, rest) if others else ("", manoeuvre)
             ended = manoeuvre in str(row.get("ended early", "")).split()
             points.append((panel, label, row.get(along), _number(row.get(column)), ended))
