@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
+from scipy.special import ndtr, stdtrit
 
 from manoeuvre_nn.core.frames import body_to_earth, earth_to_body
 from manoeuvre_nn.core.recording import Recording
@@ -146,7 +147,8 @@ def rudder_effect(recording: Recording, ship: Particulars) -> tuple[float, float
     samples. Sway as a third column is so much like r that it takes the rudder's evidence away.
 
     Returns:
-        Coefficient b of the rudder [1/s^2] and its standard error; zeros where the rudder hardly moves.
+        Coefficient b of the rudder [1/s^2] and its standard error, of few samples wider by as much as Student's t is
+        at ``STRONG_EVIDENCE``; zeros where the rudder hardly moves.
     """
     recording = thinned(recording, ship)
     window = RUDDER_WINDOW * ship.time_unit
@@ -158,8 +160,9 @@ def rudder_effect(recording: Recording, ship: Particulars) -> tuple[float, float
     if active.sum() < 8:
         return 0.0, 0.0
     large = float(np.quantile(np.abs(target[active]), 0.9))
-    values, covariance, _ = trimmed_least_squares(columns, target, 4.0, 0.05 * large, active)
-    return float(values[0]), float(np.sqrt(max(covariance[0, 0], 0.0)))
+    values, covariance, kept = trimmed_least_squares(columns, target, 4.0, 0.05 * large, active)
+    wider = -float(stdtrit(max(kept.sum() - len(values), 1), ndtr(-STRONG_EVIDENCE))) / STRONG_EVIDENCE
+    return float(values[0]), wider * float(np.sqrt(max(covariance[0, 0], 0.0)))
 
 
 def _rate_remedy(recording: Recording, ship: Particulars, m: Recording, slope: float) -> tuple[str, tuple[Change, ...]]:
