@@ -36,6 +36,7 @@ from manoeuvre_nn.effect.remainder import Remainder
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet, whitened_data_set
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
+from manoeuvre_nn.estimation.noise_average import averaged
 from manoeuvre_nn.estimation.relinearise import refined
 from manoeuvre_nn.scoring.free_runs import cost, counted_as_one
 
@@ -185,7 +186,10 @@ def _put_to_proof(
     """One claim, against calm water's predictions, their error, and its log evidence in the held-out runs."""
     (proofs, before, calm), data_set = calm_water, tried.likelihood.data_set
     # Strong gusts explain what a fit without them would lay on the mean wind.
-    j = claim if _turns(claim.hypothesis) else at_rest(data_set, claim)[1]
+    j = claim
+    if not _turns(claim.hypothesis):
+        about, j = at_rest(data_set, claim)
+        j = j if j.random else averaged(about, j)
     there = in_held_out_runs(question, j)
     made = prove(question, j, there.hypothesis, proofs)
     # The errors of a fitted model may look like an effect, and one formula of hundreds like anything.

@@ -102,17 +102,25 @@ class WhitenedDataSet:
         rotation: These combinations, one a column: coefficients' errors are ``rotation @`` those of the combinations.
         seen: What the runs see of coefficients' errors: those of the combinations are ``seen @`` these.
         coefficient_prior: How errors of the coefficients go together before the runs are seen.
+        process_levels: Levels of the process noise.
+        process_time: Its correlation time [s]; the runs are linearised for it.
         levels: Level of the process noise in surge and in sway and yaw, one row a grid point.
     """
 
     def __init__(
-        self, dynamics: Model, runs: Sequence[PreparedRun], coefficient_prior: CoefficientPrior | None = None
+        self,
+        dynamics: Model,
+        runs: Sequence[PreparedRun],
+        coefficient_prior: CoefficientPrior | None = None,
+        levels: Sequence[float] = PROCESS_LEVELS,
+        time: float | None = None,
     ) -> None:
-        """Take the runs, and what is known of the coefficients' errors."""
+        """Take the runs, what is known of the coefficients' errors, and the process noise; None is its usual time."""
         self.dynamics, self.runs = dynamics, list(runs)
         self.coefficient_prior = coefficient_prior or CoefficientPrior()
         self.unit = typical(dynamics)
-        self.levels = np.array(list(product(PROCESS_LEVELS, PROCESS_LEVELS)))
+        self.process_levels, self.process_time = tuple(levels), time or process_time(dynamics)
+        self.levels = np.array(list(product(levels, levels)))
         self._equations: list[RunEquations] = []
         self._at: dict[int, _Level] = {}
         self._by_rudder: dict[bytes, WhitenedDataSet] = {}
@@ -142,8 +150,8 @@ class WhitenedDataSet:
     def _made(self, level: int) -> "_Level":
         """Whiten all runs at a grid point."""
         if not self._equations:
-            time, start = process_time(self.dynamics), start_spread(self.dynamics)
-            self._equations = [run_equations(run.linearised, run.noise, time, start) for run in self.runs]
+            start = start_spread(self.dynamics)
+            self._equations = [run_equations(x.linearised, x.noise, self.process_time, start) for x in self.runs]
         process_sd = self.levels[level][[0, 1, 1, 1]][: len(self.unit)] * self.unit
         white = [IntegratedRun(equations, process_sd) for equations in self._equations]
         base = [w.embed(p.base) for w, p in zip(white, self.runs, strict=True)]
@@ -176,7 +184,8 @@ class WhitenedDataSet:
             ]
             if len(self._by_rudder) >= MAX_RUDDERS:
                 del self._by_rudder[next(iter(self._by_rudder))]
-            self._by_rudder[key] = WhitenedDataSet(self.dynamics, made, self.coefficient_prior)
+            noise = self.process_levels, self.process_time
+            self._by_rudder[key] = WhitenedDataSet(self.dynamics, made, self.coefficient_prior, *noise)
         return self._by_rudder[key]
 
     @property

@@ -16,7 +16,7 @@ from scipy.special import logsumexp
 
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.estimation.corrections import USUAL_SCATTER
-from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, PROCESS_LEVELS, WhitenedDataSet
+from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis, log_inside
 from manoeuvre_nn.estimation.hypothesis_columns import HypothesisColumns, hypothesis_columns
 from manoeuvre_nn.estimation.linear_run import Embedded
@@ -56,7 +56,7 @@ class MarginalLikelihood:
     def __init__(self, data_set: WhitenedDataSet) -> None:
         """Take the runs."""
         self.data_set = data_set
-        self.start_level = 2 * (len(PROCESS_LEVELS) + 1)
+        self.start_level = len(data_set.process_levels) // 2 * (len(data_set.process_levels) + 1)
         self._pieces: dict[tuple[object, ...], _Piece] = {}
         self._latest: dict[tuple[object, ...], HypothesisColumns] = {}
 
@@ -203,7 +203,7 @@ class MarginalLikelihood:
         """
         prior = log_prior_levels(self.data_set, process_prior)
         lin = self.columns(hypothesis) if hypothesis.effects else None
-        side = len(PROCESS_LEVELS)
+        side = len(self.data_set.process_levels)
         known: dict[int, Posterior] = {}
         best = self.start_level if around is None else around
         while True:

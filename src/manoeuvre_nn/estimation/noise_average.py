@@ -1,0 +1,86 @@
+"""Values and standard errors averaged over what is not known of the process noise: its level and correlation time.
+
+With w_t the weights of the correlation times, in proportion to their evidence, and m_t, C_t what is found at each,
+
+    m = sum_t w_t m_t,    C = sum_t w_t (C_t + (m_t - m) (m_t - m)^T).
+
+Source:
+    Hoeting, Madigan, Raftery & Volinsky 1999, Bayesian Model Averaging: A Tutorial, Statistical Science 14(4).
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import softmax
+
+from manoeuvre_nn.estimation.data_set import PROCESS_LEVELS, WhitenedDataSet, base_columns
+from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
+from manoeuvre_nn.estimation.linearised_run import linearise
+from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
+
+BETWEEN = tuple(float(np.sqrt(low * high)) for low, high in zip(PROCESS_LEVELS, PROCESS_LEVELS[1:], strict=False))
+"""Levels of the process noise halfway between the usual ones, on a logarithmic scale."""
+TIMES = (0.5, 1.0, 2.0)
+"""Correlation times of the process noise over the time in which the ship sails its length."""
+
+
+def averaged(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> FittedHypothesis:
+    """A fitted hypothesis with values and covariance averaged over levels and correlation times of the process noise.
+
+    The usual levels lie a factor of three apart, and the usual correlation time is one of many: that suffices to
+    compare hypotheses, but standard errors at the nearest of them may be too small by half.
+
+    Args:
+        data_set: The runs about the states of the hypothesis.
+        fitted: What was found there.
+
+    Returns:
+        The same evidence; other values, covariance, corrections and latencies.
+    """
+    found = [_at_time(data_set, fitted, factor * data_set.process_time) for factor in TIMES]
+    weights = softmax([one.evidence for one in found])
+    steps = np.array([_step(fitted, one) for one in found])
+    mean = weights @ steps
+    apart = (steps - mean).T @ ((steps - mean) * weights[:, None])
+    return replace(
+        fitted,
+        hypothesis=fitted.hypothesis.within_bounds(fitted.hypothesis.vector() + mean),
+        covariance=sum(w * one.covariance for w, one in zip(weights, found, strict=True)) + apart,
+        corrections=sum(w * one.corrections for w, one in zip(weights, found, strict=True)),
+        latencies=sum(w * one.latencies for w, one in zip(weights, found, strict=True)),
+    )
+
+
+def finer(data_set: WhitenedDataSet, time: float) -> WhitenedDataSet:
+    """The same runs about the same states, with more levels of the process noise and another correlation time of it.
+
+    Args:
+        data_set: The runs, at the usual levels.
+        time: Correlation time [s].
+
+    Returns:
+        The runs; every other level is a usual one.
+    """
+    runs = []
+    for prepared in data_set.runs:
+        x = prepared.linearised
+        x = linearise(x.run, x.rate, x.track, time, x.indicated)
+        runs.append(replace(prepared, linearised=x, base=base_columns(data_set.dynamics, x)))
+    levels = sorted((*PROCESS_LEVELS, *BETWEEN))
+    return WhitenedDataSet(data_set.dynamics, runs, data_set.coefficient_prior, levels, time)
+
+
+def _at_time(data_set: WhitenedDataSet, fitted: FittedHypothesis, time: float) -> FittedHypothesis:
+    """The hypothesis at one correlation time [s] of the process noise, over all of its levels."""
+    there = finer(data_set, time)
+    surge, lateral = (2 * k for k in divmod(fitted.best[0], len(PROCESS_LEVELS)))
+    around = surge * len(there.process_levels) + lateral
+    return MarginalLikelihood(there).evaluate(fitted.hypothesis, around=around)
+
+
+def _step(before: FittedHypothesis, after: FittedHypothesis) -> Float[np.ndarray, " m"]:
+    """From the values of one to those of the other, directions the shorter way round."""
+    steps = after.hypothesis.vector() - before.hypothesis.vector()
+    periods = [f.parameter.period for f in before.hypothesis.unknowns()]
+    return np.array([x - (p * round(x / p) if p else 0.0) for x, p in zip(steps.tolist(), periods, strict=True)])

@@ -1,0 +1,91 @@
+"""Values and standard errors averaged over levels and correlation times of the process noise."""
+
+import numpy as np
+import pytest
+from pytest import approx
+from test_hypotheses_judged import LEVEL, fitted, hypothesis, stand
+from trials import SHIP
+
+from manoeuvre_nn.effect.propulsion import PropellerPitchError
+from manoeuvre_nn.effect.wind import SteadyWind
+from manoeuvre_nn.estimation import noise_average
+from manoeuvre_nn.estimation.data_set import PROCESS_LEVELS
+from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
+from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
+from manoeuvre_nn.estimation.noise_average import BETWEEN, averaged, finer
+
+pytestmark = pytest.mark.usefixtures("unchecked_types")
+
+
+@pytest.fixture
+def of_times(monkeypatch):
+    """What is found at every correlation time, to be written down in place of fits."""
+
+    def give(*found):
+        waiting = iter(found)
+        monkeypatch.setattr(noise_average, "_at_time", lambda data_set, j, time: next(waiting))
+
+    return give
+
+
+def wind(speed: float, from_deg: float, evidence: float, sd: float, correction: float = 0.0) -> FittedHypothesis:
+    """A fitted wind."""
+    h = hypothesis(SteadyWind(SHIP, speed=speed, from_deg=from_deg))
+    return FittedHypothesis(
+        h, evidence, np.zeros((1, 1)), sd**2 * np.eye(len(h.unknowns())), corrections=np.full(3, correction),
+        latencies=np.full(2, correction),
+    )  # fmt: skip
+
+
+def test_means_and_covariances_add_up_as_the_law_of_total_variance_has_it(of_times):
+    """Of three times with weights 1/2, 1/4, 1/4, by hand."""
+    of_times(wind(10.0, 90.0, np.log(2.0), 1.0, 0.4), wind(12.0, 90.0, 0.0, 2.0), wind(14.0, 94.0, 0.0, 3.0))
+    found = averaged(stand("wind"), wind(10.0, 90.0, 5.0, 1.0))
+    assert found.hypothesis.vector()[:2] == approx([11.5, 91.0])
+    between = 0.5 * 1.5**2 + 0.25 * 0.5**2 + 0.25 * 2.5**2
+    assert found.errors[0] ** 2 == approx(0.5 * 1 + 0.25 * 4 + 0.25 * 9 + between)
+    assert found.covariance[0, 1] == approx(0.5 * 1.5 * 1.0 - 0.25 * 0.5 * 1.0 + 0.25 * 2.5 * 3.0)
+    assert found.corrections == approx(np.full(3, 0.2))
+    assert found.latencies == approx(np.full(2, 0.2))
+    assert found.evidence == 5.0
+
+
+def test_directions_are_averaged_the_shorter_way_round(of_times):
+    of_times(wind(10.0, 358.0, 0.0, 1.0), wind(10.0, 4.0, 0.0, 1.0), wind(10.0, 1.0, 0.0, 1.0))
+    found = averaged(stand("wind"), wind(10.0, 359.0, 0.0, 1.0))
+    assert found.hypothesis.vector()[1] == approx(1.0)
+    assert found.errors[1] == approx(np.sqrt(1 + 6.0))
+
+
+def test_at_the_usual_levels_and_time_nothing_changes():
+    stood = stand("wind")
+    usual, there = MarginalLikelihood(stood), MarginalLikelihood(finer(stood, stood.process_time))
+    levels = there.data_set.process_levels
+    assert set(levels) == {*PROCESS_LEVELS, *BETWEEN}
+    assert levels[1] ** 2 == approx(levels[0] * levels[2])
+    h = hypothesis(SteadyWind(SHIP, speed=10.0, from_deg=60.0))
+    for level in (0, LEVEL, 13):
+        fine = 2 * (level // 5) * len(levels) + 2 * (level % 5)
+        assert there.evidence_at(h, fine) == approx(usual.evidence_at(h, level), abs=1e-6)
+
+
+def test_what_goes_on_longer_leaves_a_constant_effect_less_certain():
+    """The mean of a process over a time much longer than its memory T varies as T does, its error as the root of T."""
+    stood, errors = stand("thrust"), []
+    h = hypothesis(PropellerPitchError(SHIP, fraction=0.15))
+    for time in (2.0, 8.0):
+        likelihood = MarginalLikelihood(finer(stood, time))
+        levels = likelihood.data_set.process_levels
+        level = levels.index(0.5) * (len(levels) + 1)
+        errors.append(np.sqrt(likelihood.posterior(likelihood.columns(h), level).covariance(0)[-1, -1]))
+    assert errors[1] / errors[0] == approx(2.0, rel=0.15)
+
+
+def test_a_fitted_wind_stays_within_its_errors():
+    before = fitted(MarginalLikelihood(stand("wind")), hypothesis(SteadyWind(SHIP, speed=10.0, from_deg=60.0)))
+    found = averaged(stand("wind"), before)
+    moved = np.abs(found.hypothesis.vector() - before.hypothesis.vector())
+    assert (0 < moved[:2]).all()
+    assert (moved < 0.5 * before.errors).all()
+    assert found.by_level is before.by_level
+    assert found.best == before.best
