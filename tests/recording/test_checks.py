@@ -177,10 +177,11 @@ def test_the_rudders_sign_is_found_among_spikes_of_the_yaw_rate(zz20, ship):
 
 
 def test_few_samples_do_not_give_the_rudders_sign_by_chance(ship):
-    # The rudder is put over once: the yaw rate, which the seaway alone moves, may answer to either side in ten samples.
+    # The rudder is put over once: in ten samples the yaw rate, moved by the seaway, may answer to either side, however
+    # slowly the ship turns to the right one in the end.
     turn = simulate(CalmWater(mariner()), turning_circle(25.0, duration=15 * ship.time_unit))
     strays = np.random.default_rng(0).standard_normal((800, len(turn)))
-    refused = [rudder_sign(turn.with_channels(r=1e-3 * stray), ship) for stray in strays]
+    refused = [rudder_sign(turn.with_channels(r=1e-3 * stray + 3e-4), ship) for stray in strays]
     assert sum(found is not None for found in refused) <= 1
 
 

@@ -186,10 +186,7 @@ def _put_to_proof(
     """One claim, against calm water's predictions, their error, and its log evidence in the held-out runs."""
     (proofs, before, calm), data_set = calm_water, tried.likelihood.data_set
     # Strong gusts explain what a fit without them would lay on the mean wind.
-    j = claim
-    if not _turns(claim.hypothesis):
-        about, j = at_rest(data_set, claim)
-        j = j if j.random else averaged(about, j)
+    j = claim if _turns(claim.hypothesis) else averaged(*at_rest(data_set, claim))
     there = in_held_out_runs(question, j)
     made = prove(question, j, there.hypothesis, proofs)
     # The errors of a fitted model may look like an effect, and one formula of hundreds like anything.

@@ -20,6 +20,7 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis.case import Question
 from manoeuvre_nn.diagnosis.repair import (
+    Driving,
     free_runs,
     predict,
     recorded,
@@ -230,7 +231,8 @@ def drawn_tables(
     pushes = size * drawn_process(g, instants, process, (len(starts), len(size)))
     pushes[:, :: len(draws)] = 0.0
     pushed = _Pushed(driving, torch.tensor(pushes), begin, copies[0].step)
-    tables = free_runs(data_set.dynamics, drawn, copies, starts, warmup, known.latency, pushed)
+    moved_by = Driving(pushed, copies[0].step if every > 1 else None)
+    tables = free_runs(data_set.dynamics, drawn, copies, starts, warmup, known.latency, moved_by)
     return [tables[k * len(draws) : (k + 1) * len(draws)] for k in range(len(runs))]
 
 

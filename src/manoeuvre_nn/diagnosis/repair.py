@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import groupby
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -83,7 +84,8 @@ def predict_corrected(
     hypothesis, rows = steady(hypothesis), [row for row in range(len(runs)) for _ in range(2)]
     alone, corrected = (_starts(d, hypothesis, runs, warmup, latency) for d in (dynamics, Calibrated(dynamics, shares)))
     starts = np.stack([start for both in zip(alone, corrected, strict=True) for start in both])
-    driving = Calibrated(dynamics, torch.stack([torch.zeros_like(shares), shares]).repeat(len(runs), 1))
+    both = torch.stack([torch.zeros_like(shares), shares]).repeat(len(runs), 1)
+    driving = Driving(Calibrated(dynamics, both))
     doubled = [runs[row] for row in rows]
     made = free_runs(dynamics, hypothesis.of_runs(rows), doubled, starts, warmup, latency, driving)
     return made[::2], made[1::2]
@@ -108,6 +110,18 @@ def warm_up_end(run: Recording, warmup: float) -> float:
     return float(run.time[np.searchsorted(run.time, warmup - 1e-9)])
 
 
+class Driving(NamedTuple):
+    """What moves a ship in free runs.
+
+    Attributes:
+        model: The model; it may have coefficients for each row.
+        largest_step: Largest step of the integration [s]; None takes that of rollouts.
+    """
+
+    model: Model
+    largest_step: float | None = None
+
+
 def free_runs(
     dynamics: Model,
     hypothesis: Hypothesis,
@@ -115,7 +129,7 @@ def free_runs(
     starts: Float[np.ndarray, "rows k"],
     warmup: float,
     latency: float = 0.0,
-    driving: Model | None = None,
+    driving: Driving | None = None,
 ) -> list[pd.DataFrame]:
     """The same from states that are known.
 
@@ -126,7 +140,7 @@ def free_runs(
         starts: States at the end of the warm-up, of :func:`start_state`.
         warmup: End of the warm-up [s].
         latency: Delay of the satellite receiver [s].
-        driving: What moves the ship, if every row has a calm-water model of its own.
+        driving: What moves the ship, if that is not the calm-water model itself.
 
     Returns:
         As :func:`predict`.
@@ -135,9 +149,11 @@ def free_runs(
     begin, step = warm_up_end(runs[0], warmup), runs[0].step
     k = int(np.searchsorted(runs[0].time, begin - 1e-9))
     columns = controls(dynamics, runs, k) | held_columns({"delta": [d[k:] for d in _wheels(hypothesis, runs)]})
-    moving = Vessel(driving or dynamics, _acting(hypothesis)).model
+    driving = driving or Driving(dynamics)
+    moving = Vessel(driving.model, _acting(hypothesis)).model
     with torch.inference_mode():
-        states = integrate(moving, torch.tensor(starts), columns, interval=step, start=begin)
+        first, largest = torch.tensor(starts), driving.largest_step
+        states = integrate(moving, first, columns, interval=step, start=begin, largest_step=largest)
     shown = []
     for row, (h, run) in enumerate(zip(each, runs, strict=True)):
         seen, n = run.between(begin, run.time[-1]), len(run) - k

@@ -123,6 +123,7 @@ def integrate(
     *,
     interval: float,
     start: float,
+    largest_step: float | None = None,
 ) -> Float[Tensor, "times rows n"]:
     """States at all samples of recorded inputs, by :func:`.runge_kutta_step`.
 
@@ -135,12 +136,13 @@ def integrate(
         columns: Name of an input -> its samples, linear in between, see :func:`.inputs_at`.
         interval: Time between samples [s].
         start: Time of the first [s].
+        largest_step: Largest step [s]; None takes that of rollouts.
 
     Returns:
         Whole states.
     """
     ship, count = model.particulars, columns["delta"].shape[1]
-    parts = ceil(interval / (ship.time_unit / STEPS_PER_LENGTH) - 1e-9)
+    parts = ceil(interval / (largest_step or ship.time_unit / STEPS_PER_LENGTH) - 1e-9)
     step = interval / parts
 
     def rate(state: Tensor, inputs: Inputs) -> Tensor:

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from manoeuvre_nn.core.inputs import Inputs
-from manoeuvre_nn.core.network import times
+from manoeuvre_nn.core.network import products_of, times
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.dynamics.base import Model, ModelAround, calm_accelerations
 
@@ -279,8 +279,9 @@ class Corrections:
         """Products of factors of the terms that the model lacks."""
         u, v, r = (nu / self._units).unbind(-1)
         u = u - 1
-        factors = torch.stack(torch.broadcast_tensors(u, v, r, delta, v.abs(), r.abs(), torch.ones_like(u)), dim=-1)
-        return factors[..., self._letters].prod(dim=-1)
+        return products_of(
+            torch.stack(torch.broadcast_tensors(u, v, r, delta, v.abs(), r.abs(), torch.ones_like(u))), self._letters
+        )
 
 
 class Calibrated(ModelAround):

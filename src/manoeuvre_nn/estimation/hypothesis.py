@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from math import atan, lgamma, log, pi, sqrt
 
 import numpy as np
@@ -43,7 +44,12 @@ class Hypothesis:
 
     def unknowns(self) -> list["_Unknown"]:
         """All free numbers: effect, parameter, and the runs that they belong to."""
-        found = []
+        return list(self._free)
+
+    @cached_property
+    def _free(self) -> tuple["_Unknown", ...]:
+        """The same, found once: values are not changed after they were given."""
+        found = list[_Unknown]()
         for k, effect in enumerate(self.effects):
             for j, p in enumerate(effect.declared):
                 # The course of a random process is integrated out: its parameters have no column of their own.
@@ -52,7 +58,7 @@ class Hypothesis:
                 happens = np.flatnonzero(np.isfinite(self.values[k][:, j])).tolist()
                 groups = [(run,) for run in happens] if p.per_run else self._groups(len(self.values[k]))
                 found += [_Unknown(k, j, runs, p) for runs in groups]
-        return found
+        return tuple(found)
 
     def on_bounds(self) -> list[tuple["_Unknown", float]]:
         """Free numbers that stand on a bound, with their values; neither times nor the uncertain parts of formulas."""

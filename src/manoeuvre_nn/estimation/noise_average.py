@@ -36,8 +36,11 @@ def averaged(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> FittedHypot
         fitted: What was found there.
 
     Returns:
-        The same evidence; other values, covariance, corrections and latencies.
+        The same evidence; other values, covariance, corrections and latencies. With gusts all is as it was: their
+        course was integrated out beside levels of its own.
     """
+    if fitted.random:
+        return fitted
     found = [_at_time(data_set, fitted, factor * data_set.process_time) for factor in TIMES]
     weights = softmax([one.evidence for one in found])
     steps = np.array([_step(fitted, one) for one in found])

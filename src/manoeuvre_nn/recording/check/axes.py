@@ -23,6 +23,8 @@ RUDDER_WINDOW = 0.4
 """Window of the check of the rudder's sign over L/U0: shorter, for the evidence lies where the rudder moves."""
 RECENT = 2.5
 """How long a movement of the rudder is felt in the yaw rate, over L/U0."""
+HELD = 5.0
+"""How long a rudder that has not moved is held until the ship turns steadily, over L/U0."""
 STRONG_EVIDENCE = 4.0
 """Least ratio of the rudder's coefficient to its standard error for a verdict on its sign."""
 
@@ -146,9 +148,11 @@ def rudder_effect(recording: Recording, ship: Particulars) -> tuple[float, float
     *changes* the yaw rate. Long steady turns are left out, for there r says all that delta does; so are outlying
     samples. Sway as a third column is so much like r that it takes the rudder's evidence away.
 
+    A rudder that is held turns the ship to its side in the end. Where no such turn says the same as b, the standard
+    error of few samples is made wider, by as much as Student's t is at ``STRONG_EVIDENCE``.
+
     Returns:
-        Coefficient b of the rudder [1/s^2] and its standard error, of few samples wider by as much as Student's t is
-        at ``STRONG_EVIDENCE``; zeros where the rudder hardly moves.
+        Coefficient b of the rudder [1/s^2] and its standard error; zeros where the rudder hardly moves.
     """
     recording = thinned(recording, ship)
     window = RUDDER_WINDOW * ship.time_unit
@@ -161,8 +165,11 @@ def rudder_effect(recording: Recording, ship: Particulars) -> tuple[float, float
         return 0.0, 0.0
     large = float(np.quantile(np.abs(target[active]), 0.9))
     values, covariance, kept = trimmed_least_squares(columns, target, 4.0, 0.05 * large, active)
-    wider = -float(stdtrit(max(kept.sum() - len(values), 1), ndtr(-STRONG_EVIDENCE))) / STRONG_EVIDENCE
-    return float(values[0]), wider * float(np.sqrt(max(covariance[0, 0], 0.0)))
+    error = float(np.sqrt(max(covariance[0, 0], 0.0)))
+    held = ~_has_moved(rudder, max(round(HELD * ship.time_unit / recording.step), 1))
+    if values[0] * float((r * rudder)[held].sum()) <= 0:
+        error *= -float(stdtrit(max(kept.sum() - len(values), 1), ndtr(-STRONG_EVIDENCE))) / STRONG_EVIDENCE
+    return float(values[0]), error
 
 
 def _rate_remedy(recording: Recording, ship: Particulars, m: Recording, slope: float) -> tuple[str, tuple[Change, ...]]:
