@@ -213,6 +213,23 @@ def test_channels_without_scale_or_motion_become_a_record(zz20, ship, export):
     assert made.mapping.kind == "record" and {c.unit for c in made.choices} == {"count"}
 
 
+@pytest.mark.parametrize(("heading", "side"), [("Rudder PS+", "port"), ("rudder stbd", "starboard")])
+def test_a_rudder_called_by_a_side_is_the_only_one_where_there_is_no_other(zz20, ship, export, heading, side):
+    columns = {k: v for k, v in plain(zz20).items() if k != "delta"}
+    made = propose(export({**columns, heading: (1 if side == "starboard" else -1) * zz20["delta"]}), ship)
+    assert choice(made, "delta").column == heading
+    assert made.settings["rudder_positive_to"] == side
+    both = {"rudder stbd": zz20["delta"], "rudder port": zz20["delta"]}
+    assert {c.channel for c in propose(export({**columns, **both}), ship).choices} >= {"delta_port", "delta_starboard"}
+
+
+def test_angles_of_a_record_that_reach_beyond_a_circle_are_degrees(zz20, export):
+    made = propose(export({"t_s": zz20.time, "HDG": 200.0 + zz20["psi"], "ROT": zz20["r"]}))
+    assert made.mapping.kind == "record"
+    assert (choice(made, "psi").unit, choice(made, "psi").decided) == ("deg", True)
+    assert (choice(made, "r").unit, choice(made, "r").decided) == ("count", False)
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [

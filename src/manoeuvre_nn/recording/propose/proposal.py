@@ -109,7 +109,7 @@ def propose(path: Path, ship: Particulars | None = None) -> Proposal:
     base = {**file.layout, "time": {"column": time.column, "unit": time.unit}}
     notes = _open_questions(file, columns)
     if _is_record(columns):
-        choices, settings = _record(columns)
+        choices, settings = _record(columns, file)
     else:
         values = {c: file.numbers[h.column] for c, h in columns.items()}
         values = {c: line_across(seconds, v, np.isnan(v)) for c, v in values.items()}
@@ -192,6 +192,9 @@ def _columns(named: dict[str, Heading]) -> tuple[dict[str, Heading], list[str]]:
         if (one in columns) != (other in columns):
             for half in (one, other):
                 columns.pop(half, None)
+    sides = [c for c in ("delta_starboard", "delta_port") if c in columns]
+    if "delta" not in columns and len(sides) == 1:  # the only rudder: "Rudder PS+" names the side of its sign
+        columns["delta"] = columns.pop(sides[0])
     if "delta" not in columns and "delta_order" in columns:
         order = columns.pop("delta_order")
         columns["delta"] = replace(order, name=f"order_{order.name}")
@@ -210,12 +213,16 @@ def _is_record(columns: dict[str, Heading]) -> bool:
     return counts or not moving or not {"psi", "delta"} <= set(columns)
 
 
-def _record(columns: dict[str, Heading]) -> tuple[list[Choice], Settings]:
+def _record(columns: dict[str, Heading], file: Sniffed) -> tuple[list[Choice], Settings]:
     """A mapping that reads what there is."""
     choices = []
     for channel, heading in columns.items():
         why = "unit by name" if heading.unit else "no unit is stated: kept as it is"
-        choices.append(Choice(channel, heading.column, heading.unit or COUNT, why=why, decided=bool(heading.unit)))
+        choice = Choice(channel, heading.column, heading.unit or COUNT, why=why, decided=bool(heading.unit))
+        largest = float(np.nanquantile(np.abs(file.numbers[heading.column]), 0.98))
+        if not heading.unit and QUANTITY[channel] == "angle" and largest > FULL_CIRCLE:
+            choice = Choice(channel, heading.column, "deg", why=f"unit by size: {largest:.3g}")
+        choices.append(choice)
     lacking = [c for c in ("psi", "delta") if c not in columns]
     lacking += [] if any(set(p) <= set(columns) for p in PAIRS) else ["u and v (or x and y)"]
     said = f"it has no {', '.join(lacking)}" if lacking else "rudder or heading have no scale"
