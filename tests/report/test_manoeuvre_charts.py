@@ -76,6 +76,16 @@ def test_overshoots_are_marked_where_the_heading_turns_back_and_are_the_criteria
     assert len(panel.marks) == 6 and "recorded (predicted)" in panel.title
 
 
+def test_headings_of_a_zigzag_count_from_that_of_the_approach():
+    recorded, predicted = swinging(), swinging(28.0)
+    west = [run.with_channels(psi=run["psi"] + 270 * DEGREE) for run in (recorded, predicted)]
+    one, other = (time_chart(*runs, [runs[1]]).panels[0] for runs in ((recorded, predicted), west))
+    for a, b in zip([*one.curves], [*other.curves], strict=True):
+        assert b.y == approx(a.y, abs=1e-9)
+    assert [mark.y for mark in other.marks] == approx([mark.y for mark in one.marks])
+    assert other.bands[0].low == approx(one.bands[0].low, abs=1e-9)
+
+
 def test_the_loop_drawn_in_a_spiral_has_the_width_and_height_of_its_criteria():
     """r = .05 (delta - 1.5) deg/s with 2 deg of lag: 4 deg wide, .2 deg/s high."""
     angles = np.array([15, 10, 5, 0, -5, -10, -15, -10, -5, 0, 5, 10, 15.0])

@@ -51,7 +51,7 @@ def overview_rows(inspections: Sequence[Inspection]) -> list[dict[str, Any]]:
             "recording": one.name,
             "verdict": one.verdict,
             **{v: sum(f.verdict == v for f in one.findings) for v in reversed(VERDICTS)},
-            "trips": ", ".join(dict.fromkeys(f.check for f in one.findings if f.trips)) or "–",
+            "to be done": ", ".join(dict.fromkeys(f.check for f in one.findings if f.trips)) or "–",
         }
         for one in inspections
     ]

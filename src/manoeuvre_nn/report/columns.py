@@ -60,7 +60,7 @@ EXPLAINED = {
     "mend": "number of findings that a setting of the mapping mends",
     "note": "number of findings to know of",
     "ok": "number of checks that found nothing",
-    "trips": "checks after which something is to be done",
+    "to be done": "checks after which something is to be done",
     "fault": "a sensor's fault: the same in every recording if it is real",
     "found in": "in how many recordings it is large enough to matter",
     "mean": "mean over the recordings, each by the weight of its error",

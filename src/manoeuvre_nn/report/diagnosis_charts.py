@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
@@ -27,6 +27,8 @@ MISSING: dict[str, Any] = {"color": CALM["color"], "linewidth": 1.3}
 FORCES = ("surge X", "sway Y", "yaw N")
 TITLE_LETTERS = 28
 """Letters on a line above a map."""
+HOLE = 2.5
+"""Distance between two values, over the usual one, from which on there is a hole."""
 OUTLINES = 7
 """Ships on a track, at even times."""
 
@@ -68,6 +70,7 @@ def _map(proof: Proof, repaired: bool, dimensions: tuple[float, float] | None, a
     """One run."""
     tables = dict(zip(STYLES, models(proof, repaired), strict=False))
     origin = start_of(proof.recorded[["y", "x"]].to_numpy(float))
+    tables["recorded"] = proof.recorded.iloc[_as_sampled(proof.recorded["x"].to_numpy(float))]
     runs = {name: _as_recording(table, proof) for name, table in tables.items()}
     curves, time = [], proof.recorded["t"].to_numpy(float)
     for name, run in runs.items():
@@ -125,13 +128,30 @@ def channel_chart(proof: Proof, noise: Mapping[str, float], repaired: bool) -> C
     for name in (channel for channel in CHANNELS if channel != "pos"):
         words, _, unit = CHANNELS[name]
         truth, *predicted = _series(proof, name, repaired)
-        curves = [
-            Curve(time, values, style, said)
-            for values, (said, style) in zip([truth, *predicted], STYLES.items(), strict=False)
-        ]
+        rows = _as_sampled(truth)
+        drawn = [(time[rows], truth[rows]), *((time, values) for values in predicted)]
+        curves = [Curve(*one, style, said) for one, (said, style) in zip(drawn, STYLES.items(), strict=False)]
         panels.append(ChartPanel("time t [s]", f"{words}\n[{unit}]", curves))
-        panels.append(_error_panel(time, [values - truth for values in predicted], noise.get(name, 0.0), unit))
+        errors = [(values - truth)[rows] for values in predicted]
+        panels.append(_error_panel(time[rows], errors, noise.get(name, 0.0), unit))
     return Chart(panels, columns=2, one_time=True)
+
+
+def _as_sampled(values: Samples) -> Int[np.ndarray, " k"]:
+    """Rows that a line is drawn through: all but the empty ones between two values at the usual distance.
+
+    A sensor that is slower than the steps of the table has a value in every so many rows only; holes stay holes.
+
+    Returns:
+        Numbers of the rows.
+    """
+    rows, known = np.arange(len(values)), np.flatnonzero(np.isfinite(values))
+    if len(known) < 2:
+        return rows
+    apart = np.diff(known)
+    after = np.clip(np.searchsorted(known, rows), 1, len(apart))
+    between = (rows > known[after - 1]) & (rows < known[after])
+    return rows[~(between & (apart[after - 1] <= HOLE * np.median(apart)))]
 
 
 def continuous(angle: Samples) -> Samples:

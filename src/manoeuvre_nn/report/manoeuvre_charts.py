@@ -202,8 +202,8 @@ def _ended(reference: Recording, prediction: Recording) -> list[Span]:
 def time_chart(reference: Recording, prediction: Recording, members: Sequence[Recording] = ()) -> Chart:
     """Heading and rudder, yaw rate, surge and sway over time in stacked panels.
 
-    Heading and rudder share a panel, as in a zigzag diagram, unless the heading goes so far that the rudder would look
-    flat beside it.
+    Heading and rudder share a panel, as in a zigzag diagram, the heading counted from that of the approach, unless it
+    goes so far that the rudder would look flat beside it.
 
     Args:
         reference: What was recorded.
@@ -216,9 +216,15 @@ def time_chart(reference: Recording, prediction: Recording, members: Sequence[Re
     together = np.ptp(reference["psi"]) < 4.0 * max(np.ptp(reference["delta"]), 1e-3)
     rows = [("psi", "delta"), ("r",), ("u",), ("v",)] if together else [(name,) for name in PANELS]
     marks = _overshoots(reference, prediction)
+    if together:
+        course = float(reference["psi"][0])
+        reference, prediction, *members = (
+            run.with_channels(psi=run["psi"] - course) for run in (reference, prediction, *members)
+        )
+        marks = [mark._replace(y=mark.y - course / DEGREE) for mark in marks]
     panels = []
     for names in rows:
-        label = "ψ, and δ thin\n[deg]" if len(names) > 1 else PANELS[names[0]][0].replace(" [", "\n[", 1)
+        label = "ψ − ψ(0), and δ thin\n[deg]" if len(names) > 1 else PANELS[names[0]][0].replace(" [", "\n[", 1)
         curves = [
             Curve(run.time, PANELS[name][1] * run[name], {**style, "linewidth": 0.9} if thin else style, said)
             for thin, name in enumerate(names)
