@@ -27,7 +27,8 @@ from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.recording.check.finding import Finding
 from manoeuvre_nn.recording.noise import add_noise
 from manoeuvre_nn.recording.read.mapping import mapping
-from manoeuvre_nn.report.check_figures import check_figure
+from manoeuvre_nn.report.check_figures import check_chart, check_figure
+from manoeuvre_nn.report.interactive import as_data
 from manoeuvre_nn.ship.known import clarke_part
 from manoeuvre_nn.ship.mariner import mariner_corrected
 from manoeuvre_nn.training.data import recorded_files
@@ -81,6 +82,8 @@ def test_the_folder_holds_a_page_figures_and_findings(checked):
     out, found, _ = checked
     assert {p.name for p in (out / "figures").iterdir()} == {"good.png", "late.png"}
     page = (out / "checks.html").read_text()
+    assert page.count('<figure class="chart">') == 2
+    page = re.sub("<script>.*?</script>", "", page, flags=re.DOTALL)  # plotly.js
     assert unexplained(page) == set()
     assert re.findall(r"""(?:src|href)\s*=\s*["'](?!data:|#)""", page) == []
     assert "too late: move r back" in page and "1 can be used as it is, 1 should be mended first" in page
@@ -162,12 +165,17 @@ def test_figures_shade_what_was_found_and_say_what_was_derived(checked):
     gap = Finding("gaps", "note", "", spans=((50.0, 60.0),))
     derived = replace(one.recording, meta={**one.recording.meta, "derived": ("r",)})
     marked = replace(one, findings=(gap,), recording=derived, flags={"u": np.arange(len(derived)) == 30})
-    figure = check_figure(marked, mariner_corrected().particulars)
-    assert figure is not None
-    said = [text.get_text() for axes in figure.axes for text in axes.texts]
-    assert sorted(said) == ["derived", "nothing to compare: derived"]
-    assert all(len(axes.patches) == 1 for axes in figure.axes if axes.get_ylabel() != "")
-    assert check_figure(replace(one, recording=None), mariner_corrected().particulars) is None
+    ship = mariner_corrected().particulars
+    chart = check_chart(marked, ship)
+    assert chart is not None
+    assert sorted(panel.title for panel in chart.panels if panel.title) == ["derived", "nothing to compare: derived"]
+    assert all([(span.start, span.end) for span in panel.spans] == [(50.0, 60.0)] for panel in chart.panels)
+    outlier = chart.panels[0].curves[1]
+    assert (outlier.x, outlier.y) == (marked.recording.time[30], marked.recording["u"][30])
+    figure = check_figure(chart, "marked")
+    assert all(len(axes.patches) == 1 for axes in figure.axes)
+    assert as_data(chart)["panels"][0]["traces"][1]["mode"] == "markers"
+    assert check_chart(replace(one, recording=None), ship) is None
 
 
 def test_a_ship_that_chooses_a_network_for_training_is_checked_too():

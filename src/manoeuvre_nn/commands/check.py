@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from matplotlib.figure import Figure
 from omegaconf import DictConfig
 from rich.console import Console
 
@@ -28,7 +27,8 @@ from manoeuvre_nn.recording.read.mapping import Mapping
 from manoeuvre_nn.recording.read.mapping_file import mapping_of
 from manoeuvre_nn.recording.read.reader import place_of, recordings_in
 from manoeuvre_nn.recording.thinning import thinned
-from manoeuvre_nn.report.check_figures import check_figure
+from manoeuvre_nn.report.chart import Chart
+from manoeuvre_nn.report.check_figures import check_chart, check_figure
 from manoeuvre_nn.report.check_tables import (
     checks_json,
     drift_rows,
@@ -48,6 +48,8 @@ DRIFTS = "Drift of the turning circles"
 REMEDIES = "Write into the mapping"
 MAX_RECORDINGS_WITH_NOTES = 6
 """Recordings up to which the terminal shows notes too."""
+MAX_ZOOMED = 8
+"""Recordings up to which the figures of the page can be zoomed: of more it would become heavy."""
 
 
 def check_or_refuse(cfg: DictConfig, out: Path) -> None:
@@ -79,8 +81,8 @@ def check(cfg: DictConfig, out: Path, console: Console | None = None) -> list[In
         usable = _usable(found, known)
         together = excitation_findings(usable, known) if len(usable) > 1 else []
         say("drawing")
-        figures = _figures(found, particulars, out) if drawn else {}
-        _write(found, together, columns, figures, cfg, out)
+        charts = _charts(found, particulars) if drawn else {}
+        _write(found, together, columns, charts, cfg, out)
     _print(found, together, columns, out, console)
     return found
 
@@ -111,26 +113,24 @@ def _usable(found: Sequence[Inspection], known: Ship) -> list[Recording]:
     return [thinned(c, known.particulars) for c in clean if c is not None]
 
 
-def _figures(found: Sequence[Inspection], ship: Particulars, out: Path) -> dict[str, Figure]:
-    """A page for each recording, written as PNG too."""
-    made = {}
-    for one in found:
-        figure = check_figure(one, ship)
-        if figure is not None:
-            save_figure(figure, out / "figures" / f"{one.name}.png", dpi=110)
-            made[f"{one.name}/channels"] = figure
-    return made
+def _charts(found: Sequence[Inspection], ship: Particulars) -> dict[str, Chart]:
+    """A chart for each recording that was read."""
+    made = {one.name: check_chart(one, ship) for one in found}
+    return {name: chart for name, chart in made.items() if chart is not None}
 
 
 def _write(
     found: Sequence[Inspection],
     together: Sequence[Finding],
     columns: Mapping,
-    figures: dict[str, Figure],
+    charts: dict[str, Chart],
     cfg: DictConfig,
     out: Path,
 ) -> None:
-    """Page and JSON."""
+    """Figures, page and JSON."""
+    figures = {name: check_figure(chart, name) for name, chart in charts.items()}
+    for name, figure in figures.items():
+        save_figure(figure, out / "figures" / f"{name}.png", dpi=110)
     tables = {"Recordings": overview_rows(found), REMEDIES: remedy_rows(found, columns)}
     tables["Sensors, over all recordings"] = together_rows(found)
     if drifts := drift_rows(found):
@@ -142,7 +142,8 @@ def _write(
         title="Checks of the recordings",
         summary=sentence(found),
         tables=tables,
-        figures=figures,
+        figures={f"{name}/channels": figure for name, figure in figures.items()},
+        charts={f"{name}/channels": chart for name, chart in charts.items()} if len(charts) <= MAX_ZOOMED else {},
         config=plain(cfg),
         versions=versions(),
         unfolded=("Recordings", REMEDIES, "Sensors, over all recordings", DRIFTS),

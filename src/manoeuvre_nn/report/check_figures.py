@@ -1,104 +1,95 @@
-"""One page a recording: its channels with what is odd in them, and what the channels leave of each other."""
+"""One figure a recording: its channels with what is odd in them, and what the channels leave of each other."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 
 from manoeuvre_nn.core.frames import earth_to_body
-from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.recording.check.inspection import Inspection
 from manoeuvre_nn.recording.check.motion import smoothed_motion
-from manoeuvre_nn.report.style import COLOURS, legend_below, new_figure, plain_axes
+from manoeuvre_nn.report.chart import Chart, ChartPanel, Curve, Span, draw_panel, legend_entries
+from manoeuvre_nn.report.style import COLOURS, legend_below, new_figure
 
-LEFT_CHANNELS = (("u", "u [m/s]", 1.0), ("v", "v [m/s]", 1.0), ("r", "r [deg/s]", DEGREE), ("psi", "ψ [deg]", DEGREE))
-"""Channel, label and its unit in SI."""
-SHADE, ODD, LINE = "#F3D9B1", COLOURS[0], "#4D4D4D"
-MAX_POINTS = 4000
-"""Most samples that a line is drawn with."""
+CHANNELS = (("u", "u\n[m/s]", 1.0), ("v", "v\n[m/s]", 1.0), ("r", "r\n[deg/s]", DEGREE), ("psi", "ψ\n[deg]", DEGREE))
+"""Channel, label and its unit in SI, down the left side."""
+LINE: dict[str, Any] = {"color": "#4D4D4D", "linewidth": 1.0}
+REST: dict[str, Any] = {"color": COLOURS[1], "linewidth": 1.0}
+ODD: dict[str, Any] = {"color": COLOURS[0], "linestyle": "", "marker": "o", "markersize": 4, "linewidth": 0}
+SHADE: dict[str, Any] = {"facecolor": "#F3D9B1", "linewidth": 0}
 
 Series = Float[np.ndarray, " n"]
 
 
-def check_figure(one: Inspection, ship: Particulars) -> Figure | None:
+def check_chart(one: Inspection, ship: Particulars) -> Chart | None:
     """Channels on the left, the rudder and what identities leave on the right; None for a file that was not read."""
     run, clean = one.recording, one.clean
     if run is None or clean is None:
         return None
-    figure = new_figure(7.6, width=9.0, title=one.name)
-    axes = figure.subplots(4, 2, sharex=True)
-    for row, (name, label, unit) in enumerate(LEFT_CHANNELS):
-        _draw_channel(axes[row, 0], one, run, name, label, unit)
-    _draw_channel(axes[0, 1], one, run, "delta", "δ [deg]", DEGREE)
     m = smoothed_motion(clean, ship)
     ahead, abeam = earth_to_body(m["xdot"], m["ydot"], m["psi"])
     tracked = not run.derived & {"u", "v", "x", "y"}
-    rests = (
-        ((m["psidot"] - m["r"]) / DEGREE, "dψ/dt − r [deg/s]", "r" not in run.derived, ("r", "psi")),
-        (ahead - m["u"], "track − u [m/s]", tracked, ("u", "x", "y")),
-        (abeam - m["v"], "track − v [m/s]", tracked, ("v", "x", "y")),
-    )
-    for row, (values, label, recorded, names) in enumerate(rests, start=1):
-        _draw_rest(axes[row, 1], m.time, values, label, recorded)
-        _shade(axes[row, 1], one, names)
-    for column in axes[-1]:
-        column.set_xlabel("t [s]")
-    handles = [
-        Line2D([], [], color=LINE, label="recorded"),
-        Line2D([], [], color=COLOURS[1], label="what one channel leaves of another"),
-        Line2D([], [], linestyle="", marker="o", color=ODD, markersize=4, label="outlier"),
-        Patch(color=SHADE, label="gap, stuck, jump, unsteady"),
+    right = [
+        _channel(one, "delta", "δ\n[deg]", DEGREE),
+        _rest(one, m.time, (m["psidot"] - m["r"]) / DEGREE, "dψ/dt − r\n[deg/s]", ("r", "psi"), "r" not in run.derived),
+        _rest(one, m.time, ahead - m["u"], "track − u\n[m/s]", ("u", "x", "y"), tracked),
+        _rest(one, m.time, abeam - m["v"], "track − v\n[m/s]", ("v", "x", "y"), tracked),
     ]
-    legend_below(figure, handles, columns=4)
+    left = [_channel(one, *channel) for channel in CHANNELS]
+    return Chart([panel for row in zip(left, right, strict=True) for panel in row], columns=2, one_time=True)
+
+
+def check_figure(chart: Chart, name: str) -> Figure:
+    """The chart of a recording, drawn."""
+    figure = new_figure(7.6, width=9.0, title=name)
+    grid = figure.subplots(len(chart.panels) // 2, 2, sharex=True)
+    for axes, panel in zip(grid.ravel(), chart.panels, strict=True):
+        draw_panel(axes, panel)
+        axes.set_xlabel(panel.xlabel if axes.get_subplotspec().is_last_row() else "")
+        for line in axes.get_lines():
+            line.set_rasterized(True)
+    legend_below(figure, legend_entries(chart.panels), columns=4)
     return figure
 
 
-def _draw_channel(axes: Axes, one: Inspection, run: Recording, name: str, label: str, unit: float) -> None:
+def _channel(one: Inspection, name: str, label: str, unit: float) -> ChartPanel:
     """A channel with its odd samples."""
-    plain_axes(axes, "", label)
-    _line(axes, run.time, run[name] / unit, LINE)
-    if name in run.derived:
-        axes.text(0.02, 0.92, "derived", transform=axes.transAxes, fontsize=8, color="#777777", va="top")
-    flags = one.flags.get(name)
+    run = one.recording
+    assert run is not None
+    values, flags = run[name] / unit, one.flags.get(name)
+    curves = [Curve(run.time, values, LINE, "recorded")]
     if flags is not None and flags.any():
-        axes.plot(run.time[flags], run[name][flags] / unit, "o", color=ODD, markersize=4, zorder=3)
-    _shade(axes, one, (name,))
+        curves.append(Curve(run.time[flags], values[flags], ODD, "outlier"))
+    title = "derived" if name in run.derived else ""
+    return ChartPanel("t [s]", label, curves, spans=_spans(one, (name,)), title=title)
 
 
-def _draw_rest(axes: Axes, time: Series, values: Series, label: str, recorded: bool) -> None:
+def _rest(
+    one: Inspection, time: Series, values: Series, label: str, names: Sequence[str], recorded: bool
+) -> ChartPanel:
     """What one channel leaves of another."""
-    plain_axes(axes, "", label)
+    spans = _spans(one, names)
     if not recorded:
-        axes.text(0.5, 0.5, "nothing to compare: derived", transform=axes.transAxes, ha="center", color="#777777")
-        axes.set_yticks([])
-        return
-    axes.axhline(0.0, color="#999999", linewidth=0.8)
-    _line(axes, time, values, COLOURS[1])
+        return ChartPanel("t [s]", label, spans=spans, title="nothing to compare: derived")
     low, high = np.quantile(values, [0.005, 0.995])
     room = 0.25 * max(high - low, 1e-9)
-    axes.set_ylim(min(low, 0.0) - room, max(high, 0.0) + room)
+    limits = float(time[0]), float(time[-1]), float(min(low, 0.0) - room), float(max(high, 0.0) + room)
+    curve = Curve(time, values, REST, "what one channel leaves of another")
+    return ChartPanel("t [s]", label, [curve], spans=spans, limits=limits, level=0.0)
 
 
-def _line(axes: Axes, time: Series, values: Series, colour: str) -> None:
-    """A line of as many samples as can be seen."""
-    every = max(len(time) // MAX_POINTS, 1)
-    axes.plot(time[::every], values[::every], color=colour, linewidth=1.0, rasterized=True)
-
-
-def _shade(axes: Axes, one: Inspection, names: Sequence[str]) -> None:
+def _spans(one: Inspection, names: Sequence[str]) -> list[Span]:
     """Times that findings on some channels are about; those on no channel are about all."""
-    if one.recording is None:
-        return
-    least = 0.004 * one.recording.duration
+    assert one.recording is not None
+    least, found = 0.004 * one.recording.duration, []
     for f in one.findings:
         if f.verdict == "ok" or f.check == "outliers" or (f.channels and not set(f.channels) & set(names)):
             continue
         for begin, end in f.spans:
             wider = max(least - (end - begin), 0.0) / 2
-            axes.axvspan(begin - wider, end + wider, color=SHADE, linewidth=0, zorder=0)
+            found.append(Span(begin - wider, end + wider, SHADE, "gap, stuck, jump, unsteady"))
+    return found

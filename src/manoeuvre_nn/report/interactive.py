@@ -18,7 +18,7 @@ from manoeuvre_nn.report.chart import ARROW, Band, Chart, ChartPanel, Curve, Mar
 DIGITS = 5
 """Significant digits of a number on a page."""
 PX_PER_POINT = 4 / 3
-DASHES = {"-": "solid", "--": "dash", ":": "dot", "-.": "dashdot"}
+DASHES = {"": "solid", "-": "solid", "--": "dash", ":": "dot", "-.": "dashdot"}
 """Names of line styles: matplotlib's -> plotly's."""
 SYMBOLS = {"o": "circle", "D": "diamond-open", "*": "star", ">": "triangle-right", "<": "triangle-left-open"}
 """Names of markers: matplotlib's -> plotly's."""
@@ -108,7 +108,8 @@ def _curve(curve: Curve) -> dict[str, Any]:
     trace: dict[str, Any] = {**_along(curve.x[keep]), "y": _numbers(curve.y[keep]), "mode": "lines"}
     trace |= {"line": _line(curve.style), "name": _plain(curve.label)}
     if marker := curve.style.get("marker"):
-        trace |= {"mode": "lines+markers", "marker": {"symbol": SYMBOLS[marker], "size": 7}}
+        mode = "lines+markers" if curve.style.get("linestyle", "-") else "markers"
+        trace |= {"mode": mode, "marker": {"symbol": SYMBOLS[marker], "size": 7, "color": _rgba(curve.style)}}
     if curve.filled:
         return trace | {"fill": "toself", "fillcolor": _rgba(curve.style, "facecolor"), "hoverinfo": "skip"}
     if curve.times is not None:
