@@ -99,6 +99,15 @@ def test_a_sensor_slower_than_the_steps_of_the_table_is_drawn_as_a_line_with_its
         assert joined[63:70].all()
 
 
+def test_a_channel_that_was_not_recorded_is_not_drawn():
+    p = windy().proofs[0]
+    labels = [a.get_ylabel() for a in channel_figure(p, NOISE, repaired=True).axes[::2]]
+    without = replace(p, recorded=p.recorded.assign(u_log=np.nan))
+    fewer = [a.get_ylabel() for a in channel_figure(without, NOISE, repaired=True).axes[::2]]
+    assert fewer == [label for label in labels if "log" not in label]
+    assert len(fewer) == len(labels) - 1
+
+
 def test_headings_recorded_between_0_and_360_are_compared_without_jumps():
     p = windy().proofs[0]
     p = replace(p, before=p.before.assign(psi=p.before["psi"] - 720.0))

@@ -122,10 +122,11 @@ def run_title(proof: Proof, width: int) -> str:
 
 
 def channel_chart(proof: Proof, noise: Mapping[str, float], repaired: bool) -> Chart:
-    """Heading, yaw rate, surge, sway and log of a held-out run over time, and the errors with the band of the noise."""
+    """Recorded ones of heading, yaw rate, surge, sway and log of a held-out run over time, and the errors with the band
+    of the noise."""
     time = proof.recorded["t"].to_numpy(float)
-    panels = []
-    for name in (channel for channel in CHANNELS if channel != "pos"):
+    panels, told = [], [channel for channel in CHANNELS if channel != "pos"]
+    for name in [channel for channel in told if proof.recorded[channel].notna().any()] or told:
         words, _, unit = CHANNELS[name]
         truth, *predicted = _series(proof, name, repaired)
         rows = _as_sampled(truth)
