@@ -122,8 +122,7 @@ def run_title(proof: Proof, width: int) -> str:
 
 
 def channel_chart(proof: Proof, noise: Mapping[str, float], repaired: bool) -> Chart:
-    """Recorded ones of heading, yaw rate, surge, sway and log of a held-out run over time, and the errors with the band
-    of the noise."""
+    """Heading, yaw rate, surge, sway and log of a held-out run over time, as far as recorded, and errors and noise."""
     time = proof.recorded["t"].to_numpy(float)
     panels, told = [], [channel for channel in CHANNELS if channel != "pos"]
     for name in [channel for channel in told if proof.recorded[channel].notna().any()] or told:
