@@ -83,31 +83,6 @@ def test_tracks_start_at_the_origin_with_equal_axes_and_keep_their_gaps():
         assert drawn(axes, CALM)[-1] == pytest.approx((p.before - p.recorded.iloc[0])[["y", "x"]].iloc[-1])
 
 
-def test_a_sensor_slower_than_the_steps_of_the_table_is_drawn_as_a_line_with_its_holes():
-    p = windy().proofs[0]
-    sparse = p.recorded.copy()
-    sparse.loc[1::2, sparse.columns.drop("t")] = np.nan
-    sparse.loc[40:80, sparse.columns.drop("t")] = np.nan
-    slow = replace(p, recorded=sparse)
-    shown, beside = channel_figure(slow, NOISE, repaired=True).axes[:2]
-    (track,) = track_figure([slow], repaired=True).axes
-    for line in (drawn(shown, TRUTH), drawn(beside, REPAIRED), drawn(track, TRUTH)):
-        known = np.isfinite(line[:, 1])
-        joined = known[1:] & known[:-1]
-        assert joined[:19].all()
-        assert not joined[20:60].any()
-        assert joined[63:70].all()
-
-
-def test_a_channel_that_was_not_recorded_is_not_drawn():
-    p = windy().proofs[0]
-    labels = [a.get_ylabel() for a in channel_figure(p, NOISE, repaired=True).axes[::2]]
-    without = replace(p, recorded=p.recorded.assign(u_log=np.nan))
-    fewer = [a.get_ylabel() for a in channel_figure(without, NOISE, repaired=True).axes[::2]]
-    assert fewer == [label for label in labels if "log" not in label]
-    assert len(fewer) == len(labels) - 1
-
-
 def test_headings_recorded_between_0_and_360_are_compared_without_jumps():
     p = windy().proofs[0]
     p = replace(p, before=p.before.assign(psi=p.before["psi"] - 720.0))

@@ -27,8 +27,8 @@ MISSING: dict[str, Any] = {"color": CALM["color"], "linewidth": 1.3}
 FORCES = ("surge X", "sway Y", "yaw N")
 TITLE_LETTERS = 28
 """Letters on a line above a map."""
-HOLE = 2.5
-"""Distance between two values, over the usual one, from which on there is a hole."""
+MAX_SPACING = 2.5
+"""Largest distance between two values, over the usual one, that a line bridges."""
 OUTLINES = 7
 """Ships on a track, at even times."""
 
@@ -151,7 +151,7 @@ def _as_sampled(values: Samples) -> Int[np.ndarray, " k"]:
     apart = np.diff(known)
     after = np.clip(np.searchsorted(known, rows), 1, len(apart))
     between = (rows > known[after - 1]) & (rows < known[after])
-    return rows[~(between & (apart[after - 1] <= HOLE * np.median(apart)))]
+    return rows[~(between & (apart[after - 1] <= MAX_SPACING * np.median(apart)))]
 
 
 def continuous(angle: Samples) -> Samples:
