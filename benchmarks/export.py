@@ -6,8 +6,8 @@ Networks are trained on the Mariner's zz35 (360 s, without noise) in short forms
 tc25 beside the model; printed is the largest distance between the tracks over L. Pages of LaTeX and spreadsheets are
 compared point by point alone: theirs is the largest difference of the rates over the largest rate. Times are the least
 of repeated measurements of one thread: an evaluation of the rates at one state; of the unit of co-simulation a step of
-one second: four evaluations and the steering gear. Where libcosimpy is installed, two units are stepped through
-a turning circle by libcosim too, the core of the Open Simulation Platform.
+one second: four evaluations and the steering gear; of a recursive network its own step. Where libcosimpy is installed,
+two units are stepped through a turning circle by libcosim too, the core of the Open Simulation Platform.
 """
 
 import logging
@@ -112,6 +112,9 @@ def times(program: Program, made: Mapping[str, Written]) -> dict[str, float]:
         run = LOADERS[kind](program, made[kind].content)
         if run is not None:
             found[kind] = least(lambda run=run: run(columns), 200)
+    if not program.gives_rates:
+        point = np.array([[columns[q.name][0] for q in program.inputs]])
+        return found | {"model": least(lambda: program.reference(point), 200)}
     state = torch.zeros(1, 6, dtype=torch.float64)
     state[0, 0] = vessel.model.particulars.speed
     inputs = Inputs(torch.full((1,), 0.2, dtype=torch.float64), time=torch.zeros(1, dtype=torch.float64))
@@ -167,7 +170,7 @@ def row(name: str, make: Callable[[], torch.nn.Module | Vessel]) -> tuple[list[s
         tracks = made[kind].deviations
         cells.append(f"{max(d.largest for d in tracks):.1e}" if tracks else f"{made[kind].difference:.1e} (rates)")
     measured = times(program, made)
-    apart = in_libcosim(program, made["fmu"].content)
+    apart = in_libcosim(program, made["fmu"].content) if "fmu" in made else None
     columns = ("model", *TIMED, "fmu")
     print(f"{name}: {dict(zip(FORMATS, cells, strict=True))}; libcosim {apart}; {measured}", flush=True)
     timed = [f"{measured[kind]:.3g}" if kind in measured else "-" for kind in columns]

@@ -23,6 +23,7 @@ from manoeuvre_nn.dynamics.recursive import RecursiveShip
 from manoeuvre_nn.formulas import check, conversions, onnx_graph, rollouts
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.network.recursive import RecursiveNetwork
+from manoeuvre_nn.network.recursive_settings import RecursiveSettings
 from manoeuvre_nn.ship.naval_vessel import naval_vessel
 
 SHORT = ["network.surge=[u u,n n]", "network.lateral=[u v,u r,d]", "network.members=1", "trainer.max_epochs=2"]
@@ -165,13 +166,14 @@ def test_without_onnx_one_line_says_what_to_install(typed, run, monkeypatch):
     assert line == "error: format=onnx needs the packages onnx and onnxruntime: pip install 'manoeuvre-nn[onnx]'"
 
 
-def test_a_recursive_network_is_refused_with_what_to_do(monkeypatch, run):
-    made = RecursiveShip(naval_vessel(), RecursiveNetwork())
+def test_a_recursive_network_is_written_as_its_next_step(monkeypatch, run):
+    made = RecursiveShip(naval_vessel(), RecursiveNetwork(RecursiveSettings(hidden=(3,))))
     monkeypatch.setattr("manoeuvre_nn.commands.export.load_model", lambda path: made)
-    with pytest.raises(
-        InputError, match="has a memory of past steps, so it is no formula: .* train network=hull_rudder"
-    ):
-        export(compose("export", [f"run={run}"]), run, Console(quiet=True))
+    (written,) = export(compose("export", [f"run={run}", "format=c"]), run, Console(quiet=True))
+    assert "void next_step(" in (run / "export" / "next_step.c").read_text()
+    assert max(d.largest for d in written.deviations) < 1e-6
+    with pytest.raises(InputError, match="a recursive network takes steps of its own length: write format=c"):
+        export(compose("export", [f"run={run}", "format=fmu"]), run, Console(quiet=True))
 
 
 def test_ranges_are_usual_ones_where_the_recordings_are_gone(run):

@@ -24,6 +24,9 @@ from manoeuvre_nn.dynamics.recursive_runs import driven, steered
 from manoeuvre_nn.network.force_modules import BasicForces, ForceConstants
 from manoeuvre_nn.network.recursive import ForceSettings, RecursiveNetwork
 
+Step = Callable[[Recursion, Float[Tensor, "rows _"], Float[Tensor, " rows"]], Recursion]
+"""Where rows stand, controls and ``U0^2 / (g L)`` -> where they stand a step later."""
+
 
 class RecursiveShip(Model):
     """A ship that is known by her particulars and shaft speed, and a recursive network for her motion.
@@ -40,10 +43,17 @@ class RecursiveShip(Model):
         axes that heel with the ship. Here u, v, r are about upright axes, as everywhere in the package.
     """
 
-    def __init__(self, ship: Ship, network: RecursiveNetwork) -> None:
-        """Join ship and network."""
+    def __init__(self, ship: Ship, network: RecursiveNetwork, step: Step | None = None) -> None:
+        """Join ship and network.
+
+        Args:
+            ship: The ship.
+            network: The network.
+            step: What takes steps in the network's place: something that was written from it.
+        """
         super().__init__()
         self._ship, self.network = [ship], network  # in a list, so that its coefficients are no part of the model
+        self._step = step
         names = network.settings.velocities
         constants = force_constants(ship.particulars, network.forces)
         self.forces = BasicForces(constants, rolls="p" in names, pitches="q" in names, wind=network.settings.wind)
@@ -68,7 +78,7 @@ class RecursiveShip(Model):
 
     def on_approach(self, speed: float) -> "RecursiveShip":
         """The same network behind a hull that comes in at another speed."""
-        return RecursiveShip(self.hull.on_approach(speed), self.network)
+        return RecursiveShip(self.hull.on_approach(speed), self.network, self._step)
 
     def froude(self, speed: Float[Tensor, " rows"]) -> Float[Tensor, " rows"]:
         """``U0^2 / (g L)`` of approach speeds [m/s]."""
@@ -88,6 +98,8 @@ class RecursiveShip(Model):
         Returns:
             Where every row stands a step later.
         """
+        if self._step is not None:
+            return self._step(now, controls, froude)
         last, count = now.velocities, self.angles_count
         forces = (self.forces(last, now.angles, controls, froude), *now.forces)
         seen = self.network.join(forces, (last, now.before))

@@ -185,7 +185,7 @@ def load_onnx(program: Program, content: bytes) -> Run:
         zero = np.zeros(len(next(iter(columns.values()))))
         feed = {t: np.stack([columns.get(q.name, zero) for q in qs], axis=1) for t, qs in taken.items()}
         (found,) = session.run(None, feed)
-        if program.vessel is None:
+        if not program.gives_rates:
             return _named(program, found)
         rates = {f"{q.name}dot": found[:, k] for k, q in enumerate(taken["state"])}
         u, v, cos, sin = columns["u"], columns["v"], *(f(columns.get("psi", zero)) for f in (np.cos, np.sin))

@@ -62,8 +62,11 @@ def samples_of(program: Program, kind: str) -> ForceSamples:
     Raises:
         InputError: If it is no ship, or one with effects.
     """
-    if program.vessel is None:
-        raise InputError(f"format={kind} is for models of a ship's motion: write format=c for a response")
+    if not program.gives_rates:
+        raise InputError(
+            f"format={kind} is for models of a ship's forces: write format=c for a response or a recursive network"
+        )
+    assert program.vessel is not None
     if program.vessel.effects:
         raise InputError(
             f"format={kind} holds coefficients of calm water alone: leave effect= out, or write format=fmu, which "

@@ -72,9 +72,10 @@ def fmu_bytes(program: Program) -> bytes:
     Raises:
         InputError: If it is not of a ship.
     """
-    if program.vessel is None:
+    if not program.gives_rates:
         raise InputError(
-            "format=fmu is for models of a ship's motion; a response is no system over time: write format=c"
+            "format=fmu is for models of a ship's motion; a response is no system over time, and a recursive network "
+            "takes steps of its own length: write format=c"
         )
     signals, name = signals_of(program), slug(program)
     sources = {

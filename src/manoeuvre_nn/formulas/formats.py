@@ -17,6 +17,7 @@ from manoeuvre_nn.formulas.latex import latex_text
 from manoeuvre_nn.formulas.mss import mss_ship, mss_text
 from manoeuvre_nn.formulas.onnx_graph import onnx_bytes
 from manoeuvre_nn.formulas.program import Program
+from manoeuvre_nn.formulas.recursive_step import ship_by_steps
 from manoeuvre_nn.formulas.rollouts import TrackDeviation, WrittenModel, deviations_of, of_unit, sailed
 from manoeuvre_nn.formulas.spreadsheet import csv_text
 
@@ -119,7 +120,8 @@ def write_down(
     if difference is not None and runs and kind not in SLOW:
         run = LOADERS[kind](program, content)
         assert run is not None
-        deviations = deviations_of(program, WrittenModel(program, run), runs)
+        written = WrittenModel(program, run) if program.gives_rates else ship_by_steps(program, run)
+        deviations = deviations_of(program, written, runs)
     return _checked(Written(kind, content, program, difference, deviations))
 
 

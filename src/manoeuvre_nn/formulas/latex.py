@@ -177,6 +177,8 @@ class _Tables:
             first, last, target = (printer.doprint(x) for x in (step.inputs[0], step.inputs[-1], step.targets[0]))
             return rf"\[ {target} = {first} + \ldots + {last} \]"
         again = next((k for k, numbers in enumerate(self.known) if np.array_equal(numbers, step.numbers)), None)
+        if len(step.inputs) > MAX_LISTED:  # only the table says what they are
+            again = None
         if again is None:
             self.known.append(step.numbers)
         number = len(self.known) if again is None else again + 1

@@ -12,6 +12,7 @@ from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.formulas.motion import identified_ship, ship_in_calm_water
 from manoeuvre_nn.formulas.program import Program
 from manoeuvre_nn.formulas.ranges import Ranges
+from manoeuvre_nn.formulas.recursive_step import recursive_step
 from manoeuvre_nn.formulas.responses import response
 from manoeuvre_nn.formulas.vessels import with_effects
 
@@ -32,25 +33,15 @@ def to_program(model: Any, ranges: Ranges | None = None, notes: Sequence[str] = 
 
 
 @to_program.register
-def recursive_ship(model: RecursiveShip, ranges: Ranges | None = None, notes: Sequence[str] = ()) -> Program:
-    """Refuse: what a recursive network gives depends on what came before.
-
-    Raises:
-        InputError: Always.
-    """
-    raise InputError(
-        "a recursive network has a memory of past steps, so it is no formula: use its checkpoint, or train "
-        "network=hull_rudder, cubic or wang on the same runs and export that"
-    )
-
-
-@to_program.register
 def ship_with_effects(model: Vessel, ranges: Ranges | None = None, notes: Sequence[str] = ()) -> Program:
     """Accelerations of a ship with what acts on her."""
+    if model.effects and isinstance(model.calm, RecursiveShip):
+        raise InputError("a recursive network goes from step to step by itself: leave effects out")
     calm = to_program(model.calm, ranges, notes)
     return with_effects(calm, model) if model.effects else calm
 
 
 to_program.register(CalmWater, ship_in_calm_water)
 to_program.register(IdentifiedShip, identified_ship)
+to_program.register(RecursiveShip, recursive_step)
 to_program.register(Response, response)

@@ -69,18 +69,18 @@ def onnx_bytes(program: Program) -> bytes:
         for step in section.steps:
             graph.step(step)
     made, outputs = [graph.known[sympy.Symbol(q.name, real=True)] for q in program.outputs], program.outputs
-    if program.vessel is not None:
+    if program.gives_rates:
         states = given["state"]
         outputs = [rate_of(q) for q in states]
         made = [graph.value(formula) for formula in _rates(program, states)]
-    whole = "outputs" if program.vessel is None else "rates"
+    whole = "rates" if program.gives_rates else "outputs"
     graph.nodes.append(helper.make_node("Concat", [graph.in_all_rows(one) for one in made], [whole], axis=1))
     return _model(program, graph, given, (whole, outputs))
 
 
 def tables(program: Program) -> dict[str, list[Quantity]]:
     """Tables that a graph takes, and their columns."""
-    if program.vessel is None:
+    if not program.gives_rates:
         return {"inputs": list(program.inputs)}
     states, parameters = state_of(program), parameters_of(program)
     own = {q.name for q in (*states, *parameters)}
@@ -117,7 +117,7 @@ def _model(
     helper.set_model_props(model, {
         **{name: json.dumps(_described(columns)) for name, columns in given.items()},
         whole: json.dumps([{"name": q.name, "unit": q.unit, "meaning": harmless(q.meaning)} for q in outputs]),
-        **({"axes": AXES} if program.vessel is not None else {}),
+        **({"axes": AXES} if program.gives_rates else {}),
     })  # fmt: skip
     onnx.checker.check_model(model, full_check=True)
     return model.SerializeToString(deterministic=True)

@@ -169,6 +169,11 @@ class Program:
     symbols: Mapping[str, str]
     vessel: Vessel | None = None
 
+    @property
+    def gives_rates(self) -> bool:
+        """Whether it gives a ship's accelerations; else a response, or where she stands a step later."""
+        return any(q.name == "udot" for q in self.outputs)
+
     def assignments(self) -> list[tuple[str, list[tuple[sympy.Symbol, sympy.Expr]]]]:
         """Title of each section, and its values one by one."""
         return [(s.title, [pair for step in s.steps for pair in singles(step)]) for s in self.sections]

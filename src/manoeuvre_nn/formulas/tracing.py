@@ -67,7 +67,7 @@ class Trace(TorchDispatchMode):
         settings = {key: value for key, value in kwargs.items() if value is not None}
         if name in MOVING:
             made = self._moved(func, args, kwargs)
-        elif name in COMPUTED and set(settings) <= {"alpha", "min"}:
+        elif name in COMPUTED and set(settings) <= {"alpha", "min", "value"}:
             arrays = tree_map(lambda one: self._values(one) if isinstance(one, Tensor) else one, args)
             made = COMPUTED[name](self, *arrays, **settings)
         else:
@@ -191,6 +191,15 @@ def _softplus(z: Element, beta: float = 1.0) -> Element:
     return sympy.Max(z, sympy.Float(0.0)) + rest / float(beta)
 
 
+def _norm(trace: Trace, a: np.ndarray, order: Any = 2, along: Any = None, keep: bool = False) -> np.ndarray:
+    """Length of vectors that stand along the last dimension."""
+    if order != 2 or along not in ([-1], [a.ndim - 1]):
+        raise InputError("uses a norm of torch other than the length of rows, which has no formula here")
+    squares = [trace.short(reduce(_sum, (_product(z, z) for z in map(trace.named, row)))) for row in _lines(a)]
+    lengths = [_function(np.sqrt, sympy.sqrt)(trace.named(square)) for square in squares]
+    return _objects(lengths).reshape(*a.shape[:-1], *([1] if keep else []))
+
+
 def _matrix(trace: Trace, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """A product of matrices, or of stacks of them."""
     rows, columns = np.broadcast_arrays(a[..., :, None, :], np.swapaxes(b, -1, -2)[..., None, :, :])
@@ -210,6 +219,8 @@ COMPUTED: dict[str, Callable[..., Any]] = {
     "div": _each(lambda a, b: _product(a, 1.0 / b)),
     "reciprocal": _each(lambda a: 1.0 / a),
     "neg": _each(lambda a: -a),
+    "addcmul": _each(lambda a, b, c, value=1.0: _sum(a, _product(_product(b, c), float(value)))),
+    "linalg_vector_norm": _norm,
     "pow": _each(_power),
     "sqrt": _each(_function(np.sqrt, sympy.sqrt), named=True),
     "sin": _each(_function(np.sin, sympy.sin), named=True),
