@@ -64,7 +64,7 @@ def samples_of(program: Program, kind: str) -> ForceSamples:
     """
     if not program.gives_rates:
         raise InputError(
-            f"format={kind} is for models of a ship's forces: write format=c for a response or a recursive network"
+            f"format={kind} is for models of a ship's motion: write format=c for a response or a recursive network"
         )
     assert program.vessel is not None
     if program.vessel.effects:
