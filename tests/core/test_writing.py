@@ -103,6 +103,22 @@ def held_by(folder: Path) -> subprocess.Popen:
     return process
 
 
+def test_a_process_that_waits_goes_on_when_the_first_has_ended(tmp_path):
+    first = held_by(tmp_path / "run")
+    work = f"{HOLD}with locked(Path({str(tmp_path / 'run')!r}), wait=True):\n print('in', flush=True)"
+    second = subprocess.Popen([sys.executable, "-c", work], stdout=subprocess.PIPE, text=True)
+    try:
+        with pytest.raises(subprocess.TimeoutExpired):
+            second.wait(timeout=1.5)
+        first.kill()
+        assert second.communicate(timeout=30)[0] == "in\n"
+        assert second.returncode == 0
+    finally:
+        for process in (first, second):
+            process.kill()
+            process.communicate()
+
+
 def test_a_second_process_is_refused_until_the_first_has_died(tmp_path):
     first = held_by(tmp_path / "run")
     try:

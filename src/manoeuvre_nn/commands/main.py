@@ -195,11 +195,13 @@ def _task(command: str, quiet: bool = False, verbose: bool = False) -> Callable[
         with guard.one_line(), ExitStack() as stack:  # here, not outside alone: hydra would put a line before ours
             hydra_cfg = HydraConfig.get()
             out = Path(hydra_cfg.runtime.output_dir)
-            if hydra_cfg.mode == RunMode.MULTIRUN:
+            sweeps = hydra_cfg.mode == RunMode.MULTIRUN
+            if sweeps:
                 os.chdir(hydra_cfg.runtime.cwd)  # a job on another machine begins elsewhere
             if command != "export":  # which has no folder of its own
                 if cfg.get("cases") is None:  # several may answer cases into one folder
-                    stack.enter_context(locked(out))
+                    # A search may ask for the same settings twice at once: the second job finds the first one done.
+                    stack.enter_context(locked(out, wait=sweeps))
                 typed = " ".join(hydra_cfg.overrides.task)
                 stack.enter_context(logged(out, f"manoeuvre {command} {typed}", verbose))
             if command != "train":  # in a sweep, what a job cannot import is a failure of that job

@@ -1,5 +1,6 @@
 """The table at the end of a sweep; apart from the jobs, so that hydra need not load torch to call it."""
 
+import logging
 from contextlib import ExitStack
 from math import prod
 from pathlib import Path
@@ -29,6 +30,7 @@ class SweepTable(Callback):
         folder = shown(Path(config.hydra.sweep.dir))
         with guard.one_line():  # hydra makes a warning of what goes wrong here, unless it ends the command
             guard.until_the_end.enter_context(locked(folder))
+        logging.getLogger("optuna").setLevel(logging.WARNING)  # a search would write a line of its own for each trial
         console = Terminal()
         console.print(f"sweep into {folder}; to continue it later, add hydra.sweep.dir={folder}", soft_wrap=True)
         count = jobs_of(config)

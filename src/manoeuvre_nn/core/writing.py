@@ -100,20 +100,21 @@ def write_file(path: Path, content: str | bytes) -> None:
 
 
 @contextmanager
-def locked(folder: Path) -> Generator[None]:
+def locked(folder: Path, *, wait: bool = False) -> Generator[None]:
     """Keep other processes out of a folder, which is made if need be.
 
     The lock is the system's, so that a process that dies does not keep it, however it dies.
 
     Args:
         folder: The folder; if another process is at work in it, that is a :class:`FolderInUse`.
+        wait: Whether to wait until that has ended.
     """
     name = os.path.realpath(folder)
     if fcntl is None or name in _held:
         yield
         return
     Path(name).mkdir(parents=True, exist_ok=True)
-    lock = _lock(Path(name))
+    lock = _lock(Path(name), wait)
     if lock is None:
         yield
         return
@@ -126,7 +127,7 @@ def locked(folder: Path) -> Generator[None]:
         os.close(_held.pop(name))
 
 
-def _lock(folder: Path) -> int | None:
+def _lock(folder: Path, wait: bool) -> int | None:
     """Descriptor of a folder's lock; None where the file system has none, or nothing can be written there anyway."""
     path = folder / LOCK
     while True:
@@ -137,7 +138,7 @@ def _lock(folder: Path) -> int | None:
                 return None
             raise
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(lock, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
         except OSError as error:
             holder = os.read(lock, 20).decode(errors="replace")
             os.close(lock)
