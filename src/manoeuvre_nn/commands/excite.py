@@ -34,6 +34,7 @@ from manoeuvre_nn.training.checkpoint import read_checkpoint
 from manoeuvre_nn.training.ensemble import steps_in_noise
 
 RESULT, PAGE = "excite.json", "report.html"
+EXPECTED = "What each candidate is expected to bring"
 GOALS = ("accuracy", "coefficients")
 OF_MODEL = ("ship", "linear", "network", "fit", "manoeuvre", "data", "effect", "effects", "seed")
 """Parts of a config that say what a model is and what it was trained on."""
@@ -194,7 +195,8 @@ def _write(a: ManoeuvreAdvice, config: dict[str, Any], out: Path) -> None:
     report = Report(
         title=f"{a.ship}: what to sail next",
         summary=sentence(a),
-        tables={"What each candidate is expected to bring": advice_rows(a), after: target_rows(a)},
+        tables={EXPECTED: advice_rows(a), after: target_rows(a)},
+        unfolded=(EXPECTED,),
         figures=figures,
         config=config,
         versions=versions(),
@@ -207,7 +209,7 @@ def _write(a: ManoeuvreAdvice, config: dict[str, Any], out: Path) -> None:
 def _print(a: ManoeuvreAdvice, out: Path, console: Console) -> None:
     """The sentence, one table, and where the rest is."""
     console.print(sentence(a), highlight=False)
-    console.print(rich_table(advice_rows(a), f"What each candidate is expected to bring for {a.goal}"))
+    console.print(rich_table(advice_rows(a), f"{EXPECTED} for {a.goal}"))
     for line in (a.trained_on, *a.left_out):
         console.print(line, highlight=False)
     here = shown(out)
