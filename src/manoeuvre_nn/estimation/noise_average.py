@@ -79,7 +79,9 @@ def _at_time(data_set: WhitenedDataSet, fitted: FittedHypothesis, time: float) -
     there = finer(data_set, time)
     surge, lateral = (2 * k for k in divmod(fitted.best[0], len(PROCESS_LEVELS)))
     around = surge * len(there.process_levels) + lateral
-    return MarginalLikelihood(there).evaluate(fitted.hypothesis, around=around)
+    found = MarginalLikelihood(there).evaluate(fitted.hypothesis, around=around)
+    there.release()
+    return found
 
 
 def _step(before: FittedHypothesis, after: FittedHypothesis) -> Float[np.ndarray, " m"]:
