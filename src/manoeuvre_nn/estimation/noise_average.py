@@ -29,7 +29,7 @@ def averaged(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> FittedHypot
     """A fitted hypothesis with values and covariance averaged over levels and correlation times of the process noise.
 
     The usual levels lie a factor of three apart, and the usual correlation time is one of many: that suffices to
-    compare hypotheses, but standard errors at the nearest of them may be too small by half.
+    compare hypotheses, but standard errors at the nearest of them may be too small.
 
     Args:
         data_set: The runs about the states of the hypothesis.

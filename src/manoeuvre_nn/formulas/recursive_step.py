@@ -63,7 +63,8 @@ def recursive_step(model: RecursiveShip, ranges: Ranges | None = None, notes: Se
     now = [build.let(f"{n}_prime", at[n] / units[n], rf"{{{n}}}'") for n in names]
     before = [build.let(f"{n}_prime_1", at[f"{n}_1"] / units[n], rf"{{{n}}}'_{{1}}") for n in names]
     forces = _forces(model, build, at, now)
-    new = _next_velocities(model, build, [*forces, *_past(model, at), *now, *before], now)
+    past = [at[f"{name}_{k}"] for k, name in _kept(model)]
+    new = _next_velocities(model, build, [*forces, *past, *now, *before], now)
     build.section("A step later")
     speed = build.let("U_prime", at_least(sympy.sqrt(now[0] ** 2 + now[1] ** 2), MIN_SPEED), r"{U}'")
     step = build.let("h", model.network.settings.step / speed)
@@ -210,11 +211,6 @@ def _forces(
         steered = trace.variable(like.new_full((1, len(named)), 0.3), list(named))
         found = trace.formulas(model.forces(moving, turned, steered, trace.variable(like, [froude])))
     return [build.let(f"f_{k + 1}", one) for k, one in enumerate(found)]
-
-
-def _past(model: RecursiveShip, at: dict[str, sympy.Symbol]) -> list[sympy.Symbol]:
-    """Forces of past steps."""
-    return [at[f"{name}_{k}"] for k, name in _kept(model)]
 
 
 def _next_velocities(

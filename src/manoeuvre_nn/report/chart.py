@@ -168,6 +168,13 @@ def draw_panel(axes: Axes, panel: ChartPanel) -> Axes:
     return axes
 
 
+def draw_grid(grid: np.ndarray, panels: Sequence[ChartPanel]) -> None:
+    """Draw panels on axes in rows and columns; what goes along stands below the last row alone."""
+    for axes, panel in zip(grid.ravel(), panels, strict=True):
+        draw_panel(axes, panel)
+        axes.set_xlabel(panel.xlabel if axes.get_subplotspec().is_last_row() else "")
+
+
 def _write(axes: Axes, mark: Mark) -> None:
     """The word of a mark, beside it."""
     height, side = mark.place.split()

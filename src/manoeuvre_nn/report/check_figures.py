@@ -12,7 +12,7 @@ from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.recording.check.inspection import Inspection
 from manoeuvre_nn.recording.check.motion import smoothed_motion
-from manoeuvre_nn.report.chart import Chart, ChartPanel, Curve, Span, draw_panel, legend_entries
+from manoeuvre_nn.report.chart import Chart, ChartPanel, Curve, Span, draw_grid, legend_entries
 from manoeuvre_nn.report.style import COLOURS, legend_below, new_figure
 
 CHANNELS = (("u", "u\n[m/s]", 1.0), ("v", "v\n[m/s]", 1.0), ("r", "r\n[deg/s]", DEGREE), ("psi", "ψ\n[deg]", DEGREE))
@@ -47,11 +47,9 @@ def check_figure(chart: Chart, name: str) -> Figure:
     """The chart of a recording, drawn."""
     figure = new_figure(7.6, width=9.0, title=name)
     grid = figure.subplots(len(chart.panels) // 2, 2, sharex=True)
-    for axes, panel in zip(grid.ravel(), chart.panels, strict=True):
-        draw_panel(axes, panel)
-        axes.set_xlabel(panel.xlabel if axes.get_subplotspec().is_last_row() else "")
-        for line in axes.get_lines():
-            line.set_rasterized(True)
+    draw_grid(grid, chart.panels)
+    for line in (line for axes in grid.ravel() for line in axes.get_lines()):
+        line.set_rasterized(True)
     legend_below(figure, legend_entries(chart.panels), columns=4)
     return figure
 

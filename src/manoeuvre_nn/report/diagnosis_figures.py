@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, MaxNLocator
 
 from manoeuvre_nn.diagnosis.result import Diagnosis, Proof, Residual
-from manoeuvre_nn.report.chart import Arrow, Chart, along, draw_panel, legend_entries
+from manoeuvre_nn.report.chart import Arrow, Chart, along, draw_grid, draw_panel, legend_entries
 from manoeuvre_nn.report.diagnosis_charts import (
     CALM,
     REPAIRED,
@@ -181,9 +181,7 @@ def channel_figure(proof: Proof, noise: Mapping[str, float], repaired: bool) -> 
     rows = len(chart.panels) // 2
     figure = new_figure(1.2 + 1.4 * rows, title=run_title(proof, 44))
     grid = figure.subplots(rows, 2, sharex=True, squeeze=False, width_ratios=[1.35, 1.0])
-    for axes, panel in zip(grid.ravel(), chart.panels, strict=True):
-        draw_panel(axes, panel)
-        axes.set_xlabel(panel.xlabel if axes.get_subplotspec().is_last_row() else "")
+    draw_grid(grid, chart.panels)
     for axes in grid[-1]:
         axes.xaxis.set_major_locator(MaxNLocator(4))
     for column in grid.T:
