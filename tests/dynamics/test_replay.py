@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 from fleet import unchecked
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.dynamics.limits import OK
 from manoeuvre_nn.dynamics.model import CalmWater
-from manoeuvre_nn.dynamics.replay import replay
+from manoeuvre_nn.dynamics.replay import integrate, replay
 from manoeuvre_nn.dynamics.simulate import simulate
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
@@ -71,3 +72,22 @@ def test_steered_and_replayed_references_keep_their_order(runs):
         scores = held_out.score(held_out.predict(CalmWater(mariner())))
     assert [s.manoeuvre for s in scores] == ["tc25", "zz10", "zz20"]
     assert all(s.dev_L < 0.01 for s in scores)
+
+
+@pytest.mark.parametrize(("largest", "per_sample"), [(None, 4), (2.0, 2), (4.0, 1)])
+def test_steps_are_as_long_as_they_may_be_and_end_at_samples(largest, per_sample):
+    """L/U0 is 21 s: rollouts take 20 steps in it, so four in the 4 s between two samples."""
+    called = []
+
+    class Counted(CalmWater):
+        def forward(self, state, inputs):
+            called.append(state)
+            return super().forward(state, inputs)
+
+    ship, samples = mariner(), 6
+    first = torch.tensor([[ship.particulars.speed, 0.0, 0.0, 0.0, 0.0, 0.0]], dtype=torch.float64)
+    columns = {"delta": torch.full((1, samples), 0.2, dtype=torch.float64)}
+    with torch.no_grad():
+        states = integrate(Counted(ship), first, columns, interval=4.0, start=0.0, largest_step=largest)
+    assert len(states) == samples
+    assert len(called) == 4 * per_sample * (samples - 1)

@@ -28,6 +28,7 @@ SHAPES = {
         "hidden": (4,), "freedom": 6, "wind": True, "wind_nodes": True, "symmetric": False, "biases": False,
         "about_last": False, "past": 3,
     },
+    "two large tables of the same numbers": {"hidden": (30, 8), "freedom": 3, "past": 1},
     "long memory of thrust": {"hidden": (3,), "past": 3, "past_thrust": 3},
 }  # fmt: skip
 
