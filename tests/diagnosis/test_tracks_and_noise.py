@@ -4,17 +4,21 @@ from functools import cache
 
 import numpy as np
 import pytest
-from fleet import unchecked
+from fleet import ship_named, unchecked
 from pytest import approx
 from trials import CALM, CIRCLE, NOISE, SHIP, ZIGZAG, run_of, sailed, states_of
 
 from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.dynamics.model import CalmWater
+from manoeuvre_nn.dynamics.rollout import roll_out
+from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.propulsion import PowerLimit
 from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.estimation.data_set import PreparedRun, prepared_run
 from manoeuvre_nn.estimation.smoothed_run import first_guess
+from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.recording.preparation import measured, smooth_shaft, with_measured
 
 SEEN = len(MEASURED) - 1
@@ -129,6 +133,18 @@ def test_the_first_guess_of_perfect_channels_is_the_motion():
     assert first_guess(with_measured(run, silent))[5:-5, 0] == approx(true[5:-5, 0], abs=0.05), "u over ground"
     drifting = run_of(record("current"))
     assert first_guess(drifting)[5:-5, 0] == approx(states_of(record("current"))[5:-5, 0], abs=0.05), "u by the log"
+
+
+@pytest.mark.parametrize("runaway", [2e-3, 4e-3])
+def test_positions_that_run_away_ahead_of_a_slow_turning_ship_leave_her_underway(runaway):
+    tanker = CalmWater(ship_named("esso_190k"))
+    with unchecked():
+        (sailing,) = roll_out(Vessel(tanker), [zigzag(10.0, duration=900.0)], step=1.0)
+    seen = measured(run_of(sailing, NOISE))
+    seen[:, 0] += 0.5 * runaway * sailing.time**2  # it would take a stream, and a log that shows twice the speed
+    with unchecked():
+        speed = prepared_run(tanker, with_measured(run_of(sailing, NOISE), seen)).linearised.track[:, 0]
+    assert speed == approx(sailing["u"], abs=0.3 * tanker.particulars.speed)
 
 
 def test_the_force_that_the_track_needs_is_that_of_the_effect():

@@ -22,6 +22,7 @@ from manoeuvre_nn.estimation.hypothesis_columns import hypothesis_columns
 from manoeuvre_nn.estimation.linear_run import joined, summed
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood, log_prior_levels
 from manoeuvre_nn.estimation.posterior import posterior
+from manoeuvre_nn.estimation.smoothed_run import step_share
 from manoeuvre_nn.numerics.finite_algebra import lstsq
 
 MAX_PASSES = 3
@@ -67,7 +68,8 @@ def refined(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedData
         whole = np.append(1.0, np.zeros(lin.columns[run].count - 1))
         left = joined([prepared.base, lin.columns[run]]).combined(np.r_[base, -whole])
         white = level.white[run]
-        states = prepared.linearised.track + white.states(white.embed(left))[:, : prepared.linearised.states.count, 0]
+        step, track = white.states(white.embed(left))[..., 0], prepared.linearised.track
+        states = track + step_share(track, step) * step[:, : track.shape[1]]
         runs.append(about_states(data_set.dynamics, prepared, states, shares, rudders[run]))
     return WhitenedDataSet(data_set.dynamics, runs, data_set.coefficient_prior)
 

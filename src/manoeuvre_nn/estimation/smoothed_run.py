@@ -20,8 +20,11 @@ KINEMATIC_ERROR_SD = np.array([1.0, 1.0, 0.03, 0.08, 1e-3, 4.0, 4.0])
 forward and to starboard [m]: little, for while any force is allowed it looks like a drift of the ship."""
 KINEMATIC_ERROR_POWERS = (0.5, 0.5, 0.0, 0.0, -0.5, 1.0, 1.0)
 """Exponents of length with which it goes."""
-LINEARISATIONS = 4
-"""How often the equations are linearised and solved."""
+LINEARISATIONS, MAX_LINEARISATIONS = 4, 12
+"""How often the equations are linearised and solved; and at most, where steps are cut short."""
+MAX_STEP = 0.5
+"""Longest step of u and v over the mean speed: hydrodynamic forces go with their second and third powers, so further
+off the linear equations are those of another motion (and a ship that lies still has no solution)."""
 SHAFT = 7
 """Channel of the shaft speed: no state explains it, so its misfit is no outlier."""
 MOTION_POWERS = (0.5, 0.5, -0.5, 1.0, 1.0, 0.0)
@@ -80,8 +83,11 @@ def smooth(
     inflation = np.ones(len(channels))
     start_sd = np.r_[ship.sized([2.0, 2.0, 0.01, 20.0, 20.0, 0.2], MOTION_POWERS), kept.own_start_sd(ship)]
     error_sd = ship.sized(KINEMATIC_ERROR_SD, KINEMATIC_ERROR_POWERS)
-    for _ in range(LINEARISATIONS):
-        track = track + states[:, : kept.count]
+    whole = 0
+    for _ in range(MAX_LINEARISATIONS):
+        share = step_share(track, states)
+        whole += share == 1.0
+        track = track + share * states[:, : kept.count]
         linearised = linearise(run, rate, track, ship.time_unit)
         solved = integrated(linearised, sigma * np.sqrt(inflation), process_sd, ship.time_unit, start_sd)
         columns = joined([linearised.data, _kinematic_errors(linearised)])
@@ -89,15 +95,33 @@ def smooth(
         g = embedded.dot(embedded)
         left = np.append(1.0, -posterior(g, 0.0, error_sd, np.eye(len(g))[0]).mean())
         states = solved.states(embedded.combined(left))[..., 0]
+        if share < 1.0:  # what is left is not noise alone
+            continue
         residual = columns.measured @ left - np.einsum("kci,ki->kc", linearised.observed, states)
         sigma, weights = measured_noise(residual**2, linearised.present, sigma, least, "cut")
         inflation = _long_run(residual * weights / sigma)
         run = without_samples(run, weights == 0, channels)
+        if whole == LINEARISATIONS:
+            break
     # With any force allowed the misfit should be one per sample; what it is more, the medians missed.
     misfit = float(g[0] @ left) / max(np.isfinite(measured(linearised.run, channels)).sum(), 1)
     sigma = sigma * np.sqrt(np.clip(misfit, 1.0, 1.5))
     run = run.with_channels(**{MEASURED[SHAFT]: shaft})
     return linearise(run, rate, track, ship.time_unit), sigma, inflation, states[:, kept.count :]
+
+
+def step_share(track: Float[np.ndarray, "n k"], step: Float[np.ndarray, "n s"]) -> float:
+    """The share of a Gauss-Newton step of the states that the linear equations can be trusted with.
+
+    Args:
+        track: States that the equations are linearised about.
+        step: Their change by the linear equations.
+
+    Returns:
+        1, or less where u or v would change by more than :data:`MAX_STEP` of the mean speed.
+    """
+    longest = float(np.abs(step[:, :2]).max(initial=0.0))
+    return min(1.0, MAX_STEP * float(np.hypot(track[:, 0], track[:, 1]).mean()) / longest) if longest else 1.0
 
 
 def _kinematic_errors(linearised: LinearisedRun) -> Columns:
