@@ -13,6 +13,8 @@ from manoeuvre_nn.diagnosis.result import Cause, Diagnosis, Nature, Value
 
 OTHER_SIGN = frozenset({"offset_deg"})
 """Parameters whose sign goes with the rudder's: positive to port in the cases, to starboard in the package."""
+COLUMNS = {"x": "x_north", "y": "y_east", "vn": "u", "ve": "v"}
+"""Channel -> the column of a case's csv that holds it: velocity over ground stands there along and across the heading."""
 
 
 def write_answer(d: Diagnosis, folder: Path) -> None:
@@ -57,7 +59,7 @@ def _effect(c: Cause) -> dict:
     return {
         "name": c.name,
         "probability": round(c.probability, 4),
-        "equation": list(c.equations),
+        "equation": [_place(e) for e in c.equations],
         "intervals": intervals,
         "parameters": {_key(v): _with_error(_signed(v)) for v in c.parameters},
         "intervals_95": {_key(v): _ends(_signed(v)) for v in c.parameters},
@@ -65,11 +67,17 @@ def _effect(c: Cause) -> dict:
     }
 
 
+def _place(equation: str) -> str:
+    """A place in the words of the cases: sensors by their columns."""
+    kind, _, channel = equation.partition(":")
+    return f"{kind}:{COLUMNS.get(channel, channel)}" if channel else equation
+
+
 def _nature(nature: Nature) -> dict:
     """What something unknown is like; null is what the recordings do not tell."""
     return {
         "kind": nature.kind,
-        "equation": list(nature.equations),
+        "equation": [_place(e) for e in nature.equations],
         "size": {"name": nature.size.name, "value": _with_error(nature.size)},
         "scales": {v.name: _with_error(v) for v in nature.scales},
         "log_evidence": _number(nature.against),

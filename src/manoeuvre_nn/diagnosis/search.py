@@ -77,10 +77,10 @@ def search(
         likelihood, none, singles = _again(likelihood, none, singles, workers, singles[0] if clear else none)
     fitted = _with_other_forms(likelihood, singles, plain)
     leading = [s for s in fitted if s.evidence > none.evidence + MIN_GAIN_OF_SINGLE][:MAX_BUILT_UPON]
-    leading += _beside_published(none, fitted)
+    leading += (published := _beside_published(none, fitted))
     for size in range(2, MAX_EFFECTS + 1):
         singles = [j for j in fitted if len(j.names) == 1]
-        more = list(_extended(likelihood, leading, singles, progress, workers))
+        more = list(_extended(likelihood, leading, singles, bool(published), progress, workers))
         gained = max((j.evidence for j in more), default=-inf) - max((j.evidence for j in fitted), default=-inf)
         fitted = _with_other_forms(likelihood, [*fitted, *more], plain) if more else fitted
         if more and gained > MIN_GAIN_TO_RELINEARISE:
@@ -211,15 +211,19 @@ def _extended(
     likelihood: MarginalLikelihood,
     leading: Sequence[FittedHypothesis],
     singles: Sequence[FittedHypothesis],
+    anew: bool,
     progress: Progress,
     workers: int,
 ) -> Iterator[FittedHypothesis]:
-    """One effect more: all partners of the best few hypotheses, screened by a linear step, the best ones fitted."""
+    """One effect more: all partners of the best few hypotheses, screened by a linear step, the best ones fitted.
+
+    Where calm water is far off, a partner's values alone say nothing of it: it is tried ``anew`` from all its starts.
+    """
     if not leading:
         return
     seen: set[tuple[frozenset[str], tuple[int, int]]] = set()
     screened = []
-    turned = [(second, [second.hypothesis, *_turned(second.hypothesis)]) for second in singles]
+    turned = [(second, [second.hypothesis, *_elsewhere(second.hypothesis, anew)]) for second in singles]
     for first in leading:
         for second, starts in turned:
             names = frozenset((*first.names, *second.names))
@@ -229,12 +233,12 @@ def _extended(
             for partner in _restarts(likelihood, first, starts):
                 score = likelihood.pair_evidence(first.hypothesis, partner, *first.best)
                 screened.append((score, first, first.hypothesis.joined(partner)))
-    screened.sort(key=lambda t: -t[0])
-    finalists: dict[frozenset[str], tuple[FittedHypothesis, Hypothesis]] = {}
-    for _, first, both in screened:
-        finalists.setdefault(frozenset(both.names), (first, both))
-
-    chosen = list(finalists.values())[:MAX_BUILT_UPON]
+    # Those beside published coefficients and those beside worse ones each for themselves: before it is fitted, the
+    # right partner explains less at published ones than any does where coefficients may be anything.
+    finalists: dict[bool, dict[frozenset[str], tuple[FittedHypothesis, Hypothesis]]] = {}
+    for _, first, both in sorted(screened, key=lambda t: -t[0]):
+        finalists.setdefault(first.best[1] > PUBLISHED_SD_LEVEL, {}).setdefault(frozenset(both.names), (first, both))
+    chosen = [pair for pairs in finalists.values() for pair in list(pairs.values())[:MAX_BUILT_UPON]]
 
     def together(number: int) -> FittedHypothesis:
         first, both = chosen[number]
@@ -248,31 +252,34 @@ def _extended(
 def _restarts(likelihood: MarginalLikelihood, first: FittedHypothesis, starts: list[Hypothesis]) -> list[Hypothesis]:
     """Where a partner may stand beside another effect: as alone, turned, or as an event where that one leaves it."""
     (effect,) = starts[0].effects
-    if not any(p.per_run for p in effect.declared):
+    if not _event(effect):
         return starts
     events = best_windows(likelihood, effect, *first.best, first.hypothesis)
     return [starts[0], *(replace(starts[0], values=(values,)) for values in events)]
 
 
-def _turned(alone: Hypothesis) -> Iterator[Hypothesis]:
-    """An effect with a direction from four sides, its other parameters at their starts."""
+def _elsewhere(alone: Hypothesis, anew: bool) -> Iterator[Hypothesis]:
+    """An effect with a direction from four sides, its sizes at their starts; another, if asked for, from all starts."""
     (effect,), values = alone.effects, alone.values[0].copy()
     directions = [j for j, p in enumerate(effect.declared) if p.period]
-    for j, p in enumerate(effect.declared):
-        if not (p.form or p.period or p.per_run or p.random):
-            values[:, j] = p.starts[0]
+    sizes = [j for j, p in enumerate(effect.declared) if not (p.form or p.period or p.per_run or p.random)]
+    starts = list(product(*(effect.declared[j].starts for j in sizes)))
+    values[:, sizes] = starts[0]
     for angle in range(0, 360, 90) if directions else ():
         values[:, directions[0]] = angle
+        yield replace(alone, values=(values.copy(),))
+    for start in starts if anew and not directions else ():
+        values[:, sizes] = start
         yield replace(alone, values=(values.copy(),))
 
 
 def _with_other_forms(
     likelihood: MarginalLikelihood, fitted: Sequence[FittedHypothesis], effects: Sequence[Effect]
 ) -> list[FittedHypothesis]:
-    """Hypotheses with different effects, the best also with its events in each other form and without each effect.
+    """Hypotheses with different effects, the best also with each event exchanged for every other one and without each.
 
-    Placed on its own, another form may have stopped at other times: that would judge the times and not the form. And
-    what an effect adds can only be told beside the same without it.
+    Placed on its own, another event may have stopped at other times: that would judge the times and not the effect.
+    And what an effect adds can only be told beside the same without it.
 
     Returns:
         The same and the new ones, the most evidence first.
@@ -280,23 +287,29 @@ def _with_other_forms(
     if not fitted:
         return []
     best, exchanged = max(fitted, key=lambda j: j.evidence), []
-    level, scatter = best.best
-    for k, effect in enumerate(best.hypothesis.effects):
+    (level, scatter), present = best.best, best.hypothesis.effects
+    for k, effect in enumerate(present):
+        beside_it = {e.exclusive for e in present if e is not effect and e.exclusive}
         for other in effects:
-            events = all(any(p.per_run for p in e.declared) for e in (effect, other))
-            if events and effect.exclusive and other.exclusive == effect.exclusive and other.name != effect.name:
+            if _event(effect) and _event(other) and other.name not in best.names and other.exclusive not in beside_it:
                 starts = _exchanged(best.hypothesis, k, other)
                 made = max((likelihood.improve(h, level, scatter, 3) for h in starts), key=lambda found: found[1])[0]
                 exchanged.append(refine(likelihood, made, level, scatter))
     known = {frozenset(j.names) for j in fitted}
-    several = len(best.hypothesis.effects) > 1
-    for fewer in (best.hypothesis.without(k) for k in range(len(best.hypothesis.effects)) if several):
-        if frozenset(fewer.names) not in known:
+    for k in range(len(present)) if len(present) > 1 else ():
+        fewer = best.hypothesis.without(k)
+        # Beside another an event may have found the times that it missed alone.
+        if frozenset(fewer.names) not in known or any(map(_event, fewer.effects)):
             exchanged.append(refine(likelihood, fewer, level, scatter))
     of_each: dict[frozenset[str], FittedHypothesis] = {}
     for j in sorted([*fitted, *exchanged], key=lambda j: -j.evidence):
         of_each.setdefault(frozenset(j.names), j)
     return list(of_each.values())
+
+
+def _event(effect: Effect) -> bool:
+    """Whether it acts at times of its own in each run."""
+    return any(p.per_run for p in effect.declared)
 
 
 def _exchanged(h: Hypothesis, number: int, other: Effect) -> Iterator[Hypothesis]:
