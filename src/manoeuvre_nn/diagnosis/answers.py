@@ -14,7 +14,7 @@ from manoeuvre_nn.diagnosis.result import Cause, Diagnosis, Nature, Value
 OTHER_SIGN = frozenset({"offset_deg"})
 """Parameters whose sign goes with the rudder's: positive to port in the cases, to starboard in the package."""
 COLUMNS = {"x": "x_north", "y": "y_east", "vn": "u", "ve": "v"}
-"""Channel -> the column of a case's csv that holds it: velocity over ground stands there along and across the heading."""
+"""Channel -> its column in the csv of a case, where velocity over ground is along and across the heading."""
 
 
 def write_answer(d: Diagnosis, folder: Path) -> None:

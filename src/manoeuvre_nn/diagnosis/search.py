@@ -218,6 +218,9 @@ def _extended(
     """One effect more: all partners of the best few hypotheses, screened by a linear step, the best ones fitted.
 
     Where calm water is far off, a partner's values alone say nothing of it: it is tried ``anew`` from all its starts.
+
+    Yields:
+        The best few, fitted.
     """
     if not leading:
         return
