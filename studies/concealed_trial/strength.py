@@ -64,7 +64,7 @@ def in_range(ship: TrialShip, states: np.ndarray, runs: Sequence[Run]) -> bool:
     """
     u, v, r = (np.nan_to_num(states[:, k], nan=1e9) for k in (3, 4, 5))
     good = (u > 0.2 * ship.speed) & (u < 1.7 * ship.speed) & (np.abs(v) < 0.8 * u)
-    good &= np.abs(r) * ship.length < 2 * ship.speed
+    good &= np.abs(r) < 2 * ship.speed / ship.length
     return all(bool(good[: run.duration + 1, k].all()) for k, run in enumerate(runs))
 
 

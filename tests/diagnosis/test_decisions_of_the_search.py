@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from trials import SHIP, values
 
+from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.diagnosis import diagnose as proving
 from manoeuvre_nn.diagnosis import fits
 from manoeuvre_nn.diagnosis import search as under_test
@@ -17,7 +18,7 @@ from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.depth import ShallowWater
 from manoeuvre_nn.effect.local import SideForce
 from manoeuvre_nn.effect.rudder import RudderBacklash
-from manoeuvre_nn.effect.sensors import LogScale
+from manoeuvre_nn.effect.sensors import HeadingBias, LeverArm, LogScale, RateBias
 from manoeuvre_nn.effect.wind import GustyWind, SteadyWind
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 
@@ -81,6 +82,34 @@ def test_pairs_are_built_upon_the_best_beside_published_coefficients_where_calm_
     found = under_test._beside_published(none, [fitted(-200.0, -4.0, "log"), fitted(-100.0, -9.0, "wind")])
     assert [j.names[0] for j in found] == built_upon
     assert all(j.best == (under_test.quiet(6), PUBLISHED_SD_LEVEL) for j in found)
+
+
+@pytest.mark.parametrize("anew, plays", [(True, [30.0]), (False, [])])
+def test_the_right_partner_is_fitted_beside_published_coefficients_though_any_explains_more_beside_worse_ones(
+    monkeypatch, anew, plays
+):
+    """Where calm water is far off, from a play that it is tried with anew: alone it was fitted to another error."""
+
+    def alone(effect: Effect, scatter: int) -> FittedHypothesis:
+        row = effect.values.numpy()[None]
+        return FittedHypothesis(
+            Hypothesis((effect,), (row,)), 0.0, np.zeros((1, 1)), np.zeros((0, 0)), best=(6, scatter)
+        )
+
+    def explained(first: Hypothesis, partner: Hypothesis, level: int, scatter: int) -> float:
+        play = partner.values[0][0, 0] if partner.names == ("rudder_backlash",) else 0.0
+        return 0.0 if scatter > PUBLISHED_SD_LEVEL else -1000.0 + play
+
+    fitted = []
+    monkeypatch.setattr(
+        under_test, "refine", lambda likelihood, h, level, scatter: fitted.append((h, scatter)) or alone(EFFECTS[0], 0)
+    )
+    kinds = (Current, SteadyWind, ShallowWater, LeverArm, RateBias, HeadingBias)
+    singles = [alone(kind(SHIP), 5) for kind in kinds] + [alone(RudderBacklash(SHIP, width_deg=0.0), 5)]
+    leading = [alone(LogScale(SHIP), scatter) for scatter in (5, PUBLISHED_SD_LEVEL)]
+    list(under_test._extended(SimpleNamespace(pair_evidence=explained), leading, singles, anew, lambda _: None, 1))
+    assert [scatter for _, scatter in fitted] == 5 * [5] + 5 * [PUBLISHED_SD_LEVEL]
+    assert [h.values[1][0, 0] for h, _ in fitted[5:] if h.names[1] == "rudder_backlash"] == plays
 
 
 @pytest.mark.parametrize("gain, pair_leads", [(12.5, True), (11.5, False)])

@@ -17,6 +17,7 @@ from manoeuvre_nn.diagnosis.locate import unit_forces
 from manoeuvre_nn.diagnosis.result import Cause, Value
 from manoeuvre_nn.effect.formula import Formula
 from manoeuvre_nn.effect.local import SideForce
+from manoeuvre_nn.effect.sensors import LeverArm
 from manoeuvre_nn.effect.wind import WindOnset
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS
 from manoeuvre_nn.estimation.hypothesis import STOPS, FittedHypothesis, Hypothesis
@@ -310,7 +311,13 @@ def test_an_answer_has_the_rudder_positive_to_port_and_leaves_out_what_is_as_goo
     common = {"evidence": 9.0, "equations": ("N",), "fingerprint": "", "source": "", "label": ""}
     causes = [
         Cause("rudder_offset", probability=0.98765, parameters=values_found, intervals={"r1": [(1.26, 3.0)]}, **common),
-        Cause("current", probability=1.1e-4, parameters=(), intervals=None, **common),
+        Cause(
+            "gps_lever_arm",
+            probability=1.1e-4,
+            parameters=(),
+            intervals=None,
+            **common | {"equations": LeverArm.equations},
+        ),
         Cause("log_scale", probability=0.9e-4, parameters=(), intervals=None, **common),
     ]
     rmse = {"pos": 1.234567, "psi": float("nan")}
@@ -323,7 +330,9 @@ def test_an_answer_has_the_rudder_positive_to_port_and_leaves_out_what_is_as_goo
     ends = {"offset_deg": [-2.49, -1.8], "speed (monday)": None, "from_deg": [335.4, 14.6]}
     assert first["intervals_95"] == ends, "within what is possible, and round the compass"
     assert (first["probability"], first["intervals"], second["intervals"]) == (0.9877, {"r1": [[1.3, 3.0]]}, "all")
-    assert (second["name"], told["model"], told["next_run"]) == ("current", ["unknown"], None)
+    assert (second["name"], told["model"], told["next_run"]) == ("gps_lever_arm", ["unknown"], None)
+    columns = ["sensor:x_north", "sensor:y_east", "sensor:u", "sensor:v"]
+    assert (first["equation"], second["equation"]) == (["N"], columns), "sensors by their columns"
     assert told["heldout_rmse_before"] == {"pos": 1.2346, "psi": None}
     d.verdict = "none"
     assert answers.answer(d)["model"] == []

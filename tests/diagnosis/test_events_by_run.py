@@ -119,6 +119,36 @@ def test_an_event_is_judged_in_each_form_at_the_same_times():
     assert times(best)[1][0] == approx((150.0, 290.0), abs=10.0)
 
 
+def test_an_event_is_exchanged_for_another_of_the_same_times_but_for_none_that_is_already_there_in_another_form():
+    runs = campaign([None, push(start_s=150.0, end_s=290.0), None])
+    likelihood, _, blown = fitted(WindOnset(SHIP), runs)
+    late = np.tile(SideForce(SHIP).null().numpy(), (len(runs), 1))
+    late[1, 2:4] = 60.0, 100.0  # start, end
+    both = Hypothesis((*blown.hypothesis.effects, SideForce(SHIP)), (*blown.hypothesis.values, late))
+    acting = [WindOnset(SHIP), SideForce(SHIP), BowThruster(SHIP)]
+    with unchecked():
+        best = _with_other_forms(likelihood, [blown], acting)[0]
+        beside = _with_other_forms(likelihood, [likelihood.evaluate(both)], acting)
+    assert best.names == ("side_force",) and best.evidence > blown.evidence + 5
+    assert times(best)[1][0] == approx((150.0, 290.0), abs=10.0)
+    names = [set(j.names) for j in beside]
+    assert {"wind_onset", "bow_thruster"} in names and {"bow_thruster", "side_force"} not in names
+
+
+def test_an_event_whose_other_times_went_to_a_second_one_gets_them_back_when_it_is_judged_alone():
+    twice = campaign([push(start_s=90.0, end_s=200.0, start_2_s=270.0, end_2_s=380.0), None])
+    likelihood, _, found = fitted(SideForce(SHIP), twice)
+    names = [p.name for p in found.hypothesis.effects[0].declared]
+    once = found.hypothesis.values[0].copy()
+    once[:, [names.index("start_2_s"), names.index("end_2_s")]] = np.inf
+    with unchecked():
+        alone = likelihood.evaluate(replace(found.hypothesis, values=(once,)))
+        breeze = np.tile(WindOnset(SHIP, **WIND, start_s=270.0, end_s=380.0).values.numpy(), (2, 1))
+        pair = likelihood.evaluate(Hypothesis((SideForce(SHIP), WindOnset(SHIP)), (once, breeze)))
+        best = _with_other_forms(likelihood, [pair, alone], [])[0]
+    assert best.names == ("side_force",) and best.evidence > alone.evidence + 5
+
+
 def test_what_leads_is_judged_beside_the_same_without_each_of_its_effects():
     """A third effect that adds nothing is only seen if the two others were fitted together."""
     acting = [Current(SHIP, speed=0.6, toward_deg=200.0), RateBias(SHIP, bias_deg_s=0.06), LogScale(SHIP)]
