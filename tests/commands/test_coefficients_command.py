@@ -91,6 +91,13 @@ def test_coefficients_of_a_run_are_told_again_without_a_fit_and_beside_captive_t
     assert "captive tests" in page and unexplained(page) == set()
 
 
+@pytest.mark.parametrize(
+    "words, name", [(["run=outputs/monday/osaka_turns"], "osaka_turns"), (["ship=esso_190k"], "esso_190k_zz35")]
+)
+def test_the_folder_is_called_after_the_run_or_else_after_what_is_sailed(words, name):
+    assert compose("coefficients", words).name == name
+
+
 def test_another_inertia_scales_the_forces_and_not_the_motion(run, tmp_path):
     before = json.loads((run / "coefficients.json").read_text())
     m = np.array(before["fitted"]["inertia"]) * 2

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 import yaml
-from rich.console import Console
 
 from manoeuvre_nn.commands.compare import compare, request
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.terminal import Terminal
 
 USUAL = {
     "network": {"_target_": "manoeuvre_nn.network.perceptron.wang_network", "hidden": 7, "activation": "tanh"},
@@ -44,7 +44,7 @@ def asked(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
     def ask(*words: str):
-        console = Console(width=80, record=True, quiet=False, file=(tmp_path / "printed").open("w"))
+        console = Terminal(width=80, record=True, quiet=False, file=(tmp_path / "printed").open("w"))
         rows = compare(request([*words, "out=table"]), console)
         assert "runs compared" in Path("table/compare.html").read_text()
         with Path("table/runs.csv").open() as file:
@@ -60,6 +60,8 @@ def test_runs_of_several_folders_stand_in_one_table_the_best_first_with_what_dif
     assert [row["job"] for row in rows] == ["tuesday/sweep/hidden=11", "monday/a"] == [row["job"] for row in file]
     assert list(file[0])[:7] == ["job", "network.hidden", "status", "verdict", "mean dev/L", "dev/L zz20", "dev/L tc25"]
     assert [row["network.hidden"] for row in file] == ["11", "7"]
+    log = Path("table/run.log").read_text()
+    assert "begun: manoeuvre compare monday tuesday/sweep out=table" in log and "monday/a" in log and "done" in log
     heading = next(line for line in printed.splitlines() if "hidden" in line)
     assert heading.split() == ["run", "hidden", "verdict", "mean", "dev/L", "zz20", "tc25"]
 

@@ -1,3 +1,4 @@
+import runpy
 from pathlib import Path
 
 import pytest
@@ -7,6 +8,7 @@ from hydra.utils import instantiate
 from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
+from manoeuvre_nn import __version__
 from manoeuvre_nn.commands import guard
 from manoeuvre_nn.commands.guard import explain, guarded, one_line
 from manoeuvre_nn.core.data_files import CONF
@@ -39,6 +41,16 @@ def raised(act) -> BaseException:
 def test_hydras_complaints_become_one_line(words, told, composed):
     line = explain(raised(lambda: composed(*words)))
     assert line.startswith(told) and "\n" not in line and len(line) <= 400
+
+
+def test_the_package_is_the_command_where_its_script_is_not_on_the_path(monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["manoeuvre_nn/__main__.py", "--version"])
+    runpy.run_module("manoeuvre_nn", run_name="__main__")
+    assert capsys.readouterr().out == f"{__version__}\n"
+    monkeypatch.setattr("sys.argv", ["manoeuvre_nn/__main__.py", "export"])
+    with pytest.raises(SystemExit):
+        runpy.run_module("manoeuvre_nn", run_name="__main__")
+    assert "run=OUT" in capsys.readouterr().err and guard.program() == "python -m manoeuvre_nn export"
 
 
 def test_a_group_that_is_null_is_told(monkeypatch, capsys, composed):

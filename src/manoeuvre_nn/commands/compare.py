@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 from rich.console import Console
 from rich.table import Table
 
+from manoeuvre_nn.commands.logs import logged
 from manoeuvre_nn.commands.provenance import CONFIG, flat, shown, versions
 from manoeuvre_nn.commands.shelves import SEVERAL, TARGET
 from manoeuvre_nn.core.data_files import OVERRIDES, load_yaml, overrides_of
@@ -78,14 +79,14 @@ def compare(asked: _Asked, console: Console) -> list[dict[str, Any]]:
     """Write table and page, and print what fits; a row each run."""
     rows = compared(asked.folders)
     notes, out = list(remarks(rows)), asked.out
-    with locked(out):
+    with locked(out), logged(out, f"manoeuvre compare {' '.join(map(str, asked.folders))} out={out}"):
         write_csv(out / TABLE, rows)
         _write_page(rows, notes, asked)
-    console.print(fitting(rows, console))
-    for line in notes:
-        console.print(f"note: {line}", highlight=False)
-    here = shown(out.resolve())
-    console.print(f"table: {here / TABLE}   page: {here / PAGE}", soft_wrap=True, highlight=False)
+        console.print(fitting(rows, console))
+        for line in notes:
+            console.print(f"note: {line}", highlight=False)
+        here = shown(out.resolve())
+        console.print(f"table: {here / TABLE}   page: {here / PAGE}", soft_wrap=True, highlight=False)
     return rows
 
 

@@ -248,8 +248,10 @@ def _task_name(task: str, data: Any) -> str:
     return f"{task}_recordings" if "files" in data else task
 
 
-def _run_name(ship: Any, manoeuvre: Any, data: Any, effect: Any = None) -> str:
-    """Ship, manoeuvres and effects joined, or ``recordings``: what the output folder is called after."""
+def _run_name(ship: Any, manoeuvre: Any, data: Any, effect: Any = None, run: str | None = None) -> str:
+    """Ship, manoeuvres and effects joined, or ``recordings``, or the name of a run: what the folder is called after."""
+    if run is not None:
+        return Path(run).absolute().name
     sailed = [k for k in manoeuvre if k not in COMMON] + list(effect or {})
     return "_".join([_ship_name(ship), *(["recordings"] if "files" in data else sailed)])
 

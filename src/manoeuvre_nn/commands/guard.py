@@ -118,8 +118,10 @@ def _one_line(text: str) -> str:
 
 
 def program() -> str:
-    """What was typed, for advice: ``manoeuvre COMMAND``, or a script of the repository."""
+    """What was typed, for advice: ``manoeuvre COMMAND``, ``python -m``, or a script of the repository."""
     called = Path(sys.argv[0])
+    if called.name == "__main__.py":
+        return f"python -m manoeuvre_nn {command}"
     if called.parent.name == "scripts":
         return f"python scripts/{called.name}"
     return f"python {called.name}" if called.name in {"train.py", "diagnose.py"} else f"manoeuvre {command}"

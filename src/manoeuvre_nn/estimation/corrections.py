@@ -155,16 +155,17 @@ class Corrections:
         Returns:
             One row a correction.
         """
-        nu = moving[..., :3]
-        acceleration = self._rate(nu, delta, shaft)
+        nu, rolls = moving[..., :3], bool(self.dynamics.own_names)
+        parts = self._parts(moving, delta, shaft) if rolls else None
+        acceleration = self._rate(nu, delta, shaft) if parts is None else parts.accelerations[1]
         unity = torch.eye(3).to(acceleration)
-        of_model = self._of_model(nu, delta, acceleration, shaft)
+        of_model = self._of_model(nu, delta, acceleration, shaft, None if parts is None else parts.accelerations[0])
         of_missing = self._terms(nu, delta)[..., None] * self._weights
         of_forces = torch.cat([of_model, of_missing, -acceleration[..., None, :] * unity], dim=-2)
-        if not self.dynamics.own_names:
+        if parts is None:
             return of_forces
         caused = torch.cat(self.dynamics.hull.added(of_forces, torch.zeros_like(of_forces[..., 0])), dim=-1)
-        return torch.cat([caused, self._of_roll(moving, delta, shaft)], dim=-2)
+        return torch.cat([caused, self._of_roll(parts)], dim=-2)
 
     def together(
         self,
@@ -219,16 +220,15 @@ class Corrections:
         return ship.table * factors
 
     def _rate(self, nu: Tensor, delta: Tensor, shaft: Tensor | None) -> Tensor:
-        """Accelerations by the upright ship's forces. Products of coefficients are those of the nominal shaft speed."""
-        if self.dynamics.own_names:
-            upright = torch.nn.functional.pad(nu, (0, len(self.dynamics.own_names)))
-            return self._force_and_moment(upright, delta, shaft)[0]
+        """Accelerations. Products of coefficients are those of the nominal shaft speed."""
         if shaft is None or self._table is not None:
             return calm_accelerations(self.dynamics, nu, delta)
         return calm_accelerations(self.dynamics, nu, delta, shaft)
 
-    def _of_model(self, nu: Tensor, delta: Tensor, acceleration: Tensor, shaft: Tensor | None) -> Tensor:
-        """Accelerations by standard deviations of a fit, by coefficients, or by hull and rudder of every equation."""
+    def _of_model(
+        self, nu: Tensor, delta: Tensor, acceleration: Tensor, shaft: Tensor | None, amidships: Tensor | None = None
+    ) -> Tensor:
+        """Accelerations by standard deviations of a fit, by coefficients, or by hull (amidships) and rudder each."""
         hull, unity = self.dynamics.hull, torch.eye(3).to(acceleration)
         if self._fitted:
             shaft = torch.ones_like(acceleration[..., 0]) if shaft is None else shaft
@@ -238,42 +238,39 @@ class Corrections:
             term, equation = self._at
             forces = (hull.products(nu, delta)[..., term] * self._table[term, equation])[..., None] * unity[equation]
         else:
-            calm = hull.force_from_acceleration(self._rate(nu, torch.zeros_like(delta), shaft))
+            amidships = self._rate(nu, torch.zeros_like(delta), shaft) if amidships is None else amidships
+            calm = hull.force_from_acceleration(amidships)
             rudder = hull.force_from_acceleration(acceleration) - calm
             forces = torch.cat([part[..., None, :] * unity for part in (calm, rudder)], dim=-2)
         return hull.acceleration_from_force(forces)
 
-    def _of_roll(self, moving: Tensor, delta: Tensor, shaft: Tensor | None) -> Tensor:
+    def _of_roll(self, parts: "_Parts") -> Tensor:
         """Rates by what :data:`OF_ROLL` names."""
-        hull, upright = self.dynamics.hull, torch.cat([moving[..., :3], torch.zeros_like(moving[..., 3:])], dim=-1)
-        (of_hull, k_hull), (still, k_still), (heeled, k_heeled) = (
-            self._force_and_moment(state, rudder, shaft)
-            for state, rudder in ((upright, torch.zeros_like(delta)), (upright, delta), (moving, delta))
-        )
+        hull, (_, still, heeled), (k_hull, k_still, k_heeled) = self.dynamics.hull, parts.accelerations, parts.moments
         by_heel = hull.force_from_acceleration(heeled - still)[..., None, :] * torch.eye(3).to(still)
         pushed = hull.acceleration_from_force(by_heel)
         forces = torch.cat(hull.added(pushed, torch.zeros_like(pushed[..., 0])), dim=-1)
         moments = torch.stack([k_hull, k_still - k_hull, k_heeled - k_still], dim=-1)
         moments = torch.cat(hull.added(torch.zeros_like(pushed), moments), dim=-1)
-        inertia = torch.zeros_like(moving)
-        inertia[..., -1] = -self._rates(moving, delta, shaft)[..., -1]
+        inertia = torch.zeros_like(forces[..., 0, :])
+        inertia[..., -1] = -parts.roll
         return torch.cat([forces, moments, inertia[..., None, :]], dim=-2)
 
-    def _rates(self, moving: Tensor, delta: Tensor, shaft: Tensor | None) -> Tensor:
-        """Accelerations and rates of the own states."""
-        state = torch.cat([moving[..., :3], torch.zeros_like(moving[..., :3]), moving[..., 3:]], dim=-1)
-        rate = self.dynamics(state, Inputs(delta, shaft))
-        return torch.cat([rate[..., :3], rate[..., 6:]], dim=-1)
-
-    def _force_and_moment(self, moving: Tensor, delta: Tensor, shaft: Tensor | None) -> tuple[Tensor, Tensor]:
-        """Accelerations by the forces without the heeling moment, and this [N m]."""
-        hull, rates = self.dynamics.hull, self._rates(moving, delta, shaft)
-        one, still = torch.ones_like(rates[..., 0]), torch.zeros_like(rates[..., :3])
-        by_moment, roll = hull.added(still, one)  # of 1 N m
+    def _parts(self, moving: Tensor, delta: Tensor, shaft: Tensor | None) -> "_Parts":
+        """A rolling ship upright without rudder, upright with it, and as she heels: in one step of the model."""
+        hull, upright = self.dynamics.hull, torch.cat([moving[..., :3], torch.zeros_like(moving[..., 3:])], dim=-1)
+        delta = delta.expand(moving.shape[:-1])
+        nu = torch.stack([upright, upright, moving])
+        rudders = torch.stack([torch.zeros_like(delta), delta, delta])
+        state = torch.cat([nu[..., :3], torch.zeros_like(nu[..., :3]), nu[..., 3:]], dim=-1)
+        rates = self.dynamics(state, Inputs(rudders, None if shaft is None else shaft.expand(rudders.shape)))
+        accelerations, roll = rates[..., :3], rates[..., -1]
+        one, still = torch.ones_like(roll), torch.zeros_like(accelerations)
+        by_moment, rolled = hull.added(still, one)  # of 1 N m
         # pdot = roll(a) + K / M_pp, with a the accelerations and roll(a) what forces without a moment add to it.
-        free = rates[..., -1] - hull.added(rates[..., :3], 0 * one)[1][..., -1]
-        moment = free / (roll[..., -1] - hull.added(by_moment, 0 * one)[1][..., -1])
-        return rates[..., :3] - moment[..., None] * by_moment, moment
+        free = roll - hull.added(accelerations, 0 * one)[1][..., -1]
+        moments = free / (rolled[..., -1] - hull.added(by_moment, 0 * one)[1][..., -1])
+        return _Parts(accelerations - moments[..., None] * by_moment, moments, roll[-1])
 
     def _terms(self, nu: Tensor, delta: Tensor) -> Tensor:
         """Products of factors of the terms that the model lacks."""
@@ -282,6 +279,20 @@ class Corrections:
         return products_of(
             torch.stack(torch.broadcast_tensors(u, v, r, delta, v.abs(), r.abs(), torch.ones_like(u))), self._letters
         )
+
+
+class _Parts(NamedTuple):
+    """A rolling ship upright without rudder, upright with it, and as she heels.
+
+    Attributes:
+        accelerations: By the forces without the heeling moment [m/s^2, rad/s^2].
+        moments: Heeling moment [N m].
+        roll: Acceleration of roll as she heels [rad/s^2].
+    """
+
+    accelerations: Float[Tensor, "3 *batch 3"]
+    moments: Float[Tensor, "3 *batch"]
+    roll: Float[Tensor, "*batch"]
 
 
 class Calibrated(ModelAround):
