@@ -30,6 +30,9 @@ FIGURES = {
     "in bold: some of these count as right, as the recordings cannot tell them from what was there.",
 }
 """Files and what they show."""
+IN_WORDS = ("first name", "both names of pairs", "all names of triples", "unknown found", "false alarms",
+            "predictions made worse")  # fmt: skip
+"""Scores that the sentence of a tool tells."""
 
 
 def write_figures(tools: Mapping[str, Mapping[str, Any]], out: Path) -> None:
@@ -51,7 +54,30 @@ def write_figures(tools: Mapping[str, Mapping[str, Any]], out: Path) -> None:
         _save(figure, out / name)
     shown = [(name.removesuffix(".png").title(), picture(FIGURES[name], figure)) for name, figure in drawn.items()]
     scores = (out / "scoreboard.md").read_text() if (out / "scoreboard.md").is_file() else ""
-    write_page(out / "trial.html", "trial.html", "studies.concealed_trial", figures=shown, scores=list(blocks(scores)))
+    said = [in_words(name, tool["board"]) for name, tool in tools.items()]
+    write_page(
+        out / "trial.html",
+        "trial.html",
+        "studies.concealed_trial",
+        said=said,
+        figures=shown,
+        scores=list(blocks(scores)),
+    )
+
+
+def in_words(tool: str, board: Mapping[str, Any]) -> str:
+    """What a tool did, in a sentence.
+
+    Args:
+        tool: Its name.
+        board: Its scoreboard.
+
+    Returns:
+        The sentence; scores that do not apply are left out.
+    """
+    totals = board["totals"]
+    parts = [f"{name} {score['right']} of {score['count']}" for name in IN_WORDS if (score := totals.get(name))]
+    return f"{tool}, {totals['cases']} cases: {', '.join(parts)}."
 
 
 def blocks(scoreboard: str) -> Iterator[tuple[str, Any]]:

@@ -94,7 +94,7 @@ def _write_page(rows: Sequence[Row], notes: Sequence[str], asked: _Asked) -> Non
     """The table and, where few settings differ, the figure of a sweep."""
     names = settings_in(rows)
     told = [name for name in columns(rows) if name not in {"stopped", "epochs"} and not name.startswith("relRMSE")]
-    drawn = {"training/held-out errors": sweep_figure(rows)} if has_scores(rows) and len(names) <= MAX_DRAWN else {}
+    drawn = {"Held-out errors/by settings": sweep_figure(rows)} if has_scores(rows) and len(names) <= MAX_DRAWN else {}
     report = Report(
         title=f"{len(rows)} runs compared",
         summary=_summary(rows, names),

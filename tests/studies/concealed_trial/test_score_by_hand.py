@@ -318,7 +318,7 @@ def test_the_scoreboard_by_hand():
     assert found == {
         "answered": (8, 8), "false alarms": (1, 2), "detection": (5, 6), "first name": (4, 6),
         "first name, listed effects": (3, 4), "first two names": (4, 6), "both names of pairs": (0, 1),
-        "all names of triples": (1, 1), "family": (4, 6), "place": (9, 9), "unknown found": (1, 2),
+        "all names of triples": (1, 1), "family right": (4, 6), "place": (9, 9), "unknown found": (1, 2),
         "unknown said rightly": (1, 2), "unknown wrongly said": (1, 6), "predictions made worse": (0, 8),
     }  # fmt: skip
     assert (board["by_family"]["wind and waves"]["effects"], board["by_family"]["unknown"]["named"]["right"]) == (4, 1)

@@ -64,7 +64,7 @@ def test_the_scoreboard_is_shown_as_tables(tmp_path):
         ("heading", "tool"), ("list", ["c1: <x>"]),
     ]  # fmt: skip
     (tmp_path / "scoreboard.md").write_text(board)
-    write_figures({"tool": {"board": {"calibration": []}, "cases": ROWS}}, tmp_path)
+    write_figures({"tool": {"board": {"calibration": [], "totals": {"cases": 4}}, "cases": ROWS}}, tmp_path)
     page = "".join((tmp_path / "trial.html").read_text().partition("<h2>Scores</h2>")[2].split())
     for part in (
         "<p>Shares&amp;more.</p>",
@@ -76,8 +76,11 @@ def test_the_scoreboard_is_shown_as_tables(tmp_path):
 
 
 def test_all_figures_and_a_page_that_stands_alone_are_written(tmp_path):
-    write_figures({"tool": {"board": {"calibration": calibration([(0.9, 1)])}, "cases": ROWS}}, tmp_path)
+    totals = {"cases": 4, "first name": {"right": 2, "count": 3}, "false alarms": None}
+    board = {"calibration": calibration([(0.9, 1)]), "totals": totals}
+    write_figures({"tool": {"board": board, "cases": ROWS}}, tmp_path)
     page = (tmp_path / "trial.html").read_text()
+    assert '<p class="verdict">tool, 4 cases: first name 2 of 3.</p>' in page
     assert '<meta name="viewport"' in page and "Scores" not in page
     for name in FIGURES:
         assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
