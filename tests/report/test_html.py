@@ -92,6 +92,14 @@ def test_the_same_figure_gives_the_same_text(recorded):
     assert b"<svg" in base64.b64decode(first.partition(",")[2])
 
 
+@pytest.mark.parametrize("height, wide", [(2.5, 1), (5.0, 0)])
+def test_a_figure_of_many_panels_in_a_row_has_a_row_of_the_page_to_itself(tmp_path, height, wide):
+    shown = {"Errors/a": Figure(figsize=(9.0, height)), "Errors/b": Figure(figsize=(6.0, 4.0))}
+    report = Report(title="t", summary="s", tables={}, figures=shown, config={}, versions={}, notes=[])
+    write_report(tmp_path / "r.html", report)
+    assert (tmp_path / "r.html").read_text().count('<figure class="wide">') == wide
+
+
 def test_a_report_without_figures_and_tables_can_be_written(tmp_path):
     path = write_report(
         tmp_path / "r.html",

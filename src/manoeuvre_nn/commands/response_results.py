@@ -116,7 +116,7 @@ def write_response(outcome: _ResponseOutcome, out: Path) -> None:
     with draft_of(out / RECORDS) as draft:
         pd.DataFrame(outcome.data.records.in_units()).to_csv(draft, index=False)
     drawn = response_figures(outcome.data, outcome.response)
-    drawn["errors/how much each variable counts"] = sensitivity_figure(outcome.sensitivities)
+    drawn["Errors/how much each variable counts"] = sensitivity_figure(outcome.sensitivities)
     if outcome.trained.history:
         drawn["training/learning"] = learning_figure(outcome.trained.history)
     for name, path in save_figures(drawn, out / "figures").items():

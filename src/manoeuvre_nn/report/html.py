@@ -29,6 +29,8 @@ CONTENTS = "<!-- contents -->"
 """Where a template wants the list of its headings."""
 NO_SCRIPT, SCRIPTS = "script-src 'none'", "<!-- scripts -->"
 """What the frame of all pages says of scripts, and where they go."""
+WIDE = 2.2
+"""Width over height from which a figure stands alone in its row."""
 
 
 class Picture(NamedTuple):
@@ -37,6 +39,7 @@ class Picture(NamedTuple):
     words: str
     address: str
     chart: Mapping[str, Any] | None = None
+    wide: bool = False
 
 
 @dataclass(frozen=True)
@@ -87,7 +90,9 @@ def write_report(path: Path, report: Report) -> Path:
 
 def picture(words: str, figure: Figure, chart: Chart | None = None) -> Picture:
     """A figure for a page, with what it shows if it can be zoomed."""
-    return Picture(words, data_address(figure), None if chart is None else as_data(chart))
+    width, height = figure.get_size_inches()
+    wide = bool(width > WIDE * height)  # beside another its panels would be too small
+    return Picture(words, data_address(figure), None if chart is None else as_data(chart), wide)
 
 
 def save_figures(figures: Mapping[str, Figure], folder: Path) -> dict[str, Path]:

@@ -29,9 +29,9 @@ def response_figures(data: ResponseData, response: Response) -> dict[str, Figure
         Name -> figure.
     """
     return {
-        "curves/through the largest response": profile_figure(data, response),
-        "errors/approximated over records": scatter_figure(data.sets, response),
-        "errors/by variable": error_figure(data.sets, response),
+        "Curves/through the largest response": profile_figure(data, response),
+        "Errors/approximated over records": scatter_figure(data.sets, response),
+        "Errors/by variable": error_figure(data.sets, response),
     }
 
 
