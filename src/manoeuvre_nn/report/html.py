@@ -29,7 +29,7 @@ CONTENTS = "<!-- contents -->"
 """Where a template wants the list of its headings."""
 NO_SCRIPT, SCRIPTS = "script-src 'none'", "<!-- scripts -->"
 """What the frame of all pages says of scripts, and where they go."""
-WIDE = 2.2
+WIDE_FIGURE = 2.2
 """Width over height from which a figure stands alone in its row."""
 
 
@@ -91,7 +91,7 @@ def write_report(path: Path, report: Report) -> Path:
 def picture(words: str, figure: Figure, chart: Chart | None = None) -> Picture:
     """A figure for a page, with what it shows if it can be zoomed."""
     width, height = figure.get_size_inches()
-    wide = bool(width > WIDE * height)  # beside another its panels would be too small
+    wide = bool(width > WIDE_FIGURE * height)  # beside another its panels would be too small
     return Picture(words, data_address(figure), None if chart is None else as_data(chart), wide)
 
 
