@@ -7,8 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from diagnosed import CASES, brief, windy
+from matplotlib.figure import Figure
 from pages import Scripts, unexplained
 
+from manoeuvre_nn.report import html
 from manoeuvre_nn.report.chart import MAX_POINTS, Band, Chart, ChartPanel, Curve, Mark
 from manoeuvre_nn.report.columns import explained
 from manoeuvre_nn.report.diagnosis_figures import channel_figure, track_figure
@@ -119,6 +121,21 @@ def test_a_label_stands_once_in_the_legend_of_panels_over_one_time():
         for together in (True, False)
     ]
     assert shown == [["noise", "recorded"], ["noise", "recorded", "recorded"]]
+
+
+@pytest.mark.parametrize("over, zoomable", [(0, 4), (1000, 3), (1_000_000_000, 0)])
+def test_the_last_figures_of_a_large_page_are_pictures_alone(tmp_path, monkeypatch, over, zoomable):
+    course = Curve(np.arange(500.0), np.arange(500.0) / 3, {"color": "k"}, "course")
+    charts = {f"{k}/track": Chart([ChartPanel("t", f"channel {k}", [course])]) for k in range(4)}
+    figures = {name: Figure(figsize=(1, 1)) for name in charts}
+    report = Report("t", "s", tables={}, figures=figures, config={}, versions={}, notes=[], charts=charts)
+    whole = html.write_report(tmp_path / "r.html", report).read_text()
+    monkeypatch.setattr(html, "LARGEST_PAGE", len(whole) - over)
+    page = html.write_report(tmp_path / "r.html", report).read_text()
+    assert page.count("<img ") == page.count("<figcaption>") == 4
+    shown = re.findall(r'<script type="application/json">.*?channel (\d)', page)
+    assert shown == ["0", "1", "2", "3"][:zoomable] and page.count('<figure class="chart">') == zoomable
+    assert ("plotly" in page) == (zoomable > 0)
 
 
 def test_every_column_of_scores_and_of_a_diagnosis_is_explained_on_the_spot(tmp_path, page, recorded, make_course):

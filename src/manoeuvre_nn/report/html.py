@@ -29,6 +29,10 @@ CONTENTS = "<!-- contents -->"
 """Where a template wants the list of its headings."""
 NO_SCRIPT, SCRIPTS = "script-src 'none'", "<!-- scripts -->"
 """What the frame of all pages says of scripts, and where they go."""
+CHART = re.compile(r'<figure class="chart">(?P<picture>.*?)<script type="application/json">.*?</figure>', re.DOTALL)
+"""A figure that can be zoomed: the picture with its caption, and what the script draws in its place."""
+LARGEST_PAGE = 5_000_000
+"""Letters of a page; with pictures alone of many long runs it may be larger."""
 WIDE_FIGURE = 2.2
 """Width over height from which a figure stands alone in its row."""
 
@@ -133,8 +137,20 @@ def write_page(path: Path, template: str, package: str = "manoeuvre_nn.report", 
         The file.
     """
     made = harmless(_environment(package).get_template(template).render(content))
-    write_file(path, _with_scripts(_with_contents(made)))
+    write_file(path, _with_scripts(_small_enough(_with_contents(made))))
     return path
+
+
+def _small_enough(page: str) -> str:
+    """A page whose last figures are pictures only, as many as it takes to keep it below :data:`LARGEST_PAGE`."""
+    over = len(page) + sum(map(len, scripts())) - LARGEST_PAGE
+    for chart in reversed(list(CHART.finditer(page))):
+        if over <= 0:
+            break
+        drawn = f"<figure>{chart['picture']}</figure>"
+        page = page[: chart.start()] + drawn + page[chart.end() :]
+        over -= len(chart[0]) - len(drawn)
+    return page
 
 
 def _with_scripts(page: str) -> str:
