@@ -1,4 +1,4 @@
-"""What can be zoomed of a diagnosis: held-out tracks, channels over time, the missing force over time."""
+"""What can be zoomed of a diagnosis: held-out and planned tracks, channels over time, the missing force over time."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -23,6 +23,8 @@ STYLES = {"recorded": TRUTH, BEFORE: CALM, AFTER: REPAIRED}
 """How the curves of a comparison look, by what they are called."""
 WINDOW: dict[str, Any] = {"facecolor": COLOURS[4], "alpha": 0.22, "linewidth": 0}
 BAND: dict[str, Any] = {"alpha": 0.25, "linewidth": 0}
+WITHIN: dict[str, Any] = {"color": COLOURS[1], "alpha": 0.22, "linewidth": 0}
+WITHIN_LABEL = "95 % of recordings"
 MISSING: dict[str, Any] = {"color": CALM["color"], "linewidth": 1.3}
 FORCES = ("surge X", "sway Y", "yaw N")
 TITLE_LETTERS = 28
@@ -30,13 +32,16 @@ TITLE_LETTERS = 28
 MAX_SPACING = 2.5
 """Largest distance between two values, over the usual one, that a line bridges."""
 OUTLINES = 7
-"""Ships on a track, at even times."""
+"""Ships on a track, and places at which the band of a planned one is drawn, at even times."""
 
 
 def diagnosis_charts(d: Diagnosis) -> dict[str, Chart]:
     """Charts by the names of the figures that show them."""
     charts = {"tracks": track_chart(d.proofs, d.repaired, d.dimensions, found_arrows(d))} if d.proofs else {}
     charts |= {f"residual/{residual.run}": residual_chart(residual, bool(d.model)) for residual in d.residuals}
+    if d.forecasts:
+        charts["planned"] = forecast_tracks(d.forecasts)
+    charts |= {f"planned/{planned.run}": forecast_chart(planned) for planned in d.forecasts}
     return charts | {f"channels/{proof.run}": channel_chart(proof, d.noise, d.repaired) for proof in d.proofs}
 
 
@@ -226,3 +231,57 @@ def _limits(time: Samples, curves: Sequence[Samples], spread: Samples) -> tuple[
     low, high = float(values.min()) - room, float(values.max()) + room
     edge = 0.05 * (high - low)
     return (float(time[0]), float(time[-1]), low - edge, high + edge) if high > low else None
+
+
+def forecast_tracks(forecasts: Sequence[Proof]) -> Chart:
+    """Planned runs from above, north up: by calm water and by the model, with the band at some places.
+
+    Args:
+        forecasts: The runs.
+
+    Returns:
+        A map a run, two side by side.
+    """
+    return Chart([_planned_map(planned) for planned in forecasts], columns=min(len(forecasts), 2))
+
+
+def _planned_map(planned: Proof) -> ChartPanel:
+    """One run, and the half width of its band at the end in numbers."""
+    before, after = (table[["y", "x"]].to_numpy(float) for table in (planned.before, planned.after))
+    low, high = (planned.after[[f"y_{side}", f"x_{side}"]].to_numpy(float) for side in ("low", "high"))
+    origin, boxes = after[0], [np.empty((0, 2))]
+    for k in np.linspace(0, len(after) - 1, OUTLINES).astype(int):
+        (west, south), (east, north) = low[k] - origin, high[k] - origin
+        boxes.append(np.array([[west, south], [east, south], [east, north], [west, north], [np.nan, np.nan]]))
+    east, north = (high[-1] - low[-1]) / 2
+    wide = f"band at the end ± {text(north, 2)} m north, ± {text(east, 2)} m east"
+    curves = [
+        along(np.concatenate(boxes), WITHIN, WITHIN_LABEL, filled=True),
+        along(before - origin, CALM, BEFORE),
+        along(after - origin, REPAIRED, AFTER),
+    ]
+    return track_panel(curves, f"{run_title(planned, TITLE_LETTERS)}\n{wide}")
+
+
+def forecast_chart(planned: Proof) -> Chart:
+    """Heading, yaw rate, surge, sway and log of a planned run over time, and beside each the band about the model.
+
+    Args:
+        planned: The run.
+
+    Returns:
+        Two columns over one time.
+    """
+    before, after, panels = planned.before, planned.after, []
+    time = after["t"].to_numpy(float)
+    for name in [channel for channel in CHANNELS if channel != "pos"]:
+        words, _, unit = CHANNELS[name]
+        model, low, high = (after[column].to_numpy(float) for column in (name, f"{name}_low", f"{name}_high"))
+        curves = [
+            Curve(before["t"].to_numpy(float), before[name].to_numpy(float), CALM, BEFORE),
+            Curve(time, model, REPAIRED, AFTER),
+        ]
+        about = [Band(time, low - shift, high - shift, WITHIN, WITHIN_LABEL) for shift in (0.0, model)]
+        panels.append(ChartPanel("time t [s]", f"{words}\n[{unit}]", curves, about[:1]))
+        panels.append(ChartPanel("time t [s]", f"band [{unit}]", bands=about[1:], level=0.0))
+    return Chart(panels, columns=2, one_time=True)

@@ -18,6 +18,8 @@ from manoeuvre_nn.report.diagnosis_charts import (
     TITLE_LETTERS,
     TRUTH,
     channel_chart,
+    forecast_chart,
+    forecast_tracks,
     found_arrows,
     residual_chart,
     run_title,
@@ -26,7 +28,6 @@ from manoeuvre_nn.report.diagnosis_charts import (
     track_panel,
 )
 from manoeuvre_nn.report.diagnosis_tables import AFTER, BEFORE, CHANNELS, main_causes, percent
-from manoeuvre_nn.report.forecast_figure import forecast_figure
 from manoeuvre_nn.report.style import COLOURS, legend_below, log_axis, new_figure, plain_axes, short_name
 from manoeuvre_nn.report.tables import text
 
@@ -42,7 +43,7 @@ def draw_diagnosis(d: Diagnosis) -> dict[str, Figure]:
     Returns:
         Name -> figure: ``probabilities``; ``tracks`` and ``errors`` if runs were held out; ``residual/<run>`` for each
         fitted run; ``where`` if anything was located on a known track; ``channels/<run>`` for each held-out run;
-        ``planned/<run>`` for each planned one.
+        ``planned`` and ``planned/<run>`` if runs are planned.
     """
     repaired = d.repaired
     figures = {"probabilities": probability_figure(d)}
@@ -53,7 +54,10 @@ def draw_diagnosis(d: Diagnosis) -> dict[str, Figure]:
     if located:
         figures["where"] = _window_figure(d.tracks, located)
     figures |= {f"residual/{residual.run}": residual_figure(residual, bool(d.model)) for residual in d.residuals}
-    figures |= {f"planned/{planned.run}": forecast_figure(planned) for planned in d.forecasts}
+    if d.forecasts:
+        figures["planned"] = _maps(forecast_tracks(d.forecasts))
+    for planned in d.forecasts:
+        figures[f"planned/{planned.run}"] = in_pairs(forecast_chart(planned), run_title(planned, 44))
     return figures | {f"channels/{proof.run}": channel_figure(proof, d.noise, repaired) for proof in d.proofs}
 
 
@@ -177,9 +181,13 @@ def residual_figure(residual: Residual, repaired: bool) -> Figure:
 
 def channel_figure(proof: Proof, noise: Mapping[str, float], repaired: bool) -> Figure:
     """Channels of a held-out run over time and their errors, as :func:`.diagnosis_charts.channel_chart` says."""
-    chart = channel_chart(proof, noise, repaired)
+    return in_pairs(channel_chart(proof, noise, repaired), run_title(proof, 44))
+
+
+def in_pairs(chart: Chart, title: str) -> Figure:
+    """A figure of two columns, the left one wider, over one time."""
     rows = len(chart.panels) // 2
-    figure = new_figure(1.2 + 1.4 * rows, title=run_title(proof, 44))
+    figure = new_figure(1.2 + 1.4 * rows, title=title)
     grid = figure.subplots(rows, 2, sharex=True, squeeze=False, width_ratios=[1.35, 1.0])
     draw_grid(grid, chart.panels)
     for axes in grid[-1]:

@@ -31,7 +31,7 @@ CAPTIONS = {
     "where": "Places at which something is missing",
     "residual": "Missing force over time, shaded where it was located",
     "channels": "Channels over time and their errors",
-    "planned": "Planned run as predicted, with the band that 95 % of recordings lie in",
+    "planned": "Planned runs as predicted, with the band that 95 % of recordings lie in",
 }
 """What a screen reader says of each kind of figure."""
 
