@@ -310,6 +310,7 @@ def test_in_calm_air_a_fitted_model_has_nothing_proved_against_it(pond):
     assert (found.verdict, found.model) == ("none", []) and found.sentence.startswith("Nothing is proved")
 
 
+@pytest.mark.slow  # a quarter of a minute; gusts on a pond that was measured are named in tests/test_notebooks.py
 def test_a_wind_that_gusts_by_more_than_half_its_mean_is_named_with_its_size(pond):
     ship, question = pond
     true = {"speed": 1.5, "from_deg": 120.0, "gust_sd": 0.9}
