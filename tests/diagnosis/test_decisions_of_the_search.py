@@ -119,6 +119,15 @@ def test_a_pair_that_gains_much_is_what_runs_are_linearised_about_again(monkeypa
     assert about == [("current",), *([("current", "log_scale")] if pair_leads else [])]
 
 
+def test_what_leads_is_fitted_without_each_of_its_effects_again_where_it_was_linearised_again(monkeypatch):
+    """There an event may have found the times that it missed alone, and need its partner no more."""
+    left = iter([[], [], [fit(90.0, "current")]])  # of the effects alone, of the pairs, of these about their states
+    monkeypatch.setattr(under_test, "_without_each", lambda likelihood, fitted: next(left, []))
+    pairs = [fit(80.0, "current", "log_scale"), fit(70.0, "current", "wind_steady")]
+    _, _, built_upon = searched(monkeypatch, {"current": 40.0, "log_scale": 8.0}, pairs)
+    assert built_upon[1] == [], "no pair adds to it"
+
+
 @pytest.mark.parametrize("gain, about", [(11.5, ()), (12.5, ("current",))])
 def test_below_twelve_runs_are_linearised_about_calm_water(monkeypatch, gain, about):
     assert searched(monkeypatch, {"current": gain}, [])[0] == [about]

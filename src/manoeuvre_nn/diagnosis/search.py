@@ -86,6 +86,7 @@ def search(
         if more and gained > MIN_GAIN_TO_RELINEARISE:
             progress(f"linearisation about {' + '.join(fitted[0].names)}")
             likelihood, none, fitted = _again(likelihood, none, fitted, workers, fitted[0])
+            fitted = _best_of_each([*fitted, *_without_each(likelihood, fitted)])
         known = {frozenset(j.names): j.evidence for j in fitted}
         leading = [j for j in fitted if len(j.names) == size and worth_its_size(j, known)][:MAX_BUILT_UPON]
     for variant in variants:
@@ -298,14 +299,29 @@ def _with_other_forms(
                 starts = _exchanged(best.hypothesis, k, other)
                 made = max((likelihood.improve(h, level, scatter, 3) for h in starts), key=lambda found: found[1])[0]
                 exchanged.append(refine(likelihood, made, level, scatter))
-    known = {frozenset(j.names) for j in fitted}
-    for k in range(len(present)) if len(present) > 1 else ():
+    return _best_of_each([*fitted, *exchanged, *_without_each(likelihood, fitted)])
+
+
+def _without_each(likelihood: MarginalLikelihood, fitted: Sequence[FittedHypothesis]) -> Iterator[FittedHypothesis]:
+    """The best hypothesis without each of its effects, if it has several: where that is not known, or an event is left.
+
+    Beside another an event may have found the times that it missed alone.
+
+    Yields:
+        Fits.
+    """
+    best, known = max(fitted, key=lambda j: j.evidence), {frozenset(j.names) for j in fitted}
+    count = len(best.hypothesis.effects)
+    for k in range(count if count > 1 else 0):
         fewer = best.hypothesis.without(k)
-        # Beside another an event may have found the times that it missed alone.
         if frozenset(fewer.names) not in known or any(map(_event, fewer.effects)):
-            exchanged.append(refine(likelihood, fewer, level, scatter))
+            yield refine(likelihood, fewer, *best.best)
+
+
+def _best_of_each(fitted: Sequence[FittedHypothesis]) -> list[FittedHypothesis]:
+    """The best fit of each set of effects, the most evidence first."""
     of_each: dict[frozenset[str], FittedHypothesis] = {}
-    for j in sorted([*fitted, *exchanged], key=lambda j: -j.evidence):
+    for j in sorted(fitted, key=lambda j: -j.evidence):
         of_each.setdefault(frozenset(j.names), j)
     return list(of_each.values())
 
