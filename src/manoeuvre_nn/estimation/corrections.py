@@ -155,8 +155,7 @@ class Corrections:
         Returns:
             One row a correction.
         """
-        nu, rolls = moving[..., :3], bool(self.dynamics.own_names)
-        parts = self._parts(moving, delta, shaft) if rolls else None
+        nu, parts = moving[..., :3], self._parts(moving, delta, shaft) if self.dynamics.own_names else None
         acceleration = self._rate(nu, delta, shaft) if parts is None else parts.accelerations[1]
         unity = torch.eye(3).to(acceleration)
         of_model = self._of_model(nu, delta, acceleration, shaft, None if parts is None else parts.accelerations[0])
