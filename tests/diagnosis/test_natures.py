@@ -46,6 +46,7 @@ def test_a_periodic_yaw_moment_has_its_period_its_phase_and_its_amplitude():
     assert closed(d) > 0.8 and "periodic force in yaw" in d.sentence
 
 
+@pytest.mark.slow  # seven seconds each; the periodic one goes the same way
 def test_a_yaw_moment_that_grows_has_its_growth_a_minute():
     d = diagnose(asked(strange_runs(4, Stranger(0.2, "N", ramp))))
     found = nature(d)
@@ -57,6 +58,7 @@ def test_a_yaw_moment_that_grows_has_its_growth_a_minute():
     assert closed(d) > 0.8 and "grows with time" in d.sentence
 
 
+@pytest.mark.slow  # seven seconds each; the periodic one goes the same way
 def test_a_side_force_that_follows_the_rudder_late_has_its_memory():
     d = diagnose(asked(strange_runs(3, Stranger(1.0, "Y", of("d"), lag=40.0), scatter=0.01)))
     found = nature(d)
