@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 import torch
-from fleet import unchecked
+from fleet import ship_named, unchecked
 from pytest import approx
 from test_hypotheses_judged import LEVEL, NONE, fitted, hypothesis, stand
 from trials import CALM, CIRCLE, NOISE, PORT, SHIP, ZIGZAG, run_of, runs
@@ -16,12 +16,14 @@ from manoeuvre_nn.diagnosis.case import Case, Question
 from manoeuvre_nn.diagnosis.fits import at_rest
 from manoeuvre_nn.diagnosis.proof import in_held_out_runs
 from manoeuvre_nn.diagnosis.search import search
+from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.propulsion import PropellerPitchError
 from manoeuvre_nn.effect.rudder import RudderAreaLoss, RudderDelay, RudderOffset
 from manoeuvre_nn.effect.sensors import HeadingBias, LeverArm, RateBias
 from manoeuvre_nn.effect.wind import SteadyWind
+from manoeuvre_nn.estimation import relinearise
 from manoeuvre_nn.estimation.corrections import Calibrated, CoefficientPrior, Corrections
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet, base_columns, whitened_data_set
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
@@ -89,6 +91,22 @@ def test_a_hypothesis_that_would_need_another_ship_is_linearised_about_its_state
     there = refined(stood, calm)
     assert all(p.linearised.rate.dynamics is CALM for p in there.runs)
     assert change_of_states(stood, there, calm.best[0]) > STATES_AT_REST
+
+
+def test_states_of_a_ship_that_lies_still_are_not_taken(monkeypatch):
+    """At no speed a tanker's equations, which divide by it, follow no rudder: nothing can be linearised about that."""
+    tanker, about_states = CalmWater(ship_named("esso_190k")), relinearise.about_states
+    (sailing,) = roll_out(Vessel(tanker), [replace(ZIGZAG, speed=tanker.particulars.speed)], step=1.0)
+    stood = whitened_data_set(tanker, [run_of(sailing, NOISE)])
+    calm = MarginalLikelihood(stood).evaluate(NONE)
+    assert refined(stood, calm).runs[0].linearised is not stood.runs[0].linearised
+    at_rest_there = np.array([1e-3, 1.0, 1.0, 1.0, 1.0, 1.0])
+    monkeypatch.setattr(
+        relinearise,
+        "about_states",
+        lambda model, run, track, *more: about_states(model, run, at_rest_there * track, *more),
+    )
+    assert refined(stood, calm).runs[0].linearised is stood.runs[0].linearised
 
 
 def test_of_two_large_effects_both_are_found_although_calm_water_is_far_off():

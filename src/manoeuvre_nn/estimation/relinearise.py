@@ -20,6 +20,7 @@ from manoeuvre_nn.estimation.effect_columns import behind_record
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.hypothesis_columns import hypothesis_columns
 from manoeuvre_nn.estimation.linear_run import joined, summed
+from manoeuvre_nn.estimation.linearised_run import LinearisedRun
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood, log_prior_levels
 from manoeuvre_nn.estimation.posterior import posterior
 from manoeuvre_nn.estimation.smoothed_run import step_share
@@ -49,8 +50,8 @@ def refined(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedData
         fitted: What was found.
 
     Returns:
-        The runs about the new states; as they are where the coefficients would be those of another ship, by which a
-        hypothesis that is far off tries to explain what it cannot.
+        The runs about the new states; as they are where the coefficients would be those of another ship, or the states
+        those of a ship that lies still, by which a hypothesis that is far off tries to explain what it cannot.
     """
     lin = hypothesis_columns(data_set, fitted.hypothesis)
     level = data_set.at(fitted.best[0])
@@ -70,8 +71,17 @@ def refined(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedData
         white = level.white[run]
         step, track = white.states(white.embed(left))[..., 0], prepared.linearised.track
         states = track + step_share(track, step) * step[:, : track.shape[1]]
-        runs.append(about_states(data_set.dynamics, prepared, states, shares, rudders[run]))
+        moved = about_states(data_set.dynamics, prepared, states, shares, rudders[run])
+        if not _sails(moved.linearised, data_set.dynamics.particulars.speed):
+            moved = replace(prepared, base=base_columns(data_set.dynamics, prepared.linearised))
+        runs.append(moved)
     return WhitenedDataSet(data_set.dynamics, runs, data_set.coefficient_prior)
+
+
+def _sails(linearised: LinearisedRun, speed: float) -> bool:
+    """Whether steps of the model are finite, and a radian of rudder changes no velocity by the ship's speed in one."""
+    whole = np.isfinite(linearised.transition).all() and np.isfinite(linearised.rudder_push).all()
+    return bool(whole and np.abs(linearised.rudder_push[:, :2]).max(initial=0.0) < speed)
 
 
 def beside(likelihood: MarginalLikelihood, hypothesis: Hypothesis) -> MarginalLikelihood:
