@@ -142,7 +142,7 @@ def write_page(path: Path, template: str, package: str = "manoeuvre_nn.report", 
 
 
 def _small_enough(page: str) -> str:
-    """A page whose last figures are pictures only, as many as it takes to keep it below :data:`LARGEST_PAGE`."""
+    """A page whose last figures are pictures only, as many as bring it below :data:`LARGEST_PAGE`, or all."""
     over = len(page) + sum(map(len, scripts())) - LARGEST_PAGE
     for chart in reversed(list(CHART.finditer(page))):
         if over <= 0:
