@@ -174,33 +174,48 @@ def test_a_rudder_written_down_late_is_told_from_one_of_the_other_sign(tmp_path,
     assert found and float(found[1]) == pytest.approx(late, abs=5.0)
 
 
-ANGLES = (25.0, 35.0, 10.0, 20.0)
+CIRCLES = tuple(turning_circle(angle, duration=560.0) for angle in (25.0, 35.0, 10.0, 20.0))
+SHORT = (
+    *(zigzag(angle, duration=420.0) for angle in (10.0, 20.0)),
+    turning_circle(35.0, duration=200.0),
+)
 
 
 @cache
-def late(seconds: float):
-    """Long circles of the Mariner whose rudder was written down so late."""
-    circles = [turning_circle(angle, duration=560.0) for angle in ANGLES]
-    circles = [replace(c, stages=(Stage(0.0, hold=60.0), *c.stages)) for c in circles]
+def late(seconds: float, manoeuvres=CIRCLES):
+    """Runs of the Mariner whose rudder was written down so late."""
+    after_approach = [replace(m, stages=(Stage(0.0, hold=60.0), *m.stages)) for m in manoeuvres]
     with unchecked():
-        runs = roll_out(Vessel(CalmWater(SHIP), [RudderDelay(SHIP, delay_s=seconds)]), circles, step=2.0)
+        runs = roll_out(Vessel(CalmWater(SHIP), [RudderDelay(SHIP, delay_s=seconds)]), after_approach, step=2.0)
     return [table_of(run, 20 + k) for k, run in enumerate(runs)]
 
 
 @pytest.mark.parametrize("seconds", [10.0, 12.0, 15.0])
-def test_a_late_rudder_is_told_from_the_other_sign_by_all_runs_together(tmp_path, seconds):
-    notes = all_checked(tmp_path, late(seconds))
-    delays = [float(m) for said in notes for text in said for m in re.findall("some ([0-9]+) s late", text)]
-    assert delays and delays == pytest.approx([seconds] * len(delays), abs=4.0)
+def test_a_ship_that_comes_round_to_the_side_of_a_late_rudder_is_no_other_sign(tmp_path, seconds):
+    for k, table in enumerate(late(seconds)):
+        assert checked(tmp_path / f"{k}", table, replace(SHELF, rudder_delay=0.0)) == ()
 
 
-def test_a_rudder_of_the_other_sign_in_all_circles_or_in_one_is_refused(tmp_path):
-    right = late(0.0)
-    wrong = [t.assign(delta=-t.delta, delta_order=-t.delta_order) for t in right]
+@pytest.mark.parametrize("seconds", [12.0, 15.0])
+def test_one_circle_that_fits_the_other_sign_best_is_decided_by_the_delay_of_the_other_runs(tmp_path, seconds):
+    runs = late(seconds, SHORT)
+    with pytest.raises(InputError, match="rudder sign opposite to the turn"):
+        checked(tmp_path / "alone", runs[-1])
+    (said,) = all_checked(tmp_path / "all", runs)[-1]
+    found = re.search("written down some ([0-9]+) s late would explain it", said)
+    assert found and float(found[1]) == pytest.approx(seconds, abs=2.0)
+
+
+def turned_round(table):
+    return table.assign(delta=-table.delta, delta_order=-table.delta_order)
+
+
+@pytest.mark.parametrize("manoeuvres, which", [(CIRCLES, (0,)), (CIRCLES, (2,)), (SHORT, (0,)), (SHORT, (0, 1, 2))])
+def test_a_rudder_of_the_other_sign_in_some_runs_is_refused(tmp_path, manoeuvres, which):
+    right = late(0.0, manoeuvres)
     assert all_checked(tmp_path / "right", right) == [()] * len(right)
-    for tables in (wrong, [*right[:-1], wrong[-1]]):
-        with pytest.raises(InputError, match="rudder sign opposite to the turn"):
-            all_checked(tmp_path / f"wrong{tables is wrong}", tables)
+    with pytest.raises(InputError, match="rudder sign opposite to the turn"):
+        all_checked(tmp_path / "wrong", [turned_round(t) if k in which else t for k, t in enumerate(right)])
 
 
 WEAVES = (0, 2)

@@ -25,6 +25,10 @@ RECENT = 2.5
 """How long a movement of the rudder is felt in the yaw rate, over L/U0."""
 HELD = 5.0
 """How long a rudder that has not moved is held until the ship turns steadily, over L/U0."""
+HELD_TURN = 90 * DEGREE
+"""Turn under a held rudder that no wave and no gust makes: the ship comes round."""
+HELD_RUDDER = 10 * DEGREE
+"""Rudder against which no ship turns steadily: IMO (2002, MSC/Circ.1053) accepts a loop of 12 deg, +-6, at the most."""
 STRONG_EVIDENCE = 4.0
 """Least ratio of the rudder's coefficient to its standard error for a verdict on its sign."""
 
@@ -129,13 +133,16 @@ def course_of_track(recording: Recording, ship: Particulars) -> Finding | None:
 
 def rudder_sign(recording: Recording, ship: Particulars) -> Finding | None:
     """Which way the rudder turns the ship, measured."""
+    # A steady force may turn a ship against her rudder, but not make her answer its movements the wrong way.
+    turned = turned_by_held_rudder(recording, ship)
     b, error = rudder_effect(recording, ship)
-    if not b < -STRONG_EVIDENCE * error:
+    if turned < -HELD_TURN and b < STRONG_EVIDENCE * error:
+        how = f"{-turned / DEGREE:.0f} deg while it is held"
+    elif turned < HELD_TURN and b < -STRONG_EVIDENCE * error:
+        how = f"rdot = {b * ship.time_unit**2:.2g} delta in units of U0^2/L^2"
+    else:
         return None
-    text = (
-        "rudder sign opposite to the turn: a positive rudder angle turns the ship to port (rdot = "
-        f"{b * ship.time_unit**2:.2g} delta in units of U0^2/L^2)"
-    )
+    text = f"rudder sign opposite to the turn: a positive rudder angle turns the ship to port ({how})"
     remedy = "change rudder_positive_to (or the sign of delta, or of r and psi together)"
     return refused("rudder sign", text, remedy, Change("rudder_positive_to", "turn"))
 
@@ -166,10 +173,26 @@ def rudder_effect(recording: Recording, ship: Particulars) -> tuple[float, float
     large = float(np.quantile(np.abs(target[active]), 0.9))
     values, covariance, kept = trimmed_least_squares(columns, target, 4.0, 0.05 * large, active)
     error = float(np.sqrt(max(covariance[0, 0], 0.0)))
-    held = ~_has_moved(rudder, max(round(HELD * ship.time_unit / recording.step), 1))
+    held = _held(rudder, recording, ship)
     if values[0] * float((r * rudder)[held].sum()) <= 0:
         error *= -float(stdtrit(max(kept.sum() - len(values), 1), ndtr(-STRONG_EVIDENCE))) / STRONG_EVIDENCE
     return float(values[0]), error
+
+
+def turned_by_held_rudder(recording: Recording, ship: Particulars) -> float:
+    """How far the ship turned to the side of a large rudder angle that was held, ``int r sign(delta) dt``.
+
+    Args:
+        recording: The recording.
+        ship: The ship.
+
+    Returns:
+        Angle [rad]; negative for a turn against the rudder, 0 where none is held.
+    """
+    recording = thinned(recording, ship)
+    rudder, r = (smoothed(recording.time, recording[k], RUDDER_WINDOW * ship.time_unit)[0] for k in ("delta", "r"))
+    held = _held(rudder, recording, ship) & (np.abs(rudder) > HELD_RUDDER)
+    return float((r * np.sign(rudder))[held].sum()) * recording.step
 
 
 def _rate_remedy(recording: Recording, ship: Particulars, m: Recording, slope: float) -> tuple[str, tuple[Change, ...]]:
@@ -236,6 +259,11 @@ def robust_slope(x: Series, y: Series) -> float:
     """
     large = np.abs(x) > 0.2 * np.quantile(np.abs(x), 0.95)
     return float(trimmed_least_squares(x[:, None], y, SLOPE_SDS, 1e-12, large)[0][0]) if large.any() else 0.0
+
+
+def _held(rudder: Series, recording: Recording, ship: Particulars) -> Bool[np.ndarray, " n"]:
+    """Whether the ship turns steadily by a rudder that has not moved."""
+    return ~_has_moved(rudder, max(round(HELD * ship.time_unit / recording.step), 1))
 
 
 def _has_moved(rudder: Series, count: int) -> Bool[np.ndarray, " n"]:

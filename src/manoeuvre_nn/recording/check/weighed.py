@@ -167,7 +167,7 @@ def _rudder_delay(run: Recording, ship: Particulars, bounds: Bounds, runs: Seque
     own = _evidence_of_delays(run, ship, lags)
     right, wrong = sum((_evidence_of_delays(other, ship, lags) for other in runs if other is not run), own)
     best, strong = int(right.argmax()), STRONG_EVIDENCE**2 / 2
-    explained = right[best] > wrong.max() + strong and own[0, best] > own[1].max() - strong
+    explained = right[best] > wrong.max() + strong and own[0, best] > own[1, best] - strong
     return float(lags[best]) if explained else None
 
 
