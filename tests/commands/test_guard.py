@@ -44,9 +44,10 @@ def test_hydras_complaints_become_one_line(words, told, composed):
 
 
 def test_the_package_is_the_command_where_its_script_is_not_on_the_path(monkeypatch, capsys):
-    monkeypatch.setattr("sys.argv", ["manoeuvre_nn/__main__.py", "--version"])
-    runpy.run_module("manoeuvre_nn", run_name="__main__")
-    assert capsys.readouterr().out == f"{__version__}\n"
+    for words in (["--version"], ["train", "--version"]):
+        monkeypatch.setattr("sys.argv", ["manoeuvre_nn/__main__.py", *words])
+        runpy.run_module("manoeuvre_nn", run_name="__main__")
+        assert capsys.readouterr().out == f"{__version__}\n"
     monkeypatch.setattr("sys.argv", ["manoeuvre_nn/__main__.py", "export"])
     with pytest.raises(SystemExit):
         runpy.run_module("manoeuvre_nn", run_name="__main__")

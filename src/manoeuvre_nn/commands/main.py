@@ -92,6 +92,9 @@ def run(command: str, words: list[str] | None = None) -> None:
     """
     words = sys.argv[1:] if words is None else words
     guard.command = command
+    if "--version" in words:
+        print(__version__)
+        return
     with guard.one_line():
         words, quiet, verbose = _loudness(words)
     be_quiet(quiet)
@@ -127,7 +130,7 @@ def _check_options(words: list[str]) -> None:
 
     parser = get_args_parser()
     parser.error = refuse  # type: ignore[method-assign]
-    parser.parse_args([word for word in words if word != "--version"])
+    parser.parse_args(words)
 
 
 def _check_choices(words: Sequence[str], own: str | None) -> None:

@@ -225,6 +225,7 @@ class ClosedLoopFit(Fit):
     """
 
     made_for = Series
+    on_processor = True  # of sparse matrices, run by run: numpy and scipy
     values: Tensor
     covariance: Tensor
     noise: Tensor

@@ -45,6 +45,8 @@ class Fit(ABC, L.LightningModule):
     """What :meth:`relative_rmse` is the error of: forces, or what the network gives instead."""
     epoch_is: ClassVar[str] = "epoch"
     """What an epoch trains, in a word."""
+    on_processor: ClassVar[bool] = False
+    """Whether the method computes on the processor alone."""
 
     def __init__(self, dynamics: IdentifiedShip | RecursiveShip | Response, iterations_per_epoch: int) -> None:
         """Store the model.

@@ -29,6 +29,8 @@ from manoeuvre_nn.training.loggers import LogTo, ToTensorBoard
 from manoeuvre_nn.training.scorer import Scorer
 
 CHECKPOINTS = "checkpoints"
+GPUS = ("gpu", "cuda")
+"""Words for a graphics processor: of any make, or NVIDIA's."""
 CTRL_C, ALL_EPOCHS = "ctrl-C", "all epochs done"
 """Why a training ended that may be gone on with: interrupted, or more epochs wanted."""
 
@@ -63,8 +65,8 @@ class Session:
             InputError: If one is out of range.
         """
         check_choice("trainer.keep", self.keep, ["best", "last"])
-        check_choice("trainer.accelerator", self.accelerator, ["cpu", "gpu", "cuda", "auto"])
-        if self.accelerator in {"gpu", "cuda"} and not _has_gpu(self.accelerator):
+        check_choice("trainer.accelerator", self.accelerator, ["cpu", *GPUS, "auto"])
+        if self.accelerator in GPUS and not _has_gpu(self.accelerator):
             raise InputError(
                 f"trainer.accelerator={self.accelerator}: torch finds none here: write trainer.accelerator=cpu"
             )
@@ -143,8 +145,10 @@ def run(
     if session.progress:
         callbacks.append(_RunProgress(scorer, console))
     loggers = [chosen.open(out) for chosen in session.loggers]
+    if fit.on_processor and session.accelerator in GPUS:
+        console.print(f"trainer.accelerator={session.accelerator}: this fit is computed on the processor")
     trainer = L.Trainer(
-        accelerator=session.accelerator,
+        accelerator="cpu" if fit.on_processor else session.accelerator,
         devices=1,
         max_epochs=session.max_epochs,
         callbacks=callbacks,
