@@ -120,7 +120,7 @@ def _one_line(text: str) -> str:
 def program() -> str:
     """What was typed, for advice: ``manoeuvre COMMAND``, ``python -m``, or a script of the repository."""
     called = Path(sys.argv[0])
-    if called.name == "__main__.py":
+    if called.name == "__main__.py" and called.parent.name == "manoeuvre_nn":
         return f"python -m manoeuvre_nn {command}"
     if called.parent.name == "scripts":
         return f"python scripts/{called.name}"
