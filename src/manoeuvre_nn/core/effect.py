@@ -211,6 +211,11 @@ class Effect(ABC, nn.Module):
         """Names of the parameters of its random process, the size first; empty for an effect without one."""
         return tuple(p.name for p in self.declared if p.random)
 
+    @property
+    def timed(self) -> list[int]:
+        """Columns of the times between which an event acts in a run; empty for an effect that acts throughout."""
+        return [column for column, p in enumerate(self.declared) if p.per_run]
+
     def steady(self, values: Float[np.ndarray, "*rows p"]) -> Float[np.ndarray, "*rows p"]:
         """Values with the random process left out: its size is 0."""
         size = self.random[:1]

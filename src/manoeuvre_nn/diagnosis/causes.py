@@ -131,7 +131,7 @@ def _when(
         None if it acts throughout; an empty list for a run in which it does not.
     """
     h = fitted.hypothesis
-    if not any(p.per_run for p in h.effects[effect].declared):
+    if not h.effects[effect].timed:
         return None
     ramp = next((v for v in _values_of(fitted, effect) if v.name == RAMP.name), None)
     found = _spans(h, effect, fitted.covariance, question.case.fitted, ramp)
@@ -148,7 +148,7 @@ def _spans(
     errors = dict(
         zip([(f.effect, f.column, f.runs[0]) for f in h.unknowns()], np.sqrt(np.diag(covariance)), strict=True)
     )
-    timed = [j for j, p in enumerate(h.effects[effect].declared) if p.per_run]
+    timed = h.effects[effect].timed
     half, unsure = (0.0, 0.0) if ramp is None else (0.5 * ramp.value, 0.5 * ramp.error)
     found: dict[str, list[tuple[Interval, Interval]]] = {}
     for row, run in enumerate(runs):

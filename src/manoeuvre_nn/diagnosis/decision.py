@@ -187,5 +187,4 @@ def _worthy(result: SearchResult) -> list[FittedHypothesis]:
 def _event_on_bound(hypothesis: Hypothesis) -> bool:
     """Whether a force that acts for a time is of a size or at a place that is just possible."""
     # Windows may be laid around the stretches of any small random moment: the lever then runs to the end of its range.
-    timed = [any(p.per_run for p in effect.declared) for effect in hypothesis.effects]
-    return any(timed[f.effect] for f, _ in hypothesis.on_bounds())
+    return any(hypothesis.effects[f.effect].timed for f, _ in hypothesis.on_bounds())

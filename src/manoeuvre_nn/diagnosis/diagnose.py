@@ -214,9 +214,8 @@ def _put_to_proof(
 
 def _acts(hypothesis: Hypothesis) -> bool:
     """Whether any effect acts in the runs: an event may have none there."""
-    timed = [np.array([p.per_run for p in effect.declared]) for effect in hypothesis.effects]
-    each = zip(hypothesis.values, timed, strict=True)
-    return any(not times.any() or np.isfinite(values[:, times]).any() for values, times in each)
+    each = zip(hypothesis.values, hypothesis.effects, strict=True)
+    return any(not effect.timed or np.isfinite(values[:, effect.timed]).any() for values, effect in each)
 
 
 def _last_effect_helps(

@@ -34,7 +34,7 @@ def single(likelihood: MarginalLikelihood, effect: Effect, none: FittedHypothesi
     """
     found = []
     noises = {(quiet(none.best[0]), min(none.best[1], PUBLISHED_SD_LEVEL))}
-    if not any(p.per_run for p in effect.declared):  # events are placed where they must explain the misfit anyway
+    if not effect.timed:  # events are placed where they must explain the misfit anyway
         noises.add(none.best)
     for level, scatter in noises:
         starts = _starts(likelihood, effect, level, scatter)
@@ -48,7 +48,7 @@ def _in_form(likelihood: MarginalLikelihood, start: Hypothesis, level: int, scat
     """A start whose form suits its size: else a fit would leave a right size for the sake of a wrong form."""
     (effect,) = start.effects
     sizes = frozenset(p.name for p in effect.declared if not p.form)
-    if len(sizes) == len(effect.declared) or any(p.per_run or p.random for p in effect.declared):
+    if len(sizes) == len(effect.declared) or effect.timed or effect.random:
         return start
     return replace(likelihood.improve(replace(start, fixed=sizes), level, scatter, rounds=2)[0], fixed=start.fixed)
 
@@ -56,7 +56,7 @@ def _in_form(likelihood: MarginalLikelihood, start: Hypothesis, level: int, scat
 def _starts(likelihood: MarginalLikelihood, effect: Effect, level: int, scatter: int) -> list[Hypothesis]:
     """All starts, of many the two most promising by what a linear step from each would gain; windows of an event."""
     data_set = likelihood.data_set
-    if any(p.per_run for p in effect.declared):
+    if effect.timed:
         events = best_windows(likelihood, effect, level, scatter)
         return [Hypothesis((effect,), (values,), campaigns=data_set.campaigns) for values in events]
     grid = np.array(list(product(*[(p.null,) if p.form else p.starts for p in effect.declared])), dtype=float)
@@ -118,9 +118,8 @@ def refine(
 
 def _unplaced(hypothesis: Hypothesis) -> bool:
     """Whether an event acts in no run."""
-    timed = [[p.per_run for p in effect.declared] for effect in hypothesis.effects]
-    each = zip(hypothesis.values, timed, strict=True)
-    return any(any(times) and not np.isfinite(values[:, times]).any() for values, times in each)
+    each = zip(hypothesis.values, hypothesis.effects, strict=True)
+    return any(effect.timed and not np.isfinite(values[:, effect.timed]).any() for values, effect in each)
 
 
 def at_rest(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> tuple[WhitenedDataSet, FittedHypothesis]:

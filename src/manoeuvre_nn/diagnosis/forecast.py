@@ -116,7 +116,7 @@ def forecasts(question: Question, data_set: WhitenedDataSet, chosen: FittedHypot
 def unplaced_events(question: Question, chosen: FittedHypothesis) -> list[str]:
     """A sentence on every event that planned runs are predicted without."""
     runs = ", ".join(run.name for run in question.case.planned)
-    events = [e.label for e in chosen.hypothesis.effects if any(p.per_run for p in e.declared)] if runs else []
+    events = [e.label for e in chosen.hypothesis.effects if e.timed] if runs else []
     return [f"When {label} acts in {runs} is not known beforehand: predicted without it." for label in events]
 
 

@@ -256,7 +256,7 @@ def _extended(
 def _restarts(likelihood: MarginalLikelihood, first: FittedHypothesis, starts: list[Hypothesis]) -> list[Hypothesis]:
     """Where a partner may stand beside another effect: as alone, turned, or as an event where that one leaves it."""
     (effect,) = starts[0].effects
-    if not _event(effect):
+    if not effect.timed:
         return starts
     events = best_windows(likelihood, effect, *first.best, first.hypothesis)
     return [starts[0], *(replace(starts[0], values=(values,)) for values in events)]
@@ -295,7 +295,7 @@ def _with_other_forms(
     for k, effect in enumerate(present):
         beside_it = {e.exclusive for e in present if e is not effect and e.exclusive}
         for other in effects:
-            if _event(effect) and _event(other) and other.name not in best.names and other.exclusive not in beside_it:
+            if effect.timed and other.timed and other.name not in best.names and other.exclusive not in beside_it:
                 starts = _exchanged(best.hypothesis, k, other)
                 made = max((likelihood.improve(h, level, scatter, 3) for h in starts), key=lambda found: found[1])[0]
                 exchanged.append(refine(likelihood, made, level, scatter))
@@ -314,7 +314,7 @@ def _without_each(likelihood: MarginalLikelihood, fitted: Sequence[FittedHypothe
     count = len(best.hypothesis.effects)
     for k in range(count if count > 1 else 0):
         fewer = best.hypothesis.without(k)
-        if frozenset(fewer.names) not in known or any(map(_event, fewer.effects)):
+        if frozenset(fewer.names) not in known or any(e.timed for e in fewer.effects):
             yield refine(likelihood, fewer, *best.best)
 
 
@@ -324,11 +324,6 @@ def _best_of_each(fitted: Sequence[FittedHypothesis]) -> list[FittedHypothesis]:
     for j in sorted(fitted, key=lambda j: -j.evidence):
         of_each.setdefault(frozenset(j.names), j)
     return list(of_each.values())
-
-
-def _event(effect: Effect) -> bool:
-    """Whether it acts at times of its own in each run."""
-    return any(p.per_run for p in effect.declared)
 
 
 def _exchanged(h: Hypothesis, number: int, other: Effect) -> Iterator[Hypothesis]:

@@ -110,7 +110,7 @@ def replaced(likelihood: MarginalLikelihood, hypothesis: Hypothesis, level: int,
     """
     best, score = hypothesis, None
     for k, effect in enumerate(hypothesis.effects):
-        if not any(p.per_run for p in effect.declared):
+        if not effect.timed:
             continue
         given = best.without(k)
         rows = [row[None] for row in best.values[k]]
@@ -129,7 +129,7 @@ def replaced(likelihood: MarginalLikelihood, hypothesis: Hypothesis, level: int,
             trial = best.with_vector(best.vector())
             for run, times in trial_times.items():
                 _write(effect, trial.values[k][run], times)
-            if not trial.fixed and np.isinf(trial.values[k][:, _timed(effect)]).all():
+            if not trial.fixed and np.isinf(trial.values[k][:, effect.timed]).all():
                 continue
             trial, _ = likelihood.improve(trial, level, scatter, rounds=4)
             there = _score(likelihood, trial, level, scatter)
@@ -140,17 +140,13 @@ def replaced(likelihood: MarginalLikelihood, hypothesis: Hypothesis, level: int,
 
 def times_of(effect: Effect, values: Float[np.ndarray, " p"]) -> Times:
     """When an event acts in a run."""
-    times = values[_timed(effect)].reshape(-1, 2).tolist()
+    times = values[effect.timed].reshape(-1, 2).tolist()
     return tuple(sorted((start, max(start, end)) for start, end in times if np.isfinite(start)))
 
 
 def _score(likelihood: MarginalLikelihood, hypothesis: Hypothesis, level: int, scatter: int) -> float:
     """Log evidence at one noise level."""
     return float(likelihood.posterior(hypothesis_columns(likelihood.data_set, hypothesis), level).evidence[scatter])
-
-
-def _timed(effect: Effect) -> list[int]:
-    return [j for j, p in enumerate(effect.declared) if p.per_run]
 
 
 def _ramp(effect: Effect, values: Float[np.ndarray, " p"]) -> float:
@@ -160,12 +156,12 @@ def _ramp(effect: Effect, values: Float[np.ndarray, " p"]) -> float:
 
 def _may_last(effect: Effect) -> bool:
     """Whether it may go on to the end of a run."""
-    return bool(np.isinf(effect.declared[_timed(effect)[1]].starts[0]))
+    return bool(np.isinf(effect.declared[effect.timed[1]].starts[0]))
 
 
 def _write(effect: Effect, values: Float[np.ndarray, " p"], times: Times) -> None:
     """Put times into an effect's values; what is left of them never comes."""
-    columns = _timed(effect)
+    columns = effect.timed
     values[columns] = np.inf
     for k, interval in enumerate(times[: len(columns) // 2]):
         values[columns[2 * k : 2 * k + 2]] = interval
@@ -276,7 +272,7 @@ def _best(blocks: _Blocks, row: int, gates: _Gates) -> Times:
 
 def _sets_of_times(b: _Blocks, row: int, effect: Effect, ramp: float, every: bool = False) -> list[Times]:
     """None, one, then more intervals as long as another one is worth its prior; with ``every``, once at least."""
-    gates, most = b.gates(_may_last(effect), ramp), min(len(_timed(effect)) // 2, MAX_INTERVALS)
+    gates, most = b.gates(_may_last(effect), ramp), min(len(effect.timed) // 2, MAX_INTERVALS)
     found: list[Times] = [()]
     there = np.zeros(gates.shares.shape[1])
     for number in range(1, most + 1):
