@@ -40,8 +40,8 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The file that takes minutes is begun first: last, it would keep one process busy and the other waiting."""
-    items.sort(key=lambda item: item.path.name != "test_concealed_cases.py")
+    """Files that take minutes are begun first: last, they would keep one process busy and the other waiting."""
+    items.sort(key=lambda item: item.path.name not in {"test_concealed_cases.py", "test_notebooks.py"})
 
 
 def pytest_collection() -> None:

@@ -150,15 +150,6 @@ def test_a_gpu_that_is_not_there_is_refused_before_anything_is_computed(attempt,
     assert ended.err == f"error: trainer.accelerator={kind}: torch finds none here: write trainer.accelerator=cpu\n"
 
 
-def test_a_fit_that_no_gpu_computes_says_so_and_goes_on(cli, tmp_path, monkeypatch):
-    monkeypatch.setattr("manoeuvre_nn.training.session._has_gpu", lambda kind: True)  # there is none
-    short = ["data.length=120", *(word for word in TINY if word.startswith("scor"))]
-    words = ["network=cubic", "trainer.max_epochs=1", "trainer.accelerator=gpu", *short]
-    ended = cli(*words, f"hydra.run.dir={tmp_path / 'run'}")
-    assert ended.code == 0 and (tmp_path / "run" / "scores.json").exists()
-    assert "trainer.accelerator=gpu: this fit is computed on the processor" in ended.out
-
-
 def test_what_takes_minutes_says_what_it_does_and_for_how_long():
     text = StringIO()
     with waiting(Console(file=text, width=100), seconds=0.01) as say:

@@ -76,7 +76,7 @@ def diagnosis(*acting: str, remainder: bool = False, weaker: float = 0.0) -> Dia
         records = roll_out(Vessel(ship, [TRUE[a] for a in acting]), TRIALS, step=1.0)
     *fitted, last = (run_of(r, NOISE, seed) for seed, r in enumerate(records, start=20))
     case = Case("trial", "mariner", (*fitted, last), SHIP, frozenset({last.name}))
-    candidates = [*FEW, *OF_THE_HULL] if "depth" in acting else (FEW if weaker or len(acting) > 1 else CANDIDATES)
+    candidates = OF_THE_HULL if "depth" in acting else (FEW if weaker or len(acting) > 1 else CANDIDATES)
     return diagnose(Question(case, CALM, candidates, remainder=remainder))
 
 

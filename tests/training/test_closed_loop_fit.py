@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from io import StringIO
 from pathlib import Path
 from shutil import copytree
 
@@ -11,6 +12,7 @@ import tiny
 import torch
 import yaml
 from fleet import unchecked
+from rich.console import Console
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
@@ -100,6 +102,16 @@ def test_what_the_model_lacks_is_little_on_a_ship_of_its_own_kind(trained):
     done, *_ = trained
     tuples = noisy().tuples
     assert (done.fit.relative_rmse(tuples.inputs, tuples.targets) < 0.1).all()
+
+
+def test_it_is_computed_on_the_processor_although_a_gpu_is_asked_for_and_says_so(tmp_path, monkeypatch):
+    monkeypatch.setattr("manoeuvre_nn.training.session._has_gpu", lambda kind: True)  # there is none
+    console = Console(file=StringIO(), width=200)
+    done, _ = tiny.train(
+        ClosedLoopFit(blank()), tmp_path, data=short(1), max_epochs=1, accelerator="gpu", console=console
+    )
+    assert done.epochs == 1
+    assert "trainer.accelerator=gpu: this fit is computed on the processor" in console.file.getvalue()
 
 
 def lost(epoch):
