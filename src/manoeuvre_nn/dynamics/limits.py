@@ -1,5 +1,8 @@
 """The range of motion in which a manoeuvring model means anything."""
 
+from functools import cache
+
+import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
@@ -23,10 +26,20 @@ def inside_physical_range(state: Float[Tensor, "*batch n"], ship: Particulars) -
     Returns:
         True inside.
     """
-    speed = ship.top_speed
-    u, v, r = state[..., 0] / speed, state[..., 1] / speed, state[..., 2] * ship.length / speed
-    max_u, max_v, max_r = MAX_PRIME_VELOCITIES
-    return (u > -0.5) & (u < max_u) & (v.abs() < max_v) & (r.abs() < max_r)
+    low, high = _limits(ship.top_speed, ship.length, state.dtype, state.device)
+    nu = state[..., :3]
+    return ((nu > low) & (nu < high)).all(-1)
+
+
+@cache
+@torch.inference_mode(False)
+def _limits(
+    speed: float, length: float, dtype: torch.dtype, device: torch.device
+) -> tuple[Float[Tensor, " 3"], Float[Tensor, " 3"]]:
+    """Least and largest u, v [m/s] and r [rad/s]: kept, for every step of every rollout asks for them."""
+    units = torch.tensor([speed, speed, speed / length], dtype=dtype, device=device)
+    high = units * torch.tensor(MAX_PRIME_VELOCITIES, dtype=dtype, device=device)
+    return torch.cat([-0.5 * units[:1], -high[1:]]), high
 
 
 def left_range(time: float) -> str:
