@@ -29,6 +29,7 @@ def test_what_acts_in_the_held_out_run_alone_is_a_mismatch_without_a_name():
     assert next(c.probability for c in d.causes if c.name == "unknown") > 0.5
 
 
+@pytest.mark.slow  # five seconds; a random force in yaw is found in test_natures.py
 def test_a_random_force_in_surge_and_sway_is_too_much_for_calm_water():
     question = asked(strange_runs(5, random=[(0.2, "X", 60.0), (0.2, "Y", 60.0)]))
     assert not calm_check(question, calm_only(question)).passed

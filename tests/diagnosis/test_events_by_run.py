@@ -301,7 +301,7 @@ def test_times_that_the_data_do_not_say_are_no_evidence():
     assert nothing.evidence < likelihood.evaluate(Hypothesis((), ())).evidence + 0.5
 
 
-@pytest.mark.parametrize("force_kN", [-600.0, -2500.0])
+@pytest.mark.parametrize("force_kN", [pytest.param(-600.0, marks=pytest.mark.slow), -2500.0])
 def test_a_large_force_is_placed_in_all_runs_that_were_not_used(force_kN):
     """As long as one of two such runs lacks it, coefficients that are off by far explain both better than it does."""
     records = strange_runs(6, SideForce(SHIP, force_kN=force_kN, lever_m=60.0, start_s=150.0, end_s=300.0))

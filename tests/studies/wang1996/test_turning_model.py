@@ -160,7 +160,9 @@ def test_a_straight_line_has_one_branch(side):
     assert curve.weights.shape[1] == 1, "the second branch is left out"
 
 
-@pytest.mark.parametrize("ship", ["mariner_chislett1965", "esso_190k", "great_lakes_bulker"])
+@pytest.mark.parametrize(
+    "ship", ["mariner_chislett1965", pytest.param("esso_190k", marks=pytest.mark.slow), "great_lakes_bulker"]
+)
 def test_two_branches_predict_the_turns_of_other_ships(ship):
     made = ship_named(ship)
     order = turning_circle(20.0)
