@@ -9,6 +9,8 @@ from torch import Tensor
 from manoeuvre_nn.core.ship import Particulars
 
 OK = "ok"
+MIN_PRIME_SPEED = -0.5
+"""Least u/U0 [-]: a ship that goes astern."""
 MAX_PRIME_VELOCITIES = (2.5, 1.5, 3.0)
 """Largest u/U0, v/U0 and r L/U0 [-]; the tightest real circles have r L/U0 of 1 to 1.5."""
 
@@ -39,7 +41,7 @@ def _limits(
     """Least and largest u, v [m/s] and r [rad/s]: kept, for every step of every rollout asks for them."""
     units = torch.tensor([speed, speed, speed / length], dtype=dtype, device=device)
     high = units * torch.tensor(MAX_PRIME_VELOCITIES, dtype=dtype, device=device)
-    return torch.cat([-0.5 * units[:1], -high[1:]]), high
+    return torch.cat([MIN_PRIME_SPEED * units[:1], -high[1:]]), high
 
 
 def left_range(time: float) -> str:
