@@ -28,7 +28,8 @@ HELD = 5.0
 HELD_TURN = 90 * DEGREE
 """Turn under a held rudder that no wave and no gust makes: the ship comes round."""
 HELD_RUDDER = 10 * DEGREE
-"""Rudder against which no ship turns steadily: IMO (2002, MSC/Circ.1053) accepts a loop of 12 deg, +-6, at the most."""
+"""Rudder that is more than slight: against a slight one an unstable ship goes on turning (IMO 2002, MSC/Circ.1053,
+appendix 4, 2.1.5). The angle is ours."""
 STRONG_EVIDENCE = 4.0
 """Least ratio of the rudder's coefficient to its standard error for a verdict on its sign."""
 
