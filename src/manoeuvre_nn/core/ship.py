@@ -322,7 +322,7 @@ class Ship(ABC, nn.Module):
         delta: Float[Tensor, "*batch"],
         shaft: Float[Tensor, "*batch"],
         zeta: Float[Tensor, "*own"],
-    ) -> tuple[Float[Tensor, "*own 3"], Float[Tensor, "*own 3"]] | None:
+    ) -> tuple[Float[Tensor, "*both 3"], Float[Tensor, "*own 3"]] | None:
         """What shallow water adds, where the coefficients say it.
 
         Args:

@@ -87,7 +87,7 @@ class _FiniteDepth(HullEffect):
         resistance = RESISTANCE * zeta * p.calm_resistance / self.ship.prime.force * speed * speed.abs()
         slower = self._form() * columns(resistance, 0 * resistance, 0 * resistance)
         added = columns(f["Yvdot"] - 1, f["Yvdot"] - 1, f["Nrdot"] - 1) * self.series.added
-        return self.rescaled(s) - slower, self._form() * added
+        return self.force(s, self.rescaled(s)) - slower, self._form() * added
 
     def shares(self, s: Situation) -> tuple[Float[Tensor, "*batch 3 3"], Float[Tensor, "*batch 3 3"]]:
         """Factors less 1; nothing where terms in zeta of the ship's own add to those of deep water."""
@@ -155,7 +155,7 @@ class ShallowWater(_FiniteDepth):
     def _immersion(self, s: Situation) -> Tensor:
         """Draught over depth [-]."""
         draught = self.ship.particulars.draught
-        return draught / self.value("depth_m").clamp(min=1.02 * draught) + 0.0 * s.u
+        return draught / self.value("depth_m").clamp(min=1.02 * draught)
 
 
 class Squat(_FiniteDepth):

@@ -34,9 +34,9 @@ class DisplacementChange(HullEffect):
 
     def change(self, s: Situation) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*rows 3"]]:
         """What the mass changes."""
-        inertial, hull = self.series.parts(s)[2], self._of_hull()[..., None]
-        mass = self.value("factor")[..., None] - 1
-        return mass * inertial + self.rescaled(s), mass * self.series.masses + hull * self.series.added
+        mass, hull = self.value("factor")[..., None] - 1, self._of_hull()[..., None]
+        force = self.force(s, mass[..., None] * self.series.of_mass + self.rescaled(s))
+        return force, mass * self.series.masses + hull * self.series.added
 
     def shares(self, s: Situation) -> tuple[Float[Tensor, "*batch 3 3"], Float[Tensor, "*batch 3 3"]]:
         """All of the hull alike."""
@@ -65,15 +65,14 @@ class Loading(HullEffect):
 
     def change(self, s: Situation) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*rows 3"]]:
         """What the draught changes."""
-        inertial = self.series.parts(s)[2]
         p, ratio = self.ship.particulars, self.value("draught_ratio")
         side = 1.7 * p.length * p.draught
         wetter = (ratio - 1) * side / (side + p.mass / (p.rho * p.draught))
         speed = s.u / p.speed
         surge = -wetter * p.calm_resistance / self.ship.prime.force * speed * speed.abs()
         mass, hull = ratio[..., None] - 1, ratio[..., None].square() - 1
-        force = mass * inertial + self.rescaled(s) + columns(surge, 0 * surge, 0 * surge)
-        return force, mass * self.series.masses + hull * self.series.added
+        force = self.force(s, mass[..., None] * self.series.of_mass + self.rescaled(s))
+        return force + columns(surge, 0 * surge, 0 * surge), mass * self.series.masses + hull * self.series.added
 
     def shares(self, s: Situation) -> tuple[Float[Tensor, "*batch 3 3"], Float[Tensor, "*batch 3 3"]]:
         """All of the hull alike."""
@@ -100,8 +99,7 @@ class TrimChange(HullEffect):
 
     def change(self, s: Situation) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*rows 3"]]:
         """What the trim changes."""
-        force = self.rescaled(s)
-        return force, 0 * force
+        return self.force(s, self.rescaled(s)), torch.zeros_like(self.series.masses)
 
     def shares(self, s: Situation) -> tuple[Float[Tensor, "*batch 3 3"], Float[Tensor, "*batch 3 3"]]:
         """Nv gets a share of Yv."""

@@ -30,6 +30,10 @@ class _SortedSeries:
         mass: Mass of the ship in its prime system, m' [-].
         masses: m', m', Iz' [-]: the inertia without added masses.
         added: Added masses [-].
+        drift, yaw: 1 for the hull's terms with more v than r and without rudder, and for its terms with r, else 0.
+        of_drift, of_yaw: Coefficients of these, mass excluded [-].
+        of_mass: What mass has in the table, ``m' v' r'`` in surge and ``-m' u' r'`` in sway [-].
+        linear: 1 for terms linear in v or r, else 0.
     """
 
     def __init__(self, ship: Ship, effect: str) -> None:
@@ -59,23 +63,8 @@ class _SortedSeries:
             mass[..., row, 1] = -unit if term in {"r", "ur", "Lur"} else 0.0
         kinds, hull = [_kind(t) for t in ship.terms], table - mass
         self.drift, self.yaw = _rows(kinds, "drift", table), _rows(kinds, "yaw", table)
-        self.tables = hull * self.drift, hull * self.yaw, mass
+        self.of_drift, self.of_yaw, self.of_mass = hull * self.drift, hull * self.yaw, mass
         self.linear = _rows([t in LINEAR for t in ship.terms], True, table)
-
-    def parts(self, s: Situation, *, linear: bool = False) -> tuple[Float[Tensor, "*batch 3"], ...]:
-        """Contributions to the right-hand sides f' [-], by what makes them.
-
-        Args:
-            s: The situation.
-            linear: Whether only the terms linear in v or r count.
-
-        Returns:
-            The hull's terms with more v than r and without rudder; its terms with r, mass terms excluded; and those of
-            mass, ``m' v' r'`` in surge and ``-m' u' r'`` in sway.
-        """
-        tables = tuple(t * self.linear for t in self.tables) if linear else self.tables
-        products = self.ship.products(s.nu, s.delta)
-        return tuple(times(products, table) for table in tables)
 
 
 def _kind(term: str) -> str:
@@ -98,18 +87,12 @@ def diagonal(*parts: Float[Tensor, "*#batch"]) -> Float[Tensor, "*batch 3 3"]:
     return torch.diag_embed(columns(*parts))
 
 
-def _mixed(part: Float[Tensor, "*batch 3"], shares: Float[Tensor, "*rows 3 3"]) -> Float[Tensor, "*both 3"]:
-    """X', Y', N' times a matrix of shares each; one product for all samples where the shares are the same."""
-    if shares.ndim > 2 and shares.shape[-3] == 1:
-        return part @ shares[..., 0, :, :]
-    return times(part, shares)
-
-
 class HullEffect(Effect):
     """Coefficients and inertia that are not the ship's: adds ``(M' + dM')^-1 (f' + df') - M'^-1 f'``.
 
     f' is that of the whole ship, which the situation's accelerations tell. df' multiplies the hull's terms as they are:
-    ``df' = sum over drift and yaw of [f'_linear + nonlinear (f'_part - f'_linear)] shares``, and what else there is.
+    ``df' = products dT``, ``dT = w (T_drift drift + T_yaw yaw)`` with the shares of both and w 1 for linear terms and
+    :meth:`nonlinear` for others, and what else there is.
     """
 
     site = "hull"
@@ -133,19 +116,24 @@ class HullEffect(Effect):
     def shares(self, s: Situation) -> tuple[Float[Tensor, "*batch 3 3"], Float[Tensor, "*batch 3 3"]]:
         """What is added to the hull's drift terms and to its yaw terms, by their own X', Y', N' (rows)."""
 
-    def nonlinear(self) -> Float[Tensor, "*rows"] | float:
+    def nonlinear(self) -> float:
         """Share of this that the nonlinear terms get."""
         return 1.0
 
-    def rescaled(self, s: Situation) -> Float[Tensor, "*batch 3"]:
-        """What :meth:`shares` add to the hull's forces f' [-]."""
-        share, whole = self.nonlinear(), self.series.parts(s)[:2]
-        if not isinstance(share, float) or share != 1.0:
-            linear = self.series.parts(s, linear=True)[:2]
-            share = share if isinstance(share, float) else share[..., None]
-            whole = tuple(one + share * (part - one) for part, one in zip(whole, linear, strict=True))
-        drift, yaw = self.shares(s)
-        return _mixed(whole[0], drift) + _mixed(whole[1], yaw)
+    def rescaled(self, s: Situation) -> Float[Tensor, "*rows terms 3"]:
+        """dT: what :meth:`shares` add to the ship's table of coefficients [-]."""
+        series, (drift, yaw) = self.series, self.shares(s)
+        return self._of_terms() * (series.of_drift @ drift + series.of_yaw @ yaw)
+
+    def _of_terms(self) -> Float[Tensor, "terms 1"]:
+        """Which share of all this every term gets."""
+        return self.series.linear + self.nonlinear() * (1 - self.series.linear)
+
+    def force(self, s: Situation, table: Float[Tensor, "*rows terms 3"]) -> Float[Tensor, "*batch 3"]:
+        """f' of some coefficients [-]: one product for all samples where a row's table is the same for them."""
+        products = self.ship.products(s.nu, s.delta)
+        whole = table.ndim > 2 and table.shape[-3] == 1
+        return products @ table[..., 0, :, :] if whole else times(products, table)
 
     def changed_terms(self) -> Float[Tensor, "terms 3 3"]:
         """What :meth:`shares` add on the approach: the whole correction of a coefficient is the hull's."""
@@ -153,9 +141,8 @@ class HullEffect(Effect):
         nu = torch.stack([zero + self.ship.particulars.speed, zero, zero], dim=-1)
         s = Situation(nu, 0 * nu, zero, zero, zero, zero, zero + 1, zero)
         drift, yaw = (m.reshape(-1, 3, 3)[0] for m in self.shares(s))
-        series, share = self.series, torch.as_tensor(self.nonlinear()).reshape(-1)[0]
-        of_term = series.linear + share * (1 - series.linear)
-        return (of_term * series.drift)[..., None] * drift + (of_term * series.yaw)[..., None] * yaw
+        series, of_terms = self.series, self._of_terms()
+        return (of_terms * series.drift)[..., None] * drift + (of_terms * series.yaw)[..., None] * yaw
 
     @abstractmethod
     def change(self, s: Situation) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*rows 3"]]:

@@ -172,7 +172,7 @@ class TankerShip(Ship):
         delta: Float[Tensor, "*batch"],
         shaft: Float[Tensor, "*batch"],
         zeta: Float[Tensor, "*own"],
-    ) -> tuple[Float[Tensor, "*own 3"], Float[Tensor, "*own 3"]]:
+    ) -> tuple[Float[Tensor, "*both 3"], Float[Tensor, "*own 3"]]:
         """By the table's own terms in zeta, the kink of Yuvz rounded."""
         products, zeta = self.products(nu, delta, shaft), zeta[..., None]
         linear, square, kink = (products @ table for table in self.depth_tables)
