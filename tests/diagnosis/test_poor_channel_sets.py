@@ -37,7 +37,7 @@ def tables(effect: Effect | None):
         pytest.param(
             GPS_AND_HEADING, 2, Current(SHIP, speed=0.5, toward_deg=60.0), [0.5, 60.0], marks=pytest.mark.slow
         ),
-        (GPS_AND_HEADING, 2, RudderOffset(SHIP, offset_deg=1.5), [1.5]),
+        pytest.param(GPS_AND_HEADING, 2, RudderOffset(SHIP, offset_deg=1.5), [1.5], marks=pytest.mark.slow),
         (NO_LOG_NO_GYRO_NO_SHAFT, 2, SteadyWind(SHIP, speed=15.0, from_deg=70.0), [15.0, 70.0]),
     ],
 )

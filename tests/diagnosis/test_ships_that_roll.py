@@ -161,7 +161,7 @@ def test_the_wind_on_a_ship_that_rolls_is_named_with_its_parameters():
     runs = [add_noise(run, NOISE, seed=k) for k, run in enumerate(runs)]
     runs = [as_sensed(without_heel(r)) for r in runs]
     with unchecked():
-        found = diagnose(Question(case_of(runs, SHIP, held_out=[runs[1].name]), CALM, candidates()))
+        found = diagnose(Question(case_of(runs, SHIP, held_out=[runs[1].name]), CALM, candidates()[::2]))
     assert found.model == ["wind_steady"]
     speed, origin = found.causes[0].parameters
     assert speed.value == approx(12.0, abs=max(0.6, 3 * speed.error)) and origin.value == approx(60.0, abs=3.0)

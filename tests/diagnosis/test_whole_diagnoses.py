@@ -183,6 +183,7 @@ def test_the_last_of_two_effects_must_add_six_in_fitted_and_held_out_runs_togeth
     assert under_test._last_effect_helps(Mock(), one, 5.0, [two, one])
 
 
+@pytest.mark.slow  # three at once, below, take the same way
 def test_two_effects_at_once_are_both_named():
     d = diagnosis("current", "offset")
     assert set(d.model) == {"current", "rudder_offset"}

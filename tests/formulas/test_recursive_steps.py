@@ -1,5 +1,7 @@
 """The next step of a recursive network, written down: the same as the network's, and the same manoeuvres."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 import torch
@@ -47,13 +49,18 @@ def ship_by(seed: int = 1, **shape) -> RecursiveShip:
     return RecursiveShip(SHIP, network)
 
 
+@cache
+def program_and_runs(shape: str):
+    program = to_program(ship_by(**SHAPES[shape]))
+    return program, sailed(program)
+
+
 @pytest.mark.parametrize("kind", ["python", "c", "csv", "latex", "onnx"])
 @pytest.mark.parametrize("shape", SHAPES)
 def test_what_is_written_takes_the_networks_steps_and_sails_its_manoeuvres(shape, kind):
-    model = ship_by(**SHAPES[shape])
-    program = to_program(model)
+    program, runs = program_and_runs(shape)
     assert not program.gives_rates
-    made = write_down(program, kind, runs=sailed(program))
+    made = write_down(program, kind, runs=runs)
     assert made.difference is not None
     assert made.difference < 1e-12
     if kind in {"python", "c", "onnx"}:

@@ -184,8 +184,7 @@ class Effect(ABC, nn.Module):
             InputError: If a parameter is unknown or out of its bounds, or a force has no formula.
         """
         super().__init__()
-        kind = type(self)
-        if self.site == "force" and kind.force is Effect.force and kind.acceleration is Effect.acceleration:
+        if self.site == "force" and not self.overrides("force", "acceleration"):
             raise InputError(f"effect.{self.name} acts as a force and says none: write its force() or acceleration()")
         self._ship = [ship]  # in a list, so that the ship's tensors are not counted as the effect's
         if "declared" not in vars(self):
@@ -220,6 +219,10 @@ class Effect(ABC, nn.Module):
         """Values with the random process left out: its size is 0."""
         size = self.random[:1]
         return np.where([p.name in size for p in self.declared], 0.0, values)
+
+    def overrides(self, *methods: str) -> bool:
+        """Whether the effect has one of its own of some methods by which an effect does nothing."""
+        return any(getattr(type(self), name) is not getattr(Effect, name) for name in methods)
 
     def drawn(self, rows: int, generator: torch.Generator) -> "Effect":
         """The same effect with a random course of its own for every row of a batch; itself where nothing is random."""

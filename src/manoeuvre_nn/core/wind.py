@@ -61,12 +61,15 @@ def wind_load(
     """
     side, bow, stern, cross = coefficients
     square = ahead.square() + across.square() + 1e-12
-    cos, sin = ahead / square.sqrt(), -across / square.sqrt()
-    along = stern + (bow - stern) * torch.sigmoid(cos / 0.05)
-    den = 1 - 0.5 * cross * (1 - along * areas.frontal / (areas.lateral * side)) * (2 * sin * cos).square()
-    pressure = 0.5 * AIR * square / den
-    # cos 3g and sin 3g
-    surge = cos + third[0] * cos * (4 * cos.square() - 3)
-    sway = sin + third[1] * sin * (3 - 4 * sin.square())
-    arm = areas.lateral_centre / areas.length_overall - 0.18 * (torch.atan2(sin.abs(), cos) - pi / 2)
-    return -pressure * along * surge * areas.frontal, pressure * side * sway * areas.lateral, arm
+    speed = square.sqrt()
+    cos, sin = ahead / speed, across / -speed
+    cos2, sin2 = cos.square(), sin.square()
+    along = torch.sigmoid(cos / 0.05) * (bow - stern) + stern
+    # sin^2 2g = 4 sin^2 g cos^2 g
+    den = (along * (areas.frontal / (areas.lateral * side)) - 1) * cos2 * sin2 * (2 * cross) + 1
+    pressure = square / den * (0.5 * AIR)
+    # Shares of cos 3g = cos g (4 cos^2 g - 3) and sin 3g = sin g (3 - 4 sin^2 g)
+    surge = cos * ((cos2 * 4 - 3) * third[0] + 1)
+    sway = sin * ((sin2 * -4 + 3) * third[1] + 1)
+    arm = torch.atan2(sin.abs(), cos) * -0.18 + (areas.lateral_centre / areas.length_overall + 0.09 * pi)
+    return pressure * along * surge * -areas.frontal, pressure * sway * (side * areas.lateral), arm

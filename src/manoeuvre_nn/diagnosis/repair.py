@@ -202,7 +202,7 @@ def _wheels(hypothesis: Hypothesis, runs: Sequence[Recording]) -> list[Float[np.
             for effect, value in zip(mine.effects, mine.values, strict=True):
                 acting = effect.at(torch.tensor(value)[:, None, :])
                 blade = indicated(acting, run, blade)
-                if type(effect).blade is not Effect.blade:
+                if effect.overrides("blade"):
                     blade = blade_along(acting, run, blade)
         made += list(blade.expand(len(rows), -1).numpy())
     return made

@@ -37,25 +37,29 @@ class _Affected(ModelAround):
     def forward(self, state: Float[Tensor, "*batch n"], inputs: Inputs) -> Float[Tensor, "*batch n"]:
         """Rate of the state: in calm water, and what every effect adds."""
         s, motion, rolling = self._seen(state, inputs)
-        added, heeling, own = torch.zeros_like(s.nudot), torch.zeros_like(s.u), []
-        hulls = [e for e in self._effects() if type(e).with_changed_inertia is not Effect.with_changed_inertia]
+        added, heeling, own = None, torch.zeros_like(s.u), []
+        # What an effect does not do is left out: where few rows are sailed, the number of operations takes the time.
         for effect, memory in self._memories(state):
-            caused = effect.acceleration(s, memory)
-            for hull in () if effect in hulls else hulls:
-                caused = hull.with_changed_inertia(s, caused)
-            added = added + caused
-            motion = motion + nn.functional.pad(effect.stream(s), (0, 1))
-            own.append(effect.memory_rate(s, memory))
+            if effect.overrides("force", "acceleration"):
+                caused = effect.acceleration(s, memory)
+                for hull in () if effect in self._hulls else self._hulls:
+                    caused = hull.with_changed_inertia(s, caused)
+                added = caused if added is None else added + caused
+            if effect.overrides("stream"):
+                motion = motion + nn.functional.pad(effect.stream(s), (0, 1))
+            if effect.memory:
+                own.append(effect.memory_rate(s, memory))
             if self.own_names:
                 heeling = heeling + effect.heeling(s)
+        if added is None:
+            return torch.cat([s.nudot, motion, rolling, *own], dim=-1)
         added, roll = self.hull.added(added, heeling)
         return torch.cat([s.nudot + added, motion, rolling + roll, *own], dim=-1)
 
     def start(self, state: Float[Tensor, "*batch 6"], inputs: Inputs) -> Float[Tensor, "*batch n"]:
         """A state with the effects' own states as on a steady approach."""
-        nudot, nominal = torch.zeros_like(state[..., :3]), torch.ones_like(inputs.delta)
-        s = _situation(state, nudot, Inputs(inputs.delta, nominal))
-        return torch.cat([self.calm.start(state, inputs), *(e.memory_at_start(s) for e in self._effects())], dim=-1)
+        s = _situation(state, torch.zeros_like(state[..., :3]), Inputs(inputs.delta))
+        return torch.cat([self.calm.start(state, inputs), *(e.memory_at_start(s) for e in self._effects)], dim=-1)
 
     def situation(self, state: Float[Tensor, "*batch n"], inputs: Inputs) -> Situation:
         """What the effects see, accelerations being those of calm water."""
@@ -64,16 +68,23 @@ class _Affected(ModelAround):
     def on_approach(self, speed: float) -> "_Affected":
         """The same ship and effects at another approach speed; what effects do follows the ship."""
         calm = self.calm.on_approach(speed)
-        return _Affected(calm, [e.aboard(calm.hull) for e in self._effects()])
+        return _Affected(calm, [e.aboard(calm.hull) for e in self._effects])
 
+    @cached_property
     def _effects(self) -> list[Effect]:
         """The effects as such, for the type checker."""
         return list(self.effects)  # type: ignore[arg-type]
 
+    @cached_property
+    def _hulls(self) -> list[Effect]:
+        """Those that change the ship's inertia."""
+        return [e for e in self._effects if e.overrides("with_changed_inertia")]
+
     def _memories(self, state: Tensor) -> list[tuple[Effect, Tensor]]:
         """Every effect with its part of the state."""
-        parts = state[..., self._calm_size :].split([e.memory for e in self._effects()], dim=-1)
-        return list(zip(self._effects(), parts, strict=True))
+        own, sizes = state[..., self._calm_size :], [e.memory for e in self._effects]
+        parts = own.split(sizes, dim=-1) if any(sizes) else [own] * len(sizes)
+        return list(zip(self._effects, parts, strict=True))
 
     @property
     def _calm_size(self) -> int:
@@ -85,31 +96,31 @@ class _Affected(ModelAround):
         shaft = inputs.shaft
         if shaft is None:  # what was recorded holds, whatever an engine would make of the shaft
             shaft = self._shaft(state, inputs)
-        rate = self.calm(state[..., : self._calm_size], replace(inputs, shaft=shaft))
-        shaft = torch.ones_like(inputs.delta) if shaft is None else shaft
-        return _situation(state, rate[..., :3], replace(inputs, shaft=shaft)), rate[..., 3:6], rate[..., 6:]
+            inputs = inputs if shaft is None else replace(inputs, shaft=shaft)
+        rate = self.calm(state[..., : self._calm_size], inputs)
+        return _situation(state, rate[..., :3], inputs), rate[..., 3:6], rate[..., 6:]
 
     def _shaft(self, state: Tensor, inputs: Inputs) -> Tensor | None:
         """Shaft speed that the engines among the effects make, over the nominal one; None if there is no engine."""
-        engines = [(e, own) for e, own in self._memories(state) if type(e).shaft is not Effect.shaft]
-        if not engines:
+        if not any(e.overrides("shaft") for e in self._effects):
             return None
         shaft = torch.ones_like(inputs.delta)
-        s = _situation(state, torch.zeros_like(state[..., :3]), replace(inputs, shaft=shaft))
-        for effect, own in engines:
-            shaft = shaft * effect.shaft(s, own)
+        s = _situation(state, torch.zeros_like(state[..., :3]), inputs)
+        for effect, own in self._memories(state):
+            if effect.overrides("shaft"):
+                shaft = shaft * effect.shaft(s, own)
         return shaft
 
 
 def _situation(state: Tensor, nudot: Tensor, inputs: Inputs) -> Situation:
-    """What effects see at a state, its calm-water accelerations and inputs with a shaft speed."""
+    """What effects see at a state, its calm-water accelerations and inputs; the shaft is nominal if none is given."""
     x, y, psi = state[..., 3:6].unbind(-1)
     time = torch.zeros_like(inputs.delta) if inputs.time is None else inputs.time
-    assert inputs.shaft is not None
+    shaft = torch.ones_like(inputs.delta) if inputs.shaft is None else inputs.shaft
     heel = None
     if inputs.phi is not None and inputs.p is not None and inputs.pdot is not None:
         heel = torch.stack([inputs.phi, inputs.p, inputs.pdot], dim=-1)
-    return Situation(state[..., :3], nudot, x, y, psi, inputs.delta, inputs.shaft, time, heel)
+    return Situation(state[..., :3], nudot, x, y, psi, inputs.delta, shaft, time, heel)
 
 
 @dataclass(frozen=True)
@@ -127,7 +138,7 @@ class RudderGear:
     @cached_property
     def _faults(self) -> list[Effect]:
         """What lies between the rudder indicator and the blade, in the order in which it acts."""
-        return [e for e in self.effects if type(e).blade is not Effect.blade]
+        return [e for e in self.effects if e.overrides("blade")]
 
     def after(
         self,

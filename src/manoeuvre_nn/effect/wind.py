@@ -67,7 +67,11 @@ class _TrueWind(Effect):
         north, east = speed * north - self._swing(s) * east, speed * east + self._swing(s) * north
         ahead = s.u + north * cos + east * sin  # the wind blows toward the opposite of where it is from
         across = s.v - north * sin + east * cos
-        return self._load(ahead, across) - self.value("still_air")[..., None] * self._load(s.u, s.v)
+        if ahead.shape == s.u.shape:  # both at once: where few rows are sailed, the number of operations takes the time
+            wind, still = self._load(torch.stack([ahead, s.u]), torch.stack([across, s.v])).unbind(0)
+        else:
+            wind, still = self._load(ahead, across), self._load(s.u, s.v)
+        return wind - self.value("still_air")[..., None] * still
 
     def heeling(self, s: Situation) -> Float[Tensor, "*batch"]:
         """``K = Y s_H``, the lateral area's centroid being s_H = A_L / (2 L_oa) above the water (Blendermann 1994)."""

@@ -74,7 +74,7 @@ def change_of_coefficients(
     for number, (effect, value) in enumerate(zip(effects, values, strict=True)):
         acting = effect.at(effect.values.new_tensor(value))
         added = acting.changed_terms() if corrections.fits(effect.ship) else None
-        own = type(effect).with_changed_inertia is not Effect.with_changed_inertia
+        own = effect.overrides("with_changed_inertia")
         if added is None and not own:
             continue
         # By rows, moved = 1 @ moved: what unit accelerations are once the inertia has changed.

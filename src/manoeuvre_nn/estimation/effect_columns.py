@@ -51,7 +51,7 @@ def contribution(
             changed = changed + rate(moving.expand(rows, n, -1), blade, s.shaft, sides) - without
         memory = own_states(acting, s, rows, linearised.run.step)
         shaft = acting.shaft(here, memory)
-        if type(effect).shaft is not Effect.shaft and bool((s.shaft == 1).all()):
+        if effect.overrides("shaft") and bool((s.shaft == 1).all()):
             changed = (
                 changed + rate(moving.expand(rows, n, -1), s.delta, shaft.expand(rows, n), sides) - linearised.calm
             )
@@ -67,7 +67,7 @@ def contribution(
 
 def hulls_beside(effects: Sequence[Effect], values: Sequence[Float[np.ndarray, " p"]], number: int) -> list[Effect]:
     """Those among the effects of a run that change the ship's inertia under one that does not, at their values."""
-    hulls = [k for k, e in enumerate(effects) if type(e).with_changed_inertia is not Effect.with_changed_inertia]
+    hulls = [k for k, e in enumerate(effects) if e.overrides("with_changed_inertia")]
     return [] if number in hulls else [effects[k].at(effects[k].values.new_tensor(values[k])) for k in hulls]
 
 
@@ -91,14 +91,14 @@ def blades(
         if _undoes_a_record(effect):
             acting = [effect.at(torch.tensor(table)[:, None, :]) for table in tables]
             return [indicated(a, r, torch.tensor(r["delta"])[None]) for a, r in zip(acting, runs, strict=True)]
-        if type(effect).blade is Effect.blade:
+        if not effect.overrides("blade"):
             return [None] * len(runs)
         shown = [torch.tensor(x.indicated).expand(len(v), -1) for x, v in zip(linearised, tables, strict=True)]
         return list(_behind(effect, [torch.tensor(table) for table in tables], runs, shown))
 
 
 def _undoes_a_record(effect: Effect) -> bool:
-    return type(effect).indicated is not Effect.indicated
+    return effect.overrides("indicated")
 
 
 def behind_record(
@@ -247,9 +247,9 @@ def _recorded(acting: Effect, linearised: LinearisedRun, s: Situation, rows: int
     """What the effect adds to the measured channels: moving water, and sensors."""
     n = len(linearised.run)
     added = np.zeros((n, len(linearised.states.channels), rows))
-    if type(acting).stream is not Effect.stream:
+    if acting.overrides("stream"):
         added[:, 2:4] = acting.stream(s).expand(rows, n, 2).permute(1, 2, 0).numpy()
-    if type(acting).record is not Effect.record:
+    if acting.overrides("record"):
         true = perfect(s)
         written = acting.record(true, s)
         for k, name in enumerate(MEASURED):

@@ -47,7 +47,7 @@ def with_effects(calm: Program, vessel: Vessel) -> Program:
     effects = [e.aboard(vessel.calm.corrected(e.ship)) for e in vessel.effects]
     given = _inputs(vessel, calm, effects)
     outputs = [*calm.outputs]
-    if any(type(e).stream is not Effect.stream for e in effects):
+    if any(e.overrides("stream") for e in effects):
         outputs += STREAM
     outputs += [rate_of(q) for q in own_states(effects)]
     build = Builder(given, outputs)
@@ -80,7 +80,7 @@ def own_states(effects: Sequence[Effect]) -> list[Quantity]:
 
 def _check(effect: Effect) -> None:
     """Refuse an effect that does not act on the ship's motion itself."""
-    acts = [what for name, what in NOT_MOTION.items() if getattr(type(effect), name) is not getattr(Effect, name)]
+    acts = [what for name, what in NOT_MOTION.items() if effect.overrides(name)]
     acts += ["a sensor"] if effect.site == "sensor" else []
     if acts:
         raise InputError(
@@ -116,7 +116,7 @@ def _write(effects: Sequence[Effect], build: Builder, calm: Sequence[sympy.Symbo
     columns: list[list[sympy.Expr]] = [[one] for one in calm]
     stream: list[list[sympy.Expr]] = [[], []]
     rates: list[sympy.Expr] = []
-    hulls = [e for e in effects if type(e).with_changed_inertia is not Effect.with_changed_inertia]
+    hulls = [e for e in effects if e.overrides("with_changed_inertia")]
     with torch.no_grad(), Trace(build) as trace:
         s = _situation(trace, symbols, given, calm)
         for effect in effects:
@@ -138,7 +138,7 @@ def _write(effects: Sequence[Effect], build: Builder, calm: Sequence[sympy.Symbo
     build.section("All accelerations")
     for name, column in zip(("udot", "vdot", "rdot"), columns, strict=True):
         build.output(name, added(column))
-    if any(type(e).stream is not Effect.stream for e in effects):
+    if any(e.overrides("stream") for e in effects):
         for q, column in zip(STREAM, stream, strict=True):
             build.output(q.name, added(column))
     for k, formula in enumerate(rates):

@@ -59,7 +59,7 @@ class MixedEffect(Effect):
 
         out = self._filled(torch.zeros_like(s.nu), "acceleration", one)
         for rows, e in self.blocks:
-            if type(e).acceleration is Effect.acceleration and type(e).force is not Effect.force:
+            if e.overrides("force") and not e.overrides("acceleration"):
                 out[rows] = one(rows, e)
         return out
 
@@ -85,7 +85,7 @@ class MixedEffect(Effect):
         """What each row's recorder writes."""
         out = {name: values.clone() for name, values in channels.items()}
         for rows, e in self.blocks:
-            if type(e).record is not Effect.record:
+            if e.overrides("record"):
                 for name, values in e.record({k: c[rows] for k, c in channels.items()}, _of(s, rows)).items():
                     out[name][rows] = values
         return out
