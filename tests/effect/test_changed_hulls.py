@@ -151,7 +151,7 @@ def test_parts_of_a_series_add_up_to_its_forces_but_for_rudder_and_resistance():
     ship = ship_named("great_lakes_bulker")
     loaded = made("loading", ship)
     tables = loaded.series.of_drift, loaded.series.of_yaw, loaded.series.of_mass
-    drift, yaw, inertial = (loaded.force(s, table) for table in tables)
+    drift, yaw, inertial = (loaded.force_of(s, table) for table in tables)
     whole = ship.force(s.nu, torch.zeros_like(s.delta))
     torch.testing.assert_close((drift + yaw + inertial)[:, 1:], whole[:, 1:])
     mass, units = ship.particulars.mass / ship.prime.mass, ship.velocity_units

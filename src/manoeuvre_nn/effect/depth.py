@@ -87,7 +87,7 @@ class _FiniteDepth(HullEffect):
         resistance = RESISTANCE * zeta * p.calm_resistance / self.ship.prime.force * speed * speed.abs()
         slower = self._form() * columns(resistance, 0 * resistance, 0 * resistance)
         added = columns(f["Yvdot"] - 1, f["Yvdot"] - 1, f["Nrdot"] - 1) * self.series.added
-        return self.force(s, self.rescaled(s)) - slower, self._form() * added
+        return self.force_of(s, self.rescaled(s)) - slower, self._form() * added
 
     def shares(self, s: Situation) -> tuple[Float[Tensor, "*batch 3 3"], Float[Tensor, "*batch 3 3"]]:
         """Factors less 1; nothing where terms in zeta of the ship's own add to those of deep water."""

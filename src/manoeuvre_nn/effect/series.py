@@ -129,7 +129,7 @@ class HullEffect(Effect):
         """Which share of all this every term gets."""
         return self.series.linear + self.nonlinear() * (1 - self.series.linear)
 
-    def force(self, s: Situation, table: Float[Tensor, "*rows terms 3"]) -> Float[Tensor, "*batch 3"]:
+    def force_of(self, s: Situation, table: Float[Tensor, "*rows terms 3"]) -> Float[Tensor, "*batch 3"]:
         """F' of some coefficients [-]: one product for all samples where a row's table is the same for them."""
         products = self.ship.products(s.nu, s.delta)
         whole = table.ndim > 2 and table.shape[-3] == 1
