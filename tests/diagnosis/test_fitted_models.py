@@ -18,6 +18,7 @@ from manoeuvre_nn.core.scaling import Scaling
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis.case import Case, Question
 from manoeuvre_nn.diagnosis.diagnose import diagnose
+from manoeuvre_nn.diagnosis.forecast import drawn_tables, known_of
 from manoeuvre_nn.diagnosis.gusts import _course, _without_gusts
 from manoeuvre_nn.diagnosis.words import left_open, summary_sentence
 from manoeuvre_nn.dynamics.base import Model, calm_accelerations, is_fitted
@@ -307,6 +308,22 @@ def test_in_calm_air_a_fitted_model_has_nothing_proved_against_it(pond):
     found = diagnose(question(duration=120.0))
     assert found.residuals[0].units == ("N", "N", "N m") and 0 < np.abs(found.residuals[0].force[:, 1]).max() < 10
     assert (found.verdict, found.model) == ("none", []) and found.sentence.startswith("Nothing is proved")
+
+
+def test_several_runs_that_were_not_used_are_drawn_with_a_fitted_model_as_they_are_one_by_one(pond):
+    _, question = pond
+    runs = question(duration=60.0).case.runs
+    data_set = whitened_data_set(question(duration=60.0).dynamics, runs[:1])
+    offset = RudderOffset(data_set.dynamics.hull, offset_deg=1.0)
+    known = known_of(
+        data_set, MarginalLikelihood(data_set).evaluate(Hypothesis((offset,), (offset.values.numpy()[None],)))
+    )
+    there = Hypothesis((offset,), (np.tile(offset.values.numpy(), (2, 1)),))
+    together = drawn_tables(known, there, runs[1:], 15.0)
+    assert [len(tables) for tables in together] == [101, 101]
+    for k, (mine, *_) in enumerate(together):
+        ((alone, *_),) = drawn_tables(known, there.of_runs([k]), runs[1 + k : 2 + k], 15.0)
+        assert mine["psi"].to_numpy() == approx(alone["psi"].to_numpy(), abs=1e-9)
 
 
 @pytest.mark.slow  # a quarter of a minute; gusts on a pond that was measured are named in tests/test_notebooks.py

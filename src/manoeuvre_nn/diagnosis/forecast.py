@@ -217,7 +217,8 @@ def drawn_tables(
     off = g.multivariate_normal(np.zeros(len(known.covariance)), known.covariance, DRAWS, method="eigh")
     off, kept, rows = np.vstack([0 * off[:1], off]), data_set.combinations, known.rows(runs)
     numbers = off[:, kept + len(data_set.runs) :]
-    unseen = 0.0 if is_fitted(data_set.dynamics) else unseen_scatter(data_set, chosen.best[1], len(off), g)
+    scatter = (data_set, chosen.best[1], len(off), g)
+    unseen = np.zeros((len(off), 1)) if is_fitted(data_set.dynamics) else unseen_scatter(*scatter)
     driving = known.corrected(*(np.tile(part, (len(runs), 1)) for part in (known.mean[:kept] + off[:, :kept], unseen)))
     draws = [chosen.hypothesis.within_bounds(chosen.hypothesis.vector() + change) for change in numbers]
     draws[0] = steady(chosen.hypothesis)
