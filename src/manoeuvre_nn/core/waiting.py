@@ -14,6 +14,8 @@ PAUSE_S = 4.5
 """Longest silence where there is no terminal [s]: nothing is silent for 5 s."""
 TICK_S = 0.5
 """Time between two looks [s]."""
+LATE = "longer than expected"
+"""In place of the time that is left, once it has passed."""
 BAR_COLUMNS = 16
 """Columns of the bar."""
 Poll = Callable[[], tuple[str, float | None]]
@@ -48,7 +50,9 @@ class _Work:
         if self.first is None or self.last is None or self.last[1] <= self.first[1]:
             return ""
         pace = (self.last[0] - self.first[0]) / (self.last[1] - self.first[1])
-        seconds = max(pace * (1 - self.last[1]) - (monotonic() - self.last[0]), 0.0)
+        seconds = pace * (1 - self.last[1]) - (monotonic() - self.last[0])
+        if seconds < 0:
+            return LATE
         return f"about {seconds / 60:.0f} min left" if seconds > 90 else f"about {seconds:.0f} s left"
 
     @property
