@@ -13,7 +13,7 @@ from hydra import initialize_config_dir
 from manoeuvre_nn.commands.config import with_effects
 from manoeuvre_nn.commands.groups import compose, own_folder
 from manoeuvre_nn.commands.guard import one_line
-from manoeuvre_nn.commands.job import load_model, prepare
+from manoeuvre_nn.commands.job import caveat_of, load_model, prepare
 from manoeuvre_nn.commands.train import finished
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.diagnosis.manifest import read_manifest
@@ -306,3 +306,23 @@ def mapping_of_run(folder):
 def test_scores_that_were_changed_are_not_taken_for_a_finished_run(training, tmp_path):
     (tmp_path / "scores.json").write_text(json.dumps({"training": training}))
     assert not finished(tmp_path, 10)
+
+
+@pytest.mark.parametrize(
+    ("written", "said"),
+    [
+        ('{"verdict": {"word": "doubtful"}}', "the model is doubtful by the held-out runs of its own training"),
+        ('{"verdict": {"word": "do not use"}}', "the model is not to be used by the held-out runs of its own training"),
+        ('{"verdict": {"word": "usable"}}', ""),
+        ('{"verdict": {"word": ["doubtful"]}}', ""),
+        ('{"verdict": "doubtful"}', ""),
+        ("[1]", ""),
+        ("no JSON", ""),
+        (None, ""),
+    ],
+)
+def test_what_its_own_training_says_against_a_model_is_read_from_its_scores(tmp_path, written, said):
+    if written is not None:
+        (tmp_path / "scores.json").write_text(written)
+    caveat = caveat_of(tmp_path / "checkpoints" / "best.ckpt")
+    assert caveat.startswith(said) and bool(caveat) == bool(said)

@@ -305,9 +305,10 @@ def pond():
 
 def test_in_calm_air_a_fitted_model_has_nothing_proved_against_it(pond):
     _, question = pond
-    found = diagnose(question(duration=120.0))
+    found = diagnose(replace(question(duration=120.0), caveat="the model is doubtful"))
     assert found.residuals[0].units == ("N", "N", "N m") and 0 < np.abs(found.residuals[0].force[:, 1]).max() < 10
     assert (found.verdict, found.model) == ("none", []) and found.sentence.startswith("Nothing is proved")
+    assert not found.checks[0].passed and found.sentence.endswith(" But the model is doubtful.")
 
 
 def test_several_runs_that_were_not_used_are_drawn_with_a_fitted_model_as_they_are_one_by_one(pond):

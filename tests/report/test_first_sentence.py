@@ -12,7 +12,7 @@ from rich.console import Console
 
 from manoeuvre_nn.diagnosis.answers import write_answer
 from manoeuvre_nn.diagnosis.predictive import REPAIRED_SAILS, still_missing
-from manoeuvre_nn.diagnosis.result import RIGHT_SHIP, Check, Nature, Value
+from manoeuvre_nn.diagnosis.result import RIGHT_SHIP, USABLE_MODEL, Check, Nature, Value
 from manoeuvre_nn.diagnosis.words import if_this_ship, nature_sentence, summary_sentence
 from manoeuvre_nn.report.diagnosis_html import diagnosis_html
 from manoeuvre_nn.report.diagnosis_tables import diagnosis_markdown, outcomes, print_diagnosis, verdict_text
@@ -56,6 +56,11 @@ def test_that_it_may_not_be_the_ship_comes_before_a_formula_and_before_causes():
         assert said.startswith("This may not be the mariner, or her model is wrong: the coefficients would have")
         assert 0 < said.index("off by some 20 %") < said.index(inner)
     assert not windy().doubtful and if_this_ship("As it is.", "mariner", windy().checks) == "As it is."
+
+
+def test_that_the_model_does_not_predict_its_own_held_out_runs_stands_behind_what_was_found():
+    check = Check(USABLE_MODEL, False, "the model is doubtful")
+    assert if_this_ship("A wind.", "mariner", [check]) == "A wind. But the model is doubtful."
 
 
 @pytest.mark.parametrize("make", [windy, calm, unknown])

@@ -40,12 +40,14 @@ class _Setup:
         shelf: Effect -> its entry in conf/effect.
         wanted: Names of the candidates.
         model: Network instead of a ship's coefficients; None takes these.
+        caveat: What its own training says against it.
     """
 
     cfg: DictConfig
     shelf: Mapping[str, Mapping[str, Any]]
     wanted: Sequence[str]
     model: IdentifiedShip | None
+    caveat: str = ""
 
     def case(self, folder: Path) -> Case:
         """Read a concealed case."""
@@ -98,6 +100,7 @@ class _Setup:
             settings,
             workers=self.cfg.workers,
             remainder=self.cfg.remainder,
+            caveat=self.caveat,
         )
 
     def candidates(self, case: Case) -> tuple[list[Effect], list[str]]:
@@ -133,17 +136,19 @@ class _Setup:
 
 def setup(cfg: DictConfig, model: IdentifiedShip | None = None) -> _Setup:
     """Check everything that concerns all cases, with a fitted model that is at hand or else that of the config."""
+    caveat = ""
     shelf = {name: load_yaml(path) for name, path in options("effect", cfg.get("config_dir")).items()}
     if model is None and cfg.model is not None:
         # It brings Lightning, seconds that a ship's own model needs not.
-        from manoeuvre_nn.commands.job import load_model, with_rate
+        from manoeuvre_nn.commands.job import caveat_of, load_model, with_rate
 
         model = with_rate(load_model(Path(str(cfg.model))), "a diagnosis")
+        caveat = caveat_of(Path(str(cfg.model)))
     chosen = cfg.candidates
     if chosen == DEFAULT and cfg.mapping is not None:
         given = configs.read_mapping(cfg.mapping, cfg.get("config_dir"))
         chosen = TANK if given is not None and given.place == TANK else DEFAULT
-    return _Setup(cfg, shelf, wanted(chosen, shelf), model)
+    return _Setup(cfg, shelf, wanted(chosen, shelf), model, caveat)
 
 
 def wanted(chosen: Any, shelf: Mapping[str, Mapping[str, Any]]) -> list[str]:

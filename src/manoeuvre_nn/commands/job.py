@@ -12,7 +12,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from manoeuvre_nn.commands import config as configs
 from manoeuvre_nn.commands.groups import option, options
-from manoeuvre_nn.commands.provenance import CONFIG
+from manoeuvre_nn.commands.provenance import CONFIG, SCORES
 from manoeuvre_nn.commands.settings import check_settings
 from manoeuvre_nn.commands.shelves import (
     TARGET,
@@ -25,7 +25,7 @@ from manoeuvre_nn.commands.shelves import (
     plain,
     without_targets,
 )
-from manoeuvre_nn.core.data_files import check_plain, load_yaml, without_format
+from manoeuvre_nn.core.data_files import check_plain, load_json, load_yaml, without_format
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.network import Network
 from manoeuvre_nn.core.recording import Recording
@@ -278,6 +278,24 @@ def made_again(checkpoint: Path) -> Generator[None]:
         raise InputError(
             f"model={checkpoint}: the {CONFIG} of its run describes no model ({type(error).__name__}: {said[:120]})"
         ) from error
+
+
+def caveat_of(checkpoint: Path) -> str:
+    """What the held-out runs of a checkpoint's own training say against its model.
+
+    Args:
+        checkpoint: ``OUT/checkpoints/best.ckpt`` or ``last.ckpt``.
+
+    Returns:
+        A clause by the verdict in ``OUT/scores.json``; empty where that calls the model usable, or says nothing.
+    """
+    try:
+        word = load_json(checkpoint.resolve().parents[1] / SCORES)["verdict"]["word"]
+    except (OSError, InputError, KeyError, TypeError, IndexError):
+        return ""
+    told = {"doubtful": "is doubtful", "do not use": "is not to be used"}.get(str(word))
+    by = f"by the held-out runs of its own training ({SCORES} beside it)"
+    return f"the model {told} {by}: what is found may be its own error" if told else ""
 
 
 def load_model(path: Path) -> IdentifiedShip | RecursiveShip:

@@ -98,6 +98,7 @@ class Question:
         settings: For the record.
         workers: Processes among which the candidates are shared out.
         remainder: Whether a network may learn what physics leaves.
+        caveat: What speaks against the model itself before these runs are looked at; empty if nothing does.
     """
 
     case: Case
@@ -106,6 +107,7 @@ class Question:
     settings: Mapping[str, str] = field(default_factory=dict)
     workers: int = 1
     remainder: bool = False
+    caveat: str = ""
 
     @cached_property
     def held_out(self) -> MarginalLikelihood:

@@ -18,7 +18,7 @@ from manoeuvre_nn.diagnosis.nature import nature_of
 from manoeuvre_nn.diagnosis.predictive import calm_check, repaired_check, still_missing
 from manoeuvre_nn.diagnosis.proof import in_held_out_runs, prove
 from manoeuvre_nn.diagnosis.remainder import is_left, with_remainder
-from manoeuvre_nn.diagnosis.result import Cause, Check, Diagnosis, Proof, Residual
+from manoeuvre_nn.diagnosis.result import USABLE_MODEL, Cause, Check, Diagnosis, Proof, Residual
 from manoeuvre_nn.diagnosis.right_ship import right_ship_check
 from manoeuvre_nn.diagnosis.search import MIN_GAIN_OF_SECOND, Progress, SearchResult, search
 from manoeuvre_nn.diagnosis.words import (
@@ -77,6 +77,7 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
     found = _shaded(found, [c for c in causes if c.name in chosen.names])
     particulars = question.dynamics.particulars
     model = ["unknown" if name == Formula.name else name for name in chosen.names if name != Remainder.name]
+    checks = [*([Check(USABLE_MODEL, False, question.caveat)] if question.caveat else []), *checks]
     noise, open_still = _noise(data_set), (left_open(tried, verdict), still_missing(checks))
     sentence = summary_sentence(causes, model, proofs, mismatch, *open_still, noise)
     return Diagnosis(

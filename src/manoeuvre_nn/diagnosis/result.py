@@ -141,6 +141,10 @@ class Residual:
     units: tuple[str, str, str] = ("kN", "kN", "MN m")
 
 
+USABLE_MODEL = "the model predicts its own held-out runs"
+"""Name of the check of a model that was trained before."""
+
+
 @dataclass(frozen=True)
 class Check:
     """A test that a claim must pass.

@@ -9,7 +9,7 @@ from manoeuvre_nn.core.units import three_digits
 from manoeuvre_nn.diagnosis.advise import Ranked, advise
 from manoeuvre_nn.diagnosis.decision import Decision
 from manoeuvre_nn.diagnosis.locate import PUSHES
-from manoeuvre_nn.diagnosis.result import RIGHT_SHIP, Cause, Check, Nature, Proof, Value
+from manoeuvre_nn.diagnosis.result import RIGHT_SHIP, USABLE_MODEL, Cause, Check, Nature, Proof, Value
 from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
@@ -71,7 +71,9 @@ def summary_sentence(
 
 
 def if_this_ship(sentence: str, ship: str, checks: Sequence[Check]) -> str:
-    """The sentence; before it, where the coefficients are not those of this ship, that it may not be her."""
+    """The sentence; if need be that it may not be this ship before it, that the model may err by itself after it."""
+    caveat = next((c.text for c in checks if c.name == USABLE_MODEL and not c.passed), "")
+    sentence = f"{sentence} But {caveat}." if caveat else sentence
     why = next((c.text for c in checks if c.name == RIGHT_SHIP and not c.passed), "")
     return f"This may not be the {ship}, or her model is wrong: {why}. If she is: {sentence}" if why else sentence
 
