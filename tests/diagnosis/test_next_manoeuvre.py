@@ -158,7 +158,9 @@ def test_a_rudder_offset_looks_the_same_on_all_headings():
     assert gains == approx([gains[0]] * 4, rel=0.02) and gains[0] > 1
 
 
-@pytest.mark.parametrize("effect", [None, WIND, CURRENT, RudderOffset(SHIP, offset_deg=2.0)])
+@pytest.mark.parametrize(
+    "effect", [pytest.param(None, marks=pytest.mark.slow), WIND, CURRENT, RudderOffset(SHIP, offset_deg=2.0)]
+)
 def test_simulated_runs_obey_the_equations_by_which_they_are_judged(effect):
     """What a step of calm water from each state misses is what the hypothesis adds; at half speed too."""
     h = Hypothesis((), ()) if effect is None else judged(effect).hypothesis

@@ -92,7 +92,7 @@ def test_the_current_of_a_perfect_circle_is_found_exactly(side):
     assert found.speed_error < 3e-3 and found.error < 3e-3
 
 
-@pytest.mark.parametrize("angle", [10.0, 20.0, 35.0])
+@pytest.mark.parametrize("angle", [10.0, pytest.param(20.0, marks=pytest.mark.slow), 35.0])
 @pytest.mark.parametrize("side", ["starboard", "port"])
 @pytest.mark.parametrize("ship", ["mariner", "chislett", "esso", "container"])
 def test_correction_by_arcs_agrees_with_that_by_the_known_current(ship, angle, side):
