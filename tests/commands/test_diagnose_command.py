@@ -26,7 +26,7 @@ from manoeuvre_nn.commands.config import with_effects
 from manoeuvre_nn.commands.diagnose import _Tracker, case_folders, diagnose_all
 from manoeuvre_nn.commands.diagnosis_setup import setup, wanted, write_effects
 from manoeuvre_nn.commands.groups import compose
-from manoeuvre_nn.commands.job import caveat_of, load_model, prepare
+from manoeuvre_nn.commands.job import load_model, prepare
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.units import KNOT
 from manoeuvre_nn.dynamics.base import calm_accelerations
@@ -353,10 +353,11 @@ def test_a_network_is_loaded_as_it_was_trained(done, network):
         np.testing.assert_allclose(run[name], told[column], atol=1e-5)
 
 
-def test_a_network_stands_in_for_the_ship(network, recordings, tmp_path):
+def test_a_network_stands_in_for_the_ship(network, recordings, monkeypatch):
+    monkeypatch.setattr("manoeuvre_nn.commands.job.caveat_of", lambda path: f"{path.name} is doubtful")
     common = setup(config(f"recordings={recordings}", f"model={network}", "speed_kn=12", ONLY))
     question = common.question(common.runs())
-    assert question.dynamics.network is common.model.network and question.caveat == caveat_of(network)
+    assert question.dynamics.network is common.model.network and question.caveat == "best.ckpt is doubtful"
     assert question.dynamics.particulars.speed == pytest.approx(12 * KNOT)
     nu, rudder = torch.tensor([7.0, 0.3, 0.01]).double(), torch.tensor(0.2).double()
     with torch.no_grad():
