@@ -23,6 +23,8 @@ from studies.concealed_trial.record import write_case
 from studies.concealed_trial.score import score_case
 from studies.concealed_trial.scoreboard import label_losses, markdown, scoreboard
 
+ENDED = ("answer.json", "error.txt")
+"""What a tool leaves of a case: its answer, or why there is none."""
 KEPT_ENVIRONMENT = ("PATH", "HOME", "LANG", "TMPDIR", "VIRTUAL_ENV", "SYSTEMROOT")
 """What the tool's processes see of the environment."""
 POLL, PATIENCE = 1.0, 20.0
@@ -166,7 +168,7 @@ def answer(recordings: Path, answers: Path, command: Sequence[str], jobs: int, *
         method: Name of the tool.
 
     Raises:
-        InputError: If a process fails.
+        InputError: If a process fails and leaves cases without an answer and without the error that it ended in.
     """
     cases = sorted(path.parent.name for path in recordings.glob("*/manifest.json"))
     todo = [name for name in cases if not (answers / name / "answer.json").is_file()]
@@ -187,7 +189,9 @@ def answer(recordings: Path, answers: Path, command: Sequence[str], jobs: int, *
     finally:
         _end(running)
     for part, process in zip(parts, running, strict=True):
-        if process.returncode:
+        # A case that the tool refused or broke down on is its own: it counts as not answered.
+        left = [path for path in part.iterdir() if not any((answers / path.name / name).is_file() for name in ENDED)]
+        if process.returncode and left:
             log_file = part.parent / f"{part.name}.log"
             raise InputError(f"{method} ended with code {process.returncode} on a part of the cases: see {log_file}")
 

@@ -121,6 +121,17 @@ def test_a_tool_that_fails_is_reported_with_its_log(quick, tmp_path):
         answer(tmp_path / "recordings", tmp_path / "answers", command, 2, root=tmp_path, method="tool")
 
 
+def test_a_case_that_a_tool_refuses_stops_no_trial(quick, tmp_path):
+    generate(Trial(5, 1), tmp_path, 1)
+    answers = tmp_path / "answers"
+    refused = answers / case_name(5, 0) / "error.txt"
+    write = (
+        f"import pathlib; p = pathlib.Path({str(refused)!r}); p.parent.mkdir(); p.write_text('no'); raise SystemExit(1)"
+    )
+    answer(tmp_path / "recordings", answers, (sys.executable, "-c", write), 1, root=tmp_path, method="tool")
+    assert refused.is_file() and not list(answers.glob("*/answer.json"))
+
+
 def test_scoring_refuses_a_trial_whose_commitments_were_changed(quick, tmp_path, monkeypatch):
     monkeypatch.setattr(stages, "score_case", lambda *_: pytest.fail("scored before it was checked"))
     generate(Trial(5, 1), tmp_path, 1)
