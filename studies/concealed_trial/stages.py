@@ -177,6 +177,8 @@ def answer(recordings: Path, answers: Path, command: Sequence[str], jobs: int, *
     work = recordings.parent / "parts" / method
     parts = [_part(work / str(k + 1), recordings, todo[k::jobs]) for k in range(min(jobs, len(todo)))]
     answers.mkdir(parents=True, exist_ok=True)
+    for name in todo:
+        (answers / name / ENDED[1]).unlink(missing_ok=True)  # of an attempt before
     environment = {key: os.environ[key] for key in KEPT_ENVIRONMENT if key in os.environ}
     environment |= {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
     running: list[subprocess.Popen] = []

@@ -15,14 +15,12 @@ from manoeuvre_nn.diagnosis.workers import shared_out
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.local import SideForce
 from manoeuvre_nn.effect.rudder import RudderOffset
-from manoeuvre_nn.effect.sensors import LogScale
 from manoeuvre_nn.estimation.data_set import whitened_data_set
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MAX_KEPT, MarginalLikelihood, hypothesis_columns
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 ACTING = (Current(SHIP, speed=0.6, toward_deg=50.0), RudderOffset(SHIP, offset_deg=1.5))
-SCALE = LogScale(SHIP)
 PUSH = SideForce(SHIP, force_kN=100.0, lever_m=20.0, start_s=80.0, end_s=150.0)
 
 

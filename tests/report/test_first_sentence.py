@@ -13,7 +13,7 @@ from rich.console import Console
 from manoeuvre_nn.diagnosis.answers import write_answer
 from manoeuvre_nn.diagnosis.predictive import REPAIRED_SAILS, still_missing
 from manoeuvre_nn.diagnosis.result import RIGHT_SHIP, USABLE_MODEL, Check, Nature, Value
-from manoeuvre_nn.diagnosis.words import if_this_ship, nature_sentence, summary_sentence
+from manoeuvre_nn.diagnosis.words import nature_sentence, summary_sentence, with_caveats
 from manoeuvre_nn.report.diagnosis_html import diagnosis_html
 from manoeuvre_nn.report.diagnosis_tables import diagnosis_markdown, outcomes, print_diagnosis, verdict_text
 from manoeuvre_nn.report.views import Answer
@@ -45,7 +45,7 @@ def doubtful(d):
     """The same, with coefficients that are not this ship's."""
     check = Check(RIGHT_SHIP, False, "the coefficients would have to be off by some 20 %: log evidence +44")
     d = replace(d, checks=[check, *d.checks])
-    return replace(d, sentence=if_this_ship(d.sentence, d.ship, d.checks))
+    return replace(d, sentence=with_caveats(d.sentence, d.ship, d.checks))
 
 
 def test_that_it_may_not_be_the_ship_comes_before_a_formula_and_before_causes():
@@ -55,12 +55,12 @@ def test_that_it_may_not_be_the_ship_comes_before_a_formula_and_before_causes():
         said = doubtful(replace(windy(), sentence=sentence)).sentence
         assert said.startswith("This may not be the mariner, or her model is wrong: the coefficients would have")
         assert 0 < said.index("off by some 20 %") < said.index(inner)
-    assert not windy().doubtful and if_this_ship("As it is.", "mariner", windy().checks) == "As it is."
+    assert not windy().doubtful and with_caveats("As it is.", "mariner", windy().checks) == "As it is."
 
 
 def test_that_the_model_does_not_predict_its_own_held_out_runs_stands_behind_what_was_found():
     check = Check(USABLE_MODEL, False, "the model is doubtful")
-    assert if_this_ship("A wind.", "mariner", [check]) == "A wind. But the model is doubtful."
+    assert with_caveats("A wind.", "mariner", [check]) == "A wind. But the model is doubtful."
 
 
 @pytest.mark.parametrize("make", [windy, calm, unknown])

@@ -22,13 +22,13 @@ from manoeuvre_nn.diagnosis.result import USABLE_MODEL, Cause, Check, Diagnosis,
 from manoeuvre_nn.diagnosis.right_ship import right_ship_check
 from manoeuvre_nn.diagnosis.search import MIN_GAIN_OF_SECOND, Progress, SearchResult, search
 from manoeuvre_nn.diagnosis.words import (
-    if_this_ship,
     labels,
     left_open,
     nature_sentence,
     next_steps,
     runner_up,
     summary_sentence,
+    with_caveats,
 )
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.effect.formula import Formula
@@ -84,7 +84,7 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
         case=question.case.name,
         ship=particulars.name,
         verdict="mismatch" if mismatch else "none",
-        sentence=if_this_ship(sentence, question.dynamics.particulars.name, checks),
+        sentence=with_caveats(sentence, question.dynamics.particulars.name, checks),
         causes=causes,
         model=model,
         alias=checking.aliases(tried, chosen),

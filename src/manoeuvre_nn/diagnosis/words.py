@@ -70,7 +70,7 @@ def summary_sentence(
     return f"The recordings show {said}{_gain(proofs, them)}{more}."
 
 
-def if_this_ship(sentence: str, ship: str, checks: Sequence[Check]) -> str:
+def with_caveats(sentence: str, ship: str, checks: Sequence[Check]) -> str:
     """The sentence; if need be that it may not be this ship before it, that the model may err by itself after it."""
     caveat = next((c.text for c in checks if c.name == USABLE_MODEL and not c.passed), "")
     sentence = f"{sentence} But {caveat}." if caveat else sentence

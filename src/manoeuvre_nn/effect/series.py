@@ -130,7 +130,7 @@ class HullEffect(Effect):
         return self.series.linear + self.nonlinear() * (1 - self.series.linear)
 
     def force_of(self, s: Situation, table: Float[Tensor, "*rows terms 3"]) -> Float[Tensor, "*batch 3"]:
-        """F' of some coefficients [-]: one product for all samples where a row's table is the same for them."""
+        """Right-hand sides f' by a table of coefficients [-]: one product where a row's is the same at all samples."""
         products = self.ship.products(s.nu, s.delta)
         whole = table.ndim > 2 and table.shape[-3] == 1
         return products @ table[..., 0, :, :] if whole else times(products, table)

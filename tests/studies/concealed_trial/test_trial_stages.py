@@ -130,6 +130,9 @@ def test_a_case_that_a_tool_refuses_stops_no_trial(quick, tmp_path):
     )
     answer(tmp_path / "recordings", answers, (sys.executable, "-c", write), 1, root=tmp_path, method="tool")
     assert refused.is_file() and not list(answers.glob("*/answer.json"))
+    died = (sys.executable, "-c", "raise SystemExit(3)")
+    with pytest.raises(InputError, match="tool ended with code 3"):  # what was left before is no excuse
+        answer(tmp_path / "recordings", answers, died, 1, root=tmp_path, method="tool")
 
 
 def test_scoring_refuses_a_trial_whose_commitments_were_changed(quick, tmp_path, monkeypatch):
