@@ -210,7 +210,8 @@ def diagnose(
     Args:
         ship: A name in conf/ship, the path of a yaml of your own, or a ship with coefficients.
         runs: Recordings of it.
-        model: A fitted model, or the path of a checkpoint, instead of the ship's coefficients.
+        model: A fitted model, or the path of a checkpoint, instead of the ship's coefficients. Beside a checkpoint lies
+            what its own training says of the model; where that is bad, the answer says it.
         candidates: ``default``, ``tank``, ``all``, or names of effects.
         held_out: Names of the runs to prove by; ``auto`` chooses about a third.
         workers: Processes among which the candidates are shared out.
@@ -223,13 +224,17 @@ def diagnose(
     """
     listed = candidates if isinstance(candidates, str) else f"[{','.join(candidates)}]"
     cfg = compose("diagnose", [f"candidates={listed}", f"workers={workers}", "out=."])
-    fitted = None if model is None else with_rate(_model(model), "a diagnosis")
-    hull = _ship(ship) if fitted is None else fitted.known
+    fitted = None
+    if _is_checkpoint(model):
+        cfg.model = str(model)  # setup reads what its own training says of it, too
+    elif model is not None:
+        fitted = with_rate(_model(model), "a diagnosis")
+    common = setup(cfg, fitted)
+    hull = _ship(ship) if common.model is None else common.model.known
     if not isinstance(hull, Ship):
         raise InputError(
             f"the {hull.name} has particulars but no coefficients: give model=, or a ship with coefficients"
         )
-    common = setup(cfg, fitted)
     proved_by = held_out if held_out == "auto" else configs.as_list(held_out)
     case = case_of([as_sensed(run) for run in runs], hull, proved_by)
     return Answer(find_causes(common.question(case)))
@@ -297,11 +302,16 @@ def _effects(named: Named | Effect, ship: Ship | Particulars) -> list[Effect]:
     return [build({**option("effect", n), **values}, "effect", ship=ship) for n, values in entries.items()]
 
 
+def _is_checkpoint(model: Any) -> bool:
+    """Whether a path of a checkpoint is meant."""
+    return isinstance(model, Path) or (isinstance(model, str) and model.endswith(".ckpt"))
+
+
 def _model(model: Any) -> Any:
     """What moves: a fitted model, a checkpoint's, or a ship in calm water."""
     if isinstance(model, FittedModel):
         return model.model
-    if isinstance(model, Path) or (isinstance(model, str) and model.endswith(".ckpt")):
+    if _is_checkpoint(model):
         return load_model(Path(model))
     if isinstance(model, str | Ship):
         ship = _ship(model)

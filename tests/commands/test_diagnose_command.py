@@ -21,6 +21,7 @@ from rich.console import Console
 from sailed import manifest, sailed, to_starboard, write_runs
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+import manoeuvre_nn as mnn
 from manoeuvre_nn.commands import guard
 from manoeuvre_nn.commands.config import with_effects
 from manoeuvre_nn.commands.diagnose import _Tracker, case_folders, diagnose_all
@@ -351,6 +352,17 @@ def test_a_network_is_loaded_as_it_was_trained(done, network):
     told = pd.read_csv(done / "predictions" / "zz20.csv")
     for name, column in (("x", "x [m]"), ("psi", "psi [rad]"), ("v", "v [m/s]")):
         np.testing.assert_allclose(run[name], told[column], atol=1e-5)
+
+
+def test_from_python_what_a_checkpoints_training_says_against_it_is_told_as_well(network, monkeypatch):
+    monkeypatch.setattr("manoeuvre_nn.commands.job.caveat_of", lambda path: f"{path.name} is doubtful")
+    monkeypatch.setattr("manoeuvre_nn.api.find_causes", lambda question: question)
+    monkeypatch.setattr("manoeuvre_nn.api.Answer", lambda question: question)
+    models = network, load_model(network)
+    runs = [simulate(models[1], zigzag(angle, duration=90.0)) for angle in (10.0, 20.0)]
+    by_path, as_made = (mnn.diagnose("mariner", runs, model=m) for m in models)
+    assert (by_path.caveat, as_made.caveat) == ("best.ckpt is doubtful", "")
+    assert by_path.settings["model"] == str(network) and by_path.dynamics.network.members == models[1].network.members
 
 
 def test_a_network_stands_in_for_the_ship(network, recordings, monkeypatch):
