@@ -228,7 +228,7 @@ def test_ctrl_c_is_raised_again_where_it_can_be_ended_orderly(capsys, monkeypatc
 BEGINS_OTHERS = {
     "that of a pool": """
 from manoeuvre_nn.diagnosis.workers import shared_out
-list(shared_out(work, 2, 2))
+list(shared_out([lambda: work(0), lambda: work(1)], 2))
 """,
     "one that says so": """
 def alone(): end_with_parent(); work(0)

@@ -204,9 +204,9 @@ def test_hypotheses_close_behind_the_best_are_linearised_about_their_own_states(
 
     def at_rest(data_set, j):
         seen.append(j)
-        return data_set, replace(j, evidence=30.0 - j.evidence)
+        return replace(j, evidence=30.0 - j.evidence)
 
-    monkeypatch.setattr(under_test, "at_rest", at_rest)
+    monkeypatch.setattr(under_test, "fitted_at_rest", at_rest)
     after = settled(found(*made, none=-3.0))
     assert len(seen) == raced and [id(j) for j in seen] == [id(j) for j in made[:raced]]
     assert [j.evidence for j in after.fitted] == sorted((j.evidence for j in after.fitted), reverse=True)

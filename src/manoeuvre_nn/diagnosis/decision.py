@@ -2,16 +2,18 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from math import comb
 
 import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.diagnosis.alarm import MIN_GAIN_OF_UNKNOWN, MIN_GAIN_TO_TRY, raised
-from manoeuvre_nn.diagnosis.fits import at_rest
+from manoeuvre_nn.diagnosis.fits import fitted_at_rest
 from manoeuvre_nn.diagnosis.formula import short_formula
 from manoeuvre_nn.diagnosis.search import MIN_GAIN_OF_SINGLE, SearchResult, worth_its_size
 from manoeuvre_nn.diagnosis.unknown import unknown_evidence
+from manoeuvre_nn.diagnosis.workers import shared_out
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.effect.formula import Formula
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
@@ -96,11 +98,15 @@ class Decision:
         )
 
 
-def settled(result: SearchResult) -> SearchResult:
+def settled(result: SearchResult, workers: int = 1) -> SearchResult:
     """The search with the hypotheses that are still in the race linearised about their own states until these rest.
 
     They are those within :data:`MAX_DEFICIT_IN_RACE` of the best; with one alone there is no race. All were linearised
     about the same states before.
+
+    Args:
+        result: Of the search.
+        workers: Processes among which they are shared out.
 
     Returns:
         The same with their evidence about their own states.
@@ -110,7 +116,8 @@ def settled(result: SearchResult) -> SearchResult:
     race = [j for j in named if j.evidence > named[0].evidence - MAX_DEFICIT_IN_RACE][:MAX_IN_RACE]
     if len(race) < 2 or race[0].evidence < result.none.evidence + MIN_GAIN_TO_TRY:
         return result
-    evidence = {id(j): at_rest(result.likelihood.data_set, j)[1].evidence for j in race}
+    rested = shared_out([partial(fitted_at_rest, result.likelihood.data_set, j) for j in race], workers)
+    evidence = {id(j): found.evidence for j, found in zip(race, rested, strict=True)}
     fitted = [replace(j, evidence=evidence.get(id(j), j.evidence)) for j in result.fitted]
     return replace(result, fitted=sorted(fitted, key=lambda j: -j.evidence))
 

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -30,6 +31,7 @@ from manoeuvre_nn.diagnosis.words import (
     summary_sentence,
     with_caveats,
 )
+from manoeuvre_nn.diagnosis.workers import shared_out
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.effect.formula import Formula
 from manoeuvre_nn.effect.remainder import Remainder
@@ -62,7 +64,7 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
     began = time.perf_counter()
     progress("tracks and noise")
     data_set = whitened_data_set(question.dynamics, question.case.fitted)
-    tried = settled(search(data_set, question.effects, progress, question.workers))
+    tried = settled(search(data_set, question.effects, progress, question.workers), question.workers)
     progress("proof")
     verdict, (chosen, proofs, checks) = _decided(question, tried)
     if question.remainder and is_left(tried.likelihood, chosen):
@@ -130,18 +132,21 @@ def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypo
     none, known = tried.none, dict[int, _Tried]()
     proofs = prove(question, none, none.hypothesis)
     before, calm = _cost(question, [p.rmse_before for p in proofs]), in_held_out_runs(question, none).evidence
+    calm_water = proofs, before, calm
 
-    def put(claim: FittedHypothesis) -> _Tried:
-        if id(claim) not in known:
-            known[id(claim)] = _put_to_proof(question, tried, claim, claims, (proofs, before, calm))
-        return known[id(claim)]
+    def put(some: Sequence[FittedHypothesis]) -> list[_Tried]:
+        new = [c for c in some if id(c) not in known]
+        tasks = [partial(_put_to_proof, question, tried, c, claims, calm_water) for c in new]
+        made = shared_out(tasks, question.workers)
+        known.update(zip(map(id, new), made, strict=True))
+        return [known[id(c)] for c in some]
 
     for claim in claims:
-        if not put(claim).helped:
+        if not put([claim])[0].helped:
             continue
         # What the fitted runs leave open others may settle.
         rivals = [c for c in claims if Formula.name not in (*c.names, *claim.names) and are_rivals(claim, c)]
-        best = max((t for t in map(put, [claim, *rivals]) if t.helped), key=lambda t: t.evidence)
+        best = max((t for t in put([claim, *rivals]) if t.helped), key=lambda t: t.evidence)
         checks = [t.check for t in known.values()]
         sailed = [repaired_check(question, tried, best.fitted, best.there)] if best.acted else []
         return best.fitted, best.proofs, [*checks, *sailed, *checking.checks(tried, best.fitted)]

@@ -135,3 +135,8 @@ def at_rest(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> tuple[Whiten
             break
         data_set, fitted = there, refine(MarginalLikelihood(there), fitted.hypothesis, *fitted.best)
     return data_set, replace(fitted, random=random)
+
+
+def fitted_at_rest(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> FittedHypothesis:
+    """The hypothesis of :func:`at_rest` alone: the runs about its states are too large to be sent between processes."""
+    return at_rest(data_set, fitted)[1]

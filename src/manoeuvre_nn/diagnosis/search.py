@@ -2,13 +2,14 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import product
 from math import inf
 
 import numpy as np
 
 from manoeuvre_nn.core.effect import Effect
-from manoeuvre_nn.diagnosis.fits import PUBLISHED_SD_LEVEL, at_rest, refine, single
+from manoeuvre_nn.diagnosis.fits import PUBLISHED_SD_LEVEL, at_rest, fitted_at_rest, refine, single
 from manoeuvre_nn.diagnosis.gusts import fitted_gusts
 from manoeuvre_nn.diagnosis.windows import best_windows
 from manoeuvre_nn.diagnosis.workers import shared_out
@@ -75,18 +76,18 @@ def search(
         progress("second linearisation")
         clear = singles[0].evidence > none.evidence + MIN_GAIN_TO_RELINEARISE
         likelihood, none, singles = _again(likelihood, none, singles, workers, singles[0] if clear else none)
-    fitted = _with_other_forms(likelihood, singles, plain)
+    fitted = _with_other_forms(likelihood, singles, plain, workers)
     leading = [s for s in fitted if s.evidence > none.evidence + MIN_GAIN_OF_SINGLE][:MAX_BUILT_UPON]
     leading += (published := _beside_published(none, fitted))
     for size in range(2, MAX_EFFECTS + 1):
         singles = [j for j in fitted if len(j.names) == 1]
         more = list(_extended(likelihood, leading, singles, bool(published), progress, workers))
         gained = max((j.evidence for j in more), default=-inf) - max((j.evidence for j in fitted), default=-inf)
-        fitted = _with_other_forms(likelihood, [*fitted, *more], plain) if more else fitted
+        fitted = _with_other_forms(likelihood, [*fitted, *more], plain, workers) if more else fitted
         if more and gained > MIN_GAIN_TO_RELINEARISE:
             progress(f"linearisation about {' + '.join(fitted[0].names)}")
             likelihood, none, fitted = _again(likelihood, none, fitted, workers, fitted[0])
-            fitted = _best_of_each([*fitted, *_without_each(likelihood, fitted)])
+            fitted = _best_of_each([*fitted, *shared_out(_without_each(likelihood, fitted), workers)])
         known = {frozenset(j.names): j.evidence for j in fitted}
         leading = [j for j in fitted if len(j.names) == size and worth_its_size(j, known)][:MAX_BUILT_UPON]
     for variant in variants:
@@ -95,9 +96,11 @@ def search(
         # Alone too: beside a steady wind gusts are taken for another effect. On ponds the mean may not show at all.
         on_pond = data_set.dynamics.particulars.is_model
         unmixed = [j for j in fitted if j.names == (steady,) and (on_pond or j.evidence > none.evidence)]
-        for j in windy[:3] + [j for j in unmixed if j not in windy[:3]]:
+        asked = windy[:3] + [j for j in unmixed if j not in windy[:3]]
+        gusty = shared_out([partial(fitted_gusts, likelihood, j, variant) for j in asked], workers)
+        for j, found in zip(asked, gusty, strict=True):
             progress(" + ".join(j.names).replace(steady, variant.name))
-            fitted.append(fitted_gusts(likelihood, j, variant))
+            fitted.append(found)
     fitted.sort(key=lambda j: -j.evidence)
     return SearchResult(none, fitted, likelihood)
 
@@ -111,17 +114,12 @@ def _alone(
 ) -> tuple[MarginalLikelihood, FittedHypothesis, list[FittedHypothesis]]:
     """Every effect alone, best first, and calm water, about its own states where it is far off."""
     everywhere = [(likelihood, none), *_about_calm_water(likelihood, none)]
-
-    def fitted(number: int) -> FittedHypothesis:
-        there, calm = everywhere[number // len(effects)]
-        return single(there, effects[number % len(effects)], calm)
-
     singles = []
-    for number, found in enumerate(shared_out(fitted, len(everywhere) * len(effects), workers)):
-        progress(effects[number % len(effects)].name)
+    for found in shared_out([partial(single, there, e, calm) for there, calm in everywhere for e in effects], workers):
+        progress(found.names[0])
         singles.append(found)
     if len(everywhere) > 1:
-        singles = _about_own_states([there.data_set for there, _ in everywhere], singles)
+        singles = _about_own_states([there.data_set for there, _ in everywhere], singles, workers)
         likelihood.data_set.release()
     return *everywhere[-1], sorted(singles, key=lambda j: -j.evidence)
 
@@ -141,17 +139,16 @@ def _about_calm_water(
 
 
 def _about_own_states(
-    data_sets: Sequence[WhitenedDataSet], singles: Sequence[FittedHypothesis]
+    data_sets: Sequence[WhitenedDataSet], singles: Sequence[FittedHypothesis], workers: int
 ) -> list[FittedHypothesis]:
     """Fits of every effect, made about the states of each data set in turn: one an effect, the best about its own."""
     count = len(singles) // len(data_sets)
-    of_each: dict[tuple[str, ...], FittedHypothesis] = {}
+    followed, others = [], []
     for k, data_set in enumerate(data_sets):
         made = sorted(singles[k * count : (k + 1) * count], key=lambda j: -j.evidence)
-        for j in [*(at_rest(data_set, j)[1] for j in made[:MAX_BUILT_UPON]), *made[MAX_BUILT_UPON:]]:
-            if j.names not in of_each or j.evidence > of_each[j.names].evidence:
-                of_each[j.names] = j
-    return list(of_each.values())
+        followed += [partial(fitted_at_rest, data_set, j) for j in made[:MAX_BUILT_UPON]]
+        others += made[MAX_BUILT_UPON:]
+    return _best_of_each([*shared_out(followed, workers), *others])
 
 
 def _beside_published(none: FittedHypothesis, singles: Sequence[FittedHypothesis]) -> list[FittedHypothesis]:
@@ -182,11 +179,8 @@ def _again(
     for followed in (data_set, likelihood.data_set):
         followed.release()
     calm = beside(there, none.hypothesis).evaluate(none.hypothesis, around=none.best[0])
-
-    def refitted(number: int) -> FittedHypothesis:
-        return refine(there, fitted[number].hypothesis, *fitted[number].best)
-
-    best = list(shared_out(refitted, min(len(fitted), MAX_BUILT_UPON), workers))
+    anew = [partial(refine, there, j.hypothesis, *j.best) for j in fitted[:MAX_BUILT_UPON]]
+    best = list(shared_out(anew, workers))
     # Not to calm water: where that misses much, its own evidence changes by more than what parts the others.
     gained = next((j for j in best if j.names == about.names), calm).evidence - about.evidence
     rest = [replace(j, evidence=j.evidence + gained) for j in fitted[MAX_BUILT_UPON:]]
@@ -226,31 +220,38 @@ def _extended(
     if not leading:
         return
     seen: set[tuple[frozenset[str], tuple[int, int]]] = set()
-    screened = []
-    turned = [(second, [second.hypothesis, *_elsewhere(second.hypothesis, anew)]) for second in singles]
+    partnered: list[list[FittedHypothesis]] = [[] for _ in singles]
     for first in leading:
-        for second, starts in turned:
+        for firsts, second in zip(partnered, singles, strict=True):
             names = frozenset((*first.names, *second.names))
-            if len(names) == len(first.names) or (names, first.best) in seen or _same_thing(first, second):
-                continue
-            seen.add((names, first.best))
-            for partner in _restarts(likelihood, first, starts):
-                score = likelihood.pair_evidence(first.hypothesis, partner, *first.best)
-                screened.append((score, first, first.hypothesis.joined(partner)))
+            if len(names) > len(first.names) and (names, first.best) not in seen and not _same_thing(first, second):
+                seen.add((names, first.best))
+                firsts.append(first)
+
+    def screen(second: FittedHypothesis, firsts: list[FittedHypothesis]) -> list[tuple[float, int, Hypothesis]]:
+        starts = [second.hypothesis, *_elsewhere(second.hypothesis, anew)]
+        return [
+            (likelihood.pair_evidence(first.hypothesis, partner, *first.best), k, partner)
+            for k, first in enumerate(firsts)
+            for partner in _restarts(likelihood, first, starts)
+        ]
+
+    # By partners: what of one is whitened serves all that it is tried beside.
+    found = shared_out([partial(screen, *both) for both in zip(singles, partnered, strict=True)], workers)
+    screened = [
+        (score, firsts[k], firsts[k].hypothesis.joined(partner))
+        for firsts, scores in zip(partnered, found, strict=True)
+        for score, k, partner in scores
+    ]
     # Those beside published coefficients and those beside worse ones each for themselves: before it is fitted, the
     # right partner explains less at published ones than any does where coefficients may be anything.
     finalists: dict[bool, dict[frozenset[str], tuple[FittedHypothesis, Hypothesis]]] = {}
     for _, first, both in sorted(screened, key=lambda t: -t[0]):
         finalists.setdefault(first.best[1] > PUBLISHED_SD_LEVEL, {}).setdefault(frozenset(both.names), (first, both))
     chosen = [pair for pairs in finalists.values() for pair in list(pairs.values())[:MAX_BUILT_UPON]]
-
-    def together(number: int) -> FittedHypothesis:
-        first, both = chosen[number]
-        return refine(likelihood, both, *first.best)
-
-    for (_, both), found in zip(chosen, shared_out(together, len(chosen), workers), strict=True):
-        progress(" + ".join(both.names))
-        yield found
+    for pair in shared_out([partial(refine, likelihood, both, *first.best) for first, both in chosen], workers):
+        progress(" + ".join(pair.names))
+        yield pair
 
 
 def _restarts(likelihood: MarginalLikelihood, first: FittedHypothesis, starts: list[Hypothesis]) -> list[Hypothesis]:
@@ -278,7 +279,7 @@ def _elsewhere(alone: Hypothesis, anew: bool) -> Iterator[Hypothesis]:
 
 
 def _with_other_forms(
-    likelihood: MarginalLikelihood, fitted: Sequence[FittedHypothesis], effects: Sequence[Effect]
+    likelihood: MarginalLikelihood, fitted: Sequence[FittedHypothesis], effects: Sequence[Effect], workers: int = 1
 ) -> list[FittedHypothesis]:
     """Hypotheses with different effects, the best also with each event exchanged for every other one and without each.
 
@@ -290,32 +291,34 @@ def _with_other_forms(
     """
     if not fitted:
         return []
-    best, exchanged = max(fitted, key=lambda j: j.evidence), []
-    (level, scatter), present = best.best, best.hypothesis.effects
+    best = max(fitted, key=lambda j: j.evidence)
+    present, more = best.hypothesis.effects, _without_each(likelihood, fitted)
     for k, effect in enumerate(present):
         beside_it = {e.exclusive for e in present if e is not effect and e.exclusive}
         for other in effects:
             if effect.timed and other.timed and other.name not in best.names and other.exclusive not in beside_it:
-                starts = _exchanged(best.hypothesis, k, other)
-                made = max((likelihood.improve(h, level, scatter, 3) for h in starts), key=lambda found: found[1])[0]
-                exchanged.append(refine(likelihood, made, level, scatter))
-    return _best_of_each([*fitted, *exchanged, *_without_each(likelihood, fitted)])
+                more.append(partial(_exchanged, likelihood, best, k, other))
+    return _best_of_each([*fitted, *shared_out(more, workers)])
 
 
-def _without_each(likelihood: MarginalLikelihood, fitted: Sequence[FittedHypothesis]) -> Iterator[FittedHypothesis]:
+def _without_each(
+    likelihood: MarginalLikelihood, fitted: Sequence[FittedHypothesis]
+) -> list[Callable[[], FittedHypothesis]]:
     """The best hypothesis without each of its effects, if it has several: where that is not known, or an event is left.
 
     Beside another an event may have found the times that it missed alone.
 
-    Yields:
-        Fits.
+    Returns:
+        Fits to be done.
     """
     best, known = max(fitted, key=lambda j: j.evidence), {frozenset(j.names) for j in fitted}
     count = len(best.hypothesis.effects)
-    for k in range(count if count > 1 else 0):
-        fewer = best.hypothesis.without(k)
-        if frozenset(fewer.names) not in known or any(e.timed for e in fewer.effects):
-            yield refine(likelihood, fewer, *best.best)
+    without = [best.hypothesis.without(k) for k in range(count if count > 1 else 0)]
+    return [
+        partial(refine, likelihood, fewer, *best.best)
+        for fewer in without
+        if frozenset(fewer.names) not in known or any(e.timed for e in fewer.effects)
+    ]
 
 
 def _best_of_each(fitted: Sequence[FittedHypothesis]) -> list[FittedHypothesis]:
@@ -326,16 +329,20 @@ def _best_of_each(fitted: Sequence[FittedHypothesis]) -> list[FittedHypothesis]:
     return list(of_each.values())
 
 
-def _exchanged(h: Hypothesis, number: int, other: Effect) -> Iterator[Hypothesis]:
-    """A hypothesis with one effect in another form, at the values that both have and at each start of the rest."""
+def _exchanged(likelihood: MarginalLikelihood, best: FittedHypothesis, number: int, other: Effect) -> FittedHypothesis:
+    """A hypothesis with one effect in another form, from the values that both have and each start of the rest."""
+    h = best.hypothesis
     known = {p.name: h.values[number][:, j] for j, p in enumerate(h.effects[number].declared)}
+    tried = []
     for start in product(*[(0.0,) if p.name in known else p.starts for p in other.declared]):
         columns = [
             known.get(p.name, np.full(len(h.values[number]), s)) for p, s in zip(other.declared, start, strict=True)
         ]
         effects, values = list(h.effects), list(h.values)
         effects[number], values[number] = other, np.stack(columns, axis=1)
-        yield replace(h, effects=tuple(effects), values=tuple(values))
+        started = replace(h, effects=tuple(effects), values=tuple(values))
+        tried.append(likelihood.improve(started, *best.best, rounds=3))
+    return refine(likelihood, max(tried, key=lambda found: found[1])[0], *best.best)
 
 
 def _same_thing(first: FittedHypothesis, second: FittedHypothesis) -> bool:

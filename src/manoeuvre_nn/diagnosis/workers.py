@@ -1,44 +1,44 @@
-"""Candidates shared out among processes: threads would wait for each other in Python."""
+"""Tasks shared out among processes: threads would wait for each other in Python."""
 
 import multiprocessing
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from typing import Any, TypeVar
 
 from manoeuvre_nn.core.ending import end_with_parent
 
 Result = TypeVar("Result")
-_work: list[Callable[[int], object]] = []
-"""What a forked process is to do; it inherits the recordings with it, so that nothing large is sent."""
+_tasks: list[Sequence[Callable[[], object]]] = []
+"""What forked processes are to do; they inherit the recordings with it, so that nothing large is sent."""
 
 
-def shared_out(work: Callable[[int], Result], count: int, workers: int) -> Iterator[Result]:
-    """Do ``work(0)`` to ``work(count - 1)``, several at a time.
+def shared_out(tasks: Sequence[Callable[[], Result]], workers: int) -> Iterator[Result]:
+    """Do tasks that do not depend on each other, several at a time.
 
     Args:
-        work: Its results are sent between processes.
-        count: How many.
+        tasks: Their results are sent between processes.
         workers: Processes; 1, or a system that cannot fork, does all in this one.
 
     Yields:
         The results in order; that a process was killed, as one is where memory is short, is a ``BrokenProcessPool``.
     """
-    if min(workers, count) < 2 or "fork" not in multiprocessing.get_all_start_methods():
-        yield from map(work, range(count))
+    count = min(workers, len(tasks))
+    if count < 2 or "fork" not in multiprocessing.get_all_start_methods():
+        yield from (task() for task in tasks)
         return
-    _work.append(work)
+    _tasks.append(tasks)
     # multiprocessing's own pool would wait for ever for what a killed process was to do.
-    pool = ProcessPoolExecutor(min(workers, count), multiprocessing.get_context("fork"), _begin)
+    pool = ProcessPoolExecutor(count, multiprocessing.get_context("fork"), _begin)
     try:
-        yield from pool.map(_do, range(count))
+        yield from pool.map(_do, range(len(tasks)))
     except BaseException:  # nobody waits for the others
         for process in dict(pool._processes or {}).values():
             process.terminate()
         raise
     finally:
         pool.shutdown(cancel_futures=True)
-        _work.pop()
+        _tasks.pop()
 
 
 def _begin() -> None:
@@ -48,4 +48,4 @@ def _begin() -> None:
 
 
 def _do(number: int) -> Any:
-    return _work[-1](number)
+    return _tasks[-1][number]()
