@@ -214,7 +214,7 @@ def diagnose(
             what its own training says of the model; where that is bad, the answer says it.
         candidates: ``default``, ``tank``, ``all``, or names of effects.
         held_out: Names of the runs to prove by; ``auto`` chooses about a third.
-        workers: Processes among which the candidates are shared out.
+        workers: Processes among which the fits are shared out.
 
     Returns:
         The answer.

@@ -121,7 +121,11 @@ def test_a_pair_that_gains_much_is_what_runs_are_linearised_about_again(monkeypa
 
 def test_what_leads_is_fitted_without_each_of_its_effects_again_where_it_was_linearised_again(monkeypatch):
     """There an event may have found the times that it missed alone, and need its partner no more."""
-    left = iter([[], [], [fit(90.0, "current")]])  # of the effects alone, of the pairs, of these about their states
+    left = iter([
+        [],
+        [],
+        [lambda: fit(90.0, "current")],
+    ])  # of the effects alone, of the pairs, of these about their states
     monkeypatch.setattr(under_test, "_without_each", lambda likelihood, fitted: next(left, []))
     pairs = [fit(80.0, "current", "log_scale"), fit(70.0, "current", "wind_steady")]
     _, _, built_upon = searched(monkeypatch, {"current": 40.0, "log_scale": 8.0}, pairs)
@@ -157,9 +161,8 @@ def test_where_calm_water_is_far_off_effects_are_fitted_about_both_states_and_we
     monkeypatch.setattr(
         under_test, "single", lambda likelihood, e, none: asked.append(e.name) or fit(singles[e.name], e.name)
     )
-    monkeypatch.setattr(
-        under_test, "at_rest", lambda kept, j: (kept, fit(own[j.names[0]], *j.names) if j.names else fit(gain))
-    )
+    monkeypatch.setattr(under_test, "at_rest", lambda kept, j: (kept, fit(gain)))
+    monkeypatch.setattr(under_test, "fitted_at_rest", lambda kept, j: fit(own[j.names[0]], *j.names))
     about = []
     monkeypatch.setattr(
         under_test, "_again", lambda lik, none, fitted, workers, leads: about.append(leads) or (lik, none, list(fitted))
@@ -321,11 +324,13 @@ def proved(monkeypatch, claims, gains, errors, trained=False) -> tuple:
     }.items():  # fmt: skip
         monkeypatch.setattr(proving, name, made)
     monkeypatch.setattr(proving.checking, "checks", lambda *_: [])
-    return proving._proved(Mock(), SimpleNamespace(likelihood=Mock(), none=none), claims)
+    return proving._proved(Mock(workers=1), SimpleNamespace(likelihood=Mock(), none=none), claims)
 
 
-@pytest.mark.parametrize("gain, chosen", [(13.5, "log_scale"), (12.5, "current")])
-def test_what_fitted_runs_leave_open_held_out_ones_settle(monkeypatch, gain, chosen):
+@pytest.mark.parametrize(
+    "gain, chosen, workers", [(13.5, "log_scale", 1), (12.5, "current", 1), (13.5, "log_scale", 2)]
+)
+def test_what_fitted_runs_leave_open_held_out_ones_settle(monkeypatch, gain, chosen, workers):
     """The rival lies three behind in the fitted runs."""
     claims = [fit(120.0, "current"), fit(117.0, "log_scale"), fit(114.0, "wind_steady")]
     gains = {("current",): 10.0, ("log_scale",): gain, ("wind_steady",): 90.0}

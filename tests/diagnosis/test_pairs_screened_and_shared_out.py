@@ -3,6 +3,7 @@
 import os
 import signal
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
 from functools import partial
 
 import pytest
@@ -10,6 +11,7 @@ from pytest import approx
 from trials import CALM, CIRCLE, SHIP, ZIGZAG, runs, values
 
 from manoeuvre_nn.core.ending import explain
+from manoeuvre_nn.diagnosis.search import search
 from manoeuvre_nn.diagnosis.workers import shared_out
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.local import SideForce
@@ -59,6 +61,14 @@ def test_a_process_that_is_killed_is_told_and_not_waited_for():
         list(shared_out([partial(killed, number) for number in range(4)], 2))
     assert "one of several processes was killed" in str(explain(broken.value))
     assert list(shared_out([partial(abs, number) for number in range(4)], 2)) == [0, 1, 2, 3]
+
+
+def test_two_processes_find_what_one_finds():
+    stand = whitened_data_set(CALM, runs([replace(trial, duration=90.0) for trial in (CIRCLE, ZIGZAG)], ACTING))
+    once, twice = (search(stand, [type(e)(SHIP) for e in ACTING], workers=n) for n in (1, 2))
+    assert [j.names for j in once.fitted] == [j.names for j in twice.fitted]
+    assert [j.evidence for j in once.fitted] == approx([j.evidence for j in twice.fitted], abs=1e-9)
+    assert {"current", "rudder_offset"} <= set(once.fitted[0].names)
 
 
 def test_a_hypothesis_that_was_forgotten_is_not_taken_for_another():

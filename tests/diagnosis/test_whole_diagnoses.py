@@ -68,7 +68,7 @@ TRUE = {
 
 
 @cache
-def diagnosis(*acting: str, remainder: bool = False, weaker: float = 0.0, workers: int = 1) -> Diagnosis:
+def diagnosis(*acting: str, remainder: bool = False, weaker: float = 0.0) -> Diagnosis:
     """Of runs of a ship whose rudder is so much weaker than published, with these effects."""
     shares = [-weaker if name in ("Yd", "Nd") else 0.0 for name in Corrections(CALM).names]
     ship = Calibrated(CALM, torch.tensor(shares, dtype=torch.float64)) if weaker else CALM
@@ -77,7 +77,7 @@ def diagnosis(*acting: str, remainder: bool = False, weaker: float = 0.0, worker
     *fitted, last = (run_of(r, NOISE, seed) for seed, r in enumerate(records, start=20))
     case = Case("trial", "mariner", (*fitted, last), SHIP, frozenset({last.name}))
     candidates = OF_THE_HULL if "depth" in acting else (FEW if weaker or len(acting) > 1 else CANDIDATES)
-    return diagnose(Question(case, CALM, candidates, workers=workers, remainder=remainder))
+    return diagnose(Question(case, CALM, candidates, remainder=remainder))
 
 
 def with_a_network_to_try(*acting: str) -> Diagnosis:
@@ -190,12 +190,6 @@ def test_two_effects_at_once_are_both_named():
     assert d.rmse("after")["pos"] < 0.2 * d.rmse("before")["pos"]
     offset = next(c for c in d.causes if c.name == "rudder_offset").parameters[0]
     assert abs(offset.value - 2.0) < 4 * offset.error < 1.5
-
-
-def test_several_processes_say_what_one_says():
-    one, two = diagnosis("current", "offset"), diagnosis("current", "offset", workers=2)
-    said = "sentence", "model", "causes", "alias", "checks", "statements", "next_steps"
-    assert [getattr(one, name) for name in said] == [getattr(two, name) for name in said]
 
 
 def test_probabilities_and_noise_are_numbers_that_can_be_shown():

@@ -96,7 +96,7 @@ class Question:
         dynamics: Calm-water model.
         effects: Prototypes of the candidates.
         settings: For the record.
-        workers: Processes among which the candidates are shared out.
+        workers: Processes among which the fits are shared out.
         remainder: Whether a network may learn what physics leaves.
         caveat: What speaks against the model itself before these runs are looked at; empty if nothing does.
     """

@@ -59,7 +59,7 @@ def search(
         data_set: The fitted runs.
         effects: Prototypes of the candidates.
         progress: Is told which candidate is under test.
-        workers: Processes among which the candidates are shared out.
+        workers: Processes among which the fits are shared out.
 
     Returns:
         The result.

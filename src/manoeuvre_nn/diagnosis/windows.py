@@ -21,7 +21,7 @@ from manoeuvre_nn.effect.common import RAMP
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet, quiet
 from manoeuvre_nn.estimation.effect_columns import contribution
 from manoeuvre_nn.estimation.hypothesis import NUMBER_OF_INTERVALS, STOPS, Hypothesis
-from manoeuvre_nn.estimation.hypothesis_columns import HypothesisColumns, hypothesis_columns
+from manoeuvre_nn.estimation.hypothesis_columns import HypothesisColumns
 from manoeuvre_nn.estimation.linear_run import Columns
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 
@@ -146,7 +146,7 @@ def times_of(effect: Effect, values: Float[np.ndarray, " p"]) -> Times:
 
 def _score(likelihood: MarginalLikelihood, hypothesis: Hypothesis, level: int, scatter: int) -> float:
     """Log evidence at one noise level."""
-    return float(likelihood.posterior(hypothesis_columns(likelihood.data_set, hypothesis), level).evidence[scatter])
+    return float(likelihood.posterior(likelihood.columns(hypothesis), level).evidence[scatter])
 
 
 def _ramp(effect: Effect, values: Float[np.ndarray, " p"]) -> float:
@@ -322,7 +322,7 @@ def _all_blocks(
     data_set = likelihood.data_set
     # Not the levels that calm water needs: there the event itself is taken for a coloured force and wrong coefficients.
     low = quiet(noise[0]), min(noise[1], 2)
-    there = None if given is None else hypothesis_columns(data_set, given)
+    there = None if given is None else likelihood.columns(given)
     return [_blocks(data_set, run, effect, table, low, there) for run, table in enumerate(rows)]
 
 
