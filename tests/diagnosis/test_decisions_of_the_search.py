@@ -121,11 +121,8 @@ def test_a_pair_that_gains_much_is_what_runs_are_linearised_about_again(monkeypa
 
 def test_what_leads_is_fitted_without_each_of_its_effects_again_where_it_was_linearised_again(monkeypatch):
     """There an event may have found the times that it missed alone, and need its partner no more."""
-    left = iter([
-        [],
-        [],
-        [lambda: fit(90.0, "current")],
-    ])  # of the effects alone, of the pairs, of these about their states
+    # Of the effects alone, of the pairs, of these about their states.
+    left = iter([[], [], [lambda: fit(90.0, "current")]])
     monkeypatch.setattr(under_test, "_without_each", lambda likelihood, fitted: next(left, []))
     pairs = [fit(80.0, "current", "log_scale"), fit(70.0, "current", "wind_steady")]
     _, _, built_upon = searched(monkeypatch, {"current": 40.0, "log_scale": 8.0}, pairs)
@@ -327,10 +324,8 @@ def proved(monkeypatch, claims, gains, errors, trained=False) -> tuple:
     return proving._proved(Mock(workers=1), SimpleNamespace(likelihood=Mock(), none=none), claims)
 
 
-@pytest.mark.parametrize(
-    "gain, chosen, workers", [(13.5, "log_scale", 1), (12.5, "current", 1), (13.5, "log_scale", 2)]
-)
-def test_what_fitted_runs_leave_open_held_out_ones_settle(monkeypatch, gain, chosen, workers):
+@pytest.mark.parametrize("gain, chosen", [(13.5, "log_scale"), (12.5, "current")])
+def test_what_fitted_runs_leave_open_held_out_ones_settle(monkeypatch, gain, chosen):
     """The rival lies three behind in the fitted runs."""
     claims = [fit(120.0, "current"), fit(117.0, "log_scale"), fit(114.0, "wind_steady")]
     gains = {("current",): 10.0, ("log_scale",): gain, ("wind_steady",): 90.0}
