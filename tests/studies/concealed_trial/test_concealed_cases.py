@@ -6,11 +6,18 @@ import sys
 from pathlib import Path
 
 import pytest
+from fleet import unchecked
+from rich.console import Console
+
+from manoeuvre_nn.commands.diagnose import diagnose_all
+from manoeuvre_nn.commands.groups import compose
+from studies.concealed_trial.drawing import Trial
+from studies.concealed_trial.stages import generate, score
 
 ROOT = Path(__file__).parents[3]
 FOUR = pytest.param(4, marks=pytest.mark.slow)
-DRAWN = {1: ("seed=106", "sort=single", "tool=candidates=[current]"), 4: ("seed=52",)}
-"""Of one, short runs of a small ship, and one candidate; of four, all that an answer may name."""
+ONE = Trial(106, 1, sort="single", strength="strong", channels="full")
+"""Short runs of a small ship; one candidate is enough to find what is concealed in them."""
 
 
 @pytest.fixture(scope="module", params=[1, FOUR])
@@ -21,11 +28,19 @@ def cases(request):
 
 @pytest.fixture(scope="module")
 def tool(cases, tmp_path_factory):
+    """How the diagnosis did: of one case stage by stage in this process, of four by the command that a user writes."""
     out = tmp_path_factory.mktemp("trial")
-    command = [sys.executable, "scripts/concealed_trial.py", f"cases={cases}", f"out={out}", *DRAWN[cases]]
-    command += [f"jobs={min(cases, 2)}", "strength=strong", "channels=full"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=1200)
-    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+    if cases == 1:
+        generate(ONE, out, jobs=1)
+        words = [f"cases={out / 'recordings'}", f"out={out / 'answers'}", "workers=1", "candidates=[current]"]
+        with unchecked():
+            diagnose_all(compose("diagnose", words), out / "answers", Console(quiet=True))
+        score(ONE, out, {"manoeuvre_nn": out / "answers"}, jobs=1)
+    else:
+        command = [sys.executable, "scripts/concealed_trial.py", f"cases={cases}", f"out={out}", "seed=52", "jobs=2"]
+        command += ["strength=strong", "channels=full"]
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=1200)
+        assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
     return json.loads((out / "scoreboard.json").read_text())["tools"]["manoeuvre_nn"]
 
 
