@@ -27,7 +27,8 @@ NOISE_SDS, RANGE_SDS = 2.0, 3.0
 ROUNDING = 1e-12
 """Share of a channel's size below which its deviation is nothing but rounding."""
 MOTION_SHARE = 0.5
-"""Share of a channel's variance that others say is motion, from which on it must have an order."""
+"""Share of a channel's variance that others say is motion, from which on it must have an order, if it shows as large a
+share of that motion's."""
 
 UNEVEN = 0.1
 """Share of a rate that it must vary by, as others tell, for one that never moves to be no steady turn or speed."""
@@ -80,7 +81,9 @@ def _rate_without_order(run: Recording, ship: Particulars, has: set[str]) -> Fin
             return _finding("r", run["r"], f"by the heading its standard deviation is {varies / DEGREE:.2g} deg/s")
     for name in (k for k in ("r", "u", "v", "vn", "ve") if k in has):
         ratio, critical = disorder(run[name])
-        if ratio > critical and _motion_told(run, ship, name) > MOTION_SHARE * np.nanvar(run[name]):
+        told, shown = _motion_told(run, ship, name), float(np.nanvar(run[name]))
+        # In any order samples vary as they did. What varies much less is noise about a motion that is shown too small.
+        if ratio > critical and MOTION_SHARE * shown < told < shown / MOTION_SHARE:
             source = "the heading" if name == "r" else "the track"
             return _finding(name, run[name], f"{source} says that most of what it shows must be motion")
     return None
