@@ -41,7 +41,7 @@ class RollCoupling(Effect):
     site = "force"
     family = "heel"
     label = "a yaw moment by heel"
-    equations = ("Y", "N")
+    equations = ("N",)  # where N_phi acts: of the sway force that goes with it no number is told
     fingerprint = "An odd yaw moment as the square of the speed that lags the turn and rings at the roll period."
     source = (
         "Son & Nomoto 1982 and Blanke & Christensen 1993, the terms in heel that weigh most, v as it goes with r in "

@@ -6,10 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from manoeuvre_nn.commands.groups import option
+from manoeuvre_nn.commands.shelves import build
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.diagnosis.answers import _place
+from manoeuvre_nn.ship.mariner import mariner
 from studies.concealed_trial import true_model
 from studies.concealed_trial.case import TrialCase
-from studies.concealed_trial.effects import NOISE
+from studies.concealed_trial.effects import KINDS, NOISE
 from studies.concealed_trial.helm import Run
 from studies.concealed_trial.record import write_case
 from studies.concealed_trial.score import main, overlap, parameter_marks, probabilities, score_case
@@ -281,3 +285,10 @@ def test_a_wrong_argument_ends_in_one_line(recordings, arguments, message):
 def test_a_case_with_measures_publishes_them():
     case = replace(case_with("offset"), measures=(0.31234,))
     assert case.answers()["effects"][0]["measure"] == 0.312
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
+def test_where_an_effect_is_said_to_act_is_a_place_that_counts_as_right(kind):
+    """A name without its place would be a miss, and one too much, whatever the recordings show."""
+    effect = build(option("effect", kind.name), "effect", ship=mariner())
+    assert {_place(e) for e in effect.equations} in [set(accepted) for accepted in kind.accepted]
