@@ -35,7 +35,7 @@ OCTOBER = [f"turning/turn_14-Oct-2020_{t}" for t in ("14_08_51", "14_17_39", "14
 
 
 @dataclass(frozen=True)
-class Runs:
+class RunSet:
     """Files that are asked about together, and those of the model that is asked.
 
     Attributes:
@@ -52,10 +52,10 @@ class Runs:
 
 
 SETS = {
-    1: Runs("three turns, 14 October", OCTOBER[:3], OCTOBER[3:], [*SEPTEMBER, *ZIGZAGS]),
-    2: Runs("three zigzags, 31 July", OTHER_ZIGZAGS[:3], OTHER_ZIGZAGS[3:], [*SEPTEMBER, *ZIGZAGS]),
-    3: Runs("three turns, 14 September", SEPTEMBER[:3], SEPTEMBER[3:], [*OCTOBER, *ZIGZAGS, *OTHER_ZIGZAGS]),
-    4: Runs("two zigzags, 31 July", ZIGZAGS[:2], ZIGZAGS[2:], [*SEPTEMBER, *OCTOBER, *OTHER_ZIGZAGS]),
+    1: RunSet("three turns, 14 October", OCTOBER[:3], OCTOBER[3:], [*SEPTEMBER, *ZIGZAGS]),
+    2: RunSet("three zigzags, 31 July", OTHER_ZIGZAGS[:3], OTHER_ZIGZAGS[3:], [*SEPTEMBER, *ZIGZAGS]),
+    3: RunSet("three turns, 14 September", SEPTEMBER[:3], SEPTEMBER[3:], [*OCTOBER, *ZIGZAGS, *OTHER_ZIGZAGS]),
+    4: RunSet("two zigzags, 31 July", ZIGZAGS[:2], ZIGZAGS[2:], [*SEPTEMBER, *OCTOBER, *OTHER_ZIGZAGS]),
 }
 
 
@@ -65,7 +65,7 @@ def mean_wind(run: Recording) -> tuple[float, float]:
     return float(np.hypot(north, east)), float(np.arctan2(east, north) / DEGREE % 360)
 
 
-def asked(runs: Runs, folder: Path, mended: str, hidden: str, workers: int) -> Diagnosis:
+def asked(runs: RunSet, folder: Path, mended: str, hidden: str, workers: int) -> Diagnosis:
     """What is said of runs by a model that was fitted to others."""
 
     def read(names: Sequence[str], mapping: str) -> Sequence[Recording]:
