@@ -87,7 +87,8 @@ def show(found: Diagnosis) -> None:
     for cause in found.causes[:3]:
         values = ", ".join(f"{v.name} {v.value:.3g} +- {v.error:.2g} {v.unit}" for v in cause.parameters)
         print(f"  {cause.name}: probability {cause.probability:.3f}, log evidence {cause.evidence:.0f}; {values}")
-    print(*(f"  {check.name}: {check.text}" for check in found.checks), sep="\n")
+    told = [*(f"{check.name}: {check.text}" for check in found.checks), *found.runner_up]
+    print(*(f"  {line}" for line in told), sep="\n")
     if found.proofs:
         before, after = (found.rmse(when)["pos"] for when in ("before", "after"))
         print(f"  held-out track: {before:.2f} m, then {after:.2f} m")
