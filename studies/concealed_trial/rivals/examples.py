@@ -113,14 +113,14 @@ def _of_shelf(seed: int, batch: int) -> Iterator[tuple[np.ndarray, ...]]:
 
 
 def _of_referee(seed: int, batch: int) -> Iterator[tuple[np.ndarray, ...]]:
-    """Cases that the referee draws."""
-    drawn: Sequence[CasePlan] = plans(Trial(1000 * seed + batch, REFEREE_BATCH))
+    """Cases that the referee draws; rivals need all channels."""
+    drawn: Sequence[CasePlan] = plans(Trial(1000 * seed + batch, REFEREE_BATCH, channels="full"))
     for index, plan in enumerate(drawn):
         concealed = draw_case(1000 * seed + batch, index, plan)
         with tempfile.TemporaryDirectory() as place:
             write_case(concealed, Path(place), REFEREE_STEP)
             case = read_case(Path(place))
-        values = {e.name: _to_package(e.name, e.parameters) for e in concealed.effects}
+        values = {e.name: _to_package(e.name, {**e.parameters, "ramp_s": e.ramp}) for e in concealed.effects}
         data = WhitenedRuns(CalmWater(case.hull), case.fitted, at_samples=True)
         yield _example(data, {e.name: e for e in shelf(case.hull)}, values)
 

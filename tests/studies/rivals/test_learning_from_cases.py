@@ -189,3 +189,19 @@ def test_examples_of_another_seed_are_refused(tmp_path):
     assert len(examples.examples("shelf", 100, 1, path).features) == 100
     with pytest.raises(InputError, match="holds other examples"):
         examples.examples("shelf", 100, 2, path)
+
+
+def test_the_referee_draws_examples_with_the_channels_that_rivals_need(monkeypatch):
+    class Drawn(Exception):
+        pass
+
+    def draw(seed, index, plan):
+        channels.append(plan.channels)
+        raise Drawn
+
+    channels = []
+    monkeypatch.setattr(examples, "draw_case", draw)
+    for batch in range(20):
+        with pytest.raises(Drawn):
+            next(examples._of_referee(3, batch))
+    assert set(channels) == {"full"}
