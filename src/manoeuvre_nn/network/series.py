@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import prod
 
 import torch
@@ -137,7 +138,7 @@ class Series(Network):
         """Velocities over U0, so that coefficients are what the field calls them."""
         return ("approach",)
 
-    @property
+    @cached_property
     def takes(self) -> tuple[str, ...]:
         """The shaft speed if a product has n in it, else the approach speed; the wind if a product has it."""
         return (self.speed_law, *(("wind_north", "wind_east") if self.feels_wind else ()))
@@ -147,12 +148,12 @@ class Series(Network):
         """Output (0 X, 1 Y, 2 N) and product of every coefficient that is used, in the order of ``used``."""
         return [(o, self.terms[k]) for o, k in self.used.nonzero().tolist()]
 
-    @property
+    @cached_property
     def speed_law(self) -> str:
         """``shaft`` if a product has n in it: speeds are over one U0 for all runs; else over the approach of each."""
         return "shaft" if any("n" in t.split() for t in self.terms) else "approach"
 
-    @property
+    @cached_property
     def feels_wind(self) -> bool:
         """Whether a product has the wind in it."""
         return any("w" in t for t in self.terms)
