@@ -20,6 +20,7 @@ from hydra.core.global_hydra import GlobalHydra
 from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf._utils import get_yaml_loader
 from omegaconf.grammar_parser import parse
+from remembered import simulations_remembered
 from rich.console import Console
 from yaml.constructor import SafeConstructor
 from yaml.cyaml import CParser
@@ -80,6 +81,12 @@ def code_of(end: SystemExit) -> int:
 def as_people_run_it() -> Generator[None]:
     """Without checks of types: a config gives 35 where an annotation says float, which Python takes."""
     with unchecked():
+        yield
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _simulated_once() -> Generator[None]:
+    with simulations_remembered():
         yield
 
 

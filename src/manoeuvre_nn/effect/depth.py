@@ -1,6 +1,7 @@
 """Shallow water: forces and added masses between keel and bottom."""
 
 from abc import abstractmethod
+from collections.abc import Mapping
 from math import inf
 
 import torch
@@ -87,7 +88,7 @@ class _FiniteDepth(HullEffect):
         resistance = RESISTANCE * zeta * p.calm_resistance / self.ship.prime.force * speed * speed.abs()
         slower = self._form() * columns(resistance, 0 * resistance, 0 * resistance)
         added = columns(f["Yvdot"] - 1, f["Yvdot"] - 1, f["Nrdot"] - 1) * self.series.added
-        return self.force_of(s, self.rescaled(s)) - slower, self._form() * added
+        return self.force_of(s, self.rescaled(*self._shares_by(f))) - slower, self._form() * added
 
     def shares(self, s: Situation) -> tuple[Float[Tensor, "*batch 3 3"], Float[Tensor, "*batch 3 3"]]:
         """Factors less 1; nothing where terms in zeta of the ship's own add to those of deep water."""
@@ -95,7 +96,11 @@ class _FiniteDepth(HullEffect):
         if self.ship.shallow_change(s.nu, s.delta, s.shaft, immersion / (1 - immersion)) is not None:
             none = diagonal(*[0 * immersion] * 3)
             return none, none
-        f, form = self._factors(immersion), self._form()[..., None, :]
+        return self._shares_by(self._factors(immersion))
+
+    def _shares_by(self, f: Mapping[str, Tensor]) -> tuple[Tensor, Tensor]:
+        """What factors on the ship's deep-water terms add to them."""
+        form = self._form()[..., None, :]
         drift = diagonal(0 * f["Yv"], f["Yv"] - 1, f["Nv"] - 1)
         return form * drift, form * diagonal(f["Yvdot"] - 1, f["Nr"] - 1, f["Nr"] - 1)
 
@@ -124,17 +129,21 @@ def depth_factors(
     Source:
         Kijima et al. 1990 and Ankudinov et al. 1990 (Taimuri et al. 2020).
     """
-    gap = 1 / immersion - 1
+    # With F = h/T - 1 and z = 1/F: k0 = 1 + .0775 z^2 - .011 z^3 + .000068 z^5,
+    # k1 = w (-.0643 z + .0724 z^2 - .0113 z^3 + .0000767 z^5), k2 = .137 w^2 z / max(B/T, 4), by Horner's rule.
+    left = 1 - immersion
+    z = immersion / left
+    square = z * z
     flat = ship.beam / ship.draught
     wide = ship.block * flat * (1 + ship.beam / ship.length) ** 2
-    k0 = 1 + 0.0775 / gap**2 - 0.011 / gap**3 + 0.000068 / gap**5
-    k1 = (-0.0643 / gap + 0.0724 / gap**2 - 0.0113 / gap**3 + 0.0000767 / gap**5) * wide
-    k2 = 0.137 / (max(flat, 4.0) * gap) * wide**2
+    k0 = ((square * 0.000068 - 0.011) * z + 0.0775) * square + 1
+    k1 = (((square * 0.0000767 - 0.0113) * z + 0.0724) * z - 0.0643) * z * wide
+    k2 = z * (0.137 / max(flat, 4.0) * wide**2)
     turning = k0 + k1 / 2 + k2 / 3
     ankudinov = {"Yv": 1.5 * turning - 0.5, "Nv": k0 + k1 + k2, "Nr": turning}
     powers = {"Yv": 0.4 * ship.block * flat, "Nv": 0.425 * ship.block * flat}
     powers["Nr"] = 1.5 - 14.28 * ship.draught / ship.length
-    kijima = {name: (1 - immersion) ** -q - immersion for name, q in powers.items()}
+    kijima = {name: left**-q - immersion for name, q in powers.items()}
     mean = {name: kijima[name] + source * (ankudinov[name] - kijima[name]) for name in powers}
     return mean | {"Yvdot": k0 + k1 * 2 / 3 + k2 * 8 / 15, "Nrdot": k0 + k1 * 8 / 15 + k2 * 40 / 105}
 

@@ -35,7 +35,7 @@ class DisplacementChange(HullEffect):
     def change(self, s: Situation) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*rows 3"]]:
         """What the mass changes."""
         mass, hull = self.value("factor")[..., None] - 1, self._of_hull()[..., None]
-        force = self.force_of(s, mass[..., None] * self.series.of_mass + self.rescaled(s))
+        force = self.force_of(s, mass[..., None] * self.series.of_mass + self.rescaled(*self.shares(s)))
         return force, mass * self.series.masses + hull * self.series.added
 
     def shares(self, s: Situation) -> tuple[Float[Tensor, "*batch 3 3"], Float[Tensor, "*batch 3 3"]]:
@@ -71,7 +71,7 @@ class Loading(HullEffect):
         speed = s.u / p.speed
         surge = -wetter * p.calm_resistance / self.ship.prime.force * speed * speed.abs()
         mass, hull = ratio[..., None] - 1, ratio[..., None].square() - 1
-        force = self.force_of(s, mass[..., None] * self.series.of_mass + self.rescaled(s))
+        force = self.force_of(s, mass[..., None] * self.series.of_mass + self.rescaled(*self.shares(s)))
         return force + columns(surge, 0 * surge, 0 * surge), mass * self.series.masses + hull * self.series.added
 
     def shares(self, s: Situation) -> tuple[Float[Tensor, "*batch 3 3"], Float[Tensor, "*batch 3 3"]]:
@@ -99,7 +99,7 @@ class TrimChange(HullEffect):
 
     def change(self, s: Situation) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*rows 3"]]:
         """What the trim changes."""
-        return self.force_of(s, self.rescaled(s)), torch.zeros_like(self.series.masses)
+        return self.force_of(s, self.rescaled(*self.shares(s))), torch.zeros_like(self.series.masses)
 
     def shares(self, s: Situation) -> tuple[Float[Tensor, "*batch 3 3"], Float[Tensor, "*batch 3 3"]]:
         """Nv gets a share of Yv."""

@@ -120,9 +120,11 @@ class HullEffect(Effect):
         """Share of this that the nonlinear terms get."""
         return 1.0
 
-    def rescaled(self, s: Situation) -> Float[Tensor, "*rows terms 3"]:
-        """dT: what :meth:`shares` add to the ship's table of coefficients [-]."""
-        series, (drift, yaw) = self.series, self.shares(s)
+    def rescaled(
+        self, drift: Float[Tensor, "*batch 3 3"], yaw: Float[Tensor, "*batch 3 3"]
+    ) -> Float[Tensor, "*rows terms 3"]:
+        """dT: what such :meth:`shares` add to the ship's table of coefficients [-]."""
+        series = self.series
         return self._of_terms() * (series.of_drift @ drift + series.of_yaw @ yaw)
 
     def _of_terms(self) -> Float[Tensor, "terms 1"]:
