@@ -25,10 +25,9 @@ from manoeuvre_nn.effect.common import typical
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.depth import ShallowWater
 from manoeuvre_nn.effect.formula import Formula
-from manoeuvre_nn.effect.loading import DisplacementChange, TrimChange
+from manoeuvre_nn.effect.loading import DisplacementChange
 from manoeuvre_nn.effect.local import SideForce
-from manoeuvre_nn.effect.propulsion import HullFouling
-from manoeuvre_nn.effect.rudder import RudderAreaLoss, RudderOffset
+from manoeuvre_nn.effect.rudder import RudderOffset
 from manoeuvre_nn.effect.sensors import HeadingBias, LogScale
 from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
@@ -36,10 +35,10 @@ from manoeuvre_nn.report.diagnosis_tables import verdict_text
 from manoeuvre_nn.report.views import Answer
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
-CANDIDATES = [kind(SHIP) for kind in (Current, SteadyWind, RudderOffset, HullFouling, HeadingBias, LogScale)]
+CANDIDATES = [kind(SHIP) for kind in (Current, SteadyWind, RudderOffset)]
 FEW = [kind(SHIP) for kind in (Current, RudderOffset, LogScale, HeadingBias)]
 """Where what is asked is not which of many it is."""
-OF_THE_HULL = [kind(SHIP) for kind in (ShallowWater, DisplacementChange, TrimChange, RudderAreaLoss)]
+OF_THE_HULL = [kind(SHIP) for kind in (ShallowWater, DisplacementChange)]
 
 
 def trial(name: str, *stages: tuple[float, float | None]) -> Manoeuvre:
