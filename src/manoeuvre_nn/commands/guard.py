@@ -28,6 +28,8 @@ OF_EXTRAS = {
     "hydra/launcher=ray": "ray",
 }
 """Option that an extra of the package brings -> the extra."""
+MAX_NESTED = 100
+"""Brackets of a word that hydra's parser surely reads: each is several calls deep."""
 command = "train"
 """The command that runs, for advice."""
 until_the_end = ExitStack()
@@ -75,6 +77,9 @@ def explain(error: BaseException) -> str | None:
         empty = [word for word in sys.argv[1:] if word.endswith("=null")]
         given, why = empty or [word for word in sys.argv[1:] if NO_OPTION.match(word)], "cannot be empty"
         return f"{' '.join(given)}: a group {why if empty else 'has names'}: leave it out or choose an option"
+    nested = [word for word in sys.argv[1:] if word.count("[") + word.count("{") > MAX_NESTED]
+    if nested and any(isinstance(cause, RecursionError) for cause in causes(error)):
+        return f"{nested[0][:60]}...: brackets in brackets, {nested[0].count('[') + nested[0].count('{')} of them"
     if not isinstance(error, OF_CONFIG):
         return None
     if isinstance(error, OverrideParseException):  # whatever its parser broke on
