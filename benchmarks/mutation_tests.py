@@ -27,7 +27,7 @@ from mutation_source import ROOT, Mutant
 
 LIBRARIES = (
     "torch numpy scipy.optimize scipy.signal scipy.stats scipy.linalg scipy.interpolate scipy.integrate pandas sympy "
-    "lightning hydra matplotlib.pyplot statsmodels.api torchdiffeq pydantic yaml rich.table jinja2 jaxtyping ruptures "
+    "lightning hydra matplotlib.pyplot statsmodels.api torchdiffeq pydantic yaml rich.table jinja2 jaxtyping "
     "threadpoolctl torch.utils.tensorboard"
 ).split()
 ARGUMENTS = ["-o", "addopts=", "-m", "not slow", "-q", "-x", "-p", "no:cacheprovider", "-n", "0"]

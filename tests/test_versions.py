@@ -1,10 +1,12 @@
 """What is installed: locks hold what pyproject.toml asks for, what is imported is asked for, licences are listed."""
 
 import ast
+import importlib
 import re
 import sys
 import tomllib
 from importlib.metadata import packages_distributions
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -61,6 +63,12 @@ def test_the_package_imports_what_it_asks_for_alone():
     providers = packages_distributions()
     for top in _imported() - set(sys.stdlib_module_names) - {"manoeuvre_nn"}:
         assert asked & {canonicalize_name(name) for name in providers.get(top, [top])}, f"{top} is not asked for"
+
+
+def test_the_libraries_that_mutation_loads_beforehand_are_installed_with_the_tests(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    libraries = importlib.import_module("mutation_tests").LIBRARIES
+    assert [name for name in libraries if find_spec(name.partition(".")[0]) is None] == []
 
 
 def _imported() -> set[str]:
