@@ -1,6 +1,7 @@
 """Bags of ROS 1 and 2 and MCAP are read as the run was sailed; hostile and broken ones are refused in one line."""
 
 import struct
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -190,3 +191,26 @@ def test_parts_of_vectors_are_the_channels_that_they_measure():
     for part, channel in vectors.items():
         found = assign([take_apart(f"/imu/data.{part}")])
         assert list(found) == ([channel] if channel else []), part
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="only Linux says what memory is free")
+def test_a_bag_that_unpacks_to_more_than_is_free_is_refused_before_the_system_ends_the_process(tmp_path, monkeypatch):
+    import resource
+
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store, path = get_typestore(Stores.ROS1_NOETIC), tmp_path / "bomb.bag"
+    writer = Writer(path)
+    writer.set_compression(Writer.CompressionFormat.BZ2)
+    with writer:
+        for name, kind, data in (("/rudder", "Float64", 0.1), ("/said", "String", "0" * 60_000_000)):
+            kind = f"std_msgs/msg/{kind}"
+            topic = writer.add_connection(name, kind, typestore=store)
+            writer.write(topic, 0, store.serialize_ros1(store.types[kind](data=data), kind))
+    assert path.stat().st_size < 1e5
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    monkeypatch.setattr("manoeuvre_nn.core.memory.free_memory", lambda: 3e7)
+    with pytest.raises(InputError, match=r"bomb\.bag: what it holds takes more memory than is free: cut it"):
+        read_table(path)
+    assert resource.getrlimit(resource.RLIMIT_AS) == before

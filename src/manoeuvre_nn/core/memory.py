@@ -1,8 +1,15 @@
 """Memory: what would not fit is refused before the system ends the process without a word."""
 
+from collections.abc import Generator
+from contextlib import contextmanager
 from pathlib import Path
 
 from manoeuvre_nn.core.errors import InputError
+
+try:
+    import resource
+except ImportError:  # Windows has no limits of a process
+    resource = None  # type: ignore[assignment]
 
 
 def free_memory() -> float | None:
@@ -28,3 +35,23 @@ def check_memory(what: str, needed: float, remedy: str) -> None:
     free = free_memory()
     if free is not None and needed > free:
         raise InputError(f"{what} need about {needed / 1e9:.2g} GB of memory, {free / 1e9:.2g} GB are free: {remedy}")
+
+
+@contextmanager
+def within_free_memory() -> Generator[None]:
+    """What is done inside ends with a ``MemoryError`` where it would take more than is free; only where Linux says it.
+
+    For files that may unpack to far more than their size says.
+    """
+    free = free_memory()
+    if free is None or resource is None:
+        yield
+        return
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    asked = [pages * resource.getpagesize() + int(free), *(limit for limit in (soft, hard) if limit >= 0)]
+    resource.setrlimit(resource.RLIMIT_AS, (min(asked), hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))

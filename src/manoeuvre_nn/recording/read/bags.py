@@ -106,6 +106,8 @@ def bag_frame(path: Path, columns: Sequence[str] | None = None) -> pd.DataFrame:
         ) from error
     try:
         topics, left_out = _read(path)
+    except MemoryError:
+        raise
     except Exception as error:  # its readers raise many kinds on foreign, hostile files
         said = harmless(" ".join(str(error).split()))[:100] or type(error).__name__
         raise InputError(f"{path.name}: not a bag of ROS, or damaged ({said}); record or reindex it again") from None

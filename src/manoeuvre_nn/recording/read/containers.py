@@ -10,6 +10,7 @@ from pathlib import Path
 import pandas as pd
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.memory import within_free_memory
 
 BEGIN = 1 << 14
 """Bytes that tell what a file is whose suffix does not."""
@@ -85,7 +86,11 @@ def columns_in(path: Path, wanted: Sequence[str] | None = None) -> pd.DataFrame:
         check_there(path)
     reader = reader_of(path)
     assert reader is not None
-    frame = reader(path, wanted)
+    try:
+        with within_free_memory():
+            frame = reader(path, wanted)
+    except MemoryError as error:
+        raise InputError(f"{path.name}: what it holds takes more memory than is free: cut it into parts") from error
     numbered = frame.set_axis(pd.RangeIndex(1, len(frame) + 1))
     numbered.attrs = frame.attrs
     return numbered
