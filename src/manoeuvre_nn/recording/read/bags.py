@@ -94,6 +94,7 @@ def bag_frame(path: Path, columns: Sequence[str] | None = None) -> pd.DataFrame:
 
     Raises:
         InputError: If rosbags is not installed, it is no bag, damaged, or holds no numbers.
+        MemoryError: If it unpacks to more than may be had.
     """
     files = path.rglob("*") if path.is_dir() else [path]
     size = sum(part.stat().st_size for part in files)
