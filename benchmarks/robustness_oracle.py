@@ -170,7 +170,8 @@ def table_of(path: Path) -> dict[str, list[Any]] | str:
         if path.suffix == ".mat":
             given = {k: np.ravel(v) for k, v in loadmat(path).items() if not k.startswith("__")}
         else:
-            given = {k: v.to_numpy() for k, v in parquet.read_table(path).to_pandas(ignore_metadata=True).items()}
+            table = parquet.read_table(path).replace_schema_metadata(None)  # pandas' notes are not asked
+            given = {k: v.to_numpy() for k, v in table.to_pandas(ignore_metadata=True).items()}
     except Exception as error:  # noqa: BLE001 - whatever they raise, the file cannot be read
         return f"{type(error).__name__} by its own library"
     return {k: list(v) for k, v in given.items()}
