@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from logs import MIDNIGHT, write_bag, write_sensors
 
+from manoeuvre_nn.core import memory
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.recording.propose.headings import assign, take_apart
 from manoeuvre_nn.recording.propose.proposal import propose
@@ -210,7 +211,8 @@ def test_a_bag_that_unpacks_to_more_than_is_free_is_refused_before_the_system_en
             writer.write(topic, 0, store.serialize_ros1(store.types[kind](data=data), kind))
     assert path.stat().st_size < 1e5
     before = resource.getrlimit(resource.RLIMIT_AS)
-    monkeypatch.setattr("manoeuvre_nn.core.memory.free_memory", lambda: 3e7)
+    monkeypatch.setattr(memory, "free_memory", lambda: 3e7)
+    monkeypatch.setattr(memory, "MAPPED", 0.0)
     with pytest.raises(InputError, match=r"bomb\.bag: what it holds takes more memory than is free: cut it"):
         read_table(path)
     assert resource.getrlimit(resource.RLIMIT_AS) == before

@@ -11,6 +11,9 @@ try:
 except ImportError:  # Windows has no limits of a process
     resource = None  # type: ignore[assignment]
 
+MAPPED = 5e8
+"""What libraries that are loaded on the way map of their files, which takes no memory [byte]."""
+
 
 def free_memory() -> float | None:
     """Bytes of memory that can be had without swapping; None where the system does not say it (only Linux does)."""
@@ -49,7 +52,7 @@ def within_free_memory() -> Generator[None]:
         return
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     soft, hard = resource.getrlimit(resource.RLIMIT_AS)
-    asked = [pages * resource.getpagesize() + int(free), *(limit for limit in (soft, hard) if limit >= 0)]
+    asked = [pages * resource.getpagesize() + int(MAPPED + free), *(limit for limit in (soft, hard) if limit >= 0)]
     resource.setrlimit(resource.RLIMIT_AS, (min(asked), hard))
     try:
         yield
