@@ -85,3 +85,17 @@ def test_wind_from_the_north_blows_to_the_south_and_gusts_are_averaged():
     assert north.mean() == pytest.approx(-8.0, abs=0.01) and np.abs(east).max() < 1e-12
     assert north.std() < 0.1 * np.std(run["wind_speed"])
     assert not any(a.any() for a in air_velocity(straight(), SHIP))
+
+
+def test_pieces_in_which_a_ship_hardly_goes_ahead_are_left_out_where_the_shaft_is_known():
+    """From an eighth of U0 and a hundredth of the shaft speed on a model of ships that go ahead is held to data."""
+    speed, turns = SHIP.speed, np.ones(1600)
+    for u, n, kept in ((0.13, 0.02, True), (0.12, 0.02, False), (0.13, 0.009, False)):
+        run = straight(speed=u * speed, n=n * turns * SHIP.rpm / 60)
+        if kept:
+            (track,) = to_prime([run], SHIP, SHIP.rpm, "shaft")
+            np.testing.assert_allclose(track["u"], u)
+        else:
+            with pytest.raises(InputError, match="motion ahead in one piece"):
+                to_prime([run], SHIP, SHIP.rpm, "shaft")
+        assert len(to_prime([run], SHIP, SHIP.rpm, "approach")) == 1

@@ -63,3 +63,14 @@ def test_a_floor_that_binds_sinks_with_the_root_of_the_disagreement_to_three_hun
         sunk = agreement.agreed_floor(Mock(floor=floor), Mock(floor=floor, noise=floor))
         free = agreement.agreed_floor(Mock(floor=floor), Mock(floor=0.5 * floor, noise=9.0 * floor))
     assert sunk == approx(share * floor) and free == approx(0.5 * floor), "what does not bind stays"
+
+
+def test_a_channel_that_is_constant_counts_as_white():
+    assert _long_run(np.full((4 * MIN_SAMPLES, 1), 0.25)).tolist() == [1.0]
+
+
+@pytest.mark.parametrize("share, counted", [(0.97, 0), (1.03, 1)])
+def test_a_stretch_has_a_say_where_it_tells_four_times_what_was_known_before(share, counted):
+    information = 4.0 * share
+    missed, allowed = agreement._told(np.eye(1) * information, np.array([2.0]), np.zeros((1, 1)))
+    assert missed == approx(counted * 2.0**2 / information) and allowed == counted

@@ -1,0 +1,47 @@
+"""Hypotheses: what is free in them, and what bounds are worth."""
+
+from math import log, sqrt
+
+import numpy as np
+import pytest
+from pytest import approx
+from scipy.stats import cauchy, norm
+
+from manoeuvre_nn.effect.current import Current
+from manoeuvre_nn.effect.rudder import RudderOffset
+from manoeuvre_nn.estimation.hypothesis import MEDIAN_OF_GAUSSIAN, Hypothesis
+from manoeuvre_nn.estimation.marginal_likelihood import _bounded
+from manoeuvre_nn.ship.mariner import mariner
+
+SHIP = mariner()
+
+
+def hypothesis(effect, runs=1, **more):
+    return Hypothesis((effect,), (np.tile(effect.values.numpy(), (runs, 1)),), **more)
+
+
+def test_what_is_not_of_a_run_is_one_number_in_each_campaign():
+    free = hypothesis(RudderOffset(SHIP, offset_deg=1.0), runs=3, campaigns=(0, 1, 0)).unknowns()
+    assert [f.runs for f in free] == [(0, 2), (1,)]
+    assert [f.runs for f in hypothesis(RudderOffset(SHIP), runs=3).unknowns()] == [(0, 1, 2)]
+
+
+@pytest.mark.parametrize("value", [34.0, 0.0])
+def test_bounds_are_worth_the_share_of_the_posterior_inside_them_over_that_of_the_prior(value):
+    """The offset's prior is Cauchy's of the scale of a Gaussian's median, its posterior a Gaussian."""
+    h, step, sd = hypothesis(RudderOffset(SHIP, offset_deg=value)), 0.5, 1.2
+    (p,) = h.effects[0].declared
+    inside = norm(value + step, sd).cdf([p.low, p.high])
+    before = cauchy(p.null, MEDIAN_OF_GAUSSIAN * p.spread).cdf([p.low, p.high])
+    expected = log(inside[1] - inside[0]) - log(before[1] - before[0])
+    assert _bounded(h, np.array([step]), np.array([sd**2])) == approx(expected, abs=1e-6)
+
+
+def test_a_direction_has_no_bounds_to_be_worth_anything():
+    h = hypothesis(Current(SHIP, speed=1.0, toward_deg=359.0))
+    step, variance = np.array([0.0, 0.0]), np.array([0.01, 25.0])
+    speed = h.effects[0].declared[0]
+    alone = log(norm(1.0, 0.1).cdf(speed.high) - norm(1.0, 0.1).cdf(speed.low))
+    prior = cauchy(speed.null, MEDIAN_OF_GAUSSIAN * speed.spread).cdf([speed.low, speed.high])
+    assert _bounded(h, step, variance) == approx(alone - log(prior[1] - prior[0]), abs=1e-6)
+    assert sqrt(variance[1]) > 360 - 359  # the direction's interval goes past north
