@@ -49,7 +49,7 @@ def refused(ended, out, *told) -> None:
         ("--cfg=banana", "invalid choice: 'banana'"),
         ("config_dir=loop", "config_dir=loop is not a folder"),
         ("zz35", "Error parsing override 'zz35'"),
-        ("+a=" + 2000 * "[" + 2000 * "]", "brackets in brackets, 2000 of them"),
+        ("+a=" + 2000 * "[" + 2000 * "]", "2000 brackets are opened in it: no setting is nested so deep"),
         ("seed=${oc.decode:'{a:b}'}", "Error parsing override"),
         ("experiment=7", "experiment=7: a group has names: leave it out or choose an option"),
         ("seed=${nosuch:1}", "seed=${nosuch:1}: Unsupported interpolation type nosuch"),

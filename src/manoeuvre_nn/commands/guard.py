@@ -77,9 +77,10 @@ def explain(error: BaseException) -> str | None:
         empty = [word for word in sys.argv[1:] if word.endswith("=null")]
         given, why = empty or [word for word in sys.argv[1:] if NO_OPTION.match(word)], "cannot be empty"
         return f"{' '.join(given)}: a group {why if empty else 'has names'}: leave it out or choose an option"
-    nested = [word for word in sys.argv[1:] if word.count("[") + word.count("{") > MAX_NESTED]
-    if nested and any(isinstance(cause, RecursionError) for cause in causes(error)):
-        return f"{nested[0][:60]}...: brackets in brackets, {nested[0].count('[') + nested[0].count('{')} of them"
+    if any(isinstance(cause, RecursionError) for cause in causes(error)):
+        opened, word = max(((word.count("[") + word.count("{"), word) for word in sys.argv[1:]), default=(0, ""))
+        if opened > MAX_NESTED:
+            return f"{word[:60]}...: {opened} brackets are opened in it: no setting is nested so deep, write fewer"
     if not isinstance(error, OF_CONFIG):
         return None
     if isinstance(error, OverrideParseException):  # whatever its parser broke on
