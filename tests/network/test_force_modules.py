@@ -144,6 +144,18 @@ def test_all_forces_of_a_step_stand_side_by_side():
     assert swapped[[1, 0, 3, 2]] == pytest.approx(made[:4])
 
 
+def test_the_lift_of_a_step_is_that_of_the_rudders_and_of_the_race_that_they_turn():
+    forces, controls = BasicForces(SHIP, rolls=False), t(0.3, 0.2, 35.0, 30.0)
+    advance = (1 - SHIP.wake) * t(1.0)
+    thrust = forces.thrust(controls[2:], advance)
+    behind = forces.slipstream.speed(thrust, advance)
+    _, turned = forces.slipstream(thrust, advance, controls[:2], behind)
+    rudders = forces.lift(forces.lift.angle(controls[:2], t(0.0), t(0.0), behind), advance)
+    lift = forces(t(1.0, 0.0, 0.0)[None], t(0.0)[None], controls[None], t(0.04))[0, 2:4]
+    assert (turned > 0.1 * rudders).all()
+    assert lift == pytest.approx(rudders + turned)
+
+
 def test_forces_have_the_gradients_of_their_differences():
     forces = BasicForces(SHIP, rolls=True, wind=True)
     velocities = torch.tensor([[0.9, -0.1, 0.02, 0.4]], dtype=torch.float64, requires_grad=True)
