@@ -139,6 +139,8 @@ def test_all_forces_of_a_step_stand_side_by_side():
     assert len(made) == 10
     assert BasicForces(SHIP, rolls=True).wind is None, "it is in calm air unless it is told"
     assert made[4] == pytest.approx(float(RightingMoment(SHIP.volume, SHIP.gm)(t(0.05), t(0.04))))
+    length = 1.0  # about which the metacentre lies above a trimming ship
+    assert made[5] == pytest.approx(float(RightingMoment(SHIP.volume, length)(t(0.01), t(0.04))))
     assert made[6] == pytest.approx(float(MunkMoment(SHIP.volume)(t(0.9), t(-0.1))))
     swapped = forces(velocities, t(0.05, 0.01, 1.0)[None], controls[:, [1, 0, 3, 2, 4, 5]], t(0.04))[0]
     assert swapped[[1, 0, 3, 2]] == pytest.approx(made[:4])
