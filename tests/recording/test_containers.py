@@ -1,7 +1,9 @@
 """MAT and parquet files are read as texts are, and foreign, hostile or broken ones are refused in one line."""
 
+import mmap
 import pickle
 import struct
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -9,8 +11,11 @@ import pytest
 from logs import placed, write_mat73
 from scipy.io import savemat
 
+from manoeuvre_nn.core import memory
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.recording.propose.proposal import propose
+from manoeuvre_nn.recording.read import containers
+from manoeuvre_nn.recording.read.containers import columns_in
 from manoeuvre_nn.recording.read.reader import read_recording, read_recordings
 
 
@@ -238,3 +243,26 @@ def test_a_mapping_is_proposed_for_a_structure_in_a_mat_file(zz20, frame, tmp_pa
     made = propose(tmp_path / "run.mat", ship)
     assert made.mapping.channels["psi"].column == "ship.psi" and made.finding is None
     np.testing.assert_allclose(read_recording(tmp_path / "run.mat", made.mapping, ship)["v"], zz20["v"])
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="only Linux says what memory is free")
+def test_what_a_file_unpacks_to_is_bounded_by_the_memory_that_is_free_while_it_is_read(tmp_path, monkeypatch):
+    import resource
+
+    def unpack(path, columns):
+        try:
+            mmap.mmap(-1, 60_000_000).close()
+        except OSError as error:
+            raise MemoryError from error
+        return pd.DataFrame({"t": [0.0, 1.0]})
+
+    path, before = tmp_path / "run.packed", resource.getrlimit(resource.RLIMIT_AS)
+    path.write_bytes(b"little")
+    monkeypatch.setitem(containers.READERS, ".packed", unpack)
+    monkeypatch.setattr(memory, "MAPPED", 0.0)
+    monkeypatch.setattr(memory, "free_memory", lambda: 2e8)
+    assert len(columns_in(path)) == 2
+    monkeypatch.setattr(memory, "free_memory", lambda: 3e7)
+    with pytest.raises(InputError, match=r"run\.packed: what it holds takes more memory than is free: cut it into"):
+        columns_in(path)
+    assert resource.getrlimit(resource.RLIMIT_AS) == before
