@@ -53,8 +53,8 @@ TIMED = frozenset({"seconds", "cpu_s", "wall_s"})
 """Keys and columns of files that say how long something took."""
 SECONDS = re.compile(r"\d+(\.\d+)? s\b|\d+:\d\d\b")
 """The same in a page."""
-NOT_COMPARED = re.compile(r"(^|/)(tensorboard|parts|\.lock$|sweep\.md$|.*\.log$)")
-"""Files that tell how a run went, not what came out; and a table that is in ``sweep.csv`` too."""
+NOT_COMPARED = re.compile(r"(^|/)(tensorboard|parts|\.lock$|sweep\.(md|html)$|.*\.log$)")
+"""Files that tell how a run went, not what came out; and tables that are in ``sweep.csv`` too."""
 
 
 @dataclass(frozen=True)

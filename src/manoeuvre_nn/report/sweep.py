@@ -298,7 +298,8 @@ def write_sweep(folder: Path) -> Table:
         figures = {name: figure for name, figure in drawn.items() if figure is not None}
         for name, figure in figures.items():
             save_figure(figure, folder / f"{name}.png", dpi=150)
-    best = ", ".join(f"{name} {text(value, 3)}" for name, value in short[0].items() if value is not None)
+    told = {name: value for name, value in short[0].items() if value not in (None, "finished") and name != "seconds"}
+    best = ", ".join(f"{name} {text(value, 3)}" for name, value in told.items())
     named = {f"Errors over what was swept/{name}": figure for name, figure in figures.items()}
     page = Report(f"Sweep {folder.name}", f"Best of {len(rows)} jobs: {best}.", {JOBS: short}, named, unfolded=(JOBS,))
     write_report(folder / "sweep.html", page)
