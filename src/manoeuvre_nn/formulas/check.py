@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.plain_text import harmless
 from manoeuvre_nn.formulas import latex_reader
 from manoeuvre_nn.formulas.onnx_graph import INSTALL, tables
 from manoeuvre_nn.formulas.program import Program
@@ -117,6 +118,9 @@ def compiled(sources: Mapping[str, str], main: str, folder: Path, *options: str)
 
     Returns:
         The library; None without a compiler.
+
+    Raises:
+        InputError: If the compiler fails, as it does where there is no room.
     """
     compiler = next((c for c in COMPILERS if shutil.which(c)), None)
     if compiler is None:
@@ -125,7 +129,13 @@ def compiled(sources: Mapping[str, str], main: str, folder: Path, *options: str)
         (folder / name).write_text(text, encoding="utf-8")
     library = folder / f"{Path(main).stem}.so"
     words = [compiler, "-std=c99", "-fPIC", "-shared", *options, str(folder / main), "-o", str(library), "-lm"]
-    subprocess.run(words, check=True, capture_output=True)
+    ended = subprocess.run(words, check=False, capture_output=True, text=True, errors="replace")
+    if ended.returncode:
+        said = next((line.strip() for line in reversed(ended.stderr.splitlines()) if line.strip()), "nothing was said")
+        raise InputError(
+            f"the compiler {compiler} ended with code {ended.returncode} ({harmless(said)[:120]}): make room in "
+            f"{folder.parent}, mend it, or take it off the PATH: then C is written and not compiled"
+        )
     return library
 
 
