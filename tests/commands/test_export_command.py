@@ -10,10 +10,11 @@ import pytest
 import torch
 from conftest import Ended
 from hydra.core.global_hydra import GlobalHydra
+from omegaconf import OmegaConf
 from rich.console import Console
 
 import manoeuvre_nn as mnn
-from manoeuvre_nn.commands.export import checkpoint_of, export
+from manoeuvre_nn.commands.export import _written, checkpoint_of, export
 from manoeuvre_nn.commands.groups import compose
 from manoeuvre_nn.commands.job import load_model
 from manoeuvre_nn.commands.main import main
@@ -197,3 +198,13 @@ def test_pythons_way_in_writes_a_model_a_run_and_a_ship(run, tmp_path):
     fitted = mnn.fit("mariner", calm, "modulus", SHORT)
     found = mnn.export(fitted)
     assert f"delta: rudder angle, positive turns the ship to starboard [rad], {calm[0]['delta'].min():.6g} to" in found
+
+
+def test_a_compiler_that_fails_ends_the_export_of_all_formats_too(monkeypatch):
+    def fail(program, kind, **how):
+        raise check.CompilerError("no room") if kind == "c" else InputError("it has no such form")
+
+    monkeypatch.setattr("manoeuvre_nn.commands.export.sailed", lambda program: [])
+    monkeypatch.setattr("manoeuvre_nn.commands.export.write_down", fail)
+    with pytest.raises(check.CompilerError, match="no room"):
+        _written(None, OmegaConf.create({"format": "all", "document": False}), lambda *said: None)

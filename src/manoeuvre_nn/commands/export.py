@@ -27,7 +27,7 @@ from manoeuvre_nn.core.writing import write_file
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.dynamics.vessel import Vessel
-from manoeuvre_nn.formulas.check import COMPILERS
+from manoeuvre_nn.formulas.check import COMPILERS, CompilerError
 from manoeuvre_nn.formulas.conversions import price
 from manoeuvre_nn.formulas.formats import CONVERSIONS, FORMATS, Written, write_down
 from manoeuvre_nn.formulas.models import to_program
@@ -92,6 +92,8 @@ def _written(program: Program, cfg: DictConfig, say: Say) -> tuple[list[Written]
         say(f"writing {kind}, and sailing by it", k / len(FORMATS))
         try:
             made.append(write_down(program, kind, document=cfg.document, runs=runs))
+        except CompilerError:
+            raise
         except InputError as error:
             left_out.append(f"not written: {error}")
     return made, left_out

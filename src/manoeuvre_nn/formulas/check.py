@@ -86,6 +86,10 @@ def load_python(program: Program, text: str) -> Run:
     return _by_rows(program, at)
 
 
+class CompilerError(InputError):
+    """A compiler failed: no reason to leave a format out."""
+
+
 def load_c(program: Program, text: str) -> Run | None:
     """What a written file of C computes; None without a compiler."""
     with TemporaryDirectory() as folder:
@@ -120,7 +124,7 @@ def compiled(sources: Mapping[str, str], main: str, folder: Path, *options: str)
         The library; None without a compiler.
 
     Raises:
-        InputError: If the compiler fails, as it does where there is no room.
+        CompilerError: If the compiler fails, as it does where there is no room.
     """
     compiler = next((c for c in COMPILERS if shutil.which(c)), None)
     if compiler is None:
@@ -132,7 +136,7 @@ def compiled(sources: Mapping[str, str], main: str, folder: Path, *options: str)
     ended = subprocess.run(words, check=False, capture_output=True, text=True, errors="replace")
     if ended.returncode:
         said = next((line.strip() for line in reversed(ended.stderr.splitlines()) if line.strip()), "nothing was said")
-        raise InputError(
+        raise CompilerError(
             f"the compiler {compiler} ended with code {ended.returncode} ({harmless(said)[:120]}): make room in "
             f"{folder.parent}, mend it, or take it off the PATH: then C is written and not compiled"
         )
