@@ -14,7 +14,7 @@ from omegaconf import OmegaConf
 from rich.console import Console
 
 import manoeuvre_nn as mnn
-from manoeuvre_nn.commands.export import _written, checkpoint_of, export
+from manoeuvre_nn.commands.export import _compiled, checkpoint_of, export
 from manoeuvre_nn.commands.groups import compose
 from manoeuvre_nn.commands.job import load_model
 from manoeuvre_nn.commands.main import main
@@ -206,5 +206,5 @@ def test_a_compiler_that_fails_ends_the_export_of_all_formats_too(monkeypatch):
 
     monkeypatch.setattr("manoeuvre_nn.commands.export.sailed", lambda program: [])
     monkeypatch.setattr("manoeuvre_nn.commands.export.write_down", fail)
-    with pytest.raises(check.CompilerError, match="no room"):
-        _written(None, OmegaConf.create({"format": "all", "document": False}), lambda *said: None)
+    with pytest.raises(InputError, match="no room"):
+        _compiled(None, OmegaConf.create({"format": "all", "document": False}), lambda *said: None)

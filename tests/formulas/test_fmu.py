@@ -221,7 +221,9 @@ def test_a_compiler_that_fails_is_told_in_a_line(tmp_path, monkeypatch, said):
     compiler.write_text(f"#!/bin/sh\necho warning >&2\necho '{said}' >&2\nexit 4\n")
     compiler.chmod(0o755)
     monkeypatch.setattr(check, "COMPILERS", (str(compiler),))
-    with pytest.raises(InputError, match=rf"ended with code 4 \({said or 'warning'}\): make room in .*, mend it, or"):
+    with pytest.raises(
+        check.CompilerError, match=rf"ended with code 4 \({said or 'warning'}\): make room in .*, mend it, or"
+    ):
         write_down(program(), "fmu")
 
 

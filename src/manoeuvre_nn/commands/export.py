@@ -70,7 +70,7 @@ def export(cfg: DictConfig, out: Path, console: Console | None = None) -> list[W
     with waiting(console, "reading the model and what it was trained on") as say:
         effect = cfg.get("effect")
         program = program_of(checkpoint, partial(configs.chosen_effects, effect) if effect else None)
-        made, left_out = _written(program, cfg, say)
+        made, left_out = _compiled(program, cfg, say)
     paths = [_path(one, cfg, checkpoint) for one in made]
     fresh = [one.save(path) for one, path in zip(made, paths, strict=True)]
     if program.vessel is not None:
@@ -79,6 +79,14 @@ def export(cfg: DictConfig, out: Path, console: Console | None = None) -> list[W
     for line in left_out:
         console.print(line, highlight=False, markup=False)
     return made
+
+
+def _compiled(program: Program, cfg: DictConfig, say: Say) -> tuple[list[Written], list[str]]:
+    """What is written; a compiler that fails ends it, whatever was asked for."""
+    try:
+        return _written(program, cfg, say)
+    except CompilerError as error:
+        raise InputError(str(error)) from error
 
 
 def _written(program: Program, cfg: DictConfig, say: Say) -> tuple[list[Written], list[str]]:
@@ -92,8 +100,6 @@ def _written(program: Program, cfg: DictConfig, say: Say) -> tuple[list[Written]
         say(f"writing {kind}, and sailing by it", k / len(FORMATS))
         try:
             made.append(write_down(program, kind, document=cfg.document, runs=runs))
-        except CompilerError:
-            raise
         except InputError as error:
             left_out.append(f"not written: {error}")
     return made, left_out

@@ -86,8 +86,8 @@ def load_python(program: Program, text: str) -> Run:
     return _by_rows(program, at)
 
 
-class CompilerError(InputError):
-    """A compiler failed: no reason to leave a format out."""
+class CompilerError(RuntimeError):
+    """A compiler failed, which says nothing of what it was given."""
 
 
 def load_c(program: Program, text: str) -> Run | None:
