@@ -10,11 +10,10 @@ import pytest
 import torch
 from conftest import Ended
 from hydra.core.global_hydra import GlobalHydra
-from omegaconf import OmegaConf
 from rich.console import Console
 
 import manoeuvre_nn as mnn
-from manoeuvre_nn.commands.export import _compiled, checkpoint_of, export
+from manoeuvre_nn.commands.export import checkpoint_of, export
 from manoeuvre_nn.commands.groups import compose
 from manoeuvre_nn.commands.job import load_model
 from manoeuvre_nn.commands.main import main
@@ -200,11 +199,12 @@ def test_pythons_way_in_writes_a_model_a_run_and_a_ship(run, tmp_path):
     assert f"delta: rudder angle, positive turns the ship to starboard [rad], {calm[0]['delta'].min():.6g} to" in found
 
 
-def test_a_compiler_that_fails_ends_the_export_of_all_formats_too(monkeypatch):
-    def fail(program, kind, **how):
-        raise check.CompilerError("no room") if kind == "c" else InputError("it has no such form")
-
-    monkeypatch.setattr("manoeuvre_nn.commands.export.sailed", lambda program: [])
-    monkeypatch.setattr("manoeuvre_nn.commands.export.write_down", fail)
-    with pytest.raises(InputError, match="no room"):
-        _compiled(None, OmegaConf.create({"format": "all", "document": False}), lambda *said: None)
+@pytest.mark.parametrize("said, words", [("cc1: write error: no room", "format=all"), ("", "format=fmu")])
+def test_a_compiler_that_fails_ends_all_in_one_line(typed, run, tmp_path, monkeypatch, said, words):
+    compiler = tmp_path / "cc"
+    compiler.write_text(f"#!/bin/sh\necho warning >&2\necho '{said}' >&2\nexit 4\n")
+    compiler.chmod(0o755)
+    monkeypatch.setattr(check, "COMPILERS", (str(compiler),))
+    ended = typed(f"run={run}", words)
+    told = f"error: the compiler {compiler} ended with code 4 ({said or 'warning'}): make room in "
+    assert ended.code == 2 and told in ended.err.replace("\n", " ")

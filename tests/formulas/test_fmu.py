@@ -215,18 +215,6 @@ def test_without_a_compiler_a_unit_holds_its_sources_alone(monkeypatch):
     assert made.deviations == []
 
 
-@pytest.mark.parametrize("said", ["cc1: write error: no space left", ""])
-def test_a_compiler_that_fails_is_told_in_a_line(tmp_path, monkeypatch, said):
-    compiler = tmp_path / "cc"
-    compiler.write_text(f"#!/bin/sh\necho warning >&2\necho '{said}' >&2\nexit 4\n")
-    compiler.chmod(0o755)
-    monkeypatch.setattr(check, "COMPILERS", (str(compiler),))
-    with pytest.raises(
-        check.CompilerError, match=rf"ended with code 4 \({said or 'warning'}\): make room in .*, mend it, or"
-    ):
-        write_down(program(), "fmu")
-
-
 def test_the_same_model_is_the_same_file_and_another_has_another_guid():
     first, again, other = (fmu_bytes(program(*e)) for e in ((), (), ("current",)))
     assert first == again

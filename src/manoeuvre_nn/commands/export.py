@@ -5,6 +5,8 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from math import isfinite
 from pathlib import Path
+from subprocess import CalledProcessError
+from tempfile import gettempdir
 from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
@@ -19,6 +21,7 @@ from manoeuvre_nn.commands.shelves import build
 from manoeuvre_nn.core.data_files import load_json
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.plain_text import harmless
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.terminal import Say, Terminal
 from manoeuvre_nn.core.threads import use_threads
@@ -27,7 +30,7 @@ from manoeuvre_nn.core.writing import write_file
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.dynamics.vessel import Vessel
-from manoeuvre_nn.formulas.check import COMPILERS, CompilerError
+from manoeuvre_nn.formulas.check import COMPILERS
 from manoeuvre_nn.formulas.conversions import price
 from manoeuvre_nn.formulas.formats import CONVERSIONS, FORMATS, Written, write_down
 from manoeuvre_nn.formulas.models import to_program
@@ -58,7 +61,7 @@ def export(cfg: DictConfig, out: Path, console: Console | None = None) -> list[W
         What was written.
 
     Raises:
-        InputError: If settings do not go together.
+        InputError: If settings do not go together, or the compiler of C fails.
     """
     console = console or Terminal()
     use_threads(1)
@@ -70,7 +73,10 @@ def export(cfg: DictConfig, out: Path, console: Console | None = None) -> list[W
     with waiting(console, "reading the model and what it was trained on") as say:
         effect = cfg.get("effect")
         program = program_of(checkpoint, partial(configs.chosen_effects, effect) if effect else None)
-        made, left_out = _compiled(program, cfg, say)
+        try:
+            made, left_out = _written(program, cfg, say)
+        except CalledProcessError as error:  # a compiler that fails is no reason to leave a format out
+            raise InputError(_of_compiler(error)) from error
     paths = [_path(one, cfg, checkpoint) for one in made]
     fresh = [one.save(path) for one, path in zip(made, paths, strict=True)]
     if program.vessel is not None:
@@ -81,12 +87,14 @@ def export(cfg: DictConfig, out: Path, console: Console | None = None) -> list[W
     return made
 
 
-def _compiled(program: Program, cfg: DictConfig, say: Say) -> tuple[list[Written], list[str]]:
-    """What is written; a compiler that fails ends it, whatever was asked for."""
-    try:
-        return _written(program, cfg, say)
-    except CompilerError as error:
-        raise InputError(str(error)) from error
+def _of_compiler(error: CalledProcessError) -> str:
+    """What to do where a compiler has failed, and the last line that it said."""
+    lines = [line.strip() for line in error.stderr.decode(errors="replace").splitlines() if line.strip()]
+    said = harmless(lines[-1])[:120] if lines else "nothing was said"
+    return (
+        f"the compiler {error.cmd[0]} ended with code {error.returncode} ({said}): make room in {gettempdir()}, "
+        "mend it, or take it off the PATH: then C is written and not compiled"
+    )
 
 
 def _written(program: Program, cfg: DictConfig, say: Say) -> tuple[list[Written], list[str]]:

@@ -15,7 +15,6 @@ import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.plain_text import harmless
 from manoeuvre_nn.formulas import latex_reader
 from manoeuvre_nn.formulas.onnx_graph import INSTALL, tables
 from manoeuvre_nn.formulas.program import Program
@@ -86,10 +85,6 @@ def load_python(program: Program, text: str) -> Run:
     return _by_rows(program, at)
 
 
-class CompilerError(RuntimeError):
-    """A compiler failed, which says nothing of what it was given."""
-
-
 def load_c(program: Program, text: str) -> Run | None:
     """What a written file of C computes; None without a compiler."""
     with TemporaryDirectory() as folder:
@@ -121,10 +116,7 @@ def compiled(sources: Mapping[str, str], main: str, folder: Path, *options: str)
         *options: Of the compiler.
 
     Returns:
-        The library; None without a compiler.
-
-    Raises:
-        CompilerError: If the compiler fails, as it does where there is no room.
+        The library; None without a compiler. One that fails, as where there is no room, is a ``CalledProcessError``.
     """
     compiler = next((c for c in COMPILERS if shutil.which(c)), None)
     if compiler is None:
@@ -133,13 +125,7 @@ def compiled(sources: Mapping[str, str], main: str, folder: Path, *options: str)
         (folder / name).write_text(text, encoding="utf-8")
     library = folder / f"{Path(main).stem}.so"
     words = [compiler, "-std=c99", "-fPIC", "-shared", *options, str(folder / main), "-o", str(library), "-lm"]
-    ended = subprocess.run(words, check=False, capture_output=True, text=True, errors="replace")
-    if ended.returncode:
-        said = next((line.strip() for line in reversed(ended.stderr.splitlines()) if line.strip()), "nothing was said")
-        raise CompilerError(
-            f"the compiler {compiler} ended with code {ended.returncode} ({harmless(said)[:120]}): make room in "
-            f"{folder.parent}, mend it, or take it off the PATH: then C is written and not compiled"
-        )
+    subprocess.run(words, check=True, capture_output=True)
     return library
 
 
