@@ -111,14 +111,13 @@ def test_a_fault_inside_hydra_is_told_as_one_and_kept_whole(capsys):
     path.unlink()
 
 
-def test_guarded_ends_with_1_if_jobs_failed_and_with_nothing_if_not(monkeypatch):
+def test_guarded_ends_with_1_if_jobs_failed_and_with_nothing_if_not_whatever_ran_before(monkeypatch):
     monkeypatch.setenv("HYDRA_FULL_ERROR", "0")
     monkeypatch.setattr(guard, "failed_jobs", [])
-    guarded(lambda: None)
-    monkeypatch.setattr(guard, "failed_jobs", ["3"])
     with pytest.raises(SystemExit) as end:
-        guarded(lambda: None)
+        guarded(lambda: guard.failed_jobs.append("3"))
     assert end.value.code == 1
+    guarded(lambda: None)
 
 
 def test_guarded_reports_wrong_input(monkeypatch, capsys):

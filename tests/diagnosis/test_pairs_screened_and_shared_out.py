@@ -2,6 +2,8 @@
 
 import os
 import signal
+import threading
+from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from functools import partial
@@ -11,6 +13,7 @@ from pytest import approx
 from trials import CALM, CIRCLE, SHIP, ZIGZAG, runs, values
 
 from manoeuvre_nn.core.ending import explain
+from manoeuvre_nn.diagnosis import workers
 from manoeuvre_nn.diagnosis.search import search
 from manoeuvre_nn.diagnosis.workers import shared_out
 from manoeuvre_nn.effect.current import Current
@@ -61,6 +64,25 @@ def test_a_process_that_is_killed_is_told_and_not_waited_for():
         list(shared_out([partial(killed, number) for number in range(4)], 2))
     assert "one of several processes was killed" in str(explain(broken.value))
     assert list(shared_out([partial(abs, number) for number in range(4)], 2)) == [0, 1, 2, 3]
+
+
+def test_two_threads_that_share_out_tasks_each_get_their_own_results(monkeypatch):
+    both_began, got = threading.Barrier(2, timeout=30), dict[str, list]()
+
+    def pool(*args):
+        both_began.wait()
+        return ProcessPoolExecutor(*args)
+
+    def share_out(name: str) -> None:
+        got[name] = list(shared_out([partial(str.upper, f"{name}{k}") for k in range(3)], 2))
+
+    monkeypatch.setattr(workers, "ProcessPoolExecutor", pool)
+    threads = [threading.Thread(target=share_out, args=(name,)) for name in "ab"]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert got == {"a": ["A0", "A1", "A2"], "b": ["B0", "B1", "B2"]}
 
 
 def test_two_processes_find_what_one_finds():

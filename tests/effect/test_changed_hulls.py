@@ -244,3 +244,18 @@ def test_errors_of_coefficients_are_multiplied_as_the_terms_are(ship, effects):
     whole = [k for k, name in enumerate(corrections.names) if name not in ("Mv", "Mr")]
     usual = np.sqrt((expected**2).mean(axis=(0, 1)))
     assert np.abs((found - expected) / usual)[:, whole].max() < 1e-6
+
+
+def test_a_ships_terms_are_not_taken_for_those_of_another_that_has_its_id_now():
+    effect, another = made("shallow_water", "esso_190k", depth_m=1.5 * PARTICULARS.draught), ship_named("mariner")
+    effect._sorted[id(another)] = effect.series  # as where an effect comes back from another process
+    assert effect.aboard(another).series.ship is another
+
+
+def test_a_corrected_ship_has_the_corrections_that_its_model_has_now():
+    ship = ship_named("mariner")
+    names = Corrections(CalmWater(ship)).names
+    model = Calibrated(CalmWater(ship), torch.zeros(len(names)))
+    torch.testing.assert_close(model.corrected(ship).table, ship.table)
+    model.load_state_dict({**model.state_dict(), "shares": torch.full((len(names),), 0.1)})
+    assert (model.corrected(ship).table != ship.table).any()

@@ -5,6 +5,7 @@ import importlib
 import os
 import re
 import sys
+import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,8 @@ COMMON = ("speed_kn", "rudder_split_deg", "shaft_split")
 """Settings of the group manoeuvre that hold for all manoeuvres."""
 own_modules: set[str] = set()
 """Modules of the user's own that were named with ``plugins=``: configs may name what they define."""
+_composing = threading.Lock()
+"""Hydra knows one config at a time."""
 FOLLOWING = ("linear", "network", "fit")
 """Groups that a ship, a network or recordings may choose too; what the user writes always holds."""
 
@@ -84,10 +87,11 @@ def compose(name: str, words: Sequence[str] = ()) -> DictConfig:
     words, folder = own_folder(list(words))
     if folder is not None:
         words.append(f"hydra.searchpath=[{quoted('file://' + str(folder))}]")
-    GlobalHydra.instance().clear()
-    HydraConfig.instance().cfg = None  # the choices of a command that ran before in this process are not this one's
-    with hydra.initialize_config_dir(str(CONF), version_base="1.3"):
-        cfg = hydra.compose(name, words)
+    with _composing:
+        GlobalHydra.instance().clear()
+        HydraConfig.instance().cfg = None  # the choices of a command that ran before in this process are not this one's
+        with hydra.initialize_config_dir(str(CONF), version_base="1.3"):
+            cfg = hydra.compose(name, words)
     accept(cfg)
     return cfg
 

@@ -54,6 +54,7 @@ def guarded(main: Callable[[], None]) -> None:
     Raises:
         SystemExit: As :func:`one_line` says, and with code 1 if jobs of a sweep failed.
     """
+    failed_jobs.clear()  # of a command that ran before in this process
     os.environ["HYDRA_FULL_ERROR"] = "1"  # hydra then raises instead of printing its own traceback
     with one_line(), until_the_end:
         main()

@@ -9,8 +9,8 @@ from typing import Any, TypeVar
 from manoeuvre_nn.core.ending import end_with_parent
 
 Result = TypeVar("Result")
-_tasks: list[Sequence[Callable[[], object]]] = []
-"""What forked processes are to do; they inherit the recordings with it, so that nothing large is sent."""
+_tasks: Sequence[Callable[[], Any]] = ()
+"""In a forked process: what its pool is to do, inherited with the recordings, so that nothing large is sent."""
 
 
 def shared_out(tasks: Sequence[Callable[[], Result]], workers: int) -> Iterator[Result]:
@@ -27,9 +27,8 @@ def shared_out(tasks: Sequence[Callable[[], Result]], workers: int) -> Iterator[
     if count < 2 or "fork" not in multiprocessing.get_all_start_methods():
         yield from (task() for task in tasks)
         return
-    _tasks.append(tasks)
     # multiprocessing's own pool would wait for ever for what a killed process was to do.
-    pool = ProcessPoolExecutor(count, multiprocessing.get_context("fork"), _begin)
+    pool = ProcessPoolExecutor(count, multiprocessing.get_context("fork"), _begin, (tasks,))
     try:
         yield from pool.map(_do, range(len(tasks)))
     except BaseException:  # nobody waits for the others
@@ -38,14 +37,15 @@ def shared_out(tasks: Sequence[Callable[[], Result]], workers: int) -> Iterator[
         raise
     finally:
         pool.shutdown(cancel_futures=True)
-        _tasks.pop()
 
 
-def _begin() -> None:
-    """Leave ctrl-C to the process that began this one, and end with it."""
+def _begin(tasks: Sequence[Callable[[], Any]]) -> None:
+    """Take the tasks, leave ctrl-C to the process that began this one, and end with it."""
+    global _tasks
+    _tasks = tasks
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     end_with_parent()
 
 
 def _do(number: int) -> Any:
-    return _tasks[-1][number]()
+    return _tasks[number]()

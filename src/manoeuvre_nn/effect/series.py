@@ -106,11 +106,12 @@ class HullEffect(Effect):
     @property
     def series(self) -> _SortedSeries:
         """The ship's terms, sorted once for each of the last ships that the effect was taken to."""
-        if id(self.ship) not in self._sorted:
-            if len(self._sorted) == MAX_SORTED:
+        series = self._sorted.get(id(self.ship))
+        if series is None or series.ship is not self.ship:  # back from another process its ids may be others' here
+            if len(self._sorted) >= MAX_SORTED:
                 self._sorted.clear()
-            self._sorted[id(self.ship)] = _SortedSeries(self.ship, self.name)
-        return self._sorted[id(self.ship)]
+            series = self._sorted[id(self.ship)] = _SortedSeries(self.ship, self.name)
+        return series
 
     @abstractmethod
     def shares(self, s: Situation) -> tuple[Float[Tensor, "*batch 3 3"], Float[Tensor, "*batch 3 3"]]:

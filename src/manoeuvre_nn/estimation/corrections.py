@@ -312,7 +312,7 @@ class Calibrated(ModelAround):
             shares: Size of every correction, in the order of :attr:`Corrections.names`; a row for each row of a batch.
         """
         super().__init__(calm)
-        self._corrections, self._ships = Corrections(calm), dict[int, tuple[Ship, Ship]]()
+        self._corrections, self._ships = Corrections(calm), dict[int, tuple[Ship, Tensor, Ship]]()
         self.register_buffer("shares", shares)
 
     def forward(self, state: Float[Tensor, "*batch n"], inputs: Inputs) -> Float[Tensor, "*batch n"]:
@@ -333,11 +333,13 @@ class Calibrated(ModelAround):
         return rate + torch.cat([change[..., :3], still, change[..., 3:]], dim=-1)
 
     def corrected(self, ship: Ship) -> Ship:
-        """The ship with ``table (1 + c)``, so that effects act on her as she is; made once a ship."""
-        if id(ship) not in self._ships:
+        """The ship with ``table (1 + c)``, so that effects act on her as she is; made once a ship and its shares."""
+        known, shares, corrected = self._ships.get(id(ship), (None, None, ship))
+        if known is not ship or shares is None or not torch.equal(shares, self.shares):
             table = self._corrections.table(ship, self.shares)
-            self._ships[id(ship)] = ship, ship if table is None else ship.with_table(table) or ship
-        return self._ships[id(ship)][1]
+            corrected = ship if table is None else ship.with_table(table) or ship
+            self._ships[id(ship)] = ship, self.shares.clone(), corrected
+        return corrected
 
     def on_approach(self, speed: float) -> "Calibrated":
         """The corrected ship at another approach speed.
