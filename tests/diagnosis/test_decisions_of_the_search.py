@@ -21,6 +21,7 @@ from manoeuvre_nn.effect.rudder import RudderBacklash
 from manoeuvre_nn.effect.sensors import HeadingBias, LeverArm, LogScale, RateBias
 from manoeuvre_nn.effect.wind import GustyWind, SteadyWind
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
+from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 EFFECTS = [Current(SHIP), SteadyWind(SHIP), LogScale(SHIP), GustyWind(SHIP)]
@@ -81,7 +82,7 @@ def test_pairs_are_built_upon_the_best_beside_published_coefficients_where_calm_
     none = replace(fitted(-300.0, 0.0, ""), best=(6, PUBLISHED_SD_LEVEL + worse))
     found = under_test._beside_published(none, [fitted(-200.0, -4.0, "log"), fitted(-100.0, -9.0, "wind")])
     assert [j.names[0] for j in found] == built_upon
-    assert all(j.best == (under_test.quiet(6), PUBLISHED_SD_LEVEL) for j in found)
+    assert all(j.best == (PROCESS_LEVELS.quiet(6), PUBLISHED_SD_LEVEL) for j in found)
 
 
 @pytest.mark.parametrize("anew, plays", [(True, [30.0]), (False, [])])
@@ -246,7 +247,7 @@ def test_gusts_are_not_tried_for_a_wind_that_says_less_than_calm_water(monkeypat
 @pytest.mark.parametrize("best", ["published", "calm water's"])
 def test_the_better_of_the_fits_from_published_scatter_and_from_that_of_calm_water_is_taken(monkeypatch, best):
     """Where calm water calls a large effect wrong coefficients, a fit that begins there stays where it is small."""
-    quiet = under_test.quiet(6)
+    quiet = PROCESS_LEVELS.quiet(6)
     begun = {(quiet, PUBLISHED_SD_LEVEL): "published", (6, 4): "calm water's"}
     monkeypatch.setattr(fits, "_starts", lambda *_: ["start"])
     monkeypatch.setattr(fits, "_in_form", lambda likelihood, start, level, scatter: start)

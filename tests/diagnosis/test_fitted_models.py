@@ -32,7 +32,6 @@ from manoeuvre_nn.estimation.data_set import (
     COEFFICIENT_SD_LEVELS,
     FIRST_NOISE,
     LATENCY_SD,
-    PROCESS_LEVELS,
     whitened_data_set,
 )
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
@@ -44,6 +43,7 @@ from manoeuvre_nn.estimation.marginal_likelihood import (
     log_prior_levels,
 )
 from manoeuvre_nn.estimation.posterior import posterior
+from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.network.series import Series, SeriesSettings
@@ -58,7 +58,7 @@ STATE = torch.nn.functional.pad(NU, (0, 3))
 NOISE_OF_FIT = torch.tensor([0.02, 0.03, 0.04, 0.05, 0.06, 0.07], dtype=torch.float64)
 CONF = Path(__file__).parents[2] / "conf"
 CANDIDATES = (SteadyWind, GustyWind, RudderOffset)
-LEVEL = len(PROCESS_LEVELS) + 1
+LEVEL = PROCESS_LEVELS.point(1, 1)
 WINDY = {"wind_surge": ["wx |w|"], "wind_lateral": ["wy |w|"]}
 
 

@@ -25,7 +25,6 @@ from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.estimation.data_set import (
     COEFFICIENT_SD_LEVELS,
     LATENCY_SD,
-    PROCESS_LEVELS,
     PreparedRun,
     WhitenedDataSet,
     about_states,
@@ -33,6 +32,7 @@ from manoeuvre_nn.estimation.data_set import (
 )
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import hypothesis_columns
+from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS
 from manoeuvre_nn.manoeuvre.straight import straight
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.recording.preparation import measured
@@ -114,7 +114,7 @@ def test_a_run_never_tells_less_and_the_most_telling_stands_first():
 def test_five_times_the_noise_leaves_a_twenty_fifth(monkeypatch):
     """Noise of all kinds and errors of coefficients."""
     monkeypatch.setattr("manoeuvre_nn.diagnosis.advise.COEFFICIENT_SD_LEVELS", (0.002, 0.01))
-    assert PROCESS_LEVELS[1] == approx(5 * PROCESS_LEVELS[0])
+    assert PROCESS_LEVELS.sizes[1] == approx(5 * PROCESS_LEVELS.sizes[0])
     place = stand("zigzag", WIND)
     worse = [replace(p, noise=5 * p.noise) for p in place.runs]
     loud = [{**p.linearised.run.meta, "rudder_noise": 5 * p.linearised.run.meta["rudder_noise"]} for p in worse]
@@ -125,7 +125,7 @@ def test_five_times_the_noise_leaves_a_twenty_fifth(monkeypatch):
     again = [about_states(CALM, p, p.linearised.track) for p in worse]
     pair = (judged(WIND).hypothesis, judged(RudderOffset(SHIP, offset_deg=1.0)).hypothesis)
     much = apart(place, *pair, (0, 0))
-    little = apart(WhitenedDataSet(CALM, again), *pair, (len(PROCESS_LEVELS) + 1, 1))
+    little = apart(WhitenedDataSet(CALM, again), *pair, (PROCESS_LEVELS.point(1, 1), 1))
     assert much / little == approx(25.0, rel=0.15) and little > 0.01
 
 

@@ -9,10 +9,10 @@ from trials import SHIP
 from manoeuvre_nn.effect.propulsion import PropellerPitchError
 from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.estimation import noise_average
-from manoeuvre_nn.estimation.data_set import PROCESS_LEVELS
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.noise_average import BETWEEN, averaged, finer
+from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 
@@ -60,12 +60,12 @@ def test_directions_are_averaged_the_shorter_way_round(of_times):
 def test_at_the_usual_levels_and_time_nothing_changes():
     stood = stand("wind")
     usual, there = MarginalLikelihood(stood), MarginalLikelihood(finer(stood, stood.process_time))
-    levels = there.data_set.process_levels
-    assert set(levels) == {*PROCESS_LEVELS, *BETWEEN}
-    assert levels[1] ** 2 == approx(levels[0] * levels[2])
+    sizes = there.data_set.levels.sizes
+    assert set(sizes) == {*PROCESS_LEVELS.sizes, *BETWEEN}
+    assert sizes[1] ** 2 == approx(sizes[0] * sizes[2])
     h = hypothesis(SteadyWind(SHIP, speed=10.0, from_deg=60.0))
     for level in (0, LEVEL, 13):
-        fine = 2 * (level // 5) * len(levels) + 2 * (level % 5)
+        fine = 2 * (level // 5) * len(sizes) + 2 * (level % 5)
         assert there.evidence_at(h, fine) == approx(usual.evidence_at(h, level), abs=1e-6)
 
 
@@ -75,8 +75,8 @@ def test_what_goes_on_longer_leaves_a_constant_effect_less_certain():
     h = hypothesis(PropellerPitchError(SHIP, fraction=0.15))
     for time in (2.0, 8.0):
         likelihood = MarginalLikelihood(finer(stood, time))
-        levels = likelihood.data_set.process_levels
-        level = levels.index(0.5) * (len(levels) + 1)
+        largest = likelihood.data_set.levels.sizes.index(0.5)
+        level = likelihood.data_set.levels.point(largest, largest)
         errors.append(np.sqrt(likelihood.posterior(likelihood.columns(h), level).covariance(0)[-1, -1]))
     assert errors[1] / errors[0] == approx(2.0, rel=0.15)
 

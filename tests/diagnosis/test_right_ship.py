@@ -17,21 +17,19 @@ from manoeuvre_nn.diagnosis.right_ship import MIN_GAIN_OF_ANOTHER, _Accounts, ri
 from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.effect.common import in_tight_turns
-from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, PROCESS_LEVELS, whitened_data_set
+from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, whitened_data_set
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import PROCESS_PRIOR, MarginalLikelihood, log_prior_levels
 from manoeuvre_nn.estimation.posterior import posterior
+from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
-SIDE = len(PROCESS_LEVELS)
-DATA_SET = SimpleNamespace(
-    dynamics=CALM, levels=np.stack(np.meshgrid(PROCESS_LEVELS, PROCESS_LEVELS), -1).reshape(-1, 2)
-)
+DATA_SET = SimpleNamespace(dynamics=CALM, levels=PROCESS_LEVELS)
 
 
 def explaining(*names: str, usual: float = -1e4, other: float = -1e4, any_force: float = -1e4) -> FittedHypothesis:
     """A hypothesis with these log evidences: coefficients usual, or off by 20 %, or usual beside a large force."""
-    by_level = np.full((SIDE**2, len(COEFFICIENT_SD_LEVELS)), -1e4)
+    by_level = np.full((len(PROCESS_LEVELS), len(COEFFICIENT_SD_LEVELS)), -1e4)
     by_level[0, 2], by_level[0, -1], by_level[-1, 2] = usual, other, any_force
     prior = log_prior_levels(DATA_SET, PROCESS_PRIOR)
     whole = np.logaddexp.reduce((by_level + prior).ravel())

@@ -42,6 +42,7 @@ from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
 from manoeuvre_nn.estimation.data_set import whitened_data_set
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
+from manoeuvre_nn.estimation.process_noise import ProcessLevels
 from manoeuvre_nn.estimation.relinearise import beside
 
 STORED = Path(__file__).with_name("weighed_cases.json")
@@ -125,7 +126,7 @@ def search_of(case: dict) -> SearchResult:
 
     made = [judged(gain, *names.split(" + ")) for names, gain in case["gains"].items()]
     likelihood = object.__new__(MarginalLikelihood)
-    likelihood.data_set = SimpleNamespace(dynamics=CALM, levels=np.zeros((1, 2)))  # type: ignore[assignment]
+    likelihood.data_set = SimpleNamespace(dynamics=CALM, levels=ProcessLevels((0.0,)))  # type: ignore[assignment]
     return SearchResult(judged(0.0), sorted(made, key=lambda j: -j.evidence), likelihood)
 
 

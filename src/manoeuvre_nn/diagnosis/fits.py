@@ -9,9 +9,10 @@ from jaxtyping import Float
 
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.diagnosis.windows import best_windows, replaced
-from manoeuvre_nn.estimation.data_set import WhitenedDataSet, quiet
+from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
+from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS
 from manoeuvre_nn.estimation.relinearise import MAX_PASSES, STATES_AT_REST, beside, change_of_states, refined
 
 MAX_FIRST_DEFICIT = 30.0
@@ -33,7 +34,7 @@ def single(likelihood: MarginalLikelihood, effect: Effect, none: FittedHypothesi
         The better of the two.
     """
     found = []
-    noises = {(quiet(none.best[0]), min(none.best[1], PUBLISHED_SD_LEVEL))}
+    noises = {(PROCESS_LEVELS.quiet(none.best[0]), min(none.best[1], PUBLISHED_SD_LEVEL))}
     if not effect.timed:  # events are placed where they must explain the misfit anyway
         noises.add(none.best)
     for level, scatter in noises:

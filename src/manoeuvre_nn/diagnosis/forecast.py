@@ -226,8 +226,7 @@ def drawn_tables(
     starts = np.concatenate([_starts(g, known, run, warmup, numbers, there.of_runs([k])) for k, run in enumerate(runs)])
     begin, process = warm_up_end(runs[0], warmup), process_time(data_set.dynamics)
     copies = [thin for thin in thinned(runs, warmup, every) for _ in draws]
-    levels = np.maximum(data_set.levels[chosen.best[0]], data_set.levels[least_level])
-    size = levels[[0, 1, 1, 1]][: len(data_set.unit)] * data_set.unit
+    size = np.maximum(*(data_set.levels.sd(point, data_set.unit) for point in (chosen.best[0], least_level)))
     instants = copies[0].step * np.arange(max(len(run) for run in copies))
     pushes = size * drawn_process(g, instants, process, (len(starts), len(size)))
     pushes[:, :: len(draws)] = 0.0

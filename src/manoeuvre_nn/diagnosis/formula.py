@@ -10,7 +10,7 @@ from jaxtyping import Float
 from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.diagnosis.recurring import recurring
 from manoeuvre_nn.effect.formula import LAG, Formula, in_time, is_ordinary, library, mark_of
-from manoeuvre_nn.estimation.data_set import PreparedRun, WhitenedDataSet, quiet
+from manoeuvre_nn.estimation.data_set import PreparedRun, WhitenedDataSet
 from manoeuvre_nn.estimation.effect_columns import moved_by, own_states, with_roll
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.linear_run import Columns
@@ -85,7 +85,7 @@ def short_formula(likelihood: MarginalLikelihood, none: FittedHypothesis) -> Fit
     made = [_columns(data_set, prepared, candidates) for prepared in data_set.runs]
     columns, index = [c for c, _ in made], [np.arange(len(candidates))] * len(made)
     unit = 1 / np.sqrt(np.mean([m for _, m in made], axis=0) + 1e-12)
-    level, scatter = quiet(none.best[0]), min(none.best[1], 2)
+    level, scatter = data_set.levels.quiet(none.best[0]), min(none.best[1], 2)
     gram = data_set.gram(level, data_set.embedded(level, columns), index, len(candidates))
     chosen = _chosen(gram, data_set, scatter, unit, candidates)
     if not chosen:

@@ -10,7 +10,6 @@ from scipy.special import logsumexp
 
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.dynamics.base import is_fitted
-from manoeuvre_nn.estimation.data_set import PROCESS_LEVELS
 from manoeuvre_nn.estimation.effect_columns import contribution, hulls_beside
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.hypothesis_columns import HypothesisColumns, hypothesis_columns
@@ -50,9 +49,9 @@ def fitted_gusts(likelihood: MarginalLikelihood, steady: FittedHypothesis, gusty
     """Fit a hypothesis with its steady wind replaced by a gusty one, at the most likely size of gusts."""
     ship = likelihood.data_set.dynamics.particulars
     wind, kinds = steady.names.index(gusty.variant_of), AT_SEA + ON_PONDS if ship.is_model else AT_SEA
-    levels = [int(g) for g in np.flatnonzero(likelihood.data_set.levels.max(axis=1) < MAX_PROCESS_BESIDE_GUSTS)]
+    levels = [int(g) for g in np.flatnonzero(likelihood.data_set.levels.pairs.max(axis=1) < MAX_PROCESS_BESIDE_GUSTS)]
     if is_fitted(likelihood.data_set.dynamics):
-        levels = _around(steady.best[0])
+        levels = likelihood.data_set.levels.around(steady.best[0])
     best, found = -np.inf, []
     for _ in range(ROUNDS if len(kinds) > len(AT_SEA) else 1):
         tried, sizes = _tried(likelihood, steady.hypothesis, wind, kinds, levels)
@@ -63,16 +62,9 @@ def fitted_gusts(likelihood: MarginalLikelihood, steady: FittedHypothesis, gusty
     return _chosen(found, wind, gusty)
 
 
-def _around(level: int) -> list[int]:
-    """A level of the coloured force and those beside it."""
-    side = len(PROCESS_LEVELS)
-    rows, columns = ([k for k in (n - 1, n, n + 1) if 0 <= k < side] for n in divmod(level, side))
-    return [row * side + column for row in rows for column in columns]
-
-
 def gusty_evidence(likelihood: MarginalLikelihood, hypothesis: Hypothesis, level: int) -> float:
     """Log evidence of a hypothesis with a gusty wind at its values, noise levels about a force level summed out."""
-    known = _without_gusts(likelihood, hypothesis, _around(level))
+    known = _without_gusts(likelihood, hypothesis, likelihood.data_set.levels.around(level))
     return likelihood.over_levels(hypothesis, known, log_prior_levels(likelihood.data_set, PROCESS_PRIOR)).evidence
 
 

@@ -10,7 +10,7 @@ from manoeuvre_nn.core.effect import SITES
 from manoeuvre_nn.core.units import three_digits
 from manoeuvre_nn.diagnosis.result import Interval, Residual
 from manoeuvre_nn.diagnosis.search import SearchResult
-from manoeuvre_nn.estimation.data_set import PROCESS_LEVELS, PreparedRun, WhitenedDataSet, process_time, start_spread
+from manoeuvre_nn.estimation.data_set import PreparedRun, WhitenedDataSet, process_time, start_spread
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.hypothesis_columns import hypothesis_columns
 from manoeuvre_nn.estimation.linear_run import Columns, IntegratedRun
@@ -179,8 +179,9 @@ def _level_pieces(z: Float[np.ndarray, "n k"], least: int, penalty: float) -> li
 
 def sites(tried: SearchResult) -> dict[str, float]:
     """Site -> log Bayes factor over calm water of a coloured force in some equations, or of the best effect there."""
-    side = len(PROCESS_LEVELS)
-    at = [tried.likelihood.evidence_at(Hypothesis((), ()), g) for g in (0, side * (side - 2), side - 2)]
+    grid, large = tried.likelihood.data_set.levels, len(tried.likelihood.data_set.levels.sizes) - 2
+    points = grid.point(0, 0), grid.point(large, 0), grid.point(0, large)
+    at = [tried.likelihood.evidence_at(Hypothesis((), ()), point) for point in points]
     found = {"surge": at[1] - at[0], "sway and yaw": at[2] - at[0]}
     for site in SITES:
         of_site = [j for j in tried.fitted if len(j.names) == 1 and j.hypothesis.effects[0].site == site]

@@ -33,14 +33,13 @@ from manoeuvre_nn.estimation.corrections import USUAL_SCATTER, Corrections
 from manoeuvre_nn.estimation.data_set import (
     COEFFICIENT_SD_LEVELS,
     LATENCY,
-    PROCESS_LEVELS,
     PreparedRun,
     process_time,
 )
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.linearised_run import shown
 from manoeuvre_nn.estimation.marginal_likelihood import COEFFICIENT_SD_PRIOR, PROCESS_PRIOR
-from manoeuvre_nn.estimation.process_noise import drawn_process
+from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS, drawn_process
 
 DRAWS = 96
 """Free runs of every run, with coefficients as corrected and as published each."""
@@ -121,7 +120,7 @@ def repaired_check(question: Question, tried: SearchResult, chosen: FittedHypoth
     """
     runs, warmup = question.case.held_out, question.case.warmup
     every = _samples_a_step(question.dynamics, runs[0].step)
-    allowed = 0 if is_fitted(question.dynamics) else _most_allowed() * (len(PROCESS_LEVELS) + 1)
+    allowed = 0 if is_fitted(question.dynamics) else PROCESS_LEVELS.point(_most_allowed(), _most_allowed())
     drawn = drawn_tables(known_of(tried.likelihood.data_set, chosen), there, runs, warmup, every, allowed)
     # The last samples may lie behind the last step.
     seen = [
@@ -148,31 +147,28 @@ def _as_shown(tables: Sequence[pd.DataFrame], time: Float[np.ndarray, " n"]) -> 
 
 def corrected(tried: SearchResult, rng: np.random.Generator) -> _Allowed:
     """Calm water as the fit left it; what the fitted runs do not show of the coefficients keeps its scatter."""
-    data_set, side = tried.likelihood.data_set, len(PROCESS_LEVELS)
-    row, column = divmod(tried.none.best[0], side)
-    most = _most_allowed()
-    level = min(row, most) * side + min(column, most)
+    data_set, most = tried.likelihood.data_set, _most_allowed()
+    level = data_set.levels.point(*(min(k, most) for k in data_set.levels.at(tried.none.best[0])))
     scatter = min(tried.none.best[1], int(np.searchsorted(COEFFICIENT_SD_LEVELS, PRIOR_SDS * COEFFICIENT_SD_PRIOR)) - 1)
     found, k = tried.likelihood.posterior(None, level), data_set.combinations
     mean, root = found.mean(scatter), np.linalg.cholesky(found.covariance(scatter)[:k, :k] + 1e-18 * np.eye(k))
     shares = (mean[:k] + np.vstack([np.zeros(k), rng.standard_normal((DRAWS, k)) @ root.T])) @ data_set.rotation.T
     shares += unseen_scatter(data_set, scatter, len(shares), rng)
     # That quiet runs were fitted is no reason to forbid what calm water is allowed before.
-    process = np.maximum(_process(tried, level), _process(tried, most * (side + 1)))
+    process = np.maximum(_process(tried, level), _process(tried, data_set.levels.point(most, most)))
     return _Allowed(shares, LATENCY + float(np.mean(mean[k:])), process)
 
 
 def _most_allowed() -> int:
     """Largest level of process noise that calm water is allowed in surge, and beside it."""
-    return int(np.searchsorted(PROCESS_LEVELS, PRIOR_SDS * PROCESS_PRIOR)) - 1
+    return int(np.searchsorted(PROCESS_LEVELS.sizes, PRIOR_SDS * PROCESS_PRIOR)) - 1
 
 
 def published(tried: SearchResult, rng: np.random.Generator) -> _Allowed:
     """Calm water before any recording was seen."""
-    count, side = len(tried.likelihood.data_set.rotation), len(PROCESS_LEVELS)
-    level = int(np.searchsorted(PROCESS_LEVELS, PROCESS_PRIOR)) * (side + 1)
+    count, usual = len(tried.likelihood.data_set.rotation), int(np.searchsorted(PROCESS_LEVELS.sizes, PROCESS_PRIOR))
     shares = np.vstack([np.zeros(count), USUAL_SCATTER * rng.standard_normal((DRAWS, count)) @ _root(tried).T])
-    return _Allowed(shares, LATENCY, _process(tried, level))
+    return _Allowed(shares, LATENCY, _process(tried, PROCESS_LEVELS.point(usual, usual)))
 
 
 def _root(tried: SearchResult) -> Float[np.ndarray, "k k"]:
@@ -183,7 +179,7 @@ def _root(tried: SearchResult) -> Float[np.ndarray, "k k"]:
 
 def _process(tried: SearchResult, level: int) -> Float[np.ndarray, " p"]:
     data_set = tried.likelihood.data_set
-    return data_set.levels[level][[0, 1, 1, 1]][: len(data_set.unit)] * data_set.unit
+    return data_set.levels.sd(level, data_set.unit)
 
 
 def drawn_runs(
@@ -312,12 +308,26 @@ def surprise(
             parts = np.array_split(e, max(1, round(e.shape[1] * BLOCK / WINDOW)), axis=1)
             looks[f"a part of {run.name}", channel] = [np.max([_relative(part) for part in parts], axis=0)]
     sizes = np.stack([np.sqrt(np.mean(np.square(several), axis=0)) for several in looks.values()])
-    chance = np.stack([tail(of_look, of_look[1:]) for of_look in sizes])
-    # How small the least of so many alike probabilities is by chance, the draws say themselves (Westfall & Young).
-    rarest = 1 / chance.min(axis=0)
-    least, (where, channel) = int(chance[:, 0].argmin()), list(looks)[int(chance[:, 0].argmin())]
+    p, least = rarest(sizes)
+    where, channel = list(looks)[least]
     ratio = sizes[least, 0] / np.sqrt(np.mean(sizes[least, 1:] ** 2))
-    return float(tail(rarest[:1], rarest[1:])[0]), f"{channel} of {where}", float(ratio)
+    return p, f"{channel} of {where}", float(ratio)
+
+
+def rarest(sizes: Float[np.ndarray, "looks rows"]) -> tuple[float, int]:
+    """How improbable the largest of many looks at the first row is, if that row is like the others.
+
+    How small the least of many probabilities is by chance, the draws say themselves (Westfall & Young): each row is
+    ranked among all others, the recording like a draw. Ranked among draws alone, none could be as rare as it.
+
+    Returns:
+        The probability; the look.
+    """
+    count = sizes.shape[1]
+    others = np.array([np.delete(np.arange(count), row) for row in range(count)])
+    chance = np.stack([tail(of_look, of_look[others]) for of_look in sizes])
+    least = 1 / chance.min(axis=0)
+    return float(tail(least[:1], least[1:])[0]), int(chance[:, 0].argmin())
 
 
 def _off(free: Float[np.ndarray, "rows n c"], record: pd.DataFrame) -> dict[str, Float[np.ndarray, "rows n"]]:
@@ -347,20 +357,22 @@ def _relative(off: Float[np.ndarray, "rows n"]) -> Float[np.ndarray, " rows"]:
     return size / np.sqrt(np.mean(size[1:] ** 2))
 
 
-def tail(values: Float[np.ndarray, " m"], draws: Float[np.ndarray, " n"]) -> Float[np.ndarray, " m"]:
+def tail(values: Float[np.ndarray, " m"], draws: Float[np.ndarray, "*#m n"]) -> Float[np.ndarray, " m"]:
     """Probability that a draw exceeds a value: by rank, beyond the largest fifth by Hill's tail of these.
 
     ``p = k/n (x/x_k)^(-1/g)``, ``g`` the mean of ``log(x_j/x_k)`` over the k largest.
 
     Args:
         values: Values, positive.
-        draws: Draws, positive.
+        draws: Draws, positive: the same for all values, or a row for each.
 
     Returns:
         The probability of each.
     """
-    ordered, k = np.sort(draws), max(3, round(TAIL * len(draws)))
-    above = len(draws) - np.searchsorted(ordered, values)
-    largest, least = ordered[-k:], ordered[-k - 1]
-    beyond = k / len(draws) * (np.maximum(values, least) / least) ** (-1 / np.log(largest / least).mean())
-    return np.where(values > least, beyond, (1 + above) / (1 + len(draws)))
+    count = draws.shape[-1]
+    ordered, k = np.sort(draws, axis=-1), max(3, round(TAIL * count))
+    above = (draws >= values[:, None]).sum(axis=-1)
+    largest, least = ordered[..., -k:], ordered[..., -k - 1]
+    slope = np.log(largest / least[..., None]).mean(axis=-1)
+    beyond = k / count * (np.maximum(values, least) / least) ** (-1 / slope)
+    return np.where(values > least, beyond, (1 + above) / (1 + count))

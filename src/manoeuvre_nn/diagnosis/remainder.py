@@ -4,7 +4,6 @@ import numpy as np
 
 from manoeuvre_nn.diagnosis.search import Progress
 from manoeuvre_nn.effect.remainder import Remainder
-from manoeuvre_nn.estimation.data_set import quiet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 
@@ -37,6 +36,6 @@ def with_remainder(
     mine = Hypothesis((effect,), (np.tile(start, (len(likelihood.data_set.runs), 1)),))
     both = fitted.hypothesis.joined(mine) if fitted.names else mine
     # At the levels that the rest needed coloured force and coefficients would explain what the network is to learn.
-    low = quiet(fitted.best[0])
+    low = likelihood.data_set.levels.quiet(fitted.best[0])
     trained, _ = likelihood.improve(both, low, min(fitted.best[1], 1), rounds=ROUNDS)
     return likelihood.evaluate(trained, around=low)

@@ -13,9 +13,10 @@ from manoeuvre_nn.diagnosis.fits import PUBLISHED_SD_LEVEL, at_rest, fitted_at_r
 from manoeuvre_nn.diagnosis.gusts import fitted_gusts
 from manoeuvre_nn.diagnosis.windows import best_windows
 from manoeuvre_nn.diagnosis.workers import shared_out
-from manoeuvre_nn.estimation.data_set import WhitenedDataSet, quiet
+from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
+from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS
 from manoeuvre_nn.estimation.relinearise import (
     beside,
     with_likely_coefficient_prior,
@@ -159,7 +160,7 @@ def _beside_published(none: FittedHypothesis, singles: Sequence[FittedHypothesis
     Returns:
         The best effects with published coefficients; none where calm water does with these.
     """
-    at = quiet(none.best[0]), PUBLISHED_SD_LEVEL
+    at = PROCESS_LEVELS.quiet(none.best[0]), PUBLISHED_SD_LEVEL
     if none.best[1] <= PUBLISHED_SD_LEVEL + 1:
         return []
     ranked = sorted(singles, key=lambda s: -float(s.by_level[:, : PUBLISHED_SD_LEVEL + 1].max()))

@@ -17,16 +17,15 @@ from scipy.special import logsumexp
 from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.estimation.data_set import (
     COEFFICIENT_SD_LEVELS,
-    PROCESS_LEVELS,
     WhitenedDataSet,
     process_time,
-    quiet,
     start_spread,
 )
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
 from manoeuvre_nn.estimation.linear_run import summed
 from manoeuvre_nn.estimation.linearised_run import integrated
 from manoeuvre_nn.estimation.marginal_likelihood import PROCESS_PRIOR, MarginalLikelihood, log_prior_levels
+from manoeuvre_nn.estimation.process_noise import by_equation
 
 COLOURED = 4.0
 """Variance factor of a channel's slow errors from which its sensor is not trusted."""
@@ -75,11 +74,11 @@ def random_force(
     Returns:
         What came out.
     """
-    process = _RandomProcess(likelihood, quiet(none.best[0]), levels)
+    process = _RandomProcess(likelihood, likelihood.data_set.levels.quiet(none.best[0]), levels)
     start = np.log(process_time(likelihood.data_set.dynamics))
     tried = {
         (axis, size): process.evidence((axis,), np.array([np.log(size), start]))
-        for axis, size in product(range(3), PROCESS_LEVELS[2:])
+        for axis, size in product(range(3), likelihood.data_set.levels.sizes[2:])
     }
     axis, size = max(tried, key=lambda k: tried[k])
     first = np.array([np.log(size), start])
@@ -97,7 +96,7 @@ def random_force(
     values, vectors = np.linalg.eigh(curvature)
     covariance = (vectors / np.maximum(values, 0.1)) @ vectors.T
     others = [b for b in range(3) if b != axis and process.evidence((axis, b), x) > best + MIN_GAIN_OF_EQUATION]
-    prior = np.log(MAX_RANDOM / PROCESS_LEVELS[0]) * np.log(process.longest / SHORTEST_RANDOM_S)
+    prior = np.log(MAX_RANDOM / process.least) * np.log(process.longest / SHORTEST_RANDOM_S)
     evidence = best + np.log(2 * np.pi / prior) + 0.5 * np.linalg.slogdet(covariance)[1] - np.log(3)
     errors = np.sqrt(np.diag(covariance))
     size, time = (float(v) for v in np.exp(x))
@@ -111,12 +110,12 @@ class _RandomProcess:
         """Take the runs, the level of the process noise that calm water keeps beside, how far coefficients are off."""
         data_set = likelihood.data_set
         self.likelihood, self.prior = likelihood, log_prior_levels(data_set, PROCESS_PRIOR)[level, :levels]
-        self.usual = data_set.levels[level][[0, 1, 1, 1]][: len(data_set.unit)]
+        self.usual, self.least = by_equation(data_set.levels[level], len(data_set.unit)), data_set.levels.sizes[0]
         self.longest = max(p.linearised.run.duration for p in data_set.runs)
 
     def evidence(self, axes: tuple[int, ...], x: Float[np.ndarray, " 2"]) -> float:
         """Log evidence of a size and a correlation time, as logarithms; errors of coefficients summed over."""
-        low = np.log([PROCESS_LEVELS[0], SHORTEST_RANDOM_S])
+        low = np.log([self.least, SHORTEST_RANDOM_S])
         size, time = np.exp(np.clip(x, low, np.log([MAX_RANDOM, self.longest])))
         data_set, sd = self.likelihood.data_set, self.usual.copy()
         sd[list(axes)] = np.hypot(sd[list(axes)], size)
@@ -132,12 +131,10 @@ class _RandomProcess:
 def unknown_evidence(likelihood: MarginalLikelihood, none: FittedHypothesis, formula: FittedHypothesis | None) -> float:
     """Log evidence of something unknown, summed over levels near those of calm water and over what is loose."""
     data_set = likelihood.data_set
-    side = round(np.sqrt(len(data_set.levels)))
-    row, column = divmod(none.best[0], side)
-    near = [r * side + c for r, c in product(range(side), range(side)) if abs(r - row) <= 1 and abs(c - column) <= 1]
-    near = sorted({*near, min(row + 2, side - 1) * side + column, row * side + min(column + 2, side - 1)})
+    grid, (row, column) = data_set.levels, data_set.levels.at(none.best[0])
+    near = sorted({*grid.around(none.best[0]), grid.point(row + 2, column), grid.point(row, column + 2)})
     loose = np.stack([likelihood.posterior(None, g).evidence for g in near])
-    found = [logsumexp(loose - np.log(len(data_set.levels) * loose.shape[1]))]
+    found = [logsumexp(loose - np.log(len(grid) * loose.shape[1]))]
     if formula is not None:
         found.append(formula.evidence)
     return float(logsumexp(np.array(found) - np.log(2))) + _strange_sensors(data_set)

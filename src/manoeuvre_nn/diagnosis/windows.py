@@ -18,7 +18,7 @@ from scipy.special import logsumexp
 
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.effect.common import RAMP
-from manoeuvre_nn.estimation.data_set import WhitenedDataSet, quiet
+from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.effect_columns import contribution
 from manoeuvre_nn.estimation.hypothesis import NUMBER_OF_INTERVALS, STOPS, Hypothesis
 from manoeuvre_nn.estimation.hypothesis_columns import HypothesisColumns
@@ -321,7 +321,7 @@ def _all_blocks(
     """All runs in blocks, each with its own rows of values."""
     data_set = likelihood.data_set
     # Not the levels that calm water needs: there the event itself is taken for a coloured force and wrong coefficients.
-    low = quiet(noise[0]), min(noise[1], 2)
+    low = data_set.levels.quiet(noise[0]), min(noise[1], 2)
     there = None if given is None else likelihood.columns(given)
     return [_blocks(data_set, run, effect, table, low, there) for run, table in enumerate(rows)]
 

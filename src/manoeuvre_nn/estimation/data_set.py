@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import product
 
 import numpy as np
 import torch
@@ -19,13 +18,12 @@ from manoeuvre_nn.estimation.effect_columns import coefficient_columns, latency_
 from manoeuvre_nn.estimation.linear_run import Columns, Embedded, IntegratedRun, RunEquations, joined, summed
 from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, linearise, run_equations
 from manoeuvre_nn.estimation.posterior import Posterior, posterior
+from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS, ProcessLevels
 from manoeuvre_nn.estimation.run_states import RunStates
 from manoeuvre_nn.estimation.smoothed_run import smooth
 
 FIRST_NOISE = RunStates().first_noise
 """First idea of the noise of the channels ``MEASURED``."""
-PROCESS_LEVELS = (0.003, 0.015, 0.05, 0.15, 0.5)
-"""Levels of the process noise that no hypothesis explains, over the resistance and the force of 20 deg of rudder."""
 SMOOTHER_PROCESS_SD = np.array([0.05, 0.1, 0.1])
 """Prior standard deviation of the process noise of the smoother, in U0^2/L (yaw: U0^2/L^2)."""
 SMOOTHER_ROLL = 0.2
@@ -102,9 +100,8 @@ class WhitenedDataSet:
         rotation: These combinations, one a column: coefficients' errors are ``rotation @`` those of the combinations.
         seen: What the runs see of coefficients' errors: those of the combinations are ``seen @`` these.
         coefficient_prior: How errors of the coefficients go together before the runs are seen.
-        process_levels: Levels of the process noise.
+        levels: Standard deviations of the process noise.
         process_time: Its correlation time [s]; the runs are linearised for it.
-        levels: Level of the process noise in surge and in sway and yaw, one row a grid point.
     """
 
     def __init__(
@@ -112,15 +109,14 @@ class WhitenedDataSet:
         dynamics: Model,
         runs: Sequence[PreparedRun],
         coefficient_prior: CoefficientPrior | None = None,
-        levels: Sequence[float] = PROCESS_LEVELS,
+        levels: ProcessLevels = PROCESS_LEVELS,
         time: float | None = None,
     ) -> None:
         """Take the runs, what is known of the coefficients' errors, and the process noise; None is its usual time."""
         self.dynamics, self.runs = dynamics, list(runs)
         self.coefficient_prior = coefficient_prior or CoefficientPrior()
         self.unit = typical(dynamics)
-        self.process_levels, self.process_time = tuple(levels), time or process_time(dynamics)
-        self.levels = np.array(list(product(levels, levels)))
+        self.levels, self.process_time = levels, time or process_time(dynamics)
         self._equations: list[RunEquations] = []
         self._at: dict[int, _Level] = {}
         self._by_rudder: dict[bytes, WhitenedDataSet] = {}
@@ -152,7 +148,7 @@ class WhitenedDataSet:
         if not self._equations:
             start = start_spread(self.dynamics)
             self._equations = [run_equations(x.linearised, x.noise, self.process_time, start) for x in self.runs]
-        process_sd = self.levels[level][[0, 1, 1, 1]][: len(self.unit)] * self.unit
+        process_sd = self.levels.sd(level, self.unit)
         white = [IntegratedRun(equations, process_sd) for equations in self._equations]
         base = [w.embed(p.base) for w, p in zip(white, self.runs, strict=True)]
         each = [e.dot(e) for e in base]
@@ -184,7 +180,7 @@ class WhitenedDataSet:
             ]
             if len(self._by_rudder) >= MAX_RUDDERS:
                 del self._by_rudder[next(iter(self._by_rudder))]
-            noise = self.process_levels, self.process_time
+            noise = self.levels, self.process_time
             self._by_rudder[key] = WhitenedDataSet(self.dynamics, made, self.coefficient_prior, *noise)
         return self._by_rudder[key]
 
@@ -279,19 +275,6 @@ def same_campaigns(known: Sequence[Recording], runs: Sequence[Recording]) -> lis
     """
     days = [run.meta.get(CAMPAIGN) for run in known]
     return [days.index(day) if (day := run.meta.get(CAMPAIGN)) in days else 0 for run in runs]
-
-
-def quiet(level: int) -> int:
-    """A force level at which hypotheses must explain what the coloured force explained at another.
-
-    Args:
-        level: Grid point that calm water needs.
-
-    Returns:
-        The grid point, neither of its levels above the second.
-    """
-    side = len(PROCESS_LEVELS)
-    return min(level // side, 1) * side + min(level % side, 1)
 
 
 def typical(dynamics: Model) -> Float[np.ndarray, " k"]:

@@ -56,7 +56,8 @@ class MarginalLikelihood:
     def __init__(self, data_set: WhitenedDataSet) -> None:
         """Take the runs."""
         self.data_set = data_set
-        self.start_level = len(data_set.process_levels) // 2 * (len(data_set.process_levels) + 1)
+        middle = len(data_set.levels.sizes) // 2
+        self.start_level = data_set.levels.point(middle, middle)
         self._pieces: dict[tuple[object, ...], _Piece] = {}
         self._latest: dict[tuple[object, ...], HypothesisColumns] = {}
 
@@ -203,15 +204,12 @@ class MarginalLikelihood:
         """
         prior = log_prior_levels(self.data_set, process_prior)
         lin = self.columns(hypothesis) if hypothesis.effects else None
-        side = len(self.data_set.process_levels)
         known: dict[int, Posterior] = {}
         best = self.start_level if around is None else around
         while True:
-            row, column = divmod(best, side)
-            cross = [(row, column), (row + 1, column), (row - 1, column), (row, column + 1), (row, column - 1)]
-            new = [r * side + c for r, c in cross if 0 <= r < side and 0 <= c < side and r * side + c not in known]
-            for level in new:
-                known[level] = self.posterior(lin, level)
+            for level in self.data_set.levels.beside(best):
+                if level not in known:
+                    known[level] = self.posterior(lin, level)
             top = max(known, key=lambda g: float((known[g].evidence + prior[g]).max()))
             if top == best:
                 break
@@ -292,7 +290,7 @@ def log_prior_levels(data_set: WhitenedDataSet, process_prior: float | None) -> 
     """
     process, scatter = np.zeros(len(data_set.levels)), np.zeros(len(COEFFICIENT_SD_LEVELS))
     if process_prior is not None and not is_fitted(data_set.dynamics):
-        process = -0.5 * np.square(data_set.levels / process_prior).sum(axis=1)
+        process = -0.5 * np.square(data_set.levels.pairs / process_prior).sum(axis=1)
     if not is_fitted(data_set.dynamics):
         scatter = -0.5 * np.square(np.array(COEFFICIENT_SD_LEVELS) / COEFFICIENT_SD_PRIOR)
     total = process[:, None] + scatter[None, :]

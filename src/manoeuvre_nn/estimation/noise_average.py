@@ -14,13 +14,15 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import softmax
 
-from manoeuvre_nn.estimation.data_set import PROCESS_LEVELS, WhitenedDataSet, base_columns
+from manoeuvre_nn.estimation.data_set import WhitenedDataSet, base_columns
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
 from manoeuvre_nn.estimation.linearised_run import linearise
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
+from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS, ProcessLevels
 
-BETWEEN = tuple(float(np.sqrt(low * high)) for low, high in zip(PROCESS_LEVELS, PROCESS_LEVELS[1:], strict=False))
-"""Levels of the process noise halfway between the usual ones, on a logarithmic scale."""
+USUAL = PROCESS_LEVELS.sizes
+BETWEEN = tuple(float(np.sqrt(low * high)) for low, high in zip(USUAL, USUAL[1:], strict=False))
+"""Sizes of the process noise halfway between the usual ones, on a logarithmic scale."""
 TIMES = (0.5, 1.0, 2.0)
 """Correlation times of the process noise over the time in which the ship sails its length."""
 
@@ -70,15 +72,14 @@ def finer(data_set: WhitenedDataSet, time: float) -> WhitenedDataSet:
         x = prepared.linearised
         x = linearise(x.run, x.rate, x.track, time, x.indicated)
         runs.append(replace(prepared, linearised=x, base=base_columns(data_set.dynamics, x)))
-    levels = sorted((*PROCESS_LEVELS, *BETWEEN))
+    levels = ProcessLevels(tuple(sorted((*USUAL, *BETWEEN))))
     return WhitenedDataSet(data_set.dynamics, runs, data_set.coefficient_prior, levels, time)
 
 
 def _at_time(data_set: WhitenedDataSet, fitted: FittedHypothesis, time: float) -> FittedHypothesis:
     """The hypothesis at one correlation time [s] of the process noise, over all of its levels."""
     there = finer(data_set, time)
-    surge, lateral = (2 * k for k in divmod(fitted.best[0], len(PROCESS_LEVELS)))
-    around = surge * len(there.process_levels) + lateral
+    around = there.levels.point(*(2 * k for k in PROCESS_LEVELS.at(fitted.best[0])))
     found = MarginalLikelihood(there).evaluate(fitted.hypothesis, around=around)
     there.release()
     return found

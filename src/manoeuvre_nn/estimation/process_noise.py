@@ -6,12 +6,77 @@ Source:
 """
 
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
 
 import numpy as np
 from jaxtyping import Float
 
 AXES = 3
 """Surge, sway, yaw."""
+
+
+@dataclass(frozen=True)
+class ProcessLevels:
+    """The grid of standard deviations of the process noise that are tried: in surge, and in sway, yaw and roll.
+
+    They are over the resistance and over what 20 deg of rudder do. Grid points are numbered row by row: a row is a size
+    in surge, a column one beside.
+
+    Attributes:
+        sizes: What is tried of each [-].
+    """
+
+    sizes: tuple[float, ...]
+
+    @cached_property
+    def pairs(self) -> Float[np.ndarray, "g 2"]:
+        """Sizes at every grid point."""
+        return np.array(list(product(self.sizes, self.sizes)))
+
+    def __len__(self) -> int:
+        """Number of grid points."""
+        return len(self.sizes) ** 2
+
+    def __getitem__(self, point: int) -> Float[np.ndarray, " 2"]:
+        """Sizes at a grid point."""
+        return self.pairs[point]
+
+    def sd(self, point: int, unit: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+        """Standard deviations of the accelerations at a grid point, from what is large in a manoeuvre."""
+        return by_equation(self.pairs[point], len(unit)) * unit
+
+    def point(self, surge: int, lateral: int) -> int:
+        """Number of the grid point with the k-th size of each, or the last one."""
+        last = len(self.sizes) - 1
+        return min(surge, last) * len(self.sizes) + min(lateral, last)
+
+    def at(self, point: int) -> tuple[int, int]:
+        """Which size a grid point has in surge, and which beside."""
+        return divmod(point, len(self.sizes))
+
+    def around(self, point: int) -> list[int]:
+        """A grid point and those at most one size from it in each."""
+        rows, columns = ([k for k in (n - 1, n, n + 1) if 0 <= k < len(self.sizes)] for n in self.at(point))
+        return [self.point(row, column) for row in rows for column in columns]
+
+    def beside(self, point: int) -> list[int]:
+        """A grid point and those one size from it in surge or beside, not in both."""
+        return [g for g in self.around(point) if any(a == b for a, b in zip(self.at(g), self.at(point), strict=True))]
+
+    def quiet(self, point: int) -> int:
+        """The grid point with neither size above the second, where hypotheses must explain what the noise explained."""
+        surge, lateral = self.at(point)
+        return self.point(min(surge, 1), min(lateral, 1))
+
+
+def by_equation(pair: Float[np.ndarray, " 2"], count: int) -> Float[np.ndarray, " k"]:
+    """A number for surge and one for the rest, written out for as many accelerations."""
+    return pair[[0, 1, 1, 1][:count]]
+
+
+PROCESS_LEVELS = ProcessLevels((0.003, 0.015, 0.05, 0.15, 0.5))
+"""The usual ones of what no hypothesis explains."""
 
 
 @dataclass(frozen=True)
