@@ -17,8 +17,8 @@ import yaml
 from jaxtyping import Float
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.estimation.accelerations import accelerations
 from manoeuvre_nn.recording.local_cubics import smoothed
 from manoeuvre_nn.recording.read.mapping import mapping

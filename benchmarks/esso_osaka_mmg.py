@@ -4,8 +4,8 @@ import numpy as np
 import torch
 from esso_osaka_data import ClosedLoop
 
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.ship.esso_osaka_model import esso_osaka_mmg
 
 AIR = 1.220

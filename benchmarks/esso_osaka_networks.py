@@ -9,8 +9,8 @@ from esso_osaka_data import as_recording, smooth
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.core.ship import Particulars
 
 STEP = 1.0
 """Time between samples [s]."""

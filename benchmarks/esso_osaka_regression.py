@@ -6,8 +6,8 @@ import numpy as np
 from esso_osaka_data import ClosedLoop, mirrored, relative, smooth
 from jaxtyping import Float
 
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.core.ship import Particulars
 
 RIDGES = (1e-5, 1e-4, 1e-3, 1e-2, 1e-1)
 """Ridge over the number of samples, columns scaled to a mean square of 1."""

@@ -29,8 +29,9 @@ from manoeuvre_nn.commands.train import fit as fit_job
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.terminal import Terminal
 from manoeuvre_nn.core.units import KNOT
 from manoeuvre_nn.core.writing import locked

@@ -10,8 +10,8 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.numerics.damping import Stops
 from manoeuvre_nn.numerics.least_squares import Carry, LeastSquares
 from manoeuvre_nn.numerics.restarts import minimise

@@ -40,7 +40,7 @@ def attack(tmp_path):
         "_target_": "manoeuvre_nn.recording.read.reader.read_recording",
         "path": str(tmp_path / "run.csv"),
         "mapping": columns,
-        "ship": {"_target_": "manoeuvre_nn.core.ship.Particulars"} | PARTICULARS,
+        "ship": {"_target_": "manoeuvre_nn.core.particulars.Particulars"} | PARTICULARS,
     }
     return {"_target_": "manoeuvre_nn.core.recording.Recording.to_csv", "self": run, "path": str(victim)}, victim
 

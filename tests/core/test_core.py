@@ -11,9 +11,9 @@ from pytest import approx
 
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.frames import body_to_earth, earth_to_body, kinematics
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.prime import bis_system, length_system
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE, KNOT, RPM
 from manoeuvre_nn.ship.mariner import WANG
 

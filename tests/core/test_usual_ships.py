@@ -13,8 +13,8 @@ from manoeuvre_nn.core.channels import CHANNELS, MEASURED, PERIODIC, SMOOTHED
 from manoeuvre_nn.core.effect import Parameter
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.recording import Recording, followed
-from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE, KNOT
 
 SHIP = Particulars("ship", 120.0, 20.0, 7.0, 0.65, 8.0, 0.04, 0.6)

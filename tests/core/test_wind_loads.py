@@ -4,7 +4,7 @@ import pytest
 import torch
 from pytest import approx
 
-from manoeuvre_nn.core.ship import WindAreas
+from manoeuvre_nn.core.particulars import WindAreas
 from manoeuvre_nn.core.wind import COEFFICIENTS, wind_load
 
 AREAS = WindAreas(frontal=400.0, lateral=1500.0, lateral_centre=-6.0, length_overall=150.0)

@@ -13,7 +13,7 @@ from fleet import unchecked
 from manoeuvre_nn.core.channels import MOTION
 from manoeuvre_nn.core.data_files import CONF
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.ship import Stability
+from manoeuvre_nn.core.particulars import Stability
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.design import expected_error
 from manoeuvre_nn.design.candidates import CandidateRun, ExpectedGain, remark, sail

@@ -10,7 +10,7 @@ from fleet import ship_named
 from pytest import approx
 from shelf import at, made
 
-from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.effect.common import TIGHT_TURN, typical
 from manoeuvre_nn.effect.depth import RESISTANCE, depth_factors
 from manoeuvre_nn.ship.esso_190k import COEFFICIENTS as TANKER

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.ship import WindAreas
+from manoeuvre_nn.core.particulars import WindAreas
 from manoeuvre_nn.core.wind import AIR, COEFFICIENTS
 from manoeuvre_nn.network.force_modules import (
     BasicForces,

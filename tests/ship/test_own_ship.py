@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.units import DEGREE, KNOT
 from manoeuvre_nn.ship.mariner import COEFFICIENTS, INERTIA, WANG, mariner
 from manoeuvre_nn.ship.own import OwnParticulars, own_particulars, own_ship

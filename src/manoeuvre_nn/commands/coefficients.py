@@ -18,7 +18,8 @@ from manoeuvre_nn.commands.provenance import shown, versions, write_provenance
 from manoeuvre_nn.commands.shelves import build, made_by, plain
 from manoeuvre_nn.core.data_files import FORMAT, load_json, read_as, without_format
 from manoeuvre_nn.core.errors import InputError, check_choice
-from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.core.particulars import Particulars
+from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.terminal import Terminal
 from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.core.units import DEGREE

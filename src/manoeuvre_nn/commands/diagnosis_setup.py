@@ -16,8 +16,9 @@ from manoeuvre_nn.commands.shelves import TARGET, build, on_shelf
 from manoeuvre_nn.core.data_files import FORMAT, load_yaml
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.plain_text import harmless
-from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.writing import write_file
 from manoeuvre_nn.diagnosis.case import Case, Question, RunSettings, read_case, read_runs, seen_channels
 from manoeuvre_nn.diagnosis.result import Cause, Diagnosis

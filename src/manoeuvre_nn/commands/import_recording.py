@@ -11,7 +11,8 @@ from rich.text import Text
 from manoeuvre_nn.commands.groups import CONF, accept, options, settings_in
 from manoeuvre_nn.commands.shelves import build
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.core.particulars import Particulars
+from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.waiting import waiting
 from manoeuvre_nn.core.writing import write_file
 from manoeuvre_nn.recording.propose.choice import Choice

@@ -28,10 +28,11 @@ from manoeuvre_nn.commands.shelves import (
 from manoeuvre_nn.core.data_files import check_plain, load_json, load_yaml, without_format
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.network import Network
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.response import Response
 from manoeuvre_nn.core.scaling import Scaling
-from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.dynamics.recursive import RecursiveShip, joined_model
 from manoeuvre_nn.training import session

@@ -17,9 +17,9 @@ from manoeuvre_nn.commands.shelves import build, check_arguments, made_by, plain
 from manoeuvre_nn.core.data_files import check_plain, load_yaml, without_format
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.network import Network
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.response import Quantities, Response, Variable
 from manoeuvre_nn.core.scaling import Scaling
-from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.waiting import waiting
 from manoeuvre_nn.recording.read.records import RecordsMapping, records_mapping, unit_size
 from manoeuvre_nn.report.response_figures import response_figures

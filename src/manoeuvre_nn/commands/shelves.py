@@ -26,7 +26,9 @@ class _Shelf(NamedTuple):
 
 
 SHELVES = {
-    "ship": _Shelf(("manoeuvre_nn.ship",), ("manoeuvre_nn.core.ship.Ship", "manoeuvre_nn.core.ship.Particulars")),
+    "ship": _Shelf(
+        ("manoeuvre_nn.ship",), ("manoeuvre_nn.core.ship.Ship", "manoeuvre_nn.core.particulars.Particulars")
+    ),
     "linear": _Shelf(
         ("manoeuvre_nn.ship.known", "manoeuvre_nn.estimation.baselines"), ("manoeuvre_nn.core.ship.Ship",)
     ),

@@ -13,7 +13,8 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.core.particulars import Particulars
+from manoeuvre_nn.core.ship import Ship
 
 UNIT_POWERS = {"m": 1.0, "m/s": 0.5, "kN": 3.0}
 """Unit of a parameter -> exponent of length with which its usual size goes."""

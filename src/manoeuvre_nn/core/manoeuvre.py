@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.plain_text import check_name
-from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE, KNOT
 
 MAX_DURATION_S, MAX_TURN_DEG, MAX_ORDERS = 1e6, 36000.0, 100_000

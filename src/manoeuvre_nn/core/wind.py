@@ -6,7 +6,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from manoeuvre_nn.core.ship import Particulars, WindAreas
+from manoeuvre_nn.core.particulars import Particulars, WindAreas
 
 AIR = 1.225
 """Density of air [kg/m^3]."""

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
-from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.units import DEGREE, GRAVITY
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.limits import OK, left_range

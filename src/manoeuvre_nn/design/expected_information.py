@@ -7,7 +7,8 @@ import torch
 from jaxtyping import Float
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.core.particulars import Particulars
+from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.design.candidates import CandidateRun, ExpectedGain, remark
 from manoeuvre_nn.estimation.derivatives import taylor_columns
 from manoeuvre_nn.recording.tuples import Tuples

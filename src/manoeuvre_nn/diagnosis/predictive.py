@@ -308,10 +308,10 @@ def surprise(
             parts = np.array_split(e, max(1, round(e.shape[1] * BLOCK / WINDOW)), axis=1)
             looks[f"a part of {run.name}", channel] = [np.max([_relative(part) for part in parts], axis=0)]
     sizes = np.stack([np.sqrt(np.mean(np.square(several), axis=0)) for several in looks.values()])
-    p, least = rarest(sizes)
+    chance, least = rarest(sizes)
     where, channel = list(looks)[least]
     ratio = sizes[least, 0] / np.sqrt(np.mean(sizes[least, 1:] ** 2))
-    return p, f"{channel} of {where}", float(ratio)
+    return chance, f"{channel} of {where}", float(ratio)
 
 
 def rarest(sizes: Float[np.ndarray, "looks rows"]) -> tuple[float, int]:

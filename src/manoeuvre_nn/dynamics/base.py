@@ -11,8 +11,9 @@ from torch import Tensor, nn
 from manoeuvre_nn.core.frames import kinematics
 from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.core.ship import Ship
 
 
 class Model(ABC, nn.Module):

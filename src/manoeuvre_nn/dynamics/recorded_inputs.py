@@ -10,8 +10,8 @@ from torch import Tensor
 
 from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.network import Network
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.dynamics.base import Model
 
 OF_SIDES = {"shaft": "n", "delta_split": "delta_starboard", "shaft_split": "n_starboard"}

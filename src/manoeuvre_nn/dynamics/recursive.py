@@ -10,9 +10,10 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.network import Network
+from manoeuvre_nn.core.particulars import Particulars, WindAreas
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.scaling import Scaling
-from manoeuvre_nn.core.ship import Particulars, Ship, WindAreas
+from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.units import GRAVITY
 from manoeuvre_nn.core.wind import COEFFICIENTS, usual_kind
 from manoeuvre_nn.dynamics.base import Model

@@ -14,8 +14,8 @@ from manoeuvre_nn.core.channels import ACCELERATION
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import RPM
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.helm import Helm, helm_of

@@ -10,7 +10,8 @@ from torch import Tensor
 
 from manoeuvre_nn.core.effect import Parameter, Situation
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.core.particulars import Particulars
+from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.units import KNOT
 from manoeuvre_nn.effect.common import columns, factor
 from manoeuvre_nn.effect.series import HullEffect, diagonal

@@ -9,7 +9,8 @@ from torch import Tensor
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.frames import earth_to_body
-from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.core.particulars import Particulars
+from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.network.series import Series
 from manoeuvre_nn.ship.tanker import TankerShip

@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.core.particulars import Particulars
+from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.estimation.coefficient_forces import own_unit
 from manoeuvre_nn.network.series import parity
 from manoeuvre_nn.ship.clarke import SURGE_ADDED_MASS, clarke_derivatives

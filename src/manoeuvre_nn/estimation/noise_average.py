@@ -9,6 +9,7 @@ Source:
 """
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
@@ -20,8 +21,7 @@ from manoeuvre_nn.estimation.linearised_run import linearise
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS, ProcessLevels
 
-USUAL = PROCESS_LEVELS.sizes
-BETWEEN = tuple(float(np.sqrt(low * high)) for low, high in zip(USUAL, USUAL[1:], strict=False))
+BETWEEN = tuple(float(np.sqrt(low * high)) for low, high in pairwise(PROCESS_LEVELS.sizes))
 """Sizes of the process noise halfway between the usual ones, on a logarithmic scale."""
 TIMES = (0.5, 1.0, 2.0)
 """Correlation times of the process noise over the time in which the ship sails its length."""
@@ -72,7 +72,7 @@ def finer(data_set: WhitenedDataSet, time: float) -> WhitenedDataSet:
         x = prepared.linearised
         x = linearise(x.run, x.rate, x.track, time, x.indicated)
         runs.append(replace(prepared, linearised=x, base=base_columns(data_set.dynamics, x)))
-    levels = ProcessLevels(tuple(sorted((*USUAL, *BETWEEN))))
+    levels = ProcessLevels(tuple(sorted((*PROCESS_LEVELS.sizes, *BETWEEN))))
     return WhitenedDataSet(data_set.dynamics, runs, data_set.coefficient_prior, levels, time)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.core.channels import MEASURED
-from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.core.particulars import Particulars
 
 MOTION = ("u", "v", "r", "x", "y", "psi")
 

@@ -7,8 +7,8 @@ from jaxtyping import Float
 from scipy.ndimage import median_filter, uniform_filter1d
 
 from manoeuvre_nn.core.channels import MEASURED
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.estimation.linear_run import Columns, joined
 from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, integrated, linearise
 from manoeuvre_nn.estimation.measurement_noise import MIN_SAMPLES, measured_noise

@@ -19,7 +19,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.ship import WindAreas
+from manoeuvre_nn.core.particulars import WindAreas
 from manoeuvre_nn.core.units import SEA_WATER
 from manoeuvre_nn.core.wind import wind_load
 

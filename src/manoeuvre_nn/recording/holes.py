@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from manoeuvre_nn.core.channels import MEASURED
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.recording import Recording, followed
-from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE
 
 MIN_HOLE_S = 5.0

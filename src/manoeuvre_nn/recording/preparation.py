@@ -12,8 +12,8 @@ from scipy.ndimage import median_filter, uniform_filter1d
 from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.frames import body_to_earth
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.recording import Recording, followed
-from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import RPM
 from manoeuvre_nn.recording.holes import heading_across, holes, with_rudder
 from manoeuvre_nn.recording.local_cubics import WINDOW, smoothed

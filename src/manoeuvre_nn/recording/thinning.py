@@ -1,7 +1,7 @@
 """Fewer samples where there are more than a ship's motion needs: smoothing takes as long as its window has samples."""
 
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.core.ship import Particulars
 
 SAMPLES_PER_TIME_UNIT = 400
 """Samples in the time L/U0 that tell all of a ship's motion: local cubics over .8 L/U0 have 320 then."""

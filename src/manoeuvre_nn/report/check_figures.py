@@ -8,7 +8,7 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from manoeuvre_nn.core.frames import earth_to_body
-from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.recording.check.inspection import Inspection
 from manoeuvre_nn.recording.check.motion import smoothed_motion

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.estimation.captive_fit import Towed, agreeing_inertia, compare
 from manoeuvre_nn.estimation.coefficients import (
     MEASURED,

@@ -10,8 +10,8 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from manoeuvre_nn.core.errors import check_choice
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.terminal import Terminal
 from manoeuvre_nn.diagnosis.result import Diagnosis
 from manoeuvre_nn.recording.check.turn_drift import is_circle

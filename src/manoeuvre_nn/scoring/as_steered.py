@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.recorded_inputs import approach_speed
 from manoeuvre_nn.manoeuvre.criteria import held_angle, reversal_times, trace

@@ -7,8 +7,8 @@ from typing import Literal
 
 from manoeuvre_nn.core.channels import ACCELERATION
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.limits import OK
 from manoeuvre_nn.dynamics.members import has_members, replay_members, sail_members

@@ -10,7 +10,7 @@ from scipy.optimize import root
 from scipy.special import beta
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.seakeeping.hull import Hull
 
 AREA_POWER, WATERLINE_POWER = 1.5, 1.0

@@ -2,7 +2,7 @@
 
 from math import pi
 
-from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.core.particulars import Particulars
 
 GYRATION = 0.28
 """Radius of gyration in yaw over L [-]; not stated in the thesis, found from its Tables 5.3 and A.5."""

@@ -5,7 +5,7 @@ from math import pi, sqrt
 import torch
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.ship import Particulars, Stability
+from manoeuvre_nn.core.particulars import Particulars, Stability
 from manoeuvre_nn.core.units import DEGREE, GRAVITY, KNOT, SEA_WATER
 from manoeuvre_nn.ship.four_degrees import Drive, FourDegreeShip, HullSeries, twin
 

@@ -3,7 +3,7 @@
 from math import inf
 from typing import Literal
 
-from manoeuvre_nn.core.ship import Particulars, Stability, WindAreas
+from manoeuvre_nn.core.particulars import Particulars, Stability, WindAreas
 from manoeuvre_nn.core.units import DEGREE, KNOT
 from manoeuvre_nn.ship.tanker import TankerShip
 

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from manoeuvre_nn.core.ship import Particulars, WindAreas
+from manoeuvre_nn.core.particulars import Particulars, WindAreas
 from manoeuvre_nn.core.units import DEGREE, FRESH_WATER
 from manoeuvre_nn.ship.mmg import MMGCoefficients, MMGShip
 

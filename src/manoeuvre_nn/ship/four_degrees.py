@@ -12,7 +12,8 @@ from torch import Tensor, nn
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.network import filled, products_of
-from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.core.particulars import Particulars
+from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.units import RPM
 
 VARIABLES = ("u", "v", "r", "p", "phi", "|u|", "|v|", "|r|", "|p|")

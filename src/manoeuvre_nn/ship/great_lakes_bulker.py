@@ -1,6 +1,6 @@
 """A 730-ft Great Lakes bulk carrier."""
 
-from manoeuvre_nn.core.ship import Particulars, Stability, WindAreas
+from manoeuvre_nn.core.particulars import Particulars, Stability, WindAreas
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.ship.taylor import TaylorShip
 

@@ -7,7 +7,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.core.particulars import Particulars
+from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.ship.clarke import GYRATION, SURGE_ADDED_MASS, clarke_derivatives
 from manoeuvre_nn.ship.taylor import Coefficients, Side, TaylorShip
 

@@ -1,6 +1,6 @@
 """The tanker KVLCC2 of the SIMMAN workshops: particulars at model and at full scale, for measured manoeuvres."""
 
-from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.units import DEGREE, FRESH_WATER, KNOT
 
 RUDDER_LIMIT = 35 * DEGREE

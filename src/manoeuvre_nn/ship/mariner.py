@@ -1,7 +1,7 @@
 """The Mariner class cargo ship: the set of Wang's thesis, the same corrected, and Chislett & Strom-Tejsen's own."""
 
+from manoeuvre_nn.core.particulars import Particulars, Stability, WindAreas
 from manoeuvre_nn.core.prime import length_system
-from manoeuvre_nn.core.ship import Particulars, Stability, WindAreas
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.ship.taylor import TaylorShip
 

@@ -8,7 +8,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.core.particulars import Particulars
+from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.units import RPM
 
 MIN_SPEED_M_S = 1e-5

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.units import DEGREE, KNOT, SEA_WATER
 from manoeuvre_nn.ship.taylor import Coefficients, Side, TaylorShip
 

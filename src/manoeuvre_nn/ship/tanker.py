@@ -11,8 +11,9 @@ from torch import Tensor, nn
 
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.network import times
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.prime import bis_system
-from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.units import RPM
 
 TERMS = {

@@ -13,8 +13,9 @@ from torch import Tensor
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.network import Network, filled, products_of
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.prime import PrimeSystem
-from manoeuvre_nn.core.ship import Particulars, Ship
+from manoeuvre_nn.core.ship import Ship
 
 VARIABLES = "uvrd"
 EQUATIONS = "XYN"

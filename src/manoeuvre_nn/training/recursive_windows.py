@@ -12,8 +12,8 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.course import Course, course_of
 from manoeuvre_nn.dynamics.recursion import RecordedSteps, Unrolled

@@ -5,7 +5,7 @@ from math import ceil, isnan
 from pathlib import Path
 
 from manoeuvre_nn.core.errors import InputError, check_choice
-from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.recording.read.reader import recordings_in
 

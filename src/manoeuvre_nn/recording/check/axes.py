@@ -6,8 +6,8 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from scipy.special import ndtr, stdtrit
 
 from manoeuvre_nn.core.frames import body_to_earth, earth_to_body
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.recording.check.finding import Change, Finding, in_unit, other_sign, refused
 from manoeuvre_nn.recording.check.motion import TURNED, angle_turned, course_over_ground, smoothed_motion

@@ -11,8 +11,8 @@ from scipy.ndimage import median_filter
 from manoeuvre_nn.core.channels import MOTION
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.frames import earth_to_body
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.recording.check import axes, order, units
 from manoeuvre_nn.recording.check.finding import Finding
 from manoeuvre_nn.recording.check.weighed import Bounds, strong_current, weighed

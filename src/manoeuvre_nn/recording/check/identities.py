@@ -15,8 +15,8 @@ from scipy.linalg import cholesky_banded, solve_banded
 from scipy.optimize import minimize_scalar
 
 from manoeuvre_nn.core.frames import body_to_earth
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.numerics.finite_algebra import lstsq
 from manoeuvre_nn.recording.local_cubics import WINDOW, smoothed
 from manoeuvre_nn.recording.outliers import robust_sd, trimmed_least_squares

@@ -8,8 +8,8 @@ import numpy as np
 
 from manoeuvre_nn.core.channels import MOTION
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.recording.check.checks import first_finding
 from manoeuvre_nn.recording.check.fault_findings import fault_finding
 from manoeuvre_nn.recording.check.file_checks import file_findings

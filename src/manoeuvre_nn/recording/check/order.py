@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Float, Inexact
 
 from manoeuvre_nn.core.frames import earth_to_body
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.recording.check.finding import Finding, refused
 from manoeuvre_nn.recording.check.motion import TURNED

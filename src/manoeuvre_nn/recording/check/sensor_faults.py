@@ -6,8 +6,8 @@ from itertools import combinations
 
 import numpy as np
 
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.recording.check.identities import FaultEstimate, Identities, Noise
 

@@ -5,8 +5,8 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float
 
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.numerics.finite_algebra import lstsq
 from manoeuvre_nn.recording.check.finding import Change, Finding

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE, KNOT
 from manoeuvre_nn.recording.check.finding import Finding, in_unit, other_sign, refused
 from manoeuvre_nn.recording.check.motion import TURNED, angle_turned, smoothed_motion

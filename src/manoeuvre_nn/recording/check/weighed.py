@@ -18,8 +18,8 @@ import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.core.frames import earth_to_body
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.recording import CAMPAIGN, Recording
-from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE, KNOT
 from manoeuvre_nn.numerics.finite_algebra import lstsq
 from manoeuvre_nn.recording.check.axes import RUDDER_WINDOW, STRONG_EVIDENCE, mistakes, robust_slope

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.recording.check.agreement import (
     AGAINST,

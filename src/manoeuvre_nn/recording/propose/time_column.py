@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.ship import Particulars
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.recording.check.agreement import AGAINST, window, yaw_readings
 from manoeuvre_nn.recording.local_cubics import smoothed
 from manoeuvre_nn.recording.propose.choice import Choice

@@ -13,9 +13,9 @@ from scipy.ndimage import find_objects, label
 from manoeuvre_nn.core.channels import PERIODIC
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.frames import body_to_earth, earth_to_body
+from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.plain_text import listed
 from manoeuvre_nn.core.recording import Recording, followed
-from manoeuvre_nn.core.ship import Particulars
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.recording.drift import drift_by_arcs, known_drift, without_drift
 from manoeuvre_nn.recording.kind import guess_kind
