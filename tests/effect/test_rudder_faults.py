@@ -5,7 +5,15 @@ import torch
 from fleet import ship_named
 from shelf import DEEP, at, made, situation
 
+from manoeuvre_nn.core.effect import Effect
+from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.recording import followed
+from manoeuvre_nn.dynamics.model import CalmWater
+from manoeuvre_nn.dynamics.vessel import Vessel
+from manoeuvre_nn.effect.formula import Formula
+from manoeuvre_nn.ship.container import container
+from manoeuvre_nn.ship.mariner import mariner
+from manoeuvre_nn.ship.naval_vessel import naval_vessel
 
 RAD = radians(1.0)
 
@@ -142,3 +150,25 @@ def test_the_race_of_the_approach_is_in_the_model_and_more_shaft_speed_is_more_r
     kick = effect.acceleration(at(ship, 0.7 * speed, 1e-9, delta=0.3, shaft=1.5), memory)
     coast = effect.acceleration(at(ship, 0.7 * speed, 1e-9, delta=0.3, shaft=0.3), memory)
     assert float(kick[0, 2]) > 0 > float(coast[0, 2])
+
+
+@pytest.mark.parametrize("build", [container, naval_vessel, mariner])
+def test_what_a_rudder_does_too_little_heels_too_little_too(build):
+    ship = build()
+    calm, exact = CalmWater(ship), {"rtol": 0.0, "atol": 1e-12}
+    moving = [0.9 * ship.particulars.speed, 0.4, -0.01, 0.0, 0.0, 0.3, 0.1, 0.02]
+    state, over = torch.tensor([moving[: 6 + len(ship.own_names)]]).double(), torch.tensor([20 * RAD]).double()
+
+    def rates(share: float, *effects: Effect) -> torch.Tensor:
+        return Vessel(calm, effects).model(state, Inputs(share * over))
+
+    lost, half = (rates(1.0, made("rudder_area_loss", ship, fraction=share)) for share in (1.0, 0.5))
+    torch.testing.assert_close(lost, rates(0.0), **exact)
+    torch.testing.assert_close(half, 0.5 * (rates(0.0) + rates(1.0)), **exact)
+    weak = Formula(ship, ["rudder to starboard"], w1=-0.3)
+    torch.testing.assert_close(rates(1.0, weak), rates(0.7), **exact)
+    s = Vessel(calm, [weak]).situation(state, Inputs(over))
+    (force, _), heeling = weak.unit_of("rudder to starboard", s), weak.heeling_of_unit("rudder to starboard", s)
+    of_unit = torch.cat(ship.added(force, heeling), dim=-1)
+    expected = (rates(1.0, Formula(ship, ["rudder to starboard"], w1=1e-3)) - rates(1.0)) / 1e-3
+    torch.testing.assert_close(of_unit, expected[:, [0, 1, 2, *range(6, len(moving))][: of_unit.shape[-1]]], **exact)

@@ -184,6 +184,30 @@ class Ship(ABC, nn.Module):
         """
         return nudot, nudot[..., :0]
 
+    def by_rudder(
+        self,
+        nu: Float[Tensor, "*batch 3"],
+        delta: Float[Tensor, "*batch"],
+        other: Float[Tensor, "*batch"],
+        shaft: Float[Tensor, "*batch"] | None = None,
+    ) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*batch"]]:
+        """What the rudder does at one angle and not at another.
+
+        Args:
+            nu: u, v [m/s], r [rad/s] through the water.
+            delta: The one [rad].
+            other: The other [rad].
+            shaft: n / n0 [-]; None is nominal.
+
+        Returns:
+            Accelerations by its forces, and its heeling moment [N m], as :meth:`added` wants them; 0 of a ship that
+            does not roll.
+        """
+        force = self.force(nu, delta) - self.force(nu, other)
+        if shaft is not None:
+            force = force + self.shaft_force(nu, delta, shaft) - self.shaft_force(nu, other, shaft)
+        return self.acceleration_from_force(force), torch.zeros_like(force[..., 0])
+
     def acceleration(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
         """Accelerations ``nudot = units M'^-1 f'`` by :meth:`force`: udot, vdot [m/s^2], rdot [rad/s^2]."""
         return self.acceleration_from_force(self.force(nu, delta))

@@ -114,7 +114,7 @@ def _columns(
     hull, s = data_set.dynamics.hull, prepared.linearised.situation
     plain = Formula(hull)
     measured = np.zeros((len(s.psi), len(prepared.linearised.states.channels), len(candidates)))
-    pushes, squares = [], np.zeros(len(candidates))
+    pushes, moments, squares = [], [], np.zeros(len(candidates))
     with torch.no_grad():
         for k, c in enumerate(candidates):
             effect = Formula(hull, c.terms, scales=c.scales) if c.scales else plain
@@ -123,11 +123,13 @@ def _columns(
             push = torch.stack([share * p for share, (p, _) in zip(c.shares, made, strict=True)]).sum(dim=0)
             errors = made[0][1]
             pushes.append(push)
+            heeling = [share * effect.heeling_of_unit(term, s) for share, term in zip(c.shares, c.terms, strict=True)]
+            moments.append(torch.stack(heeling).sum(dim=0))
             squares[k] = float((push / plain.get_buffer("size")).square().mean(dim=0).max())
             for channel, error in errors.items():
                 measured[:, MEASURED.index(channel), k] = error.numpy()
                 squares[k] = 1.0
-        a = with_roll(hull, torch.stack(pushes), 0 * s.u)
+        a = with_roll(hull, torch.stack(pushes), torch.stack(moments))
         moved = moved_by(a, a.new_zeros(*a.shape[:2], 2), prepared.linearised).permute(1, 2, 0).numpy()
     return Columns(measured, moved), squares
 

@@ -129,9 +129,6 @@ def compass(degrees: Float[Tensor, "..."]) -> tuple[Float[Tensor, "..."], Float[
     return torch.cos(angle), torch.sin(angle)
 
 
-def rudder_part(ship: Ship, s: Situation) -> Float[Tensor, "*batch 3"]:
-    """What the rudder contributes to the accelerations: those with it less those with it amidships."""
-    middle = torch.zeros_like(s.delta)
-    force = ship.force(s.nu, s.delta) - ship.force(s.nu, middle)
-    force = force + ship.shaft_force(s.nu, s.delta, s.shaft) - ship.shaft_force(s.nu, middle, s.shaft)
-    return ship.acceleration_from_force(force)
+def rudder_part(ship: Ship, s: Situation) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*batch"]]:
+    """What the rudder does that it would not do amidships: accelerations and heeling moment [N m]."""
+    return ship.by_rudder(s.nu, s.delta, torch.zeros_like(s.delta), s.shaft)

@@ -210,14 +210,28 @@ class Formula(Effect):
 
     def acceleration(self, s: Situation, memory: Float[Tensor, "*batch m"]) -> Float[Tensor, "*batch 3"]:
         """The sum of the terms."""
-        total, angle = torch.zeros_like(s.nu), torch.zeros_like(s.delta)
+        total = torch.zeros_like(s.nu)
         for k, term in enumerate(self.terms):
-            weight = self.values[..., k]
+            if not term.startswith((RUDDER, SENSOR)):
+                total = total + self.values[..., k, None] * self._force(term, s, memory)
+        return total + self._of_rudder(self._further(s), s)[0] if self._steers else total
+
+    def heeling(self, s: Situation) -> Float[Tensor, "*batch"]:
+        """That of a rudder which acts as if it were further over; forces act where they do not heel the ship."""
+        return self._of_rudder(self._further(s), s)[1] if self._steers else super().heeling(s)
+
+    @property
+    def _steers(self) -> bool:
+        """Whether a term is one of the rudder."""
+        return any(term.startswith(RUDDER) for term in self.terms)
+
+    def _further(self, s: Situation) -> Float[Tensor, "*batch"]:
+        """By which angle the rudder acts as if it were further over [rad]."""
+        angle = torch.zeros_like(s.delta)
+        for k, term in enumerate(self.terms):
             if term.startswith(RUDDER):
-                angle = angle + weight * RUDDERS[term.removeprefix(RUDDER)](s.delta)
-            elif not term.startswith(SENSOR):
-                total = total + weight[..., None] * self._force(term, s, memory)
-        return total + self._of_rudder(angle, s) if any(t.startswith(RUDDER) for t in self.terms) else total
+                angle = angle + self.values[..., k] * RUDDERS[term.removeprefix(RUDDER)](s.delta)
+        return angle
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
         """Add the errors of instruments."""
@@ -249,9 +263,18 @@ class Formula(Effect):
         if term.startswith(SENSOR):
             return torch.zeros_like(s.nu), self._errors(term, s)
         if term.startswith(RUDDER):
-            small = 1e-3
-            return self._of_rudder(small * RUDDERS[term.removeprefix(RUDDER)](s.delta), s) / small, {}
+            return self._of_unit(term, s)[0], {}
         return self._force(term, s, memory), {}
+
+    def heeling_of_unit(self, term: str, s: Situation) -> Float[Tensor, "*batch"]:
+        """Heeling moment that goes with the accelerations of :meth:`unit_of` [N m]."""
+        return self._of_unit(term, s)[1] if term.startswith(RUDDER) else torch.zeros_like(s.u)
+
+    def _of_unit(self, term: str, s: Situation) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*batch"]]:
+        """What a small weight of a term of the rudder does, over the weight."""
+        small = 1e-3
+        force, heeling = self._of_rudder(small * RUDDERS[term.removeprefix(RUDDER)](s.delta), s)
+        return force / small, heeling / small
 
     def unit_of_weight(self, term: str) -> tuple[float, str]:
         """What a weight of one is of the rudder or an instrument, in the unit that is told."""
@@ -280,10 +303,12 @@ class Formula(Effect):
         value = HEADINGS[shape](s.psi) if shape in HEADINGS else MOTIONS[shape](in_tight_turns(self.ship, s))
         return {channel: size * value * (s.u / p.speed if channel == "u_log" and shape in HEADINGS else 1.0)}
 
-    def _of_rudder(self, angle: Float[Tensor, "*batch"], s: Situation) -> Float[Tensor, "*batch 3"]:
+    def _of_rudder(
+        self, angle: Float[Tensor, "*batch"], s: Situation
+    ) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*batch"]]:
         """What a rudder does that acts as if it were further over by an angle."""
         nu, delta = s.nu.expand(*angle.shape, 3), s.delta.expand(angle.shape)
-        return self.ship.acceleration(nu, delta + angle) - self.ship.acceleration(nu, delta)
+        return self.ship.by_rudder(nu, delta + angle, delta)
 
     def _force(self, term: str, s: Situation, memory: Tensor | None) -> Float[Tensor, "*batch 3"]:
         """A term's acceleration for a weight of one."""

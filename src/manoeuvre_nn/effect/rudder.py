@@ -3,7 +3,7 @@
 Angles are positive to starboard, as everywhere in the package.
 """
 
-from abc import ABC
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from math import pi
 from typing import ClassVar
@@ -143,8 +143,30 @@ def _within(time: Float[Tensor, "*#batch n"], asked: Float[Tensor, "*#batch n"])
     return torch.minimum(torch.maximum(asked, time[..., :1]), time[..., -1:])
 
 
-class RudderAreaLoss(_RudderEffect):
-    """A share of all forces of the rudder that is missing."""
+class _RudderForce(_RudderEffect, ABC):
+    """A rudder that does more or less than it should at the angle where it stands."""
+
+    axes: ClassVar[tuple[float, float, float]] = (1.0, 1.0, 1.0)
+    """Which of surge, sway and yaw are concerned."""
+
+    @abstractmethod
+    def share(self, s: Situation) -> Float[Tensor, "*batch"]:
+        """What is added to the rudder's part, over this part [-]."""
+
+    def acceleration(self, s: Situation, memory: Float[Tensor, "*own m"]) -> Float[Tensor, "*batch 3"]:
+        """A share of what the rudder does and would not do amidships."""
+        return self.share(s)[..., None] * rudder_part(self.ship, s)[0] * s.nu.new_tensor(self.axes)
+
+    def heeling(self, s: Situation) -> Float[Tensor, "*batch"]:
+        """The same share of its heeling moment."""
+        return self.share(s) * rudder_part(self.ship, s)[1]
+
+
+class RudderAreaLoss(_RudderForce):
+    """A share of what the rudder does at its angle, and would not do amidships, that is missing.
+
+    Amidships a rudder is a fin, in the flow that drift and yaw turn: that part belongs to the hull here.
+    """
 
     name = "rudder_area_loss"
     candidate = True
@@ -153,9 +175,9 @@ class RudderAreaLoss(_RudderEffect):
     source = "(1 - k) of the terms with the rudder angle"
     declared = (Parameter("fraction", "-", 0.0, 1.0, 0.0, 0.2, (0.1, 0.5, 0.9)),)
 
-    def acceleration(self, s: Situation, memory: Float[Tensor, "*own m"]) -> Float[Tensor, "*batch 3"]:
+    def share(self, s: Situation) -> Float[Tensor, "*batch"]:
         """What is missing."""
-        return -self.value("fraction")[..., None] * rudder_part(self.ship, s)
+        return -self.value("fraction") + torch.zeros_like(s.u)
 
     def changed_terms(self) -> Float[Tensor, "terms 3 3"] | None:
         """The share that is missing of every term with the rudder angle."""
@@ -167,7 +189,7 @@ class RudderAreaLoss(_RudderEffect):
         return (over != middle)[:, None, None] * lost
 
 
-class RudderStall(_RudderEffect):
+class RudderStall(_RudderForce):
     """A rudder whose flow separates beyond an angle of attack: sway and yaw by it lose a share, its drag stays.
 
     The angle of attack is ``delta + gamma atan((v - L r / 2) / u)``, so that the rudder recovers as the ship begins to
@@ -184,16 +206,17 @@ class RudderStall(_RudderEffect):
         Parameter("straightening", "-", 0.0, 1.0, 0.4, 0.15, (0.4,), form=True),
     )
     STALL_WIDTH = 2.0 * DEGREE
+    axes = (0.0, 1.0, 1.0)
 
-    def acceleration(self, s: Situation, memory: Float[Tensor, "*own m"]) -> Float[Tensor, "*batch 3"]:
+    def share(self, s: Situation) -> Float[Tensor, "*batch"]:
         """What is missing."""
         across = s.v - 0.5 * self.ship.particulars.length * s.r
         attack = s.delta + self.value("straightening") * torch.atan2(across, s.u)
         lost = self.value("loss") * torch.sigmoid((attack.abs() - self.angle("angle_deg")) / self.STALL_WIDTH)
-        return -lost[..., None] * rudder_part(self.ship, s) * s.nu.new_tensor([0.0, 1.0, 1.0])
+        return -lost
 
 
-class Slipstream(_RudderEffect):
+class Slipstream(_RudderForce):
     """Rudder forces that follow the propeller race, to a share.
 
     The dynamic pressure at the rudder over that of the approach is ``phi = [(u/U0)^2 + C T/T0] / (1 + C)`` with the
@@ -212,14 +235,14 @@ class Slipstream(_RudderEffect):
     source = "Momentum theory of the race (Brix 1993; Soeding 1998): V_inf^2 = V_A^2 (1 + C_Th)"
     declared = (Parameter("share", "-", -2.0, 3.0, 0.0, 0.5, (0.5,)),)
 
-    def acceleration(self, s: Situation, memory: Float[Tensor, "*own m"]) -> Float[Tensor, "*batch 3"]:
+    def share(self, s: Situation) -> Float[Tensor, "*batch"]:
         """What is missing."""
         speed = self.ship.particulars.speed
         one = torch.ones_like(s.u)
         loading = self._loading()
         thrust = self.ship.thrust(s.u, s.shaft)[..., 0] / self.ship.thrust(speed * one, one)[..., 0]
         pressure = ((s.u / speed).square() + loading * thrust) / (1 + loading)
-        return (self.value("share") * (pressure - 1))[..., None] * rudder_part(self.ship, s)
+        return self.value("share") * (pressure - 1)
 
     def _loading(self) -> float:
         """Thrust loading coefficient C of the approach [-]."""

@@ -186,6 +186,18 @@ class FourDegreeShip(Ship):
         roll = column[..., 3] - nudot @ self.mass_matrix[3, :3] / self.mass_matrix[3, 3]
         return nudot + column[..., :3], torch.stack([torch.zeros_like(roll), roll], dim=-1)
 
+    def by_rudder(
+        self,
+        nu: Float[Tensor, "*batch 3"],
+        delta: Float[Tensor, "*batch"],
+        other: Float[Tensor, "*batch"],
+        shaft: Float[Tensor, "*batch"] | None = None,
+    ) -> tuple[Float[Tensor, "*batch 3"], Float[Tensor, "*batch"]]:
+        """What the rudders do at one angle and not at another; heel and roll rate do not enter."""
+        own = torch.zeros_like(nu[..., :2])
+        one, another = (self.forces(nu, own, Inputs(angle, shaft)) for angle in (delta, other))
+        return self.acceleration_from_si((one - another)[..., :3]), (one - another)[..., 3]
+
     def force(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch 3"]:
         """Right-hand sides of the upright ship at the shaft speed of the approach."""
         return self._upright(nu, Inputs(delta))
