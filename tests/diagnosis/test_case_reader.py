@@ -9,11 +9,15 @@ import pandas as pd
 import pytest
 from sailed import manifest, sailed, write_runs
 
+from manoeuvre_nn.api import as_sensed
 from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.units import DEGREE, KNOT
-from manoeuvre_nn.diagnosis.case import Case, RunSettings, choose_held_out, read_case, read_runs
+from manoeuvre_nn.diagnosis.case import Case, RunSettings, case_of, choose_held_out, read_case, read_runs
 from manoeuvre_nn.diagnosis.manifest import adapted, read_manifest
+from manoeuvre_nn.dynamics.model import CalmWater
+from manoeuvre_nn.dynamics.simulate import simulate
+from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.recording.preparation import estimated_order, measured
 from manoeuvre_nn.recording.read.mapping import mapping
 from manoeuvre_nn.ship.esso_190k import esso_190k
@@ -155,6 +159,17 @@ def test_uneven_times_are_read_off_at_even_ones(tmp_path, usual):
 def test_times_count_from_the_first_sample(tmp_path, usual):
     case = runs_of(tmp_path, change=lambda t: t.assign(t=t["t"] + 3600.0))
     np.testing.assert_allclose(case.runs[0].time, usual.runs[0].time)
+
+
+def test_a_part_of_a_run_is_a_run_that_begins_with_it():
+    """As a person cuts it in Python; the warm-up is that of the part."""
+    whole = simulate(CalmWater(SHIP), zigzag(20.0, duration=300.0))
+    part = as_sensed(whole).between(100.0, 300.0)
+    moved = replace(part, time=part.time - 100.0)
+    cut, usual = (case_of([replace(run, name=name) for name in ("a", "b", "c")], SHIP, ["c"]) for run in (part, moved))
+    assert cut.runs[0].time[0] == 0.0 and len(cut.runs[0]) == len(usual.runs[0])
+    for name, values in usual.runs[0].channels.items():
+        np.testing.assert_allclose(cut.runs[0][name], values, atol=1e-9, equal_nan=True)
 
 
 def test_a_slow_ship_needs_no_finer_steps_and_a_model_gets_them(tmp_path):

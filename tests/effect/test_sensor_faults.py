@@ -131,3 +131,10 @@ def test_sensors_leave_the_motion_alone():
     s = situation("mariner")
     effect = made("heading_bias", "mariner")
     assert float(effect.acceleration(s, s.nu.new_zeros(4, 0)).abs().max()) == 0.0
+
+
+def test_a_gyro_feels_the_speed_over_ground_and_not_that_through_the_water():
+    s = turning()
+    drifting = recorded(s) | {"vn": recorded(s)["vn"] + 1.5}
+    written = made("gyro_speed_error", "mariner", factor=1.5).record(drifting, s)
+    torch.testing.assert_close(written["psi"] - s.psi, 1.5 * drifting["vn"] / 465.1, rtol=1e-3, atol=0.0)

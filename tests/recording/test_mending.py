@@ -7,6 +7,7 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.recording import followed
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.recording.outliers import spikes
+from manoeuvre_nn.recording.read.logger_stamps import without_midnights
 from manoeuvre_nn.recording.read.position import local_metres
 from manoeuvre_nn.recording.read.reader import read_recording
 
@@ -242,3 +243,29 @@ def test_a_record_may_hold_counts_and_lack_everything_else(frame, write, columns
     record = read_recording(write(frame.iloc[:25]), columns(channels, kind="record"), ship)
     np.testing.assert_allclose(record["r"], frame["r"][:25])
     assert set(record.channels) == {"r"} and record.meta["kind"] == "record"
+
+
+def test_a_first_fix_that_is_missing_leaves_the_others():
+    north, east = local_metres(np.radians([np.nan, 45.0, 46.0]), np.radians([10.0, 10.0, 11.0]))
+    assert np.isnan(north[0])
+    x, y = local_metres(np.radians([45.0, 46.0]), np.radians([10.0, 11.0]))
+    np.testing.assert_array_equal(north[1:], x)
+    np.testing.assert_array_equal(east[1:], y)
+
+
+def test_an_order_that_was_not_written_down_leaves_the_one_before_standing():
+    time, order = np.arange(8.0), np.array([0.0, 4.0, 4.0, np.nan, 4.0, -1.0, np.nan, -1.0])
+    whole = followed(time, np.array([0.0, 4.0, 4.0, 4.0, 4.0, -1.0, -1.0, -1.0]), 2.0)
+    known = np.isfinite(order)
+    angle = followed(time, order, 2.0)
+    np.testing.assert_array_equal(angle[known], whole[known])
+    assert np.isnan(angle[~known]).all() and np.isnan(followed(time, np.full(8, np.nan), 2.0)).all()
+    np.testing.assert_array_equal(followed(time, np.array([np.nan, *order[1:]]), 2.0)[1:3], [4.0, 4.0])
+
+
+def test_two_clocks_that_pass_midnight_in_turn_pass_it_once():
+    times = np.array([86398.0, 86399.0, 0.0, 86399.9, 0.5, np.nan, 1.0])
+    expected = [86398.0, 86399.0, 86400.0, 86399.9, 86400.5, np.nan, 86401.0]
+    np.testing.assert_allclose(without_midnights(times), expected)
+    np.testing.assert_allclose(without_midnights(np.array([0.2, 86399.9, 1.0])), [0.2, -0.1, 1.0], atol=1e-9)
+    np.testing.assert_array_equal(without_midnights(np.array([3600.0, 60000.0])), [3600.0, 60000.0])  # a hole

@@ -113,3 +113,10 @@ def test_a_series_of_a_constant_alone_and_an_empty_one_are_series_too():
     motion = torch.zeros(2, 3, 4, dtype=torch.float64)
     assert (TaylorForce({"Y": {"0": 0.5}})(motion) == torch.tensor([0.0, 0.5, 0.0])).all()
     assert TaylorForce({})(motion).tolist() == [[[0.0] * 3] * 3] * 2
+
+
+@pytest.mark.parametrize("build", [lambda: esso_190k(rpm=60.0), lambda: esso_190k(shaft="similarity"), mariner.mariner])
+def test_recorded_shaft_speeds_are_over_the_one_of_the_approach(build):
+    ship = build()
+    for sailing in (ship, ship.on_approach(0.8 * ship.particulars.speed)):
+        assert sailing.particulars.rpm == approx(sailing.shaft_rpm)

@@ -252,3 +252,36 @@ def test_what_makes_no_ship_or_trial_is_refused_in_one_line():
         overshoot(10.0, cycles=0.3)
     with pytest.raises(InputError, match="turn_deg=0"):
         tactical_circle(10.0, turn_deg=0.0)
+
+
+def test_the_wind_heels_each_ship_about_the_axis_of_her_own_moments():
+    """Of the container ship they are about G, 1.59 m above the water; of the naval vessel about the waterline."""
+    for ship, axis in ((container(gm=0.3), 10.39 - 0.3 - 8.5), (naval_vessel(), 0.0)):
+        calm, areas = CalmWater(ship), ship.particulars.above_water
+        wind = SteadyWind(ship, speed=15.0, from_deg=270.0)
+        s = Vessel(calm, [wind]).situation(tensor(8.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), Inputs(tensor(0.0)[0]))
+        lever = float(wind.heeling(s) / wind.force(s)[..., 1])
+        assert lever == approx(0.5 * areas.lateral / areas.length_overall - axis, rel=1e-9)
+
+
+@pytest.mark.parametrize("make", [container, naval_vessel])
+def test_the_race_of_a_propeller_that_turns_ahead_does_not_turn_round_as_the_ship_begins_to_go_astern(make):
+    ship = make()
+    still, over = torch.zeros(3, 1, dtype=torch.float64), torch.full((3,), 0.3, dtype=torch.float64)
+    nu = torch.cat([torch.tensor([[1e-6], [0.0], [-1e-6]], dtype=torch.float64), still, still], dim=-1)
+    force = ship.drive_forces(ship.drives[0], nu, over, torch.full_like(over, ship.shaft))
+    torch.testing.assert_close(force, force[:1].expand(3, 4), rtol=1e-5, atol=0.0)
+    assert float(force[1, 1].abs()) > 0.1 * float(force[1, 0].abs())
+    astern = nu.new_tensor([[-5.0, 0.0, 0.0]])  # with much way astern the flow comes from behind
+    behind = ship.drive_forces(ship.drives[0], astern, over[:1], over.new_tensor([0.1 * ship.shaft]))
+    assert float(behind[0, 1] * force[1, 1]) < 0
+
+
+@pytest.mark.parametrize("make", [container, naval_vessel])
+def test_shares_of_the_resistance_are_of_the_one_that_her_propellers_overcome(make):
+    """As of fouling, or of a propeller that gives less."""
+    ship = make()
+    one, nu = torch.ones((), dtype=torch.float64), tensor(ship.particulars.speed, 0.0, 0.0)
+    pushes = [ship.drive_forces(d, nu, 0 * one, ship.shaft * one)[0] for d in ship.drives]
+    assert float(ship.thrust(nu[0], one)[0]) == approx(float(sum(pushes)), rel=1e-9)
+    assert ship.particulars.calm_resistance == approx(float(sum(pushes)), rel=1e-9)

@@ -140,3 +140,11 @@ def test_a_propeller_that_cannot_give_the_thrust_is_refused():
     for thrust in ((-0.1, -0.3, -0.1), (0.0, 0.3, 0.1), (-0.1, 0.9, 0.9)):
         with pytest.raises(InputError, match="no shaft speed keeps up"):
             MMGShip(SHIP.particulars, replace(SHIP.coefficients, thrust=thrust))
+
+
+def test_shares_of_the_resistance_are_of_the_models_own():
+    """As of fouling: X_0F' of the hull at the approach speed, which thrust balances there."""
+    speed, one = SHIP.particulars.speed, torch.ones((), dtype=torch.float64)
+    resistance = 0.02139 * 0.5 * RHO * L * T * speed**2
+    assert SHIP.particulars.calm_resistance == approx(resistance, rel=1e-4)
+    assert float(SHIP.thrust(speed * one, one)[0]) == approx(resistance, rel=1e-4)

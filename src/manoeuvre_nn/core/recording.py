@@ -166,8 +166,9 @@ def followed(
 ) -> Float[np.ndarray, " n"]:
     """The rudder of a steering gear that goes evenly towards its order.
 
-    An order stands until the next sample. Unless it is said where the rudder begins it is taken to stand at the first
-    order already: a record had better begin before the rudder is moved.
+    An order stands until the next one. Unless it is said where the rudder begins it is taken to stand at the first
+    order already: a record had better begin before the rudder is moved. Where no order was recorded, the angle is not
+    known.
 
     Args:
         time: Sample times [s].
@@ -176,11 +177,15 @@ def followed(
         start: Angle at the first sample [rad]; None is the first order.
 
     Returns:
-        Rudder angle [rad].
+        Rudder angle [rad]; NaN where there is no order.
     """
-    angle = float(order[0] if start is None else start)
+    known = np.isfinite(order)
+    if not known.any():
+        return np.full(len(order), np.nan)
+    standing = order[np.maximum.accumulate(np.where(known, np.arange(len(order)), known.argmax()))]
+    angle = float(standing[0] if start is None else start)
     result = [angle]
-    for wanted, reach in zip(order[:-1].tolist(), (rate * np.diff(time)).tolist(), strict=True):
+    for wanted, reach in zip(standing[:-1].tolist(), (rate * np.diff(time)).tolist(), strict=True):
         angle += min(max(wanted - angle, -reach), reach)
         result.append(angle)
-    return np.array(result)
+    return np.where(known, result, np.nan)

@@ -27,12 +27,14 @@ class Ship(ABC, nn.Module):
         terms: Names of the products, one a row of ``table``; none if the forces are no such series.
         own_names: Channels of the states beside u, v, r, x, y, psi: phi and p of a ship that rolls.
         sides: Number of rudders and of propellers: 1, or 2 for a starboard and a port one.
+        roll_axis: Height above the water of the axis that heeling moments are about [m].
     """
 
     depth: float = inf
     terms: tuple[str, ...] = ()
     own_names: tuple[str, ...] = ()
     sides: int = 1
+    roll_axis: float = 0.0
     particulars: Particulars
     prime: PrimeSystem
     inertia: Tensor

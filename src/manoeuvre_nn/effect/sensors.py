@@ -204,7 +204,8 @@ class TimeSync(_Sensor):
 class GyroSpeedError(_Sensor):
     """A gyro compass whose latitude and speed correction is not set: it settles west of north on northerly courses.
 
-    ``psi_m = psi + factor V_north / 465 m/s``; the factor of a compass without any correction is 1 / cos(latitude).
+    ``psi_m = psi + factor V_north / 465 m/s``, V over ground; the factor of a compass without any correction is
+    1 / cos(latitude).
     """
 
     name = "gyro_speed_error"
@@ -216,5 +217,5 @@ class GyroSpeedError(_Sensor):
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
         """Add the error to the heading."""
-        north = s.u * torch.cos(s.psi) - s.v * torch.sin(s.psi)
-        return add(channels, psi=self.value("factor") * north / EARTH)
+        through_water = s.u * torch.cos(s.psi) - s.v * torch.sin(s.psi)
+        return add(channels, psi=self.value("factor") * channels.get("vn", through_water) / EARTH)

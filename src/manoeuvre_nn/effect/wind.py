@@ -74,9 +74,9 @@ class _TrueWind(Effect):
         return wind - self.value("still_air")[..., None] * still
 
     def heeling(self, s: Situation) -> Float[Tensor, "*batch"]:
-        """``K = Y s_H``, the lateral area's centroid being s_H = A_L / (2 L_oa) above the water (Blendermann 1994)."""
-        areas = self.ship.particulars.above_water
-        return self.force(s)[..., 1] * (0.5 * areas.lateral / areas.length_overall)
+        """``K = Y (s_H - z)``: the lateral area's centroid is s_H = A_L / (2 L_oa), the axis of K z above the water."""
+        areas = self.ship.particulars.above_water  # s_H: Blendermann 1994
+        return self.force(s)[..., 1] * (0.5 * areas.lateral / areas.length_overall - self.ship.roll_axis)
 
     @abstractmethod
     def _speed(self, s: Situation) -> Tensor:

@@ -65,6 +65,8 @@ def without_samples(
 def over_ground(recording: Recording, ship: Particulars) -> Recording:
     """Only what was recorded, in the channels of a diagnosis: velocity over ground, shaft over the nominal speed.
 
+    Times count from the first sample, where a part of a longer recording begins too.
+
     Args:
         recording: In SI, rudder positive to starboard; its u and v count as velocities over ground.
         ship: The ship, for its nominal shaft speed.
@@ -91,7 +93,8 @@ def over_ground(recording: Recording, ship: Particulars) -> Recording:
     if "u" in given:
         channels["vn"], channels["ve"] = body_to_earth(given["u"], given["v"], given["psi"])
     meta = {**recording.meta, "derived": (), "time_unit": ship.time_unit}
-    return _with_velocity(heading_across(replace(recording, channels=channels, meta=meta)), ship)
+    time = recording.time - recording.time[0]
+    return _with_velocity(heading_across(replace(recording, time=time, channels=channels, meta=meta)), ship)
 
 
 def _with_velocity(run: Recording, ship: Particulars) -> Recording:

@@ -1,4 +1,4 @@
-"""The container ship of Son & Nomoto: surge, sway, yaw and roll, with one or two screws."""
+"""The container ship of Son & Nomoto: surge, sway, yaw and roll about G, with one or two screws."""
 
 from math import pi, sqrt
 
@@ -79,5 +79,5 @@ def container(screws: int = 1, rolls: bool = True, gm: float = 0.3) -> FourDegre
     mass = torch.tensor(
         [[surge, 0, 0, 0], [0, sway, by_yaw, by_roll], [0, by_yaw, yaw, 0], [0, by_roll, 0, roll]], dtype=torch.float64
     )
-    hull = HullSeries(HULL, prime=True, restoring=weight * gm)
+    hull = HullSeries(HULL, prime=True, restoring=weight * gm, axis=KM - gm - DRAUGHT)
     return FourDegreeShip(particulars, mass, hull, twin(DRIVE, SCREW_OFFSET * BEAM) if screws == 2 else [DRIVE], rolls)

@@ -34,11 +34,13 @@ class HullSeries:
             ``prime``, over ``.5 rho L^2 U^2`` and ``.5 rho L^3 U^2`` by the instantaneous speed U.
         prime: Whether velocities and forces are made non-dimensional by the instantaneous speed.
         restoring: Moment that rights the ship over the heel [N m/rad], ``rho g V GM``; whatever the speed.
+        axis: Height above the water of the axis that K is about [m].
     """
 
     terms: Mapping[str, Mapping[str, float]]
     prime: bool
     restoring: float
+    axis: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,7 @@ class Drive:
         area: A_R of the rudder [m^2].
         slope: Slope of the rudder's normal force f_a [1/rad].
         epsilon: Wake at the rudder over that at the propeller [-].
-        race: k of ``u_R = u_P eps sqrt(1 + 8 k K_T / (pi J^2))`` [-].
+        race: k of ``u_R = u_P eps sqrt(1 + 8 k K_T / (pi J^2))`` [-], ahead.
         inflow: gamma, c_r, c_rrr, c_rrv of ``v_R' = gamma v' + c_r r' + c_rrr r'^3 + c_rrv r'^2 v'`` [-].
         x_r: Rudder forward of midship over L [-].
         z_r: Centre of the rudder below the reference point over L [-].
@@ -109,7 +111,7 @@ class FourDegreeShip(Ship):
     to starboard gives::
 
         u_P = (u - y r) (1 - w + tau (v' + x_P' r')^2)      J = u_P / (n D)
-        T = rho n |n| D^4 (c1 + c2 J)                       u_R = eps u_P sqrt(1 + 8 k K_T / (pi J^2))
+        T = rho n |n| D^4 (c1 + c2 J)                       u_R |u_R| = eps^2 (u_P |u_P| + 8 k T / (pi rho D^2))
         F_N = -.5 rho A_R f_a (u_R^2 + v_R^2) sin(delta + atan(v_R / u_R))
         X = (1 - t) T + c_RX F_N sin delta                  Y = (1 + a_H) F_N cos delta
         N = (x_R + a_H x_H) F_N cos delta - y X             K = -z_R (1 + a_H) F_N cos delta
@@ -150,7 +152,7 @@ class FourDegreeShip(Ship):
         units = mass_matrix.new_tensor([1.0, 1.0, p.length])
         super().__init__(p, prime, free / (prime.mass * units * units[:, None]))
         self.hull, self.drives, self.rolls = hull, tuple(drives), rolls
-        self.own_names = ("phi", "p") if rolls else ()
+        self.own_names, self.roll_axis = ("phi", "p") if rolls else (), hull.axis
         self.sides = len(self.drives)
         self.register_buffer("mass_matrix", mass_matrix)
         self.register_buffer("inverse", torch.linalg.inv(mass_matrix))
@@ -158,8 +160,11 @@ class FourDegreeShip(Ship):
         columns = [[hull.terms.get(e, {}).get(name, 0.0) for e in EQUATIONS] for name in names]
         self.register_buffer("coefficients", mass_matrix.new_tensor(columns))
         self.register_buffer("places", filled([[1 + VARIABLES.index(f) for f in name.split()] for name in names]))
-        self.shaft = self._self_propulsion()
-        self.particulars = replace(p, rpm=self.shaft / RPM)  # recorded shaft speeds are over this one everywhere
+        ahead = mass_matrix.new_tensor([p.speed, 0.0, 0.0])
+        resistance = -float(self._hull_forces(ahead, torch.zeros_like(ahead[:2]))[0])
+        self.shaft = self._self_propulsion(resistance)
+        # Recorded shaft speeds are over this one everywhere, and shares of the resistance are of this model's.
+        self.particulars = replace(p, rpm=self.shaft / RPM, resistance=resistance)
 
     @property
     def shaft_rpm(self) -> float:
@@ -280,8 +285,8 @@ class FourDegreeShip(Ship):
         c1, c2 = d.thrust
         push = tip.abs() * (c1 * tip + c2 * advance)
         thrust = p.rho * d.diameter**2 * push
-        race = advance.square() + 8 * d.race / pi * push
-        along = d.epsilon * torch.sign(advance) * race.clamp(min=1e-12).sqrt()
+        race = advance * advance.abs() + 8 * d.race / pi * push
+        along = d.epsilon * torch.sign(race) * race.abs().clamp(min=1e-12).sqrt()
         gamma, c_r, c_rrr, c_rrv = d.inflow
         across = speed * (gamma * sway + turn * (c_r + c_rrr * turn.square() + c_rrv * turn * sway))
         angle = delta + torch.atan2(across, along)
@@ -292,14 +297,13 @@ class FourDegreeShip(Ship):
         heel = -(1 + d.hull_force) * d.z_r * length * lift
         return torch.stack([surge, (1 + d.hull_force) * lift, yaw, heel], dim=-1)
 
-    def _self_propulsion(self) -> float:
-        """Shaft speed at which thrust balances resistance on a straight course [1/s]."""
+    def _self_propulsion(self, resistance: float) -> float:
+        """Shaft speed at which thrust balances the resistance [N] on a straight course [1/s]."""
         nu = self.mass_matrix.new_tensor([self.particulars.speed, 0.0, 0.0])
-        rest = float(self._hull_forces(nu, torch.zeros_like(nu[:2]))[0])
 
         def surge(n: float) -> float:
             drives = (self.drive_forces(d, nu, nu[1], nu.new_tensor(n))[0] for d in self.drives)
-            return rest + float(sum(drives))
+            return float(sum(drives)) - resistance
 
         if surge(0.0) >= 0 or surge(MAX_SHAFT_HZ) <= 0:
             p = self.particulars

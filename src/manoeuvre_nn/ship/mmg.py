@@ -133,15 +133,16 @@ class MMGShip(Ship):
         inertia = [[k.mass + k.added_x, 0.0, 0.0], [0.0, k.mass + k.added_y, off], [0.0, off, k.inertia + k.x_g * off]]
         super().__init__(p, p.prime, torch.tensor(inertia, dtype=torch.float64))
         self.coefficients = k
-        self.shaft = self._self_propulsion(p.speed)
-        self.particulars = replace(p, rpm=self.shaft / RPM)  # recorded shaft speeds are over this one everywhere
+        resistance = -0.5 * p.rho * p.length * p.draught * k.x_ahead * p.speed**2
+        self.shaft = self._self_propulsion(p.speed, resistance)
+        # Recorded shaft speeds are over this one everywhere, and shares of the resistance are of this model's.
+        self.particulars = replace(p, rpm=self.shaft / RPM, resistance=resistance)
 
-    def _self_propulsion(self, speed: float) -> float:
-        """Shaft speed at which thrust balances resistance on a straight course [1/s]."""
+    def _self_propulsion(self, speed: float, resistance: float) -> float:
+        """Shaft speed at which thrust balances the resistance [N] on a straight course [1/s]."""
         p, k = self.particulars, self.coefficients
         inflow = speed * (1 - k.wake) / k.diameter
-        drag = -0.5 * p.rho * p.length * p.draught * k.x_ahead * speed**2
-        wanted = drag / (p.rho * k.diameter**4 * (1 - k.deduction))
+        wanted = resistance / (p.rho * k.diameter**4 * (1 - k.deduction))
         k0, k1, k2 = k.thrust
         root = (k1 * inflow) ** 2 - 4 * k0 * (k2 * inflow**2 - wanted)
         if root < 0 or k0 <= 0:

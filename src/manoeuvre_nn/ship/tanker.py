@@ -2,6 +2,7 @@
 
 import copy
 from collections.abc import Mapping
+from dataclasses import replace
 from math import inf
 from typing import Literal
 
@@ -98,7 +99,8 @@ class TankerShip(Ship):
         deep = torch.tensor([k["m11"], k["m22"], k["m33"]], dtype=torch.float64)
         change = -torch.tensor([k["Xudz"], k["Yvdz"], k["Nrdz"]], dtype=torch.float64)
         prime = bis_system(particulars.length, particulars.rho * volume)
-        super().__init__(particulars, prime, torch.diag(deep + zeta * change))
+        # Recorded shaft speeds are over this one everywhere.
+        super().__init__(replace(particulars, rpm=rpm), prime, torch.diag(deep + zeta * change))
         self.volume, self.coefficients = volume, coefficients
         self.rpm, self.self_propulsion, self.shaft = rpm, self_propulsion, shaft
         self.depth, self.terms = depth, tuple(TERMS)

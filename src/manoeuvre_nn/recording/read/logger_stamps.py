@@ -14,6 +14,8 @@ MOSTLY = 0.8
 """Share of them that it must read."""
 DAY, MIDNIGHT = 86400.0, 43200.0
 """Seconds of a day; a time of day that goes back by more than the other has passed midnight."""
+MAX_APART = 600.0
+"""How far two clocks of one log may be apart, so that midnight passes twice [s]."""
 NO_CLOCK, NO_DATE = ("",) * 3, ("",) * 7
 """What is found where there is no stamp."""
 EPOCH = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3), (1e8, 1.0))
@@ -64,9 +66,10 @@ def form_of(before: Sequence[bytes]) -> StampForm | None:
 
 
 def without_midnights(times: Series) -> Series:
-    """Times of day made to rise on over midnights; NaN stays."""
+    """Times of day made to rise on over midnights, also where two clocks pass one in turn; NaN stays."""
     there = np.isfinite(times)
-    passed = np.cumsum(np.diff(times[there], prepend=times[there][:1]) < -MIDNIGHT)
+    steps = np.diff(times[there], prepend=times[there][:1])
+    passed = np.cumsum((steps < -MIDNIGHT).astype(int) - (steps > DAY - MAX_APART))
     result = times.copy()
     result[there] += DAY * passed
     return result

@@ -12,7 +12,7 @@ Series = Float[np.ndarray, " n"]
 
 
 def local_metres(latitude: Series, longitude: Series) -> tuple[Series, Series]:
-    """Positions on the plane that touches the earth at the first fix.
+    """Positions on the plane that touches the earth at the first fix; NaN where there is none.
 
     ``x = M (lat - lat_0)``, ``y = N cos(lat_0) (lon - lon_0)`` with the radii of curvature of the meridian M and of the
     prime vertical N at the first fix. Eastings x metres further north come out
@@ -30,6 +30,8 @@ def local_metres(latitude: Series, longitude: Series) -> tuple[Series, Series]:
         (equidistant cylindrical), with the ellipsoid's radii at the first fix.
     """
     square = FLATTENING * (2 - FLATTENING)
-    root = np.sqrt(1 - square * np.sin(latitude[0]) ** 2)
+    first = int(np.argmax(np.isfinite(latitude + longitude)))
+    root = np.sqrt(1 - square * np.sin(latitude[first]) ** 2)
     meridian, vertical = EQUATOR * (1 - square) / root**3, EQUATOR / root
-    return meridian * (latitude - latitude[0]), vertical * np.cos(latitude[0]) * (longitude - longitude[0])
+    north, east = latitude - latitude[first], longitude - longitude[first]
+    return meridian * north, vertical * np.cos(latitude[first]) * east
