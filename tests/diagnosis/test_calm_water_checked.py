@@ -1,20 +1,28 @@
 """Nothing is said to be missing only after free runs of calm water were looked at, all of them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pytest import approx
 from strangers import Stranger, asked, calm_only, of, strange_runs
 from trials import CALM, SHIP
 
+from manoeuvre_nn.api import as_sensed
+from manoeuvre_nn.diagnosis.case import Question, case_of
 from manoeuvre_nn.diagnosis.diagnose import diagnose
 from manoeuvre_nn.diagnosis.predictive import calm_check, repaired_check, tail
 from manoeuvre_nn.diagnosis.proof import in_held_out_runs
 from manoeuvre_nn.diagnosis.result import RIGHT_SHIP
 from manoeuvre_nn.diagnosis.search import search
+from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.effect.rudder import RudderOffset
 from manoeuvre_nn.effect.sensors import LogScale, PositionConversion
 from manoeuvre_nn.estimation.data_set import whitened_data_set
 from manoeuvre_nn.estimation.process_noise import drawn_process
+from manoeuvre_nn.manoeuvre.turning import turning_circle
+from manoeuvre_nn.manoeuvre.zigzag import zigzag
+from manoeuvre_nn.recording.noise import add_noise
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 NAME = "calm water sails these runs"
@@ -41,6 +49,19 @@ def test_clean_runs_show_the_check_that_they_passed():
     ship, check = d.checks
     assert d.verdict == "none" and check.name == NAME and check.passed and "p = " in check.text
     assert ship.name == RIGHT_SHIP and ship.passed and not d.doubtful
+
+
+@pytest.mark.parametrize("noise", [{}, {"x": 1.0, "y": 1.0, "u": 0.05, "v": 0.05, "psi": 0.002, "r": 2e-4}])
+def test_of_what_the_model_itself_sailed_nothing_is_missing_however_good_the_instruments_are(noise):
+    """Exact ones leave errors that are slow and smaller than any noise; velocities that are taken from positions have
+    the positions' noise, and say nothing that these do not."""
+    sailed = roll_out(CALM, [zigzag(20.0, duration=200.0), turning_circle(20.0, duration=200.0)] * 2)
+    runs = [replace(add_noise(run, noise, k), name=f"run {k}") for k, run in enumerate(sailed)]
+    case = case_of([as_sensed(run) for run in runs], SHIP, ["run 3"])
+    d = diagnose(Question(case, CALM, [RudderOffset(SHIP)]))
+    assert d.verdict == "none" and all(check.passed for check in d.checks), [check.text for check in d.checks]
+    assert next(c.probability for c in d.causes if c.name == "unknown") < 0.1
+    assert "vn" in case.runs[0].derived and np.isnan(d.noise["v"]) and d.noise["psi"] > 0
 
 
 def test_a_repaired_model_must_sail_the_held_out_runs_too():

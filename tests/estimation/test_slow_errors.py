@@ -13,7 +13,7 @@ from scipy.stats import t as student_t
 from manoeuvre_nn.estimation import agreement
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.measurement_noise import GAUSSIAN, INFORMATION, MIN_SAMPLES, STUDENT_FREEDOM
-from manoeuvre_nn.estimation.smoothed_run import _long_run
+from manoeuvre_nn.estimation.smoothed_run import _long_run, _mean_square
 
 WHITE = np.random.default_rng(0).standard_normal((40_000, 2))
 
@@ -74,3 +74,8 @@ def test_a_stretch_has_a_say_where_it_tells_four_times_what_was_known_before(sha
     information = 4.0 * share
     missed, allowed = agreement._told(np.eye(1) * information, np.array([2.0]), np.zeros((1, 1)))
     assert missed == approx(counted * 2.0**2 / information) and allowed == counted
+
+
+def test_where_instruments_are_better_than_is_taken_for_granted_slow_errors_are_as_small_as_they_are():
+    e = np.concatenate([np.full((50, 3), [1.1, 0.3, 0.0]), np.zeros((25, 3))])
+    assert _mean_square(e) == approx([1.0, 0.09, 0.0])

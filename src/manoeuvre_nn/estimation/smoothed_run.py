@@ -99,7 +99,9 @@ def smooth(
             continue
         residual = columns.measured @ left - np.einsum("kci,ki->kc", linearised.observed, states)
         sigma, weights = measured_noise(residual**2, linearised.present, sigma, least, "cut")
-        inflation = _long_run(residual * weights / sigma)
+        e = residual * weights / sigma
+        # Of instruments better than the least noise that is assumed, slow errors are as small as they are.
+        inflation = np.where(sigma > least, _long_run(e), np.maximum(_long_run(e) * _mean_square(e), 1.0))
         run = without_samples(run, weights == 0, channels)
         if whole == LINEARISATIONS:
             break
@@ -139,6 +141,11 @@ def _kinematic_errors(linearised: LinearisedRun) -> Columns:
     c.measured[:, 6, 3] = linearised.track[:, 0]
     c.moved[:, 3, 0] = c.moved[:, 4, 1] = linearised.run.step
     return c
+
+
+def _mean_square(e: Float[np.ndarray, "n c"]) -> Float[np.ndarray, " c"]:
+    """Mean square over the samples that there are, 1 at most."""
+    return np.minimum((e**2).sum(axis=0) / np.maximum(np.count_nonzero(e, axis=0), 1), 1.0)
 
 
 def _long_run(e: Float[np.ndarray, "n c"], lags: int = 30) -> Float[np.ndarray, " c"]:

@@ -138,7 +138,7 @@ def channel_chart(proof: Proof, noise: Mapping[str, float], repaired: bool) -> C
         curves = [Curve(*one, style, said) for one, (said, style) in zip(drawn, STYLES.items(), strict=False)]
         panels.append(ChartPanel("time t [s]", f"{words}\n[{unit}]", curves))
         errors = [(values - truth)[rows] for values in predicted]
-        panels.append(_error_panel(time[rows], errors, noise.get(name, 0.0), unit))
+        panels.append(_error_panel(time[rows], errors, float(np.nan_to_num(noise.get(name, 0.0))), unit))
     return Chart(panels, columns=2, one_time=True)
 
 
