@@ -4,12 +4,13 @@ import re
 import shlex
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 from fleet import unchecked
 
 from manoeuvre_nn.commands import import_recording
-from manoeuvre_nn.commands.config import chosen_effects
+from manoeuvre_nn.commands.config import chosen_effects, training_manoeuvres
 from manoeuvre_nn.commands.groups import compose
 from manoeuvre_nn.commands.job import blank_network
 from manoeuvre_nn.commands.main import OF_FILES, task_of
@@ -22,7 +23,7 @@ LAUNCHERS = {"hydra/launcher=slurm": "submitit", "hydra/launcher=ray_cluster": "
 """Choice of a launcher -> what it needs."""
 PAGES = [ROOT / "README.md", ROOT / "SECURITY.md", *sorted((ROOT / "docs").rglob("*.md"))]
 PYTHON = re.compile(r"(<!-- run(?: slow)? -->\n)?```python\n(.*?)```", re.DOTALL)
-OWN_FILE = re.compile(r"```(?:python|yaml)\n((?:# @package .*\n)?# mine/([\w/]+\.(?:py|yaml)).*?)```", re.DOTALL)
+OWN_FILE = re.compile(r"```(?:python|yaml)\n((?:# @package [^\n]*\n)?# mine/([\w/]+\.(?:py|yaml)).*?)```", re.DOTALL)
 """A block that is a file of the reader's own folder ``mine``, and its path there."""
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 COMMAND = re.compile(r"\s*(?:python (?:scripts/)?(\w+)\.py|manoeuvre (\w+)) ([\w'-].*)")
@@ -150,6 +151,12 @@ def test_ships_and_an_effect_of_ones_own_are_built_as_the_pages_write_them(mine)
     assert coaster.particulars.name == "coaster" and isinstance(coaster, Ship)
     (kite,) = chosen_effects(cfg.effect, mariner())
     assert kite.name == "kite" and float(kite.value("pull_kN")) == 100.0
+
+
+def test_manoeuvres_of_ones_own_are_sailed_as_the_pages_write_them(mine):
+    words = [f"config_dir={mine}", "plugins=[harder]", "ship=mariner", "manoeuvre=[zz7,harder]"]
+    zigzag, turn = training_manoeuvres(compose("simulate", words).manoeuvre)
+    assert zigzag.name == "zz7" and [round(np.degrees(stage.order)) for stage in turn.stages] == [10, 35]
 
 
 def test_a_network_of_ones_own_is_built_as_the_pages_write_it(mine):

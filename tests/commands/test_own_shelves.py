@@ -160,6 +160,13 @@ def sailed(own, tmp_path_factory) -> Path:
     return write_runs(out / "read", {run.name: to_starboard(table_of(run, k)) for k, run in enumerate(runs)})
 
 
+def test_simulations_are_not_written_over_recordings_that_no_simulation_wrote(tmp_path):
+    (tmp_path / "zz20.csv").write_text("measured")
+    with pytest.raises(InputError, match=r"zz20\.csv is there already, and no simulation wrote it"):
+        simulate(compose("simulate", ["ship=mariner", "manoeuvre=zz20"]), tmp_path, Console(quiet=True))
+    assert (tmp_path / "zz20.csv").read_text() == "measured"
+
+
 def test_an_own_ship_manoeuvre_network_and_effect_are_what_a_model_learns_from(own):
     words = [*own, "ship=barge", "manoeuvre=nudge", "network=line", "effect=[mill_race]", "fit=backprop"]
     with unchecked():

@@ -14,6 +14,7 @@ from manoeuvre_nn.commands.config import with_effects
 from manoeuvre_nn.commands.groups import compose, own_folder
 from manoeuvre_nn.commands.guard import one_line
 from manoeuvre_nn.commands.job import caveat_of, load_model, prepare
+from manoeuvre_nn.commands.shelves import on_shelf
 from manoeuvre_nn.commands.train import finished
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.diagnosis.manifest import read_manifest
@@ -326,3 +327,24 @@ def test_what_its_own_training_says_against_a_model_is_read_from_its_scores(tmp_
         (tmp_path / "scores.json").write_text(written)
     caveat = caveat_of(tmp_path / "checkpoints" / "best.ckpt")
     assert caveat.startswith(said) and bool(caveat) == bool(said)
+
+
+@pytest.mark.parametrize("group, name, target", [
+    ("effect", "kite", "kite.Kite"), ("manoeuvre", "zz7", "manoeuvre_nn.manoeuvre.zigzag.zigzag")
+])  # fmt: skip
+def test_an_own_file_that_does_not_say_where_it_stands_is_told_its_first_line(tmp_path, group, name, target):
+    path = tmp_path / group / f"{name}.yaml"
+    path.parent.mkdir()
+    path.write_text(f"_target_: {target}\n")
+    with pytest.raises(InputError, match=rf"{name}\.yaml: its first line must say .* # @package {group}\.{name}$"):
+        own_folder([f"config_dir={tmp_path}"])
+    path.write_text(f"# @package {group}.{name}\n_target_: {target}\n")
+    assert own_folder([f"config_dir={tmp_path}"])[1] == tmp_path
+
+
+def test_a_module_of_ones_own_is_told_how_it_is_named_and_one_of_pythons_is_not():
+    with pytest.raises(InputError, match=r"kite\.Kite is refused; .* that you trust, add plugins=\[kite\]$"):
+        on_shelf("kite.Kite", "effect")
+    with pytest.raises(InputError, match="os.system is refused") as told:
+        on_shelf("os.system", "effect")
+    assert "plugins" not in str(told.value)

@@ -4,12 +4,14 @@ from dataclasses import replace
 
 import pytest
 import torch
+from fleet import unchecked
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.units import DEGREE, KNOT
 from manoeuvre_nn.ship.mariner import COEFFICIENTS, INERTIA, WANG, mariner
 from manoeuvre_nn.ship.own import OwnParticulars, own_particulars, own_ship
+from manoeuvre_nn.ship.taylor import TaylorShip
 
 MINE = OwnParticulars(
     name="mine", length=WANG.length, beam=WANG.beam, draught=WANG.draught, block=WANG.block,
@@ -48,3 +50,12 @@ def test_a_missing_inertia_and_a_speed_of_nothing_are_refused():
                 own_particulars(replace(MINE, **{key: value}))
     with pytest.raises(InputError, match="speed_kn is 0"):
         own_particulars(OwnParticulars("mine", 100.0, 16.0, 6.0, 0.7, 0.0))
+
+
+@pytest.mark.parametrize("side", ["left", "Starboard", ""])
+def test_a_side_of_the_rudder_that_is_none_is_refused(side):
+    with (
+        unchecked(),
+        pytest.raises(InputError, match=f"positive_rudder_turns_to {side!r} is unknown; choose one of: port, star"),
+    ):
+        TaylorShip(mariner().particulars, {"mx": 1.0, "my": 1.0, "mz": 1.0}, {}, positive_rudder_turns_to=side)

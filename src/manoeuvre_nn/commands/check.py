@@ -46,7 +46,7 @@ from manoeuvre_nn.training.settings import expand
 
 PAGE, RESULT = "checks.html", "findings.json"
 DRIFTS = "Drift of the turning circles"
-REMEDIES = "Write into the mapping"
+REMEDIES = "Write into the mapping of each file"
 MAX_RECORDINGS_WITH_NOTES = 6
 """Recordings up to which the terminal shows notes too."""
 MAX_ZOOMED = 8

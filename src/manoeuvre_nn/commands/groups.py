@@ -37,6 +37,8 @@ own_modules: set[str] = set()
 """Modules of the user's own that were named with ``plugins=``: configs may name what they define."""
 _composing = threading.Lock()
 """Hydra knows one config at a time."""
+OF_SEVERAL = ("manoeuvre", "effect")
+"""Groups of which several options hold at once, each under its name."""
 FOLLOWING = ("linear", "network", "fit")
 """Groups that a ship, a network or recordings may choose too; what the user writes always holds."""
 
@@ -152,6 +154,9 @@ def _check_own_file(path: Path, folder: Path) -> None:
     if OF_THE_USER & set(re.findall(r"\w+", " ".join(map(str, reached)))) or OUTPUT in places:
         named = ", ".join(sorted([*OF_THE_USER, OUTPUT]))
         raise InputError(f"{path} is refused: a file in config_dir= may not set {named}")
+    group, name = path.relative_to(folder).parts[0], path.stem
+    if group in OF_SEVERAL and "_target_" in content and f"{group}.{name}" not in package:
+        raise InputError(f"{path}: its first line must say where it stands: # @package {group}.{name}")
     defaults = content.get("defaults") or []
     if not isinstance(defaults, list) or not all(isinstance(entry, str | Mapping) and entry for entry in defaults):
         raise InputError(f"{path} is refused: its defaults name {defaults}; write a list such as [pitch, _self_]")

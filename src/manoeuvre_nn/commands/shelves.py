@@ -3,6 +3,7 @@
 import importlib
 import inspect
 import pkgutil
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, is_dataclass, replace
@@ -97,7 +98,9 @@ def on_shelf(target: str, group: str) -> Callable[..., Any]:
     """
     shelf, (module, _, name) = SHELVES[group], target.rpartition(".")
     places = " or ".join(shelf.places)
-    refused = InputError(f"{TARGET}: {target} is refused; a config may only name things in {places} for {group}")
+    foreign = module.partition(".")[0] in {"manoeuvre_nn", *own_modules, *sys.stdlib_module_names}
+    own = "" if foreign else f"; if {module} is a module of your own that you trust, add plugins=[{module}]"
+    refused = InputError(f"{TARGET}: {target} is refused; a config may only name things in {places} for {group}{own}")
     here = module in own_modules or any(f"{module}.".startswith(f"{place}.") for place in shelf.places)
     if not here or name.startswith("_"):
         raise refused

@@ -9,7 +9,7 @@ from rich.console import Console
 
 from manoeuvre_nn.commands import config as configs
 from manoeuvre_nn.commands.job import ship_on_approach
-from manoeuvre_nn.commands.provenance import write_provenance
+from manoeuvre_nn.commands.provenance import CONFIG, write_provenance
 from manoeuvre_nn.core.channels import ACCELERATION
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.errors import InputError
@@ -41,6 +41,7 @@ def simulate(cfg: DictConfig, out: Path, console: Console | None = None) -> list
     assert isinstance(ship, Ship)
     effects = configs.chosen_effects(cfg.get("effect"), ship)
     manoeuvres = configs.training_manoeuvres(cfg.manoeuvre)
+    _check_overwrites(out, [manoeuvre.name for manoeuvre in manoeuvres])
     with waiting(console) as say:
         runs = sail(ship, manoeuvres, effects, noise_in_si(cfg.noise), rate_hz=cfg.rate_hz, seed=cfg.seed, say=say)
         say("writing and drawing the runs")
@@ -49,6 +50,13 @@ def simulate(cfg: DictConfig, out: Path, console: Console | None = None) -> list
     console.print(rich_table(run_rows(runs, ship.particulars.length), f"The {ship.particulars.name}"))
     console.print(f"written: {out}/*.csv, {out / 'figures'}", soft_wrap=True, highlight=False)
     return runs
+
+
+def _check_overwrites(out: Path, names: Sequence[str]) -> None:
+    """Refuse to write over recordings in a folder that this command has not written to before: they may be measured."""
+    there = [name for name in names if (out / f"{name}.csv").exists()]
+    if there and not (out / CONFIG).exists():
+        raise InputError(f"{out / there[0]}.csv is there already, and no simulation wrote it: choose another out=")
 
 
 def sail(

@@ -5,13 +5,13 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 from math import factorial, prod
-from typing import Literal
+from typing import Literal, get_args
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.network import Network, filled, products_of
 from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.prime import PrimeSystem
@@ -124,6 +124,7 @@ class TaylorShip(Ship):
             dtype=torch.float64,
         )
         super().__init__(particulars, prime or particulars.prime, mass)
+        check_choice("ship.positive_rudder_turns_to", positive_rudder_turns_to, get_args(Side))
         self.series = TaylorForce(coefficients, taylor=taylor)
         self.terms = tuple(self.series.terms)  # the constant is empty
         self.coefficients, self._inertia_values = coefficients, inertia
