@@ -155,8 +155,17 @@ def test_ships_and_an_effect_of_ones_own_are_built_as_the_pages_write_them(mine)
 
 def test_manoeuvres_of_ones_own_are_sailed_as_the_pages_write_them(mine):
     words = [f"config_dir={mine}", "plugins=[harder]", "ship=mariner", "manoeuvre=[zz7,harder]"]
-    zigzag, turn = training_manoeuvres(compose("simulate", words).manoeuvre)
+    with unchecked():
+        zigzag, turn = training_manoeuvres(compose("simulate", words).manoeuvre)
     assert zigzag.name == "zz7" and [round(np.degrees(stage.order)) for stage in turn.stages] == [10, 35]
+
+
+@pytest.mark.parametrize(
+    "page, words", [("README.md", "{} effects in all"), ("docs/glossary.md", "one of {} on the shelf")]
+)
+def test_a_page_counts_the_effects_that_there_are(page, words):
+    there = {path.stem for path in (ROOT / "conf" / "effect").glob("*.yaml")} - {"formula", "remainder"}
+    assert words.format(len(there)) in (ROOT / page).read_text()
 
 
 def test_a_network_of_ones_own_is_built_as_the_pages_write_it(mine):

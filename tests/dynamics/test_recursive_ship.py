@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 import torch
+from scipy.interpolate import CubicSpline
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.scaling import Scaling
-from manoeuvre_nn.dynamics.course import TimeTable, at_times, course_of, start_speed
+from manoeuvre_nn.dynamics.course import TimeTable, course_of, start_speed
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.dynamics.recursive import RecursiveShip, force_constants, joined_model, track_of
 from manoeuvre_nn.network.perceptron import wang_network
@@ -83,7 +84,7 @@ def test_resampled_to_steps_and_back_a_recording_is_itself():
     for k, name in enumerate(FREEDOM):
         scale = start_speed(run, SHIP) if name in "uv" else 1 / unit
         inside = run.time[run.time <= seconds[-1]]
-        back = at_times(steps.velocities[0, :, k].numpy() * scale, seconds, inside)
+        back = CubicSpline(seconds, steps.velocities[0, :, k].numpy() * scale, axis=0)(inside)
         assert np.abs(back - run[name][: len(inside)]).max() < 1e-2 * np.ptp(run[name])
     track = track_of(steps.velocities, steps.angles[..., -1], steps.time)[0].numpy() * LENGTH
     assert np.hypot(*(track[-1] - [np.interp(seconds[-1], run.time, run[k]) for k in ("x", "y")])) < 0.002 * LENGTH

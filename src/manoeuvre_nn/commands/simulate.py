@@ -112,7 +112,7 @@ def as_sensed(run: Recording) -> Recording:
         The run with the forward speed as that of a log, and without v and accelerations, which no instrument shows; its
         velocity over ground is that of its positions. A measured run stays as it is.
     """
-    if "manoeuvre" not in run.meta:
+    if not run.is_simulated:
         return run
     channels = {k: c for k, c in run.channels.items() if k not in {"u", "v", *ACCELERATION}}
     return replace(run, channels={**channels, "u_log": run.channels.get("u_log", run["u"])})

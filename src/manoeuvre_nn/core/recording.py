@@ -84,6 +84,11 @@ class Recording:
         return first if abs(first - usual) < 1e-6 * usual else usual
 
     @property
+    def is_simulated(self) -> bool:
+        """Whether it was simulated here and now, and not read."""
+        return "manoeuvre" in self.meta
+
+    @property
     def derived(self) -> frozenset[str]:
         """Channels that were computed from others, as ``meta`` says."""
         return frozenset(self.meta.get("derived", ()))

@@ -161,9 +161,13 @@ def _log_weights(
     none: float, unmodelled: float, worthy: Sequence[FittedHypothesis], effects: int
 ) -> Float[np.ndarray, " h"]:
     """Evidence times base rate of calm water, of something unknown, and of the hypotheses with names."""
-    of_size = [share / max(comb(effects, k), 1) for k, share in enumerate(PRIOR_OF_SIZE, 1)]
-    prior = [PRIOR_NONE, PRIOR_UNKNOWN, *(of_size[len(j.names) - 1] for j in worthy)]
+    prior = [PRIOR_NONE, PRIOR_UNKNOWN, *(base_rate(len(j.names), effects) for j in worthy)]
     return np.array([none, unmodelled, *(j.evidence for j in worthy)]) + np.log(prior)
+
+
+def base_rate(size: int, effects: int) -> float:
+    """Prior probability of one hypothesis with so many of the effects that are tried."""
+    return PRIOR_OF_SIZE[size - 1] / max(comb(effects, size), 1)
 
 
 def _claims(

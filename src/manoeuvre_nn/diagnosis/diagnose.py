@@ -48,7 +48,7 @@ REFUTED = -MIN_GAIN_TO_TRY
 """Log evidence of the held-out runs that refutes any other effect: as much against it as would raise an alarm. Less is
 weighed with what the fitted runs say: calm water is given corrections of its own there."""
 MAX_ERROR_GROWTH = 1.05
-"""Growth of the error of free runs from which an effect is not named. Where the model was fitted it must fall."""
+"""Growth of the error of free runs beyond which an effect is not named; of a model that was fitted it must not grow."""
 
 
 def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnosis:
@@ -200,12 +200,12 @@ def _put_to_proof(
     most = before * (1.0 if is_fitted(data_set.dynamics) else MAX_ERROR_GROWTH)
     after, gain = _cost(question, [p.rmse_after for p in made]), there.evidence - calm
     alone = [p.rmse_alone for p in made if p.rmse_alone]
-    if after >= most and alone and _cost(question, alone) < after:
+    if after > most and alone and _cost(question, alone) < after:
         # Coefficients as corrected by the fitted runs do not hold in others: the effects may.
         made = prove(question, replace(j, corrections=0 * j.corrections), there.hypothesis, proofs)
         after = _cost(question, [p.rmse_after for p in made])
     enough = claim.evidence - tried.none.evidence + gain > least_gain(claim)
-    better = gain > least and after < most
+    better = gain > least and after <= most
     tested = bool(made) and _acts(there.hypothesis)
     foretold = enough and (better or not tested)
     helped = foretold and _last_effect_helps(question, claim, there.evidence, claims)

@@ -20,7 +20,7 @@ from manoeuvre_nn.dynamics.recorded_inputs import held_columns
 from manoeuvre_nn.dynamics.replay import integrate
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.estimation.corrections import Calibrated
-from manoeuvre_nn.estimation.data_set import process_time, start_spread, typical
+from manoeuvre_nn.estimation.data_set import process_time, start_spread, typical_rates
 from manoeuvre_nn.estimation.effect_columns import (
     behind_record,
     blade_along,
@@ -246,7 +246,7 @@ def start_state_and_covariance(
     """
     rate, p = Rate(dynamics), dynamics.particulars
     unit = p.speed**2 / p.length * np.array([1.0, 1.0, 1.0 / p.length])
-    noise = 1e-3 * np.append(unit, typical(dynamics)[3:]) if process_sd is None else process_sd
+    noise = 1e-3 * np.append(unit, typical_rates(dynamics)[3:]) if process_sd is None else process_sd
     time, spread = process_time(dynamics), start_spread(dynamics)
     track = first_guess(run, rate.states.own)
     for _ in range(3):

@@ -13,13 +13,13 @@ Source:
 
 from collections.abc import Collection
 from dataclasses import replace
-from math import comb, inf, log
+from math import inf, log
 
 import numpy as np
 from jaxtyping import Float
 from scipy.special import logsumexp
 
-from manoeuvre_nn.diagnosis.decision import PRIOR_NONE, PRIOR_OF_SIZE, PRIOR_UNKNOWN
+from manoeuvre_nn.diagnosis.decision import PRIOR_NONE, PRIOR_UNKNOWN, base_rate
 from manoeuvre_nn.diagnosis.result import RIGHT_SHIP, Check
 from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.diagnosis.unknown import random_force
@@ -76,8 +76,7 @@ class _Accounts:
         """
         self.tried, self.formula = tried, formula
         effects = len({name for j in tried.fitted for name in j.names})
-        of_size = [share / max(comb(effects, k), 1) for k, share in enumerate(PRIOR_OF_SIZE, 1)]
-        self.weighed = [(tried.none, PRIOR_NONE), *((j, of_size[len(j.names) - 1]) for j in tried.fitted)]
+        self.weighed = [(tried.none, PRIOR_NONE), *((j, base_rate(len(j.names), effects)) for j in tried.fitted)]
         self.prior = log_prior_levels(tried.likelihood.data_set, PROCESS_PRIOR)
         looked_at = {id(tried.none), *everywhere}
         self.other = [

@@ -166,24 +166,6 @@ def course_of(
     return Course(tables[0], tables[1], torch.tensor(speeds, dtype=torch.float64), length, ends)
 
 
-def at_times(
-    values: Float[np.ndarray, "steps *columns"],
-    time: Float[np.ndarray, " steps"],
-    wanted: Float[np.ndarray, " samples"],
-) -> Float[np.ndarray, "samples *columns"]:
-    """A run that is known at its steps at even times: the way back, by splines.
-
-    Args:
-        values: At the steps.
-        time: Of the steps.
-        wanted: Times between the first and the last step, in the same unit.
-
-    Returns:
-        Values then.
-    """
-    return CubicSpline(time, values, axis=0)(wanted)
-
-
 def _held(parts: Sequence[np.ndarray]) -> Float[Tensor, "rows samples columns"]:
     """Rows of different lengths as one tensor: a short one holds its last sample."""
     longest = max(len(part) for part in parts)

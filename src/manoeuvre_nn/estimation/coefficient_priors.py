@@ -8,6 +8,7 @@ from jaxtyping import Float
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.ship import Ship
+from manoeuvre_nn.core.wind import AIR
 from manoeuvre_nn.estimation.coefficient_forces import own_unit
 from manoeuvre_nn.network.series import parity
 from manoeuvre_nn.ship.clarke import SURGE_ADDED_MASS, clarke_derivatives
@@ -21,8 +22,6 @@ PRIOR_SD_PRIME = (0.02, 0.1, 0.05)
 """Standard deviation of what one product, before any run is seen, may add to X', Y', N' in a hard manoeuvre."""
 EVEN_SHARE = 0.2
 """Share of it for products that are the same to port and to starboard in Y and N: ships are nearly symmetric."""
-AIR = 1.2
-"""Density of air [kg/m^3]."""
 WIND = {"X wx |w|": 0.7, "Y wy |w|": 0.9, "N wx wy": -0.1}
 """Drag coefficients of a ship's sides in the wind: over A_F, over A_L, over A_L L (Blendermann 1994, cargo ships)."""
 MIN_RELATIVE_SD = 0.02

@@ -13,6 +13,7 @@ from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.network import products_of, times
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.dynamics.base import Model, ModelAround, calm_accelerations
+from manoeuvre_nn.effect.common import TIGHT_TURN
 
 SURGE_TERMS = ("uu", "vv", "rr", "dd", "vr", "vd", "rd", "uvv", "uvr", "udd")
 LATERAL_TERMS = (
@@ -20,8 +21,6 @@ LATERAL_TERMS = (
     *("uv", "ur", "ud", "uuv", "uur", "uud"),
 )
 """Terms that a published set may lack; a capital letter is a magnitude."""
-TURN = {"u": -0.3, "v": 0.25, "r": 0.7, "d": 0.35}
-"""A tight turn in prime variables: where such a term is weighed."""
 MISSING = 0.6
 """Size of each such term beside a printed one: one by one they are less likely."""
 USUAL_SCATTER = 0.05
@@ -104,8 +103,8 @@ class Corrections:
         ]
         self.names = names + [f"{'XYN'[e]}+{term}" for e, term in self._missing] + ["Mu", "Mv", "Mr"]
         self.names += list(OF_ROLL) if dynamics.own_names else []
-        hard = units * units.new_tensor([1 + TURN["u"], -TURN["v"], TURN["r"]])
-        d = units.new_tensor(TURN["d"])
+        hard = units * units.new_tensor([1 - TIGHT_TURN["u"], -TIGHT_TURN["v"], TIGHT_TURN["r"]])
+        d = units.new_tensor(TIGHT_TURN["d"])
         with torch.no_grad():
             total = calm_accelerations(dynamics, hard, d)
             rudder = total - calm_accelerations(dynamics, hard, torch.zeros_like(d))
@@ -114,7 +113,7 @@ class Corrections:
         # Where each entry of the table stands, and each missing term as three of the factors of `_factors`.
         self._at = units.new_tensor(self._entries).long().reshape(-1, 2).T
         self._letters = torch.tensor([[FACTORS.index(f) for f in term.ljust(3, "1")] for _, term in self._missing])
-        there = [prod(abs(TURN[f.lower()]) for f in term) for _, term in self._missing]
+        there = [prod(TIGHT_TURN[f.lower()] for f in term) for _, term in self._missing]
         weights = [MISSING * size[e] / scale for (e, _), scale in zip(self._missing, there, strict=True)]
         self._weights = units.new_tensor(weights)[:, None] * torch.eye(3).to(units)[[e for e, _ in self._missing]]
 

@@ -12,7 +12,7 @@ from manoeuvre_nn.core.memory import check_memory
 from manoeuvre_nn.core.recording import CAMPAIGN, Recording
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.base import Model, calm_accelerations, is_fitted
-from manoeuvre_nn.effect.common import typical as usual
+from manoeuvre_nn.effect.common import typical
 from manoeuvre_nn.estimation.corrections import Calibrated, CoefficientPrior, Corrections
 from manoeuvre_nn.estimation.effect_columns import coefficient_columns, latency_column
 from manoeuvre_nn.estimation.linear_run import Columns, Embedded, IntegratedRun, RunEquations, joined, summed
@@ -115,7 +115,7 @@ class WhitenedDataSet:
         """Take the runs, what is known of the coefficients' errors, and the process noise; None is its usual time."""
         self.dynamics, self.runs = dynamics, list(runs)
         self.coefficient_prior = coefficient_prior or CoefficientPrior()
-        self.unit = typical(dynamics)
+        self.unit = typical_rates(dynamics)
         self.levels, self.process_time = levels, time or process_time(dynamics)
         self._equations: list[RunEquations] = []
         self._at: dict[int, _Level] = {}
@@ -277,13 +277,13 @@ def same_campaigns(known: Sequence[Recording], runs: Sequence[Recording]) -> lis
     return [days.index(day) if (day := run.meta.get(CAMPAIGN)) in days else 0 for run in runs]
 
 
-def typical(dynamics: Model) -> Float[np.ndarray, " k"]:
+def typical_rates(dynamics: Model) -> Float[np.ndarray, " k"]:
     """Accelerations that are large in a manoeuvre: by the resistance in surge, by 20 deg of rudder otherwise.
 
     Returns:
         [m/s^2, m/s^2, rad/s^2], and of a ship that rolls that of roll [rad/s^2].
     """
-    found = usual(dynamics.hull, partial(calm_accelerations, dynamics)).numpy()
+    found = typical(dynamics.hull, partial(calm_accelerations, dynamics)).numpy()
     own = len(dynamics.own_names)
     if not own:
         return found
@@ -331,7 +331,7 @@ def prepared_run(dynamics: Model, run: Recording) -> PreparedRun:
     """
     rate, p = Rate(dynamics), dynamics.particulars
     unit = p.speed**2 / p.length * np.array([1.0, 1.0, 1.0 / p.length])
-    wide = np.append(SMOOTHER_PROCESS_SD * unit, SMOOTHER_ROLL * typical(dynamics)[3:])
+    wide = np.append(SMOOTHER_PROCESS_SD * unit, SMOOTHER_ROLL * typical_rates(dynamics)[3:])
     first = rate.states.first_noise
     least = 0.2 * first
     if is_fitted(dynamics):  # recordings are trusted as they were when the model was fitted

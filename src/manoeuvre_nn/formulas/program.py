@@ -178,14 +178,6 @@ class Program:
         """Title of each section, and its values one by one."""
         return [(s.title, [pair for step in s.steps for pair in singles(step)]) for s in self.sections]
 
-    @property
-    def numbers_count(self) -> int:
-        """How many numbers other than whole ones stand in it."""
-        singles = [s.formula for section in self.sections for s in section.steps if isinstance(s, Single)]
-        tables = [s for section in self.sections for s in section.steps if isinstance(s, Weighted)]
-        own = sum(0 if s.factors is None else len(s.factors) for s in tables)
-        return sum(len(floats(e)) for e in singles) + sum(int(np.count_nonzero(s.numbers)) for s in tables) + own
-
 
 def singles(step: Step) -> list[tuple[sympy.Symbol, sympy.Expr]]:
     """The values of a step one by one, each with what it is."""

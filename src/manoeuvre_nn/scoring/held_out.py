@@ -84,7 +84,7 @@ class HeldOut:
 
     def _sorted(self) -> tuple[list[int], list[int]]:
         """Numbers of the references that a helmsman steers, and of those with a recorded rudder."""
-        steered = [k for k, r in enumerate(self.references) if "manoeuvre" in r.meta]
+        steered = [k for k, r in enumerate(self.references) if r.is_simulated]
         return steered, [k for k in range(len(self.references)) if k not in steered]
 
     def steer(self, dynamics: Model | Vessel) -> dict[int, Recording]:
@@ -140,6 +140,6 @@ def references(runs: Sequence[Recording], ship: Particulars) -> HeldOut:
         The recordings; initial states and references of measured ones come from smoothed channels, since noise is
         nothing that a model should be asked for.
     """
-    exact = ["manoeuvre" in run.meta and all(name in run.channels for name in ACCELERATION) for run in runs]
+    exact = [run.is_simulated and all(name in run.channels for name in ACCELERATION) for run in runs]
     smooth = (run if known else accelerations(run, "smoother") for run, known in zip(runs, exact, strict=True))
     return HeldOut(tuple(smooth), ship.length)

@@ -321,7 +321,7 @@ class RecordedData(ManoeuvreData):
         self.reference, self.mapping = ship, mapping
         self.runs, self.unseen = tuple(runs), tuple(unseen)
         for run in (*self.runs, *self.unseen):
-            if not _is_simulated(run):  # effects make channels disagree that sensors would not
+            if not run.is_simulated:  # effects make channels disagree that sensors would not
                 check_recording(run, self.particulars)
         if self.settings.length is not None:
             check_length("data.length", self.settings.length, self.particulars)
@@ -330,7 +330,7 @@ class RecordedData(ManoeuvreData):
         """Cut, smooth, resample; known accelerations are left out, since only simulations have them."""
         if hasattr(self, "tuples"):
             return
-        self.prepare_measured([_as_sensed(run) for run in self.runs], self.particulars)
+        self.prepare_measured([_without_exact_accelerations(run) for run in self.runs], self.particulars)
         self.held_out = references(self.unseen or self.runs, self.particulars)
 
     def remarks(self) -> list[str]:
@@ -340,7 +340,7 @@ class RecordedData(ManoeuvreData):
     def describe(self) -> str:
         """Names, lengths and rate, a sentence."""
         names = ", ".join(f"{r.name} ({r.duration:.0f} s)" for r in self.recordings)
-        measured = "" if any(map(_is_simulated, self.runs)) else "measured "
+        measured = "" if any(run.is_simulated for run in self.runs) else "measured "
         told = f"{len(self.tuples.inputs)} tuples of the {measured}{self.particulars.name}: {names}."
         return told + sensors_in_words(self.recordings)
 
@@ -389,12 +389,7 @@ def recorded_files(
     return RecordedData(ship, known, runs, held_out, mapping=mapping, settings=settings)
 
 
-def _is_simulated(run: Recording) -> bool:
-    """Whether a run was simulated here and now, and not read."""
-    return "manoeuvre" in run.meta
-
-
-def _as_sensed(run: Recording) -> Recording:
-    """A run without what only a simulation knows."""
-    kept = {k: c for k, c in run.channels.items() if k not in ACCELERATION} if _is_simulated(run) else run.channels
+def _without_exact_accelerations(run: Recording) -> Recording:
+    """A run without accelerations that only a simulation knows."""
+    kept = {k: c for k, c in run.channels.items() if k not in ACCELERATION} if run.is_simulated else run.channels
     return replace(run, channels=kept)

@@ -15,7 +15,7 @@ from manoeuvre_nn.dynamics.rollout import rollout
 from manoeuvre_nn.dynamics.simulate import Solution
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
-from manoeuvre_nn.estimation.data_set import FIRST_NOISE, process_time, typical
+from manoeuvre_nn.estimation.data_set import FIRST_NOISE, process_time, typical_rates
 from manoeuvre_nn.estimation.effect_columns import coefficient_columns, contribution
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linear_run import Columns
@@ -54,7 +54,7 @@ __all__ = [
     "SHIPS",
     "smoothed",
     "Solution",
-    "typical",
+    "typical_rates",
     "Value",
     "Vessel",
     "with_measured",

@@ -28,7 +28,7 @@ from studies.concealed_trial.rivals.package import (
     process_time,
     rollout,
     shelf,
-    typical,
+    typical_rates,
     with_measured,
 )
 
@@ -229,7 +229,7 @@ def _errors(rng: np.random.Generator, ship: Ship, plan: _Plan, seconds: int) -> 
     size = np.concatenate([np.full(n, rng.uniform(*ROUGH_WATER)) for n in plan.runs])
     keep = np.exp(-1.0 / process_time(calm))
     kicks = rng.standard_normal((len(size), seconds + 1, 3)) * np.sqrt(1 - keep**2)
-    rough = lfilter([1.0], [1.0, -keep], kicks, axis=1) * size[:, None, None] * np.asarray(typical(calm))
+    rough = lfilter([1.0], [1.0, -keep], kicks, axis=1) * size[:, None, None] * np.asarray(typical_rates(calm))
     return ScatteredShip(calm, like.new_tensor(np.concatenate(shares)), like.new_tensor(rough))
 
 

@@ -18,7 +18,7 @@ from jaxtyping import Float
 from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.errors import InputError
-from studies.concealed_trial.rivals.package import FIRST_NOISE, CalmWater, Case, typical
+from studies.concealed_trial.rivals.package import FIRST_NOISE, CalmWater, Case, typical_rates
 from studies.concealed_trial.rivals.result import Limits, RivalResult
 from studies.concealed_trial.rivals.search import PAIR, added, none_of, settled
 from studies.concealed_trial.rivals.track import SmoothedTrack
@@ -188,7 +188,7 @@ def _covariances(data: WhitenedRuns, t: SmoothedTrack, part: slice, count: int) 
     value, slope, bend = kernels(dynamics, t, 3)
     _, _, north, _, psi, r, log, shaft = FIRST_NOISE
     by = np.abs(jacobian(t, speed))
-    rough = ROUGH * typical(dynamics)
+    rough = ROUGH * typical_rates(dynamics)
     common = data.nuisances.reshape(*data.errors.shape, -1)[part][1:-1]
     drift = float(np.hypot(north, speed * psi))
     for g in generators():

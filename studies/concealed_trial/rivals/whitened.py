@@ -22,7 +22,7 @@ from studies.concealed_trial.rivals.package import (
     Hypothesis,
     Model,
     process_time,
-    typical,
+    typical_rates,
 )
 from studies.concealed_trial.rivals.track import ROWS, SmoothedTrack, smoother_size, track
 
@@ -153,7 +153,7 @@ def _own(dynamics: Model, t: SmoothedTrack, count: int) -> Float[np.ndarray, "m 
     through = np.abs(jacobian(t, speed)) * [log, drift, r]
     slopes = [[log], [north, speed * psi], [r], [], [psi], []]
     values = [*through.tolist(), [log, north], [r], [shaft]]
-    rough = np.append(ROUGH * typical(dynamics), [0.0, 0.0, 0.0])
+    rough = np.append(ROUGH * typical_rates(dynamics), [0.0, 0.0, 0.0])
     total = np.zeros((count, len(ROWS), count, len(ROWS)))
     for row in range(len(ROWS)):
         parts = [(value, values[row]), (slope, slopes[row])]
