@@ -38,6 +38,7 @@ def formula_of(terms: list[str], sds: float = 0.1, **numbers: float) -> FittedHy
 KINDS = [  # terms, numbers; kind, where, scales with errors
     (["N r|r| cos psi", "Y |v||r|"], {"w1": 1.0, "w2": 0.5}, "tied to the heading", ("N",), {}),
     (["N r|r| cos psi", "Y |v||r|"], {"w1": 0.5, "w2": 1.0}, "tied to the motion", ("Y",), {}),
+    (["Y 1", "N r"], {"w1": 0.5, "w2": 0.1}, "constant", ("Y",), {}),
     (["sensor psi r"], {"w1": 1.0}, "in an instrument", ("sensor:psi",), {}),
     (["Y lag d", "N lag d"], {"w1": 1.0, "w2": 1.0, "memory_s": 40.0}, "lagging", ("Y", "N"), {"memory": (40.0, 4.0)}),
     (["N cos beat", "N sin beat"], {"w1": 0.3, "w2": 0.3, "period_s": 50.0}, "periodic", ("N",),
@@ -81,6 +82,7 @@ NATURES = [  # evidence of the formula, of a random force (None: model was fitte
     (20.0, 24.0, None, ("chance", 4.0)),
     (20.0, 24.0, True, ("rule", -4.0)),
     (20.0, 9.0, False, ("chance", -11.0)),
+    (20.0, 7.0, False, ("rule", 13.0)),  # as a swell that has another phase in other runs
     (20.0, None, False, ("rule", 17.0)),
     (2.0, 1.0, None, ("chance", -2.0)),  # neither beats calm water at 3
     (2.0, None, None, None),

@@ -29,11 +29,12 @@ pytestmark = pytest.mark.usefixtures("unchecked_types")
 # Something unknown ---------------------------------------------------------------------------------------------------
 
 
-def instruments(*inflation: float, derived=()) -> SimpleNamespace:
-    """Runs whose second channel has slow errors of so many times the usual variance."""
+def instruments(*inflation: float, derived=(), error: float = 4.0) -> SimpleNamespace:
+    """Runs whose position east has slow errors of so many times the usual variance, and an error [m]."""
     run = SimpleNamespace(run=SimpleNamespace(meta={"derived": derived}))
+    factors = [np.array([1.0, f] + 6 * [1.0]) for f in inflation]
     return SimpleNamespace(
-        runs=[SimpleNamespace(linearised=run, inflation=np.array([1.0, f] + 6 * [1.0])) for f in inflation]
+        runs=[SimpleNamespace(linearised=run, inflation=f, noise=error * np.sqrt(f)) for f in factors]
     )
 
 
@@ -42,6 +43,11 @@ def instruments(*inflation: float, derived=()) -> SimpleNamespace:
 ])  # fmt: skip
 def test_a_sensor_with_slow_errors_in_half_of_the_runs_is_strange_by_twelve_a_run(inflation, evidence):
     assert unknown._strange_sensors(instruments(*inflation)) == approx(evidence, rel=0.04)
+
+
+@pytest.mark.parametrize("error, evidence", [(3.2, 0.0), (3.3, 24.0)])
+def test_positions_that_wander_no_more_than_those_of_a_usual_receiver_are_not_strange(error, evidence):
+    assert unknown._strange_sensors(instruments(20.0, 20.0, error=error)) == evidence
 
 
 def test_a_velocity_taken_from_positions_is_no_strange_sensor():
@@ -243,7 +249,7 @@ def test_draws_allow_noise_a_tenth_larger_or_smaller_than_was_estimated(monkeypa
     monkeypatch.setattr(predictive, "recorded", lambda run, warmup: record)
     monkeypatch.setattr(predictive, "BLOCK", 0.0)  # every sample by itself, all of them one part
     question = Mock(case=Mock(warmup=0.0, proof=()), dynamics=Mock(particulars=Mock(time_unit=1.0)))
-    run, prepared = Mock(step=1.0), Mock(noise=np.ones(8))
+    run, prepared = Mock(step=1.0, derived=()), Mock(noise=np.ones(8))
     run.name = "zigzag"
     p, look, _ = predictive.surprise(question, [run], [prepared], [np.zeros((1 + draws, samples, 7))])
     assert look == "u_log of fitted" and p == approx(larger, abs=0.03)

@@ -180,9 +180,9 @@ def _level_pieces(z: Float[np.ndarray, "n k"], least: int, penalty: float) -> li
 def sites(tried: SearchResult) -> dict[str, float]:
     """Site -> log Bayes factor over calm water of a coloured force in some equations, or of the best effect there."""
     grid, large = tried.likelihood.data_set.levels, len(tried.likelihood.data_set.levels.sizes) - 2
-    points = grid.point(0, 0), grid.point(large, 0), grid.point(0, large)
-    at = [tried.likelihood.evidence_at(Hypothesis((), ()), point) for point in points]
-    found = {"surge": at[1] - at[0], "sway and yaw": at[2] - at[0]}
+    points = {"surge": grid.point(large, 0), "sway and yaw": grid.point(0, large)}
+    at = {site: tried.likelihood.evidence_at(Hypothesis((), ()), point) for site, point in points.items()}
+    found = {site: evidence - tried.none.evidence for site, evidence in at.items()}
     for site in SITES:
         of_site = [j for j in tried.fitted if len(j.names) == 1 and j.hypothesis.effects[0].site == site]
         if of_site:

@@ -21,6 +21,9 @@ from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
 KINDS = {LAG: "lagging", BEAT: "periodic", STRIPES: "tied to the place", GROWING: "growing"}
 """Mark of a term -> kind of force."""
 RANDOM, HEADING, MOTION, INSTRUMENT = "random", "tied to the heading", "tied to the motion", "in an instrument"
+CONSTANT = "constant"
+MUCH_LIKELIER = 12.0
+"""Log evidence by which a formula that failed in runs that were not used is told all the same."""
 
 
 def nature_of(tried: SearchResult, verdict: Decision, found: Sequence[Residual], proved: bool | None) -> Nature | None:
@@ -33,15 +36,17 @@ def nature_of(tried: SearchResult, verdict: Decision, found: Sequence[Residual],
         proved: Whether the formula predicts runs that were not used; None if that was not tried.
 
     Returns:
-        Its nature: by a formula that is proved, not by one that failed, else by the likelier of formula and random
-        force. None where there is neither.
+        Its nature: by a formula that is proved, not by one that failed unless it is much likelier, else by the likelier
+        of formula and random force. None where there is neither.
     """
     data_set, formula = tried.likelihood.data_set, verdict.formula
     random = None if is_fitted(data_set.dynamics) else random_force(tried.likelihood, tried.none)
     calm = tried.none.evidence
     by_rule = -np.inf if formula is None else formula.evidence
     by_chance = -np.inf if random is None else random.evidence
-    likelier = by_rule > max(by_chance, calm) and (proved is None or random is None)
+    # A swell of another phase in other runs fails there, and is no random force.
+    much = by_rule > by_chance + MUCH_LIKELIER
+    likelier = by_rule > max(by_chance, calm) and (proved is None or random is None or much)
     if formula is not None and (proved or likelier):
         nature = _by_rule(data_set, formula, by_rule - max(by_chance, calm))
     elif random is not None:
@@ -95,7 +100,8 @@ def _kind(term: str) -> str:
     """What a term is like."""
     if term.startswith("sensor"):
         return INSTRUMENT
-    return KINDS.get(mark_of(term), HEADING if "psi" in term else MOTION)
+    shape = term.partition(" ")[2]
+    return KINDS.get(mark_of(term), HEADING if "psi" in term else CONSTANT if shape == "1" else MOTION)
 
 
 def _size(

@@ -59,7 +59,7 @@ class Nature:
 
     Attributes:
         kind: ``random``, ``periodic``, ``lagging``, ``growing``, ``tied to the place``, ``tied to the heading``,
-            ``tied to the motion``, or ``in an instrument``.
+            ``tied to the motion``, ``constant``, or ``in an instrument``.
         equations: Where it acts: X, Y, N, actuator:rudder, sensor:<channel>.
         size: Standard deviation of a random force, amplitude of a periodic one, root mean square of others.
         scales: Correlation time, period, phase at time 0, memory, growth a minute, spacing of stripes: what there is.

@@ -29,6 +29,9 @@ from manoeuvre_nn.estimation.process_noise import by_equation
 
 COLOURED = 4.0
 """Variance factor of a channel's slow errors from which its sensor is not trusted."""
+RECEIVER_SD = 8.0 / 2.45
+"""Error of a usual receiver north and east [m], which wanders for minutes: 8 m hold 95 % of its positions (GPS Standard
+Positioning Service Performance Standard, 5th edition 2020), as 2.45 standard deviations do of two alike axes."""
 SENSOR_PER_RUN = 12.0
 """Log evidence for a strange sensor of every run in which its error is coloured so."""
 MAX_RANDOM = 3.0
@@ -145,5 +148,9 @@ def _strange_sensors(data_set: WhitenedDataSet) -> float:
     # A velocity that was taken from positions is no sensor's: the error of neighbouring samples is alike by making.
     sensed = [~np.isin(MEASURED[:-1], p.linearised.run.meta.get("derived", ())) for p in data_set.runs]
     factors = np.stack([p.inflation for p in data_set.runs])[:, : len(MEASURED) - 1] * np.array(sensed)
+    # The noise was widened by what errors of a position wander: no more is strange about a receiver that is as good as
+    # most.
+    errors = np.stack([p.noise[:2] / np.sqrt(p.inflation[:2]) for p in data_set.runs])
+    factors[:, :2] *= errors > RECEIVER_SD
     coloured = (factors > COLOURED).sum(axis=0)
     return SENSOR_PER_RUN * float(coloured.max()) if 2 * coloured.max() >= len(factors) else 0.0

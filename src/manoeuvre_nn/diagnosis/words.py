@@ -192,6 +192,7 @@ def nature_words(nature: Nature) -> str:
         "in an instrument": "an error{}",
         "periodic": "a periodic force{}",
         "random": "a random force{}",
+        "constant": "a constant force{}",
     }.get(nature.kind, f"a force{{}} {nature.kind}")
     told = [f"{v.name} {_measured(v)}" for v in (nature.size, *nature.scales) if np.isfinite(v.value)]
     if nature.kind == "in an instrument":
