@@ -125,6 +125,15 @@ def frame(**columns) -> pd.DataFrame:
     return pd.DataFrame({k: zero + columns.get(k, 0.0) for k in ("x", "y", "psi", "u", "v", "r", "u_log")})
 
 
+@pytest.mark.parametrize("where", [0, 20, 40])
+def test_a_wild_position_in_the_warm_up_leaves_the_state_at_its_end_alone(where):
+    record = sailed([LATE])[0]
+    run = run_of(record).between(0.0, 40.0)
+    wild = run["x"] + 300.0 * (np.arange(len(run)) == where)
+    usual, spoilt = (start_state(CALM, acting([]), r) for r in (run, run.with_channels(x=wild)))
+    assert spoilt - usual == approx(np.zeros(6), abs=0.3)  # a sample less of some noise
+
+
 def test_errors_of_known_offsets_are_these():
     found = errors(frame(x=3.0, y=-4.0, psi=10.0, u=0.2, v=-0.3, r=0.01, u_log=7.5), frame(psi=9.0, u_log=7.0))
     assert found == approx({"pos": 5.0, "psi": 1.0, "u": 0.2, "v": 0.3, "r": 0.01, "u_log": 0.5})

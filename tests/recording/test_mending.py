@@ -269,3 +269,11 @@ def test_two_clocks_that_pass_midnight_in_turn_pass_it_once():
     np.testing.assert_allclose(without_midnights(times), expected)
     np.testing.assert_allclose(without_midnights(np.array([0.2, 86399.9, 1.0])), [0.2, -0.1, 1.0], atol=1e-9)
     np.testing.assert_array_equal(without_midnights(np.array([3600.0, 60000.0])), [3600.0, 60000.0])  # a hole
+
+
+@pytest.mark.parametrize("where", [0, 1, 30, 58, 59])
+def test_a_spike_is_found_wherever_it_stands(where):
+    ramp = 5.0 * np.arange(60.0) + np.random.default_rng(0).normal(0.0, 0.5, 60)
+    assert not spikes(ramp, 0.0).any() and not spikes(ramp**2, 0.0).any()
+    ramp[where] += 300.0
+    assert np.flatnonzero(spikes(ramp, 0.0)).tolist() == [where]

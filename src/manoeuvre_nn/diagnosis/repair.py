@@ -37,7 +37,7 @@ from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, heel_of,
 from manoeuvre_nn.estimation.smoothed_run import first_guess
 from manoeuvre_nn.recording.holes import rudder_known_until
 from manoeuvre_nn.recording.outliers import spikes
-from manoeuvre_nn.recording.preparation import measured
+from manoeuvre_nn.recording.preparation import measured, without_samples
 
 
 def predict(
@@ -247,7 +247,9 @@ def start_state_and_covariance(
     rate, p = Rate(dynamics), dynamics.particulars
     unit = p.speed**2 / p.length * np.array([1.0, 1.0, 1.0 / p.length])
     noise = 1e-3 * np.append(unit, typical_rates(dynamics)[3:]) if process_sd is None else process_sd
-    time, spread = process_time(dynamics), start_spread(dynamics)
+    time, spread, channels = process_time(dynamics), start_spread(dynamics), rate.states.channels
+    # Few samples tell the state: a wild one would move it by itself.
+    run = without_samples(run, np.apply_along_axis(spikes, 0, measured(run, channels), min_spread_share=0.0), channels)
     track = first_guess(run, rate.states.own)
     for _ in range(3):
         linearised = linearise(run, rate, track, time)

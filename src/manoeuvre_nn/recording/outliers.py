@@ -32,7 +32,8 @@ def spikes(values: Series, min_spread_share: float = MIN_SPREAD_SHARE) -> Bool[n
 
     A sample is compared with the median of the five samples around it; the scale is how far samples usually lie off the
     line between their neighbours. Steps and ramps pass: there a sample is the median of its neighbours. So do the tips
-    of peaks: a spike lies further off the middle of its neighbours than the channel moves beside them.
+    of peaks: a spike lies further off the middle of its neighbours than the channel moves beside them. Neighbours of
+    the first and of the last sample count for both of their sides.
 
     Args:
         values: Samples; NaN where there is none.
@@ -51,13 +52,13 @@ def spikes(values: Series, min_spread_share: float = MIN_SPREAD_SHARE) -> Bool[n
     if good.sum() <= NEIGHBOURS:
         return np.zeros(len(values), dtype=bool)
     there = values[good]
-    away = np.abs(there - median_filter(there, NEIGHBOURS, mode="nearest"))
+    away = np.abs(there - median_filter(there, NEIGHBOURS, mode="mirror"))
     low, high = np.quantile(there, [0.02, 0.98])
     bent = robust_sd(there[1:-1] - 0.5 * (there[:-2] + there[2:]))
     far = away > max(MIN_DISTANCE * bent, min_spread_share * float(high - low), 1e-12)
     around = np.pad(away, 1)
     beside = np.maximum(around[:-2], around[2:]) > 0.5 * away
-    moves = np.pad(np.abs(np.diff(there)), 3, mode="edge")  # moves[k + 3] leads from sample k to the next
+    moves = np.pad(np.abs(np.diff(there)), 3)  # moves[k + 3] leads from sample k to the next
     usual = np.maximum(moves[1 : len(there) + 1], moves[4 : len(there) + 4])
     result = np.zeros(len(values), dtype=bool)
     result[good] = far & ~beside & (np.abs(there - middle_of_neighbours(there)) > MIN_TIP_RATIO * usual)
