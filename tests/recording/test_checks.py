@@ -187,3 +187,10 @@ def test_few_samples_do_not_give_the_rudders_sign_by_chance(ship):
 
 def test_a_rudder_beyond_its_stop_is_found(frame, found):
     found("rudder angles reach 40 deg; that of the Mariner stops at 35 deg", frame.assign(delta=2 * frame["delta"]))
+
+
+@pytest.mark.parametrize("factor, said", [(1 / KNOT, "knots"), (3.6, "km/h")])
+def test_a_log_in_another_unit_is_refused_before_a_model_is_fitted_too(zz20, ship, factor, said):
+    with pytest.raises(InputError, match=f"u_log is .* times the speed over ground: u_log looks like {said}"):
+        check_recording(zz20.with_channels(u_log=factor * zz20["u"]), ship)
+    check_recording(zz20.with_channels(u_log=np.where(zz20.time > 90, zz20["u"], np.nan)), ship)

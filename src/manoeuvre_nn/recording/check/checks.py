@@ -40,7 +40,7 @@ CHECKS = (
     _Check(units.stuck_rudder, (DIAGNOSIS,)),
     _Check(units.rudder_unit, BOTH),
     _Check(units.rudder_stop, BOTH),
-    _Check(units.log_unit, (DIAGNOSIS,)),
+    _Check(units.log_unit, BOTH),
     _Check(units.shaft_unit, (DIAGNOSIS,)),
     _Check(units.speed_unit, BOTH),
     _Check(axes.course_of_track, (FIT,)),

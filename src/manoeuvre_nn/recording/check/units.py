@@ -79,7 +79,9 @@ def log_unit(run: Recording, ship: Particulars) -> Finding | None:
     """The log in another unit than the speed over ground."""
     if "u_log" not in run.channels:
         return None
-    ratio = float(np.median(run["u_log"]) / max(np.median(np.hypot(run["vn"], run["ve"])), 1e-9))
+    over_ground = ("vn", "ve") if "vn" in run.channels else ("u", "v")
+    speed = np.nanmedian(np.hypot(*(run[name] for name in over_ground)))
+    ratio = float(np.nanmedian(run["u_log"]) / max(speed, 1e-9))
     cause = next((cause for known, cause in LOGS.items() if abs(ratio / known - 1) < 0.12), None)
     return refused("log unit", f"u_log is {ratio:.2f} times the speed over ground", cause) if cause else None
 
