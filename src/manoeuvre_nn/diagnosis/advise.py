@@ -1,7 +1,7 @@
 """Which run to record next: each one that could be is fitted by how far a rival could imitate what was found.
 
 Under the leading hypothesis A a run contributes ``a`` to the recordings, under a rival B ``b + J t`` with its free
-numbers moved by ``t``, and coefficients, latency, initial states and the coloured force are free under both. In the
+numbers moved by ``t``, and coefficients, latency, initial states and the process noise are free under both. In the
 whitened metric of the samples, ``N = (columns of the nuisance, J)`` and ``P`` their prior precision, the log Bayes
 factor by which A is expected to beat B is
 

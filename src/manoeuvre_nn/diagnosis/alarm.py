@@ -23,7 +23,7 @@ def threshold(result: SearchResult) -> float:
     """Log Bayes factor that the best of all candidates exceeds by chance with probability ``FALSE_ALARMS``.
 
     Clean recordings of the same ship, manoeuvres, channels and noise are drawn where every candidate is linear: there
-    the score of a candidate is Gaussian with its information matrix, coefficients, latency and coloured force
+    the score of a candidate is Gaussian with its information matrix, coefficients, latency and process noise
     integrated out. Candidates are drawn independently of each other, which errs to the safe side.
 
     Returns:

@@ -95,7 +95,7 @@ def _with_units(data_set: WhitenedDataSet, formula: Formula, found: Sequence[Val
 
 
 def _equations(tried: SearchResult) -> tuple[str, ...]:
-    """Equations whose coloured force calm water needs."""
+    """Equations whose process noise calm water needs."""
     free = tried.likelihood.evaluate(Hypothesis((), ()), process_prior=None)
     surge, lateral = tried.likelihood.data_set.levels[free.best[0]]
     return tuple(e for e, level in (("X", surge), ("Y", lateral), ("N", lateral)) if level > 5e-4) or ("kinematics",)

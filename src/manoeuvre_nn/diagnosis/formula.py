@@ -75,7 +75,7 @@ def short_formula(likelihood: MarginalLikelihood, none: FittedHypothesis) -> Fit
     """Choose terms one after another as long as each raises the evidence by more than its choice costs.
 
     Some 250 shapes are rolled out through all runs once; what any further term would add to the evidence follows
-    from the inner products, coefficients, initial states, latency and coloured force integrated out.
+    from the inner products, coefficients, initial states, latency and process noise integrated out.
 
     Returns:
         The formula, its evidence less what the choice of its terms costs; None if no term is worth that.

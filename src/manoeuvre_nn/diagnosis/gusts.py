@@ -63,7 +63,7 @@ def fitted_gusts(likelihood: MarginalLikelihood, steady: FittedHypothesis, gusty
 
 
 def gusty_evidence(likelihood: MarginalLikelihood, hypothesis: Hypothesis, level: int) -> float:
-    """Log evidence of a hypothesis with a gusty wind at its values, noise levels about a force level summed out."""
+    """Log evidence of a hypothesis with a gusty wind at its values, levels of the process noise about one summed out."""
     known = _without_gusts(likelihood, hypothesis, likelihood.data_set.levels.around(level))
     return likelihood.over_levels(hypothesis, known, log_prior_levels(likelihood.data_set, PROCESS_PRIOR)).evidence
 
@@ -71,7 +71,7 @@ def gusty_evidence(likelihood: MarginalLikelihood, hypothesis: Hypothesis, level
 def _without_gusts(
     likelihood: MarginalLikelihood, hypothesis: Hypothesis, levels: Sequence[int]
 ) -> dict[int, Posterior]:
-    """Posterior at force levels of a hypothesis with a gusty wind at its values, its course integrated out."""
+    """Posterior at levels of the process noise of a hypothesis with a gusty wind; its course is integrated out."""
     wind = next(k for k, e in enumerate(hypothesis.effects) if e.random)
     declared = [p.name for p in hypothesis.effects[wind].declared]
     kind = _Gusts(

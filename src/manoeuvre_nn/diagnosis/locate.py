@@ -37,12 +37,12 @@ FRAME = 0.5
 def residuals(data_set: WhitenedDataSet, hypothesis: Hypothesis, size: float = MAX_PROCESS_NOISE) -> list[Residual]:
     """Force that calm water lacks over every run, with and without what was found.
 
-    Any coloured force is allowed, so that the data alone shape it; its standard deviation is the smoother's.
+    Process noise of any size is allowed, so that the data alone shape it; its standard deviation is the smoother's.
 
     Args:
         data_set: The fitted runs.
         hypothesis: What was found; may be empty.
-        size: S.d. of the coloured force that is allowed, over the resistance and the force of 20 deg of rudder.
+        size: S.d. of the process noise that is allowed, over the resistance and the force of 20 deg of rudder.
 
     Returns:
         One a run.
@@ -80,7 +80,7 @@ def missing_accelerations(data_set: WhitenedDataSet) -> list[Float[np.ndarray, "
 
 
 def _loose(data_set: WhitenedDataSet, prepared: PreparedRun, size: float) -> IntegratedRun:
-    """The run with a coloured force allowed."""
+    """The run with process noise allowed."""
     time, start = 0.5 * process_time(data_set.dynamics), start_spread(data_set.dynamics)
     return integrated(prepared.linearised, prepared.noise, size * data_set.unit, time, start)
 
@@ -178,7 +178,7 @@ def _level_pieces(z: Float[np.ndarray, "n k"], least: int, penalty: float) -> li
 
 
 def sites(tried: SearchResult) -> dict[str, float]:
-    """Site -> log Bayes factor over calm water of a coloured force in some equations, or of the best effect there."""
+    """Site -> log Bayes factor over calm water of process noise in some equations, or of the best effect there."""
     grid, large = tried.likelihood.data_set.levels, len(tried.likelihood.data_set.levels.sizes) - 2
     points = {"surge": grid.point(large, 0), "sway and yaw": grid.point(0, large)}
     at = {site: tried.likelihood.evidence_at(Hypothesis((), ()), point) for site, point in points.items()}

@@ -48,7 +48,7 @@ FALSE_ALARMS = 0.005
 TAIL = 0.2
 """Share of the draws that the tail is taken from."""
 PRIOR_SDS = 2.0
-"""Process noise and scatter that calm water is allowed, over the scale of their half-normal priors."""
+"""Process noise and scatter that calm water is allowed, over the scale of their priors."""
 STEPS_PER_LENGTH = 10
 """Runge-Kutta steps in the time L/U0 at least: the test needs no more."""
 BLOCK, WINDOW = 0.5, 3.0

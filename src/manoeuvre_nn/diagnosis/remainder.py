@@ -14,7 +14,7 @@ ROUNDS = 12
 
 
 def is_left(likelihood: MarginalLikelihood, fitted: FittedHypothesis) -> bool:
-    """Whether physics alone does not reach the noise floor: runs still ask for a coloured force above ``FLOOR``."""
+    """Whether physics alone does not reach the noise floor: runs still ask for process noise above ``FLOOR``."""
     return bool(likelihood.data_set.levels[fitted.best[0]].max() > FLOOR)
 
 
@@ -24,8 +24,8 @@ def with_remainder(
     """Train a network on what a hypothesis leaves of all runs together.
 
     Its weights are fitted as the parameters of any effect are, by Gauss-Newton steps on the likelihood of the raw
-    recordings with initial states, noise, coefficients and a coloured force integrated out: what a step of the weights
-    does is rolled out through the whole run. Pointwise targets would carry the noise of differenced channels.
+    recordings with initial states, noise of the channels, coefficients and process noise integrated out: what a step of
+    the weights does is rolled out through the whole run. Pointwise targets would carry the noise of differenced channels.
 
     Returns:
         The hypothesis with the network on top.
@@ -35,7 +35,7 @@ def with_remainder(
     start = effect.values.numpy()
     mine = Hypothesis((effect,), (np.tile(start, (len(likelihood.data_set.runs), 1)),))
     both = fitted.hypothesis.joined(mine) if fitted.names else mine
-    # At the levels that the rest needed coloured force and coefficients would explain what the network is to learn.
+    # At the levels that the rest needed process noise and coefficients would explain what the network is to learn.
     low = likelihood.data_set.levels.quiet(fitted.best[0])
     trained, _ = likelihood.improve(both, low, min(fitted.best[1], 1), rounds=ROUNDS)
     return likelihood.evaluate(trained, around=low)

@@ -1,6 +1,6 @@
 """The hypothesis that something acts which the shelf does not have.
 
-It is calm water with everything loose that a name would tie down: a coloured force of any size, coefficients that are
+It is calm water with everything loose that a name would tie down: process noise of any size, coefficients that are
 off by more than the published scatter, and a short formula in the motion, the rudder, the heading and the instruments.
 It wins where the misfit is real, repeats, and no name fits. Channels whose error is neither white nor a constant, a
 scale or a lever arm are a fault of a sensor that the shelf does not have.

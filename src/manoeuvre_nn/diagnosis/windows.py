@@ -320,7 +320,7 @@ def _all_blocks(
 ) -> list[_Blocks]:
     """All runs in blocks, each with its own rows of values."""
     data_set = likelihood.data_set
-    # Not the levels that calm water needs: there the event itself is taken for a coloured force and wrong coefficients.
+    # Not the levels that calm water needs: there the event itself is taken for process noise and wrong coefficients.
     low = data_set.levels.quiet(noise[0]), min(noise[1], 2)
     there = None if given is None else likelihood.columns(given)
     return [_blocks(data_set, run, effect, table, low, there) for run, table in enumerate(rows)]

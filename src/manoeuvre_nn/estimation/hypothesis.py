@@ -253,10 +253,10 @@ class FittedHypothesis:
     Attributes:
         hypothesis: It, at its most likely values.
         evidence: Log marginal likelihood, noise levels summed out.
-        by_level: The same at every grid point: force level, scatter level.
+        by_level: The same at every level of the process noise, by level of the coefficients' standard deviation.
         covariance: Of the free numbers.
         misfit: Chi-square of the data at the best level.
-        best: Force level and scatter level with the highest weight.
+        best: Both levels with the highest weight.
         corrections: Most likely sizes of :class:`.Corrections`, whatever combinations of them the runs were fitted by.
         latencies: Most likely latency of each run, less its prior mean [s].
         random: Sizes of random courses (gusts) with standard errors.

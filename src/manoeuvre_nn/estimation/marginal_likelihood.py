@@ -23,9 +23,10 @@ from manoeuvre_nn.estimation.linear_run import Embedded
 from manoeuvre_nn.estimation.posterior import Posterior
 
 PROCESS_PRIOR = 0.03
-"""Scale of the half-normal prior of the process noise's levels when physics is named: little may stay unexplained."""
+"""Scale s of the prior of the process noise's levels x, ``p(ln x) ~ exp(-x^2 / 2 s^2)``, when physics is named: little
+may stay unexplained."""
 COEFFICIENT_SD_PRIOR = USUAL_SCATTER
-"""Scale of the half-normal prior of the coefficients' relative error: published scatter is 3 to 6 %."""
+"""The same of the coefficients' relative error: published scatter is 3 to 6 %."""
 MIN_GAIN = 0.02
 """Log density that a Gauss-Newton step must gain for another one to be made."""
 MIN_LEVEL_WEIGHT = 0.01
@@ -37,7 +38,7 @@ MAX_STEP_DEG, MAX_STEP_S, MAX_STEP_SDS = 45.0, 60.0, 1.5
 
 
 class _Piece(NamedTuple):
-    """A hypothesis at one force level: whitened columns of every run, and their inner products, runs summed."""
+    """A hypothesis at one level of the process noise: whitened columns of every run, their inner products, runs summed."""
 
     lin: HypothesisColumns
     columns: list[Embedded]
@@ -143,7 +144,7 @@ class MarginalLikelihood:
         return float(found.evidence[scatter])
 
     def _piece(self, hypothesis: Hypothesis, level: int) -> _Piece:
-        """A hypothesis at a force level: whitened once, not once a pair."""
+        """A hypothesis at a level of the process noise: whitened once, not once a pair."""
         key = (level, *_key(hypothesis))
         if key not in self._pieces:
             lin, size = self.columns(hypothesis), self.data_set.size
@@ -283,7 +284,7 @@ def log_prior_levels(data_set: WhitenedDataSet, process_prior: float | None) -> 
 
     Args:
         data_set: The runs.
-        process_prior: Scale of the half-normal prior of the process noise; None is flat over the levels.
+        process_prior: Scale of the prior of the process noise, :data:`PROCESS_PRIOR`; None is flat over the levels.
 
     Returns:
         Normalised over the grid.
