@@ -13,7 +13,7 @@ from fleet import unchecked
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.units import DEGREE, KNOT
-from manoeuvre_nn.recording.propose.headings import take_apart, word_score
+from manoeuvre_nn.recording.propose.headings import WORDS, take_apart, word_score
 from manoeuvre_nn.recording.propose.proposal import propose
 from manoeuvre_nn.recording.propose.proposal_yaml import to_yaml
 from manoeuvre_nn.recording.read.reader import read_recording
@@ -82,6 +82,20 @@ UNITS = {
 def test_units_behind_a_name_are_read_with_and_without_brackets(heading):
     made = take_apart(heading)
     assert (made.name, made.unit) == UNITS[heading]
+
+
+GERMAN = {
+    "Kompass (°)": "psi", "Kompasskurs [°]": "psi", "Kreiselkurs": "psi", "Wendegeschw. (°/min)": "r",
+    "Drehgeschwindigkeit": "r", "Ruderlage (°)": "delta", "Wellendrehzahl (U/min)": "n", "Logge [kn]": "u_log",
+    "Fahrt durchs Wasser [kn]": "u_log", "Fahrt über Grund [kn]": "sog", "Kurs über Grund": "cog",
+    "Breite": "lat", "Länge": "lon", "Krängung (°)": "phi",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("heading", GERMAN)
+def test_headings_of_german_bridges_name_their_channel(heading):
+    scores = {channel: word_score(channel, take_apart(heading)) for channel in WORDS}
+    assert max(scores, key=lambda channel: scores[channel]) == GERMAN[heading]
 
 
 @pytest.mark.parametrize("unit", ["deg/min", "deg/s", ""])

@@ -59,3 +59,14 @@ def test_a_side_of_the_rudder_that_is_none_is_refused(side):
         pytest.raises(InputError, match=f"positive_rudder_turns_to {side!r} is unknown; choose one of: port, star"),
     ):
         TaylorShip(mariner().particulars, {"mx": 1.0, "my": 1.0, "mz": 1.0}, {}, positive_rudder_turns_to=side)
+
+
+@pytest.mark.parametrize("changes, said", [
+    ({"length": 394.0}, "length 394 m over beam 20 m is 19.7; expected 1.5 to 15: mind that both are in m"),
+    ({"speed_kn": 180.0}, r"speed_kn 180 on 120 m is a Froude number of 2.7; expected up to 2"),
+])  # fmt: skip
+def test_a_length_in_feet_and_a_speed_in_no_knots_are_refused(changes, said):
+    ferry = OwnParticulars("ferry", length=120.0, beam=20.0, draught=5.4, block=0.6, speed_kn=18.0)
+    assert own_particulars(ferry).length == 120.0
+    with pytest.raises(InputError, match=said):
+        own_particulars(replace(ferry, **changes))

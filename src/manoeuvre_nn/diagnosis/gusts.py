@@ -63,7 +63,7 @@ def fitted_gusts(likelihood: MarginalLikelihood, steady: FittedHypothesis, gusty
 
 
 def gusty_evidence(likelihood: MarginalLikelihood, hypothesis: Hypothesis, level: int) -> float:
-    """Log evidence of a hypothesis with a gusty wind at its values, levels of the process noise about one summed out."""
+    """Log evidence of a hypothesis with a gusty wind at its values, process noise about a level summed out."""
     known = _without_gusts(likelihood, hypothesis, likelihood.data_set.levels.around(level))
     return likelihood.over_levels(hypothesis, known, log_prior_levels(likelihood.data_set, PROCESS_PRIOR)).evidence
 

@@ -25,7 +25,7 @@ def with_remainder(
 
     Its weights are fitted as the parameters of any effect are, by Gauss-Newton steps on the likelihood of the raw
     recordings with initial states, noise of the channels, coefficients and process noise integrated out: what a step of
-    the weights does is rolled out through the whole run. Pointwise targets would carry the noise of differenced channels.
+    the weights does is rolled out through the whole run. Pointwise targets would have the noise of differences.
 
     Returns:
         The hypothesis with the network on top.

@@ -38,7 +38,7 @@ MAX_STEP_DEG, MAX_STEP_S, MAX_STEP_SDS = 45.0, 60.0, 1.5
 
 
 class _Piece(NamedTuple):
-    """A hypothesis at one level of the process noise: whitened columns of every run, their inner products, runs summed."""
+    """A hypothesis at one level of the process noise: whitened columns of each run and inner products of all."""
 
     lin: HypothesisColumns
     columns: list[Embedded]

@@ -5,9 +5,12 @@ from dataclasses import dataclass
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.particulars import Particulars
-from manoeuvre_nn.core.units import DEGREE, KNOT, SEA_WATER
+from manoeuvre_nn.core.units import DEGREE, GRAVITY, KNOT, SEA_WATER
 from manoeuvre_nn.ship.taylor import Coefficients, Side, TaylorShip
 
+SLENDER, MAX_FROUDE = (1.5, 15.0), 2.0
+"""Length over beam, and Froude number U0/sqrt(g L), beyond which a length is in feet or a speed in another unit: barges
+have about 2, destroyers 10; the fastest planing craft reach about 1.5."""
 INERTIA = ("mx", "my", "mz")
 """Entries of M' that every ship has."""
 
@@ -61,7 +64,7 @@ def own_particulars(settings: OwnParticulars) -> Particulars:
         The same in SI.
 
     Raises:
-        InputError: If the name is blank or the speed is not positive.
+        InputError: If the name is blank, the speed is not positive, or no ship is so slender or so fast.
     """
     s = settings
     if not s.name.strip():
@@ -69,6 +72,16 @@ def own_particulars(settings: OwnParticulars) -> Particulars:
     if not s.speed_kn > 0:
         raise InputError(f"ship {s.name}: speed_kn is {s.speed_kn}; it must be positive")
     speed = s.speed_kn * KNOT
+    if s.length > 0 and s.beam > 0 and not SLENDER[0] < s.length / s.beam < SLENDER[1]:
+        raise InputError(
+            f"ship {s.name}: length {s.length:g} m over beam {s.beam:g} m is {s.length / s.beam:.3g}; expected "
+            f"{SLENDER[0]:g} to {SLENDER[1]:g}: mind that both are in m"
+        )
+    if s.length > 0 and (froude := speed / (GRAVITY * s.length) ** 0.5) > MAX_FROUDE:
+        raise InputError(
+            f"ship {s.name}: speed_kn {s.speed_kn:g} on {s.length:g} m is a Froude number of {froude:.2g}; expected up "
+            f"to {MAX_FROUDE:g}: write the speed in knots, the length in m"
+        )
     return Particulars(
         name=s.name, length=s.length, beam=s.beam, draught=s.draught, block=s.block, speed=speed,
         rudder_rate=s.rudder_rate_deg_s * DEGREE, rudder_limit=s.rudder_limit_deg * DEGREE,

@@ -27,9 +27,10 @@ WORDS: dict[str, str] = {
     "time": r"t time zeit temps tid tiempo time_?stamp stamp elapsed seconds sec clock date_?time datum date utc"
     r" (time|t)_.* .*_time .*_time_?stamp",
     "psi": r"psi (true_|gyro_|ship_|vessel_)?(heading|hdg|hdt|head)(_true|_gyro|_angle)? yaw(_angle)? kurs rumbo cap"
-    r" compass gyro psi_.* .*_psi .*heading.* .*hdg.* .*yaw_angle.* yaw_(mid|pos|position)",
+    r" (kreisel|steuer|rechtweisender_)kurs"
+    r" compass kompass(_?kurs)? gyro psi_.* .*_psi .*heading.* .*hdg.* .*yaw_angle.* yaw_(mid|pos|position)",
     "r": r"r rot yaw_?rate rate_of_turn turn_?rate turning_rate wz omega_?z gz gyro_?z psi_?dot dpsi r_.* rot_.* .*_rot"
-    r" .*yaw_?(rate|vel|velocity|speed).* .*rate_of_turn.* .*turn_rate.* drehrate giergeschwindigkeit",
+    r" .*yaw_?(rate|vel|velocity|speed).* .*rate_of_turn.* .*turn_rate.* drehrate (gier|wende|dreh)geschw(indigkeit)?",
     "u": r"u surge vx v_x surge_(vel|velocity|speed) u_.* .*_u vx_.* v_x_.* .*surge.* vlong v_long.* .*longitudinal.*"
     r" forward_speed .*speed_ahead.* (v_?)?laengs.* vn v_north north_vel.* vel_n(orth)? .*velocity_north.*",
     "v": r"v sway vy v_y sway_(vel|velocity|speed) v_.* .*_v vm vm_.* vy_.* v_y_.* .*sway.* vtrans v_trans.*"
@@ -42,12 +43,14 @@ WORDS: dict[str, str] = {
     r" .*(rudder|rud|helm|delta).*(order|cmd|command|set|ref|demand|desired|soll).*"
     r" .*(order|cmd|command|set|demand|desired|commanded|ordered|soll).*(rudder|rud|helm|delta).*",
     "n": r"n rpm rps n_.* .*_rpm .*_rps rpm_.* rps_.* .*(shaft|propeller|prop|engine).*(speed|rpm|rps|rev|n).*"
-    r" shaft revs? revolutions n_?prop.* drehzahl prop(eller)?",
+    r" shaft revs? revolutions n_?prop.* (wellen|propeller)?drehzahl prop(eller)?",
     "lat": r"lat latitude .*_lat lat_.* .*latitude.* breite",
     "lon": r"lon lng long longitude .*_lon lon_.* .*longitude.* laenge",
-    "sog": r"sog speed_over_ground .*_sog sog_.* gps_speed ground_?speed speed_?og vtg_speed",
-    "cog": r"cog course_over_ground course .*_cog cog_.* gps_course track_?angle ground_course vtg_course track",
-    "u_log": r"u_?log stw log log_speed speed_through_water speed_?log water_?speed stw_.* .*_stw logge",
+    "sog": r"sog speed_over_ground .*_sog sog_.* gps_speed ground_?speed speed_?og vtg_speed fahrt_ueber_grund fueg",
+    "cog": r"cog course_over_ground course .*_cog cog_.* gps_course track_?angle ground_course vtg_course track"
+    r" kurs_ueber_grund kueg",
+    "u_log": r"u_?log stw log log_speed speed_through_water speed_?log water_?speed stw_.* .*_stw"
+    r" logge fahrt_durchs_wasser fdw",
     "phi": r"phi roll heel roll_angle phi_.* .*_phi roll_.* heel_.* .*roll_angle.* kraengung",
     "theta": r"theta pitch trim pitch_angle theta_.* pitch_.* .*pitch_angle.*",
     "p": r"p p_.* roll_?rate .*roll_?rate.* wx omega_?x phi_?dot gyro_?x",
@@ -70,7 +73,7 @@ EARTH = re.compile(r"(^|_)(vn|ve|north|east|v_?n|v_?e|earth|ned|enu)(_|$)|veloci
 """Velocities named like this are those north and east."""
 NORTH, EAST = re.compile(r"north|^xn$|(^|_)n(_|$)"), re.compile(r"east|^ye$|(^|_)e(_|$)")
 MIDSHIP = re.compile(r"(^|_)(mid|midship|midships)(_|$)")
-COMPASS = re.compile(r"head|hdg|hdt|compass|gyro|course|kurs")
+COMPASS = re.compile(r"head|hdg|hdt|compass|kompass|gyro|course|kurs")
 """A heading named like this is counted clockwise from north."""
 COMPONENT = re.compile(
     r"\.([a-z_]*(?:position|orientation|linear|angular|velocity|acceleration|field|vector))\.([xyz])\b"
