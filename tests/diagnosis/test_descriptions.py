@@ -396,7 +396,3 @@ def test_a_rival_is_fitted_again_within_three_of_its_spreads_but_for_times_of_ev
     _, sd = advise._grams(SimpleNamespace(combinations=2), [None], rival, (0, 2))
     shared = [s for f, s in zip(rival.unknowns(), rival.prior_sds(), strict=True) if not f.parameter.per_run]
     assert sd == approx([0.03, 0.03, *(3 * np.array(shared))])
-
-
-def test_what_acts_throughout_began_long_before_any_ramp():
-    assert windows.ALWAYS < -10 * max(windows.LONG_RAMPS)

@@ -8,6 +8,7 @@ import torch
 from pytest import approx
 from trials import CALM, CIRCLE, NOISE, PORT, SHIP, ZIGZAG, run_of, runs, sailed, values
 
+from manoeuvre_nn.diagnosis import windows
 from manoeuvre_nn.diagnosis.fits import single
 from manoeuvre_nn.diagnosis.gusts import fitted_gusts
 from manoeuvre_nn.diagnosis.locate import Shape, changes, residuals
@@ -148,3 +149,7 @@ def test_what_a_stream_or_a_sensor_does_is_no_force():
     (blind,) = residuals(stood, NONE)
     assert found.force == approx(found.left)
     assert np.sqrt(np.mean(blind.force[:, 1] ** 2)) > 3 * np.sqrt(np.mean(found.force[:, 1] ** 2))
+
+
+def test_what_acts_throughout_began_long_before_any_ramp():
+    assert windows.ALWAYS < -10 * max(windows.LONG_RAMPS)
