@@ -201,6 +201,11 @@ def test_objects_are_passed_on_as_they_are():
     "target, settings, told",
     [
         (zigzag, {"rudder_deg": 20, "foo": 1}, "settings of zigzag: got an unexpected keyword argument 'foo'"),
+        (
+            zigzag,
+            {"rudder": 20},
+            "settings of zigzag: rudder_deg is missing: write it in the yaml, in the place of rudder",
+        ),
         (wang_network, {"hidden": "many"}, "hidden=many: expected a whole number"),
         (wang_network, {"hidden": 3.5}, "hidden=3.5: expected a whole number"),
         (wang_network, {"spread": "wide"}, "spread=wide: expected a number"),

@@ -33,6 +33,10 @@ def raised(act) -> BaseException:
         (["hydra/launcher=nope"], "hydra/launcher=nope is unknown; choose one of: basic, joblib, "),
         (["manoeuvre=[zz35,nope]"], "manoeuvre=nope is unknown; manoeuvre train --help lists the choices"),
         (["network.hiden=3"], "there is no setting network.hiden; manoeuvre train --cfg job lists them all"),
+        (
+            ["effect.current.speed=3"],
+            "there is no setting effect.current.speed where 'effect=[current]' is not written",
+        ),
         (["nosuch=3"], "there is no setting nosuch; manoeuvre train --cfg job lists them all"),
         (["out=there"], "there is no setting out; the folder to write into is hydra.run.dir=FOLDER; manoeuvre"),
         (["zz35"], "Error parsing override 'zz35'"),

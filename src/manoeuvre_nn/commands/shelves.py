@@ -203,11 +203,16 @@ def check_arguments(function: Callable[..., Any], settings: Mapping[str, Any]) -
     Raises:
         InputError: If one is refused.
     """
+    known = inspect.signature(function).parameters
+    needed = [name for name, p in known.items() if p.default is p.empty and p.kind is p.POSITIONAL_OR_KEYWORD]
+    lacking, strange = [n for n in needed if n not in settings], [n for n in settings if n not in known]
+    if lacking:
+        instead = f", in the place of {strange[0]}" if strange else ""
+        raise InputError(f"settings of {function.__name__}: {lacking[0]} is missing: write it in the yaml{instead}")
     try:
         inspect.signature(function).bind(**settings)
     except TypeError as error:
         raise InputError(f"settings of {function.__name__}: {error}") from error
-    known = inspect.signature(function).parameters
     others = next((p for p in known.values() if p.kind is p.VAR_KEYWORD), None)
     for name, value in settings.items():
         parameter = known.get(name, others)

@@ -72,23 +72,24 @@ def own_particulars(settings: OwnParticulars) -> Particulars:
     if not s.speed_kn > 0:
         raise InputError(f"ship {s.name}: speed_kn is {s.speed_kn}; it must be positive")
     speed = s.speed_kn * KNOT
-    if s.length > 0 and s.beam > 0 and not SLENDER[0] < s.length / s.beam < SLENDER[1]:
-        raise InputError(
-            f"ship {s.name}: length {s.length:g} m over beam {s.beam:g} m is {s.length / s.beam:.3g}; expected "
-            f"{SLENDER[0]:g} to {SLENDER[1]:g}: mind that both are in m"
-        )
-    if s.length > 0 and (froude := speed / (GRAVITY * s.length) ** 0.5) > MAX_FROUDE:
-        raise InputError(
-            f"ship {s.name}: speed_kn {s.speed_kn:g} on {s.length:g} m is a Froude number of {froude:.2g}; expected up "
-            f"to {MAX_FROUDE:g}: write the speed in knots, the length in m"
-        )
-    return Particulars(
+    made = Particulars(
         name=s.name, length=s.length, beam=s.beam, draught=s.draught, block=s.block, speed=speed,
         rudder_rate=s.rudder_rate_deg_s * DEGREE, rudder_limit=s.rudder_limit_deg * DEGREE,
         rudder_area_ratio=s.rudder_area_ratio, rpm=s.rpm, record_length=s.record_length,
         sample_interval=s.sample_interval or 0.05 * s.length / speed, rho=s.rho, source=s.source,
         displacement=None if s.displacement_t is None else 1e3 * s.displacement_t,
     )  # fmt: skip
+    if not SLENDER[0] < s.length / s.beam < SLENDER[1]:
+        raise InputError(
+            f"ship {s.name}: length {s.length:g} m over beam {s.beam:g} m is {s.length / s.beam:.3g}; expected "
+            f"{SLENDER[0]:g} to {SLENDER[1]:g}: mind that both are in m"
+        )
+    if (froude := speed / (GRAVITY * s.length) ** 0.5) > MAX_FROUDE:
+        raise InputError(
+            f"ship {s.name}: speed_kn {s.speed_kn:g} on {s.length:g} m is a Froude number of {froude:.2g}; expected up "
+            f"to {MAX_FROUDE:g}: write the speed in knots, the length in m"
+        )
+    return made
 
 
 def own_ship(
