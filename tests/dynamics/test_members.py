@@ -233,7 +233,7 @@ def test_a_network_that_knows_no_shaft_is_shared_as_it_is():
 
 def test_the_shaft_speed_of_a_ship_is_its_own_or_the_nominal_one():
     assert esso_190k(rpm=57.0).shaft_rpm == 57.0 == no_part(esso_190k(rpm=57.0)).shaft_rpm
-    assert esso_190k(rpm=57.0).particulars.rpm == 80.0
+    assert esso_190k(rpm=57.0).particulars.rpm == 57.0
     half = esso_190k(shaft="similarity").on_approach(4.0)
     assert half.shaft_rpm == half.rpm < 60.0 and no_part(half).shaft_rpm == half.rpm
     ship = mariner()

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.diagnosis.recurring import recurring
-from manoeuvre_nn.effect.formula import LAG, Formula, in_time, is_ordinary, library, mark_of
+from manoeuvre_nn.effect.formula import GROWING, LAG, Formula, in_time, is_ordinary, library, mark_of
 from manoeuvre_nn.estimation.data_set import PreparedRun, WhitenedDataSet
 from manoeuvre_nn.estimation.effect_columns import moved_by, own_states, with_roll
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
@@ -55,7 +55,7 @@ class _Candidate:
 def _candidates(data_set: WhitenedDataSet) -> list[_Candidate]:
     """All terms of the library, late ones at several time constants, and what comes again most clearly."""
     plain = [_Candidate((term,)) for term in library() if not mark_of(term)]
-    grown = [_Candidate((term,)) for term in in_time() if mark_of(term) == "t"]
+    grown = [_Candidate((term,)) for term in in_time() if mark_of(term) == GROWING]
     longest = min(p.linearised.run.duration for p in data_set.runs) / 3
     memories = np.geomspace(SHORTEST_MEMORY_S, max(longest, 2 * SHORTEST_MEMORY_S), MEMORIES)
     late = [

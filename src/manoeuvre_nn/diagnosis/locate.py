@@ -16,11 +16,12 @@ from manoeuvre_nn.estimation.hypothesis_columns import hypothesis_columns
 from manoeuvre_nn.estimation.linear_run import Columns, IntegratedRun
 from manoeuvre_nn.estimation.linearised_run import integrated
 from manoeuvre_nn.numerics.finite_algebra import lstsq
+from manoeuvre_nn.recording.outliers import robust_sd
 
 BIN = 10.0
 """Length of the means in which windows are looked for [s]."""
 MAX_PROCESS_NOISE = 0.5
-"""Coloured force that leaves the missing force to the data alone, over the resistance and 20 deg of rudder."""
+"""Process noise that leaves the missing force to the data alone, over the resistance and 20 deg of rudder."""
 POSITION = slice(3, 5)
 """Of u, v, r, x, y, psi what a stream moves."""
 EQUATIONS = ("surge force X", "sway force Y", "yaw moment N")
@@ -132,7 +133,7 @@ def changes(
         return []
     z = (force / np.maximum(error, 1e-12))[: count * width].reshape(count, width, 3).mean(axis=1)
     z = z - np.median(z, axis=0)
-    z = z / (1.4826 * np.median(np.abs(np.diff(z, axis=0)), axis=0) / np.sqrt(2) + 1e-9)
+    z = z / (np.apply_along_axis(robust_sd, 0, np.diff(z, axis=0)) / np.sqrt(2) + 1e-9)
     edges = _level_pieces(z, 3, 12 * np.log(count))
     means = [np.abs(z[a:b].mean(axis=0)).max() for a, b in zip(edges, edges[1:], strict=False)]
     if len(means) == 1 or min(means) > 2.0:

@@ -13,7 +13,7 @@ from torch import Tensor
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Ship
-from manoeuvre_nn.dynamics.recorded_inputs import air_velocity, sided
+from manoeuvre_nn.dynamics.recorded_inputs import air_velocity, held_columns, sided
 
 FROM_REST = 0.05
 """Speed over the ship's own below which a run starts from rest."""
@@ -167,10 +167,9 @@ def course_of(
 
 
 def _held(parts: Sequence[np.ndarray]) -> Float[Tensor, "rows samples columns"]:
-    """Rows of different lengths as one tensor: a short one holds its last sample."""
-    longest = max(len(part) for part in parts)
-    padded = [np.concatenate([part, np.repeat(part[-1:], longest - len(part), axis=0)]) for part in parts]
-    return torch.as_tensor(np.stack(padded))
+    """Tables of different lengths as one tensor: a short one holds its last sample."""
+    columns = held_columns({str(k): [part[:, k] for part in parts] for k in range(parts[0].shape[1])})
+    return torch.stack(list(columns.values()), dim=-1)
 
 
 def _motion(recording: Recording, velocities: Sequence[str], length: float, speed: float) -> np.ndarray:

@@ -1,7 +1,7 @@
 """The members of an ensemble, each sailing for itself: what they disagree about is what the data did not tell."""
 
-from collections.abc import Sequence
-from typing import TypeGuard
+from collections.abc import Callable, Sequence
+from typing import Any, TypeGuard
 
 import torch
 from jaxtyping import Float
@@ -78,13 +78,18 @@ def has_members(model: Model | Vessel) -> TypeGuard[IdentifiedShip]:
 
 def sail_members(model: IdentifiedShip, manoeuvres: Sequence[Manoeuvre]) -> list[list[Recording]]:
     """Every member through every manoeuvre in one fixed-step batch: members' runs by manoeuvre."""
-    members = Members(model)
-    runs = roll_out(members, [m for _ in range(members.count) for m in manoeuvres])
-    return [runs[k :: len(manoeuvres)] for k in range(len(manoeuvres))]
+    return _each_member(roll_out, model, manoeuvres)
 
 
 def replay_members(model: IdentifiedShip, recordings: Sequence[Recording]) -> list[list[Recording]]:
     """Every member along every recording, driven by the recorded rudder: members' runs by recording."""
+    return _each_member(replay, model, recordings)
+
+
+def _each_member(
+    run: Callable[[Model, list[Any]], list[Recording]], model: IdentifiedShip, items: Sequence[Any]
+) -> list[list[Recording]]:
+    """Every member through all items in one batch, by item."""
     members = Members(model)
-    runs = replay(members, [r for _ in range(members.count) for r in recordings])
-    return [runs[k :: len(recordings)] for k in range(len(recordings))]
+    runs = run(members, [item for _ in range(members.count) for item in items])
+    return [runs[k :: len(items)] for k in range(len(items))]
