@@ -12,7 +12,7 @@ from manoeuvre_nn.estimation import noise_average
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.noise_average import BETWEEN, averaged, finer
-from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS
+from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS, ProcessLevels
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 
@@ -89,3 +89,13 @@ def test_a_fitted_wind_stays_within_its_errors():
     assert (moved < 0.5 * before.errors).all()
     assert found.by_level is before.by_level
     assert found.best == before.best
+
+
+def test_the_grid_of_process_noise_is_numbered_row_by_row_and_has_neighbours():
+    """Of three sizes: 0 1 2 / 3 4 5 / 6 7 8, a row for each size in surge."""
+    grid, unit = ProcessLevels((0.1, 0.2, 0.4)), np.array([10.0, 1.0, 2.0, 3.0])
+    assert len(grid) == 9 and [grid.point(*grid.at(g)) for g in range(9)] == list(range(9))
+    assert grid[5].tolist() == [0.2, 0.4] and grid.sd(5, unit) == approx([2.0, 0.4, 0.8, 1.2])
+    assert grid.around(4) == list(range(9)) and grid.around(0) == [0, 1, 3, 4] and grid.around(5) == [1, 2, 4, 5, 7, 8]
+    assert grid.beside(4) == [1, 3, 4, 5, 7] and grid.beside(8) == [5, 7, 8]
+    assert (grid.quiet(8), grid.quiet(6), grid.quiet(1)) == (4, 3, 1) and grid.point(9, 1) == 7
