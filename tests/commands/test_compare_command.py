@@ -46,7 +46,7 @@ def asked(tmp_path, monkeypatch):
     def ask(*words: str):
         console = Terminal(width=80, record=True, quiet=False, file=(tmp_path / "printed").open("w"))
         rows = compare(request([*words, "out=table"]), console)
-        assert "runs compared" in Path("table/compare.html").read_text()
+        assert " compared</title>" in Path("table/compare.html").read_text()
         with Path("table/runs.csv").open() as file:
             return rows, console.export_text(), list(csv.DictReader(file))
 
@@ -115,3 +115,11 @@ def test_a_table_of_many_manoeuvres_still_fits_eighty_columns(tmp_path, asked):
 def test_what_cannot_be_compared_is_refused_in_a_line(tmp_path, asked, words, advice):
     with pytest.raises(InputError, match=advice):
         asked(*words)
+
+
+def test_a_folder_without_a_run_is_told_and_passed_over(tmp_path, asked):
+    run(tmp_path / "monday/a", {"zz20": 0.3, "tc25": 0.5}, **series(7))
+    (tmp_path / "diagnosed").mkdir()
+    rows, printed, _ = asked("monday", "diagnosed")
+    assert len(rows) == 1 and "no run of manoeuvre train is in diagnosed: passed over" in printed
+    assert "1 run compared" in Path("table/compare.html").read_text()

@@ -46,6 +46,8 @@ NOT_SHOWN = (
 """Parts of a config that make no difference to a model, or that the columns of results say."""
 AFTER_SCORES = ("seed", "epochs", "stopped", "seconds")
 """Results that stand last."""
+MAX_NAMED = 5
+"""Folders that a line names."""
 MAX_DRAWN = 3
 """Settings that differ up to which a figure can be read."""
 MAX_WIDTH = 10_000
@@ -78,7 +80,7 @@ def request(words: Sequence[str]) -> _Asked:
 def compare(asked: _Asked, console: Console) -> list[dict[str, Any]]:
     """Write table and page, and print what fits; a row each run."""
     rows = compared(asked.folders)
-    notes, out = list(remarks(rows)), asked.out
+    notes, out = [*remarks(rows), *_passed_over(asked.folders)], asked.out
     with locked(out), logged(out, f"manoeuvre compare {' '.join(map(str, asked.folders))} out={out}"):
         write_csv(out / TABLE, rows)
         _write_page(rows, notes, asked)
@@ -96,7 +98,7 @@ def _write_page(rows: Sequence[Row], notes: Sequence[str], asked: _Asked) -> Non
     told = [name for name in columns(rows) if name not in {"stopped", "epochs"} and not name.startswith("relRMSE")]
     drawn = {"Held-out errors/by settings": sweep_figure(rows)} if has_scores(rows) and len(names) <= MAX_DRAWN else {}
     report = Report(
-        title=f"{len(rows)} runs compared",
+        title=f"{len(rows)} run{'s' if len(rows) != 1 else ''} compared",
         summary=_summary(rows, names),
         tables={"Runs": [{_heading(name, names): row[name] for name in told} for row in rows]},
         figures=drawn,
@@ -106,6 +108,13 @@ def _write_page(rows: Sequence[Row], notes: Sequence[str], asked: _Asked) -> Non
         unfolded=("Runs",),
     )
     write_report(asked.out / PAGE, report)
+
+
+def _passed_over(folders: Sequence[Path]) -> list[str]:
+    """A line on folders without a run, such as those of a diagnosis; empty if there is none."""
+    empty = [str(folder) for folder in folders if not list(job_folders(folder))]
+    told = f"{', '.join(empty[:MAX_NAMED])}{' ...' if len(empty) > MAX_NAMED else ''}"
+    return [f"no run of manoeuvre train is in {told}: passed over"] if empty else []
 
 
 def compared(folders: Sequence[Path]) -> list[dict[str, Any]]:
