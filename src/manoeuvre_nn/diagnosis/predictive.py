@@ -19,6 +19,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from manoeuvre_nn.core.frames import body_to_earth, earth_to_body
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis.case import Question
@@ -141,8 +142,7 @@ def _as_shown(tables: Sequence[pd.DataFrame], time: Float[np.ndarray, " n"]) -> 
     """Predictions as x, y, speed north and east, heading, yaw rate and log of perfect sensors, at times [s]."""
     at = tables[0]["t"]
     x, y, psi, u, v, r, log = (np.stack([np.interp(time, at, table[name]) for table in tables]) for name in COLUMNS)
-    cos, sin = np.cos(psi * DEGREE), np.sin(psi * DEGREE)
-    return np.stack([x, y, u * cos - v * sin, u * sin + v * cos, psi * DEGREE, r * DEGREE, log], axis=-1)
+    return np.stack([x, y, *body_to_earth(u, v, psi * DEGREE), psi * DEGREE, r * DEGREE, log], axis=-1)
 
 
 def corrected(tried: SearchResult, rng: np.random.Generator) -> _Allowed:
@@ -335,8 +335,7 @@ def rarest(sizes: Float[np.ndarray, "looks rows"]) -> tuple[float, int]:
 def _off(free: Float[np.ndarray, "rows n c"], record: pd.DataFrame) -> dict[str, Float[np.ndarray, "rows n"]]:
     """Channel -> distance from the middle: of the recording in the first row, of the draws in the others."""
     x, y, vn, ve, psi, r, log = np.moveaxis(free, -1, 0)
-    cos, sin = np.cos(psi), np.sin(psi)
-    u, v = vn * cos + ve * sin, -vn * sin + ve * cos
+    u, v = earth_to_body(vn, ve, psi)
     c = {"x": x, "y": y, "psi": psi, "u": u, "v": v, "r": r, "u_log": log}
     unit = {"psi": DEGREE, "r": DEGREE}
     off = {}

@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.core.effect import Effect
+from manoeuvre_nn.core.frames import earth_to_body
 from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
@@ -307,7 +308,6 @@ def recorded(run: Recording, warmup: float) -> pd.DataFrame:
 
 def _table(time: Float[np.ndarray, " n"], c: Mapping[str, Float[np.ndarray, " n"]]) -> pd.DataFrame:
     """Channels in degrees, velocities along and across the heading."""
-    cos, sin = np.cos(c["psi"]), np.sin(c["psi"])
-    u, v = c["vn"] * cos + c["ve"] * sin, -c["vn"] * sin + c["ve"] * cos
+    u, v = earth_to_body(c["vn"], c["ve"], c["psi"])
     table = {"t": time, "x": c["x"], "y": c["y"], "psi": c["psi"] / DEGREE, "u": u, "v": v, "r": c["r"] / DEGREE}
     return pd.DataFrame({**table, "u_log": c["u_log"]})

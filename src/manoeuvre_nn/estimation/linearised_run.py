@@ -16,7 +16,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from manoeuvre_nn.core.effect import Situation
-from manoeuvre_nn.core.frames import kinematics
+from manoeuvre_nn.core.frames import body_to_earth, kinematics
 from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.base import Model, calm_accelerations, runge_kutta_step
@@ -166,9 +166,7 @@ def shown(state: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n c"]:
         The channels.
     """
     u, v, r, x, y, psi = state[:, :6].T
-    cos, sin = np.cos(psi), np.sin(psi)
-    own = state[:, 6:].T
-    return np.stack([x, y, u * cos - v * sin, u * sin + v * cos, psi, r, u, np.ones_like(u), *own], axis=-1)
+    return np.stack([x, y, *body_to_earth(u, v, psi), psi, r, u, np.ones_like(u), *state[:, 6:].T], axis=-1)
 
 
 def _observed(state: Float[np.ndarray, "n k"], states: RunStates) -> Float[np.ndarray, "n c s"]:

@@ -7,6 +7,7 @@ from jaxtyping import Float
 from scipy.ndimage import median_filter, uniform_filter1d
 
 from manoeuvre_nn.core.channels import MEASURED
+from manoeuvre_nn.core.frames import earth_to_body
 from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.estimation.linear_run import Columns, joined
@@ -48,8 +49,7 @@ def first_guess(run: Recording, own: Sequence[str] = ()) -> Float[np.ndarray, "n
         values = np.interp(run.time, run.time[good], recorded[good, k]) if good.any() else np.zeros(len(run))
         filled[:, k] = uniform_filter1d(median_filter(values, 5, mode="nearest"), 5, mode="nearest")
     x, y, vn, ve, psi, r, log = filled[:, :7].T
-    v = -vn * np.sin(psi) + ve * np.cos(psi)
-    u = vn * np.cos(psi) + ve * np.sin(psi)
+    u, v = earth_to_body(vn, ve, psi)
     has_log = np.isfinite(recorded[:, 6]).any()
     return np.stack([log if has_log else u, v, r, x, y, psi, *filled[:, len(MEASURED) :].T], axis=-1)
 
