@@ -37,12 +37,13 @@ def searched(
 ) -> tuple[list, list, list]:
     """About what a search linearises again, for what it tries gusts, what it builds upon: fits leave this evidence."""
     calm, about, windy, built_upon = fit(0.0), [], [], []
-    kept = SimpleNamespace(release=lambda: None)
+    dynamics = SimpleNamespace(particulars=SimpleNamespace(is_model=False))
+    kept = SimpleNamespace(dynamics=dynamics, release=lambda: None)
     likelihood = SimpleNamespace(data_set=kept, evaluate=lambda hypothesis, around=None: calm)
 
-    def again(likelihood, none, fitted, workers, leads):
+    def again(so_far, leads, workers):
         about.append(leads.names)
-        return likelihood, none, list(fitted)
+        return so_far
 
     def gusts(likelihood, steady, variant):
         windy.append(steady.names)
@@ -62,9 +63,7 @@ def searched(
 
     monkeypatch.setattr(under_test, "_extended", extended)
     monkeypatch.setattr(under_test, "fitted_gusts", gusts)
-    dynamics = SimpleNamespace(particulars=SimpleNamespace(is_model=False))
-    data_set = SimpleNamespace(dynamics=dynamics, release=lambda: None)
-    search(data_set, EFFECTS)
+    search(kept, EFFECTS)
     return about, windy, built_upon
 
 
@@ -162,9 +161,7 @@ def test_where_calm_water_is_far_off_effects_are_fitted_about_both_states_and_we
     monkeypatch.setattr(under_test, "at_rest", lambda kept, j: (kept, fit(gain)))
     monkeypatch.setattr(under_test, "fitted_at_rest", lambda kept, j: fit(own[j.names[0]], *j.names))
     about = []
-    monkeypatch.setattr(
-        under_test, "_again", lambda lik, none, fitted, workers, leads: about.append(leads) or (lik, none, list(fitted))
-    )
+    monkeypatch.setattr(under_test, "_again", lambda so_far, leads, workers: about.append(leads) or so_far)
     dynamics = SimpleNamespace(particulars=SimpleNamespace(is_model=False))
     search(SimpleNamespace(dynamics=dynamics, release=lambda: None), EFFECTS)
     assert asked == fits_made * ["current", "wind_steady", "log_scale"]

@@ -113,11 +113,11 @@ def _one_line(text: str) -> str:
     full = re.search(r"full_key: (\S+)", text)
     if key:
         name = (full or key)[1]
-        group, _, chosen = name.partition(".")
-        hint = "; the folder to write into is hydra.run.dir=FOLDER" if name == "out" else ""
-        if group in {"effect", "manoeuvre"} and "." in chosen:
-            hint = f" where '{group}=[{chosen.partition('.')[0]}]' is not written"
-        return f"there is no setting {name}{hint}; {program()} --cfg job lists them all"
+        folder = "; the folder to write into is hydra.run.dir=FOLDER" if name == "out" else ""
+        group, _, option = name.rpartition(".")[0].rpartition(".")
+        several = group in {"effect", "manoeuvre"}
+        chosen = f"; those of {option} are there once '{group}=[{option}]' is written" if several else ""
+        return f"there is no setting {name}{folder}; {program()} --cfg job lists them all{chosen}"
     mandatory = re.search(r"Missing mandatory value: (\S+)", text)
     if mandatory:
         name = (full or mandatory)[1]

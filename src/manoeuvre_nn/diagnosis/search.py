@@ -38,7 +38,7 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True)
 class SearchResult:
-    """All hypotheses that were fitted.
+    """All hypotheses that were fitted, so far or at the end.
 
     Attributes:
         none: Calm water alone.
@@ -65,64 +65,92 @@ def search(
     Returns:
         The result.
     """
+    # A gusty wind is a variant of what a steady wind explains.
+    plain, variants = [e for e in effects if not e.variant_of], [e for e in effects if e.variant_of]
+    so_far = _alone(_calm_water(data_set), plain, progress, workers)
+    if so_far.fitted:
+        progress("second linearisation")
+        none, best = so_far.none, so_far.fitted[0]
+        clear = best.evidence > none.evidence + MIN_GAIN_TO_RELINEARISE
+        so_far = _again(so_far, best if clear else none, workers)
+    so_far = replace(so_far, fitted=_with_other_forms(so_far.likelihood, so_far.fitted, plain, workers))
+    so_far = _combined(so_far, plain, progress, workers)
+    fitted = [*so_far.fitted, *_gusty(so_far, variants, progress, workers)]
+    return replace(so_far, fitted=sorted(fitted, key=lambda j: -j.evidence))
+
+
+def _calm_water(data_set: WhitenedDataSet) -> SearchResult:
+    """Calm water, the errors of its coefficients going together as the runs make most likely."""
     likelihood = MarginalLikelihood(data_set)
     none = likelihood.evaluate(Hypothesis((), ()))
     likelihood = MarginalLikelihood(with_likely_coefficient_prior(data_set, none))
     data_set.release()
-    none = likelihood.evaluate(Hypothesis((), ()), around=none.best[0])
-    # A gusty wind is a variant of what a steady wind explains: see below.
-    plain, variants = [e for e in effects if not e.variant_of], [e for e in effects if e.variant_of]
-    likelihood, none, singles = _alone(likelihood, none, plain, progress, workers)
-    if singles:
-        progress("second linearisation")
-        clear = singles[0].evidence > none.evidence + MIN_GAIN_TO_RELINEARISE
-        likelihood, none, singles = _again(likelihood, none, singles, workers, singles[0] if clear else none)
-    fitted = _with_other_forms(likelihood, singles, plain, workers)
-    leading = [s for s in fitted if s.evidence > none.evidence + MIN_GAIN_OF_SINGLE][:MAX_BUILT_UPON]
-    leading += (published := _beside_published(none, fitted))
-    for size in range(2, MAX_EFFECTS + 1):
-        singles = [j for j in fitted if len(j.names) == 1]
-        more = list(_extended(likelihood, leading, singles, bool(published), progress, workers))
-        gained = max((j.evidence for j in more), default=-inf) - max((j.evidence for j in fitted), default=-inf)
-        fitted = _with_other_forms(likelihood, [*fitted, *more], plain, workers) if more else fitted
-        if more and gained > MIN_GAIN_TO_RELINEARISE:
-            progress(f"linearisation about {' + '.join(fitted[0].names)}")
-            likelihood, none, fitted = _again(likelihood, none, fitted, workers, fitted[0])
-            fitted = _best_of_each([*fitted, *shared_out(_without_each(likelihood, fitted), workers)])
-        known = {frozenset(j.names): j.evidence for j in fitted}
-        leading = [j for j in fitted if len(j.names) == size and worth_its_size(j, known)][:MAX_BUILT_UPON]
-    for variant in variants:
-        steady = variant.variant_of
-        windy = [j for j in fitted[:MAX_BUILT_UPON] if steady in j.names and j.evidence > none.evidence]
-        # Alone too: beside a steady wind gusts are taken for another effect. On ponds the mean may not show at all.
-        on_pond = data_set.dynamics.particulars.is_model
-        unmixed = [j for j in fitted if j.names == (steady,) and (on_pond or j.evidence > none.evidence)]
-        asked = windy[:3] + [j for j in unmixed if j not in windy[:3]]
-        gusty = shared_out([partial(fitted_gusts, likelihood, j, variant) for j in asked], workers)
-        for j, found in zip(asked, gusty, strict=True):
-            progress(" + ".join(j.names).replace(steady, variant.name))
-            fitted.append(found)
-    fitted.sort(key=lambda j: -j.evidence)
-    return SearchResult(none, fitted, likelihood)
+    return SearchResult(likelihood.evaluate(Hypothesis((), ()), around=none.best[0]), [], likelihood)
 
 
-def _alone(
-    likelihood: MarginalLikelihood,
-    none: FittedHypothesis,
-    effects: Sequence[Effect],
-    progress: Progress,
-    workers: int,
-) -> tuple[MarginalLikelihood, FittedHypothesis, list[FittedHypothesis]]:
+def _alone(calm: SearchResult, effects: Sequence[Effect], progress: Progress, workers: int) -> SearchResult:
     """Every effect alone, best first, and calm water, about its own states where it is far off."""
-    everywhere = [(likelihood, none), *_about_calm_water(likelihood, none)]
+    everywhere = [(calm.likelihood, calm.none), *_about_calm_water(calm.likelihood, calm.none)]
     singles = []
-    for found in shared_out([partial(single, there, e, calm) for there, calm in everywhere for e in effects], workers):
+    for found in shared_out([partial(single, there, e, none) for there, none in everywhere for e in effects], workers):
         progress(found.names[0])
         singles.append(found)
     if len(everywhere) > 1:
         singles = _about_own_states([there.data_set for there, _ in everywhere], singles, workers)
-        likelihood.data_set.release()
-    return *everywhere[-1], sorted(singles, key=lambda j: -j.evidence)
+        calm.likelihood.data_set.release()
+    likelihood, none = everywhere[-1]
+    return SearchResult(none, sorted(singles, key=lambda j: -j.evidence), likelihood)
+
+
+def _combined(so_far: SearchResult, effects: Sequence[Effect], progress: Progress, workers: int) -> SearchResult:
+    """Two effects together, then three, each built upon the best few with one less."""
+    leading = [s for s in so_far.fitted if s.evidence > so_far.none.evidence + MIN_GAIN_OF_SINGLE][:MAX_BUILT_UPON]
+    published = _beside_published(so_far.none, so_far.fitted)
+    leading += published
+    for size in range(2, MAX_EFFECTS + 1):
+        singles = [j for j in so_far.fitted if len(j.names) == 1]
+        more = list(_extended(so_far.likelihood, leading, singles, bool(published), progress, workers))
+        if more:
+            so_far = _with_more(so_far, more, effects, progress, workers)
+        known = {frozenset(j.names): j.evidence for j in so_far.fitted}
+        leading = [j for j in so_far.fitted if len(j.names) == size and worth_its_size(j, known)][:MAX_BUILT_UPON]
+    return so_far
+
+
+def _with_more(
+    so_far: SearchResult,
+    more: Sequence[FittedHypothesis],
+    effects: Sequence[Effect],
+    progress: Progress,
+    workers: int,
+) -> SearchResult:
+    """What larger hypotheses add, all linearised again about the states of the best where that gains much."""
+    gained = max(j.evidence for j in more) - max((j.evidence for j in so_far.fitted), default=-inf)
+    fitted = _with_other_forms(so_far.likelihood, [*so_far.fitted, *more], effects, workers)
+    so_far = replace(so_far, fitted=fitted)
+    if gained <= MIN_GAIN_TO_RELINEARISE:
+        return so_far
+    progress(f"linearisation about {' + '.join(fitted[0].names)}")
+    so_far = _again(so_far, fitted[0], workers)
+    fewer = shared_out(_without_each(so_far.likelihood, so_far.fitted), workers)
+    return replace(so_far, fitted=_best_of_each([*so_far.fitted, *fewer]))
+
+
+def _gusty(
+    so_far: SearchResult, variants: Sequence[Effect], progress: Progress, workers: int
+) -> Iterator[FittedHypothesis]:
+    """The best hypotheses with a steady wind, with a gusty one in its place."""
+    for variant in variants:
+        steady = variant.variant_of
+        windy = [j for j in so_far.fitted[:MAX_BUILT_UPON] if steady in j.names and j.evidence > so_far.none.evidence]
+        # Alone too: beside a steady wind gusts are taken for another effect. On ponds the mean may not show at all.
+        on_pond = so_far.likelihood.data_set.dynamics.particulars.is_model
+        likely = [j for j in so_far.fitted if j.names == (steady,) and (on_pond or j.evidence > so_far.none.evidence)]
+        asked = windy[:3] + [j for j in likely if j not in windy[:3]]
+        made = shared_out([partial(fitted_gusts, so_far.likelihood, j, variant) for j in asked], workers)
+        for j, found in zip(asked, made, strict=True):
+            progress(" + ".join(j.names).replace(steady, variant.name))
+            yield found
 
 
 def _about_calm_water(
@@ -167,25 +195,19 @@ def _beside_published(none: FittedHypothesis, singles: Sequence[FittedHypothesis
     return [replace(s, best=at) for s in ranked[:MAX_BUILT_UPON]]
 
 
-def _again(
-    likelihood: MarginalLikelihood,
-    none: FittedHypothesis,
-    fitted: Sequence[FittedHypothesis],
-    workers: int,
-    about: FittedHypothesis,
-) -> tuple[MarginalLikelihood, FittedHypothesis, list[FittedHypothesis]]:
+def _again(so_far: SearchResult, about: FittedHypothesis, workers: int) -> SearchResult:
     """The best few and calm water about the states of one of them; the others keep their distance to that one."""
-    data_set, leading = at_rest(likelihood.data_set, about)
+    data_set, leading = at_rest(so_far.likelihood.data_set, about)
     there = MarginalLikelihood(with_likely_coefficient_prior(data_set, leading))
-    for followed in (data_set, likelihood.data_set):
+    for followed in (data_set, so_far.likelihood.data_set):
         followed.release()
-    calm = beside(there, none.hypothesis).evaluate(none.hypothesis, around=none.best[0])
-    anew = [partial(refine, there, j.hypothesis, *j.best) for j in fitted[:MAX_BUILT_UPON]]
+    calm = beside(there, so_far.none.hypothesis).evaluate(so_far.none.hypothesis, around=so_far.none.best[0])
+    anew = [partial(refine, there, j.hypothesis, *j.best) for j in so_far.fitted[:MAX_BUILT_UPON]]
     best = list(shared_out(anew, workers))
     # Not to calm water: where that misses much, its own evidence changes by more than what parts the others.
     gained = next((j for j in best if j.names == about.names), calm).evidence - about.evidence
-    rest = [replace(j, evidence=j.evidence + gained) for j in fitted[MAX_BUILT_UPON:]]
-    return there, calm, sorted(best + rest, key=lambda j: -j.evidence)
+    rest = [replace(j, evidence=j.evidence + gained) for j in so_far.fitted[MAX_BUILT_UPON:]]
+    return SearchResult(calm, sorted(best + rest, key=lambda j: -j.evidence), there)
 
 
 def worth_its_size(fitted: FittedHypothesis, known: Mapping[frozenset[str], float]) -> bool:
