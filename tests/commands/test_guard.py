@@ -35,8 +35,8 @@ def raised(act) -> BaseException:
         (["network.hiden=3"], "there is no setting network.hiden; manoeuvre train --cfg job lists them all"),
         (
             ["effect.current.speed=3"],
-            "there is no setting effect.current.speed; manoeuvre train --cfg job lists them all; those of current are there "
-            "once 'effect=[current]' is written",
+            "there is no setting effect.current.speed; manoeuvre train --cfg job lists them all; those of current are "
+            "there once 'effect=[current]' is written",
         ),
         (["nosuch=3"], "there is no setting nosuch; manoeuvre train --cfg job lists them all"),
         (["out=there"], "there is no setting out; the folder to write into is hydra.run.dir=FOLDER; manoeuvre"),
