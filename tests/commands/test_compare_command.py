@@ -46,7 +46,7 @@ def asked(tmp_path, monkeypatch):
     def ask(*words: str):
         console = Terminal(width=80, record=True, quiet=False, file=(tmp_path / "printed").open("w"))
         rows = compare(request([*words, "out=table"]), console)
-        assert " compared</title>" in Path("table/compare.html").read_text()
+        assert f"{len(rows)} run{'s' * (len(rows) != 1)} compared" in Path("table/compare.html").read_text()
         with Path("table/runs.csv").open() as file:
             return rows, console.export_text(), list(csv.DictReader(file))
 

@@ -287,9 +287,11 @@ def _network(fitted: FittedHypothesis) -> dict[str, float]:
 
 def _noise(data_set: WhitenedDataSet) -> dict[str, float]:
     """RMS of every channel's measurement noise: no prediction can do better; NaN of a velocity that none recorded."""
-    s = np.sqrt(np.mean([p.noise**2 / p.inflation for p in data_set.runs], axis=0))
-    if all("vn" in p.linearised.run.derived for p in data_set.runs):
-        s[2:4] = np.nan
+    lines = [p.linearised for p in data_set.runs]
+    sensed = np.array([[name not in x.run.derived for name in x.states.channels] for x in lines])
+    squares = np.stack([p.noise**2 / p.inflation for p in data_set.runs])
+    with np.errstate(invalid="ignore"):
+        s = np.sqrt((squares * sensed).sum(axis=0) / sensed.sum(axis=0))
     deg = 180 / np.pi
     return {
         "pos": float(np.hypot(s[0], s[1])), "psi": float(s[4] * deg), "u": float(s[2]), "v": float(s[3]),

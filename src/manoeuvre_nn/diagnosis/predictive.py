@@ -301,9 +301,9 @@ def surprise(
         record = recorded(run, warmup)
         off = _off(noisy, record)
         # A velocity that was taken from positions says nothing that they do not, and no sensor's noise is known of it.
-        sensed = [c for c in off if not (c in {"u", "v"} and "vn" in run.derived)]
-        for channel, e in ((c, off[c]) for c in sensed):
-            if not np.isfinite(e[0]).any():
+        derived = {"u", "v"} if "vn" in run.derived else set()
+        for channel, e in off.items():
+            if channel in derived or not np.isfinite(e[0]).any():
                 continue
             e = _blocks(e, max(1, round(BLOCK * unit / run.step)))
             looks.setdefault((held, channel), []).append(_relative(e))
