@@ -70,8 +70,10 @@ def coloured(rng: np.random.Generator, time: float) -> Shape:
     return shape
 
 
-def beat(period: float) -> Shape:
-    return lambda s: torch.sin(2 * torch.pi * s.time / period) + 0 * s.u
+def periodic(period: float, *phases: float) -> Shape:
+    """A sine whose phase [rad] is 0 in all runs, or one of these in each."""
+    phase = torch.tensor(phases or [0.0] * len(TRIALS)).double()
+    return lambda s: torch.sin(2 * torch.pi * s.time / period + _of_runs(phase, s)) + 0 * s.u
 
 
 def ramp(s: Situation) -> torch.Tensor:

@@ -1,12 +1,13 @@
 """What has no name is described: its kind, equation, size and time scale; what can be predicted is."""
 
 import json
+import math
 from types import SimpleNamespace
 
 import pytest
 import torch
 from pytest import approx
-from strangers import SHIP, Stranger, asked, beat, calm_only, of, ramp, strange_runs
+from strangers import SHIP, Stranger, asked, calm_only, of, periodic, ramp, strange_runs
 
 from manoeuvre_nn.diagnosis.answers import answer
 from manoeuvre_nn.diagnosis.diagnose import diagnose
@@ -38,12 +39,29 @@ def scale(found: Nature, name: str) -> Value:
 
 
 def test_a_periodic_yaw_moment_has_its_period_its_phase_and_its_amplitude():
-    d = diagnose(asked(strange_runs(2, Stranger(0.15, "N", beat(50.0)))))
+    d = diagnose(asked(strange_runs(2, Stranger(0.15, "N", periodic(50.0)))))
     found = nature(d)
     assert (found.kind, found.equations, found.predictable) == ("periodic", ("N",), True)
     assert scale(found, "period").value == approx(50.0, rel=0.01) and found.against > 20
     assert abs((scale(found, "phase at the start").value + 180) % 360 - 180) < 10
     assert closed(d) > 0.8 and "periodic force in yaw" in d.sentence
+
+
+def test_a_periodic_yaw_moment_of_another_phase_in_each_run_has_its_period_and_its_amplitude():
+    """In runs that were not used it is there, too: at a size and a phase that are taken from these."""
+    d = diagnose(asked(strange_runs(2, Stranger(0.15, "N", periodic(50.0, 0.3, 2.2, 4.6)))))
+    found = nature(d)
+    assert (found.kind, found.equations, found.refuted) == ("periodic", ("N",), False)
+    assert d.causes[0].terms[:2] == ("N cos periodic_by_run", "N sin periodic_by_run")
+    (period,) = found.scales
+    moment = float(SHIP.force_from_acceleration(0.15 * typical(SHIP) * torch.tensor([0.0, 0.0, 1.0]))[2])
+    assert period.value == approx(50.0, abs=4 * period.error) and found.against > 20
+    assert found.size.value == approx(moment * SHIP.prime.moment / 1e6, rel=0.1)
+    cosine, sine = (d.causes[0].parameters[k].value for k in range(2))  # of the first run
+    assert math.atan2(cosine, sine) == approx(0.3, abs=0.1)
+    assert closed(d) > 0.8
+    assert "with its own size and phase in each run" in d.sentence
+    assert "with that, its size and phase taken from each run, the predicted" in d.sentence
 
 
 @pytest.mark.slow  # seven seconds each; the periodic one goes the same way

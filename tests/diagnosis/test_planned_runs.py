@@ -3,6 +3,7 @@
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -18,6 +19,7 @@ from manoeuvre_nn.diagnosis.repair import predict, recorded
 from manoeuvre_nn.diagnosis.result import Diagnosis
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.effect.current import Current
+from manoeuvre_nn.effect.formula import Formula
 from manoeuvre_nn.estimation.data_set import whitened_data_set
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
@@ -107,3 +109,28 @@ def test_predictions_have_the_errors_of_coefficients_that_the_fitted_runs_do_not
             for c in (errors, 0.0)
         )
     assert abs(alike - without) > 10.0 and drawn.psi.iloc[-1] == pytest.approx(alike, abs=0.1 * abs(alike - without))
+
+
+@pytest.mark.usefixtures("unchecked_types")
+def test_what_is_periodic_with_its_own_phase_has_weights_of_each_run_and_none_beforehand():
+    """A planned run is predicted without it, and its bands hold sizes as in the fitted runs: here 5 and 1, 7 and 1."""
+    effect = Formula(SHIP, ["N r", "N cos periodic_by_run", "N sin periodic_by_run"], period_s=50.0)
+    fitted = Hypothesis((effect,), (np.array([[0.2, 3.0, 4.0, 50.0], [0.2, -3.0, -4.0, 50.0]]),))
+    assert [(f.parameter.name, f.runs) for f in fitted.unknowns()] == [
+        ("w1", (0, 1)), ("w2", (0,)), ("w2", (1,)), ("w3", (0,)), ("w3", (1,)), ("period_s", (0, 1)),
+    ]  # fmt: skip
+    assert effect.timed == [] and fitted.prior_sds([600.0, 600.0])[1] == effect.declared[1].spread
+    planned = fitted.in_other_runs([1])
+    assert planned.values[0].tolist() == [[0.2, 0.0, 0.0, 50.0]]
+    drawn = fitted.in_other_runs([0] * 8000)
+    drawn.values[0][::4000, 1:3] = drawn.values[0][1, 1:3] = 7.0
+    drawn.values[0][::4000, 1:3] = 0.0
+    forecast._draw_sizes(drawn, fitted, 4000, np.random.default_rng(0))
+    sizes = drawn.values[0]
+    assert (sizes[[0, 4000], 1:3] == 0.0).all() and (sizes[1, 1:3] == 7.0).all(), "the likeliest run; what a run tells"
+    assert sizes[2:, 1:3].std(axis=0) == pytest.approx([3.0, 4.0], rel=0.05)
+    assert abs(sizes[2:, 1:3].mean(axis=0)) == pytest.approx(0.0, abs=0.2)
+    assert (sizes[:, 0] == 0.2).all() and (sizes[:, 3] == 50.0).all()
+    question = SimpleNamespace(case=SimpleNamespace(planned=[SimpleNamespace(name="p1")]))
+    (said,) = forecast.unplaced_events(question, SimpleNamespace(hypothesis=fitted))
+    assert said == "Size and phase of a force without a name in p1 are not known beforehand: predicted without it."

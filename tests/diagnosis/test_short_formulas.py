@@ -10,7 +10,7 @@ from trials import CALM, CIRCLE, PORT, SHIP, ZIGZAG, runs
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.diagnosis import causes, words
-from manoeuvre_nn.diagnosis.formula import short_formula
+from manoeuvre_nn.diagnosis.formula import _Candidate, short_formula
 from manoeuvre_nn.diagnosis.locate import unit_forces
 from manoeuvre_nn.diagnosis.result import Cause, Value
 from manoeuvre_nn.diagnosis.unknown import unknown_evidence
@@ -19,6 +19,7 @@ from manoeuvre_nn.effect.formula import Formula, is_ordinary, library, mark_of, 
 from manoeuvre_nn.estimation.data_set import whitened_data_set
 from manoeuvre_nn.estimation.effect_columns import own_states
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
+from manoeuvre_nn.estimation.hypothesis_columns import _apart
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.ship.known import no_part
 
@@ -49,6 +50,23 @@ def test_clean_runs_have_no_formula_that_is_worth_its_choice():
     likelihood, none, formula = found()
     assert formula is None or formula.evidence < none.evidence + 1
     assert unknown_evidence(likelihood, none, formula) < none.evidence + 1
+
+
+def test_a_force_with_one_phase_in_all_runs_has_no_part_with_one_in_each():
+    alike = _Candidate(("N cos periodic", "N sin periodic"), ((0.6, 0.8),), {"period_s": 50.0})
+    by_run = _Candidate(("Y cos periodic_by_run", "Y sin periodic_by_run"), ((0.6, 0.8), (0.8, 0.6)), alike.scales)
+    lag = _Candidate(("N lag r",), scales={"memory_s": 9.0})
+    assert lag.beside([by_run]) and by_run.beside([lag]) and alike.beside([lag])
+    assert not by_run.beside([lag, alike]) and not alike.beside([by_run])
+    assert (alike.numbers, by_run.numbers, lag.numbers) == (1, 4, 1)
+    assert (alike.of_run(1), by_run.of_run(1), lag.of_run(1)) == ((0.6, 0.8), (0.8, 0.6), (1.0,))
+
+
+def test_the_derivative_by_a_period_is_taken_within_a_small_part_of_a_turn():
+    """After fifty turns of 12 s, the last phases of the difference quotient are less than half a radian apart."""
+    effect = Formula(SHIP, ["N sin periodic"], scales={"period_s": 12.0})
+    up, down = _apart(effect.declared[1], 12.0)
+    assert 0.001 < 2 * np.pi * 50 * 12.0 * (1 / down - 1 / up) < 0.5
 
 
 def test_two_terms_are_both_found():

@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 import torch
 from pytest import approx
+from scipy.optimize import brentq
 from trials import CIRCLE, run_of, sailed
 
 from manoeuvre_nn.core.units import DEGREE
@@ -60,12 +61,13 @@ def test_an_event_happens_as_often_in_a_run_as_has_a_probability():
 
 
 def test_candidates_of_a_formula_are_the_terms_of_the_library_with_shares_of_unit_length(monkeypatch):
-    wave = Mock(equation="Y", mark="t", shares=(0.6, 0.8), scales={"period_s": 60.0}, tried=8)
+    wave = Mock(equation="Y", mark="t", shares=((0.6, 0.8),), scales={"period_s": 60.0}, tried=8)
     monkeypatch.setattr(formula, "recurring", lambda data_set: [wave])
     run = Mock(linearised=Mock(run=Mock(duration=600.0)))
     candidates = formula._candidates(Mock(runs=[run]))
     for candidate in candidates:
-        assert len(candidate.shares) == len(candidate.terms) and np.linalg.norm(candidate.shares) == approx(1.0)
+        (shares,) = candidate.shares
+        assert len(shares) == len(candidate.terms) and np.linalg.norm(shares) == approx(1.0)
     plain = [c.terms[0] for c in candidates if not c.scales and len(c.terms) == 1]
     assert [term for term in plain if not mark_of(term)] == [term for term in library() if not mark_of(term)]
 
@@ -78,6 +80,22 @@ def test_a_term_of_a_formula_has_the_size_that_makes_the_data_likeliest(size):
     gram = np.array([[pull**2, 0.0, pull], [0.0, 1.0, 0.0], [pull, 0.0, own]])
     data_set = Mock(size=2, runs=[0], nuisance_sd=lambda scatter, runs: np.ones(1))
     assert formula._chosen(gram, data_set, 0, np.ones(1), [formula._Candidate(("t",))]) == [(0, size)]
+
+
+@pytest.mark.parametrize("more, found", [(-0.1, []), (0.1, [0])])
+def test_a_wave_with_a_phase_of_its_own_in_each_run_pays_for_every_weight(more, found):
+    """Six weights, each with a sixth of the information: log det is 6 log(1 + I s^2 / 6), not log(1 + I s^2)."""
+    wave = formula._Candidate(("Y cos periodic_by_run", "Y sin periodic_by_run"), ((0.6, 0.8),) * 3, tried=7)
+    own, sizes = 4000.0, np.array(formula.SIZES)
+
+    def log_odds(pull: float) -> float:
+        of_sizes = 0.5 * pull**2 / (own + sizes**-2) - 0.5 * 6 * np.log1p(own * sizes**2 / 6)
+        return float(of_sizes.max() - np.log(7) - np.log(4))  # one of seven periods, one of four sizes
+
+    pull = brentq(lambda x: log_odds(x) - more, 1.0, 1e4)
+    gram = np.array([[pull**2, 0.0, pull], [0.0, 1.0, 0.0], [pull, 0.0, own]])
+    data_set = Mock(size=2, runs=[0] * 3, nuisance_sd=lambda scatter, runs: np.ones(1))
+    assert [k for k, _ in formula._chosen(gram, data_set, 0, np.ones(1), [wave])] == found
 
 
 def test_free_runs_are_compared_along_and_across_the_ship():

@@ -20,7 +20,7 @@ from unittest.mock import patch
 import numpy as np
 import torch
 from fleet import unchecked
-from strangers import Stranger, beat, coloured, ramp
+from strangers import Stranger, coloured, periodic, ramp
 from trials import CALM, NOISE, SHIP, run_of, values
 
 from manoeuvre_nn.core.effect import Effect
@@ -69,7 +69,7 @@ def acting(kind: str, rng: np.random.Generator) -> tuple[list[Effect], list[str]
     if kind == "clean":
         return [], []
     if kind == "unknown":
-        shape = beat(50.0) if rng.random() < 0.5 else ramp
+        shape = periodic(50.0) if rng.random() < 0.5 else ramp
         return [Stranger(rng.uniform(0.3, 1.0), str(rng.choice(["Y", "N"])), shape)], []
     names = [str(n) for n in rng.permutation(list(WEAK))[: 2 if kind == "pair" else 1]]
     sizes = rng.uniform(0.5, 2.0, len(names)) * (1.0 if kind == "weak" else 8.0)

@@ -27,12 +27,12 @@ TIGHT = {
     "d": STATE["delta"] / 0.35,
 }
 """The motion in units of a tight turn."""
-WAVES = {"beat": 431.0 / 37.0, "stripes": (730.0 * 1.7 + 410.0 * 0.6) / 1000}
+WAVES = {"periodic": 431.0 / 37.0, "periodic_by_run": 431.0 / 37.0, "stripes": (730.0 * 1.7 + 410.0 * 0.6) / 1000}
 """Turns of what comes again."""
 
 
 def value_of(shape: str) -> float:
-    """A shape by its letters: ``r|r| cos 2psi``, ``|v||r|``, ``u v``, ``r t``, ``sin beat``; memory holds .4."""
+    """A shape by its letters: ``r|r| cos 2psi``, ``|v||r|``, ``u v``, ``r t``, ``sin periodic``; memory holds .4."""
     words, total = shape.split(" "), 1.0
     if "lag" in words:
         return 0.4
@@ -75,13 +75,15 @@ def test_every_force_of_the_library_is_the_product_that_its_words_name():
 
 def test_the_library_holds_each_term_once_and_in_its_place():
     terms = library()
-    assert (len(terms), len(set(terms)), len(FORCES)) == (201, 201, 174)
+    assert (len(terms), len(set(terms)), len(FORCES)) == (207, 207, 180)
     assert {place_of(t) for t in FORCES} == {"X", "Y", "N"}
     assert place_of("rudder to port") == "actuator:rudder" and place_of("sensor north t^2") == "sensor:x_north"
     assert place_of("sensor u_log |v|") == "sensor:u_log" and place_of("sensor east t^2") == "sensor:y_east"
     marks = {term: mark_of(term) for term in in_time()}
     assert marks["N lag r"] == "lag" and marks["Y sin stripes"] == "stripes" and marks["X t"] == "t"
-    assert marks["N r t"] == "t" and mark_of("sensor r t") == "" == mark_of("N r") and set(marks.values()) > {"beat"}
+    assert (
+        marks["N r t"] == "t" and mark_of("sensor r t") == "" == mark_of("N r") and set(marks.values()) > {"periodic"}
+    )
 
 
 def mirrored(shape: str) -> int:
@@ -93,7 +95,7 @@ def mirrored(shape: str) -> int:
 def test_ordinary_terms_are_those_that_a_ship_alike_to_both_sides_has():
     for term in FORCES:
         equation, shape = term.split(" ", maxsplit=1)
-        plain = not {"psi", "lag", "beat", "stripes", "t"} & set(
+        plain = not {"psi", "lag", "periodic", "periodic_by_run", "stripes", "t"} & set(
             shape.replace("2psi", "psi").replace("3psi", "psi").split()
         )
         assert is_ordinary(term) == (plain and mirrored(shape) == (1 if equation == "X" else -1)), term
@@ -158,10 +160,10 @@ def test_errors_of_instruments_have_the_sizes_and_shapes_that_are_stated(term):
 
 
 def test_weights_and_scales_start_where_they_are_told():
-    effect = Formula(ship_named(SHIP), ("N r", "N sin beat", "Y cos stripes"), (0.2, 0.3, 0.4), {"period_s": 80.0})
+    effect = Formula(ship_named(SHIP), ("N r", "N sin periodic", "Y cos stripes"), (0.2, 0.3, 0.4), {"period_s": 80.0})
     said = {p.name: (p.low, p.high, p.null, p.spread, p.starts[0], p.heavy_tailed) for p in effect.declared}
     assert said["w1"] == (-100.0, 100.0, 0.0, 0.2, approx(0.02), False) and said["w3"][3] == 0.4
-    assert said["period_s"] == (4.0, 6000.0, None, 40.0, 80.0, True)
+    assert said["period_s"] == (4.0, 6000.0, None, approx(0.4), 80.0, True)
     assert said["north_per_km"][:5] == (-20.0, 20.0, None, 0.5, 1.0) and said["east_per_km"][4] == 0.0
     lag = Formula(ship_named(SHIP), ("N lag v",)).declared
     assert [(p.name, p.low, p.high, p.spread, p.starts) for p in lag] == [

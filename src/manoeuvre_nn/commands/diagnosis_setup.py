@@ -214,7 +214,7 @@ def _values(cause: Cause, effect: Effect) -> dict[str, float]:
     half = 0.5 * found.get("ramp_s", 0.0)
     times = next((times for times in (cause.intervals or {}).values() if times), [])
     halfway = [t for start, end in times for t in (start + half, end - half)]
-    found |= dict(zip([p.name for p in effect.declared if p.per_run], halfway, strict=False))
+    found |= dict(zip([effect.declared[column].name for column in effect.timed], halfway, strict=False))
     bounds = {p.name: (p.low, p.high) for p in effect.declared}
     return {name: float(f"{np.clip(value, *bounds[name]):.6g}") for name, value in found.items()}
 

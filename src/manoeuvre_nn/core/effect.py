@@ -39,7 +39,8 @@ class Parameter:
         period: 360 for directions, None otherwise.
         form: Whether it describes the uncertainty of the formula (a factor on a published curve) rather than the
             effect: it is estimated with its prior and not reported.
-        per_run: Whether every run has its own: times of an event, by turns a start and an end; inf is never.
+        per_run: Whether every run has its own: times of an event, by turns a start and an end, where inf is never; the
+            size of what has a null.
         heavy_tailed: Whether its prior is Cauchy's about the null, with the median size of a Gaussian of this spread:
             what goes wrong at sea may be ten times what is usual. Else it is Gaussian, as form parameters always are.
         random: Whether it describes a random process, whose course is integrated out; the first such parameter of an
@@ -67,6 +68,11 @@ class Parameter:
     power: float | None = None
     within: str = ""
     sides: tuple[str, str] | tuple[()] = ()
+
+    @property
+    def is_time(self) -> bool:
+        """Whether it is a start or an end of an event in a run."""
+        return self.per_run and self.null is None
 
     def on(self, ship: Particulars) -> "Parameter":
         """The parameter on a ship: spread and starts as usual, on models by Froude's law, bounds by her dimensions."""
@@ -196,7 +202,7 @@ class Effect(ABC, nn.Module):
             if key not in known:
                 raise InputError(f"effect.{self.name}.{key}: unknown parameter; {self.name} has {', '.join(known)}")
             p = known[key]
-            if not (p.low <= value <= p.high or (p.per_run and value == inf)):
+            if not (p.low <= value <= p.high or (p.is_time and value == inf)):
                 raise InputError(f"effect.{self.name}.{key}={value:g}: expected {p.low:g} to {p.high:g} {p.unit}")
         given = [values.get(p.name, p.starts[0] if p.null is None or not p.form else p.null) for p in self.declared]
         self.register_buffer("values", ship.inertia.new_tensor(given))
@@ -214,7 +220,7 @@ class Effect(ABC, nn.Module):
     @property
     def timed(self) -> list[int]:
         """Columns of the times between which an event acts in a run; empty for an effect that acts throughout."""
-        return [column for column, p in enumerate(self.declared) if p.per_run]
+        return [column for column, p in enumerate(self.declared) if p.is_time]
 
     def steady(self, values: Float[np.ndarray, "*rows p"]) -> Float[np.ndarray, "*rows p"]:
         """Values with the random process left out: its size is 0."""

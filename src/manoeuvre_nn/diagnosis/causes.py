@@ -102,14 +102,14 @@ def _equations(tried: SearchResult) -> tuple[str, ...]:
 
 
 def _values_of(fitted: FittedHypothesis, effect: int, runs: Sequence[Recording] = ()) -> tuple[Value, ...]:
-    """Parameters of one effect with standard errors, form and per-run parameters left out; each campaign's own."""
+    """Parameters of one effect with standard errors: each campaign's own, the first run's own; no times, no form."""
     h = fitted.hypothesis
     found = []
     for f, value, error in zip(h.unknowns(), h.vector(), fitted.errors, strict=True):
-        told = not (f.parameter.form or f.parameter.per_run or _is_step(f.parameter, value, error))
+        p = f.parameter
+        told = not (p.form or p.is_time or (p.per_run and f.runs[0]) or _is_step(p, value, error))
         if f.effect == effect and told:
             campaign = str(runs[f.runs[0]].meta.get(CAMPAIGN, "")) if runs and h.campaigns else ""
-            p = f.parameter
             possible = {"low": p.low, "high": p.high} if p.period is None else {"period": p.period}
             found.append(Value(p.name, float(value), float(error), p.unit, campaign, p.sides, **possible))
     sizes = [p for p in h.effects[effect].declared if p.random and p.name in fitted.random]

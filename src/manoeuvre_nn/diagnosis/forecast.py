@@ -1,8 +1,8 @@
 """Planned runs: what the repaired model predicts of a rudder that nobody has sailed to its end, with bands.
 
 A band holds what is not known: numbers and coefficients (drawn together from their posterior), the state at the end of
-the warm-up, forces that no hypothesis explains (process noise of the size that the fitted runs need) and the noise of
-the sensors. No event has a time in it.
+the warm-up, forces that no hypothesis explains (process noise of the size that the fitted runs need), the size and
+phase of what is periodic with its own in each run, and the noise of the sensors. No event has a time in it.
 """
 
 from collections.abc import Sequence
@@ -15,6 +15,7 @@ from jaxtyping import Float
 from scipy.stats import norm
 from torch import Tensor
 
+from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
@@ -114,10 +115,11 @@ def forecasts(question: Question, data_set: WhitenedDataSet, chosen: FittedHypot
 
 
 def unplaced_events(question: Question, chosen: FittedHypothesis) -> list[str]:
-    """A sentence on every event that planned runs are predicted without."""
-    runs = ", ".join(run.name for run in question.case.planned)
-    events = [e.label for e in chosen.hypothesis.effects if e.timed] if runs else []
-    return [f"When {label} acts in {runs} is not known beforehand: predicted without it." for label in events]
+    """A sentence on everything that planned runs are predicted without."""
+    runs, effects = ", ".join(run.name for run in question.case.planned), chosen.hypothesis.effects
+    events = [f"When {e.label} acts in {runs} is" for e in effects if e.timed]
+    events += [f"Size and phase of {e.label} in {runs} are" for e in effects if _sized_by_run(e)]
+    return [f"{what} not known beforehand: predicted without it." for what in events] if runs else []
 
 
 @dataclass(frozen=True)
@@ -203,7 +205,7 @@ def drawn_tables(
 
     Args:
         known: What the fitted runs say, see :func:`known_of`.
-        there: What was found, in these runs; times of events are its own.
+        there: What was found, in these runs; what each run has of its own is theirs.
         runs: The runs.
         warmup: End of the warm-up [s].
         every: Samples of the runs from one step to the next.
@@ -223,6 +225,7 @@ def drawn_tables(
     draws = [chosen.hypothesis.within_bounds(chosen.hypothesis.vector() + change) for change in numbers]
     draws[0] = steady(chosen.hypothesis)
     drawn = _in_turn([_timed(d.in_other_runs([row]), there.of_runs([k])) for k, row in enumerate(rows) for d in draws])
+    _draw_sizes(drawn, chosen.hypothesis, len(draws), g)
     starts = np.concatenate([_starts(g, known, run, warmup, numbers, there.of_runs([k])) for k, run in enumerate(runs)])
     begin, process = warm_up_end(runs[0], warmup), process_time(data_set.dynamics)
     copies = [thin for thin in thinned(runs, warmup, every) for _ in draws]
@@ -236,8 +239,22 @@ def drawn_tables(
     return [tables[k * len(draws) : (k + 1) * len(draws)] for k in range(len(runs))]
 
 
+def _sized_by_run(effect: Effect) -> list[int]:
+    """Columns of the sizes that each run has of its own."""
+    return [column for column, p in enumerate(effect.declared) if p.per_run and not p.is_time]
+
+
+def _draw_sizes(drawn: Hypothesis, fitted: Hypothesis, draws: int, g: np.random.Generator) -> None:
+    """Draw sizes that are each run's own and not told there, as large as in the fitted runs; none in the first draw."""
+    for effect, values, known in zip(drawn.effects, drawn.values, fitted.values, strict=True):
+        for column in _sized_by_run(effect):
+            untold = values[:, column] == effect.declared[column].null
+            untold[::draws] = False
+            values[untold, column] = g.normal(0.0, np.sqrt(np.mean(known[:, column] ** 2)), untold.sum())
+
+
 def _timed(numbers: Hypothesis, there: Hypothesis) -> Hypothesis:
-    """A hypothesis with the times of events of another."""
+    """A hypothesis with what each run of another has of its own."""
     values = tuple(
         np.where([p.per_run for p in effect.declared], theirs, mine)
         for effect, mine, theirs in zip(numbers.effects, numbers.values, there.values, strict=True)

@@ -9,8 +9,8 @@ from jaxtyping import Float
 
 from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.diagnosis.recurring import recurring
-from manoeuvre_nn.effect.formula import GROWING, LAG, Formula, in_time, is_ordinary, library, mark_of
-from manoeuvre_nn.estimation.data_set import PreparedRun, WhitenedDataSet
+from manoeuvre_nn.effect.formula import BY_RUN, GROWING, LAG, PERIODIC, Formula, in_time, is_ordinary, library, mark_of
+from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.effect_columns import moved_by, own_states, with_roll
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.linear_run import Columns
@@ -35,18 +35,30 @@ class _Candidate:
 
     Attributes:
         terms: Its terms, two for a wave of unknown phase.
-        shares: Their shares.
+        shares: Their shares, in all runs or in each.
         scales: Memory, period or waves a kilometre.
         tried: Of how many alike it is the best already.
     """
 
     terms: tuple[str, ...]
-    shares: tuple[float, ...] = (1.0,)
+    shares: tuple[tuple[float, ...], ...] = ((1.0,),)
     scales: Mapping[str, float] = field(default_factory=dict)
     tried: int = 1
 
+    @property
+    def numbers(self) -> int:
+        """How many weights its shares stand for: those of a wave with its own phase in each run are free in each."""
+        return sum(map(len, self.shares)) if len(self.shares) > 1 else 1
+
+    def of_run(self, run: int) -> tuple[float, ...]:
+        """Shares in a run."""
+        return self.shares[run if len(self.shares) > 1 else 0]
+
     def beside(self, others: Sequence["_Candidate"]) -> bool:
-        """Whether it can stand beside others: what terms of a kind share must be the same."""
+        """Whether it can stand beside others: what terms of a kind share must be the same, and the kind of phase."""
+        marks = {mark_of(term) for c in (self, *others) for term in c.terms}
+        if marks >= {PERIODIC, BY_RUN}:
+            return False
         told = {name: value for other in others for name, value in other.scales.items()}
         new = not any(set(self.terms) & set(other.terms) for other in others)
         return new and all(told.get(name, value) == value for name, value in self.scales.items())
@@ -82,7 +94,7 @@ def short_formula(likelihood: MarginalLikelihood, none: FittedHypothesis) -> Fit
     """
     data_set = likelihood.data_set
     candidates = _candidates(data_set)
-    made = [_columns(data_set, prepared, candidates) for prepared in data_set.runs]
+    made = [_columns(data_set, run, candidates) for run in range(len(data_set.runs))]
     columns, index = [c for c, _ in made], [np.arange(len(candidates))] * len(made)
     unit = 1 / np.sqrt(np.mean([m for _, m in made], axis=0) + 1e-12)
     level, scatter = data_set.levels.quiet(none.best[0]), min(none.best[1], 2)
@@ -108,11 +120,11 @@ def short_formula(likelihood: MarginalLikelihood, none: FittedHypothesis) -> Fit
 
 
 def _columns(
-    data_set: WhitenedDataSet, prepared: PreparedRun, candidates: Sequence[_Candidate]
+    data_set: WhitenedDataSet, run: int, candidates: Sequence[_Candidate]
 ) -> tuple[Columns, Float[np.ndarray, " terms"]]:
     """What a unit of every candidate does to a run, and its mean square force."""
-    hull, s = data_set.dynamics.hull, prepared.linearised.situation
-    plain = Formula(hull)
+    hull, prepared = data_set.dynamics.hull, data_set.runs[run]
+    s, plain = prepared.linearised.situation, Formula(hull)
     measured = np.zeros((len(s.psi), len(prepared.linearised.states.channels), len(candidates)))
     pushes, moments, squares = [], [], np.zeros(len(candidates))
     with torch.no_grad():
@@ -120,10 +132,11 @@ def _columns(
             effect = Formula(hull, c.terms, scales=c.scales) if c.scales else plain
             memory = own_states(effect, s, 1, prepared.linearised.run.step)[0] if effect.memory else None
             made = [effect.unit_of(term, s, memory) for term in c.terms]
-            push = torch.stack([share * p for share, (p, _) in zip(c.shares, made, strict=True)]).sum(dim=0)
+            shares = c.of_run(run)
+            push = torch.stack([share * p for share, (p, _) in zip(shares, made, strict=True)]).sum(dim=0)
             errors = made[0][1]
             pushes.append(push)
-            heeling = [share * effect.heeling_of_unit(term, s) for share, term in zip(c.shares, c.terms, strict=True)]
+            heeling = [share * effect.heeling_of_unit(term, s) for share, term in zip(shares, c.terms, strict=True)]
             moments.append(torch.stack(heeling).sum(dim=0))
             squares[k] = float((push / plain.get_buffer("size")).square().mean(dim=0).max())
             for channel, error in errors.items():
@@ -143,6 +156,7 @@ def _chosen(
 ) -> list[tuple[int, float]]:
     """Numbers of the candidates and the prior spread of their weights, greedily by evidence."""
     n, searched = data_set.size, np.log([c.tried for c in candidates])
+    numbers = np.array([c.numbers for c in candidates])
     precision = data_set.nuisance_sd(scatter, len(data_set.runs)) ** -2.0
     chosen: list[tuple[int, float]] = []
     while len(chosen) < MAX_TERMS:
@@ -152,7 +166,8 @@ def _chosen(
         own = np.diag(gram)[n:] - np.einsum("ij,ij->j", gram[at, n:], solved[:, n:])
         pull = gram[0, n:] - gram[0, at] @ solved[:, n:]
         spreads = np.array(SIZES)[:, None] * unit
-        gain = 0.5 * pull**2 / (own + spreads**-2) - 0.5 * np.log1p(own * spreads**2)
+        # Each of a candidate's weights has its part of what the runs say and the same prior.
+        gain = 0.5 * pull**2 / (own + spreads**-2) - 0.5 * numbers * np.log1p(own * spreads**2 / numbers)
         mine = [candidates[k] for k, _ in chosen]
         gain = np.where([c.beside(mine) for c in candidates], gain - searched, -np.inf)
         size, best = np.unravel_index(int(gain.argmax()), gain.shape)

@@ -9,16 +9,27 @@ from jaxtyping import Float
 
 from manoeuvre_nn.diagnosis.decision import Decision
 from manoeuvre_nn.diagnosis.locate import in_units, shape_of, unit_forces, units
-from manoeuvre_nn.diagnosis.result import Nature, Residual, Value
+from manoeuvre_nn.diagnosis.result import PHASE, Nature, Residual, Value
 from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.diagnosis.unknown import RandomCourse, random_force
 from manoeuvre_nn.dynamics.base import is_fitted
-from manoeuvre_nn.effect.formula import BEAT, DRIFT_TIME_S, GROWING, LAG, STRIPES, Formula, mark_of, place_of
+from manoeuvre_nn.effect.formula import (
+    BY_RUN,
+    DRIFT_TIME_S,
+    GROWING,
+    LAG,
+    PERIODIC,
+    STRIPES,
+    Formula,
+    mark_of,
+    place_of,
+)
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.effect_columns import own_states
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
 
-KINDS = {LAG: "lagging", BEAT: "periodic", STRIPES: "tied to the place", GROWING: "growing"}
+AGAIN = "periodic"
+KINDS = {LAG: "lagging", PERIODIC: AGAIN, BY_RUN: AGAIN, STRIPES: "tied to the place", GROWING: "growing"}
 """Mark of a term -> kind of force."""
 RANDOM, HEADING, MOTION, INSTRUMENT = "random", "tied to the heading", "tied to the motion", "in an instrument"
 CONSTANT = "constant"
@@ -44,7 +55,7 @@ def nature_of(tried: SearchResult, verdict: Decision, found: Sequence[Residual],
     calm = tried.none.evidence
     by_rule = -np.inf if formula is None else formula.evidence
     by_chance = -np.inf if random is None else random.evidence
-    # A swell of another phase in other runs fails there, and is no random force.
+    # What fails in other runs may still be no random force: its phase may be another there.
     much = by_rule > by_chance + MUCH_LIKELIER
     likelier = by_rule > max(by_chance, calm) and (proved is None or random is None or much)
     if formula is not None and (proved or likelier):
@@ -77,19 +88,23 @@ def _by_rule(data_set: WhitenedDataSet, formula: FittedHypothesis, against: floa
     """The kind of the clearest terms of a formula, with their size and time scale."""
     effect = formula.hypothesis.effects[0]
     assert isinstance(effect, Formula)
-    values = dict(zip((p.name for p in effect.declared), formula.hypothesis.values[0][0].tolist(), strict=True))
-    errors = dict(zip((p.name for p in effect.declared), formula.errors.tolist(), strict=True))
-    weight = np.array([values[f"w{k + 1}"] for k in range(len(effect.terms))])
-    clear = (weight / np.maximum([errors[f"w{k + 1}"] for k in range(len(weight))], 1e-12)) ** 2
+    unknowns, found = formula.hypothesis.unknowns(), formula.hypothesis.vector().tolist()
+    # Of what is each run's own the first run's are told, and all count for how clear a term is.
+    first = [k for k, f in enumerate(unknowns) if 0 in f.runs]
+    values, errors = ({unknowns[k].parameter.name: float(of[k]) for k in first} for of in (found, formula.errors))
+    clear = np.zeros(len(effect.terms))
+    for f, value, error in zip(unknowns, found, formula.errors, strict=True):
+        if f.column < len(clear):
+            clear[f.column] += (value / max(error, 1e-12)) ** 2
     kinds = [_kind(term) for term in effect.terms]
     kind = max(set(kinds), key=lambda name: clear[[k == name for k in kinds]].sum())
     leading = np.array([k == kind for k in kinds])
     where = tuple(dict.fromkeys(place_of(t) for t, mine in zip(effect.terms, leading, strict=True) if mine))
     relative = 1 / np.sqrt(clear[leading].sum())
     size, unit = _size(data_set, formula, leading)
-    if kind == KINDS[BEAT]:
+    if kind == AGAIN:
         size *= 2**0.5
-    name = "amplitude" if kind == KINDS[BEAT] else "root mean square"
+    name = "amplitude" if kind == AGAIN else "root mean square"
     return Nature(
         kind, where, Value(name, size, size * float(relative), unit, low=0.0),
         _scales(data_set, effect, kind, values, errors), float(against),
@@ -109,11 +124,10 @@ def _size(
 ) -> tuple[float, str]:
     """Root mean square over the fitted runs of what some terms of a formula add, and its unit."""
     effect, scale = formula.hypothesis.effects[0], in_units(data_set)
-    values = formula.hypothesis.values[0][0].copy()
-    values[: len(leading)] *= leading
-    acting, forces = effect.at(torch.tensor(values)[None]), []
-    for prepared in data_set.runs:
-        s = prepared.linearised.situation
+    values, forces = formula.hypothesis.values[0].copy(), []
+    values[:, : len(leading)] *= leading
+    for row, prepared in zip(values, data_set.runs, strict=True):
+        acting, s = effect.at(torch.tensor(row)[None]), prepared.linearised.situation
         with torch.no_grad():
             memory = own_states(acting, s, 1, prepared.linearised.run.step)
             forces.append(scale(acting.acceleration(s, memory).reshape(len(s.psi), 3).numpy()))
@@ -137,16 +151,19 @@ def _scales(
         axis = "XYN".index(term[0])
         minute = 60 / DRIFT_TIME_S * float(unit_forces(data_set)[axis])
         return (Value("growth a minute", minute * values[at], minute * errors[at], units(data_set)[axis]),)
-    if kind not in (KINDS[BEAT], KINDS[STRIPES]):
+    if kind not in (AGAIN, KINDS[STRIPES]):
         return ()
-    mark = BEAT if kind == KINDS[BEAT] else STRIPES
+    period = (Value("period", values["period_s"], errors["period_s"], "s", low=0.0),) if kind == AGAIN else ()
+    mark = next(mark_of(term) for term in effect.terms if KINDS.get(mark_of(term)) == kind)
+    if mark == BY_RUN:
+        return period
     waves = {t.split(" ")[1]: f"w{k + 1}" for k, t in enumerate(effect.terms) if mark_of(t) == mark}
     a, b = (values.get(waves.get(w, ""), 0.0) for w in ("cos", "sin"))
     error_a, error_b = (errors.get(waves.get(w, ""), 0.0) for w in ("cos", "sin"))
     turn = np.degrees(np.hypot(a * error_b, b * error_a) / np.hypot(a, b) ** 2)
-    phase = Value("phase at the start", float(np.degrees(np.arctan2(a, b))) % 360, float(turn), "deg", period=360.0)
-    if mark == BEAT:
-        return (Value("period", values["period_s"], errors["period_s"], "s", low=0.0), phase)
+    phase = Value(PHASE, float(np.degrees(np.arctan2(a, b))) % 360, float(turn), "deg", period=360.0)
+    if period:
+        return (*period, phase)
     k = np.array([values["north_per_km"], values["east_per_km"]])
     e = np.array([errors["north_per_km"], errors["east_per_km"]])
     number = float(np.hypot(*k))

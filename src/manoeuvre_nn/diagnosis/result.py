@@ -10,6 +10,8 @@ from jaxtyping import Float
 Interval = tuple[float, float]
 RIGHT_SHIP = "the coefficients are this ship's"
 """Name of the test that calls the ship in question, or her model."""
+PHASE = "phase at the start"
+"""Name of a periodic force's phase, where it is alike in all runs."""
 
 
 @dataclass(frozen=True)

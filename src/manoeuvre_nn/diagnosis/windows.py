@@ -78,7 +78,7 @@ def best_windows(
             )
             found.append((total, k, long))
     seen: set[tuple[float, ...]] = set()
-    where = [j for j, p in enumerate(effect.declared) if p.null is None and not p.per_run]
+    where = [j for j, p in enumerate(effect.declared) if p.null is None and not p.is_time]
     for _, k, long in sorted(found, reverse=True):
         key = tuple(rows[k, where])
         if key in seen or len(seen) == MAX_STARTS:
@@ -185,7 +185,7 @@ def _grid(effect: Effect) -> Float[np.ndarray, "k p"]:
     """Values of everything but the times: all starts of directions and levers, sizes on a logarithmic scale."""
     axes = []
     for p in effect.declared:
-        if p.per_run or p.form or p.name == RAMP.name:
+        if p.is_time or p.form or p.name == RAMP.name:
             axes.append([p.starts[0] if p.null is None or p.name == RAMP.name else p.null])
         elif p.null is None:
             axes.append(list(p.starts))

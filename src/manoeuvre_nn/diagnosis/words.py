@@ -1,5 +1,6 @@
 """Sentences for people."""
 
+import re
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
@@ -9,9 +10,10 @@ from manoeuvre_nn.core.units import three_digits
 from manoeuvre_nn.diagnosis.advise import Ranked, advise
 from manoeuvre_nn.diagnosis.decision import Decision
 from manoeuvre_nn.diagnosis.locate import PUSHES
-from manoeuvre_nn.diagnosis.result import RIGHT_SHIP, USABLE_MODEL, Cause, Check, Nature, Proof, Value
+from manoeuvre_nn.diagnosis.result import PHASE, RIGHT_SHIP, USABLE_MODEL, Cause, Check, Nature, Proof, Value
 from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.dynamics.base import is_fitted
+from manoeuvre_nn.effect.formula import BY_RUN, PERIODIC, mark_of
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
 
 POSSIBLE = 0.05
@@ -20,6 +22,7 @@ AT_NOISE = 1.5
 """RMS error over the measurement noise up to which runs are predicted to the noise."""
 MIN_EXPECTED_EVIDENCE = 3.0
 """Log Bayes factor, odds of 1 to 20, that a run must be expected to add."""
+WAVE = re.compile(rf"(cos|sin) ({PERIODIC}|{BY_RUN})$")
 EQUATIONS = {"X": "surge", "Y": "sway", "N": "yaw", "kinematics": "kinematics or sensors"}
 
 
@@ -59,7 +62,8 @@ def summary_sentence(
         shown = f" in {_and([EQUATIONS.get(e, e) for e in where])}" if where else ""
         told = "".join(f"; it is {nature_words(c.nature)}" for c in causes if c.nature and not c.nature.refuted)
         told += next((_formula(c) for c in causes if c.terms), "")
-        gain = _gain(proofs, "that") if model else ""
+        own = any(mark_of(term) == BY_RUN for c in causes for term in c.terms)
+        gain = _gain(proofs, "that, its size and phase taken from each run," if own else "that") if model else ""
         known = "no effect that is known explains it"
         return f"Unknown: the recordings differ from calm water{shown}, and {known}{told}{gain}{more}."
     named = [c for c in causes if c.name in model]
@@ -164,7 +168,8 @@ def _formula(cause: Cause) -> str:
             "rudder": ("more rudder", f"of the angle {shape}"),
             "sensor": (f"error of {channel}", of_channel),
         }.get(kind, (kind, shape))
-        term = f"{abs(v.value):.3g} {v.unit} {shape.removeprefix('1').lstrip()}".rstrip()
+        shape = WAVE.sub(r"\1(2 pi t/period)", shape.removeprefix("1").lstrip())
+        term = f"{abs(v.value):.3g} {v.unit} {shape}".rstrip()
         sign = "-" if v.value < 0 else "+"
         sums[place] = f"{sums[place]} {sign} {term}" if place in sums else f"{place} = {sign.strip('+')}{term}"
     scales = [
@@ -172,8 +177,11 @@ def _formula(cause: Cause) -> str:
         for v in cause.parameters[len(cause.terms) :]
     ]
     positive = [f"{e} {PUSHES[e][0]}" for e in sums if e in PUSHES]
-    read = "; ".join([*([f"positive: {', '.join(positive)}"] if positive else []), "motion in units of a tight turn"])
-    return f"; a short formula for it is {', '.join([*sums.values(), *scales])} ({read})"
+    read = [f"positive: {', '.join(positive)}"] if positive else []
+    read.append("motion in units of a tight turn")
+    if any(mark_of(term) == BY_RUN for term in cause.terms):
+        read.append("what is periodic as in the first run: every other has its own size and phase")
+    return f"; a short formula for it is {', '.join([*sums.values(), *scales])} ({'; '.join(read)})"
 
 
 def nature_words(nature: Nature) -> str:
@@ -195,6 +203,8 @@ def nature_words(nature: Nature) -> str:
         "constant": "a constant force{}",
     }.get(nature.kind, f"a force{{}} {nature.kind}")
     told = [f"{v.name} {_measured(v)}" for v in (nature.size, *nature.scales) if np.isfinite(v.value)]
+    if nature.kind == "periodic" and not any(v.name == PHASE for v in nature.scales):
+        told.append("with its own size and phase in each run")
     if nature.kind == "in an instrument":
         told = []
     clause = ", ".join([kind.format(f" in {where}"), *told])

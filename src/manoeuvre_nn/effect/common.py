@@ -106,7 +106,7 @@ def during(effect: Effect, time: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
     Returns:
         Between 0 and 1.
     """
-    times, ramp = [p.name for p in effect.declared if p.per_run], effect.value(RAMP.name)
+    times, ramp = [p.name for p in effect.declared if p.is_time], effect.value(RAMP.name)
     share = torch.zeros_like(time + ramp)
     for first, last in zip(times[::2], times[1::2], strict=True):
         start = effect.value(first)

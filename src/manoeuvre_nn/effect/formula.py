@@ -64,21 +64,24 @@ RUDDERS |= {
 }
 
 
-LAG, BEAT, STRIPES, GROWING = "lag", "beat", "stripes", "t"
-"""Marks of terms that follow the motion late, come again in time or over the sea, or grow with time."""
+LAG, PERIODIC, BY_RUN, STRIPES, GROWING = "lag", "periodic", "periodic_by_run", "stripes", "t"
+"""Marks of terms that follow the motion late, come again in time (alike from the start of every recording, or with a
+phase and a size of its own in each run, as waves do) or over the sea, or grow with time."""
 LAGGED = ("r", "v", "d", "|r|", "|v|", "|d|")
 """Motions that a force may follow late: those without a magnitude in sway and yaw, the others in surge."""
 GROWN = ("1", "r", "d", "|r|")
 """Factors that may grow with time."""
 SCALES: dict[str, tuple[Parameter, ...]] = {
     LAG: (Parameter("memory_s", "s", 1.0, 3000.0, None, 60.0, (30.0,)),),
-    BEAT: (Parameter("period_s", "s", 4.0, 6000.0, None, 20.0, (60.0,)),),
+    **dict.fromkeys((PERIODIC, BY_RUN), (Parameter("period_s", "s", 4.0, 6000.0, None, 20.0, (60.0,)),)),
     STRIPES: (
         Parameter("north_per_km", "1/km", -20.0, 20.0, None, 0.5, (1.0,)),
         Parameter("east_per_km", "1/km", -20.0, 20.0, None, 0.5, (0.0,)),
     ),
 }
 """Mark -> what all terms with it share: time constant, period, waves a kilometre north and east."""
+RELATIVE_SPREADS = {"memory_s": 0.5, "period_s": 0.005}
+"""How far it is from where it starts, usually: a peak of a periodogram is known to a part of a turn over many turns."""
 
 MAX_WEIGHT = 100.0
 """Bound of a weight: a high power of a gentle motion is small."""
@@ -110,17 +113,17 @@ def library() -> tuple[str, ...]:
 
 
 def in_time() -> tuple[str, ...]:
-    """Terms that remember, come again or grow: ``N lag r``, ``N sin beat``, ``Y cos stripes``, ``X t``, ``N r t``."""
+    """Terms that remember, come again or grow: ``N lag r``, ``N sin periodic``, ``Y cos stripes``, ``N r t``."""
     late = [f"{e} {LAG} {m}" for e in "XYN" for m in LAGGED if (e == "X") == m.startswith("|")]
-    again = [f"{e} {wave} {mark}" for e in "XYN" for mark in (BEAT, STRIPES) for wave in ("cos", "sin")]
+    again = [f"{e} {wave} {mark}" for e in "XYN" for mark in (PERIODIC, BY_RUN, STRIPES) for wave in ("cos", "sin")]
     grown = [f"{e} {GROWING}" if m == "1" else f"{e} {m} {GROWING}" for e in "XYN" for m in GROWN]
     return (*late, *again, *grown)
 
 
 def mark_of(term: str) -> str:
-    """Which of ``lag``, ``beat``, ``stripes`` and ``t`` a term bears; empty for one of motion, rudder or heading."""
-    marks = {LAG, BEAT, STRIPES, GROWING} & set(term.split(" ")[1:]) if not term.startswith(SENSOR) else set()
-    return next(iter(marks), "")
+    """Which of ``lag``, ``periodic``, ``periodic_by_run``, ``stripes`` and ``t`` a term bears; else empty."""
+    words = set() if term.startswith(SENSOR) else set(term.split(" ")[1:])
+    return next(iter(words & {*SCALES, GROWING}), "")
 
 
 def is_ordinary(term: str) -> bool:
@@ -153,7 +156,8 @@ class Formula(Effect):
 
     A term that follows the motion late has a state of its own, ``m' = (z - m) / memory_s``; what comes again does so
     with ``cos`` and ``sin`` of ``2 pi t / period_s`` or of ``2 pi (x north_per_km + y east_per_km) / 1000``; what grows
-    has its weight after ``DRIFT_TIME_S``. Time counts from the start of the recording.
+    has its weight after ``DRIFT_TIME_S``. Time counts from the start of the recording. The weights of what has its own
+    phase in each run are each run's own.
 
     Attributes:
         terms: The terms, of :func:`library`.
@@ -194,16 +198,17 @@ class Formula(Effect):
             if term not in library():
                 raise InputError(f"effect.formula.terms: {term!r} is unknown; write for instance 'N r|r| cos 2psi'")
         self.terms = tuple(terms)
-        self.declared = tuple(  # type: ignore[misc]
-            Parameter(f"w{k + 1}", "-", -MAX_WEIGHT, MAX_WEIGHT, 0.0, spread, (0.1 * spread,), heavy_tailed=False)
-            for k, spread in enumerate(spreads or [0.3] * len(terms))
-        )
         marks = [mark_of(term) for term in terms]
+        weight = Parameter("", "-", -MAX_WEIGHT, MAX_WEIGHT, 0.0, 0.0, (), heavy_tailed=False)
+        self.declared = tuple(  # type: ignore[misc]
+            replace(weight, name=f"w{k + 1}", spread=spread, starts=(0.1 * spread,), per_run=mark == BY_RUN)
+            for k, (mark, spread) in enumerate(zip(marks, spreads or [0.3] * len(terms), strict=True))
+        )
         self.memory = marks.count(LAG)  # type: ignore[misc]
         started = scales or {}
-        for p in (p for mark, shared in SCALES.items() if mark in marks for p in shared):
+        for p in dict.fromkeys(p for mark, shared in SCALES.items() if mark in marks for p in shared):
             start = started.get(p.name, p.starts[0])
-            spread = 0.5 * abs(start) if p.unit == "s" else p.spread
+            spread = RELATIVE_SPREADS.get(p.name, 0.0) * abs(start) or p.spread
             self.declared += (replace(p, starts=(start,), spread=spread),)  # type: ignore[misc]
         super().__init__(ship, **values)
         self.register_buffer("size", typical(ship))
@@ -330,7 +335,7 @@ class Formula(Effect):
             return memory[..., [t for t in self.terms if mark_of(t) == LAG].index(term)]
         if mark == GROWING:
             return self._of_motion("1" if motion == GROWING else motion, s) * s.time / DRIFT_TIME_S
-        if mark == BEAT:
+        if mark in (PERIODIC, BY_RUN):
             turns = s.time / self.value("period_s")
         else:
             turns = (s.x * self.value("north_per_km") + s.y * self.value("east_per_km")) / 1000.0

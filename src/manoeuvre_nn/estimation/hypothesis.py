@@ -90,7 +90,7 @@ class Hypothesis:
         """
         total = 0.0
         for effect, values in zip(self.effects, self.values, strict=True):
-            timed = [j for j, p in enumerate(effect.declared) if p.per_run and p.name not in self.fixed]
+            timed = [j for j in effect.timed if effect.declared[j].name not in self.fixed]
             may_last = len(timed) > 1 and np.isinf(effect.declared[timed[1]].starts[0])
             for row in values[:, timed] if timed else ():
                 known = np.isfinite(row)
@@ -111,7 +111,7 @@ class Hypothesis:
         """
         sds = [f.prior_sd(v) for f, v in zip(self.unknowns(), self.vector(), strict=True)]
         for k, f in enumerate(self.unknowns()):
-            if durations and f.parameter.per_run:
+            if durations and f.parameter.is_time:
                 sds[k] = durations[f.runs[0]] / sqrt(2 * pi)
         return np.array(sds)
 
@@ -148,10 +148,19 @@ class Hypothesis:
         return replace(self, values=tuple(v[list(rows)] for v in self.values), campaigns=campaigns)
 
     def in_other_runs(self, rows: Sequence[int]) -> "Hypothesis":
-        """The hypothesis about unknown runs, each with the numbers of one of these; no event has a time there."""
+        """The hypothesis about unknown runs, each with the numbers of one of these.
+
+        Args:
+            rows: Of each unknown run, which of these has its numbers.
+
+        Returns:
+            It; no event has a time there, and a size that is each run's own is its null.
+        """
         other = self.of_runs(rows)
         for effect, values in zip(self.effects, other.values, strict=True):
-            values[:, [p.per_run for p in effect.declared]] = np.inf
+            for column, p in enumerate(effect.declared):
+                if p.per_run:
+                    values[:, column] = np.inf if p.null is None else p.null
         return other
 
     def joined(self, other: "Hypothesis") -> "Hypothesis":
@@ -194,7 +203,7 @@ class _Unknown:
     def heavy(self) -> bool:
         """Whether its prior is Cauchy's, see :attr:`.Parameter.heavy_tailed`."""
         p = self.parameter
-        return p.heavy_tailed and not (p.null is None or p.form or p.period or p.per_run)
+        return p.heavy_tailed and not (p.null is None or p.form or p.period)
 
     @property
     def scale(self) -> float:
@@ -238,7 +247,7 @@ class _Unknown:
     def mean(self, value: float) -> float:
         """Prior mean; a flat prior has it wherever the value is."""
         p = self.parameter
-        return value if p.null is None or p.period or p.per_run else p.null
+        return value if p.null is None or p.period else p.null
 
 
 def log_inside(p: Parameter, mean: float, sd: float) -> float:

@@ -97,7 +97,7 @@ def _table(values: Float[np.ndarray, " p"], unknowns: Mapping[int, Parameter]) -
 
 def _apart(p: Parameter, value: float) -> tuple[float, float]:
     """Values above and below for the difference quotient, within bounds."""
-    step = 0.5 if p.period else (2.0 if p.per_run else 0.02 * p.spread)
+    step = 0.5 if p.period else (2.0 if p.is_time else 0.02 * p.spread)
     if p.period:
         return value + step, value - step
     return min(value + step, p.high), max(value - step, p.low)

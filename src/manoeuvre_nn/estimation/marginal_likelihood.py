@@ -315,7 +315,7 @@ def _bounded(hypothesis: Hypothesis, step: Float[np.ndarray, " m"], variance: Fl
     total = 0.0
     for f, value, change, v in zip(hypothesis.unknowns(), hypothesis.vector(), step, variance, strict=True):
         p = f.parameter
-        if not p.period and not p.per_run and p.null is not None:
+        if not p.period and p.null is not None:
             total += log_inside(p, value + change, sqrt(v)) - f.prior_inside()
     return total
 
@@ -327,7 +327,7 @@ def _limited(hypothesis: Hypothesis, step: Float[np.ndarray, " m"]) -> Hypothesi
     for f, change, value in zip(unknowns, step, now, strict=True):
         p = f.parameter
         usual = max(p.spread, f.prior_sd(value))
-        largest = MAX_STEP_DEG if p.period else (MAX_STEP_S if p.per_run else MAX_STEP_SDS * usual)
+        largest = MAX_STEP_DEG if p.period else (MAX_STEP_S if p.is_time else MAX_STEP_SDS * usual)
         reach = min(reach, largest / max(abs(change), 1e-12))
     moved = now + reach * step
     for k, f in enumerate(unknowns):
