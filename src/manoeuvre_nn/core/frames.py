@@ -1,9 +1,13 @@
 """Body and earth axes: x north, y east, psi clockwise from north; body x forward, y starboard."""
 
+from typing import TypeVar
+
 import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
+
+Numbers = TypeVar("Numbers", np.ndarray, Tensor)
 
 
 def kinematics(state: Float[Tensor, "*batch 6"]) -> Float[Tensor, "*batch 3"]:
@@ -21,19 +25,23 @@ def kinematics(state: Float[Tensor, "*batch 6"]) -> Float[Tensor, "*batch 3"]:
         Wang 1996, eqs 3.12-3.14 (there as sums over time steps).
     """
     u, v, r, _, _, psi = state.unbind(-1)
-    cos, sin = torch.cos(psi), torch.sin(psi)
-    return torch.stack([u * cos - v * sin, u * sin + v * cos, r]).movedim(0, -1)
+    return torch.stack([*body_to_earth(u, v, psi), r]).movedim(0, -1)
 
 
-def body_to_earth(
-    u: Float[np.ndarray, "*n"], v: Float[np.ndarray, "*n"], psi: Float[np.ndarray, "*n"]
-) -> tuple[Float[np.ndarray, "*n"], Float[np.ndarray, "*n"]]:
+def body_to_earth(u: Numbers, v: Numbers, psi: Numbers) -> tuple[Numbers, Numbers]:
     """Components north and east of a vector given forward and to starboard, at heading ``psi`` [rad]."""
-    return u * np.cos(psi) - v * np.sin(psi), u * np.sin(psi) + v * np.cos(psi)
+    cos, sin = _cos_and_sin(psi)
+    return u * cos - v * sin, u * sin + v * cos
 
 
-def earth_to_body(
-    north: Float[np.ndarray, "*n"], east: Float[np.ndarray, "*n"], psi: Float[np.ndarray, "*n"]
-) -> tuple[Float[np.ndarray, "*n"], Float[np.ndarray, "*n"]]:
+def earth_to_body(north: Numbers, east: Numbers, psi: Numbers) -> tuple[Numbers, Numbers]:
     """Components forward and to starboard of a vector given north and east, at heading ``psi`` [rad]."""
-    return north * np.cos(psi) + east * np.sin(psi), -north * np.sin(psi) + east * np.cos(psi)
+    cos, sin = _cos_and_sin(psi)
+    return north * cos + east * sin, east * cos - north * sin
+
+
+def _cos_and_sin(angle: Numbers) -> tuple[Numbers, Numbers]:
+    """Both of an angle [rad]."""
+    if isinstance(angle, Tensor):
+        return torch.cos(angle), torch.sin(angle)
+    return np.cos(angle), np.sin(angle)

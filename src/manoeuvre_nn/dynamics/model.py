@@ -4,6 +4,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from manoeuvre_nn.core.frames import earth_to_body
 from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.network import Network
 from manoeuvre_nn.core.scaling import Scaling
@@ -76,9 +77,8 @@ class IdentifiedShip(Model):
         pace = given["approach"] if "approach" in given else self.network.shaft_ratio * given.get("shaft", one)
         ahead, aside = -state[..., 0], -state[..., 1]  # without wind the air meets the ship as she goes
         if "wind_north" in given:
-            north, east = given["wind_north"], given["wind_east"]
-            cos, sin = state[..., 5].cos(), state[..., 5].sin()
-            ahead, aside = north * cos + east * sin + ahead, east * cos - north * sin + aside
+            over_ground = earth_to_body(given["wind_north"], given["wind_east"], state[..., 5])
+            ahead, aside = over_ground[0] + ahead, over_ground[1] + aside
         wind = torch.stack([ahead, aside], dim=-1) / self.particulars.speed
         return torch.cat([seen, pace.expand(delta.shape)[..., None], wind], dim=-1)
 

@@ -6,6 +6,8 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from manoeuvre_nn.core.frames import body_to_earth
+
 MIN_SPEED = 0.05
 """Speed over U0 below which steps grow no longer."""
 
@@ -80,7 +82,6 @@ def track_of(
     velocities: Float[Tensor, "rows steps freedom"], psi: Float[Tensor, "rows steps"], time: Float[Tensor, "rows steps"]
 ) -> Float[Tensor, "rows steps 2"]:
     """Track from the origin by the trapezoidal rule; non-dimensional."""
-    u, v, cos, sin = velocities[..., 0], velocities[..., 1], psi.cos(), psi.sin()
-    over_ground = torch.stack([u * cos - v * sin, u * sin + v * cos], dim=-1)
+    over_ground = torch.stack(body_to_earth(velocities[..., 0], velocities[..., 1], psi), dim=-1)
     passed = 0.5 * (over_ground[:, 1:] + over_ground[:, :-1]) * time.diff(dim=1)[..., None]
     return torch.cat([torch.zeros_like(over_ground[:, :1]), passed.cumsum(1)], dim=1)

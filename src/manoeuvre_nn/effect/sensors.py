@@ -8,6 +8,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from manoeuvre_nn.core.effect import Effect, Parameter, Situation
+from manoeuvre_nn.core.frames import body_to_earth
 from manoeuvre_nn.effect.common import ACROSS, LATE, LENGTHWISE
 
 TOO = ("too long", "too short")
@@ -117,9 +118,7 @@ class LeverArm(_Sensor):
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
         """Position and velocity of the antenna."""
-        cos, sin = torch.cos(s.psi), torch.sin(s.psi)
-        forward, starboard = self.value("dx_m"), self.value("dy_m")
-        north, east = forward * cos - starboard * sin, forward * sin + starboard * cos
+        north, east = body_to_earth(self.value("dx_m"), self.value("dy_m"), s.psi)
         return add(channels, x=north, y=east, vn=-s.r * east, ve=s.r * north)
 
 
@@ -147,9 +146,8 @@ class PositionConversion(_Sensor):
         """``(x_m, y_m) = R(turn) ((1 + north) x, (1 + east) y)``."""
         if not {"x", "y"} <= channels.keys():
             return dict(channels)
-        cos, sin = torch.cos(self.angle("turn_deg")), torch.sin(self.angle("turn_deg"))
         x, y = (channels[at] * (1 + 0.01 * self.value(name)) for at, name in (("x", "north"), ("y", "east")))
-        return {**channels, "x": x * cos - y * sin, "y": x * sin + y * cos}
+        return {**channels, **dict(zip("xy", body_to_earth(x, y, self.angle("turn_deg")), strict=True))}
 
 
 class WrongFrame(_Sensor):
@@ -217,5 +215,5 @@ class GyroSpeedError(_Sensor):
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
         """Add the error to the heading."""
-        through_water = s.u * torch.cos(s.psi) - s.v * torch.sin(s.psi)
+        through_water, _ = body_to_earth(s.u, s.v, s.psi)
         return add(channels, psi=self.value("factor") * channels.get("vn", through_water) / EARTH)

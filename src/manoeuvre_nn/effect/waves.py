@@ -8,6 +8,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from manoeuvre_nn.core.effect import Effect, Parameter, Situation
+from manoeuvre_nn.core.frames import body_to_earth, earth_to_body
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.units import GRAVITY
 from manoeuvre_nn.effect.common import columns, compass, direction
@@ -91,9 +92,9 @@ class FirstOrderWaves(Effect):
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
         """Add the motion to what the recorder writes."""
         (surge, sway, yaw), (du, dv, dr) = self._motion(s)
-        cos, sin = torch.cos(s.psi), torch.sin(s.psi)
-        added = {"psi": yaw, "r": dr, "u_log": du, "x": surge * cos - sway * sin, "y": surge * sin + sway * cos}
-        added |= {"vn": du * cos - dv * sin, "ve": du * sin + dv * cos}
+        added = {"psi": yaw, "r": dr, "u_log": du}
+        added |= dict(zip("xy", body_to_earth(surge, sway, s.psi), strict=True))
+        added |= dict(zip(("vn", "ve"), body_to_earth(du, dv, s.psi), strict=True))
         return add(channels, **added)
 
     def _motion(self, s: Situation) -> tuple[tuple[Tensor, ...], tuple[Tensor, ...]]:
@@ -101,8 +102,7 @@ class FirstOrderWaves(Effect):
         omega = 2 * pi / self.value("period_s")[..., None] * self.ratios
         number = omega.square() / GRAVITY
         north, east = (-c[..., None] for c in compass(self.value("from_deg")))  # where the waves run to
-        psi = s.psi[..., None]
-        cos, sin = north * torch.cos(psi) + east * torch.sin(psi), east * torch.cos(psi) - north * torch.sin(psi)
+        cos, sin = earth_to_body(north, east, s.psi[..., None])  # of the angle off the bow
         along = north * s.x[..., None] + east * s.y[..., None]
         encounter = omega - number * (cos * s.u[..., None] + sin * s.v[..., None])
         phase = omega * s.time[..., None] - number * along + self.phases

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from manoeuvre_nn.core.effect import Effect, Parameter, Situation
 from manoeuvre_nn.core.errors import check_choice
+from manoeuvre_nn.core.frames import earth_to_body
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.wind import COEFFICIENTS, usual_kind, wind_load
 from manoeuvre_nn.effect.common import RAMP, columns, compass, direction, during, factor, instant
@@ -63,10 +64,9 @@ class _TrueWind(Effect):
         """Force of the wind beyond that of still air."""
         speed = self._speed(s)
         north, east = compass(self.value("from_deg"))
-        cos, sin = torch.cos(s.psi), torch.sin(s.psi)
         north, east = speed * north - self._swing(s) * east, speed * east + self._swing(s) * north
-        ahead = s.u + north * cos + east * sin  # the wind blows toward the opposite of where it is from
-        across = s.v - north * sin + east * cos
+        # The wind blows toward the opposite of where it is from.
+        ahead, across = (own + air for own, air in zip((s.u, s.v), earth_to_body(north, east, s.psi), strict=True))
         if ahead.shape == s.u.shape:  # both at once: where few rows are sailed, the number of operations takes the time
             wind, still = self._load(torch.stack([ahead, s.u]), torch.stack([across, s.v])).unbind(0)
         else:

@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
+from manoeuvre_nn.core.frames import body_to_earth
 from manoeuvre_nn.estimation.linear_run import Columns, IntegratedRun, RunEquations
 from manoeuvre_nn.estimation.measurement_noise import INFORMATION
 from manoeuvre_nn.estimation.problem import CHANNELS, DELAY, MOTION, Estimate, EstimationProblem
@@ -86,18 +87,17 @@ class CollocatedRun:
         """Rates of the motion and their derivatives by the state."""
         s = self.state
         u, v, psi = s[:, 0], s[:, 1], s[:, 5]
-        cos, sin = np.cos(psi), np.sin(psi)
         rate = np.empty((len(s), MOTION))
         rate[:, :3] = force + s[:, MOTION : MOTION + 3]
-        rate[:, 3], rate[:, 4], rate[:, 5] = u * cos - v * sin, u * sin + v * cos, s[:, 2]
+        (rate[:, 3], rate[:, 4]), rate[:, 5] = body_to_earth(u, v, psi), s[:, 2]
         slope = np.zeros((len(s), MOTION, self.size))
         for k in (0, 1, 2, 5) if len(theta) else ():
             nudge = STATE_DIFFERENCE * np.eye(MOTION)[k]
             ahead, behind = (self.problem.force_columns(self.run, s[:, :MOTION] + sign * nudge) for sign in (1, -1))
             slope[:, :3, k] = (ahead - behind) @ theta / (2 * STATE_DIFFERENCE)
         slope[:, range(3), range(MOTION, MOTION + 3)] = 1.0
-        slope[:, 3, 0], slope[:, 3, 1], slope[:, 3, 5] = cos, -sin, -rate[:, 4]
-        slope[:, 4, 0], slope[:, 4, 1], slope[:, 4, 5] = sin, cos, rate[:, 3]
+        slope[:, 3, 0], slope[:, 3, 1], slope[:, 3, 5] = np.cos(psi), -np.sin(psi), -rate[:, 4]
+        slope[:, 4, 0], slope[:, 4, 1], slope[:, 4, 5] = np.sin(psi), np.cos(psi), rate[:, 3]
         slope[:, 5, 2] = 1.0
         return rate, slope
 

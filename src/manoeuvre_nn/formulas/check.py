@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.frames import body_to_earth
 from manoeuvre_nn.formulas import latex_reader
 from manoeuvre_nn.formulas.onnx_graph import INSTALL, tables
 from manoeuvre_nn.formulas.program import Program
@@ -188,8 +189,8 @@ def load_onnx(program: Program, content: bytes) -> Run:
         if not program.gives_rates:
             return _named(program, found)
         rates = {f"{q.name}dot": found[:, k] for k, q in enumerate(taken["state"])}
-        u, v, cos, sin = columns["u"], columns["v"], *(f(columns.get("psi", zero)) for f in (np.cos, np.sin))
-        return {**rates, "c_N": rates["xdot"] - u * cos + v * sin, "c_E": rates["ydot"] - u * sin - v * cos}
+        north, east = body_to_earth(columns["u"], columns["v"], columns.get("psi", zero))
+        return {**rates, "c_N": rates["xdot"] - north, "c_E": rates["ydot"] - east}
 
     return run
 

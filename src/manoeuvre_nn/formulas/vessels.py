@@ -11,6 +11,7 @@ from torch import Tensor
 
 from manoeuvre_nn.core.effect import Effect, Parameter, Situation
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.frames import body_to_earth
 from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.dynamics.vessel import Vessel, in_words
 from manoeuvre_nn.formulas.motion import CONTROLS, HEADING
@@ -192,9 +193,9 @@ def _reference(vessel: Vessel, effects: Sequence[Effect], names: Sequence[str], 
         controls = {keys[name]: values for name, values in columns.items() if name in keys}
         inputs = Inputs(delta=columns["delta"], time=columns.get("t", zero), **controls)
         rates = Vessel(vessel.calm, tuned).model(state, inputs)
-        u, v, cos, sin = state[:, 0], state[:, 1], state[:, 5].cos(), state[:, 5].sin()
+        north, east = body_to_earth(state[:, 0], state[:, 1], state[:, 5])
         found = dict(zip(("udot", "vdot", "rdot"), rates[:, :3].T, strict=True))
-        found |= {"c_N": rates[:, 3] - u * cos + v * sin, "c_E": rates[:, 4] - u * sin - v * cos}
+        found |= {"c_N": rates[:, 3] - north, "c_E": rates[:, 4] - east}
         found |= {f"{name}dot": rates[:, 6 + k] for k, name in enumerate(memory)}
         return torch.stack([found[name] for name in outputs], dim=1).numpy()
 

@@ -19,6 +19,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.frames import earth_to_body
 from manoeuvre_nn.core.particulars import WindAreas
 from manoeuvre_nn.core.units import SEA_WATER
 from manoeuvre_nn.core.wind import wind_load
@@ -289,9 +290,8 @@ class WindForce(nn.Module):
         Returns:
             X, Y, N.
         """
-        cos, sin, (north, east) = psi.cos(), psi.sin(), air.unbind(-1)
-        load = self._load(u - north * cos - east * sin, v + north * sin - east * cos)
-        return self.size * (load - self._load(u, v))
+        ahead, across = earth_to_body(air[..., 0], air[..., 1], psi)
+        return self.size * (self._load(u - ahead, v - across) - self._load(u, v))
 
     def _load(self, ahead: Tensor, across: Tensor) -> Tensor:
         """X, Y, N of a ship that moves through the air, over rho L^2 and rho L^3."""

@@ -12,6 +12,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.frames import earth_to_body
 from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
@@ -306,9 +307,7 @@ def _along_course(
     track: Float[Tensor, "rows steps 2"], course: Float[Tensor, " rows"]
 ) -> Float[Tensor, "rows steps 2"]:
     """North and east turned to along and across the first heading of each run [rad]."""
-    cos, sin = course.cos()[:, None], course.sin()[:, None]
-    north, east = track.unbind(-1)
-    return torch.stack([north * cos + east * sin, east * cos - north * sin], dim=-1)
+    return torch.stack(earth_to_body(track[..., 0], track[..., 1], course[:, None]), dim=-1)
 
 
 def _columns(made: Unrolled) -> Float[Tensor, "rows steps columns"]:
