@@ -281,8 +281,8 @@ def test_a_setting_that_does_not_exist_is_named(monkeypatch, capsys, tmp_path):
     with pytest.raises(SystemExit) as end:
         runpy.run_path(str(ROOT / "diagnose.py"), run_name="__main__")
     assert end.value.code == 2
-    line = "error: there is no setting canditates; python diagnose.py --cfg job lists them all\n"
-    assert capsys.readouterr().err == line
+    line = "error: there is no setting canditates: the nearest is candidates; python diagnose.py --cfg job lists them "
+    assert capsys.readouterr().err == f"{line}all\n"
 
 
 SHELF = {p.stem: yaml.safe_load(p.read_text()) for p in (CONF / "effect").glob("*.yaml")}

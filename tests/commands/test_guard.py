@@ -32,12 +32,16 @@ def raised(act) -> BaseException:
         ),
         (["hydra/launcher=nope"], "hydra/launcher=nope is unknown; choose one of: basic, joblib, "),
         (["manoeuvre=[zz35,nope]"], "manoeuvre=nope is unknown; manoeuvre train --help lists the choices"),
-        (["network.hiden=3"], "there is no setting network.hiden; manoeuvre train --cfg job lists them all"),
+        (
+            ["network.hiden=3"],
+            "there is no setting network.hiden: the nearest is network.hidden; manoeuvre train --cfg job lists",
+        ),
         (
             ["effect.current.speed=3"],
             "there is no setting effect.current.speed; manoeuvre train --cfg job lists them all; those of current are "
             "there once 'effect=[current]' is written",
         ),
+        (["recordings=x"], "there is no setting recordings; the folder of measured files is data.folder=FOLDER; manoe"),
         (["nosuch=3"], "there is no setting nosuch; manoeuvre train --cfg job lists them all"),
         (["out=there"], "there is no setting out; the folder to write into is hydra.run.dir=FOLDER; manoeuvre"),
         (["zz35"], "Error parsing override 'zz35'"),

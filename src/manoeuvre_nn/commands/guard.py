@@ -3,12 +3,15 @@
 import os
 import re
 import sys
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from difflib import get_close_matches
 from pathlib import Path
+from types import MappingProxyType
 
 import yaml
 from hydra.errors import HydraException, OverrideParseException
+from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
 from manoeuvre_nn.core import ending
@@ -28,6 +31,13 @@ OF_EXTRAS = {
     "hydra/launcher=ray": "ray",
 }
 """Option that an extra of the package brings -> the extra."""
+WRITTEN = {
+    "out": "; the folder to write into is hydra.run.dir=FOLDER",
+    "recordings": "; the folder of measured files is data.folder=FOLDER",
+}
+"""Setting of other commands -> what is written for it where it does not exist."""
+MIN_LIKENESS = 0.7
+"""Likeness of two names, of 1, from which one may be meant for the other."""
 MAX_NESTED = 100
 """Brackets of a word that hydra's parser surely reads: each is several calls deep."""
 command = "train"
@@ -87,7 +97,17 @@ def explain(error: BaseException) -> str | None:
     if isinstance(error, OverrideParseException):  # whatever its parser broke on
         return _one_line(str(error) if "Error parsing" in str(error) else f"Error parsing override {error.override!r}")
     ours = any(not isinstance(cause, (*OF_CONFIG, TypeError, ValueError)) for cause in causes(error))
-    return None if ours else _one_line(str(error))
+    return None if ours else _one_line(str(error), _settings_beside(error))
+
+
+def _settings_beside(error: BaseException) -> dict[str, list[str]]:
+    """Name of a setting that does not exist -> those that stand where it was looked for."""
+    found = {}
+    for cause in causes(error):
+        node = getattr(cause, "parent_node", None)
+        if isinstance(node, DictConfig):
+            found[str(getattr(cause, "key", ""))] = [str(key) for key in node if not str(key).startswith("_")]
+    return found
 
 
 def write_error(error: BaseException, out: Path) -> str:
@@ -97,8 +117,8 @@ def write_error(error: BaseException, out: Path) -> str:
     return line
 
 
-def _one_line(text: str) -> str:
-    """Hydra's own messages, shortened: choices are kept, advice about stack traces is not."""
+def _one_line(text: str, beside: Mapping[str, Sequence[str]] = MappingProxyType({})) -> str:
+    """Hydra's own messages, shortened: choices are kept, advice about stack traces is not; the nearest of settings."""
     missing = re.search(r"Could not find '([^']+)/([^'/]+)'", text)
     if missing and f"{missing[1]}={missing[2]}" in OF_EXTRAS:
         extra = OF_EXTRAS[f"{missing[1]}={missing[2]}"]
@@ -113,11 +133,14 @@ def _one_line(text: str) -> str:
     full = re.search(r"full_key: (\S+)", text)
     if key:
         name = (full or key)[1]
-        folder = "; the folder to write into is hydra.run.dir=FOLDER" if name == "out" else ""
-        group, _, option = name.rpartition(".")[0].rpartition(".")
-        several = group in {"effect", "manoeuvre"}
+        above, dot, own = name.rpartition(".")
+        group, _, option = above.rpartition(".")
+        known = beside.get(own, [])
+        several = group in {"effect", "manoeuvre"} and not known
+        near = [f": the nearest is {above}{dot}{k}" for k in get_close_matches(own, known, 1, MIN_LIKENESS)]
+        instead = WRITTEN.get(name, "".join(near))
         chosen = f"; those of {option} are there once '{group}=[{option}]' is written" if several else ""
-        return f"there is no setting {name}{folder}; {program()} --cfg job lists them all{chosen}"
+        return f"there is no setting {name}{instead}; {program()} --cfg job lists them all{chosen}"
     mandatory = re.search(r"Missing mandatory value: (\S+)", text)
     if mandatory:
         name = (full or mandatory)[1]
