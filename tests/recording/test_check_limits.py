@@ -10,9 +10,10 @@ from pytest import approx
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE, KNOT
-from manoeuvre_nn.recording.check import samples, steering, units
+from manoeuvre_nn.recording.check import axes, samples, steering, units
 from manoeuvre_nn.recording.check.checks import check_sampling
 from manoeuvre_nn.recording.check.fault_findings import fault_finding
+from manoeuvre_nn.recording.check.finding import Change, in_unit
 from manoeuvre_nn.recording.check.heel import heel_findings, side_findings
 from manoeuvre_nn.recording.check.sensor_faults import Fault
 from manoeuvre_nn.ship.mariner import mariner
@@ -286,3 +287,18 @@ def test_a_fault_is_clear_from_four_standard_errors_and_a_quarter_of_what_matter
     assert Fault("delay of r", 0.5, "s", 1.0, (-0.5 * size,), (0.5 * error,)).is_clear is clear
     both = Fault("current", 1.0, "m/s", 1.0, (3.0, 4.0), (0.3, 0.6))
     assert both.size == 5.0 and both.size_error == approx(np.hypot(0.9, 2.4) / 5)
+
+
+def test_a_heading_in_the_place_of_the_rudder_is_exchanged_and_one_in_degrees_is_told_its_unit():
+    """By where the ship goes; an angle that large without that is a rudder in degrees, and axes may be exchanged."""
+    rudder = {"psi": lambda c: 0.1 + 0 * c["u"], "delta": lambda c: c["psi"]}
+    found = units.rudder_unit(turning(**rudder), SHIP)
+    assert found is not None and found.changes == (Change("channels.delta", "exchange", "psi"),)
+    assert "delta and psi look exchanged" in found.remedy
+    alone = units.rudder_unit(turning(delta=20.0), SHIP)
+    assert alone is not None and alone.changes == in_unit("deg", "delta")
+    in_degrees = axes.course(turning(psi=lambda c: c["psi"] / DEGREE), SHIP)
+    assert in_degrees is not None and in_degrees.changes == in_unit("deg", "psi")
+    to_the_east = {"turn_deg": 0.0, "psi": 90 * DEGREE}  # said of a ship that goes north: x and y are exchanged
+    swapped = axes.course(turning(**to_the_east), SHIP)
+    assert swapped is not None and not swapped.changes

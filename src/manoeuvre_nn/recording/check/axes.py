@@ -10,7 +10,15 @@ from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.recording.check.finding import Change, Finding, in_unit, other_sign, refused
-from manoeuvre_nn.recording.check.motion import TURNED, angle_turned, course_over_ground, smoothed_motion
+from manoeuvre_nn.recording.check.motion import (
+    ALONG,
+    ASIDE,
+    TURNED,
+    angle_turned,
+    course_over_ground,
+    off_course,
+    smoothed_motion,
+)
 from manoeuvre_nn.recording.local_cubics import WINDOW, smoothed
 from manoeuvre_nn.recording.outliers import trimmed_least_squares
 from manoeuvre_nn.recording.thinning import thinned
@@ -114,11 +122,15 @@ def frame_in_turns(run: Recording, ship: Particulars) -> Finding | None:
 def course(run: Recording, ship: Particulars) -> Finding | None:
     """A ship that does not go where it heads."""
     way, window = course_over_ground(run, ship), WINDOW * ship.time_unit
-    off = float(np.median(np.abs(np.angle(np.exp(1j * (way - run["psi"]))))))
+    off = off_course(way, run["psi"])
     rates = [np.gradient(smoothed(run.time, angle, window)[0], run.time) for angle in (way, run["psi"])]
     mirrored = np.ptp(run["psi"]) > TURNED and np.corrcoef(*rates)[0, 1] < -0.5
-    if off < 60 * DEGREE and not mirrored:
+    if off < ASIDE and not mirrored:
         return None
+    beyond_a_turn = float(np.abs(run["psi"]).max()) > 7.0
+    if off > ASIDE and beyond_a_turn and off_course(way, run["psi"] * DEGREE) < ALONG:
+        text = f"the course over ground is {off / DEGREE:.0f} deg off the heading, along the numbers of psi as degrees"
+        return refused("course", text, "psi looks like degrees: write unit: deg for psi", *in_unit("deg", "psi"))
     said = "turns to the other side than the heading" if mirrored else f"is {off / DEGREE:.0f} deg off the heading"
     text = (
         f"the course over ground {said} most of the time: x is north and y east, cog and psi are clockwise from north"

@@ -10,6 +10,8 @@ from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.recording.local_cubics import WINDOW, smoothed
 from manoeuvre_nn.recording.thinning import thinned
 
+ALONG, ASIDE = 30 * DEGREE, 60 * DEGREE
+"""Angle off her heading within which a ship goes, drift and current counted, and from which she does not."""
 TURNED = 20 * DEGREE
 """Change of heading from which the rates and frames of a run with unknown effects can be compared."""
 
@@ -37,6 +39,11 @@ def course_over_ground(run: Recording, ship: Particulars) -> Series:
     names, order = (("vn", "ve"), 0) if "x" in run.derived else (("x", "y"), 1)
     north, east = (smoothed(run.time, run[k], WINDOW * ship.time_unit)[order] for k in names)
     return np.unwrap(np.arctan2(east, north))
+
+
+def off_course(way: Series, heading: Series) -> float:
+    """Median angle between the way of a ship and what is said to be her heading [rad]."""
+    return float(np.median(np.abs(np.angle(np.exp(1j * (way - heading))))))
 
 
 def angle_turned(run: Recording, ship: Particulars) -> float:

@@ -5,8 +5,15 @@ import numpy as np
 from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE, KNOT
-from manoeuvre_nn.recording.check.finding import Finding, in_unit, other_sign, refused
-from manoeuvre_nn.recording.check.motion import TURNED, angle_turned, smoothed_motion
+from manoeuvre_nn.recording.check.finding import Change, Finding, in_unit, other_sign, refused
+from manoeuvre_nn.recording.check.motion import (
+    ALONG,
+    TURNED,
+    angle_turned,
+    course_over_ground,
+    off_course,
+    smoothed_motion,
+)
 
 SPEED_RATIOS = {
     KNOT: ("u and v look like knots", "kn", ("u", "v")),
@@ -53,6 +60,12 @@ def rudder_unit(recording: Recording, ship: Particulars) -> Finding | None:
     largest, turned = float(np.abs(recording["delta"]).max()), float(np.ptp(recording["psi"]))
     if largest > 1.2:
         text = f"rudder angles reach {largest:.4g} rad; expected below 1.2"
+        if {"x", "y"} <= set(recording.channels) and "x" not in recording.derived:
+            way = course_over_ground(recording, ship)
+            if off_course(way, recording["delta"]) < min(ALONG, off_course(way, recording["psi"])):
+                text += ", and the ship goes where they point"
+                remedy = "delta and psi look exchanged: exchange their columns"
+                return refused("rudder unit", text, remedy, Change("channels.delta", "exchange", "psi"))
         return refused("rudder unit", text, "delta looks like degrees: write unit: deg", *in_unit("deg", "delta"))
     if 0 < largest < 1.2 * DEGREE and turned > 0.5:
         text = (
