@@ -170,6 +170,10 @@ def test_figures_shade_what_was_found_and_say_what_was_derived(checked):
     assert chart is not None
     assert sorted(panel.title for panel in chart.panels if panel.title) == ["derived", "nothing to compare: derived"]
     assert all([(span.start, span.end) for span in panel.spans] == [(50.0, 60.0)] for panel in chart.panels)
+    from_track = replace(marked, recording=replace(derived, meta={**derived.meta, "derived": ("u", "v")}))
+    shown = check_chart(from_track, ship)
+    assert shown is not None
+    assert [panel.ylabel.partition("\n")[0] for panel in shown.panels[5::2]] == ["x north", "y east"]
     outlier = chart.panels[0].curves[1]
     assert (outlier.x, outlier.y) == (marked.recording.time[30], marked.recording["u"][30])
     figure = check_figure(chart, "marked")

@@ -206,7 +206,7 @@ def _finding(check: str, told: _Identifiable, text: str, remedy: str = "") -> Fi
     wanted, good = _wanted(told)
     expected = f"errors below {100 * MAX_RELATIVE_ERROR:.0f} %; condition is {max(told.condition.values()):.2g}"
     share = 100 * len(good) / len(wanted)
-    verdict = "note" if remedy else "ok"
+    verdict = "ok" if len(good) == len(wanted) else "note"
     return Finding(check, verdict, text, measured=share, unit="%", expected=expected, remedy=remedy)
 
 

@@ -17,6 +17,8 @@ from manoeuvre_nn.report.style import COLOURS, legend_below, new_figure
 
 CHANNELS = (("u", "u\n[m/s]", 1.0), ("v", "v\n[m/s]", 1.0), ("r", "r\n[deg/s]", DEGREE), ("psi", "ψ\n[deg]", DEGREE))
 """Channel, label and its unit in SI, down the left side."""
+POSITIONS = (("x", "x north\n[m]", 1.0), ("y", "y east\n[m]", 1.0))
+"""The same on the right, where no velocity but that of the positions can be compared with them."""
 LINE: dict[str, Any] = {"color": "#4D4D4D", "linewidth": 1.0}
 REST: dict[str, Any] = {"color": COLOURS[1], "linewidth": 1.0}
 ODD: dict[str, Any] = {"color": COLOURS[0], "linestyle": "", "marker": "o", "markersize": 4, "linewidth": 0}
@@ -32,13 +34,15 @@ def check_chart(one: Inspection, ship: Particulars) -> Chart | None:
         return None
     m = smoothed_motion(clean, ship)
     ahead, abeam = earth_to_body(m["xdot"], m["ydot"], m["psi"])
-    tracked = not run.derived & {"u", "v", "x", "y"}
     right = [
         _channel(one, "delta", "δ\n[deg]", DEGREE),
         _rest(one, m.time, (m["psidot"] - m["r"]) / DEGREE, "dψ/dt − r\n[deg/s]", ("r", "psi"), "r" not in run.derived),
-        _rest(one, m.time, ahead - m["u"], "track − u\n[m/s]", ("u", "x", "y"), tracked),
-        _rest(one, m.time, abeam - m["v"], "track − v\n[m/s]", ("v", "x", "y"), tracked),
     ]
+    if run.derived & {"u", "v", "x", "y"}:
+        right += [_channel(one, *channel) for channel in POSITIONS]
+    else:
+        right.append(_rest(one, m.time, ahead - m["u"], "track − u\n[m/s]", ("u", "x", "y")))
+        right.append(_rest(one, m.time, abeam - m["v"], "track − v\n[m/s]", ("v", "x", "y")))
     left = [_channel(one, *channel) for channel in CHANNELS]
     return Chart([panel for row in zip(left, right, strict=True) for panel in row], columns=2, one_time=True)
 
@@ -67,7 +71,7 @@ def _channel(one: Inspection, name: str, label: str, unit: float) -> ChartPanel:
 
 
 def _rest(
-    one: Inspection, time: Series, values: Series, label: str, names: Sequence[str], recorded: bool
+    one: Inspection, time: Series, values: Series, label: str, names: Sequence[str], recorded: bool = True
 ) -> ChartPanel:
     """What one channel leaves of another."""
     spans = _spans(one, names)

@@ -29,7 +29,7 @@
 
   function stacked(chart, width) { // one time axis a column, so that all panels are zoomed and read together
     const columns = width < 700 ? 1 : chart.columns, ROW = columns > 1 ? 130 : 155, rows = Math.ceil(chart.panels.length / columns);
-    const room = rows * (ROW + GAP), layout = base(width, room, chart.panels[0]), traces = [], across = 1 / columns, between = columns > 1 ? 70 / width : 0;
+    const room = rows * (ROW + GAP), layout = base(width, room, chart.panels[0]), traces = [], across = 1 / columns, between = columns > 1 ? 110 / width : 0;
     // Panels come row by row; in one column those of each column stay together.
     const order = columns === chart.columns ? chart.panels
       : [...Array(chart.columns).keys()].flatMap(c => chart.panels.filter((_, k) => k % chart.columns === c));
