@@ -65,7 +65,7 @@ def campaign(
 ) -> list[Recording]:
     """A run a trial, each with an effect of its own or none, of a ship whose coefficients are off."""
     shares = SCATTER * np.random.default_rng(seed).standard_normal(len(Corrections(CALM).names))
-    shares[len(Corrections(CALM)._entries) :] = 0.0
+    shares[len(Corrections(CALM).of_model.names) :] = 0.0
     truth, made = Calibrated(CALM, torch.tensor(shares)), []
     with unchecked():
         for k, (trial, effect) in enumerate(zip(trials, acting, strict=False)):

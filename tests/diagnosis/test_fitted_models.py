@@ -27,7 +27,7 @@ from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.rudder import RudderOffset
 from manoeuvre_nn.effect.wind import GustyWind, SteadyWind
-from manoeuvre_nn.estimation.corrections import USUAL_SCATTER, Calibrated, Corrections
+from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
 from manoeuvre_nn.estimation.data_set import (
     COEFFICIENT_SD_LEVELS,
     FIRST_NOISE,
@@ -42,6 +42,7 @@ from manoeuvre_nn.estimation.marginal_likelihood import (
     hypothesis_columns,
     log_prior_levels,
 )
+from manoeuvre_nn.estimation.model_corrections import USUAL_SCATTER
 from manoeuvre_nn.estimation.posterior import posterior
 from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS
 from manoeuvre_nn.manoeuvre.turning import turning_circle

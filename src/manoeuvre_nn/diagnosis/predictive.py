@@ -30,7 +30,7 @@ from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.dynamics.base import Model, is_fitted, runge_kutta_step
 from manoeuvre_nn.dynamics.limits import inside_physical_range
 from manoeuvre_nn.dynamics.recorded_inputs import inputs_at
-from manoeuvre_nn.estimation.corrections import USUAL_SCATTER, Corrections
+from manoeuvre_nn.estimation.corrections import Corrections
 from manoeuvre_nn.estimation.data_set import (
     COEFFICIENT_SD_LEVELS,
     LATENCY,
@@ -40,6 +40,7 @@ from manoeuvre_nn.estimation.data_set import (
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.linearised_run import shown
 from manoeuvre_nn.estimation.marginal_likelihood import COEFFICIENT_SD_PRIOR, PROCESS_PRIOR
+from manoeuvre_nn.estimation.model_corrections import USUAL_SCATTER
 from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS, drawn_process
 
 DRAWS = 96

@@ -23,10 +23,10 @@ from manoeuvre_nn.diagnosis.decision import PRIOR_NONE, PRIOR_UNKNOWN, base_rate
 from manoeuvre_nn.diagnosis.result import RIGHT_SHIP, Check
 from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.diagnosis.unknown import random_force
-from manoeuvre_nn.estimation.corrections import USUAL_SCATTER
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import PROCESS_PRIOR, log_prior_levels
+from manoeuvre_nn.estimation.model_corrections import USUAL_SCATTER
 from manoeuvre_nn.estimation.posterior import Posterior
 from manoeuvre_nn.estimation.relinearise import beside
 

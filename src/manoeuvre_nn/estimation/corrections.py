@@ -14,6 +14,7 @@ from manoeuvre_nn.core.network import products_of, times
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.dynamics.base import Model, ModelAround, calm_accelerations
 from manoeuvre_nn.effect.common import TIGHT_TURN
+from manoeuvre_nn.estimation.model_corrections import CoefficientCorrections, MotionState, model_corrections
 
 SURGE_TERMS = ("uu", "vv", "rr", "dd", "vr", "vd", "rd", "uvv", "uvr", "udd")
 LATERAL_TERMS = (
@@ -23,8 +24,6 @@ LATERAL_TERMS = (
 """Terms that a published set may lack; a capital letter is a magnitude."""
 MISSING = 0.6
 """Size of each such term beside a printed one: one by one they are less likely."""
-USUAL_SCATTER = 0.05
-"""Relative error of a coefficient that one standard error of a fit counts for: see ``COEFFICIENT_SD_PRIOR``."""
 OF_ROLL = ("Xheel", "Yheel", "Nheel", "Khull", "Krudder", "Kheel", "Mp")
 """Corrections of a ship that rolls: what heel does to the forces, heeling moments, righting moment and inertia."""
 FACTORS = "uvrdVR1"
@@ -69,49 +68,34 @@ class Corrections:
     """Accelerations per unit of every correction: each coefficient by 100 %, terms that are missing, inertias by 100 %.
 
     A term that the model lacks is weighed by the model's own force in a tight turn. A model that was fitted to
-    recordings and knows how well (:meth:`.Model.sensitivities`) has its coefficients corrected by the standard errors
-    of that fit instead. A model whose forces are no series of coefficients (a network) has its hull and rudder forces
-    corrected equation by equation. A ship that rolls is corrected likewise in what heel does to these forces, in the
-    heeling moments of hull and rudder, in the moment that rights her and in her inertia in roll.
+    recordings and knows how well has its coefficients corrected by the standard errors of that fit instead, and one
+    whose forces are no series of coefficients (a network) its hull and rudder forces equation by equation. A ship that
+    rolls is corrected likewise in what heel does to these forces, in the heeling moments of hull and rudder, in the
+    moment that rights her and in her inertia in roll.
 
     Attributes:
         dynamics: The calm-water model.
+        of_model: What is corrected of its own forces.
         names: One a correction.
     """
 
     def __init__(self, dynamics: Model) -> None:
         """Find out what can be corrected."""
-        self.dynamics, hull = dynamics, dynamics.hull
-        p = dynamics.particulars
-        units = hull.inertia.new_tensor([p.speed, p.speed, p.speed / p.length])
-        zero = units[0] * 0
-        uncertain = len(
-            dynamics.sensitivities(
-                torch.nn.functional.pad(units, (0, 3 + len(dynamics.own_names))), Inputs(zero, zero + 1)
-            )
-        )
-        self._fitted = uncertain > 0
-        self._table = None if self._fitted else hull.table
-        self._entries = [] if self._table is None else [tuple(e) for e in torch.nonzero(self._table).tolist()]
-        names = ["XYN"[e] + (hull.terms[t] or "0") for t, e in self._entries]
-        if self._fitted:
-            names = [f"fit {k + 1}" for k in range(uncertain)]
-        elif self._table is None:
-            names = [f"{e}{part}" for part in ("hull", "rudder") for e in "XYN"]
+        self.dynamics, self.of_model = dynamics, model_corrections(dynamics)
         self._missing = [
             (e, term) for e, terms in enumerate((SURGE_TERMS, LATERAL_TERMS, LATERAL_TERMS)) for term in terms
         ]
-        self.names = names + [f"{'XYN'[e]}+{term}" for e, term in self._missing] + ["Mu", "Mv", "Mr"]
+        self.names = self.of_model.names + [f"{'XYN'[e]}+{term}" for e, term in self._missing] + ["Mu", "Mv", "Mr"]
         self.names += list(OF_ROLL) if dynamics.own_names else []
+        p = dynamics.particulars
+        self._units = units = dynamics.hull.inertia.new_tensor([p.speed, p.speed, p.speed / p.length])
         hard = units * units.new_tensor([1 - TIGHT_TURN["u"], -TIGHT_TURN["v"], TIGHT_TURN["r"]])
         d = units.new_tensor(TIGHT_TURN["d"])
         with torch.no_grad():
             total = calm_accelerations(dynamics, hard, d)
             rudder = total - calm_accelerations(dynamics, hard, torch.zeros_like(d))
-        self._units = units
         size = (float(0.5 * total[0].abs()), float(rudder[1].abs()), float(rudder[2].abs()))
-        # Where each entry of the table stands, and each missing term as three of the factors of `_factors`.
-        self._at = units.new_tensor(self._entries).long().reshape(-1, 2).T
+        # Each missing term as three of the factors of `_terms`.
         self._letters = torch.tensor([[FACTORS.index(f) for f in term.ljust(3, "1")] for _, term in self._missing])
         there = [prod(TIGHT_TURN[f.lower()] for f in term) for _, term in self._missing]
         weights = [MISSING * size[e] / scale for (e, _), scale in zip(self._missing, there, strict=True)]
@@ -124,19 +108,21 @@ class Corrections:
             Number, equation, term, its row in the table, coefficient. Missing terms, as ``+`` and their letters, and
             inertias, as ``M``, have no row: they are prime accelerations.
         """
-        last = len(self.names) - 3 - len(OF_ROLL) * bool(self.dynamics.own_names)
         terms, units = self.dynamics.hull.terms, self.dynamics.hull.acceleration_units
+        first = len(self.of_model.names)
+        last, of_model = first + len(self._missing), self.of_model
         found: list[tuple[int, int, str, int | None, float]] = []
-        for k, (row, equation) in enumerate(self._entries):
-            found.append((k, equation, terms[row], row, float(self._table[row, equation])))  # type: ignore[index]
-        first = last - len(self._missing)
+        if isinstance(of_model, CoefficientCorrections):
+            for k, (row, equation) in enumerate(of_model.entries):
+                found.append((k, equation, terms[row], row, of_model.coefficient(row, equation)))
         for k, (equation, term) in enumerate(self._missing):
             found.append((first + k, equation, "+" + term, None, float(self._weights[k, equation] / units[equation])))
         return found + [(last + k, k, "M", None, 1.0) for k in range(3)]
 
     def fits(self, ship: Ship) -> bool:
         """Whether what is corrected are coefficients of such a ship."""
-        return self._table is not None and ship.table is not None and ship.terms == self.dynamics.hull.terms
+        ours = isinstance(self.of_model, CoefficientCorrections)
+        return ours and ship.table is not None and ship.terms == self.dynamics.hull.terms
 
     def __call__(
         self,
@@ -155,11 +141,13 @@ class Corrections:
             One row a correction.
         """
         nu, parts = moving[..., :3], self._parts(moving, delta, shaft) if self.dynamics.own_names else None
-        acceleration = self._rate(nu, delta, shaft) if parts is None else parts.accelerations[1]
-        unity = torch.eye(3).to(acceleration)
-        of_model = self._of_model(nu, delta, acceleration, shaft, None if parts is None else parts.accelerations[0])
+        if parts is None:
+            motion = MotionState(nu, delta, shaft, self.of_model.accelerations(nu, delta, shaft))
+        else:
+            motion = MotionState(nu, delta, shaft, parts.accelerations[1], parts.accelerations[0])
         of_missing = self._terms(nu, delta)[..., None] * self._weights
-        of_forces = torch.cat([of_model, of_missing, -acceleration[..., None, :] * unity], dim=-2)
+        of_inertia = -motion.acceleration[..., None, :] * torch.eye(3).to(motion.acceleration)
+        of_forces = torch.cat([self.of_model.rows(motion), of_missing, of_inertia], dim=-2)
         if parts is None:
             return of_forces
         caused = torch.cat(self.dynamics.hull.added(of_forces, torch.zeros_like(of_forces[..., 0])), dim=-1)
@@ -187,17 +175,11 @@ class Corrections:
         """
         if self.dynamics.own_names:
             return (self(moving, delta, shaft) * shares[..., None]).sum(dim=-2)
-        nu = moving
-        hull, acceleration = self.dynamics.hull, self._rate(nu, delta, shaft) if calm is None else calm
-        last = shares.shape[-1] - 3
-        first = last - len(self._missing)
-        if self._table is None:
-            changed = (self._of_model(nu, delta, acceleration, shaft) * shares[..., :first, None]).sum(dim=-2)
-        else:
-            table = self._table.new_zeros(*shares.shape[:-1], *self._table.shape)
-            table[..., self._at[0], self._at[1]] = self._table[self._at[0], self._at[1]] * shares[..., :first]
-            changed = hull.acceleration_from_force(times(hull.products(nu, delta), table))
-        missing = times(self._terms(nu, delta), self._weights * shares[..., first:last, None])
+        acceleration = self.of_model.accelerations(moving, delta, shaft) if calm is None else calm
+        first = len(self.of_model.names)
+        last = first + len(self._missing)
+        changed = self.of_model.together(MotionState(moving, delta, shaft, acceleration), shares[..., :first])
+        missing = times(self._terms(moving, delta), self._weights * shares[..., first:last, None])
         return changed + missing - acceleration * shares[..., last:]
 
     def table(self, ship: Ship, shares: Float[Tensor, "*rows k"]) -> Float[Tensor, "*rows terms 3"] | None:
@@ -210,37 +192,9 @@ class Corrections:
         Returns:
             The table; None where other things than coefficients are corrected.
         """
-        if not self.fits(ship):
+        if not isinstance(self.of_model, CoefficientCorrections) or not self.fits(ship):
             return None
-        assert ship.table is not None
-        factors = ship.table.new_ones(*shares.shape[:-1], *ship.table.shape)
-        factors[..., self._at[0], self._at[1]] += shares[..., : len(self._entries)]
-        return ship.table * factors
-
-    def _rate(self, nu: Tensor, delta: Tensor, shaft: Tensor | None) -> Tensor:
-        """Accelerations. Products of coefficients are those of the nominal shaft speed."""
-        if shaft is None or self._table is not None:
-            return calm_accelerations(self.dynamics, nu, delta)
-        return calm_accelerations(self.dynamics, nu, delta, shaft)
-
-    def _of_model(
-        self, nu: Tensor, delta: Tensor, acceleration: Tensor, shaft: Tensor | None, amidships: Tensor | None = None
-    ) -> Tensor:
-        """Accelerations by standard deviations of a fit, by coefficients, or by hull (amidships) and rudder each."""
-        hull, unity = self.dynamics.hull, torch.eye(3).to(acceleration)
-        if self._fitted:
-            shaft = torch.ones_like(acceleration[..., 0]) if shaft is None else shaft
-            state = torch.nn.functional.pad(nu, (0, 3))
-            return self.dynamics.sensitivities(state, Inputs(delta, shaft)) / USUAL_SCATTER
-        if self._table is not None:
-            term, equation = self._at
-            forces = (hull.products(nu, delta)[..., term] * self._table[term, equation])[..., None] * unity[equation]
-        else:
-            amidships = self._rate(nu, torch.zeros_like(delta), shaft) if amidships is None else amidships
-            calm = hull.force_from_acceleration(amidships)
-            rudder = hull.force_from_acceleration(acceleration) - calm
-            forces = torch.cat([part[..., None, :] * unity for part in (calm, rudder)], dim=-2)
-        return hull.acceleration_from_force(forces)
+        return self.of_model.table(ship, shares)
 
     def _of_roll(self, parts: "_Parts") -> Tensor:
         """Rates by what :data:`OF_ROLL` names."""

@@ -15,11 +15,11 @@ from jaxtyping import Float
 from scipy.special import logsumexp
 
 from manoeuvre_nn.dynamics.base import is_fitted
-from manoeuvre_nn.estimation.corrections import USUAL_SCATTER
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis, log_inside
 from manoeuvre_nn.estimation.hypothesis_columns import HypothesisColumns, hypothesis_columns
 from manoeuvre_nn.estimation.linear_run import Embedded
+from manoeuvre_nn.estimation.model_corrections import USUAL_SCATTER
 from manoeuvre_nn.estimation.posterior import Posterior
 
 PROCESS_PRIOR = 0.03

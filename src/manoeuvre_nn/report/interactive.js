@@ -11,7 +11,7 @@
     legend: { orientation: "h", x: 0, y: 1 + (LINE * lines(first) + 2) / plot, yanchor: "bottom" },
     modebar: { bgcolor: "rgba(0,0,0,0)", color: "#8a929c", activecolor: INK }, shapes: [], annotations: [],
   });
-  const axis = (title, more) => ({ title: { text: title, standoff: 6 }, gridcolor: GRID, zeroline: false, linecolor: INK, ticks: "outside", ...more });
+  const axis = (title, more) => ({ title: { text: title, standoff: 6 }, gridcolor: GRID, zeroline: false, linecolor: INK, ticks: "outside", exponentformat: "power", ...more });
 
   function furnish(layout, panel, x, y) {
     for (const [from, to, color] of panel.spans)
