@@ -5,17 +5,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pytest import approx
-from strangers import Stranger, asked, calm_only, of, strange_runs
+from strangers import Stranger, asked, calm_only, of, periodic, strange_runs
 from trials import CALM, SHIP
 
 from manoeuvre_nn.api import as_sensed
+from manoeuvre_nn.core.effect import Effect
+from manoeuvre_nn.diagnosis.alarm import MIN_GAIN_OF_UNKNOWN
 from manoeuvre_nn.diagnosis.case import Question, case_of
+from manoeuvre_nn.diagnosis.decision import decide
 from manoeuvre_nn.diagnosis.diagnose import diagnose
 from manoeuvre_nn.diagnosis.predictive import calm_check, repaired_check, tail
 from manoeuvre_nn.diagnosis.proof import in_held_out_runs
 from manoeuvre_nn.diagnosis.result import RIGHT_SHIP
 from manoeuvre_nn.diagnosis.search import search
+from manoeuvre_nn.diagnosis.unknown import unknown_evidence, wandering_evidence
 from manoeuvre_nn.dynamics.rollout import roll_out
+from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.rudder import RudderOffset
 from manoeuvre_nn.effect.sensors import LogScale, PositionConversion
 from manoeuvre_nn.estimation.data_set import whitened_data_set
@@ -102,3 +107,26 @@ def test_drawn_process_noise_has_its_size_and_its_memory():
     noise = np.array([1.0, 3.0]) * courses
     assert noise.std(axis=(0, 1)) == approx([1.0, 3.0], rel=0.03)
     assert np.corrcoef(noise[:-10, :, 0].ravel(), noise[10:, :, 0].ravel())[0, 1] == approx(np.exp(-1), abs=0.03)
+
+
+def positions_alone(wander: float, *acting: Effect) -> Question:
+    """Runs of which position, heading and rate of turn were recorded, the position with a slow error of so many m."""
+    rng, made = np.random.default_rng(7), []
+    trials = [zigzag(20.0, duration=400.0), turning_circle(20.0, duration=400.0), zigzag(10.0, duration=400.0)]
+    for k, run in enumerate(roll_out(Vessel(CALM, acting), trials, step=1.0)):
+        noisy = as_sensed(add_noise(run, {"x": 0.5, "y": 0.5, "psi": 0.002, "r": 2e-4}, k))
+        x, y = wander * drawn_process(rng, noisy.time, 60.0, (2, 1))[:, :, 0].T
+        made.append(noisy.with_channels(x=noisy["x"] + x, y=noisy["y"] + y))
+    return Question(case_of(made, SHIP, [made[-1].name]), CALM, [])
+
+
+def test_a_receiver_that_wanders_as_usual_ones_do_is_nothing_unknown():
+    """2.5 m in a minute look like a random force; a yaw moment that comes again does not look like a receiver."""
+    clean, moved = positions_alone(2.5), positions_alone(0.0, Stranger(0.15, "N", periodic(50.0)))
+    for question, wanders in ((clean, True), (moved, False)):
+        tried = search(whitened_data_set(CALM, question.case.fitted), [])
+        loose = unknown_evidence(tried.likelihood, tried.none, None)
+        wandering = wandering_evidence(tried.likelihood, tried.none)
+        assert loose > tried.none.evidence + MIN_GAIN_OF_UNKNOWN
+        assert (wandering > loose + 20) == wanders and (loose > wandering + 20) != wanders
+        assert decide(tried).strange != wanders

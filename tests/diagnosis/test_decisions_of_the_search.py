@@ -320,7 +320,9 @@ def proved(monkeypatch, claims, gains, errors, trained=False) -> tuple:
     }.items():  # fmt: skip
         monkeypatch.setattr(proving, name, made)
     monkeypatch.setattr(proving.checking, "checks", lambda *_: [])
-    return proving._proved(Mock(workers=1), SimpleNamespace(likelihood=Mock(), none=none), claims)
+    return proving._proved(
+        Mock(workers=1, case=Mock(held_out=[1])), SimpleNamespace(likelihood=Mock(), none=none), claims
+    )
 
 
 @pytest.mark.parametrize("gain, chosen", [(13.5, "log_scale"), (12.5, "current")])

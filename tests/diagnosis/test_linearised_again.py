@@ -9,7 +9,7 @@ import torch
 from fleet import ship_named, unchecked
 from pytest import approx
 from test_hypotheses_judged import LEVEL, NONE, fitted, hypothesis, stand
-from trials import CALM, CIRCLE, NOISE, PORT, SHIP, ZIGZAG, run_of, runs
+from trials import CALM, CIRCLE, NOISE, PORT, SHIP, ZIGZAG, run_of, runs, values
 
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.diagnosis.case import Case, Question
@@ -23,13 +23,32 @@ from manoeuvre_nn.effect.propulsion import PropellerPitchError
 from manoeuvre_nn.effect.rudder import RudderAreaLoss, RudderDelay, RudderOffset
 from manoeuvre_nn.effect.sensors import HeadingBias, LeverArm, RateBias
 from manoeuvre_nn.effect.wind import SteadyWind
-from manoeuvre_nn.estimation import relinearise
+from manoeuvre_nn.estimation import noise_average, relinearise
 from manoeuvre_nn.estimation.corrections import Calibrated, CoefficientPrior, Corrections
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet, base_columns, whitened_data_set
+from manoeuvre_nn.estimation.hypothesis import Hypothesis
+from manoeuvre_nn.estimation.linearised_run import shown
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.relinearise import MAX_CORRECTION, STATES_AT_REST, beside, change_of_states, refined
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
+
+
+def test_a_late_receiver_is_late_with_what_its_antenna_shows():
+    """The antenna's own way in a turn belongs to a delay: x = x0 + a cos psi, vn = vn0 - a r sin psi."""
+    arm = LeverArm(SHIP, dx_m=40.0)
+    data_set = whitened_data_set(CALM, runs([CIRCLE], [arm]))
+    held = Hypothesis((arm,), (values(arm),), fixed=frozenset({"dx_m", "dy_m"}))
+    found = MarginalLikelihood(data_set).evaluate(held)
+    there = refined(data_set, found)
+    late, finer = there.runs[0], noise_average.finer(there, 30.0).runs[0]
+    track, step = late.linearised.track, late.linearised.run.step
+    r, psi, path = track[:, 2], track[:, 5], shown(track)
+    for channel, of_antenna in ((0, 40 * np.cos(psi)), (2, -40 * r * np.sin(psi))):
+        expected = -np.gradient(path[:, channel] + of_antenna, step)
+        without = -np.gradient(path[:, channel], step)
+        for base in (late.base, finer.base):
+            assert base.measured[:, channel, -1] == approx(expected, abs=0.4 * abs(expected - without).max())
 
 
 def test_linearised_until_it_rests_another_linearisation_changes_little():

@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -116,3 +117,5 @@ def test_the_answer_holds_what_is_known_of_something_unknown():
         "parity": None, "share_in_hard_helm": None,
     }  # fmt: skip
     assert "nature" not in current
+    causes[0] = replace(causes[0], nature=replace(beats, refuted=True))
+    assert not answer(d)["effects"][0]["nature"]["predictable"], "it failed in runs that were not used"

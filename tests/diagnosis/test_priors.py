@@ -7,6 +7,7 @@ from fleet import unchecked
 from pytest import approx
 from trials import CALM, CIRCLE, NOISE, SHIP, ZIGZAG, run_of, runs
 
+from manoeuvre_nn.diagnosis.advise import apart
 from manoeuvre_nn.diagnosis.fits import single
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.vessel import Vessel
@@ -124,6 +125,10 @@ def test_each_campaign_has_its_own_wind_and_the_same_coefficients():
             value, error = told[name, (2 * number, 2 * number + 1)]
             assert value == approx(float(wind.value(name)), abs=max(3 * error, 0.1))
     assert found.evidence > none.evidence + 50
+    # What the other day's numbers are is no matter of a run: a rival can be compared all the same.
+    calm = MarginalLikelihood(data_set).evaluate(Hypothesis((RudderOffset(SHIP),), (np.full((4, 1), 0.5),)))
+    assert apart(data_set, calm.hypothesis, found.hypothesis, found.best) > 5
+    assert apart(data_set, found.hypothesis, found.hypothesis, found.best) == approx(0.0, abs=1e-6)
     elsewhere = found.hypothesis.of_runs([3, 0])
     assert elsewhere.campaigns == (1, 0) and elsewhere.values[0][1, 0] == found.hypothesis.values[0][0, 0]
 

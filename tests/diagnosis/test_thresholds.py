@@ -95,10 +95,11 @@ def test_calm_water_and_one_effect_are_likelier_than_several_and_than_something_
 def decided(monkeypatch):
     """Decides on log Bayes factors over calm water, those of something unknown and of its formula among them."""
 
-    def run(gains: dict, unmodelled=-9.0, rule=None, lacked=None, chance=1.0) -> Decision:
+    def run(gains: dict, unmodelled=-9.0, rule=None, lacked=None, chance=1.0, wandering=-np.inf) -> Decision:
         monkeypatch.setattr(under_test, "beside", lambda likelihood, hypothesis: likelihood)
         monkeypatch.setattr(under_test, "short_formula", lambda there, none: rule)
         monkeypatch.setattr(under_test, "unknown_evidence", lambda there, none, formula: unmodelled - 3.0)
+        monkeypatch.setattr(under_test, "wandering_evidence", lambda there, none: wandering - 3.0)
         monkeypatch.setattr(under_test, "is_fitted", lambda dynamics: lacked is not None)
         monkeypatch.setattr(alarm, "threshold", lambda result: chance)
         made = sorted((fitted(g - 3.0, *n.split(" + ")) for n, g in gains.items()), key=lambda j: -j.evidence)
@@ -107,6 +108,16 @@ def decided(monkeypatch):
         return under_test.decide(result)
 
     return run
+
+
+def test_a_receiver_that_wanders_is_calm_water_before_anything_is_unknown(decided):
+    """Half of calm water has such a receiver. What a named effect explains better than anything unknown stays."""
+    unknown, explained, nearly = (decided({}, unmodelled=20.0, wandering=w) for w in (-np.inf, 40.0, 13.6))
+    assert unknown.strange and not explained.strange and explained.none >= 0.6
+    assert explained.unmodelled == approx(20.0 - 40.0 + np.log(2)) and nearly.strange
+    assert not decided({}, unmodelled=20.0, wandering=13.8).strange, "seven above 13.8 less log 2"
+    named = decided({"current": 30.0}, unmodelled=20.0, wandering=40.0)
+    assert named.named and named.best is not None and named.best.names == ("current",)
 
 
 def test_without_an_alarm_calm_water_keeps_six_of_ten_and_with_one_no_more_than_four(decided):

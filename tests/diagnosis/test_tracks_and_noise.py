@@ -17,7 +17,7 @@ from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.propulsion import PowerLimit
 from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.estimation.data_set import PreparedRun, prepared_run
-from manoeuvre_nn.estimation.smoothed_run import first_guess
+from manoeuvre_nn.estimation.smoothed_run import first_guess, rounding_step
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.recording.preparation import measured, smooth_shaft, with_measured
 
@@ -56,6 +56,30 @@ def test_noise_of_another_size_is_found_too():
     factors = np.array([4.0, 0.5, 3.0, 2.0, 0.5, 3.0, 2.0, 1.0])
     found = [own_noise(placed(run_of(record(), factors * NOISE, seed))) for seed in range(4)]
     assert np.mean(found, axis=0) / (factors * NOISE)[:SEEN] == approx(np.ones(SEEN), abs=0.2)
+
+
+def test_the_noise_of_few_samples_is_not_what_they_leave_of_the_states():
+    """Positions and velocities every 5 s: the states follow each of them by a part."""
+    found = []
+    for seed in range(4):
+        run = run_of(record(), NOISE, seed)
+        seen = measured(run)
+        seen[np.arange(len(run)) % 5 != 0, :4] = np.nan
+        found.append(own_noise(placed(with_measured(run, seen))) / NOISE[:SEEN])
+    assert np.mean(found, axis=0) == approx(np.ones(SEEN), abs=0.25)
+
+
+def test_a_rounded_channel_has_at_least_the_error_of_rounding():
+    """In a steady turn most errors of a heading in whole degrees are alike, and their median says nothing."""
+    run = run_of(record("wind"), NOISE, seed=1)
+    seen, degree = measured(run), np.radians(1.0)
+    seen[:, 4] = np.round(seen[:, 4] / degree) * degree
+    rounded = placed(with_measured(run, seen))
+    assert own_noise(rounded)[4] >= degree / np.sqrt(12.0) * 0.999
+    lost = np.isnan(measured(rounded.linearised.run)[:, 4]).sum()
+    assert lost <= 0.02 * len(run), "rounding makes no outliers"
+    values = np.array([[0.5, 0.0, 1.0], [1.0, 0.3, 1.0], [2.5, 0.7, 1.0], [np.nan, 1.3, 1.0]])
+    assert rounding_step(values) == approx(np.array([0.5, 0.0, 0.0])), "whole steps, none, one value alone"
 
 
 @pytest.mark.parametrize("slope", [0.0, 0.4])

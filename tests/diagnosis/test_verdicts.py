@@ -44,6 +44,7 @@ def decided(monkeypatch):
         monkeypatch.setattr(under_test, "beside", lambda likelihood, hypothesis: likelihood)
         monkeypatch.setattr(under_test, "short_formula", lambda likelihood, none: None)
         monkeypatch.setattr(under_test, "unknown_evidence", lambda likelihood, none, formula: CALM_EVIDENCE + unknown)
+        monkeypatch.setattr(under_test, "wandering_evidence", lambda likelihood, none: -np.inf)
         monkeypatch.setattr("manoeuvre_nn.diagnosis.alarm.threshold", lambda contest: 1.0)
         made = [judged(CALM_EVIDENCE + f, *key.split(" + ")) for key, f in factors.items()]
         made.sort(key=lambda j: -j.evidence)

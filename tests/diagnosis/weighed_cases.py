@@ -146,6 +146,7 @@ def decision_of(case: dict, threshold: float | None = None) -> tuple[Decision, f
         patch.object(decision, "beside", lambda likelihood, hypothesis: likelihood),
         patch.object(decision, "short_formula", lambda there, none: rule),
         patch.object(decision, "unknown_evidence", lambda there, none, formula: case["unknown"]),
+        patch.object(decision, "wandering_evidence", lambda there, none: -np.inf),
     ):
         return decision.decide(result), least
 

@@ -29,6 +29,32 @@ def test_on_the_approach_thrust_is_the_resistance(ship):
     assert float(half) == pytest.approx(0.2 * p.calm_resistance * (2 * 0.64 - 0.8 * 0.5))
 
 
+@pytest.mark.parametrize("time, share", [(50.0, 0.0), (100.0, 0.5), (150.0, 1.0), (200.0, 0.5), (250.0, 0.0)])
+def test_a_loss_of_thrust_is_that_of_a_slower_shaft_for_a_while(time, share):
+    """``T = R0 [(1 + s) n^2 - s n u/U0]`` with s = 1, at U0: from 1 to 2 n^2 - n; with a recorded .9, from .72 on."""
+    p = ship_named("mariner").particulars
+    effect = made("thrust_loss", "mariner", rpm_loss=0.4, start_s=100.0, end_s=200.0, ramp_s=5.0)
+    assert p.thrust_slope == 1.0
+    for shaft in (1.0, 0.9):
+        n = shaft * (1 - 0.4 * share)
+        lost = p.calm_resistance * ((2 * n**2 - n) - (2 * shaft**2 - shaft))
+        expected = ship_named("mariner").acceleration_from_si(torch.tensor([lost, 0.0, 0.0], dtype=torch.float64))
+        found = effect.acceleration(at("mariner", p.speed, time=time, shaft=shaft), NONE)[0]
+        assert found.tolist() == pytest.approx(expected.tolist(), rel=1e-6, abs=1e-9)
+    lasting = made("thrust_loss", "mariner", rpm_loss=0.4, start_s=100.0)
+    late, full = (lasting.acceleration(at("mariner", p.speed, time=t), NONE)[0, 0] for t in (5000.0, 150.0))
+    assert float(late) == pytest.approx(float(full)) and float(full) < 0
+
+
+def test_a_tanker_that_loses_thrust_steers_worse():
+    """Her rudder lies in the race: what is lost is what another shaft speed makes of the whole ship."""
+    tanker, s = ship_named("esso_190k"), at("esso_190k", 7.0, time=500.0, delta=0.3)
+    effect = made("thrust_loss", "esso_190k", rpm_loss=0.25, start_s=100.0)
+    expected = tanker.acceleration_from_force(tanker.shaft_force(s.nu, s.delta, 0.75 * s.shaft))
+    found = effect.acceleration(s, NONE)
+    assert torch.allclose(found, expected, rtol=1e-6) and float(found[0, 2]) < 0 < float(found[0, 1])
+
+
 def test_the_tankers_pitch_error_is_a_share_of_its_own_thrust():
     ship = ship_named("esso_190k")
     s = at(ship, ship.self_propulsion, 1e-12)

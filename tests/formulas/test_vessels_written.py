@@ -30,8 +30,8 @@ from manoeuvre_nn.ship.mariner import mariner
 MOVING = (
     "bank", "bow_thruster", "current", "displacement_change", "formula", "hull_fouling", "ice_resistance", "loading",
     "propeller_pitch_error", "propeller_side_force", "remainder", "roll_coupling", "rudder_area_loss", "rudder_stall",
-    "shallow_water", "side_force", "slipstream", "squat", "tidal_current", "tow", "trim_change", "wave_drift",
-    "wind_onset", "wind_steady",
+    "shallow_water", "side_force", "slipstream", "squat", "thrust_loss", "tidal_current", "tow", "trim_change",
+    "wave_drift", "wind_onset", "wind_steady",
 )  # fmt: skip
 """Effects that act on the motion itself; gusts are drawn by chance."""
 

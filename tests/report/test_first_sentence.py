@@ -29,6 +29,9 @@ def test_the_first_sentence_says_what_the_repaired_model_still_misses():
             plain = summary_sentence(d.causes, model, d.proofs, True)
             told = summary_sentence(d.causes, model, d.proofs, True, left=still_missing(checks))
             assert told == f"{plain.removesuffix('.')}{end}."
+    event = replace(d.causes[0], name="wind_onset", intervals={"r01": [(10.0, 50.0)]})
+    unproved = summary_sentence([event], ["wind_onset"], d.proofs, True, left=still_missing((failed,)))
+    assert unproved.endswith(f"so that none can prove it; something is still missing: {missed}.")
 
 
 def test_corrected_coefficients_are_told_where_two_digits_show_what_they_gain():

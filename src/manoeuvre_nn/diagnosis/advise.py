@@ -73,7 +73,16 @@ def _grams(
     shared = np.array([not f.parameter.per_run for f in rival.unknowns()], dtype=bool)
     spreads = (REFIT_SPREADS * rival.prior_sds())[shared].tolist()
     sd = np.array([COEFFICIENT_SD_LEVELS[best[1]]] * data_set.combinations + spreads)
-    return [_shared(data_set, best[0], run, c, lin) for run, c in enumerate(whole)], sd
+    first = 1 + data_set.combinations
+    place = first + np.cumsum(shared) - 1  # a run of a campaign has the numbers of that alone
+    grams = []
+    for run, c in enumerate(whole):
+        mine = np.zeros(0, dtype=int) if lin is None else lin.index[run][1:] - 1
+        at = np.r_[:first, place[mine[shared[mine]]]].astype(int)
+        gram = np.zeros((1 + len(sd),) * 2)
+        gram[np.ix_(at, at)] = _shared(data_set, best[0], run, c, lin)
+        grams.append(gram)
+    return grams, sd
 
 
 def _ranked(

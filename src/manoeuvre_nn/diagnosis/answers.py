@@ -81,7 +81,7 @@ def _nature(nature: Nature) -> dict:
         "size": {"name": nature.size.name, "value": _with_error(nature.size)},
         "scales": {v.name: _with_error(v) for v in nature.scales},
         "log_evidence": _number(nature.against),
-        "predictable": nature.predictable,
+        "predictable": nature.predictable and not nature.refuted,
         "frame": nature.frame or None,
         "parity": nature.parity or None,
         "share_in_hard_helm": _number(nature.regime),

@@ -54,7 +54,8 @@ def causes_of(
         )
     unknown = _unmodelled(tried, verdict, chosen)
     if nature is not None:
-        unknown = replace(unknown, nature=nature, equations=unknown.equations if unknown.terms else nature.equations)
+        known = unknown.terms or nature.refuted  # a formula that fails elsewhere does not tell where it is
+        unknown = replace(unknown, nature=nature, equations=unknown.equations if known else nature.equations)
     causes.append(unknown)
     return sorted(causes, key=lambda c: (-(c.name in chosen.names), -c.probability))
 

@@ -12,7 +12,7 @@ from manoeuvre_nn.diagnosis.alarm import MIN_GAIN_OF_UNKNOWN, MIN_GAIN_TO_TRY, r
 from manoeuvre_nn.diagnosis.fits import fitted_at_rest
 from manoeuvre_nn.diagnosis.formula import short_formula
 from manoeuvre_nn.diagnosis.search import MIN_GAIN_OF_SINGLE, SearchResult, worth_its_size
-from manoeuvre_nn.diagnosis.unknown import unknown_evidence
+from manoeuvre_nn.diagnosis.unknown import unknown_evidence, wandering_evidence
 from manoeuvre_nn.diagnosis.workers import shared_out
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.effect.formula import Formula
@@ -130,9 +130,14 @@ def decide(result: SearchResult) -> Decision:
     # A fitted model has errors that a formula takes up: to raise the alarm it must hold on other runs first.
     trained = is_fitted(data_set.dynamics)
     unmodelled = unknown_evidence(there, result.none, None if trained else formula)
-    worthy = _worthy(result)
-    names = sorted({n for j in result.fitted for n in j.names})
+    worthy, names = _worthy(result), sorted({n for j in result.fitted for n in j.names})
     log_weight = _log_weights(none, unmodelled, worthy, len(names))
+    if unmodelled > none + MIN_GAIN_OF_UNKNOWN and log_weight.argmax() == 1:
+        # Before anything is called unknown: calm water, seen by a receiver that wanders as usual ones do.
+        wandering = np.logaddexp(none, wandering_evidence(there, result.none)) - np.log(2)
+        none = max(none, float(wandering))
+        result = replace(result, none=replace(result.none, evidence=none))
+        log_weight = _log_weights(none, unmodelled, worthy, len(names))
     best = worthy[int(log_weight[2:].argmax())] if worthy else None
     shares = np.exp(log_weight - log_weight.max())
     shares /= shares.sum()

@@ -148,7 +148,7 @@ def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypo
         rivals = [c for c in claims if Formula.name not in (*c.names, *claim.names) and are_rivals(claim, c)]
         best = max((t for t in put([claim, *rivals]) if t.helped), key=lambda t: t.evidence)
         checks = [t.check for t in known.values()]
-        sailed = [repaired_check(question, tried, best.fitted, best.there)] if best.acted else []
+        sailed = [repaired_check(question, tried, best.fitted, best.there)] if question.case.held_out else []
         return best.fitted, best.proofs, [*checks, *sailed, *checking.checks(tried, best.fitted)]
     # Nothing is missing, but coefficients may be off within their scatter.
     corrected = prove(question, none, none.hypothesis, proofs) if proofs else []
@@ -165,7 +165,6 @@ class _Tried:
         there: It, in the held-out runs.
         proofs: These, predicted with it.
         check: What came out.
-        acted: Whether any of it acts in a held-out run.
         evidence: Log evidence of fitted and held-out runs together.
     """
 
@@ -173,7 +172,6 @@ class _Tried:
     there: Hypothesis
     proofs: list[Proof]
     check: Check
-    acted: bool
     evidence: float
 
     @property
@@ -216,7 +214,7 @@ def _put_to_proof(
     )
     untested = f"{labels(j)} did not act in a held-out run" if made else "no held-out run"
     check = Check("held-out gain", helped, text if tested else f"{untested}: not proved")
-    return _Tried(j, there.hypothesis, made, check, tested, claim.evidence + there.evidence)
+    return _Tried(j, there.hypothesis, made, check, claim.evidence + there.evidence)
 
 
 def _acts(hypothesis: Hypothesis) -> bool:

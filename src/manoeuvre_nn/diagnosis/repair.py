@@ -259,6 +259,7 @@ def start_state_and_covariance(
         each = zip(effects, hypothesis.values, beside, strict=True)
         line = behind_record(linearised, effects, here)
         added = [contribution(e, v, line, hulls=hulls) for e, v, hulls in each]
+        linearised = replace(linearised, receiver=sum((c.measured[:, :4, 0] for c in added), np.zeros((1, 4))))
         # Data less latency and effects at their values.
         all_of_them = joined([linearised.data, latency_column(linearised), *added])
         left = all_of_them.combined(np.array([1.0, -latency, *[-1.0] * len(added)]))

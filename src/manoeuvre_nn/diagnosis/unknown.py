@@ -15,6 +15,7 @@ from scipy.optimize import minimize
 from scipy.special import logsumexp
 
 from manoeuvre_nn.core.channels import MEASURED
+from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.estimation.data_set import (
     COEFFICIENT_SD_LEVELS,
     WhitenedDataSet,
@@ -22,16 +23,22 @@ from manoeuvre_nn.estimation.data_set import (
     start_spread,
 )
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
-from manoeuvre_nn.estimation.linear_run import summed
+from manoeuvre_nn.estimation.linear_run import Columns, joined, summed
 from manoeuvre_nn.estimation.linearised_run import integrated
 from manoeuvre_nn.estimation.marginal_likelihood import PROCESS_PRIOR, MarginalLikelihood, log_prior_levels
 from manoeuvre_nn.estimation.process_noise import by_equation
 
 COLOURED = 4.0
 """Variance factor of a channel's slow errors from which its sensor is not trusted."""
+KNOT_S = 10.0
+"""Time between the knots of a wander of the receiver [s]."""
+WANDER_TIMES_S, WHITE_SHARES = (30.0, 100.0, 300.0), (1.0, 0.5, 0.25)
+"""Correlation times of a wander that are tried [s]; white noise over what the smoother takes for noise."""
 RECEIVER_SD = 8.0 / 2.45
 """Error of a usual receiver north and east [m], which wanders for minutes: 8 m hold 95 % of its positions (GPS Standard
 Positioning Service Performance Standard, 5th edition 2020), as 2.45 standard deviations do of two alike axes."""
+WANDER_SDS = (0.3 * RECEIVER_SD, 0.6 * RECEIVER_SD, RECEIVER_SD)
+"""Standard deviations of a wander that are tried [m], up to that of a usual receiver."""
 SENSOR_PER_RUN = 12.0
 """Log evidence for a strange sensor of every run in which its error is coloured so."""
 MAX_RANDOM = 3.0
@@ -129,6 +136,62 @@ class _RandomProcess:
         found = self.likelihood.regress(gram, sum(w.log_norm for w in white))
         outside = 10.0 * float(np.abs(x - np.log([size, time])).sum())
         return float(logsumexp(found.evidence[: len(self.prior)] + self.prior)) - outside
+
+
+def wandering_evidence(likelihood: MarginalLikelihood, none: FittedHypothesis) -> float:
+    """Log evidence of calm water whose positions have the slow error of a usual satellite receiver.
+
+    North and east each have white noise, of which the smoother takes a wander for a part, and a first-order Markov
+    process w of standard deviation s and correlation time T, ``cov w = s^2 exp(-|t| / T)``, by its values at knots and
+    straight lines between. It is summed over s, T and the share of the noise that is white, each value alike likely.
+
+    Args:
+        likelihood: The runs.
+        none: Calm water.
+
+    Returns:
+        It; minus infinity where no position was recorded, or the model was fitted with its own noise.
+    """
+    data_set = likelihood.data_set
+    if is_fitted(data_set.dynamics) or not any(p.linearised.present[:, :2].any() for p in data_set.runs):
+        return -np.inf
+    level = data_set.levels.quiet(none.best[0])
+    prior, found = log_prior_levels(data_set, PROCESS_PRIOR)[level], []
+    for share in WHITE_SHARES:
+        gram, norm, knots = _with_wander(data_set, level, share)
+        for size, time in product(WANDER_SDS, WANDER_TIMES_S):
+            turned = np.eye(len(gram))
+            for at, clock in knots:
+                apart = np.abs(clock[:, None] - clock)
+                turned[at, at] = size * np.linalg.cholesky(np.exp(-apart / time) + 1e-9 * np.eye(len(clock)))
+            data, ones = np.eye(len(gram))[0], [1.0] * (len(gram) - data_set.size)
+            told = data_set.posterior(turned.T @ gram @ turned, norm, data, ones)
+            found.append(logsumexp(told.evidence + prior))
+    return float(logsumexp(found) - np.log(len(found)))
+
+
+def _with_wander(
+    data_set: WhitenedDataSet, level: int, share: float
+) -> tuple[Float[np.ndarray, "p p"], float, list[tuple[slice, Float[np.ndarray, " k"]]]]:
+    """Inner products of base and of position errors at knots, their normaliser; places and times of knots of a part."""
+    sd, start = data_set.levels.sd(level, data_set.unit), start_spread(data_set.dynamics)
+    parts, index, knots, size, norm = [], [], [], data_set.size, 0.0
+    for k, p in enumerate(data_set.runs):
+        clock = p.linearised.run.time
+        at = np.arange(clock[0], clock[-1] + KNOT_S, KNOT_S)
+        hats = np.maximum(0.0, 1 - np.abs(clock[:, None] - at) / KNOT_S)
+        added = np.zeros((len(clock), p.base.measured.shape[1], 2 * len(at)))
+        for axis in range(2):
+            added[:, axis, axis * len(at) : (axis + 1) * len(at)] = hats
+            knots.append((slice(size + axis * len(at), size + (axis + 1) * len(at)), at))
+        still = np.zeros((*p.base.moved.shape[:2], added.shape[2]))
+        noise = p.noise * np.r_[share, share, np.ones(len(p.noise) - 2)]
+        white = integrated(p.linearised, noise, sd, data_set.process_time, start)
+        embedded = white.embed(joined([p.base, Columns(added, still)]))
+        parts.append(embedded.dot(embedded))
+        index.append(np.r_[data_set.base_index(k), size : size + added.shape[2]])
+        size, norm = size + added.shape[2], norm + white.log_norm
+    return summed(parts, index, size), norm, knots
 
 
 def unknown_evidence(likelihood: MarginalLikelihood, none: FittedHypothesis, formula: FittedHypothesis | None) -> float:

@@ -70,7 +70,7 @@ def summary_sentence(
     said = _and([f"{c.label} ({'; '.join(part for part in (_values(c), _times(c)) if part)})" for c in named])
     them = "it" if len(named) == 1 else "them"
     if proofs and not any(c.intervals is None or c.intervals.get(p.run) for c in named for p in proofs):
-        return f"The recordings show {said}; no run that was not used had {them}, so that none can prove {them}."
+        return f"The recordings show {said}; no run that was not used had {them}, so that none can prove {them}{more}."
     return f"The recordings show {said}{_gain(proofs, them)}{more}."
 
 

@@ -60,6 +60,11 @@ def several(number: int) -> tuple[Parameter, ...]:
     return (instant("start_s", 100.0, 200.0), instant("end_s", 300.0, 400.0), *later)
 
 
+def from_some_time() -> tuple[Parameter, ...]:
+    """Start and end of what begins once in a run and may last, and its ramp."""
+    return (instant("start_s", 200.0, 400.0), instant("end_s", inf), RAMP)
+
+
 def columns(*parts: Float[Tensor, "..."]) -> Float[Tensor, "..."]:
     """Components, broadcast against each other, as the last dimension of one tensor."""
     return torch.stack(torch.broadcast_tensors(*parts), dim=-1)

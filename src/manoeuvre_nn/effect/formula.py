@@ -94,9 +94,9 @@ DRIFT_TIME_S = 600.0
 INSTRUMENTS: dict[str, tuple[str, ...]] = {
     "north": ("t^2",),
     "east": ("t^2",),
-    "psi": ("r", "t", "t^2", "cos psi", "sin psi", "cos 2psi", "sin 2psi"),
+    "psi": ("1", "r", "t", "t^2", "cos psi", "sin psi", "cos 2psi", "sin 2psi"),
     "r": ("r", "|r|", "t"),
-    "u_log": ("v", "|v|", "|r|", "t", "cos psi", "sin psi", "cos 2psi", "sin 2psi"),
+    "u_log": ("1", "u", "v", "|v|", "|r|", "t", "cos psi", "sin psi", "cos 2psi", "sin 2psi"),
 }
 """Errors of instruments beside those that have a name; one of the log is a share of the speed, one of the satellite
 receiver is in its position and, as its rate, in its velocity: a drift that grows, since a steady one is a current."""

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from manoeuvre_nn.core.effect import Effect, Parameter, Situation
-from manoeuvre_nn.effect.common import ACROSS, columns
+from manoeuvre_nn.effect.common import ACROSS, columns, during, from_some_time
 
 FAMILY = "propeller and resistance"
 KILO = 1000.0
@@ -56,6 +56,32 @@ class PropellerPitchError(Effect):
     def force(self, s: Situation) -> Float[Tensor, "*batch 3"]:
         """The surplus of thrust and of what goes with it."""
         return self.value("fraction")[..., None] * self.ship.thrust(s.u, s.shaft)
+
+
+class ThrustLoss(Effect):
+    """An engine that slows down for a while, or from some time on, or a propeller that does as if it did.
+
+    The propeller, and the rudder in its race, act as with a shaft slower by a fraction than the recorded one, or than
+    the nominal one where none was recorded: ``n -> n (1 - f)`` in :meth:`~manoeuvre_nn.core.ship.Ship.shaft_force`.
+    """
+
+    name = "thrust_loss"
+    site = "force"
+    candidate = True
+    measured_by = "shaft speed and torque"
+    family = FAMILY
+    label = "a loss of thrust"
+    equations = ("X",)
+    fingerprint = "The ship slows down from some time on, on every heading and without a turn; sway and yaw are right."
+    source = "Shaft speed as a step; what it does is the ship's own, else T = R0 [(1 + s) n^2 - s n u/U0]"
+    declared = (Parameter("rpm_loss", "-", 0.0, 1.0, 0.0, 0.2, (0.15, 0.5)), *from_some_time())
+
+    def acceleration(self, s: Situation, memory: Float[Tensor, "*batch m"]) -> Float[Tensor, "*batch 3"]:
+        """What the ship does with the slower shaft, less what she does with the one that is shown."""
+        slower = s.shaft * (1 - self.value("rpm_loss") * during(self, s.time))
+        nu, delta, shown = s.nu.expand(*slower.shape, 3), s.delta.expand(slower.shape), s.shaft.expand(slower.shape)
+        lost = self.ship.shaft_force(nu, delta, slower) - self.ship.shaft_force(nu, delta, shown)
+        return self.ship.acceleration_from_force(lost)
 
 
 class PowerLimit(Effect):

@@ -1,7 +1,7 @@
 """Wind on the part of the ship above the water."""
 
 from abc import abstractmethod
-from math import exp, inf, sqrt
+from math import exp, sqrt
 
 import torch
 from jaxtyping import Float
@@ -13,7 +13,7 @@ from manoeuvre_nn.core.errors import check_choice
 from manoeuvre_nn.core.frames import earth_to_body
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.wind import COEFFICIENTS, usual_kind, wind_load
-from manoeuvre_nn.effect.common import RAMP, columns, compass, direction, during, factor, instant
+from manoeuvre_nn.effect.common import columns, compass, direction, during, factor, from_some_time
 
 SPEED = Parameter("speed", "m/s", 0.0, 80.0, 0.0, 8.0, (6.0, 20.0))
 FORM = (
@@ -120,7 +120,7 @@ class WindOnset(_TrueWind):
     label = "a wind that sets in"
     fingerprint = "Nothing until a time, then the forces of a steady wind."
     source = "Blendermann 1994; the wind's speed rises over a ramp"
-    declared = (SPEED, direction("from_deg"), instant("start_s", 200.0, 400.0), instant("end_s", inf), RAMP, *FORM)
+    declared = (SPEED, direction("from_deg"), *from_some_time(), *FORM)
 
     def _speed(self, s: Situation) -> Tensor:
         """Speed of the true wind at every sample [m/s]."""

@@ -349,6 +349,7 @@ def about_states(
     track: Float[np.ndarray, "n k"],
     corrections: Float[np.ndarray, " k"] | None = None,
     indicated: Float[np.ndarray, " n"] | None = None,
+    receiver: Float[np.ndarray, "#n 4"] | None = None,
 ) -> PreparedRun:
     """The same run about another track.
 
@@ -359,12 +360,14 @@ def about_states(
         corrections: Sizes of :class:`.Corrections` that the equations are linearised about too, so that effects act on
             the corrected ship: a rudder offset on the rudder as strong as it is; None are none.
         indicated: What the rudder indicator showed, where corrections of rudder forces act [rad]; None is the record.
+        receiver: What errors of sensors add to what the satellite receiver shows; None is nothing.
 
     Returns:
         The run about it.
     """
     about = dynamics if corrections is None else Calibrated(dynamics, dynamics.hull.inertia.new_tensor(corrections))
     linearised = linearise(prepared.linearised.run, Rate(about), track, process_time(dynamics), indicated)
+    linearised = linearised if receiver is None else replace(linearised, receiver=receiver)
     return replace(prepared, linearised=linearised, base=base_columns(dynamics, linearised))
 
 

@@ -292,5 +292,6 @@ def latency_column(linearised: LinearisedRun) -> Columns:
     """
     states = linearised.states
     added = np.zeros((len(linearised.run), len(states.channels), 1))
-    added[:, :4, 0] = -np.gradient(shown(linearised.track)[:, :4], linearised.run.step, axis=0)
+    received = shown(linearised.track)[:, :4] + linearised.receiver
+    added[:, :4, 0] = -np.gradient(received, linearised.run.step, axis=0)
     return Columns(added, np.zeros((len(linearised.run) - 1, states.count, 1)))

@@ -7,7 +7,7 @@ coefficients, and rudders that arrive between two samples.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 
 import numpy as np
@@ -87,6 +87,7 @@ class LinearisedRun:
         rudder_push: What a radian of rudder adds to the state within a step.
         indicated: What the rudder indicator showed [rad]: the record, unless that is said to be late or early. All
             derivatives are about it; the defect is that of the record.
+        receiver: What errors of sensors add to x, y, vn, ve of the satellite receiver: its delay is one of that, too.
     """
 
     run: Recording
@@ -98,6 +99,7 @@ class LinearisedRun:
     residual: Float[np.ndarray, "n c"]
     rudder_push: Float[np.ndarray, "steps k"]
     indicated: Float[np.ndarray, " n"]
+    receiver: Float[np.ndarray, "#n 4"] = field(default_factory=lambda: np.zeros((1, 4)))
 
     @property
     def states(self) -> RunStates:

@@ -70,7 +70,7 @@ def finer(data_set: WhitenedDataSet, time: float) -> WhitenedDataSet:
     runs = []
     for prepared in data_set.runs:
         x = prepared.linearised
-        x = linearise(x.run, x.rate, x.track, time, x.indicated)
+        x = replace(linearise(x.run, x.rate, x.track, time, x.indicated), receiver=x.receiver)
         runs.append(replace(prepared, linearised=x, base=base_columns(data_set.dynamics, x)))
     levels = ProcessLevels(tuple(sorted((*PROCESS_LEVELS.sizes, *BETWEEN))))
     return WhitenedDataSet(data_set.dynamics, runs, data_set.coefficient_prior, levels, time)

@@ -26,6 +26,10 @@ LINEARISATIONS, MAX_LINEARISATIONS = 4, 12
 MAX_STEP = 0.5
 """Longest step of u and v over the mean speed: hydrodynamic forces go with their second and third powers, so further
 off the linear equations are those of another motion (and a ship that lies still has no solution)."""
+MAX_LEVERAGE = 0.9
+"""Leverage of a sample at most: where a few samples alone tell a state, their residuals say nothing of their noise."""
+WHOLE = 0.01
+"""How far from a whole number of steps a rounded value may be, over the step."""
 SHAFT = 7
 """Channel of the shaft speed: no state explains it, so its misfit is no outlier."""
 MOTION_POWERS = (0.5, 0.5, -0.5, 1.0, 1.0, 0.0)
@@ -78,6 +82,7 @@ def smooth(
     """
     kept, channels = rate.states, rate.states.channels
     shaft = measured(run)[:, SHAFT]
+    least = np.maximum(least, rounding_step(measured(run, channels)) / np.sqrt(12.0))  # errors even over a step
     run = run.with_channels(**{MEASURED[SHAFT]: np.full(len(run), np.nan)})
     track, states, sigma = first_guess(run, kept.own), np.zeros((len(run), kept.size)), noise
     inflation = np.ones(len(channels))
@@ -98,7 +103,10 @@ def smooth(
         if share < 1.0:  # what is left is not noise alone
             continue
         residual = columns.measured @ left - np.einsum("kci,ki->kc", linearised.observed, states)
-        sigma, weights = measured_noise(residual**2, linearised.present, sigma, least, "cut")
+        variance = np.einsum("kci,kij,kcj->kc", linearised.observed, solved.covariances[0], linearised.observed)
+        # The states follow a sample by its leverage, their variance over the sample's: its residual is so much smaller.
+        leverage = np.clip(variance / (sigma * np.sqrt(inflation)) ** 2, 0.0, MAX_LEVERAGE)
+        sigma, weights = measured_noise(residual**2 / (1 - leverage), linearised.present, sigma, least, "cut")
         e = residual * weights / sigma
         # Of instruments better than the least noise that is assumed, slow errors are as small as they are.
         inflation = np.where(sigma > least, _long_run(e), np.maximum(_long_run(e) * _mean_square(e), 1.0))
@@ -110,6 +118,18 @@ def smooth(
     sigma = sigma * np.sqrt(np.clip(misfit, 1.0, 1.5))
     run = run.with_channels(**{MEASURED[SHAFT]: shaft})
     return linearise(run, rate, track, ship.time_unit), sigma, inflation, states[:, kept.count :]
+
+
+def rounding_step(values: Float[np.ndarray, "n c"]) -> Float[np.ndarray, " c"]:
+    """The step to which a channel was rounded; 0 where its values are not whole numbers of the least difference."""
+    found = np.zeros(values.shape[1])
+    for k, column in enumerate(values.T):
+        there = column[np.isfinite(column)]
+        steps = np.diff(np.unique(there))
+        steps = steps[steps > 1e-9 * np.abs(there).max(initial=1.0)]
+        if len(steps) > 1 and np.abs(steps / steps.min() - np.rint(steps / steps.min())).max() < WHOLE:
+            found[k] = steps.min()
+    return found
 
 
 def step_share(track: Float[np.ndarray, "n k"], step: Float[np.ndarray, "n s"]) -> float:
