@@ -95,11 +95,12 @@ def test_calm_water_and_one_effect_are_likelier_than_several_and_than_something_
 def decided(monkeypatch):
     """Decides on log Bayes factors over calm water, those of something unknown and of its formula among them."""
 
-    def run(gains: dict, unmodelled=-9.0, rule=None, lacked=None, chance=1.0, wandering=-np.inf) -> Decision:
+    def run(gains: dict, unmodelled=-9.0, rule=None, lacked=None, chance=1.0, wandering=(-np.inf,) * 2) -> Decision:
+        calm, named = wandering  # seen by a receiver that wanders: calm water, and the best hypothesis with a name
         monkeypatch.setattr(under_test, "beside", lambda likelihood, hypothesis: likelihood)
         monkeypatch.setattr(under_test, "short_formula", lambda there, none: rule)
         monkeypatch.setattr(under_test, "unknown_evidence", lambda there, none, formula: unmodelled - 3.0)
-        monkeypatch.setattr(under_test, "wandering_evidence", lambda there, none: wandering - 3.0)
+        monkeypatch.setattr(under_test, "wandering_evidence", lambda there, j: (named if j.names else calm) - 3.0)
         monkeypatch.setattr(under_test, "is_fitted", lambda dynamics: lacked is not None)
         monkeypatch.setattr(alarm, "threshold", lambda result: chance)
         made = sorted((fitted(g - 3.0, *n.split(" + ")) for n, g in gains.items()), key=lambda j: -j.evidence)
@@ -111,13 +112,15 @@ def decided(monkeypatch):
 
 
 def test_a_receiver_that_wanders_is_calm_water_before_anything_is_unknown(decided):
-    """Half of calm water has such a receiver. What a named effect explains better than anything unknown stays."""
-    unknown, explained, nearly = (decided({}, unmodelled=20.0, wandering=w) for w in (-np.inf, 40.0, 13.6))
+    """Half of calm water has such a receiver. An effect that is likelier with such a receiver, too, stays."""
+    unknown, explained, nearly = (decided({}, unmodelled=20.0, wandering=(w, 0.0)) for w in (-np.inf, 40.0, 13.6))
     assert unknown.strange and not explained.strange and explained.none >= 0.6
-    assert explained.unmodelled == approx(20.0 - 40.0 + np.log(2)) and nearly.strange
-    assert not decided({}, unmodelled=20.0, wandering=13.8).strange, "seven above 13.8 less log 2"
-    named = decided({"current": 30.0}, unmodelled=20.0, wandering=40.0)
-    assert named.named and named.best is not None and named.best.names == ("current",)
+    assert explained.unmodelled == approx(20.0 - 40.0 + np.log(2))
+    assert nearly.strange and not decided({}, unmodelled=20.0, wandering=(13.8, 0.0)).strange, "less than 7 more"
+    for named, stays in ((46.0, True), (43.0, False)):  # five more than 40 less log 2
+        found_there = decided({"current": 30.0}, unmodelled=20.0, wandering=(40.0, named))
+        assert found_there.named == stays and not found_there.strange, "if the name is refuted, nothing is unknown"
+    assert decided({"current": 50.0}, unmodelled=20.0, wandering=(40.0, 0.0)).named, "likelier even without"
 
 
 def test_without_an_alarm_calm_water_keeps_six_of_ten_and_with_one_no_more_than_four(decided):

@@ -17,6 +17,7 @@ from manoeuvre_nn.diagnosis.workers import shared_out
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.effect.formula import Formula
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
+from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.relinearise import beside
 
 PRIOR_NONE, PRIOR_UNKNOWN, PRIOR_OF_SIZE = 0.25, 0.10, (0.53, 0.10, 0.02)
@@ -132,13 +133,12 @@ def decide(result: SearchResult) -> Decision:
     unmodelled = unknown_evidence(there, result.none, None if trained else formula)
     worthy, names = _worthy(result), sorted({n for j in result.fitted for n in j.names})
     log_weight = _log_weights(none, unmodelled, worthy, len(names))
-    if unmodelled > none + MIN_GAIN_OF_UNKNOWN and log_weight.argmax() == 1:
-        # Before anything is called unknown: calm water, seen by a receiver that wanders as usual ones do.
-        wandering = np.logaddexp(none, wandering_evidence(there, result.none)) - np.log(2)
-        none = max(none, float(wandering))
-        result = replace(result, none=replace(result.none, evidence=none))
-        log_weight = _log_weights(none, unmodelled, worthy, len(names))
     best = worthy[int(log_weight[2:].argmax())] if worthy else None
+    more, named_too = _by_usual_receiver(there, result.none, best, unmodelled)
+    # Calm water is so much likelier where a receiver wanders; a name that is likelier still stays, and loses nothing.
+    none, unmodelled = (none, unmodelled - more) if named_too else (none + more, unmodelled)
+    result = replace(result, none=replace(result.none, evidence=none))
+    log_weight = _log_weights(none, unmodelled, worthy, len(names))
     shares = np.exp(log_weight - log_weight.max())
     shares /= shares.sum()
     lacked = data_set.levels[result.none.best[0]].max()
@@ -160,6 +160,25 @@ def decide(result: SearchResult) -> Decision:
         claims=_claims(result, best if named and shares[1] < 0.5 else None, formula, strange),
         formula=formula,
     )
+
+
+def _by_usual_receiver(
+    likelihood: MarginalLikelihood, none: FittedHypothesis, best: FittedHypothesis | None, unmodelled: float
+) -> tuple[float, bool]:
+    """What calm water gains before an alarm if half of it is seen by a receiver that wanders as usual ones do.
+
+    Returns:
+        The gain in log evidence, 0 where there is none or no alarm; and whether the best hypothesis with a name is
+        likelier than calm water with such a receiver all the same, by itself or if it is seen by one, too.
+    """
+    if max(unmodelled, -np.inf if best is None else best.evidence) < none.evidence + MIN_GAIN_TO_TRY:
+        return 0.0, False
+    wandering = float(np.logaddexp(none.evidence, wandering_evidence(likelihood, none)) - np.log(2))
+    if wandering < none.evidence:
+        return 0.0, False
+    least = wandering + MIN_GAIN_TO_TRY
+    named_too = best is not None and (best.evidence > least or wandering_evidence(likelihood, best) > least)
+    return wandering - none.evidence, named_too
 
 
 def _log_weights(

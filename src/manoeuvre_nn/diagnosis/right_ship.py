@@ -22,7 +22,7 @@ from scipy.special import logsumexp
 from manoeuvre_nn.diagnosis.decision import PRIOR_NONE, PRIOR_UNKNOWN, base_rate
 from manoeuvre_nn.diagnosis.result import RIGHT_SHIP, Check
 from manoeuvre_nn.diagnosis.search import SearchResult
-from manoeuvre_nn.diagnosis.unknown import random_force
+from manoeuvre_nn.diagnosis.unknown import random_force, wandering_evidence
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import PROCESS_PRIOR, log_prior_levels
@@ -53,9 +53,9 @@ def right_ship_check(tried: SearchResult, formula: FittedHypothesis | None) -> C
     accounts = _Accounts(tried, formula)
     gain = accounts.gain()
     if gain > MIN_GAIN_OF_ANOTHER:
-        # A search stops beside the best, and beside it a force without a rule is a course of its own.
-        accounts = accounts.completed()
-        gain = accounts.gain(random_force(tried.likelihood, tried.none, USUAL_LEVELS).evidence)
+        # A search stops beside the best, and a force without a rule, or a receiver that wanders, has its own course.
+        accounts, of_runs = accounts.completed(), (tried.likelihood, tried.none, USUAL_LEVELS)
+        gain = accounts.gain(max(random_force(*of_runs).evidence, wandering_evidence(*of_runs)))
     passed, usual = gain <= MIN_GAIN_OF_ANOTHER, COEFFICIENT_SD_LEVELS[USUAL_LEVELS - 1]
     off = f"would have to be off by some {100 * accounts.size:.0f} %, not by {100 * usual:.0f} % at most as usual"
     text = f"whatever else acts, the coefficients {'are off by no more than usual' if passed else off}"
@@ -89,7 +89,7 @@ class _Accounts:
         """Log Bayes factor of a ship with unusual coefficients over the named one.
 
         Args:
-            random: Log evidence of a random force on the named ship, if it is known.
+            random: Log evidence of a random force on the named ship, or of a receiver that wanders, if it is known.
 
         Returns:
             The factor.

@@ -6,6 +6,7 @@ It wins where the misfit is real, repeats, and no name fits. Channels whose erro
 scale or a lever arm are a fault of a sensor that the shelf does not have.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -23,6 +24,7 @@ from manoeuvre_nn.estimation.data_set import (
     start_spread,
 )
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
+from manoeuvre_nn.estimation.hypothesis_columns import hypothesis_columns
 from manoeuvre_nn.estimation.linear_run import Columns, joined, summed
 from manoeuvre_nn.estimation.linearised_run import integrated
 from manoeuvre_nn.estimation.marginal_likelihood import PROCESS_PRIOR, MarginalLikelihood, log_prior_levels
@@ -30,8 +32,10 @@ from manoeuvre_nn.estimation.process_noise import by_equation
 
 COLOURED = 4.0
 """Variance factor of a channel's slow errors from which its sensor is not trusted."""
-KNOT_S = 10.0
-"""Time between the knots of a wander of the receiver [s]."""
+KNOT_S, LONGEST_KNOT_S, MAX_KNOTS = 10.0, 30.0, 500
+"""Time between the knots of a wander of the receiver [s]; at most, in long recordings; knots of all of them."""
+MAX_CELLS = 3 * 10**7
+"""Numbers of what the knots of a run add to its channels: 240 MB. Longer recordings are not asked."""
 WANDER_TIMES_S, WHITE_SHARES = (30.0, 100.0, 300.0), (1.0, 0.5, 0.25)
 """Correlation times of a wander that are tried [s]; white noise over what the smoother takes for noise."""
 RECEIVER_SD = 8.0 / 2.45
@@ -138,8 +142,10 @@ class _RandomProcess:
         return float(logsumexp(found.evidence[: len(self.prior)] + self.prior)) - outside
 
 
-def wandering_evidence(likelihood: MarginalLikelihood, none: FittedHypothesis) -> float:
-    """Log evidence of calm water whose positions have the slow error of a usual satellite receiver.
+def wandering_evidence(
+    likelihood: MarginalLikelihood, fitted: FittedHypothesis, levels: int = len(COEFFICIENT_SD_LEVELS)
+) -> float:
+    """Log evidence of a hypothesis at its values if positions have the slow error of a usual satellite receiver.
 
     North and east each have white noise, of which the smoother takes a wander for a part, and a first-order Markov
     process w of standard deviation s and correlation time T, ``cov w = s^2 exp(-|t| / T)``, by its values at knots and
@@ -147,18 +153,27 @@ def wandering_evidence(likelihood: MarginalLikelihood, none: FittedHypothesis) -
 
     Args:
         likelihood: The runs.
-        none: Calm water.
+        fitted: Calm water, or effects.
+        levels: How many of the levels of the coefficients' standard deviation are allowed, from the least.
 
     Returns:
-        It; minus infinity where no position was recorded, or the model was fitted with its own noise.
+        It; minus infinity where no position was recorded, the recordings are hours long, or the model was fitted with
+        its own noise.
     """
     data_set = likelihood.data_set
-    if is_fitted(data_set.dynamics) or not any(p.linearised.present[:, :2].any() for p in data_set.runs):
+    spacing = max(KNOT_S, sum(p.linearised.run.duration for p in data_set.runs) / MAX_KNOTS)
+    cells = max(p.base.measured[..., 0].size * 2 * p.linearised.run.duration / spacing for p in data_set.runs)
+    recorded = any(p.linearised.present[:, :2].any() for p in data_set.runs)
+    if is_fitted(data_set.dynamics) or not recorded or spacing > LONGEST_KNOT_S or cells > MAX_CELLS:
         return -np.inf
-    level = data_set.levels.quiet(none.best[0])
-    prior, found = log_prior_levels(data_set, PROCESS_PRIOR)[level], []
+    level = data_set.levels.quiet(fitted.best[0])
+    prior, found = log_prior_levels(data_set, PROCESS_PRIOR)[level, :levels], []
+    base = [p.base for p in data_set.runs]
+    if fitted.names:
+        added = hypothesis_columns(data_set, fitted.hypothesis).columns
+        base = [joined([b[:1] - c[:1], b[1:]]) for b, c in zip(base, added, strict=True)]
     for share in WHITE_SHARES:
-        gram, norm, knots = _with_wander(data_set, level, share)
+        gram, norm, knots = _with_wander(data_set, base, (level, share, spacing))
         for size, time in product(WANDER_SDS, WANDER_TIMES_S):
             turned = np.eye(len(gram))
             for at, clock in knots:
@@ -166,20 +181,30 @@ def wandering_evidence(likelihood: MarginalLikelihood, none: FittedHypothesis) -
                 turned[at, at] = size * np.linalg.cholesky(np.exp(-apart / time) + 1e-9 * np.eye(len(clock)))
             data, ones = np.eye(len(gram))[0], [1.0] * (len(gram) - data_set.size)
             told = data_set.posterior(turned.T @ gram @ turned, norm, data, ones)
-            found.append(logsumexp(told.evidence + prior))
+            found.append(logsumexp(told.evidence[:levels] + prior))
     return float(logsumexp(found) - np.log(len(found)))
 
 
 def _with_wander(
-    data_set: WhitenedDataSet, level: int, share: float
+    data_set: WhitenedDataSet, base: Sequence[Columns], choice: tuple[int, float, float]
 ) -> tuple[Float[np.ndarray, "p p"], float, list[tuple[slice, Float[np.ndarray, " k"]]]]:
-    """Inner products of base and of position errors at knots, their normaliser; places and times of knots of a part."""
+    """Errors of positions at knots beside the base.
+
+    Args:
+        data_set: The runs.
+        base: Data, coefficients and latency of each.
+        choice: Level of the process noise, white share of the noise of positions, time between knots [s].
+
+    Returns:
+        Inner products, log normaliser; places and times [s] of the knots of each run, north and east.
+    """
+    level, share, spacing = choice
     sd, start = data_set.levels.sd(level, data_set.unit), start_spread(data_set.dynamics)
     parts, index, knots, size, norm = [], [], [], data_set.size, 0.0
     for k, p in enumerate(data_set.runs):
         clock = p.linearised.run.time
-        at = np.arange(clock[0], clock[-1] + KNOT_S, KNOT_S)
-        hats = np.maximum(0.0, 1 - np.abs(clock[:, None] - at) / KNOT_S)
+        at = np.arange(clock[0], clock[-1] + spacing, spacing)
+        hats = np.maximum(0.0, 1 - np.abs(clock[:, None] - at) / spacing)
         added = np.zeros((len(clock), p.base.measured.shape[1], 2 * len(at)))
         for axis in range(2):
             added[:, axis, axis * len(at) : (axis + 1) * len(at)] = hats
@@ -187,7 +212,7 @@ def _with_wander(
         still = np.zeros((*p.base.moved.shape[:2], added.shape[2]))
         noise = p.noise * np.r_[share, share, np.ones(len(p.noise) - 2)]
         white = integrated(p.linearised, noise, sd, data_set.process_time, start)
-        embedded = white.embed(joined([p.base, Columns(added, still)]))
+        embedded = white.embed(joined([base[k], Columns(added, still)]))
         parts.append(embedded.dot(embedded))
         index.append(np.r_[data_set.base_index(k), size : size + added.shape[2]])
         size, norm = size + added.shape[2], norm + white.log_norm
