@@ -11,6 +11,7 @@ from pytest import approx
 from strangers import SHIP, Stranger, asked, calm_only, of, periodic, ramp, strange_runs
 
 from manoeuvre_nn.diagnosis.answers import answer
+from manoeuvre_nn.diagnosis.causes import with_nature
 from manoeuvre_nn.diagnosis.diagnose import diagnose
 from manoeuvre_nn.diagnosis.result import Cause, Diagnosis, Nature, Value
 from manoeuvre_nn.diagnosis.unknown import random_force
@@ -117,5 +118,8 @@ def test_the_answer_holds_what_is_known_of_something_unknown():
         "parity": None, "share_in_hard_helm": None,
     }  # fmt: skip
     assert "nature" not in current
+    plain = replace(causes[0], equations=("X", "Y"), nature=None)
+    for refuted, where in ((False, ("N",)), (True, ("X", "Y"))):
+        assert with_nature(plain, replace(beats, refuted=refuted)).equations == where
     causes[0] = replace(causes[0], nature=replace(beats, refuted=True))
     assert not answer(d)["effects"][0]["nature"]["predictable"], "it failed in runs that were not used"

@@ -53,11 +53,14 @@ def causes_of(
             )
         )
     unknown = _unmodelled(tried, verdict, chosen)
-    if nature is not None:
-        known = unknown.terms or nature.refuted  # a formula that fails elsewhere does not tell where it is
-        unknown = replace(unknown, nature=nature, equations=unknown.equations if known else nature.equations)
-    causes.append(unknown)
+    causes.append(unknown if nature is None else with_nature(unknown, nature))
     return sorted(causes, key=lambda c: (-(c.name in chosen.names), -c.probability))
+
+
+def with_nature(unknown: Cause, nature: Nature) -> Cause:
+    """Something unknown with its nature, where this acts; a formula that fails in other runs does not tell where."""
+    told = unknown.equations if unknown.terms or nature.refuted else nature.equations
+    return replace(unknown, nature=nature, equations=told)
 
 
 def _unmodelled(tried: SearchResult, verdict: Decision, chosen: FittedHypothesis) -> Cause:
