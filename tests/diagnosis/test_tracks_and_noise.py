@@ -70,12 +70,14 @@ def test_the_noise_of_few_samples_is_not_what_they_leave_of_the_states():
 
 
 def test_a_rounded_channel_has_at_least_the_error_of_rounding():
-    """In a steady turn most errors of a heading in whole degrees are alike, and their median says nothing."""
-    run = run_of(record("wind"), NOISE, seed=1)
-    seen, degree = measured(run), np.radians(1.0)
-    seen[:, 4] = np.round(seen[:, 4] / degree) * degree
+    """In a turn by just a step a sample the errors are alike for minutes, and their median is no noise."""
+    (circle,) = sailed([CIRCLE])
+    step = float(np.median(circle["r"][-60:])) * circle.step
+    run = run_of(circle, NOISE * np.where(np.arange(len(NOISE)) == 4, 0.05, 1.0), seed=1)
+    seen = measured(run)
+    seen[:, 4] = np.round(seen[:, 4] / step) * step
     rounded = placed(with_measured(run, seen))
-    assert own_noise(rounded)[4] >= degree / np.sqrt(12.0) * 0.999
+    assert own_noise(rounded)[4] >= abs(step) / np.sqrt(12.0) * 0.999
     lost = np.isnan(measured(rounded.linearised.run)[:, 4]).sum()
     assert lost <= 0.02 * len(run), "rounding makes no outliers"
     values = np.array([[0.5, 0.0, 1.0], [1.0, 0.3, 1.0], [2.5, 0.7, 1.0], [np.nan, 1.3, 1.0]])
