@@ -13,7 +13,7 @@ from fleet import unchecked
 from jaxtyping import Float, TypeCheckError, jaxtyped
 from threadpoolctl import threadpool_info
 
-from manoeuvre_nn.core.frames import body_to_earth
+from manoeuvre_nn.core.frames import kinematics
 
 
 def test_a_process_computes_with_one_thread():
@@ -23,7 +23,7 @@ def test_a_process_computes_with_one_thread():
 
 def test_shapes_and_types_are_checked():
     with pytest.raises(TypeCheckError):
-        body_to_earth("1", "2", "3")
+        kinematics("1")
 
 
 @jaxtyped(typechecker=sparing.checked)

@@ -43,7 +43,10 @@ def refused(ended, out, *told) -> None:
         ("manoeuvre=zigzag manoeuvre.zigzag.rudder_deg=50", "the Mariner stops at 35 deg: write a smaller rudder_deg"),
         ("manoeuvre.speed_kn=-5", "manoeuvre.speed_kn=-5: expected an approach speed in knots, more than 0"),
         ("data.length=10", "too short for the Mariner: write at least 40.1 s"),
-        ("network.hiden=3", "there is no setting network.hiden; python train.py --cfg job lists them all"),
+        (
+            "network.hiden=3",
+            "there is no setting network.hiden: the nearest is network.hidden; python train.py --cfg job lists them all",
+        ),
         ("scoring.every=0", "scoring.every=0: expected at least 1 epoch"),
         ("--nosuch", "unrecognized arguments: --nosuch"),
         ("--cfg=banana", "invalid choice: 'banana'"),
@@ -112,7 +115,10 @@ def test_wrong_commands_are_refused(cli, tmp_path, words, told):
         ("ship=kvlcc2", "write data=recording"),
         ("ship._target_=os.system", "os.system is refused; a config may only name things in manoeuvre_nn"),
         ("effect=[current,wind]", "effect=wind is unknown; manoeuvre train --help lists the choices"),
-        ("effect=current effect.current.sped=1", "there is no setting effect.current.sped; manoeuvre train"),
+        (
+            "effect=current effect.current.sped=1",
+            "there is no setting effect.current.sped: the nearest is effect.current.speed; manoeuvre train",
+        ),
         ("effect=current +effect.current.sped=1", "effect.current.sped: unknown parameter; current has speed, toward"),
         ("effect=current effect.current.speed=90", "effect.current.speed=90: expected 0 to 10 m/s"),
         ("effect=current effect.current.speed=fast", "speed=fast: expected a number"),
