@@ -45,7 +45,7 @@ def refused(ended, out, *told) -> None:
         ("data.length=10", "too short for the Mariner: write at least 40.1 s"),
         (
             "network.hiden=3",
-            "there is no setting network.hiden: the nearest is network.hidden; python train.py --cfg job lists them all",
+            "there is no setting network.hiden: the nearest is network.hidden; python train.py --cfg job lists",
         ),
         ("scoring.every=0", "scoring.every=0: expected at least 1 epoch"),
         ("--nosuch", "unrecognized arguments: --nosuch"),
