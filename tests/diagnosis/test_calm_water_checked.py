@@ -112,7 +112,7 @@ def test_drawn_process_noise_has_its_size_and_its_memory():
 def positions_alone(wander: float, *acting: Effect) -> Question:
     """Runs of which position, heading and rate of turn were recorded, the position with a slow error of so many m."""
     rng, made = np.random.default_rng(7), []
-    trials = [zigzag(20.0, duration=400.0), turning_circle(20.0, duration=400.0), zigzag(10.0, duration=400.0)]
+    trials = [zigzag(20.0, duration=260.0), turning_circle(20.0, duration=260.0), zigzag(10.0, duration=260.0)]
     for k, run in enumerate(roll_out(Vessel(CALM, acting), trials, step=1.0)):
         noisy = as_sensed(add_noise(run, {"x": 0.5, "y": 0.5, "psi": 0.002, "r": 2e-4}, k))
         x, y = wander * drawn_process(rng, noisy.time, 60.0, (2, 1))[:, :, 0].T
