@@ -19,6 +19,7 @@ from manoeuvre_nn.effect.wind import GustyWind, SteadyWind, WindOnset
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet, whitened_data_set
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
+from manoeuvre_nn.estimation.process_noise import markov_course, without_course
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 NONE = Hypothesis((), ())
@@ -153,3 +154,17 @@ def test_what_a_stream_or_a_sensor_does_is_no_force():
 
 def test_what_acts_throughout_began_long_before_any_ramp():
     assert windows.ALWAYS < -10 * max(windows.LONG_RAMPS)
+
+
+def test_a_markov_course_has_its_covariance_and_is_integrated_out_as_any_columns_are():
+    """At its knots exp(-|t| / T); of data y = C a + e with a of s.d. s, the log density is that of 1 + s^2 C C^T."""
+    time = np.arange(0.0, 61.0)
+    course = markov_course(time, 10.0, 30.0)
+    apart = np.abs(time[::10, None] - time[::10])
+    assert (course @ course.T)[::10, ::10] == approx(np.exp(-apart / 30.0), abs=1e-6)
+    y = np.random.default_rng(0).standard_normal((len(time), 1))
+    left, norm = without_course(y.T @ y, course.T @ course, course.T @ y, 2.0)
+    covariance = np.eye(len(time)) + 4.0 * course @ course.T
+    assert left == approx(y.T @ np.linalg.solve(covariance, y)) and norm == approx(
+        -0.5 * np.linalg.slogdet(covariance)[1]
+    )

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
 from manoeuvre_nn.core.effect import Effect
@@ -16,6 +15,7 @@ from manoeuvre_nn.estimation.hypothesis_columns import HypothesisColumns, hypoth
 from manoeuvre_nn.estimation.linear_run import Columns
 from manoeuvre_nn.estimation.marginal_likelihood import PROCESS_PRIOR, MarginalLikelihood, log_prior_levels
 from manoeuvre_nn.estimation.posterior import Posterior
+from manoeuvre_nn.estimation.process_noise import markov_course, without_course
 
 
 @dataclass(frozen=True)
@@ -118,10 +118,9 @@ def _without_course(
             inner = {form: (e.dot(e), lin.turn(run, both.dot(e)).T) for form, e in loose.items()}
             for k, kind in enumerate(kinds):
                 own, cross = inner[kind.memory, kind.across]
-                factor = np.linalg.cholesky(kind.size**2 * own + np.eye(len(own)))
-                half = solve_triangular(factor, kind.size * cross, lower=True)
-                grams[k, g][np.ix_(where, where)] += whole - half.T @ half
-                norms[k, g] -= np.log(np.diag(factor)).sum()
+                left, norm = without_course(whole, own, cross, kind.size)
+                grams[k, g][np.ix_(where, where)] += left
+                norms[k, g] += norm
     return grams, norms
 
 
@@ -167,10 +166,6 @@ def _course(
     c = contribution(effect, sets, prepared.linearised, hulls=hulls)
     pushes = (c.moved[..., 1:] - c.moved[..., :1]) / nudge
     time = prepared.linearised.run.time[1:] - 0.5 * prepared.linearised.run.step
-    gap = memory / KNOTS
-    knots = np.arange(time[0], time[-1] + gap, gap)
-    hats = np.clip(1 - np.abs(time[:, None] - knots) / gap, 0, None)
-    root = np.linalg.cholesky(np.exp(-np.abs(knots[:, None] - knots) / memory) + 1e-9 * np.eye(len(knots)))
-    course = (hats @ root)[:, None, :]
+    course = markov_course(time, memory / KNOTS, memory)[:, None, :]
     moved = np.concatenate([pushes[:, :, [k]] * a * course for k, a in ((0, 1.0), (1, across)) if a], axis=-1)
     return Columns(np.zeros((len(time) + 1, c.measured.shape[1], moved.shape[-1])), moved)

@@ -19,16 +19,17 @@ from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.estimation.data_set import (
     COEFFICIENT_SD_LEVELS,
+    PreparedRun,
     WhitenedDataSet,
     process_time,
     start_spread,
 )
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
 from manoeuvre_nn.estimation.hypothesis_columns import hypothesis_columns
-from manoeuvre_nn.estimation.linear_run import Columns, joined, summed
+from manoeuvre_nn.estimation.linear_run import Columns, Embedded, IntegratedRun, joined, summed
 from manoeuvre_nn.estimation.linearised_run import integrated
 from manoeuvre_nn.estimation.marginal_likelihood import PROCESS_PRIOR, MarginalLikelihood, log_prior_levels
-from manoeuvre_nn.estimation.process_noise import by_equation
+from manoeuvre_nn.estimation.process_noise import by_equation, markov_course, without_course
 
 COLOURED = 4.0
 """Variance factor of a channel's slow errors from which its sensor is not trusted."""
@@ -173,50 +174,39 @@ def wandering_evidence(
         added = hypothesis_columns(data_set, fitted.hypothesis).columns
         base = [joined([b[:1] - c[:1], b[1:]]) for b, c in zip(base, added, strict=True)]
     for share in WHITE_SHARES:
-        gram, norm, knots = _with_wander(data_set, base, (level, share, spacing))
-        for size, time in product(WANDER_SDS, WANDER_TIMES_S):
-            turned = np.eye(len(gram))
-            for at, clock in knots:
-                apart = np.abs(clock[:, None] - clock)
-                turned[at, at] = size * np.linalg.cholesky(np.exp(-apart / time) + 1e-9 * np.eye(len(clock)))
-            data, ones = np.eye(len(gram))[0], [1.0] * (len(gram) - data_set.size)
-            told = data_set.posterior(turned.T @ gram @ turned, norm, data, ones)
-            found.append(logsumexp(told.evidence[:levels] + prior))
+        embedded, norm = _with_other_noise(data_set, base, level, share)
+        for time in WANDER_TIMES_S:
+            each = [_wander(e, white, p, spacing, time) for (e, white), p in zip(embedded, data_set.runs, strict=True)]
+            for size in WANDER_SDS:
+                left, added = zip(*(without_course(*one, size) for one in each), strict=True)
+                gram = summed(left, [data_set.base_index(k) for k in range(len(left))], data_set.size)
+                told = likelihood.regress(gram, norm + sum(added))
+                found.append(logsumexp(told.evidence[:levels] + prior))
     return float(logsumexp(found) - np.log(len(found)))
 
 
-def _with_wander(
-    data_set: WhitenedDataSet, base: Sequence[Columns], choice: tuple[int, float, float]
-) -> tuple[Float[np.ndarray, "p p"], float, list[tuple[slice, Float[np.ndarray, " k"]]]]:
-    """Errors of positions at knots beside the base.
-
-    Args:
-        data_set: The runs.
-        base: Data, coefficients and latency of each.
-        choice: Level of the process noise, white share of the noise of positions, time between knots [s].
-
-    Returns:
-        Inner products, log normaliser; places and times [s] of the knots of each run, north and east.
-    """
-    level, share, spacing = choice
-    sd, start = data_set.levels.sd(level, data_set.unit), start_spread(data_set.dynamics)
-    parts, index, knots, size, norm = [], [], [], data_set.size, 0.0
-    for k, p in enumerate(data_set.runs):
-        clock = p.linearised.run.time
-        at = np.arange(clock[0], clock[-1] + spacing, spacing)
-        hats = np.maximum(0.0, 1 - np.abs(clock[:, None] - at) / spacing)
-        added = np.zeros((len(clock), p.base.measured.shape[1], 2 * len(at)))
-        for axis in range(2):
-            added[:, axis, axis * len(at) : (axis + 1) * len(at)] = hats
-            knots.append((slice(size + axis * len(at), size + (axis + 1) * len(at)), at))
-        still = np.zeros((*p.base.moved.shape[:2], added.shape[2]))
+def _with_other_noise(
+    data_set: WhitenedDataSet, base: Sequence[Columns], level: int, share: float
+) -> tuple[list[tuple[Embedded, IntegratedRun]], float]:
+    """Base columns of each run and what whitens them, at a share of the noise of positions; their log normaliser."""
+    sd, start, found = data_set.levels.sd(level, data_set.unit), start_spread(data_set.dynamics), []
+    for p, columns in zip(data_set.runs, base, strict=True):
         noise = p.noise * np.r_[share, share, np.ones(len(p.noise) - 2)]
         white = integrated(p.linearised, noise, sd, data_set.process_time, start)
-        embedded = white.embed(joined([base[k], Columns(added, still)]))
-        parts.append(embedded.dot(embedded))
-        index.append(np.r_[data_set.base_index(k), size : size + added.shape[2]])
-        size, norm = size + added.shape[2], norm + white.log_norm
-    return summed(parts, index, size), norm, knots
+        found.append((white.embed(columns), white))
+    return found, sum(white.log_norm for _, white in found)
+
+
+def _wander(
+    base: Embedded, white: IntegratedRun, prepared: PreparedRun, spacing: float, time: float
+) -> tuple[Float[np.ndarray, "p p"], Float[np.ndarray, "k k"], Float[np.ndarray, "k p"]]:
+    """Inner products of a run's base, of a wander of its positions of size one, and of this with the base."""
+    course = markov_course(prepared.linearised.run.time, spacing, time)
+    measured, moved, count = prepared.base.measured, prepared.base.moved, course.shape[1]
+    added = np.zeros((*measured.shape[:2], 2 * count))
+    added[:, 0, :count] = added[:, 1, count:] = course
+    own = white.embed(Columns(added, np.zeros((*moved.shape[:2], 2 * count))))
+    return base.dot(base), own.dot(own), own.dot(base)
 
 
 def unknown_evidence(likelihood: MarginalLikelihood, none: FittedHypothesis, formula: FittedHypothesis | None) -> float:

@@ -23,6 +23,7 @@ AT_NOISE = 1.5
 MIN_EXPECTED_EVIDENCE = 3.0
 """Log Bayes factor, odds of 1 to 20, that a run must be expected to add."""
 WAVE = re.compile(rf"(cos|sin) ({PERIODIC}|{BY_RUN})$")
+"""Shape of a term that comes again in time."""
 EQUATIONS = {"X": "surge", "Y": "sway", "N": "yaw", "kinematics": "kinematics or sensors"}
 
 

@@ -11,6 +11,7 @@ from itertools import product
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import solve_triangular
 
 AXES = 3
 """Surge, sway, yaw."""
@@ -140,3 +141,40 @@ def drawn_process(
     for k, share in enumerate(keep, 1):
         courses[k] = share * courses[k - 1] + np.sqrt(1 - share**2) * courses[k]
     return courses
+
+
+def markov_course(time: Float[np.ndarray, " n"], gap: float, memory: float) -> Float[np.ndarray, "n k"]:
+    """Courses of a first-order Markov process of size one: hat functions, mixed so that amplitudes are independent.
+
+    Args:
+        time: Where it is wanted [s].
+        gap: Time between its knots [s]; straight lines between.
+        memory: Its correlation time [s], ``cov = exp(-|t| / memory)``.
+
+    Returns:
+        One column a knot.
+    """
+    knots = np.arange(time[0], time[-1] + gap, gap)
+    hats = np.clip(1 - np.abs(time[:, None] - knots) / gap, 0, None)
+    return hats @ np.linalg.cholesky(np.exp(-np.abs(knots[:, None] - knots) / memory) + 1e-9 * np.eye(len(knots)))
+
+
+def without_course(
+    whole: Float[np.ndarray, "p p"], own: Float[np.ndarray, "k k"], cross: Float[np.ndarray, "k p"], size: float
+) -> tuple[Float[np.ndarray, "p p"], float]:
+    """Inner products with a random course integrated out.
+
+    ``G - s^2 C^T (1 + s^2 K)^-1 C`` and ``-1/2 log det(1 + s^2 K)``: amplitudes are independent, of s.d. s.
+
+    Args:
+        whole: Inner products G of the other columns.
+        own: Those K of the course's columns.
+        cross: Those C of the course's columns with the others.
+        size: Standard deviation s.
+
+    Returns:
+        Inner products, and what is added to the log normaliser.
+    """
+    factor = np.linalg.cholesky(size**2 * own + np.eye(len(own)))
+    half = solve_triangular(factor, size * cross, lower=True)
+    return whole - half.T @ half, -float(np.log(np.diag(factor)).sum())
