@@ -306,7 +306,7 @@ def test_a_mapping_that_says_tank_is_enough():
 
 def test_candidates_are_what_conf_holds():
     default, every = wanted("default", SHELF), wanted("all", SHELF)
-    assert len(default) == 27 and {"wind_gusty", "gps_lever_arm"} <= set(default) < set(every)
+    assert len(default) == 28 and {"wind_gusty", "tidal_current", "gps_lever_arm"} <= set(default) < set(every)
     assert set(SHELF) - set(every) == {"first_order_waves", "gps_delay", "formula", "remainder"}
     assert wanted("current", SHELF) == wanted(["current"], SHELF) == ["current"]
 

@@ -18,7 +18,7 @@ from manoeuvre_nn.diagnosis.predictive import calm_check, repaired_check, tail
 from manoeuvre_nn.diagnosis.proof import in_held_out_runs
 from manoeuvre_nn.diagnosis.result import RIGHT_SHIP
 from manoeuvre_nn.diagnosis.search import search
-from manoeuvre_nn.diagnosis.unknown import unknown_evidence, wandering_evidence
+from manoeuvre_nn.diagnosis.unknown import receiver_wander, unknown_evidence
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.rudder import RudderOffset
@@ -126,7 +126,7 @@ def test_a_receiver_that_wanders_as_usual_ones_do_is_nothing_unknown():
     for question, wanders in ((clean, True), (moved, False)):
         tried = search(whitened_data_set(CALM, question.case.fitted), [])
         loose = unknown_evidence(tried.likelihood, tried.none, None)
-        wandering = wandering_evidence(tried.likelihood, tried.none)
+        wandering = receiver_wander(tried.likelihood, tried.none).evidence
         assert loose > tried.none.evidence + MIN_GAIN_OF_UNKNOWN
         assert (wandering > loose + 20) == wanders and (loose > wandering + 20) != wanders
         assert decide(tried).strange != wanders

@@ -12,8 +12,9 @@ from manoeuvre_nn.diagnosis import windows
 from manoeuvre_nn.diagnosis.fits import single
 from manoeuvre_nn.diagnosis.gusts import fitted_gusts
 from manoeuvre_nn.diagnosis.locate import Shape, changes, residuals
+from manoeuvre_nn.diagnosis.search import search
 from manoeuvre_nn.diagnosis.windows import best_windows
-from manoeuvre_nn.effect.current import Current
+from manoeuvre_nn.effect.current import Current, TidalCurrent
 from manoeuvre_nn.effect.local import SideForce
 from manoeuvre_nn.effect.wind import GustyWind, SteadyWind, WindOnset
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet, whitened_data_set
@@ -81,6 +82,22 @@ def test_gusts_are_found_with_their_size_and_a_steady_wind_gains_nothing_by_them
         else:
             value, error = found.random["gust_sd"]
             assert found.evidence > steady.evidence + 20 and abs(value - true) < 2 * error < 1.2
+
+
+@pytest.mark.parametrize("speeds, change, tidal", [((0.4, 0.6, -0.1), 1.0, True), ((0.5, 0.5, 0.5), 0.0, False)])
+def test_a_tide_is_told_by_its_change_and_the_speed_of_each_run_where_runs_show_them(speeds, change, tidal):
+    made = []
+    for seed, (trial, speed) in enumerate(zip((CIRCLE, ZIGZAG, PORT), speeds, strict=True)):
+        stream = TidalCurrent(SHIP, speed=speed, toward_deg=100.0, change_m_s_h=change)
+        made.append(run_of(sailed([trial], [stream])[0], NOISE, seed))
+    tried = search(whitened_data_set(CALM, made), [Current(SHIP), TidalCurrent(SHIP)])
+    best = tried.fitted[0]
+    assert best.names == ("tidal_current" if tidal else "current",)
+    assert ({j.names for j in tried.fitted} == {("current",), ("tidal_current",)}) == tidal
+    if tidal:
+        found, errors = best.hypothesis.vector(), best.errors
+        assert (np.abs(found - [*speeds, 100.0, change]) < 3 * errors).all()
+        assert (errors < [0.05, 0.05, 0.05, 3.0, 0.5]).all()
 
 
 def test_an_event_is_looked_for_in_what_another_effect_leaves():

@@ -14,6 +14,7 @@ from manoeuvre_nn.diagnosis import decision as under_test
 from manoeuvre_nn.diagnosis.decision import PRIOR_NONE, PRIOR_OF_SIZE, PRIOR_UNKNOWN, Decision, settled
 from manoeuvre_nn.diagnosis.fits import PUBLISHED_SD_LEVEL
 from manoeuvre_nn.diagnosis.search import worth_its_size
+from manoeuvre_nn.diagnosis.unknown import ReceiverWander
 from manoeuvre_nn.effect.rudder import RudderOffset
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS
 
@@ -100,7 +101,8 @@ def decided(monkeypatch):
         monkeypatch.setattr(under_test, "beside", lambda likelihood, hypothesis: likelihood)
         monkeypatch.setattr(under_test, "short_formula", lambda there, none: rule)
         monkeypatch.setattr(under_test, "unknown_evidence", lambda there, none, formula: unmodelled - 3.0)
-        monkeypatch.setattr(under_test, "wandering_evidence", lambda there, j: (named if j.names else calm) - 3.0)
+        wanders = lambda there, j: ReceiverWander(1.0, 60.0, (named if j.names else calm) - 3.0)  # noqa: E731
+        monkeypatch.setattr(under_test, "receiver_wander", wanders)
         monkeypatch.setattr(under_test, "is_fitted", lambda dynamics: lacked is not None)
         monkeypatch.setattr(alarm, "threshold", lambda result: chance)
         made = sorted((fitted(g - 3.0, *n.split(" + ")) for n, g in gains.items()), key=lambda j: -j.evidence)

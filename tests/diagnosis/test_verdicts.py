@@ -12,6 +12,7 @@ from manoeuvre_nn.diagnosis import decision as under_test
 from manoeuvre_nn.diagnosis.alarm import MIN_GAIN_OF_SECOND, MIN_GAIN_OF_UNKNOWN, MIN_GAIN_TO_TRY, _drawn
 from manoeuvre_nn.diagnosis.decision import PRIOR_OF_SIZE, PRIOR_UNKNOWN, decide
 from manoeuvre_nn.diagnosis.search import SearchResult
+from manoeuvre_nn.diagnosis.unknown import ReceiverWander
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.local import SideForce
@@ -44,7 +45,7 @@ def decided(monkeypatch):
         monkeypatch.setattr(under_test, "beside", lambda likelihood, hypothesis: likelihood)
         monkeypatch.setattr(under_test, "short_formula", lambda likelihood, none: None)
         monkeypatch.setattr(under_test, "unknown_evidence", lambda likelihood, none, formula: CALM_EVIDENCE + unknown)
-        monkeypatch.setattr(under_test, "wandering_evidence", lambda likelihood, none: -np.inf)
+        monkeypatch.setattr(under_test, "receiver_wander", lambda *_: ReceiverWander(0.0, 1.0, -np.inf))
         monkeypatch.setattr("manoeuvre_nn.diagnosis.alarm.threshold", lambda contest: 1.0)
         made = [judged(CALM_EVIDENCE + f, *key.split(" + ")) for key, f in factors.items()]
         made.sort(key=lambda j: -j.evidence)

@@ -30,7 +30,7 @@ from manoeuvre_nn.diagnosis import alarm, decision
 from manoeuvre_nn.diagnosis.decision import Decision
 from manoeuvre_nn.diagnosis.formula import short_formula
 from manoeuvre_nn.diagnosis.search import SearchResult, search
-from manoeuvre_nn.diagnosis.unknown import unknown_evidence
+from manoeuvre_nn.diagnosis.unknown import ReceiverWander, unknown_evidence
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.current import Current
@@ -146,7 +146,7 @@ def decision_of(case: dict, threshold: float | None = None) -> tuple[Decision, f
         patch.object(decision, "beside", lambda likelihood, hypothesis: likelihood),
         patch.object(decision, "short_formula", lambda there, none: rule),
         patch.object(decision, "unknown_evidence", lambda there, none, formula: case["unknown"]),
-        patch.object(decision, "wandering_evidence", lambda there, none: -np.inf),
+        patch.object(decision, "receiver_wander", lambda there, none: ReceiverWander(0.0, 1.0, -np.inf)),
     ):
         return decision.decide(result), least
 

@@ -156,7 +156,8 @@ class Effect(ABC, nn.Module):
         acts_indoors: Whether it can act on a model in a closed tank.
         exclusive: Effects with the same word here are one thing in two forms and never stand beside each other; empty
             for an effect that may stand beside any other.
-        variant_of: Name of the effect that this one is with a random course, and instead of which it is tried.
+        variant_of: Name of the simpler effect that this one is with another course in time, and instead of which it is
+            tried where that one leads.
         measured_by: What to measure directly where no run tells it from its family; empty for the family's name.
         ship: The ship that it acts on.
         values: Parameter values in the parameters' units.

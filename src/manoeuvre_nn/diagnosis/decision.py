@@ -12,7 +12,7 @@ from manoeuvre_nn.diagnosis.alarm import MIN_GAIN_OF_UNKNOWN, MIN_GAIN_TO_TRY, r
 from manoeuvre_nn.diagnosis.fits import fitted_at_rest
 from manoeuvre_nn.diagnosis.formula import short_formula
 from manoeuvre_nn.diagnosis.search import MIN_GAIN_OF_SINGLE, SearchResult, worth_its_size
-from manoeuvre_nn.diagnosis.unknown import unknown_evidence, wandering_evidence
+from manoeuvre_nn.diagnosis.unknown import receiver_wander, unknown_evidence
 from manoeuvre_nn.diagnosis.workers import shared_out
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.effect.formula import Formula
@@ -173,11 +173,11 @@ def _by_usual_receiver(
     """
     if max(unmodelled, -np.inf if best is None else best.evidence) < none.evidence + MIN_GAIN_TO_TRY:
         return 0.0, False
-    wandering = float(np.logaddexp(none.evidence, wandering_evidence(likelihood, none)) - np.log(2))
+    wandering = float(np.logaddexp(none.evidence, receiver_wander(likelihood, none).evidence) - np.log(2))
     if wandering < none.evidence:
         return 0.0, False
     least = wandering + MIN_GAIN_TO_TRY
-    named_too = best is not None and (best.evidence > least or wandering_evidence(likelihood, best) > least)
+    named_too = best is not None and (best.evidence > least or receiver_wander(likelihood, best).evidence > least)
     return wandering - none.evidence, named_too
 
 

@@ -22,7 +22,7 @@ from scipy.special import logsumexp
 from manoeuvre_nn.diagnosis.decision import PRIOR_NONE, PRIOR_UNKNOWN, base_rate
 from manoeuvre_nn.diagnosis.result import RIGHT_SHIP, Check
 from manoeuvre_nn.diagnosis.search import SearchResult
-from manoeuvre_nn.diagnosis.unknown import random_force, wandering_evidence
+from manoeuvre_nn.diagnosis.unknown import random_force, receiver_wander
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import PROCESS_PRIOR, log_prior_levels
@@ -55,7 +55,7 @@ def right_ship_check(tried: SearchResult, formula: FittedHypothesis | None) -> C
     if gain > MIN_GAIN_OF_ANOTHER:
         # A search stops beside the best, and a force without a rule, or a receiver that wanders, has its own course.
         accounts, of_runs = accounts.completed(), (tried.likelihood, tried.none, USUAL_LEVELS)
-        gain = accounts.gain(max(random_force(*of_runs).evidence, wandering_evidence(*of_runs)))
+        gain = accounts.gain(max(random_force(*of_runs).evidence, receiver_wander(*of_runs).evidence))
     passed, usual = gain <= MIN_GAIN_OF_ANOTHER, COEFFICIENT_SD_LEVELS[USUAL_LEVELS - 1]
     off = f"would have to be off by some {100 * accounts.size:.0f} %, not by {100 * usual:.0f} % at most as usual"
     text = f"whatever else acts, the coefficients {'are off by no more than usual' if passed else off}"

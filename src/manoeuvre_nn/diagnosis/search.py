@@ -31,6 +31,8 @@ MAX_EFFECTS = 3
 """Effects in a hypothesis."""
 MIN_GAIN_OF_SINGLE = 3.0
 """Evidence of an effect over calm water from which it is combined with others."""
+MIN_GAIN_OF_VARIANT = 3.0
+"""Log evidence that a current which changes must add to a steady one to be told: odds of 20 to 1."""
 MIN_GAIN_OF_SECOND = 6.0
 """Least log evidence that a second or third effect must add, to the best without it and to what raises the alarm."""
 Progress = Callable[[str], None]
@@ -65,7 +67,7 @@ def search(
     Returns:
         The result.
     """
-    # A gusty wind is a variant of what a steady wind explains.
+    # A gusty wind is a variant of what a steady wind explains, a tidal current of what a current does.
     plain, variants = [e for e in effects if not e.variant_of], [e for e in effects if e.variant_of]
     so_far = _alone(_calm_water(data_set), plain, progress, workers)
     if so_far.fitted:
@@ -75,7 +77,7 @@ def search(
         so_far = _again(so_far, best if clear else none, workers)
     so_far = replace(so_far, fitted=_with_other_forms(so_far.likelihood, so_far.fitted, plain, workers))
     so_far = _combined(so_far, plain, progress, workers)
-    fitted = [*so_far.fitted, *_gusty(so_far, variants, progress, workers)]
+    fitted = [*so_far.fitted, *_varied(so_far, variants, progress, workers)]
     return replace(so_far, fitted=sorted(fitted, key=lambda j: -j.evidence))
 
 
@@ -136,21 +138,30 @@ def _with_more(
     return replace(so_far, fitted=_best_of_each([*so_far.fitted, *fewer]))
 
 
-def _gusty(
+def _varied(
     so_far: SearchResult, variants: Sequence[Effect], progress: Progress, workers: int
 ) -> Iterator[FittedHypothesis]:
-    """The best hypotheses with a steady wind, with a gusty one in its place."""
+    """The best hypotheses with a steady wind or current, with a gusty or a tidal one in its place."""
     for variant in variants:
         steady = variant.variant_of
-        windy = [j for j in so_far.fitted[:MAX_BUILT_UPON] if steady in j.names and j.evidence > so_far.none.evidence]
+        with_it = [j for j in so_far.fitted[:MAX_BUILT_UPON] if steady in j.names]
+        leading = [j for j in with_it if j.evidence > so_far.none.evidence]
         # Alone too: beside a steady wind gusts are taken for another effect. On ponds the mean may not show at all.
         on_pond = so_far.likelihood.data_set.dynamics.particulars.is_model
         likely = [j for j in so_far.fitted if j.names == (steady,) and (on_pond or j.evidence > so_far.none.evidence)]
-        asked = windy[:3] + [j for j in likely if j not in windy[:3]]
-        made = shared_out([partial(fitted_gusts, so_far.likelihood, j, variant) for j in asked], workers)
+        asked = leading[:3] + [j for j in likely if j not in leading[:3]]
+        fit = fitted_gusts if variant.random else _with_variant
+        made = shared_out([partial(fit, so_far.likelihood, j, variant) for j in asked], workers)
         for j, found in zip(asked, made, strict=True):
             progress(" + ".join(j.names).replace(steady, variant.name))
-            yield found
+            # Where runs do not tell how it changes, it is as likely as what does not change: that is told.
+            if variant.random or found.evidence > j.evidence + MIN_GAIN_OF_VARIANT:
+                yield found
+
+
+def _with_variant(likelihood: MarginalLikelihood, steady: FittedHypothesis, variant: Effect) -> FittedHypothesis:
+    """A hypothesis with one effect as it changes in time."""
+    return _exchanged(likelihood, steady, steady.names.index(variant.variant_of), variant)
 
 
 def _about_calm_water(

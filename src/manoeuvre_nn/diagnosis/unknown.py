@@ -143,9 +143,24 @@ class _RandomProcess:
         return float(logsumexp(found.evidence[: len(self.prior)] + self.prior)) - outside
 
 
-def wandering_evidence(
+@dataclass(frozen=True)
+class ReceiverWander:
+    """A slow error of a satellite receiver, north and east alike: a first-order Markov process.
+
+    Attributes:
+        size: Its likeliest standard deviation [m].
+        time: Its likeliest correlation time [s].
+        evidence: Log evidence of the hypothesis with it, summed over all that was tried; minus infinity if none was.
+    """
+
+    size: float
+    time: float
+    evidence: float
+
+
+def receiver_wander(
     likelihood: MarginalLikelihood, fitted: FittedHypothesis, levels: int = len(COEFFICIENT_SD_LEVELS)
-) -> float:
+) -> ReceiverWander:
     """Log evidence of a hypothesis at its values if positions have the slow error of a usual satellite receiver.
 
     North and east each have white noise, of which the smoother takes a wander for a part, and a first-order Markov
@@ -158,17 +173,17 @@ def wandering_evidence(
         levels: How many of the levels of the coefficients' standard deviation are allowed, from the least.
 
     Returns:
-        It; minus infinity where no position was recorded, the recordings are hours long, or the model was fitted with
-        its own noise.
+        What came out. None was tried where no position was recorded, the recordings are hours long, or the model was
+        fitted with its own noise.
     """
     data_set = likelihood.data_set
     spacing = max(KNOT_S, sum(p.linearised.run.duration for p in data_set.runs) / MAX_KNOTS)
     cells = max(p.base.measured[..., 0].size * 2 * p.linearised.run.duration / spacing for p in data_set.runs)
     recorded = any(p.linearised.present[:, :2].any() for p in data_set.runs)
     if is_fitted(data_set.dynamics) or not recorded or spacing > LONGEST_KNOT_S or cells > MAX_CELLS:
-        return -np.inf
+        return ReceiverWander(0.0, WANDER_TIMES_S[0], -np.inf)
     level = data_set.levels.quiet(fitted.best[0])
-    prior, found = log_prior_levels(data_set, PROCESS_PRIOR)[level, :levels], []
+    prior, found = log_prior_levels(data_set, PROCESS_PRIOR)[level, :levels], list[tuple[float, float, float]]()
     base = [p.base for p in data_set.runs]
     if fitted.names:
         added = hypothesis_columns(data_set, fitted.hypothesis).columns
@@ -181,8 +196,9 @@ def wandering_evidence(
                 left, added = zip(*(without_course(*one, size) for one in each), strict=True)
                 gram = summed(left, [data_set.base_index(k) for k in range(len(left))], data_set.size)
                 told = likelihood.regress(gram, norm + sum(added))
-                found.append(logsumexp(told.evidence[:levels] + prior))
-    return float(logsumexp(found) - np.log(len(found)))
+                found.append((float(logsumexp(told.evidence[:levels] + prior)), size, time))
+    _, size, time = max(found)
+    return ReceiverWander(size, time, float(logsumexp([e for e, *_ in found]) - np.log(len(found))))
 
 
 def _with_other_noise(

@@ -1,6 +1,7 @@
 """Currents: the water moves and takes the ship with it."""
 
 from abc import abstractmethod
+from dataclasses import replace
 
 from jaxtyping import Float
 from torch import Tensor
@@ -39,6 +40,7 @@ class Current(_UniformCurrent):
 
     name = "current"
     candidate = True
+    exclusive = "current"
     label = "a current"
     fingerprint = "The track drifts in one compass direction; heading, yaw rate and log speed are as in still water."
     source = "Fossen 2012; Hegrenaes & Hallingstad 2011; IMO MSC/Circ.1053, 3.4.2.5"
@@ -50,14 +52,21 @@ class Current(_UniformCurrent):
 
 
 class TidalCurrent(_UniformCurrent):
-    """A current that gains or loses speed evenly, as a tide does within half an hour."""
+    """A rectilinear stream that gains or loses speed evenly in a run, and has another speed in each.
+
+    Runs of one trial are sailed one after another while the tide turns. A negative speed is that of a stream that has
+    turned.
+    """
 
     name = "tidal_current"
+    candidate = True
+    exclusive = "current"
+    variant_of = "current"
     label = "a current that changes with the tide"
     fingerprint = "Like a current, but the drift of the track grows or fades evenly during the trial."
     source = "Linear part of V0 + V1 cos(2 pi t / 12.42 h + p), enough for trials of half an hour"
     declared = (
-        SPEED,
+        replace(SPEED, low=-SPEED.high, starts=(0.5,), per_run=True, sides=("that way", "the other way")),
         direction("toward_deg"),
         Parameter("change_m_s_h", "m/s per hour", -10.0, 10.0, 0.0, 0.5, (0.3, -0.3), sides=("growing", "falling")),
     )
