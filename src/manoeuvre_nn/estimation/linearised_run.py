@@ -8,7 +8,7 @@ coefficients, and rudders that arrive between two samples.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -22,7 +22,7 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.base import Model, calm_accelerations, runge_kutta_step
 from manoeuvre_nn.estimation.linear_run import Columns, IntegratedRun, RunEquations
 from manoeuvre_nn.estimation.process_noise import ProcessNoise
-from manoeuvre_nn.estimation.run_states import PROCESS_DIFFERENCE, RunStates
+from manoeuvre_nn.estimation.run_states import RunStates
 from manoeuvre_nn.recording.holes import in_breaks
 from manoeuvre_nn.recording.preparation import measured, smooth_heel
 
@@ -221,22 +221,20 @@ def linearise(
     between = {name: 0.5 * (each[:-1] + each[1:]) for name, each in sides.items()}
     recorded = torch.tensor(run["delta"])
     delta = recorded if indicated is None else torch.tensor(indicated)
-    step = partial(_step, rate, h=run.step, decay=float(np.exp(-run.step / process_time)))
-    state = torch.nn.functional.pad(torch.tensor(track[:-1]), (0, len(states.driven)))
-    size = state.new_tensor(states.difference)
-    nudges = torch.cat([torch.diag(size), -torch.diag(size)])[:, None, :]
-    rudders = torch.stack([*[delta] * len(nudges), recorded, delta, delta + RUDDER_DIFFERENCE])
-    tried = torch.cat([state + nudges, state.expand(3, *state.shape)])
-    with torch.no_grad():  # all at once: a step of a short run is mostly calls
+    rudders = torch.stack([recorded, delta, delta + RUDDER_DIFFERENCE])
+    start = torch.tensor(track[:-1])
+    with torch.no_grad():
         pieces = [
-            step(tried[:, a:b], rudders[:, a : b + 1], {name: each[a:b] for name, each in between.items()})
-            for a, b in _pieces(len(state))
+            _step(
+                rate, start[a:b], rudders[:, a : b + 1], {name: each[a:b] for name, each in between.items()}, run.step
+            )
+            for a, b in _pieces(len(start))
         ]
-    moved = torch.cat(pieces, dim=1)
-    up, down, (forward, still, pushed) = moved.split([states.size, states.size, 3])
+    forward, still, pushed = torch.cat([moved for moved, _ in pieces], dim=1)
+    transition = torch.cat([derivative for _, derivative in pieces]).numpy()
+    transition[:, states.count :, states.count :] *= np.exp(-run.step / process_time)
     push = pushed - still
-    transition = ((up - down) / (2 * size[:, None, None])).permute(1, 2, 0).numpy()
-    defect = forward.numpy()[:, : states.count] - track[1:]
+    defect = forward.numpy() - track[1:]
     # Where nobody knows the rudder a ship may come out of a step in any state.
     broken = in_breaks(run.time, run.meta.get("breaks", ()))
     transition[broken, : states.count], defect[broken] = 0.0, 0.0
@@ -244,8 +242,8 @@ def linearise(
     residual[:, 4] = (residual[:, 4] + np.pi) % (2 * np.pi) - np.pi
     residual = np.nan_to_num(residual, nan=0.0)
     # What a turned rudder adds to position and heading within the step is left out.
-    driven = [name in PROCESS_DIFFERENCE for name in states.moving]
-    rudder_push = push[:, : states.count].numpy() / RUDDER_DIFFERENCE * driven
+    driven = [name in states.driven for name in states.moving]
+    rudder_push = push.numpy() / RUDDER_DIFFERENCE * driven
     shows = _observed(track, states)
     return LinearisedRun(run, track, rate, transition, defect, shows, residual, rudder_push, delta.numpy())
 
@@ -255,24 +253,58 @@ def _pieces(steps: int) -> list[tuple[int, int]]:
     return [(begin, min(begin + MAX_STEPS, steps)) for begin in range(0, steps, MAX_STEPS)]
 
 
-def _step(rate: Rate, state: Tensor, delta: Tensor, between: Mapping[str, Tensor], h: float, decay: float) -> Tensor:
-    """One Runge-Kutta step from every sample to the next at once: rudder linear in between, shafts at their mean."""
-    start, end = delta[..., :-1], delta[..., 1:]
+def _step(
+    rate: Rate, start: Float[Tensor, "n k"], rudders: Float[Tensor, "3 m"], between: Mapping[str, Tensor], h: float
+) -> tuple[Float[Tensor, "3 n k"], Float[Tensor, "n s s"]]:
+    """One Runge-Kutta step from every sample to the next at three rudders, and its derivative at the second of them.
+
+    The rudder is linear in between, shafts are at their mean. ``Phi = I + h/6 (K1 + 2 K2 + 2 K3 + K4)``, ``K1 = J1``,
+    ``K2 = J2 (I + h/2 K1)``, ``K3 = J3 (I + h/2 K2)``, ``K4 = J4 (I + h K3)``, with the derivatives J of the rates at
+    the stages; the process noise is constant within the step.
+
+    Returns:
+        The states at its end, without the process noise; Phi of all states.
+    """
     turns, splits = between["shaft"], {name: each for name, each in between.items() if name != "shaft"}
-    k = rate.states.count
+    moves = [0, 1, 2, *range(6, start.shape[1])]
+    size = start.new_tensor(rate.states.difference)[moves]
+    nudges = torch.cat([torch.diag(size), -torch.diag(size)])[:, None, :]
+    stages = list[Tensor]()
 
     def f(s: Tensor, rudder: Tensor) -> Tensor:
-        noise = s[..., k:]
-        if k == 6:
-            accelerations = rate(s[..., :3], rudder, turns, splits) + noise
-            return torch.cat([accelerations, kinematics(s[..., :6]), torch.zeros_like(noise)], dim=-1)
-        rates = rate(torch.cat([s[..., :3], s[..., 6:k]], dim=-1), rudder, turns, splits)
-        accelerations, own = rates[..., :3] + noise[..., :3], rates[..., 3:]
-        own = own + torch.nn.functional.pad(noise[..., 3:], (own.shape[-1] - noise.shape[-1] + 3, 0))
-        return torch.cat([accelerations, kinematics(s[..., :6]), own, torch.zeros_like(noise)], dim=-1)
+        moving = torch.cat([s[..., :3], s[..., 6:]], dim=-1)
+        tried, angles = torch.cat([moving, moving[1] + nudges]), torch.cat([rudder, rudder[1].expand(len(nudges), -1)])
+        rates = rate(tried, angles, turns, splits)  # all at once: a step of a short run is mostly calls
+        here, up, down = rates.split([3, len(size), len(size)])
+        stages.append(_derivative(rate.states, s[1], ((up - down) / (2 * size[:, None, None])).permute(1, 2, 0)))
+        return torch.cat([here[..., :3], kinematics(s[..., :6]), here[..., 3:]], dim=-1)
 
-    new = runge_kutta_step(f, state, (start, 0.5 * (start + end), end), state.new_tensor(h))
-    return torch.cat([new[..., :k], decay * state[..., k:]], dim=-1)
+    begin, end = rudders[:, :-1], rudders[:, 1:]
+    new = runge_kutta_step(f, start.expand(3, *start.shape), (begin, 0.5 * (begin + end), end), start.new_tensor(h))
+    eye = torch.eye(rate.states.size, dtype=start.dtype)
+    k1 = stages[0]
+    k2 = stages[1] @ (eye + 0.5 * h * k1)
+    k3 = stages[2] @ (eye + 0.5 * h * k2)
+    k4 = stages[3] @ (eye + h * k3)
+    return new, eye + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+
+
+def _derivative(
+    states: RunStates, state: Float[Tensor, "n k"], of_rates: Float[Tensor, "n m m"]
+) -> Float[Tensor, "n s s"]:
+    """Derivative of all rates by all states: of those of u, v, r and own states as given, the others in closed form."""
+    count = states.count
+    made = state.new_zeros(len(state), states.size, states.size)
+    moves = torch.tensor([0, 1, 2, *range(6, count)])
+    made[:, moves[:, None], moves] = of_rates
+    u, v, psi = state[:, 0], state[:, 1], state[:, 5]
+    cos, sin = torch.cos(psi), torch.sin(psi)
+    made[:, 3, 0], made[:, 3, 1], made[:, 3, 5] = cos, -sin, -u * sin - v * cos
+    made[:, 4, 0], made[:, 4, 1], made[:, 4, 5] = sin, cos, u * cos - v * sin
+    made[:, 5, 2] = 1.0
+    for column, name in enumerate(states.driven, count):
+        made[:, states.moving.index(name), column] = 1.0
+    return made
 
 
 def integrated(

@@ -19,7 +19,7 @@ class _Sizes:
     Attributes:
         unit: Usual size, for the condition of the factor.
         step_sd: Standard deviation of what a step of one second may miss the equations by beside the process noise.
-        difference: Step of the difference quotients by it.
+        difference: Step of the difference quotients of rates by it; 0 of position and heading, which change none.
         start_sd: Prior standard deviation of the first value of an own state about the track.
         power: Exponent of length with which it goes by Froude's law.
     """
@@ -35,15 +35,15 @@ SIZES = {
     "u": _Sizes(0.05, 1e-4, 0.02),
     "v": _Sizes(0.05, 1e-4, 0.02),
     "r": _Sizes(5e-4, 1e-6, 2e-4),
-    "x": _Sizes(1.0, 2e-3, 1.0),
-    "y": _Sizes(1.0, 2e-3, 1.0),
-    "psi": _Sizes(2e-3, 2e-6, 1e-3),
+    "x": _Sizes(1.0, 2e-3, 0.0),
+    "y": _Sizes(1.0, 2e-3, 0.0),
+    "psi": _Sizes(2e-3, 2e-6, 0.0),
     "phi": _Sizes(5e-3, 5e-6, 1e-3, 0.1),
     "p": _Sizes(1e-3, 5e-6, 2e-4, 0.02, -0.5),
 }
 """State -> its sizes [m/s, rad/s, m, rad]."""
-PROCESS_DIFFERENCE = {"u": 1e-4, "v": 1e-4, "r": 1e-6, "p": 1e-5}
-"""Velocity that has process noise -> step of the difference quotients by that [m/s^2, rad/s^2]."""
+DRIVEN = ("u", "v", "r", "p")
+"""Velocities that have process noise."""
 FIRST_NOISE = {
     "x": 0.7, "y": 0.7, "vn": 0.04, "ve": 0.04, "psi": 1.75e-3, "r": 3.5e-4, "u_log": 0.05, "shaft_recorded": 0.005,
     "phi": 1.75e-3, "p": 1e-3,
@@ -79,7 +79,7 @@ class RunStates:
     @cached_property
     def driven(self) -> tuple[str, ...]:
         """Velocities that have process noise."""
-        return tuple(name for name in self.moving if name in PROCESS_DIFFERENCE)
+        return tuple(name for name in self.moving if name in DRIVEN)
 
     @property
     def size(self) -> int:
@@ -102,10 +102,9 @@ class RunStates:
         return np.array([SIZES[name].step_sd for name in self.moving])
 
     @cached_property
-    def difference(self) -> Float[np.ndarray, " s"]:
-        """Steps of the difference quotients by all states."""
-        own = [SIZES[name].difference for name in self.moving]
-        return np.array(own + [PROCESS_DIFFERENCE[name] for name in self.driven])
+    def difference(self) -> Float[np.ndarray, " k"]:
+        """Steps of the difference quotients of rates by the moving states."""
+        return np.array([SIZES[name].difference for name in self.moving])
 
     @cached_property
     def first_noise(self) -> Float[np.ndarray, " c"]:
