@@ -14,6 +14,7 @@ from manoeuvre_nn.report.tables import (
     is_good,
     main_criteria_rows,
     rich_table,
+    score_rows,
     score_table,
     text,
     to_markdown,
@@ -61,6 +62,15 @@ def test_the_score_table_keeps_its_names_on_a_narrow_terminal():
         assert "zz20" in shown
         assert "spiral20" in shown
         assert "0.123" in shown
+
+
+@pytest.mark.parametrize("score, word", [
+    (ZIGZAG, "ok"), (replace(ZIGZAG, dev_L=0.5), "ok"), (replace(ZIGZAG, dev_L=0.51), "far off"), (LOST, LOST.status)
+])  # fmt: skip
+def test_a_run_that_goes_on_to_its_end_far_from_the_recorded_one_is_not_ok(score, word):
+    (row,) = score_rows([score])
+    assert row["status"] == word and is_good(word) == {"ok": True, "far off": False}.get(word)
+    assert f" {word.split()[0]}" in printed(score_table([score]), 120)
 
 
 def test_main_criteria_of_a_manoeuvre_stand_in_a_line_and_there_is_no_table_of_none():

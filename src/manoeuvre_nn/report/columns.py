@@ -5,7 +5,7 @@ import re
 EXPLAINED = {
     # scores of a model
     "manoeuvre": "the run by its name: zz20 a zigzag with 20 deg, tc35 a turning circle with 35 deg, or a file",
-    "status": "ok: the run went on to its end; else why it was ended or left out",
+    "status": "ok: the run went on to its end, far off: more than .5 L from the recorded track; else why it was ended",
     "dev/L": "largest distance between predicted and recorded track over the ship's length L",
     "spread/L": "distance over L that nine of ten members of an ensemble keep from its prediction where it is largest: "
     "it grows where the training leaves open what the ship does",

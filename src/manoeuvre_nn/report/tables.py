@@ -14,7 +14,7 @@ from rich.text import Text
 from manoeuvre_nn.core.writing import draft_of
 from manoeuvre_nn.dynamics.limits import OK
 from manoeuvre_nn.scoring.score import SCORED_CHANNELS, Score
-from manoeuvre_nn.scoring.verdict import ModelVerdict
+from manoeuvre_nn.scoring.verdict import MAX_DEV_L, ModelVerdict
 
 Row = Mapping[str, Any]
 """Column heading -> cell. Cells are numbers, strings, or None where there is nothing."""
@@ -25,9 +25,11 @@ CRITERIA = "criteria, predicted (recorded)"
 """Heading of their column."""
 UNIT_SUFFIXES = {"deg": "deg", "s": "s", "L": "L", "deg_s": "deg/s", "m": "m", "m_s": "m/s"}
 """Endings of criteria names and the units that they stand for."""
+FAR_OFF = "far off"
+"""What a run is that went on to its end, but further from the recorded track than a usable model's."""
 GOOD, BAD = (
     frozenset({"ok", "pass", "passed", "met", "yes", "finished", "usable"}),
-    frozenset({"fail", "failed", "no", "not met", "mend", "refuse", "do not use"}),
+    frozenset({"fail", "failed", "no", "not met", "mend", "refuse", "do not use", FAR_OFF}),
 )
 """Words that are good and bad."""
 STYLES = {True: "green", False: "bold red", None: ""}
@@ -83,7 +85,7 @@ def score_rows(scores: Iterable[Score], baselines: Baselines | None = None) -> l
     return [
         {
             "manoeuvre": s.manoeuvre,
-            "status": s.status,
+            "status": status_word(s),
             "dev/L": s.dev_L,
             **({} if s.spread_L is None else {"spread/L": s.spread_L}),
             **{f"{name} dev/L": dev for name, dev in _beside(baselines, s.manoeuvre)},
@@ -91,6 +93,11 @@ def score_rows(scores: Iterable[Score], baselines: Baselines | None = None) -> l
         }
         for s in scores
     ]
+
+
+def status_word(score: Score) -> str:
+    """How a run ended, and of one that went on to its end whether it stayed near the recorded track."""
+    return FAR_OFF if score.status == OK and score.dev_L > MAX_DEV_L else score.status
 
 
 def main_criteria_rows(scores: Iterable[Score]) -> list[dict[str, Any]]:
@@ -173,7 +180,7 @@ def score_table(
     for s in scores:
         beside = [dev for _, dev in _beside(baselines, s.manoeuvre)] if others else map(s.nrmse.get, SCORED_CHANNELS)
         numbers = [text(s.dev_L, 3), *([text(s.spread_L, 2)] if banded else []), *(text(x, 2) for x in beside)]
-        table.add_row(*map(_coloured, (s.manoeuvre, s.status, *numbers)))
+        table.add_row(*map(_coloured, (s.manoeuvre, status_word(s), *numbers)))
     found.add_column("manoeuvre", min_width=10, max_width=16, overflow="fold")
     found.add_column(CRITERIA)
     for row in main_criteria_rows(scores):
