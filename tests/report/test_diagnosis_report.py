@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from manoeuvre_nn.diagnosis.result import Check, Diagnosis, Value
+from manoeuvre_nn.diagnosis.result import Check, Diagnosis, Nature, Value
 from manoeuvre_nn.diagnosis.words import summary_sentence
 from manoeuvre_nn.report.diagnosis_figures import (
     CALM,
@@ -244,6 +244,17 @@ def test_the_captain_is_told_what_is_unknown_and_where_and_whether_a_formula_hel
     assert summary_sentence(causes, [], proofs, False).startswith("The recordings agree")
 
 
+@pytest.mark.parametrize("refuted, formula", [(False, "N = 3 kN m r"), (True, "N = -20 kN m cos(2 pi t/period)")])
+def test_the_captain_is_not_told_the_phase_that_each_run_has_of_its_own(refuted, formula):
+    nature = Nature("periodic", ("N",), Value("amplitude", 12.0, 1.0, "MN m"), refuted=refuted)
+    names, period = ("N cos periodic_by_run", "N sin periodic_by_run", "N r"), Value("period_s", 17.5, 0.1, "s")
+    values = [Value(name, size, 1.0, "kN m") for name, size in zip(names, (-20.0, 9.0, 3.0), strict=True)]
+    for count, said in ((3, formula), (2, formula if refuted else "")):
+        numbers = {"terms": names[:count], "parameters": (*values[:count], period), "nature": nature}
+        told = summary_sentence([replace(unknown().causes[0], **numbers)], ["unknown"], [], True)
+        assert said in told and ("a short formula" in told) == bool(said)
+
+
 def test_the_captain_is_told_to_which_side_and_when():
     force = Value("force_kN", -221.6, 1.7, "kN", sides=("to starboard", "to port"))
     lever = Value("lever_m", 10.19, 0.48, "m", sides=("forward of midship", "aft of midship"))
@@ -257,9 +268,8 @@ def test_the_captain_is_told_to_which_side_and_when():
         ("221.6 ± 1.7 kN to port", "218.3 to 224.9 to port"),
         ("10.19 ± 0.48 m forward of midship", "9.25 to 11.13 forward of midship"),
     ]
-    unsure = replace(force, error=200.0)
-    assert interval_text(unsure) == "614 to port, 170 to starboard"
-    assert interval_text(replace(unsure, value=221.6, low=0.0)) == "0 to 614 to starboard"
+    assert interval_text(replace(force, error=200.0)) == "614 to port, 170 to starboard"
+    assert interval_text(replace(force, value=221.6, error=200.0, low=0.0)) == "0 to 614 to starboard"
 
 
 def test_every_named_cause_has_its_own_rivals():

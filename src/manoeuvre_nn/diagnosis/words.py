@@ -162,7 +162,10 @@ def _times(cause: Cause) -> str:
 def _formula(cause: Cause) -> str:
     """The formula of something unknown, equation by equation, every coefficient with its unit."""
     sums: dict[str, str] = {}
-    for v in cause.parameters[: len(cause.terms)]:
+    # Of what is periodic with its own size and phase in each run the nature tells all that holds for every run.
+    told = cause.nature is not None and not cause.nature.refuted
+    own = {term for term in cause.terms if told and mark_of(term) == BY_RUN}
+    for v in (v for v in cause.parameters[: len(cause.terms)] if v.name not in own):
         kind, _, shape = v.name.partition(" ")
         channel, _, of_channel = shape.partition(" ")
         place, shape = {
@@ -173,6 +176,8 @@ def _formula(cause: Cause) -> str:
         term = f"{abs(v.value):.3g} {v.unit} {shape}".rstrip()
         sign = "-" if v.value < 0 else "+"
         sums[place] = f"{sums[place]} {sign} {term}" if place in sums else f"{place} = {sign.strip('+')}{term}"
+    if not sums:
+        return ""
     scales = [
         f"{v.name.removesuffix('_s').replace('_', ' ')} {v.value:.3g} {v.unit}"
         for v in cause.parameters[len(cause.terms) :]
@@ -180,7 +185,7 @@ def _formula(cause: Cause) -> str:
     positive = [f"{e} {PUSHES[e][0]}" for e in sums if e in PUSHES]
     read = [f"positive: {', '.join(positive)}"] if positive else []
     read.append("motion in units of a tight turn")
-    if any(mark_of(term) == BY_RUN for term in cause.terms):
+    if any(mark_of(term) == BY_RUN for term in cause.terms) and not own:
         read.append("what is periodic as in the first run: every other has its own size and phase")
     return f"; a short formula for it is {', '.join([*sums.values(), *scales])} ({'; '.join(read)})"
 
