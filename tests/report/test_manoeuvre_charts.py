@@ -115,6 +115,18 @@ def test_the_rudder_is_marked_where_it_goes_to_a_side_with_the_side_in_words():
     assert rudder_marks(still, np.stack([run["y"], run["x"]], axis=-1)) == []
 
 
+@pytest.mark.parametrize("heading, to_starboard, to_port", [
+    (0, "top left", "top right"), (90, "top center", "bottom center"), (180, "top right", "top left"),
+    (270, "bottom center", "top center"), (45, "top left", "bottom right"), (225, "bottom right", "top left"),
+])  # fmt: skip
+def test_the_rudders_angle_is_written_on_the_outer_side_of_the_turn(heading, to_starboard, to_port):
+    run = swinging().with_channels(psi=np.full(361, heading * DEGREE))
+    first, second, *_ = rudder_marks(run, np.zeros((361, 2)))
+    assert first.place.split()[1] == to_starboard.split()[1] and second.place.split()[1] == to_port.split()[1]
+    if heading % 180:  # across the page a word stands above or below
+        assert (first.place, second.place) == (to_starboard, to_port)
+
+
 def test_ships_are_drawn_to_scale_with_the_rudder_to_its_side():
     hull = ship_shape(0.0, 20 * DEGREE, 160.0, 23.0)
     assert np.ptp(hull[:5], axis=0) == approx([23.0, 160.0])
@@ -129,6 +141,8 @@ def test_arrows_point_the_way_that_wind_and_current_go():
         "wind_steady": {"speed": 15.0, "from_deg": 60.0}, "current": {"speed": 0.5, "toward_deg": 200.0},
         "shallow_water": {"depth": 20.0}, "wind_onset": {"speed": 0.0, "from_deg": 10.0},
     })  # fmt: skip
+    (ebb,) = effect_arrows({"tidal_current": {"speed": -0.5, "toward_deg": 200.0}})
+    assert np.rad2deg(ebb.toward) % 360 == approx(20.0) and ebb.text == "current 0.5 m/s towards 20°"
     assert np.rad2deg(wind.toward) == approx(240.0) and wind.text == "wind 15 m/s from 60°"
     assert np.rad2deg(current.toward) == approx(200.0) and current.text == "current 0.5 m/s towards 200°"
     blown = swinging().with_channels(wind_speed=np.full(361, 8.0), wind_from=np.full(361, 350 * DEGREE))

@@ -89,8 +89,16 @@ def rudder_marks(run: Recording, track: Track) -> list[Mark]:
         symbol, name, colour = (">", "starboard", STARBOARD) if side[start] > 0 else ("<", "port", PORT)
         angle = np.abs(delta[start:stop][side[start:stop] == side[start]]).max() / DEGREE
         east, north = track[start].tolist()
-        marks.append(Mark(east, north, f"δ {angle:.0f}° {name}", symbol, colour))
+        place = _outside(float(run["psi"][start]), side[start])
+        marks.append(Mark(east, north, f"δ {angle:.0f}° {name}", symbol, colour, place))
     return marks
+
+
+def _outside(psi: float, side: float) -> str:
+    """Where a word stands on the outer side of the turn that begins: neither the track nor ships go there."""
+    east, north = -side * np.cos(psi), side * np.sin(psi)
+    across = "center" if abs(east) < np.sin(pi / 8) else "right" if east > 0 else "left"
+    return f"{'bottom' if north < 0 else 'top'} {across}"
 
 
 def recorded_wind(run: Recording) -> list[Arrow]:
@@ -116,8 +124,8 @@ def effect_arrows(effects: Mapping[str, Mapping[str, Any]], how: str = "") -> li
         if "from_deg" in values and values.get("speed"):
             arrows.append(_wind(values["speed"], values["from_deg"], how))
         elif "toward_deg" in values and values.get("speed"):
-            toward = values["toward_deg"]
-            words = f"current {values['speed']:.3g} m/s towards {toward % 360:.0f}°{how}"
+            toward = values["toward_deg"] + (180.0 if values["speed"] < 0 else 0.0)
+            words = f"current {abs(values['speed']):.3g} m/s towards {toward % 360:.0f}°{how}"
             arrows.append(Arrow(words, toward * DEGREE, CURRENT))
     return arrows
 
