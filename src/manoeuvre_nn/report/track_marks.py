@@ -95,10 +95,10 @@ def rudder_marks(run: Recording, track: Track) -> list[Mark]:
 
 
 def _outside(psi: float, side: float) -> str:
-    """Where a word stands on the outer side of the turn that begins: neither the track nor ships go there."""
+    """Where a word stands off the track: above or below, on the outer side of the turn, if the ship heads across."""
     east, north = -side * np.cos(psi), side * np.sin(psi)
-    across = "center" if abs(east) < np.sin(pi / 8) else "right" if east > 0 else "left"
-    return f"{'bottom' if north < 0 else 'top'} {across}"
+    # To the left it would stand on the axis of a narrow panel.
+    return f"{'bottom' if north < 0 else 'top'} {'center' if abs(east) < np.sin(pi / 4) - 1e-9 else 'right'}"
 
 
 def recorded_wind(run: Recording) -> list[Arrow]:
