@@ -88,7 +88,7 @@ def test_gusts_are_found_with_their_size_and_a_steady_wind_gains_nothing_by_them
 def test_a_tide_is_told_by_its_change_and_the_speed_of_each_run_where_runs_show_them(speeds, change, tidal):
     made = []
     for seed, (trial, speed) in enumerate(zip((CIRCLE, ZIGZAG, PORT), speeds, strict=True)):
-        stream = TidalCurrent(SHIP, speed=speed, toward_deg=100.0, change_m_s_h=change)
+        stream = TidalCurrent(SHIP, speed=speed, toward_deg=100.0, change=change)
         made.append(run_of(sailed([trial], [stream])[0], NOISE, seed))
     tried = search(whitened_data_set(CALM, made), [Current(SHIP), TidalCurrent(SHIP)])
     best = tried.fitted[0]

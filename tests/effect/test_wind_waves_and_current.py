@@ -31,7 +31,7 @@ def test_a_current_shifts_the_track_and_nothing_else(ship):
 
 
 def test_a_tide_changes_the_current_evenly():
-    effect = made("tidal_current", "mariner", speed=0.5, toward_deg=0.0, change_m_s_h=-0.6)
+    effect = made("tidal_current", "mariner", speed=0.5, toward_deg=0.0, change=-0.6)
     north = [float(effect.stream(at("mariner", 5.0, time=t))[0, 0]) for t in (0.0, 1800.0, 3600.0)]
     assert north == pytest.approx([0.5, 0.2, -0.1])
 

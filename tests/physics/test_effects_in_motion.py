@@ -73,7 +73,7 @@ def test_effects_at_their_null_leave_every_trial_as_it_is(name):
 @SOME_SHIPS
 def test_a_current_that_grows_evenly_moves_the_track_and_nothing_else(name):
     """By V t + c t^2 / 2, which fixed steps integrate exactly, the parts of steps at a reversal too."""
-    tide = dict(speed=1.0, toward_deg=30.0, change_m_s_h=3.0)
+    tide = dict(speed=1.0, toward_deg=30.0, change=3.0)
     calm, moved = CalmWater(ship_named(name)), affected(name, (TidalCurrent, tide))
     trials = ZIGZAG, turning_circle(25.0, duration=90.0)
     exact = accurate(moved, ZIGZAG), accurate(calm, ZIGZAG)

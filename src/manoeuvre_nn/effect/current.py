@@ -68,9 +68,9 @@ class TidalCurrent(_UniformCurrent):
     declared = (
         replace(SPEED, low=-SPEED.high, starts=(0.5,), per_run=True, sides=("that way", "the other way")),
         direction("toward_deg"),
-        Parameter("change_m_s_h", "m/s per hour", -10.0, 10.0, 0.0, 0.5, (0.3, -0.3), sides=("growing", "falling")),
+        Parameter("change", "m/s per hour", -10.0, 10.0, 0.0, 0.5, (0.3, -0.3), sides=("growing", "falling")),
     )
 
     def _speed(self, s: Situation) -> Tensor:
         """Speed of the water at every sample [m/s]; negative where the stream has turned."""
-        return self.value("speed") + self.value("change_m_s_h") / 3600.0 * s.time
+        return self.value("speed") + self.value("change") / 3600.0 * s.time
