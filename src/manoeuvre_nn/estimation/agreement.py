@@ -23,7 +23,7 @@ MIN_FLOOR_SHARE = 0.03
 """Least of a floor that sinks, over where it began."""
 
 
-def birge_ratio(problem: EstimationProblem, found: Estimate, stretch: float = STRETCH) -> float:
+def birge_ratio(problem: EstimationProblem, found: Estimate) -> float:
     """How far stretches disagree on the coefficients, over what noise allows.
 
     With a stretch's gradient g and information H at the common coefficients, states taken out, and C their covariance,
@@ -32,7 +32,6 @@ def birge_ratio(problem: EstimationProblem, found: Estimate, stretch: float = ST
     Args:
         problem: The problem.
         found: Its solution.
-        stretch: Length of the stretches that runs are cut into, in L/U0.
 
     Returns:
         Sum of the one over sum of the other: 1 if the errors are right, 4 if they are half of what they should be.
@@ -41,7 +40,7 @@ def birge_ratio(problem: EstimationProblem, found: Estimate, stretch: float = ST
         Birge 1932 (Phys. Rev. 40:207); for groups of samples White 1982.
     """
     count, scale = problem.shared, problem.spread
-    parts = [(k, piece) for k, run in enumerate(problem.recordings) for piece in _pieces(run, stretch)]
+    parts = [(k, piece) for k, run in enumerate(problem.recordings) for piece in _pieces(run, STRETCH)]
     cut = replace(problem, recordings=[problem.recordings[k].rows(piece) for k, piece in parts], faults=())
     now = replace(
         found, values=found.values[:count], states=tuple(found.states[k][piece] for k, piece in parts),

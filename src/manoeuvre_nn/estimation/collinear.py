@@ -32,7 +32,7 @@ COLUMNS = ["symbols", "correlation", "determined", "value", "error", "words"]
 """Of groups of coefficients."""
 
 
-def collinear_groups(fitted: Fitted, close: float = MIN_CORRELATION) -> pd.DataFrame:
+def collinear_groups(fitted: Fitted) -> pd.DataFrame:
     """Groups of coefficients that are known only together.
 
     Complete linkage: in a group every pair is correlated; groups of which two coefficients are tied beyond
@@ -40,7 +40,6 @@ def collinear_groups(fitted: Fitted, close: float = MIN_CORRELATION) -> pd.DataF
 
     Args:
         fitted: The coefficients.
-        close: Correlation from which on two are not told apart.
 
     Returns:
         One row a group, the closest first: symbols; correlation: the largest in size; determined: combination that the
@@ -55,7 +54,7 @@ def collinear_groups(fitted: Fitted, close: float = MIN_CORRELATION) -> pd.DataF
     correlation = fitted.correlation
     apart = np.clip(1 - np.abs(correlation), 0.0, None)
     np.fill_diagonal(apart, 0.0)
-    labels = fcluster(linkage(squareform(apart, checks=False), "complete"), 1 - close, "distance")
+    labels = fcluster(linkage(squareform(apart, checks=False), "complete"), 1 - MIN_CORRELATION, "distance")
     alike = (labels[:, None] == labels) | (np.abs(correlation) > MAX_CORRELATION)
     labels = connected_components(alike, directed=False)[1]
     groups = [np.flatnonzero(labels == k) for k in np.unique(labels)]

@@ -17,6 +17,8 @@ DRAWS = 2000
 """Draws from the coefficients' uncertainty."""
 TURN_DRAWS = 100
 """Draws that are sailed to a steady turn, which takes longer."""
+TURN_RUDDER, TURN_TIME, TURN_STEP = 35 * DEGREE, 25.0, 0.1
+"""Rudder angle of the turn [rad], how long it is sailed, and the step of Heun's rule, in L/U0."""
 DIFFERENCE_STEP = 1e-5
 """Step of difference quotients about the approach."""
 COLUMNS = ["name", "value", "low", "high", "words"]
@@ -75,8 +77,6 @@ def derived(
     values: Float[np.ndarray, " p"],
     covariance: Float[np.ndarray, "p p"],
     inertia: Float[np.ndarray, "3 3"],
-    rudder: float = 35 * DEGREE,
-    seed: int = 0,
 ) -> pd.DataFrame:
     """Stability, Nomoto's constants and the steady turn, with intervals by drawing from the coefficients' errors.
 
@@ -88,8 +88,6 @@ def derived(
         values: Coefficients.
         covariance: Of them.
         inertia: M' in the (rho, L, T, U0) system, for C alone.
-        rudder: Rudder angle of the turn [rad].
-        seed: Of the draws.
 
     Returns:
         C, K', T' and the rate of the turn in rad for each ship length and unit of approach speed, one a row: name,
@@ -99,7 +97,7 @@ def derived(
         Clarke, Gedling & Hine 1982, eq 8, for C; Nomoto et al. 1957.
     """
     sizes, vectors = np.linalg.eigh(covariance)
-    noise = np.random.default_rng(seed).standard_normal((DRAWS, len(values)))
+    noise = np.random.default_rng(0).standard_normal((DRAWS, len(values)))
     # The estimate, then draws from its uncertainty.
     sets = np.vstack([values, values + (noise * np.sqrt(np.maximum(sizes, 0.0))) @ vectors.T])
     motion = linear_motion(force, sets)
@@ -110,18 +108,18 @@ def derived(
     if not decided:
         told = f"open whether stable on a straight course: {100 * share:.0f} % of what the recordings allow is"
     lasts = "" if decided else "no interval: C may be 0"
-    rate, words = steady_turn(force, sets[: TURN_DRAWS + 1], rudder)
+    rate, words = steady_turn(force, sets[: TURN_DRAWS + 1], TURN_RUDDER)
     rows = [
         _summary("stability C", c, told),
         _summary("Nomoto K'", motion.gain, lasts, decided),
         _summary("Nomoto T'", motion.lag, lasts, decided),
-        _summary(f"r L/U0 at {rudder / DEGREE:.0f} deg", rate, words),
+        _summary(f"r L/U0 at {TURN_RUDDER / DEGREE:.0f} deg", rate, words),
     ]
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
 def steady_turn(
-    force: CoefficientForces, values: Float[np.ndarray, "k p"], rudder: float, time: float = 25.0, step: float = 0.1
+    force: CoefficientForces, values: Float[np.ndarray, "k p"], rudder: float
 ) -> tuple[Float[np.ndarray, " k"], str]:
     """Sail into a turn at constant shaft speed until it is steady.
 
@@ -129,8 +127,6 @@ def steady_turn(
         force: Columns of the coefficients.
         values: Sets of coefficients.
         rudder: Rudder angle [rad].
-        time: How long in L/U0.
-        step: Step of Heun's rule in L/U0.
 
     Returns:
         r L/U0 at the end, NaN where the ship left the range in which models hold; and what is to be said of it.
@@ -144,10 +140,10 @@ def steady_turn(
         moved[:, :3] = np.einsum("kip,kp->ki", force.columns(s, inputs), values)
         return moved
 
-    for _ in range(round(time / step)):
+    for _ in range(round(TURN_TIME / TURN_STEP)):
         first = rate(state)
-        second = rate(_held(state + step * first))
-        state = _held(state + step / 2 * (first + second))
+        second = rate(_held(state + TURN_STEP * first))
+        state = _held(state + TURN_STEP / 2 * (first + second))
     lost = (np.abs(state[:, :3]) >= 2.0).any(axis=1) | (state[:, 0] <= 0.02) | (np.abs(second[:, 2]) > 0.01)
     share = float(lost.mean())
     words = f"{100 * share:.0f} % of the draws find no steady turn" if share > 0 else ""

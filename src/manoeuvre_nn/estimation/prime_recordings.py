@@ -18,9 +18,7 @@ MIN_PIECE = 3.0
 """Shortest piece over L/U0 of a run that goes ahead only now and then."""
 
 
-def to_prime(
-    recordings: Sequence[Recording], ship: Particulars, rpm: float, law: str, pace: float = PACE
-) -> list[Recording]:
+def to_prime(recordings: Sequence[Recording], ship: Particulars, rpm: float, law: str) -> list[Recording]:
     """Make recordings non-dimensional.
 
     Velocities are made non-dimensional by U0 where shaft speeds are known (``law`` ``shaft``), else by the speed at the
@@ -32,7 +30,6 @@ def to_prime(
         ship: The ship.
         rpm: Nominal shaft speed [rpm].
         law: ``shaft`` or ``approach``.
-        pace: Time between samples over L/U0; recordings that are slower keep their own.
 
     Returns:
         u, v, r, x, y, psi, delta, n, wind_north, wind_east over L, U0 and the nominal shaft speed; a recording may give
@@ -44,7 +41,7 @@ def to_prime(
     made = []
     for recording in recordings:
         speed = ship.speed if law == "shaft" else approach_speed(recording, ship)
-        made += _pieces(_prime(recording, ship, speed, rpm, pace), law)
+        made += _pieces(_prime(recording, ship, speed, rpm), law)
     if not made:
         raise InputError(f"no recording has {MIN_PIECE:g} L/U0 of motion ahead in one piece: give longer ones")
     return made
@@ -76,12 +73,12 @@ def averaged(recording: Recording, interval: float) -> Recording:
     return Recording(recording.name, mean(recording.time), channels, recording.status, recording.meta)
 
 
-def _prime(recording: Recording, ship: Particulars, speed: float, rpm: float, pace: float) -> Recording:
+def _prime(recording: Recording, ship: Particulars, speed: float, rpm: float) -> Recording:
     """One recording in units of L and a speed."""
     if "wind_speed" in recording.channels:
         north, east = air_velocity(recording, ship)
         recording = recording.with_channels(wind_north=north, wind_east=east)
-    r = averaged(recording, pace * ship.length / speed)
+    r = averaged(recording, PACE * ship.length / speed)
     second, calm = ship.length / speed, np.zeros(len(r))
     units = {"u": speed, "v": speed, "r": 1 / second, "x": ship.length, "y": ship.length, "psi": 1.0, "delta": 1.0}
     channels = {name: r[name] / unit for name, unit in units.items()}

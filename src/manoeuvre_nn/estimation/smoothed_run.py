@@ -26,6 +26,8 @@ LINEARISATIONS, MAX_LINEARISATIONS = 4, 12
 MAX_STEP = 0.5
 """Longest step of u and v over the mean speed: hydrodynamic forces go with their second and third powers, so further
 off the linear equations are those of another motion (and a ship that lies still has no solution)."""
+MAX_LAGS = 30
+"""Samples over which the correlation of a channel's errors is summed up."""
 MAX_LEVERAGE = 0.9
 """Leverage of a sample at most: where a few samples alone tell a state, their residuals say nothing of their noise."""
 WHOLE = 0.01
@@ -168,13 +170,13 @@ def _mean_square(e: Float[np.ndarray, "n c"]) -> Float[np.ndarray, " c"]:
     return np.minimum((e**2).sum(axis=0) / np.maximum(np.count_nonzero(e, axis=0), 1), 1.0)
 
 
-def _long_run(e: Float[np.ndarray, "n c"], lags: int = 30) -> Float[np.ndarray, " c"]:
+def _long_run(e: Float[np.ndarray, "n c"]) -> Float[np.ndarray, " c"]:
     """Variance of slow averages over that of white noise; at least 1, and 1 of channels with few samples."""
     factors = np.ones(e.shape[1])
     for k in np.flatnonzero(np.count_nonzero(e, axis=0) >= MIN_SAMPLES):
         c = e[:, k] - e[:, k].mean()
         power = float(c @ c) or 1.0
-        for lag in range(1, min(lags, len(c) - 1)):
+        for lag in range(1, min(MAX_LAGS, len(c) - 1)):
             correlation = float(c[:-lag] @ c[lag:]) / power
             if correlation < 0.05:  # sum up to the first negative value: Geyer 1992's initial positive sequence
                 break

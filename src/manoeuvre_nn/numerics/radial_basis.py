@@ -9,6 +9,9 @@ from torch import Tensor
 
 from manoeuvre_nn.core.errors import InputError
 
+MAX_ITERATIONS = 100
+"""Iterations of the clusters' centres at most; fewer if no point changes its cluster."""
+
 
 def gaussian_nodes(
     x: Float[Tensor, "n i"], centres: Float[Tensor, "h i"], widths: Float[Tensor, " h"]
@@ -35,14 +38,13 @@ def squared_distances(x: Float[Tensor, "n i"], centres: Float[Tensor, "h i"]) ->
     return sum(parts, x.new_zeros(len(x), len(centres)))
 
 
-def k_means(x: Float[Tensor, "n i"], count: int, *, seed: int = 0, iterations: int = 100) -> Float[Tensor, "h i"]:
+def k_means(x: Float[Tensor, "n i"], count: int, *, seed: int = 0) -> Float[Tensor, "h i"]:
     """Centres of clusters by Lloyd's iteration, first ones drawn among the points, far from each other.
 
     Args:
         x: Points.
         count: Number of clusters; with as many as there are points every point is a centre.
         seed: Seed of the first centres.
-        iterations: Iterations at most; fewer if no point changes its cluster.
 
     Returns:
         Centres; a cluster that loses all its points keeps its centre.
@@ -57,7 +59,7 @@ def k_means(x: Float[Tensor, "n i"], count: int, *, seed: int = 0, iterations: i
         raise InputError(f"{count} centres of {len(x)} records: expected from 1 to {len(x)}")
     centres = x[_far_apart(x, count, torch.Generator().manual_seed(seed))].clone()
     nearest: Tensor | None = None
-    for _ in range(iterations):
+    for _ in range(MAX_ITERATIONS):
         last, nearest = nearest, torch.cdist(x, centres).argmin(1)
         if last is not None and torch.equal(last, nearest):
             break

@@ -55,9 +55,9 @@ def draw_track(chart: Chart, title: str) -> Figure:
     return figure
 
 
-def time_series_figure(reference: Recording, prediction: Recording, members: Sequence[Recording] = ()) -> Figure:
+def time_series_figure(reference: Recording, prediction: Recording) -> Figure:
     """Channels over time, as :func:`.manoeuvre_charts.time_chart` says."""
-    return draw_series(time_chart(reference, prediction, members), reference.name)
+    return draw_series(time_chart(reference, prediction), reference.name)
 
 
 def draw_series(chart: Chart, title: str) -> Figure:
@@ -88,11 +88,9 @@ def draw_comparison(charts: Mapping[str, Chart], title: str) -> dict[str, Figure
     return {name: draw[name](chart, title) for name, chart in charts.items()}
 
 
-def comparison_figures(
-    reference: Recording, prediction: Recording, members: Sequence[Recording] = ()
-) -> dict[str, Figure]:
+def comparison_figures(reference: Recording, prediction: Recording) -> dict[str, Figure]:
     """Every figure that compares one predicted manoeuvre with the recorded one: name -> figure."""
-    return draw_comparison(comparison_charts(reference, prediction, members), reference.name)
+    return draw_comparison(comparison_charts(reference, prediction), reference.name)
 
 
 def force_figure(

@@ -13,17 +13,16 @@ BAR = 0.36
 """Height of a bar over the distance between inputs."""
 
 
-def sensitivity_figure(found: Sequence[InputSensitivity], title: str = "How much each input counts") -> Figure:
+def sensitivity_figure(found: Sequence[InputSensitivity]) -> Figure:
     """Bars of error ratios and of Sobol indices, an input a line, the first on top.
 
     Args:
         found: Measures of each input.
-        title: Title.
 
     Returns:
         The figure.
     """
-    figure = new_figure(1.5 + 0.45 * len(found), title=title)
+    figure = new_figure(1.5 + 0.45 * len(found), title="How much each input counts")
     left, right = figure.subplots(1, 2, sharey=True)
     places = np.arange(len(found))[::-1]
     parts = {

@@ -127,14 +127,14 @@ def criteria_rows(scores: Iterable[Score]) -> list[dict[str, Any]]:
     return rows
 
 
-def rich_table(rows: Sequence[Row], title: str = "", digits: int = 3) -> Table:
+def rich_table(rows: Sequence[Row], title: str = "") -> Table:
     """Rows as a table for the terminal; numbers stand right, status words are coloured."""
     table = _bare_table(title)
     for name in columns(rows):
         numeric = any(_is_number(row.get(name)) for row in rows)
         table.add_column(Text(name), justify="right" if numeric else "left", overflow="fold")
     for row in rows:
-        table.add_row(*(_coloured(text(row.get(name), digits)) for name in columns(rows)))
+        table.add_row(*(_coloured(text(row.get(name), 3)) for name in columns(rows)))
     return table
 
 
@@ -225,7 +225,7 @@ def to_markdown(rows: Sequence[Row], digits: int = 4) -> str:
         return ""
     names = columns(rows)
     rules = ["---:" if any(_is_number(row.get(name)) for row in rows) else "---" for name in names]
-    body = [[text(row.get(name), digits) for name in names] for row in rows]
+    body = [[text(row.get(name), 3) for name in names] for row in rows]
     lines = [
         [_markdown_cell(name) for name in names],
         rules,

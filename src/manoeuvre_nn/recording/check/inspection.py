@@ -23,6 +23,8 @@ from manoeuvre_nn.recording.read.mapping import Mapping
 from manoeuvre_nn.recording.read.reader import read_recording
 from manoeuvre_nn.recording.thinning import thinned
 
+MAX_LINES = 5
+"""Findings that a summary tells, before it says how many more there are."""
 STANDING = 0.05
 """Share of the record for which channels may stand still when delays and offsets are measured."""
 
@@ -123,11 +125,11 @@ def inspect_recording(
     return Inspection(recording.name, tuple(found), recording, shifted)
 
 
-def summary_lines(inspections: Sequence[Inspection], most: int = 5) -> list[str]:
+def summary_lines(inspections: Sequence[Inspection]) -> list[str]:
     """What is worth a look before training, a line each: findings that ask for something, then how many more."""
     said = [f"{i.name}: {f}" for i in inspections for f in i.findings if f.trips]
-    more = [f"{len(said) - most} more: manoeuvre check shows them all"] if len(said) > most else []
-    return [*said[:most], *more]
+    more = [f"{len(said) - MAX_LINES} more: manoeuvre check shows them all"] if len(said) > MAX_LINES else []
+    return [*said[:MAX_LINES], *more]
 
 
 def _as_written(mapping: Mapping) -> Mapping:
