@@ -15,7 +15,13 @@ from manoeuvre_nn.diagnosis.predictive import REPAIRED_SAILS, still_missing
 from manoeuvre_nn.diagnosis.result import RIGHT_SHIP, USABLE_MODEL, Check, Nature, Value
 from manoeuvre_nn.diagnosis.words import nature_sentence, summary_sentence, with_caveats
 from manoeuvre_nn.report.diagnosis_html import diagnosis_html
-from manoeuvre_nn.report.diagnosis_tables import diagnosis_markdown, outcomes, print_diagnosis, verdict_text
+from manoeuvre_nn.report.diagnosis_tables import (
+    diagnosis_markdown,
+    outcomes,
+    parameter_rows,
+    print_diagnosis,
+    verdict_text,
+)
 from manoeuvre_nn.report.views import Answer
 
 
@@ -131,3 +137,15 @@ def test_the_sentence_tells_of_the_heading_where_no_run_has_a_position():
                    rmse_after={"pos": 3.0})], True)  # fmt: skip
     assert half.endswith("the predicted track of runs that were not used is 3 m off instead of 90 m.")
     assert "a steady wind (speed 11.2 m/s, from 243 deg, cx 1.04) and a rudder offset (offset 1.04 deg)" in half
+
+
+def test_what_each_run_has_of_its_own_is_said_to_be_that_of_the_first_and_taken_from_the_runs_themselves():
+    speed = Value("speed", -0.2, 0.01, "m/s", sides=("that way", "the other way"), by_run=True)
+    change = Value("change", 1.8, 0.1, "m/s per hour", sides=("growing", "falling"))
+    tide = replace(windy().causes[0], label="a tidal current", parameters=(speed, change))
+    said = summary_sentence([tide], [tide.name], windy().proofs, True)
+    assert "(speed 0.2 m/s the other way in the first run, change 1.8 m/s per hour growing)" in said
+    assert "; with it, speed taken from each run, the predicted track" in said
+    assert [row["parameter"] for row in parameter_rows([tide])] == ["speed, first run", "change"]
+    steady = summary_sentence([replace(tide, parameters=(change,))], [tide.name], windy().proofs, True)
+    assert "; with it the predicted track" in steady and "first run" not in steady

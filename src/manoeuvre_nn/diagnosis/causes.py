@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -114,8 +115,9 @@ def _values_of(fitted: FittedHypothesis, effect: int, runs: Sequence[Recording] 
         told = not (p.form or p.is_time or (p.per_run and f.runs[0]) or _is_step(p, value, error))
         if f.effect == effect and told:
             campaign = str(runs[f.runs[0]].meta.get(CAMPAIGN, "")) if runs and h.campaigns else ""
-            possible = {"low": p.low, "high": p.high} if p.period is None else {"period": p.period}
-            found.append(Value(p.name, float(value), float(error), p.unit, campaign, p.sides, **possible))
+            more: dict[str, Any] = {"low": p.low, "high": p.high} if p.period is None else {"period": p.period}
+            more |= {"campaign": campaign, "sides": p.sides, "by_run": p.per_run}
+            found.append(Value(p.name, float(value), float(error), p.unit, **more))
     sizes = [p for p in h.effects[effect].declared if p.random and p.name in fitted.random]
     found += [Value(p.name, *fitted.random[p.name], p.unit) for p in sizes]
     return tuple(found)

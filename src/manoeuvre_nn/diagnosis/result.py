@@ -28,6 +28,7 @@ class Value:
         low: Least value that is possible.
         high: Largest one.
         period: After which values are the same again, of a direction; 0 without one.
+        by_run: Whether every run has its own; this is that of the first.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Value:
     low: float = float("-inf")
     high: float = float("inf")
     period: float = 0.0
+    by_run: bool = False
 
     @property
     def interval(self) -> Interval | None:

@@ -72,7 +72,9 @@ def summary_sentence(
     them = "it" if len(named) == 1 else "them"
     if proofs and not any(c.intervals is None or c.intervals.get(p.run) for c in named for p in proofs):
         return f"The recordings show {said}; no run that was not used had {them}, so that none can prove {them}{more}."
-    return f"The recordings show {said}{_gain(proofs, them)}{more}."
+    by_run = sorted({v.name for c in named for v in c.parameters if v.by_run})
+    taken = f"{them}, {_and(by_run)} taken from each run," if by_run else them
+    return f"The recordings show {said}{_gain(proofs, taken)}{more}."
 
 
 def with_caveats(sentence: str, ship: str, checks: Sequence[Check]) -> str:
@@ -150,7 +152,8 @@ def _values(cause: Cause) -> str:
 def _sized(v: Value) -> str:
     """A value with its unit, and where its sign has words with these in its place: ``222 kN to port``."""
     value, side = (abs(v.value), v.sides[v.value < 0]) if v.sides else (v.value, "")
-    return " ".join(part for part in (three_digits(value), v.unit.strip("-"), side) if part)
+    run = "in the first run" if v.by_run else ""
+    return " ".join(part for part in (three_digits(value), v.unit.strip("-"), side, run) if part)
 
 
 def _times(cause: Cause) -> str:

@@ -170,7 +170,7 @@ def parameter_rows(causes: Sequence[Cause]) -> list[dict[str, Any]]:
     return [
         {
             "cause": cause.label,
-            "parameter": f"{words(value)}{of_campaign(value)}",
+            "parameter": f"{words(value)}{of_campaign(value)}{', first run' if value.by_run else ''}",
             FOUND: value_text(value),
             "95 % interval": interval_text(value),
         }
