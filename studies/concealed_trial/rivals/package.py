@@ -61,7 +61,7 @@ __all__ = [
 ]
 
 
-NEVER_HIDDEN = ("position_conversion",)
+NEVER_HIDDEN = ("position_conversion", "tidal_current")
 """Candidates of the package that the trial's instructions do not have."""
 
 
