@@ -64,6 +64,10 @@ def test_the_score_table_keeps_its_names_on_a_narrow_terminal():
         assert "0.123" in shown
 
 
+def test_a_number_of_a_markdown_table_has_four_digits_or_as_many_as_are_asked_for():
+    assert "| 1.235 |" in to_markdown([{"a": 1.23456}]) and "| 1.2 |" in to_markdown([{"a": 1.23456}], 2)
+
+
 @pytest.mark.parametrize("score, word", [
     (ZIGZAG, "ok"), (replace(ZIGZAG, dev_L=0.5), "ok"), (replace(ZIGZAG, dev_L=0.51), "far off"), (LOST, LOST.status)
 ])  # fmt: skip

@@ -34,6 +34,14 @@ def body_to_earth(u: Numbers, v: Numbers, psi: Numbers) -> tuple[Numbers, Number
     return u * cos - v * sin, u * sin + v * cos
 
 
+def body_to_earth_derivatives(
+    u: Numbers, v: Numbers, psi: Numbers
+) -> tuple[tuple[Numbers, Numbers, Numbers], tuple[Numbers, Numbers, Numbers]]:
+    """Derivatives by u, v and psi of the components north and east of :func:`body_to_earth`."""
+    cos, sin = _cos_and_sin(psi)
+    return (cos, -sin, -u * sin - v * cos), (sin, cos, u * cos - v * sin)
+
+
 def earth_to_body(north: Numbers, east: Numbers, psi: Numbers) -> tuple[Numbers, Numbers]:
     """Components forward and to starboard of a vector given north and east, at heading ``psi`` [rad]."""
     cos, sin = _cos_and_sin(psi)

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from manoeuvre_nn.core.effect import Situation
-from manoeuvre_nn.core.frames import body_to_earth, kinematics
+from manoeuvre_nn.core.frames import body_to_earth, body_to_earth_derivatives, kinematics
 from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.base import Model, calm_accelerations, runge_kutta_step
@@ -174,11 +174,10 @@ def shown(state: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n c"]:
 def _observed(state: Float[np.ndarray, "n k"], states: RunStates) -> Float[np.ndarray, "n c s"]:
     """Derivative of what is shown."""
     u, v, psi = state[:, 0], state[:, 1], state[:, 5]
-    cos, sin = np.cos(psi), np.sin(psi)
     h = np.zeros((len(state), len(states.channels), states.size))
     h[:, 0, 3] = h[:, 1, 4] = h[:, 4, 5] = h[:, 5, 2] = h[:, 6, 0] = 1.0
-    h[:, 2, 0], h[:, 2, 1], h[:, 2, 5] = cos, -sin, -u * sin - v * cos
-    h[:, 3, 0], h[:, 3, 1], h[:, 3, 5] = sin, cos, u * cos - v * sin
+    for row, by in enumerate(body_to_earth_derivatives(u, v, psi), 2):
+        h[:, row, 0], h[:, row, 1], h[:, row, 5] = by
     for k in range(len(states.own)):
         h[:, 8 + k, 6 + k] = 1.0
     return h
@@ -298,9 +297,8 @@ def _derivative(
     moves = torch.tensor([0, 1, 2, *range(6, count)])
     made[:, moves[:, None], moves] = of_rates
     u, v, psi = state[:, 0], state[:, 1], state[:, 5]
-    cos, sin = torch.cos(psi), torch.sin(psi)
-    made[:, 3, 0], made[:, 3, 1], made[:, 3, 5] = cos, -sin, -u * sin - v * cos
-    made[:, 4, 0], made[:, 4, 1], made[:, 4, 5] = sin, cos, u * cos - v * sin
+    for row, by in enumerate(body_to_earth_derivatives(u, v, psi), 3):
+        made[:, row, 0], made[:, row, 1], made[:, row, 5] = by
     made[:, 5, 2] = 1.0
     for column, name in enumerate(states.driven, count):
         made[:, states.moving.index(name), column] = 1.0

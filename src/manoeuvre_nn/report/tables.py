@@ -225,7 +225,7 @@ def to_markdown(rows: Sequence[Row], digits: int = 4) -> str:
         return ""
     names = columns(rows)
     rules = ["---:" if any(_is_number(row.get(name)) for row in rows) else "---" for name in names]
-    body = [[text(row.get(name), 3) for name in names] for row in rows]
+    body = [[text(row.get(name), digits) for name in names] for row in rows]
     lines = [
         [_markdown_cell(name) for name in names],
         rules,
