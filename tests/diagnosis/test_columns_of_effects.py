@@ -35,7 +35,7 @@ from manoeuvre_nn.effect.rudder import (
 from manoeuvre_nn.effect.sensors import GpsDelay, HeadingBias, LeverArm, LogScale, RateBias
 from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
-from manoeuvre_nn.estimation.data_set import FIRST_NOISE, WhitenedDataSet, whitened_data_set
+from manoeuvre_nn.estimation.data_set import WhitenedDataSet, whitened_data_set
 from manoeuvre_nn.estimation.effect_columns import (
     behind_record,
     blade_along,
@@ -50,6 +50,7 @@ from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linear_run import Columns, joined
 from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, integrated, shown
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
+from manoeuvre_nn.estimation.prepared_run import FIRST_NOISE
 from manoeuvre_nn.estimation.relinearise import refined
 from manoeuvre_nn.recording.preparation import measured
 

@@ -28,12 +28,7 @@ from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.rudder import RudderOffset
 from manoeuvre_nn.effect.wind import GustyWind, SteadyWind
 from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
-from manoeuvre_nn.estimation.data_set import (
-    COEFFICIENT_SD_LEVELS,
-    FIRST_NOISE,
-    LATENCY_SD,
-    whitened_data_set,
-)
+from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, whitened_data_set
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linear_run import joined
 from manoeuvre_nn.estimation.marginal_likelihood import (
@@ -44,6 +39,7 @@ from manoeuvre_nn.estimation.marginal_likelihood import (
 )
 from manoeuvre_nn.estimation.model_corrections import USUAL_SCATTER
 from manoeuvre_nn.estimation.posterior import posterior
+from manoeuvre_nn.estimation.prepared_run import FIRST_NOISE, LATENCY_SD, samples_a_state
 from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
@@ -146,7 +142,8 @@ def test_channels_are_trusted_as_they_were_in_the_fit(stands):
     published, own = stands
     assert not is_fitted(published.dynamics) and is_fitted(own.dynamics)
     for place in own.runs:
-        assert place.noise[:6] == approx([3.0, 3.0, 0.2, 0.2, 0.01, 2e-3]) and (place.inflation[:6] == 1).all()
+        whole = np.sqrt(samples_a_state(own.dynamics, 1.0)) * place.noise  # that of single samples
+        assert whole[:6] == approx([3.0, 3.0, 0.2, 0.2, 0.01, 2e-3]) and (place.inflation[:6] == 1).all()
     assert published.runs[0].noise[:2] == approx(NOISE[:2], rel=0.4) and (FIRST_NOISE > 0).all()
 
 

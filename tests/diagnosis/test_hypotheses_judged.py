@@ -17,14 +17,7 @@ from manoeuvre_nn.effect.rudder import RudderOffset
 from manoeuvre_nn.effect.sensors import HeadingBias, LogScale
 from manoeuvre_nn.effect.wind import GustyWind, SteadyWind
 from manoeuvre_nn.estimation.corrections import Corrections
-from manoeuvre_nn.estimation.data_set import (
-    COEFFICIENT_SD_LEVELS,
-    LATENCY_SD,
-    WhitenedDataSet,
-    base_columns,
-    prepared_run,
-    whitened_data_set,
-)
+from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, WhitenedDataSet, whitened_data_set
 from manoeuvre_nn.estimation.effect_columns import contribution
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linear_run import Columns
@@ -35,6 +28,7 @@ from manoeuvre_nn.estimation.marginal_likelihood import (
     log_prior_levels,
 )
 from manoeuvre_nn.estimation.posterior import posterior
+from manoeuvre_nn.estimation.prepared_run import LATENCY_SD, base_columns, prepared_run
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 NONE = Hypothesis((), ())

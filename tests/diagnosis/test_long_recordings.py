@@ -5,10 +5,11 @@ import pytest
 from trials import CALM, CIRCLE, runs
 
 from manoeuvre_nn.estimation import data_set, linearised_run
-from manoeuvre_nn.estimation.data_set import process_time, whitened_data_set
+from manoeuvre_nn.estimation.data_set import whitened_data_set
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linearised_run import linearise
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
+from manoeuvre_nn.estimation.prepared_run import process_time
 
 
 @pytest.fixture(scope="module")

@@ -22,16 +22,10 @@ from manoeuvre_nn.effect.rudder import RudderOffset
 from manoeuvre_nn.effect.sensors import HeadingBias
 from manoeuvre_nn.effect.waves import WaveDrift
 from manoeuvre_nn.effect.wind import SteadyWind
-from manoeuvre_nn.estimation.data_set import (
-    COEFFICIENT_SD_LEVELS,
-    LATENCY_SD,
-    PreparedRun,
-    WhitenedDataSet,
-    about_states,
-    whitened_data_set,
-)
+from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, WhitenedDataSet, whitened_data_set
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import hypothesis_columns
+from manoeuvre_nn.estimation.prepared_run import LATENCY_SD, PreparedRun, about_states
 from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS
 from manoeuvre_nn.manoeuvre.straight import straight
 from manoeuvre_nn.manoeuvre.zigzag import zigzag

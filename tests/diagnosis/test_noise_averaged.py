@@ -3,15 +3,17 @@
 import numpy as np
 import pytest
 from pytest import approx
-from test_hypotheses_judged import LEVEL, fitted, hypothesis, stand
-from trials import SHIP
+from test_hypotheses_judged import ACTING, LEVEL, fitted, hypothesis, stand
+from trials import CALM, CIRCLE, SHIP, ZIGZAG, runs
 
 from manoeuvre_nn.effect.propulsion import PropellerPitchError
 from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.estimation import noise_average
+from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.noise_average import BETWEEN, averaged, finer
+from manoeuvre_nn.estimation.prepared_run import prepared_run
 from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS, ProcessLevels
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
@@ -71,7 +73,9 @@ def test_at_the_usual_levels_and_time_nothing_changes():
 
 def test_what_goes_on_longer_leaves_a_constant_effect_less_certain():
     """The mean of a process over a time much longer than its memory T varies as T does, its error as the root of T."""
-    stood, errors = stand("thrust"), []
+    # With a state for every sample: a memory of one step is not resolved.
+    stood = WhitenedDataSet(CALM, [prepared_run(CALM, run) for run in runs([CIRCLE, ZIGZAG], ACTING["thrust"])])
+    errors = []
     h = hypothesis(PropellerPitchError(SHIP, fraction=0.15))
     for time in (2.0, 8.0):
         likelihood = MarginalLikelihood(finer(stood, time))

@@ -8,9 +8,10 @@ from trials import CALM, CIRCLE, NOISE, PORT, SHIP, ZIGZAG, run_of, runs, sailed
 from manoeuvre_nn.diagnosis.remainder import is_left, with_remainder
 from manoeuvre_nn.effect.formula import Formula
 from manoeuvre_nn.effect.remainder import Remainder
-from manoeuvre_nn.estimation.data_set import prepared_run, whitened_data_set
+from manoeuvre_nn.estimation.data_set import whitened_data_set
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
+from manoeuvre_nn.estimation.prepared_run import prepared_run
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")

@@ -26,10 +26,10 @@ from manoeuvre_nn.effect.roll import RollCoupling
 from manoeuvre_nn.effect.rudder import RudderOffset
 from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.estimation.corrections import OF_ROLL, Calibrated, Corrections
-from manoeuvre_nn.estimation.data_set import prepared_run, process_time
 from manoeuvre_nn.estimation.effect_columns import contribution
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, linearise
+from manoeuvre_nn.estimation.prepared_run import prepared_run, process_time
 from manoeuvre_nn.manoeuvre.turning import tactical_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.recording.noise import add_noise

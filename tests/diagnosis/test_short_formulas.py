@@ -128,10 +128,11 @@ def test_a_ship_of_which_only_the_inertia_is_known_has_units_for_its_terms_too()
 def test_a_force_that_follows_the_motion_late_has_its_time_constant():
     """``m' = (z - m) / memory_s`` of a step is ``1 - exp(-t / memory_s)``."""
     effect = Formula(SHIP, ["N lag d"], scales={"memory_s": 25.0})
-    s = whitened_data_set(CALM, runs([ZIGZAG])).runs[0].linearised.situation
+    line = whitened_data_set(CALM, runs([ZIGZAG])).runs[0].linearised
+    s, half = line.situation, 0.5 * line.run.step
     stepped = s.with_(delta=torch.where(s.time < 100.0, 0.0, 0.35).double())
-    memory = own_states(effect, stepped, 1, 1.0)[0, :, 0]
-    late = (s.time - 99.5).clamp(min=0.0)  # the rudder is linear in between samples
+    memory = own_states(effect, stepped, 1, line.run.step)[0, :, 0]
+    late = (s.time - s.time[s.time >= 100.0][0] + half).clamp(min=0.0)  # the rudder is linear in between samples
     assert torch.allclose(memory, 1 - torch.exp(-late / 25.0), atol=2e-3)
 
 

@@ -42,7 +42,7 @@ def test_noise_is_told_of_the_channels_as_they_are_shown(monkeypatch):
     monkeypatch.setattr(forecast, "joined", lambda _: Mock(combined=lambda _: Mock(measured=np.zeros((5, 8, 1)))))
     white = Mock(embed=lambda data: data, states=lambda data: np.zeros((5, 9, 1)))
     linearised = Mock(observed=np.zeros((5, 8, 9)), present=np.zeros((5, 8), dtype=bool))  # nothing was recorded
-    run = Mock(base=None, linearised=linearised, noise=np.arange(1.0, 9.0))
+    run = Mock(base=None, linearised=linearised, noise=0.5, inflation=1.0, sample_noise=np.arange(1.0, 9.0))
     data_set = Mock(combinations=0, runs=[run], at=lambda level: Mock(white=[white]))
     noise = forecast._noise(Mock(data_set=data_set, mean=np.zeros(1), chosen=Mock(names=(), best=(0, 0))))
     assert noise == approx({

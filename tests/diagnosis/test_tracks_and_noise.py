@@ -16,7 +16,7 @@ from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.propulsion import PowerLimit
 from manoeuvre_nn.effect.wind import SteadyWind
-from manoeuvre_nn.estimation.data_set import PreparedRun, prepared_run
+from manoeuvre_nn.estimation.prepared_run import PreparedRun, prepared_run
 from manoeuvre_nn.estimation.smoothed_run import first_guess, rounding_step
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.recording.preparation import measured, smooth_shaft, with_measured

@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from pytest import approx
 
+from manoeuvre_nn.core.recording import Recording, followed
 from manoeuvre_nn.recording.check.axes import rudder_effect
 from manoeuvre_nn.recording.check.sensor_faults import measure_faults
-from manoeuvre_nn.recording.thinning import SAMPLES_PER_TIME_UNIT, thinned
+from manoeuvre_nn.recording.thinning import SAMPLES_PER_TIME_UNIT, averaged, thinned
 
 
 @pytest.fixture(scope="module")
@@ -40,3 +42,67 @@ def test_a_delay_and_the_rudders_effect_are_those_of_the_whole_record(dense, shi
     assert part.value[0] == pytest.approx(whole.value[0], abs=part.error[0])
     effects = [rudder_effect(r, ship)[0] for r in (dense, fewer)]
     assert effects[1] == pytest.approx(effects[0], rel=0.05) and effects[1] > 0
+
+
+def record(**channels):
+    """Channels of one sample a second."""
+    longest = max(map(len, channels.values()))
+    return Recording("made", np.arange(float(longest)), {k: np.asarray(v, dtype=float) for k, v in channels.items()})
+
+
+def test_of_a_straight_line_averages_lie_on_it_whatever_samples_lack():
+    """Where the line is left for more than five samples nothing is made up."""
+    line = 3.0 + 0.7 * np.arange(60.0)
+    gaps = line.copy()
+    gaps[[4, 11, 12, 20, 21, 22]], gaps[40:52] = np.nan, np.nan
+    sparse = np.where(np.arange(60) % 5 == 0, line, np.nan)
+    few = averaged(record(x=gaps, y=sparse), 3)
+    at = 3.0 + 0.7 * few.time
+    there = np.isfinite(few["x"])
+    assert few["x"][there] == approx(at[there]) and list(np.flatnonzero(~there)) == [13, 14, 15, 16]
+    seen = np.isfinite(few["y"])
+    assert few["y"][seen] == approx(at[seen]) and seen.sum() == 12
+
+
+def test_noise_of_averages_is_that_of_their_mean():
+    noise = np.random.default_rng(3).standard_normal(30_000)
+    few = averaged(record(r=noise), 2)
+    assert few["r"].std() == approx(np.sqrt(0.5), rel=0.02)
+    assert np.corrcoef(few["r"][1:], few["r"][:-1])[0, 1] == approx(0.0, abs=0.03)
+
+
+def test_the_rudder_of_fewer_samples_moves_a_slow_ship_as_the_whole_one_does():
+    """Behind a first-order lag of ten steps, ``T v' + v = d``; averages miss it three times as much."""
+    time = np.arange(241.0)
+    order = np.select([time < 31, time < 74, time < 125, time < 168], [0.0, 0.35, -0.35, 0.2], 0.0)
+    delta = followed(time, order, 0.043)
+    run = record(delta=delta, delta_order=order)
+
+    def behind(at, angle):
+        fine = np.arange(0.0, 240.0, 0.05)
+        d, v = np.interp(fine, at, angle), np.zeros(len(fine))
+        for k in range(1, len(fine)):
+            v[k] = v[k - 1] + 0.05 / 20.0 * (0.5 * (d[k] + d[k - 1]) - v[k - 1])
+        return v
+
+    few = averaged(run, 2)
+    means = delta[:240].reshape(-1, 2).mean(axis=1)
+    whole = behind(time, delta)
+    missed = [np.abs(behind(few.time, angle) - whole)[:4700].max() for angle in (few["delta"], means)]
+    assert missed[0] < 0.34 * missed[1] and missed[0] < 3e-4
+    assert few["delta"] == approx(means, abs=0.02)
+
+
+def test_an_order_is_in_force_from_when_it_was_given():
+    order = np.where(np.arange(40) < 13, 0.0, 0.3)
+    lead = np.where(np.arange(40) == 13, 0.25, 0.0)  # a quarter of a second before sample 13
+    few = averaged(record(delta=0.0 * order, delta_order=order, order_lead=lead), 2)
+    (came,) = np.flatnonzero(np.diff(few["delta_order"])) + 1
+    step = few.time[1] - few.time[0]
+    assert step == 2.0 and few.time[came] - few["order_lead"][came] * step == approx(12.75)
+    assert np.count_nonzero(few["order_lead"]) == 1
+
+
+def test_too_few_samples_are_left_as_they_are():
+    run = record(r=np.arange(7.0))
+    assert averaged(run, 2) is run and averaged(run, 1) is run

@@ -24,10 +24,11 @@ import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.diagnosis.next_runs import Plan, new_runs, same_runs
-from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, LATENCY_SD, WhitenedDataSet, about_states
+from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.hypothesis_columns import HypothesisColumns, hypothesis_columns
 from manoeuvre_nn.estimation.linear_run import Columns, joined
+from manoeuvre_nn.estimation.prepared_run import LATENCY_SD, about_states
 
 REFIT_SPREADS = 3.0
 """Prior spreads within which a rival may be fitted again."""

@@ -287,7 +287,7 @@ def _noise(data_set: WhitenedDataSet) -> dict[str, float]:
     """RMS of every channel's measurement noise: no prediction can do better; NaN of a velocity that none recorded."""
     lines = [p.linearised for p in data_set.runs]
     sensed = np.array([[name not in x.run.derived for name in x.states.channels] for x in lines])
-    squares = np.stack([p.noise**2 / p.inflation for p in data_set.runs])
+    squares = np.stack([p.sample_noise**2 for p in data_set.runs])
     with np.errstate(invalid="ignore"):
         s = np.sqrt((squares * sensed).sum(axis=0) / sensed.sum(axis=0))
     deg = 180 / np.pi

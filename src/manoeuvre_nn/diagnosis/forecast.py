@@ -33,17 +33,12 @@ from manoeuvre_nn.diagnosis.repair import (
 from manoeuvre_nn.diagnosis.result import Proof
 from manoeuvre_nn.dynamics.base import Model, ModelAround, is_fitted
 from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
-from manoeuvre_nn.estimation.data_set import (
-    COEFFICIENT_SD_LEVELS,
-    LATENCY,
-    WhitenedDataSet,
-    process_time,
-    same_campaigns,
-)
+from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, WhitenedDataSet, same_campaigns
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.hypothesis_columns import hypothesis_columns
 from manoeuvre_nn.estimation.linear_run import joined
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
+from manoeuvre_nn.estimation.prepared_run import LATENCY, process_time
 from manoeuvre_nn.estimation.process_noise import drawn_process
 from manoeuvre_nn.estimation.relinearise import refined
 from manoeuvre_nn.scoring.free_runs import errors
@@ -309,7 +304,10 @@ def _noise(known: _Known) -> dict[str, float]:
         states = white.states(white.embed(data))[..., 0]
         rest = data.measured[..., 0] - np.einsum("kci,ki->kc", run.linearised.observed, states)
         there = run.linearised.present
-        squares.append(np.where(there.any(0), (rest**2 * there).sum(0) / np.maximum(there.sum(0), 1), run.noise**2))
+        own = (rest**2 * there).sum(0) / np.maximum(there.sum(0), 1)
+        # Of averages: single samples lie off these besides.
+        beside = run.sample_noise**2 - run.noise**2 / run.inflation
+        squares.append(np.where(there.any(0), own + beside, run.sample_noise**2))
     s = np.sqrt(np.mean(squares, axis=0))
     return dict(zip(COLUMNS, s[[0, 1, 4, 2, 3, 5, 6]] / (1, 1, DEGREE, 1, 1, DEGREE, 1), strict=True))
 

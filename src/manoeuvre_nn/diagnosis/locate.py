@@ -10,11 +10,12 @@ from manoeuvre_nn.core.effect import SITES
 from manoeuvre_nn.core.units import three_digits
 from manoeuvre_nn.diagnosis.result import Interval, Residual
 from manoeuvre_nn.diagnosis.search import SearchResult
-from manoeuvre_nn.estimation.data_set import PreparedRun, WhitenedDataSet, process_time, start_spread
+from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.hypothesis_columns import hypothesis_columns
 from manoeuvre_nn.estimation.linear_run import Columns, IntegratedRun
 from manoeuvre_nn.estimation.linearised_run import integrated
+from manoeuvre_nn.estimation.prepared_run import PreparedRun, process_time, start_spread
 from manoeuvre_nn.numerics.finite_algebra import lstsq
 from manoeuvre_nn.recording.outliers import robust_sd
 

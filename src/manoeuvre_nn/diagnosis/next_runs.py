@@ -3,7 +3,6 @@
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from math import ceil
 
 import numpy as np
 import torch
@@ -19,9 +18,10 @@ from manoeuvre_nn.diagnosis.case import seen_channels
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.rollout import rollout
 from manoeuvre_nn.dynamics.vessel import Vessel
-from manoeuvre_nn.estimation.data_set import PreparedRun, WhitenedDataSet, about_states
+from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linearised_run import shown
+from manoeuvre_nn.estimation.prepared_run import PreparedRun, about_states
 from manoeuvre_nn.manoeuvre.straight import straight
 from manoeuvre_nn.manoeuvre.turning import pull_out, turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
@@ -129,7 +129,7 @@ def new_runs(data_set: WhitenedDataSet, hypothesis: Hypothesis) -> Iterator[Plan
     """
     dynamics, first = data_set.dynamics, data_set.runs[0].linearised
     ship, step = dynamics.particulars, first.run.step
-    interval = step * max(1, ceil(ship.time_unit / PER_LENGTH / step - 0.5))
+    interval = max(step, ship.time_unit / PER_LENGTH)
     made = _manoeuvres(ship.rudder_limit)
     begun = [(first.track[0, 5] + h * DEGREE, 1.0) for h in HEADINGS] + [(first.track[0, 5], HALF)]
     tried = [(words, m, *how) for words, m in made.items() for how in begun]

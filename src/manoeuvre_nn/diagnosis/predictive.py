@@ -32,11 +32,12 @@ from manoeuvre_nn.dynamics.base import Model, is_fitted, runge_kutta_step
 from manoeuvre_nn.dynamics.limits import inside_physical_range
 from manoeuvre_nn.dynamics.recorded_inputs import inputs_at
 from manoeuvre_nn.estimation.corrections import Corrections
-from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, LATENCY, PreparedRun, process_time
+from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.linearised_run import shown
 from manoeuvre_nn.estimation.marginal_likelihood import COEFFICIENT_SD_PRIOR, PROCESS_PRIOR
 from manoeuvre_nn.estimation.model_corrections import USUAL_SCATTER
+from manoeuvre_nn.estimation.prepared_run import LATENCY, PreparedRun, process_time
 from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS, drawn_process
 from manoeuvre_nn.estimation.relinearise import beside
 
@@ -83,10 +84,10 @@ def calm_check(question: Question, tried: SearchResult) -> Check:
     Returns:
         The test; the text says where the runs miss most.
     """
-    runs = [*question.case.fitted, *question.case.held_out]
     prepared = [*tried.likelihood.data_set.runs]
     if question.case.held_out:
         prepared += question.held_out.data_set.runs
+    runs = [p.linearised.run for p in prepared]
     rng = np.random.default_rng(0)
     kinds = {"as corrected": corrected(tried, rng), "as published": published(tried, rng)}
     warmup = question.case.warmup
@@ -122,7 +123,8 @@ def repaired_check(question: Question, tried: SearchResult, chosen: FittedHypoth
     Returns:
         The test; the text says where the runs miss most.
     """
-    runs, warmup = question.case.held_out, question.case.warmup
+    prepared, warmup = question.held_out.data_set.runs, question.case.warmup
+    runs = [p.linearised.run for p in prepared]
     every = _samples_a_step(question.dynamics, runs[0].step)
     allowed = 0 if is_fitted(question.dynamics) else PROCESS_LEVELS.point(_most_allowed(), _most_allowed())
     drawn = drawn_tables(known_of(tried.likelihood.data_set, chosen), there, runs, warmup, every, allowed)
@@ -131,7 +133,6 @@ def repaired_check(question: Question, tried: SearchResult, chosen: FittedHypoth
         run.between(run.time[0], thin.time[-1]) for run, thin in zip(runs, thinned(runs, warmup, every), strict=True)
     ]
     shown_by = [_as_shown(tables, run.time[run.time > warmup - 1e-9]) for tables, run in zip(drawn, seen, strict=True)]
-    prepared = question.held_out.data_set.runs
     p, channel, ratio = surprise(question, seen, prepared, shown_by)
     if p <= FALSE_ALARMS and (wander := _slow_error(tried, chosen)):
         p, channel, ratio = surprise(question, seen, prepared, shown_by, wander)

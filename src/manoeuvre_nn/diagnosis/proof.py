@@ -13,9 +13,10 @@ from manoeuvre_nn.diagnosis.gusts import gusty_evidence
 from manoeuvre_nn.diagnosis.repair import predict, predict_corrected, recorded
 from manoeuvre_nn.diagnosis.result import Proof
 from manoeuvre_nn.dynamics.base import is_fitted
-from manoeuvre_nn.estimation.data_set import LATENCY, same_campaigns
+from manoeuvre_nn.estimation.data_set import same_campaigns
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
+from manoeuvre_nn.estimation.prepared_run import LATENCY
 from manoeuvre_nn.scoring.free_runs import errors
 
 

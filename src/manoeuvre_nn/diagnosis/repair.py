@@ -21,7 +21,6 @@ from manoeuvre_nn.dynamics.recorded_inputs import held_columns
 from manoeuvre_nn.dynamics.replay import integrate
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.estimation.corrections import Calibrated
-from manoeuvre_nn.estimation.data_set import process_time, start_spread, typical_rates
 from manoeuvre_nn.estimation.effect_columns import (
     behind_record,
     blade_along,
@@ -35,6 +34,7 @@ from manoeuvre_nn.estimation.effect_columns import (
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linear_run import joined
 from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, heel_of, integrated, linearise, sides_of
+from manoeuvre_nn.estimation.prepared_run import process_time, start_spread, typical_rates
 from manoeuvre_nn.estimation.smoothed_run import first_guess
 from manoeuvre_nn.recording.holes import rudder_known_until
 from manoeuvre_nn.recording.outliers import spikes

@@ -17,18 +17,13 @@ from scipy.special import logsumexp
 
 from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.dynamics.base import is_fitted
-from manoeuvre_nn.estimation.data_set import (
-    COEFFICIENT_SD_LEVELS,
-    PreparedRun,
-    WhitenedDataSet,
-    process_time,
-    start_spread,
-)
+from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
 from manoeuvre_nn.estimation.hypothesis_columns import hypothesis_columns
 from manoeuvre_nn.estimation.linear_run import Columns, Embedded, IntegratedRun, joined, summed
 from manoeuvre_nn.estimation.linearised_run import integrated
 from manoeuvre_nn.estimation.marginal_likelihood import PROCESS_PRIOR, MarginalLikelihood, log_prior_levels
+from manoeuvre_nn.estimation.prepared_run import PreparedRun, process_time, start_spread
 from manoeuvre_nn.estimation.process_noise import by_equation, markov_course, without_course
 
 COLOURED = 4.0

@@ -2,38 +2,34 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
-import torch
 from jaxtyping import Float, Int
 
 from manoeuvre_nn.core.memory import check_memory
 from manoeuvre_nn.core.recording import CAMPAIGN, Recording
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.dynamics.base import Model, calm_accelerations, is_fitted
-from manoeuvre_nn.effect.common import typical
-from manoeuvre_nn.estimation.corrections import Calibrated, CoefficientPrior, Corrections
-from manoeuvre_nn.estimation.effect_columns import coefficient_columns, latency_column
+from manoeuvre_nn.dynamics.base import Model
+from manoeuvre_nn.estimation.corrections import CoefficientPrior, Corrections
 from manoeuvre_nn.estimation.linear_run import Columns, Embedded, IntegratedRun, RunEquations, joined, summed
-from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, linearise, run_equations
+from manoeuvre_nn.estimation.linearised_run import Rate, run_equations
 from manoeuvre_nn.estimation.posterior import Posterior, posterior
+from manoeuvre_nn.estimation.prepared_run import (
+    LATENCY_SD,
+    PreparedRun,
+    base_columns,
+    prepared_run,
+    process_time,
+    samples_a_state,
+    start_spread,
+    typical_rates,
+)
 from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS, ProcessLevels
-from manoeuvre_nn.estimation.run_states import RunStates
-from manoeuvre_nn.estimation.smoothed_run import smooth
 
-FIRST_NOISE = RunStates().first_noise
-"""First idea of the noise of the channels ``MEASURED``."""
-SMOOTHER_PROCESS_SD = np.array([0.05, 0.1, 0.1])
-"""Prior standard deviation of the process noise of the smoother, in U0^2/L (yaw: U0^2/L^2)."""
-SMOOTHER_ROLL = 0.2
-"""That in roll, over the roll acceleration of 20 deg of rudder."""
 COEFFICIENT_SD_LEVELS = (0.002, 0.015, 0.03, 0.05, 0.08, 0.2)
 """Levels of the relative error of the calm-water coefficients."""
 MIN_SIGNAL_TO_NOISE = 0.02
 """Least signal-to-noise ratio, squared, of a combination of coefficients that is carried along."""
-LATENCY, LATENCY_SD = 0.25, 0.25
-"""Delay of the satellite receiver [s]: mean and s.d. before the recording is seen."""
 SAME_RUDDER = 1.0 * DEGREE
 """Standard deviation of the difference of two rudder angles from which on corrections tell them apart [rad]: of it, 5 %
 are half the noise of an indicator."""
@@ -45,30 +41,6 @@ FEWER = "write fewer files into files=, hold out more, or cut the recordings by 
 """What to do with recordings that are too long together."""
 MAX_RUDDERS = 4
 """Sets of runs about other rudder angles that are kept."""
-
-
-@dataclass(frozen=True)
-class PreparedRun:
-    """A run with what hypotheses about it have in common.
-
-    Attributes:
-        linearised: Its equations about its track.
-        noise: S.d. of its channels, their correlation in time taken in.
-        inflation: What that correlation multiplied their variances by.
-        base: Data, coefficients and latency as columns.
-        process: Process noise that the states need [m/s^2, m/s^2, rad/s^2, rad/s^2].
-    """
-
-    linearised: LinearisedRun
-    noise: Float[np.ndarray, " c"]
-    inflation: Float[np.ndarray, " c"]
-    base: Columns
-    process: Float[np.ndarray, "n p"]
-
-    @property
-    def data(self) -> Columns:
-        """The recording as a column: what the track and the model with published coefficients leave unexplained."""
-        return joined([self.base[:1], self.base[-1:]]).combined(np.array([1.0, LATENCY]))
 
 
 @dataclass(frozen=True)
@@ -277,105 +249,9 @@ def same_campaigns(known: Sequence[Recording], runs: Sequence[Recording]) -> lis
     return [days.index(day) if (day := run.meta.get(CAMPAIGN)) in days else 0 for run in runs]
 
 
-def typical_rates(dynamics: Model) -> Float[np.ndarray, " k"]:
-    """Accelerations that are large in a manoeuvre: by the resistance in surge, by 20 deg of rudder otherwise.
-
-    Returns:
-        [m/s^2, m/s^2, rad/s^2], and of a ship that rolls that of roll [rad/s^2].
-    """
-    found = typical(dynamics.hull, partial(calm_accelerations, dynamics)).numpy()
-    own = len(dynamics.own_names)
-    if not own:
-        return found
-    ahead = torch.tensor([dynamics.particulars.speed, *[0.0] * (2 + own)], dtype=torch.float64)
-    with torch.no_grad():
-        with_it, without = (
-            Rate(dynamics)(ahead, d, torch.ones_like(d)) for d in (0 * ahead[0] + 20 * DEGREE, ahead[1])
-        )
-    return np.append(found, float((with_it - without)[-1].abs()))
-
-
-def process_time(dynamics: Model) -> float:
-    """Correlation time of what no hypothesis explains: the time in which the ship sails its length.
-
-    Returns:
-        Time [s].
-    """
-    return dynamics.particulars.time_unit
-
-
-def start_spread(dynamics: Model) -> Float[np.ndarray, " k"]:
-    """Prior standard deviation of a first state about the track.
-
-    Returns:
-        u, v [m/s], r [rad/s], x, y [m], psi [rad], own states.
-    """
-    ship = dynamics.particulars
-    east, own = float(ship.sized([50.0], [1.0])[0]), RunStates(dynamics.own_names).own_start_sd(ship)
-    return np.array([0.3 * ship.speed, 0.3 * ship.speed, 0.3 * ship.speed / ship.length, east, east, 0.3, *own])
-
-
 def whitened_data_set(dynamics: Model, runs: Sequence[Recording]) -> WhitenedDataSet:
     """Find states and noise of runs, linearise and whiten."""
     samples, states = sum(map(len, runs)), Rate(dynamics).states.count
     columns = len(Corrections(dynamics).names) + 2 * states
     check_memory(f"{samples} samples to be diagnosed", COPIES * 8 * samples * states * columns, FEWER)
-    return WhitenedDataSet(dynamics, [prepared_run(dynamics, run) for run in runs])
-
-
-def prepared_run(dynamics: Model, run: Recording) -> PreparedRun:
-    """One run made ready.
-
-    Returns:
-        The run about its smoothed states.
-    """
-    rate, p = Rate(dynamics), dynamics.particulars
-    unit = p.speed**2 / p.length * np.array([1.0, 1.0, 1.0 / p.length])
-    wide = np.append(SMOOTHER_PROCESS_SD * unit, SMOOTHER_ROLL * typical_rates(dynamics)[3:])
-    first = rate.states.first_noise
-    least = 0.2 * first
-    if is_fitted(dynamics):  # recordings are trusted as they were when the model was fitted
-        u, v, r, x, y, psi = dynamics.noise.tolist()
-        least[:6] = x, y, u, v, psi, r
-    linearised, noise, inflation, process = smooth(run, rate, first, least, wide, p)
-    slow = np.where((noise > least) | (not is_fitted(dynamics)), inflation, 1.0)
-    base = base_columns(dynamics, linearised)
-    return PreparedRun(linearised, noise * np.sqrt(slow), slow, base, process)
-
-
-def about_states(
-    dynamics: Model,
-    prepared: PreparedRun,
-    track: Float[np.ndarray, "n k"],
-    corrections: Float[np.ndarray, " k"] | None = None,
-    indicated: Float[np.ndarray, " n"] | None = None,
-    receiver: Float[np.ndarray, "#n 4"] | None = None,
-) -> PreparedRun:
-    """The same run about another track.
-
-    Args:
-        dynamics: Calm-water model.
-        prepared: The run.
-        track: u, v, r, x, y, psi, own states.
-        corrections: Sizes of :class:`.Corrections` that the equations are linearised about too, so that effects act on
-            the corrected ship: a rudder offset on the rudder as strong as it is; None are none.
-        indicated: What the rudder indicator showed, where corrections of rudder forces act [rad]; None is the record.
-        receiver: What errors of sensors add to what the satellite receiver shows; None is nothing.
-
-    Returns:
-        The run about it.
-    """
-    about = dynamics if corrections is None else Calibrated(dynamics, dynamics.hull.inertia.new_tensor(corrections))
-    linearised = linearise(prepared.linearised.run, Rate(about), track, process_time(dynamics), indicated)
-    linearised = linearised if receiver is None else replace(linearised, receiver=receiver)
-    return replace(prepared, linearised=linearised, base=base_columns(dynamics, linearised))
-
-
-def base_columns(dynamics: Model, linearised: LinearisedRun) -> Columns:
-    """Data, coefficients (each on its own) and latency of a run as columns."""
-    latency, coefficients = latency_column(linearised), coefficient_columns(dynamics, linearised)
-    about = linearised.rate.dynamics
-    taken_out = about.shares.numpy() if isinstance(about, Calibrated) else np.zeros(coefficients.count)
-    # The unknowns are the latency's deviation from its prior mean, and whole corrections, also those taken out already.
-    shares = np.r_[1.0, -LATENCY, taken_out]
-    return joined([joined([linearised.data, latency, coefficients]).combined(shares), coefficients, latency])
+    return WhitenedDataSet(dynamics, [prepared_run(dynamics, run, samples_a_state(dynamics, run.step)) for run in runs])

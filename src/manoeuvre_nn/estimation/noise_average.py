@@ -15,10 +15,11 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import softmax
 
-from manoeuvre_nn.estimation.data_set import WhitenedDataSet, base_columns
+from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
 from manoeuvre_nn.estimation.linearised_run import linearise
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
+from manoeuvre_nn.estimation.prepared_run import base_columns
 from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS, ProcessLevels
 
 BETWEEN = tuple(float(np.sqrt(low * high)) for low, high in pairwise(PROCESS_LEVELS.sizes))

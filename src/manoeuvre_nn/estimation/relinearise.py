@@ -9,13 +9,7 @@ from scipy.special import logsumexp
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.estimation.changed_coefficients import changed_base
 from manoeuvre_nn.estimation.corrections import CoefficientPrior, Corrections
-from manoeuvre_nn.estimation.data_set import (
-    COEFFICIENT_SD_LEVELS,
-    LATENCY_SD,
-    WhitenedDataSet,
-    about_states,
-    base_columns,
-)
+from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, WhitenedDataSet
 from manoeuvre_nn.estimation.effect_columns import behind_record
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.hypothesis_columns import hypothesis_columns
@@ -23,6 +17,7 @@ from manoeuvre_nn.estimation.linear_run import joined, summed
 from manoeuvre_nn.estimation.linearised_run import LinearisedRun
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood, log_prior_levels
 from manoeuvre_nn.estimation.posterior import posterior
+from manoeuvre_nn.estimation.prepared_run import LATENCY_SD, about_states, base_columns
 from manoeuvre_nn.estimation.smoothed_run import step_share
 from manoeuvre_nn.numerics.finite_algebra import lstsq
 

@@ -84,7 +84,6 @@ def smooth(
     """
     kept, channels = rate.states, rate.states.channels
     shaft = measured(run)[:, SHAFT]
-    least = np.maximum(least, rounding_step(measured(run, channels)) / np.sqrt(12.0))  # errors even over a step
     run = run.with_channels(**{MEASURED[SHAFT]: np.full(len(run), np.nan)})
     track, states, sigma = first_guess(run, kept.own), np.zeros((len(run), kept.size)), noise
     inflation = np.ones(len(channels))

@@ -1,10 +1,22 @@
-"""Fewer samples where there are more than a ship's motion needs: smoothing takes as long as its window has samples."""
+"""Fewer samples where there are more than a ship's motion needs: what is computed of a run takes as long as it has."""
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import solveh_banded
 
 from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.recording import Recording
 
 SAMPLES_PER_TIME_UNIT = 400
 """Samples in the time L/U0 that tell all of a ship's motion: local cubics over .8 L/U0 have 320 then."""
+ORDERS = ("delta_order", "order_lead")
+"""Channels that are no samples of anything: what is ordered stands until the next order."""
+RUDDER = "delta"
+"""Channel that moves the ship, evenly from sample to sample."""
+PARTS = 8
+"""Parts of a step that a broken line is fitted by."""
+MAX_MOVED = 5
+"""Samples to either side within which there must be others if one is moved along the line between them."""
 
 
 def thinned(recording: Recording, ship: Particulars) -> Recording:
@@ -13,10 +25,93 @@ def thinned(recording: Recording, ship: Particulars) -> Recording:
     Returns:
         A recording of averages, less the samples at the end that fill no average; the same one if it has no more.
     """
-    count = int(ship.time_unit / (SAMPLES_PER_TIME_UNIT * recording.step))
+    return averaged(recording, int(ship.time_unit / (SAMPLES_PER_TIME_UNIT * recording.step)))
+
+
+def averaged(recording: Recording, count: int) -> Recording:
+    """Averages over so many samples, at the middle of their times.
+
+    Where some of them lack, the others are moved to the middle along the lines between samples. The rudder is the
+    broken line that departs least from the recorded one: averages would cut the corners where it is laid, and a ship
+    moves by it as by the whole record. Orders stand as they do at the middle, and are in force as long before it.
+
+    Args:
+        recording: At even times; gaps as NaN.
+        count: How many.
+
+    Returns:
+        A recording of averages, less the samples at the end that fill no average; the same one if it has few samples.
+    """
     if count < 2 or len(recording) < 4 * count:
         return recording
-    whole = len(recording) // count * count
-    given = {"time": recording.time, **recording.channels}
-    means = {name: values[:whole].reshape(-1, count).mean(axis=1) for name, values in given.items()}
-    return Recording(recording.name, means.pop("time"), means, recording.status, recording.meta)
+    time = recording.time[: len(recording) // count * count].reshape(-1, count)
+    middle = time.mean(axis=1)
+    made = {k: _means(recording.time, v, time, middle) for k, v in recording.channels.items() if k not in ORDERS}
+    if RUDDER in recording.channels and np.isfinite(recording[RUDDER]).all():
+        made[RUDDER] = _broken_line(recording.time, recording[RUDDER], middle)
+    if ORDERS[0] in recording.channels:
+        made |= _orders(recording, middle)
+    return Recording(recording.name, middle, made, recording.status, recording.meta)
+
+
+def _means(
+    time: Float[np.ndarray, " n"],
+    values: Float[np.ndarray, " n"],
+    parts: Float[np.ndarray, "m count"],
+    middle: Float[np.ndarray, " m"],
+) -> Float[np.ndarray, " m"]:
+    """Means of a channel; NaN where nothing is near."""
+    samples = values[: parts.size].reshape(parts.shape)
+    there = np.isfinite(samples)
+    if there.all():
+        return samples.mean(axis=1)
+    good, some, number = np.isfinite(values), there.any(axis=1), np.maximum(there.sum(axis=1), 1)
+    means, at = (np.where(there, x, 0.0).sum(axis=1) / number for x in (samples, parts))
+    if good.any():
+        known, step = time[good], time[1] - time[0]
+        line = np.interp(middle, known, values[good]) - np.interp(at, known, values[good])
+        after = np.clip(np.searchsorted(known, 0.5 * (at + middle)), 1, max(len(known) - 1, 1))
+        wide = known[after] - known[after - 1] if len(known) > 1 else np.full(len(middle), np.inf)
+        off = some & (np.abs(at - middle) > 1e-6 * step)
+        means = means + np.where(off, line, 0.0)
+        some &= ~(off & (wide > (MAX_MOVED + 0.5) * step))
+    return np.where(some, means, np.nan)
+
+
+def _broken_line(
+    time: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"], at: Float[np.ndarray, " m"]
+) -> Float[np.ndarray, " m"]:
+    """Values at even times of the broken line through them that departs least from a finer one, squared, over time.
+
+    Normal equations ``(h . h^T) c = h . y``, h the hat functions about these times.
+
+    Returns:
+        Values c.
+    """
+    step = at[1] - at[0]
+    fine = np.arange(at[0] - 0.5 * step, at[-1] + 0.5 * step, (time[1] - time[0]) / PARTS)
+    y = np.interp(fine, time, values)
+    left = np.clip(((fine - at[0]) // step).astype(int), 0, len(at) - 2)
+    after = np.clip((fine - at[left]) / step, 0.0, 1.0)
+
+    def onto(first: Float[np.ndarray, " k"], second: Float[np.ndarray, " k"]) -> Float[np.ndarray, " m"]:
+        return np.bincount(left, first, len(at)) + np.bincount(left + 1, second, len(at))
+
+    beside = np.append(0.0, np.bincount(left, (1 - after) * after, len(at))[:-1])
+    return solveh_banded(np.stack([beside, onto((1 - after) ** 2, after**2)]), onto((1 - after) * y, after * y))
+
+
+def _orders(recording: Recording, middle: Float[np.ndarray, " m"]) -> dict[str, Float[np.ndarray, " m"]]:
+    """Helm orders at other times, and for which share of the step before they are in force."""
+    time, order = recording.time, recording[ORDERS[0]]
+    latest = np.searchsorted(time, middle + 1e-9, side="right") - 1
+    made = {ORDERS[0]: order[latest]}
+    if ORDERS[1] in recording.channels:
+        came = 1 + np.flatnonzero(np.diff(order) != 0)
+        given = time[came] - recording[ORDERS[1]][came] * (time[1] - time[0])
+        step, lead = middle[1] - middle[0], np.zeros(len(middle))
+        after = np.searchsorted(middle, time[came] - 1e-9)
+        inside = (after > 0) & (after < len(middle))
+        lead[after[inside]] = np.minimum((middle[after[inside]] - given[inside]) / step, 1.0)
+        made[ORDERS[1]] = lead
+    return made

@@ -15,11 +15,11 @@ from manoeuvre_nn.dynamics.rollout import rollout
 from manoeuvre_nn.dynamics.simulate import Solution
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
-from manoeuvre_nn.estimation.data_set import FIRST_NOISE, process_time, typical_rates
 from manoeuvre_nn.estimation.effect_columns import coefficient_columns, contribution
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linear_run import Columns
 from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, linearise
+from manoeuvre_nn.estimation.prepared_run import FIRST_NOISE, process_time, typical_rates
 from manoeuvre_nn.recording.local_cubics import ORDER, smoothed
 from manoeuvre_nn.recording.preparation import measured, with_measured
 from manoeuvre_nn.scoring.free_runs import errors
