@@ -11,6 +11,7 @@ from test_ships_that_roll import CALM as ROLLS
 from trials import CALM, NOISE, SHIP, ZIGZAG, run_of, sailed
 
 from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.diagnosis import diagnose
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.prepared_run import prepared_run, samples_a_state
@@ -40,7 +41,7 @@ def test_how_many_samples_share_a_state_goes_by_the_ship():
     longest = float(model.particulars.sized([2.0], [0.5])[0])
     assert longest < 0.3 < 0.1 * model.particulars.time_unit
     assert [samples_a_state(model, share * longest) for share in (0.25, 0.5, 1.0, 2.0)] == [4, 2, 1, 1]
-    assert samples_a_state(ROLLS, 1.0) == 1
+    assert samples_a_state(ROLLS, 0.05) == 1 < samples_a_state(CALM, 0.05)
 
 
 def test_noise_of_single_samples_is_told_beside_that_of_averages():
@@ -50,6 +51,20 @@ def test_noise_of_single_samples_is_told_beside_that_of_averages():
     assert found.sample_noise[:7] == approx(NOISE[:7], rel=0.2)
     assert found.noise[:7] / np.sqrt(found.inflation[:7]) == approx(NOISE[:7] / np.sqrt(2), rel=0.25)
     assert prepared_run(CALM, run).sample_noise[:7] == approx(NOISE[:7], rel=0.2)
+    told = diagnose._noise(WhitenedDataSet(CALM, [found]))
+    assert told["u"] == found.sample_noise[2] and told["pos"] == approx(np.hypot(*found.sample_noise[:2]))
+
+
+@pytest.mark.parametrize(("samples", "count"), [(39, 8), (31, 8), (44, 3)])
+def test_samples_that_fill_no_average_are_left_out_and_few_are_left_as_they_are(samples, count):
+    run = run_of(sailed([ZIGZAG])[0], NOISE, 4).rows(slice(samples))
+    with unchecked():
+        found = prepared_run(CALM, run, count)
+    whole = samples < 4 * count
+    assert len(found.linearised.run) == (samples if whole else samples // count)
+    assert found.linearised.run.meta["rudder_noise"] == approx(run.meta["rudder_noise"] / (1 if whole else count**0.5))
+    assert (found.sample_noise >= found.noise / np.sqrt(found.inflation) * (1 - 1e-9)).all()
+    assert found.sample_noise[5] == approx(NOISE[5], rel=1.0)
 
 
 def test_averages_of_whole_degrees_are_trusted_no_more_than_these():

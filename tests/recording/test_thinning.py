@@ -35,6 +35,16 @@ def test_averages_are_those_of_as_many_samples_as_are_not_needed(dense, ship):
     assert fewer.meta == dense.meta
 
 
+def test_uneven_times_and_gaps_stay_what_they_are(dense, ship):
+    """Averages of neighbours, whatever lies between them: nothing is moved or made up of what is checked."""
+    shaken = np.sort(dense.time + 0.009 * np.random.default_rng(5).uniform(-1, 1, len(dense)))
+    gaps = dense["r"].copy()
+    gaps[14] = np.nan
+    fewer = thinned(Recording("uneven", shaken, {**dense.channels, "r": gaps}), ship)
+    assert fewer.time[7] == approx(shaken[14:16].mean()) and np.flatnonzero(np.isnan(fewer["r"])).tolist() == [7]
+    assert fewer["delta"][7] == approx(dense["delta"][14:16].mean())
+
+
 def test_a_delay_and_the_rudders_effect_are_those_of_the_whole_record(dense, ship):
     fewer = thinned(dense, ship)
     whole, part = ({m.name: m for m in measure_faults(r, ship)}["delay of r"] for r in (dense, fewer))
@@ -45,9 +55,10 @@ def test_a_delay_and_the_rudders_effect_are_those_of_the_whole_record(dense, shi
 
 
 def record(**channels):
-    """Channels of one sample a second."""
+    """Channels of one sample a second, the rudder amidships without orders if nothing else is said."""
     longest = max(map(len, channels.values()))
-    return Recording("made", np.arange(float(longest)), {k: np.asarray(v, dtype=float) for k, v in channels.items()})
+    given = dict.fromkeys(("delta", "delta_order", "order_lead"), np.zeros(longest)) | channels
+    return Recording("made", np.arange(float(longest)), {k: np.asarray(v, dtype=float) for k, v in given.items()})
 
 
 def test_of_a_straight_line_averages_lie_on_it_whatever_samples_lack():

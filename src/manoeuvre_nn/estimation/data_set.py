@@ -34,7 +34,7 @@ SAME_RUDDER = 1.0 * DEGREE
 """Standard deviation of the difference of two rudder angles from which on corrections tell them apart [rad]: of it, 5 %
 are half the noise of an indicator."""
 COPIES = 37.0
-"""What a diagnosis holds at once, over a table of samples times states times columns, as measured."""
+"""What a diagnosis holds at once, over a table of instants times states times columns, as measured."""
 MAX_KEPT_BYTES = 2**31
 """What the levels of one data set may take: of a day of recording it is that of the few that are in use."""
 FEWER = "write fewer files into files=, hold out more, or cut the recordings by start: and end: in the mapping"
@@ -252,6 +252,7 @@ def same_campaigns(known: Sequence[Recording], runs: Sequence[Recording]) -> lis
 def whitened_data_set(dynamics: Model, runs: Sequence[Recording]) -> WhitenedDataSet:
     """Find states and noise of runs, linearise and whiten."""
     samples, states = sum(map(len, runs)), Rate(dynamics).states.count
-    columns = len(Corrections(dynamics).names) + 2 * states
-    check_memory(f"{samples} samples to be diagnosed", COPIES * 8 * samples * states * columns, FEWER)
-    return WhitenedDataSet(dynamics, [prepared_run(dynamics, run, samples_a_state(dynamics, run.step)) for run in runs])
+    columns, counts = len(Corrections(dynamics).names) + 2 * states, [samples_a_state(dynamics, r.step) for r in runs]
+    instants = sum(len(run) // count for run, count in zip(runs, counts, strict=True))
+    check_memory(f"{samples} samples to be diagnosed", COPIES * 8 * instants * states * columns, FEWER)
+    return WhitenedDataSet(dynamics, [prepared_run(dynamics, *both) for both in zip(runs, counts, strict=True)])

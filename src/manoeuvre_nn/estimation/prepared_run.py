@@ -76,19 +76,19 @@ def prepared_run(dynamics: Model, run: Recording, count: int = 1) -> PreparedRun
     rate, p = Rate(dynamics), dynamics.particulars
     unit = p.speed**2 / p.length * np.array([1.0, 1.0, 1.0 / p.length])
     wide = np.append(SMOOTHER_PROCESS_SD * unit, SMOOTHER_ROLL * typical_rates(dynamics)[3:])
-    first = rate.states.first_noise
+    first, few = rate.states.first_noise, averaged(run, count)
+    count = 1 if few is run else count  # a run of few samples is left as it is
     least = 0.2 * first
     if is_fitted(dynamics):  # recordings are trusted as they were when the model was fitted
         u, v, r, x, y, psi = dynamics.noise.tolist()
         least[:6] = np.array([x, y, u, v, psi, r]) / np.sqrt(count)
     # Averages of rounded values are as wrong as these are: what was rounded stays so for many samples.
     least = np.maximum(least, rounding_step(measured(run, rate.states.channels)) / np.sqrt(12.0))  # even over a step
-    few = averaged(run, count)
-    few = replace(few, meta={**run.meta, "rudder_noise": run.meta["rudder_noise"] * (len(few) / len(run)) ** 0.5})
+    few = replace(few, meta={**run.meta, "rudder_noise": run.meta["rudder_noise"] / np.sqrt(count)})
     linearised, noise, inflation, process = smooth(few, rate, first, least, wide, p)
     slow = np.where((noise > least) | (not is_fitted(dynamics)), inflation, 1.0)
     base = base_columns(dynamics, linearised)
-    single = noise if count == 1 else _noise_of_samples(run, linearised, noise, len(run) // len(few))
+    single = noise if count == 1 else _noise_of_samples(run, linearised, noise, count)
     return PreparedRun(linearised, noise * np.sqrt(slow), slow, base, process, single)
 
 
@@ -109,9 +109,8 @@ def _noise_of_samples(
     """Standard deviation of samples: that of their averages, and of what they lie off these beside the motion."""
     few = linearised.run
     motion = make_interp_spline(few.time, shown(linearised.track), k=3)
-    rest = (measured(run, linearised.states.channels) - motion(run.time))[: len(few) * count].reshape(
-        len(few), count, -1
-    )
+    rest = measured(run, linearised.states.channels) - motion(run.time)
+    rest = rest[: len(few) * count].reshape(len(few), count, -1)
     there = np.isfinite(rest)
     middle = np.where(there, rest, 0.0).sum(axis=1) / np.maximum(there.sum(axis=1), 1)
     squares = []

@@ -25,18 +25,25 @@ def thinned(recording: Recording, ship: Particulars) -> Recording:
     Returns:
         A recording of averages, less the samples at the end that fill no average; the same one if it has no more.
     """
-    return averaged(recording, int(ship.time_unit / (SAMPLES_PER_TIME_UNIT * recording.step)))
+    count = int(ship.time_unit / (SAMPLES_PER_TIME_UNIT * recording.step))
+    if count < 2 or len(recording) < 4 * count:
+        return recording
+    # As they were recorded: uneven times, and gaps of which checks are told.
+    whole = len(recording) // count * count
+    given = {"time": recording.time, **recording.channels}
+    means = {name: values[:whole].reshape(-1, count).mean(axis=1) for name, values in given.items()}
+    return Recording(recording.name, means.pop("time"), means, recording.status, recording.meta)
 
 
 def averaged(recording: Recording, count: int) -> Recording:
-    """Averages over so many samples, at the middle of their times.
+    """Averages of a prepared recording over so many samples, at the middle of their times.
 
     Where some of them lack, the others are moved to the middle along the lines between samples. The rudder is the
     broken line that departs least from the recorded one: averages would cut the corners where it is laid, and a ship
     moves by it as by the whole record. Orders stand as they do at the middle, and are in force as long before it.
 
     Args:
-        recording: At even times; gaps as NaN.
+        recording: At even times; gaps as NaN, none in the rudder.
         count: How many.
 
     Returns:
@@ -46,11 +53,10 @@ def averaged(recording: Recording, count: int) -> Recording:
         return recording
     time = recording.time[: len(recording) // count * count].reshape(-1, count)
     middle = time.mean(axis=1)
-    made = {k: _means(recording.time, v, time, middle) for k, v in recording.channels.items() if k not in ORDERS}
-    if RUDDER in recording.channels and np.isfinite(recording[RUDDER]).all():
-        made[RUDDER] = _broken_line(recording.time, recording[RUDDER], middle)
-    if ORDERS[0] in recording.channels:
-        made |= _orders(recording, middle)
+    sampled = {k: v for k, v in recording.channels.items() if k not in (RUDDER, *ORDERS)}
+    made = {k: _means(recording.time, v, time, middle) for k, v in sampled.items()}
+    made[RUDDER] = _broken_line(recording.time, recording[RUDDER], middle)
+    made |= _orders(recording, middle)
     return Recording(recording.name, middle, made, recording.status, recording.meta)
 
 
@@ -105,13 +111,10 @@ def _orders(recording: Recording, middle: Float[np.ndarray, " m"]) -> dict[str, 
     """Helm orders at other times, and for which share of the step before they are in force."""
     time, order = recording.time, recording[ORDERS[0]]
     latest = np.searchsorted(time, middle + 1e-9, side="right") - 1
-    made = {ORDERS[0]: order[latest]}
-    if ORDERS[1] in recording.channels:
-        came = 1 + np.flatnonzero(np.diff(order) != 0)
-        given = time[came] - recording[ORDERS[1]][came] * (time[1] - time[0])
-        step, lead = middle[1] - middle[0], np.zeros(len(middle))
-        after = np.searchsorted(middle, time[came] - 1e-9)
-        inside = (after > 0) & (after < len(middle))
-        lead[after[inside]] = np.minimum((middle[after[inside]] - given[inside]) / step, 1.0)
-        made[ORDERS[1]] = lead
-    return made
+    came = 1 + np.flatnonzero(np.diff(order) != 0)
+    given = time[came] - recording[ORDERS[1]][came] * (time[1] - time[0])
+    step, lead = middle[1] - middle[0], np.zeros(len(middle))
+    after = np.searchsorted(middle, time[came] - 1e-9)
+    inside = (after > 0) & (after < len(middle))
+    lead[after[inside]] = np.minimum((middle[after[inside]] - given[inside]) / step, 1.0)
+    return {ORDERS[0]: order[latest], ORDERS[1]: lead}
