@@ -14,8 +14,9 @@ from trials import CIRCLE, run_of, sailed
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis import advise, case, forecast, formula, predictive, proof, windows
 from manoeuvre_nn.dynamics.model import CalmWater
+from manoeuvre_nn.dynamics.replay import integrate
 from manoeuvre_nn.effect.formula import library, mark_of
-from manoeuvre_nn.estimation.corrections import Corrections
+from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
 from manoeuvre_nn.estimation.hypothesis import NUMBER_OF_INTERVALS
 from manoeuvre_nn.ship.container import container
 from manoeuvre_nn.ship.mariner import mariner
@@ -122,16 +123,26 @@ def test_a_shaft_that_was_ordered_is_told_where_it_was_not_recorded_and_not_the_
 
 @pytest.mark.parametrize("ship, driven, state", [(mariner, 2, 2), (container, 3, 7)])
 def test_a_random_moment_turns_or_rolls_the_ship_and_does_nothing_else_at_once(ship, driven, state):
-    """Over a step of 20 ms the rate is the acceleration times the time; the first row has no noise."""
+    """Over a step of 20 ms the rate is the acceleration times the time."""
     model = CalmWater(ship())
     rows, step, push, count = 5, 0.02, 1e-3, 6 + len(model.own_names)
     first = torch.zeros(rows, count, dtype=torch.float64)
     first[:, 0] = model.particulars.speed
     columns = {name: torch.full((rows, 2), float(name == "shaft")) for name in ("delta", "shaft")}
-    noise = torch.zeros(2, rows, 3 + bool(model.own_names), dtype=torch.float64)
-    noise[:, 1:, driven] = push
-    shares = torch.zeros(rows, len(Corrections(model).names), dtype=torch.float64)
-    end = predictive._integrated(model, first, columns, np.arange(2), (0.0, step), shares, noise)[-1]
+    pushes = torch.zeros(2, rows, 3 + bool(model.own_names), dtype=torch.float64)
+    pushes[:, 1:, driven] = push
+    end = integrate(forecast._Pushed(model, pushes, 0.0, step), first, columns, interval=step, start=0.0)[-1]
     moved = (end - end[0]).numpy()
     assert moved[1:, state] == approx(np.full(4, push * step), rel=1e-2)
     assert np.abs(np.delete(moved, state, axis=1)).max() < 0.05 * push * step * (1.0 if ship is container else 60.0)
+
+
+def test_every_draw_but_the_first_of_each_run_is_pushed_by_noise_of_its_size():
+    model, sd = CalmWater(mariner()), np.array([1e-2, 2e-2, 3e-4])
+    shares = torch.zeros(2 * 500, len(Corrections(model).names), dtype=torch.float64)
+    runs = [run_of(sailed([CIRCLE])[0].between(0.0, end), derived=()) for end in (40.0, 60.0)]
+    pushed = forecast.with_process_noise(Calibrated(model, shares), sd, runs, 20.0, np.random.default_rng(4))
+    assert pushed._pushes.shape[0] == len(runs[1]) and (pushed._start, pushed._interval) == (20.0, runs[0].step)
+    assert (pushed._pushes[:, ::500] == 0.0).all()
+    for rows in (slice(1, 500), slice(501, None)):
+        assert pushed._pushes[10, rows].std(dim=0).numpy() == approx(sd, rel=0.12)

@@ -8,7 +8,7 @@ from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.members import replay_members
 from manoeuvre_nn.dynamics.model import IdentifiedShip
-from manoeuvre_nn.dynamics.recorded_inputs import inputs_at
+from manoeuvre_nn.dynamics.recorded_inputs import step_inputs
 from manoeuvre_nn.dynamics.replay import replay
 from manoeuvre_nn.estimation.coefficient_forces import series_forces
 from manoeuvre_nn.estimation.coefficient_priors import series_prior
@@ -68,18 +68,28 @@ def test_members_are_driven_like_the_model():
     assert all(np.abs(o["u"] - made["u"]).max() > 1e-6 for o in others)
 
 
-def test_a_table_of_inputs_is_linear_between_its_samples_and_held_beyond():
+def test_inputs_of_a_step_within_a_sample_are_linear_there():
     columns = torch.arange(12.0, dtype=torch.float64).view(3, 2, 2)
     named = dict(zip(("delta", "shaft", "wind_north"), columns, strict=True))
-    for at, expected in (
-        (2.0, columns.mean(-1)),
-        (0.0, columns[..., 0]),
-        (1.0, columns[..., 0]),
-        (9.0, columns[..., 1]),
-    ):
-        given = inputs_at(named, at, interval=2.0, start=1.0).given
-        assert (given.pop("time") == at).all() and list(given) == ["delta", "shaft", "wind_north"]
-        np.testing.assert_allclose(torch.stack(list(given.values())), expected)
+    first, second = step_inputs(named, np.array([0.0, 0.5, 1.0]), interval=2.0, start=1.0)
+    for inputs, share in zip((*first, *second), (0.0, 0.25, 0.5, 0.5, 0.75, 1.0), strict=True):
+        given = inputs.given
+        assert (given.pop("time") == 1.0 + 2.0 * share).all() and list(given) == ["delta", "shaft", "wind_north"]
+        np.testing.assert_allclose(torch.stack(list(given.values())), columns[..., 0] + share, atol=1e-12)
+
+
+def test_inputs_of_a_step_over_several_samples_have_the_mean_and_moments_of_their_broken_line():
+    """Means of c, c s and c s^2 over each step of 3 and of 2 samples, by a sum over many points and by the parabola."""
+    samples = np.array([0.3, 0.1, -0.4, -0.4, 0.2, 0.25])
+    made = step_inputs({"delta": torch.tensor(samples)[None]}, np.array([0.0, 3.0, 5.0]), interval=2.0, start=10.0)
+    for inputs, (begin, end) in zip(made, ((0, 3), (3, 5)), strict=True):
+        assert [float(i.time[0]) for i in inputs] == [10 + 2 * begin, 10 + begin + end, 10 + 2 * end]
+        s = (np.arange(300000) + 0.5) / 150000 - 1
+        line = np.interp(0.5 * (begin + end) + 0.5 * (end - begin) * s, np.arange(6), samples)
+        low, mid, high = (float(i.delta[0]) for i in inputs)
+        parabola = mid + 0.5 * (high - low) * s + (0.5 * (high + low) - mid) * s**2
+        for power in range(3):
+            assert np.mean(line * s**power) == pytest.approx(np.mean(parabola * s**power), abs=1e-9)
 
 
 def test_columns_times_coefficients_are_the_models_accelerations():

@@ -91,3 +91,25 @@ def test_steps_are_as_long_as_they_may_be_and_end_at_samples(largest, per_sample
         states = integrate(Counted(ship), first, columns, interval=4.0, start=0.0, largest_step=largest)
     assert len(states) == samples
     assert len(called) == 4 * per_sample * (samples - 1)
+
+
+@pytest.mark.parametrize("samples", [31, 33, 202])
+def test_a_step_over_several_samples_leads_to_the_same_states_at_all_of_them(samples):
+    """With a rudder that kinks at samples; a last step is shorter where they do not fill it."""
+    called, ship = [], mariner()
+
+    class Counted(CalmWater):
+        def forward(self, state, inputs):
+            called.append(state)
+            return super().forward(state, inputs)
+
+    first = torch.tensor([[ship.particulars.speed, 0.0, 0.0, 0.0, 0.0, 0.0]], dtype=torch.float64)
+    rudder = np.radians(np.clip(40.0 * np.sin(0.05 * np.arange(samples)), -20.0, 20.0))
+    columns = {"delta": torch.tensor(rudder)[None]}
+    with torch.no_grad():
+        few = integrate(Counted(ship), first, columns, interval=0.5, start=0.0, largest_step=2.1)
+        steps = len(called) / 4
+        many = integrate(CalmWater(ship), first, columns, interval=0.5, start=0.0, largest_step=0.1)
+    assert len(few) == len(many) == samples and steps == -(-(samples - 1) // 4)
+    assert float((few - many)[:, 0, 3:5].abs().max()) < 1e-4 * WANG.length
+    assert np.degrees(float((few - many)[:, 0, 5].abs().max())) < 2e-3

@@ -21,7 +21,6 @@ from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis.case import Question
 from manoeuvre_nn.diagnosis.repair import (
-    Driving,
     free_runs,
     predict,
     recorded,
@@ -137,7 +136,7 @@ class _Known:
 
     def corrected(
         self, combinations: Float[np.ndarray, "*rows c"], unseen: Float[np.ndarray, "*rows k"] | float = 0.0
-    ) -> Model:
+    ) -> Calibrated:
         """The calm-water model with such coefficients; a fitted one is left as it is but for what is drawn."""
         dynamics = self.data_set.dynamics
         if is_fitted(dynamics):
@@ -182,19 +181,8 @@ def unseen_scatter(
     return COEFFICIENT_SD_LEVELS[scatter] * (chance - chance @ seen @ seen.T) @ root.T  # what is seen is orthonormal
 
 
-def thinned(runs: Sequence[Recording], warmup: float, every: int) -> list[Recording]:
-    """Every so many samples of runs, the first one after the warm-up [s] among them."""
-    first = int(np.searchsorted(runs[0].time, warmup - 1e-9)) % every
-    return [run.rows(slice(first, None, every)) for run in runs]
-
-
 def drawn_tables(
-    known: _Known,
-    there: Hypothesis,
-    runs: Sequence[Recording],
-    warmup: float,
-    every: int = 1,
-    least_level: int = 0,
+    known: _Known, there: Hypothesis, runs: Sequence[Recording], warmup: float, least_level: int = 0
 ) -> list[list[pd.DataFrame]]:
     """Free runs with everything that is not known drawn, sensors' noise excepted.
 
@@ -203,7 +191,6 @@ def drawn_tables(
         there: What was found, in these runs; what each run has of its own is theirs.
         runs: The runs.
         warmup: End of the warm-up [s].
-        every: Samples of the runs from one step to the next.
         least_level: Grid point whose process noise is allowed, whatever the fitted runs need.
 
     Returns:
@@ -222,16 +209,32 @@ def drawn_tables(
     drawn = _in_turn([_timed(d.in_other_runs([row]), there.of_runs([k])) for k, row in enumerate(rows) for d in draws])
     _draw_sizes(drawn, chosen.hypothesis, len(draws), g)
     starts = np.concatenate([_starts(g, known, run, warmup, numbers, there.of_runs([k])) for k, run in enumerate(runs)])
-    begin, process = warm_up_end(runs[0], warmup), process_time(data_set.dynamics)
-    copies = [thin for thin in thinned(runs, warmup, every) for _ in draws]
     size = np.maximum(*(data_set.levels.sd(point, data_set.unit) for point in (chosen.best[0], least_level)))
-    instants = copies[0].step * np.arange(max(len(run) for run in copies))
-    pushes = size * drawn_process(g, instants, process, (len(starts), len(size)))
-    pushes[:, :: len(draws)] = 0.0
-    pushed = _Pushed(driving, torch.tensor(pushes), begin, copies[0].step)
-    moved_by = Driving(pushed, copies[0].step if every > 1 else None)
-    tables = free_runs(data_set.dynamics, drawn, copies, starts, warmup, known.latency, moved_by)
+    copies, pushed = [run for run in runs for _ in draws], with_process_noise(driving, size, runs, warmup, g)
+    tables = free_runs(data_set.dynamics, drawn, copies, starts, warmup, known.latency, pushed)
     return [tables[k * len(draws) : (k + 1) * len(draws)] for k in range(len(runs))]
+
+
+def with_process_noise(
+    model: Calibrated, sd: Float[np.ndarray, " p"], runs: Sequence[Recording], warmup: float, g: np.random.Generator
+) -> Model:
+    """A model that is pushed at random, in every row by itself.
+
+    Args:
+        model: The model, with coefficients for each of as many rows a run; the first one of each run has no noise.
+        sd: S.d. of the process noise [m/s^2, m/s^2, rad/s^2, rad/s^2].
+        runs: The runs that are drawn.
+        warmup: End of the warm-up [s].
+        g: Source of chance.
+
+    Returns:
+        The model.
+    """
+    begin, step, rows = warm_up_end(runs[0], warmup), runs[0].step, len(model.shares)
+    instants = step * np.arange(max(len(run) for run in runs))
+    pushes = sd * drawn_process(g, instants, process_time(model.calm), (rows, len(sd)))
+    pushes[:, :: rows // len(runs)] = 0.0
+    return _Pushed(model, torch.tensor(pushes), begin, step)
 
 
 def _sized_by_run(effect: Effect) -> list[int]:

@@ -10,34 +10,30 @@ Source:
     tail beyond the largest draws; Westfall & Young 1993, Resampling-Based Multiple Testing, for many looks at once.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 import torch
 from jaxtyping import Float
-from torch import Tensor
 
 from manoeuvre_nn.core.frames import body_to_earth, earth_to_body
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis.case import Question
-from manoeuvre_nn.diagnosis.forecast import COLUMNS, drawn_tables, known_of, thinned, unseen_scatter
-from manoeuvre_nn.diagnosis.repair import controls, recorded, start_state_and_covariance
+from manoeuvre_nn.diagnosis.forecast import COLUMNS, drawn_tables, known_of, unseen_scatter, with_process_noise
+from manoeuvre_nn.diagnosis.repair import free_runs, recorded, start_state_and_covariance, warm_up_end
 from manoeuvre_nn.diagnosis.result import Check
 from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.diagnosis.unknown import ReceiverWander, receiver_wander
-from manoeuvre_nn.dynamics.base import Model, is_fitted, runge_kutta_step
-from manoeuvre_nn.dynamics.limits import inside_physical_range
-from manoeuvre_nn.dynamics.recorded_inputs import inputs_at
-from manoeuvre_nn.estimation.corrections import Corrections
+from manoeuvre_nn.dynamics.base import Model, is_fitted
+from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
-from manoeuvre_nn.estimation.linearised_run import shown
 from manoeuvre_nn.estimation.marginal_likelihood import COEFFICIENT_SD_PRIOR, PROCESS_PRIOR
 from manoeuvre_nn.estimation.model_corrections import USUAL_SCATTER
-from manoeuvre_nn.estimation.prepared_run import LATENCY, PreparedRun, process_time
+from manoeuvre_nn.estimation.prepared_run import LATENCY, PreparedRun
 from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS, drawn_process
 from manoeuvre_nn.estimation.relinearise import beside
 
@@ -49,8 +45,6 @@ TAIL = 0.2
 """Share of the draws that the tail is taken from."""
 PRIOR_SDS = 2.0
 """Process noise and scatter that calm water is allowed, over the scale of their priors."""
-STEPS_PER_LENGTH = 10
-"""Runge-Kutta steps in the time L/U0 at least: the test needs no more."""
 BLOCK, WINDOW = 0.5, 3.0
 """Length of the means that are compared, and of the parts in which runs are looked at, over L/U0."""
 REPAIRED_SAILS = "the repaired model sails the held-out runs"
@@ -125,17 +119,12 @@ def repaired_check(question: Question, tried: SearchResult, chosen: FittedHypoth
     """
     prepared, warmup = question.held_out.data_set.runs, question.case.warmup
     runs = [p.linearised.run for p in prepared]
-    every = _samples_a_step(question.dynamics, runs[0].step)
     allowed = 0 if is_fitted(question.dynamics) else PROCESS_LEVELS.point(_most_allowed(), _most_allowed())
-    drawn = drawn_tables(known_of(tried.likelihood.data_set, chosen), there, runs, warmup, every, allowed)
-    # The last samples may lie behind the last step.
-    seen = [
-        run.between(run.time[0], thin.time[-1]) for run, thin in zip(runs, thinned(runs, warmup, every), strict=True)
-    ]
-    shown_by = [_as_shown(tables, run.time[run.time > warmup - 1e-9]) for tables, run in zip(drawn, seen, strict=True)]
-    p, channel, ratio = surprise(question, seen, prepared, shown_by)
+    drawn = drawn_tables(known_of(tried.likelihood.data_set, chosen), there, runs, warmup, allowed)
+    shown_by = [_as_shown(tables) for tables in drawn]
+    p, channel, ratio = surprise(question, runs, prepared, shown_by)
     if p <= FALSE_ALARMS and (wander := _slow_error(tried, chosen)):
-        p, channel, ratio = surprise(question, seen, prepared, shown_by, wander)
+        p, channel, ratio = surprise(question, runs, prepared, shown_by, wander)
     text = f"free runs of the repaired model miss the recorded {channel} by {ratio:.1f} times what is unknown about it"
     return Check(REPAIRED_SAILS, p > FALSE_ALARMS, f"{text}: p = {p:.2g}")
 
@@ -151,10 +140,9 @@ def still_missing(checks: Sequence[Check]) -> str:
     return next((c.text.partition(": p")[0] for c in checks if c.name == REPAIRED_SAILS and not c.passed), "")
 
 
-def _as_shown(tables: Sequence[pd.DataFrame], time: Float[np.ndarray, " n"]) -> Float[np.ndarray, "rows n 7"]:
-    """Predictions as x, y, speed north and east, heading, yaw rate and log of perfect sensors, at times [s]."""
-    at = tables[0]["t"]
-    x, y, psi, u, v, r, log = (np.stack([np.interp(time, at, table[name]) for table in tables]) for name in COLUMNS)
+def _as_shown(tables: Sequence[pd.DataFrame]) -> Float[np.ndarray, "rows n 7"]:
+    """Predictions as x, y, speed north and east, heading, yaw rate and log of perfect sensors."""
+    x, y, psi, u, v, r, log = np.stack([table[[*COLUMNS]] for table in tables]).transpose(2, 0, 1)
     return np.stack([x, y, *body_to_earth(u, v, psi * DEGREE), psi * DEGREE, r * DEGREE, log], axis=-1)
 
 
@@ -210,36 +198,15 @@ def drawn_runs(
     Returns:
         What perfect sensors show at the times of each run's samples from there on.
     """
-    k, rows = int(np.searchsorted(runs[0].time, warmup - 1e-9)), len(allowed.shares)
-    begin, step = float(runs[0].time[k]), runs[0].step
-    every = _samples_a_step(dynamics, step)
-    starts = [_starts(dynamics, run.between(0.0, begin), allowed, rng) for run in runs]
-    columns = {name: c.repeat_interleave(rows, 0) for name, c in controls(dynamics, runs, k).items()}
-    count = columns["delta"].shape[1]
-    at = np.r_[0 : count - 1 : every, count - 1]
-    # Of the process noise the middle has none.
-    shape = (len(runs) * rows, len(allowed.process_sd))
-    noise = allowed.process_sd * drawn_process(rng, at * step, process_time(dynamics), shape)
-    noise[:, ::rows] = 0.0
-    with torch.no_grad():
-        states = _integrated(
-            dynamics, torch.tensor(np.concatenate(starts)), columns, at, (begin, step),
-            torch.tensor(np.tile(allowed.shares, (len(runs), 1))), torch.tensor(noise),
-        ).numpy()  # fmt: skip
-    made = []
-    for number, run in enumerate(runs):
-        mine = states[:, number * rows : (number + 1) * rows]
-        time, own = run.time[k:], at * step + begin
-        seen = np.stack([shown(mine[:, row])[:, :7] for row in range(rows)])
-        whole = np.stack([[np.interp(time, own, c) for c in row.T] for row in seen]).transpose(0, 2, 1)
-        whole[..., :4] -= allowed.latency * np.gradient(whole[..., :4], step, axis=1)
-        made.append(whole)
-    return made
-
-
-def _samples_a_step(dynamics: Model, interval: float) -> int:
-    """Samples, an interval [s] apart, that one Runge-Kutta step may take."""
-    return max(1, int(dynamics.particulars.time_unit / STEPS_PER_LENGTH / interval))
+    rows, begin = len(allowed.shares), warm_up_end(runs[0], warmup)
+    starts = np.concatenate([_starts(dynamics, run.between(0.0, begin), allowed, rng) for run in runs])
+    calm = Calibrated(dynamics, torch.tensor(np.tile(allowed.shares, (len(runs), 1))))
+    copies, pushed = (
+        [run for run in runs for _ in range(rows)],
+        with_process_noise(calm, allowed.process_sd, runs, warmup, rng),
+    )
+    tables = free_runs(dynamics, Hypothesis((), ()), copies, starts, warmup, allowed.latency, pushed)
+    return [_as_shown(tables[k * rows : (k + 1) * rows]) for k in range(len(runs))]
 
 
 def _starts(
@@ -253,35 +220,6 @@ def _starts(
     chance = rng.standard_normal((len(allowed.shares), len(mean)))
     chance[0] = 0.0
     return mean + chance @ root.T
-
-
-def _integrated(
-    dynamics: Model,
-    first: Float[Tensor, "rows k"],
-    columns: Mapping[str, Tensor],
-    at: np.ndarray,
-    clock: tuple[float, float],
-    shares: Float[Tensor, "rows c"],
-    noise: Float[Tensor, "m rows p"],
-) -> Float[Tensor, "m rows k"]:
-    """States at some samples; corrections of the coefficients are held over a step, beside which they are small."""
-    corrections, ship, (begin, step) = Corrections(dynamics), dynamics.particulars, clock
-    states, moving = [first], [0, 1, 2, *range(6, first.shape[1])]
-    driven = slice(-noise.shape[-1] + 3, None) if noise.shape[-1] > 3 else slice(0, 0)
-    for j in range(len(at) - 1):
-        state, ends = states[-1], (at[j], 0.5 * (at[j] + at[j + 1]), at[j + 1])
-        now, midway, then = (inputs_at(columns, begin + step * t, interval=step, start=begin) for t in ends)
-        added = torch.einsum("rcm,rc->rm", corrections(state[:, moving], midway.delta, midway.shaft), shares)
-        added[:, :3] += 0.5 * (noise[j] + noise[j + 1])[:, :3]
-        added[:, driven] += 0.5 * (noise[j] + noise[j + 1])[:, 3:]
-        constant = torch.zeros_like(state)
-        constant[:, moving] = added
-
-        def rate(s: Tensor, i, constant: Tensor = constant) -> Tensor:
-            return torch.where(inside_physical_range(s, ship)[:, None], dynamics(s, i) + constant, 0.0)
-
-        states.append(runge_kutta_step(rate, state, (now, midway, then), state.new_tensor((at[j + 1] - at[j]) * step)))
-    return torch.stack(states)
 
 
 def surprise(

@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import groupby
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -39,6 +38,9 @@ from manoeuvre_nn.estimation.smoothed_run import first_guess
 from manoeuvre_nn.recording.holes import rudder_known_until
 from manoeuvre_nn.recording.outliers import spikes
 from manoeuvre_nn.recording.preparation import measured, without_samples
+
+STEPS_PER_LENGTH = 10
+"""Runge-Kutta steps of a free run in the time L/U0: its track is then good to a thousandth of a length."""
 
 
 def predict(
@@ -86,9 +88,8 @@ def predict_corrected(
     alone, corrected = (_starts(d, hypothesis, runs, warmup, latency) for d in (dynamics, Calibrated(dynamics, shares)))
     starts = np.stack([start for both in zip(alone, corrected, strict=True) for start in both])
     both = torch.stack([torch.zeros_like(shares), shares]).repeat(len(runs), 1)
-    driving = Driving(Calibrated(dynamics, both))
     doubled = [runs[row] for row in rows]
-    made = free_runs(dynamics, hypothesis.of_runs(rows), doubled, starts, warmup, latency, driving)
+    made = free_runs(dynamics, hypothesis.of_runs(rows), doubled, starts, warmup, latency, Calibrated(dynamics, both))
     return made[::2], made[1::2]
 
 
@@ -111,18 +112,6 @@ def warm_up_end(run: Recording, warmup: float) -> float:
     return float(run.time[np.searchsorted(run.time, warmup - 1e-9)])
 
 
-class Driving(NamedTuple):
-    """What moves a ship in free runs.
-
-    Attributes:
-        model: The model; it may have coefficients for each row.
-        largest_step: Largest step of the integration [s]; None takes that of rollouts.
-    """
-
-    model: Model
-    largest_step: float | None = None
-
-
 def free_runs(
     dynamics: Model,
     hypothesis: Hypothesis,
@@ -130,7 +119,7 @@ def free_runs(
     starts: Float[np.ndarray, "rows k"],
     warmup: float,
     latency: float = 0.0,
-    driving: Driving | None = None,
+    model: Model | None = None,
 ) -> list[pd.DataFrame]:
     """The same from states that are known.
 
@@ -141,7 +130,7 @@ def free_runs(
         starts: States at the end of the warm-up, of :func:`start_state`.
         warmup: End of the warm-up [s].
         latency: Delay of the satellite receiver [s].
-        driving: What moves the ship, if that is not the calm-water model itself.
+        model: What moves the ship, if that is not the calm-water model itself; it may have coefficients for each row.
 
     Returns:
         As :func:`predict`.
@@ -150,11 +139,12 @@ def free_runs(
     begin, step = warm_up_end(runs[0], warmup), runs[0].step
     k = int(np.searchsorted(runs[0].time, begin - 1e-9))
     columns = controls(dynamics, runs, k) | held_columns({"delta": [d[k:] for d in _wheels(hypothesis, runs)]})
-    driving = driving or Driving(dynamics)
-    moving = Vessel(driving.model, _acting(hypothesis)).model
+    moving, largest = (
+        Vessel(model or dynamics, _acting(hypothesis)).model,
+        dynamics.particulars.time_unit / STEPS_PER_LENGTH,
+    )
     with torch.inference_mode():
-        first, largest = torch.tensor(starts), driving.largest_step
-        states = integrate(moving, first, columns, interval=step, start=begin, largest_step=largest)
+        states = integrate(moving, torch.tensor(starts), columns, interval=step, start=begin, largest_step=largest)
     shown = []
     for row, (h, run) in enumerate(zip(each, runs, strict=True)):
         seen, n = run.between(begin, run.time[-1]), len(run) - k

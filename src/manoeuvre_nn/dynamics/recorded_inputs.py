@@ -1,10 +1,12 @@
 """What recordings say of the inputs beside the rudder: shaft speed, wind and the speed of the approach."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
 
 import numpy as np
 import torch
 from jaxtyping import Float
+from numpy.polynomial import legendre
 from scipy.ndimage import uniform_filter1d
 from torch import Tensor
 
@@ -20,27 +22,54 @@ WIND_WINDOW = 0.5
 """Window over L/U0 that the wind is averaged over."""
 
 
-def inputs_at(
-    columns: Mapping[str, Float[Tensor, "rows times"]], time: float, *, interval: float, start: float
-) -> Inputs:
-    """Recorded inputs of a batch at a time: linear between samples, held before the first and beyond the last.
+def step_inputs(
+    columns: Mapping[str, Float[Tensor, "rows times"]],
+    ends: Float[np.ndarray, " k"],
+    *,
+    interval: float,
+    start: float,
+) -> Iterator[tuple[Inputs, Inputs, Inputs]]:
+    """Recorded inputs of a batch at the start, in the middle and at the end of every Runge-Kutta step.
+
+    They are linear between samples. Over a step of several samples they are the parabola with the same mean and the
+    same first and second moments: the part that is left out moves the ship by a fourth power of the step.
+    ``q = sum_l (2 l + 1)/2 P_l(x) int_-1^1 P_l(y) c(y) dy``, ``P_l`` the Legendre polynomials up to the second.
 
     Args:
         columns: Name of an input of :class:`.Inputs` -> its samples, a row each.
-        time: When [s].
+        ends: Where the first step begins and every step ends, in samples: parts of one, or whole numbers.
         interval: Time between samples [s].
         start: Time of the first since the start of the recordings [s].
 
-    Returns:
+    Yields:
         The inputs, time among them.
     """
     delta = columns["delta"]
-    last = delta.shape[1] - 1
-    place = min(max((time - start) / interval, 0.0), last)
-    k = max(min(int(place), last - 1), 0)
-    after = min(k + 1, last)
-    now = {name: c[:, k] + (place - k) * (c[:, after] - c[:, k]) for name, c in columns.items()}
-    return Inputs(**now, time=torch.full_like(delta[:, 0], time))
+    for begin, end in zip(ends[:-1], ends[1:], strict=True):
+        points, weights = _moments(max(1, round(end - begin)))
+        at = 0.5 * (begin + end) + 0.5 * (end - begin) * points
+        before = at.astype(int)
+        share, weighing = delta.new_tensor(at - before), delta.new_tensor(weights)
+        parabolas = {name: torch.lerp(c[:, before], c[:, before + 1], share) @ weighing for name, c in columns.items()}
+        times = (start + interval * (begin + share * (end - begin)) for share in (0.0, 0.5, 1.0))
+        now, midway, then = (
+            Inputs(**{name: c[:, k] for name, c in parabolas.items()}, time=torch.full_like(delta[:, 0], time))
+            for k, time in enumerate(times)
+        )
+        yield now, midway, then
+
+
+@cache
+def _moments(samples: int) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 3"]]:
+    """Places in [-1, 1] at which a line broken at samples is taken, and the weights by which these give its parabola.
+
+    Returns:
+        Places; weights of the parabola's values at -1, 0 and 1.
+    """
+    gauss, share = legendre.leggauss(2)  # exact for a line times a parabola, from sample to sample
+    points = ((2 * np.arange(samples)[:, None] + 1 + gauss) / samples - 1).ravel()
+    projected = legendre.legvander(points, 2) * np.tile(share, samples)[:, None] / samples * (np.arange(3) + 0.5)
+    return points, projected @ legendre.legvander(np.array([-1.0, 0.0, 1.0]), 2).T
 
 
 def held_columns(columns: Mapping[str, Sequence[Float[np.ndarray, " _"]]]) -> dict[str, Float[Tensor, "rows times"]]:

@@ -2,12 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from math import ceil
 
 import numpy as np
 import torch
 from jaxtyping import Float
+from scipy.interpolate import CubicSpline
 from torch import Tensor, nn
 
 from manoeuvre_nn.core.errors import InputError
@@ -16,7 +16,7 @@ from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.base import Model, runge_kutta_step
 from manoeuvre_nn.dynamics.limits import OK, inside_physical_range, left_range
-from manoeuvre_nn.dynamics.recorded_inputs import held_columns, inputs_at, recorded_inputs
+from manoeuvre_nn.dynamics.recorded_inputs import held_columns, recorded_inputs, step_inputs
 from manoeuvre_nn.dynamics.rollout import STEPS_PER_LENGTH
 from manoeuvre_nn.dynamics.simulate import Solution, to_recordings
 from manoeuvre_nn.dynamics.vessel import Vessel, as_vessel
@@ -127,34 +127,38 @@ def integrate(
 ) -> Float[Tensor, "times rows n"]:
     """States at all samples of recorded inputs, by :func:`.runge_kutta_step`.
 
-    The recorded rudder has a kink at every sample: steps end there. A rate outside the physical range is zero, so that
-    a lost row rests and stays finite.
+    The recorded rudder has a kink at every sample: steps end there. One that may be longer takes the parabolas of
+    :func:`.step_inputs` for the inputs, and a cubic spline leads through the states. A rate outside the physical range
+    is zero, so that a lost row rests and stays finite.
 
     Args:
         model: The model.
         first: u, v, r, x, y, psi at the first sample, and the model's own states where they are known; NaN where not.
-        columns: Name of an input -> its samples, linear in between, see :func:`.inputs_at`.
+        columns: Name of an input -> its samples, linear in between.
         interval: Time between samples [s].
         start: Time of the first [s].
-        largest_step: Largest step [s]; None takes that of rollouts.
+        largest_step: Largest step [s]; None takes that of rollouts, and none over several samples.
 
     Returns:
         Whole states.
     """
     ship, count = model.particulars, columns["delta"].shape[1]
     parts = ceil(interval / (largest_step or ship.time_unit / STEPS_PER_LENGTH) - 1e-9)
-    step = interval / parts
+    ends = np.arange(parts * (count - 1) + 1) / parts
+    span = int((largest_step or 0.0) / interval + 1e-9)
+    if span > 1:
+        ends = np.append(np.arange(0.0, count - 1, span), count - 1)
 
     def rate(state: Tensor, inputs: Inputs) -> Tensor:
         return torch.where(inside_physical_range(state, ship)[:, None], model(state, inputs), 0.0)
 
-    at = partial(inputs_at, columns, interval=interval, start=start)
-    now = at(start)
+    now = Inputs(**{name: c[:, 0] for name, c in columns.items()}, time=torch.full_like(columns["delta"][:, 0], start))
     begin = model.start(first[:, :6], now)
     known = nn.functional.pad(first[:, 6:], (0, begin.shape[1] - first.shape[1]), value=torch.nan)
     states = [torch.cat([begin[:, :6], torch.where(known.isnan(), begin[:, 6:], known)], dim=-1)]
-    for k in range(parts * (count - 1)):
-        midway, then = (at(start + (k + share) * step) for share in (0.5, 1.0))
-        states.append(runge_kutta_step(rate, states[-1], (now, midway, then), first.new_tensor(step)))
-        now = then
-    return torch.stack(states[::parts])
+    steps = step_inputs(columns, ends, interval=interval, start=start)
+    for inputs, length in zip(steps, np.diff(ends) * interval, strict=True):
+        states.append(runge_kutta_step(rate, states[-1], inputs, first.new_tensor(length)))
+    if span <= 1 or count <= 2:
+        return torch.stack(states[::parts])
+    return first.new_tensor(CubicSpline(ends, torch.stack(states).numpy())(np.arange(count)))
