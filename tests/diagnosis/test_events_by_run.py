@@ -169,14 +169,15 @@ def test_an_event_whose_other_times_went_to_a_second_one_gets_them_back_when_it_
 
 
 def test_what_leads_is_judged_beside_the_same_without_each_of_its_effects():
-    """A third effect that adds nothing is only seen if the two others were fitted together."""
+    """A third effect that adds nothing is only seen if the two others were fitted together, and as well as with it."""
     acting = [Current(SHIP, speed=0.6, toward_deg=200.0), RateBias(SHIP, bias_deg_s=0.06), LogScale(SHIP)]
     with unchecked():
         likelihood = MarginalLikelihood(whitened_data_set(CALM, runs(TRIALS[:2], acting[:2])))
         three = likelihood.evaluate(
             Hypothesis(tuple(acting), tuple(e.values.numpy()[None].repeat(2, 0) for e in acting))
         )
-        found = {j.names: j.evidence for j in _with_other_forms(likelihood, [three], acting)}
+        badly = replace(likelihood.evaluate(three.hypothesis.without(2)), evidence=three.evidence - 20)
+        found = {j.names: j.evidence for j in _with_other_forms(likelihood, [three, badly], acting)}
     assert set(found) == {three.names, *(three.hypothesis.without(k).names for k in range(3))}
     assert found["current", "rate_bias"] == max(found.values())
 

@@ -229,6 +229,29 @@ def test_hypotheses_close_behind_the_best_are_linearised_about_their_own_states(
     assert raced == 0 or after.fitted[0].names == made[raced - 1].names
 
 
+PAIR, PART, OTHER = ("current", "log_scale"), ("log_scale",), ("rudder_offset",)
+
+
+@pytest.mark.parametrize("rest, raced, other", [
+    ({PAIR: 1.0, PART: 11.0}, [PAIR, PART], 19.5 - 24.0),
+    # Without the pair another one is close behind the best.
+    ({PAIR: 24.0, PART: 22.0, OTHER: 20.0}, [PAIR, PART, OTHER], 20.0),
+])  # fmt: skip
+def test_what_the_last_of_two_effects_adds_is_told_about_the_states_of_each(monkeypatch, rest, raced, other):
+    """About common states a pair adds 15 to its best part, about those of each less than 6."""
+    seen = []
+
+    def at_rest(data_set, j):
+        seen.append(j.names)
+        return replace(j, evidence=rest[j.names])
+
+    monkeypatch.setattr(under_test, "fitted_at_rest", at_rest)
+    made = [fitted(25.0, *PAIR), fitted(19.5, *OTHER), fitted(10.0, *PART), fitted(9.0, "current")]
+    after = settled(found(*made, none=-9.0)).fitted
+    assert seen == raced and after[0].names == (PART if rest[PART] < 22.0 else PAIR)
+    assert {j.names: j.evidence for j in after} == {**rest, OTHER: other, ("current",): 9.0 - 25.0 + rest[PAIR]}
+
+
 @pytest.mark.parametrize("gain, worth", [(5.8, False), (6.2, True)])
 def test_one_more_effect_must_add_six_to_the_best_of_its_parts(gain, worth):
     known = {frozenset({"current"}): 9.0, frozenset({"log_scale"}): 2.0, frozenset({"heading_bias"}): 40.0}

@@ -27,8 +27,9 @@ MAX_PROCESS_OF_FITTED_MODEL = 0.1
 itself; more is something that it never met."""
 MIN_CALM_WITHOUT_ALARM = 0.6
 """Least probability of calm water as long as no alarm is raised."""
-MAX_DEFICIT_IN_RACE, MAX_IN_RACE = 5.0, 3
-"""Log evidence by which a hypothesis may lie behind the best to be linearised about its own states; how many are."""
+MAX_DEFICIT_IN_RACE, MAX_IN_RACE, MAX_SETTLED = 5.0, 3, 9
+"""Log evidence by which a hypothesis may lie behind the best to be linearised about its own states; how many are at
+once, and in all."""
 MAX_UNPROVED, MIN_UNKNOWN = 0.49, 0.6
 """Probability of what was found but not proved, at most; of something unknown that is claimed, at least."""
 
@@ -102,8 +103,9 @@ class Decision:
 def settled(result: SearchResult, workers: int = 1) -> SearchResult:
     """The search with the hypotheses that are still in the race linearised about their own states until these rest.
 
-    They are those within :data:`MAX_DEFICIT_IN_RACE` of the best; with one alone there is no race. All were linearised
-    about the same states before.
+    They are those within :data:`MAX_DEFICIT_IN_RACE` of the best, and of several effects the best with one of them
+    less: what the last one adds about common states it need not add about its own. One effect alone is in no race. All
+    were linearised about the same states before; what is not in the race keeps its distance to the best.
 
     Args:
         result: Of the search.
@@ -112,15 +114,30 @@ def settled(result: SearchResult, workers: int = 1) -> SearchResult:
     Returns:
         The same with their evidence about their own states.
     """
+    known = dict[tuple[str, ...], float]()
+    while len(known) < MAX_SETTLED and (race := [j for j in _race(result) if j.names not in known]):
+        rested = shared_out([partial(fitted_at_rest, result.likelihood.data_set, j) for j in race], workers)
+        now = {j.names: found.evidence for j, found in zip(race, rested, strict=True)}
+        gained = 0.0 if known else now[race[0].names] - race[0].evidence
+        known |= now
+        fitted = [replace(j, evidence=known.get(j.names, j.evidence + gained)) for j in result.fitted]
+        result = replace(result, fitted=sorted(fitted, key=lambda j: -j.evidence))
+    return result
+
+
+def _race(result: SearchResult) -> list[FittedHypothesis]:
+    """What :func:`settled` settles, the best first."""
     # Of gusts the course is integrated out about the states of the steady wind.
-    named = [j for j in _worthy(result) if not any(e.random for e in j.hypothesis.effects)]
+    steady = [j for j in result.fitted if not any(e.random for e in j.hypothesis.effects)]
+    worthy = {j.names for j in _worthy(result)}
+    named = [j for j in steady if j.names in worthy]
+    if not named or named[0].evidence < result.none.evidence + MIN_GAIN_TO_TRY:
+        return []
     race = [j for j in named if j.evidence > named[0].evidence - MAX_DEFICIT_IN_RACE][:MAX_IN_RACE]
-    if len(race) < 2 or race[0].evidence < result.none.evidence + MIN_GAIN_TO_TRY:
-        return result
-    rested = shared_out([partial(fitted_at_rest, result.likelihood.data_set, j) for j in race], workers)
-    evidence = {id(j): found.evidence for j, found in zip(race, rested, strict=True)}
-    fitted = [replace(j, evidence=evidence.get(id(j), j.evidence)) for j in result.fitted]
-    return replace(result, fitted=sorted(fitted, key=lambda j: -j.evidence))
+    for several in race[:]:
+        fewer = [j for j in steady if len(j.names) == len(several.names) - 1 and set(j.names) < set(several.names)]
+        race += [j for j in fewer[:1] if all(j.names != other.names for other in race)]
+    return race if len(race) > 1 else []
 
 
 def decide(result: SearchResult) -> Decision:

@@ -338,21 +338,17 @@ def _with_other_forms(
 def _without_each(
     likelihood: MarginalLikelihood, fitted: Sequence[FittedHypothesis]
 ) -> list[Callable[[], FittedHypothesis]]:
-    """The best hypothesis without each of its effects, if it has several: where that is not known, or an event is left.
+    """The best hypothesis without each of its effects, if it has several.
 
-    Beside another an event may have found the times that it missed alone.
+    Beside another an effect may have found the values or times that it missed alone.
 
     Returns:
         Fits to be done.
     """
-    best, known = max(fitted, key=lambda j: j.evidence), {frozenset(j.names) for j in fitted}
+    best = max(fitted, key=lambda j: j.evidence)
     count = len(best.hypothesis.effects)
     without = [best.hypothesis.without(k) for k in range(count if count > 1 else 0)]
-    return [
-        partial(refine, likelihood, fewer, *best.best)
-        for fewer in without
-        if frozenset(fewer.names) not in known or any(e.timed for e in fewer.effects)
-    ]
+    return [partial(refine, likelihood, fewer, *best.best) for fewer in without]
 
 
 def _best_of_each(fitted: Sequence[FittedHypothesis]) -> list[FittedHypothesis]:
