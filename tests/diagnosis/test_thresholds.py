@@ -154,6 +154,10 @@ CLAIMED = [
     ({"current": 1.0}, 2.0, 2.0, []),
     ({"current + log_scale": 40.0, "current": 20.0, "log_scale": 9.0, "heading_bias": 30.0}, -9.0, None,
      [("current", "log_scale"), ("current",)]),
+    ({"current + log_scale + heading_bias": 70.0, "log_scale + heading_bias": 45.0, "current + log_scale": 42.0,
+      "current + heading_bias": 30.0, "current": 20.0, "heading_bias": 21.0, "rudder_offset": 30.0}, -9.0, None,
+     [("current", "log_scale", "heading_bias"), ("log_scale", "heading_bias"), ("current", "log_scale"),
+      ("current", "heading_bias"), ("heading_bias",)]),
 ]  # fmt: skip
 
 
@@ -236,6 +240,7 @@ PAIR, PART, OTHER = ("current", "log_scale"), ("log_scale",), ("rudder_offset",)
     ({PAIR: 1.0, PART: 11.0}, [PAIR, PART], 19.5 - 24.0),
     # Without the pair another one is close behind the best.
     ({PAIR: 24.0, PART: 22.0, OTHER: 20.0}, [PAIR, PART, OTHER], 20.0),
+    ({PAIR: 40.0, PART: 11.0}, [PAIR, PART], 19.5),  # what the best gains others do not
 ])  # fmt: skip
 def test_what_the_last_of_two_effects_adds_is_told_about_the_states_of_each(monkeypatch, rest, raced, other):
     """About common states a pair adds 15 to its best part, about those of each less than 6."""
@@ -248,8 +253,12 @@ def test_what_the_last_of_two_effects_adds_is_told_about_the_states_of_each(monk
     monkeypatch.setattr(under_test, "fitted_at_rest", at_rest)
     made = [fitted(25.0, *PAIR), fitted(19.5, *OTHER), fitted(10.0, *PART), fitted(9.0, "current")]
     after = settled(found(*made, none=-9.0)).fitted
-    assert seen == raced and after[0].names == (PART if rest[PART] < 22.0 else PAIR)
-    assert {j.names: j.evidence for j in after} == {**rest, OTHER: other, ("current",): 9.0 - 25.0 + rest[PAIR]}
+    assert seen == raced and after[0].names == max(rest, key=lambda names: rest[names])
+    assert {j.names: j.evidence for j in after} == {
+        **rest,
+        OTHER: other,
+        ("current",): 9.0 - max(25.0 - rest[PAIR], 0.0),
+    }
 
 
 @pytest.mark.parametrize("gain, worth", [(5.8, False), (6.2, True)])

@@ -105,7 +105,7 @@ def settled(result: SearchResult, workers: int = 1) -> SearchResult:
 
     They are those within :data:`MAX_DEFICIT_IN_RACE` of the best, and of several effects the best with one of them
     less: what the last one adds about common states it need not add about its own. One effect alone is in no race. All
-    were linearised about the same states before; what is not in the race keeps its distance to the best.
+    were linearised about the same states before; what is not in the race loses what the best loses.
 
     Args:
         result: Of the search.
@@ -118,9 +118,10 @@ def settled(result: SearchResult, workers: int = 1) -> SearchResult:
     while len(known) < MAX_SETTLED and (race := [j for j in _race(result) if j.names not in known]):
         rested = shared_out([partial(fitted_at_rest, result.likelihood.data_set, j) for j in race], workers)
         now = {j.names: found.evidence for j, found in zip(race, rested, strict=True)}
-        gained = 0.0 if known else now[race[0].names] - race[0].evidence
+        # What was not looked at is not credited with what the best gains.
+        lost = 0.0 if known else max(race[0].evidence - now[race[0].names], 0.0)
         known |= now
-        fitted = [replace(j, evidence=known.get(j.names, j.evidence + gained)) for j in result.fitted]
+        fitted = [replace(j, evidence=known.get(j.names, j.evidence - lost)) for j in result.fitted]
         result = replace(result, fitted=sorted(fitted, key=lambda j: -j.evidence))
     return result
 
@@ -214,10 +215,11 @@ def base_rate(size: int, effects: int) -> float:
 def _claims(
     result: SearchResult, best: FittedHypothesis | None, formula: FittedHypothesis | None, strange: bool
 ) -> list[FittedHypothesis]:
-    """The best hypothesis with a name and its rivals, of several effects the better ones, a formula for the unknown."""
+    """The best with a name, its rivals, all pairs of three effects, the best one alone, a formula for the unknown."""
     claims = [] if best is None else [best]
     for size in range(len(best.names) - 1 if best else 0, 0, -1):
-        claims += [j for j in result.fitted if len(j.names) == size and set(j.names) < set(claims[-1].names)][:1]
+        fewer = [j for j in result.fitted if len(j.names) == size and set(j.names) < set(claims[0].names)]
+        claims += fewer if size > 1 else fewer[:1]
     claims[1:1] = [] if best is None else [j for j in _worthy(result) if are_rivals(best, j)][: MAX_IN_RACE - 1]
     if formula is not None and (strange or formula.evidence > result.none.evidence + MIN_GAIN_OF_UNKNOWN):
         claims.append(formula)

@@ -226,8 +226,8 @@ def _acts(hypothesis: Hypothesis) -> bool:
 def _last_effect_helps(
     question: Question, claim: FittedHypothesis, held_out: float, claims: Sequence[FittedHypothesis]
 ) -> bool:
-    """Whether several effects say more in fitted and held-out runs together than the same without the last of them."""
-    fewer = [j for j in claims if len(j.names) == len(claim.names) - 1 and set(j.names) < set(claim.names)]
+    """Whether several effects say more in fitted and held-out runs together than the best of them with one less."""
+    fewer = [j for j in claims if len(j.names) == len(claim.names) - 1 and set(j.names) < set(claim.names)][:1]
     others = [j.evidence + in_held_out_runs(question, j).evidence for j in fewer]
     return claim.evidence + held_out > max(others, default=-np.inf) + (MIN_GAIN_OF_SECOND if others else 0.0)
 

@@ -68,10 +68,10 @@ MAX_LOST_RUDDER, MAX_UNEVEN = 0.2, 0.2
 """Largest share of empty cells in the rudder angle, and of times between samples that are far from the usual one."""
 
 
-def first_finding(recording: Recording, ship: Particulars, where: str = FIT) -> tuple[Finding, bool] | None:
+def first_finding(recording: Recording, ship: Particulars) -> tuple[Finding, bool] | None:
     """What the first check finds that finds anything, and whether a wrong column may be the cause."""
     for check in CHECKS:
-        finding = check.find(recording, ship) if where in check.where else None
+        finding = check.find(recording, ship) if FIT in check.where else None
         if finding is not None:
             return finding, check.of_columns
     return None
