@@ -201,10 +201,8 @@ def drawn_runs(
     rows, begin = len(allowed.shares), warm_up_end(runs[0], warmup)
     starts = np.concatenate([_starts(dynamics, run.between(0.0, begin), allowed, rng) for run in runs])
     calm = Calibrated(dynamics, torch.tensor(np.tile(allowed.shares, (len(runs), 1))))
-    copies, pushed = (
-        [run for run in runs for _ in range(rows)],
-        with_process_noise(calm, allowed.process_sd, runs, warmup, rng),
-    )
+    pushed = with_process_noise(calm, allowed.process_sd, runs, warmup, rng)
+    copies = [run for run in runs for _ in range(rows)]
     tables = free_runs(dynamics, Hypothesis((), ()), copies, starts, warmup, allowed.latency, pushed)
     return [_as_shown(tables[k * rows : (k + 1) * rows]) for k in range(len(runs))]
 

@@ -139,10 +139,8 @@ def free_runs(
     begin, step = warm_up_end(runs[0], warmup), runs[0].step
     k = int(np.searchsorted(runs[0].time, begin - 1e-9))
     columns = controls(dynamics, runs, k) | held_columns({"delta": [d[k:] for d in _wheels(hypothesis, runs)]})
-    moving, largest = (
-        Vessel(model or dynamics, _acting(hypothesis)).model,
-        dynamics.particulars.time_unit / STEPS_PER_LENGTH,
-    )
+    moving = Vessel(model or dynamics, _acting(hypothesis)).model
+    largest = dynamics.particulars.time_unit / STEPS_PER_LENGTH
     with torch.inference_mode():
         states = integrate(moving, torch.tensor(starts), columns, interval=step, start=begin, largest_step=largest)
     shown = []
