@@ -9,10 +9,12 @@ import pytest
 import torch
 from pytest import approx
 from scipy.optimize import brentq
-from trials import CIRCLE, run_of, sailed
+from searches import fitted
+from trials import CIRCLE, SHIP, run_of, sailed
 
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis import advise, case, forecast, formula, predictive, proof, windows
+from manoeuvre_nn.diagnosis import diagnose as diagnosing
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.replay import integrate
 from manoeuvre_nn.effect.formula import library, mark_of
@@ -146,3 +148,32 @@ def test_every_draw_but_the_first_of_each_run_is_pushed_by_noise_of_its_size():
     assert (pushed._pushes[:, ::500] == 0.0).all()
     for rows in (slice(1, 500), slice(501, None)):
         assert pushed._pushes[10, rows].std(dim=0).numpy() == approx(sd, rel=0.12)
+
+
+@pytest.mark.usefixtures("unchecked_types")
+@pytest.mark.parametrize("latency", [0.0, 3.0])
+def test_free_runs_of_calm_water_are_shown_by_a_receiver_as_late_as_the_recorded_one(latency):
+    run = run_of(sailed([CIRCLE])[0].between(0.0, 120.0), derived=())
+    late = run.with_channels(**{c: np.interp(run.time - latency, run.time, run[c]) for c in ("x", "y", "vn", "ve")})
+    model = CalmWater(mariner())
+    quiet = 1e-9 * np.array([1.0, 1.0, 1e-3])
+    allowed = predictive._Allowed(np.zeros((2, len(Corrections(model).names))), latency, quiet)
+    (shown,) = predictive.drawn_runs(model, [late], 40.0, allowed, np.random.default_rng(0))
+    after = late.time >= 40.0
+    recorded = np.stack([late[c][after] for c in ("x", "y", "vn", "ve", "psi", "r")], axis=1)
+    assert shown.shape == (2, after.sum(), 7)
+    assert np.abs(shown[0, :, :2] - recorded[:, :2]).max() < 0.1 * 3.0 * SHIP.particulars.speed
+    assert np.abs(shown[0, :, 2:6] - recorded[:, 2:]).max() < 0.05
+
+
+@pytest.mark.parametrize("best_part, helps", [(33.8, True), (34.2, False), (None, True)])
+def test_the_last_of_several_effects_must_add_six_in_fitted_and_held_out_runs_to_the_best_part(
+    monkeypatch, best_part, helps
+):
+    """A worse part says no more than the best one, whatever it predicts."""
+    three = fitted(30.0, "current", "log_scale", "heading_bias")
+    parts = [fitted(20.0, "current", "log_scale"), fitted(15.0, "current", "heading_bias"), fitted(12.0, "current")]
+    there = {parts[0].names: fitted((best_part or 0.0) - 20.0, "current"), parts[1].names: fitted(99.0, "current")}
+    monkeypatch.setattr(diagnosing, "in_held_out_runs", lambda question, j: there[j.names])
+    claims = [three, *parts] if best_part else [three, parts[2]]
+    assert diagnosing._last_effect_helps(Mock(), three, 10.0, claims) is helps
