@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 
 from manoeuvre_nn.core.units import DEGREE
@@ -181,7 +182,7 @@ def _write(axes: Axes, mark: Mark) -> None:
     up, aligned = {"top": (3, "bottom"), "bottom": (-3, "top")}[height]
     beside, put = {"right": (5, "left"), "left": (-5, "right"), "center": (0, "center")}[side]
     look: dict[str, Any] = {"va": aligned, "ha": put, "fontsize": 8, "color": mark.colour, "zorder": 6}
-    axes.annotate(mark.text, (mark.x, mark.y), (beside, up), textcoords="offset points", **look)
+    axes.annotate(mark.text, (mark.x, mark.y), (beside, up), textcoords="offset points", **look, **_halo(axes))
 
 
 def _outlines(curve: Curve) -> Path:
@@ -198,7 +199,13 @@ def _draw_arrow(axes: Axes, arrow: Arrow, row: int) -> None:
     place: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points", "color": arrow.colour}
     height, turned = -14.0 - 22.0 * row, 90.0 - arrow.toward / DEGREE
     axes.annotate(ARROW, (0, 1), (14, height), fontsize=20, rotation=turned, ha="center", va="center", **place)
-    axes.annotate(arrow.text, (0, 1), (28, height), fontsize=8, va="center", **place)
+    lines = arrow.text.replace(", ", ",\n")  # a zigzag's map is narrow
+    axes.annotate(lines, (0, 1), (28, height), fontsize=8, va="center", zorder=6, **place, **_halo(axes))
+
+
+def _halo(axes: Axes) -> dict[str, Any]:
+    """What keeps a word readable that lies on a curve."""
+    return {"path_effects": [withStroke(linewidth=2.5, foreground=axes.get_facecolor())]}
 
 
 def legend_entries(panels: Sequence[ChartPanel]) -> list[Any]:
