@@ -42,6 +42,8 @@ def raised(act) -> BaseException:
             "there once 'effect=[current]' is written",
         ),
         (["recordings=x"], "there is no setting recordings; the folder of measured files is data.folder=FOLDER; manoe"),
+        (["mapping=x"], "there is no setting mapping; how they are read is data.mapping=NAME or FILE.yaml; manoeuvre"),
+        (["data.folder=x"], "there is no setting data.folder; it is there once data=recording is written; manoeuvre"),
         (["nosuch=3"], "there is no setting nosuch; manoeuvre train --cfg job lists them all"),
         (["out=there"], "there is no setting out; the folder to write into is hydra.run.dir=FOLDER; manoeuvre"),
         (["zz35"], "Error parsing override 'zz35'"),

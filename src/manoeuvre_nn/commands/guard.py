@@ -34,8 +34,16 @@ OF_EXTRAS = {
 WRITTEN = {
     "out": "; the folder to write into is hydra.run.dir=FOLDER",
     "recordings": "; the folder of measured files is data.folder=FOLDER",
+    "mapping": "; how they are read is data.mapping=NAME or FILE.yaml",
+    "files": "; those that are read of the folder are data.files=[FILE,...]",
+    **dict.fromkeys(("data.folder", "data.mapping", "data.files"), "; it is there once data=recording is written"),
 }
-"""Setting of other commands -> what is written for it where it does not exist."""
+WRITTEN_IN_DIAGNOSE = {
+    "data.folder": "; the folder of measured files is recordings=FOLDER",
+    "data.mapping": "; how they are read is mapping=NAME or FILE.yaml",
+    "data.files": "; those that are read of the folder are files=[FILE,...]",
+}
+"""Setting of other commands -> what is written for it where it does not exist; in ``diagnose`` besides."""
 MIN_LIKENESS = 0.7
 """Likeness of two names, of 1, from which one may be meant for the other."""
 MAX_NESTED = 100
@@ -138,7 +146,8 @@ def _one_line(text: str, beside: Mapping[str, Sequence[str]] = MappingProxyType(
         known = beside.get(own, [])
         several = group in {"effect", "manoeuvre"} and not known
         near = [f": the nearest is {above}{dot}{k}" for k in get_close_matches(own, known, 1, MIN_LIKENESS)]
-        instead = WRITTEN.get(name, "".join(near))
+        written = {**WRITTEN, **(WRITTEN_IN_DIAGNOSE if command == "diagnose" else {})}
+        instead = written.get(name, "".join(near))
         chosen = f"; those of {option} are there once '{group}=[{option}]' is written" if several else ""
         return f"there is no setting {name}{instead}; {program()} --cfg job lists them all{chosen}"
     mandatory = re.search(r"Missing mandatory value: (\S+)", text)
