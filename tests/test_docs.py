@@ -1,5 +1,6 @@
 """What README and docs say holds: links lead somewhere, commands know their settings, Python runs, names exist."""
 
+import json
 import re
 import shlex
 from pathlib import Path
@@ -45,10 +46,10 @@ def blocks(mark: str) -> list:
 
 
 def commands() -> list:
-    """Commands in the pages' blocks that have a config: name and words."""
+    """Commands in blocks and in the text of pages and notebooks that have a config: name and words."""
     found = []
-    for page in PAGES:
-        for line in quoted(page.read_text().replace("\\\n", " ")):
+    for page in [*PAGES, *sorted((ROOT / "notebooks").glob("*.ipynb"))]:
+        for line in quoted(written_in(page).replace("\\\n", " ")):
             words = COMMAND.match(line.rpartition("&& ")[2].partition("  #")[0])
             if words and "[...]" not in line:
                 name = SCRIPTS.get(words[1], words[1]) or words[2]
@@ -57,9 +58,15 @@ def commands() -> list:
     return found
 
 
+def written_in(page: Path) -> str:
+    """The text of a page, of a notebook that of its cells."""
+    text = page.read_text()
+    return text if page.suffix == ".md" else "\n".join("".join(cell["source"]) for cell in json.loads(text)["cells"])
+
+
 def quoted(text: str) -> list[str]:
-    """Lines of blocks: those between fences, and those set in by four blanks."""
-    inside, found = False, []
+    """Lines of blocks: those between fences, and those set in by four blanks; commands with settings in the text."""
+    inside, found = False, re.findall(r"`((?:manoeuvre|python) [^`\n]*=[^`\n]*)`", text)
     for line in text.splitlines():
         inside ^= line.startswith("```")
         if inside or line.startswith("    "):
@@ -107,9 +114,9 @@ def test_a_command_of_the_pages_knows_its_settings(name, words):
         for plugin in (plugin for word, plugin in LAUNCHERS.items() if word in words):
             pytest.importorskip(plugin, reason="this launcher is an extra")
         words, config = task_of(words, name)
-        compose(
-            config, [word for word in words if word != "-m" and "," not in word.partition("=")[2].partition("[")[0]]
-        )
+        left_open = [word for word in words if word.endswith("...") or word in {"-m", "--help"}]
+        several = [word for word in words if "," in word.partition("=")[2].partition("[")[0]]
+        compose(config, [word for word in words if word not in (*left_open, *several)])
     else:
         assert script.is_file()
 
