@@ -254,6 +254,8 @@ def test_what_a_fitted_model_leaves_open_is_said():
     named = SimpleNamespace(named=True, best=SimpleNamespace(hypothesis=Hypothesis((wind,), (np.zeros((1, 9)),))))
     assert "no effect predicts runs that were not used better" in left_open(tried(True), named)
     assert "wind" not in left_open(tried(True), named)
+    told = left_open(tried(False), named)
+    assert told.startswith("with a steady wind the fitted runs are explained better") and "not used" in told
 
 
 class GustsOfTheirOwn(GustyWind):

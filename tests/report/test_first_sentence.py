@@ -98,6 +98,18 @@ def test_what_a_refuted_formula_says_of_something_unknown_is_not_in_the_first_se
         assert ("it does not predict runs that were not used" in nature_sentence(cause.nature)) == refuted
 
 
+def test_what_was_found_and_not_proved_is_not_told_as_calm_water(tmp_path):
+    """Calm water is not the answer where an effect explains the fitted runs better: the banner is no good news."""
+    sentence = "Nothing is proved: with a wind the fitted runs are explained better than by calm water alone."
+    refused = replace(calm(), sentence=sentence, checks=[Check("held-out gain", False, "with a wind ...")])
+    assert summary_sentence([], [], calm().proofs, False, sentence[19:-1]) == sentence
+    for d, told, banner in ((calm(), "nothing is missing", "none"), (refused, "nothing is proved to be", "mismatch")):
+        diagnosis_html(d, {}, tmp_path / "report.html")
+        assert verdict_text(d).startswith(told)
+        assert f'<h1 class="sentence {banner}">' in (tmp_path / "report.html").read_text()
+    assert not replace(refused, verdict="mismatch").unproved
+
+
 def test_recordings_agree_within_the_noise_only_where_they_are_predicted_to_it():
     p = calm().proofs[0]
     for off, said in (

@@ -19,7 +19,7 @@ from manoeuvre_nn.diagnosis.nature import nature_of
 from manoeuvre_nn.diagnosis.predictive import calm_check, repaired_check, still_missing
 from manoeuvre_nn.diagnosis.proof import in_held_out_runs, prove
 from manoeuvre_nn.diagnosis.remainder import is_left, with_remainder
-from manoeuvre_nn.diagnosis.result import USABLE_MODEL, Cause, Check, Diagnosis, Proof, Residual
+from manoeuvre_nn.diagnosis.result import GAIN, USABLE_MODEL, Cause, Check, Diagnosis, Proof, Residual
 from manoeuvre_nn.diagnosis.right_ship import right_ship_check
 from manoeuvre_nn.diagnosis.search import MIN_GAIN_OF_SECOND, Progress, SearchResult, search
 from manoeuvre_nn.diagnosis.words import (
@@ -213,7 +213,7 @@ def _put_to_proof(
         f"and the log evidence of the held-out runs by {gain:+.0f}{fewer}"
     )
     untested = f"{labels(j)} did not act in a held-out run" if made else "no held-out run"
-    check = Check("held-out gain", helped, text if tested else f"{untested}: not proved")
+    check = Check(GAIN, helped, text if tested else f"{untested}: not proved")
     return _Tried(j, there.hypothesis, made, check, claim.evidence + there.evidence)
 
 

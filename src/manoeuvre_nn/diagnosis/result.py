@@ -8,6 +8,8 @@ import pandas as pd
 from jaxtyping import Float
 
 Interval = tuple[float, float]
+GAIN = "held-out gain"
+"""Name of the test of one claim after another; those that fail it are refused."""
 RIGHT_SHIP = "the coefficients are this ship's"
 """Name of the test that calls the ship in question, or her model."""
 PHASE = "phase at the start"
@@ -248,6 +250,11 @@ class Diagnosis:
     def doubtful(self) -> bool:
         """Whether the recordings may not be of this ship, or her model does not hold: asked before any cause."""
         return any(check.name == RIGHT_SHIP and not check.passed for check in self.checks)
+
+    @property
+    def unproved(self) -> bool:
+        """Whether something explains the fitted runs better than calm water, but not runs that were not used."""
+        return self.verdict == "none" and any(check.name == GAIN and not check.passed for check in self.checks)
 
     @property
     def unknown(self) -> bool:

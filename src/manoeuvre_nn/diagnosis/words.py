@@ -43,7 +43,7 @@ def summary_sentence(
         model: What was switched on.
         proofs: Held-out runs.
         mismatch: Whether recordings and model differ.
-        lacking: What is left where the model was itself fitted to recordings, see :func:`left_open`; else empty.
+        lacking: What is open where nothing is proved, see :func:`left_open`; empty if nothing is.
         left: How far free runs of the repaired model miss those that were not used; empty where they do as they should.
         noise: Channel -> RMS of its measurement noise.
 
@@ -86,10 +86,13 @@ def with_caveats(sentence: str, ship: str, checks: Sequence[Check]) -> str:
 
 
 def left_open(tried: SearchResult, verdict: Decision) -> str:
-    """A clause on what is open where nothing is proved and the model was fitted to other recordings; else empty."""
+    """A clause on what is open where nothing is proved: an effect that was not, or what a fitted model lacks."""
     data_set = tried.likelihood.data_set
     if not is_fitted(data_set.dynamics):
-        return ""
+        if not verdict.named or verdict.best is None:
+            return ""
+        better = f"with {labels(verdict.best)} the fitted runs are explained better than by calm water alone"
+        return f"{better}, but runs that were not used are not predicted better"
     surge, lateral = (100 * level for level in data_set.levels[tried.none.best[0]])
     said = (
         f"the fitted model lacks forces of about {surge:.2g} % of the resistance and {lateral:.2g} % of 20 deg of "

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from manoeuvre_nn.diagnosis.result import RIGHT_SHIP, Cause, Diagnosis, Value
+from manoeuvre_nn.diagnosis.result import GAIN, RIGHT_SHIP, Cause, Diagnosis, Value
 from manoeuvre_nn.report.tables import criterion_label, rich_table, text, to_markdown
 
 CHANNELS: dict[str, tuple[str, str, str]] = {
@@ -34,8 +34,6 @@ BEFORE, ALONE, AFTER, NOISE = "calm water", "effects alone", "repaired", "measur
 """What the columns and curves of every comparison are called."""
 FOUND = "found ± standard error"
 """Column of the parameters."""
-GAIN = "held-out gain"
-"""Test of one claim after another; those that fail it are refused."""
 UNTESTED = ": not proved"
 """How the text of a test ends that no held-out run could make."""
 MIN_LISTED, MAX_LISTED = 3, 5
@@ -46,6 +44,8 @@ def verdict_text(d: Diagnosis) -> str:
     """What was found, in a few words."""
     if d.doubtful:
         return "this may not be the ship, or her model is wrong"
+    if d.unproved:
+        return "nothing is proved to be missing in the calm-water model"
     what = "something unknown" if d.unknown else "something" if d.verdict == "mismatch" else "nothing"
     return f"{what} is missing in the calm-water model"
 
