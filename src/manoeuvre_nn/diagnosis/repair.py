@@ -40,7 +40,7 @@ from manoeuvre_nn.recording.outliers import spikes
 from manoeuvre_nn.recording.preparation import measured, without_samples
 
 STEPS_PER_LENGTH = 10
-"""Runge-Kutta steps of a free run in the time L/U0: its track is then good to a thousandth of a length."""
+"""Runge-Kutta steps of a free run in the time L/U0: the test of :func:`.integrate` says how good its track is."""
 
 
 def predict(

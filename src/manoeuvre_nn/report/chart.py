@@ -199,7 +199,7 @@ def _draw_arrow(axes: Axes, arrow: Arrow, row: int) -> None:
     place: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points", "color": arrow.colour}
     height, turned = -14.0 - 22.0 * row, 90.0 - arrow.toward / DEGREE
     axes.annotate(ARROW, (0, 1), (14, height), fontsize=20, rotation=turned, ha="center", va="center", **place)
-    lines = arrow.text.replace(", ", ",\n")  # a zigzag's map is narrow
+    lines = arrow.text.replace(", ", ",\n", 1)  # a zigzag's map is narrow
     axes.annotate(lines, (0, 1), (28, height), fontsize=8, va="center", zorder=6, **place, **_halo(axes))
 
 
