@@ -127,7 +127,7 @@ def test_an_event_is_judged_in_each_form_at_the_same_times():
     likelihood, _, thruster = fitted(BowThruster(SHIP), runs)
     late = thruster.hypothesis.values[0].copy()
     late[1, 1:3] = 60.0, 100.0  # start, end
-    astray = Hypothesis((SideForce(SHIP),), (np.insert(late, 1, 0.0, axis=1),))
+    astray = Hypothesis((SideForce(SHIP),), (np.insert(late[:, :-1], 1, 0.0, axis=1),))
     stopped = likelihood.evaluate(astray)
     with unchecked():
         best, *rest = _with_other_forms(likelihood, [stopped, thruster], [SideForce(SHIP), BowThruster(SHIP)])

@@ -223,7 +223,7 @@ def test_columns_of_a_hypothesis_are_its_contribution_and_slopes_in_the_runs_the
     likelihood, thruster = MarginalLikelihood(stand("nothing")), BowThruster(SHIP)
     table = values(thruster, 2)
     table[:, :3] = [[120.0, 60.0, 150.0], [120.0, 90.0, 200.0]]
-    table[:, -1] = 20.0  # the ramp, off its bound
+    table[:, -2] = 20.0  # the ramp, off its bound
     h = Hypothesis((thruster, ACTING["current"][0]), (table, values(ACTING["current"][0], 2)))
     lin = hypothesis_columns(likelihood.data_set, h)
     names = [(f.parameter.name, f.runs) for f in h.unknowns()]

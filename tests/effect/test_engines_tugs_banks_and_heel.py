@@ -120,10 +120,11 @@ def test_the_gate_has_the_stated_slope():
     assert (late - early) / 0.02 == pytest.approx(1000.0 / 20.0, rel=1e-3)
 
 
-def test_a_bow_thruster_pushes_at_four_tenths_of_the_length():
-    effect = made("bow_thruster", "mariner", force_kN=50.0, start_s=0.0, end_s=500.0)
+@pytest.mark.parametrize(("given", "lever"), [({}, 0.4), ({"lever": 0.44}, 0.44)])
+def test_a_bow_thruster_pushes_at_four_tenths_of_the_length_or_at_its_lever(given, lever):
+    effect = made("bow_thruster", "mariner", force_kN=50.0, start_s=0.0, end_s=500.0, **given)
     force = effect.force(at("mariner", 5.0, time=100.0))[0].tolist()
-    assert force == pytest.approx([0.0, 50e3, 50e3 * 0.4 * 152.4])
+    assert force == pytest.approx([0.0, 50e3, 50e3 * lever * 152.4])
 
 
 def test_a_tow_pulls_in_its_direction_at_its_lever():

@@ -53,18 +53,21 @@ class SideForce(_LateralForce):
 
 
 class BowThruster(_LateralForce):
-    """A bow thruster that is left running, positive to starboard, .4 L forward of midship."""
+    """A bow thruster that is left running, positive to starboard, .4 L forward of midship give or take .03 L.
+
+    The form parameter lever is where it acts, over the length: its tunnel is as far forward as the hull has room for it.
+    """
 
     name = "bow_thruster"
     candidate = True
     label = "a running bow thruster"
     fingerprint = "Sway and yaw are pushed to the same side in one interval, as by a force at the bow."
     source = "Constant force, built up over a ramp; loss by forward speed is not modelled"
-    declared = (FORCE, *TIMES)
+    declared = (FORCE, *TIMES, Parameter("lever", "-", 0.25, 0.5, 0.4, 0.03, (0.4,), form=True))
 
     def _lever(self) -> Tensor:
         """Where it acts, forward of midship [m]."""
-        return self.values.new_tensor(0.4 * self.ship.particulars.length)
+        return self.value("lever") * self.ship.particulars.length
 
 
 class Tow(Effect):

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -53,7 +54,7 @@ class _Level:
     base_gram: Float[np.ndarray, "p p"]
     norm: float
 
-    @property
+    @cached_property
     def bytes(self) -> int:
         """Memory that the factors and the whitened columns take."""
         return sum(w.chain.factor.nbytes for w in self.white) + sum(e.inner.nbytes for e in self.base)
