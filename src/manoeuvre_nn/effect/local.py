@@ -55,7 +55,7 @@ class SideForce(_LateralForce):
 class BowThruster(_LateralForce):
     """A bow thruster that is left running, positive to starboard, .4 L forward of midship give or take .03 L.
 
-    The form parameter lever is where it acts, over the length: its tunnel is as far forward as the hull has room for it.
+    The form parameter lever is where it acts, over the length: its tunnel is as far forward as the hull has room.
     """
 
     name = "bow_thruster"
