@@ -260,7 +260,7 @@ def test_a_measured_record_is_cut_and_reduced_to_the_usual_rate(folder):
         ({"files": ["none.csv"]}, "data.files: none.csv is not in"),
         ({"score": ["none.csv"]}, "it holds tc25.csv, zz20.csv, zz35.csv"),
         ({"files": ["zz*.csv"], "score": ["zz35.csv"]}, "zz35.csv is both in data.files and in score"),
-        ({"files": ["*.csv"]}, "no recording is left in"),
+        ({"files": ["*.csv"]}, " to score: leave one out of data.files, or add one there"),
         ({"length": 5.0}, "write at least 40.1 s"),
     ],
 )

@@ -384,7 +384,7 @@ def recorded_files(
     if both:
         raise InputError(f"{', '.join(both)} is both in data.files and in score: a model is scored on unseen runs")
     if not unseen and score is not None:
-        raise InputError(f"no recording is left in {where} to score: write score=[FILE,...]")
+        raise InputError(f"no recording is left in {where} to score: leave one out of data.files, or add one there")
     runs, held_out = ([read_recording(p, mapping, particulars) for p in some] for some in (paths, unseen))
     return RecordedData(ship, known, runs, held_out, mapping=mapping, settings=settings)
 
