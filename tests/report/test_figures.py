@@ -6,6 +6,9 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.dynamics.model import CalmWater
+from manoeuvre_nn.dynamics.simulate import simulate
+from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.report.figures import (
     _end_to_end,
     comparison_figures,
@@ -19,6 +22,7 @@ from manoeuvre_nn.report.runs import run_rows, runs_figure
 from manoeuvre_nn.report.style import PREDICTED, RECORDED, log_axis
 from manoeuvre_nn.report.track_marks import ship_shape
 from manoeuvre_nn.scoring.score import score
+from manoeuvre_nn.ship.mariner import mariner
 
 LENGTH = 100.0
 
@@ -184,6 +188,12 @@ def test_the_map_of_a_track_to_the_east_is_as_high_as_it_needs(recorded):
     figure = track_figure(eastward, eastward)
     assert figure.get_figheight() < figure.get_figwidth()
     assert np.diff(figure.axes[0].get_xlim()) == pytest.approx(4 * np.diff(figure.axes[0].get_ylim()))
+
+
+@pytest.mark.parametrize(("seconds", "status"), [(12.0, "never reversed"), (200.0, "ok")])
+def test_a_zigzag_too_short_for_its_heading_is_told(seconds, status):
+    run = simulate(CalmWater(mariner()), zigzag(20.0, duration=seconds))
+    assert run_rows([run], LENGTH)[0]["status"] == status
 
 
 def test_headings_of_runs_are_told_and_drawn_without_the_whole_turns_at_their_start(recorded):

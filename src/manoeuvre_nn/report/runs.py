@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.manoeuvre.criteria import criteria
 from manoeuvre_nn.report.style import COLOURS, new_figure, plain_axes
 from manoeuvre_nn.report.tables import Row
 
@@ -22,10 +23,17 @@ def run_rows(runs: Sequence[Recording], length: float) -> list[Row]:
             "rudder [deg]": _range_deg(run, "delta"),
             "heading [deg]": _range_deg(run, "psi"),
             "way / L": f"{_way(run) / length:.1f}",
-            "status": run.status,
+            "status": _status(run, length),
         }
         for run in runs
     ]
+
+
+def _status(run: Recording, length: float) -> str:
+    """How a run ended; of a zigzag that was too short for the heading at which the rudder is reversed, this."""
+    if run.status == "ok" and criteria(run, str(run.meta.get("kind", "")), length).get("reversals") == 0:
+        return "never reversed"
+    return run.status
 
 
 def _range_deg(run: Recording, channel: str) -> str:
