@@ -187,9 +187,10 @@ CHANGING = [
 ]
 
 
-def accelerations(model, s):
-    """Of a model in some situations."""
-    return model(torch.cat([s.nu, 0 * s.nu], dim=-1), Inputs(s.delta))[:, :3]
+def accelerations(model, s, *rows):
+    """Of a model in some situations, in each of so many rows of coefficients."""
+    motion, delta = torch.cat([s.nu, 0 * s.nu], dim=-1), s.delta
+    return model(motion.expand(*rows, *motion.shape), Inputs(delta.expand(*rows, *delta.shape)))[..., :3]
 
 
 def named(effects) -> str:
@@ -233,11 +234,9 @@ def test_errors_of_coefficients_are_multiplied_as_the_terms_are(ship, effects):
     with unchecked():
         columns = corrections(s.nu, s.delta).numpy()
         change = change_of_coefficients(corrections, acting, [e.values.numpy() for e in acting])
-        sides = []
-        for step in (size, -size):
-            shares = step * torch.eye(len(corrections.names), dtype=torch.float64)
-            models = (Vessel(Calibrated(calm, row), acting).model for row in shares)
-            sides.append(np.stack([accelerations(model, s).numpy() for model in models], axis=1))
+        shares = size * torch.eye(len(corrections.names), dtype=torch.float64)[:, None]
+        models = (Vessel(Calibrated(calm, rows), acting).model for rows in (shares, -shares))
+        sides = [accelerations(model, s, len(shares)).transpose(0, 1).numpy() for model in models]
     expected = (sides[0] - sides[1]) / (2 * size)
     found = np.einsum("nkj,ki->nij", columns, change + np.eye(len(change)))
     # Without off-diagonal inertia; with it a wrong Mv or Mr has another shape.
