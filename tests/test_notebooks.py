@@ -11,6 +11,7 @@ import matplotlib.pyplot as plt
 import pytest
 from fleet import unchecked
 
+from manoeuvre_nn.diagnosis import forecast, predictive
 from scripts.sample_recordings import CONCEALED
 
 ROOT = Path(__file__).parents[1]
@@ -55,6 +56,12 @@ def forms(light: Mapping[str, str]) -> pytest.MarkDecorator:
     return pytest.mark.parametrize("form", [light, pytest.param({}, marks=pytest.mark.slow)], ids=["light", "whole"])
 
 
+def draw_fewer(light: Mapping[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a notebook with less to compute: a fifth of the free runs that a diagnosis draws for its bands and checks."""
+    for module in (forecast, predictive) if light else ():
+        monkeypatch.setattr(module, "DRAWS", 20)
+
+
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda p: p.stem)
 def test_a_notebook_is_small_defines_nothing_and_shows_what_came_out_when_it_ran_from_first_to_last(path):
     book = nbformat.read(path, as_version=4)
@@ -74,13 +81,15 @@ def test_a_notebook_is_small_defines_nothing_and_shows_what_came_out_when_it_ran
 
 @pytest.mark.recordings
 @forms({
+    "network.members=2": "network.members=1",
     "trainer.max_epochs=6": "trainer.max_epochs=3",
     "mnn.score(hull, mnn.read(raw, MENDED, SHIP))": "mnn.score(hull, mnn.read(DATA / LEARNT[0], MENDED, SHIP))",
     '"wind_gusty", "current", "side_force", "rudder_offset", "heading_bias"]': '"wind_gusty"]',
 })
-def test_two_runs_go_from_their_raw_file_to_a_diagnosis(form, capsys):
+def test_two_runs_go_from_their_raw_file_to_a_diagnosis(form, capsys, monkeypatch):
     if not os.environ.get("RECORDINGS"):
         pytest.skip("RECORDINGS is not set: write RECORDINGS=FOLDER with the measured files")
+    draw_fewer(form, monkeypatch)
     left = run_here(book_of("esso_osaka_from_file_to_diagnosis", form))
     late = [float(s) for s in re.findall(r"x, y: written down ([\d.]+)", capsys.readouterr().out)]
     assert 0.85 < late[0] < 1.0 and late[-1] < 0.1
@@ -127,7 +136,7 @@ def test_a_smaller_training_error_of_the_tanker_is_no_better_ship_outside_her_zi
     "network.members=8": "network.members=2",  # a whole zigzag: nothing shorter teaches networks the tanker
     "\nmodel.scores": "",
     '["zz5", "zz10", "zz20", "tc10", "tc20", "tc35"]': str([
-        {n: {"duration": 1100.0}} for n in ("zz5", "zz10", "tc35")
+        {n: {"duration": s}} for n, s in (("zz5", 1100.0), ("zz10", 600.0), ("tc35", 300.0))
     ]),
     '["tc35"]': '[{"tc35": {"duration": 600.0}}]',
 })
@@ -141,7 +150,8 @@ def test_what_lies_inside_the_box_of_the_data_may_still_be_missed_and_the_spread
 
 
 @forms({'candidates="default"': 'candidates=["wind_steady"]'})
-def test_the_disturbance_of_the_sample_is_named_as_it_was_made(form):
+def test_the_disturbance_of_the_sample_is_named_as_it_was_made(form, monkeypatch):
+    draw_fewer(form, monkeypatch)
     left = run_here(book_of("sample_diagnosis", form))
     (name, made), found = *CONCEALED.items(), left["answer"].effects
     assert set(found) == {name} and min(one.dev_L for one in left["calm"]) > 0.1
