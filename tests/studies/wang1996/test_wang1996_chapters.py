@@ -7,8 +7,9 @@ from math import isfinite
 import numpy as np
 import pytest
 import torch
-from fleet import unchecked
+from fleet import ship_named, unchecked
 
+from manoeuvre_nn.manoeuvre.spiral import spiral
 from manoeuvre_nn.network.perceptron import Perceptron
 from manoeuvre_nn.numerics.steepest_descent import RateSchedule
 from studies.reproduction.claims import read_claims
@@ -29,11 +30,20 @@ def of(name):
         return case(name)
 
 
+def trials(ship, whole=wang1996_chapter3.trials):
+    """Of the corrected ship a spiral of short holds stands for that of long ones, of which only a table tells."""
+    with pytest.MonkeyPatch.context() as patch:
+        if ship.coefficients != ship_named("mariner").coefficients:
+            patch.setattr(wang1996_chapter3, "spiral", lambda *angle, **more: spiral(*angle, **more | {"hold": 60.0}))
+        return whole(ship)
+
+
 @cache
 def done(module):
     with unchecked(), pytest.MonkeyPatch.context() as patch:
         plans = {k: p.__class__(p.label, p.scaling, SHORT, 30) for k, p in wang1996_chapter4.plans(EFFORT).items()}
         patch.setattr(wang1996_chapter4, "plans", lambda effort: plans)
+        patch.setattr(wang1996_chapter3, "trials", trials)
         return module.chapter(EFFORT, lambda text: None)
 
 
