@@ -1,9 +1,13 @@
 import json
+from contextlib import redirect_stdout
+from io import StringIO
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 import yaml
+from fleet import unchecked
 from matplotlib.figure import Figure
 from pages import unexplained
 
@@ -34,41 +38,49 @@ def scores(folder) -> dict:
     return json.loads((folder / "scores.json").read_text())
 
 
-def test_pitch_is_approximated_tested_and_reported(cli, tmp_path):
-    ended = cli(*TINY, "hydra.run.dir=out")
-    assert ended.code == 0, ended.err
-    assert "significant pitch amplitude" in ended.out and "96 records of the S-175 by closed form" in ended.out
-    out, found = tmp_path / "out", scores(tmp_path / "out")
+@pytest.fixture(scope="module")
+def learnt(tmp_path_factory, typed_train) -> tuple[Path, str]:
+    """The folder of a whole run, and what it printed."""
+    out, said = tmp_path_factory.mktemp("pitch") / "out", StringIO()
+    with unchecked(), redirect_stdout(said):
+        assert typed_train([*TINY, f"hydra.run.dir={out}"]) == 0
+    return out, said.getvalue()
+
+
+def test_pitch_is_approximated_tested_and_reported(cli, learnt):
+    out, said = learnt
+    found = scores(out)
+    assert "significant pitch amplitude" in said and "96 records of the S-175 by closed form" in said
     assert set(found["errors"]) == {"learning", "testing", "between"} and found["unit"] == "deg"
     assert found["error"] == found["errors"]["testing"]["rms"] > 0
     assert unexplained((out / "report.html").read_text()) == set() and len(list((out / "figures").glob("*.png"))) == 5
     assert list(pd.read_csv(out / "records.csv").columns) == [
         "d [m]", "V [kn]", "beta [deg]", "Hs [m]", "T [s]", "pitch [deg]",
     ]  # fmt: skip
-    again = cli(*TINY, "hydra.run.dir=out")
+    again = cli(*TINY, f"hydra.run.dir={out}")
     assert "holds this run already" in again.out and scores(out) == found
 
 
-def test_the_model_of_a_checkpoint_is_the_model_that_was_tested(cli, tmp_path, fast):
-    assert cli(*TINY, "hydra.run.dir=out").code == 0
-    response = load_response(tmp_path / "out" / "checkpoints" / "last.ckpt")
-    table = pd.read_csv(tmp_path / "out" / "records.csv")
+def test_the_model_of_a_checkpoint_is_the_model_that_was_tested(learnt):
+    out, _ = learnt
+    response = load_response(out / "checkpoints" / "last.ckpt")
+    table = pd.read_csv(out / "records.csv")
     sizes = [v.size for v in response.inputs]
     found = response.at(table.to_numpy()[:, :5] * sizes) / response.output.size
     off = float(np.sqrt(np.mean((found - table["pitch [deg]"]) ** 2)))
-    errors = scores(tmp_path / "out")["errors"]
+    errors = scores(out)["errors"]
     assert off == pytest.approx(np.sqrt((errors["learning"]["rms"] ** 2 + errors["testing"]["rms"] ** 2) / 2), rel=1e-6)
     assert [round(v.high / v.size, 6) for v in response.inputs] == [9, 10, 180, 4, 12]
     module: dict = {}
-    exec(mnn.export(tmp_path / "out"), module)
+    exec(mnn.export(out), module)
     written = [module["pitch_deg"](*row) for row in table.to_numpy()[:, :5].tolist()]
     np.testing.assert_allclose(written, found, rtol=1e-9, atol=1e-12)
     assert "50% of the records computed for the S-175 by closed form (grid)" in module["__doc__"]
 
 
-def test_a_table_of_ones_own_is_learnt_with_a_mapping(cli, tmp_path, fast):
-    assert cli(*TINY, "hydra.run.dir=out").code == 0
-    table = pd.read_csv(tmp_path / "out" / "records.csv")
+def test_a_table_of_ones_own_is_learnt_with_a_mapping(cli, learnt, tmp_path, fast):
+    out, _ = learnt
+    table = pd.read_csv(out / "records.csv")
     mine = pd.DataFrame({
         "draught": table["d [m]"], "speed": table["V [kn]"] * 1852 / 3600, "off the bow": 180 - table["beta [deg]"],
         "h": table["Hs [m]"], "t": table["T [s]"], "rms": table["pitch [deg]"] / 2,
@@ -83,7 +95,7 @@ def test_a_table_of_ones_own_is_learnt_with_a_mapping(cli, tmp_path, fast):
     own = ("data=recording", "data.files=[mine.csv]", "data.mapping=mine.yaml", "hydra.run.dir=own")
     ended = cli(*[word for word in TINY if not word.startswith(("data.", "inputs."))], *own)
     assert ended.code == 0, ended.err
-    first, second = scores(tmp_path / "out")["errors"], scores(tmp_path / "own")["errors"]
+    first, second = scores(out)["errors"], scores(tmp_path / "own")["errors"]
     assert second["testing"]["rms"] == pytest.approx(first["testing"]["rms"], rel=1e-4)
     assert "they cannot tell" in ended.out and "between" not in second
 

@@ -17,7 +17,8 @@ SWEEP = [
     "hydra/launcher=basic",
     "hydra.callbacks.sweep_table._target_=manoeuvre_nn.commands.sweep_table.SweepTable",
 ]
-JOBS = [*[word for word in TINY if not word.startswith("network.hidden")], "trainer.max_epochs=1"]
+SHORT = [*TINY, "data.length=45", "score=[{zz20: {duration: 30}}]"]
+JOBS = [*[word for word in SHORT if not word.startswith("network.hidden")], "trainer.max_epochs=1"]
 
 
 def numbers(out) -> dict:
@@ -61,7 +62,7 @@ def test_a_sweep_survives_a_failing_job_and_can_be_continued(cli, fast, tmp_path
 
 @pytest.mark.skipif(os.name == "nt", reason="kill -9 is POSIX")
 def test_a_killed_run_goes_on_elsewhere_to_the_scores_of_an_undisturbed_one(cli, fast, tmp_path):
-    long = [*TINY, "trainer.max_epochs=2000", "scoring.every=1000", "trainer.progress=false"]
+    long = [*SHORT, "trainer.max_epochs=2000", "scoring.every=1000", "trainer.progress=false"]
     killed, straight = tmp_path / "killed", tmp_path / "straight"
     elsewhere = {"PYTHONHASHSEED": "77", "TZ": "Pacific/Auckland", "OMP_NUM_THREADS": "2"}
     environment = {**os.environ, **elsewhere, "HYDRA_FULL_ERROR": "0"}
@@ -78,9 +79,9 @@ def test_a_killed_run_goes_on_elsewhere_to_the_scores_of_an_undisturbed_one(cli,
     assert checkpoint.exists() and process.returncode == -signal.SIGKILL, told.decode()
     assert not (killed / "scores.json").exists()
 
-    short = [*TINY, "scoring.every=1000", "trainer.progress=false"]
+    short = [*SHORT, "scoring.every=1000", "trainer.progress=false"]
     reached = read_checkpoint(checkpoint)["epoch"] + 1
-    short += [f"trainer.max_epochs={reached + 20}"]
+    short += [f"trainer.max_epochs={reached + 6}"]
     again = cli(*short, f"hydra.run.dir={killed}")
     assert again.code == 0 and f"after epoch {reached}" in again.out
     assert cli(*short, f"hydra.run.dir={straight}").code == 0

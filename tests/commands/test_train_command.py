@@ -219,5 +219,6 @@ def test_the_ships_own_terms_may_be_known_before_the_network(cli, fast, tmp_path
     ],
 )
 def test_what_does_not_go_together_is_refused_before_computing(cli, words, advice, tmp_path):
-    ended = cli(*words, f"hydra.run.dir={tmp_path}/run")
+    short = "data.length=60", "score=[{zz20: {duration: 60}}]"
+    ended = cli(*short, *words, f"hydra.run.dir={tmp_path}/run")
     assert ended.code == 2 and len(ended.err.splitlines()) == 1 and advice in ended.err
