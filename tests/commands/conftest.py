@@ -16,6 +16,9 @@ import omegaconf.base
 import pytest
 from fleet import unchecked
 from hydra import compose, initialize_config_dir
+from hydra._internal import config_loader_impl, defaults_list
+from hydra._internal.config_repository import ConfigRepository
+from hydra.core.default_element import InputDefault
 from hydra.core.global_hydra import GlobalHydra
 from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf._utils import get_yaml_loader
@@ -39,7 +42,7 @@ TINY = (
     "score=[{zz20: {duration: 60}}]", "fit.iterations_per_epoch=2",
 )  # fmt: skip
 TINY_ENSEMBLE = (
-    "data.length=60", "score=[{zz20: {duration: 60}}]", "network.members=2", "network.hidden=4", "fit.epochs=3",
+    "data.length=45", "score=[{zz20: {duration: 30}}]", "network.members=2", "network.hidden=4", "fit.epochs=3",
     "scoring.solver=rollout", "scoring.every=1",
 )  # fmt: skip
 
@@ -154,8 +157,23 @@ def quick_loader() -> type:
     return Quick
 
 
+def quick_choices(overrides, defaults: list[InputDefault], self_added: bool) -> DictConfig:
+    """What interpolations in a list of defaults may name, which hydra makes for each file and few have any."""
+    return every_choice(overrides, defaults, self_added) if any(d.is_interpolation() for d in defaults) else NO_CHOICE
+
+
+class QuickRepository(config_loader_impl.CachingConfigRepository):
+    """Hydra's, without a deep copy of where files are: the copy only gets a list of its own."""
+
+    def __init__(self, delegate: ConfigRepository) -> None:
+        self.delegate, self.cache = copy.copy(delegate), {}
+
+
 omegaconf._utils.get_yaml_loader = quick_loader
 omegaconf._utils.parse = omegaconf.base.parse = cache(parse)  # the same few interpolations in each of these files
+every_choice, NO_CHOICE = defaults_list._create_interpolation_map, OmegaConf.create()
+defaults_list._create_interpolation_map = quick_choices
+config_loader_impl.CachingConfigRepository = QuickRepository
 
 
 @contextmanager
