@@ -54,6 +54,22 @@ def ensemble() -> IdentifiedShip:
         )
 
 
+made: dict[tuple[object, ...], list[CandidateRun]] = {}
+
+
+def sailed(model: IdentifiedShip, manoeuvres, interval: float | None = None) -> list[CandidateRun]:
+    """What :func:`.sail` gives, once for the same weights: most tests ask for the same few runs of the ensemble."""
+    asked = *((k, w.numpy().tobytes()) for k, w in model.state_dict().items()), repr(manoeuvres), interval
+    if asked not in made:
+        made[asked] = sail(model, manoeuvres, interval)
+    return made[asked]
+
+
+@pytest.fixture(autouse=True)
+def sailed_once(monkeypatch) -> None:
+    monkeypatch.setattr(expected_error, "sail", sailed)
+
+
 @cache
 def advised() -> ExpectedGain:
     """What the second candidate is expected to tell."""
@@ -83,7 +99,7 @@ def run_of(ended=(torch.inf, torch.inf)) -> CandidateRun:
 def test_members_sail_coarsely_where_they_sail_in_fine_steps():
     model = ensemble()
     with unchecked():
-        coarse, fine = sail(model, TARGETS), sail_members(model, TARGETS)
+        coarse, fine = sailed(model, TARGETS), sail_members(model, TARGETS)
     for run, others in zip(coarse, fine, strict=True):
         for track, other in zip(run.tracks.numpy(), others, strict=True):
             there = other.resampled(run.times.numpy())
@@ -146,7 +162,7 @@ def test_members_that_have_the_truths_nodes_learn_the_truth():
     drawn[0], drawn[..., :6] = 0.0, 0.0  # the truth, and the columns of the nodes, which are nearly dependent
     family = with_weights(model, inside, outside + 0.02 * drawn)
     with unchecked():
-        tracks = sail(family, TARGETS)[1].tracks
+        tracks = sailed(family, TARGETS)[1].tracks
         (found,) = prospects(
             family, as_the_first_made_it(family), CANDIDATES[1:], TARGETS, effort=DesignEffort(truths=1, others=3)
         )
@@ -155,7 +171,8 @@ def test_members_that_have_the_truths_nodes_learn_the_truth():
     assert found.now < 0.3 * apart and found.then < 0.3 * apart
 
 
-def test_the_same_seed_gives_the_same_advice():
+def test_the_same_seed_gives_the_same_advice(monkeypatch):
+    monkeypatch.setattr(expected_error, "sail", sail)  # each time anew
     with unchecked():
         again = prospects(ensemble(), recorded(), CANDIDATES[1:], TARGETS, effort=EFFORT)
     assert again == [advised()]
@@ -163,7 +180,7 @@ def test_the_same_seed_gives_the_same_advice():
 
 def test_members_disagree_only_where_they_differ():
     with unchecked():
-        runs, others = sail(ensemble(), TARGETS), sail(alike(ensemble()), TARGETS)
+        runs, others = sailed(ensemble(), TARGETS), sailed(alike(ensemble()), TARGETS)
     differ = disagreements(ensemble(), recorded(), runs)
     same = disagreements(alike(ensemble()), recorded(), others)
     largest = differ.groupby("manoeuvre", sort=False)["spread"].max()
@@ -190,7 +207,7 @@ def test_what_speaks_against_a_manoeuvre_is_told():
 def test_a_run_repeated_divides_standard_errors_by_the_root_of_two(whole):
     ship, known = mariner(), clarke_part(mariner())
     with unchecked():
-        (run,) = sail(ensemble(), [zigzag(20.0, duration=300.0)])
+        (run,) = sailed(ensemble(), [zigzag(20.0, duration=300.0)])
     path = run.states[..., :3].quantile(0.5, dim=0) / known.velocity_units
     inputs = torch.cat([path, run.rudders.quantile(0.5, dim=0)[:, None]], dim=-1)
     count = len(inputs)
@@ -249,13 +266,13 @@ def test_wrong_settings_are_told():
 
 
 def test_a_track_that_is_lost_counts_as_five_lengths_however_far_it_goes(monkeypatch):
-    sailed = []
+    before = []
 
     def far_off(model, manoeuvres, *interval):
         runs = sail(model, manoeuvres, *interval)
-        sailed.append(runs)
+        before.append(runs)
         shift = torch.tensor([0.0, 0.0, 0.0, 1e5, 0.0, 0.0])  # of the truths' tracks, which are sailed first
-        return [replace(run, states=run.states + shift) for run in runs] if len(sailed) == 1 else runs
+        return [replace(run, states=run.states + shift) for run in runs] if len(before) == 1 else runs
 
     monkeypatch.setattr(expected_error, "sail", far_off)
     few = replace(EFFORT, truths=1, others=2, samples=50)
