@@ -4,6 +4,7 @@ import json
 import runpy
 import sys
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -35,6 +36,12 @@ def told(out, *words):
     return json.loads((out / "coefficients.json").read_text()), console.export_text()
 
 
+@pytest.fixture
+def no_figures(monkeypatch):
+    """Leaves figures out, which take most of the time."""
+    monkeypatch.setattr("manoeuvre_nn.commands.coefficients.figures", lambda told: {})
+
+
 @pytest.fixture(scope="module")
 def tests_file(tmp_path_factory):
     """A table of captive tests and its mapping, in the units that the file of HMRI has."""
@@ -59,7 +66,7 @@ def run(tmp_path_factory):
     out = tmp_path_factory.mktemp("train") / "run"
     words = ("network=modulus", "network.surge=[u u,n n,d d]", "network.lateral=[u v,u r,v |v|,d n n]")
     words += ("fit=closed_loop", "trainer.max_epochs=8", "score=[{zz20: {duration: 60}}]", "network.members=2")
-    with unchecked():
+    with unchecked(), patch("manoeuvre_nn.commands.results.figures", lambda outcome: {}):  # those of coefficients alone
         train(config("train", *words), out, Console(quiet=True))
     return out
 
@@ -98,7 +105,7 @@ def test_the_folder_is_called_after_the_run_or_else_after_what_is_sailed(words, 
     assert compose("coefficients", words).name == name
 
 
-def test_another_inertia_scales_the_forces_and_not_the_motion(run, tmp_path):
+def test_another_inertia_scales_the_forces_and_not_the_motion(run, tmp_path, no_figures):
     before = json.loads((run / "coefficients.json").read_text())
     m = np.array(before["fitted"]["inertia"]) * 2
     words = f"{{mx: {m[0, 0]}, my: {m[1, 1]}, mz: {m[2, 2]}, Yrdot: {-m[1, 2]}, Nvdot: {-m[2, 1]}}}"
@@ -109,7 +116,7 @@ def test_another_inertia_scales_the_forces_and_not_the_motion(run, tmp_path):
     assert stored["derived"][1] == before["derived"][1]
 
 
-def test_the_tankers_own_table_is_told_from_a_recording(tmp_path):
+def test_the_tankers_own_table_is_told_from_a_recording(tmp_path, no_figures):
     words = ("ship=esso_190k", "network=modulus", "manoeuvre=zz20", "terms=own", "trainer.max_epochs=3")
     stored, said = told(tmp_path, *words, "data.length=400")
     rows = {r["symbol"]: r for r in stored["coefficients"]}
@@ -172,7 +179,7 @@ def test_results_that_were_changed_field_by_field_are_refused_in_one_line_or_rea
     assert refused > 0.6 * len(SPOILT) * (len(places) - 3)  # of coefficients, groups and versions nothing is read
 
 
-def test_a_turn_that_is_never_steady_is_no_number_in_the_file_and_comes_back_as_none(run, tmp_path):
+def test_a_turn_that_is_never_steady_is_no_number_in_the_file_and_comes_back_as_none(run, tmp_path, no_figures):
     stored = json.loads((run / "coefficients.json").read_text())
     turn = next(d for d in stored["derived"] if d["name"].startswith("r L/U0"))
     turn |= {"value": float("nan"), "interval_95": [None, None]}

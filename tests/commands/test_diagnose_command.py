@@ -171,10 +171,10 @@ def test_the_same_command_has_nothing_to_do_and_another_is_refused(found, record
     assert other.code == 2 and "choose another out or remove the folder" in other.err
 
 
-@pytest.fixture
-def cases(tmp_path) -> Path:
+@pytest.fixture(scope="module")
+def cases(tmp_path_factory) -> Path:
     """A good case, one with a damaged file, and a folder that is none."""
-    place = tmp_path / "cases"
+    place = tmp_path_factory.mktemp("cases") / "cases"
     runs = dict(zip(["zz1", "tc1"], sailed(*CURRENT), strict=False))
     for name in ("c1", "c2"):
         write_runs(place / name, runs)

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -270,7 +271,7 @@ def learnt(own, tmp_path_factory) -> Path:
     """A run of the own ship on the own manoeuvre."""
     out = tmp_path_factory.mktemp("learnt") / "run"
     words = [*own, *SHORT, "ship=barge", "manoeuvre=nudge", "network=wang", "fit=backprop", "trainer.max_epochs=1"]
-    with unchecked():
+    with unchecked(), patch("manoeuvre_nn.commands.results.figures", lambda outcome: {}):
         train(compose("train", [*words, "score=[{nudge: {order: 0.2, duration: 60}}]"]), out, Console(quiet=True))
     return out
 
