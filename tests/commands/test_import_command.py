@@ -16,20 +16,15 @@ from manoeuvre_nn.commands.import_recording import import_recording, request, sh
 from manoeuvre_nn.core.data_files import load_yaml
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.dynamics.model import CalmWater
-from manoeuvre_nn.dynamics.simulate import simulate
-from manoeuvre_nn.manoeuvre.zigzag import zigzag
-from manoeuvre_nn.ship.mariner import mariner
 
 ROOT = Path(__file__).parents[2]
 CONF = ROOT / "conf"
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory):
-    run = simulate(CalmWater(mariner()), zigzag(20.0))
-    columns = {"t": run.time, "u": run["u"], "v": -run["v"], "rot_degps": run["r"] / DEGREE, "x": run["x"],
-               "y": run["y"], "hdg": np.mod(run["psi"] / DEGREE, 360), "rudder": -run["delta"] / DEGREE}  # fmt: skip
+def recorded(tmp_path_factory, zz20):
+    columns = {"t": zz20.time, "u": zz20["u"], "v": -zz20["v"], "rot_degps": zz20["r"] / DEGREE, "x": zz20["x"],
+               "y": zz20["y"], "hdg": np.mod(zz20["psi"] / DEGREE, 360), "rudder": -zz20["delta"] / DEGREE}  # fmt: skip
     path = tmp_path_factory.mktemp("runs") / "zz (1).csv"
     pd.DataFrame(columns).to_csv(path, index=False)
     return path

@@ -12,17 +12,21 @@ from manoeuvre_nn.dynamics.recursive import RecursiveShip
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.current import Current
+from manoeuvre_nn.formulas import rollouts
 from manoeuvre_nn.formulas.check import load_python, sample
 from manoeuvre_nn.formulas.code import python_text
 from manoeuvre_nn.formulas.formats import write_down
 from manoeuvre_nn.formulas.models import to_program
 from manoeuvre_nn.formulas.recursive_step import ship_by_steps
-from manoeuvre_nn.formulas.rollouts import TRIALS, sailed
+from manoeuvre_nn.formulas.rollouts import sailed
+from manoeuvre_nn.manoeuvre.turning import turning_circle
+from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.network.recursive import RecursiveNetwork
 from manoeuvre_nn.network.recursive_settings import RecursiveSettings
 from manoeuvre_nn.ship.naval_vessel import naval_vessel
 
 SHIP = naval_vessel()
+TRIALS = zigzag(20.0, duration=120.0), turning_circle(25.0, duration=120.0)
 SHAPES = {
     "symmetric, three": {"hidden": (5, 4), "freedom": 3},
     "wind beside": {"hidden": (4, 3), "freedom": 4, "wind": True},
@@ -33,6 +37,12 @@ SHAPES = {
     "two large tables of the same numbers": {"hidden": (30, 8), "freedom": 3, "past": 1},
     "long memory of thrust": {"hidden": (3,), "past": 3, "past_thrust": 3},
 }  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def short(monkeypatch):
+    """What is sailed for the comparison, shorter: these networks turn so little that the rudder moves only once."""
+    monkeypatch.setattr(rollouts, "TRIALS", TRIALS)
 
 
 def ship_by(seed: int = 1, **shape) -> RecursiveShip:
