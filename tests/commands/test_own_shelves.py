@@ -181,7 +181,16 @@ def test_an_own_ship_manoeuvre_network_and_effect_are_what_a_model_learns_from(o
 SHORT = ["data.length=60", "scoring.solver=rollout", "scoring.every=1"]
 
 
-def test_an_own_fit_trains_the_networks_that_its_class_names_by_command_and_from_python(own, tmp_path):
+@pytest.fixture
+def on_the_page_alone(monkeypatch) -> None:
+    """Figures are drawn on the page and not in files as well, which takes as long again."""
+    for command in ("results", "diagnose"):
+        monkeypatch.setattr(f"manoeuvre_nn.commands.{command}.save_figures", lambda figures, folder: {})
+
+
+def test_an_own_fit_trains_the_networks_that_its_class_names_by_command_and_from_python(
+    own, tmp_path, on_the_page_alone
+):
     train_words = [*own, *SHORT, "network=line", "fit=average", "score=[{zz20: {duration: 60}}]"]
     with unchecked():
         train(compose("train", train_words), tmp_path / "run", Console(quiet=True))
@@ -217,7 +226,7 @@ def test_an_own_effect_is_a_candidate_where_its_class_says_so(own):
     assert "mill_race" in wanted("default", shelf) and "mill_race" in wanted("tank", shelf)
 
 
-def test_an_own_effect_is_found_in_recordings_and_reported(own, sailed, tmp_path):
+def test_an_own_effect_is_found_in_recordings_and_reported(own, sailed, tmp_path, on_the_page_alone):
     words = [
         "ship=barge",
         f"recordings={sailed}",
