@@ -44,7 +44,7 @@ TINY = (
     "score=[{zz20: {duration: 60}}]", "fit.iterations_per_epoch=2",
 )  # fmt: skip
 TINY_ENSEMBLE = (
-    "data.length=45", "score=[{zz20: {duration: 30}}]", "network.members=2", "network.hidden=4", "fit.epochs=3",
+    "data.length=45", "score=[{zz20: {duration: 60}}]", "network.members=2", "network.hidden=4", "fit.epochs=3",
     "scoring.solver=rollout", "scoring.every=1",
 )  # fmt: skip
 
