@@ -101,7 +101,7 @@ def test_hypotheses_that_act_alike_are_told_apart_by_no_run():
 
 
 def test_a_run_never_tells_less_and_the_most_telling_stands_first():
-    gains = [expected for expected, _ in ranked(stand(), CURRENT, COMPASS)]
+    gains = [expected for expected, _ in ranked(stand("straight", CURRENT), CURRENT, COMPASS)]
     assert min(gains) >= 0 and gains == sorted(gains, reverse=True) and gains[0] > 3
 
 
@@ -143,7 +143,9 @@ def test_the_log_tells_a_following_current_from_more_thrust():
     runs = ranked(deaf, FOLLOWING, PropellerPitchError(SHIP, fraction=0.15))
     assert gain(runs, "straight again with the speed log", None) > 2 * gain(runs, "a straight run", 0.0) + 3
     assert [a.words for _, a in runs if a.heading is None] == ["straight again with the speed log"]
-    assert all(a.heading is not None for _, a in ranked(stand(), CURRENT, COMPASS)), "nothing is missing there"
+    assert all(a.heading is not None for _, a in ranked(stand("straight", CURRENT), CURRENT, COMPASS)), (
+        "nothing is missing there"
+    )
 
 
 def test_a_rudder_offset_looks_the_same_on_all_headings():
