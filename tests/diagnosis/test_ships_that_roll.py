@@ -180,3 +180,13 @@ def test_a_ship_that_rolls_by_itself_takes_no_second_roll():
     with pytest.raises(InputError, match="rolls by itself"):
         RollCoupling(SHIP)
     RollCoupling(container(rolls=False))
+
+
+def test_all_corrections_at_once_are_the_sum_of_their_rows():
+    corrections, draw = Corrections(CALM), torch.Generator().manual_seed(3)
+    moving = torch.randn(6, 5, generator=draw, dtype=torch.float64) * torch.tensor([1.0, 0.5, 0.01, 0.1, 0.02])
+    moving[:, 0] += SHIP.particulars.speed
+    delta, shares = (torch.randn(*size, generator=draw).double() * 0.2 for size in ((6,), (6, len(corrections.names))))
+    together, rows = corrections.together(moving, delta, shares), corrections(moving, delta)
+    torch.testing.assert_close(together, (rows * shares[..., None]).sum(dim=-2), rtol=1e-12, atol=1e-15)
+    assert (rows[:, -len(OF_ROLL) :].abs().amax(dim=(0, 2)) > 0).all(), "each of those of roll adds something"

@@ -140,12 +140,8 @@ class Corrections:
         Returns:
             One row a correction.
         """
-        nu, parts = moving[..., :3], self._parts(moving, delta, shaft) if self.dynamics.own_names else None
-        if parts is None:
-            motion = MotionState(nu, delta, shaft, self.of_model.accelerations(nu, delta, shaft))
-        else:
-            motion = MotionState(nu, delta, shaft, parts.accelerations[1], parts.accelerations[0])
-        of_missing = self._terms(nu, delta)[..., None] * self._weights
+        motion, parts = self._motion(moving, delta, shaft)
+        of_missing = self._terms(motion.nu, delta)[..., None] * self._weights
         of_inertia = -motion.acceleration[..., None, :] * torch.eye(3).to(motion.acceleration)
         of_forces = torch.cat([self.of_model.rows(motion), of_missing, of_inertia], dim=-2)
         if parts is None:
@@ -173,14 +169,16 @@ class Corrections:
         Returns:
             udot, vdot [m/s^2], rdot [rad/s^2], rates of the own states.
         """
-        if self.dynamics.own_names:
-            return (self(moving, delta, shaft) * shares[..., None]).sum(dim=-2)
-        acceleration = self.of_model.accelerations(moving, delta, shaft) if calm is None else calm
+        motion, parts = self._motion(moving, delta, shaft, calm)
         first = len(self.of_model.names)
         last = first + len(self._missing)
-        changed = self.of_model.together(MotionState(moving, delta, shaft, acceleration), shares[..., :first])
-        missing = times(self._terms(moving, delta), self._weights * shares[..., first:last, None])
-        return changed + missing - acceleration * shares[..., last:]
+        of_model, of_missing, of_inertia = shares[..., :first], shares[..., first:last], shares[..., last : last + 3]
+        changed = self.of_model.together(motion, of_model) - motion.acceleration * of_inertia
+        changed = changed + times(self._terms(motion.nu, delta), self._weights * of_missing[..., None])
+        if parts is None:
+            return changed
+        caused = torch.cat(self.dynamics.hull.added(changed, torch.zeros_like(changed[..., 0])), dim=-1)
+        return caused + (self._of_roll(parts) * shares[..., last + 3 :, None]).sum(dim=-2)
 
     def table(self, ship: Ship, shares: Float[Tensor, "*rows k"]) -> Float[Tensor, "*rows terms 3"] | None:
         """Coefficients of a ship with their corrections, ``T (1 + c)``.
@@ -195,6 +193,17 @@ class Corrections:
         if not isinstance(self.of_model, CoefficientCorrections) or not self.fits(ship):
             return None
         return self.of_model.table(ship, shares)
+
+    def _motion(
+        self, moving: Tensor, delta: Tensor, shaft: Tensor | None, calm: Tensor | None = None
+    ) -> tuple[MotionState, "_Parts | None"]:
+        """What forces act at: of a rolling ship without the heeling moment, whose parts stand beside."""
+        nu = moving[..., :3]
+        if self.dynamics.own_names:
+            parts = self._parts(moving, delta, shaft)
+            return MotionState(nu, delta, shaft, parts.accelerations[1], parts.accelerations[0]), parts
+        calm = self.of_model.accelerations(nu, delta, shaft) if calm is None else calm
+        return MotionState(nu, delta, shaft, calm), None
 
     def _of_roll(self, parts: "_Parts") -> Tensor:
         """Rates by what :data:`OF_ROLL` names."""
