@@ -15,8 +15,10 @@ from manoeuvre_nn.diagnosis.decision import PRIOR_NONE, PRIOR_OF_SIZE, PRIOR_UNK
 from manoeuvre_nn.diagnosis.fits import PUBLISHED_SD_LEVEL
 from manoeuvre_nn.diagnosis.search import worth_its_size
 from manoeuvre_nn.diagnosis.unknown import ReceiverWander
+from manoeuvre_nn.effect.roll import RollCoupling
 from manoeuvre_nn.effect.rudder import RudderOffset
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS
+from manoeuvre_nn.estimation.hypothesis import Hypothesis
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 
@@ -290,6 +292,16 @@ def test_a_parameter_on_its_bound_fails_the_check(offset, passed):
     j = replace(j, hypothesis=j.hypothesis.with_vector(np.array([offset / 5.0 * bound])))
     check = checks._off_bounds(j)
     assert check.passed is passed and ("offset_deg" in check.text) is not passed
+
+
+@pytest.mark.parametrize("sds, passed", [(3.9, True), (-3.9, True), (4.1, False), (-4.1, False)])
+def test_a_formula_that_is_four_standard_deviations_off_what_is_published_fails_the_check(sds, passed):
+    effect = RollCoupling(EFFECTS["current"].ship, N_phi=0.01)
+    form = next(p for p in effect.declared if p.name == "N_p")
+    h = Hypothesis((effect,), (effect.values.numpy()[None].copy(),))
+    h.values[0][0, effect.declared.index(form)] = sds * form.spread
+    check = checks._off_bounds(replace(fitted(0.0, "current"), hypothesis=h))
+    assert check.passed is passed and ("N_p by 4.1" in check.text) is not passed
 
 
 @pytest.mark.parametrize("apart_by, passed", [(0.0, True), (4.3, True), (4.42, False)])

@@ -12,6 +12,8 @@ from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.hypothesis_columns import HypothesisColumns, hypothesis_columns
 
+MAX_FORM_SDS = 4.0
+"""Prior standard deviations by which an uncertain part of a formula may be off: chance exceeds it in one of 16,000."""
 INDISTINGUISHABLE = 9.0
 """Expected gap, twice the log evidence, below which two effects are reported together."""
 
@@ -22,10 +24,19 @@ def checks(tried: SearchResult, chosen: FittedHypothesis) -> list[Check]:
 
 
 def _off_bounds(chosen: FittedHypothesis) -> Check:
-    """Parameters that end on a bound are a sign of the wrong effect."""
+    """Parameters on a bound, or a formula further off than published ones are, are a sign of the wrong effect."""
     on = [f"{f.parameter.name} = {value:.3g} {f.parameter.unit}" for f, value in chosen.hypothesis.on_bounds()]
-    text = "all parameters are inside their bounds" if not on else f"on a bound: {', '.join(on)}"
-    return Check("parameters off their bounds", not on, text)
+    off = [f"{name} by {sds:.1f} standard deviations" for name, sds in _forms_off(chosen)]
+    told = [f"on a bound: {', '.join(on)}"] if on else []
+    told += [f"the formula is off what is published: {', '.join(off)}"] if off else []
+    return Check("parameters off their bounds", not told, "; ".join(told) or "all parameters are inside their bounds")
+
+
+def _forms_off(chosen: FittedHypothesis) -> list[tuple[str, float]]:
+    """Uncertain parts of formulas that are further off than chance explains, over their prior standard deviation."""
+    numbers = zip(chosen.hypothesis.unknowns(), chosen.hypothesis.vector().tolist(), strict=True)
+    forms = [(f.parameter.name, abs(value - f.mean(value)) / f.spread) for f, value in numbers if f.parameter.form]
+    return [(name, sds) for name, sds in forms if sds > MAX_FORM_SDS]
 
 
 def _little_left(tried: SearchResult, chosen: FittedHypothesis) -> Check:
