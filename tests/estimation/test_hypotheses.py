@@ -8,6 +8,7 @@ from pytest import approx
 from scipy.stats import cauchy, norm
 
 from manoeuvre_nn.effect.current import Current
+from manoeuvre_nn.effect.local import SideForce
 from manoeuvre_nn.effect.rudder import RudderOffset
 from manoeuvre_nn.estimation.hypothesis import MEDIAN_OF_GAUSSIAN, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import _bounded
@@ -44,3 +45,16 @@ def test_a_direction_has_no_bounds_to_be_worth_anything():
     alone = log(norm(1.0, 0.1).cdf(speed.high) - norm(1.0, 0.1).cdf(speed.low))
     prior = cauchy(speed.null, MEDIAN_OF_GAUSSIAN * speed.spread).cdf([speed.low, speed.high])
     assert _bounded(h, step, variance) == approx(alone - log(prior[1] - prior[0]), abs=1e-6)
+
+
+@pytest.mark.parametrize("off", [0.0, 1e-9])
+def test_a_step_is_a_ramp_at_its_null_however_it_was_rounded_and_no_value_on_a_bound(off):
+    """The shortest ramp is a step; the longest one is the end of what is possible, and so is the lever's."""
+    push = SideForce(SHIP, force_kN=100.0, lever_m=20.0, start_s=50.0, end_s=90.0)
+    names = [p.name for p in push.declared]
+    h = hypothesis(push)
+    h.values[0][0, names.index("ramp_s")] = 1.0 + off
+    assert h.on_bounds() == []
+    h.values[0][0, names.index("ramp_s")] = 1800.0 - off
+    h.values[0][0, names.index("lever_m")] = -0.6 * SHIP.particulars.length + off
+    assert [f.parameter.name for f, _ in h.on_bounds()] == ["lever_m", "ramp_s"]

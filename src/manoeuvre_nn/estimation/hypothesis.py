@@ -65,8 +65,10 @@ class Hypothesis:
         found = []
         for f, value in zip(self.unknowns(), self.vector().tolist(), strict=True):
             p = f.parameter
-            at_bound = np.isclose(value, [p.low, p.high], rtol=1e-6, atol=1e-6 * p.spread).any()
-            if at_bound and value != p.null and not (p.form or p.per_run or p.period):
+            low, high, null = np.isclose(
+                value, [p.low, p.high, np.nan if p.null is None else p.null], rtol=1e-6, atol=1e-6 * p.spread
+            )
+            if (low or high) and not (null or p.form or p.per_run or p.period):
                 found.append((f, value))
         return found
 
