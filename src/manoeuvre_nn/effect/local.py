@@ -62,7 +62,10 @@ class BowThruster(_LateralForce):
     candidate = True
     label = "a running bow thruster"
     fingerprint = "Sway and yaw are pushed to the same side in one interval, as by a force at the bow."
-    source = "Constant force, built up over a ramp; loss by forward speed is not modelled"
+    source = (
+        "Constant force, built up over a ramp; loss by forward speed is not modelled; as far forward as possible: "
+        "Wartsila, Encyclopedia of Marine and Energy Technology, bow thruster"
+    )
     declared = (FORCE, *TIMES, Parameter("lever", "-", 0.25, 0.5, 0.4, 0.03, (0.4,), form=True))
 
     def _lever(self) -> Tensor:
