@@ -5,6 +5,7 @@ import pytest
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
+from manoeuvre_nn.commands.simulate import as_sensed
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.simulate import simulate
@@ -194,6 +195,7 @@ def test_the_map_of_a_track_to_the_east_is_as_high_as_it_needs(recorded):
 def test_a_zigzag_too_short_for_its_heading_is_told(seconds, status):
     run = simulate(CalmWater(mariner()), zigzag(20.0, duration=seconds))
     assert run_rows([run], LENGTH)[0]["status"] == status
+    assert run_rows([as_sensed(run)], LENGTH)[0]["status"] == "ok", "no velocity through the water was recorded"
 
 
 def test_headings_of_runs_are_told_and_drawn_without_the_whole_turns_at_their_start(recorded):

@@ -31,9 +31,9 @@ def run_rows(runs: Sequence[Recording], length: float) -> list[Row]:
 
 def _status(run: Recording, length: float) -> str:
     """How a run ended; of a zigzag that was too short for the heading at which the rudder is reversed, this."""
-    if run.status == "ok" and criteria(run, str(run.meta.get("kind", "")), length).get("reversals") == 0:
-        return "never reversed"
-    return run.status
+    whole = {"u", "v", "r", "psi", "delta"} <= set(run.channels)
+    found = criteria(run, str(run.meta.get("kind", "")), length) if whole else {}
+    return "never reversed" if run.status == "ok" and found.get("reversals") == 0 else run.status
 
 
 def _range_deg(run: Recording, channel: str) -> str:
