@@ -296,8 +296,11 @@ def test_a_named_effect_must_gain_eight_in_fitted_and_held_out_runs_together(
     assert chosen.names == (names if named else ()) and checks[0].passed is named
 
 
-def proved(monkeypatch, claims, gains, errors, trained=False) -> tuple:
-    """What is chosen among claims with these gains in held-out runs; errors of effects alone, with corrections."""
+def proved(monkeypatch, claims, gains, errors, trained=False, surplus=()) -> tuple:
+    """What is chosen among claims with these gains in held-out runs; errors of effects alone, with corrections.
+
+    Those of ``surplus`` have one effect too many.
+    """
     none = fit(100.0)
     acting = Hypothesis(tuple(EFFECTS[:1]), (values(EFFECTS[0]),))
     for j in (none, *claims):
@@ -315,7 +318,8 @@ def proved(monkeypatch, claims, gains, errors, trained=False) -> tuple:
             hypothesis=acting, evidence=7.0 + gains.get(j.names, 0.0)
         ),
         "is_fitted": lambda dynamics: trained, "_cost": lambda question, errors: errors[0]["cost"],
-        "_last_effect_helps": lambda *_: True, "labels": lambda j: "", "_unit": lambda question: "",
+        "_last_effect_helps": lambda question, claim, *_: claim.names not in surplus,
+        "labels": lambda j: "", "_unit": lambda question: "",
         "repaired_check": lambda *_: "sailed",
     }.items():  # fmt: skip
         monkeypatch.setattr(proving, name, made)
@@ -333,6 +337,20 @@ def test_what_fitted_runs_leave_open_held_out_ones_settle(monkeypatch, gain, cho
     found, _, checks = proved(monkeypatch, claims, gains, {})
     assert found.names == (chosen,) and checks.count("sailed") == 1
     assert len(checks) == 3, "six behind is no rival"
+
+
+@pytest.mark.parametrize("one_too_many, chosen", [
+    (True, ("current", "wave_drift")), (False, ("current", "wave_drift", "log_scale"))
+])  # fmt: skip
+def test_where_fewer_effects_do_as_well_these_are_asked_before_rivals_with_as_many(monkeypatch, one_too_many, chosen):
+    """A rival of three has the same third one, which it needs to make up for what is wrong in it."""
+    three, rival, two = ("current", "wave_drift", "log_scale"), ("wind_steady", "wave_drift", "log_scale"), (
+        "current", "wave_drift",
+    )  # fmt: skip
+    claims = [fit(160.0, *three), fit(158.0, *rival), fit(159.0, *two)]
+    gains = {three: 30.0, rival: 20.0, two: 30.0}
+    found, *_ = proved(monkeypatch, claims, gains, {}, surplus=[three] if one_too_many else [])
+    assert found.names == chosen
 
 
 @pytest.mark.parametrize("alone, corrected, after", [(1.0, 3.0, 1.0), (1.0, 2.05, 2.05), (3.5, 3.0, None)])

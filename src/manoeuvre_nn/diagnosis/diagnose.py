@@ -141,8 +141,13 @@ def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypo
         known.update(zip(map(id, new), made, strict=True))
         return [known[id(c)] for c in some]
 
-    for claim in claims:
-        if not put([claim])[0].helped:
+    left = list(claims)
+    while left:
+        claim = left.pop(0)
+        (asked,) = put([claim])
+        if asked.surplus:  # those with one effect less come before its rivals, which may have the same one too many
+            left.sort(key=lambda c: not _has_one_less(c, claim))
+        if not asked.helped:
             continue
         # What the fitted runs leave open others may settle.
         rivals = [c for c in claims if Formula.name not in (*c.names, *claim.names) and are_rivals(claim, c)]
@@ -166,6 +171,7 @@ class _Tried:
         proofs: These, predicted with it.
         check: What came out.
         evidence: Log evidence of fitted and held-out runs together.
+        surplus: Whether it fails for one effect too many: fewer do as well.
     """
 
     fitted: FittedHypothesis
@@ -173,6 +179,7 @@ class _Tried:
     proofs: list[Proof]
     check: Check
     evidence: float
+    surplus: bool
 
     @property
     def helped(self) -> bool:
@@ -207,14 +214,15 @@ def _put_to_proof(
     tested = bool(made) and _acts(there.hypothesis)
     foretold = enough and (better or not tested)
     helped = foretold and _last_effect_helps(question, claim, there.evidence, claims)
-    fewer = "; fewer of these effects do as well" if foretold and not helped else ""
+    surplus = foretold and not helped
+    fewer = "; fewer of these effects do as well" if surplus else ""
     text = (
         f"with {labels(j)} the error of free runs goes from {before:.2f} to {after:.2f} ({_unit(question)}), "
         f"and the log evidence of the held-out runs by {gain:+.0f}{fewer}"
     )
     untested = f"{labels(j)} did not act in a held-out run" if made else "no held-out run"
     check = Check(GAIN, helped, text if tested else f"{untested}: not proved")
-    return _Tried(j, there.hypothesis, made, check, claim.evidence + there.evidence)
+    return _Tried(j, there.hypothesis, made, check, claim.evidence + there.evidence, surplus)
 
 
 def _acts(hypothesis: Hypothesis) -> bool:
@@ -227,9 +235,14 @@ def _last_effect_helps(
     question: Question, claim: FittedHypothesis, held_out: float, claims: Sequence[FittedHypothesis]
 ) -> bool:
     """Whether several effects say more in fitted and held-out runs together than the best of them with one less."""
-    fewer = [j for j in claims if len(j.names) == len(claim.names) - 1 and set(j.names) < set(claim.names)][:1]
+    fewer = [j for j in claims if _has_one_less(j, claim)][:1]
     others = [j.evidence + in_held_out_runs(question, j).evidence for j in fewer]
     return claim.evidence + held_out > max(others, default=-np.inf) + (MIN_GAIN_OF_SECOND if others else 0.0)
+
+
+def _has_one_less(fewer: FittedHypothesis, claim: FittedHypothesis) -> bool:
+    """Whether a hypothesis is another one without one of its effects."""
+    return len(fewer.names) == len(claim.names) - 1 and set(fewer.names) < set(claim.names)
 
 
 def _turns(hypothesis: Hypothesis) -> bool:
