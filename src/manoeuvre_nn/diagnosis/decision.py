@@ -136,7 +136,7 @@ def _race(result: SearchResult) -> list[FittedHypothesis]:
         return []
     race = [j for j in named if j.evidence > named[0].evidence - MAX_DEFICIT_IN_RACE][:MAX_IN_RACE]
     for several in race[:]:
-        fewer = [j for j in steady if len(j.names) == len(several.names) - 1 and set(j.names) < set(several.names)]
+        fewer = [j for j in steady if has_one_less(j, several)]
         race += [j for j in fewer[:1] if all(j.names != other.names for other in race)]
     return race if len(race) > 1 else []
 
@@ -230,6 +230,11 @@ def are_rivals(leading: FittedHypothesis, other: FittedHypothesis) -> bool:
     """Whether the fitted runs alone do not settle it: as many effects, not the same ones, and hardly less evidence."""
     close = other.evidence > leading.evidence - MAX_DEFICIT_IN_RACE
     return close and len(other.names) == len(leading.names) and set(other.names) != set(leading.names)
+
+
+def has_one_less(fewer: FittedHypothesis, several: FittedHypothesis) -> bool:
+    """Whether a hypothesis is another one without one of its effects."""
+    return len(fewer.names) == len(several.names) - 1 and set(fewer.names) < set(several.names)
 
 
 def _worthy(result: SearchResult) -> list[FittedHypothesis]:

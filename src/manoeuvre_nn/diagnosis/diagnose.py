@@ -11,7 +11,7 @@ from manoeuvre_nn.diagnosis import checks as checking
 from manoeuvre_nn.diagnosis.alarm import MIN_GAIN_TO_TRY, least_gain
 from manoeuvre_nn.diagnosis.case import Question
 from manoeuvre_nn.diagnosis.causes import causes_of
-from manoeuvre_nn.diagnosis.decision import Decision, are_rivals, decide, settled
+from manoeuvre_nn.diagnosis.decision import Decision, are_rivals, decide, has_one_less, settled
 from manoeuvre_nn.diagnosis.fits import at_rest
 from manoeuvre_nn.diagnosis.forecast import forecasts, unplaced_events
 from manoeuvre_nn.diagnosis.locate import MAX_PROCESS_NOISE, residuals, sites, statements
@@ -146,7 +146,7 @@ def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypo
         claim = left.pop(0)
         (asked,) = put([claim])
         if asked.surplus:  # those with one effect less come before its rivals, which may have the same one too many
-            left.sort(key=lambda c: not _has_one_less(c, claim))
+            left.sort(key=lambda c: not has_one_less(c, claim))
         if not asked.helped:
             continue
         # What the fitted runs leave open others may settle.
@@ -235,14 +235,9 @@ def _last_effect_helps(
     question: Question, claim: FittedHypothesis, held_out: float, claims: Sequence[FittedHypothesis]
 ) -> bool:
     """Whether several effects say more in fitted and held-out runs together than the best of them with one less."""
-    fewer = [j for j in claims if _has_one_less(j, claim)][:1]
+    fewer = [j for j in claims if has_one_less(j, claim)][:1]
     others = [j.evidence + in_held_out_runs(question, j).evidence for j in fewer]
     return claim.evidence + held_out > max(others, default=-np.inf) + (MIN_GAIN_OF_SECOND if others else 0.0)
-
-
-def _has_one_less(fewer: FittedHypothesis, claim: FittedHypothesis) -> bool:
-    """Whether a hypothesis is another one without one of its effects."""
-    return len(fewer.names) == len(claim.names) - 1 and set(fewer.names) < set(claim.names)
 
 
 def _turns(hypothesis: Hypothesis) -> bool:
