@@ -43,6 +43,7 @@ TINY = (
     "trainer.max_epochs=4", "scoring.every=2", "scoring.solver=rollout", "data.length=60", "network.hidden=3",
     "score=[{zz20: {duration: 60}}]", "fit.iterations_per_epoch=2",
 )  # fmt: skip
+SHORT = (*TINY, "data.length=45", "score=[{zz20: {duration: 30}}]")
 TINY_ENSEMBLE = (
     "data.length=45", "score=[{zz20: {duration: 60}}]", "network.members=2", "network.hidden=4", "fit.epochs=3",
     "scoring.solver=rollout", "scoring.every=1",

@@ -13,7 +13,7 @@ from io import StringIO
 
 import matplotlib as mpl
 import pytest
-from conftest import ROOT, TINY
+from conftest import ROOT, SHORT, TINY
 from full_disk import room_for
 from rich.console import Console
 
@@ -23,7 +23,7 @@ from manoeuvre_nn.core.writing import locked
 from manoeuvre_nn.training import data
 from manoeuvre_nn.training.rollout_score import RolloutScore
 
-SHORT = (*TINY, "trainer.max_epochs=1", "data.length=45", "score=[{zz20: {duration: 30}}]")
+ONE_EPOCH = (*SHORT, "trainer.max_epochs=1")
 
 
 def test_import_on_a_full_disk_leaves_the_mapping_that_was_there(tmp_path, capsys):
@@ -46,7 +46,7 @@ def test_import_on_a_full_disk_leaves_the_mapping_that_was_there(tmp_path, capsy
 def test_training_on_a_full_disk_ends_in_one_line_and_leaves_no_halves(cli, tmp_path, size):
     out = tmp_path / "run"
     with room_for(size):
-        ended = cli(*SHORT, f"hydra.run.dir={out}")
+        ended = cli(*ONE_EPOCH, f"hydra.run.dir={out}")
     assert ended.code == 2 and ended.err.count("\n") == 1
     assert ended.err.startswith("error: cannot write") and "File too large: make room" in ended.err
     assert not (out / "scores.json").exists() and not list(out.rglob("*.part")) and not (out / ".lock").exists()
@@ -77,7 +77,7 @@ def test_sigterm_while_it_prepares_ends_in_one_line(tmp_path):
 def test_whatever_is_at_work_is_stopped_in_one_line(cli, tmp_path, monkeypatch, step, number, code):
     stopped = train.OF_SHIPS._replace(**{step: lambda *_: os.kill(os.getpid(), number)})
     monkeypatch.setattr(train, "OF_SHIPS", stopped)
-    ended = cli(*SHORT, f"hydra.run.dir={tmp_path / 'run'}")
+    ended = cli(*ONE_EPOCH, f"hydra.run.dir={tmp_path / 'run'}")
     assert ended.code == code and ended.err.startswith("stopped by ") and ended.err.count("\n") == 1
 
 
@@ -89,7 +89,7 @@ def test_training_is_stopped_by_a_second_ctrl_c_with_its_own_code(cli, tmp_path,
     monkeypatch.setattr(RolloutScore, "on_train_epoch_end", press)
     before = signal.getsignal(signal.SIGINT)
     try:
-        ended = cli(*SHORT, f"hydra.run.dir={tmp_path / 'run'}")
+        ended = cli(*ONE_EPOCH, f"hydra.run.dir={tmp_path / 'run'}")
     finally:
         signal.signal(signal.SIGINT, before)
     assert ended.code == 130 and ended.err == "stopped by ctrl-C\n"
@@ -251,7 +251,7 @@ def test_a_command_writes_into_its_folder_alone(tmp_path):
     kept = {name: value for name, value in os.environ.items() if name in {"PATH", "PYTHONPATH"}}
     set_here = {"HOME": str(home), "TMPDIR": str(temporary), "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
     set_here["MPLCONFIGDIR"] = mpl.get_cachedir()  # a list of all fonts, which takes longer than all the rest, is there
-    words = [sys.executable, str(ROOT / "train.py"), *SHORT, "hydra.run.dir=run"]
+    words = [sys.executable, str(ROOT / "train.py"), *ONE_EPOCH, "hydra.run.dir=run"]
     ended = subprocess.run(words, cwd=here, env=kept | set_here, text=True, capture_output=True)
     assert ended.returncode == 0 and ended.stderr == ""
     assert os.listdir(here) == ["run"] and not list(here.rglob(".lock")) and not list(here.rglob("*.part"))

@@ -7,7 +7,7 @@ import sys
 import time
 
 import pytest
-from conftest import ROOT, TINY
+from conftest import ROOT, SHORT
 
 from manoeuvre_nn.commands.sweep_table import SweepTable
 from manoeuvre_nn.training.checkpoint import read_checkpoint
@@ -17,7 +17,6 @@ SWEEP = [
     "hydra/launcher=basic",
     "hydra.callbacks.sweep_table._target_=manoeuvre_nn.commands.sweep_table.SweepTable",
 ]
-SHORT = [*TINY, "data.length=45", "score=[{zz20: {duration: 30}}]"]
 JOBS = [*[word for word in SHORT if not word.startswith("network.hidden")], "trainer.max_epochs=1"]
 
 
