@@ -56,9 +56,9 @@ def _run_all(circumstance: str, into: Path, only: str) -> int:
     from tiny_commands import COMMANDS, SHORT, Tiny, results, write_cases
 
     more = (
-        Tiny("coefficients", "coefficients", "coefficients", ("data.length=120", "hydra.run.dir={out}")),
+        Tiny("coefficients", "coefficients", "coefficients", ("data.length=120", "out={out}")),
         Tiny("excite", "excite", "excite", ("candidates=[zz10,tc20]", "network.members=2", "network.hidden=4",
-             "fit.epochs=3", SHORT[0], "hydra.run.dir={out}")),
+             "fit.epochs=3", SHORT[0], "out={out}")),
         Tiny("simulate", "simulate", "simulate", ("manoeuvre=zz20", "effect=[wind_gusty]", "out={out}")),
     )  # fmt: skip
     cases, kept_in = into / "cases", into / "found.jsonl"

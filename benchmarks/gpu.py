@@ -44,7 +44,7 @@ def trained(out: Path, epochs: int, *words: str) -> dict[str, Any]:
     """
     general = (f"trainer.max_epochs={epochs}", "trainer.progress=false", "data.noise.psi_deg=0.05")
     general = general[:2] if "task=pitch" in words else general
-    command = [sys.executable, "train.py", *general, *words, f"hydra.run.dir={out}"]
+    command = [sys.executable, "train.py", *general, *words, f"out={out}"]
     ended = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     if ended.returncode:
         return {"failed": (ended.stderr or ended.stdout).strip()[-300:]}

@@ -34,7 +34,7 @@ def rows(count: int, folder: Path) -> Steps:
     yield "(write)", partial(write_voyage, path, count, RATE)
     yield "read", lambda: read_recording(path, WRITTEN, ship.particulars)
     yield "prepare", lambda: read_runs(path.parent, ship)
-    yield "check", partial(command, "check", SHIP, f"data.folder={path.parent}", f"hydra.run.dir={folder}/out")
+    yield "check", partial(command, "check", SHIP, f"data.folder={path.parent}", f"out={folder}/out")
     yield "import", partial(command, "import", str(path), "ship=mariner", f"out={folder}/mine.yaml", "overwrite=true")
 
 
@@ -42,7 +42,7 @@ def files(count: int, folder: Path) -> Steps:
     """A folder of so many recordings."""
     place = _fresh(folder)
     yield "(write)", partial(_write_copies, place, count)
-    words = (SHIP, f"data.folder={place}", "figures=false", f"hydra.run.dir={folder}/out")
+    words = (SHIP, f"data.folder={place}", "figures=false", f"out={folder}/out")
     yield "check", partial(command, "check", *words)
     yield "train data", partial(_data_of, place)
 
@@ -70,8 +70,8 @@ def hours(count: int, folder: Path) -> Steps:
         lambda: [write_voyage(place / f"{n}.csv", s) for n, s in (("voyage", 3600 * count), ("short", 1800))],
     )
     of_files = (f"data.folder={place}", "data.files=[voyage.csv]")
-    yield "check", partial(command, "check", SHIP, *of_files, f"hydra.run.dir={folder}/out")
-    recorded = (SHIP, "data=recording", *of_files, "score=[short.csv]", f"hydra.run.dir={folder}/fitted")
+    yield "check", partial(command, "check", SHIP, *of_files, f"out={folder}/out")
+    recorded = (SHIP, "data=recording", *of_files, "score=[short.csv]", f"out={folder}/fitted")
     yield "coefficients", partial(command, "coefficients", *recorded)
     asked = (SHIP, f"recordings={place}", "held_out=[short]", "candidates=[current]", "workers=1")
     yield "diagnose", partial(command, "diagnose", *asked, f"out={folder}/diagnosed")

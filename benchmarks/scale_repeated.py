@@ -59,7 +59,7 @@ def epochs(count: int, folder: Path) -> Kinds:
 
             keep = session._BestAndLast.on_train_epoch_end
             session._BestAndLast.on_train_epoch_end = reading  # type: ignore[method-assign]
-            length = (f"trainer.max_epochs={count}", f"scoring.every={count}", f"hydra.run.dir={folder / method}")
+            length = (f"trainer.max_epochs={count}", f"scoring.every={count}", f"out={folder / method}")
             command("train", *TINY, *(word.format(count=count) for word in words), *length)
 
         yield method, work
@@ -70,7 +70,7 @@ def jobs(count: int, folder: Path) -> Kinds:
 
     def work(read: Done) -> None:
         _watch("manoeuvre_nn.commands.train", "run_job", read, count)
-        sweep = ("hydra/launcher=basic", f"hydra.sweep.dir={folder / 'sweep'}", f"seed=range(0,{count})")
+        sweep = ("hydra/launcher=basic", f"out={folder / 'sweep'}", f"seed=range(0,{count})")
         command("train", "-m", *TINY, *ONE_STEP, "trainer.max_epochs=1", *sweep)
 
     yield "one process", work

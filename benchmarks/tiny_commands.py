@@ -46,7 +46,7 @@ PITCH = (
     "trainer.progress=false", "scoring.every=2",
 )  # fmt: skip
 PERCEPTRON = ("network.hidden=3", "trainer.max_epochs=8")
-SWEEP = ("-m", "network=wang", "trainer.max_epochs=4", "scoring.every=2", *SHORT, "hydra.sweep.dir={out}")
+SWEEP = ("-m", "network=wang", "trainer.max_epochs=4", "scoring.every=2", *SHORT, "out={out}")
 CASES: dict[str, dict[str, Any]] = {"bias": {"effects": ["heading_bias"]}, "calm": {}}
 """Cases that the diagnosis answers: what acts on the ship."""
 TIMED = frozenset({"seconds", "cpu_s", "wall_s"})
@@ -93,7 +93,7 @@ class Tiny:
 
 def _train(name: str, *words: str) -> Tiny:
     """A training."""
-    return Tiny(f"train {name}", "train", "train", (*words, "hydra.run.dir={out}"))
+    return Tiny(f"train {name}", "train", "train", (*words, "out={out}"))
 
 
 def _sweep(name: str, *words: str) -> Tiny:

@@ -111,7 +111,7 @@ def _body_lines(function: ast.FunctionDef) -> int:
 
 def _trained(tree: Tree, name: str, *, words: Sequence[str]) -> Result:
     """README's default row of a simulated ship: dev/L of held-out manoeuvres."""
-    ways = (*words, "trainer.progress=false", "hydra.run.dir={out}")
+    ways = (*words, "trainer.progress=false", "out={out}")
     runs = [read(tree.run(f"{name}/{s}", TRAIN, *ways, f"seed={s}").out / SCORES)["scores"] for s in SEEDS]
     found = {m: [r[m]["dev_L"] if r[m]["status"] == "ok" else inf for r in runs] for m in runs[0]}
     metrics: dict[str, float | None] = {"left the range": sum(v == inf for vs in found.values() for v in vs)}
@@ -132,7 +132,7 @@ def _hsva(tree: Tree) -> Result:
     words = ("ship=kvlcc2_hsva", "data=recording", "data.mapping=kvlcc2_hsva", f"data.folder={folder}")
     metrics, details = dict[str, float | None](), dict[str, Any]()
     for name, files in HSVA.items():
-        ways = (*words, f"data.files=[{files}]", "trainer.progress=false", "hydra.run.dir={out}")
+        ways = (*words, f"data.files=[{files}]", "trainer.progress=false", "out={out}")
         scores = read(tree.run(f"hsva/{name.replace(' ', '_')}", TRAIN, *ways).out / SCORES)["scores"]
         metrics |= {f"{name}, {what}": _largest_error(scores, key, "%" in what) for what, key in CRITERIA.items()}
         details[name] = {m: {k: s[k] for k in ("dev_L", "status", "criteria", "reference")} for m, s in scores.items()}

@@ -14,7 +14,7 @@ from manoeuvre_nn.commands import import_recording
 from manoeuvre_nn.commands.config import chosen_effects, training_manoeuvres
 from manoeuvre_nn.commands.groups import compose
 from manoeuvre_nn.commands.job import blank_network
-from manoeuvre_nn.commands.main import OF_FILES, task_of
+from manoeuvre_nn.commands.main import OF_FILES, task_of, with_folder
 from manoeuvre_nn.commands.shelves import build
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.ship.mariner import mariner
@@ -113,7 +113,7 @@ def test_a_command_of_the_pages_knows_its_settings(name, words):
     elif name in {"train", "simulate", "diagnose", "check", "coefficients", "excite", "export"}:
         for plugin in (plugin for word, plugin in LAUNCHERS.items() if word in words):
             pytest.importorskip(plugin, reason="this launcher is an extra")
-        words, config = task_of(words, name)
+        words, config = task_of(with_folder(words, name), name)
         left_open = [word for word in words if word.endswith("...") or word in {"-m", "--help"}]
         several = [word for word in words if "," in word.partition("=")[2].partition("[")[0]]
         compose(config, [word for word in words if word not in (*left_open, *several)])

@@ -143,7 +143,7 @@ def done(tmp_path_factory) -> Path:
     """The folder of a complete tiny run."""
     out = tmp_path_factory.mktemp("done") / "run"
     with unchecked():
-        assert _run([*TINY, f"hydra.run.dir={out}"]) == 0
+        assert _run([*TINY, f"out={out}"]) == 0
     return out
 
 

@@ -135,7 +135,7 @@ def run_script(monkeypatch, *words):
 
 def test_a_refused_file_ends_in_code_2_and_a_report(folder, tmp_path, monkeypatch, capsys):
     words = ["figures=false", f"data.folder={folder}", f"data.mapping={folder / 'columns.yaml'}"]
-    code = run_script(monkeypatch, *words, "data.files=[turned.csv]", f"hydra.run.dir={tmp_path}")
+    code = run_script(monkeypatch, *words, "data.files=[turned.csv]", f"out={tmp_path}")
     assert code == 2
     assert "rudder_positive_to: port" in capsys.readouterr().out
     assert json.loads((tmp_path / "findings.json").read_text())["recordings"]["turned"]["verdict"] == "refuse"

@@ -199,7 +199,7 @@ def test_captive_settings_are_checked(run, tests_file, tmp_path):
 def test_the_command_line_says_what_is_wrong(monkeypatch, capsys, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("HYDRA_FULL_ERROR", "0")
-    monkeypatch.setattr(sys, "argv", ["coefficients.py", "run=nowhere", "hydra.run.dir=out"])
+    monkeypatch.setattr(sys, "argv", ["coefficients.py", "run=nowhere", "out=out"])
     with pytest.raises(SystemExit) as ended:
         runpy.run_path(str(ROOT / "scripts" / "coefficients.py"), run_name="__main__")
     assert ended.value.code == WRONG_INPUT and "holds no coefficients.json" in capsys.readouterr().err

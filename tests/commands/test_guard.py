@@ -45,7 +45,6 @@ def raised(act) -> BaseException:
         (["mapping=x"], "there is no setting mapping; how they are read is data.mapping=NAME or FILE.yaml; manoeuvre"),
         (["data.folder=x"], "there is no setting data.folder; it is there once data=recording is written; manoeuvre"),
         (["nosuch=3"], "there is no setting nosuch; manoeuvre train --cfg job lists them all"),
-        (["out=there"], "there is no setting out; the folder to write into is hydra.run.dir=FOLDER; manoeuvre"),
         (["zz35"], "Error parsing override 'zz35'"),
     ],
 )
@@ -149,7 +148,7 @@ def test_a_folder_that_cannot_be_written_is_named_in_one_line(tmp_path, capsys):
         (tmp_path / "file" / "run").mkdir(parents=True)
     assert ended.value.code == 2
     told = capsys.readouterr().err
-    assert "cannot write" in told and "hydra.run.dir" in told and told.count("\n") == 1
+    assert "cannot write" in told and "(out=)" in told and told.count("\n") == 1
 
 
 def test_a_file_that_may_not_be_read_is_not_taken_for_one_that_cannot_be_written(tmp_path, monkeypatch, capsys):

@@ -46,7 +46,7 @@ def test_import_on_a_full_disk_leaves_the_mapping_that_was_there(tmp_path, capsy
 def test_training_on_a_full_disk_ends_in_one_line_and_leaves_no_halves(cli, tmp_path, size):
     out = tmp_path / "run"
     with room_for(size):
-        ended = cli(*ONE_EPOCH, f"hydra.run.dir={out}")
+        ended = cli(*ONE_EPOCH, f"out={out}")
     assert ended.code == 2 and ended.err.count("\n") == 1
     assert ended.err.startswith("error: cannot write") and "File too large: make room" in ended.err
     assert not (out / "scores.json").exists() and not list(out.rglob("*.part")) and not (out / ".lock").exists()
@@ -54,13 +54,13 @@ def test_training_on_a_full_disk_ends_in_one_line_and_leaves_no_halves(cli, tmp_
 
 def test_a_sweep_on_a_full_disk_leaves_no_lock(cli, tmp_path):
     with room_for(50):
-        ended = cli("-m", "hydra/launcher=basic", *TINY, f"hydra.sweep.dir={tmp_path / 'sweep'}")
+        ended = cli("-m", "hydra/launcher=basic", *TINY, f"out={tmp_path / 'sweep'}")
     assert ended.code == 2 and ended.err.startswith("error: cannot write") and ended.err.count("\n") == 1
     assert not list(tmp_path.rglob(".lock"))
 
 
 def test_sigterm_while_it_prepares_ends_in_one_line(tmp_path):
-    words = [sys.executable, str(ROOT / "train.py"), *TINY, "data.length=20000", f"hydra.run.dir={tmp_path / 'run'}"]
+    words = [sys.executable, str(ROOT / "train.py"), *TINY, "data.length=20000", f"out={tmp_path / 'run'}"]
     environment = os.environ | {"OMP_NUM_THREADS": "1"}
     process = subprocess.Popen(words, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     until = time.monotonic() + 60
@@ -77,7 +77,7 @@ def test_sigterm_while_it_prepares_ends_in_one_line(tmp_path):
 def test_whatever_is_at_work_is_stopped_in_one_line(cli, tmp_path, monkeypatch, step, number, code):
     stopped = train.OF_SHIPS._replace(**{step: lambda *_: os.kill(os.getpid(), number)})
     monkeypatch.setattr(train, "OF_SHIPS", stopped)
-    ended = cli(*ONE_EPOCH, f"hydra.run.dir={tmp_path / 'run'}")
+    ended = cli(*ONE_EPOCH, f"out={tmp_path / 'run'}")
     assert ended.code == code and ended.err.startswith("stopped by ") and ended.err.count("\n") == 1
 
 
@@ -89,7 +89,7 @@ def test_training_is_stopped_by_a_second_ctrl_c_with_its_own_code(cli, tmp_path,
     monkeypatch.setattr(RolloutScore, "on_train_epoch_end", press)
     before = signal.getsignal(signal.SIGINT)
     try:
-        ended = cli(*ONE_EPOCH, f"hydra.run.dir={tmp_path / 'run'}")
+        ended = cli(*ONE_EPOCH, f"out={tmp_path / 'run'}")
     finally:
         signal.signal(signal.SIGINT, before)
     assert ended.code == 130 and ended.err == "stopped by ctrl-C\n"
@@ -119,7 +119,7 @@ def occupied(tmp_path):
     process.communicate()
 
 
-@pytest.mark.parametrize("words", [["hydra.run.dir={}"], ["-m", "hydra/launcher=basic", "hydra.sweep.dir={}"]])
+@pytest.mark.parametrize("words", [["out={}"], ["-m", "hydra/launcher=basic", "out={}"]])
 def test_a_second_run_in_a_folder_is_refused_before_it_writes_anything(cli, occupied, words):
     ended = cli(*(word.format(occupied) for word in words), *TINY)
     assert ended.code == 2 and ended.err.count("\n") == 1
@@ -137,7 +137,7 @@ def test_a_folder_is_locked_while_a_command_is_at_work_in_it(cli, tmp_path, monk
     monkeypatch.setattr(
         "manoeuvre_nn.commands.train.train", lambda cfg, out: seen.append((out / ".lock").read_text()) or ("", 0.0)
     )
-    assert cli(*TINY, f"hydra.run.dir={tmp_path / 'run'}").code == 0
+    assert cli(*TINY, f"out={tmp_path / 'run'}").code == 0
     assert seen == [str(os.getpid())] and not (tmp_path / "run" / ".lock").exists()
     with locked(tmp_path / "run"):
         pass
@@ -217,7 +217,7 @@ def test_what_takes_long_is_named_before_it_begins(name, tmp_path, monkeypatch, 
     (tmp_path / "run.csv").write_text("t [s],u [m/s]\n")
     monkeypatch.setattr(sys, "argv", ["manoeuvre"])
     with pytest.raises(SystemExit) as end:
-        main.run(name, [*words, "hydra.run.dir=out"])
+        main.run(name, [*words, "out=out"])
     assert end.value.code == 130 and said == [told], capsys.readouterr().err
 
 
@@ -236,7 +236,7 @@ def test_a_long_simulation_is_named_before_it_begins(cli, tmp_path, monkeypatch)
         before(self, stage)
 
     monkeypatch.setattr(data.SimulatedData, "setup", setup)
-    ended = cli(*TINY, "data.length=100000", f"hydra.run.dir={tmp_path / 'run'}")
+    ended = cli(*TINY, "data.length=100000", f"out={tmp_path / 'run'}")
     assert ended.code == 130 and said == ["simulating zz35 over 100000 s (1 of 2)"]
 
 
@@ -251,7 +251,7 @@ def test_a_command_writes_into_its_folder_alone(tmp_path):
     kept = {name: value for name, value in os.environ.items() if name in {"PATH", "PYTHONPATH"}}
     set_here = {"HOME": str(home), "TMPDIR": str(temporary), "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
     set_here["MPLCONFIGDIR"] = mpl.get_cachedir()  # a list of all fonts, which takes longer than all the rest, is there
-    words = [sys.executable, str(ROOT / "train.py"), *ONE_EPOCH, "hydra.run.dir=run"]
+    words = [sys.executable, str(ROOT / "train.py"), *ONE_EPOCH, "out=run"]
     ended = subprocess.run(words, cwd=here, env=kept | set_here, text=True, capture_output=True)
     assert ended.returncode == 0 and ended.stderr == ""
     assert os.listdir(here) == ["run"] and not list(here.rglob(".lock")) and not list(here.rglob("*.part"))

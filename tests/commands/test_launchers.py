@@ -7,8 +7,9 @@ from omegaconf import OmegaConf
 
 from manoeuvre_nn.commands import guard
 from manoeuvre_nn.commands.groups import CONF
-from manoeuvre_nn.commands.main import with_job_names
+from manoeuvre_nn.commands.main import with_folder, with_job_names
 from manoeuvre_nn.commands.sweep_table import how_far, jobs_of
+from manoeuvre_nn.core.errors import InputError
 
 
 def launcher(name: str):
@@ -36,6 +37,22 @@ def test_an_extra_that_is_missing_is_named(missing, extra):
     said = f"In 'hydra/launcher/slurm': Could not find 'hydra/{missing}'\n\nAvailable options:\n\tbasic"
     line = guard.explain(hydra.errors.MissingConfigException(said, missing))
     assert line == f"hydra/{missing.replace('/', '=')} is not installed: pip install 'manoeuvre-nn[{extra}]'"
+
+
+@pytest.mark.parametrize(("words", "folder"), [
+    (["seed=0", "out=a b"], "hydra.run.dir=a b"),
+    (["-m", "seed=0,1", "out=a"], "hydra.sweep.dir=a"),
+    (["seed=0,1", "out=a", "--multirun"], "hydra.sweep.dir=a"),
+])  # fmt: skip
+def test_one_word_chooses_the_folder_of_a_run_and_of_a_sweep(words, folder):
+    assert with_folder(words, "diagnose") == words
+    assert with_folder(words, "train") == [folder if word.startswith("out=") else word for word in words]
+
+
+@pytest.mark.parametrize("word", ["out=", "out=null", "out=''"])
+def test_a_folder_without_a_name_is_refused(word):
+    with pytest.raises(InputError, match=f"^{word}: expected the path of a folder$"):
+        with_folder(["seed=0", word], "check")
 
 
 def test_the_folder_of_a_sweep_is_absolute_for_jobs_that_begin_elsewhere(tmp_path, monkeypatch):

@@ -43,7 +43,7 @@ def learnt(tmp_path_factory, typed_train) -> tuple[Path, str]:
     """The folder of a whole run, and what it printed."""
     out, said = tmp_path_factory.mktemp("pitch") / "out", StringIO()
     with unchecked(), redirect_stdout(said):
-        assert typed_train([*TINY, f"hydra.run.dir={out}"]) == 0
+        assert typed_train([*TINY, f"out={out}"]) == 0
     return out, said.getvalue()
 
 
@@ -57,7 +57,7 @@ def test_pitch_is_approximated_tested_and_reported(cli, learnt):
     assert list(pd.read_csv(out / "records.csv").columns) == [
         "d [m]", "V [kn]", "beta [deg]", "Hs [m]", "T [s]", "pitch [deg]",
     ]  # fmt: skip
-    again = cli(*TINY, f"hydra.run.dir={out}")
+    again = cli(*TINY, f"out={out}")
     assert "holds this run already" in again.out and scores(out) == found
 
 
@@ -92,7 +92,7 @@ def test_a_table_of_ones_own_is_learnt_with_a_mapping(cli, learnt, tmp_path, fas
         "T": {"column": "t", "unit": "s"}, "pitch": {"column": "rms", "unit": "deg", "factor": 2},
     }  # fmt: skip
     (tmp_path / "mine.yaml").write_text(yaml.safe_dump({"heading_zero": "head", "columns": columns}))
-    own = ("data=recording", "data.files=[mine.csv]", "data.mapping=mine.yaml", "hydra.run.dir=own")
+    own = ("data=recording", "data.files=[mine.csv]", "data.mapping=mine.yaml", "out=own")
     ended = cli(*[word for word in TINY if not word.startswith(("data.", "inputs."))], *own)
     assert ended.code == 0, ended.err
     first, second = scores(out)["errors"], scores(tmp_path / "own")["errors"]
@@ -143,7 +143,7 @@ def test_a_task_has_a_config_of_its_own():
 
 
 def test_a_sweep_sets_the_errors_of_its_jobs_side_by_side(cli, tmp_path, fast):
-    ended = cli("-m", *TINY, "network.hidden=2,3", "hydra.sweep.dir=sweep", "hydra/launcher=basic")
+    ended = cli("-m", *TINY, "network.hidden=2,3", "out=sweep", "hydra/launcher=basic")
     assert ended.code == 0, ended.err
     table = pd.read_csv(tmp_path / "sweep" / "sweep.csv")
     assert set(table["network.hidden"]) == {2, 3} and (table["RMS testing [deg]"] > 0).all()
@@ -152,7 +152,7 @@ def test_a_sweep_sets_the_errors_of_its_jobs_side_by_side(cli, tmp_path, fast):
 
 def test_a_genetic_search_finds_a_structure_by_the_records_kept_for_validation(cli, tmp_path, fast):
     pytest.importorskip("hydra_plugins.hydra_optuna_sweeper")
-    words = ("experiment=structure", "hydra.sweeper.n_trials=3", "hydra.sweep.dir=search", "hydra/launcher=basic")
+    words = ("experiment=structure", "hydra.sweeper.n_trials=3", "out=search", "hydra/launcher=basic")
     ended = cli("-m", *TINY[:-3], "trainer.max_epochs=2", *words)
     assert ended.code == 0, ended.err
     best = yaml.safe_load((tmp_path / "search" / "optimization_results.yaml").read_text())
@@ -162,7 +162,7 @@ def test_a_genetic_search_finds_a_structure_by_the_records_kept_for_validation(c
 
 
 def test_the_network_of_the_paper_sees_five_variables_as_they_are(cli, tmp_path, fast):
-    ended = cli(*TINY, "experiment=cepowski2007", "hydra.run.dir=out")
+    ended = cli(*TINY, "experiment=cepowski2007", "out=out")
     assert ended.code == 0, ended.err
     response = load_response(tmp_path / "out" / "checkpoints" / "last.ckpt")
     assert (response.quantities.sees, response.quantities.per) == (["d", "V", "beta", "Hs", "T"], None)
@@ -171,7 +171,7 @@ def test_the_network_of_the_paper_sees_five_variables_as_they_are(cli, tmp_path,
 
 def test_backpropagation_trains_the_same_network(cli, tmp_path, fast):
     words = [word for word in TINY if not word.startswith("trainer")]
-    ended = cli(*words, "fit=backprop", "trainer.max_epochs=2", "fit.iterations_per_epoch=50", "hydra.run.dir=out")
+    ended = cli(*words, "fit=backprop", "trainer.max_epochs=2", "fit.iterations_per_epoch=50", "out=out")
     assert ended.code == 0, ended.err
     assert scores(tmp_path / "out")["training"]["epochs"] == 2
 
@@ -194,7 +194,7 @@ per: none
     table["roll [deg]"] = 2 * table["Hs [m]"] * table["GM [m]"]
     table.to_csv(tmp_path / "rolls.csv", index=False)
     words = ("task=roll", "config_dir=mine", "data=recording", "data.files=[rolls.csv]", "network.hidden=2")
-    ended = cli(*words, "hydra.run.dir=out")
+    ended = cli(*words, "out=out")
     assert ended.code == 0, ended.err
     assert "significant roll amplitude" in ended.out and scores(tmp_path / "out")["errors"]["testing"]["rms"] > 0
     computed = cli("task=roll", "config_dir=mine")

@@ -29,7 +29,7 @@ def test_other_settings_are_refused_by_name(composed, tmp_path, word, key):
     with pytest.raises(InputError) as refusal:
         check_same_run(composed(word), tmp_path)
     message = str(refusal.value)
-    assert key in message and str(tmp_path) in message and "choose another hydra.run.dir" in message
+    assert key in message and str(tmp_path) in message and "choose another out" in message
     assert "\n" not in message
 
 
@@ -42,7 +42,7 @@ def test_how_long_and_how_loud_may_differ(composed, tmp_path, word):
 @pytest.mark.parametrize("content", [b"", b"a: [", b"just words", b"- 1\n- 2\n", b"\xff\xfe\x00\x80", b"null"])
 def test_a_damaged_config_is_refused(composed, tmp_path, content):
     (tmp_path / "config.yaml").write_bytes(content)
-    with pytest.raises(InputError, match="is damaged: remove the folder or choose another hydra.run.dir"):
+    with pytest.raises(InputError, match="is damaged: remove the folder or choose another out"):
         check_same_run(composed(), tmp_path)
 
 

@@ -15,7 +15,7 @@ CHOSEN = {"rbf": ["network=rbf", "network.hidden=10"], "grnn": ["network=grnn"]}
 @pytest.mark.parametrize("name", CHOSEN)
 def test_what_is_near_is_learnt_kept_and_written_down(name, cli, tmp_path, monkeypatch):
     monkeypatch.setattr("manoeuvre_nn.commands.response_results.response_figures", lambda data, response: {})
-    ended = cli(*WORDS, *CHOSEN[name], "hydra.run.dir=out")
+    ended = cli(*WORDS, *CHOSEN[name], "out=out")
     assert ended.code == 0, ended.err
     assert {"rbf": "all widths tried", "grnn": "error at rest"}[name] in ended.out
     table = pd.read_csv(tmp_path / "out" / "records.csv").to_numpy()

@@ -27,7 +27,7 @@ CIRCLES = (
 def out(tmp_path_factory, typed_train) -> Path:
     folder = tmp_path_factory.mktemp("recursive") / "run"
     with unchecked():
-        assert typed_train([*TINY, *CIRCLES, f"hydra.run.dir={folder}"]) == 0
+        assert typed_train([*TINY, *CIRCLES, f"out={folder}"]) == 0
     return folder
 
 

@@ -57,13 +57,13 @@ def test_without_a_log_nothing_is_kept(tmp_path):
 
 
 def test_a_quiet_run_prints_nothing_and_logs_all(cli, fast, tmp_path):
-    ended = cli(*TINY, "-q", f"hydra.run.dir={tmp_path / 'run'}")
+    ended = cli(*TINY, "-q", f"out={tmp_path / 'run'}")
     assert (ended.code, ended.out, ended.err) == (0, "", "")
     assert "Held-out manoeuvres" in (tmp_path / "run/run.log").read_text()
 
 
 def test_errors_are_told_in_a_quiet_run_too(cli, tmp_path):
-    ended = cli(*TINY, "-q", "network.hidden=0", f"hydra.run.dir={tmp_path / 'run'}")
+    ended = cli(*TINY, "-q", "network.hidden=0", f"out={tmp_path / 'run'}")
     assert ended.code == 2 and ended.out == "" and ended.err.startswith("error: network.hidden=0")
     assert "ERROR network.hidden=0" in (tmp_path / "run/run.log").read_text()
 

@@ -34,7 +34,7 @@ def test_a_sweep_survives_a_failing_job_and_can_be_continued(cli, fast, tmp_path
         kept.append(job_return)
 
     monkeypatch.setattr(SweepTable, "on_job_end", ended_job)
-    command = [*SWEEP, *JOBS, "network.hidden=2,0,3", f"hydra.sweep.dir={folder}"]
+    command = [*SWEEP, *JOBS, "network.hidden=2,0,3", f"out={folder}"]
     ended = cli(*command)
     assert ended.code == 1
     assert len(kept) == 3 and all(job.cfg is None and job.hydra_cfg is None for job in kept)  # which hydra keeps
@@ -55,7 +55,7 @@ def test_a_sweep_survives_a_failing_job_and_can_be_continued(cli, fast, tmp_path
     assert more.out.count("done before") == 2
     assert {name: (jobs[name] / "scores.json").stat().st_mtime_ns for name in ("2", "3")} == times
     assert not (jobs["2"] / "error.txt").exists()
-    good = cli(*[word.replace("2,0,3", "2,3") for word in command[:-1]], f"hydra.sweep.dir={tmp_path}/good")
+    good = cli(*[word.replace("2,0,3", "2,3") for word in command[:-1]], f"out={tmp_path}/good")
     assert good.code == 0 and "failed" not in good.out
 
 
@@ -66,7 +66,7 @@ def test_a_killed_run_goes_on_elsewhere_to_the_scores_of_an_undisturbed_one(cli,
     elsewhere = {"PYTHONHASHSEED": "77", "TZ": "Pacific/Auckland", "OMP_NUM_THREADS": "2"}
     environment = {**os.environ, **elsewhere, "HYDRA_FULL_ERROR": "0"}
     process = subprocess.Popen(
-        [sys.executable, str(ROOT / "train.py"), *long, f"hydra.run.dir={killed}"],
+        [sys.executable, str(ROOT / "train.py"), *long, f"out={killed}"],
         env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
     )  # fmt: skip
     checkpoint, until = killed / "checkpoints" / "last.ckpt", time.monotonic() + 60
@@ -81,7 +81,7 @@ def test_a_killed_run_goes_on_elsewhere_to_the_scores_of_an_undisturbed_one(cli,
     short = [*SHORT, "scoring.every=1000", "trainer.progress=false"]
     reached = read_checkpoint(checkpoint)["epoch"] + 1
     short += [f"trainer.max_epochs={reached + 6}"]
-    again = cli(*short, f"hydra.run.dir={killed}")
+    again = cli(*short, f"out={killed}")
     assert again.code == 0 and f"after epoch {reached}" in again.out
-    assert cli(*short, f"hydra.run.dir={straight}").code == 0
+    assert cli(*short, f"out={straight}").code == 0
     assert numbers(killed) == numbers(straight)

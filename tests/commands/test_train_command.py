@@ -56,7 +56,7 @@ def test_the_page_says_with_the_scores_what_the_model_may_be_used_for(done):
 
 def test_a_useless_model_is_told_as_such_everywhere_and_its_criteria_are_not_judged(fast, cli, tmp_path):
     trained = ("data.length=41", "network.hidden=2", "score=[{zz10: {duration: 250}}]")
-    ended = cli("manoeuvre=zz35", *TINY, *trained, f"hydra.run.dir={tmp_path / 'out'}")
+    ended = cli("manoeuvre=zz35", *TINY, *trained, f"out={tmp_path / 'out'}")
     assert ended.code == 0, ended
     verdict, page = scores(tmp_path / "out")["verdict"], (tmp_path / "out" / "report.html").read_text()
     assert verdict["word"] == "do not use" and set(verdict["missed"]) == {"zz10"}
@@ -122,14 +122,14 @@ def test_the_table_of_settings_tells_choices_and_what_was_typed(done):
 
 def test_the_same_command_in_the_same_folder_has_nothing_to_do(done, cli):
     before = (done / "scores.json").stat().st_mtime_ns
-    ended = cli(*TINY, f"hydra.run.dir={done}")
+    ended = cli(*TINY, f"out={done}")
     assert ended.code == 0 and "holds this run already: nothing to do" in ended.out
     assert (done / "scores.json").stat().st_mtime_ns == before
 
 
 def test_other_settings_in_the_same_folder_are_refused(done, cli):
     before = numbers(done)
-    ended = cli(*TINY, f"hydra.run.dir={done}", "network.hidden=4")
+    ended = cli(*TINY, f"out={done}", "network.hidden=4")
     assert ended.code == 2 and len(ended.err.splitlines()) == 1
     assert "network.hidden=3, this one has network.hidden=4" in ended.err
     assert numbers(done) == before
@@ -138,16 +138,16 @@ def test_other_settings_in_the_same_folder_are_refused(done, cli):
 def test_the_same_command_in_another_folder_gives_the_same_numbers(done, cli, fast, tmp_path):
     torch.manual_seed(12345)
     np.random.seed(12345)  # noqa: NPY002  whatever depends on the global random state would differ now
-    assert cli(*TINY, f"hydra.run.dir={tmp_path}/again").code == 0
+    assert cli(*TINY, f"out={tmp_path}/again").code == 0
     assert numbers(tmp_path / "again") == numbers(done)
-    assert cli(*TINY, "seed=1", f"hydra.run.dir={tmp_path}/other").code == 0
+    assert cli(*TINY, "seed=1", f"out={tmp_path}/other").code == 0
     assert numbers(tmp_path / "other")["mean_dev_L"] != numbers(done)["mean_dev_L"]
 
 
 def test_more_epochs_in_the_same_folder_go_on_where_the_run_ended(done, cli, fast, tmp_path):
-    few = [*TINY, f"hydra.run.dir={tmp_path}/run", "trainer.max_epochs=2"]
+    few = [*TINY, f"out={tmp_path}/run", "trainer.max_epochs=2"]
     assert cli(*few).code == 0
-    ended = cli(*TINY, f"hydra.run.dir={tmp_path}/run")
+    ended = cli(*TINY, f"out={tmp_path}/run")
     assert ended.code == 0 and "after epoch 2" in ended.out
     assert numbers(tmp_path / "run") == numbers(done)
 
@@ -156,7 +156,7 @@ def test_backpropagation_on_a_tanker_runs_too(cli, fast, tmp_path):
     ended = cli("ship=great_lakes_bulker", "network=wang", "fit=backprop", "fit.iterations_per_epoch=5",
                 "fit.batch_size=8", "trainer.max_epochs=2", "data.length=100", "data.validation=.2",
                 "network.dtype=float32", "scoring.solver=rollout", "score=[{zz20: {duration: 100}}]",
-                f"hydra.run.dir={tmp_path}/run")  # fmt: skip
+                f"out={tmp_path}/run")  # fmt: skip
     assert ended.code == 0
     assert np.isfinite(scores(tmp_path / "run")["mean_dev_L"])
 
@@ -180,7 +180,7 @@ def test_an_empty_command_shows_what_it_would_use(cli):
 
 
 def test_the_default_ensemble_is_scored_with_its_spread_and_goes_on_after_a_kill(cli, fast, tmp_path):
-    words = [*TINY_ENSEMBLE, f"hydra.run.dir={tmp_path}/run"]
+    words = [*TINY_ENSEMBLE, f"out={tmp_path}/run"]
     assert cli(*words, "trainer.max_epochs=1").code == 0
     assert "spread_L" not in scores(tmp_path / "run")["scores"]["zz20"]  # one member has nobody to disagree with
     ended = cli(*words)
@@ -188,19 +188,19 @@ def test_the_default_ensemble_is_scored_with_its_spread_and_goes_on_after_a_kill
     found = numbers(tmp_path / "run")
     assert found["scores"]["zz20"]["spread_L"] > 0
     assert found["training"]["stopped"] == "all members trained"
-    assert cli(*TINY_ENSEMBLE, f"hydra.run.dir={tmp_path}/at_once").code == 0
+    assert cli(*TINY_ENSEMBLE, f"out={tmp_path}/at_once").code == 0
     assert numbers(tmp_path / "at_once") == found
 
 
 def test_noisy_accelerations_get_no_more_steps_than_predict(cli, fast, tmp_path):
     noisy = [*TINY_ENSEMBLE, "data.noise.r_deg_s=.02", "data.noise.v=.02", "fit.epochs=40"]
-    assert cli(*noisy, f"hydra.run.dir={tmp_path}/run").code == 0
+    assert cli(*noisy, f"out={tmp_path}/run").code == 0
     stored = torch.load(tmp_path / "run" / "checkpoints" / "last.ckpt", weights_only=True)["state_dict"]
     assert 0 <= int(stored["steps"]) < 40
 
 
 def test_the_ships_own_terms_may_be_known_before_the_network(cli, fast, tmp_path):
-    assert cli(*TINY_ENSEMBLE, "linear=own", f"hydra.run.dir={tmp_path}/run").code == 0
+    assert cli(*TINY_ENSEMBLE, "linear=own", f"out={tmp_path}/run").code == 0
     assert scores(tmp_path / "run")["scores"]["zz20"]["dev_L"] < 1e-4
 
 
@@ -220,5 +220,5 @@ def test_the_ships_own_terms_may_be_known_before_the_network(cli, fast, tmp_path
 )
 def test_what_does_not_go_together_is_refused_before_computing(cli, words, advice, tmp_path):
     short = "data.length=60", "score=[{zz20: {duration: 60}}]"
-    ended = cli(*short, *words, f"hydra.run.dir={tmp_path}/run")
+    ended = cli(*short, *words, f"out={tmp_path}/run")
     assert ended.code == 2 and len(ended.err.splitlines()) == 1 and advice in ended.err

@@ -70,7 +70,7 @@ def refused(ended, out, *told) -> None:
 def test_wrong_commands_are_refused(cli, tmp_path, words, told):
     out = tmp_path / "run"
     (tmp_path / "loop").symlink_to("loop")
-    refused(cli(*common(words), f"hydra.run.dir={out}"), out, told)
+    refused(cli(*common(words), f"out={out}"), out, told)
 
 
 @pytest.mark.parametrize(
@@ -236,5 +236,5 @@ def test_a_mapping_that_runs_code_is_refused(attempt, tmp_path, good):
 def test_a_foreign_checkpoint_in_the_folder_is_refused(cli, tmp_path):
     (tmp_path / "run" / "checkpoints").mkdir(parents=True)
     (tmp_path / "run" / "checkpoints" / "last.ckpt").write_text("hello\n")
-    ended = cli(*TINY, f"hydra.run.dir={tmp_path}/run")
+    ended = cli(*TINY, f"out={tmp_path}/run")
     assert ended.code == 2 and len(ended.err.splitlines()) == 1 and "last.ckpt" in ended.err

@@ -32,7 +32,6 @@ OF_EXTRAS = {
 }
 """Option that an extra of the package brings -> the extra."""
 WRITTEN = {
-    "out": "; the folder to write into is hydra.run.dir=FOLDER",
     "recordings": "; the folder of measured files is data.folder=FOLDER",
     "mapping": "; how they are read is data.mapping=NAME or FILE.yaml",
     "files": "; those that are read of the folder are data.files=[FILE,...]",

@@ -39,6 +39,7 @@ USAGE = """manoeuvre COMMAND [group=option] [setting=value]
   compare       one table over trained models, wherever they lie
 
 manoeuvre COMMAND --help lists groups, options and settings. Every command takes
+  out=FOLDER    write there (import: out=FILE); the same command goes on there
   -q            print errors only
   -v            also show warnings and what libraries say
 What is printed stands in run.log of the run's folder too. manoeuvre --version
@@ -58,7 +59,10 @@ TASKS = {
 """Command, which is the name of its config too -> module and function that do it."""
 
 
-SWEEP_FOLDER = "hydra.sweep.dir="
+FOLDER, RUN_FOLDER, SWEEP_FOLDER = "out=", "hydra.run.dir=", "hydra.sweep.dir="
+"""Word that chooses the folder to write into, for all commands; what hydra calls that of a run, and of a sweep."""
+SETS_FOLDER = ("simulate", "diagnose", "export")
+"""Commands whose own config has the setting ``out``."""
 OF_FILES = {"import": "import_recording.import_recording", "compare": "compare.compare"}
 """Commands that are given files or folders and have no config: the same."""
 OF_HYDRA = ("hydra/launcher=two_cores", "hydra/job_logging=disabled", "hydra/hydra_logging=disabled")
@@ -107,7 +111,7 @@ def run(command: str, words: list[str] | None = None) -> None:
         _check_options(words)
         _check_choices(words, None if folder is None else str(folder))
         words, config = task_of(words, command, folder)
-        words = with_job_names(words)
+        words = with_job_names(with_folder(words, command))
     sys.argv = [sys.argv[0], *words, *(() if folder is None else ("--config-dir", str(folder)))]
     guard.guarded(
         hydra.main(version_base="1.3", config_path=str(CONF), config_name=config)(_task(command, quiet, verbose))
@@ -162,6 +166,33 @@ def task_of(words: Sequence[str], command: str, own: Path | None = None) -> tupl
     return left, f"task/{named[-1]}"
 
 
+def with_folder(words: Sequence[str], command: str) -> list[str]:
+    """Say ``out=FOLDER`` as hydra does: of a run or of a sweep.
+
+    Args:
+        words: The words.
+        command: The command; those of :data:`SETS_FOLDER` take them as they are.
+
+    Returns:
+        As many words.
+
+    Raises:
+        InputError: If no folder is named.
+    """
+    if command in SETS_FOLDER:
+        return list(words)
+    for word in words:
+        if word.startswith(FOLDER) and word.removeprefix(FOLDER).strip("'\"") in {"", "null"}:
+            raise InputError(f"{word}: expected the path of a folder")
+    of_hydra = SWEEP_FOLDER if _sweeps(words) else RUN_FOLDER
+    return [of_hydra + word.removeprefix(FOLDER) if word.startswith(FOLDER) else word for word in words]
+
+
+def _sweeps(words: Sequence[str]) -> bool:
+    """Whether a command line is that of a sweep."""
+    return bool({"-m", "--multirun"} & set(words))
+
+
 def with_job_names(words: Sequence[str]) -> list[str]:
     """Say in the words of a sweep which settings are the same in all jobs: they are left out of the jobs' names.
 
@@ -173,7 +204,7 @@ def with_job_names(words: Sequence[str]) -> list[str]:
     Returns:
         More words; those of a single run as they are.
     """
-    if not {"-m", "--multirun"} & set(words):
+    if not _sweeps(words):
         return list(words)
     words = [_absolute(word) if word.startswith(SWEEP_FOLDER) else word for word in words]
     typed = [word for word in words if "=" in word or word.startswith("~")]  # not --cfg job

@@ -42,7 +42,7 @@ def write_provenance(cfg: DictConfig, out: Path) -> None:
     write_file(out / CONFIG, text)  # two processes may share the folder: neither reads half a file
 
 
-def check_same_run(cfg: DictConfig, out: Path, setting: str = "hydra.run.dir") -> None:
+def check_same_run(cfg: DictConfig, out: Path, setting: str = "out") -> None:
     """Refuse to go on in a folder that holds a run with other settings.
 
     Args:

@@ -32,7 +32,7 @@ class SweepTable(Callback):
             guard.until_the_end.enter_context(locked(folder))
         logging.getLogger("optuna").setLevel(logging.WARNING)  # a search would write a line of its own for each trial
         console = Terminal()
-        console.print(f"sweep into {folder}; to continue it later, add hydra.sweep.dir={folder}", soft_wrap=True)
+        console.print(f"sweep into {folder}; to continue it later, add out={folder}", soft_wrap=True)
         count = jobs_of(config)
         loading.close()
         guard.until_the_end.enter_context(_shown)

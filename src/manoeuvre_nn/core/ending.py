@@ -33,7 +33,7 @@ LOOK_S = 0.5
 """How often a process that another began looks whether that one is still there [s]."""
 WATCH = "watch of the parent"
 """Name of the thread that looks."""
-ANOTHER_FOLDER = "choose another folder (hydra.run.dir=, or out=)"
+ANOTHER_FOLDER = "choose another folder (out=)"
 
 
 class Terminated(KeyboardInterrupt):
