@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+from fleet import SHIPS, ship_named
 from pytest import approx
 from trials import CALM, SHIP, run_of, sailed
 
@@ -11,7 +12,7 @@ from manoeuvre_nn.core.scaling import Scaling
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis.repair import predict
 from manoeuvre_nn.dynamics.base import calm_accelerations
-from manoeuvre_nn.dynamics.model import IdentifiedShip
+from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
 from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linearised_run import Rate
@@ -89,6 +90,24 @@ def test_corrections_of_a_network_are_shares_of_its_forces_at_the_recorded_shaft
     of_yaw = model.hull.force_from_acceleration(rudder)[2]
     assert model.hull.force_from_acceleration(added).numpy() == approx([0.0, 0.0, float(of_yaw)])
     assert of_yaw == approx(-0.01 * 0.2 * 1.5**2) and row.numpy() == approx(added.numpy())
+
+
+@pytest.mark.parametrize("n", [None, 1.2])
+@pytest.mark.parametrize("name", [name for name in SHIPS if ship_named(name).table is not None])
+def test_a_ship_with_corrections_moves_by_one_table_as_by_all_of_them_together(name, n):
+    model, g = CalmWater(ship_named(name)), torch.Generator().manual_seed(3)
+    corrections, rows = Corrections(model), 5
+    units = model.hull.velocity_units * model.hull.velocity_units.new_tensor([1.0, 0.1, 0.2])
+    ahead = units * number([1.0, 0.0, 0.0])
+    nu = ahead + 0.3 * units * torch.randn(rows, 3, generator=g, dtype=torch.float64)
+    delta = 0.3 * torch.randn(rows, generator=g, dtype=torch.float64)
+    shaft = None if n is None else torch.full_like(delta, n)
+    for own in ((), (rows,)):
+        shares = 0.1 * torch.randn(*own, len(corrections.names), generator=g, dtype=torch.float64)
+        corrected = Calibrated(model, shares)
+        assert corrections.accelerations(shares) is not None
+        added = calm_accelerations(corrected, nu, delta, shaft) - calm_accelerations(model, nu, delta, shaft)
+        torch.testing.assert_close(added, corrections.together(nu, delta, shares, shaft), rtol=1e-9, atol=1e-12)
 
 
 def test_a_shaft_ordered_otherwise_from_the_start_says_nothing_of_the_engine():

@@ -12,7 +12,8 @@ from torch import Tensor
 from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.network import products_of, times
 from manoeuvre_nn.core.ship import Ship
-from manoeuvre_nn.dynamics.base import Model, ModelAround, calm_accelerations
+from manoeuvre_nn.dynamics.base import Model, ModelAround, calm_accelerations, rate_of_state
+from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.effect.common import TIGHT_TURN
 from manoeuvre_nn.estimation.model_corrections import CoefficientCorrections, MotionState, model_corrections
 
@@ -180,6 +181,39 @@ class Corrections:
         caused = torch.cat(self.dynamics.hull.added(changed, torch.zeros_like(changed[..., 0])), dim=-1)
         return caused + (self._of_roll(parts) * shares[..., last + 3 :, None]).sum(dim=-2)
 
+    def products(self, nu: Float[Tensor, "*batch 3"], delta: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch terms"]:
+        """Products of the ship's forces, then those of the terms that the model lacks.
+
+        Args:
+            nu: u, v [m/s], r [rad/s].
+            delta: Rudder angle [rad].
+
+        Returns:
+            One column a product.
+        """
+        return torch.cat([self.dynamics.hull.products(nu, delta), self._terms(nu, delta)], dim=-1)
+
+    def accelerations(self, shares: Float[Tensor, "*rows k"]) -> Float[Tensor, "*rows terms 3"] | None:
+        """Accelerations per unit of :meth:`products` of a ship with corrections: her calm water and they in one table.
+
+        ``(1 - c_M) M^-1 (p @ T) + M^-1 (p @ T c) + m @ W c_m`` for products p of the ship and m of what is missing.
+
+        Args:
+            shares: Size of every correction, or one row each.
+
+        Returns:
+            The table; None where the model is more than a ship of such products that stays upright.
+        """
+        of_model, hull = self.of_model, self.dynamics.hull
+        upright = isinstance(self.dynamics, CalmWater) and not self.dynamics.own_names
+        if not upright or not isinstance(of_model, CoefficientCorrections) or hull.table is None:
+            return None
+        last = len(of_model.names) + len(self._missing)
+        of_missing, of_inertia = shares[..., len(of_model.names) : last], shares[..., last:]
+        calm = hull.acceleration_from_force(hull.table)
+        forces = hull.acceleration_from_force(of_model.table(hull, shares)) - calm * of_inertia[..., None, :]
+        return torch.cat([forces, self._weights * of_missing[..., None]], dim=-2)
+
     def table(self, ship: Ship, shares: Float[Tensor, "*rows k"]) -> Float[Tensor, "*rows terms 3"] | None:
         """Coefficients of a ship with their corrections, ``T (1 + c)``.
 
@@ -265,6 +299,7 @@ class Calibrated(ModelAround):
     """
 
     shares: Tensor
+    _table: Tensor | None
 
     def __init__(self, calm: Model, shares: Float[Tensor, "*rows k"]) -> None:
         """Store the corrections.
@@ -276,6 +311,7 @@ class Calibrated(ModelAround):
         super().__init__(calm)
         self._corrections, self._ships = Corrections(calm), dict[int, tuple[Ship, Tensor, Ship]]()
         self.register_buffer("shares", shares)
+        self.register_buffer("_table", self._corrections.accelerations(shares), persistent=False)
 
     def forward(self, state: Float[Tensor, "*batch n"], inputs: Inputs) -> Float[Tensor, "*batch n"]:
         """Rate of the state with the corrections.
@@ -287,6 +323,12 @@ class Calibrated(ModelAround):
         Returns:
             Its time derivative.
         """
+        if self._table is not None:
+            nu = state[..., :3]
+            nudot = times(self._corrections.products(nu, inputs.delta), self._table)
+            if inputs.shaft is not None:
+                nudot = nudot + self.hull.acceleration_from_force(self.hull.shaft_force(nu, inputs.delta, inputs.shaft))
+            return rate_of_state(state, nudot)
         moving = torch.cat([state[..., :3], state[..., 6:]], dim=-1) if self.own_names else state[..., :3]
         rate = self.calm(state, inputs)
         nominal = rate[..., :3] if inputs.given.keys() <= {"delta", "time"} else None
