@@ -92,6 +92,12 @@ def test_what_tells_most_about_coefficients_is_advised(folder, asked, tmp_path):
     assert set(advice.expected[0].targets) == {"X", "Y", "N"}
 
 
+def test_of_a_single_network_no_disagreement_is_drawn(tmp_path):
+    words = ("network.members=1", "goal=coefficients", "trainer.max_epochs=1")
+    assert excite(config(*words), tmp_path, Console(quiet=True)).where is None
+    assert {f.name for f in (tmp_path / "figures").glob("*.png")} == {"gain.png"}
+
+
 def test_what_the_rudder_cannot_do_is_told_and_not_dropped():
     question = question_of(config("candidates=[tc10,{turning_circle: {rudder_deg: 60}}]"))
     assert [m.name for m in question.candidates] == ["tc10"]
@@ -103,6 +109,7 @@ def test_what_the_rudder_cannot_do_is_told_and_not_dropped():
     [
         (["goal=speed"], "goal 'speed' is unknown; choose one of: accuracy, coefficients"),
         (["network=wang", "fit=levenberg_marquardt"], "goal=accuracy asks the members of an ensemble"),
+        (["network.members=1"], "the members of an ensemble: network=hull_rudder with network.members=2 or more"),
         (["candidates=[zz99]"], "'zz99' is unknown; choose one of"),
         (["candidates=[]"], "name at least one manoeuvre of each"),
         (["candidates=[{turning_circle: {rudder_deg: 60}}]"], "orders 60 deg"),

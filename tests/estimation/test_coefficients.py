@@ -134,6 +134,7 @@ def test_a_damaged_file_of_coefficients_is_refused_in_one_line():
         ("inertia", [[-1, 0, 0], [0, 1, 0], [0, 0, 1]]),
         ("covariance", [[-1, 0], [0, 1]]),
         ("spread", [0, 1]),
+        ("names", [[0, "u"], [10**30, "v"]]),
     ):
         with pytest.raises(InputError, match=key):
             fitted_from({**stored, key: spoilt})

@@ -181,7 +181,8 @@ def test_single_precision_trains_and_stays_single(tmp_path, kind):
 @pytest.mark.parametrize(
     "make, told",
     [
-        (lambda: tiny.lm(iterations_per_epoch=0), "fit.iterations_per_epoch=0: expected at least 1"),
+        (lambda: tiny.lm(iterations_per_epoch=0), "fit.iterations_per_epoch=0: expected 1 to 1e+06"),
+        (lambda: tiny.lm(iterations_per_epoch=10**21), f"fit.iterations_per_epoch={10**21}: expected 1 to 1e+06"),
         (lambda: tiny.backprop(batch_size=0), "fit.batch_size=0: expected at least 1, or null for all samples"),
         (lambda: tiny.backprop(momentum=1.5).configure_optimizers(), "fit.momentum=1.5: expected 0 or more"),
         (lambda: tiny.lm(mu=-1.0).configure_optimizers(), "expected 0 < mu < mu_max"),

@@ -23,8 +23,9 @@ from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.core.waiting import waiting
 from manoeuvre_nn.core.writing import write_file
 from manoeuvre_nn.design.candidates import sail
-from manoeuvre_nn.design.expected_error import DesignEffort, disagreements, prospects
+from manoeuvre_nn.design.expected_error import OF_ENSEMBLE, DesignEffort, disagreements, prospects
 from manoeuvre_nn.design.expected_information import information
+from manoeuvre_nn.dynamics.members import has_members
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.network.hull_rudder import HullRudder
 from manoeuvre_nn.report.design_figures import gain_figure, where_figure
@@ -109,8 +110,8 @@ def question_of(cfg: DictConfig) -> _Question:
     recorded = "files" in cfg.data
     job = prepare(OmegaConf.merge(cfg, {"score": "default" if recorded else NOTHING_HELD_OUT}))  # type: ignore[arg-type]
     ship, known = known_part(cfg)
-    if cfg.goal == "accuracy" and not isinstance(job.network, HullRudder):
-        raise InputError("goal=accuracy asks the members of an ensemble: network=hull_rudder, or goal=coefficients")
+    if cfg.goal == "accuracy" and not (isinstance(job.network, HullRudder) and job.network.members > 1):
+        raise InputError(f"goal=accuracy asks {OF_ENSEMBLE}, or goal=coefficients")
     speed = configs.approach_speed(cfg.manoeuvre)
     candidates, targets = (
         configs.named_manoeuvres(configs.as_list(names), speed, cfg.get("config_dir"))
@@ -172,7 +173,8 @@ def _advice(q: _Question, model: IdentifiedShip, say: Any) -> ManoeuvreAdvice:
         expected, coefficients = information(q.ship, known, tuples, sail(model, q.candidates), interval)  # type: ignore[assignment]
     speed = known.particulars.speed / known.prime.speed
     inputs = tuples.inputs.double().numpy()
-    where = disagreements(model, tuples, sail(model, q.targets)) if isinstance(model.network, HullRudder) else None
+    several = isinstance(model.network, HullRudder) and has_members(model)
+    where = disagreements(model, tuples, sail(model, q.targets)) if several else None
     return ManoeuvreAdvice(
         ship=known.particulars.name,
         goal=q.goal,

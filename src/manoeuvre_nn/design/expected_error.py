@@ -25,6 +25,8 @@ from manoeuvre_nn.recording.tuples import Tuples
 
 FURTHER_STEPS = 3
 """Steps in which members take in what is new after an exact fit."""
+OF_ENSEMBLE = "the members of an ensemble: network=hull_rudder with network.members=2 or more"
+"""What can be asked for the accuracy of predictions."""
 MAX_DEVIATION = 5.0
 """Deviation over L beyond which a track is lost, however far it goes [-]."""
 
@@ -128,7 +130,7 @@ def prospects(
     """
     network = model.network
     if not isinstance(network, HullRudder) or not has_members(model):
-        raise InputError("goal=accuracy asks the members of an ensemble: network=hull_rudder, or goal=coefficients")
+        raise InputError(f"goal=accuracy asks {OF_ENSEMBLE}, or goal=coefficients")
     if not candidates or not targets:
         raise InputError("candidates=[] or targets=[]: name at least one manoeuvre of each, such as candidates=[zz20]")
     truths = _MemberTruths(model, network, tuples, sail(model, targets), record, effort or DesignEffort())

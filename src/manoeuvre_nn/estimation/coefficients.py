@@ -142,6 +142,8 @@ def fitted_from(stored: Mapping[str, Any]) -> Fitted:
             raise InputError(f"coefficients: {key} has shape {arrays[key].shape}, expected {shape}; fit again")
         if not np.isfinite(arrays[key]).all():
             raise InputError(f"coefficients: {key} holds what is no finite number; fit again")
+    if any(output not in range(len(EQUATIONS)) for output, _ in names):
+        raise InputError(f"coefficients: names has equations beside 0 to {len(EQUATIONS) - 1}; fit again")
     m = arrays["inertia"]
     if not (m[0, 0] > 0 and m[1, 1] > 0 and np.linalg.det(m[1:, 1:]) > 0):  # kinetic energy of any motion
         raise InputError(f"coefficients: inertia {m.tolist()} is no ship's; fit again")

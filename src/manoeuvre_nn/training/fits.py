@@ -26,6 +26,8 @@ from manoeuvre_nn.training.data import Batch
 
 LARGEST_BLOCK = 2e7
 """Numbers in the largest block of a Jacobian that is built at once: 160 MB in double precision."""
+MAX_ITERATIONS = 1_000_000
+"""Iterations of an epoch: more, and nobody sees its end."""
 
 
 class Fit(ABC, L.LightningModule):
@@ -64,8 +66,8 @@ class Fit(ABC, L.LightningModule):
             raise InputError(
                 f"{type(self).__name__} does not train a {network.__name__}: choose another network or fit"
             )
-        if iterations_per_epoch < 1:
-            raise InputError(f"fit.iterations_per_epoch={iterations_per_epoch}: expected at least 1")
+        if not 1 <= iterations_per_epoch <= MAX_ITERATIONS:
+            raise InputError(f"fit.iterations_per_epoch={iterations_per_epoch}: expected 1 to {MAX_ITERATIONS:g}")
         self.automatic_optimization = False
         self.dynamics = dynamics  # type: ignore[assignment]  # a fit made for recursive networks says so
         self.iterations_per_epoch = iterations_per_epoch
